@@ -29,7 +29,7 @@ from bayescal.gap.outcome.magnitude import noise_floor
 from bayescal.gap.outcome.shrinkage import expects
 from bayescal.gap.search.refit import model_name, refit
 from bayescal.model import with_parameters
-from bayescal.model.block import Part
+from bayescal.model.options import FitOptions, Part
 from bayescal.model.scene import Scene
 from bayescal.predict.crossvalidation import validation_errors
 from bayescal.predict.errors import ValidationErrors, kept
@@ -143,7 +143,7 @@ def knocked(dataset: Dataset, without: str, beside: Sequence[str] = ()) -> Recor
     effects = (*usual(dataset), *beside)
     known = calibrated(scene, effects)
     parts = (Part.of(without),) if " at " in without else ()
-    found = explain(scene, tuple(e for e in effects if e != without), without=parts)
+    found = explain(scene, tuple(e for e in effects if e != without), FitOptions(parts))
     verdict = found.verdict
     effect = without.partition(" at ")[0]
     largest = max(

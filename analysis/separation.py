@@ -15,7 +15,7 @@ import numpy as np
 
 from bayescal.gap.linear.evidence import SCALE_PRIOR, SCALES, log_sum
 from bayescal.gap.result import Pair, Suspect
-from bayescal.model.block import parts_of
+from bayescal.model.options import parts_of
 from bayescal.planning.candidates import COUNT, candidates
 from bayescal.planning.contrasts import Contrasts, contrasts
 from bayescal.planning.pool import Pool

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from math import inf
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -26,28 +27,32 @@ from bayescal.assess.mistakes import judged, mistaken
 from bayescal.assess.shared_causes import SharedCause, rejected_share, shared_causes, with_sharing_rows
 from bayescal.assess.undetermined import Undetermined, undetermined
 from bayescal.dataset import Dataset
-from bayescal.effects import parameters_of
-from bayescal.effects.geometry import GEOMETRY
-from bayescal.effects.joint import JOINT
-from bayescal.effects.selection import plain
-from bayescal.estimate import Estimate, calibrated, check_enough, estimate
+from bayescal.effects import BASELINE, levels_of
+from bayescal.estimate import Estimate, check_enough, fitted_level
 from bayescal.estimate.bounds import UNCHANGED, Rigid, bounded, with_latent_readings
 from bayescal.estimate.discrepancy import Stated, stated
-from bayescal.estimate.unexplained import FORM, FaceCheck, Unexplained, check_faces, unexplained, with_form
-from bayescal.model import check_asked, with_parameters
-from bayescal.model.block import parts_of
+from bayescal.estimate.unexplained import (
+    FaceCheck,
+    Unexplained,
+    check_faces,
+    unexplained,
+    with_uneven_faces,
+)
+from bayescal.model import USUAL, FitOptions
 from bayescal.model.scene import Scene
 from bayescal.posterior import Draws, approximate, gaussian
-from bayescal.posterior.checkpoint import Checkpoint
 from bayescal.predict import Forecast, Validation, forecast, validate
 from bayescal.predict.targets import Prepared, check_located, prepared
 from bayescal.statistics import spawned
+
+if TYPE_CHECKING:
+    from bayescal.posterior.checkpoint import Checkpoint  # and emcee with it
 
 VALIDATION_DRAWS = 2000
 MOST_PREDICTED, FEWEST_VALIDATION_DRAWS = 4_000_000, 400
 """Predictions of single validation measurements, beyond which there are fewer draws of each: 2000 rows."""
 NOMINAL = ("nominal",)
-
+Progress = Callable[[str, float], None]
 
 GROSS = ("many_rejected", "not_flat", "far_from_nominal", "negative")
 """Findings behind which a gross mistake of a stated value is looked for, as behind every error."""
@@ -68,8 +73,7 @@ class Fit:
     """A calibration with all its results."""
 
     dataset: Dataset
-    seed: int
-    prior_width: float
+    options: FitOptions
     levels: tuple[ModelLevel, ...]  # nominal first, the fitted model last
     stated: Stated  # the last level with its stated uncertainty
     sampled: Draws  # the posterior of the model
@@ -83,8 +87,6 @@ class Fit:
     findings: tuple[Finding, ...]
     basis: Basis  # the stated uncertainty, from which the budget of any quantity follows
     tolerance: Tolerance | None = None  # conformance decisions, where a tolerance was given
-    robust: bool = True  # whether outliers were excluded
-    without: tuple[str, ...] = ()  # parts of the effects that stay nominal: "geometry at joint 4"
     rigid: Rigid = UNCHANGED  # parameters that the fit set to rigid
 
     @property
@@ -105,15 +107,12 @@ class Fit:
 
 def fit(
     dataset: Dataset,
-    effects: tuple[str, ...] = ("geometry", "compliance"),
-    samples: int = 5000,
-    seed: int = 0,
-    robust: bool = True,
-    prior_width: float = 1.0,
-    latent_joints: bool = False,
-    progress: Callable[[str, float], None] = lambda stage, fraction: None,
-    tolerance: float | None = None,
+    effects: tuple[str, ...] = BASELINE,
+    options: FitOptions = USUAL,
+    *,
     without: Sequence[str] = (),
+    samples: int = 5000,
+    progress: Progress = lambda stage, fraction: None,
     checkpoint: Checkpoint | None = None,
 ) -> Fit:
     """Calibrate an arm from a session.
@@ -123,22 +122,13 @@ def fit(
     dataset : Dataset
     effects : tuple of str
         The model: names of `effects.MODELS`.
-    samples : int
-        Requested effective draws of every parameter; 0: Gaussian approximation only.
-    seed : int
-        The same seed gives the same result.
-    robust : bool
-        Exclude outliers.
-    prior_width : float
-        Factor on the prior standard deviations of the arm.
-    latent_joints : bool
-        Keep the joint readings as variables of the graph.
-    progress : callable
-        Called with the stage and its completed fraction.
-    tolerance : float, optional
-        m, of the error of a distance; conformance is decided by ISO 14253-1 (`assess.conformance`).
+    options : FitOptions
     without : sequence of str
         Parts of the effects that stay nominal: 'geometry at joint 4'; see `Part`.
+    samples : int
+        Requested effective draws of every parameter; 0: Gaussian approximation only.
+    progress : callable
+        Called with the stage and its completed fraction.
     checkpoint : Checkpoint, optional
         Where the state of a long sampling is kept; an interrupted run continues.
 
@@ -147,92 +137,91 @@ def fit(
     BayescalError
         If the session cannot be fitted, or the model has no such part, with the reason.
     """
-    check_asked(effects, prior_width)
-    if tolerance is not None:
-        check_tolerance(tolerance)
     scene = Scene(dataset, oriented=True)
-    parts = parts_of(
-        without,
-        effects,
-        parameters_of(effects, scene.circumstances(scene.rows("calibrate"))) if without else (),
-    )
+    options = options.omitting(without, scene, effects)
+    if options.tolerance is not None:
+        check_tolerance(options.tolerance)
     check_enough(scene)
     check_located(scene)
-    of_draws, of_sampler, of_causes, of_noise, of_forecast, of_discrepancy = spawned(seed, 6)
-    steps = _steps(effects)
+    of_draws, of_sampler, of_causes, of_noise, of_forecast, of_discrepancy = spawned(options.seed, 6)
+    count = predicted_draws(dataset)
+    *simpler, full = levels_of(effects)
     levels: list[ModelLevel] = []
-    faces: tuple[FaceCheck, ...] = ()
-    causes: tuple[SharedCause, ...] = ()
-    rigid = UNCHANGED
-    for k, step in enumerate(steps):
-        progress("estimate", k / len(steps))
-        if step:
-            found = calibrated(scene, step, prior_width, robust, parts)
-        else:
-            found = estimate(with_parameters(scene, (), ()), robust=robust)
-        last = k == len(steps) - 1
-        if last:
-            faces = check_faces(found)
-            uneven = tuple(f.target for f in faces if f.uneven)
-            if uneven and effects and FORM not in map(plain, effects):
-                found = with_form(found.model.scene, found, uneven, robust)
-            causes = shared_causes(found, of_causes) if robust else ()
-            if causes:
-                found = with_sharing_rows(found, causes)
-            if latent_joints:
-                found = with_latent_readings(found)
-            found, rigid = bounded(found)
-        left = unexplained(found)
-        if not last:
-            z, kappa = approximate(found, of_draws, predicted_draws(dataset))
-        else:
-            if samples:
-                progress("sample", 0.0)
-                from bayescal.posterior.sample import sample
-
-                draws = sample(
-                    found,
-                    samples,
-                    of_sampler,
-                    lambda fraction: progress("sample", fraction),
-                    checkpoint=checkpoint,
-                )
-            else:
-                draws = gaussian(found, of_draws, VALIDATION_DRAWS)
-            progress("predict", 0.0)
-            places = _places(draws, predicted_draws(dataset))
-            z, kappa = draws.flat[places], draws.kappa[places]
-        checked = validate(found, z, kappa, left.excess, of_noise, strict=last)
-        if last:
-            tests = acceptance(left, checked, causes, rejected_share(found), dataset)
-            progress("predict", 0.2)
-            wide = stated(found)
-            every = wide.draws(draws.flat, np.random.default_rng(of_discrepancy))
-            z = every[places]
-            known = prepared(wide.wide, loose=True)
-            left, checked, rest = _restated(wide, known, left, z, kappa, tests, of_noise)
-        levels.append(ModelLevel(found.model.effects or NOMINAL, found, left, checked))
+    for k, step in enumerate(simpler):
+        progress("estimate", k / (len(simpler) + 1))
+        estimated = fitted_level(scene, step, options)
+        left, (z, kappa) = unexplained(estimated), approximate(estimated, of_draws, count)
+        checked = validate(estimated, z, kappa, left.excess, of_noise, strict=False)
+        levels.append(ModelLevel(estimated.model.effects or NOMINAL, estimated, left, checked))
+    progress("estimate", len(simpler) / (len(simpler) + 1))
+    complete, faces, causes, rigid = _complete(fitted_level(scene, full, options), options, of_causes)
+    left, draws = (
+        unexplained(complete),
+        _sampled(complete, samples, of_draws, of_sampler, progress, checkpoint),
+    )
+    progress("predict", 0.0)
+    places = np.linspace(0, len(draws.flat) - 1, min(count, len(draws.flat))).astype(int)
+    kappa = draws.kappa[places]
+    checked = validate(complete, draws.flat[places], kappa, left.excess, of_noise, strict=True)
+    tests = acceptance(left, checked, causes, rejected_share(complete), dataset)
+    progress("predict", 0.2)
+    wide = stated(complete)
+    every = wide.draws(draws.flat, np.random.default_rng(of_discrepancy))
+    z, located = every[places], prepared(wide.wide, loose=True)
+    left, checked, remaining = _restated(wide, located, left, z, kappa, tests, of_noise)
+    levels.append(ModelLevel(complete.model.effects or NOMINAL, complete, left, checked))
     progress("predict", 0.8)
-    determined, seen = identifiability(found), directions(found.model)
-    lacking = undetermined(found, determined)
-    basis = _basis(wide, rest.excess, checked, known)
-    expected = with_budgets(forecast(found, z, checked, rest.excess, of_forecast, wide.wide), basis)
+    determined, seen = identifiability(complete), directions(complete.model)
+    lacking = undetermined(complete, determined)
+    basis = _basis(wide, remaining.excess, checked, located)
+    expected = with_budgets(forecast(complete, z, checked, remaining.excess, of_forecast, wide.wide), basis)
     tests = replace(tests, determined=not rests_on_priors(expected, left))
-    tests = with_bound(tests, found, wide.limited)
-    told = findings(Assessed(found, left, checked, expected, lacking, seen, faces, tests, prior_width, rigid))
-    if any(f.severity == "error" or f.code in GROSS for f in told):
+    tests = with_bound(tests, complete, wide.limited)
+    limitations = findings(
+        Assessed(complete, left, checked, expected, lacking, seen, faces, tests, options.prior_width, rigid)
+    )
+    if any(f.severity == "error" or f.code in GROSS for f in limitations):
         tested = judged(dataset)
         mistakes = () if tested is None else mistaken(tested)
-        told = (*(Finding(m.code, "error", f"{m.what}; {m.remedy}") for m in mistakes), *told)
+        limitations = (*(Finding(m.code, "error", f"{m.what}; {m.remedy}") for m in mistakes), *limitations)
     decided = None
-    if tolerance is not None:
-        decided = conformance(tolerance, expected, checked, tests, of_distances(basis))
+    if options.tolerance is not None:
+        decided = conformance(options.tolerance, expected, checked, tests, of_distances(basis))
     progress("done", 1.0)
     return Fit(
-        dataset, seed, prior_width, tuple(levels), wide, draws,
+        dataset, options, tuple(levels), wide, draws,
         replace(draws, z=wide.reported(every).reshape(draws.z.shape)), determined,
-        lacking, faces, expected, seen, tests, told, basis, decided, robust, tuple(map(str, parts)), rigid,
+        lacking, faces, expected, seen, tests, limitations, basis, decided, rigid,
     )  # fmt: skip
+
+
+def _complete(
+    level: Estimate, options: FitOptions, seed: int
+) -> tuple[Estimate, tuple[FaceCheck, ...], tuple[SharedCause, ...], Rigid]:
+    """The last level with the form of uneven faces, rejected rows that share a cause, and bounds."""
+    faces = check_faces(level)
+    if level.model.effects:
+        level = with_uneven_faces(level, faces, options.robust)
+    causes = shared_causes(level, seed) if options.robust else ()
+    if causes:
+        level = with_sharing_rows(level, causes)
+    if options.latent_joints:
+        level = with_latent_readings(level)
+    level, rigid = bounded(level)
+    return level, faces, causes, rigid
+
+
+def _sampled(
+    complete: Estimate, samples: int, of_draws: int, of_sampler: int, progress: Progress,
+    checkpoint: Checkpoint | None,
+) -> Draws:  # fmt: skip
+    """Draws of the posterior, or of its Gaussian approximation without `samples`."""
+    if not samples:
+        return gaussian(complete, of_draws, VALIDATION_DRAWS)
+    from bayescal.posterior.sample import sample
+
+    progress("sample", 0.0)
+    return sample(complete, samples, of_sampler, partial(progress, "sample"), checkpoint=checkpoint)
 
 
 def _restated(
@@ -286,18 +275,7 @@ def _basis(wide: Stated, excess: float, checked: Validation, known: Prepared) ->
     return Basis(wide, excess, excess**4 / below if below > 0 else inf, known)
 
 
-def _steps(effects: tuple[str, ...]) -> list[tuple[str, ...]]:
-    """Model levels: nominal, joint offsets where the whole geometry follows, then effect by effect."""
-    joints = [(JOINT.name,)] if effects[:1] == (GEOMETRY.name,) else []
-    return [(), *joints, *(effects[:k] for k in range(1, len(effects) + 1))]
-
-
 def predicted_draws(dataset: Dataset) -> int:
     """Number of draws from which validation data are predicted: `VALIDATION_DRAWS`, fewer of many rows."""
     rows = int(np.sum(dataset.measurements.role == "validate"))
     return min(VALIDATION_DRAWS, max(MOST_PREDICTED // max(rows, 1), FEWEST_VALIDATION_DRAWS))
-
-
-def _places(draws: Draws, count: int) -> np.ndarray:
-    """Places of at most `count` draws, evenly spaced among all."""
-    return np.linspace(0, len(draws.flat) - 1, min(count, len(draws.flat))).astype(int)

@@ -1,8 +1,7 @@
-"""Tails of the usual distributions, by `scipy.special`: `scipy.stats` takes a second to import.
+"""Tails of the usual distributions, root mean squares, and seeds of independent streams of random numbers.
 
-Each takes arrays. Without degrees of freedom there is no distribution: NaN, as `scipy.stats` has it.
-
-Seeds of independent streams of random numbers, from the seed of a run.
+Tails are those of `scipy.special`: `scipy.stats` takes a second to import. Each takes arrays. Without degrees
+of freedom there is no distribution: NaN, as `scipy.stats` has it.
 """
 
 from __future__ import annotations
@@ -14,6 +13,11 @@ from scipy import special
 
 Values = Any
 """A number or an array of numbers; all arguments broadcast."""
+
+
+def rms(x: np.ndarray) -> float:
+    """Root mean square of values of any shape."""
+    return float(np.sqrt(np.mean(x**2)))
 
 
 def chi2_sf(x: Values, dof: Values) -> Any:

@@ -20,6 +20,7 @@ from bayescal.gap.result import (
     Step,
     Verdict,
 )
+from bayescal.model.options import FitOptions
 from bayescal.model.scene import Scene
 
 NAN = float("nan")
@@ -74,7 +75,7 @@ def diagnosis(dataset, kind: str = "named", distances: bool = True) -> Gap:
         ladder.append(Step(model, 6.4e-6, 5e-6 if distances else NAN, NAN, 41.0, 7.0))
     poses = tuple(tuple(r) for r in dataset.measurements.readings[:3])
     return Gap(
-        dataset, ("geometry", "compliance"), 3,
+        dataset, ("geometry", "compliance"), FitOptions(seed=3),
         Magnitude("validation data", 13e-6, 6e-6, (5.4e-6, 6.7e-6), "repeats", 0.0 if null else 11.6e-6,
                   (0.0, 2e-6) if null else (9.8e-6, 13.2e-6), measured),
         where, {"target": (Margin("cube.+y", "cube.+y", 30, 14e-6, 1e-6, 1e-4),)}, verdict,

@@ -32,7 +32,7 @@ BREACHES = [
     ("bayescal.model.model", "pinocchio", "pinocchio"),
     ("bayescal.model.model", "mujoco", "mujoco"),
     ("analysis.blind.workers", "distributed", "dask"),
-    ("bayescal.cli.fit", "bayescal.calibration", "commands"),
+    ("bayescal.cli.evaluation", "bayescal.calibration", "commands"),
 ]
 """An import that is not there, and the contract that forbids it."""
 

@@ -3,7 +3,9 @@
 `make package-check` installs it; here the build backend lists the files.
 """
 
+import ast
 import re
+import sys
 import tomllib
 from importlib.metadata import entry_points
 from pathlib import Path
@@ -86,3 +88,36 @@ def test_the_command_is_installed_or_importable():
 
     found = [e for e in entry_points(group="console_scripts") if e.name == "bayescal"]
     assert all(entry.load() is main for entry in found)
+
+
+IMPORTED_AS = {"urdfdom-py": "urdf_parser_py", "pyyaml": "yaml", "pin": "pinocchio"}
+"""Modules of distributions with another name."""
+LOADERS = ("import_module", "files", "find_spec")
+
+
+def imported() -> set[str]:
+    """Modules of others that the packages name in an import, or by a text for `LOADERS`."""
+    out = set()
+    for path in (p for package in PACKAGES for p in (ROOT / package).rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+            if isinstance(node, ast.Import):
+                out |= {alias.name for alias in node.names}
+            elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
+                out.add(node.module)
+            elif isinstance(node, ast.Call) and ast.unparse(node.func).rpartition(".")[2] in LOADERS:
+                out |= {str(own.value) for own in node.args[:1] if isinstance(own, ast.Constant)}
+    return {name.partition(".")[0] for name in out} - {*sys.stdlib_module_names, *PACKAGES}
+
+
+def declared(entries: list[str]) -> set[str]:
+    names = {re.match(r"[\w-]+", entry)[0].lower() for entry in entries}
+    return {IMPORTED_AS.get(name, name) for name in names}
+
+
+def test_what_is_imported_is_declared_and_what_is_declared_is_imported():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
+    base, extras = declared(project["dependencies"]), project["optional-dependencies"]
+    optional = declared([e for name in ("mujoco", "xlsx", "dcc", "pinocchio") for e in extras[name]])
+    used = imported()
+    assert used <= base | optional
+    assert base <= used

@@ -8,8 +8,7 @@ from typing import Annotated
 import typer
 
 from bayescal.cli.entry import run as run_command
-from bayescal.cli.output import said
-from bayescal.cli.root import ending
+from bayescal.cli.root import ending, said
 from bayescal.storage.stopping import keeping
 
 KEPT = "completed sessions are kept; the same command continues"

@@ -50,7 +50,7 @@ def planned(task: Open) -> dict[str, Any]:
     from dataclasses import replace
 
     from bayescal.dataset import read_dataset
-    from bayescal.model.block import parts_of
+    from bayescal.model.options import parts_of
     from bayescal.planning import plan, setup
     from bayescal.planning.candidates import candidates
     from bayescal.planning.contrasts import contrasts

@@ -14,6 +14,7 @@ from bayescal.errors import BayescalError
 from bayescal.estimate import root
 from bayescal.model import ARM, Model
 from bayescal.model.model import noise_groups
+from bayescal.model.options import FitOptions
 from bayescal.predict.errors import evenly, far_pairs, lengths
 
 REFERENCES = 8
@@ -55,7 +56,7 @@ def run(design: Design, seed: int) -> Record:
     """Simulate a session with a truth of its own, fit it, and compare; only a reason where it is refused."""
     try:
         made = simulated(design, seed)
-        fitted = fit(made.dataset, MODEL, samples=design.samples, seed=seed)
+        fitted = fit(made.dataset, MODEL, FitOptions(seed=seed), samples=design.samples)
     except BayescalError as error:
         return {"design": design.name, "seed": seed, "refused": str(error)}
     return compared(design, made, fitted)

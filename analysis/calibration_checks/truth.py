@@ -19,7 +19,7 @@ import numpy as np
 from analysis.calibration_checks.designs import Design, part, planned
 from bayescal.dataset import Dataset, Target
 from bayescal.dataset.target_kinds import KINDS
-from bayescal.effects.masses import CENTRE_OFF, LOAD_OFF, LOAD_SHARE, MASS_SHARE
+from bayescal.effects.gravity import CENTRE_OFF, LOAD_OFF, LOAD_SHARE, MASS_SHARE
 from bayescal.effects.tool import TOOL
 from bayescal.estimate import STATED_WORTH, linearise, unit_weights
 from bayescal.model import ARM, Model, build
@@ -142,7 +142,7 @@ def _true(target: Target, model: Model, z: np.ndarray, spheres: Mapping[str, Tar
 
 
 def _other_masses(dataset: Dataset, rng: np.random.Generator) -> Dataset:
-    """The session with masses and centres of mass of links and tools in error, by `effects.masses`."""
+    """The session with masses and centres of mass of links and tools in error, by `effects.gravity`."""
     robot = dataset.robot
     masses, centres = np.array(robot.masses), np.array(robot.centres_of_mass)
     off = CENTRE_OFF + MASS_SHARE * np.abs(centres)

@@ -17,10 +17,11 @@ import numpy as np
 from analysis.world.build import Made, make
 from analysis.world.mix import FIRST_OF, recipe
 from bayescal.calibration import fit
-from bayescal.compensating.solve import compensated, nominal_arm
+from bayescal.compensating.solve import compensated
 from bayescal.dataset import read_dataset
 from bayescal.fitted.arm import FittedArm, of_fit, refitted
-from bayescal.programs.targets import Corrected, Target
+from bayescal.programs.text import Corrected, Target
+from bayescal.programs.tools import nominal_arm
 
 GENERATOR = 3
 """Version of the simulator: contacts on a cube and on spheres."""

@@ -13,7 +13,7 @@ result = bc.fit(session, samples=0)
 levels = dict(
     zip(("nominal", "joint offsets", "geometry", "geometry + compliance"), result.data.levels, strict=True)
 )
-errors = {name: 1e6 * level.validation.maximum_distance_error for name, level in levels.items()}
+errors = {name: 1e6 * level.validation.distance_errors.maximum for name, level in levels.items()}
 
 figure, axes = plt.subplots(figsize=(7, 3), layout="constrained")
 bars = axes.barh(list(errors), list(errors.values()), color="#1b4f72")

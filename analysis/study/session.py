@@ -9,6 +9,7 @@ import numpy as np
 
 from bayescal.calibration import VALIDATION_DRAWS, Fit, fit
 from bayescal.errors import BayescalError
+from bayescal.model.options import FitOptions
 from bayescal.posterior.sample import sample
 from bayescal.predict import Validation, validate
 from bayescal.simulation import Options, Simulation, simulate
@@ -65,7 +66,7 @@ def run(options: Options, with_emcee: bool = False) -> Record:
         simulation = simulate(options)
     except BayescalError as error:
         return {"seed": options.seed, "refused": str(error)}
-    fitted = fit(simulation.dataset, MODEL, samples=0, seed=options.seed)
+    fitted = fit(simulation.dataset, MODEL, FitOptions(seed=options.seed), samples=0)
     record = compared(simulation, fitted)
     if with_emcee:
         record["emcee"] = agreement(fitted, options.seed)

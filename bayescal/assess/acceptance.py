@@ -37,7 +37,7 @@ from bayescal.estimate.bounds import not_physical
 from bayescal.estimate.unexplained import Unexplained
 from bayescal.predict.forecast import Forecast
 from bayescal.predict.validation import DistanceCheck, PlaneCheck, PointCheck, TurnCheck, Validation
-from bayescal.statistics import chi2_isf, chi2_sf, poisson_sf
+from bayescal.statistics import chi2_isf, chi2_sf, poisson_sf, rms
 
 LEVEL = 0.01
 """Chance that a correct model fails any of the tests (that of shared causes has a level of its own)."""
@@ -230,8 +230,8 @@ def _chi_square(
     mean = float(np.mean(draws))
     dof = 2.0 * mean**2 / float(np.var(draws))
     words = (
-        f"{of} of validation measurements: RMS error {factor * np.sqrt(np.mean(r**2)):.1f} {unit} against "
-        f"{factor * np.sqrt(np.mean(sd**2)):.1f} {unit} predicted"
+        f"{of} of validation measurements: RMS error {factor * rms(r):.1f} {unit} against "
+        f"{factor * rms(sd):.1f} {unit} predicted"
     )
     p = float(chi2_sf(dof * statistic / mean, dof))
     limit = lambda a: float(np.sqrt(chi2_isf(a, dof) / dof))  # noqa: E731

@@ -11,7 +11,7 @@ both sessions share, the difference of their effects on the estimates is.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -22,6 +22,7 @@ from bayescal.effects.selection import plain
 from bayescal.errors import BayescalError
 from bayescal.estimate import Estimate, calibrated
 from bayescal.estimate.discrepancy import Stated, stated
+from bayescal.model.options import USUAL, FitOptions
 from bayescal.model.scene import Scene
 from bayescal.statistics import chi2_sf
 
@@ -64,9 +65,7 @@ class Agreement:
         return np.max([np.abs(p.apart) for p in self.pairs], axis=0, initial=0.0) * np.ones(len(self.names))
 
 
-def agreement(
-    together: Estimate, effects: tuple[str, ...], prior_width: float = 1.0, robust: bool = True
-) -> Agreement:
+def agreement(together: Estimate, effects: tuple[str, ...], options: FitOptions = USUAL) -> Agreement:
     """Fit each session of a joint estimate alone, and compare their estimates of the arm.
 
     Parameters
@@ -75,14 +74,15 @@ def agreement(
         Of sessions joined (`dataset.join`).
     effects : tuple of str
         The model; a session is fitted without those for which it lacks what they need.
-    prior_width, robust
-        As of the joint estimate.
+    options : FitOptions
+        As of the joint estimate; no part of an effect is left out.
     """
     fits: dict[str, Stated] = {}
+    options = replace(options, without=())
     refused: dict[str, str] = {}
     for session in together.model.scene.dataset.sessions:
         try:
-            found = calibrated(Scene(session), _possible(session, effects), prior_width, robust)
+            found = calibrated(Scene(session), _possible(session, effects), options)
             fits[session.name] = stated(found)
         except BayescalError as error:
             refused[session.name] = error.what

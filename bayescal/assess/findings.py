@@ -23,18 +23,21 @@ from bayescal.assess.acceptance import PLANNED, SHARED, Acceptance
 from bayescal.assess.identifiability import Directions, in_words
 from bayescal.assess.undetermined import Undetermined
 from bayescal.dataset.consistency import contradictions
+from bayescal.effects import MODELS
 from bayescal.effects.selection import plain
+from bayescal.effects.vocabulary import micrometres
 from bayescal.estimate import Estimate
 from bayescal.estimate.bounds import UNCHANGED, Rigid
 from bayescal.estimate.outliers import LEAST_SPARE, detectable
 from bayescal.estimate.solver import by_group
-from bayescal.estimate.unexplained import FORM, FaceCheck, Unexplained
+from bayescal.estimate.unexplained import FaceCheck, Unexplained
 from bayescal.model import ORIENTATION
 from bayescal.model.block import ARM, Block
 from bayescal.model.model import length_blocks
 from bayescal.predict.errors import slopes
 from bayescal.predict.forecast import Forecast, workspace
 from bayescal.predict.validation import Validation
+from bayescal.statistics import rms
 
 
 @dataclass(frozen=True)
@@ -86,8 +89,6 @@ def _of_block(found: Estimate, block: Block, mean: np.ndarray, count: int) -> np
 
 Severity = Literal["error", "warning", "note"]
 SEVERITIES: tuple[Severity, ...] = ("error", "warning", "note")
-IN_ROBOT_FILE = ("geometry", "joint", "encoder-scale", "compliance", FORM, "artefact")
-"""Effects that robot.yaml can hold, and those that are no part of the arm."""
 WILD_SCALE = 100.0
 """Times the stated noise from which on residuals come from a wrong file, not from a small error of an arm."""
 WILD_SIZE = 1e-4
@@ -199,7 +200,7 @@ def _parameters(of: Assessed) -> Iterator[Finding]:
         )  # fmt: skip
     if of.rigid.words:
         yield Finding("rigid", "note", of.rigid.words)
-    absent = [name for name in model.effects if plain(name) not in IN_ROBOT_FILE]
+    absent = [name for name in model.effects if not MODELS[plain(name)].in_robot_file]
     if absent:
         yield Finding(
             "not_in_robot_file", "note", f"robot.yaml cannot hold {', '.join(absent)}: see fit.json"
@@ -227,7 +228,7 @@ def _false_comfort(of: Assessed) -> Iterator[Finding]:
             "predicted distance is that of priors which no row reduced",
         )  # fmt: skip
     residuals = [p.residuals for p in of.checked.planes]
-    contact = float(np.sqrt(np.mean(np.concatenate(residuals) ** 2))) if residuals else left.fitted
+    contact = rms(np.concatenate(residuals)) if residuals else left.fitted
     distance = max(lead.u, expected.workspace.u)
     if distance > FAR_BEYOND * contact:
         yield Finding(
@@ -249,14 +250,10 @@ def _gross_errors(of: Assessed) -> Iterator[Finding]:
     k = int(np.argmax(found.shift)) if len(found.rows) else -1
     if k >= 0 and found.shift[k] > u:
         name = of.found.model.scene.dataset.measurements.ids[found.rows[k]]
+        error, shift = micrometres(found.error[k]), micrometres(found.shift[k])
         yield Finding(
             "gross_error_unseen", "warning",
-            f"a gross error up to {_um(found.error[k])} in one of {len(found.rows)} measurements (`{name}`) "
-            f"would not be detected and would change distances by {_um(found.shift[k])} RMS (U = {_um(u)}): "
+            f"a gross error up to {error} in one of {len(found.rows)} measurements (`{name}`) would not be "
+            f"detected and would change distances by {shift} RMS (U = {micrometres(u)}): "
             "repeat it, or add measurements",
         )  # fmt: skip
-
-
-def _um(length: float) -> str:
-    """A length, m, in µm with two significant digits."""
-    return f"{float(f'{1e6 * length:.2g}'):.9g} µm"

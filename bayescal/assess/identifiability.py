@@ -19,13 +19,14 @@ from bayescal.effects import UNITS, Parameter
 from bayescal.effects.tool import TOOL
 from bayescal.effects.vocabulary import unit_label
 from bayescal.estimate import Estimate
+from bayescal.estimate.unexplained import FORM
 from bayescal.model import ORIENTATION, Model
 from bayescal.predict.forecast import elsewhere, joint_range, point_slopes
+from bayescal.statistics import rms
 
 DETERMINED = 0.9  # contraction from which on the data count as having decided
 PRIOR_ONLY = 0.1
 WEAK = 1.0  # singular value below which a direction stays wider than 71 % of its prior
-FORM = "plane-form"
 SHOWN = 0.25  # loadings smaller than this are not named
 LEAK = 0.1  # share of a combination that may be in weak directions for it to count as identifiable
 
@@ -276,7 +277,7 @@ class Conditions:
 def _body(points: np.ndarray, size: bool) -> np.ndarray:
     """Displacements (3 N, 6 or 7) of points (N, 3) by the place of a body, and by its size."""
     at = points - points.mean(axis=0)
-    scale = max(float(np.sqrt(np.mean(at**2))), 1e-3)
+    scale = max(rms(at), 1e-3)
     moved = [np.broadcast_to(axis, at.shape) for axis in np.eye(3)]
     turned = [np.cross(axis, at) / scale for axis in np.eye(3)]
     return np.stack([*moved, *turned, *([at / scale] if size else [])], axis=2).reshape(at.size, -1)

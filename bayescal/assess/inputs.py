@@ -1,11 +1,9 @@
-"""Sources of error of a calibration, and how each changes its unknowns.
+"""Sources of error of a calibration, and how each changes its unknowns and the centres of targets.
 
 The error of the unknowns z of a fit is linear in independent errors: of the poses, of the certificates, of
 the prior values, of the stated masses, and of the functions of the model discrepancy
-(`estimate.discrepancy.Stated`). With a factor
-B_i for each source, the covariance that the fit states is the sum of B_i B_i', without a remainder.
-
-Centres of targets as quantities: of fitted targets, and of those located from rows of their own.
+(`estimate.discrepancy.Stated`). With a factor B_i for each source, the covariance that the fit states is the
+sum of B_i B_i', without a remainder.
 """
 
 from __future__ import annotations
@@ -25,6 +23,7 @@ from bayescal.estimate.families import poses
 from bayescal.model import ARM, ORIENTATION, Block, Constraint, Scene
 from bayescal.model.scene import u_of
 from bayescal.predict.targets import LocatedTarget, Prepared, centre_of, certified_diameters, prepared
+from bayescal.statistics import rms
 
 NOISE, READINGS, CERTIFICATE, PRIOR = "noise", "joint readings", "certificate", "prior value"
 DISCREPANCY, UNEXPLAINED, PROBING = "model discrepancy", "unexplained error", "location of the measurand"
@@ -176,7 +175,7 @@ def _sizes(stated: Stated, group: str) -> tuple[float, float]:
     found = stated.plain
     scale = found.weights.scale[group] * float(np.sqrt(stated.white))
     own = np.concatenate([np.tile(b.sigma, b.kind.rows) for b in found.model.blocks if b.group == group])
-    return scale * float(np.sqrt(np.mean(own**2))), scale * found.model.scene.dataset.noise.joint
+    return scale * rms(own), scale * found.model.scene.dataset.noise.joint
 
 
 def _certificates(found: Estimate) -> Iterator[Propagated]:
@@ -274,7 +273,7 @@ def centre(basis: Basis, name: str) -> Centre:
     if name in model.block_of:
         block, z = model.block_of[name], wide.z[model.slices[name]]
         by_z = np.zeros((3, model.size))
-        by_z[:, model.slices[name]] = block.by_z(_slopes_of_centre(block.kind.sd))
+        by_z[:, model.slices[name]] = block.by_z(np.eye(3, len(block.kind.sd)))  # its first components
         return Centre(centre_of(block, block.state(z)), by_z, ())
     known = basis.prepared.located
     if name not in known:
@@ -286,34 +285,46 @@ def centre(basis: Basis, name: str) -> Centre:
     return Centre(t.centre, by_z, tuple(own_errors(basis, t, t.to_state[:3])))
 
 
-def _slopes_of_centre(sd: np.ndarray) -> np.ndarray:
-    """Slopes (3, kind size) of a centre by the state of its target: the first three components."""
-    return np.eye(3, len(sd))
+def reading_errors(
+    basis: Basis, block: Block, z: np.ndarray, noise: np.ndarray, by: np.ndarray, names: Sequence[str],
+    common: Sequence[str] = ("", ""),
+) -> Iterator[Own]:  # fmt: skip
+    """Errors of rows that were not fitted: their own noise, and the part of the joint readings in it.
+
+    Parameters
+    ----------
+    basis : Basis
+    block : Block
+        The rows.
+    z : np.ndarray, shape (size,)
+        Of their target.
+    noise : np.ndarray, shape (R,)
+        Of their residuals, m, by the scale of the fit.
+    by : np.ndarray, shape (K, R)
+        Slopes of quantities by the residuals.
+    names, common : sequence of str
+        Of both inputs, and of the components of several such inputs.
+    """
+    wide, group = basis.stated.wide, block.group
+    fitted = group in wide.weights.scale
+    factor = float(np.sqrt(basis.stated.white)) if fitted else 1.0
+    dof = wide.dof[group] + STATED_WORTH if fitted else np.inf
+    share = np.tile(reading_shares(wide, block, z), block.kind.rows)
+    joint = factor * wide.model.scene.dataset.noise.joint * wide.weights.scale.get(group, 1.0)
+    own = float(np.sqrt(np.mean((factor * noise) ** 2 * (1.0 - share))))
+    parts = ((1.0 - share, "m", own), (share, "rad", joint))
+    for (part, unit, u), name, several in zip(parts, names, common, strict=True):
+        if unit == "m" or np.any(part):
+            source = Input(PROBING, name, "A" if fitted else "B", unit, 0.0, u, dof, several, group)
+            yield source, by * (factor * noise * np.sqrt(part))
 
 
 def own_errors(basis: Basis, t: LocatedTarget, by: np.ndarray) -> Iterator[Own]:
     """Errors of locating a target, for quantities with slopes `by` (K, m) by its unknowns."""
-    wide, name = basis.stated.wide, t.block.target
-    scene = wide.model.scene
-    fitted = t.block.group in wide.weights.scale
-    factor = float(np.sqrt(basis.stated.white)) if fitted else 1.0
-    dof = wide.dof[t.block.group] + STATED_WORTH if fitted else np.inf
-    share = np.tile(reading_shares(wide, t.block, t.z), t.block.kind.rows)
-    by_noise, evaluation = factor * by @ t.by_noise, "A" if fitted else "B"
-    u = factor * float(np.sqrt(np.mean(t.noise**2 * (1.0 - share))))
-    count = len(t.block.rows)
-    what = f"location of {name} ({count} measurements)"
-    probed = Input(
-        PROBING, what, evaluation, "m", 0.0, u, dof, "location of the measured targets", t.block.group
-    )
-    yield probed, by_noise * np.sqrt(1.0 - share)
-    if np.any(share):
-        u = factor * scene.dataset.noise.joint * (wide.weights.scale[t.block.group] if fitted else 1.0)
-        what, common = f"joint readings at {name}", "joint readings at the measured targets"
-        yield (
-            Input(PROBING, what, evaluation, "rad", 0.0, u, dof, common, t.block.group),
-            by_noise * np.sqrt(share),
-        )
+    name, scene = t.block.target, basis.stated.wide.model.scene
+    names = f"location of {name} ({len(t.block.rows)} measurements)", f"joint readings at {name}"
+    common = "location of the measured targets", "joint readings at the measured targets"
+    yield from reading_errors(basis, t.block, t.z, t.noise, by @ t.gain, names, common)
     yield from _located_priors(t, by, name in certified_diameters(scene))
     if basis.excess:
         of_rows = scene.declared_of(name).of_instrument

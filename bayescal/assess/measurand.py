@@ -1,35 +1,31 @@
 """Quantities whose uncertainty is stated: linear in the unknowns of a fit and in errors of their own.
 
-Distances have errors of their own: the contacts that locate their ends, the certificate that they are
-compared with, and what neither noise nor parameters explain.
-
-Distances between points that an instrument read in validation measurements, as a measurand.
+Distances have errors of their own: the contacts that locate their ends, or the readings of an instrument; the
+certificate that they are compared with; and what neither noise nor parameters explain.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from bayescal.assess.inputs import (
-    PROBING,
     UNEXPLAINED,
     Basis,
-    Input,
     Own,
     centre,
     certificate_input,
     own_errors,
-    reading_shares,
+    reading_errors,
 )
 from bayescal.errors import BayescalError
-from bayescal.estimate import STATED_WORTH
 from bayescal.model import ARM
 from bayescal.predict.errors import evenly, far_pairs, lengths, slopes
 from bayescal.predict.forecast import POINTS, READINGS, SMALLEST, workspace
 from bayescal.predict.targets import RowPrediction
+from bayescal.statistics import rms
 
 DISTANCE, DISTANCES, POINT, PARAMETER = "distance", "distances", "point", "parameter"
 """Kinds of measurands."""
@@ -180,22 +176,13 @@ def in_common(own: Sequence[Own]) -> tuple[Own, ...]:
     out: list[Own] = []
     for name, each in groups.items():
         first = each[0][0]
-        u = {source.u for source, _ in each}
-        values = {source.value for source, _ in each}
-        both = replace(
-            first, name=name, u=first.u if len(u) == 1 else _rms(u),
-            value=first.value if len(values) == 1 else None,
-        )  # fmt: skip
+        sizes = {source.u for source, _ in each}
+        stated = [u for u in sizes if u is not None]
+        u = first.u if len(sizes) == 1 else rms(np.array(stated))
+        alike = len({source.value for source, _ in each}) == 1
+        both = replace(first, name=name, u=u, value=first.value if alike else None)
         out.append((both, np.concatenate([by for _, by in each], axis=1)))
     return tuple(out)
-
-
-def _rms(each: Iterable[float | None]) -> float | None:
-    known = [u for u in each if u is not None]
-    return float(np.sqrt(np.mean(np.square(known)))) if known else None
-
-
-NAME = f"error of a distance between {READINGS}"
 
 
 def readings(basis: Basis) -> Measurand | None:
@@ -221,7 +208,7 @@ def readings(basis: Basis) -> Measurand | None:
     if not count:
         return None
     padded = [(source, np.pad(by, ((0, count - len(by)), (0, 0)))) for source, by in own]
-    name = f"{NAME} ({count} distances)"
+    name = f"error of a distance between {READINGS} ({count} distances)"
     return Measurand(DISTANCES, name, "m", None, np.concatenate(by_z), in_common(padded), any_of=True)
 
 
@@ -249,29 +236,15 @@ def _slopes(r: RowPrediction) -> np.ndarray:
 def _own(basis: Basis, r: RowPrediction, by: np.ndarray) -> list[Own]:
     """Errors of the readings themselves, and of locating their target; `by` (K, R)."""
     wide = basis.stated.wide
-    fitted = r.block.group in wide.weights.scale
-    factor = float(np.sqrt(basis.stated.white)) if fitted else 1.0
-    dof = wide.dof[r.block.group] + STATED_WORTH if fitted else np.inf
     z = wide.z[wide.model.slices[r.block.target]] if r.target is None else r.target.z
-    share = np.tile(reading_shares(wide, r.block, z), r.block.kind.rows)
-    noise = factor * r.noise
-    kind = "A" if fitted else "B"
-    u = float(np.sqrt(np.mean(noise**2 * (1.0 - share))))
-    scale = r.block.group
-    read = Input(PROBING, "noise of the compared readings", kind, "m", 0.0, u, dof, scale=scale)
-    joint = factor * wide.model.scene.dataset.noise.joint * wide.weights.scale.get(r.block.group, 1.0)
-    turned = Input(
-        PROBING, "joint readings at the compared rows", kind, "rad", 0.0, joint, dof, scale=r.block.group
-    )
     # rows that locate their target: their errors change the target too
     each = by if not r.own or r.target is None else by + by @ r.by_target @ r.target.gain
-    out: list[Own] = [(read, each * (noise * np.sqrt(1.0 - share)))]
-    if np.any(share):
-        out.append((turned, each * (noise * np.sqrt(share))))
+    names = "noise of the compared readings", "joint readings at the compared rows"
+    out = list(reading_errors(basis, r.block, z, r.noise, each, names))
     if basis.excess and r.target is not None:  # the noise scale of fitted targets includes it
         instrument = wide.model.scene.declared_of(r.block.target).of_instrument
         out.append((basis.unexplained(), basis.excess * (each if instrument else by @ r.by_point)))
     if r.target is not None:
-        found = own_errors(basis, r.target, -by @ r.by_target)
-        out += [one for one in found if not r.own or one[0].evaluation == "B"]
+        of_target = own_errors(basis, r.target, -by @ r.by_target)
+        out += [error for error in of_target if not r.own or error[0].evaluation == "B"]
     return out

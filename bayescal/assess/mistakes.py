@@ -16,14 +16,13 @@ import numpy as np
 from bayescal.dataset import Certificate, Dataset
 from bayescal.dataset.append import taken
 from bayescal.dataset.target_kinds import kinds_of
-from bayescal.effects import parameters_of
+from bayescal.effects import BASELINE, parameters_of
 from bayescal.errors import BayescalError
 from bayescal.estimate import linearise, unit_weights
 from bayescal.model.block import Turned
 from bayescal.model.model import Model, with_parameters
 from bayescal.model.scene import Scene
 
-MODEL = ("geometry", "compliance")
 MOST_ROWS = 200
 """Rows that a hypothesis is judged by: evenly from all."""
 STEPS, SCALES = 6, 8
@@ -139,7 +138,7 @@ FACTORS = {
 """Factors by which a value is corrected, what it then was, and the remedy."""
 
 
-def judged(dataset: Dataset, effects: tuple[str, ...] = MODEL) -> Judged | None:
+def judged(dataset: Dataset, effects: tuple[str, ...] = BASELINE) -> Judged | None:
     """Judge all hypotheses of a session; None where nothing can be fitted."""
     some = _some(dataset)
     model, _ = model_of(Scene(some), effects)

@@ -25,6 +25,7 @@ from bayescal.assess.identifiability import (
     in_words,
     simplified,
 )
+from bayescal.effects.vocabulary import micrometres
 from bayescal.estimate import Estimate
 
 STILL = np.radians(15.0)
@@ -159,7 +160,7 @@ class Undetermined:
         """What is not determined, what it leaves, and why."""
         effect = "no effect with this tool"
         if self.left > HIDDEN * self.noise:
-            effect = f"{float(f'{1e6 * self.left:.2g}'):.9g} µm RMS over the range of all joints"
+            effect = f"{micrometres(self.left)} RMS over the range of all joints"
         return f"{self.what} ({effect}), because {self.reason}"
 
 

@@ -2,22 +2,14 @@
 
 from __future__ import annotations
 
-from bayescal.cli import (  # noqa: F401  (they register their commands)
-    budget,
-    check,
-    compare,
-    compensate,
-    export,
-    fit,
-    gap,
-    import_,
-    init,
-    plan,
-    report,
-    robots,
-    simulate,
-    verify,
-)
+from bayescal.cli import evaluation, results, sessions  # noqa: F401  (they register their commands)
 from bayescal.cli.root import app
 
 __all__ = ["app"]
+
+ORDER = (
+    *("budget", "check", "compare", "compensate", "export", "fit", "gap", "import_", "init", "schema"),
+    *("plan", "report", "robots", "simulate", "verify"),
+)
+"""Of the commands in the help, by function."""
+app.registered_commands.sort(key=lambda command: ORDER.index(command.callback.__name__))  # type: ignore[union-attr]

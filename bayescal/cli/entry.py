@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import errno
-import gc
 import os
 import signal
 import sys
@@ -59,6 +58,4 @@ def _command(load: Callable[[], Callable[[], object]]) -> None:
         os.getcwd()
     except OSError:
         raise BayescalError("it does not exist any more", "working directory", "change to another") from None
-    # cycles are rare here: to look for them as often as by default takes a twelfth of a diagnosis
-    gc.set_threshold(50_000)
     load()()

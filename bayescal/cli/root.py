@@ -1,12 +1,20 @@
-"""The command without its commands: each of their modules registers them with `app`."""
+"""The command without its commands, which register with `app`; what they share: options and output."""
 
 from __future__ import annotations
 
-from typing import Any
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from bayescal import __version__
+from bayescal.errors import BayescalError
+
+if TYPE_CHECKING:
+    from rich.console import Console, RenderableType
 
 
 def ending(*examples: str, **renamed: str) -> dict[str, Any]:
@@ -50,3 +58,118 @@ def _root(
     ),
 ) -> None:
     """Calibrate a robot arm from probed contacts, with uncertainties, and diagnose unmodelled effects."""
+
+
+Datasets = Annotated[
+    list[Path],
+    typer.Argument(
+        metavar="DATASET...",
+        help="Dataset folder with dataset.yaml, measurements.csv and the robot. Several sessions of the same "
+        "arm are evaluated together.",
+    ),
+]
+"""Sessions of one arm."""
+Out = Annotated[
+    Path | None,
+    typer.Option(
+        help="Run folder to write [default: runs/<dataset>-<command>; several names are joined by +]."
+    ),
+]
+"""The run folder; see `output.run_folder`."""
+Model = Annotated[
+    str,
+    typer.Option(
+        help="Effects of the calibrated model, separated by commas, each at all its sites or 'at joint 3'."
+    ),
+]
+Without = Annotated[
+    str,
+    typer.Option(
+        help="Parts of these effects that stay nominal, separated by commas: 'geometry at joint 4' (theta4, "
+        "d4, and a4, alpha4, beta4 of the next link), 'geometry at link 4', or names of parameters: "
+        "'compliance J3'. A diagnosis takes them for candidates."
+    ),
+]
+Seed = Annotated[int, typer.Option(help="Random seed.")]
+Robust = Annotated[bool, typer.Option(help="Exclude outliers.")]
+PriorWidth = Annotated[float, typer.Option(help="Factor on the standard deviations of the arm's prior.")]
+Remounted = Annotated[
+    bool, typer.Option("--remounted", help="The tools were remounted between the sessions.")
+]
+AllowXacro = Annotated[
+    bool, typer.Option("--allow-xacro", help="Execute a robot's xacro file: it is a program.")
+]
+"""The option of every command that reads a robot."""
+Run = Annotated[
+    Path, typer.Argument(metavar="RUN", help="Run folder of bayescal fit or gap: its arm.json and dataset.")
+]
+WithEffects = Annotated[
+    str,
+    typer.Option(
+        "--with",
+        help="Effects to add to the model of the run, separated by commas: the session is fitted again.",
+    ),
+]
+WithoutEffects = Annotated[
+    str,
+    typer.Option(
+        help="Effects of the model of the run to leave out, or parts of them ('geometry at joint 4', "
+        "'compliance J3'), separated by commas: the session is fitted again."
+    ),
+]
+"""Options of the commands that take the arm of a run."""
+
+
+def known(to: str, formats: tuple[str, ...]) -> None:
+    """Refuse a format that a command does not print."""
+    if to not in formats:
+        raise BayescalError(f"there is no format `{to}`", "--to", f"formats: {', '.join(formats)}")
+
+
+def print_as(to: str, result: Any) -> None:
+    """Print a result of the public API as json, csv or, else, as the table of its report."""
+    if to == "json":
+        from bayescal.storage.files import json_text
+
+        sys.stdout.write(json_text(result.record))
+    elif to == "csv":
+        sys.stdout.write(result.csv)
+    else:
+        from bayescal.public.results import console
+
+        console().print(result.report())
+
+
+@contextmanager
+def run_folder(out: Path | None, datasets: Sequence[Path], command: str) -> Iterator[Path]:
+    """The folder that a command will write, locked: `out`, or runs/<datasets>-<command>.
+
+    Checked before a long computation, so that its result can be written.
+
+    Raises
+    ------
+    BayescalError
+        If the folder contains files other than an earlier run of the command, or another run writes to it.
+    """
+    from bayescal.storage.folders import claimed
+
+    names = "+".join(folder.resolve().name for folder in datasets)
+    folder = out or Path("runs") / f"{names}-{command}"
+    with claimed(folder, f"{command}.json"):
+        yield folder
+
+
+def show(report: RenderableType, folder: Path, written: Sequence[str]) -> None:
+    """Print a result, and the names of the files that were written to its run folder."""
+    from bayescal.public.results import console
+
+    terminal = console()
+    terminal.print(report)
+    said(terminal, "written", f"{folder}/{', '.join(written)}")
+
+
+def said(terminal: Console, heading: str, text: str, width: int = 17) -> None:
+    """Print a line with its heading, however long it is."""
+    from rich.text import Text
+
+    terminal.print(Text.assemble((f"{heading:<{width}}", "dim"), text), soft_wrap=True)

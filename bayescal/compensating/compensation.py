@@ -1,17 +1,13 @@
-"""A table of targets: CSV with poses or nominal readings, and the same table with corrected readings.
+"""The compensation of a file: a table of targets or a robot program, with corrected positions.
 
-Columns have their unit in their name: `x_mm` ... `rz_deg` (rx, ry, rz: fixed-axis roll, pitch and yaw of the
-tool's frame, R = Rz(rz) Ry(ry) Rx(rx)), or `j1_deg` ..., or both: then the solution nearest to these readings
-is taken. Also `j1_degps` ... (their signs are the direction of approach), `payload_kg`, `tool`. Others are
-kept.
-
-The compensation of a file: a table of targets or a robot program, with corrected positions.
+A table of targets is a CSV file with poses or nominal readings. Columns have their unit in their name: `x_mm`
+... `rz_deg` (rx, ry, rz: fixed-axis roll, pitch and yaw of the tool's frame, R = Rz(rz) Ry(ry) Rx(rx)), or
+`j1_deg` ..., or both: then the solution nearest to these readings is taken. Also `j1_degps` ... (their signs
+are the direction of approach), `payload_kg`, `tool`. Others are kept.
 """
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -22,12 +18,11 @@ import numpy as np
 from bayescal.arm.transforms import rigid, rpy_matrix
 from bayescal.compensating.position import BASE
 from bayescal.compensating.solve import compensated
-from bayescal.dataset.table import RPY, XYZ, check_groups, check_names, joint_columns, read_cells
+from bayescal.dataset.table import RPY, XYZ, check_groups, check_names, csv_text, joint_columns, read_cells
 from bayescal.errors import BayescalError
 from bayescal.fitted.arm import FittedArm
 from bayescal.programs import PROGRAMS
-from bayescal.programs.targets import Corrected, Target
-from bayescal.programs.text import Format, Program, line_of, rewritten
+from bayescal.programs.text import Corrected, Format, Program, Target, line_of, rewritten
 from bayescal.programs.tools import check_stated, tool_of
 from bayescal.storage.files import stem_of, unknown, write_together
 from bayescal.storage.reading import content_of
@@ -92,15 +87,15 @@ def read_targets(path: Path, n: int, payload_kg: float = 0.0) -> TargetTable:
 
 def _check_header(header: list[str], where: str, n: int) -> None:
     check_names(header, where)
-    known = [*XYZ, *RPY, *joint_columns("deg", n), *joint_columns("degps", n), "payload_kg", "tool"]
-    stems = {stem_of(c)[0] for c in known}
+    columns = [*XYZ, *RPY, *joint_columns("deg", n), *joint_columns("degps", n), "payload_kg", "tool"]
+    stems = {stem_of(c)[0] for c in columns}
     written = {*OUTPUT, *(nominal(c) for c in joint_columns("deg", n))}
     for column in header:
         if column in written:
             what = f"column `{column}` is written by a compensation"
             raise BayescalError(what, where, "rename or delete it, and give targets that are not corrected")
-        if column not in known and stem_of(column)[0] in stems:
-            what, remedy = unknown("column", column, known)
+        if column not in columns and stem_of(column)[0] in stems:
+            what, remedy = unknown("column", column, columns)
             raise BayescalError(what, where, remedy)
     check_groups(header, where, ((*XYZ, *RPY), joint_columns("deg", n), joint_columns("degps", n)))
     if "x_mm" not in header and "j1_deg" not in header:
@@ -113,32 +108,23 @@ def nominal(column: str) -> str:
     return f"{stem_of(column)[0]}_nominal_deg"
 
 
-def written(table: TargetTable, found: Sequence[Corrected], n: int, verdict: str) -> str:
+def written(table: TargetTable, corrected: Sequence[Corrected], n: int, verdict: str) -> str:
     """The table with corrected readings, its own readings as ``j1_nominal_deg`` ... and the verdict."""
     joints = joint_columns("deg", n)
     header = [nominal(c) if c in joints else c for c in table.header]
     return csv_text([*header, *joints, *OUTPUT], (
-        [*row, *cells(own, n, verdict)] for row, own in zip(table.rows, found, strict=True)
+        [*row, *cells(target, n, verdict)] for row, target in zip(table.rows, corrected, strict=True)
     ), table.newline)  # fmt: skip
 
 
-def cells(own: Corrected, n: int, verdict: str) -> list[str]:
+def cells(target: Corrected, n: int, verdict: str) -> list[str]:
     """Cells of a corrected target: readings, then the columns of `OUTPUT`."""
-    if own.readings is None:
-        return [*[""] * n, "", "", own.reason, "", "", "", verdict]
-    readings = [f"{x:.{DEGREES}f}" for x in np.degrees(own.readings)]
-    inside = "true" if own.inside else "false"
-    rest = [f"{1e3 * own.error:.5f}", str(own.solutions), f"{1e3 * own.expanded:.5f}", verdict]
-    return [*readings, f"{1e3 * own.u:.5f}", inside, "", *rest]
-
-
-def csv_text(header: Sequence[str], rows: object, newline: str = "\n") -> str:
-    """A CSV table as text."""
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator=newline)
-    writer.writerow(header)
-    writer.writerows(rows)  # type: ignore[arg-type]
-    return out.getvalue()
+    if target.readings is None:
+        return [*[""] * n, "", "", target.reason, "", "", "", verdict]
+    readings = [f"{x:.{DEGREES}f}" for x in np.degrees(target.readings)]
+    inside = "true" if target.inside else "false"
+    errors = [f"{1e3 * target.error:.5f}", str(target.solutions), f"{1e3 * target.expanded:.5f}", verdict]
+    return [*readings, f"{1e3 * target.u:.5f}", inside, "", *errors]
 
 
 TABLE = "csv"
@@ -159,7 +145,7 @@ class Compensation:
     format: str
     frame: str
     targets: tuple[Target, ...]
-    found: tuple[Corrected, ...]
+    corrected: tuple[Corrected, ...]
     text: bytes
     positions: bytes | None = None
     notes: tuple[str, ...] = ()
@@ -230,10 +216,10 @@ def compensate_file(
     state: dict[str, Any] = {"frame": frame or BASE, "tool": tool, "tcp": tcp, "time": time, "row": row}
     if name == TABLE:
         table = read_targets(source, n, payload)
-        found = compensated(arm, table.targets, **state)
-        content = written(table, found, n, warning).encode()
+        corrected = compensated(arm, table.targets, **state)
+        content = written(table, corrected, n, warning).encode()
         return Compensation(
-            source.name, name, frame or BASE, table.targets, tuple(found), content, warning=warning
+            source.name, name, frame or BASE, table.targets, tuple(corrected), content, warning=warning
         )
     form, code = PROGRAMS[name], content.decode("latin-1")
     try:
@@ -247,16 +233,16 @@ def compensate_file(
     slots = [replace(s, target=replace(s.target, where=f"{source.name}, {s.target.where}", payload=payload))
              for s in program.slots]  # fmt: skip
     targets = [s.target for s in slots]
-    found = compensated(arm, targets, **state, in_sequence=True)
-    text = rewritten(code, form, slots, found)
+    corrected = compensated(arm, targets, **state, in_sequence=True)
+    text = rewritten(code, form, slots, corrected)
     if warning and form.remarked is not None:
         text = form.remarked(text, warning.encode("latin-1", "replace").decode("latin-1"))
     lines = [(s.name, line_of(code, s.place)) for s in slots]
     unused = [f"{s.target.where}: not used by the program, and without solution; kept"
-              for s, own in zip(slots, found, strict=True) if own.reason]  # fmt: skip
+              for s, result in zip(slots, corrected, strict=True) if result.reason]  # fmt: skip
     return Compensation(
-        source.name, name, frame or BASE, tuple(targets), tuple(found), text.encode("latin-1"),
-        _positions(lines, found, n, warning).encode(), (*unused, *program.notes), warning,
+        source.name, name, frame or BASE, tuple(targets), tuple(corrected), text.encode("latin-1"),
+        _positions(lines, corrected, n, warning).encode(), (*unused, *program.notes), warning,
     )  # fmt: skip
 
 
@@ -288,15 +274,15 @@ def _check(program: Program, form: Format, source: Path, frame: str | None) -> N
         raise BayescalError(what, source.name, remedy)
 
 
-def _positions(lines: Sequence[tuple[str, int]], found: Sequence[Corrected], n: int, warning: str) -> str:
+def _positions(lines: Sequence[tuple[str, int]], corrected: Sequence[Corrected], n: int, warning: str) -> str:
     """The table of a program's positions, in the order in which they are visited."""
     joints = joint_columns("deg", n)
 
     def rows() -> Iterator[list[str]]:
-        for (name, line), own in zip(lines, found, strict=True):
+        for (name, line), target in zip(lines, corrected, strict=True):
             before = [""] * n
-            if own.nominal is not None:
-                before = [f"{x:.{DEGREES}f}" for x in np.degrees(own.nominal)]
-            yield [name, str(line), *before, *cells(own, n, warning)]
+            if target.nominal is not None:
+                before = [f"{x:.{DEGREES}f}" for x in np.degrees(target.nominal)]
+            yield [name, str(line), *before, *cells(target, n, warning)]
 
     return csv_text(["position", "line", *map(nominal, joints), *joints, *OUTPUT], rows())

@@ -1,21 +1,8 @@
-"""The probed region: where the data of a session support a fitted arm.
+"""Where the tool of a fitted arm is relative to a frame, with its uncertainty; the region that was probed.
 
-A target is inside if both hold:
-
-- its TCP is within the convex hull of the TCP positions of the session. Errors that the model lacks, and
-  the effect of gravity, vary with the place of the arm, and were only seen there;
-- each reading is within the range of the readings of the session. Errors of encoders and gears vary with the
-  angle of a joint, and an arm can reach a probed place with angles that were never seen.
-
-The hull of the readings is not used: with six joints it contains hardly anything but the rows themselves. The
-uncertainty of a target outside is that of the model, and says nothing about a model that is wrong there.
-
-Frames of targets: the base F0, or a target of the session as it was found.
-
-The place of a target was found with the same arm: its errors and those of the arm are correlated. A target's
-state moves with the arm's parameters as the fit would have moved it, and the point is judged relative to it.
-
-Where the tool of a fitted arm is, with the uncertainty that a compensation and a position both state.
+A frame is the base F0, or a target of the session as it was found. The place of a target was found with the
+same arm: its errors and those of the arm are correlated. A target's state moves with the arm's parameters as
+the fit would have moved it, and the point is judged relative to it.
 
 The error of a point is a vector. `u` is the root of its mean square length, and `expanded` the length that it
 does not exceed with a probability of 95.45 %: that of the uncertainty budget of a point (`assess.budget`).
@@ -47,7 +34,19 @@ STIFF = 1e3  # weight of the sum of the weights, 1/m
 
 @dataclass(frozen=True)
 class Region:
-    """TCP positions (N, 3), m, and readings (N, n), rad, of a session."""
+    """The probed region, where data support an arm: TCPs (N, 3), m, and readings (N, n), rad, of a session.
+
+    A target is inside if both hold:
+
+    - its TCP is within the convex hull of the TCP positions of the session. Errors that the model lacks, and
+      the effect of gravity, vary with the place of the arm, and were only seen there;
+    - each reading is within the range of the readings of the session. Errors of encoders and gears vary with
+      the angle of a joint, and an arm can reach a probed place with angles that were never seen.
+
+    The hull of the readings is not used: with six joints it contains hardly anything but the rows themselves.
+    The uncertainty of a target outside is that of the model, and says nothing about a model that is wrong
+    there.
+    """
 
     points: np.ndarray
     readings: np.ndarray
@@ -88,7 +87,7 @@ class Frame:
     """
 
     nominal: np.ndarray
-    found: np.ndarray
+    fitted: np.ndarray
     block: Block | None = None
     state: np.ndarray | None = None
     values: np.ndarray | None = None  # (P + K,)
@@ -102,8 +101,8 @@ class Frame:
         """
         if self.block is None:
             return poses.by_all, np.zeros((len(poses.points), 3, 3))
-        by_arm, own = self._carried(poses.points)
-        return poses.by_all - by_arm, own
+        by_arm, of_target = self._carried(poses.points)
+        return poses.by_all - by_arm, of_target
 
     def _carried(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Displacements (C, 3, P + K) of points fixed to the target by the arm, and their own covariance."""
@@ -119,10 +118,10 @@ class Frame:
         a, c = by_own / sigma, by_arm * self.units / sigma
         information = a.T @ a + np.eye(b.size)
         follows = -np.linalg.solve(information, a.T @ c)  # (size, P + K)
-        local = np.column_stack([points, np.ones(len(points))]) @ np.linalg.inv(self.found).T
+        local = np.column_stack([points, np.ones(len(points))]) @ np.linalg.inv(self.fitted).T
         moved = np.empty((len(points), 3, b.size))
-        for k, at in enumerate(b.free):
-            step = STEP * np.eye(len(x))[at]
+        for k, coordinate in enumerate(b.free):
+            step = STEP * np.eye(len(x))[coordinate]
             ends = [local @ pose_of(b.kind.describe(x + s * step)).T for s in (1, -1)]
             moved[:, :, k] = (ends[0] - ends[1])[:, :3] / (2 * STEP) * b.sd[k]
         return moved @ follows, moved @ np.linalg.inv(information) @ np.swapaxes(moved, 1, 2)
@@ -199,7 +198,7 @@ class Positions:
 def uncertainty(
     working: Working,
     frame: Frame,
-    at: Callable[[np.ndarray, np.ndarray, np.ndarray], Poses],
+    poses_at: Callable[[np.ndarray, np.ndarray, np.ndarray], Poses],
     velocity: np.ndarray,
     poses: Poses,
 ) -> Uncertain:
@@ -209,12 +208,14 @@ def uncertainty(
     ----------
     working : Working
     frame : Frame
-    at, velocity, poses
+    poses_at, velocity, poses
         As of `lost_motion`, with the working tool.
     """
-    by, own = frame.moved(poses)
-    off = lost_motion(working.arm, at, poses.readings, velocity, poses)
-    covariance = poses.spread_by(by) + own + np.einsum("cji,cjk->cik", off, off) + working.covariance(poses)
+    by, of_frame = frame.moved(poses)
+    off = lost_motion(working.arm, poses_at, poses.readings, velocity, poses)
+    covariance = (
+        poses.spread_by(by) + of_frame + np.einsum("cji,cjk->cik", off, off) + working.covariance(poses)
+    )
     dof = poses.dof_by(by, np.trace(covariance, axis1=1, axis2=2))
     return Uncertain(covariance, expanded(covariance, dof))
 
@@ -288,7 +289,7 @@ def positions(
 
     every = np.arange(len(readings))
     poses = at(readings, every)
-    found = uncertainty(working, stand, at, way, poses)
+    in_base = uncertainty(working, stand, at, way, poses)
     inside = Region.of(arm).contains(
         working.probed(
             poses,
@@ -299,6 +300,6 @@ def positions(
     here = poses.flange.copy()
     here[:, :3, :3] = here[:, :3, :3] @ axes_of(working.tool)
     here[:, :3, 3] = poses.points
-    turn = stand.found[:3, :3]
-    own = Uncertain(turn.T @ found.covariance @ turn, found.expanded)
-    return Positions(frame, readings, np.linalg.inv(stand.found) @ here, own, inside)
+    turn = stand.fitted[:3, :3]
+    in_frame = Uncertain(turn.T @ in_base.covariance @ turn, in_base.expanded)
+    return Positions(frame, readings, np.linalg.inv(stand.fitted) @ here, in_frame, inside)

@@ -11,7 +11,6 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from bayescal.arm.chain import Robot
 from bayescal.arm.inverse import (
     beyond_limits,
     descend,
@@ -23,10 +22,9 @@ from bayescal.arm.inverse import (
 )
 from bayescal.arm.motion import NominalArm
 from bayescal.compensating.position import BASE, Frame, Region, frame_of, uncertainty
-from bayescal.dataset import Tool
 from bayescal.fitted.arm import FittedArm, Poses
-from bayescal.programs.targets import Corrected, Target
-from bayescal.programs.tools import Working, axes_of, tool_of
+from bayescal.programs.text import Corrected, Target
+from bayescal.programs.tools import Working, nominal_arm, tool_of
 
 MOVED = np.radians(0.01)
 """rad: a joint that moves less keeps its direction, as its lost motion is not crossed (assumed)."""
@@ -73,10 +71,12 @@ def compensated(
     arm = next(iter(each.values())).arm if each else arm
     stand = frame_of(arm, frame)
     arms = {w.tool.name: nominal_arm(arm.dataset.robot, w.tool) for w in each.values()}
-    own = [arms[w.tool.name] for w in tools]
-    goals = np.array([_goal(t, n, stand) for t, n in zip(targets, own, strict=True)]).reshape(-1, 4, 4)
-    start = _nominal(arm, targets, own, goals, in_sequence)
-    velocity = _velocities(targets, own, goals, [s.nominal for s in start])
+    arm_of_target = [arms[w.tool.name] for w in tools]
+    goals = np.array([_goal(t, n, stand) for t, n in zip(targets, arm_of_target, strict=True)]).reshape(
+        -1, 4, 4
+    )
+    start = _nominal(arm, targets, arm_of_target, goals, in_sequence)
+    velocity = _velocities(targets, arm_of_target, goals, [s.nominal for s in start])
     out = list(start)
     region = Region.of(arm)
     for name, nominal in arms.items():
@@ -91,15 +91,10 @@ def compensated(
     return out
 
 
-def nominal_arm(robot: Robot, tool: Tool) -> NominalArm:
-    """The nominal arm with a tool: its stated point, and its stated orientation or that of the flange."""
-    return NominalArm(robot, tool.centre, axes_of(tool))
-
-
 def _goal(target: Target, nominal: NominalArm, frame: Frame) -> np.ndarray:
     """The pose (4, 4) of the tool's frame in F0 that a target asks for."""
     if target.pose is not None:
-        return frame.found @ target.pose
+        return frame.fitted @ target.pose
     assert target.readings is not None, "a target has a pose or readings"
     return nominal.tool_poses(nominal.frames(target.readings[None]))[0]
 
@@ -113,13 +108,13 @@ def _nominal(
 ) -> list[Corrected]:
     """The nominal solution of every target, or the reason why it has none."""
     session = np.unique(arm.dataset.measurements.readings, axis=0)
-    found: dict[int, np.ndarray] = {}
+    by_pose: dict[int, np.ndarray] = {}
     for one in dict.fromkeys(map(id, arms)):
         mine = [k for k, t in enumerate(targets) if t.pose is not None and id(arms[k]) == one]
         starts = [targets[k].readings if targets[k].readings is not None else session[0] for k in mine]
         if mine:
             every = solutions(arms[mine[0]], goals[mine], np.array(starts)[:, None])
-            found |= dict(zip(mine, every, strict=True))
+            by_pose |= dict(zip(mine, every, strict=True))
     out: list[Corrected] = []
     readings: np.ndarray | None
     before: np.ndarray | None = None
@@ -129,19 +124,23 @@ def _nominal(
             if reason := beyond_limits(nominal, nominal.angles_of(target.readings[None])[0]):
                 out.append(Corrected(reason))
                 continue
-            own, readings = np.empty((0, nominal.robot.n)), target.readings
+            candidates, readings = np.empty((0, nominal.robot.n)), target.readings
         else:
-            own, last = found[k], before[None] if in_sequence and before is not None else session
+            candidates, last = by_pose[k], before[None] if in_sequence and before is not None else session
             references = last if target.readings is None else target.readings[None]
-            readings = nearest(nominal, own, references, target.admits)
+            readings = nearest(nominal, candidates, references, target.admits)
             if readings is None and not target.strict:
-                readings = nearest(nominal, own, references)
-        if readings is None and target.admits is not None and nearest(nominal, own, session) is not None:
+                readings = nearest(nominal, candidates, references)
+        if (
+            readings is None
+            and target.admits is not None
+            and nearest(nominal, candidates, session) is not None
+        ):
             out.append(Corrected("no solution has the configuration that is stated there"))
         elif readings is None:
-            out.append(Corrected(without_solution(nominal, goal, own)))
+            out.append(Corrected(without_solution(nominal, goal, candidates)))
         else:
-            out.append(Corrected(nominal=readings, solutions=len(own)))
+            out.append(Corrected(nominal=readings, solutions=len(candidates)))
             before = readings
     return out
 
@@ -159,16 +158,16 @@ def _velocities(
     """
     out = np.zeros((len(targets), arms[0].robot.n if arms else 0))
     last: int | None = None
-    for k, (target, own) in enumerate(zip(targets, nominal, strict=True)):
-        if own is None:
+    for k, (target, readings) in enumerate(zip(targets, nominal, strict=True)):
+        if readings is None:
             continue
-        way = np.zeros(len(own))
+        way = np.zeros(len(readings))
         if last is not None:
             before = nominal[last]
             assert before is not None
-            way = own - before
+            way = readings - before
             if target.straight:
-                way = _end_of_line(arms[k], goals[last], goals[k], own)
+                way = _end_of_line(arms[k], goals[last], goals[k], readings)
             way = np.where(np.abs(way) > MOVED, way, MOVED * np.sign(out[last]))
         out[k] = way / SECOND if target.velocity is None else target.velocity
         last = k
@@ -217,7 +216,7 @@ def _fitted(
     before = np.array([s.nominal for s in start])
     low, high = nominal.robot.limits.T
     begin = nominal.angles_of(before)
-    angles, found = descend(to_poses(nominal, goals, reached), begin, np.minimum(low, begin.min(axis=0)),
+    angles, converged = descend(to_poses(nominal, goals, reached), begin, np.minimum(low, begin.min(axis=0)),
                             np.maximum(high, begin.max(axis=0)))  # fmt: skip
     readings = nominal.readings_of(angles)
     poses = at(readings, every)
@@ -228,7 +227,7 @@ def _fitted(
     stated = np.linalg.inv(frame.nominal) @ nominal.tool_poses(nominal.frames(readings))
     out = []
     for k in range(len(start)):
-        if not found[k]:
+        if not converged[k]:
             out.append(Corrected(_stuck(nominal, angles[k])))
             continue
         out.append(Corrected("", readings[k], stated[k], before[k], start[k].solutions, float(spread.u[k]),

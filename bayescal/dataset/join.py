@@ -3,7 +3,7 @@
 The joined sessions share the arm, and tools with equal entries. Targets, certificates, ids, stops and repeats
 belong to a session and have its name as a prefix (``A:cube.+x``). Its rows keep the noise that it states. Its
 times are shifted to follow those of the session before, so that rows are in the order of time; a drift still
-has separate parameters for each session (`effects.sessions`).
+has separate parameters for each session (`effects.common`).
 
 The rows of several sessions, one session after the other.
 

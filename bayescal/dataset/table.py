@@ -206,6 +206,15 @@ def check_groups(header: list[str], where: str, groups: Iterable[tuple[str, ...]
             raise BayescalError(f"column `{missing[0]}` is missing", where, remedy)
 
 
+def csv_text(header: Iterable[str], rows: Iterable[Iterable[object]], newline: str = "\n") -> str:
+    """A CSV table as text."""
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator=newline)
+    writer.writerow(header)
+    writer.writerows(rows)
+    return out.getvalue()
+
+
 def _check_header(header: list[str], where: str, n: int) -> None:
     """Refuse unknown, doubled and missing columns."""
     check_names(header, where)

@@ -15,11 +15,11 @@ from bayescal.effects.base_compliance import BASE_COMPLIANCE
 from bayescal.effects.bending import BENDING
 from bayescal.effects.compliance import COMPLIANCE
 from bayescal.effects.coupling import COUPLING
-from bayescal.effects.deflection import compliances
 from bayescal.effects.eccentricity import ECCENTRICITY
 from bayescal.effects.encoder_scale import ENCODER_SCALE
 from bayescal.effects.gear_mesh import GEAR_MESH
 from bayescal.effects.geometry import GEOMETRY
+from bayescal.effects.gravity import compliances
 from bayescal.effects.hardening import HARDENING
 from bayescal.effects.hysteresis import HYSTERESIS
 from bayescal.effects.joint import JOINT
@@ -49,6 +49,8 @@ from bayescal.effects.vocabulary import (
 )
 from bayescal.errors import BayescalError
 
+BASELINE = (GEOMETRY.name, COMPLIANCE.name)
+"""The model of a fit or diagnosis for which none is given."""
 LEVELS = {JOINT.name: JOINT}
 """Model levels simpler than `geometry`, for comparison; a diagnosis does not name them."""
 
@@ -157,6 +159,12 @@ def parameters_of(
         there = {p.name for p in out}
         out += [p for p in asked.of(own, f"--model '{name}'") if p.name not in there]
     return (*out, *TOOL.at(circumstances))
+
+
+def levels_of(effects: tuple[str, ...]) -> list[tuple[str, ...]]:
+    """Model levels: nominal, the simpler model of the first effect if it has one, then effect by effect."""
+    simpler = MODELS[effects[0]].simpler if effects and effects[0] in MODELS else ""
+    return [(), *([(simpler,)] if simpler else []), *(effects[:k] for k in range(1, len(effects) + 1))]
 
 
 def confusable(one: str, other: str) -> bool:

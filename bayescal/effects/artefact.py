@@ -47,4 +47,5 @@ ARTEFACT = Effect(
         "Check that the certificate belongs to this artefact and its values are entered correctly. "
         "Then have the artefact measured again; check its temperature and its clamps."
     ),
+    in_robot_file=True,
 )

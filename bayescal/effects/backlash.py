@@ -3,7 +3,7 @@ r"""Backlash: lost motion in a gear. The link lags its motor by the half-width i
 Formula: $`\rho_{z,k} = b_k \, \frac{\omega_k}{\sqrt{\omega_k^2 + \omega_0^2}}`$;
 b is the half-width, ω the speed, ω0 = 0.03 deg/s.
 
-Driver: the sign of the velocity at the gear (`joints.side_of`). For coupled axes this is the velocity between
+Driver: the sign of the velocity at the gear (`common.side_of`). For coupled axes this is the velocity between
 the two links, unless the robot file states that a linkage couples them. The other side is a separate form,
 which a diagnosis compares: ``backlash@reading`` acts with the displayed readings on all links that they move,
 ``backlash@link`` acts between the links. Below 0.03 deg/s (assumed) the sign goes smoothly to zero. A
@@ -20,9 +20,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from bayescal.effects.compliance import loaded
-from bayescal.effects.joints import (
+from bayescal.effects.common import (
     at,
+    at_gears,
     motion,
     side_of,
     sides,
@@ -31,6 +31,7 @@ from bayescal.effects.joints import (
     without_torques,
     without_velocity,
 )
+from bayescal.effects.compliance import loaded
 from bayescal.effects.location import Driver
 from bayescal.effects.sizes import Size, magnitude
 from bayescal.effects.vocabulary import Circumstances, Effect, Form, Parameter
@@ -42,16 +43,14 @@ FRICTIONS = (0.3, 0.6)  # shares of the usual torque (assumed)
 CHANGES = 0.03  # share of the usual torque within which the flank changes (assumed)
 
 
+def _sign(speed: np.ndarray) -> np.ndarray:
+    """Direction of motion (N,), smooth below `STANDSTILL`."""
+    return speed / np.hypot(speed, STANDSTILL)
+
+
 def _parameters(c: Circumstances, side: str) -> list[Parameter]:
     assert c.velocity is not None
-    out = []
-    for j, name in enumerate(c.robot.joint_names, start=1):
-        speed = motion(c.robot, j, c.velocity, side)
-        sign = speed / np.hypot(speed, STANDSTILL)
-        if np.any(speed):
-            terms = turned(c.robot, j, sign, side)
-            out.append(Parameter(f"backlash {name}", "rad", terms, SD, **at(j, Driver("direction", j))))
-    return out
+    return at_gears(c, "backlash", c.velocity, side, ("rad", SD), "direction", _sign)
 
 
 def _held(share: float) -> Form:
@@ -85,4 +84,6 @@ BACKLASH = Effect(
     ),
     confusable_with=("unsettled",),
     forms=(*sides(_parameters), *map(_held, FRICTIONS)),
+    directed=True,
+    simulated_within=2e-6,
 )

@@ -21,12 +21,18 @@ from __future__ import annotations
 import numpy as np
 
 from bayescal.effects import location
+from bayescal.effects.common import (
+    LEANING,
+    base_terms,
+    by_session,
+    first_axis,
+    tilts,
+    vertical,
+    without_masses,
+)
 from bayescal.effects.compliance import SPREAD
-from bayescal.effects.joints import without_masses
 from bayescal.effects.location import Driver
-from bayescal.effects.sessions import by_session
 from bayescal.effects.sizes import COMPLIANT, FACTOR
-from bayescal.effects.stand import LEANING, base_terms, first_axis, tilts, vertical
 from bayescal.effects.vocabulary import Circumstances, Effect, Form, Parameter, Where
 
 MEAN = 1e-5  # rad/(N m)
@@ -81,4 +87,6 @@ BASE_COMPLIANCE = Effect(
         by_session(_parameters),
         Form("turned", "about horizontal axes that are turned against those of F0", _turned),
     ),
+    simulated_within=1e-7,
+    linear_spring=True,
 )

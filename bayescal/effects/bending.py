@@ -24,11 +24,10 @@ import numpy as np
 from bayescal.arm.chain import Chain
 from bayescal.arm.motion import Term
 from bayescal.arm.transforms import cross
+from bayescal.effects.common import LEANING, carries, first_axis, vertical, without_masses
 from bayescal.effects.compliance import ELBOW, SPREAD, typical
-from bayescal.effects.joints import carries, without_masses
 from bayescal.effects.location import Driver, link
 from bayescal.effects.sizes import COMPLIANT, FACTOR
-from bayescal.effects.stand import LEANING, first_axis, vertical
 from bayescal.effects.vocabulary import Circumstances, Effect, Parameter, Where
 
 SHARE = 0.3  # of the joint's compliance about its axis
@@ -99,4 +98,6 @@ BENDING = Effect(
     ),
     confusable_with=("coupling",),
     requires=("compliance",),
+    simulated_within=5e-7,
+    linear_spring=True,
 )

@@ -11,13 +11,13 @@ measures torques (``torques: measured``), these are the driver, and no masses ar
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
 
 from bayescal.arm.chain import Robot
 from bayescal.arm.motion import Term
-from bayescal.effects.joints import at, carries, without_torques
+from bayescal.effects.common import at, carries, usual, without_torques
 from bayescal.effects.location import Driver
 from bayescal.effects.sizes import COMPLIANT, FACTOR
 from bayescal.effects.vocabulary import Circumstances, Effect, Parameter
@@ -33,17 +33,40 @@ def typical(n: int) -> np.ndarray:
 
 def expected(robot: Robot) -> np.ndarray:
     """Compliances (n,), rad/(N m), of the robot file, and typical ones for joints without a stated one."""
-    usual = typical(robot.n)
-    return usual if robot.compliance is None else np.where(robot.compliance > 0, robot.compliance, usual)
+    mean = typical(robot.n)
+    return mean if robot.compliance is None else np.where(robot.compliance > 0, robot.compliance, mean)
 
 
 def loaded(c: Circumstances) -> Iterator[tuple[int, str, float, np.ndarray]]:
     """Joints that carry a torque: number (from 1), name, expected compliance, torque (N,), N m."""
     assert c.torques is not None
-    for j, (name, usual) in enumerate(zip(c.robot.joint_names, expected(c.robot), strict=True), start=1):
+    for j, (name, mean) in enumerate(zip(c.robot.joint_names, expected(c.robot), strict=True), start=1):
         torque = c.torques[:, j - 1]
         if carries(torque):
-            yield j, name, float(usual), torque
+            yield j, name, float(mean), torque
+
+
+def by_torque(
+    c: Circumstances,
+    effect: str,
+    driver: Callable[[np.ndarray, float], np.ndarray],
+    sd: Callable[[float, float], float],
+    unit: str = "rad",
+    form: str = "",
+) -> list[Parameter]:
+    """Parameters of every joint that carries a torque.
+
+    `driver` is a function of the torque (N,) and the usual one, N m; `sd` of the expected compliance and the
+    usual torque.
+    """
+    return [
+        Parameter(
+            f"{effect} {name}", unit, (Term(j, "rz", driver(torque, most)),), sd(compliance, most),
+            **at(j, Driver("torque", j, form=form)),
+        )
+        for j, name, compliance, torque in loaded(c)
+        for most in [usual(c, torque)]
+    ]  # fmt: skip
 
 
 def _parameters(c: Circumstances) -> list[Parameter]:
@@ -69,4 +92,7 @@ COMPLIANCE = Effect(
         "than similar joints, check the preload of its gear and bearings, the belt tension and the "
         "bolts of the motor."
     ),
+    in_robot_file=True,
+    simulated_within=2e-8,
+    linear_spring=True,
 )

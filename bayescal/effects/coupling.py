@@ -3,7 +3,7 @@ r"""Coupling: motion of a joint turns its neighbours slightly, through a shared 
 Formula: $`\rho_{z,k} = x_{kj} \, q_j, \quad j \in \{k-2, k-1, k+1\}`$.
 
 Driver: the reading of one of the two preceding joints, or of the following joint, rad. It acts as an error
-of the joint's own encoder (`joints.turned`). Prior: 1e-4, as for an encoder scale (assumed: laser tracker
+of the joint's own encoder (`common.turned`). Prior: 1e-4, as for an encoder scale (assumed: laser tracker
 measurements of an ABB IRB 120 showed no coupling at the wrist).
 
 A joint may also be dragged along by friction, less and less away from the middle of the session. In
@@ -19,7 +19,7 @@ from collections.abc import Callable
 import numpy as np
 
 from bayescal.arm.motion import Term
-from bayescal.effects.joints import at, motion, side_of, turned
+from bayescal.effects.common import at, motion, side_of, turned
 from bayescal.effects.location import Driver
 from bayescal.effects.sizes import Size
 from bayescal.effects.vocabulary import Circumstances, Effect, Form, Parameter
@@ -73,4 +73,5 @@ COUPLING = Effect(
     ),
     confusable_with=("bending",),
     forms=(Form("levels-off", "levelling off away from the middle of the session", _levelling),),
+    simulated_within=5e-8,
 )

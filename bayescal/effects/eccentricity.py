@@ -10,7 +10,7 @@ Driver: sine and cosine of the link-relative angle. Prior: 0.1 mrad each, from a
 
 from __future__ import annotations
 
-from bayescal.effects.joints import waves
+from bayescal.effects.common import waves
 from bayescal.effects.sizes import WAVE
 from bayescal.effects.vocabulary import Circumstances, Effect, Form, Parameter
 
@@ -39,4 +39,5 @@ ECCENTRICITY = Effect(
     ),
     confusable_with=("second-harmonic", "encoder-scale"),
     forms=(Form("third-order", "with a part of the third order", _with_third),),
+    simulated_within=5e-8,
 )

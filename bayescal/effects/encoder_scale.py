@@ -2,7 +2,7 @@ r"""Encoder scale: a joint turns by slightly more or less than its reading.
 
 Formula: $`\rho_{z,k} = s_k q_k`$.
 
-Driver: the angle that the encoder measures (`joints.side_of`), rad. For coupled axes this is the angle
+Driver: the angle that the encoder measures (`common.side_of`), rad. For coupled axes this is the angle
 between the two links, unless the robot file states that a linkage couples them. The other side is a separate
 form, which a diagnosis compares: ``encoder-scale@reading`` acts with the displayed reading on all links that
 it moves, ``encoder-scale@link`` acts between the links. Prior: 1e-4, so that the error at one radian equals
@@ -12,8 +12,7 @@ a periodic error with less than one period per revolution looks like one.
 
 from __future__ import annotations
 
-from bayescal.effects.joints import at, motion, side_of, sides, turned
-from bayescal.effects.location import Driver
+from bayescal.effects.common import at_gears, side_of, sides
 from bayescal.effects.sizes import Size
 from bayescal.effects.vocabulary import Circumstances, Effect, Parameter
 
@@ -21,13 +20,7 @@ SD = 1e-4  # rad per rad
 
 
 def _parameters(c: Circumstances, side: str) -> list[Parameter]:
-    out = []
-    for j, name in enumerate(c.robot.joint_names, start=1):
-        angle = motion(c.robot, j, c.readings, side)
-        if angle.any():
-            terms = turned(c.robot, j, angle, side)
-            out.append(Parameter(f"encoder-scale {name}", "1", terms, SD, **at(j, Driver("angle", j))))
-    return out
+    return at_gears(c, "encoder-scale", c.readings, side, ("1", SD), "angle")
 
 
 ENCODER_SCALE = Effect(
@@ -42,4 +35,6 @@ ENCODER_SCALE = Effect(
     ),
     confusable_with=("eccentricity", "second-harmonic"),
     forms=sides(_parameters),
+    in_robot_file=True,
+    simulated_within=5e-8,
 )

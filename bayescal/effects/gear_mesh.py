@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from bayescal.effects.joints import waves
+from bayescal.effects.common import waves
 from bayescal.effects.sizes import WAVE
 from bayescal.effects.vocabulary import Circumstances, Effect, Parameter, Scan
 
@@ -44,11 +44,8 @@ def _ratios(c: Circumstances) -> np.ndarray:
 
 
 def _missing(c: Circumstances) -> str:
-    return (
-        ""
-        if c.robot.reductions is not None
-        else "no reductions in the robot file (or gear-mesh@100 for a ratio of 100)"
-    )
+    lacks = "no reductions in the robot file (or gear-mesh@100 for a ratio of 100)"
+    return lacks if c.robot.reductions is None else ""
 
 
 GEAR_MESH = Effect(
@@ -70,4 +67,5 @@ GEAR_MESH = Effect(
         "its wave generator. Replace the gear if the ripple grows; otherwise avoid accurate points "
         "within a fraction of the mesh period."
     ),
+    simulated_within=5e-8,
 )

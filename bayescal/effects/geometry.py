@@ -12,8 +12,8 @@ from __future__ import annotations
 import numpy as np
 
 from bayescal.arm.motion import Term
+from bayescal.effects.common import apart
 from bayescal.effects.location import BASE, joint, link
-from bayescal.effects.sessions import apart
 from bayescal.effects.vocabulary import Circumstances, Effect, Parameter
 
 LENGTH_SD = 0.3e-3  # m
@@ -44,12 +44,9 @@ def _link(c: Circumstances, kind: str, i: int) -> Parameter:
 def _base(c: Circumstances) -> list[Parameter]:
     out = []
     for axis in ("tx", "ty", "tz", "rx", "ry", "rz") if c.tied_base else ():
-        name, unit = (
-            f"base {axis[1]}" if axis[0] == "t" else f"base {axis}",
-            "m" if axis[0] == "t" else "rad",
-        )
+        unit = "m" if axis[0] == "t" else "rad"
         term = (Term(0, axis),)
-        out.append(Parameter(name, unit, term, BASE_SD[axis[0]], site=BASE))
+        out.append(Parameter(f"base {axis.removeprefix('t')}", unit, term, BASE_SD[axis[0]], site=BASE))
     return out
 
 
@@ -79,4 +76,8 @@ GEOMETRY = Effect(
         "If a zero changed since the last session, look for a collision, a moved encoder or a loose "
         "flange, and set the joint zeros again."
     ),
+    in_robot_file=True,
+    simpler="joint",
+    dimensions=True,
+    simulated_within=1e-9,
 )

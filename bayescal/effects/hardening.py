@@ -17,8 +17,8 @@ from __future__ import annotations
 import numpy as np
 
 from bayescal.arm.motion import Term
-from bayescal.effects.compliance import loaded
-from bayescal.effects.joints import at, usual, without_torques
+from bayescal.effects.common import at, usual, without_torques
+from bayescal.effects.compliance import by_torque, loaded
 from bayescal.effects.location import Driver
 from bayescal.effects.sizes import Size
 from bayescal.effects.vocabulary import Circumstances, Effect, Form, Parameter, Scan
@@ -31,13 +31,13 @@ UNEVEN_ODDS = 0.1  # assumed: two amounts fit other errors by torque too
 
 
 def _parameters(c: Circumstances) -> list[Parameter]:
-    return [
-        Parameter(
-            f"hardening {name}", "rad/(N m)^2", (Term(j, "rz", torque * np.abs(torque)),),
-            CHANGE * compliance**2 / WOUND_UP, **at(j, Driver("torque", j)),
-        )
-        for j, name, compliance, torque in loaded(c)
-    ]  # fmt: skip
+    return by_torque(
+        c,
+        "hardening",
+        lambda torque, most: torque * np.abs(torque),
+        lambda compliance, most: CHANGE * compliance**2 / WOUND_UP,
+        "rad/(N m)^2",
+    )
 
 
 def _uneven(c: Circumstances) -> list[Parameter]:
@@ -55,13 +55,12 @@ def _uneven(c: Circumstances) -> list[Parameter]:
 
 def _at(c: Circumstances, knee: float) -> list[Parameter]:
     """Parameters with a knee: soft up to a share of the joint's usual torque, linear beyond."""
-    return [
-        Parameter(
-            f"hardening {name}", "rad", (Term(j, "rz", np.tanh(torque / (knee * usual(c, torque)))),),
-            CHANGE * compliance * knee * usual(c, torque), **at(j, Driver("torque", j)),
-        )
-        for j, name, compliance, torque in loaded(c)
-    ]  # fmt: skip
+    return by_torque(
+        c,
+        "hardening",
+        lambda torque, most: np.tanh(torque / (knee * most)),
+        lambda compliance, most: CHANGE * compliance * knee * most,
+    )
 
 
 HARDENING = Effect(
@@ -88,4 +87,5 @@ HARDENING = Effect(
     confusable_with=("hysteresis",),
     requires=("compliance",),
     forms=(Form("uneven", "of another amount at each sign of the torque", _uneven, UNEVEN_ODDS),),
+    simulated_within=5e-7,
 )

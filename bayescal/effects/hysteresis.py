@@ -21,11 +21,8 @@ from functools import partial
 
 import numpy as np
 
-from bayescal.arm.motion import Term
-from bayescal.effects.compliance import loaded
-from bayescal.effects.joints import at, usual, without_torques
-from bayescal.effects.location import Driver
-from bayescal.effects.memory import lagging
+from bayescal.effects.common import lagging, without_torques
+from bayescal.effects.compliance import by_torque
 from bayescal.effects.sizes import Size, magnitude
 from bayescal.effects.vocabulary import Circumstances, Effect, Form, Parameter, Scan
 
@@ -36,13 +33,9 @@ LAGS = (0.2, 0.6)  # shares of the usual torque over which it is followed (tuned
 
 
 def _at(c: Circumstances, share: float) -> list[Parameter]:
-    return [
-        Parameter(
-            f"hysteresis {name}", "rad", (Term(j, "rz", np.tanh(torque / (share * usual(c, torque)))),), SD,
-            **at(j, Driver("torque", j, form="sign")),
-        )
-        for j, name, _, torque in loaded(c)
-    ]  # fmt: skip
+    return by_torque(
+        c, "hysteresis", lambda torque, most: np.tanh(torque / (share * most)), lambda *_: SD, form="sign"
+    )
 
 
 def _parameters(c: Circumstances) -> list[Parameter]:
@@ -50,15 +43,10 @@ def _parameters(c: Circumstances) -> list[Parameter]:
 
 
 def _late(c: Circumstances, lag: float) -> list[Parameter]:
-    return [
-        Parameter(
-            f"hysteresis {name}", "rad",
-            (Term(j, "rz", lagging(c, np.tanh(torque / (CHANGE * most)), torque, lag * most)),), SD,
-            **at(j, Driver("torque", j, form="late")),
-        )
-        for j, name, _, torque in loaded(c)
-        for most in (usual(c, torque),)
-    ]  # fmt: skip
+    def followed(torque: np.ndarray, most: float) -> np.ndarray:
+        return lagging(c, np.tanh(torque / (CHANGE * most)), torque, lag * most)
+
+    return by_torque(c, "hysteresis", followed, lambda *_: SD, form="late")
 
 
 HYSTERESIS = Effect(
@@ -89,4 +77,5 @@ HYSTERESIS = Effect(
         )
         for lag in LAGS
     ),
+    simulated_within=5e-7,
 )

@@ -29,4 +29,6 @@ JOINT = Effect(
     _parameters,
     part_of=("geometry", "encoder-scale"),
     remedy=("Set the joint zeros again at the reference marks, and check the gear ratios in the controller."),
+    in_robot_file=True,
+    simulated_within=5e-8,
 )

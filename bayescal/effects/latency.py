@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 
 from bayescal.arm.motion import CONTACT, Term
-from bayescal.effects.joints import without_surface, without_velocity
+from bayescal.effects.common import without_surface, without_velocity
 from bayescal.effects.location import PROBE, Driver
 from bayescal.effects.sizes import Size
 from bayescal.effects.vocabulary import Circumstances, Effect, Parameter
@@ -23,12 +23,9 @@ SD = 2e-3  # s
 def _parameters(c: Circumstances) -> list[Parameter]:
     assert c.speed is not None
     speed = np.where(c.touching, c.speed, 0.0)
-    term = Term(CONTACT, "normal", speed)
-    return (
-        [Parameter("latency", "s", (term,), SD, site=PROBE, driver=Driver("contact speed"))]
-        if speed.any()
-        else []
-    )
+    terms = (Term(CONTACT, "normal", speed),)
+    own = Parameter("latency", "s", terms, SD, site=PROBE, driver=Driver("contact speed"))
+    return [own] if speed.any() else []
 
 
 def _missing(c: Circumstances) -> str:
@@ -47,4 +44,5 @@ LATENCY = Effect(
         "in the controller. Probing at two speeds shows the delay."
     ),
     confusable_with=("unsettled",),
+    directed=True,
 )

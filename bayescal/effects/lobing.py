@@ -14,7 +14,7 @@ from __future__ import annotations
 import numpy as np
 
 from bayescal.arm.motion import CONTACT, Term
-from bayescal.effects.joints import without_surface
+from bayescal.effects.common import without_surface
 from bayescal.effects.location import PROBE, Driver
 from bayescal.effects.sizes import WAVE
 from bayescal.effects.vocabulary import Circumstances, Effect, Parameter, Where

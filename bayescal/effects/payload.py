@@ -22,10 +22,9 @@ import numpy as np
 
 from bayescal.arm.chain import frames, link_angles
 from bayescal.arm.statics import Loads, hinges, placed
-from bayescal.effects.deflection import deflections
-from bayescal.effects.joints import without_masses
+from bayescal.effects.common import by_session, without_masses
+from bayescal.effects.gravity import deflections
 from bayescal.effects.location import TOOL, Driver
-from bayescal.effects.sessions import by_session
 from bayescal.effects.sizes import Size, length
 from bayescal.effects.vocabulary import Circumstances, Effect, Form, Parameter
 
@@ -108,4 +107,5 @@ PAYLOAD = Effect(
         Form("elsewhere", "a mass that hangs elsewhere than the tool's centre of mass", _elsewhere),
         Form("added", "an added load that hangs elsewhere, or differs in mass", _added),
     ),
+    simulated_within=2e-8,
 )

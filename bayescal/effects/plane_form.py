@@ -85,4 +85,5 @@ PLANE_FORM = Effect(
         "Clean the faces and check them for damage. Have the form of the faces measured, and state it "
         "in the certificate, or use a flatter artefact."
     ),
+    in_robot_file=True,
 )

@@ -8,7 +8,7 @@ Driver: sine and cosine of twice the link-relative angle. Prior: 0.07 mrad each,
 
 from __future__ import annotations
 
-from bayescal.effects.joints import waves
+from bayescal.effects.common import waves
 from bayescal.effects.sizes import WAVE
 from bayescal.effects.vocabulary import Circumstances, Effect, Parameter
 
@@ -31,4 +31,5 @@ SECOND_HARMONIC = Effect(
         "Otherwise compensate with the model."
     ),
     confusable_with=("eccentricity", "encoder-scale"),
+    simulated_within=5e-8,
 )

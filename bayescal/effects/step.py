@@ -23,8 +23,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from bayescal.arm.motion import TURN, Term
+from bayescal.effects.common import alone, apart, each, within
 from bayescal.effects.location import BASE, TOOL, Driver, Site, face
-from bayescal.effects.sessions import alone, apart, each, within
 from bayescal.effects.sizes import Size, length
 from bayescal.effects.vocabulary import Circumstances, Effect, Parameter, Scan, Where
 
@@ -116,4 +116,5 @@ STEP = Effect(
         "there."
     ),
     confusable_with=("thermal-drift",),
+    of_session=True,
 )

@@ -23,9 +23,8 @@ from functools import partial
 import numpy as np
 
 from bayescal.arm.motion import Term
-from bayescal.effects.joints import at
+from bayescal.effects.common import apart, at, each
 from bayescal.effects.location import ARM, BASE, Driver
-from bayescal.effects.sessions import apart, each
 from bayescal.effects.sizes import Size, length
 from bayescal.effects.vocabulary import Circumstances, Effect, Form, Parameter, Scan
 from bayescal.errors import BayescalError
@@ -58,8 +57,7 @@ def course(c: Circumstances) -> tuple[str, np.ndarray] | None:
     clock = ("row", _order(c)) if c.time is None else ("time", _clock(c))
     for name, values in (("temperature", c.temperature), clock):
         if values is not None and len(values) and np.ptp(values) > 0:
-            low, high = np.min(values), np.max(values)
-            return name, (2.0 * values - (low + high)) / (high - low)
+            return name, _scaled(values)
     return None
 
 
@@ -91,6 +89,12 @@ def _drifting(c: Circumstances, by: str, driver: np.ndarray) -> list[Parameter]:
 def _parameters(c: Circumstances) -> list[Parameter]:
     found = course(c)
     return [] if found is None else _drifting(c, *found)
+
+
+def _scaled(values: np.ndarray) -> np.ndarray:
+    """Values (N,) that vary, from -1 to 1."""
+    low, high = np.min(values), np.max(values)
+    return (2.0 * values - (low + high)) / (high - low)
 
 
 def _warming(c: Circumstances, constant: float) -> list[Parameter]:
@@ -134,8 +138,7 @@ def _paused(c: Circumstances, begin: float, length: float, constant: float) -> l
         share = (time - np.min(time)) / np.ptp(time)
         at, until = begin / 100.0, (begin + length) / 100.0
         course = heated(share, at, until, constant / float(np.ptp(time)))
-        low, high = np.min(course), np.max(course)
-        return _drifting(c, "time", (2.0 * course - (low + high)) / (high - low))
+        return _drifting(c, "time", _scaled(course))
 
     return apart(c, one)
 
@@ -147,11 +150,8 @@ def _constants(c: Circumstances) -> np.ndarray:
 
 
 def _missing(c: Circumstances) -> str:
-    return (
-        ""
-        if any(map(course, each(c)))
-        else "no temperature_c of the arm or the air, and no time_s, that varies"
-    )
+    lacks = "no temperature_c of the arm or the air, and no time_s, that varies"
+    return "" if any(map(course, each(c))) else lacks
 
 
 THERMAL_DRIFT = Effect(
@@ -180,4 +180,5 @@ THERMAL_DRIFT = Effect(
         )
         for begin, length, constant in PAUSES
     ),
+    of_session=True,
 )

@@ -26,16 +26,8 @@ def _parameters(c: Circumstances) -> list[Parameter]:
         driver = 1.0 if np.all(used) else used
         for axis, name in enumerate("xyz"):
             terms = (Term(c.chain.n + 1, f"t{name}", driver),)
-            out.append(
-                Parameter(
-                    f"{c.tool_names[k]} {name}",
-                    "m",
-                    terms,
-                    sd,
-                    float(c.tool_centres[k, axis]),
-                    site=location.TOOL,
-                )
-            )
+            label, nominal = f"{c.tool_names[k]} {name}", float(c.tool_centres[k, axis])
+            out.append(Parameter(label, "m", terms, sd, nominal, site=location.TOOL))
     return [*out, *_turns(c)]
 
 

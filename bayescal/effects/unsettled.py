@@ -2,7 +2,7 @@ r"""Settling error: a joint is read before it stands still, and moves on in its 
 
 Formula: $`\rho_{z,k} = x_k \, (q_{\mathrm{command},k} - q_k)`$; or x times the speed.
 
-Driver: the remaining motion at the gear (`joints.side_of`), which is the commanded angle minus the reading
+Driver: the remaining motion at the gear (`common.side_of`), which is the commanded angle minus the reading
 (`jN_command_deg`); the value is the share of it that follows after the reading. If there are no commanded
 angles, or the readings are these, the driver is the speed of the joint, and the value is a time. Backlash
 follows the sign of the speed instead, and `latency` is one time for all joints at a contact. Prior: a share
@@ -14,8 +14,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from bayescal.effects.joints import at, motion, side_of, turned
-from bayescal.effects.location import Driver
+from bayescal.effects.common import at_gears, side_of
 from bayescal.effects.sizes import Size
 from bayescal.effects.vocabulary import Circumstances, Effect, Parameter
 
@@ -33,17 +32,10 @@ def remaining(c: Circumstances) -> np.ndarray | None:
 
 def _parameters(c: Circumstances) -> list[Parameter]:
     way, side = remaining(c), side_of(c.robot)
-    moving, kind, unit, sd = (
-        (c.velocity, "joint speed", "s", TIME) if way is None else (way, "remaining motion", "1", SHARE)
-    )
-    assert moving is not None
-    out = []
-    for j, name in enumerate(c.robot.joint_names, start=1):
-        driver = motion(c.robot, j, moving, side)
-        if np.any(driver):
-            terms = turned(c.robot, j, driver, side)
-            out.append(Parameter(f"unsettled {name}", unit, terms, sd, **at(j, Driver(kind, j))))
-    return out
+    if way is not None:
+        return at_gears(c, "unsettled", way, side, ("1", SHARE), "remaining motion")
+    assert c.velocity is not None
+    return at_gears(c, "unsettled", c.velocity, side, ("s", TIME), "joint speed")
 
 
 def _missing(c: Circumstances) -> str:

@@ -36,6 +36,11 @@ def unit_label(unit: str) -> str:
     return ("µ" + unit[1:] if unit.startswith(("um", "urad")) else unit).replace("^2", "²")
 
 
+def micrometres(length: float) -> str:
+    """A length, m, in print: in µm with two significant digits."""
+    return f"{float(f'{1e6 * length:.2g}'):.9g} µm"
+
+
 @dataclass(frozen=True)
 class Face:
     """A fitted plane, and the position of each row on it: `place` (N, 2) from -1 to 1 over its contacts."""
@@ -267,6 +272,21 @@ class Effect:
         How its parameters read as an amplitude, by their SI unit; others are told as they are.
     forms : tuple of Form
         Other forms, which a diagnosis compares with the usual one if they differ from it.
+    simpler : str
+        A model level with a part of its parameters, which is fitted before a model that begins with it.
+    dimensions : bool
+        Its parameters are lengths and angles of the arm, which have a plausible range.
+    in_robot_file : bool
+        A robot file can hold it, or it is no part of the arm.
+    directed : bool
+        It depends on the direction of motion of a joint, or looks so.
+    of_session : bool
+        It differs between sessions of the same arm.
+    linear_spring : bool
+        Its parameters are compliances of linear springs, which any simulator has.
+    simulated_within : float
+        m: largest difference of TCP positions that it adds between an exported file in its simulator and the
+        fitted arm.
     """
 
     name: str
@@ -283,6 +303,13 @@ class Effect:
     part_of: tuple[str, ...] = ()
     sizes: Mapping[str, Size] = field(default_factory=dict)
     forms: tuple[Form, ...] = ()
+    simpler: str = ""
+    dimensions: bool = False
+    in_robot_file: bool = False
+    directed: bool = False
+    of_session: bool = False
+    linear_spring: bool = False
+    simulated_within: float = 0.0
 
     def form(self, name: str) -> Form | None:
         """The form with a name, or None."""

@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 from bayescal.estimate.checks import check_converged, check_enough, check_length, check_within_reach
-from bayescal.estimate.estimate import Estimate, at_solution, calibrated, estimate, settled
+from bayescal.estimate.estimate import (
+    Estimate,
+    at_solution,
+    calibrated,
+    estimate,
+    fitted_level,
+    settled,
+)
 from bayescal.estimate.solver import (
     STATED_WORTH,
     Linear,
     Weights,
-    add_block,
     add_constraints,
-    leverages,
     linearise,
     root,
     solve,
@@ -22,7 +27,6 @@ __all__ = [
     "Estimate",
     "Linear",
     "Weights",
-    "add_block",
     "add_constraints",
     "at_solution",
     "calibrated",
@@ -31,7 +35,7 @@ __all__ = [
     "check_length",
     "check_within_reach",
     "estimate",
-    "leverages",
+    "fitted_level",
     "linearise",
     "root",
     "settled",

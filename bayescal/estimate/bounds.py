@@ -35,6 +35,7 @@ from scipy.special import ndtr, ndtri
 
 from bayescal.arm.motion import Motion, Term
 from bayescal.effects import UNITS, Parameter
+from bayescal.effects.vocabulary import micrometres
 from bayescal.errors import BayescalError
 from bayescal.estimate import add_constraints, linearise
 from bayescal.estimate.discrepancy import stated
@@ -42,7 +43,7 @@ from bayescal.estimate.estimate import Estimate, at_solution, estimate, smallest
 from bayescal.model import ARM, Block, Model
 from bayescal.model.equilibrium import moved, standing_model, tool_points
 from bayescal.model.model import with_parameters
-from bayescal.statistics import chi2_isf, chi2_sf
+from bayescal.statistics import chi2_isf, chi2_sf, rms
 
 if TYPE_CHECKING:
     from factors.graph import Graph
@@ -100,9 +101,10 @@ class Rigid:
         if not self.parameters:
             return ""
         each = ", ".join(f"{n.parameter} {n.figures}" for n in self.parameters)
+        size, most = micrometres(self.distance_rms), micrometres(self.distance_max)
         return (
             f"set to rigid, because not distinguishable from 0: {each}; fitted again, distances over the "
-            f"poses of the session change by {_um(self.distance_rms)} RMS, {_um(self.distance_max)} at most"
+            f"poses of the session change by {size} RMS, {most} at most"
         )
 
 
@@ -115,11 +117,6 @@ class Unphysical:
     limit: float
     p_value: float
     level: float
-
-
-def _um(length: float) -> str:
-    """A length, m, in µm with two significant digits."""
-    return f"{float(f'{1e6 * length:.2g}'):.9g} µm"
 
 
 UNCHANGED = Rigid()
@@ -248,7 +245,7 @@ def _changed(before: Estimate, after: Estimate) -> tuple[float, float]:
         points = tool_points(e.model, e.arm)[:, rows]
         length.append(np.linalg.norm(points[:, one] - points[:, other], axis=0))
     change = np.abs(length[1] - length[0])
-    return float(np.sqrt(np.mean(change**2))), float(np.max(change))
+    return rms(change), float(np.max(change))
 
 
 def with_latent_readings(fitted: Estimate) -> Estimate:

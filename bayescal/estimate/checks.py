@@ -11,6 +11,7 @@ from math import ceil
 import numpy as np
 
 from bayescal.arm.kernel import MAX_ANGLE
+from bayescal.effects import MODELS, Parameter
 from bayescal.errors import BayescalError
 from bayescal.estimate.solver import Linear, linearise, unit_weights
 from bayescal.model.block import ARM
@@ -23,9 +24,14 @@ LARGEST_STEP = 0.1
 """Maximum distance of a converged solution from its optimum, in posterior standard deviations."""
 
 
+def is_dimension(p: Parameter) -> bool:
+    """Whether a parameter is a length or an angle of the arm."""
+    return p.effect in MODELS and MODELS[p.effect].dimensions
+
+
 def check_length(model: Model) -> None:
     """Refuse a model in which the arm's size is not identifiable: the fit would shrink the arm, unnoticed."""
-    lengths = [p for p in model.parameters if p.unit == "m" and p.effect == "geometry" and p.nominal]
+    lengths = [p for p in model.parameters if p.unit == "m" and is_dimension(p) and p.nominal]
     if model.knows_length or not lengths:
         return
     # least squares of a common factor on the lengths, from their priors alone; a ball's radius does not count
@@ -66,7 +72,7 @@ def check_within_reach(model: Model, z: np.ndarray) -> None:
     """Refuse a solution with rotations beyond the range of the chain's series, or of any plausible error."""
     values = model.deviations(z[model.slices[ARM]])
     for value, p in zip(values, model.parameters, strict=True):
-        if p.unit == "rad" and abs(value) > MAX_ANGLE and p.effect == "geometry":
+        if p.unit == "rad" and abs(value) > MAX_ANGLE and is_dimension(p):
             raise BayescalError(
                 f"the fit changes {p.name} by {np.degrees(value):.0f} deg from its nominal value",
                 "robot",

@@ -2,7 +2,7 @@
 
 Errors of quantities that a model holds at their stated values: masses and centres of mass.
 
-The error of such an input has a known prior (`effects.masses`), but no unknown in the fit. With A and H the
+The error of such an input has a known prior (`effects.gravity`), but no unknown in the fit. With A and H the
 biases of the parameters and the residuals that a standard error of each would leave, whitened, and e the
 residuals, the errors f have the posterior covariance (1 + H'H)^-1 and the mean mu = (1 + H'H)^-1 H'e. The
 estimate stays, so that its error by the masses has the second moment A V A', V = (1 + H'H)^-1 + mu mu'. Over
@@ -38,7 +38,7 @@ import numpy as np
 from bayescal.arm.motion import Term
 from bayescal.effects import Circumstances, Parameter
 from bayescal.effects.compliance import COMPLIANCE
-from bayescal.effects.masses import masses
+from bayescal.effects.gravity import masses
 from bayescal.estimate.estimate import Estimate
 from bayescal.estimate.families import Family, families, poses, with_compliances
 from bayescal.estimate.moments import (

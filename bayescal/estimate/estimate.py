@@ -31,9 +31,10 @@ from bayescal.estimate.solver import (
     solve,
     unit_weights,
 )
-from bayescal.model.block import ARM, Block, Part
+from bayescal.model.block import ARM, Block
 from bayescal.model.equilibrium import STILL, by_name, moved, standing, tool_points
-from bayescal.model.model import ORIENTATION, Model, build
+from bayescal.model.model import ORIENTATION, Model, build, with_parameters
+from bayescal.model.options import USUAL, FitOptions
 from bayescal.model.scene import Scene
 
 
@@ -119,13 +120,14 @@ class Estimate:
         return block.residual(self.model.deviations(z[..., slices[ARM]]), z[..., slices[block.target]])
 
 
-def calibrated(
-    scene: Scene,
-    effects: tuple[str, ...],
-    prior_width: float = 1.0,
-    robust: bool = True,
-    without: Sequence[Part] = (),
-) -> Estimate:
+def fitted_level(scene: Scene, effects: tuple[str, ...], options: FitOptions) -> Estimate:
+    """Fit a model level: as `calibrated`, and without effects the targets of the nominal arm alone."""
+    if effects:
+        return calibrated(scene, effects, options)
+    return estimate(with_parameters(scene, (), ()), options.robust)
+
+
+def calibrated(scene: Scene, effects: tuple[str, ...], options: FitOptions = USUAL) -> Estimate:
     """Fit a model with the gravity moments at the pose where the fitted arm stands.
 
     With nominal moments the error of a compliance is several standard deviations, and larger with a payload;
@@ -138,23 +140,23 @@ def calibrated(
     BayescalError
         As `estimate`, or if the poses of the fits do not converge.
     """
-    found = estimate(build(scene, effects, prior_width, without), robust=robust)
+    found = estimate(build(scene, effects, options), options.robust)
     if not effects or scene.moments is None:
         return found
     secants = Secants()
     for fits in range(1, FITS):
-        model, before, values = build(settled(found), effects, prior_width, without), found.model, found.arm
+        model, before, values = build(settled(found), effects, options), found.model, found.arm
         now = by_name(model, values, before)
         step, noise = moved(tool_points(before, values), tool_points(model, now)), smallest_noise(found)
         if same_motion(before, model) or step < max(STILL, AT_REST * noise):
             return replace(found, model=model, linear=linearise(model, found.z, found.weights))
         if acts(model.parameters):
             there, secants = secants.next(model.scene, before.scene.compliances)
-            model = build(there, effects, prior_width, without)
+            model = build(there, effects, options)
         known = dict(zip(before.names, found.z.tolist(), strict=True))
         start = np.array([known.get(name, 0.0) for name in model.names])
         rejected = None if fits == 1 else found.rejected
-        found = estimate(model, robust=robust, start=start, left_out=rejected)
+        found = estimate(model, options.robust, start, rejected)
     if step < MOVES * noise:
         return found
     what = f"gravity moves the arm by {1e6 * step:.3g} µm from fit to fit, after {FITS} fits at its pose"

@@ -19,11 +19,10 @@ import numpy as np
 from bayescal.arm.motion import CONTACT, Term
 from bayescal.dataset import Measurements
 from bayescal.effects import Circumstances, Parameter, compliances, location
+from bayescal.effects.common import alone, base_terms, tilts, within
 from bayescal.effects.compliance import COMPLIANCE
 from bayescal.effects.location import BASE, PROBE, TOOL, Driver, Site, joint, link
 from bayescal.effects.plane_form import shapes
-from bayescal.effects.sessions import alone, within
-from bayescal.effects.stand import base_terms, tilts
 from bayescal.estimate.estimate import Estimate
 from bayescal.model import ARM, Model
 

@@ -83,21 +83,10 @@ def scale(chi2: np.ndarray, rows: np.ndarray | int, taken: float = 0.0, share: f
         Of the measurements that the quantile does not exceed.
     """
     sizes, which = np.unique(rows, return_inverse=True)
-    usual = quantile(chi2 / chdtri(sizes.astype(float), 1.0 - share)[which], share)
+    usual = np.quantile(chi2 / chdtri(sizes.astype(float), 1.0 - share)[which], share)
     total = float(np.sum(np.broadcast_to(rows, chi2.shape)))
     spare = max(total - taken, 0.25 * total)
     return max(float(np.sqrt(usual * total / spare)), 1e-3)
-
-
-def quantile(x: np.ndarray, share: float) -> float:
-    """`numpy.quantile` of values (C,), to the bit; that takes ten times as long for a few hundred values."""
-    place = share * (len(x) - 1)
-    low = int(place)
-    parted = np.partition(x, (low, min(low + 1, len(x) - 1), -1))
-    if np.isnan(parted[-1]):
-        return float("nan")
-    below, above, part = parted[low], parted[min(low + 1, len(x) - 1)], place - low
-    return float(below + (above - below) * part if part < 0.5 else above - (above - below) * (1.0 - part))
 
 
 def student_weights(chi2: np.ndarray, rows: np.ndarray | int, scale: float) -> np.ndarray:

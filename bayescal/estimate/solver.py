@@ -1,18 +1,13 @@
-"""Levenberg-Marquardt on the factor graph.
+"""Levenberg-Marquardt on the factor graph: weights of the residuals, linearisation, noise scales.
 
-Weights of the residuals: standard uncertainties, noise scales, row weights.
-
-The problem linearised at a point, whitened.
-
-The noise scale of each group, estimated with the fit.
-
-Cholesky factors of small matrices, by LAPACK itself: SciPy prepares a call for longer than it takes.
+Cholesky factors of small matrices are those of LAPACK itself: SciPy prepares a call for longer than it takes.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -64,48 +59,49 @@ class Linear:
     of_block: Mapping[str, slice]  # rows of each block's contacts, by the block's name
 
 
+class _Last:
+    """A function of arrays that keeps its last result, for the point at which it is asked for again."""
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        self.function, self.point, self.result = function, b"", None
+
+    def __call__(self, *point: np.ndarray) -> Any:
+        here = b"".join([part.tobytes() for part in point])
+        if self.result is None or self.point != here:
+            self.point, self.result = here, self.function(*point)
+        return self.result
+
+
 class Evaluations:
     """Residuals and slopes of a model's blocks and constraints, each kept for the point asked for last.
 
     The solver, the search for outliers and the noise ask for the same points one after another, with other
     weights. The arrays are not whitened, and not to be changed.
+
+    Attributes
+    ----------
+    blocks : list of callable
+        Of the arm's z and the target's: residuals (R,), m, and slopes by both, (R, P) and (R, size).
+    constraints : list of callable
+        Of the z of the constraint's variables: as `Model.linearised`.
     """
 
     def __init__(self, model: Model) -> None:
         self.model = model
-        self._known: dict[int, tuple[bytes, Any]] = {}
+        self.blocks = [_Last(partial(self._block, block)) for block in model.blocks]
+        self.constraints = [_Last(partial(self._constraint, c)) for c in model.constraints]
 
-    def block(
+    def _block(
         self, block: Block, arm: np.ndarray, own: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Residuals (R,), m, and slopes by the arm's z (R, P) and by the target's (R, size)."""
+        r, by_arm, by_target = block.linearise(self.model.deviations(arm), own)
+        by_arm *= self.model.sd
+        return r, by_arm, by_target
 
-        def new() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-            r, by_arm, by_target = block.linearise(self.model.deviations(arm), own)
-            by_arm *= self.model.sd
-            return r, by_arm, by_target
-
-        found: tuple[np.ndarray, np.ndarray, np.ndarray] = self._at(block, new, (arm, own))
-        return found
-
-    def constraint(
-        self, constraint: Constraint, parts: Mapping[str, np.ndarray]
+    def _constraint(
+        self, constraint: Constraint, *parts: np.ndarray
     ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-        """As `Model.linearised`."""
-        found: tuple[np.ndarray, dict[str, np.ndarray]] = self._at(
-            constraint,
-            lambda: self.model.linearised(constraint, parts),
-            [parts[name] for name in constraint.variables],
-        )
-        return found
-
-    def _at(self, of: Block | Constraint, new: Callable[[], Any], point: Sequence[np.ndarray]) -> Any:
-        here = b"".join([part.tobytes() for part in point])
-        at, found = self._known.get(id(of), (b"", None))
-        if found is None or at != here:
-            found = new()
-            self._known[id(of)] = here, found
-        return found
+        return self.model.linearised(constraint, dict(zip(constraint.variables, parts, strict=True)))
 
 
 def linearise(
@@ -116,9 +112,9 @@ def linearise(
     count = sum(b.residuals for b in model.blocks) + sum(t.rows for t in model.constraints)
     residual, jacobian, of_block, at = np.empty(count), np.zeros((count, model.size)), {}, 0
     arm = model.slices[ARM]
-    for block in model.blocks:
+    for block, evaluate in zip(model.blocks, evaluations.blocks, strict=True):
         own, mine = model.slices[block.target], slice(at, at + block.residuals)
-        r, by_arm, by_target = evaluations.block(block, z[arm], z[own])
+        r, by_arm, by_target = evaluate(z[arm], z[own])
         whiten = weights.whitening(block)
         residual[mine] = r * whiten
         np.multiply(
@@ -127,10 +123,9 @@ def linearise(
         jacobian[mine, own] = by_target * whiten[:, None]
         of_block[block.name] = mine
         at = mine.stop
-    for constraint in model.constraints:
+    for constraint, evaluate in zip(model.constraints, evaluations.constraints, strict=True):
         mine = slice(at, at + constraint.rows)
-        parts = {name: z[model.slices[name]] for name in constraint.variables}
-        residual[mine], by = evaluations.constraint(constraint, parts)
+        residual[mine], by = evaluate(*(z[model.slices[name]] for name in constraint.variables))
         for name, slope in by.items():
             jacobian[mine, model.slices[name]] = slope
         at = mine.stop
@@ -179,8 +174,10 @@ def solve(
         if own.stop > own.start:
             graph.variable(name, own.stop - own.start)
     variables = [name for name, own in slices.items() if own.stop > own.start]
-    for block in model.blocks:
-        add_block(graph, evaluations, block, weights.whitening(block))
+    for block, evaluate in zip(model.blocks, evaluations.blocks, strict=True):
+        names, function = _block_function(bool(model.parameters), block, evaluate, weights.whitening(block))
+        if names:  # without unknowns (nominal arm, known target) the residuals are constant
+            graph.factor(names, block.residuals, function)
     add_constraints(graph, model, variables, evaluations)
     solution, iterations = graph.solve({name: start[slices[name]] for name in variables})
     z = np.zeros(model.size)
@@ -189,20 +186,19 @@ def solve(
     return z, lambda: graph.covariance(variables), iterations
 
 
-def add_block(graph: Graph, evaluations: Evaluations, block: Block, whiten: np.ndarray) -> None:
-    """Add the stacked contacts of one target to a graph."""
-    across, arms = whiten[:, None], bool(evaluations.model.parameters)
+def _block_function(
+    arms: bool, block: Block, evaluate: Callable[..., Any], whiten: np.ndarray
+) -> tuple[list[str], Function]:
+    """The variables of a block's stacked contacts, and their whitened residuals as a function of these."""
+    across, used = whiten[:, None], (arms, bool(block.size))
 
     def function(*parts: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
         arm = parts[0] if arms else np.zeros(0)
         own = parts[-1] if block.size else np.zeros(0)
-        r, *slopes = evaluations.block(block, arm, own)
-        used = (arms, block.size)
+        r, *slopes = evaluate(arm, own)
         return r * whiten, [slope * across for slope, use in zip(slopes, used, strict=True) if use]
 
-    names = ([ARM] if arms else []) + ([block.target] if block.size else [])
-    if names:  # without unknowns (nominal arm, known target) the residuals are constant
-        graph.factor(names, block.residuals, function)
+    return [name for name, use in zip((ARM, block.target), used, strict=True) if use], function
 
 
 def add_constraints(
@@ -210,17 +206,18 @@ def add_constraints(
 ) -> None:
     """Add the certificates that join at least one variable of the graph."""
     evaluations = evaluations or Evaluations(model)
-    for constraint in model.constraints:
+    for constraint, evaluate in zip(model.constraints, evaluations.constraints, strict=True):
         free = [name for name in constraint.variables if name in variables]
         if free:
-            graph.factor(free, constraint.rows, _constraint_function(evaluations, constraint, free))
+            graph.factor(free, constraint.rows, _constraint_function(evaluate, constraint, free))
 
 
-def _constraint_function(evaluations: Evaluations, constraint: Constraint, free: list[str]) -> Function:
-    known = dict.fromkeys(constraint.targets, np.zeros(0))  # overridden by the free ones
+def _constraint_function(evaluate: Callable[..., Any], constraint: Constraint, free: list[str]) -> Function:
+    known = dict.fromkeys(constraint.variables, np.zeros(0))  # overridden by the free ones
 
     def function(*parts: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
-        r, by = evaluations.constraint(constraint, known | dict(zip(free, parts, strict=True)))
+        point = known | dict(zip(free, parts, strict=True))
+        r, by = evaluate(*(point[name] for name in constraint.variables))
         return r, [by[name] for name in free]
 
     return function

@@ -16,12 +16,13 @@ import numpy as np
 from scipy.special import chdtri
 
 from bayescal.effects import parameters_of
-from bayescal.effects.plane_form import shapes
+from bayescal.effects.plane_form import PLANE_FORM, shapes
+from bayescal.effects.selection import plain
 from bayescal.estimate import Estimate, estimate
 from bayescal.estimate.outliers import MEDIAN_WORTH, rejected
 from bayescal.model import Model, with_parameters
 from bayescal.model.scene import Scene
-from bayescal.statistics import chi2_isf, chi2_sf, f_isf, f_sf
+from bayescal.statistics import chi2_isf, chi2_sf, f_isf, f_sf, rms
 
 FEWEST_REPEATS = 5  # degrees of freedom that are sufficient to estimate the noise
 FINEST = 1e-9  # m: a smaller scatter of repeats means that the resolution is coarser than the noise
@@ -100,10 +101,6 @@ def scatter(groups: Sequence[np.ndarray]) -> tuple[float | None, int]:
     return float(np.sqrt(np.mean(chi2[good]))), dof
 
 
-def _rms(values: list[np.ndarray]) -> float:
-    return float(np.sqrt(np.mean(np.concatenate(values) ** 2)))
-
-
 def unexplained(fitted: Estimate) -> Unexplained:
     """Compare the residuals of a fit with the noise of one contact."""
     scene = fitted.model.scene
@@ -111,8 +108,8 @@ def unexplained(fitted: Estimate) -> Unexplained:
     kind_of = {name: name.partition(" of ")[0] for name in scales}  # sessions may have groups of their own
     group = "contact" if "contact" in kind_of.values() else "point"
     blocks = [b for b in fitted.model.blocks if kind_of[b.group] == group]
-    stated = _rms([fitted.weights.sigma[b.name] for b in blocks])
-    left = _rms([scales[b.group] * fitted.weights.sigma[b.name] for b in blocks])
+    stated = rms(np.concatenate([fitted.weights.sigma[b.name] for b in blocks]))
+    left = rms(np.concatenate([scales[b.group] * fitted.weights.sigma[b.name] for b in blocks]))
     scale = left / stated
     dof = max(sum(fitted.dof[name] for name, kind in kind_of.items() if kind == group), 1.0)
     repeats, repeats_dof = repeat_scatter(scene, fitted)
@@ -128,7 +125,7 @@ def unexplained(fitted: Estimate) -> Unexplained:
 
 FAMILY_P = 1e-4  # probability that any face of a session of flat faces is called uneven
 ROUNDS = 12
-FORM = "plane-form"
+FORM = PLANE_FORM.name
 
 
 @dataclass(frozen=True)
@@ -164,9 +161,17 @@ def check_faces(fitted: Estimate) -> tuple[FaceCheck, ...]:
         statistic = float(score @ amplitude) / size
         p = min(1.0, float(f_sf(statistic, size, max(dof, 1.0))) * len(faces))
         smooth = columns @ amplitude / np.where(whiten > 0, whiten, 1.0)
-        form = float(np.sqrt(np.mean(smooth[whiten > 0] ** 2)))
+        form = rms(smooth[whiten > 0])
         out.append(FaceCheck(face.name, form, p, p < FAMILY_P and form > float(np.median(block.sigma))))
     return tuple(out)
+
+
+def with_uneven_faces(fitted: Estimate, faces: Sequence[FaceCheck], robust: bool = True) -> Estimate:
+    """The fit, with the form of uneven faces as further unknowns where its model lacks it."""
+    names = tuple(face.target for face in faces if face.uneven)
+    if not names or FORM in map(plain, fitted.model.effects):
+        return fitted
+    return with_form(fitted.model.scene, fitted, names, robust)
 
 
 def with_form(scene: Scene, fitted: Estimate, names: tuple[str, ...], robust: bool = True) -> Estimate:

@@ -1,1 +1,17 @@
-"""What an integrator takes away: the calibrated robot in the formats of other programs."""
+"""What an integrator takes away: the calibrated robot in the formats of other programs.
+
+A format is one file, which defines a `written.Format`, and one entry here.
+"""
+
+FORMATS = {
+    "robot.yaml": "bayescal.exporting.robot:ROBOT_YAML",
+    "urdf": "bayescal.exporting.urdf:URDF",
+    "sdf": "bayescal.exporting.sdf:SDF",
+    "mjcf": "bayescal.exporting.mjcf.format:MJCF",
+    "ur-yaml": "bayescal.exporting.ur_yaml:UR_YAML",
+    "dh-csv": "bayescal.exporting.robot:DH_CSV",
+    "joint-zeros": "bayescal.exporting.joint_zeros:JOINT_ZEROS",
+}
+"""Formats of an arm by their names: the module and the name of each; imported when it is used."""
+CERTIFICATE = "dcc"
+"""A Digital Calibration Certificate: a format of the command, which is no file of an arm."""

@@ -1,22 +1,18 @@
 """Digital Calibration Certificate (DCC 3.3.0, PTB) of a calibrated arm.
 
-Administrative entries of a certificate, as its issuer gives them: nothing is invented.
-
-Elements of a DCC: texts, contacts, and quantities of the D-SI with their expanded uncertainty.
-
-The document: administrative data as given, results as in the budgets of the fit.
-
-Validation of a certificate by a user's copy of the schema: dcc.xsd, with SI_Format.xsd beside it.
+Administrative data are those that the issuer gives: nothing is invented. Results are those of the budgets of
+the fit, as quantities of the D-SI with their expanded uncertainty. A certificate is validated by a user's
+copy of the schema: dcc.xsd, with SI_Format.xsd beside it.
 """
 
 from __future__ import annotations
 
 import datetime
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Annotated, Literal
-from xml.etree.ElementTree import Element, SubElement, indent, register_namespace, tostring
+from xml.etree.ElementTree import Element, indent, register_namespace, tostring
 
 import numpy as np
 from pydantic import Field, ValidationError
@@ -27,6 +23,7 @@ from bayescal.assess.inputs import Basis
 from bayescal.assess.iso9283 import Iso9283, iso9283
 from bayescal.assess.measurand import parameter, volume
 from bayescal.errors import BayescalError
+from bayescal.exporting.xml_text import element
 from bayescal.storage.files import Keys, check_schema, read_document
 
 SCHEMA = "bayescal-certificate/1"
@@ -126,65 +123,62 @@ for prefix, space in (("dcc", DCC), ("si", SI), ("xsi", XSI)):
     register_namespace(prefix, space)
 
 
-def add(parent: Element, name: str, text: str | None = None, space: str = DCC) -> Element:
-    """A further child element."""
-    out = SubElement(parent, f"{{{space}}}{name}")
-    out.text = text
-    return out
+TWO = 2.0
+"""k of figures of ISO 9283, whose u is of stated noise alone: normal."""
 
 
-def text(parent: Element, name: str, content: str, language: str) -> Element:
+def _dcc(name: str, *content: str | Element | None) -> Element:
+    return element(f"{{{DCC}}}{name}", *content)
+
+
+def _si(name: str, *content: str | Element) -> Element:
+    return element(f"{{{SI}}}{name}", *content)
+
+
+def _stated(name: str, value: object) -> Element | None:
+    """An element with a value, if there is one."""
+    return None if value is None else _dcc(name, str(value))
+
+
+def _text(name: str, words: str, language: str = "en") -> Element:
     """An element with a text in a language."""
-    out = add(parent, name)
-    add(out, "content", content).set("lang", language)
-    return out
+    return _dcc(name, element(f"{{{DCC}}}content", words, lang=language))
 
 
-def contact(parent: Element, name: str, of: Contact, language: str) -> Element:
+def _contact(name: str, of: Contact, language: str) -> Element:
     """A name with an address."""
-    out = add(parent, name)
-    text(out, "name", of.name, language)
-    for key, value in (("eMail", of.email), ("phone", of.phone)):
-        if value is not None:
-            add(out, key, value)
-    place = add(out, "location")
-    entries = {
+    place = {
         "city": of.city, "countryCode": of.country, "postCode": of.post_code, "street": of.street,
         "streetNo": of.street_number,
     }  # fmt: skip
-    for key, given in entries.items():
-        if given is not None:
-            add(place, key, given)
-    return out
+    return _dcc(
+        name,
+        _text("name", of.name, language),
+        _stated("eMail", of.email),
+        _stated("phone", of.phone),
+        _dcc("location", *(_stated(key, value) for key, value in place.items())),
+    )
 
 
-def quantity(
-    parent: Element, name: str, value: str, unit: str, language: str,
-    expanded: tuple[str, float, float] | None = None, note: str = "",
-) -> Element:  # fmt: skip
+def _quantity(
+    name: str, value: str, unit: str, expanded: tuple[str, float, float] | None = None, note: str = ""
+) -> Element:
     """A real quantity; `expanded` is its U as text, k, and the coverage probability.
 
     `unit` is that of memory, a key of `D_SI`.
     """
-    out = add(parent, "quantity")
-    text(out, "name", name, language)
-    if note:
-        text(out, "description", note, language)
-    real = add(out, "real", space=SI)
-    add(real, "value", value, SI)
-    add(real, "unit", D_SI[unit], SI)
+    real = _si("real", _si("value", value), _si("unit", D_SI[unit]))
     if expanded is not None:
         size, k, coverage = expanded
-        of = add(add(real, "measurementUncertaintyUnivariate", space=SI), "expandedMU", space=SI)
-        add(of, "valueExpandedMU", size, SI)
-        add(of, "coverageFactor", f"{k:.2f}", SI)
-        add(of, "coverageProbability", f"{coverage:.4f}", SI)
-        add(of, "distribution", "normal", SI)
-    return out
-
-
-TWO = 2.0
-"""k of figures of ISO 9283, whose u is of stated noise alone: normal."""
+        of = _si(
+            "expandedMU",
+            _si("valueExpandedMU", size),
+            _si("coverageFactor", f"{k:.2f}"),
+            _si("coverageProbability", f"{coverage:.4f}"),
+            _si("distribution", "normal"),
+        )
+        real.append(_si("measurementUncertaintyUnivariate", of))
+    return _dcc("quantity", _text("name", name), _text("description", note) if note else None, real)
 
 
 def dcc(entries: Entries, basis: Basis, notes: Sequence[str] = ()) -> str:
@@ -199,115 +193,119 @@ def dcc(entries: Entries, basis: Basis, notes: Sequence[str] = ()) -> str:
     notes : sequence of str
         Statements of the certificate, in addition to that on the coverage.
     """
-    root = Element(f"{{{DCC}}}digitalCalibrationCertificate", {"schemaVersion": VERSION})
+    root = _dcc(
+        "digitalCalibrationCertificate",
+        _administrative(entries, notes),
+        _dcc("measurementResults", _dcc("measurementResult", *_results(basis))),
+    )
+    root.set("schemaVersion", VERSION)
     root.set(f"{{{XSI}}}schemaLocation", f"{DCC} {DCC}/v{VERSION}/dcc.xsd")
-    _administrative(add(root, "administrativeData"), entries, notes)
-    _results(add(add(root, "measurementResults"), "measurementResult"), entries.language, basis)
     indent(root)
     return '<?xml version="1.0" encoding="UTF-8"?>\n' + tostring(root, encoding="unicode") + "\n"
 
 
-def _administrative(parent: Element, e: Entries, notes: Sequence[str]) -> None:
+def _administrative(e: Entries, notes: Sequence[str]) -> Element:
     lang = e.language
-    software = add(add(parent, "dccSoftware"), "software")
-    text(software, "name", "bayescal", "en")
-    add(software, "release", __version__)
-    core = add(parent, "coreData")
-    dates = {"beginPerformanceDate": e.begin, "endPerformanceDate": e.end}
-    entries: dict[str, object] = {
+    core = {
         "countryCodeISO3166_1": e.country, "usedLangCodeISO639_1": lang, "mandatoryLangCodeISO639_1": lang,
-        "uniqueIdentifier": e.identifier, **dates, "performanceLocation": e.location,
+        "uniqueIdentifier": e.identifier, "beginPerformanceDate": e.begin, "endPerformanceDate": e.end,
+        "performanceLocation": e.location, "issueDate": e.issued,
     }  # fmt: skip
-    if e.issued is not None:
-        entries["issueDate"] = e.issued
-    for key, value in entries.items():
-        add(core, key, str(value))
-    item = add(add(parent, "items"), "item")
-    text(item, "name", e.item.name, lang)
-    text(add(item, "manufacturer"), "name", e.item.manufacturer, lang)
-    add(item, "model", e.item.model)
-    serial = add(add(item, "identifications"), "identification")
-    add(serial, "issuer", "manufacturer")
-    add(serial, "value", e.item.serial_number)
-    text(serial, "name", "serial number", "en")
-    laboratory = add(parent, "calibrationLaboratory")
-    if e.laboratory_code is not None:
-        add(laboratory, "calibrationLaboratoryCode", e.laboratory_code)
-    contact(laboratory, "contact", e.laboratory, lang)
-    persons = add(parent, "respPersons")
-    for person in e.responsible:
-        own = add(persons, "respPerson")
-        text(add(own, "person"), "name", person.name, lang)
-        add(own, "role", person.role)
-        if person.main_signer:
-            add(own, "mainSigner", "true")
-    contact(parent, "customer", e.customer, lang)
-    statements = add(parent, "statements")
+    item = _dcc(
+        "item",
+        _text("name", e.item.name, lang),
+        _dcc("manufacturer", _text("name", e.item.manufacturer, lang)),
+        _dcc("model", e.item.model),
+        _dcc(
+            "identifications",
+            _dcc(
+                "identification",
+                _dcc("issuer", "manufacturer"),
+                _dcc("value", e.item.serial_number),
+                _text("name", "serial number"),
+            ),
+        ),
+    )
+    persons = (
+        _dcc(
+            "respPerson",
+            _dcc("person", _text("name", person.name, lang)),
+            _dcc("role", person.role),
+            _dcc("mainSigner", "true") if person.main_signer else None,
+        )
+        for person in e.responsible
+    )
     coverage = (
         f"Expanded uncertainties U = k u with a coverage of {100 * COVERAGE:.2f} %, by JCGM 100:2008; "
         "k from Student's t for the effective degrees of freedom."
     )
-    for words in (coverage, *notes):
-        text(add(statements, "statement"), "declaration", words, "en")
+    statements = (_dcc("statement", _text("declaration", words)) for words in (coverage, *notes))
+    return _dcc(
+        "administrativeData",
+        _dcc("dccSoftware", _dcc("software", _text("name", "bayescal"), _dcc("release", __version__))),
+        _dcc("coreData", *(_stated(key, value) for key, value in core.items())),
+        _dcc("items", item),
+        _dcc(
+            "calibrationLaboratory",
+            _stated("calibrationLaboratoryCode", e.laboratory_code),
+            _contact("contact", e.laboratory, lang),
+        ),
+        _dcc("respPersons", *persons),
+        _contact("customer", e.customer, lang),
+        _dcc("statements", *statements),
+    )
 
 
-def _results(parent: Element, lang: str, basis: Basis) -> None:
-    dataset = basis.stated.plain.model.scene.dataset
-    model = basis.stated.plain.model
-    text(parent, "name", f"Calibration of {dataset.robot.name}", "en")
-    text(parent, "description", f"dataset {dataset.name}, SHA-256 {dataset.sha256}", "en")
-    methods = add(parent, "usedMethods")
-    found = iso9283(basis)
-    method = add(methods, "usedMethod")
-    text(method, "name", f"Bayesian calibration, model: {', '.join(basis.stated.plain.model.effects)}", "en")
-    add(method, "norm", "JCGM 100:2008")
-    if found.figures:
-        method = add(methods, "usedMethod")
-        text(method, "name", "figures of ISO 9283", "en")
-        text(method, "description", "differs from the standard: " + "; ".join(found.differs), "en")
-        add(method, "norm", "ISO 9283:1998")
-    results = add(parent, "results")
-    each = of_distances(basis).values()
-    data = _result(results, "errors of distances")
-    _expanded_alone(data, budget(basis, volume(basis)))
-    for b in each:
-        _with_u(data, b)
+def _results(basis: Basis) -> tuple[Element, ...]:
+    """Parts of the results: what was calibrated and how, and the quantities."""
+    model, standard = basis.stated.plain.model, iso9283(basis)
+    dataset = model.scene.dataset
+    named = _text("name", f"Bayesian calibration, model: {', '.join(model.effects)}")
+    methods = [_dcc("usedMethod", named, _dcc("norm", "JCGM 100:2008"))]
+    distances = [_with_u(b) for b in of_distances(basis).values()]
+    results = [_result("errors of distances", [_expanded_alone(budget(basis, volume(basis))), *distances])]
     if model.parameters:
-        data = _result(results, "parameters of the arm")
-        for p in model.parameters:
-            _with_u(data, budget(basis, parameter(basis, p.name)))
-    if found.figures:
-        _figures(_result(results, "figures of ISO 9283"), found)
+        parameters = [_with_u(budget(basis, parameter(basis, p.name))) for p in model.parameters]
+        results.append(_result("parameters of the arm", parameters))
+    if standard.figures:
+        differs = _text("description", "differs from the standard: " + "; ".join(standard.differs))
+        name, norm = _text("name", "figures of ISO 9283"), _dcc("norm", "ISO 9283:1998")
+        methods.append(_dcc("usedMethod", name, differs, norm))
+        results.append(_result("figures of ISO 9283", list(_figures(standard))))
+    return (
+        _text("name", f"Calibration of {dataset.robot.name}"),
+        _text("description", f"dataset {dataset.name}, SHA-256 {dataset.sha256}"),
+        _dcc("usedMethods", *methods),
+        _dcc("results", *results),
+    )
 
 
-def _result(results: Element, name: str) -> Element:
-    out = add(results, "result")
-    text(out, "name", name, "en")
-    return add(out, "data")
+def _result(name: str, quantities: Sequence[Element]) -> Element:
+    return _dcc("result", _text("name", name), _dcc("data", *quantities))
 
 
-def _with_u(data: Element, b: Budget) -> None:
+def _with_u(b: Budget) -> Element:
     """A value with its expanded uncertainty."""
     value, size = in_digits(b.measurand.value or 0.0, b.expanded)
-    quantity(data, b.measurand.name, value, b.measurand.unit, "en", (size, b.k, COVERAGE))
+    return _quantity(b.measurand.name, value, b.measurand.unit, (size, b.k, COVERAGE))
 
 
-def _expanded_alone(data: Element, b: Budget) -> None:
+def _expanded_alone(b: Budget) -> Element:
     """The expanded uncertainty of any one of several distances, as a value."""
     _, size = in_digits(0.0, b.expanded)
     note = f"expanded uncertainty, k = {b.k:.2f}, of the {b.measurand.name}"
-    quantity(data, "expanded uncertainty U of a distance in the probed volume", size, "m", "en", note=note)
+    return _quantity("expanded uncertainty U of a distance in the probed volume", size, "m", note=note)
 
 
-def _figures(data: Element, found: Iso9283) -> None:
-    for f in found.figures:
+def _figures(standard: Iso9283) -> Iterator[Element]:
+    for f in standard.figures:
         for what, value, u in (("mean", f.mean, f.u), ("maximum", f.maximum, f.u_max)):
             name = f"{f.symbol}: {f.words}, {what} of {f.count}"
             if u is None:
-                quantity(data, name, f"{value:.3g}", "m", "en")
+                yield _quantity(name, f"{value:.3g}", "m")
             else:
                 shown, size = in_digits(value, TWO * u)
-                quantity(data, name, shown, "m", "en", (size, TWO, COVERAGE))
+                yield _quantity(name, shown, "m", (size, TWO, COVERAGE))
 
 
 def in_digits(value: float, u: float) -> tuple[str, str]:
@@ -350,12 +348,12 @@ def check_valid(content: str, schema: Path) -> int:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # signatures are not used: their schema may be missing
-            known = xmlschema.XMLSchema10(
+            read = xmlschema.XMLSchema10(
                 str(schema), locations={SI: str(units)}, allow="local", validation="lax"
             )
-        found = next(known.iter_errors(content), None)
+        fault = next(read.iter_errors(content), None)
     except (xmlschema.XMLSchemaException, OSError, ValueError) as error:
         raise BayescalError(f"cannot be read: {error}", f"--schema {schema}") from None
-    if found is not None:
-        raise BayescalError(f"not valid: {found.reason} ({found.path})", f"--schema {schema}")
-    return len(known.all_errors)
+    if fault is not None:
+        raise BayescalError(f"not valid: {fault.reason} ({fault.path})", f"--schema {schema}")
+    return len(read.all_errors)

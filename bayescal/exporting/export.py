@@ -1,7 +1,4 @@
-"""An arm in a format: the file, what it lacks, and the sidecar that says both.
-
-All formats that an arm can be exported to. A further one is a file and an entry here.
-"""
+"""An arm in a format: the file, what it lacks, and the sidecar that says both."""
 
 from __future__ import annotations
 
@@ -9,6 +6,7 @@ import hashlib
 import json
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from importlib.metadata import EntryPoint
 from pathlib import Path
 from typing import Any
 
@@ -18,25 +16,15 @@ from bayescal.dataset import Dataset
 from bayescal.effects import UNITS
 from bayescal.effects.tool import TOOL
 from bayescal.errors import BayescalError
-from bayescal.exporting.dh_table import DH_CSV
-from bayescal.exporting.expressed import Missing, not_expressed
-from bayescal.exporting.joint_zeros import JOINT_ZEROS
-from bayescal.exporting.mjcf.format import MJCF
-from bayescal.exporting.robot import ROBOT_YAML
-from bayescal.exporting.sdf import SDF
+from bayescal.exporting import CERTIFICATE, FORMATS
+from bayescal.exporting.geometry import Missing, not_expressed
 from bayescal.exporting.sidecar import SCHEMA, sidecar_of
-from bayescal.exporting.ur_yaml import UR_YAML
-from bayescal.exporting.urdf import URDF
 from bayescal.exporting.written import Format, Options, Written, path_of
 from bayescal.fitted import gate
 from bayescal.fitted.arm import FittedArm
 from bayescal.fitted.unmodelled import state_row
 from bayescal.storage.files import json_text, write_together
 from bayescal.storage.reading import content_of
-
-FORMATS: dict[str, Format] = {f.name: f for f in (ROBOT_YAML, URDF, SDF, MJCF, UR_YAML, DH_CSV, JOINT_ZEROS)}
-CERTIFICATE = "dcc"
-"""A Digital Calibration Certificate: a format of the command, which is no file of an arm."""
 
 
 def format_of(name: str) -> Format:
@@ -48,9 +36,10 @@ def format_of(name: str) -> Format:
         If there is no such format.
     """
     if name not in FORMATS:
-        known = ", ".join((*FORMATS, CERTIFICATE))
-        raise BayescalError(f"there is no format `{name}`", "--to", f"formats: {known}")
-    return FORMATS[name]
+        names = ", ".join((*FORMATS, CERTIFICATE))
+        raise BayescalError(f"there is no format `{name}`", "--to", f"formats: {names}")
+    loaded: Format = EntryPoint(name, FORMATS[name], "bayescal.formats").load()
+    return loaded
 
 
 UM = 1e6
@@ -62,7 +51,7 @@ AT_FLANGE = 1e-6
 class Exported:
     """An arm in a format, not yet written.
 
-    `missing` is what the file does not hold, by effect; `rest` is all of it together.
+    `missing` is what the file does not hold, by effect; `total` is all of it together.
     """
 
     format: str
@@ -70,7 +59,7 @@ class Exported:
     options: Options
     written: Written
     missing: tuple[Missing, ...]
-    rest: Missing
+    total: Missing
     arm: FittedArm
 
     @property
@@ -84,11 +73,11 @@ class Exported:
         details = self.written.details
         if np.max(np.abs(np.array(details.get("flange_in_tip", np.eye(4))) - np.eye(4))) > AT_FLANGE:
             for tool in _tools(self.arm, details):
-                at = ", ".join(f"{x:.3f}" for x in tool["centre_in_tip_mm"])
-                where = f"the centre of tool {tool['name']} is at {at} mm in it"
+                place = ", ".join(f"{x:.3f}" for x in tool["centre_in_tip_mm"])
+                where = f"the centre of tool {tool['name']} is at {place} mm in it"
                 yield f"{details['tip']} is not the flange: {where}"
 
-    def at(self, folder: Path) -> Exported:
+    def in_folder(self, folder: Path) -> Exported:
         """The same with the content that the file has in a folder."""
         if self.written.placed is None:
             return self
@@ -96,12 +85,11 @@ class Exported:
 
     def files(self, path: Path) -> dict[Path, str | bytes]:
         """All files with their content, the sidecar last, for a main file at `path`."""
-        if self.written.placed is not None:
-            return self.at(path.parent).files(path)
+        here = self.in_folder(path.parent)
         beside = {path.with_name(path.stem + suffix): text for suffix, text in self.written.beside.items()}
         if path in beside:
             raise BayescalError("a further file would have this name", str(path), "give another --out")
-        return {path: self.written.content, **beside, sidecar_of(path): json_text(self.record(path.name))}
+        return {path: here.written.content, **beside, sidecar_of(path): json_text(here.record(path.name))}
 
     def record(self, name: str) -> dict[str, Any]:
         """The content of the sidecar of a file called `name`."""
@@ -116,11 +104,11 @@ class Exported:
             "dataset": {"name": dataset.name, "sha256": dataset.sha256},
             "robot": dataset.robot.name,
             "model": list(arm.effects),
-            "without": list(arm.origin.without),
+            "without": list(arm.origin.options.omitted),
             "state": _state(dataset, self.options.state),
             "written": [vars(item) for item in self.written.items],
             "not_expressed": [_missing(m) for m in self.missing],
-            "remaining": {"rms_um": _or_none(self.rest.rms), "max_um": _or_none(self.rest.maximum)},
+            "remaining": {"rms_um": _or_none(self.total.rms), "max_um": _or_none(self.total.maximum)},
             "tools": _tools(arm, self.written.details),
             **self.written.details,
             "use": arm.use.record(),
@@ -138,13 +126,12 @@ class Exported:
         BayescalError
             If one of them is the user's own file, or another file that is no unchanged earlier export.
         """
-        if self.written.placed is not None:
-            return self.at(path.parent).save(path)
         files = self.files(path)
         _check_free(path, files, self.options.into)
         sidecar = sidecar_of(path)
         earlier = {p.name: _hash(p.read_bytes()) for p in files if p != sidecar and p.exists()}
-        write_together(files, {sidecar: json_text(self.record(path.name) | {"replaces": earlier})})
+        record = self.in_folder(path.parent).record(path.name)
+        write_together(files, {sidecar: json_text(record | {"replaces": earlier})})
         return tuple(files)
 
 
@@ -165,7 +152,7 @@ def export(
     ----------
     arm : FittedArm
     to : str
-        A name of `formats.FORMATS`.
+        A name of `FORMATS`.
     into : str
         Path of a file of the user, which is patched in a copy; of a URDF ``arm.urdf#tool0`` names the link
         that carries the tool.
@@ -194,8 +181,8 @@ def export(
     gate.check(arm.use, force)
     options = Options(state_row(arm.dataset, time, row), name, into, readings)
     written = format_.write(arm, options)
-    missing, rest = not_expressed(arm, format_, options.state)
-    return Exported(to, format_.suffix, options, written, missing, rest, arm)
+    missing, total = not_expressed(arm, format_, options.state)
+    return Exported(to, format_.suffix, options, written, missing, total, arm)
 
 
 def _state(dataset: Dataset, row: int) -> dict[str, Any]:
@@ -249,17 +236,17 @@ def _hash(content: str | bytes) -> str:
 
 def _check_free(path: Path, files: Iterable[Path], into: str) -> None:
     """Refuse to write over a file of the user: any that is not as an earlier export to `path` wrote it."""
-    own, sidecar = path_of(into)[0], sidecar_of(path)
-    known = _earlier(sidecar, path.name)
+    to_patch, sidecar = path_of(into)[0], sidecar_of(path)
+    earlier = _earlier(sidecar, path.name)
     for file in filter(Path.exists, files):
-        if into and own.exists() and file.samefile(own):
+        if into and to_patch.exists() and file.samefile(to_patch):
             what = "is the file to patch itself"
             raise BayescalError(what, str(file), "give another --out: it is not changed")
         if file != sidecar and (
-            not file.is_file() or _hash(file.read_bytes()) not in known.get(file.name, ())
+            not file.is_file() or _hash(file.read_bytes()) not in earlier.get(file.name, ())
         ):
             raise BayescalError("exists and is no unchanged export", str(file), "give another --out")
-        if file == sidecar and not known:
+        if file == sidecar and not earlier:
             raise BayescalError("exists and is no sidecar of an export", str(file), "give another --out")
 
 
@@ -272,6 +259,6 @@ def _earlier(sidecar: Path, name: str) -> dict[str, set[str]]:
         record = json.loads(content_of(sidecar).decode("utf-8"))
         new = {**record.get("beside", {}), name: record["sha256"]} if record["schema"] == SCHEMA else {}
         replaced = record.get("replaces", {})
-        return {key: {own, *([replaced[key]] if key in replaced else [])} for key, own in new.items()}
+        return {key: {digest, *([replaced[key]] if key in replaced else [])} for key, digest in new.items()}
     except (BayescalError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
         return {}

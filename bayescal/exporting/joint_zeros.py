@@ -6,16 +6,15 @@ the links are converted to those of the readings.
 
 from __future__ import annotations
 
-import csv
-import io
-
 import numpy as np
 
 from bayescal.arm.transforms import AXES
+from bayescal.dataset.table import csv_text
 from bayescal.exporting.geometry import at_state, constant
 from bayescal.exporting.written import Format, Options, Written, item
 from bayescal.fitted.arm import FittedArm
 
+TURN = 2.0 * np.pi  # rad
 TICKS = 4096
 """Steps per revolution of the encoders of common servos (Feetech STS, Dynamixel X)."""
 
@@ -41,20 +40,16 @@ def _write(arm: FittedArm, options: Options) -> Written:
     robot = arm.dataset.robot
     correction, covariance = zeros(arm, options.state)
     u = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
-    writer.writerow(
-        ["joint", "correction_deg", "u_deg", "correction_rad", "u_rad", f"correction_ticks_{TICKS}"]
+    rows = (
+        [name, *(repr(float(x)) for x in (np.degrees(c), np.degrees(sd), c, sd)), round(c / TURN * TICKS)]
+        for name, c, sd in zip(robot.joint_names, correction.tolist(), u.tolist(), strict=True)
     )
-    for name, value, own in zip(robot.joint_names, correction.tolist(), u.tolist(), strict=True):
-        turns = value / (2.0 * np.pi)
-        cells = [np.degrees(value), np.degrees(own), value, own]
-        writer.writerow([name, *(repr(float(c)) for c in cells), round(turns * TICKS)])
+    header = ["joint", "correction_deg", "u_deg", "correction_rad", "u_rad", f"correction_ticks_{TICKS}"]
     named = [name for k, name in enumerate(robot.joint_names) if u[k] == 0.0]
     notes = [f"the zero of {', '.join(named)} is not identifiable and has no correction"] if named else []
     notes.append("true reading = reading shown + correction; see docs/export.md for the sign of an offset")
     items = [item(arm, k, "row of the joint", "correction") for k in range(len(arm.values)) if _holds(arm, k)]
-    return Written(out.getvalue(), items, notes=notes)
+    return Written(csv_text(header, rows), items, notes=notes)
 
 
 JOINT_ZEROS = Format(

@@ -1,25 +1,28 @@
-"""A calibrated robot as DH rows: exactly the displaced chain, joint for joint."""
+"""A calibrated robot as DH rows, exactly the displaced chain, joint for joint: robot.yaml, and a table."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 
 import numpy as np
 
 from bayescal.arm.chain import Robot, chain_of, displaced, split
-from bayescal.arm.transforms import rigid
+from bayescal.arm.transforms import rigid, rpy_of
+from bayescal.dataset.table import csv_text
 from bayescal.effects import Parameter
+from bayescal.effects.common import READING, side_of
 from bayescal.effects.compliance import COMPLIANCE
 from bayescal.effects.encoder_scale import ENCODER_SCALE
 from bayescal.effects.geometry import PARALLEL
 from bayescal.effects.joint import JOINT
-from bayescal.effects.joints import READING, side_of
 from bayescal.effects.selection import Selection
 from bayescal.exporting.geometry import constant, constant_displacements, items
 from bayescal.exporting.written import Format, Item, Options, Written, item
 from bayescal.fitted.arm import FittedArm
 from bayescal.model import Model
 from bayescal.robots import robot_to_yaml
+from bayescal.storage.files import json_text
 
 
 def calibrated_robot(model: Model, values: np.ndarray, name: str = "", state: int | None = None) -> Robot:
@@ -83,8 +86,8 @@ def _compliance(model: Model, values: np.ndarray) -> np.ndarray:
     out = np.zeros(robot.n) if robot.compliance is None else robot.compliance.copy()
     for value, p in zip(values, model.parameters, strict=True):
         if p.effect == COMPLIANCE.name:
-            for own in p.stands_for or (p,):
-                out[own.site.number - 1] += value * (own.centre if p.stands_for else 1.0)
+            for part in p.stands_for or (p,):
+                out[part.site.number - 1] += value * (part.centre if p.stands_for else 1.0)
     return out
 
 
@@ -163,3 +166,99 @@ ROBOT_YAML = Format(
     "robot.yaml has constant geometry, scales of readings and compliances of joints",
 )
 """The arm as the `robot:` of a further session."""
+
+
+SCHEMA = "bayescal-dh/1"
+ROWS = {
+    "alpha": ("deg", 180.0 / np.pi),
+    "a": ("mm", 1e3),
+    "d": ("mm", 1e3),
+    "offset": ("deg", 180.0 / np.pi),
+    "beta": ("deg", 180.0 / np.pi),
+}
+"""Columns of the rows, with unit and factor from SI; beta is Hayati's angle of near-parallel axes."""
+ELASTIC_ROWS = {**ROWS, "compliance": ("urad_per_nm", 1e6)}
+STEP = 1e-3
+"""Step of the numerical derivatives, in prior standard deviations of a parameter."""
+ROUNDING = 1e-9
+"""mm, deg and µrad/(N m)."""
+
+
+def quantities(robot: Robot) -> Iterator[tuple[str, str, str, float]]:
+    """All numbers of a robot: place (a joint or base), quantity, unit of files, value in that unit."""
+    for key, value in zip(("x", "y", "z"), robot.base[:3, 3].tolist(), strict=True):
+        yield "base", key, "mm", 1e3 * value
+    for key, value in zip(("roll", "pitch", "yaw"), rpy_of(robot.base[:3, :3]).tolist(), strict=True):
+        yield "base", key, "deg", float(np.degrees(value))
+    compliance = np.zeros(robot.n) if robot.compliance is None else robot.compliance
+    for k, joint in enumerate(robot.joint_names):
+        for key, (unit, factor) in ROWS.items():
+            yield joint, key, unit, factor * float(getattr(robot, key)[k])
+        yield joint, "scale", "1", float(robot.link_from_reading[k, k])
+        unit, factor = ELASTIC_ROWS["compliance"]
+        yield joint, "compliance", unit, factor * float(compliance[k])
+
+
+def spread(arm: FittedArm, state: int) -> np.ndarray:
+    """Covariance of all `quantities` of the calibrated robot, in their units."""
+
+    def of(values: np.ndarray) -> np.ndarray:
+        robot = calibrated_robot(arm.model, values, state=state)
+        return np.array([value for *_, value in quantities(robot)])
+
+    slopes = []
+    for k, sd in enumerate(arm.model.sd):
+        step = np.zeros(len(arm.values))
+        step[k] = STEP * sd
+        slopes.append((of(arm.values + step) - of(arm.values - step)) / (2.0 * step[k]))
+    by = np.array(slopes).reshape(len(arm.values), -1)
+    # a slope that displaces by less than `ROUNDING` for a prior standard deviation is rounding
+    by[np.abs(by * arm.model.sd[:, None]) < ROUNDING] = 0.0
+    return by.T @ arm.covariance @ by
+
+
+def _write_table(arm: FittedArm, options: Options) -> Written:
+    robot = calibrated_robot(arm.model, arm.values, state=options.state)
+    covariance = spread(arm, options.state)
+    u = np.sqrt(np.maximum(np.diag(covariance), 0.0)).tolist()
+    values = [
+        {"place": place, "quantity": key, "unit": unit, "value": value, "u": u_of_value}
+        for (place, key, unit, value), u_of_value in zip(quantities(robot), u, strict=True)
+    ]
+    record = {
+        "schema": SCHEMA,
+        "robot": arm.dataset.robot.name,
+        "convention": robot.convention,
+        "link_from_reading": robot.link_from_reading.tolist(),
+        "flange_in_last_row": robot.flange.tolist(),
+        "values": values,
+        "covariance": covariance.tolist(),
+    }
+    return Written(
+        _csv(robot, {(v["place"], v["quantity"]): (v["value"], v["u"]) for v in values}),
+        robot_items(arm),
+        beside={".json": json_text(record)},
+        notes=["the JSON file beside it has the base, the coupling of the readings and the full covariance"],
+    )
+
+
+def _csv(robot: Robot, values: Mapping[tuple[str, str], tuple[float, float]]) -> str:
+    """The rows of a robot as CSV; `values` has value and u of each quantity of a joint."""
+    columns = ROWS if robot.compliance is None else ELASTIC_ROWS
+    heads = [head for key, (unit, _) in columns.items() for head in (f"{key}_{unit}", f"u_{key}_{unit}")]
+    rows = (
+        [joint, robot.convention, *(repr(x) for key in columns for x in values[joint, key])]
+        for joint in robot.joint_names
+    )
+    return csv_text(["joint", "convention", *heads], rows)
+
+
+DH_CSV = Format(
+    "dh-csv",
+    ".csv",
+    "DH rows with u as CSV, and with the full covariance as JSON",
+    _write_table,
+    ROBOT_YAML.holds,
+    "a DH table has constant geometry, scales of readings and compliances of joints",
+)
+"""The calibrated table for any other program."""

@@ -59,7 +59,7 @@ class Match:
     """Where a file's frames are: of its root in F0, of its links in those of the arm; senses of its axes."""
 
     root: np.ndarray  # (4, 4)
-    own: np.ndarray  # (n, 4, 4): rotations and slides that keep the joint's axis
+    links: np.ndarray  # (n, 4, 4): rotations and slides that keep the joint's axis
     signs: np.ndarray  # (n,)
     notes: tuple[str, ...] = ()
 
@@ -96,18 +96,18 @@ def match(robot: Robot, file: FileArm, name: str) -> Match:
             f"{1e3 * length[k]:.2f} mm off that of {robot.joint_names[k]}"
         )
         raise BayescalError(what, name, f"give the file of this arm ({robot.name}), with the same zeros")
-    own = np.linalg.inv(ours) @ here @ frames
+    links = np.linalg.inv(ours) @ here @ frames
     signs = np.sign(np.einsum("ki,ki->k", a, _lines(frames, file.axes)[1] @ here[:3, :3].T))
     for k in range(robot.n):
-        own[k, :2, 3] = 0.0
-        own[k, :3, :3] = (
-            smallest_turn(own[k, :3, :3] @ file.axes[k], np.array([0.0, 0.0, signs[k]])) @ own[k, :3, :3]
+        links[k, :2, 3] = 0.0
+        links[k, :3, :3] = (
+            smallest_turn(links[k, :3, :3] @ file.axes[k], np.array([0.0, 0.0, signs[k]])) @ links[k, :3, :3]
         )
     # the tip of a calibrated file is off the flange by its earlier calibration
-    slide = (own[-1] @ file.tip)[2, 3] - (np.linalg.inv(ours[-1]) @ with_flange[-1])[2, 3]
+    slide = (links[-1] @ file.tip)[2, 3] - (np.linalg.inv(ours[-1]) @ with_flange[-1])[2, 3]
     if notes and abs(slide) <= LENGTH:
-        own[-1, 2, 3] -= slide
-    return Match(here, own, signs, notes)
+        links[-1, 2, 3] -= slide
+    return Match(here, links, signs, notes)
 
 
 def _lines(frames: np.ndarray, axes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -146,9 +146,9 @@ def _zeros(p: np.ndarray, a: np.ndarray, file: FileArm, root: np.ndarray) -> tup
 
     x = np.zeros(6 + max(n - 2, 0))
     for _ in range(STEPS):
-        at = residual(x)
-        by = np.array([(residual(x + STEP * e) - at) / STEP for e in np.eye(len(x))]).T
-        step = np.linalg.lstsq(by, -at, rcond=1e-7)[0]
+        residuals = residual(x)
+        by = np.array([(residual(x + STEP * e) - residuals) / STEP for e in np.eye(len(x))]).T
+        step = np.linalg.lstsq(by, -residuals, rcond=1e-7)[0]
         x = x + step
         if np.max(np.abs(step)) < STEP:
             break
@@ -199,8 +199,8 @@ def _calibrated(robot: Robot, file: FileArm, zeros: np.ndarray, name: str) -> tu
         what = f"the zero of {file.names[k]} is {degrees:.2f} deg off that of {robot.joint_names[k]}"
         remedy = f"give the file of this arm ({robot.name}): zeros differ by {np.degrees(ZERO):g} deg at most"
         raise BayescalError(what, name, remedy)
-    told = f"zeros within {degrees:.2g} deg of the nominal ones" if degrees > 0.005 else "nominal zeros"
-    return (f"{name} is calibrated already, with {told}: this calibration replaces the earlier one",)
+    difference = f"zeros within {degrees:.2g} deg of the nominal ones" if degrees > 0.005 else "nominal zeros"
+    return (f"{name} is calibrated already, with {difference}: this calibration replaces the earlier one",)
 
 
 def _check_names(robot: Robot, file: FileArm, name: str) -> None:
@@ -209,9 +209,9 @@ def _check_names(robot: Robot, file: FileArm, name: str) -> None:
         what = f"{len(file.names)} joints turn before the tip, the arm {robot.name} has {robot.n}"
         raise BayescalError(what, name, "name the link that carries the tool, as in arm.urdf#tool0")
     if set(file.names) & set(robot.joint_names):
-        for k, (theirs, own) in enumerate(zip(file.names, robot.joint_names, strict=True), start=1):
-            if theirs != own:
-                what = f"joint {k} is called {theirs}, in the arm {robot.name} it is {own}"
+        for k, (theirs, ours) in enumerate(zip(file.names, robot.joint_names, strict=True), start=1):
+            if theirs != ours:
+                what = f"joint {k} is called {theirs}, in the arm {robot.name} it is {ours}"
                 raise BayescalError(what, name, "give the file of this arm")
 
 
@@ -232,14 +232,14 @@ def _pairs(p: np.ndarray, a: np.ndarray) -> list[tuple[float, float]]:
 def _check_pairs(
     robot: Robot, file: FileArm, name: str, ours: list[tuple[float, float]], theirs: list[tuple[float, float]]
 ) -> None:
-    for k, (own, other) in enumerate(zip(ours, theirs, strict=True)):
+    for k, (our_pair, other) in enumerate(zip(ours, theirs, strict=True)):
         axes = f"of {file.names[k]} and {file.names[k + 1]}"
-        if abs(own[0] - other[0]) > ANGLE:
+        if abs(our_pair[0] - other[0]) > ANGLE:
             what = f"the axes {axes} differ by {np.degrees(other[0]):.2f} deg, in the arm {robot.name} by "
-            raise BayescalError(f"{what}{np.degrees(own[0]):.2f} deg", name, "give the file of this arm")
-        if abs(own[1] - other[1]) > LENGTH:
+            raise BayescalError(f"{what}{np.degrees(our_pair[0]):.2f} deg", name, "give the file of this arm")
+        if abs(our_pair[1] - other[1]) > LENGTH:
             what = f"the distance of the axes {axes} is {1e3 * other[1]:.2f} mm, in the arm {robot.name} "
-            raise BayescalError(f"{what}{1e3 * own[1]:.2f} mm", name, "give the file of this arm")
+            raise BayescalError(f"{what}{1e3 * our_pair[1]:.2f} mm", name, "give the file of this arm")
 
 
 def _off(

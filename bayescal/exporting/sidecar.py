@@ -1,7 +1,4 @@
-"""The sidecar of an exported file: where it is, and what other commands need of it.
-
-Simulators, which are extras of the package.
-"""
+"""The sidecar of an exported file, and simulators: what other commands need of an export."""
 
 from __future__ import annotations
 

@@ -32,13 +32,13 @@ def _write(arm: FittedArm, options: Options) -> Written:
     robot = arm.dataset.robot
     _check_is_ur(robot)
     calibrated = geometry_of(arm, options.state)
-    label, root, own = "", np.eye(4), np.tile(np.eye(4), (6, 1, 1))
+    label, root, in_links = "", np.eye(4), np.tile(np.eye(4), (6, 1, 1))
     notes = ["without --into the hash is not that of the arm: ur_robot_driver warns that it differs"]
     if options.into:
         file, label, name = _read(options.into)
-        found = match(robot, file, name)
-        root, own, notes = found.root, found.own, list(found.notes)
-    links = calibrated[:-1] @ own
+        matched = match(robot, file, name)
+        root, in_links, notes = matched.root, matched.links, list(matched.notes)
+    links = calibrated[:-1] @ in_links
     transforms = steps(np.concatenate([np.linalg.inv(root) @ links, links[-1:]]))[:-1]
     lines = [f"# {robot.name} calibrated on {arm.dataset.name}: {', '.join(arm.effects)}", "kinematics:"]
     for link, t in zip(LINKS, transforms, strict=True):

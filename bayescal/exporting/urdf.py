@@ -32,12 +32,11 @@ from bayescal.exporting.geometry import (
     geometry_of,
     items,
     joint_angles,
-    numbers,
     steps,
 )
 from bayescal.exporting.same_arm import FileArm, match
 from bayescal.exporting.written import Format, Options, Written, path_of
-from bayescal.exporting.xml_text import XmlText
+from bayescal.exporting.xml_text import XmlText, numbers
 from bayescal.fitted.arm import FittedArm
 from bayescal.robots.markup import LARGEST, parse_markup
 from bayescal.robots.tree import TURNING, UNLIMITED, Tree, read_tree, tip_of
@@ -99,42 +98,42 @@ def _patched(
         raise BayescalError(
             "a xacro file cannot be patched", str(path), "expand it: xacro arm.xacro > arm.urdf"
         )
-    own = XmlText(decoded(path, LARGEST)[0], path.name)
-    tree = read_tree(own.root, path.name)
+    xml = XmlText(decoded(path, LARGEST)[0], path.name)
+    tree = read_tree(xml.root, path.name)
     tip = tip_of(tree, asked)
     file, robot = file_arm(tree, tip), arm.dataset.robot
-    found = match(robot, file, path.name)
-    links = calibrated[:-1] @ found.own
-    before = np.concatenate([np.linalg.inv(found.root)[None] @ np.eye(4), np.linalg.inv(links[:-1])])
+    matched = match(robot, file, path.name)
+    links = calibrated[:-1] @ matched.links
+    before = np.concatenate([np.linalg.inv(matched.root)[None] @ np.eye(4), np.linalg.inv(links[:-1])])
     origins = np.linalg.inv(file.fixed) @ before @ links
-    joints = {joint.get("name"): joint for joint in own.root.findall("joint")}
+    joints = {joint.get("name"): joint for joint in xml.root.findall("joint")}
     for name, t in zip(file.names, origins, strict=True):
         _place(joints[name], t)
-    text = own.text
+    text = xml.text
     again = read_tree(parse_markup(text.encode(), path.name), path.name)
     flange_in_tip = np.linalg.inv(links[-1] @ file.tip) @ calibrated[-1]
-    _check(arm, calibrated, file_arm(again, tip), found.root, found.signs, flange_in_tip, path.name)
-    by_reading = found.signs[:, None] * robot.link_from_reading
+    _check(arm, calibrated, file_arm(again, tip), matched.root, matched.signs, flange_in_tip, path.name)
+    by_reading = matched.signs[:, None] * robot.link_from_reading
     details = {
         "into": path.name,
         "tip": tip,
         "joints": dict(zip(robot.joint_names, file.names, strict=True)),
-        "signs": found.signs.tolist(),
+        "signs": matched.signs.tolist(),
         "joint_from_reading": by_reading.tolist(),
-        "root_in_f0": found.root.tolist(),
+        "root_in_f0": matched.root.tolist(),
         "flange_in_tip": flange_in_tip.tolist(),
     }
-    return text, file.names, details, found.notes
+    return text, file.names, details, matched.notes
 
 
 def _moved(text: str, before: Path, after: Path) -> str:
     """A text whose meshes with relative paths are found from another folder."""
-    own, back = XmlText(text, "arm"), os.path.relpath(before.resolve(), after.resolve())
-    for e in own.root.iter() if back != "." else ():
+    xml, back = XmlText(text, "arm"), os.path.relpath(before.resolve(), after.resolve())
+    for e in xml.root.iter() if back != "." else ():
         file = e.get("filename", "")
         if e.tag in ("mesh", "texture") and file and "://" not in file and not Path(file).is_absolute():
             e.set("filename", Path(os.path.normpath(Path(back) / file)).as_posix())
-    return own.text
+    return xml.text
 
 
 def _place(joint: ET.Element, pose: np.ndarray) -> None:
@@ -183,13 +182,18 @@ def _new(
     free = " and ".join(
         what for what, each in zip(("effort", "velocity"), most, strict=True) if np.any(np.isnan(each))
     )
-    told = (
+    remark = (
         [f"  <!-- {free} of {UNLIMITED:g}: not stated by the robot; a URDF must have a number -->"]
         if free
         else []
     )
     effort, velocity = (np.where(np.isnan(x), UNLIMITED, x).tolist() for x in most)
-    lines = ['<?xml version="1.0"?>', f"<robot name={quoteattr(name)}>", *told, '  <link name="base_link"/>']
+    lines = [
+        '<?xml version="1.0"?>',
+        f"<robot name={quoteattr(name)}>",
+        *remark,
+        '  <link name="base_link"/>',
+    ]
     before = "base_link"
     for k, (step, joint) in enumerate(zip(steps(calibrated)[:-1], robot.joint_names, strict=True)):
         link = f"{joint}_link"
@@ -226,7 +230,7 @@ def _new(
         "root_in_f0": np.eye(4).tolist(),
         "flange_in_tip": np.eye(4).tolist(),
     }
-    return text, robot.joint_names, details, (told[0].strip(" <!->"),) if told else ()
+    return text, robot.joint_names, details, (remark[0].strip(" <!->"),) if remark else ()
 
 
 def _origin(step: np.ndarray) -> str:

@@ -1,4 +1,4 @@
-"""XML of a user, changed in place: all that is not changed stays, to the byte.
+"""XML of a user, changed in place: all that is not changed stays, to the byte. Elements of a new file.
 
 The elements are read as a tree, and the tree is changed. The text is then made of the parts of the old one:
 start tags whose attributes did not change, what stands between elements (comments, blanks, line ends), and
@@ -8,18 +8,56 @@ end tags. An added element has the indentation of its place.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from xml.etree import ElementTree as ET
 from xml.parsers import expat
 from xml.sax.saxutils import quoteattr
 
+import numpy as np
+
 from bayescal.robots.markup import parse_markup
 
 ATTRIBUTE = re.compile(rb"""(\s+)([^\s=/>"']+)(\s*=\s*)("[^"]*"|'[^']*')""")
 UNIT = b"  "
 """Indentation of the first child of an element, where the file shows no other."""
+
+
+def number(value: float) -> str:
+    """A number with all its digits; no minus zero."""
+    return repr(float(value) + 0.0)
+
+
+def numbers(values: Iterable[float] | np.ndarray) -> str:
+    """Numbers with all their digits, separated by blanks."""
+    return " ".join(map(number, np.asarray(values, float).tolist()))
+
+
+def written(value: str | float | Iterable[float]) -> str:
+    """A text, a number or numbers as they stand in a file."""
+    if isinstance(value, str):
+        return value
+    return number(value) if isinstance(value, float | int) else numbers(value)
+
+
+def element(
+    tag: str, /, *content: str | ET.Element | None, **attributes: str | float | Iterable[float]
+) -> ET.Element:
+    """An element with a text or children, of which those that are None are left out."""
+    out = ET.Element(tag, {key: written(value) for key, value in attributes.items()})
+    for part in content:
+        if isinstance(part, str):
+            out.text = part
+        elif part is not None:
+            out.append(part)
+    return out
+
+
+def add(parent: ET.Element, tag: str, /, **attributes: str | float | Iterable[float]) -> ET.Element:
+    """A further child element."""
+    parent.append(out := element(tag, **attributes))
+    return out
 
 
 @dataclass(frozen=True)
@@ -59,23 +97,23 @@ class XmlText:
     @property
     def inside(self) -> str:
         """The text between the tags of the root element, as it was read."""
-        own = self._old[self.root]
-        return self._data[own.inside : own.inner].decode("utf-8")
+        root = self._old[self.root]
+        return self._data[root.inside : root.inner].decode("utf-8")
 
     def spliced(self, by: Mapping[ET.Element, str]) -> str:
         """The text as it was read, with other texts in place of some elements."""
-        out, at = b"", 0
+        out, end = b"", 0
         for e, text in by.items():
-            own = self._old[e]
-            out += self._data[at : own.start] + text.encode("utf-8")
-            at = own.end
-        return (out + self._data[at:]).decode("utf-8")
+            old = self._old[e]
+            out += self._data[end : old.start] + text.encode("utf-8")
+            end = old.end
+        return (out + self._data[end:]).decode("utf-8")
 
     @property
     def text(self) -> str:
         """The text of the tree as it is now."""
         gaps, tails = self._gaps()
-        own, line = self._old[self.root], self._newline
+        root, line = self._old[self.root], self._newline
 
         def written(e: ET.Element, indent: bytes) -> bytes:
             old, children, begin = self._old.get(e), list(e), indent
@@ -104,7 +142,7 @@ class XmlText:
             return b"".join([*parts, tail])
 
         new = written(self.root, b"")
-        return (self._data[: own.start] + new + self._data[own.end :]).decode("utf-8")
+        return (self._data[: root.start] + new + self._data[root.end :]).decode("utf-8")
 
     def _gaps(self) -> tuple[dict[ET.Element, bytes], dict[ET.Element, bytes]]:
         """What stands before each old element, and before the end tag of each.
@@ -113,15 +151,15 @@ class XmlText:
         """
         present, gaps, tails = set(self.root.iter()), {}, {}
         for e, old in self._old.items():
-            at, left = old.inside, b""
+            end, comments = old.inside, b""
             for child in old.children:
-                own = self._data[at : self._old[child].start]
-                at = self._old[child].end
+                gap = self._data[end : self._old[child].start]
+                end = self._old[child].end
                 if child in present:
-                    gaps[child], left = left + own, b""
-                elif own.strip():
-                    left += own.rstrip()
-            tails[e] = left + self._data[at : old.inner]
+                    gaps[child], comments = comments + gap, b""
+                elif gap.strip():
+                    comments += gap.rstrip()
+            tails[e] = comments + self._data[end : old.inner]
         return gaps, tails
 
     @cached_property
@@ -136,10 +174,10 @@ class XmlText:
     def _before(self, old: _Old) -> bytes:
         """What is to stand before an added child: as before the others."""
         starts = [self._old[child] for child in old.children]
-        ends = [old.inside, *(own.end for own in starts)]
-        for own, at in zip(starts, ends, strict=False):
-            if b"\n" in self._data[at : own.start]:
-                return self._newline + self._indent(own)
+        ends = [old.inside, *(old_child.end for old_child in starts)]
+        for old_child, end in zip(starts, ends, strict=False):
+            if b"\n" in self._data[end : old_child.start]:
+                return self._newline + self._indent(old_child)
         unit = b"\t" if b"\t" in self._indent(old) else UNIT
         return b"" if starts else self._newline + self._indent(old) + unit
 
@@ -148,19 +186,19 @@ def with_attributes(tag: bytes, before: Mapping[str, str], now: Mapping[str, str
     """A start tag (or an empty element) with changed attributes; further ones are added last."""
     if before == now:
         return tag
-    out, at = b"", 0
-    for found in ATTRIBUTE.finditer(tag):
-        key = found[2].decode()
-        out += tag[at : found.start()]
-        at = found.end()
+    out, done = b"", 0
+    for match in ATTRIBUTE.finditer(tag):
+        key = match[2].decode()
+        out += tag[done : match.start()]
+        done = match.end()
         if key not in before or now.get(key) == before[key]:  # also what declares a namespace
-            out += found[0]
+            out += match[0]
         elif key in now:
-            out += found[1] + found[2] + found[3] + quoteattr(now[key]).encode()
+            out += match[1] + match[2] + match[3] + quoteattr(now[key]).encode()
     end = re.search(rb"\s*/?>$", tag)
     assert end, "a tag ends with >"
     more = {key: value for key, value in now.items() if key not in before}
-    return out + tag[at : end.start()] + _attributes(more) + tag[end.start() :]
+    return out + tag[done : end.start()] + _attributes(more) + tag[end.start() :]
 
 
 def _attributes(each: Mapping[str, str]) -> bytes:
@@ -196,10 +234,10 @@ def _spans(data: bytes, root: ET.Element) -> list[_Old]:
     return out
 
 
-def tag_end(data: bytes, at: int) -> int:
-    """Position behind a tag that starts at `at`; a > in a quoted value does not end it."""
+def tag_end(data: bytes, start: int) -> int:
+    """Position behind a tag that begins at `start`; a > in a quoted value does not end it."""
     quote = 0
-    for k in range(at, len(data)):
+    for k in range(start, len(data)):
         byte = data[k]
         if quote:
             quote = 0 if byte == quote else quote

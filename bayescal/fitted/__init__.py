@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from bayescal.fitted.arm import FittedArm, Poses, of_estimate, of_fit, of_gap, open_run, refitted
-from bayescal.fitted.file import read_arm, write_arm
+from bayescal.fitted.arm import FittedArm, Poses, of_estimate, of_fit, of_gap, refitted
+from bayescal.fitted.file import open_run, read_arm, write_arm
 
 __all__ = [
     "FittedArm",

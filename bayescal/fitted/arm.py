@@ -1,8 +1,8 @@
 """A fitted arm that can be evaluated at any pose, with all its fitted effects.
 
-A pose is a row appended to the session in which the arm was fitted (`exporting.rows`). The drivers of its
-effects are therefore those of the model: gravity moments at the deflected pose, torques, angles, direction of
-motion, payload, time. What a pose does not state is that of a row of the session, its *state*.
+A pose is a row appended to the session in which the arm was fitted (`unmodelled.posed_rows`). The drivers of
+its effects are therefore those of the model: gravity moments at the deflected pose, torques, angles,
+direction of motion, payload, time. What a pose does not state is that of a row of the session, its *state*.
 """
 
 from __future__ import annotations
@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -25,7 +24,7 @@ from bayescal.estimate.solver import root
 from bayescal.fitted import gate
 from bayescal.fitted.gate import NOTHING, Use
 from bayescal.fitted.unmodelled import Circumstance, Unmodelled, driven_by, posed_rows
-from bayescal.model import ARM, Model
+from bayescal.model import ARM, USUAL, FitOptions, Model
 from bayescal.model.equilibrium import standing_model
 
 if TYPE_CHECKING:
@@ -43,10 +42,7 @@ class Origin:
     """How an arm was fitted: what a refit repeats."""
 
     command: str = "fit"
-    seed: int = 0
-    robust: bool = True
-    prior_width: float = 1.0
-    without: tuple[str, ...] = ()  # parts of the effects that stay nominal: "geometry at joint 4"
+    options: FitOptions = USUAL
 
 
 @dataclass(frozen=True)
@@ -66,7 +62,7 @@ class Poses:
     model: Model
     rows: np.ndarray  # (C,) of the model's scene
     unmodelled: Unmodelled
-    own: Callable[[Parameter], Parameter]  # what the rows make of the drivers of a parameter
+    driven: Callable[[Parameter], Parameter]  # what the rows make of the drivers of a parameter
 
     @cached_property
     def by_parameters(self) -> np.ndarray:
@@ -76,7 +72,7 @@ class Poses:
     @cached_property
     def wide(self) -> Model:
         """The model with the K errors as its last parameters."""
-        return self.unmodelled.widened(self.model, self.values, self.own)
+        return self.unmodelled.widened(self.model, self.values, self.driven)
 
     @cached_property
     def by_all(self) -> np.ndarray:
@@ -100,14 +96,14 @@ class Poses:
     def errors_by(self, by: np.ndarray) -> np.ndarray:
         """Displacements (C, 3, P + K), m, by independent errors of unit variance that all points share."""
         count = len(self.values)
-        own = by[..., count:] - by[..., :count] @ self.unmodelled.shifts[:, : by.shape[-1] - count]
-        return np.concatenate([by[..., :count] @ root(self.spread), own], axis=-1)
+        unmodelled = by[..., count:] - by[..., :count] @ self.unmodelled.shifts[:, : by.shape[-1] - count]
+        return np.concatenate([by[..., :count] @ root(self.spread), unmodelled], axis=-1)
 
     def dof_by(self, by: np.ndarray, total: np.ndarray) -> np.ndarray:
         """Effective degrees of freedom (C,) of the variances `total` (C,) of these points."""
-        own = np.sum(self.errors_by(by)[..., len(self.values) :] ** 2, axis=1)
-        names = [p.name for p in self.wide.parameters[len(self.values) :]] if own.size else []
-        parts = {name: own[:, np.array(names) == name].sum(axis=1) for name in names}
+        squares = np.sum(self.errors_by(by)[..., len(self.values) :] ** 2, axis=1)
+        names = [p.name for p in self.wide.parameters[len(self.values) :]] if squares.size else []
+        parts = {name: squares[:, np.array(names) == name].sum(axis=1) for name in names}
         return self.unmodelled.dof_of(total, parts)
 
 
@@ -269,18 +265,18 @@ class FittedArm:
         return replace(self, model=standing_model(self.model, values), values=values)
 
 
-def of_estimate(found: Estimate, covariance: np.ndarray, origin: Origin = Origin()) -> FittedArm:
+def of_estimate(estimate: Estimate, covariance: np.ndarray, origin: Origin = Origin()) -> FittedArm:
     """The arm of an estimate; `covariance` (D, D) is the stated one of its z."""
-    model = found.model
+    model = estimate.model
     arm = model.slices[ARM]
-    values = model.deviations(found.z[arm])
+    values = model.deviations(estimate.z[arm])
     return FittedArm(
         standing_model(model, values),
         values,
         covariance[arm, arm] * np.outer(model.sd, model.sd),
         model.effects,
-        {b.target: b.state(found.z[model.slices[b.target]]) for b in model.states},
-        tuple(model.scene.dataset.measurements.ids[row] for row in found.rejected),
+        {b.target: b.state(estimate.z[model.slices[b.target]]) for b in model.states},
+        tuple(model.scene.dataset.measurements.ids[row] for row in estimate.rejected),
         origin,
     )
 
@@ -293,8 +289,7 @@ def of_basis(basis: Basis, origin: Origin = Origin()) -> FittedArm:
 
 def of_fit(fit: Fit) -> FittedArm:
     """The arm of a calibration."""
-    origin = Origin("fit", fit.seed, fit.robust, fit.prior_width, fit.without)
-    return replace(of_basis(fit.basis, origin), use=gate.of_fit(fit))
+    return replace(of_basis(fit.basis, Origin("fit", fit.options)), use=gate.of_fit(fit))
 
 
 def of_gap(gap: Gap, with_: Sequence[str] = (), without: Sequence[str] = ()) -> FittedArm:
@@ -305,8 +300,8 @@ def of_gap(gap: Gap, with_: Sequence[str] = (), without: Sequence[str] = ()) -> 
     from bayescal.calibration import basis_of
 
     assert gap.arm is not None, "a diagnosis has its refit"
-    origin = Origin("gap", gap.seed, gap.robust, gap.prior_width, gap.still_without)
-    arm = replace(of_basis(basis_of(gap.arm, gap.seed), origin), use=gate.of_gap(gap))
+    origin = Origin("gap", replace(gap.options, without=gap.still_without))
+    arm = replace(of_basis(basis_of(gap.arm, gap.options.seed), origin), use=gate.of_gap(gap))
     return refitted(arm, with_, without) if with_ or without else arm
 
 
@@ -328,18 +323,20 @@ def refitted(arm: FittedArm, with_: Sequence[str] = (), without: Sequence[str] =
     """
     from bayescal.calibration import fit
 
-    own = [plain(name) for name in arm.effects]
+    names = [plain(name) for name in arm.effects]
     for name in with_:
-        if plain(name) in own:
+        if plain(name) in names:
             raise BayescalError(f"the model has {plain(name)} already", f"--with {name}", "leave it out")
-    whole = [name for name in without if name in own or name in arm.effects]
+    whole = [name for name in without if name in names or name in arm.effects]
     effects = [name for name in arm.effects if name not in whole and plain(name) not in whole]
-    parts = (*arm.origin.without, *(name for name in without if name not in whole))
-    o = arm.origin
-    found = fit(arm.dataset, (*effects, *with_), 0, o.seed, o.robust, o.prior_width, without=parts)
+    options = arm.origin.options
+    parts = (*options.omitted, *(name for name in without if name not in whole))
+    found = fit(arm.dataset, (*effects, *with_), options, without=parts, samples=0)
     refit = of_fit(found)
     against = (*refit.use.against, *gate.not_gained(_gains(found, with_)))
-    return replace(refit, origin=replace(o, without=parts), use=replace(refit.use, against=against))
+    return replace(
+        refit, origin=Origin(arm.origin.command, found.options), use=replace(refit.use, against=against)
+    )
 
 
 def _gains(fit: Fit, names: Sequence[str]) -> list[tuple[str, float]]:
@@ -354,17 +351,3 @@ def _gains(fit: Fit, names: Sequence[str]) -> list[tuple[str, float]]:
         (name, gain(errors[0], less, more))
         for name, less, more in zip(names, errors, errors[1:], strict=False)
     ]
-
-
-def open_run(folder: Path, with_: Sequence[str] = (), without: Sequence[str] = ()) -> FittedArm:
-    """The arm of a run folder of `fit` or `gap`; with other effects, it is fitted again (`refitted`).
-
-    Raises
-    ------
-    BayescalError
-        If the folder has no arm, or an incomplete one.
-    """
-    from bayescal.fitted.file import read_arm
-
-    arm = read_arm(Path(folder))
-    return refitted(arm, with_, without) if with_ or without else arm

@@ -1,13 +1,10 @@
 """The arm of a run folder: `arm.json`, and a copy of its dataset.
 
-The file states the model as text, and the values of its parameters by name. The model is built again from the
-copy of the dataset (`dataset/`; `dataset/1`, `dataset/2` of several sessions).
-
-The estimate of a run folder, linearised again at the values of its arm: nothing is fitted.
-
-arm.json has the values, the prior of every parameter, the positions of the targets and the rejected
-measurements. Row weights, noise scales, covariance and discrepancy follow from them; the stated covariance
-must be that of arm.json.
+The file states the model as text, the values of its parameters by name with the prior of each, the positions
+of the targets and the rejected measurements. The model is built again from the copy of the dataset
+(`dataset/`; `dataset/1`, `dataset/2` of several sessions), and the estimate linearised again at these values:
+nothing is fitted. Row weights, noise scales, covariance and discrepancy follow from them; the stated
+covariance must be that of arm.json.
 """
 
 from __future__ import annotations
@@ -26,11 +23,12 @@ from bayescal.dataset.write import write_files
 from bayescal.effects import UNITS, Parameter, parameters_of
 from bayescal.errors import BayescalError
 from bayescal.estimate import Estimate, at_solution
-from bayescal.fitted.arm import FittedArm, Origin
+from bayescal.fitted.arm import FittedArm, Origin, refitted
 from bayescal.fitted.gate import Use
 from bayescal.fitted.unmodelled import Unmodelled
 from bayescal.model import ARM, Model, equilibrium, with_parameters
 from bayescal.model.equilibrium import SETTLED
+from bayescal.model.options import FitOptions, parts_of
 from bayescal.model.scene import Scene
 from bayescal.storage.files import json_text
 from bayescal.storage.folders import check_unchanged
@@ -46,7 +44,7 @@ def arm_record(arm: FittedArm) -> dict[str, Any]:
     """The content of arm.json: values and u in the units of files, covariance and states in SI."""
     u = np.sqrt(np.diag(arm.covariance))
     parameters = []
-    for p, value, own in zip(arm.model.parameters, arm.values.tolist(), u.tolist(), strict=True):
+    for p, value, u_of_value in zip(arm.model.parameters, arm.values.tolist(), u.tolist(), strict=True):
         unit, factor = UNITS[p.unit]
         parameters.append(
             {
@@ -58,12 +56,12 @@ def arm_record(arm: FittedArm) -> dict[str, Any]:
                 "nominal": p.nominal * factor,
                 "value": (p.nominal + value) * factor,
                 "deviation": value * factor,
-                "u": own * factor,
+                "u": u_of_value * factor,
                 "prior_mean": p.centre * factor,
                 "prior_sd": p.sd * factor,
             }
         )
-    dataset = arm.dataset
+    dataset, options = arm.dataset, arm.origin.options
     own_noise, remounted = _joining(dataset)
     return {
         "schema": SCHEMA,
@@ -76,10 +74,10 @@ def arm_record(arm: FittedArm) -> dict[str, Any]:
             "own_noise": own_noise,
         },
         "model": list(arm.effects),
-        "without": list(arm.origin.without),
-        "prior_width": arm.origin.prior_width,
-        "robust": arm.origin.robust,
-        "seed": arm.origin.seed,
+        "without": list(options.omitted),
+        "prior_width": options.prior_width,
+        "robust": options.robust,
+        "seed": options.seed,
         "parameters": parameters,
         "covariance_si": arm.covariance.tolist(),
         **arm.beyond.record(),
@@ -185,18 +183,20 @@ def _arm(record: dict[str, Any], folder: Path) -> FittedArm:
 
     def make(scene: Scene) -> Model:
         made = parameters_of(effects, scene.circumstances(scene.rows("calibrate")))
-        known = {p.name: _prior(p, entries.get(p.name, {})) for p in made}
-        return Model(scene, effects, tuple(known[name] for name in entries if name in known), (), ())
+        by_name = {p.name: _prior(p, entries.get(p.name, {})) for p in made}
+        return Model(scene, effects, tuple(by_name[name] for name in entries if name in by_name), (), ())
 
     def deviations(model: Model) -> np.ndarray:
         return np.array([entries[p.name]["value"] / UNITS[p.unit][1] - p.nominal for p in model.parameters])
 
     # a joint may carry a torque only where the arm stands as it was fitted
-    found = equilibrium(scene, make, deviations, SETTLED)
-    if missing := entries.keys() - {p.name for p in found.parameters}:
+    settled = equilibrium(scene, make, deviations, SETTLED)
+    if missing := entries.keys() - {p.name for p in settled.parameters}:
         what = f"the model of the dataset's copy has no parameter `{min(missing)}`"
         raise BayescalError(what, str(folder / ARM_FILE), "repeat the command with this version")
-    model, values = with_parameters(found.scene, effects, found.parameters), deviations(found)
+    model, values = with_parameters(settled.scene, effects, settled.parameters), deviations(settled)
+    parts = parts_of(record["without"], effects)
+    options = FitOptions(parts, record["robust"], record["prior_width"], record["seed"])
     return FittedArm(
         model,
         values,
@@ -204,16 +204,22 @@ def _arm(record: dict[str, Any], folder: Path) -> FittedArm:
         effects,
         {name: np.array(state, float) for name, state in record["targets_si"].items()},
         tuple(record["rejected"]),
-        Origin(
-            record["command"],
-            record["seed"],
-            record["robust"],
-            record["prior_width"],
-            tuple(record["without"]),
-        ),
+        Origin(record["command"], options),
         Use.read(record, model.parameters),
         Unmodelled.read(record, len(values)),
     )
+
+
+def open_run(folder: Path, with_: Sequence[str] = (), without: Sequence[str] = ()) -> FittedArm:
+    """The arm of a run folder of `fit` or `gap`; with other effects, it is fitted again (`refitted`).
+
+    Raises
+    ------
+    BayescalError
+        If the folder has no arm, or an incomplete one.
+    """
+    arm = read_arm(Path(folder))
+    return refitted(arm, with_, without) if with_ or without else arm
 
 
 AGREES = 0.02
@@ -251,8 +257,8 @@ def check_restored(arm: FittedArm, covariance: np.ndarray) -> None:
         With the parameter that differs most.
     """
     model = arm.model
-    own = covariance[model.slices[ARM], model.slices[ARM]] * np.outer(model.sd, model.sd)
-    ratio = np.sqrt(np.diag(own) / np.maximum(np.diag(arm.covariance), np.finfo(float).tiny))
+    computed = covariance[model.slices[ARM], model.slices[ARM]] * np.outer(model.sd, model.sd)
+    ratio = np.sqrt(np.diag(computed) / np.maximum(np.diag(arm.covariance), np.finfo(float).tiny))
     k = int(np.argmax(np.abs(np.log(ratio)))) if len(ratio) else 0
     if len(ratio) and abs(np.log(ratio[k])) > AGREES:
         what = f"u of {model.names[k]} is {ratio[k]:.3g} times that of arm.json when it is computed again"

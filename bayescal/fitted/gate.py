@@ -127,8 +127,8 @@ NOTHING = Use()
 def of_fit(fit: Fit) -> Use:
     """What may be used of a calibration."""
     sampler = () if fit.draws.converged else (f"the sampler did not converge: {fit.draws.complaint}",)
-    found, covariance = fit.final.estimate, fit.stated.limited
-    reasons = of_estimate(found, covariance)
+    estimate, covariance = fit.final.estimate, fit.stated.limited
+    reasons = of_estimate(estimate, covariance)
     if not reasons and not fit.acceptance.determined:
         share = 100 * fit.forecast.prior_share
         reasons = (
@@ -136,7 +136,7 @@ def of_fit(fit: Fit) -> Use:
         )
     tests = fit.acceptance
     reasons = (*((tests.unmade,) if tests.unmade else ()), *reasons)
-    told = () if tests.explains and tests.validated else (f"verdict of the fit: {tests.verdict}",)
+    verdict = () if tests.explains and tests.validated else (f"verdict of the fit: {tests.verdict}",)
     codes = {f.code for f in fit.findings if f.severity != "note"}
     step = next(
         key
@@ -150,17 +150,17 @@ def of_fit(fit: Fit) -> Use:
         )
         if here
     )
-    return Use((*sampler, *reasons), told, fit.rigid, next=step)
+    return Use((*sampler, *reasons), verdict, fit.rigid, next=step)
 
 
 def of_gap(gap: Gap) -> Use:
     """What may be used of the refit of a diagnosis."""
     assert gap.arm is not None
     assert gap.covariance is not None
-    told = REMAINS.get(gap.verdict.kind, "")
+    remaining = REMAINS.get(gap.verdict.kind, "")
     return Use(
         of_estimate(gap.arm, gap.covariance),
-        (f"verdict of the diagnosis: {told}",) if told else (),
+        (f"verdict of the diagnosis: {remaining}",) if remaining else (),
         gap.rigid,
         left_out(gap.verdict),
     )
@@ -181,41 +181,41 @@ def not_gained(gains: Sequence[tuple[str, float]]) -> tuple[str, ...]:
     )
 
 
-def of_estimate(found: Estimate, covariance: np.ndarray) -> tuple[str, ...]:
+def of_estimate(estimate: Estimate, covariance: np.ndarray) -> tuple[str, ...]:
     """Reasons against an estimate, by its stated covariance: size not known, priors decide, not physical."""
-    below = tuple(fault.words for fault in not_physical(found, covariance))
-    if not found.model.knows_length:
+    below = tuple(fault.words for fault in not_physical(estimate, covariance))
+    if not estimate.model.knows_length:
         return ("no certified length was fitted: the size of the arm rests on its tolerances", *below)
-    share = _left_of_prior(found, covariance)
+    share = _left_of_prior(estimate, covariance)
     if share > REDUCED:
         what = "the fit is not identified: distances between TCP positions keep"
         return (f"{what} {100 * share:.0f} % of the uncertainty of the priors", *below)
     return below
 
 
-def _left_of_prior(found: Estimate, covariance: np.ndarray) -> float:
+def _left_of_prior(estimate: Estimate, covariance: np.ndarray) -> float:
     """Uncertainty of distances between TCP positions of the fitted data, over that of the arm's prior."""
-    model = found.model
+    model = estimate.model
     arm = model.slices[ARM]
     rows = np.concatenate([b.rows for b in model.states])
     if not len(model.parameters) or len(rows) < 2:
         return 0.0
     one, other = np.random.default_rng(0).integers(0, len(rows), (2, PAIRS))
     motion = model.motion(rows)
-    p = motion.points(found.arm)
+    p = motion.points(estimate.arm)
     apart = p[:, one] - p[:, other]
     length = np.linalg.norm(apart, axis=0)
     used = length > 0
     by = np.zeros((len(model.parameters), int(np.sum(used))))
     for axis, u in enumerate(np.eye(3)):
-        columns = motion.columns(found.arm, p, np.repeat(u[:, None], len(rows), axis=1))
+        columns = motion.columns(estimate.arm, p, np.repeat(u[:, None], len(rows), axis=1))
         by += (columns[:, one[used]] - columns[:, other[used]]) * (apart[axis] / np.maximum(length, 1e-9))[
             used
         ]
     by = by * model.sd[:, None]
-    left = np.einsum("pk,pq,qk->k", by, covariance[arm, arm], by, optimize=True)
+    variance = np.einsum("pk,pq,qk->k", by, covariance[arm, arm], by, optimize=True)
     # rows of a single position have no distance: nothing is known of any
-    return float(np.sqrt(np.sum(left) / np.sum(by**2))) if np.any(by) else 1.0
+    return float(np.sqrt(np.sum(variance) / np.sum(by**2))) if np.any(by) else 1.0
 
 
 def check(use: Use, force: bool, done: str = "exported") -> None:

@@ -1,7 +1,4 @@
-"""What a pose does not state: from which side each joint came to it.
-
-The TCP at given joint readings, as a measurand.
-"""
+"""The TCP at given joint readings as a measurand; the direction of approach that a pose does not state."""
 
 from __future__ import annotations
 
@@ -21,7 +18,7 @@ from bayescal.model import ARM, Model
 
 def lost_motion(
     arm: FittedArm,
-    at: Callable[[np.ndarray, np.ndarray, np.ndarray], Poses],
+    poses_at: Callable[[np.ndarray, np.ndarray, np.ndarray], Poses],
     readings: np.ndarray,
     velocity: np.ndarray,
     poses: Poses,
@@ -33,7 +30,7 @@ def lost_motion(
     Parameters
     ----------
     arm : FittedArm
-    at : callable
+    poses_at : callable
         Poses for readings (R, n), the numbers (R,) of their rows, and directions (n,) to add.
     readings, velocity : np.ndarray, shape (C, n)
         rad; signs of the motion before the pose, 0 where it is not known.
@@ -46,7 +43,7 @@ def lost_motion(
     for j, axis in enumerate(np.eye(readings.shape[1])):
         rows = np.flatnonzero(velocity[:, j] == 0)
         if len(rows):
-            out[rows, j] = at(readings[rows], rows, axis).points - poses.points[rows]
+            out[rows, j] = poses_at(readings[rows], rows, axis).points - poses.points[rows]
     return out
 
 
@@ -91,15 +88,15 @@ def point(
         )
     values = np.concatenate([arm.values, np.zeros(len(functions))])
     motion = Model(posed.scene, wide.model.effects, (*posed.parameters, *functions), (), ()).motion(rows)
-    at = motion.points(values)
+    position = motion.points(values)
     by_z = np.zeros((3, wide.model.size))
     for axis in range(3):
         u = np.zeros((3, 1))
         u[axis] = 1.0
-        by_z[axis, :count] = motion.columns(values, at, u)[:, 0] * wide.model.sd
-    own = []
+        by_z[axis, :count] = motion.columns(values, position, u)[:, 0] * wide.model.sd
+    independent = []
     if basis.excess:
-        own.append((basis.unexplained(), basis.excess * np.eye(3)))
+        independent.append((basis.unexplained(), basis.excess * np.eye(3)))
     middle = arm.at(readings, tool=tool, payload_kg=payload_kg)
 
     def directed(q: np.ndarray, which: np.ndarray, way: np.ndarray) -> Poses:
@@ -109,7 +106,7 @@ def point(
         if np.any(off):
             name = f"direction of motion of joint {j + 1} is not known"
             side = Input(READINGS, name, "B", "1", 0.0, 1.0, distribution="two values")
-            own.append((side, off[:, None]))
+            independent.append((side, off[:, None]))
     shown = ", ".join(f"{q:.6g}" for q in np.degrees(readings))
     named = f"TCP at ({shown}) deg"
-    return Measurand(POINT, named, "m", None, by_z, tuple(own), position=at[:, 0])
+    return Measurand(POINT, named, "m", None, by_z, tuple(independent), position=position[:, 0])

@@ -10,7 +10,7 @@ covariance without these errors, and A what each error added to the parameters, 
 A compliance that is too small for masses that are too large deflects the arm as before: the uncertainty of
 the point is less than that of the compliances.
 
-Poses as rows appended to a session, and the equilibrium of an arm under gravity in all its rows.
+A point at other poses is that of rows appended to the session (`posed_rows`).
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from bayescal.assess.inputs import Basis
 from bayescal.dataset import Dataset, Measurements
 from bayescal.dataset.append import appended
 from bayescal.effects import Parameter
-from bayescal.effects.masses import masses
+from bayescal.effects.gravity import masses
 from bayescal.errors import BayescalError
 from bayescal.estimate.discrepancy import MASSES, mixed, sized
 from bayescal.estimate.families import compliant, families
@@ -51,7 +51,7 @@ class Unmodelled:
     variances, dof : mapping
         Of the families of the discrepancy: variance, and its effective degrees of freedom.
     mixing : np.ndarray, shape (L, L)
-        Makes the errors of masses of those of `effects.masses`.
+        Makes the errors of masses of those of `effects.gravity`.
     excess, excess_dof : float
         m, standard deviation of the error of each coordinate, and its effective degrees of freedom.
     noise : mapping
@@ -87,22 +87,24 @@ class Unmodelled:
     @classmethod
     def read(cls, record: Mapping[str, Any], parameters: int) -> Unmodelled:
         """From the entries of `record` in arm.json; None or missing where there is none."""
-        of_masses, rest = record.get("masses"), record.get("discrepancy")
+        of_masses, of_discrepancy = record.get("masses"), record.get("discrepancy")
         noise = {group: float(scale) for group, scale in record.get("noise_scale", {}).items()}
         mixing, shifts = no_masses(), np.zeros((parameters, 0))
         if of_masses is not None:
             mixing = np.array(of_masses["mixing"], float)
             shifts = np.array(of_masses["shifts_si"], float).reshape(parameters, len(mixing))
-        if rest is None:
+        if of_discrepancy is None:
             return cls(shifts, mixing=mixing, noise=noise)
-        each = rest["families"]
-        dof = rest["unexplained_dof"]
+        each = of_discrepancy["families"]
+        dof = of_discrepancy["unexplained_dof"]
         return cls(
-            np.concatenate([np.array(rest["shifts_si"], float).reshape(parameters, -1), shifts], axis=1),
+            np.concatenate(
+                [np.array(of_discrepancy["shifts_si"], float).reshape(parameters, -1), shifts], axis=1
+            ),
             {name: float(entry["variance"]) for name, entry in each.items()},
             {name: float(entry["dof"]) for name, entry in each.items()},
             mixing,
-            1e-6 * rest["unexplained_um"],
+            1e-6 * of_discrepancy["unexplained_um"],
             inf if dof is None else float(dof),
             noise,
         )
@@ -141,16 +143,16 @@ class Unmodelled:
             )
 
     def widened(
-        self, model: Model, values: np.ndarray, own: Callable[[Parameter], Parameter] = lambda p: p
+        self, model: Model, values: np.ndarray, driven: Callable[[Parameter], Parameter] = lambda p: p
     ) -> Model:
-        """A model with the errors as its last parameters; `own` as of `rows.driven_by`.
+        """A model with the errors as its last parameters; `driven` as of `driven_by`.
 
         Raises
         ------
         BayescalError
             If the functions are not those of the fit: a torque that varied there does not vary here.
         """
-        every = tuple(own(p) for p in self.functions(model, values))
+        every = tuple(driven(p) for p in self.functions(model, values))
         if len(every) != self.shifts.shape[1]:
             what = f"the model discrepancy has {len(every)} functions at these poses, and in the fit"
             remedy = "repeat the fit with this version"
@@ -215,12 +217,12 @@ class Circumstance:
             if m.time is None:
                 what = "the session records no time_s"
                 raise BayescalError(what, "", "choose a row instead")
-            at = np.broadcast_to(np.asarray(time, float), (count,))
-            values["time"] = at
+            times = np.broadcast_to(np.asarray(time, float), (count,))
+            values["time"] = times
             order = np.argsort(m.time, kind="stable")
-            source = order[np.maximum(np.searchsorted(m.time[order], at, side="right") - 1, 0)]
+            source = order[np.maximum(np.searchsorted(m.time[order], times, side="right") - 1, 0)]
             if m.temperature is not None:
-                values["temperature"] = np.interp(at, m.time[order], m.temperature[order])
+                values["temperature"] = np.interp(times, m.time[order], m.temperature[order])
         return cls(source, values, m.velocity is not None)
 
     def changed(self, readings: np.ndarray, direction: np.ndarray | None) -> dict[str, Any]:
@@ -276,8 +278,8 @@ def posed_rows(
     dataset = replace(scene.dataset, measurements=appended(m, source, changed, [f"pose {k}" for k in rows]))
     stance = None if scene.stance is None else scene.stance.at(np.concatenate([np.arange(count), source]))
 
-    own = driven_by(m, source, still)
-    return settled_model(model, replace(scene, dataset=dataset, stance=stance), values, own), rows
+    driven = driven_by(m, source, still)
+    return settled_model(model, replace(scene, dataset=dataset, stance=stance), values, driven), rows
 
 
 def driven_by(m: Measurements, source: np.ndarray, still: bool) -> Callable[[Parameter], Parameter]:
@@ -298,8 +300,8 @@ def _driven(p: Parameter, count: int, source: np.ndarray | None) -> Parameter:
     def driver(values: np.ndarray | float) -> np.ndarray | float:
         if np.ndim(values) == 0:
             return values
-        own = np.asarray(values)[:count]
-        more = np.zeros(len(np.asarray(values)) - count) if source is None else own[source]
-        return np.concatenate([own, more])
+        fitted = np.asarray(values)[:count]
+        more = np.zeros(len(np.asarray(values)) - count) if source is None else fitted[source]
+        return np.concatenate([fitted, more])
 
     return replace(p, terms=tuple(replace(t, driver=driver(t.driver)) for t in p.terms))

@@ -5,7 +5,6 @@ Locations of the named effects, as shares of the excess variance of the baseline
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -13,13 +12,13 @@ import numpy as np
 
 from bayescal.assess.shared_causes import SharedCause, judged_complete
 from bayescal.effects import EFFECTS, Circumstances, Parameter
-from bayescal.effects.masses import masses
+from bayescal.effects.gravity import masses
 from bayescal.estimate import Estimate, calibrated, families
 from bayescal.estimate.families import with_compliances
 from bayescal.gap.linear.evidence import shared_variance, worth
 from bayescal.gap.linear.problem import Problem, Slopes, of_certificate
 from bayescal.gap.linear.state import State, fit_state
-from bayescal.gap.outcome.where import places, places_named
+from bayescal.gap.outcome.where import Scale, places, places_named
 from bayescal.gap.result import Place
 from bayescal.gap.search.beam import COMPLIANCE, Member, Search
 from bayescal.gap.search.candidates import Candidates, candidates, wide
@@ -29,8 +28,8 @@ from bayescal.gap.search.unknown import Pool, filled, with_set
 from bayescal.gap.search.verdict import Decision, decide
 from bayescal.gap.settings import LINEAR, VERDICT
 from bayescal.model import ORIENTATION
-from bayescal.model.block import Part
 from bayescal.model.model import main_group
+from bayescal.model.options import FitOptions
 from bayescal.model.scene import Scene
 
 
@@ -48,93 +47,89 @@ class Examined:
     causes: tuple[SharedCause, ...] = ()  # of rows that the baseline rejects and that are used all the same
 
 
-def examine(
-    scene: Scene,
-    effects: tuple[str, ...],
-    robust: bool,
-    prior_width: float,
-    without: Sequence[Part] = (),
-    further: bool = False,
-) -> Examined:
+def examine(scene: Scene, effects: tuple[str, ...], options: FitOptions, further: bool = False) -> Examined:
     """Fit a baseline at the deflected pose of the arm, and evaluate all effects that it lacks.
 
     `further`: an effect was named before.
     """
-    fitted = calibrated(scene, effects, prior_width, robust, without)
-    fitted, causes = judged_complete(fitted) if robust else (fitted, ())
-    stands = fitted.model.scene
-    c = with_compliances(stands.circumstances(stands.rows("calibrate")), fitted)
-    nuisance = masses(c) if COMPLIANCE in effects else []
-    known = candidates(c, effects, without)
-    found = _weighed(fitted, fitted, c, known, nuisance, robust, further, causes)
-    members = found.decision.members
+    fitted, causes = calibrated(scene, effects, options), tuple[SharedCause, ...]()
+    if options.robust:
+        fitted, causes = judged_complete(fitted)
+    settled = fitted.model.scene
+    c = with_compliances(settled.circumstances(settled.rows("calibrate")), fitted)
+    nuisance = tuple(masses(c)) if COMPLIANCE in effects else ()
+    known = candidates(c, effects, options.without)
+    baseline = Baseline(fitted, c, known, nuisance, options.robust, further, causes)
+    result = baseline.weighed(fitted)
+    members = result.decision.members
     if members and ORIENTATION in fitted.weights.scale:
-        final = refit(fitted, found.candidates, members, robust, prior_width, without)
+        final = refit(fitted, result.candidates, members, options)
         if not _alike(fitted, final):
-            found = _weighed(fitted, final, c, known, nuisance, robust, further, causes)
-    return found
+            result = baseline.weighed(final)
+    return result
 
 
-def _weighed(
-    fitted: Estimate, noise: Estimate, c: Circumstances, known: Candidates, nuisance: Sequence[Parameter],
-    robust: bool, further: bool, causes: Sequence[SharedCause],
-) -> Examined:  # fmt: skip
-    """Evaluate all effects that a fit lacks, with the noise ratio of orientations to lengths of `noise`."""
-    scale = dict(fitted.weights.scale)
-    if ORIENTATION in scale:
-        main = main_group(fitted.model)
-        scale[ORIENTATION] = scale[main] * _looseness(noise)
-    slopes = Slopes.of(
-        replace(fitted, weights=replace(fitted.weights, scale=scale)),
-        [p for p in known.pool if of_certificate(p)],
-    )
+@dataclass(frozen=True)
+class Baseline:
+    """A fitted baseline, and what the evaluation of further effects takes from it."""
 
-    if causes:
-        slopes = replace(slopes, sharing=np.isin(slopes.rows, np.concatenate([x.rows for x in causes])))
-    poses = families.poses(fitted.model.scene.dataset.measurements, slopes.rows)
-    poses = poses[slopes.contact[: len(slopes.sigma)]]
+    fitted: Estimate
+    circumstances: Circumstances
+    candidates: Candidates
+    nuisance: tuple[Parameter, ...]  # errors of masses, which every hypothesis may use
+    robust: bool
+    further: bool
+    causes: tuple[SharedCause, ...]
 
-    def searched(variance: float) -> Examined:
-        return _searched(fitted, _worth(slopes, poses, variance), c, known, nuisance, robust, further)
+    def weighed(self, noise: Estimate) -> Examined:
+        """Evaluate all effects that the fit lacks; `noise` has the noise ratio of orientations to lengths."""
+        fitted = self.fitted
+        scale = dict(fitted.weights.scale)
+        if ORIENTATION in scale:
+            scale[ORIENTATION] = scale[main_group(fitted.model)] * _looseness(noise)
+        slopes = Slopes.of(
+            replace(fitted, weights=replace(fitted.weights, scale=scale)),
+            [p for p in self.candidates.pool if of_certificate(p)],
+        )
+        if self.causes:
+            rows = np.concatenate([cause.rows for cause in self.causes])
+            slopes = replace(slopes, sharing=np.isin(slopes.rows, rows))
+        poses = families.poses(fitted.model.scene.dataset.measurements, slopes.rows)
+        poses = poses[slopes.contact[: len(slopes.sigma)]]
 
-    bare = fit_state(slopes.problem(fitted.z, (), nuisance), (), (), robust=robust)
-    variance = shared_variance(bare, slopes.gradient, poses)
-    own = worth(variance, slopes.contact, len(slopes.sigma), slopes.gradient, poses)
-    variance = 0.0 if np.mean(own) > LINEAR.independent else variance
-    found = searched(variance)
-    # what an effect explains is no shared error: from above, because many effects explain any error of poses
-    for _ in range(LINEAR.shared_rounds if variance else 0):
-        before, variance = variance, shared_variance(_leading(found), slopes.gradient, poses)
-        if variance > before - LINEAR.settled:
-            break
-        found = searched(variance)
-    return replace(found, causes=tuple(causes))
+        def worth_by(variance: float) -> np.ndarray:
+            return worth(variance, slopes.contact, len(slopes.sigma), slopes.gradient, poses)
 
+        def searched(variance: float) -> Examined:
+            return self._searched(replace(slopes, worth=worth_by(variance) if variance else None))
 
-def _worth(slopes: Slopes, poses: np.ndarray, variance: float) -> Slopes:
-    """Derivatives with what each residual is worth where its pose shares an error."""
-    own = worth(variance, slopes.contact, len(slopes.sigma), slopes.gradient, poses)
-    return replace(slopes, worth=own if variance else None)
+        bare = fit_state(slopes.problem(fitted.z, (), self.nuisance), (), (), robust=self.robust)
+        variance = shared_variance(bare, slopes.gradient, poses)
+        variance = 0.0 if np.mean(worth_by(variance)) > LINEAR.independent else variance
+        result = searched(variance)
+        # what an effect explains is no shared error: from above, as many effects explain any error of poses
+        for _ in range(LINEAR.shared_rounds if variance else 0):
+            before, variance = variance, shared_variance(_leading(result), slopes.gradient, poses)
+            if variance > before - LINEAR.settled:
+                break
+            result = searched(variance)
+        return replace(result, causes=self.causes)
 
-
-def _searched(
-    fitted: Estimate, slopes: Slopes, c: Circumstances, known: Candidates, nuisance: Sequence[Parameter],
-    robust: bool, further: bool,
-) -> Examined:  # fmt: skip
-    """Evaluate all effects that a fit lacks, with its derivatives."""
-    effects = fitted.model.effects
-    p = slopes.problem(fitted.z, known.pool, nuisance)
-    if any(wide(effect, c) for effect in EFFECTS.values()):
-        states = [fit_state(p, (), (), robust=robust)]
-        if states[0].gross:  # an outlier may be what an effect explains
-            states.append(fit_state(p, (), (), robust=False))
-        known = screened(known, slopes, states, c, effects)
-        del states  # with the columns of the first problem
-        p = slopes.problem(fitted.z, known.pool, nuisance)
-    pool = filled(partial(cells, c), slopes.columns, p)
-    search = Search(p, known, robust, further)
-    search.run()
-    return Examined(fitted, c, known, p, pool, search, decide(search, pool))
+    def _searched(self, slopes: Slopes) -> Examined:
+        """Evaluate all effects that the fit lacks, with its derivatives."""
+        fitted, c, known = self.fitted, self.circumstances, self.candidates
+        p = slopes.problem(fitted.z, known.pool, self.nuisance)
+        if any(wide(effect, c) for effect in EFFECTS.values()):
+            states = [fit_state(p, (), (), robust=self.robust)]
+            if states[0].gross:  # an outlier may be what an effect explains
+                states.append(fit_state(p, (), (), robust=False))
+            known = screened(known, slopes, states, c, fitted.model.effects)
+            del states  # with the columns of the first problem
+            p = slopes.problem(fitted.z, known.pool, self.nuisance)
+        pool = filled(partial(cells, c), slopes.columns, p)
+        search = Search(p, known, self.robust, self.further)
+        search.run()
+        return Examined(fitted, c, known, p, pool, search, decide(search, pool))
 
 
 def _leading(found: Examined) -> State:
@@ -160,14 +155,15 @@ def where(first: Examined, last: Examined, promoted: bool, noise: float) -> tupl
     """Locations of compliance where that was missing, then all others; shares of the same excess."""
     out: tuple[Place, ...] = ()
     null = first.search.hypotheses[frozenset()].state
-    chosen, size = last.decision.hypothesis, last.fitted.model.size
+    chosen = last.decision.hypothesis
     excess = _excess(null, chosen.state, noise)
     if promoted:
         every = max(first.candidates.variants[COMPLIANCE], key=lambda v: len(v.columns))
         own = first.search.hypothesis([Member(every, 1.0, 0.0)])
-        pool, absorbs = first.candidates.pool, first.fitted.model.size
-        out = places_named(own, pool, first.circumstances, excess, absorbs)
-    return (*out, *places(chosen, last.pool, last.candidates.pool, last.circumstances, excess, size))
+        scale = Scale(first.circumstances, excess, first.fitted.model.size)
+        out = places_named(own, first.candidates.pool, scale)
+    scale = Scale(last.circumstances, excess, last.fitted.model.size)
+    return (*out, *places(chosen, last.pool, last.candidates.pool, scale))
 
 
 def _excess(null: State, chosen: State, noise: float) -> float:

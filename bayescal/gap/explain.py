@@ -20,7 +20,7 @@ from bayescal.gap.search.gate import confirmed, contradiction
 from bayescal.gap.search.refit import model_name, refit
 from bayescal.gap.search.verdict import Decision
 from bayescal.gap.settings import GATE, VERDICT
-from bayescal.model.block import Part
+from bayescal.model.options import USUAL, FitOptions
 from bayescal.model.scene import Scene
 from bayescal.predict.crossvalidation import BLOCKED, VALIDATED, validation_errors
 from bayescal.predict.errors import ValidationErrors
@@ -120,18 +120,16 @@ class Explained:
 def explain(
     scene: Scene,
     effects: tuple[str, ...],
-    robust: bool = True,
-    prior_width: float = 1.0,
-    without: Sequence[Part] = (),
+    options: FitOptions = USUAL,
     progress: Progress = lambda stage, fraction: None,
 ) -> Explained:
     """Name effects that a baseline lacks, if validation measurements confirm them; see `diagnose`."""
     progress("estimate", 0.0)
-    first = examine(scene, effects, robust, prior_width, without)
+    first = examine(scene, effects, options)
     progress("search", 0.3)
     last, promoted = first, COMPLIANCE not in effects and _promoted(first)
     if promoted:
-        last = examine(scene, (*effects, COMPLIANCE), robust, prior_width, without, further=True)
+        last = examine(scene, (*effects, COMPLIANCE), options, further=True)
     progress("refit", 0.6)
     before = validation_errors(first.fitted)
     alone = before if last is first and before.how == VALIDATED else _judging(last.fitted)
@@ -141,7 +139,7 @@ def explain(
     def fitted(members: Sequence[Member]) -> tuple[Estimate, ValidationErrors]:
         key = tuple(map(id, members))
         if key not in known:
-            final = refit(last.fitted, last.candidates, members, robust, prior_width, without)
+            final = refit(last.fitted, last.candidates, members, options)
             known[key] = final, _judging(final)
         return known[key]
 

@@ -17,9 +17,12 @@ from bayescal.effects.location import Driver, Site, words_of
 from bayescal.effects.selection import Selection
 from bayescal.estimate import Estimate
 from bayescal.estimate.bounds import UNCHANGED, Rigid
+from bayescal.model.options import FitOptions, Part
 
 VALIDATION_CONTACTS, VALIDATION_POINTS = "validation contacts", "validation points"
 """Kinds of validation measurement, as reports name them."""
+MARGINS = ("target", "joint", "region", "time", "direction")
+"""Groups by which residuals are listed."""
 VERDICTS = ("null", "named", "named+unexplained", "unknown", "ambiguous")
 
 
@@ -264,7 +267,7 @@ class Gap:
 
     dataset: Dataset
     baseline: tuple[str, ...]
-    seed: int
+    options: FitOptions  # with the parts that the baseline lacks
     magnitude: Magnitude
     where: tuple[Place, ...]
     margins: Mapping[str, tuple[Margin, ...]]  # target, joint, region, time, direction
@@ -277,12 +280,9 @@ class Gap:
         np.ndarray, np.ndarray, np.ndarray
     ]  # rows of the session, before, after (m), fitted ones
     warnings: tuple[str, ...]
-    without: tuple[str, ...] = ()  # parts that the baseline lacks: "geometry at joint 4"
     amplitudes: tuple[Amplitude, ...] = ()  # of all named effects
     refit: tuple[str, ...] = ()  # the refitted model, in the form of --model
-    still_without: tuple[str, ...] = ()  # parts that the refitted model lacks
-    robust: bool = True  # whether outliers were excluded
-    prior_width: float = 1.0
+    still_without: tuple[Part, ...] = ()  # parts that the refitted model lacks
     undecided: tuple[Pair, ...] = ()
     arm: Estimate | None = None  # with the named effects that are confirmed: what an export is made of
     calibrated: Estimate | None = None  # of the baseline, before any refit

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from bayescal.methods.compare import METHODS, Comparison, Result, Row, compare
-from bayescal.methods.method import Method, Solution
+from bayescal.methods.method import Method
+from bayescal.methods.solving import Solution
 
 __all__ = ["METHODS", "Comparison", "Method", "Result", "Row", "Solution", "compare"]

@@ -1,4 +1,8 @@
-"""All methods on the same session, with the same calibration and validation measurements."""
+"""All methods on the same session, with the same calibration and validation measurements.
+
+A method answers for the arm alone. Every target that has rows to calibrate with is found from those, with
+the method's arm held; then validation planes, spheres and points are assessed as `validate` judges a fit's.
+"""
 
 from __future__ import annotations
 
@@ -9,20 +13,22 @@ from time import perf_counter
 import numpy as np
 
 from bayescal.dataset import Dataset
+from bayescal.effects import BASELINE
 from bayescal.errors import BayescalError
-from bayescal.estimate import check_enough
-from bayescal.methods.inverse import INVERSE
-from bayescal.methods.linear import LINEAR
-from bayescal.methods.method import NOMINAL, Method, Solution
+from bayescal.estimate import Estimate, check_enough, linearise, unit_weights
+from bayescal.estimate.unexplained import unexplained
+from bayescal.methods.method import NOMINAL, Method
 from bayescal.methods.normals import NORMALS
-from bayescal.methods.open_loop import OPEN_LOOP
-from bayescal.methods.ours import OURS
-from bayescal.methods.planes import PLANES
-from bayescal.methods.validated import predicted, validated
-from bayescal.model import build, check_asked
+from bayescal.methods.published import INVERSE, LINEAR, OPEN_LOOP, OURS, PLANES
+from bayescal.methods.solving import Solution
+from bayescal.model import ARM, Model, build, check_asked, with_parameters
 from bayescal.model.scene import Scene
-from bayescal.predict import Validation
+from bayescal.posterior import gaussian
+from bayescal.predict import Validation, validate
+from bayescal.predict.locate import locate
+from bayescal.statistics import spawned
 
+DRAWS = 2000
 METHODS = (NOMINAL, NORMALS, PLANES, LINEAR, INVERSE, OPEN_LOOP, OURS)
 
 
@@ -34,22 +40,6 @@ class Result:
     seconds: float  # of the solution alone, not of its judgement
     validation: Validation
     predicted: Validation | None  # of a method with predicted uncertainty
-
-    @property
-    def planes(self) -> np.ndarray:
-        """Residuals of validation contacts, (C,), m."""
-        return np.concatenate([np.zeros(0), *(p.residuals for p in self.validation.planes)])
-
-    @property
-    def distances(self) -> np.ndarray:
-        """Errors of certified distances, (K,), m."""
-        return np.array([d.error for d in self.validation.distances])
-
-    @property
-    def points(self) -> np.ndarray:
-        """Lengths of the error vectors of validation points, (C,), m."""
-        each = (np.linalg.norm(p.residuals, axis=0) for p in self.validation.points)
-        return np.concatenate([np.zeros(0), *each])
 
     @property
     def distance_sd(self) -> float:
@@ -80,7 +70,7 @@ class Comparison:
 
 def compare(
     dataset: Dataset,
-    effects: tuple[str, ...] = ("geometry", "compliance"),
+    effects: tuple[str, ...] = BASELINE,
     seed: int = 0,
     methods: Sequence[Method] = METHODS,
     progress: Callable[[str, float], None] = lambda stage, fraction: None,
@@ -125,3 +115,35 @@ def _row(method: Method, dataset: Dataset, effects: tuple[str, ...], seed: int) 
         return Row(method, Result(solution, seconds, validated(solution), predicted(solution, seed)))
     except BayescalError as error:
         return Row(method, None, error.what)
+
+
+def located(model: Model, values: np.ndarray) -> np.ndarray:
+    """The z of a model with its arm at deviations (P,), SI, and each target where its rows then say it is."""
+    z = np.zeros(model.size)
+    z[model.slices[ARM]] = (values - model.shift) / model.sd
+    for block in model.states:
+        kind, p = block.touched(values), block.motion.points(values)
+        sigma = np.tile(block.sigma, (block.kind.rows, 1))
+        at, _ = locate(block.target, kind, p, sigma)
+        z[model.slices[block.target]] = at.x[0, block.free] / block.sd
+    return z
+
+
+def validated(solution: Solution) -> Validation:
+    """Errors of a method on validation measurements; predicted uncertainties in it are void."""
+    model = with_parameters(solution.model.scene, solution.model.effects, solution.model.parameters)
+    z = located(model, solution.values)
+    weights = unit_weights(model, z)
+    unsaid = np.full((model.size, model.size), np.nan)
+    at = Estimate(model, z, unsaid, weights, linearise(model, z, weights), 0, np.array([], int), {})
+    return validate(at, z[None], np.ones((1, len(weights.scale))))
+
+
+def predicted(solution: Solution, seed: int) -> Validation | None:
+    """Predicted uncertainties of validation measurements, for a method that has them; else None."""
+    found = solution.estimate
+    if found is None:
+        return None
+    of_draws, of_noise = spawned(seed, 2)
+    draws = gaussian(found, of_draws, DRAWS)
+    return validate(found, draws.flat, draws.kappa, unexplained(found).excess, of_noise)

@@ -7,65 +7,58 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bayescal.estimate import Estimate
-from bayescal.model import Model, build, standing
+from bayescal.methods.solving import RowsOf, Solution, System, contacts, levenberg, part
+from bayescal.model import Block, Model, build, standing
 from bayescal.model.scene import Scene
 
 
 @dataclass(frozen=True)
-class Solution:
-    """What a method makes of a session, in the parameters of a model.
-
-    `values` (P,) are deviations from nominal, SI. `held` names the parameters kept nominal because the
-    rows do not tell them, `condition` is that of the scaled Jacobian of all others. `estimate` is there where
-    the method predicts uncertainties.
-    """
-
-    model: Model
-    values: np.ndarray
-    held: tuple[str, ...] = ()
-    condition: float | None = None
-    estimate: Estimate | None = None
-
-    @property
-    def free(self) -> int:
-        """Number of the arm's parameters that the method moved."""
-        return len(self.values) - len(self.held)
-
-
-Solve = Callable[[Scene, tuple[str, ...]], Solution]
-
-
-@dataclass(frozen=True)
 class Method:
-    """A way to calibrate.
+    """A way to calibrate: some blocks of the model, their rows, and how these are solved.
 
-    `missing` states what a session lacks for it, or ""; `solve` fits a scene with some effects.
+    Attributes
+    ----------
+    name, source, idea : str
+        Whose idea it is, and the idea in a line.
+    missing : callable
+        What a model of a session lacks for it, or "".
+    uses : callable
+        Whether a block's rows are used.
+    rows : callable
+        For a model, the equations of a block's rows.
+    search : callable
+        Solves the system of these equations.
+    solver : callable, optional
+        Fits a scene with some effects in another way, in place of `rows` and `search`.
     """
 
     name: str
-    source: str  # whose idea it is
-    idea: str  # in a line
-    missing: Callable[[Model], str]
-    solve: Solve
+    source: str
+    idea: str
+    missing: Callable[[Model], str] = lambda model: ""
+    uses: Callable[[Block], bool] = lambda block: True
+    rows: Callable[[Model], RowsOf] = lambda model: contacts
+    search: Callable[[System], Solution] = levenberg
+    solver: Callable[[Scene, tuple[str, ...]], Solution] | None = None
 
-
-def where_it_stands(solve: Solve) -> Solve:
-    """The same, done again with the gravity moments at the fitted poses: see `calibrated`."""
-
-    def twice(scene: Scene, effects: tuple[str, ...]) -> Solution:
-        first = solve(scene, effects)
-        if scene.moments is None or not effects:
+    def solve(self, scene: Scene, effects: tuple[str, ...]) -> Solution:
+        """Fit a scene, and again with the gravity moments at the fitted poses: see `calibrated`."""
+        solver = self.solver or self._solved
+        first = solver(scene, effects)
+        if first.settled or scene.moments is None or not effects:
             return first
-        return solve(standing(first.model, first.values), effects)
+        return solver(standing(first.model, first.values), effects)
 
-    return twice
+    def _solved(self, scene: Scene, effects: tuple[str, ...]) -> Solution:
+        model = part(build(scene, effects), self.uses)
+        return self.search(System(model, self.rows(model)))
 
 
 def nominal(scene: Scene, effects: tuple[str, ...]) -> Solution:
     """The nominal arm."""
     model = build(scene, effects)
-    return Solution(model, np.zeros(len(model.parameters)), tuple(p.name for p in model.parameters))
+    names = tuple(p.name for p in model.parameters)
+    return Solution(model, np.zeros(len(names)), names, settled=True)
 
 
-NOMINAL = Method("nominal", "", "the robot file without calibration", lambda model: "", nominal)
+NOMINAL = Method("nominal", "", "the robot file without calibration", solver=nominal)

@@ -8,16 +8,14 @@ size.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
-from bayescal.methods.method import Method, Solution, where_it_stands
-from bayescal.methods.planes import is_plane
-from bayescal.methods.solving import Rows, System, levenberg, part
-from bayescal.model import Block, Model, build
-from bayescal.model.scene import Scene
+from bayescal.methods.method import Method
+from bayescal.methods.published import is_plane
+from bayescal.methods.solving import Rows, RowsOf, part
+from bayescal.model import Block, Model
 from factors.plane import Plane
 
 DEALS = 4
@@ -73,7 +71,7 @@ def points(block: Block, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return p.T, np.moveaxis(np.array(columns), (0, 1, 2), (1, 2, 0))
 
 
-def in_normals(model: Model) -> Callable[[Block, np.ndarray, np.ndarray], Rows]:
+def in_normals(model: Model) -> RowsOf:
     """Rows of normals: how far each leans from its face, times its triplet's reach, over the noise."""
     dealt = {}
     for block in model.blocks:
@@ -123,17 +121,11 @@ def missing(model: Model) -> str:
     return ""
 
 
-@where_it_stands
-def solve(scene: Scene, effects: tuple[str, ...]) -> Solution:
-    """Fit the arm to the normals of its faces, and its size to the distance between two of them."""
-    model = part(build(scene, effects), is_plane)
-    return levenberg(System(model, in_normals(model)))
-
-
 NORMALS = Method(
     "normals",
     "Zhong and Lewis; Tang et al.",
     "normals from triplets of contacts agree within a face and with certificates; a distance sets the scale",
     missing,
-    solve,
+    is_plane,
+    in_normals,
 )

@@ -1,6 +1,4 @@
-"""Least squares without priors: which parameters are identifiable, and two ways to find them.
-
-Rows of a model as a system of equations without priors of the arm: what the peers solve.
+"""Least squares without priors: rows of a model as equations, and two ways to solve them.
 
 The unknowns x are the arm's deviations from its drawing (SI), then the targets' parts of z. Certificates
 and stated places are rows among others, each over its standard uncertainty: they are data. The tolerance
@@ -18,12 +16,14 @@ from scipy.linalg import qr
 from scipy.optimize import least_squares
 
 from bayescal.errors import BayescalError
-from bayescal.estimate import check_within_reach
-from bayescal.methods.method import Solution
+from bayescal.estimate import Estimate, check_within_reach
 from bayescal.model import ARM, Block, Model
+from bayescal.statistics import rms
 
 Rows = tuple[np.ndarray, np.ndarray, np.ndarray]
 """Residuals (R,), their gradients by the arm's deviations (R, P) and by the target's part of z (R, T)."""
+RowsOf = Callable[[Block, np.ndarray, np.ndarray], Rows]
+"""Rows of a block, at the arm's deviations (P,) and the target's part of z."""
 
 
 def contacts(block: Block, values: np.ndarray, z: np.ndarray) -> Rows:
@@ -41,7 +41,7 @@ class System:
     """
 
     model: Model
-    rows: Callable[[Block, np.ndarray, np.ndarray], Rows] = contacts
+    rows: RowsOf = contacts
     known: bool = False
 
     @property
@@ -119,6 +119,28 @@ UNSEEN = 1e-3
 ROUNDS = 60
 RESTED = 1e-5
 """Residual standard deviations that the last step of an iteration may still move the rows, rms."""
+
+
+@dataclass(frozen=True)
+class Solution:
+    """What a method makes of a session, in the parameters of a model.
+
+    `values` (P,) are deviations from nominal, SI. `held` names the parameters kept nominal because the
+    rows do not tell them, `condition` is that of the scaled Jacobian of all others. `estimate` is there where
+    the method predicts uncertainties.
+    """
+
+    model: Model
+    values: np.ndarray
+    held: tuple[str, ...] = ()
+    condition: float | None = None
+    estimate: Estimate | None = None
+    settled: bool = False  # the gravity moments are those of the fitted poses already
+
+    @property
+    def free(self) -> int:
+        """Number of the arm's parameters that the method moved."""
+        return len(self.values) - len(self.held)
 
 
 @dataclass(frozen=True)
@@ -233,7 +255,7 @@ def linear_steps(system: System) -> Solution:
         x = x.copy()
         x[known.kept] -= step
         x = _targets(system, x)
-        if np.sqrt(np.mean((columns @ step) ** 2)) < RESTED:
+        if rms(columns @ step) < RESTED:
             return solution(system, x, known)
     raise BayescalError("the linear steps do not converge")
 
@@ -244,7 +266,7 @@ def _targets(system: System, x: np.ndarray) -> np.ndarray:
         r, jacobian = system(x)
         step = np.linalg.lstsq(jacobian[:, system.arm :], r, rcond=None)[0]
         x = np.concatenate([x[: system.arm], x[system.arm :] - step])
-        if np.sqrt(np.mean((jacobian[:, system.arm :] @ step) ** 2)) < RESTED:
+        if rms(jacobian[:, system.arm :] @ step) < RESTED:
             break
     return x
 

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from bayescal.model.block import ARM, Block, Constraint, Turned
 from bayescal.model.equilibrium import equilibrium, standing
-from bayescal.model.model import ORIENTATION, Model, build, check_asked, with_parameters
+from bayescal.model.model import ORIENTATION, Model, build, with_parameters
+from bayescal.model.options import USUAL, FitOptions, check_asked
 from bayescal.model.scene import Scene
 
 __all__ = [
     "ARM",
     "ORIENTATION",
+    "USUAL",
     "Block",
     "Constraint",
+    "FitOptions",
     "Model",
     "Scene",
     "Turned",

@@ -1,15 +1,10 @@
 """Residuals of blocks (the rows of one target) and of constraints (certificates).
 
-A part of an effect that a model omits as if it were unmodelled: parameters at a site, or one of them.
-
-Orientations that instruments read in addition to points: rows, uncertainties, tool frames.
-
-Pure functions of a session; `Scene` calls them if it is `oriented`.
+Orientations that instruments read in addition to points have blocks of their own.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -18,10 +13,6 @@ import numpy as np
 from bayescal.arm.motion import Motion, Term
 from bayescal.arm.transforms import rpy_matrix
 from bayescal.dataset import Dataset
-from bayescal.effects import Parameter, Site
-from bayescal.effects.location import ARM as ARM_SITE
-from bayescal.effects.selection import Selection, plain
-from bayescal.errors import BayescalError
 from factors import certificate
 from factors.kind import Kind
 from factors.turns import left_jacobian, turned
@@ -204,90 +195,6 @@ class Constraint:
         """Residuals (..., rows) at arm deviations (..., P) and states, and gradients by each state."""
         r, slopes = self.function(*states)
         return (r - values[..., self.index] @ self.shift if len(self.index) else r), slopes
-
-
-OPTION = "--without"
-
-
-@dataclass(frozen=True)
-class Part:
-    """Parameters of one effect at one site; a joint includes the link that it moves.
-
-    'geometry at joint 4' is theta4 and d4, and a4, alpha4 (and beta4) of the link that joint 4 moves, in
-    Craig's subscripts. This is a row of a standard DH table; in a modified table a4 and alpha4 are in the
-    next row. 'geometry at link 4' is only the link.
-    """
-
-    effect: str
-    site: Site
-    name: str = ""  # of a single parameter
-
-    @classmethod
-    def of(cls, words: str, known: Sequence[Parameter] = ()) -> Part:
-        """Read ``geometry at joint 4``, or the name of a `known` parameter: ``base-compliance y``."""
-        for p in known:
-            if p.name == words.strip():
-                return cls(p.effect, p.site, p.name)
-        asked = Selection.read(words)
-        if len(asked.sites) != 1 or asked != Selection(asked.effect, sites=asked.sites):
-            raise BayescalError(
-                f"`{words.strip()}` is not an effect at a site, and no parameter of the model",
-                OPTION,
-                "write, for example, 'geometry at joint 4' or 'compliance J3'",
-            )
-        return cls(asked.effect, asked.sites[0])
-
-    def __str__(self) -> str:
-        return self.name or f"{self.effect} at {self.site}"
-
-    def holds(self, p: Parameter) -> bool:
-        """Whether a parameter belongs to the part."""
-        if self.name:
-            return p.name == self.name
-        return p.effect == self.effect and Selection(self.effect, sites=(self.site,)).holds(p)
-
-
-def parts_of(
-    words: Sequence[str], effects: Sequence[str], known: Sequence[Parameter] | None = None
-) -> tuple[Part, ...]:
-    """Read the parts that a model omits, each part once.
-
-    `known` are the parameters of the model, which may be named. Without them, as for parts that a run has
-    recorded, any text without a site is such a name.
-
-    Raises
-    ------
-    BayescalError
-        For a text that is no parameter and not an effect at a site, or for an effect that the model lacks.
-    """
-    parts = tuple(dict.fromkeys(_recorded(own) if known is None else Part.of(own, known) for own in words))
-    modelled = dict.fromkeys(map(plain, effects))
-    for part in parts:
-        if not part.name and part.effect not in modelled:
-            remedy = f"the model has: {', '.join(modelled)}" if modelled else "the model has no effect"
-            raise BayescalError(f"{part.effect} is not in the model", f"{OPTION} '{part}'", remedy)
-    return parts
-
-
-def _recorded(words: str) -> Part:
-    return Part.of(words) if " at " in words else Part("", ARM_SITE, words.strip())
-
-
-def kept(parameters: Sequence[Parameter], without: Sequence[Part]) -> tuple[Parameter, ...]:
-    """Parameters that belong to none of the parts.
-
-    Raises
-    ------
-    BayescalError
-        If the model has an effect, but the effect has no parameters at the site.
-    """
-    for part in without:
-        own = [p for p in parameters if p.effect == part.effect]
-        if own and not any(map(part.holds, own)):
-            sites = dict.fromkeys(str(site) for p in own for site in p.site.also)
-            what = f"{part.effect} has no parameters at `{part.site}`"
-            raise BayescalError(what, OPTION, f"its sites are: {', '.join(sites)}")
-    return tuple(p for p in parameters if not any(part.holds(p) for part in without))
 
 
 USUAL = np.radians(0.01)

@@ -18,9 +18,9 @@ from bayescal.arm.motion import CERTIFICATE, CONTACT, TURN, Motion, Terms
 from bayescal.dataset import Certificate as CertificateEntry
 from bayescal.dataset.target_kinds import KINDS
 from bayescal.effects import UNITS, Parameter, parameters_of
-from bayescal.effects.selection import plain
 from bayescal.errors import BayescalError
-from bayescal.model.block import ARM, Block, Constraint, Part, Turned, kept, sigma
+from bayescal.model.block import ARM, Block, Constraint, Turned, sigma
+from bayescal.model.options import USUAL, FitOptions, kept
 from bayescal.model.scene import POINTS, Scene, u_of
 from factors import certificate
 from factors.cylinder import Cylinder
@@ -214,23 +214,7 @@ class Model:
         return self.turned(target, rows) if isinstance(block, Turned) else self.block(target, rows)
 
 
-def check_asked(effects: tuple[str, ...], prior_width: float) -> None:
-    """Refuse priors without width, and an effect named twice."""
-    if not 0 < prior_width < float("inf"):
-        raise BayescalError(
-            "a model without priors would shrink the arm to fit its contacts",
-            "--prior-width",
-            "give a number above 0",
-        )
-    asked = {plain(name) for name in effects}
-    if len(asked) < len(effects):
-        remedy = "name it once; for several sites: 'backlash at joint 2 and joint 3'"
-        raise BayescalError("an effect is named twice", "--model", remedy)
-
-
-def build(
-    scene: Scene, effects: tuple[str, ...], prior_width: float = 1.0, without: Sequence[Part] = ()
-) -> Model:
+def build(scene: Scene, effects: tuple[str, ...], options: FitOptions = USUAL) -> Model:
     """The model of a scene's `calibrate` rows.
 
     Parameters
@@ -238,10 +222,8 @@ def build(
     scene : Scene
     effects : tuple of str
         Names of `effects.MODELS`; () is the nominal arm.
-    prior_width : float
-        Factor on the prior standard deviations of the arm's parameters.
-    without : sequence of Part
-        Parts of the effects that stay nominal.
+    options : FitOptions
+        With the width of the priors, and the parts of the effects that stay nominal.
 
     Raises
     ------
@@ -250,9 +232,8 @@ def build(
     """
     rows = _rows(scene)
     circumstances = scene.circumstances(rows)
-    parameters = kept(parameters_of(effects, circumstances), without)
-    parameters = tuple(p.widened(prior_width) for p in parameters)
-    return with_parameters(scene, effects, parameters)
+    parameters = kept(parameters_of(effects, circumstances), options.without)
+    return with_parameters(scene, effects, tuple(p.widened(options.prior_width) for p in parameters))
 
 
 def with_parameters(scene: Scene, effects: tuple[str, ...], parameters: tuple[Parameter, ...]) -> Model:

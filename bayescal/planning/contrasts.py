@@ -20,7 +20,7 @@ from scipy.linalg import block_diag
 
 from bayescal.estimate import Estimate
 from bayescal.gap.result import Pair
-from bayescal.model.block import Part
+from bayescal.model.options import Part
 from bayescal.planning.pool import Pool
 from bayescal.planning.projection import CandidateColumns, Projection, Vocabulary, vocabulary
 

@@ -15,12 +15,12 @@ import numpy as np
 
 from bayescal.dataset import Dataset
 from bayescal.dataset.append import taken
-from bayescal.effects import UNITS
+from bayescal.effects import BASELINE, UNITS
 from bayescal.effects.compliance import COMPLIANCE
 from bayescal.errors import BayescalError
 from bayescal.gap.result import Pair, Side, Suspect
 from bayescal.model import check_asked
-from bayescal.model.block import Part
+from bayescal.model.options import Part
 from bayescal.planning import order as orders
 from bayescal.planning.candidates import COUNT, candidates
 from bayescal.planning.contrasts import contrasts
@@ -53,7 +53,7 @@ def plan(
     setup: Setup,
     contacts: int = 200,
     aim: str = BOTH,
-    effects: tuple[str, ...] = ("geometry", "compliance"),
+    effects: tuple[str, ...] = BASELINE,
     levers: Sequence[str] = LEVERS,
     order: str = orders.SWEEPS,
     count: int = COUNT,

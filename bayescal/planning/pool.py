@@ -25,7 +25,7 @@ from bayescal.errors import BayescalError
 from bayescal.estimate import Estimate, Weights, check_length, linearise, unit_weights
 from bayescal.estimate.solver import factored, solved
 from bayescal.model import ARM, Model, Scene, build
-from bayescal.model.block import Part
+from bayescal.model.options import FitOptions, Part
 
 CONE = np.radians(60.0)
 """rad: working cone of a probe that states none, of its axis about the inward normal (assumed)."""
@@ -236,7 +236,7 @@ def linearised(
     """
     if not len(pool.candidates):
         raise BayescalError("no candidate contact", pool.session.name, "check the targets and the reach")
-    model = build(Scene(pool.session, oriented=True), effects, without=without)
+    model = build(Scene(pool.session, oriented=True), effects, FitOptions(tuple(without)))
     check_length(model)
     z = np.zeros(model.size) if values is None else values
     if values is None:

@@ -18,7 +18,7 @@ import numpy as np
 
 from bayescal.dataset import Dataset
 from bayescal.effects import EFFECTS, Circumstances, Parameter, named
-from bayescal.effects.masses import masses
+from bayescal.effects.gravity import masses
 from bayescal.errors import BayescalError
 from bayescal.estimate import Estimate, linearise, unit_weights
 from bayescal.estimate.families import with_compliances
@@ -28,7 +28,7 @@ from bayescal.gap.result import Side, Suspect
 from bayescal.gap.search.beam import COMPLIANCE
 from bayescal.gap.search.candidates import Candidates, candidates, extended, wide
 from bayescal.model import Scene, build
-from bayescal.model.block import Part
+from bayescal.model.options import FitOptions, Part
 from bayescal.planning.pool import Pool
 
 
@@ -168,7 +168,7 @@ class Vocabulary:
 
 def nominal(session: Dataset, effects: tuple[str, ...], without: Sequence[Part] = ()) -> Estimate:
     """A model of a session's rows at the mean of its prior, with the stated noise, as if it were fitted."""
-    model = build(Scene(session, oriented=True), effects, without=without)
+    model = build(Scene(session, oriented=True), effects, FitOptions(tuple(without)))
     z = np.zeros(model.size)
     weights = unit_weights(model, z)
     linear = linearise(model, z, weights)

@@ -26,7 +26,7 @@ from bayescal.gap.design.candidate_contacts import widened
 from bayescal.gap.result import Pair, Side, Suspect
 from bayescal.gap.settings import DESIGN
 from bayescal.model import Scene
-from bayescal.model.block import Part
+from bayescal.model.options import Part
 from bayescal.planning.contrasts import Contrast, Contrasts, beside, contrasts
 from bayescal.planning.pool import Pool
 from bayescal.planning.projection import Projection, Vocabulary, nominal

@@ -1,9 +1,8 @@
 """Checkpoint of a long sampling: an interrupted run continues with the draws of an uninterrupted one.
 
-A sampler advances its ensembles in stretches of steps, in an order that follows from its inputs and the draws
-so far. A checkpoint records the steps of every stretch, with the state after them (random generator, counts
-of the moves), and the tests of convergence. A resumed sampler takes over what is recorded, and computes from
-the first step that is missing.
+A sampler advances its ensembles in an order that follows from its inputs and the draws so far. A checkpoint
+holds the chain of every ensemble with the state after its last step (emcee's HDF5 backend), and the tests of
+convergence. A resumed sampler takes over what is recorded, and computes from the first step that is missing.
 
 The first line of the file contains a checksum of the starting points and of the density there, which are
 computed again: a record of other data, another model, seed, version or machine is not used.
@@ -12,33 +11,48 @@ computed again: a record of other data, another model, seed, version or machine 
 from __future__ import annotations
 
 import io
+import json
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, field
 from hashlib import sha256
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
-from zipfile import BadZipFile
+from typing import Any
 
+import emcee
+import h5py
 import numpy as np
 
 from bayescal import __version__
-from bayescal.storage.locks import CHECKPOINT, block, first_line, read, remove, write
+from bayescal.posterior.ensemble import Ensemble
+from bayescal.storage.locks import CHECKPOINT, first_line, read_own, remove, write_own
 from bayescal.storage.stopping import completed, keeping
 
-if TYPE_CHECKING:
-    from bayescal.posterior.ensemble import Ensemble
-
-SCHEMA = f"{CHECKPOINT}/2"
+SCHEMA = f"{CHECKPOINT}/3"
 EVERY = 4.0
 """Seconds of sampling between two writes; a shorter run writes none."""
-NEVER = float("inf")
+SHARE = 0.1
+"""Largest share of the time that is used to write: the whole file is replaced."""
 LIBRARIES = ("numpy", "scipy", "emcee")
 """Draws follow from the inputs and from the versions of these."""
-Kept = dict[str, np.ndarray]
-"""Steps of an ensemble and the state after them (`Ensemble.kept`), or results; with their number."""
+Results = dict[str, np.ndarray]
+
+
+class _Chain(emcee.backends.HDFBackend):  # type: ignore[misc]
+    """A chain in a group of an open file."""
+
+    def __init__(self, file: h5py.File, name: str) -> None:
+        super().__init__("", name)
+        self._file = file
+
+    @property
+    def initialized(self) -> bool:
+        return self.name in self._file
+
+    def open(self, mode: str = "r") -> AbstractContextManager[h5py.File]:
+        return nullcontext(self._file)
 
 
 @dataclass(frozen=True)
@@ -72,12 +86,12 @@ class Checkpoint:
             starts.update(np.ascontiguousarray(ensemble.state.coords).tobytes())
             starts.update(np.ascontiguousarray(ensemble.state.log_prob).tobytes())
         libraries = {name: version(name) for name in LIBRARIES}
-        line = first_line(SCHEMA, bayescal=__version__, starts=starts.hexdigest(), **libraries, **inputs)
-        record = Record(self, line)
-        record.find()
+        inputs |= {"bayescal": __version__, "starts": starts.hexdigest()} | libraries
+        record = Record(self, inputs)
+        record.read()
         with keeping(record.kept):
             yield record
-        record.write()
+            record.write()
         if record.draws:
             completed(record.kept())  # until the results are
 
@@ -88,141 +102,94 @@ class Checkpoint:
 
 @dataclass
 class Record:
-    """Stretches of steps, recorded as they are taken; those of an earlier run are not taken again."""
+    """Chains and results, recorded as they are computed; those of an earlier run are not computed again."""
 
     owner: Checkpoint
-    line: bytes
-    recorded: list[tuple[Kept, int]] = field(default_factory=list)  # and the place after them in the file
-    number: int = -1  # of the present stretch or result
-    steps: int = 0
-    first: int = 0  # step of the ensemble that is not in the file
-    ensemble: Ensemble | None = None
-    unwritten: list[Kept] = field(default_factory=list)
+    inputs: dict[str, Any]
+    content: io.BytesIO = field(default_factory=io.BytesIO)  # of the HDF5 file
+    ensembles: list[Ensemble] = field(default_factory=list)  # in the order of their first steps
+    results: int = 0
     draws: int = 0  # in the file
-    end: int = 0  # of what is valid in the file
-    last: float = field(default_factory=time.monotonic)
+    next: float = field(default_factory=lambda: time.monotonic() + EVERY)  # time of the next write
 
-    def find(self) -> None:
+    def __post_init__(self) -> None:
+        self.file = h5py.File(self.content, "w")
+
+    def read(self) -> None:
         """Read what an interrupted run has left."""
         try:
-            blocks, self.end = read(self.owner.path, self.line)
+            line, _, content = read_own(self.owner.path, CHECKPOINT).partition(b"\n")
         except OSError as error:
             self._give_up(error)
             return
-        if blocks is None:
+        if line and line + b"\n" != self._line(content):
             self.owner.say(
                 "the checkpoint of an interrupted run is of other inputs or another version: it starts afresh"
             )
-        for content, place in blocks or ():
-            if (kept := _unpacked(content)) is None:
-                break
-            self.recorded.append((kept, place))
-        if self.recorded:
-            self.draws = sum(_draws(kept) for kept, _ in self.recorded)
+        elif line:
+            self.content = io.BytesIO(content)
+            self.file = h5py.File(self.content, "r+")
+            self.draws = sum(int(np.prod(group["log_prob"].shape)) for group in self._chains())
             self.owner.say(f"sampling continues after {self.draws:,} draws of an interrupted run")
+
+    def _line(self, content: bytes) -> bytes:
+        return first_line(SCHEMA, content=sha256(content).hexdigest(), **self.inputs)
+
+    def _chains(self) -> list[h5py.Group]:
+        return [group for group in self.file.values() if "log_prob" in group]
 
     def advance(self, ensemble: Ensemble, steps: int) -> Iterator[None]:
         """Advance an ensemble by a number of steps; control returns after each that is computed."""
-        self.number, self.steps, self.ensemble = self.number + 1, steps, ensemble
-        begin = len(ensemble)
-        while kept := self._next(steps):
-            ensemble.restore(kept)
-        self.first = len(ensemble)
-        if self.first == begin + steps:
-            return
-        self._drop()
-        for _ in ensemble.run(begin + steps - self.first):
-            if time.monotonic() - self.last > EVERY:
+        if ensemble not in self.ensembles:
+            self.ensembles.append(ensemble)
+        end = len(ensemble) + steps
+        chain = self._chain(ensemble)
+        if chain.initialized:
+            ensemble.take(chain, end, json.loads(self.file[chain.name].attrs["counts"]))
+        for _ in ensemble.run(end - len(ensemble)):
+            if time.monotonic() > self.next:
                 self.write()
             yield
-        self._collect()
-        self.ensemble = None
 
-    def once(self, compute: Callable[[], Kept]) -> Kept:
+    def _chain(self, ensemble: Ensemble) -> _Chain:
+        return _Chain(self.file, f"ensemble {self.ensembles.index(ensemble)}")
+
+    def once(self, compute: Callable[[], Results]) -> Results:
         """The results of a computation; those of an earlier run are not computed again."""
-        self.number += 1
-        if kept := self._next():
-            return kept
-        self._drop()
-        found = compute()
-        if self.last != NEVER:
-            self.unwritten.append(found | _place(self.number))
-        return found
-
-    def _next(self, steps: int = 0) -> Kept | None:
-        """Take what is recorded next, if it is of the present number; `steps`: of its stretch."""
-        if not self.recorded:
-            return None
-        kept, place = self.recorded[0]
-        if int(kept["number"]) != self.number or int(kept["steps"]) != steps:
-            return None
-        self.end = place
-        del self.recorded[0]
-        return kept
-
-    def _drop(self) -> None:
-        """Drop what is recorded but does not follow."""
-        self.draws -= sum(_draws(kept) for kept, _ in self.recorded)
-        self.recorded.clear()
-
-    def _collect(self) -> None:
-        """Add the steps of the present stretch that are not in the file to those that will be written."""
-        if self.ensemble is None or len(self.ensemble) == self.first or self.last == NEVER:
-            return
-        kept = self.ensemble.kept(self.first)
-        self.first = len(self.ensemble)
-        self.unwritten.append(kept | _place(self.number, self.steps))
+        name = f"results {self.results}"
+        self.results += 1
+        if name not in self.file:
+            for key, values in compute().items():
+                self.file[f"{name}/{key}"] = values
+        return {key: values[()] for key, values in self.file[name].items()}
 
     def write(self) -> None:
-        """Append what is not yet in the file; without space there is no checkpoint."""
-        if not self.end and time.monotonic() - self.last <= EVERY:
+        """Write what is recorded, if it is time; without space there is no checkpoint."""
+        begin = time.monotonic()
+        if begin <= self.next:
             return
-        self._collect()
-        if not self.unwritten:
-            return
-        content = b"".join([b"" if self.end else self.line, *(block(_packed(own)) for own in self.unwritten)])
+        for ensemble in self.ensembles:
+            chain = self._chain(ensemble)
+            ensemble.add_to(chain)
+            self.file[chain.name].attrs["counts"] = json.dumps(ensemble.counts)
+        self.file.flush()
+        content = self.content.getvalue()
         try:
-            write(self.owner.path, self.line, content, self.end)
+            write_own(self.owner.path, self._line(content) + content, CHECKPOINT)
         except OSError as error:
             self.owner.remove()
             self._give_up(error)
             return
-        self.draws += sum(map(_draws, self.unwritten))
-        self.end += len(content)
-        self.unwritten, self.last = [], time.monotonic()
+        self.draws = sum(len(e) * e.walkers for e in self.ensembles)
+        end = time.monotonic()
+        self.next = end + max(EVERY, (end - begin) / SHARE)
 
     def _give_up(self, error: OSError) -> None:
         self.owner.say(f"no checkpoint is kept: {error.strerror}")
-        self.unwritten, self.draws, self.end, self.last = [], 0, 0, NEVER
+        self.draws, self.next = 0, float("inf")
 
     def kept(self) -> str:
         """What is kept if the process is stopped."""
         if not self.draws:
             return "nothing was written"
         return f"{self.draws:,} draws are kept; the same command continues"
-
-
-def _place(number: int, steps: int = 0) -> Kept:
-    """Entries that say of which stretch or result a block is."""
-    return {"number": np.array(number), "steps": np.array(steps)}
-
-
-def _draws(kept: Kept) -> int:
-    return kept["log_density"].size if "log_density" in kept else 0
-
-
-def _packed(kept: Kept) -> bytes:
-    content = io.BytesIO()
-    np.savez(content, allow_pickle=False, **kept)
-    return content.getvalue()
-
-
-def _unpacked(content: bytes) -> Kept | None:
-    """The arrays of a block; None if it is not one of ours."""
-    try:
-        with np.load(io.BytesIO(content), allow_pickle=False) as arrays:
-            found = dict(arrays)
-    except (OSError, ValueError, EOFError, BadZipFile):
-        return None
-    place = [found.get(name, np.empty(0)) for name in _place(0)]
-    return found if all(own.shape == () and own.dtype.kind == "i" for own in place) else None

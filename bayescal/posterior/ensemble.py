@@ -1,44 +1,14 @@
-"""An ensemble of emcee with its two moves, whose state can be kept and restored.
-
-emcee without `scipy.stats`, whose import takes half a second and which only an unused move needs.
-"""
+"""An ensemble of emcee with its two moves, whose chain can be stored and taken over."""
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
-from types import ModuleType
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
+import emcee
 import numpy as np
 
 from bayescal.posterior.linearised import Linearised
-
-
-@contextmanager
-def without_scipy_stats() -> Iterator[None]:
-    """Within, `from scipy.stats import gaussian_kde` gives a function that imports it when it is called."""
-    if "scipy.stats" in sys.modules:
-        yield
-        return
-    later = ModuleType("scipy.stats")
-    later.gaussian_kde = _gaussian_kde  # type: ignore[attr-defined]
-    sys.modules["scipy.stats"] = later
-    try:
-        yield
-    finally:
-        del sys.modules["scipy.stats"]
-
-
-def _gaussian_kde(*args: Any, **options: Any) -> Any:
-    from scipy.stats import gaussian_kde
-
-    return gaussian_kde(*args, **options)
-
-
-with without_scipy_stats():
-    import emcee
 
 Values = Callable[[np.ndarray], np.ndarray]
 """Log density (W,) of points (W, D)."""
@@ -101,6 +71,11 @@ class Ensemble:
         if state.log_prob is None:
             state.log_prob = self._sampler.compute_log_prob(state.coords)[0]
         self.moves, self.state = moves, state
+        self.counts = self._counts()
+
+    def _counts(self) -> list[tuple[int, int]]:
+        """Proposals of each move after the last step, and those that were accepted."""
+        return [(move.proposed, move.accepted) for move in self.moves]
 
     @property
     def walkers(self) -> int:
@@ -116,7 +91,7 @@ class Ensemble:
         for state in self._sampler.sample(
             self.state, iterations=steps, skip_initial_state_check=len(self) > 0
         ):
-            self.state = state
+            self.state, self.counts = state, self._counts()
             yield
 
     def chain(self, first: int = 0, thin: int = 1) -> np.ndarray:
@@ -127,33 +102,29 @@ class Ensemble:
         """Log densities (T, W) of `chain`."""
         return np.asarray(self._sampler.get_log_prob(discard=first, thin=thin))
 
-    def kept(self, first: int) -> dict[str, np.ndarray]:
-        """Steps from one on, and the present state: what `restore` needs."""
-        _, key, *places, gauss = self.state.random_state
-        points = self.chain(first)
-        moved = np.ones(points.shape[:2], dtype=bool)
-        moved[1:] = np.any(points[1:] != points[:-1], axis=2)  # a rejected proposal repeats a point
-        return {
-            "moved": moved,
-            "points": points[moved],
-            "log_density": self.log_density(first),
-            "key": key,
-            "places": np.array(places),
-            "gauss": np.array(gauss),
-            "counts": np.array([(move.proposed, move.accepted) for move in self.moves]),
-        }
+    def add_to(self, store: emcee.backends.Backend) -> None:
+        """Add the steps that a store lacks, with the state of the random generator after the last."""
+        if not store.initialized:
+            store.reset(*self.state.coords.shape)
+        first = store.iteration
+        if first == len(self):
+            return
+        store.grow(len(self) - first, None)
+        for x, lp in zip(self.chain(first), self.log_density(first), strict=True):
+            state = emcee.State(x, log_prob=lp, random_state=self.state.random_state)
+            store.save_step(state, np.zeros(len(x), dtype=bool))
 
-    def restore(self, kept: Mapping[str, np.ndarray]) -> None:
-        """Take over steps and state of another ensemble, as `kept` returned them."""
-        place, has_gauss = map(int, kept["places"])
-        random = ("MT19937", kept["key"], place, has_gauss, float(kept["gauss"]))
-        moved = kept["moved"]
-        row = np.where(moved, np.cumsum(moved).reshape(moved.shape) - 1, 0)
-        points = kept["points"][np.maximum.accumulate(row)]
-        self._sampler.backend.grow(len(points), None)
-        for x, lp in zip(points, kept["log_density"], strict=True):
-            state = emcee.State(x, log_prob=lp, random_state=random)
-            self._sampler.backend.save_step(state, np.zeros(len(x), dtype=bool))
-        self.state = emcee.State(state, copy=True)
-        for move, (proposed, accepted) in zip(self.moves, kept["counts"], strict=True):
-            move.proposed, move.accepted = int(proposed), int(accepted)
+    def take(self, store: emcee.backends.Backend, end: int, counts: Sequence[Sequence[int]]) -> None:
+        """Take over the steps of a store before the step `end`; `counts` are those after its last."""
+        first, end = len(self), min(end, store.iteration)
+        if end <= first:
+            return
+        self._sampler.backend.grow(end - first, None)
+        chain, log_density = store.get_chain(discard=first), store.get_log_prob(discard=first)
+        random_state = store.random_state
+        for x, lp in zip(chain[: end - first], log_density[: end - first], strict=True):
+            self.state = emcee.State(x, log_prob=lp, random_state=random_state)
+            self._sampler.backend.save_step(self.state, np.zeros(len(x), dtype=bool))
+        for move, (proposed, accepted) in zip(self.moves, counts, strict=True):
+            move.proposed, move.accepted = proposed, accepted
+        self.counts = self._counts()

@@ -17,14 +17,15 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, fields
 from itertools import chain
 
+import emcee
 import numpy as np
 from scipy.special import ndtri
 
 from bayescal.errors import BayescalError
 from bayescal.estimate import Estimate
-from bayescal.posterior.checkpoint import Checkpoint, Kept
+from bayescal.posterior.checkpoint import Checkpoint, Results
 from bayescal.posterior.density import Density
-from bayescal.posterior.ensemble import Ensemble, Evolution, Independence, without_scipy_stats
+from bayescal.posterior.ensemble import Ensemble, Evolution, Independence
 from bayescal.posterior.linearised import CHAINS, Draws, Linearised, scale_names
 
 TAILS = (0.05, 0.95)
@@ -120,9 +121,6 @@ def _time(rho: np.ndarray) -> float:
     return float(-1.0 + 2.0 * np.sum(np.minimum.accumulate(pairs[:end])) + max(rho[2 * end], 0.0))
 
 
-with without_scipy_stats():
-    import emcee
-
 LEAST_SHARE, LARGEST_SHARE = 0.5, 0.9
 """Limits of the share of independent proposals; within them it is their acceptance rate in the burn-in."""
 BURN = 15  # discarded steps from overdispersed starts; more while the ensembles still drift
@@ -192,7 +190,7 @@ def _sample(
     progress: Callable[[float], None],
     max_steps: int,
     advance: Callable[[Ensemble, int], Iterator[None]],
-    once: Callable[[Callable[[], Kept]], Kept],
+    once: Callable[[Callable[[], Results]], Results],
 ) -> Draws:
     """As `sample`, from ensembles at their starts; `advance` takes steps, `once` computes results."""
     expected = more = max(int(np.ceil(effective / (YIELD * CHAINS * burning[0].walkers))), TAUS)
@@ -207,9 +205,9 @@ def _sample(
     advance_all(burning, BURN, 0)
     moves = [ensemble.moves for ensemble in burning]
     share = float(np.clip(np.mean([pair[0].rate for pair in moves]), LEAST_SHARE, LARGEST_SHARE))
-    ensembles = [Ensemble(density, e.moves, share, e.state) for e in burning]
     for move in chain.from_iterable(moves):
         move.proposed = move.accepted = 0
+    ensembles = [Ensemble(density, e.moves, share, e.state) for e in burning]
     steps, first, thin = 0, 0, 1
     while True:
         more = min(more, max_steps - steps)

@@ -7,6 +7,7 @@ from bayescal.predict.forecast import DistanceErrors, Forecast, forecast
 from bayescal.predict.validation import (
     DiameterCheck,
     DistanceCheck,
+    Errors,
     PlaneCheck,
     PointCheck,
     TurnCheck,
@@ -18,6 +19,7 @@ __all__ = [
     "DiameterCheck",
     "DistanceCheck",
     "DistanceErrors",
+    "Errors",
     "Forecast",
     "PlaneCheck",
     "PointCheck",

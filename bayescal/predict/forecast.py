@@ -29,6 +29,7 @@ from bayescal.model.block import ARM
 from bayescal.predict.crossvalidation import interval95
 from bayescal.predict.errors import evenly, far_pairs, lengths, slopes
 from bayescal.predict.validation import Validation
+from bayescal.statistics import rms
 
 SPEED = np.radians(10.0)
 """rad/s: velocity of every joint, in either direction (assumed)."""
@@ -159,7 +160,7 @@ class DistanceErrors:
     @property
     def rms(self) -> float:
         """Root mean square error by the draws, m: `u` with their scatter."""
-        return float(np.sqrt(np.mean(self.draws**2)))
+        return rms(self.draws)
 
     @property
     def interval(self) -> tuple[float, float]:

@@ -15,6 +15,7 @@ import numpy as np
 from bayescal.estimate import Estimate
 from bayescal.model import ARM, Block, Model
 from bayescal.model.model import noise_groups
+from bayescal.predict.crossvalidation import interval95
 from bayescal.predict.errors import certified_pairs
 from bayescal.predict.targets import (
     LocatedTarget,
@@ -75,6 +76,43 @@ class TurnCheck:
 
 
 @dataclass(frozen=True)
+class Errors:
+    """Errors of one kind of validation measurement; figures of none are nan.
+
+    Parameters
+    ----------
+    values : np.ndarray, shape (N,)
+        Signed errors of contacts and distances, m; lengths of the error vectors of points, m, and of
+        orientations, rad.
+    predicted : np.ndarray, shape (S, N)
+        Draws of them.
+    """
+
+    values: np.ndarray
+    predicted: np.ndarray
+
+    @property
+    def rms(self) -> float:
+        """Root mean square."""
+        return float(np.sqrt(np.mean(self.values**2))) if len(self.values) else float("nan")
+
+    @property
+    def mean(self) -> float:
+        """Mean."""
+        return float(np.mean(self.values)) if len(self.values) else float("nan")
+
+    @property
+    def maximum(self) -> float:
+        """Largest absolute value."""
+        return float(np.max(np.abs(self.values))) if len(self.values) else float("nan")
+
+    @property
+    def interval95(self) -> np.ndarray:
+        """Ends (2,) of the central 95 % interval of all draws."""
+        return np.array(interval95(self.predicted.ravel()))
+
+
+@dataclass(frozen=True)
 class Validation:
     """Errors and predictions of one model for all validation measurements."""
 
@@ -86,9 +124,33 @@ class Validation:
     turns: tuple[TurnCheck, ...] = ()
 
     @property
-    def maximum_distance_error(self) -> float:
-        """Largest absolute error of a distance, m; nan without distances."""
-        return max((abs(d.error) for d in self.distances), default=float("nan"))
+    def contacts(self) -> Errors:
+        """Errors of contacts, m."""
+        return _joined([(p.residuals, p.predicted) for p in self.planes])
+
+    @property
+    def distance_errors(self) -> Errors:
+        """Errors of distances, m."""
+        return _joined([(np.array([d.error]), d.predicted[:, None]) for d in self.distances])
+
+    @property
+    def point_lengths(self) -> Errors:
+        """Lengths of the error vectors of points, m."""
+        return _joined([_lengths(p) for p in self.points])
+
+    @property
+    def turn_angles(self) -> Errors:
+        """Angles between measured and predicted orientations, rad."""
+        return _joined([_lengths(t) for t in self.turns])
+
+
+def _lengths(check: PointCheck | TurnCheck) -> tuple[np.ndarray, np.ndarray]:
+    return np.linalg.norm(check.residuals, axis=0), np.linalg.norm(check.predicted, axis=1)
+
+
+def _joined(checks: list[tuple[np.ndarray, np.ndarray]]) -> Errors:
+    values, predicted = zip(*checks, strict=True) if checks else ([np.zeros(0)], [np.zeros((0, 0))])
+    return Errors(np.concatenate(values), np.concatenate(predicted, axis=1))
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ from bayescal.dataset.consistency import contradictions, nominal, planned
 from bayescal.dataset.plausibility import explanation
 from bayescal.dataset.read import read_parts
 from bayescal.dataset.table import Table
-from bayescal.effects import EFFECTS, Circumstances
+from bayescal.effects import BASELINE, EFFECTS, Circumstances
 from bayescal.effects.selection import plain
 from bayescal.errors import BayescalError
 from bayescal.gap.search.candidates import Candidates, candidates, wide
@@ -183,7 +183,7 @@ def place_of(dataset: Dataset, table: Table, row: int) -> str:
     return f"{table.name}:{table.line[row]} (`{dataset.measurements.ids[row]}`)"
 
 
-MODEL = ("geometry", "compliance")
+MODEL = BASELINE
 UNPOSED = ("units", "convention")
 """Findings after which the poses of the arm are not known."""
 

@@ -17,6 +17,7 @@ from bayescal.assess.undetermined import undetermined
 from bayescal.dataset import Dataset
 from bayescal.dataset.read import SETTINGS, TABLE
 from bayescal.dataset.target_kinds import kinds_of
+from bayescal.effects import EFFECTS
 from bayescal.errors import BayescalError
 from bayescal.estimate import Estimate, check_enough, linearise, unit_weights
 from bayescal.gap.search.candidates import Candidates
@@ -74,7 +75,8 @@ def missing(
     yield from _faces(dataset)
     if posed and model is not None:
         yield from _undetermined(model)
-    if known is not None and "backlash" in known.missing and dataset.measurements.velocity is None:
+    lacking = () if known is None else [name for name in known.missing if name in EFFECTS]
+    if dataset.measurements.velocity is None and any(EFFECTS[name].directed for name in lacking):
         what = "no joint velocities: backlash and other errors by direction of motion cannot be assessed"
         remedy = "add the columns `j1_degps` ...; their signs are the direction of approach"
         yield Finding("no_velocities", "missing", what, TABLE, remedy)

@@ -16,13 +16,14 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from bayescal.arm.transforms import rigid
-from bayescal.programs.targets import Target
 from bayescal.programs.text import (
     NUMBER,
+    Dialect,
     Format,
     Number,
     Program,
     Slot,
+    Target,
     after_line,
     arguments,
     degrees_of,
@@ -76,7 +77,7 @@ def _read(text: str, n: int) -> Program:
                 notes.append(f"line {line_of(code, a)}: the position of a Move{move.group(1)} is computed "
                              f"({what}); kept")  # fmt: skip
             first_use.setdefault(position, move)
-    found: list[tuple[int, Slot]] = []
+    placed: list[tuple[int, Slot]] = []
     motion: re.Match[str] | None
     for match in (*ROBTARGET.finditer(code), *jointtarget.finditer(code)):
         before = code[max(code.rfind("\n", 0, match.start()), 0) : match.start()]
@@ -96,8 +97,8 @@ def _read(text: str, n: int) -> Program:
             slot = Slot(Target(where, readings=np.radians(values_at(code, spans))), name, spans)
         elsewhere = len(re.findall(rf"\b{name}\b", code)) > 1
         slot = replace(slot, used=motion is not None or not first_use or elsewhere)
-        found.append((motion.start() if motion is not None and named else match.start(), slot))
-    slots = tuple(slot for _, slot in sorted(found, key=lambda each: each[0]))
+        placed.append((motion.start() if motion is not None and named else match.start(), slot))
+    slots = tuple(slot for _, slot in sorted(placed, key=lambda each: each[0]))
     posed = any(slot.target.pose is not None for slot in slots)
     if not posed:
         return Program(slots, tuple(notes))
@@ -111,39 +112,39 @@ def _positions(code: str, motion: re.Match[str]) -> list[tuple[int, int]]:
         flag = FLAG.match(code, a, b)
         if flag is None:
             places.append((a, b))
-        elif rest := code[flag.end() : b].strip(" \t,"):  # \\Conc, p10
-            places.append((code.index(rest, flag.end()), b))
+        elif position := code[flag.end() : b].strip(" \t,"):  # \\Conc, p10
+            places.append((code.index(position, flag.end()), b))
     return places[: 2 if motion.group(1).upper() == "C" else 1]
 
 
-def _around(code: str, at: int) -> re.Match[str] | None:
+def _around(code: str, place: int) -> re.Match[str] | None:
     """The motion that a place is an argument of."""
-    return next((m for m in MOVE.finditer(code) if m.start() <= at < m.end()), None)
+    return next((m for m in MOVE.finditer(code) if m.start() <= place < m.end()), None)
 
 
 def _tools(code: str) -> Iterator[ToolStatement]:
     """Tools of the motions, with their poses where the same module has them."""
-    known = {m.group(1).lower(): m for m in TOOL_DATA.finditer(code)}
+    stated = {m.group(1).lower(): m for m in TOOL_DATA.finditer(code)}
     for motion in MOVE.finditer(code):
         each = [FLAG.sub("", code[a:b]).strip() for a, b in arguments(code, *motion.span(3))]
         names = [name for name in each[2:] if name.isidentifier()]
-        name = next((x for x in names if x.lower() in known), names[-1] if names else "")
-        where, data = f"line {line_of(code, motion.start())}", known.get(name.lower())
+        name = next((x for x in names if x.lower() in stated), names[-1] if names else "")
+        where, data = f"line {line_of(code, motion.start())}", stated.get(name.lower())
         if name.lower() == "tool0":
             yield ToolStatement(where, name, np.eye(4))
         elif data is None or data.group(2).upper() == "FALSE":
             yield ToolStatement(where, name if data is None else f"{name}, which the robot does not hold")
         else:
-            x, y, z, q1, *rest = (float(v) for v in data.groups()[2:])
-            turn = Rotation.from_quat([*rest, q1]).as_matrix()
+            x, y, z, q1, *imaginary = (float(v) for v in data.groups()[2:])
+            turn = Rotation.from_quat([*imaginary, q1]).as_matrix()
             yield ToolStatement(where, name, rigid(turn, 1e-3 * np.array([x, y, z])))
 
 
 def _robtarget(code: str, match: re.Match[str], where: str, name: str, straight: bool) -> Slot:
     spans = numbers_in(match, range(1, 11))  # x, y, z, q1 ... q4, cf1, cf4, cf6
     values = values_at(code, spans)
-    q1, *rest = values[3:7]
-    pose = rigid(Rotation.from_quat([*rest, q1]).as_matrix(), 1e-3 * np.array(values[:3]))
+    q1, *imaginary = values[3:7]
+    pose = rigid(Rotation.from_quat([*imaginary, q1]).as_matrix(), 1e-3 * np.array(values[:3]))
     admits = _quarters(values[7:10])
     return Slot(Target(where, pose, straight=straight, admits=admits), name, spans)
 
@@ -163,8 +164,8 @@ def _quarters(stated: Sequence[float]) -> Callable[[np.ndarray], bool]:
 
 
 def _pose(pose: np.ndarray, readings: np.ndarray, old: Sequence[float]) -> list[Number]:
-    *rest, real = Rotation.from_matrix(pose[:3, :3]).as_quat().tolist()
-    q = np.array([real, *rest])
+    *imaginary, real = Rotation.from_matrix(pose[:3, :3]).as_quat().tolist()
+    q = np.array([real, *imaginary])
     q = q if q @ np.array(old[3:7]) >= 0 else -q  # both are the same rotation
     quarters = [
         np.floor(readings[axis] / (np.pi / 2)) if axis < len(readings) else cf
@@ -185,4 +186,13 @@ ABB = Format(
     "ABB RAPID: robtarget and jointtarget values",
     _pose,
     after_line(r"^[ \t]*MODULE\b", "  ! "),
+    dialect=Dialect(
+        "ABB RAPID: SearchL, readings in a log",
+        {r"([A-Za-z]\w*)": ("{}", "{}")},
+        "diProbe",
+        list="[[{}],[9E+09,9E+09,9E+09,9E+09,9E+09,9E+09]]",
+        joint="{1}",
+        separator=",",
+        width=40,
+    ),
 )

@@ -16,14 +16,15 @@ from dataclasses import replace
 import numpy as np
 
 from bayescal.arm.transforms import rigid, rpy_matrix, rpy_of
-from bayescal.programs.targets import Target
 from bayescal.programs.text import (
     ANGLE,
     NUMBER,
+    Dialect,
     Format,
     Number,
     Program,
     Slot,
+    Target,
     degrees_of,
     lengths_of,
     line_of,
@@ -73,14 +74,16 @@ def _read(text: str, n: int) -> Program:
     if posed:
         selected = SELECTED.finditer(moves)
         stated += [(f"line {line_of(moves, m.start(1))}", m.group(1), m.group(2)) for m in selected]
-    frames = [f"{at}: {key} : {value}" for at, key, value in stated if key[:2] == "UF" and value not in "0F"]
+    frames = [
+        f"{line}: {key} : {value}" for line, key, value in stated if key[:2] == "UF" and value not in "0F"
+    ]
     tools = [
         ToolStatement(where, f"UT : {value}", np.eye(4) if value == "0" else None)
         for where, key, value in stated
         if key[:2] == "UT" and value != "F"
     ]
-    found = tuple(replace(slots[name], used=not kinds or name[2:-1] in kinds) for name in order)
-    return Program(found, tuple(notes), next(iter(frames), ""), tuple(tools))
+    visited = tuple(replace(slots[name], used=not kinds or name[2:-1] in kinds) for name in order)
+    return Program(visited, tuple(notes), next(iter(frames), ""), tuple(tools))
 
 
 def _header(text: str, slot: Slot) -> list[tuple[str, str]]:
@@ -106,13 +109,13 @@ def _slots(text: str, begin: int, n: int, straight: Mapping[str, bool]) -> Itera
         low, high = group.span(1) if group else match.span(2)
         number, name = match.group(1), f"P[{match.group(1)}]"
         where = f"line {line_of(text, match.start())}, {name}"
-        if found := POSE.search(text, low, high):
-            spans = numbers_in(found, range(1, 7))
+        if match_ := POSE.search(text, low, high):
+            spans = numbers_in(match_, range(1, 7))
             *xyz, w, p, r = values_at(text, spans)
             pose = rigid(rpy_matrix(np.radians([w, p, r])), 1e-3 * np.array(xyz))
             yield Slot(Target(where, pose, straight=straight.get(number, False)), name, spans)
-        elif found := joints.search(text, low, high):
-            spans = numbers_in(found, range(1, n + 1))
+        elif match_ := joints.search(text, low, high):
+            spans = numbers_in(match_, range(1, n + 1))
             readings = np.radians(values_at(text, spans))
             yield Slot(Target(where, readings=readings, straight=straight.get(number, False)), name, spans)
 
@@ -129,4 +132,15 @@ FANUC = Format(
     "FANUC LS: P[n] as X, Y, Z, W, P, R or J1 ... Jn of the first motion group",
     _pose,
     _remarked,
+    dialect=Dialect(
+        "FANUC LS: SKIP CONDITION, readings in position registers",
+        {r"(\d+)": ("DI[{}]=ON", "DI[{}]=OFF"), r"tool:(\d+)": ("RI[{}]=ON", "RI[{}]=OFF")},
+        "1",
+        joint="J{}= {} deg",
+        separator=",\t",
+        position="P[{}]",
+        unsafe=r"[\];:\"]",
+        width=24,
+        line="{:4d}:  {} ;",
+    ),
 )

@@ -17,14 +17,15 @@ from string import ascii_lowercase, ascii_uppercase
 import numpy as np
 
 from bayescal.arm.transforms import rigid, rpy_matrix, rpy_of
-from bayescal.programs.targets import Target
 from bayescal.programs.text import (
     ANGLE,
     NUMBER,
+    Dialect,
     Format,
     Number,
     Program,
     Slot,
+    Target,
     after_line,
     degrees_of,
     first,
@@ -100,12 +101,12 @@ def _read(text: str, n: int) -> Program:
 
 def _tools(code: str) -> Iterator[ToolStatement]:
     """Tools that a program selects, with their poses where the same file has them."""
-    known = {int(m.group(1)): m.group(2) for m in TOOL_DATA.finditer(code)}
+    stated = {int(m.group(1)): m.group(2) for m in TOOL_DATA.finditer(code)}
     for match in TOOL.finditer(code):
         value, number = match.group(1) or "", match.group(3) or match.group(4)
         if by_number := NUMBERED.match(value):
             number = by_number.group(1)
-        text = value if number is None else known.get(int(number), "{}" if int(number) == 0 else "")
+        text = value if number is None else stated.get(int(number), "{}" if int(number) == 0 else "")
         parts = {m.group(1).upper(): float(m.group(2)) for m in COMPONENT.finditer(text)}
         pose = None
         if value.upper().startswith("$NULLFRAME") or text == "{}":
@@ -150,8 +151,8 @@ def _pose(pose: np.ndarray, readings: np.ndarray, old: Sequence[float]) -> list[
     c, b, a = np.degrees(rpy_of(pose[:3, :3])).tolist()
     out = [*lengths_of(pose), *(Number(angle, ANGLE) for angle in (a, b, c))]
     if len(old) > 6:  # the bits of external axes are kept
-        own = sum(1 << k for k, x in enumerate(readings) if x < 0)
-        out.append(Number(int(old[6]) >> len(readings) << len(readings) | own, 0))
+        bits = sum(1 << k for k, x in enumerate(readings) if x < 0)
+        out.append(Number(int(old[6]) >> len(readings) << len(readings) | bits, 0))
     return out
 
 
@@ -163,4 +164,15 @@ KUKA = Format(
     "KUKA .src and .dat: E6POS, POS, E6AXIS, AXIS in declarations, assignments and motions",
     _pose,
     after_line(r"^[ \t]*(?:GLOBAL\s+)?(?:DEF|DEFFCT|DEFDAT)\b", "; "),
+    dialect=Dialect(
+        "KUKA KRL: interrupt, readings in the data list",
+        {
+            r"(\d+)": ("$IN[{}]==TRUE", "$IN[{}]==FALSE"),
+            r"measure:(\d+)": ("$MEAS_PULSE[{}]==TRUE", "$MEAS_PULSE[{}]==FALSE"),
+        },
+        "1",
+        joint="A{} {}",
+        separator=",",
+        position="XP{}",
+    ),
 )

@@ -3,27 +3,78 @@
 Everything but the numbers of the positions is kept, byte for byte: programs are read as Latin-1, in which
 every byte is a character.
 
-RoboDK: CSV of joints in degrees in the first n columns, with or without a header; other columns are kept.
-
-So are its tables of calibration targets and its lists of the joints of a program.
+The simplest format stands here: CSV of RoboDK (its calibration targets, its lists of the joints of a program)
+with joints in degrees in the first n columns, with or without a header; other columns are kept.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from bayescal.errors import BayescalError
-from bayescal.programs.targets import Corrected, Target
 from bayescal.programs.tools import ToolStatement
 
 NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 """A number as programs write it; FANUC leaves the zero before the point out."""
 LENGTH, ANGLE = 4, 5
 """Least decimals of mm and of deg: 0.1 µm, and at a metre 0.2 µm."""
+
+
+@dataclass(frozen=True)
+class Target:
+    """A position that a table or a program states.
+
+    Parameters
+    ----------
+    where : str
+        For messages: the line, and the name of the position if it has one.
+    pose : np.ndarray, shape (4, 4), optional
+        Of the tool's frame in the frame of the targets, m.
+    readings : np.ndarray, shape (n,), optional
+        rad. Without a pose: nominal readings, which stand for the pose that the nominal model gives them.
+        With a pose: readings to which the solution is the nearest.
+    straight : bool
+        The tool moves to it along a straight line, not by joint angles.
+    velocity : np.ndarray, shape (n,), optional
+        rad/s, of the readings on arrival; by default it follows from the target before.
+    payload : float
+        kg, beyond the tool.
+    tool : str, optional
+        Its name; default: that of the compensation.
+    admits : callable, optional
+        Whether readings (n,), rad, have the configuration that the program states.
+    strict : bool
+        A target without a solution that `admits` has none; otherwise the nearest is taken.
+    """
+
+    where: str
+    pose: np.ndarray | None = None
+    readings: np.ndarray | None = None
+    straight: bool = False
+    velocity: np.ndarray | None = None
+    payload: float = 0.0
+    tool: str | None = None
+    admits: Callable[[np.ndarray], bool] | None = None
+    strict: bool = True
+
+
+@dataclass(frozen=True)
+class Corrected:
+    """What a compensation gives for a target; only `reason` where it has no solution."""
+
+    reason: str = ""
+    readings: np.ndarray | None = None  # (n,) rad, that put the tool there
+    pose: np.ndarray | None = None  # (4, 4) in the frame of the targets: where the nominal model has these
+    nominal: np.ndarray | None = None  # (n,) rad, of the nominal model
+    solutions: int = 0  # of the nominal model, up to whole turns; 0 where the readings were given
+    u: float = np.nan  # m: standard uncertainty of the TCP, length of the vector
+    error: float = np.nan  # m: of the TCP at the nominal readings
+    inside: bool = False  # the region that the session has probed
+    expanded: float = np.nan  # m: length that the error of the TCP does not exceed (95.45 %)
 
 
 @dataclass(frozen=True)
@@ -69,8 +120,50 @@ class Program:
 
 
 @dataclass(frozen=True)
+class Dialect:
+    """What differs between probing programs of controllers beside their templates (`probing`).
+
+    Attributes
+    ----------
+    summary : str
+        What is in a program.
+    triggers : mapping of str to (str, str)
+        Forms of ``--probe-input`` as patterns, and what is true of an input while the probe is pressed, and
+        while it is not.
+    first : str
+        The input that is taken where none is stated.
+    joint, separator : str
+        A joint of a list, by k from 1 and its number, and what stands between two of them.
+    list : str
+        The list, of ``{}``; "" if readings are listed apart.
+    position : str
+        How a motion names listed readings, by their number from 1; "" if they stand in the motion.
+    force : str
+        As a trigger, by N; "" if the controller has no force.
+    unsafe : str
+        Characters that end a text or are not allowed in it.
+    width : int
+        Most characters of a line of a message.
+    line : str
+        A numbered line of the program, by k and text; "" if lines have no numbers.
+    """
+
+    summary: str
+    triggers: Mapping[str, tuple[str, str]]
+    first: str
+    joint: str
+    separator: str
+    list: str = ""
+    position: str = ""
+    force: str = ""
+    unsafe: str = r'["]'
+    width: int = 0
+    line: str = ""
+
+
+@dataclass(frozen=True)
 class Format:
-    """A format of robot programs.
+    """A format of robot programs: how its positions are read and written, and its probing programs.
 
     Parameters
     ----------
@@ -89,6 +182,8 @@ class Format:
         every pose has a `whole` that becomes a list of joints.
     remarked : callable, optional
         The program with a comment; without it the format has none.
+    dialect : Dialect, optional
+        Of probing programs; without it there are none.
     """
 
     name: str
@@ -98,11 +193,12 @@ class Format:
     summary: str
     pose: Callable[[np.ndarray, np.ndarray, Sequence[float]], Iterable[Number]] | None = None
     remarked: Callable[[str, str], str] | None = None
+    dialect: Dialect | None = None
 
 
-def line_of(text: str, at: int) -> int:
+def line_of(text: str, place: int) -> int:
     """The line, from 1, of a character."""
-    return text.count("\n", 0, at) + 1
+    return text.count("\n", 0, place) + 1
 
 
 def masked(text: str, comment: str, quote: str = '"') -> str:
@@ -142,8 +238,8 @@ def after_line(pattern: str, prefix: str) -> Callable[[str, str], str]:
 
     def remarked(text: str, comment: str) -> str:
         match = re.search(pattern, text, re.IGNORECASE | re.MULTILINE)
-        at = 0 if match is None else text.find("\n", match.end()) + 1
-        return f"{text[:at]}{prefix}{comment}{newline_of(text)}{text[at:]}"
+        begin = 0 if match is None else text.find("\n", match.end()) + 1
+        return f"{text[:begin]}{prefix}{comment}{newline_of(text)}{text[begin:]}"
 
     return remarked
 
@@ -156,16 +252,16 @@ def newline_of(text: str) -> str:
 def arguments(text: str, low: int, high: int) -> list[tuple[int, int]]:
     """Places of the arguments of a call between two places: its commas outside of all brackets."""
     depth, start, out = 0, low, []
-    for at in range(low, high):
-        depth += {"(": 1, "[": 1, "{": 1, ")": -1, "]": -1, "}": -1}.get(text[at], 0)
-        if text[at] == "," and depth == 0:
-            out.append((start, at))
-            start = at + 1
+    for place in range(low, high):
+        depth += {"(": 1, "[": 1, "{": 1, ")": -1, "]": -1, "}": -1}.get(text[place], 0)
+        if text[place] == "," and depth == 0:
+            out.append((start, place))
+            start = place + 1
     each = [(a, b, text[a:b]) for a, b in [*out, (start, high)] if text[a:b].strip()]
-    return [(b - len(own.lstrip()), a + len(own.rstrip())) for a, b, own in each]
+    return [(b - len(argument.lstrip()), a + len(argument.rstrip())) for a, b, argument in each]
 
 
-def rewritten(text: str, format_: Format, slots: Sequence[Slot], found: Sequence[Corrected]) -> str:
+def rewritten(text: str, format_: Format, slots: Sequence[Slot], corrected: Sequence[Corrected]) -> str:
     """The text with corrected numbers in place.
 
     Raises
@@ -175,30 +271,30 @@ def rewritten(text: str, format_: Format, slots: Sequence[Slot], found: Sequence
         is not written.
     """
     pieces: list[tuple[int, int, str]] = []
-    for slot, own in zip(slots, found, strict=True):
-        if own.reason and not slot.used:
+    for slot, target in zip(slots, corrected, strict=True):
+        if target.reason and not slot.used:
             continue
-        if own.reason:
+        if target.reason:
             remedy = "correct the position or leave it out; nothing is written"
-            raise BayescalError(f"no solution: {own.reason}", slot.target.where, remedy)
-        assert own.readings is not None
-        assert own.pose is not None
+            raise BayescalError(f"no solution: {target.reason}", slot.target.where, remedy)
+        assert target.readings is not None
+        assert target.pose is not None
         if slot.whole is not None:
-            listed = ", ".join(digits(number) for number in format_.joints(own.readings))
+            listed = ", ".join(digits(number) for number in format_.joints(target.readings))
             pieces.append((*slot.whole, f"[{listed}]"))
             continue
         if slot.target.pose is None:
-            numbers = format_.joints(own.readings)
+            numbers = format_.joints(target.readings)
         else:
             assert format_.pose is not None, "a format without poses has whole expressions"
-            numbers = format_.pose(own.pose, own.readings, values_at(text, slot.spans))
+            numbers = format_.pose(target.pose, target.readings, values_at(text, slot.spans))
         for (low, high), number in zip(slot.spans, numbers, strict=True):
             pieces.append((low, high, _written(number, text[low:high])))
-    out, at = [], 0
+    out, end = [], 0
     for low, high, new in sorted(pieces):
-        out += [text[at:low], new]
-        at = high
-    return "".join([*out, text[at:]])
+        out += [text[end:low], new]
+        end = high
+    return "".join([*out, text[end:]])
 
 
 def digits(number: Number, decimals: int = 0) -> str:
@@ -215,10 +311,10 @@ def _written(number: Number, old: str) -> str:
 def _read(text: str, n: int) -> Program:
     row = re.compile(r"\s*,\s*".join([rf"\s*({NUMBER})"] * n) + r"\s*(?=,|;|$)")
     slots: list[Slot] = []
-    at = 0
+    begin = 0
     for number, line in enumerate(text.splitlines(keepends=True), 1):
         bare = line.rstrip("\r\n")
-        match = row.match(text, at, at + len(bare))
+        match = row.match(text, begin, begin + len(bare))
         if match:
             spans = numbers_in(match, range(1, n + 1))
             target = Target(f"line {number}", readings=np.radians(values_at(text, spans)))
@@ -226,7 +322,7 @@ def _read(text: str, n: int) -> Program:
         elif bare.strip() and slots:
             what = f"the first {n} cells are not numbers"
             raise BayescalError(what, f"line {number}", "a RoboDK table has the joints in degrees there")
-        at += len(line)
+        begin += len(line)
     return Program(tuple(slots))
 
 

@@ -14,6 +14,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from bayescal.arm.chain import Robot
+from bayescal.arm.motion import NominalArm
 from bayescal.arm.transforms import rigid, rpy_matrix, rpy_of
 from bayescal.dataset import Tool
 from bayescal.effects import Parameter, parameters_of
@@ -75,6 +77,11 @@ def axes_of(tool: Tool) -> np.ndarray:
     return np.eye(3) if tool.rpy is None else rpy_matrix(tool.rpy)
 
 
+def nominal_arm(robot: Robot, tool: Tool) -> NominalArm:
+    """The nominal arm with a tool: its stated point, and its stated orientation or that of the flange."""
+    return NominalArm(robot, tool.centre, axes_of(tool))
+
+
 def tool_of(arm: FittedArm, name: str | None = None, tcp: np.ndarray | None = None) -> Working:
     """The working tool with a name, or with a pose.
 
@@ -93,7 +100,7 @@ def tool_of(arm: FittedArm, name: str | None = None, tcp: np.ndarray | None = No
         For a name that is missing or does not exist, and where both are given.
     """
     tools = {t.name: t for t in arm.dataset.tools}
-    known = f"tools: {', '.join(tools)}"
+    names = f"tools: {', '.join(tools)}"
     m = arm.dataset.measurements
     probe = arm.dataset.tools[m.tool[state_row(arm.dataset)]]
     if tcp is not None:
@@ -106,9 +113,9 @@ def tool_of(arm: FittedArm, name: str | None = None, tcp: np.ndarray | None = No
         tool = replace(probe, name=TCP, centre=values[:3], rpy=values[3:], u=0.0, centre_of_mass=heavy)
         return Working(_carrying(arm, tool), tool, 0.0, probe.name, True, _taken_up(arm))
     if name is None and len(tools) > 1:
-        raise BayescalError("the session has several tools", "--tool", f"name one; {known}")
+        raise BayescalError("the session has several tools", "--tool", f"name one; {names}")
     if name is not None and name not in tools:
-        raise BayescalError(f"there is no tool `{name}`", "--tool", known)
+        raise BayescalError(f"there is no tool `{name}`", "--tool", names)
     tool = next(iter(tools.values())) if name is None else tools[name]
     used = {arm.dataset.tools[k].name for k in np.unique(m.tool[m.role == "calibrate"])}
     if tool.name in used:
@@ -118,12 +125,12 @@ def tool_of(arm: FittedArm, name: str | None = None, tcp: np.ndarray | None = No
 
 def _taken_up(arm: FittedArm) -> tuple[Parameter, ...]:
     """Parameters of the geometry that the model lacks because the offset of a tool contains them."""
-    scene, known = arm.model.scene, {p.name for p in arm.model.parameters}
+    scene, fitted = arm.model.scene, {p.name for p in arm.model.parameters}
     around = replace(scene.circumstances(scene.rows("calibrate")), tied_tool=True)
     every = parameters_of(arm.effects, around, lenient=True)
-    width = arm.origin.prior_width
-    own = [p for p in every if p.effect == GEOMETRY.name and p.name not in known]
-    return tuple(replace(p, sd=width * p.sd) for p in own)
+    width = arm.origin.options.prior_width
+    further = [p for p in every if p.effect == GEOMETRY.name and p.name not in fitted]
+    return tuple(replace(p, sd=width * p.sd) for p in further)
 
 
 def _carrying(arm: FittedArm, tool: Tool) -> FittedArm:
@@ -156,7 +163,9 @@ def check_stated(stated: Sequence[ToolStatement], working: Working) -> None:
         away = float(np.linalg.norm(s.pose[:3, 3] - working.pose[:3, 3]))
         turn = Rotation.from_matrix(s.pose[:3, :3].T @ working.pose[:3, :3]).magnitude()
         if away > SAME or turn > SAME_ANGLE:
-            own = [*(1e3 * s.pose[:3, 3]), *np.degrees(rpy_of(s.pose[:3, :3]))]
+            pose = [*(1e3 * s.pose[:3, 3]), *np.degrees(rpy_of(s.pose[:3, :3]))]
             what = f"its tool ({s.text}) is {1e3 * away:.3g} mm and {np.degrees(turn):.3g} deg away from"
-            remedy = f"give --tcp={','.join(f'{round(x, 6) + 0.0:.8g}' for x in own)}, or correct the program"
+            remedy = (
+                f"give --tcp={','.join(f'{round(x, 6) + 0.0:.8g}' for x in pose)}, or correct the program"
+            )
             raise BayescalError(f"{what} `{working.tool.name}`", s.where, remedy)

@@ -17,13 +17,14 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from bayescal.arm.transforms import rigid
-from bayescal.programs.targets import Target
 from bayescal.programs.text import (
     NUMBER,
+    Dialect,
     Format,
     Number,
     Program,
     Slot,
+    Target,
     after_line,
     arguments,
     line_of,
@@ -67,14 +68,14 @@ class Text:
         code = masked(text, "#")
         joints = re.compile(r"(?<![\w\]])\[\s*" + r"\s*,\s*".join([rf"({NUMBER})"] * n) + r"\s*\]")
         written = Counter(match.group(1) for match in ASSIGNED.finditer(code))
-        found = {
+        values = {
             match.group(1): value
             for match in ASSIGNED.finditer(code)
             if "[" not in match.group()
             and (value := CARTESIAN.match(code, match.end()) or joints.match(code, match.end()))
             and written[match.group(1)] == 1
         }
-        return cls(code, joints, found, written)
+        return cls(code, joints, values, written)
 
     def value(self, low: int, high: int) -> re.Match[str] | None:
         """The numbers of an argument: written out, or of its name; None where it is computed."""
@@ -115,13 +116,13 @@ def _calls(code: str) -> Iterator[tuple[str, int, int]]:
         yield match.group(1), match.end(), _closing(code, match.end())
 
 
-def _closing(code: str, at: int) -> int:
+def _closing(code: str, end: int) -> int:
     """Where the bracket closes that is open at a place."""
     depth = 1
-    while at < len(code) and depth:
-        depth += {"(": 1, ")": -1}.get(code[at], 0)
-        at += 1
-    return at - 1
+    while end < len(code) and depth:
+        depth += {"(": 1, ")": -1}.get(code[end], 0)
+        end += 1
+    return end - 1
 
 
 def _positions(code: str, kind: str, low: int, high: int) -> list[tuple[int, int]]:
@@ -143,17 +144,17 @@ def _slot(t: Text, kind: str, low: int, high: int) -> Slot | str:
             keyword = KEYWORD.match(t.code, *inner[1])
             stated = t.value(keyword.end() if keyword else inner[1][0], inner[1][1])
             near = None if stated is None or stated.re is CARTESIAN else _numbers(stated)
-    found, named = t.value(*place), t.code[slice(*place)]
-    if found is None:
+    value, named = t.value(*place), t.code[slice(*place)]
+    if value is None:
         return f"is computed ({named} is assigned more than once)" if NAME.match(named) else "is computed"
     name = named if NAME.match(named) else ""
     where = f"line {line_of(t.code, low)}" + (f", {name}" if name else "")
     straight = kind not in BY_JOINTS
-    if found.re is CARTESIAN:
+    if value.re is CARTESIAN:
         if kind in ONLY_POSES:
             return "must be a pose"
-        return Slot(Target(where, _pose_of(found), near, straight), name, (), (low, high))
-    spans = numbers_in(found, range(1, len(found.groups()) + 1))
+        return Slot(Target(where, _pose_of(value), near, straight), name, (), (low, high))
+    spans = numbers_in(value, range(1, len(value.groups()) + 1))
     return Slot(Target(where, readings=np.array(values_at(t.code, spans)), straight=straight), name, spans)
 
 
@@ -177,4 +178,17 @@ URSCRIPT = Format(
     _joints,
     "URScript: p[...] and joint lists of movej, movel, movep, movec, servoj, servoc",
     remarked=after_line(r"^\s*def\b.*:", "  # "),
+    dialect=Dialect(
+        "URScript (UR): guarded motions until the probe triggers, and a log line for each contact",
+        {
+            r"(\d+)": ("get_standard_digital_in({})", ""),
+            r"tool:(\d+)": ("get_tool_digital_in({})", ""),
+            r"configurable:(\d+)": ("get_configurable_digital_in({})", ""),
+        },
+        "0",
+        list="[{}]",
+        joint="{1}",
+        separator=", ",
+        force="bc_force() > {}",
+    ),
 )

@@ -168,9 +168,9 @@ def stated(run: FitResult | GapResult | str | PathLike[str]) -> tuple[FittedArm,
     from bayescal.public.exports import arm_of
 
     if isinstance(run, FitResult):
-        return of_fit(run.data), run.data.basis, run.data.seed
+        return of_fit(run.data), run.data.basis, run.data.options.seed
     arm = arm_of(run)
-    seed = arm.origin.seed
+    seed = arm.origin.options.seed
     if isinstance(run, GapResult):
         assert run.data.arm is not None, "a diagnosis has its refit"
         return arm, basis_of(run.data.arm, seed), seed

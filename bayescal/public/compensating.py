@@ -5,7 +5,6 @@ Verification of an exported file, of the public API.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from os import PathLike
@@ -46,7 +45,7 @@ class CompensationResult:
         import numpy as np
 
         nothing = np.full(self.arm.dataset.robot.n, np.nan)
-        found = [nothing if own.readings is None else own.readings for own in self.data.found]
+        found = [nothing if own.readings is None else own.readings for own in self.data.corrected]
         return np.array(found).reshape(len(found), len(nothing))
 
     @property
@@ -54,14 +53,14 @@ class CompensationResult:
         """Standard uncertainty (M,) of the TCP positions, m; nan where a target has no solution."""
         import numpy as np
 
-        return np.array([own.u for own in self.data.found])
+        return np.array([own.u for own in self.data.corrected])
 
     @property
     def U(self) -> np.ndarray:
         """Length (M,), m, that the error of the TCP does not exceed (95.45 %); nan without one."""
         import numpy as np
 
-        return np.array([own.expanded for own in self.data.found])
+        return np.array([own.expanded for own in self.data.corrected])
 
     def report(self) -> RenderableType:
         """The summary, to be printed by a `rich.console.Console`."""
@@ -77,7 +76,7 @@ class CompensationResult:
         return as_text(self.report())
 
     def __repr__(self) -> str:
-        return f"<compensation of {self.data.source}: {len(self.data.found)} targets>"
+        return f"<compensation of {self.data.source}: {len(self.data.corrected)} targets>"
 
 
 def compensate(
@@ -196,10 +195,11 @@ class VerificationResult:
 
     def save(self, folder: str | PathLike[str]) -> tuple[str, ...]:
         """Write verify.json to a run folder; return the name of the file."""
+        from bayescal.storage.files import json_text
         from bayescal.storage.folders import whole
 
         with whole(Path(folder), "verify.json") as stage:
-            text = json.dumps(self.record, indent=1, allow_nan=False) + "\n"
+            text = json_text(self.record, rows=False)
             (stage / "verify.json").write_text(text, encoding="utf-8")
         return ("verify.json",)
 

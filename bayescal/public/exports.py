@@ -76,7 +76,7 @@ def export(
         A path is that of a run folder. The arm of a diagnosis has the named effects that the validation data
         confirm.
     to : str
-        Format: a name of `bayescal.exporting.export.FORMATS`.
+        Format: a name of `bayescal.exporting.FORMATS`.
     into : path
         A file of the user, which is patched in a copy; ``arm.urdf#tool0`` names the link with the tool.
     with_, without : sequence of str, or str
@@ -132,7 +132,7 @@ def names(effects: Sequence[str] | str) -> tuple[str, ...]:
 
 def arm_of(run: object, with_: Sequence[str] = (), without: Sequence[str] = ()) -> FittedArm:
     """The arm of a result, new or read back, or of a run folder, with other effects fitted again."""
-    from bayescal.fitted.arm import of_fit, of_gap, open_run, refitted
+    from bayescal.fitted import of_fit, of_gap, open_run, refitted
     from bayescal.public.saved import SavedFit, SavedGap
 
     if isinstance(run, FitResult):

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     Source = Dataset | SimulatedSession | str | PathLike[str]
 
 Progress = Callable[[str, float], None]
-MODEL = ("geometry", "compliance")
+MODEL = ("geometry", "compliance")  # `effects.BASELINE`, which takes long to import
 PRACTICE = ("name", "error_scale", "contacts", "later", "repeats", "arm_seed")
 """Options of a simulated session of a set-up, beside the effects and the seed."""
 
@@ -135,17 +135,20 @@ def fit(
     """
     from bayescal.assess.agreement import agreement
     from bayescal.calibration import fit as run
+    from bayescal.model.options import FitOptions
     from bayescal.posterior.checkpoint import Checkpoint
 
     effects, session = names(model), session_of(dataset, remounted, True, allow_xacro)
     tolerance = None if tolerance_mm is None else 1e-3 * tolerance_mm
-    options = (samples, seed, robust, prior_width, latent_joints, progress, tolerance, names(without))
+    options = FitOptions((), robust, prior_width, seed, latent_joints, tolerance)
     kept = None if checkpoint is None else Checkpoint(Path(checkpoint), say)
-    found = run(session, effects, *options, checkpoint=kept)
+    found = run(
+        session, effects, options, without=names(without), samples=samples, progress=progress, checkpoint=kept
+    )
     if not session.sessions:
         return FitResult(found)
     progress("compare", 0.0)
-    return FitResult(found, agreement(found.final.estimate, effects, prior_width, robust))
+    return FitResult(found, agreement(found.final.estimate, effects, options))
 
 
 def diagnose(
@@ -191,16 +194,18 @@ def diagnose(
     from bayescal.assess.agreement import agreement
     from bayescal.estimate import calibrated
     from bayescal.gap.diagnose import diagnose as run
+    from bayescal.model.options import FitOptions
     from bayescal.model.scene import Scene
 
     # the sessions share a noise scale, so that their residuals are comparable
     effects, session = names(model), session_of(dataset, remounted, False, allow_xacro)
-    found = run(session, effects, seed, robust, prior_width, progress, names(without))
+    options = FitOptions(robust=robust, prior_width=prior_width, seed=seed)
+    found = run(session, effects, options, without=names(without), progress=progress)
     if not session.sessions:
         return GapResult(found)
     progress("compare", 0.0)
-    together = calibrated(Scene(session), effects, prior_width, robust)
-    return GapResult(found, agreement(together, effects, prior_width, robust))
+    together = calibrated(Scene(session), effects, options)
+    return GapResult(found, agreement(together, effects, options))
 
 
 def simulate(

@@ -13,7 +13,8 @@ from bayescal.errors import BayescalError
 from bayescal.public.exports import names
 from bayescal.public.functions import MODEL, Progress, session_of, silent
 from bayescal.public.results import GapResult, SimulatedSession, as_text
-from bayescal.public.tables import Json, PlanTables, plan_line
+from bayescal.public.tables import PlanTables, plan_line
+from bayescal.storage.reading import Json
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -60,7 +61,7 @@ class PlanResult(PlanTables):
 
     def report(self) -> RenderableType:
         """The summary, to be printed by a `rich.console.Console`."""
-        from bayescal.reporting.plan.summary import plan_summary
+        from bayescal.reporting.plan.sheets import plan_summary
 
         return plan_summary(self.data)
 
@@ -92,7 +93,7 @@ class PlanResult(PlanTables):
         BayescalError
             For an unknown format, or a probe that a format cannot use.
         """
-        from bayescal.exporting.plan import Probe
+        from bayescal.programs.probing import Probe
         from bayescal.reporting.plan.record import write_plan
 
         probe = Probe(probe_input, probe_force_n, 1e-3 * probe_beyond_mm)
@@ -171,7 +172,7 @@ def plan(
     >>> bool((planned.distances["distance_sd_um"] > 0).all())
     True
     """
-    from bayescal.model.block import parts_of
+    from bayescal.model.options import parts_of
     from bayescal.planning.plan import plan as run
 
     where, open_ = _setup(setup, after, allow_xacro)

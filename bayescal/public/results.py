@@ -11,7 +11,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bayescal.public.positions import Positioned
-from bayescal.public.tables import FitTables, GapTables, Json, fit_line, gap_line
+from bayescal.public.tables import FitTables, GapTables, fit_line, gap_line
+from bayescal.storage.reading import Json
 
 if TYPE_CHECKING:
     from rich.console import Console, RenderableType
@@ -67,7 +68,7 @@ class FitResult(FitTables, Positioned):
     @cached_property
     def record(self) -> Json:
         """The content of fit.json."""
-        from bayescal.reporting.fit.files import fit_contents
+        from bayescal.reporting.fit.record import fit_contents
 
         return fit_contents(self.data, self.agreement)
 

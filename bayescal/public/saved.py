@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 from bayescal.errors import BayescalError
 from bayescal.public.positions import Positioned
-from bayescal.public.tables import FitTables, GapTables, Json, PlanTables, fit_line, gap_line, plan_line
-from bayescal.storage.reading import read_record
+from bayescal.public.tables import FitTables, GapTables, PlanTables, fit_line, gap_line, plan_line
+from bayescal.storage.reading import Json, read_record
 
 if TYPE_CHECKING:
     from pandas import DataFrame

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 from bayescal.public.exports import names
 from bayescal.public.results import as_text
-from bayescal.public.tables import Json
+from bayescal.storage.reading import Json
 
 if TYPE_CHECKING:
     from pandas import DataFrame

@@ -2,27 +2,56 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
+from html import escape
 from typing import TYPE_CHECKING, Any
+
+from bayescal.storage.reading import Json
 
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-Json = Mapping[str, Any]
-LEVELS = {"determined": "yes", "partly": "weakly", "prior_only": "no"}
-"""Lists of fit.json -> value of the column `identifiable`."""
+
+def _frame(
+    entries: Iterable[Json], *keys: str, index: str | None = None, **others: str | Callable[[Json], Any]
+) -> DataFrame:
+    """Entries of a record as a table: of all their keys, or of `keys` and of `others` by name."""
+    from pandas import DataFrame
+
+    from bayescal.reporting.shared.sheet import Column, Sheet, frame
+
+    columns = tuple(Column(name, of) for name, of in (dict(zip(keys, keys, strict=True)) | others).items())
+    out = frame(Sheet(columns, tuple(entries))) if columns else DataFrame(list(entries))
+    return out.set_index(index) if index else out
 
 
-class FitTables:
-    """Tables of a calibration; lengths and angles in the units that the columns state.
+class _Tables:
+    """What the tables of all results have."""
 
-    `record` is the content of fit.json.
-    """
+    _FORMAT = "%.6g"
+    """Of the numbers of `_overview`."""
 
     @property
     def record(self) -> Json:
-        """The content of fit.json."""
+        """The content of the record: fit.json, gap.json or plan.json."""
         raise NotImplementedError
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Limitations of the result."""
+        return tuple(self.record["warnings"])
+
+    @property
+    def _overview(self) -> DataFrame:
+        """The table that a notebook shows."""
+        raise NotImplementedError
+
+    def _repr_html_(self) -> str:
+        return f"<p>{escape(repr(self), quote=False)}</p>{self._overview.to_html(float_format=self._FORMAT)}"
+
+
+class FitTables(_Tables):
+    """Tables of a calibration; lengths and angles in the units that the columns state."""
 
     @property
     def parameters(self) -> DataFrame:
@@ -32,72 +61,50 @@ class FitTables:
         `low95` and `high95` (ends of the 95 % interval), and `identifiable` ("yes", "weakly", "no"; empty
         for the pose of a target).
         """
-        from pandas import DataFrame
+        from bayescal.reporting.fit.sheets import states
 
-        known = self.record["identifiability"]
-        level = {name: word for key, word in LEVELS.items() for name in known[key]}
-        rows = [
-            {
-                "name": p["name"],
-                "effect": p["effect"],
-                "unit": p["unit"],
-                "nominal": p["nominal"],
-                "estimate": p["estimate"],
-                "u": p["sd"],
-                "prior_sd": p["prior_sd"],
-                "low95": p["interval95"][0],
-                "high95": p["interval95"][1],
-                "identifiable": level.get(p["name"], ""),
-            }
-            for p in self.record["parameters"]
-        ]
-        return DataFrame(rows).set_index("name")
+        state = states(self.record["identifiability"])
+        return _frame(
+            self.record["parameters"],
+            *("name", "effect", "unit", "nominal", "estimate"),
+            index="name",
+            u="sd",
+            prior_sd="prior_sd",
+            low95=lambda p: p["interval95"][0],
+            high95=lambda p: p["interval95"][1],
+            identifiable=lambda p: state.get(p["name"], ""),
+        )
+
+    _overview = parameters
 
     @property
     def levels(self) -> DataFrame:
         """Validation errors by model level, from the nominal model to the fitted one; keys of fit.json."""
-        from pandas import DataFrame
-
-        rows = [{**level, "model": " + ".join(level["model"])} for level in self.record["ladder"]]
-        return DataFrame(rows).set_index("model")
+        levels = ({**level, "model": " + ".join(level["model"])} for level in self.record["ladder"])
+        return _frame(levels, index="model")
 
     @property
     def distances(self) -> DataFrame:
         """Certified distances, measured and predicted: `certified_mm`, errors and intervals in µm."""
-        from pandas import DataFrame
-
-        rows = [
-            {
-                "from": d["between"][0],
-                "to": d["between"][1],
-                "certified_mm": d["certified_mm"],
-                "nominal_error_um": d["nominal_error_um"],
-                "calibrated_error_um": d["calibrated_error_um"],
-                "predicted_sd_um": d["predicted_sd_um"],
-                "low95_um": d["predicted_interval95_um"][0],
-                "high95_um": d["predicted_interval95_um"][1],
-                "inside95": d["inside95"],
-            }
-            for d in self.record["validation"]["distances"]
-        ]
-        return DataFrame(rows)
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """Limitations of the results."""
-        return tuple(self.record["warnings"])
-
-    def _repr_html_(self) -> str:
-        return f"<p>{_escaped(repr(self))}</p>{self.parameters.to_html(float_format='%.6g')}"
+        between: dict[str, Callable[[Json], Any]] = {
+            "from": lambda d: d["between"][0],
+            "to": lambda d: d["between"][1],
+        }
+        same = ("certified_mm", "nominal_error_um", "calibrated_error_um", "predicted_sd_um")
+        return _frame(
+            self.record["validation"]["distances"],
+            **between,
+            **dict(zip(same, same, strict=True)),
+            low95_um=lambda d: d["predicted_interval95_um"][0],
+            high95_um=lambda d: d["predicted_interval95_um"][1],
+            inside95="inside95",
+        )
 
 
-class GapTables:
-    """Tables of a diagnosis, made of the content of gap.json."""
+class GapTables(_Tables):
+    """Tables of a diagnosis."""
 
-    @property
-    def record(self) -> Json:
-        """The content of gap.json."""
-        raise NotImplementedError
+    _FORMAT = "%.3g"
 
     @property
     def verdict(self) -> str:
@@ -117,6 +124,8 @@ class GapTables:
         ranked = sorted(self.record["probability"].items(), key=lambda item: -(item[1] or 0.0))
         return DataFrame(ranked, columns=["effect", "probability"]).set_index("effect")
 
+    _overview = probability
+
     @property
     def undecided(self) -> bool:
         """Whether further contacts could decide: effects not separated, not confirmed or not known."""
@@ -126,16 +135,12 @@ class GapTables:
     @property
     def amplitudes(self) -> DataFrame:
         """Named effects, site by site: `what`, `value`, `u` (standard uncertainty) and `unit`; see gap.md."""
-        from pandas import DataFrame
-
-        return DataFrame(list(self.record.get("amplitudes", ())))
+        return _frame(self.record.get("amplitudes", ()))
 
     @property
     def where(self) -> DataFrame:
         """Locations of the error, largest first: site, driver, `rms_um`, share of the excess, p-values."""
-        from pandas import DataFrame
-
-        return DataFrame(list(self.record["where"]))
+        return _frame(self.record["where"])
 
     @property
     def shrinkage(self) -> DataFrame:
@@ -145,22 +150,11 @@ class GapTables:
         rows = {what: row for what, row in self.record["shrinkage"].items() if row}
         return DataFrame.from_dict(rows, orient="index")
 
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """Limitations of the verdict."""
-        return tuple(self.record["warnings"])
 
-    def _repr_html_(self) -> str:
-        return f"<p>{_escaped(repr(self))}</p>{self.probability.to_html(float_format='%.3g')}"
+class PlanTables(_Tables):
+    """Tables of a plan."""
 
-
-class PlanTables:
-    """Tables of a plan, made of the content of plan.json."""
-
-    @property
-    def record(self) -> Json:
-        """The content of plan.json."""
-        raise NotImplementedError
+    _FORMAT = "%.3g"
 
     @property
     def distances(self) -> DataFrame:
@@ -173,6 +167,8 @@ class PlanTables:
         ]
         return DataFrame(rows, columns=None if rows else ["over"]).set_index("over")
 
+    _overview = distances
+
     @property
     def parameters(self) -> DataFrame:
         """Expected standard uncertainty `u` of the parameters, by name, and that of their prior."""
@@ -184,47 +180,32 @@ class PlanTables:
     @property
     def detectable(self) -> DataFrame:
         """Smallest detectable amplitude of each effect and site, of the plan and of a random selection."""
-        from pandas import DataFrame
-
-        return DataFrame(list(self.record["detectable"]))
+        return _frame(self.record["detectable"])
 
     @property
     def confusable(self) -> DataFrame:
         """Pairs of effects: detectability before and with the plan, and what would separate them."""
-        from pandas import DataFrame
-
-        return DataFrame(list(self.record["confusable"]))
+        return _frame(self.record["confusable"])
 
     @property
     def curve(self) -> DataFrame:
         """Expected standard uncertainty of distances, µm, by number of contacts: `plan` and `random`."""
         from pandas import DataFrame
 
-        both = {"plan": self.record["curve"], "random": self.record["curve_random"]}
-        return DataFrame(
-            {
-                name: {point["contacts"]: point["distance_sd_um"] for point in points}
-                for name, points in both.items()
-            }
-        ).rename_axis("contacts")
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """Limitations of the plan."""
-        return tuple(self.record["warnings"])
+        curves = {
+            name: {point["contacts"]: point["distance_sd_um"] for point in self.record[key]}
+            for name, key in (("plan", "curve"), ("random", "curve_random"))
+        }
+        return DataFrame(curves).rename_axis("contacts")
 
     def contacts_of(self, table: Any) -> DataFrame:
         """The contacts of plan.csv (a path or a file) with their purpose."""
         from pandas import read_csv
 
-        out = read_csv(
-            table, dtype={"id": str, "repeat": str, "target": str, "tool": str}, keep_default_na=True
-        )
+        texts: Mapping[Any, Any] = dict.fromkeys(("id", "repeat", "target", "tool"), str)
+        out = read_csv(table, dtype=texts, keep_default_na=True)
         out["purpose"] = out["id"].map(self.record["purpose"])
         return out.set_index("id")
-
-    def _repr_html_(self) -> str:
-        return f"<p>{_escaped(repr(self))}</p>{self.distances.to_html(float_format='%.3g')}"
 
 
 def fit_line(record: Json) -> str:
@@ -236,8 +217,8 @@ def fit_line(record: Json) -> str:
 
 def gap_line(record: Json) -> str:
     """A diagnosis in one line."""
-    found = ", ".join(record["effects"]) or ", ".join(record["credible_set90"])
-    return f"<diagnosis of {record['dataset']['name']}: {record['verdict']}; {found}>"
+    names = ", ".join(record["effects"]) or ", ".join(record["credible_set90"])
+    return f"<diagnosis of {record['dataset']['name']}: {record['verdict']}; {names}>"
 
 
 def plan_line(record: Json) -> str:
@@ -246,7 +227,3 @@ def plan_line(record: Json) -> str:
     u = expected["distance_sd_um"]
     size = "" if u is None else f"; expected U {2 * u:.1f} µm (k = 2), {expected['over']}"
     return f"<plan of {record['dataset']['name']}: {record['contacts']} contacts{size}>"
-
-
-def _escaped(text: str) -> str:
-    return text.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")

@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from rich.console import Group, RenderableType
-from rich.table import Table
 from rich.text import Text
 
 from bayescal.effects import UNITS
 from bayescal.methods import Comparison, Result, Row, Solution
-from bayescal.reporting.shared.origin import origin
-from bayescal.reporting.shared.text import MM, UM, facts, model_label, plain_table, um
+from bayescal.reporting.shared.origin import entry, origin, plain
+from bayescal.reporting.shared.sheet import Column, Sheet, terminal
+from bayescal.reporting.shared.text import UM, facts, model_label, um
+from bayescal.storage.files import json_text
 from bayescal.storage.folders import whole
 
 COMPARE = "compare.json"
@@ -28,28 +28,13 @@ LOCATED = (
 """Why the errors of the nominal arm are not those of a fit."""
 
 
-def rms(values: np.ndarray) -> float:
-    """Root mean square; nan of nothing."""
-    return float(np.sqrt(np.mean(values**2))) if len(values) else float("nan")
-
-
-def largest(values: np.ndarray) -> float:
-    """Largest absolute value; nan of nothing."""
-    return float(np.max(np.abs(values))) if len(values) else float("nan")
-
-
-def mean(values: np.ndarray) -> float:
-    """Mean; nan of nothing."""
-    return float(np.mean(values)) if len(values) else float("nan")
-
-
 COLUMNS: dict[str, tuple[str, Callable[[Result], float]]] = {
-    "planes_rms_um": ("contacts RMS", lambda r: rms(r.planes)),
-    "distances_rms_um": ("distances RMS", lambda r: rms(r.distances)),
-    "distances_max_um": ("maximum", lambda r: largest(r.distances)),
+    "planes_rms_um": ("contacts RMS", lambda r: r.validation.contacts.rms),
+    "distances_rms_um": ("distances RMS", lambda r: r.validation.distance_errors.rms),
+    "distances_max_um": ("maximum", lambda r: r.validation.distance_errors.maximum),
     "predicted_distance_sd_um": ("predicted u", lambda r: r.distance_sd),
-    "points_mean_um": ("points mean", lambda r: mean(r.points)),
-    "points_max_um": ("maximum", lambda r: largest(r.points)),
+    "points_mean_um": ("points mean", lambda r: r.validation.point_lengths.mean),
+    "points_max_um": ("maximum", lambda r: r.validation.point_lengths.maximum),
 }
 """Key, heading and value, m, of what is compared."""
 
@@ -62,11 +47,13 @@ def comparison_summary(comparison: Comparison) -> RenderableType:
         (comparison.dataset.name, "bold"),
         f"  {comparison.dataset.robot.name}  {model_label(comparison.effects)}",
     )
-    headings = [COLUMNS[key][0] for key in shown]
-    table = plain_table("validation (µm)", *headings, "parameters", "seconds")
-    for row in comparison.rows:
-        _add(table, row, shown)
-    table.caption = LOCATED
+    columns = (
+        Column("validation (µm)", lambda row: row.method.name),
+        *(Column(heading, _of_result(value), um) for heading, value in (COLUMNS[key] for key in shown)),
+        Column("parameters", _of_result(lambda r: r.solution.free)),
+        Column("seconds", _of_result(lambda r: r.seconds), "{:.2f}".format),
+    )
+    table = terminal(Sheet(columns, comparison.rows, LOCATED, style=_style))
     notes = [(row.method.name, row.why, "dim") for row in comparison.rows if row.result is None]
     held = [(row.method.name, text, "dim") for row in comparison.rows if (text := _held(row))]
     parts: list[RenderableType] = [title, table]
@@ -75,14 +62,14 @@ def comparison_summary(comparison: Comparison) -> RenderableType:
     return Group(*parts)
 
 
-def _add(table: Table, row: Row, shown: list[str]) -> None:
+def _of_result(value: Callable[[Result], Any]) -> Callable[[Row], Any]:
+    return lambda row: None if row.result is None else value(row.result)
+
+
+def _style(row: Row) -> str:
     if row.result is None:
-        table.add_row(row.method.name, *("-" for _ in shown), "-", "-", style="dim")
-        return
-    cells = [um(COLUMNS[key][1](row.result)) for key in shown]
-    free = str(row.result.solution.free)
-    style = "bold" if row.result.predicted is not None else ""
-    table.add_row(row.method.name, *cells, free, f"{row.result.seconds:.2f}", style=style)
+        return "dim"
+    return "bold" if row.result.predicted is not None else ""
 
 
 def _held(row: Row) -> str:
@@ -101,7 +88,7 @@ def comparison_record(comparison: Comparison) -> dict[str, Any]:
 
 
 def _method(row: Row) -> dict[str, Any]:
-    method = {"name": row.method.name, "source": row.method.source, "idea": row.method.idea}
+    method = entry(row.method, "name", "source", "idea")
     if row.result is None:
         return {**method, "applies": False, "why": row.why}
     r, solution = row.result, row.result.solution
@@ -111,17 +98,14 @@ def _method(row: Row) -> dict[str, Any]:
         "seconds": r.seconds,
         "parameter_count": solution.free,
         "held": list(solution.held),
-        "condition": None if solution.condition is None else _finite(solution.condition),
+        "condition": plain(solution.condition),
         "heldout": {
-            "plane_contacts": len(r.planes),
-            "distances": len(r.distances),
-            "points": len(r.points),
-            **{key: _finite(UM * value(r)) for key, (_, value) in COLUMNS.items()},
+            "plane_contacts": len(r.validation.contacts.values),
+            "distances": len(r.validation.distances),
+            "points": len(r.validation.point_lengths.values),
+            **{key: plain(UM * value(r)) for key, (_, value) in COLUMNS.items()},
         },
-        "distances": [
-            {"between": list(d.between), "certified_mm": MM * d.certified, "error_um": UM * d.error}
-            for d in r.validation.distances
-        ],
+        "distances": [entry(d, "between", "certified_mm", "error_um") for d in r.validation.distances],
         "parameters": _parameters(solution),
     }
 
@@ -135,12 +119,8 @@ def _parameters(solution: Solution) -> list[dict[str, Any]]:
     return out
 
 
-def _finite(value: float) -> float | None:
-    return value if np.isfinite(value) else None
-
-
 def write_comparison(comparison: Comparison, folder: Path) -> None:
     """Write compare.json atomically."""
-    record = json.dumps(comparison_record(comparison), indent=1, allow_nan=False) + "\n"
+    record = json_text(comparison_record(comparison), rows=False)
     with whole(folder, COMPARE) as stage:
         (stage / COMPARE).write_text(record, encoding="utf-8")

@@ -1,14 +1,9 @@
-"""What a compensation prints.
-
-The summary of an export: what the file cannot hold, with its size.
-
-The record of a verification, verify.json, and its report on the terminal.
-"""
+"""What a compensation, an export and a verification print, and verify.json."""
 
 from __future__ import annotations
 
-import math
 import shlex
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -17,11 +12,14 @@ from rich.text import Text
 
 from bayescal import __version__
 from bayescal.compensating.compensation import Compensation
-from bayescal.effects.selection import plain
+from bayescal.effects.selection import plain as without_setting
 from bayescal.effects.tool import TOOL
 from bayescal.exporting.export import Exported
 from bayescal.fitted.arm import FittedArm
-from bayescal.reporting.shared.text import MM, FigureTable, facts, model_label, plain_table, um, um2
+from bayescal.reporting.shared.origin import plain
+from bayescal.reporting.shared.sheet import Column, Sheet, terminal
+from bayescal.reporting.shared.text import MM, facts, model_label, um, um2
+from bayescal.verifying.gap import Gap
 from bayescal.verifying.result import Verification
 
 SHOWN = 5
@@ -30,27 +28,27 @@ SHOWN = 5
 
 def compensation_summary(arm: FittedArm, done: Compensation) -> RenderableType:
     """The verdict if it is bad, numbers of targets, errors before, uncertainty, what has no solution."""
-    good = [own for own in done.found if not own.reason]
+    good = [result for result in done.corrected if not result.reason]
     rows = [
         *([("warning", done.warning, "bold red")] if done.warning else []),
-        ("compensation", f"{done.source}: {len(done.found)} targets, poses in {done.frame}", "bold"),
+        ("compensation", f"{done.source}: {len(done.corrected)} targets, poses in {done.frame}", "bold"),
         ("arm", f"{arm.dataset.robot.name}, {model_label(arm.effects)}", ""),
     ]
     if good:
-        error, u, most = (np.array([getattr(own, key) for own in good]) for key in ("error", "u", "expanded"))
+        error, u, most = (np.array([getattr(g, key) for g in good]) for key in ("error", "u", "expanded"))
         rows.append(
             ("nominal error", f"mean {MM * error.mean():.3f} mm, maximum {MM * error.max():.3f} mm", "")
         )
         middle, high, expanded = (um2(float(x)) for x in (np.median(u), u.max(), np.median(most)))
         text = f"u of a point {middle} µm (median), {high} µm (maximum); U {expanded} µm (median, 95 %)"
         rows.append(("uncertainty", text, ""))
-        outside = sum(not own.inside for own in good)
+        outside = sum(not result.inside for result in good)
         text = "all targets are inside" if not outside else f"{outside} of {len(good)} targets are outside"
         rows.append(("probed region", text, "yellow" if outside else ""))
     lacking = [
-        f"{target.where}: {own.reason}"
-        for target, own in zip(done.targets, done.found, strict=True)
-        if own.reason
+        f"{target.where}: {result.reason}"
+        for target, result in zip(done.targets, done.corrected, strict=True)
+        if result.reason
     ]
     rows += [("note", note, "yellow") for note in arm.use.notes if note not in arm.use.warnings]
     rows += [("no solution" if k == 0 else "", text, "red") for k, text in enumerate(_some(lacking))]
@@ -80,11 +78,8 @@ def export_summary(export: Exported) -> RenderableType:
         rows.append(("state", f"that of row {m.ids[export.options.state]}{time}", ""))
     parts: list[RenderableType] = [facts(rows)]
     if export.missing:
-        table = plain_table("not in the file (µm)", "RMS", "maximum")
-        for missing in export.missing:
-            table.add_row(missing.effect, um(missing.rms), um(missing.maximum))
-        table.add_row("all of these", um(export.rest.rms), um(export.rest.maximum))
-        parts += ["", table, ""]
+        sizes = [(missing.effect, missing) for missing in export.missing] + [("all of these", export.total)]
+        parts += ["", terminal(Sheet(MISSING_EFFECTS, sizes)), ""]
         parts.append(facts([(missing.effect, missing.why, "dim") for missing in export.missing]))
         parts.append(facts(_alternative(export)))
     else:
@@ -94,10 +89,17 @@ def export_summary(export: Exported) -> RenderableType:
     return Group(*parts)
 
 
+MISSING_EFFECTS = (
+    Column("not in the file (µm)", 0),
+    Column("RMS", lambda item: um(item[1].rms)),
+    Column("maximum", lambda item: um(item[1].maximum)),
+)
+
+
 def _alternative(export: Exported) -> list[tuple[str, str, str]]:
     """The model that the file can hold: fitted without the missing effects, it has the smaller error."""
     lacking = {missing.effect for missing in export.missing}
-    less = [name for name in export.arm.effects if plain(name) in map(plain, lacking)]
+    less = [name for name in export.arm.effects if without_setting(name) in map(without_setting, lacking)]
     if not less or len(less) == len(export.arm.effects):
         return []
     words = (
@@ -129,32 +131,22 @@ def record(v: Verification) -> dict[str, Any]:
         "measured": None,
     }
     if v.gap is not None:
-        g = v.gap
-        out["measured"] = {"before_model": g.before_is} | {
-            kind: {
-                "count": g.count[kind],
-                "before_rms_um": _um(g.before[kind]),
-                "after_rms_um": _um(g.after[kind]),
-                "predicted_before_rms_um": _um(g.predicted[kind][0]),
-                "predicted_after_rms_um": _um(g.predicted[kind][1]),
-            }
-            for kind in g.after
+        out["measured"] = {"before_model": v.gap.before_is} | {
+            kind: {"count": v.gap.count[kind]}
+            | {key: plain(1e6 * size) for key, size in zip(MEASURED, _errors(v.gap, kind), strict=True)}
+            for kind in v.gap.after
         }
     return out
-
-
-def _um(value: float) -> float | None:
-    return 1e6 * value if math.isfinite(value) else None
 
 
 def report(v: Verification) -> RenderableType:
     """The verification in a few lines."""
     title = f"{v.path.name} in {v.software}, {len(v.levels[-1].differences)} poses of {v.arm.dataset.name}"
-    parts: list[RenderableType] = [Text(title, style="bold"), _levels(v)]
+    parts: list[RenderableType] = [Text(title, style="bold"), terminal(Sheet(LEVELS, v.levels))]
     if v.gap is None:
         parts.append(Text("The session has no validation measurements: no gap is measured."))
     else:
-        parts.append(_gap(v))
+        parts.append(terminal(_measured(v.gap)))
     if v.missing:
         sizes = ", ".join(f"{name} ({um(size)} µm RMS)" for name, size in v.missing.items())
         parts.append(Text(f"not in the file, and part of the gap after: {sizes}"))
@@ -169,24 +161,31 @@ def report(v: Verification) -> RenderableType:
     return Group(*parts)
 
 
-def _levels(v: Verification) -> FigureTable:
-    table = FigureTable("simulator against model", "RMS (µm)", "maximum (µm)", "limit (µm)")
-    for level in v.levels:
-        figures = (level.rms, level.maximum, level.limit)
-        table.add_row(level.name, *(f"{1e6 * x:.2g}" if x else "0" for x in figures))
-    return table
+MEASURED = ("before_rms_um", "after_rms_um", "predicted_before_rms_um", "predicted_after_rms_um")
 
 
-def _gap(v: Verification) -> FigureTable:
-    g = v.gap
-    assert g is not None
-    table = FigureTable(
-        "simulator against measurements: RMS (µm)", "count", f"before ({g.before_is})", "after",
-        "run: before", "run: after",
-    )  # fmt: skip
-    for kind in g.after:
-        values = (g.before[kind], g.after[kind], *g.predicted[kind])
-        table.add_row(
-            kind, str(g.count[kind]), *(f"{1e6 * x:.3g}" if math.isfinite(x) else "-" for x in values)
-        )
-    return table
+def _errors(gap: Gap, kind: str) -> tuple[float, ...]:
+    """RMS errors of a kind, m: before and after, measured and predicted by the run."""
+    return (gap.before[kind], gap.after[kind], *gap.predicted[kind])
+
+
+LEVELS = (
+    Column("simulator against model", "name"),
+    *(
+        Column(f"{heading} (µm)", key, lambda size: f"{1e6 * size:.2g}" if size else "0")
+        for heading, key in (("RMS", "rms"), ("maximum", "maximum"), ("limit", "limit"))
+    ),
+)
+
+
+def _measured(gap: Gap) -> Sheet:
+    def error(k: int) -> Callable[[str], float | None]:
+        return lambda kind: plain(_errors(gap, kind)[k])
+
+    headings = (f"before ({gap.before_is})", "after", "run: before", "run: after")
+    columns = (
+        Column("simulator against measurements: RMS (µm)", str),
+        Column("count", gap.count.get),
+        *(Column(heading, error(k), lambda size: f"{1e6 * size:.3g}") for k, heading in enumerate(headings)),
+    )
+    return Sheet(columns, tuple(gap.after))

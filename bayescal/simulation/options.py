@@ -12,7 +12,7 @@ import numpy as np
 
 from bayescal.arm.chain import Robot
 from bayescal.dataset import Certificate, Dataset, Measurements, Noise, Target, Tool
-from bayescal.effects import EFFECTS
+from bayescal.effects import BASELINE, EFFECTS
 from bayescal.effects.selection import plain
 from bayescal.errors import BayescalError
 from bayescal.probing.approach import DIAMETER, SIZE, U_ANGLE, U_DISTANCE, U_SPHERE, Cube
@@ -37,7 +37,7 @@ class Options:
     """
 
     robot: str = "fanuc-lrmate200ic"
-    effects: tuple[str, ...] = ("geometry", "compliance")
+    effects: tuple[str, ...] = BASELINE
     name: str = "simulated"
     seed: int = 0
     error_scale: float = 1.0

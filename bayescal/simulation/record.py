@@ -7,7 +7,6 @@ Ground truth of a simulated session, independent of its plan: arm, targets, cert
 
 from __future__ import annotations
 
-import json
 import re
 from collections import Counter
 from collections.abc import Sequence
@@ -21,11 +20,12 @@ import numpy as np
 from bayescal.arm.transforms import alignment, rpy_matrix
 from bayescal.dataset import Certificate, Dataset, Target
 from bayescal.dataset.write import write_files
-from bayescal.effects import UNITS
+from bayescal.effects import EFFECTS, UNITS
 from bayescal.model import Model
 from bayescal.model.scene import Scene
 from bayescal.probing.approach import DIAMETER, SIZE, U_ANGLE, U_DISTANCE, U_SPHERE
 from bayescal.simulation.options import Options, Scenery, sphere_names, stream
+from bayescal.storage.files import json_text
 from bayescal.storage.folders import whole
 
 TRUTH = "truth.json"
@@ -53,7 +53,7 @@ def write(simulation: Simulated, folder: Path) -> None:
     """
     with whole(folder, TRUTH) as stage:
         write_files(simulation.dataset, stage)
-        text = json.dumps(simulation.truth, indent=1) + "\n"
+        text = json_text(simulation.truth, rows=False)
         (stage / TRUTH).write_text(text, encoding="utf-8", newline="")
 
 
@@ -83,7 +83,6 @@ def summary(simulation: Simulated) -> str:
 
 TOOL_SD = 0.5e-3  # m: of the position of a ball without a stated uncertainty
 PLACE_SD, ANGLE_SD = 1e-3, 2e-3  # m, rad: of the pose of a cube or an artefact against its stated one
-OF_SESSION = ("thermal-drift", "step")  # effects that differ between sessions of the same arm
 OUTLIER = 30e-6, 1e-3  # m: smallest and largest error of a gross contact
 
 
@@ -102,7 +101,7 @@ def draws(options: Options, model: Model) -> np.ndarray:
     """
     out = np.empty(len(model.parameters))
     for k, p in enumerate(model.parameters):
-        seed = options.seed if p.effect in OF_SESSION else options.seed_of_arm
+        seed = options.seed if p.effect in EFFECTS and EFFECTS[p.effect].of_session else options.seed_of_arm
         z = _standard(seed, p.effect, p.name)
         if p.positive:
             value = p.centre * np.exp(np.log1p(p.sd / p.centre) * z) if p.centre > 0 else abs(p.sd * z)

@@ -1,10 +1,4 @@
-"""JSON with an indent of one: the text of `json.dumps(value, indent=1, allow_nan=False)`, in less time.
-
-The compiled encoder of the standard library has no indent. It writes lists of numbers and texts, most of a
-record, with a line break as a part of its separator.
-
-Files that users write: YAML with the line of every value, keys with their unit, clear error messages.
-"""
+"""YAML that users write: the line of every value, keys with their unit; files that are written together."""
 
 from __future__ import annotations
 
@@ -29,36 +23,6 @@ from bayescal.errors import BayescalError, listed
 from bayescal.storage.locks import OTHER_OUT, PART, beside, remove_leftovers
 from bayescal.storage.reading import CONTROL, decoded, told_of
 from bayescal.storage.stopping import completed
-
-
-def indented(value: Any, level: int = 0) -> str:
-    """A record as JSON text with an indent of one space; `level` is that of the value itself.
-
-    Raises
-    ------
-    ValueError
-        For a number that is not finite.
-    """
-    inner, outer = "\n" + " " * (level + 1), "\n" + " " * level
-    if isinstance(value, Mapping) and value:
-        items = [f"{_key(key)}: {indented(own, level + 1)}" for key, own in value.items()]
-        return f"{{{inner}{f',{inner}'.join(items)}{outer}}}"
-    if isinstance(value, list | tuple) and value:
-        if any(isinstance(own, list | tuple | Mapping) for own in value):
-            return f"[{inner}{f',{inner}'.join(indented(own, level + 1) for own in value)}{outer}]"
-        return f"[{inner}{_encoder(level).encode(value)[1:-1]}{outer}]"
-    return _encoder(level).encode(value)
-
-
-@lru_cache(maxsize=64)
-def _encoder(level: int) -> json.JSONEncoder:
-    return json.JSONEncoder(allow_nan=False, separators=(",\n" + " " * (level + 1), ": "))
-
-
-def _key(key: Any) -> str:
-    text = json.dumps(key)
-    return text if isinstance(key, str) else f'"{text}"'
-
 
 UNITS = {"mm": 1e-3, "deg": math.pi / 180, "degps": math.pi / 180} | dict.fromkeys(
     ("rad", "kg", "nm", "s", "c", "degc", "mps2", "rad_per_nm"), 1.0
@@ -405,7 +369,15 @@ def write_together(
                 part.unlink(missing_ok=True)
 
 
-def json_text(record: Any) -> str:
-    """A record as JSON text with all digits, lists of numbers on one line."""
-    text = indented(record)
-    return re.sub(r"\[[-\d.eE+,\s]+\]", lambda found: " ".join(found[0].split()), text) + "\n"
+def json_text(record: Any, rows: bool = True) -> str:
+    """A record as JSON text with an indent of one and all digits; `rows`: lists of numbers are on one line.
+
+    Raises
+    ------
+    ValueError
+        For a number that is not finite.
+    """
+    text = json.dumps(record, indent=1, allow_nan=False)
+    if rows:
+        text = re.sub(r"\[[-\d.eE+,\s]+\]", lambda numbers: " ".join(numbers[0].split()), text)
+    return text + "\n"

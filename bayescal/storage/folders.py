@@ -2,29 +2,23 @@
 
 Every folder contains a list of the files that were written into it, with their SHA-256 (`LIST`). A folder is
 replaced only if it contains exactly these files, unchanged. The new files are written to a staging folder
-beside it and synchronised with the disk. Then the two folders are exchanged in one system call, and the old
-one is removed. The folder's name therefore always refers to the complete earlier result or to the complete
-new one, even if the process is killed.
-
-Some file systems cannot exchange folders (NFS, Windows). There the earlier folder is renamed, then the new
-one. A process that is killed between the two calls leaves the earlier folder under a hidden name (`beside`);
-the next command for that folder restores it.
+beside it and synchronised with the disk. Then the earlier folder is renamed, then the new one, and the
+earlier one is removed. A process that is killed between the two calls leaves the earlier folder under a
+hidden name (`beside`); the next command for that folder restores it. No folder ever has a part of a result.
 """
 
 from __future__ import annotations
 
-import ctypes
-import errno
 import hashlib
 import json
 import os
 import shutil
-import sys
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from bayescal.errors import BayescalError
+from bayescal.storage.files import json_text
 from bayescal.storage.locks import ASIDE, OTHER_OUT, PART, alone, beside, leftovers
 from bayescal.storage.reading import content_of, open_regular
 from bayescal.storage.stopping import completed
@@ -175,7 +169,7 @@ def _sha256(path: Path) -> str:
 def _seal(stage: Path) -> None:
     """Write the list of a staging folder's files, and synchronise all of them with the disk."""
     files = {p.relative_to(stage).as_posix(): _sha256(p) for p in _files(stage)}
-    text = json.dumps({"schema": SCHEMA, "files": files}, indent=1) + "\n"
+    text = json_text({"schema": SCHEMA, "files": files}, rows=False)
     (stage / LIST).write_text(text, encoding="utf-8")
     for path in (*_files(stage), stage / LIST, stage):
         _synchronise(path)
@@ -200,7 +194,7 @@ def _put(stage: Path, folder: Path) -> None:
         if os.name == "nt" and folder.exists():
             folder.rmdir()
         os.rename(stage, folder)
-    elif not _exchanged(stage, folder):
+    else:
         aside = beside(folder, ASIDE)
         os.rename(folder, aside)
         try:
@@ -210,24 +204,6 @@ def _put(stage: Path, folder: Path) -> None:
             raise
         _discard(aside)
     _synchronise(folder.parent)
-
-
-def _exchanged(one: Path, other: Path) -> bool:
-    """Exchange two folders in one system call; false if the OS or the file system does not support it."""
-    if os.name != "posix":
-        return False
-    libc = ctypes.CDLL(None, use_errno=True)
-    paths = os.fsencode(one), os.fsencode(other)
-    if hasattr(libc, "renameat2"):  # Linux: AT_FDCWD, RENAME_EXCHANGE
-        code = libc.renameat2(-100, paths[0], -100, paths[1], 2)
-    elif sys.platform == "darwin" and hasattr(libc, "renamex_np"):  # RENAME_SWAP
-        code = libc.renamex_np(*paths, 2)
-    else:
-        return False
-    number = ctypes.get_errno()
-    if code and number not in (errno.EINVAL, errno.ENOSYS, errno.ENOTSUP, errno.EPERM):
-        raise OSError(number, os.strerror(number))
-    return code == 0
 
 
 def _recover(folder: Path) -> None:

@@ -9,7 +9,7 @@ import json
 import os
 import re
 import stat
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from io import BufferedReader
 from pathlib import Path
@@ -21,6 +21,8 @@ from bayescal.errors import BayescalError, shown
 
 LARGEST = 2**29
 """Bytes of a table, a log or a record: some million rows."""
+Json = Mapping[str, Any]
+"""The content of a record: fit.json, gap.json, ..."""
 DIGITS = 30
 """Characters of a whole number in a record: no count or seed has more."""
 CONTROL = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069]")

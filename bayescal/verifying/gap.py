@@ -1,9 +1,4 @@
-"""Validation measurements replayed in a simulator: the difference between the simulator and the machine.
-
-What a run reports of its validation measurements: RMS errors before and after.
-
-Validation measurements replayed in the simulator: its difference from the machine, before and after.
-"""
+"""Validation measurements replayed in the simulator: its difference from the machine, before and after."""
 
 from __future__ import annotations
 
@@ -15,12 +10,11 @@ from typing import Any
 import numpy as np
 
 from bayescal.errors import BayescalError
-from bayescal.estimate import Estimate, calibrated, estimate
+from bayescal.estimate import Estimate, estimate, fitted_level
 from bayescal.estimate.outliers import rejected, scale
-from bayescal.exporting.mjcf.content import STATE
+from bayescal.exporting.mjcf.elastic import STATE
 from bayescal.fitted.arm import FittedArm, Origin, of_estimate
-from bayescal.model import Block, with_parameters
-from bayescal.model.block import parts_of
+from bayescal.model import Block
 from bayescal.model.scene import Scene
 from bayescal.predict.errors import USUAL
 from bayescal.predict.locate import locate
@@ -57,8 +51,10 @@ class Measured:
         if kind == "distances":
             every = self.distance
         else:
-            own = [r.values[:, ~np.isin(r.rows, without)].ravel() for r in self.residuals if r.kind == kind]
-            every = np.concatenate(own) if own else np.zeros(0)
+            errors = [
+                r.values[:, ~np.isin(r.rows, without)].ravel() for r in self.residuals if r.kind == kind
+            ]
+            every = np.concatenate(errors) if errors else np.zeros(0)
         return float(np.sqrt(np.mean(every**2))) if len(every) else float("nan")
 
     @property
@@ -66,12 +62,12 @@ class Measured:
         """Rows that are off by far more than the others of their kind."""
         out = []
         for kind in ("planes", "points"):
-            own = [r for r in self.residuals if r.kind == kind]
-            if not own:
+            residuals = [r for r in self.residuals if r.kind == kind]
+            if not residuals:
                 continue
-            chi2, size = np.concatenate([r.chi2 for r in own]), len(own[0].values)
+            chi2, size = np.concatenate([r.chi2 for r in residuals]), len(residuals[0].values)
             usual = max(scale(chi2, size, share=USUAL["kind"]), 1.0)
-            out.append(np.concatenate([r.rows for r in own])[rejected(chi2, size, usual)])
+            out.append(np.concatenate([r.rows for r in residuals])[rejected(chi2, size, usual)])
         return np.concatenate(out) if out else np.zeros(0, int)
 
 
@@ -89,15 +85,15 @@ def measured(arm: FittedArm, rows: np.ndarray, points: np.ndarray, noise: Mappin
     scene, m = arm.model.scene, arm.dataset.measurements
     where = np.full(len(m.ids), -1)
     where[rows] = np.arange(len(rows))
-    certified, centres, found = certified_diameters(scene), {}, []
+    certified, centres, residuals = certified_diameters(scene), {}, []
     for t, target in enumerate(arm.dataset.targets):
-        own = scene.rows_of(t, scene.rows("validate"))
-        if not len(own) or unknown_tool(scene, own):
+        rows_of_target = scene.rows_of(t, scene.rows("validate"))
+        if not len(rows_of_target) or unknown_tool(scene, rows_of_target):
             continue
-        block, state = arm.model.block(t, own), arm.states.get(target.name)
+        block, state = arm.model.block(t, rows_of_target), arm.states.get(target.name)
         if state is None:
             apart = scene.rows_of(t, scene.rows("locate"))
-            of = own if scene.declared[t].found or not len(apart) else apart
+            of = rows_of_target if scene.declared[t].found or not len(apart) else apart
             u = certified.get(target.name)
             near = arm.model.block(t, of) if u is None else with_diameter(arm.model.block(t, of), u)
             state = _located(near, arm, points[where[of]].T, noise.get(near.group, 1.0))
@@ -105,17 +101,17 @@ def measured(arm: FittedArm, rows: np.ndarray, points: np.ndarray, noise: Mappin
                 centres[target.name] = centre_of(near, state)
             if scene.declared[t].found:
                 continue
-        r = block.kind.residual(state, points[where[own]].T) + block.at_contact(arm.values)
-        found.append(Residuals(own, "planes" if len(r) == 1 else "points", r, block.sigma))
+        r = block.kind.residual(state, points[where[rows_of_target]].T) + block.at_contact(arm.values)
+        residuals.append(Residuals(rows_of_target, "planes" if len(r) == 1 else "points", r, block.sigma))
     pairs, distance = _distances(arm, centres)
-    return Measured(tuple(found), pairs, distance)
+    return Measured(tuple(residuals), pairs, distance)
 
 
 def _located(block: Block, arm: FittedArm, p: np.ndarray, noise: float) -> np.ndarray:
     """State of a target by its own rows, from TCP positions (3, C), m."""
     kind = block.touched(arm.values)
-    at, _ = locate(block.target, kind, p, np.tile(noise * block.sigma, (kind.rows, 1)), strict=False)
-    return np.asarray(at.x[0])
+    estimate, _ = locate(block.target, kind, p, np.tile(noise * block.sigma, (kind.rows, 1)), strict=False)
+    return np.asarray(estimate.x[0])
 
 
 def _distances(
@@ -168,9 +164,9 @@ def read_reported(run: Path) -> Reported:
 
 def _rms(record: Mapping[str, Any], kind: str) -> tuple[float, float]:
     """RMS errors before and after, m, as the run reports them for its own model."""
-    found = record.get("shrinkage", {}).get(kind)
-    if found:
-        return 1e-6 * found["before_rms_um"], 1e-6 * found["after_rms_um"]
+    shrinkage = record.get("shrinkage", {}).get(kind)
+    if shrinkage:
+        return 1e-6 * shrinkage["before_rms_um"], 1e-6 * shrinkage["after_rms_um"]
     for level in record.get("ladder", ()):
         if level["model"] == record.get("baseline") and kind in LEVEL:
             rms = 1e-6 * (level.get(LEVEL[kind]) or float("nan"))
@@ -242,21 +238,21 @@ def simulated_gap(
 
 def before_estimate(arm: FittedArm, baseline: tuple[str, ...]) -> Estimate:
     """The arm before, with its own targets: nominal, or fitted with the baseline of a diagnosis."""
-    scene, o = Scene(arm.dataset, oriented=True), arm.origin
+    scene, options = Scene(arm.dataset, oriented=True), arm.origin.options
+    found = fitted_level(scene, baseline, options)
     if not baseline:
-        return estimate(with_parameters(scene, (), ()), robust=o.robust)
-    found = calibrated(scene, baseline, o.prior_width, o.robust, parts_of(o.without, baseline))
+        return found
     left_out = np.flatnonzero(np.isin(arm.dataset.measurements.ids, arm.rejected))
     if np.array_equal(np.sort(found.rejected), left_out):
         return found
-    return estimate(found.model, o.robust, found.z, left_out)  # both arms with the same rows
+    return estimate(found.model, options.robust, found.z, left_out)  # both arms with the same rows
 
 
 def in_simulator(arm: FittedArm, file: File, rows: np.ndarray, state: int) -> np.ndarray:
     """TCP positions (C, 3), m, of an arm in its file; where it changes in time, in the state of each row."""
     machine = Machine.of(arm, state, file.place)
     simulator = machine.simulator(file.text, file.folder, file.name)
-    if not file.place.own and any(p.driver.kind in STATE[1:] for p in arm.model.parameters):
+    if not file.place.of_user and any(p.driver.kind in STATE[1:] for p in arm.model.parameters):
         points = np.empty((len(rows), 3))
         for k, row in enumerate(rows):
             machine = Machine.of(arm, int(row))

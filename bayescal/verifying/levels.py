@@ -1,9 +1,4 @@
-"""Largest differences that an arm in a simulator may have from the fitted arm.
-
-Poses of a session replayed in a simulator.
-
-Differences between a simulator and the fitted arm, by model level.
-"""
+"""Poses of a session replayed in a simulator: its differences from the fitted arm, by model level."""
 
 from __future__ import annotations
 
@@ -14,39 +9,25 @@ from typing import Any
 
 import numpy as np
 
+from bayescal.effects import MODELS
 from bayescal.effects.selection import plain
-from bayescal.exporting.mjcf.content import Content, Law, bare, law_of
+from bayescal.exporting.mjcf.elastic import Content
 from bayescal.exporting.mjcf.format import mjcf
-from bayescal.exporting.mjcf.links import Load, loads, names, poses
-from bayescal.exporting.mjcf.readings import Joints, error, posture
+from bayescal.exporting.mjcf.mechanism import Load, loads, names, poses
+from bayescal.exporting.mjcf.readings import Joints, Law, bare, error, law_of, posture
 from bayescal.fitted.arm import NOMINAL, FittedArm
 from bayescal.verifying.simulator import Simulator
 
-LIMITS = {
-    "nominal": 1e-9,
-    "joint": 5e-8,
-    "geometry": 1e-9,
-    "compliance": 2e-8,
-    "payload": 2e-8,
-    "base-compliance": 1e-7,
-    "encoder-scale": 5e-8,
-    "coupling": 5e-8,
-    "eccentricity": 5e-8,
-    "second-harmonic": 5e-8,
-    "gear-mesh": 5e-8,
-    "bending": 5e-7,
-    "hysteresis": 5e-7,
-    "hardening": 5e-7,
-    "backlash": 2e-6,
-}
-"""Maximum difference of the TCP positions, m, that each effect of a model adds; others add none."""
+NOMINAL_WITHIN = 1e-9
+"""Maximum difference of the TCP positions, m, of the nominal arm."""
 TOGETHER, TOGETHER_RMS = 3e-6, 1e-6
 """Maximum and RMS difference, m, of any model."""
 
 
 def limit(effects: Sequence[str]) -> float:
     """Maximum difference of a model with these effects, m."""
-    return min(sum(LIMITS.get(plain(name), 0.0) for name in effects or ("nominal",)), TOGETHER)
+    within = [MODELS[plain(name)].simulated_within for name in effects] or [NOMINAL_WITHIN]
+    return min(sum(within), TOGETHER)
 
 
 APPROACH = 3.0
@@ -59,13 +40,13 @@ MOVED = 0.999
 class Place:
     """Where the arm of a file is: its joints, and the world of the file in F0, (4, 4), m.
 
-    In a user's file (`own`) the joints have the user's actuators, and the bodies the user's names. With a
+    In a user's file (`of_user`) the joints have the user's actuators, and the bodies the user's names. With a
     `script` the file has no errors of the readings; they are in its commands.
     """
 
     joints: Joints
     world: np.ndarray
-    own: bool = False
+    of_user: bool = False
     script: bool = False
     renamed: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
 
@@ -98,8 +79,10 @@ class Machine:
 
     def simulator(self, text: str, folder: Path, where: str) -> Simulator:
         """The simulator of a file of this machine."""
-        own, renamed = self.place.own, self.place.renamed
-        return Simulator(text, folder, self.place.joints, self.law.nominal, not own, where, renamed)
+        place = self.place
+        return Simulator(
+            text, folder, place.joints, self.law.nominal, not place.of_user, where, place.renamed
+        )
 
     def sense(self, velocity: np.ndarray | None, count: int) -> np.ndarray:
         """Places (C, n) of gears in their lost motion after a velocity (C, n); the middle without one."""
@@ -117,9 +100,9 @@ class Machine:
         names = self.place.joints.names
         lags = self.law.lag(np.where(np.abs(sense) > MOVED, 0.0, sense))
         out = [dict(posture(self.law, self.place.joints, start)) for start in starts]
-        for own, lag in zip(out, lags, strict=True):
+        for positions, lag in zip(out, lags, strict=True):
             for j in np.flatnonzero(lag).tolist():
-                own[error(names[j])] += float(lag[j])
+                positions[error(names[j])] += float(lag[j])
         return out
 
     def commands(self, readings: np.ndarray, sense: np.ndarray) -> np.ndarray:
@@ -245,11 +228,11 @@ def levels(
     rows, out = chosen(arm), []
     for k, name in enumerate(arm.levels):
         notify(k / len(arm.levels))
-        own = arm if name == arm.levels[-1] else arm.level(name)
-        used = file if own is arm else File.new(own, state, file.place.script)
-        machine = Machine.of(own, state, used.place)
+        arm_of_level = arm if name == arm.levels[-1] else arm.level(name)
+        used = file if arm_of_level is arm else File.new(arm_of_level, state, file.place.script)
+        machine = Machine.of(arm_of_level, state, used.place)
         simulator = machine.simulator(used.text, used.folder, used.name)
-        reached, points = replayed(simulator, machine, own, rows)
-        off = np.linalg.norm(points - modelled(own, rows, reached, state), axis=1)
+        reached, points = replayed(simulator, machine, arm_of_level, rows)
+        off = np.linalg.norm(points - modelled(arm_of_level, rows, reached, state), axis=1)
         out.append(Level(name, off, limit(arm.effects[:k] if name != NOMINAL else ())))
     return tuple(out)

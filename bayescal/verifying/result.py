@@ -1,4 +1,8 @@
-"""Verification of a written file: levels, the gap, and whether it passed."""
+"""Verification of a written file in its simulator: model levels, the gap, and whether it passed.
+
+An MJCF file stands in MuJoCo; of a URDF the kinematics of its constant geometry are compared, in MuJoCo and
+in Pinocchio.
+"""
 
 from __future__ import annotations
 
@@ -6,18 +10,23 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree as ET
 
 import numpy as np
 
+from bayescal.effects.geometry import GEOMETRY
+from bayescal.effects.tool import TOOL
 from bayescal.errors import BayescalError
+from bayescal.exporting.geometry import constant
 from bayescal.exporting.mjcf.elastic import sprung
-from bayescal.exporting.sidecar import AGAIN, mujoco, read_sidecar, sidecar_of
-from bayescal.fitted.arm import FittedArm, open_run, refitted
+from bayescal.exporting.sidecar import AGAIN, mujoco, pinocchio, read_sidecar, sidecar_of
+from bayescal.fitted.arm import FittedArm, refitted
+from bayescal.fitted.file import open_run
 from bayescal.fitted.unmodelled import state_row
+from bayescal.robots.markup import parse_markup
 from bayescal.storage.reading import decoded
 from bayescal.verifying.gap import Gap, Reported, in_simulator, read_reported, simulated_gap
-from bayescal.verifying.levels import File, Level, Place, levels
-from bayescal.verifying.urdf import held, simulators, tool_points, urdf_levels
+from bayescal.verifying.levels import File, Level, Place, chosen, levels, limit, modelled
 
 Notify = Callable[[str, float], None]
 
@@ -70,14 +79,14 @@ def _mjcf(
     arm = sprung(arm)
     file = File(text, path.parent, str(path), Place.of(arm, sidecar))
     software = f"MuJoCo {mujoco().__version__}"
-    found = levels(arm, file, state, lambda share: notify("levels", share))
+    compared = levels(arm, file, state, lambda share: notify("levels", share))
     notify("replay", 0.0)
 
     def before(other: FittedArm, rows: np.ndarray) -> np.ndarray:
         return in_simulator(other, File.new(other, state, file.place.script), rows, state)
 
     gap = simulated_gap(arm, before, lambda rows: in_simulator(arm, file, rows, state), reported)
-    return Verification(arm, path, "mjcf", state, software, found, gap, _missing(sidecar))
+    return Verification(arm, path, "mjcf", state, software, compared, gap, _missing(sidecar))
 
 
 def _urdf(
@@ -86,7 +95,7 @@ def _urdf(
 ) -> Verification:  # fmt: skip
     every = simulators(text, sidecar, str(path))
     first = next(iter(every.values()))
-    found = urdf_levels(arm, every, sidecar, state)
+    compared = urdf_levels(arm, every, sidecar, state)
     notify("replay", 0.0)
     gap = simulated_gap(
         arm,
@@ -94,17 +103,13 @@ def _urdf(
         lambda rows: tool_points(arm, first, sidecar, rows),
         reported,
     )
-    return Verification(arm, path, "urdf", state, ", ".join(every), found, gap, _missing(sidecar))
+    return Verification(arm, path, "urdf", state, ", ".join(every), compared, gap, _missing(sidecar))
 
 
 def _missing(sidecar: Mapping[str, Any]) -> dict[str, float]:
     """RMS size, m, of each effect that a file with this sidecar does not hold, where it has one."""
     sizes = {e["effect"]: e.get("rms_um") for e in sidecar["not_expressed"]}
     return {name: 1e-6 * size for name, size in sizes.items() if size}
-
-
-VERIFIED = {"mjcf": _mjcf, "urdf": _urdf}
-"""Formats that are verified."""
 
 
 def _arm(run: Path, sidecar: Mapping[str, Any], where: str) -> FittedArm:
@@ -121,7 +126,7 @@ def _arm(run: Path, sidecar: Mapping[str, Any], where: str) -> FittedArm:
         raise BayescalError(what, where, "give the run that was exported")
     more = [name for name in sidecar["model"] if name not in arm.effects]
     less = [name for name in arm.effects if name not in sidecar["model"]]
-    less += [part for part in sidecar["without"] if part not in arm.origin.without]
+    less += [part for part in sidecar["without"] if part not in arm.origin.options.omitted]
     return refitted(arm, more, less) if more or less else arm
 
 
@@ -141,3 +146,125 @@ def _check_alike(arm: FittedArm, sidecar: Mapping[str, Any], where: str) -> None
     ):
         if not alike:
             raise BayescalError(what, where, AGAIN)
+
+
+SHOWN = ("visual", "collision")
+"""Elements that need files of meshes."""
+Poses = Callable[[np.ndarray], np.ndarray]
+"""Poses (C, 4, 4) of the tip in the root of a file, at angles (C, n) of its joints, rad."""
+
+
+def held(arm: FittedArm) -> FittedArm:
+    """The arm with the parameters that a URDF holds; others are nominal."""
+    kept = [constant(p) or p.effect == TOOL.name for p in arm.model.parameters]
+    return arm.valued(np.where(kept, arm.values, 0.0))
+
+
+def tool_points(arm: FittedArm, poses: Poses, sidecar: Mapping[str, Any], rows: np.ndarray) -> np.ndarray:
+    """TCP positions (C, 3), m, in F0, in rows of the session."""
+    m = arm.dataset.measurements
+    angles = m.readings[rows] @ np.array(sidecar["joint_from_reading"]).T
+    flange = np.array(sidecar["root_in_f0"]) @ poses(angles) @ np.array(sidecar["flange_in_tip"])
+    tips = 1e-3 * np.array([tool["centre_mm"] for tool in sidecar["tools"]])[m.tool[rows]]
+    return (flange[:, :3, :3] @ tips[..., None])[..., 0] + flange[:, :3, 3]
+
+
+def simulators(text: str, sidecar: Mapping[str, Any], where: str) -> dict[str, Poses]:
+    """Kinematics of a file by each simulator that is installed, by its name.
+
+    Raises
+    ------
+    BayescalError
+        If none is installed, or one refuses the file.
+    """
+    root = parse_markup(text.encode(), where)
+    for link in root.iter("link"):
+        for tag in SHOWN:
+            for element in link.findall(tag):
+                link.remove(element)
+    joints, out, missing = list(sidecar["joints"].values()), {}, None
+    for name, (module, kinematics) in SIMULATORS.items():
+        try:
+            library = module()
+        except BayescalError as error:
+            missing = error
+            continue
+        out[f"{name} {library.__version__}"] = kinematics(library, root, joints, sidecar["tip"], where)
+    if missing is not None and not out:
+        raise missing
+    return out
+
+
+def _in_mujoco(mj: Any, root: ET.Element, joints: list[str], tip: str, where: str) -> Poses:
+    tree = ET.fromstring(ET.tostring(root))
+    ET.SubElement(ET.SubElement(tree, "mujoco"), "compiler", fusestatic="false", balanceinertia="true",
+                  boundmass="1e-6", boundinertia="1e-9")  # fmt: skip
+    try:
+        model = mj.MjModel.from_xml_string(ET.tostring(tree, encoding="unicode"))
+        addresses = [model.joint(name).qposadr[0] for name in joints]
+        body = model.body(tip).id
+    except (ValueError, KeyError) as error:
+        raise BayescalError(f"MuJoCo refuses the file: {error}", where, AGAIN) from None
+    data = mj.MjData(model)
+
+    def poses(angles: np.ndarray) -> np.ndarray:
+        out = np.tile(np.eye(4), (len(angles), 1, 1))
+        for k, angles_of_pose in enumerate(angles):
+            data.qpos[addresses] = angles_of_pose
+            mj.mj_kinematics(model, data)
+            out[k, :3, :3], out[k, :3, 3] = data.xmat[body].reshape(3, 3), data.xpos[body]
+        return out
+
+    return poses
+
+
+def _in_pinocchio(pin: Any, root: ET.Element, joints: list[str], tip: str, where: str) -> Poses:
+    try:
+        model = pin.buildModelFromXML(ET.tostring(root, encoding="unicode"))
+    except (ValueError, RuntimeError) as error:
+        raise BayescalError(f"Pinocchio refuses the file: {error}", where, AGAIN) from None
+    for exists, kind, names in ((model.existJointName, "joint", joints), (model.existFrame, "link", [tip])):
+        for name in names:
+            if not exists(name):
+                raise BayescalError(f"Pinocchio finds no {kind} `{name}`", where, AGAIN)
+    data, frame = model.createData(), model.getFrameId(tip)
+    moving = [model.joints[model.getJointId(name)] for name in joints]
+
+    def poses(angles: np.ndarray) -> np.ndarray:
+        out = []
+        for angles_of_pose in angles.tolist():
+            q = pin.neutral(model)
+            for joint, angle in zip(moving, angles_of_pose, strict=True):
+                # a continuous joint has the cosine and the sine of its angle
+                q[joint.idx_q : joint.idx_q + joint.nq] = (
+                    angle if joint.nq == 1 else (np.cos(angle), np.sin(angle))
+                )
+            pin.framesForwardKinematics(model, data, q)
+            out.append(data.oMf[frame].homogeneous.copy())
+        return np.array(out)
+
+    return poses
+
+
+SIMULATORS = {"MuJoCo": (mujoco, _in_mujoco), "Pinocchio": (pinocchio, _in_pinocchio)}
+"""Module and kinematics of each simulator of a URDF."""
+
+
+def urdf_levels(
+    arm: FittedArm, simulated: Mapping[str, Poses], sidecar: Mapping[str, Any], state: int
+) -> tuple[Level, ...]:
+    """Differences from the model of what a URDF holds, by simulator."""
+    rows, rigid = chosen(arm), held(arm)
+    model = modelled(rigid, rows, arm.dataset.measurements.readings[rows], state)
+    return tuple(
+        Level(
+            f"geometry, {name}",
+            np.linalg.norm(tool_points(arm, poses, sidecar, rows) - model, axis=1),
+            limit((GEOMETRY.name,)),
+        )
+        for name, poses in simulated.items()
+    )
+
+
+VERIFIED = {"mjcf": _mjcf, "urdf": _urdf}
+"""Formats that are verified."""

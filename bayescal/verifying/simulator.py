@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from bayescal.errors import BayescalError
-from bayescal.exporting.mjcf.links import Load
+from bayescal.exporting.mjcf.mechanism import Load
 from bayescal.exporting.mjcf.readings import STIFF, Joints
 from bayescal.exporting.mjcf.replay import hold_base
 from bayescal.exporting.mjcf.scene_arm import compiled
@@ -131,7 +131,7 @@ class Simulator:
             if name == "tool":
                 self.model.body_ipos[body] = centre
             else:
-                self.model.body_pos[body] = load.at
+                self.model.body_pos[body] = load.hangs_at
         self.mj.mj_setConst(self.model, self.data)
 
     def take(self, poses: Mapping[str, np.ndarray]) -> None:
@@ -200,9 +200,9 @@ class Simulator:
                 data.qpos[model.jnt_qposadr[joint]] = value
         self.mj.mj_fwdPosition(model, data)
         for t in np.flatnonzero(model.tendon_plasticadr >= 0):
-            at = model.tendon_plasticadr[t]
+            address = model.tendon_plasticadr[t]
             # a spring without dead band has no stiffness at exactly zero
-            data.plastic[at : at + 2] = data.ten_length[t] + 1e-12
+            data.plastic[address : address + 2] = data.ten_length[t] + 1e-12
 
     def _settle(self) -> float:
         """Step until all joints of the arm rest; their largest speed."""

@@ -9,6 +9,8 @@ from bayescal.arm.inverse import (
     nearest,
     poses_apart,
     solutions,
+    to_axes,
+    to_frames,
     to_points,
     to_poses,
     without_solution,
@@ -182,6 +184,32 @@ def test_joints_that_are_not_free_stay():
     assert np.array_equal(angles[:, 3:], starts[:, 3:])
     ball = arm.ball(arm.frames(arm.readings_of(angles[found])))
     assert np.abs(ball - goals[found]).max() < 1e-8
+
+
+@pytest.mark.parametrize("name", ["fanuc-lrmate200ic", "kuka-iiwa7"])
+def test_what_is_found_has_the_orientation_too(name):
+    """Searches that begin at the right point with another orientation do not end there."""
+    arm = arm_of(name)
+    goals = arm.tool_poses(arm.frames(random_readings(arm, 80, share=0.6)))
+    points, axes = goals[:, :3, 3], goals[:, :3, 2]
+    low, high = arm.robot.limits.T
+    begin, there = descend(to_points(arm, points), arm.angles_of(random_readings(arm, 80, 1)), low, high)
+    assert there.mean() > 0.5
+    by_task = {
+        "pose": to_poses(arm, goals),
+        "fitted": to_poses(arm, goals, lambda readings, which: arm.tool_poses(arm.frames(readings))),
+        "frame": to_frames(arm, goals),
+        "axis": to_axes(arm, points, axes),
+    }
+    for task, own in by_task.items():
+        angles, found = descend(own, begin, low, high, passes=60)
+        assert (found & there).sum() > 15, task
+        reached = arm.tool_poses(arm.frames(arm.readings_of(angles[found])))
+        away, turn = poses_apart(reached, goals[found])
+        assert np.abs(away).max() < 1.1e-8
+        across = np.cross(reached[:, :3, 2], axes[found])
+        assert np.abs(across if task == "axis" else turn).max() < 1.1e-6
+        assert (np.abs(turn).max() > 0.1) == (task == "axis")  # its roll is free
 
 
 def test_another_arm_is_reached_with_the_slopes_of_the_nominal_one():

@@ -20,10 +20,11 @@ from bayescal.assess.measurand import Measurand, certified_distances, distance, 
 from bayescal.calibration import fit
 from bayescal.estimate import calibrated, estimate
 from bayescal.estimate.discrepancy import stated
-from bayescal.fitted.arm import of_fit, open_run
+from bayescal.fitted import of_fit, open_run
 from bayescal.fitted.file import restored
 from bayescal.fitted.point import lost_motion, point
 from bayescal.model import with_parameters
+from bayescal.model.options import FitOptions
 from bayescal.model.scene import Scene
 from bayescal.simulation import Options, simulate
 
@@ -42,7 +43,7 @@ def session():
 @pytest.fixture(scope="module")
 def fitted(session):
     """Without the compliance of the arm, so that there is a discrepancy and an unexplained error."""
-    return fit(session, ("geometry",), samples=4000, seed=1)
+    return fit(session, ("geometry",), FitOptions(seed=1), samples=4000)
 
 
 def of(inputs, group):
@@ -117,7 +118,7 @@ def test_volume_is_that_of_the_forecast(fitted):
 
 def measured(dataset, pair):
     """Distance that the calibrated arm measures, m, and the budget's basis."""
-    basis = Basis(stated(calibrated(Scene(dataset, oriented=True), MODEL, robust=False)))
+    basis = Basis(stated(calibrated(Scene(dataset, oriented=True), MODEL, FitOptions(robust=False))))
     m = distance(basis, pair)
     return m.value, basis, m
 
@@ -166,7 +167,7 @@ def test_a_certificate_in_error_by_its_u_moves_the_distance_by_its_contribution(
 
 def test_a_prior_value_off_by_its_u_moves_a_parameter_by_its_contribution(plain_session):
     """d2 and d3 of parallel axes: only their sum is identifiable, the rest is from the robot file."""
-    found = stated(calibrated(Scene(plain_session, oriented=True), MODEL, robust=False))
+    found = stated(calibrated(Scene(plain_session, oriented=True), MODEL, FitOptions(robust=False)))
     m = parameter(Basis(found), "d2")
     own = component(budget(Basis(found), m), "prior value of d2")
     step = 0.1 * own.input.u
@@ -174,7 +175,9 @@ def test_a_prior_value_off_by_its_u_moves_a_parameter_by_its_contribution(plain_
     d = robot.d.copy()
     d[1] += step
     moved = replace(plain_session, robot=replace(robot, d=d))
-    again = parameter(Basis(stated(calibrated(Scene(moved, oriented=True), MODEL, robust=False))), "d2")
+    again = parameter(
+        Basis(stated(calibrated(Scene(moved, oriented=True), MODEL, FitOptions(robust=False)))), "d2"
+    )
     assert again.value - m.value == pytest.approx(own.sensitivity * step, rel=0.02)
     assert own.contribution == pytest.approx(abs(own.sensitivity) * own.input.u)
 

@@ -17,6 +17,7 @@ from bayescal.calibration import VALIDATION_DRAWS, fit
 from bayescal.dataset import read_dataset
 from bayescal.estimate.bounds import not_physical
 from bayescal.model import build
+from bayescal.model.options import FitOptions
 from bayescal.model.scene import Scene
 from bayescal.reporting.fit.record import fit_record
 from bayescal.reporting.fit.summary import fit_summary
@@ -206,7 +207,9 @@ def test_a_negative_value_is_judged_by_the_stated_uncertainty(fits):
 @foreign.needs()
 def test_loose_tolerances_on_three_planes_are_seen_through():
     """MA1400: planes are met to a quarter of a millimetre; the tracker's distances say what that is worth."""
-    found = fit(read_dataset(foreign.REAL / "motoman-planes"), ("geometry",), samples=0, prior_width=15.0)
+    found = fit(
+        read_dataset(foreign.REAL / "motoman-planes"), ("geometry",), FitOptions(prior_width=15.0), samples=0
+    )
     planes = np.concatenate([p.residuals for p in found.final.validation.planes])
     assert np.sqrt(np.mean(planes**2)) < 0.3e-3
     assert said(found) == set(WORDS)

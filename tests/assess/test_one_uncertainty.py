@@ -28,6 +28,7 @@ from bayescal.estimate import calibrated
 from bayescal.estimate.discrepancy import stated
 from bayescal.estimate.outliers import POWER, detectable, rejected
 from bayescal.model import ARM
+from bayescal.model.options import FitOptions
 from bayescal.model.scene import Scene
 from bayescal.predict.errors import lengths, slopes
 from bayescal.predict.forecast import workspace
@@ -44,7 +45,7 @@ FEW = Options(contacts=30, later=4, repeats=0, spheres=3, placements=2, seed=3)
 
 @pytest.fixture(scope="module")
 def fitted():
-    return fit(simulate(FEW).dataset, ("geometry",), samples=0, seed=1, tolerance=1e-3)
+    return fit(simulate(FEW).dataset, ("geometry",), FitOptions(seed=1, tolerance=1e-3), samples=0)
 
 
 @pytest.fixture(scope="module")
@@ -297,7 +298,7 @@ def cycled(tracker):
 
 
 def test_poses_by_hand(cycled):
-    found = calibrated(Scene(cycled, oriented=True), ("geometry", "compliance"), robust=False)
+    found = calibrated(Scene(cycled, oriented=True), ("geometry", "compliance"), FitOptions(robust=False))
     basis = Basis(stated(found))
     (row,) = basis.prepared.rows
     error = row.in_rows.T.reshape(5, 4, 3)
@@ -337,7 +338,7 @@ def test_contacts_and_distances():
 def test_nothing_without_validation_rows(cycled):
     role = np.full(80, "calibrate")
     alone = replace(cycled, measurements=replace(cycled.measurements, role=role))
-    found = calibrated(Scene(alone, oriented=True), ("geometry",), robust=False)
+    found = calibrated(Scene(alone, oriented=True), ("geometry",), FitOptions(robust=False))
     assert iso9283(Basis(stated(found))) == iso9283(Basis(stated(found))).__class__((), ())
 
 

@@ -25,6 +25,7 @@ from bayescal.estimate.unexplained import repeat_scatter
 from bayescal.fitted.gate import _left_of_prior, of_fit
 from bayescal.gap.diagnose import diagnose
 from bayescal.methods import compare
+from bayescal.model.options import FitOptions
 from bayescal.model.scene import Scene
 from bayescal.predict.forecast import SMALLEST, elsewhere, joint_range, point_slopes
 from bayescal.reporting.fit.budget import budget_table, measurand_record
@@ -329,7 +330,7 @@ def test_streams_are_independent(cube, monkeypatch):
             return plain(*given, **named)
 
         monkeypatch.setattr(calibration, name, told)
-    fit(cube(seed=2, count=80).dataset, ("geometry",), samples=0, seed=3)
+    fit(cube(seed=2, count=80).dataset, ("geometry",), FitOptions(seed=3), samples=0)
     assert len({3, *used.values()}) == 4
     draws = [np.random.default_rng(s).standard_normal(10_000) for s in spawned(3, 6)]
     assert np.abs(np.corrcoef(draws) - np.eye(6)).max() < 0.05

@@ -26,6 +26,7 @@ from bayescal.estimate.unexplained import check_faces, unexplained, with_form
 from bayescal.exporting.robot import calibrated_robot
 from bayescal.gap.diagnose import diagnose
 from bayescal.model import ARM, build, check_asked
+from bayescal.model.options import FitOptions
 from bayescal.model.scene import Scene
 from bayescal.posterior.inference import load
 from bayescal.reporting.fit.summary import fit_summary
@@ -144,7 +145,7 @@ def test_calibrated_robot_is_a_robot_file(written, tmp_path):
     effects = [p.effect for p in tool.final.estimate.model.parameters]
     off = np.abs([v for v, e in zip(z, effects, strict=True) if e == "geometry"])
     assert np.max(off) < 0.2
-    assert tool.final.validation.maximum_distance_error < 25e-6
+    assert tool.final.validation.distance_errors.maximum < 25e-6
 
 
 def test_summary_reads_in_ten_seconds(written):
@@ -162,7 +163,7 @@ def test_summary_reads_in_ten_seconds(written):
 
 def test_one_seed_one_result(tmp_path, cube):
     session = cube(seed=2, count=120).dataset
-    first, second = (fit(session, FULL, samples=0, seed=5) for _ in range(2))
+    first, second = (fit(session, FULL, FitOptions(seed=5), samples=0) for _ in range(2))
     np.testing.assert_array_equal(first.draws.z, second.draws.z)
 
 
@@ -199,7 +200,7 @@ def test_foreign_folder_is_left_alone(tmp_path, command):
 def test_no_known_length_is_refused(cube):
     session = replace(cube(seed=1, count=120).dataset, certificates=())
     with pytest.raises(BayescalError, match="no length is known"):
-        fit(session, FULL, samples=0, prior_width=1000.0)
+        fit(session, FULL, FitOptions(prior_width=1000.0), samples=0)
     assert any("no certified length" in w for w in fit(session, FULL, samples=0).warnings)
 
 
@@ -440,7 +441,9 @@ def validating(session, every: int = 4):
 @pytest.fixture(scope="module")
 def fits(cube, tracker):
     made = {
-        "faces": fit(validating(cube(seed=6, count=160).dataset), FULL, samples=0, tolerance=2e-5),
+        "faces": fit(
+            validating(cube(seed=6, count=160).dataset), FULL, FitOptions(tolerance=2e-5), samples=0
+        ),
         "tracker": fit(validating(tracker(seed=2, count=90).dataset), FULL, samples=0),
         "long names": fit(
             cube(seed=6, count=120).dataset, (*FULL, "eccentricity", "second-harmonic"), samples=0
@@ -448,7 +451,7 @@ def fits(cube, tracker):
     }
     for name in ("worlds-dev/005", "real/panda-ball-socket-4"):
         if (foreign.DATA / name).exists():
-            made[name] = fit(read_dataset(foreign.DATA / name), FULL, samples=0, tolerance=2e-5)
+            made[name] = fit(read_dataset(foreign.DATA / name), FULL, FitOptions(tolerance=2e-5), samples=0)
     return made
 
 

@@ -65,7 +65,7 @@ def test_columns_are_kept_and_corrected_readings_added(arm, tmp_path):
     assert done.text.decode().splitlines()[0] == POSES.strip() + (
         ",j1_deg,j2_deg,j3_deg,j4_deg,j5_deg,j6_deg,u_mm,inside_probed_region,reason,error_mm,solutions,U_mm,verdict"
     )
-    check_units(arm, rows[:2], np.array([[0.45, 0, 0.2], [0.45, 0.06, 0.2]]), done.found[:2])
+    check_units(arm, rows[:2], np.array([[0.45, 0, 0.2], [0.45, 0.06, 0.2]]), done.corrected[:2])
     assert rows[2]["reason"].startswith("out of reach")
     assert [rows[2][k] for k in ("j1_deg", "u_mm", "inside_probed_region")] == ["", "", ""]
 
@@ -135,13 +135,13 @@ def test_a_program_is_corrected_in_place(arm, tmp_path, name):
         t.pose[:3, 3] if t.pose is not None else flange.tool_poses(flange.frames(t.readings[None]))[0, :3, 3]
         for t in done.targets
     ]
-    for row, own in zip(rows, done.found, strict=True):
+    for row, own in zip(rows, done.corrected, strict=True):
         np.testing.assert_allclose(degrees([row], "j{}_nominal_deg")[0], own.nominal, atol=1e-8)
     if "tcp" not in OF_PROGRAM.get(name, {}):
-        check_units(arm, rows, np.array(goals), done.found)
+        check_units(arm, rows, np.array(goals), done.corrected)
     # the targets of the corrected program are the corrected ones
     again = compensate_file(arm, tmp_path / "out", format_=name, **OF_PROGRAM.get(name, {}))
-    for own, target in zip(done.found, again.targets, strict=True):
+    for own, target in zip(done.corrected, again.targets, strict=True):
         if target.pose is not None:
             np.testing.assert_allclose(target.pose, own.pose, atol=2e-7)
         else:
@@ -173,7 +173,7 @@ def test_a_program_in_another_frame_must_say_which(arm, tmp_path):
         BayescalError, match=r"prog\.ls: its poses are not in the frame of the base \(line 9, P\[1"
     ):
         compensate_file(arm, source)
-    assert compensate_file(arm, source, frame="base", tool="ball").found
+    assert compensate_file(arm, source, frame="base", tool="ball").corrected
 
 
 TOOLS = [

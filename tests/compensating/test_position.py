@@ -12,13 +12,13 @@ from bayescal.arm.inverse import poses_apart
 from bayescal.arm.motion import NominalArm
 from bayescal.arm.transforms import rigid, rpy_matrix
 from bayescal.compensating.position import Frame, Region, expanded, frame_of, positions
-from bayescal.compensating.solve import compensated, nominal_arm
+from bayescal.compensating.solve import compensated
 from bayescal.errors import BayescalError
 from bayescal.fitted.arm import of_fit
 from bayescal.fitted.gate import Use
 from bayescal.model import ARM
-from bayescal.programs.targets import Target
-from bayescal.programs.tools import tool_of
+from bayescal.programs.text import Target
+from bayescal.programs.tools import nominal_arm, tool_of
 from bayescal.public.positions import Positioned
 from bayescal.robots import load_robot
 
@@ -393,7 +393,7 @@ def test_frame_of_an_instrument(tracker):
     pose = np.linalg.inv(stand.nominal) @ poses_of(arm, session.measurements.readings[[3]])[0]
     found = compensated(arm, [Target("", pose)], frame="tracker", tool=session.tools[0].name)[0]
     at = arm.at(found.readings, tool=session.tools[0].name)
-    there = np.linalg.inv(stand.found) @ np.append(at.points[0], 1.0)
+    there = np.linalg.inv(stand.fitted) @ np.append(at.points[0], 1.0)
     np.testing.assert_allclose(there[:3], pose[:3, 3], atol=1.1e-8)
     np.testing.assert_allclose(stand.nominal @ found.pose, poses_of(arm, found.readings[None])[0], atol=1e-12)
     with pytest.raises(BayescalError, match="there is no such target; known: base, "):

@@ -15,10 +15,11 @@ from bayescal.arm.transforms import rpy_of
 from bayescal.calibration import fit
 from bayescal.compensating.compensation import compensate_file
 from bayescal.compensating.position import frame_of, positions
-from bayescal.compensating.solve import compensated, nominal_arm
+from bayescal.compensating.solve import compensated
 from bayescal.fitted.arm import of_fit
 from bayescal.programs import PROGRAMS
-from bayescal.programs.targets import Target
+from bayescal.programs.text import Target
+from bayescal.programs.tools import nominal_arm
 
 NOISE = 10e-6
 
@@ -154,7 +155,7 @@ def test_programs_replayed_on_the_true_arm(made, tmp_path, name):
     slots = PROGRAMS[name].read(done.text.decode("latin-1"), 6).slots
     assert len(slots) == 6
     run = []
-    for slot, own in zip(slots, done.found, strict=True):
+    for slot, own in zip(slots, done.corrected, strict=True):
         if slot.target.pose is None:
             run.append(slot.target.readings)
         else:
@@ -163,6 +164,6 @@ def test_programs_replayed_on_the_true_arm(made, tmp_path, name):
             run.append(nearest(nominal, every, own.readings[None]))
     true = in_tracker(made.base, stands(made.body, np.array(run), np.zeros(6)))
     away = np.linalg.norm(true - wanted[:, :3, 3], axis=1)
-    assert np.all(away <= 1.3 * np.array([own.expanded for own in done.found]))
+    assert np.all(away <= 1.3 * np.array([own.expanded for own in done.corrected]))
     assert np.median(away) < 40e-6
-    assert min(own.error for own in done.found) > 4e-4
+    assert min(own.error for own in done.corrected) > 4e-4

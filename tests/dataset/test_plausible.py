@@ -7,6 +7,7 @@ import pytest
 from tiny_dataset import SETTINGS, TABLE, write
 
 from bayescal.dataset import read_dataset
+from bayescal.dataset.consistency import contradictions
 from bayescal.dataset.plausibility import suspicion
 from bayescal.errors import BayescalError
 
@@ -97,6 +98,44 @@ def test_one_joint_in_radians_is_told(tmp_path):
         lines[i] = ",".join(cells)
     with pytest.raises(BayescalError, match=r"values of `j2_deg` look like radians: .* hold deg"):
         read_dataset(write(tmp_path, table="\n".join(lines)))
+
+
+@pytest.mark.parametrize(
+    ("u_rad", "words"), [(0.1, "most contacts of `top`"), (0.01, "all contacts of `top`")]
+)
+def test_a_plane_is_misplaced_by_the_u_of_its_angle_too(tmp_path, u_rad, words):
+    """All its contacts 100 mm off, where its place has 1 mm and its angle an arm of 300 mm."""
+    settings = SETTINGS.replace("offset_mm: -93.6", f"offset_mm: -193.6, u_mm: 1, u_rad: {u_rad}")
+    settings = settings.replace("  - {kind: parallel", "  # - {kind: parallel")
+    with pytest.raises(BayescalError, match=words):
+        read_dataset(write(tmp_path, settings))
+
+
+@pytest.mark.parametrize(("ball", "mirror", "off", "admitted"), [
+    (1, 1, 80, False), (1, 30, 80, True), (30, 1, 80, False), (1, 30, 200, False), (1, 1, 30, True),
+])  # fmt: skip
+def test_a_reading_is_impossible_by_the_u_of_its_own_tool(tmp_path, ball, mirror, off, admitted):
+    """Beyond five times the stated u of the tool of its row, 50 mm at least."""
+    settings = SETTINGS.replace("u_mm: 1}", f"u_mm: {mirror}}}")
+    settings = settings.replace("ball_radius_mm: 3.0,", f"ball_radius_mm: 3.0, u_mm: {ball},")
+    folder = write(tmp_path, settings, TABLE.replace("-270.87", str(-270.87 + off)))
+    if admitted:
+        assert read_dataset(folder).tools[1].u == mirror / 1e3
+    else:
+        with pytest.raises(BayescalError, match="impossible reading"):
+            read_dataset(folder)
+
+
+@pytest.mark.parametrize(
+    ("u", "believed"), [((1, 30), True), ((30, 1), True), ((1, 5), False), ((30, 30), True)]
+)
+def test_a_certificate_is_judged_by_the_larger_u_of_its_targets(tmp_path, u, believed):
+    """A distance certified 100 mm off the nominal places of its targets."""
+    settings = SETTINGS.replace("distance_mm: 150.0", "distance_mm: 250.0")
+    for y, own in zip((272, 422), u, strict=True):
+        settings = settings.replace(f"[475, {y}, -40],", f"[475, {y}, -40], u_mm: {own},")
+    found = list(contradictions(read_dataset(write(tmp_path, settings))))
+    assert [c.place for c in found] == ([] if believed else [("certificates", 2)])
 
 
 # --- No session is blamed for a unit that is only loosely known, badly placed or shuffled.

@@ -10,16 +10,16 @@ import pytest
 from bayescal.arm.chain import Robot, chain_of, link_angles
 from bayescal.arm.statics import Stance, gravity_loads
 from bayescal.effects import EFFECTS, Circumstances, location, parameters_of
+from bayescal.effects.gravity import MASS_SHARE, masses
 from bayescal.effects.location import ARM, CONSTANT, KINDS, PLAIN, PROBE, Driver, Site, face, joint, link
 from bayescal.effects.location import BASE as BASE_SITE
-from bayescal.effects.masses import MASS_SHARE, masses
 from bayescal.effects.thermal_drift import PAUSES, heated
 from bayescal.errors import BayescalError
 from bayescal.estimate import calibrated, linearise, unit_weights
 from bayescal.gap.search.cells import cells
 from bayescal.gap.search.unknown import Pool
 from bayescal.model import build
-from bayescal.model.block import Part
+from bayescal.model.options import FitOptions, Part
 from bayescal.model.scene import Scene
 from bayescal.simulation import Options, simulate
 from bayescal.simulation.touch import World
@@ -221,7 +221,7 @@ def test_stated_width_is_the_prior(cube):
     assert (sd["a1"], sd["alpha1"], sd["theta2"], sd["d2"], sd["beta2"]) == (3e-4, 1e-3, 2e-3, 3e-4, 1e-3)
     np.testing.assert_array_equal(model.blocks[0].kind.sd, [3e-4, 3e-4, 2e-4])
     np.testing.assert_array_equal(model.blocks[1].kind.sd, [0.2, 0.2, 0.05])
-    wide = build(scene, ("geometry",), prior_width=10.0)
+    wide = build(scene, ("geometry",), FitOptions(prior_width=10.0))
     assert {p.name: p.sd for p in wide.parameters}["a1"] == pytest.approx(3e-3)
     np.testing.assert_array_equal(wide.blocks[0].kind.sd, [3e-4, 3e-4, 2e-4])
 

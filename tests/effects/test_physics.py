@@ -10,8 +10,8 @@ from bayescal.arm.motion import CONTACT
 from bayescal.arm.transforms import AXES
 from bayescal.dataset import Certificate, Target
 from bayescal.effects import EFFECTS
+from bayescal.effects.common import usual
 from bayescal.effects.compliance import typical
-from bayescal.effects.joints import usual
 from bayescal.effects.location import Driver
 from bayescal.model import build
 from bayescal.model.scene import Scene

@@ -15,7 +15,7 @@ from bayescal import effects
 from bayescal.arm.chain import frames, link_angles, points
 from bayescal.arm.transforms import AXES, rigid, rpy_matrix
 from bayescal.effects import EFFECTS, MODELS, Effect, Parameter, Term, confusable, parameters_of, registry
-from bayescal.effects.deflection import compliances
+from bayescal.effects.gravity import compliances
 from bayescal.effects.location import Driver, joint, link
 from bayescal.effects.selection import Selection, shortest
 from bayescal.effects.vocabulary import same_terms

@@ -12,15 +12,16 @@ import bayescal as bc
 from bayescal.arm.statics import torques_on_links
 from bayescal.dataset import read_dataset, write_dataset
 from bayescal.dataset.join import joined
-from bayescal.effects.masses import masses
+from bayescal.effects.gravity import masses
 from bayescal.errors import BayescalError
 from bayescal.estimate import Weights, calibrated, estimate
 from bayescal.estimate.bounds import UNCHANGED, bounded, negative, not_physical
 from bayescal.estimate.discrepancy import stated
-from bayescal.estimate.unexplained import repeat_scatter, scatter, unexplained
+from bayescal.estimate.unexplained import Unexplained, repeat_scatter, scatter, unexplained
 from bayescal.gap.design.candidate_contacts import widened
 from bayescal.gap.search.cells import cells
 from bayescal.model import build
+from bayescal.model.options import FitOptions
 from bayescal.model.scene import Scene
 from bayescal.posterior import approximate
 from bayescal.simulation import Options, simulate
@@ -151,7 +152,7 @@ def pulled():
 
 def scale(dataset):
     """Noise of contacts, as a multiple of the stated one."""
-    return calibrated(Scene(dataset), BOTH, robust=False).weights.scale["contact"]
+    return calibrated(Scene(dataset), BOTH, FitOptions(robust=False)).weights.scale["contact"]
 
 
 def circumstances(dataset):
@@ -253,6 +254,17 @@ def test_an_excess_is_what_no_noise_explains(ratio, dof, excess):
     assert found.fitted == pytest.approx(ratio * 5e-6)
     assert found.floor == 5e-6
     assert (found.fitted / found.stated > found.limit(1e-2)) == (excess > 0)
+
+
+def test_degrees_of_freedom_of_an_excess_are_those_of_drawn_differences():
+    """Of two estimated variances: the square of the mean over half the variance, of their difference."""
+    rng = np.random.default_rng(0)
+    for repeats, of in ((None, 1), (5e-6, 6)):
+        own = Unexplained("contact", 5e-6, repeats, of, 8e-6, 0.0, 0.0, 20.0)
+        square = own.fitted**2 * rng.chisquare(20.0, 20_000) / 20.0 - own.floor**2
+        if repeats:
+            square += own.floor**2 - own.floor**2 * rng.chisquare(of, 20_000) / of
+        assert own.excess_dof == pytest.approx(2 * np.mean(square) ** 2 / np.var(square), rel=0.1)
 
 
 @pytest.fixture(scope="module")

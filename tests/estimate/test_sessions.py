@@ -18,6 +18,7 @@ from bayescal.estimate.families import poses
 from bayescal.estimate.solver import rescaled_weights
 from bayescal.estimate.unexplained import unexplained
 from bayescal.model import ARM, build
+from bayescal.model.options import FitOptions
 from bayescal.model.scene import Scene
 from bayescal.simulation import Options, simulate
 
@@ -153,11 +154,15 @@ def test_a_tool_taken_off_is_seen_and_told_apart():
     a, b = pair_of_one_arm()
     moved = b.measurements.readings + np.radians([0, 0, 0, 0, 0, 0.5])  # the tool, turned on its flange
     turned = replace(b, measurements=replace(b.measurements, readings=moved))
-    shared = agreement(estimate(build(Scene(joined((a, turned))), BOTH), robust=False), BOTH, robust=False)
+    shared = agreement(
+        estimate(build(Scene(joined((a, turned))), BOTH), robust=False), BOTH, FitOptions(robust=False)
+    )
     assert shared.pairs[0].disagree
     assert shared.names[int(np.argmax(shared.furthest))].startswith("ball")
     own = agreement(
-        estimate(build(Scene(joined((a, turned), remounted=True)), BOTH), robust=False), BOTH, robust=False
+        estimate(build(Scene(joined((a, turned), remounted=True)), BOTH), robust=False),
+        BOTH,
+        FitOptions(robust=False),
     )
     assert not any(name.startswith("ball") for name in own.names)
     assert not own.pairs[0].disagree
@@ -200,7 +205,7 @@ def test_each_session_drifts_its_own_way():
         session(name, seed=seed, contacts=200, effects=drifting, error_scale=3.0)
         for name, seed in (("A", 1), ("B", 2))
     ]
-    model = build(Scene(joined([m.dataset for m in made])), drifting, prior_width=3.0)
+    model = build(Scene(joined([m.dataset for m in made])), drifting, FitOptions(prior_width=3.0))
     half = len(made[0].dataset.measurements.ids)
     own = [p for p in model.parameters if p.effect == "thermal-drift"]
     assert len(own) == 2 * (1 + 3 + 6)

@@ -18,7 +18,8 @@ from bayescal.arm.transforms import rigid, rotation, rpy_matrix
 from bayescal.dataset import Measurements, Target, read_dataset, write_dataset
 from bayescal.effects import Effect, Parameter, Site, Term
 from bayescal.estimate import calibrated, estimate
-from bayescal.exporting.export import FORMATS, export
+from bayescal.exporting import FORMATS
+from bayescal.exporting.export import export
 from bayescal.exporting.geometry import constant_displacements, joint_angles
 from bayescal.exporting.robot import calibrated_robot
 from bayescal.model import ARM, build

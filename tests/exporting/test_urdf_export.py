@@ -263,7 +263,7 @@ def test_sizes_of_what_is_missing():
     assert missing["backlash"].maximum == pytest.approx(off.max(), rel=1e-12)
     assert missing["lobing"].why.startswith("belongs to the probe")
     assert missing["lobing"].rms > 0
-    assert out.rest.rms >= 0.5 * missing["compliance"].rms
+    assert out.total.rms >= 0.5 * missing["compliance"].rms
 
 
 def test_files_are_written_together_and_never_over_those_of_a_user(tmp_path):

@@ -13,9 +13,9 @@ import bayescal as bc
 from bayescal.effects import EFFECTS
 from bayescal.errors import BayescalError
 from bayescal.estimate.bounds import UNCHANGED
-from bayescal.exporting.export import FORMATS, export
-from bayescal.fitted import gate
-from bayescal.fitted.arm import of_estimate, of_fit, of_gap, open_run
+from bayescal.exporting import FORMATS
+from bayescal.exporting.export import export
+from bayescal.fitted import gate, of_estimate, of_fit, of_gap, open_run
 from bayescal.fitted.file import read_arm, write_arm
 from bayescal.fitted.gate import Use
 from bayescal.gap.diagnose import diagnose

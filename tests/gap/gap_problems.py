@@ -8,7 +8,7 @@ import numpy as np
 from bayescal.arm.transforms import rpy_matrix, rpy_of
 from bayescal.dataset import Dataset, Noise, Target
 from bayescal.effects import Circumstances
-from bayescal.effects.masses import masses
+from bayescal.effects.gravity import masses
 from bayescal.estimate import Estimate, linearise, unit_weights
 from bayescal.gap.linear.evidence import project
 from bayescal.gap.linear.problem import Problem, Slopes, of_certificate

@@ -11,7 +11,7 @@ from scipy.stats import multivariate_normal
 
 from bayescal.arm.statics import Stance, gravity_loads
 from bayescal.effects import EFFECTS, parameters_of
-from bayescal.effects import masses as mass_errors
+from bayescal.effects import gravity as mass_errors
 from bayescal.effects.compliance import expected
 from bayescal.effects.location import joint
 from bayescal.estimate import STATED_WORTH, linearise

@@ -14,13 +14,13 @@ from bayescal.effects import parameters_of
 from bayescal.effects.location import BASE, Site, joint, link
 from bayescal.errors import BayescalError
 from bayescal.estimate import calibrated, estimate, settled
-from bayescal.fitted.arm import open_run
+from bayescal.fitted.file import open_run
 from bayescal.fitted.gate import NOTHING
 from bayescal.gap.diagnose import diagnose
 from bayescal.gap.result import VERDICTS
 from bayescal.gap.search.candidates import candidates
 from bayescal.model import build
-from bayescal.model.block import Part, kept, parts_of
+from bayescal.model.options import FitOptions, Part, kept, parts_of
 from bayescal.model.scene import Scene
 from bayescal.reporting.gap.record import gap_record
 from bayescal.reporting.gap.summary import gap_summary
@@ -147,7 +147,7 @@ def test_play_is_named_and_removed(loud, tmp_path, command):
 
 
 def test_one_seed_one_result(few):
-    first, second = (json.dumps(gap_record(diagnose(few, seed=5))) for _ in range(2))
+    first, second = (json.dumps(gap_record(diagnose(few, options=FitOptions(seed=5)))) for _ in range(2))
     assert first == second
 
 
@@ -485,10 +485,10 @@ def names(model, effect="geometry"):
     ],
 )
 def test_a_joint_has_its_link_with_it(words, gone, scene):
-    whole, bare = build(scene, WITHOUT_BASE), build(scene, WITHOUT_BASE, without=[Part.of(words)])
+    whole, bare = build(scene, WITHOUT_BASE), build(scene, WITHOUT_BASE, FitOptions((Part.of(words),)))
     assert names(whole) - names(bare) == gone
     assert names(whole, "compliance") == names(bare, "compliance")
-    assert names(build(scene, WITHOUT_BASE[1:], without=[Part.of(words)]), "compliance")
+    assert names(build(scene, WITHOUT_BASE[1:], FitOptions((Part.of(words),))), "compliance")
 
 
 def test_parts_are_candidates_each_and_together(scene):

@@ -6,14 +6,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from gap_problems import Bench
+from scipy.stats import chi2
 
 from bayescal.arm.motion import CONTACT, Term
 from bayescal.arm.transforms import rpy_matrix
 from bayescal.dataset import Target
 from bayescal.effects import EFFECTS, Parameter, parameters_of
+from bayescal.effects.common import base_terms, lagging, successions, tilts
 from bayescal.effects.location import BASE, PROBE, TOOL, Driver, joint
-from bayescal.effects.memory import lagging, successions
-from bayescal.effects.stand import base_terms, tilts
 from bayescal.effects.vocabulary import Session
 from bayescal.estimate import calibrated
 from bayescal.exporting.mjcf.format import holds
@@ -23,10 +23,11 @@ from bayescal.gap.linear.problem import Problem, Slopes
 from bayescal.gap.linear.state import fit_state
 from bayescal.gap.outcome import where
 from bayescal.gap.outcome.notes import alike
-from bayescal.gap.outcome.where import places, sizes
+from bayescal.gap.outcome.where import Scale, places, sizes
 from bayescal.gap.search.beam import Search
 from bayescal.gap.search.refit import model_name
 from bayescal.gap.search.unknown import cell_fits, with_set
+from bayescal.model.options import FitOptions
 from bayescal.model.scene import Scene
 
 
@@ -105,6 +106,19 @@ def test_an_eccentricity_with_a_part_of_the_third_order(bench):
     )
     names = {bench.known.pool[k].name.removeprefix("eccentricity ") for k in member.variant.columns}
     assert names == {"J3 sin", "J3 cos", "third order J3 sin", "third order J3 cos"}
+
+
+def test_amplitudes_of_one_change_share_the_margin(bench):
+    """A probability of 0.007 is below the stated 0.01 for one amplitude, not for each of three."""
+    end = bench.circumstances.chain.n + 1
+    moved = [Parameter("", "m", (Term(end, f"t{axis}", since(bench)),), 1e-5) for axis in "xyz"]
+    known = []
+    for z in np.linspace(4e-6, 6e-6, 5):
+        _, shift = measured(bench, TOOL, Driver("event"), moved, np.array([60e-6, -40e-6, z]))
+        p = chi2.sf((shift[2].value / shift[2].u) ** 2, 1)
+        assert shift[2].significant == (3 * p < 0.01)
+        known.append(p)
+    assert any(0.01 / 3 < p < 0.01 for p in known), known
 
 
 def test_an_eccentricity_of_one_order_keeps_its_form(bench):
@@ -281,7 +295,9 @@ def test_only_significant_locations_have_a_size(sudden_bench):
     moved = [Parameter("", "m", (Term(end, "tx", since(sudden_bench)),), 1e-5)]
     p = sudden_bench.made_up(4, sudden_bench.slopes.columns(moved)[:, 0] * 6.0)
     chosen = Search(p, sudden_bench.known).hypothesis(())
-    found = places(chosen, sudden_bench.pool, (), sudden_bench.circumstances, 1e-10, p.jacobian.shape[1])
+    found = places(
+        chosen, sudden_bench.pool, (), Scale(sudden_bench.circumstances, 1e-10, p.jacobian.shape[1])
+    )
     assert (found[0].site, found[0].driver) == (TOOL, Driver("event"))
     assert found[0].event is not None
     assert found[0].amplitudes
@@ -409,14 +425,14 @@ def reflectors(tracker, shared: float, seed: int, wave: float = 0.0):
 def test_three_reflectors_at_a_few_stops_do_not_make_sure_names(shared, tracker):
     """The error is one of the stops; for three independent measurements it would be several sure names."""
     scene = Scene(reflectors(tracker, shared, 2))
-    found = examine(scene, ("geometry",), True, 1.0).decision
+    found = examine(scene, ("geometry",), FitOptions()).decision
     assert found.kind == "null"
     assert all(p < 0.5 for name, p in found.probability.items() if name != "null")
 
 
 def test_an_effect_that_the_reflectors_of_a_stop_show_alike_is_no_shared_error(tracker):
     """Twice a turn of J1: before it is named, all reflectors of a stop are off by the same."""
-    found = examine(Scene(reflectors(tracker, 0.0, 2, wave=4e-4)), ("geometry",), True, 1.0)
+    found = examine(Scene(reflectors(tracker, 0.0, 2, wave=4e-4)), ("geometry",), FitOptions())
     assert (found.decision.kind, found.decision.hypothesis.names) == ("named", ("second-harmonic",))
     assert found.problem.worth is None
 

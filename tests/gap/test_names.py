@@ -34,9 +34,9 @@ from bayescal.gap.search.verdict import (
     verdict_of,
     weigh,
 )
-from bayescal.model.block import parts_of
+from bayescal.model.options import parts_of
 from bayescal.model.scene import Scene
-from bayescal.reporting.gap.causes import lines, told
+from bayescal.reporting.gap.causes import lines, stated
 from bayescal.reporting.gap.phrases import named
 
 ALIKE = ("hardening", "hysteresis")
@@ -215,7 +215,7 @@ def test_every_joint_only_where_all_are_significant(found):
     assert said(1, 2, 3, 4, 5, 6).startswith("every joint has lost motion")
     assert said().startswith("at least one joint has lost motion")
     none = SimpleNamespace(amplitudes=[replace(a, significant=False) for a in gap.amplitudes], where=())
-    assert [str(a.site) for a in told(none, "backlash")] == ["joint 3"]
+    assert [str(a.site) for a in stated(none, "backlash")] == ["joint 3"]
     assert lines(none)[1].endswith("deg, not significant alone")
     places = [
         SimpleNamespace(site=a.site, driver=a.driver, explained_by=name, rms=rms)
@@ -227,7 +227,9 @@ def test_every_joint_only_where_all_are_significant(found):
         )
     ]
     none.where = places
-    assert [str(a.site) for a in told(none, "backlash")] == ["joint 2"]  # the largest location of the effect
+    assert [str(a.site) for a in stated(none, "backlash")] == [
+        "joint 2"
+    ]  # the largest location of the effect
 
 
 # --- What prior probabilities and shares make of made-up linear problems: which set of effects leads.

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from gap_problems import unsolved
 from made_up_errors import NOISE, held
+from scipy.stats import chi2
 
 from bayescal.estimate import estimate
 from bayescal.gap.diagnose import _residuals
@@ -45,7 +46,10 @@ def test_ladder_goes_down_and_gains(rungs):
     assert (steps[0].delta_elpd, steps[0].delta_elpd_se) == (0.0, 0.0)
     rms = [s.validation_rms for s in steps]
     assert rms[0] > 5 * rms[1] > 5 * rms[2]
-    assert rms[2] == pytest.approx(5e-6, rel=0.35)
+    held = validation_errors(rungs[2][1])
+    assert rms[2] == pytest.approx(np.sqrt(np.mean(held.residual**2)))
+    assert 0.001 < chi2.sf(np.sum((held.residual / held.sd) ** 2), 50) < 0.999
+    assert np.sqrt(np.mean(held.sd**2)) == pytest.approx(5e-6, rel=0.1)
     for s in steps[1:]:
         assert s.delta_elpd > 4 * s.delta_elpd_se > 0
         assert np.isnan(s.distance_rms)
@@ -73,6 +77,12 @@ def test_density_is_that_of_a_normal_and_a_slip_costs_little(rungs):
     slipped[0] = 1e-2
     assert density[0] - log_predictive(replace(h, residual=slipped))[0][0] < 13
     assert difference(np.ones(6), np.arange(6)) == (6.0, 0.0)
+    drawn, rng = [], np.random.default_rng(0)
+    for _ in range(500):  # sums of twelve blocks of five
+        shared, own = rng.standard_normal(12), rng.standard_normal(60)
+        drawn.append(difference(np.repeat(shared, 5) + own, np.repeat(np.arange(12), 5)))
+    gain, se = np.array(drawn).T
+    assert np.sqrt(np.mean(se**2)) == pytest.approx(np.std(gain), rel=0.12)
 
 
 def test_points_have_a_rung_too(tracker):
@@ -361,6 +371,11 @@ def test_an_uncertain_noise_widens_the_interval():
     (sharp,), (loose,) = (shrinkage(before, after, NOISE, noise_dof=dof) for dof in (1e6, 6.0))
     assert np.ptp(loose.removed_interval95) > 1.5 * np.ptp(sharp.removed_interval95)
     assert sharp.removed == loose.removed
+    # the part of the parameters in what is expected has no such uncertainty
+    before, after = held(noise + effect, sd=8e-6), held(noise + 0.7 * effect, sd=8e-6)
+    noiseless = [replace(h, noise=0.1 * h.noise) for h in (before, after)]
+    (sharp,), (loose,) = (shrinkage(*noiseless, 0.1 * NOISE, noise_dof=dof) for dof in (1e6, 6.0))
+    assert np.ptp(loose.removed_interval95) == pytest.approx(np.ptp(sharp.removed_interval95), rel=0.1)
     old, new = centres_of(rng, 8, 0.8, 0.0)
     far, near = (of_distances(old, new, dof, np.random.default_rng(0)) for dof in (3.0, 1e6))
     assert np.ptp(far.removed_interval95) > np.ptp(near.removed_interval95)

@@ -279,7 +279,6 @@ def test_robodk(tracked, tmp_path, pose):
 
 
 def test_on_the_command_line(tracked, tmp_path):
-    import bayescal.cli.import_  # noqa: F401  (registers itself)
 
     log = table(tracked.dataset, tmp_path / "log.csv", "deg", "mm")
     map_ = tmp_path / "map.yaml"

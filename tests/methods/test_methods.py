@@ -15,12 +15,10 @@ from rich.console import Console
 from analysis.methods import page, session
 from bayescal.dataset import Dataset, write_dataset
 from bayescal.methods import METHODS, Comparison, compare
-from bayescal.methods.inverse import in_joints, joint_change
+from bayescal.methods.compare import predicted, validated
 from bayescal.methods.normals import in_normals, triplets
-from bayescal.methods.ours import OURS
-from bayescal.methods.planes import PLANES, bound, is_plane
+from bayescal.methods.published import OURS, PLANES, bound, in_joints, is_plane, joint_change
 from bayescal.methods.solving import System, contacts, estimable, part
-from bayescal.methods.validated import predicted, validated
 from bayescal.model import build
 from bayescal.model.scene import Scene
 from bayescal.reporting.comparison import COLUMNS, comparison_record, comparison_summary, write_comparison

@@ -8,7 +8,7 @@ import numpy as np
 from bayescal.dataset import Target
 from bayescal.estimate import Estimate
 from bayescal.model import Scene
-from bayescal.model.block import parts_of
+from bayescal.model.options import parts_of
 from bayescal.planning.pool import Linearised, Pool, Setup, linearised
 from bayescal.planning.projection import nominal as at_nominal
 from bayescal.robots import load_robot

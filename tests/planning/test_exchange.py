@@ -13,7 +13,7 @@ from bayescal.dataset.append import taken
 from bayescal.errors import BayescalError
 from bayescal.estimate import linearise, unit_weights
 from bayescal.model import ARM, Scene, build
-from bayescal.model.block import parts_of
+from bayescal.model.options import parts_of
 from bayescal.planning import exchange
 from bayescal.planning import order as orders
 from bayescal.planning.exchange import (

@@ -16,7 +16,7 @@ from bayescal.gap.result import Pair, Suspect
 from bayescal.gap.search.beam import Member, Search
 from bayescal.gap.search.candidates import candidates
 from bayescal.gap.settings import DESIGN
-from bayescal.model.block import parts_of
+from bayescal.model.options import parts_of
 from bayescal.planning.contrasts import Contrast, Contrasts, contrasts, of_effects
 from bayescal.planning.exchange import select
 from bayescal.planning.expected import Random, curves, equals_random, expected, parameters, u_of
@@ -299,7 +299,7 @@ def test_a_greedy_step_equals_a_trial_of_every_candidate() -> None:
 
 def test_real_columns_are_those_of_a_diagnosis() -> None:
     """All candidates chosen: the detectability is that by the state of a fit of the same contacts."""
-    from bayescal.effects.masses import masses
+    from bayescal.effects.gravity import masses
     from bayescal.estimate.families import with_compliances
     from bayescal.gap.design.blind_spots import seats
     from bayescal.gap.linear.problem import problem

@@ -23,14 +23,13 @@ from bayescal.dataset import read_dataset
 from bayescal.dataset.types import Box
 from bayescal.effects import UNITS
 from bayescal.errors import BayescalError
-from bayescal.exporting.plan import FORMATS, Probe, formats_of
-from bayescal.exporting.plan.format import motions
-from bayescal.exporting.plan.probing import guarded
 from bayescal.planning.plan import plan
 from bayescal.planning.pool import Setup
 from bayescal.planning.result import BOTH, DISTANCES, GAP, REPEAT, VALIDATE, Plan
 from bayescal.planning.setup import continued, read_setup
 from bayescal.programs import PROGRAMS
+from bayescal.programs.motions import guarded, motions
+from bayescal.programs.probing import FORMATS, Probe, formats_of
 from bayescal.public.planning import _setup
 from bayescal.public.planning import plan as planned
 from bayescal.reporting.plan.record import write_plan

@@ -22,7 +22,7 @@ from bayescal.reporting.plan import sheets
 from bayescal.reporting.plan.page import plan_page
 from bayescal.reporting.plan.picture import draw_plan
 from bayescal.reporting.plan.record import plan_record, table_of_plan, write_plan
-from bayescal.reporting.plan.summary import plan_summary
+from bayescal.reporting.plan.sheets import plan_summary
 from bayescal.simulation.touch import touch
 
 

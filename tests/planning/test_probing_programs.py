@@ -16,9 +16,9 @@ from urscript_interpreter import Program
 
 import bayescal as bc
 from bayescal.dataset.append import taken
-from bayescal.exporting.plan import FORMATS, Probe
-from bayescal.exporting.plan.probing import guarded
 from bayescal.importing import Request, convert
+from bayescal.programs.motions import guarded
+from bayescal.programs.probing import FORMATS, Probe
 from bayescal.reporting.plan.record import write_plan
 
 ERROR = {"a": [0, 2e-4, 5e-4, -3e-4, 0, 0], "offset": [0, 1e-3, -8e-4, 5e-4, -6e-4, 0]}

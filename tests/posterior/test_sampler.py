@@ -15,6 +15,7 @@ from bayescal.calibration import fit
 from bayescal.errors import BayescalError
 from bayescal.estimate import estimate
 from bayescal.model import build
+from bayescal.model.options import FitOptions
 from bayescal.model.scene import Scene
 from bayescal.posterior import Density, gaussian
 from bayescal.posterior import density as density_module
@@ -341,7 +342,7 @@ def records(cube, tmp_path_factory):
     dataset, out = cube(seed=4, count=120).dataset, {}
     for model in (("geometry",), ("geometry", "compliance")):
         path = tmp_path_factory.mktemp("nc") / "posterior.nc"
-        save(fit_draws(fit(dataset, model, samples=200, robust=False)), path)
+        save(fit_draws(fit(dataset, model, FitOptions(robust=False), samples=200)), path)
         out[model[-1]] = load(path)
     return out
 
@@ -402,7 +403,7 @@ def test_many_validation_rows_have_fewer_draws(monkeypatch):
     assert calibration.predicted_draws(dataset) == calibration.VALIDATION_DRAWS
     rows = int(np.sum(dataset.measurements.role == "validate"))
     monkeypatch.setattr(calibration, "MOST_PREDICTED", 800 * rows)
-    found = calibration.fit(dataset, ("geometry",), samples=0, robust=False)
+    found = calibration.fit(dataset, ("geometry",), FitOptions(robust=False), samples=0)
     assert {len(p.predicted) for level in found.levels for p in level.validation.planes} == {800}
     record = fit_draws(found)
     shapes = {values.shape[:2] for _, values in record.arrays("posterior_predictive").values()}
@@ -412,7 +413,7 @@ def test_many_validation_rows_have_fewer_draws(monkeypatch):
 def test_a_large_session_keeps_fewer_predictions(cube, monkeypatch, tmp_path):
     """All predictions have the same draws, however few of single rows are kept."""
     monkeypatch.setattr(fit_posterior, "MOST_OF_LARGE", 4 * 60 * 100)
-    found = fit(cube(seed=4, count=100).dataset, ("geometry",), samples=0, robust=False)
+    found = fit(cube(seed=4, count=100).dataset, ("geometry",), FitOptions(robust=False), samples=0)
     record = fit_draws(found)
     shapes = {values.shape[:2] for _, values in record.arrays("posterior_predictive").values()}
     assert shapes == {(4, 60)}

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bayescal.dataset import Certificate, Target
-from bayescal.estimate import estimate, solve
+from bayescal.estimate import calibrated, estimate, solve
 from bayescal.gap.outcome.magnitude import magnitude, noise_floor
 from bayescal.model import build
 from bayescal.model.scene import Scene
@@ -268,3 +268,26 @@ def test_repeats_tell_the_noise(cube):
     floor = noise_floor(again, "contact")
     assert floor.source == "repeats"
     assert floor.interval95[0] < 6e-6 < floor.interval95[1]
+
+
+def test_rows_that_locate_their_target_scatter_as_predicted(tracker):
+    """Four points of an instrument at another place, where it is not fitted, take up half of their noise."""
+    session = tracker(1, 64)
+    m, late = session.dataset.measurements, np.arange(64) >= 60
+    dataset = replace(
+        session.dataset,
+        targets=(session.dataset.targets[0], replace(session.dataset.targets[0], name="second")),
+        measurements=replace(m, target=late.astype(int), role=np.where(late, "validate", "calibrate")),
+    )
+    found, drawn = calibrated(Scene(dataset), ("geometry", "compliance")), []
+    true = (session.arm.points(m.readings, m.payload) - session.frame[:3, 3]) @ session.frame[:3, :3]
+    for seed in range(60):
+        read = true + 10e-6 * np.random.default_rng(seed).standard_normal(true.shape)
+        xyz = np.where(late[:, None], read, m.xyz)
+        again = Scene(replace(dataset, measurements=replace(dataset.measurements, xyz=xyz)))
+        held = validation_errors(replace(found, model=replace(found.model, scene=again)))
+        own = held.target == "second"
+        drawn.append(held.residual[own])
+    noise = held.noise[own] / found.weights.scale["point"]
+    assert np.mean(np.var(drawn, axis=0)) == pytest.approx(np.mean(noise**2), rel=0.15)
+    assert np.mean(noise**2) < 0.75 * 10e-6**2

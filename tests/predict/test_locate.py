@@ -172,7 +172,7 @@ def test_fit_locates_it_too(example):
     z = np.tile(example.z, (2, 1))
     scale = np.full((2, 1), example.weights.scale["contact"])
     found = validate(replace(example, model=replace(example.model, scene=scene)), z, scale)
-    assert found.maximum_distance_error < 50e-6
+    assert found.distance_errors.maximum < 50e-6
 
 
 @pytest.mark.parametrize("seed", range(8))

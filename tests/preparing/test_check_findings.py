@@ -212,7 +212,6 @@ def test_effects_that_need_a_column(tmp_path, good):
 
 
 def test_command_line_and_api(tmp_path, good):
-    import bayescal.cli.check  # noqa: F401  (registers it)
     from bayescal.cli import app
 
     found(tmp_path, good[0], without(good[1], "repeat"))

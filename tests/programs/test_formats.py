@@ -9,8 +9,7 @@ import pytest
 from bayescal.arm.transforms import rigid, rpy_matrix
 from bayescal.errors import BayescalError
 from bayescal.programs import PROGRAMS
-from bayescal.programs.targets import Corrected
-from bayescal.programs.text import rewritten
+from bayescal.programs.text import Corrected, rewritten
 
 TEXTS = {name: getattr(programs, name.upper()).decode("latin-1") for name in PROGRAMS}
 DOWN = rigid(rpy_matrix(np.array([np.pi, 0, 0])), np.array([0.45, 0.0, 0.2]))

@@ -2,17 +2,19 @@
 
 from itertools import combinations
 
+from matplotlib.figure import FigureBase
+from matplotlib.legend import Legend
+
 SLACK = 1.0
 """Overlap that is not counted, pixels: boxes of text contain white space."""
 
 
 def texts(figure):
     """All text that is drawn: titles, labels, legends, numbers, and the tick labels in view."""
-    found = list(figure.texts)
+    found = [text for part in figure.findobj(FigureBase) for text in part.texts]
+    found += [text for legend in figure.findobj(Legend) for text in (legend.get_title(), *legend.get_texts())]
     for axes in figure.axes:
         found += [axes.title, *axes.texts]
-        legend = axes.get_legend()
-        found += legend.get_texts() if legend else []
         if axes.axison:
             for axis in (axes.xaxis, axes.yaxis):
                 found += [axis.label, *(tick.label1 for tick in axis._update_ticks())]

@@ -286,7 +286,7 @@ def test_a_significant_site_is_marked_and_named(sessions, site):
     }
     rings = {to_hex(c) for own in axes.collections for c in own.get_edgecolors()}
     assert to_hex(MARKED) in lines | rings
-    assert site in [t.get_text() for t in axes.get_legend().get_texts()]
+    assert site in [t.get_text() for t in texts(figure)]
 
 
 def test_signs_point_up_for_positive_residuals(fit):

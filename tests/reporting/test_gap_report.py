@@ -31,6 +31,7 @@ from bayescal.gap.result import (
     Verdict,
 )
 from bayescal.gap.search.cells import cells
+from bayescal.model.options import FitOptions
 from bayescal.model.scene import Scene
 from bayescal.reporting.gap.causes import CAUSES
 from bayescal.reporting.gap.phrases import headline
@@ -213,13 +214,12 @@ def test_help_needs_no_matplotlib():
 
 def test_command_hands_over_and_prints(session, tmp_path, monkeypatch):
     """The command around a diagnosis that is invented."""
-    import bayescal.cli.gap  # noqa: F401
     from bayescal.cli import app
 
     asked = []
 
-    def diagnose(dataset, effects, seed, robust, prior_width, progress, without):
-        asked.append((dataset.name, effects, seed, robust, prior_width, without))
+    def diagnose(dataset, effects, options, *, without, progress):
+        asked.append((dataset.name, effects, options, without))
         progress("search", 0.5)
         return diagnosis(session, "named")
 
@@ -228,24 +228,21 @@ def test_command_hands_over_and_prints(session, tmp_path, monkeypatch):
     arguments += ["--without", "geometry at joint 4, geometry at link 2"]
     done = CliRunner().invoke(app, [*arguments, "--out", str(tmp_path / "run")])
     assert done.exit_code == 0, done.output
-    assert asked == [
-        ("lrmate200ic-cube", ("geometry",), 7, False, 1.0, ("geometry at joint 4", "geometry at link 2"))
-    ]
+    options, parts = FitOptions(robust=False, seed=7), ("geometry at joint 4", "geometry at link 2")
+    assert asked == [("lrmate200ic-cube", ("geometry",), options, parts)]
     assert "joint 3 has lost motion on reversal" in done.output
     assert "gap.json" in done.output
     assert {p.name for p in (tmp_path / "run").glob("[!.]*")} == {"gap.json", "gap.html"}
 
 
 def test_an_undecided_diagnosis_prints_the_command_that_plans_what_decides(session, tmp_path, monkeypatch):
-    import bayescal.cli.gap
-    import bayescal.cli.plan  # noqa: F401
     from bayescal.cli import app
 
     out = tmp_path / "a run"
     lines = {}
     for kind in ("ambiguous", "named"):
         found = diagnosis(session, kind)
-        module = SimpleNamespace(diagnose=lambda *_, found=found: found)
+        module = SimpleNamespace(diagnose=lambda *_, found=found, **options: found)
         monkeypatch.setitem(sys.modules, "bayescal.gap.diagnose", module)
         done = CliRunner().invoke(app, ["gap", str(EXAMPLE), "--no-pictures", "--out", str(out)])
         assert done.exit_code == 0, done.output

@@ -23,9 +23,10 @@ from bayescal.reporting.gap.record import gap_record
 from bayescal.reporting.page import build, compare
 from bayescal.reporting.page.arm import marked_sites
 from bayescal.reporting.page.build import run_page
-from bayescal.reporting.page.section import Run, length, read_run
+from bayescal.reporting.page.section import Run, read_run
 from bayescal.reporting.shared.body import arm_drawing, posed
 from bayescal.reporting.shared.origin import rows_record
+from bayescal.reporting.shared.text import length
 
 EVIL = "<script>alert(1)</script><!--"
 

@@ -18,7 +18,7 @@ from bayescal.reporting.gap.contacts import length
 from bayescal.reporting.gap.phrases import headline
 from bayescal.reporting.shared.origin import STANDSTILL, _signs, plain, rows_record
 from bayescal.reporting.shared.text import FigureTable, parameter_notes, plain_table, size, with_u
-from bayescal.storage.files import indented
+from bayescal.storage.files import json_text
 
 NAMES = ("nominal", "geometry + compliance + eccentricity of joint 3 + second-harmonic of joint 5", "x" * 90)
 FIGURES = ("+1234.56", "-0.071(12)", "-1733 .. +1698", "(> 0.99)", "98.7654 %", "17.125")
@@ -173,12 +173,19 @@ RECORD = {
 
 @pytest.mark.parametrize("value", [RECORD, [], {}, [1.0], "x", None, [[[0]]]])
 def test_text_is_that_of_the_standard_library(value):
-    assert indented(value) == json.dumps(value, indent=1, allow_nan=False)
+    text = json.dumps(value, indent=1, allow_nan=False)
+    assert json_text(value, rows=False) == text + "\n"
+    assert json.loads(json_text(value)) == json.loads(text)
+
+
+def test_a_list_of_numbers_is_on_one_line():
+    text = '{\n "a": [\n  [ 1, -2.5e-07 ],\n  [\n   "x"\n  ]\n ]\n}\n'
+    assert json_text({"a": [[1, -2.5e-7], ["x"]]}) == text
 
 
 def test_a_number_that_is_not_finite_is_refused():
     with pytest.raises(ValueError):
-        indented({"a": [1.0, float("nan")]})
+        json_text({"a": [1.0, float("nan")]})
 
 
 def test_arrays_become_lists_with_none_for_what_is_not_finite():

@@ -116,9 +116,7 @@ import os, sys
 from pathlib import Path
 from bayescal.storage import folders
 from test_folders import run, held
-top, exchange = Path(sys.argv[1]), sys.argv[2] == "exchange"
-if not exchange:
-    folders._exchanged = lambda one, other: False
+top = Path(sys.argv[1])
 def killed(k, act):
     'Whether a child process that ends before its k-th system call on files ended so.'
     child = os.fork()
@@ -130,28 +128,17 @@ def killed(k, act):
                 left -= 1
                 if left < 0:
                     os._exit(9)
-        import ctypes
         sys.addaudithook(count)
         act()
         os._exit(0)
     return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 9
 EVENTS = {f"os.{name}" for name in ("rename", "remove", "rmdir", "mkdir", "scandir", "listdir", "chmod")}
-EVENTS |= {"exchange"}
-plain = folders._exchanged
-def announced(one, other):
-    sys.audit("exchange")
-    done = plain(one, other)
-    sys.audit("exchange")
-    return done
-folders._exchanged = announced
 k, seen = 0, set()
 while True:
     out = top / f"{k}" / "out"
     run(out, "first")
     ended = killed(k, lambda: run(out, "second"))
     there = (out / "fit.json").is_file()
-    if exchange:
-        assert there, k
     with folders.claimed(out, "fit.json"):  # the next command
         pass
     now = held(out)
@@ -169,11 +156,10 @@ print(k, *sorted(seen))
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="not possible on this system")
-@pytest.mark.parametrize("way", ["exchange", "rename"])
-def test_killed_before_any_system_call(tmp_path, way):
+def test_killed_before_any_system_call(tmp_path):
     paths = os.pathsep.join(map(str, (ROOT, ROOT / "tests", Path(__file__).parent)))
     done = subprocess.run(
-        [sys.executable, "-c", KILLED, str(tmp_path), way],
+        [sys.executable, "-c", KILLED, str(tmp_path)],
         env=os.environ | {"PYTHONPATH": paths},
         capture_output=True,
         text=True,
@@ -181,7 +167,7 @@ def test_killed_before_any_system_call(tmp_path, way):
     assert done.returncode == 0, done.stderr
     count, *seen = done.stdout.split()
     assert int(count) > 25  # kills, one before each call
-    assert seen == (["first", "second"] if way == "exchange" else ["aside", "first", "second"])
+    assert seen == ["aside", "first", "second"]
 
 
 def test_staging_of_live_and_of_other_hosts_is_left(tmp_path, monkeypatch):

@@ -1,30 +1,90 @@
-"""Springs of an arm: joints, bearings and the stand, from the fitted parameters that gravity drives.
+"""The fitted parameters of an arm by their drivers, and the springs of those that gravity drives.
 
-A torsional spring of any odd characteristic, from springs that simulators have.
-
-The torque is a polygon of the deflection. Where the stiffness increases, a tendon with a dead band -w ... w
-adds a spring beyond it. Where it decreases, two tendons under tension, each slack on one side, release each
-other at -w and w: together they have twice their stiffness within, and once their stiffness beyond. All
-stiffnesses are positive: an implicit integrator can use them, and the arm comes to rest in few steps.
+Springs stand at the joints, in bearings and links, and under the base. A torsional spring of any odd
+characteristic is made of springs that simulators have: the torque is a polygon of the deflection. Where the
+stiffness increases, a tendon with a dead band -w ... w adds a spring beyond it. Where it decreases, two
+tendons under tension, each slack on one side, release each other at -w and w: together they have twice their
+stiffness within, and once their stiffness beyond. All stiffnesses are positive: an implicit integrator can
+use them, and the arm comes to rest in few steps.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy.optimize import nnls
 
 from bayescal.arm.statics import Loads
+from bayescal.arm.transforms import AXES
 from bayescal.effects import named
 from bayescal.effects.base_compliance import BASE_COMPLIANCE
 from bayescal.effects.bending import BENDING, across, ends
-from bayescal.effects.stand import tilts, vertical
+from bayescal.effects.common import alone, tilts, vertical
 from bayescal.effects.vocabulary import Circumstances, Parameter
 from bayescal.errors import BayescalError
-from bayescal.exporting.mjcf.content import Content
 from bayescal.fitted.arm import FittedArm
+
+STATE = ("constant", "time", "temperature", "event")
+"""Drivers that are constant while an arm moves: a file has their values in one row, its state."""
+UNHELD = ("late", "level", "uneven")
+"""Forms of a dependence that no element of MuJoCo has: a memory of earlier rows, a curve of an angle,
+a spring that differs between the signs of the torque."""
+
+
+@dataclass(frozen=True)
+class Content:
+    """Parameters of an arm with their values, as they apply in one row of its session.
+
+    A common factor of several parameters is resolved into these. Parameters of other sessions are left out.
+    """
+
+    arm: FittedArm
+    row: int
+
+    @cached_property
+    def circumstances(self) -> Circumstances:
+        """The circumstances of the session's fitted measurements."""
+        scene = self.arm.model.scene
+        c = scene.circumstances(scene.rows("calibrate"))
+        session = next((s for s in c.sessions if s.rows[self.row]), None)
+        return c if session is None else alone(c, session)
+
+    @cached_property
+    def valued(self) -> tuple[tuple[Parameter, float], ...]:
+        """Parameters and their deviations from nominal, SI."""
+        out: list[tuple[Parameter, float]] = []
+        for p, value in zip(self.arm.model.parameters, self.arm.values.tolist(), strict=True):
+            if self._applies(p):
+                out += [(part, value * part.centre) for part in p.stands_for] or [(p, value)]
+        return tuple(out)
+
+    def _applies(self, p: Parameter) -> bool:
+        sessions = self.arm.model.scene.dataset.sessions
+        rows = self.arm.model.scene.circumstances(np.zeros(0, int)).sessions if sessions else ()
+        other = [s.name for s in rows if not s.rows[self.row]]
+        return not any(p.name.startswith(f"{name}:") for name in other)
+
+    def driven(self, *kinds: str) -> Iterator[tuple[Parameter, float]]:
+        """Parameters with a driver of some kinds, and their values; none of a form in `UNHELD`."""
+        held = ((p, value) for p, value in self.valued if p.driver.form not in UNHELD)
+        return ((p, value) for p, value in held if p.driver.kind in kinds)
+
+    def constants(self, row: int | None = None) -> np.ndarray:
+        """Constant displacements of the frames, (n + 2, 6), rad and m, in a row; default: the state."""
+        state = self.row if row is None else row
+        out = np.zeros((self.arm.model.scene.chain.n + 2, 6))
+        for p, value in self.driven(*STATE):
+            for term in p.terms:
+                if term.frame >= 0:
+                    driver = np.asarray(term.driver)
+                    out[term.frame, AXES.index(term.axis)] += value * float(
+                        driver[state] if driver.ndim else driver
+                    )
+        return out
+
 
 KNOTS = (4, 8, 12, 16, 24, 32)
 """Numbers of corners that are tried in turn."""
@@ -81,10 +141,10 @@ def spring_of(torque: np.ndarray, deflection: np.ndarray) -> Spring:
         return linear(float(deflection[-1] / torque[-1]))
     slope = np.gradient(deflection, torque)
     for count in KNOTS:
-        found = _polygon(torque, deflection, slope, count)
-        if np.max(np.abs(found.torque(deflection) - torque) * slope) <= CLOSE:
+        spring = _polygon(torque, deflection, slope, count)
+        if np.max(np.abs(spring.torque(deflection) - torque) * slope) <= CLOSE:
             break
-    return found
+    return spring
 
 
 def _polygon(torque: np.ndarray, deflection: np.ndarray, slope: np.ndarray, count: int) -> Spring:
@@ -93,18 +153,22 @@ def _polygon(torque: np.ndarray, deflection: np.ndarray, slope: np.ndarray, coun
     bend += 1e-3 * bend.max()
     spent = np.concatenate([[0.0], np.cumsum(0.5 * (bend[1:] + bend[:-1]) * np.diff(torque))])
     w = np.interp((np.arange(count) + 0.5) / count * spent[-1], spent, deflection)
-    bands = [Band(-own, own, 1.0) for own in w]
-    pairs = [(Band(own, SLACK, 1.0), Band(-SLACK, -own, 1.0)) for own in w]
+    bands = [Band(-half, half, 1.0) for half in w]
+    pairs = [(Band(half, SLACK, 1.0), Band(-SLACK, -half, 1.0)) for half in w]
     columns = [deflection, *(b.torque(deflection) for b in bands)]
     columns += [a.torque(deflection) + b.torque(deflection) for a, b in pairs]
     a = np.array(columns).T * slope[:, None]
     scale = np.linalg.norm(a, axis=0)
     k = (nnls(a / scale, torque * slope)[0] / scale).tolist()
-    beyond = [Band(b.lower, b.upper, own) for b, own in zip(bands, k[1 : count + 1], strict=True) if own]
+    beyond = [
+        Band(b.lower, b.upper, stiffness)
+        for b, stiffness in zip(bands, k[1 : count + 1], strict=True)
+        if stiffness
+    ]
     within = [
-        Band(b.lower, b.upper, own)
-        for pair, own in zip(pairs, k[count + 1 :], strict=True)
-        if own
+        Band(b.lower, b.upper, stiffness)
+        for pair, stiffness in zip(pairs, k[count + 1 :], strict=True)
+        if stiffness
         for b in pair
     ]
     return Spring(k[0], (*beyond, *within))
@@ -129,10 +193,10 @@ def joint_springs(content: Content) -> Mapping[int, Spring]:
     scene, robot = content.arm.model.scene, content.arm.model.scene.dataset.robot
     if scene.moments is None:
         return {}
-    known = np.zeros(robot.n) if robot.compliance is None else robot.compliance
+    nominal = np.zeros(robot.n) if robot.compliance is None else robot.compliance
     largest = BEYOND * np.max(np.abs(scene.moments[:, 1:, 2]), axis=0)
     share = np.linspace(0.0, 1.0, STEPS + 1)[1:] ** 2  # denser at small torques
-    bent = [known[j] * largest[j] * share for j in range(robot.n)]
+    bent = [nominal[j] * largest[j] * share for j in range(robot.n)]
     for p, value in content.driven("torque"):
         j = p.site.number - 1
         torques = np.zeros((STEPS, robot.n))
@@ -160,9 +224,9 @@ def _response(content: Content, p: Parameter, torques: np.ndarray) -> np.ndarray
     grid = appended(content.circumstances, torques)
     for name in content.arm.effects:
         effect, setting = named(name)
-        for own in effect.at(grid, setting) if effect.name == p.effect else ():
-            if own.name == p.name:
-                (term,) = own.terms
+        for parameter in effect.at(grid, setting) if effect.name == p.effect else ():
+            if parameter.name == p.name:
+                (term,) = parameter.terms
                 return np.asarray(term.driver)[-len(torques) :]
     return np.zeros(len(torques))
 
@@ -174,7 +238,9 @@ def appended(c: Circumstances, torques: np.ndarray) -> Circumstances:
     if c.measured_torques is not None:
         return replace(c, measured_torques=np.vstack([c.measured_torques, torques]))
     assert c.loads is not None
-    moments, weights = (np.pad(own, [more, (0, 0), (0, 0)]) for own in (c.loads.moments, c.loads.weights))
+    moments, weights = (
+        np.pad(column, [more, (0, 0), (0, 0)]) for column in (c.loads.moments, c.loads.weights)
+    )
     moments[-len(torques) :, 1:, 2] = torques
     return replace(c, loads=Loads(moments, weights))
 
@@ -190,17 +256,25 @@ def springless(arm: FittedArm) -> np.ndarray:
 
     A rigid joint or stand has no spring either: what acts beside its compliance is left out.
     """
-    p = arm.model.parameters
-    total = np.array([own.nominal for own in p]) + arm.values
-    place = [(own.driver.kind, own.site, _spring(own)) for own in p]
-    known = {at: float(value) for own, at, value in zip(p, place, total, strict=True) if own.positive}
-    least = [
-        min((v for (*at, name), v in known.items() if at == [*here] and own in (name, CROSS)), default=1.0)
-        for *here, own in place
-    ]
+    compliances = {
+        (p.driver.kind, p.site, _spring(p)): p.nominal + value
+        for p, value in zip(arm.model.parameters, arm.values.tolist(), strict=True)
+        if p.positive
+    }
+
+    def least(p: Parameter) -> float:
+        """The smallest compliance where a parameter acts; above zero if there is none."""
+        here, spring = (p.driver.kind, p.site), _spring(p)
+        values = (
+            v
+            for (kind, site, name), v in compliances.items()
+            if (kind, site) == here and spring in (name, CROSS)
+        )
+        return min(values, default=1.0)
+
     return np.array([
-        own.driver.kind in ELASTIC and (least_ < 0 or (least_ == 0 and not own.positive))
-        for own, least_ in zip(p, least, strict=True)
+        p.driver.kind in ELASTIC and (least(p) < 0 or (least(p) == 0 and not p.positive))
+        for p in arm.model.parameters
     ], bool)  # fmt: skip
 
 
@@ -227,45 +301,48 @@ def bearings(content: Content) -> Mapping[int, Spring]:
 
 
 @dataclass(frozen=True)
-class LinkHinge:
-    """A hinge at the middle of a link: unit axis and a point (3,), m, in the link's frame."""
+class Hinge:
+    """A hinge: unit axis and a point of it (3,), m, in the frame of what it carries, at zero.
 
-    name: str  # of the nearest axis
-    axis: np.ndarray
-    pos: np.ndarray
-    spring: Spring
-
-
-def link_hinges(content: Content) -> Mapping[int, tuple[LinkHinge, ...]]:
-    """Hinges at which the links bend, by the index of the joint before the link."""
-    chain = content.arm.model.scene.chain
-    out: dict[int, tuple[LinkHinge, ...]] = {}
-    known = {p.name: value for p, value in content.driven("bending moment") if value}
-    for j, name in enumerate(content.arm.dataset.robot.joint_names):
-        two = ends(chain, j + 1)
-        found = [
-            LinkHinge(axis, way, two.mean(axis=0), _positive(known[label], label))
-            for axis, way in across(two).items()
-            if (label := f"{BENDING.name} {name} link {axis}") in known
-        ]
-        if found:
-            out[j] = tuple(found)
-    return out
-
-
-@dataclass(frozen=True)
-class StandHinge:
-    """A hinge of the stand: unit axis and a point of it relative to the base's origin, (3,), in F0."""
+    Without a spring it is a joint that the readings command, with limits, rad. A spring has its zero at
+    `rest`, rad.
+    """
 
     name: str
     axis: np.ndarray
     pos: np.ndarray
-    spring: Spring
-    rest: float
+    spring: Spring | None = None
+    rest: float = 0.0
+    limits: tuple[float, float] | None = None
+
+    def seen(self, pose: np.ndarray, name: str = "") -> Hinge:
+        """The hinge in another frame, in which its own has a pose (4, 4), and with another name."""
+        axis, pos = pose[:3, :3] @ self.axis, pose[:3, :3] @ self.pos + pose[:3, 3]
+        return replace(self, name=name or self.name, axis=axis, pos=pos)
 
 
-def stand_hinges(content: Content) -> tuple[StandHinge, ...]:
-    """Hinges of the stand: a tilt with a slide is a rotation about an axis away from the base's origin."""
+def link_hinges(content: Content) -> Mapping[int, tuple[Hinge, ...]]:
+    """Hinges at the middle of links that bend, called by their nearest axis, by the joint before the link."""
+    chain = content.arm.model.scene.chain
+    out: dict[int, tuple[Hinge, ...]] = {}
+    compliances = {p.name: value for p, value in content.driven("bending moment") if value}
+    for j, name in enumerate(content.arm.dataset.robot.joint_names):
+        two = ends(chain, j + 1)
+        hinges = [
+            Hinge(axis, way, two.mean(axis=0), _positive(compliances[label], label))
+            for axis, way in across(two).items()
+            if (label := f"{BENDING.name} {name} link {axis}") in compliances
+        ]
+        if hinges:
+            out[j] = tuple(hinges)
+    return out
+
+
+def stand_hinges(content: Content) -> tuple[Hinge, ...]:
+    """Hinges of the stand in F0, relative to the base's origin.
+
+    A tilt with a slide is a rotation about an axis away from the origin.
+    """
     values = {p.name.rpartition(":")[2]: value for p, value in content.driven("base moment")}
     if not any(values.values()):
         return ()
@@ -281,9 +358,9 @@ def stand_hinges(content: Content) -> tuple[StandHinge, ...]:
     if cross := values.get(f"{e} cross", 0.0):
         give += cross * (1.0 - np.eye(2))
         moved += values.get(f"{e} slide cross", 0.0) * axes * [[1.0], [-1.0]]
-        sizes, own = np.linalg.eigh(give)
+        sizes, principal = np.linalg.eigh(give)
         # a moment about a principal axis tilts the stand about this axis alone
-        axes, moved, give, names = own.T @ axes, own.T @ moved, np.diag(sizes), ["1", "2"]
+        axes, moved, give, names = principal.T @ axes, principal.T @ moved, np.diag(sizes), ["1", "2"]
     masses = 0.0 if c.robot.masses is None else float(np.sum(c.robot.masses))
     weight = (masses + float(c.load_mass[content.row])) * c.gravity
     out = []
@@ -294,7 +371,7 @@ def stand_hinges(content: Content) -> tuple[StandHinge, ...]:
         pos = -np.cross(slide / compliance, axis)  # axis x (origin - pos) is the slide per radian
         # the moment that acts is that about the base's origin, not about the hinge
         rest = compliance * float(axis @ np.cross(pos, weight))
-        out.append(StandHinge(f"stand_{name}", axis, pos, spring, rest))
+        out.append(Hinge(f"stand_{name}", axis, pos, spring, rest))
     return tuple(out)
 
 

@@ -1,14 +1,12 @@
-"""MJCF as a format of an export.
+"""MJCF as a format of an export: a new file, or a file of the user, and the table of a replay script.
 
-A new MJCF file of a fitted arm.
-
-The table of a replay script: the law of the readings, which the light model does not have.
+The table has the law of the readings, which the model beside a script does not have.
 """
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree as ET
@@ -19,12 +17,23 @@ from bayescal.effects import Parameter
 from bayescal.effects.tool import TOOL
 from bayescal.exporting.geometry import carries
 from bayescal.exporting.mjcf import replay
-from bayescal.exporting.mjcf.content import STATE, UNHELD, Content, add, bare, document, law_of
-from bayescal.exporting.mjcf.elastic import springless, sprung
-from bayescal.exporting.mjcf.links import bands, bodies, defaults, loads, mechanism, names, tips, tool
-from bayescal.exporting.mjcf.readings import Joints, Sections, parts, servos
+from bayescal.exporting.mjcf.elastic import STATE, UNHELD, Content, springless, sprung
+from bayescal.exporting.mjcf.mechanism import (
+    bodies,
+    defaults,
+    held,
+    loads,
+    mechanism,
+    names,
+    tips,
+    tool,
+    without_empty,
+)
+from bayescal.exporting.mjcf.readings import Joints, bare, law_of, servos
 from bayescal.exporting.written import Format, Item, Options, Written, item
+from bayescal.exporting.xml_text import add
 from bayescal.fitted.arm import FittedArm
+from bayescal.storage.files import json_text
 
 TIMESTEP = 0.002
 
@@ -46,31 +55,22 @@ def mjcf(arm: FittedArm, row: int, script: bool = False) -> str:
         If no spring holds a fitted deflection, or a fitted lost motion leads without a script.
     """
     content = Content(arm, row)
-    law = law_of(content)
-    if script:
-        law = bare(law)
-    arm_ = mechanism(content, law)
-    scene = arm.model.scene
-    root = ET.Element("mujoco", model=scene.dataset.robot.name)
+    law = bare(law_of(content)) if script else law_of(content)
+    machine = mechanism(content, law)
+    dataset = arm.dataset
+    root = ET.Element("mujoco", model=dataset.robot.name)
     add(root, "compiler", angle="radian", autolimits="true")
-    add(root, "option", integrator="discrete", timestep=TIMESTEP, gravity=arm_.gravity)
+    add(root, "option", integrator="discrete", timestep=TIMESTEP, gravity=machine.gravity)
     defaults(root)
-    world = add(root, "worldbody")
-    *_, flange = bodies(world, arm_)
-    tool(flange, arm_.loads[int(scene.dataset.measurements.tool[row])])
-    tips(flange, arm_.loads)
-    tendon, equality, actuator, sensor = (
-        add(root, tag) for tag in ("tendon", "equality", "actuator", "sensor")
-    )
-    bands(tendon, arm_)
-    torques = np.zeros(1) if scene.moments is None else np.abs(scene.moments[:, 1:, 2])
-    joints = scene.dataset.robot.joint_names
-    parts(Sections(world, tendon, equality), law, Joints.of(joints), torques)
-    servos(actuator, sensor, tendon, law, joints)
-    for part in (tendon, equality):
-        if not len(part):
-            root.remove(part)
-    return document(root)
+    *_, flange = bodies(add(root, "worldbody"), machine)
+    tool(flange, machine.loads[int(dataset.measurements.tool[row])])
+    tips(flange, machine.loads)
+    joints = dataset.robot.joint_names
+    held(root, content, machine, law, Joints.of(joints))
+    servos(root, law, joints)
+    without_empty(root)
+    ET.indent(root)
+    return ET.tostring(root, encoding="unicode") + "\n"
 
 
 PROBE = {
@@ -97,7 +97,7 @@ def beside(
     renamed : mapping
         Names in the file of added parts that are called otherwise there, by kind.
     """
-    table = json.dumps(replay_table(content, joints, servos, renamed), indent=1, allow_nan=False) + "\n"
+    table = json_text(replay_table(content, joints, servos, renamed), rows=False)
     return {SCRIPT: Path(replay.__file__).read_text(encoding="utf-8"), TABLE: table}
 
 
@@ -149,25 +149,28 @@ WEIGHED = ("torque", "bending moment", "base moment", "mass")
 def write(arm: FittedArm, options: Options) -> Written:
     """The MJCF file of an arm."""
     script, whole, arm = options.readings == "script", arm, sprung(arm)
+    content, robot = Content(arm, options.state), arm.dataset.robot
     if options.into:
         from bayescal.exporting.mjcf.scene_patch import patched
 
-        own = patched(arm, options)
-        text, details, notes, placed, bodies = own.text, own.details, own.notes, own.placed, own.bodies
-        joints = Joints(tuple(details["joints"].values()), np.array(details["signs"]))
+        file, bodies = patched(arm, options)
+        joints = Joints(tuple(file.details["joints"].values()), np.array(file.details["signs"]))
     else:
-        text, details, notes, placed = mjcf(arm, options.state, script), {}, [], None
-        bodies = names(arm.dataset.robot.n)
-        joints = Joints.of(arm.dataset.robot.joint_names)
-    renamed = details.get("renamed", {})
-    more = beside(Content(arm, options.state), joints, not options.into, renamed) if script else {}
-    for load in loads(Content(arm, options.state)):
-        if load.factor != 1.0:
-            told = f"a further mass acts {load.factor:.6g} times: set the body payload so (tool {load.name})"
-            notes = [*notes, told]
-    details = {**details, "readings": options.readings}
-    items = tuple(_items(whole, joints.names, bodies))
-    return Written(text, items, more, notes, details, placed)
+        file, bodies = Written(mjcf(arm, options.state, script)), names(robot.n)
+        joints = Joints.of(robot.joint_names)
+    more = beside(content, joints, not options.into, file.details.get("renamed", {})) if script else {}
+    factors = [
+        f"a further mass acts {load.factor:.6g} times: set the body payload so (tool {load.name})"
+        for load in loads(content)
+        if load.factor != 1.0
+    ]
+    return replace(
+        file,
+        items=tuple(_items(whole, joints.names, bodies)),
+        beside=more,
+        notes=[*file.notes, *factors],
+        details={**file.details, "readings": options.readings},
+    )
 
 
 def holds(arm: FittedArm, k: int) -> bool:

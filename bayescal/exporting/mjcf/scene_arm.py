@@ -1,6 +1,6 @@
-"""The arm in a user's file: its joints from its base to the tip, and the elements of its bodies.
+"""A user's MJCF file, with included files in place and as MuJoCo compiles it, and the arm in it.
 
-A user's MJCF file: its text and its elements, with included files in place, and as MuJoCo compiles it.
+The arm is its joints from its base to the tip, and the elements of their bodies.
 """
 
 from __future__ import annotations
@@ -72,23 +72,25 @@ def find_arm(root: ET.Element, spec: Any, model: Any, robot: Robot, tip: str, wh
         If there is no such chain, or there are several, or it is made of parts that cannot be patched.
     """
     chains = list(_chains(model, robot.n, _named(model, tip, where) if tip else -1))
-    found: dict[tuple[int, ...], tuple[FileArm, Match]] = {}
+    matches: dict[tuple[int, ...], tuple[FileArm, Match]] = {}
     reasons = []
     for chain in chains:
         file = _file_arm(model, chain)
         try:
-            found[chain] = file, match(robot, file, where)
+            matches[chain] = file, match(robot, file, where)
         except BayescalError as error:
             reasons.append(error)
     remedy = f"name the last body of the arm, as in --into {where}#wrist_3_link"
-    if len(found) > 1:
-        what = f"has several arms {robot.name}; they end at {listed([model.body(c[-1]).name for c in found])}"
+    if len(matches) > 1:
+        what = (
+            f"has several arms {robot.name}; they end at {listed([model.body(c[-1]).name for c in matches])}"
+        )
         raise BayescalError(what, where, remedy)
-    if not found and not chains:
+    if not matches and not chains:
         raise _no_chain(model, robot, _named(model, tip, where) if tip else -1, where, remedy)
-    if not found:
+    if not matches:
         raise reasons[0]
-    ids, (file, own) = next(iter(found.items()))
+    ids, (file, where_matched) = next(iter(matches.items()))
     elements = _elements(root, model, ids, where)
     joints = [next((e for e in body if e.tag == "joint"), None) for body in elements]
     addresses = [int(model.body_jntadr[b]) for b in ids]
@@ -97,7 +99,7 @@ def find_arm(root: ET.Element, spec: Any, model: Any, robot: Robot, tip: str, wh
     framed = compiled @ np.linalg.inv(written)  # poses of elements <frame> around the bodies
     return FoundArm(
         file,
-        own,
+        where_matched,
         elements,
         tuple(_joint(e, model.body(b).name, where) for e, b in zip(joints, ids, strict=True)),
         ids,
@@ -116,9 +118,9 @@ def _chains(model: Any, n: int, tip: int) -> Iterator[tuple[int, ...]]:
         if tip < 0 and (not chain or chain[-1] != end):
             continue
         for first in range(len(chain) - n, -1, -1) if tip >= 0 else [len(chain) - n]:
-            own = tuple(chain[max(first, 0) : first + n])
-            if len(own) == n and all(_hinge(model, b) for b in own):
-                yield own
+            bodies = tuple(chain[max(first, 0) : first + n])
+            if len(bodies) == n and all(_hinge(model, b) for b in bodies):
+                yield bodies
 
 
 def _hinge(model: Any, body: int) -> bool:
@@ -259,9 +261,9 @@ def read_scene(path: Path) -> SceneFile:
 
 def _with_included(text: str, path: Path, main: Path, seen: list[Path]) -> str:
     """A text with the content of included files in place of their elements, as MuJoCo reads them."""
-    own = XmlText(text, path.name)
+    xml = XmlText(text, path.name)
     by = {}
-    for e in own.root.iter("include"):
+    for e in xml.root.iter("include"):
         file = e.get("file", "")
         refuse_network(file, path.name)
         # relative to the main file, else to the file that includes it
@@ -283,7 +285,7 @@ def _with_included(text: str, path: Path, main: Path, seen: list[Path]) -> str:
             what = f"the root element is {inner.root.tag}, not {' or '.join(ROOTS)}"
             raise BayescalError(what, here.name, "include MJCF files only")
         by[e] = inner.inside.strip()
-    return own.spliced(by)
+    return xml.spliced(by)
 
 
 def _check_same(path: Path, model: Any) -> None:
@@ -332,8 +334,8 @@ def model_of(spec: Any, where: str) -> Any:
 
 
 def _refused(error: ValueError, where: str) -> BayescalError:
-    told = " ".join(str(error).split())
-    return BayescalError(f"MuJoCo refuses the file: {told}", where, "correct it, with its meshes")
+    reason = " ".join(str(error).split())
+    return BayescalError(f"MuJoCo refuses the file: {reason}", where, "correct it, with its meshes")
 
 
 def skeleton(root: ET.Element) -> str:
@@ -362,10 +364,10 @@ def moved(text: str, before: Path, after: Path) -> str:
     stated = {name for c in compilers for name in c.attrib}
     missing = set() if "assetdir" in stated else needed - stated
     if missing:
-        own = compilers[0] if compilers else ET.Element("compiler")
+        compiler = compilers[0] if compilers else ET.Element("compiler")
         if not compilers:
-            root.insert(0, own)
-        own.attrib.update(dict.fromkeys(sorted(missing), back))
+            root.insert(0, compiler)
+        compiler.attrib.update(dict.fromkeys(sorted(missing), back))
     return xml.text
 
 

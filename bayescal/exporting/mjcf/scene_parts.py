@@ -1,10 +1,7 @@
-"""A patched file, compiled: the arm is the calibrated one, and the rest is as it was.
+"""What is done around the edits of a user's file.
 
-Parts that an earlier export added to a file: they are taken out, and new ones take their places.
-
-Keyframes of a patched file: more joints have longer positions.
-
-Names of added parts that no part of the user's file has.
+Parts of an earlier export are taken out before; after, added parts get names that the file does not have, its
+keyframes the positions of more joints, and the compiled file is compared with the arm and the file as it was.
 """
 
 from __future__ import annotations
@@ -18,21 +15,19 @@ import numpy as np
 
 from bayescal.arm.transforms import rigid, rotation
 from bayescal.errors import BayescalError
-from bayescal.exporting.geometry import numbers
-from bayescal.exporting.mjcf.content import DEFAULT, Law
-from bayescal.exporting.mjcf.links import NEUTRAL, TIP, Mechanism
-from bayescal.exporting.mjcf.readings import Joints, posture
+from bayescal.exporting.mjcf.mechanism import NEUTRAL, TIP, Mechanism
+from bayescal.exporting.mjcf.readings import DEFAULT, Joints, Law, posture
 from bayescal.exporting.mjcf.scene_arm import FoundArm, SceneFile, compiled
 from bayescal.exporting.same_arm import Match
 from bayescal.exporting.sidecar import mujoco
-from bayescal.exporting.xml_text import XmlText
+from bayescal.exporting.xml_text import XmlText, numbers
 
 CLOSE = 1e-9
 """m: difference of the written file's kinematics from the arm's at which it is not handed out."""
 
 
 def check(
-    found: FoundArm,
+    arm_in_file: FoundArm,
     where: Match,
     machine: Mechanism,
     before: Any,
@@ -50,20 +45,20 @@ def check(
     mj = mujoco()
     data, rng = mj.MjData(after), np.random.default_rng(0)
     off = 0.0
-    for turns in (np.zeros(len(found.ids)), *rng.uniform(-np.pi, np.pi, (3, len(found.ids)))):
+    for turns in (np.zeros(len(arm_in_file.ids)), *rng.uniform(-np.pi, np.pi, (3, len(arm_in_file.ids)))):
         data.qpos[:] = after.qpos0
         angles = iter(turns.tolist())
         pose = np.eye(4)
         for body in machine.bodies:
             turn = next(angles) if body.name.startswith("link") else 0.0
             pose = pose @ body.pose @ rigid(rotation(2, turn))
-        for name, sign, turn in zip(found.file.names, where.signs, turns, strict=True):
+        for name, sign, turn in zip(arm_in_file.file.names, where.signs, turns, strict=True):
             data.joint(name).qpos[0] = sign * turn
         mj.mj_kinematics(after, data)
-        own = data.body(names.get("flange", "flange"))
-        theirs = where.root @ rigid(own.xmat.reshape(3, 3), own.xpos)
+        flange = data.body(names.get("flange", "flange"))
+        theirs = where.root @ rigid(flange.xmat.reshape(3, 3), flange.xpos)
         off = max(off, float(np.max(np.abs(theirs - pose @ machine.flange))))
-    arm = {before.body(b).name for b in found.ids}
+    arm = {before.body(b).name for b in arm_in_file.ids}
     others = [before.body(b).name for b in range(1, before.nbody) if before.body(b).name not in arm | {""}]
     same = after.ngeom == before.ngeom and all(
         np.allclose(getattr(before.body(name), key), getattr(after.body(name), key), rtol=1e-9, atol=1e-12)
@@ -88,10 +83,10 @@ def without_earlier(root: ET.Element) -> frozenset[str]:
     They are recognised by their default class. A body that only carried added hinges gives its child back its
     place; masses and poses of the user's bodies are as the earlier export wrote them.
     """
-    own = {e.get("class", "") for e in root.iter("default") if _default(e)}
+    classes = {e.get("class", "") for e in root.iter("default") if _default(e)}
     added = {
         e for e in root.iter()
-        if e.get("class") in own or e.get("childclass") in own or (e.tag == "body" and _only_tips(e))
+        if e.get("class") in classes or e.get("childclass") in classes or (e.tag == "body" and _only_tips(e))
     }  # fmt: skip
     parents = {child: e for e in root.iter() for child in e}
     names = {j.get("name", "") for e in added for j in e.iter("joint") if parents[e].tag != "tendon"}
@@ -117,9 +112,9 @@ def _only_tips(body: ET.Element) -> bool:
 
 def _carrier(body: ET.Element, added: set[ET.Element]) -> bool:
     """Whether a body only has added hinges, a joint at most, and one other body."""
-    rest = [e.tag for e in body if e not in added and e.tag != "inertial"]
+    tags = [e.tag for e in body if e not in added and e.tag != "inertial"]
     named = re.fullmatch(r"(stand|.*_carrier)(_\d+)?", body.get("name", ""))
-    return named is not None and sorted(rest) in (["body"], ["body", "joint"])
+    return named is not None and sorted(tags) in (["body"], ["body", "joint"])
 
 
 def _unwrap(carrier: ET.Element, parent: ET.Element) -> None:
@@ -131,10 +126,10 @@ def _unwrap(carrier: ET.Element, parent: ET.Element) -> None:
         inner.insert(0, joint)
         for name in POSE:
             inner.set(name, carrier.get(name, ""))
-    at = list(parent).index(carrier)
+    index = list(parent).index(carrier)
     carrier.remove(inner)
     parent.remove(carrier)
-    parent.insert(at, inner)
+    parent.insert(index, inner)
 
 
 def with_keyframes(
@@ -161,7 +156,7 @@ def with_keyframes(
     kept = [(key.attrib.pop("qpos", None), key.attrib.pop("qvel", None)) for key in keys]
     after = compiled(scene.xml.text, scene.path.parent, scene.path.name)
     old = [j for j in range(before.njnt) if before.joint(j).name not in gone]
-    own = {before.joint(j).name for j in old}
+    of_file = {before.joint(j).name for j in old}
     same = not gone and [before.joint(j).name for j in range(before.njnt)] == [
         after.joint(j).name for j in range(after.njnt)
     ]
@@ -171,11 +166,13 @@ def with_keyframes(
             angles = np.array([values[before.joint(name).qposadr[0]] for name in joints.names])
             stood = posture(law, joints, np.linalg.solve(law.nominal, joints.signs * angles))
             stood = {renamed.get(name, name): value for name, value in stood.items()}
-            key.set("qpos", qpos if same else numbers(_moved(before, after, old, own, values, "qpos", stood)))
+            key.set(
+                "qpos", qpos if same else numbers(_moved(before, after, old, of_file, values, "qpos", stood))
+            )
         if qvel is not None:
             key.set(
                 "qvel",
-                qvel if same else numbers(_moved(before, after, old, own, before.key_qvel[k], "dof", {})),
+                qvel if same else numbers(_moved(before, after, old, of_file, before.key_qvel[k], "dof", {})),
             )
 
 
@@ -187,16 +184,16 @@ def _moved(
     sizes = {"qpos": (7, 4, 1, 1), "dof": (6, 3, 1, 1)}[what]
     start = {"qpos": "jnt_qposadr", "dof": "jnt_dofadr"}[what]
     out = after.qpos0.copy() if what == "qpos" else np.zeros(after.nv)
-    own = iter(old)
+    remaining = iter(old)
     for j in range(after.njnt):
         name, size = after.joint(j).name, sizes[int(after.jnt_type[j])]
-        at = int(getattr(after, start)[j])
+        address = int(getattr(after, start)[j])
         if name and name not in names:
             if name in stood:
-                out[at] = stood[name]
+                out[address] = stood[name]
             continue
-        was = int(getattr(before, start)[next(own)])
-        out[at : at + size] = values[was : was + size]
+        was = int(getattr(before, start)[next(remaining)])
+        out[address : address + size] = values[was : was + size]
     return out
 
 
@@ -257,7 +254,7 @@ def with_unique_names(xml: XmlText, model: Any, arm: Iterable[str], where: str) 
             if kind == "joint" and name in arm:
                 what = f"an added joint would have the name of the arm's joint {name}"
                 raise BayescalError(what, where, "rename that joint")
-            new = next(own for k in range(2, 10**6) if (own := f"{name}_{k}") not in taken[kind])
+            new = next(free for k in range(2, 10**6) if (free := f"{name}_{k}") not in taken[kind])
             renamed.setdefault(kind, {})[name] = new
             taken[kind].add(new)
     for e, kind in added:

@@ -1,32 +1,36 @@
-"""A user's MJCF file with the fitted arm in it."""
+"""A user's MJCF file with the fitted arm in it: a list of edits, each of which changes the tree.
+
+An edit takes the `Scene` and returns what a user should know of it.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from typing import Any
 from xml.etree import ElementTree as ET
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from bayescal.arm.transforms import rigid
 from bayescal.errors import BayescalError
-from bayescal.exporting.geometry import number, numbers
-from bayescal.exporting.mjcf.content import DEFAULT, Content, add, bare, law_of, place
-from bayescal.exporting.mjcf.links import (
+from bayescal.exporting.mjcf.elastic import Content
+from bayescal.exporting.mjcf.mechanism import (
     MOST,
     Body,
-    Hinge,
     Mechanism,
-    bands,
     defaults,
+    held,
     hinge,
     mechanism,
+    place,
     tips,
     tool,
+    without_empty,
 )
-from bayescal.exporting.mjcf.readings import Joints, Sections, parts
+from bayescal.exporting.mjcf.readings import DEFAULT, Joints, Law, bare, law_of
 from bayescal.exporting.mjcf.scene_arm import (
     FoundArm,
     compiled,
@@ -40,7 +44,8 @@ from bayescal.exporting.mjcf.scene_arm import (
 from bayescal.exporting.mjcf.scene_parts import check, with_keyframes, with_unique_names, without_earlier
 from bayescal.exporting.same_arm import ANGLE, Match, smallest_turn
 from bayescal.exporting.sidecar import mujoco
-from bayescal.exporting.written import Options, Placed, path_of
+from bayescal.exporting.written import Options, Written, path_of
+from bayescal.exporting.xml_text import add, element, number, numbers
 from bayescal.fitted.arm import FittedArm
 
 LIGHT = 1e-3
@@ -52,21 +57,48 @@ SAME = 1e-12
 
 
 @dataclass(frozen=True)
-class Patched:
-    """A patched file: its text, details for the sidecar, notes, and its text in another folder.
+class Scene:
+    """A user's file that is edited: its tree, its arm, and the fitted arm that takes its place.
 
-    `bodies` are names of the bodies that base, links and flange of the arm displace.
+    `spec` and `model` are of the file as it was, without the parts of an earlier export. `where` is the match
+    of the arms, `names` those of the file's joints by those of the robot.
     """
 
-    text: str
-    details: dict[str, Any]
-    notes: list[str]
-    placed: Placed
-    bodies: tuple[str, ...]
+    name: str
+    root: ET.Element
+    spec: Any
+    model: Any
+    arm: FoundArm
+    where: Match
+    content: Content
+    law: Law
+    names: Mapping[str, str]
+
+    @cached_property
+    def machine(self) -> Mechanism:
+        """The fitted arm."""
+        return mechanism(self.content, self.law)
+
+    @property
+    def joints(self) -> Joints:
+        """Joints of the arm in the file."""
+        return Joints(tuple(self.names.values()), self.where.signs)
+
+    @property
+    def yields(self) -> bool:
+        """Whether the fitted arm has springs or errors of its readings."""
+        return any(len(b.hinges) > (b.name != "base") for b in self.machine.bodies)
+
+    def named(self, name: str) -> str:
+        """Name of a hinge in the file: that of the file's joint with the same ending."""
+        for ours, theirs in self.names.items():
+            if name == ours or name.startswith(f"{ours}_"):
+                return theirs + name.removeprefix(ours)
+        return name
 
 
-def patched(arm: FittedArm, options: Options) -> Patched:
-    """The user's file with the fitted arm.
+def patched(arm: FittedArm, options: Options) -> tuple[Written, tuple[str, ...]]:
+    """The user's file with the fitted arm, and the names of its bodies that are base, links and flange.
 
     The bodies of the arm get calibrated poses. If the arm has springs or errors of its readings, hinges for
     them are added behind its joints, and its bodies get masses and centres of mass of its model, and the file
@@ -78,67 +110,57 @@ def patched(arm: FittedArm, options: Options) -> Patched:
         If the file cannot be patched, or is of another arm.
     """
     path, tip = path_of(options.into)
-    scene, robot = read_scene(path), arm.dataset.robot
-    root = scene.root
-    before = compiled(scene.xml.text, path.parent, path.name)
-    gone = without_earlier(root)
-    spec = spec_of(skeleton(root), path.parent, path.name)
-    model = model_of(spec, path.name)
-    found = find_arm(root, spec, model, robot, tip, path.name)
-    where = _upright(found.where, before.opt.gravity, arm.dataset.gravity)
-    content = Content(arm, options.state)
-    law = bare(law_of(content)) if options.readings == "script" else law_of(content)
-    machine = mechanism(content, law)
-    names = dict(zip(robot.joint_names, found.file.names, strict=True))
-    yields = any(len(b.hinges) > (b.name != "base") for b in machine.bodies)
-    load = machine.loads[int(arm.dataset.measurements.tool[options.state])]
-    joints = Joints(tuple(names.values()), where.signs)
-    notes = [f"{name} stands in place of its <include>" for name in scene.included]
-    _poses(found, where, machine)
-    flange = _flange(found, where, machine)
-    tips(flange, machine.loads)
-    if yields:
-        flange.set("childclass", DEFAULT)
-        tool(flange, load)
-        notes += [*_explicit_masses(root, spec, path.name), *_integrator(root, model)]
-        notes += _links(found, where, machine, names, model)
-        _stand(root, found, where, machine)
-        defaults(root, shown=False)
-        world = root.find("worldbody")
-        assert world is not None
-        to = Sections(world, _section(root, "tendon"), _section(root, "equality"))
-        renamed = {h.name: _named(h.name, names) for b in machine.bodies for h in b.hinges}
-        bands(to.tendon, machine, renamed)
-        moments = arm.model.scene.moments
-        torques = np.zeros(1) if moments is None else np.abs(moments[:, 1:, 2])
-        parts(to, law, joints, torques)
-        for section in (to.tendon, to.equality):
-            if not len(section):
-                root.remove(section)
-    others = with_unique_names(scene.xml, model, found.file.names, path.name)
-    with_keyframes(scene, before, gone, law, joints, others.get("joint", {}))
-    text = scene.xml.text
+    file = read_scene(path)
+    before = compiled(file.xml.text, path.parent, path.name)
+    gone = without_earlier(file.root)
+    scene = _scene(arm, options, file.root, tip, before)
+    notes = [f"{name} stands in place of its <include>" for name in file.included]
+    for edit in (*GEOMETRY, *(ELASTIC if scene.yields else ())):
+        notes += edit(scene)
+    model, names = scene.model, scene.arm.file.names
+    others = with_unique_names(file.xml, model, names, path.name)
+    with_keyframes(file, before, gone, scene.law, scene.joints, others.get("joint", {}))
+    text = file.xml.text
     after = compiled(text, path.parent, path.name)
-    check(found, where, machine, model, after, others.get("body", {}), path.name)
+    check(scene.arm, scene.where, scene.machine, model, after, others.get("body", {}), path.name)
+    notes += [
+        f"the file has a {kind} {name}: that of the arm is called {new}"
+        for kind, each in others.items()
+        for name, new in each.items()
+    ]
+    links = [model.body(b).name for b in scene.arm.ids]
     details = {
         "into": path.name,
-        "tip": model.body(found.ids[-1]).name,
-        "joints": names,
-        "joint_from_reading": (where.signs[:, None] * robot.link_from_reading).tolist(),
-        "signs": where.signs.tolist(),
-        "root_in_f0": where.root.tolist(),
+        "tip": links[-1],
+        "joints": scene.names,
+        "joint_from_reading": (scene.where.signs[:, None] * arm.dataset.robot.link_from_reading).tolist(),
+        "signs": scene.where.signs.tolist(),
+        "root_in_f0": scene.where.root.tolist(),
         "renamed": others,
     }
-    for kind, each in others.items():
-        for name, new in each.items():
-            notes.append(f"the file has a {kind} {name}: that of the arm is called {new}")
-    links = [model.body(b).name for b in found.ids]
-    return Patched(
-        text,
-        details,
-        [*notes, *where.notes, *_carried(model, found)],
-        partial(moved, text, path.parent),
-        (links[0], *links, others.get("body", {}).get("flange", "flange")),
+    notes += [*scene.where.notes, *_carried(model, scene.arm)]
+    written = Written(text, notes=notes, details=details, placed=partial(moved, text, path.parent))
+    return written, (links[0], *links, others.get("body", {}).get("flange", "flange"))
+
+
+def _scene(arm: FittedArm, options: Options, root: ET.Element, tip: str, before: Any) -> Scene:
+    """The arm in a tree; `before` is the compiled file."""
+    (path, _), robot = path_of(options.into), arm.dataset.robot
+    spec = spec_of(skeleton(root), path.parent, path.name)
+    model = model_of(spec, path.name)
+    in_file = find_arm(root, spec, model, robot, tip, path.name)
+    content = Content(arm, options.state)
+    law = law_of(content)
+    return Scene(
+        path.name,
+        root,
+        spec,
+        model,
+        in_file,
+        _upright(in_file.where, before.opt.gravity, arm.dataset.gravity),
+        content,
+        bare(law) if options.readings == "script" else law,
+        dict(zip(robot.joint_names, in_file.file.names, strict=True)),
     )
 
 
@@ -152,28 +174,23 @@ def _upright(where: Match, theirs: np.ndarray, ours: np.ndarray) -> Match:
     return replace(where, root=turn @ where.root)
 
 
-def _poses(found: FoundArm, where: Match, machine: Mechanism) -> None:
+def _poses(scene: Scene) -> list[str]:
     """Calibrated poses of the bodies, as the file writes them: at the references of their joints."""
-    links: list[np.ndarray] = []
-    pose = np.linalg.inv(where.root)
-    for body in machine.bodies:
+    arm, links = scene.arm, list[np.ndarray]()
+    pose = np.linalg.inv(scene.where.root)
+    for body in scene.machine.bodies:
         pose = pose @ body.pose
         if body.hinges and body.name.startswith("link") and body.hinges[0].spring is None:
             links.append(pose)  # of the body that the joint turns
     before = np.eye(4)
-    for k, element in enumerate(found.bodies):
-        anchor = rigid(None, found.anchors[k])
-        here = links[k] @ where.own[k] @ np.linalg.inv(anchor)
-        turn = _about(found.file.axes[k], found.references[k])
-        local = np.linalg.inv(before @ found.steps[k]) @ here @ anchor @ turn @ np.linalg.inv(anchor)
-        _place(element, local, found.written[k])
+    for k, body_element in enumerate(arm.bodies):
+        anchor = rigid(None, arm.anchors[k])
+        here = links[k] @ scene.where.links[k] @ np.linalg.inv(anchor)
+        turn = rigid(Rotation.from_rotvec(arm.references[k] * arm.file.axes[k]).as_matrix())
+        local = np.linalg.inv(before @ arm.steps[k]) @ here @ anchor @ turn @ np.linalg.inv(anchor)
+        _place(body_element, local, arm.written[k])
         before = here
-
-
-def _about(axis: np.ndarray, angle: float) -> np.ndarray:
-    from scipy.spatial.transform import Rotation
-
-    return rigid(Rotation.from_rotvec(angle * axis).as_matrix())
+    return []
 
 
 def _place(element: ET.Element, pose: np.ndarray, before: np.ndarray) -> None:
@@ -187,34 +204,35 @@ def _place(element: ET.Element, pose: np.ndarray, before: np.ndarray) -> None:
         element.set("quat", new["quat"])
 
 
-def _links(found: FoundArm, where: Match, machine: Mechanism, names: dict[str, str], model: Any) -> list[str]:
-    """Masses, and hinges behind the joints; notes."""
-    known, lifted = any(b.mass > 0 for b in machine.bodies), []
-    for k, element in enumerate(found.bodies):
-        own = [b for b in machine.bodies if b.name.partition("_")[0] == f"link{k + 1}"]
-        to_file = np.linalg.inv(where.own[k] @ np.linalg.inv(rigid(None, found.anchors[k])))
-        if known and model.body_gravcomp[found.ids[k]] != (own[-1].mass <= 0):
-            element.set("gravcomp", "0" if own[-1].mass > 0 else "1")
-            lifted += [element.get("name", "")] if own[-1].mass > 0 else []
-        _inertial(element, own[-1], to_file, model, found.ids[k])
+def _links(scene: Scene) -> list[str]:
+    """Masses, and hinges behind the joints."""
+    arm, bodies, lifted = scene.arm, scene.machine.bodies, []
+    weighed = any(b.mass > 0 for b in bodies)
+    for k, body_element in enumerate(arm.bodies):
+        parts = [b for b in bodies if b.name.partition("_")[0] == f"link{k + 1}"]
+        heavy = parts[-1].mass > 0
+        to_file = np.linalg.inv(scene.where.links[k] @ np.linalg.inv(rigid(None, arm.anchors[k])))
+        if weighed and scene.model.body_gravcomp[arm.ids[k]] != (not heavy):
+            body_element.set("gravcomp", "0" if heavy else "1")
+            lifted += [body_element.get("name", "")] if heavy else []
+        _inertial(body_element, parts[-1], to_file, scene.model, arm.ids[k])
         made = ET.Element("holder")
-        for h in [h for body in own for h in body.hinges][1:]:
-            axis, pos = to_file[:3, :3] @ h.axis, to_file[:3, :3] @ h.pos + to_file[:3, 3]
-            hinge(made, Hinge(_named(h.name, names), axis, pos, h.spring, h.rest))
-        _insert(found, k, list(made))
+        for h in [h for body in parts for h in body.hinges][1:]:
+            hinge(made, replace(h.seen(to_file, scene.named(h.name)), limits=None))
+        _insert(arm, k, list(made))
     return [f"gravity acts on {', '.join(lifted)}: springs of the arm carry them"] if lifted else []
 
 
-def _insert(found: FoundArm, k: int, hinges: list[ET.Element]) -> None:
+def _insert(arm: FoundArm, k: int, hinges: list[ET.Element]) -> None:
     """Hinges behind a joint; if they are too many for a body, the joint and the first ones are in another.
 
     The user's body keeps its name and its parts; the further body stands before it.
     """
-    element, joint = found.bodies[k], found.joints[k]
-    at = list(element).index(joint) + 1
+    element, joint = arm.bodies[k], arm.joints[k]
+    index = list(element).index(joint) + 1
     more = max(0, 1 + len(hinges) - MOST)
     for h in reversed(hinges[more:]):
-        element.insert(at, h)
+        element.insert(index, h)
     if not more:
         return
     carrier = ET.Element("body", name=f"{element.get('name')}_carrier", gravcomp="1")
@@ -226,80 +244,74 @@ def _insert(found: FoundArm, k: int, hinges: list[ET.Element]) -> None:
     add(carrier, "inertial", pos=np.zeros(3), mass=LIGHT, diaginertia=[1e-2 * LIGHT] * 3)
     element.remove(joint)
     carrier.extend([joint, *hinges[:more]])
-    parent = found.parents[element]
+    parent = arm.parents[element]
     parent.insert(list(parent).index(element), carrier)
     parent.remove(element)
     carrier.append(element)
-
-
-def _named(name: str, names: dict[str, str]) -> str:
-    """Name of a hinge in the file: that of the file's joint with the same ending."""
-    for own, theirs in names.items():
-        if name == own or name.startswith(f"{own}_"):
-            return theirs + name.removeprefix(own)
-    return name
 
 
 def _inertial(element: ET.Element, body: Body, to_file: np.ndarray, model: Any, number_: int) -> None:
     """Mass and centre of mass of the arm's model; the inertia of the file."""
     if body.mass <= 0:
         return
-    own = element.find("inertial")
-    if own is None:
-        own = ET.Element("inertial", quat=numbers(model.body_iquat[number_]))
-        own.set("diaginertia", numbers(np.maximum(model.body_inertia[number_], 1e-9)))
-        element.insert(0, own)
-    own.set("mass", number(body.mass))
-    own.set("pos", numbers(to_file[:3, :3] @ body.centre + to_file[:3, 3]))
+    inertial = element.find("inertial")
+    if inertial is None:
+        inertial = ET.Element("inertial", quat=numbers(model.body_iquat[number_]))
+        inertial.set("diaginertia", numbers(np.maximum(model.body_inertia[number_], 1e-9)))
+        element.insert(0, inertial)
+    inertial.set("mass", number(body.mass))
+    inertial.set("pos", numbers(to_file[:3, :3] @ body.centre + to_file[:3, 3]))
 
 
-def _stand(root: ET.Element, found: FoundArm, where: Match, machine: Mechanism) -> None:
+def _stand(scene: Scene) -> list[str]:
     """A body for the hinges of the stand, around the first link: what carries the arm does not load them."""
-    base = machine.bodies[0]
+    arm, base = scene.arm, scene.machine.bodies[0]
     if not base.hinges:
-        return
-    parent = {child: e for e in root.iter() for child in e}
-    top = found.bodies[0]
-    if parent[found.joints[0]] is not top:  # in a body before it
+        return []
+    parent = {child: e for e in scene.root.iter() for child in e}
+    top = arm.bodies[0]
+    if parent[arm.joints[0]] is not top:  # in a body before it
         top = parent[top]
     around = parent[top]
-    at = list(around).index(top)
+    place_of_top = list(around).index(top)
     around.remove(top)
-    stand = ET.Element("body", name="stand", gravcomp="1")
+    stand = element("body", name="stand", gravcomp="1")
     add(stand, "inertial", pos=np.zeros(3), mass=1.0, diaginertia=[0.01] * 3)
-    to_parent = np.linalg.inv(where.root @ found.steps[0]) @ base.pose
+    to_parent = np.linalg.inv(scene.where.root @ arm.steps[0]) @ base.pose
     for h in base.hinges:
-        axis, pos = to_parent[:3, :3] @ h.axis, to_parent[:3, :3] @ h.pos + to_parent[:3, 3]
-        hinge(stand, replace(h, axis=axis, pos=pos))
+        hinge(stand, h.seen(to_parent))
     stand.append(top)
-    around.insert(at, stand)
+    around.insert(place_of_top, stand)
+    return []
 
 
-def _flange(found: FoundArm, where: Match, machine: Mechanism) -> ET.Element:
-    """A body for the flange on the last body of the arm."""
-    own = where.own[-1] @ np.linalg.inv(rigid(None, found.anchors[-1]))
-    return add(found.bodies[-1], "body", name="flange", **place(np.linalg.inv(own) @ machine.flange))
+def _flange(scene: Scene) -> list[str]:
+    """A body for the flange on the last body of the arm, with the tips of the tools; if it yields, a tool."""
+    arm, machine = scene.arm, scene.machine
+    last = scene.where.links[-1] @ np.linalg.inv(rigid(None, arm.anchors[-1]))
+    flange = add(arm.bodies[-1], "body", name="flange", **place(np.linalg.inv(last) @ machine.flange))
+    tips(flange, machine.loads)
+    if scene.yields:
+        flange.set("childclass", DEFAULT)
+        row = scene.content.row
+        tool(flange, machine.loads[int(scene.content.arm.dataset.measurements.tool[row])])
+    return []
 
 
-def _section(root: ET.Element, tag: str) -> ET.Element:
-    found = root.find(tag)
-    return ET.SubElement(root, tag) if found is None else found
-
-
-def _integrator(root: ET.Element, model: Any) -> list[str]:
+def _integrator(scene: Scene) -> list[str]:
     """The integrator that is implicit in positions."""
-    kinds = mujoco().mjtIntegrator
-    if model.opt.integrator == kinds.mjINT_DISCRETE:
+    root, kinds = scene.root, mujoco().mjtIntegrator
+    if scene.model.opt.integrator == kinds.mjINT_DISCRETE:
         return []
     options = root.findall("option") or [ET.Element("option")]
     if root.find("option") is None:
         root.insert(0, options[0])
     options[-1].set("integrator", "discrete")  # of several, the last one counts
-    was = kinds(model.opt.integrator).name.removeprefix("mjINT_").lower()
+    was = kinds(scene.model.opt.integrator).name.removeprefix("mjINT_").lower()
     return [f"the integrator is discrete (it was {was}): springs of joints are stiff"]
 
 
-def _explicit_masses(root: ET.Element, spec: Any, where: str) -> list[str]:
+def _explicit_masses(scene: Scene) -> list[str]:
     """Masses as bodies state them, where MuJoCo took all from the geoms: those of other bodies stay the same.
 
     Raises
@@ -308,18 +320,18 @@ def _explicit_masses(root: ET.Element, spec: Any, where: str) -> list[str]:
         If MuJoCo scales all masses to a total, or removes the bodies that are to carry the tool.
     """
     for name in ("settotalmass", "fusestatic"):
-        if getattr(spec.compiler, name) > 0:
+        if getattr(scene.spec.compiler, name) > 0:
             what = f"compiler {name}: MuJoCo changes masses and bodies of the file when it reads it"
-            raise BayescalError(what, where, f"remove {name}, or export a fit of the geometry alone")
-    if spec.compiler.inertiafromgeom != mujoco().mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE:
+            raise BayescalError(what, scene.name, f"remove {name}, or export a fit of the geometry alone")
+    if scene.spec.compiler.inertiafromgeom != mujoco().mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE:
         return []
-    for compiler in root.iter("compiler"):
+    for compiler in scene.root.iter("compiler"):
         if "inertiafromgeom" in compiler.attrib:
             compiler.set("inertiafromgeom", "auto")
-    for body in list(root.iter("body")):
-        own = body.find("inertial")
-        if own is not None and any(e.tag == "geom" for e in _parts_of(body)):
-            body.remove(own)  # it had no effect
+    for body in list(scene.root.iter("body")):
+        stated = body.find("inertial")
+        if stated is not None and any(e.tag == "geom" for e in _parts_of(body)):
+            body.remove(stated)  # it had no effect
     return ["inertiafromgeom is auto (it was true): bodies of the arm have the masses of its model"]
 
 
@@ -331,9 +343,24 @@ def _parts_of(body: ET.Element) -> Iterator[ET.Element]:
             yield from _parts_of(e)
 
 
-def _carried(model: Any, found: FoundArm) -> list[str]:
+def _held(scene: Scene) -> list[str]:
+    """Defaults of all added parts, and what holds their hinges."""
+    defaults(scene.root, shown=False)
+    renamed = {h.name: scene.named(h.name) for b in scene.machine.bodies for h in b.hinges}
+    held(scene.root, scene.content, scene.machine, scene.law, scene.joints, renamed)
+    without_empty(scene.root)
+    return []
+
+
+GEOMETRY = (_poses, _flange)
+"""Edits for a rigid arm."""
+ELASTIC = (_explicit_masses, _integrator, _links, _stand, _held)
+"""Further ones for an arm with springs or errors of its readings."""
+
+
+def _carried(model: Any, arm: FoundArm) -> list[str]:
     """Masses on the last body of the file, besides the tool."""
-    last = found.ids[-1]
+    last = arm.ids[-1]
     more = float(model.body_subtreemass[last] - model.body_mass[last])
     if more <= 1e-6:
         return []

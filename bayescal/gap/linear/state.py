@@ -56,6 +56,57 @@ def design(p: Problem, columns: np.ndarray, scales: np.ndarray) -> np.ndarray:
     return np.column_stack([p.jacobian, p.pool[:, columns] * scales])
 
 
+class _Normal:
+    """Normal equations of a hypothesis at row weights and a noise scale.
+
+    Gauss-Newton steps are exact: the problem is linear. The products over contacts are kept, because from one
+    fit to the next the weights of only a few rows change.
+    """
+
+    def __init__(self, p: Problem, columns: np.ndarray, scales: np.ndarray) -> None:
+        self.problem, self.x = p, design(p, columns, scales)
+        of_contacts, of_constraints = self.x[: p.count], self.x[p.count :]
+        self.contacts = of_contacts
+        self.pull = np.concatenate([p.z, np.zeros(len(columns))])
+        self.fixed = np.eye(self.x.shape[1]) + of_constraints.T @ of_constraints
+        self.push = of_constraints.T @ p.residual[p.count :] + self.pull
+        self.gram, self.score = np.zeros_like(self.fixed), np.zeros(len(self.pull))
+        self.weight = np.zeros(p.count)  # the row weights of these two
+        # rows that are worth less than 1 have a larger covariance in proportion
+        self.unit = (np.sqrt(p.base)[:, None] * self.x)[: p.count].T
+
+    def solve(
+        self, weight: np.ndarray, kappa: float
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Step (D + k,), residuals (R,) there, information of the contacts, and Cholesky factor of all."""
+        p = self.problem
+        weight = weight[: p.count]
+        changed = np.flatnonzero(weight != self.weight)
+        if 4 * len(changed) < p.count:  # only a few rows changed: update instead of a full evaluation
+            some = self.contacts[changed]
+            weighted = some * (weight[changed] - self.weight[changed])[:, None]
+            self.gram = self.gram + weighted.T @ some
+            self.score = self.score + weighted.T @ p.residual[changed]
+        else:
+            root = np.sqrt(weight)
+            half = self.contacts * root[:, None]
+            self.gram, self.score = half.T @ half, half.T @ (root * p.residual[: p.count])
+        self.weight = weight.copy()
+        information = self.gram / kappa**2
+        factor = factored(information + self.fixed)
+        step = -solved(factor, self.score / kappa**2 + self.push)
+        return step, p.residual + self.x @ step, information, factor
+
+    def judged(self, r: np.ndarray, weight: np.ndarray, kappa: float, factor: np.ndarray) -> Judged:
+        """All contacts with their leverage in the fit."""
+        slopes, share = halved(factor, self.unit).T / kappa, weight / self.problem.base
+        parts = []
+        for rows in self.problem.by_size:
+            own = slopes[rows]
+            parts.append((r[rows], np.einsum("cid,cjd->cij", own, own), share[rows[:, 0]]))
+        return Judged.of(parts)
+
+
 def fit_state(
     p: Problem,
     columns: np.ndarray | Sequence[int],
@@ -75,79 +126,31 @@ def fit_state(
         Search for outliers.
     """
     columns, scales = np.asarray(columns, int), np.asarray(scales, float)
-    x = design(p, columns, scales)
-    pull = np.concatenate([p.z, np.zeros(len(columns))])
-    count = p.count
-    base = p.base
-    weight = base.copy() if start is None else np.where(start > 0, base, 0.0)
-    fixed = np.eye(x.shape[1]) + x[count:].T @ x[count:]
-    push = x[count:].T @ p.residual[count:] + pull
-    size = np.bincount(p.contact)
-
-    gram, score = np.zeros_like(fixed), np.zeros(len(pull))
-    of = np.zeros(count)  # the row weights of these two
-
-    def solve(w: np.ndarray, kappa: float):
-        nonlocal gram, score, of
-        changed = np.flatnonzero(w[:count] != of)
-        if 4 * len(changed) < count:  # only a few rows changed: update instead of a full evaluation
-            some = x[changed]
-            weighted = some * (w[changed] - of[changed])[:, None]
-            gram, score = gram + weighted.T @ some, score + weighted.T @ p.residual[changed]
-        else:
-            root = np.sqrt(w[:count])
-            half = x[:count] * root[:, None]
-            gram, score = half.T @ half, half.T @ (root * p.residual[:count])
-        of = w[:count].copy()
-        info = gram / kappa**2
-        factor = factored(info + fixed)
-        step = -solved(factor, score / kappa**2 + push)
-        return step, p.residual + x @ step, info, factor
-
-    # rows that are worth less than 1 have a larger covariance in proportion
-    unit = (np.sqrt(base)[:, None] * x)[:count].T
-
-    def judged(r: np.ndarray, kappa: float, factor: np.ndarray) -> Judged:
-        slopes = halved(factor, unit).T / kappa
-        parts = []
-        for at in p.by_size:
-            own = slopes[at]
-            parts.append((r[at], np.einsum("cid,cjd->cij", own, own), (weight / base)[at[:, 0]]))
-        return Judged.of(parts)
-
-    kappa = 1.0
+    normal, count, base = _Normal(p, columns, scales), p.count, p.base
+    weight, kappa = base.copy() if start is None else np.where(start > 0, base, 0.0), 1.0
     if robust and start is None:
-        for k in range(LINEAR.rounds):  # Student t, with a scale from the median of the chi-squares
-            step, r, info, factor = solve(weight, kappa)
-            square = np.bincount(p.contact, r[:count] ** 2)
-            taken = float(np.trace(solved(factor, info)))
-            before, kappa = kappa, scale(square, size, taken)
-            weight[:count] = base[:count] * student_weights(square, size, kappa)[p.contact]
-            if k > 2 and abs(np.log(kappa / before)) < 3e-3:
-                break
+        weight, kappa = _student(normal, weight)
     for _ in range(LINEAR.rounds):
-        step, r, info, factor = solve(weight, kappa)
-        chi2 = float(np.sum(weight[:count] * r[:count] ** 2))
-        kept = float(np.sum(weight[:count]))
+        _, r, information, factor = normal.solve(weight, kappa)
+        chi2, kept = float(np.sum(weight[:count] * r[:count] ** 2)), float(np.sum(weight[:count]))
         old = weight.copy()
         if robust:
-            found = judged(r, kappa, factor)
-            effective_dof = float(found.weight @ found.taken)
-            for at, own in zip(p.by_size, np.split(~found.outliers(), p.ends), strict=True):
-                used = own if p.sharing is None else own | p.sharing[p.contact[at[:, 0]]]
-                weight[at] = used[:, None] * base[at]
+            judged = normal.judged(r, weight, kappa, factor)
+            effective_dof = float(judged.weight @ judged.taken)
+            for rows, good in zip(p.by_size, np.split(~judged.outliers(), p.ends), strict=True):
+                used = good if p.sharing is None else good | p.sharing[p.contact[rows[:, 0]]]
+                weight[rows] = used[:, None] * base[rows]
         else:
-            effective_dof = float(np.trace(solved(factor, info)))
+            effective_dof = float(np.trace(solved(factor, information)))
         dof = max(kept - effective_dof, 0.0) + STATED_WORTH
         before, kappa = kappa, float(np.sqrt((chi2 + STATED_WORTH) / dof))
         if abs(np.log(kappa / before)) < 1e-4 and np.array_equal(old, weight):
             break
-    step, r, info, factor = solve(weight, kappa)
-    chi2 = float(np.sum(weight[:count] * r[:count] ** 2))
-    kept = float(np.sum(weight[:count]))
-    covariance = solved(factor, np.eye(len(pull)))
-    effective_dof = float(np.sum(covariance * info))
-    z = pull + step
+    step, r, information, factor = normal.solve(weight, kappa)
+    chi2, kept = float(np.sum(weight[:count] * r[:count] ** 2)), float(np.sum(weight[:count]))
+    covariance = solved(factor, np.eye(len(step)))
+    effective_dof = float(np.sum(covariance * information))
+    z = normal.pull + step
     lost = np.unique(p.contact[weight[:count] == 0])
     log_evidence = (
         -(kept + STATED_WORTH) * np.log(kappa)
@@ -158,6 +161,21 @@ def fit_state(
         - 0.5 * np.log(2.0 * (kept - effective_dof + STATED_WORTH))
     )
     return State(p, columns, scales, weight, kappa, r, step, covariance, effective_dof, log_evidence, robust)
+
+
+def _student(normal: _Normal, weight: np.ndarray) -> tuple[np.ndarray, float]:
+    """Row weights (R,) of a fit with Student t noise, and its scale, by the median of the chi-squares."""
+    p, kappa, weight = normal.problem, 1.0, weight.copy()
+    size = np.bincount(p.contact)
+    for k in range(LINEAR.rounds):
+        _, r, information, factor = normal.solve(weight, kappa)
+        square = np.bincount(p.contact, r[: p.count] ** 2)
+        taken = float(np.trace(solved(factor, information)))
+        before, kappa = kappa, scale(square, size, taken)
+        weight[: p.count] = p.base[: p.count] * student_weights(square, size, kappa)[p.contact]
+        if k > 2 and abs(np.log(kappa / before)) < 3e-3:
+            break
+    return weight, kappa
 
 
 def again(state: State, p: Problem) -> State:

@@ -23,7 +23,7 @@ from bayescal.predict.crossvalidation import (
     validation_errors,
 )
 from bayescal.predict.errors import ValidationErrors, kept
-from bayescal.statistics import chi2_isf, chi2_sf
+from bayescal.statistics import chi2_isf, chi2_sf, rms
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class NoiseFloor:
 def stated_noise(fitted: Estimate, group: str) -> float:
     """Root mean square of the stated noise of a group's residuals, m."""
     sigma = [fitted.weights.sigma[b.name] for b in fitted.model.blocks if b.group == group]
-    return float(np.sqrt(np.mean(np.concatenate(sigma) ** 2)))
+    return rms(np.concatenate(sigma))
 
 
 def noise_floor(final: Estimate, group: str) -> NoiseFloor:
@@ -156,8 +156,7 @@ def _spheres(held: ValidationErrors, factor: float, noise: NoiseFloor, rng: np.r
 def _measured(what: str, count: int, error: np.ndarray, simulated: np.ndarray) -> Measured:
     """Measured RMS, and the one to expect: by mean squares, as a fit states it (its double is U, k = 2)."""
     low, high = interval95(simulated)
-    rms, expected = float(np.sqrt(np.mean(error**2))), float(np.sqrt(np.mean(simulated**2)))
-    return Measured(what, count, rms, expected, (float(low), float(high)))
+    return Measured(what, count, rms(error), rms(simulated), (float(low), float(high)))
 
 
 def model_levels(
@@ -185,7 +184,7 @@ def model_levels(
         density, block = log_predictive(h)
         gain, se = (0.0, 0.0) if before is None else difference(density - before, block)
         before = density
-        distances = float(np.sqrt(np.mean(h.distances.error**2))) if len(h.distances.error) else float("nan")
+        distances = rms(h.distances.error) if len(h.distances.error) else float("nan")
         out.append(
             Step(
                 effects,
@@ -221,4 +220,4 @@ def difference(gain: np.ndarray, block: np.ndarray) -> tuple[float, float]:
 
 
 def _rms(held: ValidationErrors, mine: np.ndarray) -> float:
-    return float(np.sqrt(np.mean(held.residual[mine] ** 2))) if np.any(mine) else float("nan")
+    return rms(held.residual[mine]) if np.any(mine) else float("nan")

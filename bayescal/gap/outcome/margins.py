@@ -8,13 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bayescal.estimate import Estimate, linearise, root
-from bayescal.gap.result import Margin
+from bayescal.gap.result import MARGINS, Margin
 from bayescal.gap.settings import OUTCOME
 from bayescal.model.model import length_blocks
 from bayescal.model.scene import Scene
 from bayescal.predict.crossvalidation import VALIDATED
 from bayescal.predict.errors import ValidationErrors
-from bayescal.statistics import f_sf, t_sf
+from bayescal.statistics import f_sf, rms, t_sf
 
 AXES = "xyz"
 Bin = tuple[str, str, np.ndarray]  # a label (of gap.json), the same as text, a mask (R,) of residuals
@@ -66,7 +66,7 @@ def margins(
     corrected = holm(np.array([m.p_value for _, _, m in found]))
     found = [(a, b, replace(m, p_value=float(p))) for (a, b, m), p in zip(found, corrected, strict=True)]
     out: dict[str, tuple[Margin, ...]] = {}
-    for margin in ("target", "joint", "region", "time", "direction"):
+    for margin in MARGINS:
         mine = [(family, m) for kind, family, m in found if kind == margin]
         if margin == "joint":
             mine = [pair for pair in mine if pair in _most_deviant(mine)]
@@ -119,7 +119,7 @@ def residuals(
     r, white, spread, fitted, suspect, rows, group = (np.concatenate(p) for p in zip(*parts, strict=True))
     dof = estimate.dof[held.main]
     if noise is not None:
-        fit = float(np.sqrt(np.mean(sd[kept & (group[: len(kept)] == held.main)] ** 2)))
+        fit = rms(sd[kept & (group[: len(kept)] == held.main)])
         white = white * np.where(group == held.main, fit / noise, 1.0)
         dof = dof if noise_dof is None else noise_dof
     direction, signed = _directions(model.scene, rows)
@@ -163,8 +163,8 @@ def margin_of(r: Residuals, label: str, text: str, mask: np.ndarray) -> Margin |
         p.append(float(f_sf(np.sum(e**2) / trace, max(trace**2 / square, 1.0), r.dof)))
     if variance > OUTCOME.absorbed * len(e):
         p.append(2 * float(t_sf(abs(np.sum(e)) / np.sqrt(variance), r.dof)))
-    rms, mean = float(np.sqrt(np.mean(r.residual[mask] ** 2))), float(np.mean(r.residual[mask]))
-    return Margin(label, text, contacts, rms, mean, min(2 * min(p), 1.0))
+    own = r.residual[mask]
+    return Margin(label, text, contacts, rms(own), float(np.mean(own)), min(2 * min(p), 1.0))
 
 
 def _bins(scene: Scene, r: Residuals) -> dict[str, list[tuple[str, Bin]]]:

@@ -24,9 +24,7 @@ from bayescal.gap.settings import OUTCOME
 from bayescal.model.scene import Scene
 from bayescal.predict.crossvalidation import LEFT_OUT
 from bayescal.predict.errors import ValidationErrors, kept
-from bayescal.statistics import chi2_sf
-
-DIRECTED = ("backlash", "latency", "unknown")
+from bayescal.statistics import chi2_sf, rms
 
 
 def play_or_late(alone: tuple[CellFit, ...], pool: Pool, credible: tuple[str, ...]) -> tuple[str, ...]:
@@ -35,7 +33,7 @@ def play_or_late(alone: tuple[CellFit, ...], pool: Pool, credible: tuple[str, ..
     Backlash follows the sign of the speed of a joint. The error of a reading that was not settled, or of a
     commanded position that the joint has not reached, follows the speed itself.
     """
-    if not set(credible) & set(DIRECTED):
+    if not any(name == "unknown" or (name in EFFECTS and EFFECTS[name].directed) for name in credible):
         return ()
     gain = {(pool.cells[f.cell].site, pool.cells[f.cell].driver): f.gain for f in alone}
     out = []
@@ -79,7 +77,7 @@ def alike(scene: Scene, members: Sequence[Member]) -> Iterator[str]:
 
 
 def _rms(values: np.ndarray) -> float:
-    return float(np.sqrt(np.mean(values**2))) if len(values) else 0.0
+    return rms(values) if len(values) else 0.0
 
 
 def _noise(fitted: Estimate, held: ValidationErrors) -> np.ndarray:

@@ -17,7 +17,7 @@ from bayescal.predict.crossvalidation import (
     resampled_distances,
 )
 from bayescal.predict.errors import CentreDistances, ValidationErrors, kept
-from bayescal.statistics import f_isf
+from bayescal.statistics import f_isf, rms
 
 NAN = float("nan")
 
@@ -51,7 +51,7 @@ def shrinkage(
             continue
         # replaces the noise of the fit by the best estimate, in the same proportions of rows
         main = mine & (after.group == after.main)
-        fit = float(np.sqrt(np.mean(after.noise[main] ** 2))) if np.any(main) else NAN
+        fit = rms(after.noise[main]) if np.any(main) else NAN
         own = np.where(main, after.noise * (noise / fit), after.noise)[mine]
         floor = own**2 + np.sum(after.by_parameters[mine] ** 2, axis=1)
         squares = np.stack(

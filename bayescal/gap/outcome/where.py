@@ -1,19 +1,19 @@
 """Locations of the gap: sites and drivers, with their size and probability.
 
-Unmodelled errors of a simple form: row and size of a sudden change, size of a rocking of the base.
-
-A generic cell tries a change at few rows. Its row is therefore searched again among the rows between them.
+Of unmodelled errors of a simple form also the row and size of a sudden change, or the size of a rocking of
+the base. A generic cell tries a change at few rows, between which its row is therefore searched again.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from bayescal.effects import Circumstances, Parameter
 from bayescal.effects.location import ARM, BASE, Driver, Site, face
+from bayescal.estimate import STATED_WORTH
 from bayescal.gap.linear.evidence import SCALE_PRIOR, Bank, log_sum, project, weigh_sets
 from bayescal.gap.linear.problem import without_nuisance
 from bayescal.gap.linear.state import State, fit_state
@@ -22,7 +22,7 @@ from bayescal.gap.search.beam import Hypothesis
 from bayescal.gap.search.cells import sets_of
 from bayescal.gap.search.unknown import CellFit, Pool, gains, with_set
 from bayescal.gap.settings import CELLS, OUTCOME
-from bayescal.statistics import chi2_sf, f_sf
+from bayescal.statistics import chi2_sf, f_sf, rms
 
 EVENT, ROCKING = Driver("event"), Driver("base moment", form="sign")
 UNKNOWN = "unknown"
@@ -48,15 +48,19 @@ def sizes(
     c : Circumstances
     """
     cell = pool.cells[f.cell]
-    own = pool.sets[f.best]
-    parameters = sets_of(cell, f.cell, c)[f.best - int(np.flatnonzero(pool.owner == f.cell)[0])]
+    parameters = _parameters(pool, f, c)
     if cell.driver == EVENT:
-        event, with_it = _event(without, with_it, pool, f, len(own))
+        event, with_it = _event(without, with_it, pool, f, len(pool.sets[f.best]))
         return event, _amplitudes(cell.site, cell.driver, parameters, _axes(parameters), with_it)
     if cell.driver == ROCKING and cell.site == BASE:
         what = [f"half-angle {_about(p, c)}" for p in parameters]
         return None, _amplitudes(cell.site, cell.driver, parameters, what, with_it)
     return None, ()
+
+
+def _parameters(pool: Pool, f: CellFit, c: Circumstances) -> tuple[Parameter, ...]:
+    """Parameters of the best set of a cell."""
+    return sets_of(pool.cells[f.cell], f.cell, c)[f.best - int(np.flatnonzero(pool.owner == f.cell)[0])]
 
 
 def _event(without: State, with_it: State, pool: Pool, f: CellFit, size: int) -> tuple[Event, State]:
@@ -132,14 +136,42 @@ def _about(p: Parameter, c: Circumstances) -> str:
     return f"about the horizontal axis at {azimuth} deg from x"
 
 
-def places(
-    hypothesis: Hypothesis,
-    pool: Pool,
-    named: Sequence[Parameter],
-    c: Circumstances,
-    excess: float,
-    size: int,
-) -> tuple[Place, ...]:
+@dataclass(frozen=True)
+class Scale:
+    """What the size of a location is relative to.
+
+    `excess` is the excess variance of a contact under the baseline, m2. Its size is what the first `size`
+    parameters do not absorb, those of the model; the errors of masses are not counted.
+    """
+
+    circumstances: Circumstances
+    excess: float
+    size: int
+
+    def share(self, size: float) -> float:
+        """Share of the excess variance of an RMS, m."""
+        return float(np.clip(size**2 / self.excess, 0.0, 1.0)) if self.excess > 0 else 0.0
+
+
+@dataclass(frozen=True)
+class Contribution:
+    """What is located: columns (R, k) of parameters (none of a random error) and their amplitudes (k,)."""
+
+    site: Site
+    driver: Driver
+    parameters: Sequence[Parameter]
+    columns: np.ndarray
+    amplitude: np.ndarray
+    gain: float  # nats
+    name: str = ""  # of a named effect
+
+    @property
+    def motion(self) -> np.ndarray:
+        """Change (R,) of the whitened residuals; that of a random error is not known."""
+        return self.columns @ self.amplitude if self.parameters else np.zeros(len(self.columns))
+
+
+def places(hypothesis: Hypothesis, pool: Pool, named: Sequence[Parameter], scale: Scale) -> tuple[Place, ...]:
     """Locations of named effects, then significant further ones, then the largest of the others.
 
     Parameters
@@ -150,14 +182,10 @@ def places(
         Generic cells.
     named : sequence of Parameter
         The pool of named candidates.
-    excess : float
-        Excess variance of a contact under the baseline, m2.
-    size : int
-        Number of parameters of the model: the size of a location is what these do not absorb; the errors of
-        masses are not counted.
+    scale : Scale
     """
-    out = list(places_named(hypothesis, named, c, excess, size))
-    state, tests = hypothesis.state, len(pool.sets)
+    out = list(places_named(hypothesis, named, scale))
+    state = hypothesis.state
     seen = {(p.site, p.driver) for p in out}
     most = max(OUTCOME.places, len(out) + OUTCOME.places_left)  # further locations are always listed
     while len(out) < most:
@@ -165,12 +193,11 @@ def places(
         ranked = [f for f in ranked if (pool.cells[f.cell].site, pool.cells[f.cell].driver) not in seen]
         if not ranked:
             break
-        place, wider = _of_cell(state, pool, ranked[0], c, excess, size, tests)
+        place, wider = _of_cell(state, pool, ranked[0], scale)
         out.append(place)
         seen.add((place.site, place.driver))
         if place.family_p_value > OUTCOME.significant:
-            for other in ranked[1 : 1 + most - len(out)]:
-                out.append(_of_cell(state, pool, other, c, excess, size, tests)[0])
+            out += [_of_cell(state, pool, f, scale)[0] for f in ranked[1 : 1 + most - len(out)]]
             break
         state = wider
     return tuple(out)
@@ -187,7 +214,8 @@ def f_test(state: State, columns: np.ndarray) -> float:
         return 1.0
     gain = float(np.sum((vectors[:, real].T @ projected.score) ** 2 / values[real]))
     count = state.problem.count
-    chi2 = float(np.sum(state.weight[:count] * state.residual[:count] ** 2)) / state.kappa**2
+    square = float(np.sum(state.weight[:count] * state.residual[:count] ** 2)) + STATED_WORTH
+    chi2 = square / state.kappa**2
     dof = max(state.dof - size, 1.0)
     return float(f_sf(gain / size / (max(chi2 - gain, 1e-9) / dof), size, dof))
 
@@ -208,50 +236,40 @@ def unabsorbed(state: State, contribution: np.ndarray) -> np.ndarray:
     return left[:count]
 
 
-def _place(
-    site: Site, driver: Driver, parameters: Sequence[Parameter], columns: np.ndarray, amplitude: np.ndarray,
-    without: State, with_it: State, c: Circumstances, excess: float, size: int, tests: int, gain: float,
-    name: str,
-) -> Place:  # fmt: skip
+def _place(of: Contribution, without: State, with_it: State, tests: int, scale: Scale) -> Place:
+    """The location of a contribution, by the fits without and with it; one of so many `tests`."""
     p = without.problem
-    contribution = columns @ amplitude
-    bare = fit_state(without_nuisance(p, size), (), (), without.weight, robust=False)
-    left = visible(bare, contribution)
+    bare = fit_state(without_nuisance(p, scale.size), (), (), without.weight, robust=False)
+    left = visible(bare, of.motion)
     kept = without.weight[: p.lengths] > 0
-    rms = float(np.sqrt(np.mean(left[kept] ** 2))) if np.any(kept) else 0.0
-    p_value = f_test(without, columns)
-    share = float(np.clip(rms**2 / excess, 0.0, 1.0)) if excess > 0 else 0.0
-    curve = _curve(site, driver, parameters, columns, contribution, with_it, c)
-    return Place(site, driver, rms, share, p_value, min(1.0, p_value * tests), gain, name, curve)
+    size = rms(left[kept]) if np.any(kept) else 0.0
+    p_value = f_test(without, of.columns)
+    curve = _curve(of, with_it, scale.circumstances)
+    family = min(1.0, p_value * tests)
+    return Place(of.site, of.driver, size, scale.share(size), p_value, family, of.gain, of.name, curve)
 
 
-def _of_cell(
-    state: State, pool: Pool, f: CellFit, c: Circumstances, excess: float, size: int, tests: int
-) -> tuple[Place, State]:
+def _of_cell(state: State, pool: Pool, f: CellFit, scale: Scale) -> tuple[Place, State]:
+    """The location of a generic cell, and the state with it."""
     cell = pool.cells[f.cell]
     if cell.clusters is not None:
-        return _of_random_cell(state, pool, f, c, excess, tests), state
+        return _of_random_cell(state, pool, f, scale), state
     start = state.weight if not state.gross else None
     wider = with_set(state, pool, f.best, f.scale, start)
     if wider.gross < state.gross:  # contacts that it explains are no outliers
         state = fit_state(state.problem, state.columns, state.scales, wider.weight, robust=False)
-    own = pool.sets[f.best]
     amplitude = wider.amplitudes[len(state.columns) :]
-    first = int(np.flatnonzero(pool.owner == f.cell)[0])
-    parameters = sets_of(cell, f.cell, c)[f.best - first]
-    place = _place(
-        cell.site, cell.driver, parameters, pool.columns[:, own], amplitude, state, wider, c, excess, size,
-        tests, f.gain, "",
-    )  # fmt: skip
+    parameters = _parameters(pool, f, scale.circumstances)
+    columns = pool.columns[:, pool.sets[f.best]]
+    of = Contribution(cell.site, cell.driver, parameters, columns, amplitude, f.gain)
+    place = _place(of, state, wider, len(pool.sets), scale)
     if place.family_p_value > OUTCOME.significant:
         return place, wider
-    event, amplitudes = sizes(state, wider, pool, f, c)
+    event, amplitudes = sizes(state, wider, pool, f, scale.circumstances)
     return replace(place, event=event, amplitudes=amplitudes), wider
 
 
-def _of_random_cell(
-    state: State, pool: Pool, f: CellFit, c: Circumstances, excess: float, tests: int
-) -> Place:
+def _of_random_cell(state: State, pool: Pool, f: CellFit, scale: Scale) -> Place:
     """The location of a random error: its standard deviation at the contacts, and no smooth curve.
 
     Its p-value is the inverse of its Bayes factor: without the error, a factor of k or more occurs with a
@@ -260,17 +278,15 @@ def _of_random_cell(
     cell, p = pool.cells[f.cell], state.problem
     column = pool.columns[:, pool.sets[f.best]]
     kept = state.weight[: p.lengths] > 0
-    size = column[: p.lengths, 0] * p.sigma * f.scale
-    rms = float(np.sqrt(np.mean(size[kept] ** 2))) if np.any(kept) else 0.0
-    share = float(np.clip(rms**2 / excess, 0.0, 1.0)) if excess > 0 else 0.0
+    sd = column[: p.lengths, 0] * p.sigma * f.scale
+    size = rms(sd[kept]) if np.any(kept) else 0.0
     p_value = float(np.exp(-max(f.gain, 0.0)))
-    curve = _curve(cell.site, cell.driver, (), column, np.zeros(len(column)), state, c)
-    return Place(cell.site, cell.driver, rms, share, p_value, min(1.0, p_value * tests), f.gain, "", curve)
+    of = Contribution(cell.site, cell.driver, (), column, np.zeros(0), f.gain)
+    curve, family = _curve(of, state, scale.circumstances), min(1.0, p_value * len(pool.sets))
+    return Place(cell.site, cell.driver, size, scale.share(size), p_value, family, f.gain, "", curve)
 
 
-def places_named(
-    hypothesis: Hypothesis, named: Sequence[Parameter], c: Circumstances, excess: float, size: int
-) -> tuple[Place, ...]:
+def places_named(hypothesis: Hypothesis, named: Sequence[Parameter], scale: Scale) -> tuple[Place, ...]:
     """The largest locations of every effect of a hypothesis; see `places`."""
     state, p = hypothesis.state, hypothesis.state.problem
     amplitudes = dict(zip(state.columns.tolist(), state.amplitudes, strict=True))
@@ -284,43 +300,35 @@ def places_named(
             groups = {(ARM, drivers.pop()): member.variant.columns.tolist()} | groups
         mine = []
         for (site, driver), own in groups.items():
-            rest = ~np.isin(state.columns, own)
-            without = fit_state(p, state.columns[rest], state.scales[rest], state.weight, robust=False)
-            parts, columns = [named[k] for k in own], p.pool[:, own]
-            amplitude, gain = (
-                np.array([amplitudes[k] for k in own]),
-                state.log_evidence - without.log_evidence,
-            )
-            mine.append(
-                _place(
-                    site, driver, parts, columns, amplitude, without, state, c, excess, size,
-                    len(groups), gain, member.effect,
-                )
-            )  # fmt: skip
+            others = ~np.isin(state.columns, own)
+            without = fit_state(p, state.columns[others], state.scales[others], state.weight, robust=False)
+            parameters, columns = [named[k] for k in own], p.pool[:, own]
+            amplitude = np.array([amplitudes[k] for k in own])
+            gain = state.log_evidence - without.log_evidence
+            of = Contribution(site, driver, parameters, columns, amplitude, gain, member.effect)
+            mine.append(_place(of, without, state, len(groups), scale))
         out += sorted(mine, key=lambda place: (place.site != ARM, -place.rms))[: OUTCOME.places_named]
     return tuple(out)
 
 
-def _curve(
-    site: Site, driver: Driver, parameters: Sequence[Parameter], columns: np.ndarray,
-    contribution: np.ndarray, state: State, c: Circumstances,
-) -> Curve:  # fmt: skip
+def _curve(of: Contribution, state: State, c: Circumstances) -> Curve:
+    """Residuals and the contribution, at the fitted contacts, along the coordinate of the driver."""
     p = state.problem
-    along = driver.coordinate(site, c)
+    along = of.driver.coordinate(of.site, c)
     rows = p.rows[p.contact[: p.lengths]]
-    fitted = contribution[: p.lengths] * p.sigma
+    fitted = of.motion[: p.lengths] * p.sigma
     residual = state.residual[: p.lengths] * p.sigma + fitted
-    on = next((f.rows for f in c.faces if face(f.name) == site), np.ones(len(c.q)))
+    on = next((f.rows for f in c.faces if face(f.name) == of.site), np.ones(len(c.q)))
     keep = (state.weight[: p.lengths] > 0) & (on[rows] > 0)  # of a face, the contacts on it
     lever, unit = None, ""
-    frames = {(t.frame, t.axis) for q in parameters for t in q.terms}
+    frames = {(t.frame, t.axis) for q in of.parameters for t in q.terms}
     one = len(frames) == 1 or all(axis == "rz" for _, axis in frames)
     if frames and one and all(frame >= 0 for frame, _ in frames):
-        drivers = np.array([np.broadcast_to(q.terms[0].driver, len(c.q))[rows] for q in parameters]).T
+        drivers = np.array([np.broadcast_to(q.terms[0].driver, len(c.q))[rows] for q in of.parameters]).T
         best = np.argmax(np.abs(drivers), axis=1)
-        at = np.arange(len(rows))
-        size = drivers[at, best]
-        scaled = columns[: p.lengths][at, best] * p.sigma / np.array([q.sd for q in parameters])[best]
+        index = np.arange(len(rows))
+        size, sd = drivers[index, best], np.array([q.sd for q in of.parameters])
+        scaled = of.columns[: p.lengths][index, best] * p.sigma / sd[best]
         lever = np.where(size != 0, scaled / np.where(size != 0, size, 1.0), 0.0)[keep]
         unit = "rad" if next(iter(frames))[1][0] == "r" else "m"
     return Curve(along.label, along.values[rows][keep], residual[keep], fitted[keep], rows[keep], lever, unit)

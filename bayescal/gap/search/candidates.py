@@ -28,7 +28,7 @@ from bayescal.effects.location import Driver, Site, words_of
 from bayescal.effects.selection import in_proportion, plain
 from bayescal.effects.vocabulary import Form
 from bayescal.gap.settings import SEARCH
-from bayescal.model.block import Part
+from bayescal.model.options import Part
 
 ALIASED = "the poses do not distinguish it from a low harmonic of the angle"
 HARMONICS = 2  # the orders that other effects have

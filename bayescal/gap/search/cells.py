@@ -15,20 +15,31 @@ from bayescal.arm import chain as reference
 from bayescal.arm.motion import CONTACT, TURN, Term
 from bayescal.effects import Circumstances, Parameter, location
 from bayescal.effects.backlash import STANDSTILL
-from bayescal.effects.joints import motion, side_of
+from bayescal.effects.common import base_terms, motion, side_of, tilts
 from bayescal.effects.location import BASE, PROBE, TOOL, Driver, Site, joint, link
 from bayescal.effects.plane_form import shapes
-from bayescal.effects.stand import base_terms, tilts
 from bayescal.effects.step import reflectors
-from bayescal.gap.search import makers as history
-from bayescal.gap.search.makers import COMBINED, Cell, at_joint, moves, passes, sides_of, smooth
+from bayescal.gap.search.makers import (
+    Cell,
+    at_joint,
+    between_orders,
+    moves,
+    passes,
+    rocking,
+    scatter,
+    sides_of,
+    smooth,
+    torque_and_angle,
+    travel,
+    two_angles,
+)
 from bayescal.gap.settings import CELLS
+from bayescal.statistics import rms
 
 
 def cells(c: Circumstances) -> Iterator[Cell]:
     """All cells of a session, one after another, always in the same order."""
-    makers = (_joints, _bending, _time, _sway, _probe, _region, _faces, *COMBINED, *history.MAKERS)
-    for make in makers:
+    for make in MAKERS:
         for cell in make(c):
             if any(cell.sets):  # a joint that did not move has no function of its angle
                 yield cell
@@ -62,7 +73,7 @@ def _joints(c: Circumstances) -> Iterator[Cell]:
             speeds = [(side, speed) for side, speed in speeds if np.any(speed[c.fitted])]
             play = [at_joint(c, j, [v / np.hypot(v, STANDSTILL)], side) for side, v in speeds]
             yield Cell(site, Driver("direction", j), tuple(play), known=True)
-            late = [at_joint(c, j, [v / np.sqrt(np.mean(v[c.fitted] ** 2))], side) for side, v in speeds]
+            late = [at_joint(c, j, [v / rms(v[c.fitted])], side) for side, v in speeds]
             yield Cell(site, Driver("joint speed", j), tuple(late))
 
 
@@ -91,7 +102,7 @@ def _past(c: Circumstances, load: np.ndarray) -> Iterator[np.ndarray]:
         lag, keep = np.zeros(len(load)), np.exp(-wait / memory)
         for k in range(1, len(load)):
             lag[k] = keep[k] * (lag[k - 1] + load[k - 1] - load[k])
-        size = float(np.sqrt(np.mean(lag[c.fitted] ** 2)))
+        size = rms(lag[c.fitted])
         if size > 0:
             yield lag / size
 
@@ -111,17 +122,8 @@ def _bumps(c: Circumstances, j: int) -> Iterator[tuple[Parameter, ...]]:
 def _bending(c: Circumstances) -> Iterator[Cell]:
     for j in range(1, c.robot.n + 1):
         waves = smooth(c.q[:, j - 1], c.fitted)
-        yield Cell(
-            link(j),
-            Driver("angle", j),
-            (
-                tuple(
-                    Parameter("", "rad", (Term(j, axis, w),), CELLS.angle)
-                    for axis in ("rx", "ry")
-                    for w in waves
-                ),
-            ),
-        )
+        turns = [Parameter("", "rad", (Term(j, a, w),), CELLS.angle) for a in ("rx", "ry") for w in waves]
+        yield Cell(link(j), Driver("angle", j), (tuple(turns),))
     for tilt in tilts(c):
         waves = smooth(tilt.moment, c.fitted, 3)
         if waves and np.ptp(tilt.moment[c.fitted]) > 1e-3:
@@ -226,14 +228,8 @@ def _probe(c: Circumstances) -> Iterator[Cell]:
         return
     x, y, z = np.where(c.touching[:, None], c.approach, 0.0).T
     second = [x * y, y * z, z * x, x * x - y * y, 3 * z * z - 1.0]
-    third = [
-        x * (x * x - 3 * y * y),
-        y * (3 * x * x - y * y),
-        z * (x * x - y * y),
-        x * y * z,
-        x * (5 * z * z - 1),
-    ]
-    third += [y * (5 * z * z - 1), z * (5 * z * z - 3)]
+    third = [x * (x * x - 3 * y * y), y * (3 * x * x - y * y), z * (x * x - y * y), x * y * z]
+    third += [x * (5 * z * z - 1), y * (5 * z * z - 1), z * (5 * z * z - 3)]
     on = c.touching.astype(float)
     yield Cell(PROBE, Driver("contact direction"), (_contact(on, second + third),))
     if c.speed is not None:
@@ -255,9 +251,12 @@ def _faces(c: Circumstances) -> Iterator[Cell]:
                 if np.sum(spot[c.fitted] > 0.5) >= CELLS.fewest_on_spot:
                     spots.append(_contact(face.rows, [spot]))
         yield Cell(site, Driver("face", form="one spot"), tuple(spots))
-        yield Cell(
-            site,
-            Driver("face"),
-            (_contact(face.rows, [v for _, _, v in shapes(face)]),),
-            known=True,
-        )
+        form = _contact(face.rows, [values for _, _, values in shapes(face)])
+        yield Cell(site, Driver("face"), (form,), known=True)
+
+
+MAKERS = (
+    _joints, _bending, _time, _sway, _probe, _region, _faces,
+    torque_and_angle, two_angles, between_orders, rocking, travel, scatter,
+)  # fmt: skip
+"""Functions that list the cells of a session, in the order of the cells."""

@@ -1,8 +1,7 @@
-"""One generic cell, and what cells of several kinds share: smooth functions, rotations at a joint.
+"""One generic cell, smooth functions and rotations at a joint that cells share, and further kinds of cells.
 
-Generic cells of two coordinates, of orders between harmonics and gear mesh, and of a rocking base.
-
-Generic cells of joints with a memory of earlier contacts, and of random errors of their readings.
+These are cells of two coordinates, of orders between harmonics and gear mesh, of a rocking base, of joints
+with a memory of earlier contacts, and of random errors of their readings.
 """
 
 from __future__ import annotations
@@ -14,10 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from bayescal.effects import Circumstances, Parameter
-from bayescal.effects.joints import LINK, READING, motion, turned
+from bayescal.effects.common import LINK, READING, base_terms, motion, tilts, turned
 from bayescal.effects.location import BASE, Driver, Site, joint
-from bayescal.effects.stand import base_terms, tilts
 from bayescal.gap.settings import CELLS
+from bayescal.statistics import rms
 
 
 @dataclass(frozen=True)
@@ -77,7 +76,7 @@ def torque_and_angle(c: Circumstances) -> Iterator[Cell]:
         torque = c.torques[:, j - 1]
         if not np.ptp(torque[c.fitted]) > 1e-3:
             continue
-        load = torque / np.sqrt(np.mean(torque[c.fitted] ** 2))
+        load = torque / rms(torque[c.fitted])
         turns = [load * f(k * c.q[:, j - 1]) for k in CELLS.own_orders for f in (np.sin, np.cos)]
         own = [turns, [load * w for w in angles[j - 1]]]
         other = [[load * w for w in angles[k]] for k in range(c.robot.n) if k != j - 1]
@@ -130,10 +129,6 @@ def rocking(c: Circumstances) -> Iterator[Cell]:
             terms = base_terms(c, "r", axis, np.tanh((moment - at) / (knee * size)))
             sets.append((Parameter("", "rad", terms, CELLS.angle),))
     yield Cell(BASE, Driver("base moment", form="sign"), tuple(sets))
-
-
-COMBINED = (torque_and_angle, two_angles, between_orders, rocking)
-"""Functions that list the cells of a session."""
 
 
 def measured(c: Circumstances) -> np.ndarray:
@@ -194,7 +189,3 @@ def scatter(c: Circumstances) -> Iterator[Cell]:
     for j in range(1, c.robot.n + 1):
         clusters = np.unique(np.round(c.readings[:, j - 1], 8), return_inverse=True)[1]
         yield Cell(joint(j), Driver("reading", j), (at_joint(c, j, [np.ones(len(c.q))]),), clusters=clusters)
-
-
-MAKERS = (travel, scatter)
-"""Functions that list the cells of a session."""

@@ -21,7 +21,7 @@ from bayescal.gap.linear.state import State, fit_state
 from bayescal.gap.search.beam import Member
 from bayescal.gap.search.candidates import Candidates, Single, extended, unaliased, wide, with_own_settings
 from bayescal.gap.settings import SEARCH
-from bayescal.model.block import Part
+from bayescal.model.options import USUAL, FitOptions, Part
 
 
 def model_name(member: Member, known: Candidates) -> str:
@@ -61,9 +61,7 @@ def refit(
     before: Estimate,
     known: Candidates,
     members: Sequence[Member],
-    robust: bool = True,
-    prior_width: float = 1.0,
-    without: Sequence[Part] = (),
+    options: FitOptions = USUAL,
 ) -> Estimate:
     """Fit a baseline with some effects in addition to its own.
 
@@ -76,14 +74,14 @@ def refit(
     known : Candidates
         Of the search; a member that is a part of the baseline's effects has the priors of the effect.
     members : sequence of Member
-    robust, prior_width, without
+    options : FitOptions
         As of the baseline.
     """
     extra = tuple(model_name(m, known) for m in members if m.effect not in known.partly)
     scene = replace(before.model.scene, stance=None, compliances={})
-    left = still_without(without, members)
-    found = calibrated(scene, (*before.model.effects, *extra), prior_width, robust, left)
-    return judged_complete(found)[0] if robust else found
+    options = replace(options, without=still_without(options.without, members))
+    found = calibrated(scene, (*before.model.effects, *extra), options)
+    return judged_complete(found)[0] if options.robust else found
 
 
 @dataclass(frozen=True)

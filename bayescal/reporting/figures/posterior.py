@@ -23,7 +23,7 @@ MOST, PAIRS = 6, 3
 HEIGHT, SQUARE = 24.0, 34.0
 """Of the axes of a distribution and of a pair, mm."""
 BINS, POINTS = 40, 600
-INSET = 5.5
+INSET = 7.5
 """Half a tick label of many digits, mm."""
 EACH = 20.0
 """Room of a tick label, mm: values with many digits."""

@@ -1,15 +1,14 @@
-"""Figures from panels: places of title, axes, legends, labels and notes, from the widths of their text.
+"""Figures from panels: title, axes, legends, labels and notes, placed by Matplotlib's constrained layout.
 
 Sizes are in mm, so that a figure of 80 mm has the same text as one of 160 mm; panels that are beside each
-other in a wide figure are below each other in a narrow one. There is no second pass for a layout.
-
-Widths of text in mm, and text wrapped to a width: what keeps labels inside a figure.
+other in a wide figure are below each other in a narrow one. Text is wrapped to a width in mm: what keeps
+labels inside a figure.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
@@ -84,8 +83,8 @@ WIDTH = 160.0
 """Width of a figure, mm."""
 NARROW = 120.0
 """Below this width every panel has a row of its own."""
-EDGE, GAP, GUTTER = 2.0, 3.0, 4.0
-"""Margin of a figure, between its rows, between its columns."""
+EDGE, PAD = 2.0, 1.0
+"""Margin of a figure, and about its parts."""
 TICKS, AXIS = 15.0, 4.2
 """Room for the y axis (label and tick labels), and for the tick labels of the x axis."""
 TALLER = 8.0
@@ -141,27 +140,11 @@ class Panel:
         return self.height(inner) if callable(self.height) else self.height
 
 
-@dataclass(frozen=True)
-class _Cell:
-    """A panel at its place: `room` is the width of the axes, and what is above and below them, mm."""
-
-    panel: Panel
-    x: float
-    left: float
-    room: float
-    side: list[str]
-    title: list[str]
-    note: list[str]
-    x_label: list[str]
-    columns: int
-    key: list[str]
-    above: float
-    below: float
-    tall: float
-
-
 def sheet(title: Sequence[str], rows: Sequence[Sequence[Panel]], wide: float = WIDTH) -> Figure:
-    """A figure of panels.
+    """A figure of panels, laid out by Matplotlib.
+
+    Panels choose ticks and wrap labels by the width of their axes, which is known after the layout only: they
+    are drawn twice.
 
     Parameters
     ----------
@@ -175,34 +158,108 @@ def sheet(title: Sequence[str], rows: Sequence[Sequence[Panel]], wide: float = W
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    large = SIZE + LARGER
-    heading = [part for text in title for part in wrapped(text, wide - 2 * EDGE, large, bold=True)]
     if wide < NARROW:
         rows = [[panel] for row in rows for panel in row]
-    placed = [_row(row, wide) for row in rows]
-    top = EDGE + (len(heading) * line(large) + 0.5 * GAP if heading else 0.0)
-    tall = top + sum(_height(row) + GAP for row in placed) + EDGE - GAP
-    out = Figure(figsize=(wide / MM_PER_INCH, tall / MM_PER_INCH), dpi=DPI)
+    large = SIZE + LARGER
+    heading = [part for text in title for part in wrapped(text, wide - 2 * EDGE, large, bold=True)]
+    rooms = [[(wide - 2 * EDGE) * p.share / sum(q.share for q in row) for p in row] for row in rows]
+    tall = [max(map(_tall, row, room)) for row, room in zip(rows, rooms, strict=True)]
+    height = sum(tall) + len(heading) * line(large) + 2 * EDGE
+    out = Figure(figsize=(wide / MM_PER_INCH, height / MM_PER_INCH), dpi=DPI, layout="constrained")
     FigureCanvasAgg(out)
-    for k, text in enumerate(heading):
-        y = 1 - (EDGE + baseline(k, large)) / tall
-        out.text(EDGE / wide, y, text, fontsize=large, fontweight="bold", color=INK)
-    for row in placed:
-        above = max(c.above for c in row)
-        for cell in row:
-            cell = replace(cell, above=above)
-            start = top + above
-            axes = out.add_axes(
-                (cell.x / wide, 1 - (start + cell.tall) / tall, cell.room / wide, cell.tall / tall)
-            )
-            _fill(axes, cell)
-        top += _height(row) + GAP
+    engine: Any = out.get_layout_engine()
+    engine.set(w_pad=PAD / MM_PER_INCH, h_pad=PAD / MM_PER_INCH, wspace=0.0, hspace=0.0)
+    out.suptitle("\n".join(heading), x=EDGE / wide, ha="left", fontsize=large, fontweight="bold", color=INK)
+    parts = out.subfigures(len(rows), 1, height_ratios=tall, squeeze=False)[:, 0]
+    placed = []
+    for part, row, room in zip(parts, rows, rooms, strict=True):
+        cells = part.subfigures(1, len(row), width_ratios=room, squeeze=False)[0]
+        placed.append([(_surrounded(cell, p, mm), p) for cell, p, mm in zip(cells, row, room, strict=True)])
+    for cells in placed:
+        for axes, panel in cells:
+            _draw(axes, panel)
+    out.draw_without_rendering()
+    out.set_layout_engine("none")
+    for cells in placed:
+        top = min(axes.get_window_extent().y1 for axes, _ in cells)
+        for axes, panel in cells:
+            _settle(axes, panel, top)
+            _draw(axes, panel)
     return out
 
 
-def _height(row: Sequence[_Cell]) -> float:
-    """Height of a row whose axes begin at the same height, mm."""
-    return max(cell.above for cell in row) + max(cell.tall + cell.below for cell in row)
+def _settle(axes: Any, panel: Panel, top: float) -> None:
+    """Give axes the height of their panel, below `top` (pixels), and its least room on both sides."""
+    per_mm = axes.figure.dpi / MM_PER_INCH
+    cell, box = axes.figure.bbox, axes.get_window_extent()
+    x0, x1 = (
+        max(box.x0, cell.x0 + panel.inset * per_mm),
+        min(box.x1, cell.x1 - panel.inset * per_mm),
+    )
+    tall = min(panel.tall((x1 - x0) / per_mm) * per_mm, top - box.y0)
+    axes.set_position(
+        (
+            (x0 - cell.x0) / cell.width,
+            (top - tall - cell.y0) / cell.height,
+            (x1 - x0) / cell.width,
+            tall / cell.height,
+        )
+    )
+
+
+def _tall(panel: Panel, room: float) -> float:
+    """Height of a panel with all its text, mm, in `room` mm."""
+    lines = sum(len(wrapped(text, room)) for text in (panel.note, panel.x) if text)
+    key, columns = _columns(panel, room)
+    above = line() * (
+        -(-len(key) // columns) + (len(wrapped(panel.title, room, bold=True)) if panel.title else 0)
+    )
+    inner = room - (TICKS if panel.y else panel.inset + 2.0)
+    return panel.tall(inner) + above + lines * line() + AXIS + 2 * PAD
+
+
+def _columns(panel: Panel, room: float) -> tuple[list[str], int]:
+    """Lines of the legend of a panel, wrapped, and its number of columns."""
+    key = ["\n".join(wrapped(entry.text, room - HANDLE - 1.0)) for entry in panel.key]
+    widest = max((width(part) for text in key for part in text.split("\n")), default=0.0)
+    return key, max(min(int((room + COLUMN) / (widest + HANDLE + COLUMN)), len(key)), 1)
+
+
+def _surrounded(cell: Any, panel: Panel, room: float) -> Any:
+    """Axes in a part of a figure, with title and legend above and the note below."""
+    strong = {"fontsize": SIZE, "fontweight": "bold", "color": INK}
+    title = "\n".join(wrapped(panel.title, room, bold=True))
+    if panel.key:
+        key, columns = _columns(panel, room)
+        legend = cell.legend(
+            handles=[_handle(e, text) for e, text in zip(panel.key, key, strict=True)],
+            loc="outside upper left",
+            ncols=columns,
+            borderpad=0,
+            handlelength=(HANDLE - 2.0) / (SIZE * MM_PER_PT),
+            handletextpad=0.4,
+            columnspacing=COLUMN / (SIZE * MM_PER_PT),
+            labelspacing=0.2,
+            title=title or None,
+            alignment="left",
+        )
+        legend.get_title().set(**strong)
+    elif title:
+        cell.suptitle(title, x=0.0, ha="left", **strong)
+    if panel.note:
+        note = "\n".join(wrapped(panel.note, room))
+        cell.supxlabel(note, x=0.0, ha="left", fontsize=SIZE, color=GREY)
+    return cell.subplots()
+
+
+def _draw(axes: Any, panel: Panel) -> None:
+    """Draw the data of a panel, and the labels of its axes."""
+    axes.clear()
+    axes.tick_params(**TICK)  # ticks are made when the figure is drawn, perhaps under other settings
+    inner = width_of(axes)
+    panel.draw(axes, inner)
+    axes.set_xlabel("\n".join(wrapped(panel.x, inner)))
+    axes.set_ylabel("\n".join(wrapped(panel.y, panel.tall(inner) + TALLER)))
 
 
 def width_of(axes: Any) -> float:
@@ -222,89 +279,6 @@ def into(axes: Any, panel: Panel) -> Figure:
     if panel.key:
         axes.legend(handles=[_handle(entry) for entry in panel.key], loc="best")
     return figure
-
-
-def _row(row: Sequence[Panel], wide: float) -> list[_Cell]:
-    free = wide - 2 * EDGE - GUTTER * (len(row) - 1)
-    total = sum(panel.share for panel in row)
-    out, x = [], EDGE
-    for panel in row:
-        room = free * panel.share / total
-        out.append(_cell(panel, x, room))
-        x += room + GUTTER
-    return out
-
-
-def _cell(panel: Panel, x: float, room: float) -> _Cell:
-    side = wrapped(panel.y, panel.tall(room) + TALLER) if panel.y else []
-    left = TICKS + (len(side) - 1) * line() if side else panel.inset
-    inner = room - left - max(2.0, panel.inset)
-    title = wrapped(panel.title, room, bold=True) if panel.title else []
-    note = wrapped(panel.note, room) if panel.note else []
-    key = ["\n".join(wrapped(entry.text, room - HANDLE - 1.0)) for entry in panel.key]
-    widest = max((width(part) for text in key for part in text.split("\n")), default=0.0)
-    columns = max(min(int((room + COLUMN) / (widest + HANDLE + COLUMN)), len(key)), 1)
-    deep = _legend_height(key, columns)
-    above = len(title) * line() + deep + (2.4 if key else 1.5 if title else 1.0)
-    labels = wrapped(panel.x, inner) if panel.x else []
-    below = (AXIS if panel.x else 0.5) + len(labels) * line() + len(note) * line() + (0.8 if note else 0.0)
-    return _Cell(
-        panel, x + left, left, inner, side, title, note, labels, columns, key, above, below, panel.tall(inner)
-    )
-
-
-def _legend_height(key: Sequence[str], columns: int) -> float:
-    """Height of a legend that is filled column by column."""
-    each = -(-len(key) // columns)
-    parts = [key[k * each : (k + 1) * each] for k in range(columns)]
-    return max((sum(1 + text.count("\n") for text in part) for part in parts), default=0) * (line() + 0.5)
-
-
-def _fill(axes: Any, cell: _Cell) -> None:
-    """Draw the data of a panel, then its text at places in mm from the axes."""
-    from matplotlib.transforms import ScaledTranslation
-
-    panel = cell.panel
-    axes.tick_params(**TICK)  # ticks are made when the figure is drawn, perhaps under other settings
-    panel.draw(axes, cell.room)
-    figure: Any = axes.figure
-
-    def at(dx: float, dy: float) -> Any:
-        """Axes coordinates moved by mm."""
-        return axes.transAxes + ScaledTranslation(dx / MM_PER_INCH, dy / MM_PER_INCH, figure.dpi_scale_trans)
-
-    def write(lines: Sequence[str], x: float, dx: float, top: float, **style: Any) -> None:
-        """Lines from `top` mm above the lower end of the axes downwards, at a fraction x of the axes."""
-        for k, text in enumerate(lines):
-            axes.text(x, 0, text, transform=at(dx, top - baseline(k)), **style)
-
-    write(cell.title, 0, -cell.left, cell.tall + cell.above, color=INK, fontweight="bold")
-    if panel.key:
-        _legend(axes, cell, at)
-    below = -AXIS if panel.x else -0.5
-    write(cell.x_label, 0.5, 0, below, ha="center")
-    write(cell.note, 0, -cell.left, below - len(cell.x_label) * line() - 0.4, color=GREY)
-    for k, text in enumerate(cell.side):
-        axes.text(
-            0, 0.5, text, transform=at(-cell.left + 0.2 + k * line(), 0), rotation=90, ha="left", va="center"
-        )
-
-
-def _legend(axes: Any, cell: _Cell, at: Callable[[float, float], Any]) -> None:
-    legend = axes.legend(
-        handles=[_handle(e, text) for e, text in zip(cell.panel.key, cell.key, strict=True)],
-        loc="upper left",
-        bbox_to_anchor=(0, 1),
-        bbox_transform=at(-cell.left, cell.above - 0.8 - len(cell.title) * line()),
-        ncols=cell.columns,
-        borderpad=0,
-        borderaxespad=0,
-        handlelength=(HANDLE - 2.0) / (SIZE * 25.4 / 72),
-        handletextpad=0.4,
-        columnspacing=COLUMN / (SIZE * 25.4 / 72),
-        labelspacing=0.2,
-    )
-    legend.set_in_layout(False)
 
 
 def _handle(entry: Entry, text: str = "") -> Any:

@@ -1,31 +1,33 @@
-"""Parameters of one arm by several sessions: a table, a verdict in words, and the record of both.
-
-Figures of ISO 9283: as a record, and as a table of the terminal.
-"""
+"""Parts of the terminal summary of a fit: one arm by several sessions, figures of ISO 9283."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from typing import Any
-
 import numpy as np
 from rich.console import Group, RenderableType
-from rich.table import Table
 
 from bayescal.assess.agreement import Agreement, Pair
 from bayescal.assess.iso9283 import Iso9283
 from bayescal.effects import UNITS
 from bayescal.effects.vocabulary import unit_label
-from bayescal.reporting.shared.text import UM, facts, plain_table, um, um2, with_u
+from bayescal.reporting.shared.sheet import Column, Sheet, sheet_of_cells, terminal
+from bayescal.reporting.shared.text import Facts, facts, um, um2, with_u
 
 MOST = 12  # parameters shown, those that differ most
 FAR = 3.0  # standard deviations from which on a parameter is named as the one that differs
 SHOWN = 4  # of those
+ISO9283 = (
+    Column("ISO 9283 (validation measurements)", lambda f: f"{f.symbol}: {f.words}"),
+    Column("number", "count"),
+    Column("mean (µm)", "mean", um),
+    Column("u", "u", um2),
+    Column("max (µm)", "maximum", um),
+    Column("u", "u_max", um2),
+)
 
 
 def agreement_summary(compared: Agreement) -> RenderableType:
     """Table of the shared parameters, with standard deviations in brackets, and whether sessions disagree."""
-    return Group(_table(compared), facts(verdicts(compared)))
+    return Group(terminal(_table(compared)), facts(verdicts(compared)))
 
 
 def disagreement(compared: Agreement) -> tuple[str, ...]:
@@ -33,25 +35,27 @@ def disagreement(compared: Agreement) -> tuple[str, ...]:
     return tuple(_apart(compared, pair) for pair in compared.pairs if pair.disagree)
 
 
-def _table(compared: Agreement) -> Table:
-    table = plain_table("parameter by session", *compared.alone, "together", "difference / u")
+def _table(compared: Agreement) -> Sheet:
     furthest = compared.furthest
     shown = sorted(np.argsort(-furthest, kind="stable")[:MOST])
+    rows = []
     for k in shown:
         unit, factor = UNITS[compared.units[k]]
-        cells = [
-            with_u(factor * values[k], factor * sd[k])
-            for values, sd in (*compared.alone.values(), compared.together)
-        ]
         label = unit_label(unit)
-        name = compared.names[k] + (f" ({label})" if label else "")
-        table.add_row(name, *cells, f"{furthest[k]:.1f}")
-    if len(shown) < len(compared.names):
-        table.caption = f"the {MOST} of {len(compared.names)} that differ most; all are in fit.json"
-    return table
+        estimates = (*compared.alone.values(), compared.together)
+        rows.append(
+            (
+                compared.names[k] + (f" ({label})" if label else ""),
+                *(with_u(factor * values[k], factor * sd[k]) for values, sd in estimates),
+                f"{furthest[k]:.1f}",
+            )
+        )
+    headings = ("parameter by session", *compared.alone, "together", "difference / u")
+    caption = f"the {MOST} of {len(compared.names)} that differ most; all are in fit.json"
+    return sheet_of_cells(headings, rows, caption if len(shown) < len(compared.names) else "")
 
 
-def verdicts(compared: Agreement) -> Iterable[tuple[str, str, str]]:
+def verdicts(compared: Agreement) -> Facts:
     """Whether every two sessions agree: lines of a heading, words and their style."""
     for pair in compared.pairs:
         if pair.disagree:
@@ -81,66 +85,9 @@ def _apart(compared: Agreement, pair: Pair) -> str:
     )
 
 
-def agreement_record(compared: Agreement) -> dict[str, Any]:
-    """The content of ``agreement`` in fit.json."""
-    return {
-        "parameters": [_parameter(compared, k) for k in range(len(compared.names))],
-        "pairs": [
-            {
-                "sessions": list(p.sessions),
-                "chi2": p.chi2,
-                "directions": p.directions,
-                "p_value": p.p_value,
-                "disagree": p.disagree,
-                "apart_sd": dict(zip(compared.names, p.apart.tolist(), strict=True)),
-            }
-            for p in compared.pairs
-        ],
-        "not_fitted_alone": dict(compared.refused),
-    }
-
-
-def _parameter(compared: Agreement, k: int) -> dict[str, Any]:
-    unit, factor = UNITS[compared.units[k]]
-
-    def said(of: tuple[np.ndarray, np.ndarray]) -> Mapping[str, float]:
-        return {"estimate": float(factor * of[0][k]), "sd": float(factor * of[1][k])}
-
-    return {
-        "name": compared.names[k],
-        "unit": unit,
-        "together": said(compared.together),
-        "alone": {name: said(of) for name, of in compared.alone.items()},
-    }
-
-
-def iso9283_record(found: Iso9283) -> dict[str, Any]:
-    """``iso9283`` of fit.json; u is of the measurement, k = 1."""
-    return {
-        "figures": [
-            {
-                "symbol": f.symbol,
-                "name": f.words,
-                "count": f.count,
-                "mean_um": UM * f.mean,
-                "max_um": UM * f.maximum,
-                "u_mean_um": None if f.u is None else UM * f.u,
-                "u_max_um": None if f.u_max is None else UM * f.u_max,
-            }
-            for f in found.figures
-        ],
-        "differs_from_norm": list(found.differs),
-    }
-
-
-def iso9283_table(found: Iso9283) -> RenderableType:
+def iso9283_table(figures: Iso9283) -> RenderableType:
     """The figures, and what differs from the procedure of the standard."""
-    if not found.figures:
+    if not figures.figures:
         return Group()
-    table = plain_table("ISO 9283 (validation measurements)", "number", "mean (µm)", "u", "max (µm)", "u")
-    for f in found.figures:
-        of_mean, of_max = ("-" if u is None else um2(u) for u in (f.u, f.u_max))
-        table.add_row(f"{f.symbol}: {f.words}", str(f.count), um(f.mean), of_mean, um(f.maximum), of_max)
-    return Group(
-        table, facts(("differs" if k == 0 else "", text, "dim") for k, text in enumerate(found.differs))
-    )
+    differences = (("" if k else "differs", text, "dim") for k, text in enumerate(figures.differs))
+    return Group(terminal(Sheet(ISO9283, figures.figures)), facts(differences))

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Sequence
-from io import StringIO
 from typing import Any
 
 import numpy as np
@@ -16,8 +14,9 @@ from bayescal.assess.measurand import PARAMETER
 from bayescal.dataset import Dataset
 from bayescal.effects import UNITS
 from bayescal.effects.vocabulary import unit_label
-from bayescal.reporting.shared.origin import origin, plain
-from bayescal.reporting.shared.text import facts, percent, plain_table, size, two_digits
+from bayescal.reporting.shared.origin import entry, origin, plain, scaled
+from bayescal.reporting.shared.sheet import csv_text, sheet_of_cells, terminal
+from bayescal.reporting.shared.text import MISSING, facts, percent, size, two_digits
 
 SCHEMA = "bayescal-budget/1"
 LIBRARIES = ("numpy", "scipy")
@@ -58,15 +57,13 @@ def measurand_record(budget: Budget) -> dict[str, Any]:
         "measurand": m.name,
         "kind": m.kind,
         "unit": unit,
-        "value": None if m.value is None else factor * m.value,
+        "value": scaled(m.value, factor),
         "position_mm": None if m.position is None else 1e3 * m.position,
         "components": [_component(budget, c) for c in budget.components],
         "u": factor * budget.u,
         "U": factor * budget.expanded,
-        "u_um": 1e6 * budget.u if length else None,
-        "U_um": 1e6 * budget.expanded if length else None,
-        "effective_dof": budget.dof,
-        "k": budget.k,
+        **(entry(budget, "u_um", "U_um=expanded") if length else {"u_um": None, "U_um": None}),
+        **entry(budget, "effective_dof=dof", "k"),
         "coverage": COVERAGE,
         "prior_share": budget.prior_share,
         "text": in_words(budget),
@@ -76,46 +73,45 @@ def measurand_record(budget: Budget) -> dict[str, Any]:
 def _component(budget: Budget, c: Component) -> dict[str, Any]:
     unit, factor = UNITS[c.input.unit]
     of, scale = UNITS[budget.measurand.unit]
-    length = budget.measurand.unit == "m"
+
+    def contribution(value: float) -> dict[str, Any]:
+        length = budget.measurand.unit == "m"
+        return {"contribution": scale * value, "contribution_um": 1e6 * value if length else None}
+
     return {
-        "group": c.input.group,
-        "name": c.input.name,
-        "type": c.input.evaluation,
-        "distribution": c.input.distribution,
-        "value": None if c.input.value is None else factor * c.input.value,
-        "u": None if c.input.u is None else factor * c.input.u,
+        **entry(c.input, "group", "name", "type=evaluation", "distribution"),
+        "value": scaled(c.input.value, factor),
+        "u": scaled(c.input.u, factor),
         "unit": unit,
         "dof": c.input.dof,
         "sensitivity": None if c.sensitivity is None else c.sensitivity * scale / factor,
         "sensitivity_unit": f"{of}/{unit}" if of != unit else "1",
-        "contribution": scale * c.contribution,
-        "contribution_um": 1e6 * c.contribution if length else None,
+        **contribution(c.contribution),
         "share": c.contribution**2 / budget.u**2 if budget.u else 0.0,
-        "by_target": [
-            {"target": name, "contribution": scale * own, "contribution_um": 1e6 * own if length else None}
-            for name, own in c.by_target
-        ],
+        "by_target": [{"target": name, **contribution(value)} for name, value in c.by_target],
     }
 
 
 def budget_csv(budgets: Sequence[Budget]) -> str:
     """All components of all budgets, and the sum of each, as CSV."""
-    out = StringIO()
-    table = csv.writer(out, lineterminator="\n")
-    table.writerow(("measurand", *COLUMNS))
+    rows = []
     for b in budgets:
         record = plain(measurand_record(b))
-        for c in record["components"]:
-            table.writerow([b.measurand.name, *("" if c[key] is None else c[key] for key in COLUMNS)])
+        components = record["components"]
         for name, key in (("combined standard uncertainty", "u"), ("expanded uncertainty", "U")):
-            total = dict.fromkeys(COLUMNS, "") | {
-                "group": key, "name": name, "unit": record["unit"], "contribution": record[key],
-                "contribution_um": "" if record["u_um"] is None else record[f"{key}_um"],
-                "dof": record["effective_dof"] or "", "sensitivity": record["k"] if key == "U" else "",
-                "value": "" if record["value"] is None else record["value"],
-            }  # fmt: skip
-            table.writerow([b.measurand.name, *(total[key] for key in COLUMNS)])
-    return out.getvalue()
+            total = {
+                "group": key,
+                "name": name,
+                "unit": record["unit"],
+                "contribution": record[key],
+                "contribution_um": record[f"{key}_um"],
+                "dof": record["effective_dof"] or None,
+                "sensitivity": record["k"] if key == "U" else None,
+                "value": record["value"],
+            }
+            components.append(total)
+        rows += [(b.measurand.name, *(c.get(key) for key in COLUMNS)) for c in components]
+    return csv_text(("measurand", *COLUMNS), rows)
 
 
 def in_words(budget: Budget) -> str:
@@ -126,8 +122,8 @@ def in_words(budget: Budget) -> str:
     )
     value, u = rounded(None if m.value is None else factor * m.value, factor * budget.expanded)
     of = unit_label(unit)
-    said = f"U = {u} {of}" if value is None else f"({value} ± {u}) {of}"
-    return f"{said.rstrip()}, k = {budget.k:.2f}"
+    text = f"U = {u} {of}" if value is None else f"({value} ± {u}) {of}"
+    return f"{text.rstrip()}, k = {budget.k:.2f}"
 
 
 def _is_error(budget: Budget) -> bool:
@@ -152,26 +148,27 @@ def budget_table(budget: Budget) -> RenderableType:
     m = budget.measurand
     length = m.unit == "m"
     unit, factor = ("um", 1e6) if length else UNITS[m.unit]
-    table = plain_table(
-        "component", "type", "u", "sensitivity", f"contribution ({unit_label(unit) or '1'})", "share"
-    )
     ranked = sorted(budget.components, key=lambda c: -abs(c.contribution))
     shown = [c for c in ranked if c.contribution**2 >= SHOWN * budget.u**2]
-    for c in shown:
-        table.add_row(
+    rows = [
+        (
             c.input.name,
             c.input.evaluation,
-            "-" if c.input.u is None else size(c.input.u, c.input.unit),
+            MISSING if c.input.u is None else size(c.input.u, c.input.unit),
             _sensitivity(budget, c),
             two_digits(factor * c.contribution),
             percent(c.contribution**2 / budget.u**2),
         )
+        for c in shown
+    ]
     small = ranked[len(shown) :]
     if small:
-        rest = float(np.sqrt(sum(c.contribution**2 for c in small)))
-        share = percent(rest**2 / budget.u**2)
-        table.add_row(f"{len(small)} smaller components", "", "", "", two_digits(factor * rest), share)
-    return Group(table, "", facts(_sums(budget)))
+        together = float(np.sqrt(sum(c.contribution**2 for c in small)))
+        share = percent(together**2 / budget.u**2)
+        rows.append((f"{len(small)} smaller components", "", "", "", two_digits(factor * together), share))
+    contribution = f"contribution ({unit_label(unit) or '1'})"
+    headings = ("component", "type", "u", "sensitivity", contribution, "share")
+    return Group(terminal(sheet_of_cells(headings, rows)), "", facts(_sums(budget)))
 
 
 def _sensitivity(budget: Budget, c: Component) -> str:
@@ -186,10 +183,10 @@ def _sums(budget: Budget) -> list[tuple[str, str, str]]:
     unit, factor = ("um", 1e6) if budget.measurand.unit == "m" else UNITS[budget.measurand.unit]
     dof = "normal" if budget.dof > MOST_DOF else f"{budget.dof:.0f} effective degrees of freedom"
     u = rounded(None, factor * budget.u)[1]
-    at = budget.measurand.position
-    position = (
-        [("position", f"({', '.join(f'{1e3 * x:.3f}' for x in at)}) mm in F0", "")] if at is not None else []
-    )
+    position = []
+    if budget.measurand.position is not None:
+        coordinates = ", ".join(f"{1e3 * x:.3f}" for x in budget.measurand.position)
+        position.append(("position", f"({coordinates}) mm in F0", ""))
     return [
         ("measurand", budget.measurand.name, "bold"),
         *position,

@@ -46,7 +46,7 @@ def fit_draws(fit: Fit) -> Record:
     predictive["residual_um"] = (("contact",), _some(fit, judged.replicated, each))
     observed["residual_um"] = (("contact",), UM * judged.observed)
     rows = scene.rows("calibrate")
-    prior = prior_draws(model.size, len(noise_groups(model)), PRIOR_CHAINS, PRIOR_DRAWS, fit.seed)
+    prior = prior_draws(model.size, len(noise_groups(model)), PRIOR_CHAINS, PRIOR_DRAWS, fit.options.seed)
     constant: Labelled = {
         "reading_deg": (("row", "joint"), np.degrees(m.readings[rows])),
         "target": (("row",), np.array([t.name for t in scene.dataset.targets])[m.target[rows]]),
@@ -71,7 +71,7 @@ def fit_draws(fit: Fit) -> Record:
         "dataset": fit.dataset.name,
         "dataset_sha256": fit.dataset.sha256,
         "model": ",".join(level.effects),
-        "seed": str(fit.seed),
+        "seed": str(fit.options.seed),
         "inference_library": "emcee" if draws.acceptance else "gaussian approximation",
         "creation_library": f"bayescal {__version__}",
     }
@@ -119,7 +119,9 @@ def _pointwise(fit: Fit) -> Pointwise:
     most = min(most, max(MOST_OF_LARGE // max(rows * chains, 1), FEWEST_OF_LARGE))
     pick = np.linspace(0, count - 1, min(count, most)).astype(int)
     z, kappa = draws.z[:, pick].reshape(-1, size), np.exp(draws.log_kappa[:, pick])
-    return pointwise(estimate, z, kappa.reshape(len(z), -1), np.random.default_rng([fit.seed, REPLICATED]))
+    return pointwise(
+        estimate, z, kappa.reshape(len(z), -1), np.random.default_rng([fit.options.seed, REPLICATED])
+    )
 
 
 def _some(fit: Fit, drawn: np.ndarray, each: int) -> np.ndarray:

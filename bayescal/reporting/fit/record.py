@@ -7,19 +7,19 @@ from typing import Any
 
 import numpy as np
 
+from bayescal.assess.acceptance import Acceptance, Tolerance
+from bayescal.assess.agreement import Agreement
 from bayescal.assess.budget import COVERAGE, Budget
-from bayescal.assess.iso9283 import iso9283
-from bayescal.assess.undetermined import Undetermined
+from bayescal.assess.iso9283 import Iso9283, iso9283
 from bayescal.calibration import Fit, ModelLevel
-from bayescal.estimate import Estimate
+from bayescal.dataset import Dataset
+from bayescal.effects import UNITS
 from bayescal.fitted import gate
-from bayescal.model import Block
-from bayescal.predict import Forecast, PointCheck, TurnCheck, Validation, inside95, interval95
-from bayescal.reporting.fit.agreement import iso9283_record
-from bayescal.reporting.fit.tables import tolerance_record, verdict_record
+from bayescal.predict import Forecast, Validation, inside95, interval95
+from bayescal.reporting.fit.agreement import disagreement
 from bayescal.reporting.shared.body import arm_drawing
-from bayescal.reporting.shared.origin import origin, rows_record
-from bayescal.reporting.shared.text import MDEG, MM, UM
+from bayescal.reporting.shared.origin import entry, origin, plain, rows_record
+from bayescal.reporting.shared.text import MDEG, MM, UM, rms
 
 SCHEMA = "bayescal-fit/1"
 LIBRARIES = ("gtsam", "numpy", "scipy", "numba", "emcee", "arviz")
@@ -31,98 +31,73 @@ def fit_record(fit: Fit) -> dict[str, Any]:
     """The contents of fit.json."""
     level = fit.final
     return {
-        **origin(SCHEMA, fit.dataset, fit.seed, LIBRARIES),
+        **origin(SCHEMA, fit.dataset, fit.options.seed, LIBRARIES),
         "verdict": verdict_record(fit.acceptance, fit.dataset),
         "use": gate.of_fit(fit).record(),
         "acceptance": None if fit.tolerance is None else tolerance_record(fit.tolerance),
         "model": list(level.effects),
-        "prior_width": fit.prior_width,
-        "parameters": _parameters(fit),
+        "prior_width": fit.options.prior_width,
+        "parameters": parameter_records(fit),
         "correlations": _correlations(fit),
         "noise": _noise(level),
         "discrepancy": _discrepancy(fit),
         "residuals": _residuals(level),
         "rejected": [fit.dataset.measurements.ids[row] for row in level.estimate.rejected],
         "identifiability": {
-            "singular_values": _numbers(fit.identifiability.singular_values),
+            **entry(fit.identifiability, "singular_values"),
             "weak_directions": [
-                {"singular_value": d.singular_value, "words": d.words, "loadings": dict(d.loadings)}
+                entry(d, "singular_value", "words") | {"loadings": dict(d.loadings)}
                 for d in fit.identifiability.weak
             ],
-            "determined": list(fit.identifiability.determined),
-            "partly": list(fit.identifiability.partly),
-            "prior_only": list(fit.identifiability.prior_only),
-            "undetermined": [_undetermined(u) for u in fit.undetermined],
+            **entry(fit.identifiability, "determined", "partly", "prior_only"),
+            "undetermined": [
+                entry(u, "parameters", "combinations", "state", "lacks=changes", "left_rms_um=left", "words")
+                for u in fit.undetermined
+            ],
         },
-        "faces": [
-            {"target": f.target, "form_rms_um": UM * f.form, "p_value": f.p_value, "uneven": f.uneven}
-            for f in fit.faces
-        ],
+        "faces": [entry(f, "target", "form_rms_um=form", "p_value", "uneven") for f in fit.faces],
         "predicted_distance": _forecast(fit.forecast),
-        "directions": {
-            "axes": fit.directions.axes.tolist(),
-            "share": _numbers(fit.directions.share),
-            "missing": fit.directions.missing.tolist(),
-        },
+        "directions": entry(fit.directions, "axes", "share", "missing"),
         "sampler": _sampler(fit),
         "iso9283": iso9283_record(iso9283(fit.basis)),
         "validation": validation_record(fit.levels[0].validation, level.validation, fit.budgets),
         "ladder": [_level(r) for r in fit.levels],
-        "findings": [{"code": f.code, "severity": f.severity, "text": f.text} for f in fit.findings],
+        "findings": [entry(f, "code", "severity", "text") for f in fit.findings],
         "warnings": list(fit.warnings),
         "arm": arm_drawing(level.estimate.model.scene),
         "rows": rows_record(level.estimate),
     }
 
 
-def _undetermined(u: Undetermined) -> dict[str, Any]:
-    """What is not determined, with what would determine it."""
-    return {
-        "parameters": list(u.parameters),
-        "combinations": u.combinations,
-        "state": u.state,
-        "lacks": list(u.changes),
-        "left_rms_um": UM * u.left,
-        "words": u.words,
-    }
-
-
-def _numbers(values: np.ndarray) -> list[float]:
-    return [float(v) for v in values]
-
-
-def _parameters(fit: Fit) -> list[dict[str, Any]]:
-    found, model = fit.final.estimate, fit.final.estimate.model
+def parameter_records(fit: Fit) -> list[dict[str, Any]]:
+    """``parameters``: of the arm, then of the targets."""
+    model = fit.final.estimate.model
     units, factor = model.in_file_units()
-    prior = np.concatenate([model.sd, *(b.sd for b in model.states)]) * factor
+    prior = np.concatenate([model.sd, *(b.sd for b in model.states)])
     draws = model.physical(fit.draws.flat) * factor
-    at = model.physical(found.z) * factor
-    low, high = np.quantile(draws, [0.025, 0.975], axis=0)
-    variance = np.var(fit.draws.flat, axis=0)
-    plain = np.std(model.physical(fit.sampled.flat), axis=0) * factor
-    out = []
-    for k, name in enumerate(model.names):
-        arm = model.parameters[k] if k < len(model.parameters) else None
-        out.append(
-            {
-                "name": name,
-                "effect": arm.effect if arm else "target",
-                "unit": units[k],
-                "nominal": float(arm.nominal * factor[k]) if arm else 0.0,
-                "prior_mean": float(arm.centre * factor[k]) if arm else 0.0,
-                "estimate": float(at[k]),
-                "sd": float(np.std(draws[:, k])),
-                "sd_without_discrepancy": float(plain[k]),
-                "prior_sd": float(prior[k]),
-                "contraction": float(1.0 - variance[k]),
-                "interval95": [float(low[k]), float(high[k])],
-                "ess": float(fit.draws.ess[k]),
-                "ess_bulk": float(fit.draws.ess_bulk[k]),
-                "ess_tail": float(fit.draws.ess_tail[k]),
-                "rhat": _finite(fit.draws.rhat[k]),
-            }
-        )
-    return out
+    of_targets = [0.0] * (model.size - len(model.parameters))
+    nominal = np.array([*(p.nominal for p in model.parameters), *of_targets])
+    centre = np.array([*(p.centre for p in model.parameters), *of_targets])
+    columns = {
+        "nominal": nominal * factor,
+        "prior_mean": centre * factor,
+        "estimate": model.physical(fit.final.estimate.z) * factor,
+        "sd": [np.std(column) for column in draws.T],
+        "sd_without_discrepancy": np.std(model.physical(fit.sampled.flat), axis=0) * factor,
+        "prior_sd": prior * factor,
+        "contraction": 1.0 - np.var(fit.draws.flat, axis=0),
+        "interval95": np.quantile(draws, [0.025, 0.975], axis=0).T,
+        "ess": fit.draws.ess,
+        "ess_bulk": fit.draws.ess_bulk,
+        "ess_tail": fit.draws.ess_tail,
+        "rhat": fit.draws.rhat,
+    }
+    effects = [*(p.effect for p in model.parameters), *["target"] * len(of_targets)]
+    return [
+        {"name": name, "effect": effects[k], "unit": units[k]}
+        | {key: plain(values[k]) for key, values in columns.items()}
+        for k, name in enumerate(model.names)
+    ]
 
 
 def _correlations(fit: Fit) -> list[dict[str, Any]]:
@@ -137,22 +112,18 @@ def _correlations(fit: Fit) -> list[dict[str, Any]]:
     return [{"a": model.names[j], "b": model.names[i], "r": round(float(r[i, j]), 4)} for i, j in pairs]
 
 
-def _finite(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None
-
-
 def _noise(level: ModelLevel) -> dict[str, Any]:
-    left, found = level.unexplained, level.estimate
-    return {
-        "group": left.group,
-        "stated_um": UM * left.stated,
-        "estimated_um": UM * left.fitted,
-        "repeats_um": None if left.repeats is None else UM * left.repeats,
-        "repeats_dof": left.repeats_dof,
-        "unexplained_um": UM * left.excess,
-        "unexplained_p_value": left.p_value,
-        "scale": {group: float(scale) for group, scale in found.weights.scale.items()},
-    }
+    scale = {group: float(value) for group, value in level.estimate.weights.scale.items()}
+    return entry(
+        level.unexplained,
+        "group",
+        "stated_um",
+        "estimated_um=fitted",
+        "repeats_um=repeats",
+        "repeats_dof",
+        "unexplained_um=excess",
+        "unexplained_p_value=p_value",
+    ) | {"scale": scale}
 
 
 def _discrepancy(fit: Fit) -> dict[str, Any]:
@@ -166,57 +137,40 @@ def _discrepancy(fit: Fit) -> dict[str, Any]:
 
 
 def _residuals(level: ModelLevel) -> list[dict[str, Any]]:
-    found = level.estimate
-    scene, out = found.model.scene, []
+    estimate = level.estimate
+    scene, out = estimate.model.scene, []
     for k, target in enumerate(scene.dataset.targets):
         for role in ("calibrate", "validate"):
             rows = scene.rows_of(k, scene.rows(role))
-            if target.name not in found.model.block_of or not len(rows):
+            if target.name not in estimate.model.block_of or not len(rows):
                 continue
-            size = _sizes(found, found.model.block(k, rows))
-            kept = ~np.isin(rows, found.rejected)
+            kept = ~np.isin(rows, estimate.rejected)
+            errors = np.linalg.norm(estimate.residuals(estimate.model.block(k, rows)), axis=0)[kept]
             out.append(
                 {
                     "target": target.name,
                     "role": role,
                     "count": len(rows),
                     "rejected": int(np.sum(~kept)),
-                    "rms_um": UM * float(np.sqrt(np.mean(size[kept] ** 2))) if np.any(kept) else None,
-                    "max_um": UM * float(np.max(size[kept])) if np.any(kept) else None,
+                    "rms_um": plain(UM * rms(errors)),
+                    "max_um": UM * float(np.max(errors)) if len(errors) else None,
                 }
             )
     return out
 
 
-def _sizes(found: Estimate, block: Block) -> np.ndarray:
-    return np.linalg.norm(found.residuals(block), axis=0)
-
-
 def _forecast(forecast: Forecast) -> dict[str, Any]:
     """Distance errors to expect: first those that lead the summary, then all."""
     every = [
-        {
-            "over": d.over,
-            "count": d.count,
-            "lengths_mm": [MM * d.shortest, MM * d.longest],
-            "predicted_rms_um": UM * d.u,
-            "expanded_U_um": UM * d.expanded,
-            "k": d.k,
-            "coverage": COVERAGE,
-            "predicted_interval95_um": [UM * end for end in d.interval],
-            "measured_rms_um": None if d.measured is None else UM * d.measured,
-        }
+        entry(d, "over", "count")
+        | {"lengths_mm": [MM * d.shortest, MM * d.longest]}
+        | entry(d, "predicted_rms_um=u", "expanded_U_um=expanded", "k")
+        | {"coverage": COVERAGE}
+        | entry(d, "predicted_interval95_um=interval", "measured_rms_um=measured")
         for d in forecast.every
     ]
-    return {
-        **every[0],
-        "prior_share": forecast.prior_share,
-        "prior_rms_um": UM * forecast.prior_rms,
-        "unexplained_share": forecast.unexplained_share,
-        "discrepancy_share": forecast.discrepancy_share,
-        "masses_share": forecast.masses_share,
-        "all": every,
-    }
+    shares = ("unexplained_share", "discrepancy_share", "masses_share")
+    return every[0] | entry(forecast, "prior_share", "prior_rms_um", *shares) | {"all": every}
 
 
 def _sampler(fit: Fit) -> dict[str, Any]:
@@ -224,11 +178,9 @@ def _sampler(fit: Fit) -> dict[str, Any]:
     sd = np.std(draws.flat, axis=0)
     error = sd / np.sqrt(draws.ess_bulk[: len(sd)])
     return {
-        "moves": draws.moves,
-        "acceptance": draws.acceptance,
-        "ensembles": int(draws.z.shape[0]),
-        "walkers": draws.walkers,
-        "steps": draws.steps,
+        **entry(draws, "moves", "acceptance"),
+        "ensembles": len(draws.z),
+        **entry(draws, "walkers", "steps"),
         "draws": len(draws.flat),
         "ess": {
             "min": float(draws.ess.min()),
@@ -237,17 +189,15 @@ def _sampler(fit: Fit) -> dict[str, Any]:
             "tail_min": float(draws.ess_tail.min()),
             "counted_on": "the draws of posterior.nc, rank-normalised (Vehtari et al. 2021)",
         },
-        "rhat": {"max": _finite(np.nanmax(draws.rhat)) if np.any(np.isfinite(draws.rhat)) else None},
+        "rhat": {"max": plain(np.nanmax(draws.rhat)) if np.any(np.isfinite(draws.rhat)) else None},
         "monte_carlo_error": {"largest_over_sd": float(np.max(error / sd))},
-        "converged": draws.converged,
-        "complaint": draws.complaint,
+        **entry(draws, "converged", "complaint"),
     }
 
 
-def ends(predicted: np.ndarray, factor: float) -> list[float]:
-    """Central 95 % interval of draws, times a factor."""
-    low, high = interval95(predicted)
-    return [float(factor * low), float(factor * high)]
+def _ends(predicted: np.ndarray) -> list[float]:
+    """Central 95 % interval of draws, µm."""
+    return [float(UM * end) for end in interval95(predicted)]
 
 
 def validation_record(
@@ -262,115 +212,163 @@ def validation_record(
             "target": p.target,
             "role": "validate",
             "count": len(p.residuals),
-            "nominal_rms_um": UM * _rms(n.residuals),
-            "calibrated_rms_um": UM * _rms(p.residuals),
+            "nominal_rms_um": UM * rms(n.residuals),
+            "calibrated_rms_um": UM * rms(p.residuals),
             "calibrated_max_um": UM * float(np.max(np.abs(p.residuals))),
-            "predicted_rms_um": UM * float(np.sqrt(np.mean(p.predicted**2))),
+            "predicted_rms_um": UM * rms(p.predicted),
             "inside95_fraction": float(np.mean(inside95(p.residuals, p.predicted))),
         }
         for n, p in zip(nominal.planes, calibrated.planes, strict=True)
     ]
-    distances = []
-    for n, d in zip(nominal.distances, calibrated.distances, strict=True):
-        distances.append(
-            {
-                "between": list(d.between),
-                "certified_mm": MM * d.certified,
-                "nominal_error_um": UM * n.error,
-                "calibrated_error_um": UM * d.error,
-                "predicted_sd_um": UM * budgets[d.between].u,
-                "predicted_interval95_um": ends(d.predicted, UM),
-                "inside95": bool(inside95(d.error, d.predicted)),
-            }
-        )
-    diameters = []
-    for before, after in zip(nominal.diameters, calibrated.diameters, strict=True):
-        diameters.append(
-            {
-                "target": after.target,
-                "certified_mm": MM * after.certified,
-                "nominal_error_um": UM * before.error,
-                "calibrated_error_um": UM * after.error,
-                "predicted_interval95_um": ends(after.predicted, UM),
-                "inside95": bool(inside95(after.error, after.predicted)),
-            }
-        )
+    distances = [
+        entry(d, "between", "certified_mm")
+        | {"nominal_error_um": UM * n.error, "calibrated_error_um": UM * d.error}
+        | {"predicted_sd_um": UM * budgets[d.between].u}
+        | _interval(d.error, d.predicted)
+        for n, d in zip(nominal.distances, calibrated.distances, strict=True)
+    ]
+    diameters = [
+        entry(d, "target", "certified_mm")
+        | {"nominal_error_um": UM * n.error, "calibrated_error_um": UM * d.error}
+        | _interval(d.error, d.predicted)
+        for n, d in zip(nominal.diameters, calibrated.diameters, strict=True)
+    ]
     return {
         "planes": planes,
         "distances": distances,
         "diameters": diameters,
-        "points": _points(nominal.points, calibrated.points),
-        "orientations": _turns(calibrated.turns),
+        "points": _points(nominal, calibrated),
+        "orientations": _turns(calibrated),
         "worst_distance_um": {
-            "nominal": _or_none(UM * nominal.maximum_distance_error),
-            "calibrated": _or_none(UM * calibrated.maximum_distance_error),
+            "nominal": plain(UM * nominal.distance_errors.maximum),
+            "calibrated": plain(UM * calibrated.distance_errors.maximum),
         },
     }
 
 
-def _or_none(value: float) -> float | None:
-    return None if np.isnan(value) else value
+def _interval(error: float, predicted: np.ndarray) -> dict[str, Any]:
+    return {"predicted_interval95_um": _ends(predicted), "inside95": bool(inside95(error, predicted))}
 
 
-def _rms(values: np.ndarray) -> float:
-    return float(np.sqrt(np.mean(values**2)))
-
-
-def _points(nominal: tuple[PointCheck, ...], calibrated: tuple[PointCheck, ...]) -> dict[str, Any]:
+def _points(nominal: Validation, calibrated: Validation) -> dict[str, Any]:
     """Lengths of the residual vectors of validation points, of all targets."""
-    if not calibrated:
+    if not calibrated.points:
         return {"count": 0}
-    before = np.concatenate([np.linalg.norm(p.residuals, axis=0) for p in nominal])
-    after = np.concatenate([np.linalg.norm(p.residuals, axis=0) for p in calibrated])
-    lengths = np.concatenate([np.linalg.norm(p.predicted, axis=1) for p in calibrated], axis=1)
-    flat = np.concatenate([p.residuals.ravel() for p in calibrated])
-    drawn = np.concatenate([p.predicted.reshape(len(p.predicted), -1) for p in calibrated], axis=1)
+    before, after = nominal.point_lengths, calibrated.point_lengths
+    inside = [inside95(p.residuals, p.predicted).ravel() for p in calibrated.points]
     return {
-        "count": len(after),
-        "nominal_mean_um": UM * float(before.mean()),
-        "nominal_max_um": UM * float(before.max()),
-        "calibrated_mean_um": UM * float(after.mean()),
-        "calibrated_rms_um": UM * _rms(after),
-        "calibrated_max_um": UM * float(after.max()),
-        "predicted_mean_um": UM * float(lengths.mean()),
-        "predicted_mean_interval95_um": ends(lengths.mean(axis=1), UM),
-        "predicted_upper95_um": UM * float(np.quantile(lengths, 0.95)),
-        "inside95_fraction": float(np.mean(inside95(flat, drawn))),
+        "count": len(after.values),
+        **entry(before, "nominal_mean_um=mean", "nominal_max_um=maximum"),
+        **entry(after, "calibrated_mean_um=mean", "calibrated_rms_um=rms", "calibrated_max_um=maximum"),
+        "predicted_mean_um": UM * float(after.predicted.mean()),
+        "predicted_mean_interval95_um": _ends(after.predicted.mean(axis=1)),
+        "predicted_upper95_um": UM * float(np.quantile(after.predicted, 0.95)),
+        "inside95_fraction": float(np.mean(np.concatenate(inside))),
     }
 
 
-def _turns(checks: tuple[TurnCheck, ...]) -> dict[str, Any]:
+def _turns(calibrated: Validation) -> dict[str, Any]:
     """Angles between measured and predicted orientations of validation measurements, of all targets."""
-    if not checks:
+    if not calibrated.turns:
         return {"count": 0}
-    angles = np.concatenate([np.linalg.norm(c.residuals, axis=0) for c in checks])
-    drawn = np.concatenate([np.linalg.norm(c.predicted, axis=1) for c in checks], axis=1)
-    inside = np.concatenate([inside95(c.residuals, c.predicted).ravel() for c in checks])
+    angles = calibrated.turn_angles
+    inside = [inside95(t.residuals, t.predicted).ravel() for t in calibrated.turns]
     return {
-        "count": len(angles),
-        "calibrated_mean_mdeg": MDEG * float(angles.mean()),
-        "calibrated_rms_mdeg": MDEG * _rms(angles),
-        "calibrated_max_mdeg": MDEG * float(angles.max()),
-        "predicted_mean_mdeg": MDEG * float(drawn.mean()),
-        "predicted_upper95_mdeg": MDEG * float(np.quantile(drawn, 0.95)),
-        "inside95_fraction": float(np.mean(inside)),
+        "count": len(angles.values),
+        **entry(
+            angles, "calibrated_mean_mdeg=mean", "calibrated_rms_mdeg=rms", "calibrated_max_mdeg=maximum"
+        ),
+        "predicted_mean_mdeg": MDEG * float(angles.predicted.mean()),
+        "predicted_upper95_mdeg": MDEG * float(np.quantile(angles.predicted, 0.95)),
+        "inside95_fraction": float(np.mean(np.concatenate(inside))),
     }
 
 
 def _level(level: ModelLevel) -> dict[str, Any]:
     v = level.validation
-    planes = [p.residuals for p in v.planes]
-    distances = np.array([d.error for d in v.distances])
-    predicted = np.array([d.predicted for d in v.distances])
-    points = [np.linalg.norm(p.residuals, axis=0) for p in v.points]
+    distances = v.distance_errors
     return {
         "model": list(level.effects),
-        "noise_estimated_um": UM * level.unexplained.fitted,
-        "unexplained_um": UM * level.unexplained.excess,
-        "heldout_planes_rms_um": UM * _rms(np.concatenate(planes)) if planes else None,
-        "distance_rms_um": UM * _rms(distances) if len(distances) else None,
-        "worst_distance_um": _or_none(UM * v.maximum_distance_error),
-        "predicted_distance_interval95_um": ends(predicted.ravel(), UM) if len(distances) else None,
-        "points_mean_um": UM * float(np.mean(np.concatenate(points))) if points else None,
-        "points_rms_um": UM * _rms(np.concatenate(points)) if points else None,
+        **entry(level.unexplained, "noise_estimated_um=fitted", "unexplained_um=excess"),
+        **entry(v.contacts, "heldout_planes_rms_um=rms"),
+        **entry(distances, "distance_rms_um=rms", "worst_distance_um=maximum"),
+        "predicted_distance_interval95_um": (UM * distances.interval95).tolist() if v.distances else None,
+        **entry(v.point_lengths, "points_mean_um=mean", "points_rms_um=rms"),
     }
+
+
+def verdict_record(tests: Acceptance, dataset: Dataset) -> dict[str, Any]:
+    """``verdict``: the word, the tests that fail (`reasons`) and all of them, shared causes of rejections."""
+    check = ("test", "value", "limit", "p=p_value", "level", "words")
+    return {
+        "words": tests.verdict,
+        **entry(tests, "explains", "validated", "determined"),
+        "reasons": [entry(c, *check) for c in tests.failed],
+        "tests": [entry(c, *check) for c in tests.checks],
+        "shared_causes": [
+            entry(cause, "kind", "label")
+            | {"rows": [dataset.measurements.ids[row] for row in cause.rows]}
+            | entry(cause, "rows_in_group=size", "rejected", "count", "p=p_value")
+            for cause in tests.causes
+        ],
+    }
+
+
+def tolerance_record(decided: Tolerance) -> dict[str, Any]:
+    """``acceptance``: decisions by ISO 14253-1 on a tolerance of distance errors."""
+    return {
+        "rule": "ISO 14253-1: PASS where abs(error) + U <= tolerance, FAIL where abs(error) - U > tolerance",
+        **entry(decided, "tolerance_mm", "k"),
+        "coverage": COVERAGE,
+        **entry(decided, "decision", "why"),
+        "volume": entry(decided, "probability", "U_um=expanded"),
+        "distances": [
+            entry(d, "between", "error_um", "U_um=expanded", "k", "probability", "decision")
+            for d in decided.distances
+        ],
+    }
+
+
+def iso9283_record(figures: Iso9283) -> dict[str, Any]:
+    """``iso9283``; u is of the measurement, k = 1."""
+    fields = ("symbol", "name=words", "count", "mean_um", "max_um=maximum", "u_mean_um=u", "u_max_um=u_max")
+    return {
+        "figures": [entry(f, *fields) for f in figures.figures],
+        "differs_from_norm": list(figures.differs),
+    }
+
+
+def agreement_record(compared: Agreement) -> dict[str, Any]:
+    """``agreement``: parameters of one arm by several sessions."""
+    return {
+        "parameters": [_compared(compared, k) for k in range(len(compared.names))],
+        "pairs": [
+            entry(p, "sessions", "chi2", "directions", "p_value", "disagree")
+            | {"apart_sd": dict(zip(compared.names, p.apart.tolist(), strict=True))}
+            for p in compared.pairs
+        ],
+        "not_fitted_alone": dict(compared.refused),
+    }
+
+
+def _compared(compared: Agreement, k: int) -> dict[str, Any]:
+    unit, factor = UNITS[compared.units[k]]
+
+    def estimate(by: tuple[np.ndarray, np.ndarray]) -> dict[str, float]:
+        return {"estimate": float(factor * by[0][k]), "sd": float(factor * by[1][k])}
+
+    return {
+        "name": compared.names[k],
+        "unit": unit,
+        "together": estimate(compared.together),
+        "alone": {name: estimate(by) for name, by in compared.alone.items()},
+    }
+
+
+def fit_contents(fit: Fit, compared: Agreement | None = None) -> dict[str, Any]:
+    """The content of fit.json; `compared` is what the sessions of a joint fit say each by itself."""
+    contents = fit_record(fit)
+    if compared is not None:
+        contents["agreement"] = agreement_record(compared)
+        contents["warnings"] += disagreement(compared)
+    return contents

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-
 import numpy as np
 from rich.console import Group, RenderableType
 from rich.text import Text
@@ -15,11 +13,13 @@ from bayescal.calibration import Fit
 from bayescal.estimate.discrepancy import MASSES
 from bayescal.fitted import gate
 from bayescal.fitted.gate import STEPS, Use
-from bayescal.predict import DistanceErrors, Validation, inside95
+from bayescal.predict import DistanceErrors, Errors, Validation, inside95
 from bayescal.reporting.fit.agreement import iso9283_table
-from bayescal.reporting.fit.tables import distance_table, level_table, parameter_table, tolerance_table
-from bayescal.reporting.shared.origin import filed_lines
-from bayescal.reporting.shared.text import MDEG, MM, UM, facts, percent, um, um2
+from bayescal.reporting.fit.record import parameter_records, tolerance_record, validation_record
+from bayescal.reporting.fit.sheets import TOLERANCE, distance_table, parameter_table, validation_table
+from bayescal.reporting.shared.origin import entry, filed_lines
+from bayescal.reporting.shared.sheet import Sheet, terminal
+from bayescal.reporting.shared.text import MDEG, MM, UM, Facts, facts, percent, um, um2
 
 MOST_REASONS = 4
 """Failed tests that are told; fit.json has all."""
@@ -31,8 +31,6 @@ MOST_FAMILIES = 3
 """Families of the discrepancy that are named."""
 STYLES = {PASS: "bold green", FAIL: "bold red"}
 
-Facts = Iterable[tuple[str, str, str]]
-
 
 def fit_summary(fit: Fit, verbose: bool = False) -> RenderableType:
     """Verdict, prediction, validation and parameters; with `verbose` all distances, targets, directions."""
@@ -42,15 +40,17 @@ def fit_summary(fit: Fit, verbose: bool = False) -> RenderableType:
     parts: list[RenderableType] = [title, facts([*_verdict(fit.acceptance, use), *_predicted(fit)])]
     parts.append(facts([*_tolerance(fit.tolerance), *_next(fit, use), *_findings(fit)]))
     if v.planes or v.distances or v.points or v.turns:
-        parts += ["", level_table(fit.levels)]
+        parts += ["", terminal(validation_table(fit.levels))]
     if v.distances:
-        parts += ["", distance_table(v, fit.levels[0].validation, verbose)]
+        distances = validation_record(fit.levels[0].validation, v, fit.budgets)["distances"]
+        parts += ["", terminal(distance_table(distances, verbose))]
     if verbose:
         parts += ["", iso9283_table(iso9283(fit.basis))]
     if fit.tolerance is not None and fit.tolerance.distances and verbose:
-        parts += ["", tolerance_table(fit.tolerance)]
+        parts += ["", terminal(Sheet(TOLERANCE, tolerance_record(fit.tolerance)["distances"]))]
     if fit.final.estimate.model.parameters:
-        parts += ["", parameter_table(fit, verbose)]
+        levels = entry(fit.identifiability, "determined", "partly", "prior_only")
+        parts += ["", terminal(parameter_table(parameter_records(fit), levels, verbose))]
     parts += ["", facts(_details(fit, verbose))]
     return Group(*parts)
 
@@ -72,13 +72,13 @@ def _verdict(tests: Acceptance, use: Use) -> Facts:
 def _predicted(fit: Fit) -> Facts:
     """The distance error to expect, its interval, and the maximum errors of validation measurements."""
     lead, space = fit.forecast.lead, fit.forecast.workspace
-    rests = "" if fit.acceptance.determined else ", from priors: not determined by these measurements"
+    from_priors = "" if fit.acceptance.determined else ", from priors: not determined by these measurements"
     if fit.acceptance.unmade:
         yield "", "not valid, because contacts were not made:", "red"
-    yield "distance error", _expected(lead) + (rests if lead is space else ""), "bold"
+    yield "distance error", _expected(lead) + (from_priors if lead is space else ""), "bold"
     yield "", _over(lead), "dim"
     if fit.forecast.checked:
-        yield "probed volume", _expected(space) + rests, ""
+        yield "probed volume", _expected(space) + from_priors, ""
         yield "", _over(space), "dim"
     for k, words in enumerate(_measured(fit.levels[0].validation, fit.final.validation)):
         yield "" if k else "validation", words, "" if k else "bold"
@@ -97,24 +97,23 @@ def _over(d: DistanceErrors) -> str:
 def _measured(nominal: Validation, v: Validation) -> list[str]:
     """Errors of validation measurements, nominal and calibrated, of each kind."""
 
-    def change(what: str, before: np.ndarray, after: np.ndarray) -> str:
-        (was, most_was), (now, most) = ((np.sqrt(np.mean(e**2)), np.max(np.abs(e))) for e in (before, after))
-        return f"{what} error {um(was)} -> {um(now)} µm RMS, maximum {um(most_was)} -> {um(most)}"
+    def change(what: str, before: Errors, after: Errors) -> str:
+        change = f"{what} error {um(before.rms)} -> {um(after.rms)} µm RMS"
+        return f"{change}, maximum {um(before.maximum)} -> {um(after.maximum)}"
 
     out = []
     if v.distances:
-        before, after = (np.array([d.error for d in part.distances]) for part in (nominal, v))
         within = sum(bool(inside95(d.error, d.predicted)) for d in v.distances)
-        out.append(f"{change('distance', before, after)}; {within} of {len(v.distances)} within 95 %")
+        words = change("distance", nominal.distance_errors, v.distance_errors)
+        out.append(f"{words}; {within} of {len(v.distances)} within 95 %")
     if v.points:
-        pairs = [[np.linalg.norm(p.residuals, axis=0) for p in part.points] for part in (nominal, v)]
-        out.append(change("point", *map(np.concatenate, pairs)))
+        out.append(change("point", nominal.point_lengths, v.point_lengths))
     if v.planes:
-        pairs = [[p.residuals for p in part.planes] for part in (nominal, v)]
-        out.append(change("contact", *map(np.concatenate, pairs)))
+        out.append(change("contact", nominal.contacts, v.contacts))
     if v.turns:
-        angle = MDEG * np.concatenate([np.linalg.norm(t.residuals, axis=0) for t in v.turns])
-        out.append(f"orientation error maximum {angle.max():.2g} mdeg, mean {angle.mean():.2g} mdeg")
+        angles = v.turn_angles
+        maximum, mean = MDEG * angles.maximum, MDEG * angles.mean
+        out.append(f"orientation error maximum {maximum:.2g} mdeg, mean {mean:.2g} mdeg")
     return out or ["none: no measurements with role validate"]
 
 
@@ -122,17 +121,14 @@ def _tolerance(decided: Tolerance | None) -> Facts:
     if decided is None:
         return
     style = STYLES.get(decided.decision, "bold yellow")
-    yield (
-        "tolerance",
-        f"{MM * decided.tolerance:g} mm: {decided.decision}; {decided.why} (ISO 14253-1)",
-        style,
-    )
+    words = f"{MM * decided.tolerance:g} mm: {decided.decision}; {decided.why} (ISO 14253-1)"
+    yield "tolerance", words, style
     yield "", f"probability {percent(decided.probability)} for a distance in the probed volume", ""
 
 
 def _next(fit: Fit, use: Use) -> Facts:
-    told = {check.words for check in fit.acceptance.failed}
-    reasons = [reason for reason in use.against if reason not in told]
+    failed = {check.words for check in fit.acceptance.failed}
+    reasons = [reason for reason in use.against if reason not in failed]
     if use.against:
         reasons.append("robot.yaml says so; export, compensate and certificates need --force")
     for k, reason in enumerate(reasons):
@@ -144,40 +140,34 @@ def _next(fit: Fit, use: Use) -> Facts:
 
 
 def _findings(fit: Fit) -> Facts:
-    told = {check.test for check in fit.acceptance.failed}
+    failed = {check.test for check in fit.acceptance.failed}
     for finding in fit.findings:
-        if finding.code not in told:
+        if finding.code not in failed:
             yield finding.severity, finding.text, "" if finding.severity == "note" else "yellow"
 
 
 def _details(fit: Fit, verbose: bool) -> Facts:
-    level, found = fit.final, fit.final.estimate
-    left = level.unexplained
-    count = sum(len(b.rows) for b in found.model.states)
-    targets = len(found.model.states)
-    yield (
-        "fitted",
-        f"{', '.join(level.effects)}: {len(found.model.parameters)} arm parameters from {count} measurements "
-        f"on {targets} target{'s' if targets > 1 else ''}",
-        "",
-    )
+    level, estimate = fit.final, fit.final.estimate
+    model, scatter = estimate.model, level.unexplained
+    count = sum(len(b.rows) for b in model.states)
+    targets = f"{len(model.states)} target{'s' if len(model.states) > 1 else ''}"
+    parameters = f"{len(model.parameters)} arm parameters from {count} measurements on {targets}"
+    yield "fitted", f"{', '.join(level.effects)}: {parameters}", ""
     repeats = ""
-    if left.repeats is not None:
-        repeats = f", repeated {left.group}s {UM * left.repeats:.1f} µm ({left.repeats_dof} d.o.f.)"
-    what = "residual s.d." if left.group == "contact" else "single-point residual s.d."
-    if any(b.group == left.group and b.kind.rows > 1 for b in found.model.states):
+    if scatter.repeats is not None:
+        dof = f"{scatter.repeats_dof} d.o.f."
+        repeats = f", repeated {scatter.group}s {UM * scatter.repeats:.1f} µm ({dof})"
+    what = "residual s.d." if scatter.group == "contact" else "single-point residual s.d."
+    if any(b.group == scatter.group and b.kind.rows > 1 for b in model.states):
         what += " per coordinate"
-    yield "noise", f"{what} {UM * left.fitted:.1f} µm, stated {UM * left.stated:.1f} µm{repeats}", ""
+    yield "noise", f"{what} {UM * scatter.fitted:.1f} µm, stated {UM * scatter.stated:.1f} µm{repeats}", ""
     yield from _discrepancy(fit)
-    if len(found.rejected):
-        ids = [fit.dataset.measurements.ids[row] for row in found.rejected]
+    if len(estimate.rejected):
+        ids = [fit.dataset.measurements.ids[row] for row in estimate.rejected]
         shown = ids if verbose else ids[:MOST_ROWS]
         more = ", ..." if len(shown) < len(ids) else ""
-        yield (
-            "rejected",
-            f"{len(ids)} row{'s' if len(ids) > 1 else ''} as outliers: {', '.join(shown)}{more}",
-            "",
-        )
+        rows = f"{len(ids)} row{'s' if len(ids) > 1 else ''}"
+        yield "rejected", f"{rows} as outliers: {', '.join(shown)}{more}", ""
     if verbose:
         yield from _identifiable(fit)
     yield "posterior", _sampler(fit), ""
@@ -198,15 +188,15 @@ def _discrepancy(fit: Fit) -> Facts:
 
 
 def _identifiable(fit: Fit) -> Facts:
-    known = fit.identifiability
+    of = fit.identifiability
     for heading, names, style in (
-        ("identifiable", known.determined, ""),
-        ("weakly", known.partly, ""),
-        ("not", known.prior_only, "yellow"),
+        ("identifiable", of.determined, ""),
+        ("weakly", of.partly, ""),
+        ("not", of.prior_only, "yellow"),
     ):
         if names:
             yield heading, ", ".join(names), style
-    for k, direction in enumerate(known.weak):
+    for k, direction in enumerate(of.weak):
         yield "" if k else "weak directions", direction.words, "yellow"
 
 

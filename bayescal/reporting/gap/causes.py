@@ -1,7 +1,4 @@
-"""Unmodelled errors whose location and dependence show what happens: a sentence, and what to inspect.
-
-Amplitudes of named effects as text and as entries of gap.json: only those that are significant.
-"""
+"""What an unmodelled error shows and what to inspect, and amplitudes of named effects: text and entries."""
 
 from __future__ import annotations
 
@@ -16,6 +13,7 @@ from bayescal.effects.location import Site
 from bayescal.effects.sizes import DEVIATION
 from bayescal.effects.vocabulary import unit_label
 from bayescal.gap.result import Amplitude, Gap, Place
+from bayescal.reporting.shared.origin import entry
 from bayescal.reporting.shared.text import amplitude, with_u
 
 
@@ -34,34 +32,30 @@ KEPT = " Until then, keep the rows before and after it in sessions of their own.
 CAUSES = {
     ("base", "base moment", "sign"): Cause(
         "the base rocks with the sign of the base moment",
-        "Tighten the base bolts to the stated torque, and look for clearance below the mounting "
-        "plate: it rests on "
-        "one edge or the other, by the side on which the arm reaches out. Shim it, then repeat the "
+        "Tighten the base bolts to the stated torque, and look for clearance below the mounting plate: it "
+        "rests on one edge or the other, by the side on which the arm reaches out. Shim it, then repeat the "
         "session.",
     ),
     ("base", "time", "to and fro"): Cause(
         "the base sways during the session",
-        "Look for what tilts the stand in this rhythm: traffic, a machine, a door, air conditioning. "
-        "Anchor "
+        "Look for what tilts the stand in this rhythm: traffic, a machine, a door, air conditioning. Anchor "
         "the stand.",
     ),
     ("tool", "event", ""): Cause(
         "the tool shifted",
-        f"{LOG}a stylus that was changed, mounted anew or struck. Tighten it and qualify the probe "
-        "again. The "
-        "rows from there on can be those of another tool: name it in the column `tool` and in "
+        f"{LOG}a stylus that was changed, mounted anew or struck. Tighten it and qualify the probe again. "
+        "The rows from there on can be those of another tool: name it in the column `tool` and in "
         "dataset.yaml.",
     ),
     ("probe", "event", ""): Cause(
         "the pre-travel of the probe changed",
-        f"{LOG}a stylus or a trigger force that was changed. Tighten the stylus and qualify the probe "
-        f"again.{KEPT}",
+        f"{LOG}a stylus or a trigger force that was changed. Tighten the stylus and qualify the "
+        f"probe again.{KEPT}",
     ),
     ("joint", "event", ""): Cause(
         "the zero of {site} changed",
-        f"{LOG}a collision, an emergency stop, a restart. Check the brake, the belt and the encoder of"
-        " the joint, "
-        f"and set its zero again.{KEPT}",
+        f"{LOG}a collision, an emergency stop, a restart. Check the brake, the belt and the encoder of "
+        f"the joint, and set its zero again.{KEPT}",
     ),
     ("face", "event", ""): Cause(
         "{site} shifted",
@@ -69,14 +63,13 @@ CAUSES = {
     ),
     ("joint", "torque", "past"): Cause(
         "{site} creeps after a change of load",
-        "Wait after a change of load or a long motion before measuring. Check the grease and the wear"
-        " of the gear.",
+        "Wait after a change of load or a long motion before measuring. Check the grease and the "
+        "wear of the gear.",
     ),
     ("joint", "travel", ""): Cause(
         "{site} has lost motion that depends on its earlier travel",
         "Check the preload of the gear and the belt tension. Until then, approach accurate points "
-        "from one "
-        "direction and from the same distance.",
+        "from one direction and from the same distance.",
     ),
     ("joint", "angle", "beyond"): Cause(
         "something acts on {site} beyond an angle of {joint}",
@@ -119,10 +112,10 @@ def cause(where: Place) -> Cause | None:
 
 def sentence(where: Place, dataset: Dataset) -> str:
     """What happens, when, and by how much: ``the tool shifted at row 212 by (10.0(4), ...) µm``; or ""."""
-    found = cause(where)
-    if found is None:
+    happens = cause(where)
+    if happens is None:
         return ""
-    text = found.words.format(site=where.site.text, joint=f"J{where.driver.joint}")
+    text = happens.words.format(site=where.site.text, joint=f"J{where.driver.joint}")
     if where.event is not None:
         row, (first, last) = where.event.row, where.event.interval95
         text += f" at row {row + 1} ({dataset.measurements.ids[row]})"
@@ -135,24 +128,24 @@ def _sizes(amplitudes: list[Amplitude]) -> list[str]:
     """Amplitudes as text: three shifts as a vector, others by name."""
     out = []
     for unit in dict.fromkeys(a.unit for a in amplitudes):
-        own = [a for a in amplitudes if a.unit == unit]
-        values = [with_u(amplitude(a.value, unit)[0], amplitude(a.u, unit)[0]) for a in own]
+        alike = [a for a in amplitudes if a.unit == unit]
+        values = [with_u(amplitude(a.value, unit)[0], amplitude(a.u, unit)[0]) for a in alike]
         label = unit_label(amplitude(0.0, unit)[1])
-        if len(own) > 1:
-            axes = ", ".join(a.what.rpartition(" ")[2] for a in own)
+        if len(alike) > 1:
+            axes = ", ".join(a.what.rpartition(" ")[2] for a in alike)
             out.append(f"by ({axes}) = ({', '.join(values)}) {label}")
         else:
-            what = own[0].what
+            what = alike[0].what
             out.append(f"by {values[0]} {label}" if " " not in what else f"({what} {values[0]} {label})")
     return out
 
 
 def records(where: Place, dataset: Dataset) -> dict:
     """Entries of gap.json for an unmodelled location: what happens, the row, amplitudes, what to inspect."""
-    found = cause(where)
-    if found is None:
+    shown = cause(where)
+    if shown is None:
         return {}
-    out: dict = {"words": sentence(where, dataset), "remedy": found.remedy}
+    out: dict = {"words": sentence(where, dataset), "remedy": shown.remedy}
     if where.event is not None:
         ids = dataset.measurements.ids
         out["event"] = {
@@ -168,25 +161,25 @@ def records(where: Place, dataset: Dataset) -> dict:
     return out
 
 
-def told(gap: Gap, effect: str) -> tuple[Amplitude, ...]:
+def stated(gap: Gap, effect: str) -> tuple[Amplitude, ...]:
     """The significant amplitudes of an effect; one where none is significant alone.
 
     That is the amplitude at the largest location that the effect explains, else the clearest.
     """
-    own = [a for a in gap.amplitudes if a.effect == effect]
-    clear = tuple(a for a in own if a.significant)
+    amplitudes = [a for a in gap.amplitudes if a.effect == effect]
+    clear = tuple(a for a in amplitudes if a.significant)
     if clear:
         return clear
     largest = max((w for w in gap.where if w.explained_by == effect), key=lambda w: w.rms, default=None)
-    there = [a for a in own if largest and (a.site, a.driver) == (largest.site, largest.driver)]
-    return tuple(sorted(there or own, key=lambda a: -abs(a.value) / a.u if a.u > 0 else 0.0)[:1])
+    there = [a for a in amplitudes if largest and (a.site, a.driver) == (largest.site, largest.driver)]
+    return tuple(sorted(there or amplitudes, key=lambda a: -abs(a.value) / a.u if a.u > 0 else 0.0)[:1])
 
 
 def sites(gap: Gap, effect: str) -> tuple[tuple[Site, ...], bool]:
     """Sites with a significant amplitude, and whether these are all sites of the effect in the refit."""
-    own = [a for a in gap.amplitudes if a.effect == effect]
-    clear = tuple(dict.fromkeys(a.site for a in own if a.significant))
-    return clear, len(clear) == len({a.site for a in own})
+    amplitudes = [a for a in gap.amplitudes if a.effect == effect]
+    clear = tuple(dict.fromkeys(a.site for a in amplitudes if a.significant))
+    return clear, len(clear) == len({a.site for a in amplitudes})
 
 
 def short(site: Site) -> str:
@@ -197,7 +190,7 @@ def short(site: Site) -> str:
 def line(a: Amplitude, others: Sequence[Amplitude]) -> str:
     """An amplitude in its unit and place: ``backlash of J3: half-width 0.0244(10) deg``.
 
-    `others` are those told of the same effect; the driver or the parameter is added where the site and the
+    `others` are those stated of the same effect; the driver or the parameter is added where the site and the
     name of the amplitude do not identify it.
     """
     same = [o for o in others if (o.site, o.what) == (a.site, a.what)]
@@ -215,11 +208,11 @@ def line(a: Amplitude, others: Sequence[Amplitude]) -> str:
 
 
 def lines(gap: Gap) -> list[str]:
-    """All amplitudes that are told."""
+    """All amplitudes that are stated."""
     out: list[str] = []
     for effect in dict.fromkeys(a.effect for a in gap.amplitudes):
-        own = told(gap, effect)
-        out += [line(a, own) for a in own]
+        amplitudes = stated(gap, effect)
+        out += [line(a, amplitudes) for a in amplitudes]
     return out
 
 
@@ -228,26 +221,16 @@ def amplitude_records(gap: Gap) -> list[dict[str, Any]]:
     gain = _gains(gap)
     out = []
     for effect in dict.fromkeys(a.effect for a in gap.amplitudes):
-        for a in told(gap, effect):
+        for a in stated(gap, effect):
             value, unit = amplitude(a.value, a.unit)
             u, _ = amplitude(a.u, a.unit)
             nats, se = gain.get(effect, (float("nan"), float("nan")))
+            phase = (None, None) if a.phase is None else np.degrees(a.phase).tolist()
             out.append(
-                {
-                    "effect": effect,
-                    "site": str(a.site),
-                    "driver": str(a.driver),
-                    "parameters": list(a.parameters),
-                    "what": a.what,
-                    "value": value,
-                    "u": u,
-                    "unit": unit,
-                    "phase_deg": None if a.phase is None else float(np.degrees(a.phase[0])),
-                    "u_phase_deg": None if a.phase is None else float(np.degrees(a.phase[1])),
-                    "significant": a.significant,
-                    "validation_gain_nats": nats,
-                    "validation_gain_se": se,
-                }
+                {"effect": effect, "site": str(a.site), "driver": str(a.driver)}
+                | entry(a, "parameters", "what")
+                | {"value": value, "u": u, "unit": unit, "phase_deg": phase[0], "u_phase_deg": phase[1]}
+                | {"significant": a.significant, "validation_gain_nats": nats, "validation_gain_se": se}
             )
     return out
 

@@ -1,15 +1,11 @@
-"""The contacts that a diagnosis advises: `next.csv`, entries of gap.json, and a table of the first ones.
+"""The contacts that a diagnosis advises: `next.csv`, entries of gap.json and a table of the first ones.
 
-Errors of points as reports state them: the length of the error vector, from the RMS of its coordinates.
-
-Entries of gap.json about what the data leave open: `bayescal plan --after` reads them.
+Also errors of points as lengths, and the entries about what the data leave open, for `bayescal plan --after`.
 """
 
 from __future__ import annotations
 
-import csv
-import io
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -22,11 +18,10 @@ from bayescal.gap.result import (
     Advice,
     Gap,
     NextContact,
-    Pair,
     Shrinkage,
     Side,
 )
-from bayescal.reporting.shared.text import FigureTable, plain_table
+from bayescal.reporting.shared.sheet import Column, Sheet, csv_text
 
 FIRST = 3
 """Contacts of the first advice in the summary."""
@@ -53,8 +48,8 @@ def records(gap: Gap, advice: Advice) -> list[dict[str, Any]]:
             "payload_kg": c.payload,
             "repeat_of": c.repeat_of,
         }
-        for name, own, c in numbered(gap)
-        if own is advice
+        for name, of, c in numbered(gap)
+        if of is advice
     ]
 
 
@@ -63,52 +58,49 @@ def table_of_contacts(gap: Gap) -> str:
 
     ``repeat_of`` is the contact of the session that a row repeats unchanged, or empty.
     """
-    every = list(numbered(gap))
-    n = gap.dataset.robot.n
-    moving = any(c.velocity is not None for _, _, c in every)
-    loaded = any(c.payload is not None for _, _, c in every)
-    head = ["id", "role", "target", "tool", *(f"j{k}_deg" for k in range(1, n + 1))]
-    head += [f"j{k}_degps" for k in range(1, n + 1)] * moving + ["payload_kg"] * loaded + ["repeat_of"]
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
-    writer.writerow(head)
-    for name, _, c in every:
+    contacts = [(name, c) for name, _, c in numbered(gap)]
+    joints = range(1, gap.dataset.robot.n + 1)
+    moving, loaded = _recorded([c for _, c in contacts])
+    head = ["id", "role", "target", "tool", *(f"j{k}_deg" for k in joints)]
+    head += [f"j{k}_degps" for k in joints] * moving + ["payload_kg"] * loaded + ["repeat_of"]
+    rows = []
+    for name, c in contacts:
         row = [name, "calibrate", c.target, c.tool, *_degrees(c.readings)]
         if moving:
-            row += _degrees(c.velocity) if c.velocity is not None else [""] * n
+            row += _degrees(c.velocity) if c.velocity is not None else [""] * len(joints)
         if loaded:
             row.append("" if c.payload is None else f"{c.payload:g}")
-        writer.writerow([*row, c.repeat_of])
-    return out.getvalue()
+        rows.append([*row, c.repeat_of])
+    return csv_text(head, rows)
 
 
-def first_contacts(gap: Gap) -> FigureTable:
+def _recorded(contacts: Sequence[NextContact]) -> tuple[bool, bool]:
+    """Whether any of the contacts states a velocity, and a payload."""
+    return any(c.velocity is not None for c in contacts), any(c.payload is not None for c in contacts)
+
+
+def first_contacts(gap: Gap) -> Sheet:
     """The first contacts of the first advice."""
     chosen = [(name, c) for name, _, c in numbered(gap)][:FIRST]
-    joints = [f"J{k}" for k in range(1, gap.dataset.robot.n + 1)]
-    moving = any(c.velocity is not None for _, c in chosen)
-    loaded = any(c.payload is not None for _, c in chosen)
-    headings = ["target", *(f"{j} (deg)" for j in joints)]
-    headings += ["direction of motion"] * moving + ["payload (kg)"] * loaded
-    table = plain_table("next contacts", *headings)
-    for name, c in chosen:
-        cells = [c.target, *(f"{v:.3f}" for v in np.degrees(c.readings))]
-        if moving:
-            cells.append(_signs(c.velocity))
-        if loaded:
-            cells.append("-" if c.payload is None else f"{c.payload:g}")
-        table.add_row(name, *cells)
-    return table
+    moving, loaded = _recorded([c for _, c in chosen])
+    joints = [
+        Column(f"J{k + 1} (deg)", lambda item, k=k: np.degrees(item[1].readings[k]), "{:.3f}".format)
+        for k in range(gap.dataset.robot.n)
+    ]
+    columns = [Column("next contacts", 0), Column("target", lambda item: item[1].target), *joints]
+    if moving:
+        columns.append(Column("direction of motion", lambda item: item[1].velocity, _signs))
+    if loaded:
+        columns.append(Column("payload (kg)", lambda item: item[1].payload, "{:g}".format))
+    return Sheet(tuple(columns), chosen)
 
 
 def _degrees(values: tuple[float, ...]) -> list[str]:
     return [f"{v:.{DECIMALS}f}" for v in np.degrees(values)]
 
 
-def _signs(velocity: tuple[float, ...] | None) -> str:
+def _signs(velocity: tuple[float, ...]) -> str:
     """The side on which each joint arrives: ``+-+0+-`` from the first joint on."""
-    if velocity is None:
-        return "-"
     return "".join("+" if v > 0 else "-" if v < 0 else "0" for v in velocity)
 
 
@@ -137,23 +129,14 @@ def per_residual(gap: Gap) -> str:
 
 def as_lengths(s: Shrinkage) -> Shrinkage:
     """A reduction of errors whose errors of points are lengths."""
-    return replace(
-        s,
-        before=length(s.what, s.before),
-        after=length(s.what, s.after),
-        floor=length(s.what, s.floor),
-        predicted_before=length(s.what, s.predicted_before),
-        predicted=length(s.what, s.predicted),
-    )
+    errors = ("before", "after", "floor", "predicted_before", "predicted")
+    return replace(s, **{name: length(s.what, getattr(s, name)) for name in errors})
 
 
 def undecided_records(gap: Gap) -> list[dict[str, Any]]:
     """Pairs of explanations, each side with its effects as for --model and their fitted parameters."""
-    return [_pair(pair) for pair in gap.undecided]
-
-
-def _pair(pair: Pair) -> dict[str, Any]:
-    return {"a": _side(pair.a), "b": _side(pair.b), "common": _side(pair.common)}
+    sides = ("a", "b", "common")
+    return [{side: _side(getattr(pair, side)) for side in sides} for pair in gap.undecided]
 
 
 def _side(side: Side) -> list[dict[str, Any]]:

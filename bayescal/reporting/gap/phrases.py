@@ -11,14 +11,12 @@ from bayescal.effects import EFFECTS
 from bayescal.effects.location import Site
 from bayescal.fitted import gate
 from bayescal.gap.result import Gap, Named, Place, Verdict
-from bayescal.gap.settings import VERDICT
+from bayescal.gap.settings import OUTCOME, VERDICT
 from bayescal.model.block import posed
 from bayescal.reporting.gap.causes import PLAIN, sentence, sites
 from bayescal.reporting.shared.text import listed, probability, rival
 
 NO_PLACE = "at no single location"
-LOOSE = 4.0
-"""Expected validation error over noise from which on a null verdict means only: too few contacts."""
 MOST = 0.5
 """Share of the parameters that is not identifiable from which on a null verdict means only: too few poses."""
 
@@ -35,13 +33,13 @@ def named(effect: Named, gap: Gap) -> str:
     """
     who, does = EFFECTS[effect.effect].phrase
     clear, everywhere = sites(gap, effect.effect)
-    told: tuple[Site, ...] = ()
+    named_sites: tuple[Site, ...] = ()
     if effect.sites or (who.startswith("every ") and not everywhere):
-        told = effect.sites or clear
-        who = together(told) if told else who.replace("every", "at least one")
+        named_sites = effect.sites or clear
+        who = together(named_sites) if named_sites else who.replace("every", "at least one")
     words = f"{does}, {effect.setting}" if effect.setting else does
     p = f"probability {probability(effect.probability)}"
-    if len(told) > 1:
+    if len(named_sites) > 1:
         return f"{effect.effect} in {who} (each {words}; {p})"
     return f"{who} {words} ({effect.effect}, {p})"
 
@@ -92,26 +90,26 @@ def unnamed(verdict: Verdict) -> tuple[str, ...]:
 
     With these the headline and its footnotes have every effect of such a probability, and no other.
     """
-    told = {"null", *(n.effect for n in verdict.named)}
-    told |= {"unknown"} if verdict.kind in ("unknown", "named+unexplained") else set()
-    told |= {note.partition(" ")[0].rstrip(":") for note in verdict.footnotes}
-    return tuple(n for n, p in verdict.probability.items() if p >= VERDICT.sure and n not in told)
+    stated = {"null", *(n.effect for n in verdict.named)}
+    stated |= {"unknown"} if verdict.kind in ("unknown", "named+unexplained") else set()
+    stated |= {note.partition(" ")[0].rstrip(":") for note in verdict.footnotes}
+    return tuple(n for n, p in verdict.probability.items() if p >= VERDICT.sure and n not in stated)
 
 
 def _nothing(gap: Gap) -> str:
     """The headline of a diagnosis that names no effect and sees no unmodelled one."""
     verdict = gap.verdict
     size = gap.magnitude.measured[:1]
-    loose = bool(size) and size[0].predicted_rms > LOOSE * gap.magnitude.noise
+    loose = bool(size) and size[0].predicted_rms > OUTCOME.loose * gap.magnitude.noise
     odd = [x.what for x in gap.magnitude.measured if x.rms > x.predicted_interval95[1]]
     if odd:
         why = "; these contacts do not show why" if loose else ""
         return f"No effect found, but errors of {listed(odd)} are larger than the model predicts{why}"
     if loose:
         return "No effect found: with these contacts the model is too uncertain to show any"
-    left = sum(u.combinations for u in gap.undetermined if u.matters)
-    if gap.arm is not None and left > MOST * len(gap.arm.model.parameters):
-        of = f"{left} of {len(gap.arm.model.parameters)} combinations of parameters"
+    unknown = sum(u.combinations for u in gap.undetermined if u.matters)
+    if gap.arm is not None and unknown > MOST * len(gap.arm.model.parameters):
+        of = f"{unknown} of {len(gap.arm.model.parameters)} combinations of parameters"
         return f"No effect found, but {of} are not identifiable: these contacts show little of the arm"
     null = verdict.probability["null"]
     if null >= max(verdict.probability.values()):
@@ -127,11 +125,11 @@ def _cause(at: Place | None, gap: Gap) -> list[str]:
 
 def warnings(gap: Gap) -> tuple[str, ...]:
     """What limits the results and the use of the arm, and which rows the lengths leave out."""
-    told = gap.warnings
+    out = gap.warnings
     if gap.arm is not None:
-        told = (*replace(gate.of_gap(gap), warnings=()).remarks, *told)  # the headline has the verdict
+        out = (*replace(gate.of_gap(gap), warnings=()).remarks, *out)  # the headline has the verdict
     turns = int(np.sum(posed(gap.dataset)))
     if not turns:
-        return told
+        return out
     used = "the diagnosis uses it, but figures in µm are of the points alone"
-    return (*told, f"{turns} measurements are also of an orientation: {used}")
+    return (*out, f"{turns} measurements are also of an orientation: {used}")

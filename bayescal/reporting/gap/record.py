@@ -1,7 +1,4 @@
-"""`gap.json`: a diagnosis as numbers, by the output contract; units are in the keys.
-
-The run folder of a diagnosis.
-"""
+"""The run folder of a diagnosis: `gap.json`, by the output contract, and the files beside it."""
 
 from __future__ import annotations
 
@@ -13,7 +10,8 @@ import numpy as np
 from bayescal.fitted import gate
 from bayescal.fitted.arm import of_gap
 from bayescal.fitted.file import write_arm
-from bayescal.gap.result import Advice, BlindSpot, Gap, Magnitude, Margin, Place, Shrinkage, Verdict
+from bayescal.gap.result import MARGINS, Advice, BlindSpot, Gap, Magnitude, Place, Verdict
+from bayescal.gap.settings import OUTCOME
 from bayescal.model.scene import Scene
 from bayescal.reporting.figures.process import begun
 from bayescal.reporting.gap import causes, contacts
@@ -21,22 +19,28 @@ from bayescal.reporting.gap.contacts import as_lengths, length, main, table_of_c
 from bayescal.reporting.gap.phrases import headline, place, warnings
 from bayescal.reporting.page.build import write_page
 from bayescal.reporting.shared.body import arm_drawing
-from bayescal.reporting.shared.origin import origin, plain, rows_record
+from bayescal.reporting.shared.origin import entry, origin, plain, rows_record
 from bayescal.reporting.shared.text import UM, amplitude
-from bayescal.storage.files import indented
+from bayescal.storage.files import json_text
 from bayescal.storage.folders import whole
 
 SCHEMA = "bayescal-gap/1"
 LIBRARIES = ("gtsam", "numpy", "scipy", "numba")
-MARGINS = ("target", "joint", "region", "time", "direction")
 MEASURES = ("planes", "distances")
 """Keys of ``shrinkage`` that are always present, null where nothing was measured."""
 EVENT = "event"
 """Kind of driver of a sudden change."""
-SIGNIFICANT = 0.01
-"""Corrected p-value below which figures mark a location."""
 LEVER_DIGITS = 6
 """Decimals of a lever arm, m per rad or m per m."""
+NAMED = ("effect", "model", "site", "setting", "sites", "probability", "log_evidence", "confirmed")
+GROUP = ("label", "count", "rms_um", "mean_um", "p_value")
+STEP = ("model", "heldout_rms_um=validation_rms", "distance_rms_um", "point_rms_um")
+SHRUNK = ("before_rms_um=before", "after_rms_um=after", "floor_um")
+SHRINKAGE = (
+    *("count", *SHRUNK, "removed", "removed_interval95"),
+    *("predicted_before_rms_um=predicted_before", "predicted_rms_um=predicted", "claimed"),
+)
+"""Fields of entries."""
 CURVES = 12
 """Locations, the largest first, whose curves are stored."""
 DIGITS = 4
@@ -47,52 +51,28 @@ def gap_record(gap: Gap) -> dict[str, Any]:
     """The contents of gap.json; a value that is not finite is null."""
     verdict = gap.verdict
     record = {
-        **origin(SCHEMA, gap.dataset, gap.seed, LIBRARIES),
-        "baseline": list(gap.baseline),
-        "without": list(gap.without),
+        **origin(SCHEMA, gap.dataset, gap.options.seed, LIBRARIES),
+        **entry(gap, "baseline"),
+        "without": list(gap.options.omitted),
         "gap": _magnitude(gap.magnitude),
         "verdict": verdict.kind,
         "words": headline(gap),
         "effects": _effects(verdict),
-        "named": [
-            {
-                "effect": n.effect,
-                "model": n.model,
-                "site": n.site,
-                "setting": n.setting,
-                "sites": [str(site) for site in n.sites],
-                "probability": n.probability,
-                "log_evidence": n.log_evidence,
-                "confirmed": n.confirmed,
-            }
-            for n in verdict.named
-        ],
+        "named": [entry(n, *NAMED) | {"sites": [str(site) for site in n.sites]} for n in verdict.named],
         "use": None if gap.arm is None else gate.of_gap(gap).record(),
         "amplitudes": causes.amplitude_records(gap),
-        "refit": {"model": ",".join(gap.refit), "without": list(gap.still_without)},
-        "credible_set90": list(verdict.credible_set90),
-        "probability": dict(verdict.probability),
-        "hypotheses": [
-            {"effects": list(h.effects), "probability": h.probability, "log_evidence": h.log_evidence}
-            for h in verdict.hypotheses
-        ],
-        "footnotes": list(verdict.footnotes),
-        "missing": dict(verdict.missing),
-        "notes": list(verdict.notes),
+        "refit": {"model": ",".join(gap.refit), "without": list(map(str, gap.still_without))},
+        **entry(verdict, "credible_set90", "probability"),
+        "hypotheses": [entry(h, "effects", "probability", "log_evidence") for h in verdict.hypotheses],
+        **entry(verdict, "footnotes", "missing", "notes"),
         "where": [_place(w) | causes.records(w, gap.dataset) for w in gap.where],
-        "where_marginal": {key: [_margin(m) for m in gap.margins.get(key, ())] for key in MARGINS},
-        "shrinkage": dict.fromkeys(MEASURES) | {s.what: _shrinkage(s) for s in gap.shrinkage},
+        "where_marginal": {key: [entry(m, *GROUP) for m in gap.margins.get(key, ())] for key in MARGINS},
+        "shrinkage": dict.fromkeys(MEASURES) | {s.what: entry(s, *SHRINKAGE) for s in gap.shrinkage},
         "lengths": _lengths(gap),
         "ladder": [
-            {
-                "model": list(step.model),
-                "heldout_rms_um": UM * step.validation_rms,
-                "distance_rms_um": UM * step.distance_rms,
-                "point_rms_um": UM * step.point_rms,
-                "point_length_rms_um": UM * length("points", step.point_rms),
-                "delta_elpd": step.delta_elpd,
-                "delta_elpd_se": step.delta_elpd_se,
-            }
+            entry(step, *STEP)
+            | {"point_length_rms_um": UM * length("points", step.point_rms)}
+            | entry(step, "delta_elpd", "delta_elpd_se")
             for step in gap.levels
         ],
         "next": [_advice(a) | {"contacts": contacts.records(gap, a)} for a in gap.advice],
@@ -120,67 +100,22 @@ def _effects(verdict: Verdict) -> list[str]:
     return ["unknown"] if verdict.kind == "unknown" else list(dict.fromkeys(n.effect for n in verdict.named))
 
 
-def _um(interval: tuple[float, float]) -> list[float]:
-    return [UM * end for end in interval]
-
-
 def _magnitude(m: Magnitude) -> dict[str, Any]:
-    return {
-        "heldout": m.validation,
-        "heldout_rms_um": UM * m.validation_rms,
-        "noise_um": UM * m.noise,
-        "noise_interval95_um": _um(m.noise_interval95),
-        "noise_from": m.noise_from,
-        "excess_um": {"value": UM * m.excess, "interval95": _um(m.excess_interval95)},
-        "measured": [
-            {
-                "what": x.what,
-                "count": x.count,
-                "rms_um": UM * x.rms,
-                "predicted_rms_um": UM * x.predicted_rms,
-                "predicted_interval95_um": _um(x.predicted_interval95),
-            }
-            for x in m.measured
-        ],
-    }
+    keys = ("what", "count", "rms_um", "predicted_rms_um", "predicted_interval95_um")
+    return (
+        entry(m, "heldout=validation", "heldout_rms_um=validation_rms")
+        | entry(m, "noise_um", "noise_interval95_um", "noise_from")
+        | {"excess_um": {"value": UM * m.excess, "interval95": [UM * end for end in m.excess_interval95]}}
+        | {"measured": [entry(x, *keys) for x in m.measured]}
+    )
 
 
 def _place(w: Place) -> dict[str, Any]:
-    return {
-        "site": str(w.site),
-        "driver": str(w.driver),
-        "text": place(w),
-        "rms_um": UM * w.rms,
-        "share": w.share,
-        "p_value": w.p_value,
-        "family_p_value": w.family_p_value,
-        "log_evidence": w.log_evidence,
-        "explained_by": w.explained_by or None,
-    }
-
-
-def _margin(m: Margin) -> dict[str, Any]:
-    return {
-        "label": m.label,
-        "count": m.count,
-        "rms_um": UM * m.rms,
-        "mean_um": UM * m.mean,
-        "p_value": m.p_value,
-    }
-
-
-def _shrinkage(s: Shrinkage) -> dict[str, Any]:
-    return {
-        "count": s.count,
-        "before_rms_um": UM * s.before,
-        "after_rms_um": UM * s.after,
-        "floor_um": UM * s.floor,
-        "removed": s.removed,
-        "removed_interval95": list(s.removed_interval95),
-        "predicted_before_rms_um": UM * s.predicted_before,
-        "predicted_rms_um": UM * s.predicted,
-        "claimed": s.claimed,
-    }
+    return (
+        {"site": str(w.site), "driver": str(w.driver), "text": place(w)}
+        | entry(w, "rms_um", "share", "p_value", "family_p_value", "log_evidence")
+        | {"explained_by": w.explained_by or None}
+    )
 
 
 def _lengths(gap: Gap) -> dict[str, Any]:
@@ -191,22 +126,13 @@ def _lengths(gap: Gap) -> dict[str, Any]:
         "validation_rms_um": UM * length(what, m.validation_rms),
         "noise_um": UM * length(what, m.noise),
         "excess_um": UM * length(what, m.excess),
-        "shrinkage": {
-            s.what: {"before_rms_um": UM * s.before, "after_rms_um": UM * s.after, "floor_um": UM * s.floor}
-            for s in map(as_lengths, gap.shrinkage)
-        },
+        "shrinkage": {s.what: entry(as_lengths(s), *SHRUNK) for s in gap.shrinkage},
     }
 
 
 def _advice(a: Advice) -> dict[str, Any]:
-    return {
-        "separates": list(a.separates),
-        "what": a.what,
-        "poses": [np.degrees(pose) for pose in a.poses],
-        "poses_unit": "deg",
-        "lambda_before": a.lambda_before,
-        "lambda_after": a.lambda_after,
-    }
+    poses = {"poses": [np.degrees(pose) for pose in a.poses], "poses_unit": "deg"}
+    return entry(a, "separates", "what") | poses | entry(a, "lambda_before", "lambda_after")
 
 
 def _blind(b: BlindSpot) -> dict[str, Any]:
@@ -250,10 +176,10 @@ def _mark(gap: Gap) -> str | None:
     for n in gap.verdict.named:
         if n.sites:
             return str(n.sites[0])
-    clear = [w for w in gap.where if w.family_p_value < SIGNIFICANT]
+    clear = [w for w in gap.where if w.family_p_value < OUTCOME.significant]
     named = [w for w in clear if w.explained_by] if gap.verdict.named else []
-    unexplained = [w for w in clear if not w.explained_by]
-    return next((str(w.site) for w in (*named, *unexplained)), None)
+    others = [w for w in clear if not w.explained_by]
+    return next((str(w.site) for w in (*named, *others)), None)
 
 
 def _residuals(gap: Gap) -> dict[str, Any]:
@@ -289,12 +215,11 @@ def write_gap(gap: Gap, folder: Path, pictures: bool = True) -> tuple[str, ...]:
         File names.
     """
     contents = gap_record(gap)
-    record = indented(contents) + "\n"
     names = [GAP]
     arm = None if gap.arm is None else of_gap(gap)
     with whole(folder, GAP) as stage:
         drawn = begun(contents) if pictures else dict
-        (stage / GAP).write_text(record, encoding="utf-8")
+        (stage / GAP).write_text(json_text(contents, rows=False), encoding="utf-8")
         if arm is not None:
             names += write_arm(arm, stage)
         if any(a.contacts for a in gap.advice):

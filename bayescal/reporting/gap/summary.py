@@ -2,26 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-
 import numpy as np
 from rich.console import Group, RenderableType
-from rich.table import Table
 from rich.text import Text
 
-from bayescal.gap.result import VALIDATION_CONTACTS, Gap, Margin
+from bayescal.gap.result import VALIDATION_CONTACTS, BlindSpot, Gap, Margin, Step
 from bayescal.reporting.gap import causes
 from bayescal.reporting.gap.causes import cause
 from bayescal.reporting.gap.contacts import as_lengths, first_contacts, length, main, per_residual
 from bayescal.reporting.gap.phrases import headline, place, unexplained, warnings
+from bayescal.reporting.gap.sheets import significant
 from bayescal.reporting.shared.origin import filed_lines
+from bayescal.reporting.shared.sheet import Column, Sheet, inside, terminal
 from bayescal.reporting.shared.text import (
     NEVER,
+    Facts,
+    FigureTable,
     facts,
     level_label,
     listed,
     p_value,
-    plain_table,
     probability,
     reduction,
     rival,
@@ -34,11 +34,8 @@ PLACES = 5
 BLIND = 4
 MARGINS = 3
 ADVICE = 3
-SIGNIFICANT = 0.01
 LEAST_PROBABILITY = 0.01
 STYLES = {"null": "bold green", "named": "bold", "ambiguous": "bold yellow"}
-
-Facts = Iterable[tuple[str, str, str]]
 
 
 def gap_summary(gap: Gap) -> RenderableType:
@@ -47,7 +44,7 @@ def gap_summary(gap: Gap) -> RenderableType:
     title = Text.assemble(
         (gap.dataset.name, "bold"),
         f"  {gap.dataset.robot.name}  model: {', '.join(gap.baseline) or 'nominal'}",
-        f" without {', '.join(gap.without)}" if gap.without else "",
+        f" without {', '.join(gap.options.omitted)}" if gap.options.without else "",
     )
     style = STYLES.get(gap.verdict.kind, "bold red")
     parts: list[RenderableType] = [
@@ -57,7 +54,7 @@ def gap_summary(gap: Gap) -> RenderableType:
         facts(_size(gap)),
     ]
     if gap.magnitude.measured:
-        parts.append(_measured(gap))
+        parts.append(terminal(_measured(gap)))
     parts.append("")
     if nothing:
         parts.append(facts(_largest(gap)))
@@ -65,14 +62,14 @@ def gap_summary(gap: Gap) -> RenderableType:
         parts += [_where(gap), facts(_margins(gap))]
     parts += [facts(_which(gap)), facts(_amplitudes(gap)), facts(_remedy(gap)), ""]
     if gap.shrinkage and not nothing:
-        parts += [_shrinkage(gap), facts(_not_claimed(gap))]
+        parts += [terminal(Sheet(SHRINKAGE, tuple(map(as_lengths, gap.shrinkage)))), facts(_not_claimed(gap))]
     if gap.levels:
-        parts += [_levels(gap), ""]
+        parts += [terminal(_levels(gap)), ""]
     parts.append(facts(_next(gap)))
     if any(a.contacts for a in gap.advice):
-        parts.append(first_contacts(gap))
+        parts.append(terminal(first_contacts(gap)))
     if gap.blind_spots:
-        parts.append(_blind(gap))
+        parts.append(terminal(_blind(gap)))
     parts.append(facts(_remarks(gap)))
     return Group(*parts)
 
@@ -102,63 +99,51 @@ def _noise_from(gap: Gap) -> str:
     return words.get(gap.magnitude.noise_from, gap.magnitude.noise_from)
 
 
-def _measured(gap: Gap) -> Table:
-    table = plain_table("RMS (µm)", "count", "measured", "expected", "95 %", "")
-    for x in gap.magnitude.measured:
-        low, high = x.predicted_interval95
-        inside = low <= x.rms <= high
-        table.add_row(
-            x.what,
-            str(x.count),
-            um(length(x.what, x.rms)),
-            um(length(x.what, x.predicted_rms)),
-            f"{um(length(x.what, low))} .. {um(length(x.what, high))}",
-            Text("within", style="green") if inside else Text("outside", style="yellow"),
-        )
-    return table
+def _measured(gap: Gap) -> Sheet:
+    columns = (
+        Column("RMS (µm)", "what"),
+        Column("count", "count"),
+        Column("measured", lambda x: um(length(x.what, x.rms))),
+        Column("expected", lambda x: um(length(x.what, x.predicted_rms))),
+        Column("95 %", lambda x: " .. ".join(um(length(x.what, end)) for end in x.predicted_interval95)),
+        Column("", lambda x: x.predicted_interval95[0] <= x.rms <= x.predicted_interval95[1], inside),
+    )
+    return Sheet(columns, gap.magnitude.measured)
 
 
-def _where(gap: Gap) -> Table:
-    table = plain_table(f"location: RMS{per_residual(gap)} (µm)", "RMS", "share", "p", "explained by")
-    table.columns[0].no_wrap = False
+def _where(gap: Gap) -> FigureTable:
     shown = gap.where[:PLACES]
     if gap.verdict.kind == "named+unexplained" and all(w.explained_by for w in shown):
         shown = (*shown[:-1], *[w for w in gap.where[PLACES - 1 :] if not w.explained_by][:1])
     excess = any(w.share > 0 for w in gap.where)  # none in the fitted measurements: no share is defined
-    for w in shown:
-        table.add_row(
-            place(w),
-            um(w.rms),
-            f"{100 * w.share:.0f} %" if excess and np.isfinite(w.share) else "-",
-            p_value(w.family_p_value),
-            w.explained_by or "-",
-            style="" if w.family_p_value < SIGNIFICANT else "dim",
-        )
+    columns = (
+        Column(f"location: RMS{per_residual(gap)} (µm)", place),
+        Column("RMS", "rms", um),
+        Column("share", lambda w: f"{100 * w.share:.0f} %" if excess and np.isfinite(w.share) else None),
+        Column("p", "family_p_value", p_value),
+        Column("explained by", lambda w: w.explained_by or None),
+    )
+    table = terminal(Sheet(columns, shown, style=lambda w: "" if significant(w.family_p_value) else "dim"))
+    table.columns[0].no_wrap = False
     return table
 
 
 def _largest(gap: Gap) -> Facts:
     each = per_residual(gap)
     for w in gap.where[:1]:
-        yield (
-            "location",
-            f"largest, not significant: {place(w)}, {um(w.rms)} µm{each} (p {p_value(w.family_p_value)})",
-            "dim",
-        )
+        text = f"{place(w)}, {um(w.rms)} µm{each} (p {p_value(w.family_p_value)})"
+        yield "location", f"largest, not significant: {text}", "dim"
 
 
 def _margins(gap: Gap) -> Facts:
     """The groups with the largest residuals, at most one of each grouping."""
     groups: list[Margin] = []
     for bins in gap.margins.values():
-        groups += sorted((m for m in bins if m.p_value < SIGNIFICANT), key=lambda m: -m.rms)[:1]
+        groups += sorted((m for m in bins if significant(m.p_value)), key=lambda m: -m.rms)[:1]
     largest = sorted(groups, key=lambda m: -m.rms)[:MARGINS]
     if largest:
-        yield (
-            "largest groups",
-            "; ".join(f"{m.text} ({um(m.rms)} µm{per_residual(gap)})" for m in largest),
-            "",
-        )
+        each = per_residual(gap)
+        yield "largest groups", "; ".join(f"{m.text} ({um(m.rms)} µm{each})" for m in largest), ""
 
 
 def _which(gap: Gap) -> Facts:
@@ -181,32 +166,28 @@ def _amplitudes(gap: Gap) -> Facts:
     for k, text in enumerate(causes.lines(gap)):
         yield "" if k else "amplitude", text, "bold"
     if gap.amplitudes:
-        without = f" --without '{','.join(gap.still_without)}'" if gap.still_without else ""
+        without = f" --without '{','.join(map(str, gap.still_without))}'" if gap.still_without else ""
         yield "refit", f"--model '{','.join(gap.refit)}'{without}", ""
 
 
 def _remedy(gap: Gap) -> Facts:
     """What to inspect on the machine, of an unmodelled effect alone."""
     at = unexplained(gap) if gap.verdict.kind == "unknown" else None
-    found = cause(at) if at else None
-    if found:
-        yield "inspect", found.remedy, ""
+    shown = cause(at) if at else None
+    if shown:
+        yield "inspect", shown.remedy, ""
 
 
-def _shrinkage(gap: Gap) -> Table:
-    headings = ("count", "before", "after", "expected", "limit", "removed", "95 %")
-    table = plain_table("refit: RMS (µm)", *headings)
-    for s in map(as_lengths, gap.shrinkage):
-        table.add_row(
-            s.what,
-            str(s.count),
-            um(s.before),
-            um(s.after) if s.claimed else "not claimed",
-            f"{um(s.predicted_before)} -> {um(s.predicted)}",
-            um(s.floor),
-            *reduction(s.removed, s.removed_interval95, s.claimed),
-        )
-    return table
+SHRINKAGE = (
+    Column("refit: RMS (µm)", "what"),
+    Column("count", "count"),
+    Column("before", "before", um),
+    Column("after", lambda s: um(s.after) if s.claimed else "not claimed"),
+    Column("expected", lambda s: f"{um(s.predicted_before)} -> {um(s.predicted)}"),
+    Column("limit", "floor", um),
+    Column("removed", lambda s: reduction(s.removed, s.removed_interval95, s.claimed)[0]),
+    Column("95 %", lambda s: reduction(s.removed, s.removed_interval95, s.claimed)[1]),
+)
 
 
 def _not_claimed(gap: Gap) -> Facts:
@@ -223,45 +204,53 @@ def _not_claimed(gap: Gap) -> Facts:
             yield "", f"{s.what}: {why}; no improvement is claimed", "yellow"
 
 
-def _levels(gap: Gap) -> Table:
-    distances = any(np.isfinite(s.distance_rms) for s in gap.levels)
-    points = main(gap) == VALIDATION_CONTACTS and any(np.isfinite(s.point_rms) for s in gap.levels)
-    headings = ["validation"] + ["distances"] * distances + ["points"] * points
-    table = plain_table("model: RMS (µm)", *headings, "difference of log density (nats)")
-    before: tuple[str, ...] = ()
-    for k, step in enumerate(gap.levels):
-        cells = [um(length(main(gap), step.validation_rms))]
-        cells += [um(step.distance_rms)] if distances else []
-        cells += [um(length("points", step.point_rms))] if points else []
-        gain = signed(step.delta_elpd) if k and np.isfinite(step.delta_elpd) else ""
-        gain += f" ± {step.delta_elpd_se:.0f}" if gain and np.isfinite(step.delta_elpd_se) else ""
-        table.add_row(level_label(step.model, before), *cells, gain)
-        before = step.model
-    return table
+def _levels(gap: Gap) -> Sheet:
+    before = {step.model: last.model for step, last in zip(gap.levels[1:], gap.levels, strict=False)}
+
+    def gain(step: Step) -> str:
+        if step is gap.levels[0] or not np.isfinite(step.delta_elpd):
+            return ""
+        spread = f" ± {step.delta_elpd_se:.0f}" if np.isfinite(step.delta_elpd_se) else ""
+        return signed(step.delta_elpd) + spread
+
+    columns = [
+        Column("model: RMS (µm)", lambda step: level_label(step.model, before.get(step.model, ()))),
+        Column("validation", lambda step: um(length(main(gap), step.validation_rms))),
+    ]
+    if any(np.isfinite(s.distance_rms) for s in gap.levels):
+        columns += [Column("distances", "distance_rms", um)]
+    if main(gap) == VALIDATION_CONTACTS and any(np.isfinite(s.point_rms) for s in gap.levels):
+        columns += [Column("points", lambda step: um(length("points", step.point_rms)))]
+    return Sheet((*columns, Column("difference of log density (nats)", gain)), gap.levels)
 
 
 def _next(gap: Gap) -> Facts:
     for k, a in enumerate(gap.advice[:ADVICE]):
         plural = "s" if len(a.contacts) > 1 else ""
         more = f", {len(a.contacts)} contact{plural} in next.csv" if a.contacts else ""
-        yield (
-            "" if k else "measure next",
-            f"to distinguish {listed(map(rival, a.separates), 'from')}: {a.what}{more} "
-            f"(detectability {a.lambda_before:.0f} to {a.lambda_after:.0f})",
-            "",
-        )
+        what = f"{listed(map(rival, a.separates), 'from')}: {a.what}{more}"
+        detectability = f"(detectability {a.lambda_before:.0f} to {a.lambda_after:.0f})"
+        yield "" if k else "measure next", f"to distinguish {what} {detectability}", ""
 
 
-def _blind(gap: Gap) -> Table:
+def _blind(gap: Gap) -> Sheet:
     """Effects that these data may miss, the largest distance error first."""
     largest = sorted(gap.blind_spots, key=lambda b: -np.nan_to_num(b.distance_error))
     more = f" ({BLIND} of {len(largest)})" if len(largest) > BLIND else ""
-    table = plain_table(f"may be missed{more}", "plausible", "detectable", "distance error")
-    for b in largest[:BLIND]:
-        does = f"{um(b.distance_error)} µm" if np.isfinite(b.distance_error) else "-"
-        least = size(b.smallest, b.unit) if b.smallest < NEVER * b.plausible else "not detectable"
-        table.add_row(f"{b.effect}, {b.site.text}", size(b.plausible, b.unit), least, does)
-    return table
+
+    def least(b: BlindSpot) -> str:
+        return size(b.smallest, b.unit) if b.smallest < NEVER * b.plausible else "not detectable"
+
+    def error(b: BlindSpot) -> str | None:
+        return f"{um(b.distance_error)} µm" if np.isfinite(b.distance_error) else None
+
+    columns = (
+        Column(f"may be missed{more}", lambda b: f"{b.effect}, {b.site.text}"),
+        Column("plausible", lambda b: size(b.plausible, b.unit)),
+        Column("detectable", least),
+        Column("distance error", error),
+    )
+    return Sheet(columns, largest[:BLIND])
 
 
 def _remarks(gap: Gap) -> Facts:

@@ -10,12 +10,11 @@ import numpy as np
 from markupsafe import Markup, escape
 
 from bayescal.effects.location import Site
+from bayescal.reporting.gap.sheets import marked as significant
 from bayescal.reporting.page import svg
 from bayescal.reporting.page.section import Run
 from bayescal.reporting.shared.body import Outline, View, outlines, posed
 
-SIGNIFICANT = 0.01
-"""Largest family-wise p-value of a location that is marked."""
 ELEVATION = np.radians(18.0)
 VIEWS = np.radians(np.arange(0, 180, 15))
 """Directions of view that are tried: the one with the widest arm is drawn."""
@@ -43,13 +42,9 @@ def marked_sites(run: Run) -> tuple[Site, ...]:
     sites = [a["site"] for a in record["amplitudes"] if a["significant"]]
     sites += [record["marked"]] if record.get("marked") and not sites else []
     if record["verdict"] == "named+unexplained":
-        clear = (w for w in record["where"] if not w["explained_by"] and _small(w["family_p_value"]))
+        clear = (w for w in record["where"] if not w["explained_by"] and significant(w))
         sites += [w["site"] for w in clear][:1]
     return tuple(Site.read(site) for site in dict.fromkeys(sites))
-
-
-def _small(p: float | None) -> bool:
-    return p is not None and p < SIGNIFICANT
 
 
 def numbers(sites: Sequence[Site], kind: str) -> list[int]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -10,21 +10,19 @@ import numpy as np
 from bayescal.effects.vocabulary import unit_label
 from bayescal.gap.result import VALIDATION_CONTACTS
 from bayescal.predict.forecast import CENTRES
-from bayescal.reporting.page.rows import inputs
-from bayescal.reporting.page.section import (
+from bayescal.reporting.page.common import inputs
+from bayescal.reporting.page.section import Facts, Run, Section, Text, blocks
+from bayescal.reporting.shared.sheet import Bar, Column, Sheet, sheet_of_cells
+from bayescal.reporting.shared.text import (
     MISSING,
-    Bar,
-    Facts,
-    Run,
-    Section,
-    Sheet,
-    Text,
-    blocks,
     length,
     measured,
+    model_label,
+    probability,
+    rival,
     uncertainty,
 )
-from bayescal.reporting.shared.text import model_label, probability, rival
+from bayescal.storage.reading import Json
 
 FAR = 2.0
 """Differences above this multiple of their u are marked (k = 2)."""
@@ -41,27 +39,24 @@ ERRORS = {
 Runs = Sequence[Run]
 
 
-def labels(runs: Runs) -> tuple[str, ...]:
-    """Names of the runs: their folders, with numbers where two have the same."""
-    return tuple(f"{k}: {run.folder}" for k, run in enumerate(runs, start=1))
+def labelled(runs: Runs, kind: str = "") -> list[tuple[str, Run]]:
+    """The runs (of a kind) with their names: their folders, with numbers where two have the same."""
+    return [(f"{k}: {run.folder}", run) for k, run in enumerate(runs, start=1) if kind in ("", run.kind)]
 
 
 def verdicts(runs: Runs) -> Section | None:
     """What each run says, in words."""
-    table = Sheet(
-        "run",
-        ("dataset", "command", "verdict"),
-        tuple(
-            (
-                label,
-                run.name,
-                run.kind,
-                run.record["verdict"]["words"] if run.kind == "fit" else "; ".join(run.record["words"]),
-            )
-            for label, run in zip(labels(runs), runs, strict=True)
-        ),
-        words=(1, 2, 3),
+
+    def verdict(run: Run) -> str:
+        return run.record["verdict"]["words"] if run.kind == "fit" else "; ".join(run.record["words"])
+
+    columns = (
+        Column("run", 0),
+        Column("dataset", lambda item: item[1].name, words=True),
+        Column("command", lambda item: item[1].kind, words=True),
+        Column("verdict", lambda item: verdict(item[1]), words=True),
     )
+    table = Sheet(columns, labelled(runs))
     hashes = [h for run in runs if (h := run.record["dataset"]["sha256"])]  # none of a session in memory
     same = len(set(hashes)) < len(hashes)
     note = Text(
@@ -74,35 +69,31 @@ def verdicts(runs: Runs) -> Section | None:
 
 def distances(runs: Runs) -> Section | None:
     """Distance errors, expected and measured; U of a fit alone, whose budget states it."""
-    entries = []
-    for label, run in zip(labels(runs), runs, strict=True):
+    items = []
+    for label, run in labelled(runs):
         if run.kind == "fit":
             e, checked = run.record["predicted_distance"], run.record["validation"]["distances"]
             largest = max((abs(d["calibrated_error_um"]) for d in checked), default=None)
-            over, measured = e["over"], e["measured_rms_um"]
+            items.append({**e, "run": label, "largest": largest})
         else:
             e = {m["what"]: m for m in run.record["gap"]["measured"]}.get("sphere distances") or {}
-            over, largest, measured = CENTRES if e else MISSING, None, e.get("rms_um")
-        entries.append(
-            (
-                label,
-                over,
-                uncertainty(e.get("predicted_rms_um")),
-                uncertainty(e.get("expanded_U_um")),
-                length(measured),
-                length(largest),
-                str(e.get("count", MISSING)),
-            )
-        )
-    headings = (
-        "between", "expected RMS (µm)", "U = k u (µm)", "measured RMS (µm)", "maximum (µm)", "distances",
-    )  # fmt: skip
-    return blocks("distances", "Distance errors", Sheet("run", headings, tuple(entries), words=(1,)))
+            between = {"over": CENTRES} if e else {}
+            items.append({**e, "run": label, **between, "measured_rms_um": e.get("rms_um")})
+    columns = (
+        Column("run", "run"),
+        Column("between", lambda e: e.get("over"), words=True),
+        Column("expected RMS (µm)", lambda e: e.get("predicted_rms_um"), uncertainty),
+        Column("U = k u (µm)", lambda e: e.get("expanded_U_um"), uncertainty),
+        Column("measured RMS (µm)", "measured_rms_um", length),
+        Column("maximum (µm)", lambda e: e.get("largest"), length),
+        Column("distances", lambda e: e.get("count")),
+    )
+    return blocks("distances", "Distance errors", Sheet(columns, items))
 
 
 def effects(runs: Runs) -> Section | None:
     """Probability of every effect, and amplitudes, of diagnoses."""
-    some = [(label, run) for label, run in zip(labels(runs), runs, strict=True) if run.kind == "gap"]
+    some = labelled(runs, "gap")
     if not some:
         return None
     largest: dict[str, float] = {}
@@ -110,43 +101,33 @@ def effects(runs: Runs) -> Section | None:
         for name, p in run.record["probability"].items():
             largest[name] = max(largest.get(name, 0.0), p or 0.0)
     order = sorted((n for n in largest if largest[n] >= LEAST), key=lambda n: -largest[n])
-    table = Sheet(
-        "effect",
-        tuple(label for label, _ in some),
-        tuple(
-            (rival(n), *(_probability(run.record["probability"].get(n)) for _, run in some)) for n in order
-        ),
-        "Probability of the effects",
-    )
-    every = [(label, a) for label, run in some for a in run.record["amplitudes"]]
-    keys = dict.fromkeys((a["effect"], a["site"], a["what"], a["unit"]) for _, a in every)
-    sizes = Sheet(
-        "amplitude",
-        tuple(label for label, _ in some),
-        tuple(
-            (
-                f"{effect} of {site}: {what}",
-                *(_amplitude(run.record["amplitudes"], (effect, site, what, unit)) for _, run in some),
-            )
-            for effect, site, what, unit in keys
-        ),
-        "Amplitudes of the named effects, with u",
-    )
+    probabilities = [
+        Column(
+            label, lambda name, run=run: run.record["probability"].get(name), lambda p: Bar(p, probability(p))
+        )
+        for label, run in some
+    ]
+    table = Sheet((Column("effect", rival), *probabilities), order, "Probability of the effects")
+    keys = dict.fromkeys(_key(a) for _, run in some for a in run.record["amplitudes"])
+    amplitudes = [
+        Column(label, lambda key, run=run: _amplitude(run.record["amplitudes"], key)) for label, run in some
+    ]
+    name = Column("amplitude", lambda key: f"{key[0]} of {key[1]}: {key[2]}")
+    sizes = Sheet((name, *amplitudes), list(keys), "Amplitudes of the named effects, with u")
     return blocks("effects", "Effects", table, sizes)
 
 
-def _probability(value: float | None) -> Any:
-    return MISSING if value is None else Bar(value, probability(value))
+def _key(a: Json) -> tuple[str, ...]:
+    return (a["effect"], a["site"], a["what"], a["unit"])
 
 
-def _amplitude(amplitudes: Sequence[Mapping[str, Any]], key: tuple[str, ...]) -> str:
-    found = [a for a in amplitudes if (a["effect"], a["site"], a["what"], a["unit"]) == key]
-    return measured(found[0]["value"], found[0]["u"], found[0]["unit"]) if found else MISSING
+def _amplitude(amplitudes: Sequence[Json], key: tuple[str, ...]) -> str | None:
+    return next((measured(a["value"], a["u"], a["unit"]) for a in amplitudes if _key(a) == key), None)
 
 
 def parameters(runs: Runs) -> Section | None:
     """Parameters of the arm, and their difference from the first calibration with its u."""
-    some = [(label, run) for label, run in zip(labels(runs), runs, strict=True) if run.kind == "fit"]
+    some = labelled(runs, "fit")
     if len(some) < 2:
         return None
     if len({run.robot for _, run in some}) > 1:
@@ -161,10 +142,10 @@ def parameters(runs: Runs) -> Section | None:
         "Differences with their standard uncertainty u, the root of the sum of both squared u (independent "
         f"sessions); dark: above {FAR:g} u"
     )
-    return blocks("parameters", "Parameters", Sheet("parameter", tuple(headings), rows, note))
+    return blocks("parameters", "Parameters", sheet_of_cells(("parameter", *headings), rows, note))
 
 
-def _compared(name: str, each: Sequence[Mapping[str, Any] | None]) -> tuple[Any, ...]:
+def _compared(name: str, each: Sequence[Json | None]) -> tuple[Any, ...]:
     unit = next(p["unit"] for p in each if p is not None)
     cells: list[Any] = [MISSING if p is None else measured(p["estimate"], p["sd"], "") for p in each]
     first = each[0]
@@ -188,23 +169,20 @@ def levels(runs: Runs) -> Section | None:
         for what in ERRORS
         if any(_error(run, s, what) is not None for run in runs for s in run.record["ladder"])
     ]
-    entries = []
-    for model in order:
-        cells = []
-        for what in shown:
-            for run in runs:
-                step: Mapping[str, Any] = next(
-                    (s for s in run.record["ladder"] if tuple(s["model"]) == model), {}
-                )
-                cells.append(length(_error(run, step, what)))
-        entries.append((model_label(model), *cells))
-    numbers = range(1, len(runs) + 1)
-    headings = tuple(f"{what}, {k}" for what in shown for k in numbers)
+
+    def cell(what: str, run: Run) -> Callable[[tuple[str, ...]], str]:
+        of_model = {tuple(step["model"]): step for step in reversed(run.record["ladder"])}
+        return lambda model: length(_error(run, of_model.get(model, {}), what))
+
+    errors = [
+        Column(f"{what}, {k}", cell(what, run)) for what in shown for k, run in enumerate(runs, start=1)
+    ]
     caption = "RMS of validation measurements, µm; of points the length of the error vector"
-    return blocks("levels", "Model levels", Sheet("model", headings, tuple(entries), caption))
+    sheet = Sheet((Column("model", model_label), *errors), order, caption)
+    return blocks("levels", "Model levels", sheet)
 
 
-def _error(run: Run, step: Mapping[str, Any], what: str) -> float | None:
+def _error(run: Run, step: Json, what: str) -> float | None:
     """RMS error, µm, of a model level; None where the run has no such rows."""
     if what == "contacts" and run.kind == "gap" and run.record["lengths"]["of"] != VALIDATION_CONTACTS:
         return None  # what the record states there is per coordinate
@@ -214,7 +192,7 @@ def _error(run: Run, step: Mapping[str, Any], what: str) -> float | None:
 def origins(runs: Runs) -> Section | None:
     """Inputs and versions of every run."""
     parts: list[Text | Facts] = []
-    for label, run in zip(labels(runs), runs, strict=True):
+    for label, run in labelled(runs):
         section = inputs(run)
         if section is not None:
             parts += [Text(label), *section.context["blocks"]]

@@ -3,40 +3,171 @@
 from __future__ import annotations
 
 import math
+import shlex
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from markupsafe import Markup
 
-from bayescal.effects.vocabulary import unit_label
-from bayescal.reporting.page import rows, svg
-from bayescal.reporting.page.fit_first import first
+from bayescal.fitted.gate import STEPS
+from bayescal.reporting.fit.sheets import (
+    DISTANCES,
+    FACES,
+    ISO9283,
+    NOT_ARM,
+    PREDICTED,
+    TESTS,
+    by_target,
+    level_sheet,
+    parameter_columns,
+)
+from bayescal.reporting.page import common, svg
 from bayescal.reporting.page.section import (
-    MISSING,
-    Bar,
-    Block,
     Facts,
+    Fault,
     Figures,
+    FirstScreen,
     Run,
     Section,
-    Sheet,
     Text,
     blocks,
+    texts,
+)
+from bayescal.reporting.shared.sheet import Column, Sheet, as_is
+from bayescal.reporting.shared.text import (
+    MISSING,
     interval,
     length,
-    measured,
+    model_label,
+    p_value,
+    parameter_notes,
+    rms,
     share,
-    texts,
+    signed,
     uncertainty,
 )
-from bayescal.reporting.shared.text import model_label, parameter_notes, signed, unsigned_zero
+from bayescal.storage.reading import Json
 
-ARM = ("target", "plane-form")
-"""Effects whose parameters are not those of the arm."""
 PAIRS = 12
 MATRIX = 45
 """Most parameters that the matrix of correlations shows."""
-LEVELS = {"determined": "yes", "partly": "weakly", "prior_only": "no"}
+REASONS = 4
+"""Failed tests that the first screen names."""
+
+
+def first(run: Run) -> Section:
+    """Verdict, distance error with U, failed tests, next command."""
+    record, verdict = run.record, run.record["verdict"]
+    good = verdict["explains"] and verdict["validated"] and verdict.get("determined", True)
+    against = _use(run)["against"]
+    tone = "bad" if against or not verdict["explains"] else "good" if good else "warn"
+    reasons = sorted(verdict["reasons"], key=lambda c: c["p"] if c["p"] is not None else 1.0)
+    faults = [Fault(f"not to be used: {reason}") for reason in against]
+    faults += [
+        Fault(c["words"], () if c["p"] is None else (("p", p_value(c["p"])),))
+        for c in reasons[:REASONS]
+        if c["words"] not in against
+    ]
+    warnings, notes = _warnings(record)
+    return FirstScreen(
+        verdict["words"][:1].upper() + verdict["words"][1:],
+        tone,
+        {"good": "✓", "warn": "?", "bad": "✗"}[tone],
+        [_why(run)] if not good else ["Not to be used, for the reasons below."] if against else (),
+        keys=_keys(record),
+        fault_title="What is wrong",
+        faults=faults,
+        next=_next(run),
+        warnings=warnings,
+        notes=notes,
+    ).section()
+
+
+def _warnings(record: Json) -> tuple[list[str], list[str]]:
+    """Findings that are not among the tests that fail, each once, and other warnings; and the notes."""
+    failed = {c["test"] for c in record["verdict"]["reasons"]}
+    again = {f["text"] for f in record["findings"] if f["code"] in failed}
+    notes = [f["text"] for f in record["findings"] if f["severity"] == "note"]
+    others = [text for text in dict.fromkeys(record["warnings"]) if text not in again and text not in notes]
+    return others, list(dict.fromkeys(notes))
+
+
+def _why(run: Run) -> str:
+    verdict = run.record["verdict"]
+    if verdict["explains"] and not verdict.get("determined", True):
+        return "Too few or too similar measurements: the arm is known little better than before. Add more."
+    if verdict["explains"]:
+        return "No independent measurements check the calibration: the errors below are predictions."
+    return (
+        "The machine differs from the model by more than noise; U includes that, but its cause is not known."
+    )
+
+
+def _keys(record: Json) -> list[tuple[str, str, str]]:
+    expected, validation = record["predicted_distance"], record["validation"]
+    low, high = expected["lengths_mm"]
+    over = f"{expected['count']} distances, {low:.0f} to {high:.0f} mm, between {expected['over']}"
+    out = [
+        (
+            "Distance error, expected",
+            f"U = {uncertainty(expected['expanded_U_um'])} µm (k = {expected.get('k', 2.0):.2f})",
+            f"RMS {uncertainty(expected['predicted_rms_um'])} µm, 95 %: "
+            f"{interval(expected['predicted_interval95_um'])} µm; {over}",
+        )
+    ]
+    pairs = [(d["nominal_error_um"], d["calibrated_error_um"]) for d in validation["distances"]]
+    if pairs:
+        within = sum(bool(d["inside95"]) for d in validation["distances"])
+        words = f"{within} of {len(pairs)} certified distances within the 95 % prediction interval"
+        out.append(_change("Distance error, nominal → calibrated", np.array(pairs), words))
+    if validation["points"]["count"]:
+        p = validation["points"]
+        value = f"{length(p['nominal_mean_um'])} → {length(p['calibrated_mean_um'])} µm mean"
+        most = f"maximum {length(p['nominal_max_um'])} → {length(p['calibrated_max_um'])} µm"
+        detail = f"{most}; {p['count']} validation points"
+        out.append(("Point error, nominal → calibrated", value, detail))
+    if validation["planes"]:
+        count = sum(p["count"] for p in validation["planes"])
+        before, after = (
+            math.sqrt(sum(p["count"] * p[f"{level}_rms_um"] ** 2 for p in validation["planes"]) / count)
+            for level in ("nominal", "calibrated")
+        )
+        largest = max(p["calibrated_max_um"] for p in validation["planes"])
+        detail = f"maximum now {length(largest)} µm; {count} validation contacts"
+        value = f"{length(before)} → {length(after)} µm RMS"
+        out.append(("Contact error, nominal → calibrated", value, detail))
+    if decided := record["acceptance"]:
+        value = f"{decided['decision']} at {decided['tolerance_mm']:g} mm"
+        out.append(("Tolerance (ISO 14253-1)", value, decided["why"]))
+    return out
+
+
+def _change(name: str, errors: np.ndarray, words: str) -> tuple[str, str, str]:
+    """RMS and maximum of errors (N, 2), µm, before and after."""
+    (was, most_was), (now, most) = ((length(rms(e)), length(float(np.max(np.abs(e))))) for e in errors.T)
+    return name, f"{was} → {now} µm RMS", f"maximum {most_was} → {most} µm; {words}"
+
+
+def _next(run: Run) -> list[tuple[str, str]]:
+    folder, use = shlex.quote(run.folder), _use(run)
+    words = STEPS[use["next"]][:1].upper() + STEPS[use["next"]][1:] + "."
+    if use["next"] == "gap":
+        sessions = run.record["dataset"].get("sessions") or ()
+        parts = [f"{folder}/dataset/{k}" for k in range(1, len(sessions) + 1)] or [f"{folder}/dataset"]
+        return [(words, f"bayescal gap {' '.join(parts)}")]
+    if use["next"] != "use":
+        return [(words, "")]
+    return [
+        (words, f"bayescal export {folder} --to urdf"),
+        ("Check whether effects remain that the model lacks.", f"bayescal gap {folder}/dataset"),
+    ]
+
+
+def _use(run: Run) -> dict[str, Any]:
+    """What may be used of the fit; an earlier version did not state it."""
+    use: dict[str, Any] = run.record.get("use", {"against": [], "next": "use"})
+    return use
 
 
 def levels(run: Run) -> Section | None:
@@ -48,184 +179,57 @@ def levels(run: Run) -> Section | None:
         ("points RMS (length)", "points_rms_um"),
         ("mean", "points_mean_um"),
     )
-    return blocks("levels", "Model levels", level_sheet(run.record["ladder"], columns))
-
-
-def level_sheet(levels: Any, columns: tuple[tuple[str, str], ...], names: tuple[str, ...] = ()) -> Sheet:
-    """Model levels with a bar of the first column that has values; bars are logarithmic."""
-    shown = [(h, key) for h, key in columns if any(step.get(key) is not None for step in levels)]
-    sheet_rows = []
-    for k, step in enumerate(levels):
-        cells: list[Any] = [length(step.get(key)) for _, key in shown]
-        if shown:
-            every = [s.get(shown[0][1]) for s in levels]
-            cells[0] = Bar(log_fraction(every[k], every), cells[0], marked=k == len(levels) - 1)
-        sheet_rows.append((names[k] if names else model_label(step["model"]), *cells))
-    caption = "Errors of validation measurements, µm; bars are logarithmic"
-    return Sheet("model", tuple(h for h, _ in shown), tuple(sheet_rows), caption)
-
-
-def log_fraction(value: float | None, every: list[float | None]) -> float:
-    """Length of a bar on a logarithmic scale that begins at a third of the smallest value."""
-    known = [v for v in every if v]
-    if not value or not known:
-        return 0.0
-    low, high = math.log(min(known) / 3.0), math.log(max(known))
-    return (math.log(value) - low) / (high - low)
+    names = [model_label(step["model"]) for step in run.record["ladder"]]
+    return blocks("levels", "Model levels", level_sheet(run.record["ladder"], columns, names))
 
 
 def distances(run: Run) -> Section | None:
     """Certified distances and diameters, measured and predicted; validation targets."""
     validation = run.record["validation"]
-    found = Sheet(
-        "distance",
-        ("certified (mm)", "nominal (µm)", "calibrated (µm)", "u (µm)", "95 % predicted (µm)", ""),
-        tuple(
-            (
-                " – ".join(d["between"]),
-                f"{d['certified_mm']:.3f}",
-                signed(d["nominal_error_um"]),
-                signed(d["calibrated_error_um"], 1),
-                uncertainty(d["predicted_sd_um"]),
-                _ends(d["predicted_interval95_um"]),
-                "within" if d["inside95"] else "outside",
-            )
-            for d in sorted(validation["distances"], key=lambda d: -abs(d["calibrated_error_um"]))
-        ),
-        "Errors of certified distances, the largest first",
-        shown=10,
+    ranked = sorted(validation["distances"], key=lambda d: -abs(d["calibrated_error_um"]))
+    return blocks(
+        "distances",
+        "Distances and validation",
+        Sheet(PREDICTED, run.record["predicted_distance"]["all"], "Distance errors to expect"),
+        Sheet(DISTANCES, ranked, "Errors of certified distances, the largest first", 10),
+        Sheet(FACES, validation["planes"], "Validation contacts by target"),
     )
-    faces = Sheet(
-        "target",
-        ("contacts", "nominal RMS (µm)", "calibrated RMS (µm)", "maximum (µm)", "expected RMS (µm)"),
-        tuple(
-            (
-                p["target"],
-                str(p["count"]),
-                length(p["nominal_rms_um"]),
-                length(p["calibrated_rms_um"]),
-                length(p["calibrated_max_um"]),
-                length(p["predicted_rms_um"]),
-            )
-            for p in validation["planes"]
-        ),
-        "Validation contacts by target",
-    )
-    predicted = Sheet(
-        "distances between",
-        (
-            "number",
-            "lengths (mm)",
-            "expected RMS (µm)",
-            "U = k u (µm)",
-            "k",
-            "95 % (µm)",
-            "measured RMS (µm)",
-        ),
-        tuple(
-            (
-                d["over"],
-                str(d["count"]),
-                "{:.0f} to {:.0f}".format(*d["lengths_mm"]),
-                uncertainty(d["predicted_rms_um"]),
-                uncertainty(d["expanded_U_um"]),
-                f"{d.get('k', 2.0):.2f}",
-                interval(d["predicted_interval95_um"]),
-                length(d["measured_rms_um"]),
-            )
-            for d in run.record["predicted_distance"]["all"]
-        ),
-        "Distance errors to expect",
-    )
-    return blocks("distances", "Distances and validation", predicted, found, faces)
 
 
 def iso9283(run: Run) -> Section | None:
     """Figures of ISO 9283 from validation data, and what differs from the procedure of the standard."""
-    found = run.record.get("iso9283")
-    if not found or not found["figures"]:
+    record = run.record.get("iso9283")
+    if not record or not record["figures"]:
         return None
-    table = Sheet(
-        "quantity",
-        ("number", "mean (µm)", "u (µm)", "maximum (µm)", "u (µm)"),
-        tuple(
-            (
-                f"{f['symbol']}: {f['name']}",
-                str(f["count"]),
-                length(f["mean_um"]),
-                uncertainty(f["u_mean_um"]),
-                length(f["max_um"]),
-                uncertainty(f["u_max_um"]),
-            )
-            for f in found["figures"]
-        ),
-        "Figures of ISO 9283 from validation measurements; u: standard uncertainty of the measurement",
-    )
-    lines = ("What differs from the procedure of the standard:", *found["differs_from_norm"])
-    return blocks("iso9283", "ISO 9283", table, *texts(lines, "quiet"))
-
-
-def _ends(ends: list[float]) -> str:
-    return f"{signed(ends[0], 1)} to {signed(ends[1], 1)}"
-
-
-def by_target(run: Run) -> Sheet:
-    """Residuals of every target and role."""
-    largest = max((r["rms_um"] or 0.0 for r in run.record["residuals"]), default=0.0) or 1.0
-    return Sheet(
-        "target",
-        ("role", "rows", "rejected", "RMS (µm)", "maximum (µm)"),
-        tuple(
-            (
-                r["target"],
-                "validation" if r["role"] == "validate" else "fitted",
-                str(r["count"]),
-                str(r["rejected"]),
-                Bar((r["rms_um"] or 0.0) / largest, length(r["rms_um"])),
-                length(r["max_um"]),
-            )
-            for r in run.record["residuals"]
-        ),
-        "Residuals by target",
-        words=(1,),
-    )
+    caption = "Figures of ISO 9283 from validation measurements; u: standard uncertainty of the measurement"
+    lines = ("What differs from the procedure of the standard:", *record["differs_from_norm"])
+    return blocks("iso9283", "ISO 9283", Sheet(ISO9283, record["figures"], caption), *texts(lines, "quiet"))
 
 
 def parameters(run: Run) -> Section | None:
     """Parameters with prior and posterior."""
-    known = run.record["identifiability"]
-    state = {name: word for key, word in LEVELS.items() for name in known[key]}
 
-    def entry(p: Any) -> tuple[Any, ...]:
-        text = measured(p["estimate"], p["sd"], "")
-        decimals = len(text.partition("(")[0].partition(".")[2])
+    def drawing(p: Json) -> Markup:
         prior = (p.get("prior_mean", p["nominal"]), p["prior_sd"])
-        return (
-            p["name"],
-            unsigned_zero(f"{p['nominal']:.{decimals}f}"),
-            text,
-            unit_label(p["unit"]),
-            f"{float(format(p['prior_sd'], '.2g')):.9g}",
-            svg.prior_posterior(prior, tuple(p["interval95"]), p["estimate"]),
-            state.get(p["name"], MISSING),
-        )
+        return svg.prior_posterior(prior, tuple(p["interval95"]), p["estimate"])
 
-    headings = ("nominal", "value(u)", "unit", "prior u", "prior and posterior", "identifiable")
-    own = [p for p in run.record["parameters"] if p["effect"] not in ARM]
-    other = [p for p in run.record["parameters"] if p["effect"] in ARM]
+    *first, identifiable = parameter_columns(run.record["identifiability"])
+    columns = (*first, Column("prior and posterior", drawing, as_is), identifiable)
+    own = [p for p in run.record["parameters"] if p["effect"] not in NOT_ARM]
+    other = [p for p in run.record["parameters"] if p["effect"] in NOT_ARM]
     notes = (
         *parameter_notes(p["effect"] for p in own),
         "band: prior, two standard deviations; line and dot: 95 % interval and estimate, clipped at "
         "±3 prior standard deviations",
     )
     caption = ". ".join(note[:1].upper() + note[1:] for note in notes)
-    weak = [f"Weakly identifiable: {d['words']}" for d in known["weak_directions"]]
+    weak = [f"Weakly identifiable: {d['words']}" for d in run.record["identifiability"]["weak_directions"]]
     return blocks(
         "parameters",
         "Parameters",
-        Sheet("parameter", headings, tuple(map(entry, own)), caption, words=(3,)),
+        Sheet(columns, own, caption),
         *texts(weak),
-        Sheet("parameter", headings, tuple(map(entry, other)), "Targets and faces", words=(3,), shown=0),
+        Sheet(columns, other, "Targets and faces", 0),
     )
 
 
@@ -242,14 +246,13 @@ def correlations(run: Run) -> Section | None:
             i, j = names.index(p["a"]), names.index(p["b"])
             values[i, j] = values[j, i] = p["r"]
     drawing = svg.matrix(names, values, "Correlations of the parameters; the table lists the strongest")
-    table = Sheet(
-        "parameter",
-        ("parameter", "correlation"),
-        tuple((p["a"], p["b"], signed(p["r"], 3)) for p in pairs),
-        "The strongest correlations: only their combination is well known",
-        words=(1,),
-        shown=PAIRS,
+    columns = (
+        Column("parameter", "a"),
+        Column("parameter", "b", words=True),
+        Column("correlation", "r", lambda r: signed(r, 3)),
     )
+    caption = "The strongest correlations: only their combination is well known"
+    table = Sheet(columns, pairs, caption, PAIRS)
     legend = "Squares: absolute value of 0.3 and above; filled: positive; open: negative."
     return blocks("correlations", "Correlations", Figures((("", drawing),)), Text(legend, "quiet"), table)
 
@@ -258,22 +261,19 @@ def sampler(run: Run) -> Section | None:
     """Whether the posterior draws suffice."""
     s = run.record["sampler"]
     if not s["acceptance"]:
-        return blocks(
-            "sampler", "Sampler", Text("Gaussian approximation (--samples 0): nothing was sampled.")
-        )
-    lines = [
+        text = Text("Gaussian approximation (--samples 0): nothing was sampled.")
+        return blocks("sampler", "Sampler", text)
+    error = share(s["monte_carlo_error"]["largest_over_sd"])
+    lines = (
         ("state", "converged" if s["converged"] else f"not converged: {s['complaint']}"),
         ("draws", f"{s['draws']} from {s['ensembles']} ensembles of {s['walkers']} walkers"),
         ("effective draws", f"at least {s['ess']['min']:.0f} ({s['ess']['of']}), {s['ess']['counted_on']}"),
         ("R-hat", MISSING if s["rhat"]["max"] is None else f"at most {s['rhat']['max']:.4f}"),
         ("acceptance", ", ".join(f"{name} {rate:.2f}" for name, rate in s["acceptance"].items())),
         ("moves", s["moves"]),
-        (
-            "Monte Carlo error",
-            f"at most {share(s['monte_carlo_error']['largest_over_sd'])} of an uncertainty",
-        ),
-    ]
-    return blocks("sampler", "Sampler", Facts(tuple(lines)))
+        ("Monte Carlo error", f"at most {error} of an uncertainty"),
+    )
+    return blocks("sampler", "Sampler", Facts(lines))
 
 
 def outliers(run: Run) -> Section | None:
@@ -291,39 +291,28 @@ def outliers(run: Run) -> Section | None:
     ]
     repeats = noise["repeats_um"]
     scatter = "" if repeats is None else f", repeated {noise['group']}s {length(repeats)} µm"
-    told = (
+    of_noise = (
         f"Noise: residual standard deviation {length(noise['estimated_um'])} µm, stated "
         f"{length(noise['stated_um'])} µm{scatter}."
     )
-    tests = Sheet(
-        "test",
-        ("value", "limit", "p"),
-        tuple(
-            (
-                c["words"],
-                *(MISSING if c[key] is None else f"{c[key]:.3g}" for key in ("value", "limit", "p")),
-            )
-            for c in record["verdict"]["tests"]
-        ),
-        "Tests of the model",
-    )
-    parts: list[Block] = [Text(words), *texts(causes, "warning"), Text(told), tests]
+    tests = Sheet(TESTS, record["verdict"]["tests"], "Tests of the model")
+    parts = (Text(words), *texts(causes, "warning"), Text(of_noise), tests)
     return blocks("outliers", "Outliers, noise and tests", *parts)
 
 
 SECTIONS: tuple[Callable[[Run], Section | None], ...] = (
     first,
-    rows.scene,
-    lambda run: rows.residuals(run, by_target(run)),
+    common.scene,
+    lambda run: common.residuals(run, by_target(run.record["residuals"])),
     distances,
     levels,
     iso9283,
-    rows.budget,
+    common.budget,
     parameters,
     correlations,
     sampler,
     outliers,
-    rows.figures,
-    rows.inputs,
+    common.figures,
+    common.inputs,
 )
 """Sections of report.html, in their order."""

@@ -2,293 +2,240 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from typing import Any
+import shlex
+from collections.abc import Callable, Sequence
 
-from bayescal.reporting.page import rows
-from bayescal.reporting.page.fit import level_sheet
-from bayescal.reporting.page.gap_first import (
+from bayescal.effects import EFFECTS
+from bayescal.gap.result import VALIDATION_POINTS
+from bayescal.reporting.gap.contacts import COORDINATES
+from bayescal.reporting.gap.sheets import (
+    ADVICE,
+    HYPOTHESES,
+    NOT_ASSESSED,
     NULL,
     OTHER,
-    VALIDATION_POINTS,
-    first,
-    rms_of,
+    UNMODELLED,
+    amplitudes_of,
+    blind_sheet,
+    effects_sheet,
+    improvements,
+    levels_sheet,
+    margin_sheets,
     share_of,
     site_of,
+    sites_of,
     size_of,
     sizes_of,
     unexplained,
+    where_sheet,
     words_of,
 )
-from bayescal.reporting.page.section import (
-    MISSING,
-    Bar,
-    Block,
-    Run,
-    Section,
-    Sheet,
-    Text,
-    blocks,
-    length,
-    quantity,
-    share,
-    texts,
+from bayescal.reporting.page import common
+from bayescal.reporting.page.arm import draw_arm, marked_sites
+from bayescal.reporting.page.section import Fault, FirstScreen, Run, Section, Text, blocks, texts
+from bayescal.reporting.shared.origin import possible
+from bayescal.reporting.shared.sheet import Sheet
+from bayescal.reporting.shared.text import MISSING, interval, length, probability, rival, share
+from bayescal.storage.reading import Json
+
+VERDICTS = {
+    "null": ("good", "✓", "No effect above noise"),
+    "named": ("bad", "✗", "Effect found"),
+    "named+unexplained": ("bad", "✗", "Effect found, and a further one"),
+    "unknown": ("bad", "✗", "Unmodelled effect"),
+    "ambiguous": ("warn", "?", "Ambiguous: several explanations"),
+}
+"""Tone, sign and word of each verdict."""
+UNKNOWN = (
+    "No known effect explains the error. Inspect the location first: bolts, cables and hoses "
+    "that pull, covers that touch, the mounting. Then measure the contacts that are proposed."
 )
-from bayescal.reporting.shared.text import NEVER, level_label, p_value, probability, reduction, rival, signed
-
-SIGNIFICANT = 0.01
-MARGINS = ("target", "joint", "region", "time", "direction")
-LEAST = 0.01
-"""Least probability of an effect that is listed unfolded."""
+LINES = 3
+"""Lines of the verdict that are seen at once; the effects of all follow with their sizes."""
+DISTANCES = "sphere distances"
 
 
-def effects(run: Run) -> Section | None:
-    """All effects by probability, with amplitude, share, location, and what is detectable."""
+def first(run: Run) -> Section:
+    """Verdict, distance error before and after, effects with size and location, remedies, next commands."""
     record = run.record
-    least = _detectable(record)
-    ranked = sorted(record["probability"].items(), key=lambda item: -(item[1] or 0.0))
-    entries: list[tuple[Any, ...]] = []
-    for name, p in ranked:
-        own = [a for a in record["amplitudes"] if a["effect"] == name]
-        clear = [a for a in own if a["significant"]] or own
-        location = ", ".join(dict.fromkeys(site_of(a["site"]) for a in clear))
-        size, part = sizes_of(clear), share_of(record, name)
-        if name == OTHER and (place := unexplained(record)):
-            location, part = words_of(place), share(place["share"])
-            size = size_of(record, place)
-        entries.append(
-            (
-                rival(name),
-                Bar(p or 0.0, MISSING if p is None else probability(p), name in record["credible_set90"]),
-                size or MISSING,
-                location or MISSING,
-                part,
-                least.get(name, MISSING),
-            )
-        )
-    shown = sum((p or 0.0) >= LEAST for _, p in ranked)
-    table = Sheet(
-        "effect",
-        ("probability", "size (u)", "location", "share of the excess", "detectable from"),
-        tuple(entries),
-        "Coloured: the 90 % set. Effects may be present together. 'noise only': the model as it is explains "
-        "the data; 'unmodelled effect': none of the known effects does",
-        words=(2, 3),
-        shown=max(shown, 5),
-    )
-    missing = Sheet(
-        "not assessed",
-        ("why",),
-        tuple(record["missing"].items()),
-        "Effects that these data cannot show",
-        words=(1,),
-    )
-    sets = Sheet(
-        "set of effects",
-        ("probability", "log evidence (nats)"),
-        tuple(
-            (
-                " + ".join(map(rival, h["effects"])) or rival(NULL),
-                Bar(h["probability"], probability(h["probability"])),
-                MISSING if h["log_evidence"] is None else signed(h["log_evidence"], 1),
-            )
-            for h in record["hypotheses"]
-        ),
-        "Sets of effects, the most probable first; log evidence relative to noise only; 1 nat is a factor "
-        "of e = 2.7 in probability",
-        shown=6,
-    )
-    notes = texts([*record["footnotes"], *record["notes"]], "quiet")
-    return blocks("effects", "Effects", table, *notes, sets, missing)
+    tone, sign, word = VERDICTS[record["verdict"]]
+    if record["verdict"] == "null" and record["words"][0].startswith("No effect found"):
+        tone, sign, word = "warn", "?", "No effect found"
+    sites = marked_sites(run)
+    return FirstScreen(
+        word,
+        tone,
+        sign,
+        _lines(word, record["words"]),
+        LINES,
+        _keys(record),
+        "What is wrong, and what to look at",
+        _faults(record),
+        draw_arm(run) if sites else None,
+        "Marked: " + ", ".join(s.text for s in sites),
+        _next(run),
+        record["warnings"],
+    ).section()
 
 
-def _detectable(record: Mapping[str, Any]) -> dict[str, str]:
-    """Smallest detectable amplitude of each effect that may be missed, with the location where it is."""
-    out: dict[str, str] = {}
-    for b in record["blind_spots"]:
-        least, usual = b["smallest_nameable"]["value"], b["plausible"]["value"]
-        never = least is None or (usual is not None and least >= NEVER * usual)
-        size = "not detectable" if never else quantity(least, b["smallest_nameable"]["unit"])
-        out.setdefault(b["effect"], f"{size}, {site_of(b['site'])}")
+def _lines(word: str, words: Sequence[str]) -> list[str]:
+    """The verdict without what its word says already: ``Effect found: joint 3 has ...`` after the first."""
+    verdict = word.partition(",")[0].partition(":")[0]
+    line = words[0].removeprefix(f"{verdict}: ").removeprefix(f"{verdict} ")
+    return [line[:1].upper() + line[1:], *words[1:]]
+
+
+def _faults(record: Json) -> list[Fault]:
+    """Named effects with location, amplitude, probability and share; an unmodelled effect; or the rivals."""
+    out, may_be = [], _further(record)
+    for named in record["named"]:
+        amplitudes = amplitudes_of(record, named["effect"])
+        facts = [
+            ("location", sites_of(amplitudes) or site_of(named["site"])),
+            ("size", sizes_of(amplitudes)),
+            ("probability", probability(named["probability"])),
+            ("share of the excess", share_of(record, named["effect"])),
+        ]
+        name = named["effect"] + ("" if named["confirmed"] else " (validation data do not confirm it)")
+        out.append(Fault(name, _stated(facts), _remedy(named["effect"])))
+    if record["verdict"] in UNMODELLED and not may_be:
+        where = unexplained(record)
+        p = record["probability"].get(OTHER)
+        facts = [
+            ("location", words_of(where) if where else "no single location"),
+            ("size", size_of(record, where) if where else ""),
+            ("probability", "" if p is None else probability(p)),
+            ("share of the excess", share(where["share"]) if where else ""),
+            ("what happens", where.get("words", "") if where else ""),
+        ]
+        remedy = where.get("remedy", "") if where else ""
+        out.append(Fault(rival(OTHER), _stated(facts), remedy or UNKNOWN))
+    if record["verdict"] == "ambiguous":
+        may_be = tuple(n for n in record["credible_set90"] if n != NULL)
+    for name in may_be:
+        remedy = UNKNOWN if name == OTHER else _remedy(name)
+        facts = [("probability", probability(record["probability"].get(name) or 0.0))]
+        out.append(Fault(f"possibly {rival(name)}", _stated(facts), remedy))
     return out
 
 
-def where(run: Run) -> Section | None:
-    """Locations of the error, the largest first."""
-    record = run.record
-    largest = max((w["rms_um"] or 0.0 for w in record["where"]), default=0.0) or 1.0
-    excess = record["verdict"] != NULL  # no share of nothing is stated
-    entries = tuple(
+def _further(record: Json) -> tuple[str, ...]:
+    """Known effects of which one is probable beside the named ones."""
+    if record["verdict"] != "named+unexplained":
+        return ()
+    return possible(record["probability"], record["credible_set90"], record["effects"])
+
+
+def _stated(facts: Sequence[tuple[str, str]]) -> tuple[tuple[str, str], ...]:
+    return tuple((name, value) for name, value in facts if value not in ("", MISSING))
+
+
+def _remedy(effect: str) -> str:
+    """What to inspect; "" for an effect of the user that is not registered here."""
+    return EFFECTS[effect].remedy if effect in EFFECTS else ""
+
+
+def _keys(record: Json) -> list[tuple[str, str, str]]:
+    out = []
+    measured_now = {m["what"]: m for m in record["gap"]["measured"]}
+    better = record["shrinkage"].get("distances")
+    now = measured_now.get(DISTANCES)
+    if better and record["named"]:
+        before, after = length(better["before_rms_um"]), length(better["after_rms_um"])
+        value = f"{before} → {after} µm RMS" if better["claimed"] else f"{before} µm RMS"
+        detail = (
+            f"{better['count']} certified distances, before and after the refit with the named effects, "
+            f"which expects {length(better['predicted_rms_um'])} µm"
+        )
+        detail += "" if better["claimed"] else "; no improvement is claimed"
+        out.append(("Distance error", value, detail))
+    elif now:
+        detail = f"{now['count']} certified distances; the model expects {length(now['predicted_rms_um'])} µm"
+        out.append(("Distance error", f"{length(now['rms_um'])} µm RMS", detail))
+    else:
+        out.append(("Distance error", "not measured", "no certified distances in the validation data"))
+    of = record["lengths"]
+    kind = "point (length)" if of["of"] == VALIDATION_POINTS else "contact"
+    low, high = record["gap"]["excess_um"]["interval95"]
+    scale = COORDINATES**0.5 if of["of"] == VALIDATION_POINTS else 1.0
+    excess = f"{length(of['excess_um'])} µm" if low or record["verdict"] != "null" else "none"
+    out.append(
         (
-            words_of(w),
-            Bar(
-                (w["rms_um"] or 0.0) / largest,
-                length(w["rms_um"]),
-                w["family_p_value"] is not None and w["family_p_value"] < SIGNIFICANT,
-            ),
-            share(w["share"]) if excess else MISSING,
-            MISSING if w["family_p_value"] is None else p_value(w["family_p_value"]),
-            w["explained_by"] or MISSING,
+            "Excess above noise",
+            excess,
+            f"95 %: {interval([low, high], scale)} µm per {kind}; validation RMS "
+            f"{length(of['validation_rms_um'])} µm, noise {length(of['noise_um'])} µm",
         )
-        for w in record["where"]
     )
-    table = Sheet(
-        "location and dependence",
-        (f"{rms_of(record)} (µm)", "share of the excess", "p", "explained by"),
-        entries,
-        "Residuals explained by a location; coloured: significant (p below 0.01, corrected for their number)",
-        words=(4,),
-        shown=8,
-    )
-    return blocks("where", "Location of the error", table)
+    null = record["probability"].get(NULL)
+    if null is not None:
+        out.append(("Probability of noise only", probability(null), f"from {record['gap']['heldout']}"))
+    return out
 
 
-def margins(run: Run) -> tuple[Sheet, ...]:
-    """Residuals by target, joint, region, time and direction."""
-    out, of = [], ", before the refit" if run.record["named"] else ""
-    for key in MARGINS:
-        groups = run.record["where_marginal"][key]
-        largest = max((g["rms_um"] or 0.0 for g in groups), default=0.0) or 1.0
-        out.append(
-            Sheet(
-                key,
-                ("rows", f"{rms_of(run.record)} (µm)", "mean (µm)", "p"),
-                tuple(
-                    (
-                        g["label"],
-                        str(g["count"]),
-                        Bar(
-                            (g["rms_um"] or 0.0) / largest,
-                            length(g["rms_um"]),
-                            (g["p_value"] or 1.0) < SIGNIFICANT,
-                        ),
-                        length(g["mean_um"]),
-                        MISSING if g["p_value"] is None else p_value(g["p_value"]),
-                    )
-                    for g in groups
-                ),
-                f"Residuals by {key}{of}" + (": the largest groups of each joint" if key == "joint" else ""),
-                shown=8,
-            )
-        )
-    return tuple(out)
+def _next(run: Run) -> list[tuple[str, str]]:
+    record, folder = run.record, shlex.quote(run.folder)
+    sessions = record["dataset"].get("sessions") or ()
+    dataset = " ".join(f"{folder}/dataset/{k}" for k in range(1, len(sessions) + 1)) or f"{folder}/dataset"
+    out = []
+    if record["named"]:
+        model = shlex.quote(record["refit"]["model"])
+        less = record["refit"]["without"]
+        without = f" --without {shlex.quote(','.join(less))}" if less else ""
+        words = "Repair the machine as described above and measure again; or keep the effects in the model:"
+        out.append((words, f"bayescal fit {dataset} --model {model}{without}"))
+    if unexplained(record):
+        out.append(("Inspect the location that is marked, correct it, and measure again.", ""))
+    open_ = record["verdict"] in ("ambiguous", *UNMODELLED) or record.get("undecided")
+    if open_ and not sessions:
+        command = f"bayescal plan {dataset} --after {folder} --for gap --contacts 60"
+        out.append(("Measure the contacts that decide between the explanations.", command))
+    if record["verdict"] == "null":
+        out.insert(0, ("Calibrate with the model as it is.", f"bayescal fit {dataset}"))
+    return out or [("Inspect the location that is marked, and measure again.", "")]
+
+
+def effects(run: Run) -> Section | None:
+    """All effects, sets of effects, and effects that were not assessed."""
+    record = run.record
+    caption = (
+        "Sets of effects, the most probable first; log evidence relative to noise only; 1 nat is a factor "
+        "of e = 2.7 in probability"
+    )
+    return blocks(
+        "effects",
+        "Effects",
+        effects_sheet(record),
+        *texts([*record["footnotes"], *record["notes"]], "quiet"),
+        Sheet(HYPOTHESES, record["hypotheses"], caption, 6),
+        Sheet(NOT_ASSESSED, tuple(record["missing"].items()), "Effects that these data cannot show"),
+    )
 
 
 def levels(run: Run) -> Section | None:
     """Validation errors by model level, and what the named effects improve."""
-    record = run.record
-    points = record["lengths"]["of"] == VALIDATION_POINTS
-    columns = (
-        ("contacts RMS", "heldout_rms_um"),
-        ("distances RMS", "distance_rms_um"),
-        ("points RMS (length)", "point_length_rms_um"),
-    )
-    steps = [dict(step) for step in record["ladder"]]
-    for step in steps:
-        gain, se = step["delta_elpd"], step["delta_elpd_se"]
-        spread = "" if se is None else f" ± {se:.0f}"
-        step["gain"] = f"{signed(gain)}{spread}" if gain else MISSING
-    names = tuple(
-        level_label(tuple(step["model"]), tuple(steps[k - 1]["model"]) if k else ())
-        for k, step in enumerate(steps)
-    )
-    sheet = level_sheet(steps, columns[1:] if points else columns, names)
-    sheet = Sheet(
-        sheet.title,
-        (*sheet.headings, "difference of log density (nats)"),
-        tuple((*row, step["gain"]) for row, step in zip(sheet.rows, steps, strict=True)),
-        sheet.caption,
-    )
-    improved = Sheet(
-        "refit with the named effects",
-        ("number", "before (µm)", "after (µm)", "expected (µm)", "limit (µm)", "removed", "95 %"),
-        tuple(
-            _improved(what, s, record["lengths"]["shrinkage"].get(what)) for what, s in _reductions(record)
-        ),
-        "RMS of validation errors; limit: expected RMS for a correct model; removed: share of the excess",
-    )
-    return blocks("levels", "Model levels and improvement", sheet, improved)
-
-
-def _reductions(record: Mapping[str, Any]) -> list[tuple[str, Mapping[str, Any]]]:
-    return [(what, s) for what, s in record["shrinkage"].items() if s]
-
-
-def _improved(what: str, s: Mapping[str, Any], of: Mapping[str, Any] | None) -> tuple[str, ...]:
-    as_length = of or s
-    ratio = as_length["before_rms_um"] / s["before_rms_um"] if s["before_rms_um"] else 1.0
-    return (
-        what,
-        str(s["count"]),
-        length(as_length["before_rms_um"]),
-        length(as_length["after_rms_um"]) if s["claimed"] else "not claimed",
-        length(ratio * s["predicted_rms_um"]),
-        length(as_length["floor_um"]),
-        *reduction(s["removed"], s["removed_interval95"], s["claimed"]),
-    )
-
-
-def blind(run: Run) -> Section | None:
-    """Effects that these data may miss."""
-    spots = sorted(run.record["blind_spots"], key=lambda b: -(b["distance_error_um"] or 0.0))
-    largest = max((b["distance_error_um"] or 0.0 for b in spots), default=0.0) or 1.0
-    entries = []
-    for b in spots:
-        least, usual = b["smallest_nameable"], b["plausible"]
-        never = least["value"] is None or (usual["value"] and least["value"] >= NEVER * usual["value"])
-        error = b["distance_error_um"]
-        entries.append(
-            (
-                f"{b['effect']}, {site_of(b['site'])}",
-                quantity(usual["value"], usual["unit"]),
-                "not detectable" if never else quantity(least["value"], least["unit"]),
-                MISSING if error is None else Bar(error / largest, f"{length(error)} µm"),
-            )
-        )
-    table = Sheet(
-        "may be missed",
-        ("plausible", "detectable from", "distance error if undetected"),
-        tuple(entries),
-        "Blind spots: effects whose plausible amplitude these contacts would not show",
-        shown=8,
-    )
-    return blocks("blind", "Blind spots", table)
+    sheets = levels_sheet(run.record), improvements(run.record)
+    return blocks("levels", "Model levels and improvement", *sheets)
 
 
 def advice(run: Run) -> Section | None:
     """What to measure next."""
-    entries = tuple(
-        (
-            " and ".join(map(rival, a["separates"])),
-            a["what"],
-            str(len(a["contacts"])) if a["contacts"] else MISSING,
-            f"{a['lambda_before']:.0f} to {a['lambda_after']:.0f}",
-        )
-        for a in run.record["next"]
-    )
-    table = Sheet(
-        "separates",
-        ("measure", "contacts in next.csv", "detectability"),
-        entries,
-        "Further measurements; detectability: noncentrality before and after",
-        words=(1,),
-    )
-    parts: list[Block] = [table]
-    if not entries:
-        parts.append(Text("No further contacts are proposed."))
-    return blocks("next", "What to measure next", *parts)
+    caption = "Further measurements; detectability: noncentrality before and after"
+    table = Sheet(ADVICE, run.record["next"], caption)
+    nothing = None if run.record["next"] else Text("No further contacts are proposed.")
+    return blocks("next", "What to measure next", table, nothing)
 
 
 SECTIONS: tuple[Callable[[Run], Section | None], ...] = (
     first,
     effects,
-    where,
-    rows.scene,
-    lambda run: rows.residuals(run, *margins(run)),
+    lambda run: blocks("where", "Location of the error", where_sheet(run.record)),
+    common.scene,
+    lambda run: common.residuals(run, *margin_sheets(run.record)),
     levels,
-    rows.budget,
-    blind,
+    common.budget,
+    lambda run: blocks("blind", "Blind spots", blind_sheet(run.record)),
     advice,
-    rows.inputs,
+    common.inputs,
 )
 """Sections of gap.html, in their order."""

@@ -1,9 +1,4 @@
-"""What a page consists of: sections, and the blocks of a section.
-
-Numbers of a record as text: µm from the keys in µm, "-" where there is none.
-
-What a page is made of: the records of a run folder.
-"""
+"""What a page is made of, the records of a run folder, and what it consists of: sections of blocks."""
 
 from __future__ import annotations
 
@@ -14,11 +9,10 @@ from typing import Any, ClassVar
 
 from markupsafe import Markup
 
-from bayescal.effects.vocabulary import unit_label
 from bayescal.errors import BayescalError
-from bayescal.reporting.shared.text import um, um2, with_u
+from bayescal.reporting.shared.sheet import Sheet
 from bayescal.storage.folders import check_unchanged
-from bayescal.storage.reading import read_record
+from bayescal.storage.reading import Json, read_record
 
 
 @dataclass(frozen=True)
@@ -41,30 +35,30 @@ class Fault:
 
 
 @dataclass(frozen=True)
-class Bar:
-    """A cell with a bar: the filled fraction (0 to 1), the text behind it, and whether it is marked."""
+class FirstScreen:
+    """What is seen first: verdict (`tone`, `sign`, `word`, `lines`), key figures, faults, next commands.
 
-    fraction: float
-    text: str
-    marked: bool = False
-    kind: ClassVar[str] = "bar"
-
-
-@dataclass(frozen=True)
-class Sheet:
-    """A table: the heading of its first column, the headings of the others, its rows, and its caption.
-
-    A cell is text, a `Bar` or markup. `words` are the columns (from 0) of text, which are set to the left;
-    the first column always is. Rows beyond `shown` are folded.
+    Of `lines` the first `most` are not folded; `keys` are a name, a value and a detail each, `next`
+    words and a command.
     """
 
-    title: str
-    headings: tuple[str, ...]
-    rows: tuple[tuple[Any, ...], ...]
-    caption: str = ""
-    words: tuple[int, ...] = ()
-    shown: int | None = None
-    kind: ClassVar[str] = "sheet"
+    word: str
+    tone: str = ""
+    sign: str = ""
+    lines: Sequence[str] = ()
+    most: int = 1
+    keys: Sequence[tuple[str, str, str]] = ()
+    fault_title: str = ""
+    faults: Sequence[Fault] = ()
+    arm: Markup | None = None
+    arm_caption: str = ""
+    next: Sequence[tuple[str, str]] = ()
+    warnings: Sequence[str] = ()
+    notes: Sequence[str] = ()
+
+    def section(self) -> Section:
+        """The section that has no heading."""
+        return Section("result", "", "first.html.j2", vars(self))
 
 
 @dataclass(frozen=True)
@@ -97,8 +91,13 @@ Block = Sheet | Text | Facts | Figures
 
 def blocks(key: str, title: str, *parts: Block | None) -> Section | None:
     """A section of blocks, or None where it has none; tables without rows are left out."""
-    some = [p for p in parts if p is not None and not (isinstance(p, Sheet) and not p.rows)]
+    some = not_empty(parts)
     return Section(key, title, "blocks.html.j2", {"blocks": some}) if some else None
+
+
+def not_empty(parts: Sequence[Block | None]) -> list[Block]:
+    """Blocks without those that are missing and tables without rows."""
+    return [p for p in parts if p is not None and not (isinstance(p, Sheet) and not p.items)]
 
 
 def texts(lines: Sequence[str], style: str = "") -> tuple[Text, ...]:
@@ -106,46 +105,6 @@ def texts(lines: Sequence[str], style: str = "") -> tuple[Text, ...]:
     return tuple(Text(line, style) for line in lines)
 
 
-MISSING = "-"
-
-
-def length(value: float | None) -> str:
-    """A length in µm, three significant digits, without its unit."""
-    return MISSING if value is None else um(1e-6 * value)
-
-
-def uncertainty(value: float | None) -> str:
-    """An uncertainty in µm, two significant digits, without its unit."""
-    return MISSING if value is None else um2(1e-6 * value)
-
-
-def interval(ends: list[float | None] | None, of: float = 1.0) -> str:
-    """An interval in µm: ``4.3 to 6.6``."""
-    if not ends or None in ends:
-        return MISSING
-    low, high = (of * end for end in ends if end is not None)
-    return f"{length(low)} to {length(high)}"
-
-
-def quantity(value: float | None, unit: str) -> str:
-    """A value with its unit, two significant digits."""
-    if value is None:
-        return MISSING
-    figures = f"{value:.2g}" if abs(value) < 99.5 else f"{float(f'{value:.2g}'):.0f}"
-    return f"{figures} {unit_label(unit)}".rstrip()
-
-
-def measured(value: float, u: float, unit: str) -> str:
-    """A value with its standard uncertainty and unit: ``0.0244(10) deg``."""
-    return f"{with_u(value, u)} {unit_label(unit)}".rstrip()
-
-
-def share(value: float | None) -> str:
-    """A fraction in per cent."""
-    return MISSING if value is None else f"{100 * value:.0f} %"
-
-
-Json = Mapping[str, Any]
 SCHEMAS = {"fit.json": "bayescal-fit/1", "gap.json": "bayescal-gap/1"}
 """Record that identifies a run -> its schema."""
 BUDGET, BUDGET_SCHEMA = "budget.json", "bayescal-budget/1"

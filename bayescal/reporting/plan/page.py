@@ -9,8 +9,9 @@ from dataclasses import replace
 from bayescal import __version__
 from bayescal.planning.result import Plan
 from bayescal.reporting.page.render import page
-from bayescal.reporting.page.section import Facts, Section, Sheet, Text, blocks
+from bayescal.reporting.page.section import Facts, FirstScreen, Section, Text, blocks
 from bayescal.reporting.plan import sheets
+from bayescal.reporting.shared.sheet import Sheet
 
 STEPS = {
     "import": "Probe the contacts of plan.csv in their order, then import the log of the controller.",
@@ -37,11 +38,11 @@ def plan_page(plan: Plan, picture: bytes, commands: Sequence[tuple[str, str]] = 
         _contacts(plan, picture),
         blocks("expected", "What to expect, assuming the model is correct", sheets.expected(plan)),
         _detectable(plan),
-        blocks("confusable", "Confusable effects", replace(sheets.confusable(plan), words=(3,))),
-        blocks("parameters", "Parameters", replace(sheets.parameters(plan), words=(3,))),
+        blocks("confusable", "Confusable effects", sheets.confusable(plan)),
+        blocks("parameters", "Parameters", Sheet(sheets.PARAMETERS, plan.parameters)),
         blocks("observability", "Observability", sheets.observability(plan)),
         blocks("candidates", "Candidates", Text(sheets.candidates(plan))),
-        blocks("all", "All contacts, in the order of probing", _every(plan)),
+        blocks("all", "All contacts, in the order of probing", sheets.contacts(plan)),
         _inputs(plan),
     )
     foot = [f"bayescal {__version__}"]
@@ -58,22 +59,14 @@ def _first(plan: Plan, commands: Sequence[tuple[str, str]]) -> Section:
         name, _, found = text.partition(": ")
         value, _, less = found.removesuffix(")").partition(" (")
         keys.append((name, value, less))
-    context = {
-        "tone": "",
-        "sign": "",
-        "word": lines[0],
-        "lines": lines[1:],
-        "most": len(lines),
-        "keys": keys,
-        "faults": [],
-        "fault_title": "",
-        "arm": None,
-        "arm_caption": "",
-        "next": [(STEPS[purpose], command) for purpose, command in commands],
-        "warnings": [*plan.warnings, *(f"not separated: {line}" for line in sheets.not_separated(plan))],
-        "notes": (),
-    }
-    return Section("result", "", "first.html.j2", context)
+    return FirstScreen(
+        lines[0],
+        lines=lines[1:],
+        most=len(lines),
+        keys=keys,
+        next=[(STEPS[purpose], command) for purpose, command in commands],
+        warnings=[*plan.warnings, *(f"not separated: {line}" for line in sheets.not_separated(plan))],
+    ).section()
 
 
 def _contacts(plan: Plan, picture: bytes) -> Section:
@@ -87,18 +80,10 @@ def _detectable(plan: Plan) -> Section | None:
         return None
     ratio = sheets.detectability(plan)
     caption = f"Smallest detectable {ratio}" if ratio else ""
-    sheet = replace(sheets.detectable(plan, every_site=True), title="effect", caption=caption)
+    sheet = sheets.detectable(plan, every_site=True)
+    named = replace(sheet.columns[0], heading="effect")
+    sheet = replace(sheet, columns=(named, *sheet.columns[1:]), caption=caption)
     return blocks("detectable", "Smallest detectable amplitude of each effect", sheet)
-
-
-def _every(plan: Plan) -> Sheet:
-    sheet = sheets.contacts(plan)
-    words = tuple(
-        k for k, name in enumerate(sheet.headings, 1) if name in ("purpose", "target", "tool", "before")
-    )
-    return replace(
-        sheet, words=words, caption="the table of plan.csv, and what is changed before a contact", shown=0
-    )
 
 
 def _inputs(plan: Plan) -> Section | None:

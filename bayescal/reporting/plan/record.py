@@ -1,13 +1,7 @@
-"""`plan.json`: a plan as numbers, by the output contract; units are in the keys.
-
-The contacts of a plan: `plan.csv`, and their numbers by purpose.
-
-The run folder of a plan.
-"""
+"""The run folder of a plan: `plan.json`, by the output contract, and `plan.csv`."""
 
 from __future__ import annotations
 
-import json
 import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -19,7 +13,6 @@ import numpy as np
 from bayescal.dataset import Dataset
 from bayescal.dataset.table import CLEARANCE
 from bayescal.dataset.write import table_text, write_setup
-from bayescal.exporting.plan import Probe, formats_of
 from bayescal.importing.onto import MEASURED
 from bayescal.importing.onto import PLAN as CONTACTS
 from bayescal.planning.result import (
@@ -27,13 +20,13 @@ from bayescal.planning.result import (
     GAP,
     REPEAT,
     VALIDATE,
-    Confusable,
     Detectable,
-    ExpectedDistances,
     Plan,
 )
-from bayescal.reporting.shared.origin import origin, plain
+from bayescal.programs.probing import Probe, formats_of
+from bayescal.reporting.shared.origin import entry, origin, plain
 from bayescal.reporting.shared.text import MM, UM, amplitude
+from bayescal.storage.files import json_text
 from bayescal.storage.folders import whole
 
 
@@ -70,13 +63,13 @@ def table_of_plan(plan: Plan) -> str:
     )  # fmt: skip
     head, *lines = table_text(replace(plan.session, measurements=rows), name_tool=True).splitlines()
     cells = zip(lines, clearances(plan), strict=True)
-    return "\n".join([f"{head},{CLEARANCE}", *(f"{line},{own}" for line, own in cells), ""])
+    return "\n".join([f"{head},{CLEARANCE}", *(f"{line},{clearance}" for line, clearance in cells), ""])
 
 
 def clearances(plan: Plan) -> list[str]:
     """Clearance of the motions of each row, mm, rounded down; empty where it is not known."""
-    known = plan.clearance if len(plan.clearance) else np.full(len(plan.purpose), np.nan)
-    return [f"{np.floor(1e4 * own) / 10:.1f}" if np.isfinite(own) else "" for own in known]
+    clearance = plan.clearance if len(plan.clearance) else np.full(len(plan.purpose), np.nan)
+    return [f"{np.floor(1e4 * value) / 10:.1f}" if np.isfinite(value) else "" for value in clearance]
 
 
 SCHEMA = "bayescal-plan/1"
@@ -124,33 +117,29 @@ def plan_record(plan: Plan, commands: Mapping[str, str] | None = None) -> dict[s
             "distance_sd_um_random": UM * headline.u_random if headline else None,
             "equals_random_contacts": plan.equals_random,
             "next_distance_sd_um": UM * plan.next_u,
-            "distances": [_distances(e) for e in plan.expected],
-            "parameters": [
-                {"name": p.name, "unit": p.unit, "u": p.u, "prior_u": p.prior} for p in plan.parameters
+            "distances": [
+                entry(e, "over", "count", "distance_sd_um=u")
+                | {"distance_sd_um_random": UM * e.u_random, "shares": dict(e.shares)}
+                for e in plan.expected
             ],
+            "parameters": [entry(p, "name", "unit", "u", "prior_u=prior") for p in plan.parameters],
         },
         "observability": dict(plan.observability),
         "observability_random": dict(plan.observability_random),
         "curve": _curve(plan.curve),
         "curve_random": _curve(plan.curve_random),
         "detectable": [_detectable(d) for d in plan.detectable],
-        "confusable": [_confusable(c) for c in plan.confusable],
+        "confusable": [
+            entry(c, "pair", "lambda_before=before", "lambda_after=after")
+            | {"intervention": c.intervention or None}
+            for c in plan.confusable
+        ],
         "travel_s": plan.travel,
         "seconds": plan.seconds,
         "warnings": plan.warnings,
         "commands": dict(commands or {}),
     }
     return {key: plain(value) for key, value in record.items()}
-
-
-def _distances(e: ExpectedDistances) -> dict[str, Any]:
-    return {
-        "over": e.over,
-        "count": e.count,
-        "distance_sd_um": UM * e.u,
-        "distance_sd_um_random": UM * e.u_random,
-        "shares": dict(e.shares),
-    }
 
 
 def _curve(points: Sequence[tuple[int, float]]) -> list[dict[str, Any]]:
@@ -166,15 +155,6 @@ def _detectable(d: Detectable) -> dict[str, Any]:
         "smallest_random": amplitude(d.smallest_random, d.unit)[0],
         "plausible": amplitude(d.plausible, d.unit)[0],
         "unit": unit,
-    }
-
-
-def _confusable(c: Confusable) -> dict[str, Any]:
-    return {
-        "pair": c.pair,
-        "lambda_before": c.before,
-        "lambda_after": c.after,
-        "intervention": c.intervention or None,
     }
 
 
@@ -202,7 +182,7 @@ def write_plan(
     folder : Path
         Where they are written; an earlier plan there is replaced.
     formats : sequence of str
-        Names of formats for a controller that are written too; see `bayescal.exporting.plan`.
+        Names of formats for a controller that are written too; see `bayescal.programs.probing`.
     probe : Probe, optional
         How the controller notices a contact.
 
@@ -218,7 +198,7 @@ def write_plan(
     later = commands(folder)
     texts = {
         CONTACTS: table_of_plan(plan),
-        PLAN: json.dumps(plan_record(plan, later), allow_nan=False, indent=1) + "\n",
+        PLAN: json_text(plan_record(plan, later), rows=False),
     }
     if plan.pool.measured:
         texts[MEASURED] = table_text(plan.pool.setup.dataset)

@@ -1,7 +1,4 @@
-"""Tables of a plan as text, for the terminal and for the page.
-
-A plan in sentences, for the terminal and for the page: cost, benefit, limits.
-"""
+"""A plan in tables and sentences, for the terminal and for the page: cost, benefit, limits."""
 
 from __future__ import annotations
 
@@ -9,6 +6,9 @@ from collections import Counter
 from collections.abc import Iterator
 
 import numpy as np
+from rich.console import Group, RenderableType
+from rich.table import Table
+from rich.text import Text
 
 from bayescal.effects.vocabulary import unit_label
 from bayescal.planning.result import (
@@ -23,9 +23,9 @@ from bayescal.planning.result import (
     Plan,
 )
 from bayescal.planning.separate import NO_LEVER
-from bayescal.reporting.page.section import Sheet
 from bayescal.reporting.plan.record import clearances, count, payloads
-from bayescal.reporting.shared.text import NEVER, percent, size, um2
+from bayescal.reporting.shared.sheet import Column, Sheet, sheet_of_cells, terminal
+from bayescal.reporting.shared.text import NEVER, Facts, facts, percent, size, um2
 
 PURPOSES = {DISTANCES: "distances", GAP: "gap", REPEAT: "repeats", VALIDATE: "validation"}
 """Purposes of contacts, and their heading."""
@@ -52,18 +52,15 @@ OVER = {
 
 def expected(plan: Plan) -> Sheet:
     """Expected U of distances beside that of random selections, and the shares of the variance."""
-    origins = [*SHARES, *dict.fromkeys(o for e in plan.expected for o in e.shares if o not in SHARES)]
-    origins = [o for o in origins if any(o in e.shares for e in plan.expected)]
-    rows = tuple(
-        (
-            f"{e.count} {over(e)}",
-            um2(COVERAGE * e.u),
-            um2(COVERAGE * e.u_random),
-            *(percent(e.shares[o]) if o in e.shares else "-" for o in origins),
-        )
-        for e in plan.expected
+    stated = dict.fromkeys(origin for e in plan.expected for origin in e.shares)
+    origins = [*(o for o in SHARES if o in stated), *(o for o in stated if o not in SHARES)]
+    columns = (
+        Column("expected U (µm, k = 2)", lambda e: f"{e.count} {over(e)}"),
+        Column("plan", lambda e: um2(COVERAGE * e.u)),
+        Column("random", lambda e: um2(COVERAGE * e.u_random)),
+        *(Column(origin, lambda e, origin=origin: e.shares.get(origin), percent) for origin in origins),
     )
-    return Sheet("expected U (µm, k = 2)", ("plan", "random", *origins), rows)
+    return Sheet(columns, plan.expected)
 
 
 def over(e: ExpectedDistances) -> str:
@@ -88,8 +85,8 @@ def by_target(plan: Plan) -> Sheet:
         counts = [np.sum(mine & (purpose == p)) for p in used]
         loaded = [np.sum(mine & (payload == x)) for x in masses] if len(masses) > 1 else []
         rows.append((label, *map(str, (np.sum(mine), *counts, *loaded))))
-    loads = tuple(f"{x:g}\N{NO-BREAK SPACE}kg" for x in masses) if len(masses) > 1 else ()
-    return Sheet("contacts", ("all", *(PURPOSES[p] for p in used), *loads), tuple(rows))
+    loads = [f"{x:g}\N{NO-BREAK SPACE}kg" for x in masses] if len(masses) > 1 else []
+    return sheet_of_cells(("contacts", "all", *(PURPOSES[p] for p in used), *loads), rows)
 
 
 def detectable(plan: Plan, every_site: bool = False) -> Sheet:
@@ -98,25 +95,24 @@ def detectable(plan: Plan, every_site: bool = False) -> Sheet:
     Of an effect at several sites the site with the largest in proportion to what is plausible, unless
     `every_site`.
     """
-    shown = plan.detectable if every_site else least_favourable(plan)
-    rows = tuple(
-        (
-            d.effect if str(d.site) == d.effect else f"{d.effect}, {d.site}",
-            _amplitude(d.smallest, d),
-            _amplitude(d.smallest_random, d),
-            size(d.plausible, d.unit),
-        )
-        for d in shown
+    columns = (
+        Column(
+            "smallest detectable amplitude",
+            lambda d: d.effect if str(d.site) == d.effect else f"{d.effect}, {d.site}",
+        ),
+        Column("plan", lambda d: _amplitude(d.smallest, d)),
+        Column("random", lambda d: _amplitude(d.smallest_random, d)),
+        Column("plausible", lambda d: size(d.plausible, d.unit)),
     )
-    return Sheet("smallest detectable amplitude", ("plan", "random", "plausible"), rows)
+    return Sheet(columns, plan.detectable if every_site else least_favourable(plan))
 
 
 def least_favourable(plan: Plan) -> tuple[Detectable, ...]:
     """Of each effect the site with the largest detectable amplitude in proportion to what is plausible."""
     out: dict[str, Detectable] = {}
     for d in plan.detectable:
-        known = out.get(d.effect)
-        if known is None or d.smallest / d.plausible > known.smallest / known.plausible:
+        largest = out.get(d.effect)
+        if largest is None or d.smallest / d.plausible > largest.smallest / largest.plausible:
             out[d.effect] = d
     return tuple(out.values())
 
@@ -130,7 +126,9 @@ def gain(plan: Plan) -> float:
     for d in plan.detectable:
         if all(np.isfinite(x) and 0 < x < NEVER * d.plausible for x in (d.smallest, d.smallest_random)):
             logs.setdefault(d.effect, []).append(float(np.log(d.smallest / d.smallest_random)))
-    return float(np.exp(np.mean([np.mean(own) for own in logs.values()]))) if logs else float("nan")
+    return (
+        float(np.exp(np.mean([np.mean(of_effect) for of_effect in logs.values()]))) if logs else float("nan")
+    )
 
 
 def _amplitude(value: float, d: Detectable) -> str:
@@ -139,11 +137,13 @@ def _amplitude(value: float, d: Detectable) -> str:
 
 def confusable(plan: Plan) -> Sheet:
     """Detectability of an effect beside another that is confusable with it."""
-    rows = tuple(
-        (" and ".join(c.pair), strength(c.before), strength(c.after), c.intervention or "-")
-        for c in plan.confusable
+    columns = (
+        Column("detectability (noncentrality)", "pair", " and ".join),
+        Column("before", "before", strength),
+        Column("plan", "after", strength),
+        Column("would be separated by", lambda c: c.intervention or None, words=True),
     )
-    return Sheet("detectability (noncentrality)", ("before", "plan", "would be separated by"), rows)
+    return Sheet(columns, plan.confusable)
 
 
 def strength(value: float) -> str:
@@ -151,20 +151,23 @@ def strength(value: float) -> str:
     return f"{value:.1f}" if value < 9.95 else f"{value:.0f}"
 
 
-def parameters(plan: Plan) -> Sheet:
-    """Expected standard uncertainty of the parameters, beside that of their prior."""
-    rows = tuple((p.name, f"{p.u:.2g}", f"{p.prior:.2g}", unit_label(p.unit)) for p in plan.parameters)
-    return Sheet("parameter", ("expected u", "prior u", "unit"), rows)
+PARAMETERS = (
+    Column("parameter", "name"),
+    Column("expected u", "u", "{:.2g}".format),
+    Column("prior u", "prior", "{:.2g}".format),
+    Column("unit", "unit", unit_label, words=True),
+)
+"""Of `Plan.parameters`: expected standard uncertainty beside that of the prior."""
 
 
 def observability(plan: Plan) -> Sheet:
     """Observability indices of the plan and of a random selection."""
-    rows = tuple(
-        (f"{name}, {INDICES[name]}" if name in INDICES else name, f"{value:.3g}",
-         f"{plan.observability_random[name]:.3g}" if name in plan.observability_random else "-")
-        for name, value in plan.observability.items()
-    )  # fmt: skip
-    return Sheet("observability index", ("plan", "random"), rows)
+    columns = (
+        Column("observability index", lambda name: f"{name}, {INDICES[name]}" if name in INDICES else name),
+        Column("plan", plan.observability.get, "{:.3g}".format),
+        Column("random", plan.observability_random.get, "{:.3g}".format),
+    )
+    return Sheet(columns, tuple(plan.observability))
 
 
 def dropped(plan: Plan) -> tuple[tuple[str, int], ...]:
@@ -175,35 +178,24 @@ def dropped(plan: Plan) -> tuple[tuple[str, int], ...]:
 def contacts(plan: Plan) -> Sheet:
     """All contacts in the order of probing; joints in degrees."""
     session, m = plan.session, plan.session.measurements
-    several = len(session.tools) > 1
-    rows = tuple(
-        (
-            name,
-            PURPOSES.get(purpose, purpose),
-            session.targets[m.target[k]].name,
-            *([session.tools[m.tool[k]].name] if several else []),
-            *(f"{v:.3f}" for v in np.degrees(m.readings[k])),
-            f"{payload:g}",
-            "" if m.repeat is None else str(m.repeat[k]),
-            clear,
-            plan.changes[k] if plan.changes else "",
-        )
-        for k, (name, purpose, payload, clear) in enumerate(
-            zip(m.ids, plan.purpose, payloads(session), clearances(plan), strict=True)
-        )
+    angles, mass, clear = np.degrees(m.readings), payloads(session), clearances(plan)
+    tool = Column("tool", lambda k: session.tools[m.tool[k]].name, words=True)
+    columns = (
+        Column("id", m.ids.__getitem__),
+        Column("purpose", lambda k: PURPOSES.get(plan.purpose[k], plan.purpose[k]), words=True),
+        Column("target", lambda k: session.targets[m.target[k]].name, words=True),
+        *([tool] if len(session.tools) > 1 else []),
+        *(
+            Column(f"J{j + 1} (deg)", lambda k, j=j: angles[k, j], "{:.3f}".format)
+            for j in range(session.robot.n)
+        ),
+        Column("payload (kg)", lambda k: mass[k], "{:g}".format),
+        Column("repeat", lambda k: "" if m.repeat is None else m.repeat[k]),
+        Column("clearance (mm)", clear.__getitem__),
+        Column("before", lambda k: plan.changes[k] if plan.changes else "", words=True),
     )
-    joints = tuple(f"J{k} (deg)" for k in range(1, session.robot.n + 1))
-    headings = (
-        "purpose",
-        "target",
-        *(["tool"] if several else []),
-        *joints,
-        "payload (kg)",
-        "repeat",
-        "clearance (mm)",
-        "before",
-    )
-    return Sheet("id", headings, rows)
+    caption = "the table of plan.csv, and what is changed before a contact"
+    return Sheet(columns, range(len(m.ids)), caption, 0)
 
 
 AIMS = {DISTANCES: "for distances", GAP: "for the gap", BOTH: "for distances and the gap"}
@@ -247,8 +239,8 @@ def contacts_phrase(plan: Plan) -> str:
 
 def travel(plan: Plan) -> str:
     """Time of the motions and the order of probing."""
-    known = plan.clearance[np.isfinite(plan.clearance)]
-    clear = f"; clearance {1e3 * known.min():.1f} mm or more" if len(known) else ""
+    clearance = plan.clearance[np.isfinite(plan.clearance)]
+    clear = f"; clearance {1e3 * clearance.min():.1f} mm or more" if len(clearance) else ""
     stops = sum(bool(text) for text in plan.changes[1:])
     stopped = f"; the arm waits {times(stops)} for a change" if stops else ""
     return f"{duration(plan.travel)} of motion between contacts{clear}{stopped}; order: {plan.order}"
@@ -311,3 +303,46 @@ def two_digits(number: float) -> str:
 def times(number: int) -> str:
     """``once``, ``twice``, ``7 times``."""
     return {1: "once", 2: "twice"}.get(number, f"{number} times")
+
+
+PAIRS = 4
+"""Pairs that are not separated; the others are in plan.html."""
+
+
+def plan_summary(plan: Plan) -> RenderableType:
+    """Expected uncertainty, contacts, detectable amplitudes, pairs, warnings: one screen."""
+    name = Text.assemble((plan.session.name, "bold"), f"  {plan.session.robot.name}  {title(plan)}")
+    costs = (
+        ("contacts", contacts_phrase(plan), ""),
+        ("travel", travel(plan), ""),
+        ("candidates", candidates(plan), "dim"),
+    )
+    parts: list[RenderableType] = [
+        name,
+        *(Text(line, "" if k else "bold") for k, line in enumerate(headline(plan))),
+        "",
+    ]
+    if plan.expected:
+        parts.append(terminal(expected(plan)))
+    parts += [_lines(("next 20", further(plan), "")), "", terminal(by_target(plan)), _lines(*costs)]
+    if plan.detectable:
+        parts += ["", terminal(detectable(plan)), _lines(("detectable", detectability(plan), ""))]
+    parts.append(facts(_limits(plan)))
+    return Group(*parts)
+
+
+def _lines(*lines: tuple[str, str, str]) -> Table:
+    """Those lines of the terminal that have a text."""
+    return facts(line for line in lines if line[1])
+
+
+def _limits(plan: Plan) -> Facts:
+    """Pairs of effects, and warnings."""
+    if text := separated(plan):
+        yield "separates", text, ""
+    lines = not_separated(plan)
+    more = [f"and {len(lines) - PAIRS} further pairs: see plan.html"] if len(lines) > PAIRS + 1 else []
+    for k, line in enumerate([*lines[:PAIRS], *more] if more else lines):
+        yield "" if k else "not separated", line, "yellow"
+    for k, warning in enumerate(plan.warnings):
+        yield "" if k else "warning", warning, "yellow"

@@ -6,7 +6,7 @@ capsules (`collision.links`), artefacts are the boxes and spheres that the targe
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,8 +18,8 @@ from bayescal.probing.scene import arm_capsules, scene_of
 from bayescal.probing.shapes import Ball, Box
 from bayescal.reporting.shared.origin import plain
 from bayescal.reporting.shared.text import MM
+from bayescal.storage.reading import Json
 
-Json = Mapping[str, Any]
 ROUND = 12
 """Corners of half a circle."""
 COLOURS = {"arm": "#e6ebf0", "tool": "#ccd5dd", "edge": "#8f9ba7"}

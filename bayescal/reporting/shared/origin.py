@@ -1,11 +1,4 @@
-"""The first keys of every record: schema, dataset, what is filed of it, software, seed.
-
-Which known effects may be the further one of a verdict `named+unexplained`.
-
-Values of a record as JSON holds them.
-
-Rows of a session with their residuals: what pages and figures draw from a record.
-"""
+"""What all records have: origin (schema, dataset, software, seed), rows with residuals, values as JSON."""
 
 from __future__ import annotations
 
@@ -20,7 +13,7 @@ from bayescal import __version__
 from bayescal.dataset import Dataset
 from bayescal.dataset.types import Record
 from bayescal.estimate import Estimate
-from bayescal.reporting.shared.text import MM, UM
+from bayescal.reporting.shared.text import MDEG, MM, UM
 
 SERIALS = ("arm", "probe", "artefact", "instrument")
 NOT_STATED = "not stated"
@@ -28,15 +21,10 @@ NOT_STATED = "not stated"
 
 def origin(schema: str, dataset: Dataset, seed: int, libraries: Iterable[str]) -> dict[str, Any]:
     """Schema, dataset (and each of several sessions) with its hash, its record, all software, seed."""
-    named: dict[str, Any] = {"name": dataset.name, "sha256": dataset.sha256}
+    named: dict[str, Any] = entry(dataset, "name", "sha256")
     if dataset.sessions:
         named["sessions"] = [
-            {
-                "name": s.name,
-                "sha256": s.sha256,
-                "rows": len(s.measurements.ids),
-                "record": record_of(s.record),
-            }
+            entry(s, "name", "sha256") | {"rows": len(s.measurements.ids), "record": record_of(s.record)}
             for s in dataset.sessions
         ]
     return {
@@ -80,9 +68,9 @@ def filed_lines(dataset: Dataset) -> list[tuple[str, str, str]]:
     """The same as lines of the terminal, of each session: heading, text, style; without what is missing."""
     out: list[tuple[str, str, str]] = []
     for s in dataset.sessions or (dataset,):
-        known = [f"{k[:1].lower()}{k[1:]} {v}" for k, v in filed(record_of(s.record)) if v != NOT_STATED]
-        if known:
-            out.append(("" if out else "record", "; ".join(known), "dim"))
+        stated = [f"{k[:1].lower()}{k[1:]} {v}" for k, v in filed(record_of(s.record)) if v != NOT_STATED]
+        if stated:
+            out.append(("" if out else "record", "; ".join(stated), "dim"))
     return out
 
 
@@ -104,11 +92,11 @@ def possible(
 
     It is their sum of probabilities that exceeds that of an unmodelled effect. Improbable ones are left out.
     """
-    rest = tuple(n for n in credible if n not in named and n not in APART)
-    together = sum(probability.get(n) or 0.0 for n in rest)
+    others = tuple(n for n in credible if n not in named and n not in APART)
+    together = sum(probability.get(n) or 0.0 for n in others)
     if together <= (probability.get("unknown") or 0.0):
         return ()
-    return tuple(n for n in rest if (probability.get(n) or 0.0) >= LEAST) or rest
+    return tuple(n for n in others if (probability.get(n) or 0.0) >= LEAST) or others
 
 
 def plain(value: Any) -> Any:
@@ -125,6 +113,31 @@ def plain(value: Any) -> Any:
     return None if isinstance(value, float) and not np.isfinite(value) else value
 
 
+FACTORS = {"um": UM, "mm": MM, "mdeg": MDEG}
+"""From SI, by the unit at the end of a key."""
+
+
+def entry(result: Any, *fields: str) -> dict[str, Any]:
+    """An entry of a record: values of a result as JSON, each by its key.
+
+    A key is the name of the attribute, with the unit of the entry behind it: ``rms_um`` is ``rms``, m, in µm;
+    or the attribute has another name: ``U_um=expanded``.
+    """
+    out = {}
+    for key, _, name in (field.partition("=") for field in fields):
+        stem, _, unit = key.rpartition("_")
+        factor = FACTORS.get(unit)
+        out[key] = plain(scaled(getattr(result, name or (stem if factor else key)), factor))
+    return out
+
+
+def scaled(value: Any, factor: float | None) -> Any:
+    """A number, or each of several, times a factor; None is None."""
+    if factor is None or value is None:
+        return value
+    return [factor * part for part in value] if isinstance(value, tuple) else factor * value
+
+
 ROLES = ("calibrate", "validate")
 DIGITS = 4
 """Decimals of residuals (µm), angles (deg) and times (s)."""
@@ -132,7 +145,7 @@ STANDSTILL = np.radians(0.03)
 """Joint speed, rad/s, below which a joint has no direction of motion; as for `backlash`."""
 
 
-def rows_record(found: Estimate) -> dict[str, Any]:
+def rows_record(estimate: Estimate) -> dict[str, Any]:
     """``rows`` of fit.json and gap.json: one list for each quantity, in the order of the session.
 
     `residual_um` is the distance of a contact from its surface (signed), of a point the length of its error
@@ -140,7 +153,7 @@ def rows_record(found: Estimate) -> dict[str, Any]:
     the stylus tip (or reflector) in F0 by the nominal arm, `angle_deg` are link angles, and `direction` has
     a sign for each joint.
     """
-    scene = found.model.scene
+    scene = estimate.model.scene
     m, targets = scene.dataset.measurements, scene.dataset.targets
     count = len(m.ids)
     residual = np.full(count, np.nan)
@@ -149,12 +162,12 @@ def rows_record(found: Estimate) -> dict[str, Any]:
         rows = scene.rows(role)
         roles[rows] = role
         for k, target in enumerate(targets):
-            own = scene.rows_of(k, rows)
-            if len(own) and target.name in found.model.block_of:
-                r = found.residuals(found.model.block(k, own))
-                residual[own] = r[0] if len(r) == 1 else np.linalg.norm(r[:3], axis=0)
+            of_target = scene.rows_of(k, rows)
+            if len(of_target) and target.name in estimate.model.block_of:
+                r = estimate.residuals(estimate.model.block(k, of_target))
+                residual[of_target] = r[0] if len(r) == 1 else np.linalg.norm(r[:3], axis=0)
     rejected = np.zeros(count, bool)
-    rejected[found.rejected] = True
+    rejected[estimate.rejected] = True
     record = {
         "id": list(m.ids),
         "target": [targets[t].name for t in m.target],

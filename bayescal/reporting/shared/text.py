@@ -1,7 +1,4 @@
-"""Shared by the reports: units, numbers as text, plain terminal tables.
-
-Tables of the terminal in which no figure is ever cut off: names wrap, columns move to a further block.
-"""
+"""Numbers with their units as text, and tables of the terminal in which no figure is ever cut off."""
 
 from __future__ import annotations
 
@@ -91,9 +88,13 @@ def _blocks(figures: list[Column], room: int) -> list[list[Column]]:
     return out
 
 
+MISSING = "-"
+"""What a text states where there is no value."""
 UM = 1e6
 MM = 1e3
 MDEG = 1e3 * 180.0 / np.pi
+Facts = Iterable[tuple[str, str, str]]
+"""Lines of the terminal: heading, text and style."""
 LABELS: dict[tuple[str, ...], str] = {
     ("nominal",): "nominal",
     ("joint",): "joint offsets",
@@ -203,7 +204,7 @@ def with_u(value: float, u: float) -> str:
     return f"{value:.{decimals}f}({digits})"
 
 
-def facts(rows: Iterable[tuple[str, str, str]]) -> Table:
+def facts(rows: Facts) -> Table:
     """A grid of headings and their text, each row (heading, text, style)."""
     table = Table.grid(padding=(0, 2, 0, 0))
     table.add_column(style="dim", no_wrap=True, min_width=15)
@@ -257,3 +258,50 @@ def parameter_notes(effects: Iterable[str]) -> list[str]:
     if "compliance" in effects:
         notes.append("u includes the uncertainty of the stated masses, not of measured torques")
     return notes
+
+
+def length(value: float | None) -> str:
+    """A length in µm, three significant digits, without its unit."""
+    return MISSING if value is None else um(1e-6 * value)
+
+
+def uncertainty(value: float | None) -> str:
+    """An uncertainty in µm, two significant digits, without its unit."""
+    return MISSING if value is None else um2(1e-6 * value)
+
+
+def interval(ends: list[float | None] | None, of: float = 1.0) -> str:
+    """An interval in µm: ``4.3 to 6.6``."""
+    if not ends or None in ends:
+        return MISSING
+    low, high = (of * end for end in ends if end is not None)
+    return f"{length(low)} to {length(high)}"
+
+
+def quantity(value: float | None, unit: str) -> str:
+    """A value with its unit, two significant digits."""
+    if value is None:
+        return MISSING
+    figures = f"{value:.2g}" if abs(value) < 99.5 else f"{float(f'{value:.2g}'):.0f}"
+    return f"{figures} {unit_label(unit)}".rstrip()
+
+
+def measured(value: float, u: float, unit: str) -> str:
+    """A value with its standard uncertainty and unit: ``0.0244(10) deg``."""
+    return f"{with_u(value, u)} {unit_label(unit)}".rstrip()
+
+
+def share(value: float | None) -> str:
+    """A fraction in per cent."""
+    return MISSING if value is None else f"{100 * value:.0f} %"
+
+
+def as_precise(value: float, text: str) -> str:
+    """A value with as many decimals as a ``value(u)`` has: ``0.00`` beside ``0.02(13)``."""
+    decimals = len(text.partition("(")[0].partition(".")[2])
+    return unsigned_zero(f"{value:.{decimals}f}")
+
+
+def rms(values: np.ndarray) -> float:
+    """Root mean square; nan of nothing."""
+    return float(np.sqrt(np.mean(values**2))) if values.size else float("nan")

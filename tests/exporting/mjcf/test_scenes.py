@@ -339,7 +339,7 @@ def test_script_gives_the_points_of_the_model(robot, into, tmp_path):
 
 def test_contact_errors_are_those_of_the_model():
     arm = drawn("universal-robots-ur5e", (*BASE, "lobing", "latency", "ball-radius"))
-    from bayescal.exporting.mjcf.content import Content
+    from bayescal.exporting.mjcf.elastic import Content
     from bayescal.exporting.mjcf.readings import Joints
 
     table = replay_table(Content(arm, 3), Joints.of(arm.dataset.robot.joint_names), True, {})

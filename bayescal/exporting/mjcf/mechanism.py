@@ -1,6 +1,6 @@
-"""Bodies, hinges and springs of a mechanism as elements of an MJCF file.
+"""The fitted arm as a mechanism, and its elements in an MJCF file.
 
-The fitted arm as a mechanism: bodies in series with their hinges, springs and masses.
+A mechanism is bodies in series with their hinges, springs and masses.
 """
 
 from __future__ import annotations
@@ -10,41 +10,26 @@ from dataclasses import dataclass, field, replace
 from xml.etree import ElementTree as ET
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
-from bayescal.arm.chain import Chain, displaced
+from bayescal.arm.chain import displaced
 from bayescal.arm.transforms import rigid, rotation
 from bayescal.dataset import Tool
 from bayescal.errors import BayescalError
-from bayescal.exporting.geometry import centre_in_frame, number, numbers
-from bayescal.exporting.mjcf.content import DEFAULT, Content, Law, add, place
+from bayescal.exporting.geometry import centre_in_frame
 from bayescal.exporting.mjcf.elastic import (
-    LinkHinge,
+    Content,
+    Hinge,
     Spring,
-    StandHinge,
     bearings,
     joint_springs,
     link_hinges,
     stand_hinges,
 )
-from bayescal.exporting.mjcf.readings import erring, error
+from bayescal.exporting.mjcf.readings import DEFAULT, Joints, Law, erring, error, parts, section
+from bayescal.exporting.xml_text import add, number, numbers
 
 X, Y, Z = np.eye(3)
-
-
-@dataclass(frozen=True)
-class Hinge:
-    """A hinge of a body: unit axis and a point of it (3,), m, in the body's frame at zero.
-
-    Without a spring it is a joint that the readings command, with limits, rad. A spring has its zero at
-    `rest`, rad.
-    """
-
-    name: str
-    axis: np.ndarray
-    pos: np.ndarray
-    spring: Spring | None = None
-    rest: float = 0.0
-    limits: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True)
@@ -62,14 +47,14 @@ class Body:
 class Load:
     """A tool: its tip and centre of mass in the flange frame, (3,), m, and its mass, kg.
 
-    A further mass acts `at` a point, (3,), m, and counts `factor` times.
+    A further mass acts at a point `hangs_at`, (3,), m, and counts `factor` times.
     """
 
     name: str
     tip: np.ndarray
     mass: float
     centre: np.ndarray
-    at: np.ndarray
+    hangs_at: np.ndarray
     factor: float = 1.0
 
 
@@ -103,7 +88,9 @@ def mechanism(content: Content, law: Law) -> Mechanism:
         erring(law),
     )
     foot, *places, flange = poses(content, law)
-    bodies = [Body("base", foot, _stand(stand_hinges(content), foot, chain))]
+    shift = chain.base[:3, 3] - foot[:3, 3]  # hinges of the stand are relative to the nominal base, in F0
+    stand = (replace(h, pos=shift + h.pos) for h in stand_hinges(content))
+    bodies = [Body("base", foot, tuple(h.seen(rigid(foot[:3, :3].T)) for h in stand))]
     for j, (name, frame) in enumerate(zip(robot.joint_names, places, strict=True)):
         low, high = sorted((np.sign(robot.link_from_reading[j, j]) * robot.limits[j]).tolist())
         hinges = [Hinge(name, Z, 0.0 * Z, limits=(low, high))]
@@ -118,21 +105,17 @@ def mechanism(content: Content, law: Law) -> Mechanism:
     return Mechanism(tuple(bodies), flange, loads(content), scene.dataset.gravity)
 
 
-def _yielding(
-    name: str, tilt: Spring | None, bends: tuple[LinkHinge, ...], behind: np.ndarray
-) -> list[Hinge]:
+def _yielding(name: str, tilt: Spring | None, bends: tuple[Hinge, ...], behind: np.ndarray) -> list[Hinge]:
     """Hinges of the bearing of a joint and of its link, in the order in which a frame yields: z, x, y.
 
     Those about y are behind the constant displacement about x, `behind` (4, 4).
     """
     out = []
     for k in "zxy":
-        at = behind if k == "y" else np.eye(4)
+        frame = behind if k == "y" else np.eye(4)
         if tilt is not None and k != "z":
-            out.append(Hinge(f"{name}_tilt_{k}", at[:3, "xyz".index(k)], at[:3, 3], tilt))
-        for b in (b for b in bends if b.name == k):
-            axis, pos = at[:3, :3] @ b.axis, at[:3, :3] @ b.pos + at[:3, 3]
-            out.append(Hinge(f"{name}_bend_{k}", axis, pos, b.spring))
+            out.append(Hinge(f"{name}_tilt_{k}", frame[:3, "xyz".index(k)], frame[:3, 3], tilt))
+        out += [b.seen(frame, f"{name}_bend_{k}") for b in bends if b.name == k]
     return out
 
 
@@ -161,16 +144,9 @@ def poses(content: Content, law: Law) -> list[np.ndarray]:
 
 def _moved(delta: np.ndarray, parts: tuple[int, ...] = (0, 1, 2)) -> np.ndarray:
     """Transform (4, 4) of some parts of a displacement (6,): 0 is Rz Tz, 1 Rx Tx, 2 Ry Ty."""
-    own = np.where(np.isin(np.arange(6) // 2, parts), delta, 0.0)
-    corners = displaced(np.vstack([np.zeros(3), np.eye(3)]), own)
+    selected = np.where(np.isin(np.arange(6) // 2, parts), delta, 0.0)
+    corners = displaced(np.vstack([np.zeros(3), np.eye(3)]), selected)
     return rigid((corners[1:] - corners[0]).T, corners[0])
-
-
-def _stand(hinges: tuple[StandHinge, ...], foot: np.ndarray, chain: Chain) -> tuple[Hinge, ...]:
-    """Hinges of the stand in the frame of the displaced base; given relative to the nominal one, in F0."""
-    turn = foot[:3, :3].T
-    at = chain.base[:3, 3] - foot[:3, 3]
-    return tuple(Hinge(h.name, turn @ h.axis, turn @ (at + h.pos), h.spring, h.rest) for h in hinges)
 
 
 def _load(content: Content, number: int, tool: Tool) -> Load:
@@ -189,9 +165,10 @@ def _load(content: Content, number: int, tool: Tool) -> Load:
         what = "the payload has a first moment, but no mass"
         raise BayescalError(what, "export", "leave the effect out with --without")
     tip = tool.centre + displaced(np.zeros(3), shift)
-    own = centre + moment / mass if np.any(moment) else centre
+    balanced = centre + moment / mass if np.any(moment) else centre
     factor = 1.0 + fitted.get("added share", 0.0)
-    return Load(tool.name, tip, mass, own, centre + moved / factor, factor)  # the shift is of the stated mass
+    # the shift is of the stated mass
+    return Load(tool.name, tip, mass, balanced, centre + moved / factor, factor)
 
 
 DAMPING = 0.02
@@ -218,26 +195,28 @@ TIP = {"type": "sphere", "size": "0.004", "rgba": ".9 .2 .1 1", "group": "0"}
 """Attributes of a site at the tip of a tool."""
 THIN = 0.02
 """Radius of the capsules that show the links, m."""
+SHOWN = {
+    "contype": "0", "conaffinity": "0", "group": "2", "type": "capsule", "size": number(THIN), "rgba":
+    ".7 .7 .75 1",
+}  # fmt: skip
+"""Attributes of these capsules."""
+
+
+def place(pose: np.ndarray) -> dict[str, str]:
+    """Attributes `pos` and `quat` of a pose (4, 4)."""
+    x, y, z, w = Rotation.from_matrix(pose[:3, :3]).as_quat()
+    return {"pos": numbers(pose[:3, 3]), "quat": numbers((w, x, y, z))}
 
 
 def defaults(root: ET.Element, shown: bool = True) -> None:
     """The default class of all added elements: it resets what the defaults of a file may set."""
     top = root.find("default")
-    own = add(add(root, "default") if top is None else top, "default", **{"class": DEFAULT})
-    add(own, "joint", type="hinge", limited="false", range="0 0", armature=1e-3, **NEUTRAL["joint"])
-    add(own, "tendon", limited="false", range="0 0", **NEUTRAL["tendon"])
-    add(own, "equality", **NEUTRAL["equality"])
+    of_class = add(add(root, "default") if top is None else top, "default", **{"class": DEFAULT})
+    add(of_class, "joint", type="hinge", limited="false", range="0 0", armature=1e-3, **NEUTRAL["joint"])
+    add(of_class, "tendon", limited="false", range="0 0", **NEUTRAL["tendon"])
+    add(of_class, "equality", **NEUTRAL["equality"])
     if shown:
-        add(
-            own,
-            "geom",
-            contype="0",
-            conaffinity="0",
-            group="2",
-            type="capsule",
-            size=THIN,
-            rgba=".7 .7 .75 1",
-        )
+        add(of_class, "geom", **SHOWN)
 
 
 def bodies(parent: ET.Element, mechanism: Mechanism) -> list[ET.Element]:
@@ -275,40 +254,56 @@ def inertial(element: ET.Element, body: Body) -> None:
 
 def hinge(element: ET.Element, h: Hinge) -> None:
     """Append a hinge with its spring."""
-    own = add(element, "joint", **{"class": DEFAULT}, name=h.name, axis=h.axis, pos=h.pos)
+    joint = add(element, "joint", **{"class": DEFAULT}, name=h.name, axis=h.axis, pos=h.pos)
     if h.limits is not None:
-        own.attrib.update(limited="true", range=numbers(h.limits))
+        joint.attrib.update(limited="true", range=numbers(h.limits))
     if h.spring is not None:
-        own.set("stiffness", number(h.spring.stiffness))
-        own.set("damping", number(DAMPING * h.spring.slope))
+        joint.set("stiffness", number(h.spring.stiffness))
+        joint.set("damping", number(DAMPING * h.spring.slope))
         if h.rest:
-            own.set("springref", number(h.rest))
+            joint.set("springref", number(h.rest))
 
 
-def bands(tendons: ET.Element, mechanism: Mechanism, names: Mapping[str, str] | None = None) -> None:
-    """Append the dead bands of springs as tendons; `names` of the hinges in the file, if they differ."""
+def held(
+    root: ET.Element, content: Content, mechanism: Mechanism, law: Law, joints: Joints,
+    names: Mapping[str, str] | None = None,
+) -> None:  # fmt: skip
+    """Append what holds the hinges: dead bands of springs, and the parts of errors of the readings.
+
+    `names` are those of the hinges in the file, if they differ.
+    """
+    tendons = section(root, "tendon")
+    section(root, "equality")
     for h in (h for b in mechanism.bodies for h in b.hinges if h.spring is not None):
         assert h.spring is not None
         name = h.name if names is None else names[h.name]
         for k, b in enumerate(h.spring.bands, start=1):
-            edges = [b.lower, b.upper]
             fixed = add(
                 tendons,
                 "fixed",
                 **{"class": DEFAULT},
                 name=f"{name}_{k}",
-                springlength=edges,
+                springlength=[b.lower, b.upper],
                 stiffness=b.stiffness,
             )
             add(fixed, "joint", joint=name, coef=1.0)
+    moments = content.arm.model.scene.moments
+    parts(root, law, joints, np.zeros(1) if moments is None else np.abs(moments[:, 1:, 2]))
+
+
+def without_empty(root: ET.Element) -> None:
+    """Take sections of the parts that hold nothing out of a file."""
+    for part in (section(root, "tendon"), section(root, "equality")):
+        if not len(part):
+            root.remove(part)
 
 
 def tool(flange: ET.Element, load: Load) -> None:
     """Append a tool: its mass, a further mass that a user may set, and its tip."""
-    own = add(flange, "body", name="tool", childclass=DEFAULT)
+    body = add(flange, "body", name="tool", childclass=DEFAULT)
     if load.mass > 0:
-        add(own, "inertial", pos=load.centre, mass=load.mass, diaginertia=[load.mass * GYRATION**2] * 3)
-    added = add(own, "body", name="payload", **place(rigid(None, load.at)))
+        add(body, "inertial", pos=load.centre, mass=load.mass, diaginertia=[load.mass * GYRATION**2] * 3)
+    added = add(body, "body", name="payload", **place(rigid(None, load.hangs_at)))
     add(added, "inertial", pos=np.zeros(3), mass=1e-9, diaginertia=[1e-9] * 3)
 
 

@@ -1,9 +1,9 @@
-"""Sections of several pages: arm and contacts in 3-D, residuals, inputs, ...; data of interactive figures."""
+"""Sections of several pages: arm and contacts in 3-D, residuals, budget, inputs; data of the script."""
 
 from __future__ import annotations
 
 import base64
-from collections.abc import Mapping
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -14,23 +14,22 @@ from bayescal.reporting.page import svg
 from bayescal.reporting.page.arm import draw_arm, marked_sites, numbers, typical
 from bayescal.reporting.page.section import (
     FIGURES,
-    MISSING,
-    Bar,
     Block,
     Facts,
     Figures,
     Run,
     Section,
-    Sheet,
     Text,
     blocks,
-    length,
-    share,
+    not_empty,
 )
-from bayescal.reporting.shared.text import two_digits
+from bayescal.reporting.shared.sheet import Bar, Column, Sheet, as_is
+from bayescal.reporting.shared.text import MISSING, length, share, two_digits
+from bayescal.storage.reading import Json
 
 LARGEST, MOST = 12, 200
 """Rows that the table of residuals shows unfolded, and at most."""
+ROLES = {"validate": "validation"}
 DRAWN = ("id", "target", "role", "time_s", "point_mm", "direction", "residual_um", "rejected")
 """Quantities of the rows that interactive figures use as they are."""
 CLIP = 0.985
@@ -45,8 +44,8 @@ def drawable(run: Run) -> bool:
 def noise(run: Run) -> float | None:
     """Noise of a contact, or of the length of a point's error vector, µm."""
     record = run.record
-    found = record["noise"]["estimated_um"] if run.kind == "fit" else record["lengths"]["noise_um"]
-    return None if found is None else float(found)
+    value = record["noise"]["estimated_um"] if run.kind == "fit" else record["lengths"]["noise_um"]
+    return None if value is None else float(value)
 
 
 def signed(run: Run) -> bool:
@@ -96,8 +95,7 @@ def residuals(run: Run, *tables: Block | None) -> Section | None:
     """Residuals over time and over the angle of each joint, and tables by group."""
     if not drawable(run):
         return blocks("residuals", "Residuals", *tables)
-    some = [t for t in tables if t is not None and not (isinstance(t, Sheet) and not t.rows)]
-    parts = [_drawings(run), Text(_legend(run), "quiet"), *some, _largest(run)]
+    parts = [_drawings(run), Text(_legend(run), "quiet"), *not_empty(tables), _largest(run)]
     title = "Residuals before the refit" if run.refitted else "Residuals"
     return Section("residuals", title, "residuals.html.j2", {"blocks": parts})
 
@@ -138,29 +136,36 @@ def _largest(run: Run) -> Sheet:
     rows = run.rows
     size = [-1.0 if v is None else abs(v) for v in rows["residual_um"]]
     order = sorted(range(len(size)), key=lambda k: -size[k])[:MOST]
-    of = ("after the refit (µm)",) if run.refitted else ()
-    entries = []
-    for k in order:
-        value, after = rows["residual_um"][k], rows["residual_after_um"][k]
-        entries.append(
-            (
-                rows["id"][k],
-                rows["target"][k],
-                "validation" if rows["role"][k] == "validate" else "fitted",
-                MISSING if value is None else f"{value:.1f}" + (", rejected" if rows["rejected"][k] else ""),
-                *([MISSING if after is None else f"{after:.1f}"] if run.refitted else []),
-                MISSING if rows["time_s"] is None else f"{rows['time_s'][k] / 60:.1f}",
-                MISSING if rows["direction"] is None else rows["direction"][k],
-            )
-        )
-    return Sheet(
-        "row",
-        ("target", "role", "residual (µm)", *of, "time (min)", "direction of motion"),
-        tuple(entries),
-        "Residuals, the largest first" + (f" ({MOST} of {len(size)})" if len(size) > MOST else ""),
-        words=(1, 2),
-        shown=LARGEST,
+
+    def residual(k: int) -> str | None:
+        value = rows["residual_um"][k]
+        return None if value is None else f"{value:.1f}" + (", rejected" if rows["rejected"][k] else "")
+
+    def of_row(key: str) -> Callable[[int], Any]:
+        return lambda k: None if rows[key] is None else rows[key][k]
+
+    after = Column("after the refit (µm)", of_row("residual_after_um"), "{:.1f}".format)
+    columns = (
+        Column("row", of_row("id")),
+        Column("target", of_row("target"), words=True),
+        Column("role", lambda k: ROLES.get(rows["role"][k], "fitted"), words=True),
+        Column("residual (µm)", residual),
+        *([after] if run.refitted else []),
+        Column("time (min)", of_row("time_s"), lambda seconds: f"{seconds / 60:.1f}"),
+        Column("direction of motion", of_row("direction")),
     )
+    more = f" ({MOST} of {len(size)})" if len(size) > MOST else ""
+    return Sheet(columns, order, f"Residuals, the largest first{more}", LARGEST)
+
+
+MEASURANDS = (
+    Column("measurand", "measurand"),
+    Column("result, U = k u", lambda b: b.get("text") or f"U = {_two(b.get('U_um'))} µm", words=True),
+    Column("u", lambda b: _two(b.get("u", b.get("u_um"))) + f" {unit_label(b.get('unit', 'um'))}"),
+    Column("k", lambda b: b.get("k"), "{:.2f}".format),
+    Column("coverage", lambda b: b.get("coverage"), lambda p: f"{100 * p:.2f} %"),
+    Column("share of priors", lambda b: b.get("prior_share"), share),
+)
 
 
 def budget(run: Run) -> Section | None:
@@ -168,62 +173,36 @@ def budget(run: Run) -> Section | None:
     if run.budget is None:
         return None
     each = run.budget.get("budgets") or [run.budget]
-    every = Sheet(
-        "measurand",
-        ("result, U = k u", "u", "k", "coverage", "share of priors"),
-        tuple(
-            (
-                str(one["measurand"]),
-                one.get("text") or f"U = {_two(one.get('U_um'))} µm",
-                _two(one.get("u", one.get("u_um"))) + f" {unit_label(one.get('unit', 'um'))}",
-                MISSING if one.get("k") is None else f"{one['k']:.2f}",
-                MISSING if one.get("coverage") is None else f"{100 * one['coverage']:.2f} %",
-                share(one.get("prior_share")),
-            )
-            for one in each
-        ),
-        "Measurands; all components are in budget.json and budget.csv",
-        words=(1,),
-        shown=8,
-    )
+    every = Sheet(MEASURANDS, each, "Measurands; all components are in budget.json and budget.csv", 8)
     kinds = {one.get("kind", ""): one for one in reversed(each)}  # the first of each kind
     tables = [_components(one) for one in each if kinds[one.get("kind", "")] is one]
     return blocks("budget", "Uncertainty budget", every, *tables)
 
 
-def _components(one: Mapping[str, Any]) -> Sheet:
-    unit = one.get("unit", "um")
-    contributions = [c.get("contribution", c.get("contribution_um")) or 0.0 for c in one["components"]]
-    total = sum(c**2 for c in contributions) or 1.0
-    order = sorted(range(len(contributions)), key=lambda k: -abs(contributions[k]))
+def _components(one: Json) -> Sheet:
+    def contribution(c: Json) -> float:
+        return c.get("contribution", c.get("contribution_um")) or 0.0
+
+    def part(c: Json) -> Bar:
+        fraction = contribution(c) ** 2 / total
+        return Bar(fraction, share(fraction))
+
+    total = sum(contribution(c) ** 2 for c in one["components"]) or 1.0
     lengths = one.get("U_um") is not None
-    return Sheet(
-        "component",
-        (
-            "share of the variance",
-            f"contribution ({'µm' if lengths else unit_label(unit)})",
-            "type",
-            "distribution",
-            "u",
-            "sensitivity",
+    unit = "µm" if lengths else unit_label(one.get("unit", "um"))
+    columns = (
+        Column("component", "name"),
+        Column("share of the variance", part, as_is),
+        Column(
+            f"contribution ({unit})", lambda c: c.get("contribution_um" if lengths else "contribution"), _two
         ),
-        tuple(
-            (
-                str(c["name"]),
-                Bar(contributions[k] ** 2 / total, share(contributions[k] ** 2 / total)),
-                _two(c.get("contribution_um") if lengths else c.get("contribution")),
-                c.get("type") or MISSING,
-                c.get("distribution") or MISSING,
-                f"{_two(c.get('u'))} {unit_label(c.get('unit') or '1')}".rstrip(),
-                _two(c.get("sensitivity")),
-            )
-            for k in order
-            for c in (one["components"][k],)
-        ),
-        f"Components of: {one['measurand']}",
-        words=(3, 4),
-        shown=10,
+        Column("type", lambda c: c.get("type") or None, words=True),
+        Column("distribution", lambda c: c.get("distribution") or None, words=True),
+        Column("u", lambda c: f"{_two(c.get('u'))} {unit_label(c.get('unit') or '1')}".rstrip()),
+        Column("sensitivity", lambda c: c.get("sensitivity"), _two),
     )
+    ranked = sorted(one["components"], key=lambda c: -abs(contribution(c)))
+    return Sheet(columns, ranked, f"Components of: {one['measurand']}", 10)
 
 
 def _two(value: float | None) -> str:

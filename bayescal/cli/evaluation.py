@@ -1,0 +1,277 @@
+"""Commands that compute for a session: `fit`, `gap`, `compare`, `plan`."""
+
+from __future__ import annotations
+
+import shlex
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from bayescal.cli.progress import progress
+from bayescal.cli.root import (
+    AllowXacro,
+    Datasets,
+    Model,
+    Out,
+    PriorWidth,
+    Remounted,
+    Robust,
+    Seed,
+    Without,
+    app,
+    ending,
+    run_folder,
+    show,
+)
+from bayescal.errors import BayescalError
+
+
+@app.command(
+    **ending(
+        "bayescal fit cell",
+        "bayescal fit monday tuesday --model geometry,compliance,backlash --tolerance-mm 0.1",
+    )
+)
+def fit(
+    datasets: Datasets,
+    model: Model = "geometry,compliance",
+    samples: Annotated[
+        int, typer.Option(min=0, help="Effective draws of every parameter; 0: Gaussian approximation.")
+    ] = 5000,
+    without: Without = "",
+    seed: Seed = 0,
+    out: Out = None,
+    robust: Robust = True,
+    prior_width: PriorWidth = 1.0,
+    latent_joints: Annotated[
+        bool, typer.Option("--latent-joints", help="Estimate the errors of the joint readings as unknowns.")
+    ] = False,
+    remounted: Remounted = False,
+    allow_xacro: AllowXacro = False,
+    tolerance_mm: Annotated[
+        float | None,
+        typer.Option(
+            help="Decide whether distance errors are within this tolerance (ISO 14253-1 with U = k u)."
+        ),
+    ] = None,
+    pictures: Annotated[
+        bool, typer.Option(help="Write fit-levels.png, -distances, -residuals, -parameters and -posterior.")
+    ] = True,
+    verbose: Annotated[
+        bool,
+        typer.Option(
+            "--verbose", "-v", help="Print all distances, all parameters, weak directions and the sampler."
+        ),
+    ] = False,
+) -> None:
+    """Calibrate an arm: its parameters with uncertainty, and the expected distance error in its workspace."""
+    from bayescal.public.functions import fit as run
+    from bayescal.public.results import drawing_beside
+    from bayescal.storage.locks import CHECKPOINT, checkpoint_of, remove
+
+    with (
+        run_folder(out, datasets, "fit") as folder,
+        drawing_beside(pictures),
+        progress() as notify,
+    ):
+        result = run(
+            datasets,
+            model,
+            samples,
+            seed,
+            robust=robust,
+            prior_width=prior_width,
+            latent_joints=latent_joints,
+            remounted=remounted,
+            tolerance_mm=tolerance_mm,
+            without=without,
+            allow_xacro=allow_xacro,
+            progress=notify,
+            checkpoint=checkpoint_of(folder),
+            say=notify.say,
+        )
+        notify("write", 0.0)
+        written = result.save(folder, pictures)
+        if samples:
+            remove(checkpoint_of(folder), CHECKPOINT)
+    show(result.report(verbose), folder, written)
+    if not result.data.draws.converged:
+        what = f"the sampler did not converge: {result.data.draws.complaint}"
+        raise BayescalError(what, "--samples", "see fit.json")
+
+
+@app.command(
+    **ending(
+        "bayescal gap cell", "bayescal gap cell --without 'compliance at joint 3' --out runs/cell-stiff-wrist"
+    )
+)
+def gap(
+    datasets: Datasets,
+    model: Model = "geometry,compliance",
+    without: Without = "",
+    seed: Seed = 0,
+    out: Out = None,
+    robust: Robust = True,
+    prior_width: PriorWidth = 1.0,
+    remounted: Remounted = False,
+    pictures: Annotated[
+        bool, typer.Option(help="Write gap-where.png, -which, -levels and -residuals.")
+    ] = True,
+    allow_xacro: AllowXacro = False,
+) -> None:
+    """Diagnose the difference between model and machine: size, location, effect, improvement."""
+    from bayescal.public.functions import diagnose
+    from bayescal.public.results import drawing_beside
+
+    with (
+        run_folder(out, datasets, "gap") as folder,
+        drawing_beside(pictures),
+        progress() as notify,
+    ):
+        result = diagnose(
+            datasets,
+            model,
+            seed,
+            without=without,
+            robust=robust,
+            prior_width=prior_width,
+            remounted=remounted,
+            allow_xacro=allow_xacro,
+            progress=notify,
+        )
+        notify("write", 0.0)
+        written = result.save(folder, pictures)
+    show(result.report(), folder, written)
+    if result.undecided and len(datasets) == 1:
+        words = shlex.join([str(datasets[0]), "--after", str(folder), "--for", "gap", "--contacts", "60"])
+        typer.echo(f"to discriminate  bayescal plan {words}")
+
+
+@app.command(
+    **ending(
+        "bayescal compare data/lrmate200ic-cube",
+        "bayescal compare cell --model geometry --out runs/cell-geometry",
+    )
+)
+def compare(
+    dataset: Annotated[
+        Path, typer.Argument(help="Dataset folder: dataset.yaml, measurements.csv and the robot.")
+    ],
+    model: Model = "geometry,compliance",
+    seed: Seed = 0,
+    out: Out = None,
+    allow_xacro: AllowXacro = False,
+) -> None:
+    """Calibrate by several published methods, and compare their errors on the same validation data."""
+    from bayescal.public.functions import compare as run
+
+    with run_folder(out, [dataset], "compare") as folder, progress("compare") as notify:
+        result = run(dataset, model, seed, allow_xacro=allow_xacro, progress=notify)
+        written = result.save(folder)
+    show(result.report(), folder, written)
+
+
+@app.command(
+    **ending(
+        "bayescal plan cell --contacts 100 --to urscript",
+        "bayescal plan cell --after runs/cell-gap --for gap --contacts 60",
+    )
+)
+def plan(
+    setup: Annotated[
+        Path,
+        typer.Argument(
+            metavar="SETUP",
+            help="Dataset folder; its dataset.yaml states robot, tools, targets and noise. Rows are ignored.",
+        ),
+    ],
+    contacts: Annotated[int, typer.Option(help="Contacts to calibrate with, repeats included.")] = 200,
+    purpose: Annotated[
+        str, typer.Option("--for", help="distances, gap (effects that the model lacks), or both.")
+    ] = "both",
+    after: Annotated[
+        Path | None,
+        typer.Option(
+            help="Continue a measured session: its dataset folder, or the run folder of its bayescal gap "
+            "(SETUP is then the session), whose open questions the contacts decide."
+        ),
+    ] = None,
+    levers: Annotated[
+        str,
+        typer.Option(
+            help="What may be varied beside the pose, separated by commas: payload (the masses that "
+            "`plan: {payload_kg}` of dataset.yaml lists), approach."
+        ),
+    ] = "payload,approach",
+    model: Annotated[
+        str,
+        typer.Option(
+            help="Effects of the model, separated by commas [default: geometry,compliance, or the model of "
+            "the diagnosis]."
+        ),
+    ] = "",
+    validation: Annotated[
+        bool, typer.Option(help="Add contacts that validate spheres of certified distances.")
+    ] = True,
+    order: Annotated[
+        str, typer.Option(help="sweeps (each visits all targets), shortest, or random.")
+    ] = "sweeps",
+    candidates: Annotated[int, typer.Option(help="Possible contacts among which is chosen.")] = 5000,
+    seed: Seed = 0,
+    to: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="For the controller: a probing program (urscript, fanuc, kuka, abb; none has been run on a "
+            "controller) or a table (csv, robodk, poses); repeatable."
+        ),
+    ] = None,
+    probe_input: Annotated[
+        str,
+        typer.Option(
+            help="Digital input that the probe switches, as the controller names it: 0, tool:0 (UR, FANUC), "
+            "measure:1 (KUKA), a signal (ABB) [default: 0, 1, 1, diProbe]."
+        ),
+    ] = "",
+    probe_force_n: Annotated[
+        float | None,
+        typer.Option(
+            help="Change of the force at the tool, N, that is a contact, in place of an input (UR)."
+        ),
+    ] = None,
+    probe_beyond_mm: Annotated[
+        float,
+        typer.Option(help="How far beyond the expected surface a program searches before it stops."),
+    ] = 5.0,
+    out: Out = None,
+    allow_xacro: AllowXacro = False,
+) -> None:
+    """Choose the contacts to measure, and predict the uncertainty that they give."""
+    from bayescal.programs.probing import Probe, formats_of
+    from bayescal.public.planning import plan as work
+
+    formats = formats_of(to or [], Probe(probe_input, probe_force_n, 1e-3 * probe_beyond_mm))
+    with run_folder(out, [setup], "plan") as folder, progress("candidates") as notify:
+        result = work(
+            setup,
+            contacts,
+            purpose,
+            model,
+            after=after,
+            levers=levers,
+            order=order,
+            validation=validation,
+            candidates=candidates,
+            seed=seed,
+            allow_xacro=allow_xacro,
+            progress=notify,
+        )
+        notify("write", 0.0)
+        written = result.save(
+            folder,
+            [form.name for form in formats],
+            probe_input=probe_input,
+            probe_force_n=probe_force_n,
+            probe_beyond_mm=probe_beyond_mm,
+        )
+    show(result.report(), folder, written)

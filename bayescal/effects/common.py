@@ -1,0 +1,262 @@
+"""Functions that several effects share: joints and their sides, successive rows, sessions, the base."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from bayescal.arm.chain import Robot
+from bayescal.arm.motion import Term
+from bayescal.effects import location
+from bayescal.effects.location import Driver
+from bayescal.effects.vocabulary import Circumstances, Form, Parameter, Session, Where
+
+NO_TORQUE = 1e-6  # N m: smaller torques of a joint do not identify a torque-driven effect
+
+
+LINK, READING = "link", "reading"
+"""Sides of coupled axes on which an encoder and a gear may be: between two links, or at the displayed axis.
+
+On the link side an error turns only the joint's own link, and its driver is the motion between the two links.
+On the reading side it turns all links that the reading moves, and its driver is the reading.
+"""
+
+
+def side_of(robot: Robot) -> str:
+    """The side of encoders and gears in the robot file; without coupled axes both sides are equal."""
+    return LINK if robot.coupling == "display" else READING
+
+
+def motion(robot: Robot, joint: int, readings: np.ndarray, side: str) -> np.ndarray:
+    """Motion at the encoder and the gear of `joint` (from 1), (N,), from readings or their rates (N, n)."""
+    return readings[:, joint - 1] if side == READING else readings @ robot.link_from_reading[joint - 1]
+
+
+def turned(robot: Robot, joint: int, driver: np.ndarray, side: str) -> tuple[Term, ...]:
+    """Rotations by an error of the encoder or gear of `joint` (from 1), rad in its own sense of rotation."""
+    if side == LINK:
+        return (Term(joint, "rz", driver),)
+    column = robot.link_from_reading[:, joint - 1]
+    return tuple(Term(i, "rz", share * driver) for i, share in enumerate(column, start=1) if share)
+
+
+SIDES = {LINK: "by the motion between its links", READING: "by the readings shown"}
+
+
+Sided = Callable[[Circumstances, str], list[Parameter]]
+
+
+def sides(make: Sided) -> tuple[Form, ...]:
+    """Forms of an effect of encoders or gears: one for each side, made by `make(c, side)`."""
+    return tuple(Form(side, words, _on(make, side)) for side, words in SIDES.items())
+
+
+def _on(make: Sided, side: str) -> Callable[[Circumstances], list[Parameter]]:
+    return lambda c: make(c, side)
+
+
+def waves(c: Circumstances, effect: str, joint: int, order: float, sd: float) -> list[Parameter]:
+    """Sine and cosine of `order` times the link-relative angle of `joint` (from 1) as errors of that angle.
+
+    `sd` is the prior standard deviation of each, rad.
+    """
+    angle = order * c.q[:, joint - 1]
+    name = f"{effect} {c.robot.joint_names[joint - 1]}"
+    where = at(joint, Driver("angle", joint, order))
+    return [
+        Parameter(f"{name} {wave}", "rad", (Term(joint, "rz", driver),), sd, **where)
+        for wave, driver in (("sin", np.sin(angle)), ("cos", np.cos(angle)))
+    ]
+
+
+def at(joint: int, driver: Driver) -> Where:
+    """Site and driver of a parameter that acts at a joint (from 1)."""
+    return {"site": location.joint(joint), "driver": driver}
+
+
+def at_gears(
+    c: Circumstances,
+    effect: str,
+    moving: np.ndarray,
+    side: str,
+    prior: tuple[str, float],
+    kind: str,
+    shape: Callable[[np.ndarray], np.ndarray] = lambda by: by,
+) -> list[Parameter]:
+    """Parameters of every joint that moves: errors of its encoder or gear, by its motion there.
+
+    Parameters
+    ----------
+    c : Circumstances
+    effect : str
+    moving : np.ndarray, shape (N, n)
+        Readings of the joints, or their rates.
+    side : str
+    prior : (str, float)
+        SI unit and standard deviation.
+    kind : str
+        Of the driver.
+    shape : callable
+        The driver (N,) as a function of the motion (N,).
+    """
+    out = []
+    for j, name in enumerate(c.robot.joint_names, start=1):
+        by = motion(c.robot, j, moving, side)
+        if np.any(by):
+            terms = turned(c.robot, j, shape(by), side)
+            out.append(Parameter(f"{effect} {name}", prior[0], terms, prior[1], **at(j, Driver(kind, j))))
+    return out
+
+
+def carries(torque: np.ndarray) -> bool:
+    """Whether any row of a torque (...), N m, is above `NO_TORQUE`."""
+    return bool(np.max(np.abs(torque), initial=0.0) >= NO_TORQUE)
+
+
+def usual(c: Circumstances, torque: np.ndarray) -> float:
+    """90th percentile of the absolute torque (N m) over the fitted contacts, from a joint's torques (N,)."""
+    return max(float(np.quantile(np.abs(torque[c.fitted]), 0.9)), NO_TORQUE)
+
+
+def without_masses(c: Circumstances) -> str:
+    """A message if the robot has no masses, which gravity moments need, or ""."""
+    return "" if c.moments is not None else "the robot file gives no links (mass_kg, centre_of_mass_mm)"
+
+
+def without_torques(c: Circumstances) -> str:
+    """A message if the torques of the joints are neither measured nor computed, or ""."""
+    return "" if c.torques is not None else without_masses(c)
+
+
+def without_velocity(c: Circumstances) -> str:
+    """A message if the session has no joint velocities, or ""."""
+    return "" if c.velocity is not None else "no j1_degps ...: the session records no joint velocities"
+
+
+def without_surface(c: Circumstances) -> str:
+    """A message if no ball touches a surface, or ""."""
+    return "" if np.any(c.touching) else "no target is a surface (plane, sphere, cylinder)"
+
+
+def successions(c: Circumstances) -> list[np.ndarray]:
+    """Rows of each session in the order of measurement: of time if recorded, else of the file."""
+    own = [np.flatnonzero(s.rows) for s in c.sessions] or [np.arange(len(c.q))]
+    return own if c.time is None else [rows[np.argsort(c.time[rows], kind="stable")] for rows in own]
+
+
+def lagging(c: Circumstances, goal: np.ndarray, path: np.ndarray, length: float) -> np.ndarray:
+    """A state (N,) that follows a goal (N,) along a path (N,), and starts at it.
+
+    After a step of the path by d, the distance from the new goal is exp(-abs(d) / length) times that of the
+    state before it.
+    """
+    out = np.empty(len(goal))
+    for rows in successions(c):
+        keep = np.exp(-np.abs(np.diff(path[rows], prepend=path[rows[:1]])) / length)
+        state = 0.0
+        for k, row in enumerate(rows):
+            state = goal[row] + (state - goal[row]) * keep[k] if k else goal[row]
+            out[row] = state
+    return out
+
+
+def alone(c: Circumstances, session: Session) -> Circumstances:
+    """The circumstances of one session: still N rows, but only its own rows are fitted and vary."""
+    temperature = c.temperature
+    if temperature is not None and np.any(session.rows):
+        temperature = np.where(session.rows, temperature, temperature[np.argmax(session.rows)])
+    fitted = c.fitted[session.rows[c.fitted]]
+    return replace(c, sessions=(), fitted=fitted, tied_base=session.tied_base, temperature=temperature)
+
+
+def each(c: Circumstances) -> tuple[Circumstances, ...]:
+    """The circumstances of every session that has rows to fit; of a single session, its own."""
+    every = (alone(c, session) for session in c.sessions)
+    return tuple(one for one in every if len(one.fitted)) if c.sessions else (c,)
+
+
+def within(p: Parameter, session: Session) -> Parameter:
+    """A parameter that acts in the rows of one session only; its name has the session as prefix."""
+    terms = tuple(Term(t.frame, t.axis, np.where(session.rows, t.driver, 0.0)) for t in p.terms)
+    return replace(p, name=f"{session.name}:{p.name}", terms=terms)
+
+
+def apart(c: Circumstances, make: Callable[[Circumstances], list[Parameter]]) -> list[Parameter]:
+    """Separate parameters for every session: those of `make` for its circumstances, in its rows."""
+    if not c.sessions:
+        return make(c)
+    own = ((session, alone(c, session)) for session in c.sessions)
+    return [within(p, session) for session, one in own if len(one.fitted) for p in make(one)]
+
+
+def by_session(make: Callable[[Circumstances], list[Parameter]]) -> Form:
+    """The form of an effect that belongs to a session: a base on its stand, a tool as it was mounted.
+
+    Each session has its own parameters, at a site of its own. A single session has none in this form, which
+    is then the usual one.
+    """
+
+    def own(c: Circumstances) -> list[Parameter]:
+        return [
+            replace(p, site=p.site.of(session.name))
+            for session in c.sessions
+            for p in apart(replace(c, sessions=(session,)), make)
+        ]
+
+    return Form("session", "in one session of several", own)
+
+
+LEANING = np.sin(np.radians(5.0))
+"""Sine of an angle below which two axes count as parallel."""
+
+
+@dataclass(frozen=True)
+class Tilt:
+    """A horizontal axis about which the gravity moment turns the base; vectors are unit, in F0.
+
+    A weight has no moment about the vertical, so there are two.
+    """
+
+    name: str  # of the axis of F0 nearest to it
+    axis: np.ndarray  # (3,)
+    across: np.ndarray  # (3,) the other horizontal axis: a hinge below the base displaces it along this
+    moment: np.ndarray  # (N,) about the axis through the undisplaced base's origin, N m
+
+
+def vertical(c: Circumstances) -> np.ndarray:
+    """Upwards in F0, (3,); zeros without gravity."""
+    size = float(np.linalg.norm(c.gravity))
+    return -c.gravity / size if size > 0 else np.zeros(3)
+
+
+def first_axis(c: Circumstances) -> np.ndarray:
+    """Axis of the first joint in F0, (3,), nominal."""
+    return (c.chain.base @ c.chain.link[0])[:3, 2]
+
+
+def tilts(c: Circumstances) -> tuple[Tilt, ...]:
+    """Horizontal axes about which a moment acts in any row."""
+    up = vertical(c)
+    if c.moments is None or not up.any():
+        return ()
+    a, b = (k for k in range(3) if k != int(np.argmax(np.abs(up))))
+    first = np.eye(3)[a] - up[a] * up
+    first /= np.linalg.norm(first)
+    second = np.cross(up, first)
+    second *= np.sign(second[b])
+    moment = c.moments[:, 0] @ c.chain.base[:3, :3].T  # in F0's axes
+    pairs = (("xyz"[a], first, second), ("xyz"[b], second, first))
+    found = (Tilt(name, axis, across, moment @ axis) for name, axis, across in pairs)
+    return tuple(t for t in found if carries(t.moment))
+
+
+def base_terms(c: Circumstances, kind: str, along: np.ndarray, driver: np.ndarray) -> tuple[Term, ...]:
+    """Rotation ("r") or translation ("t") of the base, about or along a vector (3,) in F0; driver (N,)."""
+    parts = c.chain.base[:3, :3].T @ along
+    return tuple(
+        Term(0, f"{kind}{axis}", part * driver)
+        for axis, part in zip("xyz", parts, strict=True)
+        if abs(part) > 1e-12
+    )

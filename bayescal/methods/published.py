@@ -1,0 +1,172 @@
+"""Methods of the survey, and bayescal's own: the rows that each uses, and what a session lacks for it.
+
+- known planes (Besnard; Hage): the faces were measured beforehand to one another, where the arm stands before
+  them is unknown: six numbers of the base, found with the arm.
+- linear steps (Joubair and Bonev): the text of the article was not available; this is the iteration as
+  generally known. Distances to planes that are fitted anew at every step, linear in the arm's parameters,
+  columns scaled, no priors. What QR finds redundant (the base against the planes, d of parallel axes) stays
+  nominal. The size of the arm comes from certified distances.
+- inverse: joints as they would have to be for the arm to be where it was, against readings. A row says where
+  the tool is: a point for an instrument or a socket, an orientation beside it for a pose, one direction for a
+  surface. The joint change that would bring the nominal arm there is that of least length,
+  dq = J' (J J')^-1 r with J the row's gradients by the readings: the first step of inverse kinematics. Its
+  squares are summed, so a millimetre counts more where the joints must turn further for it.
+- open loop: an instrument reads the tool, and the arm is fitted to its readings.
+- bayescal: the estimate of `bayescal fit`, with the form of uneven faces.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+
+import numpy as np
+
+from bayescal.effects import parameters_of
+from bayescal.estimate import calibrated
+from bayescal.estimate.unexplained import check_faces, with_uneven_faces
+from bayescal.methods.method import Method
+from bayescal.methods.solving import Rows, RowsOf, Solution, System, levenberg, linear_steps, part
+from bayescal.model import ARM, Block, Model, build, with_parameters
+from bayescal.model.model import KNOWN_PLACE
+from bayescal.model.scene import Scene
+from factors.plane import Plane
+
+NO_LENGTH = "no length is certified: without priors the scale of the arm is not identifiable"
+FEWEST = 3
+
+
+def is_plane(block: Block) -> bool:
+    """Whether a block touches a face."""
+    return isinstance(block.kind, Plane)
+
+
+def bound(pairs: Iterable[tuple[str, ...]], names: set[str]) -> bool:
+    """Whether pairs of names join all names."""
+    reached, more = set(sorted(names)[:1]), True
+    links = [set(pair) for pair in pairs if len(pair) == 2]
+    while more:
+        grown = reached.union(*(link for link in links if link & reached))
+        more, reached = grown != reached, grown
+    return names <= reached
+
+
+def lacks_known_planes(model: Model) -> str:
+    """What a session lacks for known planes."""
+    faces = part(model, is_plane)
+    names = {block.target for block in faces.blocks}
+    if len(names) < FEWEST:
+        return f"{len(names) or 'no'} planes are probed; at least {FEWEST} are needed"
+    stated = {t.name for t in model.scene.dataset.targets if t.u is not None and t.u <= KNOWN_PLACE}
+    if names <= stated or bound([constraint.targets for constraint in faces.constraints], names):
+        return ""
+    return "the relative positions of the planes are not stated (u_mm, or certificates between them)"
+
+
+def known_planes(scene: Scene, effects: tuple[str, ...]) -> Solution:
+    """Fit the arm and its base to the planes as stated; where nothing ties the base, the planes moved."""
+    circumstances = replace(scene.circumstances(scene.rows("calibrate")), tied_base=True)
+    model = with_parameters(scene, effects, parameters_of(effects, circumstances))
+    tied = levenberg(System(part(model, is_plane), known=True))
+    plain = build(scene, effects)
+    values = {p.name: value for p, value in zip(model.parameters, tied.values, strict=True)}
+    names = [p.name for p in plain.parameters]
+    held = tuple(name for name in tied.held if name in names)
+    return Solution(plain, np.array([values[name] for name in names]), held, tied.condition)
+
+
+def touches(block: Block) -> bool:
+    """Whether a block's rows are constraints, not an instrument's readings."""
+    return block.group == "contact"
+
+
+def is_read(block: Block) -> bool:
+    """Whether an instrument reads a block's rows."""
+    return not touches(block)
+
+
+def lacks_constraints(model: Model) -> str:
+    """What a session lacks for constraints with unknown targets."""
+    touched = part(model, touches)
+    if not touched.blocks:
+        return "no contacts: all rows are measured by an instrument"
+    return "" if touched.knows_length else NO_LENGTH
+
+
+SINGULAR = 0.03
+"""Least share of the largest singular value of a row's J that a direction counts with near singular poses."""
+
+
+def joint_change(block: Block, coupling: np.ndarray) -> np.ndarray:
+    """Factors (C, rows, rows), rad/m, that turn a row's residuals into ones as long as its joint change."""
+    still = np.zeros(block.motion.size), np.zeros(block.size)
+    gradients = block.by_readings(*still, coupling)
+    own = gradients.reshape(block.kind.rows, len(block.rows), -1).swapaxes(0, 1)
+    left, size, _ = np.linalg.svd(own, full_matrices=False)
+    reach = np.maximum(size, SINGULAR * size[:, :1])
+    return left / reach[:, None, :] @ left.swapaxes(1, 2)
+
+
+def in_joints(model: Model) -> RowsOf:
+    """Rows in joint space, over the stated noise of a block at its median reach."""
+    coupling = model.scene.dataset.robot.link_from_reading
+    factors = {block.name: joint_change(block, coupling) for block in model.blocks}
+
+    def rows(block: Block, values: np.ndarray, z: np.ndarray) -> Rows:
+        factor = factors[block.name]
+        usual = np.median(np.trace(factor, axis1=1, axis2=2)) / block.kind.rows
+        factor = factor / (usual * block.sigma[:, None, None])
+
+        def turned(columns: np.ndarray) -> np.ndarray:
+            own = columns.reshape(block.kind.rows, len(block.rows), -1)
+            return np.einsum("cij,jck->ick", factor, own).reshape(columns.shape)
+
+        r, by_arm, by_target = block.linearise(values, z)
+        return turned(r), turned(by_arm), turned(by_target)
+
+    return rows
+
+
+def estimated(scene: Scene, effects: tuple[str, ...]) -> Solution:
+    """The estimate of `bayescal fit`, the form of uneven faces with it."""
+    level = calibrated(scene, effects)
+    level = with_uneven_faces(level, check_faces(level))
+    values = level.model.deviations(level.z[level.model.slices[ARM]])
+    return Solution(level.model, values, estimate=level, settled=True)
+
+
+PLANES = Method(
+    "known planes",
+    "Besnard et al.; Hage et al.",
+    "contacts lie on faces at stated positions; non-linear least squares of the arm and its base",
+    lacks_known_planes,
+    solver=known_planes,
+)
+LINEAR = Method(
+    "linear steps",
+    "Joubair and Bonev",
+    "distances to planes, fitted again at each linear step; scaled columns; redundant parameters nominal",
+    lacks_constraints,
+    touches,
+    search=linear_steps,
+)
+INVERSE = Method(
+    "inverse",
+    "joint residuals at known poses",
+    "least squares of the joint corrections that reproduce the measured poses, along the measured directions",
+    lambda model: "" if model.knows_length else NO_LENGTH,
+    rows=in_joints,
+)
+OPEN_LOOP = Method(
+    "open loop",
+    "Mooring, Roth and Driels",
+    "non-linear least squares of instrument readings with unknown frame; contacts are not used",
+    lambda model: "" if part(model, is_read).blocks else "no calibration row is measured by an instrument",
+    is_read,
+)
+OURS = Method(
+    "bayescal",
+    "",
+    "maximum a posteriori with tolerance priors and certificates, without outliers; predicts uncertainties",
+    solver=estimated,
+)

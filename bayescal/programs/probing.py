@@ -1,0 +1,285 @@
+"""Formats of a plan for controllers: tables of its motions, and probing programs.
+
+A probing program is one sequence of steps (`motions.steps`), rendered by the dialect of a controller and its
+template. A template, ``templates/NAME.txt``, has sections that begin with ``=== section``. A section whose
+name has a point is a file. It holds the sections of the steps as ``<<steps>>`` and, where readings are listed
+apart, as ``<<positions>>``. What a controller is relied on to do is stated in the header of its template.
+"""
+
+from __future__ import annotations
+
+import re
+import textwrap
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property, partial
+from pathlib import Path
+
+import numpy as np
+
+from bayescal.errors import BayescalError
+from bayescal.planning.result import Plan
+from bayescal.probing.approach import SPEED
+from bayescal.programs import PROGRAMS
+from bayescal.programs.motions import (
+    AHEAD,
+    Step,
+    guarded,
+    poses_table,
+    readings_table,
+    robodk_table,
+    steps,
+)
+from bayescal.programs.text import Dialect, Format, digits
+
+TEMPLATES = Path(__file__).parent / "templates"
+JOINTS = 6
+"""Joints of the arms that these controllers move."""
+NEAR = 50e-3
+"""m/s of lines that are not searches: to the beginning of a search, and back (assumed)."""
+RAMP = 0.5
+"""m/s2 of the stop behind a contact of a UR (assumed: gentle beside the 1.2 m/s2 of its usual motions)."""
+STILL, REST = 2.0, 0.2
+"""s at rest before an instrument reads a point, and between motions with another force (assumed)."""
+LABELS = 10  # of FANUC, for each row
+BEYOND = 5e-3
+"""m beyond the expected surface where a guarded motion ends (assumed)."""
+MOST_BEYOND = 50e-3
+"""m: more is no search for a surface."""
+
+
+@dataclass(frozen=True)
+class Probe:
+    """How a controller notices a contact, and how far it searches.
+
+    Attributes
+    ----------
+    input : str
+        Digital input as the controller names it; "" for the first of the format.
+    force : float or None
+        N: change of the force at the tool from which on it is a contact, in place of the input.
+    beyond : float
+        m beyond the expected surface where the guarded motion ends.
+    """
+
+    input: str = ""
+    force: float | None = None
+    beyond: float = BEYOND
+
+    def __post_init__(self) -> None:
+        """Refuse what is no threshold and no length."""
+        if self.force is not None and not (np.isfinite(self.force) and self.force > 0):
+            raise BayescalError(f"a force of {self.force:g} N", "--probe-force-n", "give a positive number")
+        if self.force is not None and self.input:
+            what = "either the input or the force states a contact"
+            raise BayescalError(what, "--probe-force-n", "remove it or --probe-input")
+        if not 0 < self.beyond <= MOST_BEYOND:
+            what = f"a search {1e3 * self.beyond:g} mm beyond the surface"
+            raise BayescalError(what, "--probe-beyond-mm", f"give more than 0, to {1e3 * MOST_BEYOND:g}")
+
+
+@dataclass(frozen=True)
+class PlanFormat:
+    """A format of planned motions.
+
+    Attributes
+    ----------
+    name, summary : str
+        In options, and what is in it.
+    files : callable
+        Texts of a plan by the names of their files in the run folder; only programs depend on the probe.
+    check : callable
+        Refuses a probe that the format cannot use, before a plan is made.
+    """
+
+    name: str
+    files: Callable[[Plan, Probe], Mapping[str, str]]
+    summary: str
+    check: Callable[[Probe], object] = lambda probe: None
+
+
+@dataclass(frozen=True)
+class Writer:
+    """The dialect of a controller with its template."""
+
+    form: Format
+    dialect: Dialect
+
+    @cached_property
+    def sections(self) -> dict[str, str]:
+        """Sections of the template, without the last line break."""
+        text = (TEMPLATES / f"{self.form.name}.txt").read_text(encoding="utf-8")
+        parts = re.split(r"^=== (\S+)\n", text, flags=re.MULTILINE)[1:]
+        return {name: body.rstrip("\n") for name, body in zip(parts[::2], parts[1::2], strict=True)}
+
+    def section(self, name: str, fields: Mapping[str, str]) -> str:
+        """A section with its fields; those that are not given are kept."""
+        return re.sub(r"<<(\w+)>>", lambda m: fields.get(m[1], m[0]), self.sections.get(name, ""))
+
+    def joints(self, readings: np.ndarray) -> str:
+        """Readings (n,), rad, as a list without its brackets."""
+        every = (self.dialect.joint.format(k, digits(x)) for k, x in enumerate(self.form.joints(readings), 1))
+        return self.dialect.separator.join(every)
+
+    def plain(self, text: str) -> str:
+        """A text that does not end its string or comment."""
+        return re.sub(self.dialect.unsafe, "'", " ".join(text.split()))
+
+    def trigger(self, probe: Probe) -> tuple[str, str]:
+        """What is true while the probe is pressed, and while it is not.
+
+        Raises
+        ------
+        BayescalError
+            If the controller has no such input or no force.
+        """
+        if probe.force is not None:
+            if self.dialect.force:
+                return self.dialect.force.format(f"{probe.force:g}"), ""
+            what = f"a program of the format {self.form.name} cannot measure a force"
+            raise BayescalError(what, "--probe-force-n", "give --probe-input")
+        name = probe.input or self.dialect.first
+        for pattern, expressions in self.dialect.triggers.items():
+            if match := re.fullmatch(pattern, name):
+                pressed, released = (e.format(*match.groups()) for e in expressions)
+                return pressed, released
+        forms = ", ".join(
+            p.replace(r"(\d+)", "N").replace(r"([A-Za-z]\w*)", "NAME") for p in self.dialect.triggers
+        )
+        what = f"`{name}` is no input of the format {self.form.name}"
+        raise BayescalError(what, "--probe-input", f"its inputs are {forms}")
+
+
+def written(writer: Writer, plan: Plan, probe: Probe) -> dict[str, str]:
+    """The files of a plan by their names.
+
+    Raises
+    ------
+    BayescalError
+        For an arm that does not have six joints, or a probe that the controller does not have.
+    """
+    n = plan.session.robot.n
+    if n != JOINTS:
+        what = f"programs of the format {writer.form.name} are for arms of {JOINTS} joints"
+        raise BayescalError(f"{what}; {plan.session.robot.name} has {n}", "--to", "choose another format")
+    common, positions = _common(writer, plan, probe), list[np.ndarray]()
+    every = list(steps(plan, guarded(plan, probe.beyond)))
+    body = [writer.section("header", common)] if "header" in writer.sections else []
+    if any(step.kind == "contact" for step in every):
+        body.append(writer.section("begin", common))
+    body += [_step(writer, step, common, positions) for step in every]
+    lines = "\n".join(body)
+    if writer.dialect.line:
+        lines = "\n".join(writer.dialect.line.format(k, line) for k, line in enumerate(lines.split("\n"), 1))
+    rows = [{"number": str(k)} for k in range(1, len(plan.purpose) + 1)]
+    listed = (
+        {"n": str(k), "at": writer.dialect.position.format(k), "joints": writer.joints(q)}
+        for k, q in enumerate(positions, 1)
+    )
+    fields = common | {
+        "steps": lines,
+        "positions": "\n".join(writer.section("position", common | position) for position in listed),
+        "results": "\n".join(writer.section("result", row) for row in rows),
+        "resets": "\n".join(writer.section("reset", row) for row in rows),
+    }
+    files = [name for name in writer.sections if "." in name]
+    return {name: writer.section(name, fields) + "\n" for name in files}
+
+
+def _step(writer: Writer, step: Step, common: Mapping[str, str], positions: list[np.ndarray]) -> str:
+    """A step; readings that are listed apart are added to `positions`."""
+    fields = dict(common) | {key: writer.plain(text) for key, text in step.texts.items()}
+    fields |= {f"label{k}": str(LABELS * int(step.texts["number"]) + k) for k in range(1, LABELS)}
+    for name, readings in step.readings.items():
+        if writer.dialect.position:
+            same = next((k for k, q in enumerate(positions[-3:], len(positions[:-3])) if q is readings), -1)
+            if same < 0:
+                positions.append(readings)
+                same = len(positions) - 1
+            fields[name] = writer.dialect.position.format(same + 1)
+        else:
+            fields[name] = writer.dialect.list.format(writer.joints(readings))
+    if writer.dialect.width and step.kind == "stop":
+        texts = textwrap.wrap(fields["text"], writer.dialect.width)
+        fields["lines"] = "\n".join(writer.section("line", {"text": text}) for text in texts)
+    return writer.section(step.kind, fields)
+
+
+def _common(writer: Writer, plan: Plan, probe: Probe) -> dict[str, str]:
+    """Fields of all steps and of the header."""
+    session, m = plan.session, plan.session.measurements
+    pressed, released = writer.trigger(probe)
+    tools = [session.tools[k] for k in dict.fromkeys(m.tool.tolist())]
+    centres = [", ".join(f"{1e3 * x:g}" for x in tool.centre) for tool in tools]
+    names = [f"{writer.plain(tool.name)} " if len(tools) > 1 else "" for tool in tools]
+    tool = tools[0]
+    cog = tool.centre if tool.centre_of_mass is None else tool.centre_of_mass
+    out = {
+        "name": writer.plain(session.name),
+        "count": str(len(m.ids)),
+        "rows": str(len(m.ids)),
+        "tcp": "; ".join(f"{name}{c} mm" for name, c in zip(names, centres, strict=True)),
+        "tcp_numbers": ",".join(f"{1e3 * x:.4f}" for x in tool.centre),
+        "mass": f"{max(tool.mass, 0.001):g}",
+        "cog": ",".join(f"{1e3 * x:.1f}" for x in cog),
+        "tool": "1",
+        "trigger": pressed,
+        "released": released,
+        "watched": "" if probe.force is None else "kind > 0 and ",
+        "beyond": f"{1e3 * probe.beyond:g}",
+        "ahead": f"{1e3 * AHEAD:g}",
+        "v": f"{1e3 * SPEED:g}",
+        "v_m": f"{SPEED:g}",
+        "v_near": f"{1e3 * NEAR:g}",
+        "v_near_m": f"{NEAR:g}",
+        "a_stop": f"{RAMP:g}",
+        "still": f"{STILL:.2f}",
+        "rest": f"{REST:g}",
+    }
+    for cycle in (2, 8, 12):  # ms
+        late = SPEED * 1e-3 * cycle
+        out |= {f"late{cycle}": f"{1e3 * late:.2g}", f"over{cycle}": f"{1e3 * over_travel(late):.2g}"}
+    return out
+
+
+def over_travel(late: float) -> float:
+    """Way from the contact to standstill, m: `late`, m, before the stop begins, and v2/(2 a)."""
+    return late + SPEED**2 / (2 * RAMP)
+
+
+def _table(name: str, text: Callable[[Plan], str], summary: str, file: str = "") -> PlanFormat:
+    return PlanFormat(name, lambda plan, probe: {file or f"plan-{name}.csv": text(plan)}, summary)
+
+
+def _program(form: Format, dialect: Dialect) -> PlanFormat:
+    writer = Writer(form, dialect)
+    return PlanFormat(form.name, partial(written, writer), dialect.summary, writer.trigger)
+
+
+READINGS = "CSV of readings in deg, as the controller shows them"
+POSES = "CSV of nominal poses of the tool's frame in F0, with the readings"
+EVERY = (
+    _table("csv", readings_table, READINGS, "plan-joints.csv"),
+    *(_program(form, form.dialect) for form in PROGRAMS.values() if form.dialect is not None),
+    _table("robodk", robodk_table, "RoboDK CSV: joints in deg in the first columns"),
+    _table("poses", poses_table, POSES),
+)
+FORMATS: dict[str, PlanFormat] = {form.name: form for form in EVERY}
+"""Formats by their names."""
+
+
+def formats_of(names: Sequence[str], probe: Probe | None = None) -> tuple[PlanFormat, ...]:
+    """Formats with these names, each once.
+
+    Raises
+    ------
+    BayescalError
+        For a name that is not known, or a probe that a format cannot use.
+    """
+    for name in names:
+        if name not in FORMATS:
+            raise BayescalError(f"there is no format `{name}`", "--to", f"known: {', '.join(FORMATS)}")
+    formats = tuple(FORMATS[name] for name in dict.fromkeys(names))
+    for form in formats:
+        form.check(probe or Probe())
+    return formats

@@ -1,0 +1,218 @@
+"""Tables of a fit, of the entries of its record: for the terminal and for the page."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from rich.text import Text
+
+from bayescal.assess.acceptance import FAIL, PASS
+from bayescal.calibration import ModelLevel
+from bayescal.effects.vocabulary import unit_label
+from bayescal.predict import Validation, inside95
+from bayescal.reporting.shared.sheet import Bar, Column, Sheet, as_is, bar_of, inside
+from bayescal.reporting.shared.text import (
+    MDEG,
+    UM,
+    as_precise,
+    interval,
+    length,
+    measured,
+    model_label,
+    parameter_notes,
+    percent,
+    signed,
+    um,
+    uncertainty,
+)
+from bayescal.storage.reading import Json
+
+DECISIONS = {PASS: "green", FAIL: "red"}
+IDENTIFIABLE = {"determined": "yes", "partly": "weakly", "prior_only": "no"}
+MOST_DISTANCES = 5
+"""Distances shown without --verbose, those with the largest errors."""
+NOT_ARM = ("target", "plane-form")
+"""Effects whose parameters are not those of the arm."""
+ROLES = {"calibrate": "fitted", "validate": "validation"}
+
+
+def _ends(ends: Sequence[float], decimals: int = 0, to: str = " .. ") -> str:
+    return to.join(signed(end, decimals) for end in ends)
+
+
+DISTANCES = (
+    Column("distance", "between", " – ".join),
+    Column("certified (mm)", "certified_mm", "{:.3f}".format),
+    Column("nominal (µm)", "nominal_error_um", signed),
+    Column("calibrated (µm)", "calibrated_error_um", lambda error: signed(error, 1)),
+    Column("u (µm)", "predicted_sd_um", uncertainty),
+    Column("95 % predicted (µm)", "predicted_interval95_um", lambda ends: _ends(ends, 1, " to ")),
+    Column("", "inside95", lambda inside: "within" if inside else "outside"),
+)
+"""Of the entries `distances` of a record, as those below are of others."""
+SHORT_DISTANCES = (
+    Column("distances", "between", " - ".join),
+    *DISTANCES[1:4],
+    Column("95 % predicted", "predicted_interval95_um", lambda ends: _ends(ends, 1)),
+    Column("", "inside95", inside),
+)
+"""The same in the terminal."""
+TOLERANCE = (
+    Column("tolerance", "between", " - ".join),
+    Column("error (µm)", "error_um", lambda error: signed(error, 1)),
+    Column("U = k u (µm)", "U_um", uncertainty),
+    Column("k", "k", "{:.2f}".format),
+    Column("probability within", "probability", percent),
+    Column("decision", "decision", lambda word: Text(word, DECISIONS.get(word, "yellow"))),
+)
+FACES = (
+    Column("target", "target"),
+    Column("contacts", "count"),
+    Column("nominal RMS (µm)", "nominal_rms_um", length),
+    Column("calibrated RMS (µm)", "calibrated_rms_um", length),
+    Column("maximum (µm)", "calibrated_max_um", length),
+    Column("expected RMS (µm)", "predicted_rms_um", length),
+)
+PREDICTED = (
+    Column("distances between", "over"),
+    Column("number", "count"),
+    Column("lengths (mm)", "lengths_mm", lambda ends: "{:.0f} to {:.0f}".format(*ends)),
+    Column("expected RMS (µm)", "predicted_rms_um", uncertainty),
+    Column("U = k u (µm)", "expanded_U_um", uncertainty),
+    Column("k", lambda d: d.get("k", 2.0), "{:.2f}".format),
+    Column("95 % (µm)", "predicted_interval95_um", interval),
+    Column("measured RMS (µm)", "measured_rms_um", length),
+)
+ISO9283 = (
+    Column("quantity", lambda f: f"{f['symbol']}: {f['name']}"),
+    Column("number", "count"),
+    Column("mean (µm)", "mean_um", length),
+    Column("u (µm)", "u_mean_um", uncertainty),
+    Column("maximum (µm)", "max_um", length),
+    Column("u (µm)", "u_max_um", uncertainty),
+)
+TESTS = (
+    Column("test", "words"),
+    *(Column(key, key, "{:.3g}".format) for key in ("value", "limit", "p")),
+)
+
+
+def level_sheet(
+    levels: Sequence[Json], columns: Sequence[tuple[str, str]], names: Sequence[str], *more: Column
+) -> Sheet:
+    """Model levels with a bar of the first column that has values; bars are logarithmic."""
+    shown = [(h, key) for h, key in columns if any(step.get(key) is not None for step in levels)]
+    every = [step.get(shown[0][1]) for step in levels] if shown else []
+    items = [{"name": name, **step} for name, step in zip(names, levels, strict=True)]
+
+    def bar(step: Json) -> Bar:
+        value = step.get(shown[0][1])
+        return Bar(log_fraction(value, every), length(value), step is items[-1])
+
+    errors = [Column(h, lambda step, key=key: length(step.get(key))) for h, key in shown[1:]]
+    bars = [Column(shown[0][0], bar, as_is)] if shown else []
+    caption = "Errors of validation measurements, µm; bars are logarithmic"
+    return Sheet((Column("model", "name"), *bars, *errors, *more), items, caption)
+
+
+def log_fraction(value: float | None, every: list[float | None]) -> float:
+    """Length of a bar on a logarithmic scale that begins at a third of the smallest value."""
+    positive = [v for v in every if v]
+    if not value or not positive:
+        return 0.0
+    low, high = math.log(min(positive) / 3.0), math.log(max(positive))
+    return (math.log(value) - low) / (high - low)
+
+
+def validation_table(levels: Sequence[ModelLevel]) -> Sheet:
+    """Errors of validation measurements by model level."""
+    last = levels[-1].validation
+    columns = [Column("validation (µm)", lambda level: model_label(level.effects))]
+    if last.planes:
+        columns += [Column("contacts RMS", lambda level: um(level.validation.contacts.rms))]
+    if last.distances:
+        columns += [
+            Column("distances RMS", lambda level: um(level.validation.distance_errors.rms)),
+            Column("maximum", lambda level: um(level.validation.distance_errors.maximum)),
+            Column("95 % predicted", lambda level: _ends(UM * level.validation.distance_errors.interval95)),
+        ]
+    if last.points:
+        columns += [
+            Column("points RMS", lambda level: um(level.validation.point_lengths.rms)),
+            Column("mean", lambda level: um(level.validation.point_lengths.mean)),
+            Column("maximum", lambda level: um(level.validation.point_lengths.maximum)),
+        ]
+    if last.turns:
+        columns += [
+            Column(
+                "angles mean (mdeg)", lambda level: MDEG * level.validation.turn_angles.mean, "{:.2g}".format
+            )
+        ]
+    return Sheet((*columns, Column("within 95 %", lambda level: _within(level.validation))), levels)
+
+
+def _within(v: Validation) -> str | None:
+    """How many values of validation measurements lie within their 95 % prediction intervals."""
+    hits = [np.atleast_1d(inside95(d.error, d.predicted)) for d in v.distances]
+    hits += [inside95(c.residuals, c.predicted).ravel() for c in (*v.planes, *v.points, *v.turns)]
+    return f"{100 * np.mean(np.concatenate(hits)):.0f} %" if hits else None
+
+
+def distance_table(distances: Sequence[Json], every: bool) -> Sheet:
+    """Errors of certified distances; the largest alone unless `every`."""
+    order = sorted(range(len(distances)), key=lambda k: -abs(distances[k]["calibrated_error_um"]))
+    if every or len(order) <= MOST_DISTANCES:
+        return Sheet(SHORT_DISTANCES, distances)
+    shown = [distances[k] for k in sorted(order[:MOST_DISTANCES])]
+    caption = f"the {len(shown)} largest errors of {len(order)}; --verbose: all"
+    return Sheet(SHORT_DISTANCES, shown, caption)
+
+
+def by_target(residuals: Sequence[Json]) -> Sheet:
+    """Residuals of every target and role."""
+    columns = (
+        Column("target", "target"),
+        Column("role", lambda r: ROLES[r["role"]], words=True),
+        Column("rows", "count"),
+        Column("rejected", "rejected"),
+        Column("RMS (µm)", bar_of(residuals, "rms_um"), as_is),
+        Column("maximum (µm)", "max_um", length),
+    )
+    return Sheet(columns, residuals, "Residuals by target")
+
+
+def states(identifiability: Json) -> dict[str, str]:
+    """Whether each parameter is identifiable: "yes", "weakly" or "no"."""
+    return {name: word for key, word in IDENTIFIABLE.items() for name in identifiability[key]}
+
+
+def parameter_columns(identifiability: Json) -> tuple[Column, ...]:
+    """Columns of `parameters` of a record."""
+    state = states(identifiability)
+
+    def value(p: Json) -> str:
+        return measured(p["estimate"], p["sd"], "")
+
+    return (
+        Column("parameter", "name"),
+        Column("nominal", lambda p: as_precise(p["nominal"], value(p))),
+        Column("value(u)", value),
+        Column("unit", "unit", unit_label, words=True),
+        Column("prior u", "prior_sd", lambda sd: f"{float(f'{sd:.2g}'):.9g}"),
+        Column("identifiable", lambda p: state.get(p["name"])),
+    )
+
+
+def parameter_table(parameters: Sequence[Json], identifiability: Json, every: bool) -> Sheet:
+    """Parameters with standard uncertainties; with `every` those of the targets too."""
+    shown = [p for p in parameters if every or p["effect"] not in NOT_ARM]
+    columns = parameter_columns(identifiability)
+    notes = "\n".join(parameter_notes(p["effect"] for p in parameters))
+
+    def style(p: Any) -> str:
+        return "yellow" if columns[-1].value(p) == "no" else ""
+
+    return Sheet(columns, shown, notes, style=style)

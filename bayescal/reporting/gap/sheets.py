@@ -1,0 +1,278 @@
+"""Tables of a diagnosis, of the entries of its record, and how these entries are written as text."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from bayescal.effects.location import Site
+from bayescal.gap.result import MARGINS, VALIDATION_CONTACTS, VALIDATION_POINTS
+from bayescal.gap.settings import OUTCOME
+from bayescal.reporting.fit.sheets import level_sheet
+from bayescal.reporting.shared.sheet import Bar, Column, Sheet, as_is, bar_of
+from bayescal.reporting.shared.text import (
+    MISSING,
+    NEVER,
+    length,
+    level_label,
+    measured,
+    p_value,
+    probability,
+    quantity,
+    reduction,
+    rival,
+    share,
+    signed,
+)
+from bayescal.storage.reading import Json
+
+UNMODELLED = ("unknown", "named+unexplained")
+"""Verdicts that state an unmodelled effect."""
+NULL, OTHER = "null", "unknown"
+LEAST = 0.01
+"""Least probability of an effect that is listed unfolded."""
+
+
+def significant(p_value: float | None) -> bool:
+    """Whether a location or a group is significant, by a p-value that is corrected for their number."""
+    return p_value is not None and p_value < OUTCOME.significant
+
+
+def marked(place: Json) -> bool:
+    """Whether a location of a record is significant."""
+    return significant(place["family_p_value"])
+
+
+def amplitudes_of(record: Json, effect: str) -> list[Json]:
+    """The significant amplitudes of an effect; all where none is significant."""
+    amplitudes = [a for a in record["amplitudes"] if a["effect"] == effect]
+    return [a for a in amplitudes if a["significant"]] or amplitudes
+
+
+def sites_of(amplitudes: Sequence[Json]) -> str:
+    """Their sites, each once."""
+    return ", ".join(dict.fromkeys(site_of(a["site"]) for a in amplitudes))
+
+
+def unexplained(record: Json) -> Json | None:
+    """The largest location that no named effect explains, where the verdict is an unmodelled effect."""
+    if record["verdict"] not in UNMODELLED:
+        return None
+    return next((w for w in record["where"] if not w["explained_by"]), None)
+
+
+def rms_of(record: Json) -> str:
+    """What RMS values of groups and locations are: for points they are per coordinate."""
+    return "RMS" if record["lengths"]["of"] == VALIDATION_CONTACTS else "RMS per coordinate"
+
+
+def size_of(record: Json, place: Json) -> str:
+    """Size of the error at a location."""
+    return f"{length(place['rms_um'])} µm {rms_of(record)}"
+
+
+def amplitude_of(a: Json) -> str:
+    """An amplitude with u and unit."""
+    text = f"{a['what']} {measured(a['value'], a['u'], a['unit'])}"
+    return text if a["significant"] else f"{text}, not significant alone"
+
+
+def sizes_of(some: Sequence[Json]) -> str:
+    """Amplitudes of an effect; with their locations, where there are several."""
+    several = len({a["site"] for a in some}) > 1
+    return "; ".join((f"{site_of(a['site'])}: " if several else "") + amplitude_of(a) for a in some)
+
+
+def site_of(site: str) -> str:
+    """One or several sites of a record in words."""
+    return " and ".join(Site.read(part).text for part in site.split(" and "))
+
+
+def words_of(place: Json) -> str:
+    """A location in words; records of earlier versions have site and driver alone."""
+    return str(place.get("text") or f"{place['site']}, {place['driver']}")
+
+
+def share_of(record: Json, effect: str) -> str:
+    """Share of the excess variance at the largest location that an effect explains, named among several."""
+    places = [w for w in record["where"] if w["explained_by"] and effect in w["explained_by"].split(", ")]
+    if not places or places[0]["share"] is None:
+        return MISSING
+    several = len({w["site"] for w in places}) > 1
+    return share(places[0]["share"]) + (f" at {site_of(places[0]['site'])}" if several else "")
+
+
+def effects_sheet(record: Json) -> Sheet:
+    """All effects by probability, with amplitude, share, location, and what is detectable."""
+    least = _detectable(record)
+    place = unexplained(record)
+    ranked = sorted(record["probability"].items(), key=lambda item: -(item[1] or 0.0))
+
+    def unmodelled(item: tuple[str, float | None]) -> bool:
+        return item[0] == OTHER and place is not None
+
+    def size(item: tuple[str, float | None]) -> str:
+        if place and unmodelled(item):
+            return size_of(record, place)
+        return sizes_of(amplitudes_of(record, item[0])) or MISSING
+
+    def location(item: tuple[str, float | None]) -> str:
+        if place and unmodelled(item):
+            return words_of(place)
+        return sites_of(amplitudes_of(record, item[0])) or MISSING
+
+    def part(item: tuple[str, float | None]) -> str:
+        return share(place["share"]) if place and unmodelled(item) else share_of(record, item[0])
+
+    def bar(item: tuple[str, float | None]) -> Bar:
+        name, p = item
+        return Bar(p or 0.0, MISSING if p is None else probability(p), name in record["credible_set90"])
+
+    columns = (
+        Column("effect", lambda item: rival(item[0])),
+        Column("probability", bar, as_is),
+        Column("size (u)", size, words=True),
+        Column("location", location, words=True),
+        Column("share of the excess", part),
+        Column("detectable from", lambda item: least.get(item[0])),
+    )
+    caption = (
+        "Coloured: the 90 % set. Effects may be present together. 'noise only': the model as it is explains "
+        "the data; 'unmodelled effect': none of the known effects does"
+    )
+    return Sheet(columns, ranked, caption, max(sum((p or 0.0) >= LEAST for _, p in ranked), 5))
+
+
+def _detectable(record: Json) -> dict[str, str]:
+    """Smallest detectable amplitude of each effect that may be missed, with the location where it is."""
+    out: dict[str, str] = {}
+    for b in record["blind_spots"]:
+        out.setdefault(b["effect"], f"{_least(b)}, {site_of(b['site'])}")
+    return out
+
+
+def _least(spot: Json) -> str:
+    least, usual = spot["smallest_nameable"], spot["plausible"]["value"]
+    never = least["value"] is None or (usual is not None and least["value"] >= NEVER * usual)
+    return "not detectable" if never else quantity(least["value"], least["unit"])
+
+
+NOT_ASSESSED = (Column("not assessed", 0), Column("why", 1, words=True))
+HYPOTHESES = (
+    Column("set of effects", lambda h: " + ".join(map(rival, h["effects"])) or rival(NULL)),
+    Column("probability", "probability", lambda p: Bar(p, probability(p))),
+    Column("log evidence (nats)", "log_evidence", lambda nats: signed(nats, 1)),
+)
+ADVICE = (
+    Column("separates", lambda a: " and ".join(map(rival, a["separates"]))),
+    Column("measure", "what", words=True),
+    Column("contacts in next.csv", lambda a: len(a["contacts"]) or None),
+    Column("detectability", lambda a: f"{a['lambda_before']:.0f} to {a['lambda_after']:.0f}"),
+)
+"""Of entries of a record: `hypotheses`, `next`."""
+
+
+def where_sheet(record: Json) -> Sheet:
+    """Locations of the error, the largest first."""
+    excess = record["verdict"] != NULL  # no share of nothing is stated
+    columns = (
+        Column("location and dependence", words_of),
+        Column(f"{rms_of(record)} (µm)", bar_of(record["where"], "rms_um", marked), as_is),
+        Column("share of the excess", lambda w: w["share"] if excess else None, share),
+        Column("p", "family_p_value", p_value),
+        Column("explained by", lambda w: w["explained_by"] or None, words=True),
+    )
+    caption = (
+        "Residuals explained by a location; coloured: significant (p below 0.01, corrected for their number)"
+    )
+    return Sheet(columns, record["where"], caption, 8)
+
+
+def margin_sheets(record: Json) -> tuple[Sheet, ...]:
+    """Residuals by target, joint, region, time and direction."""
+    return tuple(_margin(record, key) for key in MARGINS)
+
+
+def _margin(record: Json, key: str) -> Sheet:
+    groups = record["where_marginal"][key]
+    bars = bar_of(groups, "rms_um", lambda g: significant(g["p_value"] or None))
+    columns = (
+        Column(key, "label"),
+        Column("rows", "count"),
+        Column(f"{rms_of(record)} (µm)", bars, as_is),
+        Column("mean (µm)", "mean_um", length),
+        Column("p", "p_value", p_value),
+    )
+    before = ", before the refit" if record["named"] else ""
+    each = ": the largest groups of each joint" if key == "joint" else ""
+    return Sheet(columns, groups, f"Residuals by {key}{before}{each}", 8)
+
+
+LEVELS = (
+    ("contacts RMS", "heldout_rms_um"),
+    ("distances RMS", "distance_rms_um"),
+    ("points RMS (length)", "point_length_rms_um"),
+)
+
+
+def levels_sheet(record: Json) -> Sheet:
+    """Validation errors by model level."""
+
+    def gain(step: Json) -> str | None:
+        spread = "" if step["delta_elpd_se"] is None else f" ± {step['delta_elpd_se']:.0f}"
+        return f"{signed(step['delta_elpd'])}{spread}" if step["delta_elpd"] else None
+
+    models = [tuple(step["model"]) for step in record["ladder"]]
+    names = [level_label(model, before) for model, before in zip(models, [(), *models], strict=False)]
+    shown = LEVELS[1:] if record["lengths"]["of"] == VALIDATION_POINTS else LEVELS
+    return level_sheet(record["ladder"], shown, names, Column("difference of log density (nats)", gain))
+
+
+def improvements(record: Json) -> Sheet:
+    """What the named effects improve."""
+    lengths = record["lengths"]["shrinkage"]
+    items = [
+        {"what": what, "ratio": _ratio(lengths.get(what) or s, s), **s, **(lengths.get(what) or {})}
+        for what, s in record["shrinkage"].items()
+        if s
+    ]
+    columns = (
+        Column("refit with the named effects", "what"),
+        Column("number", "count"),
+        Column("before (µm)", "before_rms_um", length),
+        Column("after (µm)", lambda s: length(s["after_rms_um"]) if s["claimed"] else "not claimed"),
+        Column("expected (µm)", lambda s: length(s["ratio"] * s["predicted_rms_um"])),
+        Column("limit (µm)", "floor_um", length),
+        *(Column(h, lambda s, k=k: _reduction(s)[k]) for k, h in enumerate(("removed", "95 %"))),
+    )
+    caption = (
+        "RMS of validation errors; limit: expected RMS for a correct model; removed: share of the excess"
+    )
+    return Sheet(columns, items, caption)
+
+
+def _ratio(as_length: Json, s: Json) -> float:
+    """Length of the error vector over the error of a coordinate, of points."""
+    ratio: float = as_length["before_rms_um"] / s["before_rms_um"] if s["before_rms_um"] else 1.0
+    return ratio
+
+
+def _reduction(s: Json) -> tuple[str, str]:
+    return reduction(s["removed"], s["removed_interval95"], s["claimed"])
+
+
+def blind_sheet(record: Json) -> Sheet:
+    """Effects that these data may miss."""
+    spots = sorted(record["blind_spots"], key=lambda b: -(b["distance_error_um"] or 0.0))
+    bar = bar_of(spots, "distance_error_um", unit=" µm")
+
+    def error(spot: Json) -> Bar | None:
+        return None if spot["distance_error_um"] is None else bar(spot)
+
+    columns = (
+        Column("may be missed", lambda b: f"{b['effect']}, {site_of(b['site'])}"),
+        Column("plausible", lambda b: quantity(b["plausible"]["value"], b["plausible"]["unit"])),
+        Column("detectable from", _least),
+        Column("distance error if undetected", error, as_is),
+    )
+    caption = "Blind spots: effects whose plausible amplitude these contacts would not show"
+    return Sheet(columns, spots, caption, 8)

@@ -1,0 +1,127 @@
+"""An effect is one file and one entry: a made-up one is added, and no other file names an effect."""
+
+from __future__ import annotations
+
+import ast
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from bayescal.effects import MODELS, tool
+
+ROOT = Path(__file__).parents[2]
+FILE = '''
+"""A cable that pulls the last joint round as the first one turns."""
+
+import numpy as np
+
+from bayescal.effects import Driver, Effect, Parameter, Site, Term
+
+
+def parameters(c):
+    term = Term(c.robot.n, "rz", np.sin(c.q[:, 0]) * np.cos(c.q[:, 3]))
+    site, driver = Site("joint", c.robot.n), Driver("length of the cable")
+    return [Parameter("cable-drag", "rad", (term,), 1e-3, site=site, driver=driver)]
+
+
+PHRASE = ("the last joint", "is pulled by a cable")
+CABLE_DRAG = Effect("cable-drag", "a cable pulls the last joint", parameters, phrase=PHRASE)
+'''
+ENTRY = "[bayescal.effects]\ncable-drag = cable_drag:CABLE_DRAG\n"
+PROGRAM = """
+import json
+import bayescal as bc
+few = dict(contacts=120, later=30, repeats=4, spheres=2, placements=2, seed=3)
+session = bc.simulate(effects="geometry, compliance, cable-drag", **few)
+fit = bc.fit(session, "geometry, compliance, cable-drag", samples=0)
+gap = bc.diagnose(session, "geometry, compliance")
+row = fit.parameters.loc["cable-drag"]
+credible = list(gap.data.verdict.credible_set90)
+print(json.dumps([row["effect"], float(row["u"] / row["prior_sd"]), gap.verdict, credible]))
+print(gap)
+"""
+
+
+def test_a_made_up_effect_is_one_file_and_one_entry(tmp_path):
+    """Simulated, fitted, and named by a diagnosis without it, with nothing else changed."""
+    (tmp_path / "cable_drag.py").write_text(FILE)
+    made_up = tmp_path / "cable_drag-1.0.dist-info"
+    made_up.mkdir()
+    (made_up / "METADATA").write_text("Metadata-Version: 2.1\nName: cable-drag\nVersion: 1.0\n")
+    (made_up / "entry_points.txt").write_text(ENTRY)
+    path = f"import sys; sys.path[:0] = {[str(tmp_path), str(ROOT)]!r}\n"
+    run = [sys.executable, "-c", path + PROGRAM]
+    done = subprocess.run(run, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    first, *text = done.stdout.splitlines()
+    effect, u, verdict, credible = json.loads(first)
+    assert effect == "cable-drag"
+    assert u < 0.3
+    assert (verdict, credible) == ("named", ["cable-drag"])
+    assert any("is pulled by a cable" in line for line in text)
+
+
+WORDS = {"joint", "tool", "payload", "step", "artefact", "coupling"}
+"""Names of effects that are also words of other things: keys, columns and kinds of sites."""
+ALLOWED = {
+    "public/functions.py": "default model, without an import of the effects, which takes long",
+    "estimate/estimate.py": "source of a message, where the fit through a compliance does not converge",
+    "model/equilibrium.py": "source of a message, where an arm does not come to rest under its compliance",
+    "estimate/discrepancy.py": "errors of masses act through the compliance",
+    "estimate/families.py": "a discrepancy of faces has the shapes of their form",
+    "estimate/unexplained.py": "the form of uneven faces is fitted with every model",
+    "assess/identifiability.py": "a second tool of a session has unknowns of its own",
+    "gap/search/beam.py": "many effects act through the compliance: it is named before them",
+    "gap/search/cells.py": "generic cells have the shapes and the transitions of known effects",
+    "predict/targets.py": "a tool that no fitted row used has the prior of a tool",
+    "fitted/arm.py": "the parameters of the tool belong to every model",
+    "programs/tools.py": "a program corrects tools with the geometry of the arm",
+    "planning/plan.py": "a plan states which stiffnesses a session determines",
+    "reporting/exports.py": "the parameters of the tool belong to every model",
+    "reporting/page/fit.py": "the form of faces has a figure of its own",
+    "reporting/shared/text.py": "the uncertainty of the masses is that of the compliance",
+    "exporting": "a format writes each effect in its own way",
+    "verifying": "a format is checked by the effects that it writes",
+}
+"""Modules that name an effect because of its physics, and why."""
+
+
+def own_words(path: Path) -> set[str]:
+    """Effects that a module names: in a text that is no docstring, or by an import of an effect's module."""
+    files = {name.replace("-", "_") for name in (*MODELS, tool.TOOL.name)}
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    docstrings = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
+    found = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Constant) and id(node) not in docstrings and isinstance(node.value, str):
+            found |= {node.value} & (set(MODELS) - WORDS)
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("bayescal.effects."):
+            found |= {str(node.module).rpartition(".")[2]} & files
+    return found
+
+
+def test_no_other_module_names_an_effect():
+    naming = {}
+    for path in sorted((ROOT / "bayescal").rglob("*.py")):
+        name = path.relative_to(ROOT / "bayescal").as_posix()
+        if not name.startswith("effects/") and (found := own_words(path)):
+            naming[name] = found
+    rest = {name: found for name, found in naming.items() if not any(map(name.startswith, ALLOWED))}
+    assert not rest
+    assert not [allowed for allowed in ALLOWED if not any(name.startswith(allowed) for name in naming)]
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("NAMES = ('backlash', 'x')", {"backlash"}),
+        ("from bayescal.effects.gear_mesh import GEAR_MESH", {"gear_mesh"}),
+        ("'''backlash'''\nfrom bayescal.effects.common import sides\nX = 'step'", set()),
+    ],
+)
+def test_a_module_that_names_an_effect_is_seen(text, words, tmp_path):
+    (tmp_path / "module.py").write_text(text)
+    assert own_words(tmp_path / "module.py") == words

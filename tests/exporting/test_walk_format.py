@@ -1,0 +1,71 @@
+"""The walk of CONTRIBUTING for an export format: one file and one entry, and the command takes it."""
+
+import json
+
+import pytest
+from export_arms import fake, session_of
+
+from bayescal.errors import BayescalError
+from bayescal.exporting import FORMATS
+from bayescal.exporting.export import export
+
+MADE_UP = '''
+"""A made-up format: the joint zeros of an arm, one in a line."""
+
+from bayescal.exporting.geometry import constant, items
+from bayescal.exporting.written import Format, Written
+
+
+def write(arm, options):
+    names = arm.dataset.robot.joint_names
+    places = [(f"line {k}", "zero") for k in range(1, len(names) + 1)]
+    lines = [f"{name} {options.name}\\n" for name in names]
+    return Written("".join(lines), items(arm, places), notes=["a note of the made-up format"])
+
+
+MADE_UP = Format(
+    "made-up", ".txt", "zeros", write,
+    lambda arm, k: constant(arm.model.parameters[k]), "holds constants only",
+)
+'''
+
+
+@pytest.fixture
+def entry(tmp_path, monkeypatch):
+    """The file in a temporary folder, and its entry."""
+    (tmp_path / "made_up_format.py").write_text(MADE_UP)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setitem(FORMATS, "made-up", "made_up_format:MADE_UP")
+
+
+def test_a_file_and_an_entry_are_a_format(entry, tmp_path):
+    arm = fake(session_of(), ("geometry", "compliance"))
+    path, sidecar = export(arm, "made-up", force=True, name="cell").save(tmp_path / "arm.txt")
+    assert path.read_text().splitlines() == [f"J{k} cell" for k in range(1, 7)]
+    record = json.loads(sidecar.read_text())
+    assert record["format"] == "made-up"
+    assert {item["element"] for item in record["written"]} == {f"line {k}" for k in range(1, 7)}
+    (missing,) = record["not_expressed"]  # follows from what the format holds
+    assert missing["effect"] == "compliance"
+    assert "holds constants only" in missing["why"]
+    assert missing["max_um"] > missing["rms_um"] > 0
+    assert "a note of the made-up format" in record["notes"]
+
+
+def test_the_command_takes_it(entry, tmp_path, monkeypatch, command):
+    arm = fake(session_of(), ("geometry",))
+    monkeypatch.setattr("bayescal.public.exports.arm_of", lambda *_: arm)
+    code, _, errors = command("export", "run", "--to", "made-up", "--force", "--out", tmp_path / "arm.txt")
+    assert code == 0, errors
+    assert (tmp_path / "arm.txt").is_file()
+
+
+def test_without_its_entry_there_is_no_such_format():
+    with pytest.raises(BayescalError, match="there is no format `made-up`"):
+        export(fake(session_of(), ("geometry",)), "made-up", force=True)
+
+
+def test_the_help_lists_every_format(command):
+    _, text, _ = command("export", "--help")
+    words = " ".join(text.replace("│", " ").split())
+    assert f"Format: {', '.join(FORMATS)}, dcc." in words
