@@ -97,6 +97,13 @@ def test_functions(call, places):
         assert places.witness.exists() == bool(allow)
 
 
+def arguments():
+    """Parameters of every command by its words."""
+    for words, command in commands().items():
+        if not hasattr(command, "commands"):
+            yield words, inspect.signature(inspect.unwrap(command.callback)).parameters
+
+
 def functions():
     """Public functions by their names."""
     for module, names in ((bc, bc.__all__), (bc.robots, ("load_robot",))):
@@ -107,12 +114,7 @@ def functions():
 
 def test_no_argument_is_missing():
     known = {key.partition(",")[0] for key in CASES} | OTHER
-    for words, command in commands().items():
-        own = (
-            {}
-            if hasattr(command, "commands")
-            else inspect.signature(inspect.unwrap(command.callback)).parameters
-        )
+    for words, own in arguments():
         for name in paths(own) if "allow_xacro" in own else ():
             assert f"{words.removeprefix('bayescal ')} {name}" in known | {f"{words.split()[-1]} out"}
     for name, own in functions():
@@ -125,13 +127,8 @@ def test_no_argument_is_missing():
 
 def test_what_cannot_allow_it_does_not_run_it(places):
     """Commands and functions without the option, with the dataset and the file wherever they take a path."""
-    for words, command in commands().items():
-        own = (
-            {}
-            if hasattr(command, "commands")
-            else inspect.signature(inspect.unwrap(command.callback)).parameters
-        )
-        if own and "allow_xacro" not in own and "blind" not in words:
+    for words, own in arguments():
+        if "allow_xacro" not in own and "blind" not in words:
             for given in (places.cell, places.arm):
                 CliRunner().invoke(app, [*words.split()[1:], *[str(given)] * len(list(paths(own)))])
     for _, own in functions():

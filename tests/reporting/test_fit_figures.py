@@ -153,37 +153,24 @@ def of_parameters(run):
         if prior[name]["effect"] == "tool":
             nominal = 1e3 * run.dataset.tools[0].centre["xyz".index(name[-1])]
         z = np.asarray(run.nc["posterior"]["z"].sel(parameter=name.replace(" ", "_"))).ravel()
-        ess = [
-            pytest.approx(float(np.asarray(az.ess(np.asarray(drawn), method="bulk"))), rel=0.02),
-            pytest.approx(
-                float(np.asarray(az.ess(np.asarray(drawn), method="tail", prob=(0.05, 0.95)))), rel=0.02
-            ),
-        ]
+        ways = ({"method": "bulk"}, {"method": "tail", "prob": (0.05, 0.95)})
+        ess = [pytest.approx(float(np.asarray(az.ess(np.asarray(drawn), **way))), rel=0.02) for way in ways]
         rhat = float(np.asarray(az.rhat(np.asarray(drawn))))
         widened = prior[name]["sd"] > 1.001 * prior[name]["sd_without_discrepancy"]
-        yield (
-            name,
-            {
-                "unit": drawn.attrs["units"],
-                "nominal": nominal,
-                "prior_mean": nominal,
-                "estimate": pytest.approx(flat.mean(), abs=0.5 * flat.std()),
-                "sd": flat.std(),
-                "prior_sd": flat.std() / z.std(),
-                "contraction": 1.0 - z.var(),
-                "interval95": list(np.quantile(flat, [0.025, 0.975])),
-            }
-            | (
-                {}
-                if widened
-                else {
-                    "ess_bulk": ess[0],
-                    "ess_tail": ess[1],
-                    "ess": min(ess, key=lambda e: e.expected),
-                    "rhat": rhat,
-                }
-            ),
-        )
+        figures = {
+            "unit": drawn.attrs["units"],
+            "nominal": nominal,
+            "prior_mean": nominal,
+            "estimate": pytest.approx(flat.mean(), abs=0.5 * flat.std()),
+            "sd": flat.std(),
+            "prior_sd": flat.std() / z.std(),
+            "contraction": 1.0 - z.var(),
+            "interval95": list(np.quantile(flat, [0.025, 0.975])),
+        }
+        if not widened:
+            least = min(ess, key=lambda e: e.expected)
+            figures |= {"ess_bulk": ess[0], "ess_tail": ess[1], "ess": least, "rhat": rhat}
+        yield name, figures
 
 
 def of_planes(run):
@@ -273,9 +260,8 @@ def of_level(run, errors, name, validate, distances):
 
 def of_rows(run):
     m, sign = run.dataset.measurements, np.array(["-", "0", "+"])
-    moving = (
-        None if m.velocity is None else np.where(np.abs(DEG * m.velocity) < 0.03, 0.0, np.sign(m.velocity))
-    )
+    if m.velocity is not None:
+        moving = np.where(np.abs(DEG * m.velocity) < 0.03, 0, np.sign(m.velocity)).astype(int)
     vectors = run.dataset.targets[0].kind == "instrument"
     residual = run.calibrated.length if vectors else run.calibrated.off[:, 0]
     return {
@@ -285,7 +271,7 @@ def of_rows(run):
         "time_s": None if m.time is None else m.time,
         "point_mm": np.round(1e3 * run.nominal.points, 3),
         "angle_deg": np.round(DEG * run.nominal.angles, 4),
-        "direction": moving if moving is None else ["".join(sign[row.astype(int) + 1]) for row in moving],
+        "direction": None if m.velocity is None else ["".join(sign[row + 1]) for row in moving],
         "residual_um": [None if np.isnan(r) else pytest.approx(r, abs=6e-2) for r in residual],
         "rejected": run.rejected.tolist(),
     }
@@ -311,9 +297,7 @@ def expected(run):
     r = np.corrcoef(draws)
     pairs = [(i, j) for j in range(len(arm)) for i in range(j) if abs(r[i, j]) >= 0.3]
     pairs.sort(key=lambda pair: -abs(r[pair]))
-    accuracy = (
-        [("AP n", run.calibrated.length[validate])] if planes else [("AP", run.calibrated.length[validate])]
-    )
+    accuracy = [("AP n" if planes else "AP", run.calibrated.length[validate])]
     accuracy += [("AD", np.abs(after))] if planes else []
     lengths = [min(certified), max(certified)] if planes else None
     first = record["predicted_distance"]
@@ -452,10 +436,8 @@ def items_of(record, path):
         return record
     keys = ("id", "target", "role", "residual_um", "time_s")
     every = [record[key] or [None] * len(record["id"]) for key in keys]
-    times = [{"time_min": None if row[-1] is None else row[-1] / 60.0} for row in zip(*every, strict=True)]
-    return [
-        dict(zip(keys, row, strict=True)) | t for row, t in zip(zip(*every, strict=True), times, strict=True)
-    ]
+    rows = [dict(zip(keys, row, strict=True)) for row in zip(*every, strict=True)]
+    return [row | {"time_min": row["time_s"] and row["time_s"] / 60.0} for row in rows]
 
 
 def figures(cell):
