@@ -14,7 +14,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from bayescal.gap.outcome.shrinkage import of_blocks, of_distances
+from bayescal.gap.outcome.magnitude import of_blocks, of_distances
 from bayescal.predict.errors import CentreDistances
 
 ERROR, NOISE = 20e-6, 2.5e-6

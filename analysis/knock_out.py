@@ -23,10 +23,9 @@ from analysis.knock_out_page import right, table, update
 from analysis.records import Record, completed, stored
 from bayescal.dataset import Dataset, read_dataset
 from bayescal.estimate import Estimate, calibrated, estimate
+from bayescal.gap.diagnose import Explained, explain
 from bayescal.gap.examine import where
-from bayescal.gap.explain import Explained, explain
-from bayescal.gap.outcome.magnitude import noise_floor
-from bayescal.gap.outcome.shrinkage import expects
+from bayescal.gap.outcome.magnitude import expects, noise_floor
 from bayescal.gap.search.refit import model_name, refit
 from bayescal.model import with_parameters
 from bayescal.model.options import FitOptions, Part

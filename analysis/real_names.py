@@ -30,7 +30,7 @@ from analysis.real_halves import splits
 from analysis.records import Record, completed, stored
 from bayescal.dataset import Dataset, read_dataset
 from bayescal.errors import BayescalError
-from bayescal.gap.explain import explain
+from bayescal.gap.diagnose import explain
 from bayescal.gap.search.refit import refit
 from bayescal.model.scene import Scene
 from bayescal.predict.crossvalidation import validation_errors

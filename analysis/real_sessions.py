@@ -30,7 +30,7 @@ from bayescal.effects import parameters_of
 from bayescal.effects.selection import plain
 from bayescal.estimate import Estimate, calibrated, estimate
 from bayescal.estimate.unexplained import FORM, unexplained
-from bayescal.gap.explain import explain
+from bayescal.gap.diagnose import explain
 from bayescal.gap.search.refit import model_name
 from bayescal.model import with_parameters
 from bayescal.model.scene import Scene

@@ -17,12 +17,10 @@ if TYPE_CHECKING:
     from bayescal import effects, robots
     from bayescal.errors import BayescalError
     from bayescal.public import plot
+    from bayescal.public.arms import compensate, export, verify
     from bayescal.public.budgets import budget
-    from bayescal.public.compensating import compensate, verify
-    from bayescal.public.exports import export
     from bayescal.public.functions import compare, diagnose, fit, read_dataset, simulate
-    from bayescal.public.planning import plan
-    from bayescal.public.saved import load
+    from bayescal.public.planning import load, plan
     from bayescal.public.starting import check, init, report, schema
 
 __version__ = "0.1.0"
@@ -52,15 +50,15 @@ __all__ = [
 _FROM = dict.fromkeys(("compare", "diagnose", "fit", "read_dataset", "simulate"), "bayescal.public.functions")
 _FROM |= {
     "budget": "bayescal.public.budgets",
-    "compensate": "bayescal.public.compensating",
+    "compensate": "bayescal.public.arms",
     "check": "bayescal.public.starting",
     "init": "bayescal.public.starting",
     "schema": "bayescal.public.starting",
-    "export": "bayescal.public.exports",
-    "load": "bayescal.public.saved",
+    "export": "bayescal.public.arms",
+    "load": "bayescal.public.planning",
     "plan": "bayescal.public.planning",
     "report": "bayescal.public.starting",
-    "verify": "bayescal.public.compensating",
+    "verify": "bayescal.public.arms",
     "BayescalError": "bayescal.errors",
 }
 _MODULES = {"effects": "bayescal.effects", "plot": "bayescal.public.plot", "robots": "bayescal.robots"}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from math import inf
@@ -31,19 +31,14 @@ from bayescal.effects import BASELINE, levels_of
 from bayescal.estimate import Estimate, check_enough, fitted_level
 from bayescal.estimate.bounds import UNCHANGED, Rigid, bounded, with_latent_readings
 from bayescal.estimate.discrepancy import Stated, stated
-from bayescal.estimate.unexplained import (
-    FaceCheck,
-    Unexplained,
-    check_faces,
-    unexplained,
-    with_uneven_faces,
-)
+from bayescal.estimate.unexplained import FaceCheck, Unexplained, check_faces, unexplained, with_uneven_faces
 from bayescal.model import USUAL, FitOptions
 from bayescal.model.scene import Scene
 from bayescal.posterior import Draws, approximate, gaussian
 from bayescal.predict import Forecast, Validation, forecast, validate
 from bayescal.predict.targets import Prepared, check_located, prepared
 from bayescal.statistics import spawned
+from bayescal.storage.stopping import Progress, silent
 
 if TYPE_CHECKING:
     from bayescal.posterior.checkpoint import Checkpoint  # and emcee with it
@@ -52,7 +47,6 @@ VALIDATION_DRAWS = 2000
 MOST_PREDICTED, FEWEST_VALIDATION_DRAWS = 4_000_000, 400
 """Predictions of single validation measurements, beyond which there are fewer draws of each: 2000 rows."""
 NOMINAL = ("nominal",)
-Progress = Callable[[str, float], None]
 
 GROSS = ("many_rejected", "not_flat", "far_from_nominal", "negative")
 """Findings behind which a gross mistake of a stated value is looked for, as behind every error."""
@@ -112,7 +106,7 @@ def fit(
     *,
     without: Sequence[str] = (),
     samples: int = 5000,
-    progress: Progress = lambda stage, fraction: None,
+    progress: Progress = silent,
     checkpoint: Checkpoint | None = None,
 ) -> Fit:
     """Calibrate an arm from a session.

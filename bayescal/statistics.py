@@ -85,3 +85,9 @@ def spawned(seed: int, count: int) -> tuple[int, ...]:
     """
     children = np.random.SeedSequence(seed).spawn(count)
     return tuple(int(child.generate_state(1, np.uint64)[0]) for child in children)
+
+
+def stream(seed: int, *names: str) -> np.random.Generator:
+    """An independent generator for each name, so that draws of one part do not change those of another."""
+    words = [int.from_bytes(name.encode(), "little") for name in names]
+    return np.random.default_rng(np.random.SeedSequence([seed, *words]))

@@ -1,9 +1,11 @@
 """Tables of cases and texts of files that tests read: they are data, in `tests/data`, a file for each."""
 
+import io
 from pathlib import Path
 from typing import Any
 
 import yaml
+from rich.console import Console
 
 ROOT = Path(__file__).parents[1]
 EXAMPLE = ROOT / "data" / "lrmate200ic-cube"
@@ -19,3 +21,15 @@ def file_text(name: str) -> str:
 def cases(name: str) -> Any:
     """The table of a file: a list of rows, or a mapping of names to rows."""
     return yaml.safe_load(file_text(f"{name}.yaml"))
+
+
+def robot_file(name: str) -> str:
+    """The path of a robot description."""
+    return str(DATA / "robots" / f"{name}.yaml")
+
+
+def terminal_text(what: Any, width: int = 100) -> str:
+    """The text of what is printed on a terminal of a width."""
+    console = Console(width=width, record=True, file=io.StringIO(), highlight=False)
+    console.print(what)
+    return console.export_text()

@@ -1,23 +1,21 @@
 """Fitted arms for tests of exports: random values of all parameters, as large as their priors."""
 
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
+from sessions import simulated
 
 from bayescal.estimate import estimate
 from bayescal.fitted.arm import of_estimate
 from bayescal.model import build
 from bayescal.model.scene import Scene
 from bayescal.robots import load_robot
-from bayescal.simulation import Options, simulate
 
 
-@cache
 def session_of(robot="fanuc-lrmate200ic", **options):
     """A small simulated session."""
     usual = {"contacts": 40, "later": 6, "repeats": 2, "spheres": 0, "seed": 3, "payload": 1.0}
-    return simulate(Options(robot=robot, **(usual | options))).dataset
+    return simulated(robot=robot, **(usual | options)).dataset
 
 
 def with_robot(dataset, robot):

@@ -117,7 +117,9 @@ def declared(entries: list[str]) -> set[str]:
 def test_what_is_imported_is_declared_and_what_is_declared_is_imported():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
     base, extras = declared(project["dependencies"]), project["optional-dependencies"]
-    optional = declared([e for name in ("mujoco", "xlsx", "dcc", "pinocchio") for e in extras[name]])
+    optional = declared(
+        [e for name in ("interactive", "mujoco", "xlsx", "dcc", "pinocchio") for e in extras[name]]
+    )
     used = imported()
     assert used <= base | optional
     assert base <= used

@@ -8,9 +8,9 @@ from functools import lru_cache
 import numpy as np
 
 from bayescal.dataset import Dataset, Measurements, Target
+from bayescal.probing.artefacts import Scenery
 from bayescal.robots import load_robot
 from bayescal.simulation import Options
-from bayescal.simulation.options import Scenery
 from bayescal.simulation.session import plan
 
 READ_NOISE = 30e-6

@@ -14,10 +14,10 @@ from bayescal.arm.transforms import rigid, rpy_matrix
 from bayescal.dataset import Certificate, Dataset, Noise, Target
 from bayescal.robots import load_robot
 from bayescal.simulation import Options
-from bayescal.simulation.options import stream
 from bayescal.simulation.record import draws
 from bayescal.simulation.session import plan
 from bayescal.simulation.touch import World, touch
+from bayescal.statistics import stream
 
 TURN, SHIFT = (2e-3, -1e-3, 1.5e-3), (0.8e-3, -0.5e-3, 0.6e-3)  # rad, m: how the cube was put down
 TRACKER = (np.array([2.0, 0.5, 0.3]), np.array([0.1, -0.2, 2.8]))  # m, rad: its frame as stated

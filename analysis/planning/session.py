@@ -23,12 +23,13 @@ from bayescal.planning.pool import Linearised, Pool, linearised
 from bayescal.planning.setup import read_setup
 from bayescal.predict.errors import centre_distances, lengths
 from bayescal.predict.targets import prepared
+from bayescal.probing.artefacts import Scenery
 from bayescal.robots import load_robot
 from bayescal.simulation import Options
-from bayescal.simulation.options import Scenery, stream
 from bayescal.simulation.record import distance_certificates, draws, true_targets
 from bayescal.simulation.session import plan
 from bayescal.simulation.touch import World, touch
+from bayescal.statistics import stream
 
 MODEL = ("geometry", "compliance")
 CHOSEN, RANDOM = "chosen", "random"

@@ -15,17 +15,16 @@ from pathlib import Path
 import numpy as np
 
 from analysis.planning.sampled import Cell, Table
+from bayescal.arm.shapes import HalfSpace
 from bayescal.dataset import Dataset, Noise, Target, Tool
 from bayescal.dataset.read import no_rows
 from bayescal.errors import BayescalError
 from bayescal.planning import order as orders
 from bayescal.planning.candidates import candidates
-from bayescal.planning.place import scene
 from bayescal.planning.pool import Setup
 from bayescal.planning.setup import continued
 from bayescal.planning.transit import Transits
 from bayescal.probing.clearance import Clearance
-from bayescal.probing.shapes import HalfSpace
 from bayescal.robots import load_robot
 
 ROBOTS = (
@@ -81,7 +80,7 @@ def cell_of(setup: Setup, tool: int, label: str) -> Cell:
     robot = setup.dataset.robot
     rows = np.stack([robot.alpha, robot.a, robot.d, robot.offset], axis=1)
     table = Table(rows, robot.convention, robot.link_from_reading, robot.base, robot.flange)
-    around = scene(setup)
+    around = setup.scene
     check = Clearance.of(robot, setup.dataset.tools[tool], around.solids)
     capsules = [(c.frame, c.a, c.b, c.radius, c.probe) for c in check.capsules]
     solids = []
@@ -120,7 +119,7 @@ def checked(seed: int) -> dict[str, float]:
 def against(pool, rows, ways) -> dict[str, float]:
     """The motions to rows of a pool: how many, the nearest, and the largest overstatement of a clearance."""
     setup, m = pool.setup, pool.session.measurements
-    around = scene(setup)
+    around = setup.scene
     names = [t.name for t in pool.session.targets]
     label, cells = "", {}
     known = [n.partition("@")[2] for n in (names[t] for t in m.target[rows])]

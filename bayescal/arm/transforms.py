@@ -114,6 +114,15 @@ def rigid_alignment(to: np.ndarray, of: np.ndarray, weight: np.ndarray | None = 
     return rigid(turn, a - turn @ b)
 
 
+def cone(axis: np.ndarray, half_angle: float, rng: np.random.Generator) -> np.ndarray:
+    """Unit vectors (M, 3), uniform in the cone of `half_angle` (rad) about each of axis (M, 3)."""
+    count = len(axis)
+    cosine = rng.uniform(np.cos(half_angle), 1.0, count)
+    across = cross(axis, rng.normal(size=(count, 3)))
+    across /= np.linalg.norm(across, axis=1)[:, None]
+    return cosine[:, None] * axis + np.sqrt(1 - cosine**2)[:, None] * across
+
+
 def compiled(**options: Any) -> Callable[[Callable[..., Any]], Any]:
     """A decorator like `numba.njit`, which keeps the compiled code only where that is possible."""
 

@@ -1,14 +1,13 @@
-"""Tests of the model: residuals of a fit, its validation measurements, and its rejected measurements.
+"""Tests of the model by residuals, validation and rejected measurements, and conformance to a tolerance.
 
 Each test compares a figure with its posterior prediction from noise, parameters and certificates, including
 their correlations. The tests share a probability of a false alarm (Bonferroni), so that a correct model
 fails any of them with a probability of at most `LEVEL`.
 
-Conformance of a distance error to a tolerance: probability, and the decision rule of ISO 14253-1.
-
-In this rule the uncertainty counts against the party that proves: with a measured error e, its expanded
-uncertainty U = k u and a tolerance X, conformance is proven if abs(e) + U <= X, nonconformance if
-abs(e) - U > X; in between there is no decision. The edition of 2017 requires by default a probability of
+Conformance of a distance error is decided by the rule of ISO 14253-1. In this rule the uncertainty counts
+against the party that proves: with a measured error e, its expanded uncertainty U = k u and a tolerance X,
+conformance is proven if abs(e) + U <= X, nonconformance if abs(e) - U > X; in between there is no decision.
+The edition of 2017 requires by default a probability of
 conformance of 95 %, which a guard band of 1.65 u gives where X is large beside u (one-sided; JCGM 106:2012,
 8.3). U with a coverage of 95.45 %, the guard band of the editions before and of calibration certificates, is
 the stricter of the two (97.7 % one-sided), and is what this program uses.
@@ -36,7 +35,7 @@ from bayescal.estimate import Estimate
 from bayescal.estimate.bounds import not_physical
 from bayescal.estimate.unexplained import Unexplained
 from bayescal.predict.forecast import Forecast
-from bayescal.predict.validation import DistanceCheck, PlaneCheck, PointCheck, TurnCheck, Validation
+from bayescal.predict.validation import DistanceCheck, RowCheck, Validation
 from bayescal.statistics import chi2_isf, chi2_sf, poisson_sf, rms
 
 LEVEL = 0.01
@@ -243,7 +242,7 @@ def _sets(checked: Validation, rejected: float | None) -> Iterator[tuple[str, np
 
     `rejected` is the share of outliers among the fitted measurements; None: no row is an outlier.
     """
-    kinds: dict[str, tuple[PlaneCheck | PointCheck | TurnCheck, ...]] = {
+    kinds: dict[str, tuple[RowCheck, ...]] = {
         "contacts": checked.planes, "points": checked.points, "orientations": checked.turns
     }  # fmt: skip
     for test, parts in kinds.items():
@@ -322,21 +321,17 @@ def conformance(
     distances = tuple(_decided(d, tolerance, budgets[d.between]) for d in checked.distances)
     failed = [d for d in distances if d.decision == FAIL]
     undecided = [d for d in distances if d.decision == OPEN]
-    if failed:
-        decision, why = FAIL, f"{len(failed)} of {len(distances)} certified distances: error - U > tolerance"
-    elif not tests.explains:
-        decision, why = OPEN, "the model does not explain the machine"
-    elif not tests.validated:
-        decision, why = OPEN, "no validation measurements verify the prediction"
-    elif not tests.determined:
-        decision, why = OPEN, "the prediction rests on priors, not on measurements"
-    elif undecided:
-        decision = OPEN
-        why = f"{len(undecided)} of {len(distances)} certified distances: error within U of the tolerance"
-    elif space.expanded > tolerance:
-        decision, why = OPEN, "U of a distance in the probed volume is larger than the tolerance"
-    else:
-        decision, why = PASS, "error + U <= tolerance, for every distance"
+    of, wide = f"of {len(distances)} certified distances", space.expanded > tolerance
+    cases = (
+        (failed, FAIL, f"{len(failed)} {of}: error - U > tolerance"),
+        (not tests.explains, OPEN, "the model does not explain the machine"),
+        (not tests.validated, OPEN, "no validation measurements verify the prediction"),
+        (not tests.determined, OPEN, "the prediction rests on priors, not on measurements"),
+        (undecided, OPEN, f"{len(undecided)} {of}: error within U of the tolerance"),
+        (wide, OPEN, "U of a distance in the probed volume is larger than the tolerance"),
+        (True, PASS, "error + U <= tolerance, for every distance"),
+    )
+    decision, why = next((decision, why) for applies, decision, why in cases if applies)
     return Tolerance(tolerance, decision, why, space.within(tolerance), space.expanded, space.k, distances)
 
 

@@ -18,14 +18,7 @@ from math import inf
 import numpy as np
 
 from bayescal.assess.inputs import GROUPS, PRIOR, PROBING, Basis, Input
-from bayescal.assess.measurand import (
-    Measurand,
-    certified_distances,
-    distance,
-    distances,
-    readings,
-    volume,
-)
+from bayescal.assess.measurand import Measurand, certified_distances, distance, distances, readings, volume
 from bayescal.model import ARM
 from bayescal.predict.forecast import CENTRES, READINGS, DistanceErrors, Forecast
 from bayescal.statistics import f_isf, f_sf

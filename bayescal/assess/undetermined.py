@@ -76,10 +76,7 @@ def _tool(session: Conditions) -> str:
 
 
 CHANGES: dict[str, tuple[Callable[[Conditions], str], Callable[[Conditions], str]]] = {
-    "poses": (
-        _poses,
-        lambda s: f"measure in poses over most of the range of {_still(s) or 'every joint'}",
-    ),
+    "poses": (_poses, lambda s: f"measure in poses over most of the range of {_still(s) or 'every joint'}"),
     "directions": (_look, lambda s: "probe planes in three directions, or spheres"),
     "length": (
         lambda s: "certified lengths are too uncertain" if s.model.knows_length else "no length is certified",
@@ -89,10 +86,7 @@ CHANGES: dict[str, tuple[Callable[[Conditions], str], Callable[[Conditions], str
         lambda s: "gravity torques vary too little",
         lambda s: f"measure also with {PAYLOAD:g} kg more payload",
     ),
-    "tool": (
-        _tool,
-        lambda s: "measure also with a second tool, its point 100 mm away",
-    ),
+    "tool": (_tool, lambda s: "measure also with a second tool, its point 100 mm away"),
 }
 """What a session may lack, the least costly first: the reason, and what to measure."""
 OTHERWISE = {

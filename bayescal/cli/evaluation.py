@@ -96,8 +96,9 @@ def fit(
         if samples:
             remove(checkpoint_of(folder), CHECKPOINT)
     show(result.report(verbose), folder, written)
-    if not result.data.draws.converged:
-        what = f"the sampler did not converge: {result.data.draws.complaint}"
+    draws = None if result.data is None else result.data.draws
+    if draws is not None and not draws.converged:
+        what = f"the sampler did not converge: {draws.complaint}"
         raise BayescalError(what, "--samples", "see fit.json")
 
 

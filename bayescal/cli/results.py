@@ -101,10 +101,10 @@ def export(
     force: Annotated[bool, typer.Option("--force", help="Export in spite of reasons against it.")] = False,
 ) -> None:
     """Export the arm of a run folder of fit or gap, and state what the file cannot hold."""
+    from bayescal.public.arms import ExportResult
+    from bayescal.public.arms import export as work
     from bayescal.public.budgets import CertificateResult
     from bayescal.public.budgets import certificate as certify
-    from bayescal.public.exports import ExportResult
-    from bayescal.public.exports import export as work
     from bayescal.public.results import console
 
     result: CertificateResult | ExportResult
@@ -141,7 +141,7 @@ def verify(
     ] = None,
 ) -> None:
     """Load an exported arm in its simulator: against the fitted arm, and against the measurements."""
-    from bayescal.public.compensating import verify as verified
+    from bayescal.public.arms import verify as verified
     from bayescal.storage.folders import claimed
 
     folder = out or Path("runs") / f"{file.stem}-verify"
@@ -206,8 +206,8 @@ def compensate(
     ] = False,
 ) -> None:
     """Correct targets or a robot program for all fitted effects of an arm."""
-    from bayescal.public.compensating import check_out
-    from bayescal.public.compensating import compensate as run_
+    from bayescal.public.arms import check_out
+    from bayescal.public.arms import compensate as run_
 
     check_out(out, targets)
     result = run_(

@@ -145,9 +145,8 @@ def import_(
         name=name,
         validate=validate,
         decimal=decimal,
-        allow_xacro=allow_xacro,
     )
-    draft = convert(request)
+    draft = convert(request.expanded() if allow_xacro else request)
     write(draft, out, force)
     rows = len(draft.line)
     typer.echo(f"{rows} rows of {draft.dataset.robot.name} from {draft.log}")

@@ -18,7 +18,7 @@ from bayescal.dataset.table import RPY, XYZ, Table, joint_columns, read_table
 from bayescal.dataset.target_kinds import KINDS
 from bayescal.dataset.types import ROLES, Certificate, Dataset, Measurements, Noise, Target, Tool
 from bayescal.errors import BayescalError, listed
-from bayescal.robots import load_robot
+from bayescal.robots import Loaded, is_xacro, load_robot
 from bayescal.storage.files import SMALLEST, Document, check_schema, read_document, si, unknown
 from bayescal.storage.reading import check_inside
 
@@ -181,7 +181,7 @@ MARKED = ("tools", "noise", "targets", "certificates")
 """Keys below which values that are not filled in may be assumed; the writer marks them again."""
 
 
-def read_dataset(folder: Path | str, judge: bool = True, allow_xacro: bool = False) -> Dataset:
+def read_dataset(folder: Path | str, judge: bool = True, robot: Loaded | None = None) -> Dataset:
     """Read and check a dataset folder.
 
     Parameters
@@ -190,8 +190,8 @@ def read_dataset(folder: Path | str, judge: bool = True, allow_xacro: bool = Fal
         Holds ``dataset.yaml``, ``measurements.csv`` and, unless it is a built-in one, the robot.
     judge : bool
         Whether what keeps the contract but cannot have been measured is refused.
-    allow_xacro : bool
-        Whether a robot in a xacro file, which is a program, may be executed; refused otherwise.
+    robot : Loaded, optional
+        In place of the one that dataset.yaml names, as of `expanded_robot`.
 
     Returns
     -------
@@ -203,7 +203,7 @@ def read_dataset(folder: Path | str, judge: bool = True, allow_xacro: bool = Fal
     BayescalError
         With file, line and remedy, of the first thing that breaks the contract or cannot be.
     """
-    dataset, table, document = read_parts(folder, allow_xacro)
+    dataset, table, document = read_parts(folder, robot)
     if judge:
         consistency.check_sign(dataset, document)
         plausibility.check(dataset, table, document)
@@ -211,7 +211,7 @@ def read_dataset(folder: Path | str, judge: bool = True, allow_xacro: bool = Fal
     return dataset
 
 
-def read_parts(folder: Path | str, allow_xacro: bool = False) -> tuple[Dataset, Table, Document]:
+def read_parts(folder: Path | str, robot: Loaded | None = None) -> tuple[Dataset, Table, Document]:
     """Read a dataset folder without judging it: the dataset, its table, and dataset.yaml.
 
     Raises
@@ -228,7 +228,7 @@ def read_parts(folder: Path | str, allow_xacro: bool = False) -> tuple[Dataset, 
         if inside:
             what = f"no {SETTINGS} in it"
             raise BayescalError(what, str(folder), f"datasets in this folder: {listed(inside)}")
-    bare, document, contents = read_settings(folder / SETTINGS, allow_xacro)
+    bare, document, contents = read_settings(folder / SETTINGS, robot)
     n = bare.robot.n
     check_inside(folder / TABLE, folder, "the table")
     table = read_table(folder / TABLE, n)
@@ -242,11 +242,11 @@ def read_parts(folder: Path | str, allow_xacro: bool = False) -> tuple[Dataset, 
 
 
 def read_settings(
-    path: Path, allow_xacro: bool = False, assume: bool = False
+    path: Path, robot: Loaded | None = None, assume: bool = False
 ) -> tuple[Dataset, Document, tuple[bytes, ...]]:
     """Read a dataset.yaml, its robot and artefact: a `Dataset` of no rows, the document, the files' contents.
 
-    Its `sha256` is that of all files. `allow_xacro` as of `read_dataset`. `assume`: values that are marked
+    Its `sha256` is that of all files. `robot` as of `read_dataset`. `assume`: values that are marked
     as not filled in are taken as assumed, and named in `unfilled`; they are refused otherwise.
     """
     check_inside(path, path.parent, "the file")
@@ -254,11 +254,11 @@ def read_settings(
     check_schema(document, SCHEMA)
     file = document.parse(file_model(), MARKED if assume else ())
     try:
-        robot, robot_content = load_robot(file.robot, path.parent, allow_xacro, inside=True)
+        arm, robot_content = robot or load_robot(file.robot, path.parent, inside=True)
     except BayescalError as error:
         raise BayescalError(error.what, error.where or document.where(("robot",)), error.remedy) from None
     gravity = session.gravity_of(document, file)
-    tools, noise = session.tools_of(file), session.noise_of(file)
+    tools, noise = session.tools_of(file), Noise(**session.fields_of(file.noise))
     targets = session.targets_of(document, file)
     certificates = session.certificates_of(document, file, targets)
     derived: tuple[Certificate, ...] = ()
@@ -269,7 +269,7 @@ def read_settings(
     dataset = Dataset(
         name=file.name,
         folder=path.parent,
-        robot=robot,
+        robot=arm,
         robot_reference=file.robot,
         readings=file.readings,
         gravity=gravity,
@@ -277,10 +277,10 @@ def read_settings(
         noise=noise,
         targets=targets,
         certificates=(*certificates, *derived),
-        measurements=no_rows(robot.n),
+        measurements=no_rows(arm.n),
         temperature_of=file.temperature_of,
         torques=file.torques,
-        plan=session.plan_of(document, file, targets, robot.n),
+        plan=session.plan_of(document, file, targets, arm.n),
         record=session.record_of(file),
         solids=solids_of(document, file.solids, path.parent, [t.name for t in targets]),
         source=file.source,
@@ -288,6 +288,21 @@ def read_settings(
         sha256=_digest(document.content, *contents),
     )
     return dataset, document, contents
+
+
+def expanded_robot(path: Path) -> Loaded | None:
+    """The robot of a dataset.yaml, or of its folder, that names a xacro file; None of another.
+
+    The file, which is a program, is executed: only where the user allowed it.
+    """
+    path = path / SETTINGS if path.is_dir() else path
+    try:
+        reference = read_document(path).data.get("robot")
+    except BayescalError:
+        return None  # the reader says what is wrong
+    if not isinstance(reference, str) or not is_xacro(reference):
+        return None
+    return load_robot(reference, path.parent, allow_xacro=True, inside=True)
 
 
 def no_rows(n: int) -> Measurements:

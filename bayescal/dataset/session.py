@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from bayescal.dataset import contacts
 from bayescal.dataset.target_kinds import KINDS
-from bayescal.dataset.types import Box, Certificate, Noise, Patch, PlanSettings, Record, Target, Tool
+from bayescal.dataset.types import Box, Certificate, Patch, PlanSettings, Record, Target, Tool
 from bayescal.errors import BayescalError
-from bayescal.storage.files import Document, si, stem_of, unknown
+from bayescal.storage.files import Document, Keys, si, stem_of, unknown
 
 if TYPE_CHECKING:
     from bayescal.dataset import schema
@@ -24,43 +24,32 @@ NAMES = {
 }
 """Of each kind of certificate: the key that names its targets."""
 
-FIELDS = {
-    "distance_mm": "distance",
-    "u_distance_mm": "u_distance",
-    "u_diameter_mm": "u_distance",
-    "u_angle_rad": "u_angle",
-    "u_form_mm": "u_form",
-}
-"""Field of `Certificate` that a key of an entry fills."""
+FIELDS = {"u_diameter_mm": "u_distance", "u_rad": "u_angle"}
+"""Keys that fill a field of another name than their own without its unit."""
 
 STRONGEST_GRAVITY = 20.0  # m/s2: more was written in other units
 
 
+def field_of(key: str) -> str:
+    """The field of a type of `dataset.types` that a key of dataset.yaml fills."""
+    return FIELDS.get(key) or stem_of(key)[0]
+
+
+def in_si(key: str, value: Any) -> Any:
+    """A value of a key in SI: a number, an array of a list; None of none."""
+    if value is None:
+        return None
+    return value * si(key) if isinstance(value, float) else np.array(value) * si(key)
+
+
+def fields_of(entry: Keys) -> dict[str, Any]:
+    """Values of an entry in SI, by the fields that they fill."""
+    return {field_of(key): in_si(key, value) for key, value in entry}
+
+
 def tools_of(file: schema.DatasetFile) -> tuple[Tool, ...]:
     """The tools, in the file's order."""
-    return tuple(
-        Tool(
-            name=name,
-            centre=np.array(tool.centre_mm) * 1e-3,
-            ball_radius=_scaled(tool.ball_radius_mm, 1e-3),
-            mass=tool.mass_kg,
-            centre_of_mass=(
-                None if tool.centre_of_mass_mm is None else np.array(tool.centre_of_mass_mm) * 1e-3
-            ),
-            u=_scaled(tool.u_mm, 1e-3),
-            u_angle=tool.u_rad,
-            rpy=None if tool.rpy_deg is None else np.array(tool.rpy_deg) * si("rpy_deg"),
-        )
-        for name, tool in file.tools.items()
-    )
-
-
-def noise_of(file: schema.DatasetFile) -> Noise:
-    """The stated noise."""
-    noise = file.noise
-    contact, point = _scaled(noise.contact_mm, 1e-3), _scaled(noise.point_mm, 1e-3)
-    orientation = _scaled(noise.orientation_deg, si("orientation_deg"))
-    return Noise(contact, point, noise.joint_deg * si("joint_deg"), orientation)
+    return tuple(Tool(name, **fields_of(tool)) for name, tool in file.tools.items())
 
 
 def targets_of(document: Document, file: schema.DatasetFile) -> tuple[Target, ...]:
@@ -77,7 +66,7 @@ def targets_of(document: Document, file: schema.DatasetFile) -> tuple[Target, ..
                 value = _direction(document, ("targets", name), key, np.array(value))
             scaled = np.array(value, float) * si(key)
             values[stem_of(key)[0]] = scaled if scaled.ndim else float(scaled)
-        targets.append(Target(name, entry.kind, values, _scaled(entry.u_mm, 1e-3), entry.u_rad))
+        targets.append(Target(name, entry.kind, values, in_si("u_mm", entry.u_mm), entry.u_rad))
     return tuple(targets)
 
 
@@ -107,7 +96,7 @@ def certificates_of(
             other = document.where(("certificates", first)).rpartition(":")[2]
             what = f"a second `{entry.kind}` certificate of {', '.join(names)}"
             raise BayescalError(what, where, f"the first is in line {other}; keep one")
-        stated = {FIELDS[k]: getattr(entry, k) * si(k) for k in type(entry).model_fields if k in FIELDS}
+        stated = {field_of(k): in_si(k, value) for k, value in entry if stem_of(k)[1]}
         if len(names) == 2:
             contacts.check(entry.kind, stated.get("distance"), [by_name[n] for n in names], where)
         certificates.append(Certificate(entry.kind, names, **stated))
@@ -138,7 +127,7 @@ def plan_of(
             _, remedy = unknown("target", name, by_name)
             raise BayescalError(f"a region of `{name}`, which is no target", document.where(path), remedy)
         along = None if entry.along is None else _direction(document, path, "along", np.array(entry.along))
-        regions[name] = Patch(np.array(entry.centre_mm) * 1e-3, np.array(entry.size_mm) * 1e-3, along)
+        regions[name] = Patch(**fields_of(entry) | {"along": along})
         if reason := contacts.reason_against(by_name[name], regions[name]):
             raise BayescalError(f"the region of `{name}` {reason[0]}", document.where(path), reason[1])
     if any(len(pose) != n for pose in stated.poses_deg):
@@ -147,17 +136,14 @@ def plan_of(
     if len(stated.poses_deg) == 1:
         where = document.where(("plan", "poses_deg"))
         raise BayescalError("a single pose has no distance", where, "give two poses or more")
-    volume, box = stated.volume_of_interest, None
-    if volume is not None:
-        box = Box(np.array(volume.centre_mm) * 1e-3, np.array(volume.size_mm) * 1e-3)
+    volume = stated.volume_of_interest
+    limits = ("table_mm", "cone_deg", "clearance_mm")
     return PlanSettings(
-        volume=box,
+        volume=None if volume is None else Box(**fields_of(volume)),
         regions=regions,
-        table=_scaled(stated.table_mm, 1e-3),
         payloads=stated.payload_kg,
-        cone=_scaled(stated.cone_deg, si("cone_deg")),
-        clearance=_scaled(stated.clearance_mm, 1e-3),
         poses=tuple(tuple(x * si("poses_deg") for x in pose) for pose in stated.poses_deg),
+        **{field_of(key): in_si(key, getattr(stated, key)) for key in limits},
     )
 
 
@@ -180,7 +166,3 @@ def _direction(document: Document, path: tuple[str, ...], key: str, vector: np.n
     unit = ", ".join(f"{c:.6g}" for c in vector / length) if length else "x, y, z"
     name, where = path[-1], document.where((*path, key))
     raise BayescalError(f"the {key} of `{name}` has length {length:.4g}, not 1", where, f"write [{unit}]")
-
-
-def _scaled(value: float | None, factor: float) -> float | None:
-    return None if value is None else value * factor

@@ -17,16 +17,8 @@ from bayescal.storage.reading import decoded
 
 XYZ = ("x_mm", "y_mm", "z_mm")
 RPY = ("rx_deg", "ry_deg", "rz_deg")
-PLAIN = (
-    *("id", "role", "target", "tool", *XYZ, *RPY),
-    "length_mm",
-    "u_mm",
-    "stop",
-    "time_s",
-    "temperature_c",
-    "payload_kg",
-    "repeat",
-)
+SINGLES = ("length_mm", "u_mm", "stop", "time_s", "temperature_c", "payload_kg", "repeat")
+PLAIN = ("id", "role", "target", "tool", *XYZ, *RPY, *SINGLES)
 CLEARANCE = "clearance_mm"
 """Column of a plan that a session does not have."""
 JOINT = ("deg", "degps", "command_deg", "nm")

@@ -1,7 +1,7 @@
 """Kinds of target, each declared once: keys of dataset.yaml, measurement kind, what rows must have.
 
-The schema, the checks of a dataset, the writer, the scene and the model read `KINDS` alone. A further kind
-is a file in `factors/` and an entry here.
+The schema, the checks of a dataset, the writer, the scene, the model and the planner read `KINDS` alone. A
+further kind is a file in `factors/` and an entry here.
 """
 
 from __future__ import annotations
@@ -13,6 +13,22 @@ from typing import Any
 import numpy as np
 
 from bayescal.arm.transforms import rigid, rpy_matrix
+from bayescal.dataset.regions import (
+    Probing,
+    about_pivot,
+    cap,
+    face,
+    in_seat,
+    on_face,
+    on_side,
+    on_sphere,
+    pin,
+    post,
+    side,
+    sphere,
+    vector,
+    wall,
+)
 from bayescal.dataset.types import Dataset, Target
 from bayescal.storage.files import Number, Positive, Vector
 from factors.cylinder import Cylinder
@@ -104,6 +120,8 @@ class TargetKind:
         distances between such targets are validated.
     found : bool
         Its validation measurements locate it; its distances and its diameter are validated, not these rows.
+    planned : Probing, optional
+        Where contacts on it may be, for a plan; without it the kind cannot be planned.
     """
 
     name: str
@@ -123,6 +141,7 @@ class TargetKind:
     placed: bool = True
     centred: bool = False
     found: bool = False
+    planned: Probing | None = None
 
     @property
     def of_instrument(self) -> bool:
@@ -154,48 +173,44 @@ def angle_sd(t: Target) -> float:
     return LOOSE_ANGLE if t.u_angle is None else t.u_angle
 
 
-def _vector(t: Target, key: str) -> np.ndarray:
-    return np.asarray(t.values[key], float)
-
-
 def _plane(t: Target, seen: Seen) -> Plane:
-    normal = _vector(t, "normal")
+    normal = vector(t, "normal")
     pivot = seen.middle - (normal @ seen.middle - t.values["offset"]) * normal
     return Plane(normal, pivot, seen.radius, np.array([angle_sd(t), angle_sd(t), place_sd(t)]))
 
 
 def _sphere(t: Target, seen: Seen) -> Sphere:
     sd = np.array([place_sd(t)] * 3 + [DIAMETER_SD])
-    return Sphere(_vector(t, "centre"), float(t.values["diameter"]), seen.radius, sd)
+    return Sphere(vector(t, "centre"), float(t.values["diameter"]), seen.radius, sd)
 
 
 def _cylinder(t: Target, seen: Seen) -> Cylinder:
-    axis, point = _vector(t, "axis"), _vector(t, "point")
+    axis, point = vector(t, "axis"), vector(t, "point")
     point = point + axis * (axis @ (seen.middle - point))
     sd = np.array([angle_sd(t)] * 2 + [place_sd(t)] * 2 + [DIAMETER_SD])
     return Cylinder(point, axis, float(t.values["diameter"]), seen.radius, sd)
 
 
 def _fixed_point(t: Target, seen: Seen) -> FixedPoint:
-    return FixedPoint(_vector(t, "centre"), np.full(3, place_sd(t)))
+    return FixedPoint(vector(t, "centre"), np.full(3, place_sd(t)))
 
 
 def _distance(t: Target, seen: Seen) -> Distance:
     length = np.full(len(seen.radius), t.values.get("length", np.nan), float)
     if seen.read is not None:
         length = np.where(np.isnan(seen.read), length, seen.read)
-    return Distance(_vector(t, "centre"), length, np.full(3, place_sd(t)))
+    return Distance(vector(t, "centre"), length, np.full(3, place_sd(t)))
 
 
 def _instrument(t: Target, seen: Seen) -> Instrument:
     assert seen.read is not None
-    frame = rigid(rpy_matrix(_vector(t, "rpy")), _vector(t, "xyz"))
+    frame = rigid(rpy_matrix(vector(t, "rpy")), vector(t, "xyz"))
     sd = np.array([angle_sd(t)] * 3 + [place_sd(t)] * 3)
     return Instrument(frame, seen.middle, seen.read, sd)
 
 
 def _centre(t: Target) -> np.ndarray:
-    return _vector(t, "centre")
+    return vector(t, "centre")
 
 
 KINDS: dict[str, TargetKind] = {
@@ -207,11 +222,12 @@ KINDS: dict[str, TargetKind] = {
             {"normal": Vector, "offset_mm": Number},
             _plane,
             form="plane",
-            place=lambda t: t.values["offset"] * _vector(t, "normal"),
+            place=lambda t: t.values["offset"] * vector(t, "normal"),
             direction="normal",
             certificates=("flat",),
             touched=True,
             flat=True,
+            planned=Probing(face, on_face, wall, ("width", "height")),
         ),
         TargetKind(
             "sphere",
@@ -224,6 +240,7 @@ KINDS: dict[str, TargetKind] = {
             touched=True,
             centred=True,
             found=True,
+            planned=Probing(cap, on_sphere, sphere),
         ),
         TargetKind(
             "cylinder",
@@ -231,10 +248,11 @@ KINDS: dict[str, TargetKind] = {
             {"point_mm": Vector, "axis": Vector, "diameter_mm": Positive},
             _cylinder,
             form="axis",
-            place=lambda t: _vector(t, "point"),
+            place=lambda t: vector(t, "point"),
             direction="axis",
             certificates=("diameter",),
             touched=True,
+            planned=Probing(side, on_side, pin, ("length",)),
         ),
         TargetKind(
             "fixed-point",
@@ -244,6 +262,7 @@ KINDS: dict[str, TargetKind] = {
             form="point",
             place=_centre,
             centred=True,
+            planned=Probing(cap, in_seat, post),
         ),
         TargetKind(
             "distance",
@@ -255,6 +274,7 @@ KINDS: dict[str, TargetKind] = {
             optional=("length_mm",),
             reads="length",
             metric=True,
+            planned=Probing(cap, about_pivot, post),
         ),
         TargetKind(
             "instrument",
@@ -262,11 +282,12 @@ KINDS: dict[str, TargetKind] = {
             {"xyz_mm": Vector, "rpy_deg": Vector},
             _instrument,
             form="point",
-            place=lambda t: _vector(t, "xyz"),
+            place=lambda t: vector(t, "xyz"),
             reads="xyz",
             noise="point",
             metric=True,
             placed=False,
+            planned=Probing(),
         ),
     )
 }

@@ -12,16 +12,25 @@ import numpy as np
 
 from bayescal.dataset.artefact import artefact_text
 from bayescal.dataset.read import SETTINGS, TABLE
-from bayescal.dataset.schema import CERTIFICATES, SCHEMA, RecordEntry, ToolEntry
-from bayescal.dataset.session import FIELDS, NAMES
+from bayescal.dataset.schema import (
+    CERTIFICATES,
+    SCHEMA,
+    NoiseEntry,
+    RecordEntry,
+    RegionEntry,
+    ToolEntry,
+    VolumeEntry,
+)
+from bayescal.dataset.session import NAMES, field_of
 from bayescal.dataset.solids import OwnSolid, hull_stl, solid_keys
-from bayescal.dataset.table import JOINT, RPY, XYZ, joint_columns
+from bayescal.dataset.table import JOINT, RPY, SINGLES, XYZ, joint_columns
 from bayescal.dataset.target_kinds import KINDS
 from bayescal.dataset.types import Certificate, Dataset, PlanSettings, Record, Target, Tool
 from bayescal.errors import BayescalError
 from bayescal.robots import builtin_robots, load_robot, robot_to_yaml
 from bayescal.robots.schema import number, scalar
 from bayescal.storage.files import FILL_IN, si, stem_of
+from bayescal.storage.files import Keys as Model
 from bayescal.storage.folders import whole
 
 ROBOT, ARTEFACT = "robot.yaml", "artefact.yaml"
@@ -115,19 +124,17 @@ def flow(items: Keys) -> str:
     return "{" + ", ".join(f"{key}: {text}" for key, text in items) + "}"
 
 
+def _keys(model: type[Model], of: object) -> Keys:
+    """The keys of an entry whose fields have a value."""
+    for key in model.model_fields:
+        value = getattr(of, field_of(key))
+        if value is not None:
+            yield key, _text(key, value)
+
+
 def tool_keys(tool: Tool) -> Keys:
     """The entry of a tool."""
-    values = {
-        "centre_mm": tool.centre,
-        "ball_radius_mm": tool.ball_radius,
-        "mass_kg": tool.mass or None,
-        "centre_of_mass_mm": tool.centre_of_mass,
-        "rpy_deg": tool.rpy,
-        "u_mm": tool.u,
-        "u_rad": tool.u_angle,
-    }
-    assert values.keys() == ToolEntry.model_fields.keys()
-    return ((key, _text(key, value)) for key, value in values.items() if value is not None)
+    return ((key, text) for key, text in _keys(ToolEntry, tool) if tool.mass or key != "mass_kg")
 
 
 def target_keys(target: Target) -> Keys:
@@ -147,32 +154,28 @@ def certificate_keys(certificate: Certificate) -> Keys:
     names = ", ".join(map(scalar, certificate.targets))
     yield key, names if key == "target" else f"[{names}]"
     for key in CERTIFICATES[certificate.kind].model_fields:
-        if key in FIELDS:
-            yield key, _text(key, getattr(certificate, FIELDS[key]))
+        if stem_of(key)[1]:
+            yield key, _text(key, getattr(certificate, field_of(key)))
 
 
 def plan_lines(plan: PlanSettings) -> Iterator[str]:
     """The lines of `plan`, in the order of its model."""
     yield "plan:" if plan != PlanSettings() else "plan: {}"
     if plan.volume is not None:
-        keys = {"centre_mm": plan.volume.centre, "size_mm": plan.volume.size}
-        yield f"  volume_of_interest: {flow((k, _text(k, v)) for k, v in keys.items())}"
+        yield f"  volume_of_interest: {flow(_keys(VolumeEntry, plan.volume))}"
     if plan.regions:
         yield "  regions:"
     for name, patch in plan.regions.items():
-        keys = {"centre_mm": patch.centre, "size_mm": patch.size}
-        items = [(key, _text(key, value)) for key, value in keys.items()]
-        if patch.along is not None:
-            items.append(("along", _text("along", patch.along)))
-        yield f"    {scalar(name)}: {flow(items)}"
-    if plan.table is not None:
-        yield f"  table_mm: {_text('table_mm', plan.table)}"
-    if plan.payloads:
-        yield f"  payload_kg: {_text('payload_kg', np.array(plan.payloads))}"
-    if plan.cone is not None:
-        yield f"  cone_deg: {_text('cone_deg', plan.cone)}"
-    if plan.clearance is not None:
-        yield f"  clearance_mm: {_text('clearance_mm', plan.clearance)}"
+        yield f"    {scalar(name)}: {flow(_keys(RegionEntry, patch))}"
+    singles = {
+        "table_mm": plan.table,
+        "payload_kg": np.array(plan.payloads) if plan.payloads else None,
+        "cone_deg": plan.cone,
+        "clearance_mm": plan.clearance,
+    }
+    for key, value in singles.items():
+        if value is not None:
+            yield f"  {key}: {_text(key, value)}"
     if plan.poses:
         poses = (_text("poses_deg", np.array(pose)) for pose in plan.poses)
         yield f"  poses_deg: [{', '.join(poses)}]"
@@ -201,12 +204,6 @@ def _solid_keys(solid: OwnSolid) -> Keys:
 
 def _settings(dataset: Dataset, robot: str) -> str:
     """dataset.yaml, in the contract's order; values that are only assumed are marked again."""
-    noise = {
-        "contact_mm": dataset.noise.contact,
-        "point_mm": dataset.noise.point,
-        "joint_deg": dataset.noise.joint,
-        "orientation_deg": dataset.noise.orientation,
-    }
 
     def marked(items: Keys, *path: str | int) -> Keys:
         for key, text in items:
@@ -216,7 +213,8 @@ def _settings(dataset: Dataset, robot: str) -> str:
             )
             yield key, f"{FILL_IN} {text}" if assumed else text
 
-    stated = ((k, number(v / si(k), UNCERTAINTY)) for k, v in noise.items() if v is not None)
+    noise = {key: getattr(dataset.noise, field_of(key)) for key in NoiseEntry.model_fields}
+    stated = ((key, number(v / si(key), UNCERTAINTY)) for key, v in noise.items() if v is not None)
     lines = [
         f"schema: {SCHEMA}",
         f"name: {scalar(dataset.name)}",
@@ -273,16 +271,8 @@ def table_text(dataset: Dataset, name_tool: bool = False) -> str:
     for names, block in (blocks | {XYZ: rows.xyz, RPY: rows.rpy}).items():
         if block is not None:
             columns |= {name: _cells(name, values) for name, values in zip(names, block.T, strict=True)}
-    singles = {
-        "length_mm": rows.length,
-        "u_mm": rows.u,
-        "stop": rows.stop,
-        "time_s": rows.time,
-        "temperature_c": rows.temperature,
-        "payload_kg": rows.payload,
-        "repeat": rows.repeat,
-    }
-    for name, cells in singles.items():
+    for name in SINGLES:
+        cells = getattr(rows, field_of(name))
         if cells is not None:
             columns[name] = map(str, cells) if name in ("stop", "repeat") else _cells(name, cells)
     out = io.StringIO()

@@ -63,10 +63,7 @@ def _parameters(c: Circumstances) -> list[Parameter]:
 
 def _elsewhere(c: Circumstances) -> list[Parameter]:
     of_mass, *of_shifts = _loads(c, np.ones(len(c.q)))
-    return [
-        *_parameter(c, "mass", "kg", SD, of_mass),
-        *_shifted(c, "moment", "kg m", MOMENT_SD, of_shifts),
-    ]
+    return [*_parameter(c, "mass", "kg", SD, of_mass), *_shifted(c, "moment", "kg m", MOMENT_SD, of_shifts)]
 
 
 def _added(c: Circumstances) -> list[Parameter]:

@@ -37,9 +37,10 @@ from bayescal.arm.motion import Motion, Term
 from bayescal.effects import UNITS, Parameter
 from bayescal.effects.vocabulary import micrometres
 from bayescal.errors import BayescalError
-from bayescal.estimate import add_constraints, linearise
+from bayescal.estimate import linearise
 from bayescal.estimate.discrepancy import stated
 from bayescal.estimate.estimate import Estimate, at_solution, estimate, smallest_noise
+from bayescal.estimate.solver import add_constraints
 from bayescal.model import ARM, Block, Model
 from bayescal.model.equilibrium import moved, standing_model, tool_points
 from bayescal.model.model import with_parameters

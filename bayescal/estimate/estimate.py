@@ -207,10 +207,7 @@ def settled(fitted: Estimate) -> Scene:
 
 
 def estimate(
-    model: Model,
-    robust: bool = True,
-    start: np.ndarray | None = None,
-    left_out: np.ndarray | None = None,
+    model: Model, robust: bool = True, start: np.ndarray | None = None, left_out: np.ndarray | None = None
 ) -> Estimate:
     """Fit a model to its contacts.
 

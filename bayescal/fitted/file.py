@@ -22,7 +22,8 @@ from bayescal.dataset.join import joined
 from bayescal.dataset.write import write_files
 from bayescal.effects import UNITS, Parameter, parameters_of
 from bayescal.errors import BayescalError
-from bayescal.estimate import Estimate, at_solution
+from bayescal.estimate import Estimate
+from bayescal.estimate.estimate import at_solution
 from bayescal.fitted.arm import FittedArm, Origin, refitted
 from bayescal.fitted.gate import Use
 from bayescal.fitted.unmodelled import Unmodelled

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from bayescal.dataset import Dataset, Noise, Target, Tool
-from bayescal.dataset.read import SETTINGS, no_rows, read_settings
+from bayescal.dataset.read import SETTINGS, expanded_robot, no_rows, read_settings
 from bayescal.errors import BayescalError
 from bayescal.importing.columns import DECIMALS, Columns, columns_of
 from bayescal.importing.log import Log, header_of
@@ -24,7 +24,7 @@ from bayescal.importing.orientations import Loose
 from bayescal.importing.roles import names, points
 from bayescal.importing.rotations import stated_rotation
 from bayescal.importing.units import UNITS, is_number, quantity, unit_of
-from bayescal.robots import load_robot
+from bayescal.robots import Loaded, is_xacro, load_robot
 
 
 @dataclass(frozen=True)
@@ -138,7 +138,10 @@ CHOICES = {
 
 @dataclass(frozen=True)
 class Request:
-    """The options of an import, as given by the user; `bayescal import --help` describes them."""
+    """The options of an import, as given by the user; `bayescal import --help` describes them.
+
+    `arm` and `template_arm` are the robots of `robot` and of the template, where they are xacro files.
+    """
 
     log: Path
     map: str = ""
@@ -155,7 +158,8 @@ class Request:
     name: str = ""
     validate: str = ""
     decimal: str = ""
-    allow_xacro: bool = False
+    arm: Loaded | None = None
+    template_arm: Loaded | None = None
 
     @property
     def files(self) -> tuple[tuple[Path, str], ...]:
@@ -174,6 +178,12 @@ class Request:
     def source(self) -> Path | None:
         """The dataset.yaml, or its folder, with tools and targets; None if there is none."""
         return self.template if self.plan is None else files_of(self.plan)[1]
+
+    def expanded(self) -> Request:
+        """The request with the robots that are xacro files, which are executed."""
+        arm = load_robot(self.robot, allow_xacro=True) if is_xacro(self.robot) else None
+        source = self.source
+        return replace(self, arm=arm, template_arm=None if source is None else expanded_robot(source))
 
     def check(self) -> None:
         """Refuse missing and invalid options."""
@@ -204,12 +214,12 @@ class Request:
 def base_of(request: Request) -> Dataset:
     """A session of no rows: the template's (with another robot where one is named), or a bare one."""
     if (path := request.source) is not None:
-        base, _, _ = read_settings(path / SETTINGS if path.is_dir() else path, request.allow_xacro)
+        base, _, _ = read_settings(path / SETTINGS if path.is_dir() else path, request.template_arm)
         if request.robot:
-            robot, _ = load_robot(request.robot, allow_xacro=request.allow_xacro)
+            robot, _ = request.arm or load_robot(request.robot)
             base = replace(base, robot=robot, robot_reference=request.robot)
     else:
-        robot, _ = load_robot(request.robot, allow_xacro=request.allow_xacro)
+        robot, _ = request.arm or load_robot(request.robot)
         rows = no_rows(robot.n)
         name, reference = request.log.stem, request.robot
         base = Dataset(

@@ -6,7 +6,7 @@ the method's arm held; then validation planes, spheres and points are assessed a
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from time import perf_counter
 
@@ -27,6 +27,7 @@ from bayescal.posterior import gaussian
 from bayescal.predict import Validation, validate
 from bayescal.predict.locate import locate
 from bayescal.statistics import spawned
+from bayescal.storage.stopping import Progress, silent
 
 DRAWS = 2000
 METHODS = (NOMINAL, NORMALS, PLANES, LINEAR, INVERSE, OPEN_LOOP, OURS)
@@ -73,7 +74,7 @@ def compare(
     effects: tuple[str, ...] = BASELINE,
     seed: int = 0,
     methods: Sequence[Method] = METHODS,
-    progress: Callable[[str, float], None] = lambda stage, fraction: None,
+    progress: Progress = silent,
 ) -> Comparison:
     """Calibrate a session by every method that it allows.
 

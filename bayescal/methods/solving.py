@@ -16,7 +16,8 @@ from scipy.linalg import qr
 from scipy.optimize import least_squares
 
 from bayescal.errors import BayescalError
-from bayescal.estimate import Estimate, check_within_reach
+from bayescal.estimate import Estimate
+from bayescal.estimate.checks import check_within_reach
 from bayescal.model import ARM, Block, Model
 from bayescal.statistics import rms
 

@@ -58,10 +58,7 @@ def moved(before: np.ndarray, after: np.ndarray) -> float:
 
 
 def equilibrium(
-    scene: Scene,
-    make: Callable[[Scene], Model],
-    values: Callable[[Model], np.ndarray],
-    still: float = STILL,
+    scene: Scene, make: Callable[[Scene], Model], values: Callable[[Model], np.ndarray], still: float = STILL
 ) -> Model:
     """The model of an arm of known parameters, with gravity moments at the pose where the arm comes to rest.
 

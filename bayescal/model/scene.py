@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -33,10 +34,7 @@ STATED: dict[str, dict[Relation, tuple[tuple[str, str], ...]]] = {
         off_plane: (("distance", "m"),),
         apart: (("distance", "m"),),
     },
-    "perpendicular": {
-        square: (("square", "rad"),),
-        aligned: (("square 1", "rad"), ("square 2", "rad")),
-    },
+    "perpendicular": {square: (("square", "rad"),), aligned: (("square 1", "rad"), ("square 2", "rad"))},
     "distance": {off_plane: (("distance", "m"),), apart: (("distance", "m"),)},
 }
 """Values that a certificate of two targets states, one residual each, and their units, by relation."""
@@ -49,6 +47,17 @@ POINTS = "points"
 def u_of(entry: Certificate, stated: Sequence[tuple[str, str]]) -> np.ndarray:
     """Standard uncertainties, rad and m, of all values of a certificate."""
     return np.array([entry.u_angle if unit == "rad" else entry.u_distance for _, unit in stated], float)
+
+
+T = TypeVar("T")
+
+
+class unposed(cached_property[T]):
+    """A cached quantity that scenes of one dataset share at all poses of an arm; see `Scene.posed_at`."""
+
+    def __get__(self, scene: Any, owner: Any = None) -> T:  # type: ignore[override]
+        """The quantity of the scene from which this one was posed."""
+        return super().__get__(scene if scene is None or scene.origin is None else scene.origin, owner)
 
 
 @dataclass(frozen=True)
@@ -64,26 +73,28 @@ class Scene:
     stance: Stance | None = None
     oriented: bool = False
     compliances: Mapping[str, float] = field(default_factory=dict)
+    origin: Scene | None = field(default=None, init=False, repr=False, compare=False)
+    """The scene of which this one has another pose, if nominal angles do not depend on the pose."""
 
     def posed_at(self, stance: Stance, compliances: Mapping[str, float]) -> Scene:
         """Replace the stance and the compliances; both scenes share what is equal."""
         out = replace(self, stance=stance, compliances=compliances)
         if not self._sags:
-            out.__dict__.update((k, v) for k, v in self.__dict__.items() if k in UNPOSED)
+            object.__setattr__(out, "origin", self.origin or self)
         return out
 
-    @cached_property
+    @unposed
     def chain(self) -> Chain:
         """The nominal chain."""
         return chain_of(self.dataset.robot)
 
-    @cached_property
+    @unposed
     def tools(self) -> np.ndarray:
         """Nominal ball centre of each row in the flange frame, (N, 3), m."""
         centres = np.array([tool.centre for tool in self.dataset.tools])
         return centres[self.dataset.measurements.tool]
 
-    @cached_property
+    @unposed
     def _rigid_angles(self) -> np.ndarray:
         return link_angles(self.dataset.robot, self.dataset.measurements.readings)
 
@@ -101,7 +112,7 @@ class Scene:
         """Gravity moments (N, n + 1, 3) on frames 0 to n, N m, or None if the robot file states no masses."""
         return None if self.loads is None else self.loads.moments
 
-    @cached_property
+    @unposed
     def measured_torques(self) -> np.ndarray | None:
         """Torques (N, n), N m, on the links, if the session states that measured ones are used."""
         d = self.dataset
@@ -115,7 +126,7 @@ class Scene:
         known = self.dataset.robot.compliance
         return known is not None and bool(np.any(known))
 
-    @cached_property
+    @unposed
     def q(self) -> np.ndarray:
         """Nominal link angles (N, n), rad, with the deflection of compliances in the robot file."""
         if not self._sags:
@@ -129,27 +140,27 @@ class Scene:
             )
         return self._rigid_angles + self.dataset.robot.compliance * torques
 
-    @cached_property
+    @unposed
     def points(self) -> np.ndarray:
         """Nominal ball centres (N, 3) in F0, m."""
         return reference.points(self.chain, self.q, self.tools)
 
-    @cached_property
+    @unposed
     def flange(self) -> np.ndarray:
         """Nominal orientations of the flange in F0, (N, 3, 3)."""
         return reference.frames(self.chain, self.q)[:, -1, :3, :3].copy()  # not all frames in memory
 
-    @cached_property
+    @unposed
     def tool_frames(self) -> np.ndarray:
         """Nominal orientation of each row's tool on the flange, (N, 3, 3)."""
         return block.tool_frames(self.dataset, self.flange)[self.dataset.measurements.tool]
 
-    @cached_property
+    @unposed
     def posed(self) -> np.ndarray:
         """Which rows have an orientation of the tool that is used, (N,)."""
         return block.posed(self.dataset) & self.oriented
 
-    @cached_property
+    @unposed
     def declared(self) -> tuple[TargetKind, ...]:
         """The declared kind of every target."""
         return kinds_of(self.dataset)
@@ -208,7 +219,7 @@ class Scene:
             measured_torques=self.measured_torques,
         )
 
-    @cached_property
+    @unposed
     def _inward(self) -> np.ndarray:
         """Inward normal of the nominal surface at each contact, (N, 3) in F0; nan if there is no surface."""
         target = self.dataset.measurements.target
@@ -221,12 +232,12 @@ class Scene:
                 out[rows] = -u[0].T
         return out
 
-    @cached_property
+    @unposed
     def _approach(self) -> np.ndarray:
         """The inward normals in the flange frame, (N, 3)."""
         return (np.swapaxes(self.flange, -1, -2) @ self._inward[..., None])[..., 0]
 
-    @cached_property
+    @unposed
     def _speed(self) -> np.ndarray | None:
         """Speed of the nominal arm's ball along the inward normals, (N,), m/s; None without velocities."""
         velocity = self.dataset.measurements.velocity
@@ -364,9 +375,3 @@ class Scene:
 def _tied(targets: Sequence[Target]) -> bool:
     """Whether a target's position in F0 is stated."""
     return any(t.u is not None or t.u_angle is not None for t in targets)
-
-
-POSED = {"loads"}
-"""Cached quantities that depend on the fitted pose, also of an arm whose robot file states no compliance."""
-UNPOSED = {name for name, value in vars(Scene).items() if isinstance(value, cached_property)} - POSED
-"""Cached quantities that scenes of one dataset share at all poses of such an arm."""

@@ -1,12 +1,9 @@
-"""Candidate contacts: reachable, collision-free, distributed over all targets.
-
-Candidate contacts as rows of a session, behind those that were measured already.
-"""
+"""Candidate contacts, distributed over all targets, as rows of a session behind those that were measured."""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from itertools import count
 from typing import Any
@@ -20,10 +17,10 @@ from bayescal.dataset.target_kinds import KINDS
 from bayescal.errors import BayescalError
 from bayescal.model.block import tool_frames
 from bayescal.model.scene import Scene
-from bayescal.planning.hand import TURNING, WALLED, Hand, Reached
-from bayescal.planning.place import scene
 from bayescal.planning.pool import Pool, Setup
 from bayescal.planning.search import EACH, Search, chosen, goals, located, tools_for, tried_once
+from bayescal.probing.contacts import TURNING, WALLED, Contacts, Hand, Rows
+from bayescal.storage.stopping import Progress, silent
 
 SESSION = 3600.0
 """s: the time over which candidates are distributed (assumed: 200 contacts at 18 s)."""
@@ -36,7 +33,7 @@ BLANK: Mapping[str, float | str] = {
 
 
 @dataclass(frozen=True)
-class Possible:
+class Possible(Rows):
     """M contacts: role, target, tool (M,); readings and velocities (M, n), rad, rad/s; payload (M,), kg."""
 
     role: np.ndarray
@@ -45,9 +42,6 @@ class Possible:
     readings: np.ndarray
     velocity: np.ndarray
     payload: np.ndarray
-
-    def __getitem__(self, rows: np.ndarray) -> Possible:
-        return Possible(*(getattr(self, f.name)[rows] for f in fields(Possible)))
 
 
 def session_of(dataset: Dataset, possible: Possible, rng: np.random.Generator) -> Dataset:
@@ -60,7 +54,7 @@ def session_of(dataset: Dataset, possible: Possible, rng: np.random.Generator) -
     m, before, new = dataset.measurements, len(dataset.measurements.ids), len(possible.target)
     prefix = next(f"p{k}." for k in count(1) if not any(i.startswith(f"p{k}.") for i in m.ids))
     start = 0.0 if m.time is None or not before else float(np.max(m.time))
-    own: dict[str, np.ndarray] = {
+    given: dict[str, np.ndarray] = {
         "role": possible.role,
         "target": possible.target,
         "tool": possible.tool,
@@ -70,13 +64,13 @@ def session_of(dataset: Dataset, possible: Possible, rng: np.random.Generator) -
         "time": rng.uniform(start, start + SESSION, new),
     }
     if m.velocity is not None or possible.velocity.any():
-        own["velocity"] = possible.velocity
+        given["velocity"] = possible.velocity
     if possible.payload.any():
-        own["payload"] = possible.payload
+        given["payload"] = possible.payload
     if m.temperature is not None:
-        own["temperature"] = rng.choice(m.temperature, new)
+        given["temperature"] = rng.choice(m.temperature, new)
     columns: dict[str, Any] = {
-        f.name: _continued(m, f.name, own.get(f.name), new) for f in fields(Measurements)
+        f.name: _continued(m, f.name, given.get(f.name), new) for f in fields(Measurements)
     }
     columns |= {"ids": (*m.ids, *(f"{prefix}{k:05d}" for k in range(new))), "torque": None}
     if not before:
@@ -159,7 +153,7 @@ def candidates(
     setup: Setup,
     count: int = COUNT,
     seed: int = 0,
-    progress: Callable[[str, float], None] = lambda stage, fraction: None,
+    progress: Progress = silent,
     turning: float = TURNING,
     validation: bool = True,
 ) -> Pool:
@@ -207,7 +201,7 @@ def candidates(
         raise BayescalError(
             what, setup.dataset.name, "check the places of the targets, and the cone of the tool"
         )
-    found = [
+    parts = [
         ("calibrate", s, *chosen(s, goal, rng))
         for s, goal in zip(fitted, goals(fitted, count), strict=True)
         if s.have
@@ -220,25 +214,27 @@ def candidates(
     ]
     missing = _unlocated(setup, searches) if validation else []
     for tool in sorted({min(s.hands) for s in missing}):
-        own = [s for s in missing if min(s.hands) == tool]
-        for s, reached in zip(own, located(setup, own, tool, own[0].hands[tool], rng), strict=True):
-            found.append(("validate", s, np.full(len(reached), tool), reached))
+        of_tool = [s for s in missing if min(s.hands) == tool]
+        for s, reached in zip(
+            of_tool, located(setup, of_tool, tool, of_tool[0].hands[tool], rng), strict=True
+        ):
+            parts.append(("validate", s, np.full(len(reached), tool), reached))
             if not len(reached):
                 warnings.append(_few(setup, s, EACH))
     progress("candidates", 1.0)
-    return _pool(setup, found, sum((s.dropped for s in searches), Counter()), tuple(warnings), rng)
+    return _pool(setup, parts, sum((s.dropped for s in searches), Counter()), tuple(warnings), rng)
 
 
 def _searches(setup: Setup) -> list[Search]:
     """A search for every target, with the tools that measure it."""
-    dataset, around = setup.dataset, scene(setup)
+    dataset, around = setup.dataset, setup.scene
     tools = [tools_for(dataset, k) for k in range(len(dataset.targets))]
-    needed = sorted({k for own in tools for k in own})
+    needed = sorted({k for indices in tools for k in indices})
     hands = {k: Hand.of(dataset, k, around, setup.cone, setup.clearance) for k in needed}
     solids = around.touched([t.name for t in dataset.targets])
     return [
-        Search(k, {tool: hands[tool] for tool in own}, int(solid))
-        for k, (own, solid) in enumerate(zip(tools, solids, strict=True))
+        Search(k, {tool: hands[tool] for tool in indices}, int(solid))
+        for k, (indices, solid) in enumerate(zip(tools, solids, strict=True))
     ]
 
 
@@ -263,17 +259,16 @@ def _few(setup: Setup, search: Search, wanted: float) -> str:
 
 def _pool(
     setup: Setup,
-    found: list[tuple[str, Search, np.ndarray, Reached]],
+    found: list[tuple[str, Search, np.ndarray, Contacts]],
     dropped: Mapping[str, int],
     warnings: tuple[str, ...],
     rng: np.random.Generator,
 ) -> Pool:
     """All contacts found as rows; candidates are in random order, validation contacts behind them."""
-    reached = Reached.join([own for *_, own in found])
-    role, target = (
-        np.concatenate([np.full(len(own), value) for value, own in pairs])
-        for pairs in ([(role, own) for role, _, _, own in found], [(s.target, own) for _, s, _, own in found])
-    )
+    reached = Contacts.join([contacts for *_, contacts in found])
+    counts = [len(contacts) for *_, contacts in found]
+    role = np.repeat([role for role, *_ in found], counts)
+    target = np.repeat([search.target for _, search, *_ in found], counts)
     tool = np.concatenate([tools for _, _, tools, _ in found])
     fitted = np.flatnonzero(role == "calibrate")
     order = np.concatenate([rng.permutation(fitted), np.flatnonzero(role == "validate")])

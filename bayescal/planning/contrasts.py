@@ -59,8 +59,8 @@ class Contrasts:
     def of(cls, found: Vocabulary, items: Sequence[Contrast]) -> Contrasts:
         """Contrasts with equal weights of all groups, which are numbered anew."""
         _, group = np.unique([item.group for item in items], return_inverse=True)
-        own = tuple(replace(item, group=int(k)) for item, k in zip(items, group, strict=True))
-        return cls(found, own, np.ones(int(group.max()) + 1))
+        numbered = tuple(replace(item, group=int(k)) for item, k in zip(items, group, strict=True))
+        return cls(found, numbered, np.ones(int(group.max()) + 1))
 
     @property
     def columns(self) -> CandidateColumns:
@@ -72,7 +72,9 @@ class Contrasts:
         sets: dict[tuple[int, ...], list[int]] = {}
         for k, item in enumerate(self.items):
             sets.setdefault(tuple(item.rivals.tolist()), []).append(k)
-        return tuple(_together([self.items[k] for k in own], np.array(own)) for own in sets.values())
+        return tuple(
+            _together([self.items[k] for k in indices], np.array(indices)) for indices in sets.values()
+        )
 
     @cached_property
     def _by_group(self) -> tuple[np.ndarray, np.ndarray]:
@@ -108,17 +110,17 @@ class Contrasts:
         strength, change = np.empty(len(self.items)), np.empty((len(self.items), len(rows)))
         error, every = p.error[:, rows], p.variance[rows]
         for x in self._by_rivals:
-            left, g, variance = error[x.truth], p.information[np.ix_(x.truth, x.truth)], every
+            error_beside, g, variance = error[x.truth], p.information[np.ix_(x.truth, x.truth)], every
             if len(x.rivals):
                 inner = np.linalg.inv(np.eye(len(x.rivals)) + p.information[np.ix_(x.rivals, x.rivals)])
                 across, of_rivals = p.information[np.ix_(x.rivals, x.truth)], error[x.rivals]
-                left = left - (inner @ across).T @ of_rivals
+                error_beside = error_beside - (inner @ across).T @ of_rivals
                 g = g - across.T @ inner @ across
                 variance = variance + np.sum(inner @ of_rivals * of_rivals, axis=0)
             if x.mix is not None:
-                left, g = x.mix.T @ left, x.mix.T @ g @ x.mix
+                error_beside, g = x.mix.T @ error_beside, x.mix.T @ g @ x.mix
             strength[x.own] = np.add.reduceat(np.diag(g), x.first)
-            change[x.own] = np.add.reduceat(left**2, x.first, axis=0) / (sign + variance)
+            change[x.own] = np.add.reduceat(error_beside**2, x.first, axis=0) / (sign + variance)
         return strength, change
 
 
@@ -172,11 +174,11 @@ def contrasts(
         If a pair names an effect or a site that the session cannot show.
     """
     sides = [side for pair in pairs for side in (pair.a, pair.b, pair.common)]
-    found = vocabulary(pool, fitted, [one for side in sides for one in side], without)
+    columns = vocabulary(pool, fitted, [one for side in sides for one in side], without)
     if not pairs:
-        return of_effects(found, probability)
-    decided = of_pairs(found, pairs)
-    return joined(decided, of_effects(found, probability)) if probability else decided
+        return of_effects(columns, probability)
+    decided = of_pairs(columns, pairs)
+    return joined(decided, of_effects(columns, probability)) if probability else decided
 
 
 def joined(a: Contrasts, b: Contrasts) -> Contrasts:
@@ -192,17 +194,17 @@ def of_effects(found: Vocabulary, probability: Mapping[str, float] | None = None
     Both have half of an effect's weight, and its sites equal shares. Effects count alike, or by their
     `probability`, where any has one.
     """
-    known = probability or {}
-    alike = not any(known.get(name, 0.0) > 0 for name in found.names)
+    stated = probability or {}
+    alike = not any(stated.get(name, 0.0) > 0 for name in found.names)
     items: list[Contrast] = []
     weight: list[float] = []
     for name in found.names:
-        own = [s.columns for s in found.seats if s.effect == name]
+        sites = [s.columns for s in found.seats if s.effect == name]
         rivals = [found.of(other) for other in found.confusable(name)]
         for against in (NONE, *([np.concatenate(rivals)] if rivals else [])):
-            items += [Contrast(columns, against, len(items) + k) for k, columns in enumerate(own)]
-            share = 1.0 if alike else known.get(name, 0.0)
-            weight += [share / (len(own) * (1 + bool(rivals)))] * len(own)
+            items += [Contrast(columns, against, len(items) + k) for k, columns in enumerate(sites)]
+            share = 1.0 if alike else stated.get(name, 0.0)
+            weight += [share / (len(sites) * (1 + bool(rivals)))] * len(sites)
     return Contrasts(found, tuple(items), np.array(weight))
 
 

@@ -5,37 +5,21 @@ do not improve any distance. The determinant rewards them. A selection therefore
 maximise the determinant, and exchanges then minimise the mean variance of the distances (Fedorov 1972; Cook
 and Nachtsheim, Technometrics 22, 1980).
 
-Criteria of a selection: I, D, A and E, and the observability indices O1 to O5.
-
-All are of the information of the arm's parameters, in units of their prior standard deviations, with the
-states of the targets eliminated and the prior included as one observation of each parameter. Without the
-scaling, a length and an angle cannot be compared. Combinations of the parameters of which even all candidates
-together tell less than the prior are left out: they would make E and O2 to O5 the same for every selection.
+The observability indices O1 to O5 of a selection are of the information of the arm's parameters, in units of
+their prior standard deviations, with the states of the targets eliminated and the prior included as one
+observation of each parameter. Without the scaling, a length and an angle cannot be compared. Combinations of
+the parameters of which even all candidates together tell less than the prior are left out: they would make O2
+to O5 the same for every selection.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from bayescal.planning.goals import Goal
 from bayescal.planning.pool import Linearised, inverse
-
-
-@dataclass(frozen=True)
-class Criteria:
-    """Criteria of optimal design (Pukelsheim, Optimal Design of Experiments, 1993), of P parameters.
-
-    `d`: log determinant of the information, nats; `a`: mean variance; `e`: largest variance of a combination
-    of the parameters; both relative to the prior (1: nothing is known beyond it). `d` is the larger the
-    better, `a` and `e` the smaller.
-    """
-
-    d: float
-    a: float
-    e: float
 
 
 def arm_information(linear: Linearised, chosen: Sequence[int] | np.ndarray) -> np.ndarray:
@@ -53,12 +37,6 @@ def _marginal(linear: Linearised, chosen: Sequence[int] | np.ndarray) -> np.ndar
     """Information (P, P) of the arm's parameters, with the states of the targets eliminated."""
     size = len(linear.model.parameters)
     return inverse(linear.covariance(chosen)[:size, :size])
-
-
-def criteria(information: np.ndarray) -> Criteria:
-    """Criteria D, A and E of an information matrix (P, P)."""
-    values = np.linalg.eigvalsh(information)
-    return Criteria(float(np.sum(np.log(values))), float(np.mean(1 / values)), float(1 / values[0]))
 
 
 def mean_variance(slopes: np.ndarray, covariance: np.ndarray) -> float:

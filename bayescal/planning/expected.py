@@ -54,8 +54,8 @@ class Random:
     def _selection(self, count: int, rng: np.random.Generator) -> np.ndarray:
         order = [np.concatenate([rng.permutation(part) for part in parts]) for parts in self._of_target]
         # in turns over the targets, in random order, until enough are chosen
-        turn = np.concatenate([np.arange(len(own)) for own in order])
-        begin = np.concatenate([np.full(len(own), rng.random()) for own in order])
+        turn = np.concatenate([np.arange(len(candidates)) for candidates in order])
+        begin = np.concatenate([np.full(len(candidates), rng.random()) for candidates in order])
         return np.asarray(np.concatenate(order)[np.lexsort((begin, turn))[:count]])
 
     def u(self, linear: Linearised, goal: Goal, count: int, times: int = TIMES) -> float:
@@ -163,7 +163,7 @@ def equals_random(linear: Linearised, goal: Goal, u: float, random: Random) -> f
     Interpolated between logarithms; never below `FEWEST`.
     """
     counts = np.unique(np.geomspace(FEWEST, linear.count, STEPS).astype(int))
-    known = np.array([random.u(linear, goal, int(n)) for n in counts])
-    if u < known[-1]:
+    uncertainty = np.array([random.u(linear, goal, int(n)) for n in counts])
+    if u < uncertainty[-1]:
         return float("inf")
-    return float(np.exp(np.interp(-np.log(u), -np.log(known), np.log(counts))))
+    return float(np.exp(np.interp(-np.log(u), -np.log(uncertainty), np.log(counts))))

@@ -22,7 +22,7 @@ from bayescal.predict.targets import (
     unknown_tool,
     with_diameter,
 )
-from bayescal.probing.reach import Arm
+from bayescal.probing.arm import Arm
 
 CERTIFIED, VOLUME, REGION, POSES = (
     "certified distances",
@@ -102,13 +102,13 @@ def goals(pool: Pool, linear: Linearised) -> tuple[Goal, ...]:
     else:
         rows = pool.candidates[session.tool[pool.candidates] == tool]
         volume = _between(REGION, linear, session.readings[rows[evenly(len(rows), POINTS)]])
-    found = [certified(linear), volume]
+    every = [certified(linear), volume]
     if len(pool.setup.poses):
-        found.append(_between(POSES, linear, pool.setup.poses))
-        if found[-1] is None:
+        every.append(_between(POSES, linear, pool.setup.poses))
+        if every[-1] is None:
             what, where = "the given poses are at a single position", "dataset.yaml: plan: poses_deg"
             raise BayescalError(what, where, "give poses at two positions or more")
-    out = tuple(goal for goal in found if goal is not None)
+    out = tuple(goal for goal in every if goal is not None)
     if not out:
         raise BayescalError(
             "all candidates are at a single position", pool.session.name, "enlarge the targets"
@@ -126,14 +126,14 @@ def certified(linear: Linearised) -> Goal | None:
     index = {t.name: k for k, t in enumerate(scene.dataset.targets)}
     used = [set(c.targets) for c in model.constraints]
     slopes_by, probing, certificate = [], [], []
-    known: dict[str, tuple[np.ndarray, np.ndarray, np.ndarray] | None] = {}
+    centres: dict[str, tuple[np.ndarray, np.ndarray, np.ndarray] | None] = {}
     for c in scene.dataset.certificates:
-        if c.kind != "distance" or any({*c.targets} <= own for own in used):
+        if c.kind != "distance" or any({*c.targets} <= pair for pair in used):
             continue
         for name in c.targets:
-            if name not in known:
-                known[name] = _centre(linear, index[name])
-        a, b = (known[name] for name in c.targets)
+            if name not in centres:
+                centres[name] = _centre(linear, index[name])
+        a, b = (centres[name] for name in c.targets)
         if a is None or b is None:
             continue
         along = (a[0] - b[0]) / np.linalg.norm(a[0] - b[0])
@@ -153,11 +153,11 @@ def _centre(linear: Linearised, target: int) -> tuple[np.ndarray, np.ndarray, np
         return None
     by = np.zeros((3, len(linear.z)))
     if name in model.block_of:
-        block, own = model.block_of[name], model.slices[name]
+        block, part = model.block_of[name], model.slices[name]
         state = np.zeros((len(block.kind.sd), block.size))
         state[block.free, np.arange(block.size)] = block.sd
-        by[:, own] = state[:3]
-        return centre_of(block, block.state(linear.z[own])), by, np.zeros((3, 3))
+        by[:, part] = state[:3]
+        return centre_of(block, block.state(linear.z[part])), by, np.zeros((3, 3))
     rows, apart = (scene.rows_of(target, scene.rows(role)) for role in ("validate", "locate"))
     rows = apart if len(apart) and not kind.found else rows
     if not len(rows):
@@ -179,9 +179,9 @@ def _between(over: str, linear: Linearised, readings: np.ndarray, note: str = ""
     model = _at(linear.model, readings)
     motion = model.motion(len(model.scene.q) - len(readings) + np.arange(len(readings)))
     values = model.deviations(linear.z[linear.model.slices[ARM]])
-    at = motion.points(values)
-    pairs = far_pairs(at)
-    if len(readings) < 2 or np.max(np.ptp(at, axis=1)) < 1e-6:
+    positions = motion.points(values)
+    pairs = far_pairs(positions)
+    if len(readings) < 2 or np.max(np.ptp(positions, axis=1)) < 1e-6:
         return None
     by = np.zeros((len(pairs), len(linear.z)))
     by[:, linear.model.slices[ARM]] = slopes(model, motion, values, pairs)
@@ -222,11 +222,11 @@ def _inside(pool: Pool, box: Box, tool: int) -> tuple[np.ndarray, str]:
     points = box.centre + rng.uniform(-0.5, 0.5, (DRAWN, 3)) * box.size
     starts = dataset.measurements.readings[rng.choice(pool.candidates, DRAWN)]
     starts = starts + VARIED * rng.standard_normal(starts.shape)
-    angles, found = descend(to_points(arm, points), arm.angles_of(starts), *arm.range)
-    reached = arm.readings_of(angles[found])[:POINTS]
+    angles, solved = descend(to_points(arm, points), arm.angles_of(starts), *arm.range)
+    reached = arm.readings_of(angles[solved])[:POINTS]
     if len(reached) < 2:
         raise BayescalError("the volume of interest is out of reach", "dataset.yaml", "move or enlarge it")
-    share = float(np.mean(found))
+    share = float(np.mean(solved))
     if share > ASKED_SHARE:
         return reached, ""
     return reached, f"the arm was found to reach only {100 * share:.0f} % of the volume of interest"

@@ -12,10 +12,11 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from bayescal.planning.place import placements, seconds_between
 from bayescal.planning.pool import Pool
-from bayescal.probing.approach import SPEED
 from bayescal.probing.clearance import RETRACT
+from bayescal.probing.contacts import SPEED
+from bayescal.probing.motions import seconds_between
+from bayescal.probing.scene import placements
 
 SWEEPS = "sweeps"
 """The default."""
@@ -85,8 +86,8 @@ def travel(pool: Pool, rows: np.ndarray, *passed: Sequence[np.ndarray | None]) -
     """
     approach, m = pool.approach[rows], pool.session.measurements
     points = []
-    for *ways, own in zip(*passed, approach, strict=True):
-        points += [p for way in ways if way is not None for p in way] + [own]
+    for *ways, readings in zip(*passed, approach, strict=True):
+        points += [p for way in ways if way is not None for p in way] + [readings]
     moves = seconds_between(np.array(points[:-1]), np.array(points[1:])) if len(points) > 1 else 0.0
     touched = np.any(approach != m.readings[rows], axis=1)
     return float(np.sum(moves) + np.sum(touched) * (RETRACT / SPEED + RETRACT / BACK))
@@ -97,13 +98,13 @@ def cleared(seconds: np.ndarray, first: int, blocked: Blocked) -> np.ndarray:
 
     Only motions of paths that are considered are checked: of all between 200 contacts there are 20,000.
     """
-    cost, known = seconds.copy(), np.zeros(seconds.shape, bool)
+    cost, checked = seconds.copy(), np.zeros(seconds.shape, bool)
     path = shorter(cost, first)
     for _ in range(ROUNDS):
         begin, end = path[:-1], path[1:]
-        new = ~known[begin, end]
+        new = ~checked[begin, end]
         begin, end = begin[new], end[new]
-        known[begin, end] = known[end, begin] = True
+        checked[begin, end] = checked[end, begin] = True
         bad = blocked(begin, end)
         if not np.any(bad):
             break
@@ -128,11 +129,11 @@ def shorter(seconds: np.ndarray, first: int) -> np.ndarray:
 
 def nearest(seconds: np.ndarray, first: int) -> np.ndarray:
     """The path (M,) from each point to the nearest that was not visited."""
-    left = np.ones(len(seconds), bool)
+    unvisited = np.ones(len(seconds), bool)
     out = [first]
     for _ in range(len(seconds) - 1):
-        left[out[-1]] = False
-        out.append(int(np.argmin(np.where(left, seconds[out[-1]], np.inf))))
+        unvisited[out[-1]] = False
+        out.append(int(np.argmin(np.where(unvisited, seconds[out[-1]], np.inf))))
     return np.array(out[: len(seconds)], int)
 
 
@@ -142,12 +143,12 @@ def exchanged(seconds: np.ndarray, path: np.ndarray) -> np.ndarray:
     while better:
         better = False
         for i in range(len(path) - 2):
-            here, rest = path[i], path[i + 1 :]
-            gain = seconds[here, rest[0]] - seconds[here, rest]
-            gain[:-1] += seconds[rest[:-1], rest[1:]] - seconds[rest[0], rest[1:]]
+            here, behind = path[i], path[i + 1 :]
+            gain = seconds[here, behind[0]] - seconds[here, behind]
+            gain[:-1] += seconds[behind[:-1], behind[1:]] - seconds[behind[0], behind[1:]]
             j = int(np.argmax(gain))
             if gain[j] > GAIN:
-                path[i + 1 : i + 2 + j] = rest[: j + 1][::-1].copy()
+                path[i + 1 : i + 2 + j] = behind[: j + 1][::-1].copy()
                 better = True
     return path
 
@@ -170,18 +171,18 @@ def _in_order(
         visits += _dealt(pool, rows, station, -(-count // len(stations)), rng)
     legs = []
     for k, visit in enumerate(visits):
-        own = _by_payload(pool, rows, visit) if loads else [visit]
-        legs.append(own[:: -1 if k % 2 else 1])
+        parts_of_visit = _by_payload(pool, rows, visit) if loads else [visit]
+        legs.append(parts_of_visit[:: -1 if k % 2 else 1])
     half = (len(legs) + 1) // 2
     middle, end = _validating(pool, rows, np.flatnonzero(m.role[rows] == "validate"))
     parts = [part for leg in legs[:half] for part in leg] + middle
     parts += [part for leg in legs[half:] for part in leg] + end
     out: list[int] = []
     for part in parts:
-        at = pool.approach[rows[part]]
-        seconds = seconds_between(at[:, None], at[None])
-        before = pool.approach[rows[out[-1]]] if out else at[0]
-        first = int(np.argmin(np.abs(at - before).max(axis=1)))
+        readings = pool.approach[rows[part]]
+        seconds = seconds_between(readings[:, None], readings[None])
+        before = pool.approach[rows[out[-1]]] if out else readings[0]
+        first = int(np.argmin(np.abs(readings - before).max(axis=1)))
         out += part[path(seconds, first, _of(blocked, rows[part]))].tolist()
     return np.array(out, int)
 
@@ -193,8 +194,8 @@ def _of(blocked: Blocked, rows: np.ndarray) -> Blocked:
 
 def _placements(pool: Pool, rows: np.ndarray) -> np.ndarray:
     """The placement of the target of each row, (M,); "" where it stays."""
-    own = np.array(placements([t.name for t in pool.session.targets]), object)
-    return own[pool.session.measurements.target[rows]]
+    labels = np.array(placements([t.name for t in pool.session.targets]), object)
+    return labels[pool.session.measurements.target[rows]]
 
 
 def _stations(pool: Pool, rows: np.ndarray, some: np.ndarray) -> list[np.ndarray]:
@@ -208,8 +209,8 @@ def _stations(pool: Pool, rows: np.ndarray, some: np.ndarray) -> list[np.ndarray
     parts = [np.concatenate([some[label == name], stays[k :: len(names)]]) for k, name in enumerate(names)]
     tool, out = pool.session.measurements.tool, []
     for k, part in enumerate(parts or [stays]):
-        own = [part[tool[rows[part]] == t] for t in np.unique(tool[rows[part]])]
-        out += own[:: -1 if k % 2 else 1]
+        by_tool = [part[tool[rows[part]] == t] for t in np.unique(tool[rows[part]])]
+        out += by_tool[:: -1 if k % 2 else 1]
     return out
 
 
@@ -229,7 +230,7 @@ def _dealt(
         row = int(rows[position])
         times = seen[row] = seen.get(row, -1) + 1
         out[(sweep_of[row] + apart[times % count]) % count].append(int(position))
-    return [np.array(own, int) for own in out if own]
+    return [np.array(positions, int) for positions in out if positions]
 
 
 def _by_payload(pool: Pool, rows: np.ndarray, some: np.ndarray) -> list[np.ndarray]:
@@ -237,8 +238,8 @@ def _by_payload(pool: Pool, rows: np.ndarray, some: np.ndarray) -> list[np.ndarr
     m = pool.session.measurements
     if m.payload is None:
         return [some]
-    own = m.payload[rows[some]]
-    return [some[own == kg] for kg in np.unique(own)]
+    load = m.payload[rows[some]]
+    return [some[load == kg] for kg in np.unique(load)]
 
 
 def _validating(pool: Pool, rows: np.ndarray, some: np.ndarray) -> tuple[list[np.ndarray], list[np.ndarray]]:
@@ -253,7 +254,7 @@ def _validating(pool: Pool, rows: np.ndarray, some: np.ndarray) -> tuple[list[np
     stays = [some[(label == "") & (target == t)] for t in np.unique(target[label == ""])]
     middle, end = parts[: len(parts) // 2], parts[len(parts) // 2 :]
     for k, group in enumerate((middle, end)):
-        own = [one[k::2] for one in stays]
-        if own and len(joined := np.concatenate(own)):
+        halves = [one[k::2] for one in stays]
+        if halves and len(joined := np.concatenate(halves)):
             group.append(joined)
     return middle, end

@@ -1,12 +1,9 @@
-"""A plan: contacts chosen for distances and for the diagnosis of the gap, in the order of probing.
-
-What the next contacts of a measured session shall decide, from its diagnosis (gap.json).
-"""
+"""A plan: contacts chosen for distances and for what a diagnosis left open, in the order of probing."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -27,15 +24,16 @@ from bayescal.planning.contrasts import contrasts
 from bayescal.planning.exchange import observability_of, select
 from bayescal.planning.expected import Random, curves, expected, parameters
 from bayescal.planning.goals import goals
-from bayescal.planning.hand import TURNING
 from bayescal.planning.pool import Pool, Setup, check_count, linearised
 from bayescal.planning.projection import Projection, nominal
 from bayescal.planning.result import BOTH, DISTANCES, GAP, REPEAT, VALIDATE, Plan
 from bayescal.planning.separate import choose, confusable, detectable, repeated, with_levers
 from bayescal.planning.transit import Transits
+from bayescal.probing.contacts import TURNING
 from bayescal.statistics import spawned
 from bayescal.storage.folders import check_unchanged
 from bayescal.storage.reading import read_record
+from bayescal.storage.stopping import Progress, silent
 
 AIMS = (BOTH, DISTANCES, GAP)
 PAYLOAD, APPROACH = "payload", "approach"
@@ -49,27 +47,12 @@ RANDOM = 5
 """Random selections that a plan's detectability is compared with."""
 
 
-def plan(
-    setup: Setup,
-    contacts: int = 200,
-    aim: str = BOTH,
-    effects: tuple[str, ...] = BASELINE,
-    levers: Sequence[str] = LEVERS,
-    order: str = orders.SWEEPS,
-    count: int = COUNT,
-    seed: int = 0,
-    pairs: Sequence[Pair] = (),
-    without: Sequence[Part] = (),
-    probability: Mapping[str, float] | None = None,
-    validation: bool = True,
-    progress: Callable[[str, float], None] = lambda stage, fraction: None,
-) -> Plan:
-    """Choose contacts to measure.
+@dataclass(frozen=True)
+class PlanOptions:
+    """What a plan is asked for.
 
-    Parameters
+    Attributes
     ----------
-    setup : Setup
-        Of a session that is to be measured, or to be continued.
     contacts : int
         Contacts to calibrate with, including those that are measured twice. Those that validate spheres of
         certified distances are added.
@@ -77,47 +60,95 @@ def plan(
         DISTANCES, GAP or BOTH: half for each.
     effects : tuple of str
         The model: names of `effects.MODELS`.
-    levers : sequence of str
+    levers : tuple of str
         Of `LEVERS`: what may be varied beside the pose.
     order : str
         Of `order.ORDERS`.
-    count : int
+    candidates : int
         Number of candidates.
     seed : int
         The same seed gives the same plan.
-    pairs : sequence of Pair
+    pairs : tuple of Pair
         What the contacts for the gap shall decide; default: every effect that the model lacks, at each site.
-    without : sequence of Part
+    without : tuple of Part
         Parts that the model lacks.
     probability : mapping of str to float, optional
         Of effects by a diagnosis: how much each counts beside the pairs.
     validation : bool
         Whether contacts that validate spheres of certified distances are added.
+    """
+
+    contacts: int = 200
+    aim: str = BOTH
+    effects: tuple[str, ...] = BASELINE
+    levers: tuple[str, ...] = LEVERS
+    order: str = orders.SWEEPS
+    candidates: int = COUNT
+    seed: int = 0
+    pairs: tuple[Pair, ...] = ()
+    without: tuple[Part, ...] = ()
+    probability: Mapping[str, float] | None = None
+    validation: bool = True
+
+    def check(self) -> None:
+        """Refuse options that are not possible.
+
+        Raises
+        ------
+        BayescalError
+            With the option of the command.
+        """
+        for value, names, option in ((self.aim, AIMS, "--for"), (self.order, orders.ORDERS, "--order")):
+            if value not in names:
+                raise BayescalError(f"`{value}` is not known", option, f"give one of {', '.join(names)}")
+        for lever in self.levers:
+            if lever not in LEVERS:
+                raise BayescalError(
+                    f"`{lever}` is not known", "--levers", f"give some of {', '.join(LEVERS)}"
+                )
+        if self.contacts < 1:
+            raise BayescalError(f"{self.contacts} contacts are no plan", "--contacts", "give 1 or more")
+        check_asked(self.effects, 1.0)
+
+
+def plan(
+    setup: Setup,
+    options: PlanOptions = PlanOptions(),
+    progress: Progress = silent,
+) -> Plan:
+    """Choose contacts to measure.
+
+    Parameters
+    ----------
+    setup : Setup
+        Of a session that is to be measured, or to be continued.
+    options : PlanOptions
     progress : callable
         Called with the stage and its completed fraction.
 
     Raises
     ------
     BayescalError
-        If an argument is not possible, no target is reached, or the contacts are fewer than the unknowns.
+        If an option is not possible, no target is reached, or the contacts are fewer than the unknowns.
     """
     begin = time.perf_counter()
-    _check(aim, levers, order, contacts)
-    check_asked(effects, 1.0)
-    of_pool, of_distances, of_gap, of_order = spawned(seed, 4)
+    options.check()
+    effects, without, pairs = options.effects, options.without, options.pairs
+    of_pool, of_distances, of_gap, of_order = spawned(options.seed, 4)
+    turning = TURNING if APPROACH in options.levers else 0.0
     pool = candidates(
-        _loaded(setup, levers), count, of_pool, progress, TURNING if APPROACH in levers else 0.0, validation
+        _loaded(setup, options.levers), options.candidates, of_pool, progress, turning, options.validation
     )
     linear = linearised(pool, effects, without=without)
-    few = check_count(linear, contacts)
+    few = check_count(linear, options.contacts)
     wanted = goals(pool, linear)
-    decide = contrasts(pool, nominal(pool.session, effects, without), pairs, without, probability)
-    found = decide.vocabulary
-    random = Random(pool, seed)
+    decide = contrasts(pool, nominal(pool.session, effects, without), pairs, without, options.probability)
+    vocabulary = decide.vocabulary
+    random = Random(pool, options.seed)
 
-    again = 0 if aim == DISTANCES else min(REPEATS, int(SHARE * contacts))
-    fresh = contacts - again
-    first = {DISTANCES: fresh, GAP: 0, BOTH: fresh // 2}[aim]
+    again = 0 if options.aim == DISTANCES else min(REPEATS, int(SHARE * options.contacts))
+    fresh = options.contacts - again
+    first = {DISTANCES: fresh, GAP: 0, BOTH: fresh // 2}[options.aim]
     rng = np.random.default_rng(of_distances)
     for_distances = (
         select(linear, wanted, first, rng, progress=lambda part: progress("distances", part))
@@ -131,27 +162,30 @@ def plan(
     every = np.concatenate([chosen, repeats])
 
     progress("expected", 0.0)
-    by_chance = random.selections(contacts, RANDOM)
-    selections = [Projection(found.columns, s) for s in by_chance]
-    planned = Projection(found.columns, every)
-    before = [Projection(found.columns)] if pool.measured else selections
-    separated = with_levers(pool, effects, chosen, confusable(found, planned, before, pairs), rng, without)
+    by_chance = random.selections(options.contacts, RANDOM)
+    selections = [Projection(vocabulary.columns, s) for s in by_chance]
+    planned = Projection(vocabulary.columns, every)
+    before = [Projection(vocabulary.columns)] if pool.measured else selections
+    separated = with_levers(
+        pool, effects, chosen, confusable(vocabulary, planned, before, pairs), rng, without
+    )
     curve = curves(linear, wanted, every, random)
     purpose = [DISTANCES] * len(for_distances) + [GAP] * len(for_gap) + [REPEAT] * again
     rows = np.concatenate([pool.candidates[every], pool.validation])
     purpose += [VALIDATE] * len(pool.validation)
     progress("order", 0.0)
     moves = Transits(pool)
-    at = orders.ordered(pool, rows, order, np.random.default_rng(of_order), moves.blocked)
+    visit = orders.ordered(pool, rows, options.order, np.random.default_rng(of_order), moves.blocked)
     progress("motions", 0.5)
-    ways = moves.ways(rows[at])
-    session = _session(pool, rows[at], repeats=set(pool.candidates[repeats].tolist()))
+    rows = rows[visit]
+    ways = moves.ways(rows)
+    session = _session(pool, rows, repeats=set(pool.candidates[repeats].tolist()))
     progress("done", 1.0)
     return Plan(
         pool=pool,
         session=session,
-        purpose=tuple(purpose[k] for k in at),
-        approach=pool.approach[rows[at]],
+        purpose=tuple(purpose[k] for k in visit),
+        approach=pool.approach[rows],
         effects=effects,
         expected=expected(linear, wanted, every, random),
         parameters=parameters(linear, every),
@@ -161,14 +195,10 @@ def plan(
         curve_random=curve.random,
         equals_random=curve.equals_random,
         next_u=curve.next_u,
-        detectable=detectable(found, planned, selections),
+        detectable=detectable(vocabulary, planned, selections),
         confusable=separated,
-        travel=orders.travel(pool, rows[at], ways.leave, ways.via),
-        via=ways.via,
-        leave=ways.leave,
-        changes=ways.changes,
-        by_hand=ways.by_hand,
-        clearance=ways.clearance,
+        travel=orders.travel(pool, rows, ways.leave, ways.via),
+        **vars(ways),
         seconds=time.perf_counter() - begin,
         warnings=(
             *setup.notes,
@@ -176,25 +206,13 @@ def plan(
             *(text for text in (*(goal.note for goal in wanted), few) if text),
             *_closed(session, ways.by_hand),
         ),
-        aim=aim,
-        order=order,
-        seed=seed,
+        aim=options.aim,
+        order=options.order,
+        seed=options.seed,
     )
 
 
-def _check(aim: str, levers: Sequence[str], order: str, contacts: int) -> None:
-    """Refuse arguments that are not possible."""
-    for value, known, option in ((aim, AIMS, "--for"), (order, orders.ORDERS, "--order")):
-        if value not in known:
-            raise BayescalError(f"`{value}` is not known", option, f"give one of {', '.join(known)}")
-    for lever in levers:
-        if lever not in LEVERS:
-            raise BayescalError(f"`{lever}` is not known", "--levers", f"give some of {', '.join(LEVERS)}")
-    if contacts < 1:
-        raise BayescalError(f"{contacts} contacts are no plan", "--contacts", "give 1 or more")
-
-
-def _loaded(setup: Setup, levers: Sequence[str]) -> Setup:
+def _loaded(setup: Setup, levers: tuple[str, ...]) -> Setup:
     """The setup with the payloads that it lists, if the levers permit them and masses are known."""
     if PAYLOAD not in levers or setup.dataset.robot.masses is None:
         return replace(setup, payloads=())
@@ -204,9 +222,9 @@ def _loaded(setup: Setup, levers: Sequence[str]) -> Setup:
 def _session(pool: Pool, rows: np.ndarray, repeats: set[int]) -> Dataset:
     """The planned rows as a session, in order; both measurements of a repeated contact share its name."""
     m = taken(pool.session.measurements, rows)
-    width, known = len(str(len(rows))), pool.session.measurements.ids[: pool.measured]
-    prefixes = ["p", *(f"p{k}-" for k in range(2, len(known) + 3))]
-    prefix = next(p for p in prefixes if not any(name.startswith(p) for name in known))
+    width, measured = len(str(len(rows))), pool.session.measurements.ids[: pool.measured]
+    prefixes = ["p", *(f"p{k}-" for k in range(2, len(measured) + 3))]
+    prefix = next(p for p in prefixes if not any(name.startswith(p) for name in measured))
     twice = [row for row in dict.fromkeys(rows.tolist()) if row in repeats]
     groups = {row: f"r{k + 1:02d}" for k, row in enumerate(twice)}
     m = replace(

@@ -21,33 +21,19 @@ from functools import cached_property
 import numpy as np
 
 from bayescal.dataset import Box, Dataset
+from bayescal.dataset.regions import Region
 from bayescal.errors import BayescalError
-from bayescal.estimate import Estimate, Weights, check_length, linearise, unit_weights
+from bayescal.estimate import Estimate, Weights, linearise, unit_weights
+from bayescal.estimate.checks import check_length
 from bayescal.estimate.solver import factored, solved
 from bayescal.model import ARM, Model, Scene, build
 from bayescal.model.options import FitOptions, Part
+from bayescal.probing.motions import CLEAR
+from bayescal.probing.scene import Scene as SolidScene
+from bayescal.probing.scene import scene_of
 
 CONE = np.radians(60.0)
 """rad: working cone of a probe that states none, of its axis about the inward normal (assumed)."""
-CLEAR = 5e-3
-"""m: smallest clearance of motions where none is stated (assumed: some times what an arm that is not
-calibrated is off)."""
-
-
-@dataclass(frozen=True)
-class Region:
-    """The part of a target where contacts may be.
-
-    Of a face: a rectangle with `centre` (3,), m, in F0, and half edges `half` (2, 3), m. Of a cylinder: half
-    of its axis, `half` (1, 3). Of a sphere, or of a ball bar about its pivot: a cap about `up` (3,), a unit
-    vector, to `widest`, rad, from it; `centre` is that of the sphere. Of a seat: its `centre`, which is left
-    along `up`.
-    """
-
-    centre: np.ndarray
-    half: np.ndarray | None = None
-    up: np.ndarray | None = None
-    widest: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -88,6 +74,11 @@ class Setup:
     notes: tuple[str, ...] = ()
     clearance: float = CLEAR
     poses: np.ndarray = field(default_factory=lambda: np.empty((0, 0)))
+
+    @cached_property
+    def scene(self) -> SolidScene:
+        """The solids: boxes, spheres, walls, cylinders, posts of seats, the table, those of the session."""
+        return scene_of(self.dataset, self.regions, self.table)
 
 
 @dataclass(frozen=True)

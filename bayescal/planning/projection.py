@@ -61,10 +61,10 @@ class CandidateColumns:
 
     def residuals(self, candidates: Sequence[int] | np.ndarray) -> np.ndarray:
         """Residuals of some candidates, in their order; a candidate that is given twice has them twice."""
-        at = np.asarray(candidates, int)
+        chosen = np.asarray(candidates, int)
         if len(self.candidate) == self.count:
-            return at
-        first, last = (np.searchsorted(self.candidate, at, side=side) for side in ("left", "right"))
+            return chosen
+        first, last = (np.searchsorted(self.candidate, chosen, side=side) for side in ("left", "right"))
         return np.concatenate(
             [np.empty(0, int), *(np.arange(a, b) for a, b in zip(first, last, strict=True))]
         )
@@ -160,8 +160,8 @@ class Vocabulary:
             return np.concatenate(columns), None
         amplitudes = [
             one.values.get(p.name, 0.0) / p.sd if one.values else 1.0
-            for one, own in zip(side, columns, strict=True)
-            for p in (self.parameters[k] for k in own)
+            for one, columns_of_one in zip(side, columns, strict=True)
+            for p in (self.parameters[k] for k in columns_of_one)
         ]
         return np.concatenate(columns), np.array(amplitudes)[:, None]
 
@@ -197,12 +197,12 @@ def vocabulary(
     """
     scene, effects = fitted.model.scene, fitted.model.effects
     c = with_compliances(scene.circumstances(scene.rows("calibrate")), fitted)
-    known = _known(c, effects, without)
-    found: list[Seat] = []
+    assessed = _known(c, effects, without)
+    sites: list[Seat] = []
     parameters: list[Parameter] = []
-    for seat in seats(known):
-        found.append(replace(seat, columns=len(parameters) + np.arange(len(seat.columns))))
-        parameters += [known.pool[k] for k in seat.columns]
+    for seat in seats(assessed):
+        sites.append(replace(seat, columns=len(parameters) + np.arange(len(seat.columns))))
+        parameters += [assessed.pool[k] for k in seat.columns]
     usual, settings = tuple(parameters), {}
     for one in suspects:
         if not any(_is(one, p) for p in usual) and one.model not in settings:
@@ -215,20 +215,22 @@ def vocabulary(
     new = np.flatnonzero(np.isin(row, pool.candidates))
     number = np.searchsorted(pool.candidates, row[new])
     order = np.argsort(number, kind="stable")
-    rest = np.setdiff1d(np.arange(len(p.residual)), new)
+    others = np.setdiff1d(np.arange(len(p.residual)), new)
     new, number = new[order], number[order]
-    columns = CandidateColumns(p.jacobian[new], p.pool[new], number, p.jacobian[rest], p.pool[rest])
-    return Vocabulary(tuple(found), tuple(parameters), settings, columns)
+    columns = CandidateColumns(p.jacobian[new], p.pool[new], number, p.jacobian[others], p.pool[others])
+    return Vocabulary(tuple(sites), tuple(parameters), settings, columns)
 
 
 def _known(c: Circumstances, effects: tuple[str, ...], without: Sequence[Part]) -> Candidates:
     """The candidates of a diagnosis; of a scan that it screens by residuals, one setting."""
-    known = candidates(c, effects, without)
+    assessed = candidates(c, effects, without)
     for effect in EFFECTS.values():
-        if effect.name not in known.variants and wide(effect, c) and effect.scan is not None:
+        if effect.name not in assessed.variants and wide(effect, c) and effect.scan is not None:
             lacks, values = effect.missing(c), effect.scan.values(c)
-            known = extended(known, effect, [float(values[len(values) // 2]) if lacks else None], c, lacks)
-    return known
+            assessed = extended(
+                assessed, effect, [float(values[len(values) // 2]) if lacks else None], c, lacks
+            )
+    return assessed
 
 
 def _is(one: Suspect, p: Parameter) -> bool:
@@ -242,8 +244,8 @@ def _is(one: Suspect, p: Parameter) -> bool:
 def _shown(one: Suspect, c: Circumstances) -> list[Parameter]:
     """Parameters of a suspect in its setting."""
     effect, setting = named(one.model)
-    found = one.selection.of(effect.at(c, setting), "--after")
-    if not found:
+    shown = one.selection.of(effect.at(c, setting), "--after")
+    if not shown:
         what = f"no candidate contact shows {one.model}"
         raise BayescalError(what, "--after", "check the columns of the setup, and its payloads")
-    return found
+    return shown

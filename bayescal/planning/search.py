@@ -1,9 +1,7 @@
 """The search for contacts on several targets at once: places are tried until each target has its share.
 
-Contacts that locate spheres: distributed over the upper part of each, in one configuration of the arm.
-
-A sphere is located by contacts at nearly one orientation of the tool, so that an error of the arm that
-depends on the configuration does not deform it. All spheres are searched together.
+A sphere that validates is located by contacts at nearly one orientation of the tool (`located`), so that an
+error of the arm that depends on the configuration does not deform it.
 """
 
 from __future__ import annotations
@@ -14,14 +12,12 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from bayescal.arm.transforms import cross
+from bayescal.arm.transforms import cone, cross
 from bayescal.dataset import Dataset
 from bayescal.dataset.target_kinds import KINDS
-from bayescal.planning.hand import Hand, Reached
 from bayescal.planning.pool import Setup
-from bayescal.planning.sites import Room, Sites, join, sites_on
-from bayescal.probing.approach import spread
-from bayescal.probing.reach import cone
+from bayescal.probing.contacts import Contacts, Hand, Sites
+from bayescal.probing.placement import spread
 
 BATCH = 4000  # places that are tried at once: memory
 EXPECTED = 0.25  # share of places that become contacts, assumed of a target before any is tried
@@ -40,10 +36,15 @@ class Search:
     target: int
     hands: Mapping[int, Hand]
     solid: int
-    found: list[tuple[int, Reached]] = field(default_factory=list)
+    found: list[tuple[int, Contacts]] = field(default_factory=list)
     tried: int = 0
     dropped: Counter[str] = field(default_factory=Counter)
     by_hand: bool = False
+
+    def count(self, reached: Contacts, rows: np.ndarray) -> None:
+        """Count what was tried, in some rows (M,) bool, and why it is no contact."""
+        self.tried += int(np.sum(rows))
+        self.dropped.update(why for why in reached.reason[rows] if why)
 
     @property
     def have(self) -> int:
@@ -78,20 +79,38 @@ def tools_for(dataset: Dataset, target: int) -> list[int]:
     return others if kind.of_instrument and others else balls or others
 
 
-def room_of(setup: Setup, hand: Hand, tool: int) -> Room:
-    """Of the places for a tool: the volume of interest, the cone, the radius of its ball."""
-    return Room(hand.points, setup.volume, setup.cone, setup.dataset.tools[tool].ball_radius or 0.0)
+def sites_on(setup: Setup, target: int, hand: Hand, tool: int, count: int, rng: np.random.Generator) -> Sites:
+    """`count` random places of a tool on a target, with random directions of it within its cone.
+
+    Where the kind of the target gives none, they are in the volume of interest, or wherever the arm reaches.
+    """
+    entry, radius = setup.dataset.targets[target], setup.dataset.tools[tool].ball_radius or 0.0
+    planned, region, places = KINDS[entry.kind].planned, setup.regions.get(entry.name), None
+    if planned is not None and planned.places is not None and region is not None:
+        places = planned.places(entry, region, radius, count, rng)
+    points, normals = places or (_in_volume(setup, hand, count, rng), np.full((count, 3), np.nan))
+    axes = cone(np.tile([0.0, 0.0, 1.0], (count, 1)), np.pi, rng)
+    touched = np.isfinite(normals[:, :1])
+    axes = np.where(touched, cone(np.where(touched, -normals, axes), setup.cone, rng), axes)
+    return Sites(points, normals, axes)
+
+
+def _in_volume(setup: Setup, hand: Hand, count: int, rng: np.random.Generator) -> np.ndarray:
+    """TCP positions (count, 3), m, in the volume of interest, or of random configurations."""
+    if setup.volume is None:
+        return hand.points[rng.integers(len(hand.points), size=count)]
+    return setup.volume.centre + rng.uniform(-0.5, 0.5, (count, 3)) * setup.volume.size
 
 
 def goals(searches: Sequence[Search], count: int) -> list[int]:
     """Contacts wanted of each search, together `count`: where a search is hopeless, others have more."""
     lost = [s.have if s.hopeless else None for s in searches]
-    rest = max(0, count - sum(have for have in lost if have is not None))
+    wanted = max(0, count - sum(have for have in lost if have is not None))
     active = sum(have is None for have in lost)
     out, k = [], 0
     for have in lost:
         if have is None:
-            out.append(rest // active + (k < rest % active))
+            out.append(wanted // active + (k < wanted % active))
             k += 1
         else:
             out.append(have)
@@ -106,36 +125,32 @@ def tried_once(
     if not any(number > 0 for number in missing):
         return False
     for tool, hand in sorted({k: hand for s in searches for k, hand in s.hands.items()}.items()):
-        room, own, parts = room_of(setup, hand, tool), [], []
+        active, parts = [], []
         for search, number in zip(searches, missing, strict=True):
             if number > 0 and tool in search.hands:
-                target = setup.dataset.targets[search.target]
                 tries = int(np.ceil(SPARE * number / search.share / len(search.hands))) + 8
-                parts.append(sites_on(target, setup.regions.get(target.name), room, min(tries, BATCH), rng))
-                own.append(search)
+                parts.append(sites_on(setup, search.target, hand, tool, min(tries, BATCH), rng))
+                active.append(search)
         if not parts:
             continue
-        sites = join(parts)
-        of = np.repeat(np.arange(len(own)), [len(part) for part in parts])
-        solid = np.array([s.solid for s in own])[of]
+        sites = Sites.join(parts)
+        index = np.repeat(np.arange(len(active)), [len(part) for part in parts])
+        solid = np.array([s.solid for s in active])[index]
+        by_hand = any(s.by_hand for s in active)
         for begin in range(0, len(sites), BATCH):
             some = slice(begin, begin + BATCH)
-            by_hand = any(s.by_hand for s in own)
             reached = hand.reach(sites[some], solid[some], rng, turning=turning, by_hand=by_hand)
-            for k, search in enumerate(own):
-                rows = np.flatnonzero(of[some] == k)
-                search.tried += len(rows)
-                search.dropped.update(w for w in reached.reason[rows] if w)
-                good = rows[reached.reason[rows] == ""]
-                search.found.append((tool, reached[good]))
+            for k, search in enumerate(active):
+                search.count(reached, index[some] == k)
+                search.found.append((tool, reached[(index[some] == k) & (reached.reason == "")]))
     return True
 
 
-def chosen(search: Search, count: int, rng: np.random.Generator) -> tuple[np.ndarray, Reached]:
+def chosen(search: Search, count: int, rng: np.random.Generator) -> tuple[np.ndarray, Contacts]:
     """At most `count` of the contacts of a search at random: their tools (K,), and the contacts."""
     tool = np.concatenate([np.full(len(reached), k) for k, reached in search.found])
     rows = rng.permutation(len(tool))[:count]
-    every = Reached.join([reached for _, reached in search.found])
+    every = Contacts.join([reached for _, reached in search.found])
     return tool[rows], every[rows]
 
 
@@ -145,70 +160,63 @@ FIRST = 60  # places on a sphere that are tried, to find configurations
 HOMES = 8  # configurations that are compared: half of them those with the tool most nearly along gravity
 PROBES = 16  # places that are tried in each of them
 EXTRA = 1.6  # times as many contacts as are taken, to choose those far from each other
-WEAKEST = 0.2
-"""Least spread of the normals along any direction, below which the centre is not identifiable."""
 TILT = np.radians(10.0)  # variation of the direction of the tool
 ROUNDS = 6
 
 
 def located(
     setup: Setup, searches: Sequence[Search], tool: int, hand: Hand, rng: np.random.Generator
-) -> list[Reached]:
+) -> list[Contacts]:
     """`EACH` contacts on the sphere of each search; none (K = 0) where too little of it can be touched.
 
     The configuration is that, of a few, from which most of the sphere is reached. Reasons are counted in the
     searches.
     """
-    out: list[Reached] = [_nothing(hand)] * len(searches)
+    out = [Contacts.none(hand.arm.robot.n)] * len(searches)
     for _ in range(ROUNDS):
-        left = [k for k, own in enumerate(out) if not len(own)]
-        if not left:
+        missing = [k for k, contacts in enumerate(out) if not len(contacts)]
+        if not missing:
             break
-        some = [searches[k] for k in left]
-        for k, own in zip(left, _located(setup, some, tool, hand, rng), strict=True):
-            out[k] = own
+        some = [searches[k] for k in missing]
+        for k, contacts in zip(missing, _located(setup, some, tool, hand, rng), strict=True):
+            out[k] = contacts
     return out
-
-
-def _nothing(hand: Hand) -> Reached:
-    none = np.empty((0, hand.arm.robot.n))
-    return Reached(none, none, np.empty(0, object))
 
 
 def _located(
     setup: Setup, searches: Sequence[Search], tool: int, hand: Hand, rng: np.random.Generator
-) -> list[Reached]:
-    room, targets = room_of(setup, hand, tool), [setup.dataset.targets[s.target] for s in searches]
+) -> list[Contacts]:
+    names = [setup.dataset.targets[s.target].name for s in searches]
 
     def places(count: np.ndarray) -> Sites:
         """Random places on each sphere, `count` (S,)."""
-        each = zip(targets, count, strict=True)
-        return join([sites_on(t, setup.regions[t.name], room, int(n), rng) for t, n in each])
+        each = zip(searches, count, strict=True)
+        return Sites.join([sites_on(setup, s.target, hand, tool, int(n), rng) for s, n in each])
 
-    def reach(sites: Sites, sphere: np.ndarray, starts: np.ndarray | None = None) -> Reached:
+    def reach(sites: Sites, sphere: np.ndarray, starts: np.ndarray | None = None) -> Contacts:
         reached = hand.reach(sites, np.array([s.solid for s in searches])[sphere], rng, starts)
         for k, search in enumerate(searches):
-            search.tried += int(np.sum(sphere == k))
-            search.dropped.update(why for why in reached.reason[sphere == k] if why)
+            search.count(reached, sphere == k)
         return reached
 
     def around(
         home: np.ndarray, axes: np.ndarray, of: np.ndarray, tries: np.ndarray
-    ) -> tuple[Sites, Reached]:
+    ) -> tuple[Sites, Contacts]:
         """Places on the sphere `of` (H,) of each home (H, n), with the tool along its axis if possible."""
         number = np.repeat(np.arange(len(home)), tries)
         sites = places(np.bincount(of, weights=tries, minlength=len(searches)).astype(int))
-        own = _alike(axes[number], sites.normals, hand.cone, rng)
-        return sites, reach(replace(sites, axes=own), of[number], home[number])
+        alike = _alike(axes[number], sites.normals, hand.cone, rng)
+        return sites, reach(replace(sites, axes=alike), of[number], home[number])
 
+    nothing = [Contacts.none(hand.arm.robot.n)] * len(searches)
     sphere = np.repeat(np.arange(len(searches)), FIRST)
     first = reach(places(np.full(len(searches), FIRST)), sphere)
     axes = hand.arm.tool_axis(hand.arm.frames(first.readings))
-    up = np.array([setup.regions[t.name].up for t in targets])
+    up = np.array([setup.regions[name].up for name in names])
     rank = np.where(first.reason == "", np.sum(axes * up[sphere], axis=1), np.inf)
-    homes = np.concatenate([k * FIRST + _homes(own, rng) for k, own in enumerate(rank.reshape(-1, FIRST))])
+    homes = np.concatenate([k * FIRST + _homes(r, rng) for k, r in enumerate(rank.reshape(-1, FIRST))])
     if not len(homes):
-        return [_nothing(hand)] * len(searches)
+        return nothing
     of = sphere[homes]
     _, probed = around(first.readings[homes], axes[homes], of, np.full(len(homes), PROBES))
     share = (probed.reason == "").reshape(-1, PROBES).mean(axis=1)
@@ -217,12 +225,12 @@ def _located(
     )
     best = best[share[best] * PROBES >= 2]
     if not len(best):
-        return [_nothing(hand)] * len(searches)
+        return nothing
     tries = np.ceil(EXTRA * EACH / share[best]).astype(int)
     sites, more = around(first.readings[homes[best]], axes[homes[best]], of[best], tries)
     number = np.repeat(of[best], tries)
     return [
-        more[_spread(sites.normals, np.flatnonzero((number == k) & (more.reason == "")))]
+        more[spread(sites.normals, np.flatnonzero((number == k) & (more.reason == "")), EACH)]
         for k in range(len(searches))
     ]
 
@@ -230,8 +238,8 @@ def _located(
 def _homes(rank: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """Indices of at most `HOMES` finite ranks (M,): half of them the smallest, the others at random."""
     rows = np.argsort(rank, kind="stable")[: np.sum(np.isfinite(rank))]
-    rest = rng.permutation(rows[HOMES // 2 :])
-    return np.asarray(np.concatenate([rows[: HOMES // 2], rest])[:HOMES])
+    others = rng.permutation(rows[HOMES // 2 :])
+    return np.asarray(np.concatenate([rows[: HOMES // 2], others])[:HOMES])
 
 
 def _alike(axes: np.ndarray, normals: np.ndarray, half_angle: float, rng: np.random.Generator) -> np.ndarray:
@@ -242,12 +250,3 @@ def _alike(axes: np.ndarray, normals: np.ndarray, half_angle: float, rng: np.ran
     angle = np.arccos(np.clip(np.sum(inward * wanted, axis=1), -1, 1))
     angle = np.minimum(angle, 0.98 * half_angle)[:, None]
     return np.cos(angle) * inward + np.sin(angle) * beside
-
-
-def _spread(normals: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """`EACH` of `rows` with normals (M, 3) far from each other; none if they would not locate a sphere."""
-    if len(rows) < EACH:
-        return rows[:0]
-    rows = rows[spread(normals[rows], EACH)]
-    off = normals[rows] - normals[rows].mean(axis=0)
-    return rows if np.linalg.svd(off, compute_uv=False)[-1] / np.sqrt(EACH) > WEAKEST else rows[:0]

@@ -5,12 +5,8 @@ effect (Atkinson and Fedorov, Biometrika 62 (1975) 57: T-optimal designs; in clo
 A model that is not determined yet predicts nothing, and no first contact shows an effect. Therefore contacts
 with the largest variance (D-optimal) come first, until the model has as many contacts as unknowns.
 
-What a plan can show: the smallest detectable amplitude of every effect, and what it cannot separate.
-
-Interventions that would separate what the candidates of a pool cannot.
-
-The planned contacts are repeated under other conditions (`gap.design.interventions`), and the best of them
-are chosen for the pair.
+Of a plan: the smallest detectable amplitude of every effect, and for pairs of effects that it cannot separate
+the intervention that would: its contacts repeated under other conditions (`gap.design.candidate_contacts`).
 """
 
 from __future__ import annotations
@@ -39,12 +35,14 @@ ROUNDING = 1e-6
 """Lambda up to which the contacts do not show an effect at all."""
 
 
-def detectable(found: Vocabulary, chosen: Projection, random: Sequence[Projection]) -> tuple[Detectable, ...]:
+def detectable(
+    vocabulary: Vocabulary, chosen: Projection, random: Sequence[Projection]
+) -> tuple[Detectable, ...]:
     """Smallest detectable amplitude of every effect at every site.
 
     Parameters
     ----------
-    found : Vocabulary
+    vocabulary : Vocabulary
     chosen, random : Projection
         With the contacts of the plan, and of random selections of the same size; the median of these counts.
 
@@ -54,23 +52,25 @@ def detectable(found: Vocabulary, chosen: Projection, random: Sequence[Projectio
     parameters of a site; an effect that the contacts cannot show has an infinite one.
     """
     none = np.empty(0, int)
-    each = Contrasts.of(found, [Contrast(s.columns, none, k) for k, s in enumerate(found.seats)])
+    each = Contrasts.of(vocabulary, [Contrast(s.columns, none, k) for k, s in enumerate(vocabulary.seats)])
     smallest, by_chance = (_smallest(x) for x in (each.strengths(chosen), _median(each, random)))
-    plausible = [np.sqrt(np.mean([found.parameters[k].sd ** 2 for k in s.columns])) for s in found.seats]
+    plausible = [
+        np.sqrt(np.mean([vocabulary.parameters[k].sd ** 2 for k in s.columns])) for s in vocabulary.seats
+    ]
     return tuple(
         Detectable(s.effect, s.site, s.unit, float(a * sd), float(b * sd), float(sd))
-        for s, a, b, sd in zip(found.seats, smallest, by_chance, plausible, strict=True)
+        for s, a, b, sd in zip(vocabulary.seats, smallest, by_chance, plausible, strict=True)
     )
 
 
 def confusable(
-    found: Vocabulary, chosen: Projection, before: Sequence[Projection], pairs: Sequence[Pair] = ()
+    vocabulary: Vocabulary, chosen: Projection, before: Sequence[Projection], pairs: Sequence[Pair] = ()
 ) -> tuple[tuple[Pair, Confusable], ...]:
     """Pairs of effects, and lambda of one beside the other, before and after.
 
     Parameters
     ----------
-    found : Vocabulary
+    vocabulary : Vocabulary
     chosen : Projection
         With the contacts of the plan.
     before : sequence of Projection
@@ -85,11 +85,11 @@ def confusable(
         those sites at which it is detectable. Elsewhere it need not be separated.
     """
     out = []
-    for options in [[p, p.reversed] for p in pairs] or _plausible(found, chosen):
-        shown = [(p, x) for k, p in enumerate(options) if (x := beside(found, p, k)) is not None]
+    for options in [[p, p.reversed] for p in pairs] or _plausible(vocabulary, chosen):
+        shown = [(p, x) for k, p in enumerate(options) if (x := beside(vocabulary, p, k)) is not None]
         if not shown:
             continue
-        c = Contrasts.of(found, [item for _, item in shown])
+        c = Contrasts.of(vocabulary, [item for _, item in shown])
         old, new = _median(c, before), c.strengths(chosen)
         weakest = int(np.argmin(new))
         pair = shown[weakest][0]
@@ -103,25 +103,25 @@ def words(side: Side) -> str:
     return " and ".join(one.model for one in side) or NOISE
 
 
-def _plausible(found: Vocabulary, chosen: Projection) -> list[list[Pair]]:
+def _plausible(vocabulary: Vocabulary, chosen: Projection) -> list[list[Pair]]:
     """Of every pair of confusable effects, each at each site where it is detectable, beside the other."""
-    pairs = {frozenset((a, b)): (a, b) for a in found.names for b in found.confusable(a)}
-    seats = {a: _detected(found, a, chosen) for a in found.names}
+    pairs = {frozenset((a, b)): (a, b) for a in vocabulary.names for b in vocabulary.confusable(a)}
+    seats = {a: _detected(vocabulary, a, chosen) for a in vocabulary.names}
     return [
-        [Pair((Suspect(own),), (Suspect(y),)) for x, y in ((a, b), (b, a)) for own in seats[x]]
+        [Pair((Suspect(site),), (Suspect(y),)) for x, y in ((a, b), (b, a)) for site in seats[x]]
         for a, b in pairs.values()
     ]
 
 
-def _detected(found: Vocabulary, effect: str, chosen: Projection) -> list[str]:
+def _detected(vocabulary: Vocabulary, effect: str, chosen: Projection) -> list[str]:
     """An effect at each site where it is detectable at its plausible amplitude, as text."""
-    texts = dict.fromkeys(f"{effect} at {s.site}" for s in found.seats if s.effect == effect)
-    own = [t for t in texts if len(found.shown(Suspect(t)))]
-    items = [Contrast(found.shown(Suspect(t)), np.empty(0, int), k) for k, t in enumerate(own)]
+    texts = dict.fromkeys(f"{effect} at {s.site}" for s in vocabulary.seats if s.effect == effect)
+    shown = [t for t in texts if len(vocabulary.shown(Suspect(t)))]
+    items = [Contrast(vocabulary.shown(Suspect(t)), np.empty(0, int), k) for k, t in enumerate(shown)]
     if not items:
         return []
-    strengths = Contrasts.of(found, items).strengths(chosen)
-    return [t for t, strength in zip(own, strengths, strict=True) if strength >= DESIGN.named]
+    strengths = Contrasts.of(vocabulary, items).strengths(chosen)
+    return [t for t, strength in zip(shown, strengths, strict=True) if strength >= DESIGN.named]
 
 
 def _median(c: Contrasts, selections: Sequence[Projection]) -> np.ndarray:
@@ -221,8 +221,8 @@ def repeated(
 
 def _undetermined(contrasts: Contrasts, before: int, done: int, count: int) -> bool:
     """Whether the model has fewer residuals than unknowns, as long as effects still have their share."""
-    known = len(contrasts.columns.known_design)
-    return done < SHARE * count and known + before < contrasts.columns.design.shape[1]
+    measured = len(contrasts.columns.known_design)
+    return done < SHARE * count and measured + before < contrasts.columns.design.shape[1]
 
 
 def _next(
@@ -233,12 +233,12 @@ def _next(
     undetermined: bool = False,
 ) -> int:
     """The best of the candidates that are `free`: by the variance of its prediction, or by the objective."""
-    at = np.flatnonzero(free)
+    candidates = np.flatnonzero(free)
     if undetermined:
-        return int(at[np.argmax(p.variance_of_candidates()[at])])
-    if len(at) > TRIED:
-        at = np.sort(rng.choice(at, TRIED, replace=False))
-    return int(at[np.argmax(contrasts.changed(p, at, 1.0))])
+        return int(candidates[np.argmax(p.variance_of_candidates()[candidates])])
+    if len(candidates) > TRIED:
+        candidates = np.sort(rng.choice(candidates, TRIED, replace=False))
+    return int(candidates[np.argmax(contrasts.changed(p, candidates, 1.0))])
 
 
 NO_LEVER = "no known measurement"
@@ -248,7 +248,7 @@ def with_levers(
     pool: Pool,
     effects: tuple[str, ...],
     chosen: np.ndarray,
-    found: Sequence[tuple[Pair, Confusable]],
+    similar: Sequence[tuple[Pair, Confusable]],
     rng: np.random.Generator,
     without: Sequence[Part] = (),
 ) -> tuple[Confusable, ...]:
@@ -261,8 +261,8 @@ def with_levers(
         The model.
     chosen : np.ndarray of int
         Candidates of the plan.
-    found : sequence of (Pair, Confusable)
-        Of `detectable.confusable`.
+    similar : sequence of (Pair, Confusable)
+        Of `confusable`.
     rng : np.random.Generator
     without : sequence of Part
         Parts that the model lacks.
@@ -272,12 +272,12 @@ def with_levers(
     `DESIGN.contacts` further contacts are chosen of each intervention. The first that reaches `SEPARATED` is
     stated, more contacts at the same poses before all others.
     """
-    if all(c.after >= SEPARATED for _, c in found):
-        return tuple(c for _, c in found)
+    if all(c.after >= SEPARATED for _, c in similar):
+        return tuple(c for _, c in similar)
     again, names, which = _repeated(pool, chosen)
     fitted = nominal(again.session, effects, without)
     out = []
-    for pair, c in found:
+    for pair, c in similar:
         words = "" if c.after >= SEPARATED else _lever(again, fitted, pair, names, which, rng, without)
         out.append(replace(c, intervention=words))
     return tuple(out)
@@ -287,8 +287,8 @@ def _repeated(pool: Pool, chosen: np.ndarray) -> tuple[Pool, list[str], np.ndarr
     """The planned session as measured, its contacts under other conditions as candidates; which are whose."""
     rows = np.sort(np.concatenate([np.arange(pool.measured), pool.candidates[chosen]]))
     planned = replace(pool.session, measurements=taken(pool.session.measurements, rows))
-    at = np.arange(pool.measured, len(rows))
-    wide, interventions = widened(Scene(planned), at)
+    new = np.arange(pool.measured, len(rows))
+    wide, interventions = widened(Scene(planned), new)
     role = wide.measurements.role.copy()
     role[len(rows) :] = "calibrate"
     session = replace(wide, measurements=replace(wide.measurements, role=role))

@@ -14,10 +14,10 @@ from itertools import pairwise
 
 import numpy as np
 
-from bayescal.planning.hand import EVERY, Hand
-from bayescal.planning.place import RAISED, TOLERANCE, Place, placements, scene, seconds_between
 from bayescal.planning.pool import Pool
-from bayescal.probing.scene import Scene
+from bayescal.probing.contacts import EVERY, Hand
+from bayescal.probing.motions import RAISED, TOLERANCE, Place, seconds_between
+from bayescal.probing.scene import Scene, placements
 
 WAITING = 60  # raised poses that are tried where the arm waits, those of the shortest way first
 HARD = 6  # of them to which a way past other configurations is searched
@@ -44,12 +44,12 @@ class Transits:
     def _labels(self) -> np.ndarray:
         """Placement of each row, (N,)."""
         session = self.pool.session
-        own = np.array(placements([t.name for t in session.targets]), object)
-        return own[session.measurements.target]
+        labels = np.array(placements([t.name for t in session.targets]), object)
+        return labels[session.measurements.target]
 
     @cached_property
     def _around(self) -> Scene:
-        return scene(self.pool.setup)
+        return self.pool.setup.scene
 
     @cached_property
     def _hands(self) -> list[Hand]:
@@ -92,7 +92,7 @@ class Transits:
             before = None if k == 0 else (places[k - 1], approach[k - 1])
             leave[k], via[k] = stopped(before, (places[k], approach[k]))
         for place in dict.fromkeys(places):
-            some = np.array([k for k, own in enumerate(places) if own is place and not stops[k]], int)
+            some = np.array([k for k, one in enumerate(places) if one is place and not stops[k]], int)
             for k, way in zip(some, place.ways(approach[some - 1], approach[some]), strict=True):
                 via[k] = way
         for row in [k for k, way in enumerate(via) if way is None and not stops[k]]:
@@ -126,11 +126,13 @@ class Transits:
             if some:
                 of, a, b = (np.array(part) for part in zip(*some, strict=True))
                 np.minimum.at(out, of, place.clearance.closest(a, b, TOLERANCE))
-            own = np.array([k for k, one in enumerate(places) if one is place])
-            hand = self._hands[int(m.tool[rows[own[0]]])]
-            touched = self._around.touched([self.pool.session.targets[t].name for t in m.target[rows[own]]])
-            for a, b, slack in hand.line(m.readings[rows[own]], approach[own]):
-                np.minimum.at(out, own, place.clearance.closest(a, b, TOLERANCE, touched, slack))
+            rows_here = np.array([k for k, one in enumerate(places) if one is place])
+            hand = self._hands[int(m.tool[rows[rows_here[0]]])]
+            touched = self._around.touched(
+                [self.pool.session.targets[t].name for t in m.target[rows[rows_here]]]
+            )
+            for a, b, slack in hand.line(m.readings[rows[rows_here]], approach[rows_here]):
+                np.minimum.at(out, rows_here, place.clearance.closest(a, b, TOLERANCE, touched, slack))
         out[closed] = np.nan
         return out
 
@@ -140,9 +142,11 @@ class Transits:
         It stays where it is until a row needs another, and is there from the beginning.
         """
         out = self._labels[rows]
-        known = np.flatnonzero(out != "")
-        if len(known):
-            out = out[known[np.maximum(np.searchsorted(known, np.arange(len(rows)), side="right") - 1, 0)]]
+        labelled = np.flatnonzero(out != "")
+        if len(labelled):
+            out = out[
+                labelled[np.maximum(np.searchsorted(labelled, np.arange(len(rows)), side="right") - 1, 0)]
+            ]
         return out
 
     def _changes(self, rows: np.ndarray, labels: np.ndarray) -> tuple[str, ...]:
@@ -195,9 +199,9 @@ def stopped(
 def by_hand(end: np.ndarray) -> str:
     """How the arm is jogged manually to readings (n,), rad, to which no free way is known."""
     joints = [f"J{k} {angle:.1f}" for k, angle in enumerate(np.degrees(end), 1)]
-    first, *rest = joints
+    first, *others = joints
     return (
         "jog manually from where the arm stands: first raise the tool above all that stands there (J2, J3); "
-        f"then {first} deg; then the wrist, {', '.join(rest[2:]) or first} deg; at last lower the arm to "
-        f"{', '.join(rest[:2]) or first} deg"
+        f"then {first} deg; then the wrist, {', '.join(others[2:]) or first} deg; at last lower the arm to "
+        f"{', '.join(others[:2]) or first} deg"
     )

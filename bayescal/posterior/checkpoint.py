@@ -40,7 +40,7 @@ LIBRARIES = ("numpy", "scipy", "emcee")
 Results = dict[str, np.ndarray]
 
 
-class _Chain(emcee.backends.HDFBackend):  # type: ignore[misc]
+class _Chain(emcee.backends.HDFBackend):
     """A chain in a group of an open file."""
 
     def __init__(self, file: h5py.File, name: str) -> None:

@@ -62,10 +62,9 @@ def certified_pairs(
 def centre_distances(scene: Scene, located: Mapping[str, LocatedTarget], arm: np.ndarray) -> CentreDistances:
     """Errors of certified distances; `arm` (P, F): rows of the arm in a factor of the covariance."""
     pairs = list(certified_pairs(scene, located))
-    used = list({id(t): t for _, *ends in pairs for t in ends}.values())
+    used = list(dict.fromkeys(t for _, *ends in pairs for t in ends))
     rows = np.cumsum([0, *(len(t.noise) for t in used)])
     unknowns = np.cumsum([0, *(len(t.by_prior) for t in used)]) + arm.shape[1]
-    number = {id(t): k for k, t in enumerate(used)}
     by_parameters = np.zeros((len(pairs), unknowns[-1] if used else arm.shape[1]))
     by_noise = np.zeros((len(pairs), rows[-1]))
     names, error, u, directions = [], [], [], [np.zeros((0, 3))]
@@ -77,7 +76,7 @@ def centre_distances(scene: Scene, located: Mapping[str, LocatedTarget], arm: np
         u.append(c.u_distance or 0.0)
         directions.append((apart / length)[None])
         for t, sign in ((a, 1.0), (b, -1.0)):
-            k, by = number[id(t)], sign * (apart / length) @ t.to_state[:3]
+            k, by = used.index(t), sign * (apart / length) @ t.to_state[:3]
             by_parameters[i, : arm.shape[1]] += by @ t.by_arm @ arm
             by_parameters[i, unknowns[k] : unknowns[k + 1]] = by @ t.by_prior
             by_noise[i, rows[k] : rows[k + 1]] = by @ t.by_noise

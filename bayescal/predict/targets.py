@@ -23,7 +23,7 @@ from bayescal.model.scene import Scene
 from bayescal.predict.locate import AmbiguousPositionError, locate
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class LocatedTarget:
     """A target located from R residuals of its own rows.
 
@@ -70,10 +70,7 @@ class LocatedTarget:
 
 
 def located_target(
-    estimate: Estimate,
-    block: Block,
-    u_diameter: float | None = None,
-    strict: bool = True,
+    estimate: Estimate, block: Block, u_diameter: float | None = None, strict: bool = True
 ) -> LocatedTarget:
     """Locate a target, and its tool where no fitted row used that tool.
 

@@ -25,15 +25,16 @@ from bayescal.predict.targets import (
     predicted_rows,
     prepared,
 )
+from bayescal.statistics import rms
 
 
 @dataclass(frozen=True)
-class PlaneCheck:
-    """Validation contacts of a surface, m."""
+class RowCheck:
+    """Validation measurements of one target; m, or rad for orientations."""
 
     target: str
-    residuals: np.ndarray  # (C,) at the estimate
-    predicted: np.ndarray  # (S, C) draws of the residual, from arm, target and noise
+    residuals: np.ndarray  # (C,) of a surface, else (3, C), at the estimate
+    predicted: np.ndarray  # (S, C) or (S, 3, C) draws of the residual, from arm, target and noise
 
 
 @dataclass(frozen=True)
@@ -58,24 +59,6 @@ class DiameterCheck:
 
 
 @dataclass(frozen=True)
-class PointCheck:
-    """Validation points of one target (instrument readings, a socket), m."""
-
-    target: str
-    residuals: np.ndarray  # (3, C) at the estimate
-    predicted: np.ndarray  # (S, 3, C) draws of the residual
-
-
-@dataclass(frozen=True)
-class TurnCheck:
-    """Orientation errors of the tool in validation data, rotation vectors in the frame of the tool, rad."""
-
-    target: str
-    residuals: np.ndarray  # (3, C) at the estimate
-    predicted: np.ndarray  # (S, 3, C) draws of the residual
-
-
-@dataclass(frozen=True)
 class Errors:
     """Errors of one kind of validation measurement; figures of none are nan.
 
@@ -94,7 +77,7 @@ class Errors:
     @property
     def rms(self) -> float:
         """Root mean square."""
-        return float(np.sqrt(np.mean(self.values**2))) if len(self.values) else float("nan")
+        return rms(self.values) if len(self.values) else float("nan")
 
     @property
     def mean(self) -> float:
@@ -117,11 +100,11 @@ class Validation:
     """Errors and predictions of one model for all validation measurements."""
 
     effects: tuple[str, ...]
-    planes: tuple[PlaneCheck, ...]
+    planes: tuple[RowCheck, ...]  # contacts of surfaces
     distances: tuple[DistanceCheck, ...]
     diameters: tuple[DiameterCheck, ...]
-    points: tuple[PointCheck, ...]
-    turns: tuple[TurnCheck, ...] = ()
+    points: tuple[RowCheck, ...]  # instrument readings, sockets
+    turns: tuple[RowCheck, ...] = ()  # rotation vectors in the frame of the tool
 
     @property
     def contacts(self) -> Errors:
@@ -144,7 +127,7 @@ class Validation:
         return _joined([_lengths(t) for t in self.turns])
 
 
-def _lengths(check: PointCheck | TurnCheck) -> tuple[np.ndarray, np.ndarray]:
+def _lengths(check: RowCheck) -> tuple[np.ndarray, np.ndarray]:
     return np.linalg.norm(check.residuals, axis=0), np.linalg.norm(check.predicted, axis=1)
 
 
@@ -162,7 +145,7 @@ class _Draws:
     kappa: np.ndarray  # (S, G)
     excess: float  # m, unexplained error of a ball centre
     rng: np.random.Generator
-    of_target: dict[int, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
+    of_target: dict[LocatedTarget, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
 
     def normal(self, *shape: int) -> np.ndarray:
         """Standard normals (S, ...)."""
@@ -181,7 +164,7 @@ class _Draws:
 
     def located(self, t: LocatedTarget) -> tuple[np.ndarray, np.ndarray]:
         """Deviations of the unknowns of a target (S, m), and noise of its rows (S, R), m."""
-        if id(t) not in self.of_target:
+        if t not in self.of_target:
             arm = self.estimate.model.slices[ARM]
             noise = self.noise(t.block.group, t.noise)
             if self.excess and self.of_instrument(t.block):
@@ -190,8 +173,8 @@ class _Draws:
             off += self.normal(len(t.by_prior)) @ t.by_prior.T
             if self.excess and not self.of_instrument(t.block):
                 off += self.excess * self.normal(3) @ t.by_shift.T
-            self.of_target[id(t)] = off, noise
-        return self.of_target[id(t)]
+            self.of_target[t] = off, noise
+        return self.of_target[t]
 
     def noise(self, group: str, sd: np.ndarray) -> np.ndarray:
         """Errors (S, R) of measurements with standard uncertainties (R,)."""
@@ -257,11 +240,11 @@ def validate(
     points = [r for r in known.rows if r.block.kind.rows > 1]
     return Validation(
         estimate.model.effects,
-        tuple(PlaneCheck(r.block.target, r.residual, d.residuals(r)[:, 0]) for r in planes),
+        tuple(RowCheck(r.block.target, r.residual, d.residuals(r)[:, 0]) for r in planes),
         tuple(_distances(d, known)),
         tuple(_diameters(d, known)),
-        tuple(PointCheck(r.block.target, r.in_rows, d.residuals(r)) for r in points),
-        tuple(TurnCheck(r.block.target, r.in_rows, d.residuals(r)) for r in _turns(estimate, known)),
+        tuple(RowCheck(r.block.target, r.in_rows, d.residuals(r)) for r in points),
+        tuple(RowCheck(r.block.target, r.in_rows, d.residuals(r)) for r in _turns(estimate, known)),
     )
 
 

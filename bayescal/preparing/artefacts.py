@@ -21,11 +21,10 @@ from bayescal.dataset import Certificate, Patch, Target
 from bayescal.dataset.artefact import ArtefactFile
 from bayescal.dataset.schema import file_model
 from bayescal.errors import BayescalError
-from bayescal.probing.approach import SIZE, U_ANGLE, U_DISTANCE, U_SPHERE, Cube
-from bayescal.probing.reach import Arm
+from bayescal.probing.arm import Arm
+from bayescal.probing.artefacts import SIZE, TOOL, U_ANGLE, U_DISTANCE, U_SPHERE, Cube, Scenery
+from bayescal.probing.placement import cube_of, placement
 from bayescal.robots.schema import SCHEMA, Joint, Link, RobotFile
-from bayescal.simulation.options import TOOL, Scenery
-from bayescal.simulation.session import cube_of, placement
 from bayescal.storage.files import FILL_IN, Keys, stem_of
 
 SPHERES, PLACEMENTS, ON_SPHERE = 3, 4, 11

@@ -24,6 +24,7 @@ from bayescal.errors import BayescalError
 from bayescal.gap.search.candidates import Candidates, candidates, wide
 from bayescal.model.scene import Scene
 from bayescal.preparing.missing import KINDS, Finding, missing
+from bayescal.robots import Loaded
 from bayescal.storage.files import Document
 
 COARSE = 0.1e-3
@@ -222,13 +223,13 @@ class Check:
     findings: tuple[Finding, ...]
 
 
-def check(folder: Path | str, allow_xacro: bool = False) -> Check:
+def check(folder: Path | str, robot: Loaded | None = None) -> Check:
     """Check a dataset folder without fitting it.
 
     Parameters
     ----------
     folder : Path or str
-    allow_xacro : bool
+    robot : Loaded, optional
         As of `read_dataset`.
 
     Raises
@@ -236,7 +237,7 @@ def check(folder: Path | str, allow_xacro: bool = False) -> Check:
     BayescalError
         If the folder cannot be read: it breaks the format.
     """
-    dataset, table, document = read_parts(folder, allow_xacro)
+    dataset, table, document = read_parts(folder, robot)
     scene = Scene(dataset)
     model, modelled = model_of(scene, MODEL)
     circumstances = scene.circumstances(scene.rows("calibrate"))

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from bayescal.arm.chain import Robot
 from bayescal.dataset.read import SETTINGS, TABLE
 from bayescal.dataset.table import COLUMNS, JOINT, PLAIN
 from bayescal.dataset.write import ROBOT
@@ -118,7 +119,7 @@ def start(
     artefacts: Sequence[str],
     tool: np.ndarray | None = None,
     name: str = "",
-    allow_xacro: bool = False,
+    arm: Robot | None = None,
 ) -> tuple[str, ...]:
     """Write the set-up of a new session atomically, and return the names of its files.
 
@@ -134,8 +135,8 @@ def start(
         Centre of the ball or reflector in the flange frame, m; to be filled in if not given.
     name : str
         Of the session; default: the name of the folder.
-    allow_xacro : bool
-        Whether a robot in a xacro file, which is a program, may be executed.
+    arm : Robot, optional
+        That of `robot`, if this is a xacro file.
 
     Raises
     ------
@@ -153,7 +154,7 @@ def start(
         raise BayescalError("each artefact is named once", "--artefact", f"known: {', '.join(ARTEFACTS)}")
     known = robot != NEW
     reference = full_name(robot) if known else STAND_IN
-    arm, _ = load_robot(reference, allow_xacro=allow_xacro)
+    arm = arm or load_robot(reference)[0]
     builtin = known and reference in builtin_robots()
     room = Room.of(arm)
     draft = Draft(

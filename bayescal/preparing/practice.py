@@ -1,7 +1,7 @@
 """A practice session for a set-up: contacts that can be reached, as an arm with errors would measure them.
 
 The set-up is that of `init` or of any dataset folder. Contacts are chosen at random among the candidates of a
-plan. The true arm is drawn as in `simulation.truth`, the true targets from small displacements that agree
+plan. The true arm is drawn as in `simulation.record`, the true targets from small displacements that agree
 with their certificates, within the stated uncertainties. Every row then has the residual that the noise
 gives it.
 """
@@ -21,8 +21,9 @@ from bayescal.model import ARM, Model, equilibrium, with_parameters
 from bayescal.model.scene import Scene
 from bayescal.planning.candidates import candidates
 from bayescal.planning.pool import Setup
-from bayescal.simulation.options import GROUP, Options, stream
 from bayescal.simulation.record import draws, heading, key_of, parameters_record
+from bayescal.simulation.session import GROUP, Options
+from bayescal.statistics import stream
 
 SPARE = 1.3
 """Candidates for each contact."""
@@ -109,8 +110,8 @@ def _in_turn(target: np.ndarray, rows: np.ndarray) -> np.ndarray:
     """Rows (C,) in an order that takes the targets in turn."""
     turn = np.empty(len(rows), int)
     for t in np.unique(target[rows]):
-        own = target[rows] == t
-        turn[own] = np.arange(np.sum(own))
+        mine = target[rows] == t
+        turn[mine] = np.arange(np.sum(mine))
     return rows[np.argsort(turn, kind="stable")]
 
 
@@ -138,7 +139,7 @@ def _targets(model: Model, options: Options) -> np.ndarray:
     for _ in range(CORRECTIONS if error else 0):
         off, by = [], []
         for constraint, wanted in zip(model.constraints, error, strict=True):
-            parts = {name: z[own] for name, own in model.slices.items()}
+            parts = {name: z[part] for name, part in model.slices.items()}
             parts[ARM] = -model.shift / model.sd
             r, slopes = model.linearised(constraint, parts)
             row = np.zeros((constraint.rows, model.size))

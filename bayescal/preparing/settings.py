@@ -27,8 +27,8 @@ from bayescal.dataset.schema import (
 from bayescal.dataset.target_kinds import KINDS
 from bayescal.dataset.write import certificate_keys, flow, plan_lines, target_keys, tool_keys
 from bayescal.preparing.artefacts import ARTEFACTS, Outline
+from bayescal.probing.artefacts import TOOL
 from bayescal.robots.schema import scalar
-from bayescal.simulation.options import TOOL
 from bayescal.storage.files import FILL_IN, stem_of
 from bayescal.storage.files import Keys as Model
 

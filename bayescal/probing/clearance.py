@@ -14,9 +14,9 @@ import numpy as np
 from bayescal.arm.chain import Robot
 from bayescal.arm.inverse import LEVER
 from bayescal.arm.motion import NominalArm
+from bayescal.arm.shapes import Capsule
 from bayescal.dataset.types import Tool
 from bayescal.probing.scene import Solid, arm_capsules
-from bayescal.probing.shapes import Capsule
 from bayescal.probing.sweep import Pair, Pairs
 
 ALWAYS = 0.5
@@ -236,17 +236,17 @@ def path_free(
         0 if free, otherwise an index into `clearance.reasons`; -1 if the path leaves the joint limits.
     """
     out = np.zeros(len(readings), int)
-    at = np.array(readings, float)
+    retracting = np.array(readings, float)
     arm = clearance.arm
     for _ in range(stops):
-        at = retracted(arm, at, length / stops * normals)
-        angles = arm.angles_of(at)
+        retracting = retracted(arm, retracting, length / stops * normals)
+        angles = arm.angles_of(retracting)
         within = np.all((angles >= arm.robot.limits[:, 0]) & (angles <= arm.robot.limits[:, 1]), axis=1)
         out[(out == 0) & ~within] = -1
-        left = np.flatnonzero(out == 0)
-        if not len(left):
+        rows = np.flatnonzero(out == 0)
+        if not len(rows):
             break
-        out[left] = clearance.collides(at[left], None if touched is None else touched[left])
+        out[rows] = clearance.collides(retracting[rows], None if touched is None else touched[rows])
     return out
 
 

@@ -23,21 +23,17 @@ link in robot.yaml replaces it.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 
 from bayescal.arm.chain import Chain, Robot, chain_of
+from bayescal.arm.shapes import Box, Capsule, Cylinder, HalfSpace, Hull, Shape
+from bayescal.dataset.regions import Region, Session
+from bayescal.dataset.target_kinds import KINDS
 from bayescal.dataset.types import Dataset, Target, Tool
-from bayescal.probing.shapes import FIXED, Ball, Box, Capsule, Cylinder, HalfSpace, Hull, Shape
-
-STEM = 0.1
-"""m, assumed: length of the stem below the centre of a sphere."""
-
-STEM_RADIUS = 0.2
-"""Radius of a stem, assumed, of the diameter of its sphere."""
 
 SQUARE = 0.02  # rad: faces of a box are perpendicular and parallel to within this
 
@@ -59,25 +55,14 @@ class Solid:
 
 @dataclass(frozen=True)
 class Scene:
-    """Solids of a session, the solid of each target, and targets whose extent is not known.
-
-    `of` gives the index of the solid on which a target is, by the name of the target. `unknown` are names of
-    targets that state a surface without its extent: nothing is avoided there.
-    """
+    """Solids of a session; `of` gives the index of the solid on which a target is, by its name."""
 
     solids: tuple[Solid, ...]
     of: dict[str, int]
-    unknown: tuple[str, ...] = ()
 
     def touched(self, names: list[str]) -> np.ndarray:
         """Indices (M,) of the solids of targets; -1 for a target without a solid."""
         return np.array([self.of.get(name, -1) for name in names], int)
-
-
-def sphere(name: str, centre: np.ndarray, diameter: float, up: np.ndarray, placement: str = "") -> Solid:
-    """A sphere on a stem: centre (3,) and diameter in m, `up` (3,) the unit vector opposite to the stem."""
-    stem = Capsule(FIXED, centre, centre - STEM * up, STEM_RADIUS * diameter)
-    return Solid(name, (Ball(centre, 0.5 * diameter), stem), placement)
 
 
 def on_table(solids: Sequence[Solid], up: np.ndarray, height: float | None = None) -> tuple[Solid, ...]:
@@ -114,16 +99,16 @@ def _pedestal(shape: Shape, up: np.ndarray, height: float) -> tuple[Shape, ...]:
 def own_solids(dataset: Dataset) -> tuple[Solid, ...]:
     """The solids that a session states (`solids:` in dataset.yaml)."""
     out = []
-    for own in dataset.solids:
-        turn, centre = own.pose[:3, :3], own.pose[:3, 3]
+    for stated in dataset.solids:
+        turn, centre = stated.pose[:3, :3], stated.pose[:3, 3]
         shape: Shape
-        if own.kind == "box":
-            shape = Box(own.pose, 0.5 * own.size)
-        elif own.kind == "cylinder":
-            shape = Cylinder(centre, turn[:, 2], 0.5 * float(own.size[1]), 0.5 * float(own.size[0]))
+        if stated.kind == "box":
+            shape = Box(stated.pose, 0.5 * stated.size)
+        elif stated.kind == "cylinder":
+            shape = Cylinder(centre, turn[:, 2], 0.5 * float(stated.size[1]), 0.5 * float(stated.size[0]))
         else:
-            shape = Hull(own.points @ turn.T + centre)
-        out.append(Solid(own.name, (shape,), own.placement))
+            shape = Hull(stated.points @ turn.T + centre)
+        out.append(Solid(stated.name, (shape,), stated.placement))
     return tuple(out)
 
 
@@ -133,39 +118,81 @@ def up_of(dataset: Dataset) -> np.ndarray:
     return -dataset.gravity / length if length else np.array([0.0, 0.0, 1.0])
 
 
-def scene_of(dataset: Dataset, with_table: bool = True) -> Scene:
+def placements(names: Sequence[str]) -> list[str]:
+    """Placement of the artefact of each target, by its name (``ball.A@1``: ``1``).
+
+    "" where the target stays; a single placement stays.
+    """
+    labels = [name.partition("@")[2] for name in names]
+    return labels if len({*labels} - {""}) > 1 else [""] * len(labels)
+
+
+def scene_of(
+    dataset: Dataset,
+    regions: Mapping[str, Region] | None = None,
+    table: float | None = None,
+    with_table: bool = True,
+) -> Scene:
     """The solids that the targets of a session state.
 
     Planes of a name with a common part before the dot (``cube.+x``) are faces of a box, if they include a
     parallel pair and three perpendicular directions. Along a direction with a single face the box is as deep
-    as the smallest parallel pair. Spheres stand on stems; of ``ball.A@1`` the placement is ``1``. Other
-    targets have no extent (`Scene.unknown`): no solid.
+    as the smallest parallel pair. Spheres stand on stems. Other targets have no extent without their regions.
 
     Parameters
     ----------
     dataset : Dataset
+    regions : mapping of str to Region, optional
+        By the names of targets: walls, cylinders and posts of seats are added, and the session's own solids,
+        which do not stand on anything.
+    table : float, optional
+        Height of the table, m, against gravity; below the lowest solid if not given.
     with_table : bool
-        Add a table below all solids.
+        Add the table below all solids, on which boxes stand by pedestals.
     """
-    up = up_of(dataset)
-    solids: list[Solid] = []
-    of: dict[str, int] = {}
-    faces: dict[str, list[Target]] = {}
+    up, names = up_of(dataset), [t.name for t in dataset.targets]
+    bodies: list[tuple[str, tuple[Shape, ...], list[str]]] = []
     for target in dataset.targets:
-        if target.kind == "plane":
-            faces.setdefault(target.name.rpartition(".")[0], []).append(target)
-        elif target.kind == "sphere":
-            placement = target.name.partition("@")[2]
-            centre, diameter = np.asarray(target.values["centre"], float), float(target.values["diameter"])
-            of[target.name] = len(solids)
-            solids.append(sphere(target.name, centre, diameter, up, placement))
-    for artefact, group in faces.items():
-        shape = box_of(group)
-        if shape is not None:
-            of |= dict.fromkeys((t.name for t in group), len(solids))
-            solids.append(Solid(artefact, (shape,), group[0].name.partition("@")[2]))
-    unknown = tuple(t.name for t in dataset.targets if t.kind != "instrument" and t.name not in of)
-    return Scene(on_table(solids, up) if with_table and solids else tuple(solids), of, unknown)
+        kind, planned = KINDS[target.kind], KINDS[target.kind].planned
+        if kind.touched and kind.centred and planned and planned.region and planned.obstacle:
+            region = planned.region(target, Session(up))
+            if region is not None:
+                bodies.append((target.name, planned.obstacle(target, region), [target.name]))
+    for artefact, faces in artefacts(dataset.targets).items():
+        if (box := box_of(faces)) is not None:
+            bodies.append((artefact, (box,), [t.name for t in faces]))
+    of = {name: k for k, (_, _, on) in enumerate(bodies) for name in on}
+    for target in dataset.targets:
+        planned = KINDS[target.kind].planned
+        if regions and target.name in regions and target.name not in of and planned and planned.obstacle:
+            of[target.name] = len(bodies)
+            bodies.append((target.name, planned.obstacle(target, regions[target.name]), [target.name]))
+    labels = [name.partition("@")[2] for name in names] if regions is None else placements(names)
+    label = dict(zip(names, labels, strict=True))
+    solids = [Solid(name, shapes, label[on[-1]]) for name, shapes, on in bodies]
+    if with_table and (solids or table is not None):
+        solids = list(on_table(solids, up, table))
+    if regions is not None:
+        moved = set(label.values())  # a single placement is there all the time
+        solids += [
+            replace(s, placement=s.placement if s.placement in moved else "") for s in own_solids(dataset)
+        ]
+    return Scene(tuple(solids), of)
+
+
+def artefacts(targets: Sequence[Target]) -> dict[str, list[Target]]:
+    """Planes with a common first part of their names, by that part."""
+    out: dict[str, list[Target]] = {}
+    for target in targets:
+        if KINDS[target.kind].flat:
+            out.setdefault(target.name.rpartition(".")[0], []).append(target)
+    return out
+
+
+def table_height(scene: Scene) -> float | None:
+    """Height of the table, m, against gravity; None where there is none."""
+    shapes = [solid.shapes[0] for solid in scene.solids if solid.carries]
+    return next((shape.offset for shape in shapes if isinstance(shape, HalfSpace)), None)
 
 
 def box_of(faces: list[Target]) -> Box | None:

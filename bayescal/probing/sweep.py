@@ -20,8 +20,8 @@ import numpy as np
 
 from bayescal.arm.chain import link_angles
 from bayescal.arm.motion import NominalArm
+from bayescal.arm.shapes import BALLS, BOX, CYLINDER, HALF_SPACE, Capsule, Shape
 from bayescal.arm.transforms import compiled
-from bayescal.probing.shapes import BALLS, BOX, CYLINDER, HALF_SPACE, Capsule, Shape
 
 _exact_jit = compiled(error_model="numpy")
 GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)

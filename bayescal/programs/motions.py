@@ -203,7 +203,7 @@ def _motion_cells(plan: Plan, motion: Motion) -> list[str]:
 
 
 def _reading_cells(plan: Plan, motion: Motion) -> list[str]:
-    """Readings in deg, as the controller shows them, and the payload in kg beyond the tool."""
+    """Readings in deg, as the controller shows them, and the payload beyond the tool, kg."""
     payload = plan.session.measurements.payload
     mass = 0.0 if payload is None else float(payload[motion.row])
     return [*map(digits, degrees_of(motion.readings)), f"{mass:g}"]

@@ -19,7 +19,7 @@ import numpy as np
 
 from bayescal.errors import BayescalError
 from bayescal.planning.result import Plan
-from bayescal.probing.approach import SPEED
+from bayescal.probing.contacts import SPEED
 from bayescal.programs import PROGRAMS
 from bayescal.programs.motions import (
     AHEAD,

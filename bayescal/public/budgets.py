@@ -1,7 +1,4 @@
-"""The public function for uncertainty budgets, and its result.
-
-The export of a Digital Calibration Certificate.
-"""
+"""Uncertainty budgets, and the Digital Calibration Certificate with their numbers."""
 
 from __future__ import annotations
 
@@ -14,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bayescal.errors import BayescalError
-from bayescal.public.results import FitResult, GapResult, as_text
+from bayescal.public.results import FitResult, GapResult, Printed
 from bayescal.storage.reading import read_json
 
 if TYPE_CHECKING:
@@ -27,7 +24,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, repr=False)
-class BudgetResult:
+class BudgetResult(Printed):
     """An uncertainty budget; `print` shows its table. `data` is the complete result, in SI."""
 
     data: Budget
@@ -76,9 +73,6 @@ class BudgetResult:
         from bayescal.reporting.fit.budget import budget_table
 
         return budget_table(self.data)
-
-    def __str__(self) -> str:
-        return as_text(self.report())
 
     def __repr__(self) -> str:
         return f"<budget of {self.data.measurand.name}: {self.record['text']}>"
@@ -165,18 +159,19 @@ def stated(run: FitResult | GapResult | str | PathLike[str]) -> tuple[FittedArm,
     from bayescal.calibration import basis_of
     from bayescal.fitted.arm import of_fit
     from bayescal.fitted.file import check_restored, restored
-    from bayescal.public.exports import arm_of
+    from bayescal.public.arms import arm_of
 
-    if isinstance(run, FitResult):
+    if isinstance(run, FitResult) and run.data is not None:
         return of_fit(run.data), run.data.basis, run.data.options.seed
     arm = arm_of(run)
     seed = arm.origin.options.seed
-    if isinstance(run, GapResult):
+    if isinstance(run, GapResult) and run.data is not None:
         assert run.data.arm is not None, "a diagnosis has its refit"
         return arm, basis_of(run.data.arm, seed), seed
     basis = basis_of(restored(arm), seed)
     check_restored(arm, basis.stated.limited)
-    return arm, _as_written(basis, Path(run)), seed
+    folder = run.folder if isinstance(run, FitResult | GapResult) else run
+    return arm, _as_written(basis, Path(folder or "")), seed
 
 
 def _as_written(basis: Basis, folder: Path) -> Basis:
@@ -193,7 +188,7 @@ def _as_written(basis: Basis, folder: Path) -> Basis:
 
 
 @dataclass(frozen=True, repr=False)
-class CertificateResult:
+class CertificateResult(Printed):
     """A Digital Calibration Certificate; `content` is its XML."""
 
     content: str
@@ -247,8 +242,6 @@ def certificate(
     """
     from bayescal.exporting.dcc import check_valid, dcc, read_entries
     from bayescal.fitted import gate
-
-    pass  # REMOVE
 
     if not str(entries):
         what = "a certificate needs its administrative data"

@@ -8,22 +8,18 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bayescal.errors import BayescalError
-from bayescal.public.exports import names
+from bayescal.public.arms import names
 from bayescal.public.results import ComparisonResult, FitResult, GapResult, SimulatedSession
+from bayescal.storage.stopping import Progress, silent
 
 if TYPE_CHECKING:
     from bayescal.dataset import Dataset
 
     Source = Dataset | SimulatedSession | str | PathLike[str]
 
-Progress = Callable[[str, float], None]
 MODEL = ("geometry", "compliance")  # `effects.BASELINE`, which takes long to import
 PRACTICE = ("name", "error_scale", "contacts", "later", "repeats", "arm_seed")
 """Options of a simulated session of a set-up, beside the effects and the seed."""
-
-
-def silent(stage: str, fraction: float) -> None:
-    """Report no progress."""
 
 
 def read_dataset(folder: str | PathLike[str], allow_xacro: bool = False) -> Dataset:
@@ -57,8 +53,9 @@ def read_dataset(folder: str | PathLike[str], allow_xacro: bool = False) -> Data
     ('fanuc-lrmate200ic', (44, 6))
     """
     from bayescal.dataset import read_dataset as read
+    from bayescal.dataset.read import expanded_robot
 
-    return read(Path(folder), allow_xacro=allow_xacro)
+    return read(Path(folder), robot=expanded_robot(Path(folder)) if allow_xacro else None)
 
 
 def fit(
@@ -256,7 +253,8 @@ def simulate(
     """
     from dataclasses import fields
 
-    from bayescal.robots import full_name
+    from bayescal.dataset.read import expanded_robot
+    from bayescal.robots import full_name, is_xacro, load_robot
     from bayescal.simulation import Options
     from bayescal.simulation import simulate as run
 
@@ -272,9 +270,11 @@ def simulate(
             what = f"a set-up states {', '.join(excess)} itself"
             raise BayescalError(what, "simulate", f"options with a set-up: {', '.join(PRACTICE)}")
         asked = Options(effects=names(effects), seed=seed, **options)
-        return SimulatedSession(practice(read_setup(Path(setup), allow_xacro), asked))
+        expanded = expanded_robot(Path(setup)) if allow_xacro else None
+        return SimulatedSession(practice(read_setup(Path(setup), expanded), asked))
     asked = Options(robot=full_name(robot), effects=names(effects), seed=seed, **options)
-    return SimulatedSession(run(asked, allow_xacro))
+    arm = load_robot(robot, allow_xacro=True)[0] if allow_xacro and is_xacro(robot) else None
+    return SimulatedSession(run(asked, arm))
 
 
 def compare(

@@ -1,4 +1,4 @@
-"""Plans of contacts, of the public API."""
+"""Plans of contacts; results read back from run folders."""
 
 from __future__ import annotations
 
@@ -10,11 +10,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bayescal.errors import BayescalError
-from bayescal.public.exports import names
-from bayescal.public.functions import MODEL, Progress, session_of, silent
-from bayescal.public.results import GapResult, SimulatedSession, as_text
+from bayescal.public.arms import names
+from bayescal.public.functions import MODEL, session_of
+from bayescal.public.results import FitResult, GapResult, Result, SimulatedSession
 from bayescal.public.tables import PlanTables, plan_line
-from bayescal.storage.reading import Json
+from bayescal.storage.reading import Json, read_record
+from bayescal.storage.stopping import Progress, silent
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -32,38 +33,32 @@ GAP, SETTINGS = "gap.json", "dataset.yaml"
 
 
 @dataclass(frozen=True, repr=False)
-class PlanResult(PlanTables):
-    """Planned contacts; `print` shows the uncertainty they will achieve.
+class PlanResult(Result, PlanTables):
+    """Planned contacts; `print` shows the uncertainty they will achieve. `record` is that of plan.json."""
 
-    Attributes
-    ----------
-    data : Plan
-        The complete result, in SI.
-    """
+    data: Plan | None = None
 
-    data: Plan
+    def _contents(self) -> Json:
+        from bayescal.reporting.plan_record import plan_record
 
-    @cached_property
-    def record(self) -> Json:
-        """The content of plan.json."""
-        from bayescal.reporting.plan.record import plan_record
-
-        return plan_record(self.data)
+        return plan_record(self._new())
 
     @cached_property
     def contacts(self) -> DataFrame:
         """The contacts in the order of probing, by id: the columns of plan.csv, and `purpose`."""
         from io import StringIO
 
-        from bayescal.reporting.plan.record import table_of_plan
+        from bayescal.reporting.plan_record import table_of_plan
 
+        if self.data is None:
+            return self.contacts_of(self._file("plan.csv", "repeat the command"))
         return self.contacts_of(StringIO(table_of_plan(self.data)))
 
     def report(self) -> RenderableType:
         """The summary, to be printed by a `rich.console.Console`."""
-        from bayescal.reporting.plan.sheets import plan_summary
+        from bayescal.reporting.plan_sheets import plan_summary
 
-        return plan_summary(self.data)
+        return plan_summary(self._new())
 
     def save(
         self,
@@ -94,16 +89,62 @@ class PlanResult(PlanTables):
             For an unknown format, or a probe that a format cannot use.
         """
         from bayescal.programs.probing import Probe
-        from bayescal.reporting.plan.record import write_plan
+        from bayescal.reporting.page.plan import write_plan
 
         probe = Probe(probe_input, probe_force_n, 1e-3 * probe_beyond_mm)
-        return write_plan(self.data, Path(folder), names(to), probe)
+        return write_plan(self._new(), Path(folder), names(to), probe)
 
-    def __str__(self) -> str:
-        return as_text(self.report())
+    def _table(self) -> str:
+        return self.distances.to_string(float_format="%.3g")
 
     def __repr__(self) -> str:
         return plan_line(self.record)
+
+
+RECORDS: dict[str, tuple[str, type[FitResult] | type[GapResult] | type[PlanResult]]] = {
+    "fit.json": ("bayescal-fit/1", FitResult),
+    "gap.json": ("bayescal-gap/1", GapResult),
+    "plan.json": ("bayescal-plan/1", PlanResult),
+}
+"""Schema and class of a result by the file that identifies its run folder."""
+
+
+def load(run: str | PathLike[str]) -> FitResult | GapResult | PlanResult:
+    """Read a run folder of `fit`, `diagnose` or `plan` back.
+
+    Parameters
+    ----------
+    run : path
+        Folder with fit.json (and posterior.nc), gap.json or plan.json.
+
+    Returns
+    -------
+    FitResult, GapResult or PlanResult
+        With the tables of the result that was saved.
+
+    Raises
+    ------
+    BayescalError
+        If the folder contains no such result, or a result of another version.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import bayescal as bc
+    >>> session = bc.simulate(contacts=80, later=8, repeats=5, spheres=0, seed=1)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     names = bc.fit(session, samples=0).save(f"{folder}/run")
+    ...     saved = bc.load(f"{folder}/run")
+    >>> float(saved.parameters.loc["a2", "nominal"])
+    300.0
+    """
+    folder = Path(run)
+    for name, (schema, kind) in RECORDS.items():
+        if (folder / name).is_file():
+            content = read_record(folder / name, schema, "repeat the command with this version")
+            return kind(folder=folder, content=content)
+    remedy = "give a run folder of bayescal fit, gap or plan"
+    raise BayescalError(f"there is no {' or '.join(RECORDS)}", str(folder), remedy)
 
 
 def plan(
@@ -173,38 +214,33 @@ def plan(
     True
     """
     from bayescal.model.options import parts_of
+    from bayescal.planning.plan import PlanOptions
     from bayescal.planning.plan import plan as run
 
     where, open_ = _setup(setup, after, allow_xacro)
     effects = names(model) or (open_.effects if open_ else MODEL)
-    found = run(
-        where,
-        contacts,
-        purpose,
-        effects,
-        names(levers),
-        order,
-        candidates,
-        seed,
-        pairs=open_.pairs if open_ else (),
-        without=parts_of(open_.without, effects) if open_ else (),
-        probability=open_.probability if open_ else None,
-        validation=validation,
-        progress=progress,
+    options = PlanOptions(
+        contacts, purpose, effects, tuple(names(levers)), order, candidates, seed, validation=validation
     )
-    return PlanResult(found)
+    if open_:
+        without = parts_of(open_.without, effects)
+        options = replace(options, pairs=open_.pairs, without=without, probability=open_.probability)
+    return PlanResult(run(where, options, progress))
 
 
 def _setup(
     source: Source, after: Source | GapResult | None, allow_xacro: bool
 ) -> tuple[Setup, Continuation | None]:
     """The setup, and what a diagnosis leaves open."""
-    from bayescal.dataset.read import no_rows
+    from bayescal.dataset.read import expanded_robot, no_rows
     from bayescal.planning.plan import continuation
     from bayescal.planning.plan import continued as left_open
     from bayescal.planning.setup import continued, read_setup
 
+    if isinstance(after, GapResult) and after.data is None:
+        after = after.folder
     if isinstance(after, GapResult):
+        assert after.data is not None
         return continued(after.data.dataset), left_open(after.record, "the diagnosis")
     if isinstance(after, str | PathLike) and (Path(after) / GAP).is_file():
         measured = session_of(source, allow_xacro=allow_xacro)
@@ -213,7 +249,7 @@ def _setup(
         remedy = "give a measured dataset, or a run folder of bayescal gap"
         raise BayescalError(f"there is no {SETTINGS} and no {GAP}", str(after), remedy)
     if isinstance(source, str | PathLike):
-        setup = read_setup(Path(source), allow_xacro)
+        setup = read_setup(Path(source), expanded_robot(Path(source)) if allow_xacro else None)
     else:
         one = session_of(source, allow_xacro=allow_xacro)
         setup = continued(replace(one, measurements=no_rows(one.robot.n)))

@@ -17,10 +17,8 @@ from typing import TYPE_CHECKING, Any
 
 from bayescal.errors import BayescalError
 from bayescal.public.results import FitResult
-from bayescal.public.saved import SavedFit
 
 if TYPE_CHECKING:
-    import numpy as np
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
@@ -36,7 +34,7 @@ def levels(result: Any, *, width_mm: float = WIDTH, ax: Axes | None = None) -> F
 
     Parameters
     ----------
-    result : FitResult, GapResult, SavedFit or SavedGap
+    result : FitResult or GapResult
     width_mm : float
         Width of the figure.
     ax : matplotlib.axes.Axes, optional
@@ -144,8 +142,8 @@ def budget(result: Any, *, width_mm: float = WIDTH, ax: Axes | None = None) -> F
 
     Parameters
     ----------
-    result : SavedFit or mapping
-        A run folder with budget.json, or the content of such a file.
+    result : FitResult or mapping
+        A result that was read, of a run folder with budget.json, or the content of such a file.
     width_mm, ax
         As for `levels`.
 
@@ -158,7 +156,7 @@ def budget(result: Any, *, width_mm: float = WIDTH, ax: Axes | None = None) -> F
 
 
 def posterior(
-    result: FitResult | SavedFit,
+    result: FitResult,
     names: Sequence[str] = (),
     *,
     kind: str = "density",
@@ -169,7 +167,7 @@ def posterior(
 
     Parameters
     ----------
-    result : FitResult or SavedFit
+    result : FitResult
     names : sequence of str
         Parameters; without names the six about which the data say least.
     kind : str
@@ -187,14 +185,14 @@ def posterior(
     >>> import bayescal as bc
     >>> session = bc.simulate(contacts=80, later=8, repeats=5, spheres=0, seed=1)
     >>> figure = bc.plot.posterior(bc.fit(session, samples=0), ["a2", "d4"])
-    >>> [axes.texts[-1].get_text() for axes in figure.axes[:2]]
+    >>> [axes.get_xlabel() for axes in figure.axes[:2]]
     ['a2 (mm)', 'd4 (mm)']
     """
     from bayescal.posterior.inference import CHAINS
     from bayescal.reporting.figures.figures import drawn, posterior_content
     from bayescal.reporting.figures.posterior import label, weakest
 
-    if not isinstance(result, FitResult | SavedFit):
+    if not isinstance(result, FitResult):
         raise BayescalError("the figure `posterior` is of a calibration", "bc.plot", "give a calibration")
     known = {p["name"]: p for p in result.record["parameters"]}
     for what, given, possible in (
@@ -206,26 +204,12 @@ def posterior(
                 remedy = f"give one of {', '.join(possible)}"
                 raise BayescalError(f"there is no {what} `{name}`", "bc.plot.posterior", remedy)
     if kind == "density":
-        return drawn(posterior_content(result.record, _draws(result, list(known)), names), width_mm, ax)
+        return drawn(posterior_content(result.record, result.draws(list(known)), names), width_mm, ax)
     from bayescal.posterior.inference import chains_figure
     from bayescal.reporting.fit.posterior import variable
 
     shown = list(names) or weakest(dict(result.record))
     return chains_figure(result.inference_data(), kind, {variable(n): label(known[n]) for n in shown})
-
-
-def _draws(result: FitResult | SavedFit, names: Sequence[str]) -> dict[str, np.ndarray]:
-    """Draws (chains, draws) of the parameters in file units."""
-    from bayescal.posterior.inference import read_draws
-    from bayescal.reporting.fit.posterior import parameter_draws, variable
-
-    if isinstance(result, FitResult):
-        return parameter_draws(result.data)
-    path = result.folder / "posterior.nc"
-    if not path.is_file():
-        raise BayescalError("there is no such file", str(path), "repeat the fit")
-    read = read_draws(path, [variable(name) for name in names])
-    return {name: read[variable(name)] for name in names if variable(name) in read}
 
 
 def _budget(result: Any) -> Mapping[str, Any]:

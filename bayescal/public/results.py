@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from functools import cached_property
@@ -10,16 +11,19 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from bayescal.errors import BayescalError
 from bayescal.public.positions import Positioned
 from bayescal.public.tables import FitTables, GapTables, fit_line, gap_line
 from bayescal.storage.reading import Json
 
 if TYPE_CHECKING:
+    import numpy as np
     from rich.console import Console, RenderableType
 
     from bayescal.assess.agreement import Agreement
     from bayescal.calibration import Fit
     from bayescal.dataset import Dataset
+    from bayescal.fitted.arm import FittedArm
     from bayescal.gap.result import Gap
     from bayescal.methods import Comparison
     from bayescal.preparing.practice import Practice
@@ -50,27 +54,89 @@ def drawing_beside(wanted: bool) -> AbstractContextManager[None]:
     return drawing_beside(wanted)
 
 
+class Printed:
+    """A result whose report is printed."""
+
+    def report(self) -> RenderableType:
+        """The report, to be printed by a `rich.console.Console`."""
+        raise NotImplementedError
+
+    def __str__(self) -> str:
+        return as_text(self.report())
+
+
 @dataclass(frozen=True, repr=False)
-class FitResult(FitTables, Positioned):
-    """A calibration; `print` shows its summary.
+class Result(Printed):
+    """A result with a record: new, or read from its run folder; its tables are the same.
 
     Attributes
     ----------
-    data : Fit
-        The complete result, in SI.
+    data : object or None
+        The complete result, in SI; None of a result that was read.
     agreement : Agreement or None
-        Comparison of separate fits, where several sessions were fitted.
+        Comparison of separate fits, of a new result of several sessions.
+    folder : Path or None
+        The run folder from which it was read.
+    content : mapping or None
+        The record that was read.
     """
 
-    data: Fit
+    data: Any = None
     agreement: Agreement | None = None
+    folder: Path | None = None
+    content: Json | None = None
 
     @cached_property
     def record(self) -> Json:
-        """The content of fit.json."""
+        """The content of the JSON file of a run folder."""
+        return self._contents() if self.content is None else self.content
+
+    def _contents(self) -> Json:
+        raise NotImplementedError
+
+    def _table(self) -> str:
+        """What is printed of a result that was read, beside its line and its warnings."""
+        raise NotImplementedError
+
+    def _file(self, name: str, remedy: str) -> Path:
+        """A file of the run folder from which the result was read."""
+        path = (self.folder or Path()) / name
+        if not path.is_file():
+            raise BayescalError("there is no such file", str(path), remedy)
+        return path
+
+    def _new(self) -> Any:
+        """The complete result, which one that was read does not have."""
+        if self.data is None:
+            what = "the result was read from a run folder, which holds its record and tables only"
+            raise BayescalError(
+                what, str(self.folder), "read its page and figures there, or compute it again"
+            )
+        return self.data
+
+    def __str__(self) -> str:
+        if self.content is None:
+            return super().__str__()
+        warnings = "".join(f"\nwarning: {warning}" for warning in self.record.get("warnings", ()))
+        return f"{self!r}\n{self._table()}{warnings}"
+
+
+@dataclass(frozen=True, repr=False)
+class FitResult(Result, FitTables, Positioned):
+    """A calibration; `print` shows its summary. `record` is the content of fit.json."""
+
+    data: Fit | None = None
+
+    @cached_property
+    def _arm(self) -> FittedArm:
+        from bayescal.fitted import of_fit, open_run
+
+        return open_run(self.folder or Path()) if self.data is None else of_fit(self.data)
+
+    def _contents(self) -> Json:
         from bayescal.reporting.fit.record import fit_contents
 
-        return fit_contents(self.data, self.agreement)
+        return fit_contents(self._new(), self.agreement)
 
     def report(self, verbose: bool = False) -> RenderableType:
         """The summary, to be printed by a `rich.console.Console`; `verbose` adds details."""
@@ -79,7 +145,7 @@ class FitResult(FitTables, Positioned):
         from bayescal.reporting.fit.agreement import agreement_summary
         from bayescal.reporting.fit.summary import fit_summary
 
-        summary = fit_summary(self.data, verbose)
+        summary = fit_summary(self._new(), verbose)
         return summary if self.agreement is None else Group(summary, "", agreement_summary(self.agreement))
 
     def save(self, folder: str | PathLike[str], pictures: bool = True) -> tuple[str, ...]:
@@ -89,43 +155,52 @@ class FitResult(FitTables, Positioned):
         """
         from bayescal.reporting.fit.files import write_fit
 
-        return write_fit(self.data, Path(folder), self.agreement, pictures)
+        return write_fit(self._new(), Path(folder), self.agreement, pictures)
 
     def inference_data(self) -> Any:
         """The content of posterior.nc for ArviZ: InferenceData (ArviZ 0.x) or DataTree (1.x)."""
         from bayescal.posterior.inference import inference_data
+        from bayescal.posterior.inference import load as read
         from bayescal.reporting.fit.posterior import fit_draws
 
+        if self.data is None:
+            return read(self._file("posterior.nc", "repeat the fit"))
         return inference_data(fit_draws(self.data))
 
-    def __str__(self) -> str:
-        return as_text(self.report())
+    def draws(self, names: Sequence[str]) -> dict[str, np.ndarray]:
+        """Draws (chains, draws) of parameters in the units of the record."""
+        from bayescal.posterior.inference import read_draws
+        from bayescal.reporting.fit.posterior import parameter_draws, variable
+
+        if self.data is not None:
+            return parameter_draws(self.data)
+        path = self._file("posterior.nc", "repeat the fit")
+        read = read_draws(path, [variable(name) for name in names])
+        return {name: read[variable(name)] for name in names if variable(name) in read}
+
+    def _table(self) -> str:
+        return self.parameters.to_string(float_format="%.6g")
 
     def __repr__(self) -> str:
         return fit_line(self.record)
 
 
 @dataclass(frozen=True, repr=False)
-class GapResult(GapTables, Positioned):
-    """A diagnosis; `print` shows its summary.
+class GapResult(Result, GapTables, Positioned):
+    """A diagnosis; `print` shows its summary. `record` is the content of gap.json."""
 
-    Attributes
-    ----------
-    data : Gap
-        The complete result, in SI.
-    agreement : Agreement or None
-        Comparison of separate fits, where several sessions were diagnosed.
-    """
-
-    data: Gap
-    agreement: Agreement | None = None
+    data: Gap | None = None
 
     @cached_property
-    def record(self) -> Json:
-        """The content of gap.json."""
+    def _arm(self) -> FittedArm:
+        from bayescal.fitted import of_gap, open_run
+
+        return open_run(self.folder or Path()) if self.data is None else of_gap(self.data)
+
+    def _contents(self) -> Json:
         from bayescal.reporting.gap.record import gap_record
 
-        return gap_record(self.data)
+        return gap_record(self._new())
 
     def report(self) -> RenderableType:
         """The summary, to be printed by a `rich.console.Console`."""
@@ -135,24 +210,24 @@ class GapResult(GapTables, Positioned):
         from bayescal.reporting.gap.summary import gap_summary
         from bayescal.reporting.shared.text import facts
 
-        summary = gap_summary(self.data)
+        summary = gap_summary(self._new())
         return summary if self.agreement is None else Group(summary, "", facts(verdicts(self.agreement)))
 
     def save(self, folder: str | PathLike[str], pictures: bool = True) -> tuple[str, ...]:
         """Write gap.json, gap.html, arm.json, the dataset, the figures where `pictures`; return the names."""
         from bayescal.reporting.gap.record import write_gap
 
-        return write_gap(self.data, Path(folder), pictures)
+        return write_gap(self._new(), Path(folder), pictures)
 
-    def __str__(self) -> str:
-        return as_text(self.report())
+    def _table(self) -> str:
+        return self.probability.to_string(float_format="%.3g")
 
     def __repr__(self) -> str:
         return gap_line(self.record)
 
 
 @dataclass(frozen=True, repr=False)
-class ComparisonResult:
+class ComparisonResult(Printed):
     """All methods on one session; `print` shows the table. `data` is the complete result, in SI."""
 
     data: Comparison
@@ -176,9 +251,6 @@ class ComparisonResult:
 
         write_comparison(self.data, Path(folder))
         return ("compare.json",)
-
-    def __str__(self) -> str:
-        return as_text(self.report())
 
     def __repr__(self) -> str:
         names = ", ".join(row.method.name for row in self.data.rows)

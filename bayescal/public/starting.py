@@ -1,9 +1,4 @@
-"""Set-ups of new sessions, and schemas of the files that users write.
-
-The check of a dataset before a fit, of the public API.
-
-`report`: pages of results from run folders.
-"""
+"""Set-ups of new sessions, schemas of files, the check of a dataset; pages of run folders."""
 
 from __future__ import annotations
 
@@ -14,8 +9,8 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from bayescal.public.exports import names
-from bayescal.public.results import as_text
+from bayescal.public.arms import names
+from bayescal.public.results import Printed
 from bayescal.storage.reading import Json
 
 if TYPE_CHECKING:
@@ -74,9 +69,11 @@ def init(
 
     from bayescal.importing.units import quantity
     from bayescal.preparing.folder import start
+    from bayescal.robots import is_xacro, load_robot
 
     centre = np.array(quantity(tool, "length", 3, "--tcp")) if tool else None
-    return start(Path(folder), robot, names(artefact), centre, name, allow_xacro)
+    arm = load_robot(robot, allow_xacro=True)[0] if allow_xacro and is_xacro(robot) else None
+    return start(Path(folder), robot, names(artefact), centre, name, arm)
 
 
 def schema(name: str) -> dict[str, Any]:
@@ -109,7 +106,7 @@ def schema(name: str) -> dict[str, Any]:
 
 
 @dataclass(frozen=True, repr=False)
-class CheckResult:
+class CheckResult(Printed):
     """What is understood of a dataset, what is missing and what looks wrong; `print` shows it.
 
     Attributes
@@ -140,9 +137,6 @@ class CheckResult:
         from bayescal.reporting.check import check_summary
 
         return check_summary(self.data)
-
-    def __str__(self) -> str:
-        return as_text(self.report())
 
     def __repr__(self) -> str:
         from bayescal.reporting.check import said
@@ -179,9 +173,10 @@ def check(folder: str | PathLike[str], *, allow_xacro: bool = False) -> CheckRes
     ...     bc.check(f"{folder}/session")
     <check of simulated: no findings>
     """
+    from bayescal.dataset.read import expanded_robot
     from bayescal.preparing.check import check as run
 
-    return CheckResult(run(Path(folder), allow_xacro))
+    return CheckResult(run(Path(folder), expanded_robot(Path(folder)) if allow_xacro else None))
 
 
 def report(

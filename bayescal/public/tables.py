@@ -86,7 +86,7 @@ class FitTables(_Tables):
     @property
     def distances(self) -> DataFrame:
         """Certified distances, measured and predicted: `certified_mm`, errors and intervals in µm."""
-        between: dict[str, Callable[[Json], Any]] = {
+        between: dict[str, Any] = {
             "from": lambda d: d["between"][0],
             "to": lambda d: d["between"][1],
         }

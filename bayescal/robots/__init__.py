@@ -14,38 +14,19 @@ table
 
 from __future__ import annotations
 
-import difflib
-import os
-from pathlib import Path
+from bayescal.robots.load import Loaded, builtin_robots, full_name, is_xacro, load_robot, names
+from bayescal.robots.schema import robot_to_yaml
 
-from bayescal.arm.chain import Robot
-from bayescal.errors import BayescalError
-from bayescal.robots.markup import refuse_network
-from bayescal.robots.schema import SCHEMA, robot_from, robot_to_yaml
-from bayescal.robots.urdf import robot_from_urdf
-from bayescal.storage.files import check_schema, read_document
-from bayescal.storage.reading import check_inside
-
-__all__ = ["builtin_robots", "full_name", "load_robot", "names", "robot_to_yaml", "table"]
-
-_HERE = Path(__file__).parent
-
-
-def builtin_robots() -> tuple[str, ...]:
-    """Names of the robots that come with the package."""
-    return tuple(sorted(p.stem for p in _HERE.glob("*.yaml")))
-
-
-def names() -> tuple[str, ...]:
-    """Names of the built-in robots, of the public API.
-
-    Examples
-    --------
-    >>> import bayescal as bc
-    >>> "ur5e" in "".join(bc.robots.names())
-    True
-    """
-    return builtin_robots()
+__all__ = [
+    "Loaded",
+    "builtin_robots",
+    "full_name",
+    "is_xacro",
+    "load_robot",
+    "names",
+    "robot_to_yaml",
+    "table",
+]
 
 
 def __getattr__(name: str) -> object:
@@ -55,61 +36,3 @@ def __getattr__(name: str) -> object:
     from bayescal.robots.listing import table
 
     return table
-
-
-def full_name(reference: str) -> str:
-    """The only built-in robot that has this part in its name (``ur5e``); else the reference itself."""
-    near = [name for name in builtin_robots() if reference.lower() in name.split("-")]
-    return near[0] if len(near) == 1 else reference
-
-
-def load_robot(
-    reference: str, folder: Path | None = None, allow_xacro: bool = False, inside: bool = False
-) -> tuple[Robot, bytes]:
-    """Read a robot.
-
-    Parameters
-    ----------
-    reference : str
-        A built-in name (`builtin_robots`), or the path of a robot.yaml, URDF or xacro; of the latter two
-        ``arm.urdf#tool0`` says which link is the flange (the end of the longest chain where left out).
-    folder : Path, optional
-        What a path is relative to; the working directory where left out.
-    allow_xacro : bool
-        Whether a xacro file, which is a program, may be executed; refused otherwise.
-    inside : bool
-        Whether the file must be in `folder`: what a dataset names is part of the dataset.
-
-    Returns
-    -------
-    tuple of Robot and bytes
-        The robot in SI units, and its file's content (to hash).
-
-    Raises
-    ------
-    BayescalError
-        With the file and line, if there is no such robot or its file cannot be used.
-    """
-    names = builtin_robots()
-    refuse_network(reference, "")
-    file, _, tip = reference.partition("#")
-    is_markup = Path(file).suffix.lower() in (".urdf", ".xacro")
-    path = (folder or Path()) / (file if is_markup else reference)
-    named = is_markup or path.suffix.lower() in (".yaml", ".yml") or "/" in reference
-    if reference not in names and (named or os.path.isfile(path)):
-        if inside:
-            check_inside(path, folder or Path(), f"robot `{reference}`")
-        if is_markup:
-            return robot_from_urdf(path, tip, allow_xacro)
-    elif reference in names:
-        path = _HERE / f"{reference}.yaml"
-    else:
-        near = [name for name in names if reference.lower() in name.split("-")]
-        near += difflib.get_close_matches(reference, names, 1)
-        hint = f"did you mean `{near[0]}`" if near else "`bayescal robots` lists the built-in ones"
-        raise BayescalError(
-            f"no robot is called `{reference}`", "", f"{hint}; or give the path of a robot.yaml or URDF"
-        )
-    document = read_document(path)
-    check_schema(document, SCHEMA)
-    return robot_from(document), document.content

@@ -8,7 +8,7 @@ import numpy as np
 
 from bayescal.arm.chain import Robot, chain_of, frames
 from bayescal.errors import BayescalError
-from bayescal.robots import builtin_robots, load_robot
+from bayescal.robots.load import builtin_robots, load_robot
 
 if TYPE_CHECKING:
     from pandas import DataFrame

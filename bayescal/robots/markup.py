@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import re
-from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
 from bayescal.errors import BayescalError
-from bayescal.robots.xacro_file import expanded
-from bayescal.storage.reading import decoded
 
 NETWORK = re.compile(r"\s*(?:(?!(?:package|model|file):)[a-z][a-z0-9+.-]*://|//|\\\\)", re.IGNORECASE)
 """What is fetched from another machine. Meshes may say ``package://``: they are never opened."""
@@ -18,22 +15,6 @@ DEEPEST, MOST = 200, 50_000
 """Levels and elements of an XML file; a scene of ten arms has some thousand elements."""
 LARGEST = 2**26
 """Bytes of an XML file, without the meshes."""
-
-
-def read_markup(path: Path, allow_xacro: bool = False) -> tuple[ElementTree.Element, bytes]:
-    """Root element of an XML or xacro file (by its suffix), and the content that it stands for (to hash).
-
-    A xacro file is executed (`xacro_file`), so only where `allow_xacro` says that the user agreed.
-
-    Raises
-    ------
-    BayescalError
-        If it is no XML, has a DOCTYPE (entities, other files), names a file on the network, or is a
-        xacro file that may not or cannot be expanded.
-    """
-    is_xacro = path.suffix.lower() == ".xacro"
-    content = expanded(path, allow_xacro) if is_xacro else decoded(path, LARGEST)[1]
-    return parse_markup(content, path.name), content
 
 
 def refuse_network(reference: str, where: str) -> None:

@@ -18,14 +18,12 @@ Masses of all that hangs on a link by fixed joints, or by joints beside the chai
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 
 from bayescal.arm.chain import Robot, split
 from bayescal.arm.transforms import rigid, rotation
 from bayescal.errors import BayescalError
-from bayescal.robots.markup import read_markup
+from bayescal.robots.markup import parse_markup
 from bayescal.robots.tree import TURNING, Joint, Tree, read_tree, tip_of
 
 EXACT = 1e-13
@@ -38,32 +36,26 @@ WIDEST = 30.0
 """rad: no joint turns that far; limits beyond were written in degrees."""
 
 
-def robot_from_urdf(path: Path, tip: str = "", allow_xacro: bool = False) -> tuple[Robot, bytes]:
-    """Read the arm of a URDF or xacro file.
+def robot_from_urdf(content: bytes, file: str, tip: str = "") -> Robot:
+    """Read the arm of a URDF, in modified DH.
 
     Parameters
     ----------
-    path : Path
-        Suffix ``.xacro``: expanded first, with its arguments' defaults.
+    content : bytes
+        The text of the URDF.
+    file : str
+        Its name, for messages.
     tip : str
         The link that tools are given in; the end of the longest chain where left out. F0 is the root link.
-    allow_xacro : bool
-        Whether a xacro file, which is a program, may be executed.
-
-    Returns
-    -------
-    tuple of Robot and bytes
-        The robot, in modified DH; the URDF's text, expanded (to hash).
 
     Raises
     ------
     BayescalError
-        For a file that is not a URDF of this disk, a chain with joints that slide, float or follow others,
-        several longest chains, no limits, or lengths and angles that cannot be m and rad.
+        For what is not a URDF of this disk, a chain with joints that slide, float or follow others, several
+        longest chains, no limits, or lengths and angles that cannot be m and rad.
     """
-    root, content = read_markup(path, allow_xacro)
-    tree = read_tree(root, path.name)
-    return _robot(tree, tip_of(tree, tip)), content
+    tree = read_tree(parse_markup(content, file), file)
+    return _robot(tree, tip_of(tree, tip))
 
 
 def _robot(tree: Tree, tip: str) -> Robot:

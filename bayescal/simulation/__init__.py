@@ -7,13 +7,14 @@ from typing import Any
 
 import numpy as np
 
+from bayescal.arm.chain import Robot
 from bayescal.dataset import Dataset
 from bayescal.errors import BayescalError
 from bayescal.robots import load_robot
-from bayescal.simulation.options import Options, stream
 from bayescal.simulation.record import distance_certificates, document, draws, noise, true_targets
-from bayescal.simulation.session import plan
+from bayescal.simulation.session import Options, plan
 from bayescal.simulation.touch import World, misstated, touch
+from bayescal.statistics import stream
 
 __all__ = ["Options", "Simulation", "simulate"]
 
@@ -35,15 +36,15 @@ class Simulation:
     shift: np.ndarray
 
 
-def simulate(options: Options, allow_xacro: bool = False) -> Simulation:
+def simulate(options: Options, robot: Robot | None = None) -> Simulation:
     """Simulate a session: plan it with the nominal arm, then compute contacts of the true arm and targets.
 
     Parameters
     ----------
     options : Options
         The same seed gives the same result.
-    allow_xacro : bool
-        Expand a robot that is given as xacro, which can read files and run programs.
+    robot : Robot, optional
+        In place of the one that the options name.
 
     Raises
     ------
@@ -51,7 +52,7 @@ def simulate(options: Options, allow_xacro: bool = False) -> Simulation:
         For invalid options, or a workspace out of reach.
     """
     options.check()
-    robot, _ = load_robot(options.robot, allow_xacro=allow_xacro)
+    robot = robot or load_robot(options.robot)[0]
     planned, scenery = plan(options, robot)
     targets = true_targets(options, scenery)
     certificates = (*planned.certificates, *distance_certificates(options, scenery, targets))

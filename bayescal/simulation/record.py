@@ -1,9 +1,4 @@
-"""The record of the ground truth of a session, and the errors of the nominal arm.
-
-Write a simulated session: a dataset folder with its truth.json, atomically.
-
-Ground truth of a simulated session, independent of its plan: arm, targets, certificates, noise.
-"""
+"""Ground truth of a simulated session, drawn from its options, and its record, truth.json."""
 
 from __future__ import annotations
 
@@ -23,8 +18,17 @@ from bayescal.dataset.write import write_files
 from bayescal.effects import EFFECTS, UNITS
 from bayescal.model import Model
 from bayescal.model.scene import Scene
-from bayescal.probing.approach import DIAMETER, SIZE, U_ANGLE, U_DISTANCE, U_SPHERE
-from bayescal.simulation.options import Options, Scenery, sphere_names, stream
+from bayescal.probing.artefacts import (
+    DIAMETER,
+    SIZE,
+    U_ANGLE,
+    U_DISTANCE,
+    U_SPHERE,
+    Scenery,
+    sphere_names,
+)
+from bayescal.simulation.session import Options
+from bayescal.statistics import stream
 from bayescal.storage.files import json_text
 from bayescal.storage.folders import whole
 
@@ -145,10 +149,10 @@ def distance_certificates(
     """Certified distances of the spheres of the artefact: a value per pair, for all placements."""
     placements, spheres = scenery.spheres.shape[:2]
     names, rng = sphere_names(placements, spheres), stream(options.seed, "paper")
-    at = {t.name: np.asarray(t.values["centre"]) for t in targets if t.kind == "sphere"}
+    centre_of = {t.name: np.asarray(t.values["centre"]) for t in targets if t.kind == "sphere"}
     pairs = list(combinations(range(spheres), 2)) if placements else []
     said = [
-        round(float(np.linalg.norm(at[names[a]] - at[names[b]])) + rng.normal(0, U_SPHERE), 9)
+        round(float(np.linalg.norm(centre_of[names[a]] - centre_of[names[b]])) + rng.normal(0, U_SPHERE), 9)
         for a, b in pairs
     ]
     return tuple(
@@ -177,14 +181,14 @@ def nominal_errors(dataset: Dataset) -> dict[tuple[str, ...], float]:
     radius = np.array([t.ball_radius for t in dataset.tools], float)[rows.tool]
     centres = {}
     for index, target in enumerate(dataset.targets):
-        at = np.flatnonzero(rows.target == index)
-        if target.kind != "sphere" or not len(at):
+        touching = np.flatnonzero(rows.target == index)
+        if target.kind != "sphere" or not len(touching):
             continue
         centre = np.asarray(target.values["centre"], float)
         for _ in range(20):
-            out = p[at] - centre
+            out = p[touching] - centre
             length = np.linalg.norm(out, axis=1)
-            off = length - (0.5 * float(target.values["diameter"]) + radius[at])
+            off = length - (0.5 * float(target.values["diameter"]) + radius[touching])
             centre = centre + np.linalg.lstsq(out / length[:, None], off, rcond=None)[0]
         centres[target.name] = centre
     return {
@@ -237,13 +241,13 @@ def document(
             in_file = np.asarray(value, float) if key == "normal" else 1e3 * np.asarray(value, float)
             place[key if key == "normal" else f"{key}_mm"] = in_file.tolist()
         places.append(place)
-    at = {t.name: np.asarray(t.values["centre"]) for t in targets if t.kind == "sphere"}
+    centre_of = {t.name: np.asarray(t.values["centre"]) for t in targets if t.kind == "sphere"}
     errors = nominal_errors(dataset)
     distances = [
         {
             "between": list(pair),
             "certified_mm": next(1e3 * (c.distance or 0) for c in dataset.certificates if c.targets == pair),
-            "true_mm": 1e3 * float(np.linalg.norm(at[pair[0]] - at[pair[1]])),
+            "true_mm": 1e3 * float(np.linalg.norm(centre_of[pair[0]] - centre_of[pair[1]])),
             "nominal_error_um": 1e6 * error,
         }
         for pair, error in errors.items()

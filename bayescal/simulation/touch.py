@@ -62,9 +62,9 @@ class World:
         rows = model.scene.dataset.measurements.target
         out = np.empty(len(rows))
         for target in np.unique(rows):
-            at = np.flatnonzero(rows == target)
-            block = model.block(int(target), at)
-            out[at] = block.residual(values, np.zeros(block.size))[0]
+            touching = np.flatnonzero(rows == target)
+            block = model.block(int(target), touching)
+            out[touching] = block.residual(values, np.zeros(block.size))[0]
         return out
 
 
@@ -84,9 +84,9 @@ def misstated(world: World, dataset: Dataset) -> World:
     right = [model.linearised(constraint, z)[0] for constraint in wrong]
     z |= {ARM: (values - model.shift) / model.sd}
     for _ in range(CORRECTIONS if wrong else 0):
-        told = [model.linearised(constraint, z) for constraint in wrong]
-        off = np.concatenate([r - before for (r, _), before in zip(told, right, strict=True)])
-        by = [[slopes.get(name, np.zeros((len(r), 3))) for name in faces] for r, slopes in told]
+        linear = [model.linearised(constraint, z) for constraint in wrong]
+        off = np.concatenate([r - before for (r, _), before in zip(linear, right, strict=True)])
+        by = [[slopes.get(name, np.zeros((len(r), 3))) for name in faces] for r, slopes in linear]
         steps = np.linalg.lstsq(np.block(by), off, rcond=None)[0].reshape(-1, 3)
         z |= {name: z[name] - step for name, step in zip(faces, steps, strict=True)}
     return replace(world, targets=tuple(_at(t, model, z) if wrong else t for t in world.targets))

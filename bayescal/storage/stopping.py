@@ -17,6 +17,8 @@ from threading import Lock, Thread, current_thread, main_thread
 from types import FrameType
 from typing import NoReturn
 
+Progress = Callable[[str, float], None]
+"""What a long calculation calls: with its stage (or '12 of 200') and the completed fraction."""
 PATIENCE = 0.6
 """Seconds from a signal to the end of the process, unless the main thread ends before."""
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
@@ -27,6 +29,10 @@ _leaving: list[int] = []
 """The exit code of a stopped command, as soon as it ends."""
 _told = Lock()
 """Held as soon as the end of the process is reported."""
+
+
+def silent(stage: str, fraction: float) -> None:
+    """No report of the progress."""
 
 
 class Stopped(BaseException):

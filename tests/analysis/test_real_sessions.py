@@ -7,6 +7,7 @@ from pathlib import Path
 import foreign
 import numpy as np
 import pytest
+from sessions import with_columns
 
 from analysis import (
     knock_out,
@@ -124,7 +125,7 @@ def test_a_place_apart_is_not_fitted(sockets):
     there = m.target >= 4
     readings = m.readings.copy()
     readings[there, 0] += np.radians(1.0) * np.random.default_rng(0).choice([-1, 1], there.sum())
-    spoilt = replace(sockets, measurements=replace(m, readings=readings))
+    spoilt = with_columns(sockets, readings=readings)
     clean, bad = (real_sessions.unseen(d, "far", ())["levels"][-1] for d in (sockets, spoilt))
     assert bad["mean_mm"] > 5.0
     assert clean["mean_mm"] < 0.2
@@ -372,7 +373,7 @@ def wavy(tracker):
     d = tracker(seed=3, count=80).dataset
     readings = d.measurements.readings.copy()
     readings[:, 4] += 1e-3 * np.sin(2 * readings[:, 4])
-    return replace(d, measurements=replace(d.measurements, readings=readings, command=None))
+    return with_columns(d, readings=readings, command=None)
 
 
 def test_a_half_is_diagnosed_alone_and_predicts_the_other(wavy, monkeypatch):

@@ -6,6 +6,7 @@ import foreign
 import numpy as np
 import pytest
 from chances import least, most
+from sessions import with_columns
 
 import bayescal as bc
 import bayescal.assess.shared_causes as groups_module
@@ -33,7 +34,7 @@ from bayescal.errors import BayescalError
 from bayescal.estimate.unexplained import Unexplained
 from bayescal.model.options import FitOptions
 from bayescal.model.scene import Scene
-from bayescal.predict import DistanceCheck, PlaneCheck, Validation
+from bayescal.predict import DistanceCheck, RowCheck, Validation
 
 FULL = ("geometry", "compliance")
 CAUSE = SharedCause("target", "cube.+y", np.arange(3), 10, 3, 60, 1.0)
@@ -55,7 +56,7 @@ def checked(rng, shared_sd=3e-6, noise=5e-6, draws=2000, contacts=60, distances=
     pairs = [
         DistanceCheck((f"a{k}", f"b{k}"), 0.2, 0.0, error[k], of_distance[:, k]) for k in range(distances)
     ]
-    return Validation((), (PlaneCheck("face", r, predicted),), tuple(pairs), (), ())
+    return Validation((), (RowCheck("face", r, predicted),), tuple(pairs), (), ())
 
 
 def test_tests_of_a_correct_model_fail_as_often_as_stated():
@@ -138,7 +139,7 @@ def test_nothing_to_verify_with_is_said():
 def session(cube):
     session = cube(seed=6, count=300).dataset
     role = np.where(np.arange(300) % 5 == 4, "validate", "calibrate")
-    return replace(session, measurements=replace(session.measurements, role=role))
+    return with_columns(session, role=role)
 
 
 @pytest.fixture(scope="module")
@@ -234,7 +235,7 @@ def slipped(session, rows, angle):
     """The session with joint 3 read wrong by an angle, rad, in some rows."""
     readings = session.measurements.readings.copy()
     readings[rows, 2] += angle
-    return replace(session, measurements=replace(session.measurements, readings=readings))
+    return with_columns(session, readings=readings)
 
 
 def test_rows_that_share_a_cause_stay_in_the_fit_and_outliers_do_not(session, clean):

@@ -12,6 +12,7 @@ import pytest
 from cases import cases
 from scipy.stats import chi2
 from scipy.stats import t as student
+from sessions import with_columns
 
 import bayescal as bc
 from bayescal.assess.budget import COVERAGE, Budget, Component, budget
@@ -194,7 +195,7 @@ def test_noise_by_monte_carlo(tracker):
     exact = empty.residual(block.state(state), p).T
 
     def fitted_to(xyz):
-        again = replace(dataset, measurements=replace(dataset.measurements, xyz=xyz))
+        again = with_columns(dataset, xyz=xyz)
         return estimate(with_parameters(Scene(again), ("joint",), some), robust=False)
 
     rng = np.random.default_rng(5)
@@ -253,7 +254,7 @@ def test_readings_of_an_instrument(tracker):
     """Distances between validation readings, as the forecast draws them."""
     dataset = tracker(1, 90).dataset
     role = np.where(np.arange(90) % 3 == 0, "validate", "calibrate")
-    dataset = replace(dataset, measurements=replace(dataset.measurements, role=role))
+    dataset = with_columns(dataset, role=role)
     found = fit(dataset, ("geometry",), samples=0)
     m = readings(found.basis)
     read = found.forecast.checked[0]

@@ -6,8 +6,9 @@ from dataclasses import replace
 import foreign
 import numpy as np
 import pytest
-from rich.console import Console
+from cases import terminal_text
 from scipy.stats import norm
+from sessions import with_columns
 
 from bayescal.assess.acceptance import EXPLAINED
 from bayescal.assess.budget import usual
@@ -40,7 +41,7 @@ def on_faces(session, *names):
     m = session.measurements
     touched = np.array([t.name for t in session.targets])[m.target]
     role = np.where(np.isin(touched, names), "calibrate", "validate")
-    return replace(session, measurements=replace(m, role=role))
+    return with_columns(session, role=role)
 
 
 def bulging(session, amount):
@@ -50,7 +51,7 @@ def bulging(session, amount):
     m = session.measurements
     readings = m.readings.copy()
     readings[:, 0] += amount * (1 - np.sum(face.place**2, axis=1)) * face.rows / scene.points[:, 0]
-    return replace(session, measurements=replace(m, readings=readings))
+    return with_columns(session, readings=readings)
 
 
 CASES = {
@@ -137,9 +138,7 @@ def test_more_contacts_leave_less_to_the_prior(cube):
 
 
 def test_the_summary_leads_with_the_distance_error(fits, tmp_path):
-    console = Console(width=200, record=True, file=(tmp_path / "out").open("w"))
-    console.print(fit_summary(fits["too few"]))
-    lines = console.export_text().splitlines()
+    lines = terminal_text(fit_summary(fits["too few"]), 200).splitlines()
     assert lines[1].startswith("verdict")
     assert any(line.startswith("distance error") and "predicted" in line for line in lines[:8])
     assert any(line.startswith("validation") and "none" in line for line in lines[:12])
@@ -159,7 +158,7 @@ def test_the_record_has_the_figures(fits):
 def test_an_instrument_kept_back_measures_the_distances(tracker):
     session = tracker(seed=2, count=90).dataset
     role = np.where(np.arange(90) % 3 == 0, "validate", "calibrate")
-    session = replace(session, measurements=replace(session.measurements, role=role))
+    session = with_columns(session, role=role)
     found = fit(session, FULL, samples=0)
     lead = found.forecast.lead
     assert lead.over == "readings of the instrument"

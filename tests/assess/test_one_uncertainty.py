@@ -15,6 +15,7 @@ import pytest
 from markupsafe import escape
 from rich.console import Console
 from scipy.stats import t as student
+from sessions import with_columns
 
 from bayescal.assess.acceptance import FAIL, OPEN, PASS, conformance
 from bayescal.assess.budget import budget, headline
@@ -244,7 +245,7 @@ def with_error(found, row, error):
     session = model.scene.dataset
     readings = session.measurements.readings.copy()
     readings[row] += error * slope / (slope @ slope)
-    return replace(session, measurements=replace(session.measurements, readings=readings))
+    return with_columns(session, readings=readings)
 
 
 @pytest.mark.parametrize("seed", [6, 7])
@@ -294,7 +295,7 @@ def cycled(tracker):
     first[:60] = np.arange(60)
     rng = np.random.default_rng(3)
     readings, xyz = readings[first], xyz[first] + 2e-5 * rng.standard_normal(xyz.shape)
-    return replace(dataset, measurements=replace(m, readings=readings, xyz=xyz, role=role))
+    return with_columns(dataset, readings=readings, xyz=xyz, role=role)
 
 
 def test_poses_by_hand(cycled):
@@ -337,7 +338,7 @@ def test_contacts_and_distances():
 
 def test_nothing_without_validation_rows(cycled):
     role = np.full(80, "calibrate")
-    alone = replace(cycled, measurements=replace(cycled.measurements, role=role))
+    alone = with_columns(cycled, role=role)
     found = calibrated(Scene(alone, oriented=True), ("geometry",), FitOptions(robust=False))
     assert iso9283(Basis(stated(found))) == iso9283(Basis(stated(found))).__class__((), ())
 

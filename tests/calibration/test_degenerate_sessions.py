@@ -2,11 +2,12 @@
 
 import json
 import re
-from dataclasses import fields, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from rich.console import Console
+from cases import terminal_text
+from sessions import with_columns, with_rows
 from typer.testing import CliRunner
 
 from bayescal import calibration
@@ -41,16 +42,6 @@ FULL = ("geometry", "compliance")
 FULL_RANGE = "in poses over most of the range of"
 
 
-def with_rows(session, rows):
-    """The session with some of its rows."""
-    m = session.measurements
-    kept = {f.name: getattr(m, f.name) for f in fields(m) if getattr(m, f.name) is not None}
-    kept["ids"] = tuple(f"c{k}" for k in range(len(rows)))
-    kept |= {name: v[rows] for name, v in kept.items() if name not in ("ids", "line")}
-    kept["line"] = np.arange(len(rows)) + 2
-    return replace(session, measurements=type(m)(**kept))
-
-
 def on_faces(session, *faces):
     names = np.array([t.name for t in session.targets])[session.measurements.target]
     used = with_rows(session, np.flatnonzero(np.isin(names, faces)))
@@ -76,7 +67,7 @@ def one_pose(cube):
     session = on_faces(cube(seed=3, count=150).dataset, "cube.+z")
     m = session.measurements
     same = np.repeat(m.readings[:1], len(m.ids), axis=0)
-    return replace(session, measurements=replace(m, readings=same, payload=None))
+    return with_columns(session, readings=same, payload=None)
 
 
 def random_readings(lrmate, count=80):
@@ -205,11 +196,9 @@ def test_no_effect_in_rows_of_one_pose_is_no_success(diagnosed):
 def test_a_diagnosis_of_one_pose_has_a_page_and_no_nan(diagnosed, tmp_path):
     """A page of one block of rows ended with a traceback, and the terminal printed nan."""
     write_gap(diagnosed, tmp_path / "run", pictures=False)
-    console = Console(width=150)
-    with console.capture() as said:
-        console.print(gap_summary(diagnosed))
-    assert "nan" not in said.get()
-    assert "no interval: the validation measurements have one pose" in said.get()
+    text = terminal_text(gap_summary(diagnosed), 150)
+    assert "nan" not in text
+    assert "no interval: the validation measurements have one pose" in text
 
 
 def test_an_arm_of_one_pose_is_not_exported(cube):
@@ -235,10 +224,8 @@ def test_a_budget_that_priors_decide_says_so(twelve, cube):
     told = {}
     for name, found in {"few": twelve, "many": fit(cube(seed=3, count=150).dataset, FULL, samples=0)}.items():
         of = budget(found.basis, parameter(found.basis, "a2"))
-        console = Console(width=150)
-        with console.capture() as said:
-            console.print(budget_table(of))
-        told[name] = of.prior_share, "not determined" in said.get()
+        text = terminal_text(budget_table(of), 150)
+        told[name] = of.prior_share, "not determined" in text
         assert measurand_record(of)["prior_share"] == of.prior_share
     assert told["few"][0] > 0.5 > told["many"][0]
     assert (told["few"][1], told["many"][1]) == (True, False)
@@ -266,7 +253,7 @@ def first(session, count):
     m = session.measurements
     order = np.cumsum(m.role == "calibrate")
     role = np.where((m.role == "calibrate") & (order > count), "validate", m.role)
-    return replace(session, measurements=replace(m, role=role))
+    return with_columns(session, role=role)
 
 
 @pytest.mark.parametrize("known", [{"u": 0.0, "u_angle": 0.0}, {"u": 0.0}])
@@ -288,7 +275,7 @@ def test_repeats_that_read_identically_are_no_noise(cube):
         rows = np.flatnonzero((m.role == "calibrate") & (m.target == target))[:4]
         readings[rows] = readings[rows[0]]
         repeat[rows] = f"r{target}"
-    same = replace(session, measurements=replace(m, readings=readings, repeat=repeat.astype(str)))
+    same = with_columns(session, readings=readings, repeat=repeat.astype(str))
     found = fit(same, ("geometry",), samples=0)
     scatter, dof = repeat_scatter(Scene(same), found.final.estimate)
     assert (scatter, dof > 5) == (None, True)
@@ -383,7 +370,7 @@ def test_two_weak_directions_through_one_parameter_promise_no_pair():
 
 # --- Several sessions on the command line: one fit, one diagnosis, and whether they agree.
 
-LITTLE = {"contacts": 100, "later": 8, "repeats": 3, "placements": 1, "spheres": 2, "sphere_contacts": 8}
+LITTLE = {"contacts": 70, "later": 8, "repeats": 3, "placements": 1, "spheres": 2, "sphere_contacts": 8}
 QUICK = ("--samples", "0", "--no-pictures")
 
 

@@ -1,6 +1,5 @@
 """The calibration end to end, in memory and on the command line."""
 
-import io
 import json
 import re
 from collections import Counter
@@ -9,8 +8,8 @@ from dataclasses import replace
 import foreign
 import numpy as np
 import pytest
-from cases import EXAMPLE, ROOT
-from rich.console import Console
+from cases import EXAMPLE, ROOT, terminal_text
+from sessions import with_columns
 from typer.testing import CliRunner
 
 from bayescal.arm.chain import chain_of, link_angles, points
@@ -20,8 +19,9 @@ from bayescal.calibration import fit
 from bayescal.cli import app
 from bayescal.dataset import Certificate, read_dataset, write_dataset
 from bayescal.errors import BayescalError
-from bayescal.estimate import calibrated, check_converged, estimate, linearise
+from bayescal.estimate import calibrated, estimate, linearise
 from bayescal.estimate.bounds import with_latent_readings
+from bayescal.estimate.checks import check_converged
 from bayescal.estimate.unexplained import check_faces, unexplained, with_form
 from bayescal.exporting.robot import calibrated_robot
 from bayescal.gap.diagnose import diagnose
@@ -240,7 +240,7 @@ def bent(session, amount):
     lever = scene.points[:, 0]  # turning J1 moves a contact on +y along the normal by its x
     readings = m.readings.copy()
     readings[:, 0] += bulge / lever
-    return replace(session, measurements=replace(m, readings=readings))
+    return with_columns(session, readings=readings)
 
 
 def test_a_bulging_face_is_seen_and_fitted(cube):
@@ -341,7 +341,7 @@ def split(cube):
     """Contacts of an arm with errors, a quarter of them validation measurements."""
     dataset = cube(seed=11, count=160).dataset
     role = np.where(np.arange(160) % 4 == 0, "validate", "calibrate")
-    return replace(dataset, measurements=replace(dataset.measurements, role=role))
+    return with_columns(dataset, role=role)
 
 
 @pytest.fixture(scope="module")
@@ -351,7 +351,7 @@ def misread(cube):
     rows, coupling = dataset.measurements, dataset.robot.link_from_reading
     links = rows.readings @ coupling.T - ZEROS
     readings = links @ np.linalg.inv(coupling).T / (1.0 + SCALES)
-    return replace(dataset, measurements=replace(rows, readings=readings))
+    return with_columns(dataset, readings=readings)
 
 
 def test_every_level_reduces_validation_errors(split):
@@ -428,14 +428,12 @@ NOT_SAID = ("as drawn", "held out", "worst", "data decide", " um ", "ladder")
 
 
 def printed(found, width: int, verbose: bool = False) -> str:
-    console = Console(width=width, record=True, file=io.StringIO())
-    console.print(fit_summary(found, verbose))
-    return console.export_text()
+    return terminal_text(fit_summary(found, verbose), width)
 
 
 def validating(session, every: int = 4):
     role = np.where(np.arange(len(session.measurements.ids)) % every == 0, "validate", "calibrate")
-    return replace(session, measurements=replace(session.measurements, role=role))
+    return with_columns(session, role=role)
 
 
 @pytest.fixture(scope="module")
@@ -449,9 +447,6 @@ def fits(cube, tracker):
             cube(seed=6, count=120).dataset, (*FULL, "eccentricity", "second-harmonic"), samples=0
         ),
     }
-    for name in ("worlds-dev/005", "real/panda-ball-socket-4"):
-        if (foreign.DATA / name).exists():
-            made[name] = fit(read_dataset(foreign.DATA / name), FULL, FitOptions(tolerance=2e-5), samples=0)
     return made
 
 

@@ -4,7 +4,7 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
-from cases import file_text
+from cases import robot_file
 from compensate_arms import arm_with
 
 import bayescal as bc
@@ -426,8 +426,6 @@ def test_orientation_of_the_tool(solved_arm, session):
 
 # --- Arms with fewer and with more than six joints.
 
-FOUR = file_text("robots/four.yaml")
-
 
 def session_of(base, robot):
     """Points of a robot that an instrument reads, nominal except for noise."""
@@ -449,8 +447,7 @@ def nominal_points(robot, tool, readings):
 @pytest.mark.parametrize("name", ["four", "franka-panda"])
 def test_the_tool_point_is_corrected(tracker, tmp_path, name):
     """Of four joints without the orientation, which they cannot hold; of seven with the smallest motion."""
-    (tmp_path / "four.yaml").write_text(FOUR, encoding="utf-8")
-    robot, _ = load_robot(str(tmp_path / "four.yaml") if name == "four" else name)
+    robot, _ = load_robot(robot_file("four") if name == "four" else name)
     session = session_of(tracker(seed=0).dataset, robot)
     arm = arm_with.__wrapped__(("geometry",), session)
     q = session.measurements.readings[:5]

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from sessions import with_columns
 from tiny_dataset import SETTINGS, TABLE, write
 
 from bayescal.dataset import Certificate, Dataset, Record, Tool, read_dataset, write_dataset
@@ -195,10 +196,6 @@ def pair(cube):
     )
 
 
-def with_rows(dataset, **columns):
-    return replace(dataset, measurements=replace(dataset.measurements, **columns))
-
-
 def test_a_single_session_stays_as_it_is(pair):
     assert joined(pair[:1]) is pair[0]
 
@@ -224,25 +221,27 @@ def test_names_tell_the_session_and_rows_follow_each_other(pair):
 
 def test_repeats_and_stops_of_two_sessions_stay_apart(pair):
     labels = np.array(["r1", ""] * 30)
-    both = joined([with_rows(s, repeat=labels, stop=labels) for s in pair]).measurements
+    both = joined([with_columns(s, repeat=labels, stop=labels) for s in pair]).measurements
     for column in (both.repeat, both.stop):
         assert list(np.unique(column)) == ["", "A:r1", "B:r1"]
 
 
 def test_clocks_follow_each_other_and_keep_their_course(pair):
-    a, b = (with_rows(s, time=np.linspace(5.0, end, 60)) for s, end in zip(pair, (900, 300), strict=True))
+    a, b = (with_columns(s, time=np.linspace(5.0, end, 60)) for s, end in zip(pair, (900, 300), strict=True))
     time = joined((a, b)).measurements.time
     assert np.all(np.diff(time) > 0)
     np.testing.assert_allclose(np.diff(time[60:]), np.diff(b.measurements.time))
-    stopped = joined((a, with_rows(b, time=None))).measurements.time
+    stopped = joined((a, with_columns(b, time=None))).measurements.time
     assert np.ptp(stopped[60:]) == 0
     assert stopped[60] > stopped[59]
 
 
 def test_a_column_that_one_session_lacks_holds_what_empty_cells_do(pair):
     a, b = pair
-    bare = with_rows(b, velocity=None, payload=None, temperature=None, u=None)
-    told = with_rows(a, u=np.full(60, 1e-6), velocity=np.ones((60, 6)), temperature=np.linspace(20, 22, 60))
+    bare = with_columns(b, velocity=None, payload=None, temperature=None, u=None)
+    told = with_columns(
+        a, u=np.full(60, 1e-6), velocity=np.ones((60, 6)), temperature=np.linspace(20, 22, 60)
+    )
     m = joined((told, bare)).measurements
     assert np.all(m.velocity[60:] == 0)
     assert np.all(m.payload[60:] == 0)
@@ -252,7 +251,7 @@ def test_a_column_that_one_session_lacks_holds_what_empty_cells_do(pair):
 
 
 def test_an_artefacts_temperature_is_not_taken_for_the_arms(pair):
-    a, b = (with_rows(s, temperature=np.linspace(20, 22, 60)) for s in pair)
+    a, b = (with_columns(s, temperature=np.linspace(20, 22, 60)) for s in pair)
     mixed = joined((replace(a, temperature_of="artefact"), replace(b, temperature_of="arm")))
     assert mixed.temperature_of == "arm"
     assert np.ptp(mixed.measurements.temperature[:60]) == 0
@@ -269,7 +268,7 @@ def test_tools_stated_alike_are_one_tool_unless_remounted(pair):
     longer = replace(b, tools=(replace(b.tools[0], centre=b.tools[0].centre + 1e-3),))
     assert [t.name for t in joined((a, longer)).tools] == ["A:ball", "B:ball"]
     probe = Tool("probe", np.zeros(3), 2e-3)
-    more = with_rows(replace(b, tools=(probe, b.tools[0])), tool=np.ones(60, int))
+    more = with_columns(replace(b, tools=(probe, b.tools[0])), tool=np.ones(60, int))
     both = joined((a, more))
     assert [t.name for t in both.tools] == ["ball", "probe"]
     assert set(both.measurements.tool) == {0}
@@ -291,7 +290,7 @@ def test_one_paper_does_not_average_out_over_sessions(pair):
     role = np.where(
         b.measurements.target == [t.name for t in b.targets].index("cube.+z"), "validate", "calibrate"
     )
-    both = joined((a, with_rows(replace(b, certificates=(*b.certificates, held)), role=role)))
+    both = joined((a, with_columns(replace(b, certificates=(*b.certificates, held)), role=role)))
     u = {(c.kind, c.targets): (c.u_distance, c.u_angle) for c in both.certificates}
     paper = {(c.kind, c.targets): c for c in a.certificates}
     for (kind, names), (u_distance, u_angle) in u.items():

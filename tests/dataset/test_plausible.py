@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from sessions import with_columns
 from tiny_dataset import SETTINGS, TABLE, write
 
 from bayescal.dataset import read_dataset
@@ -141,15 +142,11 @@ def test_a_certificate_is_judged_by_the_larger_u_of_its_targets(tmp_path, u, bel
 # --- No session is blamed for a unit that is only loosely known, badly placed or shuffled.
 
 
-def with_rows(dataset, **changed):
-    return replace(dataset, measurements=replace(dataset.measurements, **changed))
-
-
 @pytest.mark.parametrize("factor", [np.pi / 180, 180 / np.pi, 1e-3, 1e3])
 def test_the_factor_is_found(tracker, factor):
     data = tracker(count=30).dataset
     field = "xyz" if factor in (1e-3, 1e3) else "readings"
-    found = suspicion(with_rows(data, **{field: getattr(data.measurements, field) * factor}))
+    found = suspicion(with_columns(data, **{field: getattr(data.measurements, field) * factor}))
     assert found is not None
     assert found.factor == pytest.approx(1 / factor)
     assert found.quantities == (("x", "y", "z") if field == "xyz" else tuple(f"j{j}" for j in range(1, 7)))
@@ -180,7 +177,7 @@ def test_shuffled_points_and_a_wrong_tool(tracker):
     data = tracker(count=30).dataset
     for seed in range(20):
         rng = np.random.default_rng(seed)
-        shuffled = with_rows(data, xyz=rng.permutation(data.measurements.xyz))
+        shuffled = with_columns(data, xyz=rng.permutation(data.measurements.xyz))
         assert suspicion(shuffled) is None
         tool = replace(data.tools[0], centre=data.tools[0].centre + rng.normal(0, 0.2, 3))
         assert suspicion(replace(data, tools=(tool,))) is None
@@ -191,4 +188,4 @@ def test_a_number_near_the_largest_is_no_overflow(cube):
     readings = data.measurements.readings.copy()
     readings[2, 0] = -1e308
     with np.errstate(over="raise"):
-        assert suspicion(with_rows(data, readings=readings)) is None
+        assert suspicion(with_columns(data, readings=readings)) is None

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from sessions import circumstances, with_columns
 
 from bayescal.arm.chain import Robot, chain_of, link_angles
 from bayescal.arm.statics import Stance, gravity_loads
@@ -45,7 +46,7 @@ def ball(dataset, effects, mass=0.0):
 
 def unloaded(dataset):
     """The session without payload."""
-    return replace(dataset, measurements=replace(dataset.measurements, payload=None))
+    return with_columns(dataset, payload=None)
 
 
 @pytest.mark.parametrize("stated", [False, True])
@@ -88,8 +89,7 @@ def test_a_payload_that_hangs_elsewhere_is_a_tool_with_another_centre_of_mass(cu
 def test_the_centre_of_an_added_load_acts_in_the_rows_that_carry_it(cube):
     dataset = cube(seed=3, count=24).dataset
     payload = np.where(np.arange(24) % 3 == 0, 2.0, 0.0)
-    scene = Scene(replace(dataset, measurements=replace(dataset.measurements, payload=payload)))
-    c = scene.circumstances(scene.rows("calibrate"))
+    c = circumstances(with_columns(dataset, payload=payload))
     by = {p.name: p for s in ("payload@elsewhere", "payload@added") for p in parameters_of((s,), c)}
     for axis in "xyz":
         whole, own = by[f"payload moment {axis}"].terms, by[f"payload added centre {axis}"].terms
@@ -230,7 +230,7 @@ def test_a_target_or_tool_that_is_not_fitted_ties_nothing(cube):
     """Stated by `validate` rows alone, a place says nothing of the base."""
     dataset = stating(cube(seed=1).dataset, target=1e-3)
     role = np.where(dataset.measurements.target == 0, "validate", "calibrate")
-    assert names_of(replace(dataset, measurements=replace(dataset.measurements, role=role))) == LOOSE | TOOL
+    assert names_of(with_columns(dataset, role=role)) == LOOSE | TOOL
 
 
 def test_one_direction_is_left_to_the_prior(cube):
@@ -333,7 +333,7 @@ DRIVERS = [
 
 
 @pytest.fixture
-def circumstances(cube):
+def given(cube):
     scene = Scene(cube(seed=1).dataset)
     return scene.circumstances(scene.rows("calibrate"))
 
@@ -368,8 +368,8 @@ def test_forms_of_one_coordinate(driver, course):
     assert driver.course == course
 
 
-def test_coordinates_are_those_of_the_session(circumstances):
-    c = circumstances
+def test_coordinates_are_those_of_the_session(given):
+    c = given
     row = np.arange(1.0, len(c.q) + 1)
     for driver, site, label, values in (
         (Driver("angle", 4, 2.0), joint(4), "reading of joint 4 (deg)", np.degrees(c.readings[:, 3])),
@@ -387,19 +387,19 @@ def test_coordinates_are_those_of_the_session(circumstances):
         np.testing.assert_array_equal(found.values, values)
 
 
-def test_effects_and_cells_are_told_in_known_kinds(circumstances):
+def test_effects_and_cells_are_told_in_known_kinds(given):
     """A misspelt kind would have neither text nor a coordinate."""
-    lacking = {name for name, effect in EFFECTS.items() if effect.missing(circumstances)}
-    places = [(p.site, p.driver) for p in parameters_of(tuple(set(EFFECTS) - lacking), circumstances)]
-    places += [(cell.site, cell.driver) for cell in cells(circumstances)]
+    lacking = {name for name, effect in EFFECTS.items() if effect.missing(given)}
+    places = [(p.site, p.driver) for p in parameters_of(tuple(set(EFFECTS) - lacking), given)]
+    places += [(cell.site, cell.driver) for cell in cells(given)]
     for site, driver in places:
         assert driver.kind in KINDS
         assert site.kind in (*PLAIN, *location.NUMBERED, "face")
 
 
-def test_a_face_that_is_called_like_a_joint_is_a_face(circumstances):
+def test_a_face_that_is_called_like_a_joint_is_a_face(given):
     """Cells are weighed by the kind of their site, whatever the user's targets are called."""
-    of = [cell for cell in cells(circumstances) if cell.site.kind in ("joint", "face")]
+    of = [cell for cell in cells(given) if cell.site.kind in ("joint", "face")]
     renamed = [
         type(cell)(face(f"joint {cell.site.name}"), cell.driver, cell.sets, cell.known)
         if cell.site.kind == "face" else cell
@@ -409,9 +409,9 @@ def test_a_face_that_is_called_like_a_joint_is_a_face(circumstances):
     np.testing.assert_array_equal(*weights)
 
 
-def test_a_part_at_a_face_is_that_of_the_face(circumstances):
-    name = circumstances.faces[0].name
-    own = parameters_of(("plane-form",), circumstances)
+def test_a_part_at_a_face_is_that_of_the_face(given):
+    name = given.faces[0].name
+    own = parameters_of(("plane-form",), given)
     part = Part.of(f"plane-form at {name}")
     assert {str(p.site) for p in own if part.holds(p)} == {name}
 
@@ -434,8 +434,7 @@ def test_a_body_that_is_heated_cools_and_is_heated_again():
 
 @pytest.mark.parametrize("pause", PAUSES[::5])
 def test_a_paused_drift_covers_the_session(cube, pause):
-    scene = Scene(cube(seed=1).dataset)
-    c = scene.circumstances(scene.rows("calibrate"))
+    c = circumstances(cube(seed=1).dataset)
     name = f"thermal-drift@paused-{pause[0]}-{pause[1]}-{pause[2]}"
     own = [p for p in parameters_of((name,), c) if p.effect == "thermal-drift"]
     assert [(p.name, p.sd) for p in own] == [(p.name, p.sd) for p in EFFECTS["thermal-drift"].at(c, 600.0)]

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from cases import cases
+from sessions import circumstances, with_columns
 
 from bayescal.arm import statics
 from bayescal.arm.chain import chain_of, link_angles
@@ -254,16 +255,14 @@ def told(parameters):
 
 def test_without_a_setting_it_is_the_usual_one(cube):
     """What an effect is where none is named: the middle of the rows, 6 % of the usual torque."""
-    scene = Scene(cube(seed=1).dataset)
-    c = scene.circumstances(scene.rows("calibrate"))
+    c = circumstances(cube(seed=1).dataset)
     for name, setting in (("step", "61"), ("hysteresis", "0.06")):
         assert told(parameters_of((name,), c)) == told(parameters_of((f"{name}@{setting}",), c))
 
 
 def test_gear_mesh_without_reductions_needs_a_ratio(cube):
     dataset = cube(seed=1).dataset
-    scene = Scene(replace(dataset, robot=replace(dataset.robot, reductions=None)))
-    c = scene.circumstances(scene.rows("calibrate"))
+    c = circumstances(replace(dataset, robot=replace(dataset.robot, reductions=None)))
     with pytest.raises(BayescalError, match="gear-mesh@100"):
         parameters_of(("gear-mesh",), c)
     names = [p.name for p in parameters_of(("gear-mesh@100",), c)]
@@ -293,7 +292,7 @@ def test_settings_that_cannot_be(name, words, cube):
 
 def test_a_time_constant_needs_the_time(cube):
     dataset = cube(seed=1).dataset
-    timeless = Scene(replace(dataset, measurements=replace(dataset.measurements, time=None)))
+    timeless = Scene(with_columns(dataset, time=None))
     c = timeless.circumstances(timeless.rows("calibrate"))
     assert parameters_of(("thermal-drift",), c)
     with pytest.raises(BayescalError, match="time_s"):
@@ -387,7 +386,7 @@ def test_payload_and_tool_weigh(cube, monkeypatch):
     dataset = cube(seed=1).dataset
     m = dataset.measurements
     loaded = Scene(dataset).moments
-    empty = Scene(replace(dataset, measurements=replace(m, payload=None))).moments
+    empty = Scene(with_columns(dataset, payload=None)).moments
     heavier = replace(dataset.tools[0], mass=dataset.tools[0].mass + 0.5)
     both = Scene(replace(dataset, tools=(heavier,), measurements=replace(m, payload=None))).moments
     carries = m.payload > 0

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from sessions import circumstances, with_columns
 
 from bayescal.arm.chain import chain_of, frames, points, wrenches
 from bayescal.arm.motion import CONTACT
@@ -15,15 +16,6 @@ from bayescal.effects.compliance import typical
 from bayescal.effects.location import Driver
 from bayescal.model import build
 from bayescal.model.scene import Scene
-
-
-def circumstances(dataset):
-    scene = Scene(dataset)
-    return scene.circumstances(scene.rows("calibrate"))
-
-
-def with_columns(dataset, **columns):
-    return replace(dataset, measurements=replace(dataset.measurements, **columns))
 
 
 def drivers(dataset, effect):

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from cases import cases
 from scipy.spatial.transform import Rotation
+from sessions import circumstances, with_columns
 
 from bayescal import effects
 from bayescal.arm.chain import frames, link_angles, points
@@ -53,16 +54,12 @@ def own():
     effects.unregister(OWN.name)
 
 
-def circumstances(scene):
-    return scene.circumstances(scene.rows("calibrate"))
-
-
 def test_a_registered_effect_is_in_models_and_diagnoses(own, cube):
     scene = Scene(cube(seed=1).dataset)
     model = build(scene, ("geometry", own.name))
     assert [p.name for p in model.parameters if p.effect == own.name] == ["cable-drag"]
     assert own.name in MODELS
-    found = candidates(circumstances(scene), ("geometry", "compliance"))
+    found = candidates(circumstances(scene.dataset), ("geometry", "compliance"))
     assert [v.effect for v in found.variants[own.name]] == [own.name]
     assert confusable("coupling", own.name)
     assert confusable(own.name, "coupling")
@@ -119,7 +116,7 @@ def test_a_parameter_that_no_model_can_hold_is_refused(cube, change, words):
     effects.register(spoilt)
     try:
         with pytest.raises(BayescalError, match=f"parameter `cable-drag` of cable-drag: .*{words}"):
-            parameters_of((OWN.name,), circumstances(Scene(cube(seed=1).dataset)))
+            parameters_of((OWN.name,), circumstances(cube(seed=1).dataset))
     finally:
         effects.unregister(OWN.name)
 
@@ -427,8 +424,7 @@ def test_a_bracket_turns_about_a_hinge_behind_its_plate(session, mount):
 )
 def test_no_parameter_without_a_moment(session, mount, names):
     """None about the vertical, and none that raises the base of an upright arm."""
-    scene = Scene(mounted(session, mount))
-    c = scene.circumstances(scene.rows("calibrate"))
+    c = circumstances(mounted(session, mount))
     found = EFFECTS["base-compliance"].parameters(c)
     assert {p.name.removeprefix("base-compliance ") for p in found} == names
     assert not EFFECTS["base-compliance"].parameters(replace(c, gravity=np.zeros(3)))
@@ -436,8 +432,7 @@ def test_no_parameter_without_a_moment(session, mount, names):
 
 def test_the_first_bearing_bends_where_its_axis_neither_stands_nor_lies(session):
     for mount in MOUNTS:
-        scene = Scene(mounted(session, mount))
-        c = scene.circumstances(scene.rows("calibrate"))
+        c = circumstances(mounted(session, mount))
         names = {p.name for p in EFFECTS["bending"].parameters(c)}
         assert ("bending J1 bearing" in names) == (mount == "slope"), mount
 
@@ -493,7 +488,7 @@ def measured(dataset, arm, depth, compliance, noise, seed=0):
     frame = rigid(rpy_matrix(np.asarray(target.values["rpy"])), np.asarray(target.values["xyz"]))
     xyz = (ball - frame[:3, 3]) @ frame[:3, :3]
     xyz = xyz + noise * np.random.default_rng(seed).standard_normal(xyz.shape)
-    return replace(dataset, measurements=replace(m, xyz=xyz, torque=None, temperature=None))
+    return with_columns(dataset, xyz=xyz, torque=None, temperature=None)
 
 
 @pytest.fixture(scope="module", params=["wall", "ceiling"])

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
 from scipy.stats import chi2, truncnorm
+from sessions import circumstances, with_columns
 
 import bayescal as bc
 from bayescal.arm.statics import torques_on_links
@@ -142,7 +143,7 @@ def pulled():
     s = simulate(Options(seed=2, contacts=160, repeats=0, later=0, placements=0, noise=NOISE))
     count = len(s.exact.measurements.ids)
     hidden = np.random.default_rng(0).uniform(0.0, 3.0, count)
-    heavier = replace(s.exact, measurements=replace(s.exact.measurements, payload=hidden))
+    heavier = with_columns(s.exact, payload=hidden)
     exact = touch(s.world, heavier, s.shift)
     on_links = s.world.model(exact).scene.moments[:, 1:, 2]
     signs = np.sign(np.diag(exact.robot.link_from_reading))
@@ -153,11 +154,6 @@ def pulled():
 def scale(dataset):
     """Noise of contacts, as a multiple of the stated one."""
     return calibrated(Scene(dataset), BOTH, FitOptions(robust=False)).weights.scale["contact"]
-
-
-def circumstances(dataset):
-    scene = Scene(dataset)
-    return scene.circumstances(scene.rows("calibrate"))
 
 
 def test_a_load_that_only_the_torques_show(pulled):
@@ -272,9 +268,7 @@ def fitted(cube):
     """300 contacts whose noise is twice as large as stated, the last kept back."""
     d = cube(seed=4, count=300, noise=UNEXPLAINED_NOISE, stated=UNEXPLAINED_NOISE / 2).dataset
     role = np.where(np.arange(300) < 300 - VALIDATE, "calibrate", "validate")
-    return estimate(
-        build(Scene(replace(d, measurements=replace(d.measurements, role=role))), ("geometry", "compliance"))
-    )
+    return estimate(build(Scene(with_columns(d, role=role)), ("geometry", "compliance")))
 
 
 def in_pairs(fitted, roles):
@@ -288,7 +282,7 @@ def in_pairs(fitted, roles):
             rows = rows[: len(rows) // 2 * 2]
             repeat[rows] = [f"{role}{k // 2}" for k in range(len(rows))]
             pairs += len(rows) // 2
-    return replace(d, measurements=replace(m, repeat=repeat)), pairs
+    return with_columns(d, repeat=repeat), pairs
 
 
 def test_the_scatter_of_pairs_is_the_noise_of_one_contact(fitted):
@@ -308,7 +302,7 @@ def test_repeats_of_validation_rows_count_and_a_slip_does_not(fitted):
     assert clean == pytest.approx(UNEXPLAINED_NOISE, rel=0.3)
     readings = m.readings.copy()
     readings[np.flatnonzero(m.repeat == "validate0")[0], :3] += 1e-3
-    slipped, _ = repeat_scatter(Scene(replace(session, measurements=replace(m, readings=readings))), fitted)
+    slipped, _ = repeat_scatter(Scene(with_columns(session, readings=readings)), fitted)
     assert slipped == pytest.approx(clean, rel=0.1)
 
 

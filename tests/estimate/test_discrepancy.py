@@ -6,6 +6,7 @@ from importlib import import_module
 import numpy as np
 import pytest
 from chances import least, most
+from sessions import with_columns
 
 import bayescal.estimate.moments as size_module
 from bayescal.assess.agreement import pair
@@ -321,7 +322,7 @@ def bent(cube, seed=4):
     m = made.measurements
     readings = m.readings.copy()
     readings[:, 0] += 1e-3 * np.sin(readings[:, 1] + readings[:, 2])
-    return replace(made, measurements=replace(m, readings=readings))
+    return with_columns(made, readings=readings)
 
 
 @pytest.fixture(scope="module")
@@ -360,7 +361,7 @@ def test_residuals_above_the_noise_lower_the_gate(cube):
     m = made.measurements
     readings = m.readings.copy()
     readings[:, 1] += 1e-3 * np.cos(1.5 * readings[:, 1])
-    scene = Scene(replace(made, measurements=replace(m, readings=readings)))
+    scene = Scene(with_columns(made, readings=readings))
     found = stated(calibrated(scene, FULL))
     assert found.families
     loud = replace(scene.dataset, noise=replace(scene.dataset.noise, contact=1e-4))

@@ -6,6 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 from scipy.optimize import least_squares
+from sessions import with_columns
 
 from bayescal.assess.agreement import agreement, difference_covariance, known_directions, pair
 from bayescal.dataset.join import joined
@@ -153,7 +154,7 @@ def test_sessions_of_one_arm_agree_and_of_two_do_not():
 def test_a_tool_taken_off_is_seen_and_told_apart():
     a, b = pair_of_one_arm()
     moved = b.measurements.readings + np.radians([0, 0, 0, 0, 0, 0.5])  # the tool, turned on its flange
-    turned = replace(b, measurements=replace(b.measurements, readings=moved))
+    turned = with_columns(b, readings=moved)
     shared = agreement(
         estimate(build(Scene(joined((a, turned))), BOTH), robust=False), BOTH, FitOptions(robust=False)
     )
@@ -361,7 +362,7 @@ def test_noise_of_the_readings_adds_by_the_slopes(maker, request):
     plain, model = residuals(session)
     square = {name: np.zeros(len(r)) for name, r in plain.items()}
     for axis in np.eye(6):
-        there, _ = residuals(replace(session, measurements=replace(m, readings=m.readings + h * axis)))
+        there, _ = residuals(with_columns(session, readings=m.readings + h * axis))
         for name, r in plain.items():
             square[name] += ((there[name] - r) / h) ** 2
     noisy = replace(session, noise=replace(session.noise, joint=joint))

@@ -8,6 +8,7 @@ import foreign
 import numpy as np
 import pytest
 from scipy.stats import chi2
+from sessions import with_columns
 
 from bayescal.arm.chain import chain_of, link_angles, points
 from bayescal.arm.motion import Motion, Term
@@ -177,7 +178,7 @@ def test_outliers_of_an_instrument(tracker):
     dataset = tracker(seed=1).dataset
     xyz = dataset.measurements.xyz.copy()
     xyz[[7, 50], [0, 2]] += 1e-3
-    found = fit(replace(dataset, measurements=replace(dataset.measurements, xyz=xyz)))
+    found = fit(with_columns(dataset, xyz=xyz))
     assert found.rejected.tolist() == [7, 50]
     assert np.max(np.abs(found.z - fit(dataset).z) / found.sd) < 0.5
 
@@ -249,7 +250,7 @@ def test_noisy_readings(cube):
 def with_readings(model, target: int, readings: np.ndarray):
     """Residuals (R,) of one target as a function of the readings, the target's kind held."""
     dataset, held = model.scene.dataset, model.blocks[target]
-    scene = Scene(replace(dataset, measurements=replace(dataset.measurements, readings=readings)))
+    scene = Scene(with_columns(dataset, readings=readings))
     return replace(build(scene, model.effects).blocks[target], kind=held.kind)
 
 

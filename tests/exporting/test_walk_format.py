@@ -44,7 +44,7 @@ def test_a_file_and_an_entry_are_a_format(entry, tmp_path):
     assert path.read_text().splitlines() == [f"J{k} cell" for k in range(1, 7)]
     record = json.loads(sidecar.read_text())
     assert record["format"] == "made-up"
-    assert {item["element"] for item in record["written"]} == {f"line {k}" for k in range(1, 7)}
+    assert {item["element"] for item in record["written"]} == {f"line {k}" for k in range(2, 7)}
     (missing,) = record["not_expressed"]  # follows from what the format holds
     assert missing["effect"] == "compliance"
     assert "holds constants only" in missing["why"]
@@ -54,7 +54,7 @@ def test_a_file_and_an_entry_are_a_format(entry, tmp_path):
 
 def test_the_command_takes_it(entry, tmp_path, monkeypatch, command):
     arm = fake(session_of(), ("geometry",))
-    monkeypatch.setattr("bayescal.public.exports.arm_of", lambda *_: arm)
+    monkeypatch.setattr("bayescal.public.arms.arm_of", lambda *_: arm)
     code, _, errors = command("export", "run", "--to", "made-up", "--force", "--out", tmp_path / "arm.txt")
     assert code == 0, errors
     assert (tmp_path / "arm.txt").is_file()

@@ -6,8 +6,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from cases import terminal_text
 from export_arms import fake, session_of
-from rich.console import Console
 
 import bayescal as bc
 from bayescal.effects import EFFECTS
@@ -223,9 +223,7 @@ def run(request, tmp_path_factory):
 
 
 def text_of(report):
-    console = Console(width=10_000, record=True)
-    console.print(report)
-    return console.export_text()
+    return terminal_text(report, 10000)
 
 
 def done(work):

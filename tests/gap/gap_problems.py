@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from sessions import with_columns
 
 from bayescal.arm.transforms import rpy_matrix, rpy_of
 from bayescal.dataset import Dataset, Noise, Target
@@ -44,7 +45,7 @@ def with_orientations(dataset: Dataset, seed: int = 0) -> Dataset:
     read = home.T @ scene.flange @ off
     rpy = np.array([rpy_of(r) for r in read])
     rpy[1::2] = np.nan
-    return replace(dataset, measurements=replace(m, rpy=rpy))
+    return with_columns(dataset, rpy=rpy)
 
 
 def of_every_kind(dataset: Dataset) -> Dataset:

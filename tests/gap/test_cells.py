@@ -6,6 +6,7 @@ from functools import partial
 import numpy as np
 import pytest
 from gap_problems import BASELINE, Bench
+from sessions import circumstances
 
 from bayescal.arm.motion import CONTACT, TURN, Term
 from bayescal.effects import Parameter, location, named, parameters_of
@@ -21,7 +22,6 @@ from bayescal.gap.search.cells import cells, sets_of
 from bayescal.gap.search.refit import model_name
 from bayescal.gap.search.unknown import Pool, filled, unknown
 from bayescal.gap.settings import SEARCH
-from bayescal.model.scene import Scene
 
 
 @pytest.fixture(scope="module")
@@ -147,8 +147,7 @@ def test_fading_is_the_mean_direction_of_earlier_travel():
 
 def test_a_memory_follows_the_order_of_time(dataset):
     """Rows in another order with the times of their measurement have the same states."""
-    scene = Scene(dataset)
-    c = scene.circumstances(scene.rows("calibrate"))
+    c = circumstances(dataset)
     c = replace(c, time=60.0 * np.arange(len(c.q)))
     mixed = np.random.default_rng(0).permutation(len(c.q))
     other = replace(c, readings=c.readings[mixed], time=c.time[mixed], fitted=np.argsort(mixed)[c.fitted])
@@ -263,8 +262,7 @@ def test_one_of_several_tools_moves_alone(bench):
 
 
 def test_every_cell_of_a_joint_that_does_not_move_has_columns(dataset):
-    scene = Scene(dataset)
-    c = scene.circumstances(scene.rows("calibrate"))
+    c = circumstances(dataset)
     still = np.where(np.arange(6) == 3, 0.2, c.readings)
     found = list(cells(replace(c, q=still, readings=still)))
     assert all(own for cell in found for own in cell.sets)
@@ -410,8 +408,7 @@ def test_other_forms_share_a_part_of_the_prior(forms_bench):
 def test_uncoupled_axes_have_one_form(forms_bench, cube):
     dataset = cube(seed=3, count=120).dataset
     robot = replace(dataset.robot, link_from_reading=np.diag([1.0, 1, -1, -1, -1, -1]))
-    scene = Scene(replace(dataset, robot=robot))
-    c = scene.circumstances(scene.rows("calibrate"))
+    c = circumstances(replace(dataset, robot=robot))
     known = candidates(c, BASELINE)
     for effect in ("backlash", "encoder-scale"):
         held = {"held-30", "held-60"} if effect == "backlash" else set()

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from sessions import with_columns
 
 from bayescal.errors import BayescalError
 from bayescal.estimate import estimate
@@ -200,7 +201,7 @@ def off(dataset, joint, error):
     m = dataset.measurements
     readings = m.readings.copy()
     readings[:, joint - 1] += error
-    return replace(dataset, measurements=replace(m, readings=readings))
+    return with_columns(dataset, readings=readings)
 
 
 def test_an_error_of_a_joint_is_confirmed(cube):

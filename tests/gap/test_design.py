@@ -9,6 +9,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from sessions import with_columns
 
 import bayescal as bc
 from bayescal.estimate import Estimate, estimate, solve
@@ -108,7 +109,7 @@ def with_effect(s: Session, parameter, size: float):
             by = block.by_readings(values, z, s.dataset.robot.link_from_reading)
             by[:, 3:] = 0.0
             readings[rows] -= by * ((r - wanted[rows]) / np.sum(by**2, axis=1))[:, None]
-        out = replace(out, measurements=replace(out.measurements, readings=readings))
+        out = with_columns(out, readings=readings)
     return out
 
 
@@ -269,7 +270,7 @@ def test_lambda_grows_as_if_the_contacts_had_been_made(what):
     role = np.where(
         np.isin(np.arange(len(dataset.measurements.role)), chosen), "calibrate", dataset.measurements.role
     )
-    grown = replace(dataset, measurements=replace(dataset.measurements, role=role))
+    grown = with_columns(dataset, role=role)
     if what == SPHERES:  # the other contacts of those spheres are none the fit has
         model = build(Scene(grown), BASE)
         assert any(b.target.startswith("ball") for b in model.blocks)
@@ -339,7 +340,7 @@ def test_turning_leaves_the_ball_where_it_is(cubes):
         step = 1e-6 * way / np.linalg.norm(way, axis=1, keepdims=True)
         readings = m.readings.copy()
         readings[rows] += step
-        after = Scene(replace(cubes.dataset, measurements=replace(m, readings=readings))).points[rows]
+        after = Scene(with_columns(cubes.dataset, readings=readings)).points[rows]
         assert np.max(np.abs(after - start)) < 1e-10
 
 

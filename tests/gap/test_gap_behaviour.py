@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from gap_problems import Bench
+from sessions import circumstances, with_columns
 
 from bayescal.arm.motion import CONTACT, Term
 from bayescal.dataset import read_dataset, write_dataset
@@ -122,7 +123,7 @@ def test_a_rare_direction_is_no_outlier(cube):
     velocity = np.abs(dataset.measurements.velocity)
     rare = np.random.default_rng(4).choice(240, 10, replace=False)
     velocity[rare, 2] *= -1
-    bench = Bench.of(replace(dataset, measurements=replace(dataset.measurements, velocity=velocity)))
+    bench = Bench.of(with_columns(dataset, velocity=velocity))
     p = bench.made_up(1, bench.of_effect("backlash", 700.0, site="joint 3"))
     decision, search = bench.decided(p)
     null = search.hypotheses[frozenset()].state
@@ -371,16 +372,11 @@ def test_an_aliased_ripple_is_not_assessed(c):
 UNSETTLED_STRONG = 300.0
 
 
-def circumstances(dataset):
-    scene = Scene(dataset)
-    return scene.circumstances(scene.rows("calibrate"))
-
-
 def moving(dataset, seed=0):
     """The session with commands ahead of the readings, by a random part of 30 ms of the motion."""
     m = dataset.measurements
     left = np.random.default_rng(seed).uniform(0.0, 0.03, (len(m.ids), 1)) * m.velocity
-    return replace(dataset, measurements=replace(m, command=m.readings + left))
+    return with_columns(dataset, command=m.readings + left)
 
 
 @pytest.fixture(scope="module", params=["commands", "speeds"])
@@ -411,7 +407,7 @@ def test_what_remains_of_the_motion(cube):
     np.testing.assert_allclose(term.driver, left[:, 0])
     assert str(first.driver) == "remaining motion 1"
     assert first.driver.coordinate(first.site, c).name == "remaining motion of joint 1"
-    at_rest = replace(dataset, measurements=replace(dataset.measurements, velocity=None, command=None))
+    at_rest = with_columns(dataset, velocity=None, command=None)
     assert "j1_command_deg" in EFFECTS["unsettled"].missing(circumstances(at_rest))
 
 

@@ -1,14 +1,16 @@
 """The diagnosis end to end: simulated sessions, worlds of another author, and whatever a session may lack."""
 
 import json
-from dataclasses import fields, replace
+from dataclasses import replace
 
 import foreign
 import numpy as np
 import pytest
+from cases import terminal_text
+from sessions import circumstances, with_columns, with_rows
 
 from bayescal.cli import main
-from bayescal.dataset import Measurements, read_dataset, write_dataset
+from bayescal.dataset import read_dataset, write_dataset
 from bayescal.dataset.join import joined
 from bayescal.effects import parameters_of
 from bayescal.effects.location import BASE, Site, joint, link
@@ -52,23 +54,12 @@ def few(loud):
     """Its first hundred contacts, and the later ones; gears known, so that nothing is scanned."""
     m = loud.measurements
     rows = np.sort(np.r_[np.flatnonzero(m.role == "calibrate")[:100], np.flatnonzero(m.role != "calibrate")])
-    return replace(some(loud, rows), robot=replace(loud.robot, reductions=np.full(6, 100.0)))
-
-
-def some(dataset, rows):
-    """The session with some of its rows."""
-    table = {f.name: getattr(dataset.measurements, f.name) for f in fields(Measurements)}
-    table = {k: None if v is None else np.asarray(v)[rows] for k, v in table.items()}
-    table |= {"ids": tuple(table["ids"].tolist()), "line": np.arange(2, len(rows) + 2)}
-    return replace(dataset, measurements=Measurements(**table))
+    return replace(with_rows(loud, rows), robot=replace(loud.robot, reductions=np.full(6, 100.0)))
 
 
 def printed(gap):
-    from rich.console import Console
 
-    console = Console(width=110, record=True, file=open("/dev/null", "w"))  # noqa: SIM115
-    console.print(gap_summary(gap))
-    return console.export_text()
+    return terminal_text(gap_summary(gap), 110)
 
 
 def sane(gap):
@@ -177,21 +168,21 @@ def lacking(dataset, what):
     """The session without something."""
     m = dataset.measurements
     if what in ("velocity", "time", "temperature", "repeat"):
-        return replace(dataset, measurements=replace(m, **{what: None}))
+        return with_columns(dataset, **{what: None})
     if what == "time and temperature":
-        return replace(dataset, measurements=replace(m, time=None, temperature=None))
+        return with_columns(dataset, time=None, temperature=None)
     if what == "validation measurements":
-        return some(dataset, np.flatnonzero(m.role == "calibrate"))
+        return with_rows(dataset, np.flatnonzero(m.role == "calibrate"))
     if what == "encoders":
         return replace(dataset, readings="command")
     spheres = [k for k, t in enumerate(dataset.targets) if t.kind == "sphere"]
     if what == "spheres":
         balls = {dataset.targets[k].name for k in spheres}
-        left = some(dataset, np.flatnonzero(~np.isin(m.target, spheres)))
+        left = with_rows(dataset, np.flatnonzero(~np.isin(m.target, spheres)))
         targets = tuple(t for t in dataset.targets if t.name not in balls)
         return replace(left, targets=targets, certificates=without_certificates_of(dataset, balls))
     assert what == "all planes but one"
-    return some(dataset, np.flatnonzero((m.target == 0) | np.isin(m.target, spheres)))
+    return with_rows(dataset, np.flatnonzero((m.target == 0) | np.isin(m.target, spheres)))
 
 
 CANNOT = {
@@ -277,7 +268,7 @@ def test_options(few, options):
 def test_twenty_contacts(loud):
     m = loud.measurements
     rows = np.sort(np.r_[np.flatnonzero(m.role == "calibrate")[:20], np.flatnonzero(m.role != "calibrate")])
-    gap = diagnose(some(loud, rows))
+    gap = diagnose(with_rows(loud, rows))
     sane(gap)
     assert not gap.verdict.named
     assert any("uncertain" in w for w in gap.warnings)
@@ -318,7 +309,7 @@ def test_refusals_are_one_line_and_leave_nothing(change, arguments, words, few, 
     if change == "velocity":
         dataset = lacking(few, "velocity")
     elif change == "contacts":
-        dataset = some(few, np.flatnonzero(few.measurements.role != "calibrate"))
+        dataset = with_rows(few, np.flatnonzero(few.measurements.role != "calibrate"))
     elif change == "masses":
         dataset = replace(few, robot=replace(few.robot, masses=None, centres_of_mass=None, compliance=None))
     write_dataset(dataset, tmp_path / "session")
@@ -372,7 +363,7 @@ def test_a_handful_of_contacts_claims_nothing(loud, count):
         np.r_[np.flatnonzero(m.role == "calibrate")[:count], np.flatnonzero(m.role != "calibrate")]
     )
     try:
-        gap = diagnose(some(loud, rows))
+        gap = diagnose(with_rows(loud, rows))
     except BayescalError:
         return
     assert not gap.verdict.named
@@ -430,8 +421,7 @@ def test_parameters_act_in_their_session(c):
 
 
 def test_a_single_session_has_no_such_form(two):
-    scene = Scene(two.sessions[0])
-    alone = scene.circumstances(scene.rows("calibrate"))
+    alone = circumstances(two.sessions[0])
     with pytest.raises(BayescalError, match="base-compliance@session has no parameters here"):
         parameters_of(("base-compliance@session",), alone)
     assert {v.setting for v in candidates(alone, USUAL).variants["base-compliance"]} == {None, "turned"}

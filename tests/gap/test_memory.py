@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from gap_problems import Bench
 from scipy.stats import chi2
+from sessions import circumstances, with_columns
 
 from bayescal.arm.motion import CONTACT, Term
 from bayescal.arm.transforms import rpy_matrix
@@ -312,11 +313,6 @@ def steps_bench(tracker):
     return Bench.of(tracker(seed=3, count=120).dataset)
 
 
-def circumstances(dataset):
-    scene = Scene(dataset)
-    return scene.circumstances(scene.rows("calibrate"))
-
-
 def two_instruments(dataset):
     """Every second row is read by another instrument, beside the first."""
     first = dataset.targets[0]
@@ -515,7 +511,7 @@ def slipped(tracker):
     moved = replace(d, tools=(replace(d.tools[0], centre=d.tools[0].centre + OFF),))
     change = (Scene(moved).points - Scene(d).points) @ rpy_matrix(np.asarray(d.targets[0].values["rpy"]))
     change[:FIRST] = 0.0
-    return replace(d, measurements=replace(d.measurements, xyz=d.measurements.xyz + change))
+    return with_columns(d, xyz=d.measurements.xyz + change)
 
 
 def test_a_slipped_reflector_is_found_with_its_row_and_not_deleted(slipped):

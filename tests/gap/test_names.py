@@ -9,6 +9,7 @@ from gap_problems import BASELINE, unsolved
 from made_up_errors import NOISE as made_up_errors_NOISE
 from made_up_errors import held
 from scipy.optimize import brentq
+from sessions import circumstances
 
 import bayescal as bc
 from bayescal.effects import confusable, parameters_of
@@ -35,7 +36,6 @@ from bayescal.gap.search.verdict import (
     weigh,
 )
 from bayescal.model.options import parts_of
-from bayescal.model.scene import Scene
 from bayescal.reporting.gap.causes import lines, stated
 from bayescal.reporting.gap.phrases import named
 
@@ -370,8 +370,7 @@ BASE = ("geometry", "compliance")
 @pytest.mark.parametrize(("scale", "partial"), [(0.125, False), (1.0, False), (4.0, True)])
 def test_every_variant_has_a_name_that_is_its_parameters(cube, baseline, scale, partial):
     """Also where only some of the effect's parameters are assessed."""
-    scene = Scene(cube(seed=1, count=48).dataset)
-    c = scene.circumstances(scene.rows("calibrate"))
+    c = circumstances(cube(seed=1, count=48).dataset)
     known = candidates(c, baseline)
     names = set()
     for variant in (v for own in known.variants.values() for v in own):

@@ -7,12 +7,21 @@ import pytest
 from gap_problems import unsolved
 from made_up_errors import NOISE, held
 from scipy.stats import chi2
+from sessions import with_columns
 
 from bayescal.estimate import estimate
 from bayescal.gap.diagnose import _residuals
-from bayescal.gap.outcome.magnitude import _measured, difference, log_predictive, model_levels
+from bayescal.gap.outcome.magnitude import (
+    _measured,
+    difference,
+    expects,
+    log_predictive,
+    model_levels,
+    of_blocks,
+    of_distances,
+    shrinkage,
+)
 from bayescal.gap.outcome.margins import holm, margins
-from bayescal.gap.outcome.shrinkage import expects, of_blocks, of_distances, shrinkage
 from bayescal.model import build, with_parameters
 from bayescal.model.scene import Scene
 from bayescal.predict.crossvalidation import (
@@ -29,7 +38,7 @@ FULL = ("geometry", "compliance")
 def kept_back(dataset, count):
     role = dataset.measurements.role.copy()
     role[-count:] = "validate"
-    return replace(dataset, measurements=replace(dataset.measurements, role=role))
+    return with_columns(dataset, role=role)
 
 
 @pytest.fixture(scope="module")
@@ -111,7 +120,7 @@ def shifted(dataset, rows, by):
     """Readings of some rows a little wrong: joint 1 turned, which moves the ball sideways."""
     readings = dataset.measurements.readings.copy()
     readings[rows, 0] += by
-    return replace(dataset, measurements=replace(dataset.measurements, readings=readings))
+    return with_columns(dataset, readings=readings)
 
 
 def test_margins_find_a_wrong_face(cube):
@@ -139,7 +148,7 @@ def test_margins_find_a_moment_and_a_rare_direction(cube):
     velocity = np.abs(d.measurements.velocity)
     rare = np.arange(10, 300, 24)
     velocity[rare, 2] *= -1
-    d = replace(d, measurements=replace(d.measurements, velocity=velocity))
+    d = with_columns(d, velocity=velocity)
     bins = _bins(shifted(d, rare, 4e-4))  # rejected as outliers, one and all
     worst = min(bins["direction"], key=lambda m: m.p_value)
     assert worst.label == "direction of motion of J3, negative"
@@ -154,7 +163,7 @@ def _bins(dataset):
 
 def test_missing_columns_leave_a_margin_empty(cube):
     d = cube(seed=8).dataset
-    bins = _bins(replace(d, measurements=replace(d.measurements, time=None, velocity=None)))
+    bins = _bins(with_columns(d, time=None, velocity=None))
     assert bins["time"] == ()
     assert list(bins) == ["target", "joint", "region", "time", "direction"]
     assert all(m.label.startswith("touched") for m in bins["direction"])
@@ -410,7 +419,7 @@ def test_residuals_are_in_the_order_of_time(cube, timed):
     dataset = cube(seed=1).dataset
     count = len(dataset.measurements.ids)
     clock = np.random.default_rng(2).permutation(count).astype(float) if timed else None
-    fitted = unsolved(replace(dataset, measurements=replace(dataset.measurements, time=clock)))
+    fitted = unsolved(with_columns(dataset, time=clock))
     rows, before, after = _residuals(fitted, fitted)
     assert np.all(np.diff(rows if clock is None else clock[rows]) > 0)
     np.testing.assert_array_equal(before, after)

@@ -11,7 +11,7 @@ from bayescal.estimate import STATED_WORTH
 from bayescal.gap.linear.state import fit_state
 from bayescal.gap.outcome import margins as margins_module
 from bayescal.gap.outcome.notes import amplitudes
-from bayescal.gap.outcome.where import f_test, places, places_named
+from bayescal.gap.outcome.where import Scale, f_test, places, places_named
 from bayescal.gap.result import Named
 from bayescal.gap.search.beam import Hypothesis, Member
 from bayescal.gap.search.unknown import Pool
@@ -44,7 +44,9 @@ def noise_of(bench, seed):
 
 def placed(bench, state, pool):
     size = bench.problem.jacobian.shape[1]
-    return places(Hypothesis((), state, 0.0, 0.0), pool, bench.known.pool, bench.circumstances, 1e-10, size)
+    return places(
+        Hypothesis((), state, 0.0, 0.0), pool, bench.known.pool, Scale(bench.circumstances, 1e-10, size)
+    )
 
 
 def test_locations_of_noise_are_significant_as_rarely_as_stated(bench):
@@ -76,7 +78,7 @@ def test_every_test_takes_its_share_of_the_margin(bench):
     state = fit_state(bench.made_up(3, bench.of_effect("backlash", 60.0)), variant.columns, np.ones(6))
     named = Hypothesis((Member(variant, 1.0, 0.0),), state, 0.0, 0.0)
     size = bench.problem.jacobian.shape[1]
-    sites = places_named(named, bench.known.pool, bench.circumstances, 1e-10, size)
+    sites = places_named(named, bench.known.pool, Scale(bench.circumstances, 1e-10, size))
     count = len(variant.columns)
     assert any(place.family_p_value < 1.0 for place in sites)
     for place in sites:

@@ -9,6 +9,7 @@ import pytest
 from cases import cases, file_text
 from made_up_logs import robodk, said, spatial_analyzer, table
 from scipy import constants
+from sessions import with_columns
 from typer.testing import CliRunner
 
 from bayescal.arm.transforms import rigid, rpy_matrix
@@ -160,7 +161,7 @@ def test_a_wild_row_does_not_carry_the_frame_away(tracked, tmp_path):
     data = tracked.dataset
     xyz = data.measurements.xyz.copy()
     xyz[7] += [0.4, -0.3, 0.2]
-    wild = replace(data, measurements=replace(data.measurements, xyz=xyz))
+    wild = with_columns(data, xyz=xyz)
     map_ = said("deg", "mm")
     with pytest.raises(BayescalError, match=r"^log.csv:9: impossible reading"):
         brought(tmp_path, log=table(wild, tmp_path / "log.csv", "deg", "mm"), map=map_)
@@ -254,10 +255,7 @@ def test_robodk(tracked, tmp_path, pose):
         tools=(replace(data.tools[0], centre=at[0]), Tool("b", at[1])),
         measurements=replace(m, tool=np.arange(40) % 2, readings=np.repeat(m.readings[:20], 2, axis=0)),
     )
-    both = replace(
-        both,
-        measurements=replace(both.measurements, xyz=nominal(both, both.measurements.readings) - [2.0, 1, 0]),
-    )
+    both = with_columns(both, xyz=nominal(both, both.measurements.readings) - [2.0, 1, 0])
     log = robodk(both, tmp_path / "dk.csv", at[both.measurements.tool], pose, lost=(3, 8))
     draft = convert(Request(log, format="robodk", robot=ARM, noise=NOISE))
     got = draft.dataset

@@ -8,6 +8,7 @@ import pytest
 from cases import cases
 from made_up_logs import said, table
 from scipy.spatial.transform import Rotation
+from sessions import with_columns
 
 from bayescal.arm.transforms import rpy_matrix
 from bayescal.dataset import read_dataset, write_dataset
@@ -435,7 +436,7 @@ def test_the_frame_of_a_tool(posed, tmp_path):
 def stopped(tracked):
     """Three rows a stop, of 14 stops, the last of one row; named b0, b1, ..."""
     stop = np.array([f"b{i // 3}" for i in range(40)])
-    return replace(tracked, measurements=replace(tracked.measurements, stop=stop))
+    return with_columns(tracked, stop=stop)
 
 
 def test_rows_of_one_stop_repeat_or_reading_belong_together(tracked):
@@ -474,7 +475,7 @@ def test_targets(cube):
     got, note = with_roles(data, "targets '*.+?'", "--validate")
     np.testing.assert_array_equal(got.measurements.role == "validate", np.char.find(faces, "+") > 0)
     assert "targets *.+?" in note
-    together = replace(data, measurements=replace(data.measurements, stop=np.full(60, "s")))
+    together = with_columns(data, stop=np.full(60, "s"))
     with pytest.raises(BayescalError, match="measured at the same stop; name the targets of whole stops"):
         with_roles(together, "targets *.+?", "--validate")
 

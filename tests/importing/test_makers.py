@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from made_up_logs import spatial_analyzer
+from sessions import with_columns
 
 from bayescal.dataset import Target, read_dataset, write_dataset
 from bayescal.dataset.consistency import nominal
@@ -26,7 +27,7 @@ USUAL = {"robot": ARM, "noise": "10 um"}
 def tracked(tracker):
     """Forty rows called P1 to P40."""
     data = tracker(seed=3, count=40).dataset
-    return replace(data, measurements=replace(data.measurements, ids=tuple(f"P{i + 1}" for i in range(40))))
+    return with_columns(data, ids=tuple(f"P{i + 1}" for i in range(40)))
 
 
 @pytest.fixture
@@ -138,7 +139,7 @@ def test_positions_of_controllers_with_points_of_spatial_analyzer(tracked, seen,
     by = {"pair": "id"} if prefix == "P" else {"pair": "row"}
     got = convert(Request(log, format=name, points=seen, points_map="mm", **by, **USUAL))
     ids = tuple(f"{prefix}{i + 1}" for i in range(40))
-    same(got, replace(tracked, measurements=replace(tracked.measurements, ids=ids)))
+    same(got, with_columns(tracked, ids=ids))
     assert any("1 Cartesian positions of robot.txt left out" in line for line in got.understood)
 
 
@@ -234,7 +235,7 @@ def test_lengths_of_a_ball_bar(tracked, tmp_path):
         noise=replace(tracked.noise, contact=1e-5),
     )
     length = np.linalg.norm(nominal(data, data.measurements.readings) - pivot, axis=1)
-    data = replace(data, measurements=replace(data.measurements, length=length))
+    data = with_columns(data, length=length)
     write_dataset(data, tmp_path / "template")
     q = np.degrees(data.measurements.readings)
     lines = ["Mesure;" + ";".join(f"Axe {j} (°)" for j in range(1, 7)) + ";Longueur (mm);Température (°C)"]

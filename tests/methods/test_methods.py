@@ -1,6 +1,5 @@
 """Every method finds the true arm without noise, says what it lacks, and is validated like the others."""
 
-import io
 import json
 import subprocess
 import sys
@@ -9,8 +8,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from cases import ROOT
-from rich.console import Console
+from cases import ROOT, terminal_text
 
 from analysis.methods import page, session
 from bayescal.dataset import Dataset, write_dataset
@@ -62,17 +60,17 @@ def results(comparison: Comparison):
 @pytest.mark.parametrize("name", TOUCHING)
 def test_without_noise_distances_are_true(name):
     found = results(compared("touched"))
-    assert UM * np.max(np.abs(found["nominal"].distances)) > 300  # there is something to find
-    assert UM * np.max(np.abs(found[name].distances)) < 1
-    assert UM * np.max(np.abs(found[name].planes)) < 1
+    assert UM * found["nominal"].validation.distance_errors.maximum > 300  # there is something to find
+    assert UM * found[name].validation.distance_errors.maximum < 1
+    assert UM * found[name].validation.contacts.maximum < 1
 
 
 @pytest.mark.parametrize("name", READ)
 @pytest.mark.parametrize("which", ["tracked", "posed"])
 def test_without_noise_points_are_true(name, which):
     found = results(compared(which))
-    assert UM * np.mean(found["nominal"].points) > 300
-    assert UM * np.max(found[name].points) < 1
+    assert UM * found["nominal"].validation.point_lengths.mean > 300
+    assert UM * found[name].validation.point_lengths.maximum < 1
 
 
 def test_what_a_session_lacks_is_said():
@@ -107,7 +105,7 @@ def test_known_planes_believe_what_is_stated():
     """A cube of another shape than stated spoils distances for those who hold it, as far as it is wrong."""
     wrong = session.touched(LAYOUT, 2, shape_error=50e-6)
     found = results(compare(wrong, EFFECTS, methods=(PLANES,)))
-    assert UM * np.max(np.abs(found["known planes"].distances)) > 10
+    assert UM * found["known planes"].validation.distance_errors.maximum > 10
 
 
 @pytest.mark.parametrize("rows", ["contacts", "normals", "joints"])
@@ -213,9 +211,7 @@ def test_report_says_all(tmp_path):
     assert ours["heldout"]["predicted_distance_sd_um"] > 0
     assert len(ours["distances"]) == ours["heldout"]["distances"]
     assert next(m for m in record["methods"] if m["name"] == "open loop")["why"]
-    console = Console(width=140, record=True, file=io.StringIO())
-    console.print(comparison_summary(comparison))
-    text = console.export_text()
+    text = terminal_text(comparison_summary(comparison), 140)
     assert all(m.name in text for m in METHODS)
     assert "no calibration row is measured by an instrument" in text
 

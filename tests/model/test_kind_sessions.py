@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from kind_sessions import POINT, TURN, bar, cone, of_pieces, pin, sphere, tracker
 from scipy.stats import chi2
+from sessions import with_columns
 
 from bayescal.arm.transforms import rpy_of
 from bayescal.calibration import fit
@@ -210,9 +211,7 @@ def test_one_wrong_orientation_is_an_outlier(posed):
     first = int(np.flatnonzero(~np.isnan(rows.rpy[:, 0]) & (rows.role == "calibrate"))[0])
     turned = rows.rpy.copy()
     turned[first, 2] += 0.05
-    found = calibrated(
-        Scene(replace(posed.dataset, measurements=replace(rows, rpy=turned)), oriented=True), FULL
-    )
+    found = calibrated(Scene(with_columns(posed.dataset, rpy=turned), oriented=True), FULL)
     assert list(found.rejected) == [first]
     check_truth(posed, found)
 
@@ -253,7 +252,7 @@ def test_what_only_turns_the_tool_is_named_by_orientations(cube, monkeypatch):
     m = dataset.measurements
     readings = m.readings.copy()
     readings[:, 5] -= 1e-3 * np.sin(readings[:, 5] + 0.7)
-    off = replace(dataset, measurements=replace(m, readings=readings))
+    off = with_columns(dataset, readings=readings)
     found = diagnose(off)
     assert found.verdict.kind == "named"
     assert [(n.effect, n.site) for n in found.verdict.named] == [("eccentricity", "joint 6")]
@@ -262,7 +261,7 @@ def test_what_only_turns_the_tool_is_named_by_orientations(cube, monkeypatch):
     assert found.magnitude.validation_rms < 2 * POINT
     assert all(t.rms < 2 * POINT for margin in found.margins.values() for t in margin)
     assert {len(r) for r in found.residuals} == {3 * int(np.sum(m.role == "calibrate"))}
-    bare = replace(off, measurements=replace(off.measurements, rpy=None))
+    bare = with_columns(off, rpy=None)
     assert diagnose(bare).verdict.kind == "null"
     assert diagnose(dataset).verdict.kind == "null"
 
@@ -278,7 +277,7 @@ def test_poses_come_back_from_disk(posed, tmp_path):
 def test_orientations_in_radians_are_refused(posed, tmp_path, factor):
     """Turns from row to row are as large as the arm's, whatever the frames."""
     rows = posed.dataset.measurements
-    wrong = replace(posed.dataset, measurements=replace(rows, rpy=rows.rpy * factor))
+    wrong = with_columns(posed.dataset, rpy=rows.rpy * factor)
     write_dataset(wrong, tmp_path / "poses")
     with pytest.raises(BayescalError, match="orientation"):
         read_dataset(tmp_path / "poses")

@@ -1,8 +1,7 @@
 """A plan by hand, from the rows of a simulated session: what the reports and exports are tested with."""
 
-from dataclasses import replace
-
 import numpy as np
+from sessions import with_columns
 
 from bayescal.dataset import Dataset
 from bayescal.dataset.types import Box
@@ -28,7 +27,7 @@ def some(dataset: Dataset, rows: np.ndarray, ids: tuple[str, ...]) -> Dataset:
     """Rows of a session with other names."""
     m = dataset.measurements
     columns = {name: column[rows] for name, column in vars(m).items() if name != "ids" and column is not None}
-    return replace(dataset, measurements=replace(m, ids=ids, **columns))
+    return with_columns(dataset, ids=ids, **columns)
 
 
 def made_up_plan(dataset: Dataset, count: int = 40, validation: int = 8) -> Plan:
@@ -39,7 +38,7 @@ def made_up_plan(dataset: Dataset, count: int = 40, validation: int = 8) -> Plan
     role = np.where(np.arange(len(ids)) < count, "calibrate", "validate")
     repeat = np.where(np.arange(len(ids)) % 10 == 3, "r1", "")
     repeat[count:] = ""
-    session = replace(session, measurements=replace(m, role=role, repeat=repeat))
+    session = with_columns(session, role=role, repeat=repeat)
     purpose = [DISTANCES if k % 2 else GAP for k in range(count)] + [VALIDATE] * validation
     purpose = tuple(REPEAT if r else p for p, r in zip(purpose, repeat, strict=True))
     back = 0.0 if m.velocity is None else AWAY * m.velocity

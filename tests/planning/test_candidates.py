@@ -9,6 +9,7 @@ import pytest
 from cases import EXAMPLE
 from made_up_plans import made_up_plan
 from probing_cell import on_planes
+from sessions import with_columns
 from simulated_pools import MODEL, linear, pool, pool_of
 
 import bayescal as bc
@@ -16,20 +17,20 @@ from bayescal.arm.motion import NominalArm
 from bayescal.arm.transforms import rigid, rpy_matrix
 from bayescal.dataset import Box, Certificate, Dataset, Noise, Patch, PlanSettings, Target, read_dataset
 from bayescal.dataset.consistency import CHANCE, planned
+from bayescal.dataset.regions import LOWEST
 from bayescal.dataset.write import write_dataset
 from bayescal.errors import BayescalError
 from bayescal.model import ARM
 from bayescal.model.scene import Scene
 from bayescal.planning.candidates import candidates, session_of
 from bayescal.planning.goals import CERTIFIED, POSES, REGION, VOLUME, _at, certified, goals
-from bayescal.planning.place import scene
 from bayescal.planning.pool import Pool, Setup, linearised
 from bayescal.planning.search import EACH, TILT
-from bayescal.planning.setup import LOWEST, continued, read_setup
+from bayescal.planning.setup import continued, read_setup
 from bayescal.predict.targets import certified_diameters, located_target
-from bayescal.probing.approach import FASTEST
+from bayescal.probing.arm import Arm
 from bayescal.probing.clearance import RETRACT, Clearance
-from bayescal.probing.reach import Arm
+from bayescal.probing.contacts import FASTEST
 
 KG = 2.0
 
@@ -138,7 +139,7 @@ def test_velocities_are_those_of_the_approach_and_joints_come_from_both_sides(ca
 
 def test_nothing_collides_at_contact_and_approach(candidate_pool, setup):
     """The distances of all pairs; 20 mm off nothing is near, the ball included."""
-    around, m = scene(setup), candidate_pool.session.measurements
+    around, m = setup.scene, candidate_pool.session.measurements
     clearance = Clearance.of(setup.dataset.robot, setup.dataset.tools[0], around.solids)
     touched = around.touched([setup.dataset.targets[t].name for t in m.target])
     assert clearance.distances(m.readings, touched).min() > -1e-6
@@ -328,7 +329,7 @@ def mixed(measured, rows):
     session, plan = measured
     readings = session.measurements.readings.copy()
     readings[rows] = plan[rows]
-    return replace(session, measurements=replace(session.measurements, readings=readings))
+    return with_columns(session, readings=readings)
 
 
 def test_a_single_contact_is_found(measured):
@@ -454,7 +455,7 @@ def test_distances_of_the_region_follow_from_the_tool_points():
 def test_fitted_spheres_are_no_goal_where_the_fit_uses_the_distance():
     d = pool().session
     m = d.measurements
-    fitted = replace(d, measurements=replace(m, role=np.full(len(m.role), "calibrate")))
+    fitted = with_columns(d, role=np.full(len(m.role), "calibrate"))
     found = linearised(pool_of(fitted), MODEL)
     assert certified(found) is None
     assert [g.over for g in goals(pool_of(fitted), found)] == [REGION]
@@ -464,13 +465,13 @@ def test_mixed_ends_and_certificates_without_rows():
     d = pool().session
     m = d.measurements
     first = next(k for k, t in enumerate(d.targets) if t.kind == "sphere")
-    half = replace(d, measurements=replace(m, role=np.where(m.target == first, "calibrate", m.role)))
+    half = with_columns(d, role=np.where(m.target == first, "calibrate", m.role))
     found = linearised(pool_of(half), MODEL)
     goal = certified(found)
     assert len(goal.slopes) == 3
     own = found.model.slices[d.targets[first].name]
     assert np.sum(np.any(goal.slopes[:, own] != 0, axis=1)) == 2
-    bare = replace(d, measurements=replace(m, role=np.where(m.role == "validate", "locate", m.role)))
+    bare = with_columns(d, role=np.where(m.role == "validate", "locate", m.role))
     assert certified(linearised(pool_of(bare), MODEL)) is None  # spheres are located by their validation data
 
 

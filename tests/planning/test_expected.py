@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from sessions import with_columns
 from simulated_pools import MODEL, gap_pool, linear, mixed, nominal, pool, pool_of
 
 from bayescal.errors import BayescalError
@@ -114,7 +115,7 @@ def test_random_contacts_have_no_payload_where_there_are_others():
     d = pool().session
     m = d.measurements
     load = np.where(np.arange(len(m.role)) % 2 == 1, 2.0, 0.0)
-    loaded = pool_of(replace(d, measurements=replace(m, payload=load)))
+    loaded = pool_of(with_columns(d, payload=load))
     (chosen,) = Random(loaded).selections(100, 1)
     assert np.all(load[loaded.candidates[chosen]] == 0)
     assert len(Random(loaded).selections(500, 1)[0]) == 500

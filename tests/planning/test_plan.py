@@ -13,6 +13,7 @@ import pandas as pd
 import pytest
 from cases import EXAMPLE, cases
 from made_up_plans import made_up_plan
+from sessions import with_columns
 
 import bayescal as bc
 from bayescal.arm.motion import NominalArm
@@ -23,7 +24,7 @@ from bayescal.dataset import read_dataset
 from bayescal.dataset.types import Box
 from bayescal.effects import UNITS
 from bayescal.errors import BayescalError
-from bayescal.planning.plan import plan
+from bayescal.planning.plan import PlanOptions, plan
 from bayescal.planning.pool import Setup
 from bayescal.planning.result import BOTH, DISTANCES, GAP, REPEAT, VALIDATE, Plan
 from bayescal.planning.setup import continued, read_setup
@@ -32,7 +33,7 @@ from bayescal.programs.motions import guarded, motions
 from bayescal.programs.probing import FORMATS, Probe, formats_of
 from bayescal.public.planning import _setup
 from bayescal.public.planning import plan as planned
-from bayescal.reporting.plan.record import write_plan
+from bayescal.reporting.page.plan import write_plan
 
 
 @cache
@@ -49,7 +50,7 @@ def example() -> Setup:
 @pytest.fixture(scope="module")
 def planned_example() -> Plan:
     """100 contacts for distances and for the gap, of 300 candidates."""
-    return plan(example(), 100, count=300)
+    return plan(example(), PlanOptions(100, candidates=300))
 
 
 def test_rows(planned_example: Plan) -> None:
@@ -92,7 +93,7 @@ def test_better_than_random(planned_example: Plan) -> None:
 
 def test_for_distances_is_more_accurate(planned_example: Plan) -> None:
     """A plan for distances alone is more accurate than one for both, which shows effects better."""
-    alone = plan(example(), 100, DISTANCES, count=300)
+    alone = plan(example(), PlanOptions(100, DISTANCES, candidates=300))
     assert planned_example.aim == BOTH
     assert set(alone.purpose) == {DISTANCES, VALIDATE}
     assert alone.expected[0].u < planned_example.expected[0].u
@@ -108,7 +109,7 @@ def test_for_distances_is_more_accurate(planned_example: Plan) -> None:
 def test_levers() -> None:
     """Without its lever no contact has a payload; a volume that is partly out of reach is noted."""
     setup = replace(example(), volume=Box(np.array([0.9, 0.0, 0.4]), np.full(3, 0.5)))
-    one = plan(setup, 60, GAP, levers=("approach",), effects=("geometry",), count=300)
+    one = plan(setup, PlanOptions(60, GAP, ("geometry",), ("approach",), candidates=300))
     assert one.expected[1].over == "volume of interest"
     assert any("of the volume of interest" in w for w in one.warnings)
     payload = one.session.measurements.payload
@@ -128,7 +129,7 @@ def test_levers() -> None:
 def test_refusals(options: dict[str, object], words: str) -> None:
     """Options that are not possible, and fewer contacts than unknowns, are refused."""
     with pytest.raises(BayescalError, match=words):
-        plan(example(), **{"count": 100, **options})  # type: ignore[arg-type]
+        plan(example(), PlanOptions(**{"candidates": 100, **options}))  # type: ignore[arg-type]
 
 
 # --- `bayescal plan` and `bc.plan`: a folder that comes back, the same plan by seed, one-line refusals.
@@ -399,7 +400,7 @@ def test_points_that_are_passed_come_before_the_approach(exported_plan):
 def test_names_do_not_leave_their_comment_or_string(exported_plan):
     m = exported_plan.session.measurements
     ids = ('a"\n  movej([0,0,0,0,0,0])', *m.ids[1:])
-    hostile = replace(exported_plan, session=replace(exported_plan.session, measurements=replace(m, ids=ids)))
+    hostile = replace(exported_plan, session=with_columns(exported_plan.session, ids=ids))
     for name in ("urscript", "fanuc", "kuka", "abb"):
         text, plain = text_of(hostile, name), text_of(exported_plan, name)
         assert text.count("\n") == plain.count("\n")

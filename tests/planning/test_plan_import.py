@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from made_up_plans import made_up_plan
 from rich.console import Console
+from sessions import with_columns
 
 import bayescal as bc
 from bayescal.dataset import read_dataset
@@ -18,11 +19,11 @@ from bayescal.dataset.write import table_text, write_setup
 from bayescal.errors import BayescalError
 from bayescal.importing import Request, convert, write
 from bayescal.planning.result import VALIDATE
-from bayescal.reporting.plan import sheets
-from bayescal.reporting.plan.page import plan_page
-from bayescal.reporting.plan.picture import draw_plan
-from bayescal.reporting.plan.record import plan_record, table_of_plan, write_plan
-from bayescal.reporting.plan.sheets import plan_summary
+from bayescal.reporting import plan_sheets
+from bayescal.reporting.figures.plan import draw_plan
+from bayescal.reporting.page.plan import plan_page, write_plan
+from bayescal.reporting.plan_record import plan_record, table_of_plan
+from bayescal.reporting.plan_sheets import plan_summary
 from bayescal.simulation.touch import touch
 
 
@@ -36,7 +37,7 @@ def plan(session):
     """Contacts near those of a session; the arm that will measure them is not nominal."""
     m = session.dataset.measurements
     away = 1e-3 * np.random.default_rng(1).standard_normal(m.readings.shape)
-    planned = replace(session.dataset, measurements=replace(m, readings=m.readings + away))
+    planned = with_columns(session.dataset, readings=m.readings + away)
     return made_up_plan(planned, count=70, validation=10)
 
 
@@ -150,7 +151,7 @@ def test_the_plan_itself_is_no_measurement(folder, probed, plan, tmp_path):
         converted(folder, folder / "plan.csv")
     half = np.arange(len(plan.purpose)) < 50
     readings = np.where(half[:, None], probed.measurements.readings, plan.session.measurements.readings)
-    mixed = replace(probed, measurements=replace(probed.measurements, readings=readings))
+    mixed = with_columns(probed, readings=readings)
     draft = converted(folder, log_of(mixed, tmp_path / "log.csv"))
     assert draft.dataset.measurements.ids == probed.measurements.ids[:50]
     assert any("30 rows of log.csv without a measurement" in note for note in draft.notes)
@@ -302,7 +303,7 @@ def test_a_plan_without_some_figures_prints(reported_plan):
 
 
 def test_targets_and_payloads_add_up(reported_plan):
-    sheet = sheets.by_target(reported_plan)
+    sheet = plan_sheets.by_target(reported_plan)
     *targets, every = [[int(cell) for cell in row[1:]] for row in sheet.rows]
     assert np.sum(targets, axis=0).tolist() == every
     assert every[0] == sum(every[1 : 1 + len(set(reported_plan.purpose))]) == len(reported_plan.purpose)
@@ -314,19 +315,21 @@ def test_targets_of_validation_alone_share_a_row(reported_plan):
     m = reported_plan.session.measurements
     target = np.where(np.array(reported_plan.purpose) == VALIDATE, np.where(m.target == 3, 2, m.target), 3)
     target[40:] = [0, 1, 2, 0, 1, 2, 0, 1]
-    session = replace(reported_plan.session, measurements=replace(m, target=target))
-    rows = sheets.by_target(replace(reported_plan, session=session)).rows
+    session = with_columns(reported_plan.session, target=target)
+    rows = plan_sheets.by_target(replace(reported_plan, session=session)).rows
     assert [row[:2] for row in rows] == [("cube.+z", "40"), ("3 validation targets", "8"), ("all", "48")]
 
 
 def test_the_least_favourable_site_is_shown(reported_plan):
-    assert next((d.effect, str(d.site)) for d in sheets.least_favourable(reported_plan)) == (
+    assert next((d.effect, str(d.site)) for d in plan_sheets.least_favourable(reported_plan)) == (
         "backlash",
         "joint 6",
     )
     ratios = [np.sqrt(4 / 7 * 2 / 5), 1 / 4, 1.2 / 1.4]  # backlash of two joints, bending, lobing
-    assert sheets.gain(reported_plan) == pytest.approx(np.prod(ratios) ** (1 / 3))
-    assert "not detectable" in {r[0]: r[1] for r in sheets.detectable(reported_plan).rows}["latency, probe"]
+    assert plan_sheets.gain(reported_plan) == pytest.approx(np.prod(ratios) ** (1 / 3))
+    assert (
+        "not detectable" in {r[0]: r[1] for r in plan_sheets.detectable(reported_plan).rows}["latency, probe"]
+    )
 
 
 def test_the_record_follows_the_contract(reported_plan):
@@ -424,7 +427,7 @@ def test_the_figure_is_readable_without_colours(reported_plan):
     """Purposes differ in marker and hatching, the order of probing in lightness."""
     from matplotlib import colormaps
 
-    from bayescal.reporting.plan.picture import FILLS, MARKERS, ORDER
+    from bayescal.reporting.figures.plan import FILLS, MARKERS, ORDER
 
     assert len(set(MARKERS.values())) == len(MARKERS)
     assert len(set(FILLS.values())) == len(FILLS)
@@ -444,4 +447,4 @@ def test_the_folder_is_written(reported_plan, tmp_path):
 
 
 def test_durations():
-    assert [sheets.duration(s) for s in (4.2, 2150, 12000)] == ["4 s", "36 min", "3.3 h"]
+    assert [plan_sheets.duration(s) for s in (4.2, 2150, 12000)] == ["4 s", "36 min", "3.3 h"]

@@ -19,7 +19,7 @@ from bayescal.dataset.append import taken
 from bayescal.importing import Request, convert
 from bayescal.programs.motions import guarded
 from bayescal.programs.probing import FORMATS, Probe
-from bayescal.reporting.plan.record import write_plan
+from bayescal.reporting.page.plan import write_plan
 
 ERROR = {"a": [0, 2e-4, 5e-4, -3e-4, 0, 0], "offset": [0, 1e-3, -8e-4, 5e-4, -6e-4, 0]}
 SHIFT = {"cube.+z": 6e-4, "cube.-x": -4e-4, "cube.+y": 3e-4}

@@ -9,23 +9,24 @@ from cases import EXAMPLE, cases
 
 from analysis.planning import ways as study
 from analysis.planning.sampled import Cell, Table
+from bayescal.arm.shapes import Box, Cylinder, Hull
 from bayescal.arm.transforms import rigid, rpy_matrix
 from bayescal.dataset import Certificate, Patch, PlanSettings, Target, read_dataset
 from bayescal.dataset.read import read_settings
 from bayescal.dataset.solids import hull_stl
+from bayescal.dataset.target_kinds import KINDS
 from bayescal.dataset.write import write_dataset
 from bayescal.errors import BayescalError
 from bayescal.model.scene import Scene
 from bayescal.planning import order as orders
 from bayescal.planning.candidates import candidates
-from bayescal.planning.hand import LINE
-from bayescal.planning.place import placements, scene, seconds_between
 from bayescal.planning.pool import CLEAR
 from bayescal.planning.setup import EDGE, connected, continued, read_setup, regions_of
 from bayescal.planning.transit import Transits
 from bayescal.probing.clearance import Clearance
-from bayescal.probing.scene import Solid
-from bayescal.probing.shapes import Box, Cylinder, Hull
+from bayescal.probing.contacts import LINE
+from bayescal.probing.motions import seconds_between
+from bayescal.probing.scene import Solid, placements
 from bayescal.probing.sweep import distances
 
 HALF = 0.1143  # m, of the cube's edge
@@ -150,7 +151,8 @@ def test_a_hanging_arm_probes_spheres_from_above(example):
     assert np.allclose(regions_of(dataset)["ball.A@1"].up, [0, 0, -1])
 
 
-def test_a_kind_without_a_plan_is_refused(example):
+def test_a_kind_without_a_plan_is_refused(example, monkeypatch):
+    monkeypatch.setitem(KINDS, "knob", replace(KINDS["fixed-point"], name="knob", planned=None))
     strange = Target("knob", "knob", {"centre": np.zeros(3)})
     with pytest.raises(BayescalError, match="contacts on a target of kind knob cannot be planned"):
         regions_of(bare(example, targets=(strange,), certificates=()))
@@ -180,7 +182,7 @@ def test_distances_of_planes_do_not_validate(example):
 
 
 def heights(setup):
-    return [s.shapes[0].offset for s in scene(setup).solids if s.carries]
+    return [s.shapes[0].offset for s in setup.scene.solids if s.carries]
 
 
 def test_the_table_is_the_stated_one_or_below_all_targets(example):
@@ -191,7 +193,7 @@ def test_the_table_is_the_stated_one_or_below_all_targets(example):
     stated = continued(replace(dataset, plan=PlanSettings(table=-0.33)))
     assert heights(stated) == [-0.33]
     below = np.array([[0.45, 0.0, -0.2]])  # the cube stands on a pedestal: no arm passes under it
-    assert min(shape.distance(below)[0] for shape in scene(stated).solids[0].shapes) < 0
+    assert min(shape.distance(below)[0] for shape in stated.scene.solids[0].shapes) < 0
     assert not stated.notes
     still = continued(replace(dataset, gravity=np.zeros(3)))
     assert heights(still) == heights(assumed)
@@ -204,7 +206,7 @@ def test_what_is_probed_is_an_obstacle(example):
     dataset = only(example, "cube.-x", "ball.A@1")
     targets = (*dataset.targets, seat)
     setup = continued(replace(dataset, targets=targets, plan=PlanSettings(regions={"cube.-x": patch})))
-    around = scene(setup)
+    around = setup.scene
     assert set(around.of) == {"cube.-x", "ball.A@1", "seat"}
     assert {solid.placement for solid in around.solids} == {""}  # a single placement stays
     wall, region = around.solids[around.of["cube.-x"]].shapes[0], setup.regions["cube.-x"]
@@ -241,7 +243,7 @@ def ordered(pool):
 def depths(pool, points):
     """Smallest distance, m, of anything on straight motions through readings (P, n)."""
     setup = pool.setup
-    clearance = Clearance.of(setup.dataset.robot, setup.dataset.tools[0], scene(setup).solids)
+    clearance = Clearance.of(setup.dataset.robot, setup.dataset.tools[0], setup.scene.solids)
     out = []
     for a, b in pairwise(points):
         number = int(np.ceil(np.abs(b - a).max() / FINE)) + 1
@@ -286,8 +288,9 @@ def test_ways_around_are_free(pool, ordered):
     assert times[1] < times[0] < times[1] + 10.0 * blocked.sum()
 
 
-def test_no_way_is_said(pool, ordered):
+def test_no_way_is_said(pool, ordered, monkeypatch):
     """An approach inside of the cube cannot be left."""
+    monkeypatch.setattr("bayescal.planning.transit.WAITING", 6)  # each is searched in vain
     inside = pool.approach.copy()
     row = int(pool.candidates[0])
     inside[row] = pool.session.measurements.readings[row] - 2 * (
@@ -345,7 +348,7 @@ def test_sampled_motions_are_as_free_as_stated(monkeypatch):
 def test_bounds_hold_on_random_motions():
     """Free by the bound: nothing nearer in the samples. Not free: something nearer than a little more."""
     setup = study.setup_of(0)
-    cell, solids = study.cell_of(setup, 0, "1"), scene(setup).solids
+    cell, solids = study.cell_of(setup, 0, "1"), setup.scene.solids
     there = [replace(s, placement="", shapes=s.shapes if s.placement in ("", "1") else ()) for s in solids]
     check = Clearance.of(setup.dataset.robot, setup.dataset.tools[0], there)
     rng = np.random.default_rng(1)
@@ -416,7 +419,7 @@ def test_own_solids_are_read_written_and_avoided(tmp_path):
         np.testing.assert_allclose(one.pose, other.pose, atol=1e-9)
         np.testing.assert_allclose(one.size, other.size)
         assert (one.name, one.placement, one.file) == (other.name, other.placement, other.file)
-    around = scene(continued(replace(read_setup(EXAMPLE).dataset, solids=dataset.solids)))
+    around = continued(replace(read_setup(EXAMPLE).dataset, solids=dataset.solids)).scene
     assert [s.placement for s in around.solids[-3:]] == ["", "", "2"]
     hit = Clearance.of(dataset.robot, dataset.tools[0], [replace(around.solids[-1], placement="")])
     arm = hit.arm

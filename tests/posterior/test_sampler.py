@@ -8,6 +8,7 @@ import emcee
 import numpy as np
 import pytest
 from arviz_line import arviz_ess, arviz_rhat, az
+from sessions import with_columns
 
 import bayescal.calibration as calibration
 import bayescal.reporting.fit.posterior as fit_posterior
@@ -39,7 +40,7 @@ def few(cube):
     session = cube(seed=5, count=60).dataset
     role = session.measurements.role.copy()
     role[40:] = "validate"
-    session = replace(session, measurements=replace(session.measurements, role=role))
+    session = with_columns(session, role=role)
     return estimate(build(Scene(session), ("geometry", "compliance")), robust=False)
 
 

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from sessions import with_columns
 
 from bayescal.dataset import Certificate, Target
 from bayescal.estimate import calibrated, estimate, solve
@@ -25,7 +26,7 @@ def with_held_out(dataset, count):
     """The last `count` rows kept back."""
     role = dataset.measurements.role.copy()
     role[-count:] = "validate"
-    return replace(dataset, measurements=replace(dataset.measurements, role=role))
+    return with_columns(dataset, role=role)
 
 
 def reached(arm, readings, goals):
@@ -94,7 +95,7 @@ def fitted(cube):
     data = with_spheres(session.arm, session.dataset, 5e-6)
     role = data.measurements.role.copy()
     role[120:150] = "validate"
-    return estimate(build(Scene(replace(data, measurements=replace(data.measurements, role=role))), FULL))
+    return estimate(build(Scene(with_columns(data, role=role)), FULL))
 
 
 def test_linear_predictions_agree_with_the_draws(fitted):
@@ -137,7 +138,7 @@ def test_leaving_out_is_refitting_without(maker, request):
     for row in (0, 17, 41):
         role = session.dataset.measurements.role.copy()
         role[row] = "validate"
-        left = replace(session.dataset, measurements=replace(session.dataset.measurements, role=role))
+        left = with_columns(session.dataset, role=role)
         model = build(Scene(left), FULL)
         weights = found.weights
         sigma, counts = {}, {}
@@ -168,7 +169,7 @@ def test_leaving_out_a_block_is_refitting_without_it(maker, request):
     assert 3 <= len(rows) <= 9
     role = session.dataset.measurements.role.copy()
     role[rows] = "validate"
-    left = replace(session.dataset, measurements=replace(session.dataset.measurements, role=role))
+    left = with_columns(session.dataset, role=role)
     model = build(Scene(left), FULL)
     sigma, counts = {}, {}
     for b, old in zip(model.blocks, found.model.blocks, strict=True):
@@ -263,7 +264,7 @@ def test_repeats_tell_the_noise(cube):
     d = cube(seed=4, count=500, noise=6e-6, stated=3e-6).dataset
     found = estimate(build(Scene(d), FULL))
     repeat = np.array([f"r{k // 4}" if k < 240 else "" for k in range(500)])
-    with_repeats = replace(d, measurements=replace(d.measurements, repeat=repeat))
+    with_repeats = with_columns(d, repeat=repeat)
     again = replace(found, model=build(Scene(with_repeats), FULL))
     floor = noise_floor(again, "contact")
     assert floor.source == "repeats"

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from sessions import with_columns
 from test_crossvalidation import FULL, with_spheres
 
 from bayescal.estimate import estimate
@@ -68,7 +69,7 @@ def test_unexplained_error_of_an_instrument_is_another_at_every_point(cube, trac
     """Its rows, and the frame that they locate, are as uncertain as that makes them."""
     session = tracker(seed=1, count=60)
     role = np.where(np.arange(60) < 30, "locate", "validate")
-    d = replace(session.dataset, measurements=replace(session.dataset.measurements, role=role))
+    d = with_columns(session.dataset, role=role)
     found = estimate(build(Scene(session.dataset), FULL))
     found = replace(found, model=replace(found.model, scene=Scene(d), blocks=(), constraints=()))
     own = found.model.slices[ARM]
@@ -114,6 +115,6 @@ def test_a_slipped_row_has_no_part_in_where_its_sphere_is(fitted):
     rows = np.flatnonzero(data.measurements.target == len(data.targets) - 1)
     readings = data.measurements.readings.copy()
     readings[rows[3], 1] += 3e-3
-    scene = Scene(replace(data, measurements=replace(data.measurements, readings=readings)))
+    scene = Scene(with_columns(data, readings=readings))
     t = prepared(replace(fitted, model=replace(fitted.model, scene=scene))).located[name]
     assert np.flatnonzero(~t.gain.any(axis=0)).tolist() == [3]

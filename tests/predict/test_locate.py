@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from cases import EXAMPLE
 from scipy.special import polygamma
+from sessions import with_columns
 
 from bayescal.arm.transforms import rigid, rpy_matrix
 from bayescal.dataset import Dataset, Tool, read_dataset
@@ -291,7 +292,7 @@ def arm_alone(tracker):
     own = found.model.slices[ARM]
 
     def of(role: np.ndarray):
-        scene = Scene(replace(session, measurements=replace(session.measurements, role=role)))
+        scene = Scene(with_columns(session, role=role))
         return replace(
             found,
             model=replace(found.model, scene=scene, blocks=(), constraints=()),
@@ -374,9 +375,7 @@ def test_rows_of_one_pose_are_one_block_whatever_they_touch(cube):
     stop[[3, 40, 90]] = "s"
     readings[60] = readings[10]
     at = np.arange(len(m.ids))
-    found = blocks(
-        Scene(replace(made, measurements=replace(m, stop=stop, readings=readings, repeat=None))), at
-    )
+    found = blocks(Scene(with_columns(made, stop=stop, readings=readings, repeat=None)), at)
     assert len({found[3], found[40], found[90]}) == len({found[10], found[60]}) == 1
     assert np.sum(found == found[3]) == 3
     assert np.sum(found == found[10]) == 2

@@ -196,10 +196,11 @@ def test_a_users_own_effect_is_simulated_fitted_and_named(own, tmp_path):
 
 
 def test_a_diagnosis_is_undecided_with_open_pairs_or_an_unexplained_error() -> None:
-    from bayescal.public.saved import SavedGap
+
+    from bayescal.public.results import GapResult
 
     def gap(verdict, undecided=()):
-        return SavedGap(Path(), {"verdict": verdict, "undecided": list(undecided)})
+        return GapResult(folder=Path(), content={"verdict": verdict, "undecided": list(undecided)})
 
     assert [gap(v).undecided for v in ("null", "named", "ambiguous", "unknown")] == [False, False, True, True]
     assert gap("named", [{"a": [], "b": [], "common": []}]).undecided

@@ -11,17 +11,16 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import typer
-from cases import EXAMPLE, cases
+from cases import EXAMPLE, cases, terminal_text
 from gap_diagnoses import SETS, bare, diagnosis, plane, seven
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from rich.console import Console
 from typer.testing import CliRunner
 
 from bayescal.effects import EFFECTS
 from bayescal.effects.location import BASE, TOOL, Driver
 from bayescal.errors import BayescalError
-from bayescal.gap.explain import settled
+from bayescal.gap.diagnose import settled
 from bayescal.gap.result import (
     VERDICTS,
     Amplitude,
@@ -43,10 +42,7 @@ PICTURES = {"gap-where.png", "gap-which.png", "gap-levels.png", "gap-residuals.p
 
 
 def printed(gap: Gap) -> str:
-    console = Console(width=100, highlight=False, force_terminal=False)
-    with console.capture() as capture:
-        console.print(gap_summary(gap))
-    return capture.get()
+    return terminal_text(gap_summary(gap), 100)
 
 
 @pytest.fixture(scope="module")

@@ -8,6 +8,7 @@ import html
 import json
 import re
 import shutil
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -20,9 +21,10 @@ from bayescal.errors import BayescalError
 from bayescal.estimate import calibrated
 from bayescal.model.scene import Scene
 from bayescal.reporting.gap.record import gap_record
-from bayescal.reporting.page import build, compare
+from bayescal.reporting.page import build, compare, render
 from bayescal.reporting.page.arm import marked_sites
 from bayescal.reporting.page.build import run_page
+from bayescal.reporting.page.render import STILL
 from bayescal.reporting.page.section import Run, read_run
 from bayescal.reporting.shared.body import arm_drawing, posed
 from bayescal.reporting.shared.origin import rows_record
@@ -96,6 +98,19 @@ def test_every_verdict_has_a_page(found, kind):
     if "named" in kind:
         assert "Adjust the belt tension" in text
         assert "bayescal fit runs/x/dataset --model" in text
+
+
+def test_without_plotly_a_page_has_still_figures_and_no_scripts(found, monkeypatch):
+    run = Run("gap", record_of(found, "named"), "runs/x")
+    assert STILL not in words(run_page(run))
+    monkeypatch.setattr(render, "files", Mock(side_effect=ModuleNotFoundError))
+    render.plotly.cache_clear()
+    page = run_page(run)
+    render.plotly.cache_clear()
+    assert "<script" not in page
+    assert "script-src 'none'" in html.unescape(page)
+    assert page.count("<svg") >= 2
+    assert STILL in words(page)
 
 
 def test_sizes_per_coordinate_are_labelled_so(found):

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-import io
 import json
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from rich.console import Console
+from cases import terminal_text
 
 from bayescal.gap.result import VALIDATION_POINTS, Verdict
 from bayescal.reporting.figures.where import drawn_curves
 from bayescal.reporting.gap.contacts import length
 from bayescal.reporting.gap.phrases import headline
-from bayescal.reporting.shared.origin import STANDSTILL, _signs, plain
+from bayescal.reporting.shared.origin import STANDSTILL, _signs, entry, plain
+from bayescal.reporting.shared.sheet import Column, Sheet, frame, terminal
 from bayescal.reporting.shared.text import FigureTable, parameter_notes, plain_table, size, with_u
 from bayescal.storage.files import json_text
 
@@ -31,9 +31,7 @@ HEADINGS = (
 
 
 def printed(table: FigureTable, width: int) -> str:
-    console = Console(width=width, record=True, file=io.StringIO())
-    console.print(table)
-    return console.export_text()
+    return terminal_text(table, width)
 
 
 def table(names) -> FigureTable:
@@ -201,3 +199,32 @@ def test_size(value: float, unit: str, words: str) -> None:
 def test_u_of_a_compliance_does_not_contain_that_of_masses():
     assert len(parameter_notes(["geometry"])) == 1
     assert "masses" in parameter_notes(["geometry", "compliance"])[-1]
+
+
+def test_one_table_for_terminal_and_pandas():
+    columns = (Column("name", "n"), Column("value", "x", "{:.1f}".format), Column("of", len, words=True))
+    sheet = Sheet(columns, [{"n": "a", "x": 1.25, "y": 0}, {"n": "b", "x": None}], style=lambda item: "dim")
+    assert sheet.rows == (("a", "1.2", "3"), ("b", "-", "2"))
+    assert (sheet.title, sheet.headings, sheet.words) == ("name", ("value", "of"), (2,))
+    assert printed(terminal(sheet), 60).split() == [
+        "name",
+        "value",
+        "of",
+        "a",
+        "1.2",
+        "3",
+        "b",
+        "-",
+        "2",
+    ]
+    values = frame(sheet, "name")
+    assert values.loc["a", "value"] == 1.25
+    assert values["of"].tolist() == [3, 2]
+
+
+def test_the_unit_of_a_key_is_that_of_its_value():
+    result = SimpleNamespace(rms=2e-6, ends=(1e-3, 2e-3), free=(1, 2), u=float("nan"), count=3)
+    fields = ("rms_um", "lengths_mm=ends", "free", "u_um", "number=count")
+    assert entry(result, *fields) == {
+        "rms_um": 2.0, "lengths_mm": [1.0, 2.0], "free": [1, 2], "u_um": None, "number": 3
+    }  # fmt: skip

@@ -11,81 +11,8 @@ from bayescal.arm.chain import Robot, chain_of, frames, link_angles
 from bayescal.arm.statics import gravity_loads
 from bayescal.robots import builtin_robots, load_robot
 
-
-def ur(d1: float, a2: float, a3: float, d4: float, d5: float, d6: float) -> list[tuple[float, ...]]:
-    """Standard rows of an arm of Universal Robots from the six lengths of its tables, mm."""
-    return [(90, 0, d1, 0), (0, a2, 0, 0), (0, a3, 0, 0), (90, 0, d4, 0), (-90, 0, d5, 0), (0, 0, d6, 0)]
-
-
 # alpha (deg), a, d (mm), offset (deg) of standard rows Rz Tz Tx Rx, and how far the source may be off (mm)
-STANDARD = {
-    # Fu, Gonzalez and Lee, Robotics (1987), table of the PUMA 560: its shoulder is 1 mm narrower
-    "unimation-puma560": (
-        [
-            (-90, 0, 0, 0),
-            (0, 431.8, 149.09, 0),
-            (90, -20.32, 0, 0),
-            (-90, 0, 433.07, 0),
-            (90, 0, 0, 0),
-            (0, 0, 56.25, 0),
-        ],
-        1.1,
-    ),
-    # SerialLink table 'STAUBLI TX90' in published MATLAB code
-    "staubli-tx90": (
-        [
-            (-90, 50, 478, 0),
-            (0, 425, 50, -90),
-            (90, 0, 0, 90),
-            (-90, 0, 425, 0),
-            (90, 0, 0, 0),
-            (0, 0, 100, 0),
-        ],
-        1e-9,
-    ),
-    # table 'IRB120 DH1 parameters' in published MATLAB code of a course on mechatronic systems
-    "abb-irb120": (
-        [
-            (-90, 0, 290, 0),
-            (0, 270, 0, -90),
-            (-90, 70, 0, 0),
-            (90, 0, 302, 0),
-            (-90, 0, 0, 0),
-            (0, 0, 72, 180),
-        ],
-        1e-9,
-    ),
-    "universal-robots-ur5": (
-        ur(89.159, -425, -392.25, 109.15, 94.65, 82.3),
-        1e-9,
-    ),  # ros-industrial/universal_robot, ur_kin.cpp
-    "universal-robots-ur5e": (
-        ur(162.5, -425, -392.2, 133.3, 99.7, 99.6),
-        1e-9,
-    ),  # UR5e_PARAMS in a copy of it for the e-Series
-    "universal-robots-ur10": (
-        ur(127.3, -612, -572.3, 163.941, 115.7, 92.2),
-        1e-9,
-    ),  # robotics-toolbox-python, UR10.py
-    # ur_kinematics of a project with arms of the e-Series, ur_kin.cpp: UR3e_PARAMS ...; and UR20, UR30
-    "universal-robots-ur3e": (ur(151.85, -243.55, -213.2, 131.05, 85.35, 92.1), 1e-9),
-    "universal-robots-ur10e": (ur(180.7, -612.7, -571.55, 174.15, 119.85, 116.55), 1e-9),
-    "universal-robots-ur16e": (ur(180.7, -478.4, -360, 174.15, 119.85, 116.55), 1e-9),
-    "universal-robots-ur20": (ur(236.3, -862, -728.7, 201, 159.3, 154.3), 1e-9),
-    "universal-robots-ur30": (ur(236.3, -637, -503.7, 201, 159.3, 154.3), 1e-9),
-    # clopema_kinematics, ROBOT_DH_NOTATION of the MA1400
-    "yaskawa-ma1400": (
-        [
-            (-90, 150, 450, 0),
-            (180, 614, 0, 270),
-            (-90, 200, 0, 0),
-            (90, 0, -640, 0),
-            (90, 30, 0, 270),
-            (0, 0, 200, 0),
-        ],
-        1e-9,
-    ),
-}
+STANDARD = cases("robot_rows")
 
 # origin xyz (mm), rpy (deg) and axis of each joint, then the flange's; where F0 stands in the root (mm)
 ORIGINS = cases("robot_origins")

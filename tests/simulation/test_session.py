@@ -7,30 +7,31 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from simulated import LITTLE, lrmate, robot_file
+from cases import robot_file
+from sessions import LITTLE, little
 from typer.testing import CliRunner
 
 from bayescal.arm.chain import link_angles, wrenches
-from bayescal.arm.transforms import rigid
+from bayescal.arm.transforms import cone, rigid
 from bayescal.assess.findings import FAR
 from bayescal.cli import app
 from bayescal.dataset import read_dataset
 from bayescal.effects import EFFECTS
 from bayescal.errors import BayescalError
 from bayescal.model.scene import Scene
-from bayescal.probing.approach import layout
+from bayescal.probing.arm import Arm, inverse
+from bayescal.probing.artefacts import layout
 from bayescal.probing.clearance import Clearance, path_free
-from bayescal.probing.reach import Arm, cone, inverse
 from bayescal.probing.scene import scene_of
 from bayescal.robots import load_robot
 from bayescal.simulation import Options, simulate
-from bayescal.simulation.options import LARGEST_SCALE
 from bayescal.simulation.record import summary, write
+from bayescal.simulation.session import LARGEST_SCALE
 from bayescal.simulation.touch import touch
 
 
 def test_counts():
-    s = lrmate()
+    s = little()
     m = s.dataset.measurements
     assert Counter(m.role) == {"calibrate": 60, "validate": 30 + 12}
     assert Counter(Counter(m.repeat[m.repeat != ""]).values()) == {4: 3}
@@ -43,6 +44,7 @@ def test_counts():
 
 def test_positions_are_searched_once_for_an_arm(monkeypatch):
     """Effects and noise do not change them; the seed and the robot do. The session is the same."""
+    from bayescal.probing import placement
     from bayescal.simulation import session
 
     def forget():
@@ -53,12 +55,12 @@ def test_positions_are_searched_once_for_an_arm(monkeypatch):
     fresh = simulate(Options(**LITTLE, seed=7)).dataset
     searched = []
 
-    def counted(name):
-        search = getattr(session, name)
-        monkeypatch.setattr(session, name, lambda *given: searched.append(name) or search(*given))
+    def counted(module, name):
+        search = getattr(module, name)
+        monkeypatch.setattr(module, name, lambda *given: searched.append(name) or search(*given))
 
-    for name in ("place_spheres", "on_face"):
-        counted(name)
+    counted(placement, "stream")  # once for each placement
+    counted(session, "on_face")
     simulate(Options(**LITTLE, seed=7, effects=("geometry",), noise=1e-6))
     again = simulate(Options(**LITTLE, seed=7)).dataset
     assert not searched
@@ -69,16 +71,16 @@ def test_positions_are_searched_once_for_an_arm(monkeypatch):
     simulate(Options(**other, seed=8))
     forget()
     simulate(Options(**other, seed=7))
-    assert searched.count("place_spheres") == 2
+    assert searched.count("stream") == 2
 
 
 def test_the_default_cube_is_that_of_the_paper():
-    offsets = [t.values["offset"] for t in lrmate().dataset.targets[:4]]
+    offsets = [t.values["offset"] for t in little().dataset.targets[:4]]
     assert offsets == pytest.approx([0.1143, 0.1143, -0.3357, 0.2643], abs=1e-12)
 
 
 def test_time_goes_on_and_the_arm_warms_up():
-    m = lrmate().dataset.measurements
+    m = little().dataset.measurements
     assert np.all(np.diff(m.time) > 0)
     assert m.temperature[-10:].mean() > m.temperature[:10].mean() + 1
     later = (m.role == "validate") & (m.target < 4)
@@ -86,7 +88,7 @@ def test_time_goes_on_and_the_arm_warms_up():
 
 
 def test_repeats_come_one_after_the_other_and_scatter_by_the_noise():
-    s = lrmate()
+    s = little()
     m = s.dataset.measurements
     for group in set(m.repeat) - {""}:
         rows = np.flatnonzero(m.repeat == group)
@@ -96,7 +98,7 @@ def test_repeats_come_one_after_the_other_and_scatter_by_the_noise():
 
 
 def test_poses_and_directions_vary():
-    d = lrmate(contacts=200).dataset
+    d = little(contacts=200).dataset
     m, scene = d.measurements, Scene(d)
     fitted = m.role == "calibrate"
     positive = np.mean(m.velocity[fitted] > 0, axis=0)
@@ -112,7 +114,7 @@ def test_poses_and_directions_vary():
 
 
 def test_velocities_close_the_contacts_at_the_probing_speed():
-    d = lrmate().dataset
+    d = little().dataset
     m, scene = d.measurements, Scene(d)
     q = link_angles(d.robot, m.readings)
     still = np.zeros((len(q), d.robot.n + 2, 6))
@@ -143,17 +145,17 @@ def test_no_contact_and_no_retract_collides(robot):
 
 
 def test_the_payload_hangs_on_half_of_the_plane_contacts():
-    m = lrmate(payload=2.0).dataset.measurements
+    m = little(payload=2.0).dataset.measurements
     assert set(m.payload) == {0.0, 2.0}
     assert 0.3 < np.mean(m.payload[m.target < 4] > 0) < 0.7
     assert np.all(m.payload[m.target >= 4] == 0)
     for group in set(m.repeat) - {""}:
         assert len(set(m.payload[m.repeat == group])) == 1
-    assert lrmate().dataset.measurements.payload is None
+    assert little().dataset.measurements.payload is None
 
 
 def test_one_seed_one_session_to_the_byte(tmp_path):
-    write(lrmate(), tmp_path / "a")
+    write(little(), tmp_path / "a")
     write(simulate(Options(**LITTLE, seed=4)), tmp_path / "b")
     files = sorted(p.name for p in (tmp_path / "a").glob("[!.]*"))
     assert files == ["dataset.yaml", "measurements.csv", "truth.json"]
@@ -161,7 +163,7 @@ def test_one_seed_one_session_to_the_byte(tmp_path):
 
 
 def test_the_folder_reads_back(tmp_path):
-    s = lrmate(outliers=0.05, payload=1.0)
+    s = little(outliers=0.05, payload=1.0)
     write(s, tmp_path / "out")
     back = read_dataset(tmp_path / "out")
     assert np.allclose(back.measurements.readings, s.dataset.measurements.readings, atol=1e-12, rtol=0)
@@ -176,7 +178,7 @@ def test_the_folder_reads_back(tmp_path):
 @pytest.mark.parametrize("name", EFFECTS)
 def test_every_effect_can_be_simulated(name, tmp_path):
     chosen = tuple(dict.fromkeys(("geometry", "compliance", name)))
-    robot = robot_file(tmp_path, "standard") if name == "gear-mesh" else Options().robot
+    robot = robot_file("standard") if name == "gear-mesh" else Options().robot
     s = simulate(Options(effects=chosen, robot=robot, payload=1.0, **{**LITTLE, "placements": 0}))
     assert {p["effect"] for p in s.truth["parameters"]} >= {name, "tool"}
     assert np.abs(s.world.residuals(s.exact) - s.shift).max() < 2e-12
@@ -201,7 +203,7 @@ def test_every_effect_can_be_simulated(name, tmp_path):
 )
 def test_what_cannot_be_is_refused_in_one_line(options, words, tmp_path):
     if options.get("robot") in ("seven", "small"):
-        options = {**options, "robot": robot_file(tmp_path, options["robot"])}
+        options = {**options, "robot": robot_file(options["robot"])}
     with pytest.raises(BayescalError) as caught:
         simulate(replace(Options(**LITTLE), **options))
     assert words in str(caught.value)
@@ -240,7 +242,7 @@ def test_command_replaces_only_what_it_has_written(tmp_path):
 
 @pytest.mark.parametrize("options", [{"later": 0}, {"spheres": 0}, {"spheres": 1}, {"repeats": 15}])
 def test_parts_may_be_left_out(options, tmp_path):
-    s = lrmate(**options)
+    s = little(**options)
     write(s, tmp_path / "out")
     assert len(read_dataset(tmp_path / "out").measurements.ids) == len(s.shift)
     assert summary(s).startswith("simulated: fanuc-lrmate200ic, geometry, compliance\n  cube.+y: ")
@@ -253,7 +255,7 @@ TOOL = np.array([0.06, 0.0, 0.12])
 
 @pytest.mark.parametrize("name", ["fanuc-lrmate200ic", "standard", "seven", "four"])
 def test_inverse_reaches_what_it_says_within_the_limits(name, tmp_path):
-    robot, _ = load_robot(name if name.startswith("fanuc") else robot_file(tmp_path, name))
+    robot, _ = load_robot(name if name.startswith("fanuc") else robot_file(name))
     arm, rng = Arm(robot, TOOL), np.random.default_rng(1)
     pose = arm.frames(arm.anywhere(300, rng))
     centres, axes = arm.ball(pose), pose[:, -1, :3, 2]
@@ -285,7 +287,7 @@ def test_arms_of_equal_content_are_equal():
 
 @pytest.mark.parametrize("name", ["fanuc-lrmate200ic", "standard", "seven"])
 def test_jacobian_is_the_slope_of_place_and_turn(name, tmp_path):
-    robot, _ = load_robot(name if name.startswith("fanuc") else robot_file(tmp_path, name))
+    robot, _ = load_robot(name if name.startswith("fanuc") else robot_file(name))
     arm = Arm(robot, TOOL)
     angles = arm.angles_of(arm.anywhere(5, np.random.default_rng(2)))
     j = arm.jacobian(arm.frames(arm.readings_of(angles)))

@@ -2,18 +2,18 @@
 
 import numpy as np
 import pytest
+from cases import robot_file
 from scipy.stats import kstest
-from simulated import LITTLE, lrmate, robot_file
+from sessions import LITTLE, little
 
 from bayescal.arm.chain import chain_of, link_angles, points
 from bayescal.arm.statics import Stance, gravity_loads
 from bayescal.errors import BayescalError
 from bayescal.model import build
 from bayescal.model.scene import Scene
-from bayescal.probing.approach import SIZE, Cube
+from bayescal.probing.artefacts import SIZE, Cube, Scenery
 from bayescal.robots import load_robot
 from bayescal.simulation import Options, Simulation, simulate
-from bayescal.simulation.options import Scenery
 from bayescal.simulation.record import key_of, true_targets
 from factors.kind import tangents
 
@@ -63,13 +63,13 @@ def gaps(s: Simulation, readings: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("options", [{"noise": 0.0}, {}, {"outliers": 0.05}, {"payload": 2.0}])
 def test_contacts_hold(options):
-    s = lrmate(**options)
+    s = little(**options)
     assert np.abs(gaps(s, s.exact.measurements.readings) - s.shift).max() < 2e-12
     assert np.abs(gaps(s, s.dataset.measurements.readings) - s.shift).max() < 3e-9  # readings end at 1e-7 deg
 
 
 def test_the_project_s_own_model_agrees():
-    s = lrmate(noise=0.0)
+    s = little(noise=0.0)
     assert np.abs(s.world.residuals(s.dataset)).max() < 3e-9
     assert np.sqrt(np.mean(s.world.residuals(s.dataset) ** 2)) < 1e-9
 
@@ -78,7 +78,7 @@ def test_the_project_s_own_model_agrees():
     ("name", "effects"), [("standard", ("geometry", "compliance")), ("seven", ("geometry",))]
 )
 def test_contacts_hold_for_any_robot(name, effects, tmp_path):
-    options = Options(robot=robot_file(tmp_path, name), effects=effects, **LITTLE)
+    options = Options(robot=robot_file(name), effects=effects, **LITTLE)
     s = simulate(options)
     assert len(s.dataset.measurements.ids) == 60 + 30 + 12
     assert np.abs(gaps(s, s.exact.measurements.readings) - s.shift).max() < 2e-12
@@ -92,21 +92,21 @@ def test_contacts_hold_for_any_robot(name, effects, tmp_path):
 
 
 def test_noise_is_normal_and_as_asked():
-    s = lrmate(contacts=400, noise=7e-6)
+    s = little(contacts=400, noise=7e-6)
     assert kstest(gaps(s, s.dataset.measurements.readings) / 7e-6, "norm").pvalue > 1e-3
     assert s.dataset.noise.contact == 7e-6
 
 
 def test_joint_noise_is_on_the_readings():
-    s = lrmate(joint_noise=1e-4)
+    s = little(joint_noise=1e-4)
     off = s.dataset.measurements.readings - s.exact.measurements.readings
     assert np.std(off) == pytest.approx(1e-4, rel=0.15)
     assert s.dataset.noise.joint == 1e-4
 
 
 def test_outliers_are_as_many_as_asked_and_listed():
-    s = lrmate(outliers=0.05)
-    clean = lrmate()
+    s = little(outliers=0.05)
+    clean = little()
     ids = np.array(s.dataset.measurements.ids)
     gross = np.isin(ids, s.truth["outliers"])
     assert gross.sum() == round(0.05 * len(ids))
@@ -133,7 +133,7 @@ def test_faces_are_as_good_as_their_papers_and_a_little_out_of_place():
 
 
 def test_certified_distances_are_true_and_the_same_in_every_place():
-    s = lrmate(placements=2, contacts=16, repeats=0, later=0)
+    s = little(placements=2, contacts=16, repeats=0, later=0)
     true = np.array([[d["certified_mm"], d["true_mm"]] for d in s.truth["distances"]])
     assert len(true) == 6
     assert np.allclose(true[:, 0], true[:, 1], atol=5e-3, rtol=0)
@@ -145,9 +145,9 @@ def test_certified_distances_are_true_and_the_same_in_every_place():
 
 
 def test_an_arm_as_drawn_measures_the_distances_right():
-    s = lrmate(error_scale=0.0, noise=0.0)
+    s = little(error_scale=0.0, noise=0.0)
     assert s.truth["worst_distance_um"]["nominal"] < 3  # papers are right to a micrometre
-    assert lrmate().truth["worst_distance_um"]["nominal"] > 100
+    assert little().truth["worst_distance_um"]["nominal"] > 100
 
 
 def test_the_seed_gives_the_arm_whatever_else_is_asked():
@@ -155,8 +155,8 @@ def test_the_seed_gives_the_arm_whatever_else_is_asked():
         key, _ = key_of("m")
         return {p["name"]: p[key] for p in s.truth["parameters"] if key in p}
 
-    assert arm(lrmate()) == arm(lrmate(outliers=0.05)) == arm(lrmate(effects=("geometry",)))
-    assert arm(lrmate()) != arm(lrmate(seed=5))
+    assert arm(little()) == arm(little(outliers=0.05)) == arm(little(effects=("geometry",)))
+    assert arm(little()) != arm(little(seed=5))
 
 
 def test_units_of_keys():
@@ -168,7 +168,7 @@ def test_units_of_keys():
 
 def test_a_paper_is_as_wrong_as_the_truth_says():
     """By so much more than of the same faces without: they are turned and moved, and touched there."""
-    s, right = (lrmate(effects=e) for e in (("geometry", "artefact"), ("geometry",)))
+    s, right = (little(effects=e) for e in (("geometry", "artefact"), ("geometry",)))
     said = {}
     for p in s.truth["parameters"]:
         key = next(k for k in p if k.startswith("value"))

@@ -279,13 +279,9 @@ def held(
         name = h.name if names is None else names[h.name]
         for k, b in enumerate(h.spring.bands, start=1):
             fixed = add(
-                tendons,
-                "fixed",
-                **{"class": DEFAULT},
-                name=f"{name}_{k}",
-                springlength=[b.lower, b.upper],
-                stiffness=b.stiffness,
-            )
+                tendons, "fixed", **{"class": DEFAULT}, name=f"{name}_{k}",
+                springlength=[b.lower, b.upper], stiffness=b.stiffness,
+            )  # fmt: skip
             add(fixed, "joint", joint=name, coef=1.0)
     moments = content.arm.model.scene.moments
     parts(root, law, joints, np.zeros(1) if moments is None else np.abs(moments[:, 1:, 2]))

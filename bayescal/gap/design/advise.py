@@ -1,11 +1,9 @@
 """Advice: what to measure next to distinguish two explanations of the gap.
 
-Candidate contacts are contacts of the session, repeated under other conditions (`interventions`). The
+Candidate contacts are contacts of the session, repeated under other conditions (`candidate_contacts`). The
 detectability lambda of A, with the parameters of the model *and* of B free, grows by e^2 / (1 + v) with each
 contact, where e is the error of the prediction by B and v its variance: closed form, without simulation or
 refit.
-
-What the data leave open: explanations that they do not separate, and names that they do not confirm.
 """
 
 from __future__ import annotations
@@ -43,12 +41,12 @@ def choose(
         The row of the session with its pose; no pose is chosen twice.
     count : int
     """
-    left = np.zeros(len(pose))
+    allowed = np.zeros(len(pose))
     order: list[int] = []
     for _ in range(min(count, len(np.unique(pose)))):
         reach = [s.strength + np.bincount(contact, s.error**2 / (1.0 + s.variance)) for s in sides]
-        best = int(np.argmax(np.min(reach, axis=0) + left))
-        left[pose == pose[best]] = -np.inf
+        best = int(np.argmax(np.min(reach, axis=0) + allowed))
+        allowed[pose == pose[best]] = -np.inf
         order.append(best)
         for row in np.flatnonzero(contact == best):
             for side in sides:
@@ -98,14 +96,14 @@ def advise(
     out: list[Advice] = []
     for a, b in pairs:
         names = [
-            " and ".join(n for n in own.names if n not in other.names) or NOTHING
-            for own, other in ((a, b), (b, a))
+            " and ".join(n for n in one.names if n not in other.names) or NOTHING
+            for one, other in ((a, b), (b, a))
         ]
         tried: list[Advice] = []
         for intervention in interventions:
             if intervention is not interventions[0] and not intervention.differs(interventions[0], a, b):
                 continue
-            sides = [s for own, other in ((a, b), (b, a)) if (s := intervention.side(own, other)) is not None]
+            sides = [s for one, other in ((a, b), (b, a)) if (s := intervention.side(one, other)) is not None]
             if not sides:
                 break
             before = min(s.strength for s in sides)
@@ -168,8 +166,8 @@ def undecided(e: Examined) -> tuple[Pair, ...]:
     for effect in (*d.unclaimed, *d.withheld):
         h = d.hypothesis if effect in d.hypothesis.names else leader
         if effect in h.names:
-            rest = set(h.names) - {effect}
-            pairs.append(Pair(_side(h, e.candidates, {effect}), (), _side(h, e.candidates, rest)))
+            others = set(h.names) - {effect}
+            pairs.append(Pair(_side(h, e.candidates, {effect}), (), _side(h, e.candidates, others)))
     return tuple(pairs)
 
 
@@ -181,7 +179,7 @@ def _side(h: Hypothesis, known: Candidates, effects: Collection[str]) -> Side:
     out = []
     for m, amplitudes in zip(h.members, np.split(h.state.amplitudes, ends[:-1]), strict=True):
         if m.effect in effects:
-            own = [known.pool[k] for k in m.variant.columns]
-            values = {p.name: float(x * p.sd) for p, x in zip(own, amplitudes, strict=True)}
-            out.append(Suspect(model_name(m, known), values, {p.name: p.unit for p in own}))
+            fitted = [known.pool[k] for k in m.variant.columns]
+            values = {p.name: float(x * p.sd) for p, x in zip(fitted, amplitudes, strict=True)}
+            out.append(Suspect(model_name(m, known), values, {p.name: p.unit for p in fitted}))
     return tuple(out)

@@ -108,18 +108,18 @@ def blind_spots(
     harm = np.mean(moved**2, axis=0) if len(moved) else np.full(len(used), np.nan)
     best: dict[str, tuple[tuple[bool, float], BlindSpot]] = {}
     for s in judged:
-        at = np.searchsorted(used, s.columns)
-        total = float(np.sum(strength[at]))
+        index = np.searchsorted(used, s.columns)
+        total = float(np.sum(strength[index]))
         ratio = np.sqrt(DESIGN.named / total) if total > 0 else np.inf
         plausible = float(np.sqrt(np.mean([known.pool[k].sd ** 2 for k in s.columns])))
-        error = float(np.sqrt(np.sum(harm[at])))
+        error = float(np.sqrt(np.sum(harm[index])))
         spot = BlindSpot(s.effect, s.site, float(ratio) * plausible, plausible, s.unit, error)
         blind = bool(ratio > 1.0)
         rank = (blind, error if blind and not np.isnan(error) else float(ratio))
         if s.effect not in best or rank > best[s.effect][0]:
             best[s.effect] = rank, spot
-    found = [spot for _, spot in best.values()]
-    return tuple(sorted(found, key=lambda b: -np.nan_to_num(b.distance_error, nan=-1.0)))
+    spots = [spot for _, spot in best.values()]
+    return tuple(sorted(spots, key=lambda b: -np.nan_to_num(b.distance_error, nan=-1.0)))
 
 
 def unseen(spots: Iterable[BlindSpot]) -> tuple[BlindSpot, ...]:
@@ -159,22 +159,22 @@ def distances(
     """
     model = fitted.model
     wide = Model(model.scene, model.effects, (*model.parameters, *extra), (), ())
-    own, size, count = len(model.parameters), len(fitted.z), len(used)
+    arm_size, size, count = len(model.parameters), len(fitted.z), len(used)
     values = np.append(model.deviations(fitted.z[model.slices[ARM]]), np.zeros(count))
     # error of the calibrated arm
-    off = np.zeros((own + count, count))
-    off[:own] = seen.solved[:own]
+    off = np.zeros((arm_size + count, count))
+    off[:arm_size] = seen.solved[:arm_size]
     free = np.flatnonzero(np.isin(state.columns, used))
-    at = np.searchsorted(used, state.columns[free])
-    off[own + at] += state.scales[free, None] * seen.solved[size + free]
-    off[own + np.arange(count), np.arange(count)] -= 1.0
+    index = np.searchsorted(used, state.columns[free])
+    off[arm_size + index] += state.scales[free, None] * seen.solved[size + free]
+    off[arm_size + np.arange(count), np.arange(count)] -= 1.0
     off *= wide.sd[:, None]
     centres: dict[str, tuple[np.ndarray, np.ndarray]] = {}
     pairs = certified_distances(model.scene)
     for name in dict.fromkeys(name for pair in pairs for name in pair):
-        found = _centre(fitted, wide, name, values, off, seen.solved, places)
-        if found is not None:
-            centres[name] = found
+        centre = _centre(fitted, wide, name, values, off, seen.solved, places)
+        if centre is not None:
+            centres[name] = centre
     ends = [(centres[a], centres[b]) for a, b in pairs if a in centres and b in centres]
     if not ends:
         ends = _points(wide, values, off)
@@ -194,8 +194,8 @@ def places_of(fitted: Estimate) -> Places:
     model = fitted.model
     names = {name for pair in certified_distances(model.scene) for name in pair} - set(model.block_of)
     index = [k for k, t in enumerate(model.scene.dataset.targets) if t.name in names]
-    found = ((k, located(fitted, model, k, fitted.arm)) for k in index)
-    return {k: of[1] for k, of in found if of is not None}
+    blocks = ((k, located(fitted, model, k, fitted.arm)) for k in index)
+    return {k: of[1] for k, of in blocks if of is not None}
 
 
 def located(
@@ -218,8 +218,8 @@ def located(
     if target in places:
         return block, places[target]
     sigma = np.tile(block.sigma, (block.kind.rows, 1))
-    at, _ = locate(block.target, block.kind, block.motion.points(values), sigma)
-    return block, at.x[0, block.free] / block.sd
+    location, _ = locate(block.target, block.kind, block.motion.points(values), sigma)
+    return block, location.x[0, block.free] / block.sd
 
 
 def _centre(
@@ -229,17 +229,17 @@ def _centre(
     """Centre of a target (3,) and its errors (3, K), m, for errors `off` (P + K, K) of the arm."""
     model = fitted.model
     if name in model.block_of:
-        block, own = model.block_of[name], model.slices[name]
+        block, part = model.block_of[name], model.slices[name]
         if not model.scene.declared_of(name).centred:
             return None
         shift = np.zeros((len(block.kind.sd), solved.shape[1]))
-        shift[block.free] = solved[own] * block.sd[:, None]
-        return centre_of(block, block.state(fitted.z[own])), shift[:3]
+        shift[block.free] = solved[part] * block.sd[:, None]
+        return centre_of(block, block.state(fitted.z[part])), shift[:3]
     index = next(k for k, t in enumerate(model.scene.dataset.targets) if t.name == name)
-    found = located(fitted, wide, index, values, places)
-    if found is None:
+    block_and_z = located(fitted, wide, index, values, places)
+    if block_and_z is None:
         return None
-    block, z = found
+    block, z = block_and_z
     _, by_arm, by_own = block.linearise(values, z)
     sigma = np.tile(block.sigma, block.kind.rows)[:, None]
     slopes, errors = by_own / sigma, (by_arm @ off) / sigma

@@ -1,8 +1,6 @@
-"""Candidate contacts, linearised: their prediction by an alternative explanation, and its error.
+"""Candidate contacts of advice: contacts of a session repeated under other conditions, linearised.
 
 Of a point that is measured with its orientation, only the point is used.
-
-Interventions: contacts of a session repeated under other conditions, as rows appended to it.
 """
 
 from __future__ import annotations
@@ -90,8 +88,8 @@ def widened(scene: Scene, rows: np.ndarray) -> tuple[Dataset, list[Intervention]
 def _values(m: Measurements, name: str, source: np.ndarray, changed: Mapping[str, Any]) -> np.ndarray:
     """A column of some rows of a session, with new values where they are given."""
     column = getattr(m, name)
-    own = np.zeros(len(source)) if column is None else column[source]
-    return np.broadcast_to(changed[name], own.shape) if name in changed else own
+    values = np.zeros(len(source)) if column is None else column[source]
+    return np.broadcast_to(changed[name], values.shape) if name in changed else values
 
 
 def turns(scene: Scene, rows: np.ndarray) -> list[np.ndarray]:
@@ -108,10 +106,10 @@ def turns(scene: Scene, rows: np.ndarray) -> list[np.ndarray]:
     by = [wrenches(scene.chain, q, tools, still, u)[:, 1:-1, 0] @ robot.link_from_reading for u in along]
     jacobian = np.stack(by, axis=1)  # (C, 3, n)
     free = np.eye(robot.n) - np.linalg.pinv(jacobian) @ jacobian
-    own = m.velocity[rows]
-    size = DESIGN.turning * np.linalg.norm(own, axis=1, keepdims=True)
+    recorded = m.velocity[rows]
+    size = DESIGN.turning * np.linalg.norm(recorded, axis=1, keepdims=True)
     out: list[np.ndarray] = []
-    for wish in (-np.sign(own), np.random.default_rng(1).standard_normal(own.shape)):
+    for wish in (-np.sign(recorded), np.random.default_rng(1).standard_normal(recorded.shape)):
         way = (free @ wish[..., None])[..., 0]
         length = np.linalg.norm(way, axis=1, keepdims=True)
         if np.median(length) < DESIGN.still:
@@ -179,16 +177,16 @@ class Possible:
         beyond = [(m.variant.columns, a) for m, a in parts if m.effect not in rival.names]
         if not beyond:
             return None
-        at, amplitude = (np.concatenate(x) for x in zip(*beyond, strict=True))
+        columns, amplitude = (np.concatenate(x) for x in zip(*beyond, strict=True))
         state = rival.state
-        seen = project(state, state.problem.pool[:, at])
+        seen = project(state, state.problem.pool[:, columns])
         rivals = self.pool[:, np.searchsorted(self.used, state.columns)] * state.scales
         return PairSide(
-            float(amplitude @ seen.information(np.arange(len(at))) @ amplitude),
+            float(amplitude @ seen.information(np.arange(len(columns))) @ amplitude),
             block_diag(state.covariance, self.spread),
             np.append(seen.solved @ amplitude, np.zeros(len(self.spread))),
             np.column_stack([self.design, rivals, self.own]) / state.kappa,
-            self.pool[:, np.searchsorted(self.used, at)] @ amplitude / state.kappa,
+            self.pool[:, np.searchsorted(self.used, columns)] @ amplitude / state.kappa,
         )
 
     def differs(self, other: Possible, a: Hypothesis, b: Hypothesis) -> bool:
@@ -196,28 +194,28 @@ class Possible:
         count = len(other.contact)
         if len(self.spread) or len(self.contact) < count:
             return True
-        at = np.searchsorted(self.used, np.union1d(a.state.columns, b.state.columns))
-        changed = (self.pool[:count] - other.pool)[:, at], self.design[:count] - other.design
+        columns = np.searchsorted(self.used, np.union1d(a.state.columns, b.state.columns))
+        changed = (self.pool[:count] - other.pool)[:, columns], self.design[:count] - other.design
         return any(np.max(np.abs(d), initial=0.0) > DESIGN.changed for d in changed)
 
 
 def possibilities(
     fitted: Estimate, known: Candidates, members: Sequence[Member], places: Places = NOWHERE
 ) -> list[Possible]:
-    """All interventions, linearised at the estimate; the first is `interventions.AGAIN`."""
+    """All interventions, linearised at the estimate; the first is `AGAIN`."""
     model = fitted.model
     dataset, interventions = widened(model.scene, _poses(fitted))
     scene = Scene(dataset, _stands(model.scene, interventions), model.scene.oriented)
     c = with_compliances(scene.circumstances(scene.rows("calibrate")), fitted)
-    own = _again(model.parameters, parameters_of(model.effects, c))
+    parameters = _again(model.parameters, parameters_of(model.effects, c))
     fresh: dict[int, Parameter] = {}
     for effect, setting in dict.fromkeys((m.effect, m.variant.setting) for m in members):
         mine = [m.variant.columns for m in members if (m.effect, m.variant.setting) == (effect, setting)]
-        at = np.unique(np.concatenate(mine)).tolist()
-        now = _again([known.pool[k] for k in at], _candidates(effect, setting, c))
-        fresh |= dict(zip(at, now, strict=True))
+        columns = np.unique(np.concatenate(mine)).tolist()
+        now = _again([known.pool[k] for k in columns], _candidates(effect, setting, c))
+        fresh |= dict(zip(columns, now, strict=True))
     used = np.array(sorted(fresh))
-    wide = Model(scene, model.effects, (*own, *(fresh[k] for k in sorted(fresh))), (), ())
+    wide = Model(scene, model.effects, (*parameters, *(fresh[k] for k in sorted(fresh))), (), ())
     values = np.append(model.deviations(fitted.z[model.slices[ARM]]), np.zeros(len(used)))
     main = main_group(model)
     return [
@@ -232,28 +230,28 @@ def _linear(
     model, target = fitted.model, wide.scene.dataset.measurements.target
     count, contact, designs, pools = len(model.parameters), [], [], []
     for fit in length_blocks(model):
-        at = np.flatnonzero(np.isin(intervention.source, fit.rows))
-        if not len(at):
+        candidates = np.flatnonzero(np.isin(intervention.source, fit.rows))
+        if not len(candidates):
             continue
-        rows = intervention.rows[at]
+        rows = intervention.rows[candidates]
         block = wide.block(int(target[rows[0]]), rows)
         _, by_arm, by_own = block.linearise(values, fitted.z[model.slices[fit.target]])
         sigma = fitted.weights.sigma[fit.name].reshape(fit.kind.rows, -1)
-        sigma = sigma[:, np.searchsorted(fit.rows, intervention.source[at])].reshape(-1, 1)
+        sigma = sigma[:, np.searchsorted(fit.rows, intervention.source[candidates])].reshape(-1, 1)
         sigma = sigma * fitted.weights.scale[fit.group] / fitted.weights.scale[main]
         by_arm = by_arm * wide.sd / sigma
         design = np.zeros((block.residuals, len(fitted.z)))
         design[:, :count] = by_arm[:, :count]
         design[:, model.slices[fit.target]] = by_own / sigma
-        contact.append(np.tile(at, block.kind.rows))
+        contact.append(np.tile(candidates, block.kind.rows))
         designs.append(design)
         pools.append(by_arm[:, count:])
     none = np.zeros((sum(map(len, contact)), 0)), np.zeros((0, 0))
-    own, pool = np.concatenate(designs), np.concatenate(pools)
+    designs_of_all, pool = np.concatenate(designs), np.concatenate(pools)
     m, stated = wide.scene.dataset.measurements, model.scene.dataset.measurements
     loaded = m.payload is not None and (stated.payload is not None or np.any(m.payload[intervention.rows]))
     return Possible(
-        intervention.what, intervention.source, np.concatenate(contact), own, used, pool, *none,
+        intervention.what, intervention.source, np.concatenate(contact), designs_of_all, used, pool, *none,
         None if m.velocity is None else m.velocity[intervention.rows],
         m.payload[intervention.rows] if m.payload is not None and loaded else None,
     )  # fmt: skip
@@ -268,29 +266,29 @@ def _spheres(
     names = {name for c in certified for name in c.targets} - set(model.block_of)
     index = {t.name: k for k, t in enumerate(scene.dataset.targets) if t.name in names}
     tried = ((name, located(fitted, wide, k, values, places)) for name, k in index.items())
-    found = {name: of for name, of in tried if of is not None}
-    if not found:
+    blocks = {name: of for name, of in tried if of is not None}
+    if not blocks:
         return []
-    starts = dict(zip(found, np.cumsum([0, *(b.size for b, _ in found.values())]), strict=False))
-    size, count = sum(b.size for b, _ in found.values()), len(model.parameters)
+    starts = dict(zip(blocks, np.cumsum([0, *(b.size for b, _ in blocks.values())]), strict=False))
+    size, count = sum(b.size for b, _ in blocks.values()), len(model.parameters)
     ratio = {g: s / fitted.weights.scale[main] for g, s in fitted.weights.scale.items()}
     rows: list[np.ndarray] = []
     contact, owns, arms, information = [], [], [], np.eye(size)
-    for name, (block, z) in found.items():
+    for name, (block, z) in blocks.items():
         _, by_arm, by_own = block.linearise(values, z)
         sigma = np.tile(block.sigma, block.kind.rows)[:, None] * ratio.get(block.group, 1.0)
-        own = np.zeros((block.residuals, size))
-        own[:, starts[name] : starts[name] + block.size] = by_own / sigma * _tighter(block)
+        by_state = np.zeros((block.residuals, size))
+        by_state[:, starts[name] : starts[name] + block.size] = by_own / sigma * _tighter(block)
         contact.append(sum(map(len, rows)) + np.tile(np.arange(len(block.rows)), block.kind.rows))
         rows.append(block.rows)
-        owns.append(own)
+        owns.append(by_state)
         arms.append(by_arm * wide.sd / sigma)
     for c in certified:
-        if all(name in found for name in c.targets):
-            apart = np.subtract(*(centre_of(b, b.state(z)) for b, z in (found[n] for n in c.targets)))
+        if all(name in blocks for name in c.targets):
+            apart = np.subtract(*(centre_of(b, b.state(z)) for b, z in (blocks[n] for n in c.targets)))
             constraint = np.zeros(size)
             for name, way in zip(c.targets, (1.0, -1.0), strict=True):
-                sd = (found[name][0].sd * _tighter(found[name][0]))[:3]
+                sd = (blocks[name][0].sd * _tighter(blocks[name][0]))[:3]
                 constraint[starts[name] : starts[name] + 3] = way * apart / np.linalg.norm(apart) * sd
             information += np.outer(constraint, constraint) / max(c.u_distance or 0.0, DESIGN.least_u) ** 2
     arm = np.concatenate(arms)
@@ -323,8 +321,8 @@ def _again(old: Sequence[Parameter], new: Sequence[Parameter]) -> list[Parameter
 
 
 def _candidates(name: str, setting: Setting, c: Circumstances) -> list[Parameter]:
-    found = EFFECTS[name].at(c, setting)
-    return [*found, *in_proportion(name, found)]
+    parameters = EFFECTS[name].at(c, setting)
+    return [*parameters, *in_proportion(name, parameters)]
 
 
 def _poses(fitted: Estimate) -> np.ndarray:

@@ -31,7 +31,7 @@ class Member:
         return self.variant.effect
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Hypothesis:
     """A set of named effects, fitted with its own outliers."""
 
@@ -163,7 +163,7 @@ class Search:
         """
         start = best.state.weight
         last = best.members[-1]
-        fits: dict[tuple[int, float], tuple[Member, State]] = {}  # of each variant and scale once
+        fits: dict[tuple[Variant, float], tuple[Member, State]] = {}  # of each variant and scale once
         self._fit(fits, base, (last, *others), start)
         lead = max(fits.values(), key=lambda pair: _weight(*pair))[0]
         at = int(np.argmin(np.abs(np.log(SCALES / lead.scale))))
@@ -178,14 +178,14 @@ class Search:
 
     def _fit(
         self,
-        fits: dict[tuple[int, float], tuple[Member, State]],
+        fits: dict[tuple[Variant, float], tuple[Member, State]],
         base: Hypothesis,
         members: Sequence[Member],
         start: np.ndarray,
     ) -> None:
         """Add to `fits`, by variant and scale, those of a hypothesis with each of these members that lack."""
         for m in members:
-            if (key := (id(m.variant), m.scale)) not in fits:
+            if (key := (m.variant, m.scale)) not in fits:
                 fits[key] = (m, self.hypothesis((*base.members, m), (None, start)).state)
 
     def _leave_out_unseen(self, state: State) -> None:
@@ -210,7 +210,7 @@ class Search:
         self.hypotheses[frozenset()] = null
         level = self.extend(null, SEARCH.first_gain)
         for _ in range(SEARCH.largest - 1):
-            beam = sorted({id(h): h for h in level}.values(), key=lambda h: -h.score)[: SEARCH.width]
+            beam = sorted(dict.fromkeys(level), key=lambda h: -h.score)[: SEARCH.width]
             beam = [h for h in beam if h.score > null.score - SEARCH.below_null]
             level = [new for h in beam for new in self.extend(h, SEARCH.further_gain)]
             top = max(h.score for h in self.hypotheses.values())

@@ -14,16 +14,7 @@ from math import comb
 
 import numpy as np
 
-from bayescal.effects import (
-    EFFECTS,
-    MODELS,
-    Circumstances,
-    Effect,
-    Parameter,
-    Setting,
-    named,
-    parameters_of,
-)
+from bayescal.effects import EFFECTS, MODELS, Circumstances, Effect, Parameter, Setting, named, parameters_of
 from bayescal.effects.location import Driver, Site, words_of
 from bayescal.effects.selection import in_proportion, plain
 from bayescal.effects.vocabulary import Form
@@ -62,7 +53,7 @@ def unaliased(parameters: Sequence[Parameter], c: Circumstances) -> list[bool]:
 NOTHING = "its driver does not vary in this session"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Variant:
     """A form of an effect: its setting if any, its sites or () for all, its columns of the pool."""
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Generic, TypeVar
+from typing import Any
 
 import numpy as np
 
@@ -17,8 +17,8 @@ from bayescal.predict.crossvalidation import BLOCKED, LEFT_OUT, VALIDATED
 from bayescal.predict.errors import CentreDistances, ValidationErrors
 from bayescal.statistics import chi2_sf, f_sf
 
-M = TypeVar("M")
-F = TypeVar("F")
+Refit = Callable[[Sequence[Any]], tuple[Any, ValidationErrors]]
+"""Fits some effects, and returns the fit with its validation errors."""
 
 
 @dataclass(frozen=True)
@@ -39,10 +39,10 @@ UNTESTED = Share(1.0, np.inf)
 
 
 @dataclass(frozen=True)
-class Aside(Generic[M]):
+class Aside:
     """An effect that fails a test by validation data."""
 
-    member: M
+    member: Any
     cost: float  # nats that the validation data lose by it
     share: Share
     how: str = VALIDATED  # as of `ValidationErrors`
@@ -63,22 +63,22 @@ class Aside(Generic[M]):
 
 
 @dataclass(frozen=True)
-class Confirmed(Generic[M, F]):
+class Confirmed:
     """Effects that the validation data admit, and their refit."""
 
-    members: tuple[M, ...]
-    fitted: F
+    members: tuple[Any, ...]
+    fitted: Any
     errors: ValidationErrors
-    withheld: tuple[Aside[M], ...]
-    unclaimed: tuple[Aside[M], ...] = ()  # of members that are certain
+    withheld: tuple[Aside, ...]
+    unclaimed: tuple[Aside, ...] = ()  # of members that are certain
 
 
 def confirmed(
-    members: Sequence[M],
-    refit: Callable[[Sequence[M]], tuple[F, ValidationErrors]],
+    members: Sequence[Any],
+    refit: Refit,
     before: ValidationErrors,
-    certain: Callable[[M], bool] = lambda member: False,
-) -> Confirmed[M, F]:
+    certain: Callable[[Any], bool] = lambda member: False,
+) -> Confirmed:
     """Withhold effects until each of the others passes both tests by validation data.
 
     Each effect is removed alone. It fails if it costs more than `GATE.loss`, or if the change that it
@@ -100,8 +100,8 @@ def confirmed(
     certain : callable
         Whether an effect is certain by the calibration data.
     """
-    tested: tuple[M, ...] = tuple(members)
-    aside: list[Aside[M]] = []
+    tested: tuple[Any, ...] = tuple(members)
+    aside: list[Aside] = []
     while tested:
         errors = _errors(refit, tested)
         if isinstance(errors, BayescalError):
@@ -124,9 +124,7 @@ def confirmed(
     return Confirmed(kept, fitted, errors, withheld, unclaimed)
 
 
-def _errors(
-    refit: Callable[[Sequence[M]], tuple[F, ValidationErrors]], members: Sequence[M]
-) -> ValidationErrors | BayescalError:
+def _errors(refit: Refit, members: Sequence[Any]) -> ValidationErrors | BayescalError:
     """Validation errors of a refit, or why these effects cannot be fitted."""
     try:
         return refit(members)[1]
@@ -135,8 +133,8 @@ def _errors(
 
 
 def _alone(
-    member: M, before: ValidationErrors, less: ValidationErrors | BayescalError, more: ValidationErrors
-) -> Aside[M]:
+    member: Any, before: ValidationErrors, less: ValidationErrors | BayescalError, more: ValidationErrors
+) -> Aside:
     """What an effect costs, and the share of its predicted change that is there."""
     if isinstance(less, BayescalError):  # the others are fitted with it only
         return Aside(member, -np.inf, UNTESTED, more.how)

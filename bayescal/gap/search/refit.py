@@ -58,10 +58,7 @@ def still_without(without: Sequence[Part], members: Sequence[Member]) -> tuple[P
 
 
 def refit(
-    before: Estimate,
-    known: Candidates,
-    members: Sequence[Member],
-    options: FitOptions = USUAL,
+    before: Estimate, known: Candidates, members: Sequence[Member], options: FitOptions = USUAL
 ) -> Estimate:
     """Fit a baseline with some effects in addition to its own.
 

@@ -69,9 +69,7 @@ def _numbered(sizes: Iterable[Sequence[int]]) -> tuple[tuple[np.ndarray, ...], n
 
 
 def filled(
-    make: Callable[[], Iterable[Cell]],
-    columns_of: Callable[[Sequence[Parameter]], np.ndarray],
-    p: Problem,
+    make: Callable[[], Iterable[Cell]], columns_of: Callable[[Sequence[Parameter]], np.ndarray], p: Problem
 ) -> Pool:
     """Pool of cells whose columns are computed cell by cell.
 

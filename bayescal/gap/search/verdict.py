@@ -79,7 +79,7 @@ def weigh(search: Search, pool: Pool) -> tuple[tuple[Weighed, ...], list[CellFit
     """All hypotheses with their probabilities, the most probable first; and every cell over noise only."""
     ranked = sorted(search.hypotheses.values(), key=lambda h: -h.score)
     null = search.hypotheses[frozenset()]
-    leaders = list({id(h): h for h in (null, *ranked[: VERDICT.leaders])}.values())
+    leaders = dict.fromkeys((null, *ranked[: VERDICT.leaders]))
     out = [Weighed(h, None, h.log_evidence - null.log_evidence, h.score) for h in ranked]
     alone: list[CellFit] = []
     for h in leaders:

@@ -19,7 +19,8 @@ from bayescal.predict import Forecast, Validation, inside95, interval95
 from bayescal.reporting.fit.agreement import disagreement
 from bayescal.reporting.shared.body import arm_drawing
 from bayescal.reporting.shared.origin import entry, origin, plain, rows_record
-from bayescal.reporting.shared.text import MDEG, MM, UM, rms
+from bayescal.reporting.shared.text import MDEG, MM, UM
+from bayescal.statistics import rms
 
 SCHEMA = "bayescal-fit/1"
 LIBRARIES = ("gtsam", "numpy", "scipy", "numba", "emcee", "arviz")
@@ -152,7 +153,7 @@ def _residuals(level: ModelLevel) -> list[dict[str, Any]]:
                     "role": role,
                     "count": len(rows),
                     "rejected": int(np.sum(~kept)),
-                    "rms_um": plain(UM * rms(errors)),
+                    "rms_um": UM * rms(errors) if len(errors) else None,
                     "max_um": UM * float(np.max(errors)) if len(errors) else None,
                 }
             )

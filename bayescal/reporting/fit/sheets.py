@@ -13,7 +13,7 @@ from bayescal.assess.acceptance import FAIL, PASS
 from bayescal.calibration import ModelLevel
 from bayescal.effects.vocabulary import unit_label
 from bayescal.predict import Validation, inside95
-from bayescal.reporting.shared.sheet import Bar, Column, Sheet, as_is, bar_of, inside
+from bayescal.reporting.shared.sheet import Bar, Column, Sheet, as_is, bar_of, inside, of_key
 from bayescal.reporting.shared.text import (
     MDEG,
     UM,
@@ -112,7 +112,7 @@ def level_sheet(
         value = step.get(shown[0][1])
         return Bar(log_fraction(value, every), length(value), step is items[-1])
 
-    errors = [Column(h, lambda step, key=key: length(step.get(key))) for h, key in shown[1:]]
+    errors = [Column(h, of_key(dict.get, key), length) for h, key in shown[1:]]
     bars = [Column(shown[0][0], bar, as_is)] if shown else []
     caption = "Errors of validation measurements, µm; bars are logarithmic"
     return Sheet((Column("model", "name"), *bars, *errors, *more), items, caption)

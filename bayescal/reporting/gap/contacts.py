@@ -21,7 +21,7 @@ from bayescal.gap.result import (
     Shrinkage,
     Side,
 )
-from bayescal.reporting.shared.sheet import Column, Sheet, csv_text
+from bayescal.reporting.shared.sheet import Column, Sheet, csv_text, of_key
 
 FIRST = 3
 """Contacts of the first advice in the summary."""
@@ -84,8 +84,7 @@ def first_contacts(gap: Gap) -> Sheet:
     chosen = [(name, c) for name, _, c in numbered(gap)][:FIRST]
     moving, loaded = _recorded([c for _, c in chosen])
     joints = [
-        Column(f"J{k + 1} (deg)", lambda item, k=k: np.degrees(item[1].readings[k]), "{:.3f}".format)
-        for k in range(gap.dataset.robot.n)
+        Column(f"J{k + 1} (deg)", of_key(_angle, k), "{:.3f}".format) for k in range(gap.dataset.robot.n)
     ]
     columns = [Column("next contacts", 0), Column("target", lambda item: item[1].target), *joints]
     if moving:
@@ -93,6 +92,10 @@ def first_contacts(gap: Gap) -> Sheet:
     if loaded:
         columns.append(Column("payload (kg)", lambda item: item[1].payload, "{:g}".format))
     return Sheet(tuple(columns), chosen)
+
+
+def _angle(item: tuple[str, NextContact], joint: int) -> float:
+    return float(np.degrees(item[1].readings[joint]))
 
 
 def _degrees(values: tuple[float, ...]) -> list[str]:
@@ -129,8 +132,11 @@ def per_residual(gap: Gap) -> str:
 
 def as_lengths(s: Shrinkage) -> Shrinkage:
     """A reduction of errors whose errors of points are lengths."""
-    errors = ("before", "after", "floor", "predicted_before", "predicted")
-    return replace(s, **{name: length(s.what, getattr(s, name)) for name in errors})
+    errors: dict[str, Any] = {
+        name: length(s.what, getattr(s, name))
+        for name in ("before", "after", "floor", "predicted_before", "predicted")
+    }
+    return replace(s, **errors)
 
 
 def undecided_records(gap: Gap) -> list[dict[str, Any]]:

@@ -8,7 +8,7 @@ from bayescal.effects.location import Site
 from bayescal.gap.result import MARGINS, VALIDATION_CONTACTS, VALIDATION_POINTS
 from bayescal.gap.settings import OUTCOME
 from bayescal.reporting.fit.sheets import level_sheet
-from bayescal.reporting.shared.sheet import Bar, Column, Sheet, as_is, bar_of
+from bayescal.reporting.shared.sheet import Bar, Column, Sheet, as_is, bar_of, of_key
 from bayescal.reporting.shared.text import (
     MISSING,
     NEVER,
@@ -242,7 +242,7 @@ def improvements(record: Json) -> Sheet:
         Column("after (µm)", lambda s: length(s["after_rms_um"]) if s["claimed"] else "not claimed"),
         Column("expected (µm)", lambda s: length(s["ratio"] * s["predicted_rms_um"])),
         Column("limit (µm)", "floor_um", length),
-        *(Column(h, lambda s, k=k: _reduction(s)[k]) for k, h in enumerate(("removed", "95 %"))),
+        *(Column(h, of_key(_reduction, k)) for k, h in enumerate(("removed", "95 %"))),
     )
     caption = (
         "RMS of validation errors; limit: expected RMS for a correct model; removed: share of the excess"
@@ -256,8 +256,8 @@ def _ratio(as_length: Json, s: Json) -> float:
     return ratio
 
 
-def _reduction(s: Json) -> tuple[str, str]:
-    return reduction(s["removed"], s["removed_interval95"], s["claimed"])
+def _reduction(s: Json, part: int) -> str:
+    return reduction(s["removed"], s["removed_interval95"], s["claimed"])[part]
 
 
 def blind_sheet(record: Json) -> Sheet:

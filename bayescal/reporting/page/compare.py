@@ -12,7 +12,7 @@ from bayescal.gap.result import VALIDATION_CONTACTS
 from bayescal.predict.forecast import CENTRES
 from bayescal.reporting.page.common import inputs
 from bayescal.reporting.page.section import Facts, Run, Section, Text, blocks
-from bayescal.reporting.shared.sheet import Bar, Column, Sheet, sheet_of_cells
+from bayescal.reporting.shared.sheet import Bar, Column, Sheet, as_is, of_key, sheet_of_cells
 from bayescal.reporting.shared.text import (
     MISSING,
     length,
@@ -101,17 +101,10 @@ def effects(runs: Runs) -> Section | None:
         for name, p in run.record["probability"].items():
             largest[name] = max(largest.get(name, 0.0), p or 0.0)
     order = sorted((n for n in largest if largest[n] >= LEAST), key=lambda n: -largest[n])
-    probabilities = [
-        Column(
-            label, lambda name, run=run: run.record["probability"].get(name), lambda p: Bar(p, probability(p))
-        )
-        for label, run in some
-    ]
+    probabilities = [Column(label, of_key(_probability, run), as_is) for label, run in some]
     table = Sheet((Column("effect", rival), *probabilities), order, "Probability of the effects")
     keys = dict.fromkeys(_key(a) for _, run in some for a in run.record["amplitudes"])
-    amplitudes = [
-        Column(label, lambda key, run=run: _amplitude(run.record["amplitudes"], key)) for label, run in some
-    ]
+    amplitudes = [Column(label, of_key(_amplitude, run)) for label, run in some]
     name = Column("amplitude", lambda key: f"{key[0]} of {key[1]}: {key[2]}")
     sizes = Sheet((name, *amplitudes), list(keys), "Amplitudes of the named effects, with u")
     return blocks("effects", "Effects", table, sizes)
@@ -121,8 +114,14 @@ def _key(a: Json) -> tuple[str, ...]:
     return (a["effect"], a["site"], a["what"], a["unit"])
 
 
-def _amplitude(amplitudes: Sequence[Json], key: tuple[str, ...]) -> str | None:
-    return next((measured(a["value"], a["u"], a["unit"]) for a in amplitudes if _key(a) == key), None)
+def _probability(effect: str, run: Run) -> Bar | None:
+    p = run.record["probability"].get(effect)
+    return None if p is None else Bar(p, probability(p))
+
+
+def _amplitude(key: tuple[str, ...], run: Run) -> str | None:
+    amplitudes = (a for a in run.record["amplitudes"] if _key(a) == key)
+    return next((measured(a["value"], a["u"], a["unit"]) for a in amplitudes), None)
 
 
 def parameters(runs: Runs) -> Section | None:

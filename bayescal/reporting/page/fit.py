@@ -42,11 +42,11 @@ from bayescal.reporting.shared.text import (
     model_label,
     p_value,
     parameter_notes,
-    rms,
     share,
     signed,
     uncertainty,
 )
+from bayescal.statistics import rms
 from bayescal.storage.reading import Json
 
 PAIRS = 12
@@ -296,8 +296,8 @@ def outliers(run: Run) -> Section | None:
         f"{length(noise['stated_um'])} µm{scatter}."
     )
     tests = Sheet(TESTS, record["verdict"]["tests"], "Tests of the model")
-    parts = (Text(words), *texts(causes, "warning"), Text(of_noise), tests)
-    return blocks("outliers", "Outliers, noise and tests", *parts)
+    lines = (Text(words), *texts(causes, "warning"), Text(of_noise))
+    return blocks("outliers", "Outliers, noise and tests", *lines, tests)
 
 
 SECTIONS: tuple[Callable[[Run], Section | None], ...] = (

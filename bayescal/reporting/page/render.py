@@ -24,15 +24,21 @@ from markupsafe import Markup, escape
 from bayescal import __version__
 from bayescal.reporting.page.section import Section
 
+STILL = "Figures that move with the pointer need plotly: pip install 'bayescal[interactive]'."
+"""The last line of a page that has still figures alone."""
+
 
 @lru_cache(maxsize=1)
-def plotly() -> tuple[str, str]:
-    """Source of plotly.js as base64 of gzip, and its CSP hash ``'sha256-...'``.
+def plotly() -> tuple[str, str] | None:
+    """Source of plotly.js as base64 of gzip, and its CSP hash ``'sha256-...'``; None without plotly.
 
     The page inflates it (DecompressionStream) and runs it as an inline script with this hash: the policy
     permits no other code.
     """
-    source = files("plotly").joinpath("package_data", "plotly.min.js").read_bytes()
+    try:
+        source = files("plotly").joinpath("package_data", "plotly.min.js").read_bytes()
+    except ModuleNotFoundError:
+        return None
     packed = gzip.compress(source, compresslevel=4, mtime=0)  # 9: a twentieth less, twice the time
     return base64.b64encode(packed).decode("ascii"), csp_hash(source)
 
@@ -96,14 +102,17 @@ def page(
     foot : sequence of str
         Lines at the end.
     data : mapping, optional
-        What interactive figures draw, as JSON; without it the page has no scripts.
+        What interactive figures draw, as JSON; without it, or without plotly, the page has no scripts.
     headers : sequence of (str, sequence of (str, str)), optional
         What a filed report states below its title: a heading or "", names and values.
     """
     templates = environment()
     packed, allowed, script = "", "'none'", ""
-    if data is not None:
-        packed, permitted = plotly()
+    library = None if data is None else plotly()
+    if library is None:
+        data, foot = None, foot if data is None else (*foot, STILL)
+    else:
+        packed, permitted = library
         script = asset("page.js")
         allowed = f"{permitted} {csp_hash(script.encode())}"
     bodies = [

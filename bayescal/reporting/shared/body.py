@@ -1,7 +1,7 @@
 """The arm and what stands around it as bodies: a record of them, and their outlines from a direction of view.
 
 An outline is a polygon; drawn from far to near, outlines look like the bodies. The arm is the nominal one of
-capsules (`collision.links`), artefacts are the boxes and spheres that the targets of a session state.
+capsules (`probing.scene`), artefacts are the boxes and spheres that the targets of a session state.
 """
 
 from __future__ import annotations
@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 
 from bayescal.arm import chain as reference
+from bayescal.arm.shapes import Ball, Box
 from bayescal.model.scene import Scene
 from bayescal.probing.scene import arm_capsules, scene_of
-from bayescal.probing.shapes import Ball, Box
 from bayescal.reporting.shared.origin import plain
 from bayescal.reporting.shared.text import MM
 from bayescal.storage.reading import Json

@@ -107,6 +107,11 @@ def sheet_of_cells(
     return Sheet(columns, tuple(rows), caption, shown)
 
 
+def of_key(function: Callable[[Any, Any], Any], key: Any) -> Callable[[Any], Any]:
+    """The function of an item, from one of an item and a key: for columns that are made in a loop."""
+    return lambda item: function(item, key)
+
+
 def as_is(value: Any) -> Any:
     """A cell that needs no format."""
     return value

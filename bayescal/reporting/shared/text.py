@@ -300,8 +300,3 @@ def as_precise(value: float, text: str) -> str:
     """A value with as many decimals as a ``value(u)`` has: ``0.00`` beside ``0.02(13)``."""
     decimals = len(text.partition("(")[0].partition(".")[2])
     return unsigned_zero(f"{value:.{decimals}f}")
-
-
-def rms(values: np.ndarray) -> float:
-    """Root mean square; nan of nothing."""
-    return float(np.sqrt(np.mean(values**2))) if values.size else float("nan")

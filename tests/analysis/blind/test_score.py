@@ -6,8 +6,8 @@ from itertools import chain, combinations
 
 import numpy as np
 import pytest
+from cases import terminal_text
 from made_up_worlds import answer, at, many, null, one, pair, perfect, shrunk, silent, strange, tracked, truth
-from rich.console import Console
 
 from analysis.blind.card import BEGIN, END, between, page, tables, terminal
 from analysis.blind.files import MISSES as files_MISSES
@@ -401,10 +401,7 @@ CASES = {
 
 
 def printed(found):
-    console = Console(width=100, highlight=False, force_terminal=False)
-    with console.capture() as capture:
-        console.print(terminal(found))
-    return capture.get()
+    return terminal_text(terminal(found), 100)
 
 
 def test_terminal_is_one_screen():

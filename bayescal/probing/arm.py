@@ -1,4 +1,4 @@
-"""Reachable poses: within the joint limits by a margin, and where an operator would put the arm."""
+"""The nominal arm of a search: within the joint limits by a margin, and where an operator would put it."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ import numpy as np
 
 from bayescal.arm.inverse import PASSES, descend, to_axes, to_points
 from bayescal.arm.motion import NominalArm
-from bayescal.arm.transforms import cross
 
 MARGIN = np.radians(4.0)
 """rad: margin to the joint limits, so that a contact can still be closed."""
@@ -74,40 +73,38 @@ class Arm(NominalArm):
 
 
 def inverse(
-    arm: Arm, starts: np.ndarray, centres: np.ndarray, axes: np.ndarray, passes: int = PASSES
+    arm: Arm,
+    starts: np.ndarray,
+    points: np.ndarray,
+    axes: np.ndarray,
+    passes: int = PASSES,
+    free: np.ndarray | bool = False,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Readings for a position of the ball centre and a direction of the z axis of the flange.
-
-    The roll about that direction is free. For an arm with fewer than five joints only the position is solved.
+    """Readings for a position of the TCP and a direction of the z axis of the tool; its roll is free.
 
     Parameters
     ----------
     arm : Arm
-        The nominal arm.
+        The nominal arm. With fewer than five joints only the position is solved.
     starts : np.ndarray, shape (M, n)
         Initial readings, rad.
-    centres, axes : np.ndarray, shape (M, 3)
-        Requested ball centres, m, and directions, in F0.
+    points, axes : np.ndarray, shape (M, 3)
+        Requested positions, m, and directions, in F0.
     passes : int
         Maximum number of steps.
+    free : np.ndarray of bool, shape (M,)
+        Rows of which only the position is solved.
 
     Returns
     -------
     readings : np.ndarray, shape (M, n)
         rad, within the limits.
-    found : np.ndarray, shape (M,)
+    solved : np.ndarray, shape (M,)
         Which of them are solutions.
     """
-    task = to_axes(arm, centres, axes) if arm.robot.n >= 5 else to_points(arm, centres)
-    low, high = arm.range
-    angles, found = descend(task, arm.angles_of(starts), low, high, passes)
-    return arm.readings_of(angles), found
-
-
-def cone(axis: np.ndarray, half_angle: float, rng: np.random.Generator) -> np.ndarray:
-    """Unit vectors (M, 3), uniform in the cone of `half_angle` (rad) about each of axis (M, 3)."""
-    count = len(axis)
-    cosine = rng.uniform(np.cos(half_angle), 1.0, count)
-    across = cross(axis, rng.normal(size=(count, 3)))
-    across /= np.linalg.norm(across, axis=1)[:, None]
-    return cosine[:, None] * axis + np.sqrt(1 - cosine**2)[:, None] * across
+    angles, solved = arm.angles_of(starts), np.zeros(len(starts), bool)
+    free, (low, high) = np.broadcast_to(free, len(starts)) | (arm.robot.n < 5), arm.range
+    for rows, directed in ((np.flatnonzero(free), False), (np.flatnonzero(~free), True)):
+        task = to_axes(arm, points[rows], axes[rows]) if directed else to_points(arm, points[rows])
+        angles[rows], solved[rows] = descend(task, angles[rows], low, high, passes)
+    return arm.readings_of(angles), solved

@@ -23,15 +23,15 @@ from bayescal.planning.result import (
     Plan,
 )
 from bayescal.planning.separate import NO_LEVER
-from bayescal.reporting.plan.record import clearances, count, payloads
-from bayescal.reporting.shared.sheet import Column, Sheet, sheet_of_cells, terminal
+from bayescal.reporting.plan_record import clearances, count, payloads
+from bayescal.reporting.shared.sheet import Column, Sheet, of_key, sheet_of_cells, terminal
 from bayescal.reporting.shared.text import NEVER, Facts, facts, percent, size, um2
 
 PURPOSES = {DISTANCES: "distances", GAP: "gap", REPEAT: "repeats", VALIDATE: "validation"}
 """Purposes of contacts, and their heading."""
 SHARES = ("noise", "certificate", "probing", "prior")
 """Origins of the variance of a distance, in the order of the columns."""
-COVERAGE = 2
+COVERAGE_FACTOR = 2
 """Coverage factor k of U = k u."""
 INDICES = {
     "O1": "geometric mean of the singular values",
@@ -56,11 +56,15 @@ def expected(plan: Plan) -> Sheet:
     origins = [*(o for o in SHARES if o in stated), *(o for o in stated if o not in SHARES)]
     columns = (
         Column("expected U (µm, k = 2)", lambda e: f"{e.count} {over(e)}"),
-        Column("plan", lambda e: um2(COVERAGE * e.u)),
-        Column("random", lambda e: um2(COVERAGE * e.u_random)),
-        *(Column(origin, lambda e, origin=origin: e.shares.get(origin), percent) for origin in origins),
+        Column("plan", lambda e: um2(COVERAGE_FACTOR * e.u)),
+        Column("random", lambda e: um2(COVERAGE_FACTOR * e.u_random)),
+        *(Column(origin, of_key(_share, origin), percent) for origin in origins),
     )
     return Sheet(columns, plan.expected)
+
+
+def _share(e: ExpectedDistances, origin: str) -> float | None:
+    return e.shares.get(origin)
 
 
 def over(e: ExpectedDistances) -> str:
@@ -186,7 +190,7 @@ def contacts(plan: Plan) -> Sheet:
         Column("target", lambda k: session.targets[m.target[k]].name, words=True),
         *([tool] if len(session.tools) > 1 else []),
         *(
-            Column(f"J{j + 1} (deg)", lambda k, j=j: angles[k, j], "{:.3f}".format)
+            Column(f"J{j + 1} (deg)", of_key(lambda k, j: angles[k, j], j), "{:.3f}".format)
             for j in range(session.robot.n)
         ),
         Column("payload (kg)", lambda k: mass[k], "{:g}".format),
@@ -213,7 +217,7 @@ def title(plan: Plan) -> str:
 def headline(plan: Plan) -> Iterator[str]:
     """The expected U of the first goal, and the random contacts that give the same."""
     for e in plan.expected[:1]:
-        yield f"Expected U = {um2(COVERAGE * e.u)} µm (k = 2) of {e.count} {over(e)}, {IF_RIGHT}"
+        yield f"Expected U = {um2(COVERAGE_FACTOR * e.u)} µm (k = 2) of {e.count} {over(e)}, {IF_RIGHT}"
         if np.isfinite(plan.equals_random):
             yield f"Equivalent to about {two_digits(plan.equals_random)} random contacts"
         else:
@@ -226,7 +230,7 @@ def further(plan: Plan) -> str:
         return ""
     now = plan.expected[0].u
     less = 100 * (1 - plan.next_u / now) if now > 0 else 0.0
-    return f"{FURTHER} further contacts: U = {um2(COVERAGE * plan.next_u)} µm ({less:.1f} % less)"
+    return f"{FURTHER} further contacts: U = {um2(COVERAGE_FACTOR * plan.next_u)} µm ({less:.1f} % less)"
 
 
 def contacts_phrase(plan: Plan) -> str:

@@ -6,12 +6,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from bayescal.arm.shapes import Shape
 from bayescal.model.scene import Scene
-from bayescal.planning.place import scene
 from bayescal.planning.result import DISTANCES, GAP, REPEAT, VALIDATE, Plan
-from bayescal.probing.shapes import Shape
-from bayescal.reporting.plan.record import count
-from bayescal.reporting.plan.sheets import COVERAGE, PURPOSES, by_target, headline, title
+from bayescal.reporting.plan_record import count
+from bayescal.reporting.plan_sheets import COVERAGE_FACTOR, PURPOSES, by_target, headline, title
 from bayescal.reporting.shared.body import Outline, View, arm_drawing, fill, outlines
 from bayescal.reporting.shared.style import ACCENT, FAINT, GREY, INK, MARKED, SERIES, figure, tidy
 from bayescal.reporting.shared.text import MM, UM
@@ -54,7 +53,7 @@ def draw_plan(plan: Plan) -> Figure:
     views = parts[0].subplots(1, len(VIEWS))
     points, arm, reach, bodies = _points(plan)
     seen = np.vstack([points, arm, _ahead(reach, arm[0], points)])
-    solids = [s for s in scene(plan.pool.setup).solids if not s.carries]
+    solids = [s for s in plan.pool.setup.scene.solids if not s.carries]
     shapes = [shape for solid in solids for shape in solid.shapes]
     low, high = seen.min(axis=0), seen.max(axis=0)
     for (_, *flat), some in zip(VIEWS, bodies, strict=True):
@@ -201,14 +200,24 @@ def _curve(plan: Plan, axes: Any) -> None:
     for points, marker, line, colour, label in drawn:
         if len(points):
             x, u = np.array(points, float).T
-            axes.plot(x, COVERAGE * UM * u, marker=marker, ls=line, color=colour, lw=1.6, ms=6, label=label)
+            axes.plot(
+                x, COVERAGE_FACTOR * UM * u, marker=marker, ls=line, color=colour, lw=1.6, ms=6, label=label
+            )
     if first is not None:
         here = count(plan)
         axes.scatter(
-            here, COVERAGE * UM * first.u, s=150, facecolors="none", edgecolors=INK, lw=1.6, label="this plan"
+            here,
+            COVERAGE_FACTOR * UM * first.u,
+            s=150,
+            facecolors="none",
+            edgecolors=INK,
+            lw=1.6,
+            label="this plan",
         )
         if not len(plan.curve_random) and np.isfinite(first.u_random):
-            axes.scatter(here, COVERAGE * UM * first.u_random, marker="s", color=SERIES[1], label="random")
+            axes.scatter(
+                here, COVERAGE_FACTOR * UM * first.u_random, marker="s", color=SERIES[1], label="random"
+            )
     axes.set_xscale("log")
     axes.set_yscale("log")
     for axis in (axes.xaxis, axes.yaxis):

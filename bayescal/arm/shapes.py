@@ -1,8 +1,8 @@
 """Shapes of an arm and of what stands around it: frozen types, and the distance of points from each.
 
-A shape is solid and convex. Distances are in m, signed: negative inside. The arm consists of capsules
-(`links`), which move with its frames; what stands around it consists of all shapes, in F0.
-`kind` and `numbers` state a shape to the compiled distances (`exact`): its numbers, and planes (F, 4).
+A shape is solid and convex. Distances are in m, signed: negative inside. The arm consists of capsules, which
+move with its frames (`probing.scene.arm_capsules`); what stands around it consists of all shapes, in F0.
+`kind` and `numbers` state a shape to the compiled distances (`probing.sweep`): numbers, and planes (F, 4).
 """
 
 from __future__ import annotations

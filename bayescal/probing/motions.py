@@ -1,11 +1,7 @@
-"""Free motions of an arm at one place: among the solids that are there at the same time, with one tool.
-
-What stands around the arm: the solids of the targets, and the table.
-"""
+"""Free motions of an arm at one place: among the solids that are there at the same time, with one tool."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
@@ -15,12 +11,11 @@ from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components, dijkstra
 from scipy.spatial import cKDTree
 
-from bayescal.dataset import Target
-from bayescal.planning.pool import Region, Setup
 from bayescal.probing.clearance import Clearance
-from bayescal.probing.scene import STEM, Scene, Solid, on_table, own_solids, scene_of, up_of
-from bayescal.probing.shapes import FIXED, Box, Capsule, HalfSpace, Shape
 
+CLEAR = 5e-3
+"""m: smallest clearance of motions where none is stated (assumed: some times what an arm that is not
+calibrated is off)."""
 RATE = np.radians(45.0)
 """rad/s: mean velocity of a joint between contacts (assumed: a quarter of that of a small arm)."""
 NODES = 1500  # random configurations, of which the motion may pass some
@@ -88,8 +83,8 @@ class Place:
         out, count = np.zeros(len(readings), bool), min(LINKED, len(self.hubs))
         near = _neighbours(self.hubs, readings, count)
         for k in range(count):
-            left = np.flatnonzero(~out)
-            out[left] = self.free(readings[left], self.hubs[near[left, k]])
+            rows = np.flatnonzero(~out)
+            out[rows] = self.free(readings[rows], self.hubs[near[rows, k]])
         return out
 
     @cached_property
@@ -110,22 +105,22 @@ class Place:
         once; then several of them one after the other.
         """
         free = self.free(begin, end)
-        out: list[np.ndarray | None] = [begin[:0] if own else None for own in free]
+        out: list[np.ndarray | None] = [begin[:0] if direct else None for direct in free]
         detour = seconds_between(begin[:, None], self.nodes) + seconds_between(self.nodes, end[:, None])
         order = np.argsort(detour, axis=1, kind="stable")
-        left = np.flatnonzero(~free)
+        rows = np.flatnonzero(~free)
         for first in range(0, min(MOST, order.shape[1]), AT_ONCE):
-            k = order[left, first : first + AT_ONCE]
-            move, some = np.repeat(left, k.shape[1]), self.nodes[k.ravel()]
+            k = order[rows, first : first + AT_ONCE]
+            move, some = np.repeat(rows, k.shape[1]), self.nodes[k.ravel()]
             ok = self.free(begin[move], some)
             ok[ok] = self.free(some[ok], end[move[ok]])
             for m in np.unique(move[ok]):
                 out[m] = some[[int(np.argmax(ok & (move == m)))]]
-            left = np.array([m for m in left if out[m] is None], int)
+            rows = np.array([m for m in rows if out[m] is None], int)
         for count, ends in CHAINED:
-            for m, way in zip(left, self._chained(begin[left], end[left], count, ends), strict=True):
+            for m, way in zip(rows, self._chained(begin[rows], end[rows], count, ends), strict=True):
                 out[m] = way
-            left = np.array([m for m in left if out[m] is None], int)
+            rows = np.array([m for m in rows if out[m] is None], int)
         return out
 
     def _chained(self, begin: np.ndarray, end: np.ndarray, count: int, ends: int) -> list[np.ndarray | None]:
@@ -134,25 +129,25 @@ class Place:
         Only the motions of ways that are the shortest yet are checked (Bohlin and Kavraki 2000, "Path
         planning using lazy PRM").
         """
-        nodes, cost, known = self._graph(count)
+        nodes, cost, verified = self._graph(count)
         n = len(nodes)
         out: list[np.ndarray | None] = [None] * len(begin)
         if n < 2:
             return out
-        own = np.full((len(begin), n + 2, n + 2), np.inf)  # from the begin, n, and to the end, n + 1
-        own[:, n, :n] = _nearest(seconds_between(begin[:, None], nodes), ends)
-        own[:, :n, n + 1] = _nearest(seconds_between(nodes, end[:, None]), ends)
-        sure = np.zeros(own.shape, bool)
-        left = list(range(len(begin)))
+        costs = np.full((len(begin), n + 2, n + 2), np.inf)  # from the begin, n, and to the end, n + 1
+        costs[:, n, :n] = _nearest(seconds_between(begin[:, None], nodes), ends)
+        costs[:, :n, n + 1] = _nearest(seconds_between(nodes, end[:, None]), ends)
+        sure = np.zeros(costs.shape, bool)
+        searched = list(range(len(begin)))
         for _ in range(ROUNDS):
             asked: list[tuple[int, int, int]] = []
-            for m in list(left):
-                own[m, :n, :n], sure[m, :n, :n] = cost, known
-                path = _shortest(own[m], n)
+            for m in list(searched):
+                costs[m, :n, :n], sure[m, :n, :n] = cost, verified
+                path = _shortest(costs[m], n)
                 new = [(m, i, j) for i, j in pairwise(path) if not sure[m, i, j]]
                 asked += new
                 if not new:
-                    left.remove(m)
+                    searched.remove(m)
                     out[m] = nodes[path[1:-1]] if path else None
             if not asked:
                 break
@@ -161,7 +156,7 @@ class Place:
             for (m, i, j), free in zip(asked, self.free(a, b), strict=True):
                 shared = max(i, j) < n
                 for x, y in ((i, j), (j, i)) if shared else ((i, j),):
-                    times, checked = (cost, known) if shared else (own[m], sure[m])
+                    times, checked = (cost, verified) if shared else (costs[m], sure[m])
                     checked[x, y] = True
                     times[x, y] = times[x, y] if free else np.inf
         return out
@@ -196,89 +191,11 @@ def _nearest(times: np.ndarray, count: int) -> np.ndarray:
 
 def _shortest(times: np.ndarray, first: int) -> list[int]:
     """The shortest path from `first` to the point after it, by times (n, n); empty if there is none."""
-    _, found = dijkstra(times, indices=np.array([first]), return_predecessors=True)
-    before = found[0]
+    _, predecessors = dijkstra(times, indices=np.array([first]), return_predecessors=True)
+    before = predecessors[0]
     path = [first + 1]
     while path[-1] != first:
         if before[path[-1]] < 0:
             return []
         path.append(int(before[path[-1]]))
     return path[::-1]
-
-
-THICK = 0.01
-"""m: half of the thickness of a wall, of which only the probed face is known (assumed)."""
-POST, CLEAR = 0.01, 0.015
-"""m: radius of the post of a seat, and its distance below the centre of the ball (assumed)."""
-
-
-def placements(names: Sequence[str]) -> list[str]:
-    """Placement of the artefact of each target, by its name (``ball.A@1``: ``1``).
-
-    "" where the target stays; a single placement stays.
-    """
-    own = [name.partition("@")[2] for name in names]
-    return own if len({*own} - {""}) > 1 else [""] * len(own)
-
-
-def scene(setup: Setup) -> Scene:
-    """The solids of a setup: boxes and spheres (`scene_of`), walls, cylinders, posts of seats, the table.
-
-    Without a stated table it is below the lowest solid; boxes stand on it by pedestals. A single placement
-    of spheres is there all the time. Own solids of the session do not stand on anything.
-    """
-    dataset, up = setup.dataset, up_of(setup.dataset)
-    known = scene_of(dataset, with_table=False)
-    solids, of = list(known.solids), dict(known.of)
-    for target in dataset.targets:
-        if target.name in known.unknown:
-            of[target.name] = len(solids)
-            shape = _SOLIDS[target.kind](target, setup.regions[target.name])
-            solids.append(Solid(target.name, (shape,)))
-    of_target = dict(
-        zip((t.name for t in dataset.targets), placements([t.name for t in dataset.targets]), strict=True)
-    )
-    of_solid = {solid: of_target[name] for name, solid in of.items()}
-    solids = [replace(solid, placement=of_solid.get(k, "")) for k, solid in enumerate(solids)]
-    if solids or setup.table is not None:
-        solids = list(on_table(solids, up, setup.table))
-    used = set(of_target.values())  # a single placement is there all the time
-    own = [replace(s, placement=s.placement if s.placement in used else "") for s in own_solids(dataset)]
-    return Scene((*solids, *own), of)
-
-
-def table_height(around: Scene) -> float | None:
-    """Height of the table, m, against gravity; None where there is none."""
-    shapes = [solid.shapes[0] for solid in around.solids if solid.carries]
-    return next((shape.offset for shape in shapes if isinstance(shape, HalfSpace)), None)
-
-
-def _wall(target: Target, region: Region) -> Box:
-    assert region.half is not None
-    normal, half = np.asarray(target.values["normal"], float), np.linalg.norm(region.half, axis=1)
-    pose = np.eye(4)
-    pose[:3, :3] = np.column_stack([*(region.half / half[:, None]), normal])
-    pose[:3, 0] *= np.sign(np.linalg.det(pose[:3, :3]))
-    pose[:3, 3] = region.centre - THICK * normal
-    return Box(pose, np.append(half, THICK))
-
-
-def _pin(target: Target, region: Region) -> Capsule:
-    assert region.half is not None
-    radius = 0.5 * float(target.values["diameter"])
-    return Capsule(FIXED, region.centre - region.half[0], region.centre + region.half[0], radius, target.name)
-
-
-def _post(target: Target, region: Region) -> Capsule:
-    """Below a seat, or the pivot of a ball bar."""
-    assert region.up is not None
-    below = region.centre - (CLEAR + POST) * region.up
-    return Capsule(FIXED, below, below - STEM * region.up, POST, target.name)
-
-
-_SOLIDS: dict[str, Callable[[Target, Region], Shape]] = {
-    "plane": _wall,
-    "cylinder": _pin,
-    "fixed-point": _post,
-    "distance": _post,
-}

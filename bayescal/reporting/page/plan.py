@@ -1,0 +1,159 @@
+"""The run folder of a plan, and `plan.html`: a page of one file, from the templates of all pages."""
+
+from __future__ import annotations
+
+import base64
+import shlex
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from bayescal import __version__
+from bayescal.dataset.write import table_text, write_setup
+from bayescal.importing.onto import MEASURED
+from bayescal.importing.onto import PLAN as CONTACTS
+from bayescal.planning.result import Plan
+from bayescal.programs.probing import Probe, formats_of
+from bayescal.reporting import plan_sheets
+from bayescal.reporting.page.render import page
+from bayescal.reporting.page.section import Facts, FirstScreen, Section, Text, blocks
+from bayescal.reporting.plan_record import plan_record, table_of_plan
+from bayescal.reporting.shared.sheet import Sheet
+from bayescal.storage.files import json_text
+from bayescal.storage.folders import whole
+
+STEPS = {
+    "import": "Probe the contacts of plan.csv in their order, then import the log of the controller.",
+    "fit": "Calibrate.",
+    "gap": "Diagnose unmodelled effects.",
+}
+"""What each command that follows is for."""
+
+
+def plan_page(plan: Plan, picture: bytes, commands: Sequence[tuple[str, str]] = ()) -> str:
+    """The page as text.
+
+    Parameters
+    ----------
+    plan : Plan
+    picture : bytes
+        The figure as PNG.
+    commands : sequence of (str, str)
+        What to run when the contacts are measured: purpose (of `STEPS`) and command.
+    """
+    title = plan_sheets.title(plan)
+    found = (
+        _first(plan, commands),
+        _contacts(plan, picture),
+        blocks("expected", "What to expect, assuming the model is correct", plan_sheets.expected(plan)),
+        _detectable(plan),
+        blocks("confusable", "Confusable effects", plan_sheets.confusable(plan)),
+        blocks("parameters", "Parameters", Sheet(plan_sheets.PARAMETERS, plan.parameters)),
+        blocks("observability", "Observability", plan_sheets.observability(plan)),
+        blocks("candidates", "Candidates", Text(plan_sheets.candidates(plan))),
+        blocks("all", "All contacts, in the order of probing", plan_sheets.contacts(plan)),
+        _inputs(plan),
+    )
+    foot = [f"bayescal {__version__}"]
+    sections = [s for s in found if s is not None]
+    return page(plan.session.name, f"{plan.session.robot.name}; {title}", sections, foot)
+
+
+def _first(plan: Plan, commands: Sequence[tuple[str, str]]) -> Section:
+    """Expected uncertainty, contacts, time; what to run next; warnings."""
+    lines = list(plan_sheets.headline(plan)) or [plan_sheets.title(plan)]
+    keys = [("Contacts", str(len(plan.purpose)), plan_sheets.contacts_phrase(plan))]
+    keys += [("Motion between contacts", plan_sheets.duration(plan.travel), f"order: {plan.order}")]
+    if text := plan_sheets.further(plan):
+        name, _, found = text.partition(": ")
+        value, _, less = found.removesuffix(")").partition(" (")
+        keys.append((name, value, less))
+    return FirstScreen(
+        lines[0],
+        lines=lines[1:],
+        most=len(lines),
+        keys=keys,
+        next=[(STEPS[purpose], command) for purpose, command in commands],
+        warnings=[*plan.warnings, *(f"not separated: {line}" for line in plan_sheets.not_separated(plan))],
+    ).section()
+
+
+def _contacts(plan: Plan, picture: bytes) -> Section:
+    source = f"data:image/png;base64,{base64.b64encode(picture).decode('ascii')}"
+    parts = {"blocks": [plan_sheets.by_target(plan)], "pictures": [(plan_sheets.title(plan), source)]}
+    return Section("contacts", "What to probe", "plan.html.j2", parts)
+
+
+def _detectable(plan: Plan) -> Section | None:
+    if not plan.detectable:
+        return None
+    ratio = plan_sheets.detectability(plan)
+    caption = f"Smallest detectable {ratio}" if ratio else ""
+    sheet = plan_sheets.detectable(plan, every_site=True)
+    named = replace(sheet.columns[0], heading="effect")
+    sheet = replace(sheet, columns=(named, *sheet.columns[1:]), caption=caption)
+    return blocks("detectable", "Smallest detectable amplitude of each effect", sheet)
+
+
+def _inputs(plan: Plan) -> Section | None:
+    lines = (
+        ("set-up, SHA-256", plan.pool.setup.dataset.sha256 or "-"),
+        ("model", ", ".join(plan.effects) or "nominal"),
+        ("seed", str(plan.seed)),
+        ("computed in", plan_sheets.duration(plan.seconds)),
+    )
+    return blocks("inputs", "Inputs", Facts(lines))
+
+
+PLAN, PICTURE, PAGE = "plan.json", "plan.png", "plan.html"
+
+
+def commands(folder: Path) -> dict[str, str]:
+    """What to run when the contacts are measured: the import of their log, and the calibration."""
+    run = shlex.quote(str(folder))
+    return {
+        "import": f"bayescal import LOG.csv --plan {run} --out SESSION",
+        "fit": "bayescal fit SESSION",
+        "gap": "bayescal gap SESSION",
+    }
+
+
+def write_plan(
+    plan: Plan, folder: Path, formats: Sequence[str] = (), probe: Probe | None = None
+) -> tuple[str, ...]:
+    """Write plan.csv, plan.json, the page, the figure and the setup atomically.
+
+    Parameters
+    ----------
+    plan : Plan
+    folder : Path
+        Where they are written; an earlier plan there is replaced.
+    formats : sequence of str
+        Names of formats for a controller that are written too; see `bayescal.programs.probing`.
+    probe : Probe, optional
+        How the controller notices a contact.
+
+    Returns
+    -------
+    tuple of str
+        File names.
+    """
+    from bayescal.reporting.figures.plan import draw_plan
+    from bayescal.reporting.shared.style import save_figure
+
+    later = commands(folder)
+    texts = {
+        CONTACTS: table_of_plan(plan),
+        PLAN: json_text(plan_record(plan, later), rows=False),
+    }
+    if plan.pool.measured:
+        texts[MEASURED] = table_text(plan.pool.setup.dataset)
+    for form in formats_of(formats, probe):
+        texts |= form.files(plan, probe or Probe())
+    with whole(folder, PLAN) as stage:
+        save_figure(draw_plan(plan), stage / PICTURE)
+        texts[PAGE] = plan_page(plan, (stage / PICTURE).read_bytes(), tuple(later.items()))
+        for name, text in texts.items():
+            (stage / name).write_text(text, encoding="utf-8", newline="")
+        setup = write_setup(plan.pool.setup.dataset, stage)
+    return (*texts, PICTURE, *setup)

@@ -1,1 +1,0 @@
-"""Reports of a plan: terminal, JSON, table of contacts, figure, page."""

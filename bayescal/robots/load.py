@@ -1,0 +1,100 @@
+"""A robot by name, or by the path of its file."""
+
+from __future__ import annotations
+
+import difflib
+import os
+from pathlib import Path
+
+from bayescal.arm.chain import Robot
+from bayescal.errors import BayescalError
+from bayescal.robots.markup import LARGEST, refuse_network
+from bayescal.robots.schema import SCHEMA, robot_from
+from bayescal.robots.urdf import robot_from_urdf
+from bayescal.robots.xacro_file import expanded
+from bayescal.storage.files import check_schema, read_document
+from bayescal.storage.reading import check_inside, decoded
+
+Loaded = tuple[Robot, bytes]
+"""A robot in SI units, and the content of its file (to hash), of xacro the URDF that it stands for."""
+_HERE = Path(__file__).parent
+
+
+def builtin_robots() -> tuple[str, ...]:
+    """Names of the robots that come with the package."""
+    return tuple(sorted(p.stem for p in _HERE.glob("*.yaml")))
+
+
+def names() -> tuple[str, ...]:
+    """Names of the built-in robots, of the public API.
+
+    Examples
+    --------
+    >>> import bayescal as bc
+    >>> "ur5e" in "".join(bc.robots.names())
+    True
+    """
+    return builtin_robots()
+
+
+def full_name(reference: str) -> str:
+    """The only built-in robot that has this part in its name (``ur5e``); else the reference itself."""
+    near = [name for name in builtin_robots() if reference.lower() in name.split("-")]
+    return near[0] if len(near) == 1 else reference
+
+
+def is_xacro(reference: str) -> bool:
+    """Whether a reference is the path of a xacro file."""
+    return Path(reference.partition("#")[0]).suffix.lower() == ".xacro"
+
+
+def load_robot(
+    reference: str, folder: Path | None = None, allow_xacro: bool = False, inside: bool = False
+) -> Loaded:
+    """Read a robot.
+
+    Parameters
+    ----------
+    reference : str
+        A built-in name (`builtin_robots`), or the path of a robot.yaml, URDF or xacro; of the latter two
+        ``arm.urdf#tool0`` says which link is the flange (the end of the longest chain where left out).
+    folder : Path, optional
+        What a path is relative to; the working directory where left out.
+    allow_xacro : bool
+        Whether a xacro file, which is a program, may be executed; refused otherwise.
+    inside : bool
+        Whether the file must be in `folder`: what a dataset names is part of the dataset.
+
+    Returns
+    -------
+    Loaded
+
+    Raises
+    ------
+    BayescalError
+        With the file and line, if there is no such robot or its file cannot be used.
+    """
+    names = builtin_robots()
+    refuse_network(reference, "")
+    file, _, tip = reference.partition("#")
+    is_markup = Path(file).suffix.lower() in (".urdf", ".xacro")
+    path = (folder or Path()) / (file if is_markup else reference)
+    named = is_markup or path.suffix.lower() in (".yaml", ".yml") or "/" in reference
+    if reference not in names and (named or os.path.isfile(path)):
+        if inside:
+            check_inside(path, folder or Path(), f"robot `{reference}`")
+        if is_markup:
+            content = expanded(path, allow_xacro) if is_xacro(reference) else decoded(path, LARGEST)[1]
+            return robot_from_urdf(content, path.name, tip), content
+    elif reference in names:
+        path = _HERE / f"{reference}.yaml"
+    else:
+        near = [name for name in names if reference.lower() in name.split("-")]
+        near += difflib.get_close_matches(reference, names, 1)
+        hint = f"did you mean `{near[0]}`" if near else "`bayescal robots` lists the built-in ones"
+        raise BayescalError(
+            f"no robot is called `{reference}`", "", f"{hint}; or give the path of a robot.yaml or URDF"
+        )
+    document = read_document(path)
+    check_schema(document, SCHEMA)
+    return robot_from(document), document.content

@@ -1,0 +1,155 @@
+"""The walk of CONTRIBUTING, 'A measurement kind': a file and a declaration; fit, gap and plan take it."""
+
+import re
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from kind_sessions import MIDDLE, Piece, of_pieces
+
+import bayescal as bc
+from bayescal.calibration import fit
+from bayescal.dataset import Patch, PlanSettings, Target, read_dataset, write_dataset
+from bayescal.dataset.contacts import reason_against
+from bayescal.dataset.read import no_rows
+from bayescal.dataset.regions import Probing, face
+from bayescal.dataset.target_kinds import KINDS, TargetKind, place_sd
+from bayescal.errors import BayescalError
+from bayescal.model.scene import Scene
+from bayescal.planning.plan import PlanOptions, plan
+from bayescal.planning.setup import continued, regions_of
+from bayescal.storage.files import Number, Vector
+
+FILE = '''
+from dataclasses import dataclass
+
+import numpy as np
+
+from factors.feature import Feature, slopes
+from factors.kind import dot
+
+
+@dataclass(frozen=True)
+class Gauge:
+    """A height gauge: the TCP stands at a height along a known direction."""
+
+    direction: np.ndarray
+    height: float
+    sd: np.ndarray
+    rows = 1
+    parts = (("height", "m"),)
+
+    def residual(self, x, p):
+        return (dot(self.direction, p) - (self.height + x[..., :1]))[..., None, :]
+
+    def linearise(self, x, p):
+        r = self.residual(x, p)
+        u = np.broadcast_to(self.direction[:, None], (*r.shape[:-1], 3, r.shape[-1]))
+        return r, u, np.full((*r.shape, 1), -1.0)
+
+    def describe(self, x):
+        return {"direction": self.direction, "height": float(self.height + x[0])}
+
+    def feature(self, x):
+        by = slopes(x)
+        by[..., 0, :] = self.direction
+        turn = np.broadcast_to(self.direction, (*x.shape[:-1], 3))
+        return Feature((self.height + x) * self.direction, by, turn, slopes(x))
+'''
+UP, HEIGHT, OFF = np.array([0.0, 0.0, 1.0]), 0.3, 2e-3
+CENTRE, SIZE = np.array([0.4, 0.0, HEIGHT]), np.array([0.3, 0.4])
+GAUGE = Target("gauge", "gauge", {"direction": UP, "height": HEIGHT}, 5e-3)
+
+
+def region(target, session):
+    """The stated rectangle: what a plane does with its `normal` and `offset`."""
+    return face(replace(target, values={"normal": UP, "offset": target.values["height"]}), session)
+
+
+def places(target, region, radius, count, rng):
+    return region.centre + rng.uniform(-1, 1, (count, 2)) @ region.half, np.full((count, 3), np.nan)
+
+
+@pytest.fixture
+def declared(tmp_path, monkeypatch):
+    """The kind, made of a file in a temporary folder and of one declaration."""
+    (tmp_path / "height_gauge.py").write_text(FILE)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, "height_gauge", raising=False)
+    from height_gauge import Gauge
+
+    kind = TargetKind(
+        "gauge",
+        "a height along a known direction",
+        {"direction": Vector, "height_mm": Number},
+        lambda t, seen: Gauge(
+            np.asarray(t.values["direction"], float), float(t.values["height"]), np.array([place_sd(t)])
+        ),
+        form="plane",
+        place=lambda t: t.values["height"] * np.asarray(t.values["direction"]),
+        direction="direction",
+        planned=Probing(region, places, sizes=("width", "height")),
+    )
+    monkeypatch.setitem(KINDS, kind.name, kind)
+    return kind
+
+
+@pytest.fixture
+def dataset(declared, cube, tmp_path):
+    """A session on a cube and of the gauge, whose height is not the nominal one, written and read."""
+    true = declared.build(replace(GAUGE, values={"direction": UP, "height": HEIGHT + OFF}), None)
+    piece = Piece(GAUGE, true, count=40, held=8, about=MIDDLE)
+    made = of_pieces(cube(seed=3, count=80), [piece], seed=1).dataset
+    write_dataset(replace(made, plan=PlanSettings(regions={"gauge": Patch(CENTRE, SIZE)})), tmp_path / "s")
+    assert (
+        "gauge: {centre_mm: [400, 0, 300], size_mm: [300, 400]}" in (tmp_path / "s/dataset.yaml").read_text()
+    )
+    return read_dataset(tmp_path / "s")
+
+
+def test_fit_takes_it(dataset):
+    final = fit(dataset, samples=0).final
+    estimate, state = final.estimate, final.estimate.model.slices["gauge"]
+    block = estimate.model.block_of["gauge"]
+    assert abs(block.state(estimate.z[state])[0] - OFF) < 4.5 * estimate.sd[state][0] * block.sd[0]
+    (check,) = (c for c in final.validation.planes if c.target == "gauge")
+    assert check.residuals.size == 8
+    assert np.sqrt(np.mean(check.residuals**2)) < 15e-6
+
+
+def test_gap_takes_it(dataset):
+    """All errors of the arm are in the model: nothing is named."""
+    assert bc.diagnose(dataset).data.verdict.kind == "null"
+
+
+def test_plan_takes_it(dataset):
+    setup = continued(replace(dataset, measurements=no_rows(dataset.robot.n)))
+    made = plan(setup, PlanOptions(60, "distances", candidates=120))
+    session, m = made.session, made.session.measurements
+    rows = np.flatnonzero(m.target == [t.name for t in session.targets].index("gauge"))
+    assert len(rows) >= 5
+    p = Scene(session).points[rows]
+    np.testing.assert_allclose(p[:, 2], HEIGHT, atol=1e-7)
+    assert np.abs((p - CENTRE)[:, :2]).max(axis=0) == pytest.approx(SIZE / 2, rel=0.5)
+    assert np.all(np.abs((p - CENTRE)[:, :2]) <= SIZE / 2 + 1e-6)
+    assert np.array_equal(made.approach[rows], m.readings[rows])  # nothing is touched
+
+
+def test_a_plan_needs_its_places_and_its_extent(dataset, declared, monkeypatch):
+    with pytest.raises(BayescalError, match=r"`gauge` can be probed is not known.*\[width, height\]"):
+        regions_of(replace(dataset, plan=None, measurements=no_rows(dataset.robot.n)))
+    monkeypatch.setitem(KINDS, "gauge", replace(declared, planned=None))
+    with pytest.raises(BayescalError, match=r"kind gauge cannot be planned.*kinds: plane, .*instrument"):
+        regions_of(dataset)
+
+
+@pytest.mark.parametrize(
+    ("centre", "size", "words"),
+    [
+        (CENTRE, SIZE[:1], r"has 1 entries in `size_mm`; a gauge needs \[width, height\]"),
+        (CENTRE + 0.01 * UP, SIZE, r"has its centre 10\.0 mm off the face"),
+    ],
+)
+def test_a_wrong_region_is_refused(dataset, centre, size, words):
+    assert re.search(words, "; ".join(reason_against(GAUGE, Patch(np.asarray(centre), size))))
