@@ -42,25 +42,23 @@ SYMMETRIC, NEGATIVE = 1e-6, 1e-6
 class PointEntry(Keys):
     """A point of the artefact: the centre of a ball or of a seat."""
 
-    mm: Vector = Field(description="Certified coordinates in the frame of the certificate, mm.")
-    u_mm: Uncertain | tuple[UncertainOrKnown, UncertainOrKnown, UncertainOrKnown] | None = Field(
-        default=None,
-        description="Standard uncertainty (k = 1) of each coordinate, one for all three or one for each.",
-    )
+    mm: Vector
+    """Certified coordinates in the frame of the certificate, mm."""
+    u_mm: Uncertain | tuple[UncertainOrKnown, UncertainOrKnown, UncertainOrKnown] | None = None
+    """Standard uncertainty (k = 1) of each coordinate, one for all three or one for each."""
 
 
 class ArtefactFile(Keys):
     """Certified coordinates of the points of an artefact, and their uncertainty."""
 
-    schema_: Literal["bayescal-artefact/1"] = Field(alias="schema", description="Version of the format.")
-    name: Name = Field(description="Name of the artefact.")
-    points: Annotated[dict[str, PointEntry], Field(min_length=2)] = Field(
-        description="Points by name: a target `ball.A@2` is the point `ball.A` at placement 2."
-    )
-    covariance_mm2: tuple[tuple[Number, ...], ...] | None = Field(
-        default=None,
-        description="Covariance of all coordinates (x, y, z of each point in order), instead of `u_mm`; mm2.",
-    )
+    schema_: Literal["bayescal-artefact/1"] = Field(alias="schema")
+    """Version of the format."""
+    name: Name
+    """Name of the artefact."""
+    points: Annotated[dict[str, PointEntry], Field(min_length=2)]
+    """Points by name: a target `ball.A@2` is the point `ball.A` at placement 2."""
+    covariance_mm2: tuple[tuple[Number, ...], ...] | None = None
+    """Covariance of all coordinates (x, y, z of each point in order), instead of `u_mm`; mm2."""
 
 
 def certificates_of(

@@ -19,44 +19,50 @@ from bayescal.storage.reading import check_inside
 LARGEST = 20_000_000
 """Bytes of a mesh file."""
 FLAT = 1e-6  # m: points of a mesh that are nearer to a common plane have no hull
-CENTRE = Field(description="Its centre in F0.")
-TURN = Field(
-    default=(0.0, 0.0, 0.0), description="Its roll, pitch, yaw in F0: R = Rz(yaw) Ry(pitch) Rx(roll)."
-)
-PLACEMENT = Field(
-    default="", description="Placement of the artefact with which it is there; always if not given."
-)
 
 
 class BoxEntry(Keys):
     """A box."""
 
     kind: Literal["box"]
-    centre_mm: Vector = CENTRE
-    size_mm: tuple[Positive, Positive, Positive] = Field(description="Lengths of its edges along x, y, z.")
-    rpy_deg: Vector = TURN
-    placement: str = PLACEMENT
+    centre_mm: Vector
+    """Its centre in F0."""
+    size_mm: tuple[Positive, Positive, Positive]
+    """Lengths of its edges along x, y, z."""
+    rpy_deg: Vector = (0.0, 0.0, 0.0)
+    """Its roll, pitch, yaw in F0: R = Rz(yaw) Ry(pitch) Rx(roll)."""
+    placement: str = ""
+    """Placement of the artefact with which it is there; always if not given."""
 
 
 class CylinderEntry(Keys):
     """A cylinder about its z axis."""
 
     kind: Literal["cylinder"]
-    centre_mm: Vector = CENTRE
-    diameter_mm: Positive = Field(description="Its diameter.")
-    length_mm: Positive = Field(description="Its length.")
-    rpy_deg: Vector = TURN
-    placement: str = PLACEMENT
+    centre_mm: Vector
+    """Its centre in F0."""
+    diameter_mm: Positive
+    """Its diameter."""
+    length_mm: Positive
+    """Its length."""
+    rpy_deg: Vector = (0.0, 0.0, 0.0)
+    """Its roll, pitch, yaw in F0: R = Rz(yaw) Ry(pitch) Rx(roll)."""
+    placement: str = ""
+    """Placement of the artefact with which it is there; always if not given."""
 
 
 class MeshEntry(Keys):
     """The convex hull of a mesh."""
 
     kind: Literal["mesh"]
-    file: Name = Field(description="STL or OBJ file in the dataset folder, in mm.")
-    xyz_mm: Vector = Field(default=(0.0, 0.0, 0.0), description="Origin of the file's coordinates in F0.")
-    rpy_deg: Vector = TURN
-    placement: str = PLACEMENT
+    file: Name
+    """STL or OBJ file in the dataset folder, in mm."""
+    xyz_mm: Vector = (0.0, 0.0, 0.0)
+    """Origin of the file's coordinates in F0."""
+    rpy_deg: Vector = (0.0, 0.0, 0.0)
+    """Its roll, pitch, yaw in F0: R = Rz(yaw) Ry(pitch) Rx(roll)."""
+    placement: str = ""
+    """Placement of the artefact with which it is there; always if not given."""
 
 
 SolidEntry = Annotated[BoxEntry | CylinderEntry | MeshEntry, Field(discriminator="kind")]

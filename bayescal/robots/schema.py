@@ -33,70 +33,71 @@ REACH_MM = (20.0, 50_000.0)
 class Joint(Keys):
     """A row of the table of Denavit-Hartenberg parameters; angles and lengths are nominal."""
 
-    name: Name = Field(description="Name of the joint, in reports.")
-    alpha_deg: Number = Field(description="Twist; with mdh it stands before the joint, with dh behind it.")
-    a_mm: Number = Field(description="Length; with mdh it stands before the joint, with dh behind it.")
-    d_mm: Number = Field(description="Offset along the axis of the joint.")
-    offset_deg: Number = Field(description="Joint angle at the reading zero.")
-    limits_deg: tuple[Number, Number] = Field(description="[lower, upper] reading of the joint.")
-    beta_deg: Number = Field(default=0.0, description="Hayati's angle of near-parallel axes.")
-    max_velocity_degps: Positive | None = Field(
-        default=None, description="Largest speed of the joint, for exports."
-    )
-    max_torque_nm: Positive | None = Field(
-        default=None, description="Largest torque of the joint, for exports."
-    )
+    name: Name
+    """Name of the joint, in reports."""
+    alpha_deg: Number
+    """Twist; with mdh it stands before the joint, with dh behind it."""
+    a_mm: Number
+    """Length; with mdh it stands before the joint, with dh behind it."""
+    d_mm: Number
+    """Offset along the axis of the joint."""
+    offset_deg: Number
+    """Joint angle at the reading zero."""
+    limits_deg: tuple[Number, Number]
+    """[lower, upper] reading of the joint."""
+    beta_deg: Number = 0.0
+    """Hayati's angle of near-parallel axes."""
+    max_velocity_degps: Positive | None = None
+    """Largest speed of the joint, for exports."""
+    max_torque_nm: Positive | None = None
+    """Largest torque of the joint, for exports."""
 
 
 class Link(Keys):
     """What a joint moves; required for gravity torques."""
 
-    mass_kg: NotNegative = Field(description="Mass of the link.")
-    centre_of_mass_mm: Vector = Field(
-        description="Its centre of mass in the link frame (behind the whole row)."
-    )
-    radius_mm: Positive | None = Field(
-        default=None, description="Radius of a capsule around the link, for the check of collisions."
-    )
+    mass_kg: NotNegative
+    """Mass of the link."""
+    centre_of_mass_mm: Vector
+    """Its centre of mass in the link frame (behind the whole row)."""
+    radius_mm: Positive | None = None
+    """Radius of a capsule around the link, for the check of collisions."""
 
 
 class Place(Keys):
     """A frame in another."""
 
-    xyz_mm: Vector = Field(default=(0.0, 0.0, 0.0), description="Origin.")
-    rpy_deg: Vector = Field(
-        default=(0.0, 0.0, 0.0), description="Roll, pitch, yaw: R = Rz(yaw) Ry(pitch) Rx(roll)."
-    )
+    xyz_mm: Vector = (0.0, 0.0, 0.0)
+    """Origin."""
+    rpy_deg: Vector = (0.0, 0.0, 0.0)
+    """Roll, pitch, yaw: R = Rz(yaw) Ry(pitch) Rx(roll)."""
 
 
 class RobotFile(Keys):
     """A robot arm: its nominal geometry, limits and masses."""
 
-    schema_: Literal["bayescal-robot/1"] = Field(alias="schema", description="Version of the format.")
-    name: Name = Field(description="Name of the robot, in reports.")
-    convention: Literal["mdh", "dh"] = Field(
-        description="mdh: modified (Craig), or dh: standard Denavit-Hartenberg rows."
-    )
-    joints: Annotated[list[Joint], Field(min_length=1)] = Field(description="Rows from base to flange.")
-    link_from_reading: list[list[Number]] | None = Field(
-        default=None,
-        description="Joint angle = this matrix x readings + offset: signs, coupled axes; default: identity.",
-    )
-    base: Place = Field(default=Place(), description="Frame of the first row in F0.")
-    flange: Place = Field(default=Place(), description="Flange in the frame of the last row; only with mdh.")
-    links: list[Link] | None = Field(
-        default=None, description="One entry per joint; required for compliance."
-    )
-    reductions: list[Positive] | None = Field(
-        default=None, description="Motor revolutions per revolution of the joint, one per joint."
-    )
-    joint_compliance_rad_per_nm: list[NotNegative] | None = Field(
-        default=None, description="Compliance, one per joint; written for a calibrated arm."
-    )
-    coupling: Coupling = Field(
-        default="display",
-        description="display: link_from_reading is done by the controller's display; mechanical: by gears.",
-    )
+    schema_: Literal["bayescal-robot/1"] = Field(alias="schema")
+    """Version of the format."""
+    name: Name
+    """Name of the robot, in reports."""
+    convention: Literal["mdh", "dh"]
+    """mdh: modified (Craig), or dh: standard Denavit-Hartenberg rows."""
+    joints: Annotated[list[Joint], Field(min_length=1)]
+    """Rows from base to flange."""
+    link_from_reading: list[list[Number]] | None = None
+    """Joint angle = this matrix x readings + offset: signs, coupled axes; default: identity."""
+    base: Place = Place()
+    """Frame of the first row in F0."""
+    flange: Place = Place()
+    """Flange in the frame of the last row; only with mdh."""
+    links: list[Link] | None = None
+    """One entry per joint; required for compliance."""
+    reductions: list[Positive] | None = None
+    """Motor revolutions per revolution of the joint, one per joint."""
+    joint_compliance_rad_per_nm: list[NotNegative] | None = None
+    """Compliance, one per joint; written for a calibrated arm."""
+    coupling: Coupling = "display"
+    """display: link_from_reading is done by the controller's display; mechanical: by gears."""
 
 
 def robot_from(document: Document) -> Robot:
