@@ -10,7 +10,7 @@ from bayescal.dataset import contacts
 from bayescal.dataset.target_kinds import KINDS
 from bayescal.dataset.types import Box, Certificate, Patch, PlanSettings, Record, Target, Tool
 from bayescal.errors import BayescalError
-from bayescal.storage.files import Document, Keys, si, stem_of, unknown
+from bayescal.storage.files import Document, Keys, in_si, si, stem_of, unknown
 
 if TYPE_CHECKING:
     from bayescal.dataset import schema
@@ -33,13 +33,6 @@ STRONGEST_GRAVITY = 20.0  # m/s2: more was written in other units
 def field_of(key: str) -> str:
     """The field of a type of `dataset.types` that a key of dataset.yaml fills."""
     return FIELDS.get(key) or stem_of(key)[0]
-
-
-def in_si(key: str, value: Any) -> Any:
-    """A value of a key in SI: a number, an array of a list; None of none."""
-    if value is None:
-        return None
-    return value * si(key) if isinstance(value, float) else np.array(value) * si(key)
 
 
 def fields_of(entry: Keys) -> dict[str, Any]:

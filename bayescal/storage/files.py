@@ -16,6 +16,7 @@ from operator import getitem
 from pathlib import Path as File
 from typing import Annotated, Any, NoReturn, TypeVar
 
+import numpy as np
 import yaml
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
 from pydantic_core import PydanticCustomError
@@ -95,6 +96,13 @@ def stem_of(key: str) -> tuple[str, str]:
 def si(key: str) -> float:
     """Factor from a key's unit to SI; 1 where the key has none."""
     return UNITS.get(stem_of(key)[1], 1.0)
+
+
+def in_si(key: str, value: Any) -> Any:
+    """A value of a key in SI: a number, an array of a list; None of none."""
+    if value is None:
+        return None
+    return value * si(key) if isinstance(value, float) else np.array(value, float) * si(key)
 
 
 def unknown(noun: str, key: str, known: Iterable[str]) -> tuple[str, str]:
