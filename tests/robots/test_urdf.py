@@ -224,7 +224,7 @@ def test_every_command_refuses_and_takes_the_option(tmp_path, monkeypatch):
     def taken(path, allowed):
         return path.read_bytes() if allowed else xacro_file.expanded(path, allowed)
 
-    monkeypatch.setattr("bayescal.robots.markup.expanded", taken)
+    monkeypatch.setattr("bayescal.robots.load.expanded", taken)
 
     folder = shutil.copytree(EXAMPLE, tmp_path / "set")
     settings = (folder / "dataset.yaml").read_text()
