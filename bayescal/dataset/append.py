@@ -87,16 +87,15 @@ def followed(m: Measurements, later: Measurements) -> tuple[Measurements, tuple[
     return Measurements(**table), tuple(lost)
 
 
-def _or_empty(m: Measurements, own: np.ndarray | None, other: np.ndarray | None, name: str) -> np.ndarray:
+def _or_empty(m: Measurements, column: np.ndarray | None, other: Any, name: str) -> np.ndarray:
     """A column, or its empty cells in the shape of those of the other rows."""
-    if own is not None:
-        return own
-    assert other is not None
+    if column is not None:
+        return column
     return np.full((len(m.ids), *other.shape[1:]), "" if name in NAMED else EMPTY[name])
 
 
 def _relabelled(labels: np.ndarray, before: int) -> np.ndarray:
     """Labels (N,) of which those from a row on differ from those before it."""
-    known = set(labels[:before].tolist()) - {""}
-    later = [f"{label}.later" if label in known else label for label in labels[before:].tolist()]
-    return np.array([*labels[:before].tolist(), *later])
+    earlier, later = labels[:before].tolist(), labels[before:].tolist()
+    taken_names = set(earlier) - {""}
+    return np.array([*earlier, *(f"{label}.later" if label in taken_names else label for label in later)])

@@ -160,7 +160,7 @@ def hull_stl(points: np.ndarray) -> bytes:
     return bytes(80) + len(rows).to_bytes(4, "little") + rows.tobytes()
 
 
-def solid_keys(solid: OwnSolid) -> Iterator[tuple[str, np.ndarray | str]]:
+def solid_values(solid: OwnSolid) -> Iterator[tuple[str, np.ndarray | str]]:
     """Keys of a solid in dataset.yaml with their values in SI."""
     yield "kind", solid.kind
     if solid.kind == "mesh":
