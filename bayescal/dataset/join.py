@@ -29,7 +29,9 @@ PAUSE = 3600.0
 """s between the clocks of two sessions, which is unknown (assumed)."""
 NAMED = ("stop", "repeat")
 """Columns of labels, called by their session."""
-EMPTY: Mapping[str, float] = {
+EMPTY: Mapping[str, float | str] = {
+    "stop": "",
+    "repeat": "",
     "velocity": 0.0,
     "payload": 0.0,
     "xyz": np.nan,
@@ -45,9 +47,8 @@ def called(session: Dataset, name: str) -> str:
     return f"{session.name}:{name}"
 
 
-def column(session: Dataset, name: str, width: tuple[int, ...] = ()) -> np.ndarray:
+def column(m: Measurements, name: str, width: tuple[int, ...] = ()) -> np.ndarray:
     """A copy of an optional column (N, *width), or what stands for a missing one."""
-    m = session.measurements
     given = getattr(m, name)
     return np.full((len(m.ids), *width), EMPTY[name]) if given is None else np.array(given)
 
@@ -88,7 +89,7 @@ def measurements(
         elif name in NAMED:
             columns[name] = np.concatenate([_labels(s, name) for s in sessions])
         elif name in EMPTY:
-            columns[name] = np.concatenate([column(s, name, stated.shape[1:]) for s in sessions])
+            columns[name] = np.concatenate([column(m, name, stated.shape[1:]) for m in tables])
         else:  # a column that no value stands for counts only where every session has it
             columns[name] = None if any(values is None for values in given) else np.concatenate(given)
     return Measurements(**columns)
@@ -96,9 +97,7 @@ def measurements(
 
 def _labels(session: Dataset, name: str) -> np.ndarray:
     """Stops or repeats (N,), called by their session; "" where there are none."""
-    labels = getattr(session.measurements, name)
-    if labels is None:
-        return np.full(len(session.measurements.ids), "")
+    labels = column(session.measurements, name)
     return np.array([called(session, str(label)) if label else "" for label in labels])
 
 
@@ -321,7 +320,7 @@ def _stated(sessions: Sequence[Dataset]) -> tuple[Noise, list[np.ndarray]]:
 
     Where the sessions state different noise, each one's rows carry what theirs states.
     """
-    rows = [column(s, "u") for s in sessions]
+    rows = [column(s.measurements, "u") for s in sessions]
     for key in ("contact", "point"):
         values = [getattr(s.noise, key) for s in sessions]
         if len({v for v in values if v is not None}) < 2:

@@ -160,13 +160,15 @@ def _check_values(table: Table, rows: Measurements) -> None:
 
 def _check_noise(table: Table, rows: Measurements, targets: tuple[Target, ...], noise: Noise) -> None:
     """Every row knows its standard uncertainty: its own, or the stated one of its kind."""
-    instrument = np.array([KINDS[t.kind].noise == "point" for t in targets])[rows.target]
-    own = np.zeros(len(instrument), bool) if rows.u is None else np.isfinite(rows.u)
+    instrument = np.array([KINDS[t.kind].of_instrument for t in targets])[rows.target]
+    in_row = np.zeros(len(instrument), bool) if rows.u is None else np.isfinite(rows.u)
     stated_of = (("contact_mm", noise.contact, ~instrument), ("point_mm", noise.point, instrument))
     for key, stated, which in stated_of:
         if stated is None:
             what = f"no noise is stated for a row of `{{target}}`: `noise` has no `{key}`"
-            table.first(which & ~own, what, f"add `{key}` to `noise` in dataset.yaml, or `u_mm` to the row")
+            table.first(
+                which & ~in_row, what, f"add `{key}` to `noise` in dataset.yaml, or `u_mm` to the row"
+            )
 
 
 SETTINGS, TABLE = "dataset.yaml", "measurements.csv"

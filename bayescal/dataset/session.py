@@ -15,14 +15,8 @@ from bayescal.storage.files import Document, Keys, in_si, si, stem_of, unknown
 if TYPE_CHECKING:
     from bayescal.dataset import schema
 
-NAMES = {
-    "parallel": "faces",
-    "perpendicular": "faces",
-    "distance": "between",
-    "diameter": "target",
-    "flat": "target",
-}
-"""Of each kind of certificate: the key that names its targets."""
+NAMING = ("faces", "between", "target")
+"""Keys of certificates that name targets; each kind has one of them."""
 
 FIELDS = {"u_diameter_mm": "u_distance", "u_rad": "u_angle"}
 """Keys that fill a field of another name than their own without its unit."""
@@ -63,7 +57,7 @@ def certificates_of(
     seen: dict[tuple[str, frozenset[str]], int] = {}
     for i, entry in enumerate(file.certificates):
         where = document.where(("certificates", i))
-        named = getattr(entry, NAMES[entry.kind])
+        named = next(value for key, value in entry if key in NAMING)
         names = (named,) if isinstance(named, str) else tuple(named)
         for name in names:
             if name not in by_name:

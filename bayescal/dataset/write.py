@@ -20,7 +20,7 @@ from bayescal.dataset.schema import (
     ToolEntry,
     VolumeEntry,
 )
-from bayescal.dataset.session import NAMES, field_of
+from bayescal.dataset.session import NAMING, field_of
 from bayescal.dataset.solids import hull_stl, solid_values
 from bayescal.dataset.table import JOINT, RPY, SINGLES, XYZ, csv_text, joint_columns
 from bayescal.dataset.target_kinds import KINDS
@@ -143,11 +143,11 @@ def target_keys(target: Target) -> Keys:
 def certificate_keys(certificate: Certificate) -> Keys:
     """The entry of a certificate."""
     yield "kind", certificate.kind
-    key = NAMES[certificate.kind]
     names = ", ".join(map(scalar, certificate.targets))
-    yield key, names if key == "target" else f"[{names}]"
     for key in CERTIFICATES[certificate.kind].model_fields:
-        if stem_of(key)[1]:
+        if key in NAMING:
+            yield key, names if key == "target" else f"[{names}]"
+        elif stem_of(key)[1]:
             yield key, _text(key, getattr(certificate, field_of(key)))
 
 

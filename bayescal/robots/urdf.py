@@ -55,10 +55,7 @@ def robot_from_urdf(content: bytes, file: str, tip: str = "") -> Robot:
         longest chains, no limits, or lengths and angles that cannot be m and rad.
     """
     tree = read_tree(parse_markup(content, file), file)
-    return _robot(tree, tip_of(tree, tip))
-
-
-def _robot(tree: Tree, tip: str) -> Robot:
+    tip = tip_of(tree, tip)
     chain = tree.above(tip)
     for joint in chain:
         _check_kind(joint, tree.file)
@@ -84,7 +81,9 @@ def _robot(tree: Tree, tip: str) -> Robot:
         flange = _screw(0.0, -slide) @ between[n]
     offset[n - 1], d[n - 1] = offset[n - 1] + turn, d[n - 1] + slide
     behind[n - 1] = _screw(turn, slide)
-    _check_lengths(np.abs(np.concatenate([a, d])).sum(), tree.file)
+    reach = np.abs(np.concatenate([a, d])).sum()
+    if not REACH[0] <= reach <= REACH[1]:
+        raise BayescalError(f"the arm's lengths add up to {reach:g} m", file, "a URDF is in metres")
     masses, centres = _lumped(tree, moving, behind)
     return Robot(
         name=tree.name,
@@ -184,8 +183,3 @@ def _limits(joint: Joint, file: str) -> tuple[float, float]:
     if max(map(abs, joint.limits)) > WIDEST:
         raise BayescalError(f"the limits of joint `{joint.name}` are too wide", file, "write them in rad")
     return joint.limits
-
-
-def _check_lengths(reach: float, file: str) -> None:
-    if not REACH[0] <= reach <= REACH[1]:
-        raise BayescalError(f"the arm's lengths add up to {reach:g} m", file, "a URDF is in metres")

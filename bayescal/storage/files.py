@@ -5,7 +5,6 @@ from __future__ import annotations
 import difflib
 import json
 import math
-import os
 import re
 import secrets
 from collections.abc import Collection, Iterable, Mapping
@@ -22,7 +21,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationErr
 from pydantic_core import PydanticCustomError
 
 from bayescal.errors import BayescalError, listed
-from bayescal.storage.locks import OTHER_OUT, PART, beside, remove_leftovers
+from bayescal.storage.locks import OTHER_OUT, PART, beside, remove_leftovers, write_synchronised
 from bayescal.storage.reading import CONTROL, decoded, explained
 from bayescal.storage.stopping import completed
 
@@ -345,11 +344,7 @@ def write_together(
         remove_leftovers(path.absolute())
     try:
         for (path, content), part in zip(every, staged, strict=True):  # noqa: B007  (named in the error)
-            data = content.encode("utf-8") if isinstance(content, str) else content
-            with part.open("wb") as stream:
-                stream.write(data)
-                stream.flush()
-                os.fsync(stream.fileno())
+            write_synchronised(part, content.encode("utf-8") if isinstance(content, str) else content)
         for (path, _), part in zip(every, staged, strict=True):
             part.replace(path)
         completed(f"{', '.join(map(str, files))} written")

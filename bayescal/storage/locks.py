@@ -213,6 +213,14 @@ def read_own(path: Path, family: str) -> bytes:
     return content
 
 
+def write_synchronised(path: Path, content: bytes) -> None:
+    """Write a file, and wait until it is on the disk."""
+    with path.open("wb") as stream:
+        stream.write(content)
+        stream.flush()
+        os.fsync(stream.fileno())
+
+
 def write_own(path: Path, content: bytes, family: str) -> None:
     """Write a file atomically, in place of one of the same schema.
 
@@ -225,10 +233,7 @@ def write_own(path: Path, content: bytes, family: str) -> None:
     remove_leftovers(path)
     part = beside(path, PART)
     try:
-        with part.open("wb") as stream:
-            stream.write(content)
-            stream.flush()
-            os.fsync(stream.fileno())
+        write_synchronised(part, content)
         part.replace(path)
     finally:
         part.unlink(missing_ok=True)
