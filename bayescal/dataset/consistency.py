@@ -107,9 +107,7 @@ def contradictions(dataset: Dataset) -> Iterator[Contradiction]:
         if abs(c.distance - there) <= min(loose, explained):
             continue
         like = next((unit for f, unit in RATIOS.items() if abs(c.distance * f - there) < NEAR * there), "")
-        back = next(
-            (unit for f, unit in RATIOS.items() if abs(c.distance - there * f) < NEAR * there * f), ""
-        )
+        back = next((u for f, u in RATIOS.items() if abs(c.distance - there * f) < NEAR * there * f), "")
         names = " and ".join(f"`{name}`" for name in c.targets)
         what = f"{names}: certified {1e3 * c.distance:.6g} mm, nominally {1e3 * there:.6g} mm apart"
         remedy = (

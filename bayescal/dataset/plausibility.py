@@ -190,7 +190,7 @@ MANY = 0.3
 LEVER = 0.3
 """m: arm of an angle's uncertainty when a target's place is judged."""
 
-LIKE = "look like"
+LIKE, OTHER_UNIT = "look like", "another unit's"
 LOOKS_LIKE = (
     (180 / np.pi, "radians"),
     (np.pi / 180, "degrees converted twice"),
@@ -215,13 +215,13 @@ def check(dataset: Dataset, table: Table, document: Document) -> None:
 def problems(dataset: Dataset, table: Table, document: Document) -> Iterator[BayescalError]:
     """What `check` refuses, with places and remedies; what follows from a problem before is left out."""
     rows = dataset.measurements
-    found, many = _beyond_limits(dataset.robot, rows.readings, table)
-    if found is not None:
-        yield found
+    beyond, many = _beyond_limits(dataset.robot, rows.readings, table)
+    if beyond is not None:
+        yield beyond
     if many:
         return
-    if (found := _in_other_units(dataset, table)) is not None:
-        yield found
+    if (in_other_units := _in_other_units(dataset, table)) is not None:
+        yield in_other_units
         return
     p = nominal(dataset, rows.readings)
     limit = np.array([max(OFF, 5 * (t.u or 0.0)) for t in dataset.tools])[rows.tool]
@@ -236,12 +236,12 @@ def problems(dataset: Dataset, table: Table, document: Document) -> Iterator[Bay
             away = np.linalg.norm(residual(mine)[0], axis=1)
             if (away <= limit[at]).all():
                 continue
-            if (found := _misplaced(mine, away, document)) is not None:
-                yield found
+            if (misplaced := _misplaced(mine, away, document)) is not None:
+                yield misplaced
                 continue
             away = settled(mine)
-        if (found := _impossible(target, away, limit[at], at, table, document)) is not None:
-            yield found
+        if (impossible := _impossible(target, away, limit[at], at, table, document)) is not None:
+            yield impossible
     for wrong in contradictions(dataset):
         if wrong.impossible:
             where = document.where(wrong.place)
@@ -273,15 +273,16 @@ def _beyond_limits(robot: Robot, readings: np.ndarray, table: Table) -> tuple[Ba
 
 def _in_other_units(dataset: Dataset, table: Table) -> BayescalError | None:
     """Readings that are consistent with the session only in another unit than the stated one."""
-    found = suspicion(dataset)
-    if found is None:
+    suspected = suspicion(dataset)
+    if suspected is None:
         return None
-    unit = "deg" if found.quantities[0].startswith("j") else "mm"
-    columns = [f"`{quantity}_{unit}`" for quantity in found.quantities]
+    unit = "deg" if suspected.quantities[0].startswith("j") else "mm"
+    columns = [f"`{quantity}_{unit}`" for quantity in suspected.quantities]
     every = len(columns) == dataset.robot.n
     noun = "the joint readings" if every else f"the values of {', '.join(columns)}"
-    like = next((word for factor, word in LOOKS_LIKE if np.isclose(factor, found.factor)), "another unit's")
-    what = f"{noun} {LIKE} {like}: a row is {1e3 * found.stated:.0f} mm off, and then {1e3 * found.other:.2g}"
+    units = (word for factor, word in LOOKS_LIKE if np.isclose(factor, suspected.factor))
+    what = f"{noun} {LIKE} {next(units, OTHER_UNIT)}: "
+    what += f"a row is {1e3 * suspected.stated:.0f} mm off, and then {1e3 * suspected.other:.2g}"
     return table.error(0, what, f"these columns hold {unit}: convert them")
 
 

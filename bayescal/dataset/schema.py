@@ -265,12 +265,9 @@ def entry_of(kind: TargetKind) -> type[Keys]:
     """The model of a target's entry: the keys of its kind, and those of every target."""
     fields: dict[str, Any] = {"kind": (Literal[kind.name], ...)}
     for key, value in kind.keys.items():
-        told = MEANING.get(key)
-        fields[key] = (
-            (value | None, Field(default=None, description=told))
-            if key in kind.optional
-            else (value, Field(description=told))
-        )
+        optional = key in kind.optional
+        described = Field(None if optional else ..., description=MEANING.get(key))
+        fields[key] = (value | None if optional else value, described)
     return create_model(kind.name, __base__=Loose, __doc__=kind.summary, **fields)
 
 

@@ -96,21 +96,19 @@ def solids_of(
         If a mesh is missing, outside the folder, or no mesh, or no target has the placement of a solid.
     """
     out = []
-    known = {name.partition("@")[2] for name in targets} | {""}
+    placements = {name.partition("@")[2] for name in targets} | {""}
     for name, entry in stated.items():
-        if entry.placement not in known:
+        if entry.placement not in placements:
             where = document.where(("solids", name, "placement"))
-            some = ", ".join(sorted(known - {""})) or "none"
+            some = ", ".join(sorted(placements - {""})) or "none"
             raise BayescalError(f"no target has the placement `{entry.placement}`", where, f"known: {some}")
         turn = rpy_matrix(np.radians(entry.rpy_deg))
         if isinstance(entry, MeshEntry):
             where = document.where(("solids", name, "file"))
             points = mesh_points(folder / entry.file, folder, where)
-            file = (
-                (folder / entry.file).resolve().relative_to(folder.resolve()).with_suffix(".stl").as_posix()
-            )
+            file = (folder / entry.file).resolve().relative_to(folder.resolve()).with_suffix(".stl")
             pose = rigid(turn, 1e-3 * np.array(entry.xyz_mm))
-            out.append(OwnSolid(name, "mesh", pose, points=points, placement=entry.placement, file=file))
+            out.append(OwnSolid(name, "mesh", pose, np.empty(0), points, entry.placement, file.as_posix()))
             continue
         size = entry.size_mm if isinstance(entry, BoxEntry) else (entry.diameter_mm, entry.length_mm)
         pose = rigid(turn, 1e-3 * np.array(entry.centre_mm))
@@ -124,9 +122,8 @@ def mesh_points(path: Path, folder: Path, where: str) -> np.ndarray:
     if not path.is_file():
         raise BayescalError(f"there is no file {path.name}", where, "put the mesh into the dataset folder")
     if path.stat().st_size > LARGEST:
-        raise BayescalError(
-            f"{path.name} is too large", where, f"give a mesh of at most {LARGEST // 10**6} MB"
-        )
+        remedy = f"give a mesh of at most {LARGEST // 10**6} MB"
+        raise BayescalError(f"{path.name} is too large", where, remedy)
     content = path.read_bytes()
     count = int.from_bytes(content[80:84], "little")
     if len(content) == 84 + 50 * count and count:

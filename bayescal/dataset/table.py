@@ -120,11 +120,7 @@ def read_table(path: Path, n: int) -> Table:
 
     The clearance of a plan, which may be there, is not read.
     """
-
-    def check(header: list[str], where: str) -> None:
-        _check_header([name for name in header if name != CLEARANCE], where, n)
-
-    return read_cells(path, check)
+    return read_cells(path, lambda header, where: _check_header(header, where, n))
 
 
 def read_cells(path: Path, check_header: Callable[[list[str], str], None]) -> Table:
@@ -204,6 +200,7 @@ def csv_text(header: Iterable[str], rows: Iterable[Iterable[object]], newline: s
 
 def _check_header(header: list[str], where: str, n: int) -> None:
     """Refuse unknown, doubled and missing columns."""
+    header = [name for name in header if name != CLEARANCE]
     check_names(header, where)
     columns = [*PLAIN, *(c for kind in JOINT for c in joint_columns(kind, n))]
     for column in header:

@@ -58,7 +58,10 @@ def robot_from_urdf(content: bytes, file: str, tip: str = "") -> Robot:
     tip = tip_of(tree, tip)
     chain = tree.above(tip)
     for joint in chain:
-        _check_kind(joint, tree.file)
+        if joint.mimic or joint.kind not in (*TURNING, "fixed"):
+            what = f"joint `{joint.name}` {'follows another joint' if joint.mimic else f'is {joint.kind}'}"
+            remedy = "only joints that turn are known: choose a tip before it, as in"
+            raise BayescalError(what, file, f"{remedy} `robot: {file}#{joint.parent}`")
     moving = [joint for joint in chain if joint.kind in TURNING]
     if not moving:
         raise BayescalError(
@@ -162,15 +165,6 @@ def _lumped(tree: Tree, moving: list[Joint], behind: np.ndarray) -> tuple[np.nda
     return masses, np.divide(
         moments, masses[:, None], out=np.zeros_like(moments), where=masses[:, None] > 0.0
     )
-
-
-def _check_kind(joint: Joint, file: str) -> None:
-    what = "follows another joint" if joint.mimic else f"is {joint.kind}"
-    if joint.mimic or joint.kind not in (*TURNING, "fixed"):
-        remedy = (
-            f"only joints that turn are known: choose a tip before it, as in `robot: {file}#{joint.parent}`"
-        )
-        raise BayescalError(f"joint `{joint.name}` {what}", file, remedy)
 
 
 def _limits(joint: Joint, file: str) -> tuple[float, float]:

@@ -144,10 +144,10 @@ class Keys(BaseModel):
     @model_validator(mode="before")
     @classmethod
     def _refuse_unknown(cls, data: Any) -> Any:
-        known = [f.alias or name for name, f in cls.model_fields.items()]
+        keys = [f.alias or name for name, f in cls.model_fields.items()]
         for key in data if isinstance(data, dict) else ():
-            if key not in known:
-                what, remedy = unknown("key", key, known)
+            if key not in keys:
+                what, remedy = unknown("key", key, keys)
                 context = {"key": key, "what": what, "remedy": remedy}
                 raise PydanticCustomError("of_key", "unknown key", context)
         return data

@@ -112,9 +112,9 @@ def decoded(path: Path, largest: int = LARGEST) -> tuple[str, bytes]:
         raise BayescalError(
             "the file is empty", path.name, "`bayescal init` writes an example of what it holds"
         )
-    if found := CONTROL.search(text):
-        line = text.count("\n", 0, found.start()) + 1
-        what = f"control character {shown(found[0].encode('unicode_escape').decode())}"
+    if match := CONTROL.search(text):
+        line = text.count("\n", 0, match.start()) + 1
+        what = f"control character {shown(match[0].encode('unicode_escape').decode())}"
         raise BayescalError(what, f"{path.name}:{line}", "delete it")
     return text, content
 
@@ -146,9 +146,9 @@ def read_record(path: Path, schema: str, remedy: str) -> dict[str, Any]:
         As `read_json`, and of another schema.
     """
     record = read_json(path, remedy)
-    found = record.get("schema") if isinstance(record, dict) else None
-    if not isinstance(record, dict) or found != schema:
-        raise BayescalError(f"the schema is {found}, not {schema}", str(path), remedy)
+    given = record.get("schema") if isinstance(record, dict) else None
+    if not isinstance(record, dict) or given != schema:
+        raise BayescalError(f"the schema is {given}, not {schema}", str(path), remedy)
     return record
 
 
