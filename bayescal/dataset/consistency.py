@@ -41,27 +41,29 @@ def nominal(dataset: Dataset, readings: np.ndarray) -> np.ndarray:
     return points(chain_of(dataset.robot), link_angles(dataset.robot, readings), tool)
 
 
-def contacts(dataset: Dataset, target: int, p: np.ndarray, at: np.ndarray) -> Contacts:
-    """The rows `at` of one target, with ball centres p (N, 3), m, of all rows."""
-    seen = target_kinds.seen(dataset, target, at, p[at].mean(axis=0))
-    return Contacts(dataset.targets[target], p[at], seen)
+def contacts(dataset: Dataset, target: int, p: np.ndarray, subset: np.ndarray) -> Contacts:
+    """The rows `subset` of one target, with ball centres p (N, 3), m, of all rows."""
+    seen = target_kinds.seen(dataset, target, subset, p[subset].mean(axis=0))
+    return Contacts(dataset.targets[target], p[subset], seen)
 
 
-def seen(dataset: Dataset, p: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """Errors of an instrument's rows `at` after the best rigid fit, m; 0 where there are too few rows."""
+def seen(dataset: Dataset, p: np.ndarray, subset: np.ndarray) -> np.ndarray:
+    """Errors of an instrument's rows `subset` after the best rigid fit, m; 0 of too few rows."""
     xyz = dataset.measurements.xyz
-    return np.zeros(len(at)) if len(at) < FEWEST or xyz is None else scatter(p[at], xyz[at], OFF)
+    return (
+        np.zeros(len(subset)) if len(subset) < FEWEST or xyz is None else scatter(p[subset], xyz[subset], OFF)
+    )
 
 
 def away(dataset: Dataset, readings: np.ndarray) -> np.ndarray:
     """Distance of every row from its target at nominal geometry, (N,) m."""
     p, out = nominal(dataset, readings), np.zeros(len(readings))
     for index, target in enumerate(dataset.targets):
-        at = np.flatnonzero(dataset.measurements.target == index)
+        subset = np.flatnonzero(dataset.measurements.target == index)
         if not KINDS[target.kind].placed:
-            out[at] = seen(dataset, p, at)
-        elif len(at):
-            out[at] = np.linalg.norm(residual(contacts(dataset, index, p, at))[0], axis=1)
+            out[subset] = seen(dataset, p, subset)
+        elif len(subset):
+            out[subset] = np.linalg.norm(residual(contacts(dataset, index, p, subset))[0], axis=1)
     return out
 
 
@@ -145,17 +147,19 @@ def check(dataset: Dataset, table: Table) -> None:
     flange = frames(chain_of(dataset.robot), link_angles(dataset.robot, rows.readings))[:, -1, :3, :3]
     read = np.flatnonzero(np.isfinite(rows.rpy).all(axis=1))
     for target, tool in np.unique(np.stack([rows.target[read], rows.tool[read]], axis=1), axis=0):
-        at = read[(rows.target[read] == target) & (rows.tool[read] == tool)]
-        if len(at) < FEWEST:
+        subset = read[(rows.target[read] == target) & (rows.tool[read] == tool)]
+        if len(subset) < FEWEST:
             continue
-        seen, turned = _from_row_to_row(rpy_matrix(rows.rpy[at])), _from_row_to_row(flange[at])
+        seen, turned = _from_row_to_row(rpy_matrix(rows.rpy[subset])), _from_row_to_row(flange[subset])
         off = float(np.median(np.abs(seen - turned)))
         if off > APART:
             what = (
                 f"orientations that `{dataset.targets[target].name}` read turn from row to row by "
                 f"{np.degrees(off):.0f} deg more or less than the arm"
             )
-            raise table.error(at[0], what, "check rx_deg, ry_deg, rz_deg: degrees, R = Rz(rz) Ry(ry) Rx(rx)")
+            raise table.error(
+                subset[0], what, "check rx_deg, ry_deg, rz_deg: degrees, R = Rz(rz) Ry(ry) Rx(rx)"
+            )
 
 
 def _from_row_to_row(turns: np.ndarray) -> np.ndarray:

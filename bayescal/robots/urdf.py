@@ -159,9 +159,9 @@ def _lumped(tree: Tree, moving: list[Joint], behind: np.ndarray) -> tuple[np.nda
         for joint in chain[last + 1 :]:
             place = place @ joint.place
         i = number[chain[last].name]
-        own = np.linalg.inv(behind[i]) @ rigid(_onto(chain[last].axis).T) @ place
+        pose = np.linalg.inv(behind[i]) @ rigid(_onto(chain[last].axis).T) @ place
         masses[i] += body.mass
-        moments[i] += body.mass * (own[:3, :3] @ body.centre + own[:3, 3])
+        moments[i] += body.mass * (pose[:3, :3] @ body.centre + pose[:3, 3])
     return masses, np.divide(
         moments, masses[:, None], out=np.zeros_like(moments), where=masses[:, None] > 0.0
     )

@@ -58,8 +58,8 @@ def leftovers(path: Path) -> list[tuple[Path, str]]:
         there = sorted(p.name for p in path.parent.iterdir() if p.name.startswith(f".{path.name}."))
     except OSError:
         return []
-    found = filter(None, map(name.fullmatch, there))
-    return [(path.with_name(m[0]), m[3]) for m in found if not _runs(int(m[1]), m[2])]
+    matches = filter(None, map(name.fullmatch, there))
+    return [(path.with_name(m[0]), m[3]) for m in matches if not _runs(int(m[1]), m[2])]
 
 
 def remove_leftovers(file: Path) -> None:
