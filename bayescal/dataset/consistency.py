@@ -41,29 +41,27 @@ def nominal(dataset: Dataset, readings: np.ndarray) -> np.ndarray:
     return points(chain_of(dataset.robot), link_angles(dataset.robot, readings), tool)
 
 
-def contacts(dataset: Dataset, target: int, p: np.ndarray, subset: np.ndarray) -> Contacts:
-    """The rows `subset` of one target, with ball centres p (N, 3), m, of all rows."""
-    seen = target_kinds.seen(dataset, target, subset, p[subset].mean(axis=0))
-    return Contacts(dataset.targets[target], p[subset], seen)
+def contacts(dataset: Dataset, target: int, p: np.ndarray, part: np.ndarray) -> Contacts:
+    """Some rows (M,) of one target, with ball centres p (N, 3), m, of all rows."""
+    seen = target_kinds.seen(dataset, target, part, p[part].mean(axis=0))
+    return Contacts(dataset.targets[target], p[part], seen)
 
 
-def seen(dataset: Dataset, p: np.ndarray, subset: np.ndarray) -> np.ndarray:
-    """Errors of an instrument's rows `subset` after the best rigid fit, m; 0 of too few rows."""
+def seen(dataset: Dataset, p: np.ndarray, part: np.ndarray) -> np.ndarray:
+    """Errors of some rows (M,) of an instrument after the best rigid fit, m; 0 where there are too few."""
     xyz = dataset.measurements.xyz
-    return (
-        np.zeros(len(subset)) if len(subset) < FEWEST or xyz is None else scatter(p[subset], xyz[subset], OFF)
-    )
+    return np.zeros(len(part)) if len(part) < FEWEST or xyz is None else scatter(p[part], xyz[part], OFF)
 
 
 def away(dataset: Dataset, readings: np.ndarray) -> np.ndarray:
     """Distance of every row from its target at nominal geometry, (N,) m."""
     p, out = nominal(dataset, readings), np.zeros(len(readings))
     for index, target in enumerate(dataset.targets):
-        subset = np.flatnonzero(dataset.measurements.target == index)
+        part = np.flatnonzero(dataset.measurements.target == index)
         if not KINDS[target.kind].placed:
-            out[subset] = seen(dataset, p, subset)
-        elif len(subset):
-            out[subset] = np.linalg.norm(residual(contacts(dataset, index, p, subset))[0], axis=1)
+            out[part] = seen(dataset, p, part)
+        elif len(part):
+            out[part] = np.linalg.norm(residual(contacts(dataset, index, p, part))[0], axis=1)
     return out
 
 
@@ -147,10 +145,10 @@ def check(dataset: Dataset, table: Table) -> None:
     flange = frames(chain_of(dataset.robot), link_angles(dataset.robot, rows.readings))[:, -1, :3, :3]
     read = np.flatnonzero(np.isfinite(rows.rpy).all(axis=1))
     for target, tool in np.unique(np.stack([rows.target[read], rows.tool[read]], axis=1), axis=0):
-        subset = read[(rows.target[read] == target) & (rows.tool[read] == tool)]
-        if len(subset) < FEWEST:
+        part = read[(rows.target[read] == target) & (rows.tool[read] == tool)]
+        if len(part) < FEWEST:
             continue
-        seen, turned = _from_row_to_row(rpy_matrix(rows.rpy[subset])), _from_row_to_row(flange[subset])
+        seen, turned = _from_row_to_row(rpy_matrix(rows.rpy[part])), _from_row_to_row(flange[part])
         off = float(np.median(np.abs(seen - turned)))
         if off > APART:
             what = (
@@ -158,7 +156,7 @@ def check(dataset: Dataset, table: Table) -> None:
                 f"{np.degrees(off):.0f} deg more or less than the arm"
             )
             raise table.error(
-                subset[0], what, "check rx_deg, ry_deg, rz_deg: degrees, R = Rz(rz) Ry(ry) Rx(rx)"
+                part[0], what, "check rx_deg, ry_deg, rz_deg: degrees, R = Rz(rz) Ry(ry) Rx(rx)"
             )
 
 

@@ -226,21 +226,21 @@ def problems(dataset: Dataset, table: Table, document: Document) -> Iterator[Bay
     p = nominal(dataset, rows.readings)
     limit = np.array([max(OFF, 5 * (t.u or 0.0)) for t in dataset.tools])[rows.tool]
     for index, target in enumerate(dataset.targets):
-        subset = np.flatnonzero(rows.target == index)
-        if not len(subset):
+        part = np.flatnonzero(rows.target == index)
+        if not len(part):
             continue
         if not KINDS[target.kind].placed:
-            away = seen(dataset, p, subset)
+            away = seen(dataset, p, part)
         else:
-            mine = contacts(dataset, index, p, subset)
+            mine = contacts(dataset, index, p, part)
             away = np.linalg.norm(residual(mine)[0], axis=1)
-            if (away <= limit[subset]).all():
+            if (away <= limit[part]).all():
                 continue
             if (misplaced := _misplaced(mine, away, document)) is not None:
                 yield misplaced
                 continue
             away = settled(mine)
-        if (impossible := _impossible(target, away, limit[subset], subset, table, document)) is not None:
+        if (impossible := _impossible(target, away, limit[part], part, table, document)) is not None:
             yield impossible
     for wrong in contradictions(dataset):
         if wrong.impossible:
@@ -311,12 +311,7 @@ def _misplaced(contacts: Contacts, away: np.ndarray, document: Document) -> Baye
 
 
 def _impossible(
-    target: Target,
-    away: np.ndarray,
-    limit: np.ndarray,
-    subset: np.ndarray,
-    table: Table,
-    document: Document,
+    target: Target, away: np.ndarray, limit: np.ndarray, part: np.ndarray, table: Table, document: Document
 ) -> BayescalError | None:
     """A row that disagrees with most of its target's rows, or a target on which none agree."""
     bad = away > limit
@@ -331,6 +326,4 @@ def _impossible(
     others = "point of the other readings" if which == "reading" else "surface fitted to the other contacts"
     what = f"impossible {which}: {1e3 * away[row]:.0f} mm from the {others} on `{target.name}`"
     more = f" ({bad.sum() - 1} more rows are as far off)" if bad.sum() > 1 else ""
-    return table.error(
-        subset[row], what + more, "check target, tool and joint readings, or leave the row out"
-    )
+    return table.error(part[row], what + more, "check target, tool and joint readings, or leave the row out")
