@@ -89,7 +89,7 @@ def compared(simulation: Simulation, fitted: Fit) -> Record:
     exact = told.matrix @ [truth[name] for name in parameters]
     v = fitted.final.validation
     return {
-        "seed": fitted.seed,
+        "seed": fitted.options.seed,
         "names": list(told.names),
         "z": (off / sd).tolist(),
         "independent_z": np.linalg.solve(np.linalg.cholesky(covariance), off).tolist(),

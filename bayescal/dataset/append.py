@@ -8,14 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from bayescal.dataset.join import EMPTY, NAMED, PAUSE
+from bayescal.dataset.join import EMPTY, NAMED, PAUSE, column
 from bayescal.dataset.types import Measurements
 
 
 def taken(m: Measurements, rows: np.ndarray) -> Measurements:
     """Some rows (R,) of a session, in the given order."""
     table = {f.name: getattr(m, f.name) for f in fields(Measurements)}
-    picked = {name: column[rows] for name, column in table.items() if name != "ids" and column is not None}
+    picked = {name: values[rows] for name, values in table.items() if name != "ids" and values is not None}
     return Measurements(**table | picked | {"ids": tuple(m.ids[k] for k in rows)})
 
 
@@ -41,13 +41,13 @@ def appended(
     if m.payload is None and "payload" in changed:
         table["payload"] = np.zeros(len(m.role))
     table["ids"] = (*m.ids, *ids)
-    for name, column in table.items():
-        if name == "ids" or column is None:
+    for name, values in table.items():
+        if name == "ids" or values is None:
             continue
-        more = column[source]
+        more = values[source]
         if name in changed:
             more = np.broadcast_to(changed[name], more.shape)
-        table[name] = np.concatenate([column, more])
+        table[name] = np.concatenate([values, more])
     table["role"][len(m.role) :] = "validate"
     return Measurements(**table)
 
@@ -72,8 +72,9 @@ def followed(m: Measurements, later: Measurements) -> tuple[Measurements, tuple[
             table[name] = (*old, *new)
         elif old is None and new is None:
             table[name] = None
-        elif name in NAMED or name in EMPTY:
-            table[name] = np.concatenate([_or_empty(m, old, new, name), _or_empty(later, new, old, name)])
+        elif name in EMPTY:
+            width = (new if old is None else old).shape[1:]
+            table[name] = np.concatenate([column(m, name, width), column(later, name, width)])
         elif old is None or new is None:
             table[name] = None
             lost.append(name)
@@ -87,16 +88,8 @@ def followed(m: Measurements, later: Measurements) -> tuple[Measurements, tuple[
     return Measurements(**table), tuple(lost)
 
 
-def _or_empty(m: Measurements, own: np.ndarray | None, other: np.ndarray | None, name: str) -> np.ndarray:
-    """A column, or its empty cells in the shape of those of the other rows."""
-    if own is not None:
-        return own
-    assert other is not None
-    return np.full((len(m.ids), *other.shape[1:]), "" if name in NAMED else EMPTY[name])
-
-
 def _relabelled(labels: np.ndarray, before: int) -> np.ndarray:
     """Labels (N,) of which those from a row on differ from those before it."""
-    known = set(labels[:before].tolist()) - {""}
-    later = [f"{label}.later" if label in known else label for label in labels[before:].tolist()]
-    return np.array([*labels[:before].tolist(), *later])
+    earlier, later = labels[:before].tolist(), labels[before:].tolist()
+    taken_names = set(earlier) - {""}
+    return np.array([*earlier, *(f"{label}.later" if label in taken_names else label for label in later)])

@@ -42,25 +42,23 @@ SYMMETRIC, NEGATIVE = 1e-6, 1e-6
 class PointEntry(Keys):
     """A point of the artefact: the centre of a ball or of a seat."""
 
-    mm: Vector = Field(description="Certified coordinates in the frame of the certificate, mm.")
-    u_mm: Uncertain | tuple[UncertainOrKnown, UncertainOrKnown, UncertainOrKnown] | None = Field(
-        default=None,
-        description="Standard uncertainty (k = 1) of each coordinate, one for all three or one for each.",
-    )
+    mm: Vector
+    """Certified coordinates in the frame of the certificate, mm."""
+    u_mm: Uncertain | tuple[UncertainOrKnown, UncertainOrKnown, UncertainOrKnown] | None = None
+    """Standard uncertainty (k = 1) of each coordinate, one for all three or one for each."""
 
 
 class ArtefactFile(Keys):
     """Certified coordinates of the points of an artefact, and their uncertainty."""
 
-    schema_: Literal["bayescal-artefact/1"] = Field(alias="schema", description="Version of the format.")
-    name: Name = Field(description="Name of the artefact.")
-    points: Annotated[dict[str, PointEntry], Field(min_length=2)] = Field(
-        description="Points by name: a target `ball.A@2` is the point `ball.A` at placement 2."
-    )
-    covariance_mm2: tuple[tuple[Number, ...], ...] | None = Field(
-        default=None,
-        description="Covariance of all coordinates (x, y, z of each point in order), instead of `u_mm`; mm2.",
-    )
+    schema_: Literal["bayescal-artefact/1"] = Field(alias="schema")
+    """Version of the format."""
+    name: Name
+    """Name of the artefact."""
+    points: Annotated[dict[str, PointEntry], Field(min_length=2)]
+    """Points by name: a target `ball.A@2` is the point `ball.A` at placement 2."""
+    covariance_mm2: tuple[tuple[Number, ...], ...] | None = None
+    """Covariance of all coordinates (x, y, z of each point in order), instead of `u_mm`; mm2."""
 
 
 def certificates_of(
@@ -101,7 +99,7 @@ def certificates_of(
         point, _, placement = target.name.partition("@")
         if point in file.points and KINDS[target.kind].form == "point" and KINDS[target.kind].placed:
             placed.setdefault(placement, []).append(target)
-    used = [t for own in placed.values() if len(own) > 1 for t in own]
+    used = [t for together in placed.values() if len(together) > 1 for t in together]
     if not used:
         what = f"no two targets of one placement are points of the artefact ({', '.join(names[:3])}, ...)"
         remedy = "name targets as the points, with `@` and the placement behind: `ball.A@1`"
@@ -116,11 +114,11 @@ def certificates_of(
     )
     whole = Certificate("points", tuple(t.name for t in used), points=points)
     derived = distances_of(whole)
-    known = {frozenset(c.targets) for c in stated if c.kind == "distance"}
+    certified = {frozenset(c.targets) for c in stated if c.kind == "distance"}
     for c in derived:
         where = document.where(("points", c.targets[1].partition("@")[0]))
         pair = " and ".join(f"`{name}`" for name in c.targets)
-        if frozenset(c.targets) in known:
+        if frozenset(c.targets) in certified:
             what = f"the distance of {pair} is certified by dataset.yaml too"
             raise BayescalError(what, where, "keep one: the same certificate would count twice")
         if not c.u_distance:
@@ -170,9 +168,9 @@ def artefact_text(points: Points) -> str:
     u = np.sqrt(np.diag(points.covariance)).reshape(-1, 3)
     plain = np.count_nonzero(np.array(points.covariance) - np.diag(u.ravel() ** 2)) == 0
     lines = [f"schema: {SCHEMA}", f"name: {scalar(points.artefact)}", "points:"]
-    for name, at, own in zip(points.names, points.coordinates, u.tolist(), strict=True):
-        stated = f", u_mm: {written(own, 1e3, 9)}" if plain else ""
-        lines.append(f"  {scalar(name)}: {{mm: {written(at, 1e3, 12)}{stated}}}")
+    for name, coordinates, sd in zip(points.names, points.coordinates, u.tolist(), strict=True):
+        stated = f", u_mm: {written(sd, 1e3, 9)}" if plain else ""
+        lines.append(f"  {scalar(name)}: {{mm: {written(coordinates, 1e3, 12)}{stated}}}")
     if not plain:
         lines += ["covariance_mm2:", *(f"  - {written(row, 1e6, 12)}" for row in points.covariance)]
     return "\n".join(lines) + "\n"
@@ -182,17 +180,17 @@ def distances_of(whole: Certificate) -> tuple[Certificate, ...]:
     """The certified distances within each placement that follow from coordinates."""
     points = whole.points
     assert points is not None
-    at, spread = np.array(points.coordinates), np.array(points.covariance)
+    coordinates, covariance = np.array(points.coordinates), np.array(points.covariance)
     out = []
     for a, b in combinations(range(len(whole.targets)), 2):
         if points.placements[a] != points.placements[b]:
             continue
         i, j = points.of[a], points.of[b]
-        apart = at[i] - at[j]
+        apart = coordinates[i] - coordinates[j]
         length = float(np.linalg.norm(apart))
-        by = np.zeros(len(spread))
-        by[3 * i : 3 * i + 3], by[3 * j : 3 * j + 3] = apart / length, -apart / length
-        u = float(np.sqrt(max(by @ spread @ by, 0.0)))
+        gradient = np.zeros(len(covariance))
+        gradient[3 * i : 3 * i + 3], gradient[3 * j : 3 * j + 3] = apart / length, -apart / length
+        u = float(np.sqrt(max(gradient @ covariance @ gradient, 0.0)))
         pair = (whole.targets[a], whole.targets[b])
         out.append(Certificate("distance", pair, distance=length, u_distance=u, derived=True))
     return tuple(out)

@@ -1,23 +1,16 @@
-"""Errors of rows at nominal geometry, the basis of the checks of a dataset.
+"""Checks of a session against nominal geometry: rows, certified lengths, orientations, planned rows, torques.
 
-Certified lengths that contradict the nominal places of their targets.
-
-Plausibility of orientations: between two rows they rotate as far as the arm does, in any frame.
-
-Contacts that were never made: readings at which the nominal arm touches the nominal target exactly.
-
-A plan has such readings; no measured contact has, because arm, targets and noise are off by micrometres at
-least. Some contacts come near by chance. If an error at nominal geometry has the scale s, about the median of
-its target, then abs(r) < t has the probability sqrt(2 / pi) t / s, and the k smallest of N errors are all
-below t with the binomial probability of k or more. Contacts are taken for planned ones where this is below
-`CHANCE` 2^-k. Only errors far below the noise are counted, so that repeats of a contact count as independent.
-
-Measured joint torques: present where they are asked for, and with the sign of the load.
+A plan has readings at which the nominal arm touches the nominal target exactly; no measured contact has,
+because arm, targets and noise are off by micrometres at least. Some contacts come near by chance. If an error
+at nominal geometry has the scale s, about the median of its target, then abs(r) < t has the probability
+sqrt(2 / pi) t / s, and the k smallest of N errors are all below t with the binomial probability of k or more.
+Contacts are taken for planned ones where this is below `CHANCE` 2^-k. Only errors far below the noise are
+counted, so that repeats of a contact count as independent.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cache
 
@@ -31,7 +24,7 @@ from bayescal.dataset import target_kinds
 from bayescal.dataset.contacts import Contacts, load_centre, load_mass, nominal_length, residual, scatter
 from bayescal.dataset.table import Table
 from bayescal.dataset.target_kinds import KINDS, LOOSE
-from bayescal.dataset.types import Dataset
+from bayescal.dataset.types import Dataset, Target
 from bayescal.errors import BayescalError
 from bayescal.storage.files import Document
 
@@ -39,7 +32,7 @@ OFF = 0.05
 """m: a contact this far from where the others of its target put the surface is impossible."""
 
 FEWEST = 4
-"""Instrument rows from which a rigid fit can judge any of them."""
+"""Rows of an instrument from which a rigid fit, or their turns from row to row, can judge any of them."""
 
 
 def nominal(dataset: Dataset, readings: np.ndarray) -> np.ndarray:
@@ -48,27 +41,27 @@ def nominal(dataset: Dataset, readings: np.ndarray) -> np.ndarray:
     return points(chain_of(dataset.robot), link_angles(dataset.robot, readings), tool)
 
 
-def contacts(dataset: Dataset, target: int, p: np.ndarray, at: np.ndarray) -> Contacts:
-    """The rows `at` of one target, with ball centres p (N, 3), m, of all rows."""
-    seen = target_kinds.seen(dataset, target, at, p[at].mean(axis=0))
-    return Contacts(dataset.targets[target], p[at], seen)
+def contacts(dataset: Dataset, target: int, p: np.ndarray, part: np.ndarray) -> Contacts:
+    """Some rows (M,) of one target, with ball centres p (N, 3), m, of all rows."""
+    seen = target_kinds.seen(dataset, target, part, p[part].mean(axis=0))
+    return Contacts(dataset.targets[target], p[part], seen)
 
 
-def seen(dataset: Dataset, p: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """Errors of an instrument's rows `at` after the best rigid fit, m; 0 where there are too few rows."""
+def seen(dataset: Dataset, p: np.ndarray, part: np.ndarray) -> np.ndarray:
+    """Errors of some rows (M,) of an instrument after the best rigid fit, m; 0 where there are too few."""
     xyz = dataset.measurements.xyz
-    return np.zeros(len(at)) if len(at) < FEWEST or xyz is None else scatter(p[at], xyz[at], OFF)
+    return np.zeros(len(part)) if len(part) < FEWEST or xyz is None else scatter(p[part], xyz[part], OFF)
 
 
 def away(dataset: Dataset, readings: np.ndarray) -> np.ndarray:
     """Distance of every row from its target at nominal geometry, (N,) m."""
     p, out = nominal(dataset, readings), np.zeros(len(readings))
     for index, target in enumerate(dataset.targets):
-        at = np.flatnonzero(dataset.measurements.target == index)
+        part = np.flatnonzero(dataset.measurements.target == index)
         if not KINDS[target.kind].placed:
-            out[at] = seen(dataset, p, at)
-        elif len(at):
-            out[at] = np.linalg.norm(residual(contacts(dataset, index, p, at))[0], axis=1)
+            out[part] = seen(dataset, p, part)
+        elif len(part):
+            out[part] = np.linalg.norm(residual(contacts(dataset, index, p, part))[0], axis=1)
     return out
 
 
@@ -100,23 +93,21 @@ def contradictions(dataset: Dataset) -> Iterator[Contradiction]:
     Places are believed within their standard uncertainty, or, where rows were taken on both targets, within
     three times the typical distance of these rows from them.
     """
-    by_name, off = {t.name: t for t in dataset.targets}, cache(lambda name: _off(dataset, name))
+    targets = {t.name: t for t in dataset.targets}
+    errors = cache(lambda: away(dataset, dataset.measurements.readings))
     for number, c in enumerate(dataset.certificates):
         if c.distance is None or len(c.targets) < 2:
             continue
-        there = nominal_length([by_name[name] for name in c.targets], c.kind)
+        pair = [targets[name] for name in c.targets]
+        there = nominal_length(pair, c.kind)
         if there is None or abs(c.distance - there) <= NEAR * c.distance:
             continue
-        known = [by_name[name].u for name in c.targets]
-        loose = max(LOOSE if u is None else 5 * u for u in known)
-        seen = [off(name) for name in c.targets]
-        rows = max(FINE, 3 * sum(seen))
-        if abs(c.distance - there) <= min(loose, rows):
+        loose = max(LOOSE if t.u is None else 5 * t.u for t in pair)
+        explained = max(FINE, 3 * sum(_typical_error(dataset, t, errors) for t in pair))
+        if abs(c.distance - there) <= min(loose, explained):
             continue
         like = next((unit for f, unit in RATIOS.items() if abs(c.distance * f - there) < NEAR * there), "")
-        back = next(
-            (unit for f, unit in RATIOS.items() if abs(c.distance - there * f) < NEAR * there * f), ""
-        )
+        back = next((u for f, u in RATIOS.items() if abs(c.distance - there * f) < NEAR * there * f), "")
         names = " and ".join(f"`{name}`" for name in c.targets)
         what = f"{names}: certified {1e3 * c.distance:.6g} mm, nominally {1e3 * there:.6g} mm apart"
         remedy = (
@@ -127,20 +118,17 @@ def contradictions(dataset: Dataset) -> Iterator[Contradiction]:
             else "check the certificate, the names and the nominal places"
         )
         place = ("artefact",) if c.derived else ("certificates", number)
-        yield Contradiction(place, what, remedy, abs(c.distance - there) > OFF + rows)
+        yield Contradiction(place, what, remedy, abs(c.distance - there) > OFF + explained)
 
 
-def _off(dataset: Dataset, name: str) -> float:
+def _typical_error(dataset: Dataset, target: Target, errors: Callable[[], np.ndarray]) -> float:
     """Median distance, m, of the rows of a target from its nominal place; infinite if few rows say it."""
-    index = next(k for k, t in enumerate(dataset.targets) if t.name == name)
-    at = np.flatnonzero(dataset.measurements.target == index)
-    if len(at) < FEWEST or not KINDS[dataset.targets[index].kind].placed:
-        return float("inf")
-    p = nominal(dataset, dataset.measurements.readings)
-    return float(np.median(np.linalg.norm(residual(contacts(dataset, index, p, at))[0], axis=1)))
+    index = [t.name for t in dataset.targets].index(target.name)
+    rows = np.flatnonzero(dataset.measurements.target == index)
+    judged = len(rows) >= FEWEST and KINDS[target.kind].placed
+    return float(np.median(errors()[rows])) if judged else float("inf")
 
 
-"""Rows of one tool on one instrument from which their turns can be judged."""
 APART = np.radians(5.0)
 """What arm and reading may typically differ by: no arm is nominally so wrong, and no instrument."""
 
@@ -157,17 +145,19 @@ def check(dataset: Dataset, table: Table) -> None:
     flange = frames(chain_of(dataset.robot), link_angles(dataset.robot, rows.readings))[:, -1, :3, :3]
     read = np.flatnonzero(np.isfinite(rows.rpy).all(axis=1))
     for target, tool in np.unique(np.stack([rows.target[read], rows.tool[read]], axis=1), axis=0):
-        at = read[(rows.target[read] == target) & (rows.tool[read] == tool)]
-        if len(at) < FEWEST:
+        part = read[(rows.target[read] == target) & (rows.tool[read] == tool)]
+        if len(part) < FEWEST:
             continue
-        seen, turned = _from_row_to_row(rpy_matrix(rows.rpy[at])), _from_row_to_row(flange[at])
+        seen, turned = _from_row_to_row(rpy_matrix(rows.rpy[part])), _from_row_to_row(flange[part])
         off = float(np.median(np.abs(seen - turned)))
         if off > APART:
             what = (
                 f"orientations that `{dataset.targets[target].name}` read turn from row to row by "
                 f"{np.degrees(off):.0f} deg more or less than the arm"
             )
-            raise table.error(at[0], what, "check rx_deg, ry_deg, rz_deg: degrees, R = Rz(rz) Ry(ry) Rx(rx)")
+            raise table.error(
+                part[0], what, "check rx_deg, ry_deg, rz_deg: degrees, R = Rz(rz) Ry(ry) Rx(rx)"
+            )
 
 
 def _from_row_to_row(turns: np.ndarray) -> np.ndarray:
@@ -227,8 +217,7 @@ def planned(dataset: Dataset) -> Planned | None:
         scale[rows] = np.maximum(np.median(r[rows]), noise[rows])
     rows = np.flatnonzero(np.isfinite(r))
     near = np.where(rows.size and r[rows] < SHARE * noise[rows], r[rows] / scale[rows], np.inf)
-    order = np.argsort(near, kind="stable")
-    order = order[: int(np.sum(np.isfinite(near)))]
+    order = np.argsort(near, kind="stable")[: int(np.sum(np.isfinite(near)))]
     if not len(order):
         return None
     count = np.arange(1, len(order) + 1)
@@ -237,8 +226,8 @@ def planned(dataset: Dataset) -> Planned | None:
     if np.min(weighed) >= CHANCE:
         return None
     k = int(np.flatnonzero(weighed == np.min(weighed))[-1])
-    own = np.sort(rows[order[: k + 1]])
-    return Planned(own, float(chance[k]), float(np.max(r[own])))
+    planned_rows = np.sort(rows[order[: k + 1]])
+    return Planned(planned_rows, float(chance[k]), float(np.max(r[planned_rows])))
 
 
 FELT = 1.0

@@ -149,7 +149,7 @@ def check(kind: str, length: float | None, pair: Sequence[Target], where: str) -
     BayescalError
         Where the pair has no meaning, is not nominally parallel or perpendicular as stated, or coincides.
     """
-    a, b = sorted(pair, key=lambda t: FORMS.index(KINDS[t.kind].form))
+    a, b = _sorted(pair)
     names, forms = f"`{a.name}` and `{b.name}`", ordered(forms_of(pair))
     if forms not in RELATIONS[kind]:
         what = f"a `{kind}` certificate cannot join {names}, a {a.kind} and a {b.kind}"
@@ -167,23 +167,23 @@ def check(kind: str, length: float | None, pair: Sequence[Target], where: str) -
             what = f"{names} are certified {said}, but their {whose} are nominally {angle:.0f} deg apart"
             raise BayescalError(what, where, "check the names and the directions of both")
     for relation in (r for r in relations if r in SHARE):
-        out = _apart(relation, first, second)
-        if length is not None and out <= SHARE[relation] * length:
-            what = f"{names} are certified {1e3 * length:.6g} mm apart, but nominally {1e3 * out:.6g} mm"
-            raise BayescalError(
-                what, where, "write their nominal places: these tell on which side one stands"
-            )
+        distance = _apart(relation, first, second)
+        if length is not None and distance <= SHARE[relation] * length:
+            what = f"{names} are certified {1e3 * length:.6g} mm apart, but nominally {1e3 * distance:.6g} mm"
+            remedy = "write their nominal places: these tell on which side one stands"
+            raise BayescalError(what, where, remedy)
 
 
 def nominal_length(pair: Sequence[Target], kind: str) -> float | None:
     """Distance, m, of two targets at their nominal places, which a certificate of a kind states; or None."""
-    a, b = sorted(pair, key=lambda t: FORMS.index(KINDS[t.kind].form))
+    first, second = map(_nominal, _sorted(pair))
     relations = RELATIONS[kind].get(ordered(forms_of(pair)), ())
-    first, second = _nominal(a), _nominal(b)
-    for relation in relations:
-        if relation in LENGTHS:
-            return abs(_apart(relation, first, second))
-    return None
+    return next((abs(_apart(r, first, second)) for r in relations if r in LENGTHS), None)
+
+
+def _sorted(pair: Sequence[Target]) -> list[Target]:
+    """Two targets in the order of their forms, in which relations take them."""
+    return sorted(pair, key=lambda t: FORMS.index(KINDS[t.kind].form))
 
 
 def joinable(kind: str) -> str:

@@ -13,7 +13,7 @@ Whether two sessions are of the same robot, with the same mounting and conventio
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import fields, replace
 from hashlib import sha256
 from typing import Any
@@ -22,14 +22,16 @@ import numpy as np
 
 from bayescal.arm.chain import Robot
 from bayescal.dataset.target_kinds import kinds_of
-from bayescal.dataset.types import Certificate, Dataset, Measurements, Noise, Record, Target, Tool
+from bayescal.dataset.types import Certificate, Dataset, Measurements, Noise, Record, Tool
 from bayescal.errors import BayescalError
 
 PAUSE = 3600.0
 """s between the clocks of two sessions, which is unknown (assumed)."""
 NAMED = ("stop", "repeat")
 """Columns of labels, called by their session."""
-EMPTY: Mapping[str, float] = {
+EMPTY: Mapping[str, float | str] = {
+    "stop": "",
+    "repeat": "",
     "velocity": 0.0,
     "payload": 0.0,
     "xyz": np.nan,
@@ -45,9 +47,8 @@ def called(session: Dataset, name: str) -> str:
     return f"{session.name}:{name}"
 
 
-def column(session: Dataset, name: str, width: tuple[int, ...] = ()) -> np.ndarray:
+def column(m: Measurements, name: str, width: tuple[int, ...] = ()) -> np.ndarray:
     """A copy of an optional column (N, *width), or what stands for a missing one."""
-    m = session.measurements
     given = getattr(m, name)
     return np.full((len(m.ids), *width), EMPTY[name]) if given is None else np.array(given)
 
@@ -68,27 +69,27 @@ def measurements(
 ) -> Measurements:
     """All rows, session after session."""
     before = np.cumsum([0, *(len(s.targets) for s in sessions[:-1])])
-    own = [s.measurements for s in sessions]
+    tables = [s.measurements for s in sessions]
     columns: dict[str, Any] = {
         "ids": tuple(called(s, name) for s in sessions for name in s.measurements.ids),
-        "target": np.concatenate([m.target + at for m, at in zip(own, before, strict=True)]),
-        "tool": np.concatenate([index[m.tool] for m, index in zip(own, tool_of, strict=True)]),
+        "target": np.concatenate([m.target + k for m, k in zip(tables, before, strict=True)]),
+        "tool": np.concatenate([index[m.tool] for m, index in zip(tables, tool_of, strict=True)]),
         "u": None if all(np.isnan(values).all() for values in u) else np.concatenate(list(u)),
-        "time": _clock(own),
+        "time": _clock(tables),
         "temperature": _temperature(sessions),
     }
     for field in fields(Measurements):
         name = field.name
         if name in columns:
             continue
-        given = [getattr(m, name) for m in own]
-        known = next((values for values in given if values is not None), None)
-        if known is None:
+        given = [getattr(m, name) for m in tables]
+        stated = next((values for values in given if values is not None), None)
+        if stated is None:
             columns[name] = None
         elif name in NAMED:
             columns[name] = np.concatenate([_labels(s, name) for s in sessions])
         elif name in EMPTY:
-            columns[name] = np.concatenate([column(s, name, known.shape[1:]) for s in sessions])
+            columns[name] = np.concatenate([column(m, name, stated.shape[1:]) for m in tables])
         else:  # a column that no value stands for counts only where every session has it
             columns[name] = None if any(values is None for values in given) else np.concatenate(given)
     return Measurements(**columns)
@@ -96,19 +97,17 @@ def measurements(
 
 def _labels(session: Dataset, name: str) -> np.ndarray:
     """Stops or repeats (N,), called by their session; "" where there are none."""
-    labels = getattr(session.measurements, name)
-    if labels is None:
-        return np.full(len(session.measurements.ids), "")
+    labels = column(session.measurements, name)
     return np.array([called(session, str(label)) if label else "" for label in labels])
 
 
-def _clock(own: Sequence[Measurements]) -> np.ndarray | None:
+def _clock(tables: Sequence[Measurements]) -> np.ndarray | None:
     """Times (N,), s: those of each session after those of the one before; of one without, one moment."""
-    if all(m.time is None for m in own):
+    if all(m.time is None for m in tables):
         return None
     out: list[np.ndarray] = []
     end = 0.0
-    for m in own:
+    for m in tables:
         time = np.zeros(len(m.ids)) if m.time is None else m.time
         out.append(time + (end + PAUSE - min(0.0, float(time.min())) if out else 0.0))
         end = float(out[-1].max())
@@ -117,13 +116,11 @@ def _clock(own: Sequence[Measurements]) -> np.ndarray | None:
 
 def _temperature(sessions: Sequence[Dataset]) -> np.ndarray | None:
     """Temperatures (N,), degC, of arm or air; a session without any stays at the mean of the others."""
-    known = {s.name: s.measurements.temperature for s in _telling(sessions)}
-    if not known:
+    recorded = {s.name: s.measurements.temperature for s in _telling(sessions)}
+    if not recorded:
         return None
-    mean = float(np.mean(np.concatenate([values for values in known.values() if values is not None])))
-    return np.concatenate(
-        [known.get(s.name, np.full(len(s.measurements.ids), mean)) for s in sessions],
-    )
+    mean = float(np.mean(np.concatenate([values for values in recorded.values() if values is not None])))
+    return np.concatenate([recorded.get(s.name, np.full(len(s.measurements.ids), mean)) for s in sessions])
 
 
 RELATIVE, ABSOLUTE = 1e-8, 1e-9
@@ -170,9 +167,9 @@ def arm_difference(one: Robot, other: Robot) -> str:
         elif here.shape != there.shape:
             return f"{len(there)} rows of {name}, not {len(here)}"
         elif not np.all(close := _close(here, there)):
-            at = tuple(int(k) for k in np.argwhere(~close)[0])
-            of = f" of {one.joint_names[at[0]]}" if len(here) == one.n else ""
-            return f"{name}{of} {there[at]:.9g}, not {here[at]:.9g} (SI)"
+            place = tuple(int(k) for k in np.argwhere(~close)[0])
+            of = f" of {one.joint_names[place[0]]}" if len(here) == one.n else ""
+            return f"{name}{of} {there[place]:.9g}, not {here[place]:.9g} (SI)"
     return ""
 
 
@@ -214,7 +211,11 @@ def joined(sessions: Sequence[Dataset], remounted: bool = False, own_noise: bool
     for other in sessions[1:]:
         check_alike(first, other)
     tools, tool_of = _tools(sessions, remounted)
-    targets = tuple(_target(t, s, own_noise) for s in sessions for t in s.targets)
+    targets = tuple(
+        replace(t, name=called(s, t.name), session=s.name, noise=s.name if own_noise else "")
+        for s in sessions
+        for t in s.targets
+    )
     noise, rows = _stated(sessions)
     return replace(
         first,
@@ -278,15 +279,6 @@ def _tools(sessions: Sequence[Dataset], remounted: bool) -> tuple[tuple[Tool, ..
     return tuple(out.values()), index
 
 
-def _target(target: Target, session: Dataset, own_noise: bool) -> Target:
-    return replace(
-        target,
-        name=called(session, target.name),
-        session=session.name,
-        noise=session.name if own_noise else "",
-    )
-
-
 def _fitted(session: Dataset) -> set[str]:
     """Names of the targets with rows to fit."""
     m = session.measurements
@@ -328,7 +320,7 @@ def _stated(sessions: Sequence[Dataset]) -> tuple[Noise, list[np.ndarray]]:
 
     Where the sessions state different noise, each one's rows carry what theirs states.
     """
-    rows = [column(s, "u") for s in sessions]
+    rows = [column(s.measurements, "u") for s in sessions]
     for key in ("contact", "point"):
         values = [getattr(s.noise, key) for s in sessions]
         if len({v for v in values if v is not None}) < 2:
@@ -336,15 +328,7 @@ def _stated(sessions: Sequence[Dataset]) -> tuple[Noise, list[np.ndarray]]:
         for s, u, value in zip(sessions, rows, values, strict=True):
             of_kind = np.array([kind.noise == key for kind in kinds_of(s)])[s.measurements.target]
             u[of_kind & np.isnan(u)] = np.nan if value is None else value
-    common = Noise(
-        _first(s.noise.contact for s in sessions),
-        _first(s.noise.point for s in sessions),
-        sessions[0].noise.joint,
-        _first(s.noise.orientation for s in sessions),
-    )
-    return common, rows
-
-
-def _first(values: Iterable[float | None]) -> float | None:
-    """The first value that there is."""
-    return next((value for value in values if value is not None), None)
+    stated: dict[str, float] = {}
+    for s in sessions:  # the first that states a value
+        stated = {key: value for key, value in vars(s.noise).items() if value is not None} | stated
+    return Noise(**stated), rows

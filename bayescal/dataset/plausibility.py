@@ -1,15 +1,9 @@
-"""Readings that explain the session only when they are taken for another unit's.
+"""Plausibility of a session at nominal geometry: units, joint columns, tools, limits and contacts.
 
-Degrees taken for radians are 57 times too large, metres taken for millimetres 1000 times too small:
-either way all rows are hundreds of millimetres off at nominal geometry, and none once the numbers are
-read as what they are. No arm is nominally wrong by that much, and no other error falls by that factor.
-
-Mistakes of joint columns and tools that explain a session: sign, zero, coupling, exchange, unit.
-
-As for units, all rows are far from their targets at nominal geometry, and near them after one change. No
-nominal arm has such an error, and no other change of one joint removes it.
-
-Plausibility: readings within the joint limits, contacts consistent with the nominal geometry.
+Degrees taken for radians are 57 times too large, metres taken for millimetres 1000 times too small: either
+way all rows are hundreds of millimetres off at nominal geometry, and none once the numbers are read as what
+they are. The same holds of a sign, a zero, a coupling or an exchange of joints. No arm is nominally wrong by
+that much, and no other change of one quantity removes such an error.
 """
 
 from __future__ import annotations
@@ -72,19 +66,23 @@ def suspicion(
     if len(rows.ids) < FEWEST:
         return None
     stated = away(dataset, rows.readings)
-    others = chain(_angles(dataset), _lengths(dataset))
-    found: list[tuple[float, Suspicion]] = []
-    for quantities, factor, concerned, other in others:
+    suspicions: list[tuple[float, Suspicion]] = []
+    for quantities, factor, concerned, other in chain(_angles(dataset), _lengths(dataset)):
         before = float(np.median(stated[concerned]))
         if before <= SUSPECT:
             continue
         other = settled(other)
-        after = float(np.median(away(other, other.measurements.readings)[concerned]))
+        after = _typical(other, concerned)
         if after < min(before / FALLS, FITS):
             p = nominal(other, other.measurements.readings)[concerned]
             moved = float(np.median(np.linalg.norm(p - np.median(p, axis=0), axis=1)))
-            found.append((after / max(moved, 1e-9), Suspicion(quantities, factor, before, after)))
-    return min(found, key=lambda f: f[0])[1] if found else None
+            suspicions.append((after / max(moved, 1e-9), Suspicion(quantities, factor, before, after)))
+    return min(suspicions, key=lambda each: each[0])[1] if suspicions else None
+
+
+def _typical(dataset: Dataset, rows: np.ndarray) -> float:
+    """Median, m, of how far some rows (N,) are off their nominal targets."""
+    return float(np.median(away(dataset, dataset.measurements.readings)[rows]))
 
 
 Other = tuple[tuple[str, ...], float, np.ndarray, Dataset]
@@ -128,15 +126,8 @@ LEFT = 0.05
 """m: what an arm in the right convention may leave, with loosely known targets."""
 
 
-@dataclass(frozen=True)
-class _Change:
-    """A session as it is after one change: in words, the column or tool that is changed, and the remedy."""
-
-    what: str
-    column: str
-    tool: str
-    remedy: str
-    dataset: Dataset
+Change = tuple[str, str | tuple[str, ...], str, np.ndarray, Dataset]
+"""In words, its column or its place in dataset.yaml, the remedy, the rows concerned (N,), and the session."""
 
 
 def explanation(dataset: Dataset, document: Document) -> BayescalError | None:
@@ -145,55 +136,49 @@ def explanation(dataset: Dataset, document: Document) -> BayescalError | None:
     if len(rows.ids) < FEWEST:
         return None
     stated = away(dataset, rows.readings)
-    found = []
-    for change, own in _changes(dataset):
-        before = float(np.median(stated[own]))
-        if before > SUSPECT:
-            after = float(np.median(away(change.dataset, change.dataset.measurements.readings)[own]))
-            if after < min(before / FALLS, LEFT):
-                found.append((after, before, change))
-    if not found:
+    explanations = []
+    for what, place, remedy, concerned, other in chain(_joint_changes(dataset), _tool_changes(dataset)):
+        before = float(np.median(stated[concerned]))
+        if before > SUSPECT and (after := _typical(other, concerned)) < min(before / FALLS, LEFT):
+            explanations.append((after, before, what, place, remedy))
+    if not explanations:
         return None
-    after, before, change = min(found, key=lambda each: each[0])
-    what = f"{change.what}: rows are {1e3 * before:.0f} mm off their targets, and then {1e3 * after:.2g} mm"
-    where = (
-        document.where(("tools", change.tool, "centre_mm")) if change.tool else f"{TABLE}: `{change.column}`"
-    )
-    return BayescalError(what, where, change.remedy)
+    after, before, what, place, remedy = min(explanations, key=lambda each: each[0])
+    what += f": rows are {1e3 * before:.0f} mm off their targets, and then {1e3 * after:.2g} mm"
+    where = f"{TABLE}: `{place}`" if isinstance(place, str) else document.where(place)
+    return BayescalError(what, where, remedy)
 
 
-def _changes(dataset: Dataset) -> Iterator[tuple[_Change, np.ndarray]]:
-    """Each change of a joint, of the coupling of joints 2 and 3, of two columns, of a tool; its rows (N,)."""
-    rows, n = dataset.measurements, dataset.robot.n
-    every, names = np.ones(len(rows.ids), bool), dataset.robot.joint_names
+def _joint_changes(dataset: Dataset) -> Iterator[Change]:
+    """Each change of a joint, of the coupling of joints 2 and 3, and of two columns."""
+    rows, q, n = dataset.measurements, dataset.measurements.readings, dataset.robot.n
+    every = np.ones(len(rows.ids), bool)
 
-    def read(what: str, joint: int, readings: np.ndarray, remedy: str = ROBOT) -> tuple[_Change, np.ndarray]:
+    def change(what: str, joints: list[int], values: np.ndarray, remedy: str = ROBOT) -> Change:
+        readings = q.copy()
+        readings[:, joints] = values
         other = replace(dataset, measurements=replace(rows, readings=readings))
-        return _Change(what, f"j{joint + 1}_deg", "", remedy, other), every
+        return what, f"j{joints[0] + 1}_deg", remedy, every, other
 
-    for k, name in enumerate(names):
-        readings = rows.readings.copy()
-        readings[:, k] *= -1
-        yield read(f"{name} has the opposite sign", k, readings)
+    for k, name in enumerate(dataset.robot.joint_names):
+        yield change(f"{name} has the opposite sign", [k], -q[:, [k]])
         for zero in ZEROS:
-            readings = rows.readings.copy()
-            readings[:, k] += np.radians(zero)
-            yield read(f"the zero of {name} differs by {zero:g} deg", k, readings)
+            yield change(f"the zero of {name} differs by {zero:g} deg", [k], q[:, [k]] + np.radians(zero))
     for sign in (1.0, -1.0) if n > 2 else ():
-        readings = rows.readings.copy()
-        readings[:, 2] += sign * readings[:, 1]
-        yield read("J3 is coupled to J2", 2, readings)
+        yield change("J3 is coupled to J2", [2], q[:, [2]] + sign * q[:, [1]])
     for a, b in combinations(range(n), 2):
-        readings = rows.readings.copy()
-        readings[:, [a, b]] = readings[:, [b, a]]
         what = f"the columns `j{a + 1}_deg` and `j{b + 1}_deg` are interchanged"
-        yield read(what, a, readings, "exchange their headings")
-    for tool, (factor, unit) in product(dataset.tools, TOOL_UNITS):
-        tools = tuple(replace(t, centre=t.centre * factor) if t is tool else t for t in dataset.tools)
-        own = rows.tool == [t.name for t in dataset.tools].index(tool.name)
-        if own.sum() >= FEWEST:
-            what = f"`centre_mm` of `{tool.name}` is in {unit}"
-            yield _Change(what, "", tool.name, "write it in mm", replace(dataset, tools=tools)), own
+        yield change(what, [a, b], q[:, [b, a]], "exchange their headings")
+
+
+def _tool_changes(dataset: Dataset) -> Iterator[Change]:
+    """Each tool in each other unit."""
+    for (index, tool), (factor, unit) in product(enumerate(dataset.tools), TOOL_UNITS):
+        concerned = dataset.measurements.tool == index
+        if concerned.sum() >= FEWEST:
+            tools = tuple(replace(t, centre=t.centre * factor) if t is tool else t for t in dataset.tools)
+            what, other = f"`centre_mm` of `{tool.name}` is in {unit}", replace(dataset, tools=tools)
+            yield what, ("tools", tool.name, "centre_mm"), "write it in mm", concerned, other
 
 
 BEYOND = np.deg2rad(10)
@@ -205,7 +190,7 @@ MANY = 0.3
 LEVER = 0.3
 """m: arm of an angle's uncertainty when a target's place is judged."""
 
-LIKE = "look like"
+LIKE, OTHER_UNIT = "look like", "another unit's"
 LOOKS_LIKE = (
     (180 / np.pi, "radians"),
     (np.pi / 180, "degrees converted twice"),
@@ -224,40 +209,39 @@ def check(dataset: Dataset, table: Table, document: Document) -> None:
     The uncertainty of a target's pose is that of its prior; the frame of an instrument is unknown.
     """
     for problem in problems(dataset, table, document):
-        known = LIKE in problem.what
-        raise problem if known else explanation(dataset, document) or problem
+        raise problem if LIKE in problem.what else explanation(dataset, document) or problem
 
 
 def problems(dataset: Dataset, table: Table, document: Document) -> Iterator[BayescalError]:
     """What `check` refuses, with places and remedies; what follows from a problem before is left out."""
     rows = dataset.measurements
-    found, many = _beyond_limits(dataset.robot, rows.readings, table)
-    if found is not None:
-        yield found
+    beyond, many = _beyond_limits(dataset.robot, rows.readings, table)
+    if beyond is not None:
+        yield beyond
     if many:
         return
-    if (found := _in_other_units(dataset, table)) is not None:
-        yield found
+    if (in_other_units := _in_other_units(dataset, table)) is not None:
+        yield in_other_units
         return
     p = nominal(dataset, rows.readings)
     limit = np.array([max(OFF, 5 * (t.u or 0.0)) for t in dataset.tools])[rows.tool]
     for index, target in enumerate(dataset.targets):
-        at = np.flatnonzero(rows.target == index)
-        if not len(at):
+        part = np.flatnonzero(rows.target == index)
+        if not len(part):
             continue
         if not KINDS[target.kind].placed:
-            away = seen(dataset, p, at)
+            away = seen(dataset, p, part)
         else:
-            mine = contacts(dataset, index, p, at)
+            mine = contacts(dataset, index, p, part)
             away = np.linalg.norm(residual(mine)[0], axis=1)
-            if (away <= limit[at]).all():
+            if (away <= limit[part]).all():
                 continue
-            if (found := _misplaced(mine, away, document)) is not None:
-                yield found
+            if (misplaced := _misplaced(mine, away, document)) is not None:
+                yield misplaced
                 continue
             away = settled(mine)
-        if (found := _impossible(target, away, limit[at], at, table, document)) is not None:
-            yield found
+        if (impossible := _impossible(target, away, limit[part], part, table, document)) is not None:
+            yield impossible
     for wrong in contradictions(dataset):
         if wrong.impossible:
             where = document.where(wrong.place)
@@ -289,15 +273,16 @@ def _beyond_limits(robot: Robot, readings: np.ndarray, table: Table) -> tuple[Ba
 
 def _in_other_units(dataset: Dataset, table: Table) -> BayescalError | None:
     """Readings that are consistent with the session only in another unit than the stated one."""
-    found = suspicion(dataset)
-    if found is None:
+    suspected = suspicion(dataset)
+    if suspected is None:
         return None
-    unit = "deg" if found.quantities[0].startswith("j") else "mm"
-    columns = [f"`{quantity}_{unit}`" for quantity in found.quantities]
+    unit = "deg" if suspected.quantities[0].startswith("j") else "mm"
+    columns = [f"`{quantity}_{unit}`" for quantity in suspected.quantities]
     every = len(columns) == dataset.robot.n
     noun = "the joint readings" if every else f"the values of {', '.join(columns)}"
-    like = next((word for factor, word in LOOKS_LIKE if np.isclose(factor, found.factor)), "another unit's")
-    what = f"{noun} {LIKE} {like}: a row is {1e3 * found.stated:.0f} mm off, and then {1e3 * found.other:.2g}"
+    units = (word for factor, word in LOOKS_LIKE if np.isclose(factor, suspected.factor))
+    what = f"{noun} {LIKE} {next(units, OTHER_UNIT)}: "
+    what += f"a row is {1e3 * suspected.stated:.0f} mm off, and then {1e3 * suspected.other:.2g}"
     return table.error(0, what, f"these columns hold {unit}: convert them")
 
 
@@ -326,20 +311,19 @@ def _misplaced(contacts: Contacts, away: np.ndarray, document: Document) -> Baye
 
 
 def _impossible(
-    target: Target, away: np.ndarray, limit: np.ndarray, at: np.ndarray, table: Table, document: Document
+    target: Target, away: np.ndarray, limit: np.ndarray, part: np.ndarray, table: Table, document: Document
 ) -> BayescalError | None:
     """A row that disagrees with most of its target's rows, or a target on which none agree."""
     bad = away > limit
     if not bad.any():
         return None
-    noun = "readings" if KINDS[target.kind].noise == "point" else "contacts"
+    which = "reading" if KINDS[target.kind].of_instrument else "contact"
     if bad.mean() > 0.5:
-        what = f"most {noun} of `{target.name}` disagree with the arm by {1e3 * np.median(away):.0f} mm"
+        what = f"most {which}s of `{target.name}` disagree with the arm by {1e3 * np.median(away):.0f} mm"
         remedy = "check the target, the tool and the units"
         return BayescalError(what, document.where(("targets", target.name)), remedy)
     row = int(np.argmax(away))
-    which = "reading" if KINDS[target.kind].noise == "point" else "contact"
     others = "point of the other readings" if which == "reading" else "surface fitted to the other contacts"
     what = f"impossible {which}: {1e3 * away[row]:.0f} mm from the {others} on `{target.name}`"
     more = f" ({bad.sum() - 1} more rows are as far off)" if bad.sum() > 1 else ""
-    return table.error(at[row], what + more, "check target, tool and joint readings, or leave the row out")
+    return table.error(part[row], what + more, "check target, tool and joint readings, or leave the row out")

@@ -32,12 +32,14 @@ def measurements_of(
     table.first(~np.isin(role, ROLES), "unknown role '{role}'", f"must be {', '.join(ROLES)}, or empty")
     target = _indices(table, "target", [t.name for t in targets])
     tool = _indices(table, "tool", [t.name for t in tools])
+    readings = table.block(joint_columns("deg", n), needed=True)
+    assert readings is not None  # its columns are in every header
     rows = Measurements(
         ids=table.cells["id"],
         role=role,
         target=target,
         tool=tool,
-        readings=_joints(table, "deg", n),
+        readings=readings,
         line=table.line,
         velocity=_velocity(table, n),
         xyz=table.block(XYZ, needed=False),
@@ -45,11 +47,11 @@ def measurements_of(
         length=table.optional("length_mm"),
         u=table.optional("u_mm"),
         stop=table.texts("stop"),
-        command=_joints(table, "command_deg", n),
-        torque=_joints(table, "nm", n),
+        command=table.block(joint_columns("command_deg", n), needed=True),
+        torque=table.block(joint_columns("nm", n), needed=True),
         time=table.optional("time_s", needed=True),
         temperature=table.optional("temperature_c", needed=True),
-        payload=_payload(table),
+        payload=None if (payload := table.optional("payload_kg")) is None else np.nan_to_num(payload),
         repeat=table.texts("repeat"),
     )
     _check_kinds(table, rows, tools, targets)
@@ -89,10 +91,6 @@ def _indices(table: Table, column: str, names: list[str]) -> np.ndarray:
     return out
 
 
-def _joints(table: Table, kind: str, n: int) -> np.ndarray:
-    return table.block(joint_columns(kind, n), needed=True)  # type: ignore[return-value]
-
-
 def _velocity(table: Table, n: int) -> np.ndarray | None:
     """Joint velocities; a row that states none was taken at rest."""
     columns = joint_columns("degps", n)
@@ -103,11 +101,6 @@ def _velocity(table: Table, n: int) -> np.ndarray | None:
     for i, column in enumerate(columns):
         table.first(missing[:, i] & ~missing.all(axis=1), f"`{column}` is empty", "give all joints', or none")
     return np.where(missing, 0.0, velocity)
-
-
-def _payload(table: Table) -> np.ndarray | None:
-    payload = table.optional("payload_kg")
-    return None if payload is None else np.nan_to_num(payload)
 
 
 def _check_kinds(
@@ -167,13 +160,15 @@ def _check_values(table: Table, rows: Measurements) -> None:
 
 def _check_noise(table: Table, rows: Measurements, targets: tuple[Target, ...], noise: Noise) -> None:
     """Every row knows its standard uncertainty: its own, or the stated one of its kind."""
-    instrument = np.array([KINDS[t.kind].noise == "point" for t in targets])[rows.target]
-    own = np.zeros(len(instrument), bool) if rows.u is None else np.isfinite(rows.u)
+    instrument = np.array([KINDS[t.kind].of_instrument for t in targets])[rows.target]
+    in_row = np.zeros(len(instrument), bool) if rows.u is None else np.isfinite(rows.u)
     stated_of = (("contact_mm", noise.contact, ~instrument), ("point_mm", noise.point, instrument))
     for key, stated, which in stated_of:
         if stated is None:
             what = f"no noise is stated for a row of `{{target}}`: `noise` has no `{key}`"
-            table.first(which & ~own, what, f"add `{key}` to `noise` in dataset.yaml, or `u_mm` to the row")
+            table.first(
+                which & ~in_row, what, f"add `{key}` to `noise` in dataset.yaml, or `u_mm` to the row"
+            )
 
 
 SETTINGS, TABLE = "dataset.yaml", "measurements.csv"
@@ -258,7 +253,7 @@ def read_settings(
     except BayescalError as error:
         raise BayescalError(error.what, error.where or document.where(("robot",)), error.remedy) from None
     gravity = session.gravity_of(document, file)
-    tools, noise = session.tools_of(file), Noise(**session.fields_of(file.noise))
+    tools = tuple(Tool(name, **session.fields_of(tool)) for name, tool in file.tools.items())
     targets = session.targets_of(document, file)
     certificates = session.certificates_of(document, file, targets)
     derived: tuple[Certificate, ...] = ()
@@ -274,7 +269,7 @@ def read_settings(
         readings=file.readings,
         gravity=gravity,
         tools=tools,
-        noise=noise,
+        noise=Noise(**session.fields_of(file.noise)),
         targets=targets,
         certificates=(*certificates, *derived),
         measurements=no_rows(arm.n),

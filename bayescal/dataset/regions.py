@@ -6,7 +6,7 @@ A declaration (`target_kinds.TargetKind`) combines these functions, or functions
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -39,8 +39,8 @@ class Region:
     """
 
     centre: np.ndarray
-    half: np.ndarray | None = None
-    up: np.ndarray | None = None
+    half: np.ndarray = field(default_factory=lambda: np.empty((0, 3)))
+    up: np.ndarray = field(default_factory=lambda: np.empty(0))
     widest: float = 0.0
 
 
@@ -137,7 +137,6 @@ def cap(target: Target, session: Session) -> Region:
 
 def on_face(target: Target, region: Region, radius: float, count: int, rng: np.random.Generator) -> Places:
     """All over a face."""
-    assert region.half is not None
     normals = np.tile(vector(target, "normal"), (count, 1))
     return region.centre + rng.uniform(-1, 1, (count, 2)) @ region.half + radius * normals, normals
 
@@ -150,8 +149,6 @@ def on_sphere(target: Target, region: Region, radius: float, count: int, rng: np
 
 def on_side(target: Target, region: Region, radius: float, count: int, rng: np.random.Generator) -> Places:
     """All over a cylinder, but on its underside."""
-    assert region.half is not None
-    assert region.up is not None
     normals = cross(np.tile(vector(target, "axis"), (count, 1)), rng.normal(size=(count, 3)))
     normals /= np.linalg.norm(normals, axis=1)[:, None]
     under = normals @ region.up < np.cos(DOWN)
@@ -162,7 +159,6 @@ def on_side(target: Target, region: Region, radius: float, count: int, rng: np.r
 
 def in_seat(target: Target, region: Region, radius: float, count: int, rng: np.random.Generator) -> Places:
     """The centre of a seat, which is left upwards."""
-    assert region.up is not None
     return np.tile(region.centre, (count, 1)), np.tile(region.up, (count, 1))
 
 
@@ -177,7 +173,6 @@ def about_pivot(
 
 
 def _in_cap(region: Region, count: int, rng: np.random.Generator) -> np.ndarray:
-    assert region.up is not None
     return cone(np.tile(region.up, (count, 1)), region.widest, rng)
 
 
@@ -188,13 +183,11 @@ def stemmed(centre: np.ndarray, diameter: float, up: np.ndarray) -> tuple[Shape,
 
 def sphere(target: Target, region: Region) -> tuple[Shape, ...]:
     """A sphere on its stem."""
-    assert region.up is not None
     return stemmed(region.centre, float(target.values["diameter"]), region.up)
 
 
 def wall(target: Target, region: Region) -> tuple[Shape, ...]:
     """A thin wall behind a face."""
-    assert region.half is not None
     normal, half = vector(target, "normal"), np.linalg.norm(region.half, axis=1)
     pose = np.eye(4)
     pose[:3, :3] = np.column_stack([*(region.half / half[:, None]), normal])
@@ -205,13 +198,11 @@ def wall(target: Target, region: Region) -> tuple[Shape, ...]:
 
 def pin(target: Target, region: Region) -> tuple[Shape, ...]:
     """A cylinder with round ends."""
-    assert region.half is not None
     radius, half = 0.5 * float(target.values["diameter"]), region.half[0]
     return (Capsule(FIXED, region.centre - half, region.centre + half, radius, target.name),)
 
 
 def post(target: Target, region: Region) -> tuple[Shape, ...]:
     """Below a seat, or the pivot of a ball bar."""
-    assert region.up is not None
     top = region.centre - (BELOW + POST) * region.up
     return (Capsule(FIXED, top, top - STEM * region.up, POST, target.name),)

@@ -29,152 +29,140 @@ SCHEMA = "bayescal-dataset/1"
 class ToolEntry(Keys):
     """A point carried by the flange: the centre of a stylus ball, or of a reflector."""
 
-    centre_mm: Vector = Field(description="Centre of the ball or reflector in the flange frame, nominal.")
-    ball_radius_mm: NotNegative | None = Field(
-        default=None,
-        description="Effective radius of the stylus ball, as calibrated; needed to touch surfaces.",
-    )
-    mass_kg: NotNegative = Field(
-        default=0.0,
-        description="Total mass attached to the flange while the tool is used; required for compliance.",
-    )
-    centre_of_mass_mm: Vector | None = Field(
-        default=None, description="Centre of that mass in the flange frame; default: the centre of the ball."
-    )
-    rpy_deg: Vector | None = Field(
-        default=None,
-        description="Roll, pitch, yaw of the tool frame in the flange frame: R = Rz(yaw) Ry(pitch) Rx(roll).",
-    )
-    u_mm: UncertainOrKnown | None = Field(
-        default=None,
-        description="Standard uncertainty of each coordinate of `centre_mm`; 0: known; default 5 mm.",
-    )
-    u_rad: UncertainOrKnown | None = Field(
-        default=None, description="Standard uncertainty of the orientation; 0: known; default 0.2 rad."
-    )
+    centre_mm: Vector
+    """Centre of the ball or reflector in the flange frame, nominal."""
+    ball_radius_mm: NotNegative | None = None
+    """Effective radius of the stylus ball, as calibrated; needed to touch surfaces."""
+    mass_kg: NotNegative = 0.0
+    """Total mass attached to the flange while the tool is used; required for compliance."""
+    centre_of_mass_mm: Vector | None = None
+    """Centre of that mass in the flange frame; default: the centre of the ball."""
+    rpy_deg: Vector | None = None
+    """Roll, pitch, yaw of the tool frame in the flange frame: R = Rz(yaw) Ry(pitch) Rx(roll)."""
+    u_mm: UncertainOrKnown | None = None
+    """Standard uncertainty of each coordinate of `centre_mm`; 0: known; default 5 mm."""
+    u_rad: UncertainOrKnown | None = None
+    """Standard uncertainty of the orientation; 0: known; default 0.2 rad."""
 
 
 class NoiseEntry(Keys):
     """Stated standard uncertainties (k = 1)."""
 
-    contact_mm: Uncertain | None = Field(
-        default=None,
-        description="Repeatability of a contact along the surface normal; required for contacts.",
-    )
-    point_mm: Uncertain | None = Field(
-        default=None,
-        description="Standard uncertainty of a coordinate read by an instrument; required for instruments.",
-    )
-    joint_deg: UncertainOrKnown = Field(default=0.0, description="Noise of a joint reading.")
-    orientation_deg: Uncertain | None = Field(
-        default=None,
-        description="Standard uncertainty of an orientation that an instrument reads, about each axis.",
-    )
+    contact_mm: Uncertain | None = None
+    """Repeatability of a contact along the surface normal; required for contacts."""
+    point_mm: Uncertain | None = None
+    """Standard uncertainty of a coordinate read by an instrument; required for instruments."""
+    joint_deg: UncertainOrKnown = 0.0
+    """Noise of a joint reading."""
+    orientation_deg: Uncertain | None = None
+    """Standard uncertainty of an orientation that an instrument reads, about each axis."""
 
 
 class Loose(Keys):
     """Keys of every target: how well its nominal place is known."""
 
-    u_mm: UncertainOrKnown | None = Field(
-        default=None, description="Standard uncertainty of the nominal position; 0: known; default 50 mm."
-    )
-    u_rad: UncertainOrKnown | None = Field(
-        default=None, description="Standard uncertainty of the nominal direction; 0: known; default 0.2 rad."
-    )
+    u_mm: UncertainOrKnown | None = None
+    """Standard uncertainty of the nominal position; 0: known; default 50 mm."""
+    u_rad: UncertainOrKnown | None = None
+    """Standard uncertainty of the nominal direction; 0: known; default 0.2 rad."""
 
 
 Pair = Annotated[list[str], Field(min_length=2, max_length=2)]
-FACES = Field(description="Names of two targets: planes or cylinders.")
-LENGTH = Field(description="Certified distance.")
-U_LENGTH = Field(description="Its standard uncertainty: U of the certificate divided by k.")
-U_ANGLE = Field(description="Standard uncertainty of the angle between them, from the certificate.")
 
 
 class Parallel(Keys):
     """Two faces or axes are parallel, at a certified distance."""
 
     kind: Literal["parallel"]
-    faces: Pair = FACES
-    distance_mm: Positive = LENGTH
-    u_distance_mm: Uncertain = U_LENGTH
-    u_angle_rad: Uncertain = U_ANGLE
+    faces: Pair
+    """Names of two targets: planes or cylinders."""
+    distance_mm: Positive
+    """Certified distance."""
+    u_distance_mm: Uncertain
+    """Its standard uncertainty: U of the certificate divided by k."""
+    u_angle_rad: Uncertain
+    """Standard uncertainty of the angle between them, from the certificate."""
 
 
 class Perpendicular(Keys):
     """Two faces or axes are perpendicular."""
 
     kind: Literal["perpendicular"]
-    faces: Pair = FACES
-    u_angle_rad: Uncertain = U_ANGLE
+    faces: Pair
+    """Names of two targets: planes or cylinders."""
+    u_angle_rad: Uncertain
+    """Standard uncertainty of the angle between them, from the certificate."""
 
 
 class Between(Keys):
     """Certified distance of a point from another, from a plane or an axis, or of two parallel axes."""
 
     kind: Literal["distance"]
-    between: Pair = Field(description="Names of two targets.")
-    distance_mm: Positive = LENGTH
-    u_distance_mm: Uncertain = U_LENGTH
+    between: Pair
+    """Names of two targets."""
+    distance_mm: Positive
+    """Certified distance."""
+    u_distance_mm: Uncertain
+    """Its standard uncertainty: U of the certificate divided by k."""
 
 
 class Diameter(Keys):
     """The diameter of a sphere or cylinder is certified: it is that of its entry."""
 
     kind: Literal["diameter"]
-    target: str = Field(description="Name of a sphere or cylinder.")
-    u_diameter_mm: Uncertain = Field(description="Standard uncertainty of its `diameter_mm`.")
+    target: str
+    """Name of a sphere or cylinder."""
+    u_diameter_mm: Uncertain
+    """Standard uncertainty of its `diameter_mm`."""
 
 
 class Flat(Keys):
     """The form error of a face is certified."""
 
     kind: Literal["flat"]
-    target: str = Field(description="Name of a plane.")
-    u_form_mm: Uncertain = Field(description="Standard deviation of the face from a plane.")
+    target: str
+    """Name of a plane."""
+    u_form_mm: Uncertain
+    """Standard deviation of the face from a plane."""
 
 
 class VolumeEntry(Keys):
     """A box with edges along the axes of F0."""
 
-    centre_mm: Vector = Field(description="Centre of the box in F0.")
-    size_mm: tuple[Positive, Positive, Positive] = Field(description="Lengths of its edges along x, y, z.")
+    centre_mm: Vector
+    """Centre of the box in F0."""
+    size_mm: tuple[Positive, Positive, Positive]
+    """Lengths of its edges along x, y, z."""
 
 
 class RegionEntry(Keys):
     """Where contacts may be: a rectangle of a face, or a length of a cylinder."""
 
-    centre_mm: Vector = Field(description="Centre of the region, on the surface or the axis, in F0.")
-    size_mm: Annotated[list[Positive], Field(min_length=1, max_length=2)] = Field(
-        description="[width, height] of a face, [length] of a cylinder."
-    )
-    along: Vector | None = Field(
-        default=None, description="Direction of the width of a face, a unit vector in F0."
-    )
+    centre_mm: Vector
+    """Centre of the region, on the surface or the axis, in F0."""
+    size_mm: Annotated[list[Positive], Field(min_length=1, max_length=2)]
+    """[width, height] of a face, [length] of a cylinder."""
+    along: Vector | None = None
+    """Direction of the width of a face, a unit vector in F0."""
 
 
 class PlanEntry(Keys):
     """What `bayescal plan` needs beyond the targets; no other command reads it."""
 
-    volume_of_interest: VolumeEntry | None = Field(
-        default=None, description="Volume in which distances must be accurate."
-    )
-    regions: dict[str, RegionEntry] = Field(
-        default={}, description="Where contacts may be, by the name of the target."
-    )
-    table_mm: Number | None = Field(default=None, description="Height of the table in F0, against gravity.")
-    payload_kg: tuple[Positive, ...] = Field(
-        default=(), description="Masses that can be attached in addition to the tool."
-    )
-    cone_deg: Annotated[float, Field(gt=0, le=90)] | None = Field(
-        default=None,
-        description="Greatest angle between the tool's z axis and the inward normal; default 60.",
-    )
-    clearance_mm: Positive | None = Field(
-        default=None, description="Smallest clearance of motions between contacts; default 5."
-    )
-    poses_deg: tuple[tuple[Number, ...], ...] = Field(
-        default=(), description="Joint readings of poses between which distances must be accurate."
-    )
+    volume_of_interest: VolumeEntry | None = None
+    """Volume in which distances must be accurate."""
+    regions: dict[str, RegionEntry] = Field(default={})
+    """Where contacts may be, by the name of the target."""
+    table_mm: Number | None = None
+    """Height of the table in F0, against gravity."""
+    payload_kg: tuple[Positive, ...] = ()
+    """Masses that can be attached in addition to the tool."""
+    cone_deg: Annotated[float, Field(gt=0, le=90)] | None = None
+    """Greatest angle between the tool's z axis and the inward normal; default 60."""
+    clearance_mm: Positive | None = None
+    """Smallest clearance of motions between contacts; default 5."""
+    poses_deg: tuple[tuple[Number, ...], ...] = ()
+    """Joint readings of poses between which distances must be accurate."""
 
 
 Label = Annotated[Name, Field(json_schema_extra={"type": ["string", "number"]})]
@@ -184,10 +172,14 @@ Label = Annotated[Name, Field(json_schema_extra={"type": ["string", "number"]})]
 class SerialsEntry(Keys):
     """Serial numbers."""
 
-    arm: Label | None = Field(default=None, description="Serial number of the robot arm.")
-    probe: Label | None = Field(default=None, description="Serial number of the probe.")
-    artefact: Label | None = Field(default=None, description="Serial number of the artefact.")
-    instrument: Label | None = Field(default=None, description="Serial number of the tracker or camera.")
+    arm: Label | None = None
+    """Serial number of the robot arm."""
+    probe: Label | None = None
+    """Serial number of the probe."""
+    artefact: Label | None = None
+    """Serial number of the artefact."""
+    instrument: Label | None = None
+    """Serial number of the tracker or camera."""
 
 
 Date = Annotated[
@@ -200,13 +192,16 @@ Date = Annotated[
 class RecordEntry(Keys):
     """What a report that is filed states of the session; no computation depends on it."""
 
-    date: Date | None = Field(default=None, description="Date of the measurement, as YYYY-MM-DD.")
-    operator: Name | None = Field(default=None, description="Who measured.")
-    serials: SerialsEntry = Field(default=SerialsEntry(), description="Serial numbers of what was used.")
-    certificates: tuple[Label, ...] = Field(
-        default=(), description="Numbers of the calibration certificates of artefacts and instruments."
-    )
-    temperature_degC: Number | None = Field(default=None, description="Temperature of the room.")
+    date: Date | None = None
+    """Date of the measurement, as YYYY-MM-DD."""
+    operator: Name | None = None
+    """Who measured."""
+    serials: SerialsEntry = SerialsEntry()
+    """Serial numbers of what was used."""
+    certificates: tuple[Label, ...] = ()
+    """Numbers of the calibration certificates of artefacts and instruments."""
+    temperature_degC: Number | None = None
+    """Temperature of the room."""
 
 
 def _date(text: str) -> str:
@@ -223,44 +218,37 @@ TARGETS = "What is touched or read, by name, at its nominal place in F0; the fit
 class DatasetFile(Keys):
     """The set-up of a measuring session: robot, tools, noise, targets and certificates."""
 
-    schema_: Literal["bayescal-dataset/1"] = Field(alias="schema", description="Version of the format.")
-    name: Name = Field(description="Name of the session, in reports.")
-    robot: Name = Field(description="Built-in robot, or a path beside this file: robot.yaml, arm.urdf.")
-    readings: Literal["encoder", "command"] = Field(
-        description="What the joint columns contain: readings of the encoders, or commanded angles."
-    )
-    gravity_mps2: Vector = Field(
-        default=(0.0, 0.0, -9.81), description="Gravity in F0, the base frame; [0, 0, 0]: not modelled."
-    )
-    tools: Annotated[dict[str, ToolEntry], Field(min_length=1)] = Field(
-        description="Points carried by the flange, by name; each row of measurements.csv uses one."
-    )
-    noise: NoiseEntry = Field(
-        default=NoiseEntry(), description="Standard uncertainties (k = 1) of contacts, points and readings."
-    )
+    schema_: Literal["bayescal-dataset/1"] = Field(alias="schema")
+    """Version of the format."""
+    name: Name
+    """Name of the session, in reports."""
+    robot: Name
+    """Built-in robot, or a path beside this file: robot.yaml, arm.urdf."""
+    readings: Literal["encoder", "command"]
+    """What the joint columns contain: readings of the encoders, or commanded angles."""
+    gravity_mps2: Vector = (0.0, 0.0, -9.81)
+    """Gravity in F0, the base frame; [0, 0, 0]: not modelled."""
+    tools: Annotated[dict[str, ToolEntry], Field(min_length=1)]
+    """Points carried by the flange, by name; each row of measurements.csv uses one."""
+    noise: NoiseEntry = NoiseEntry()
+    """Standard uncertainties (k = 1) of contacts, points and readings."""
     targets: Annotated[dict[str, Any], Field(min_length=1)] = Field(description=TARGETS)  # see `file_model`
-    certificates: tuple[AnyCertificate, ...] = Field(
-        default=(), description="Certified values of the artefacts; u_ is a standard uncertainty (k = 1)."
-    )
-    artefact: Name | None = Field(
-        default=None, description="File in this folder with certified coordinates of an artefact's points."
-    )
-    temperature_of: Literal["arm", "air", "artefact"] | None = Field(
-        default=None, description="What the column `temperature_c` is the temperature of."
-    )
-    torques: Literal["computed", "measured"] = Field(
-        default="computed", description="Joint torques: computed from the masses, or the columns `j1_nm` ..."
-    )
-    solids: dict[str, SolidEntry] = Field(
-        default={}, description="Own solids around the arm, by name: fixtures, tables, fences; for motions."
-    )
-    plan: PlanEntry | None = Field(
-        default=None, description="What `bayescal plan` needs; no other command reads it."
-    )
-    record: RecordEntry = Field(
-        default=RecordEntry(), description="What a filed report states: date, operator, serial numbers."
-    )
-    source: str | None = Field(default=None, description="Free text: origin, licence, notes.")
+    certificates: tuple[AnyCertificate, ...] = ()
+    """Certified values of the artefacts; u_ is a standard uncertainty (k = 1)."""
+    artefact: Name | None = None
+    """File in this folder with certified coordinates of an artefact's points."""
+    temperature_of: Literal["arm", "air", "artefact"] | None = None
+    """What the column `temperature_c` is the temperature of."""
+    torques: Literal["computed", "measured"] = "computed"
+    """Joint torques: computed from the masses, or the columns `j1_nm` ..."""
+    solids: dict[str, SolidEntry] = Field(default={})
+    """Own solids around the arm, by name: fixtures, tables, fences; for motions."""
+    plan: PlanEntry | None = None
+    """What `bayescal plan` needs; no other command reads it."""
+    record: RecordEntry = RecordEntry()
+    """What a filed report states: date, operator, serial numbers."""
+    source: str | None = None
+    """Free text: origin, licence, notes."""
 
 
 CERTIFICATES: dict[str, type[Keys]] = {
@@ -277,12 +265,9 @@ def entry_of(kind: TargetKind) -> type[Keys]:
     """The model of a target's entry: the keys of its kind, and those of every target."""
     fields: dict[str, Any] = {"kind": (Literal[kind.name], ...)}
     for key, value in kind.keys.items():
-        told = MEANING.get(key)
-        fields[key] = (
-            (value | None, Field(default=None, description=told))
-            if key in kind.optional
-            else (value, Field(description=told))
-        )
+        optional = key in kind.optional
+        described = Field(None if optional else ..., description=MEANING.get(key))
+        fields[key] = (value | None if optional else value, described)
     return create_model(kind.name, __base__=Loose, __doc__=kind.summary, **fields)
 
 

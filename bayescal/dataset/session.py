@@ -8,21 +8,15 @@ import numpy as np
 
 from bayescal.dataset import contacts
 from bayescal.dataset.target_kinds import KINDS
-from bayescal.dataset.types import Box, Certificate, Patch, PlanSettings, Record, Target, Tool
+from bayescal.dataset.types import Box, Certificate, Patch, PlanSettings, Record, Target
 from bayescal.errors import BayescalError
-from bayescal.storage.files import Document, Keys, si, stem_of, unknown
+from bayescal.storage.files import Document, Keys, in_si, si, stem_of, unknown
 
 if TYPE_CHECKING:
     from bayescal.dataset import schema
 
-NAMES = {
-    "parallel": "faces",
-    "perpendicular": "faces",
-    "distance": "between",
-    "diameter": "target",
-    "flat": "target",
-}
-"""Of each kind of certificate: the key that names its targets."""
+NAMING = ("faces", "between", "target")
+"""Keys of certificates that name targets; each kind has one of them."""
 
 FIELDS = {"u_diameter_mm": "u_distance", "u_rad": "u_angle"}
 """Keys that fill a field of another name than their own without its unit."""
@@ -35,21 +29,9 @@ def field_of(key: str) -> str:
     return FIELDS.get(key) or stem_of(key)[0]
 
 
-def in_si(key: str, value: Any) -> Any:
-    """A value of a key in SI: a number, an array of a list; None of none."""
-    if value is None:
-        return None
-    return value * si(key) if isinstance(value, float) else np.array(value) * si(key)
-
-
 def fields_of(entry: Keys) -> dict[str, Any]:
     """Values of an entry in SI, by the fields that they fill."""
     return {field_of(key): in_si(key, value) for key, value in entry}
-
-
-def tools_of(file: schema.DatasetFile) -> tuple[Tool, ...]:
-    """The tools, in the file's order."""
-    return tuple(Tool(name, **fields_of(tool)) for name, tool in file.tools.items())
 
 
 def targets_of(document: Document, file: schema.DatasetFile) -> tuple[Target, ...]:
@@ -57,15 +39,11 @@ def targets_of(document: Document, file: schema.DatasetFile) -> tuple[Target, ..
     targets = []
     for name, entry in file.targets.items():
         values: dict[str, np.ndarray | float] = {}
-        for key in type(entry).model_fields:
-            if key in ("kind", "u_mm", "u_rad"):
-                continue
-            given = getattr(entry, key)
-            value = np.nan if given is None else given
+        for key in KINDS[entry.kind].keys:
+            value = in_si(key, getattr(entry, key))
             if key == KINDS[entry.kind].direction:
-                value = _direction(document, ("targets", name), key, np.array(value))
-            scaled = np.array(value, float) * si(key)
-            values[stem_of(key)[0]] = scaled if scaled.ndim else float(scaled)
+                value = _direction(document, ("targets", name), key, value)
+            values[stem_of(key)[0]] = np.nan if value is None else value
         targets.append(Target(name, entry.kind, values, in_si("u_mm", entry.u_mm), entry.u_rad))
     return tuple(targets)
 
@@ -79,7 +57,7 @@ def certificates_of(
     seen: dict[tuple[str, frozenset[str]], int] = {}
     for i, entry in enumerate(file.certificates):
         where = document.where(("certificates", i))
-        named = getattr(entry, NAMES[entry.kind])
+        named = next(value for key, value in entry if key in NAMING)
         names = (named,) if isinstance(named, str) else tuple(named)
         for name in names:
             if name not in by_name:
@@ -137,13 +115,14 @@ def plan_of(
         where = document.where(("plan", "poses_deg"))
         raise BayescalError("a single pose has no distance", where, "give two poses or more")
     volume = stated.volume_of_interest
-    limits = ("table_mm", "cone_deg", "clearance_mm")
     return PlanSettings(
         volume=None if volume is None else Box(**fields_of(volume)),
         regions=regions,
+        table=in_si("table_mm", stated.table_mm),
         payloads=stated.payload_kg,
+        cone=in_si("cone_deg", stated.cone_deg),
+        clearance=in_si("clearance_mm", stated.clearance_mm),
         poses=tuple(tuple(x * si("poses_deg") for x in pose) for pose in stated.poses_deg),
-        **{field_of(key): in_si(key, getattr(stated, key)) for key in limits},
     )
 
 

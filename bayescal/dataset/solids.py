@@ -19,44 +19,50 @@ from bayescal.storage.reading import check_inside
 LARGEST = 20_000_000
 """Bytes of a mesh file."""
 FLAT = 1e-6  # m: points of a mesh that are nearer to a common plane have no hull
-CENTRE = Field(description="Its centre in F0.")
-TURN = Field(
-    default=(0.0, 0.0, 0.0), description="Its roll, pitch, yaw in F0: R = Rz(yaw) Ry(pitch) Rx(roll)."
-)
-PLACEMENT = Field(
-    default="", description="Placement of the artefact with which it is there; always if not given."
-)
 
 
 class BoxEntry(Keys):
     """A box."""
 
     kind: Literal["box"]
-    centre_mm: Vector = CENTRE
-    size_mm: tuple[Positive, Positive, Positive] = Field(description="Lengths of its edges along x, y, z.")
-    rpy_deg: Vector = TURN
-    placement: str = PLACEMENT
+    centre_mm: Vector
+    """Its centre in F0."""
+    size_mm: tuple[Positive, Positive, Positive]
+    """Lengths of its edges along x, y, z."""
+    rpy_deg: Vector = (0.0, 0.0, 0.0)
+    """Its roll, pitch, yaw in F0: R = Rz(yaw) Ry(pitch) Rx(roll)."""
+    placement: str = ""
+    """Placement of the artefact with which it is there; always if not given."""
 
 
 class CylinderEntry(Keys):
     """A cylinder about its z axis."""
 
     kind: Literal["cylinder"]
-    centre_mm: Vector = CENTRE
-    diameter_mm: Positive = Field(description="Its diameter.")
-    length_mm: Positive = Field(description="Its length.")
-    rpy_deg: Vector = TURN
-    placement: str = PLACEMENT
+    centre_mm: Vector
+    """Its centre in F0."""
+    diameter_mm: Positive
+    """Its diameter."""
+    length_mm: Positive
+    """Its length."""
+    rpy_deg: Vector = (0.0, 0.0, 0.0)
+    """Its roll, pitch, yaw in F0: R = Rz(yaw) Ry(pitch) Rx(roll)."""
+    placement: str = ""
+    """Placement of the artefact with which it is there; always if not given."""
 
 
 class MeshEntry(Keys):
     """The convex hull of a mesh."""
 
     kind: Literal["mesh"]
-    file: Name = Field(description="STL or OBJ file in the dataset folder, in mm.")
-    xyz_mm: Vector = Field(default=(0.0, 0.0, 0.0), description="Origin of the file's coordinates in F0.")
-    rpy_deg: Vector = TURN
-    placement: str = PLACEMENT
+    file: Name
+    """STL or OBJ file in the dataset folder, in mm."""
+    xyz_mm: Vector = (0.0, 0.0, 0.0)
+    """Origin of the file's coordinates in F0."""
+    rpy_deg: Vector = (0.0, 0.0, 0.0)
+    """Its roll, pitch, yaw in F0: R = Rz(yaw) Ry(pitch) Rx(roll)."""
+    placement: str = ""
+    """Placement of the artefact with which it is there; always if not given."""
 
 
 SolidEntry = Annotated[BoxEntry | CylinderEntry | MeshEntry, Field(discriminator="kind")]
@@ -90,21 +96,19 @@ def solids_of(
         If a mesh is missing, outside the folder, or no mesh, or no target has the placement of a solid.
     """
     out = []
-    known = {name.partition("@")[2] for name in targets} | {""}
+    placements = {name.partition("@")[2] for name in targets} | {""}
     for name, entry in stated.items():
-        if entry.placement not in known:
+        if entry.placement not in placements:
             where = document.where(("solids", name, "placement"))
-            some = ", ".join(sorted(known - {""})) or "none"
+            some = ", ".join(sorted(placements - {""})) or "none"
             raise BayescalError(f"no target has the placement `{entry.placement}`", where, f"known: {some}")
         turn = rpy_matrix(np.radians(entry.rpy_deg))
         if isinstance(entry, MeshEntry):
             where = document.where(("solids", name, "file"))
             points = mesh_points(folder / entry.file, folder, where)
-            file = (
-                (folder / entry.file).resolve().relative_to(folder.resolve()).with_suffix(".stl").as_posix()
-            )
+            file = (folder / entry.file).resolve().relative_to(folder.resolve()).with_suffix(".stl")
             pose = rigid(turn, 1e-3 * np.array(entry.xyz_mm))
-            out.append(OwnSolid(name, "mesh", pose, points=points, placement=entry.placement, file=file))
+            out.append(OwnSolid(name, "mesh", pose, np.empty(0), points, entry.placement, file.as_posix()))
             continue
         size = entry.size_mm if isinstance(entry, BoxEntry) else (entry.diameter_mm, entry.length_mm)
         pose = rigid(turn, 1e-3 * np.array(entry.centre_mm))
@@ -118,9 +122,8 @@ def mesh_points(path: Path, folder: Path, where: str) -> np.ndarray:
     if not path.is_file():
         raise BayescalError(f"there is no file {path.name}", where, "put the mesh into the dataset folder")
     if path.stat().st_size > LARGEST:
-        raise BayescalError(
-            f"{path.name} is too large", where, f"give a mesh of at most {LARGEST // 10**6} MB"
-        )
+        remedy = f"give a mesh of at most {LARGEST // 10**6} MB"
+        raise BayescalError(f"{path.name} is too large", where, remedy)
     content = path.read_bytes()
     count = int.from_bytes(content[80:84], "little")
     if len(content) == 84 + 50 * count and count:
@@ -154,7 +157,7 @@ def hull_stl(points: np.ndarray) -> bytes:
     return bytes(80) + len(rows).to_bytes(4, "little") + rows.tobytes()
 
 
-def solid_keys(solid: OwnSolid) -> Iterator[tuple[str, np.ndarray | str]]:
+def solid_values(solid: OwnSolid) -> Iterator[tuple[str, np.ndarray | str]]:
     """Keys of a solid in dataset.yaml with their values in SI."""
     yield "kind", solid.kind
     if solid.kind == "mesh":

@@ -85,14 +85,9 @@ class Table:
         empty = np.array([not c for c in cells])
         if needed:
             self.first(empty, f"`{column}` is empty", "fill the cell in")
-        try:
-            if any("_" in c for c in cells):  # float() reads 1_000
-                raise ValueError
-            values = np.array([float(c) if c else np.nan for c in cells])
-        except ValueError:
-            values = np.array([np.nan if _is_number(c) or not c else 0.0 for c in cells])
-            wrong = np.array([bool(c) and not _is_number(c) for c in cells])
-            self.first(wrong, f"`{column}` is not a number: '{{{column}}}'", "write a plain number")
+        wrong = np.array([bool(c) and not _is_number(c) for c in cells])
+        self.first(wrong, f"`{column}` is not a number: '{{{column}}}'", "write a plain number")
+        values = np.array([float(c) if c else np.nan for c in cells])
         bad = ~np.isfinite(values) & ~empty
         self.first(
             bad, f"`{column}` is {{{column}}}, not a finite number", "correct the cell or remove the row"
@@ -125,11 +120,7 @@ def read_table(path: Path, n: int) -> Table:
 
     The clearance of a plan, which may be there, is not read.
     """
-
-    def check(header: list[str], where: str) -> None:
-        _check_header([name for name in header if name != CLEARANCE], where, n)
-
-    return read_cells(path, check)
+    return read_cells(path, lambda header, where: _check_header(header, where, n))
 
 
 def read_cells(path: Path, check_header: Callable[[list[str], str], None]) -> Table:
@@ -175,7 +166,7 @@ def _is_number(cell: str) -> bool:
         float(cell)
     except ValueError:
         return False
-    return "_" not in cell
+    return "_" not in cell  # float() reads 1_000
 
 
 def check_names(header: list[str], where: str) -> None:
@@ -209,15 +200,16 @@ def csv_text(header: Iterable[str], rows: Iterable[Iterable[object]], newline: s
 
 def _check_header(header: list[str], where: str, n: int) -> None:
     """Refuse unknown, doubled and missing columns."""
+    header = [name for name in header if name != CLEARANCE]
     check_names(header, where)
-    known = [*PLAIN, *(c for kind in JOINT for c in joint_columns(kind, n))]
+    columns = [*PLAIN, *(c for kind in JOINT for c in joint_columns(kind, n))]
     for column in header:
         joint = re.fullmatch(rf"j(\d+)_({'|'.join(JOINT)})", column)
         if joint and int(joint[1]) > n:
             what = f"column `{column}`, but the robot has {n} joints"
             raise BayescalError(what, where, "check `robot` in dataset.yaml")
-        if column not in known:
-            what, remedy = unknown("column", column, known)
+        if column not in columns:
+            what, remedy = unknown("column", column, columns)
             raise BayescalError(what, where, remedy)
     for column in ("id", "target", *joint_columns("deg", n)):
         if column not in header:

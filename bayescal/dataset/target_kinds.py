@@ -191,10 +191,6 @@ def _cylinder(t: Target, seen: Seen) -> Cylinder:
     return Cylinder(point, axis, float(t.values["diameter"]), seen.radius, sd)
 
 
-def _fixed_point(t: Target, seen: Seen) -> FixedPoint:
-    return FixedPoint(vector(t, "centre"), np.full(3, place_sd(t)))
-
-
 def _distance(t: Target, seen: Seen) -> Distance:
     length = np.full(len(seen.radius), t.values.get("length", np.nan), float)
     if seen.read is not None:
@@ -258,7 +254,7 @@ KINDS: dict[str, TargetKind] = {
             "fixed-point",
             "a nest that locates the ball centre repeatably",
             {"centre_mm": Vector},
-            _fixed_point,
+            lambda t, seen: FixedPoint(vector(t, "centre"), np.full(3, place_sd(t))),
             form="point",
             place=_centre,
             centred=True,

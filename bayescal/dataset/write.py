@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 from collections.abc import Iterable, Iterator
+from operator import eq
 from pathlib import Path
 
 import numpy as np
@@ -21,9 +20,9 @@ from bayescal.dataset.schema import (
     ToolEntry,
     VolumeEntry,
 )
-from bayescal.dataset.session import NAMES, field_of
-from bayescal.dataset.solids import OwnSolid, hull_stl, solid_keys
-from bayescal.dataset.table import JOINT, RPY, SINGLES, XYZ, joint_columns
+from bayescal.dataset.session import NAMING, field_of
+from bayescal.dataset.solids import hull_stl, solid_values
+from bayescal.dataset.table import JOINT, RPY, SINGLES, XYZ, csv_text, joint_columns
 from bayescal.dataset.target_kinds import KINDS
 from bayescal.dataset.types import Certificate, Dataset, PlanSettings, Record, Target, Tool
 from bayescal.errors import BayescalError
@@ -70,19 +69,20 @@ def write_dataset(dataset: Dataset, folder: Path | str) -> None:
 def write_files(dataset: Dataset, folder: Path) -> None:
     """Write the files of a dataset into a folder that is there, as `write_dataset` does."""
     write_setup(dataset, folder)
-    _write(folder / TABLE, table_text(dataset))
+    (folder / TABLE).write_text(table_text(dataset), encoding="utf-8", newline="")
 
 
 def write_setup(dataset: Dataset, folder: Path) -> tuple[str, ...]:
     """Write dataset.yaml and, unless it is a built-in one, robot.yaml into a folder; return their names."""
-    builtin = _is_builtin(dataset)
-    files = {SETTINGS: _settings(dataset, dataset.robot_reference if builtin else ROBOT)}
+    reference, robot = dataset.robot_reference, robot_to_yaml(dataset.robot)
+    builtin = reference in builtin_robots() and robot_to_yaml(load_robot(reference)[0]) == robot
+    files = {SETTINGS: _settings(dataset, reference if builtin else ROBOT)}
     if not builtin:
-        files[ROBOT] = robot_to_yaml(dataset.robot)
+        files[ROBOT] = robot
     for points in (c.points for c in dataset.certificates if c.points is not None):
         files[ARTEFACT] = artefact_text(points)
     for name, text in files.items():
-        _write(folder / name, text)
+        (folder / name).write_text(text, encoding="utf-8", newline="")
     meshes = {s.file: s.points for s in dataset.solids if s.file}
     for name, corners in meshes.items():
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
@@ -90,18 +90,10 @@ def write_setup(dataset: Dataset, folder: Path) -> tuple[str, ...]:
     return (*files, *meshes)
 
 
-def _write(path: Path, text: str) -> None:
-    path.write_text(text, encoding="utf-8", newline="")
-
-
-def _is_builtin(dataset: Dataset) -> bool:
-    if dataset.robot_reference not in builtin_robots():
-        return False
-    return robot_to_yaml(load_robot(dataset.robot_reference)[0]) == robot_to_yaml(dataset.robot)
-
-
-def _text(key: str, value: np.ndarray | float) -> str:
-    """A value in SI as `key` writes it: a number or a list, in the key's unit, rounded."""
+def _text(key: str, value: np.ndarray | float | str) -> str:
+    """A value in SI as `key` writes it: a number or a list, in the key's unit, rounded; or a text."""
+    if isinstance(value, str):
+        return scalar(value)
     stem, unit = stem_of(key)
     values = np.atleast_1d(value) / si(key)
     if stem == "u" or stem.startswith("u_"):
@@ -126,10 +118,12 @@ def flow(items: Keys) -> str:
 
 def _keys(model: type[Model], of: object) -> Keys:
     """The keys of an entry whose fields have a value."""
-    for key in model.model_fields:
-        value = getattr(of, field_of(key))
-        if value is not None:
-            yield key, _text(key, value)
+    return _keys_of((key, getattr(of, field_of(key))) for key in model.model_fields)
+
+
+def _keys_of(values: Iterable[tuple[str, np.ndarray | float | str | None]]) -> Keys:
+    """Keys with a value in SI, and its text."""
+    return ((key, _text(key, value)) for key, value in values if value is not None)
 
 
 def tool_keys(tool: Tool) -> Keys:
@@ -140,21 +134,20 @@ def tool_keys(tool: Tool) -> Keys:
 def target_keys(target: Target) -> Keys:
     """The entry of a target."""
     yield "kind", target.kind
-    own = {"u_mm": target.u, "u_rad": target.u_angle}
-    for key in (*KINDS[target.kind].keys, *own):
-        value = own[key] if key in own else target.values[stem_of(key)[0]]
-        if value is not None and not np.isnan(value).any():
-            yield key, _text(key, value)
+    values: dict[str, np.ndarray | float | None] = {}
+    values |= {key: target.values[stem_of(key)[0]] for key in KINDS[target.kind].keys}
+    values |= {"u_mm": target.u, "u_rad": target.u_angle}
+    yield from _keys_of((k, v) for k, v in values.items() if v is not None and not np.isnan(v).any())
 
 
 def certificate_keys(certificate: Certificate) -> Keys:
     """The entry of a certificate."""
     yield "kind", certificate.kind
-    key = NAMES[certificate.kind]
     names = ", ".join(map(scalar, certificate.targets))
-    yield key, names if key == "target" else f"[{names}]"
     for key in CERTIFICATES[certificate.kind].model_fields:
-        if stem_of(key)[1]:
+        if key in NAMING:
+            yield key, names if key == "target" else f"[{names}]"
+        elif stem_of(key)[1]:
             yield key, _text(key, getattr(certificate, field_of(key)))
 
 
@@ -167,15 +160,13 @@ def plan_lines(plan: PlanSettings) -> Iterator[str]:
         yield "  regions:"
     for name, patch in plan.regions.items():
         yield f"    {scalar(name)}: {flow(_keys(RegionEntry, patch))}"
-    singles = {
+    values = {
         "table_mm": plan.table,
         "payload_kg": np.array(plan.payloads) if plan.payloads else None,
         "cone_deg": plan.cone,
         "clearance_mm": plan.clearance,
     }
-    for key, value in singles.items():
-        if value is not None:
-            yield f"  {key}: {_text(key, value)}"
+    yield from (f"  {key}: {text}" for key, text in _keys_of(values.items()))
     if plan.poses:
         poses = (_text("poses_deg", np.array(pose)) for pose in plan.poses)
         yield f"  poses_deg: [{', '.join(poses)}]"
@@ -197,20 +188,14 @@ def record_lines(record: Record) -> Iterator[str]:
         yield from (f"  {key}: {text}" for key, text in values.items() if text)
 
 
-def _solid_keys(solid: OwnSolid) -> Keys:
-    for key, value in solid_keys(solid):
-        yield key, scalar(value) if isinstance(value, str) else _text(key, value)
-
-
 def _settings(dataset: Dataset, robot: str) -> str:
     """dataset.yaml, in the contract's order; values that are only assumed are marked again."""
 
     def marked(items: Keys, *path: str | int) -> Keys:
         for key, text in items:
-            own = (*path, key)
-            assumed = any(
-                other == own[: len(other)] or own == other[: len(own)] for other in dataset.unfilled
-            )
+            place = (*path, key)
+            # a mark of an entry marks all below it, and one below marks the entry
+            assumed = any(all(map(eq, place, mark)) for mark in dataset.unfilled)
             yield key, f"{FILL_IN} {text}" if assumed else text
 
     noise = {key: getattr(dataset.noise, field_of(key)) for key in NoiseEntry.model_fields}
@@ -239,7 +224,10 @@ def _settings(dataset: Dataset, robot: str) -> str:
     if dataset.torques != "computed":
         lines.append(f"torques: {dataset.torques}")
     if dataset.solids:
-        lines += ["solids:", *(f"  {scalar(s.name)}: {flow(_solid_keys(s))}" for s in dataset.solids)]
+        lines += [
+            "solids:",
+            *(f"  {scalar(s.name)}: {flow(_keys_of(solid_values(s)))}" for s in dataset.solids),
+        ]
     if dataset.plan is not None:
         lines += plan_lines(dataset.plan)
     lines += record_lines(dataset.record)
@@ -272,11 +260,7 @@ def table_text(dataset: Dataset, name_tool: bool = False) -> str:
         if block is not None:
             columns |= {name: _cells(name, values) for name, values in zip(names, block.T, strict=True)}
     for name in SINGLES:
-        cells = getattr(rows, field_of(name))
+        cells = getattr(rows, stem_of(name)[0])
         if cells is not None:
             columns[name] = map(str, cells) if name in ("stop", "repeat") else _cells(name, cells)
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
-    writer.writerow(columns)
-    writer.writerows(zip(*columns.values(), strict=True))
-    return out.getvalue()
+    return csv_text(columns, zip(*columns.values(), strict=True))

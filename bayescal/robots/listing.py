@@ -33,8 +33,8 @@ def records(part: str = "") -> list[dict[str, Any]]:
     for name in names:
         robot, content = load_robot(name)
         masses = robot.masses is not None
-        own = {"joints": robot.n, "reach_mm": round(1e3 * reach(robot), 1), "masses": masses}
-        out.append({"name": name} | own | {"sources": _sources(content)})
+        values = {"joints": robot.n, "reach_mm": round(1e3 * reach(robot), 1), "masses": masses}
+        out.append({"name": name} | values | {"sources": _sources(content)})
     return out
 
 

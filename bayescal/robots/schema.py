@@ -13,8 +13,8 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Sequence
-from typing import Annotated, Literal
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import yaml
@@ -23,9 +23,24 @@ from pydantic import Field
 from bayescal.arm.chain import Coupling, Robot
 from bayescal.arm.transforms import rigid, rpy_matrix, rpy_of
 from bayescal.errors import BayescalError
-from bayescal.storage.files import Document, Keys, Name, NotNegative, Number, Positive, Vector, si
+from bayescal.storage.files import (
+    Document,
+    Keys,
+    Name,
+    NotNegative,
+    Number,
+    Positive,
+    Vector,
+    in_si,
+    si,
+    stem_of,
+)
 
 SCHEMA = "bayescal-robot/1"
+JOINT_KEYS = ("alpha_deg", "a_mm", "d_mm", "offset_deg", "limits_deg", "beta_deg")
+"""Keys of a joint that fill the field of a `Robot` of their name."""
+FROM_SI = {"mm": 1e3, "deg": np.rad2deg(1.0), "degps": np.rad2deg(1.0)}
+"""Factors from SI to the units of the file."""
 REACH_MM = (20.0, 50_000.0)
 """An arm whose lengths add up to less or more was not written in mm."""
 
@@ -33,81 +48,81 @@ REACH_MM = (20.0, 50_000.0)
 class Joint(Keys):
     """A row of the table of Denavit-Hartenberg parameters; angles and lengths are nominal."""
 
-    name: Name = Field(description="Name of the joint, in reports.")
-    alpha_deg: Number = Field(description="Twist; with mdh it stands before the joint, with dh behind it.")
-    a_mm: Number = Field(description="Length; with mdh it stands before the joint, with dh behind it.")
-    d_mm: Number = Field(description="Offset along the axis of the joint.")
-    offset_deg: Number = Field(description="Joint angle at the reading zero.")
-    limits_deg: tuple[Number, Number] = Field(description="[lower, upper] reading of the joint.")
-    beta_deg: Number = Field(default=0.0, description="Hayati's angle of near-parallel axes.")
-    max_velocity_degps: Positive | None = Field(
-        default=None, description="Largest speed of the joint, for exports."
-    )
-    max_torque_nm: Positive | None = Field(
-        default=None, description="Largest torque of the joint, for exports."
-    )
+    name: Name
+    """Name of the joint, in reports."""
+    alpha_deg: Number
+    """Twist; with mdh it stands before the joint, with dh behind it."""
+    a_mm: Number
+    """Length; with mdh it stands before the joint, with dh behind it."""
+    d_mm: Number
+    """Offset along the axis of the joint."""
+    offset_deg: Number
+    """Joint angle at the reading zero."""
+    limits_deg: tuple[Number, Number]
+    """[lower, upper] reading of the joint."""
+    beta_deg: Number = 0.0
+    """Hayati's angle of near-parallel axes."""
+    max_velocity_degps: Positive | None = None
+    """Largest speed of the joint, for exports."""
+    max_torque_nm: Positive | None = None
+    """Largest torque of the joint, for exports."""
 
 
 class Link(Keys):
     """What a joint moves; required for gravity torques."""
 
-    mass_kg: NotNegative = Field(description="Mass of the link.")
-    centre_of_mass_mm: Vector = Field(
-        description="Its centre of mass in the link frame (behind the whole row)."
-    )
-    radius_mm: Positive | None = Field(
-        default=None, description="Radius of a capsule around the link, for the check of collisions."
-    )
+    mass_kg: NotNegative
+    """Mass of the link."""
+    centre_of_mass_mm: Vector
+    """Its centre of mass in the link frame (behind the whole row)."""
+    radius_mm: Positive | None = None
+    """Radius of a capsule around the link, for the check of collisions."""
 
 
 class Place(Keys):
     """A frame in another."""
 
-    xyz_mm: Vector = Field(default=(0.0, 0.0, 0.0), description="Origin.")
-    rpy_deg: Vector = Field(
-        default=(0.0, 0.0, 0.0), description="Roll, pitch, yaw: R = Rz(yaw) Ry(pitch) Rx(roll)."
-    )
+    xyz_mm: Vector = (0.0, 0.0, 0.0)
+    """Origin."""
+    rpy_deg: Vector = (0.0, 0.0, 0.0)
+    """Roll, pitch, yaw: R = Rz(yaw) Ry(pitch) Rx(roll)."""
 
 
 class RobotFile(Keys):
     """A robot arm: its nominal geometry, limits and masses."""
 
-    schema_: Literal["bayescal-robot/1"] = Field(alias="schema", description="Version of the format.")
-    name: Name = Field(description="Name of the robot, in reports.")
-    convention: Literal["mdh", "dh"] = Field(
-        description="mdh: modified (Craig), or dh: standard Denavit-Hartenberg rows."
-    )
-    joints: Annotated[list[Joint], Field(min_length=1)] = Field(description="Rows from base to flange.")
-    link_from_reading: list[list[Number]] | None = Field(
-        default=None,
-        description="Joint angle = this matrix x readings + offset: signs, coupled axes; default: identity.",
-    )
-    base: Place = Field(default=Place(), description="Frame of the first row in F0.")
-    flange: Place = Field(default=Place(), description="Flange in the frame of the last row; only with mdh.")
-    links: list[Link] | None = Field(
-        default=None, description="One entry per joint; required for compliance."
-    )
-    reductions: list[Positive] | None = Field(
-        default=None, description="Motor revolutions per revolution of the joint, one per joint."
-    )
-    joint_compliance_rad_per_nm: list[NotNegative] | None = Field(
-        default=None, description="Compliance, one per joint; written for a calibrated arm."
-    )
-    coupling: Coupling = Field(
-        default="display",
-        description="display: link_from_reading is done by the controller's display; mechanical: by gears.",
-    )
+    schema_: Literal["bayescal-robot/1"] = Field(alias="schema")
+    """Version of the format."""
+    name: Name
+    """Name of the robot, in reports."""
+    convention: Literal["mdh", "dh"]
+    """mdh: modified (Craig), or dh: standard Denavit-Hartenberg rows."""
+    joints: Annotated[list[Joint], Field(min_length=1)]
+    """Rows from base to flange."""
+    link_from_reading: list[list[Number]] | None = None
+    """Joint angle = this matrix x readings + offset: signs, coupled axes; default: identity."""
+    base: Place = Place()
+    """Frame of the first row in F0."""
+    flange: Place = Place()
+    """Flange in the frame of the last row; only with mdh."""
+    links: list[Link] | None = None
+    """One entry per joint; required for compliance."""
+    reductions: list[Positive] | None = None
+    """Motor revolutions per revolution of the joint, one per joint."""
+    joint_compliance_rad_per_nm: list[NotNegative] | None = None
+    """Compliance, one per joint; written for a calibrated arm."""
+    coupling: Coupling = "display"
+    """display: link_from_reading is done by the controller's display; mechanical: by gears."""
 
 
 def robot_from(document: Document) -> Robot:
     """Check a parsed robot.yaml as a whole and turn it to SI units."""
     file = document.parse(RobotFile)
     n = len(file.joints)
-    _check(document, file, n)
-    table = {
-        key.rpartition("_")[0]: np.array([getattr(j, key) for j in file.joints]) * si(key)
-        for key in ("alpha_deg", "a_mm", "d_mm", "offset_deg", "beta_deg", "limits_deg")
-    }
+    for path, what, remedy in _faults(file, n):
+        raise BayescalError(what, document.where(path), remedy)
+    links = file.links or []
+    table = {key.rpartition("_")[0]: in_si(key, _column(file.joints, key)) for key in JOINT_KEYS}
     return Robot(
         name=file.name,
         convention=file.convention,
@@ -115,69 +130,59 @@ def robot_from(document: Document) -> Robot:
         link_from_reading=np.eye(n) if file.link_from_reading is None else np.array(file.link_from_reading),
         base=_frame(file.base),
         flange=_frame(file.flange),
-        masses=None if file.links is None else np.array([link.mass_kg for link in file.links]),
-        centres_of_mass=(
-            None if file.links is None else np.array([link.centre_of_mass_mm for link in file.links]) * 1e-3
-        ),
-        compliance=_array(file.joint_compliance_rad_per_nm),
-        reductions=_array(file.reductions),
+        masses=in_si("mass_kg", _column(links, "mass_kg") or None),
+        centres_of_mass=in_si("centre_of_mass_mm", _column(links, "centre_of_mass_mm") or None),
+        compliance=in_si("joint_compliance_rad_per_nm", file.joint_compliance_rad_per_nm),
+        reductions=in_si("reductions", file.reductions),
         coupling=file.coupling,
-        radii=_stated([link.radius_mm for link in file.links or ()], 1e-3),
-        velocities=_stated([j.max_velocity_degps for j in file.joints], si("max_velocity_degps")),
-        torques=_stated([j.max_torque_nm for j in file.joints], 1.0),
+        radii=_stated(links, "radius_mm"),
+        velocities=_stated(file.joints, "max_velocity_degps"),
+        torques=_stated(file.joints, "max_torque_nm"),
         **table,
     )
 
 
 def _frame(place: Place) -> np.ndarray:
-    return rigid(rpy_matrix(np.deg2rad(place.rpy_deg)), np.array(place.xyz_mm) * 1e-3)
+    return rigid(rpy_matrix(in_si("rpy_deg", place.rpy_deg)), in_si("xyz_mm", place.xyz_mm))
 
 
-def _array(values: list[float] | None) -> np.ndarray | None:
-    return None if values is None else np.array(values)
+def _column(entries: Sequence[Keys], key: str) -> list[Any]:
+    return [getattr(entry, key) for entry in entries]
 
 
-def _stated(values: Sequence[float | None], factor: float) -> np.ndarray | None:
+def _stated(entries: Sequence[Keys], key: str) -> np.ndarray | None:
     """Values (n,), SI, nan where none is stated; None if none is."""
-    if not any(values):
-        return None
-    return np.array([np.nan if value is None else value * factor for value in values])
+    values = _column(entries, key)
+    return np.array(values, float) * si(key) if any(values) else None
 
 
-def _check(document: Document, file: RobotFile, n: int) -> None:
-    """What needs several entries: lengths of lists, limits, names, the coupling, the reach."""
+def _faults(file: RobotFile, n: int) -> Iterator[tuple[tuple[str | int, ...], str, str]]:
+    """Place, what is wrong and remedy of entries that contradict each other.
+
+    They are lengths of lists, limits, names, the coupling and the reach.
+    """
+    matrix = file.link_from_reading or []
     for key in ("link_from_reading", "links", "reductions", "joint_compliance_rad_per_nm"):
         entries = getattr(file, key)
         if entries is not None and len(entries) != n:
-            raise BayescalError(
-                f"`{key}` has {len(entries)} entries, the robot {n} joints",
-                document.where((key,)),
-                "give one a joint",
-            )
+            yield (key,), f"`{key}` has {len(entries)} entries, the robot {n} joints", "give one a joint"
     if file.convention == "dh" and file.flange != Place():
-        where = document.where(("flange",))
-        raise BayescalError("standard rows end at the flange", where, "leave `flange` out, or use mdh rows")
+        yield ("flange",), "standard rows end at the flange", "leave `flange` out, or use mdh rows"
     for i, joint in enumerate(file.joints):
         if not joint.limits_deg[0] < joint.limits_deg[1]:
-            where = document.where(("joints", i, "limits_deg"))
-            raise BayescalError(f"limits of {joint.name} are not in order", where, "write [lower, upper]")
+            path = ("joints", i, "limits_deg")
+            yield path, f"limits of {joint.name} are not in order", "write [lower, upper]"
         if joint.name in [j.name for j in file.joints[:i]]:
-            where = document.where(("joints", i))
-            raise BayescalError(f"two joints are called {joint.name}", where, "rename one")
-    for i, row in enumerate(file.link_from_reading or ()):
+            yield ("joints", i), f"two joints are called {joint.name}", "rename one"
+    for i, row in enumerate(matrix):
         if len(row) != n:
-            raise BayescalError(
-                f"row {i + 1} of `link_from_reading` has {len(row)} entries, the robot {n} joints",
-                document.where(("link_from_reading", i)),
-                "give one a joint",
-            )
-    if file.link_from_reading is not None and abs(np.linalg.det(np.array(file.link_from_reading))) < 1e-6:
-        where = document.where(("link_from_reading",))
-        raise BayescalError("`link_from_reading` cannot be inverted", where, "check its rows")
+            what = f"row {i + 1} of `link_from_reading` has {len(row)} entries, the robot {n} joints"
+            yield ("link_from_reading", i), what, "give one a joint"
+    if matrix and abs(np.linalg.det(np.array(matrix))) < 1e-6:
+        yield ("link_from_reading",), "`link_from_reading` cannot be inverted", "check its rows"
     reach = sum(math.hypot(j.a_mm, j.d_mm) for j in file.joints)
     if not REACH_MM[0] <= reach <= REACH_MM[1]:
-        where = document.where(("joints",))
-        raise BayescalError(f"the arm's lengths add up to {reach:g} mm", where, "`a_mm` and `d_mm` are in mm")
+        yield ("joints",), f"the arm's lengths add up to {reach:g} mm", "`a_mm` and `d_mm` are in mm"
 
 
 def number(value: float, digits: int = 14) -> str:
@@ -193,9 +198,21 @@ def scalar(text: str) -> str:
     return yaml.safe_dump(text, default_style='"', allow_unicode=True, width=10**9).removesuffix("\n")
 
 
-def sequence(values: Iterable[float], digits: int = 14) -> str:
-    """Numbers as a YAML list on one line."""
-    return "[" + ", ".join(number(v, digits) for v in values) + "]"
+def _in_file(key: str, value: np.ndarray | float) -> str:
+    """A value in SI as a number, or a YAML list on one line, in the unit of its key."""
+    values = np.asarray(value) * FROM_SI.get(stem_of(key)[1], 1.0)
+    return f"[{', '.join(map(number, values))}]" if values.ndim else number(float(values))
+
+
+def _flow(entries: Iterable[tuple[str, str]]) -> str:
+    return "{" + ", ".join(f"{key}: {text}" for key, text in entries) + "}"
+
+
+def _entries(columns: Mapping[str, np.ndarray | None], row: int) -> Iterator[tuple[str, str]]:
+    """Keys and texts of the values in a row of columns in SI, nan where there is none."""
+    for key, column in columns.items():
+        if column is not None and not np.isnan(column[row]).any():
+            yield key, _in_file(key, column[row])
 
 
 def robot_to_yaml(robot: Robot, comment: str = "") -> str:
@@ -216,43 +233,28 @@ def robot_to_yaml(robot: Robot, comment: str = "") -> str:
     lines = [f"# {line}".rstrip() for line in comment.splitlines()]
     lines += ["schema: bayescal-robot/1", f"name: {scalar(robot.name)}"]
     lines += [f"convention: {robot.convention}", "joints:"]
-    alpha, beta, offset, limits = (
-        np.rad2deg(v) for v in (robot.alpha, robot.beta, robot.offset, robot.limits)
-    )
+    table = {key: getattr(robot, key.rpartition("_")[0]) for key in JOINT_KEYS}
+    table["beta_deg"] = np.where(robot.beta, robot.beta, np.nan)
+    table |= {"max_velocity_degps": robot.velocities, "max_torque_nm": robot.torques}
     for i, name in enumerate(robot.joint_names):
-        cells = [
-            f"name: {scalar(name)}",
-            f"alpha_deg: {number(alpha[i])}",
-            f"a_mm: {number(robot.a[i] * 1e3)}",
-            f"d_mm: {number(robot.d[i] * 1e3)}",
-            f"offset_deg: {number(offset[i])}",
-            f"limits_deg: {sequence(limits[i])}",
-        ]
-        cells += [f"beta_deg: {number(beta[i])}"] if robot.beta[i] else []
-        for key, values, factor in (
-            ("max_velocity_degps", robot.velocities, np.rad2deg(1.0)),
-            ("max_torque_nm", robot.torques, 1.0),
-        ):
-            if values is not None and not np.isnan(values[i]):
-                cells.append(f"{key}: {number(values[i] * factor)}")
-        lines.append(f"  - {{{', '.join(cells)}}}")
-    if not np.array_equal(robot.link_from_reading, np.eye(robot.n)):
-        lines += ["link_from_reading:"] + [f"  - {sequence(row)}" for row in robot.link_from_reading]
+        lines.append(f"  - {_flow([('name', scalar(name)), *_entries(table, i)])}")
+    coupled = not np.array_equal(robot.link_from_reading, np.eye(robot.n))
+    if coupled:
+        lines += ["link_from_reading:"]
+        lines += [f"  - {_in_file('link_from_reading', row)}" for row in robot.link_from_reading]
     for key, frame in (("base", robot.base), ("flange", robot.flange)):
         if not np.array_equal(frame, np.eye(4)):
-            rpy = np.rad2deg(rpy_of(frame[:3, :3]))
-            lines.append(f"{key}: {{xyz_mm: {sequence(frame[:3, 3] * 1e3)}, rpy_deg: {sequence(rpy)}}}")
+            place = {"xyz_mm": frame[None, :3, 3], "rpy_deg": rpy_of(frame[:3, :3])[None]}
+            lines.append(f"{key}: {_flow(_entries(place, 0))}")
     if robot.masses is not None and robot.centres_of_mass is not None:
-        radii = np.full(robot.n, np.nan) if robot.radii is None else robot.radii
-        around = ["" if np.isnan(radius) else f", radius_mm: {number(radius * 1e3)}" for radius in radii]
-        lines += ["links:"] + [
-            f"  - {{mass_kg: {number(mass)}, centre_of_mass_mm: {sequence(centre * 1e3)}{last}}}"
-            for mass, centre, last in zip(robot.masses, robot.centres_of_mass, around, strict=True)
-        ]
-    if robot.reductions is not None:
-        lines.append(f"reductions: {sequence(robot.reductions)}")
-    if robot.compliance is not None:
-        lines.append(f"joint_compliance_rad_per_nm: {sequence(robot.compliance)}")
-    if robot.coupling != "display" or not np.array_equal(robot.link_from_reading, np.eye(robot.n)):
+        table = {
+            "mass_kg": robot.masses,
+            "centre_of_mass_mm": robot.centres_of_mass,
+            "radius_mm": robot.radii,
+        }
+        lines += ["links:", *(f"  - {_flow(_entries(table, i))}" for i in range(robot.n))]
+    lists = {"reductions": robot.reductions, "joint_compliance_rad_per_nm": robot.compliance}
+    lines += [f"{key}: {_in_file(key, values)}" for key, values in lists.items() if values is not None]
+    if robot.coupling != "display" or coupled:
         lines.append(f"coupling: {robot.coupling}")
     return "\n".join(lines) + "\n"

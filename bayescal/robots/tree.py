@@ -122,8 +122,8 @@ def read_tree(root: ElementTree.Element, file: str) -> Tree:
                 )
     roots = [link for link in bodies if link not in joints]
     if len(roots) != 1:
-        told = f"links with no joint above: {listed(roots)}" if roots else "the joints form a ring"
-        raise BayescalError(told, file, "a URDF is one tree from one root")
+        what = f"links with no joint above: {listed(roots)}" if roots else "the joints form a ring"
+        raise BayescalError(what, file, "a URDF is one tree from one root")
     tree = Tree(parsed.name, file, roots[0], bodies, joints)
     _check_reached(tree)
     return tree
@@ -163,8 +163,8 @@ def _pruned(element: ElementTree.Element, file: str) -> ElementTree.Element:
     out.extend([_pruned(child, file) for child in element if child.tag in children])
     for child in out if element.tag != "robot" else ():
         if len(out.findall(child.tag)) > 1:
-            told = f"{element.tag} {element.get('name', '')} has several <{child.tag}>"
-            raise BayescalError(told, file, "keep one")
+            what = f"{element.tag} {element.get('name', '')} has several <{child.tag}>"
+            raise BayescalError(what, file, "keep one")
     return out
 
 
@@ -210,8 +210,8 @@ def _joint(joint: Any, file: str) -> Joint:
         _numbers(limits, f"a limit of `{joint.name}`", file)
     place = _frame(joint.origin, joint.name, file)
     velocity, torque = (x if 0.0 < x < UNLIMITED else np.nan for x in most)
-    own = (joint.name, joint.type, joint.parent, joint.child, place, axis / size, limits)
-    return Joint(*own, joint.mimic is not None, velocity, torque)
+    names = (joint.name, joint.type, joint.parent, joint.child)
+    return Joint(*names, place, axis / size, limits, joint.mimic is not None, velocity, torque)
 
 
 def _check_names(names: list[str], what: str, file: str) -> None:

@@ -55,13 +55,13 @@ def robot_from_urdf(content: bytes, file: str, tip: str = "") -> Robot:
         longest chains, no limits, or lengths and angles that cannot be m and rad.
     """
     tree = read_tree(parse_markup(content, file), file)
-    return _robot(tree, tip_of(tree, tip))
-
-
-def _robot(tree: Tree, tip: str) -> Robot:
+    tip = tip_of(tree, tip)
     chain = tree.above(tip)
     for joint in chain:
-        _check_kind(joint, tree.file)
+        if joint.mimic or joint.kind not in (*TURNING, "fixed"):
+            what = f"joint `{joint.name}` {'follows another joint' if joint.mimic else f'is {joint.kind}'}"
+            remedy = "only joints that turn are known: choose a tip before it, as in"
+            raise BayescalError(what, file, f"{remedy} `robot: {file}#{joint.parent}`")
     moving = [joint for joint in chain if joint.kind in TURNING]
     if not moving:
         raise BayescalError(
@@ -84,7 +84,9 @@ def _robot(tree: Tree, tip: str) -> Robot:
         flange = _screw(0.0, -slide) @ between[n]
     offset[n - 1], d[n - 1] = offset[n - 1] + turn, d[n - 1] + slide
     behind[n - 1] = _screw(turn, slide)
-    _check_lengths(np.abs(np.concatenate([a, d])).sum(), tree.file)
+    reach = np.abs(np.concatenate([a, d])).sum()
+    if not REACH[0] <= reach <= REACH[1]:
+        raise BayescalError(f"the arm's lengths add up to {reach:g} m", file, "a URDF is in metres")
     masses, centres = _lumped(tree, moving, behind)
     return Robot(
         name=tree.name,
@@ -157,21 +159,12 @@ def _lumped(tree: Tree, moving: list[Joint], behind: np.ndarray) -> tuple[np.nda
         for joint in chain[last + 1 :]:
             place = place @ joint.place
         i = number[chain[last].name]
-        own = np.linalg.inv(behind[i]) @ rigid(_onto(chain[last].axis).T) @ place
+        pose = np.linalg.inv(behind[i]) @ rigid(_onto(chain[last].axis).T) @ place
         masses[i] += body.mass
-        moments[i] += body.mass * (own[:3, :3] @ body.centre + own[:3, 3])
+        moments[i] += body.mass * (pose[:3, :3] @ body.centre + pose[:3, 3])
     return masses, np.divide(
         moments, masses[:, None], out=np.zeros_like(moments), where=masses[:, None] > 0.0
     )
-
-
-def _check_kind(joint: Joint, file: str) -> None:
-    what = "follows another joint" if joint.mimic else f"is {joint.kind}"
-    if joint.mimic or joint.kind not in (*TURNING, "fixed"):
-        remedy = (
-            f"only joints that turn are known: choose a tip before it, as in `robot: {file}#{joint.parent}`"
-        )
-        raise BayescalError(f"joint `{joint.name}` {what}", file, remedy)
 
 
 def _limits(joint: Joint, file: str) -> tuple[float, float]:
@@ -184,8 +177,3 @@ def _limits(joint: Joint, file: str) -> tuple[float, float]:
     if max(map(abs, joint.limits)) > WIDEST:
         raise BayescalError(f"the limits of joint `{joint.name}` are too wide", file, "write them in rad")
     return joint.limits
-
-
-def _check_lengths(reach: float, file: str) -> None:
-    if not REACH[0] <= reach <= REACH[1]:
-        raise BayescalError(f"the arm's lengths add up to {reach:g} m", file, "a URDF is in metres")

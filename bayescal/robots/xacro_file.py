@@ -71,13 +71,13 @@ def expanded(path: Path, allowed: bool) -> bytes:
             code = -1
         out.seek(0)
         err.seek(0)
-        content, told = out.read(), " ".join(err.read(BYTES).decode(errors="replace").split())
+        content, message = out.read(), " ".join(err.read(BYTES).decode(errors="replace").split())
     if code == 0:
         return content
     if code < 0:
-        told = f"it was stopped after {SECONDS} s"
+        message = f"it was stopped after {SECONDS} s"
     remedy = (
         "include files by their path from this one and give arguments a default; or expand it where ROS is "
         f"installed, {by_hand}, and name {urdf}"
     )
-    raise BayescalError(f"xacro cannot expand it: {told[:LONGEST]}", path.name, remedy)
+    raise BayescalError(f"xacro cannot expand it: {message[:LONGEST]}", path.name, remedy)

@@ -5,23 +5,24 @@ from __future__ import annotations
 import difflib
 import json
 import math
-import os
 import re
 import secrets
 from collections.abc import Collection, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import lru_cache, reduce
+from operator import getitem
 from pathlib import Path as File
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, NoReturn, TypeVar
 
+import numpy as np
 import yaml
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
 from pydantic_core import PydanticCustomError
 
 from bayescal.errors import BayescalError, listed
-from bayescal.storage.locks import OTHER_OUT, PART, beside, remove_leftovers
-from bayescal.storage.reading import CONTROL, decoded, told_of
+from bayescal.storage.locks import OTHER_OUT, PART, beside, remove_leftovers, write_synchronised
+from bayescal.storage.reading import CONTROL, decoded, explained
 from bayescal.storage.stopping import completed
 
 UNITS = {"mm": 1e-3, "deg": math.pi / 180, "degps": math.pi / 180} | dict.fromkeys(
@@ -45,6 +46,7 @@ Vector = tuple[Number, Number, Number]
 Name = Annotated[str, Field(min_length=1, max_length=200)]
 FILL_IN = "!FILL_IN"
 """Mark (a YAML tag) of a value that the user has still to write; a value behind it is only assumed."""
+WRITE_OUT = "write the values out"
 MORE_LINES = 6
 """Maximum number of further lines that an error message names."""
 LARGEST_YAML = 5_000_000
@@ -95,6 +97,13 @@ def si(key: str) -> float:
     return UNITS.get(stem_of(key)[1], 1.0)
 
 
+def in_si(key: str, value: Any) -> Any:
+    """A value of a key in SI: a number, an array of a list; None of none."""
+    if value is None:
+        return None
+    return value * si(key) if isinstance(value, float) else np.array(value, float) * si(key)
+
+
 def unknown(noun: str, key: str, known: Iterable[str]) -> tuple[str, str]:
     """Error and remedy for an unknown key or column."""
     known = list(known)
@@ -130,25 +139,25 @@ def outside(key: str, values: Iterable[float]) -> str:
 class Keys(BaseModel):
     """A mapping of known keys: every other one is refused by name."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
 
     @model_validator(mode="before")
     @classmethod
     def _refuse_unknown(cls, data: Any) -> Any:
-        known = [f.alias or name for name, f in cls.model_fields.items()]
+        keys = [f.alias or name for name, f in cls.model_fields.items()]
         for key in data if isinstance(data, dict) else ():
-            if key not in known:
-                what, remedy = unknown("key", key, known)
-                told = {"at": key, "what": what, "remedy": remedy}
-                raise PydanticCustomError("of_key", "unknown key", told)
+            if key not in keys:
+                what, remedy = unknown("key", key, keys)
+                context = {"key": key, "what": what, "remedy": remedy}
+                raise PydanticCustomError("of_key", "unknown key", context)
         return data
 
     @model_validator(mode="after")
     def _refuse_outside(self) -> Keys:
         for name in type(self).model_fields:
             if what := outside(name, _numbers_in(getattr(self, name))):
-                told = {"at": name, "what": what, "remedy": "check the number and its unit"}
-                raise PydanticCustomError("of_key", "out of range", told)
+                context = {"key": name, "what": what, "remedy": "check the number and its unit"}
+                raise PydanticCustomError("of_key", "out of range", context)
         return self
 
 
@@ -176,26 +185,25 @@ class Document:
 
     def where(self, path: Iterable[str | int]) -> str:
         """``file:line`` of the deepest part of `path` that the file holds."""
-        found: Path = ()
+        deepest: Path = ()
         for part in path:  # pydantic's own parts, such as a union's tag, are not in the file
-            if (*found, part) in self.lines:
-                found = (*found, part)
-        return f"{self.name}:{self.lines[found]}"
+            if (*deepest, part) in self.lines:
+                deepest = (*deepest, part)
+        return f"{self.name}:{self.lines[deepest]}"
 
     def parse(self, model: type[M], assume: Collection[str] = ()) -> M:
         """Read as `model`, or tell of the first thing wrong.
 
         Values marked with `FILL_IN` are refused; below the keys `assume` only those without a value.
         """
-        empty = [p for p in self.unfilled if self._at(p) in (None, [])]
+        empty = [p for p in self.unfilled if reduce(getitem, p, self.data) in (None, [])]
         self._refuse_unfilled(empty if assume else [], " and has no value that could be assumed")
         self._refuse_unfilled([p for p in self.unfilled if p[:1] not in {(key,) for key in assume}])
         try:
             return model.model_validate(self.data)
         except ValidationError as error:
-            told = [told_of(e) for e in error.errors(include_url=False)]
-        told.sort(key=lambda t: self._line(t[0]))
-        path, what, remedy = told[0]
+            errors = [explained(e) for e in error.errors(include_url=False)]
+        path, what, remedy = min(errors, key=lambda e: int(self.where(e[0]).rpartition(":")[2]))
         raise BayescalError(what, self.where(path), remedy)
 
     def _refuse_unfilled(self, paths: list[Path], why: str = "") -> None:
@@ -203,23 +211,12 @@ class Document:
             return
         lines = sorted({self.unfilled[p] for p in paths})
         first = min(paths, key=lambda p: self.unfilled[p])
-        more = ", ".join(map(str, lines[1 : 1 + MORE_LINES])) + (
-            ", ..." if len(lines) > 1 + MORE_LINES else ""
-        )
-        others = (
-            f", as are values in {len(lines) - 1} more line{'s' * (len(lines) > 2)} ({more})" if more else ""
-        )
-        what = f"`{first[-1]}` is not filled in: it is marked {FILL_IN}{others}"
+        further = [*map(str, lines[1 : 1 + MORE_LINES]), *(["..."] if len(lines) > 1 + MORE_LINES else [])]
+        what = f"`{first[-1]}` is not filled in: it is marked {FILL_IN}"
+        if further:
+            plural = "s" * (len(lines) > 2)
+            what += f", as are values in {len(lines) - 1} more line{plural} ({', '.join(further)})"
         raise BayescalError(what + why, f"{self.name}:{lines[0]}", "write your value and delete the mark")
-
-    def _at(self, path: Path) -> Any:
-        found = self.data
-        for part in path:
-            found = found[part]
-        return found
-
-    def _line(self, path: Path) -> int:
-        return int(self.where(path).rpartition(":")[2])
 
 
 def read_document(path: File) -> Document:
@@ -277,57 +274,51 @@ class _Reader:
     lines: dict[Path, int] = field(default_factory=lambda: {(): 1})
     unfilled: dict[Path, int] = field(default_factory=dict)
 
-    def plain(self, node: yaml.Node | None, path: Path, open_: frozenset[int]) -> Any:
-        """Data of a node. `open_` holds the nodes being read: a loop of aliases is refused."""
+    def plain(self, node: yaml.Node | None, path: Path, ancestors: frozenset[int]) -> Any:
+        """Data of a node. `ancestors` holds the nodes being read: a loop of aliases is refused."""
         if node is None:
             return None
-        line = node.start_mark.line + 1
         if len(self.lines) > MOST_VALUES:
-            what = f"more than {MOST_VALUES} values, with those that aliases repeat"
-            raise BayescalError(what, f"{self.name}:{line}", "write the values out")
+            self._refuse(node, f"more than {MOST_VALUES} values, with those that aliases repeat", WRITE_OUT)
         if node.tag == FILL_IN:
-            self.unfilled[path] = line
+            self.unfilled[path] = node.start_mark.line + 1
         if isinstance(node, yaml.ScalarNode):
-            self._check_text(node.value, "a value", LONGEST_TEXT, line)
+            self._check_text(node, "a value", LONGEST_TEXT)
             empty = ("",) if node.tag == FILL_IN else () if node.style else ("", "~", "null")
             return None if node.value in empty else node.value
-        if id(node) in open_:
-            raise BayescalError("an alias contains itself", f"{self.name}:{line}", "write the values out")
-        inside = open_ | {id(node)}
+        if id(node) in ancestors:
+            self._refuse(node, "an alias contains itself", WRITE_OUT)
+        inside = ancestors | {id(node)}
         if isinstance(node, yaml.SequenceNode):
-            items = []
-            for i, item in enumerate(node.value):
-                self.lines[(*path, i)] = item.start_mark.line + 1
-                items.append(self.plain(item, (*path, i), inside))
-            return items
-        return self._mapping(node, path, inside)
-
-    def _check_text(self, text: str, noun: str, longest: int, line: int) -> None:
-        """Refuse a text too long to be meant, or with characters that an escape has written."""
-        if len(text) > longest:
-            what = f"{noun} of {len(text)} characters, at most {longest} are read"
-            raise BayescalError(what, f"{self.name}:{line}", "shorten it")
-        if found := CONTROL.search(text):
-            what = f"{noun} with the control character {found[0].encode('unicode_escape').decode()}"
-            raise BayescalError(what, f"{self.name}:{line}", "delete it")
-
-    def _mapping(self, node: yaml.Node, path: Path, inside: frozenset[int]) -> dict[str, Any]:
-        out: dict[str, Any] = {}
+            return [self._entry(item, item, (*path, i), inside) for i, item in enumerate(node.value)]
+        values: dict[str, Any] = {}
         for key, value in node.value:
-            line = key.start_mark.line + 1
             if not isinstance(key, yaml.ScalarNode):
-                raise BayescalError("a key must be a plain name", f"{self.name}:{line}", "write `key: value`")
-            self._check_text(key.value, "a key", LONGEST_KEY, line)
-            own = (*path, key.value)
-            if key.value in out:
-                what, remedy = (
-                    f"`{key.value}` is given twice",
-                    f"the first is in line {self.lines[own]}; keep one",
-                )
-                raise BayescalError(what, f"{self.name}:{line}", remedy)
-            self.lines[own] = line
-            out[key.value] = self.plain(value, own, inside)
-        return out
+                self._refuse(key, "a key must be a plain name", "write `key: value`")
+            self._check_text(key, "a key", LONGEST_KEY)
+            if key.value in values:
+                first = self.lines[(*path, key.value)]
+                self._refuse(key, f"`{key.value}` is given twice", f"the first is in line {first}; keep one")
+            values[key.value] = self._entry(key, value, (*path, key.value), inside)
+        return values
+
+    def _entry(self, start: yaml.Node, value: yaml.Node, path: Path, ancestors: frozenset[int]) -> Any:
+        """Data of an entry of a list or mapping, which begins where `start` does."""
+        self.lines[path] = start.start_mark.line + 1
+        return self.plain(value, path, ancestors)
+
+    def _check_text(self, node: yaml.ScalarNode, noun: str, longest: int) -> None:
+        """Refuse a text too long to be meant, or with characters that an escape has written."""
+        if len(node.value) > longest:
+            self._refuse(
+                node, f"{noun} of {len(node.value)} characters, at most {longest} are read", "shorten it"
+            )
+        if match := CONTROL.search(node.value):
+            character = match[0].encode("unicode_escape").decode()
+            self._refuse(node, f"{noun} with the control character {character}", "delete it")
+
+    def _refuse(self, node: yaml.Node, what: str, remedy: str) -> NoReturn:
+        raise BayescalError(what, f"{self.name}:{node.start_mark.line + 1}", remedy)
 
 
 def write_together(
@@ -353,11 +344,7 @@ def write_together(
         remove_leftovers(path.absolute())
     try:
         for (path, content), part in zip(every, staged, strict=True):  # noqa: B007  (named in the error)
-            data = content.encode("utf-8") if isinstance(content, str) else content
-            with part.open("wb") as stream:
-                stream.write(data)
-                stream.flush()
-                os.fsync(stream.fileno())
+            write_synchronised(part, content.encode("utf-8") if isinstance(content, str) else content)
         for (path, _), part in zip(every, staged, strict=True):
             part.replace(path)
         completed(f"{', '.join(map(str, files))} written")

@@ -58,8 +58,8 @@ def leftovers(path: Path) -> list[tuple[Path, str]]:
         there = sorted(p.name for p in path.parent.iterdir() if p.name.startswith(f".{path.name}."))
     except OSError:
         return []
-    found = filter(None, map(name.fullmatch, there))
-    return [(path.with_name(m[0]), m[3]) for m in found if not _runs(int(m[1]), m[2])]
+    matches = filter(None, map(name.fullmatch, there))
+    return [(path.with_name(m[0]), m[3]) for m in matches if not _runs(int(m[1]), m[2])]
 
 
 def remove_leftovers(file: Path) -> None:
@@ -213,6 +213,14 @@ def read_own(path: Path, family: str) -> bytes:
     return content
 
 
+def write_synchronised(path: Path, content: bytes) -> None:
+    """Write a file, and wait until it is on the disk."""
+    with path.open("wb") as stream:
+        stream.write(content)
+        stream.flush()
+        os.fsync(stream.fileno())
+
+
 def write_own(path: Path, content: bytes, family: str) -> None:
     """Write a file atomically, in place of one of the same schema.
 
@@ -225,10 +233,7 @@ def write_own(path: Path, content: bytes, family: str) -> None:
     remove_leftovers(path)
     part = beside(path, PART)
     try:
-        with part.open("wb") as stream:
-            stream.write(content)
-            stream.flush()
-            os.fsync(stream.fileno())
+        write_synchronised(part, content)
         part.replace(path)
     finally:
         part.unlink(missing_ok=True)

@@ -9,7 +9,7 @@ import json
 import os
 import re
 import stat
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from io import BufferedReader
 from pathlib import Path
@@ -112,9 +112,9 @@ def decoded(path: Path, largest: int = LARGEST) -> tuple[str, bytes]:
         raise BayescalError(
             "the file is empty", path.name, "`bayescal init` writes an example of what it holds"
         )
-    if found := CONTROL.search(text):
-        line = text.count("\n", 0, found.start()) + 1
-        what = f"control character {shown(found[0].encode('unicode_escape').decode())}"
+    if match := CONTROL.search(text):
+        line = text.count("\n", 0, match.start()) + 1
+        what = f"control character {shown(match[0].encode('unicode_escape').decode())}"
         raise BayescalError(what, f"{path.name}:{line}", "delete it")
     return text, content
 
@@ -146,9 +146,9 @@ def read_record(path: Path, schema: str, remedy: str) -> dict[str, Any]:
         As `read_json`, and of another schema.
     """
     record = read_json(path, remedy)
-    found = record.get("schema") if isinstance(record, dict) else None
-    if not isinstance(record, dict) or found != schema:
-        raise BayescalError(f"the schema is {found}, not {schema}", str(path), remedy)
+    given = record.get("schema") if isinstance(record, dict) else None
+    if not isinstance(record, dict) or given != schema:
+        raise BayescalError(f"the schema is {given}, not {schema}", str(path), remedy)
     return record
 
 
@@ -167,52 +167,42 @@ def _finite(text: str) -> float:
 
 Where = tuple[str | int, ...]
 
-_TOLD: dict[str, Callable[[str, dict[str, Any], Any], tuple[str, str]]] = {
-    "missing": lambda key, ctx, value: (f"missing {key}", "add it"),
-    "float_parsing": lambda key, ctx, value: (f"{key} is not a number: {value!r}", "write a plain number"),
-    "float_type": lambda key, ctx, value: (f"{key} is not a number", "write a plain number"),
-    "finite_number": lambda key, ctx, value: (f"{key} is {value}, not a finite number", "write a number"),
-    "greater_than": lambda key, ctx, value: (f"{key} is {value}", f"must be more than {ctx['gt']:g}"),
-    "greater_than_equal": lambda key, ctx, value: (f"{key} is {value}", f"must be at least {ctx['ge']:g}"),
-    "less_than_equal": lambda key, ctx, value: (f"{key} is {value}", f"must be at most {ctx['le']:g}"),
-    "literal_error": lambda key, ctx, value: (f"{key} is {value!r}", f"must be {ctx['expected']}"),
-    "union_tag_invalid": lambda key, ctx, value: (
-        f"unknown kind {ctx['tag']!r} of {key}",
-        f"must be one of {ctx['expected_tags']}",
-    ),
-    "union_tag_not_found": lambda key, ctx, value: (f"{key} has no `kind`", "add `kind: ...`"),
-    "too_long": lambda key, ctx, value: (
-        f"{key} has {ctx['actual_length']} entries",
-        f"must have {ctx['max_length']}",
-    ),
-    "too_short": lambda key, ctx, value: (
-        f"{key} has {ctx['actual_length']} entries",
-        f"must have at least {ctx['min_length']}",
-    ),
-    "too_tiny": lambda key, ctx, value: (
-        f"{key} is {value}",
-        f"no uncertainty is less than {ctx['least']:g}",
-    ),
-    "not_a_date": lambda key, ctx, value: (f"{key} is {value!r}, not a date", "write it as YYYY-MM-DD"),
-    "string_too_long": lambda key, ctx, value: (
-        f"{key} has {len(value)} characters",
-        f"must have at most {ctx['max_length']}",
-    ),
-    "string_too_short": lambda key, ctx, value: (f"{key} is empty", "write a name"),
-    "string_type": lambda key, ctx, value: (f"{key} is not a text", "write one line of text"),
-    "tuple_type": lambda key, ctx, value: (f"{key} is not a list", "write it as [.., .., ..]"),
-    "model_type": lambda key, ctx, value: (f"{key} must hold keys and values", "write {key: value, ...}"),
+_ERRORS: dict[str, tuple[str, str]] = {
+    "missing": ("missing {key}", "add it"),
+    "float_parsing": ("{key} is not a number: {value!r}", "write a plain number"),
+    "float_type": ("{key} is not a number", "write a plain number"),
+    "finite_number": ("{key} is {value}, not a finite number", "write a number"),
+    "greater_than": ("{key} is {value}", "must be more than {gt:g}"),
+    "greater_than_equal": ("{key} is {value}", "must be at least {ge:g}"),
+    "less_than_equal": ("{key} is {value}", "must be at most {le:g}"),
+    "literal_error": ("{key} is {value!r}", "must be {expected}"),
+    "union_tag_invalid": ("unknown kind {tag!r} of {key}", "must be one of {expected_tags}"),
+    "union_tag_not_found": ("{key} has no `kind`", "add `kind: ...`"),
+    "too_long": ("{key} has {actual_length} entries", "must have {max_length}"),
+    "too_short": ("{key} has {actual_length} entries", "must have at least {min_length}"),
+    "too_tiny": ("{key} is {value}", "no uncertainty is less than {least:g}"),
+    "not_a_date": ("{key} is {value!r}, not a date", "write it as YYYY-MM-DD"),
+    "string_too_long": ("{key} has {length} characters", "must have at most {max_length}"),
+    "string_too_short": ("{key} is empty", "write a name"),
+    "string_type": ("{key} is not a text", "write one line of text"),
+    "tuple_type": ("{key} is not a list", "write it as [.., .., ..]"),
+    "list_type": ("{key} is not a list", "write it as [.., .., ..]"),
+    "model_type": ("{key} must hold keys and values", "write {{key: value, ...}}"),
+    "model_attributes_type": ("{key} must hold keys and values", "write {{key: value, ...}}"),
+    "dict_type": ("{key} must hold keys and values", "write {{key: value, ...}}"),
 }
-_TOLD["dict_type"] = _TOLD["model_attributes_type"] = _TOLD["model_type"]
-_TOLD["list_type"] = _TOLD["tuple_type"]
+"""What is wrong and its remedy, by the type of the error; in braces its value, and pydantic's own context."""
 
 
-def told_of(error: ErrorDetails) -> tuple[Where, str, str]:
+def explained(error: ErrorDetails) -> tuple[Where, str, str]:
     """Path in the file, what is wrong and its remedy, of one pydantic error."""
-    path, ctx = tuple(error["loc"]), dict(error.get("ctx") or {})
+    path, value, context = tuple(error["loc"]), error["input"], error.get("ctx") or {}
     if error["type"] == "of_key":
-        return (*path, ctx["at"]), ctx["what"], ctx["remedy"]
+        return (*path, context["key"]), context["what"], context["remedy"]
     last = path[-1] if path else "the file"
     key = f"`{path[-2]}`, entry {last + 1}" if isinstance(last, int) and len(path) > 1 else f"`{last}`"
-    told = _TOLD.get(error["type"], lambda key, ctx, value: (f"{key}: {error['msg']}", ""))
-    return path, *told(key, ctx, error["input"])
+    if error["type"] not in _ERRORS:
+        return path, f"{key}: {error['msg']}", ""
+    values = {**context, "key": key, "value": value, "length": len(str(value))}
+    what, remedy = (text.format_map(values) for text in _ERRORS[error["type"]])
+    return path, what, remedy

@@ -27,7 +27,7 @@ SHOW_CURSOR = "\x1b[?25h"
 _kept: list[Callable[[], str]] = [lambda: "nothing was written"]
 _leaving: list[int] = []
 """The exit code of a stopped command, as soon as it ends."""
-_told = Lock()
+_reported = Lock()
 """Held as soon as the end of the process is reported."""
 
 
@@ -55,7 +55,7 @@ class Stopped(BaseException):
 
     def report(self) -> None:
         """Write one line to the error stream, once."""
-        if _told.acquire(blocking=False):
+        if _reported.acquire(blocking=False):
             with suppress(OSError, ValueError):
                 lead = f"\r{SHOW_CURSOR}" if sys.stderr.isatty() else ""
                 sys.stderr.write(f"{lead}bayescal: {self}\n")
@@ -89,7 +89,7 @@ def stoppable() -> Iterator[None]:
     reading, writing = os.pipe()
     if os.name == "posix":
         os.set_blocking(writing, False)
-    before = {s: own for s in SIGNALS if (own := signal.getsignal(s)) is not signal.SIG_IGN}
+    before = {s: handler for s in SIGNALS if (handler := signal.getsignal(s)) is not signal.SIG_IGN}
     waking = signal.set_wakeup_fd(writing, warn_on_full_buffer=False)
     for number in before:
         signal.signal(number, _stop)

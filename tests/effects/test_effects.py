@@ -143,6 +143,7 @@ def test_columns_are_slopes(model):
 
 def test_ties_have_their_slopes(model):
     """The Jacobian of every certificate, and that draws are worked on as one by one."""
+    assert bool(model.constraints) == bool(model.scene.dataset.certificates)
     rng = np.random.default_rng(0)
     parts = {name: rng.standard_normal(own.stop - own.start) for name, own in model.slices.items()}
     for constraint in model.constraints:

@@ -283,9 +283,7 @@ def test_a_dent_is_found_beside_larger_outliers(local_defects_bench, seed):
         decision.hypothesis,
         local_defects_bench.pool,
         local_defects_bench.known.pool,
-        local_defects_bench.circumstances,
-        1e-10,
-        p.jacobian.shape[1],
+        Scale(local_defects_bench.circumstances, 1e-10, p.jacobian.shape[1]),
     )[0]
     assert (first.site, first.driver) == (face(name), Driver("face", form="one spot"))
     assert first.family_p_value < 1e-3

@@ -262,7 +262,7 @@ def test_a_model_with_a_step(few):
 
 @pytest.mark.parametrize("options", [{"robust": False}, {"prior_width": 2.0}])
 def test_options(few, options):
-    assert "backlash" in sane(diagnose(few, **options))["effects"]
+    assert "backlash" in sane(diagnose(few, options=FitOptions(**options)))["effects"]
 
 
 def test_twenty_contacts(loud):

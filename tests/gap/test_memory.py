@@ -515,7 +515,7 @@ def slipped(tracker):
 
 
 def test_a_slipped_reflector_is_found_with_its_row_and_not_deleted(slipped):
-    found = examine(Scene(slipped), BASELINE, True, 1.0)
+    found = examine(Scene(slipped), BASELINE, FitOptions())
     assert "tool ball from row c90 on" in {cause.label for cause in found.causes}
     assert len(np.intersect1d(found.fitted.rejected, np.arange(FIRST, COUNT))) == 0
     for h in found.search.hypotheses.values():
@@ -529,7 +529,7 @@ def test_a_slipped_reflector_is_found_with_its_row_and_not_deleted(slipped):
 def test_contacts_that_share_a_cause_are_outliers_of_no_hypothesis(tracker):
     """Five rows are gross. Of these, the one that shares a cause is kept."""
     d = tracker(seed=5, count=COUNT).dataset
-    slopes = Slopes.of(calibrated(Scene(d), BASELINE, 1.0, False, ()))
+    slopes = Slopes.of(calibrated(Scene(d), BASELINE, FitOptions(robust=False)))
     p = slopes.problem(np.zeros(slopes.jacobian.shape[1]), (), ())
     gross = np.array([3, 20, 50, 77, 101])
     p = replace(p, residual=p.residual + 40.0 * np.isin(p.contact, gross))

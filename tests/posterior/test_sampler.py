@@ -1,7 +1,5 @@
 """The sampler against what it must agree with: itself run plainly, its own linearisation, a known normal."""
 
-import subprocess
-import sys
 from dataclasses import replace
 
 import emcee
@@ -244,16 +242,6 @@ def test_a_run_too_short_says_so(fitted):
 def test_no_samples_is_refused(fitted):
     with pytest.raises(BayescalError, match="samples"):
         sample(fitted, 0)
-
-
-def test_emcee_is_imported_without_scipy_stats():
-    """Half a second of every fit; the one move that needs it still gets it."""
-    code = (
-        "import sys, bayescal.posterior.sample; assert 'scipy.stats' not in sys.modules;"
-        "import emcee, numpy as np; kde = emcee.moves.kde.gaussian_kde(np.arange(5.0));"
-        "assert kde(2.0) > 0; assert 'scipy.stats' in sys.modules; import scipy.stats; scipy.stats.norm"
-    )
-    subprocess.run([sys.executable, "-c", code], check=True)
 
 
 def test_density_of_a_large_session_in_parts(few, monkeypatch):
