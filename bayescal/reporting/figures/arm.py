@@ -9,11 +9,11 @@ import numpy as np
 from bayescal.reporting.figures.palette import ACCENT, GREY, INK, MARKED, SERIES
 from bayescal.reporting.figures.sheet import Entry, Panel
 from bayescal.reporting.shared.body import View, fill, outlines, posed
+from bayescal.storage.reading import Json
 
 if TYPE_CHECKING:
     from bayescal.effects.location import Site
 
-Json = dict[str, Any]
 VIEW = View.of(np.radians(-62.0), np.radians(18.0))
 """Direction of view: an oblique view without perspective."""
 AXIS = 60.0
@@ -24,7 +24,9 @@ SMALLEST, LARGEST = 1.0, 16.0
 """Areas of signs, pt^2."""
 FLOOR = 9.0
 """Room below the arm for the scale and the directions of F0, mm."""
-POSITIVE, NEGATIVE, LENGTH = "^", "v", "o"
+SIGNS = (("+", "^", SERIES[1], lambda error: error >= 0), ("−", "v", SERIES[0], lambda error: error < 0))
+LENGTHS = (("", "o", SERIES[1], np.isfinite),)
+"""Text, marker and colour of signs, and the errors that have them."""
 ROUND = {"solid_capstyle": "round", "solid_joinstyle": "round"}
 WIDE: dict[str, Any] = {"color": INK, "lw": 2.5, "alpha": 0.8, **ROUND}
 
@@ -37,18 +39,15 @@ def errors(record: Json) -> tuple[np.ndarray, np.ndarray, bool]:
     rows = record["rows"]
     if "residuals" in record and isinstance(record["residuals"], dict):
         per_id: dict[str, list[float]] = {}
-        own = record["residuals"]
-        for name, value in zip(own["id"], own["before_um"], strict=True):
+        entries = record["residuals"]
+        for name, value in zip(entries["id"], entries["before_um"], strict=True):
             per_id.setdefault(name, []).append(value)
-        values = [
-            np.nan if not (r := per_id.get(name)) else r[0] if len(r) == 1 else float(np.linalg.norm(r))
-            for name in rows["id"]
-        ]
+        size = {name: r[0] if len(r) == 1 else float(np.linalg.norm(r)) for name, r in per_id.items()}
+        error = np.array([size.get(name, np.nan) for name in rows["id"]], float)
         signed = max((len(r) for r in per_id.values()), default=1) == 1
     else:
-        values = [np.nan if v is None else v for v in rows["residual_um"]]
-        signed = any(v < 0 for v in values)
-    error = np.array(values, float)
+        error = np.array(rows["residual_um"], float)
+        signed = bool(np.any(error < 0))
     at = np.flatnonzero(np.isfinite(error))
     return at, error[at], signed
 
@@ -67,14 +66,8 @@ def arm_panel(record: Json, share: float = 1.0) -> Panel:
     marked = record.get("marked")
     what = f"{_um(edge)} µm or more"
     sign = {"ls": "", "ms": LARGEST**0.5}
-    key = (
-        [
-            Entry(f"+{what}", {"marker": POSITIVE, "color": SERIES[1], **sign}),
-            Entry(f"−{what}", {"marker": NEGATIVE, "color": SERIES[0], **sign}),
-        ]
-        if signed
-        else [Entry(what, {"marker": LENGTH, "color": SERIES[1], **sign})]
-    )
+    signs = SIGNS if signed else LENGTHS
+    key = [Entry(f"{text}{what}", {"marker": marker, "color": c, **sign}) for text, marker, c, _ in signs]
     if marked:
         key.append(Entry(marked, {"color": MARKED, "lw": 3.5}))
 
@@ -118,18 +111,11 @@ def _draw(
         _mark(axes, record, site, drawn, at, VIEW.seen(points))
     area = SMALLEST + (LARGEST - SMALLEST) * np.minimum(np.abs(error) / edge, 1.0)
     flat = VIEW.seen(points)
-    every = [(error >= 0, POSITIVE, SERIES[1]), (error < 0, NEGATIVE, SERIES[0])]
-    parts = every if signed else [(np.ones(len(error), bool), LENGTH, SERIES[1])]
-    for which, marker, colour in parts:
-        axes.scatter(
-            *flat[which].T,
-            s=area[which],
-            marker=marker,
-            color=colour,
-            lw=0,
-            zorder=5,
-            rasterized=len(at) > MANY,
-        )
+    for _, marker, colour, chosen in SIGNS if signed else LENGTHS:
+        which = chosen(error)
+        image = len(at) > MANY
+        size = area[which]
+        axes.scatter(*flat[which].T, s=size, marker=marker, color=colour, lw=0, zorder=5, rasterized=image)
     _frame(axes, np.vstack([drawn, flat, VIEW.seen(strokes).reshape(-1, 2), *(o.polygon for o in bodies)]))
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -13,11 +13,8 @@ from bayescal.reporting.figures.palette import ACCENT, GREY, NOISE, SERIES
 from bayescal.reporting.figures.scales import LANE, Row, rows_panel, upright
 from bayescal.reporting.figures.sheet import MM_PER_PT, Entry, Panel, width_of
 from bayescal.reporting.shared.text import with_u
+from bayescal.storage.reading import Json
 
-if TYPE_CHECKING:
-    pass
-
-Json = dict[str, Any]
 MOST = 48
 """Parameters that are shown, the first of the model."""
 STYLES: dict[str, Any] = {

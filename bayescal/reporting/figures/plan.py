@@ -69,10 +69,8 @@ def draw_plan(plan: Plan) -> Figure:
             axes.fill(*(MM * outlined(shape, i, j).T), facecolor=SOLID, edgecolor=FAINT, lw=0.8, zorder=0)
         if (volume := plan.pool.setup.volume) is not None:
             x, y = MM * (volume.centre - volume.size / 2)[flat]
-            outline = Rectangle(
-                (x, y), *(MM * volume.size[flat]), fill=False, edgecolor=MARKED, lw=1.2, ls=":"
-            )
-            axes.add_patch(outline)
+            dotted: dict[str, Any] = {"fill": False, "edgecolor": MARKED, "lw": 1.2, "ls": ":"}
+            axes.add_patch(Rectangle((x, y), *(MM * volume.size[flat]), **dotted))
         axes.set_xlim(middle[i] - half, middle[i] + half)
         axes.set_ylim(middle[j] - half, middle[j] + half)
         axes.set_aspect("equal")
@@ -200,24 +198,15 @@ def _curve(plan: Plan, axes: Any) -> None:
     for points, marker, line, colour, label in drawn:
         if len(points):
             x, u = np.array(points, float).T
-            axes.plot(
-                x, COVERAGE_FACTOR * UM * u, marker=marker, ls=line, color=colour, lw=1.6, ms=6, label=label
-            )
+            style = {"marker": marker, "ls": line, "color": colour, "lw": 1.6, "ms": 6, "label": label}
+            axes.plot(x, COVERAGE_FACTOR * UM * u, **style)
     if first is not None:
         here = count(plan)
-        axes.scatter(
-            here,
-            COVERAGE_FACTOR * UM * first.u,
-            s=150,
-            facecolors="none",
-            edgecolors=INK,
-            lw=1.6,
-            label="this plan",
-        )
-        if not len(plan.curve_random) and np.isfinite(first.u_random):
-            axes.scatter(
-                here, COVERAGE_FACTOR * UM * first.u_random, marker="s", color=SERIES[1], label="random"
-            )
+        u, u_random = (COVERAGE_FACTOR * UM * value for value in (first.u, first.u_random))
+        ring: dict[str, Any] = {"s": 150, "facecolors": "none", "edgecolors": INK, "lw": 1.6}
+        axes.scatter(here, u, label="this plan", **ring)
+        if not len(plan.curve_random) and np.isfinite(u_random):
+            axes.scatter(here, u_random, marker="s", color=SERIES[1], label="random")
     axes.set_xscale("log")
     axes.set_yscale("log")
     for axis in (axes.xaxis, axes.yaxis):

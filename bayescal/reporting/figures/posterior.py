@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -11,11 +11,8 @@ from bayescal.effects.vocabulary import unit_label
 from bayescal.reporting.figures import scales
 from bayescal.reporting.figures.palette import ACCENT, GREY, INK, SERIES
 from bayescal.reporting.figures.sheet import Entry, Panel, width_of
+from bayescal.storage.reading import Json
 
-if TYPE_CHECKING:
-    pass
-
-Json = dict[str, Any]
 Draws = Mapping[str, np.ndarray]
 """Draws (chains, draws) of parameters by name, in the units of the record."""
 MOST, PAIRS = 6, 3
@@ -55,9 +52,7 @@ def marginal_panel(p: Json, draws: np.ndarray, first: bool) -> Panel:
     def draw(axes: Any, inner: float) -> None:
         flat = draws.ravel()
         # one polygon: a rectangle for every bin takes a quarter of the time of the figure
-        heights, _, _ = axes.hist(
-            flat, bins=BINS, density=True, color=ACCENT, alpha=0.45, histtype="stepfilled"
-        )
+        heights = axes.hist(flat, BINS, density=True, color=ACCENT, alpha=0.45, histtype="stepfilled")[0]
         low, high = (float(v) for v in np.quantile(flat, [0.001, 0.999]))
         pad = 0.1 * (high - low) or 1e-9
         axes.set_xlim(low - pad, high + pad)

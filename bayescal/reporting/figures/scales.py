@@ -15,7 +15,6 @@ from bayescal.reporting.figures.palette import GREY, INK, SIZE
 from bayescal.reporting.figures.sheet import Entry, Panel, baseline, line, width, wrapped
 
 if TYPE_CHECKING:
-    pass
     from matplotlib.axis import Axis
 
 LANE, SPACE = 2.6, 1.4
