@@ -8,7 +8,7 @@ import numpy as np
 
 from bayescal.reporting.figures.palette import ACCENT, GREY, INK, MARKED, SERIES
 from bayescal.reporting.figures.sheet import Entry, Panel
-from bayescal.reporting.shared.body import View, fill, outlines, posed
+from bayescal.reporting.shared.body import View, fill, outlines, posed, typical
 from bayescal.storage.reading import Json
 
 if TYPE_CHECKING:
@@ -54,9 +54,7 @@ def errors(record: Json) -> tuple[np.ndarray, np.ndarray, bool]:
 
 def pose(record: Json, at: np.ndarray) -> int:
     """The row, among those `at`, that is nearest to the middle of the readings."""
-    angles = np.array(record["rows"]["angle_deg"], float)[at]
-    scale = np.maximum(np.std(angles, axis=0), 1e-4)
-    return int(at[np.argmin(np.sum(((angles - np.median(angles, axis=0)) / scale) ** 2, axis=1))])
+    return int(at[typical(np.array(record["rows"]["angle_deg"], float)[at])])
 
 
 def arm_panel(record: Json, share: float = 1.0) -> Panel:

@@ -11,7 +11,7 @@ from bayescal.model.scene import Scene
 from bayescal.planning.result import DISTANCES, GAP, REPEAT, VALIDATE, Plan
 from bayescal.reporting.plan_record import count
 from bayescal.reporting.plan_sheets import COVERAGE_FACTOR, PURPOSES, by_target, headline, title
-from bayescal.reporting.shared.body import Outline, View, arm_drawing, fill, outlines
+from bayescal.reporting.shared.body import Outline, View, arm_drawing, fill, outlines, typical
 from bayescal.reporting.shared.style import ACCENT, FAINT, GREY, INK, MARKED, SERIES, figure, tidy
 from bayescal.reporting.shared.text import MM, UM
 
@@ -110,8 +110,7 @@ def _points(plan: Plan) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[list[O
     readings = plan.session.measurements.readings
     tool = plan.session.tools[plan.session.measurements.tool[0]]
     nominal = NominalArm(robot, tool.centre)
-    spread = np.maximum(np.std(readings, axis=0), 1e-6)
-    middle = int(np.argmin(np.sum(((readings - np.median(readings, axis=0)) / spread) ** 2, axis=1)))
+    middle = typical(readings)
     frames = nominal.frames(readings[middle : middle + 1])
     arm = np.vstack([frames[0, :, :3, 3], nominal.ball(frames)])
     low, high = np.clip(robot.limits, -np.pi, np.pi).T
@@ -163,8 +162,8 @@ def _targets(plan: Plan, axes: Any) -> None:
     """Contacts by target and purpose."""
     sheet = by_target(plan)
     rows = sheet.rows[:-1]
-    rest = rows[TARGETS - 1 :] if len(rows) > TARGETS else ()
-    shown = rows[: len(rows) - len(rest)][::-1]
+    hidden = rows[TARGETS - 1 :] if len(rows) > TARGETS else ()
+    shown = rows[: len(rows) - len(hidden)][::-1]
     start = np.zeros(len(shown))
     for purpose in (p for p in PURPOSES if p in plan.purpose):
         at = 1 + sheet.headings.index(PURPOSES[purpose])
@@ -179,7 +178,7 @@ def _targets(plan: Plan, axes: Any) -> None:
     axes.set_ylim(len(shown) - max(len(shown), 4) - 0.6, len(shown) - 0.4)
     axes.xaxis.get_major_locator().set_params(integer=True)
     axes.set_xlabel("contacts")
-    axes.set_title(f"contacts by target{f', {len(rest)} targets not shown' if rest else ''}", loc="left")
+    axes.set_title(f"contacts by target{f', {len(hidden)} targets not shown' if hidden else ''}", loc="left")
     axes.legend(
         frameon=False, loc="lower right", bbox_to_anchor=(1.0, 0.98), ncols=len(FILLS), columnspacing=0.9,
         handletextpad=0.4, borderpad=0.0,

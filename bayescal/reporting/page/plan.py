@@ -142,10 +142,7 @@ def write_plan(
     from bayescal.reporting.shared.style import save_figure
 
     later = commands(folder)
-    texts = {
-        CONTACTS: table_of_plan(plan),
-        PLAN: json_text(plan_record(plan, later), rows=False),
-    }
+    texts = {CONTACTS: table_of_plan(plan), PLAN: json_text(plan_record(plan, later), rows=False)}
     if plan.pool.measured:
         texts[MEASURED] = table_text(plan.pool.setup.dataset)
     for form in formats_of(formats, probe):

@@ -155,8 +155,7 @@ def frame(sheet: Sheet, index: str | None = None) -> DataFrame:
     """A table of pandas: values, not texts, by heading; the column `index` becomes the index."""
     from pandas import DataFrame
 
-    columns = [c.heading for c in sheet.columns] if index else None  # the index of an empty table too
-    out = DataFrame(
-        [{c.heading: c.value(item) for c in sheet.columns} for item in sheet.items], columns=columns
-    )
-    return out.set_index(index) if index else out
+    rows = [{c.heading: c.value(item) for c in sheet.columns} for item in sheet.items]
+    if not index:
+        return DataFrame(rows)
+    return DataFrame(rows, columns=[c.heading for c in sheet.columns]).set_index(index)  # an empty one too
