@@ -48,19 +48,19 @@ def errors(record: Json) -> tuple[np.ndarray, np.ndarray, bool]:
     else:
         error = np.array(rows["residual_um"], float)
         signed = bool(np.any(error < 0))
-    at = np.flatnonzero(np.isfinite(error))
-    return at, error[at], signed
+    finite = np.flatnonzero(np.isfinite(error))
+    return finite, error[finite], signed
 
 
-def pose(record: Json, at: np.ndarray) -> int:
-    """The row, among those `at`, that is nearest to the middle of the readings."""
-    return int(at[typical(np.array(record["rows"]["angle_deg"], float)[at])])
+def pose(record: Json, rows: np.ndarray) -> int:
+    """The row, among `rows`, that is nearest to the middle of the readings."""
+    return int(rows[typical(np.array(record["rows"]["angle_deg"], float)[rows])])
 
 
 def arm_panel(record: Json, share: float = 1.0) -> Panel:
     """The arm with contacts: signs up and down for positive and negative errors, their area for the size."""
-    at, error, signed = errors(record)
-    edge = max(float(np.quantile(np.abs(error), LARGE)), 1e-3) if len(at) else 1.0
+    rows, error, signed = errors(record)
+    edge = max(float(np.quantile(np.abs(error), LARGE)), 1e-3) if len(rows) else 1.0
     marked = record.get("marked")
     what = f"{_um(edge)} µm or more"
     sign = {"ls": "", "ms": LARGEST**0.5}
@@ -75,7 +75,7 @@ def arm_panel(record: Json, share: float = 1.0) -> Panel:
             from bayescal.effects.location import Site  # slow to import, and seldom needed
 
             site = Site.read(marked)
-        _draw(axes, record, at, error, signed, edge, site)
+        _draw(axes, record, rows, error, signed, edge, site)
 
     name = "residuals before the refit" if "residuals" in record and "marked" in record else "residuals"
     return Panel(
@@ -88,10 +88,10 @@ def arm_panel(record: Json, share: float = 1.0) -> Panel:
 
 
 def _draw(
-    axes: Any, record: Json, at: np.ndarray, error: np.ndarray, signed: bool, edge: float, site: Site | None
+    axes: Any, record: Json, rows: np.ndarray, error: np.ndarray, signed: bool, edge: float, site: Site | None
 ) -> None:
-    points = np.array(record["rows"]["point_mm"], float)[at]
-    row = pose(record, at) if len(at) else 0
+    points = np.array(record["rows"]["point_mm"], float)[rows]
+    row = pose(record, rows) if len(rows) else 0
     tip = np.array(record["rows"]["point_mm"], float)[row]
     line_of, turned = posed(record["arm"], np.radians(record["rows"]["angle_deg"][row]))
     arm = np.vstack([line_of, tip])
@@ -106,12 +106,12 @@ def _draw(
         colour, thick = (MARKED, 4.5) if mine else (ACCENT, 2.2)
         axes.plot(*stroke.T, color=colour, lw=thick, zorder=3 + mine)
     if site:
-        _mark(axes, record, site, drawn, at, VIEW.seen(points))
+        _mark(axes, record, site, drawn, rows, VIEW.seen(points))
     area = SMALLEST + (LARGEST - SMALLEST) * np.minimum(np.abs(error) / edge, 1.0)
     flat = VIEW.seen(points)
     for _, marker, colour, chosen in SIGNS if signed else LENGTHS:
         which = chosen(error)
-        image = len(at) > MANY
+        image = len(rows) > MANY
         size = area[which]
         axes.scatter(*flat[which].T, s=size, marker=marker, color=colour, lw=0, zorder=5, rasterized=image)
     _frame(axes, np.vstack([drawn, flat, VIEW.seen(strokes).reshape(-1, 2), *(o.polygon for o in bodies)]))
@@ -121,9 +121,9 @@ MANY = 1500
 """Contacts from which on their signs are an image in an SVG."""
 
 
-def _mark(axes: Any, record: Json, site: Site, drawn: np.ndarray, at: np.ndarray, flat: np.ndarray) -> None:
+def _mark(axes: Any, record: Json, site: Site, drawn: np.ndarray, rows: np.ndarray, flat: np.ndarray) -> None:
     """Mark a site: a link, the base, the stylus, or the contacts of a target."""
-    targets = np.array(record["rows"]["target"])[at]
+    targets = np.array(record["rows"]["target"])[rows]
     if site.kind == "link":
         axes.plot(*drawn[site.number : site.number + 2].T, color=MARKED, lw=4.5, zorder=3)
     elif site.kind == "base":

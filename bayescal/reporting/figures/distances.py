@@ -189,8 +189,8 @@ def levels_panel(record: Json) -> Panel:
         for _, value, style in lines:
             upright(axes, value, middles, style)
         for name, what in drawn.items():
-            at = [(step[name], y) for step, y in zip(levels, middles, strict=True) if step[name]]
-            axes.plot(*zip(*at, strict=True), clip_on=False, **styles[what])
+            points = [(step[name], y) for step, y in zip(levels, middles, strict=True) if step[name]]
+            axes.plot(*zip(*points, strict=True), clip_on=False, **styles[what])
         scales.log(axes.xaxis, low, high, width_of(axes))
 
     return rows_panel(rows, lanes, x="error (µm)", key=key)

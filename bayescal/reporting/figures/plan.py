@@ -106,7 +106,7 @@ def _points(plan: Plan) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[list[O
     """TCP positions (N, 3), the arm at a contact (K, 3), points within reach (M, 3), bodies by view; mm."""
     from bayescal.arm.motion import NominalArm
 
-    at, robot = Scene(plan.session), plan.session.robot
+    scene, robot = Scene(plan.session), plan.session.robot
     readings = plan.session.measurements.readings
     tool = plan.session.tools[plan.session.measurements.tool[0]]
     nominal = NominalArm(robot, tool.centre)
@@ -115,10 +115,10 @@ def _points(plan: Plan) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[list[O
     arm = np.vstack([frames[0, :, :3, 3], nominal.ball(frames)])
     low, high = np.clip(robot.limits, -np.pi, np.pi).T
     anywhere = nominal.readings_of(np.random.default_rng(0).uniform(low, high, (POSES, robot.n)))
-    body, unit = arm_drawing(at), np.eye(3)
+    body, unit = arm_drawing(scene), np.eye(3)
     views = (View(unit[i], unit[j], np.cross(unit[i], unit[j])) for _, i, j in VIEWS)
-    bodies = [[o for o in outlines(body, at.q[middle], view) if o.kind != "artefact"] for view in views]
-    return MM * at.points, MM * arm, MM * nominal.ball(nominal.frames(anywhere)), bodies
+    bodies = [[o for o in outlines(body, scene.q[middle], view) if o.kind != "artefact"] for view in views]
+    return MM * scene.points, MM * arm, MM * nominal.ball(nominal.frames(anywhere)), bodies
 
 
 def _ahead(reach: np.ndarray, base: np.ndarray, points: np.ndarray) -> np.ndarray:
@@ -166,8 +166,8 @@ def _targets(plan: Plan, axes: Any) -> None:
     shown = rows[: len(rows) - len(hidden)][::-1]
     start = np.zeros(len(shown))
     for purpose in (p for p in PURPOSES if p in plan.purpose):
-        at = 1 + sheet.headings.index(PURPOSES[purpose])
-        width = np.array([int(row[at]) for row in shown])
+        column = 1 + sheet.headings.index(PURPOSES[purpose])
+        width = np.array([int(row[column]) for row in shown])
         colour, hatch = FILLS[purpose]
         axes.barh(range(len(shown)), width, left=start, height=0.65, label=PURPOSES[purpose],
                   facecolor=colour, edgecolor="white", hatch=hatch, lw=0.6)  # fmt: skip

@@ -31,8 +31,8 @@ INTERVAL: dict[str, Any] = {"color": INK, "lw": 2.4, "solid_capstyle": "butt"}
 
 def weakest(record: Json, count: int = MOST) -> list[str]:
     """Names of the parameters of the arm about which the data say least, first the weakly identifiable."""
-    own = [p for p in record["parameters"] if p["effect"] != "target"]
-    return [p["name"] for p in sorted(own, key=lambda p: p["contraction"])][:count]
+    of_arm = [p for p in record["parameters"] if p["effect"] != "target"]
+    return [p["name"] for p in sorted(of_arm, key=lambda p: p["contraction"])][:count]
 
 
 def pairs_of(record: Json, names: Sequence[str] = (), count: int = PAIRS) -> list[tuple[str, str, float]]:
@@ -93,8 +93,8 @@ def label(p: Json) -> str:
 
 def posterior_rows(record: Json, draws: Draws, names: Sequence[str] = ()) -> list[list[Panel]]:
     """Panels of the parameters, and of their most correlated pairs, three in a row."""
-    known = {p["name"]: p for p in record["parameters"]}
+    by_name = {p["name"]: p for p in record["parameters"]}
     shown = list(names) or weakest(record)
-    one = [marginal_panel(known[n], draws[n], k == 0) for k, n in enumerate(shown)]
-    two = [pair_panel(known[a], known[b], r, draws) for a, b, r in pairs_of(record, names)]
+    one = [marginal_panel(by_name[n], draws[n], k == 0) for k, n in enumerate(shown)]
+    two = [pair_panel(by_name[a], by_name[b], r, draws) for a, b, r in pairs_of(record, names)]
     return [part[k : k + 3] for part in (one, two) for k in range(0, len(part), 3)]

@@ -107,7 +107,7 @@ def drawn_curves(record: Json) -> list[Json]:
     out: list[Json] = []
     p_values = {(w["site"], w["driver"]): w for w in record["where"]}
     for curve in record["curves"]:
-        event = curve["event"] and any(own["event"] for own in out)
+        event = curve["event"] and any(drawn["event"] for drawn in out)
         if len(curve["x"]) and significant(p_values[curve["site"], curve["driver"]]) and not event:
             out.append(curve)
     return out[:CURVES]
@@ -171,13 +171,13 @@ def binned(curve: Json) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
     )
     values = np.unique(x)
     edges = values if len(values) <= BINS else np.unique(np.quantile(x, np.linspace(0, 1, BINS + 1)))[:-1]
-    at = np.searchsorted(np.append(edges, np.inf), x, side="right") - 1
+    bins = np.searchsorted(np.append(edges, np.inf), x, side="right") - 1
     count = len(edges)
-    weight = np.bincount(at, lever**2, count)
+    weight = np.bincount(bins, lever**2, count)
     seen = weight > 1e-3 * np.max(weight)
-    middle = np.bincount(at, x, count)[seen] / np.bincount(at, minlength=count)[seen]
-    measured = np.bincount(at, lever * residual, count)[seen] / weight[seen]
-    explained = np.bincount(at, lever * fitted, count)[seen] / weight[seen]
+    middle = np.bincount(bins, x, count)[seen] / np.bincount(bins, minlength=count)[seen]
+    measured = np.bincount(bins, lever * residual, count)[seen] / weight[seen]
+    explained = np.bincount(bins, lever * fitted, count)[seen] / weight[seen]
     error = 2.0 * float(np.std(residual - fitted)) / np.sqrt(weight[seen])
     return middle, measured, error, explained
 

@@ -99,7 +99,7 @@ def draw_arm(run: Run, *, contacts: bool = False) -> Markup | None:
             f'<circle class="{style}" cx="{x:.1f}" cy="{y:.1f}" r="{r}"><title>joint {k}</title></circle>'
         )
     parts.append(f'<circle class="tip" cx="{line[-1, 0]:.1f}" cy="{line[-1, 1]:.1f}" r="3"/>')
-    labels = [(f"J{k}", at, hit) for k, (_, at, hit) in enumerate(names, start=1)]
+    labels = [(f"J{k}", point, hit) for k, (_, point, hit) in enumerate(names, start=1)]
     labels += [(f"link {k}", line[k : k + 2].mean(axis=0), True) for k in links]
     labels += [(s.text, line[-1], True) for s in sites if s.kind in ("tool", "probe")]
     labels += [("base", line[0], True)] if "base" in kinds else []
@@ -141,15 +141,15 @@ def _labels(labels: Sequence[tuple[str, np.ndarray, bool]], sheet: _Sheet) -> li
     """Labels in a column at the right, in the order of height, with lines to what they name."""
     order = sorted(labels, key=lambda item: float(item[1][1]))
     heights: list[float] = []
-    for _, at, _ in order:
-        heights.append(max(float(at[1]), heights[-1] + LINE if heights else 12.0))
+    for _, point, _ in order:
+        heights.append(max(float(point[1]), heights[-1] + LINE if heights else 12.0))
     over = heights[-1] - (sheet.height - 6) if heights else 0.0
     for k in range(len(heights) - 1, -1, -1):
         top = sheet.height - 6 if k == len(heights) - 1 else heights[k + 1] - LINE
         heights[k] = min(heights[k], top) if over > 0 else heights[k]
     out = []
     x = sheet.width - LABELS + 4
-    for (words, at, hit), y in zip(order, heights, strict=True):
-        out.append(svg.line(np.array([[at[0] + 9, at[1]], [x - 12, y], [x - 3, y]]), "leader"))
+    for (words, point, hit), y in zip(order, heights, strict=True):
+        out.append(svg.line(np.array([[point[0] + 9, point[1]], [x - 12, y], [x - 3, y]]), "leader"))
         out.append(svg.text(x, y + 4, words, "name marked" if hit else "name", "start"))
     return out

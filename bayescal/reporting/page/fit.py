@@ -206,10 +206,10 @@ def parameters(run: Run) -> Section | None:
 
     *first, identifiable = sheets.parameter_columns(run.record["identifiability"])
     columns = (*first, Column("prior and posterior", drawing, as_is), identifiable)
-    own = [p for p in run.record["parameters"] if p["effect"] not in sheets.NOT_ARM]
+    of_arm = [p for p in run.record["parameters"] if p["effect"] not in sheets.NOT_ARM]
     other = [p for p in run.record["parameters"] if p["effect"] in sheets.NOT_ARM]
     notes = (
-        *parameter_notes(p["effect"] for p in own),
+        *parameter_notes(p["effect"] for p in of_arm),
         "band: prior, two standard deviations; line and dot: 95 % interval and estimate, clipped at "
         "±3 prior standard deviations",
     )
@@ -218,7 +218,7 @@ def parameters(run: Run) -> Section | None:
     return blocks(
         "parameters",
         "Parameters",
-        Sheet(columns, own, caption),
+        Sheet(columns, of_arm, caption),
         *texts(weak),
         Sheet(columns, other, "Targets and faces", 0),
     )
