@@ -52,7 +52,7 @@ knock-out: $(VENV)/.test
 
 # damaged input: no traceback, no hang, no wrong number in silence; goes on where it stopped
 fuzz: $(VENV)/.test
-	$(BIN)/python tests/fuzz/run.py --cases $(N) --seed $(SEED) --workers $(WORKERS) --out $(OUT)/fuzz
+	$(BIN)/python -m analysis.fuzz --cases $(N) --seed $(SEED) --workers $(WORKERS) --out $(OUT)/fuzz
 
 own-sessions: $(VENV)/.test
 	$(BIN)/python -m analysis.own_sessions

@@ -1,7 +1,7 @@
 """Fitted arms in MuJoCo: error of every construct, by effect and arm.
 
     python -m analysis.simulators [--robots universal-robots-ur5e,...] [--poses 100]
-    python -m analysis.simulators --robots universal-robots-ur5e --into tests/exporting/mjcf/ur5e_scene.xml
+    python -m analysis.simulators --robots universal-robots-ur5e --into tests/data/ur5e_scene.xml
 
 An arm has parameters drawn from the priors of its effects. Its file, new or patched into a scene, is
 replayed in MuJoCo, and the TCP positions are compared with the model at the readings that it reached.

@@ -92,7 +92,7 @@ class Frame:
     state: np.ndarray | None = None
     values: np.ndarray | None = None  # (P + K,)
     units: np.ndarray | None = None  # (P + K,) of the errors in the columns of the block
-    excess: float = 0.0  # m, of every measurement of the target
+    noise: np.ndarray | None = None  # (C,) m, of every measurement of the target
 
     def moved(self, poses: Poses) -> tuple[np.ndarray, np.ndarray]:
         """Slopes (C, 3, P + K) of points relative to the frame, and the covariance (C, 3, 3), m2, of its own.
@@ -110,10 +110,11 @@ class Frame:
         assert self.state is not None
         assert self.values is not None
         assert self.units is not None
+        assert self.noise is not None
         b, x = self.block, self.state
         z = x[b.free] / b.sd
         _, by_arm, by_own = b.linearise(self.values, z)
-        sigma = np.tile(np.hypot(b.sigma, self.excess), b.kind.rows)[:, None]
+        sigma = np.tile(self.noise, b.kind.rows)[:, None]
         a, c = by_own / sigma, by_arm * self.units / sigma
         information = a.T @ a + np.eye(b.size)
         follows = -np.linalg.solve(information, a.T @ c)  # (size, P + K)
@@ -162,7 +163,7 @@ def frame_of(arm: FittedArm, name: str) -> Frame:
     nominal = pose_of(block.kind.describe(np.zeros(len(state))))
     return Frame(
         nominal, pose_of(described), block, state, padded(arm.values, wide),
-        unit_errors(wide, len(arm.values)), arm.beyond.excess,
+        unit_errors(wide, len(arm.values)), arm.beyond.noise_of(block),
     )  # fmt: skip
 
 

@@ -19,13 +19,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bayescal.effects.compliance import SPREAD
-from bayescal.effects.location import ARM, Site, words_of
+from bayescal.effects.location import ARM, Site, face, words_of
 from bayescal.effects.vocabulary import Parameter
 from bayescal.errors import BayescalError
 
 WORDS = re.compile(
     r"(?P<effect>[^@\s]+)(?:@(?P<setting>\S*))?(?P<together> in proportion)?"
-    r"(?: at (?P<sites>.+?))?(?: by (?P<driver>.+?))?(?: x(?P<factor>[^\sA-Za-z]+))?"
+    r"(?: at (?P<sites>.+?))?(?: by (?P<driver>.+?))?(?: x(?P<factor>[-+]?[\d.]+(?:e[-+]?\d+)?))?"
 )
 
 
@@ -75,6 +75,20 @@ class Selection:
             )
         )
 
+    @property
+    def unscaled(self) -> Selection:
+        """The same text with `` x2`` as the end of a target's name, ``plate x2``, instead of a factor."""
+        if self.factor is None or not self.sites or self.drivers or self.sites[-1].kind != "face":
+            return self
+        last = face(f"{self.sites[-1]} x{shortest(self.factor)}")
+        return replace(self, sites=(*self.sites[:-1], last), factor=None)
+
+    def among(self, parameters: Iterable[Parameter]) -> Selection:
+        """The selection itself, or `unscaled` where one of the parameters is at the site that this names."""
+        other = self.unscaled
+        known = {str(site) for p in parameters for site in p.site.also}
+        return other if other.sites and str(other.sites[-1]) in known else self
+
     def holds(self, p: Parameter) -> bool:
         """Whether a parameter of the effect is at one of the sites and has the driver."""
         at = not self.sites or any(str(site) in map(str, p.site.also) for site in self.sites)
@@ -95,6 +109,9 @@ class Selection:
         BayescalError
             If the effect has no parameters at a site, none with the driver, or no proportion.
         """
+        asked = self.among(parameters)
+        if asked is not self:
+            return asked.of(parameters, where)
         for site in self.sites:
             if not any(replace(self, sites=(site,), drivers=()).holds(p) for p in parameters):
                 raise BayescalError(

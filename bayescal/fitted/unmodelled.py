@@ -31,7 +31,7 @@ from bayescal.effects.gravity import masses
 from bayescal.errors import BayescalError
 from bayescal.estimate.discrepancy import MASSES, mixed, sized
 from bayescal.estimate.families import compliant, families
-from bayescal.model import ARM, Model
+from bayescal.model import ARM, Block, Model
 from bayescal.model.equilibrium import settled_model
 
 
@@ -54,6 +54,8 @@ class Unmodelled:
         Makes the errors of masses of those of `effects.gravity`.
     excess, excess_dof : float
         m, standard deviation of the error of each coordinate, and its effective degrees of freedom.
+    noise : mapping
+        Of the groups of measurements: their noise, with the excess, over the stated one.
     """
 
     shifts: np.ndarray
@@ -62,6 +64,7 @@ class Unmodelled:
     mixing: np.ndarray = field(default_factory=no_masses)
     excess: float = 0.0
     excess_dof: float = inf
+    noise: Mapping[str, float] = field(default_factory=dict)
 
     @classmethod
     def of(cls, basis: Basis) -> Unmodelled:
@@ -78,18 +81,20 @@ class Unmodelled:
             stated.inputs.mixing if stated.inputs.names else no_masses(),
             basis.excess,
             basis.excess_dof,
+            {group: float(k * np.sqrt(stated.white)) for group, k in stated.plain.weights.scale.items()},
         )
 
     @classmethod
     def read(cls, record: Mapping[str, Any], parameters: int) -> Unmodelled:
-        """From the entries `masses` and `discrepancy` of arm.json; None or missing where there is none."""
+        """From the entries of `record` in arm.json; None or missing where there is none."""
         of_masses, of_discrepancy = record.get("masses"), record.get("discrepancy")
+        noise = {group: float(scale) for group, scale in record.get("noise_scale", {}).items()}
         mixing, shifts = no_masses(), np.zeros((parameters, 0))
         if of_masses is not None:
             mixing = np.array(of_masses["mixing"], float)
             shifts = np.array(of_masses["shifts_si"], float).reshape(parameters, len(mixing))
         if of_discrepancy is None:
-            return cls(shifts, mixing=mixing)
+            return cls(shifts, mixing=mixing, noise=noise)
         each = of_discrepancy["families"]
         dof = of_discrepancy["unexplained_dof"]
         return cls(
@@ -101,6 +106,7 @@ class Unmodelled:
             mixing,
             1e-6 * of_discrepancy["unexplained_um"],
             inf if dof is None else float(dof),
+            noise,
         )
 
     def record(self) -> dict[str, Any]:
@@ -117,6 +123,7 @@ class Unmodelled:
                 "unexplained_um": 1e6 * self.excess,
                 "unexplained_dof": None if np.isinf(self.excess_dof) else self.excess_dof,
             },
+            "noise_scale": dict(self.noise),
         }
 
     def without(self, covariance: np.ndarray) -> np.ndarray:
@@ -151,6 +158,12 @@ class Unmodelled:
             remedy = "repeat the fit with this version"
             raise BayescalError(f"{what} {self.shifts.shape[1]}", "arm.json", remedy)
         return replace(model, parameters=(*model.parameters, *every))
+
+    def noise_of(self, block: Block) -> np.ndarray:
+        """Noise (C,), m or rad, of a residual of the rows of a block, as the fit found it."""
+        if block.group in self.noise:
+            return self.noise[block.group] * block.sigma
+        return np.hypot(block.sigma, self.excess)
 
     def dof_of(self, total: np.ndarray, parts: Mapping[str, np.ndarray]) -> np.ndarray:
         """Effective degrees of freedom (C,) of the variances `total` of C points (Welch and Satterthwaite).

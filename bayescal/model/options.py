@@ -33,7 +33,7 @@ class Part:
         for p in known:
             if p.name == words.strip():
                 return cls(p.effect, p.site, p.name)
-        asked = Selection.read(words)
+        asked = Selection.read(words).unscaled
         if len(asked.sites) != 1 or asked != Selection(asked.effect, sites=asked.sites):
             raise BayescalError(
                 f"`{words.strip()}` is not an effect at a site, and no parameter of the model",

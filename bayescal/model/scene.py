@@ -74,7 +74,7 @@ class Scene:
     oriented: bool = False
     compliances: Mapping[str, float] = field(default_factory=dict)
     origin: Scene | None = field(default=None, init=False, repr=False, compare=False)
-    """The scene of which this one has another pose, if nominal angles do not depend on the pose."""
+    """The scene that was posed anew to give this one, if nominal angles do not depend on the pose."""
 
     def posed_at(self, stance: Stance, compliances: Mapping[str, float]) -> Scene:
         """Replace the stance and the compliances; both scenes share what is equal."""

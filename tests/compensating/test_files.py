@@ -9,6 +9,8 @@ import pytest
 from compensate_arms import arm_with
 
 from bayescal.compensating.compensation import compensate_file
+from bayescal.compensating.position import positions
+from bayescal.compensating.solve import nominal_arm
 from bayescal.errors import BayescalError
 from bayescal.fitted.file import write_arm
 from bayescal.fitted.gate import Use
@@ -36,6 +38,25 @@ def read(content):
     return list(csv.DictReader(content.decode().splitlines()))
 
 
+def degrees(rows, form):
+    return np.radians([[float(r[form.format(k)]) for k in range(1, 7)] for r in rows])
+
+
+def check_units(arm, rows, goals, found):
+    """Columns in the units of their names: of the arm at the written readings, for goals (C, 3), m."""
+    readings, tool = degrees(rows, "j{}_deg"), arm.dataset.tools[0].name
+    there = positions(arm, readings, tool=tool)
+    np.testing.assert_allclose(there.poses[:, :3, 3], goals, atol=2e-8)
+    before = arm.at(np.array([own.nominal for own in found]), tool=tool).points
+    for column, values in (
+        ("u_mm", there.uncertain.u),
+        ("U_mm", there.uncertain.expanded),
+        ("error_mm", np.linalg.norm(before - goals, axis=1)),
+    ):
+        np.testing.assert_allclose([float(r[column]) for r in rows], 1e3 * values, rtol=1e-4, atol=6e-6)
+    assert [r["inside_probed_region"] for r in rows] == [str(x).lower() for x in there.inside.tolist()]
+
+
 def test_columns_are_kept_and_corrected_readings_added(arm, tmp_path):
     done = compensate_file(arm, table(tmp_path / "t.csv", POSES + ROWS))
     rows = read(done.text)
@@ -44,10 +65,7 @@ def test_columns_are_kept_and_corrected_readings_added(arm, tmp_path):
     assert done.text.decode().splitlines()[0] == POSES.strip() + (
         ",j1_deg,j2_deg,j3_deg,j4_deg,j5_deg,j6_deg,u_mm,inside_probed_region,reason,error_mm,solutions,U_mm,verdict"
     )
-    readings = np.radians([[float(r[f"j{k}_deg"]) for k in range(1, 7)] for r in rows[:2]])
-    at = arm.at(readings)
-    np.testing.assert_allclose(1e3 * at.points, [[450, 0, 200], [450, 60, 200]], atol=2e-5)
-    assert float(rows[0]["u_mm"]) == pytest.approx(1e3 * done.corrected[0].u, abs=1e-5)
+    check_units(arm, rows[:2], np.array([[0.45, 0, 0.2], [0.45, 0.06, 0.2]]), done.corrected[:2])
     assert rows[2]["reason"].startswith("out of reach")
     assert [rows[2][k] for k in ("j1_deg", "u_mm", "inside_probed_region")] == ["", "", ""]
 
@@ -103,15 +121,24 @@ def test_a_program_is_corrected_in_place(arm, tmp_path, name):
     suffix = {"fanuc": ".LS", "abb": ".mod", "robodk": ".csv", "urscript": ".script"}[name]
     source = tmp_path / f"prog{suffix}"
     source.write_bytes(getattr(programs, name.upper()))
-    done = compensate_file(arm, source, **OF_PROGRAM.get(name, {}))
+    done = compensate_file(arm, source, payload=2.5, **OF_PROGRAM.get(name, {}))
     assert done.format == name
+    assert {t.payload for t in done.targets} == {2.5}
     assert done.text != source.read_bytes()
     assert len(done.text.splitlines()) == len(source.read_bytes().splitlines())
     names = done.save(tmp_path / "out")
     assert names == ("out", "out.positions.csv")
     assert sorted(p.name for p in tmp_path.iterdir()) == sorted(["out", "out.positions.csv", source.name])
     rows = read((tmp_path / "out.positions.csv").read_bytes())
-    assert len(rows) == len(done.corrected)
+    flange = nominal_arm(arm.dataset.robot, arm.dataset.tools[0])
+    goals = [
+        t.pose[:3, 3] if t.pose is not None else flange.tool_poses(flange.frames(t.readings[None]))[0, :3, 3]
+        for t in done.targets
+    ]
+    for row, own in zip(rows, done.corrected, strict=True):
+        np.testing.assert_allclose(degrees([row], "j{}_nominal_deg")[0], own.nominal, atol=1e-8)
+    if "tcp" not in OF_PROGRAM.get(name, {}):
+        check_units(arm, rows, np.array(goals), done.corrected)
     # the targets of the corrected program are the corrected ones
     again = compensate_file(arm, tmp_path / "out", format_=name, **OF_PROGRAM.get(name, {}))
     for own, target in zip(done.corrected, again.targets, strict=True):

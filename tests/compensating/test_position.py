@@ -32,6 +32,13 @@ def fitted(tracker):
 
 
 @pytest.fixture(scope="module")
+def noisy(tracker):
+    """An instrument with a noise that is half of the stated one: its place is much of the uncertainty."""
+    session = tracker(seed=3, count=80, noise=1e-3).dataset
+    return bc.fit(replace(session, noise=replace(session.noise, point=2e-3)), "geometry", samples=0)
+
+
+@pytest.fixture(scope="module")
 def arm(fitted):
     return of_fit(fitted.data)
 
@@ -50,9 +57,14 @@ def test_the_session_has_a_discrepancy(arm, readings):
     assert np.max(np.abs(np.log(alone / with_all))) > 0.2
 
 
-@pytest.mark.parametrize("frame", ["base", "tracker"])
-def test_covariance_by_draws_of_all_unknowns(fitted, arm, readings, frame):
+@pytest.mark.parametrize(
+    ("session", "frame"), [("fitted", "base"), ("fitted", "tracker"), ("noisy", "tracker")]
+)
+def test_covariance_by_draws_of_all_unknowns(session, frame, request):
     """Draws of arm, target and functions together, through the kinematics: no slope, no elimination."""
+    fitted = request.getfixturevalue(session)
+    arm = of_fit(fitted.data)
+    readings = arm.dataset.measurements.readings[[3, 17, 40, 66]]
     stated = fitted.data.stated
     wide, rng = stated.wide.model, np.random.default_rng(0)
     plain = stated.plain

@@ -17,7 +17,7 @@ from bayescal.arm.chain import frames, link_angles, points
 from bayescal.arm.transforms import AXES, rigid, rpy_matrix
 from bayescal.effects import EFFECTS, MODELS, Effect, Parameter, Term, confusable, parameters_of, registry
 from bayescal.effects.gravity import compliances
-from bayescal.effects.location import Driver, joint, link
+from bayescal.effects.location import Driver, face, joint, link
 from bayescal.effects.selection import Selection, shortest
 from bayescal.effects.vocabulary import same_terms
 from bayescal.errors import BayescalError
@@ -26,6 +26,7 @@ from bayescal.exporting.robot import calibrated_robot
 from bayescal.gap.diagnose import diagnose
 from bayescal.gap.search.candidates import candidates
 from bayescal.model import build, check_asked
+from bayescal.model.options import Part
 from bayescal.model.scene import Scene
 
 OWN = Effect(
@@ -194,11 +195,29 @@ def c(cube):
             factor=0.1 + 0.2,
         ),
         Selection("compliance", together=True, factor=1.0),
+        Selection("compliance", factor=1e-5),
+        Selection("plane-form", None, (face("plate x#2"),)),
     ],
 )
 def test_a_name_reads_as_it_is_written(asked):
     assert Selection.read(str(asked)) == asked
     assert "," not in str(asked)
+
+
+@pytest.mark.parametrize("name", ["plate x2", "plate x#2", "plate x_1"])
+def test_a_target_whose_name_ends_as_a_factor(cube, name):
+    session = cube(seed=1).dataset
+    first = next(t for t in session.targets if t.kind == "plane")
+    targets = tuple(replace(t, name=name) if t is first else t for t in session.targets)
+    scene = Scene(replace(session, targets=targets))
+    faces, text = scene.circumstances(scene.rows("calibrate")), f"plane-form at {name}"
+    own, wide = (
+        [p for p in parameters_of((words,), faces) if p.effect == "plane-form"]
+        for words in (text, f"{text} x3")
+    )
+    assert own
+    assert {p.site for p in own} == {face(name)} == {Part.of(text).site}
+    assert [p.sd for p in wide] == pytest.approx([3.0 * p.sd for p in own])
 
 
 def test_sites_drivers_and_priors(c):

@@ -336,6 +336,17 @@ def test_dh_table(name):
     assert covariance[k, k] == pytest.approx(1e12 * arm.covariance[p, p], rel=1e-5)
     np.testing.assert_allclose(covariance, covariance.T, atol=1e-12)
     assert not out.missing
+    # every cell of the table, against the numbers of the robot (rad, m) and the covariance of the other file
+    of = {(v["place"], v["quantity"]): (v, own) for v, own in zip(record["values"], covariance, strict=True)}
+    for k, row in enumerate(rows):
+        for head in (head for head in row if head.startswith("u_")):
+            key, unit = head.split("_", 2)[1:]
+            v, own = of[row["joint"], key]
+            stated = getattr(robot, key)[k] * {"mm": 1e3, "deg": 180 / np.pi}.get(unit, 1e6)
+            u = np.sqrt(max(own[list(of).index((row["joint"], key))], 0.0))
+            assert [float(row[f"{key}_{unit}"]), v["value"]] == pytest.approx([stated] * 2, rel=1e-12)
+            assert [float(row[head]), v["u"]] == pytest.approx([u] * 2, rel=1e-9)
+            assert unit == v["unit"].replace("/(", "_per_").split("_per")[0] or key == "compliance"
 
 
 def test_joint_zeros():
@@ -349,6 +360,16 @@ def test_joint_zeros():
     zeros = np.array([p.unit == "rad" and p.effect == "joint" for p in arm.model.parameters])
     own = arm.valued(np.where(zeros, arm.values, 0.0)).at(readings).flange
     np.testing.assert_allclose(shown, own, rtol=0, atol=1e-12)
+    # u by draws of the parameters, each evaluated as the corrections are
+    rng, by = np.random.default_rng(0), []
+    for z in rng.standard_normal((400, len(arm.values))):
+        drawn = replace(arm, values=arm.values + np.linalg.cholesky(arm.covariance) @ z)
+        table = csv.DictReader(export(drawn, "joint-zeros").written.content.splitlines())
+        by.append([float(r["correction_rad"]) for r in table])
+    u = np.array([float(r["u_rad"]) for r in rows])
+    np.testing.assert_allclose(u, np.std(by, axis=0), rtol=0.12, atol=1e-12)
+    np.testing.assert_allclose([float(r["u_deg"]) for r in rows], np.degrees(u), rtol=1e-9)
+    np.testing.assert_allclose([float(r["correction_deg"]) for r in rows], np.degrees(correction), rtol=1e-9)
     assert [r["u_rad"] == "0.0" for r in rows] == [True, False, False, False, False, True]
     assert out.missing[0].effect == "joint"
     assert all(name.startswith("encoder-scale") for name in out.missing[0].parameters)

@@ -128,6 +128,13 @@ def written_values(arm):
     }
 
 
+def lengths_without(arm, names):
+    """Displacements (C,) of the TCP in the rows of the session, um, by parameters with these names."""
+    rows, of = np.arange(len(arm.dataset.measurements.ids)), [p.name for p in arm.model.parameters]
+    other = replace(arm, values=np.where(np.isin(of, names), 0.0, arm.values))
+    return 1e6 * np.linalg.norm(arm.at_rows(rows).points - other.at_rows(rows).points, axis=1)
+
+
 UNIT_OF = {"a2": "mm", "alpha2": "deg", "theta2": "deg", "scale J2": "1", "compliance J2": "urad/(N m)"}
 
 
@@ -137,6 +144,11 @@ def test_values_of_a_sidecar_are_in_their_units(name):
     arm = fake(session, ("geometry", "compliance", "encoder-scale", "payload"), scale=0.4)
     record = json.loads(json.dumps(export(arm, name, force=True).record("arm")))
     known, units = written_values(arm), {}
+    lost = [n for m in record["not_expressed"] for n in m["parameters"]]
+    for m in (*record["not_expressed"], record["remaining"] | {"parameters": lost}):
+        size = lengths_without(arm, m["parameters"])
+        expected = np.sqrt(np.mean(size**2)), size.max()
+        np.testing.assert_allclose([m["rms_um"] or 0.0, m["max_um"] or 0.0], expected, rtol=0.1, atol=1e-6)
     assert record["written"]
     for item in record["written"]:
         value, u = known[item["parameter"]][item["unit"]]

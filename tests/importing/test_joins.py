@@ -60,6 +60,35 @@ BY_TIME = "j*=A* deg, time=t epoch_s"
 STAMPED = "id=Name, x=X mm, y=Y mm, z=Z mm, time=Time iso"
 
 
+def shuffled(path, seed):
+    """The rows of a file in another order."""
+    head, *rows = path.read_text(encoding="utf-8").split("\n")
+    np.random.default_rng(seed).shuffle(rows)
+    path.write_text("\n".join([head, *rows]), encoding="utf-8")
+
+
+@pytest.mark.parametrize("mixed", [(), (0,), (1,), (0, 1)])
+@pytest.mark.parametrize("pair", ["time:1 s", "id"])
+def test_rows_of_any_order_are_joined(tracked, tmp_path, mixed, pair):
+    """What is measured at a pose does not depend on where its rows are in the two files."""
+    which = [i for i in range(40) if i not in (7, 20)]
+    log = controller(tracked, tmp_path / "ctrl.csv")
+    map_, name = BY_TIME, "P{}"
+    if pair == "id":
+        rows = [[f"P{i}", *np.degrees(tracked.measurements.readings[i])] for i in range(40)]
+        log, map_ = lines(log, ["Name", *(f"A{j}" for j in range(1, 7))], rows), "j*=A* deg, id=Name"
+    seen = points(tracked, tmp_path / "tracker.csv", which)
+    for k in mixed:
+        shuffled((log, seen)[k], k)
+    got = convert(Request(log, map_, points=seen, points_map=STAMPED, pair=pair, **USUAL))
+    rows = got.dataset.measurements
+    assert sorted(rows.ids) == sorted(name.format(i) for i in which)
+    of = [int(own[1:]) for own in rows.ids]
+    np.testing.assert_allclose(rows.readings, tracked.measurements.readings[of], atol=1e-9)
+    np.testing.assert_allclose(rows.xyz, tracked.measurements.xyz[of], atol=1e-9)
+    assert not any("the arm moved" in note for note in got.notes)
+
+
 def test_by_time(tracked, tmp_path):
     which = [i for i in range(40) if i not in (7, 20)]
     log = controller(tracked, tmp_path / "ctrl.csv")

@@ -126,7 +126,10 @@ def test_kuka_turn_selects_and_is_written():
     assert not admits(np.radians([-10, -20, 30, -40, 50, -60.0]))
     assert admits(np.radians([-10, -20, 0.05, 40, 50, -60.0]))
     found = kept(slots)
-    assert ",S 2,T 42,E1 0.0}" in rewritten(TEXTS["kuka"], PROGRAMS["kuka"], slots, found)
+    for external in (0, 1, 5):  # the bits of external axes are kept
+        text = TEXTS["kuka"].replace(",T 35,", f",T {35 + 64 * external},")
+        new = rewritten(text, PROGRAMS["kuka"], PROGRAMS["kuka"].read(text, 6).slots, found)
+        assert f",S 2,T {42 + 64 * external},E1 0.0}}" in new
     assert PROGRAMS["kuka"].read(TEXTS["kuka"], 6).notes == (
         "line 10: a PTP_REL is kept", "line 11: a LIN_REL is kept",
         "line 12: not all components are given; kept",
@@ -148,6 +151,10 @@ def test_abb_quarters_select_and_are_written():
     assert not pose.target.admits(np.radians([10, 0, 0, 20, 0, 30.0]))
     new = rewritten(TEXTS["abb"], PROGRAMS["abb"], slots, kept(slots))
     assert new.count("[0,-1,-1,1]") == 2
+    for sign in ("", "-"):  # of the two quaternions of an orientation, that of the program
+        text = TEXTS["abb"].replace("[0,1,0,0]", f"[0,{sign}1,0,0]")
+        own = PROGRAMS["abb"].read(text, 6).slots
+        assert rewritten(text, PROGRAMS["abb"], own, kept(own)).count(f",{sign}1.000000000,") == 2
     other = TEXTS["abb"].replace("wobj0", "wobj1")
     assert PROGRAMS["abb"].read(other, 6).elsewhere == "line 9: \\WObj:=wobj1"
 

@@ -25,7 +25,7 @@ def hostile(dataset):
     texts, number, known = cycle(HOSTILE), count(), {}
 
     def named(name: str) -> str:
-        return known.setdefault(name, f"{next(texts)} {next(number)}")
+        return known.setdefault(name, f"{next(texts)} {next(number)}<hostile y>")
 
     robot, rows = dataset.robot, dataset.measurements
     return replace(
@@ -45,15 +45,16 @@ def hostile(dataset):
 
 
 class Elements(HTMLParser):
-    """The elements of a page, and its text."""
+    """The elements of a page with their attributes, and its text; titles are read as markup, as in SVG."""
 
     def __init__(self, page: str) -> None:
         super().__init__()
         self.tags, self.text = set(), ""
-        self.feed(page)
+        self.feed(page.replace("<title>", "<g>").replace("</title>", "</g>"))
+        assert not [each for each in self.tags if "hostile" in each or each == "y"]
 
     def handle_starttag(self, tag, attrs):
-        self.tags.add(tag)
+        self.tags |= {tag, *(f"{tag} {name}" for name, _ in attrs if "hostile" in name)}
 
     def handle_data(self, data):
         self.text += data
@@ -89,9 +90,23 @@ def test_commands_print_names_as_they_are(session):
     )
     run("report", str(out))
     page = Elements((out / "report.html").read_text(encoding="utf-8"))
-    assert "hostile" not in page.tags
     assert "<hostile>" in page.text
     assert {"svg", "table"} <= page.tags
+
+
+def test_no_name_is_an_element_of_any_page(session, tmp_path):
+    """Of a fit, a diagnosis, both side by side and a plan: pages, and what a notebook shows of them."""
+    results = {
+        "report.html": bc.fit(session, samples=0),
+        "gap.html": bc.diagnose(session),
+        "plan.html": bc.plan(session, contacts=60, purpose="distances", candidates=200, order="random"),
+    }
+    for name, result in results.items():
+        result.save(tmp_path / name, **({} if name == "plan.html" else {"pictures": False}))
+        assert "<hostile" in Elements((tmp_path / name / name).read_text(encoding="utf-8")).text
+        assert "<hostile" in Elements(result._repr_html_()).text
+    bc.report([tmp_path / "report.html", tmp_path / "gap.html"], tmp_path / "both.html")
+    assert "<hostile" in Elements((tmp_path / "both.html").read_text(encoding="utf-8")).text
 
 
 def test_a_console_with_markup_prints_a_table_of_hostile_names(session):

@@ -9,13 +9,11 @@ import numpy as np
 import pytest
 from cases import terminal_text
 
-from bayescal.estimate import calibrated
 from bayescal.gap.result import VALIDATION_POINTS, Verdict
-from bayescal.model.scene import Scene
 from bayescal.reporting.figures.where import drawn_curves
 from bayescal.reporting.gap.contacts import length
 from bayescal.reporting.gap.phrases import headline
-from bayescal.reporting.shared.origin import STANDSTILL, _signs, entry, plain, rows_record
+from bayescal.reporting.shared.origin import STANDSTILL, _signs, entry, plain
 from bayescal.reporting.shared.sheet import Column, Sheet, frame, terminal
 from bayescal.reporting.shared.text import FigureTable, parameter_notes, plain_table, size, with_u
 from bayescal.storage.files import json_text
@@ -78,32 +76,6 @@ def test_a_table_that_fits_has_one_block_and_no_blank_line():
 )
 def test_two_digits_of_the_uncertainty(value, u, text):
     assert with_u(value, u) == text
-
-
-# --- Rows and arm of a record, against the residuals and frames that they come from.
-
-
-@pytest.fixture(scope="module")
-def found(cube):
-    return calibrated(Scene(cube(seed=1, count=80).dataset), ("geometry",))
-
-
-def test_rows_have_the_residuals_of_the_fit(found):
-    rows, scene = rows_record(found), found.model.scene
-    count = len(scene.dataset.measurements.ids)
-    assert all(len(v) == count for v in rows.values() if v is not None)
-    target, role = np.array(rows["target"]), np.array(rows["role"])
-    for k, face in enumerate(scene.dataset.targets):
-        for name in ("calibrate", "validate"):
-            own = scene.rows_of(k, scene.rows(name))
-            expected = 1e6 * found.residuals(found.model.block(k, own))[0]
-            got = np.array(rows["residual_um"], float)[(target == face.name) & (role == name)]
-            assert got == pytest.approx(expected, abs=1e-4)
-
-
-def test_points_are_those_of_the_nominal_arm(found):
-    scene = found.model.scene
-    assert np.array(rows_record(found)["point_mm"]) == pytest.approx(1e3 * scene.points, abs=1e-3)
 
 
 # --- Errors of points are lengths everywhere; figures are in the order of time and show what is significant.

@@ -1,13 +1,10 @@
 """URDF chains as DH rows, against Pinocchio on the same text; and what is refused."""
 
-import shutil
 from contextlib import suppress
 
 import numpy as np
 import pinocchio as pin
 import pytest
-from cases import EXAMPLE
-from typer.testing import CliRunner
 from urdf_texts import arm, joint, link, robot
 
 from bayescal.arm.chain import chain_of, frames, link_angles
@@ -215,36 +212,6 @@ def test_no_expression_runs_unasked(tmp_path, place):
     with suppress(BayescalError):
         xacro_read(tmp_path, text, allow_xacro=True)
     assert witness.exists()  # the file does what it seems to do: the test would see it
-
-
-def test_every_command_refuses_and_takes_the_option(tmp_path, monkeypatch):
-    """Without the option none expands the file; with it the content is taken as it is, which is no arm."""
-    from bayescal.cli import app
-
-    def taken(path, allowed):
-        return path.read_bytes() if allowed else xacro_file.expanded(path, allowed)
-
-    monkeypatch.setattr("bayescal.robots.markup.expanded", taken)
-
-    folder = shutil.copytree(EXAMPLE, tmp_path / "set")
-    settings = (folder / "dataset.yaml").read_text()
-    (folder / "dataset.yaml").write_text(settings.replace("robot: fanuc-lrmate200ic", "robot: arm.xacro"))
-    (folder / "arm.xacro").write_text('<robot name="arm"><link name="base"/></robot>')
-    (tmp_path / "log.csv").write_text("A1,X,Y,Z\n0,1,2,3\n")
-    log = [str(tmp_path / "log.csv"), "--map", "j*=A* deg, x=X mm", "--out", str(tmp_path / "new")]
-    arm = ["--robot", str(folder / "arm.xacro")]
-    calls = (
-        ["fit", str(folder)],
-        ["gap", str(folder)],
-        ["compare", str(folder)],
-        ["import", *log, *arm],
-        ["import", *log, "--template", str(folder)],
-        ["simulate", "--out", str(tmp_path / "new"), *arm],
-    )
-    for call in calls:
-        refused, told = (CliRunner().invoke(app, [*call, *option]) for option in ([], ["--allow-xacro"]))
-        assert "--allow-xacro" in str(refused.exception), call
-        assert "no joint turns" in str(told.exception), call  # it was expanded, and is no arm
 
 
 def test_the_child_has_no_environment_and_limits(tmp_path, monkeypatch):

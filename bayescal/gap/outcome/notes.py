@@ -180,7 +180,7 @@ def _of(final: Estimate, covariance: np.ndarray, asked: Selection) -> Iterable[A
     values = model.deviations(final.z[:count])
     covariance = covariance[:count, :count] * np.outer(model.sd, model.sd)
     effect = EFFECTS[asked.effect]
-    groups = list(_groups(model.parameters, asked))
+    groups = list(_groups(model.parameters, asked.among(model.parameters)))
     for key, index in groups:
         site, driver, unit = key
         size = effect.sizes.get(unit, DEVIATION)

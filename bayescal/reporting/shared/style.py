@@ -42,7 +42,11 @@ def save_figure(figure: Figure, path: Path) -> None:
     same pixels come in less time from axes that are placed before and a canvas that draws once.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.text import Text
 
+    for text in figure.findobj(Text):  # names from files may contain $; labels of ticks are none
+        if "$" in text.get_text() and "\\mathdefault" not in text.get_text():
+            text.set_parse_math(False)
     engine = figure.get_layout_engine()
     if engine is not None:
         engine.execute(figure)

@@ -7,8 +7,8 @@ import re
 import zipfile
 
 import pytest
-from fuzz_commands import command
 
+from analysis.fuzz.commands import command
 from bayescal.compensating.compensation import compensate_file
 from bayescal.errors import BayescalError
 from bayescal.exporting import ur_yaml

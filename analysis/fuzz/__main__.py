@@ -1,7 +1,7 @@
 """`make fuzz`: cases in workers, each result written at once, and a table of the classes of failures.
 
-    python tests/fuzz/run.py --cases 10000 --seed 0 --workers 2 --out /tmp/fuzz
-    python tests/fuzz/run.py --replay 1234 --seed 0
+    python -m analysis.fuzz --cases 10000 --seed 0 --workers 2 --out /tmp/fuzz
+    python -m analysis.fuzz --replay 1234 --seed 0
 
 An interrupted run goes on where it stopped. A worker that dies or does not answer is replaced, and its case
 counts as a failure.
@@ -45,7 +45,7 @@ def main() -> None:
 
 def replay(number: int, seed: int, out: Path) -> None:
     """One case again; its files stay in `out`/replay."""
-    from fuzz_cases import as_json, case
+    from analysis.fuzz.cases import as_json, case
 
     folder = out.resolve() / "replay"
     print(json.dumps(json.loads(as_json(case(number, seed, folder), number)), indent=1))
@@ -69,7 +69,7 @@ def work(options: argparse.Namespace) -> None:
     """The cases of one worker, in order, without those that are done or killed an earlier worker."""
     import resource
 
-    from fuzz_cases import as_json, case
+    from analysis.fuzz.cases import as_json, case
 
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
     done = results(options.out, options.seed)
@@ -100,7 +100,8 @@ def supervise(options: argparse.Namespace) -> int:
         path.write_text("".join(line for line in done if line.endswith("\n")), encoding="utf-8")
     command = [
         sys.executable,
-        __file__,
+        "-m",
+        "analysis.fuzz",
         "--cases",
         options.cases,
         "--seed",
@@ -144,7 +145,7 @@ def table(found: dict[int, dict[str, object]], options: argparse.Namespace) -> i
     for name, numbers in sorted(classes.items(), key=lambda item: -len(item[1])):
         print(f"{len(numbers):6}  {name}\n        {' '.join(map(str, numbers[:8]))}")
     if classes:
-        print(f"replay: {sys.executable} {__file__} --seed {options.seed} --replay NUMBER")
+        print(f"replay: {sys.executable} -m analysis.fuzz --seed {options.seed} --replay NUMBER")
     return int(bool(classes))
 
 

@@ -24,9 +24,10 @@ from unittest import mock
 
 import numpy as np
 import typer
-from fuzz_commands import COMMANDS, chosen, command
-from fuzz_mutations import PLAUSIBLE, STRUCTURE, Files, damaged, pick
-from fuzz_seeds import datasets
+
+from analysis.fuzz.commands import COMMANDS, chosen, command
+from analysis.fuzz.mutations import PLAUSIBLE, STRUCTURE, Files, damaged, pick
+from analysis.fuzz.seeds import datasets
 
 SECONDS, WAITING = 10, 240
 """s of processor time, and in all, after which a command hangs: a busy machine is slow, a pipe needs none."""

@@ -11,10 +11,9 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-HERE = Path(__file__).parent
-ROOT = HERE.parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 BESIDE = ("", "dataset", "programs", "importing", "exporting")
-sys.path[:0] = [str(ROOT), *(str(HERE.parent / name) for name in BESIDE)]
+sys.path[:0] = [str(ROOT / "tests" / name) for name in BESIDE]
 EVERY = 14
 """Of the example session, the rows on planes that are kept, and all contacts of the first placement."""
 

@@ -9,7 +9,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from fuzz_markup import MARKUP, WORKBOOK, record_entry
+
+from analysis.fuzz.markup import MARKUP, WORKBOOK, record_entry
 
 Files = dict[str, bytes]
 Rng = np.random.Generator

@@ -7,10 +7,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from cases import cases
-from fuzz_cases import CHECKED, FIT, Ran, case, judged, run
-from fuzz_mutations import PLAUSIBLE
-from fuzz_seeds import datasets
 
+from analysis.fuzz.cases import CHECKED, FIT, Ran, case, judged, run
+from analysis.fuzz.mutations import PLAUSIBLE
+from analysis.fuzz.seeds import datasets
 from bayescal import calibration
 from bayescal.dataset import read_dataset
 from bayescal.dataset.consistency import contradictions
@@ -102,8 +102,7 @@ def test_rows_that_fit_two_places_are_refused_before_the_arm_is_fitted(tmp_path,
     for file, content in datasets()["tiny"].items():
         (tmp_path / file).write_bytes(content)
     session = read_dataset(tmp_path)
-    monkeypatch.setattr(calibration, "calibrated", None)
-    monkeypatch.setattr(calibration, "estimate", None)
+    monkeypatch.setattr(calibration, "fitted_level", None)
     with pytest.raises(AmbiguousPositionError, match=r"target ball\.A .* two places .* mm apart"):
         calibration.fit(session)
     targets = tuple(replace(t, u=20e-6) if t.name == "ball.A" else t for t in session.targets)

@@ -9,7 +9,8 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
-from fuzz_seeds import ROOT, Files, datasets, logs, runs
+
+from analysis.fuzz.seeds import ROOT, Files, datasets, logs, runs
 
 Command = tuple[Files, tuple[str, ...]]
 """Files, and the arguments of the command; {in} stands for their folder, {out} for that of the output."""
