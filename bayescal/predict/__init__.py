@@ -4,14 +4,7 @@ from __future__ import annotations
 
 from bayescal.predict.crossvalidation import inside95, interval95
 from bayescal.predict.forecast import DistanceErrors, Forecast, forecast
-from bayescal.predict.validation import (
-    DiameterCheck,
-    DistanceCheck,
-    Errors,
-    RowCheck,
-    Validation,
-    validate,
-)
+from bayescal.predict.validation import DiameterCheck, DistanceCheck, Errors, RowCheck, Validation, validate
 
 __all__ = [
     "DiameterCheck",

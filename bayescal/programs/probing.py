@@ -21,15 +21,7 @@ from bayescal.errors import BayescalError
 from bayescal.planning.result import Plan
 from bayescal.probing.contacts import SPEED
 from bayescal.programs import PROGRAMS
-from bayescal.programs.motions import (
-    AHEAD,
-    Step,
-    guarded,
-    poses_table,
-    readings_table,
-    robodk_table,
-    steps,
-)
+from bayescal.programs.motions import AHEAD, Step, guarded, poses_table, readings_table, robodk_table, steps
 from bayescal.programs.text import Dialect, Format, digits
 
 TEMPLATES = Path(__file__).parent / "templates"

@@ -21,7 +21,9 @@ def _frame(
     from bayescal.reporting.shared.sheet import Column, Sheet, frame
 
     columns = tuple(Column(name, of) for name, of in (dict(zip(keys, keys, strict=True)) | others).items())
-    out = frame(Sheet(columns, tuple(entries))) if columns else DataFrame(list(entries))
+    if columns:
+        return frame(Sheet(columns, tuple(entries)), index)
+    out = DataFrame(list(entries))
     return out.set_index(index) if index else out
 
 
@@ -86,14 +88,11 @@ class FitTables(_Tables):
     @property
     def distances(self) -> DataFrame:
         """Certified distances, measured and predicted: `certified_mm`, errors and intervals in µm."""
-        between: dict[str, Any] = {
-            "from": lambda d: d["between"][0],
-            "to": lambda d: d["between"][1],
-        }
+        ends: dict[str, Any] = {"from": lambda d: d["between"][0], "to": lambda d: d["between"][1]}
         same = ("certified_mm", "nominal_error_um", "calibrated_error_um", "predicted_sd_um")
         return _frame(
             self.record["validation"]["distances"],
-            **between,
+            **ends,
             **dict(zip(same, same, strict=True)),
             low95_um=lambda d: d["predicted_interval95_um"][0],
             high95_um=lambda d: d["predicted_interval95_um"][1],
@@ -119,10 +118,9 @@ class GapTables(_Tables):
     @property
     def probability(self) -> DataFrame:
         """Probability of every effect, of the noise-only model ('null') and of an unmodelled effect."""
-        from pandas import DataFrame
-
         ranked = sorted(self.record["probability"].items(), key=lambda item: -(item[1] or 0.0))
-        return DataFrame(ranked, columns=["effect", "probability"]).set_index("effect")
+        entries = ({"effect": effect, "probability": p} for effect, p in ranked)
+        return _frame(entries, "effect", "probability", index="effect")
 
     _overview = probability
 
@@ -172,10 +170,8 @@ class PlanTables(_Tables):
     @property
     def parameters(self) -> DataFrame:
         """Expected standard uncertainty `u` of the parameters, by name, and that of their prior."""
-        from pandas import DataFrame
-
-        columns = ["name", "unit", "u", "prior_u"]
-        return DataFrame(list(self.record["expected"]["parameters"]), columns=columns).set_index("name")
+        columns = ("name", "unit", "u", "prior_u")
+        return _frame(self.record["expected"]["parameters"], *columns, index="name")
 
     @property
     def detectable(self) -> DataFrame:

@@ -11,14 +11,7 @@ import numpy as np
 from bayescal.dataset import Dataset
 from bayescal.dataset.table import CLEARANCE
 from bayescal.dataset.write import table_text
-from bayescal.planning.result import (
-    DISTANCES,
-    GAP,
-    REPEAT,
-    VALIDATE,
-    Detectable,
-    Plan,
-)
+from bayescal.planning.result import DISTANCES, GAP, REPEAT, VALIDATE, Detectable, Plan
 from bayescal.reporting.shared.origin import entry, origin, plain
 from bayescal.reporting.shared.text import MM, UM, amplitude
 

@@ -25,7 +25,7 @@ from bayescal.planning.result import (
 from bayescal.planning.separate import NO_LEVER
 from bayescal.reporting.plan_record import clearances, count, payloads
 from bayescal.reporting.shared.sheet import Column, Sheet, of_key, sheet_of_cells, terminal
-from bayescal.reporting.shared.text import NEVER, Facts, facts, percent, size, um2
+from bayescal.reporting.shared.text import NEVER, Facts, facts, percent, size, um2, under
 
 PURPOSES = {DISTANCES: "distances", GAP: "gap", REPEAT: "repeats", VALIDATE: "validation"}
 """Purposes of contacts, and their heading."""
@@ -346,7 +346,5 @@ def _limits(plan: Plan) -> Facts:
         yield "separates", text, ""
     lines = not_separated(plan)
     more = [f"and {len(lines) - PAIRS} further pairs: see plan.html"] if len(lines) > PAIRS + 1 else []
-    for k, line in enumerate([*lines[:PAIRS], *more] if more else lines):
-        yield "" if k else "not separated", line, "yellow"
-    for k, warning in enumerate(plan.warnings):
-        yield "" if k else "warning", warning, "yellow"
+    yield from under("not separated", [*lines[:PAIRS], *more] if more else lines, "yellow")
+    yield from under("warning", plan.warnings, "yellow")

@@ -8,12 +8,12 @@ import numpy as np
 
 from bayescal.reporting.figures.palette import ACCENT, GREY, INK, MARKED, SERIES
 from bayescal.reporting.figures.sheet import Entry, Panel
-from bayescal.reporting.shared.body import View, fill, outlines, posed
+from bayescal.reporting.shared.body import View, fill, outlines, posed, typical
+from bayescal.storage.reading import Json
 
 if TYPE_CHECKING:
     from bayescal.effects.location import Site
 
-Json = dict[str, Any]
 VIEW = View.of(np.radians(-62.0), np.radians(18.0))
 """Direction of view: an oblique view without perspective."""
 AXIS = 60.0
@@ -24,7 +24,9 @@ SMALLEST, LARGEST = 1.0, 16.0
 """Areas of signs, pt^2."""
 FLOOR = 9.0
 """Room below the arm for the scale and the directions of F0, mm."""
-POSITIVE, NEGATIVE, LENGTH = "^", "v", "o"
+SIGNS = (("+", "^", SERIES[1], lambda error: error >= 0), ("−", "v", SERIES[0], lambda error: error < 0))
+LENGTHS = (("", "o", SERIES[1], np.isfinite),)
+"""Text, marker and colour of signs, and the errors that have them."""
 ROUND = {"solid_capstyle": "round", "solid_joinstyle": "round"}
 WIDE: dict[str, Any] = {"color": INK, "lw": 2.5, "alpha": 0.8, **ROUND}
 
@@ -37,44 +39,33 @@ def errors(record: Json) -> tuple[np.ndarray, np.ndarray, bool]:
     rows = record["rows"]
     if "residuals" in record and isinstance(record["residuals"], dict):
         per_id: dict[str, list[float]] = {}
-        own = record["residuals"]
-        for name, value in zip(own["id"], own["before_um"], strict=True):
+        entries = record["residuals"]
+        for name, value in zip(entries["id"], entries["before_um"], strict=True):
             per_id.setdefault(name, []).append(value)
-        values = [
-            np.nan if not (r := per_id.get(name)) else r[0] if len(r) == 1 else float(np.linalg.norm(r))
-            for name in rows["id"]
-        ]
+        size = {name: r[0] if len(r) == 1 else float(np.linalg.norm(r)) for name, r in per_id.items()}
+        error = np.array([size.get(name, np.nan) for name in rows["id"]], float)
         signed = max((len(r) for r in per_id.values()), default=1) == 1
     else:
-        values = [np.nan if v is None else v for v in rows["residual_um"]]
-        signed = any(v < 0 for v in values)
-    error = np.array(values, float)
-    at = np.flatnonzero(np.isfinite(error))
-    return at, error[at], signed
+        error = np.array(rows["residual_um"], float)
+        signed = bool(np.any(error < 0))
+    finite = np.flatnonzero(np.isfinite(error))
+    return finite, error[finite], signed
 
 
-def pose(record: Json, at: np.ndarray) -> int:
-    """The row, among those `at`, that is nearest to the middle of the readings."""
-    angles = np.array(record["rows"]["angle_deg"], float)[at]
-    scale = np.maximum(np.std(angles, axis=0), 1e-4)
-    return int(at[np.argmin(np.sum(((angles - np.median(angles, axis=0)) / scale) ** 2, axis=1))])
+def pose(record: Json, rows: np.ndarray) -> int:
+    """The row, among `rows`, that is nearest to the middle of the readings."""
+    return int(rows[typical(np.array(record["rows"]["angle_deg"], float)[rows])])
 
 
 def arm_panel(record: Json, share: float = 1.0) -> Panel:
     """The arm with contacts: signs up and down for positive and negative errors, their area for the size."""
-    at, error, signed = errors(record)
-    edge = max(float(np.quantile(np.abs(error), LARGE)), 1e-3) if len(at) else 1.0
+    rows, error, signed = errors(record)
+    edge = max(float(np.quantile(np.abs(error), LARGE)), 1e-3) if len(rows) else 1.0
     marked = record.get("marked")
     what = f"{_um(edge)} µm or more"
     sign = {"ls": "", "ms": LARGEST**0.5}
-    key = (
-        [
-            Entry(f"+{what}", {"marker": POSITIVE, "color": SERIES[1], **sign}),
-            Entry(f"−{what}", {"marker": NEGATIVE, "color": SERIES[0], **sign}),
-        ]
-        if signed
-        else [Entry(what, {"marker": LENGTH, "color": SERIES[1], **sign})]
-    )
+    signs = SIGNS if signed else LENGTHS
+    key = [Entry(f"{text}{what}", {"marker": marker, "color": c, **sign}) for text, marker, c, _ in signs]
     if marked:
         key.append(Entry(marked, {"color": MARKED, "lw": 3.5}))
 
@@ -84,7 +75,7 @@ def arm_panel(record: Json, share: float = 1.0) -> Panel:
             from bayescal.effects.location import Site  # slow to import, and seldom needed
 
             site = Site.read(marked)
-        _draw(axes, record, at, error, signed, edge, site)
+        _draw(axes, record, rows, error, signed, edge, site)
 
     name = "residuals before the refit" if "residuals" in record and "marked" in record else "residuals"
     return Panel(
@@ -97,10 +88,10 @@ def arm_panel(record: Json, share: float = 1.0) -> Panel:
 
 
 def _draw(
-    axes: Any, record: Json, at: np.ndarray, error: np.ndarray, signed: bool, edge: float, site: Site | None
+    axes: Any, record: Json, rows: np.ndarray, error: np.ndarray, signed: bool, edge: float, site: Site | None
 ) -> None:
-    points = np.array(record["rows"]["point_mm"], float)[at]
-    row = pose(record, at) if len(at) else 0
+    points = np.array(record["rows"]["point_mm"], float)[rows]
+    row = pose(record, rows) if len(rows) else 0
     tip = np.array(record["rows"]["point_mm"], float)[row]
     line_of, turned = posed(record["arm"], np.radians(record["rows"]["angle_deg"][row]))
     arm = np.vstack([line_of, tip])
@@ -115,21 +106,14 @@ def _draw(
         colour, thick = (MARKED, 4.5) if mine else (ACCENT, 2.2)
         axes.plot(*stroke.T, color=colour, lw=thick, zorder=3 + mine)
     if site:
-        _mark(axes, record, site, drawn, at, VIEW.seen(points))
+        _mark(axes, record, site, drawn, rows, VIEW.seen(points))
     area = SMALLEST + (LARGEST - SMALLEST) * np.minimum(np.abs(error) / edge, 1.0)
     flat = VIEW.seen(points)
-    every = [(error >= 0, POSITIVE, SERIES[1]), (error < 0, NEGATIVE, SERIES[0])]
-    parts = every if signed else [(np.ones(len(error), bool), LENGTH, SERIES[1])]
-    for which, marker, colour in parts:
-        axes.scatter(
-            *flat[which].T,
-            s=area[which],
-            marker=marker,
-            color=colour,
-            lw=0,
-            zorder=5,
-            rasterized=len(at) > MANY,
-        )
+    for _, marker, colour, chosen in SIGNS if signed else LENGTHS:
+        which = chosen(error)
+        image = len(rows) > MANY
+        size = area[which]
+        axes.scatter(*flat[which].T, s=size, marker=marker, color=colour, lw=0, zorder=5, rasterized=image)
     _frame(axes, np.vstack([drawn, flat, VIEW.seen(strokes).reshape(-1, 2), *(o.polygon for o in bodies)]))
 
 
@@ -137,9 +121,9 @@ MANY = 1500
 """Contacts from which on their signs are an image in an SVG."""
 
 
-def _mark(axes: Any, record: Json, site: Site, drawn: np.ndarray, at: np.ndarray, flat: np.ndarray) -> None:
+def _mark(axes: Any, record: Json, site: Site, drawn: np.ndarray, rows: np.ndarray, flat: np.ndarray) -> None:
     """Mark a site: a link, the base, the stylus, or the contacts of a target."""
-    targets = np.array(record["rows"]["target"])[at]
+    targets = np.array(record["rows"]["target"])[rows]
     if site.kind == "link":
         axes.plot(*drawn[site.number : site.number + 2].T, color=MARKED, lw=4.5, zorder=3)
     elif site.kind == "base":

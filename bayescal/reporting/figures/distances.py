@@ -5,8 +5,8 @@ Validation errors of the model levels of a fit or a diagnosis, from nominal to t
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -15,11 +15,8 @@ from bayescal.reporting.figures.palette import ACCENT, FAINT, GREY, INK, MARKED,
 from bayescal.reporting.figures.scales import LANE, Row, rows_panel, upright
 from bayescal.reporting.figures.sheet import Entry, Panel, width_of
 from bayescal.reporting.shared.text import model_label, short
+from bayescal.storage.reading import Json
 
-if TYPE_CHECKING:
-    pass
-
-Json = dict[str, Any]
 MOST = 15
 """Distances that are shown, those with the largest errors first."""
 INTERVAL: dict[str, Any] = {"color": FAINT, "lw": 5.0, "solid_capstyle": "butt"}
@@ -29,14 +26,22 @@ HOLLOW = {"markerfacecolor": "white", "ls": ""}
 BEFORE: dict[str, Any] = {"markeredgecolor": SERIES[1], "marker": "o", "ms": 4.5, **HOLLOW}
 AFTER: dict[str, Any] = {"color": SERIES[0], "marker": "s", "ls": "", "ms": 4.5}
 EXPECTED: dict[str, Any] = {"color": GREY, "lw": 1.6}
+NOISE: dict[str, Any] = {"color": GREY, "ls": "--", "lw": 1.0}
+SIGNS = (BEFORE, AFTER, EXPECTED)
+REDUCTION = {
+    "bayescal-fit/1": ("Validation contacts and points", "nominal", "calibrated", "predicted"),
+    "bayescal-gap/1": (
+        "Validation errors without and with the named effects",
+        *("without the named effects", "with them", "expected for a correct model"),
+    ),
+}
+"""By schema: title of the panel of errors before and after, and entries of its legend."""
 KINDS = {"planes": "validation contacts", "distances": "sphere distances", "points": "validation points"}
 
 
 def measured(record: Json) -> bool:
     """Whether there is any validation measurement."""
-    if record["schema"] == "bayescal-fit/1":
-        return bool(record["validation"]["distances"] or _of_fit(record))
-    return bool(_of_gap(record))
+    return bool(record.get("validation", {}).get("distances") or _items(record))
 
 
 def distances_panel(record: Json) -> Panel | None:
@@ -75,7 +80,7 @@ def distances_panel(record: Json) -> Panel | None:
 
 def reduction_panel(record: Json) -> Panel | None:
     """Errors of validation measurements before and after: by target of a fit, by kind of a diagnosis."""
-    items = _of_fit(record) if record["schema"] == "bayescal-fit/1" else _of_gap(record)
+    items = _items(record)
     if not items:
         return None
     values = [v for _, _, before, after, expected in items for v in (before, after, expected) if v]
@@ -92,53 +97,40 @@ def reduction_panel(record: Json) -> Panel | None:
         axes.plot(after, middle, **AFTER)
         scales.log(axes.xaxis, low, high, width_of(axes))
 
-    fit = record["schema"] == "bayescal-fit/1"
-    key = [
-        Entry("nominal" if fit else "without the named effects", BEFORE),
-        Entry("calibrated" if fit else "with them", AFTER),
-        Entry("predicted" if fit else "expected for a correct model", EXPECTED),
-    ]
-    title = (
-        "Validation contacts and points" if fit else "Validation errors without and with the named effects"
-    )
-    return rows_panel(
-        [Row(label, text) for label, text, *_ in items], lanes, title, "RMS error (µm)", "", key
-    )
+    title, *texts = REDUCTION[record["schema"]]
+    key = [Entry(text, style) for text, style in zip(texts, SIGNS, strict=True)]
+    rows = [Row(label, text) for label, text, *_ in items]
+    return rows_panel(rows, lanes, title, "RMS error (µm)", "", key)
 
 
 Item = tuple[str, str, float, float, float | None]
 """Label, numbers as text, error before, after, and expected, µm."""
 
 
-def _of_fit(record: Json) -> list[Item]:
-    own = record["validation"]
-    out: list[Item] = [
-        (p["target"], _change(p["nominal_rms_um"], p["calibrated_rms_um"]), p["nominal_rms_um"],
-         p["calibrated_rms_um"], p["predicted_rms_um"])
-        for p in own["planes"]
-    ]  # fmt: skip
-    points = own["points"]
-    if points["count"]:
-        before, after = points["nominal_mean_um"], points["calibrated_mean_um"]
-        label = f"{points['count']} validation points (mean error length)"
-        out.append((label, _change(before, after), before, after, points["predicted_mean_um"]))
-    return out
+def _items(record: Json) -> list[Item]:
+    return list((_of_fit if record["schema"] == "bayescal-fit/1" else _of_gap)(record))
 
 
-def _of_gap(record: Json) -> list[Item]:
-    out: list[Item] = []
+def _of_fit(record: Json) -> Iterator[Item]:
+    for p in record["validation"]["planes"]:
+        yield _item(p["target"], p["nominal_rms_um"], p["calibrated_rms_um"], p["predicted_rms_um"])
+    p = record["validation"]["points"]
+    if p["count"]:
+        label = f"{p['count']} validation points (mean error length)"
+        yield _item(label, p["nominal_mean_um"], p["calibrated_mean_um"], p["predicted_mean_um"])
+
+
+def _of_gap(record: Json) -> Iterator[Item]:
     for what, s in record["shrinkage"].items():
         if s:
-            own = record["lengths"]["shrinkage"].get(what, s)
-            before, after = own["before_rms_um"], own["after_rms_um"]
+            length = record["lengths"]["shrinkage"].get(what, s)
             claim = "" if s["claimed"] else ", no improvement claimed"
             label = f"{KINDS.get(what, what)} ({s['count']})"
-            out.append((label, _change(before, after) + claim, before, after, own["floor_um"]))
-    return out
+            yield _item(label, length["before_rms_um"], length["after_rms_um"], length["floor_um"], claim)
 
 
-def _change(before: float, after: float) -> str:
-    return f"{_um(before)} → {_um(after)} µm"
+def _item(label: str, before: float, after: float, expected: float | None, claim: str = "") -> Item:
+    return label, f"{_um(before)} → {_um(after)} µm{claim}", before, after, expected
 
 
 def _um(value: float) -> str:
@@ -165,19 +157,17 @@ def levels_panel(record: Json) -> Panel:
     if record["schema"] == "bayescal-gap/1" and record["lengths"]["of"] != "validation contacts":
         del keys["heldout_rms_um"]  # per coordinate; the points are drawn by their lengths
     drawn = {key: what for key, what in keys.items() if any(step.get(key) for step in levels)}
-    rows = [
-        Row(
-            label(levels, k),
-            ", ".join(f"{what} {_levels_um(step[key])}" for key, what in drawn.items() if step[key]) + " µm",
-        )
-        for k, step in enumerate(levels)
-    ]
+
+    def errors(step: Json) -> str:
+        parts = (f"{what} {_levels_um(step[key])}" for key, what in drawn.items() if step[key])
+        return ", ".join(parts) + " µm"
+
+    rows = [Row(label(levels, k), errors(step)) for k, step in enumerate(levels)]
     values = [step[key] for step in levels for key in drawn if step[key]]
-    lines = (
-        reference_lines(record) if CONTACTS in drawn.values() or record["schema"] != "bayescal-fit/1" else []
-    )
+    fit = record["schema"] == "bayescal-fit/1"
+    lines = reference_lines(record) if CONTACTS in drawn.values() or not fit else []
     ends = [*values, *(value for _, value, _ in lines)]
-    mean = "mean length" if record["schema"] == "bayescal-fit/1" else "RMS length"
+    mean = "mean length" if fit else "RMS length"
     names = {
         CONTACTS: "validation contacts (RMS)",
         DISTANCES: "sphere distances (RMS)",
@@ -199,8 +189,8 @@ def levels_panel(record: Json) -> Panel:
         for _, value, style in lines:
             upright(axes, value, middles, style)
         for name, what in drawn.items():
-            at = [(step[name], y) for step, y in zip(levels, middles, strict=True) if step[name]]
-            axes.plot(*zip(*at, strict=True), clip_on=False, **styles[what])
+            points = [(step[name], y) for step, y in zip(levels, middles, strict=True) if step[name]]
+            axes.plot(*zip(*points, strict=True), clip_on=False, **styles[what])
         scales.log(axes.xaxis, low, high, width_of(axes))
 
     return rows_panel(rows, lanes, x="error (µm)", key=key)
@@ -210,21 +200,10 @@ def reference_lines(record: Json) -> list[tuple[str, float, Json]]:
     """Vertical lines: text, value in µm and style of the noise and of what a correct model would have."""
     if record["schema"] == "bayescal-fit/1":
         noise = record["noise"]["estimated_um"]
-        return [
-            (
-                f"estimated noise of a contact, {_levels_um(noise)} µm",
-                noise,
-                {"color": GREY, "ls": "--", "lw": 1.0},
-            )
-        ]
-    own = record["lengths"]
-    what = "contact" if own["of"] == "validation contacts" else "point"
-    noise = own["noise_um"]
-    out = (
-        [(f"noise of a {what}, {_levels_um(noise)} µm", noise, {"color": GREY, "ls": "--", "lw": 1.0})]
-        if noise
-        else []
-    )
+        return [(f"estimated noise of a contact, {_levels_um(noise)} µm", noise, NOISE)]
+    noise = record["lengths"]["noise_um"]
+    what = "contact" if record["lengths"]["of"] == "validation contacts" else "point"
+    out = [(f"noise of a {what}, {_levels_um(noise)} µm", noise, NOISE)] if noise else []
     expected = (record["shrinkage"].get("distances") or {}).get("floor_um")
     if expected:
         text = f"expected RMS of a distance for a correct model, {_levels_um(expected)} µm"

@@ -6,10 +6,11 @@ from io import BytesIO, StringIO
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bayescal.reporting.figures.figures import FILES, Json, content, has, posterior_content
+from bayescal.reporting.figures.figures import FILES, content, has, posterior_content
 from bayescal.reporting.figures.palette import DPI, drawing
 from bayescal.reporting.figures.posterior import Draws
 from bayescal.reporting.figures.sheet import sheet
+from bayescal.storage.reading import Json
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -13,11 +13,8 @@ from bayescal.reporting.figures.palette import ACCENT, GREY, NOISE, SERIES
 from bayescal.reporting.figures.scales import LANE, Row, rows_panel, upright
 from bayescal.reporting.figures.sheet import MM_PER_PT, Entry, Panel, width_of
 from bayescal.reporting.shared.text import with_u
+from bayescal.storage.reading import Json
 
-if TYPE_CHECKING:
-    pass
-
-Json = dict[str, Any]
 MOST = 48
 """Parameters that are shown, the first of the model."""
 STYLES: dict[str, Any] = {
@@ -35,8 +32,8 @@ def chosen(record: Json, names: Sequence[str] = ()) -> list[Json]:
     """Parameters of the arm (or those named), without the poses of targets."""
     every = record["parameters"]
     if names:
-        known = {p["name"]: p for p in every}
-        return [known[name] for name in names]
+        by_name = {p["name"]: p for p in every}
+        return [by_name[name] for name in names]
     return [p for p in every if p["effect"] != "target"]
 
 
@@ -78,14 +75,14 @@ def _panel(shown: Sequence[Json], level: Json, edge: float, key: Sequence[Entry]
     ]
 
     def lanes(axes: Any, middles: Sequence[float]) -> None:
-        low, high, at = np.array([scaled(p) for p in shown]).T
+        low, high, estimate = np.array([scaled(p) for p in shown]).T
         middle, of = np.array(middles), np.array([level.get(p["name"], "determined") for p in shown])
         axes.hlines(middle, -2, 2, color=NOISE, lw=LANE / MM_PER_PT, zorder=0)
         upright(axes, 0.0, middles, {"color": GREY, "lw": 0.6})
         for name, (_, style) in STYLES.items():
             mine, colour = of == name, style.get("color", style.get("markeredgecolor"))
             axes.hlines(middle[mine], low[mine], high[mine], color=colour, lw=1.6, zorder=2)
-            axes.plot(at[mine], middle[mine], zorder=3, **style)
+            axes.plot(estimate[mine], middle[mine], zorder=3, **style)
         axes.set_xlim(-edge, edge)
         scales.linear(axes.xaxis, width_of(axes))
 

@@ -11,7 +11,7 @@ from bayescal.model.scene import Scene
 from bayescal.planning.result import DISTANCES, GAP, REPEAT, VALIDATE, Plan
 from bayescal.reporting.plan_record import count
 from bayescal.reporting.plan_sheets import COVERAGE_FACTOR, PURPOSES, by_target, headline, title
-from bayescal.reporting.shared.body import Outline, View, arm_drawing, fill, outlines
+from bayescal.reporting.shared.body import Outline, View, arm_drawing, fill, outlines, typical
 from bayescal.reporting.shared.style import ACCENT, FAINT, GREY, INK, MARKED, SERIES, figure, tidy
 from bayescal.reporting.shared.text import MM, UM
 
@@ -69,10 +69,8 @@ def draw_plan(plan: Plan) -> Figure:
             axes.fill(*(MM * outlined(shape, i, j).T), facecolor=SOLID, edgecolor=FAINT, lw=0.8, zorder=0)
         if (volume := plan.pool.setup.volume) is not None:
             x, y = MM * (volume.centre - volume.size / 2)[flat]
-            outline = Rectangle(
-                (x, y), *(MM * volume.size[flat]), fill=False, edgecolor=MARKED, lw=1.2, ls=":"
-            )
-            axes.add_patch(outline)
+            dotted: dict[str, Any] = {"fill": False, "edgecolor": MARKED, "lw": 1.2, "ls": ":"}
+            axes.add_patch(Rectangle((x, y), *(MM * volume.size[flat]), **dotted))
         axes.set_xlim(middle[i] - half, middle[i] + half)
         axes.set_ylim(middle[j] - half, middle[j] + half)
         axes.set_aspect("equal")
@@ -108,20 +106,19 @@ def _points(plan: Plan) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[list[O
     """TCP positions (N, 3), the arm at a contact (K, 3), points within reach (M, 3), bodies by view; mm."""
     from bayescal.arm.motion import NominalArm
 
-    at, robot = Scene(plan.session), plan.session.robot
+    scene, robot = Scene(plan.session), plan.session.robot
     readings = plan.session.measurements.readings
     tool = plan.session.tools[plan.session.measurements.tool[0]]
     nominal = NominalArm(robot, tool.centre)
-    spread = np.maximum(np.std(readings, axis=0), 1e-6)
-    middle = int(np.argmin(np.sum(((readings - np.median(readings, axis=0)) / spread) ** 2, axis=1)))
+    middle = typical(readings)
     frames = nominal.frames(readings[middle : middle + 1])
     arm = np.vstack([frames[0, :, :3, 3], nominal.ball(frames)])
     low, high = np.clip(robot.limits, -np.pi, np.pi).T
     anywhere = nominal.readings_of(np.random.default_rng(0).uniform(low, high, (POSES, robot.n)))
-    body, unit = arm_drawing(at), np.eye(3)
+    body, unit = arm_drawing(scene), np.eye(3)
     views = (View(unit[i], unit[j], np.cross(unit[i], unit[j])) for _, i, j in VIEWS)
-    bodies = [[o for o in outlines(body, at.q[middle], view) if o.kind != "artefact"] for view in views]
-    return MM * at.points, MM * arm, MM * nominal.ball(nominal.frames(anywhere)), bodies
+    bodies = [[o for o in outlines(body, scene.q[middle], view) if o.kind != "artefact"] for view in views]
+    return MM * scene.points, MM * arm, MM * nominal.ball(nominal.frames(anywhere)), bodies
 
 
 def _ahead(reach: np.ndarray, base: np.ndarray, points: np.ndarray) -> np.ndarray:
@@ -165,12 +162,12 @@ def _targets(plan: Plan, axes: Any) -> None:
     """Contacts by target and purpose."""
     sheet = by_target(plan)
     rows = sheet.rows[:-1]
-    rest = rows[TARGETS - 1 :] if len(rows) > TARGETS else ()
-    shown = rows[: len(rows) - len(rest)][::-1]
+    hidden = rows[TARGETS - 1 :] if len(rows) > TARGETS else ()
+    shown = rows[: len(rows) - len(hidden)][::-1]
     start = np.zeros(len(shown))
     for purpose in (p for p in PURPOSES if p in plan.purpose):
-        at = 1 + sheet.headings.index(PURPOSES[purpose])
-        width = np.array([int(row[at]) for row in shown])
+        column = 1 + sheet.headings.index(PURPOSES[purpose])
+        width = np.array([int(row[column]) for row in shown])
         colour, hatch = FILLS[purpose]
         axes.barh(range(len(shown)), width, left=start, height=0.65, label=PURPOSES[purpose],
                   facecolor=colour, edgecolor="white", hatch=hatch, lw=0.6)  # fmt: skip
@@ -181,7 +178,7 @@ def _targets(plan: Plan, axes: Any) -> None:
     axes.set_ylim(len(shown) - max(len(shown), 4) - 0.6, len(shown) - 0.4)
     axes.xaxis.get_major_locator().set_params(integer=True)
     axes.set_xlabel("contacts")
-    axes.set_title(f"contacts by target{f', {len(rest)} targets not shown' if rest else ''}", loc="left")
+    axes.set_title(f"contacts by target{f', {len(hidden)} targets not shown' if hidden else ''}", loc="left")
     axes.legend(
         frameon=False, loc="lower right", bbox_to_anchor=(1.0, 0.98), ncols=len(FILLS), columnspacing=0.9,
         handletextpad=0.4, borderpad=0.0,
@@ -200,24 +197,15 @@ def _curve(plan: Plan, axes: Any) -> None:
     for points, marker, line, colour, label in drawn:
         if len(points):
             x, u = np.array(points, float).T
-            axes.plot(
-                x, COVERAGE_FACTOR * UM * u, marker=marker, ls=line, color=colour, lw=1.6, ms=6, label=label
-            )
+            style = {"marker": marker, "ls": line, "color": colour, "lw": 1.6, "ms": 6, "label": label}
+            axes.plot(x, COVERAGE_FACTOR * UM * u, **style)
     if first is not None:
         here = count(plan)
-        axes.scatter(
-            here,
-            COVERAGE_FACTOR * UM * first.u,
-            s=150,
-            facecolors="none",
-            edgecolors=INK,
-            lw=1.6,
-            label="this plan",
-        )
-        if not len(plan.curve_random) and np.isfinite(first.u_random):
-            axes.scatter(
-                here, COVERAGE_FACTOR * UM * first.u_random, marker="s", color=SERIES[1], label="random"
-            )
+        u, u_random = (COVERAGE_FACTOR * UM * value for value in (first.u, first.u_random))
+        ring: dict[str, Any] = {"s": 150, "facecolors": "none", "edgecolors": INK, "lw": 1.6}
+        axes.scatter(here, u, label="this plan", **ring)
+        if not len(plan.curve_random) and np.isfinite(u_random):
+            axes.scatter(here, u_random, marker="s", color=SERIES[1], label="random")
     axes.set_xscale("log")
     axes.set_yscale("log")
     for axis in (axes.xaxis, axes.yaxis):

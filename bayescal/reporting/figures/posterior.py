@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -11,11 +11,8 @@ from bayescal.effects.vocabulary import unit_label
 from bayescal.reporting.figures import scales
 from bayescal.reporting.figures.palette import ACCENT, GREY, INK, SERIES
 from bayescal.reporting.figures.sheet import Entry, Panel, width_of
+from bayescal.storage.reading import Json
 
-if TYPE_CHECKING:
-    pass
-
-Json = dict[str, Any]
 Draws = Mapping[str, np.ndarray]
 """Draws (chains, draws) of parameters by name, in the units of the record."""
 MOST, PAIRS = 6, 3
@@ -34,8 +31,8 @@ INTERVAL: dict[str, Any] = {"color": INK, "lw": 2.4, "solid_capstyle": "butt"}
 
 def weakest(record: Json, count: int = MOST) -> list[str]:
     """Names of the parameters of the arm about which the data say least, first the weakly identifiable."""
-    own = [p for p in record["parameters"] if p["effect"] != "target"]
-    return [p["name"] for p in sorted(own, key=lambda p: p["contraction"])][:count]
+    of_arm = [p for p in record["parameters"] if p["effect"] != "target"]
+    return [p["name"] for p in sorted(of_arm, key=lambda p: p["contraction"])][:count]
 
 
 def pairs_of(record: Json, names: Sequence[str] = (), count: int = PAIRS) -> list[tuple[str, str, float]]:
@@ -55,9 +52,7 @@ def marginal_panel(p: Json, draws: np.ndarray, first: bool) -> Panel:
     def draw(axes: Any, inner: float) -> None:
         flat = draws.ravel()
         # one polygon: a rectangle for every bin takes a quarter of the time of the figure
-        heights, _, _ = axes.hist(
-            flat, bins=BINS, density=True, color=ACCENT, alpha=0.45, histtype="stepfilled"
-        )
+        heights = axes.hist(flat, BINS, density=True, color=ACCENT, alpha=0.45, histtype="stepfilled")[0]
         low, high = (float(v) for v in np.quantile(flat, [0.001, 0.999]))
         pad = 0.1 * (high - low) or 1e-9
         axes.set_xlim(low - pad, high + pad)
@@ -98,8 +93,8 @@ def label(p: Json) -> str:
 
 def posterior_rows(record: Json, draws: Draws, names: Sequence[str] = ()) -> list[list[Panel]]:
     """Panels of the parameters, and of their most correlated pairs, three in a row."""
-    known = {p["name"]: p for p in record["parameters"]}
+    by_name = {p["name"]: p for p in record["parameters"]}
     shown = list(names) or weakest(record)
-    one = [marginal_panel(known[n], draws[n], k == 0) for k, n in enumerate(shown)]
-    two = [pair_panel(known[a], known[b], r, draws) for a, b, r in pairs_of(record, names)]
+    one = [marginal_panel(by_name[n], draws[n], k == 0) for k, n in enumerate(shown)]
+    two = [pair_panel(by_name[a], by_name[b], r, draws) for a, b, r in pairs_of(record, names)]
     return [part[k : k + 3] for part in (one, two) for k in range(0, len(part), 3)]

@@ -17,8 +17,8 @@ from threading import Thread
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from bayescal.reporting.figures.figures import Json
     from bayescal.reporting.figures.posterior import Draws
+    from bayescal.storage.reading import Json
 
 Figures = dict[str, bytes]
 """Names of PNG files and their content."""

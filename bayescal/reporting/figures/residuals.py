@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -12,11 +12,8 @@ from bayescal.reporting.figures import scales
 from bayescal.reporting.figures.palette import INK, MARKED, NOISE, SERIES
 from bayescal.reporting.figures.scales import LANE, Row, rows_panel
 from bayescal.reporting.figures.sheet import Entry, Panel, width_of
+from bayescal.storage.reading import Json
 
-if TYPE_CHECKING:
-    pass
-
-Json = dict[str, Any]
 CLIP = 0.99
 """Quantile of the absolute errors that an axis covers; larger ones are marked at its edge."""
 HEIGHT = 36.0
@@ -71,7 +68,7 @@ class Errors:
 def of_fit(record: Json) -> Errors:
     """Errors of a fit: fitted, validation and rejected measurements of the targets in the model."""
     rows = record["rows"]
-    value = np.array([np.nan if v is None else v for v in rows["residual_um"]], float)
+    value = np.array(rows["residual_um"], float)
     kind = np.where(np.array(rows["role"]) == "validate", "validation", "fitted")
     kind = np.where(np.array(rows["rejected"], bool), "rejected", kind)
     signed = bool(np.any(value < 0))
@@ -80,39 +77,28 @@ def of_fit(record: Json) -> Errors:
 
 def of_gap(record: Json, when: str) -> Errors:
     """Errors of the fitted measurements of a diagnosis; `when` is "before" or "after" the refit."""
-    own, rows = record["residuals"], record.get("rows")
-    ids = list(dict.fromkeys(own["id"]))
-    index = {name: k for k, name in enumerate(ids)}
-    at = np.array([index[name] for name in own["id"]], int)
-    r = np.array(own[f"{when}_um"], float)
-    count = np.bincount(at, minlength=len(ids))
-    length, plain = np.sqrt(np.bincount(at, r**2, len(ids))), np.bincount(at, r, len(ids))
-    signed = not np.any(count > 1)
-    value = plain if signed else length
+    entries, rows = record["residuals"], record.get("rows")
+    components: dict[str, list[float]] = {}
+    for name, r in zip(entries["id"], entries[f"{when}_um"], strict=True):
+        components.setdefault(name, []).append(r)
+    signed = all(len(r) == 1 for r in components.values())
+    value = {name: r[0] if signed else np.sqrt(np.sum(np.square(r))) for name, r in components.items()}
     if rows is None:  # in the order of time, as `residuals`
-        x = np.arange(1.0, len(ids) + 1)
-        blank = np.full(len(ids), "")
-        return Errors(x, value, blank, np.full(len(ids), "fitted"), signed, False, record["gap"]["noise_um"])
-    place = {name: k for k, name in enumerate(rows["id"])}
-    full = np.full(len(place), np.nan)
-    full[[place[name] for name in ids]] = value
-    kind = np.full(len(place), "fitted")
-    return _ordered(rows, full, np.array(rows["target"]), kind, signed, record["gap"]["noise_um"])
+        rows = {"id": list(value), "time_s": None, "target": [""] * len(value)}
+    every = np.array([value.get(name, np.nan) for name in rows["id"]], float)
+    kind = np.full(len(every), "fitted")
+    return _ordered(rows, every, np.array(rows["target"]), kind, signed, record["gap"]["noise_um"])
 
 
 def _ordered(
     rows: Json, value: np.ndarray, target: np.ndarray, kind: np.ndarray, signed: bool, noise: float | None
 ) -> Errors:
-    timed = rows["time_s"] is not None
-    x = (
-        (np.array(rows["time_s"], float) - min(rows["time_s"])) / 60.0
-        if timed
-        else np.arange(1.0, len(value) + 1)
-    )
+    timed, x = rows["time_s"] is not None, np.arange(1.0, len(value) + 1)
+    if timed:
+        x = (np.array(rows["time_s"], float) - min(rows["time_s"])) / 60.0
     keep = np.isfinite(value) & np.isfinite(x)
-    return Errors(
-        x[keep], value[keep], target[keep], kind[keep], signed, timed, np.nan if noise is None else noise
-    )
+    level = np.nan if noise is None else noise
+    return Errors(x[keep], value[keep], target[keep], kind[keep], signed, timed, level)
 
 
 def edge_of(*series: Errors) -> float:
@@ -135,16 +121,19 @@ def time_panel(e: Errors, edge: float, title: str, share: float = 1.0) -> Panel:
             mine = (e.kind == kind) & (np.abs(e.value) <= edge)
             axes.plot(e.x[mine], e.value[mine], ls="", rasterized=len(e.x) > MANY, **KINDS[kind])
         for side, marker in ((1, "^"), (-1, "v")):
-            out = (np.abs(e.value) > edge) & (np.sign(e.value) == side)
-            axes.plot(
-                e.x[out], np.full(out.sum(), side * 0.97 * edge), ls="", marker=marker, ms=4, color=MARKED
-            )
+            x = e.x[(np.abs(e.value) > edge) & (np.sign(e.value) == side)]
+            axes.plot(x, np.full(len(x), side * 0.97 * edge), ls="", marker=marker, ms=4, color=MARKED)
         axes.set_ylim(-edge if e.signed else 0.0, edge)
         scales.linear(axes.xaxis, width_of(axes))
         scales.linear(axes.yaxis, HEIGHT, scales.UP)
 
     x = "time (min)" if e.timed else "row"
     return Panel(draw, HEIGHT, title, x, _label(e), note, key, share)
+
+
+def beside(e: Errors, edge: float, title: str = "") -> list[Panel]:
+    """Errors over time, and their distribution beside them."""
+    return [time_panel(e, edge, title, 2.2), spread_panel(e, edge)]
 
 
 def _label(e: Errors) -> str:
@@ -170,10 +159,8 @@ def spread_panel(e: Errors, edge: float, share: float = 1.0) -> Panel:
     def draw(axes: Any, inner: float) -> None:
         low = -edge if e.signed else 0.0
         value = e.value[e.kind != "rejected"]
-        axes.hist(
-            value, bins=np.linspace(low, edge, BINS).tolist(), density=True, color=SERIES[0], alpha=0.5,
-            histtype="stepfilled",
-        )  # fmt: skip
+        bins = np.linspace(low, edge, BINS).tolist()
+        axes.hist(value, bins, density=True, color=SERIES[0], alpha=0.5, histtype="stepfilled")
         if np.isfinite(e.noise) and e.noise > 0:
             fine = np.linspace(low, edge, 300)
             axes.plot(fine, noise_density(fine, e.noise, e.signed), color=INK, lw=1.2)
@@ -203,11 +190,8 @@ def targets_panel(e: Errors, edge: float) -> Panel:
     names = sorted(rms, key=lambda t: -rms[t])
     shown = names[:MOST_TARGETS]
     rows = [Row(t, f"RMS {rms[t]:.1f} µm, {int(np.sum(used & (e.target == t)))} measurements") for t in shown]
-    note = (
-        f"{len(names) - len(shown)} targets with smaller errors are not shown"
-        if len(names) > len(shown)
-        else ""
-    )
+    more = len(names) - len(shown)
+    note = f"{more} targets with smaller errors are not shown" if more else ""
 
     def lanes(axes: Any, middles: Sequence[float]) -> None:
         _band(axes, e, across=True)

@@ -15,7 +15,6 @@ from bayescal.reporting.figures.palette import GREY, INK, SIZE
 from bayescal.reporting.figures.sheet import Entry, Panel, baseline, line, width, wrapped
 
 if TYPE_CHECKING:
-    pass
     from matplotlib.axis import Axis
 
 LANE, SPACE = 2.6, 1.4
@@ -85,14 +84,14 @@ def rows_panel(
     def draw(axes: Any, inner: float) -> None:
         top, middles = 0.0, []
         for row in rows:
-            own = _lines(row, inner)
-            _write(axes, own.label, 0, top, row.strong)
-            if own.beside:
-                _write(axes, own.text, 1, top)
+            lines = _lines(row, inner)
+            _write(axes, lines.label, 0, top, row.strong)
+            if lines.beside:
+                _write(axes, lines.text, 1, top)
             else:
-                _write(axes, own.text, 0, top + line() * len(own.label))
-            middles.append(top + own.tall + 0.5 * LANE)
-            top += own.tall + LANE + SPACE
+                _write(axes, lines.text, 0, top + line() * len(lines.label))
+            middles.append(top + lines.tall + 0.5 * LANE)
+            top += lines.tall + LANE + SPACE
         axes.set_ylim(top or 1.0, 0)
         axes.hlines(middles, 0, 1, transform=axes.get_yaxis_transform(), color=GREY, lw=0.3, zorder=0)
         axes.set_yticks([])
@@ -138,7 +137,7 @@ def log(axis: Axis, low: float, high: float, room: float) -> None:
     from matplotlib.ticker import FixedLocator, NullLocator
 
     length = np.log(high / low)
-    for steps, every in (*((own, 1) for own in STEPS), ((1.0,), 2), ((1.0,), 3)):
+    for steps, every in (*((ticks, 1) for ticks in STEPS), ((1.0,), 2), ((1.0,), 3)):
         chosen = ticks_of(low, high, steps)[::every]
         if np.all(np.diff(np.log(chosen)) * room / length >= APART):
             break
@@ -155,7 +154,7 @@ def ticks_of(low: float, high: float, steps: Sequence[float]) -> list[float]:
 
 def around(values: Sequence[float], pad: float = 0.06) -> tuple[float, float]:
     """Limits of a logarithmic axis about positive values, at least a factor of three apart."""
-    at = np.log(np.asarray(values, float))
-    low, high = float(np.min(at)), float(np.max(at))
+    logs = np.log(np.asarray(values, float))
+    low, high = float(np.min(logs)), float(np.max(logs))
     more = max(pad * (high - low), 0.5 * (np.log(3.0) - (high - low)))
     return float(np.exp(low - more)), float(np.exp(high + more))

@@ -192,28 +192,19 @@ def _settle(axes: Any, panel: Panel, top: float) -> None:
     """Give axes the height of their panel, below `top` (pixels), and its least room on both sides."""
     per_mm = axes.figure.dpi / MM_PER_INCH
     cell, box = axes.figure.bbox, axes.get_window_extent()
-    x0, x1 = (
-        max(box.x0, cell.x0 + panel.inset * per_mm),
-        min(box.x1, cell.x1 - panel.inset * per_mm),
-    )
+    inset = panel.inset * per_mm
+    x0, x1 = max(box.x0, cell.x0 + inset), min(box.x1, cell.x1 - inset)
     tall = min(panel.tall((x1 - x0) / per_mm) * per_mm, top - box.y0)
-    axes.set_position(
-        (
-            (x0 - cell.x0) / cell.width,
-            (top - tall - cell.y0) / cell.height,
-            (x1 - x0) / cell.width,
-            tall / cell.height,
-        )
-    )
+    corner = ((x0 - cell.x0) / cell.width, (top - tall - cell.y0) / cell.height)
+    axes.set_position((*corner, (x1 - x0) / cell.width, tall / cell.height))
 
 
 def _tall(panel: Panel, room: float) -> float:
     """Height of a panel with all its text, mm, in `room` mm."""
     lines = sum(len(wrapped(text, room)) for text in (panel.note, panel.x) if text)
     key, columns = _columns(panel, room)
-    above = line() * (
-        -(-len(key) // columns) + (len(wrapped(panel.title, room, bold=True)) if panel.title else 0)
-    )
+    title = len(wrapped(panel.title, room, bold=True)) if panel.title else 0
+    above = line() * (-(-len(key) // columns) + title)
     inner = room - (TICKS if panel.y else panel.inset + 2.0)
     return panel.tall(inner) + above + lines * line() + AXIS + 2 * PAD
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -20,9 +20,7 @@ from bayescal.reporting.figures.palette import ACCENT, FAINT, GREY, MARKED
 from bayescal.reporting.figures.scales import LANE, Row, rows_panel
 from bayescal.reporting.figures.sheet import Entry, Panel, width_of
 from bayescal.reporting.shared.text import probability, rival
-
-if TYPE_CHECKING:
-    pass
+from bayescal.storage.reading import Json
 
 FILLED: dict[str, Any] = {"facecolor": ACCENT, "edgecolor": ACCENT, "lw": 0.5}
 OPEN: dict[str, Any] = {"facecolor": "white", "edgecolor": GREY, "lw": 0.8}
@@ -42,13 +40,7 @@ class Bar:
 
 
 def bars_panel(
-    bars: Sequence[Bar],
-    title: str = "",
-    x: str = "",
-    note: str = "",
-    key: Sequence[Entry] = (),
-    end: float | None = None,
-    share: float = 1.0,
+    bars: Sequence[Bar], title: str, x: str, note: str = "", key: Sequence[Entry] = (), end: float = 0.0
 ) -> Panel:
     """Bars from zero to their values; `end` is the end of the axis."""
 
@@ -62,10 +54,9 @@ def bars_panel(
         axes.set_xlim(0, last)
         scales.linear(axes.xaxis, width_of(axes))
 
-    return rows_panel([Row(b.label, b.text, b.strong) for b in bars], lanes, title, x, note, key, share)
+    return rows_panel([Row(b.label, b.text, b.strong) for b in bars], lanes, title, x, note, key)
 
 
-Json = dict[str, Any]
 PLACES, CURVES = 7, 3
 SIGNIFICANT = 0.01
 """Corrected p-value below which a location is significant."""
@@ -92,14 +83,13 @@ def places_panel(record: Json) -> Panel:
     for w in shown:
         clear, share = significant(w), w["share"]
         text = f"{w['rms_um']:.1f} µm" + (f" ({100 * share:.0f} %)" if clear and share is not None else "")
-        label = w["text"] + (f" ({w['explained_by']})" if w["explained_by"] else "")
-        bars.append(Bar(label, w["rms_um"], text, FILLED if clear else OPEN))
+        name = w["text"] + (f" ({w['explained_by']})" if w["explained_by"] else "")
+        bars.append(Bar(name, w["rms_um"], text, FILLED if clear else OPEN))
     some = any(map(significant, shown))
     title = "Locations, with their share of the excess" if some else "Locations; none is significant"
     key = [Entry("significant", FILLED, patch=True), Entry("not significant", OPEN, patch=True)]
-    return bars_panel(
-        bars, title, f"RMS of the explained residuals{per_residual(record)} (µm)", "", key if bars else ()
-    )
+    label = f"RMS of the explained residuals{per_residual(record)} (µm)"
+    return bars_panel(bars, title, label, "", key if bars else ())
 
 
 def per_residual(record: Json) -> str:
@@ -117,7 +107,7 @@ def drawn_curves(record: Json) -> list[Json]:
     out: list[Json] = []
     p_values = {(w["site"], w["driver"]): w for w in record["where"]}
     for curve in record["curves"]:
-        event = curve["event"] and any(own["event"] for own in out)
+        event = curve["event"] and any(drawn["event"] for drawn in out)
         if len(curve["x"]) and significant(p_values[curve["site"], curve["driver"]]) and not event:
             out.append(curve)
     return out[:CURVES]
@@ -181,13 +171,13 @@ def binned(curve: Json) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
     )
     values = np.unique(x)
     edges = values if len(values) <= BINS else np.unique(np.quantile(x, np.linspace(0, 1, BINS + 1)))[:-1]
-    at = np.searchsorted(np.append(edges, np.inf), x, side="right") - 1
+    bins = np.searchsorted(np.append(edges, np.inf), x, side="right") - 1
     count = len(edges)
-    weight = np.bincount(at, lever**2, count)
+    weight = np.bincount(bins, lever**2, count)
     seen = weight > 1e-3 * np.max(weight)
-    middle = np.bincount(at, x, count)[seen] / np.bincount(at, minlength=count)[seen]
-    measured = np.bincount(at, lever * residual, count)[seen] / weight[seen]
-    explained = np.bincount(at, lever * fitted, count)[seen] / weight[seen]
+    middle = np.bincount(bins, x, count)[seen] / np.bincount(bins, minlength=count)[seen]
+    measured = np.bincount(bins, lever * residual, count)[seen] / weight[seen]
+    explained = np.bincount(bins, lever * fitted, count)[seen] / weight[seen]
     error = 2.0 * float(np.std(residual - fitted)) / np.sqrt(weight[seen])
     return middle, measured, error, explained
 
@@ -261,15 +251,12 @@ def budget_panel(budget: Json) -> Panel:
     every = sorted(budget["components"], key=lambda c: -abs(c["contribution_um"]))
     shown = every[:MOST]
     total = budget["u_um"]
+
+    def share(um: float) -> str:
+        return f"{um:.2g} µm, {100 * um**2 / total**2:.0f} %" if total else ""
+
     bars = [
-        Bar(
-            c["name"],
-            abs(c["contribution_um"]),
-            f"{c['contribution_um']:.2g} µm, {100 * c['contribution_um'] ** 2 / total**2:.0f} %"
-            if total
-            else "",
-            TYPES.get(c["type"], OPEN),
-        )
+        Bar(c["name"], abs(c["contribution_um"]), share(c["contribution_um"]), TYPES.get(c["type"], OPEN))
         for c in shown
     ]
     used = dict.fromkeys(c["type"] for c in shown)

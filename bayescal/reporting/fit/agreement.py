@@ -10,7 +10,7 @@ from bayescal.assess.iso9283 import Iso9283
 from bayescal.effects import UNITS
 from bayescal.effects.vocabulary import unit_label
 from bayescal.reporting.shared.sheet import Column, Sheet, sheet_of_cells, terminal
-from bayescal.reporting.shared.text import Facts, facts, um, um2, with_u
+from bayescal.reporting.shared.text import Facts, facts, um, um2, under, with_u
 
 MOST = 12  # parameters shown, those that differ most
 FAR = 3.0  # standard deviations from which on a parameter is named as the one that differs
@@ -38,18 +38,13 @@ def disagreement(compared: Agreement) -> tuple[str, ...]:
 def _table(compared: Agreement) -> Sheet:
     furthest = compared.furthest
     shown = sorted(np.argsort(-furthest, kind="stable")[:MOST])
+    estimates = (*compared.alone.values(), compared.together)
     rows = []
     for k in shown:
         unit, factor = UNITS[compared.units[k]]
-        label = unit_label(unit)
-        estimates = (*compared.alone.values(), compared.together)
-        rows.append(
-            (
-                compared.names[k] + (f" ({label})" if label else ""),
-                *(with_u(factor * values[k], factor * sd[k]) for values, sd in estimates),
-                f"{furthest[k]:.1f}",
-            )
-        )
+        label = f" ({text})" if (text := unit_label(unit)) else ""
+        values = (with_u(factor * value[k], factor * sd[k]) for value, sd in estimates)
+        rows.append((compared.names[k] + label, *values, f"{furthest[k]:.1f}"))
     headings = ("parameter by session", *compared.alone, "together", "difference / u")
     caption = f"the {MOST} of {len(compared.names)} that differ most; all are in fit.json"
     return sheet_of_cells(headings, rows, caption if len(shown) < len(compared.names) else "")
@@ -89,5 +84,4 @@ def iso9283_table(figures: Iso9283) -> RenderableType:
     """The figures, and what differs from the procedure of the standard."""
     if not figures.figures:
         return Group()
-    differences = (("" if k else "differs", text, "dim") for k, text in enumerate(figures.differs))
-    return Group(terminal(Sheet(ISO9283, figures.figures)), facts(differences))
+    return Group(terminal(Sheet(ISO9283, figures.figures)), facts(under("differs", figures.differs, "dim")))

@@ -104,8 +104,8 @@ def _labels(model: Model) -> dict[str, tuple[str, list[str]]]:
     joints, effects = [], []
     for k in range(model.size):
         arm = model.parameters[k] if k < len(model.parameters) else None
-        found = re.fullmatch(r"(?:joint|link) (\d+)", str(arm.site)) if arm else None
-        joints.append(names[int(found[1]) - 1] if found else "")
+        match = re.fullmatch(r"(?:joint|link) (\d+)", str(arm.site)) if arm else None
+        joints.append(names[int(match[1]) - 1] if match else "")
         effects.append(arm.effect if arm else "target")
     return {"joint": ("parameter", joints), "effect": ("parameter", effects)}
 

@@ -24,6 +24,11 @@ from bayescal.statistics import rms
 
 SCHEMA = "bayescal-fit/1"
 LIBRARIES = ("gtsam", "numpy", "scipy", "numba", "emcee", "arviz")
+NOISE = (
+    *("group", "stated_um", "estimated_um=fitted", "repeats_um=repeats", "repeats_dof"),
+    *("unexplained_um=excess", "unexplained_p_value=p_value"),
+)
+"""Fields of ``noise``."""
 CORRELATED = 0.3
 """Least absolute correlation of two parameters of the arm that is stored."""
 
@@ -115,16 +120,7 @@ def _correlations(fit: Fit) -> list[dict[str, Any]]:
 
 def _noise(level: ModelLevel) -> dict[str, Any]:
     scale = {group: float(value) for group, value in level.estimate.weights.scale.items()}
-    return entry(
-        level.unexplained,
-        "group",
-        "stated_um",
-        "estimated_um=fitted",
-        "repeats_um=repeats",
-        "repeats_dof",
-        "unexplained_um=excess",
-        "unexplained_p_value=p_value",
-    ) | {"scale": scale}
+    return entry(level.unexplained, *NOISE) | {"scale": scale}
 
 
 def _discrepancy(fit: Fit) -> dict[str, Any]:

@@ -94,10 +94,7 @@ ISO9283 = (
     Column("maximum (µm)", "max_um", length),
     Column("u (µm)", "u_max_um", uncertainty),
 )
-TESTS = (
-    Column("test", "words"),
-    *(Column(key, key, "{:.3g}".format) for key in ("value", "limit", "p")),
-)
+TESTS = (Column("test", "words"), *(Column(key, key, "{:.3g}".format) for key in ("value", "limit", "p")))
 
 
 def level_sheet(

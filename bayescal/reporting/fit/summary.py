@@ -19,7 +19,7 @@ from bayescal.reporting.fit.record import parameter_records, tolerance_record, v
 from bayescal.reporting.fit.sheets import TOLERANCE, distance_table, parameter_table, validation_table
 from bayescal.reporting.shared.origin import entry, filed_lines
 from bayescal.reporting.shared.sheet import Sheet, terminal
-from bayescal.reporting.shared.text import MDEG, MM, UM, Facts, facts, percent, um, um2
+from bayescal.reporting.shared.text import MDEG, MM, UM, Facts, facts, percent, um, um2, under
 
 MOST_REASONS = 4
 """Failed tests that are told; fit.json has all."""
@@ -131,8 +131,7 @@ def _next(fit: Fit, use: Use) -> Facts:
     reasons = [reason for reason in use.against if reason not in failed]
     if use.against:
         reasons.append("robot.yaml says so; export, compensate and certificates need --force")
-    for k, reason in enumerate(reasons):
-        yield "" if k else "not to be used", reason, "red"
+    yield from under("not to be used", reasons, "red")
     words = STEPS[use.next]
     if use.next == "gap":
         words = f"bayescal gap {' '.join(str(d.folder) for d in (fit.dataset.sessions or (fit.dataset,)))}"
@@ -196,8 +195,7 @@ def _identifiable(fit: Fit) -> Facts:
     ):
         if names:
             yield heading, ", ".join(names), style
-    for k, direction in enumerate(of.weak):
-        yield "" if k else "weak directions", direction.words, "yellow"
+    yield from under("weak directions", (direction.words for direction in of.weak), "yellow")
 
 
 def _sampler(fit: Fit) -> str:

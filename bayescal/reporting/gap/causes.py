@@ -58,8 +58,7 @@ CAUSES = {
         f"the joint, and set its zero again.{KEPT}",
     ),
     ("face", "event", ""): Cause(
-        "{site} shifted",
-        f"{LOG}an artefact that was struck or clamped anew. Fasten it.{KEPT}",
+        "{site} shifted", f"{LOG}an artefact that was struck or clamped anew. Fasten it.{KEPT}"
     ),
     ("joint", "torque", "past"): Cause(
         "{site} creeps after a change of load",
@@ -96,8 +95,7 @@ CAUSES = {
         "Look for a probe cable that is caught or taut there.",
     ),
     ("face", "face", "one spot"): Cause(
-        "{site} has an error at one spot",
-        "Clean the spot, and look for a dent or a burr.",
+        "{site} has an error at one spot", "Clean the spot, and look for a dent or a burr."
     ),
 }
 """By kind of site, kind of driver and its form."""

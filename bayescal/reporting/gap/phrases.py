@@ -60,8 +60,8 @@ def unexplained(gap: Gap) -> Place | None:
 def headline(gap: Gap) -> list[str]:
     """The verdict: a line for each effect, or the alternatives, or that there is none."""
     verdict = gap.verdict
-    at = unexplained(gap)
-    there = f"at {place(at)}" if at else NO_PLACE
+    where = unexplained(gap)
+    there = f"at {place(where)}" if where else NO_PLACE
     likely = [
         f"More likely than not, but not named: {rival(n)} (probability {probability(verdict.probability[n])})"
         for n in unnamed(verdict)
@@ -74,14 +74,14 @@ def headline(gap: Gap) -> list[str]:
         p = probability(verdict.probability["unknown"])
         lines += [
             f"Unmodelled effect not in the list of known effects, {there} (probability {p})",
-            *_cause(at, gap),
+            *_cause(where, gap),
         ]
     if verdict.kind == "ambiguous":
         largest = next((w for w in gap.where if w.family_p_value < PLAIN), None)
         lines.append("Ambiguous: these data do not distinguish the effects of the 90 % set")
         lines += [f"Largest location: {place(largest)}"] if largest else []
     if verdict.kind == "named+unexplained":
-        lines += [f"Also: a further effect, {there}", *_cause(at, gap)]
+        lines += [f"Also: a further effect, {there}", *_cause(where, gap)]
     return [*lines, *likely]
 
 
@@ -117,9 +117,9 @@ def _nothing(gap: Gap) -> str:
     return f"No effect found: noise only is possible (probability {probability(null)})"
 
 
-def _cause(at: Place | None, gap: Gap) -> list[str]:
+def _cause(where: Place | None, gap: Gap) -> list[str]:
     """What a significant unmodelled location shows, as a sentence; none if it shows nothing."""
-    text = sentence(at, gap.dataset) if at else ""
+    text = sentence(where, gap.dataset) if where else ""
     return [text[:1].upper() + text[1:]] if text else []
 
 

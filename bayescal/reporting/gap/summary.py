@@ -28,6 +28,7 @@ from bayescal.reporting.shared.text import (
     signed,
     size,
     um,
+    under,
 )
 
 PLACES = 5
@@ -157,14 +158,12 @@ def _which(gap: Gap) -> Facts:
         together = {n.effect for n in verdict.named} == set(verdict.credible_set90)
         text = listed(map(rival, verdict.credible_set90), "and" if together else "or")
         yield "90 % set", text, "" if together else "yellow"
-    for k, note in enumerate(verdict.footnotes):
-        yield "" if k else "footnote", note, "dim"
+    yield from under("footnote", verdict.footnotes, "dim")
 
 
 def _amplitudes(gap: Gap) -> Facts:
     """Amplitudes of the named effects, and the model that has them."""
-    for k, text in enumerate(causes.lines(gap)):
-        yield "" if k else "amplitude", text, "bold"
+    yield from under("amplitude", causes.lines(gap), "bold")
     if gap.amplitudes:
         without = f" --without '{','.join(map(str, gap.still_without))}'" if gap.still_without else ""
         yield "refit", f"--model '{','.join(gap.refit)}'{without}", ""
@@ -172,9 +171,8 @@ def _amplitudes(gap: Gap) -> Facts:
 
 def _remedy(gap: Gap) -> Facts:
     """What to inspect on the machine, of an unmodelled effect alone."""
-    at = unexplained(gap) if gap.verdict.kind == "unknown" else None
-    shown = cause(at) if at else None
-    if shown:
+    where = unexplained(gap) if gap.verdict.kind == "unknown" else None
+    if where and (shown := cause(where)):
         yield "inspect", shown.remedy, ""
 
 
@@ -258,10 +256,7 @@ def _remarks(gap: Gap) -> Facts:
     reasons: dict[str, list[str]] = {}
     for effect, why in gap.verdict.missing.items():
         reasons.setdefault(why, []).append(effect)
-    for k, (why, effects) in enumerate(reasons.items()):
-        yield "" if k else "not assessed", f"{', '.join(effects)}: {why}", "dim"
-    for k, note in enumerate(gap.verdict.notes):
-        yield "" if k else "note", note, ""
-    for k, warning in enumerate(warnings(gap)):
-        yield "" if k else "warning", warning, "yellow"
+    yield from under("not assessed", (f"{', '.join(names)}: {why}" for why, names in reasons.items()), "dim")
+    yield from under("note", gap.verdict.notes)
+    yield from under("warning", warnings(gap), "yellow")
     yield from filed_lines(gap.dataset)

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from markupsafe import Markup, escape
@@ -13,7 +12,7 @@ from bayescal.effects.location import Site
 from bayescal.reporting.gap.sheets import marked as significant
 from bayescal.reporting.page import svg
 from bayescal.reporting.page.section import Run
-from bayescal.reporting.shared.body import Outline, View, outlines, posed
+from bayescal.reporting.shared.body import Outline, View, outlines, posed, typical
 
 ELEVATION = np.radians(18.0)
 VIEWS = np.radians(np.arange(0, 180, 15))
@@ -25,13 +24,6 @@ LABELS = 74.0
 """Width at the right that labels take."""
 LINE = 15.0
 """Least distance of two labels."""
-
-
-def typical(rows: Mapping[str, Any]) -> int:
-    """The row whose pose is nearest to the median of all."""
-    angles = np.array(rows["angle_deg"], float)
-    scale = np.maximum(np.std(angles, axis=0), 1e-6)
-    return int(np.argmin(np.sum(((angles - np.median(angles, axis=0)) / scale) ** 2, axis=1)))
 
 
 def marked_sites(run: Run) -> tuple[Site, ...]:
@@ -62,7 +54,7 @@ def draw_arm(run: Run, *, contacts: bool = False) -> Markup | None:
         return None
     rows = run.rows
     sites = marked_sites(run)
-    row = typical(rows)
+    row = typical(np.array(rows["angle_deg"], float))
     points = np.array(rows["point_mm"], float)
     angles = np.radians(rows["angle_deg"][row])
     chain = np.vstack([posed(arm, angles)[0], points[row]])
@@ -87,7 +79,7 @@ def draw_arm(run: Run, *, contacts: bool = False) -> Markup | None:
     ]
     parts.append(svg.line(line, "arm axis" if bodies else "arm"))
     if contacts:
-        residual = np.array([np.nan if r is None else r for r in rows["residual_um"]], float)
+        residual = np.array(rows["residual_um"], float)
         edge = float(np.nanquantile(np.abs(residual), 0.97)) if np.any(np.isfinite(residual)) else 1.0
         shade = np.clip(np.nan_to_num(np.abs(residual) / (edge or 1.0)), 0, 1)
         for (x, y), s in zip(sheet.at(flat[len(chain) :]), shade, strict=True):
@@ -107,13 +99,13 @@ def draw_arm(run: Run, *, contacts: bool = False) -> Markup | None:
             f'<circle class="{style}" cx="{x:.1f}" cy="{y:.1f}" r="{r}"><title>joint {k}</title></circle>'
         )
     parts.append(f'<circle class="tip" cx="{line[-1, 0]:.1f}" cy="{line[-1, 1]:.1f}" r="3"/>')
-    labels = [(f"J{k}", at, hit) for k, (_, at, hit) in enumerate(names, start=1)]
+    labels = [(f"J{k}", point, hit) for k, (_, point, hit) in enumerate(names, start=1)]
     labels += [(f"link {k}", line[k : k + 2].mean(axis=0), True) for k in links]
     labels += [(s.text, line[-1], True) for s in sites if s.kind in ("tool", "probe")]
     labels += [("base", line[0], True)] if "base" in kinds else []
     parts += _labels(labels, sheet)
-    told = ", ".join(s.text for s in sites)
-    words = f"The arm {escape(arm['robot'])} in a typical pose" + (f"; marked: {told}" if told else "")
+    named = ", ".join(s.text for s in sites)
+    words = f"The arm {escape(arm['robot'])} in a typical pose" + (f"; marked: {named}" if named else "")
     return svg.drawing(sheet.width, sheet.height, parts, words)
 
 
@@ -149,15 +141,15 @@ def _labels(labels: Sequence[tuple[str, np.ndarray, bool]], sheet: _Sheet) -> li
     """Labels in a column at the right, in the order of height, with lines to what they name."""
     order = sorted(labels, key=lambda item: float(item[1][1]))
     heights: list[float] = []
-    for _, at, _ in order:
-        heights.append(max(float(at[1]), heights[-1] + LINE if heights else 12.0))
+    for _, point, _ in order:
+        heights.append(max(float(point[1]), heights[-1] + LINE if heights else 12.0))
     over = heights[-1] - (sheet.height - 6) if heights else 0.0
     for k in range(len(heights) - 1, -1, -1):
         top = sheet.height - 6 if k == len(heights) - 1 else heights[k + 1] - LINE
         heights[k] = min(heights[k], top) if over > 0 else heights[k]
     out = []
     x = sheet.width - LABELS + 4
-    for (words, at, hit), y in zip(order, heights, strict=True):
-        out.append(svg.line(np.array([[at[0] + 9, at[1]], [x - 12, y], [x - 3, y]]), "leader"))
+    for (words, point, hit), y in zip(order, heights, strict=True):
+        out.append(svg.line(np.array([[point[0] + 9, point[1]], [x - 12, y], [x - 3, y]]), "leader"))
         out.append(svg.text(x, y + 4, words, "name marked" if hit else "name", "start"))
     return out

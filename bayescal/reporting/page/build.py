@@ -46,13 +46,13 @@ def browser() -> str:
     BayescalError
         If none is installed.
     """
-    found = next((path for name in BROWSERS if (path := shutil.which(name))), None)
-    if found is None:
+    path = next((path for name in BROWSERS if (path := shutil.which(name))), None)
+    if path is None:
         what = "no Chromium or Chrome is installed, which prints the page"
         raise BayescalError(
             what, "--pdf", "install it (Debian: apt install chromium), or print the HTML page"
         )
-    return found
+    return path
 
 
 def is_ours(path: Path) -> bool:
@@ -127,7 +127,7 @@ def headers(run: Run) -> tuple[tuple[str, tuple[tuple[str, str], ...]], ...]:
     """What a filed report states first, of each session: its name where there are several, its entries."""
     sessions = run.record["dataset"].get("sessions") or ()
     parts = [(s["name"], s.get("record") or {}) for s in sessions] or [("", run.record.get("record") or {})]
-    return tuple((name, own) for name, part in parts if (own := filed(part)))
+    return tuple((name, entries) for name, part in parts if (entries := filed(part)))
 
 
 def foot(run: Run) -> tuple[str, ...]:

@@ -11,7 +11,7 @@ from markupsafe import Markup
 
 from bayescal.effects.vocabulary import unit_label
 from bayescal.reporting.page import svg
-from bayescal.reporting.page.arm import draw_arm, marked_sites, numbers, typical
+from bayescal.reporting.page.arm import draw_arm, marked_sites, numbers
 from bayescal.reporting.page.section import (
     FIGURES,
     Block,
@@ -23,6 +23,7 @@ from bayescal.reporting.page.section import (
     blocks,
     not_empty,
 )
+from bayescal.reporting.shared.body import typical
 from bayescal.reporting.shared.sheet import Bar, Column, Sheet, as_is
 from bayescal.reporting.shared.text import MISSING, length, share, two_digits
 from bayescal.storage.reading import Json
@@ -64,12 +65,9 @@ def interactive(run: Run) -> dict[str, Any] | None:
     angle = float(np.arctan2(away[1], away[0])) - np.radians(65.0)  # the arm from the side
     kinds = {s.kind for s in sites}
     return {
-        "rows": {
-            **{key: rows[key] for key in DRAWN},
-            "angle_deg": np.round(rows["angle_deg"], 2).tolist(),
-        },
+        "rows": {key: rows[key] for key in DRAWN} | {"angle_deg": np.round(rows["angle_deg"], 2).tolist()},
         "arm": run.record["arm"],
-        "typical": typical(rows),
+        "typical": typical(np.array(rows["angle_deg"], float)),
         "eye": {"x": 1.15 * np.cos(angle), "y": 1.15 * np.sin(angle), "z": 0.5},
         "marks": {
             "joints": numbers(sites, "joint"),
@@ -108,7 +106,7 @@ def _legend(run: Run) -> str:
 
 def _drawings(run: Run) -> Figures:
     rows = run.rows
-    r = np.array([np.nan if v is None else v for v in rows["residual_um"]], float)
+    r = np.array(rows["residual_um"], float)
     keep = np.isfinite(r) & ~np.array(rows["rejected"], bool)
     check = np.array(rows["role"]) == "validate"
     edge = float(np.quantile(np.abs(r[keep]), CLIP)) if np.any(keep) else 1.0

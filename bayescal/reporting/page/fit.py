@@ -11,17 +11,7 @@ import numpy as np
 from markupsafe import Markup
 
 from bayescal.fitted.gate import STEPS
-from bayescal.reporting.fit.sheets import (
-    DISTANCES,
-    FACES,
-    ISO9283,
-    NOT_ARM,
-    PREDICTED,
-    TESTS,
-    by_target,
-    level_sheet,
-    parameter_columns,
-)
+from bayescal.reporting.fit import sheets
 from bayescal.reporting.page import common, svg
 from bayescal.reporting.page.section import (
     Facts,
@@ -180,7 +170,7 @@ def levels(run: Run) -> Section | None:
         ("mean", "points_mean_um"),
     )
     names = [model_label(step["model"]) for step in run.record["ladder"]]
-    return blocks("levels", "Model levels", level_sheet(run.record["ladder"], columns, names))
+    return blocks("levels", "Model levels", sheets.level_sheet(run.record["ladder"], columns, names))
 
 
 def distances(run: Run) -> Section | None:
@@ -190,9 +180,9 @@ def distances(run: Run) -> Section | None:
     return blocks(
         "distances",
         "Distances and validation",
-        Sheet(PREDICTED, run.record["predicted_distance"]["all"], "Distance errors to expect"),
-        Sheet(DISTANCES, ranked, "Errors of certified distances, the largest first", 10),
-        Sheet(FACES, validation["planes"], "Validation contacts by target"),
+        Sheet(sheets.PREDICTED, run.record["predicted_distance"]["all"], "Distance errors to expect"),
+        Sheet(sheets.DISTANCES, ranked, "Errors of certified distances, the largest first", 10),
+        Sheet(sheets.FACES, validation["planes"], "Validation contacts by target"),
     )
 
 
@@ -203,7 +193,8 @@ def iso9283(run: Run) -> Section | None:
         return None
     caption = "Figures of ISO 9283 from validation measurements; u: standard uncertainty of the measurement"
     lines = ("What differs from the procedure of the standard:", *record["differs_from_norm"])
-    return blocks("iso9283", "ISO 9283", Sheet(ISO9283, record["figures"], caption), *texts(lines, "quiet"))
+    table = Sheet(sheets.ISO9283, record["figures"], caption)
+    return blocks("iso9283", "ISO 9283", table, *texts(lines, "quiet"))
 
 
 def parameters(run: Run) -> Section | None:
@@ -213,12 +204,12 @@ def parameters(run: Run) -> Section | None:
         prior = (p.get("prior_mean", p["nominal"]), p["prior_sd"])
         return svg.prior_posterior(prior, tuple(p["interval95"]), p["estimate"])
 
-    *first, identifiable = parameter_columns(run.record["identifiability"])
+    *first, identifiable = sheets.parameter_columns(run.record["identifiability"])
     columns = (*first, Column("prior and posterior", drawing, as_is), identifiable)
-    own = [p for p in run.record["parameters"] if p["effect"] not in NOT_ARM]
-    other = [p for p in run.record["parameters"] if p["effect"] in NOT_ARM]
+    of_arm = [p for p in run.record["parameters"] if p["effect"] not in sheets.NOT_ARM]
+    other = [p for p in run.record["parameters"] if p["effect"] in sheets.NOT_ARM]
     notes = (
-        *parameter_notes(p["effect"] for p in own),
+        *parameter_notes(p["effect"] for p in of_arm),
         "band: prior, two standard deviations; line and dot: 95 % interval and estimate, clipped at "
         "±3 prior standard deviations",
     )
@@ -227,7 +218,7 @@ def parameters(run: Run) -> Section | None:
     return blocks(
         "parameters",
         "Parameters",
-        Sheet(columns, own, caption),
+        Sheet(columns, of_arm, caption),
         *texts(weak),
         Sheet(columns, other, "Targets and faces", 0),
     )
@@ -295,7 +286,7 @@ def outliers(run: Run) -> Section | None:
         f"Noise: residual standard deviation {length(noise['estimated_um'])} µm, stated "
         f"{length(noise['stated_um'])} µm{scatter}."
     )
-    tests = Sheet(TESTS, record["verdict"]["tests"], "Tests of the model")
+    tests = Sheet(sheets.TESTS, record["verdict"]["tests"], "Tests of the model")
     lines = (Text(words), *texts(causes, "warning"), Text(of_noise))
     return blocks("outliers", "Outliers, noise and tests", *lines, tests)
 
@@ -303,7 +294,7 @@ def outliers(run: Run) -> Section | None:
 SECTIONS: tuple[Callable[[Run], Section | None], ...] = (
     first,
     common.scene,
-    lambda run: common.residuals(run, by_target(run.record["residuals"])),
+    lambda run: common.residuals(run, sheets.by_target(run.record["residuals"])),
     distances,
     levels,
     iso9283,

@@ -7,29 +7,8 @@ from collections.abc import Callable, Sequence
 
 from bayescal.effects import EFFECTS
 from bayescal.gap.result import VALIDATION_POINTS
+from bayescal.reporting.gap import sheets
 from bayescal.reporting.gap.contacts import COORDINATES
-from bayescal.reporting.gap.sheets import (
-    ADVICE,
-    HYPOTHESES,
-    NOT_ASSESSED,
-    NULL,
-    OTHER,
-    UNMODELLED,
-    amplitudes_of,
-    blind_sheet,
-    effects_sheet,
-    improvements,
-    levels_sheet,
-    margin_sheets,
-    share_of,
-    site_of,
-    sites_of,
-    size_of,
-    sizes_of,
-    unexplained,
-    where_sheet,
-    words_of,
-)
 from bayescal.reporting.page import common
 from bayescal.reporting.page.arm import draw_arm, marked_sites
 from bayescal.reporting.page.section import Fault, FirstScreen, Run, Section, Text, blocks, texts
@@ -89,31 +68,31 @@ def _faults(record: Json) -> list[Fault]:
     """Named effects with location, amplitude, probability and share; an unmodelled effect; or the rivals."""
     out, may_be = [], _further(record)
     for named in record["named"]:
-        amplitudes = amplitudes_of(record, named["effect"])
+        amplitudes = sheets.amplitudes_of(record, named["effect"])
         facts = [
-            ("location", sites_of(amplitudes) or site_of(named["site"])),
-            ("size", sizes_of(amplitudes)),
+            ("location", sheets.sites_of(amplitudes) or sheets.site_of(named["site"])),
+            ("size", sheets.sizes_of(amplitudes)),
             ("probability", probability(named["probability"])),
-            ("share of the excess", share_of(record, named["effect"])),
+            ("share of the excess", sheets.share_of(record, named["effect"])),
         ]
         name = named["effect"] + ("" if named["confirmed"] else " (validation data do not confirm it)")
         out.append(Fault(name, _stated(facts), _remedy(named["effect"])))
-    if record["verdict"] in UNMODELLED and not may_be:
-        where = unexplained(record)
-        p = record["probability"].get(OTHER)
+    if record["verdict"] in sheets.UNMODELLED and not may_be:
+        where = sheets.unexplained(record)
+        p = record["probability"].get(sheets.OTHER)
         facts = [
-            ("location", words_of(where) if where else "no single location"),
-            ("size", size_of(record, where) if where else ""),
+            ("location", sheets.words_of(where) if where else "no single location"),
+            ("size", sheets.size_of(record, where) if where else ""),
             ("probability", "" if p is None else probability(p)),
             ("share of the excess", share(where["share"]) if where else ""),
             ("what happens", where.get("words", "") if where else ""),
         ]
         remedy = where.get("remedy", "") if where else ""
-        out.append(Fault(rival(OTHER), _stated(facts), remedy or UNKNOWN))
+        out.append(Fault(rival(sheets.OTHER), _stated(facts), remedy or UNKNOWN))
     if record["verdict"] == "ambiguous":
-        may_be = tuple(n for n in record["credible_set90"] if n != NULL)
+        may_be = tuple(n for n in record["credible_set90"] if n != sheets.NULL)
     for name in may_be:
-        remedy = UNKNOWN if name == OTHER else _remedy(name)
+        remedy = UNKNOWN if name == sheets.OTHER else _remedy(name)
         facts = [("probability", probability(record["probability"].get(name) or 0.0))]
         out.append(Fault(f"possibly {rival(name)}", _stated(facts), remedy))
     return out
@@ -167,7 +146,7 @@ def _keys(record: Json) -> list[tuple[str, str, str]]:
             f"{length(of['validation_rms_um'])} µm, noise {length(of['noise_um'])} µm",
         )
     )
-    null = record["probability"].get(NULL)
+    null = record["probability"].get(sheets.NULL)
     if null is not None:
         out.append(("Probability of noise only", probability(null), f"from {record['gap']['heldout']}"))
     return out
@@ -184,9 +163,9 @@ def _next(run: Run) -> list[tuple[str, str]]:
         without = f" --without {shlex.quote(','.join(less))}" if less else ""
         words = "Repair the machine as described above and measure again; or keep the effects in the model:"
         out.append((words, f"bayescal fit {dataset} --model {model}{without}"))
-    if unexplained(record):
+    if sheets.unexplained(record):
         out.append(("Inspect the location that is marked, correct it, and measure again.", ""))
-    open_ = record["verdict"] in ("ambiguous", *UNMODELLED) or record.get("undecided")
+    open_ = record["verdict"] in ("ambiguous", *sheets.UNMODELLED) or record.get("undecided")
     if open_ and not sessions:
         command = f"bayescal plan {dataset} --after {folder} --for gap --contacts 60"
         out.append(("Measure the contacts that decide between the explanations.", command))
@@ -205,23 +184,23 @@ def effects(run: Run) -> Section | None:
     return blocks(
         "effects",
         "Effects",
-        effects_sheet(record),
+        sheets.effects_sheet(record),
         *texts([*record["footnotes"], *record["notes"]], "quiet"),
-        Sheet(HYPOTHESES, record["hypotheses"], caption, 6),
-        Sheet(NOT_ASSESSED, tuple(record["missing"].items()), "Effects that these data cannot show"),
+        Sheet(sheets.HYPOTHESES, record["hypotheses"], caption, 6),
+        Sheet(sheets.NOT_ASSESSED, tuple(record["missing"].items()), "Effects that these data cannot show"),
     )
 
 
 def levels(run: Run) -> Section | None:
     """Validation errors by model level, and what the named effects improve."""
-    sheets = levels_sheet(run.record), improvements(run.record)
-    return blocks("levels", "Model levels and improvement", *sheets)
+    tables = sheets.levels_sheet(run.record), sheets.improvements(run.record)
+    return blocks("levels", "Model levels and improvement", *tables)
 
 
 def advice(run: Run) -> Section | None:
     """What to measure next."""
     caption = "Further measurements; detectability: noncentrality before and after"
-    table = Sheet(ADVICE, run.record["next"], caption)
+    table = Sheet(sheets.ADVICE, run.record["next"], caption)
     nothing = None if run.record["next"] else Text("No further contacts are proposed.")
     return blocks("next", "What to measure next", table, nothing)
 
@@ -229,12 +208,12 @@ def advice(run: Run) -> Section | None:
 SECTIONS: tuple[Callable[[Run], Section | None], ...] = (
     first,
     effects,
-    lambda run: blocks("where", "Location of the error", where_sheet(run.record)),
+    lambda run: blocks("where", "Location of the error", sheets.where_sheet(run.record)),
     common.scene,
-    lambda run: common.residuals(run, *margin_sheets(run.record)),
+    lambda run: common.residuals(run, *sheets.margin_sheets(run.record)),
     levels,
     common.budget,
-    lambda run: blocks("blind", "Blind spots", blind_sheet(run.record)),
+    lambda run: blocks("blind", "Blind spots", sheets.blind_sheet(run.record)),
     advice,
     common.inputs,
 )

@@ -42,7 +42,7 @@ def plan_page(plan: Plan, picture: bytes, commands: Sequence[tuple[str, str]] = 
         What to run when the contacts are measured: purpose (of `STEPS`) and command.
     """
     title = plan_sheets.title(plan)
-    found = (
+    parts = (
         _first(plan, commands),
         _contacts(plan, picture),
         blocks("expected", "What to expect, assuming the model is correct", plan_sheets.expected(plan)),
@@ -55,7 +55,7 @@ def plan_page(plan: Plan, picture: bytes, commands: Sequence[tuple[str, str]] = 
         _inputs(plan),
     )
     foot = [f"bayescal {__version__}"]
-    sections = [s for s in found if s is not None]
+    sections = [s for s in parts if s is not None]
     return page(plan.session.name, f"{plan.session.robot.name}; {title}", sections, foot)
 
 
@@ -65,8 +65,8 @@ def _first(plan: Plan, commands: Sequence[tuple[str, str]]) -> Section:
     keys = [("Contacts", str(len(plan.purpose)), plan_sheets.contacts_phrase(plan))]
     keys += [("Motion between contacts", plan_sheets.duration(plan.travel), f"order: {plan.order}")]
     if text := plan_sheets.further(plan):
-        name, _, found = text.partition(": ")
-        value, _, less = found.removesuffix(")").partition(" (")
+        name, _, gain = text.partition(": ")
+        value, _, less = gain.removesuffix(")").partition(" (")
         keys.append((name, value, less))
     return FirstScreen(
         lines[0],
@@ -142,10 +142,7 @@ def write_plan(
     from bayescal.reporting.shared.style import save_figure
 
     later = commands(folder)
-    texts = {
-        CONTACTS: table_of_plan(plan),
-        PLAN: json_text(plan_record(plan, later), rows=False),
-    }
+    texts = {CONTACTS: table_of_plan(plan), PLAN: json_text(plan_record(plan, later), rows=False)}
     if plan.pool.measured:
         texts[MEASURED] = table_text(plan.pool.setup.dataset)
     for form in formats_of(formats, probe):

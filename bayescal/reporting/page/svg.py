@@ -102,9 +102,9 @@ def scatter(
         parts.append(text(float(at_x(v)), HEIGHT - BOTTOM + 15, f"{v:g}"))
     for d in dots:
         inside = (d.y >= bottom) & (d.y <= top)
-        at = zip(at_x(d.x[inside]), at_y(d.y[inside]), strict=True)
+        points = zip(at_x(d.x[inside]), at_y(d.y[inside]), strict=True)
         # one path of lines without length: their round ends are the dots
-        parts.append(f'<path class="{d.style}" d="{"".join(f"M{px:.1f} {py:.1f}h0" for px, py in at)}"/>')
+        parts.append(f'<path class="{d.style}" d="{"".join(f"M{px:.1f} {py:.1f}h0" for px, py in points)}"/>')
         for px, up in zip(at_x(d.x[~inside]), d.y[~inside] > 0, strict=True):
             py, s = (TOP, 4) if up else (HEIGHT - BOTTOM, -4)
             path = f"M{px - 4:.1f} {py + s:.1f}L{px + 4:.1f} {py + s:.1f}L{px:.1f} {py - s:.1f}Z"
@@ -151,10 +151,10 @@ def matrix(names: Sequence[str], values: np.ndarray, label: str) -> Markup:
             half = 0.5 * (cell - 2) * float(np.sqrt(abs(r)))
             if half < 0.5:
                 continue
-            x, at = left + cell * (j + 0.5), y + 0.5 * cell
+            x0, y0 = left + cell * (j + 0.5) - half, y + 0.5 * cell - half
             kind = "positive" if r > 0 else "negative"
             title = f"<title>{escape(names[j])}, {escape(name)}: {r:+.2f}</title>"
-            square = f'x="{x - half:.1f}" y="{at - half:.1f}" width="{2 * half:.1f}" height="{2 * half:.1f}"'
+            square = f'x="{x0:.1f}" y="{y0:.1f}" width="{2 * half:.1f}" height="{2 * half:.1f}"'
             parts.append(f'<rect class="{kind}" {square}>{title}</rect>')
     for k in range(len(names)):
         x = left + cell * k

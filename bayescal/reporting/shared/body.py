@@ -121,6 +121,12 @@ def placed(arm: Json, angles: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]
     return out
 
 
+def typical(angles: np.ndarray) -> int:
+    """The row of angles (N, n) that is nearest to the median of all, by the spread of each joint."""
+    scale = np.maximum(np.std(angles, axis=0), 1e-6)
+    return int(np.argmin(np.sum(((angles - np.median(angles, axis=0)) / scale) ** 2, axis=1)))
+
+
 def posed(arm: Json, angles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Base, joints and flange (n + 2, 3), mm, and axes of joints (n, 3) in F0, at link angles (n,), rad."""
     links, axes = np.array(arm["links_mm"], float), np.array(arm["axes"], float)

@@ -155,5 +155,7 @@ def frame(sheet: Sheet, index: str | None = None) -> DataFrame:
     """A table of pandas: values, not texts, by heading; the column `index` becomes the index."""
     from pandas import DataFrame
 
-    out = DataFrame([{c.heading: c.value(item) for c in sheet.columns} for item in sheet.items])
-    return out.set_index(index) if index else out
+    rows = [{c.heading: c.value(item) for c in sheet.columns} for item in sheet.items]
+    if not index:
+        return DataFrame(rows)
+    return DataFrame(rows, columns=[c.heading for c in sheet.columns]).set_index(index)  # an empty one too

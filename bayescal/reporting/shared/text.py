@@ -214,6 +214,12 @@ def facts(rows: Facts) -> Table:
     return table
 
 
+def under(heading: str, texts: Iterable[str], style: str = "") -> Facts:
+    """Lines of the terminal below one heading, which stands beside the first of them."""
+    for k, text in enumerate(texts):
+        yield "" if k else heading, text, style
+
+
 def plain_table(title: str, *headings: str) -> FigureTable:
     """A table without rules, headed by its title; its figures are never truncated."""
     return FigureTable(title, *headings)
