@@ -1,6 +1,4 @@
-"""The request of an import, and the data that the log does not contain: robot, tools, targets, noise.
-
-Files whose columns are known without a map: a format is an entry of a table.
+"""The request of an import, the formats it knows, and what the log does not contain: robot, tools, targets.
 
 What is relied on is written down, with its source, in ``docs/importing.md``.
 """
@@ -75,8 +73,8 @@ def robodk(log: Log, n: int) -> tuple[Columns, dict[str, np.ndarray]]:
     width = log.width
     if width not in layouts:
         what = f"{width} columns do not match a RoboDK table of {n} joints"
-        known = ", ".join(map(str, layouts))
-        raise BayescalError(what, log.name, f"it has {known} columns (joints, measured, tool); or give --map")
+        remedy = f"it has {', '.join(map(str, layouts))} columns (joints, measured, tool); or give --map"
+        raise BayescalError(what, log.name, remedy)
     measured, tool = layouts[width]
     map_ = {f"j{i + 1}": Column(f"#{i + 1}", UNITS["deg"]) for i in range(n)} | _xyz("tool_", tool)
     if measured is not None:
@@ -169,9 +167,8 @@ class Request:
         maps = maps * len(paths) if len(maps) == 1 else maps
         if len(maps) != len(paths):
             what = f"{len(paths)} files of points, but {len(maps)} maps"
-            raise BayescalError(
-                what, "--points-map", "give one for each file, in their order, or one for all"
-            )
+            remedy = "give one for each file, in their order, or one for all"
+            raise BayescalError(what, "--points-map", remedy)
         return tuple(zip(paths, maps, strict=True))
 
     @property
@@ -187,18 +184,17 @@ class Request:
 
     def check(self) -> None:
         """Refuse missing and invalid options."""
-        for option, known in CHOICES.items():
-            if getattr(self, option) not in known:
+        for option, choices in CHOICES.items():
+            if getattr(self, option) not in choices:
                 what = f"`{getattr(self, option)}` is not known"
-                raise BayescalError(what, f"--{option}", f"must be {' or '.join(filter(None, known))}")
+                raise BayescalError(what, f"--{option}", f"must be {' or '.join(filter(None, choices))}")
         if self.plan is not None and (self.robot or self.template is not None):
             option = "--robot" if self.robot else "--template"
             what = "the plan states robot, tools and targets already"
             raise BayescalError(what, option, f"remove {option} or --plan")
         if not self.robot and self.source is None:
-            raise BayescalError(
-                "the robot is not stated", "--robot", "give its name or file, or a --template"
-            )
+            remedy = "give its name or file, or a --template"
+            raise BayescalError("the robot is not stated", "--robot", remedy)
         if self.source is not None and self.tool:
             raise BayescalError("the template states the tools already", "--tcp", "remove one of the two")
         if self.format == "csv" and not self.map and self.plan is None:
@@ -231,8 +227,8 @@ def base_of(request: Request) -> Dataset:
         noise = replace(noise, point=quantity(length, "length", 1, "--noise")[0])
         if angle.strip():
             noise = replace(noise, orientation=quantity(angle, "angle", 1, "--noise")[0])
-    told = [f"imported from {request.log.name}", *([base.source] if base.source else [])]
-    return replace(base, name=request.name or base.name, noise=noise, source="; ".join(told))
+    sources = filter(None, (f"imported from {request.log.name}", base.source))
+    return replace(base, name=request.name or base.name, noise=noise, source="; ".join(sources))
 
 
 def furnished(

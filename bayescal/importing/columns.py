@@ -53,6 +53,16 @@ class Columns:
         texts = {k: v[rows] for k, v in self.texts.items()}
         return replace(self, line=self.line[rows], numbers=numbers, texts=texts)
 
+    def block(self, keys: Sequence[str]) -> np.ndarray | None:
+        """Quantities side by side (N, k), or None where none of them is given; some of them is an error."""
+        missing = [key for key in keys if key not in self.numbers]
+        if not missing:
+            return np.column_stack([self.numbers[key] for key in keys])
+        if len(missing) == len(keys):
+            return None
+        what = f"`{missing[0]}` is not mapped, `{next(k for k in keys if k not in missing)}` is"
+        raise BayescalError(what, self.name, f"map all of {', '.join(keys)}, or none")
+
     def unit(self, key: str) -> Unit | None:
         """The unit that `key` was said to be in."""
         return self.said[key].unit if key in self.said else None
@@ -62,13 +72,8 @@ def missing_in(map_: Map) -> Callable[[Sequence[str]], int] | None:
     """How many entries of a map a header lacks; None for a map that calls all columns by their numbers."""
 
     def missing(row: Sequence[str], width: int | None = None) -> int:
-        count = 0
-        for key, column in map_.items():
-            try:
-                _used(column, key, row, len(row) if width is None else width, "")
-            except BayescalError:
-                count += not column.optional
-        return count
+        width = len(row) if width is None else width
+        return sum(not c.optional and not _is_there(c, key, row, width) for key, c in map_.items())
 
     return missing if missing((), MANY) else None
 
@@ -89,8 +94,8 @@ def columns_of(log: Log, map_: Map, decimal: str = "") -> Columns:
         For columns that are not there, cells that are not numbers, units that are missing or that
         contradict the header, and numbers whose comma may separate thousands.
     """
-    map_ = {k: c for k, c in map_.items() if not c.optional or _is_there(c, k, log)}
-    used = {k: _used(c, k, log.header, log.width, _where(log, k)) for k, c in map_.items()}
+    map_ = {k: c for k, c in map_.items() if not c.optional or _is_there(c, k, log.header, log.width)}
+    used = {k: _used(c, k, log.header, log.width, f"{log.name}: `{k}`") for k, c in map_.items()}
     numeric = {i for k, c in map_.items() if not _is_text(k, c) for e in used[k] for i in e.columns}
     cells = _Cells(log, _mark(log, numeric, decimal))
     numbers: dict[str, np.ndarray] = {}
@@ -101,18 +106,15 @@ def columns_of(log: Log, map_: Map, decimal: str = "") -> Columns:
         if _base(key) in TEXTS:
             texts[key] = np.array(_filled(log, column, used[key]))
         elif column.turn:
-            base, at, tool = key.partition("@")
+            base, sign, tool = key.partition("@")
             scale = column.unit.scale if column.unit else 1.0
             for i, part in enumerate(used[key]):
-                raw = part.value(partial(cells.numbers, key), len(log.rows))
-                numbers[f"{base}{i}{at}{tool}"] = scale * raw
+                numbers[f"{base}{i}{sign}{tool}"] = scale * cells.value(key, part)
         elif column.stamp:
             numbers[key], clock = _stamped(log, key, column, used[key])
         else:
             unit = _unit_of(log, key, column, used[key][0])
-            raw = used[key][0].value(partial(cells.numbers, key), len(log.rows))
-            _check_finite(log, key, used[key][0], raw, cells)
-            numbers[key] = unit.scale * raw + unit.offset
+            numbers[key] = unit.scale * cells.finite(key, used[key][0]) + unit.offset
             said[key] = replace(column, unit=unit)
             if key == "time" and np.nanmax(numbers[key], initial=0.0) > LONG:
                 remedy = f"write `time={column.name} epoch_{unit.name}`"
@@ -127,19 +129,16 @@ def _base(key: str) -> str:
     return key.partition("@")[0]
 
 
-def _is_there(column: Column, key: str, log: Log) -> bool:
+def _is_there(column: Column, key: str, header: Sequence[str], width: int) -> bool:
     try:
-        return bool(_used(column, key, log.header, log.width, ""))
+        _used(column, key, header, width, "")
+        return True
     except BayescalError:
         return False
 
 
 def _is_text(key: str, column: Column) -> bool:
     return _base(key) in TEXTS or bool(column.stamp)
-
-
-def _where(log: Log, key: str) -> str:
-    return f"{log.name}: `{key}`"
 
 
 def _used(column: Column, key: str, header: Sequence[str], width: int, where: str) -> list[Expression]:
@@ -158,9 +157,8 @@ def _used(column: Column, key: str, header: Sequence[str], width: int, where: st
         names = [f"#{i}" for i in range(int(span[1]), int(span[2]) + 1)]
     if len(names) != CONVENTIONS[column.turn].count:
         what = f"{column.turn} needs {CONVENTIONS[column.turn].count} columns, {len(names)} are given"
-        raise BayescalError(
-            what, column.where, "separate them by spaces; names with spaces are enclosed in braces"
-        )
+        remedy = "separate them by spaces; names with spaces are enclosed in braces"
+        raise BayescalError(what, column.where, remedy)
     return [parse(name, header, width, where) for name in names]
 
 
@@ -218,9 +216,8 @@ def _mark(log: Log, numeric: set[int], decimal: str) -> str:
         return "."
     if all(GROUPED.fullmatch(cell) for cell, _ in commas):
         what = f"'{commas[0][0]}' may have a decimal comma or a separator of thousands"
-        raise BayescalError(
-            what, f"{log.name}:{commas[0][1]}", "give --decimal comma, or remove the separators"
-        )
+        remedy = "give --decimal comma, or remove the separators"
+        raise BayescalError(what, f"{log.name}:{commas[0][1]}", remedy)
     return ","
 
 
@@ -229,11 +226,25 @@ class _Cells:
 
     def __init__(self, log: Log, mark: str) -> None:
         self.log, self.mark = log, mark
-        self.known: dict[int, np.ndarray] = {}
+        self.columns: dict[int, np.ndarray] = {}
+
+    def value(self, key: str, expression: Expression) -> np.ndarray:
+        """Values (N,) of an expression, which the map states for `key`."""
+        return expression.value(partial(self.numbers, key), len(self.log.rows))
+
+    def finite(self, key: str, expression: Expression) -> np.ndarray:
+        """Values (N,), refused where they are not finite though all their cells are."""
+        values = self.value(key, expression)
+        given = np.all([np.isfinite(self.numbers(key, i)) for i in expression.columns], axis=0)
+        if (bad := given & ~np.isfinite(values)).any():
+            where = f"{self.log.name}:{self.log.line[int(np.argmax(bad))]}"
+            what = f"`{key}` = {expression.text} has no finite value"
+            raise BayescalError(what, where, "correct the expression")
+        return values
 
     def numbers(self, key: str, index: int) -> np.ndarray:
         """Numbers (N,) of a column, nan where its cell is empty."""
-        if index not in self.known:
+        if index not in self.columns:
             cells = [row[index] for row in self.log.rows]
             try:  # a long record: all cells at once
                 out = np.array([float(cell) for cell in cells])
@@ -241,8 +252,8 @@ class _Cells:
                 out = np.array([np.nan])
             if not np.isfinite(out).all() or any("_" in cell for cell in cells):
                 out = np.array([self._number(row, cell, key) for row, cell in enumerate(cells)])
-            self.known[index] = out
-        return self.known[index]
+            self.columns[index] = out
+        return self.columns[index]
 
     def _number(self, row: int, cell: str, key: str) -> float:
         text = cell.strip("[]")  # a list of joints, as URScript logs it
@@ -257,16 +268,6 @@ class _Cells:
                 remedy = "write numbers without separators of thousands"
             raise BayescalError(f"`{key}` is not a number: '{cell}'", where, remedy)
         return float(text)
-
-
-def _check_finite(log: Log, key: str, used: Expression, values: np.ndarray, cells: _Cells) -> None:
-    """Refuse an expression that has no finite value where all its cells have."""
-    given = np.ones(len(values), bool)
-    for i in used.columns:
-        given &= np.isfinite(cells.numbers(key, i))
-    if (bad := given & ~np.isfinite(values)).any():
-        where = f"{log.name}:{log.line[int(np.argmax(bad))]}"
-        raise BayescalError(f"`{key}` = {used.text} has no finite value", where, "correct the expression")
 
 
 def first(columns: Columns, bad: np.ndarray, what: Callable[[int], str], remedy: str) -> None:

@@ -1,9 +1,4 @@
-"""From a log, its map and further information to a dataset, in memory and on disk.
-
-What an import understood, in words: the columns, the first row, and what was left out.
-
-Messages of an import: located instruments and tools, and numbers in a wrong unit.
-"""
+"""From a log, its map and further information to a dataset, in memory and on disk."""
 
 from __future__ import annotations
 
@@ -26,7 +21,7 @@ from bayescal.importing.log import read_log
 from bayescal.importing.mapping import Column, Map, own_map, read_map, setting
 from bayescal.importing.onto import files_of, measured_before, onto
 from bayescal.importing.orientations import Loose, compared
-from bayescal.importing.pair import is_measured, pair, stacked, unfolded
+from bayescal.importing.pair import is_measured, pair, rows_words, stacked, unfolded
 from bayescal.importing.programs import LISTINGS, format_of, read_listing, read_records
 from bayescal.importing.roles import measurements, readings, role_note, with_roles
 from bayescal.importing.units import UNITS, is_unit, meant
@@ -80,26 +75,17 @@ def _numbers(values: np.ndarray, decimals: int) -> str:
 
 def _folded(said: dict[str, Column]) -> dict[str, Column]:
     """Entries with those of all joints as the first and the last, where they differ by the number alone."""
-    out: dict[str, Column] = {}
     groups: dict[str, list[str]] = {}
     for key in said:
-        if joint := re.fullmatch(r"j\d+(\w*)", key):
-            groups.setdefault(joint[1], []).append(key)
+        groups.setdefault(re.sub(r"^j\d+", "j*", key), []).append(key)
+    out: dict[str, Column] = {}
     for key, column in said.items():
-        joint = re.fullmatch(r"j\d+(\w*)", key)
-        keys = groups[joint[1]] if joint else [key]
-        if len(keys) < 2 or not _alike([said[k] for k in keys]):
+        keys = groups[re.sub(r"^j\d+", "j*", key)]
+        if len({(re.sub(r"\d+", "*", said[k].name), said[k].unit) for k in keys}) > 1 or len(keys) < 2:
             out[key] = column
         elif key == keys[0]:
-            last = said[keys[-1]]
-            name = f"{column.name} to {last.name}"
-            out[f"{key} to {keys[-1]}"] = Column(name, column.unit, column.constant, column.stamp)
+            out[f"{key} to {keys[-1]}"] = replace(column, name=f"{column.name} to {said[keys[-1]].name}")
     return out
-
-
-def _alike(columns: list[Column]) -> bool:
-    """Whether names differ only by numbers and units are the same."""
-    return len({(re.sub(r"\d+", "*", c.name), c.unit) for c in columns}) == 1
 
 
 def _source(column: Column) -> str:
@@ -111,23 +97,22 @@ def _source(column: Column) -> str:
     return f"{column.name} {unit}".strip()
 
 
-def accusation(found: Suspicion, columns: Columns) -> str:
+def unit_words(wrong: Suspicion, columns: Columns) -> str:
     """A message: the stated unit, the probable unit, and the errors of the rows with both."""
-    first, last = found.quantities[0], found.quantities[-1]
+    first, last = wrong.quantities[0], wrong.quantities[-1]
     noun = f"`{first}`" if first == last else f"`{first}` to `{last}`"
     unit = columns.unit(first) or UNITS["deg" if first.startswith("j") else "mm"]
-    other = meant(unit, found.factor)
-    ratio = max(found.factor, 1 / found.factor)
-    size = f"{ratio:.0f} times too {'small' if found.factor > 1 else 'large'}"
-    fits = f"in {other} they agree with" if other else "corrected, they agree with"
+    other = meant(unit, wrong.factor)
+    ratio = max(wrong.factor, 1 / wrong.factor)
     return (
-        f"{noun} cannot be in {unit.name}: the numbers are {size}; "
-        f"{fits} the nominal arm within {1e3 * found.other:.2g} mm, "
-        f"in {unit.name} within {1e3 * found.stated:.0f} mm"
+        f"{noun} cannot be in {unit.name}: "
+        f"the numbers are {ratio:.0f} times too {'small' if wrong.factor > 1 else 'large'}; "
+        f"{f'in {other}' if other else 'corrected,'} they agree with the nominal arm "
+        f"within {1e3 * wrong.other:.2g} mm, in {unit.name} within {1e3 * wrong.stated:.0f} mm"
     )
 
 
-def found_words(dataset: Dataset, loose: Loose) -> tuple[str, ...]:
+def located_words(dataset: Dataset, loose: Loose) -> tuple[str, ...]:
     """Located instruments and reflectors, and the error of the nominal arm."""
     lines = [
         f"reflector `{tool.name}` located at {_mm(tool.centre)} mm in the flange frame"
@@ -200,14 +185,14 @@ def convert(request: Request) -> Draft:
     dataset = replace(base, measurements=rows)
     loose.check(dataset)
     dataset = loose.settled(dataset)
-    found = suspicion(dataset, loose.settled)
-    wrong = "" if found is None else accusation(found, columns)
+    suspected = suspicion(dataset, loose.settled)
+    wrong = "" if suspected is None else unit_words(suspected, columns)
     if joined is not None and not wrong:
         joined.check()
     turned, agree = compared(dataset, columns)
     wrong = wrong or ("" if agree else turned)
     dataset, roles = _roles(request, dataset, "role" in columns.texts)
-    notes = (*notes, *found_words(dataset, loose), *filter(None, [turned if agree else ""]), roles)
+    notes = (*notes, *located_words(dataset, loose), *filter(None, [turned if agree else ""]), roles)
     understood = (*mapped, row_words(dataset, int(columns.line[0])))
     dataset, before, notes = _continuing(request, dataset, notes)
     return Draft(dataset, notes, wrong, columns.name, columns.line, understood, before)
@@ -231,8 +216,8 @@ def write(draft: Draft, folder: Path, force: bool = False) -> None:
     """
     if draft.wrong and not force:
         raise BayescalError(draft.wrong, draft.log, "correct the map, or write the dataset with --force")
-    with scratch("bayescal-import") as own:
-        trial = own / "trial"
+    with scratch("bayescal-import") as folder_of_trial:
+        trial = folder_of_trial / "trial"
         write_dataset(draft.dataset, trial)
         try:
             read_dataset(trial, judge=not force)
@@ -243,18 +228,16 @@ def write(draft: Draft, folder: Path, force: bool = False) -> None:
 
 def _roles(request: Request, dataset: Dataset, stated: bool) -> tuple[Dataset, str]:
     """The dataset with its validation data, by the option or the entry of the map, and a note on them."""
-    rule, where = request.validate, "--validate"
-    said, place = setting(request.map, "validate")
-    if rule and said:
-        raise BayescalError("`validate` is stated by the map already", where, "remove one of the two")
-    rule, where = (rule, where) if rule else (said, place)
+    rule, where = setting(request.map, "validate")
+    if rule and request.validate:
+        raise BayescalError("`validate` is stated by the map already", "--validate", "remove one of the two")
+    if request.validate:
+        rule, where = request.validate, "--validate"
     if not rule:
         return dataset, role_note(dataset)
     if stated:
-        whose = (
-            "the plan states the role of each row" if request.plan else "a column states the role of each row"
-        )
-        raise BayescalError(f"{whose} already", where, "remove one of the two")
+        what = f"{'the plan' if request.plan else 'a column'} states the role of each row already"
+        raise BayescalError(what, where, "remove one of the two")
     return with_roles(dataset, rule, where)
 
 
@@ -304,8 +287,8 @@ def _columns(request: Request, n: int) -> Read:
     if request.format == "robodk" and not request.map:
         log = read_log(request.log)
         columns, centres = ask.robodk(log, n)
-        if left := len(log.rows) - columns.count:
-            notes.append(f"{left} row{'s' * (left > 1)} of {log.name} excluded: not measured (0, 0, 0)")
+        if count := len(log.rows) - columns.count:
+            notes.append(f"{rows_words(count)} of {log.name} excluded: not measured (0, 0, 0)")
     elif request.format == "csv" and not request.map:
         log = read_log(request.log, headed=True)
         columns = columns_of(log, own_map(log.header, n, log.name), request.decimal)

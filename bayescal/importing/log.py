@@ -40,9 +40,13 @@ TOO_LARGE = "delete what is not data, or save the sheet as CSV"
 Row = tuple[object, ...]
 
 
-def is_spreadsheet(path: Path) -> bool:
-    """Whether a path, with the name of a sheet or without, is that of a workbook."""
-    return path.name.partition("#")[0].lower().endswith(SUFFIXES)
+def _lines(path: Path) -> tuple[Lines, str]:
+    """Lines of a file, or of a workbook, whose path may end with the name of a sheet; and the separator."""
+    is_workbook = path.name.partition("#")[0].lower().endswith(SUFFIXES)
+    lines = sheet_lines(path) if is_workbook else text_lines(path)
+    if not lines.kept:
+        raise BayescalError("no rows", path.name, "check the file")
+    return lines, separator_of([raw for _, raw in lines.kept])
 
 
 def sheet_lines(path: Path) -> Lines:
@@ -197,27 +201,7 @@ def read_log(path: Path, headed: bool | None = None, missing: Missing | None = N
     BayescalError
         If the file cannot be read, or its rows differ in length.
     """
-    lines = sheet_lines(path) if is_spreadsheet(path) else text_lines(path)
-    return table_of(path.name, lines, headed, missing)
-
-
-def header_of(path: Path) -> tuple[str, ...]:
-    """The probable header of a log whose map is not known, for a message; () if none is found."""
-    lines = sheet_lines(path) if is_spreadsheet(path) else text_lines(path)
-    if not lines.kept:
-        raise BayescalError("no rows", path.name, "check the file")
-    separator = separator_of([raw for _, raw in lines.kept])
-    rows = [(number, _trimmed(cells(raw, separator), 0)) for number, raw in lines.kept[:SEARCHED]]
-    width = len(_usual(rows))
-    full = (row for _, row in rows if len(row) == width and all(row))
-    return next((row for row in full if not any(map(is_number, row))), ())
-
-
-def table_of(name: str, lines: Lines, headed: bool | None = None, missing: Missing | None = None) -> Log:
-    """The table in the lines of a file, as `read_log` returns it."""
-    if not lines.kept:
-        raise BayescalError("no rows", name, "check the file")
-    separator = separator_of([raw for _, raw in lines.kept])
+    name, (lines, separator) = path.name, _lines(path)
     rows = [(number, cells(raw, separator)) for number, raw in lines.kept]
     header, rows, before = _headed(rows, lines, separator, headed, missing)
     notes = list(lines.notes)
@@ -257,6 +241,15 @@ def table_of(name: str, lines: Lines, headed: bool | None = None, missing: Missi
     return Log(name, header, body, numbers, tuple(units) or (None,) * width, tuple(notes))
 
 
+def header_of(path: Path) -> tuple[str, ...]:
+    """The probable header of a log whose map is not known, for a message; () if none is found."""
+    lines, separator = _lines(path)
+    rows = [(number, _trimmed(cells(raw, separator), 0)) for number, raw in lines.kept[:SEARCHED]]
+    width = len(_usual(rows))
+    full = (row for _, row in rows if len(row) == width and all(row))
+    return next((row for row in full if not any(map(is_number, row))), ())
+
+
 Rows = list[tuple[int, tuple[str, ...]]]
 
 
@@ -276,8 +269,8 @@ def _headed(
                 if not missing(_trimmed(row, 0)):
                     below = [r for r in rows if r[0] > number]
                     return row, below, [r for r in rows if r[0] < number]
-        at = lacks.index(min(lacks))
-        return rows[at][1], rows[at + 1 :], rows[:at]
+        best = lacks.index(min(lacks))
+        return rows[best][1], rows[best + 1 :], rows[:best]
     if headed is None:
         headed = not any(map(is_number, rows[0][1]))
     return (rows[0][1], rows[1:], []) if headed else ((), rows, [])

@@ -1,7 +1,4 @@
-"""Contents of the columns of a log: ``j1 = A1 deg``, as text or as a YAML file.
-
-Time stamps of logs, as seconds: dates, times of day, seconds and milliseconds since 1970.
-"""
+"""Contents of the columns of a log: ``j1 = A1 deg``, as text or as a YAML file; and time stamps."""
 
 from __future__ import annotations
 
@@ -9,7 +6,7 @@ import csv
 import math
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta, timezone
 from pathlib import Path
 
@@ -75,14 +72,14 @@ def _dated(kind: str) -> Callable[[Sequence[str]], Stamps]:
 def _moment(kind: str, cell: str, row: int) -> tuple[datetime, bool]:
     """The moment of a cell with date and time, and whether it states its time zone; else as if in UTC."""
     pattern, order = DATES[kind]
-    found = re.match(pattern + r"(?:T|\s+|$)", cell)
-    rest = cell[found.end() :] if found else ""
-    zone = ZONE.search(rest)
+    date_match = re.match(pattern + r"(?:T|\s+|$)", cell)
+    clock = cell[date_match.end() :] if date_match else ""
+    zone = ZONE.search(clock)
     try:
-        if found is None:
+        if date_match is None:
             raise ValueError
-        parts = [int(part) for part in found.groups()]
-        seconds = _seconds(rest[: zone.start()] if zone else rest) if rest else 0.0
+        parts = [int(part) for part in date_match.groups()]
+        seconds = _seconds(clock[: zone.start()] if zone else clock) if clock else 0.0
         year, month, date = (parts[i] for i in order)
         day = datetime(year, month, date, tzinfo=_zone(zone[1]) if zone else UTC)
     except ValueError:
@@ -99,17 +96,17 @@ def _zone(text: str) -> timezone:
 
 def _seconds(text: str) -> float:
     """Seconds of a time of day, ``15:04:05.25``, ``3:04:05 PM``."""
-    found = CLOCK.fullmatch(text.strip())
-    if found is None:
+    clock = CLOCK.fullmatch(text.strip())
+    if clock is None:
         raise ValueError
-    hour, minute, second = int(found[1]), int(found[2]), int(found[3] or 0)
-    if found[5]:
+    hour, minute, second = int(clock[1]), int(clock[2]), int(clock[3] or 0)
+    if clock[5]:
         if not 1 <= hour <= 12:
             raise ValueError
-        hour = hour % 12 + 12 * (found[5].lower() == "pm")
+        hour = hour % 12 + 12 * (clock[5].lower() == "pm")
     if hour > 23 or minute > 59 or second > 60:
         raise ValueError
-    return 3600.0 * hour + 60.0 * minute + second + (float(f"0.{found[4]}") if found[4] else 0.0)
+    return 3600.0 * hour + 60.0 * minute + second + float(f"0.{clock[4] or 0}")
 
 
 def _of_day(cells: Sequence[str]) -> Stamps:
@@ -131,18 +128,9 @@ def _of_day(cells: Sequence[str]) -> Stamps:
     return Stamps(out, "day")
 
 
-def _counted(cells: Sequence[str]) -> Stamps:
-    """Seconds of a counter, such as the time since a controller was started."""
-    out = np.full(len(cells), np.nan)
-    for row, cell in enumerate(cells):
-        try:
-            out[row] = float(cell.replace(",", ".")) if cell else np.nan
-        except ValueError:
-            raise NoStampError(row, f"'{cell}' is not a number") from None
-    return Stamps(out, "counter")
+def _counted(clock: str, per_second: float = 1.0) -> Callable[[Sequence[str]], Stamps]:
+    """Reader of a number: the time since 1970 (the clock UTC), or since a controller was started."""
 
-
-def _since_1970(per_second: float) -> Callable[[Sequence[str]], Stamps]:
     def read(cells: Sequence[str]) -> Stamps:
         out = np.full(len(cells), np.nan)
         for row, cell in enumerate(cells):
@@ -150,9 +138,9 @@ def _since_1970(per_second: float) -> Callable[[Sequence[str]], Stamps]:
                 out[row] = float(cell.replace(",", ".")) / per_second if cell else np.nan
             except ValueError:
                 raise NoStampError(row, f"'{cell}' is not a number") from None
-            if not LONG < out[row] < 100 * LONG and cell:
+            if clock == "UTC" and cell and not LONG < out[row] < 100 * LONG:
                 raise NoStampError(row, f"{cell} is not a time since 1970 in this unit")
-        return Stamps(out, "UTC")
+        return Stamps(out, clock)
 
     return read
 
@@ -160,10 +148,10 @@ def _since_1970(per_second: float) -> Callable[[Sequence[str]], Stamps]:
 STAMPS: dict[str, Callable[[Sequence[str]], Stamps]] = {
     **{kind: _dated(kind) for kind in DATES},
     "clock": _of_day,
-    "counter_s": _counted,
-    "epoch_s": _since_1970(1.0),
-    "epoch_ms": _since_1970(1e3),
-    "epoch_us": _since_1970(1e6),
+    "counter_s": _counted("counter"),
+    "epoch_s": _counted("UTC"),
+    "epoch_ms": _counted("UTC", 1e3),
+    "epoch_us": _counted("UTC", 1e6),
 }
 """Kinds of time stamps by the word that states them."""
 
@@ -244,12 +232,12 @@ def read_map(text: str, n: int, formal: bool = False) -> dict[str, Column]:
         key = key.rstrip("?") if optional else key
         for joint in range(1, n + 1) if key.startswith("j*") else (0,):
             name, said = (_of_joint(t, joint) if joint else t for t in (key, value))
-            base, at, tool = name.partition("@")
+            base, sign, tool = name.partition("@")
             quantity, unit = quantity_of(base, n, where)
-            if at and (quantity not in OF_REFLECTOR or not tool):
+            if sign and (quantity not in OF_REFLECTOR or not tool):
                 what = f"`{name}` is not a quantity of a reflector"
                 raise BayescalError(what, where, f"those are {', '.join(OF_REFLECTOR)}, as in x@A")
-            quantity += at + tool
+            quantity += sign + tool
             if quantity in out:
                 raise BayescalError(f"`{quantity}` is given twice", where, "keep a single entry")
             out[quantity] = _column(quantity, said, unit, optional, where, n)
@@ -279,10 +267,10 @@ def own_map(header: Sequence[str], n: int, where: str) -> dict[str, Column]:
 
 def setting(text: str, key: str) -> tuple[str, str]:
     """An entry of a map that is no column, of `SETTINGS`: its value and where it is, or empty texts."""
-    found = [(value, where) for name, value, where in _entries(text) if name == key]
-    if len(found) > 1:
-        raise BayescalError(f"`{key}` is given twice", found[1][1], "keep a single entry")
-    return found[0] if found else ("", "")
+    entries = [(value, where) for name, value, where in _entries(text) if name == key]
+    if len(entries) > 1:
+        raise BayescalError(f"`{key}` is given twice", entries[1][1], "keep a single entry")
+    return entries[0] if entries else ("", "")
 
 
 def quantity_of(key: str, n: int, where: str) -> tuple[str, Unit | None]:
@@ -340,9 +328,8 @@ def _of_text(text: str) -> list[tuple[str, str, str]]:
     for part in filter(None, map(str.strip, next(csv.reader([text], quotechar="'"), []))):
         key, equals, value = (p.strip() for p in part.partition("="))
         if not equals or not value:
-            raise BayescalError(
-                f"'{part}' is not an entry of a map", "--map", "write `j1=A1 deg, x=X mm, ...`"
-            )
+            what = f"'{part}' is not an entry of a map"
+            raise BayescalError(what, "--map", "write `j1=A1 deg, x=X mm, ...`")
         out.append((key, value, "--map"))
     return out
 
@@ -350,26 +337,28 @@ def _of_text(text: str) -> list[tuple[str, str, str]]:
 def _column(key: str, said: str, unit: Unit | None, optional: bool, where: str, n: int) -> Column:
     """One entry; texts have no unit."""
     key = key.partition("@")[0]
+    entry = Column(said, unit, optional=optional, where=where)
     if key == ROTATION:
-        return _rotation(said, optional, where)
+        return _rotation(entry)
     if key in TEXTS:
         quoted = re.fullmatch(r"""(['"])(.+)\1""", said)
-        return Column(quoted[2] if quoted else said, None, bool(quoted), "", optional, where)
+        return replace(entry, name=quoted[2], constant=True) if quoted else entry
     name, _, last = said.rpartition(" ")
     name = name.strip()
     if key == "time" and unit is None and name and last in STAMPS:
-        return Column(name, UNITS["s"], False, last, optional, where)
+        return replace(entry, name=name, unit=UNITS["s"], stamp=last)
     if unit is not None or not name or name[-1] in "+-*/(" or not re.fullmatch(r"[a-zA-Z/°µμ.*]{1,8}", last):
-        return Column(said, unit, False, "", optional, where)
+        return entry
+    dimension = dimension_of(key, n, where)
     if not is_unit(last):
-        dimension = dimension_of(key, n, where)
         remedy = f"give one of {listed(dimension)}; a name with spaces is enclosed in braces: {{{said}}}"
         raise BayescalError(f"unknown unit `{last}`", where, remedy)
-    return Column(name, unit_of(last, dimension_of(key, n, where), where), False, "", optional, where)
+    return replace(entry, name=name, unit=unit_of(last, dimension, where))
 
 
-def _rotation(said: str, optional: bool, where: str) -> Column:
+def _rotation(entry: Column) -> Column:
     """An orientation: columns, the convention and, of angles, the unit."""
+    said, where = entry.name, entry.where
     words = said.split()
     unit = unit_of(words.pop(), "angle", where) if words and is_unit(words[-1]) else None
     turn = words.pop() if words else ""
@@ -380,4 +369,4 @@ def _rotation(said: str, optional: bool, where: str) -> Column:
         raise BayescalError("the orientation has no unit", where, f"write `rotation={said} deg`")
     if not CONVENTIONS[turn].angles and unit is not None:
         raise BayescalError(f"{turn} has no unit", where, f"remove `{unit.name}`")
-    return Column(" ".join(words), unit, False, "", optional, where, turn)
+    return replace(entry, name=" ".join(words), unit=unit, turn=turn)

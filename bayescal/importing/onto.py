@@ -16,7 +16,7 @@ from bayescal.errors import BayescalError
 from bayescal.importing.columns import Columns, columns_of, first
 from bayescal.importing.log import read_log
 from bayescal.importing.mapping import own_map
-from bayescal.importing.pair import check_ids
+from bayescal.importing.pair import check_ids, rows_words
 from bayescal.importing.programs import CONTACT, numbered, state_of, unmade
 
 PLAN = "plan.csv"
@@ -131,50 +131,60 @@ def onto(log: Columns, plan: Path, targets: Sequence[Target], n: int) -> Joined:
         log = _in_order(log, planned)
     check_ids(log)
     check_ids(planned)
-    registers = False
-    if not np.isin(log.texts["id"], planned.texts["id"]).any():  # registers of a program, by number
-        ids = numbered(log.texts["id"], planned.texts["id"].tolist())
-        of_plan = ids != log.texts["id"]
-        if of_plan.any():
-            log = replace(log, texts=log.texts | {"id": ids}).take(of_plan)
-            registers = True
+    log, registers = _of_registers(log, planned)
     log, planned, notes = _by_id(log, planned)
-    _contradictions(log, planned)
-    joints = [f"j{i + 1}" for i in range(n)]
-    commanded = not any(key in log.numbers for key in joints)
+    for key in SAME:
+        if key in log.texts and key in planned.texts:
+            _check_same(log, planned, key)
     reads = _reads(planned.texts["target"], targets)
-    if commanded:
-        first(
-            log,
-            reads == "",
-            lambda row: f"`{log.texts['id'][row]}` needs the joint readings at which it was measured",
-            f"map j1 to j{n}",
-        )
-    missing = [key for key in joints if key not in log.numbers and not commanded]
-    if missing:
-        raise BayescalError(f"no column holds `{missing[0]}`", log.name, f"map j1 to j{n}")
-    stated = np.column_stack([planned.numbers[key] for key in joints])
-    read = stated if commanded else np.column_stack([log.numbers[key] for key in joints])
-    away = np.max(np.abs(read - stated), axis=1)
-    state = state_of(read[:, 0])
-    notes += unmade(dict(zip(log.texts["id"].tolist(), state.tolist(), strict=True)))
-    away = np.where(state == CONTACT, away, np.nan)
-    made = np.where(reads == "", away >= UNTOUCHED, _given(log, reads)) & np.isfinite(away)
+    deviation, state, commanded = _deviations(log, planned, reads, n)
+    ids = log.texts["id"]
+    notes += unmade(dict(zip(ids.tolist(), state.tolist(), strict=True)))
+    made = np.where(reads == "", deviation >= UNTOUCHED, _given(log, reads)) & np.isfinite(deviation)
     if not made.any():
         what = "nothing was measured: its rows are empty or state what was planned"
         raise BayescalError(what, log.name, "write the readings at which each contact was made")
     idle = ~made & (state == CONTACT)
-    notes += _counted(log.texts["id"][idle], f"of {log.name} without a measurement (empty, or as planned)")
-    log, planned, away = log.take(made), planned.take(made), away[made]
-    far, near = away > FAR, (away < NEAR) & (_reads(planned.texts["target"], targets) == "")
-    if 2 * np.sum(near) > log.count:
-        notes += [
-            f"{np.sum(near)} of {log.count} contacts are within {np.degrees(NEAR):.2g} deg of the plan: "
+    notes += _counted(ids[idle], f"of {log.name} without a measurement (empty, or as planned)")
+    far, near = made & (deviation > FAR), made & (deviation < NEAR) & (reads == "")
+    count = made.sum()
+    if 2 * near.sum() > count:
+        notes.append(
+            f"{near.sum()} of {count} contacts are within {np.degrees(NEAR):.2g} deg of the plan: "
             "check that the log has the readings at the contact, not the commanded ones"
-        ]
-    notes += _counted(log.texts["id"][far], f"more than {np.degrees(FAR):.0f} deg from the plan")
-    other = registers and 2 * np.sum(far) > log.count  # registers of another program
-    return Joined(_joined(log, planned), tuple(notes), commanded, far, by_order or other)
+        )
+    notes += _counted(ids[far], f"more than {np.degrees(FAR):.0f} deg from the plan")
+    other = registers and 2 * far.sum() > count  # registers of another program
+    columns = _joined(log, planned).take(made)
+    return Joined(columns, tuple(notes), commanded, far[made], by_order or other)
+
+
+def _of_registers(log: Columns, planned: Columns) -> tuple[Columns, bool]:
+    """The log by the ids of the plan, and whether it has the numbered registers of a program instead."""
+    if np.isin(log.texts["id"], planned.texts["id"]).any():
+        return log, False
+    ids = numbered(log.texts["id"], planned.texts["id"].tolist())
+    of_plan = ids != log.texts["id"]
+    if not of_plan.any():
+        return log, False
+    return replace(log, texts=log.texts | {"id": ids}).take(of_plan), True
+
+
+def _deviations(
+    log: Columns, planned: Columns, reads: np.ndarray, n: int
+) -> tuple[np.ndarray, np.ndarray, bool]:
+    """Largest difference from the plan (N,), rad, nan without a contact; states (N,); whether commanded."""
+    joints, remedy = [f"j{i + 1}" for i in range(n)], f"map j1 to j{n}"
+    missing = [key for key in joints if key not in log.numbers]
+    if commanded := len(missing) == n:
+        what = "needs the joint readings at which it was measured"
+        first(log, reads == "", lambda row: f"`{log.texts['id'][row]}` {what}", remedy)
+    elif missing:
+        raise BayescalError(f"no column holds `{missing[0]}`", log.name, remedy)
+    stated = np.column_stack([planned.numbers[key] for key in joints])
+    readings = stated if commanded else np.column_stack([log.numbers[key] for key in joints])
+    state = state_of(readings[:, 0])
+    return np.where(state == CONTACT, np.max(np.abs(readings - stated), axis=1), np.nan), state, commanded
 
 
 def _in_order(log: Columns, planned: Columns) -> Columns:
@@ -188,37 +198,34 @@ def _by_id(log: Columns, planned: Columns) -> tuple[Columns, Columns, list[str]]
     """Rows of both with the same id, in the log's order, and what is missing in either."""
     place = {name: row for row, name in enumerate(planned.texts["id"].tolist())}
     ids = log.texts["id"]
-    known = np.isin(ids, list(place))
-    if not known.any():
+    in_plan = np.isin(ids, list(place))
+    if not in_plan.any():
         what = f"no id of {log.name} is in {planned.name}"
         examples = f"`{ids[0]}` and `{planned.texts['id'][0]}` are the first ids"
         raise BayescalError(what, log.name, f"{examples}; map the column of the ids")
-    notes = _counted(ids[~known], f"of {log.name} excluded: not in the plan")
+    notes = _counted(ids[~in_plan], f"of {log.name} excluded: not in the plan")
     absent = planned.texts["id"][~np.isin(planned.texts["id"], ids)]
     notes += _counted(absent, f"of the plan missing in {log.name}")
-    return log.take(known), planned.take(np.array([place[name] for name in ids[known].tolist()])), notes
+    rows = np.array([place[name] for name in ids[in_plan].tolist()])
+    return log.take(in_plan), planned.take(rows), notes
 
 
-def _contradictions(log: Columns, planned: Columns) -> None:
-    """Refuse a target, tool or role that is not the planned one."""
-    for key in SAME:
-        if key in log.texts and key in planned.texts:
-            said, told, ids = log.texts[key], planned.texts[key], log.texts["id"]
-            first(
-                log,
-                (said != "") & (said != told),
-                lambda row, k=key, s=said, t=told, i=ids: (  # type: ignore[misc]
-                    f"{k} `{s[row]}`, but `{t[row]}` in the plan of `{i[row]}`"
-                ),
-                "correct the cell, or the id",
-            )
+def _check_same(log: Columns, planned: Columns, key: str) -> None:
+    """Refuse a target, tool or role (`key`) that is not the planned one."""
+    ids, names, expected = log.texts["id"], log.texts[key], planned.texts[key]
+    first(
+        log,
+        (names != "") & (names != expected),
+        lambda row: f"{key} `{names[row]}`, but `{expected[row]}` in the plan of `{ids[row]}`",
+        "correct the cell, or the id",
+    )
 
 
 def _reads(names: np.ndarray, targets: Sequence[Target]) -> np.ndarray:
     """What an instrument reads at the named targets (N,): xyz, length, or "" where the arm measures."""
     stated = {t.name for t in targets if np.isfinite(t.values.get("length", np.nan))}
-    of = {t.name: "" if t.name in stated else KINDS[t.kind].reads for t in targets}
-    return np.array([of.get(name, "") for name in names.tolist()])
+    reads = {t.name: "" if t.name in stated else KINDS[t.kind].reads for t in targets}
+    return np.array([reads.get(name, "") for name in names.tolist()])
 
 
 def _given(log: Columns, reads: np.ndarray) -> np.ndarray:
@@ -249,4 +256,4 @@ def _counted(ids: Iterable[str], what: str) -> list[str]:
     if not names:
         return []
     more = ", ..." if len(names) > SHOWN else ""
-    return [f"{len(names)} row{'s' * (len(names) > 1)} {what}: {', '.join(names[:SHOWN])}{more}"]
+    return [f"{rows_words(len(names))} {what}: {', '.join(names[:SHOWN])}{more}"]

@@ -1,9 +1,4 @@
-"""Measured orientations of an import: from the columns of the log, and compared with the nominal arm.
-
-Position of an instrument, and of its reflector on the flange: a rigid fit to the nominal arm.
-
-Positions of instruments and reflectors that are not stated, estimated with the nominal arm.
-"""
+"""Orientations and positions that are not stated, compared with and estimated from the nominal arm."""
 
 from __future__ import annotations
 
@@ -44,8 +39,8 @@ class Sightings:
     tool: np.ndarray  # (N,) int
 
 
-def fit(rows: Sightings, centres: np.ndarray, known: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Fit instruments' frames, and the TCP positions that are not known, to the nominal arm.
+def fit(rows: Sightings, centres: np.ndarray, stated: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Fit instruments' frames, and the TCP positions that are not stated, to the nominal arm.
 
     A linear fit in which the rotations are any matrices starts it; then frames and TCP positions in turn,
     each in closed form, with Cauchy weights, so that a few wild rows do not carry a frame away.
@@ -54,8 +49,8 @@ def fit(rows: Sightings, centres: np.ndarray, known: np.ndarray) -> tuple[np.nda
     ----------
     rows : Sightings
     centres : np.ndarray, shape (T, 3)
-        TCP positions, m, in the flange frame; those not known may be anything.
-    known : np.ndarray of bool, shape (T,)
+        TCP positions, m, in the flange frame; those not stated may be anything.
+    stated : np.ndarray of bool, shape (T,)
 
     Returns
     -------
@@ -64,30 +59,30 @@ def fit(rows: Sightings, centres: np.ndarray, known: np.ndarray) -> tuple[np.nda
     """
     turn, origin = rows.flange[:, :3, :3], rows.flange[:, :3, 3]
     centres = centres.astype(float)
-    if not known.all():
-        centres[~known] = _start(rows, centres, known)[~known]
+    if not stated.all():
+        centres[~stated] = _start(rows, centres, stated)[~stated]
     weight = np.ones(len(origin))
     stations = [rows.station == s for s in range(rows.station.max() + 1)]
     frame_of = np.tile(np.eye(4), (len(stations), 1, 1))
     for _ in range(PASSES):
         p = origin + np.einsum("nij,nj->ni", turn, centres[rows.tool])
-        for s, at in enumerate(stations):
-            frame_of[s] = rigid_alignment(p[at], rows.seen[at], weight[at])
-        own = frame_of[rows.station]
-        goal = np.einsum("nij,nj->ni", own[:, :3, :3], rows.seen) + own[:, :3, 3]
-        for t in np.flatnonzero(~known):
-            at = rows.tool == t
-            back = np.einsum("nji,nj->ni", turn[at], goal[at] - origin[at])
-            centres[t] = weight[at] @ back / weight[at].sum()
+        for s, of_station in enumerate(stations):
+            frame_of[s] = rigid_alignment(p[of_station], rows.seen[of_station], weight[of_station])
+        frame = frame_of[rows.station]
+        goal = np.einsum("nij,nj->ni", frame[:, :3, :3], rows.seen) + frame[:, :3, 3]
+        for t in np.flatnonzero(~stated):
+            of_tool = rows.tool == t
+            back = np.einsum("nji,nj->ni", turn[of_tool], goal[of_tool] - origin[of_tool])
+            centres[t] = weight[of_tool] @ back / weight[of_tool].sum()
         off = np.linalg.norm(origin + np.einsum("nij,nj->ni", turn, centres[rows.tool]) - goal, axis=1)
         weight = 1 / (1 + (off / max(LEAST, 2 * float(np.median(off)))) ** 2)
     return frame_of, centres
 
 
-def _start(rows: Sightings, centres: np.ndarray, known: np.ndarray) -> np.ndarray:
+def _start(rows: Sightings, centres: np.ndarray, stated: np.ndarray) -> np.ndarray:
     """Centres (T, 3) of ``origin + turn c = M seen + t`` with any matrices M: linear least squares."""
     turn, b = rows.flange[:, :3, :3], rows.flange[:, :3, 3].copy()
-    count, frames_, tools = len(b), 12 * (rows.station.max() + 1), len(known)
+    count, frames_, tools = len(b), 12 * (rows.station.max() + 1), len(stated)
     a = np.zeros((count, 3, frames_ + 3 * tools))
     row, scale = np.arange(count), max(float(np.abs(rows.seen).max()), 1e-9)
     for axis in range(3):
@@ -95,11 +90,11 @@ def _start(rows: Sightings, centres: np.ndarray, known: np.ndarray) -> np.ndarra
             a[row, axis, 12 * rows.station + 3 * axis + k] = rows.seen[:, k] / scale
         a[row, axis, 12 * rows.station + 9 + axis] = 1.0
     for t in range(tools):
-        at = rows.tool == t
-        if known[t]:
-            b[at] += turn[at] @ centres[t]
+        of_tool = rows.tool == t
+        if stated[t]:
+            b[of_tool] += turn[of_tool] @ centres[t]
         else:
-            a[at, :, frames_ + 3 * t : frames_ + 3 * t + 3] = -turn[at]
+            a[of_tool, :, frames_ + 3 * t : frames_ + 3 * t + 3] = -turn[of_tool]
     ridge = np.sqrt(GENTLE * count) * np.eye(a.shape[2])[frames_:]
     equations = np.concatenate([a.reshape(-1, a.shape[2]), ridge])
     x = np.linalg.lstsq(equations, np.concatenate([b.ravel(), np.zeros(len(ridge))]), rcond=None)[0]
@@ -167,32 +162,25 @@ def compared(dataset: Dataset, columns: Columns) -> tuple[str, bool]:
 
 def _stated(columns: Columns) -> tuple[str, np.ndarray | None]:
     """The convention, and the numbers (N, count) of the log, or None."""
-    plain = [key for key in ("rx", "ry", "rz") if key in columns.numbers]
+    angles = ("rx", "ry", "rz")
     column = columns.said.get("rotation")
     if column is None:
-        if not plain:
-            return "", None
-        if len(plain) < 3:
-            missing = next(key for key in ("rx", "ry", "rz") if key not in plain)
-            what = f"`{missing}` is not mapped, `{plain[0]}` is"
-            raise BayescalError(what, columns.name, "map all of rx, ry, rz, or none")
-        return "rpy", np.column_stack([columns.numbers[key] for key in plain])
-    if plain:
-        raise BayescalError(f"`rotation` and `{plain[0]}` are both mapped", columns.name, "keep one of them")
+        return "rpy", columns.block(angles)
+    if clash := next((key for key in angles if key in columns.numbers), ""):
+        raise BayescalError(f"`rotation` and `{clash}` are both mapped", columns.name, "keep one of them")
     count = CONVENTIONS[column.turn].count
-    return column.turn, np.column_stack([columns.numbers[f"rotation{i}"] for i in range(count)])
+    return column.turn, columns.block([f"rotation{i}" for i in range(count)])
 
 
 def _error(dataset: Dataset, turns: np.ndarray) -> float | None:
     """Median angle, rad, from the tool's stated frame or the rows' mean to that of each; None for too few."""
     rows = dataset.measurements
-    at = np.flatnonzero(np.isfinite(turns).all(axis=(1, 2)))
-    placed = [t.values.get("rpy") is not None for t in dataset.targets]
-    at = at[np.array(placed)[rows.target[at]]]
+    placed = np.array([t.values.get("rpy") is not None for t in dataset.targets])
+    usable = np.flatnonzero(np.isfinite(turns).all(axis=(1, 2)) & placed[rows.target])
     flange = flanges(dataset.robot, rows.readings)[:, :3, :3]
     off = []
-    for tool in np.unique(rows.tool[at]):
-        mine = at[rows.tool[at] == tool]
+    for tool in np.unique(rows.tool[usable]):
+        mine = usable[rows.tool[usable] == tool]
         if len(mine) < FEWEST:
             continue
         frame = np.array([rpy_matrix(dataset.targets[t].values["rpy"]) for t in rows.target[mine]])
@@ -236,11 +224,10 @@ class Loose:
         mine = np.array([t.name in self.targets for t in dataset.targets])[rows.target]
         mine &= np.isfinite(rows.xyz).all(axis=1)
         used, station = np.unique(rows.target[mine], return_inverse=True)
-        known = np.array([t.name not in self.tools for t in dataset.tools])
-        sightings = Sightings(
-            flanges(dataset.robot, rows.readings[mine]), rows.xyz[mine], station.ravel(), rows.tool[mine]
-        )
-        frames, centres = fit(sightings, np.array([t.centre for t in dataset.tools]), known)
+        stated = np.array([t.name not in self.tools for t in dataset.tools])
+        flange = flanges(dataset.robot, rows.readings[mine])
+        sightings = Sightings(flange, rows.xyz[mine], station.ravel(), rows.tool[mine])
+        frames, centres = fit(sightings, np.array([t.centre for t in dataset.tools]), stated)
         targets = list(dataset.targets)
         for index, frame in zip(used, frames, strict=True):
             place: dict[str, np.ndarray | float] = {"xyz": frame[:3, 3], "rpy": rpy_of(frame[:3, :3])}

@@ -1,7 +1,4 @@
-"""Rows of two files side by side: in their order, by id, or by time.
-
-Several reflectors or instruments at one standstill: a row for each.
-"""
+"""Rows of two files side by side: in their order, by id, or by time; several reflectors at a standstill."""
 
 from __future__ import annotations
 
@@ -77,14 +74,13 @@ def unfolded(columns: Columns) -> tuple[Columns, tuple[str, ...]]:
         raise BayescalError(what, columns.name, "keep those of the reflectors alone")
     parts, missing = [], 0
     for tool in tools:
-        own = {k.partition("@")[0]: v for k, v in columns.numbers.items() if k.endswith(f"@{tool}")}
-        numbers = {k: v for k, v in columns.numbers.items() if "@" not in k} | own
+        points = {k.partition("@")[0]: v for k, v in columns.numbers.items() if k.endswith(f"@{tool}")}
+        numbers = {k: v for k, v in columns.numbers.items() if "@" not in k} | points
         said = {k.partition("@")[0]: c for k, c in columns.said.items() if k.partition("@")[2] in ("", tool)}
         texts = columns.texts | {"tool": np.full(columns.count, tool)}
-        seen = np.any(
-            [np.isfinite(own[k]) for k in MEASURED_REFLECTORS if k in own] or [np.zeros(columns.count, bool)],
-            axis=0,
-        )
+        seen = np.zeros(columns.count, bool)
+        for key in points.keys() & set(MEASURED_REFLECTORS):
+            seen |= np.isfinite(points[key])
         missing += int((~seen).sum())
         parts.append(replace(columns, numbers=numbers, texts=texts, said=said).take(seen))
     note = f"{missing} points of {len(tools)} reflectors excluded: not measured"
@@ -123,12 +119,22 @@ def pair(rule: str, log: Columns, points: Columns) -> tuple[Columns, tuple[str, 
     BayescalError
         For counts that differ, ids given twice, clocks that differ, and rows that pair twice.
     """
-    found = re.fullmatch(r"(row|id|time)(?:[:\s]\s*(.+))?", rule.strip())
-    if found is None or bool(found[2]) != (found[1] == "time"):
+    match = re.fullmatch(r"(row|id|time)(?:[:\s]\s*(.+))?", rule.strip())
+    if match is None or bool(match[2]) != (match[1] == "time"):
         raise BayescalError(f"`{rule}` is not known", "--pair", "must be row, id or time:0.5 s")
-    if found[1] == "time":
-        return _by_time(log, points, quantity(found[2], "time", 1, "--pair")[0])
-    return _by_row(log, points) if found[1] == "row" else _by_id(log, points)
+    if match[1] == "time":
+        return _by_time(log, points, quantity(match[2], "time", 1, "--pair")[0])
+    if match[1] == "id":
+        return _by_id(log, points)
+    if log.count != points.count:
+        what = f"{log.count} rows in {log.name}, {points.count} in {points.name}"
+        raise BayescalError(what, "--pair row", "map `id` in both files and pair them by id")
+    return _joined(log, points), ()
+
+
+def rows_words(count: int) -> str:
+    """A number of rows in words."""
+    return f"{count} row{'s' * (count > 1)}"
 
 
 def is_measured(columns: Columns) -> bool:
@@ -140,34 +146,28 @@ def check_ids(columns: Columns, besides: Sequence[str] = ()) -> None:
     """Refuse a file without ids, or with one twice for the same of `besides`."""
     if "id" not in columns.texts:
         raise BayescalError("no column holds `id`", columns.name, "map it (`id=Name`), or pair by row")
-    keys = _keys(columns, ("id", *besides))
-    often = Counter(keys)
-    twice = np.array([often[key] > 1 for key in keys])
-    first(
-        columns,
-        twice,
-        lambda row: f"id `{columns.texts['id'][row]}` is given twice",
-        "keep a single row, or rename the id",
-    )
+    twice = _repeated(_keys(columns, ("id", *besides)))
+    ids = columns.texts["id"]
+    remedy = "keep a single row, or rename the id"
+    first(columns, twice, lambda row: f"id `{ids[row]}` is given twice", remedy)
+
+
+def _repeated(keys: Sequence[tuple[object, ...]]) -> np.ndarray:
+    """Which of the keys (N,), bool, are not the only ones."""
+    counts = Counter(keys)
+    return np.array([counts[key] > 1 for key in keys])
 
 
 def _keys(columns: Columns, names: Sequence[str]) -> list[tuple[str, ...]]:
     return list(zip(*(columns.texts[name].tolist() for name in names), strict=True))
 
 
-def _by_row(log: Columns, points: Columns) -> tuple[Columns, tuple[str, ...]]:
-    if log.count != points.count:
-        what = f"{log.count} rows in {log.name}, {points.count} in {points.name}"
-        raise BayescalError(what, "--pair row", "map `id` in both files and pair them by id")
-    return _joined(log, points), ()
-
-
 def _by_id(log: Columns, points: Columns) -> tuple[Columns, tuple[str, ...]]:
     """Rows of one id side by side, in the log's order; points of several tools or targets may share an id."""
-    own = [key for key in OWN if key in points.texts]
-    shared = [key for key in own if key in log.texts]
+    names = [key for key in OWN if key in points.texts]
+    shared = [key for key in names if key in log.texts]
     check_ids(log, shared)
-    check_ids(points, own)
+    check_ids(points, names)
     places: dict[tuple[str, ...], list[int]] = {}
     for row, key in enumerate(_keys(points, ("id", *shared))):
         places.setdefault(key, []).append(row)
@@ -179,7 +179,7 @@ def _by_id(log: Columns, points: Columns) -> tuple[Columns, tuple[str, ...]]:
     mine, theirs = np.array(pairs).T
     lost = log.count - len(np.unique(mine)), points.count - len(np.unique(theirs))
     excluded = [
-        f"{count} row{'s' * (count > 1)} of {name} without a partner"
+        f"{rows_words(count)} of {name} without a partner"
         for count, name in zip(lost, (log.name, points.name), strict=True)
         if count
     ]
@@ -210,40 +210,34 @@ def _by_time(log: Columns, points: Columns, tolerance: float) -> tuple[Columns, 
         "(maximum)"
     ]
     if count := int((~near).sum()):
-        notes.append(
-            f"excluded: {count} row{'s' * (count > 1)} of {of.name} without a row of {among.name} within "
-            f"{tolerance:g} s"
-        )
+        partner = f"a row of {among.name} within {tolerance:g} s"
+        notes.append(f"excluded: {rows_words(count)} of {of.name} without {partner}")
     if forward:
         _check_single(points.take(mine), theirs)
         notes += _motion(log, points.numbers["time"][mine], tolerance)
         order = np.argsort(theirs, kind="stable")
         mine, theirs = theirs[order], mine[order]
         notes.append(f"{len(np.unique(mine))} of {log.count} rows of {log.name} are used")
-    both = _joined(
-        log.take(mine), _without(points.take(theirs), ("time", "id") if not forward else ("time",))
-    )
-    return distinct(both), tuple(notes)
+    dropped = ("time",) if forward else ("time", "id")
+    return distinct(_joined(log.take(mine), _without(points.take(theirs), dropped))), tuple(notes)
 
 
 def _nearest(of: np.ndarray, among: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Index (N,) of the nearest of `among` to each `of`, and how far it is."""
     order = np.argsort(among, kind="stable")
-    right = np.clip(np.searchsorted(among[order], of), 0, len(among) - 1)
-    left = np.maximum(right - 1, 0)
-    closer = np.abs(among[order[left]] - of) <= np.abs(among[order[right]] - of)
-    index = order[np.where(closer, left, right)]
+    after = np.clip(np.searchsorted(among[order], of), 0, len(among) - 1)
+    before = np.maximum(after - 1, 0)
+    closer = np.abs(among[order[before]] - of) <= np.abs(among[order[after]] - of)
+    index = order[np.where(closer, before, after)]
     return index, np.abs(among[index] - of)
 
 
 def _check_single(points: Columns, theirs: np.ndarray) -> None:
     """Refuse two measurements of the same tool and target that pair with the same row."""
-    own = [key for key in OWN if key in points.texts]
-    keys = list(zip(theirs.tolist(), *(points.texts[k].tolist() for k in own), strict=True))
-    often = Counter(keys)
-    twice = np.array([often[key] > 1 for key in keys])
+    names = [key for key in OWN if key in points.texts]
+    keys = list(zip(theirs.tolist(), *(points.texts[k].tolist() for k in names), strict=True))
     remedy = "pair by id, give a smaller tolerance, or map `tool`"
-    first(points, twice, lambda row: "two rows have the same nearest row of the log", remedy)
+    first(points, _repeated(keys), lambda row: "two rows have the same nearest row of the log", remedy)
 
 
 def _motion(log: Columns, times: np.ndarray, tolerance: float) -> list[str]:

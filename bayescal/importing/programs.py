@@ -94,11 +94,12 @@ def read_listing(path: Path, name: str, n: int) -> Log:
     """
     listing = LISTINGS[name]
     text, note = text_of(path)
-    text = listing.comment.sub(lambda found: " " * len(found[0]), text)
-    rows, lines, others = [], [], 0
-    for found in listing.record.finditer(text):
-        line = text.count("\n", 0, found.start("id")) + 1
-        body = found["body"]
+    text = listing.comment.sub(lambda comment: " " * len(comment[0]), text)
+    notes, others = [note], 0
+    rows: list[tuple[int, tuple[str, ...]]] = []
+    for match in listing.record.finditer(text):
+        line = text.count("\n", 0, match.start("id")) + 1
+        body = match["body"]
         if listing.cartesian.search(body):
             others += 1
             continue
@@ -108,22 +109,23 @@ def read_listing(path: Path, name: str, n: int) -> Log:
         if not joints:
             continue
         if sorted(joints) != list(range(1, n + 1)):
-            what = f"`{listing.prefix}{found['id']}` has {len(joints)} joints, the robot has {n}"
+            what = f"`{listing.prefix}{match['id']}` has {len(joints)} joints, the robot has {n}"
             raise BayescalError(what, f"{path.name}:{line}", "check --robot and --format")
-        rows.append((listing.prefix + found["id"], *(joints[j] for j in range(1, n + 1))))
-        lines.append(line)
+        rows.append((line, (listing.prefix + match["id"], *(joints[j] for j in range(1, n + 1)))))
     if not rows:
-        what = (
-            f"no joint positions ({others} Cartesian positions do not state the readings)"
-            if others
-            else ("no joint positions")
-        )
+        cartesian = f" ({others} Cartesian positions do not state the readings)" if others else ""
+        what = f"no joint positions{cartesian}"
         raise BayescalError(what, path.name, "save the positions as joints; check --format")
-    notes = [note] if note else []
     if others:
         notes.append(f"{others} Cartesian positions of {path.name} left out: they do not state the readings")
-    header = ("id", *(f"J{j}" for j in range(1, n + 1)))
-    return Log(path.name, header, tuple(rows), tuple(lines), (None,) * len(header), tuple(notes))
+    return _joint_table(path, n, rows, notes)
+
+
+def _joint_table(path: Path, n: int, rows: list[tuple[int, tuple[str, ...]]], notes: list[str]) -> Log:
+    """A table of ids and joints from its rows, each with its line in the file."""
+    header = ("id", *(f"J{k + 1}" for k in range(n)))
+    lines, cells = zip(*rows, strict=True)
+    return Log(path.name, header, cells, lines, (None,) * len(header), tuple(filter(None, notes)))
 
 
 RECORD = re.compile(r"\bbayescal,\s*([^,\n]+?),\s*(rad|deg),\s*\[([^\]\n]*)\]")
@@ -163,9 +165,9 @@ def read_records(path: Path, n: int) -> Log:
     text, note = text_of(path)
     last: dict[str, tuple[int, int, list[float]]] = {}
     again = 0
-    for found in RECORD.finditer(text):
-        line = text.count("\n", 0, found.start()) + 1
-        name, unit, listed = found.groups()
+    for match in RECORD.finditer(text):
+        line = text.count("\n", 0, match.start()) + 1
+        name, unit, listed = match.groups()
         try:
             state, *joints = map(float, listed.split(","))
         except ValueError:
@@ -176,27 +178,25 @@ def read_records(path: Path, n: int) -> Log:
         again += name in last
         last.pop(name, None)
         last[name] = line, int(state), np.degrees(joints).tolist() if unit == "rad" else joints
-    made = {name: (line, joints) for name, (line, state, joints) in last.items() if state == CONTACT}
-    if not made:
+    rows = [
+        (line, (name, *map(repr, joints))) for name, (line, state, joints) in last.items() if state == CONTACT
+    ]
+    if not rows:
         what = "no record of a contact that was made"
         raise BayescalError(what, path.name, "give the log of a probing program of bayescal plan")
-    notes = [note] if note else []
+    notes = [note]
     if again:
-        notes.append(
-            f"{again} records of {path.name} left out: the contact was logged again, the last counts"
-        )
+        what = "the contact was logged again, the last counts"
+        notes.append(f"{again} records of {path.name} left out: {what}")
     notes += unmade({name: state for name, (_, state, _) in last.items()})
-    rows = tuple((name, *map(repr, joints)) for name, (_, joints) in made.items())
-    header = ("id", *(f"J{k}" for k in range(1, n + 1)))
-    lines = tuple(line for line, _ in made.values())
-    return Log(path.name, header, rows, lines, (None,) * len(header), tuple(notes))
+    return _joint_table(path, n, rows, notes)
 
 
 def unmade(states: dict[str, int]) -> list[str]:
     """Notes on contacts that were not made, by id and state."""
     out = []
     for state, words in STATES.items():
-        ids = [name for name, own in states.items() if own == state]
+        ids = [name for name, other in states.items() if other == state]
         if ids:
             out.append(f"left out, {words}: {', '.join(ids)}")
     return out
@@ -210,11 +210,8 @@ def state_of(first: np.ndarray) -> np.ndarray:
 
 def numbered(ids: np.ndarray, planned: Sequence[str]) -> np.ndarray:
     """Ids (N,) of a log with those of the plan in place of the registers of a program."""
-    found = [REGISTER.fullmatch(name) for name in ids.tolist()]
-    numbers = [int(m[1]) if m else 0 for m in found]
-    return np.array(
-        [
-            planned[k - 1] if 0 < k <= len(planned) else name
-            for k, name in zip(numbers, ids.tolist(), strict=True)
-        ]
-    )
+    by_number = {str(k): name for k, name in enumerate(planned, 1)}
+    names = ids.tolist()
+    registers = [REGISTER.fullmatch(name) for name in names]
+    numbers = [str(int(register[1])) if register else "" for register in registers]
+    return np.array([by_number.get(number, name) for number, name in zip(numbers, names, strict=True)])

@@ -1,7 +1,4 @@
-"""Validation measurements by a stated rule: whole stops, without chance.
-
-From quantities to the rows of a dataset.
-"""
+"""From quantities to the rows of a dataset, and their roles by a stated rule: whole stops, without chance."""
 
 from __future__ import annotations
 
@@ -24,6 +21,9 @@ from bayescal.storage.files import unknown
 
 REMEDY = "write every:5, stop (as every:5), last:20%, targets 'ball.*' or stops 'b*'"
 """Rules that are known."""
+
+SINGLE = ("length", "u", "time", "temperature", "payload")
+"""Quantities of one number a row, called alike in the rows of a dataset."""
 
 
 def stops_of(rows: Measurements) -> np.ndarray:
@@ -78,7 +78,7 @@ def with_roles(dataset: Dataset, rule: str, where: str) -> tuple[Dataset, str]:
     shared = np.bincount(stops, chosen) * np.bincount(stops, ~chosen) > 0
     if shared.any():
         which = np.flatnonzero(stops == np.argmax(shared))
-        one, other = (rows.ids[which[chosen[which] == own][0]] for own in (True, False))
+        one, other = rows.ids[which[chosen[which]][0]], rows.ids[which[~chosen[which]][0]]
         what = f"'{rule}' selects `{one}` but not `{other}`, which was measured at the same stop"
         raise BayescalError(what, where, "name the targets of whole stops")
     count = int(chosen.sum())
@@ -130,19 +130,19 @@ def _named(dataset: Dataset, noun: str, patterns: Sequence[str], where: str) -> 
         names = rows.stop
     else:
         raise BayescalError("the rows do not state their stops", where, "map `stop`; " + REMEDY)
-    found = np.zeros(len(names), bool)
+    selected = np.zeros(len(names), bool)
     for pattern in patterns:
-        at = np.array([fnmatchcase(name, pattern) for name in names.tolist()])
-        if not at.any():
-            known = ", ".join(dict.fromkeys(n for n in names.tolist()[:200] if n))
-            raise BayescalError(f"no {noun[:-1]} of a row is called `{pattern}`", where, f"there are {known}")
-        found |= at
-    return found
+        matches = np.array([fnmatchcase(name, pattern) for name in names.tolist()])
+        if not matches.any():
+            some = ", ".join(dict.fromkeys(n for n in names.tolist()[:200] if n))
+            raise BayescalError(f"no {noun[:-1]} of a row is called `{pattern}`", where, f"there are {some}")
+        selected |= matches
+    return selected
 
 
 def readings(columns: Columns, n: int) -> np.ndarray:
     """Joint readings (N, n), rad; all joints of every row are needed."""
-    block = _block(columns, [f"j{i + 1}" for i in range(n)])
+    block = columns.block(_joints(n))
     if block is None:
         raise BayescalError("no column holds `j1`", columns.name, f"map j1 to j{n}")
     bad = np.isnan(block)
@@ -152,7 +152,7 @@ def readings(columns: Columns, n: int) -> np.ndarray:
 
 def points(columns: Columns) -> np.ndarray | None:
     """What an instrument read (N, 3), m, nan in rows it did not; None where no column holds it."""
-    return _block(columns, ["x", "y", "z"])
+    return columns.block(("x", "y", "z"))
 
 
 def names(columns: Columns, key: str) -> list[str]:
@@ -168,79 +168,61 @@ def measurements(
     A row without an id is called by its line. Rows of several tools at one and the same reading of all
     joints were taken at one standstill.
     """
-    n, count = joints.shape[1], columns.count
-    number, text = columns.numbers.get, columns.texts.get
+    n, count, text = joints.shape[1], columns.count, columns.texts.get
     tool = _index(columns, "tool", [t.name for t in tools])
     stop = text("stop")
     if stop is None and len(tools) > 1:
         stop = _standstills(joints)
     return Measurements(
-        ids=tuple(map(str, columns.texts["id"]))
-        if "id" in columns.texts
-        else tuple(f"r{i}" for i in columns.line),
-        role=columns.texts.get("role", np.full(count, "calibrate")),
+        ids=tuple(map(str, text("id", [f"r{i}" for i in columns.line]))),
+        role=text("role", np.full(count, "calibrate")),
         target=_index(columns, "target", _sought(columns, targets)),
         tool=tool,
         readings=joints,
         line=np.arange(2, count + 2),
-        velocity=_block(columns, [f"j{i + 1}_velocity" for i in range(n)]),
+        velocity=columns.block(_joints(n, "_velocity")),
         xyz=points(columns),
         rpy=measured(columns),
-        length=number("length"),
-        u=number("u"),
         stop=stop,
-        command=_block(columns, [f"j{i + 1}_command" for i in range(n)]),
-        torque=_block(columns, [f"j{i + 1}_torque" for i in range(n)]),
-        time=number("time"),
-        temperature=number("temperature"),
-        payload=number("payload"),
+        command=columns.block(_joints(n, "_command")),
+        torque=columns.block(_joints(n, "_torque")),
         repeat=text("repeat"),
+        **{key: columns.numbers.get(key) for key in SINGLE},
     )
 
 
-def _block(columns: Columns, keys: list[str]) -> np.ndarray | None:
-    """Quantities side by side (N, k), or None where none of them is given; some of them is an error."""
-    missing = [key for key in keys if key not in columns.numbers]
-    if not missing:
-        return np.column_stack([columns.numbers[key] for key in keys])
-    if len(missing) == len(keys):
-        return None
-    what = f"`{missing[0]}` is not mapped, `{next(k for k in keys if k not in missing)}` is"
-    raise BayescalError(what, columns.name, f"map all of {', '.join(keys)}, or none")
+def _joints(n: int, suffix: str = "") -> list[str]:
+    return [f"j{i + 1}{suffix}" for i in range(n)]
 
 
 def _sought(columns: Columns, targets: Sequence[Target]) -> list[str]:
     """Names of the targets that rows may be of: points without a name are an only instrument's."""
-    if "target" in columns.texts or points(columns) is None:
-        return [t.name for t in targets]
     instruments = [t.name for t in targets if KINDS[t.kind].reads == "xyz"]
-    return instruments if len(instruments) == 1 else [t.name for t in targets]
+    if "target" not in columns.texts and points(columns) is not None and len(instruments) == 1:
+        return instruments
+    return [t.name for t in targets]
 
 
-def _index(columns: Columns, key: str, known: list[str]) -> np.ndarray:
-    """Row by row the index into `known`; an only one needs no naming."""
+def _index(columns: Columns, key: str, choices: list[str]) -> np.ndarray:
+    """Row by row the index into `choices`; an only one needs no naming."""
     if key not in columns.texts:
-        if len(known) > 1:
-            some = ", ".join(known[:8])
-            raise BayescalError(
-                f"the {key} of the rows is not stated", columns.name, f"map `{key}`; there are {some}"
-            )
+        if len(choices) > 1:
+            remedy = f"map `{key}`; there are {', '.join(choices[:8])}"
+            raise BayescalError(f"the {key} of the rows is not stated", columns.name, remedy)
         return np.zeros(columns.count, int)
     given = columns.texts[key]
-    bad = ~np.isin(given, known)
+    bad = ~np.isin(given, choices)
     if bad.any():
-        _, remedy = unknown(key, str(given[np.argmax(bad)]), known)
+        _, remedy = unknown(key, str(given[np.argmax(bad)]), choices)
         first(columns, bad, lambda row: f"unknown {key} `{given[row]}`", remedy)
-    place = {name: i for i, name in enumerate(known)}
+    place = {name: i for i, name in enumerate(choices)}
     return np.array([place[name] for name in given.tolist()])
 
 
 def _standstills(joints: np.ndarray) -> np.ndarray | None:
     """Names (N,) of the standstills, "" of rows alone at theirs; None where all are."""
     _, which, count = np.unique(joints, axis=0, return_inverse=True, return_counts=True)
+    if count.max() == 1:
+        return None
     which = which.ravel()
-    return (
-        np.where(count[which] > 1, np.char.add("s", (which + 1).astype(str)), "")
-        if (count > 1).any()
-        else None
-    )
+    return np.where(count[which] > 1, np.char.add("s", (which + 1).astype(str)), "")

@@ -1,11 +1,4 @@
-"""Units that people write, and what one is in SI.
-
-Columns of a log by name or number, and sums and multiples of them: ``A3 + A2``, ``U95 / 2``.
-
-Only numbers, columns, ``+ - * /`` and parentheses are evaluated, by walking the syntax tree.
-
-Lines of a log, of whatever encoding, and their cells, whatever separates them.
-"""
+"""Units, numbers, expressions on columns (``A3 + A2``, ``U95 / 2``); lines and cells of text files."""
 
 from __future__ import annotations
 
@@ -14,7 +7,7 @@ import csv
 import math
 import operator
 import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -54,46 +47,31 @@ UNITS: dict[str, Unit] = {
 }
 """By name; the dataset holds degrees Celsius."""
 
-ALIASES = {
-    "µm": "um",
-    "μm": "um",
-    "inch": "in",
-    '"': "in",
-    "°": "deg",
-    "degree": "deg",
-    "degrees": "deg",
-    "radian": "rad",
-    "radians": "rad",
-    "deg/s": "degps",
-    "rad/s": "radps",
-    "N.m": "Nm",
-    "N*m": "Nm",
-    "nm": "Nm",
-    "°C": "C",
-    "degC": "C",
-    "°F": "F",
-    "sec": "s",
-    "seconds": "s",
-    "msec": "ms",
-    "Deg": "deg",
-    "DEG": "deg",
-    "Rad": "rad",
-    "RAD": "rad",
-    "MM": "mm",
-    "inches": "in",
+SPELLINGS = {
+    "um": ("µm", "μm"),
+    "mm": ("MM",),
+    "in": ("inch", "inches", '"'),
+    "deg": ("°", "degree", "degrees", "Deg", "DEG"),
+    "rad": ("radian", "radians", "Rad", "RAD"),
+    "degps": ("deg/s",),
+    "radps": ("rad/s",),
+    "Nm": ("N.m", "N*m", "nm"),
+    "C": ("°C", "degC"),
+    "F": ("°F",),
+    "s": ("sec", "seconds"),
+    "ms": ("msec",),
 }
+ALIASES = {spelling: name for name, spellings in SPELLINGS.items() for spelling in spellings}
 """Other spellings. ``nm`` is a torque, as in the dataset: nanometres do not occur in logs."""
 
 
 def unit_of(name: str, dimension: str, where: str) -> Unit:
     """The unit called `name`; refused, with those that would do, unless it measures `dimension`."""
     unit = UNITS.get(ALIASES.get(name, name))
-    known = f"give one of {listed(dimension)}"
-    if unit is None:
-        raise BayescalError(f"unknown unit `{name}`", where, known)
-    if unit.dimension != dimension:
-        raise BayescalError(f"`{name}` is a unit of {unit.dimension}, not of {dimension}", where, known)
-    return unit
+    if unit is not None and unit.dimension == dimension:
+        return unit
+    what = f"`{name}` is a unit of {unit.dimension}, not of {dimension}" if unit else f"unknown unit `{name}`"
+    raise BayescalError(what, where, f"give one of {listed(dimension)}")
 
 
 def name_and_unit(cell: str) -> tuple[str, Unit | None]:
@@ -124,12 +102,14 @@ def meant(unit: Unit, factor: float) -> str:
 def quantity(text: str, dimension: str, count: int, where: str) -> tuple[float, ...]:
     """Values in SI of a text such as ``0 0 31 mm``: `count` numbers and their unit."""
     words = text.replace(",", " ").split()
-    numbers = list(_floats(words[:-1], where))
+    for word in words[:-1]:
+        if not is_number(word):
+            raise BayescalError(f"'{word}' is not a number", where, "write plain numbers, then the unit")
     if len(words) != count + 1 or is_number(words[-1]):
         what = f"'{text}' is not {count} number{'s' * (count > 1)} and a unit of {dimension}"
         raise BayescalError(what, where, f"write it as `{'0 ' * count}{listed(dimension).split(', ')[0]}`")
     unit = unit_of(words[-1], dimension, where)
-    return tuple(unit.scale * n + unit.offset for n in numbers)
+    return tuple(unit.scale * float(word) + unit.offset for word in words[:-1])
 
 
 def is_number(text: str) -> bool:
@@ -138,13 +118,6 @@ def is_number(text: str) -> bool:
         return math.isfinite(float(text)) and "_" not in text
     except ValueError:
         return False
-
-
-def _floats(words: Iterable[str], where: str) -> Iterable[float]:
-    for word in words:
-        if not is_number(word):
-            raise BayescalError(f"'{word}' is not a number", where, "write plain numbers, then the unit")
-        yield float(word)
 
 
 OPERATORS: dict[type, Callable[..., np.ndarray]] = {
@@ -196,12 +169,12 @@ def place(name: str, header: Sequence[str], width: int, where: str) -> int:
             return int(name[1:]) - 1
         what = f"there is no column {name[1:]}, the file has {width} columns"
         raise BayescalError(what, where, "columns are numbered from 1")
-    found = [i for i, cell in enumerate(header) if cell == name]
-    found = found or [i for i, cell in enumerate(header) if name_and_unit(cell)[0] == name]
-    if len(found) == 1:
-        return found[0]
-    if found:
-        numbers = " and ".join(f"#{i + 1}" for i in found)
+    indices = [i for i, cell in enumerate(header) if cell == name]
+    indices = indices or [i for i, cell in enumerate(header) if name_and_unit(cell)[0] == name]
+    if len(indices) == 1:
+        return indices[0]
+    if indices:
+        numbers = " and ".join(f"#{i + 1}" for i in indices)
         raise BayescalError(f"columns {numbers} are both called `{name}`", where, "give the number")
     _, remedy = unknown("column", name, header)
     hint = remedy if header else "the file has no header: use #1, #2, ... as column names"
@@ -245,49 +218,40 @@ def parse(text: str, header: Sequence[str], width: int, where: str) -> Expressio
             source.append(f"c{columns[-1]}")
     try:
         tree = ast.parse(" ".join(source), mode="eval").body
-        _check(tree)
+        expression = Expression(text, tuple(dict.fromkeys(columns)), tree)
+        expression.value(lambda _: np.ones(1), 1)
     except (SyntaxError, ValueError, RecursionError):
         remedy = "use columns, numbers, + - * / and parentheses"
         raise BayescalError(f"'{text}' is no expression", where, remedy) from None
-    return Expression(text, tuple(dict.fromkeys(columns)), tree)
+    return expression
 
 
 def _tokens(text: str) -> list[tuple[str, str]] | None:
     """Kinds and texts of the tokens; None if the text has characters of no token."""
     out: list[tuple[str, str]] = []
-    at = 0
+    position = 0
     text = text.strip()
-    while at < len(text):
-        found = TOKEN.match(text, at)
-        if found is None or len(text) > LONGEST:
+    while position < len(text):
+        match = TOKEN.match(text, position)
+        if match is None or len(text) > LONGEST:
             return None
-        out.append(next((kind, token) for kind, token in found.groupdict().items() if token))
-        at = found.end()
+        out.append(next((kind, token) for kind, token in match.groupdict().items() if token))
+        position = match.end()
     operands = [kind == "sign" for kind, _ in out]
     return None if not any(operands) and len(out) > 1 else out  # words: the name of a column
 
 
-def _check(tree: ast.AST) -> None:
-    if isinstance(tree, ast.BinOp) and type(tree.op) in OPERATORS:
-        _check(tree.left)
-        _check(tree.right)
-    elif isinstance(tree, ast.UnaryOp) and type(tree.op) in OPERATORS:
-        _check(tree.operand)
-    elif not isinstance(tree, ast.Name) and not (
-        isinstance(tree, ast.Constant) and isinstance(tree.value, (int, float)) and math.isfinite(tree.value)
-    ):
-        raise ValueError
-
-
 def _walk(tree: ast.AST, values: dict[str, np.ndarray]) -> np.ndarray:
-    if isinstance(tree, ast.BinOp):
+    """The value of a tree; ValueError for anything but finite numbers, columns and `OPERATORS`."""
+    if isinstance(tree, ast.BinOp) and type(tree.op) in OPERATORS:
         return OPERATORS[type(tree.op)](_walk(tree.left, values), _walk(tree.right, values))
-    if isinstance(tree, ast.UnaryOp):
+    if isinstance(tree, ast.UnaryOp) and type(tree.op) in OPERATORS:
         return OPERATORS[type(tree.op)](_walk(tree.operand, values))
     if isinstance(tree, ast.Name):
         return values[tree.id]
-    assert isinstance(tree, ast.Constant)
-    return np.asarray(float(str(tree.value)))
+    if isinstance(tree, ast.Constant) and isinstance(tree.value, (int, float)) and math.isfinite(tree.value):
+        return np.asarray(float(tree.value))
+    raise ValueError
 
 
 COMMENTS = ("//", "#", "!", "%")
@@ -323,18 +287,17 @@ def text_of(path: Path) -> tuple[str, str]:
         If it is none of them.
     """
     content = content_of(path)
-    encoding = next((name for mark, name in MARKS.items() if content.startswith(mark)), "utf-8")
-    note = ""
-    try:
-        text = content.decode(encoding)
-    except UnicodeDecodeError:
+    marked = [name for mark, name in MARKS.items() if content.startswith(mark)]
+    for encoding in marked or ("utf-8", "cp1252"):
         try:
-            if encoding != "utf-8":
-                raise
-            text = content.decode("cp1252")
-            note = f"{path.name} is not UTF-8: it is read as Windows-1252 (Western European)"
+            text = content.decode(encoding)
+            break
         except UnicodeDecodeError:
-            raise BayescalError("the encoding is not known", path.name, "save the file as UTF-8") from None
+            continue
+    else:
+        raise BayescalError("the encoding is not known", path.name, "save the file as UTF-8")
+    guess = f"{path.name} is not UTF-8: it is read as Windows-1252 (Western European)"
+    note = guess if encoding == "cp1252" else ""
     if "\0" in text:
         remedy = "save it as text in UTF-8; a spreadsheet must be .xlsx"
         raise BayescalError("not a text file", path.name, remedy)

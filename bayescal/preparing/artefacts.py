@@ -132,12 +132,8 @@ def _seats(room: Room) -> Outline:
 def _bar(room: Room) -> Outline:
     low, reach = -0.5 * SIZE, room.arm.reach
     centres = [np.round(room.cube.centre + room.cube.axes @ [0.0, y * reach, low], 3) for y in PIVOTS]
-    return Outline(
-        tuple(
-            Target(f"bar@{k + 1}", "distance", {"centre": centre, "length": BAR})
-            for k, centre in enumerate(centres)
-        )
-    )
+    places = [{"centre": centre, "length": BAR} for centre in centres]
+    return Outline(tuple(Target(f"bar@{k}", "distance", place) for k, place in enumerate(places, 1)))
 
 
 def _tracker(room: Room) -> Outline:
@@ -289,12 +285,12 @@ def schema_of(name: str) -> dict[str, Any]:
     """
     if name not in MODELS:
         raise BayescalError(f"there is no schema `{name}`", "schema", f"known: {', '.join(MODELS)}")
-    found = MODELS[name]().model_json_schema(by_alias=True)
-    for part in (found, *found.get("$defs", {}).values()):
+    schema = MODELS[name]().model_json_schema(by_alias=True)
+    for part in (schema, *schema.get("$defs", {}).values()):
         for key, entry in part.get("properties", {}).items():
             entry.pop("title", None)
             _add_unit(key, entry)
-    return {"$schema": DIALECT, **found, "title": f"{name}.yaml of bayescal"}
+    return {"$schema": DIALECT, **schema, "title": f"{name}.yaml of bayescal"}
 
 
 def schema_text(name: str) -> str:

@@ -1,11 +1,8 @@
-"""What is probably a mistake: units, doubled rows, clocks, names, certificates that contradict the places.
-
-The check of a dataset: facts, effects that can be assessed, findings.
-"""
+"""The check of a dataset: facts, effects that can be assessed, and what is probably a mistake."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -46,8 +43,8 @@ def odd(dataset: Dataset, table: Table, document: Document) -> Iterator[Finding]
     convention = explanation(dataset, document)
     refused = list(_refused(dataset, table, document))
     if convention is not None and not any(f.code == "units" for f in refused):
-        found = Finding.of(convention, "convention")
-        yield found if refused else replace(found, kind="odd")
+        finding = Finding.of(convention, "convention")
+        yield finding if refused else replace(finding, kind="odd")
         return
     yield from refused
     if not refused:
@@ -58,7 +55,7 @@ def odd(dataset: Dataset, table: Table, document: Document) -> Iterator[Finding]
 def _refused(dataset: Dataset, table: Table, document: Document) -> Iterator[Finding]:
     """What `fit` refuses, each line once."""
     lines: set[str] = set()
-    found = [Finding.of(e, _code(e)) for e in plausibility.problems(dataset, table, document)]
+    findings = [Finding.of(e, _code(e)) for e in plausibility.problems(dataset, table, document)]
     for code, check in (
         ("torque_sign", lambda: consistency.check_sign(dataset, document)),
         ("orientations", lambda: consistency.check(dataset, table)),
@@ -66,8 +63,8 @@ def _refused(dataset: Dataset, table: Table, document: Document) -> Iterator[Fin
         try:
             check()
         except BayescalError as error:
-            found.append(Finding.of(error, code))
-    for finding in found:
+            findings.append(Finding.of(error, code))
+    for finding in findings:
         if finding.where not in lines:
             lines.add(finding.where)
             yield finding
@@ -85,16 +82,12 @@ def _code(error: BayescalError) -> str:
 
 def _names(dataset: Dataset, document: Document) -> Iterator[Finding]:
     """Names that differ only in case or blanks."""
-    groups: Sequence[tuple[str, str, Sequence[str]]] = (
-        ("target", "targets", [t.name for t in dataset.targets]),
-        ("tool", "tools", [t.name for t in dataset.tools]),
-    )
-    for noun, key, names in groups:
+    for key, named in (("targets", dataset.targets), ("tools", dataset.tools)):
         first: dict[str, str] = {}
-        for name in names:
+        for name in (each.name for each in named):
             other = first.setdefault("".join(name.lower().split()), name)
             if other != name:
-                what = f"the names of {noun}s `{other}` and `{name}` differ only in case or blanks"
+                what = f"the names of {key} `{other}` and `{name}` differ only in case or blanks"
                 remedy = "use one name if they are the same, or two that cannot be mistaken"
                 yield Finding("similar_names", "odd", what, document.where((key, name)), remedy)
 
@@ -108,9 +101,9 @@ def _lengths(dataset: Dataset, document: Document) -> Iterator[Finding]:
             what = f"`{key}` of {names} is {1e3 * c.u_distance:g}: certificates state micrometres"
             where = document.where(("certificates", k))
             yield Finding("coarse_certificate", "odd", what, where, "is it in µm? write it in mm, at k = 1")
-    for found in (c for c in contradictions(dataset) if not c.impossible):
-        where = document.where(found.place)
-        yield Finding("certified_length", "odd", found.what, where, found.remedy)
+    for length in (c for c in contradictions(dataset) if not c.impossible):
+        where = document.where(length.place)
+        yield Finding("certified_length", "odd", length.what, where, length.remedy)
 
 
 def _doubled(dataset: Dataset, table: Table) -> Iterator[Finding]:
@@ -149,10 +142,10 @@ def _clock(dataset: Dataset, table: Table) -> Iterator[Finding]:
 
 def _planned(dataset: Dataset, table: Table) -> Iterator[Finding]:
     """Contacts that were never made."""
-    if (found := planned(dataset)) is not None:
-        place = place_of(dataset, table, int(found.rows[0]))
+    if (contacts := planned(dataset)) is not None:
+        place = place_of(dataset, table, int(contacts.rows[0]))
         remedy = "remove these rows, or write the readings at which the probe touched"
-        yield Finding("planned_pose", "odd", found.words(dataset), place, remedy)
+        yield Finding("planned_pose", "odd", contacts.words(dataset), place, remedy)
 
 
 def _diameters(dataset: Dataset, document: Document) -> Iterator[Finding]:
@@ -160,17 +153,17 @@ def _diameters(dataset: Dataset, document: Document) -> Iterator[Finding]:
     m = dataset.measurements
     p = nominal(dataset, m.readings)
     for k, target in enumerate(dataset.targets):
-        at = np.flatnonzero(m.target == k)
-        if target.kind != "sphere" or len(at) < BALL_ROWS:
+        rows = np.flatnonzero(m.target == k)
+        if target.kind != "sphere" or len(rows) < BALL_ROWS:
             continue
-        middle = p[at] - p[at].mean(axis=0)
+        middle = p[rows] - p[rows].mean(axis=0)
         scale = np.linalg.svd(middle, compute_uv=False)
         if scale[-1] < SPREAD * scale[0]:
             continue
-        design = np.column_stack([2 * middle, np.ones(len(at))])
+        design = np.column_stack([2 * middle, np.ones(len(rows))])
         solved = np.linalg.lstsq(design, np.sum(middle**2, axis=1), rcond=None)[0]
         reach = float(np.sqrt(max(solved[3] + solved[:3] @ solved[:3], 0.0)))
-        radius = float(np.mean([dataset.tools[t].ball_radius or 0.0 for t in m.tool[at]]))
+        radius = float(np.mean([dataset.tools[t].ball_radius or 0.0 for t in m.tool[rows]]))
         stated, seen = float(np.asarray(target.values["diameter"])), 2 * (reach - radius)
         if abs(seen - stated) > ROUND * max(stated, seen):
             said = f"`diameter_mm` of `{target.name}` is {1e3 * stated:.6g}"
@@ -241,52 +234,51 @@ def check(folder: Path | str, robot: Loaded | None = None) -> Check:
     scene = Scene(dataset)
     model, modelled = model_of(scene, MODEL)
     circumstances = scene.circumstances(scene.rows("calibrate"))
-    known = None if model is None else candidates(circumstances, modelled)
-    found = list(odd(dataset, table, document))
-    posed = not any(f.code in UNPOSED for f in found)
-    found += missing(scene, model, known, posed)
-    tested = None if any(f.kind == "refused" for f in found) else judged(dataset)
+    tests = None if model is None else candidates(circumstances, modelled)
+    findings = list(odd(dataset, table, document))
+    posed = not any(f.code in UNPOSED for f in findings)
+    findings += missing(scene, model, tests, posed)
+    tested = None if any(f.kind == "refused" for f in findings) else judged(dataset)
     if tested is not None:
-        told = [Finding(m.code, "odd", m.what, document.where(m.place), m.remedy) for m in mistaken(tested)]
-        if any("diameter_mm" in f.what for f in told):
-            found = [f for f in found if f.code != "diameter"]  # that the contacts show another one
-        found += told
+        mistakes = [
+            Finding(m.code, "odd", m.what, document.where(m.place), m.remedy) for m in mistaken(tested)
+        ]
+        if any("diameter_mm" in f.what for f in mistakes):
+            findings = [f for f in findings if f.code != "diameter"]  # that the contacts show another one
+        findings += mistakes
     return Check(
         dataset=dataset,
         modelled=modelled,
         unknowns=0 if model is None else model.size,
         values=0 if model is None else sum(block.residuals for block in model.blocks),
-        assessed=() if known is None else _assessed(known, circumstances, modelled),
-        not_assessed={} if known is None else dict(known.missing),
+        assessed=() if tests is None else _assessed(tests, circumstances, modelled),
+        not_assessed={} if tests is None else dict(tests.missing),
         hidden=() if tested is None else tuple(hidden(tested)),
-        findings=tuple(sorted(found, key=lambda f: KINDS.index(f.kind))),
+        findings=tuple(sorted(findings, key=lambda f: KINDS.index(f.kind))),
     )
 
 
-def _assessed(known: Candidates, circumstances: Circumstances, modelled: tuple[str, ...]) -> tuple[str, ...]:
+def _assessed(tests: Candidates, circumstances: Circumstances, modelled: tuple[str, ...]) -> tuple[str, ...]:
     """Effects with candidates, and those whose many settings a diagnosis screens first."""
     beyond = (e for e in EFFECTS.values() if e.name not in map(plain, modelled))
-    return tuple(e.name for e in beyond if e.name in known.variants or wide(e, circumstances))
+    return tuple(e.name for e in beyond if e.name in tests.variants or wide(e, circumstances))
 
 
 def check_record(of: Check) -> dict[str, Any]:
     """The content of `bayescal check --to json`."""
     d, m = of.dataset, of.dataset.measurements
-    roles = {str(r): int(n) for r, n in zip(*np.unique(m.role, return_counts=True), strict=True)}
-    targets = []
-    for k, t in enumerate(d.targets):
-        own = m.role[m.target == k]
-        counts = {str(r): int(n) for r, n in zip(*np.unique(own, return_counts=True), strict=True)}
-        targets.append({"name": t.name, "kind": t.kind, "rows": counts})
-    names, uses = np.unique(m.tool, return_counts=True)
+    targets = [
+        {"name": t.name, "kind": t.kind, "rows": _counts(m.role[m.target == k])}
+        for k, t in enumerate(d.targets)
+    ]
     return {
         "schema": "bayescal-check/1",
         "dataset": d.name,
         "sha256": d.sha256,
         "robot": {"name": d.robot.name, "joints": d.robot.n, "masses": d.robot.masses is not None},
         "readings": d.readings,
-        "rows": {"total": len(m.ids), **roles},
-        "tools": {d.tools[k].name: int(n) for k, n in zip(names, uses, strict=True)},
+        "rows": {"total": len(m.ids), **_counts(m.role)},
+        "tools": {d.tools[int(k)].name: n for k, n in _counts(m.tool).items()},
         "targets": targets,
         "certificates": [_certificate(c) for c in d.certificates if not c.derived],
         "noise": {
@@ -327,7 +319,9 @@ def _scaled(value: float | None, factor: float) -> float | None:
 
 def _groups(labels: np.ndarray | None) -> int:
     """Number of groups of rows with one label."""
-    if labels is None:
-        return 0
-    _, counts = np.unique(labels[labels != ""], return_counts=True)
-    return int(np.sum(counts > 1))
+    return 0 if labels is None else sum(n > 1 for n in _counts(labels[labels != ""]).values())
+
+
+def _counts(labels: np.ndarray) -> dict[str, int]:
+    """Number of rows by label, in the order of the labels."""
+    return {str(k): int(n) for k, n in zip(*np.unique(labels, return_counts=True), strict=True)}

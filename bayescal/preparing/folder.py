@@ -1,7 +1,4 @@
-"""Text of the README.md beside a new dataset.yaml: what to measure, and how.
-
-Write the set-up of a new session: dataset.yaml, measurements.csv, README.md, robot.yaml.
-"""
+"""The folder of a new session: dataset.yaml, measurements.csv, README.md, robot.yaml."""
 
 from __future__ import annotations
 
@@ -27,13 +24,13 @@ WARM = 40
 
 def columns_of(draft: Draft) -> tuple[str, ...]:
     """Columns of measurements.csv: those needed, and those that make more effects assessable."""
-    own = {c for name in draft.outlines for c in ARTEFACTS[name].columns}
-    named = {"id", "role", "target", "stop", "time_s", "payload_kg", "repeat", *own}
+    named = {"id", "role", "target", "stop", "time_s", "payload_kg", "repeat"}
+    named |= {c for name in draft.outlines for c in ARTEFACTS[name].columns}
     named |= {"tool"} if len(draft.tools) > 1 else set()
     joints = [f"j{k + 1}_{kind}" for kind in JOINT[:2] for k in range(draft.joints)]
     plain = [c for c in PLAIN if c in named]
-    at = next(i for i, c in enumerate(plain) if c not in ("id", "role", "target", "tool"))
-    return (*plain[:at], *joints, *plain[at:])
+    start = next(i for i, c in enumerate(plain) if c not in ("id", "role", "target", "tool"))
+    return (*plain[:start], *joints, *plain[start:])
 
 
 def readme_text(draft: Draft, folder: str) -> str:
@@ -48,7 +45,15 @@ def readme_text(draft: Draft, folder: str) -> str:
         f"4. `bayescal check {folder}`: what is understood, what is missing, what looks wrong.",
         f"5. `bayescal fit {folder}` and `bayescal gap {folder}`.",
         "",
-        *_practice(draft, folder),
+    ]
+    if draft.placed:
+        lines += [
+            f"To practise first: `bayescal simulate --setup {folder} --out practice` simulates a session "
+            "of this\nset-up, also before all values are filled in. `check`, `fit` and `gap` read its folder "
+            "as yours.",
+            "",
+        ]
+    lines += [
         "## Before the first contact",
         "",
         f"- Fasten robot, artefact and tool. Move all joints for {WARM} minutes: a cold arm drifts.",
@@ -85,17 +90,6 @@ def readme_text(draft: Draft, folder: str) -> str:
         "`time_s` has to be filled in every row where it is kept.",
     ]
     return "\n".join(lines) + "\n"
-
-
-def _practice(draft: Draft, folder: str) -> list[str]:
-    """How to practise on a simulated session of the set-up."""
-    if not draft.placed:
-        return []
-    return [
-        f"To practise first: `bayescal simulate --setup {folder} --out practice` simulates a session of this",
-        "set-up, also before all values are filled in. `check`, `fit` and `gap` read its folder as yours.",
-        "",
-    ]
 
 
 def _shown(column: str, n: int) -> tuple[str, str]:
@@ -145,25 +139,24 @@ def start(
     """
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise BayescalError("it exists already and is not empty", str(folder), "give a new folder")
+    remedy = f"known: {', '.join(ARTEFACTS)}"
     for each in artefacts:
         if each not in ARTEFACTS:
-            raise BayescalError(
-                f"no artefact is called `{each}`", "--artefact", f"known: {', '.join(ARTEFACTS)}"
-            )
+            raise BayescalError(f"no artefact is called `{each}`", "--artefact", remedy)
     if not artefacts or len(set(artefacts)) < len(artefacts):
-        raise BayescalError("each artefact is named once", "--artefact", f"known: {', '.join(ARTEFACTS)}")
-    known = robot != NEW
-    reference = full_name(robot) if known else STAND_IN
+        raise BayescalError("each artefact is named once", "--artefact", remedy)
+    described = robot != NEW
+    reference = full_name(robot) if described else STAND_IN
     arm = arm or load_robot(reference)[0]
-    builtin = known and reference in builtin_robots()
+    builtin = described and reference in builtin_robots()
     room = Room.of(arm)
     draft = Draft(
         name=name or folder.resolve().name,
         robot=reference if builtin else ROBOT,
-        joints=arm.n if known else JOINTS,
+        joints=arm.n if described else JOINTS,
         outlines={each: ARTEFACTS[each].outline(room) for each in artefacts},
         tool_centre=tool,
-        placed=known,
+        placed=described,
         schema=schema_name(Path(SETTINGS)),
     )
     files = {
@@ -173,12 +166,10 @@ def start(
         schema_name(Path(SETTINGS)): schema_text("dataset"),
     }
     if not builtin:
-        own = schema_name(Path(ROBOT))
-        line = f"yaml-language-server: $schema={own}\n{arm.name}, from {Path(reference).name}"
-        files |= {
-            ROBOT: robot_to_yaml(arm, line) if known else robot_template(own),
-            own: schema_text("robot"),
-        }
+        schema = schema_name(Path(ROBOT))
+        line = f"yaml-language-server: $schema={schema}\n{arm.name}, from {Path(reference).name}"
+        files[ROBOT] = robot_to_yaml(arm, line) if described else robot_template(schema)
+        files[schema] = schema_text("robot")
     with whole(folder, SETTINGS) as stage:
         for file, text in files.items():
             (stage / file).write_text(text, encoding="utf-8", newline="")

@@ -1,7 +1,4 @@
-"""Findings of a check: what, where, and how to correct it.
-
-What a session lacks, so that less can be calibrated, validated or assessed.
-"""
+"""Findings of a check, and what a session lacks so that less can be calibrated, validated or assessed."""
 
 from __future__ import annotations
 
@@ -64,7 +61,7 @@ LOCATES = 4
 
 
 def missing(
-    scene: Scene, model: Model | None, known: Candidates | None, posed: bool = True
+    scene: Scene, model: Model | None, tests: Candidates | None, posed: bool = True
 ) -> Iterator[Finding]:
     """All findings of this kind; `posed`: whether the readings can be taken for the poses of the arm."""
     dataset = scene.dataset
@@ -75,7 +72,7 @@ def missing(
     yield from _faces(dataset)
     if posed and model is not None:
         yield from _undetermined(model)
-    lacking = () if known is None else [name for name in known.missing if name in EFFECTS]
+    lacking = () if tests is None else [name for name in tests.missing if name in EFFECTS]
     if dataset.measurements.velocity is None and any(EFFECTS[name].directed for name in lacking):
         what = "no joint velocities: backlash and other errors by direction of motion cannot be assessed"
         remedy = "add the columns `j1_degps` ...; their signs are the direction of approach"
@@ -91,19 +88,14 @@ def _roles(dataset: Dataset) -> Iterator[Finding]:
         yield Finding("no_validation", "missing", what, TABLE, remedy)
     few = []
     for k, target in enumerate(dataset.targets):
-        count = int(np.sum(validate & (m.target == k)))
-        if (
-            kinds_of(dataset)[k].found
-            and 0 < count < LOCATES
-            and not np.any((m.role != "validate") & (m.target == k))
-        ):
+        of_target = validate[m.target == k]
+        if kinds_of(dataset)[k].found and 0 < len(of_target) < LOCATES and of_target.all():
             few.append(target.name)
     if few:
         what = f"fewer than {LOCATES} contacts to validate {_some(few)}: they do not locate it"
         yield Finding("few_on_sphere", "missing", what, TABLE, f"measure {LOCATES} or more on each sphere")
-    labels = [s for s in (m.repeat, m.stop) if s is not None]
-    again = any(len(set(own)) < len(own) for s in labels for own in [[x for x in s if x]])
-    if not again:
+    labels = [s[s != ""] for s in (m.repeat, m.stop) if s is not None]
+    if not any(len(set(names)) < len(names) for names in labels):
         what = "no contact is repeated: the noise is not separable from errors of the model"
         remedy = "measure some contacts four times, with one name in the column `repeat`"
         yield Finding("no_repeats", "missing", what, TABLE, remedy)

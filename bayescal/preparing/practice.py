@@ -67,9 +67,8 @@ def practice(setup: Setup, options: Options) -> Practice:
     z = _targets(model, options)
     exact, noise = _measured(every, model, z, options)
     m = exact.measurements
-    readings = m.readings + setup.dataset.noise.joint * stream(options.seed, "joints").normal(
-        size=m.readings.shape
-    )
+    errors = stream(options.seed, "joints").normal(size=m.readings.shape)
+    readings = m.readings + setup.dataset.noise.joint * errors
     dataset = replace(exact, measurements=replace(m, role=role, readings=readings), unfilled=())
     return Practice(dataset, _truth(options, _arm(exact, options), z, noise))
 
@@ -163,7 +162,8 @@ def _measured(
     coupling = dataset.robot.link_from_reading
     for _ in range(PASSES):
         values, m = draws(options, model), dataset.measurements
-        columns = {name: np.array(getattr(m, name)) for name in ("readings", "xyz", "length")}
+        measured = {"readings": m.readings, "xyz": m.xyz, "length": m.length}
+        columns = {name: np.array(values) for name, values in measured.items() if values is not None}
         largest = 0.0
         for block in model.blocks:
             state = z[model.slices[block.target]]
@@ -180,15 +180,7 @@ def _measured(
                 columns["readings"][block.rows] -= step[..., 0]
         if largest < CLOSED:
             return dataset, noise
-        dataset = replace(
-            dataset,
-            measurements=replace(
-                m,
-                readings=columns["readings"],
-                xyz=None if m.xyz is None else columns["xyz"],
-                length=None if m.length is None else columns["length"],
-            ),
-        )
+        dataset = replace(dataset, measurements=replace(m, **columns))
         model = _arm(dataset, options, model.scene)
     what = "the arm with its errors does not reach all contacts"
     raise BayescalError(what, dataset.name, "give a smaller --error-scale, or another --seed")

@@ -146,11 +146,11 @@ def _tools(draft: Draft) -> Iterator[str]:
     for name in draft.tools:
         yield f"  {name}:"
         for key, text in tool_keys(EXAMPLES[name]):
-            known = key == "centre_mm" and draft.tool_centre is not None
-            if known and draft.tool_centre is not None:
-                text = dict(tool_keys(Tool(name, draft.tool_centre)))[key]
             yield from _explained(ToolEntry, key, 4)
-            yield f"    {key}: {text}  # nominal" if known else f"    {key}: {FILL_IN} {text}"
+            if key == "centre_mm" and draft.tool_centre is not None:
+                yield f"    {key}: {dict(tool_keys(Tool(name, draft.tool_centre)))[key]}  # nominal"
+            else:
+                yield f"    {key}: {FILL_IN} {text}"
         yield from _optional(ToolEntry, "u_mm", "1.0", 4)
         yield from _optional(ToolEntry, "rpy_deg", "[0, 0, 0]", 4)
 
@@ -177,14 +177,13 @@ def _targets(draft: Draft) -> Iterator[str]:
     for key in Loose.model_fields:
         yield from _comment(f"  {key} (optional): {Loose.model_fields[key].description}")
     yield "targets:"
-    once = Once(
-        Counter(
-            _of_target(t, key)
-            for name, outline in draft.outlines.items()
-            for t in outline.targets
-            for key in ARTEFACTS[name].certified
-        )
+    uses = Counter(
+        _of_target(t, key)
+        for name, outline in draft.outlines.items()
+        for t in outline.targets
+        for key in ARTEFACTS[name].certified
     )
+    once = Once(uses)
     for artefact, outline in draft.outlines.items():
         yield from _comment(f"{artefact}: {ARTEFACTS[artefact].summary}.", 2)
         certified = ARTEFACTS[artefact].certified
@@ -205,29 +204,22 @@ def _certificates(draft: Draft) -> Iterator[str]:
     stated = {name: o.certificates for name, o in draft.outlines.items() if o.certificates}
     yield from _explained(DatasetFile, "certificates")
     if not stated:
-        yield from _comment(
-            "This artefact has none beyond its own entry: no certified distance is validated."
-        )
+        why = "no certified distance is validated"
+        yield from _comment(f"This artefact has none beyond its own entry: {why}.")
         return
-    for kind in dict.fromkeys(c.kind for own in stated.values() for c in own):
+    every = [c for certificates in stated.values() for c in certificates]
+    for kind in dict.fromkeys(c.kind for c in every):
         model = CERTIFICATES[kind]
         yield from _comment(f"{kind}: {model.__doc__}")
         for key, about in model.model_fields.items():
             if about.description and stem_of(key)[1]:
                 yield from _comment(f"  {key}: {about.description}")
-    once = Once(
-        Counter(
-            _of_certificate(c, key)
-            for own in stated.values()
-            for c in own
-            for key in CERTIFICATES[c.kind].model_fields
-        )
-    )
+    once = Once(Counter(_of_certificate(c, key) for c in every for key in CERTIFICATES[c.kind].model_fields))
     yield from _comment(SAME)
     yield "certificates:"
-    for name, own in stated.items():
+    for name, certificates in stated.items():
         yield from _comment(f"{name}: from its calibration certificate; u = U / k.", 2)
-        for certificate in own:
+        for certificate in certificates:
             items = (
                 (key, once.text(_of_certificate(certificate, key), text) if stem_of(key)[1] else text)
                 for key, text in certificate_keys(certificate)
