@@ -14,6 +14,8 @@ import numpy as np
 import pytest
 from markupsafe import escape
 from rich.console import Console
+from scipy.stats import f as f_distribution
+from scipy.stats import ncf
 from scipy.stats import t as student
 from sessions import with_columns
 
@@ -188,6 +190,14 @@ FULL = ("geometry", "compliance")
 def test_the_noncentrality_of_a_known_noise_is_that_of_baarda():
     """4.13 for a probability of 0.001 of a false rejection and 0.8 of a detection."""
     assert np.sqrt(detectable(1, 1e7, 10)) == pytest.approx(4.13, abs=0.005)
+
+
+@pytest.mark.parametrize(("rows", "count"), [(1, 3), (3, 2), (3, 15)])
+def test_the_noncentrality_is_by_the_noise_of_the_other_measurements(rows, count):
+    """By the F distribution of SciPy; the stated noise counts as eight degrees of freedom."""
+    rest = rows * count - rows + 8
+    limit = f_distribution.isf(0.01 / count, rows, rest)
+    assert ncf.sf(limit, rows, rest, detectable(rows, float(rows * count), count)) == pytest.approx(POWER, abs=1e-4)
 
 
 @pytest.mark.parametrize(("rows", "count"), [(1, 30), (3, 15)])

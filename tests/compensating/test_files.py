@@ -47,7 +47,12 @@ def test_columns_are_kept_and_corrected_readings_added(arm, tmp_path):
     readings = np.radians([[float(r[f"j{k}_deg"]) for k in range(1, 7)] for r in rows[:2]])
     at = arm.at(readings)
     np.testing.assert_allclose(1e3 * at.points, [[450, 0, 200], [450, 60, 200]], atol=2e-5)
-    assert float(rows[0]["u_mm"]) == pytest.approx(1e3 * done.corrected[0].u, abs=1e-5)
+    for row, target in zip(rows[:2], done.corrected, strict=False):
+        sizes = {"u_mm": target.u, "error_mm": target.error, "U_mm": target.expanded}
+        assert {k: float(row[k]) for k in sizes} == pytest.approx(
+            {k: 1e3 * size for k, size in sizes.items()}, abs=1e-5
+        )
+        assert int(row["solutions"]) == target.solutions
     assert rows[2]["reason"].startswith("out of reach")
     assert [rows[2][k] for k in ("j1_deg", "u_mm", "inside_probed_region")] == ["", "", ""]
 

@@ -135,6 +135,13 @@ def test_kuka_turn_selects_and_is_written():
     assert PROGRAMS["kuka"].read(other, 6).elsewhere == "line 6: $BASE=BASE_DATA[2]"
 
 
+@pytest.mark.parametrize("external", [0, 1 << 6, 1 << 7, 0b111 << 6])
+def test_kuka_turn_of_external_axes_is_kept(external):
+    text = TEXTS["kuka"].replace("T 35", f"T {35 | external}")
+    slots = PROGRAMS["kuka"].read(text, 6).slots
+    assert f",T {42 | external}," in rewritten(text, PROGRAMS["kuka"], slots, kept(slots))
+
+
 def test_abb_quarters_select_and_are_written():
     slots = PROGRAMS["abb"].read(TEXTS["abb"], 6).slots
     assert [slot.name for slot in slots] == ["home", "p10", ""] or [s.name for s in slots] == [
