@@ -262,8 +262,9 @@ def test_inputs_with_one_estimate_of_their_size_count_once():
 def test_the_table_states_the_sensitivities_of_the_record():
     """A contribution of 2 um by an angle of 0.01 deg and by a length of 4 um."""
     m = Measurand("parameter", "x", "m", 1e-4, np.ones((1, 1)))
-    angle, length = Input(PRIOR, "angle", "B", "rad", 0.0, np.radians(0.01), np.inf), Input(
-        PRIOR, "length", "B", "m", 0.0, 4e-6, np.inf
+    angle, length = (
+        Input(PRIOR, "angle", "B", "rad", 0.0, np.radians(0.01), np.inf),
+        Input(PRIOR, "length", "B", "m", 0.0, 4e-6, np.inf),
     )
     each = tuple(Component(source, 2e-6, 2e-6 / source.u) for source in (angle, length))
     b = Budget(m, each, np.full(1, np.sqrt(8e-12)), ())

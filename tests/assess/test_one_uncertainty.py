@@ -197,7 +197,8 @@ def test_the_noncentrality_is_by_the_noise_of_the_other_measurements(rows, count
     """By the F distribution of SciPy; the stated noise counts as eight degrees of freedom."""
     rest = rows * count - rows + 8
     limit = f_distribution.isf(0.01 / count, rows, rest)
-    assert ncf.sf(limit, rows, rest, detectable(rows, float(rows * count), count)) == pytest.approx(POWER, abs=1e-4)
+    found = detectable(rows, float(rows * count), count)
+    assert ncf.sf(limit, rows, rest, found) == pytest.approx(POWER, abs=1e-4)
 
 
 @pytest.mark.parametrize(("rows", "count"), [(1, 30), (3, 15)])
