@@ -93,6 +93,17 @@ def test_decisions_change_at_the_error_plus_and_minus_u_and_nowhere_else(fitted)
     assert max(apart) > 1.2  # k = 2 would be seen
 
 
+@pytest.mark.parametrize("error", [0.0, -40e-6, 90e-6])
+def test_the_probability_of_conformance_is_by_u_of_the_budget(fitted, error):
+    d = replace(fitted.final.validation.distances[0], error=error)
+    of = fitted.basis
+    b = budget(of, distance(of, d.between))
+    one = replace(fitted.final.validation, distances=(d,))
+    told = conformance(6e-5, fitted.forecast, one, fitted.acceptance, {d.between: b}).distances[0]
+    low, high = (student.cdf((end - error) / b.u, b.dof) for end in (-6e-5, 6e-5))
+    assert told.probability == pytest.approx(high - low, abs=1e-3)
+
+
 def test_the_volume_is_decided_with_its_own_u(fitted):
     """Without certified distances, the decision changes at U of a distance of the volume."""
     v, space = replace(fitted.final.validation, distances=()), fitted.forecast.workspace
