@@ -9,7 +9,7 @@ from io import StringIO
 
 import numpy as np
 import pytest
-from cases import cases
+from cases import cases, terminal_text
 from scipy.stats import chi2
 from scipy.stats import t as student
 from sessions import with_columns
@@ -27,6 +27,7 @@ from bayescal.fitted.point import lost_motion, point
 from bayescal.model import with_parameters
 from bayescal.model.options import FitOptions
 from bayescal.model.scene import Scene
+from bayescal.reporting.fit.budget import budget_table, measurand_record
 from bayescal.simulation import Options, simulate
 
 MODEL = ("geometry", "compliance")
@@ -91,6 +92,14 @@ def test_contributions_add_up(fitted):
         for c in b.components:
             if c.by_target:
                 assert c.contribution**2 == pytest.approx(sum(own**2 for _, own in c.by_target))
+
+
+def test_parts_by_target_add_up_for_any_one_of_several_distances(fitted):
+    b = budget(fitted.basis, volume(fitted.basis))
+    parted = [c for c in b.components if c.by_target]
+    assert parted
+    for c in parted:
+        assert c.contribution**2 == pytest.approx(sum(own**2 for _, own in c.by_target))
 
 
 def test_sum_is_that_of_the_posterior(fitted):
@@ -248,6 +257,29 @@ def test_inputs_with_one_estimate_of_their_size_count_once():
     shared = tuple(replace(c, input=replace(c.input, scale="contact")) for c in halves.components)
     assert replace(halves, components=shared).dof == pytest.approx(whole.dof)
     assert halves.dof > whole.dof
+
+
+def test_the_table_states_the_sensitivities_of_the_record():
+    """A contribution of 2 um by an angle of 0.01 deg and by a length of 4 um."""
+    m = Measurand("parameter", "x", "m", 1e-4, np.ones((1, 1)))
+    angle, length = (
+        Input(PRIOR, "angle", "B", "rad", 0.0, np.radians(0.01), np.inf),
+        Input(PRIOR, "length", "B", "m", 0.0, 4e-6, np.inf),
+    )
+    each = tuple(Component(source, 2e-6, 2e-6 / source.u) for source in (angle, length))
+    b = Budget(m, each, np.full(1, np.sqrt(8e-12)), ())
+    components = measurand_record(b)["components"]
+    assert [c["sensitivity"] for c in components] == pytest.approx([0.2, 0.5])  # mm/deg, mm/mm
+    lines = terminal_text(budget_table(b), 120).splitlines()
+    for name, words in (("angle", " 0.2 mm/"), ("length", " 0.5 ")):
+        assert any(line.startswith(name) and words in line for line in lines), lines
+
+
+def test_a_payload_is_part_of_the_point_that_is_asked_for(run):
+    """Of an arm that yields."""
+    bare, loaded = (bc.budget(run, point=COMMAND_READINGS, payload_kg=kg) for kg in (0.0, 5.0))
+    moved = loaded.data.measurand.position - bare.data.measurand.position
+    assert np.linalg.norm(moved) > 1e-6
 
 
 def test_readings_of_an_instrument(tracker):

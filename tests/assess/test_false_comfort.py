@@ -142,6 +142,10 @@ def test_the_summary_leads_with_the_distance_error(fits, tmp_path):
     assert lines[1].startswith("verdict")
     assert any(line.startswith("distance error") and "predicted" in line for line in lines[:8])
     assert any(line.startswith("validation") and "none" in line for line in lines[:12])
+    space = fits["too few"].forecast.workspace
+    ends = [f"{1e3 * end:.0f}" for end in (space.shortest, space.longest)]
+    assert 0 < float(ends[0]) < float(ends[1])
+    assert any(f"{space.count} distances, {ends[0]} to {ends[1]} mm" in line for line in lines)
 
 
 def test_the_record_has_the_figures(fits):

@@ -14,6 +14,8 @@ import numpy as np
 import pytest
 from markupsafe import escape
 from rich.console import Console
+from scipy.stats import f as f_distribution
+from scipy.stats import ncf
 from scipy.stats import t as student
 from sessions import with_columns
 
@@ -89,6 +91,17 @@ def test_decisions_change_at_the_error_plus_and_minus_u_and_nowhere_else(fitted)
             elif e < u:
                 assert at(1e-3 * share * u) == OPEN
     assert max(apart) > 1.2  # k = 2 would be seen
+
+
+@pytest.mark.parametrize("error", [0.0, -40e-6, 90e-6])
+def test_the_probability_of_conformance_is_by_u_of_the_budget(fitted, error):
+    d = replace(fitted.final.validation.distances[0], error=error)
+    of = fitted.basis
+    b = budget(of, distance(of, d.between))
+    one = replace(fitted.final.validation, distances=(d,))
+    told = conformance(6e-5, fitted.forecast, one, fitted.acceptance, {d.between: b}).distances[0]
+    low, high = (student.cdf((end - error) / b.u, b.dof) for end in (-6e-5, 6e-5))
+    assert told.probability == pytest.approx(high - low, abs=1e-3)
 
 
 def test_the_volume_is_decided_with_its_own_u(fitted):
@@ -188,6 +201,15 @@ FULL = ("geometry", "compliance")
 def test_the_noncentrality_of_a_known_noise_is_that_of_baarda():
     """4.13 for a probability of 0.001 of a false rejection and 0.8 of a detection."""
     assert np.sqrt(detectable(1, 1e7, 10)) == pytest.approx(4.13, abs=0.005)
+
+
+@pytest.mark.parametrize(("rows", "count"), [(1, 3), (3, 2), (3, 15)])
+def test_the_noncentrality_is_by_the_noise_of_the_other_measurements(rows, count):
+    """By the F distribution of SciPy; the stated noise counts as eight degrees of freedom."""
+    rest = rows * count - rows + 8
+    limit = f_distribution.isf(0.01 / count, rows, rest)
+    found = detectable(rows, float(rows * count), count)
+    assert ncf.sf(limit, rows, rest, found) == pytest.approx(POWER, abs=1e-4)
 
 
 @pytest.mark.parametrize(("rows", "count"), [(1, 30), (3, 15)])

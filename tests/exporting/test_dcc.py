@@ -9,6 +9,7 @@ import pytest
 from cases import DATA, cases, file_text
 
 import bayescal as bc
+from bayescal.assess.iso9283 import iso9283
 from bayescal.exporting.dcc import DCC, SI, in_digits
 
 OURS = DATA / "dcc" / "dcc.xsd"
@@ -53,6 +54,11 @@ def test_valid_and_equal_to_the_budgets(run, entries, tmp_path, command):
         assert own.findtext(f".//{{{SI}}}unit") == unit
         assert own.findtext(f".//{{{SI}}}valueExpandedMU") == u
         assert float(own.findtext(f".//{{{SI}}}coverageFactor")) == pytest.approx(of.k, abs=0.005)
+    for f in iso9283(bc.budget(run).basis).figures:
+        for what, value, u in (("mean", f.mean, f.u), ("maximum", f.maximum, f.u_max)):
+            own = found[f"{f.symbol}: {f.words}, {what} of {f.count}"]
+            stated = tuple(own.findtext(f".//{{{SI}}}{name}") for name in ("value", "valueExpandedMU"))
+            assert stated == (in_digits(value, 2 * u) if u is not None else (f"{value:.3g}", None))
     assert any(name.startswith("AD") for name in found)
     code, _, errors = command(*arguments)
     assert code == 1

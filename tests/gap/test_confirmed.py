@@ -153,6 +153,20 @@ def test_share_of_a_predicted_change_is_one_if_true_and_none_if_spurious(noise):
     assert rightly > 0.7
 
 
+@pytest.mark.parametrize("blocks", [GATE.blocks, COUNT])
+def test_uncertainty_of_a_share_is_that_of_a_mean_over_blocks(blocks):
+    """Where the change is the same in every block, the share is the mean of those of the blocks."""
+    rng = np.random.default_rng(8)
+    block = np.repeat(np.arange(blocks), COUNT // blocks)
+    change = 50e-6 * np.where(np.arange(COUNT) % 2, 1.0, -1.0)
+    less = replace(errors(0.0), residual=change + 20e-6 * rng.standard_normal(COUNT), block=block)
+    each = np.bincount(block, less.residual * change) / np.bincount(block, change**2)
+    found = share(less, replace(less, residual=less.residual - change))
+    assert not less.gross.any()
+    assert found.value == pytest.approx(np.mean(each))
+    assert found.u == pytest.approx(np.std(each, ddof=1) / np.sqrt(blocks))
+
+
 def test_a_share_of_rows_of_few_poses_has_a_wide_uncertainty():
     """Ten rows of each of six poses with the same error are six observations: too few to withhold a name."""
     block = np.repeat(np.arange(6), COUNT // 6)

@@ -452,6 +452,15 @@ def test_distances_of_the_region_follow_from_the_tool_points():
     assert np.allclose(goal.slopes[:, found.model.slices[ARM]] @ z, moved, atol=0.01 * np.abs(moved).max())
 
 
+def test_distances_of_the_region_are_at_rest_and_without_payload():
+    d = pool().session
+    m = d.measurements
+    loaded = with_columns(d, payload=np.full(len(m.ids), 2.0), velocity=np.full(m.readings.shape, 0.1))
+    rows = _at(linearised(pool_of(loaded), MODEL).model, m.readings[:5]).scene.dataset.measurements
+    assert not rows.payload[-5:].any()
+    assert not rows.velocity[-5:].any()
+
+
 def test_fitted_spheres_are_no_goal_where_the_fit_uses_the_distance():
     d = pool().session
     m = d.measurements

@@ -233,6 +233,14 @@ def test_a_slip_is_gross_but_a_common_error_is_none(fitted):
     assert not replace(h, residual=gathered).gross[h.target == h.target[0]].any()
 
 
+@pytest.mark.parametrize("share", [0.3, 0.4])
+def test_errors_of_a_third_of_the_measurements_are_no_slips(fitted, share):
+    h = validation_errors(fitted)
+    off = np.arange(len(h.residual)) < share * len(h.residual)
+    spread = np.random.default_rng(0).permutation(off)
+    assert not replace(h, residual=h.residual + np.where(spread, 40.0 * h.sd, 0.0)).gross[spread].any()
+
+
 def test_magnitude_of_nothing_and_of_something(fitted, cube):
     h = validation_errors(fitted)
     m = magnitude(fitted, fitted, h)

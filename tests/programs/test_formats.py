@@ -5,6 +5,7 @@ import re
 import numpy as np
 import program_texts as programs
 import pytest
+from scipy.spatial.transform import Rotation
 
 from bayescal.arm.transforms import rigid, rpy_matrix
 from bayescal.errors import BayescalError
@@ -136,6 +137,20 @@ def test_kuka_turn_selects_and_is_written():
     )  # fmt: skip
     other = TEXTS["kuka"].replace("$BASE=$NULLFRAME", "$BASE=BASE_DATA[2]")
     assert PROGRAMS["kuka"].read(other, 6).elsewhere == "line 6: $BASE=BASE_DATA[2]"
+
+
+def test_a_kuka_tool_is_turned_about_z_then_y_then_x():
+    stated = "\nTOOL_DATA[7]={X 1,Y 2,Z 3,A 10,B 20,C 30}\n$TOOL=TOOL_DATA[7]\n"
+    pose = PROGRAMS["kuka"].read(TEXTS["kuka"] + stated, 6).tools[-1].pose
+    turn = Rotation.from_euler("ZYX", [10, 20, 30], degrees=True).as_matrix()
+    np.testing.assert_allclose(pose, rigid(turn, np.array([1e-3, 2e-3, 3e-3])), atol=1e-12)
+
+
+@pytest.mark.parametrize("external", [0, 1 << 6, 1 << 7, 0b111 << 6])
+def test_kuka_turn_of_external_axes_is_kept(external):
+    text = TEXTS["kuka"].replace("T 35", f"T {35 | external}")
+    slots = PROGRAMS["kuka"].read(text, 6).slots
+    assert f",T {42 | external}," in rewritten(text, PROGRAMS["kuka"], slots, kept(slots))
 
 
 def test_abb_quarters_select_and_are_written():

@@ -154,6 +154,12 @@ def test_summary_is_one_screen_that_names_the_verdict(session, kind):
         assert "96 %" in text
 
 
+def test_shares_of_locations_are_in_percent(session):
+    lines = printed(diagnosis(session, "named")).splitlines()
+    for words, share in (("direction of motion of J3", "70 %"), ("joint 1", "10 %")):
+        assert any(words in line and f" {share} " in line for line in lines), words
+
+
 def test_summary_of_empty_tables(session):
     gap = replace(bare(session), verdict=diagnosis(session, "unknown").verdict)
     assert "at no single location" in printed(gap)

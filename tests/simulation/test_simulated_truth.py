@@ -14,7 +14,7 @@ from bayescal.model.scene import Scene
 from bayescal.probing.artefacts import SIZE, Cube, Scenery
 from bayescal.robots import load_robot
 from bayescal.simulation import Options, Simulation, simulate
-from bayescal.simulation.record import key_of, true_targets
+from bayescal.simulation.record import key_of, noise, true_targets
 from factors.kind import tangents
 
 KEYS = {"theta": ("rz", 1), "d": ("tz", 1), "alpha": ("rx", 1), "a": ("tx", 1), "beta": ("ry", 1)}
@@ -113,6 +113,11 @@ def test_outliers_are_as_many_as_asked_and_listed():
     extra = np.abs(s.shift - clean.shift)
     assert np.all(extra[~gross] == 0)
     assert np.all((extra[gross] > 29e-6) & (extra[gross] < 1.01e-3))
+
+
+def test_outliers_are_to_either_side():
+    shift, gross = noise(Options(noise=0.0, outliers=0.5, seed=1), 2000)
+    assert abs(np.mean(np.sign(shift[gross]))) < 0.1  # 3 standard deviations
 
 
 def test_faces_are_as_good_as_their_papers_and_a_little_out_of_place():
