@@ -63,11 +63,7 @@ class Cylinder:
     def describe(self, x: np.ndarray) -> dict[str, np.ndarray | float]:
         basis = self.tangents
         axis, _ = tilted(self.axis, basis, x[:2])
-        return {
-            "point": self.point + x[2:4] @ basis,
-            "axis": axis,
-            "diameter": float(self.diameter + x[4]),
-        }
+        return {"point": self.point + x[2:4] @ basis, "axis": axis, "diameter": float(self.diameter + x[4])}
 
     def feature(self, x: np.ndarray) -> Feature:
         by, turn = slopes(x), slopes(x)

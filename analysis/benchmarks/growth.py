@@ -55,8 +55,7 @@ def run(command: str, options: Sequence[str], dataset: Path, contacts: int) -> C
 
 
 def measure(
-    contacts: Sequence[int] = CONTACTS,
-    commands: Mapping[str, tuple[tuple[str, ...], int]] = COMMANDS,
+    contacts: Sequence[int] = CONTACTS, commands: Mapping[str, tuple[tuple[str, ...], int]] = COMMANDS
 ) -> list[Cost]:
     """Costs of all commands on sessions of all sizes, the smallest first."""
     out = []

@@ -55,8 +55,7 @@ def make(
         typer.Option(min=1, help="Version of the simulator; seeds have a meaning within one [default: 4]."),
     ] = None,
     reserved: Annotated[
-        bool,
-        typer.Option("--reserved", help="Also draw the causes on which no constant may be chosen."),
+        bool, typer.Option("--reserved", help="Also draw the causes on which no constant may be chosen.")
     ] = False,
 ) -> None:
     """Simulate test sessions with unmodelled effects, and seal the ground truth.

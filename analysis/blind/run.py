@@ -39,10 +39,7 @@ class Task:
 
 
 def run(
-    folder: Path,
-    workers: int = 1,
-    dask: str | None = None,
-    notify: Notify = lambda words, fraction: None,
+    folder: Path, workers: int = 1, dask: str | None = None, notify: Notify = lambda words, fraction: None
 ) -> Answered:
     """Diagnose every session that has no answer yet, and seal the answers.
 
@@ -140,11 +137,7 @@ def answered(task: Task) -> dict[str, Any]:
 
 
 def _about(task: Task) -> dict[str, Any]:
-    return {
-        "world": task.name,
-        "dataset_sha256": seal.of_world(task.texts),
-        "code_sha256": seal.of_code(),
-    }
+    return {"world": task.name, "dataset_sha256": seal.of_world(task.texts), "code_sha256": seal.of_code()}
 
 
 def _sealed(truth: str, answers: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:

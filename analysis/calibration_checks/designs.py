@@ -16,9 +16,7 @@ from bayescal.simulation.session import plan
 READ_NOISE = 30e-6
 """m, of a coordinate that the instrument reads."""
 TRACKER = Target(
-    "tracker",
-    "instrument",
-    {"xyz": np.array([2.0, 0.5, 0.3]), "rpy": np.array([0.0, 0.0, np.pi])},
+    "tracker", "instrument", {"xyz": np.array([2.0, 0.5, 0.3]), "rpy": np.array([0.0, 0.0, np.pi])}
 )
 
 

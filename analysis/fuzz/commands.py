@@ -267,10 +267,7 @@ COMMANDS: dict[str, tuple[float, Callable[[], Command]]] = {
         3.0,
         lambda: _export("urdf", {"a.urdf": _exported("urdf")["arm.urdf"]}, "--into", "{in}/a.urdf"),
     ),
-    "into mjcf": (
-        6.0,
-        lambda: _of_ur("mjcf", "arm.xml", (ROOT / "tests/data/ur5e_scene.xml").read_bytes()),
-    ),
+    "into mjcf": (6.0, lambda: _of_ur("mjcf", "arm.xml", (ROOT / "tests/data/ur5e_scene.xml").read_bytes())),
     "into ur-yaml": (1.0, lambda: _of_ur("ur-yaml", "mine.yaml", _ur_yaml())),
     "verify urdf": (0.6, lambda: _verify("urdf")),
     "verify mjcf": (0.4, lambda: _verify("mjcf")),

@@ -51,12 +51,7 @@ class Made:
 
 
 def build(
-    seed: int,
-    number: int,
-    *,
-    spared: bool = False,
-    generator: int = GENERATORS[-1],
-    reserved: bool = False,
+    seed: int, number: int, *, spared: bool = False, generator: int = GENERATORS[-1], reserved: bool = False
 ) -> tuple[dict[str, str], dict]:
     """Return the files of a simulated test session by name, and its ground truth; see `make`."""
     made = make(seed, number, spared=spared, generator=generator, reserved=reserved)
@@ -64,12 +59,7 @@ def build(
 
 
 def make(
-    seed: int,
-    number: int,
-    *,
-    spared: bool = False,
-    generator: int = GENERATORS[-1],
-    reserved: bool = False,
+    seed: int, number: int, *, spared: bool = False, generator: int = GENERATORS[-1], reserved: bool = False
 ) -> Made:
     """Make a simulated test session.
 

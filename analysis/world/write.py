@@ -114,11 +114,7 @@ def _cube_certificates() -> list[str]:
 
 
 def measurements_text(
-    s: Session,
-    readings: np.ndarray,
-    velocity: np.ndarray | None,
-    points: np.ndarray | None,
-    first: int = 0,
+    s: Session, readings: np.ndarray, velocity: np.ndarray | None, points: np.ndarray | None, first: int = 0
 ) -> str:
     """Return measurements.csv in the order of time.
 

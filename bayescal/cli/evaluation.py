@@ -70,11 +70,7 @@ def fit(
     from bayescal.public.results import drawing_beside
     from bayescal.storage.locks import CHECKPOINT, checkpoint_of, remove
 
-    with (
-        run_folder(out, datasets, "fit") as folder,
-        drawing_beside(pictures),
-        progress() as notify,
-    ):
+    with run_folder(out, datasets, "fit") as folder, drawing_beside(pictures), progress() as notify:
         result = run(
             datasets,
             model,
@@ -125,11 +121,7 @@ def gap(
     from bayescal.public.functions import diagnose
     from bayescal.public.results import drawing_beside
 
-    with (
-        run_folder(out, datasets, "gap") as folder,
-        drawing_beside(pictures),
-        progress() as notify,
-    ):
+    with run_folder(out, datasets, "gap") as folder, drawing_beside(pictures), progress() as notify:
         result = diagnose(
             datasets,
             model,
@@ -241,8 +233,7 @@ def plan(
         ),
     ] = None,
     probe_beyond_mm: Annotated[
-        float,
-        typer.Option(help="How far beyond the expected surface a program searches before it stops."),
+        float, typer.Option(help="How far beyond the expected surface a program searches before it stops.")
     ] = 5.0,
     out: Out = None,
     allow_xacro: AllowXacro = False,

@@ -65,8 +65,7 @@ def schema(
 )
 def import_(
     log: Path = typer.Argument(
-        ...,
-        help="Joint readings, one row per measurement: text in columns, book.xlsx#Sheet, or --format.",
+        ..., help="Joint readings, one row per measurement: text in columns, book.xlsx#Sheet, or --format."
     ),
     out: Path = typer.Option(..., help="Dataset folder to write; new or empty."),
     map_: str = typer.Option(

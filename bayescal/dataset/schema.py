@@ -183,9 +183,7 @@ class SerialsEntry(Keys):
 
 
 Date = Annotated[
-    str,
-    AfterValidator(lambda text: _date(text)),
-    Field(json_schema_extra={"pattern": r"^\d{4}-\d\d-\d\d$"}),
+    str, AfterValidator(lambda text: _date(text)), Field(json_schema_extra={"pattern": r"^\d{4}-\d\d-\d\d$"})
 ]
 
 

@@ -133,10 +133,7 @@ class Explained:
 
 
 def explain(
-    scene: Scene,
-    effects: tuple[str, ...],
-    options: FitOptions = USUAL,
-    progress: Progress = silent,
+    scene: Scene, effects: tuple[str, ...], options: FitOptions = USUAL, progress: Progress = silent
 ) -> Explained:
     """Name effects that a baseline lacks, if validation measurements confirm them; see `diagnose`."""
     progress("estimate", 0.0)

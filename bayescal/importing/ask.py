@@ -126,11 +126,7 @@ def points_map(log: Log, unit: str) -> Map:
 UPRIGHT = np.array([0.0, 0.0, -9.81])
 """m/s2, in F0."""
 
-CHOICES = {
-    "format": tuple(FORMATS),
-    "readings": ("encoder", "command"),
-    "decimal": DECIMALS,
-}
+CHOICES = {"format": tuple(FORMATS), "readings": ("encoder", "command"), "decimal": DECIMALS}
 """Options with a fixed set of values."""
 
 

@@ -111,11 +111,7 @@ class PlanOptions:
         check_asked(self.effects, 1.0)
 
 
-def plan(
-    setup: Setup,
-    options: PlanOptions = PlanOptions(),
-    progress: Progress = silent,
-) -> Plan:
+def plan(setup: Setup, options: PlanOptions = PlanOptions(), progress: Progress = silent) -> Plan:
     """Choose contacts to measure.
 
     Parameters

@@ -196,10 +196,7 @@ class Linearised:
 
 
 def linearised(
-    pool: Pool,
-    effects: tuple[str, ...],
-    values: np.ndarray | None = None,
-    without: Sequence[Part] = (),
+    pool: Pool, effects: tuple[str, ...], values: np.ndarray | None = None, without: Sequence[Part] = ()
 ) -> Linearised:
     """Linearise the candidates of a pool.
 

@@ -100,14 +100,7 @@ def patient(path: Path) -> Iterator[Patient]:
 Variables = Mapping[str, tuple[tuple[str, ...], np.ndarray]]
 """Name -> (dimensions after chain and draw, values)."""
 
-SAMPLED = (
-    "posterior",
-    "sample_stats",
-    "log_likelihood",
-    "posterior_predictive",
-    "prior",
-    "prior_predictive",
-)
+SAMPLED = ("posterior", "sample_stats", "log_likelihood", "posterior_predictive", "prior", "prior_predictive")
 """Groups whose values have chain and draw as first dimensions."""
 
 

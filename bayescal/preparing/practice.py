@@ -163,7 +163,9 @@ def _measured(
     for _ in range(PASSES):
         values, m = draws(options, model), dataset.measurements
         measured = {"readings": m.readings, "xyz": m.xyz, "length": m.length}
-        columns: dict[str, Any] = {name: np.array(values) for name, values in measured.items() if values is not None}
+        columns: dict[str, Any] = {
+            name: np.array(values) for name, values in measured.items() if values is not None
+        }
         largest = 0.0
         for block in model.blocks:
             state = z[model.slices[block.target]]

@@ -33,10 +33,7 @@ from bayescal.storage.files import FILL_IN, stem_of
 from bayescal.storage.files import Keys as Model
 
 WIDTH = 110
-EXAMPLES = {
-    "probe": TOOL,
-    "reflector": Tool("reflector", TOOL.centre, None, TOOL.mass, TOOL.centre_of_mass),
-}
+EXAMPLES = {"probe": TOOL, "reflector": Tool("reflector", TOOL.centre, None, TOOL.mass, TOOL.centre_of_mass)}
 SAME = "Each value is filled in once: * stands for the value with the same & above."
 NOISE = {"contact": ("contact_mm", "0.005"), "point": ("point_mm", "0.020")}
 """Key of the noise of each kind of residual, and an example of its value."""

@@ -331,10 +331,7 @@ class VerificationResult(Printed):
 
 
 def verify(
-    run: str | PathLike[str],
-    file: str | PathLike[str],
-    *,
-    progress: Progress = silent,
+    run: str | PathLike[str], file: str | PathLike[str], *, progress: Progress = silent
 ) -> VerificationResult:
     """Load an exported arm in its simulator, and compare it with the fitted arm and with the measurements.
 

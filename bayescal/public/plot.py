@@ -195,10 +195,7 @@ def posterior(
     if not isinstance(result, FitResult):
         raise BayescalError("the figure `posterior` is of a calibration", "bc.plot", "give a calibration")
     known = {p["name"]: p for p in result.record["parameters"]}
-    for what, given, possible in (
-        ("parameter", names, known),
-        ("plot", [kind], ("density", *CHAINS)),
-    ):
+    for what, given, possible in (("parameter", names, known), ("plot", [kind], ("density", *CHAINS))):
         for name in given:
             if name not in possible:
                 remedy = f"give one of {', '.join(possible)}"

@@ -219,11 +219,7 @@ def heading(options: Options) -> dict[str, Any]:
 
 
 def document(
-    options: Options,
-    dataset: Dataset,
-    model: Model,
-    targets: Sequence[Target],
-    gross: np.ndarray,
+    options: Options, dataset: Dataset, model: Model, targets: Sequence[Target], gross: np.ndarray
 ) -> dict[str, Any]:
     """The content of truth.json."""
     places = []

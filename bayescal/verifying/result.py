@@ -138,10 +138,7 @@ def _check_alike(arm: FittedArm, sidecar: Mapping[str, Any], where: str) -> None
     sizes += [len(row) for row in sidecar.get("joint_from_reading", ())]
     for alike, what in (
         (sidecar["state"]["row"] in arm.dataset.measurements.ids, "the session has no row `state.row`"),
-        (
-            [t["name"] for t in sidecar["tools"]] == names,
-            f"`tools` are not {', '.join(names)}",
-        ),
+        ([t["name"] for t in sidecar["tools"]] == names, f"`tools` are not {', '.join(names)}"),
         (all(size == n for size in sizes), f"`joints` or their matrices are not of an arm with {n} joints"),
     ):
         if not alike:

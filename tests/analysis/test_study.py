@@ -301,10 +301,7 @@ def test_page_and_table(tmp_path, capsys, renewed):
     lines = [record(name, seed) for seed in range(1, 21)] + [{"design": name, "seed": 21, "refused": "no"}]
     raw = tmp_path / check_run.RAW
     raw.write_text("".join(json.dumps(r) + "\n" for r in lines), encoding="utf-8")
-    renewed(
-        check_page,
-        lambda path: check_run.main(["--again", "--out", str(tmp_path), "--page", str(path)]),
-    )
+    renewed(check_page, lambda path: check_run.main(["--again", "--out", str(tmp_path), "--page", str(path)]))
     assert f"| {name} | {DESIGNS[0].summary} | 20 | 1 to 21 | 1 |" in capsys.readouterr().out
     table = (tmp_path / "page.csv").read_text(encoding="utf-8").splitlines()
     assert table[0] == "design,figure,of,level,value,low,high"

@@ -374,10 +374,7 @@ def test_csv_has_all_components_and_the_sum(run, command):
     assert np.sqrt(np.sum(np.square(own))) == pytest.approx(float(total["contribution"]))
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    cases("budget_refusals"),
-)
+@pytest.mark.parametrize(("arguments", "message"), cases("budget_refusals"))
 def test_refusals(run, command, arguments, message):
     code, _, errors = command("budget", run, *arguments)
     assert code == 1

@@ -85,10 +85,7 @@ def test_shared_datasets_are_valid(valid):
     assert [str(path) for path in robots if not valid("robot", load(path.read_text(encoding="utf-8")))] == []
 
 
-@pytest.mark.parametrize(
-    ("old", "new"),
-    cases("schema_refusals"),
-)
+@pytest.mark.parametrize(("old", "new"), cases("schema_refusals"))
 def test_what_the_reader_refuses_is_not_valid(old, new, valid):
     assert old in SETTINGS
     assert not valid("dataset", load(SETTINGS.replace(old, new)))

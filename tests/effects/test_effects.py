@@ -280,10 +280,7 @@ def test_settings_of_several_sites_are_told_once_each():
     assert words == "26 motor revolutions per joint revolution at joint 1 and joint 2, 23 at joint 3"
 
 
-@pytest.mark.parametrize(
-    ("name", "words"),
-    cases("setting_refusals"),
-)
+@pytest.mark.parametrize(("name", "words"), cases("setting_refusals"))
 def test_settings_that_cannot_be(name, words, cube):
     scene = Scene(cube(seed=1).dataset)
     with pytest.raises(BayescalError, match=words) as caught:

@@ -236,10 +236,7 @@ def test_sites_drivers_and_priors(c):
     assert (wide.sd, wide.mean) == (own[0].sd, own[0].nominal)
 
 
-@pytest.mark.parametrize(
-    ("name", "words"),
-    cases("selection_refusals"),
-)
+@pytest.mark.parametrize(("name", "words"), cases("selection_refusals"))
 def test_names_that_cannot_be(name, words, c):
     with pytest.raises(BayescalError) as caught:
         parameters_of((name,), c)

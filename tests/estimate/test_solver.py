@@ -14,14 +14,7 @@ from sessions import with_columns
 from bayescal.arm.statics import Stance
 from bayescal.errors import BayescalError
 from bayescal.estimate import calibrated, estimate, linearise, settled, solve, unit_weights
-from bayescal.estimate.outliers import (
-    FALSE_REJECTIONS,
-    Judged,
-    freed,
-    rejected,
-    scale,
-    student_weights,
-)
+from bayescal.estimate.outliers import FALSE_REJECTIONS, Judged, freed, rejected, scale, student_weights
 from bayescal.estimate.solver import factored, halved, solved
 from bayescal.model import ARM, build, standing
 from bayescal.model.options import FitOptions

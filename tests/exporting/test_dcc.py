@@ -72,10 +72,7 @@ def test_valid_by_the_official_schema(run, entries, tmp_path, command):
     assert code == 0, errors
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    cases("certificate_refusals"),
-)
+@pytest.mark.parametrize(("change", "message"), cases("certificate_refusals"))
 def test_what_is_missing_is_refused(run, entries, tmp_path, command, change, message):
     assert change[0] in ENTRIES
     entries.write_text(ENTRIES.replace(*change))

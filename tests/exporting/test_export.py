@@ -60,10 +60,7 @@ def test_every_format(run, tmp_path, command, to):
     assert "parameters of the arm" in text
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    cases("export_refusals"),
-)
+@pytest.mark.parametrize(("arguments", "message"), cases("export_refusals"))
 def test_bad_input_is_one_line(run, tmp_path, command, arguments, message):
     code, _, errors = command("export", run, *arguments, "--out", tmp_path / "arm")
     assert code == 1

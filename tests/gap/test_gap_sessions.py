@@ -185,10 +185,7 @@ def lacking(dataset, what):
     return with_rows(dataset, np.flatnonzero((m.target == 0) | np.isin(m.target, spheres)))
 
 
-CANNOT = {
-    "velocity": {"backlash", "latency"},
-    "all planes but one": {"artefact"},
-}
+CANNOT = {"velocity": {"backlash", "latency"}, "all planes but one": {"artefact"}}
 
 
 @pytest.mark.parametrize(

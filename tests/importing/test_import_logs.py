@@ -321,10 +321,7 @@ def test_a_tracker_and_its_reflector_are_found(name, tmp_path):
 # --- Maps, units and files that say too little or what cannot be: one line with the remedy.
 
 
-@pytest.mark.parametrize(
-    ("text", "words"),
-    cases("import_map_refusals"),
-)
+@pytest.mark.parametrize(("text", "words"), cases("import_map_refusals"))
 def test_maps(text, words):
     with pytest.raises(BayescalError, match=words):
         read_map(text, 6)
@@ -341,11 +338,7 @@ def test_a_map_with_everything():
 
 @pytest.mark.parametrize(
     ("name", "dimension", "value", "si"),
-    [
-        ("µm", "length", 3, 3e-6),
-        ("°", "angle", 180, np.pi),
-        ("deg/s", "rate", 90, np.pi / 2),
-    ],
+    [("µm", "length", 3, 3e-6), ("°", "angle", 180, np.pi), ("deg/s", "rate", 90, np.pi / 2)],
 )
 def test_units(name, dimension, value, si):
     unit = unit_of(name, dimension, "")
@@ -359,20 +352,14 @@ def test_quantities():
             quantity(text, "length", 3, "--tcp")
 
 
-@pytest.mark.parametrize(
-    ("text", "map_", "words"),
-    cases("import_log_refusals"),
-)
+@pytest.mark.parametrize(("text", "map_", "words"), cases("import_log_refusals"))
 def test_logs(tmp_path, text, map_, words):
     (tmp_path / "log.csv").write_text(text, encoding="utf-8")
     with pytest.raises(BayescalError, match=words):
         columns_of(read_log(tmp_path / "log.csv"), read_map(map_, 6))
 
 
-@pytest.mark.parametrize(
-    ("said", "words"),
-    cases("import_request_refusals"),
-)
+@pytest.mark.parametrize(("said", "words"), cases("import_request_refusals"))
 def test_requests(tmp_path, said, words):
     log = tmp_path / "log.csv"
     log.write_text("A1,A2,A3,A4,A5,A6,X,Y,Z\n" + "1,2,3,4,5,6,7,8,9\n" * 2, encoding="utf-8")
@@ -467,10 +454,7 @@ def test_texts_of_several_columns(tmp_path):
     assert got.texts["target"].tolist() == ["leica", "leica"]
 
 
-@pytest.mark.parametrize(
-    ("text", "map_", "words"),
-    cases("log_refusals"),
-)
+@pytest.mark.parametrize(("text", "map_", "words"), cases("log_refusals"))
 def test_refused(tmp_path, text, map_, words):
     if "left out" in words:  # a line at the end without a number: left out, and the note shows it
         assert "behind the last row left out: 'p2' (line 3)" in read(tmp_path, text, map_).notes[0]
@@ -497,10 +481,7 @@ MIDNIGHT = [0.0, 1.5, 86399.25, 86401.0]
 """s after 2026-11-22 00:00:00."""
 
 
-@pytest.mark.parametrize(
-    ("kind", "cells", "clock"),
-    cases("time_stamps"),
-)
+@pytest.mark.parametrize(("kind", "cells", "clock"), cases("time_stamps"))
 def test_time_stamps(tmp_path, kind, cells, clock):
     text = "\n".join(["t;x", *(f"{cell};1" for cell in cells)])
     got = read(tmp_path, text, f"time=t {kind}, x=x mm")
@@ -516,10 +497,7 @@ def test_date_and_time_in_two_columns(tmp_path):
     assert np.diff(got.numbers["time"]).tolist() == [2.0]
 
 
-@pytest.mark.parametrize(
-    ("cells", "kind", "words"),
-    cases("time_stamp_refusals"),
-)
+@pytest.mark.parametrize(("cells", "kind", "words"), cases("time_stamp_refusals"))
 def test_no_time_stamps(tmp_path, cells, kind, words):
     with pytest.raises(BayescalError, match=words):
         read(tmp_path, "\n".join(["t;x", *(f"{cell};1" for cell in cells)]), f"time=t {kind}")

@@ -398,10 +398,7 @@ def test_another_convention_is_refused_and_the_right_one_named(posed, tmp_path, 
     write(draft, tmp_path / "out", force=True)
 
 
-@pytest.mark.parametrize(
-    ("words", "said"),
-    cases("orientation_refusals"),
-)
+@pytest.mark.parametrize(("words", "said"), cases("orientation_refusals"))
 def test_refused(posed, tmp_path, words, said):
     data, turns = posed
     map_ = written(data, turns, tmp_path / "log.csv", "wxyz").partition(", rotation")[0]
@@ -480,10 +477,7 @@ def test_targets(cube):
         with_roles(together, "targets *.+?", "--validate")
 
 
-@pytest.mark.parametrize(
-    ("rule", "words"),
-    cases("role_refusals"),
-)
+@pytest.mark.parametrize(("rule", "words"), cases("role_refusals"))
 def test_roles_refused(tracked, rule, words):
     with pytest.raises(BayescalError, match="^--validate: .*" + words):
         with_roles(tracked, rule, "--validate")

@@ -229,10 +229,7 @@ def test_a_diagnosis_is_continued(session, setup, tmp_path):
         bc.plan(tmp_path / "other", 12, "gap", after=tmp_path / "gap")
 
 
-@pytest.mark.parametrize(
-    ("options", "words"),
-    cases("plan_refusals"),
-)
+@pytest.mark.parametrize(("options", "words"), cases("plan_refusals"))
 def test_refusals_are_one_line(setup, options, words, tmp_path, command, monkeypatch):
     monkeypatch.chdir(tmp_path)
     out = tmp_path / "run"
@@ -359,12 +356,7 @@ def test_a_search_ends_where_the_arm_can_reach(exported_plan):
     arm = NominalArm(exported_plan.session.robot, exported_plan.session.tools[0].centre)
     at, away, end, begin = (
         arm.ball(arm.frames(q))
-        for q in (
-            exported_plan.session.measurements.readings,
-            exported_plan.approach,
-            guard.end,
-            guard.begin,
-        )
+        for q in (exported_plan.session.measurements.readings, exported_plan.approach, guard.end, guard.begin)
     )
     way = (at - away) / np.linalg.norm(at - away, axis=1)[:, None]
     np.testing.assert_allclose(end - at, guard.beyond[:, None] * way, atol=2e-8)

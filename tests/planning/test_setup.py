@@ -429,10 +429,7 @@ def test_own_solids_are_read_written_and_avoided(tmp_path):
     assert np.all(hit.collides(inside[deep]) > 0)
 
 
-@pytest.mark.parametrize(
-    ("entry", "words"),
-    cases("solid_refusals"),
-)
+@pytest.mark.parametrize(("entry", "words"), cases("solid_refusals"))
 def test_solids_that_are_refused(entry, words, tmp_path):
     with pytest.raises(BayescalError) as error:
         stated(tmp_path, f"solids:\n  a: {entry}\n")

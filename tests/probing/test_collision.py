@@ -88,12 +88,7 @@ def test_the_contact_itself_is_no_collision(session):
     reading = np.radians([[0.0, 20, -40, 0, 30, 0]])
     frame = arm.frames(reading)
     ball, along = arm.ball(frame)[0], frame[0, -1, :3, :3] @ TOOL.centre / np.linalg.norm(TOOL.centre)
-    for side, deep, hit in (
-        (1, 0.0, ""),
-        (1, 1e-3, ""),
-        (-1, 0.0, "and wall"),
-        (1, 0.015, "stylus"),
-    ):
+    for side, deep, hit in ((1, 0.0, ""), (1, 1e-3, ""), (-1, 0.0, "and wall"), (1, 0.015, "stylus")):
         centre = ball + side * (0.05 + 0.003 - deep) * along
         turn = np.linalg.qr(np.stack([along, UP, [0, 1, 0]], axis=1))[0]
         wall = Solid("wall", (Box(rigid(turn, centre), np.full(3, 0.05)),))

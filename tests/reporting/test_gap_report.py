@@ -21,14 +21,7 @@ from bayescal.effects import EFFECTS
 from bayescal.effects.location import BASE, TOOL, Driver
 from bayescal.errors import BayescalError
 from bayescal.gap.diagnose import settled
-from bayescal.gap.result import (
-    VERDICTS,
-    Amplitude,
-    Event,
-    Gap,
-    Named,
-    Verdict,
-)
+from bayescal.gap.result import VERDICTS, Amplitude, Event, Gap, Named, Verdict
 from bayescal.gap.search.cells import cells
 from bayescal.model.options import FitOptions
 from bayescal.model.scene import Scene
@@ -411,10 +404,7 @@ def test_headline_effects_and_probabilities_are_of_one_rule(headline_session, p,
     check(gap_record(replace(diagnosis(headline_session, kind), verdict=verdict)))
 
 
-@pytest.mark.parametrize(
-    ("kind", "named", "unknown", "expected"),
-    cases("verdicts"),
-)
+@pytest.mark.parametrize(("kind", "named", "unknown", "expected"), cases("verdicts"))
 def test_a_verdict_is_one_that_its_probabilities_support(kind, named, unknown, expected):
     assert settled(kind, named, {"unknown": unknown}) == expected
 
@@ -423,8 +413,7 @@ def test_a_verdict_is_one_that_its_probabilities_support(kind, named, unknown, e
 
 
 @pytest.mark.parametrize(
-    ("unknown", "names"),
-    [(0.03, ("hardening", "hysteresis")), (0.4, ("hardening", "hysteresis")), (0.5, ())],
+    ("unknown", "names"), [(0.03, ("hardening", "hysteresis")), (0.4, ("hardening", "hysteresis")), (0.5, ())]
 )
 def test_the_further_effect_is_stated_by_name_where_names_are_more_probable(unknown, names):
     probability = {"latency": 0.99, "hardening": 0.33, "hysteresis": 0.13, "null": 0.0, "unknown": unknown}

@@ -206,17 +206,7 @@ def test_one_table_for_terminal_and_pandas():
     sheet = Sheet(columns, [{"n": "a", "x": 1.25, "y": 0}, {"n": "b", "x": None}], style=lambda item: "dim")
     assert sheet.rows == (("a", "1.2", "3"), ("b", "-", "2"))
     assert (sheet.title, sheet.headings, sheet.words) == ("name", ("value", "of"), (2,))
-    assert printed(terminal(sheet), 60).split() == [
-        "name",
-        "value",
-        "of",
-        "a",
-        "1.2",
-        "3",
-        "b",
-        "-",
-        "2",
-    ]
+    assert printed(terminal(sheet), 60).split() == ["name", "value", "of", "a", "1.2", "3", "b", "-", "2"]
     values = frame(sheet, "name")
     assert values.loc["a", "value"] == 1.25
     assert values["of"].tolist() == [3, 2]

@@ -73,11 +73,7 @@ def mjcf(arm: FittedArm, row: int, script: bool = False) -> str:
     return ET.tostring(root, encoding="unicode") + "\n"
 
 
-PROBE = {
-    "lobing sin": "lobing_sin_m",
-    "lobing cos": "lobing_cos_m",
-    "latency": "latency_s",
-}
+PROBE = {"lobing sin": "lobing_sin_m", "lobing cos": "lobing_cos_m", "latency": "latency_s"}
 """Keys of a table by the names of parameters."""
 SCRIPT, TABLE = "-replay.py", "-replay.json"
 

@@ -203,7 +203,9 @@ def reference_lines(record: Json) -> list[tuple[str, float, Json]]:
         return [(f"estimated noise of a contact, {_levels_um(noise)} µm", noise, NOISE)]
     noise = record["lengths"]["noise_um"]
     what = "contact" if record["lengths"]["of"] == "validation contacts" else "point"
-    out: list[tuple[str, float, Json]] = [(f"noise of a {what}, {_levels_um(noise)} µm", noise, NOISE)] if noise else []
+    out: list[tuple[str, float, Json]] = (
+        [(f"noise of a {what}, {_levels_um(noise)} µm", noise, NOISE)] if noise else []
+    )
     expected = (record["shrinkage"].get("distances") or {}).get("floor_um")
     if expected:
         text = f"expected RMS of a distance for a correct model, {_levels_um(expected)} µm"

@@ -95,10 +95,7 @@ MM = 1e3
 MDEG = 1e3 * 180.0 / np.pi
 Facts = Iterable[tuple[str, str, str]]
 """Lines of the terminal: heading, text and style."""
-LABELS: dict[tuple[str, ...], str] = {
-    ("nominal",): "nominal",
-    ("joint",): "joint offsets",
-}
+LABELS: dict[tuple[str, ...], str] = {("nominal",): "nominal", ("joint",): "joint offsets"}
 """Model levels that the names of their effects do not describe."""
 NEVER = 1000.0
 """Ratio to the plausible amplitude from which on an effect is not detectable at any amplitude."""

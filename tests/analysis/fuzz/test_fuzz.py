@@ -109,10 +109,7 @@ def test_rows_that_fit_two_places_are_refused_before_the_arm_is_fitted(tmp_path,
     check_located(Scene(replace(session, targets=targets)))
 
 
-@pytest.mark.parametrize(
-    ("name", "text", "kind"),
-    cases("infinities"),
-)
+@pytest.mark.parametrize(("name", "text", "kind"), cases("infinities"))
 def test_infinity_in_an_output_is_a_failure_unless_it_is_a_name(tmp_path, name, text, kind):
     (tmp_path / "in").mkdir()
     (tmp_path / "in" / name).write_text(text)
