@@ -3,7 +3,7 @@
     python -m analysis.fuzz --cases 10000 --seed 0 --workers 2 --out /tmp/fuzz
     python -m analysis.fuzz --replay 1234 --seed 0
 
-An interrupted run goes on where it stopped. A worker that dies or does not answer is replaced, and its case
+An interrupted run continues where it stopped. A worker that dies or does not answer is replaced, and its case
 counts as a failure.
 """
 

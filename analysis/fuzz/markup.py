@@ -264,7 +264,7 @@ def _rezipped(content: bytes, change: Callable[[dict[str, bytes], Rng], None], r
     try:
         with zipfile.ZipFile(io.BytesIO(content)) as old:
             parts = {name: old.read(name) for name in old.namelist()}
-    except Exception:  # a change before this one has broken it
+    except Exception:  # an earlier change has broken it
         return content
     change(parts, rng)
     out = io.BytesIO()

@@ -119,10 +119,10 @@ tools:
   ball: {centre_mm: [0, 0, -50], ball_radius_mm: 3}
 noise: {contact_mm: 0.01}
 targets:
-  floor: {kind: plane, normal: [0, 0, 1], offset_mm: 247}
+  slab: {kind: plane, normal: [0, 0, 1], offset_mm: 247}
   seat: {kind: fixed-point, centre_mm: [600, 250, 250]}
 """
-    rows = [f"c{k},floor,{-60 + 8 * k},{30 - 3 * k}" for k in range(18)]
+    rows = [f"c{k},slab,{-60 + 8 * k},{30 - 3 * k}" for k in range(18)]
     table = "id,target,j1_deg,j2_deg\n" + "\n".join(rows) + "\n"
     return {"dataset.yaml": settings.encode(), "measurements.csv": table.encode(), "arm.urdf": arm.encode()}
 

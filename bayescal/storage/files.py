@@ -15,7 +15,6 @@ from operator import getitem
 from pathlib import Path as File
 from typing import Annotated, Any, NoReturn, TypeVar
 
-import numpy as np
 import yaml
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
 from pydantic_core import PydanticCustomError
@@ -101,7 +100,11 @@ def in_si(key: str, value: Any) -> Any:
     """A value of a key in SI: a number, an array of a list; None of none."""
     if value is None:
         return None
-    return value * si(key) if isinstance(value, float) else np.array(value, float) * si(key)
+    if isinstance(value, float):
+        return value * si(key)
+    import numpy as np  # commands that read no numbers do without it
+
+    return np.array(value, float) * si(key)
 
 
 def unknown(noun: str, key: str, known: Iterable[str]) -> tuple[str, str]:

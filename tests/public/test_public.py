@@ -20,7 +20,7 @@ from bayescal.effects.location import Driver, joint
 DOCUMENTED = (
     "bayescal",
     "bayescal.effects",
-    "bayescal.robots",
+    "bayescal.robots.load",
     *(
         f"bayescal.public.{f.stem}"
         for f in sorted(Path(bc.__file__).parent.glob("public/*.py"))
