@@ -6,6 +6,7 @@ import matplotlib
 import numpy as np
 import pytest
 from cases import ROOT
+from foreign import needs
 
 FIGURES = {
     "correlations": 2,
@@ -30,7 +31,13 @@ def pyplot(monkeypatch):
     plt.close("all")
 
 
-@pytest.mark.parametrize("path", sorted((ROOT / "analysis" / "notebooks").glob("*.py")), ids=lambda p: p.stem)
+NOTEBOOKS = [
+    pytest.param(path, id=path.stem, marks=[needs()] if path.stem == "real_arm" else [])
+    for path in sorted((ROOT / "analysis" / "notebooks").glob("*.py"))
+]
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS)
 def test_notebook(path, pyplot, monkeypatch, capsys):
     monkeypatch.chdir(path.parent)  # where a notebook's kernel starts
     monkeypatch.setenv("BAYESCAL_NOTEBOOK_SAMPLES", "250")
