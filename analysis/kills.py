@@ -7,7 +7,7 @@ first step must leave nothing beside them. Processes that the killed command had
 A run that ends before its kill does not count. What the commands need, and what each kill left, are kept in
 `--out`: an interrupted run continues where it stopped, and a larger number of kills adds to it.
 
-Run from the top of the project: ``python -m analysis.kills --kills 100 --seed 0 --out /tmp/kills``.
+Run from the top of the project: ``python -m analysis.kills --kills 100 --seed 0 --out runs/kills``.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """`make fuzz`: cases in workers, each result written at once, and a table of the classes of failures.
 
-    python -m analysis.fuzz --cases 10000 --seed 0 --workers 2 --out /tmp/fuzz
+    python -m analysis.fuzz --cases 10000 --seed 0 --workers 2 --out runs/fuzz
     python -m analysis.fuzz --replay 1234 --seed 0
 
 An interrupted run continues where it stopped. A worker that dies or does not answer is replaced, and its case
