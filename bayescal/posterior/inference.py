@@ -3,98 +3,20 @@
 A record is written as netCDF without ArviZ, xarray or pandas, because their import takes longer than a fit.
 ArviZ reads the same content from it as from a file that ArviZ wrote.
 
-A file for a library that crashes if it cannot write: HDF5 ends the process on a full disk.
-
-The first failed write is remembered. From then on the content continues in memory, so that the library works
-to its end; then the error is raised.
+A record is written in memory first: HDF5 ends the process on a full disk, where an ordinary write is an error.
 """
 
 from __future__ import annotations
 
 import io
-import os
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-
-
-class Patient(io.RawIOBase):
-    """A binary stream to read, write and seek, of which no write fails; `error` is that of the first."""
-
-    def __init__(self, path: Path) -> None:
-        self._stream: io.RawIOBase | io.BytesIO = path.open("w+b", buffering=0)
-        self.error: OSError | None = None
-
-    def write(self, content: Any) -> int:
-        """Write all of some content."""
-        rest = memoryview(content).cast("B")
-        size = len(rest)
-        while rest:
-            try:
-                rest = rest[self._stream.write(rest) or 0 :]
-            except OSError as error:
-                self._continue_in_memory(error)
-        return size
-
-    def truncate(self, size: int | None = None) -> int:
-        """Set the length."""
-        try:
-            return self._stream.truncate(size)
-        except OSError as error:
-            self._continue_in_memory(error)
-            return self._stream.truncate(size)
-
-    def _continue_in_memory(self, error: OSError) -> None:
-        place, file = self._stream.tell(), self._stream
-        file.seek(0)
-        self._stream, self.error = io.BytesIO(file.read() or b""), error
-        self._stream.seek(place)
-        with suppress(OSError):
-            file.close()
-
-    def readinto(self, buffer: Any) -> int:
-        """Read into a buffer; the number of bytes is returned."""
-        return self._stream.readinto(buffer) or 0
-
-    def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
-        """Set the position."""
-        return self._stream.seek(offset, whence)
-
-    def tell(self) -> int:
-        """The position."""
-        return self._stream.tell()
-
-    def close(self) -> None:
-        """Close the file."""
-        try:
-            self._stream.close()
-        except OSError as error:  # a network file system reports it here
-            self.error = self.error or error
-        super().close()
-
-
-@contextmanager
-def patient(path: Path) -> Iterator[Patient]:
-    """A `Patient` stream; a write that failed is raised at the end.
-
-    Raises
-    ------
-    OSError
-        If the file cannot be written.
-    """
-    stream = Patient(path)
-    try:
-        yield stream
-    finally:
-        stream.close()
-    if stream.error:
-        raise stream.error
 
 
 Variables = Mapping[str, tuple[tuple[str, ...], np.ndarray]]
@@ -166,10 +88,17 @@ def inference_data(record: Record) -> Any:
 
 
 def save(record: Record, path: Path) -> None:
-    """Write a record as netCDF, in the layout of xarray."""
+    """Write a record as netCDF, in the layout of xarray.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be written.
+    """
     import h5netcdf
 
-    with patient(path) as stream, h5netcdf.File(stream, "w") as file:
+    content = io.BytesIO()
+    with h5netcdf.File(content, "w") as file:
         file.attrs.update(record.attrs)
         for name in record.groups:
             group = file.create_group(name)
@@ -187,6 +116,7 @@ def save(record: Record, path: Path) -> None:
                 named = " ".join(label for label, (dim, _) in further.items() if dim in dims)
                 if named:
                     written.attrs["coordinates"] = named
+    path.write_bytes(content.getbuffer())
 
 
 def _variable(group: Any, name: str, dims: tuple[str, ...], values: np.ndarray) -> Any:
