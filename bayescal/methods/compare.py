@@ -25,7 +25,7 @@ from bayescal.model import ARM, Model, build, check_asked, with_parameters
 from bayescal.model.scene import Scene
 from bayescal.posterior import gaussian
 from bayescal.predict import Validation, validate
-from bayescal.predict.locate import locate
+from bayescal.predict.locate import Rows, locate
 from bayescal.statistics import spawned
 from bayescal.storage.stopping import Progress, silent
 
@@ -125,7 +125,7 @@ def located(model: Model, values: np.ndarray) -> np.ndarray:
     for block in model.states:
         kind, p = block.touched(values), block.motion.points(values)
         sigma = np.tile(block.sigma, (block.kind.rows, 1))
-        at, _ = locate(block.target, kind, p, sigma)
+        at, _ = locate(block.target, Rows(kind, p, sigma))
         z[model.slices[block.target]] = at.x[0, block.free] / block.sd
     return z
 

@@ -3,7 +3,8 @@
 A record is written as netCDF without ArviZ, xarray or pandas, because their import takes longer than a fit.
 ArviZ reads the same content from it as from a file that ArviZ wrote.
 
-A record is written in memory first: HDF5 ends the process on a full disk, where an ordinary write is an error.
+A record is written in memory first: HDF5 ends the process on a full disk, where an ordinary write is an
+error.
 """
 
 from __future__ import annotations
@@ -17,7 +18,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-
 
 Variables = Mapping[str, tuple[tuple[str, ...], np.ndarray]]
 """Name -> (dimensions after chain and draw, values)."""

@@ -8,7 +8,7 @@ Starting points of the search for a target: its stated position and closed-form 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 
 import numpy as np
 
@@ -112,7 +112,7 @@ class States:
     """S solutions: states of a target, shifts of the centre of its tool, and their cost."""
 
     x: np.ndarray  # (S, size) m and rad
-    tool: np.ndarray  # (S, 3) m; zeros where it is known
+    tool: np.ndarray  # (S, 3) m; (S, 0) where it is known
     cost: np.ndarray  # (S,) negative log posterior, nats, up to a constant
     left: np.ndarray  # (S,) length of the remaining Newton step, posterior standard deviations
     information: np.ndarray  # (S, m, m) of the unknowns over their prior standard deviations
@@ -122,69 +122,82 @@ class States:
         return States(*(getattr(self, f.name)[places] for f in fields(States)))
 
 
-def search(
-    kind: Kind,
-    p: np.ndarray,
-    inverse_sigma: np.ndarray,
-    noise: np.ndarray | None = None,
-    tool_slopes: np.ndarray | None = None,
-    tool_sd: float = 0.0,
-    start: np.ndarray | None = None,
-    beside: float = np.inf,
-) -> States:
-    """Levenberg-Marquardt for S problems at once: draws of the ball centres, or starts.
+NO_SHIFTS = np.zeros((0, 3, 1))
+"""Of a tool that is known."""
+
+
+@dataclass(frozen=True)
+class Rows:
+    """C rows that locate a target, and the point of its tool where that is unknown.
+
+    Attributes
+    ----------
+    kind : Kind
+        Of the rows; its `sd` is the prior.
+    p : np.ndarray, shape (3, C)
+        Ball centres, m, tools nominal; (S, 3, C) of a search with other centres from each start.
+    sigma : np.ndarray, shape (rows, C)
+        Standard uncertainties of the residuals, m.
+    shifts : np.ndarray, shape (3, 3, C)
+        Change of p (axis 1) by the three shifts of the tool (axis 0), where the tool is also unknown.
+    tool_sd : float
+        Prior standard deviation of those shifts, m.
+    """
+
+    kind: Kind
+    p: np.ndarray
+    sigma: np.ndarray
+    shifts: np.ndarray = field(default_factory=lambda: NO_SHIFTS)
+    tool_sd: float = 0.0
+
+    def points(self, tool: np.ndarray) -> np.ndarray:
+        """Ball centres (S, 3, C), m, with shifts (S, 3) of the tool, m."""
+        return self.p + np.einsum("sj,jkc->skc", tool, self.shifts)
+
+    def chi2(self, at: States) -> np.ndarray:
+        """Chi-square (C,) of each row's residuals at the first solution, over their standard uncertainty."""
+        residual = self.kind.residual(at.x[:1], self.points(at.tool[:1]))[0]
+        return np.sum((residual / self.sigma) ** 2, axis=0)
+
+
+def search(rows: Rows, start: np.ndarray, weight: np.ndarray | float = 1.0, beside: float = np.inf) -> States:
+    """Levenberg-Marquardt for S problems at once.
 
     Parameters
     ----------
-    kind : Kind
-        Of C rows; its `sd` is the prior.
-    p : np.ndarray, shape (S, 3, C)
-        Ball centres, m, tools nominal.
-    inverse_sigma : np.ndarray, shape (rows, C)
-        1 / standard uncertainty of the residuals, 1/m; 0 leaves a row out.
-    noise : np.ndarray, shape (S, rows, C), optional
-        Simulated measurement error, m, subtracted from the residuals.
-    tool_slopes : np.ndarray, shape (S, 3, 3, C) or (1, 3, 3, C), optional
-        Change of p (axis 2) by the three shifts of the tool (axis 1), where the tool is also unknown.
-    tool_sd : float
-        Prior standard deviation of those shifts, m.
-    start : np.ndarray, shape (S, size) or (size,), optional
-        Initial states of the target; the stated state if not given.
+    rows : Rows
+    start : np.ndarray, shape (S, size)
+        Initial states of the target.
+    weight : np.ndarray, shape (C,), optional
+        Factors on the residuals of the rows; 0 leaves a row out.
     beside : float
         Cost, nats, beyond that of the first problem: once that rests, a search that is not expected to come
         below it ends early. Where no place explains the rows, a search may rest only after a hundred steps.
     """
-    free = kind.sd > 0
-    count, size = len(p), int(free.sum())
-    sd = kind.sd[free] if tool_slopes is None else np.append(kind.sd[free], np.full(3, tool_sd))
+    kind, free, count = rows.kind, rows.kind.sd > 0, len(start)
+    size = int(free.sum())
+    sd = np.append(kind.sd[free], np.full(len(rows.shifts), rows.tool_sd))
+    identity, inverse_sigma = np.eye(len(sd)), weight / rows.sigma
 
     def physical(y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        x, tool = np.zeros((count, len(kind.sd))), np.zeros((count, 3))
+        x = np.zeros((count, len(kind.sd)))
         x[:, free] = y[:, :size] * sd[:size]
-        if tool_slopes is not None:
-            tool = y[:, size:] * tool_sd
-        return x, tool
+        return x, y[:, size:] * rows.tool_sd
 
-    def at(y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def evaluated(y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Cost (S,), gradient (S, m) and information (S, m, m)."""
         x, tool = physical(y)
-        q = p if tool_slopes is None else p + np.einsum("sj,sjkc->skc", tool, tool_slopes)
-        r, u, dx = kind.linearise(x, q)
-        r = ((r if noise is None else r - noise) * inverse_sigma).reshape(count, -1)
-        slopes = dx[..., free]
-        if tool_slopes is not None:
-            by = np.einsum("srkc,sjkc->srcj", u, np.broadcast_to(tool_slopes, (count, 3, *q.shape[1:])))
-            slopes = np.concatenate([slopes, by], axis=-1)
+        r, u, dx = kind.linearise(x, rows.points(tool))
+        r = (r * inverse_sigma).reshape(count, -1)
+        slopes = np.concatenate([dx[..., free], np.einsum("srkc,jkc->srcj", u, rows.shifts)], axis=-1)
         j = (slopes * inverse_sigma[..., None]).reshape(*r.shape, len(sd)) * sd
         gradient = np.einsum("sri,sr->si", j, r) + y
         cost = 0.5 * (np.sum(r**2, axis=1) + np.sum(y**2, axis=1))
         return cost, gradient, np.swapaxes(j, 1, 2) @ j + identity
 
-    identity = np.eye(len(sd))
     y = np.zeros((count, len(sd)))
-    if start is not None:
-        y[:, :size] = np.broadcast_to(start, (count, len(kind.sd)))[:, free] / sd[:size]
-    cost, gradient, information = at(y)
+    y[:, :size] = start[:, free] / sd[:size]
+    cost, gradient, information = evaluated(y)
     damping = np.full(count, DAMPING)
     for k in range(ITERATIONS + 1):
         diagonal = np.einsum("sii->si", information) * damping[:, None]
@@ -196,12 +209,9 @@ def search(
         if k == ITERATIONS or not active.any():
             break
         trial = y - np.where(active[:, None], step, 0.0)
-        cost_there, gradient_there, information_there = at(trial)
+        cost_there, gradient_there, information_there = evaluated(trial)
         good = cost_there <= cost * (1 + 1e-12)
         damping = np.minimum(np.maximum(damping * np.where(good, EASED, RAISED), 1e-12), 1e12)
-        if good.all():
-            y, cost, gradient, information = trial, cost_there, gradient_there, information_there
-            continue
         y = np.where(good[:, None], trial, y)
         cost = np.where(good, cost_there, cost)
         gradient = np.where(good[:, None], gradient_there, gradient)
@@ -210,30 +220,14 @@ def search(
     return States(x, tool, cost, left, information)
 
 
-def locate(
-    name: str,
-    kind: Kind,
-    p: np.ndarray,
-    sigma: np.ndarray,
-    tool_slopes: np.ndarray | None = None,
-    tool_sd: float = 0.0,
-    strict: bool = True,
-) -> tuple[States, np.ndarray]:
+def locate(name: str, rows: Rows, strict: bool = True) -> tuple[States, np.ndarray]:
     """The most probable position of a target by its rows, and the rows that were used, (C,) of 0 and 1.
 
     Parameters
     ----------
     name : str
         Of the target.
-    kind : Kind
-        Of C rows.
-    p : np.ndarray, shape (3, C)
-        Ball centres, m.
-    sigma : np.ndarray, shape (rows, C)
-        Standard uncertainties of the residuals, m.
-    tool_slopes : np.ndarray, shape (1, 3, 3, C), optional
-    tool_sd : float
-        As for `search`.
+    rows : Rows
     strict : bool
         Refuse a target with another position that is nearly as probable.
 
@@ -244,20 +238,20 @@ def locate(
     AmbiguousPositionError
         If another position explains the rows equally well.
     """
-    begin = starts(kind, p)
-    every = np.broadcast_to(p, (len(begin), *p.shape))
+    kind = rows.kind
+    begin = starts(kind, rows.p)
 
     def best(keep: np.ndarray) -> tuple[States, States]:
-        found = search(kind, every, keep / sigma, None, tool_slopes, tool_sd, begin, RIVAL)
+        found = search(rows, begin, keep, RIVAL)
         further = 1 + np.flatnonzero(_plausible(kind, found.some([0]), begin[1:]))
         found = found.some(np.append(0, further))
         return found, found.some([int(np.nanargmin(found.cost))])
 
-    keep = np.ones(p.shape[1])
+    keep = np.ones(rows.p.shape[1])
     found, chosen = best(keep)
-    chi2 = _chi2(kind, chosen, p, sigma, tool_slopes)
+    chi2 = rows.chi2(chosen)
     if chi2.max(initial=0.0) > SUSPICIOUS**2 * kind.rows * max(scale(chi2, kind.rows), 1.0) ** 2:
-        keep = robust_rows(kind, p, sigma, tool_slopes, tool_sd, chosen.x)
+        keep = robust_rows(rows, chosen.x)
         found, chosen = best(keep)
     _check(name, found, chosen, kind, strict)
     return chosen, keep
@@ -316,33 +310,16 @@ def _check(name: str, found: States, chosen: States, kind: Kind, strict: bool) -
         )
 
 
-def _chi2(
-    kind: Kind, at: States, p: np.ndarray, sigma: np.ndarray, tool_slopes: np.ndarray | None
-) -> np.ndarray:
-    """Chi-square (C,) of each row's residuals over their standard uncertainty."""
-    q = p if tool_slopes is None else p + np.tensordot(at.tool[0], tool_slopes[0], 1)
-    return np.sum((kind.residual(at.x, q[None])[0] / sigma) ** 2, axis=0)
-
-
-def robust_rows(
-    kind: Kind,
-    p: np.ndarray,
-    sigma: np.ndarray,
-    tool_slopes: np.ndarray | None = None,
-    tool_sd: float = 0.0,
-    start: np.ndarray | None = None,
-) -> np.ndarray:
+def robust_rows(rows: Rows, start: np.ndarray) -> np.ndarray:
     """Rows that are used to locate a target, (C,) of 0 and 1: those that are no outliers of a Student t fit.
 
-    p of shape (3, C), sigma (rows, C), tool_slopes (1, 3, 3, C) and start as for `search`. A scatter above
-    the stated one is estimated by the median.
+    `start` (1, size) as for `search`. A scatter above the stated one is estimated by the median.
     """
-    weight = np.ones(p.shape[-1])
-    unknowns = int(np.sum(kind.sd > 0)) + (0 if tool_slopes is None else 3)
+    kind, weight = rows.kind, np.ones(rows.p.shape[-1])
+    unknowns = int(np.sum(kind.sd > 0)) + len(rows.shifts)
     for _ in range(8):
-        at = search(kind, p[None], np.sqrt(weight) / sigma, None, tool_slopes, tool_sd, start)
-        start = at.x
-        chi2 = _chi2(kind, at, p, sigma, tool_slopes)
+        at = search(rows, start, np.sqrt(weight))
+        start, chi2 = at.x, rows.chi2(at)
         size = max(scale(chi2, kind.rows, unknowns), 1.0)
         weight = student_weights(chi2, kind.rows, size)
     return 1.0 - rejected(chi2, kind.rows, size)

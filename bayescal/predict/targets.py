@@ -20,7 +20,7 @@ from bayescal.estimate import Estimate, linearise, unit_weights
 from bayescal.estimate.solver import factored, solved
 from bayescal.model import ARM, Block, Model, with_parameters
 from bayescal.model.scene import Scene
-from bayescal.predict.locate import AmbiguousPositionError, locate
+from bayescal.predict.locate import NO_SHIFTS, AmbiguousPositionError, Rows, locate
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +33,7 @@ class LocatedTarget:
 
     block: Block  # of the rows that located it
     z: np.ndarray  # (size,)
-    tool: np.ndarray  # (3,) m, shift of the tool's centre
+    tool: np.ndarray  # (3,) m, shift of the tool's centre, where it is unknown
     tool_sd: float  # m, its prior; 0 where the tool is known
     noise: np.ndarray  # (R,) m, of the residuals
     gain: np.ndarray  # (m, R) 1/m, by an error of each residual
@@ -96,8 +96,9 @@ def located_target(
     values = model.deviations(estimate.z[model.slices[ARM]])
     p, kind = block.motion.points(values), block.touched(values)
     noise = noise_of(estimate, block, np.zeros(block.size))
-    slopes = by_tool(block, values, p)[None] if tool_sd else None
-    at, keep = locate(block.target, kind, p, noise.reshape(kind.rows, -1), slopes, tool_sd, strict)
+    shifts = by_tool(block, values, p) if tool_sd else NO_SHIFTS
+    rows = Rows(kind, p, noise.reshape(kind.rows, -1), shifts, tool_sd)
+    at, keep = locate(block.target, rows, strict)
     z, tool = at.x[0, block.free] / block.sd, at.tool[0]
     block = carrying(block, tool) if tool_sd else block
     return linearised_target(estimate, block, z, noise, np.tile(keep, kind.rows), tool, tool_sd)

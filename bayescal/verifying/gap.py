@@ -17,7 +17,7 @@ from bayescal.fitted.arm import FittedArm, Origin, of_estimate
 from bayescal.model import Block
 from bayescal.model.scene import Scene
 from bayescal.predict.errors import USUAL
-from bayescal.predict.locate import locate
+from bayescal.predict.locate import Rows, locate
 from bayescal.predict.targets import centre_of, certified_diameters, unknown_tool, with_diameter
 from bayescal.storage.reading import read_json
 from bayescal.verifying.levels import File, Machine, replayed
@@ -110,7 +110,8 @@ def measured(arm: FittedArm, rows: np.ndarray, points: np.ndarray, noise: Mappin
 def _located(block: Block, arm: FittedArm, p: np.ndarray, noise: float) -> np.ndarray:
     """State of a target by its own rows, from TCP positions (3, C), m."""
     kind = block.touched(arm.values)
-    estimate, _ = locate(block.target, kind, p, np.tile(noise * block.sigma, (kind.rows, 1)), strict=False)
+    rows = Rows(kind, p, np.tile(noise * block.sigma, (kind.rows, 1)))
+    estimate, _ = locate(block.target, rows, strict=False)
     return np.asarray(estimate.x[0])
 
 

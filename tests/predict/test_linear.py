@@ -13,7 +13,7 @@ from bayescal.model.scene import Scene
 from bayescal.posterior import gaussian
 from bayescal.predict import validate
 from bayescal.predict.crossvalidation import validation_errors
-from bayescal.predict.locate import search
+from bayescal.predict.locate import Rows, search
 from bayescal.predict.targets import prepared
 
 DRAWS = 1500
@@ -35,7 +35,13 @@ def relocated(found, t, draws, rng, excess=0.0):
     p = block.motion.points(values) + excess * rng.standard_normal((count, 3, 1))
     scale = (draws.kappa / found.weights.scale["contact"])[:, :, None]
     noise = scale * t.noise * rng.standard_normal((count, 1, len(t.noise)))
-    at = search(block.touched(values[0]), p, 1.0 / t.noise[None], noise, start=t.state)
+    away = p - t.centre[:, None]
+    rows = Rows(
+        block.touched(values[0]),
+        p - noise * away / np.linalg.norm(away, axis=1, keepdims=True),
+        t.noise[None],
+    )
+    at = search(rows, np.tile(t.state, (count, 1)))
     assert np.all(at.left < 0.01)
     return block.kind.centre + at.x[:, :3]
 

@@ -28,7 +28,7 @@ from bayescal.predict.crossvalidation import (
     validation_errors,
 )
 from bayescal.predict.errors import CentreDistances
-from bayescal.predict.locate import States, _check, locate, robust_rows, search
+from bayescal.predict.locate import Rows, States, _check, locate, robust_rows, search
 from bayescal.predict.targets import unknown_tool
 from factors.cylinder import Cylinder
 from factors.distance import Distance
@@ -54,9 +54,9 @@ def test_sphere_is_found_with_the_spread_that_it_has():
     sigma, errors, spreads = 5e-6, [], []
     for _ in range(60):
         true, p = contacts(rng, 12, sigma)
-        at = search(kind, p[None], np.full((1, 12), 1 / sigma))
-        noise = sigma * rng.standard_normal((400, 1, 12))
-        drawn = search(kind, np.broadcast_to(p, (400, 3, 12)), np.full((1, 12), 1 / sigma), noise=noise)
+        at = search(Rows(kind, p, np.full((1, 12), sigma)), np.zeros((1, 4)))
+        noise = sigma * rng.standard_normal((400, 1, 12)) * (p - CENTRE[:, None]) / (DIAMETER / 2 + RADIUS)
+        drawn = search(Rows(kind, p - noise, np.full((1, 12), sigma)), np.zeros((400, 4)))
         errors.append(at.x[0, :3] - (true - CENTRE))
         spreads.append(drawn.x[:, :3].std(axis=0))
     z = np.array(errors) / np.array(spreads)
@@ -66,11 +66,11 @@ def test_sphere_is_found_with_the_spread_that_it_has():
 def test_certified_diameter_sharpens_the_centre():
     rng = np.random.default_rng(1)
     _, p = contacts(rng, 12, 5e-6)
-    noise = 5e-6 * rng.standard_normal((500, 1, 12))
+    noise = 5e-6 * rng.standard_normal((500, 1, 12)) * (p - CENTRE[:, None]) / (DIAMETER / 2 + RADIUS)
     spread = {}
     for u in (1e-3, 1e-6):
         kind = Sphere(CENTRE, DIAMETER, np.full(12, RADIUS), np.array([0.05, 0.05, 0.05, u]))
-        drawn = search(kind, np.broadcast_to(p, (500, 3, 12)), np.full((1, 12), 2e5), noise=noise)
+        drawn = search(Rows(kind, p - noise, np.full((1, 12), 5e-6)), np.zeros((500, 4)))
         spread[u] = drawn.x[:, 2].std()
     assert spread[1e-6] < 0.7 * spread[1e-3]
 
@@ -87,8 +87,8 @@ def test_instrument_and_reflector_are_found_together():
     actual = flange + turns @ (nominal_tool + shift)
     xyz = (actual - true[:3, 3]) @ true[:3, :3]
     kind = Instrument(nominal, np.array([0.4, 0, 0.3]), xyz, np.array([0.2] * 3 + [0.05] * 3))
-    slopes = np.moveaxis(turns, 0, -1).swapaxes(0, 1)[None]  # (1, tool axis, xyz, C)
-    found = search(kind, p[None], np.full((3, count), 1e5), tool_slopes=slopes, tool_sd=5e-3)
+    shifts = np.moveaxis(turns, 0, -1).swapaxes(0, 1)  # (tool axis, xyz, C)
+    found = search(Rows(kind, p, np.full((3, count), 1e-5), shifts, tool_sd=5e-3), np.zeros((1, 6)))
     np.testing.assert_allclose(found.tool[0], shift, atol=2e-8)
     np.testing.assert_allclose(kind.describe(found.x[0])["frame"], true, atol=2e-7)
 
@@ -97,9 +97,9 @@ def test_a_slipped_contact_does_not_help_to_find():
     rng = np.random.default_rng(3)
     kind = Sphere(CENTRE, DIAMETER, np.full(12, RADIUS), np.array([0.05, 0.05, 0.05, 1e-3]))
     _, p = contacts(rng, 12, 5e-6)
-    clean = robust_rows(kind, p, np.full((1, 12), 5e-6))
+    clean = robust_rows(Rows(kind, p, np.full((1, 12), 5e-6)), np.zeros((1, 4)))
     p[:, 4] += 0.4e-3 * (p[:, 4] - CENTRE) / np.linalg.norm(p[:, 4] - CENTRE)
-    kept = robust_rows(kind, p, np.full((1, 12), 5e-6))
+    kept = robust_rows(Rows(kind, p, np.full((1, 12), 5e-6)), np.zeros((1, 4)))
     assert clean.sum() >= 11
     assert kept[4] == 0.0
     assert kept.sum() >= 10
@@ -107,7 +107,7 @@ def test_a_slipped_contact_does_not_help_to_find():
 
 def test_known_target_stays_where_it_is():
     kind = FixedPoint(CENTRE, np.zeros(3))
-    found = search(kind, np.ones((2, 3, 5)), np.ones((3, 5)))
+    found = search(Rows(kind, np.ones((2, 3, 5)), np.ones((3, 5))), np.zeros((2, 3)))
     assert np.all(found.x == 0.0)
 
 
@@ -182,7 +182,7 @@ def test_any_start_leads_to_the_same_place(seed):
     rng = np.random.default_rng(seed)
     stated = TRUE + 0.05 * rng.uniform(-1, 1, 3)
     kind = Sphere(stated, LOCATE_STARTS_DIAMETER, np.full(11, LOCATE_STARTS_RADIUS), LOOSE)
-    at, keep = locate("ball", kind, touched(from_above(rng), SIGMA, rng), np.full((1, 11), SIGMA))
+    at, keep = locate("ball", Rows(kind, touched(from_above(rng), SIGMA, rng), np.full((1, 11), SIGMA)))
     assert keep.sum() >= 10
     sd = LOOSE * np.sqrt(np.diag(np.linalg.inv(at.information[0])))
     assert np.all(np.abs(stated + at.x[0, :3] - TRUE) < 5 * sd[:3])
@@ -198,14 +198,14 @@ def test_two_mirrored_places_are_refused_by_name():
     sharp = np.append(LOOSE[:3], 1e-6)
     kind = Sphere(stated, LOCATE_STARTS_DIAMETER, np.full(12, LOCATE_STARTS_RADIUS), sharp)
     with pytest.raises(BayescalError, match=r"ball\.A@1.* two places .*u_mm"):
-        locate("ball.A@1", kind, p, np.full((1, 12), SIGMA))
+        locate("ball.A@1", Rows(kind, p, np.full((1, 12), SIGMA)))
     # a model level that only serves for comparison takes one of the two
-    at, _ = locate("ball.A@1", kind, p, np.full((1, 12), SIGMA), strict=False)
+    at, _ = locate("ball.A@1", Rows(kind, p, np.full((1, 12), SIGMA)), strict=False)
     assert np.linalg.norm(stated + at.x[0, :3] - TRUE) == pytest.approx(2 * height, abs=1e-5) or np.allclose(
         stated + at.x[0, :3], TRUE, atol=1e-5
     )
     near = replace(kind, centre=np.add(TRUE, [0, 0, 2e-3]), sd=np.array([2e-3, 2e-3, 2e-3, 1e-6]))
-    at, _ = locate("ball.A@1", near, p, np.full((1, 12), SIGMA))
+    at, _ = locate("ball.A@1", Rows(near, p, np.full((1, 12), SIGMA)))
     np.testing.assert_allclose(near.centre + at.x[0, :3], TRUE, atol=1e-5)
 
 
@@ -215,7 +215,7 @@ def test_what_does_not_converge_is_refused_by_name(monkeypatch):
     monkeypatch.setattr("bayescal.predict.locate.ITERATIONS", 1)
     monkeypatch.setattr("bayescal.predict.locate.starts", lambda kind, p: np.zeros((1, 4)))
     with pytest.raises(BayescalError, match=r"target ball\.B@2 .*did not reach an optimum.*; state its pos"):
-        locate("ball.B@2", kind, touched(from_above(rng)), np.full((1, 11), SIGMA))
+        locate("ball.B@2", Rows(kind, touched(from_above(rng)), np.full((1, 11), SIGMA)))
 
 
 def test_a_slip_and_a_wrong_place_at_once():
@@ -225,7 +225,7 @@ def test_a_slip_and_a_wrong_place_at_once():
     kind = Sphere(
         np.add(TRUE, [0.03, 0, 0.02]), LOCATE_STARTS_DIAMETER, np.full(11, LOCATE_STARTS_RADIUS), LOOSE
     )
-    at, keep = locate("ball", kind, p, np.full((1, 11), SIGMA))
+    at, keep = locate("ball", Rows(kind, p, np.full((1, 11), SIGMA)))
     assert keep[4] == 0.0
     assert np.linalg.norm(kind.centre + at.x[0, :3] - TRUE) < 0.1e-3
 
@@ -238,7 +238,7 @@ def test_an_instrument_stated_with_its_axes_turned():
     p = np.array([0.4, 0, 0.3]) + rng.uniform(-0.2, 0.2, (12, 3))
     xyz = (p - true[:3, 3]) @ true[:3, :3]
     kind = Instrument(nominal, p.mean(axis=0), xyz, np.array([0.2] * 3 + [0.05] * 3))
-    at, keep = locate("tracker", kind, p.T, np.full((3, 12), 1e-5))
+    at, keep = locate("tracker", Rows(kind, p.T, np.full((3, 12), 1e-5)))
     assert keep.all()
     np.testing.assert_allclose(kind.describe(at.x[0])["frame"], true, atol=1e-5)
 
@@ -249,7 +249,7 @@ def test_a_ball_bar_and_a_pin_stated_far_off():
     u /= np.linalg.norm(u, axis=0)
     u[2] = np.abs(u[2])
     bar = Distance(np.add(TRUE, [0.04, -0.03, 0.02]), np.full(20, 0.3), np.full(3, 0.05))
-    at, _ = locate("bar", bar, TRUE[:, None] + 0.3 * u, np.full((1, 20), SIGMA))
+    at, _ = locate("bar", Rows(bar, TRUE[:, None] + 0.3 * u, np.full((1, 20), SIGMA)))
     np.testing.assert_allclose(bar.centre + at.x[0], TRUE, atol=1e-6)
     turn, height = rng.uniform(-2, 2, 20), rng.uniform(-0.03, 0.03, 20)
     p = TRUE[:, None] + np.stack([13e-3 * np.cos(turn), 13e-3 * np.sin(turn), height])
@@ -257,7 +257,7 @@ def test_a_ball_bar_and_a_pin_stated_far_off():
     pin = Cylinder(
         np.add(TRUE, [0.03, 0.02, 0]), np.array([0, 0, 1.0]), 20e-3, np.full(20, LOCATE_STARTS_RADIUS), sd
     )
-    at, _ = locate("pin", pin, p, np.full((1, 20), SIGMA))
+    at, _ = locate("pin", Rows(pin, p, np.full((1, 20), SIGMA)))
     np.testing.assert_allclose(pin.describe(at.x[0])["point"][:2], TRUE[:2], atol=1e-5)
 
 
@@ -271,12 +271,8 @@ def test_a_closely_stated_place_has_no_rivals(monkeypatch):
 
     monkeypatch.setattr("bayescal.predict.locate._check", check)
     for prior in (np.full(4, 1e-4), LOOSE):
-        at, _ = locate(
-            "ball",
-            Sphere(TRUE + 5e-5, LOCATE_STARTS_DIAMETER, np.full(11, LOCATE_STARTS_RADIUS), prior),
-            p,
-            sigma,
-        )
+        kind = Sphere(TRUE + 5e-5, LOCATE_STARTS_DIAMETER, np.full(11, LOCATE_STARTS_RADIUS), prior)
+        at, _ = locate("ball", Rows(kind, p, sigma))
         assert np.linalg.norm(TRUE + 5e-5 + at.x[0, :3] - TRUE) < 0.1e-3
     assert counted[0] == 1 < counted[1]
 

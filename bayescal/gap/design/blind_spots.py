@@ -22,7 +22,7 @@ from bayescal.gap.search.candidates import Candidates
 from bayescal.gap.settings import DESIGN
 from bayescal.model import ARM, Block, Model
 from bayescal.model.scene import Scene
-from bayescal.predict.locate import locate
+from bayescal.predict.locate import Rows, locate
 from bayescal.predict.targets import centre_of, certified_diameters, with_diameter
 
 Places = Mapping[int, np.ndarray]
@@ -218,7 +218,7 @@ def located(
     if target in places:
         return block, places[target]
     sigma = np.tile(block.sigma, (block.kind.rows, 1))
-    location, _ = locate(block.target, block.kind, block.motion.points(values), sigma)
+    location, _ = locate(block.target, Rows(block.kind, block.motion.points(values), sigma))
     return block, location.x[0, block.free] / block.sd
 
 
