@@ -7,6 +7,7 @@ import numpy as np
 from analysis.benchmarks.clock import dgemm, fastest
 from analysis.benchmarks.flops import kernel_flops
 from analysis.benchmarks.problem import Problem
+from analysis.benchmarks.reference import points_reference
 
 WALKERS = 64
 
@@ -30,7 +31,7 @@ def measure(problem: Problem) -> dict[str, float]:
             "many": (20, lambda: motion.points(many)),
             "value": (2000, lambda: motion.points(values)),
             "columns": (1000, lambda: motion.columns(values, p, u)),
-            "numpy": (5, lambda: motion.points_reference(values)),
+            "numpy": (5, lambda: points_reference(motion, values)),
         },
         rounds=15,
     )

@@ -14,6 +14,7 @@ from scipy.optimize import least_squares
 
 from analysis.benchmarks.clock import fastest
 from analysis.benchmarks.problem import Problem
+from analysis.benchmarks.reference import points_reference
 from analysis.benchmarks.walls import contact_residuals, place, tie_residuals
 from bayescal.estimate import solve
 
@@ -25,7 +26,7 @@ def residual_function(problem: Problem) -> Callable[[np.ndarray], np.ndarray]:
     model, walls, motion = problem.model, problem.walls(problem.sigma), problem.motion
 
     def residuals(z: np.ndarray) -> np.ndarray:
-        p = motion.points_reference(model.deviations(z[: motion.size]))
+        p = points_reference(motion, model.deviations(z[: motion.size]))
         normal, shift = place(np, walls, problem.faces_of(z))
         contacts = contact_residuals(np, walls, normal, shift, p)
         return np.concatenate([contacts, tie_residuals(np, walls, normal, shift), z])

@@ -13,7 +13,6 @@ from functools import cached_property
 
 import numpy as np
 
-from bayescal.arm import chain as reference
 from bayescal.arm.chain import Chain, Robot, chain_of, frames, link_angles
 from bayescal.arm.transforms import AXES, cross
 
@@ -39,7 +38,7 @@ class Term:
     driver: np.ndarray | float = 1.0
 
 
-def _padded(rows: np.ndarray, fill: np.ndarray | None = None) -> np.ndarray:
+def _padded(rows: np.ndarray) -> np.ndarray:
     """Rows (R, C) padded with the last column to a multiple of the kernel's width."""
     from bayescal.arm import kernel  # compiled: whoever only reads about effects need not load it
 
@@ -211,19 +210,6 @@ class Motion:
         for parameter, term in self.terms:
             if np.any(values[..., parameter]):  # memory that stays zero is not taken from the system
                 out[..., term.frame, AXES.index(term.axis)] += values[..., parameter, None] * term.driver
-        return out
-
-    def points_reference(self, values: np.ndarray) -> np.ndarray:
-        """`points` by the NumPy reference."""
-        delta = self.displacements(values)
-        return np.swapaxes(reference.points(self.chain, self.q, self.tool, delta), -1, -2)
-
-    def columns_reference(self, values: np.ndarray, u: np.ndarray) -> np.ndarray:
-        """`columns` by the NumPy reference."""
-        wrench = reference.wrenches(self.chain, self.q, self.tool, self.displacements(values), u.T)
-        out = np.zeros((self.size, self.count))
-        for parameter, term in self.terms:
-            out[parameter] += wrench[:, term.frame, AXES.index(term.axis)] * term.driver
         return out
 
 

@@ -88,27 +88,9 @@ class Box:
         return float(self.pose[:3, 3] @ up - np.abs(self.pose[:3, :3].T @ up) @ self.half)
 
 
-@dataclass(frozen=True)
-class Ball:
+def ball(centre: np.ndarray, radius: float) -> Capsule:
     """A ball by its centre (3,), m in F0, and its radius, m."""
-
-    centre: np.ndarray
-    radius: float
-
-    kind: ClassVar[int] = BALLS
-
-    def distance(self, points: np.ndarray) -> np.ndarray:
-        """Signed distances (...) of points (..., 3) in F0, m."""
-        return length(points - self.centre) - self.radius
-
-    @property
-    def numbers(self) -> Numbers:
-        """Centre, twice, and radius."""
-        return np.array([*self.centre, *self.centre, self.radius], float), NO_PLANES
-
-    def lowest(self, up: np.ndarray) -> float:
-        """Height of the lowest point along the unit vector `up` (3,), m."""
-        return float(self.centre @ up) - self.radius
+    return Capsule(FIXED, centre, centre, radius)
 
 
 @dataclass(frozen=True)
@@ -213,4 +195,4 @@ class Hull:
         return float((self.points @ up).min())
 
 
-Shape = Capsule | Box | Ball | HalfSpace | Cylinder | Hull
+Shape = Capsule | Box | HalfSpace | Cylinder | Hull

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from bayescal.arm.shapes import FIXED, Ball, Box, Capsule, Shape
+from bayescal.arm.shapes import FIXED, Box, Capsule, Shape, ball
 from bayescal.arm.transforms import cone, cross
 from bayescal.dataset.types import Patch, Target
 
@@ -178,7 +178,7 @@ def _in_cap(region: Region, count: int, rng: np.random.Generator) -> np.ndarray:
 
 def stemmed(centre: np.ndarray, diameter: float, up: np.ndarray) -> tuple[Shape, ...]:
     """A sphere on a stem: centre (3,) and diameter in m, `up` (3,) the unit vector opposite to the stem."""
-    return Ball(centre, 0.5 * diameter), Capsule(FIXED, centre, centre - STEM * up, STEM_RADIUS * diameter)
+    return ball(centre, 0.5 * diameter), Capsule(FIXED, centre, centre - STEM * up, STEM_RADIUS * diameter)
 
 
 def sphere(target: Target, region: Region) -> tuple[Shape, ...]:

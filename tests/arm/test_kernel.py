@@ -12,6 +12,7 @@ from numba import njit
 from numba.core import caching
 from test_pinocchio import robots
 
+from analysis.benchmarks.reference import columns_reference, points_reference
 from bayescal.arm.chain import chain_of, frames, link_angles, points, wrenches
 from bayescal.arm.kernel import MAX_ANGLE, WIDTH, _cos, _sin
 from bayescal.arm.motion import CERTIFICATE, CONTACT, Motion, Term
@@ -99,13 +100,13 @@ def test_points_and_columns(lrmate, program, count):
     walkers = 5e-3 * rng.standard_normal((3, motion.size))
     p = motion.points(walkers)
     assert p.shape == (3, 3, count)
-    np.testing.assert_allclose(p, motion.points_reference(walkers), atol=1e-12, rtol=0)
+    np.testing.assert_allclose(p, points_reference(motion, walkers), atol=1e-12, rtol=0)
     for values in walkers:
         at = motion.points(values)
         u = rng.standard_normal((3, count))
         found = motion.columns(values, at, u)
         assert found.shape == (motion.size, count)
-        np.testing.assert_allclose(found, motion.columns_reference(values, u), atol=1e-12, rtol=0)
+        np.testing.assert_allclose(found, columns_reference(motion, values, u), atol=1e-12, rtol=0)
 
 
 @pytest.mark.parametrize("program", PROGRAMS)
@@ -114,10 +115,10 @@ def test_seven_joints_any_table(program, convention):
     robot = _seven(convention)
     motion, rng = motion_of(robot, program, 60)
     values = 5e-3 * rng.standard_normal((2, 2, motion.size))
-    np.testing.assert_allclose(motion.points(values), motion.points_reference(values), atol=1e-12, rtol=0)
+    np.testing.assert_allclose(motion.points(values), points_reference(motion, values), atol=1e-12, rtol=0)
     u = rng.standard_normal((3, 60))
     found = motion.columns(values[0, 0], motion.points(values[0, 0]), u)
-    np.testing.assert_allclose(found, motion.columns_reference(values[0, 0], u), atol=1e-12, rtol=0)
+    np.testing.assert_allclose(found, columns_reference(motion, values[0, 0], u), atol=1e-12, rtol=0)
 
 
 def _seven(convention):
@@ -173,11 +174,11 @@ def test_largest_angle(lrmate, frame, axis):
         chain_of(lrmate), rng.uniform(-3, 3, (count, 6)), np.tile([0.06, 0, 0.12], (count, 1)), terms, 2
     )
     values = np.array([MAX_ANGLE, 0.01])
-    off = motion.points(values) - motion.points_reference(values)
+    off = motion.points(values) - points_reference(motion, values)
     assert np.max(np.abs(off)) < 2e-13
     u = rng.standard_normal((3, count))
     found = motion.columns(values, motion.points(values), u)
-    np.testing.assert_allclose(found, motion.columns_reference(values, u), atol=1e-12)
+    np.testing.assert_allclose(found, columns_reference(motion, values, u), atol=1e-12)
 
 
 def test_constant_angles_have_no_bound(lrmate):
@@ -185,7 +186,7 @@ def test_constant_angles_have_no_bound(lrmate):
     terms = list(enumerate([Term(f, axis) for f in range(1, 7) for axis in ("rz", "rx", "ry")]))
     motion = Motion(chain_of(lrmate), np.zeros((2, 6)), np.tile([0.06, 0, 0.12], (2, 1)), terms, len(terms))
     values = np.full(len(terms), 0.7)
-    np.testing.assert_allclose(motion.points(values), motion.points_reference(values), atol=1e-14)
+    np.testing.assert_allclose(motion.points(values), points_reference(motion, values), atol=1e-14)
 
 
 def test_columns_beside_many_walkers(lrmate):

@@ -11,6 +11,7 @@ import pinocchio as pin
 import pytest
 from export_arms import fake, robot_of, session_of, with_robot
 
+from analysis.benchmarks.reference import points_reference
 from bayescal import effects
 from bayescal.arm.chain import chain_of, link_angles, points
 from bayescal.arm.statics import Stance, gravity_loads
@@ -334,7 +335,7 @@ def test_rows_move_as_the_model(cube, convention, tied):
         if p.effect == "tool":
             tool["xyz".index(p.name[-1])] += value
     rows = np.arange(len(scene.q))
-    expected = model.motion(rows).points_reference(values).T
+    expected = points_reference(model.motion(rows), values).T
     q = link_angles(robot, session.measurements.readings)
     np.testing.assert_allclose(points(chain_of(robot), q, tool), expected, atol=1e-12)
 
@@ -362,9 +363,9 @@ def test_scales_go_along(cube, effect, coupling):
         own = [k for k, p in enumerate(model.parameters) if p.name == f"encoder-scale J{j}"]
         z[own] = 3.0 * rng.standard_normal()
         robot = calibrated_robot(model, model.deviations(z[model.slices[ARM]]))
-        expected = (
-            model.motion(np.arange(len(scene.q))).points_reference(model.deviations(z[model.slices[ARM]])).T
-        )
+        expected = points_reference(
+            model.motion(np.arange(len(scene.q))), model.deviations(z[model.slices[ARM]])
+        ).T
         q = link_angles(robot, session.measurements.readings)
         np.testing.assert_allclose(points(chain_of(robot), q, scene.tools), expected, atol=1e-12)
         assert np.max(np.abs(expected - scene.points)) > 1e-6

@@ -7,7 +7,7 @@ import pytest
 from cases import EXAMPLE, file_text
 
 from bayescal.arm.motion import NominalArm
-from bayescal.arm.shapes import FIXED, Ball, Box, Capsule, HalfSpace
+from bayescal.arm.shapes import FIXED, Box, Capsule, HalfSpace, ball
 from bayescal.arm.transforms import rigid, rpy_matrix
 from bayescal.dataset import Tool, read_dataset
 from bayescal.errors import BayescalError
@@ -52,8 +52,8 @@ def test_plain_hits_and_misses():
     assert why(mate(cube(0.4, 0.5, 0.375)), ZERO) == ""
     assert why(mate(cube(0.075, 0.1143 + 0.05, 0.25)), ZERO) == "link 2 and cube"  # nearer than its radius
     assert why(mate(cube(0.075, 0.1143 + 0.08, 0.0)), ZERO) == ""
-    ball = Solid("ball", (Ball(np.array([0.3, 0.06, 0.375]), 0.0254),))
-    assert why(mate(ball), ZERO) == "link 3 and ball"
+    solid = Solid("ball", (ball(np.array([0.3, 0.06, 0.375]), 0.0254),))
+    assert why(mate(solid), ZERO) == "link 3 and ball"
 
 
 def test_an_arm_that_folds_onto_itself():
@@ -149,7 +149,7 @@ def test_spheres_of_another_placement_are_not_there(session):
     assert np.all(
         alone.distances(readings[rows], touched[rows]) <= clearance.distances(readings[rows], touched[rows])
     )
-    late = Solid("late", (Ball(clearance.arm.ball(clearance.arm.frames(readings[:1]))[0], 0.1),), "2")
+    late = Solid("late", (ball(clearance.arm.ball(clearance.arm.frames(readings[:1]))[0], 0.1),), "2")
     assert clearance.among([late]).collides(readings[:1])[0] == 0
     assert clearance.among([replace(late, placement="")]).collides(readings[:1])[0] > 0
 
@@ -228,9 +228,9 @@ TURNED = Box(rigid(rpy_matrix(np.array([0, 0, np.pi / 4])), np.array([3.0, 0, 0]
         (ROD, CUBE, 1.4),  # along a face
         (capsule([2, 1, 0], [2, 1, 1], 0.1), CUBE, np.sqrt(1 + 0.25 + 0.25) - 0.1),  # end to corner
         (ROD, TURNED, 2 - np.sqrt(2) - 0.1),  # end to edge
-        (ROD, Ball(np.array([0.3, 0.4, 0]), 0.1), 0.2),
-        (ROD, Ball(np.array([1.3, 0.4, 0]), 0.1), 0.3),
-        (capsule([0, 0, 0], [0, 0, 0], 0.1), Ball(np.array([0.3, 0.4, 0]), 0.1), 0.3),  # a ball
+        (ROD, ball(np.array([0.3, 0.4, 0]), 0.1), 0.2),
+        (ROD, ball(np.array([1.3, 0.4, 0]), 0.1), 0.3),
+        (capsule([0, 0, 0], [0, 0, 0], 0.1), ball(np.array([0.3, 0.4, 0]), 0.1), 0.3),  # a ball
         (capsule([0, 0, 0.3], [0, 1, 0.9], 0.1), HalfSpace(np.array([0, 0, 1.0]), 0.05), 0.15),
         (capsule([0, 0, -0.3], [0, 1, 0.9], 0.1), HalfSpace(np.array([0, 0, 1.0]), 0.05), -0.45),
     ],
@@ -250,7 +250,7 @@ def test_distances_by_many_points(kind):
             "box": Box(
                 rigid(rpy_matrix(rng.uniform(-3, 3, 3)), rng.uniform(-1, 1, 3)), rng.uniform(0.1, 0.5, 3)
             ),
-            "ball": Ball(rng.uniform(-1, 1, 3), 0.2),
+            "ball": ball(rng.uniform(-1, 1, 3), 0.2),
             "capsule": capsule(*rng.uniform(-1, 1, (2, 3)), 0.1),
             "half space": HalfSpace(rpy_matrix(rng.uniform(-3, 3, 3))[0], -0.5),
         }[kind]

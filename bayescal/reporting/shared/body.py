@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from bayescal.arm import chain as reference
-from bayescal.arm.shapes import Ball, Box
+from bayescal.arm.shapes import Box, Capsule
 from bayescal.model.scene import Scene
 from bayescal.probing.scene import arm_capsules, scene_of
 from bayescal.reporting.shared.origin import plain
@@ -100,8 +100,8 @@ def _artefacts(scene: Scene) -> Iterator[dict[str, Any]]:
                 "axes": plain(np.round(shape.pose[:3, :3].T, 6)),
                 "half_mm": plain(np.round(MM * shape.half, 3)),
             }
-        elif isinstance(shape, Ball):
-            centre = plain(np.round(MM * shape.centre, 3))
+        elif isinstance(shape, Capsule) and not shape.length:  # a ball
+            centre = plain(np.round(MM * shape.a, 3))
             yield {"name": solid.name, "centre_mm": centre, "radius_mm": round(MM * shape.radius, 3)}
 
 
