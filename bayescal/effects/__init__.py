@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections import ChainMap
 from collections.abc import Mapping
 
-import numpy as np
-
 from bayescal.arm.motion import CERTIFICATE, CONTACT, TURN, Term
 from bayescal.effects.artefact import ARTEFACT
 from bayescal.effects.backlash import BACKLASH
@@ -30,7 +28,7 @@ from bayescal.effects.payload import PAYLOAD
 from bayescal.effects.plane_form import PLANE_FORM
 from bayescal.effects.registry import Vocabulary
 from bayescal.effects.second_harmonic import SECOND_HARMONIC
-from bayescal.effects.selection import Selection
+from bayescal.effects.selection import Selection, positive
 from bayescal.effects.sizes import Size
 from bayescal.effects.step import STEP
 from bayescal.effects.thermal_drift import THERMAL_DRIFT
@@ -199,7 +197,7 @@ def named(name: str) -> tuple[Effect, Setting]:
     if effect.scan is None:
         raise BayescalError(f"{plain} has no setting", f"--model {name}", f"say {plain}")
     wanted = f"give the {effect.scan.what}" + (f", or one of {forms}" if forms else "")
-    values = [_setting(text, name, wanted) for text in setting.split("/")]
+    values = [positive(text, f"--model {name}", wanted) for text in setting.split("/")]
     if len(values) == 1:
         return effect, values[0]
     if not effect.scan.by_site:
@@ -212,17 +210,6 @@ def named(name: str) -> tuple[Effect, Setting]:
             what, f"--model '{name}'", "name as many sites: gear-mesh@100/50 at joint 1 and joint 5"
         )
     return effect, tuple(zip(asked.sites, values, strict=True))
-
-
-def _setting(text: str, name: str, wanted: str) -> float:
-    """A setting of a scan from its text; `wanted` is what to give instead of a wrong one."""
-    try:
-        value = float(text)
-    except ValueError:
-        value = float("nan")
-    if not 0 < value < np.inf:
-        raise BayescalError(f"'{text}' is not a number above 0", f"--model {name}", wanted)
-    return value
 
 
 def names() -> tuple[str, ...]:

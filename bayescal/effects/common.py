@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -45,30 +46,30 @@ def turned(robot: Robot, joint: int, driver: np.ndarray, side: str) -> tuple[Ter
 SIDES = {LINK: "by the motion between its links", READING: "by the readings shown"}
 
 
-Sided = Callable[[Circumstances, str], list[Parameter]]
-
-
-def sides(make: Sided) -> tuple[Form, ...]:
+def sides(make: Callable[..., list[Parameter]]) -> tuple[Form, ...]:
     """Forms of an effect of encoders or gears: one for each side, made by `make(c, side)`."""
-    return tuple(Form(side, words, _on(make, side)) for side, words in SIDES.items())
+    return tuple(Form(side, words, partial(make, side=side)) for side, words in SIDES.items())
 
 
-def _on(make: Sided, side: str) -> Callable[[Circumstances], list[Parameter]]:
-    return lambda c: make(c, side)
+def waves(
+    c: Circumstances, label: str, orders: Sequence[Sequence[float]] | np.ndarray, sd: float
+) -> list[Parameter]:
+    """Sine and cosine of multiples of the link-relative angle of each joint, as errors of that angle.
 
-
-def waves(c: Circumstances, effect: str, joint: int, order: float, sd: float) -> list[Parameter]:
-    """Sine and cosine of `order` times the link-relative angle of `joint` (from 1) as errors of that angle.
-
-    `sd` is the prior standard deviation of each, rad.
+    `orders` (n, K) or (1, K) are the multiples, with which `label` is formatted; `sd` is the prior standard
+    deviation of each, rad.
     """
-    angle = order * c.q[:, joint - 1]
-    name = f"{effect} {c.robot.joint_names[joint - 1]}"
-    where = at(joint, Driver("angle", joint, order))
+    names = c.robot.joint_names
+    of_joint = np.broadcast_to(orders, (len(names), np.shape(orders)[1])).tolist()
     return [
-        Parameter(f"{name} {wave}", "rad", (Term(joint, "rz", driver),), sd, **where)
-        for wave, driver in (("sin", np.sin(angle)), ("cos", np.cos(angle)))
-    ]
+        Parameter(
+            f"{label.format(order)} {name} {wave}", "rad", (Term(j, "rz", shape(order * c.q[:, j - 1])),), sd,
+            **at(j, Driver("angle", j, order)),
+        )
+        for j, (name, every) in enumerate(zip(names, of_joint, strict=True), start=1)
+        for order in every
+        for wave, shape in (("sin", np.sin), ("cos", np.cos))
+    ]  # fmt: skip
 
 
 def at(joint: int, driver: Driver) -> Where:

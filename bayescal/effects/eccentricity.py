@@ -19,12 +19,11 @@ THIRD = 0.3  # of it
 
 
 def _parameters(c: Circumstances) -> list[Parameter]:
-    return [p for j in range(1, c.robot.n + 1) for p in waves(c, "eccentricity", j, 1, SD)]
+    return waves(c, "eccentricity", [[1.0]], SD)
 
 
 def _with_third(c: Circumstances) -> list[Parameter]:
-    third = (waves(c, "eccentricity third order", j, 3, THIRD * SD) for j in range(1, c.robot.n + 1))
-    return [*_parameters(c), *(p for own in third for p in own)]
+    return [*_parameters(c), *waves(c, "eccentricity third order", [[3.0]], THIRD * SD)]
 
 
 ECCENTRICITY = Effect(

@@ -22,25 +22,12 @@ RATIOS = np.arange(20.0, 201.0)  # of small arms; in steps of 1, the resolution 
 
 
 def _meshing(c: Circumstances, reductions: np.ndarray) -> list[Parameter]:
-    return [
-        p
-        for j, turns in enumerate(reductions, start=1)
-        for order in (float(turns), 2.0 * float(turns))
-        for p in waves(c, f"gear-mesh {order:g}", j, order, SD)
-    ]
+    return waves(c, "gear-mesh {:g}", np.multiply.outer(reductions, (1.0, 2.0)), SD)
 
 
 def _parameters(c: Circumstances) -> list[Parameter]:
     assert c.robot.reductions is not None
     return _meshing(c, c.robot.reductions)
-
-
-def _at(c: Circumstances, turns: float) -> list[Parameter]:
-    return _meshing(c, np.full(c.robot.n, turns))
-
-
-def _ratios(c: Circumstances) -> np.ndarray:
-    return RATIOS if c.robot.reductions is None else np.empty(0)
 
 
 def _missing(c: Circumstances) -> str:
@@ -56,8 +43,8 @@ GEAR_MESH = Effect(
     Scan(
         "motor revolutions per joint revolution",
         "{:g} motor revolutions per joint revolution",
-        _ratios,
-        _at,
+        lambda c: RATIOS if c.robot.reductions is None else np.empty(0),
+        lambda c, turns: _meshing(c, np.full(c.robot.n, turns)),
         by_site=True,
     ),
     sizes={"rad": WAVE},

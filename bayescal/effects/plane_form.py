@@ -14,6 +14,8 @@ degree 2; without it they would be taken for an error of a certified value.
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 from numpy.polynomial.legendre import legvander2d
 
@@ -65,10 +67,6 @@ def _parameters(c: Circumstances, further: tuple[int, ...] = ()) -> list[Paramet
     return out
 
 
-def _raised(c: Circumstances) -> list[Parameter]:
-    return _parameters(c, RAISED)
-
-
 def _missing(c: Circumstances) -> str:
     return "" if c.faces else "no plane is fitted"
 
@@ -78,7 +76,7 @@ PLANE_FORM = Effect(
     "a face is not flat",
     _parameters,
     _missing,
-    forms=(Form("raised", "raised or lowered in part", _raised, ODDS),),
+    forms=(Form("raised", "raised or lowered in part", partial(_parameters, further=RAISED), ODDS),),
     sizes={"m": Size("RMS form deviation", length)},
     phrase=("every face", "has a form error"),
     remedy=(

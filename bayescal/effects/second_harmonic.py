@@ -10,19 +10,15 @@ from __future__ import annotations
 
 from bayescal.effects.common import waves
 from bayescal.effects.sizes import WAVE
-from bayescal.effects.vocabulary import Circumstances, Effect, Parameter
+from bayescal.effects.vocabulary import Effect
 
 SD = 7e-5  # rad
-
-
-def _parameters(c: Circumstances) -> list[Parameter]:
-    return [p for j in range(1, c.robot.n + 1) for p in waves(c, "second-harmonic", j, 2, SD)]
 
 
 SECOND_HARMONIC = Effect(
     "second-harmonic",
     "error twice per revolution of joint k",
-    _parameters,
+    lambda c: waves(c, "second-harmonic", [[2.0]], SD),
     sizes={"rad": WAVE},
     phrase=("every joint", "has an error twice per revolution"),
     remedy=(

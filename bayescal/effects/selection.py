@@ -56,7 +56,8 @@ class Selection:
         part, setting = {key: text or "" for key, text in found.groupdict().items()}, found["setting"]
         sites = tuple(dict.fromkeys(Site.read(s) for s in part["sites"].split(" and ") if s))
         drivers = tuple(dict.fromkeys(d for d in part["driver"].split(" and ") if d))
-        factor = _factor(part["factor"], plain) if part["factor"] else None
+        where, example = f"--model '{plain}'", "give a factor on the prior, for example x2"
+        factor = positive(part["factor"], where, example) if part["factor"] else None
         return cls(part["effect"], setting, sites, drivers, bool(part["together"]), factor)
 
     @property
@@ -168,14 +169,14 @@ def in_proportion(effect: str, parameters: Sequence[Parameter]) -> list[Paramete
     ]  # fmt: skip
 
 
-def _factor(words: str, whole: str) -> float:
+def positive(words: str, where: str, remedy: str) -> float:
+    """A number above 0 from its text, or an error with its place and remedy."""
     try:
         value = float(words)
     except ValueError:
         value = float("nan")
     if not 0 < value < np.inf:
-        what = f"'{words}' is not a number above 0"
-        raise BayescalError(what, f"--model '{whole}'", "give a factor on the prior, for example x2")
+        raise BayescalError(f"'{words}' is not a number above 0", where, remedy)
     return value
 
 

@@ -41,14 +41,13 @@ def after(c: Circumstances, row: float) -> np.ndarray:
 
 def moments(c: Circumstances) -> np.ndarray:
     """Numbers (from 1) of rows that may be the first after a step, evenly spread over the fitted ones."""
-    return np.concatenate([_moments(one.fitted) for one in each(c)])
-
-
-def _moments(fitted: np.ndarray) -> np.ndarray:
-    count = len(fitted)
-    low = max(1, round(EDGE * count))
-    at = np.unique(np.linspace(low, count - low, ROWS).round().astype(int))
-    return fitted[at[(at > 0) & (at < count)]] + 1.0
+    out = []
+    for one in each(c):
+        count = len(one.fitted)
+        low = max(1, round(EDGE * count))
+        first = np.unique(np.linspace(low, count - low, ROWS).round().astype(int))
+        out.append(one.fitted[first[(first > 0) & (first < count)]] + 1.0)
+    return np.concatenate(out)
 
 
 def _at(c: Circumstances, row: float) -> list[Parameter]:

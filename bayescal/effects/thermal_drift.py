@@ -39,10 +39,14 @@ FASTEST = 400.0  # s: an arm does not warm up with a shorter time constant (assu
 
 
 def _clock(c: Circumstances) -> np.ndarray | None:
-    """Times (N,), s, limited to those of the fitted measurements: the drift after them is not known."""
-    if c.time is None or not len(c.fitted):
-        return c.time
-    return np.clip(c.time, np.min(c.time[c.fitted]), np.max(c.time[c.fitted]))
+    """Times (N,), s, limited to those of the fitted measurements: the drift after them is not known.
+
+    None if none are recorded, or they do not vary.
+    """
+    time = c.time
+    if time is not None and len(c.fitted):
+        time = np.clip(time, np.min(time[c.fitted]), np.max(time[c.fitted]))
+    return None if time is None or not np.ptp(time) > 0 else time
 
 
 def _order(c: Circumstances) -> np.ndarray | None:
@@ -99,18 +103,10 @@ def _scaled(values: np.ndarray) -> np.ndarray:
 
 def _warming(c: Circumstances, constant: float) -> list[Parameter]:
     """The drift of an arm that warms up with a time constant, s, in place of the recorded course."""
-    if all((time := _clock(one)) is None or not np.ptp(time) > 0 for one in each(c)):
+    if all(_clock(one) is None for one in each(c)):
         what = "a time constant needs time_s that varies"
         raise BayescalError(what, f"--model thermal-drift@{constant:g}", "say thermal-drift")
-    return apart(c, lambda one: _settling(one, constant))
-
-
-def _settling(c: Circumstances, constant: float) -> list[Parameter]:
-    time = _clock(c)
-    if time is None or not np.ptp(time) > 0:
-        return []
-    grown = 1.0 - np.exp(-(time - np.min(time)) / constant)
-    return _drifting(c, "time", 2.0 * grown / np.max(grown) - 1.0)
+    return _paused(c, constant)
 
 
 def heated(share: np.ndarray, begin: float, end: float, constant: float) -> np.ndarray:
@@ -128,12 +124,12 @@ def heated(share: np.ndarray, begin: float, end: float, constant: float) -> np.n
     return 1.0 + (cooled - 1.0) * np.exp(-np.maximum(share - end, 0.0) / constant)
 
 
-def _paused(c: Circumstances, begin: float, length: float, constant: float) -> list[Parameter]:
-    """The drift of an arm that cools for a while, in place of the recorded course; see `PAUSES`."""
+def _paused(c: Circumstances, constant: float, begin: float = 100.0, length: float = 0.0) -> list[Parameter]:
+    """The same of an arm that cools for a while; see `PAUSES`."""
 
     def one(c: Circumstances) -> list[Parameter]:
         time = _clock(c)
-        if time is None or not np.ptp(time) > 0:
+        if time is None:
             return []
         share = (time - np.min(time)) / np.ptp(time)
         at, until = begin / 100.0, (begin + length) / 100.0

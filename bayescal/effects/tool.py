@@ -16,33 +16,18 @@ LOOSE, LOOSE_ANGLE = 5e-3, 0.2  # m, rad: the contract's priors if none is state
 
 
 def _parameters(c: Circumstances) -> list[Parameter]:
-    out = []
-    for k in c.fitted_tools:
-        stated = c.tool_u[k]
-        sd = LOOSE if stated is None else stated
-        if sd == 0.0:
-            continue
+    """The point of each tool, and the rotation vector relative to its stated or first estimated orientation."""
+    end, out = c.chain.n + 1, list[Parameter]()
+    places = [(k, c.tool_u[k], LOOSE, "m", end, "t", c.tool_centres[k].tolist()) for k in c.fitted_tools]
+    turns = [(k, c.tool_u_angle[k], LOOSE_ANGLE, "rad", TURN, "r", [0.0] * 3) for k in c.turned_tools]
+    for k, stated, loose, unit, frame, kind, nominal in (*places, *turns):
+        sd = loose if stated is None else stated
         used = (c.tool == k).astype(float)
         driver = 1.0 if np.all(used) else used
-        for axis, name in enumerate("xyz"):
-            terms = (Term(c.chain.n + 1, f"t{name}", driver),)
-            label, nominal = f"{c.tool_names[k]} {name}", float(c.tool_centres[k, axis])
-            out.append(Parameter(label, "m", terms, sd, nominal, site=location.TOOL))
-    return [*out, *_turns(c)]
-
-
-def _turns(c: Circumstances) -> list[Parameter]:
-    """Rotation vector of each tool relative to its stated orientation, or else to a first estimate of it."""
-    out = []
-    for k in c.turned_tools:
-        stated = c.tool_u_angle[k]
-        sd = LOOSE_ANGLE if stated is None else stated
-        if sd == 0.0:
-            continue
-        used = (c.tool == k).astype(float)
-        for axis in ("rx", "ry", "rz"):
-            terms = (Term(TURN, axis, used),)
-            out.append(Parameter(f"{c.tool_names[k]} {axis}", "rad", terms, sd, site=location.TOOL))
+        for axis, value in zip("xyz", nominal, strict=True) if sd else ():
+            name = f"{c.tool_names[k]} {(kind + axis).removeprefix('t')}"
+            terms = (Term(frame, kind + axis, driver),)
+            out.append(Parameter(name, unit, terms, sd, value, site=location.TOOL))
     return out
 
 

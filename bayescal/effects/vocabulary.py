@@ -192,10 +192,6 @@ class Parameter:
         """Whether another parameter is equal, with equal drivers (arrays, which ``==`` does not compare)."""
         return replace(self, terms=()) == replace(other, terms=()) and same_terms(self.terms, other.terms)
 
-    def widened(self, factor: float) -> Parameter:
-        """The same parameter with a prior `factor` times as wide."""
-        return replace(self, sd=self.sd * factor)
-
 
 def same_terms(a: Sequence[Term], b: Sequence[Term]) -> bool:
     """Whether terms displace the same axes by the same drivers."""

@@ -9,7 +9,7 @@ Blocks whose residuals are lengths: contacts and points, not the orientations th
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -233,7 +233,9 @@ def build(scene: Scene, effects: tuple[str, ...], options: FitOptions = USUAL) -
     rows = _rows(scene)
     circumstances = scene.circumstances(rows)
     parameters = kept(parameters_of(effects, circumstances), options.without)
-    return with_parameters(scene, effects, tuple(p.widened(options.prior_width) for p in parameters))
+    return with_parameters(
+        scene, effects, tuple(replace(p, sd=p.sd * options.prior_width) for p in parameters)
+    )
 
 
 def with_parameters(scene: Scene, effects: tuple[str, ...], parameters: tuple[Parameter, ...]) -> Model:
