@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -51,9 +51,7 @@ def sides(make: Callable[..., list[Parameter]]) -> tuple[Form, ...]:
     return tuple(Form(side, words, partial(make, side=side)) for side, words in SIDES.items())
 
 
-def waves(
-    c: Circumstances, label: str, orders: Sequence[Sequence[float]] | np.ndarray, sd: float
-) -> list[Parameter]:
+def waves(c: Circumstances, label: str, orders: np.ndarray, sd: float) -> list[Parameter]:
     """Sine and cosine of multiples of the link-relative angle of each joint, as errors of that angle.
 
     `orders` (n, K) or (1, K) are the multiples, with which `label` is formatted; `sd` is the prior standard

@@ -10,6 +10,8 @@ Driver: sine and cosine of the link-relative angle. Prior: 0.1 mrad each, from a
 
 from __future__ import annotations
 
+import numpy as np
+
 from bayescal.effects.common import waves
 from bayescal.effects.sizes import WAVE
 from bayescal.effects.vocabulary import Circumstances, Effect, Form, Parameter
@@ -19,11 +21,11 @@ THIRD = 0.3  # of it
 
 
 def _parameters(c: Circumstances) -> list[Parameter]:
-    return waves(c, "eccentricity", [[1.0]], SD)
+    return waves(c, "eccentricity", np.array([[1.0]]), SD)
 
 
 def _with_third(c: Circumstances) -> list[Parameter]:
-    return [*_parameters(c), *waves(c, "eccentricity third order", [[3.0]], THIRD * SD)]
+    return [*_parameters(c), *waves(c, "eccentricity third order", np.array([[3.0]]), THIRD * SD)]
 
 
 ECCENTRICITY = Effect(

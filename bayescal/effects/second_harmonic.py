@@ -8,6 +8,8 @@ Driver: sine and cosine of twice the link-relative angle. Prior: 0.07 mrad each,
 
 from __future__ import annotations
 
+import numpy as np
+
 from bayescal.effects.common import waves
 from bayescal.effects.sizes import WAVE
 from bayescal.effects.vocabulary import Effect
@@ -18,7 +20,7 @@ SD = 7e-5  # rad
 SECOND_HARMONIC = Effect(
     "second-harmonic",
     "error twice per revolution of joint k",
-    lambda c: waves(c, "second-harmonic", [[2.0]], SD),
+    lambda c: waves(c, "second-harmonic", np.array([[2.0]]), SD),
     sizes={"rad": WAVE},
     phrase=("every joint", "has an error twice per revolution"),
     remedy=(

@@ -16,7 +16,7 @@ LOOSE, LOOSE_ANGLE = 5e-3, 0.2  # m, rad: the contract's priors if none is state
 
 
 def _parameters(c: Circumstances) -> list[Parameter]:
-    """The point of each tool, and the rotation vector relative to its stated or first estimated orientation."""
+    """The point of each tool, and the turn from its stated or first estimated orientation."""
     end, out = c.chain.n + 1, list[Parameter]()
     places = [(k, c.tool_u[k], LOOSE, "m", end, "t", c.tool_centres[k].tolist()) for k in c.fitted_tools]
     turns = [(k, c.tool_u_angle[k], LOOSE_ANGLE, "rad", TURN, "r", [0.0] * 3) for k in c.turned_tools]
