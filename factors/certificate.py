@@ -12,8 +12,7 @@ from collections.abc import Callable
 import numpy as np
 
 from factors.cylinder import Cylinder
-from factors.feature import Feature, feature
-from factors.kind import Kind
+from factors.kind import Feature, Kind, feature
 from factors.relation import Relation, aligned, apart, between_faces, off_plane, square
 from factors.sphere import Sphere
 

@@ -7,8 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from factors.feature import Feature, slopes
-from factors.kind import direction, dot, tangents, tilted
+from factors.kind import Feature, direction, dot, slopes, tangents, tilted
 
 
 @dataclass(frozen=True)

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from factors.feature import Feature, point
-from factors.kind import direction
+from factors.kind import Feature, direction, point
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from factors.feature import Feature, point
+from factors.kind import Feature, point
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from factors.feature import Feature, slopes
+from factors.kind import Feature, slopes
 from factors.turns import cross_matrix, left_jacobian, turned
 
 

@@ -7,8 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from factors.feature import Feature, slopes
-from factors.kind import dot, tangents, tilted
+from factors.kind import Feature, dot, slopes, tangents, tilted
 
 
 @dataclass(frozen=True)

@@ -15,8 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from factors.certificate import Certificate, Residual
-from factors.feature import feature
-from factors.kind import Kind, direction
+from factors.kind import Kind, direction, feature
 
 CORRELATION = 0.9
 """Of the errors of one artefact at two placements: clamps and temperature change the rest (assumed)."""

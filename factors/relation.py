@@ -11,8 +11,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from factors.feature import Feature
-from factors.kind import direction, tangents
+from factors.kind import Feature, direction, tangents
 
 Values = tuple[np.ndarray, tuple[np.ndarray | None, ...]]
 Relation = Callable[[Feature, Feature], Callable[[Feature, Feature], Values]]

@@ -21,7 +21,7 @@ from bayescal.dataset.target_kinds import KINDS, Seen, angle_sd, place_sd
 from bayescal.dataset.types import Dataset, Patch, Target
 from bayescal.errors import BayescalError
 from factors.certificate import FORMS, LENGTHS, RELATIONS, ordered
-from factors.feature import Feature
+from factors.kind import Feature
 from factors.relation import Relation, aligned, apart, off_plane, square
 
 ARM_ERROR = 0.01

@@ -196,31 +196,38 @@ CHAINS = 4
 
 
 @dataclass(frozen=True)
-class Draws:
+class Convergence:
+    """Effective draws and R-hat of every component, (D,)."""
+
+    ess_bulk: np.ndarray  # effective draws in the bulk
+    ess_tail: np.ndarray  # in the tails, of the 5 % and the 95 % quantile
+    rhat: np.ndarray  # rank-normalised split R-hat, nan where not sampled
+
+    @property
+    def ess(self) -> np.ndarray:
+        """Effective draws, the smaller of bulk and tails, (D,)."""
+        return np.minimum(self.ess_bulk, self.ess_tail)
+
+
+@dataclass(frozen=True)
+class Draws(Convergence):
     """Draws of the posterior in four chains, with their convergence.
 
     A chain is an ensemble, its walkers concatenated, so that the autocorrelation of a walker is that of the
-    chain. Convergence is computed from these draws, as ArviZ does.
+    chain. Convergence, of the D components of z and the G noise scales, is computed from these draws as
+    ArviZ does.
     """
 
     z: np.ndarray  # (chains, draws, D)
     log_kappa: np.ndarray  # (chains, draws, G), noise scale of each group over its stated noise
     log_density: np.ndarray  # (chains, draws)
     names: tuple[str, ...]  # of the D components and the noise scales
-    ess_bulk: np.ndarray  # (D + G,) effective draws in the bulk
-    ess_tail: np.ndarray  # (D + G,) effective draws in the tails, of the 5 % and the 95 % quantile
-    rhat: np.ndarray  # (D + G,) rank-normalised split R-hat, nan where not sampled
     acceptance: dict[str, float]  # by move
     moves: str
     steps: int  # of each ensemble after burn-in
     walkers: int
     converged: bool
     complaint: str  # reason, where not converged
-
-    @property
-    def ess(self) -> np.ndarray:
-        """Effective draws, the smaller of bulk and tails, (D + G,)."""
-        return np.minimum(self.ess_bulk, self.ess_tail)
 
     @property
     def flat(self) -> np.ndarray:
@@ -260,7 +267,7 @@ def gaussian(estimate: Estimate, seed: int, count: int = 4000) -> Draws:
     lp = np.stack([density(part) for part in x])
     every, size = np.full(density.size, float(count)), density.model.size
     return Draws(
-        x[..., :size], x[..., size:], lp, (*estimate.model.names, *scale_names(density.groups)),
-        every, every, np.full(density.size, np.nan), {},
+        every, every, np.full(density.size, np.nan), x[..., :size], x[..., size:], lp,
+        (*estimate.model.names, *scale_names(density.groups)), {},
         "none: independent draws of the linearised posterior", count, 1, True, "",
     )  # fmt: skip

@@ -14,7 +14,7 @@ a time; tests compare the results.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from itertools import chain
 
 import emcee
@@ -26,24 +26,10 @@ from bayescal.estimate import Estimate
 from bayescal.posterior.checkpoint import Checkpoint, Results
 from bayescal.posterior.density import Density
 from bayescal.posterior.ensemble import Ensemble, Evolution, Independence
-from bayescal.posterior.linearised import CHAINS, Draws, Linearised, scale_names
+from bayescal.posterior.linearised import CHAINS, Convergence, Draws, Linearised, scale_names
 
 TAILS = (0.05, 0.95)
 """Quantiles whose indicators measure the tails."""
-
-
-@dataclass(frozen=True)
-class Convergence:
-    """Effective draws in the bulk and in the tails, and R-hat, of every component, (D,)."""
-
-    ess_bulk: np.ndarray
-    ess_tail: np.ndarray
-    rhat: np.ndarray
-
-    @property
-    def ess(self) -> np.ndarray:
-        """The smaller of the two effective sample sizes, (D,)."""
-        return np.minimum(self.ess_bulk, self.ess_tail)
 
 
 def convergence(chains: np.ndarray) -> Convergence:
@@ -237,8 +223,8 @@ def _sample(
         "differential evolution": float(np.mean([pair[1].rate for pair in moves])),
     }
     return Draws(
-        ends[..., :size] + density.estimate.from_free, ends[..., size:], _walkers_end_to_end(lp), names,
-        found.ess_bulk, found.ess_tail, found.rhat, acceptance,
+        found.ess_bulk, found.ess_tail, found.rhat, ends[..., :size] + density.estimate.from_free,
+        ends[..., size:], _walkers_end_to_end(lp), names, acceptance,
         f"{100 * share:.0f} % independent proposals from the linearised posterior, the others differential "
         "evolution",
         steps - first, burning[0].walkers, not complaint, complaint,

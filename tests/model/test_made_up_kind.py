@@ -27,8 +27,7 @@ from bayescal.model.scene import Scene
 from bayescal.posterior import gaussian
 from bayescal.predict import validate
 from bayescal.storage.files import Number, Vector
-from factors.feature import Feature, point, slopes
-from factors.kind import dot
+from factors.kind import Feature, dot, point, slopes
 
 
 @dataclass(frozen=True)

@@ -26,8 +26,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from factors.feature import Feature, slopes
-from factors.kind import dot
+from factors.kind import Feature, dot, slopes
 
 
 @dataclass(frozen=True)
