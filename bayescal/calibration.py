@@ -16,8 +16,8 @@ from bayescal.assess.acceptance import (
     acceptance,
     check_tolerance,
     conformance,
+    not_physical,
     widened,
-    with_bound,
 )
 from bayescal.assess.budget import Budget, of_distances, with_budgets
 from bayescal.assess.findings import Assessed, Finding, findings, rests_on_priors
@@ -169,8 +169,8 @@ def fit(
     lacking = undetermined(complete, determined)
     basis = _basis(wide, remaining.excess, checked, located)
     expected = with_budgets(forecast(complete, z, checked, remaining.excess, of_forecast, wide.wide), basis)
-    tests = replace(tests, determined=not rests_on_priors(expected, left))
-    tests = with_bound(tests, complete, wide.limited)
+    checks = (*tests.checks, *not_physical(complete, wide.limited))
+    tests = replace(tests, checks=checks, determined=not rests_on_priors(expected, left))
     limitations = findings(
         Assessed(complete, left, checked, expected, lacking, seen, faces, tests, options.prior_width, rigid)
     )

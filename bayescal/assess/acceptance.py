@@ -32,7 +32,8 @@ from bayescal.dataset import Dataset
 from bayescal.dataset.consistency import CHANCE, planned
 from bayescal.errors import BayescalError
 from bayescal.estimate import Estimate
-from bayescal.estimate.bounds import not_physical
+from bayescal.estimate.bounds import CHANCE as RIGID
+from bayescal.estimate.bounds import negative, square
 from bayescal.estimate.unexplained import Unexplained
 from bayescal.predict.forecast import Forecast
 from bayescal.predict.validation import DistanceCheck, RowCheck, Validation
@@ -51,6 +52,10 @@ SHARED = "shared_cause"
 """The test of what rejected measurements share."""
 NOT_PHYSICAL = "negative"
 """The test of positive parameters: it fails only."""
+CAUSE = "the model lacks an effect, or masses are wrong: run bayescal gap"
+"""What a value that is significantly negative comes from, and what to do."""
+NAMED = 2
+"""Negative values that the sentence names, the most significant first."""
 FEWEST_DISTANCES = 3
 """Distances whose mean error is tested."""
 FALSE_REJECTIONS = 0.01
@@ -163,13 +168,26 @@ def acceptance(
     return Acceptance(tuple(checks), tuple(causes), validated, rejected)
 
 
-def with_bound(tests: Acceptance, found: Estimate, covariance: np.ndarray) -> Acceptance:
-    """The tests and, where it fails, that of positive parameters below zero, by the stated covariance."""
-    more = tuple(
-        Check(NOT_PHYSICAL, f.value, f.limit, f.p_value, f.level, f.words)
-        for f in not_physical(found, covariance)
-    )
-    return replace(tests, checks=(*tests.checks, *more))
+def not_physical(found: Estimate, covariance: np.ndarray) -> tuple[Check, ...]:
+    """The test of positive parameters below zero, by the stated covariance (D, D), where it fails."""
+    model, count = found.model, len(found.model.parameters)
+    sd = np.sqrt(np.diag(covariance)[:count]) * model.sd
+    below = sorted(negative(model.parameters, found.arm, sd), key=lambda n: n.value / n.u)
+    if clear := [n for n in below if n.significant]:
+        value, limit = -clear[0].value / clear[0].u, clear[0].limit
+        p, level = float(ndtr(-value)), float(ndtr(-limit))
+        how = f"negative by more than {limit:.2g} u, which is not physical"
+    else:
+        clear, level = below, RIGID
+        of_all = square(found, covariance, [n.parameter for n in below])
+        p = float(chi2_sf(of_all, len(below))) if len(below) > 1 else 1.0
+        if p >= level:
+            return ()
+        value, limit = np.sqrt([of_all / len(below), chi2_isf(level, len(below)) / len(below)]).tolist()
+        how = "negative together beyond their u, which is not physical"
+    what = ", ".join(f"{n.parameter} {n.figures}" for n in clear[:NAMED])
+    what += f" and {len(clear) - NAMED} more" if len(clear) > NAMED else ""
+    return (Check(NOT_PHYSICAL, value, limit, p, level, f"{how}: {what}; {CAUSE}"),)
 
 
 def widened(left: Unexplained, checked: Validation, tests: Acceptance) -> Unexplained:

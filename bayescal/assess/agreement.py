@@ -159,8 +159,7 @@ def known_directions(one: np.ndarray, other: np.ndarray) -> np.ndarray:
 
 def _possible(session: Dataset, effects: tuple[str, ...]) -> tuple[str, ...]:
     """The effects for which a session has what they need."""
-    scene = Scene(session)
-    circumstances = scene.circumstances(scene.rows("calibrate"))
+    circumstances = Scene(session).circumstances()
     return tuple(e for e in effects if not MODELS[plain(e)].missing(circumstances))
 
 

@@ -20,8 +20,7 @@ from bayescal.errors import BayescalError
 from bayescal.estimate import STATED_WORTH, Estimate
 from bayescal.estimate.discrepancy import Stated
 from bayescal.estimate.families import poses
-from bayescal.model import ARM, ORIENTATION, Block, Constraint, Scene
-from bayescal.model.scene import u_of
+from bayescal.model import ARM, ORIENTATION, Block
 from bayescal.predict.targets import LocatedTarget, Prepared, centre_of, certified_diameters, prepared
 from bayescal.statistics import rms
 
@@ -124,8 +123,7 @@ def reading_shares(found: Estimate, block: Block, z: np.ndarray) -> np.ndarray:
     joint = scene.dataset.noise.joint
     if joint <= 0:
         return np.zeros(len(block.rows))
-    values = found.model.deviations(found.z[found.model.slices[ARM]])
-    by = block.by_readings(values, z, scene.dataset.robot.link_from_reading)
+    by = block.by_readings(found.arm, z, scene.dataset.robot.link_from_reading)
     of_readings = joint**2 * np.sum(by**2, axis=1).reshape(block.kind.rows, -1)
     return np.asarray(np.mean(of_readings / (of_readings + block.sigma**2), axis=0))
 
@@ -182,7 +180,8 @@ def _certificates(found: Estimate) -> Iterator[Propagated]:
     """Every certificate that was fitted: its length and its angles."""
     model = found.model
     first = sum(b.residuals for b in model.blocks)
-    for constraint, entry in zip(model.constraints, _entries(model.scene, model.constraints), strict=True):
+    for constraint in model.constraints:
+        entry = model.scene.dataset.certificates[constraint.number]
         by = found.covariance @ found.linear.jacobian[first : first + constraint.rows].T
         first += constraint.rows
         if entry.points is not None:
@@ -202,20 +201,6 @@ def certificate_input(entry: Certificate, unit: str, u: float) -> Input:
     name = f"certificate: {what} {' - '.join(entry.targets)}"
     value = entry.distance if unit == "m" else None
     return Input(CERTIFICATE, name, "B", unit, value, u, common="certificates of the distances")
-
-
-def _entries(scene: Scene, constraints: Sequence[Constraint]) -> Iterator[Certificate]:
-    """The certificate of each constraint; constraints have the order of the certificates."""
-    entries = iter(scene.dataset.certificates)
-    for constraint in constraints:
-        for entry in entries:
-            if entry.points is not None and constraint.kind == entry.kind:
-                yield entry
-                break
-            if (entry.kind, entry.targets) == (constraint.kind, constraint.targets) and scene.stated(entry):
-                assert np.array_equal(u_of(entry, scene.stated(entry)), constraint.u)
-                yield entry
-                break
 
 
 def _priors(found: Estimate) -> Iterator[Propagated]:

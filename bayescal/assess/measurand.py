@@ -22,8 +22,8 @@ from bayescal.assess.inputs import (
 )
 from bayescal.errors import BayescalError
 from bayescal.model import ARM
-from bayescal.predict.errors import evenly, far_pairs, lengths, slopes
-from bayescal.predict.forecast import POINTS, READINGS, SMALLEST, workspace
+from bayescal.predict.errors import certified_pairs, slopes
+from bayescal.predict.forecast import READINGS, read_pairs, workspace
 from bayescal.predict.targets import RowPrediction
 from bayescal.statistics import rms
 
@@ -71,12 +71,8 @@ class Measurand:
 
 def certified_distances(basis: Basis) -> tuple[tuple[str, str], ...]:
     """Certified distances of the session between centres that were not fitted."""
-    known = basis.prepared.located
-    return tuple(
-        (c.targets[0], c.targets[1])
-        for c in basis.stated.wide.model.scene.dataset.certificates
-        if c.kind == "distance" and all(name in known for name in c.targets)
-    )
+    pairs = certified_pairs(basis.stated.wide.model.scene, basis.prepared.located)
+    return tuple((c.targets[0], c.targets[1]) for c, _, _ in pairs)
 
 
 def distance(basis: Basis, between: tuple[str, str]) -> Measurand:
@@ -109,14 +105,19 @@ def distance(basis: Basis, between: tuple[str, str]) -> Measurand:
 def distances(basis: Basis, pairs: Sequence[tuple[str, str]], name: str) -> Measurand:
     """Error of any one of several distances."""
     each = [distance(basis, pair) for pair in pairs]
-    own: list[Own] = []
-    for k, one in enumerate(each):
-        for source, by in one.own:
-            rows = np.zeros((len(each), by.shape[1]))
-            rows[k] = by
-            own.append((source, rows))
-    by_z, values = np.concatenate([m.by_z for m in each]), tuple(m.value or 0.0 for m in each)
+    by_z, own = _stacked([(m.by_z, m.own) for m in each])
+    values = tuple(m.value or 0.0 for m in each)
     return Measurand(DISTANCES, name, "m", None, by_z, in_common(_merged(own)), any_of=True, values=values)
+
+
+def _stacked(parts: Sequence[tuple[np.ndarray, Sequence[Own]]]) -> tuple[np.ndarray, list[Own]]:
+    """Slopes (K, D') of the quantities of all parts, and the errors of each part, as changes of all K."""
+    by_z, own, first = np.concatenate([by for by, _ in parts]), list[Own](), 0
+    for by, errors in parts:
+        for source, changes in errors:
+            own.append((source, np.pad(changes, ((first, len(by_z) - first - len(by)), (0, 0)))))
+        first += len(by)
+    return by_z, own
 
 
 def volume(basis: Basis) -> Measurand:
@@ -188,31 +189,23 @@ def in_common(own: Sequence[Own]) -> tuple[Own, ...]:
 def readings(basis: Basis) -> Measurand | None:
     """Error of any distance between readings of one target, for the pairs that a fit predicts."""
     wide = basis.stated.wide
-    scene = wide.model.scene
-    by_z, own = [np.zeros((0, wide.model.size))], list[Own]()
+    parts = []
     for r in basis.prepared.rows:
-        xyz = scene.dataset.measurements.xyz
-        if xyz is None or r.block.kind.rows != 3 or scene.declared_of(r.block.target).reads != "xyz":
-            continue
-        pick = evenly(len(r.block.rows), POINTS)
-        at = xyz[r.block.rows[pick]].T
-        pairs = far_pairs(at)
-        if np.max(lengths(at, pairs), initial=0.0) < SMALLEST:
-            continue
-        by = _by_residuals(at, pairs, pick, len(r.block.rows))
-        before = sum(len(part) for part in by_z)
-        by_z.append(by @ _slopes(r))
-        for source, errors in _own(basis, r, by):
-            own.append((source, np.pad(errors, ((before, 0), (0, 0)))))
-    count = sum(len(part) for part in by_z)
-    if not count:
+        rows = r.block.rows
+        if (
+            r.block.kind.rows == 3
+            and (read := read_pairs(wide.model.scene, r.block.target, rows)) is not None
+        ):
+            by = _by_residuals(*read, len(rows))
+            parts.append((by @ _slopes(r), _own(basis, r, by)))
+    if not parts:
         return None
-    padded = [(source, np.pad(by, ((0, count - len(by)), (0, 0)))) for source, by in own]
-    name = f"error of a distance between {READINGS} ({count} distances)"
-    return Measurand(DISTANCES, name, "m", None, np.concatenate(by_z), in_common(padded), any_of=True)
+    by_z, own = _stacked(parts)
+    name = f"error of a distance between {READINGS} ({len(by_z)} distances)"
+    return Measurand(DISTANCES, name, "m", None, by_z, in_common(own), any_of=True)
 
 
-def _by_residuals(at: np.ndarray, pairs: np.ndarray, pick: np.ndarray, count: int) -> np.ndarray:
+def _by_residuals(pick: np.ndarray, at: np.ndarray, pairs: np.ndarray, count: int) -> np.ndarray:
     """Slopes (K, 3 C) of the distances of pairs of points `at` (3, N) by the residuals of all C rows."""
     first, second = pairs.T
     apart = at[:, first] - at[:, second]

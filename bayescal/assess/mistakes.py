@@ -48,10 +48,9 @@ STEP = 1e-6
 
 def model_of(scene: Scene, effects: tuple[str, ...]) -> tuple[Model | None, tuple[str, ...]]:
     """The model of a session with those effects that it can have, and their names; None without rows."""
-    rows = scene.rows("calibrate")
-    if not len(rows):
+    if not len(scene.rows("calibrate")):
         return None, ()
-    circumstances = scene.circumstances(rows)
+    circumstances = scene.circumstances()
     possible = []
     for name in effects:
         try:
@@ -162,9 +161,8 @@ def _model(of: Hypothesis, model: Model, effects: tuple[str, ...]) -> Model:
         other, _ = model_of(scene, effects)
         assert other is not None
         return other
-    index = {t.name: k for k, t in enumerate(of.dataset.targets)}
     blocks = tuple(
-        b if isinstance(b, Turned) else replace(b, kind=scene.kind(index[b.target], b.rows))
+        b if isinstance(b, Turned) else replace(b, kind=scene.kind(scene.index[b.target], b.rows))
         for b in model.blocks
     )
     return replace(model, blocks=blocks)

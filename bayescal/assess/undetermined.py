@@ -42,18 +42,11 @@ NAMED = 6
 State = Literal["measure", "rows", "noise", "redundant"]
 
 
-def _too_few(session: Conditions) -> bool:
-    """Whether there are fewer values in different poses than unknowns."""
-    poses, each = len(np.unique(session.readings[session.rows], axis=0)), session.values_per_row
-    return poses * each < session.model.size
-
-
 def _poses(session: Conditions) -> str:
-    still = _still(session)
-    if still:
+    if still := _still(session):
         return f"{still} hardly moved"
-    if _too_few(session):
-        count = len(np.unique(session.readings[session.rows], axis=0))
+    count = len(np.unique(session.readings[session.rows], axis=0))
+    if count * session.values_per_row < session.model.size:
         several = f"{count} different poses cannot determine {session.model.size} unknowns"
         return several if count > 1 else "all measurements have one pose"
     return "the poses are too much alike"

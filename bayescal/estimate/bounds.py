@@ -44,7 +44,7 @@ from bayescal.estimate.solver import add_constraints
 from bayescal.model import ARM, Block, Model
 from bayescal.model.equilibrium import moved, standing_model, tool_points
 from bayescal.model.model import with_parameters
-from bayescal.statistics import chi2_isf, chi2_sf, rms
+from bayescal.statistics import chi2_sf, rms
 
 if TYPE_CHECKING:
     from factors.graph import Graph
@@ -57,10 +57,6 @@ FITS = 8
 """Most fits with gravity moments at the pose of the fit before, and with further parameters at zero."""
 AT_REST = 1e-2
 """Displacement of the TCP by such a fit, in units of the smallest noise, at which they end."""
-CAUSE = "the model lacks an effect, or masses are wrong: run bayescal gap"
-"""What a value that is significantly negative comes from, and what to do."""
-NAMED = 2
-"""Negative values that the sentence names, the most significant first."""
 PAIRS = 400
 """Pairs of poses whose distance is compared."""
 
@@ -109,17 +105,6 @@ class Rigid:
         )
 
 
-@dataclass(frozen=True)
-class Unphysical:
-    """A contradiction of the bound: a figure in u, its limit, its probability, and the least one."""
-
-    words: str
-    value: float
-    limit: float
-    p_value: float
-    level: float
-
-
 UNCHANGED = Rigid()
 """Of a fit whose positive parameters are not negative."""
 
@@ -146,7 +131,7 @@ def bounded(found: Estimate) -> tuple[Estimate, Rigid]:
     below = negative(model.parameters, found.arm, np.sqrt(np.diag(covariance)) * model.sd)
     kept = {n.parameter for n in below if n.significant}
     within = [n.parameter for n in below if not n.significant]
-    together = chi2_sf(_square(found, covariance, within), len(within)) if len(within) > 1 else 1.0
+    together = chi2_sf(square(found, covariance, within), len(within)) if len(within) > 1 else 1.0
     free = [k for k, p in enumerate(model.parameters) if p.positive and p.name not in kept]
     at_zero = _at_zero(found, free) if together >= CHANCE else ()
     out = found
@@ -168,29 +153,7 @@ def bounded(found: Estimate) -> tuple[Estimate, Rigid]:
     return out, Rigid(held, *_changed(found, out))
 
 
-def not_physical(found: Estimate, covariance: np.ndarray) -> tuple[Unphysical, ...]:
-    """What positive parameters below zero say against a fit, by its stated covariance (D, D): none or one."""
-    model, count = found.model, len(found.model.parameters)
-    sd = np.sqrt(np.diag(covariance)[:count]) * model.sd
-    below = sorted(negative(model.parameters, found.arm, sd), key=lambda n: n.value / n.u)
-    if clear := [n for n in below if n.significant]:
-        value, limit = -clear[0].value / clear[0].u, clear[0].limit
-        p, level = float(ndtr(-value)), float(ndtr(-limit))
-        how = f"negative by more than {limit:.2g} u, which is not physical"
-    else:
-        clear, level = below, CHANCE
-        square = _square(found, covariance, [n.parameter for n in below])
-        p = float(chi2_sf(square, len(below))) if len(below) > 1 else 1.0
-        if p >= level:
-            return ()
-        value, limit = np.sqrt([square / len(below), chi2_isf(level, len(below)) / len(below)]).tolist()
-        how = "negative together beyond their u, which is not physical"
-    what = ", ".join(f"{n.parameter} {n.figures}" for n in clear[:NAMED])
-    what += f" and {len(clear) - NAMED} more" if len(clear) > NAMED else ""
-    return (Unphysical(f"{how}: {what}; {CAUSE}", value, limit, p, level),)
-
-
-def _square(found: Estimate, covariance: np.ndarray, names: Sequence[str]) -> float:
+def square(found: Estimate, covariance: np.ndarray, names: Sequence[str]) -> float:
     """Chi-square of parameters against zero, by a covariance of z."""
     at = [found.model.names.index(name) for name in names]
     off = np.array([found.z[k] + found.model.parameters[k].centre / found.model.parameters[k].sd for k in at])

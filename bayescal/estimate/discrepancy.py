@@ -126,7 +126,7 @@ def inputs(fitted: Estimate, circumstances: Circumstances | None = None) -> list
     if all(p.effect != COMPLIANCE.name for p in model.parameters):
         return []
     if circumstances is None:
-        circumstances = model.scene.circumstances(model.scene.rows("calibrate"))
+        circumstances = model.scene.circumstances()
     return masses(with_compliances(circumstances, fitted))
 
 
@@ -258,8 +258,7 @@ def stated(fitted: Estimate, functions: Sequence[Family] | None = None) -> State
 
     def every() -> Sequence[Family]:
         """Made anew each time: of a large session their drivers take as much memory as their columns."""
-        rows = model.scene.rows("calibrate")
-        return families(model.scene.circumstances(rows)) if functions is None else functions
+        return families(model.scene.circumstances()) if functions is None else functions
 
     smooth = every()
     held = inputs(fitted)

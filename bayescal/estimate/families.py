@@ -24,7 +24,7 @@ from bayescal.effects.compliance import COMPLIANCE
 from bayescal.effects.location import BASE, PROBE, TOOL, Driver, Site, joint, link
 from bayescal.effects.plane_form import shapes
 from bayescal.estimate.estimate import Estimate
-from bayescal.model import ARM, Model
+from bayescal.model import Model
 
 EFFECT = "discrepancy"
 """Effect of the parameters of a discrepancy; no model or vocabulary has one of this name."""
@@ -219,7 +219,7 @@ With an estimate near zero, or below, a payload would not deflect the joint.
 
 def with_compliances(c: Circumstances, fitted: Estimate) -> Circumstances:
     """Circumstances with the fitted compliances."""
-    return compliant(c, fitted.model, fitted.model.deviations(fitted.z[fitted.model.slices[ARM]]))
+    return compliant(c, fitted.model, fitted.arm)
 
 
 def compliant(c: Circumstances, model: Model, values: np.ndarray) -> Circumstances:

@@ -237,8 +237,7 @@ def judged(
     evaluations: Evaluations | None = None,
 ) -> dict[str, Judged]:
     """All measurements of a fit by noise group, in the order of the group's blocks."""
-    unit = replace(weights, row={name: np.ones_like(w) for name, w in weights.row.items()})
-    linear = linearise(model, z, unit, evaluations)
+    linear = linearise(model, z, weights.full, evaluations)
     out = {}
     for group, blocks in by_group(model).items():
         parts = []

@@ -28,6 +28,11 @@ class Weights:
     row: Mapping[str, np.ndarray]
     scale: Mapping[str, float]  # by noise group
 
+    @property
+    def full(self) -> Weights:
+        """The same with full weight for every row."""
+        return replace(self, row={name: np.ones_like(row) for name, row in self.row.items()})
+
     def whitening(self, block: Block) -> np.ndarray:
         """Factors (R,) that whiten a block's residuals."""
         row = np.tile(self.row[block.name], block.kind.rows)

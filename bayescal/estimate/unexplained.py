@@ -20,7 +20,7 @@ from bayescal.effects.plane_form import PLANE_FORM, shapes
 from bayescal.effects.selection import plain
 from bayescal.estimate import Estimate, estimate
 from bayescal.estimate.outliers import MEDIAN_WORTH, rejected
-from bayescal.model import Model, with_parameters
+from bayescal.model import with_parameters
 from bayescal.model.scene import Scene
 from bayescal.statistics import chi2_isf, chi2_sf, f_isf, f_sf, rms
 
@@ -71,14 +71,14 @@ def repeat_scatter(scene: Scene, fitted: Estimate) -> tuple[float | None, int]:
     repeat = scene.dataset.measurements.repeat
     if repeat is None:
         return None, 0
-    index = {t.name: k for k, t in enumerate(scene.dataset.targets)}
     groups: dict[tuple[str, str], list[float]] = {}
     for name, block in fitted.model.block_of.items():
-        rows = scene.rows_of(index[name], scene.rows("calibrate", "validate"))
+        target = scene.index[name]
+        rows = scene.rows_of(target, scene.rows("calibrate", "validate"))
         rows = rows[repeat[rows] != ""]
         if not len(rows) or block.kind.rows > 1:
             continue
-        for row, r in zip(rows, fitted.residuals(fitted.model.block(index[name], rows))[0], strict=True):
+        for row, r in zip(rows, fitted.residuals(fitted.model.block(target, rows))[0], strict=True):
             groups.setdefault((name, str(repeat[row])), []).append(float(r))
     return scatter([np.asarray(values) for values in groups.values() if len(values) > 1])
 
@@ -145,7 +145,7 @@ def check_faces(fitted: Estimate) -> tuple[FaceCheck, ...]:
     and arm errors that look like a form error do not count.
     """
     model, out = fitted.model, []
-    faces = model.scene.circumstances(model.scene.rows("calibrate")).faces
+    faces = model.scene.circumstances().faces
     for face in faces:
         block = model.block_of[face.name]
         at = fitted.linear.of_block[face.name]
@@ -167,28 +167,29 @@ def check_faces(fitted: Estimate) -> tuple[FaceCheck, ...]:
 
 
 def with_uneven_faces(fitted: Estimate, faces: Sequence[FaceCheck], robust: bool = True) -> Estimate:
-    """The fit, with the form of uneven faces as further unknowns where its model lacks it."""
-    names = tuple(face.target for face in faces if face.uneven)
-    if not names or FORM in map(plain, fitted.model.effects):
-        return fitted
-    return with_form(fitted.model.scene, fitted, names, robust)
+    """The fit, with the form of uneven faces as further unknowns where its model lacks it.
 
+    The prior scale of each face is a variance component, estimated by expectation-maximisation.
 
-def with_form(scene: Scene, fitted: Estimate, names: tuple[str, ...], robust: bool = True) -> Estimate:
-    """Refit with the form of the named faces as unknowns, with a prior scale estimated from the contacts.
-
-    Each face's scale is a variance component, estimated by expectation-maximisation.
+    Parameters
+    ----------
+    fitted : Estimate
+    faces : sequence of FaceCheck
+        Of this estimate.
+    robust : bool
+        Reject outliers.
     """
     model = fitted.model
-    form = {check.target: max(check.form, 1e-6) for check in check_faces(fitted) if check.target in names}
-    out = fitted
-    start = None
+    form = {face.target: max(face.form, 1e-6) for face in faces if face.uneven}
+    if not form or FORM in map(plain, model.effects):
+        return fitted
+    circumstances, start = replace(model.scene.circumstances(), fitted_tools=(), turned_tools=()), None
     for _ in range(ROUNDS):
-        formed = _formed(scene, model, form)
-        start = np.zeros(formed.size) if start is None else start
+        stated = (replace(f, u_form=form[f.name]) for f in circumstances.faces if f.name in form)
+        extra = parameters_of((FORM,), replace(circumstances, faces=tuple(stated)))
+        formed = with_parameters(model.scene, (*model.effects, FORM), (*model.parameters, *extra))
         out = estimate(formed, robust=robust, start=start)
-        start = out.z
-        before = dict(form)
+        start, before = out.z, dict(form)
         second = out.z**2 + np.diag(out.covariance)
         for name in form:
             own = [k for k, p in enumerate(formed.parameters) if p.name.startswith(f"{name} form ")]
@@ -196,12 +197,3 @@ def with_form(scene: Scene, fitted: Estimate, names: tuple[str, ...], robust: bo
         if all(abs(np.log(form[name] / before[name])) < 0.02 for name in form):
             break
     return out
-
-
-def _formed(scene: Scene, model: Model, form: dict[str, float]) -> Model:
-    circumstances = scene.circumstances(scene.rows("calibrate"))
-    faces = tuple(replace(face, u_form=form[face.name]) for face in circumstances.faces if face.name in form)
-    extra = parameters_of((FORM,), replace(circumstances, faces=faces, fitted_tools=()))
-    effects = (*(e for e in model.effects if e != FORM), FORM)
-    plain = tuple(p for p in model.parameters if p.effect != FORM)
-    return with_parameters(scene, effects, (*plain, *extra))

@@ -12,10 +12,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from bayescal.assess.acceptance import not_physical
 from bayescal.effects import UNITS, Parameter
 from bayescal.errors import BayescalError
 from bayescal.estimate import Estimate
-from bayescal.estimate.bounds import UNCHANGED, Negative, Rigid, not_physical
+from bayescal.estimate.bounds import UNCHANGED, Negative, Rigid
 from bayescal.model import ARM
 
 if TYPE_CHECKING:

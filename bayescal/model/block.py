@@ -170,12 +170,13 @@ class Turned(Block):
 class Constraint:
     """A certificate between fitted targets: whitened residuals of their states.
 
-    A unit of each of the parameters `index` (P',) shifts the certified value by `shift` (P', rows), in units
-    of its stated uncertainties `u` (rows,).
+    `number` is that of the certificate in the session. A unit of each of the parameters `index` (P',) shifts
+    the certified value by `shift` (P', rows), in units of its stated uncertainties `u` (rows,).
     """
 
     kind: str
     targets: tuple[str, ...]
+    number: int
     function: certificate.Certificate
     u: np.ndarray
     index: np.ndarray

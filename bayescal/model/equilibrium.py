@@ -109,7 +109,7 @@ def settled_model(
     """The model's parameters in a scene, in equilibrium for values (P,); a model without any blocks."""
 
     def make(scene: Scene) -> Model:
-        c = scene.circumstances(scene.rows("calibrate"))
+        c = scene.circumstances()
         named = {p.name: p for p in parameters_of(model.effects, c, lenient=True)}
         # a joint without torque has no parameter of it: then it displaces nothing
         terms = ((p, named[p.name].terms if p.name in named else ()) for p in model.parameters)

@@ -210,7 +210,7 @@ class Model:
 
     def part(self, block: Block, rows: np.ndarray) -> Block:
         """Any rows of a block's target as such a block."""
-        target = next(k for k, t in enumerate(self.scene.dataset.targets) if t.name == block.target)
+        target = self.scene.index[block.target]
         return self.turned(target, rows) if isinstance(block, Turned) else self.block(target, rows)
 
 
@@ -230,12 +230,9 @@ def build(scene: Scene, effects: tuple[str, ...], options: FitOptions = USUAL) -
     BayescalError
         If there are no rows to fit, the session lacks data for an effect, or an effect has no such part.
     """
-    rows = _rows(scene)
-    circumstances = scene.circumstances(rows)
-    parameters = kept(parameters_of(effects, circumstances), options.without)
-    return with_parameters(
-        scene, effects, tuple(replace(p, sd=p.sd * options.prior_width) for p in parameters)
-    )
+    circumstances = scene.circumstances(_rows(scene))
+    parameters, width = kept(parameters_of(effects, circumstances), options.without), options.prior_width
+    return with_parameters(scene, effects, tuple(replace(p, sd=p.sd * width) for p in parameters))
 
 
 def with_parameters(scene: Scene, effects: tuple[str, ...], parameters: tuple[Parameter, ...]) -> Model:
@@ -281,7 +278,7 @@ def _constraint(
         of, names = found
         index, drivers = model.driven(CERTIFICATE, str(number), len(of.whiten))
         function = certified_points(of, [kinds[name] for name in names])
-        return Constraint(entry.kind, names, function, np.ones(len(of.whiten)), index, drivers)
+        return Constraint(entry.kind, names, number, function, np.ones(len(of.whiten)), index, drivers)
     if any(name not in kinds for name in entry.targets):
         return None
     stated = model.scene.stated(entry)
@@ -290,7 +287,7 @@ def _constraint(
     function = _function(model.scene, entry, [kinds[name] for name in entry.targets])
     u = u_of(entry, stated)
     index, drivers = model.driven(CERTIFICATE, str(number), len(u))
-    return Constraint(entry.kind, entry.targets, function, u, index, drivers / u)
+    return Constraint(entry.kind, entry.targets, number, function, u, index, drivers / u)
 
 
 def _function(scene: Scene, entry: CertificateEntry, of: Sequence[Kind]) -> certificate.Certificate:

@@ -138,7 +138,7 @@ class FitOptions:
         check_asked(effects, self.prior_width)
         if not words:
             return self
-        known = parameters_of(effects, scene.circumstances(scene.rows("calibrate")))
+        known = parameters_of(effects, scene.circumstances())
         return replace(self, without=parts_of(words, effects, known))
 
 

@@ -14,7 +14,7 @@ from bayescal.arm.chain import Chain, chain_of, link_angles
 from bayescal.arm.statics import Loads, Stance, gravity_loads, torques_on_links
 from bayescal.dataset import Certificate, Dataset, Target
 from bayescal.dataset.contacts import forms_of, load_centre, load_mass
-from bayescal.dataset.target_kinds import KINDS, TargetKind, kinds_of, seen
+from bayescal.dataset.target_kinds import TargetKind, kinds_of, seen
 from bayescal.effects import CertifiedValue, Circumstances, Face, Session
 from bayescal.errors import BayescalError
 from bayescal.model import block
@@ -165,9 +165,14 @@ class Scene:
         """The declared kind of every target."""
         return kinds_of(self.dataset)
 
+    @unposed
+    def index(self) -> Mapping[str, int]:
+        """Place of every target in the session, by its name."""
+        return {t.name: k for k, t in enumerate(self.dataset.targets)}
+
     def declared_of(self, name: str) -> TargetKind:
         """The declared kind of a target, by its name."""
-        return KINDS[next(t.kind for t in self.dataset.targets if t.name == name)]
+        return self.declared[self.index[name]]
 
     def rows(self, *roles: str) -> np.ndarray:
         """Indices of the rows with one of the roles, in order."""
@@ -177,9 +182,10 @@ class Scene:
         """Those of `rows` that measure a target."""
         return rows[self.dataset.measurements.target[rows] == target]
 
-    def circumstances(self, fitted: np.ndarray) -> Circumstances:
-        """The circumstances of the effects, for a model fitted to the rows `fitted`."""
+    def circumstances(self, fitted: np.ndarray | None = None) -> Circumstances:
+        """The circumstances of the effects, for a model fitted to the rows `fitted`; default: calibrate."""
         d, m = self.dataset, self.dataset.measurements
+        fitted = self.rows("calibrate") if fitted is None else fitted
         used = tuple(int(k) for k in np.unique(m.tool[fitted]))
         targets = [d.targets[k] for k in np.unique(m.target[fitted])]
         turned = tuple(int(k) for k in np.unique(m.tool[fitted[self.posed[fitted]]]))

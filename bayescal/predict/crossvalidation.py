@@ -19,7 +19,7 @@ Distances that share spheres have no such blocks. Their bootstrap is parametric,
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import ndtri
@@ -269,12 +269,12 @@ def left_out(estimate: Estimate) -> list[_Part]:
     orientation that a row measures together with its point stays in the fit.
     """
     model = estimate.model
-    full = {name: np.ones_like(row) for name, row in estimate.weights.row.items()}
-    linear = linearise(model, estimate.z, replace(estimate.weights, row=full))
+    whole = estimate.weights.full
+    linear = linearise(model, estimate.z, whole)
     factor, out = root(estimate.covariance), []
     for b in length_blocks(model):
         mine, k, c = linear.of_block[b.target], b.kind.rows, len(b.rows)
-        noise = 1.0 / replace(estimate.weights, row=full).whitening(b)
+        noise = 1.0 / whole.whitening(b)
         by = (linear.jacobian[mine] @ factor).reshape(k, c, -1)
         leverage = np.einsum("icf,jcf->cij", by, by)  # of whitened residuals
         weight = estimate.weights.row[b.name][:, None, None]
@@ -295,8 +295,7 @@ def blocks_left_out(estimate: Estimate) -> list[_Part]:
     of different blocks are not.
     """
     model = estimate.model
-    full = {name: np.ones_like(row) for name, row in estimate.weights.row.items()}
-    whole = replace(estimate.weights, row=full)
+    whole = estimate.weights.full
     linear = linearise(model, estimate.z, whole)
     lengths = length_blocks(model)
     at = np.concatenate([np.arange(len(linear.residual))[linear.of_block[b.target]] for b in lengths])

@@ -42,9 +42,9 @@ class CentreDistances:
             out[d, centres.index(second)] -= self.along[d]
         return out.reshape(len(self.names), 3 * len(centres))
 
-    def predicted_sd(self, noise: float = 1.0) -> np.ndarray:
-        """Predicted standard deviations (D,), m, with the noise of the fit multiplied by a factor."""
-        square = np.sum(self.by_parameters**2, axis=1) + noise**2 * np.sum(self.by_noise**2, axis=1)
+    def predicted_sd(self) -> np.ndarray:
+        """Predicted standard deviations (D,), m."""
+        square = np.sum(self.by_parameters**2, axis=1) + np.sum(self.by_noise**2, axis=1)
         return np.sqrt(square + self.u**2)
 
 

@@ -26,6 +26,7 @@ from bayescal.estimate.families import EFFECT
 from bayescal.estimate.unexplained import FORM
 from bayescal.model import Model
 from bayescal.model.block import ARM
+from bayescal.model.scene import Scene
 from bayescal.predict.crossvalidation import interval95
 from bayescal.predict.errors import evenly, far_pairs, lengths, slopes
 from bayescal.predict.validation import Validation
@@ -91,8 +92,8 @@ def elsewhere(
         length=of(m.length),
         payload=of(m.payload) if payload is None else payload,
     )
-    there = type(scene)(replace(d, measurements=table), compliances=scene.compliances)
-    circumstances = there.circumstances(np.arange(count))
+    there = Scene(replace(d, measurements=table), compliances=scene.compliances)
+    circumstances = there.circumstances()
     known = {p.name: p for effect in model.effects for p in _possible(effect, circumstances)}
     known |= {p.name: p for p in parameters_of((), circumstances)}
     tools = there.tools if offset is None else there.tools + offset
@@ -260,20 +261,30 @@ def _certified(checked: Validation) -> DistanceErrors | None:
     return DistanceErrors(CENTRES, len(stated), min(stated), max(stated), predicted, float(measured))
 
 
+def read_pairs(
+    scene: Scene, target: str, rows: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
+    """Some of the rows in which an instrument read points: which, the points (3, N), m, and far pairs (K, 2).
+
+    None of another target, and where all points are near to each other.
+    """
+    xyz = scene.dataset.measurements.xyz
+    if xyz is None or scene.declared_of(target).reads != "xyz":
+        return None
+    pick = evenly(len(rows), POINTS)
+    at = xyz[rows[pick]].T
+    pairs = far_pairs(at)
+    return (pick, at, pairs) if np.max(lengths(at, pairs), initial=0.0) >= SMALLEST else None
+
+
 def _read(fitted: Estimate, checked: Validation) -> DistanceErrors | None:
     """Distances between readings of an instrument in validation measurements, within each target."""
-    scene = fitted.model.scene
-    index = {t.name: k for k, t in enumerate(scene.dataset.targets)}
-    xyz, parts = scene.dataset.measurements.xyz, []
+    scene, parts = fitted.model.scene, []
     for p in checked.points:
-        rows = scene.rows_of(index[p.target], scene.rows("validate"))
-        if xyz is None or scene.declared[index[p.target]].reads != "xyz":
-            continue
-        pick = evenly(len(rows), POINTS)
-        at = xyz[rows[pick]].T
-        pairs = far_pairs(at)
-        true = lengths(at, pairs)
-        if np.max(true, initial=0.0) >= SMALLEST:
+        rows = scene.rows_of(scene.index[p.target], scene.rows("validate"))
+        if (read := read_pairs(scene, p.target, rows)) is not None:
+            pick, at, pairs = read
+            true = lengths(at, pairs)
             predicted = lengths(at + p.predicted[..., pick], pairs) - true
             parts.append((true, predicted, lengths(at + p.residuals[:, pick], pairs) - true))
     if not parts:
@@ -308,7 +319,7 @@ def workspace(fitted: Estimate) -> Workspace:
     rows = scene.rows("calibrate", "validate")
     rows = rows[np.isin(tool[rows], tool[scene.rows("calibrate")])]
     rows = rows[evenly(len(rows), POINTS)]
-    motion, values = model.motion(rows), model.deviations(fitted.z[model.slices[ARM]])
+    motion, values = model.motion(rows), fitted.arm
     at, over = motion.points(values), Workspace.over
     if np.max(lengths(at, np.stack(np.triu_indices(len(rows), 1), axis=1)), initial=0.0) < SMALLEST:
         rows = np.resize(rows, POINTS)

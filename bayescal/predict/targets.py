@@ -93,7 +93,7 @@ def located_target(
     if u_diameter is not None:
         block = with_diameter(block, u_diameter)
     tool_sd = unknown_tool(model.scene, block.rows)
-    values = model.deviations(estimate.z[model.slices[ARM]])
+    values = estimate.arm
     p, kind = block.motion.points(values), block.touched(values)
     noise = noise_of(estimate, block, np.zeros(block.size))
     shifts = by_tool(block, values, p) if tool_sd else NO_SHIFTS
@@ -155,7 +155,7 @@ def slopes_of(
         By a common shift of all ball centres in F0, m; zeros for orientations.
     """
     model = estimate.model
-    values = model.deviations(estimate.z[model.slices[ARM]])
+    values = estimate.arm
     r, by_arm, by_target = block.linearise(values, z)
     seen = block.seen(values)
     by_point = np.zeros((len(r), 3))

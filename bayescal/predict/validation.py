@@ -251,11 +251,10 @@ def validate(
 def _turns(estimate: Estimate, known: Prepared) -> list[RowPrediction]:
     """Orientations that validation measurements measure together with their points."""
     model, out = estimate.model, []
-    index = {t.name: k for k, t in enumerate(model.scene.dataset.targets)}
     for r in known.rows:
         rows = _known_turns(model, r.block.rows)
         if len(rows):
-            block = model.turned(index[r.block.target], rows)
+            block = model.turned(model.scene.index[r.block.target], rows)
             out.append(predicted_rows(estimate, block, r.target))
     return out
 

@@ -10,13 +10,12 @@ from cases import terminal_text
 from scipy.stats import norm
 from sessions import with_columns
 
-from bayescal.assess.acceptance import EXPLAINED
+from bayescal.assess.acceptance import EXPLAINED, not_physical
 from bayescal.assess.budget import usual
 from bayescal.assess.findings import Assessed, findings
 from bayescal.assess.identifiability import BARELY, directions
 from bayescal.calibration import VALIDATION_DRAWS, fit
 from bayescal.dataset import read_dataset
-from bayescal.estimate.bounds import not_physical
 from bayescal.model import build
 from bayescal.model.options import FitOptions
 from bayescal.model.scene import Scene

@@ -22,7 +22,7 @@ from bayescal.errors import BayescalError
 from bayescal.estimate import calibrated, estimate, linearise
 from bayescal.estimate.bounds import with_latent_readings
 from bayescal.estimate.checks import check_converged
-from bayescal.estimate.unexplained import check_faces, unexplained, with_form
+from bayescal.estimate.unexplained import check_faces, unexplained, with_uneven_faces
 from bayescal.exporting.robot import calibrated_robot
 from bayescal.gap.diagnose import diagnose
 from bayescal.model import ARM, build, check_asked
@@ -251,7 +251,7 @@ def test_a_bulging_face_is_seen_and_fitted(cube):
     found = estimate(build(Scene(session), FULL))
     checks = {f.target: f for f in check_faces(found)}
     assert checks["cube.+y"].uneven
-    better = with_form(Scene(session), found, ("cube.+y",))
+    better = with_uneven_faces(found, [checks["cube.+y"]])
     assert better.weights.scale["contact"] < 1.3
     assert better.weights.scale["contact"] < 0.7 * found.weights.scale["contact"]
 

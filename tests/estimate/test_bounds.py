@@ -11,12 +11,13 @@ from sessions import circumstances, with_columns
 
 import bayescal as bc
 from bayescal.arm.statics import torques_on_links
+from bayescal.assess.acceptance import not_physical
 from bayescal.dataset import read_dataset, write_dataset
 from bayescal.dataset.join import joined
 from bayescal.effects.gravity import masses
 from bayescal.errors import BayescalError
 from bayescal.estimate import Weights, calibrated, estimate
-from bayescal.estimate.bounds import UNCHANGED, bounded, negative, not_physical
+from bayescal.estimate.bounds import UNCHANGED, bounded, negative
 from bayescal.estimate.discrepancy import stated
 from bayescal.estimate.unexplained import Unexplained, repeat_scatter, scatter, unexplained
 from bayescal.gap.design.candidate_contacts import widened
