@@ -102,18 +102,11 @@ def _torques(c: Circumstances) -> Iterator[Parameter]:
 
 
 def _moments(c: Circumstances) -> Iterator[Parameter]:
-    for component in (0, 1):
-        for j, moment in _moments_of(c, component):
-            yield from _bends(j, waves(moment, c.fitted), Driver("bending moment"))
-
-
-def _moments_of(c: Circumstances, component: int) -> Iterator[tuple[int, np.ndarray]]:
-    """Joints, and the component of their gravity moment (N,) where it varies."""
-    if c.moments is not None:
+    for component in (0, 1) if c.moments is not None else ():
         for j in range(1, c.robot.n + 1):
             moment = c.moments[:, j, component]
             if np.ptp(moment[c.fitted]) > STILL:
-                yield j, moment
+                yield from _bends(j, waves(moment, c.fitted), Driver("bending moment"))
 
 
 def _leans(c: Circumstances) -> Iterator[Parameter]:

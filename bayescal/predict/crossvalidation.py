@@ -169,12 +169,9 @@ FEWEST = 8
 
 @dataclass(frozen=True)
 class _Part:
-    """Residuals of one target, component by component; fields as in `ValidationErrors`."""
+    """Residuals of a block, component by component; fields as in `ValidationErrors`."""
 
-    target: str
-    group: str
-    kind: str
-    rows: np.ndarray
+    block: Block
     residual: np.ndarray
     noise: np.ndarray
     by_parameters: np.ndarray
@@ -205,13 +202,17 @@ def validation_errors(estimate: Estimate, strict: bool = True, without: str = LE
         parts = [_predicted(r, factor) for r in fitted]
     else:
         parts = left_out(estimate) if how == LEFT_OUT else blocks_left_out(estimate)
-    main = "contact" if any(p.group == "contact" for p in parts) else "point"
+    main = "contact" if any(p.block.group == "contact" for p in parts) else "point"
     parts += [_predicted(r, factor) for r in known.rows if r.target is not None]
-    at = np.concatenate([p.rows for p in parts])
+    blocks_of = [p.block for p in parts]
+    at = np.concatenate([np.tile(b.rows, b.kind.rows) for b in blocks_of])
     order = np.argsort(at, kind="stable")
 
     def joined(values: Sequence[np.ndarray]) -> np.ndarray:
         return np.concatenate(values)[order]
+
+    def labels(values: Sequence[str]) -> np.ndarray:
+        return np.repeat(values, [b.residuals for b in blocks_of])[order]
 
     def padded(values: Sequence[np.ndarray]) -> np.ndarray:
         width = max([v.shape[1] for v in values], default=0)
@@ -224,9 +225,9 @@ def validation_errors(estimate: Estimate, strict: bool = True, without: str = LE
         joined([p.noise for p in parts]),
         padded([p.by_parameters for p in parts]),
         at[order],
-        joined([np.full(len(p.rows), p.kind) for p in parts]),
-        joined([np.full(len(p.rows), p.group) for p in parts]),
-        joined([np.full(len(p.rows), p.target) for p in parts]),
+        labels(["planes" if b.kind.rows == 1 else "points" for b in blocks_of]),
+        labels([b.group for b in blocks_of]),
+        labels([b.target for b in blocks_of]),
         blocks(scene, at[order]),
         centre_distances(scene, known.located, factor[estimate.model.slices[ARM]]),
         padded([p.own for p in parts]),
@@ -256,9 +257,7 @@ def _part(
     k = block.kind.rows
     if own is None:
         own = np.eye(k) * noise.reshape(k, -1).T[:, None] ** 2
-    kind = "planes" if k == 1 else "points"
-    flat = np.swapaxes(own, 0, 1).reshape(len(noise), k)
-    return _Part(block.target, block.group, kind, np.tile(block.rows, k), residual, noise, by, flat)
+    return _Part(block, residual, noise, by, np.swapaxes(own, 0, 1).reshape(len(noise), k))
 
 
 def left_out(estimate: Estimate) -> list[_Part]:
