@@ -191,12 +191,8 @@ def readings(basis: Basis) -> Measurand | None:
     wide = basis.stated.wide
     parts = []
     for r in basis.prepared.rows:
-        rows = r.block.rows
-        if (
-            r.block.kind.rows == 3
-            and (read := read_pairs(wide.model.scene, r.block.target, rows)) is not None
-        ):
-            by = _by_residuals(*read, len(rows))
+        if (read := read_pairs(wide.model.scene, r.block.target, r.block.rows)) is not None:
+            by = _by_residuals(*read, len(r.block.rows))
             parts.append((by @ _slopes(r), _own(basis, r, by)))
     if not parts:
         return None

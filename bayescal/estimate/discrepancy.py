@@ -350,7 +350,7 @@ def _linearised(
 
 
 def _columns(fitted: Estimate, some: Sequence[Parameter], used: np.ndarray) -> np.ndarray:
-    """Whitened columns (R', K) of K further parameters at zero, of the R' of all residuals that are `used`."""
+    """Whitened columns (R', K) of K further parameters at zero, of the R' residuals that are `used`."""
     wide, own, extra = _with(fitted.model, some)
     z = np.zeros(wide.size)
     z[own] = fitted.z
