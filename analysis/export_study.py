@@ -22,7 +22,7 @@ from bayescal.calibration import Fit
 from bayescal.errors import BayescalError
 from bayescal.estimate.bounds import UNCHANGED
 from bayescal.fitted import gate
-from bayescal.predict import inside95
+from bayescal.predict.crossvalidation import inside95
 from bayescal.robots import load_robot, names
 
 CONTACTS = (80, 150, 300)

@@ -35,7 +35,9 @@ from bayescal.gap.search.refit import model_name
 from bayescal.model import with_parameters
 from bayescal.model.scene import Scene
 from bayescal.posterior import gaussian
-from bayescal.predict import DistanceErrors, Validation, forecast, inside95, validate
+from bayescal.predict.crossvalidation import inside95
+from bayescal.predict.forecast import DistanceErrors, forecast
+from bayescal.predict.validation import Validation, validate
 from factors.fixed_point import FixedPoint
 
 RUNS = Path(__file__).parents[1] / "runs" / "real-sessions"

@@ -35,8 +35,9 @@ from bayescal.estimate.unexplained import FaceCheck, Unexplained, check_faces, u
 from bayescal.model import USUAL, FitOptions
 from bayescal.model.scene import Scene
 from bayescal.posterior import Draws, approximate, gaussian
-from bayescal.predict import Forecast, Validation, forecast, validate
+from bayescal.predict.forecast import Forecast, forecast
 from bayescal.predict.targets import Prepared, check_located, prepared
+from bayescal.predict.validation import Validation, validate
 from bayescal.statistics import spawned
 from bayescal.storage.stopping import Progress, silent
 

@@ -11,7 +11,7 @@ from bayescal.calibration import VALIDATION_DRAWS, Fit, fit
 from bayescal.errors import BayescalError
 from bayescal.model.options import FitOptions
 from bayescal.posterior.sample import sample
-from bayescal.predict import Validation, validate
+from bayescal.predict.validation import Validation, validate
 from bayescal.simulation import Options, Simulation, simulate
 
 MODEL = ("geometry", "compliance")

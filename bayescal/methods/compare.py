@@ -24,8 +24,8 @@ from bayescal.methods.solving import Solution
 from bayescal.model import ARM, Model, build, check_asked, with_parameters
 from bayescal.model.scene import Scene
 from bayescal.posterior import gaussian
-from bayescal.predict import Validation, validate
 from bayescal.predict.locate import Rows, locate
+from bayescal.predict.validation import Validation, validate
 from bayescal.statistics import spawned
 from bayescal.storage.stopping import Progress, silent
 

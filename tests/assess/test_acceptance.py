@@ -34,7 +34,7 @@ from bayescal.errors import BayescalError
 from bayescal.estimate.unexplained import Unexplained
 from bayescal.model.options import FitOptions
 from bayescal.model.scene import Scene
-from bayescal.predict import DistanceCheck, RowCheck, Validation
+from bayescal.predict.validation import DistanceCheck, RowCheck, Validation
 
 FULL = ("geometry", "compliance")
 CAUSE = SharedCause("target", "cube.+y", np.arange(3), 10, 3, 60, 1.0)

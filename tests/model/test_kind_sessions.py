@@ -20,7 +20,7 @@ from bayescal.gap.diagnose import diagnose
 from bayescal.model.block import USUAL
 from bayescal.model.scene import Scene
 from bayescal.posterior import Density, gaussian
-from bayescal.predict import inside95
+from bayescal.predict.crossvalidation import inside95
 from bayescal.reporting.gap.phrases import warnings
 from factors.turns import rotation_vector
 

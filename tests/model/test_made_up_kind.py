@@ -25,7 +25,7 @@ from bayescal.model import ARM, Model, build
 from bayescal.model.model import build as model_build
 from bayescal.model.scene import Scene
 from bayescal.posterior import gaussian
-from bayescal.predict import validate
+from bayescal.predict.validation import validate
 from bayescal.storage.files import Number, Vector
 from factors.kind import Feature, dot, point, slopes
 

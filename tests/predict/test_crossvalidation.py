@@ -12,10 +12,10 @@ from bayescal.gap.outcome.magnitude import magnitude, noise_floor
 from bayescal.model import build
 from bayescal.model.scene import Scene
 from bayescal.posterior import gaussian
-from bayescal.predict import validate
 from bayescal.predict.crossvalidation import BLOCKED, LEFT_OUT, VALIDATED, folds, validation_errors
 from bayescal.predict.errors import kept
 from bayescal.predict.targets import predicted_rows
+from bayescal.predict.validation import validate
 
 FULL = ("geometry", "compliance")
 BALLS = {"ball.A@1": (0.45, -0.2, 0.2), "ball.B@1": (0.35, 0.2, 0.25)}

@@ -11,10 +11,10 @@ from bayescal.estimate import estimate
 from bayescal.model import ARM, build
 from bayescal.model.scene import Scene
 from bayescal.posterior import gaussian
-from bayescal.predict import validate
 from bayescal.predict.crossvalidation import validation_errors
 from bayescal.predict.locate import Rows, search
 from bayescal.predict.targets import prepared
+from bayescal.predict.validation import validate
 
 DRAWS = 1500
 

@@ -16,7 +16,6 @@ from bayescal.estimate import Estimate, calibrated, estimate
 from bayescal.model import ARM, build
 from bayescal.model.scene import Scene
 from bayescal.posterior import gaussian
-from bayescal.predict import Validation, forecast, validate
 from bayescal.predict.crossvalidation import (
     BLOCKS,
     blocks,
@@ -28,8 +27,10 @@ from bayescal.predict.crossvalidation import (
     validation_errors,
 )
 from bayescal.predict.errors import CentreDistances
+from bayescal.predict.forecast import forecast
 from bayescal.predict.locate import Rows, States, _check, locate, robust_rows, search
 from bayescal.predict.targets import unknown_tool
+from bayescal.predict.validation import Validation, validate
 from factors.cylinder import Cylinder
 from factors.distance import Distance
 from factors.fixed_point import FixedPoint

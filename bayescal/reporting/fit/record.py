@@ -15,7 +15,9 @@ from bayescal.calibration import Fit, ModelLevel
 from bayescal.dataset import Dataset
 from bayescal.effects import UNITS
 from bayescal.fitted import gate
-from bayescal.predict import Forecast, Validation, inside95, interval95
+from bayescal.predict.crossvalidation import inside95, interval95
+from bayescal.predict.forecast import Forecast
+from bayescal.predict.validation import Validation
 from bayescal.reporting.fit.agreement import disagreement
 from bayescal.reporting.shared.body import arm_drawing
 from bayescal.reporting.shared.origin import entry, origin, plain, rows_record

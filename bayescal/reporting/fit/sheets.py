@@ -12,7 +12,8 @@ from rich.text import Text
 from bayescal.assess.acceptance import FAIL, PASS
 from bayescal.calibration import ModelLevel
 from bayescal.effects.vocabulary import unit_label
-from bayescal.predict import Validation, inside95
+from bayescal.predict.crossvalidation import inside95
+from bayescal.predict.validation import Validation
 from bayescal.reporting.shared.sheet import Bar, Column, Sheet, as_is, bar_of, inside, of_key
 from bayescal.reporting.shared.text import (
     MDEG,

@@ -13,7 +13,9 @@ from bayescal.calibration import Fit
 from bayescal.estimate.discrepancy import MASSES
 from bayescal.fitted import gate
 from bayescal.fitted.gate import STEPS, Use
-from bayescal.predict import DistanceErrors, Errors, Validation, inside95
+from bayescal.predict.crossvalidation import inside95
+from bayescal.predict.forecast import DistanceErrors
+from bayescal.predict.validation import Errors, Validation
 from bayescal.reporting.fit.agreement import iso9283_table
 from bayescal.reporting.fit.record import parameter_records, tolerance_record, validation_record
 from bayescal.reporting.fit.sheets import TOLERANCE, distance_table, parameter_table, validation_table
