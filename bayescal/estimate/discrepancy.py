@@ -51,7 +51,7 @@ from bayescal.estimate.moments import (
     scatter_factor,
     variances,
 )
-from bayescal.estimate.solver import linearise, root
+from bayescal.estimate.solver import Linear, linearise, root
 from bayescal.estimate.unexplained import Unexplained, unexplained
 from bayescal.model import ARM, Model, with_parameters
 
@@ -337,25 +337,35 @@ def _linearised(
 
     `every` is empty afterwards: parameters are freed as soon as their columns are known.
     """
-    model, linear = fitted.model, fitted.linear
+    model = fitted.model
+    # all columns of the same pass: those of fewer parameters differ in rounding
     rows = np.concatenate([np.tile(b.rows, b.kind.rows) for b in model.blocks])
     used = np.concatenate([np.tile(fitted.weights.row[b.name], b.kind.rows) for b in model.blocks]) > 0
     columns = np.empty((int(np.sum(used)), len(every)))
     at_once = max(MOST_VALUES // len(used), 1)
-    for start in range(0, len(every), at_once):
+    last = max(len(every) - 1, 0) // at_once * at_once
+    for start in range(0, last, at_once):
         some, every[:at_once] = every[:at_once], []
         columns[:, start : start + at_once] = _columns(fitted, some, used)
-    mine, residual = linear.jacobian[: len(used)][used], linear.residual[: len(used)][used]
-    return mine, columns, residual, rows[used]
+    linear, own, extra = _widened(fitted, every)
+    columns[:, last:] = linear.jacobian[: len(used)][used][:, extra]
+    every.clear()
+    mine = linear.jacobian[: len(used)][used][:, own]
+    return mine, columns, linear.residual[: len(used)][used], rows[used]
 
 
 def _columns(fitted: Estimate, some: Sequence[Parameter], used: np.ndarray) -> np.ndarray:
-    """Whitened columns (R', K) of K further parameters at zero, of the R' residuals that are `used`."""
+    """Whitened columns (R', K) of K further parameters, of the R' of all residuals that are `used`."""
+    linear, _, extra = _widened(fitted, some)
+    return linear.jacobian[: len(used), extra[0] : extra[-1] + 1][used]
+
+
+def _widened(fitted: Estimate, some: Sequence[Parameter]) -> tuple[Linear, np.ndarray, np.ndarray]:
+    """A fit with further parameters at zero, linearised; places of its own and of the further unknowns."""
     wide, own, extra = _with(fitted.model, some)
     z = np.zeros(wide.size)
     z[own] = fitted.z
-    jacobian = linearise(wide, z, fitted.weights).jacobian
-    return jacobian[: len(used), extra[0] : extra[-1] + 1][used]
+    return linearise(wide, z, fitted.weights), own, extra
 
 
 def _with(model: Model, further: Sequence[Parameter]) -> tuple[Model, np.ndarray, np.ndarray]:

@@ -152,6 +152,8 @@ class Rows:
 
     def points(self, tool: np.ndarray) -> np.ndarray:
         """Ball centres (S, 3, C), m, with shifts (S, 3) of the tool, m."""
+        if not len(self.shifts):
+            return np.broadcast_to(self.p, (len(tool), *self.p.shape[-2:]))
         return self.p + np.einsum("sj,jkc->skc", tool, self.shifts)
 
     def chi2(self, at: States) -> np.ndarray:
@@ -189,7 +191,9 @@ def search(rows: Rows, start: np.ndarray, weight: np.ndarray | float = 1.0, besi
         x, tool = physical(y)
         r, u, dx = kind.linearise(x, rows.points(tool))
         r = (r * inverse_sigma).reshape(count, -1)
-        slopes = np.concatenate([dx[..., free], np.einsum("srkc,jkc->srcj", u, rows.shifts)], axis=-1)
+        slopes = dx[..., free]
+        if len(rows.shifts):
+            slopes = np.concatenate([slopes, np.einsum("srkc,jkc->srcj", u, rows.shifts)], axis=-1)
         j = (slopes * inverse_sigma[..., None]).reshape(*r.shape, len(sd)) * sd
         gradient = np.einsum("sri,sr->si", j, r) + y
         cost = 0.5 * (np.sum(r**2, axis=1) + np.sum(y**2, axis=1))
