@@ -21,11 +21,11 @@ THIRD = 0.3  # of it
 
 
 def _parameters(c: Circumstances) -> list[Parameter]:
-    return waves(c, "eccentricity", np.array([[1.0]]), SD)
+    return waves(c, "eccentricity", np.array([[1]]), SD)
 
 
 def _with_third(c: Circumstances) -> list[Parameter]:
-    return [*_parameters(c), *waves(c, "eccentricity third order", np.array([[3.0]]), THIRD * SD)]
+    return [*_parameters(c), *waves(c, "eccentricity third order", np.array([[3]]), THIRD * SD)]
 
 
 ECCENTRICITY = Effect(

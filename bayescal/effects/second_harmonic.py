@@ -20,7 +20,7 @@ SD = 7e-5  # rad
 SECOND_HARMONIC = Effect(
     "second-harmonic",
     "error twice per revolution of joint k",
-    lambda c: waves(c, "second-harmonic", np.array([[2.0]]), SD),
+    lambda c: waves(c, "second-harmonic", np.array([[2]]), SD),
     sizes={"rad": WAVE},
     phrase=("every joint", "has an error twice per revolution"),
     remedy=(

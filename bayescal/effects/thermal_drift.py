@@ -106,7 +106,15 @@ def _warming(c: Circumstances, constant: float) -> list[Parameter]:
     if all(_clock(one) is None for one in each(c)):
         what = "a time constant needs time_s that varies"
         raise BayescalError(what, f"--model thermal-drift@{constant:g}", "say thermal-drift")
-    return _paused(c, constant)
+    return apart(c, lambda one: _settling(one, constant))
+
+
+def _settling(c: Circumstances, constant: float) -> list[Parameter]:
+    time = _clock(c)
+    if time is None:
+        return []
+    grown = 1.0 - np.exp(-(time - np.min(time)) / constant)
+    return _drifting(c, "time", 2.0 * grown / np.max(grown) - 1.0)
 
 
 def heated(share: np.ndarray, begin: float, end: float, constant: float) -> np.ndarray:
@@ -124,8 +132,8 @@ def heated(share: np.ndarray, begin: float, end: float, constant: float) -> np.n
     return 1.0 + (cooled - 1.0) * np.exp(-np.maximum(share - end, 0.0) / constant)
 
 
-def _paused(c: Circumstances, constant: float, begin: float = 100.0, length: float = 0.0) -> list[Parameter]:
-    """The same of an arm that cools for a while; see `PAUSES`."""
+def _paused(c: Circumstances, begin: float, length: float, constant: float) -> list[Parameter]:
+    """The drift of an arm that cools for a while, in place of the recorded course; see `PAUSES`."""
 
     def one(c: Circumstances) -> list[Parameter]:
         time = _clock(c)
