@@ -24,7 +24,7 @@ from bayescal.assess.findings import Assessed, Finding, findings, rests_on_prior
 from bayescal.assess.identifiability import Directions, Identifiability, directions, identifiability
 from bayescal.assess.inputs import Basis
 from bayescal.assess.mistakes import judged, mistaken
-from bayescal.assess.shared_causes import SharedCause, rejected_share, shared_causes, with_sharing_rows
+from bayescal.assess.shared_causes import SharedCause, judged_complete, rejected_share
 from bayescal.assess.undetermined import Undetermined, undetermined
 from bayescal.dataset import Dataset
 from bayescal.effects import BASELINE, levels_of
@@ -197,9 +197,7 @@ def _complete(
     faces = check_faces(level)
     if level.model.effects:
         level = with_uneven_faces(level, faces, options.robust)
-    causes = shared_causes(level, seed) if options.robust else ()
-    if causes:
-        level = with_sharing_rows(level, causes)
+    level, causes = judged_complete(level, seed) if options.robust else (level, ())
     if options.latent_joints:
         level = with_latent_readings(level)
     level, rigid = bounded(level)

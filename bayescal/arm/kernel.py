@@ -221,8 +221,7 @@ def _offset(work, sign, tool, start):
 
 @_inline
 def _constants(values, constant_terms, const):
-    for i in range(len(const)):
-        const[i] = 0.0
+    const[:] = 0.0
     for k in range(len(constant_terms)):
         const[constant_terms[k, 0]] += values[constant_terms[k, 1]]
 
@@ -274,10 +273,7 @@ def points(values, constant_terms, terms, firsts, general, drivers, sines, cosin
             _map(work, link[0])
             _out_displaced(work, start, _BASE, _ZXY, const, firsts, terms, own, drivers)
             _map(work, base)
-            for j in range(3):
-                own_out = out[w, j, start : start + WIDTH]
-                for i in range(WIDTH):
-                    own_out[i] = work[j, i]
+            out[w, :, start : start + WIDTH] = work[:3]
 
 
 @_inline
@@ -353,14 +349,9 @@ def columns(
         for j in range(len(fresh)):
             fresh[j] = True
         inside = min(WIDTH, p.shape[1] - start)  # what lies beyond is padding: zeros
-        for j in range(3):
-            centre = p[j, start : start + inside]
-            force = u[j, start : start + inside]
-            work[j] = 0.0
-            work[3 + j] = 0.0
-            for i in range(inside):
-                work[j, i] = centre[i]
-                work[3 + j, i] = force[i]
+        work[:6] = 0.0
+        work[:3, :inside] = p[:, start : start + inside]
+        work[3:6, :inside] = u[:, start : start + inside]
         _unmap(work, base, 0.0)
         _back_displaced(
             work, start, _BASE, _ZXY, const, firsts, terms, values, drivers, by_site, by_first, out, fresh

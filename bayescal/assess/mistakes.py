@@ -16,8 +16,7 @@ import numpy as np
 from bayescal.dataset import Certificate, Dataset
 from bayescal.dataset.append import taken
 from bayescal.dataset.target_kinds import kinds_of
-from bayescal.effects import BASELINE, parameters_of
-from bayescal.errors import BayescalError
+from bayescal.effects import BASELINE, parameters_of, possible
 from bayescal.estimate import linearise, unit_weights
 from bayescal.model.block import Turned
 from bayescal.model.model import Model, with_parameters
@@ -51,14 +50,7 @@ def model_of(scene: Scene, effects: tuple[str, ...]) -> tuple[Model | None, tupl
     if not len(scene.rows("calibrate")):
         return None, ()
     circumstances = scene.circumstances()
-    possible = []
-    for name in effects:
-        try:
-            parameters_of((name,), circumstances, lenient=True)
-            possible.append(name)
-        except BayescalError:
-            continue
-    own = tuple(possible)
+    own = possible(effects, circumstances)
     return with_parameters(scene, own, parameters_of(own, circumstances, lenient=True)), own
 
 

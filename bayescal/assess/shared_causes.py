@@ -254,16 +254,13 @@ def _incidence(groups: Sequence[np.ndarray], count: int) -> csr_array:
     return csr_array((np.ones(len(rows), np.int32), rows, ends), shape=(len(groups), count))
 
 
-def with_sharing_rows(found: Estimate, causes: Sequence[SharedCause]) -> Estimate:
-    """Fit again with the rejected rows that share a cause; the other rejected rows stay out."""
-    kept = np.unique(np.concatenate([cause.rows for cause in causes]))
-    return estimate(found.model, start=found.z, left_out=np.setdiff1d(found.rejected, kept))
-
-
 def judged_complete(found: Estimate, seed: int = 0) -> tuple[Estimate, tuple[SharedCause, ...]]:
     """Judge the outliers of a complete model: those that share a cause are fitted, the others are not."""
     causes = shared_causes(found, seed)
-    return (with_sharing_rows(found, causes), causes) if causes else (found, ())
+    if not causes:
+        return found, ()
+    kept = np.unique(np.concatenate([cause.rows for cause in causes]))
+    return estimate(found.model, start=found.z, left_out=np.setdiff1d(found.rejected, kept)), causes
 
 
 def rejected_share(found: Estimate) -> float:

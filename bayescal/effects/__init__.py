@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import ChainMap
 from collections.abc import Mapping
+from contextlib import suppress
 
 from bayescal.arm.motion import CERTIFICATE, CONTACT, TURN, Term
 from bayescal.effects.artefact import ARTEFACT
@@ -112,6 +113,7 @@ __all__ = [
     "named",
     "names",
     "parameters_of",
+    "possible",
     "register",
     "unregister",
 ]
@@ -157,6 +159,16 @@ def parameters_of(
         there = {p.name for p in out}
         out += [p for p in asked.of(own, f"--model '{name}'") if p.name not in there]
     return (*out, *TOOL.at(circumstances))
+
+
+def possible(names: tuple[str, ...], circumstances: Circumstances) -> tuple[str, ...]:
+    """Those of some effects for which a session has what they need."""
+    out = []
+    for name in names:
+        with suppress(BayescalError):
+            parameters_of((name,), circumstances, lenient=True)
+            out.append(name)
+    return tuple(out)
 
 
 def levels_of(effects: tuple[str, ...]) -> list[tuple[str, ...]]:

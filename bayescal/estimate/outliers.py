@@ -230,11 +230,7 @@ class Judged:
 
 
 def judged(
-    model: Model,
-    z: np.ndarray,
-    weights: Weights,
-    covariance: np.ndarray,
-    evaluations: Evaluations | None = None,
+    model: Model, z: np.ndarray, weights: Weights, covariance: np.ndarray, evaluations: Evaluations
 ) -> dict[str, Judged]:
     """All measurements of a fit by noise group, in the order of the group's blocks."""
     linear = linearise(model, z, weights.full, evaluations)
@@ -253,10 +249,9 @@ def judged(
 
 
 def without_outliers(
-    model: Model, z: np.ndarray, weights: Weights, evaluations: Evaluations | None = None
+    model: Model, z: np.ndarray, weights: Weights, evaluations: Evaluations
 ) -> tuple[np.ndarray, Weights, int]:
     """Student t reweighting until the fit rests, then the measurements that are rejected left out."""
-    evaluations = evaluations or Evaluations(model)
     z, covariance, iterations = solve(model, weights, z, evaluations)
     for _ in range(ROUNDS):
         found = judged(model, z, weights, covariance(), evaluations)

@@ -47,11 +47,6 @@ def convergence(chains: np.ndarray) -> Convergence:
     return Convergence(_ess(normal), np.minimum(*tails), np.maximum(_rhat(normal), _rhat(folded)))
 
 
-def split_rhat(chains: np.ndarray) -> np.ndarray:
-    """R-hat (D,) of chains (M, N, D), each cut in two halves, without ranks."""
-    return _rhat(_split(chains))
-
-
 def _split(chains: np.ndarray) -> np.ndarray:
     """Each chain cut in two halves: (2 M, N // 2, D)."""
     half = chains.shape[1] // 2
@@ -239,7 +234,7 @@ def _walkers_end_to_end(chains: np.ndarray) -> np.ndarray:
 def _drift(chains: np.ndarray) -> float:
     """Largest R-hat between the first and the second half of the time of ensembles (M, T, W, D)."""
     by_time = chains.reshape(len(chains), -1, chains.shape[-1])
-    return float(np.nanmax(split_rhat(by_time)))
+    return float(np.nanmax(_rhat(_split(by_time))))
 
 
 def _complaint(

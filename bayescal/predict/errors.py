@@ -192,6 +192,12 @@ def lengths(at: np.ndarray, pairs: np.ndarray) -> np.ndarray:
     return np.linalg.norm(at[..., pairs[:, 0]] - at[..., pairs[:, 1]], axis=-2)
 
 
+def by_points(motion: Motion, values: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """Slopes (3, P, N) of the TCP positions `at` (3, N) of a motion by the parameters, at `values` (P,)."""
+    axes = [np.repeat(axis[:, None], at.shape[1], axis=1) for axis in np.eye(3)]
+    return np.stack([motion.columns(values, at, axis) for axis in axes])
+
+
 def slopes(model: Model, motion: Motion, values: np.ndarray, pairs: np.ndarray) -> np.ndarray:
     """Slopes (K, P), m, of the distances of pairs (K, 2) of TCP positions by z of the arm.
 
@@ -208,7 +214,6 @@ def slopes(model: Model, motion: Motion, values: np.ndarray, pairs: np.ndarray) 
     at = motion.points(values)
     first, second = pairs.T
     along = (at[:, first] - at[:, second]) / lengths(at, pairs)
-    axes = [np.repeat(axis[:, None], at.shape[1], axis=1) for axis in np.eye(3)]
-    by_point = np.stack([motion.columns(values, at, axis) for axis in axes])  # (3, P, N)
+    by_point = by_points(motion, values, at)
     by = np.einsum("ak,apk->kp", along, by_point[..., first] - by_point[..., second])
     return np.asarray(by * model.sd)

@@ -9,7 +9,6 @@ The arm in other conditions than those of its session: other poses, another tool
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from math import nan
 
@@ -18,8 +17,7 @@ import numpy as np
 from bayescal.arm.chain import Robot
 from bayescal.arm.motion import Motion, NominalArm, Term
 from bayescal.dataset import Measurements
-from bayescal.effects import Circumstances, Parameter, parameters_of
-from bayescal.errors import BayescalError
+from bayescal.effects import parameters_of, possible
 from bayescal.estimate import Estimate
 from bayescal.estimate.discrepancy import MASSES
 from bayescal.estimate.families import EFFECT
@@ -28,7 +26,7 @@ from bayescal.model import Model
 from bayescal.model.block import ARM
 from bayescal.model.scene import Scene
 from bayescal.predict.crossvalidation import interval95
-from bayescal.predict.errors import evenly, far_pairs, lengths, slopes
+from bayescal.predict.errors import by_points, evenly, far_pairs, lengths, slopes
 from bayescal.predict.validation import Validation
 from bayescal.statistics import rms
 
@@ -94,8 +92,8 @@ def elsewhere(
     )
     there = Scene(replace(d, measurements=table), compliances=scene.compliances)
     circumstances = there.circumstances()
-    known = {p.name: p for effect in model.effects for p in _possible(effect, circumstances)}
-    known |= {p.name: p for p in parameters_of((), circumstances)}
+    named = possible(model.effects, circumstances)
+    known = {p.name: p for p in parameters_of(named, circumstances, lenient=True)}
     tools = there.tools if offset is None else there.tools + offset
     terms: list[tuple[int, Term]] = []
     for k, parameter in enumerate(model.parameters):
@@ -104,21 +102,10 @@ def elsewhere(
     return Motion(there.chain, there.q, tools, terms, len(model.parameters))
 
 
-def _possible(effect: str, circumstances: Circumstances) -> tuple[Parameter, ...]:
-    """Parameters of an effect; none where the conditions lack what it needs."""
-    try:
-        return parameters_of((effect,), circumstances, lenient=True)
-    except BayescalError:
-        return ()
-
-
 def point_slopes(model: Model, motion: Motion, values: np.ndarray) -> np.ndarray:
     """Slopes (N, 3, P), m, of the TCP positions of a motion by z of the arm, at deviations (P,), SI."""
-    at = motion.points(values)
-    columns: Callable[[int], np.ndarray] = lambda k: motion.columns(  # noqa: E731
-        values, at, np.repeat(np.eye(3)[k][:, None], at.shape[1], axis=1)
-    )
-    return np.stack([columns(k).T for k in range(3)], axis=1) * model.sd
+    by = by_points(motion, values, motion.points(values))
+    return np.ascontiguousarray(np.moveaxis(by, 2, 0)) * model.sd
 
 
 CENTRES, READINGS = "sphere centres", "readings of the instrument"

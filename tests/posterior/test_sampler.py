@@ -22,7 +22,7 @@ from bayescal.posterior import sample as sampling
 from bayescal.posterior.ensemble import Evolution, Independence
 from bayescal.posterior.inference import Record, arviz, inference_data, load, save
 from bayescal.posterior.linearised import Linearised
-from bayescal.posterior.sample import convergence, sample, split_rhat
+from bayescal.posterior.sample import convergence, sample
 from bayescal.reporting.fit.posterior import fit_draws
 from bayescal.simulation import Options, simulate
 
@@ -283,8 +283,8 @@ def test_chains_that_differ_are_seen():
     x[0, :, 1] += 1.0
     x[0, :, 2] *= 3.0
     assert np.all(convergence(x).rhat[1:] > 1.05)
-    assert split_rhat(x)[1] > 1.05
-    assert split_rhat(x)[2] < 1.01
+    assert sampling._rhat(sampling._split(x))[1] > 1.05
+    assert sampling._rhat(sampling._split(x))[2] < 1.01
 
 
 def test_a_component_that_stands_still_counts_every_draw():
