@@ -32,20 +32,19 @@ class Instrument:
     rows = 3
     parts = (("rx", "rad"), ("ry", "rad"), ("rz", "rad"), ("x", "m"), ("y", "m"), ("z", "m"))
 
-    def _local(self, x: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Points relative to the moved pivot, turned back (..., 3, C), and that turn (..., 3, 3)."""
+    def _apart(self, x: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Residuals, points relative to the moved pivot, turned back (..., 3, C), and the turn (..., 3, 3)."""
         turn = np.swapaxes(turned(x[..., :3]), -1, -2)
-        return turn @ (p - (self.pivot + x[..., 3:])[..., None]), turn
+        local = turn @ (p - (self.pivot + x[..., 3:])[..., None])
+        in_frame = self.frame[:3, :3].T @ (local + (self.pivot - self.frame[:3, 3])[:, None])
+        return in_frame - self.xyz.T, local, turn
 
     def residual(self, x: np.ndarray, p: np.ndarray) -> np.ndarray:
-        local, _ = self._local(x, p)
-        home = self.frame[:3, :3].T
-        return home @ (local + (self.pivot - self.frame[:3, 3])[:, None]) - self.xyz.T
+        return self._apart(x, p)[0]
 
     def linearise(self, x: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        local, turn = self._local(x, p)
+        r, local, turn = self._apart(x, p)
         home = self.frame[:3, :3].T
-        r = home @ (local + (self.pivot - self.frame[:3, 3])[:, None]) - self.xyz.T
         to_instrument = home @ turn
         count = r.shape[-1]
         lead = r.shape[:-2]

@@ -112,12 +112,12 @@ def distances(basis: Basis, pairs: Sequence[tuple[str, str]], name: str) -> Meas
 
 def _stacked(parts: Sequence[tuple[np.ndarray, Sequence[Own]]]) -> tuple[np.ndarray, list[Own]]:
     """Slopes (K, D') of the quantities of all parts, and the errors of each part, as changes of all K."""
-    by_z, own, first = np.concatenate([by for by, _ in parts]), list[Own](), 0
+    by_z, out, first = np.concatenate([by for by, _ in parts]), list[Own](), 0
     for by, errors in parts:
         for source, changes in errors:
-            own.append((source, np.pad(changes, ((first, len(by_z) - first - len(by)), (0, 0)))))
+            out.append((source, np.pad(changes, ((first, len(by_z) - first - len(by)), (0, 0)))))
         first += len(by)
-    return by_z, own
+    return by_z, out
 
 
 def volume(basis: Basis) -> Measurand:

@@ -14,13 +14,9 @@ from bayescal.effects.vocabulary import Circumstances, Effect, Parameter
 
 
 def _parameters(c: Circumstances) -> list[Parameter]:
-    zeros = [p for p in GEOMETRY.parameters(c) if _reads(p)]
+    geometry = GEOMETRY.parameters(c)
+    zeros = [p for p in geometry if p.site == BASE or (p.site.kind == "joint" and p.unit == "rad")]
     return [*zeros, *ENCODER_SCALE.parameters(c)]
-
-
-def _reads(p: Parameter) -> bool:
-    """Whether a parameter of the geometry is a joint's zero or the pose of the base."""
-    return p.site == BASE or (p.site.kind == "joint" and p.unit == "rad")
 
 
 JOINT = Effect(

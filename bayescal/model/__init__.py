@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from bayescal.model.block import ARM, Block, Constraint, Turned
+from bayescal.model.block import ARM, Block, Turned
 from bayescal.model.equilibrium import equilibrium, standing
 from bayescal.model.model import ORIENTATION, Model, build, with_parameters
 from bayescal.model.options import USUAL, FitOptions, check_asked
@@ -13,7 +13,6 @@ __all__ = [
     "ORIENTATION",
     "USUAL",
     "Block",
-    "Constraint",
     "FitOptions",
     "Model",
     "Scene",

@@ -213,10 +213,10 @@ def forecast(
         (`estimate.discrepancy.Stated.wide`).
     """
     drawn = fitted if wide is None else wide
-    held = (_certified(checked), _read(drawn, checked))
+    measured = tuple(d for d in (_certified(checked), _read(drawn, checked)) if d is not None)
     workspace, by = _workspace(drawn, z, excess, np.random.default_rng(seed))
     if not by.size:
-        return Forecast(tuple(d for d in held if d is not None), workspace, 0.0, 0.0, float(excess > 0))
+        return Forecast(measured, workspace, 0.0, 0.0, float(excess > 0))
     arm = drawn.model.slices[ARM]
     total = float(np.mean(np.sum(by @ drawn.covariance[arm, arm] * by, axis=1))) + 2.0 * excess**2
     functions = {
@@ -234,7 +234,7 @@ def forecast(
     prior = float(np.mean(np.sum(spread[:, own] ** 2, axis=1)))
     total = max(total, 1e-30)
     return Forecast(
-        tuple(d for d in held if d is not None), workspace, float(np.sqrt(prior)), prior / total,
+        measured, workspace, float(np.sqrt(prior)), prior / total,
         2.0 * excess**2 / total, of_functions[EFFECT] / total, of_functions[MASSES] / total,
     )  # fmt: skip
 

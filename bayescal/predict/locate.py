@@ -246,18 +246,18 @@ def locate(name: str, rows: Rows, strict: bool = True) -> tuple[States, np.ndarr
     begin = starts(kind, rows.p)
 
     def best(keep: np.ndarray) -> tuple[States, States]:
-        found = search(rows, begin, keep, RIVAL)
-        further = 1 + np.flatnonzero(_plausible(kind, found.some([0]), begin[1:]))
-        found = found.some(np.append(0, further))
-        return found, found.some([int(np.nanargmin(found.cost))])
+        solutions = search(rows, begin, keep, RIVAL)
+        further = 1 + np.flatnonzero(_plausible(kind, solutions.some([0]), begin[1:]))
+        solutions = solutions.some(np.append(0, further))
+        return solutions, solutions.some([int(np.nanargmin(solutions.cost))])
 
     keep = np.ones(rows.p.shape[1])
-    found, chosen = best(keep)
+    solutions, chosen = best(keep)
     chi2 = rows.chi2(chosen)
     if chi2.max(initial=0.0) > SUSPICIOUS**2 * kind.rows * max(scale(chi2, kind.rows), 1.0) ** 2:
         keep = robust_rows(rows, chosen.x)
-        found, chosen = best(keep)
-    _check(name, found, chosen, kind, strict)
+        solutions, chosen = best(keep)
+    _check(name, solutions, chosen, kind, strict)
     return chosen, keep
 
 
