@@ -33,7 +33,7 @@ class Instrument:
     parts = (("rx", "rad"), ("ry", "rad"), ("rz", "rad"), ("x", "m"), ("y", "m"), ("z", "m"))
 
     def _apart(self, x: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Residuals, points relative to the moved pivot, turned back (..., 3, C), and the turn (..., 3, 3)."""
+        """Residuals, points relative to the moved pivot, turned back (..., 3, C), and that turn."""
         turn = np.swapaxes(turned(x[..., :3]), -1, -2)
         local = turn @ (p - (self.pivot + x[..., 3:])[..., None])
         in_frame = self.frame[:3, :3].T @ (local + (self.pivot - self.frame[:3, 3])[:, None])

@@ -102,7 +102,9 @@ def _torques(c: Circumstances) -> Iterator[Parameter]:
 
 
 def _moments(c: Circumstances) -> Iterator[Parameter]:
-    for component in (0, 1) if c.moments is not None else ():
+    if c.moments is None:
+        return
+    for component in (0, 1):
         for j in range(1, c.robot.n + 1):
             moment = c.moments[:, j, component]
             if np.ptp(moment[c.fitted]) > STILL:
