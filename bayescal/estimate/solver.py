@@ -137,11 +137,6 @@ def linearise(
     return Linear(residual, jacobian, of_block)
 
 
-def leverages(linear: Linear, covariance: np.ndarray) -> np.ndarray:
-    """Leverage of each residual, (R,)."""
-    return np.einsum("ij,jk,ik->i", linear.jacobian, covariance, linear.jacobian, optimize=True)
-
-
 def root(covariance: np.ndarray) -> np.ndarray:
     """Factor L (D, D) with L L' = covariance, also of a nearly singular covariance."""
     values, vectors = np.linalg.eigh(covariance)
@@ -244,13 +239,13 @@ def rescaled_weights(
     model: Model, weights: Weights, linear: Linear, covariance: np.ndarray
 ) -> tuple[Weights, dict[str, float]]:
     """Noise scales estimated from the residuals, and their degrees of freedom."""
-    effective_dof = leverages(linear, covariance)
+    leverage = np.einsum("ij,jk,ik->i", linear.jacobian, covariance, linear.jacobian, optimize=True)
     scale, dof = {}, {}
     for group, blocks in by_group(model).items():
         at = [linear.of_block[b.name] for b in blocks]
         chi2 = sum(float(np.sum(linear.residual[s] ** 2)) for s in at) * weights.scale[group] ** 2
         count = sum(float(np.sum(weights.row[b.name])) * b.kind.rows for b in blocks)
-        dof[group] = max(count - sum(float(np.sum(effective_dof[s])) for s in at), 0.0)
+        dof[group] = max(count - sum(float(np.sum(leverage[s])) for s in at), 0.0)
         scale[group] = float(np.sqrt((STATED_WORTH + chi2) / (STATED_WORTH + dof[group])))
     return replace(weights, scale=scale), dof
 
