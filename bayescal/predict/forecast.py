@@ -16,7 +16,7 @@ import numpy as np
 
 from bayescal.arm.chain import Robot
 from bayescal.arm.motion import Motion, NominalArm, Term
-from bayescal.dataset import Measurements
+from bayescal.dataset.append import taken
 from bayescal.effects import parameters_of, possible
 from bayescal.estimate import Estimate
 from bayescal.estimate.discrepancy import MASSES
@@ -72,23 +72,15 @@ def elsewhere(
     count = len(rows)
     direction = np.where(np.arange(count * d.robot.n).reshape(count, -1) % 2, 1.0, -1.0)
 
-    def of(column: np.ndarray | None) -> np.ndarray | None:
-        return None if column is None else column[rows]
-
-    table = Measurements(
-        ids=tuple(map(str, range(count))),
+    same = taken(m, rows)
+    table = replace(
+        same,
         role=np.full(count, "calibrate"),
-        target=m.target[rows],
-        tool=m.tool[rows],
         readings=readings,
-        line=np.arange(count),
         velocity=SPEED * direction,
-        time=of(m.time),
-        temperature=of(m.temperature),
-        xyz=of(m.xyz),
-        rpy=of(m.rpy),
-        length=of(m.length),
-        payload=of(m.payload) if payload is None else payload,
+        command=None,
+        torque=None,
+        payload=same.payload if payload is None else payload,
     )
     there = Scene(replace(d, measurements=table), compliances=scene.compliances)
     circumstances = there.circumstances()
