@@ -293,25 +293,19 @@ def _apart(kind: Kind, at: States, x: np.ndarray) -> np.ndarray:
 
 def _check(name: str, found: States, chosen: States, kind: Kind, strict: bool) -> None:
     """Raise an error where the search did not converge, or another position is nearly as probable."""
+    failed = f"target {name} cannot be located from its rows"
+    remedy = "state its position and u_mm more accurately, or measure it from more directions"
     if not chosen.left[0] < LARGEST_STEP:
-        raise BayescalError(
-            f"target {name} cannot be located from its rows: the search from {len(found.x)} starts did not "
-            "reach an optimum",
-            "dataset.yaml",
-            "state its position and u_mm more accurately, or measure it from more directions",
-        )
+        what = f"{failed}: the search from {len(found.x)} starts did not reach an optimum"
+        raise BayescalError(what, "dataset.yaml", remedy)
     distance = _apart(kind, chosen, found.x)
     rival = (found.left < LARGEST_STEP) & (found.cost < chosen.cost + RIVAL) & (distance > APART)
     if strict and np.any(rival):
         other = int(np.argmax(rival))
         lengths = np.array([unit == "m" for _, unit in kind.parts])
         apart = 1e3 * float(np.linalg.norm((found.x[other] - chosen.x[0])[lengths]))
-        raise AmbiguousPositionError(
-            f"target {name} cannot be located from its rows: two places {apart:.3g} mm apart explain them "
-            "equally well",
-            "dataset.yaml",
-            "state its position and u_mm more accurately, or measure it from more directions",
-        )
+        what = f"{failed}: two places {apart:.3g} mm apart explain them equally well"
+        raise AmbiguousPositionError(what, "dataset.yaml", remedy)
 
 
 def robust_rows(rows: Rows, start: np.ndarray) -> np.ndarray:
