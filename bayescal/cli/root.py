@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import inspect
+import re
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer.models import ParameterInfo
 
 from bayescal import __version__
 from bayescal.errors import BayescalError
@@ -43,6 +46,44 @@ app = typer.Typer(
     help="Calibrate a robot arm from probed contacts, with uncertainties, and diagnose unmodelled effects.",
     **ending("bayescal fit data/lrmate200ic-cube --samples 0", "bayescal gap data/lrmate200ic-cube"),
 )
+
+
+PARAMETER = re.compile(r"^(\w+)\n((?: +.*\n?)+)", re.MULTILINE)
+"""A parameter in a docstring, and its description."""
+
+
+def command(*examples: str, name: str | None = None, **renamed: str) -> Callable[..., Callable[..., None]]:
+    """Register a function as a command: its parameters are the options, its docstring has their help.
+
+    The section Parameters of the docstring describes them. A parameter that is not described there is of one
+    of the types below, which several commands share.
+
+    Parameters
+    ----------
+    *examples, **renamed
+        As of `ending`.
+    name : str, optional
+        Name of the command, if it is not that of the function.
+    """
+
+    def registered(function: Callable[..., None]) -> Callable[..., None]:
+        summary, _, section = (inspect.getdoc(function) or "").partition("\n\nParameters\n----------\n")
+        described = {name: " ".join(text.split()) for name, text in PARAMETER.findall(section)}
+        parameters = inspect.signature(function).parameters.values()
+        stated = (_option(p, described[p.name]) if p.name in described else p.default for p in parameters)
+        function.__defaults__ = tuple(default for default in stated if default is not inspect.Parameter.empty)
+        return app.command(name, help=summary, **ending(*examples, **renamed))(function)
+
+    return registered
+
+
+def _option(parameter: inspect.Parameter, text: str) -> ParameterInfo:
+    """An option by its name and default, or what the default states of it, with its help."""
+    option, flag = parameter.default, f"--{parameter.name.rstrip('_').replace('_', '-')}"
+    if not isinstance(option, ParameterInfo):
+        option = typer.Option(option, f"{flag}/--no-{flag[2:]}" if option is True else flag)
+    option.help = text
+    return option
 
 
 def _version(wanted: bool) -> None:
