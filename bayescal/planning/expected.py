@@ -47,7 +47,7 @@ class Random:
             for t in np.unique(target)
         ]
 
-    def selections(self, count: int, times: int = TIMES) -> list[np.ndarray]:
+    def selections(self, count: int, times: int) -> list[np.ndarray]:
         """Random candidates (count,), `times` selections; larger ones contain the smaller ones."""
         return [self._selection(count, np.random.default_rng([self.seed, k])) for k in range(times)]
 
@@ -58,9 +58,9 @@ class Random:
         begin = np.concatenate([np.full(len(candidates), rng.random()) for candidates in order])
         return np.asarray(np.concatenate(order)[np.lexsort((begin, turn))[:count]])
 
-    def u(self, linear: Linearised, goal: Goal, count: int, times: int = TIMES) -> float:
+    def u(self, linear: Linearised, goal: Goal, count: int) -> float:
         """Median u, m, of a goal after random selections."""
-        return float(np.median([u_of(linear, goal, chosen) for chosen in self.selections(count, times)]))
+        return float(np.median([u_of(linear, goal, chosen) for chosen in self.selections(count, TIMES)]))
 
 
 def u_of(linear: Linearised, goal: Goal, chosen: Sequence[int] | np.ndarray) -> float:
