@@ -8,20 +8,7 @@ from pathlib import Path
 import typer
 
 from bayescal.cli.progress import progress
-from bayescal.cli.root import (
-    AllowXacro,
-    Datasets,
-    Model,
-    Out,
-    PriorWidth,
-    Remounted,
-    Robust,
-    Seed,
-    Without,
-    command,
-    run_folder,
-    show,
-)
+from bayescal.cli.root import command, run_folder, show
 from bayescal.errors import BayescalError
 
 
@@ -29,17 +16,17 @@ from bayescal.errors import BayescalError
     "bayescal fit cell", "bayescal fit monday tuesday --model geometry,compliance,backlash --tolerance-mm 0.1"
 )
 def fit(
-    datasets: Datasets,
-    model: Model = "geometry,compliance",
+    datasets: list[Path] = typer.Argument(metavar="DATASET..."),
+    model: str = "geometry,compliance",
     samples: int = typer.Option(5000, min=0),
-    without: Without = "",
-    seed: Seed = 0,
-    out: Out = None,
-    robust: Robust = True,
-    prior_width: PriorWidth = 1.0,
+    without: str = "",
+    seed: int = 0,
+    out: Path | None = None,
+    robust: bool = True,
+    prior_width: float = 1.0,
     latent_joints: bool = False,
-    remounted: Remounted = False,
-    allow_xacro: AllowXacro = False,
+    remounted: bool = False,
+    allow_xacro: bool = False,
     tolerance_mm: float | None = None,
     pictures: bool = True,
     verbose: bool = typer.Option(False, "--verbose", "-v"),
@@ -48,10 +35,31 @@ def fit(
 
     Parameters
     ----------
+    datasets
+        Dataset folder with dataset.yaml, measurements.csv and the robot. Several sessions of the same arm are
+        evaluated together.
+    model
+        Effects of the calibrated model, separated by commas, each at all its sites or 'at joint 3'.
     samples
         Effective draws of every parameter; 0: Gaussian approximation.
+    without
+        Parts of these effects that stay nominal, separated by commas: 'geometry at joint 4' (theta4, d4, and
+        a4, alpha4, beta4 of the next link), 'geometry at link 4', or names of parameters: 'compliance J3'. A
+        diagnosis takes them for candidates.
+    seed
+        Random seed.
+    out
+        Run folder to write [default: runs/<dataset>-<command>; several names are joined by +].
+    robust
+        Exclude outliers.
+    prior_width
+        Factor on the standard deviations of the arm's prior.
     latent_joints
         Estimate the errors of the joint readings as unknowns.
+    remounted
+        The tools were remounted between the sessions.
+    allow_xacro
+        Execute a robot's xacro file: it is a program.
     tolerance_mm
         Decide whether distance errors are within this tolerance (ISO 14253-1 with U = k u).
     pictures
@@ -95,21 +103,23 @@ def fit(
     "bayescal gap cell", "bayescal gap cell --without 'compliance at joint 3' --out runs/cell-stiff-wrist"
 )
 def gap(
-    datasets: Datasets,
-    model: Model = "geometry,compliance",
-    without: Without = "",
-    seed: Seed = 0,
-    out: Out = None,
-    robust: Robust = True,
-    prior_width: PriorWidth = 1.0,
-    remounted: Remounted = False,
+    datasets: list[Path] = typer.Argument(metavar="DATASET..."),
+    model: str = "geometry,compliance",
+    without: str = "",
+    seed: int = 0,
+    out: Path | None = None,
+    robust: bool = True,
+    prior_width: float = 1.0,
+    remounted: bool = False,
     pictures: bool = True,
-    allow_xacro: AllowXacro = False,
+    allow_xacro: bool = False,
 ) -> None:
     """Diagnose the difference between model and machine: size, location, effect, improvement.
 
     Parameters
     ----------
+    datasets, model, without, seed, out, robust, prior_width, remounted, allow_xacro
+        As of `fit`.
     pictures
         Write gap-where.png, -which, -levels and -residuals.
     """
@@ -142,10 +152,10 @@ def gap(
 )
 def compare(
     dataset: Path = typer.Argument(),
-    model: Model = "geometry,compliance",
-    seed: Seed = 0,
-    out: Out = None,
-    allow_xacro: AllowXacro = False,
+    model: str = "geometry,compliance",
+    seed: int = 0,
+    out: Path | None = None,
+    allow_xacro: bool = False,
 ) -> None:
     """Calibrate by several published methods, and compare their errors on the same validation data.
 
@@ -153,6 +163,8 @@ def compare(
     ----------
     dataset
         Dataset folder: dataset.yaml, measurements.csv and the robot.
+    model, seed, out, allow_xacro
+        As of `fit`.
     """
     from bayescal.public.functions import compare as run
 
@@ -176,13 +188,13 @@ def plan(
     validation: bool = True,
     order: str = "sweeps",
     candidates: int = 5000,
-    seed: Seed = 0,
+    seed: int = 0,
     to: list[str] | None = None,
     probe_input: str = "",
     probe_force_n: float | None = None,
     probe_beyond_mm: float = 5.0,
-    out: Out = None,
-    allow_xacro: AllowXacro = False,
+    out: Path | None = None,
+    allow_xacro: bool = False,
 ) -> None:
     """Choose the contacts to measure, and predict the uncertainty that they give.
 
@@ -190,6 +202,8 @@ def plan(
     ----------
     setup
         Dataset folder; its dataset.yaml states robot, tools, targets and noise. Rows are ignored.
+    seed, out, allow_xacro
+        As of `fit`.
     contacts
         Contacts to calibrate with, repeats included.
     for_

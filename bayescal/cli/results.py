@@ -8,7 +8,7 @@ from pathlib import Path
 import typer
 
 from bayescal.cli.progress import progress
-from bayescal.cli.root import Run, WithEffects, WithoutEffects, command, known, print_as, said, show
+from bayescal.cli.root import command, known, print_as, said, show
 from bayescal.errors import BayescalError
 from bayescal.exporting import CERTIFICATE, FORMATS
 
@@ -19,7 +19,7 @@ from bayescal.exporting import CERTIFICATE, FORMATS
     point="point-deg",
 )
 def budget(
-    run: Run,
+    run: Path = typer.Argument(metavar="RUN"),
     distance: tuple[str, str] | None = typer.Option(None, metavar="A B"),
     parameter: str = "",
     point_deg: str = typer.Option("", metavar='"J1,J2,..."'),
@@ -31,6 +31,8 @@ def budget(
 
     Parameters
     ----------
+    run
+        Run folder of bayescal fit or gap: its arm.json and dataset.
     distance
         Two targets with a centre: the distance between them.
     parameter
@@ -74,12 +76,12 @@ def _numbers(text: str, option: str, what: str, remedy: str, count: int | None =
     at_time="at-time-s",
 )
 def export(
-    run: Run,
+    run: Path = typer.Argument(metavar="RUN"),
     to: str = typer.Option(help=f"Format: {', '.join((*FORMATS, CERTIFICATE))}."),
     out: Path | None = None,
     into: str = "",
-    with_: WithEffects = "",
-    without: WithoutEffects = "",
+    with_: str = "",
+    without: str = "",
     readings: str = "plain",
     at_time_s: float | None = None,
     at_row: str = "",
@@ -91,11 +93,18 @@ def export(
 
     Parameters
     ----------
+    run
+        As of `budget`.
     out
         File to write [default: the robot's name with the format's suffix].
     into
         Your own file of the arm, which is patched in a copy: names, comments, meshes and order stay.
         arm.urdf#tool0 names the link that carries the tool.
+    with_
+        Effects to add to the model of the run, separated by commas: the session is fitted again.
+    without
+        Effects of the model of the run to leave out, or parts of them ('geometry at joint 4', 'compliance
+        J3'), separated by commas: the session is fitted again.
     readings
         mjcf: errors of the readings in the file (plain) or in a replay script (script).
     at_time_s
@@ -172,7 +181,7 @@ def verify(
     at_time="at-time-s",
 )
 def compensate(
-    run: Run,
+    run: Path = typer.Argument(metavar="RUN"),
     targets: Path = typer.Argument(metavar="TARGETS"),
     out: Path = typer.Option(),
     format_: str = "",
@@ -180,8 +189,8 @@ def compensate(
     tool: str | None = None,
     tcp: str = typer.Option("", metavar="X,Y,Z,RX,RY,RZ"),
     payload_kg: float = typer.Option(0.0, min=0.0),
-    with_: WithEffects = "",
-    without: WithoutEffects = "",
+    with_: str = "",
+    without: str = "",
     at_time_s: float | None = None,
     at_row: str | None = None,
     force: bool = False,
@@ -190,6 +199,8 @@ def compensate(
 
     Parameters
     ----------
+    run, with_, without
+        As of `export`.
     targets
         CSV with x_mm, y_mm, z_mm, rx_deg, ry_deg, rz_deg or j1_deg ...; or a robot program: URScript, FANUC
         LS, KUKA .src or .dat, ABB RAPID, RoboDK CSV.

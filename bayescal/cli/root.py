@@ -8,7 +8,7 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 from typer.models import ParameterInfo
@@ -48,15 +48,19 @@ app = typer.Typer(
 )
 
 
-PARAMETER = re.compile(r"^(\w+)\n((?: +.*\n?)+)", re.MULTILINE)
-"""A parameter in a docstring, and its description."""
+PARAMETER = re.compile(r"^(\w+(?:, \w+)*)\n((?: +.*\n?)+)", re.MULTILINE)
+"""Parameters in a docstring, and their description."""
+AS_OF = re.compile(r"As of `(\w+)`\.")
+"""The description of parameters that another command has too."""
+_described: dict[str, dict[str, str]] = {}
+"""Help of the options of each command, by the names of its function and its parameters."""
 
 
 def command(*examples: str, name: str | None = None, **renamed: str) -> Callable[..., Callable[..., None]]:
     """Register a function as a command: its parameters are the options, its docstring has their help.
 
-    The section Parameters of the docstring describes them. A parameter that is not described there is of one
-    of the types below, which several commands share.
+    A parameter is the option of its name. What its name, its type and its default do not state (that it is
+    an argument, its metavar, limits) is stated by `typer.Argument` or `typer.Option` in place of the default.
 
     Parameters
     ----------
@@ -68,10 +72,15 @@ def command(*examples: str, name: str | None = None, **renamed: str) -> Callable
 
     def registered(function: Callable[..., None]) -> Callable[..., None]:
         summary, _, section = (inspect.getdoc(function) or "").partition("\n\nParameters\n----------\n")
-        described = {name: " ".join(text.split()) for name, text in PARAMETER.findall(section)}
+        described = _described[function.__name__] = {}
+        for names, text in PARAMETER.findall(section):
+            other = AS_OF.fullmatch(text.strip())
+            for parameter in names.split(", "):
+                help_ = _described[other[1]][parameter] if other else " ".join(text.split())
+                described[parameter] = help_
         parameters = inspect.signature(function).parameters.values()
-        stated = (_option(p, described[p.name]) if p.name in described else p.default for p in parameters)
-        function.__defaults__ = tuple(default for default in stated if default is not inspect.Parameter.empty)
+        options = [_option(p, described[p.name]) if p.name in described else p.default for p in parameters]
+        function.__defaults__ = tuple(option for option in options if option is not inspect.Parameter.empty)
         return app.command(name, help=summary, **ending(*examples, **renamed))(function)
 
     return registered
@@ -99,66 +108,6 @@ def _root(
     ),
 ) -> None:
     """Calibrate a robot arm from probed contacts, with uncertainties, and diagnose unmodelled effects."""
-
-
-Datasets = Annotated[
-    list[Path],
-    typer.Argument(
-        metavar="DATASET...",
-        help="Dataset folder with dataset.yaml, measurements.csv and the robot. Several sessions of the same "
-        "arm are evaluated together.",
-    ),
-]
-"""Sessions of one arm."""
-Out = Annotated[
-    Path | None,
-    typer.Option(
-        help="Run folder to write [default: runs/<dataset>-<command>; several names are joined by +]."
-    ),
-]
-"""The run folder; see `output.run_folder`."""
-Model = Annotated[
-    str,
-    typer.Option(
-        help="Effects of the calibrated model, separated by commas, each at all its sites or 'at joint 3'."
-    ),
-]
-Without = Annotated[
-    str,
-    typer.Option(
-        help="Parts of these effects that stay nominal, separated by commas: 'geometry at joint 4' (theta4, "
-        "d4, and a4, alpha4, beta4 of the next link), 'geometry at link 4', or names of parameters: "
-        "'compliance J3'. A diagnosis takes them for candidates."
-    ),
-]
-Seed = Annotated[int, typer.Option(help="Random seed.")]
-Robust = Annotated[bool, typer.Option(help="Exclude outliers.")]
-PriorWidth = Annotated[float, typer.Option(help="Factor on the standard deviations of the arm's prior.")]
-Remounted = Annotated[
-    bool, typer.Option("--remounted", help="The tools were remounted between the sessions.")
-]
-AllowXacro = Annotated[
-    bool, typer.Option("--allow-xacro", help="Execute a robot's xacro file: it is a program.")
-]
-"""The option of every command that reads a robot."""
-Run = Annotated[
-    Path, typer.Argument(metavar="RUN", help="Run folder of bayescal fit or gap: its arm.json and dataset.")
-]
-WithEffects = Annotated[
-    str,
-    typer.Option(
-        "--with",
-        help="Effects to add to the model of the run, separated by commas: the session is fitted again.",
-    ),
-]
-WithoutEffects = Annotated[
-    str,
-    typer.Option(
-        help="Effects of the model of the run to leave out, or parts of them ('geometry at joint 4', "
-        "'compliance J3'), separated by commas: the session is fitted again."
-    ),
-]
-"""Options of the commands that take the arm of a run."""
 
 
 def known(to: str, formats: tuple[str, ...]) -> None:

@@ -7,7 +7,7 @@ from typing import Any
 
 import typer
 
-from bayescal.cli.root import AllowXacro, Seed, command, known, print_as
+from bayescal.cli.root import command, known, print_as
 
 
 @command(
@@ -21,7 +21,7 @@ def init(
     artefact: str = "cube",
     tcp: str = "",
     name: str = "",
-    allow_xacro: AllowXacro = False,
+    allow_xacro: bool = False,
 ) -> None:
     """Write the set-up of a new session: a commented dataset.yaml, an empty table, and what to measure.
 
@@ -37,6 +37,8 @@ def init(
         Centre of the ball or reflector on the flange, "0 0 120 mm" [default: to fill in].
     name
         Name of the session [default: name of the folder].
+    allow_xacro
+        As of `fit`.
     """
     from bayescal.public.starting import init as run
 
@@ -83,7 +85,7 @@ def import_(
     decimal: str = "",
     name: str = "",
     force: bool = False,
-    allow_xacro: AllowXacro = False,
+    allow_xacro: bool = False,
 ) -> None:
     """Convert a log to a dataset folder. Units must be stated and are checked.
 
@@ -128,6 +130,8 @@ def import_(
         Name of the session [default: name of the log].
     force
         Write the dataset even if a check fails (for example a wrong unit).
+    allow_xacro
+        As of `fit`.
     """
     from bayescal.importing import Request, convert, write
 
@@ -179,11 +183,11 @@ def simulate(
     joint_noise_deg: float = 0.0,
     outliers: float = 0.0,
     payload_kg: float = 0.0,
-    seed: Seed = 0,
+    seed: int = 0,
     arm_seed: int | None = None,
     name: str = "",
     setup: Path | None = typer.Option(None, metavar="DIR"),
-    allow_xacro: AllowXacro = False,
+    allow_xacro: bool = False,
 ) -> None:
     """Simulate a session on a cube and spheres, or on a set-up; the ground truth is a separate file.
 
@@ -223,6 +227,8 @@ def simulate(
         Name of the session [default: name of the folder].
     setup
         Practice on a set-up of bayescal init: its robot, tools, targets and noise are simulated.
+    seed, allow_xacro
+        As of `fit`.
     """
     import math
 
@@ -275,7 +281,7 @@ def check(
     dataset: Path = typer.Argument(metavar="DATASET"),
     to: str = "table",
     json: bool = typer.Option(False, "--json", hidden=True),
-    allow_xacro: AllowXacro = False,
+    allow_xacro: bool = False,
 ) -> None:
     """Check a dataset without fitting it: what is understood, what is missing, what looks wrong.
 
@@ -285,6 +291,8 @@ def check(
         Dataset folder.
     to
         table or json.
+    allow_xacro
+        As of `fit`.
     """
     from bayescal.public.starting import check as run
 

@@ -203,7 +203,7 @@ def test_every_option_arrives(words, name, monkeypatch, tmp_path):
 def test_every_option_has_its_help_and_every_help_its_option():
     for command in commands().values():
         function = inspect.unwrap(command.callback)
-        described = {name for name, _ in PARAMETER.findall(inspect.getdoc(function))}
+        described = {n for names, _ in PARAMETER.findall(inspect.getdoc(function)) for n in names.split(", ")}
         assert described <= inspect.signature(function).parameters.keys()
         assert all(option.help for option in command.params if not option.hidden)
 
