@@ -104,17 +104,10 @@ def _in_volume(setup: Setup, hand: Hand, count: int, rng: np.random.Generator) -
 
 def goals(searches: Sequence[Search], count: int) -> list[int]:
     """Contacts wanted of each search, together `count`: where a search is hopeless, others have more."""
-    lost = [s.have if s.hopeless else None for s in searches]
-    wanted = max(0, count - sum(have for have in lost if have is not None))
-    active = sum(have is None for have in lost)
-    out, k = [], 0
-    for have in lost:
-        if have is None:
-            out.append(wanted // active + (k < wanted % active))
-            k += 1
-        else:
-            out.append(have)
-    return out
+    active = sum(not s.hopeless for s in searches)
+    wanted = max(0, count - sum(s.have for s in searches if s.hopeless))
+    shares = (wanted // active + (k < wanted % active) for k in range(active))
+    return [s.have if s.hopeless else next(shares) for s in searches]
 
 
 def tried_once(

@@ -107,7 +107,8 @@ class Clearance:
         Returns (M,): 0 if all pairs keep the distance `floor`, m, everywhere on a motion, otherwise an index
         into `reasons`. `touched` as of `collides`; `slack` (M, n), rad: how far joints may be off the motion.
         """
-        away, pair = self._swept(begin, end, touched, slack, floor)
+        compared = self._compared(len(begin), touched)
+        away, pair = self._table.closest(begin, end, compared, slack, floor, np.inf)
         return np.where(away < floor, pair + 1, 0)
 
     def distances(self, readings: np.ndarray, touched: np.ndarray | None = None) -> np.ndarray:
@@ -115,7 +116,7 @@ class Clearance:
 
         inf if there is nothing to compare.
         """
-        return self._swept(readings, readings, touched, None, -np.inf, 0.0)[0]
+        return self.closest(readings, readings, 0.0, touched)
 
     def closest(
         self,
@@ -129,33 +130,16 @@ class Clearance:
 
         They are too small by less than `tolerance`, m, or a tenth of them if that is more.
         """
-        return self._swept(begin, end, touched, slack, -np.inf, tolerance)[0]
-
-    def _swept(
-        self,
-        begin: np.ndarray,
-        end: np.ndarray,
-        touched: np.ndarray | None = None,
-        slack: np.ndarray | None = None,
-        floor: float = 0.0,
-        tolerance: float = np.inf,
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Bounds from below of the smallest distances (M,), m, on motions, and the pairs that have them (M,).
-
-        A motion that comes nearer than `floor` is given up. Otherwise the bound is at least `floor`, and
-        within `tolerance` of the distance, or a tenth of it.
-        """
-        if not self.pairs:
-            return np.full(len(begin), np.inf), np.zeros(len(begin), int)
-        compared = self._compared(len(begin), touched)
-        return self._table.closest(begin, end, compared, slack, floor, tolerance)
+        return self._table.closest(
+            begin, end, self._compared(len(begin), touched), slack, -np.inf, tolerance
+        )[0]
 
     def _compared(self, count: int, touched: np.ndarray | None) -> np.ndarray:
         """Which pairs are compared in which rows, (M, P) bool."""
         touched = np.full(count, -1) if touched is None else np.asarray(touched, int)
         placements = np.array([*(solid.placement for solid in self.solids), ""])
-        solid = np.array([pair.solid for pair in self.pairs])  # -1 for the arm itself, always there
-        may = np.array([pair.surface and self.capsules[pair.capsule].probe for pair in self.pairs])
+        solid = np.array([pair.solid for pair in self.pairs], int)  # -1 for the arm itself, always there
+        may = np.array([pair.surface and self.capsules[pair.capsule].probe for pair in self.pairs], bool)
         there = (placements[solid] == "") | (placements[solid] == placements[touched][:, None])
         return there & ~(may & (solid == touched[:, None]))
 
@@ -197,7 +181,7 @@ class Clearance:
 RETRACT = 0.02
 """m: how far the ball is retracted; touch probes are backed off by 2 to 25 mm before the next approach."""
 
-STOPS = 4  # points that are checked on the path
+STOPS = 2  # points that are checked on the path
 FIRM = 30.0
 """Weight of the path against the orientation of the tool: near a singularity the orientation gives way."""
 

@@ -27,8 +27,7 @@ if TYPE_CHECKING:
     from bayescal.fitted.arm import FittedArm
     from bayescal.gap.result import Gap
     from bayescal.methods import Comparison
-    from bayescal.preparing.practice import Practice
-    from bayescal.simulation import Simulation
+    from bayescal.simulation.record import Simulated
 
 WIDTH = 100
 """Width of a printed summary, characters."""
@@ -369,7 +368,7 @@ class ComparisonResult(Printed):
 class SimulatedSession:
     """A simulated session. `data` is the complete result, in SI; `truth` is the content of truth.json."""
 
-    data: Simulation | Practice
+    data: Simulated
 
     @property
     def dataset(self) -> Dataset:
