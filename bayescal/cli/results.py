@@ -8,7 +8,7 @@ from pathlib import Path
 import typer
 
 from bayescal.cli.progress import progress
-from bayescal.cli.root import command, known, print_as, said, show
+from bayescal.cli.root import check_format, command, print_as, said, show
 from bayescal.errors import BayescalError
 from bayescal.exporting import CERTIFICATE, FORMATS
 
@@ -48,7 +48,7 @@ def budget(
     """
     from bayescal.public.budgets import budget as work
 
-    known(to, ("table", "csv", "json"))
+    check_format(to, ("table", "csv", "json"))
     point = None
     if point_deg:
         remedy = "give one reading in deg for each joint, with commas"

@@ -110,7 +110,7 @@ def _root(
     """Calibrate a robot arm from probed contacts, with uncertainties, and diagnose unmodelled effects."""
 
 
-def known(to: str, formats: tuple[str, ...]) -> None:
+def check_format(to: str, formats: tuple[str, ...]) -> None:
     """Refuse a format that a command does not print."""
     if to not in formats:
         raise BayescalError(f"there is no format `{to}`", "--to", f"formats: {', '.join(formats)}")

@@ -7,7 +7,7 @@ from typing import Any
 
 import typer
 
-from bayescal.cli.root import command, known, print_as
+from bayescal.cli.root import check_format, command, print_as
 
 
 @command(
@@ -296,7 +296,7 @@ def check(
     """
     from bayescal.public.starting import check as run
 
-    known(to, ("table", "json"))
+    check_format(to, ("table", "json"))
     print_as("json" if json else to, run(dataset, allow_xacro=allow_xacro))
 
 
@@ -313,7 +313,7 @@ def robots(part: str = typer.Argument("", metavar="[PART]"), to: str = "table") 
     """
     from bayescal.robots.listing import table
 
-    known(to, ("table", "csv", "json"))
+    check_format(to, ("table", "csv", "json"))
     listed = table(part)
     if to == "csv":
         typer.echo(listed.to_csv(lineterminator="\n"), nl=False)

@@ -142,9 +142,9 @@ def validated(solution: Solution) -> Validation:
 
 def predicted(solution: Solution, seed: int) -> Validation | None:
     """Predicted uncertainties of validation measurements, for a method that has them; else None."""
-    found = solution.estimate
-    if found is None:
+    estimate = solution.estimate
+    if estimate is None:
         return None
     of_draws, of_noise = spawned(seed, 2)
-    draws = gaussian(found, of_draws, DRAWS)
-    return validate(found, draws.flat, draws.kappa, unexplained(found).excess, of_noise)
+    draws = gaussian(estimate, of_draws, DRAWS)
+    return validate(estimate, draws.flat, draws.kappa, unexplained(estimate).excess, of_noise)

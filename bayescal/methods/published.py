@@ -101,10 +101,10 @@ def joint_change(block: Block, coupling: np.ndarray) -> np.ndarray:
     """Factors (C, rows, rows), rad/m, that turn a row's residuals into ones as long as its joint change."""
     still = np.zeros(block.motion.size), np.zeros(block.size)
     gradients = block.by_readings(*still, coupling)
-    own = gradients.reshape(block.kind.rows, len(block.rows), -1).swapaxes(0, 1)
-    left, size, _ = np.linalg.svd(own, full_matrices=False)
+    slopes = gradients.reshape(block.kind.rows, len(block.rows), -1).swapaxes(0, 1)
+    u, size, _ = np.linalg.svd(slopes, full_matrices=False)
     reach = np.maximum(size, SINGULAR * size[:, :1])
-    return left / reach[:, None, :] @ left.swapaxes(1, 2)
+    return u / reach[:, None, :] @ u.swapaxes(1, 2)
 
 
 def in_joints(model: Model) -> RowsOf:
@@ -118,8 +118,8 @@ def in_joints(model: Model) -> RowsOf:
         factor = factor / (usual * block.sigma[:, None, None])
 
         def turned(columns: np.ndarray) -> np.ndarray:
-            own = columns.reshape(block.kind.rows, len(block.rows), -1)
-            return np.einsum("cij,jck->ick", factor, own).reshape(columns.shape)
+            by_row = columns.reshape(block.kind.rows, len(block.rows), -1)
+            return np.einsum("cij,jck->ick", factor, by_row).reshape(columns.shape)
 
         r, by_arm, by_target = block.linearise(values, z)
         return turned(r), turned(by_arm), turned(by_target)

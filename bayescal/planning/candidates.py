@@ -232,17 +232,17 @@ def _few(setup: Setup, search: Search, wanted: float) -> str:
 
 def _pool(
     setup: Setup,
-    found: list[tuple[str, Search, np.ndarray, Contacts]],
+    parts: list[tuple[str, Search, np.ndarray, Contacts]],
     dropped: Mapping[str, int],
     warnings: tuple[str, ...],
     rng: np.random.Generator,
 ) -> Pool:
-    """All contacts found as rows; candidates are in random order, validation contacts behind them."""
-    reached = Contacts.join([contacts for *_, contacts in found])
-    counts = [len(contacts) for *_, contacts in found]
-    role = np.repeat([role for role, *_ in found], counts)
-    target = np.repeat([search.target for _, search, *_ in found], counts)
-    tool = np.concatenate([tools for _, _, tools, _ in found])
+    """All contacts as rows; candidates are in random order, validation contacts behind them."""
+    reached = Contacts.join([contacts for *_, contacts in parts])
+    counts = [len(contacts) for *_, contacts in parts]
+    role = np.repeat([role for role, *_ in parts], counts)
+    target = np.repeat([search.target for _, search, *_ in parts], counts)
+    tool = np.concatenate([tools for _, _, tools, _ in parts])
     fitted = np.flatnonzero(role == "calibrate")
     order = np.concatenate([rng.permutation(fitted), np.flatnonzero(role == "validate")])
     loaded = (rng.random(len(role)) < 0.5) & (role == "calibrate")

@@ -36,7 +36,7 @@ class Search:
     target: int
     hands: Mapping[int, Hand]
     solid: int
-    found: list[tuple[int, Contacts]] = field(default_factory=list)
+    contacts: list[tuple[int, Contacts]] = field(default_factory=list)
     tried: int = 0
     dropped: Counter[str] = field(default_factory=Counter)
     by_hand: bool = False
@@ -49,7 +49,7 @@ class Search:
     @property
     def have(self) -> int:
         """Number of contacts."""
-        return sum(len(reached) for _, reached in self.found)
+        return sum(len(reached) for _, reached in self.contacts)
 
     @property
     def share(self) -> float:
@@ -135,15 +135,15 @@ def tried_once(
             reached = hand.reach(sites[some], solid[some], rng, turning=turning, by_hand=by_hand)
             for k, search in enumerate(active):
                 search.count(reached, index[some] == k)
-                search.found.append((tool, reached[(index[some] == k) & (reached.reason == "")]))
+                search.contacts.append((tool, reached[(index[some] == k) & (reached.reason == "")]))
     return True
 
 
 def chosen(search: Search, count: int, rng: np.random.Generator) -> tuple[np.ndarray, Contacts]:
     """At most `count` of the contacts of a search at random: their tools (K,), and the contacts."""
-    tool = np.concatenate([np.full(len(reached), k) for k, reached in search.found])
+    tool = np.concatenate([np.full(len(reached), k) for k, reached in search.contacts])
     rows = rng.permutation(len(tool))[:count]
-    every = Contacts.join([reached for _, reached in search.found])
+    every = Contacts.join([reached for _, reached in search.contacts])
     return tool[rows], every[rows]
 
 

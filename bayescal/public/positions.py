@@ -135,9 +135,9 @@ class Positioned:
 
         arm = self._arm
         gate.check(arm.use, force, "used")
-        found = positions(
+        at_readings = positions(
             arm, np.asarray(readings, float), frame=frame, tool=tool,
             tcp=None if tcp is None else np.asarray(tcp, float), payload_kg=np.asarray(payload_kg, float),
             velocity=None if velocity is None else np.asarray(velocity, float), time=at_time, row=at_row,
         )  # fmt: skip
-        return PositionResult(found, arm.use.remarks)
+        return PositionResult(at_readings, arm.use.remarks)
