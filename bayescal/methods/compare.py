@@ -17,9 +17,8 @@ from bayescal.effects import BASELINE
 from bayescal.errors import BayescalError
 from bayescal.estimate import Estimate, check_enough, linearise, unit_weights
 from bayescal.estimate.unexplained import unexplained
-from bayescal.methods.method import NOMINAL, Method
 from bayescal.methods.normals import NORMALS
-from bayescal.methods.published import INVERSE, LINEAR, OPEN_LOOP, OURS, PLANES
+from bayescal.methods.published import INVERSE, LINEAR, NOMINAL, OPEN_LOOP, OURS, PLANES, Method
 from bayescal.methods.solving import Solution
 from bayescal.model import ARM, Model, build, check_asked, with_parameters
 from bayescal.model.scene import Scene

@@ -12,8 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bayescal.methods.method import Method
-from bayescal.methods.published import is_plane
+from bayescal.methods.published import Method, is_plane
 from bayescal.methods.solving import Rows, RowsOf, part
 from bayescal.model import Block, Model
 from factors.plane import Plane

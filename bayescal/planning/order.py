@@ -92,13 +92,15 @@ def travel(pool: Pool, rows: np.ndarray, *passed: Sequence[np.ndarray | None]) -
 
 
 def _cleared(readings: np.ndarray, first: int, rows: np.ndarray, blocked: Blocked) -> np.ndarray:
-    """A short path (M,) through readings (M, n) as `shorter` finds it; a motion that is blocked lasts longer.
+    """A short path (M,) through readings (M, n), from `first` on; a motion that is blocked lasts longer.
+
+    Nearest neighbour, then 2-opt. It may end anywhere.
 
     Only motions of paths that are considered are checked: of all between 200 contacts there are 20,000.
     """
     cost = seconds_between(readings[:, None], readings[None])
     checked = np.zeros(cost.shape, bool)
-    path = shorter(cost, first)
+    path = exchanged(cost, nearest(cost, first))
     for _ in range(ROUNDS):
         begin, end = path[:-1], path[1:]
         new = ~checked[begin, end]
@@ -113,21 +115,8 @@ def _cleared(readings: np.ndarray, first: int, rows: np.ndarray, blocked: Blocke
     return path
 
 
-def shorter(seconds: np.ndarray, first: int) -> np.ndarray:
-    """A short path through all of M points: nearest neighbour, then 2-opt.
-
-    Parameters
-    ----------
-    seconds : np.ndarray, shape (M, M)
-        Symmetric times between points.
-    first : int
-        Where it begins; it may end anywhere.
-    """
-    return exchanged(seconds, nearest(seconds, first))
-
-
 def nearest(seconds: np.ndarray, first: int) -> np.ndarray:
-    """The path (M,) from each point to the nearest that was not visited."""
+    """The path (M,) from each point to the nearest that was not visited, by symmetric times (M, M)."""
     unvisited = np.ones(len(seconds), bool)
     out = [first]
     for _ in range(len(seconds) - 1):

@@ -53,27 +53,19 @@ class Clearance:
 
     @cached_property
     def pairs(self) -> tuple[Pair, ...]:
-        """All pairs that are compared, solids first; a reason is the position in it, plus one."""
+        """All pairs that are compared, solids first. The number of a pair is its position, plus one."""
         out = []
         for s, solid in enumerate(self.solids):
             for k, shape in enumerate(solid.shapes):
                 for c, capsule in enumerate(self.capsules):
-                    pair = Pair(c, shape, f"{capsule.name} and {solid.name}", s, surface=k == 0)
+                    pair = Pair(c, shape, s, surface=k == 0)
                     if capsule.frame > 0 and not (solid.carries and self._rests(pair)):
                         out.append(pair)  # the base does not move
-        for c, other in self.own:
-            a, b = self.capsules[c], self.capsules[other]
-            out.append(Pair(c, b, f"{a.name} and {b.name}", other=other))
-        return tuple(out)
+        return (*out, *(Pair(c, self.capsules[other], other=other) for c, other in self.own))
 
     @cached_property
     def _table(self) -> Pairs:
         return Pairs(self.arm, self.capsules, self.pairs)
-
-    @property
-    def reasons(self) -> tuple[str, ...]:
-        """Texts of the answers of `collides`; the first, of 0, is empty."""
-        return ("", *(pair.reason for pair in self.pairs))
 
     def collides(self, readings: np.ndarray, touched: np.ndarray | None = None) -> np.ndarray:
         """Check configurations.
@@ -90,7 +82,7 @@ class Clearance:
         Returns
         -------
         np.ndarray of int, shape (M,)
-            0 if free, otherwise an index into `reasons`: a pair that overlaps.
+            0 if free, otherwise the number of a pair that overlaps.
         """
         return self.hits(readings, readings, 0.0, touched)
 
@@ -104,8 +96,8 @@ class Clearance:
     ) -> np.ndarray:
         """Check motions of all joints at the same time from `begin` to `end`, readings (M, n), rad.
 
-        Returns (M,): 0 if all pairs keep the distance `floor`, m, everywhere on a motion, otherwise an index
-        into `reasons`. `touched` as of `collides`; `slack` (M, n), rad: how far joints may be off the motion.
+        Returns (M,): 0 if all pairs keep the distance `floor`, m, everywhere on a motion, otherwise the
+        number of a pair. `touched` as of `collides`; `slack` (M, n), rad: how far joints may be off.
         """
         compared = self._compared(len(begin), touched)
         away, pair = self._table.closest(begin, end, compared, slack, floor, np.inf)
@@ -150,7 +142,7 @@ class Clearance:
         for b, second in enumerate(self.capsules):
             for a, first in enumerate(self.capsules[:b]):
                 apart = min(second.frame, last) - min(first.frame, last) > 1
-                if apart and np.mean(self._anywhere(Pair(a, second, "", other=b)) < 0) <= ALWAYS:
+                if apart and np.mean(self._anywhere(Pair(a, second, other=b)) < 0) <= ALWAYS:
                     out.append((a, b))
         return tuple(out)
 
@@ -217,7 +209,7 @@ def path_free(
     Returns
     -------
     np.ndarray of int, shape (M,)
-        0 if free, otherwise an index into `clearance.reasons`; -1 if the path leaves the joint limits.
+        0 if free, otherwise the number of a pair; -1 if the path leaves the joint limits.
     """
     out = np.zeros(len(readings), int)
     retracting = np.array(readings, float)

@@ -117,7 +117,6 @@ class Pair:
 
     capsule: int
     shape: Shape
-    reason: str
     solid: int = -1
     other: int = -1
     surface: bool = False
