@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -77,9 +78,11 @@ class PositionResult:
 class Positioned:
     """A result with an arm, of which positions can be asked."""
 
-    @property
+    @cached_property
     def _arm(self) -> FittedArm:
-        raise NotImplementedError
+        from bayescal.public.arms import arm_of
+
+        return arm_of(self)
 
     def position(
         self,

@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from bayescal.assess.agreement import Agreement
     from bayescal.calibration import Fit
     from bayescal.dataset import Dataset
-    from bayescal.fitted.arm import FittedArm
     from bayescal.gap.result import Gap
     from bayescal.methods import Comparison
     from bayescal.simulation.record import Simulated
@@ -147,12 +146,6 @@ class FitResult(Result, Positioned):
     data: Fit | None = None
     _FORMAT: ClassVar[str] = "%.6g"
 
-    @cached_property
-    def _arm(self) -> FittedArm:
-        from bayescal.fitted import of_fit, open_run
-
-        return open_run(self.folder or Path()) if self.data is None else of_fit(self.data)
-
     def _contents(self) -> Json:
         from bayescal.reporting.fit.record import fit_contents
 
@@ -253,12 +246,6 @@ class GapResult(Result, Positioned):
     """A diagnosis; `print` shows its summary. `record` is the content of gap.json."""
 
     data: Gap | None = None
-
-    @cached_property
-    def _arm(self) -> FittedArm:
-        from bayescal.fitted import of_gap, open_run
-
-        return open_run(self.folder or Path()) if self.data is None else of_gap(self.data)
 
     def _contents(self) -> Json:
         from bayescal.reporting.gap.record import gap_record
