@@ -76,22 +76,20 @@ def command(*examples: str, name: str | None = None, **renamed: str) -> Callable
         for names, text in PARAMETER.findall(section):
             other = AS_OF.fullmatch(text.strip())
             for parameter in names.split(", "):
-                help_ = _described[other[1]][parameter] if other else " ".join(text.split())
-                described[parameter] = help_
-        parameters = inspect.signature(function).parameters.values()
-        options = [_option(p, described[p.name]) if p.name in described else p.default for p in parameters]
-        function.__defaults__ = tuple(option for option in options if option is not inspect.Parameter.empty)
+                described[parameter] = _described[other[1]][parameter] if other else " ".join(text.split())
+        stated = [p for p in inspect.signature(function).parameters.values() if p.default is not p.empty]
+        function.__defaults__ = tuple(_option(p, described.get(p.name)) for p in stated)
         return app.command(name, help=summary, **ending(*examples, **renamed))(function)
 
     return registered
 
 
-def _option(parameter: inspect.Parameter, text: str) -> ParameterInfo:
+def _option(parameter: inspect.Parameter, text: str | None) -> ParameterInfo:
     """An option by its name and default, or what the default states of it, with its help."""
     option, flag = parameter.default, f"--{parameter.name.rstrip('_').replace('_', '-')}"
     if not isinstance(option, ParameterInfo):
         option = typer.Option(option, f"{flag}/--no-{flag[2:]}" if option is True else flag)
-    option.help = text
+    option.help = text or option.help
     return option
 
 
