@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from bayescal.cli import evaluation, results, sessions  # noqa: F401  (they register their commands)
+# they register their commands; what others describe "as of `fit`" stands in the first
+from bayescal.cli import evaluation, results, sessions  # noqa: F401
 from bayescal.cli.root import app
 
 __all__ = ["app"]

@@ -4,68 +4,69 @@ from __future__ import annotations
 
 import shlex
 from pathlib import Path
-from typing import Annotated
 
 import typer
 
 from bayescal.cli.progress import progress
-from bayescal.cli.root import (
-    AllowXacro,
-    Datasets,
-    Model,
-    Out,
-    PriorWidth,
-    Remounted,
-    Robust,
-    Seed,
-    Without,
-    app,
-    ending,
-    run_folder,
-    show,
-)
+from bayescal.cli.root import command, run_folder, show
 from bayescal.errors import BayescalError
 
 
-@app.command(
-    **ending(
-        "bayescal fit cell",
-        "bayescal fit monday tuesday --model geometry,compliance,backlash --tolerance-mm 0.1",
-    )
+@command(
+    "bayescal fit cell", "bayescal fit monday tuesday --model geometry,compliance,backlash --tolerance-mm 0.1"
 )
 def fit(
-    datasets: Datasets,
-    model: Model = "geometry,compliance",
-    samples: Annotated[
-        int, typer.Option(min=0, help="Effective draws of every parameter; 0: Gaussian approximation.")
-    ] = 5000,
-    without: Without = "",
-    seed: Seed = 0,
-    out: Out = None,
-    robust: Robust = True,
-    prior_width: PriorWidth = 1.0,
-    latent_joints: Annotated[
-        bool, typer.Option("--latent-joints", help="Estimate the errors of the joint readings as unknowns.")
-    ] = False,
-    remounted: Remounted = False,
-    allow_xacro: AllowXacro = False,
-    tolerance_mm: Annotated[
-        float | None,
-        typer.Option(
-            help="Decide whether distance errors are within this tolerance (ISO 14253-1 with U = k u)."
-        ),
-    ] = None,
-    pictures: Annotated[
-        bool, typer.Option(help="Write fit-levels.png, -distances, -residuals, -parameters and -posterior.")
-    ] = True,
-    verbose: Annotated[
-        bool,
-        typer.Option(
-            "--verbose", "-v", help="Print all distances, all parameters, weak directions and the sampler."
-        ),
-    ] = False,
+    datasets: list[Path] = typer.Argument(metavar="DATASET..."),
+    model: str = "geometry,compliance",
+    samples: int = typer.Option(5000, min=0),
+    without: str = "",
+    seed: int = 0,
+    out: Path | None = None,
+    robust: bool = True,
+    prior_width: float = 1.0,
+    latent_joints: bool = False,
+    remounted: bool = False,
+    allow_xacro: bool = False,
+    tolerance_mm: float | None = None,
+    pictures: bool = True,
+    verbose: bool = typer.Option(False, "--verbose", "-v"),
 ) -> None:
-    """Calibrate an arm: its parameters with uncertainty, and the expected distance error in its workspace."""
+    """Calibrate an arm: its parameters with uncertainty, and the expected distance error in its workspace.
+
+    Parameters
+    ----------
+    datasets
+        Dataset folder with dataset.yaml, measurements.csv and the robot. Several sessions of the same arm are
+        evaluated together.
+    model
+        Effects of the calibrated model, separated by commas, each at all its sites or 'at joint 3'.
+    samples
+        Effective draws of every parameter; 0: Gaussian approximation.
+    without
+        Parts of these effects that stay nominal, separated by commas: 'geometry at joint 4' (theta4, d4, and
+        a4, alpha4, beta4 of the next link), 'geometry at link 4', or names of parameters: 'compliance J3'. A
+        diagnosis takes them for candidates.
+    seed
+        Random seed.
+    out
+        Run folder to write [default: runs/<dataset>-<command>; several names are joined by +].
+    robust
+        Exclude outliers.
+    prior_width
+        Factor on the standard deviations of the arm's prior.
+    latent_joints
+        Estimate the errors of the joint readings as unknowns.
+    remounted
+        The tools were remounted between the sessions.
+    allow_xacro
+        Execute a robot's xacro file: it is a program.
+    tolerance_mm
+        Decide whether distance errors are within this tolerance (ISO 14253-1 with U = k u).
+    pictures
+        Write fit-levels.png, -distances, -residuals, -parameters and -posterior.
+    verbose
+        Print all distances, all parameters, weak directions and the sampler.
+    """
     from bayescal.public.functions import fit as run
     from bayescal.public.results import drawing_beside
     from bayescal.storage.locks import CHECKPOINT, checkpoint_of, remove
@@ -98,26 +99,30 @@ def fit(
         raise BayescalError(what, "--samples", "see fit.json")
 
 
-@app.command(
-    **ending(
-        "bayescal gap cell", "bayescal gap cell --without 'compliance at joint 3' --out runs/cell-stiff-wrist"
-    )
+@command(
+    "bayescal gap cell", "bayescal gap cell --without 'compliance at joint 3' --out runs/cell-stiff-wrist"
 )
 def gap(
-    datasets: Datasets,
-    model: Model = "geometry,compliance",
-    without: Without = "",
-    seed: Seed = 0,
-    out: Out = None,
-    robust: Robust = True,
-    prior_width: PriorWidth = 1.0,
-    remounted: Remounted = False,
-    pictures: Annotated[
-        bool, typer.Option(help="Write gap-where.png, -which, -levels and -residuals.")
-    ] = True,
-    allow_xacro: AllowXacro = False,
+    datasets: list[Path] = typer.Argument(metavar="DATASET..."),
+    model: str = "geometry,compliance",
+    without: str = "",
+    seed: int = 0,
+    out: Path | None = None,
+    robust: bool = True,
+    prior_width: float = 1.0,
+    remounted: bool = False,
+    pictures: bool = True,
+    allow_xacro: bool = False,
 ) -> None:
-    """Diagnose the difference between model and machine: size, location, effect, improvement."""
+    """Diagnose the difference between model and machine: size, location, effect, improvement.
+
+    Parameters
+    ----------
+    datasets, model, without, seed, out, robust, prior_width, remounted, allow_xacro
+        As of `fit`.
+    pictures
+        Write gap-where.png, -which, -levels and -residuals.
+    """
     from bayescal.public.functions import diagnose
     from bayescal.public.results import drawing_beside
 
@@ -141,22 +146,26 @@ def gap(
         typer.echo(f"to discriminate  bayescal plan {words}")
 
 
-@app.command(
-    **ending(
-        "bayescal compare data/lrmate200ic-cube",
-        "bayescal compare cell --model geometry --out runs/cell-geometry",
-    )
+@command(
+    "bayescal compare data/lrmate200ic-cube",
+    "bayescal compare cell --model geometry --out runs/cell-geometry",
 )
 def compare(
-    dataset: Annotated[
-        Path, typer.Argument(help="Dataset folder: dataset.yaml, measurements.csv and the robot.")
-    ],
-    model: Model = "geometry,compliance",
-    seed: Seed = 0,
-    out: Out = None,
-    allow_xacro: AllowXacro = False,
+    dataset: Path = typer.Argument(),
+    model: str = "geometry,compliance",
+    seed: int = 0,
+    out: Path | None = None,
+    allow_xacro: bool = False,
 ) -> None:
-    """Calibrate by several published methods, and compare their errors on the same validation data."""
+    """Calibrate by several published methods, and compare their errors on the same validation data.
+
+    Parameters
+    ----------
+    dataset
+        Dataset folder: dataset.yaml, measurements.csv and the robot.
+    model, seed, out, allow_xacro
+        As of `fit`.
+    """
     from bayescal.public.functions import compare as run
 
     with run_folder(out, [dataset], "compare") as folder, progress("compare") as notify:
@@ -165,80 +174,66 @@ def compare(
     show(result.report(), folder, written)
 
 
-@app.command(
-    **ending(
-        "bayescal plan cell --contacts 100 --to urscript",
-        "bayescal plan cell --after runs/cell-gap --for gap --contacts 60",
-    )
+@command(
+    "bayescal plan cell --contacts 100 --to urscript",
+    "bayescal plan cell --after runs/cell-gap --for gap --contacts 60",
 )
 def plan(
-    setup: Annotated[
-        Path,
-        typer.Argument(
-            metavar="SETUP",
-            help="Dataset folder; its dataset.yaml states robot, tools, targets and noise. Rows are ignored.",
-        ),
-    ],
-    contacts: Annotated[int, typer.Option(help="Contacts to calibrate with, repeats included.")] = 200,
-    purpose: Annotated[
-        str, typer.Option("--for", help="distances, gap (effects that the model lacks), or both.")
-    ] = "both",
-    after: Annotated[
-        Path | None,
-        typer.Option(
-            help="Continue a measured session: its dataset folder, or the run folder of its bayescal gap "
-            "(SETUP is then the session), whose open questions the contacts decide."
-        ),
-    ] = None,
-    levers: Annotated[
-        str,
-        typer.Option(
-            help="What may be varied beside the pose, separated by commas: payload (the masses that "
-            "`plan: {payload_kg}` of dataset.yaml lists), approach."
-        ),
-    ] = "payload,approach",
-    model: Annotated[
-        str,
-        typer.Option(
-            help="Effects of the model, separated by commas [default: geometry,compliance, or the model of "
-            "the diagnosis]."
-        ),
-    ] = "",
-    validation: Annotated[
-        bool, typer.Option(help="Add contacts that validate spheres of certified distances.")
-    ] = True,
-    order: Annotated[
-        str, typer.Option(help="sweeps (each visits all targets), shortest, or random.")
-    ] = "sweeps",
-    candidates: Annotated[int, typer.Option(help="Possible contacts among which is chosen.")] = 5000,
-    seed: Seed = 0,
-    to: Annotated[
-        list[str] | None,
-        typer.Option(
-            help="For the controller: a probing program (urscript, fanuc, kuka, abb; none has been run on a "
-            "controller) or a table (csv, robodk, poses); repeatable."
-        ),
-    ] = None,
-    probe_input: Annotated[
-        str,
-        typer.Option(
-            help="Digital input that the probe switches, as the controller names it: 0, tool:0 (UR, FANUC), "
-            "measure:1 (KUKA), a signal (ABB) [default: 0, 1, 1, diProbe]."
-        ),
-    ] = "",
-    probe_force_n: Annotated[
-        float | None,
-        typer.Option(
-            help="Change of the force at the tool, N, that is a contact, in place of an input (UR)."
-        ),
-    ] = None,
-    probe_beyond_mm: Annotated[
-        float, typer.Option(help="How far beyond the expected surface a program searches before it stops.")
-    ] = 5.0,
-    out: Out = None,
-    allow_xacro: AllowXacro = False,
+    setup: Path = typer.Argument(metavar="SETUP"),
+    contacts: int = 200,
+    for_: str = "both",
+    after: Path | None = None,
+    levers: str = "payload,approach",
+    model: str = "",
+    validation: bool = True,
+    order: str = "sweeps",
+    candidates: int = 5000,
+    seed: int = 0,
+    to: list[str] | None = None,
+    probe_input: str = "",
+    probe_force_n: float | None = None,
+    probe_beyond_mm: float = 5.0,
+    out: Path | None = None,
+    allow_xacro: bool = False,
 ) -> None:
-    """Choose the contacts to measure, and predict the uncertainty that they give."""
+    """Choose the contacts to measure, and predict the uncertainty that they give.
+
+    Parameters
+    ----------
+    setup
+        Dataset folder; its dataset.yaml states robot, tools, targets and noise. Rows are ignored.
+    seed, out, allow_xacro
+        As of `fit`.
+    contacts
+        Contacts to calibrate with, repeats included.
+    for_
+        distances, gap (effects that the model lacks), or both.
+    after
+        Continue a measured session: its dataset folder, or the run folder of its bayescal gap (SETUP is then
+        the session), whose open questions the contacts decide.
+    levers
+        What may be varied beside the pose, separated by commas: payload (the masses that
+        `plan: {payload_kg}` of dataset.yaml lists), approach.
+    model
+        Effects of the model, separated by commas [default: geometry,compliance, or the model of the
+        diagnosis].
+    validation
+        Add contacts that validate spheres of certified distances.
+    order
+        sweeps (each visits all targets), shortest, or random.
+    candidates
+        Possible contacts among which is chosen.
+    to
+        For the controller: a probing program (urscript, fanuc, kuka, abb; none has been run on a controller)
+        or a table (csv, robodk, poses); repeatable.
+    probe_input
+        Digital input that the probe switches, as the controller names it: 0, tool:0 (UR, FANUC), measure:1
+        (KUKA), a signal (ABB) [default: 0, 1, 1, diProbe].
+    probe_force_n
+        Change of the force at the tool, N, that is a contact, in place of an input (UR).
+    probe_beyond_mm
+        How far beyond the expected surface a program searches before it stops.
+    """
     from bayescal.programs.probing import Probe, formats_of
     from bayescal.public.planning import plan as work
 
@@ -247,7 +242,7 @@ def plan(
         result = work(
             setup,
             contacts,
-            purpose,
+            for_,
             model,
             after=after,
             levers=levers,

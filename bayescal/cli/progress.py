@@ -8,7 +8,6 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from threading import Event, Lock, Thread
-from typing import Protocol
 
 EVERY = 5.0
 """Seconds between two lines, at least; a shorter command writes none."""
@@ -16,19 +15,11 @@ GROWTH = 0.1
 """Smallest time between two lines, as a fraction of the elapsed time: a run of an hour writes some dozens."""
 
 
-class Progress(Protocol):
-    """What a command calls: with a stage (or '12 of 200') and the completed fraction."""
-
-    def __call__(self, stage: str, fraction: float) -> None:
-        """Report the stage and its completed fraction."""
-
-    def say(self, text: str) -> None:
-        """Print a line, beside the progress."""
-
-
 @contextmanager
-def progress(first: str = "estimate") -> Iterator[Progress]:
+def progress(first: str = "estimate") -> Iterator[_Bar | _Lines]:
     """The progress of a command on the error stream.
+
+    It is called with a stage (or '12 of 200') and the completed fraction; `say` prints a line beside it.
 
     Parameters
     ----------
@@ -51,7 +42,7 @@ class _Bar:
 
 
 @contextmanager
-def bar(first: str) -> Iterator[Progress]:
+def bar(first: str) -> Iterator[_Bar]:
     """A progress bar, removed at the end."""
     from rich.progress import BarColumn, TextColumn, TimeRemainingColumn
     from rich.progress import Progress as Rich
@@ -105,7 +96,7 @@ class _Lines:
 
 
 @contextmanager
-def lines(first: str) -> Iterator[Progress]:
+def lines(first: str) -> Iterator[_Lines]:
     """Lines on the error stream, from a thread of their own."""
     shown = _Lines(first)
     thread = Thread(target=shown.watch, daemon=True)

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import inspect
+import re
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import typer
+from typer.models import ParameterInfo
 
 from bayescal import __version__
 from bayescal.errors import BayescalError
@@ -45,6 +48,51 @@ app = typer.Typer(
 )
 
 
+PARAMETER = re.compile(r"^(\w+(?:, \w+)*)\n((?: +.*\n?)+)", re.MULTILINE)
+"""Parameters in a docstring, and their description."""
+AS_OF = re.compile(r"As of `(\w+)`\.")
+"""The description of parameters that another command has too."""
+_described: dict[str, dict[str, str]] = {}
+"""Help of the options of each command, by the names of its function and its parameters."""
+
+
+def command(*examples: str, name: str | None = None, **renamed: str) -> Callable[..., Callable[..., None]]:
+    """Register a function as a command: its parameters are the options, its docstring has their help.
+
+    A parameter is the option of its name. What its name, its type and its default do not state (that it is
+    an argument, its metavar, limits) is stated by `typer.Argument` or `typer.Option` in place of the default.
+
+    Parameters
+    ----------
+    *examples, **renamed
+        As of `ending`.
+    name : str, optional
+        Name of the command, if it is not that of the function.
+    """
+
+    def registered(function: Callable[..., None]) -> Callable[..., None]:
+        summary, _, section = (inspect.getdoc(function) or "").partition("\n\nParameters\n----------\n")
+        described = _described[function.__name__] = {}
+        for names, text in PARAMETER.findall(section):
+            other = AS_OF.fullmatch(text.strip())
+            for parameter in names.split(", "):
+                described[parameter] = _described[other[1]][parameter] if other else " ".join(text.split())
+        stated = [p for p in inspect.signature(function).parameters.values() if p.default is not p.empty]
+        function.__defaults__ = tuple(_option(p, described.get(p.name)) for p in stated)
+        return app.command(name, help=summary, **ending(*examples, **renamed))(function)
+
+    return registered
+
+
+def _option(parameter: inspect.Parameter, text: str | None) -> ParameterInfo:
+    """An option by its name and default, or what the default states of it, with its help."""
+    option, flag = parameter.default, f"--{parameter.name.rstrip('_').replace('_', '-')}"
+    if not isinstance(option, ParameterInfo):
+        option = typer.Option(option, f"{flag}/--no-{flag[2:]}" if option is True else flag)
+    option.help = text or option.help
+    return option
+
+
 def _version(wanted: bool) -> None:
     if wanted:
         typer.echo(f"bayescal {__version__}")
@@ -60,67 +108,7 @@ def _root(
     """Calibrate a robot arm from probed contacts, with uncertainties, and diagnose unmodelled effects."""
 
 
-Datasets = Annotated[
-    list[Path],
-    typer.Argument(
-        metavar="DATASET...",
-        help="Dataset folder with dataset.yaml, measurements.csv and the robot. Several sessions of the same "
-        "arm are evaluated together.",
-    ),
-]
-"""Sessions of one arm."""
-Out = Annotated[
-    Path | None,
-    typer.Option(
-        help="Run folder to write [default: runs/<dataset>-<command>; several names are joined by +]."
-    ),
-]
-"""The run folder; see `output.run_folder`."""
-Model = Annotated[
-    str,
-    typer.Option(
-        help="Effects of the calibrated model, separated by commas, each at all its sites or 'at joint 3'."
-    ),
-]
-Without = Annotated[
-    str,
-    typer.Option(
-        help="Parts of these effects that stay nominal, separated by commas: 'geometry at joint 4' (theta4, "
-        "d4, and a4, alpha4, beta4 of the next link), 'geometry at link 4', or names of parameters: "
-        "'compliance J3'. A diagnosis takes them for candidates."
-    ),
-]
-Seed = Annotated[int, typer.Option(help="Random seed.")]
-Robust = Annotated[bool, typer.Option(help="Exclude outliers.")]
-PriorWidth = Annotated[float, typer.Option(help="Factor on the standard deviations of the arm's prior.")]
-Remounted = Annotated[
-    bool, typer.Option("--remounted", help="The tools were remounted between the sessions.")
-]
-AllowXacro = Annotated[
-    bool, typer.Option("--allow-xacro", help="Execute a robot's xacro file: it is a program.")
-]
-"""The option of every command that reads a robot."""
-Run = Annotated[
-    Path, typer.Argument(metavar="RUN", help="Run folder of bayescal fit or gap: its arm.json and dataset.")
-]
-WithEffects = Annotated[
-    str,
-    typer.Option(
-        "--with",
-        help="Effects to add to the model of the run, separated by commas: the session is fitted again.",
-    ),
-]
-WithoutEffects = Annotated[
-    str,
-    typer.Option(
-        help="Effects of the model of the run to leave out, or parts of them ('geometry at joint 4', "
-        "'compliance J3'), separated by commas: the session is fitted again."
-    ),
-]
-"""Options of the commands that take the arm of a run."""
-
-
-def known(to: str, formats: tuple[str, ...]) -> None:
+def check_format(to: str, formats: tuple[str, ...]) -> None:
     """Refuse a format that a command does not print."""
     if to not in formats:
         raise BayescalError(f"there is no format `{to}`", "--to", f"formats: {', '.join(formats)}")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bayescal.methods.compare import METHODS, Comparison, Result, Row, compare
-from bayescal.methods.method import Method
+from bayescal.methods.published import Method
 from bayescal.methods.solving import Solution
 
 __all__ = ["METHODS", "Comparison", "Method", "Result", "Row", "Solution", "compare"]

@@ -17,9 +17,8 @@ from bayescal.effects import BASELINE
 from bayescal.errors import BayescalError
 from bayescal.estimate import Estimate, check_enough, linearise, unit_weights
 from bayescal.estimate.unexplained import unexplained
-from bayescal.methods.method import NOMINAL, Method
 from bayescal.methods.normals import NORMALS
-from bayescal.methods.published import INVERSE, LINEAR, OPEN_LOOP, OURS, PLANES
+from bayescal.methods.published import INVERSE, LINEAR, NOMINAL, OPEN_LOOP, OURS, PLANES, Method
 from bayescal.methods.solving import Solution
 from bayescal.model import ARM, Model, build, check_asked, with_parameters
 from bayescal.model.scene import Scene
@@ -142,9 +141,9 @@ def validated(solution: Solution) -> Validation:
 
 def predicted(solution: Solution, seed: int) -> Validation | None:
     """Predicted uncertainties of validation measurements, for a method that has them; else None."""
-    found = solution.estimate
-    if found is None:
+    estimate = solution.estimate
+    if estimate is None:
         return None
     of_draws, of_noise = spawned(seed, 2)
-    draws = gaussian(found, of_draws, DRAWS)
-    return validate(found, draws.flat, draws.kappa, unexplained(found).excess, of_noise)
+    draws = gaussian(estimate, of_draws, DRAWS)
+    return validate(estimate, draws.flat, draws.kappa, unexplained(estimate).excess, of_noise)

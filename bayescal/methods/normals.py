@@ -12,8 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bayescal.methods.method import Method
-from bayescal.methods.published import is_plane
+from bayescal.methods.published import Method, is_plane
 from bayescal.methods.solving import Rows, RowsOf, part
 from bayescal.model import Block, Model
 from factors.plane import Plane
@@ -81,20 +80,20 @@ def in_normals(model: Model) -> RowsOf:
         dealt[block.target] = Dealt.of(place, float(np.median(block.sigma)))
 
     def rows(block: Block, values: np.ndarray, z: np.ndarray) -> Rows:
-        kind, state, own = block.kind, block.state(z), dealt[block.target]
+        kind, state, face = block.kind, block.state(z), dealt[block.target]
         assert isinstance(kind, Plane)
-        cross, by_cross = own.crosses(*points(block, values))
+        cross, by_cross = face.crosses(*points(block, values))
         along, by_along = cross @ kind.normal, np.einsum("i,kip->kp", kind.normal, by_cross)
         lean = cross @ kind.tangents.T / along[:, None]  # tangents of the tilts
         by_lean = np.einsum("ji,kip->kjp", kind.tangents, by_cross) - lean[:, :, None] * by_along[:, None]
         by_lean = by_lean / along[:, None, None]
         tilts = np.zeros((len(cross), 2, len(kind.sd)))
-        tilts[:, 0, 0] = tilts[:, 1, 1] = -own.reach
+        tilts[:, 0, 0] = tilts[:, 1, 1] = -face.reach
         # the face goes through the middle of its contacts: no more than that is said of its place
         middle, by_middle, at_middle = _middle(block, values, z)
         return (
-            np.append(((lean - state[:2]) * own.reach[:, None]).ravel(), middle),
-            np.vstack([(by_lean * own.reach[:, None, None]).reshape(-1, len(values)), by_middle]),
+            np.append(((lean - state[:2]) * face.reach[:, None]).ravel(), middle),
+            np.vstack([(by_lean * face.reach[:, None, None]).reshape(-1, len(values)), by_middle]),
             np.vstack([block.by_z(tilts).reshape(-1, block.size), at_middle]),
         )
 

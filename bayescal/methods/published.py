@@ -1,5 +1,7 @@
 """Methods of the survey, and bayescal's own: the rows that each uses, and what a session lacks for it.
 
+A session goes in, corrected parameters of the arm come out.
+
 - known planes (Besnard; Hage): the faces were measured beforehand to one another, where the arm stands before
   them is unknown: six numbers of the base, found with the arm.
 - linear steps (Joubair and Bonev): the text of the article was not available; this is the iteration as
@@ -17,20 +19,72 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import replace
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from bayescal.effects import parameters_of
 from bayescal.estimate import calibrated
 from bayescal.estimate.unexplained import check_faces, with_uneven_faces
-from bayescal.methods.method import Method
-from bayescal.methods.solving import Rows, RowsOf, Solution, System, levenberg, linear_steps, part
-from bayescal.model import ARM, Block, Model, build, with_parameters
+from bayescal.methods.solving import Rows, RowsOf, Solution, System, contacts, levenberg, linear_steps, part
+from bayescal.model import ARM, Block, Model, build, standing, with_parameters
 from bayescal.model.model import KNOWN_PLACE
 from bayescal.model.scene import Scene
 from factors.plane import Plane
+
+
+@dataclass(frozen=True)
+class Method:
+    """A way to calibrate: some blocks of the model, their rows, and how these are solved.
+
+    Attributes
+    ----------
+    name, source, idea : str
+        Whose idea it is, and the idea in a line.
+    missing : callable
+        What a model of a session lacks for it, or "".
+    uses : callable
+        Whether a block's rows are used.
+    rows : callable
+        For a model, the equations of a block's rows.
+    search : callable
+        Solves the system of these equations.
+    solver : callable, optional
+        Fits a scene with some effects in another way, in place of `rows` and `search`.
+    """
+
+    name: str
+    source: str
+    idea: str
+    missing: Callable[[Model], str] = lambda model: ""
+    uses: Callable[[Block], bool] = lambda block: True
+    rows: Callable[[Model], RowsOf] = lambda model: contacts
+    search: Callable[[System], Solution] = levenberg
+    solver: Callable[[Scene, tuple[str, ...]], Solution] | None = None
+
+    def solve(self, scene: Scene, effects: tuple[str, ...]) -> Solution:
+        """Fit a scene, and again with the gravity moments at the fitted poses: see `calibrated`."""
+        solver = self.solver or self._solved
+        first = solver(scene, effects)
+        if first.settled or scene.moments is None or not effects:
+            return first
+        return solver(standing(first.model, first.values), effects)
+
+    def _solved(self, scene: Scene, effects: tuple[str, ...]) -> Solution:
+        model = part(build(scene, effects), self.uses)
+        return self.search(System(model, self.rows(model)))
+
+
+def nominal(scene: Scene, effects: tuple[str, ...]) -> Solution:
+    """The nominal arm."""
+    model = build(scene, effects)
+    names = tuple(p.name for p in model.parameters)
+    return Solution(model, np.zeros(len(names)), names, settled=True)
+
+
+NOMINAL = Method("nominal", "", "the robot file without calibration", solver=nominal)
+
 
 NO_LENGTH = "no length is certified: without priors the scale of the arm is not identifiable"
 FEWEST = 3
@@ -101,10 +155,10 @@ def joint_change(block: Block, coupling: np.ndarray) -> np.ndarray:
     """Factors (C, rows, rows), rad/m, that turn a row's residuals into ones as long as its joint change."""
     still = np.zeros(block.motion.size), np.zeros(block.size)
     gradients = block.by_readings(*still, coupling)
-    own = gradients.reshape(block.kind.rows, len(block.rows), -1).swapaxes(0, 1)
-    left, size, _ = np.linalg.svd(own, full_matrices=False)
+    slopes = gradients.reshape(block.kind.rows, len(block.rows), -1).swapaxes(0, 1)
+    u, size, _ = np.linalg.svd(slopes, full_matrices=False)
     reach = np.maximum(size, SINGULAR * size[:, :1])
-    return left / reach[:, None, :] @ left.swapaxes(1, 2)
+    return u / reach[:, None, :] @ u.swapaxes(1, 2)
 
 
 def in_joints(model: Model) -> RowsOf:
@@ -118,8 +172,8 @@ def in_joints(model: Model) -> RowsOf:
         factor = factor / (usual * block.sigma[:, None, None])
 
         def turned(columns: np.ndarray) -> np.ndarray:
-            own = columns.reshape(block.kind.rows, len(block.rows), -1)
-            return np.einsum("cij,jck->ick", factor, own).reshape(columns.shape)
+            by_row = columns.reshape(block.kind.rows, len(block.rows), -1)
+            return np.einsum("cij,jck->ick", factor, by_row).reshape(columns.shape)
 
         r, by_arm, by_target = block.linearise(values, z)
         return turned(r), turned(by_arm), turned(by_target)

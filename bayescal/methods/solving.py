@@ -58,26 +58,23 @@ class System:
     @cached_property
     def _stated(self) -> np.ndarray:
         """Unknowns of targets whose places are stated: indices of x."""
-        scene = self.model.scene
-        out: list[int] = []
-        stated = {t.name for t in scene.dataset.targets if t.u is not None or t.u_angle is not None}
-        for block in self.model.blocks:
-            if block.target in stated:
-                own = self.model.slices[block.target]
-                out += range(own.start, own.stop)
-        return np.array(out, int)
+        model, targets = self.model, self.model.scene.dataset.targets
+        stated = {t.name for t in targets if t.u is not None or t.u_angle is not None}
+        unknowns = np.arange(self.size)
+        parts = [unknowns[model.slices[b.target]] for b in model.blocks if b.target in stated]
+        return np.concatenate([unknowns[:0], *parts])
 
     def __call__(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Residuals (R,) and their Jacobian (R, size) at x (size,)."""
         model, values = self.model, x[: self.arm]
         residuals, slopes = [], []
         for block in model.blocks:
-            own = model.slices[block.target]
-            r, by_arm, by_target = self.rows(block, values, np.zeros(block.size) if self.known else x[own])
+            part = model.slices[block.target]
+            r, by_arm, by_target = self.rows(block, values, np.zeros(block.size) if self.known else x[part])
             slope = np.zeros((len(r), self.size))
             slope[:, : self.arm] = by_arm
             if not self.known:
-                slope[:, own] = by_target
+                slope[:, part] = by_target
             residuals.append(r)
             slopes.append(slope)
         if not self.known:
@@ -88,7 +85,7 @@ class System:
 
     def _certified(self, x: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
         model, out = self.model, []
-        parts = {name: x[own] for name, own in model.slices.items()}
+        parts = {name: x[part] for name, part in model.slices.items()}
         parts[ARM] = (x[: self.arm] - model.shift) / model.sd
         for constraint in model.constraints:
             r, by = model.linearised(constraint, parts)
@@ -157,8 +154,8 @@ def without(columns: np.ndarray, nuisance: np.ndarray) -> np.ndarray:
     if not nuisance.shape[1]:
         return columns
     scale = np.linalg.norm(nuisance, axis=0)
-    left, size, _ = np.linalg.svd(nuisance / np.where(scale > 0, scale, 1.0), full_matrices=False)
-    basis = left[:, size > SAME * size[0]]
+    u, size, _ = np.linalg.svd(nuisance / np.where(scale > 0, scale, 1.0), full_matrices=False)
+    basis = u[:, size > SAME * size[0]]
     return columns - basis @ (basis.T @ columns)
 
 
@@ -184,7 +181,7 @@ def estimable(system: System, x: np.ndarray) -> Estimable:
     return Estimable(np.zeros(0, int), float("nan"))
 
 
-def solution(system: System, x: np.ndarray, known: Estimable) -> Solution:
+def solution(system: System, x: np.ndarray, identifiable: Estimable) -> Solution:
     """What was found, in the model's parameters.
 
     Raises
@@ -194,8 +191,8 @@ def solution(system: System, x: np.ndarray, known: Estimable) -> Solution:
     """
     model, values = system.model, x[: system.arm]
     check_within_reach(model, (values - model.shift) / model.sd)
-    held = tuple(p.name for k, p in enumerate(model.parameters) if k not in known.kept)
-    return Solution(model, values, held, known.condition)
+    held = tuple(p.name for k, p in enumerate(model.parameters) if k not in identifiable.kept)
+    return Solution(model, values, held, identifiable.condition)
 
 
 def levenberg(system: System) -> Solution:
@@ -207,8 +204,8 @@ def levenberg(system: System) -> Solution:
         Where it does not come to rest.
     """
     start = np.zeros(system.size)
-    known = estimable(system, start)
-    moved = np.concatenate([known.kept, np.arange(system.arm, system.size)])
+    identifiable = estimable(system, start)
+    moved = np.concatenate([identifiable.kept, np.arange(system.arm, system.size)])
 
     def at(part: np.ndarray) -> np.ndarray:
         x = start.copy()
@@ -222,13 +219,13 @@ def levenberg(system: System) -> Solution:
         return system(at(part))[1][:, moved]
 
     check_enough(system, len(moved))
-    found = least_squares(
+    minimum = least_squares(
         residual, start[moved], slopes,
         method="lm", x_scale="jac", xtol=1e-12, ftol=1e-12, gtol=1e-12, max_nfev=40 * ROUNDS,
     )  # fmt: skip
-    if found.status == 0 or not np.all(np.isfinite(found.x)):
+    if minimum.status == 0 or not np.all(np.isfinite(minimum.x)):
         raise BayescalError("the least squares did not converge")
-    return solution(system, at(found.x), known)
+    return solution(system, at(minimum.x), identifiable)
 
 
 def linear_steps(system: System) -> Solution:
@@ -243,21 +240,21 @@ def linear_steps(system: System) -> Solution:
         Where the steps do not shrink.
     """
     x = _targets(system, np.zeros(system.size))
-    known = estimable(system, x)
-    check_enough(system, len(known.kept) + system.size - system.arm)
+    identifiable = estimable(system, x)
+    check_enough(system, len(identifiable.kept) + system.size - system.arm)
     for _ in range(ROUNDS):
         r, jacobian = system(x)
-        stacked = without(np.column_stack([jacobian[:, known.kept], r]), jacobian[:, system.arm :])
-        columns, left = stacked[:, :-1], stacked[:, -1]
+        stacked = without(np.column_stack([jacobian[:, identifiable.kept], r]), jacobian[:, system.arm :])
+        columns, residual = stacked[:, :-1], stacked[:, -1]
         scale = np.linalg.norm(columns, axis=0)
-        step = np.linalg.lstsq(columns / scale, left, rcond=None)[0] / scale
+        step = np.linalg.lstsq(columns / scale, residual, rcond=None)[0] / scale
         if not np.all(np.isfinite(step)):
             break
         x = x.copy()
-        x[known.kept] -= step
+        x[identifiable.kept] -= step
         x = _targets(system, x)
         if rms(columns @ step) < RESTED:
-            return solution(system, x, known)
+            return solution(system, x, identifiable)
     raise BayescalError("the linear steps do not converge")
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from itertools import count
 from typing import Any
 
@@ -13,6 +13,8 @@ import numpy as np
 from bayescal.arm.chain import link_angles
 from bayescal.arm.transforms import rpy_matrix, rpy_of
 from bayescal.dataset import Dataset, Measurements
+from bayescal.dataset.append import followed
+from bayescal.dataset.join import column
 from bayescal.dataset.target_kinds import KINDS
 from bayescal.errors import BayescalError
 from bayescal.model.block import tool_frames
@@ -26,10 +28,6 @@ SESSION = 3600.0
 """s: the time over which candidates are distributed (assumed: 200 contacts at 18 s)."""
 SETTLING = 6
 """Corrections of readings for compliances in the robot file; each reduces the error more than tenfold."""
-BLANK: Mapping[str, float | str] = {
-    "xyz": np.nan, "rpy": np.nan, "length": np.nan, "u": np.nan, "payload": 0.0, "stop": "", "repeat": ""
-}  # fmt: skip
-"""Of the columns that rows may leave empty: their empty cell."""
 
 
 @dataclass(frozen=True)
@@ -54,45 +52,22 @@ def session_of(dataset: Dataset, possible: Possible, rng: np.random.Generator) -
     m, before, new = dataset.measurements, len(dataset.measurements.ids), len(possible.target)
     prefix = next(f"p{k}." for k in count(1) if not any(i.startswith(f"p{k}.") for i in m.ids))
     start = 0.0 if m.time is None or not before else float(np.max(m.time))
-    given: dict[str, np.ndarray] = {
-        "role": possible.role,
-        "target": possible.target,
-        "tool": possible.tool,
-        "readings": possible.readings,
-        "line": np.zeros(new, int),
-        "command": possible.readings,
-        "time": rng.uniform(start, start + SESSION, new),
-    }
-    if m.velocity is not None or possible.velocity.any():
-        given["velocity"] = possible.velocity
-    if possible.payload.any():
-        given["payload"] = possible.payload
-    if m.temperature is not None:
-        given["temperature"] = rng.choice(m.temperature, new)
-    columns: dict[str, Any] = {
-        f.name: _continued(m, f.name, given.get(f.name), new) for f in fields(Measurements)
-    }
-    columns |= {"ids": (*m.ids, *(f"{prefix}{k:05d}" for k in range(new))), "torque": None}
-    if not before:
-        columns["command"] = None
-    session = replace(dataset, measurements=Measurements(**columns), torques="computed")
-    return _read(_settled(session, before), before)
-
-
-def _continued(m: Measurements, name: str, own: np.ndarray | None, new: int) -> np.ndarray | None:
-    """A measured column with the cells of the new rows behind it; None if it cannot be continued."""
-    if name == "ids":
-        return None
-    old = getattr(m, name)
-    if not m.ids:
-        return own
-    if old is None:
-        if own is None or name not in BLANK:
-            return None
-        old = np.full((len(m.ids), *own.shape[1:]), BLANK[name])
-    if own is None:
-        own = np.full((new, *old.shape[1:]), BLANK[name])
-    return np.concatenate([old, own])
+    moving = m.velocity is not None or (not before and possible.velocity.any())
+    rows = Measurements(
+        ids=tuple(f"{prefix}{k:05d}" for k in range(new)),
+        role=possible.role,
+        target=possible.target,
+        tool=possible.tool,
+        readings=possible.readings,
+        line=np.zeros(new, int),
+        command=possible.readings if before else None,
+        time=rng.uniform(start, start + SESSION, new),
+        velocity=possible.velocity if moving else None,
+        payload=possible.payload if possible.payload.any() else None,
+        temperature=None if m.temperature is None else rng.choice(m.temperature, new),
+    )
+    rows = followed(m, rows)[0] if before else rows
+    return _read(_settled(replace(dataset, measurements=rows, torques="computed"), before), before)
 
 
 def _settled(session: Dataset, before: int) -> Dataset:
@@ -117,10 +92,8 @@ def _read(session: Dataset, before: int) -> Dataset:
     m, scene = session.measurements, Scene(session)
     columns: dict[str, Any] = {}
 
-    def column(name: str, width: tuple[int, ...]) -> np.ndarray:
-        old = getattr(m, name)
-        empty = np.full((len(m.ids), *width), np.nan)
-        return np.asarray(columns.setdefault(name, empty if old is None else old.copy()))
+    def cells(name: str, *width: int) -> np.ndarray:
+        return np.asarray(columns.setdefault(name, column(m, name, width)))
 
     for t, target in enumerate(session.targets):
         rows = np.flatnonzero(m.target == t)
@@ -130,14 +103,14 @@ def _read(session: Dataset, before: int) -> Dataset:
         if KINDS[target.kind].reads == "length":
             if np.isnan(float(target.values["length"])):
                 away = scene.points[rows] - np.asarray(target.values["centre"])
-                column("length", ())[rows] = np.linalg.norm(away, axis=1)
+                cells("length")[rows] = np.linalg.norm(away, axis=1)
         elif KINDS[target.kind].reads == "xyz":
             frame = rpy_matrix(np.asarray(target.values["rpy"], float))
-            column("xyz", (3,))[rows] = (scene.points[rows] - np.asarray(target.values["xyz"])) @ frame
+            cells("xyz", 3)[rows] = (scene.points[rows] - np.asarray(target.values["xyz"])) @ frame
             if m.rpy is not None or session.noise.orientation is not None:
                 tools = tool_frames(session, scene.flange)[m.tool[rows]]
                 turned = frame.T @ scene.flange[rows] @ tools
-                column("rpy", (3,))[rows] = [rpy_of(one) for one in turned]
+                cells("rpy", 3)[rows] = [rpy_of(one) for one in turned]
     return replace(session, measurements=replace(m, **columns)) if columns else session
 
 
@@ -259,17 +232,17 @@ def _few(setup: Setup, search: Search, wanted: float) -> str:
 
 def _pool(
     setup: Setup,
-    found: list[tuple[str, Search, np.ndarray, Contacts]],
+    parts: list[tuple[str, Search, np.ndarray, Contacts]],
     dropped: Mapping[str, int],
     warnings: tuple[str, ...],
     rng: np.random.Generator,
 ) -> Pool:
-    """All contacts found as rows; candidates are in random order, validation contacts behind them."""
-    reached = Contacts.join([contacts for *_, contacts in found])
-    counts = [len(contacts) for *_, contacts in found]
-    role = np.repeat([role for role, *_ in found], counts)
-    target = np.repeat([search.target for _, search, *_ in found], counts)
-    tool = np.concatenate([tools for _, _, tools, _ in found])
+    """All contacts as rows; candidates are in random order, validation contacts behind them."""
+    reached = Contacts.join([contacts for *_, contacts in parts])
+    counts = [len(contacts) for *_, contacts in parts]
+    role = np.repeat([role for role, *_ in parts], counts)
+    target = np.repeat([search.target for _, search, *_ in parts], counts)
+    tool = np.concatenate([tools for _, _, tools, _ in parts])
     fitted = np.flatnonzero(role == "calibrate")
     order = np.concatenate([rng.permutation(fitted), np.flatnonzero(role == "validate")])
     loaded = (rng.random(len(role)) < 0.5) & (role == "calibrate")

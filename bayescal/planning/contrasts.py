@@ -56,11 +56,11 @@ class Contrasts:
     weight: np.ndarray  # (groups,)
 
     @classmethod
-    def of(cls, found: Vocabulary, items: Sequence[Contrast]) -> Contrasts:
+    def of(cls, effects: Vocabulary, items: Sequence[Contrast]) -> Contrasts:
         """Contrasts with equal weights of all groups, which are numbered anew."""
         _, group = np.unique([item.group for item in items], return_inverse=True)
         numbered = tuple(replace(item, group=int(k)) for item, k in zip(items, group, strict=True))
-        return cls(found, numbered, np.ones(int(group.max()) + 1))
+        return cls(effects, numbered, np.ones(int(group.max()) + 1))
 
     @property
     def columns(self) -> CandidateColumns:
@@ -119,30 +119,30 @@ class Contrasts:
                 variance = variance + np.sum(inner @ of_rivals * of_rivals, axis=0)
             if x.mix is not None:
                 error_beside, g = x.mix.T @ error_beside, x.mix.T @ g @ x.mix
-            strength[x.own] = np.add.reduceat(np.diag(g), x.first)
-            change[x.own] = np.add.reduceat(error_beside**2, x.first, axis=0) / (sign + variance)
+            strength[x.index] = np.add.reduceat(np.diag(g), x.first)
+            change[x.index] = np.add.reduceat(error_beside**2, x.first, axis=0) / (sign + variance)
         return strength, change
 
 
 @dataclass(frozen=True)
 class _Together:
-    """Contrasts `own` with the same rivals: all their true columns, amplitudes `mix`, the first of each."""
+    """Contrasts `index` with the same rivals: all their true columns, amplitudes `mix`, the first of each."""
 
     rivals: np.ndarray
     truth: np.ndarray
     mix: np.ndarray | None
     first: np.ndarray
-    own: np.ndarray
+    index: np.ndarray
 
 
-def _together(items: Sequence[Contrast], own: np.ndarray) -> _Together:
+def _together(items: Sequence[Contrast], index: np.ndarray) -> _Together:
     mixes = [np.eye(len(item.truth)) if item.mix is None else item.mix for item in items]
     return _Together(
         items[0].rivals,
         np.concatenate([item.truth for item in items]),
         None if all(item.mix is None for item in items) else block_diag(*mixes),
         np.cumsum([0, *(mix.shape[1] for mix in mixes[:-1])]),
-        own,
+        index,
     )
 
 
@@ -174,11 +174,11 @@ def contrasts(
         If a pair names an effect or a site that the session cannot show.
     """
     sides = [side for pair in pairs for side in (pair.a, pair.b, pair.common)]
-    columns = vocabulary(pool, fitted, [one for side in sides for one in side], without)
+    every = vocabulary(pool, fitted, [one for side in sides for one in side], without)
     if not pairs:
-        return of_effects(columns, probability)
-    decided = of_pairs(columns, pairs)
-    return joined(decided, of_effects(columns, probability)) if probability else decided
+        return of_effects(every, probability)
+    decided = of_pairs(every, pairs)
+    return joined(decided, of_effects(every, probability)) if probability else decided
 
 
 def joined(a: Contrasts, b: Contrasts) -> Contrasts:
@@ -188,40 +188,40 @@ def joined(a: Contrasts, b: Contrasts) -> Contrasts:
     return Contrasts(a.vocabulary, (*a.items, *shifted), np.concatenate(parts))
 
 
-def of_effects(found: Vocabulary, probability: Mapping[str, float] | None = None) -> Contrasts:
+def of_effects(effects: Vocabulary, probability: Mapping[str, float] | None = None) -> Contrasts:
     """Every effect at each site, beside the model and beside the effects that are confusable with it.
 
     Both have half of an effect's weight, and its sites equal shares. Effects count alike, or by their
     `probability`, where any has one.
     """
     stated = probability or {}
-    alike = not any(stated.get(name, 0.0) > 0 for name in found.names)
+    alike = not any(stated.get(name, 0.0) > 0 for name in effects.names)
     items: list[Contrast] = []
     weight: list[float] = []
-    for name in found.names:
-        sites = [s.columns for s in found.seats if s.effect == name]
-        rivals = [found.of(other) for other in found.confusable(name)]
+    for name in effects.names:
+        sites = [s.columns for s in effects.seats if s.effect == name]
+        rivals = [effects.of(other) for other in effects.confusable(name)]
         for against in (NONE, *([np.concatenate(rivals)] if rivals else [])):
             items += [Contrast(columns, against, len(items) + k) for k, columns in enumerate(sites)]
             share = 1.0 if alike else stated.get(name, 0.0)
             weight += [share / (len(sites) * (1 + bool(rivals)))] * len(sites)
-    return Contrasts(found, tuple(items), np.array(weight))
+    return Contrasts(effects, tuple(items), np.array(weight))
 
 
-def of_pairs(found: Vocabulary, pairs: Sequence[Pair]) -> Contrasts:
+def of_pairs(effects: Vocabulary, pairs: Sequence[Pair]) -> Contrasts:
     """Each side of every pair beside the other: neither may be able to replace the other."""
     items = [
         item
         for group, pair in enumerate(pairs)
-        for item in (beside(found, pair, group), beside(found, pair.reversed, group))
+        for item in (beside(effects, pair, group), beside(effects, pair.reversed, group))
         if item is not None
     ]
-    return Contrasts.of(found, items)
+    return Contrasts.of(effects, items)
 
 
-def beside(found: Vocabulary, pair: Pair, group: int) -> Contrast | None:
+def beside(effects: Vocabulary, pair: Pair, group: int) -> Contrast | None:
     """The first side of a pair as true, beside the second; None for noise only, which nothing shows."""
     if not pair.a:
         return None
-    truth, mix = found.side(pair.a)
-    return Contrast(truth, found.side((*pair.b, *pair.common))[0], group, mix)
+    truth, mix = effects.side(pair.a)
+    return Contrast(truth, effects.side((*pair.b, *pair.common))[0], group, mix)

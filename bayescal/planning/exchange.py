@@ -177,40 +177,40 @@ def grow(selection: Selection, count: int, rate: Rate) -> None:
         selection.change(int(np.argmax(benefit)), 1.0)
 
 
-def shrink(selection: Selection, count: int, kept: Sequence[int] = ()) -> None:
-    """Drop the contact that matters least, none of those kept, until `count` are chosen."""
-    while len(selection.chosen) > max(count, len(kept)):
-        droppable = np.setdiff1d(selection.chosen, kept)
-        selection.change(int(droppable[np.argmin(selection.losses(droppable))]), -1.0)
+def shrink(selection: Selection, count: int) -> None:
+    """Drop the contact that matters least until `count` are chosen."""
+    while len(selection.chosen) > count:
+        chosen = np.sort(selection.chosen)
+        selection.change(int(chosen[np.argmin(selection.losses(chosen))]), -1.0)
 
 
-def exchange(selection: Selection, kept: Sequence[int], rng: np.random.Generator) -> None:
-    """Exchange contacts, none of those kept, until no exchange lowers the criterion.
+def exchange(selection: Selection, rng: np.random.Generator) -> None:
+    """Exchange contacts until no exchange lowers the criterion.
 
     First the best candidate is added and the contact that then matters least is dropped, repeatedly; in
     small plans each contact in turn is then replaced by the best candidate.
     """
     count = len(selection.chosen)
-    _add_and_drop(selection, kept)
+    _add_and_drop(selection)
     for _ in range(SWEEPS if count <= COORDINATES else 0):
         before = selection.value
-        for k in rng.permutation(np.setdiff1d(selection.chosen, kept)):
+        for k in rng.permutation(np.sort(selection.chosen)):
             selection.change(int(k), -1.0)
             grow(selection, count, Selection.gains)
         if selection.value > before * (1 - 1e-4):
             break
-    _add_and_drop(selection, kept)
+    _add_and_drop(selection)
 
 
-def _add_and_drop(selection: Selection, kept: Sequence[int]) -> None:
+def _add_and_drop(selection: Selection) -> None:
     count = len(selection.chosen)
-    if count == len(selection.blocks) or count == len(kept):
+    if count in (0, len(selection.blocks)):
         return
     for _ in range(10 * count):  # each lowers the criterion: an end is certain, the limit is for rounding
         before = selection.value
         grow(selection, count + 1, Selection.gains)
         added = selection.chosen[-1]
-        shrink(selection, count, kept)
+        shrink(selection, count)
         if added not in selection.chosen or selection.value > before * (1 - BETTER):
             break
 
@@ -250,7 +250,6 @@ def select(
     goals: Sequence[Goal],
     count: int,
     rng: np.random.Generator,
-    start: Sequence[int] | np.ndarray = (),
     starts: int = 3,
     progress: Callable[[float], None] = lambda fraction: None,
 ) -> np.ndarray:
@@ -262,10 +261,8 @@ def select(
     goals : sequence of Goal
         Their variances, relative to those of a D-optimal selection, become small and about equal.
     count : int
-        Number of contacts, including those of `start`.
+        Number of contacts.
     rng : np.random.Generator
-    start : sequence of int
-        Candidates that belong to the selection.
     starts : int
         Number of searches. The first begins with a D-optimal selection, the others with random contacts
         that are completed to the largest determinant.
@@ -275,23 +272,21 @@ def select(
     Returns
     -------
     np.ndarray, shape (count,)
-        Numbers of the candidates: those of `start`, then the others in ascending order.
+        Numbers of the candidates, ascending.
     """
-    kept = list(dict.fromkeys(int(k) for k in start))
-    others = np.setdiff1d(np.arange(linear.count), kept)
     rounds = 2 if len(goals) > 1 else 1
     reference: np.ndarray | None = None
     best: tuple[float, list[int]] | None = None
     for k in range(max(starts, 1)):
-        some = rng.choice(others, (count - len(kept)) // 2 if k else 0, replace=False)
-        begun = Selection(linear, [*kept, *some], np.zeros((len(linear.z), 0)))
+        some = rng.choice(linear.count, count // 2 if k else 0, replace=False)
+        begun = Selection(linear, some, np.zeros((len(linear.z), 0)))
         grow(begun, count, Selection.determinants)
         chosen = begun.chosen
         covariance = linear.covariance(chosen)
         reference = covariance if reference is None else reference
         for n in range(rounds):
             selection = Selection(linear, chosen, root_of(goals, reference, covariance if n else None))
-            exchange(selection, kept, rng)
+            exchange(selection, rng)
             chosen = selection.chosen
             covariance = linear.covariance(chosen)
             value = float(np.sum(relative(goals, covariance, reference) ** POWER))
@@ -299,4 +294,4 @@ def select(
                 best = value, list(chosen)
             progress((k * rounds + n + 1) / (max(starts, 1) * rounds))
     assert best is not None
-    return np.array([*kept, *sorted(set(best[1]) - set(kept))], int)
+    return np.sort(best[1])

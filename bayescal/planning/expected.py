@@ -12,7 +12,7 @@ from bayescal.model import ARM
 from bayescal.planning.exchange import Selection, grow, mean_variance, root_of, shrink
 from bayescal.planning.goals import Goal
 from bayescal.planning.pool import Linearised, Pool
-from bayescal.planning.result import ExpectedDistances, ExpectedParameter
+from bayescal.planning.result import Curves, ExpectedDistances, ExpectedParameter
 
 TIMES = 15
 """Random selections of which the median counts."""
@@ -47,7 +47,7 @@ class Random:
             for t in np.unique(target)
         ]
 
-    def selections(self, count: int, times: int = TIMES) -> list[np.ndarray]:
+    def selections(self, count: int, times: int) -> list[np.ndarray]:
         """Random candidates (count,), `times` selections; larger ones contain the smaller ones."""
         return [self._selection(count, np.random.default_rng([self.seed, k])) for k in range(times)]
 
@@ -58,9 +58,9 @@ class Random:
         begin = np.concatenate([np.full(len(candidates), rng.random()) for candidates in order])
         return np.asarray(np.concatenate(order)[np.lexsort((begin, turn))[:count]])
 
-    def u(self, linear: Linearised, goal: Goal, count: int, times: int = TIMES) -> float:
+    def u(self, linear: Linearised, goal: Goal, count: int) -> float:
         """Median u, m, of a goal after random selections."""
-        return float(np.median([u_of(linear, goal, chosen) for chosen in self.selections(count, times)]))
+        return float(np.median([u_of(linear, goal, chosen) for chosen in self.selections(count, TIMES)]))
 
 
 def u_of(linear: Linearised, goal: Goal, chosen: Sequence[int] | np.ndarray) -> float:
@@ -111,29 +111,6 @@ def parameters(linear: Linearised, chosen: Sequence[int] | np.ndarray) -> tuple[
     )
 
 
-@dataclass(frozen=True)
-class Curves:
-    """Uncertainty u, m, of the distances that are reported first, by the number of contacts.
-
-    Attributes
-    ----------
-    plan : tuple of (int, float)
-        Below the size of the plan, its contacts that matter most for distances; above, with the best further
-        candidates.
-    random : tuple of (int, float)
-        Median of random selections; as far as the pool has candidates.
-    equals_random : float
-        Number of random contacts with the u of the plan, interpolated; infinite if all candidates have more.
-    next_u : float
-        m, after `FURTHER` further contacts, or after all candidates that are left.
-    """
-
-    plan: tuple[tuple[int, float], ...]
-    random: tuple[tuple[int, float], ...]
-    equals_random: float
-    next_u: float
-
-
 def curves(
     linear: Linearised, goals: Sequence[Goal], chosen: Sequence[int] | np.ndarray, random: Random
 ) -> Curves:
@@ -154,7 +131,8 @@ def curves(
         u[n] = u_of(linear, first, more.chosen)
     plan = tuple((n, u[n]) for n in sorted({*counts, count}))
     by_chance = tuple((n, random.u(linear, first, n)) for n, _ in plan if n <= linear.count)
-    return Curves(plan, by_chance, equals_random(linear, first, u[count], random), u[further])
+    equal = equals_random(linear, first, u[count], random)
+    return Curves(curve=plan, curve_random=by_chance, equals_random=equal, next_u=u[further])
 
 
 def equals_random(linear: Linearised, goal: Goal, u: float, random: Random) -> float:

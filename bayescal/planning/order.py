@@ -8,20 +8,24 @@ Contacts that validate are in the middle of the session and at its end.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
+from bayescal.dataset import Measurements
+from bayescal.dataset.append import taken
 from bayescal.planning.pool import Pool
 from bayescal.probing.clearance import RETRACT
 from bayescal.probing.contacts import SPEED
 from bayescal.probing.motions import seconds_between
 from bayescal.probing.scene import placements
 
-SWEEPS = "sweeps"
-"""The default."""
+SWEEPS, SHORTEST, RANDOM = "sweeps", "shortest", "random"
 COUNT = 4
 """Sweeps of a session."""
+ORDERS: Mapping[str, int] = {SWEEPS: COUNT, SHORTEST: 1, RANDOM: 1}
+"""Orders by their name, the first by default, with the number of sweeps."""
 DETOUR = 3.0
 """s: what a motion that collides is taken to be longer by (measured: 1 to 3 s for passing another point)."""
 ROUNDS = 12  # of corrections of a path by such motions
@@ -30,8 +34,6 @@ GAIN = 1e-9  # s: a smaller reduction of the time ends the search
 
 Blocked = Callable[[np.ndarray, np.ndarray], np.ndarray]
 """blocked(begin (M,), end (M,)) -> which motions between them collide, (M,)."""
-Path = Callable[[np.ndarray, int, Blocked], np.ndarray]
-"""path(seconds (M, M), first, blocked) -> order (M,) of visiting, from `first` on."""
 
 
 def ordered(
@@ -43,39 +45,35 @@ def ordered(
 ) -> np.ndarray:
     """Positions (M,) that put rows (M,) of the pool's session in an order of `ORDERS`.
 
+    Sweeps visit all targets. A row that is given twice is a contact to be repeated: its measurements are in
+    different sweeps. A sweep is divided by payload, and each part is a short path: nearest neighbour, then
+    exchanges of two connections. The random order keeps the placements of an artefact apart, no more.
+
     Motions between rows that are `blocked` (`transit.Transits.blocked`) are avoided where that saves time.
     """
-    return ORDERS[order](pool, np.asarray(rows, int), rng, blocked)
-
-
-def sweeps(pool: Pool, rows: np.ndarray, rng: np.random.Generator, blocked: Blocked) -> np.ndarray:
-    """Positions (M,) of rows (M,) in interleaved sweeps.
-
-    A row that is given twice is a contact to be repeated: its measurements are in different sweeps.
-    """
-    return _in_order(pool, rows, COUNT, cleared, rng, blocked)
-
-
-def shortest(pool: Pool, rows: np.ndarray, rng: np.random.Generator, blocked: Blocked) -> np.ndarray:
-    """Positions (M,) of rows (M,) on a short path: nearest neighbour, then exchanges of two connections."""
-    return _in_order(pool, rows, 1, cleared, rng, blocked)
-
-
-def random_order(pool: Pool, rows: np.ndarray, rng: np.random.Generator, blocked: Blocked) -> np.ndarray:
-    """Positions (M,) of rows (M,) at random, within each placement of an artefact."""
-
-    def path(seconds: np.ndarray, first: int, blocked: Blocked) -> np.ndarray:
-        return rng.permutation(len(seconds))
-
-    return _in_order(pool, rows, 1, path, rng, blocked, loads=False)
-
-
-ORDERS: Mapping[str, Callable[[Pool, np.ndarray, np.random.Generator, Blocked], np.ndarray]] = {
-    SWEEPS: sweeps,
-    "shortest": shortest,
-    "random": random_order,
-}
-"""Orders by their name."""
+    rows = np.asarray(rows, int)
+    m, approach = taken(pool.session.measurements, rows), pool.approach[rows]
+    label = np.array(placements([t.name for t in pool.session.targets]), object)[m.target]
+    stations = _stations(m, label, np.flatnonzero(m.role != "validate"))
+    sweeps = -(-ORDERS[order] // max(len(stations), 1))
+    visits = [visit for station in stations for visit in _dealt(rows, m, station, sweeps, rng)]
+    legs = []
+    for k, visit in enumerate(visits):
+        loads = [visit] if order == RANDOM else _by_payload(m, visit)
+        legs.append(loads[:: -1 if k % 2 else 1])
+    half = (len(legs) + 1) // 2
+    middle, end = _validating(m, label, np.flatnonzero(m.role == "validate"))
+    parts = [part for leg in legs[:half] for part in leg] + middle
+    parts += [part for leg in legs[half:] for part in leg] + end
+    out: list[int] = []
+    for part in parts:
+        if order == RANDOM:
+            out += part[rng.permutation(len(part))].tolist()
+            continue
+        before = approach[out[-1]] if out else approach[part[0]]
+        first = int(np.argmin(np.abs(approach[part] - before).max(axis=1)))
+        out += part[_cleared(approach[part], first, rows[part], blocked)].tolist()
+    return np.array(out, int)
 
 
 def travel(pool: Pool, rows: np.ndarray, *passed: Sequence[np.ndarray | None]) -> float:
@@ -93,19 +91,22 @@ def travel(pool: Pool, rows: np.ndarray, *passed: Sequence[np.ndarray | None]) -
     return float(np.sum(moves) + np.sum(touched) * (RETRACT / SPEED + RETRACT / BACK))
 
 
-def cleared(seconds: np.ndarray, first: int, blocked: Blocked) -> np.ndarray:
-    """A short path (M,) as `shorter` finds it, where a motion that is blocked lasts `DETOUR` longer.
+def _cleared(readings: np.ndarray, first: int, rows: np.ndarray, blocked: Blocked) -> np.ndarray:
+    """A short path (M,) through readings (M, n), from `first` on; a motion that is blocked lasts longer.
+
+    Nearest neighbour, then 2-opt. It may end anywhere.
 
     Only motions of paths that are considered are checked: of all between 200 contacts there are 20,000.
     """
-    cost, checked = seconds.copy(), np.zeros(seconds.shape, bool)
-    path = shorter(cost, first)
+    cost = seconds_between(readings[:, None], readings[None])
+    checked = np.zeros(cost.shape, bool)
+    path = exchanged(cost, nearest(cost, first))
     for _ in range(ROUNDS):
         begin, end = path[:-1], path[1:]
         new = ~checked[begin, end]
         begin, end = begin[new], end[new]
         checked[begin, end] = checked[end, begin] = True
-        bad = blocked(begin, end)
+        bad = blocked(rows[begin], rows[end])
         if not np.any(bad):
             break
         for a, b in ((begin[bad], end[bad]), (end[bad], begin[bad])):
@@ -114,21 +115,8 @@ def cleared(seconds: np.ndarray, first: int, blocked: Blocked) -> np.ndarray:
     return path
 
 
-def shorter(seconds: np.ndarray, first: int) -> np.ndarray:
-    """A short path through all of M points: nearest neighbour, then 2-opt.
-
-    Parameters
-    ----------
-    seconds : np.ndarray, shape (M, M)
-        Symmetric times between points.
-    first : int
-        Where it begins; it may end anywhere.
-    """
-    return exchanged(seconds, nearest(seconds, first))
-
-
 def nearest(seconds: np.ndarray, first: int) -> np.ndarray:
-    """The path (M,) from each point to the nearest that was not visited."""
+    """The path (M,) from each point to the nearest that was not visited, by symmetric times (M, M)."""
     unvisited = np.ones(len(seconds), bool)
     out = [first]
     for _ in range(len(seconds) - 1):
@@ -153,105 +141,59 @@ def exchanged(seconds: np.ndarray, path: np.ndarray) -> np.ndarray:
     return path
 
 
-def _in_order(
-    pool: Pool,
-    rows: np.ndarray,
-    count: int,
-    path: Path,
-    rng: np.random.Generator,
-    blocked: Blocked,
-    loads: bool = True,
-) -> np.ndarray:
-    """Positions of all rows: sweeps, of which each is divided by payload, with validation between them."""
-    m = pool.session.measurements
-    fitted = np.flatnonzero(m.role[rows] != "validate")
-    visits = []
-    stations = _stations(pool, rows, fitted)
-    for station in stations:
-        visits += _dealt(pool, rows, station, -(-count // len(stations)), rng)
-    legs = []
-    for k, visit in enumerate(visits):
-        parts_of_visit = _by_payload(pool, rows, visit) if loads else [visit]
-        legs.append(parts_of_visit[:: -1 if k % 2 else 1])
-    half = (len(legs) + 1) // 2
-    middle, end = _validating(pool, rows, np.flatnonzero(m.role[rows] == "validate"))
-    parts = [part for leg in legs[:half] for part in leg] + middle
-    parts += [part for leg in legs[half:] for part in leg] + end
-    out: list[int] = []
-    for part in parts:
-        readings = pool.approach[rows[part]]
-        seconds = seconds_between(readings[:, None], readings[None])
-        before = pool.approach[rows[out[-1]]] if out else readings[0]
-        first = int(np.argmin(np.abs(readings - before).max(axis=1)))
-        out += part[path(seconds, first, _of(blocked, rows[part]))].tolist()
-    return np.array(out, int)
-
-
-def _of(blocked: Blocked, rows: np.ndarray) -> Blocked:
-    """The same by positions in `rows` (M,)."""
-    return lambda begin, end: blocked(rows[begin], rows[end])
-
-
-def _placements(pool: Pool, rows: np.ndarray) -> np.ndarray:
-    """The placement of the target of each row, (M,); "" where it stays."""
-    labels = np.array(placements([t.name for t in pool.session.targets]), object)
-    return labels[pool.session.measurements.target[rows]]
-
-
-def _stations(pool: Pool, rows: np.ndarray, some: np.ndarray) -> list[np.ndarray]:
-    """Positions `some` by placement, in the order of the targets, and by tool.
+def _stations(m: Measurements, label: np.ndarray, some: np.ndarray) -> list[np.ndarray]:
+    """Positions `some` by placement (`label`), in the order of the targets, and by tool.
 
     What stays is dealt to all placements. The tool changes only where it has to.
     """
-    label, target = _placements(pool, rows)[some], pool.session.measurements.target[rows[some]]
-    stays = some[label == ""]
-    names = [str(name) for name in dict.fromkeys(label[np.argsort(target, kind="stable")]) if name]
-    parts = [np.concatenate([some[label == name], stays[k :: len(names)]]) for k, name in enumerate(names)]
-    tool, out = pool.session.measurements.tool, []
+    stays = some[label[some] == ""]
+    by_target = some[np.argsort(m.target[some], kind="stable")]
+    names = [str(name) for name in dict.fromkeys(label[by_target]) if name]
+    parts = [
+        np.concatenate([some[label[some] == name], stays[k :: len(names)]]) for k, name in enumerate(names)
+    ]
+    out = []
     for k, part in enumerate(parts or [stays]):
-        by_tool = [part[tool[rows[part]] == t] for t in np.unique(tool[rows[part]])]
+        by_tool = [part[m.tool[part] == tool] for tool in np.unique(m.tool[part])]
         out += by_tool[:: -1 if k % 2 else 1]
     return out
 
 
 def _dealt(
-    pool: Pool, rows: np.ndarray, some: np.ndarray, count: int, rng: np.random.Generator
+    rows: np.ndarray, m: Measurements, some: np.ndarray, count: int, rng: np.random.Generator
 ) -> list[np.ndarray]:
     """Positions `some` in sweeps with equal numbers of each target and payload; repeats are in several."""
-    m = pool.session.measurements
-    payload = np.zeros(len(m.ids)) if m.payload is None else m.payload
-    once = rng.permutation(np.unique(rows[some]))
+    once = rng.permutation(some[np.unique(rows[some], return_index=True)[1]])
+    payload = np.zeros(len(rows)) if m.payload is None else m.payload
     once = once[np.lexsort([payload[once], m.target[once]])]
-    sweep_of = {int(row): k for k, row in enumerate(once)}
+    sweep_of = {int(row): k for k, row in enumerate(rows[once])}
     out: list[list[int]] = [[] for _ in range(count)]
     apart = [*dict.fromkeys((0, count // 2, *range(count)))]
-    seen: dict[int, int] = {}
+    seen: Counter[int] = Counter()
     for position in some:
         row = int(rows[position])
-        times = seen[row] = seen.get(row, -1) + 1
-        out[(sweep_of[row] + apart[times % count]) % count].append(int(position))
+        out[(sweep_of[row] + apart[seen[row] % count]) % count].append(int(position))
+        seen[row] += 1
     return [np.array(positions, int) for positions in out if positions]
 
 
-def _by_payload(pool: Pool, rows: np.ndarray, some: np.ndarray) -> list[np.ndarray]:
+def _by_payload(m: Measurements, some: np.ndarray) -> list[np.ndarray]:
     """Positions `some` with each payload, the lightest first."""
-    m = pool.session.measurements
     if m.payload is None:
         return [some]
-    load = m.payload[rows[some]]
-    return [some[load == kg] for kg in np.unique(load)]
+    return [some[m.payload[some] == kg] for kg in np.unique(m.payload[some])]
 
 
-def _validating(pool: Pool, rows: np.ndarray, some: np.ndarray) -> tuple[list[np.ndarray], list[np.ndarray]]:
+def _validating(
+    m: Measurements, label: np.ndarray, some: np.ndarray
+) -> tuple[list[np.ndarray], list[np.ndarray]]:
     """Positions that validate, for the middle and for the end of the session.
 
     Each placement is in one of them; of targets that stay, every second contact is in each.
     """
-    label = _placements(pool, rows)[some]
-    names = [name for name in dict.fromkeys(label) if name]
-    parts = [some[label == name] for name in names]
-    target = pool.session.measurements.target[rows[some]]
-    stays = [some[(label == "") & (target == t)] for t in np.unique(target[label == ""])]
+    parts = [some[label[some] == name] for name in dict.fromkeys(label[some]) if name]
+    still = some[label[some] == ""]
+    stays = [still[m.target[still] == t] for t in np.unique(m.target[still])]
     middle, end = parts[: len(parts) // 2], parts[len(parts) // 2 :]
     for k, group in enumerate((middle, end)):
         halves = [one[k::2] for one in stays]

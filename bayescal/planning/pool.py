@@ -195,19 +195,16 @@ class Linearised:
         return Estimate(self.model, self.z, covariance, self.weights, linear, 0, np.zeros(0, int), {})
 
 
-def linearised(
-    pool: Pool, effects: tuple[str, ...], values: np.ndarray | None = None, without: Sequence[Part] = ()
-) -> Linearised:
-    """Linearise the candidates of a pool.
+def linearised(pool: Pool, effects: tuple[str, ...], without: Sequence[Part] = ()) -> Linearised:
+    """Linearise the candidates of a pool at the nominal arm, which touches the nominal targets.
+
+    The mean of a prior may be elsewhere: compliances deflect the arm by up to a millimetre.
 
     Parameters
     ----------
     pool : Pool
     effects : tuple of str
         The model: names of `effects.MODELS`.
-    values : np.ndarray, shape (D,), optional
-        z at which the model is linearised; default: the nominal arm, which touches the nominal targets (the
-        mean of a prior may be elsewhere: compliances deflect the arm by up to a millimetre).
     without : sequence of Part
         Parts that the model lacks.
 
@@ -226,9 +223,8 @@ def linearised(
         raise BayescalError("no candidate contact", pool.session.name, "check the targets and the reach")
     model = build(Scene(pool.session, oriented=True), effects, FitOptions(tuple(without)))
     check_length(model)
-    z = np.zeros(model.size) if values is None else values
-    if values is None:
-        z[model.slices[ARM]] = -model.shift / model.sd
+    z = np.zeros(model.size)
+    z[model.slices[ARM]] = -model.shift / model.sd
     weights = unit_weights(model, z)
     for block in model.blocks:
         if not np.all(weights.sigma[block.name] > 0):  # nan where none is stated

@@ -99,25 +99,17 @@ class Projection:
         """Sum of the variances of each candidate's residuals, (candidates,)."""
         return np.bincount(self.linear.candidate, self.variance, self.linear.count)
 
-    def add(self, candidate: int) -> None:
-        """Choose a candidate, once more if it is chosen already."""
+    def change(self, candidate: int, sign: float) -> None:
+        """Choose a candidate (1), also once more, or drop (-1) one that was chosen."""
         for row in self.linear.residuals([candidate]).tolist():
-            self._changed(row, 1.0)
-
-    def remove(self, candidate: int) -> None:
-        """Drop a candidate that was chosen."""
-        for row in self.linear.residuals([candidate]).tolist():
-            self._changed(row, -1.0)
-
-    def _changed(self, row: int, sign: float) -> None:
-        j = self.linear.design[row]
-        gain = self.covariance @ j
-        across, by = self.linear.design @ gain, sign + float(j @ gain)  # of a removed one: v - 1
-        wrong = self.error[:, row].copy()
-        self.information += np.outer(wrong, wrong / by)
-        self.error -= np.outer(wrong / by, across)
-        self.variance -= across**2 / by
-        self.covariance -= np.outer(gain, gain / by)
+            j = self.linear.design[row]
+            gain = self.covariance @ j
+            across, by = self.linear.design @ gain, sign + float(j @ gain)  # of a removed one: v - 1
+            wrong = self.error[:, row].copy()
+            self.information += np.outer(wrong, wrong / by)
+            self.error -= np.outer(wrong / by, across)
+            self.variance -= across**2 / by
+            self.covariance -= np.outer(gain, gain / by)
 
 
 @dataclass(frozen=True)

@@ -68,45 +68,35 @@ class Confusable:
     intervention: str = ""
 
 
-@dataclass(frozen=True)
-class Plan:
-    """Contacts to measure, in the order of probing.
+@dataclass(frozen=True, kw_only=True)
+class Curves:
+    """Uncertainty u, m, of the distances that are reported first, by the number of contacts.
 
     Attributes
     ----------
-    pool : Pool
-        The candidates from which they were chosen.
-    session : Dataset
-        The planned rows; instrument readings and lengths are those of the nominal arm.
-    purpose : tuple of str
-        Of each row: DISTANCES, GAP, REPEAT or VALIDATE.
-    approach : np.ndarray, shape (N, n)
-        Readings, rad, before and after each contact.
-    effects : tuple of str
-        The model.
-    expected : tuple of ExpectedDistances
-        The first is the headline.
-    parameters : tuple of ExpectedParameter
-    observability, observability_random : mapping of str to float
-        Indices O1 to O5.
-    curve, curve_random : tuple of (int, float)
-        Numbers of contacts of a plan of this kind, and of random selections; `u` of the headline, m.
+    curve : tuple of (int, float)
+        Below the size of the plan, its contacts that matter most for distances; above, with the best further
+        candidates.
+    curve_random : tuple of (int, float)
+        Median of random selections; as far as the pool has candidates.
     equals_random : float
-        Number of random contacts with the same `u` of the headline; infinite if none of the pool has.
+        Number of random contacts with the u of the plan, interpolated; infinite if all candidates have more.
     next_u : float
-        `u` of the headline after 20 further contacts, m.
-    detectable : tuple of Detectable
-    confusable : tuple of Confusable
-    travel : float
-        Time between contacts, s.
-    seconds : float
-        Time of the computation.
-    warnings : tuple of str
-    aim : str
-        `--for`: DISTANCES, GAP or BOTH.
-    order : str
-        Order of probing: sweeps, shortest or random.
-    seed : int
+        m, after 20 further contacts, or after all candidates that are left.
+    """
+
+    curve: tuple[tuple[int, float], ...]
+    curve_random: tuple[tuple[int, float], ...] = ()
+    equals_random: float
+    next_u: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ways:
+    """Motions to the approaches of N rows in the order of probing.
+
+    Attributes
+    ----------
     via : tuple of np.ndarray, shape (K, n), or None
         Readings, rad, to be passed on the way to the approach of each row, most often none (K = 0); None
         where no collision-free path was found, and the arm is jogged manually (`by_hand`). The way begins at
@@ -128,6 +118,48 @@ class Plan:
         with its stop, the approach and the retract. nan where a part of the way is by hand.
     """
 
+    via: tuple[np.ndarray | None, ...] = ()
+    leave: tuple[np.ndarray | None, ...] = ()
+    changes: tuple[str, ...] = ()
+    by_hand: tuple[str, ...] = ()
+    clearance: np.ndarray = field(default_factory=lambda: np.empty(0))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Plan(Ways, Curves):
+    """Contacts to measure, in the order of probing.
+
+    Attributes
+    ----------
+    pool : Pool
+        The candidates from which they were chosen.
+    session : Dataset
+        The planned rows; instrument readings and lengths are those of the nominal arm.
+    purpose : tuple of str
+        Of each row: DISTANCES, GAP, REPEAT or VALIDATE.
+    approach : np.ndarray, shape (N, n)
+        Readings, rad, before and after each contact.
+    effects : tuple of str
+        The model.
+    expected : tuple of ExpectedDistances
+        The first is the headline.
+    parameters : tuple of ExpectedParameter
+    observability, observability_random : mapping of str to float
+        Indices O1 to O5.
+    detectable : tuple of Detectable
+    confusable : tuple of Confusable
+    travel : float
+        Time between contacts, s.
+    seconds : float
+        Time of the computation.
+    warnings : tuple of str
+    aim : str
+        `--for`: DISTANCES, GAP or BOTH.
+    order : str
+        Order of probing: sweeps, shortest or random.
+    seed : int
+    """
+
     pool: Pool
     session: Dataset
     purpose: tuple[str, ...]
@@ -137,20 +169,11 @@ class Plan:
     parameters: tuple[ExpectedParameter, ...]
     observability: Mapping[str, float]
     observability_random: Mapping[str, float]
-    curve: tuple[tuple[int, float], ...]
-    equals_random: float
-    next_u: float
     detectable: tuple[Detectable, ...]
     confusable: tuple[Confusable, ...]
     travel: float
     seconds: float
     warnings: tuple[str, ...] = ()
-    curve_random: tuple[tuple[int, float], ...] = ()
     aim: str = BOTH
     order: str = "sweeps"
     seed: int = 0
-    via: tuple[np.ndarray | None, ...] = ()
-    leave: tuple[np.ndarray | None, ...] = ()
-    changes: tuple[str, ...] = ()
-    by_hand: tuple[str, ...] = ()
-    clearance: np.ndarray = field(default_factory=lambda: np.empty(0))

@@ -36,7 +36,7 @@ class Search:
     target: int
     hands: Mapping[int, Hand]
     solid: int
-    found: list[tuple[int, Contacts]] = field(default_factory=list)
+    contacts: list[tuple[int, Contacts]] = field(default_factory=list)
     tried: int = 0
     dropped: Counter[str] = field(default_factory=Counter)
     by_hand: bool = False
@@ -49,7 +49,7 @@ class Search:
     @property
     def have(self) -> int:
         """Number of contacts."""
-        return sum(len(reached) for _, reached in self.found)
+        return sum(len(reached) for _, reached in self.contacts)
 
     @property
     def share(self) -> float:
@@ -104,17 +104,10 @@ def _in_volume(setup: Setup, hand: Hand, count: int, rng: np.random.Generator) -
 
 def goals(searches: Sequence[Search], count: int) -> list[int]:
     """Contacts wanted of each search, together `count`: where a search is hopeless, others have more."""
-    lost = [s.have if s.hopeless else None for s in searches]
-    wanted = max(0, count - sum(have for have in lost if have is not None))
-    active = sum(have is None for have in lost)
-    out, k = [], 0
-    for have in lost:
-        if have is None:
-            out.append(wanted // active + (k < wanted % active))
-            k += 1
-        else:
-            out.append(have)
-    return out
+    active = sum(not s.hopeless for s in searches)
+    wanted = max(0, count - sum(s.have for s in searches if s.hopeless))
+    shares = (wanted // active + (k < wanted % active) for k in range(active))
+    return [s.have if s.hopeless else next(shares) for s in searches]
 
 
 def tried_once(
@@ -142,15 +135,15 @@ def tried_once(
             reached = hand.reach(sites[some], solid[some], rng, turning=turning, by_hand=by_hand)
             for k, search in enumerate(active):
                 search.count(reached, index[some] == k)
-                search.found.append((tool, reached[(index[some] == k) & (reached.reason == "")]))
+                search.contacts.append((tool, reached[(index[some] == k) & (reached.reason == "")]))
     return True
 
 
 def chosen(search: Search, count: int, rng: np.random.Generator) -> tuple[np.ndarray, Contacts]:
     """At most `count` of the contacts of a search at random: their tools (K,), and the contacts."""
-    tool = np.concatenate([np.full(len(reached), k) for k, reached in search.found])
+    tool = np.concatenate([np.full(len(reached), k) for k, reached in search.contacts])
     rows = rng.permutation(len(tool))[:count]
-    every = Contacts.join([reached for _, reached in search.found])
+    every = Contacts.join([reached for _, reached in search.contacts])
     return tool[rows], every[rows]
 
 

@@ -182,7 +182,7 @@ def choose(
     chosen: list[int] = []
     for done in range(count):
         best = _next(contrasts, p, free, rng, _undetermined(contrasts, len(start) + done, done, count))
-        p.add(best)
+        p.change(best, 1.0)
         free[best] = False
         chosen.append(best)
         progress(done / (count + exchanges))
@@ -190,10 +190,10 @@ def choose(
     for done in range(exchanges if count else 0):
         every = np.sort(chosen)
         worst = int(every[np.argmax(contrasts.changed(p, every, -1.0))])
-        p.remove(worst)
+        p.change(worst, -1.0)
         free[worst] = True
         best = _next(contrasts, p, free, rng)
-        p.add(best)
+        p.change(best, 1.0)
         after = float(contrasts.objective(contrasts.strengths(p)))
         if best == worst or after < value + BETTER:
             break
@@ -214,7 +214,7 @@ def repeated(
     out: list[int] = []
     for _ in range(min(count, int(np.sum(free)))):
         out.append(_next(contrasts, p, free, rng))
-        p.add(out[-1])
+        p.change(out[-1], 1.0)
         free[out[-1]] = False
     return np.array(out, int)
 

@@ -15,23 +15,13 @@ from itertools import pairwise
 import numpy as np
 
 from bayescal.planning.pool import Pool
+from bayescal.planning.result import Ways
 from bayescal.probing.contacts import EVERY, Hand
 from bayescal.probing.motions import RAISED, TOLERANCE, Place, seconds_between
-from bayescal.probing.scene import Scene, placements
+from bayescal.probing.scene import placements
 
 WAITING = 60  # raised poses that are tried where the arm waits, those of the shortest way first
 HARD = 6  # of them to which a way past other configurations is searched
-
-
-@dataclass(frozen=True)
-class Ways:
-    """Motions to the approaches of M rows in the order of probing; see the fields of `result.Plan`."""
-
-    leave: tuple[np.ndarray | None, ...]
-    via: tuple[np.ndarray | None, ...]
-    changes: tuple[str, ...]
-    by_hand: tuple[str, ...]
-    clearance: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -48,18 +38,10 @@ class Transits:
         return labels[session.measurements.target]
 
     @cached_property
-    def _around(self) -> Scene:
-        return self.pool.setup.scene
-
-    @cached_property
     def _hands(self) -> list[Hand]:
         setup = self.pool.setup
         every = range(len(setup.dataset.tools))
-        return [Hand.of(setup.dataset, k, self._around, setup.cone, setup.clearance) for k in every]
-
-    def _place(self, tool: int, label: str) -> Place:
-        """The place of a tool while a placement of the artefact is there."""
-        return self._hands[tool].place(label)
+        return [Hand.of(setup.dataset, k, setup.scene, setup.cone, setup.clearance) for k in every]
 
     def blocked(self, begin: np.ndarray, end: np.ndarray) -> np.ndarray:
         """Which straight motions between the approaches of rows (M,) collide, (M,).
@@ -75,7 +57,7 @@ class Transits:
             {(int(tool[e]), str(n)) for e, n in zip(end[moved], label[moved], strict=True)}
         ):
             some = moved & (tool[end] == k) & (label == name)
-            out[some] = ~self._place(k, name).free(approach[begin[some]], approach[end[some]])
+            out[some] = ~self._hands[k].place(name).free(approach[begin[some]], approach[end[some]])
         return out
 
     def ways(self, rows: np.ndarray) -> Ways:
@@ -87,7 +69,7 @@ class Transits:
         none = np.empty((0, approach.shape[1]))
         leave: list[np.ndarray | None] = [none] * len(rows)
         via: list[np.ndarray | None] = [none] * len(rows)
-        places = [self._place(int(t), str(n)) for t, n in zip(tool, labels, strict=True)]
+        places = [self._hands[t].place(str(n)) for t, n in zip(tool, labels, strict=True)]
         for k in np.flatnonzero(stops):
             before = None if k == 0 else (places[k - 1], approach[k - 1])
             leave[k], via[k] = stopped(before, (places[k], approach[k]))
@@ -97,11 +79,11 @@ class Transits:
                 via[k] = way
         for row in [k for k, way in enumerate(via) if way is None and not stops[k]]:
             # among more solids, where a way to each contact is known
-            every = self._place(int(tool[row]), EVERY)
+            every = self._hands[tool[row]].place(EVERY)
             via[row] = every.ways(approach[[row - 1]], approach[[row]])[0]
         words = tuple(by_hand(end) if way is None else "" for end, way in zip(approach, via, strict=True))
         clear = self._clearance(rows, places, leave, via)
-        return Ways(tuple(leave), tuple(via), changes, words, clear)
+        return Ways(leave=tuple(leave), via=tuple(via), changes=changes, by_hand=words, clearance=clear)
 
     def _clearance(
         self,
@@ -127,8 +109,8 @@ class Transits:
                 of, a, b = (np.array(part) for part in zip(*some, strict=True))
                 np.minimum.at(out, of, place.clearance.closest(a, b, TOLERANCE))
             rows_here = np.array([k for k, one in enumerate(places) if one is place])
-            hand = self._hands[int(m.tool[rows[rows_here[0]]])]
-            touched = self._around.touched(
+            hand = self._hands[m.tool[rows[rows_here[0]]]]
+            touched = self.pool.setup.scene.touched(
                 [self.pool.session.targets[t].name for t in m.target[rows[rows_here]]]
             )
             for a, b, slack in hand.line(m.readings[rows[rows_here]], approach[rows_here]):

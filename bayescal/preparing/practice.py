@@ -8,7 +8,7 @@ gives it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -21,7 +21,7 @@ from bayescal.model import ARM, Model, equilibrium, with_parameters
 from bayescal.model.scene import Scene
 from bayescal.planning.candidates import candidates
 from bayescal.planning.pool import Setup
-from bayescal.simulation.record import draws, heading, key_of, parameters_record
+from bayescal.simulation.record import Simulated, draws, heading, key_of, parameters_record
 from bayescal.simulation.session import GROUP, Options
 from bayescal.statistics import stream
 
@@ -37,15 +37,7 @@ CORRECTIONS = 20
 """Passes that bring the true targets into agreement with their certificates."""
 
 
-@dataclass(frozen=True)
-class Practice:
-    """A simulated session of a set-up, and the content of truth.json."""
-
-    dataset: Dataset
-    truth: dict[str, Any]
-
-
-def practice(setup: Setup, options: Options) -> Practice:
+def practice(setup: Setup, options: Options) -> Simulated:
     """Simulate a session of a set-up, at its stated noise.
 
     Parameters
@@ -70,7 +62,7 @@ def practice(setup: Setup, options: Options) -> Practice:
     errors = stream(options.seed, "joints").normal(size=m.readings.shape)
     readings = m.readings + setup.dataset.noise.joint * errors
     dataset = replace(exact, measurements=replace(m, role=role, readings=readings), unfilled=())
-    return Practice(dataset, _truth(options, _arm(exact, options), z, noise))
+    return Simulated(dataset, _truth(options, _arm(exact, options), z, noise))
 
 
 def _planned(setup: Setup, options: Options) -> Dataset:

@@ -53,27 +53,19 @@ class Clearance:
 
     @cached_property
     def pairs(self) -> tuple[Pair, ...]:
-        """All pairs that are compared, solids first; a reason is the position in it, plus one."""
+        """All pairs that are compared, solids first. The number of a pair is its position, plus one."""
         out = []
         for s, solid in enumerate(self.solids):
             for k, shape in enumerate(solid.shapes):
                 for c, capsule in enumerate(self.capsules):
-                    pair = Pair(c, shape, f"{capsule.name} and {solid.name}", s, surface=k == 0)
+                    pair = Pair(c, shape, s, surface=k == 0)
                     if capsule.frame > 0 and not (solid.carries and self._rests(pair)):
                         out.append(pair)  # the base does not move
-        for c, other in self.own:
-            a, b = self.capsules[c], self.capsules[other]
-            out.append(Pair(c, b, f"{a.name} and {b.name}", other=other))
-        return tuple(out)
+        return (*out, *(Pair(c, self.capsules[other], other=other) for c, other in self.own))
 
     @cached_property
     def _table(self) -> Pairs:
         return Pairs(self.arm, self.capsules, self.pairs)
-
-    @property
-    def reasons(self) -> tuple[str, ...]:
-        """Texts of the answers of `collides`; the first, of 0, is empty."""
-        return ("", *(pair.reason for pair in self.pairs))
 
     def collides(self, readings: np.ndarray, touched: np.ndarray | None = None) -> np.ndarray:
         """Check configurations.
@@ -90,7 +82,7 @@ class Clearance:
         Returns
         -------
         np.ndarray of int, shape (M,)
-            0 if free, otherwise an index into `reasons`: a pair that overlaps.
+            0 if free, otherwise the number of a pair that overlaps.
         """
         return self.hits(readings, readings, 0.0, touched)
 
@@ -104,10 +96,11 @@ class Clearance:
     ) -> np.ndarray:
         """Check motions of all joints at the same time from `begin` to `end`, readings (M, n), rad.
 
-        Returns (M,): 0 if all pairs keep the distance `floor`, m, everywhere on a motion, otherwise an index
-        into `reasons`. `touched` as of `collides`; `slack` (M, n), rad: how far joints may be off the motion.
+        Returns (M,): 0 if all pairs keep the distance `floor`, m, everywhere on a motion, otherwise the
+        number of a pair. `touched` as of `collides`; `slack` (M, n), rad: how far joints may be off.
         """
-        away, pair = self._swept(begin, end, touched, slack, floor)
+        compared = self._compared(len(begin), touched)
+        away, pair = self._table.closest(begin, end, compared, slack, floor, np.inf)
         return np.where(away < floor, pair + 1, 0)
 
     def distances(self, readings: np.ndarray, touched: np.ndarray | None = None) -> np.ndarray:
@@ -115,7 +108,7 @@ class Clearance:
 
         inf if there is nothing to compare.
         """
-        return self._swept(readings, readings, touched, None, -np.inf, 0.0)[0]
+        return self.closest(readings, readings, 0.0, touched)
 
     def closest(
         self,
@@ -129,33 +122,16 @@ class Clearance:
 
         They are too small by less than `tolerance`, m, or a tenth of them if that is more.
         """
-        return self._swept(begin, end, touched, slack, -np.inf, tolerance)[0]
-
-    def _swept(
-        self,
-        begin: np.ndarray,
-        end: np.ndarray,
-        touched: np.ndarray | None = None,
-        slack: np.ndarray | None = None,
-        floor: float = 0.0,
-        tolerance: float = np.inf,
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Bounds from below of the smallest distances (M,), m, on motions, and the pairs that have them (M,).
-
-        A motion that comes nearer than `floor` is given up. Otherwise the bound is at least `floor`, and
-        within `tolerance` of the distance, or a tenth of it.
-        """
-        if not self.pairs:
-            return np.full(len(begin), np.inf), np.zeros(len(begin), int)
-        compared = self._compared(len(begin), touched)
-        return self._table.closest(begin, end, compared, slack, floor, tolerance)
+        return self._table.closest(
+            begin, end, self._compared(len(begin), touched), slack, -np.inf, tolerance
+        )[0]
 
     def _compared(self, count: int, touched: np.ndarray | None) -> np.ndarray:
         """Which pairs are compared in which rows, (M, P) bool."""
         touched = np.full(count, -1) if touched is None else np.asarray(touched, int)
         placements = np.array([*(solid.placement for solid in self.solids), ""])
-        solid = np.array([pair.solid for pair in self.pairs])  # -1 for the arm itself, always there
-        may = np.array([pair.surface and self.capsules[pair.capsule].probe for pair in self.pairs])
+        solid = np.array([pair.solid for pair in self.pairs], int)  # -1 for the arm itself, always there
+        may = np.array([pair.surface and self.capsules[pair.capsule].probe for pair in self.pairs], bool)
         there = (placements[solid] == "") | (placements[solid] == placements[touched][:, None])
         return there & ~(may & (solid == touched[:, None]))
 
@@ -166,7 +142,7 @@ class Clearance:
         for b, second in enumerate(self.capsules):
             for a, first in enumerate(self.capsules[:b]):
                 apart = min(second.frame, last) - min(first.frame, last) > 1
-                if apart and np.mean(self._anywhere(Pair(a, second, "", other=b)) < 0) <= ALWAYS:
+                if apart and np.mean(self._anywhere(Pair(a, second, other=b)) < 0) <= ALWAYS:
                     out.append((a, b))
         return tuple(out)
 
@@ -197,7 +173,7 @@ class Clearance:
 RETRACT = 0.02
 """m: how far the ball is retracted; touch probes are backed off by 2 to 25 mm before the next approach."""
 
-STOPS = 4  # points that are checked on the path
+STOPS = 2  # points that are checked on the path
 FIRM = 30.0
 """Weight of the path against the orientation of the tool: near a singularity the orientation gives way."""
 
@@ -233,7 +209,7 @@ def path_free(
     Returns
     -------
     np.ndarray of int, shape (M,)
-        0 if free, otherwise an index into `clearance.reasons`; -1 if the path leaves the joint limits.
+        0 if free, otherwise the number of a pair; -1 if the path leaves the joint limits.
     """
     out = np.zeros(len(readings), int)
     retracting = np.array(readings, float)

@@ -31,7 +31,6 @@ TURNING = np.radians(2.0)
 from both sides; without it the direction of a joint would follow from the pose alone."""
 SLANT = np.radians(25.0)  # maximum angle between the path of a moving ball and the normal
 SPIN = np.radians(0.25)  # rad/s: joint velocities that rotate the arm about the centre of a moving ball
-STOPS = 2  # points of the retract from a simulated contact that are checked
 STARTS = 30_000
 """Random configurations, of which one near the wanted place and direction begins a search."""
 NEAREST = 8  # of them, from which it is drawn, so that all branches of the inverse kinematics are found
@@ -208,9 +207,7 @@ class Moving:
         """See `Way`."""
         free = self.clearance.collides(contacts.readings, touched) == 0
         rows = np.flatnonzero(free)
-        hit = path_free(
-            self.clearance, contacts.readings[rows], sites.normals[rows], touched[rows], stops=STOPS
-        )
+        hit = path_free(self.clearance, contacts.readings[rows], sites.normals[rows], touched[rows])
         free[rows] = hit == 0
         return np.where(free, "", NEAR).astype(object)
 

@@ -56,10 +56,6 @@ class Place:
         """Which motions from `begin` to `end`, readings (M, n), rad, keep the clearance, (M,)."""
         return self.clearance.hits(begin, end, self.floor) == 0
 
-    def closest(self, points: np.ndarray) -> float:
-        """Smallest clearance, m, of the motions through readings (P, n), rad: never stated too large."""
-        return float(self.clearance.closest(points[:-1], points[1:], TOLERANCE).min(initial=np.inf))
-
     @cached_property
     def nodes(self) -> np.ndarray:
         """Random readings (K, n), rad, that are free."""

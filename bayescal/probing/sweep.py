@@ -117,7 +117,6 @@ class Pair:
 
     capsule: int
     shape: Shape
-    reason: str
     solid: int = -1
     other: int = -1
     surface: bool = False
@@ -141,8 +140,8 @@ class Pairs:
         self.kinds = np.array([shape.kind for shape in shapes.values()], np.int64)
         self.numbers, planes, count = np.zeros((len(shapes), 15)), [np.empty((0, 4))], 0
         for k, shape in enumerate(shapes.values()):
-            own, more = shape.numbers
-            self.numbers[k, : len(own)] = own
+            row, more = shape.numbers
+            self.numbers[k, : len(row)] = row
             if len(more):
                 self.numbers[k, :2] += count
             planes.append(more)
@@ -177,12 +176,12 @@ class Pairs:
         off = np.zeros(begin.shape) if slack is None else slack @ np.abs(coupling).T
         both = np.broadcast_arrays(begin, end)  # the compiled code checks no index
         first, last = (np.ascontiguousarray(link_angles(self.arm.robot, q)) for q in both)
-        found, nearest = np.full(len(begin), np.inf), np.zeros(len(begin), np.int64)
+        smallest, nearest = np.full(len(begin), np.inf), np.zeros(len(begin), np.int64)
         _closest(
             *self.chain, *self.capsules, self.pairs, self.kinds, self.numbers, self.planes, first, last, off,
-            np.ascontiguousarray(compared), floor, tolerance, found, nearest,
+            np.ascontiguousarray(compared), floor, tolerance, smallest, nearest,
         )  # fmt: skip
-        return found, nearest
+        return smallest, nearest
 
 
 @_jit
@@ -224,14 +223,14 @@ def _displaced(frame, axes, at, turns, moved):
     moved[:] = 0.0
     for k in range(len(frame)):
         for e in range(2):
-            own = 0.0
+            far = 0.0
             for f in range(min(frame[k], n), 0, -1):
                 u, v, w = axes[f - 1, 0, 0], axes[f - 1, 0, 1], axes[f - 1, 0, 2]
                 x, y = at[k, e, 0] - axes[f - 1, 1, 0], at[k, e, 1] - axes[f - 1, 1, 1]
                 z = at[k, e, 2] - axes[f - 1, 1, 2]
                 x, y, z = y * w - z * v, z * u - x * w, x * v - y * u
-                own += turns[f - 1] * (math.sqrt(x * x + y * y + z * z) + own)
-                moved[f - 1, k] = max(moved[f - 1, k], own)
+                far += turns[f - 1] * (math.sqrt(x * x + y * y + z * z) + far)
+                moved[f - 1, k] = max(moved[f - 1, k], far)
 
 
 @_jit
@@ -244,23 +243,23 @@ def _needed(best, floor, tolerance):
 @_jit
 def _closest(
     base, link, d, frame, ends, radius, pairs, kinds, numbers, planes, first, last, slack, compared, floor,
-    tolerance, found, nearest,
+    tolerance, smallest, nearest,
 ):  # fmt: skip
-    """`Pairs.closest`, into `found` and `nearest` (M,); angles of the links `first`, `last` (M, n)."""
+    """`Pairs.closest`, into `smallest` and `nearest` (M,); angles of the links `first`, `last` (M, n)."""
     n, count = first.shape[1], len(pairs)
     q, turns, length = np.empty(n), np.empty(n), np.empty(len(frame))
     axes, at = np.empty((n, 2, 3)), np.empty((len(frame), 2, 3))
     for k in range(len(frame)):
         length[k] = math.sqrt(np.sum((ends[k, 1] - ends[k, 0]) ** 2))
     moved, other = np.empty((n + 1, len(frame))), np.zeros(15)
-    left, number = np.empty((HALVINGS + 1, count), np.int64), np.zeros(HALVINGS + 1, np.int64)
+    undecided, number = np.empty((HALVINGS + 1, count), np.int64), np.zeros(HALVINGS + 1, np.int64)
     levels, middles = np.empty(2 * HALVINGS, np.int64), np.empty(2 * HALVINGS)
     for m in range(len(first)):
         best = math.inf
         number[0] = 0
         for p in range(count):
             if compared[m, p]:
-                left[0, number[0]] = p
+                undecided[0, number[0]] = p
                 number[0] += 1
         levels[0], middles[0], waiting = 0, 0.5, 1
         while waiting and best >= floor:
@@ -274,7 +273,7 @@ def _closest(
             _displaced(frame, axes, at, turns, moved)
             number[level + 1] = 0
             for i in range(number[level]):
-                p = left[level, i]
+                p = undecided[level, i]
                 a, b, shape = pairs[p, 0], pairs[p, 1], pairs[p, 2]
                 if b >= 0:
                     for j in range(3):
@@ -296,9 +295,9 @@ def _closest(
                         nearest[m] = p
                         need = _needed(best, floor, tolerance)
                 if lower - off >= need or level + 1 == HALVINGS:
-                    found[m] = min(found[m], lower - off)
+                    smallest[m] = min(smallest[m], lower - off)
                 else:
-                    left[level + 1, number[level + 1]] = p
+                    undecided[level + 1, number[level + 1]] = p
                     number[level + 1] += 1
                 if best < floor:
                     break
@@ -307,4 +306,4 @@ def _closest(
                     levels[waiting], middles[waiting] = level + 1, middle + sign * 0.5 * half
                     waiting += 1
         if best < floor:
-            found[m] = best
+            smallest[m] = best

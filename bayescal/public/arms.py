@@ -169,22 +169,22 @@ class CompensationResult(Printed):
         import numpy as np
 
         nothing = np.full(self.arm.dataset.robot.n, np.nan)
-        found = [nothing if own.readings is None else own.readings for own in self.data.corrected]
-        return np.array(found).reshape(len(found), len(nothing))
+        rows = [nothing if target.readings is None else target.readings for target in self.data.corrected]
+        return np.array(rows).reshape(len(rows), len(nothing))
 
     @property
     def u(self) -> np.ndarray:
         """Standard uncertainty (M,) of the TCP positions, m; nan where a target has no solution."""
         import numpy as np
 
-        return np.array([own.u for own in self.data.corrected])
+        return np.array([target.u for target in self.data.corrected])
 
     @property
     def U(self) -> np.ndarray:
         """Length (M,), m, that the error of the TCP does not exceed (95.45 %); nan without one."""
         import numpy as np
 
-        return np.array([own.expanded for own in self.data.corrected])
+        return np.array([target.expanded for target in self.data.corrected])
 
     def report(self) -> RenderableType:
         """The summary, to be printed by a `rich.console.Console`."""

@@ -139,13 +139,13 @@ def fit(
     tolerance = None if tolerance_mm is None else 1e-3 * tolerance_mm
     options = FitOptions((), robust, prior_width, seed, latent_joints, tolerance)
     kept = None if checkpoint is None else Checkpoint(Path(checkpoint), say)
-    found = run(
+    fitted = run(
         session, effects, options, without=names(without), samples=samples, progress=progress, checkpoint=kept
     )
     if not session.sessions:
-        return FitResult(found)
+        return FitResult(fitted)
     progress("compare", 0.0)
-    return FitResult(found, agreement(found.final.estimate, effects, options))
+    return FitResult(fitted, agreement(fitted.final.estimate, effects, options))
 
 
 def diagnose(
@@ -197,12 +197,12 @@ def diagnose(
     # the sessions share a noise scale, so that their residuals are comparable
     effects, session = names(model), session_of(dataset, remounted, False, allow_xacro)
     options = FitOptions(robust=robust, prior_width=prior_width, seed=seed)
-    found = run(session, effects, options, without=names(without), progress=progress)
+    diagnosis = run(session, effects, options, without=names(without), progress=progress)
     if not session.sessions:
-        return GapResult(found)
+        return GapResult(diagnosis)
     progress("compare", 0.0)
     together = calibrated(Scene(session), effects, options)
-    return GapResult(found, agreement(together, effects, options))
+    return GapResult(diagnosis, agreement(together, effects, options))
 
 
 def simulate(
@@ -327,14 +327,14 @@ def session_of(
 
     each = source if isinstance(source, list | tuple) else (source,)
     read: list[Dataset] = []
-    for own in each:
-        if isinstance(own, Dataset):
-            read.append(own)
-        elif isinstance(own, SimulatedSession):
-            read.append(own.dataset)
-        elif isinstance(own, str | PathLike):
-            read.append(read_dataset(own, allow_xacro))
+    for one in each:
+        if isinstance(one, Dataset):
+            read.append(one)
+        elif isinstance(one, SimulatedSession):
+            read.append(one.dataset)
+        elif isinstance(one, str | PathLike):
+            read.append(read_dataset(one, allow_xacro))
         else:
-            what = f"{type(own).__name__} is no dataset"
+            what = f"{type(one).__name__} is no dataset"
             raise BayescalError(what, "dataset", "give a Dataset, a simulated session or a path")
     return joined(read, remounted, own_noise)

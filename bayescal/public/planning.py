@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from bayescal.errors import BayescalError
 from bayescal.public.arms import names
 from bayescal.public.functions import MODEL, session_of
-from bayescal.public.results import FitResult, GapResult, Result, SimulatedSession
-from bayescal.public.tables import PlanTables, plan_line
+from bayescal.public.results import FitResult, GapResult, Result, SimulatedSession, table
 from bayescal.storage.reading import Json, read_record
 from bayescal.storage.stopping import Progress, silent
 
@@ -33,7 +32,7 @@ GAP, SETTINGS = "gap.json", "dataset.yaml"
 
 
 @dataclass(frozen=True, repr=False)
-class PlanResult(Result, PlanTables):
+class PlanResult(Result):
     """Planned contacts; `print` shows the uncertainty they will achieve. `record` is that of plan.json."""
 
     data: Plan | None = None
@@ -48,11 +47,52 @@ class PlanResult(Result, PlanTables):
         """The contacts in the order of probing, by id: the columns of plan.csv, and `purpose`."""
         from io import StringIO
 
+        from pandas import read_csv
+
         from bayescal.reporting.plan_record import table_of_plan
 
-        if self.data is None:
-            return self.contacts_of(self._file("plan.csv", "repeat the command"))
-        return self.contacts_of(StringIO(table_of_plan(self.data)))
+        file = self._file("plan.csv", "repeat the command") if self.data is None else None
+        texts: Mapping[Any, Any] = dict.fromkeys(("id", "repeat", "target", "tool"), str)
+        out = read_csv(file or StringIO(table_of_plan(self._new())), dtype=texts, keep_default_na=True)
+        out["purpose"] = out["id"].map(self.record["purpose"])
+        return out.set_index("id")
+
+    @property
+    def distances(self) -> DataFrame:
+        """Expected standard uncertainty of distances, µm, of the plan and of a random selection; shares."""
+        rows = [
+            {key: value for key, value in d.items() if key != "shares"} | d["shares"]
+            for d in self.record["expected"]["distances"]
+        ]
+        return table(rows, "over", "" if rows else "over")
+
+    _overview = distances
+
+    @property
+    def parameters(self) -> DataFrame:
+        """Expected standard uncertainty `u` of the parameters, by name, and that of their prior."""
+        return table(self.record["expected"]["parameters"], "name", "name unit u prior_u")
+
+    @property
+    def detectable(self) -> DataFrame:
+        """Smallest detectable amplitude of each effect and site, of the plan and of a random selection."""
+        return table(self.record["detectable"])
+
+    @property
+    def confusable(self) -> DataFrame:
+        """Pairs of effects: detectability before and with the plan, and what would separate them."""
+        return table(self.record["confusable"])
+
+    @property
+    def curve(self) -> DataFrame:
+        """Expected standard uncertainty of distances, µm, by number of contacts: `plan` and `random`."""
+        from pandas import DataFrame
+
+        curves = {
+            name: {point["contacts"]: point["distance_sd_um"] for point in self.record[key]}
+            for name, key in (("plan", "curve"), ("random", "curve_random"))
+        }
+        return DataFrame(curves).rename_axis("contacts")
 
     def report(self) -> RenderableType:
         """The summary, to be printed by a `rich.console.Console`."""
@@ -94,11 +134,10 @@ class PlanResult(Result, PlanTables):
         probe = Probe(probe_input, probe_force_n, 1e-3 * probe_beyond_mm)
         return write_plan(self._new(), Path(folder), names(to), probe)
 
-    def _table(self) -> str:
-        return self.distances.to_string(float_format="%.3g")
-
     def __repr__(self) -> str:
-        return plan_line(self.record)
+        expected, u = self.record["expected"], self.record["expected"]["distance_sd_um"]
+        size = "" if u is None else f"; expected U {2 * u:.1f} µm (k = 2), {expected['over']}"
+        return f"<plan of {self.record['dataset']['name']}: {self.record['contacts']} contacts{size}>"
 
 
 RECORDS: dict[str, tuple[str, type[FitResult] | type[GapResult] | type[PlanResult]]] = {

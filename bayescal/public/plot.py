@@ -194,19 +194,19 @@ def posterior(
 
     if not isinstance(result, FitResult):
         raise BayescalError("the figure `posterior` is of a calibration", "bc.plot", "give a calibration")
-    known = {p["name"]: p for p in result.record["parameters"]}
-    for what, given, possible in (("parameter", names, known), ("plot", [kind], ("density", *CHAINS))):
+    entries = {p["name"]: p for p in result.record["parameters"]}
+    for what, given, possible in (("parameter", names, entries), ("plot", [kind], ("density", *CHAINS))):
         for name in given:
             if name not in possible:
                 remedy = f"give one of {', '.join(possible)}"
                 raise BayescalError(f"there is no {what} `{name}`", "bc.plot.posterior", remedy)
     if kind == "density":
-        return drawn(posterior_content(result.record, result.draws(list(known)), names), width_mm, ax)
+        return drawn(posterior_content(result.record, result.draws(list(entries)), names), width_mm, ax)
     from bayescal.posterior.inference import chains_figure
     from bayescal.reporting.fit.posterior import variable
 
     shown = list(names) or weakest(dict(result.record))
-    return chains_figure(result.inference_data(), kind, {variable(n): label(known[n]) for n in shown})
+    return chains_figure(result.inference_data(), kind, {variable(n): label(entries[n]) for n in shown})
 
 
 def _budget(result: Any) -> Mapping[str, Any]:

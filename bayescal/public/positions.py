@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -77,9 +78,11 @@ class PositionResult:
 class Positioned:
     """A result with an arm, of which positions can be asked."""
 
-    @property
+    @cached_property
     def _arm(self) -> FittedArm:
-        raise NotImplementedError
+        from bayescal.public.arms import arm_of
+
+        return arm_of(self)
 
     def position(
         self,
@@ -135,9 +138,9 @@ class Positioned:
 
         arm = self._arm
         gate.check(arm.use, force, "used")
-        found = positions(
+        at_readings = positions(
             arm, np.asarray(readings, float), frame=frame, tool=tool,
             tcp=None if tcp is None else np.asarray(tcp, float), payload_kg=np.asarray(payload_kg, float),
             velocity=None if velocity is None else np.asarray(velocity, float), time=at_time, row=at_row,
         )  # fmt: skip
-        return PositionResult(found, arm.use.remarks)
+        return PositionResult(at_readings, arm.use.remarks)

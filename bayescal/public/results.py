@@ -2,32 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from functools import cached_property
+from html import escape
 from io import StringIO
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from bayescal.errors import BayescalError
 from bayescal.public.positions import Positioned
-from bayescal.public.tables import FitTables, GapTables, fit_line, gap_line
 from bayescal.storage.reading import Json
 
 if TYPE_CHECKING:
     import numpy as np
+    from pandas import DataFrame
     from rich.console import Console, RenderableType
 
     from bayescal.assess.agreement import Agreement
     from bayescal.calibration import Fit
     from bayescal.dataset import Dataset
-    from bayescal.fitted.arm import FittedArm
     from bayescal.gap.result import Gap
     from bayescal.methods import Comparison
-    from bayescal.preparing.practice import Practice
-    from bayescal.simulation import Simulation
+    from bayescal.simulation.record import Simulated
 
 WIDTH = 100
 """Width of a printed summary, characters."""
@@ -85,6 +84,8 @@ class Result(Printed):
     agreement: Agreement | None = None
     folder: Path | None = None
     content: Json | None = None
+    _FORMAT: ClassVar[str] = "%.3g"
+    """Of the numbers of `_overview`."""
 
     @cached_property
     def record(self) -> Json:
@@ -94,8 +95,14 @@ class Result(Printed):
     def _contents(self) -> Json:
         raise NotImplementedError
 
-    def _table(self) -> str:
-        """What is printed of a result that was read, beside its line and its warnings."""
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Limitations of the result."""
+        return tuple(self.record["warnings"])
+
+    @property
+    def _overview(self) -> DataFrame:
+        """The table that a notebook shows, and `print` of a result that was read."""
         raise NotImplementedError
 
     def _file(self, name: str, remedy: str) -> Path:
@@ -118,20 +125,26 @@ class Result(Printed):
         if self.content is None:
             return super().__str__()
         warnings = "".join(f"\nwarning: {warning}" for warning in self.record.get("warnings", ()))
-        return f"{self!r}\n{self._table()}{warnings}"
+        return f"{self!r}\n{self._overview.to_string(float_format=self._FORMAT)}{warnings}"
+
+    def _repr_html_(self) -> str:
+        return f"<p>{escape(repr(self), quote=False)}</p>{self._overview.to_html(float_format=self._FORMAT)}"
+
+
+def table(entries: Iterable[Json], index: str = "", columns: str = "") -> DataFrame:
+    """Entries of a record as a table: of all their keys, or of some that are given with spaces between."""
+    from pandas import DataFrame
+
+    out = DataFrame(list(entries), columns=columns.split() or None)
+    return out.set_index(index) if index else out
 
 
 @dataclass(frozen=True, repr=False)
-class FitResult(Result, FitTables, Positioned):
+class FitResult(Result, Positioned):
     """A calibration; `print` shows its summary. `record` is the content of fit.json."""
 
     data: Fit | None = None
-
-    @cached_property
-    def _arm(self) -> FittedArm:
-        from bayescal.fitted import of_fit, open_run
-
-        return open_run(self.folder or Path()) if self.data is None else of_fit(self.data)
+    _FORMAT: ClassVar[str] = "%.6g"
 
     def _contents(self) -> Json:
         from bayescal.reporting.fit.record import fit_contents
@@ -178,24 +191,61 @@ class FitResult(Result, FitTables, Positioned):
         read = read_draws(path, [variable(name) for name in names])
         return {name: read[variable(name)] for name in names if variable(name) in read}
 
-    def _table(self) -> str:
-        return self.parameters.to_string(float_format="%.6g")
+    @property
+    def parameters(self) -> DataFrame:
+        """One row per parameter, by name.
+
+        Columns: `effect`, `unit`, `nominal`, `estimate`, `u` (posterior standard uncertainty), `prior_sd`,
+        `low95` and `high95` (ends of the 95 % interval), and `identifiable` ("yes", "weakly", "no"; empty
+        for the pose of a target).
+        """
+        from bayescal.reporting.fit.sheets import states
+
+        state = states(self.record["identifiability"])
+        entries = (
+            p | _ends("95", p["interval95"]) | {"u": p["sd"], "identifiable": state.get(p["name"], "")}
+            for p in self.record["parameters"]
+        )
+        columns = "name effect unit nominal estimate u prior_sd low95 high95 identifiable"
+        return table(entries, "name", columns)
+
+    _overview = parameters
+
+    @property
+    def levels(self) -> DataFrame:
+        """Validation errors by model level, from the nominal model to the fitted one; keys of fit.json."""
+        entries = (level | {"model": " + ".join(level["model"])} for level in self.record["ladder"])
+        return table(entries, "model")
+
+    @property
+    def distances(self) -> DataFrame:
+        """Certified distances, measured and predicted: `certified_mm`, errors and intervals in µm."""
+        entries = (
+            dict(zip(("from", "to"), d["between"], strict=True))
+            | d
+            | _ends("95_um", d["predicted_interval95_um"])
+            for d in self.record["validation"]["distances"]
+        )
+        errors = "certified_mm nominal_error_um calibrated_error_um predicted_sd_um"
+        return table(entries, columns=f"from to {errors} low95_um high95_um inside95")
 
     def __repr__(self) -> str:
-        return fit_line(self.record)
+        rms = self.record["predicted_distance"]["predicted_rms_um"]
+        model = ", ".join(self.record["model"])
+        name = self.record["dataset"]["name"]
+        return f"<calibration of {name}: {model}; predicted distance error {rms:.1f} µm RMS>"
+
+
+def _ends(suffix: str, interval: Sequence[float]) -> Json:
+    """The ends of an interval by the names of their columns."""
+    return {f"low{suffix}": interval[0], f"high{suffix}": interval[1]}
 
 
 @dataclass(frozen=True, repr=False)
-class GapResult(Result, GapTables, Positioned):
+class GapResult(Result, Positioned):
     """A diagnosis; `print` shows its summary. `record` is the content of gap.json."""
 
     data: Gap | None = None
-
-    @cached_property
-    def _arm(self) -> FittedArm:
-        from bayescal.fitted import of_gap, open_run
-
-        return open_run(self.folder or Path()) if self.data is None else of_gap(self.data)
 
     def _contents(self) -> Json:
         from bayescal.reporting.gap.record import gap_record
@@ -219,11 +269,52 @@ class GapResult(Result, GapTables, Positioned):
 
         return write_gap(self._new(), Path(folder), pictures)
 
-    def _table(self) -> str:
-        return self.probability.to_string(float_format="%.3g")
+    @property
+    def verdict(self) -> str:
+        """The kind of verdict: null, named, named+unexplained, unknown or ambiguous."""
+        return str(self.record["verdict"])
+
+    @property
+    def effects(self) -> tuple[str, ...]:
+        """Names of the effects in the verdict."""
+        return tuple(self.record["effects"])
+
+    @property
+    def probability(self) -> DataFrame:
+        """Probability of every effect, of the noise-only model ('null') and of an unmodelled effect."""
+        ranked = sorted(self.record["probability"].items(), key=lambda item: -(item[1] or 0.0))
+        entries = ({"effect": effect, "probability": p} for effect, p in ranked)
+        return table(entries, "effect", "effect probability")
+
+    _overview = probability
+
+    @property
+    def undecided(self) -> bool:
+        """Whether further contacts could decide: effects not separated, not confirmed or not known."""
+        unexplained = self.verdict in ("ambiguous", "unknown", "named+unexplained")
+        return unexplained or bool(self.record.get("undecided"))
+
+    @property
+    def amplitudes(self) -> DataFrame:
+        """Named effects, site by site: `what`, `value`, `u` (standard uncertainty) and `unit`; see gap.md."""
+        return table(self.record.get("amplitudes", ()))
+
+    @property
+    def where(self) -> DataFrame:
+        """Locations of the error, largest first: site, driver, `rms_um`, share of the excess, p-values."""
+        return table(self.record["where"])
+
+    @property
+    def shrinkage(self) -> DataFrame:
+        """Validation errors without and with the named effects in the model, in µm."""
+        from pandas import DataFrame
+
+        rows = {what: row for what, row in self.record["shrinkage"].items() if row}
+        return DataFrame.from_dict(rows, orient="index")
 
     def __repr__(self) -> str:
-        return gap_line(self.record)
+        names = ", ".join(self.effects or self.record["credible_set90"])
+        return f"<diagnosis of {self.record['dataset']['name']}: {self.verdict}; {names}>"
 
 
 @dataclass(frozen=True, repr=False)
@@ -264,7 +355,7 @@ class ComparisonResult(Printed):
 class SimulatedSession:
     """A simulated session. `data` is the complete result, in SI; `truth` is the content of truth.json."""
 
-    data: Simulation | Practice
+    data: Simulated
 
     @property
     def dataset(self) -> Dataset:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -11,7 +10,7 @@ from bayescal.arm.chain import Robot
 from bayescal.dataset import Dataset
 from bayescal.errors import BayescalError
 from bayescal.robots import load_robot
-from bayescal.simulation.record import distance_certificates, document, draws, noise, true_targets
+from bayescal.simulation.record import Simulated, distance_certificates, document, draws, noise, true_targets
 from bayescal.simulation.session import Options, plan
 from bayescal.simulation.touch import World, misstated, touch
 from bayescal.statistics import stream
@@ -22,15 +21,13 @@ READING = 7  # decimals of a reading in deg
 
 
 @dataclass(frozen=True)
-class Simulation:
-    """A session, its ground truth, and the content of truth.json.
+class Simulation(Simulated):
+    """A session with its ground truth.
 
     `exact` is the session with readings before joint noise and rounding; `shift` (N,), m, is the distance of
     each contact from the true surface, outwards.
     """
 
-    dataset: Dataset
-    truth: dict[str, Any]
     world: World
     exact: Dataset
     shift: np.ndarray

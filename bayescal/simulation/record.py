@@ -5,10 +5,11 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import lru_cache
 from itertools import combinations
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -27,16 +28,12 @@ from bayescal.storage.folders import whole
 TRUTH = "truth.json"
 
 
-class Simulated(Protocol):
-    """A simulated session and its ground truth."""
+@dataclass(frozen=True)
+class Simulated:
+    """A simulated session, and its ground truth: the content of truth.json."""
 
-    @property
-    def dataset(self) -> Dataset:
-        """The session."""
-
-    @property
-    def truth(self) -> dict[str, Any]:
-        """The content of truth.json."""
+    dataset: Dataset
+    truth: dict[str, Any]
 
 
 def write(simulation: Simulated, folder: Path) -> None:

@@ -26,6 +26,12 @@ LARGEST_SCALE = 4.0
 """Error scale from which on a parameter is usually further from nominal than a fit accepts without a warning
 (`assess.findings.FAR` prior standard deviations); contacts on spheres miss them from about 5 on."""
 
+NOT_NEGATIVE = (
+    *("seed", "arm_seed", "error_scale", "later", "repeats", "spheres", "placements"),
+    *("noise", "joint_noise", "payload"),
+)
+"""Options of a session that must be finite, and 0 or more."""
+
 
 @dataclass(frozen=True)
 class Options:
@@ -68,19 +74,9 @@ class Options:
         BayescalError
             With the option.
         """
-        for option in (
-            "seed",
-            "error_scale",
-            "later",
-            "repeats",
-            "spheres",
-            "placements",
-            "noise",
-            "joint_noise",
-            "payload",
-        ):
+        for option in NOT_NEGATIVE:
             value = getattr(self, option)
-            if not (np.isfinite(value) and value >= 0):
+            if value is not None and not (np.isfinite(value) and value >= 0):
                 raise BayescalError("a negative value makes no sense", flag(option), "give 0 or more")
         if self.error_scale > LARGEST_SCALE:
             what = (
@@ -91,8 +87,6 @@ class Options:
             if (effect := plain(name)) not in EFFECTS:
                 what = f"no effect is called `{effect}`"
                 raise BayescalError(what, "--effects", f"known: {', '.join(EFFECTS)}")
-        if self.seed_of_arm < 0:
-            raise BayescalError("a negative value makes no sense", "--arm-seed", "give 0 or more")
         if not 0 <= self.outliers < 0.5:
             raise BayescalError(f"{self.outliers:g} is no fraction of contacts", "--outliers", "0 to 0.5")
         if self.contacts < 16:

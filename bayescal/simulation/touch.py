@@ -52,12 +52,8 @@ class World:
         true = replace(dataset, targets=self.targets)
         return replace(model, scene=replace(model.scene, dataset=true))
 
-    def residuals(self, dataset: Dataset) -> np.ndarray:
-        """Distance of the ball of each row from the true surface, along its normal, (N,), m."""
-        return self.distances(self.model(dataset))
-
     def distances(self, model: Model) -> np.ndarray:
-        """The same (N,), m, of the true arm `model`."""
+        """Distances (N,), m, of the ball of the true arm from the true surfaces, along their normals."""
         values = self.deviations(model)
         rows = model.scene.dataset.measurements.target
         out = np.empty(len(rows))

@@ -195,7 +195,7 @@ def test_every_module_with_a_command_is_listed():
     from bayescal.cli import commands
 
     modules = Path(commands.__file__).parent.glob("*.py")
-    with_app = {p.stem for p in modules if "@app.command" in p.read_text("utf-8")}
+    with_app = {p.stem for p in modules if "\n@command(" in p.read_text("utf-8")}
     assert with_app == {m for m in with_app if m in vars(commands)} != set()
 
 

@@ -25,6 +25,7 @@ from typer.testing import CliRunner
 from bayescal.cli import app
 from bayescal.cli import progress as module
 from bayescal.cli.progress import progress
+from bayescal.cli.root import PARAMETER
 
 CALLED = {
     "budget": ("bayescal.public.budgets.budget",),
@@ -197,6 +198,14 @@ def test_every_option_arrives(words, name, monkeypatch, tmp_path):
     if not option.required and key not in ALONE:
         others = {k: v for k, v in changed.items() if v not in (value, [value]) and str(value) not in str(v)}
         assert not others, (value, others)
+
+
+def test_every_option_has_its_help_and_every_help_its_option():
+    for command in commands().values():
+        function = inspect.unwrap(command.callback)
+        described = {n for names, _ in PARAMETER.findall(inspect.getdoc(function)) for n in names.split(", ")}
+        assert described <= inspect.signature(function).parameters.keys()
+        assert all(option.help for option in command.params if not option.hidden)
 
 
 def test_every_command_is_tested():

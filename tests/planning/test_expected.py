@@ -134,14 +134,14 @@ def test_equal_number_of_random_contacts(plan):
 def test_curves(plan):
     found, of, chosen = plan
     got = curves(found, of, chosen, Random(pool()))
-    counts, u = np.array(got.plan).T
+    counts, u = np.array(got.curve).T
     assert 60 in counts
     assert counts[0] > found.model.size
     assert counts[-1] == 120
     assert np.all(np.diff(u) < 0)
-    assert dict(got.plan)[60] == pytest.approx(u_of(found, of[0], chosen))
-    assert dict(got.plan)[120] < got.next_u < dict(got.plan)[60]
-    assert all(a < b for (_, a), (_, b) in zip(got.plan, got.random, strict=True))
+    assert dict(got.curve)[60] == pytest.approx(u_of(found, of[0], chosen))
+    assert dict(got.curve)[120] < got.next_u < dict(got.curve)[60]
+    assert all(a < b for (_, a), (_, b) in zip(got.curve, got.curve_random, strict=True))
     last = curves(found, of, np.arange(590), Random(pool()))
     assert last.next_u < u_of(found, of[0], np.arange(590))  # ten candidates are left
 
@@ -264,9 +264,9 @@ def test_adding_and_removing_equals_a_new_projection() -> None:
     linear = made_up()
     moved = Projection(linear, [1])
     for candidate in (3, 5, 5):
-        moved.add(candidate)
+        moved.change(candidate, 1.0)
     for candidate in (1, 5):
-        moved.remove(candidate)
+        moved.change(candidate, -1.0)
     fresh = Projection(linear, [3, 5])
     for name in ("error", "variance", "information", "covariance"):
         np.testing.assert_allclose(getattr(moved, name), getattr(fresh, name), rtol=1e-9, atol=1e-10)

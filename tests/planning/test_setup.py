@@ -317,7 +317,9 @@ def test_placements_that_come_one_after_the_other_are_not_between_each_other():
     pool = candidates(replace(continued(dataset), validated=frozenset(names[4:])), 8, seed=0)
     m, moves = pool.session.measurements, Transits(pool)
     one, other = (np.flatnonzero(m.target == names.index(name))[0] for name in names[4:])
-    there = {key: sum(bool(s.shapes) for s in moves._place(0, key).clearance.solids) for key in ("1", "")}
+    there = {
+        key: sum(bool(s.shapes) for s in moves._hands[0].place(key).clearance.solids) for key in ("1", "")
+    }
     assert there == {"1": 3, "": 2}  # cube, one sphere, table
     assert not moves.blocked(np.array([one]), np.array([other])).any()  # the artefact is moved between them
     ways = moves.ways(np.array([one, pool.candidates[0], other]))

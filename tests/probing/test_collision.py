@@ -38,7 +38,16 @@ def cube(x: float, y: float, z: float) -> Solid:
 
 def why(clearance: Clearance, readings, touched=None) -> str:
     hit = clearance.collides(np.radians(np.atleast_2d(readings)), touched)
-    return clearance.reasons[hit[0]]
+    return words(clearance, int(hit[0]))
+
+
+def words(clearance: Clearance, hit: int) -> str:
+    """What collides, by an answer of the check."""
+    if not hit:
+        return ""
+    pair = clearance.pairs[hit - 1]
+    other = clearance.solids[pair.solid] if pair.solid >= 0 else clearance.capsules[pair.other]
+    return f"{clearance.capsules[pair.capsule].name} and {other.name}"
 
 
 ZERO = np.zeros(
@@ -193,7 +202,7 @@ def test_a_lid_above_the_contact_blocks_the_way():
     gap = 0.04 - next(c.radius for c in free.capsules if c.name == "link 5") + 0.04  # to the lid, m
     assert under.collides(reading)[0] == 0
     normal = UP[None]
-    assert under.reasons[path_free(under, reading, normal, length=1.2 * gap)[0]].endswith("and lid")
+    assert words(under, path_free(under, reading, normal, length=1.2 * gap)[0]).endswith("and lid")
     assert path_free(under, reading, normal, length=0.8 * gap)[0] == 0
     assert path_free(free, reading, normal)[0] == 0
     angles = arm.angles_of(reading)[0]

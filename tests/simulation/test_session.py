@@ -181,7 +181,7 @@ def test_every_effect_can_be_simulated(name, tmp_path):
     robot = robot_file("standard") if name == "gear-mesh" else Options().robot
     s = simulate(Options(effects=chosen, robot=robot, payload=1.0, **{**LITTLE, "placements": 0}))
     assert {p["effect"] for p in s.truth["parameters"]} >= {name, "tool"}
-    assert np.abs(s.world.residuals(s.exact) - s.shift).max() < 2e-12
+    assert np.abs(s.world.distances(s.world.model(s.exact)) - s.shift).max() < 2e-12
 
 
 @pytest.mark.parametrize(

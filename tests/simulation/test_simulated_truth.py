@@ -70,8 +70,8 @@ def test_contacts_hold(options):
 
 def test_the_project_s_own_model_agrees():
     s = little(noise=0.0)
-    assert np.abs(s.world.residuals(s.dataset)).max() < 3e-9
-    assert np.sqrt(np.mean(s.world.residuals(s.dataset) ** 2)) < 1e-9
+    assert np.abs(s.world.distances(s.world.model(s.dataset))).max() < 3e-9
+    assert np.sqrt(np.mean(s.world.distances(s.world.model(s.dataset)) ** 2)) < 1e-9
 
 
 @pytest.mark.parametrize(
@@ -197,7 +197,7 @@ def test_a_paper_is_as_wrong_as_the_truth_says():
     for name, value in wrong.items():
         assert value - as_stated[name] == pytest.approx(said[name], abs=1e-7 if "distance" in name else 1e-10)
     assert max(abs(said[name]) for name in wrong) > 5e-5
-    assert np.abs(s.world.residuals(s.exact) - s.shift).max() < 2e-12
+    assert np.abs(s.world.distances(s.world.model(s.exact)) - s.shift).max() < 2e-12
     assert s.truth["targets"][4:] == right.truth["targets"][4:]  # no paper of the spheres is fitted
 
 
