@@ -11,17 +11,51 @@ import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 from xml.etree import ElementTree as ET
 from xml.parsers import expat
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
+from bayescal.errors import BayescalError
 from bayescal.robots.markup import parse_markup
 
 ATTRIBUTE = re.compile(rb"""(\s+)([^\s=/>"']+)(\s*=\s*)("[^"]*"|'[^']*')""")
 UNIT = b"  "
 """Indentation of the first child of an element, where the file shows no other."""
+
+
+TEMPLATES = Environment(
+    loader=FileSystemLoader(Path(__file__).parent / "templates"),
+    autoescape=True,
+    undefined=StrictUndefined,
+    trim_blocks=True,
+    lstrip_blocks=True,
+)
+"""Templates of new files; values are escaped."""
+
+
+def rendered(template: str, **fields: object) -> str:
+    """The text of a template."""
+    return TEMPLATES.get_template(template).render(fields)
+
+
+def indented(text: str) -> str:
+    """An XML text with an element in each line.
+
+    Raises
+    ------
+    BayescalError
+        If a name in it has characters that XML does not have.
+    """
+    try:
+        root = ET.fromstring(text)
+    except ET.ParseError as error:
+        raise BayescalError(f"a name or text cannot stand in XML ({error})", "export") from None
+    ET.indent(root)
+    return ET.tostring(root, encoding="unicode") + "\n"
 
 
 def number(value: float) -> str:
