@@ -19,6 +19,7 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
+from bayescal.arm.transforms import rpy_of
 from bayescal.errors import BayescalError
 from bayescal.robots.markup import parse_markup
 
@@ -27,13 +28,30 @@ UNIT = b"  "
 """Indentation of the first child of an element, where the file shows no other."""
 
 
+def number(value: float) -> str:
+    """A number with all its digits; no minus zero."""
+    return repr(float(value) + 0.0)
+
+
+def numbers(values: Iterable[float] | np.ndarray) -> str:
+    """Numbers with all their digits, separated by blanks."""
+    return " ".join(map(number, np.asarray(values, float).tolist()))
+
+
 TEMPLATES = Environment(
     loader=FileSystemLoader(Path(__file__).parent / "templates"),
     autoescape=True,
     undefined=StrictUndefined,
     trim_blocks=True,
     lstrip_blocks=True,
+    keep_trailing_newline=True,
 )
+TEMPLATES.filters |= {
+    "number": number,
+    "numbers": numbers,
+    "xyz": lambda pose: numbers(pose[:3, 3]),
+    "rpy": lambda pose: numbers(rpy_of(pose[:3, :3])),
+}
 """Templates of new files; values are escaped."""
 
 
@@ -56,16 +74,6 @@ def indented(text: str) -> str:
         raise BayescalError(f"a name or text cannot stand in XML ({error})", "export") from None
     ET.indent(root)
     return ET.tostring(root, encoding="unicode") + "\n"
-
-
-def number(value: float) -> str:
-    """A number with all its digits; no minus zero."""
-    return repr(float(value) + 0.0)
-
-
-def numbers(values: Iterable[float] | np.ndarray) -> str:
-    """Numbers with all their digits, separated by blanks."""
-    return " ".join(map(number, np.asarray(values, float).tolist()))
 
 
 def written(value: str | float | Iterable[float]) -> str:

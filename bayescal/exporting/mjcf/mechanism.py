@@ -100,8 +100,7 @@ def mechanism(content: Content, law: Law) -> Mechanism:
             hinges.append(Hinge(f"{name}_flex", Z, 0.0 * Z, springs[j]))
         hinges += _yielding(name, tilts.get(j), bends.get(j, ()), _moved(delta[j + 1], (1,)))
         mass = 0.0 if robot.masses is None else float(robot.masses[j])
-        centre = np.zeros(3) if robot.centres_of_mass is None else centre_in_frame(robot, chain, delta, j)
-        bodies.append(Body(f"link{j + 1}", frame, tuple(hinges), mass, centre))
+        bodies.append(Body(f"link{j + 1}", frame, tuple(hinges), mass, centre_in_frame(robot, delta, j)))
     return Mechanism(tuple(bodies), flange, loads(content), scene.dataset.gravity)
 
 
