@@ -10,8 +10,7 @@ does not exceed with a probability of 95.45 %: that of the uncertainty budget of
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import nnls
@@ -19,7 +18,7 @@ from scipy.optimize import nnls
 from bayescal.arm.transforms import rigid
 from bayescal.assess.budget import COVERAGE
 from bayescal.errors import BayescalError
-from bayescal.fitted.arm import FittedArm, Poses, padded, unit_errors
+from bayescal.fitted.arm import FittedArm, Poses
 from bayescal.fitted.point import lost_motion
 from bayescal.model.block import Block
 from bayescal.programs.tools import Working, axes_of, tool_of
@@ -153,8 +152,8 @@ def frame_of(arm: FittedArm, name: str) -> Frame:
         raise BayescalError("the fit did not locate this target", where, f"give one of: {fitted}")
     index, m = names.index(name), dataset.measurements
     rows = np.flatnonzero((m.target == index) & (m.role == "calibrate") & ~np.isin(m.ids, arm.rejected))
-    wide = arm.beyond.widened(arm.model, arm.values)
-    block = wide.block(index, rows)
+    errors = arm.beyond.errors(arm.model, arm.values)
+    block = replace(arm.model, parameters=(*arm.model.parameters, *errors)).block(index, rows)
     state = arm.states[name]
     described = block.kind.describe(state)
     if not {"frame", "centre"} & set(described):
@@ -162,8 +161,8 @@ def frame_of(arm: FittedArm, name: str) -> Frame:
         raise BayescalError(f"a {kind} has no frame", where, "give an instrument, a sphere or a fixed point")
     nominal = pose_of(block.kind.describe(np.zeros(len(state))))
     return Frame(
-        nominal, pose_of(described), block, state, padded(arm.values, wide),
-        unit_errors(wide, len(arm.values)), arm.beyond.noise_of(block),
+        nominal, pose_of(described), block, state, np.append(arm.values, np.zeros(len(errors))),
+        np.append(np.ones(len(arm.values)), [p.sd for p in errors]), arm.beyond.noise_of(block),
     )  # fmt: skip
 
 
@@ -195,24 +194,18 @@ class Positions:
     inside: np.ndarray  # (C,) bool: within the region that the session has probed
 
 
-def uncertainty(
-    working: Working,
-    frame: Frame,
-    poses_at: Callable[[np.ndarray, np.ndarray, np.ndarray], Poses],
-    velocity: np.ndarray,
-    poses: Poses,
-) -> Uncertain:
+def uncertainty(working: Working, frame: Frame, poses: Poses, velocity: np.ndarray) -> Uncertain:
     """Uncertainty of the points of an arm relative to a frame, along the axes of F0.
 
     Parameters
     ----------
     working : Working
     frame : Frame
-    poses_at, velocity, poses
-        As of `lost_motion`, with the working tool.
+    poses, velocity
+        Of the working tool; as of `lost_motion`.
     """
     by, of_frame = frame.moved(poses)
-    off = lost_motion(working.arm, poses_at, poses.readings, velocity, poses)
+    off = lost_motion(poses, velocity)
     covariance = (
         poses.spread_by(by) + of_frame + np.einsum("cji,cjk->cik", off, off) + working.covariance(poses)
     )
@@ -283,23 +276,10 @@ def positions(
     arm = working.arm
     stand = frame_of(arm, frame)
 
-    def at(q: np.ndarray, which: np.ndarray, more: np.ndarray | float = 0.0) -> Poses:
-        return arm.at(q, tool=working.tool.name, payload_kg=payload[which], direction=way[which] + more,
-                      time=time, row=row)  # fmt: skip
-
-    every = np.arange(len(readings))
-    poses = at(readings, every)
-    in_base = uncertainty(working, stand, at, way, poses)
-    inside = Region.of(arm).contains(
-        working.probed(
-            poses,
-            lambda name: arm.at(readings, tool=name, payload_kg=payload, direction=way, time=time, row=row),
-        ),
-        readings,
-    )
-    here = poses.flange.copy()
-    here[:, :3, :3] = here[:, :3, :3] @ axes_of(working.tool)
-    here[:, :3, 3] = poses.points
+    poses = arm.at(readings, tool=working.tool.name, payload_kg=payload, direction=way, time=time, row=row)
+    in_base = uncertainty(working, stand, poses, way)
+    inside = Region.of(arm).contains(working.probed(poses), readings)
+    here = poses.tool_frames(axes_of(working.tool))
     turn = stand.fitted[:3, :3]
     in_frame = Uncertain(turn.T @ in_base.covariance @ turn, in_base.expanded)
     return Positions(frame, readings, np.linalg.inv(stand.fitted) @ here, in_frame, inside)

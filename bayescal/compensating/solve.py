@@ -7,7 +7,8 @@ is brought to the target by the same search, with all fitted effects acting at t
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -82,12 +83,13 @@ def compensated(
     for name, nominal in arms.items():
         mine = [k for k, s in enumerate(start) if not s.reason and tools[k].tool.name == name]
         if mine:
-            state = {"time": time, "row": row}
-            payload = np.array([targets[k].payload for k in mine])
-            done = _fitted(tools[mine[0]], nominal, stand, region, [start[k] for k in mine],
-                           goals[mine], velocity[mine], payload, state)  # fmt: skip
+            before = arm.at(
+                np.array([start[k].nominal for k in mine]), tool=name, direction=velocity[mine],
+                payload_kg=np.array([targets[k].payload for k in mine]), time=time, row=row,
+            )  # fmt: skip
+            done = _fitted(tools[mine[0]], nominal, stand, region, before, velocity[mine], goals[mine])
             for k, one in zip(mine, done, strict=True):
-                out[k] = one
+                out[k] = one if one.reason else replace(one, solutions=start[k].solutions)
     return out
 
 
@@ -190,49 +192,34 @@ def _fitted(
     nominal: NominalArm,
     frame: Frame,
     region: Region,
-    start: Sequence[Corrected],
-    goals: np.ndarray,
+    before: Poses,
     velocity: np.ndarray,
-    payload: np.ndarray,
-    state: Mapping[str, object],
+    goals: np.ndarray,
 ) -> list[Corrected]:
-    """Corrected targets of one tool, all with a nominal solution."""
-    arm = working.arm
-
-    def at(
-        readings: np.ndarray, which: np.ndarray, more: np.ndarray | float = 0.0, tool: str = working.tool.name
-    ) -> Poses:
-        way = velocity[which] + more
-        return arm.at(readings, tool=tool, payload_kg=payload[which], direction=way, **state)  # type: ignore[arg-type]
+    """Corrected targets of one tool, from the poses `before` at their nominal solutions."""
 
     def reached(readings: np.ndarray, which: np.ndarray) -> np.ndarray:
-        poses = at(readings, which)
-        here = poses.flange.copy()
-        here[:, :3, :3] = here[:, :3, :3] @ nominal.tool_axes
-        here[:, :3, 3] = poses.points
-        return here
+        return before.again(which, readings=readings, command=readings).tool_frames(nominal.tool_axes)
 
-    every = np.arange(len(start))
-    before = np.array([s.nominal for s in start])
     low, high = nominal.robot.limits.T
-    begin = nominal.angles_of(before)
+    begin = nominal.angles_of(before.readings)
     angles, converged = descend(to_poses(nominal, goals, reached), begin, np.minimum(low, begin.min(axis=0)),
                             np.maximum(high, begin.max(axis=0)))  # fmt: skip
     readings = nominal.readings_of(angles)
-    poses = at(readings, every)
-    spread = uncertainty(working, frame, at, velocity, poses)
-    probed = working.probed(poses, lambda name: at(readings, every, tool=name))
-    inside = region.contains(probed, readings)
-    error = np.linalg.norm(at(before, every).points - goals[:, :3, 3], axis=1)
+    poses = before.again(readings=readings, command=readings)
+    spread = uncertainty(working, frame, poses, velocity)
+    inside = region.contains(working.probed(poses), readings)
+    error = np.linalg.norm(before.points - goals[:, :3, 3], axis=1)
     stated = np.linalg.inv(frame.nominal) @ nominal.tool_poses(nominal.frames(readings))
-    out = []
-    for k in range(len(start)):
-        if not converged[k]:
-            out.append(Corrected(_stuck(nominal, angles[k])))
-            continue
-        out.append(Corrected("", readings[k], stated[k], before[k], start[k].solutions, float(spread.u[k]),
-                             float(error[k]), bool(inside[k]), float(spread.expanded[k])))  # fmt: skip
-    return out
+    return [
+        Corrected(
+            readings=readings[k], pose=stated[k], nominal=before.readings[k], u=float(spread.u[k]),
+            error=float(error[k]), inside=bool(inside[k]), expanded=float(spread.expanded[k]),
+        )
+        if converged[k]
+        else Corrected(_stuck(nominal, angles[k]))
+        for k in range(len(goals))
+    ]  # fmt: skip
 
 
 def _stuck(arm: NominalArm, angles: np.ndarray) -> str:
