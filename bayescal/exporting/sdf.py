@@ -18,7 +18,7 @@ from bayescal.effects import MODELS, Parameter
 from bayescal.effects.tool import TOOL
 from bayescal.exporting.geometry import constant, coupled, items
 from bayescal.exporting.mjcf.elastic import Content, Hinge
-from bayescal.exporting.mjcf.mechanism import DAMPING, GYRATION, WEIGHTLESS, mechanism
+from bayescal.exporting.mjcf.mechanism import Body, mechanism
 from bayescal.exporting.mjcf.readings import bare, law_of
 from bayescal.exporting.written import Format, Item, Options, Written, item
 from bayescal.exporting.xml_text import indented, rendered
@@ -48,8 +48,9 @@ def _write(arm: FittedArm, options: Options) -> Written:
     machine = mechanism(content, bare(law_of(content)))
     load = machine.loads[int(scene.dataset.measurements.tool[options.state])]
     text = rendered(
-        "arm.sdf.j2", name=options.name, machine=machine, load=load, origin=np.eye(4),
-        limits=partial(_limits, robot), damping=DAMPING, gyration=GYRATION, weightless=WEIGHTLESS,
+        "arm.sdf.j2", name=options.name, machine=machine, limits=partial(_limits, robot),
+        mount=Body("mount", np.eye(4)),
+        flange=Body("flange", machine.flange, mass=load.mass, centre=load.centre),
     )  # fmt: skip
     notes = [
         *coupled(robot.link_from_reading),

@@ -18,6 +18,7 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from scipy.spatial.transform import Rotation
 
 from bayescal.arm.transforms import rpy_of
 from bayescal.errors import BayescalError
@@ -51,6 +52,7 @@ TEMPLATES.filters |= {
     "numbers": numbers,
     "xyz": lambda pose: numbers(pose[:3, 3]),
     "rpy": lambda pose: numbers(rpy_of(pose[:3, :3])),
+    "quat": lambda pose: numbers(Rotation.from_matrix(pose[:3, :3]).as_quat()[[3, 0, 1, 2]]),
 }
 """Templates of new files; values are escaped."""
 
@@ -74,32 +76,6 @@ def indented(text: str) -> str:
         raise BayescalError(f"a name or text cannot stand in XML ({error})", "export") from None
     ET.indent(root)
     return ET.tostring(root, encoding="unicode") + "\n"
-
-
-def written(value: str | float | Iterable[float]) -> str:
-    """A text, a number or numbers as they stand in a file."""
-    if isinstance(value, str):
-        return value
-    return number(value) if isinstance(value, float | int) else numbers(value)
-
-
-def element(
-    tag: str, /, *content: str | ET.Element | None, **attributes: str | float | Iterable[float]
-) -> ET.Element:
-    """An element with a text or children, of which those that are None are left out."""
-    out = ET.Element(tag, {key: written(value) for key, value in attributes.items()})
-    for part in content:
-        if isinstance(part, str):
-            out.text = part
-        elif part is not None:
-            out.append(part)
-    return out
-
-
-def add(parent: ET.Element, tag: str, /, **attributes: str | float | Iterable[float]) -> ET.Element:
-    """A further child element."""
-    parent.append(out := element(tag, **attributes))
-    return out
 
 
 @dataclass(frozen=True)

@@ -174,6 +174,8 @@ def _polygon(torque: np.ndarray, deflection: np.ndarray, slope: np.ndarray, coun
     return Spring(k[0], (*beyond, *within))
 
 
+DAMPING = 0.02
+"""Damping of a spring, s times its stiffness."""
 BEYOND = 2.0
 """A spring holds up to this multiple of the largest torque of the session; beyond, it is extrapolated."""
 LEAST = 0.05
@@ -314,6 +316,11 @@ class Hinge:
     spring: Spring | None = None
     rest: float = 0.0
     limits: tuple[float, float] | None = None
+
+    @property
+    def damping(self) -> float:
+        """Damping of the spring, N m s/rad."""
+        return DAMPING * self.spring.slope if self.spring else 0.0
 
     def seen(self, pose: np.ndarray, name: str = "") -> Hinge:
         """The hinge in another frame, in which its own has a pose (4, 4), and with another name."""

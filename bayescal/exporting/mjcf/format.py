@@ -18,24 +18,43 @@ from bayescal.effects.tool import TOOL
 from bayescal.exporting.geometry import carries
 from bayescal.exporting.mjcf import replay
 from bayescal.exporting.mjcf.elastic import STATE, UNHELD, Content, springless, sprung
-from bayescal.exporting.mjcf.mechanism import (
-    bodies,
-    defaults,
-    held,
-    loads,
-    mechanism,
-    names,
-    tips,
-    tool,
-    without_empty,
-)
-from bayescal.exporting.mjcf.readings import Joints, bare, law_of, servos
+from bayescal.exporting.mjcf.mechanism import Mechanism, loads, mechanism, names
+from bayescal.exporting.mjcf.readings import DAMPED, STIFF, Joints, Law, bare, law_of, parts, shown
 from bayescal.exporting.written import Format, Item, Options, Written, item
-from bayescal.exporting.xml_text import add
+from bayescal.exporting.xml_text import TEMPLATES, rendered
 from bayescal.fitted.arm import FittedArm
 from bayescal.storage.files import json_text
 
-TIMESTEP = 0.002
+PARTS: Any = TEMPLATES.get_template("parts.mjcf.j2").module
+"""Macros of the elements that are added to a file."""
+
+
+def elements(text: str) -> list[ET.Element]:
+    """Elements of an XML text."""
+    return list(ET.fromstring(f"<parts>{text}</parts>"))
+
+
+def merge(root: ET.Element, text: str) -> None:
+    """Append the parts of the sections of a file to those of another one."""
+    for part in ET.fromstring(text):
+        old = root.find(part.tag)
+        if len(part):
+            (ET.SubElement(root, part.tag) if old is None else old).extend(part)
+
+
+def merge_held(
+    root: ET.Element, content: Content, mechanism: Mechanism, law: Law, joints: Joints,
+    names: Mapping[str, str] | None = None,
+) -> None:  # fmt: skip
+    """Append what holds the hinges: dead bands of springs, and the parts of errors of the readings.
+
+    `names` are those of the hinges in the file, if they differ.
+    """
+    hinges = [h for b in mechanism.bodies for h in b.hinges if h.spring is not None]
+    springs = {h.name if names is None else names[h.name]: h.spring for h in hinges}
+    moments = content.arm.model.scene.moments
+    torques = np.zeros(1) if moments is None else np.abs(moments[:, 1:, 2])
+    merge(root, PARTS.held(springs=springs, **parts(law, joints, torques)))
 
 
 def mjcf(arm: FittedArm, row: int, script: bool = False) -> str:
@@ -57,18 +76,14 @@ def mjcf(arm: FittedArm, row: int, script: bool = False) -> str:
     content = Content(arm, row)
     law = bare(law_of(content)) if script else law_of(content)
     machine = mechanism(content, law)
-    dataset = arm.dataset
-    root = ET.Element("mujoco", model=dataset.robot.name)
-    add(root, "compiler", angle="radian", autolimits="true")
-    add(root, "option", integrator="discrete", timestep=TIMESTEP, gravity=machine.gravity)
-    defaults(root)
-    *_, flange = bodies(add(root, "worldbody"), machine)
-    tool(flange, machine.loads[int(dataset.measurements.tool[row])])
-    tips(flange, machine.loads)
-    joints = dataset.robot.joint_names
-    held(root, content, machine, law, Joints.of(joints))
-    servos(root, law, joints)
-    without_empty(root)
+    joints, number = arm.dataset.robot.joint_names, int(arm.dataset.measurements.tool[row])
+    text = rendered(
+        "arm.mjcf.j2", name=arm.dataset.robot.name, gravity=machine.gravity, machine=machine,
+        bodies=machine.within(), load=machine.loads[number],
+    )  # fmt: skip
+    root = ET.fromstring(text)
+    merge_held(root, content, machine, law, Joints.of(joints))
+    merge(root, PARTS.servos(shown(law, joints), STIFF, DAMPED))
     ET.indent(root)
     return ET.tostring(root, encoding="unicode") + "\n"
 

@@ -15,8 +15,9 @@ import numpy as np
 
 from bayescal.arm.transforms import rigid, rotation
 from bayescal.errors import BayescalError
-from bayescal.exporting.mjcf.mechanism import NEUTRAL, TIP, Mechanism
-from bayescal.exporting.mjcf.readings import DEFAULT, Joints, Law, posture
+from bayescal.exporting.mjcf.format import PARTS
+from bayescal.exporting.mjcf.mechanism import Mechanism
+from bayescal.exporting.mjcf.readings import Joints, Law, posture
 from bayescal.exporting.mjcf.scene_arm import FoundArm, SceneFile, compiled
 from bayescal.exporting.same_arm import Match
 from bayescal.exporting.sidecar import mujoco
@@ -101,13 +102,13 @@ def without_earlier(root: ET.Element) -> frozenset[str]:
 def _default(e: ET.Element) -> bool:
     """Whether a default class is that of an export, and not one of the user with its name."""
     joint, name = e.find("joint"), e.get("class", "")
-    named = re.fullmatch(rf"{DEFAULT}(_\d+)?", name) is not None
-    return named and joint is not None and NEUTRAL["joint"].items() <= joint.attrib.items()
+    named = re.fullmatch(rf"{PARTS.CLASS}(_\d+)?", name) is not None
+    return named and joint is not None and PARTS.NEUTRAL["joint"].items() <= joint.attrib.items()
 
 
 def _only_tips(body: ET.Element) -> bool:
     """Whether a body is a flange with tips of tools alone."""
-    return len(body) > 0 and all(e.tag == "site" and e.get("rgba") == TIP["rgba"] for e in body)
+    return len(body) > 0 and all(e.tag == "site" and e.get("rgba") == PARTS.TIP["rgba"] for e in body)
 
 
 def _carrier(body: ET.Element, added: set[ET.Element]) -> bool:
