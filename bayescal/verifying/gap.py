@@ -20,7 +20,8 @@ from bayescal.predict.errors import USUAL
 from bayescal.predict.locate import locate
 from bayescal.predict.targets import centre_of, certified_diameters, unknown_tool, with_diameter
 from bayescal.storage.reading import read_json
-from bayescal.verifying.levels import File, Machine, replayed
+from bayescal.verifying.levels import Machine
+from bayescal.verifying.simulator import File
 
 
 @dataclass(frozen=True)
@@ -250,14 +251,7 @@ def before_estimate(arm: FittedArm, baseline: tuple[str, ...]) -> Estimate:
 
 def in_simulator(arm: FittedArm, file: File, rows: np.ndarray, state: int) -> np.ndarray:
     """TCP positions (C, 3), m, of an arm in its file; where it changes in time, in the state of each row."""
-    machine = Machine.of(arm, state, file.place)
-    simulator = machine.simulator(file.text, file.folder, file.name)
-    if not file.place.of_user and any(p.driver.kind in STATE[1:] for p in arm.model.parameters):
-        points = np.empty((len(rows), 3))
-        for k, row in enumerate(rows):
-            machine = Machine.of(arm, int(row))
-            simulator.take(machine.poses)
-            points[k] = replayed(simulator, machine, arm, rows[k : k + 1])[1][0]
-    else:
-        _, points = replayed(simulator, machine, arm, rows)
-    return points
+    machine = Machine.of(arm, state, file)
+    if file.of_user or not any(p.driver.kind in STATE[1:] for p in arm.model.parameters):
+        return machine.replayed(rows)[1]
+    return np.concatenate([machine.at(int(row)).replayed(rows[[k]])[1] for k, row in enumerate(rows)])

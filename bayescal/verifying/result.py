@@ -26,7 +26,8 @@ from bayescal.fitted.unmodelled import state_row
 from bayescal.robots.markup import parse_markup
 from bayescal.storage.reading import decoded
 from bayescal.verifying.gap import Gap, Reported, in_simulator, read_reported, simulated_gap
-from bayescal.verifying.levels import File, Level, Place, chosen, levels, limit, modelled
+from bayescal.verifying.levels import Level, chosen, levels, limit, modelled
+from bayescal.verifying.simulator import File
 
 Notify = Callable[[str, float], None]
 
@@ -77,13 +78,13 @@ def _mjcf(
     notify: Notify,
 ) -> Verification:  # fmt: skip
     arm = sprung(arm)
-    file = File(text, path.parent, str(path), Place.of(arm, sidecar))
+    file = File.of(arm, text, path, sidecar)
     software = f"MuJoCo {mujoco().__version__}"
     compared = levels(arm, file, state, lambda share: notify("levels", share))
     notify("replay", 0.0)
 
     def before(other: FittedArm, rows: np.ndarray) -> np.ndarray:
-        return in_simulator(other, File.new(other, state, file.place.script), rows, state)
+        return in_simulator(other, File.new(other, state, file.script), rows, state)
 
     gap = simulated_gap(arm, before, lambda rows: in_simulator(arm, file, rows, state), reported)
     return Verification(arm, path, "mjcf", state, software, compared, gap, _missing(sidecar))
