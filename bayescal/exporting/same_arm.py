@@ -216,23 +216,25 @@ def _check_names(robot: Robot, file: FileArm, name: str) -> None:
                 raise BayescalError(what, name, "give the file of this arm")
 
 
-def _pairs(p: np.ndarray, a: np.ndarray) -> list[tuple[float, float]]:
-    """Angle, rad, and distance, m, between each axis and the next, as lines."""
-    out = []
-    for k in range(len(p) - 1):
-        across = np.cross(a[k], a[k + 1])
-        sine, between = float(np.linalg.norm(across)), p[k + 1] - p[k]
-        if sine < np.sin(PARALLEL):
-            distance = float(np.linalg.norm(between - a[k] * (a[k] @ between)))
-        else:
-            distance = abs(float(between @ across)) / sine
-        out.append((float(np.arctan2(sine, abs(a[k] @ a[k + 1]))), distance))
-    return out
+def _shortest(p: np.ndarray, a: np.ndarray, i: np.ndarray, j: np.ndarray) -> np.ndarray:
+    """Shortest vectors (M, 3) from lines i (M,) to lines j (M,) of points and directions (n, 3)."""
+    off, across = p[j] - p[i], np.cross(a[i], a[j])
+    square = np.sum(across**2, axis=1, keepdims=True)
+    parallel = square < np.sin(PARALLEL) ** 2
+    beside = off - a[i] * np.sum(a[i] * off, axis=1, keepdims=True)
+    normal = across * np.sum(off * across, axis=1, keepdims=True) / np.where(parallel, 1.0, square)
+    return np.where(parallel, beside, normal)
 
 
-def _check_pairs(
-    robot: Robot, file: FileArm, name: str, ours: list[tuple[float, float]], theirs: list[tuple[float, float]]
-) -> None:
+def _pairs(p: np.ndarray, a: np.ndarray) -> np.ndarray:
+    """Angle, rad, and distance, m, between each axis and the next, as lines, (n - 1, 2)."""
+    before = np.arange(len(p) - 1)
+    sine = np.linalg.norm(np.cross(a[:-1], a[1:]), axis=1)
+    angle = np.arctan2(sine, np.abs(np.sum(a[:-1] * a[1:], axis=1)))
+    return np.column_stack([angle, np.linalg.norm(_shortest(p, a, before, before + 1), axis=1)])
+
+
+def _check_pairs(robot: Robot, file: FileArm, name: str, ours: np.ndarray, theirs: np.ndarray) -> None:
     for k, (our_pair, other) in enumerate(zip(ours, theirs, strict=True)):
         axes = f"of {file.names[k]} and {file.names[k + 1]}"
         if abs(our_pair[0] - other[0]) > ANGLE:
@@ -254,23 +256,11 @@ def _off(
     return angle, length, float(max(angle.max(), length.max()))
 
 
-def _between(p: np.ndarray, a: np.ndarray) -> np.ndarray:
-    """Shortest vectors between all pairs of lines: those that no sense of an axis changes."""
-    out = []
-    for i, j in itertools.combinations(range(len(p)), 2):
-        off = p[j] - p[i]
-        across = np.cross(a[i], a[j])
-        if np.linalg.norm(across) < np.sin(PARALLEL):
-            out.append(off - a[i] * (a[i] @ off))
-        else:
-            out.append(across * (off @ across) / (across @ across))
-    return np.array(out).reshape(-1, 3)
-
-
 def _alignment(p: np.ndarray, a: np.ndarray, r: np.ndarray, b: np.ndarray) -> np.ndarray:
     """The rigid transform (4, 4) that best takes lines (r, b) to lines (p, a), whatever their senses."""
     n = len(p)
-    ours, theirs = _between(p, a), _between(r, b)
+    every = np.triu_indices(n, 1)  # no sense of an axis changes the vectors between all pairs of lines
+    ours, theirs = _shortest(p, a, *every), _shortest(r, b, *every)
     best, turn = np.inf, np.eye(3)
     for signs in itertools.product((1.0, -1.0), repeat=n):
         flipped = b * np.array(signs)[:, None]
@@ -284,9 +274,7 @@ def _alignment(p: np.ndarray, a: np.ndarray, r: np.ndarray, b: np.ndarray) -> np
     across = np.eye(3) - a[:, :, None] * a[:, None, :]
     wanted = np.einsum("kij,kj->ki", across, p - r @ turn.T)
     shift = np.linalg.lstsq(across.reshape(-1, 3), wanted.ravel(), rcond=1e-9)[0]
-    out = np.eye(4)
-    out[:3, :3], out[:3, 3] = turn, shift
-    return out
+    return rigid(turn, shift)
 
 
 def smallest_turn(a: np.ndarray, b: np.ndarray) -> np.ndarray:

@@ -129,7 +129,8 @@ class FitResult(Result, FitTables, Positioned):
 
     @cached_property
     def _arm(self) -> FittedArm:
-        from bayescal.fitted import of_fit, open_run
+        from bayescal.fitted.arm import of_fit
+        from bayescal.fitted.file import open_run
 
         return open_run(self.folder or Path()) if self.data is None else of_fit(self.data)
 
@@ -193,7 +194,8 @@ class GapResult(Result, GapTables, Positioned):
 
     @cached_property
     def _arm(self) -> FittedArm:
-        from bayescal.fitted import of_gap, open_run
+        from bayescal.fitted.arm import of_gap
+        from bayescal.fitted.file import open_run
 
         return open_run(self.folder or Path()) if self.data is None else of_gap(self.data)
 

@@ -40,7 +40,7 @@ class Stood:
 
 @dataclass(frozen=True)
 class File:
-    """A file of an arm: its text, the folder of its meshes, its name, its joints, and its world in F0, (4, 4), m.
+    """A file of an arm: text, folder of its meshes, name, joints, and its world in F0, (4, 4), m.
 
     Actuators and sensors of a new file, with the names of the joints, command and show the readings. In a
     user's file (`of_user`) the joints have the user's actuators, and added parts may be `renamed`, by kind.
@@ -63,12 +63,9 @@ class File:
         if "root_in_f0" not in sidecar:
             joints = Joints.of(arm.dataset.robot.joint_names)
             return cls(text, path.parent, str(path), joints, script=script)
-        joints, world = (
-            Joints(tuple(sidecar["joints"].values()), np.array(sidecar["signs"])),
-            sidecar["root_in_f0"],
-        )
-        renamed = sidecar.get("renamed", {})
-        return cls(text, path.parent, str(path), joints, np.array(world), True, script, renamed)
+        joints = Joints(tuple(sidecar["joints"].values()), np.array(sidecar["signs"]))
+        world, renamed = np.array(sidecar["root_in_f0"]), sidecar.get("renamed", {})
+        return cls(text, path.parent, str(path), joints, world, True, script, renamed)
 
     @classmethod
     def new(cls, arm: FittedArm, state: int, script: bool = False) -> File:

@@ -21,8 +21,8 @@ from bayescal.assess.measurand import Measurand, certified_distances, distance, 
 from bayescal.calibration import fit
 from bayescal.estimate import calibrated, estimate
 from bayescal.estimate.discrepancy import stated
-from bayescal.fitted import of_fit, open_run
-from bayescal.fitted.file import restored
+from bayescal.fitted.arm import of_fit
+from bayescal.fitted.file import open_run, restored
 from bayescal.fitted.point import lost_motion, point
 from bayescal.model import with_parameters
 from bayescal.model.options import FitOptions

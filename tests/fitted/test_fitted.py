@@ -15,8 +15,9 @@ from bayescal.errors import BayescalError
 from bayescal.estimate.bounds import UNCHANGED
 from bayescal.exporting import FORMATS
 from bayescal.exporting.export import export
-from bayescal.fitted import gate, of_estimate, of_fit, of_gap, open_run
-from bayescal.fitted.file import read_arm, write_arm
+from bayescal.fitted import gate
+from bayescal.fitted.arm import of_estimate, of_fit, of_gap
+from bayescal.fitted.file import open_run, read_arm, write_arm
 from bayescal.fitted.gate import Use
 from bayescal.gap.diagnose import diagnose
 from bayescal.gap.result import Named
