@@ -186,13 +186,5 @@ ABB = Format(
     "ABB RAPID: robtarget and jointtarget values",
     _pose,
     after_line(r"^[ \t]*MODULE\b", "  ! "),
-    dialect=Dialect(
-        "ABB RAPID: SearchL, readings in a log",
-        {r"([A-Za-z]\w*)": ("{}", "{}")},
-        "diProbe",
-        list="[[{}],[9E+09,9E+09,9E+09,9E+09,9E+09,9E+09]]",
-        joint="{1}",
-        separator=",",
-        width=40,
-    ),
+    dialect=Dialect("ABB RAPID: SearchL, readings in a log", {r"([A-Za-z]\w*)": ("{}", "{}")}, "diProbe"),
 )

@@ -136,11 +136,6 @@ FANUC = Format(
         "FANUC LS: SKIP CONDITION, readings in position registers",
         {r"(\d+)": ("DI[{}]=ON", "DI[{}]=OFF"), r"tool:(\d+)": ("RI[{}]=ON", "RI[{}]=OFF")},
         "1",
-        joint="J{}= {} deg",
-        separator=",\t",
-        position="P[{}]",
         unsafe=r"[\];:\"]",
-        width=24,
-        line="{:4d}:  {} ;",
     ),
 )

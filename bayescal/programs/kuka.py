@@ -171,8 +171,5 @@ KUKA = Format(
             r"measure:(\d+)": ("$MEAS_PULSE[{}]==TRUE", "$MEAS_PULSE[{}]==FALSE"),
         },
         "1",
-        joint="A{} {}",
-        separator=",",
-        position="XP{}",
     ),
 )

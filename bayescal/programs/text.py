@@ -132,33 +132,17 @@ class Dialect:
         while it is not.
     first : str
         The input that is taken where none is stated.
-    joint, separator : str
-        A joint of a list, by k from 1 and its number, and what stands between two of them.
-    list : str
-        The list, of ``{}``; "" if readings are listed apart.
-    position : str
-        How a motion names listed readings, by their number from 1; "" if they stand in the motion.
     force : str
         As a trigger, by N; "" if the controller has no force.
     unsafe : str
         Characters that end a text or are not allowed in it.
-    width : int
-        Most characters of a line of a message.
-    line : str
-        A numbered line of the program, by k and text; "" if lines have no numbers.
     """
 
     summary: str
     triggers: Mapping[str, tuple[str, str]]
     first: str
-    joint: str
-    separator: str
-    list: str = ""
-    position: str = ""
     force: str = ""
     unsafe: str = r'["]'
-    width: int = 0
-    line: str = ""
 
 
 @dataclass(frozen=True)

@@ -186,9 +186,6 @@ URSCRIPT = Format(
             r"configurable:(\d+)": ("get_configurable_digital_in({})", ""),
         },
         "0",
-        list="[{}]",
-        joint="{1}",
-        separator=", ",
         force="bc_force() > {}",
     ),
 )
