@@ -88,26 +88,21 @@ class Unmodelled:
     @classmethod
     def read(cls, record: Mapping[str, Any], parameters: int) -> Unmodelled:
         """From the entries of `record` in arm.json; None or missing where there is none."""
-        of_masses, of_discrepancy = record.get("masses"), record.get("discrepancy")
-        noise = {group: float(scale) for group, scale in record.get("noise_scale", {}).items()}
-        mixing, shifts = no_masses(), np.zeros((parameters, 0))
-        if of_masses is not None:
-            mixing = np.array(of_masses["mixing"], float)
-            shifts = np.array(of_masses["shifts_si"], float).reshape(parameters, len(mixing))
-        if of_discrepancy is None:
-            return cls(shifts, mixing=mixing, noise=noise)
-        each = of_discrepancy["families"]
-        dof = of_discrepancy["unexplained_dof"]
+        nothing = {"mixing": no_masses(), "shifts_si": no_masses(), "families": {}}
+        of_masses = record.get("masses") or nothing
+        of_discrepancy = record.get("discrepancy") or nothing
+        each, dof = of_discrepancy["families"], of_discrepancy.get("unexplained_dof")
+        shifts = [
+            np.array(of["shifts_si"], float).reshape(parameters, -1) for of in (of_discrepancy, of_masses)
+        ]
         return cls(
-            np.concatenate(
-                [np.array(of_discrepancy["shifts_si"], float).reshape(parameters, -1), shifts], axis=1
-            ),
+            np.concatenate(shifts, axis=1),
             {name: float(entry["variance"]) for name, entry in each.items()},
             {name: float(entry["dof"]) for name, entry in each.items()},
-            mixing,
-            1e-6 * of_discrepancy["unexplained_um"],
+            np.array(of_masses["mixing"], float),
+            1e-6 * of_discrepancy.get("unexplained_um", 0.0),
             inf if dof is None else float(dof),
-            noise,
+            {group: float(scale) for group, scale in record.get("noise_scale", {}).items()},
         )
 
     def record(self) -> dict[str, Any]:

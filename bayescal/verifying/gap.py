@@ -44,7 +44,6 @@ class Measured:
     """Errors of an arm in validation data: residuals of targets, and errors of certified distances, m."""
 
     residuals: tuple[Residuals, ...]
-    pairs: tuple[tuple[str, str], ...]
     distance: np.ndarray  # (D,) measured by the arm minus certified
 
     def rms(self, kind: str, without: np.ndarray) -> float:
@@ -104,8 +103,7 @@ def measured(arm: FittedArm, rows: np.ndarray, points: np.ndarray, noise: Mappin
                 continue
         r = block.kind.residual(state, points[where[rows_of_target]].T) + block.at_contact(arm.values)
         residuals.append(Residuals(rows_of_target, "planes" if len(r) == 1 else "points", r, block.sigma))
-    pairs, distance = _distances(arm, centres)
-    return Measured(tuple(residuals), pairs, distance)
+    return Measured(tuple(residuals), _distances(arm, centres))
 
 
 def _located(block: Block, arm: FittedArm, p: np.ndarray, noise: float) -> np.ndarray:
@@ -115,16 +113,13 @@ def _located(block: Block, arm: FittedArm, p: np.ndarray, noise: float) -> np.nd
     return np.asarray(estimate.x[0])
 
 
-def _distances(
-    arm: FittedArm, centres: dict[str, np.ndarray]
-) -> tuple[tuple[tuple[str, str], ...], np.ndarray]:
-    pairs, errors = [], []
-    for c in arm.dataset.certificates:
-        if c.kind == "distance" and c.distance is not None and all(name in centres for name in c.targets):
-            a, b = c.targets
-            pairs.append((a, b))
-            errors.append(float(np.linalg.norm(centres[a] - centres[b])) - c.distance)
-    return tuple(pairs), np.array(errors)
+def _distances(arm: FittedArm, centres: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Errors (D,), m, of the certified distances between targets whose centres were located."""
+    return np.array([
+        np.linalg.norm(np.subtract(*(centres[name] for name in c.targets))) - c.distance
+        for c in arm.dataset.certificates
+        if c.kind == "distance" and c.distance is not None and all(name in centres for name in c.targets)
+    ], float)  # fmt: skip
 
 
 KINDS = ("planes", "points", "distances")
@@ -200,12 +195,12 @@ class Gap:
     predicted: Mapping[str, tuple[float, float]]
 
 
-def simulated_gap(
-    arm: FittedArm,
-    before: Callable[[FittedArm, np.ndarray], np.ndarray],
-    after: Callable[[np.ndarray], np.ndarray],
-    reported: Reported,
-) -> Gap | None:
+Before = Callable[[FittedArm, np.ndarray], np.ndarray]
+After = Callable[[np.ndarray], np.ndarray]
+"""TCP positions (C, 3), m, in rows (C,) of the session: of another arm, and of the written file."""
+
+
+def simulated_gap(arm: FittedArm, before: Before, after: After, reported: Reported) -> Gap | None:
     """Replay the validation measurements; None if the session has none.
 
     Parameters

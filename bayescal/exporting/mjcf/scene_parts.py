@@ -151,50 +151,45 @@ def with_keyframes(
     renamed : mapping
         Names of added joints in the file, where they differ.
     """
-    keys = [key for keyframe in scene.root.findall("keyframe") for key in keyframe.iter("key")]
+    keys = scene.root.findall("keyframe/key")
     if not keys:
         return
-    kept = [(key.attrib.pop("qpos", None), key.attrib.pop("qvel", None)) for key in keys]
+    stated = [{name: key.attrib.pop(name) for name in MOVING if name in key.attrib} for key in keys]
     after = compiled(scene.xml.text, scene.path.parent, scene.path.name)
-    old = [j for j in range(before.njnt) if before.joint(j).name not in gone]
-    of_file = {before.joint(j).name for j in old}
-    same = not gone and [before.joint(j).name for j in range(before.njnt)] == [
-        after.joint(j).name for j in range(after.njnt)
-    ]
-    for k, (key, (qpos, qvel)) in enumerate(zip(keys, kept, strict=True)):
-        if qpos is not None:
-            values = before.key_qpos[k]
-            angles = np.array([values[before.joint(name).qposadr[0]] for name in joints.names])
-            stood = posture(law, joints, np.linalg.solve(law.nominal, joints.signs * angles))
-            stood = {renamed.get(name, name): value for name, value in stood.items()}
-            key.set(
-                "qpos", qpos if same else numbers(_moved(before, after, old, of_file, values, "qpos", stood))
-            )
-        if qvel is not None:
-            key.set(
-                "qvel",
-                qvel if same else numbers(_moved(before, after, old, of_file, before.key_qvel[k], "dof", {})),
-            )
+    old, new = ([model.joint(j).name for j in range(model.njnt)] for model in (before, after))
+    for k, (key, texts) in enumerate(zip(keys, stated, strict=True)):
+        if old == new and not gone:
+            key.attrib.update(texts)
+            continue
+        values = before.key_qpos[k]
+        angles = np.array([values[before.joint(name).qposadr[0]] for name in joints.names])
+        stood = posture(law, joints, np.linalg.solve(law.nominal, joints.signs * angles))
+        stood = {renamed.get(name, name): value for name, value in stood.items()}
+        if "qpos" in texts:
+            key.set("qpos", numbers(_moved(before, after, gone, values, "qpos", stood)))
+        if "qvel" in texts:
+            key.set("qvel", numbers(_moved(before, after, gone, before.key_qvel[k], "qvel", {})))
+
+
+MOVING = {"qpos": ("jnt_qposadr", (7, 4, 1, 1)), "qvel": ("jnt_dofadr", (6, 3, 1, 1))}
+"""Addresses of what a keyframe states, and its sizes by the type of a joint."""
 
 
 def _moved(
-    before: Any, after: Any, old: list[int], names: Collection[str], values: np.ndarray, what: str,
-    stood: Mapping[str, float],
-) -> np.ndarray:  # fmt: skip
+    before: Any, after: Any, gone: Collection[str], values: np.ndarray, what: str, stood: Mapping[str, float]
+) -> np.ndarray:
     """Values of the joints of the patched file: those of the file's own joints, and of the added ones."""
-    sizes = {"qpos": (7, 4, 1, 1), "dof": (6, 3, 1, 1)}[what]
-    start = {"qpos": "jnt_qposadr", "dof": "jnt_dofadr"}[what]
+    start, sizes = MOVING[what]
     out = after.qpos0.copy() if what == "qpos" else np.zeros(after.nv)
-    remaining = iter(old)
+    old = [j for j in range(before.njnt) if before.joint(j).name not in gone]
+    names, remaining = {before.joint(j).name for j in old}, iter(old)
     for j in range(after.njnt):
-        name, size = after.joint(j).name, sizes[int(after.jnt_type[j])]
-        address = int(getattr(after, start)[j])
-        if name and name not in names:
-            if name in stood:
-                out[address] = stood[name]
-            continue
-        was = int(getattr(before, start)[next(remaining)])
-        out[address : address + size] = values[was : was + size]
+        name, address = after.joint(j).name, int(getattr(after, start)[j])
+        if not name or name in names:
+            was, size = int(getattr(before, start)[next(remaining)]), sizes[int(after.jnt_type[j])]
+            out[address : address + size] = values[was : was + size]
+        elif name in stood:
+            out[address] = stood[name]
     return out
 
 
