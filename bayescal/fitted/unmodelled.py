@@ -88,7 +88,7 @@ class Unmodelled:
     @classmethod
     def read(cls, record: Mapping[str, Any], parameters: int) -> Unmodelled:
         """From the entries of `record` in arm.json; None or missing where there is none."""
-        nothing = {"mixing": no_masses(), "shifts_si": no_masses(), "families": {}}
+        nothing: dict[str, Any] = {"mixing": no_masses(), "shifts_si": no_masses(), "families": {}}
         of_masses = record.get("masses") or nothing
         of_discrepancy = record.get("discrepancy") or nothing
         each, dof = of_discrepancy["families"], of_discrepancy.get("unexplained_dof")

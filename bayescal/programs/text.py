@@ -185,26 +185,43 @@ def line_of(text: str, place: int) -> int:
     return text.count("\n", 0, place) + 1
 
 
-def masked(text: str, comment: str, quote: str = '"') -> str:
-    """The text with comments (from `comment` to the end of the line) and strings as blanks, equally long."""
-    pattern = re.compile(f"{quote}[^{quote}\n]*{quote}|{re.escape(comment)}[^\r\n]*")
-    return pattern.sub(lambda match: " " * len(match.group()), text)
+class Code(str):
+    """A program as text, and what readers ask of it."""
+
+    @classmethod
+    def of(cls, text: str, comment: str) -> Code:
+        """A text with comments (`comment` to the end of the line) and strings as blanks, equally long."""
+        pattern = re.compile(rf'"[^"\n]*"|{re.escape(comment)}[^\r\n]*')
+        return cls(pattern.sub(lambda match: " " * len(match.group()), text))
+
+    def where(self, place: int, name: str = "") -> str:
+        """The line of a character, and the name of what begins there."""
+        return f"line {line_of(self, place)}" + (f", {name}" if name else "")
+
+    def first(self, pattern: re.Pattern[str]) -> str:
+        """The first match of a pattern with its line, or ""."""
+        match = pattern.search(self)
+        return f"{self.where(match.start())}: {match.group()}" if match else ""
+
+    def values(self, spans: Iterable[tuple[int, int]]) -> list[float]:
+        """The numbers at some places."""
+        return [float(self[low:high]) for low, high in spans]
+
+    def arguments(self, low: int, high: int) -> list[tuple[int, int]]:
+        """Places of the arguments of a call between two places: its commas outside of all brackets."""
+        depth, start, out = 0, low, []
+        for place in range(low, high):
+            depth += {"(": 1, "[": 1, "{": 1, ")": -1, "]": -1, "}": -1}.get(self[place], 0)
+            if self[place] == "," and depth == 0:
+                out.append((start, place))
+                start = place + 1
+        each = [(a, b, self[a:b]) for a, b in [*out, (start, high)] if self[a:b].strip()]
+        return [(b - len(argument.lstrip()), a + len(argument.rstrip())) for a, b, argument in each]
 
 
-def first(pattern: re.Pattern[str], code: str) -> str:
-    """The first match of a pattern with its line, or ""."""
-    match = pattern.search(code)
-    return f"line {line_of(code, match.start())}: {match.group()}" if match else ""
-
-
-def numbers_in(match: re.Match[str], groups: Iterable[int | str]) -> tuple[tuple[int, int], ...]:
-    """Where groups of a match stand in the text."""
-    return tuple(match.span(group) for group in groups)
-
-
-def values_at(text: str, spans: Iterable[tuple[int, int]]) -> list[float]:
-    """The numbers of a text at some places."""
-    return [float(text[low:high]) for low, high in spans]
+def numbers_in(match: re.Match[str], count: int) -> tuple[tuple[int, int], ...]:
+    """Where the first groups of a match stand in the text."""
+    return tuple(match.span(group) for group in range(1, count + 1))
 
 
 def degrees_of(readings: np.ndarray) -> list[Number]:
@@ -233,18 +250,6 @@ def newline_of(text: str) -> str:
     return "\r\n" if "\r\n" in text else "\n"
 
 
-def arguments(text: str, low: int, high: int) -> list[tuple[int, int]]:
-    """Places of the arguments of a call between two places: its commas outside of all brackets."""
-    depth, start, out = 0, low, []
-    for place in range(low, high):
-        depth += {"(": 1, "[": 1, "{": 1, ")": -1, "]": -1, "}": -1}.get(text[place], 0)
-        if text[place] == "," and depth == 0:
-            out.append((start, place))
-            start = place + 1
-    each = [(a, b, text[a:b]) for a, b in [*out, (start, high)] if text[a:b].strip()]
-    return [(b - len(argument.lstrip()), a + len(argument.rstrip())) for a, b, argument in each]
-
-
 def rewritten(text: str, format_: Format, slots: Sequence[Slot], corrected: Sequence[Corrected]) -> str:
     """The text with corrected numbers in place.
 
@@ -271,7 +276,7 @@ def rewritten(text: str, format_: Format, slots: Sequence[Slot], corrected: Sequ
             numbers = format_.joints(target.readings)
         else:
             assert format_.pose is not None, "a format without poses has whole expressions"
-            numbers = format_.pose(target.pose, target.readings, values_at(text, slot.spans))
+            numbers = format_.pose(target.pose, target.readings, Code(text).values(slot.spans))
         for (low, high), number in zip(slot.spans, numbers, strict=True):
             pieces.append((low, high, _written(number, text[low:high])))
     out, end = [], 0
@@ -300,8 +305,8 @@ def _read(text: str, n: int) -> Program:
         bare = line.rstrip("\r\n")
         match = row.match(text, begin, begin + len(bare))
         if match:
-            spans = numbers_in(match, range(1, n + 1))
-            target = Target(f"line {number}", readings=np.radians(values_at(text, spans)))
+            spans = numbers_in(match, n)
+            target = Target(f"line {number}", readings=np.radians(Code(text).values(spans)))
             slots.append(Slot(target, f"{number}", spans))
         elif bare.strip() and slots:
             what = f"the first {n} cells are not numbers"

@@ -281,9 +281,8 @@ def _flange(scene: Scene) -> list[str]:
     """A body for the flange on the last body of the arm, with the tips of the tools; if it yields, a tool."""
     arm, machine = scene.arm, scene.machine
     last = scene.where.links[-1] @ np.linalg.inv(rigid(None, arm.anchors[-1]))
-    flange = ET.SubElement(
-        arm.bodies[-1], "body", name="flange", **_place_of(np.linalg.inv(last) @ machine.flange)
-    )
+    place = _place_of(np.linalg.inv(last) @ machine.flange)
+    flange = ET.SubElement(arm.bodies[-1], "body", {"name": "flange", **place})
     flange.extend(elements(PARTS.tips(machine.loads)))
     if scene.yields:
         flange.set("childclass", PARTS.CLASS)
