@@ -13,7 +13,7 @@ import numpy as np
 
 from bayescal.arm.chain import Robot, chain_of, displaced, frames
 from bayescal.arm.motion import CERTIFICATE, CONTACT, Term
-from bayescal.arm.transforms import AXES
+from bayescal.arm.transforms import AXES, rigid
 from bayescal.effects import Parameter
 from bayescal.effects.tool import TOOL
 from bayescal.exporting.written import Format, Item, item
@@ -67,6 +67,13 @@ def constant_displacements(model: Model, values: np.ndarray, state: int | None =
             if t.frame <= n:
                 out[t.frame, AXES.index(t.axis)] += value * float(t.driver)
     return out
+
+
+def transform_of(delta: np.ndarray, parts: tuple[int, ...] = (0, 1, 2)) -> np.ndarray:
+    """Transform (4, 4) of some parts of a displacement (6,): 0 is Rz Tz, 1 Rx Tx, 2 Ry Ty."""
+    selected = np.where(np.isin(np.arange(6) // 2, parts), delta, 0.0)
+    corners = displaced(np.vstack([np.zeros(3), np.eye(3)]), selected)
+    return rigid((corners[1:] - corners[0]).T, corners[0])
 
 
 def zero_frames(robot: Robot, delta: np.ndarray | None = None) -> np.ndarray:

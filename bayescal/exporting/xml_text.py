@@ -25,6 +25,8 @@ from bayescal.errors import BayescalError
 from bayescal.robots.markup import parse_markup
 
 ATTRIBUTE = re.compile(rb"""(\s+)([^\s=/>"']+)(\s*=\s*)("[^"]*"|'[^']*')""")
+TAG = re.compile(rb"""<(?:[^>"']|"[^"]*"|'[^']*')*>""")
+"""A tag; a > in a quoted value does not end it."""
 UNIT = b"  "
 """Indentation of the first child of an element, where the file shows no other."""
 
@@ -241,26 +243,16 @@ def _spans(data: bytes, root: ET.Element) -> list[_Old]:
     parser.Parse(data, True)
     out = []
     for k, e in enumerate(root.iter()):
-        inside = tag_end(data, starts[k])
+        inside = _behind_tag(data, starts[k])
         empty = data[inside - 2 : inside] == b"/>"
         inner = inside if empty else ends[k]
-        out.append(
-            _Old(
-                starts[k], inside, inner, inside if empty else tag_end(data, inner), dict(e.attrib), tuple(e)
-            )
-        )
+        end_of_e = inside if empty else _behind_tag(data, inner)
+        out.append(_Old(starts[k], inside, inner, end_of_e, dict(e.attrib), tuple(e)))
     return out
 
 
-def tag_end(data: bytes, start: int) -> int:
-    """Position behind a tag that begins at `start`; a > in a quoted value does not end it."""
-    quote = 0
-    for k in range(start, len(data)):
-        byte = data[k]
-        if quote:
-            quote = 0 if byte == quote else quote
-        elif byte in b"\"'":
-            quote = byte
-        elif byte == ord(">"):
-            return k + 1
-    raise AssertionError("a parsed tag ends")
+def _behind_tag(data: bytes, start: int) -> int:
+    """Position behind a tag that begins at `start`."""
+    tag = TAG.match(data, start)
+    assert tag, "a parsed tag ends"
+    return tag.end()

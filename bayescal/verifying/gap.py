@@ -125,8 +125,11 @@ def _distances(arm: FittedArm, centres: Mapping[str, np.ndarray]) -> np.ndarray:
 KINDS = ("planes", "points", "distances")
 RECORDS = ("gap.json", "fit.json")
 LEVEL = {"planes": "heldout_rms_um", "distances": "distance_rms_um"}
-FIT_PLANES = ("nominal_rms_um", "calibrated_rms_um")
-FIT_DISTANCES = ("nominal_error_um", "calibrated_error_um")
+BEFORE_AFTER = {
+    "planes": ("nominal_rms_um", "calibrated_rms_um"),
+    "distances": ("nominal_error_um", "calibrated_error_um"),
+}
+"""What fit.json states of validation measurements."""
 NOT_KNOWN = (float("nan"), float("nan"))
 
 
@@ -167,17 +170,13 @@ def _rms(record: Mapping[str, Any], kind: str) -> tuple[float, float]:
         if level["model"] == record.get("baseline") and kind in LEVEL:
             rms = 1e-6 * (level.get(LEVEL[kind]) or float("nan"))
             return rms, rms if record.get("effects") == [] else float("nan")
-    validation = record.get("validation", {})
-    if kind == "planes" and validation.get("planes"):
-        every = [p for p in validation["planes"] if p["role"] == "validate"]
-        weight = np.array([p["count"] for p in every], float)
-        means = [np.average([p[k] ** 2 for p in every], weights=weight) for k in FIT_PLANES] if every else []
-        return (1e-6 * float(np.sqrt(means[0])), 1e-6 * float(np.sqrt(means[1]))) if means else NOT_KNOWN
-    if kind == "distances" and validation.get("distances"):
-        every = validation["distances"]
-        before, after = (np.sqrt(np.mean([d[k] ** 2 for d in every])) for k in FIT_DISTANCES)
-        return 1e-6 * float(before), 1e-6 * float(after)
-    return NOT_KNOWN
+    every = record.get("validation", {}).get(kind) if kind in BEFORE_AFTER else None
+    every = [p for p in every or () if p.get("role", "validate") == "validate"]
+    if not every:
+        return NOT_KNOWN
+    weights = [p["count"] if kind == "planes" else 1.0 for p in every]
+    before, after = (np.average([p[k] ** 2 for p in every], weights=weights) for k in BEFORE_AFTER[kind])
+    return 1e-6 * float(np.sqrt(before)), 1e-6 * float(np.sqrt(after))
 
 
 @dataclass(frozen=True)

@@ -93,10 +93,10 @@ PROBE = {"lobing sin": "lobing_sin_m", "lobing cos": "lobing_cos_m", "latency": 
 SCRIPT, TABLE = "-replay.py", "-replay.json"
 
 
-def beside(
+def replay_table(
     content: Content, joints: Joints, servos: bool, renamed: Mapping[str, Mapping[str, str]]
-) -> dict[str, str]:
-    """Further files of an export: the script and its table.
+) -> dict[str, Any]:
+    """The table of a script.
 
     Parameters
     ----------
@@ -108,14 +108,6 @@ def beside(
     renamed : mapping
         Names in the file of added parts that are called otherwise there, by kind.
     """
-    table = json_text(replay_table(content, joints, servos, renamed), rows=False)
-    return {SCRIPT: Path(replay.__file__).read_text(encoding="utf-8"), TABLE: table}
-
-
-def replay_table(
-    content: Content, joints: Joints, servos: bool, renamed: Mapping[str, Mapping[str, str]]
-) -> dict[str, Any]:
-    """The table of a script; arguments as of `beside`."""
     law, dataset = law_of(content), content.arm.dataset
     tool = dataset.tools[int(dataset.measurements.tool[content.row])].name
     probe = dict.fromkeys((*PROBE.values(), "ball_radius_m"), 0.0)
@@ -169,7 +161,11 @@ def write(arm: FittedArm, options: Options) -> Written:
     else:
         file, bodies = Written(mjcf(arm, options.state, script)), names(robot.n)
         joints = Joints.of(robot.joint_names)
-    more = beside(content, joints, not options.into, file.details.get("renamed", {})) if script else {}
+    more = {}
+    if script:
+        table = replay_table(content, joints, not options.into, file.details.get("renamed", {}))
+        more[SCRIPT] = Path(replay.__file__).read_text(encoding="utf-8")
+        more[TABLE] = json_text(table, rows=False)
     factors = [
         f"a further mass acts {load.factor:.6g} times: set the body payload so (tool {load.name})"
         for load in loads(content)

@@ -10,7 +10,7 @@ from bayescal.arm.chain import displaced
 from bayescal.arm.transforms import rigid, rotation
 from bayescal.dataset import Tool
 from bayescal.errors import BayescalError
-from bayescal.exporting.geometry import centre_in_frame
+from bayescal.exporting.geometry import centre_in_frame, transform_of
 from bayescal.exporting.mjcf.elastic import (
     Content,
     Hinge,
@@ -131,7 +131,7 @@ def mechanism(content: Content, law: Law) -> Mechanism:
             hinges.append(Hinge(error(name), Z, 0.0 * Z))
         if j in springs:
             hinges.append(Hinge(f"{name}_flex", Z, 0.0 * Z, springs[j]))
-        hinges += _yielding(name, tilts.get(j), bends.get(j, ()), _moved(delta[j + 1], (1,)))
+        hinges += _yielding(name, tilts.get(j), bends.get(j, ()), transform_of(delta[j + 1], (1,)))
         mass = 0.0 if robot.masses is None else float(robot.masses[j])
         bodies.append(Body(f"link{j + 1}", frame, tuple(hinges), mass, centre_in_frame(robot, delta, j)))
     return Mechanism(tuple(bodies), flange, loads(content), scene.dataset.gravity)
@@ -166,19 +166,12 @@ def poses(content: Content, law: Law) -> list[np.ndarray]:
     scene = content.arm.model.scene
     chain, delta = scene.chain, content.constants()
     at_zero = scene.dataset.robot.offset + law.turned(np.zeros((1, chain.n)))[0]
-    out, before = [chain.base @ _moved(delta[0])], chain.link[0]
+    out, before = [chain.base @ transform_of(delta[0])], chain.link[0]
     for j in range(1, chain.n + 1):
         turn, along = at_zero[j - 1] + delta[j, 0], chain.d[j - 1] + delta[j, 1]
         out.append(before @ rigid(rotation(2, turn), along * Z))
-        before = _moved(delta[j], (1, 2)) @ chain.link[j]
+        before = transform_of(delta[j], (1, 2)) @ chain.link[j]
     return [*out, before]
-
-
-def _moved(delta: np.ndarray, parts: tuple[int, ...] = (0, 1, 2)) -> np.ndarray:
-    """Transform (4, 4) of some parts of a displacement (6,): 0 is Rz Tz, 1 Rx Tx, 2 Ry Ty."""
-    selected = np.where(np.isin(np.arange(6) // 2, parts), delta, 0.0)
-    corners = displaced(np.vstack([np.zeros(3), np.eye(3)]), selected)
-    return rigid((corners[1:] - corners[0]).T, corners[0])
 
 
 def _load(content: Content, number: int, tool: Tool) -> Load:
