@@ -110,10 +110,10 @@ class TargetFrame(Frame):
         """As of any frame; the target follows the errors that the arm had where it was measured."""
         b, x, values = self.block, self.state, self.arm.values
         z = x[b.free] / b.sd
-        _, by_arm, by_own = b.linearise(np.append(values, np.zeros(len(self.errors))), z)
+        _, by_arm, by_state = b.linearise(np.append(values, np.zeros(len(self.errors))), z)
         by_arm = by_arm * np.append(np.ones(len(values)), [p.sd for p in self.errors])
         sigma = np.tile(self.arm.beyond.noise_of(b), b.kind.rows)[:, None]
-        a, c = by_own / sigma, by_arm / sigma
+        a, c = by_state / sigma, by_arm / sigma
         information = a.T @ a + np.eye(b.size)
         follows = -np.linalg.solve(information, a.T @ c)  # (size, P + K)
         local = np.column_stack([poses.points, np.ones(len(poses.points))]) @ np.linalg.inv(self.fitted).T
@@ -122,8 +122,8 @@ class TargetFrame(Frame):
             step = STEP * np.eye(len(x))[coordinate]
             ends = [local @ pose_of(b.kind.describe(x + s * step)).T for s in (1, -1)]
             moved[:, :, k] = (ends[0] - ends[1])[:, :3] / (2 * STEP) * b.sd[k]
-        own = moved @ np.linalg.inv(information) @ np.swapaxes(moved, 1, 2)
-        return poses.by_all - moved @ follows, own
+        of_target = moved @ np.linalg.inv(information) @ np.swapaxes(moved, 1, 2)
+        return poses.by_all - moved @ follows, of_target
 
 
 def pose_of(described: dict[str, np.ndarray | float]) -> np.ndarray:

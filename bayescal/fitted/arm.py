@@ -326,11 +326,11 @@ def refitted(arm: FittedArm, with_: Sequence[str] = (), without: Sequence[str] =
     effects = [name for name in arm.effects if name not in whole and plain(name) not in whole]
     options = arm.origin.options
     parts = (*options.omitted, *(name for name in without if name not in whole))
-    found = fit(arm.dataset, (*effects, *with_), options, without=parts, samples=0)
-    refit = of_fit(found)
-    against = (*refit.use.against, *gate.not_gained(_gains(found, with_)))
+    calibration = fit(arm.dataset, (*effects, *with_), options, without=parts, samples=0)
+    refit = of_fit(calibration)
+    against = (*refit.use.against, *gate.not_gained(_gains(calibration, with_)))
     return replace(
-        refit, origin=Origin(arm.origin.command, found.options), use=replace(refit.use, against=against)
+        refit, origin=Origin(arm.origin.command, calibration.options), use=replace(refit.use, against=against)
     )
 
 

@@ -234,13 +234,13 @@ def simulated_gap(arm: FittedArm, before: Before, after: After, reported: Report
 def before_estimate(arm: FittedArm, baseline: tuple[str, ...]) -> Estimate:
     """The arm before, with its own targets: nominal, or fitted with the baseline of a diagnosis."""
     scene, options = Scene(arm.dataset, oriented=True), arm.origin.options
-    found = fitted_level(scene, baseline, options)
+    fitted = fitted_level(scene, baseline, options)
     if not baseline:
-        return found
+        return fitted
     left_out = np.flatnonzero(np.isin(arm.dataset.measurements.ids, arm.rejected))
-    if np.array_equal(np.sort(found.rejected), left_out):
-        return found
-    return estimate(found.model, options.robust, found.z, left_out)  # both arms with the same rows
+    if np.array_equal(np.sort(fitted.rejected), left_out):
+        return fitted
+    return estimate(fitted.model, options.robust, fitted.z, left_out)  # both arms with the same rows
 
 
 def in_simulator(arm: FittedArm, file: File, rows: np.ndarray, state: int) -> np.ndarray:

@@ -248,21 +248,14 @@ def springless(arm: FittedArm) -> np.ndarray:
 
     A rigid joint or stand has no spring either: what acts beside its compliance is left out.
     """
-    compliances = {
-        (p.driver.kind, p.site, _spring(p)): p.nominal + value
-        for p, value in zip(arm.model.parameters, arm.values.tolist(), strict=True)
-        if p.positive
-    }
+    values = zip(arm.model.parameters, arm.values.tolist(), strict=True)
+    compliances = [(p, p.nominal + value) for p, value in values if p.positive]
 
     def least(p: Parameter) -> float:
         """The smallest compliance where a parameter acts; above zero if there is none."""
-        here, spring = (p.driver.kind, p.site), _spring(p)
-        values = (
-            v
-            for (kind, site, name), v in compliances.items()
-            if (kind, site) == here and spring in (name, CROSS)
-        )
-        return min(values, default=1.0)
+        here = (p.driver.kind, p.site)
+        beside = [(q, v) for q, v in compliances if (q.driver.kind, q.site) == here]
+        return min((v for q, v in beside if _spring(p) in (_spring(q), CROSS)), default=1.0)
 
     return np.array([
         p.driver.kind in ELASTIC and (least(p) < 0 or (least(p) == 0 and not p.positive))

@@ -114,12 +114,8 @@ def mechanism(content: Content, law: Law) -> Mechanism:
     """
     scene = content.arm.model.scene
     robot, chain, delta = scene.dataset.robot, scene.chain, content.constants()
-    springs, tilts, bends, wrong = (
-        joint_springs(content),
-        bearings(content),
-        link_hinges(content),
-        erring(law),
-    )
+    springs, tilts = joint_springs(content), bearings(content)
+    bends, wrong = link_hinges(content), erring(law)
     foot, *places, flange = poses(content, law)
     shift = chain.base[:3, 3] - foot[:3, 3]  # hinges of the stand are relative to the nominal base, in F0
     stand = (replace(h, pos=shift + h.pos) for h in stand_hinges(content))

@@ -7,6 +7,7 @@ keyframes the positions of more joints, and the compiled file is compared with t
 from __future__ import annotations
 
 import re
+from collections import defaultdict
 from collections.abc import Collection, Iterable, Mapping
 from typing import Any
 from xml.etree import ElementTree as ET
@@ -238,12 +239,13 @@ def with_unique_names(xml: XmlText, model: Any, arm: Iterable[str], where: str) 
         If an added joint has the name of a joint of the arm: what refers to it would be ambiguous.
     """
     equalities = {e for section in xml.root.iter("equality") for e in section}
-    taken: dict[str, set[str]] = {kind: set() for kind in (*KINDS.values(), "equality")}
+    kinds = {e: "equality" if e in equalities else KINDS.get(e.tag, "") for e in xml.root.iter() if _name(e)}
+    taken: dict[str, set[str]] = defaultdict(set)
     for kind, count in (("body", model.nbody), ("joint", model.njnt), ("site", model.nsite)):
         taken[kind] |= {getattr(model, kind)(k).name for k in range(count)}
     for e in xml.kept():
-        taken[_kind(e, equalities)].add(_name(e)) if _kind(e, equalities) else None
-    added = [(e, _kind(e, equalities)) for e in xml.added()]
+        taken[kinds.get(e, "")].add(_name(e))
+    added = [(e, kinds.get(e, "")) for e in xml.added()]
     renamed: dict[str, dict[str, str]] = {}
     for name, kind in dict.fromkeys((_name(e), kind) for e, kind in added if kind):
         if name in taken[kind]:
@@ -260,11 +262,6 @@ def with_unique_names(xml: XmlText, model: Any, arm: Iterable[str], where: str) 
             if e.get(key) in renamed.get(of, {}):
                 e.set(key, renamed[of][e.get(key, "")])
     return renamed
-
-
-def _kind(e: ET.Element, equalities: set[ET.Element]) -> str:
-    """What the name of an element is one of; "" where it has none."""
-    return ("equality" if e in equalities else KINDS.get(e.tag, "")) if _name(e) else ""
 
 
 def _name(e: ET.Element) -> str:
