@@ -25,7 +25,7 @@ from bayescal.arm.motion import NominalArm
 from bayescal.compensating.position import BASE, Frame, Region, frame_of, uncertainty
 from bayescal.fitted.arm import FittedArm, Poses
 from bayescal.programs.text import Corrected, Target
-from bayescal.programs.tools import Working, nominal_arm, tool_of
+from bayescal.programs.tools import Working, tool_of
 
 MOVED = np.radians(0.01)
 """rad: a joint that moves less keeps its direction, as its lost motion is not crossed (assumed)."""
@@ -68,26 +68,23 @@ def compensated(
         For a frame or tool that does not exist.
     """
     each = {name: tool_of(arm, name, tcp) for name in dict.fromkeys(t.tool or tool for t in targets)}
-    tools = [each[t.tool or tool] for t in targets]
-    arm = next(iter(each.values())).arm if each else arm
+    workings = {w.tool.name: w for w in each.values()}
+    tools = [workings[each[t.tool or tool].tool.name] for t in targets]
+    arm = tools[0].arm if tools else arm
     stand = frame_of(arm, frame)
-    arms = {w.tool.name: nominal_arm(arm.dataset.robot, w.tool) for w in each.values()}
-    arm_of_target = [arms[w.tool.name] for w in tools]
-    goals = np.array([_goal(t, n, stand) for t, n in zip(targets, arm_of_target, strict=True)]).reshape(
-        -1, 4, 4
-    )
-    start = _nominal(arm, targets, arm_of_target, goals, in_sequence)
-    velocity = _velocities(targets, arm_of_target, goals, [s.nominal for s in start])
+    goals = np.array([_goal(t, w.nominal, stand) for t, w in zip(targets, tools, strict=True)])
+    start = _nominal(arm, targets, tools, goals, in_sequence)
+    velocity = _velocities(targets, tools, goals, [s.nominal for s in start])
     out = list(start)
     region = Region.of(arm)
-    for name, nominal in arms.items():
-        mine = [k for k, s in enumerate(start) if not s.reason and tools[k].tool.name == name]
+    for name, working in workings.items():
+        mine = [k for k, s in enumerate(start) if not s.reason and tools[k] is working]
         if mine:
             before = arm.at(
                 np.array([start[k].nominal for k in mine]), tool=name, direction=velocity[mine],
                 payload_kg=np.array([targets[k].payload for k in mine]), time=time, row=row,
             )  # fmt: skip
-            done = _fitted(tools[mine[0]], nominal, stand, region, before, velocity[mine], goals[mine])
+            done = _fitted(working, stand, region, before, velocity[mine], goals[mine])
             for k, one in zip(mine, done, strict=True):
                 out[k] = one if one.reason else replace(one, solutions=start[k].solutions)
     return out
@@ -102,25 +99,22 @@ def _goal(target: Target, nominal: NominalArm, frame: Frame) -> np.ndarray:
 
 
 def _nominal(
-    arm: FittedArm,
-    targets: Sequence[Target],
-    arms: Sequence[NominalArm],
-    goals: np.ndarray,
-    in_sequence: bool,
+    arm: FittedArm, targets: Sequence[Target], tools: Sequence[Working], goals: np.ndarray, in_sequence: bool
 ) -> list[Corrected]:
     """The nominal solution of every target, or the reason why it has none."""
     session = np.unique(arm.dataset.measurements.readings, axis=0)
     by_pose: dict[int, np.ndarray] = {}
-    for one in dict.fromkeys(map(id, arms)):
-        mine = [k for k, t in enumerate(targets) if t.pose is not None and id(arms[k]) == one]
+    for name in dict.fromkeys(w.tool.name for w in tools):
+        mine = [k for k, t in enumerate(targets) if t.pose is not None and tools[k].tool.name == name]
         starts = [targets[k].readings if targets[k].readings is not None else session[0] for k in mine]
         if mine:
-            every = solutions(arms[mine[0]], goals[mine], np.array(starts)[:, None])
+            every = solutions(tools[mine[0]].nominal, goals[mine], np.array(starts)[:, None])
             by_pose |= dict(zip(mine, every, strict=True))
     out: list[Corrected] = []
     readings: np.ndarray | None
     before: np.ndarray | None = None
-    for k, (target, nominal, goal) in enumerate(zip(targets, arms, goals, strict=True)):
+    for k, (target, working, goal) in enumerate(zip(targets, tools, goals, strict=True)):
+        nominal = working.nominal
         if target.pose is None:
             assert target.readings is not None
             if reason := beyond_limits(nominal, nominal.angles_of(target.readings[None])[0]):
@@ -149,7 +143,7 @@ def _nominal(
 
 def _velocities(
     targets: Sequence[Target],
-    arms: Sequence[NominalArm],
+    tools: Sequence[Working],
     goals: np.ndarray,
     nominal: Sequence[np.ndarray | None],
 ) -> np.ndarray:
@@ -158,7 +152,7 @@ def _velocities(
     Of a motion by joint angles it is the difference from the target before; along a straight line, that of
     its end. A joint that does not move keeps its direction, as the lost motion in its gear stays where it is.
     """
-    out = np.zeros((len(targets), arms[0].robot.n if arms else 0))
+    out = np.zeros((len(targets), tools[0].nominal.robot.n if tools else 0))
     last: int | None = None
     for k, (target, readings) in enumerate(zip(targets, nominal, strict=True)):
         if readings is None:
@@ -169,7 +163,7 @@ def _velocities(
             assert before is not None
             way = readings - before
             if target.straight:
-                way = _end_of_line(arms[k], goals[last], goals[k], readings)
+                way = _end_of_line(tools[k].nominal, goals[last], goals[k], readings)
             way = np.where(np.abs(way) > MOVED, way, MOVED * np.sign(out[last]))
         out[k] = way / SECOND if target.velocity is None else target.velocity
         last = k
@@ -188,15 +182,10 @@ def _end_of_line(arm: NominalArm, start: np.ndarray, goal: np.ndarray, readings:
 
 
 def _fitted(
-    working: Working,
-    nominal: NominalArm,
-    frame: Frame,
-    region: Region,
-    before: Poses,
-    velocity: np.ndarray,
-    goals: np.ndarray,
+    working: Working, frame: Frame, region: Region, before: Poses, velocity: np.ndarray, goals: np.ndarray
 ) -> list[Corrected]:
     """Corrected targets of one tool, from the poses `before` at their nominal solutions."""
+    nominal = working.nominal
 
     def reached(readings: np.ndarray, which: np.ndarray) -> np.ndarray:
         return before.again(which, readings=readings, command=readings).tool_frames(nominal.tool_axes)

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -57,6 +58,11 @@ class Working:
         return (
             poses.points if self.probe == self.tool.name else poses.again(tool=names.index(self.probe)).points
         )
+
+    @cached_property
+    def nominal(self) -> NominalArm:
+        """The nominal arm with the tool."""
+        return nominal_arm(self.arm.dataset.robot, self.tool)
 
     @property
     def pose(self) -> np.ndarray:

@@ -143,18 +143,13 @@ class Simulator:
 
     def carry(self, load: Load, payload: float) -> None:
         """Take a tool, and a further mass, kg, at its centre of mass."""
-        for name, mass, centre in (
-            ("tool", load.mass, load.centre),
-            ("payload", load.factor * payload, np.zeros(3)),
+        for name, mass, place, point in (
+            ("tool", load.mass, self.model.body_ipos, load.centre),
+            ("payload", load.factor * payload, self.model.body_pos, load.hangs_at),
         ):
             body = self._id("BODY", name)
-            if body < 0:  # a rigid arm in a file of the user has no mass of the tool
-                continue
-            self.model.body_mass[body] = mass
-            if name == "tool":
-                self.model.body_ipos[body] = centre
-            else:
-                self.model.body_pos[body] = load.hangs_at
+            if body >= 0:  # a rigid arm in a file of the user has no mass of the tool
+                self.model.body_mass[body], place[body] = mass, point
         self.mj.mj_setConst(self.model, self.data)
 
     def take(self, poses: Mapping[str, np.ndarray]) -> None:
