@@ -48,6 +48,7 @@ TEMPLATES = Environment(
     lstrip_blocks=True,
     keep_trailing_newline=True,
 )
+"""Templates of new files; values are escaped."""
 TEMPLATES.filters |= {
     "number": number,
     "numbers": numbers,
@@ -55,7 +56,6 @@ TEMPLATES.filters |= {
     "rpy": lambda pose: numbers(rpy_of(pose[:3, :3])),
     "quat": lambda pose: numbers(Rotation.from_matrix(pose[:3, :3]).as_quat()[[3, 0, 1, 2]]),
 }
-"""Templates of new files; values are escaped."""
 
 
 def rendered(template: str, **fields: object) -> str:

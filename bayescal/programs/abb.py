@@ -26,7 +26,6 @@ from bayescal.programs.text import (
     Slot,
     Target,
     after_line,
-    degrees_of,
     lengths_of,
     numbers_in,
 )
@@ -177,7 +176,6 @@ ABB = Format(
     "abb",
     (".mod", ".modx", ".prg", ".sys"),
     _read,
-    degrees_of,
     "ABB RAPID: robtarget and jointtarget values",
     _pose,
     after_line(r"^[ \t]*MODULE\b", "  ! "),

@@ -28,7 +28,6 @@ from bayescal.programs.text import (
     Slot,
     Target,
     after_line,
-    degrees_of,
     lengths_of,
 )
 from bayescal.programs.tools import ToolStatement
@@ -157,7 +156,6 @@ KUKA = Format(
     "kuka",
     (".src", ".dat"),
     _read,
-    degrees_of,
     "KUKA .src and .dat: E6POS, POS, E6AXIS, AXIS in declarations, assignments and motions",
     _pose,
     after_line(r"^[ \t]*(?:GLOBAL\s+)?(?:DEF|DEFFCT|DEFDAT)\b", "; "),

@@ -85,6 +85,11 @@ class Number:
     decimals: int
 
 
+def degrees_of(readings: np.ndarray) -> list[Number]:
+    """Readings (n,), rad, in degrees."""
+    return [Number(x, ANGLE) for x in np.degrees(readings).tolist()]
+
+
 @dataclass(frozen=True)
 class Slot:
     """A position in the text of a program: its target, its name, and where each of its numbers stands.
@@ -157,8 +162,6 @@ class Format:
         Of files; small letters.
     read : callable
         Program of a text, for an arm of n joints.
-    joints : callable
-        Numbers of a joint position in the order of its spans, from readings (n,), rad.
     summary : str
         What is read.
     pose : callable, optional
@@ -168,16 +171,18 @@ class Format:
         The program with a comment; without it the format has none.
     dialect : Dialect, optional
         Of probing programs; without it there are none.
+    joints : callable
+        Numbers of a joint position in the order of its spans, from readings (n,), rad; by default in degrees.
     """
 
     name: str
     suffixes: tuple[str, ...]
     read: Callable[[str, int], Program]
-    joints: Callable[[np.ndarray], Iterable[Number]]
     summary: str
     pose: Callable[[np.ndarray, np.ndarray, Sequence[float]], Iterable[Number]] | None = None
     remarked: Callable[[str, str], str] | None = None
     dialect: Dialect | None = None
+    joints: Callable[[np.ndarray], Iterable[Number]] = degrees_of
 
 
 def line_of(text: str, place: int) -> int:
@@ -222,11 +227,6 @@ class Code(str):
 def numbers_in(match: re.Match[str], count: int) -> tuple[tuple[int, int], ...]:
     """Where the first groups of a match stand in the text."""
     return tuple(match.span(group) for group in range(1, count + 1))
-
-
-def degrees_of(readings: np.ndarray) -> list[Number]:
-    """Readings (n,), rad, in degrees."""
-    return [Number(x, ANGLE) for x in np.degrees(readings).tolist()]
 
 
 def lengths_of(pose: np.ndarray) -> list[Number]:
@@ -315,4 +315,4 @@ def _read(text: str, n: int) -> Program:
     return Program(tuple(slots))
 
 
-ROBODK = Format("robodk", (".csv",), _read, degrees_of, "RoboDK CSV: joints in degrees in the first columns")
+ROBODK = Format("robodk", (".csv",), _read, "RoboDK CSV: joints in degrees in the first columns")

@@ -172,7 +172,6 @@ URSCRIPT = Format(
     "urscript",
     (".script", ".urscript"),
     _read,
-    _joints,
     "URScript: p[...] and joint lists of movej, movel, movep, movec, servoj, servoc",
     remarked=after_line(r"^\s*def\b.*:", "  # "),
     dialect=Dialect(
@@ -185,4 +184,5 @@ URSCRIPT = Format(
         "0",
         force="bc_force() > {}",
     ),
+    joints=_joints,
 )
