@@ -104,17 +104,17 @@ class Poses:
         driven = partial(self.circumstance.driven, self.arm.dataset.measurements)
         return self.arm.beyond.errors(self.model, self.arm.values, driven)
 
-    def moved_by(self, further: Sequence[Parameter]) -> np.ndarray:
-        """Displacements (C, 3, K), m, of the points by a standard deviation of each of K more parameters."""
+    def slopes_with(self, further: Sequence[Parameter]) -> np.ndarray:
+        """Derivatives (C, 3, P + K) by the parameters, and displacements, m, by the sd of K further ones."""
         wide = replace(self.model, parameters=(*self.model.parameters, *further))
         values = np.append(self.arm.values, np.zeros(len(further)))
-        by = slopes_of(wide.motion(self.rows), values)[..., len(self.arm.values) :]
-        return by * np.array([p.sd for p in further])
+        units = np.append(np.ones(len(self.arm.values)), [p.sd for p in further])
+        return slopes_of(wide.motion(self.rows), values) * units
 
     @cached_property
     def by_all(self) -> np.ndarray:
         """Derivatives (C, 3, P + K) by the parameters, and displacements by the K unit errors."""
-        return np.concatenate([self.by_parameters, self.moved_by(self.errors)], axis=-1)
+        return self.slopes_with(self.errors)
 
     @property
     def covariance(self) -> np.ndarray:

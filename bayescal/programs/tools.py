@@ -49,7 +49,7 @@ class Working:
 
     def covariance(self, poses: Poses) -> np.ndarray:
         """Covariance (C, 3, 3), m2, of the points by errors of a tool that was not fitted, in F0."""
-        by = poses.moved_by(self.flange)
+        by = poses.slopes_with(self.flange)[..., len(poses.arm.values) :]
         return by @ np.swapaxes(by, -1, -2) + self.u**2 * np.eye(3)
 
     def probed(self, poses: Poses) -> np.ndarray:
