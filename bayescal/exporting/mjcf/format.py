@@ -18,43 +18,12 @@ from bayescal.effects.tool import TOOL
 from bayescal.exporting.geometry import carries
 from bayescal.exporting.mjcf import replay
 from bayescal.exporting.mjcf.elastic import STATE, UNHELD, Content, springless, sprung
-from bayescal.exporting.mjcf.mechanism import Mechanism, loads, mechanism, names
-from bayescal.exporting.mjcf.readings import DAMPED, STIFF, Joints, Law, bare, law_of, parts, shown
+from bayescal.exporting.mjcf.mechanism import PARTS, loads, mechanism, merge, merge_held, names
+from bayescal.exporting.mjcf.readings import DAMPED, STIFF, Joints, bare, law_of, shown
 from bayescal.exporting.written import Format, Item, Options, Written, item
-from bayescal.exporting.xml_text import TEMPLATES, rendered
+from bayescal.exporting.xml_text import rendered
 from bayescal.fitted.arm import FittedArm
 from bayescal.storage.files import json_text
-
-PARTS: Any = TEMPLATES.get_template("parts.mjcf.j2").module
-"""Macros of the elements that are added to a file."""
-
-
-def elements(text: str) -> list[ET.Element]:
-    """Elements of an XML text."""
-    return list(ET.fromstring(f"<parts>{text}</parts>"))
-
-
-def merge(root: ET.Element, text: str) -> None:
-    """Append the parts of the sections of a file to those of another one."""
-    for part in ET.fromstring(text):
-        old = root.find(part.tag)
-        if len(part):
-            (ET.SubElement(root, part.tag) if old is None else old).extend(part)
-
-
-def merge_held(
-    root: ET.Element, content: Content, mechanism: Mechanism, law: Law, joints: Joints,
-    names: Mapping[str, str] | None = None,
-) -> None:  # fmt: skip
-    """Append what holds the hinges: dead bands of springs, and the parts of errors of the readings.
-
-    `names` are those of the hinges in the file, if they differ.
-    """
-    hinges = [h for b in mechanism.bodies for h in b.hinges if h.spring is not None]
-    springs = {h.name if names is None else names[h.name]: h.spring for h in hinges}
-    moments = content.arm.model.scene.moments
-    torques = np.zeros(1) if moments is None else np.abs(moments[:, 1:, 2])
-    merge(root, PARTS.held(springs=springs, **parts(law, joints, torques)))
 
 
 def mjcf(arm: FittedArm, row: int, script: bool = False) -> str:

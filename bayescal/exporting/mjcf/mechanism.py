@@ -1,8 +1,11 @@
-"""The fitted arm as a mechanism: bodies in series with their hinges, springs and masses."""
+"""The fitted arm as a mechanism, bodies in series with their hinges, springs and masses, and its elements."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from typing import Any
+from xml.etree import ElementTree as ET
 
 import numpy as np
 
@@ -20,7 +23,8 @@ from bayescal.exporting.mjcf.elastic import (
     link_hinges,
     stand_hinges,
 )
-from bayescal.exporting.mjcf.readings import Law, erring, error
+from bayescal.exporting.mjcf.readings import Joints, Law, erring, error, parts
+from bayescal.exporting.xml_text import TEMPLATES
 
 Z = np.array([0.0, 0.0, 1.0])
 GYRATION = 0.08
@@ -190,3 +194,35 @@ def _load(content: Content, number: int, tool: Tool) -> Load:
     factor = 1.0 + fitted.get("added share", 0.0)
     # the shift is of the stated mass
     return Load(tool.name, tip, mass, balanced, centre + moved / factor, factor)
+
+
+PARTS: Any = TEMPLATES.get_template("parts.mjcf.j2").module
+"""Macros of the elements that are added to a file."""
+
+
+def elements(text: str) -> list[ET.Element]:
+    """Elements of an XML text."""
+    return list(ET.fromstring(f"<parts>{text}</parts>"))
+
+
+def merge(root: ET.Element, text: str) -> None:
+    """Append the parts of the sections of a file to those of another one."""
+    for part in ET.fromstring(text):
+        old = root.find(part.tag)
+        if len(part):
+            (ET.SubElement(root, part.tag) if old is None else old).extend(part)
+
+
+def merge_held(
+    root: ET.Element, content: Content, mechanism: Mechanism, law: Law, joints: Joints,
+    names: Mapping[str, str] | None = None,
+) -> None:  # fmt: skip
+    """Append what holds the hinges: dead bands of springs, and the parts of errors of the readings.
+
+    `names` are those of the hinges in the file, if they differ.
+    """
+    hinges = [h for b in mechanism.bodies for h in b.hinges if h.spring is not None]
+    springs = {h.name if names is None else names[h.name]: h.spring for h in hinges}
+    moments = content.arm.model.scene.moments
+    torques = np.zeros(1) if moments is None else np.abs(moments[:, 1:, 2])
+    merge(root, PARTS.held(springs=springs, **parts(law, joints, torques)))

@@ -16,8 +16,7 @@ import numpy as np
 
 from bayescal.arm.transforms import rigid, rotation
 from bayescal.errors import BayescalError
-from bayescal.exporting.mjcf.format import PARTS
-from bayescal.exporting.mjcf.mechanism import Mechanism
+from bayescal.exporting.mjcf.mechanism import PARTS, Mechanism
 from bayescal.exporting.mjcf.readings import Joints, Law, posture
 from bayescal.exporting.mjcf.scene_arm import FoundArm, SceneFile, compiled
 from bayescal.exporting.same_arm import Match

@@ -17,8 +17,7 @@ from scipy.spatial.transform import Rotation
 from bayescal.arm.transforms import rigid
 from bayescal.errors import BayescalError
 from bayescal.exporting.mjcf.elastic import Content
-from bayescal.exporting.mjcf.format import PARTS, elements, merge_held
-from bayescal.exporting.mjcf.mechanism import MOST, Body, Mechanism, mechanism
+from bayescal.exporting.mjcf.mechanism import MOST, PARTS, Body, Mechanism, elements, mechanism, merge_held
 from bayescal.exporting.mjcf.readings import Joints, Law, bare, law_of
 from bayescal.exporting.mjcf.scene_arm import (
     FoundArm,
