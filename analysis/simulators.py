@@ -25,7 +25,8 @@ from bayescal.model import build
 from bayescal.model.equilibrium import standing_model
 from bayescal.model.scene import Scene
 from bayescal.simulation import Options, simulate
-from bayescal.verifying.levels import TOGETHER, TOGETHER_RMS, File, Machine, Place, limit, modelled, replayed
+from bayescal.verifying.levels import TOGETHER, TOGETHER_RMS, Machine, limit, modelled
+from bayescal.verifying.simulator import File
 
 ROBOTS = ("fanuc-lrmate200ic", "universal-robots-ur5e", "franka-panda")
 BASE = ("geometry", "compliance")
@@ -85,9 +86,7 @@ def differences(arm: FittedArm, poses: int, file: File | None = None) -> tuple[n
     rows = np.unique(np.linspace(0, len(arm.dataset.measurements.ids) - 1, poses).astype(int))
     state = int(rows[-1])
     file = file or File.new(arm, state)
-    machine = Machine.of(arm, state, file.place)
-    simulator = machine.simulator(file.text, file.folder, file.name)
-    reached, points = replayed(simulator, machine, arm, rows)
+    reached, points = Machine.of(arm, state, file).replayed(rows)
     model = modelled(arm, rows, reached, state)
     without = modelled(arm.level(arm.levels[-2]), rows, reached, state)
     size = float(np.sqrt(np.mean(np.sum((model - without) ** 2, axis=1))))
@@ -97,7 +96,7 @@ def differences(arm: FittedArm, poses: int, file: File | None = None) -> tuple[n
 def patched(arm: FittedArm, into: Path) -> File:
     """The file of an arm in a scene."""
     found = export(arm, "mjcf", into=str(into), force=True)
-    return File(str(found.written.content), into.parent, into.name, Place.of(arm, found.record(into.name)))
+    return File.of(arm, str(found.written.content), into, found.record(into.name))
 
 
 def main() -> None:

@@ -5,8 +5,11 @@ from dataclasses import replace
 import numpy as np
 from sessions import simulated
 
+from bayescal.arm.chain import chain_of, frames, link_angles
 from bayescal.estimate import estimate
+from bayescal.exporting.geometry import constant_displacements
 from bayescal.fitted.arm import of_estimate
+from bayescal.fitted.unmodelled import state_row
 from bayescal.model import build
 from bayescal.model.scene import Scene
 from bayescal.robots import load_robot
@@ -36,3 +39,11 @@ def fake(session, effects, seed=0, scale=0.7):
 def robot_of(path, tmp_path):
     """A robot from a file."""
     return load_robot(str(path), tmp_path)[0]
+
+
+def calibrated_frames(arm, state=None):
+    """Frames 0 to n and the flange (C, n + 2, 4, 4), by the constant geometry, in the rows of the session."""
+    robot, readings = arm.dataset.robot, arm.dataset.measurements.readings
+    delta = constant_displacements(arm.model, arm.values, state_row(arm.dataset, row=state))
+    moved = np.tile(delta, (len(readings), 1, 1))
+    return frames(chain_of(robot), link_angles(robot, readings), moved)

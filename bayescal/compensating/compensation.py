@@ -58,27 +58,23 @@ def read_targets(path: Path, n: int, payload_kg: float = 0.0) -> TargetTable:
     """
     table = read_cells(path, lambda header, where: _check_header(header, where, n))
     count = len(table.line)
-    nothing = [None] * count
     xyz, rpy = table.block(XYZ, True), table.block(RPY, True)
-    poses: Sequence[np.ndarray | None] = nothing
-    if xyz is not None and rpy is not None:
-        poses = [rigid(r, p) for r, p in zip(rpy_matrix(rpy), xyz, strict=True)]
-    readings = table.block(joint_columns("deg", n), True)
-    velocity = table.block(joint_columns("degps", n), True)
-    payload = table.optional("payload_kg", True)
+    payload, tools = table.optional("payload_kg", True), table.texts("tool")
     if payload is not None:
         table.first(payload < 0, "`payload_kg` is {payload_kg}", "give a mass of 0 or more")
-    tools = table.texts("tool")
+    given: dict[str, Sequence[Any] | np.ndarray | None] = {
+        "readings": table.block(joint_columns("deg", n), True),
+        "velocity": table.block(joint_columns("degps", n), True),
+        "payload": [payload_kg] * count if payload is None else payload.tolist(),
+    }
+    if xyz is not None and rpy is not None:
+        given["pose"] = [rigid(r, p) for r, p in zip(rpy_matrix(rpy), xyz, strict=True)]
+    if tools is not None:
+        given["tool"] = [str(tool) or None for tool in tools]
+    columns = {name: column for name, column in given.items() if column is not None}
     targets = tuple(
-        Target(
-            f"{table.name}:{table.line[k]}",
-            poses[k],
-            None if readings is None else readings[k],
-            velocity=None if velocity is None else velocity[k],
-            payload=payload_kg if payload is None else float(payload[k]),
-            tool=None if tools is None else str(tools[k]) or None,
-        )
-        for k in range(count)
+        Target(f"{table.name}:{line}", **{name: column[k] for name, column in columns.items()})
+        for k, line in enumerate(table.line)
     )
     rows = tuple(zip(*table.cells.values(), strict=True))
     newline = "\r\n" if b"\r\n" in table.content else "\n"

@@ -10,16 +10,16 @@ does not exceed with a probability of 95.45 %: that of the uncertainty budget of
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import nnls
 
 from bayescal.arm.transforms import rigid
 from bayescal.assess.budget import COVERAGE
+from bayescal.effects import Parameter
 from bayescal.errors import BayescalError
-from bayescal.fitted.arm import FittedArm, Poses, padded, unit_errors
+from bayescal.fitted.arm import FittedArm, Poses
 from bayescal.fitted.point import lost_motion
 from bayescal.model.block import Block
 from bayescal.programs.tools import Working, axes_of, tool_of
@@ -81,50 +81,49 @@ STEP = 1e-6  # m and rad: of a target's state, for its slopes
 
 @dataclass(frozen=True)
 class Frame:
-    """A frame by its nominal pose and the pose that was found, (4, 4) in F0.
-
-    That of a target has the target's rows, its state, and the values of the arm for which it was found.
-    """
+    """A frame by its nominal pose and the pose that was found, (4, 4) in F0."""
 
     nominal: np.ndarray
     fitted: np.ndarray
-    block: Block | None = None
-    state: np.ndarray | None = None
-    values: np.ndarray | None = None  # (P + K,)
-    units: np.ndarray | None = None  # (P + K,) of the errors in the columns of the block
-    noise: np.ndarray | None = None  # (C,) m, of every measurement of the target
 
     def moved(self, poses: Poses) -> tuple[np.ndarray, np.ndarray]:
         """Slopes (C, 3, P + K) of points relative to the frame, and the covariance (C, 3, 3), m2, of its own.
 
-        In F0. The target follows the errors that the arm had where it was measured.
+        In F0.
         """
-        if self.block is None:
-            return poses.by_all, np.zeros((len(poses.points), 3, 3))
-        by_arm, of_target = self._carried(poses.points)
-        return poses.by_all - by_arm, of_target
+        return poses.by_all, np.zeros((len(poses.points), 3, 3))
 
-    def _carried(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Displacements (C, 3, P + K) of points fixed to the target by the arm, and their own covariance."""
-        assert self.block is not None
-        assert self.state is not None
-        assert self.values is not None
-        assert self.units is not None
-        assert self.noise is not None
-        b, x = self.block, self.state
+
+@dataclass(frozen=True)
+class TargetFrame(Frame):
+    """The frame of a target: its rows, its state, and the arm for which it was found.
+
+    The `errors` (K) are those beyond the parameters of the arm, in the last columns of the block.
+    """
+
+    arm: FittedArm
+    block: Block
+    state: np.ndarray
+    errors: tuple[Parameter, ...]
+
+    def moved(self, poses: Poses) -> tuple[np.ndarray, np.ndarray]:
+        """As of any frame; the target follows the errors that the arm had where it was measured."""
+        b, x, values = self.block, self.state, self.arm.values
         z = x[b.free] / b.sd
-        _, by_arm, by_own = b.linearise(self.values, z)
-        sigma = np.tile(self.noise, b.kind.rows)[:, None]
-        a, c = by_own / sigma, by_arm * self.units / sigma
+        _, by_arm, by_state = b.linearise(np.append(values, np.zeros(len(self.errors))), z)
+        by_arm = by_arm * np.append(np.ones(len(values)), [p.sd for p in self.errors])
+        sigma = np.tile(self.arm.beyond.noise_of(b), b.kind.rows)[:, None]
+        a, c = by_state / sigma, by_arm / sigma
         information = a.T @ a + np.eye(b.size)
         follows = -np.linalg.solve(information, a.T @ c)  # (size, P + K)
-        local = np.column_stack([points, np.ones(len(points))]) @ np.linalg.inv(self.fitted).T
-        moved = np.empty((len(points), 3, b.size))
+        local = np.column_stack([poses.points, np.ones(len(poses.points))]) @ np.linalg.inv(self.fitted).T
+        moved = np.empty((len(local), 3, b.size))
         for k, coordinate in enumerate(b.free):
             step = STEP * np.eye(len(x))[coordinate]
             ends = [local @ pose_of(b.kind.describe(x + s * step)).T for s in (1, -1)]
             moved[:, :, k] = (ends[0] - ends[1])[:, :3] / (2 * STEP) * b.sd[k]
-        return moved @ follows, moved @ np.linalg.inv(information) @ np.swapaxes(moved, 1, 2)
+        of_target = moved @ np.linalg.inv(information) @ np.swapaxes(moved, 1, 2)
+        return poses.by_all - moved @ follows, of_target
 
 
 def pose_of(described: dict[str, np.ndarray | float]) -> np.ndarray:
@@ -153,18 +152,15 @@ def frame_of(arm: FittedArm, name: str) -> Frame:
         raise BayescalError("the fit did not locate this target", where, f"give one of: {fitted}")
     index, m = names.index(name), dataset.measurements
     rows = np.flatnonzero((m.target == index) & (m.role == "calibrate") & ~np.isin(m.ids, arm.rejected))
-    wide = arm.beyond.widened(arm.model, arm.values)
-    block = wide.block(index, rows)
+    errors = arm.beyond.errors(arm.model, arm.values)
+    block = replace(arm.model, parameters=(*arm.model.parameters, *errors)).block(index, rows)
     state = arm.states[name]
     described = block.kind.describe(state)
     if not {"frame", "centre"} & set(described):
         kind = dataset.targets[index].kind
         raise BayescalError(f"a {kind} has no frame", where, "give an instrument, a sphere or a fixed point")
     nominal = pose_of(block.kind.describe(np.zeros(len(state))))
-    return Frame(
-        nominal, pose_of(described), block, state, padded(arm.values, wide),
-        unit_errors(wide, len(arm.values)), arm.beyond.noise_of(block),
-    )  # fmt: skip
+    return TargetFrame(nominal, pose_of(described), arm, block, state, errors)
 
 
 FEWEST_DOF = 1.0
@@ -195,24 +191,18 @@ class Positions:
     inside: np.ndarray  # (C,) bool: within the region that the session has probed
 
 
-def uncertainty(
-    working: Working,
-    frame: Frame,
-    poses_at: Callable[[np.ndarray, np.ndarray, np.ndarray], Poses],
-    velocity: np.ndarray,
-    poses: Poses,
-) -> Uncertain:
+def uncertainty(working: Working, frame: Frame, poses: Poses, velocity: np.ndarray) -> Uncertain:
     """Uncertainty of the points of an arm relative to a frame, along the axes of F0.
 
     Parameters
     ----------
     working : Working
     frame : Frame
-    poses_at, velocity, poses
-        As of `lost_motion`, with the working tool.
+    poses, velocity
+        Of the working tool; as of `lost_motion`.
     """
     by, of_frame = frame.moved(poses)
-    off = lost_motion(working.arm, poses_at, poses.readings, velocity, poses)
+    off = lost_motion(poses, velocity)
     covariance = (
         poses.spread_by(by) + of_frame + np.einsum("cji,cjk->cik", off, off) + working.covariance(poses)
     )
@@ -283,23 +273,10 @@ def positions(
     arm = working.arm
     stand = frame_of(arm, frame)
 
-    def at(q: np.ndarray, which: np.ndarray, more: np.ndarray | float = 0.0) -> Poses:
-        return arm.at(q, tool=working.tool.name, payload_kg=payload[which], direction=way[which] + more,
-                      time=time, row=row)  # fmt: skip
-
-    every = np.arange(len(readings))
-    poses = at(readings, every)
-    in_base = uncertainty(working, stand, at, way, poses)
-    inside = Region.of(arm).contains(
-        working.probed(
-            poses,
-            lambda name: arm.at(readings, tool=name, payload_kg=payload, direction=way, time=time, row=row),
-        ),
-        readings,
-    )
-    here = poses.flange.copy()
-    here[:, :3, :3] = here[:, :3, :3] @ axes_of(working.tool)
-    here[:, :3, 3] = poses.points
+    poses = arm.at(readings, tool=working.tool.name, payload_kg=payload, direction=way, time=time, row=row)
+    in_base = uncertainty(working, stand, poses, way)
+    inside = Region.of(arm).contains(working.probed(poses), readings)
+    here = poses.tool_frames(axes_of(working.tool))
     turn = stand.fitted[:3, :3]
     in_frame = Uncertain(turn.T @ in_base.covariance @ turn, in_base.expanded)
     return Positions(frame, readings, np.linalg.inv(stand.fitted) @ here, in_frame, inside)

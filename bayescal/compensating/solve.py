@@ -7,7 +7,8 @@ is brought to the target by the same search, with all fitted effects acting at t
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -24,7 +25,7 @@ from bayescal.arm.motion import NominalArm
 from bayescal.compensating.position import BASE, Frame, Region, frame_of, uncertainty
 from bayescal.fitted.arm import FittedArm, Poses
 from bayescal.programs.text import Corrected, Target
-from bayescal.programs.tools import Working, nominal_arm, tool_of
+from bayescal.programs.tools import Working, tool_of
 
 MOVED = np.radians(0.01)
 """rad: a joint that moves less keeps its direction, as its lost motion is not crossed (assumed)."""
@@ -67,27 +68,25 @@ def compensated(
         For a frame or tool that does not exist.
     """
     each = {name: tool_of(arm, name, tcp) for name in dict.fromkeys(t.tool or tool for t in targets)}
-    tools = [each[t.tool or tool] for t in targets]
-    arm = next(iter(each.values())).arm if each else arm
+    workings = {w.tool.name: w for w in each.values()}
+    tools = [workings[each[t.tool or tool].tool.name] for t in targets]
+    arm = tools[0].arm if tools else arm
     stand = frame_of(arm, frame)
-    arms = {w.tool.name: nominal_arm(arm.dataset.robot, w.tool) for w in each.values()}
-    arm_of_target = [arms[w.tool.name] for w in tools]
-    goals = np.array([_goal(t, n, stand) for t, n in zip(targets, arm_of_target, strict=True)]).reshape(
-        -1, 4, 4
-    )
-    start = _nominal(arm, targets, arm_of_target, goals, in_sequence)
-    velocity = _velocities(targets, arm_of_target, goals, [s.nominal for s in start])
+    goals = np.array([_goal(t, w.nominal, stand) for t, w in zip(targets, tools, strict=True)])
+    start = _nominal(arm, targets, tools, goals, in_sequence)
+    velocity = _velocities(targets, tools, goals, [s.nominal for s in start])
     out = list(start)
     region = Region.of(arm)
-    for name, nominal in arms.items():
-        mine = [k for k, s in enumerate(start) if not s.reason and tools[k].tool.name == name]
+    for name, working in workings.items():
+        mine = [k for k, s in enumerate(start) if not s.reason and tools[k] is working]
         if mine:
-            state = {"time": time, "row": row}
-            payload = np.array([targets[k].payload for k in mine])
-            done = _fitted(tools[mine[0]], nominal, stand, region, [start[k] for k in mine],
-                           goals[mine], velocity[mine], payload, state)  # fmt: skip
+            before = arm.at(
+                np.array([start[k].nominal for k in mine]), tool=name, direction=velocity[mine],
+                payload_kg=np.array([targets[k].payload for k in mine]), time=time, row=row,
+            )  # fmt: skip
+            done = _fitted(working, stand, region, before, velocity[mine], goals[mine])
             for k, one in zip(mine, done, strict=True):
-                out[k] = one
+                out[k] = one if one.reason else replace(one, solutions=start[k].solutions)
     return out
 
 
@@ -100,25 +99,22 @@ def _goal(target: Target, nominal: NominalArm, frame: Frame) -> np.ndarray:
 
 
 def _nominal(
-    arm: FittedArm,
-    targets: Sequence[Target],
-    arms: Sequence[NominalArm],
-    goals: np.ndarray,
-    in_sequence: bool,
+    arm: FittedArm, targets: Sequence[Target], tools: Sequence[Working], goals: np.ndarray, in_sequence: bool
 ) -> list[Corrected]:
     """The nominal solution of every target, or the reason why it has none."""
     session = np.unique(arm.dataset.measurements.readings, axis=0)
     by_pose: dict[int, np.ndarray] = {}
-    for one in dict.fromkeys(map(id, arms)):
-        mine = [k for k, t in enumerate(targets) if t.pose is not None and id(arms[k]) == one]
+    for name in dict.fromkeys(w.tool.name for w in tools):
+        mine = [k for k, t in enumerate(targets) if t.pose is not None and tools[k].tool.name == name]
         starts = [targets[k].readings if targets[k].readings is not None else session[0] for k in mine]
         if mine:
-            every = solutions(arms[mine[0]], goals[mine], np.array(starts)[:, None])
+            every = solutions(tools[mine[0]].nominal, goals[mine], np.array(starts)[:, None])
             by_pose |= dict(zip(mine, every, strict=True))
     out: list[Corrected] = []
     readings: np.ndarray | None
     before: np.ndarray | None = None
-    for k, (target, nominal, goal) in enumerate(zip(targets, arms, goals, strict=True)):
+    for k, (target, working, goal) in enumerate(zip(targets, tools, goals, strict=True)):
+        nominal = working.nominal
         if target.pose is None:
             assert target.readings is not None
             if reason := beyond_limits(nominal, nominal.angles_of(target.readings[None])[0]):
@@ -147,7 +143,7 @@ def _nominal(
 
 def _velocities(
     targets: Sequence[Target],
-    arms: Sequence[NominalArm],
+    tools: Sequence[Working],
     goals: np.ndarray,
     nominal: Sequence[np.ndarray | None],
 ) -> np.ndarray:
@@ -156,7 +152,7 @@ def _velocities(
     Of a motion by joint angles it is the difference from the target before; along a straight line, that of
     its end. A joint that does not move keeps its direction, as the lost motion in its gear stays where it is.
     """
-    out = np.zeros((len(targets), arms[0].robot.n if arms else 0))
+    out = np.zeros((len(targets), tools[0].nominal.robot.n if tools else 0))
     last: int | None = None
     for k, (target, readings) in enumerate(zip(targets, nominal, strict=True)):
         if readings is None:
@@ -167,7 +163,7 @@ def _velocities(
             assert before is not None
             way = readings - before
             if target.straight:
-                way = _end_of_line(arms[k], goals[last], goals[k], readings)
+                way = _end_of_line(tools[k].nominal, goals[last], goals[k], readings)
             way = np.where(np.abs(way) > MOVED, way, MOVED * np.sign(out[last]))
         out[k] = way / SECOND if target.velocity is None else target.velocity
         last = k
@@ -186,53 +182,33 @@ def _end_of_line(arm: NominalArm, start: np.ndarray, goal: np.ndarray, readings:
 
 
 def _fitted(
-    working: Working,
-    nominal: NominalArm,
-    frame: Frame,
-    region: Region,
-    start: Sequence[Corrected],
-    goals: np.ndarray,
-    velocity: np.ndarray,
-    payload: np.ndarray,
-    state: Mapping[str, object],
+    working: Working, frame: Frame, region: Region, before: Poses, velocity: np.ndarray, goals: np.ndarray
 ) -> list[Corrected]:
-    """Corrected targets of one tool, all with a nominal solution."""
-    arm = working.arm
-
-    def at(
-        readings: np.ndarray, which: np.ndarray, more: np.ndarray | float = 0.0, tool: str = working.tool.name
-    ) -> Poses:
-        way = velocity[which] + more
-        return arm.at(readings, tool=tool, payload_kg=payload[which], direction=way, **state)  # type: ignore[arg-type]
+    """Corrected targets of one tool, from the poses `before` at their nominal solutions."""
+    nominal = working.nominal
 
     def reached(readings: np.ndarray, which: np.ndarray) -> np.ndarray:
-        poses = at(readings, which)
-        here = poses.flange.copy()
-        here[:, :3, :3] = here[:, :3, :3] @ nominal.tool_axes
-        here[:, :3, 3] = poses.points
-        return here
+        return before.again(which, readings=readings, command=readings).tool_frames(nominal.tool_axes)
 
-    every = np.arange(len(start))
-    before = np.array([s.nominal for s in start])
     low, high = nominal.robot.limits.T
-    begin = nominal.angles_of(before)
+    begin = nominal.angles_of(before.readings)
     angles, converged = descend(to_poses(nominal, goals, reached), begin, np.minimum(low, begin.min(axis=0)),
                             np.maximum(high, begin.max(axis=0)))  # fmt: skip
     readings = nominal.readings_of(angles)
-    poses = at(readings, every)
-    spread = uncertainty(working, frame, at, velocity, poses)
-    probed = working.probed(poses, lambda name: at(readings, every, tool=name))
-    inside = region.contains(probed, readings)
-    error = np.linalg.norm(at(before, every).points - goals[:, :3, 3], axis=1)
+    poses = before.again(readings=readings, command=readings)
+    spread = uncertainty(working, frame, poses, velocity)
+    inside = region.contains(working.probed(poses), readings)
+    error = np.linalg.norm(before.points - goals[:, :3, 3], axis=1)
     stated = np.linalg.inv(frame.nominal) @ nominal.tool_poses(nominal.frames(readings))
-    out = []
-    for k in range(len(start)):
-        if not converged[k]:
-            out.append(Corrected(_stuck(nominal, angles[k])))
-            continue
-        out.append(Corrected("", readings[k], stated[k], before[k], start[k].solutions, float(spread.u[k]),
-                             float(error[k]), bool(inside[k]), float(spread.expanded[k])))  # fmt: skip
-    return out
+    return [
+        Corrected(
+            readings=readings[k], pose=stated[k], nominal=before.readings[k], u=float(spread.u[k]),
+            error=float(error[k]), inside=bool(inside[k]), expanded=float(spread.expanded[k]),
+        )
+        if converged[k]
+        else Corrected(_stuck(nominal, angles[k]))
+        for k in range(len(goals))
+    ]  # fmt: skip
 
 
 def _stuck(arm: NominalArm, angles: np.ndarray) -> str:

@@ -1,8 +1,8 @@
 """Digital Calibration Certificate (DCC 3.3.0, PTB) of a calibrated arm.
 
 Administrative data are those that the issuer gives: nothing is invented. Results are those of the budgets of
-the fit, as quantities of the D-SI with their expanded uncertainty. A certificate is validated by a user's
-copy of the schema: dcc.xsd, with SI_Format.xsd beside it.
+the fit, as quantities of the D-SI with their expanded uncertainty; their elements are in `templates`. A
+certificate is validated by a user's copy of the schema: dcc.xsd, with SI_Format.xsd beside it.
 """
 
 from __future__ import annotations
@@ -10,9 +10,10 @@ from __future__ import annotations
 import datetime
 import warnings
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
-from xml.etree.ElementTree import Element, indent, register_namespace, tostring
+from xml.etree.ElementTree import register_namespace
 
 import numpy as np
 from pydantic import Field, ValidationError
@@ -23,7 +24,7 @@ from bayescal.assess.inputs import Basis
 from bayescal.assess.iso9283 import Iso9283, iso9283
 from bayescal.assess.measurand import parameter, volume
 from bayescal.errors import BayescalError
-from bayescal.exporting.xml_text import element
+from bayescal.exporting.xml_text import indented, rendered
 from bayescal.storage.files import Keys, check_schema, read_document
 
 SCHEMA = "bayescal-certificate/1"
@@ -104,8 +105,6 @@ def read_entries(path: Path) -> Entries:
 
 
 DCC, SI = "https://ptb.de/dcc", "https://ptb.de/si"
-XSI = "http://www.w3.org/2001/XMLSchema-instance"
-VERSION = "3.3.0"
 D_SI = {
     "m": r"\metre",
     "rad": r"\radian",
@@ -118,67 +117,22 @@ D_SI = {
     "1": r"\one",
 }
 """Units of the D-SI by those in memory."""
-
-for prefix, space in (("dcc", DCC), ("si", SI), ("xsi", XSI)):
-    register_namespace(prefix, space)
-
-
+register_namespace("dcc", DCC)
+register_namespace("si", SI)
 TWO = 2.0
 """k of figures of ISO 9283, whose u is of stated noise alone: normal."""
 
 
-def _dcc(name: str, *content: str | Element | None) -> Element:
-    return element(f"{{{DCC}}}{name}", *content)
+@dataclass(frozen=True)
+class Quantity:
+    """A real quantity: its value as text, the unit of memory, and, where it has them, U as text and k."""
 
-
-def _si(name: str, *content: str | Element) -> Element:
-    return element(f"{{{SI}}}{name}", *content)
-
-
-def _stated(name: str, value: object) -> Element | None:
-    """An element with a value, if there is one."""
-    return None if value is None else _dcc(name, str(value))
-
-
-def _text(name: str, words: str, language: str = "en") -> Element:
-    """An element with a text in a language."""
-    return _dcc(name, element(f"{{{DCC}}}content", words, lang=language))
-
-
-def _contact(name: str, of: Contact, language: str) -> Element:
-    """A name with an address."""
-    place = {
-        "city": of.city, "countryCode": of.country, "postCode": of.post_code, "street": of.street,
-        "streetNo": of.street_number,
-    }  # fmt: skip
-    return _dcc(
-        name,
-        _text("name", of.name, language),
-        _stated("eMail", of.email),
-        _stated("phone", of.phone),
-        _dcc("location", *(_stated(key, value) for key, value in place.items())),
-    )
-
-
-def _quantity(
-    name: str, value: str, unit: str, expanded: tuple[str, float, float] | None = None, note: str = ""
-) -> Element:
-    """A real quantity; `expanded` is its U as text, k, and the coverage probability.
-
-    `unit` is that of memory, a key of `D_SI`.
-    """
-    real = _si("real", _si("value", value), _si("unit", D_SI[unit]))
-    if expanded is not None:
-        size, k, coverage = expanded
-        of = _si(
-            "expandedMU",
-            _si("valueExpandedMU", size),
-            _si("coverageFactor", f"{k:.2f}"),
-            _si("coverageProbability", f"{coverage:.4f}"),
-            _si("distribution", "normal"),
-        )
-        real.append(_si("measurementUncertaintyUnivariate", of))
-    return _dcc("quantity", _text("name", name), _text("description", note) if note else None, real)
+    name: str
+    value: str
+    unit: str
+    expanded: str = ""
+    k: float = 0.0
+    note: str = ""
 
 
 def dcc(entries: Entries, basis: Basis, notes: Sequence[str] = ()) -> str:
@@ -193,119 +147,47 @@ def dcc(entries: Entries, basis: Basis, notes: Sequence[str] = ()) -> str:
     notes : sequence of str
         Statements of the certificate, in addition to that on the coverage.
     """
-    root = _dcc(
-        "digitalCalibrationCertificate",
-        _administrative(entries, notes),
-        _dcc("measurementResults", _dcc("measurementResult", *_results(basis))),
-    )
-    root.set("schemaVersion", VERSION)
-    root.set(f"{{{XSI}}}schemaLocation", f"{DCC} {DCC}/v{VERSION}/dcc.xsd")
-    indent(root)
-    return '<?xml version="1.0" encoding="UTF-8"?>\n' + tostring(root, encoding="unicode") + "\n"
-
-
-def _administrative(e: Entries, notes: Sequence[str]) -> Element:
-    lang = e.language
-    core = {
-        "countryCodeISO3166_1": e.country, "usedLangCodeISO639_1": lang, "mandatoryLangCodeISO639_1": lang,
-        "uniqueIdentifier": e.identifier, "beginPerformanceDate": e.begin, "endPerformanceDate": e.end,
-        "performanceLocation": e.location, "issueDate": e.issued,
-    }  # fmt: skip
-    item = _dcc(
-        "item",
-        _text("name", e.item.name, lang),
-        _dcc("manufacturer", _text("name", e.item.manufacturer, lang)),
-        _dcc("model", e.item.model),
-        _dcc(
-            "identifications",
-            _dcc(
-                "identification",
-                _dcc("issuer", "manufacturer"),
-                _dcc("value", e.item.serial_number),
-                _text("name", "serial number"),
-            ),
-        ),
-    )
-    persons = (
-        _dcc(
-            "respPerson",
-            _dcc("person", _text("name", person.name, lang)),
-            _dcc("role", person.role),
-            _dcc("mainSigner", "true") if person.main_signer else None,
-        )
-        for person in e.responsible
-    )
+    model, standard = basis.stated.plain.model, iso9283(basis)
+    distances = [_expanded_alone(budget(basis, volume(basis))), *map(_with_u, of_distances(basis).values())]
     coverage = (
         f"Expanded uncertainties U = k u with a coverage of {100 * COVERAGE:.2f} %, by JCGM 100:2008; "
         "k from Student's t for the effective degrees of freedom."
     )
-    statements = (_dcc("statement", _text("declaration", words)) for words in (coverage, *notes))
-    return _dcc(
-        "administrativeData",
-        _dcc("dccSoftware", _dcc("software", _text("name", "bayescal"), _dcc("release", __version__))),
-        _dcc("coreData", *(_stated(key, value) for key, value in core.items())),
-        _dcc("items", item),
-        _dcc(
-            "calibrationLaboratory",
-            _stated("calibrationLaboratoryCode", e.laboratory_code),
-            _contact("contact", e.laboratory, lang),
-        ),
-        _dcc("respPersons", *persons),
-        _contact("customer", e.customer, lang),
-        _dcc("statements", *statements),
-    )
+    return '<?xml version="1.0" encoding="UTF-8"?>\n' + indented(rendered(
+        "dcc.xml.j2", dcc=DCC, si=SI, units=D_SI, version=__version__, coverage=COVERAGE, entries=entries,
+        statements=(coverage, *notes), dataset=model.scene.dataset, effects=model.effects, standard=standard,
+        results={
+            "errors of distances": distances,
+            "parameters of the arm": [
+                _with_u(budget(basis, parameter(basis, p.name))) for p in model.parameters
+            ],
+            "figures of ISO 9283": list(_figures(standard)),
+        },
+    ))  # fmt: skip
 
 
-def _results(basis: Basis) -> tuple[Element, ...]:
-    """Parts of the results: what was calibrated and how, and the quantities."""
-    model, standard = basis.stated.plain.model, iso9283(basis)
-    dataset = model.scene.dataset
-    named = _text("name", f"Bayesian calibration, model: {', '.join(model.effects)}")
-    methods = [_dcc("usedMethod", named, _dcc("norm", "JCGM 100:2008"))]
-    distances = [_with_u(b) for b in of_distances(basis).values()]
-    results = [_result("errors of distances", [_expanded_alone(budget(basis, volume(basis))), *distances])]
-    if model.parameters:
-        parameters = [_with_u(budget(basis, parameter(basis, p.name))) for p in model.parameters]
-        results.append(_result("parameters of the arm", parameters))
-    if standard.figures:
-        differs = _text("description", "differs from the standard: " + "; ".join(standard.differs))
-        name, norm = _text("name", "figures of ISO 9283"), _dcc("norm", "ISO 9283:1998")
-        methods.append(_dcc("usedMethod", name, differs, norm))
-        results.append(_result("figures of ISO 9283", list(_figures(standard))))
-    return (
-        _text("name", f"Calibration of {dataset.robot.name}"),
-        _text("description", f"dataset {dataset.name}, SHA-256 {dataset.sha256}"),
-        _dcc("usedMethods", *methods),
-        _dcc("results", *results),
-    )
-
-
-def _result(name: str, quantities: Sequence[Element]) -> Element:
-    return _dcc("result", _text("name", name), _dcc("data", *quantities))
-
-
-def _with_u(b: Budget) -> Element:
+def _with_u(b: Budget) -> Quantity:
     """A value with its expanded uncertainty."""
     value, size = in_digits(b.measurand.value or 0.0, b.expanded)
-    return _quantity(b.measurand.name, value, b.measurand.unit, (size, b.k, COVERAGE))
+    return Quantity(b.measurand.name, value, b.measurand.unit, size, b.k)
 
 
-def _expanded_alone(b: Budget) -> Element:
+def _expanded_alone(b: Budget) -> Quantity:
     """The expanded uncertainty of any one of several distances, as a value."""
     _, size = in_digits(0.0, b.expanded)
     note = f"expanded uncertainty, k = {b.k:.2f}, of the {b.measurand.name}"
-    return _quantity("expanded uncertainty U of a distance in the probed volume", size, "m", note=note)
+    return Quantity("expanded uncertainty U of a distance in the probed volume", size, "m", note=note)
 
 
-def _figures(standard: Iso9283) -> Iterator[Element]:
+def _figures(standard: Iso9283) -> Iterator[Quantity]:
     for f in standard.figures:
         for what, value, u in (("mean", f.mean, f.u), ("maximum", f.maximum, f.u_max)):
             name = f"{f.symbol}: {f.words}, {what} of {f.count}"
             if u is None:
-                yield _quantity(name, f"{value:.3g}", "m")
+                yield Quantity(name, f"{value:.3g}", "m")
             else:
                 shown, size = in_digits(value, TWO * u)
-                yield _quantity(name, shown, "m", (size, TWO, COVERAGE))
+                yield Quantity(name, shown, "m", size, TWO)
 
 
 def in_digits(value: float, u: float) -> tuple[str, str]:

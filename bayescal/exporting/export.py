@@ -12,9 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from bayescal.dataset import Dataset
 from bayescal.effects import UNITS
-from bayescal.effects.tool import TOOL
 from bayescal.errors import BayescalError
 from bayescal.exporting import CERTIFICATE, FORMATS
 from bayescal.exporting.geometry import Missing, not_expressed
@@ -93,7 +91,8 @@ class Exported:
 
     def record(self, name: str) -> dict[str, Any]:
         """The content of the sidecar of a file called `name`."""
-        arm, dataset = self.arm, self.arm.dataset
+        arm, dataset, state = self.arm, self.arm.dataset, self.options.state
+        m = dataset.measurements
         beside = {Path(name).stem + suffix: text for suffix, text in self.written.beside.items()}
         return {
             "schema": SCHEMA,
@@ -105,10 +104,13 @@ class Exported:
             "robot": dataset.robot.name,
             "model": list(arm.effects),
             "without": list(arm.origin.options.omitted),
-            "state": _state(dataset, self.options.state),
+            "state": {"row": m.ids[state], **({} if m.time is None else {"time_s": float(m.time[state])})},
             "written": [vars(item) for item in self.written.items],
-            "not_expressed": [_missing(m) for m in self.missing],
-            "remaining": {"rms_um": _or_none(self.total.rms), "max_um": _or_none(self.total.maximum)},
+            "not_expressed": [
+                {"effect": m.effect, "why": m.why, **_sizes(m), "parameters": list(m.parameters)}
+                for m in self.missing
+            ],
+            "remaining": _sizes(self.total),
             "tools": _tools(arm, self.written.details),
             **self.written.details,
             "use": arm.use.record(),
@@ -185,46 +187,24 @@ def export(
     return Exported(to, format_.suffix, options, written, missing, total, arm)
 
 
-def _state(dataset: Dataset, row: int) -> dict[str, Any]:
-    m = dataset.measurements
-    time = {} if m.time is None else {"time_s": float(m.time[row])}
-    return {"row": m.ids[row], **time}
-
-
-def _missing(m: Missing) -> dict[str, Any]:
-    return {
-        "effect": m.effect,
-        "why": m.why,
-        "rms_um": _or_none(m.rms),
-        "max_um": _or_none(m.maximum),
-        "parameters": list(m.parameters),
-    }
-
-
-def _or_none(value: float) -> float | None:
-    return UM * value if np.isfinite(value) else None
+def _sizes(m: Missing) -> dict[str, float | None]:
+    """RMS and maximum of a part of the model, µm; None where it moves no TCP."""
+    sizes = {"rms_um": UM * m.rms, "max_um": UM * m.maximum}
+    return {key: size if np.isfinite(size) else None for key, size in sizes.items()}
 
 
 def _tools(arm: FittedArm, details: Mapping[str, Any]) -> list[dict[str, Any]]:
     """Fitted centres of the tools in the flange, which no file holds, and in the tip of the file."""
-    deviation = {
-        p.name: (float(v), float(c) ** 0.5)
-        for p, v, c in zip(arm.model.parameters, arm.values, np.diag(arm.covariance), strict=True)
-        if p.effect == TOOL.name
-    }
-    out = []
+    factor, out = UNITS["m"][1], []
+    u = np.sqrt(np.diag(arm.covariance))
+    names = (p.name for p in arm.model.parameters)
+    fitted = {name: (value, u_of_value) for name, value, u_of_value in zip(names, arm.values, u, strict=True)}
     for tool in arm.dataset.tools:
-        off = [deviation.get(f"{tool.name} {axis}", (0.0, 0.0)) for axis in "xyz"]
-        factor = UNITS["m"][1]
-        out.append(
-            {
-                "name": tool.name,
-                "centre_mm": [factor * (float(c) + o[0]) for c, o in zip(tool.centre, off, strict=True)],
-                "u_mm": [factor * o[1] for o in off],
-            }
-        )
+        off, u_off = np.array([fitted.get(f"{tool.name} {axis}", (0.0, 0.0)) for axis in "xyz"]).T
+        centre = factor * (tool.centre + off)
+        out.append({"name": tool.name, "centre_mm": centre.tolist(), "u_mm": (factor * u_off).tolist()})
         if "flange_in_tip" in details:
-            pose, centre = np.array(details["flange_in_tip"]), np.array(out[-1]["centre_mm"])
+            pose = np.array(details["flange_in_tip"])
             out[-1]["centre_in_tip_mm"] = (pose[:3, :3] @ centre + factor * pose[:3, 3]).tolist()
     return out
 

@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bayescal.arm.chain import Chain, Robot, chain_of, displaced, frames
+from bayescal.arm.chain import Robot, chain_of, displaced, frames
 from bayescal.arm.motion import CERTIFICATE, CONTACT, Term
-from bayescal.arm.transforms import AXES
+from bayescal.arm.transforms import AXES, rigid
 from bayescal.effects import Parameter
 from bayescal.effects.tool import TOOL
 from bayescal.exporting.written import Format, Item, item
@@ -69,6 +69,13 @@ def constant_displacements(model: Model, values: np.ndarray, state: int | None =
     return out
 
 
+def transform_of(delta: np.ndarray, parts: tuple[int, ...] = (0, 1, 2)) -> np.ndarray:
+    """Transform (4, 4) of some parts of a displacement (6,): 0 is Rz Tz, 1 Rx Tx, 2 Ry Ty."""
+    selected = np.where(np.isin(np.arange(6) // 2, parts), delta, 0.0)
+    corners = displaced(np.vstack([np.zeros(3), np.eye(3)]), selected)
+    return rigid((corners[1:] - corners[0]).T, corners[0])
+
+
 def zero_frames(robot: Robot, delta: np.ndarray | None = None) -> np.ndarray:
     """Frames 1 to n and the flange (n + 1, 4, 4) in F0, at zero readings, with displacements (n + 2, 6).
 
@@ -78,15 +85,9 @@ def zero_frames(robot: Robot, delta: np.ndarray | None = None) -> np.ndarray:
     return frames(chain_of(robot), robot.offset[None], moved)[0, 1:]
 
 
-def geometry_of(arm: FittedArm, state: int) -> np.ndarray:
-    """Frames 1 to n and the flange of an arm (n + 1, 4, 4) in F0, at zero readings, in a state."""
-    delta = constant_displacements(arm.model, arm.values, state)
-    return zero_frames(arm.dataset.robot, delta)
-
-
-def steps(frames_: np.ndarray) -> np.ndarray:
-    """Transforms (n + 1, 4, 4) from F0 to frame 1, from each frame to the next, and to the flange."""
-    before = np.concatenate([np.eye(4)[None], frames_[:-1]])
+def steps(frames_: np.ndarray, root: np.ndarray | None = None) -> np.ndarray:
+    """Transforms (N, 4, 4) to the first of N frames from F0 (or a root in it), and from each to the next."""
+    before = np.concatenate([(np.eye(4) if root is None else root)[None], frames_[:-1]])
     return np.linalg.inv(before) @ frames_
 
 
@@ -107,33 +108,16 @@ def items(arm: FittedArm, places: list[tuple[str, str]]) -> list[Item]:
     return out
 
 
-def joint_angles(robot: Robot, readings: np.ndarray) -> np.ndarray:
-    """Angles of the joints from zero readings, (C, n), rad, by the nominal coupling."""
-    return readings @ robot.link_from_reading.T
-
-
-def at_zero_poses(frames_: np.ndarray, turns: np.ndarray) -> np.ndarray:
-    """Flange (C, 4, 4) in F0 of joints that turn frames (n + 1, 4, 4) about their z axes by (C, n), rad."""
-    out = np.tile(np.eye(4), (len(turns), 1, 1))
-    for step, turn in zip(steps(frames_), np.append(turns, np.zeros((len(turns), 1)), axis=1).T, strict=True):
-        spin = np.tile(np.eye(4), (len(turns), 1, 1))
-        spin[:, 0, 0] = spin[:, 1, 1] = np.cos(turn)
-        spin[:, 1, 0] = np.sin(turn)
-        spin[:, 0, 1] = -np.sin(turn)
-        out = out @ step @ spin
-    return out
-
-
-def centre_in_frame(robot: Robot, chain: Chain, delta: np.ndarray, k: int) -> np.ndarray:
+def centre_in_frame(robot: Robot, delta: np.ndarray, k: int) -> np.ndarray:
     """Centre of mass of link `k` (from 0) in the frame of its joint, (3,), m; see `zero_frames`.
 
     In standard DH it is stated behind the whole row, with the displacements (n + 2, 6) of the joint's frame.
+    Zero where it is not stated.
     """
-    assert robot.centres_of_mass is not None
-    centre = robot.centres_of_mass[k]
-    if robot.convention == "mdh":
+    centre = np.zeros(3) if robot.centres_of_mass is None else robot.centres_of_mass[k]
+    if robot.convention == "mdh" or robot.centres_of_mass is None:
         return centre
-    behind = chain.link[k + 1]
+    behind = chain_of(robot).link[k + 1]
     centre = behind[:3, :3] @ centre + behind[:3, 3]
     return displaced(centre, np.where(np.arange(6) < 2, 0.0, delta[k + 1]))
 

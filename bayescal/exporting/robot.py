@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from bayescal.arm.chain import Robot, chain_of, displaced, split
-from bayescal.arm.transforms import rigid, rpy_of
+from bayescal.arm.chain import Robot, chain_of, split
+from bayescal.arm.transforms import rpy_of
 from bayescal.dataset.table import csv_text
 from bayescal.effects import Parameter
 from bayescal.effects.common import READING, side_of
@@ -17,7 +17,7 @@ from bayescal.effects.encoder_scale import ENCODER_SCALE
 from bayescal.effects.geometry import PARALLEL
 from bayescal.effects.joint import JOINT
 from bayescal.effects.selection import Selection
-from bayescal.exporting.geometry import constant, constant_displacements, items
+from bayescal.exporting.geometry import constant, constant_displacements, items, transform_of
 from bayescal.exporting.written import Format, Item, Options, Written, item
 from bayescal.fitted.arm import FittedArm
 from bayescal.model import Model
@@ -102,21 +102,15 @@ def scale_side(model: Model) -> str:
     return asked[0] if asked and asked[0] else side_of(model.scene.dataset.robot)
 
 
-def _matrix(delta: np.ndarray) -> np.ndarray:
-    """The displacement of a frame as a transform (4, 4)."""
-    corners = displaced(np.vstack([np.zeros(3), np.eye(3)]), delta)
-    return rigid((corners[1:] - corners[0]).T, corners[0])
-
-
 def _displaced_rows(robot: Robot, delta: np.ndarray) -> Robot:
     n = robot.n
     chain = chain_of(robot)
     alpha, a, beta = robot.alpha.copy(), robot.a.copy(), robot.beta.copy()
     offset, d = robot.offset.copy(), robot.d.copy()
-    between = np.array([_matrix(delta[k]) @ chain.link[k] for k in range(n + 1)])
+    between = np.array([transform_of(delta[k]) @ chain.link[k] for k in range(n + 1)])
     base = chain.base
     if robot.convention == "mdh":
-        base = base @ _matrix(delta[0])  # row 1 stays; the base takes its displacement
+        base = base @ transform_of(delta[0])  # row 1 stays; the base takes its displacement
         between[0] = chain.link[0]
     else:
         base = base @ between[0]

@@ -19,7 +19,7 @@ from scipy.spatial.transform import Rotation
 from bayescal.arm.chain import Robot
 from bayescal.arm.transforms import rigid
 from bayescal.errors import BayescalError
-from bayescal.exporting.geometry import zero_frames
+from bayescal.exporting.geometry import steps, zero_frames
 
 ANGLE, LENGTH = np.radians(0.5), 3e-3
 """rad, m: axes that differ by more are those of another arm; calibrated ones differ by less."""
@@ -52,6 +52,17 @@ class FileArm:
     axes: np.ndarray
     fixed: np.ndarray
     tip: np.ndarray
+
+    def turned(self, angles: np.ndarray) -> np.ndarray:
+        """Frames (..., n, 4, 4) with the joints at angles (..., n), rad."""
+        pose, out = np.eye(4), []
+        for k, step in enumerate(steps(self.frames)):
+            spin = np.zeros((*angles.shape[:-1], 4, 4))
+            spin[..., :3, :3] = Rotation.from_rotvec(angles[..., k, None] * self.axes[k]).as_matrix()
+            spin[..., 3, 3] = 1.0
+            pose = pose @ step @ spin
+            out.append(pose)
+        return np.stack(out, axis=-3)
 
 
 @dataclass(frozen=True)
@@ -87,9 +98,9 @@ def match(robot: Robot, file: FileArm, name: str) -> Match:
     frames, notes = file.frames, tuple[str, ...]()
     if np.max(angle) > NOMINAL:
         root, zeros = _zeros(p, a, file, root)
-        angle, length, _ = _off(p, a, *_lines(_turned(file, zeros), file.axes), root)
+        angle, length, _ = _off(p, a, *_lines(file.turned(zeros), file.axes), root)
         here, zeros = _settled(file, root, zeros, with_flange[-1])
-        frames, notes = _turned(file, zeros), _calibrated(robot, file, zeros, name)
+        frames, notes = file.turned(zeros), _calibrated(robot, file, zeros, name)
     for k in np.flatnonzero((angle > ANGLE) | (length > LENGTH)).tolist():
         what = (
             f"at zero readings the axis of {file.names[k]} is {np.degrees(angle[k]):.2f} deg and "
@@ -115,16 +126,6 @@ def _lines(frames: np.ndarray, axes: np.ndarray) -> tuple[np.ndarray, np.ndarray
     return frames[:, :3, 3], np.einsum("kij,kj->ki", frames[:, :3, :3], axes)
 
 
-def _turned(file: FileArm, zeros: np.ndarray) -> np.ndarray:
-    """Frames (n, 4, 4) of a file with its joints at angles (n,), rad."""
-    before = np.linalg.inv(np.concatenate([np.eye(4)[None], file.frames[:-1]]))
-    pose, out = np.eye(4), []
-    for step, axis, angle in zip(before @ file.frames, file.axes, zeros, strict=True):
-        pose = pose @ step @ rigid(Rotation.from_rotvec(angle * axis).as_matrix())
-        out.append(pose)
-    return np.array(out)
-
-
 def _zeros(p: np.ndarray, a: np.ndarray, file: FileArm, root: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Root (4, 4) and angles of the joints (n,), rad, at which the file's axes are closest to lines (p, a).
 
@@ -139,7 +140,7 @@ def _zeros(p: np.ndarray, a: np.ndarray, file: FileArm, root: np.ndarray) -> tup
 
     def residual(x: np.ndarray) -> np.ndarray:
         here, zeros = placed(x)
-        r, b = _lines(_turned(file, zeros), file.axes)
+        r, b = _lines(file.turned(zeros), file.axes)
         off = r @ here[:3, :3].T + here[:3, 3] - p
         tilt = np.cross(a, b @ here[:3, :3].T)
         return np.concatenate([np.einsum("kij,kj->ki", across, off).ravel(), LEVER * tilt.ravel()])
@@ -167,7 +168,7 @@ def _settled(
     here, zeros = _placed(root), zeros.copy()
     off = Rotation.from_matrix(root[:3, :3] @ here[:3, :3].T).as_rotvec()
     zeros[0] = float(off @ here[:3, :3] @ _lines(file.frames, file.axes)[1][0])
-    tip = np.linalg.inv(flange) @ here @ _turned(file, zeros)[-1]
+    tip = np.linalg.inv(flange) @ here @ file.turned(zeros)[-1]
     axis, tip = tip[:3, :3] @ file.axes[-1], tip @ file.tip
     x, y, _ = tip[:3, np.argmin(np.abs(tip[2, :3]))]  # the axis of the tip that is across the last joint's
     angle = float(np.arctan2(y, x))
@@ -215,23 +216,25 @@ def _check_names(robot: Robot, file: FileArm, name: str) -> None:
                 raise BayescalError(what, name, "give the file of this arm")
 
 
-def _pairs(p: np.ndarray, a: np.ndarray) -> list[tuple[float, float]]:
-    """Angle, rad, and distance, m, between each axis and the next, as lines."""
-    out = []
-    for k in range(len(p) - 1):
-        across = np.cross(a[k], a[k + 1])
-        sine, between = float(np.linalg.norm(across)), p[k + 1] - p[k]
-        if sine < np.sin(PARALLEL):
-            distance = float(np.linalg.norm(between - a[k] * (a[k] @ between)))
-        else:
-            distance = abs(float(between @ across)) / sine
-        out.append((float(np.arctan2(sine, abs(a[k] @ a[k + 1]))), distance))
-    return out
+def _shortest(p: np.ndarray, a: np.ndarray, i: np.ndarray, j: np.ndarray) -> np.ndarray:
+    """Shortest vectors (M, 3) from lines i (M,) to lines j (M,) of points and directions (n, 3)."""
+    off, across = p[j] - p[i], np.cross(a[i], a[j])
+    square = np.sum(across**2, axis=1, keepdims=True)
+    parallel = square < np.sin(PARALLEL) ** 2
+    beside = off - a[i] * np.sum(a[i] * off, axis=1, keepdims=True)
+    normal = across * np.sum(off * across, axis=1, keepdims=True) / np.where(parallel, 1.0, square)
+    return np.where(parallel, beside, normal)
 
 
-def _check_pairs(
-    robot: Robot, file: FileArm, name: str, ours: list[tuple[float, float]], theirs: list[tuple[float, float]]
-) -> None:
+def _pairs(p: np.ndarray, a: np.ndarray) -> np.ndarray:
+    """Angle, rad, and distance, m, between each axis and the next, as lines, (n - 1, 2)."""
+    before = np.arange(len(p) - 1)
+    sine = np.linalg.norm(np.cross(a[:-1], a[1:]), axis=1)
+    angle = np.arctan2(sine, np.abs(np.sum(a[:-1] * a[1:], axis=1)))
+    return np.column_stack([angle, np.linalg.norm(_shortest(p, a, before, before + 1), axis=1)])
+
+
+def _check_pairs(robot: Robot, file: FileArm, name: str, ours: np.ndarray, theirs: np.ndarray) -> None:
     for k, (our_pair, other) in enumerate(zip(ours, theirs, strict=True)):
         axes = f"of {file.names[k]} and {file.names[k + 1]}"
         if abs(our_pair[0] - other[0]) > ANGLE:
@@ -253,23 +256,11 @@ def _off(
     return angle, length, float(max(angle.max(), length.max()))
 
 
-def _between(p: np.ndarray, a: np.ndarray) -> np.ndarray:
-    """Shortest vectors between all pairs of lines: those that no sense of an axis changes."""
-    out = []
-    for i, j in itertools.combinations(range(len(p)), 2):
-        off = p[j] - p[i]
-        across = np.cross(a[i], a[j])
-        if np.linalg.norm(across) < np.sin(PARALLEL):
-            out.append(off - a[i] * (a[i] @ off))
-        else:
-            out.append(across * (off @ across) / (across @ across))
-    return np.array(out).reshape(-1, 3)
-
-
 def _alignment(p: np.ndarray, a: np.ndarray, r: np.ndarray, b: np.ndarray) -> np.ndarray:
     """The rigid transform (4, 4) that best takes lines (r, b) to lines (p, a), whatever their senses."""
     n = len(p)
-    ours, theirs = _between(p, a), _between(r, b)
+    every = np.triu_indices(n, 1)  # no sense of an axis changes the vectors between all pairs of lines
+    ours, theirs = _shortest(p, a, *every), _shortest(r, b, *every)
     best, turn = np.inf, np.eye(3)
     for signs in itertools.product((1.0, -1.0), repeat=n):
         flipped = b * np.array(signs)[:, None]
@@ -283,9 +274,7 @@ def _alignment(p: np.ndarray, a: np.ndarray, r: np.ndarray, b: np.ndarray) -> np
     across = np.eye(3) - a[:, :, None] * a[:, None, :]
     wanted = np.einsum("kij,kj->ki", across, p - r @ turn.T)
     shift = np.linalg.lstsq(across.reshape(-1, 3), wanted.ravel(), rcond=1e-9)[0]
-    out = np.eye(4)
-    out[:3, :3], out[:3, 3] = turn, shift
-    return out
+    return rigid(turn, shift)
 
 
 def smallest_turn(a: np.ndarray, b: np.ndarray) -> np.ndarray:

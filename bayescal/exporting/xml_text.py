@@ -11,15 +11,21 @@ import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 from xml.etree import ElementTree as ET
 from xml.parsers import expat
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from scipy.spatial.transform import Rotation
 
+from bayescal.arm.transforms import rpy_of
 from bayescal.robots.markup import parse_markup
 
 ATTRIBUTE = re.compile(rb"""(\s+)([^\s=/>"']+)(\s*=\s*)("[^"]*"|'[^']*')""")
+TAG = re.compile(rb"""<(?:[^>"']|"[^"]*"|'[^']*')*>""")
+"""A tag; a > in a quoted value does not end it."""
 UNIT = b"  "
 """Indentation of the first child of an element, where the file shows no other."""
 
@@ -34,30 +40,34 @@ def numbers(values: Iterable[float] | np.ndarray) -> str:
     return " ".join(map(number, np.asarray(values, float).tolist()))
 
 
-def written(value: str | float | Iterable[float]) -> str:
-    """A text, a number or numbers as they stand in a file."""
-    if isinstance(value, str):
-        return value
-    return number(value) if isinstance(value, float | int) else numbers(value)
+TEMPLATES = Environment(
+    loader=FileSystemLoader(Path(__file__).parent / "templates"),
+    autoescape=True,
+    undefined=StrictUndefined,
+    trim_blocks=True,
+    lstrip_blocks=True,
+    keep_trailing_newline=True,
+)
+"""Templates of new files; values are escaped."""
+TEMPLATES.filters |= {
+    "number": number,
+    "numbers": numbers,
+    "xyz": lambda pose: numbers(pose[:3, 3]),
+    "rpy": lambda pose: numbers(rpy_of(pose[:3, :3])),
+    "quat": lambda pose: numbers(Rotation.from_matrix(pose[:3, :3]).as_quat()[[3, 0, 1, 2]]),
+}
 
 
-def element(
-    tag: str, /, *content: str | ET.Element | None, **attributes: str | float | Iterable[float]
-) -> ET.Element:
-    """An element with a text or children, of which those that are None are left out."""
-    out = ET.Element(tag, {key: written(value) for key, value in attributes.items()})
-    for part in content:
-        if isinstance(part, str):
-            out.text = part
-        elif part is not None:
-            out.append(part)
-    return out
+def rendered(template: str, **fields: object) -> str:
+    """The text of a template."""
+    return TEMPLATES.get_template(template).render(fields)
 
 
-def add(parent: ET.Element, tag: str, /, **attributes: str | float | Iterable[float]) -> ET.Element:
-    """A further child element."""
-    parent.append(out := element(tag, **attributes))
-    return out
+def indented(text: str) -> str:
+    """An XML text with an element in each line."""
+    root = ET.fromstring(text)
+    ET.indent(root)
+    return ET.tostring(root, encoding="unicode") + "\n"
 
 
 @dataclass(frozen=True)
@@ -223,26 +233,16 @@ def _spans(data: bytes, root: ET.Element) -> list[_Old]:
     parser.Parse(data, True)
     out = []
     for k, e in enumerate(root.iter()):
-        inside = tag_end(data, starts[k])
+        inside = _behind_tag(data, starts[k])
         empty = data[inside - 2 : inside] == b"/>"
         inner = inside if empty else ends[k]
-        out.append(
-            _Old(
-                starts[k], inside, inner, inside if empty else tag_end(data, inner), dict(e.attrib), tuple(e)
-            )
-        )
+        end_of_e = inside if empty else _behind_tag(data, inner)
+        out.append(_Old(starts[k], inside, inner, end_of_e, dict(e.attrib), tuple(e)))
     return out
 
 
-def tag_end(data: bytes, start: int) -> int:
-    """Position behind a tag that begins at `start`; a > in a quoted value does not end it."""
-    quote = 0
-    for k in range(start, len(data)):
-        byte = data[k]
-        if quote:
-            quote = 0 if byte == quote else quote
-        elif byte in b"\"'":
-            quote = byte
-        elif byte == ord(">"):
-            return k + 1
-    raise AssertionError("a parsed tag ends")
+def _behind_tag(data: bytes, start: int) -> int:
+    """Position behind a tag that begins at `start`."""
+    tag = TAG.match(data, start)
+    assert tag, "a parsed tag ends"
+    return tag.end()

@@ -7,9 +7,9 @@ direction of motion, payload, time. What a pose does not state is that of a row 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -23,7 +23,7 @@ from bayescal.estimate import Estimate
 from bayescal.estimate.solver import root
 from bayescal.fitted import gate
 from bayescal.fitted.gate import NOTHING, Use
-from bayescal.fitted.unmodelled import Circumstance, Unmodelled, driven_by, posed_rows
+from bayescal.fitted.unmodelled import Circumstance, Unmodelled, posed_rows
 from bayescal.model import ARM, USUAL, FitOptions, Model
 from bayescal.model.equilibrium import standing_model
 
@@ -47,41 +47,74 @@ class Origin:
 
 @dataclass(frozen=True)
 class Poses:
-    """C poses of an arm, in F0, SI.
+    """C poses of an arm, in F0, SI: rows (C,) of a model of its session, to which they are appended."""
 
-    `motion` is the motion of these rows, of `model`, by deviations of the arm's P parameters. `spread` is
-    their covariance without the part of the K errors of `unmodelled`, which move the points as well.
-    """
-
-    readings: np.ndarray  # (C, n) rad
-    points: np.ndarray  # (C, 3) m, of the tool
-    flange: np.ndarray  # (C, 4, 4)
-    motion: Motion
-    values: np.ndarray  # (P,)
-    spread: np.ndarray  # (P, P)
+    arm: FittedArm
+    circumstance: Circumstance
     model: Model
-    rows: np.ndarray  # (C,) of the model's scene
-    unmodelled: Unmodelled
-    driven: Callable[[Parameter], Parameter]  # what the rows make of the drivers of a parameter
+    rows: np.ndarray
+
+    @classmethod
+    def of(cls, arm: FittedArm, circumstance: Circumstance) -> Poses:
+        """The poses of an arm in a circumstance."""
+        return cls(arm, circumstance, *posed_rows(arm.model, arm.values, circumstance))
+
+    def again(self, some: np.ndarray | None = None, **columns: Any) -> Poses:
+        """Some of the poses (all by default) with other values of columns of the measurements."""
+        rows = np.arange(len(self.rows)) if some is None else some
+        return Poses.of(self.arm, self.circumstance.again(rows, **columns))
+
+    @cached_property
+    def motion(self) -> Motion:
+        """The motion of these rows, by deviations of the arm's P parameters."""
+        return self.model.motion(self.rows)
+
+    @property
+    def readings(self) -> np.ndarray:
+        """Readings (C, n), rad."""
+        return self.model.scene.dataset.measurements.readings[self.rows]
+
+    @cached_property
+    def points(self) -> np.ndarray:
+        """Positions (C, 3), m, of the tool."""
+        return self.motion.points(self.arm.values).T
+
+    @cached_property
+    def flange(self) -> np.ndarray:
+        """Poses (C, 4, 4) of the flange."""
+        delta = self.motion.displacements(self.arm.values)
+        delta[:, -1] = 0.0  # the tool's own offset
+        return frames(self.model.scene.chain, self.model.scene.q[self.rows], delta)[:, -1]
+
+    def tool_frames(self, axes: np.ndarray) -> np.ndarray:
+        """Poses (C, 4, 4) of the frame of the tool, whose axes in the flange are (3, 3)."""
+        out = self.flange.copy()
+        out[:, :3, :3] = out[:, :3, :3] @ axes
+        out[:, :3, 3] = self.points
+        return out
 
     @cached_property
     def by_parameters(self) -> np.ndarray:
         """Derivatives of the points by the arm's parameters, (C, 3, P), SI, at constant gravity moments."""
-        return slopes_of(self.motion, self.values)
+        return slopes_of(self.motion, self.arm.values)
 
     @cached_property
-    def wide(self) -> Model:
-        """The model with the K errors as its last parameters."""
-        return self.unmodelled.widened(self.model, self.values, self.driven)
+    def errors(self) -> tuple[Parameter, ...]:
+        """The K errors beyond the parameters, which move the points as well."""
+        driven = partial(self.circumstance.driven, self.arm.dataset.measurements)
+        return self.arm.beyond.errors(self.model, self.arm.values, driven)
+
+    def slopes_with(self, further: Sequence[Parameter]) -> np.ndarray:
+        """Derivatives (C, 3, P + K) by the parameters, and displacements, m, by the sd of K further ones."""
+        wide = replace(self.model, parameters=(*self.model.parameters, *further))
+        values = np.append(self.arm.values, np.zeros(len(further)))
+        units = np.append(np.ones(len(self.arm.values)), [p.sd for p in further])
+        return slopes_of(wide.motion(self.rows), values) * units
 
     @cached_property
     def by_all(self) -> np.ndarray:
         """Derivatives (C, 3, P + K) by the parameters, and displacements by the K unit errors."""
-        if not len(self.readings) or not self.unmodelled.shifts.size:
-            return self.by_parameters
-        return slopes_of(self.wide.motion(self.rows), padded(self.values, self.wide)) * unit_errors(
-            self.wide, len(self.values)
-        )
+        return self.slopes_with(self.errors)
 
     @property
     def covariance(self) -> np.ndarray:
@@ -91,30 +124,20 @@ class Poses:
     def spread_by(self, by: np.ndarray) -> np.ndarray:
         """Covariance (C, 3, 3), m2, of points with derivatives (C, 3, P + K); see `by_all`."""
         errors = self.errors_by(by)
-        return errors @ np.swapaxes(errors, -1, -2) + self.unmodelled.excess**2 * np.eye(3)
+        return errors @ np.swapaxes(errors, -1, -2) + self.arm.beyond.excess**2 * np.eye(3)
 
     def errors_by(self, by: np.ndarray) -> np.ndarray:
         """Displacements (C, 3, P + K), m, by independent errors of unit variance that all points share."""
-        count = len(self.values)
-        unmodelled = by[..., count:] - by[..., :count] @ self.unmodelled.shifts[:, : by.shape[-1] - count]
-        return np.concatenate([by[..., :count] @ root(self.spread), unmodelled], axis=-1)
+        by_parameters, by_errors = np.split(by, [len(self.arm.values)], axis=-1)
+        beyond = by_errors - by_parameters @ self.arm.beyond.shifts
+        return np.concatenate([by_parameters @ root(self.arm.spread), beyond], axis=-1)
 
     def dof_by(self, by: np.ndarray, total: np.ndarray) -> np.ndarray:
         """Effective degrees of freedom (C,) of the variances `total` (C,) of these points."""
-        squares = np.sum(self.errors_by(by)[..., len(self.values) :] ** 2, axis=1)
-        names = [p.name for p in self.wide.parameters[len(self.values) :]] if squares.size else []
-        parts = {name: squares[:, np.array(names) == name].sum(axis=1) for name in names}
-        return self.unmodelled.dof_of(total, parts)
-
-
-def padded(values: np.ndarray, wide: Model) -> np.ndarray:
-    """Values (P,) of a model's parameters, followed by zeros for the further ones of a wide model."""
-    return np.concatenate([values, np.zeros(len(wide.parameters) - len(values))])
-
-
-def unit_errors(wide: Model, count: int) -> np.ndarray:
-    """Factors (P + K,) from derivatives by parameters to changes: 1 of the first, their sd of the others."""
-    return np.array([1.0 if k < count else p.sd for k, p in enumerate(wide.parameters)])
+        squares = np.sum(self.errors_by(by)[..., len(self.arm.values) :] ** 2, axis=1)
+        names = np.array([p.name for p in self.errors], str)
+        parts = {name: squares[:, names == name].sum(axis=1) for name in dict.fromkeys(names.tolist())}
+        return self.arm.beyond.dof_of(total, parts)
 
 
 def slopes_of(motion: Motion, values: np.ndarray) -> np.ndarray:
@@ -173,7 +196,6 @@ class FittedArm:
         tool: str | None = None,
         payload_kg: np.ndarray | float = 0.0,
         direction: np.ndarray | None = None,
-        previous: np.ndarray | None = None,
         time: np.ndarray | float | None = None,
         row: str | int | None = None,
     ) -> Poses:
@@ -189,8 +211,6 @@ class FittedArm:
             kg, beyond the tool.
         direction : np.ndarray, shape (n,) or (C, n), optional
             Sign of the motion of each reading before the pose; 0: in the middle of the lost motion.
-        previous : np.ndarray, shape (n,) or (C, n), optional
-            rad, the readings from which the pose is approached: the direction follows from them.
         time : float or np.ndarray, shape (C,), optional
             s since the session began: the state is that of the last row before.
         row : str or int, optional
@@ -202,33 +222,12 @@ class FittedArm:
         BayescalError
             For a tool or a row that the session does not have, or an arm without equilibrium under gravity.
         """
-        readings = np.atleast_2d(np.asarray(readings, float))
-        here = Circumstance.of(self.model.scene.dataset, len(readings), tool, payload_kg, time, row)
-        if previous is not None:
-            direction = np.sign(np.round(readings - previous, 9))
-        return self._poses(here.changed(readings, direction), here.source, True)
+        readings, dataset = np.atleast_2d(np.asarray(readings, float)), self.dataset
+        return Poses.of(self, Circumstance.of(dataset, readings, direction, tool, payload_kg, time, row))
 
     def at_rows(self, rows: np.ndarray) -> Poses:
         """TCP positions and flange in rows (C,) of the session, with all that was measured there."""
-        return self._poses({}, np.asarray(rows, int), False)
-
-    def _poses(self, changed: Mapping[str, Any], source: np.ndarray, still: bool) -> Poses:
-        model, rows = posed_rows(self.model, self.values, source, changed, still)
-        motion = model.motion(rows)
-        delta = motion.displacements(self.values)
-        delta[:, -1] = 0.0  # the tool's own offset
-        return Poses(
-            model.scene.dataset.measurements.readings[rows],
-            motion.points(self.values).T,
-            frames(model.scene.chain, model.scene.q[rows], delta)[:, -1],
-            motion,
-            self.values,
-            self.spread,
-            model,
-            rows,
-            self.beyond,
-            driven_by(self.dataset.measurements, source, still),
-        )
+        return Poses.of(self, Circumstance(np.asarray(rows, int), {}, still=False))
 
     @property
     def beyond(self) -> Unmodelled:
@@ -255,10 +254,6 @@ class FittedArm:
         count = self.levels.index(name)
         used = {plain(e) for e in self.effects[:count]} | ({TOOL.name} if count else set())
         return self.valued(np.where([p.effect in used for p in self.model.parameters], self.values, 0.0))
-
-    def at_level(self, name: str, readings: np.ndarray, **state: Any) -> Poses:
-        """TCP positions and flange at any poses, of one level; see `at`."""
-        return self.level(name).at(readings, **state)
 
     def valued(self, values: np.ndarray) -> FittedArm:
         """The arm with other values (P,) of its parameters, in equilibrium."""
@@ -331,11 +326,11 @@ def refitted(arm: FittedArm, with_: Sequence[str] = (), without: Sequence[str] =
     effects = [name for name in arm.effects if name not in whole and plain(name) not in whole]
     options = arm.origin.options
     parts = (*options.omitted, *(name for name in without if name not in whole))
-    found = fit(arm.dataset, (*effects, *with_), options, without=parts, samples=0)
-    refit = of_fit(found)
-    against = (*refit.use.against, *gate.not_gained(_gains(found, with_)))
+    calibration = fit(arm.dataset, (*effects, *with_), options, without=parts, samples=0)
+    refit = of_fit(calibration)
+    against = (*refit.use.against, *gate.not_gained(_gains(calibration, with_)))
     return replace(
-        refit, origin=Origin(arm.origin.command, found.options), use=replace(refit.use, against=against)
+        refit, origin=Origin(arm.origin.command, calibration.options), use=replace(refit.use, against=against)
     )
 
 

@@ -70,7 +70,7 @@ def arm_record(arm: FittedArm) -> dict[str, Any]:
         "dataset": {
             "name": dataset.name,
             "sha256": dataset.sha256,
-            "folders": [COPY] if not dataset.sessions else _folders(dataset),
+            "folders": list(_folders(dataset)),
             "remounted": remounted,
             "own_noise": own_noise,
         },
@@ -90,8 +90,9 @@ def arm_record(arm: FittedArm) -> dict[str, Any]:
     }
 
 
-def _folders(dataset: Dataset) -> list[str]:
-    return [f"{COPY}/{k}" for k in range(1, len(dataset.sessions) + 1)]
+def _folders(dataset: Dataset) -> dict[str, Dataset]:
+    """The sessions of a dataset by the folders of their copies."""
+    return {f"{COPY}/{k}": s for k, s in enumerate(dataset.sessions, start=1)} or {COPY: dataset}
 
 
 def _joining(dataset: Dataset) -> tuple[bool, bool]:
@@ -105,9 +106,7 @@ def _joining(dataset: Dataset) -> tuple[bool, bool]:
 
 def write_arm(arm: FittedArm, folder: Path) -> tuple[str, str]:
     """Write arm.json and the copy of the dataset to a run folder; return their names."""
-    dataset = arm.dataset
-    copies = zip(_folders(dataset), dataset.sessions, strict=True) if dataset.sessions else [(COPY, dataset)]
-    for name, session in copies:
+    for name, session in _folders(arm.dataset).items():
         (folder / name).mkdir(parents=True)
         write_files(session, folder / name)
     (folder / ARM_FILE).write_text(json_text(arm_record(arm)), encoding="utf-8")

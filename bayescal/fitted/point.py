@@ -2,48 +2,37 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
 from bayescal.assess.inputs import READINGS, Basis, Input
 from bayescal.assess.measurand import POINT, Measurand
 from bayescal.errors import BayescalError
-from bayescal.estimate.discrepancy import inputs, mixed, sized
-from bayescal.estimate.families import families
 from bayescal.fitted.arm import FittedArm, Poses
-from bayescal.fitted.unmodelled import Circumstance, posed_rows
-from bayescal.model import ARM, Model
+from bayescal.fitted.unmodelled import Unmodelled
+from bayescal.model import ARM
 
 
-def lost_motion(
-    arm: FittedArm,
-    poses_at: Callable[[np.ndarray, np.ndarray, np.ndarray], Poses],
-    readings: np.ndarray,
-    velocity: np.ndarray,
-    poses: Poses,
-) -> np.ndarray:
+def lost_motion(poses: Poses, velocity: np.ndarray) -> np.ndarray:
     """Displacements (C, n, 3), m, of TCP positions by the lost motion of each joint of unknown direction.
 
     The joint rests on either side of its lost motion: one standard deviation from the middle.
 
     Parameters
     ----------
-    arm : FittedArm
-    poses_at : callable
-        Poses for readings (R, n), the numbers (R,) of their rows, and directions (n,) to add.
-    readings, velocity : np.ndarray, shape (C, n)
-        rad; signs of the motion before the pose, 0 where it is not known.
     poses : Poses
         In the middle of the lost motion.
+    velocity : np.ndarray, shape (C, n)
+        Signs of the motion before the pose, 0 where it is not known.
     """
-    out = np.zeros((len(readings), readings.shape[1], 3))
-    if not any(p.driver.kind in ("direction", "flank") for p in arm.model.parameters):
+    out = np.zeros((*velocity.shape, 3))
+    if not any(p.driver.kind in ("direction", "flank") for p in poses.arm.model.parameters):
         return out
-    for j, axis in enumerate(np.eye(readings.shape[1])):
+    for j, axis in enumerate(np.eye(velocity.shape[1])):
         rows = np.flatnonzero(velocity[:, j] == 0)
         if len(rows):
-            out[rows, j] = poses_at(readings[rows], rows, axis).points - poses.points[rows]
+            out[rows, j] = poses.again(rows, velocity=velocity[rows] + axis).points - poses.points[rows]
     return out
 
 
@@ -73,40 +62,19 @@ def point(
     if readings.shape != (n,) or not np.all(np.isfinite(readings)):
         what = f"{readings.size} readings, or one that is no finite number, for {n} joints"
         raise BayescalError(what, "--point-deg", "give one reading in deg for each joint, with commas")
-    here = Circumstance.of(arm.dataset, 1, tool, payload_kg, None, None)
-    posed, rows = posed_rows(arm.model, arm.values, here.source, here.changed(readings[None], None), True)
-    wide = basis.stated.wide
-    around = posed.scene.circumstances(posed.scene.rows("calibrate"))
-    functions = [
-        *sized(families(around), basis.stated.variances),
-        *mixed(inputs(basis.stated.plain, around), basis.stated.inputs.mixing),
-    ]
-    count = wide.model.slices[ARM].stop
-    if len(posed.parameters) + len(functions) != count:
-        raise BayescalError(
-            "the model discrepancy differs at this pose", "--point-deg", "choose another pose"
-        )
-    values = np.concatenate([arm.values, np.zeros(len(functions))])
-    motion = Model(posed.scene, wide.model.effects, (*posed.parameters, *functions), (), ()).motion(rows)
-    position = motion.points(values)
-    by_z = np.zeros((3, wide.model.size))
-    for axis in range(3):
-        u = np.zeros((3, 1))
-        u[axis] = 1.0
-        by_z[axis, :count] = motion.columns(values, position, u)[:, 0] * wide.model.sd
+    with_errors = replace(arm, unmodelled=Unmodelled.of(basis))  # with the signs of its unknowns
+    poses, unknowns = with_errors.at(readings, tool=tool, payload_kg=payload_kg), basis.stated.wide.model
+    units = np.append(arm.model.sd, np.ones(len(poses.errors)))  # of the unknowns: errors have unit variance
+    by_z = np.zeros((3, unknowns.size))
+    by_z[:, : unknowns.slices[ARM].stop] = poses.by_all[0] * units
     independent = []
     if basis.excess:
         independent.append((basis.unexplained(), basis.excess * np.eye(3)))
-    middle = arm.at(readings, tool=tool, payload_kg=payload_kg)
-
-    def directed(q: np.ndarray, which: np.ndarray, way: np.ndarray) -> Poses:
-        return arm.at(q, tool=tool, payload_kg=payload_kg, direction=way)
-
-    for j, off in enumerate(lost_motion(arm, directed, readings[None], np.zeros((1, n)), middle)[0]):
+    for j, off in enumerate(lost_motion(poses, np.zeros((1, n)))[0]):
         if np.any(off):
             name = f"direction of motion of joint {j + 1} is not known"
             side = Input(READINGS, name, "B", "1", 0.0, 1.0, distribution="two values")
             independent.append((side, off[:, None]))
     shown = ", ".join(f"{q:.6g}" for q in np.degrees(readings))
     named = f"TCP at ({shown}) deg"
-    return Measurand(POINT, named, "m", None, by_z, tuple(independent), position=position[:, 0])
+    return Measurand(POINT, named, "m", None, by_z, tuple(independent), position=poses.points[0])

@@ -15,8 +15,9 @@ A point at other poses is that of rows appended to the session (`posed_rows`).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 from math import inf
 from typing import Any
 
@@ -87,26 +88,21 @@ class Unmodelled:
     @classmethod
     def read(cls, record: Mapping[str, Any], parameters: int) -> Unmodelled:
         """From the entries of `record` in arm.json; None or missing where there is none."""
-        of_masses, of_discrepancy = record.get("masses"), record.get("discrepancy")
-        noise = {group: float(scale) for group, scale in record.get("noise_scale", {}).items()}
-        mixing, shifts = no_masses(), np.zeros((parameters, 0))
-        if of_masses is not None:
-            mixing = np.array(of_masses["mixing"], float)
-            shifts = np.array(of_masses["shifts_si"], float).reshape(parameters, len(mixing))
-        if of_discrepancy is None:
-            return cls(shifts, mixing=mixing, noise=noise)
-        each = of_discrepancy["families"]
-        dof = of_discrepancy["unexplained_dof"]
+        nothing: dict[str, Any] = {"mixing": no_masses(), "shifts_si": no_masses(), "families": {}}
+        of_masses = record.get("masses") or nothing
+        of_discrepancy = record.get("discrepancy") or nothing
+        each, dof = of_discrepancy["families"], of_discrepancy.get("unexplained_dof")
+        shifts = [
+            np.array(of["shifts_si"], float).reshape(parameters, -1) for of in (of_discrepancy, of_masses)
+        ]
         return cls(
-            np.concatenate(
-                [np.array(of_discrepancy["shifts_si"], float).reshape(parameters, -1), shifts], axis=1
-            ),
+            np.concatenate(shifts, axis=1),
             {name: float(entry["variance"]) for name, entry in each.items()},
             {name: float(entry["dof"]) for name, entry in each.items()},
-            mixing,
-            1e-6 * of_discrepancy["unexplained_um"],
+            np.array(of_masses["mixing"], float),
+            1e-6 * of_discrepancy.get("unexplained_um", 0.0),
             inf if dof is None else float(dof),
-            noise,
+            {group: float(scale) for group, scale in record.get("noise_scale", {}).items()},
         )
 
     def record(self) -> dict[str, Any]:
@@ -131,33 +127,31 @@ class Unmodelled:
         values, vectors = np.linalg.eigh(covariance - self.shifts @ self.shifts.T)
         return (vectors * np.maximum(values, 0.0)) @ vectors.T
 
-    def functions(self, model: Model, values: np.ndarray) -> Iterator[Parameter]:
-        """The errors as parameters with the name of their family, for the arm's values (P,)."""
-        around = model.scene.circumstances(model.scene.rows("calibrate"))
-        for family in families(around) if self.variances else ():
-            if family.name in self.variances:
-                yield from (replace(p, name=family.name) for p in sized([family], self.variances))
-        if len(self.mixing):
-            yield from (
-                replace(p, name=MASSES) for p in mixed(masses(compliant(around, model, values)), self.mixing)
-            )
-
-    def widened(
+    def errors(
         self, model: Model, values: np.ndarray, driven: Callable[[Parameter], Parameter] = lambda p: p
-    ) -> Model:
-        """A model with the errors as its last parameters; `driven` as of `driven_by`.
+    ) -> tuple[Parameter, ...]:
+        """The K + L errors as parameters with the name of their family, for the arm's values (P,).
+
+        `driven` is as `Circumstance.driven`.
 
         Raises
         ------
         BayescalError
             If the functions are not those of the fit: a torque that varied there does not vary here.
         """
-        every = tuple(driven(p) for p in self.functions(model, values))
+        around = model.scene.circumstances(model.scene.rows("calibrate"))
+        every = []
+        for family in families(around) if self.variances else ():
+            if family.name in self.variances:
+                every += [replace(p, name=family.name) for p in sized([family], self.variances)]
+        if len(self.mixing):
+            inputs = mixed(masses(compliant(around, model, values)), self.mixing)
+            every += [replace(p, name=MASSES) for p in inputs]
         if len(every) != self.shifts.shape[1]:
             what = f"the model discrepancy has {len(every)} functions at these poses, and in the fit"
-            remedy = "repeat the fit with this version"
+            remedy = "choose other poses, or repeat the fit with this version"
             raise BayescalError(f"{what} {self.shifts.shape[1]}", "arm.json", remedy)
-        return replace(model, parameters=(*model.parameters, *every))
+        return tuple(map(driven, every))
 
     def noise_of(self, block: Block) -> np.ndarray:
         """Noise (C,), m or rad, of a residual of the rows of a block, as the fit found it."""
@@ -183,61 +177,86 @@ MOVING = ("joint speed", "remaining motion")
 
 @dataclass(frozen=True)
 class Circumstance:
-    """The state of C poses: the row of the session that each repeats, and values that replace its own."""
+    """C poses: the row of the session that each repeats, and what replaces its own values.
+
+    `columns` has values (C, ...), or one for all, of columns by their name; one that the session lacks is
+    not used. An arm that stands `still` has a speed only for its direction.
+    """
 
     source: np.ndarray  # (C,) int
-    values: Mapping[str, Any]
-    moves: bool  # whether the session records velocities
+    columns: Mapping[str, Any]
+    still: bool = True
 
     @classmethod
     def of(
         cls,
         dataset: Dataset,
-        count: int,
+        readings: np.ndarray,
+        direction: np.ndarray | None,
         tool: str | None,
         payload_kg: np.ndarray | float,
         time: np.ndarray | float | None,
         row: str | int | None,
     ) -> Circumstance:
-        """The state of `count` poses; arguments as of `FittedArm.at`."""
-        for value, option, unit in ((payload_kg, "--payload-kg", "kg"), (time, "--at-time-s", "s")):
-            if value is not None and not np.all(np.isfinite(value)):
-                raise BayescalError("is not a finite number", option, f"give a number of {unit}")
-        m = dataset.measurements
-        values: dict[str, Any] = {}
+        """The circumstance of readings (C, n); arguments as of `FittedArm.at`."""
+        m, count = dataset.measurements, len(readings)
+        if not np.all(np.isfinite(payload_kg)):
+            raise BayescalError("is not a finite number", "--payload-kg", "give a number of kg")
+        way = np.zeros(readings.shape) if direction is None else np.asarray(direction, float)
+        columns: dict[str, Any] = {
+            "readings": readings, "command": readings, "velocity": np.broadcast_to(way, readings.shape),
+        }  # fmt: skip
         if m.payload is not None or np.any(payload_kg):
-            values["payload"] = payload_kg
+            columns["payload"] = payload_kg
         if tool is not None:
             names = [t.name for t in dataset.tools]
             if tool not in names:
                 raise BayescalError(f"there is no tool `{tool}`", "", f"tools: {', '.join(names)}")
-            values["tool"] = names.index(tool)
-        source = np.full(count, _row(dataset, row))
+            columns["tool"] = names.index(tool)
+        source = _source(dataset, count, time, row)
         if time is not None:
-            if m.time is None:
-                what = "the session records no time_s"
-                raise BayescalError(what, "", "choose a row instead")
-            times = np.broadcast_to(np.asarray(time, float), (count,))
-            values["time"] = times
-            order = np.argsort(m.time, kind="stable")
-            source = order[np.maximum(np.searchsorted(m.time[order], times, side="right") - 1, 0)]
-            if m.temperature is not None:
-                values["temperature"] = np.interp(times, m.time[order], m.temperature[order])
-        return cls(source, values, m.velocity is not None)
+            columns["time"] = times = np.broadcast_to(np.asarray(time, float), (count,))
+            if m.time is not None and m.temperature is not None:
+                order = np.argsort(m.time, kind="stable")
+                columns["temperature"] = np.interp(times, m.time[order], m.temperature[order])
+        return cls(source, columns)
 
-    def changed(self, readings: np.ndarray, direction: np.ndarray | None) -> dict[str, Any]:
-        """Values that replace those of the rows, for readings (C, n) and a direction of their motion."""
-        out = {**self.values, "readings": readings, "command": readings}
-        if self.moves:
-            out["velocity"] = np.zeros(readings.shape) if direction is None else np.asarray(direction, float)
-        return out
+    def again(self, some: np.ndarray, **columns: Any) -> Circumstance:
+        """Some of the poses, with other values of columns."""
+        mine = {name: x if np.ndim(x) == 0 else np.asarray(x)[some] for name, x in self.columns.items()}
+        return Circumstance(self.source[some], mine | columns, self.still)
+
+    def driven(self, m: Measurements, p: Parameter) -> Parameter:
+        """A parameter of the session `m` with the poses appended, with the drivers that it has there.
+
+        An event or a row number is that of the source rows; an arm that stands still does not move on.
+        """
+        if p.driver.kind == "event" or (p.driver.kind == "time" and m.time is None):
+            return _driven(p, len(m.ids), self.source)
+        return _driven(p, len(m.ids), None) if self.still and p.driver.kind in MOVING else p
+
+
+def _source(
+    dataset: Dataset, count: int, time: np.ndarray | float | None, row: str | int | None
+) -> np.ndarray:
+    """Rows (count,) whose state holds at times, s, or the row that is named; default: the last fitted row."""
+    named, recorded = _row(dataset, row), dataset.measurements.time
+    if time is None:
+        return np.full(count, named)
+    if not np.all(np.isfinite(time)):
+        raise BayescalError("is not a finite number", "--at-time-s", "give a number of s")
+    if recorded is None:
+        raise BayescalError("the session records no time_s", "", "choose a row instead")
+    order = np.argsort(recorded, kind="stable")
+    times = np.broadcast_to(np.asarray(time, float), (count,))
+    return order[np.maximum(np.searchsorted(recorded[order], times, side="right") - 1, 0)]
 
 
 def state_row(dataset: Dataset, time: float | None = None, row: str | int | None = None) -> int:
     """Index of the row whose state holds at a time, s, or that is named; default: the last fitted row."""
     if time is not None and row is not None:
         raise BayescalError("a time and a row are given", "--at-time-s", "give one of them")
-    return int(Circumstance.of(dataset, 1, None, 0.0, time, row).source[0])
+    return int(_source(dataset, 1, time, row)[0])
 
 
 def _row(dataset: Dataset, row: str | int | None) -> int:
@@ -254,10 +273,8 @@ def _row(dataset: Dataset, row: str | int | None) -> int:
     return int(row) % len(m.ids)
 
 
-def posed_rows(
-    model: Model, values: np.ndarray, source: np.ndarray, changed: Mapping[str, Any], still: bool
-) -> tuple[Model, np.ndarray]:
-    """A model of the session with rows appended, and these rows (C,).
+def posed_rows(model: Model, values: np.ndarray, poses: Circumstance) -> tuple[Model, np.ndarray]:
+    """A model of the session with the rows of C poses appended, and these rows (C,).
 
     Parameters
     ----------
@@ -265,33 +282,16 @@ def posed_rows(
         In equilibrium (`standing_model`).
     values : np.ndarray, shape (P,)
         Deviations of its parameters, SI.
-    source : np.ndarray of int, shape (C,)
-        The row that each new row repeats.
-    changed : mapping
-        New values of columns (C, ...), by their name.
-    still : bool
-        Whether the arm stands still in the new rows: then the speed has only a direction.
+    poses : Circumstance
     """
     scene, count = model.scene, len(model.scene.q)
-    rows = count + np.arange(len(source))
+    rows = count + np.arange(len(poses.source))
     m = scene.dataset.measurements
-    dataset = replace(scene.dataset, measurements=appended(m, source, changed, [f"pose {k}" for k in rows]))
-    stance = None if scene.stance is None else scene.stance.at(np.concatenate([np.arange(count), source]))
-
-    driven = driven_by(m, source, still)
-    return settled_model(model, replace(scene, dataset=dataset, stance=stance), values, driven), rows
-
-
-def driven_by(m: Measurements, source: np.ndarray, still: bool) -> Callable[[Parameter], Parameter]:
-    """What `posed_rows` makes of the drivers of a parameter of the session `m` with rows appended."""
-
-    def own(p: Parameter) -> Parameter:
-        """The parameter; the state of the source rows where its driver is an event or the row's number."""
-        if p.driver.kind == "event" or (p.driver.kind == "time" and m.time is None):
-            return _driven(p, len(m.ids), source)
-        return _driven(p, len(m.ids), None) if still and p.driver.kind in MOVING else p
-
-    return own
+    longer = appended(m, poses.source, poses.columns, [f"pose {k}" for k in rows])
+    before = np.concatenate([np.arange(count), poses.source])
+    stance = None if scene.stance is None else scene.stance.at(before)
+    posed = replace(scene, dataset=replace(scene.dataset, measurements=longer), stance=stance)
+    return settled_model(model, posed, values, partial(poses.driven, m)), rows
 
 
 def _driven(p: Parameter, count: int, source: np.ndarray | None) -> Parameter:

@@ -18,6 +18,7 @@ from scipy.spatial.transform import Rotation
 from bayescal.arm.transforms import rigid
 from bayescal.programs.text import (
     NUMBER,
+    Code,
     Dialect,
     Format,
     Number,
@@ -25,14 +26,8 @@ from bayescal.programs.text import (
     Slot,
     Target,
     after_line,
-    arguments,
-    degrees_of,
-    first,
     lengths_of,
-    line_of,
-    masked,
     numbers_in,
-    values_at,
 )
 from bayescal.programs.tools import ToolStatement
 
@@ -62,7 +57,7 @@ TOOL_DATA = re.compile(
 
 
 def _read(text: str, n: int) -> Program:
-    code = masked(text, "!")
+    code = Code.of(text, "!")
     jointtarget = re.compile(r"\[\s*" + _list(n) + r"\s*,\s*" + _list(6, keep=False) + r"\s*\]")
     computed = {
         m.group(1): m for m in reversed(list(ASSIGNED.finditer(code))) if m.group(2) or m.group(3) != "["
@@ -74,7 +69,7 @@ def _read(text: str, n: int) -> Program:
             position = code[a:b]
             if not position.isidentifier() and not position.startswith("["):
                 what = " ".join(position.split())
-                notes.append(f"line {line_of(code, a)}: the position of a Move{move.group(1)} is computed "
+                notes.append(f"{code.where(a)}: the position of a Move{move.group(1)} is computed "
                              f"({what}); kept")  # fmt: skip
             first_use.setdefault(position, move)
     placed: list[tuple[int, Slot]] = []
@@ -83,18 +78,17 @@ def _read(text: str, n: int) -> Program:
         before = code[max(code.rfind("\n", 0, match.start()), 0) : match.start()]
         named = NAMED.search(before)
         name = named.group(1) if named else ""
-        where = f"line {line_of(code, match.start())}" + (f", {name}" if name else "")
+        where = code.where(match.start(), name)
         if name in computed:
-            line = line_of(code, computed[name].start(1))
-            notes.append(f"{where}: it is computed in line {line}; kept")
+            notes.append(f"{where}: it is computed in {code.where(computed[name].start(1))}; kept")
             continue
         motion = first_use.get(name) if named else _around(code, match.start())
         straight = motion is not None and motion.group(1).upper() in "LC"
         if match.re is ROBTARGET:
             slot = _robtarget(code, match, where, name, straight)
         else:
-            spans = numbers_in(match, range(1, n + 1))
-            slot = Slot(Target(where, readings=np.radians(values_at(code, spans))), name, spans)
+            spans = numbers_in(match, n)
+            slot = Slot(Target(where, readings=np.radians(code.values(spans))), name, spans)
         elsewhere = len(re.findall(rf"\b{name}\b", code)) > 1
         slot = replace(slot, used=motion is not None or not first_use or elsewhere)
         placed.append((motion.start() if motion is not None and named else match.start(), slot))
@@ -102,13 +96,13 @@ def _read(text: str, n: int) -> Program:
     posed = any(slot.target.pose is not None for slot in slots)
     if not posed:
         return Program(slots, tuple(notes))
-    return Program(slots, tuple(notes), first(WORK_OBJECT, code), tuple(_tools(code)))
+    return Program(slots, tuple(notes), code.first(WORK_OBJECT), tuple(_tools(code)))
 
 
-def _positions(code: str, motion: re.Match[str]) -> list[tuple[int, int]]:
+def _positions(code: Code, motion: re.Match[str]) -> list[tuple[int, int]]:
     """Places of the positions of a motion: its first argument, of a circle the first two."""
     places = []
-    for a, b in arguments(code, *motion.span(3)):
+    for a, b in code.arguments(*motion.span(3)):
         flag = FLAG.match(code, a, b)
         if flag is None:
             places.append((a, b))
@@ -117,19 +111,19 @@ def _positions(code: str, motion: re.Match[str]) -> list[tuple[int, int]]:
     return places[: 2 if motion.group(1).upper() == "C" else 1]
 
 
-def _around(code: str, place: int) -> re.Match[str] | None:
+def _around(code: Code, place: int) -> re.Match[str] | None:
     """The motion that a place is an argument of."""
     return next((m for m in MOVE.finditer(code) if m.start() <= place < m.end()), None)
 
 
-def _tools(code: str) -> Iterator[ToolStatement]:
+def _tools(code: Code) -> Iterator[ToolStatement]:
     """Tools of the motions, with their poses where the same module has them."""
     stated = {m.group(1).lower(): m for m in TOOL_DATA.finditer(code)}
     for motion in MOVE.finditer(code):
-        each = [FLAG.sub("", code[a:b]).strip() for a, b in arguments(code, *motion.span(3))]
+        each = [FLAG.sub("", code[a:b]).strip() for a, b in code.arguments(*motion.span(3))]
         names = [name for name in each[2:] if name.isidentifier()]
         name = next((x for x in names if x.lower() in stated), names[-1] if names else "")
-        where, data = f"line {line_of(code, motion.start())}", stated.get(name.lower())
+        where, data = code.where(motion.start()), stated.get(name.lower())
         if name.lower() == "tool0":
             yield ToolStatement(where, name, np.eye(4))
         elif data is None or data.group(2).upper() == "FALSE":
@@ -140,9 +134,9 @@ def _tools(code: str) -> Iterator[ToolStatement]:
             yield ToolStatement(where, name, rigid(turn, 1e-3 * np.array([x, y, z])))
 
 
-def _robtarget(code: str, match: re.Match[str], where: str, name: str, straight: bool) -> Slot:
-    spans = numbers_in(match, range(1, 11))  # x, y, z, q1 ... q4, cf1, cf4, cf6
-    values = values_at(code, spans)
+def _robtarget(code: Code, match: re.Match[str], where: str, name: str, straight: bool) -> Slot:
+    spans = numbers_in(match, 10)  # x, y, z, q1 ... q4, cf1, cf4, cf6
+    values = code.values(spans)
     q1, *imaginary = values[3:7]
     pose = rigid(Rotation.from_quat([*imaginary, q1]).as_matrix(), 1e-3 * np.array(values[:3]))
     admits = _quarters(values[7:10])
@@ -182,17 +176,8 @@ ABB = Format(
     "abb",
     (".mod", ".modx", ".prg", ".sys"),
     _read,
-    degrees_of,
     "ABB RAPID: robtarget and jointtarget values",
     _pose,
     after_line(r"^[ \t]*MODULE\b", "  ! "),
-    dialect=Dialect(
-        "ABB RAPID: SearchL, readings in a log",
-        {r"([A-Za-z]\w*)": ("{}", "{}")},
-        "diProbe",
-        list="[[{}],[9E+09,9E+09,9E+09,9E+09,9E+09,9E+09]]",
-        joint="{1}",
-        separator=",",
-        width=40,
-    ),
+    dialect=Dialect("ABB RAPID: SearchL, readings in a log", {r"([A-Za-z]\w*)": ("{}", "{}")}, "diProbe"),
 )

@@ -19,18 +19,16 @@ from bayescal.arm.transforms import rigid, rpy_matrix, rpy_of
 from bayescal.programs.text import (
     ANGLE,
     NUMBER,
+    Code,
     Dialect,
     Format,
     Number,
     Program,
     Slot,
     Target,
-    degrees_of,
     lengths_of,
-    line_of,
     newline_of,
     numbers_in,
-    values_at,
 )
 from bayescal.programs.tools import ToolStatement
 
@@ -49,12 +47,13 @@ INDIRECT = re.compile(r"(?<!\w)(PR\[|P\[\s*[A-Z]*R\[)")
 
 
 def _read(text: str, n: int) -> Program:
-    begin = text.find("/POS")
-    moves = text if begin < 0 else text[:begin]
+    code = Code(text)
+    begin = code.find("/POS")
+    moves = code if begin < 0 else Code(code[:begin])
     kinds: dict[str, bool] = {}
     notes, offset = [], set()
     for match in MOVE.finditer(moves):
-        line, (kind, to) = f"line {line_of(moves, match.start(1))}", match.groups()
+        line, (kind, to) = moves.where(match.start(1)), match.groups()
         target = to.partition(" ")[0]
         if INDIRECT.match(target):
             notes.append(f"{line}: a motion to a register ({target}) is kept")
@@ -63,7 +62,7 @@ def _read(text: str, n: int) -> Program:
             notes.append(f"{line}: {target} is computed ({computed.group(1)}); kept")
         for number in VISITED.findall(to):
             kinds.setdefault(number, kind != "J")
-    every = {slot.name: slot for slot in _slots(text, max(begin, 0), n, kinds)}
+    every = {slot.name: slot for slot in _slots(code, max(begin, 0), n, kinds)}
     listed = [f"P[{number}]" for number, _ in POSITION.findall(text, max(begin, 0))]
     unread = f"neither X ... R nor J1 ... J{n} of the first group; kept"
     notes += [f"{name}: {unread}" for name in listed if name not in every]
@@ -73,7 +72,7 @@ def _read(text: str, n: int) -> Program:
     stated = [(slot.target.where, key, value) for slot in posed for key, value in _header(text, slot)]
     if posed:
         selected = SELECTED.finditer(moves)
-        stated += [(f"line {line_of(moves, m.start(1))}", m.group(1), m.group(2)) for m in selected]
+        stated += [(moves.where(m.start(1)), m.group(1), m.group(2)) for m in selected]
     frames = [
         f"{line}: {key} : {value}" for line, key, value in stated if key[:2] == "UF" and value not in "0F"
     ]
@@ -102,21 +101,21 @@ def _remarked(text: str, comment: str) -> str:
     return f"{text[:begin]}   1:  !{comment} ;{newline_of(text)}{lines}{text[end:]}"
 
 
-def _slots(text: str, begin: int, n: int, straight: Mapping[str, bool]) -> Iterator[Slot]:
+def _slots(text: Code, begin: int, n: int, straight: Mapping[str, bool]) -> Iterator[Slot]:
     joints = re.compile(r"\s*,\s*".join(rf"J{k}\s*=\s*({NUMBER})\s*deg" for k in range(1, n + 1)))
     for match in POSITION.finditer(text, begin):
         group = GROUP.search(text, *match.span(2))
         low, high = group.span(1) if group else match.span(2)
         number, name = match.group(1), f"P[{match.group(1)}]"
-        where = f"line {line_of(text, match.start())}, {name}"
+        where = text.where(match.start(), name)
         if match_ := POSE.search(text, low, high):
-            spans = numbers_in(match_, range(1, 7))
-            *xyz, w, p, r = values_at(text, spans)
+            spans = numbers_in(match_, 6)
+            *xyz, w, p, r = text.values(spans)
             pose = rigid(rpy_matrix(np.radians([w, p, r])), 1e-3 * np.array(xyz))
             yield Slot(Target(where, pose, straight=straight.get(number, False)), name, spans)
         elif match_ := joints.search(text, low, high):
-            spans = numbers_in(match_, range(1, n + 1))
-            readings = np.radians(values_at(text, spans))
+            spans = numbers_in(match_, n)
+            readings = np.radians(text.values(spans))
             yield Slot(Target(where, readings=readings, straight=straight.get(number, False)), name, spans)
 
 
@@ -128,7 +127,6 @@ FANUC = Format(
     "fanuc",
     (".ls",),
     _read,
-    degrees_of,
     "FANUC LS: P[n] as X, Y, Z, W, P, R or J1 ... Jn of the first motion group",
     _pose,
     _remarked,
@@ -136,11 +134,6 @@ FANUC = Format(
         "FANUC LS: SKIP CONDITION, readings in position registers",
         {r"(\d+)": ("DI[{}]=ON", "DI[{}]=OFF"), r"tool:(\d+)": ("RI[{}]=ON", "RI[{}]=OFF")},
         "1",
-        joint="J{}= {} deg",
-        separator=",\t",
-        position="P[{}]",
         unsafe=r"[\];:\"]",
-        width=24,
-        line="{:4d}:  {} ;",
     ),
 )

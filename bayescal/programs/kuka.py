@@ -20,6 +20,7 @@ from bayescal.arm.transforms import rigid, rpy_matrix, rpy_of
 from bayescal.programs.text import (
     ANGLE,
     NUMBER,
+    Code,
     Dialect,
     Format,
     Number,
@@ -27,12 +28,7 @@ from bayescal.programs.text import (
     Slot,
     Target,
     after_line,
-    degrees_of,
-    first,
     lengths_of,
-    line_of,
-    masked,
-    values_at,
 )
 from bayescal.programs.tools import ToolStatement
 
@@ -57,18 +53,18 @@ NEAR_ZERO = np.radians(0.1)  # rad: there either bit of the turn is accepted
 
 
 def _read(text: str, n: int) -> Program:
-    code = masked(text, ";").translate(CAPITALS)  # names have no case
+    code = Code(Code.of(text, ";").translate(CAPITALS))  # names have no case
     declared = {name for match in DECLARED.finditer(code) for name in re.findall(r"\w+", match.group(1))}
     lines, points = (
         set(re.findall(rf"\bS?(?:{kinds})\s+(\w+)", code, re.IGNORECASE)) for kinds in ("LIN|CIRC", "PTP")
     )
-    notes = [f"line {line_of(code, m.start())}: a {m.group()} is kept" for m in RELATIVE.finditer(code)]
+    notes = [f"{code.where(m.start())}: a {m.group()} is kept" for m in RELATIVE.finditer(code)]
     computed = {m.group(1): m for m in reversed(list(COMPUTED.finditer(code))) if m.group(1) in declared}
     for match in MOVED_ON.finditer(code):
         outside = re.sub(r"\{[^{}]*\}", "", match.group(1))  # a type of an aggregate has a colon too
         names = declared & set(re.findall(r"\w+", outside)) if ":" in outside else set()
         computed = {**dict.fromkeys(names, match), **computed}
-    notes += [f"line {line_of(code, m.start(1))}: {name} is computed; kept" for name, m in computed.items()]
+    notes += [f"{code.where(m.start(1))}: {name} is computed; kept" for name, m in computed.items()]
     slots = []
     moves = bool(re.search(r"\b(?:S?PTP|S?LIN|S?CIRC|SPL)\b", code, re.IGNORECASE))
     for match in AGGREGATE.finditer(code):
@@ -77,7 +73,7 @@ def _read(text: str, n: int) -> Program:
         name = assigned.group(1) if assigned else ""
         if name in computed or (not motion and name not in declared):
             continue
-        where = f"line {line_of(code, match.start())}" + (f", {name}" if name else "")
+        where = code.where(match.start(), name)
         parts = {
             m.group(1).upper(): m.span(2) for m in COMPONENT.finditer(code, match.start(1), match.end(1))
         }
@@ -96,10 +92,10 @@ def _read(text: str, n: int) -> Program:
         slots.append(replace(slot, target=target, used=used))
     posed = any(slot.target.pose is not None for slot in slots)
     tools = tuple(_tools(code)) if posed else ()
-    return Program(tuple(slots), tuple(notes), first(OTHER_BASE, code) if posed else "", tools)
+    return Program(tuple(slots), tuple(notes), code.first(OTHER_BASE) if posed else "", tools)
 
 
-def _tools(code: str) -> Iterator[ToolStatement]:
+def _tools(code: Code) -> Iterator[ToolStatement]:
     """Tools that a program selects, with their poses where the same file has them."""
     stated = {int(m.group(1)): m.group(2) for m in TOOL_DATA.finditer(code)}
     for match in TOOL.finditer(code):
@@ -114,26 +110,26 @@ def _tools(code: str) -> Iterator[ToolStatement]:
         elif parts.keys() >= set("XYZABC"):
             x, y, z, a, b, c = (parts[key] for key in "XYZABC")
             pose = rigid(rpy_matrix(np.radians([c, b, a])), 1e-3 * np.array([x, y, z]))
-        yield ToolStatement(f"line {line_of(code, match.start())}", " ".join(match.group().split()), pose)
+        yield ToolStatement(code.where(match.start()), " ".join(match.group().split()), pose)
 
 
 def _slot(
-    code: str, parts: dict[str, tuple[int, int]], n: int, where: str, name: str, straight: bool
+    code: Code, parts: dict[str, tuple[int, int]], n: int, where: str, name: str, straight: bool
 ) -> Slot | None:
     """A position by its components, or None if some are missing."""
     axes = [f"A{k}" for k in range(1, n + 1)]
     if parts.keys() >= set(axes):
         spans = tuple(parts[key] for key in axes)
-        return Slot(Target(where, readings=np.radians(values_at(code, spans))), name, spans)
+        return Slot(Target(where, readings=np.radians(code.values(spans))), name, spans)
     if not parts.keys() >= set("XYZABC"):
         return None
     spans = tuple(parts[key] for key in "XYZABC")
-    x, y, z, a, b, c = values_at(code, spans)
+    x, y, z, a, b, c = code.values(spans)
     pose = rigid(rpy_matrix(np.radians([c, b, a])), 1e-3 * np.array([x, y, z]))
     admits = None
     if "T" in parts:
         spans = (*spans, parts["T"])
-        admits = _turned(int(values_at(code, spans)[-1]))
+        admits = _turned(int(code.values(spans)[-1]))
     return Slot(Target(where, pose, straight=straight, admits=admits), name, spans)
 
 
@@ -160,7 +156,6 @@ KUKA = Format(
     "kuka",
     (".src", ".dat"),
     _read,
-    degrees_of,
     "KUKA .src and .dat: E6POS, POS, E6AXIS, AXIS in declarations, assignments and motions",
     _pose,
     after_line(r"^[ \t]*(?:GLOBAL\s+)?(?:DEF|DEFFCT|DEFDAT)\b", "; "),
@@ -171,8 +166,5 @@ KUKA = Format(
             r"measure:(\d+)": ("$MEAS_PULSE[{}]==TRUE", "$MEAS_PULSE[{}]==FALSE"),
         },
         "1",
-        joint="A{} {}",
-        separator=",",
-        position="XP{}",
     ),
 )

@@ -154,10 +154,11 @@ class Step:
     """A step of a program: what it is, its texts, and readings (n,), rad, by name.
 
     `kind` is ``stop`` (text), ``pass`` (at), ``measure`` (at) or ``contact`` (approach, begin, end); all have
-    the texts `id`, `target`, and `number`, that of the row from 1; a contact has `short`, of its search.
+    the texts `id` and `target`; a contact has `short`, of its search. `number` is that of the row, from 1.
     """
 
     kind: str
+    number: int
     texts: dict[str, str]
     readings: dict[str, np.ndarray] = field(default_factory=dict)
 
@@ -168,29 +169,29 @@ def steps(plan: Plan, guard: Guarded) -> Iterator[Step]:
     row = -1
     for motion in motions(plan):
         k, first = motion.row, motion.row != row
-        texts = {"id": m.ids[k], "target": session.targets[m.target[k]].name, "number": str(k + 1)}
+        texts = {"id": m.ids[k], "target": session.targets[m.target[k]].name}
         if row < 0:
             angles = ", ".join(f"{angle:.0f}" for angle in np.degrees(motion.readings))
             text = f"jog the arm manually near to J1 to J{len(m.readings[0])} = {angles} deg"
-            yield Step(STOP, texts | {"text": text})
+            yield Step(STOP, k + 1, texts | {"text": text})
         row = k
         change = plan.changes[k] if plan.changes else ""
         leave = plan.leave[k] if plan.leave else None
         if first and change and (leave is None or not len(leave)):
-            yield Step(STOP, texts | {"text": change})
+            yield Step(STOP, k + 1, texts | {"text": change})
         if first and plan.by_hand and plan.by_hand[k]:  # no collision-free path from the contact before
-            yield Step(STOP, texts | {"text": plan.by_hand[k]})
+            yield Step(STOP, k + 1, texts | {"text": plan.by_hand[k]})
         if motion.kind in (PASS, STOP):
-            yield Step(PASS, texts, {"at": motion.readings})
+            yield Step(PASS, k + 1, texts, {"at": motion.readings})
             if motion.kind == STOP and change:
-                yield Step(STOP, texts | {"text": change})
+                yield Step(STOP, k + 1, texts | {"text": change})
         elif motion.kind == MEASURE:
-            yield Step(MEASURE, texts, {"at": motion.readings})
+            yield Step(MEASURE, k + 1, texts, {"at": motion.readings})
         elif motion.kind == APPROACH:
             readings = {"approach": motion.readings, "begin": guard.begin[k], "end": guard.end[k]}
             less = guard.beyond[k] < guard.beyond.max()
             short = f", search to {1e3 * guard.beyond[k]:g} mm beyond" if less else ""
-            yield Step(CONTACT, texts | {"short": short}, readings)
+            yield Step(CONTACT, k + 1, texts | {"short": short}, readings)
 
 
 MOTION = ("id", "motion", "target", "tool")

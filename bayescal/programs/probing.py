@@ -1,9 +1,8 @@
 """Formats of a plan for controllers: tables of its motions, and probing programs.
 
-A probing program is one sequence of steps (`motions.steps`), rendered by the dialect of a controller and its
-template. A template, ``templates/NAME.txt``, has sections that begin with ``=== section``. A section whose
-name has a point is a file. It holds the sections of the steps as ``<<steps>>`` and, where readings are listed
-apart, as ``<<positions>>``. What a controller is relied on to do is stated in the header of its template.
+A probing program is one sequence of steps (`motions.steps`), rendered by a template of a controller,
+``templates/NAME.txt``, in which ``=== NAME`` begins a file. Readings of the steps are also listed apart, with
+a number. What a controller is relied on to do is stated in the header of its template.
 """
 
 from __future__ import annotations
@@ -12,19 +11,36 @@ import re
 import textwrap
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from bayescal.errors import BayescalError
 from bayescal.planning.result import Plan
 from bayescal.probing.contacts import SPEED
 from bayescal.programs import PROGRAMS
-from bayescal.programs.motions import AHEAD, Step, guarded, poses_table, readings_table, robodk_table, steps
+from bayescal.programs.motions import AHEAD, guarded, poses_table, readings_table, robodk_table, steps
 from bayescal.programs.text import Dialect, Format, digits
 
-TEMPLATES = Path(__file__).parent / "templates"
+TEMPLATES = Environment(
+    loader=FileSystemLoader(Path(__file__).parent / "templates"),
+    variable_start_string="<<",
+    variable_end_string=">>",
+    block_start_string="<%",
+    block_end_string="%>",
+    undefined=StrictUndefined,
+    trim_blocks=True,
+    lstrip_blocks=True,
+    keep_trailing_newline=True,
+)
+"""Templates of probing programs: statements of the controllers have braces."""
+TEMPLATES.filters |= {
+    "wrapped": textwrap.wrap,
+    "numbered": lambda text: "".join(f"{k:4d}:  {line} ;\n" for k, line in enumerate(text.splitlines(), 1)),
+}
 JOINTS = 6
 """Joints of the arms that these controllers move."""
 NEAR = 50e-3
@@ -33,7 +49,6 @@ RAMP = 0.5
 """m/s2 of the stop behind a contact of a UR (assumed: gentle beside the 1.2 m/s2 of its usual motions)."""
 STILL, REST = 2.0, 0.2
 """s at rest before an instrument reads a point, and between motions with another force (assumed)."""
-LABELS = 10  # of FANUC, for each row
 BEYOND = 5e-3
 """m beyond the expected surface where a guarded motion ends (assumed)."""
 MOST_BEYOND = 50e-3
@@ -97,22 +112,6 @@ class Writer:
     form: Format
     dialect: Dialect
 
-    @cached_property
-    def sections(self) -> dict[str, str]:
-        """Sections of the template, without the last line break."""
-        text = (TEMPLATES / f"{self.form.name}.txt").read_text(encoding="utf-8")
-        parts = re.split(r"^=== (\S+)\n", text, flags=re.MULTILINE)[1:]
-        return {name: body.rstrip("\n") for name, body in zip(parts[::2], parts[1::2], strict=True)}
-
-    def section(self, name: str, fields: Mapping[str, str]) -> str:
-        """A section with its fields; those that are not given are kept."""
-        return re.sub(r"<<(\w+)>>", lambda m: fields.get(m[1], m[0]), self.sections.get(name, ""))
-
-    def joints(self, readings: np.ndarray) -> str:
-        """Readings (n,), rad, as a list without its brackets."""
-        every = (self.dialect.joint.format(k, digits(x)) for k, x in enumerate(self.form.joints(readings), 1))
-        return self.dialect.separator.join(every)
-
     def plain(self, text: str) -> str:
         """A text that does not end its string or comment."""
         return re.sub(self.dialect.unsafe, "'", " ".join(text.split()))
@@ -154,50 +153,28 @@ def written(writer: Writer, plan: Plan, probe: Probe) -> dict[str, str]:
     if n != JOINTS:
         what = f"programs of the format {writer.form.name} are for arms of {JOINTS} joints"
         raise BayescalError(f"{what}; {plan.session.robot.name} has {n}", "--to", "choose another format")
-    common, positions = _common(writer, plan, probe), list[np.ndarray]()
-    every = list(steps(plan, guarded(plan, probe.beyond)))
-    body = [writer.section("header", common)] if "header" in writer.sections else []
-    if any(step.kind == "contact" for step in every):
-        body.append(writer.section("begin", common))
-    body += [_step(writer, step, common, positions) for step in every]
-    lines = "\n".join(body)
-    if writer.dialect.line:
-        lines = "\n".join(writer.dialect.line.format(k, line) for k, line in enumerate(lines.split("\n"), 1))
-    rows = [{"number": str(k)} for k in range(1, len(plan.purpose) + 1)]
-    listed = (
-        {"n": str(k), "at": writer.dialect.position.format(k), "joints": writer.joints(q)}
-        for k, q in enumerate(positions, 1)
-    )
-    fields = common | {
-        "steps": lines,
-        "positions": "\n".join(writer.section("position", common | position) for position in listed),
-        "results": "\n".join(writer.section("result", row) for row in rows),
-        "resets": "\n".join(writer.section("reset", row) for row in rows),
-    }
-    files = [name for name in writer.sections if "." in name]
-    return {name: writer.section(name, fields) + "\n" for name in files}
+    positions: list[dict[str, Any]] = []
+
+    def listed(readings: np.ndarray) -> dict[str, Any]:
+        """Readings, rad, as an entry of the list of positions; those of the steps just before are one."""
+        if not (same := [p for p in positions[-3:] if p["readings"] is readings]):
+            joints = [digits(x) for x in writer.form.joints(readings)]
+            positions.append({"number": len(positions) + 1, "readings": readings, "joints": joints})
+        return same[0] if same else positions[-1]
+
+    every = [
+        {"kind": step.kind, "number": step.number}
+        | {key: writer.plain(text) for key, text in step.texts.items()}
+        | {key: listed(readings) for key, readings in step.readings.items()}
+        for step in steps(plan, guarded(plan, probe.beyond))
+    ]
+    fields = _common(writer, plan, probe) | {"steps": every, "positions": positions}
+    text = TEMPLATES.get_template(f"{writer.form.name}.txt").render(fields)
+    parts = re.split(r"^=== (\S+)\n", text, flags=re.MULTILINE)[1:]
+    return dict(zip(parts[::2], parts[1::2], strict=True))
 
 
-def _step(writer: Writer, step: Step, common: Mapping[str, str], positions: list[np.ndarray]) -> str:
-    """A step; readings that are listed apart are added to `positions`."""
-    fields = dict(common) | {key: writer.plain(text) for key, text in step.texts.items()}
-    fields |= {f"label{k}": str(LABELS * int(step.texts["number"]) + k) for k in range(1, LABELS)}
-    for name, readings in step.readings.items():
-        if writer.dialect.position:
-            same = next((k for k, q in enumerate(positions[-3:], len(positions[:-3])) if q is readings), -1)
-            if same < 0:
-                positions.append(readings)
-                same = len(positions) - 1
-            fields[name] = writer.dialect.position.format(same + 1)
-        else:
-            fields[name] = writer.dialect.list.format(writer.joints(readings))
-    if writer.dialect.width and step.kind == "stop":
-        texts = textwrap.wrap(fields["text"], writer.dialect.width)
-        fields["lines"] = "\n".join(writer.section("line", {"text": text}) for text in texts)
-    return writer.section(step.kind, fields)
-
-
-def _common(writer: Writer, plan: Plan, probe: Probe) -> dict[str, str]:
+def _common(writer: Writer, plan: Plan, probe: Probe) -> dict[str, Any]:
     """Fields of all steps and of the header."""
     session, m = plan.session, plan.session.measurements
     pressed, released = writer.trigger(probe)
@@ -206,15 +183,15 @@ def _common(writer: Writer, plan: Plan, probe: Probe) -> dict[str, str]:
     names = [f"{writer.plain(tool.name)} " if len(tools) > 1 else "" for tool in tools]
     tool = tools[0]
     cog = tool.centre if tool.centre_of_mass is None else tool.centre_of_mass
-    out = {
+    out: dict[str, Any] = {
         "name": writer.plain(session.name),
-        "count": str(len(m.ids)),
-        "rows": str(len(m.ids)),
+        "count": len(m.ids),
+        "rows": len(m.ids),
         "tcp": "; ".join(f"{name}{c} mm" for name, c in zip(names, centres, strict=True)),
         "tcp_numbers": ",".join(f"{1e3 * x:.4f}" for x in tool.centre),
         "mass": f"{max(tool.mass, 0.001):g}",
         "cog": ",".join(f"{1e3 * x:.1f}" for x in cog),
-        "tool": "1",
+        "tool": 1,
         "trigger": pressed,
         "released": released,
         "watched": "" if probe.force is None else "kind > 0 and ",

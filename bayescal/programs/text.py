@@ -85,6 +85,11 @@ class Number:
     decimals: int
 
 
+def degrees_of(readings: np.ndarray) -> list[Number]:
+    """Readings (n,), rad, in degrees."""
+    return [Number(x, ANGLE) for x in np.degrees(readings).tolist()]
+
+
 @dataclass(frozen=True)
 class Slot:
     """A position in the text of a program: its target, its name, and where each of its numbers stands.
@@ -132,33 +137,17 @@ class Dialect:
         while it is not.
     first : str
         The input that is taken where none is stated.
-    joint, separator : str
-        A joint of a list, by k from 1 and its number, and what stands between two of them.
-    list : str
-        The list, of ``{}``; "" if readings are listed apart.
-    position : str
-        How a motion names listed readings, by their number from 1; "" if they stand in the motion.
     force : str
         As a trigger, by N; "" if the controller has no force.
     unsafe : str
         Characters that end a text or are not allowed in it.
-    width : int
-        Most characters of a line of a message.
-    line : str
-        A numbered line of the program, by k and text; "" if lines have no numbers.
     """
 
     summary: str
     triggers: Mapping[str, tuple[str, str]]
     first: str
-    joint: str
-    separator: str
-    list: str = ""
-    position: str = ""
     force: str = ""
     unsafe: str = r'["]'
-    width: int = 0
-    line: str = ""
 
 
 @dataclass(frozen=True)
@@ -173,8 +162,6 @@ class Format:
         Of files; small letters.
     read : callable
         Program of a text, for an arm of n joints.
-    joints : callable
-        Numbers of a joint position in the order of its spans, from readings (n,), rad.
     summary : str
         What is read.
     pose : callable, optional
@@ -184,16 +171,18 @@ class Format:
         The program with a comment; without it the format has none.
     dialect : Dialect, optional
         Of probing programs; without it there are none.
+    joints : callable
+        Numbers of a joint position in the order of its spans, from readings (n,), rad; by default in degrees.
     """
 
     name: str
     suffixes: tuple[str, ...]
     read: Callable[[str, int], Program]
-    joints: Callable[[np.ndarray], Iterable[Number]]
     summary: str
     pose: Callable[[np.ndarray, np.ndarray, Sequence[float]], Iterable[Number]] | None = None
     remarked: Callable[[str, str], str] | None = None
     dialect: Dialect | None = None
+    joints: Callable[[np.ndarray], Iterable[Number]] = degrees_of
 
 
 def line_of(text: str, place: int) -> int:
@@ -201,31 +190,43 @@ def line_of(text: str, place: int) -> int:
     return text.count("\n", 0, place) + 1
 
 
-def masked(text: str, comment: str, quote: str = '"') -> str:
-    """The text with comments (from `comment` to the end of the line) and strings as blanks, equally long."""
-    pattern = re.compile(f"{quote}[^{quote}\n]*{quote}|{re.escape(comment)}[^\r\n]*")
-    return pattern.sub(lambda match: " " * len(match.group()), text)
+class Code(str):
+    """A program as text, and what readers ask of it."""
+
+    @classmethod
+    def of(cls, text: str, comment: str) -> Code:
+        """A text with comments (`comment` to the end of the line) and strings as blanks, equally long."""
+        pattern = re.compile(rf'"[^"\n]*"|{re.escape(comment)}[^\r\n]*')
+        return cls(pattern.sub(lambda match: " " * len(match.group()), text))
+
+    def where(self, place: int, name: str = "") -> str:
+        """The line of a character, and the name of what begins there."""
+        return f"line {line_of(self, place)}" + (f", {name}" if name else "")
+
+    def first(self, pattern: re.Pattern[str]) -> str:
+        """The first match of a pattern with its line, or ""."""
+        match = pattern.search(self)
+        return f"{self.where(match.start())}: {match.group()}" if match else ""
+
+    def values(self, spans: Iterable[tuple[int, int]]) -> list[float]:
+        """The numbers at some places."""
+        return [float(self[low:high]) for low, high in spans]
+
+    def arguments(self, low: int, high: int) -> list[tuple[int, int]]:
+        """Places of the arguments of a call between two places: its commas outside of all brackets."""
+        depth, start, out = 0, low, []
+        for place in range(low, high):
+            depth += {"(": 1, "[": 1, "{": 1, ")": -1, "]": -1, "}": -1}.get(self[place], 0)
+            if self[place] == "," and depth == 0:
+                out.append((start, place))
+                start = place + 1
+        each = [(a, b, self[a:b]) for a, b in [*out, (start, high)] if self[a:b].strip()]
+        return [(b - len(argument.lstrip()), a + len(argument.rstrip())) for a, b, argument in each]
 
 
-def first(pattern: re.Pattern[str], code: str) -> str:
-    """The first match of a pattern with its line, or ""."""
-    match = pattern.search(code)
-    return f"line {line_of(code, match.start())}: {match.group()}" if match else ""
-
-
-def numbers_in(match: re.Match[str], groups: Iterable[int | str]) -> tuple[tuple[int, int], ...]:
-    """Where groups of a match stand in the text."""
-    return tuple(match.span(group) for group in groups)
-
-
-def values_at(text: str, spans: Iterable[tuple[int, int]]) -> list[float]:
-    """The numbers of a text at some places."""
-    return [float(text[low:high]) for low, high in spans]
-
-
-def degrees_of(readings: np.ndarray) -> list[Number]:
-    """Readings (n,), rad, in degrees."""
-    return [Number(x, ANGLE) for x in np.degrees(readings).tolist()]
+def numbers_in(match: re.Match[str], count: int) -> tuple[tuple[int, int], ...]:
+    """Where the first groups of a match stand in the text."""
+    return tuple(match.span(group) for group in range(1, count + 1))
 
 
 def lengths_of(pose: np.ndarray) -> list[Number]:
@@ -247,18 +248,6 @@ def after_line(pattern: str, prefix: str) -> Callable[[str, str], str]:
 def newline_of(text: str) -> str:
     """What ends the lines of a text."""
     return "\r\n" if "\r\n" in text else "\n"
-
-
-def arguments(text: str, low: int, high: int) -> list[tuple[int, int]]:
-    """Places of the arguments of a call between two places: its commas outside of all brackets."""
-    depth, start, out = 0, low, []
-    for place in range(low, high):
-        depth += {"(": 1, "[": 1, "{": 1, ")": -1, "]": -1, "}": -1}.get(text[place], 0)
-        if text[place] == "," and depth == 0:
-            out.append((start, place))
-            start = place + 1
-    each = [(a, b, text[a:b]) for a, b in [*out, (start, high)] if text[a:b].strip()]
-    return [(b - len(argument.lstrip()), a + len(argument.rstrip())) for a, b, argument in each]
 
 
 def rewritten(text: str, format_: Format, slots: Sequence[Slot], corrected: Sequence[Corrected]) -> str:
@@ -287,7 +276,7 @@ def rewritten(text: str, format_: Format, slots: Sequence[Slot], corrected: Sequ
             numbers = format_.joints(target.readings)
         else:
             assert format_.pose is not None, "a format without poses has whole expressions"
-            numbers = format_.pose(target.pose, target.readings, values_at(text, slot.spans))
+            numbers = format_.pose(target.pose, target.readings, Code(text).values(slot.spans))
         for (low, high), number in zip(slot.spans, numbers, strict=True):
             pieces.append((low, high, _written(number, text[low:high])))
     out, end = [], 0
@@ -316,8 +305,8 @@ def _read(text: str, n: int) -> Program:
         bare = line.rstrip("\r\n")
         match = row.match(text, begin, begin + len(bare))
         if match:
-            spans = numbers_in(match, range(1, n + 1))
-            target = Target(f"line {number}", readings=np.radians(values_at(text, spans)))
+            spans = numbers_in(match, n)
+            target = Target(f"line {number}", readings=np.radians(Code(text).values(spans)))
             slots.append(Slot(target, f"{number}", spans))
         elif bare.strip() and slots:
             what = f"the first {n} cells are not numbers"
@@ -326,4 +315,4 @@ def _read(text: str, n: int) -> Program:
     return Program(tuple(slots))
 
 
-ROBODK = Format("robodk", (".csv",), _read, degrees_of, "RoboDK CSV: joints in degrees in the first columns")
+ROBODK = Format("robodk", (".csv",), _read, "RoboDK CSV: joints in degrees in the first columns")

@@ -8,8 +8,9 @@ known by their tolerances only, which are part of the uncertainty of its point.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -21,7 +22,7 @@ from bayescal.dataset import Tool
 from bayescal.effects import Parameter, parameters_of
 from bayescal.effects.geometry import GEOMETRY
 from bayescal.errors import BayescalError
-from bayescal.fitted.arm import FittedArm, Poses, padded, slopes_of
+from bayescal.fitted.arm import FittedArm, Poses
 from bayescal.fitted.unmodelled import state_row
 
 TCP = "tcp"
@@ -48,14 +49,20 @@ class Working:
 
     def covariance(self, poses: Poses) -> np.ndarray:
         """Covariance (C, 3, 3), m2, of the points by errors of a tool that was not fitted, in F0."""
-        wide = replace(poses.model, parameters=(*poses.model.parameters, *self.flange))
-        by = slopes_of(wide.motion(poses.rows), padded(poses.values, wide))[..., len(poses.values) :]
-        by = by * np.array([p.sd for p in self.flange])
+        by = poses.slopes_with(self.flange)[..., len(poses.arm.values) :]
         return by @ np.swapaxes(by, -1, -2) + self.u**2 * np.eye(3)
 
-    def probed(self, poses: Poses, of_tool: Callable[[str], Poses]) -> np.ndarray:
+    def probed(self, poses: Poses) -> np.ndarray:
         """Points (C, 3), m, of the probe at the poses of the working tool."""
-        return poses.points if self.probe == self.tool.name else of_tool(self.probe).points
+        names = [t.name for t in self.arm.dataset.tools]
+        return (
+            poses.points if self.probe == self.tool.name else poses.again(tool=names.index(self.probe)).points
+        )
+
+    @cached_property
+    def nominal(self) -> NominalArm:
+        """The nominal arm with the tool."""
+        return nominal_arm(self.arm.dataset.robot, self.tool)
 
     @property
     def pose(self) -> np.ndarray:

@@ -19,6 +19,7 @@ from scipy.spatial.transform import Rotation
 from bayescal.arm.transforms import rigid
 from bayescal.programs.text import (
     NUMBER,
+    Code,
     Dialect,
     Format,
     Number,
@@ -26,11 +27,7 @@ from bayescal.programs.text import (
     Slot,
     Target,
     after_line,
-    arguments,
-    line_of,
-    masked,
     numbers_in,
-    values_at,
 )
 from bayescal.programs.tools import ToolStatement
 
@@ -57,7 +54,7 @@ OWN = "the controller would invert it with its own calibration"
 class Text:
     """A program without comments, and what its names are assigned; `joints` is the pattern of a list."""
 
-    code: str
+    code: Code
     joints: re.Pattern[str]
     values: dict[str, re.Match[str]]  # of names that are assigned once, in numbers
     written: Counter[str]  # how often each name is assigned
@@ -65,7 +62,7 @@ class Text:
     @classmethod
     def of(cls, text: str, n: int) -> Text:
         """Read a program for an arm of `n` joints."""
-        code = masked(text, "#")
+        code = Code.of(text, "#")
         joints = re.compile(r"(?<![\w\]])\[\s*" + r"\s*,\s*".join([rf"({NUMBER})"] * n) + r"\s*\]")
         written = Counter(match.group(1) for match in ASSIGNED.finditer(code))
         values = {
@@ -88,7 +85,7 @@ def _read(text: str, n: int) -> Program:
     slots: dict[tuple[int, int], Slot] = {}
     notes = []
     for kind, low, high in _calls(t.code):
-        line = f"line {line_of(t.code, low)}"
+        line = t.code.where(low)
         for place in _positions(t.code, kind, low, high):
             slot = _slot(t, kind, *place)
             if isinstance(slot, Slot):
@@ -104,19 +101,19 @@ def _read(text: str, n: int) -> Program:
 def _tools(t: Text) -> Iterator[ToolStatement]:
     for match in SET_TCP.finditer(t.code):
         end = _closing(t.code, match.end())
-        for place in arguments(t.code, match.end(), end)[:1]:
+        for place in t.code.arguments(match.end(), end)[:1]:
             value, text = t.value(*place), " ".join(t.code[match.start() : end + 1].split())
             pose = None if value is None or value.re is not CARTESIAN else _pose_of(value)
-            yield ToolStatement(f"line {line_of(t.code, match.start())}", text, pose)
+            yield ToolStatement(t.code.where(match.start()), text, pose)
 
 
-def _calls(code: str) -> Iterator[tuple[str, int, int]]:
+def _calls(code: Code) -> Iterator[tuple[str, int, int]]:
     """Motions: the function, and where its arguments begin and end."""
     for match in MOVE.finditer(code):
         yield match.group(1), match.end(), _closing(code, match.end())
 
 
-def _closing(code: str, end: int) -> int:
+def _closing(code: Code, end: int) -> int:
     """Where the bracket closes that is open at a place."""
     depth = 1
     while end < len(code) and depth:
@@ -125,10 +122,10 @@ def _closing(code: str, end: int) -> int:
     return end - 1
 
 
-def _positions(code: str, kind: str, low: int, high: int) -> list[tuple[int, int]]:
+def _positions(code: Code, kind: str, low: int, high: int) -> list[tuple[int, int]]:
     """Places of the positions among the arguments of a motion."""
     out = []
-    for a, b in arguments(code, low, high)[: POSES_OF.get(kind, 1)]:
+    for a, b in code.arguments(low, high)[: POSES_OF.get(kind, 1)]:
         keyword = KEYWORD.match(code, a, b)
         out.append((keyword.end() if keyword else a, b))
     return out
@@ -138,7 +135,7 @@ def _slot(t: Text, kind: str, low: int, high: int) -> Slot | str:
     """The position of a motion, or why it is kept."""
     near, place = None, (low, high)
     if match := INVERSE.match(t.code, low, high):
-        inner = arguments(t.code, match.end(), _closing(t.code, match.end()))
+        inner = t.code.arguments(match.end(), _closing(t.code, match.end()))
         place = inner[0] if inner else place
         if len(inner) > 1:
             keyword = KEYWORD.match(t.code, *inner[1])
@@ -148,14 +145,14 @@ def _slot(t: Text, kind: str, low: int, high: int) -> Slot | str:
     if value is None:
         return f"is computed ({named} is assigned more than once)" if NAME.match(named) else "is computed"
     name = named if NAME.match(named) else ""
-    where = f"line {line_of(t.code, low)}" + (f", {name}" if name else "")
+    where = t.code.where(low, name)
     straight = kind not in BY_JOINTS
     if value.re is CARTESIAN:
         if kind in ONLY_POSES:
             return "must be a pose"
         return Slot(Target(where, _pose_of(value), near, straight), name, (), (low, high))
-    spans = numbers_in(value, range(1, len(value.groups()) + 1))
-    return Slot(Target(where, readings=np.array(values_at(t.code, spans)), straight=straight), name, spans)
+    spans = numbers_in(value, len(value.groups()))
+    return Slot(Target(where, readings=np.array(t.code.values(spans)), straight=straight), name, spans)
 
 
 def _numbers(match: re.Match[str]) -> np.ndarray:
@@ -175,7 +172,6 @@ URSCRIPT = Format(
     "urscript",
     (".script", ".urscript"),
     _read,
-    _joints,
     "URScript: p[...] and joint lists of movej, movel, movep, movec, servoj, servoc",
     remarked=after_line(r"^\s*def\b.*:", "  # "),
     dialect=Dialect(
@@ -186,9 +182,7 @@ URSCRIPT = Format(
             r"configurable:(\d+)": ("get_configurable_digital_in({})", ""),
         },
         "0",
-        list="[{}]",
-        joint="{1}",
-        separator=", ",
         force="bc_force() > {}",
     ),
+    joints=_joints,
 )

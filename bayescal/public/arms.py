@@ -133,7 +133,8 @@ def names(effects: Sequence[str] | str) -> tuple[str, ...]:
 
 def arm_of(run: object, with_: Sequence[str] = (), without: Sequence[str] = ()) -> FittedArm:
     """The arm of a result, new or read back, or of a run folder, with other effects fitted again."""
-    from bayescal.fitted import of_fit, of_gap, open_run, refitted
+    from bayescal.fitted.arm import of_fit, of_gap, refitted
+    from bayescal.fitted.file import open_run
 
     if isinstance(run, FitResult | GapResult) and run.folder is not None:
         return open_run(run.folder, with_, without)

@@ -20,7 +20,8 @@ from bayescal.predict.errors import USUAL
 from bayescal.predict.locate import Rows, locate
 from bayescal.predict.targets import centre_of, certified_diameters, unknown_tool, with_diameter
 from bayescal.storage.reading import read_json
-from bayescal.verifying.levels import File, Machine, replayed
+from bayescal.verifying.levels import Machine
+from bayescal.verifying.simulator import File
 
 
 @dataclass(frozen=True)
@@ -43,7 +44,6 @@ class Measured:
     """Errors of an arm in validation data: residuals of targets, and errors of certified distances, m."""
 
     residuals: tuple[Residuals, ...]
-    pairs: tuple[tuple[str, str], ...]
     distance: np.ndarray  # (D,) measured by the arm minus certified
 
     def rms(self, kind: str, without: np.ndarray) -> float:
@@ -103,8 +103,7 @@ def measured(arm: FittedArm, rows: np.ndarray, points: np.ndarray, noise: Mappin
                 continue
         r = block.kind.residual(state, points[where[rows_of_target]].T) + block.at_contact(arm.values)
         residuals.append(Residuals(rows_of_target, "planes" if len(r) == 1 else "points", r, block.sigma))
-    pairs, distance = _distances(arm, centres)
-    return Measured(tuple(residuals), pairs, distance)
+    return Measured(tuple(residuals), _distances(arm, centres))
 
 
 def _located(block: Block, arm: FittedArm, p: np.ndarray, noise: float) -> np.ndarray:
@@ -115,23 +114,23 @@ def _located(block: Block, arm: FittedArm, p: np.ndarray, noise: float) -> np.nd
     return np.asarray(estimate.x[0])
 
 
-def _distances(
-    arm: FittedArm, centres: dict[str, np.ndarray]
-) -> tuple[tuple[tuple[str, str], ...], np.ndarray]:
-    pairs, errors = [], []
-    for c in arm.dataset.certificates:
-        if c.kind == "distance" and c.distance is not None and all(name in centres for name in c.targets):
-            a, b = c.targets
-            pairs.append((a, b))
-            errors.append(float(np.linalg.norm(centres[a] - centres[b])) - c.distance)
-    return tuple(pairs), np.array(errors)
+def _distances(arm: FittedArm, centres: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Errors (D,), m, of the certified distances between targets whose centres were located."""
+    return np.array([
+        np.linalg.norm(np.subtract(*(centres[name] for name in c.targets))) - c.distance
+        for c in arm.dataset.certificates
+        if c.kind == "distance" and c.distance is not None and all(name in centres for name in c.targets)
+    ], float)  # fmt: skip
 
 
 KINDS = ("planes", "points", "distances")
 RECORDS = ("gap.json", "fit.json")
 LEVEL = {"planes": "heldout_rms_um", "distances": "distance_rms_um"}
-FIT_PLANES = ("nominal_rms_um", "calibrated_rms_um")
-FIT_DISTANCES = ("nominal_error_um", "calibrated_error_um")
+BEFORE_AFTER = {
+    "planes": ("nominal_rms_um", "calibrated_rms_um"),
+    "distances": ("nominal_error_um", "calibrated_error_um"),
+}
+"""What fit.json states of validation measurements."""
 NOT_KNOWN = (float("nan"), float("nan"))
 
 
@@ -172,17 +171,13 @@ def _rms(record: Mapping[str, Any], kind: str) -> tuple[float, float]:
         if level["model"] == record.get("baseline") and kind in LEVEL:
             rms = 1e-6 * (level.get(LEVEL[kind]) or float("nan"))
             return rms, rms if record.get("effects") == [] else float("nan")
-    validation = record.get("validation", {})
-    if kind == "planes" and validation.get("planes"):
-        every = [p for p in validation["planes"] if p["role"] == "validate"]
-        weight = np.array([p["count"] for p in every], float)
-        means = [np.average([p[k] ** 2 for p in every], weights=weight) for k in FIT_PLANES] if every else []
-        return (1e-6 * float(np.sqrt(means[0])), 1e-6 * float(np.sqrt(means[1]))) if means else NOT_KNOWN
-    if kind == "distances" and validation.get("distances"):
-        every = validation["distances"]
-        before, after = (np.sqrt(np.mean([d[k] ** 2 for d in every])) for k in FIT_DISTANCES)
-        return 1e-6 * float(before), 1e-6 * float(after)
-    return NOT_KNOWN
+    every = record.get("validation", {}).get(kind) if kind in BEFORE_AFTER else None
+    every = [p for p in every or () if p.get("role", "validate") == "validate"]
+    if not every:
+        return NOT_KNOWN
+    weights = [p["count"] if kind == "planes" else 1.0 for p in every]
+    before, after = (np.average([p[k] ** 2 for p in every], weights=weights) for k in BEFORE_AFTER[kind])
+    return 1e-6 * float(np.sqrt(before)), 1e-6 * float(np.sqrt(after))
 
 
 @dataclass(frozen=True)
@@ -200,12 +195,12 @@ class Gap:
     predicted: Mapping[str, tuple[float, float]]
 
 
-def simulated_gap(
-    arm: FittedArm,
-    before: Callable[[FittedArm, np.ndarray], np.ndarray],
-    after: Callable[[np.ndarray], np.ndarray],
-    reported: Reported,
-) -> Gap | None:
+Before = Callable[[FittedArm, np.ndarray], np.ndarray]
+After = Callable[[np.ndarray], np.ndarray]
+"""TCP positions (C, 3), m, in rows (C,) of the session: of another arm, and of the written file."""
+
+
+def simulated_gap(arm: FittedArm, before: Before, after: After, reported: Reported) -> Gap | None:
     """Replay the validation measurements; None if the session has none.
 
     Parameters
@@ -240,25 +235,18 @@ def simulated_gap(
 def before_estimate(arm: FittedArm, baseline: tuple[str, ...]) -> Estimate:
     """The arm before, with its own targets: nominal, or fitted with the baseline of a diagnosis."""
     scene, options = Scene(arm.dataset, oriented=True), arm.origin.options
-    found = fitted_level(scene, baseline, options)
+    fitted = fitted_level(scene, baseline, options)
     if not baseline:
-        return found
+        return fitted
     left_out = np.flatnonzero(np.isin(arm.dataset.measurements.ids, arm.rejected))
-    if np.array_equal(np.sort(found.rejected), left_out):
-        return found
-    return estimate(found.model, options.robust, found.z, left_out)  # both arms with the same rows
+    if np.array_equal(np.sort(fitted.rejected), left_out):
+        return fitted
+    return estimate(fitted.model, options.robust, fitted.z, left_out)  # both arms with the same rows
 
 
 def in_simulator(arm: FittedArm, file: File, rows: np.ndarray, state: int) -> np.ndarray:
     """TCP positions (C, 3), m, of an arm in its file; where it changes in time, in the state of each row."""
-    machine = Machine.of(arm, state, file.place)
-    simulator = machine.simulator(file.text, file.folder, file.name)
-    if not file.place.of_user and any(p.driver.kind in STATE[1:] for p in arm.model.parameters):
-        points = np.empty((len(rows), 3))
-        for k, row in enumerate(rows):
-            machine = Machine.of(arm, int(row))
-            simulator.take(machine.poses)
-            points[k] = replayed(simulator, machine, arm, rows[k : k + 1])[1][0]
-    else:
-        _, points = replayed(simulator, machine, arm, rows)
-    return points
+    machine = Machine.of(arm, state, file)
+    if file.of_user or not any(p.driver.kind in STATE[1:] for p in arm.model.parameters):
+        return machine.replayed(rows)[1]
+    return np.concatenate([machine.at(int(row)).replayed(rows[[k]])[1] for k, row in enumerate(rows)])

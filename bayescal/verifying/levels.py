@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from pathlib import Path
-from typing import Any
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from bayescal.effects import MODELS
 from bayescal.effects.selection import plain
 from bayescal.exporting.mjcf.elastic import Content
-from bayescal.exporting.mjcf.format import mjcf
 from bayescal.exporting.mjcf.mechanism import Load, loads, names, poses
-from bayescal.exporting.mjcf.readings import Joints, Law, bare, error, law_of, posture
+from bayescal.exporting.mjcf.readings import Law, bare, error, law_of, posture
 from bayescal.fitted.arm import NOMINAL, FittedArm
-from bayescal.verifying.simulator import Simulator
+from bayescal.verifying.simulator import File, Simulator
 
 NOMINAL_WITHIN = 1e-9
 """Maximum difference of the TCP positions, m, of the nominal arm."""
@@ -37,56 +34,57 @@ MOVED = 0.999
 
 
 @dataclass(frozen=True)
-class Place:
-    """Where the arm of a file is: its joints, and the world of the file in F0, (4, 4), m.
-
-    In a user's file (`of_user`) the joints have the user's actuators, and the bodies the user's names. With a
-    `script` the file has no errors of the readings; they are in its commands.
-    """
-
-    joints: Joints
-    world: np.ndarray
-    of_user: bool = False
-    script: bool = False
-    renamed: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
-
-    @classmethod
-    def of(cls, arm: FittedArm, sidecar: Mapping[str, Any]) -> Place:
-        """The place in a file with a sidecar; in a new file without one."""
-        script = sidecar.get("readings") == "script"
-        if "root_in_f0" not in sidecar:
-            return cls(Joints.of(arm.dataset.robot.joint_names), np.eye(4), script=script)
-        joints = Joints(tuple(sidecar["joints"].values()), np.array(sidecar["signs"]))
-        return cls(joints, np.array(sidecar["root_in_f0"]), True, script, sidecar.get("renamed", {}))
-
-
-@dataclass(frozen=True)
 class Machine:
-    """What brings an arm in a simulator to a pose: the law of its readings, its tools, places of bodies."""
+    """An arm in its file in MuJoCo, in the state of a row: the law of its readings and its tools."""
 
+    arm: FittedArm
+    file: File
+    simulator: Simulator
     law: Law
     loads: tuple[Load, ...]
-    place: Place
-    poses: Mapping[str, np.ndarray]
 
     @classmethod
-    def of(cls, arm: FittedArm, row: int, place: Place | None = None) -> Machine:
-        """The machine of an arm in the state of a row."""
+    def of(cls, arm: FittedArm, row: int, file: File) -> Machine:
+        """The machine of an arm in a file that has the state of a row."""
         content = Content(arm, row)
         law = law_of(content)
-        places = dict(zip(names(len(law.lost)), poses(content, law), strict=True))
-        return cls(law, loads(content), place or Place.of(arm, {}), places)
+        return cls(arm, file, Simulator(file, law.nominal), law, loads(content))
 
-    def simulator(self, text: str, folder: Path, where: str) -> Simulator:
-        """The simulator of a file of this machine."""
-        place = self.place
-        return Simulator(
-            text, folder, place.joints, self.law.nominal, not place.of_user, where, place.renamed
-        )
+    def at(self, row: int) -> Machine:
+        """The machine in the state of another row, to which the bodies of a new file are brought."""
+        content = Content(self.arm, row)
+        law = law_of(content)
+        places = poses(content, bare(law) if self.file.script else law)
+        self.simulator.take(dict(zip(names(len(law.lost)), places, strict=True)))
+        return replace(self, law=law, loads=loads(content))
 
-    def sense(self, velocity: np.ndarray | None, count: int) -> np.ndarray:
-        """Places (C, n) of gears in their lost motion after a velocity (C, n); the middle without one."""
-        return np.zeros((count, len(self.law.lost))) if velocity is None else self.law.sense(velocity)
+    def replayed(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Readings reached (C, n), rad, and TCP positions (C, 3), m, in rows of the session.
+
+        Each pose is approached in the direction in which the arm moved, with tool and payload of the row.
+        """
+        m, law, joints = self.arm.dataset.measurements, self.law, self.file.joints
+        payload = np.zeros(len(m.ids)) if m.payload is None else m.payload
+        reached, points = np.empty((len(rows), m.readings.shape[1])), np.empty((len(rows), 3))
+        carried = np.column_stack([m.tool[rows], payload[rows]])
+        for tool, extra in np.unique(carried, axis=0):
+            mine = np.flatnonzero((carried == (tool, extra)).all(axis=1))
+            load = self.loads[int(tool)]
+            self.simulator.carry(load, float(extra))
+            readings = m.readings[rows[mine]]
+            # places of gears in their lost motion; the middle where no velocity is recorded
+            sense = np.zeros(readings.shape) if m.velocity is None else law.sense(m.velocity[rows[mine]])
+            if self.file.script:
+                links = law.turned(readings) + law.lag(sense)
+                starts = goals = np.linalg.solve(law.nominal, links.T).T
+                postures = [dict(posture(bare(law), joints, goal)) for goal in goals]
+            else:
+                goals, starts = readings, self.starts(readings, sense)
+                postures = self.postures(starts, sense)
+            stood = self.simulator.stand(postures, starts, goals, load.name)
+            reached[mine], points[mine] = stood.readings - goals + readings, stood.points
+        world = self.file.world
+        return reached, points @ world[:3, :3].T + world[:3, 3]
 
     def starts(self, readings: np.ndarray, sense: np.ndarray) -> np.ndarray:
         """Readings (C, n), rad, from which the poses are approached: gears that moved, move."""
@@ -97,49 +95,13 @@ class Machine:
 
     def postures(self, starts: np.ndarray, sense: np.ndarray) -> list[dict[str, float]]:
         """Positions of all joints at the starts (C, n); gears that rest are at their places."""
-        names = self.place.joints.names
+        names = self.file.joints.names
         lags = self.law.lag(np.where(np.abs(sense) > MOVED, 0.0, sense))
-        out = [dict(posture(self.law, self.place.joints, start)) for start in starts]
+        out = [dict(posture(self.law, self.file.joints, start)) for start in starts]
         for positions, lag in zip(out, lags, strict=True):
             for j in np.flatnonzero(lag).tolist():
                 positions[error(names[j])] += float(lag[j])
         return out
-
-    def commands(self, readings: np.ndarray, sense: np.ndarray) -> np.ndarray:
-        """Commands (C, n) of a script, rad, for readings."""
-        links = self.law.turned(readings) + self.law.lag(sense)
-        return np.linalg.solve(self.law.nominal, links.T).T
-
-
-def replayed(
-    simulator: Simulator, machine: Machine, arm: FittedArm, rows: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Readings reached (C, n), rad, and TCP positions (C, 3), m, in rows of the session.
-
-    Each pose is approached in the direction in which the arm moved, with the tool and the payload of the row.
-    """
-    m = arm.dataset.measurements
-    payload = np.zeros(len(m.ids)) if m.payload is None else m.payload
-    velocity = m.velocity
-    reached, points = np.empty((len(rows), m.readings.shape[1])), np.empty((len(rows), 3))
-    carried = np.column_stack([m.tool[rows], payload[rows]])
-    for tool, extra in np.unique(carried, axis=0):
-        mine = np.flatnonzero((carried == (tool, extra)).all(axis=1))
-        load = machine.loads[int(tool)]
-        simulator.carry(load, float(extra))
-        readings = m.readings[rows[mine]]
-        sense = machine.sense(None if velocity is None else velocity[rows[mine]], len(mine))
-        if machine.place.script:
-            goals = machine.commands(readings, sense)
-            starts, light = goals, bare(machine.law)
-            postures = [dict(posture(light, machine.place.joints, goal)) for goal in goals]
-        else:
-            goals, starts = readings, machine.starts(readings, sense)
-            postures = machine.postures(starts, sense)
-        stood = simulator.stand(postures, starts, goals, load.name)
-        reached[mine], points[mine] = stood.readings - goals + readings, stood.points
-    world = machine.place.world
-    return reached, points @ world[:3, :3].T + world[:3, 3]
 
 
 def modelled(arm: FittedArm, rows: np.ndarray, reached: np.ndarray, state: int) -> np.ndarray:
@@ -185,22 +147,6 @@ class Level:
         return self.maximum <= self.limit and self.rms <= TOGETHER_RMS
 
 
-@dataclass(frozen=True)
-class File:
-    """A file of an arm: its text, the folder of its meshes, its name, and where the arm is in it."""
-
-    text: str
-    folder: Path
-    name: str
-    place: Place
-
-    @classmethod
-    def new(cls, arm: FittedArm, state: int, script: bool = False) -> File:
-        """A new file of an arm in the state of a row."""
-        place = replace(Place.of(arm, {}), script=script)
-        return cls(mjcf(arm, state, script), Path(), "new file", place)
-
-
 def chosen(arm: FittedArm) -> np.ndarray:
     """Rows of the session whose poses are compared: evenly spread, without outliers."""
     ids = np.array(arm.dataset.measurements.ids)
@@ -229,10 +175,8 @@ def levels(
     for k, name in enumerate(arm.levels):
         notify(k / len(arm.levels))
         arm_of_level = arm if name == arm.levels[-1] else arm.level(name)
-        used = file if arm_of_level is arm else File.new(arm_of_level, state, file.place.script)
-        machine = Machine.of(arm_of_level, state, used.place)
-        simulator = machine.simulator(used.text, used.folder, used.name)
-        reached, points = replayed(simulator, machine, arm_of_level, rows)
+        used = file if arm_of_level is arm else File.new(arm_of_level, state, file.script)
+        reached, points = Machine.of(arm_of_level, state, used).replayed(rows)
         off = np.linalg.norm(points - modelled(arm_of_level, rows, reached, state), axis=1)
         out.append(Level(name, off, limit(arm.effects[:k] if name != NOMINAL else ())))
     return tuple(out)

@@ -25,10 +25,13 @@ from bayescal.fitted.file import open_run
 from bayescal.fitted.unmodelled import state_row
 from bayescal.robots.markup import parse_markup
 from bayescal.storage.reading import decoded
-from bayescal.verifying.gap import Gap, Reported, in_simulator, read_reported, simulated_gap
-from bayescal.verifying.levels import File, Level, Place, chosen, levels, limit, modelled
+from bayescal.verifying.gap import After, Before, Gap, in_simulator, read_reported, simulated_gap
+from bayescal.verifying.levels import Level, chosen, levels, limit, modelled
+from bayescal.verifying.simulator import File
 
 Notify = Callable[[str, float], None]
+Compared = tuple[tuple[Level, ...], Before, After, str]
+"""Levels; TCP positions of another arm and of the file in rows of the session; the simulators."""
 
 
 @dataclass(frozen=True)
@@ -69,47 +72,44 @@ def verify(run: Path, path: Path, notify: Notify = lambda stage, share: None) ->
     arm = _arm(run, sidecar, str(path))
     _check_alike(arm, sidecar, str(sidecar_of(path)))
     state = state_row(arm.dataset, row=sidecar["state"]["row"])
-    return VERIFIED[sidecar["format"]](arm, path, text, sidecar, state, read_reported(run), notify)
+    arm, reported = sprung(arm) if sidecar["format"] == "mjcf" else arm, read_reported(run)
+    compared, before, after, software = VERIFIED[sidecar["format"]](arm, path, text, sidecar, state, notify)
+    notify("replay", 0.0)
+    gap = simulated_gap(arm, before, after, reported)
+    sizes = {e["effect"]: e["rms_um"] for e in sidecar["not_expressed"]}
+    missing = {name: 1e-6 * size for name, size in sizes.items() if size}
+    return Verification(arm, path, sidecar["format"], state, software, compared, gap, missing)
 
 
 def _mjcf(
-    arm: FittedArm, path: Path, text: str, sidecar: Mapping[str, Any], state: int, reported: Reported,
-    notify: Notify,
-) -> Verification:  # fmt: skip
-    arm = sprung(arm)
-    file = File(text, path.parent, str(path), Place.of(arm, sidecar))
-    software = f"MuJoCo {mujoco().__version__}"
+    arm: FittedArm, path: Path, text: str, sidecar: Mapping[str, Any], state: int, notify: Notify
+) -> Compared:
+    file = File.of(arm, text, path, sidecar)
     compared = levels(arm, file, state, lambda share: notify("levels", share))
-    notify("replay", 0.0)
 
     def before(other: FittedArm, rows: np.ndarray) -> np.ndarray:
-        return in_simulator(other, File.new(other, state, file.place.script), rows, state)
+        return in_simulator(other, File.new(other, state, file.script), rows, state)
 
-    gap = simulated_gap(arm, before, lambda rows: in_simulator(arm, file, rows, state), reported)
-    return Verification(arm, path, "mjcf", state, software, compared, gap, _missing(sidecar))
+    software = f"MuJoCo {mujoco().__version__}"
+    return compared, before, lambda rows: in_simulator(arm, file, rows, state), software
 
 
 def _urdf(
-    arm: FittedArm, path: Path, text: str, sidecar: Mapping[str, Any], state: int, reported: Reported,
-    notify: Notify,
-) -> Verification:  # fmt: skip
-    every = simulators(text, sidecar, str(path))
-    first = next(iter(every.values()))
-    compared = urdf_levels(arm, every, sidecar, state)
-    notify("replay", 0.0)
-    gap = simulated_gap(
-        arm,
+    arm: FittedArm, path: Path, text: str, sidecar: Mapping[str, Any], state: int, notify: Notify
+) -> Compared:
+    simulated, rows, rigid = simulators(text, sidecar, str(path)), chosen(arm), held(arm)
+    model = modelled(rigid, rows, arm.dataset.measurements.readings[rows], state)
+    compared = []
+    for name, poses in simulated.items():
+        off = np.linalg.norm(tool_points(arm, poses, sidecar, rows) - model, axis=1)
+        compared.append(Level(f"geometry, {name}", off, limit((GEOMETRY.name,))))
+    first = next(iter(simulated.values()))
+    return (
+        tuple(compared),
         lambda other, rows: held(other).at_rows(rows).points,
         lambda rows: tool_points(arm, first, sidecar, rows),
-        reported,
+        ", ".join(simulated),
     )
-    return Verification(arm, path, "urdf", state, ", ".join(every), compared, gap, _missing(sidecar))
-
-
-def _missing(sidecar: Mapping[str, Any]) -> dict[str, float]:
-    """RMS size, m, of each effect that a file with this sidecar does not hold, where it has one."""
-    sizes = {e["effect"]: e.get("rms_um") for e in sidecar["not_expressed"]}
-    return {name: 1e-6 * size for name, size in sizes.items() if size}
 
 
 def _arm(run: Path, sidecar: Mapping[str, Any], where: str) -> FittedArm:
@@ -245,22 +245,6 @@ def _in_pinocchio(pin: Any, root: ET.Element, joints: list[str], tip: str, where
 
 SIMULATORS = {"MuJoCo": (mujoco, _in_mujoco), "Pinocchio": (pinocchio, _in_pinocchio)}
 """Module and kinematics of each simulator of a URDF."""
-
-
-def urdf_levels(
-    arm: FittedArm, simulated: Mapping[str, Poses], sidecar: Mapping[str, Any], state: int
-) -> tuple[Level, ...]:
-    """Differences from the model of what a URDF holds, by simulator."""
-    rows, rigid = chosen(arm), held(arm)
-    model = modelled(rigid, rows, arm.dataset.measurements.readings[rows], state)
-    return tuple(
-        Level(
-            f"geometry, {name}",
-            np.linalg.norm(tool_points(arm, poses, sidecar, rows) - model, axis=1),
-            limit((GEOMETRY.name,)),
-        )
-        for name, poses in simulated.items()
-    )
 
 
 VERIFIED = {"mjcf": _mjcf, "urdf": _urdf}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -11,11 +11,13 @@ from typing import Any
 import numpy as np
 
 from bayescal.errors import BayescalError
+from bayescal.exporting.mjcf.format import mjcf
 from bayescal.exporting.mjcf.mechanism import Load
 from bayescal.exporting.mjcf.readings import STIFF, Joints
 from bayescal.exporting.mjcf.replay import hold_base
 from bayescal.exporting.mjcf.scene_arm import compiled
 from bayescal.exporting.sidecar import mujoco
+from bayescal.fitted.arm import FittedArm
 from bayescal.robots.markup import parse_markup
 
 RAMP = 120
@@ -36,26 +38,51 @@ class Stood:
     points: np.ndarray
 
 
+@dataclass(frozen=True)
+class File:
+    """A file of an arm: text, folder of its meshes, name, joints, and its world in F0, (4, 4), m.
+
+    Actuators and sensors of a new file, with the names of the joints, command and show the readings. In a
+    user's file (`of_user`) the joints have the user's actuators, and added parts may be `renamed`, by kind.
+    With a `script` the file has no errors of the readings; they are in its commands.
+    """
+
+    text: str
+    folder: Path
+    name: str
+    joints: Joints
+    world: np.ndarray = field(default_factory=lambda: np.eye(4))
+    of_user: bool = False
+    script: bool = False
+    renamed: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, arm: FittedArm, text: str, path: Path, sidecar: Mapping[str, Any]) -> File:
+        """A written file with its sidecar; without entries it is a new file."""
+        script = sidecar.get("readings") == "script"
+        if "root_in_f0" not in sidecar:
+            joints = Joints.of(arm.dataset.robot.joint_names)
+            return cls(text, path.parent, str(path), joints, script=script)
+        joints = Joints(tuple(sidecar["joints"].values()), np.array(sidecar["signs"]))
+        world, renamed = np.array(sidecar["root_in_f0"]), sidecar.get("renamed", {})
+        return cls(text, path.parent, str(path), joints, world, True, script, renamed)
+
+    @classmethod
+    def new(cls, arm: FittedArm, state: int, script: bool = False) -> File:
+        """A new file of an arm in the state of a row."""
+        joints = Joints.of(arm.dataset.robot.joint_names)
+        return cls(mjcf(arm, state, script), Path(), "new file", joints, script=script)
+
+
 class Simulator:
     """A file in MuJoCo.
 
     Parameters
     ----------
-    text : str
-        Of the file.
-    folder : Path
-        Of its meshes.
-    joints : Joints
-        Of the arm in the file.
+    file : File
+        Stiff springs hold the joints of a user's file in place of its actuators.
     nominal : np.ndarray, shape (n, n)
         Angles of the joints from readings.
-    servos : bool
-        Actuators and sensors of the file, with the names of the joints, command and show the readings. Else
-        stiff springs hold the joints in place of the file's actuators.
-    where : str
-        For messages.
-    renamed : mapping, optional
-        Names in the file of added parts that are called otherwise there, by kind.
 
     Raises
     ------
@@ -63,34 +90,30 @@ class Simulator:
         If MuJoCo is not installed, or refuses the file, or the file has no such joints.
     """
 
-    def __init__(
-        self, text: str, folder: Path, joints: Joints, nominal: np.ndarray, servos: bool, where: str,
-        renamed: Mapping[str, Mapping[str, str]] | None = None,
-    ) -> None:  # fmt: skip
+    def __init__(self, file: File, nominal: np.ndarray) -> None:
         self.mj: Any = mujoco()
-        parse_markup(text.encode(), where)
-        self.model = compiled(text, folder, where)
+        parse_markup(file.text.encode(), file.name)
+        self.model = compiled(file.text, file.folder, file.name)
         self.data = self.mj.MjData(self.model)
-        self.joints, self.nominal, self.servos, self.where = joints, nominal, servos, where
-        self.renamed = renamed or {}
+        self.file, self.joints, self.nominal, self.servos = file, file.joints, nominal, not file.of_user
         self.timestep = self.model.opt.timestep
-        kinds = ("ACTUATOR", "SENSOR") if servos else ("JOINT",)
-        for name in joints.names:
+        kinds = ("ACTUATOR", "SENSOR") if self.servos else ("JOINT",)
+        for name in self.joints.names:
             if any(self._id(kind, name) < 0 for kind in kinds):
                 what = f"there is no {' and '.join(kinds).lower()} `{name}`"
-                raise BayescalError(what, where, "give a file of bayescal export")
-        if not servos:
+                raise BayescalError(what, file.name, "give a file of bayescal export")
+        if not self.servos:
             flags = self.mj.mjtDisableBit
             self.model.opt.disableflags |= flags.mjDSBL_ACTUATION | flags.mjDSBL_CONTACT
             self.model.opt.integrator = self.mj.mjtIntegrator.mjINT_DISCRETE
-            hold_base(self.mj, self.model, joints.names)
-            for name in joints.names:
+            hold_base(self.mj, self.model, self.joints.names)
+            for name in self.joints.names:
                 joint = self._id("JOINT", name)
                 self.model.jnt_stiffness[joint], self.model.jnt_stiffnesspoly[joint] = STIFF, 0.0
                 self.model.jnt_limited[joint] = 0
 
     @cached_property
-    def _own(self) -> np.ndarray:
+    def _of_arm(self) -> np.ndarray:
         """Degrees of freedom of the arm; those of other parts of a scene may move."""
         starts = (*self.joints.names, "stand_")
         return np.array([
@@ -115,23 +138,18 @@ class Simulator:
         return np.linalg.solve(self.nominal, self.joints.signs * angles)
 
     def _id(self, kind: str, name: str) -> int:
-        name = self.renamed.get(kind.lower(), {}).get(name, name)
+        name = self.file.renamed.get(kind.lower(), {}).get(name, name)
         return int(self.mj.mj_name2id(self.model, getattr(self.mj.mjtObj, f"mjOBJ_{kind}"), name))
 
     def carry(self, load: Load, payload: float) -> None:
         """Take a tool, and a further mass, kg, at its centre of mass."""
-        for name, mass, centre in (
-            ("tool", load.mass, load.centre),
-            ("payload", load.factor * payload, np.zeros(3)),
+        for name, mass, place, point in (
+            ("tool", load.mass, self.model.body_ipos, load.centre),
+            ("payload", load.factor * payload, self.model.body_pos, load.hangs_at),
         ):
             body = self._id("BODY", name)
-            if body < 0:  # a rigid arm in a file of the user has no mass of the tool
-                continue
-            self.model.body_mass[body] = mass
-            if name == "tool":
-                self.model.body_ipos[body] = centre
-            else:
-                self.model.body_pos[body] = load.hangs_at
+            if body >= 0:  # a rigid arm in a file of the user has no mass of the tool
+                self.model.body_mass[body], place[body] = mass, point
         self.mj.mj_setConst(self.model, self.data)
 
     def take(self, poses: Mapping[str, np.ndarray]) -> None:
@@ -185,10 +203,10 @@ class Simulator:
         bad = (kinds.mjWARN_BADQPOS, kinds.mjWARN_BADQVEL, kinds.mjWARN_BADQACC)
         if any(self.data.warning[int(kind)].number for kind in bad):
             what = f"the simulation is unstable at pose {pose + 1}"
-            raise BayescalError(what, self.where, "check stiffness, damping and time step of the file")
+            raise BayescalError(what, self.file.name, "check stiffness, damping and time step of the file")
         if not speed < 1e3 * REST:
             what = f"the arm does not come to rest within {MOST * SETTLING:g} s"
-            raise BayescalError(what, self.where, "check the masses and the integrator of the file")
+            raise BayescalError(what, self.file.name, "check the masses and the integrator of the file")
 
     def _place(self, posture: Mapping[str, float]) -> None:
         """Put joints at positions, at rest; others stay where they are."""
@@ -210,7 +228,7 @@ class Simulator:
         speed = np.inf
         for _ in range(MOST):
             self.mj.mj_step(self.model, self.data)
-            speed = float(np.max(np.abs(self.data.qvel[self._own]), initial=0.0))
+            speed = float(np.max(np.abs(self.data.qvel[self._of_arm]), initial=0.0))
             if speed < REST:
                 break
         return speed

@@ -21,8 +21,8 @@ from bayescal.assess.measurand import Measurand, certified_distances, distance, 
 from bayescal.calibration import fit
 from bayescal.estimate import calibrated, estimate
 from bayescal.estimate.discrepancy import stated
-from bayescal.fitted import of_fit, open_run
-from bayescal.fitted.file import restored
+from bayescal.fitted.arm import of_fit
+from bayescal.fitted.file import open_run, restored
 from bayescal.fitted.point import lost_motion, point
 from bayescal.model import with_parameters
 from bayescal.model.options import FitOptions
@@ -410,7 +410,7 @@ def test_covariance_of_a_point_is_that_of_the_arm(command_fit):
     np.testing.assert_allclose(m.position, pose.points[0], atol=1e-12)
     covariance = m.by_z @ basis.stated.wide.covariance @ m.by_z.T
     np.testing.assert_allclose(covariance, pose.covariance[0], rtol=1e-4, atol=1e-16)
-    off = lost_motion(arm, lambda q, which, way: arm.at(q, direction=way), q[None], np.zeros((1, 6)), pose)[0]
+    off = lost_motion(pose, np.zeros((1, 6)))[0]
     assert np.any(off[1])
     assert not np.any(off[2])
     b = budget(replace(basis, excess=3e-6), m)

@@ -10,10 +10,10 @@ from compensate_arms import arm_with
 
 from bayescal.compensating.compensation import compensate_file
 from bayescal.compensating.position import positions
-from bayescal.compensating.solve import nominal_arm
 from bayescal.errors import BayescalError
 from bayescal.fitted.file import write_arm
 from bayescal.fitted.gate import Use
+from bayescal.programs.tools import nominal_arm
 
 POSES = "id,x_mm,y_mm,z_mm,rx_deg,ry_deg,rz_deg,note\n"
 ROWS = 'a,450,0,200,180,0,0,"one, two"\nb,450,60,200,180,10,30,\nc,1450,0,150,170,0,90,far\n'

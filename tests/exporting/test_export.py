@@ -11,17 +11,15 @@ import numpy as np
 import pytest
 import yaml
 from cases import cases
-from export_arms import fake, session_of
+from export_arms import calibrated_frames, fake, session_of
 
 import bayescal as bc
 from bayescal.arm.chain import chain_of, frames, link_angles
 from bayescal.arm.transforms import rigid, rotation, rpy_matrix
 from bayescal.errors import BayescalError
 from bayescal.exporting.export import export
-from bayescal.exporting.geometry import at_zero_poses, geometry_of, joint_angles
 from bayescal.exporting.robot import calibrated_robot, robot_text
 from bayescal.exporting.sidecar import read_sidecar
-from bayescal.fitted.unmodelled import state_row
 
 OPTIONS = {"contacts": 90, "later": 10, "repeats": 5, "spheres": 0, "seed": 1}
 
@@ -249,9 +247,7 @@ def test_ur_calibration():
     arm = fake(session_of(UR), ("geometry",))
     out = export(arm, "ur-yaml")
     readings = arm.dataset.measurements.readings
-    calibrated = geometry_of(arm, state_row(arm.dataset))
-    calibrated[-1] = calibrated[-2]
-    own = at_zero_poses(calibrated, joint_angles(arm.dataset.robot, readings))
+    own = calibrated_frames(arm)[:, -2]
     np.testing.assert_allclose(wrist(out.written.content, readings), own, rtol=0, atol=1e-12)
     assert "ur_robot_driver warns" in " ".join(out.notes)
     assert not out.missing
@@ -280,8 +276,7 @@ def test_ur_calibration_of_an_arm_that_the_manufacturer_calibrated(tmp_path):
     readings, record = arm.dataset.measurements.readings, out.record("mine.yaml")
     flange = wrist(out.written.content, readings) @ np.array(record["flange_in_tip"])
     flange = np.array(record["root_in_f0"]) @ flange
-    calibrated = geometry_of(arm, state_row(arm.dataset))
-    own = at_zero_poses(calibrated, joint_angles(arm.dataset.robot, readings))
+    own = calibrated_frames(arm)[:, -1]
     np.testing.assert_allclose(flange, own, rtol=0, atol=1e-9)
     np.testing.assert_allclose(record["flange_in_tip"], np.eye(4), atol=1e-6)
 

@@ -21,7 +21,7 @@ from bayescal.effects import Effect, Parameter, Site, Term
 from bayescal.estimate import calibrated, estimate
 from bayescal.exporting import FORMATS
 from bayescal.exporting.export import export
-from bayescal.exporting.geometry import constant_displacements, joint_angles
+from bayescal.exporting.geometry import constant_displacements
 from bayescal.exporting.robot import calibrated_robot
 from bayescal.model import ARM, build
 from bayescal.model.scene import Scene
@@ -52,7 +52,7 @@ ARMS = {
 def expected(arm, load: bool) -> np.ndarray:
     """Gravity torques (C, n) about the axes of the joints, N m, with the tool or without."""
     data, robot = arm.dataset, arm.dataset.robot
-    turns = joint_angles(robot, data.measurements.readings[:5])
+    q = link_angles(robot, data.measurements.readings[:5])
     state = len(data.measurements.ids) - 1
     delta = np.tile(constant_displacements(arm.model, arm.values, state), (5, 1, 1))
     tool = data.tools[int(data.measurements.tool[state])]
@@ -60,9 +60,7 @@ def expected(arm, load: bool) -> np.ndarray:
     # the mass of a tool is displaced as its tip
     values = dict(zip((p.name for p in arm.model.parameters), arm.values, strict=True))
     centre = np.tile(tool.centre_of_mass + [values[f"{tool.name} {axis}"] for axis in "xyz"], (5, 1))
-    loads = gravity_loads(
-        robot, chain_of(robot), turns + robot.offset, data.gravity, mass, centre, Stance(delta, 0.0 * delta)
-    )
+    loads = gravity_loads(robot, chain_of(robot), q, data.gravity, mass, centre, Stance(delta, 0.0 * delta))
     return loads.moments[:, 1:, 2]
 
 
@@ -90,7 +88,7 @@ def test_gravity_torques_of_an_sdf(name):
     out = export(arm, "sdf", force=True)
     model = ET.fromstring(out.written.content).find("model")
     joints = {j.findtext("child"): j for j in model.findall("joint")}
-    turns = joint_angles(arm.dataset.robot, arm.dataset.measurements.readings[:5])
+    turns = arm.dataset.measurements.readings[:5] @ arm.dataset.robot.link_from_reading.T
     for turn, wanted in zip(turns, expected(arm, True), strict=True):
         angles = dict(zip(arm.dataset.robot.joint_names, turn, strict=True))
         poses, points = {"": np.eye(4)}, []  # of links; weights with their points and the joints before them

@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from cases import cases
-from export_arms import fake, robot_of, session_of, with_robot
+from export_arms import calibrated_frames, fake, robot_of, session_of, with_robot
 from scipy.spatial.transform import Rotation
 from urdf_texts import arm as random_arm
 from urdf_texts import joint, link, robot
@@ -17,9 +17,7 @@ from urdf_texts import joint, link, robot
 from bayescal.arm.transforms import rpy_matrix, rpy_of
 from bayescal.errors import BayescalError
 from bayescal.exporting.export import export
-from bayescal.exporting.geometry import at_zero_poses, geometry_of, joint_angles
 from bayescal.exporting.xml_text import XmlText
-from bayescal.fitted.unmodelled import state_row
 
 LRMATE = robot(
     link("base_link"), link("link_1", 7.0), link("link_2"), link("link_3"), link("link_4"), link("link_5"),
@@ -56,9 +54,7 @@ def tip_points(text: str, tip: str, record: dict, readings: np.ndarray, point: n
 
 def expected(arm, point, state=None) -> np.ndarray:
     """The same points by the model's geometry."""
-    frames = geometry_of(arm, state_row(arm.dataset, row=state))
-    turns = joint_angles(arm.dataset.robot, arm.dataset.measurements.readings)
-    return (at_zero_poses(frames, turns) @ np.append(point, 1.0))[:, :3]
+    return (calibrated_frames(arm, state)[:, -1] @ np.append(point, 1.0))[:, :3]
 
 
 POINT = np.array([0.06, -0.03, 0.12])

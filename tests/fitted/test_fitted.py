@@ -15,8 +15,9 @@ from bayescal.errors import BayescalError
 from bayescal.estimate.bounds import UNCHANGED
 from bayescal.exporting import FORMATS
 from bayescal.exporting.export import export
-from bayescal.fitted import gate, of_estimate, of_fit, of_gap, open_run
-from bayescal.fitted.file import read_arm, write_arm
+from bayescal.fitted import gate
+from bayescal.fitted.arm import of_estimate, of_fit, of_gap
+from bayescal.fitted.file import open_run, read_arm, write_arm
 from bayescal.fitted.gate import Use
 from bayescal.gap.diagnose import diagnose
 from bayescal.gap.result import Named
@@ -76,11 +77,10 @@ def test_flange_and_slopes(session):
     assert poses.covariance.shape == (5, 3, 3)
 
 
-def test_play_follows_the_direction_and_the_previous_pose(session):
+def test_play_follows_the_direction(session):
     arm = fake(session, ("geometry", "backlash"))
     q = session.measurements.readings[:4]
     up, down = (arm.at(q, direction=s * np.ones(6)).points for s in (1, -1))
-    np.testing.assert_allclose(arm.at(q, previous=q - 0.1).points, up, rtol=0, atol=1e-15)
     np.testing.assert_allclose(0.5 * (up + down), arm.at(q).points, rtol=0, atol=1e-8)
     assert np.all(np.linalg.norm(up - down, axis=1) > 1e-6)
 
@@ -100,15 +100,15 @@ def test_levels_add_one_effect_each(session):
     arm = fake(session, ("geometry", "compliance", "backlash"))
     assert arm.levels == ("nominal", "geometry", "+ compliance", "+ backlash")
     q = session.measurements.readings[:3]
-    last = arm.at_level("+ backlash", q, direction=np.ones(6)).points
+    last = arm.level("+ backlash").at(q, direction=np.ones(6)).points
     np.testing.assert_allclose(last, arm.at(q, direction=np.ones(6)).points, rtol=0, atol=1e-12)
-    nominal = arm.at_level("nominal", q).points
+    nominal = arm.level("nominal").at(q).points
     np.testing.assert_allclose(nominal, arm.model.scene.points[:3], rtol=0, atol=1e-12)
     scene = Scene(session)
     model = build(scene, ("geometry",))
     own = [arm.values[arm.model.names.index(p.name)] for p in model.parameters]
     rigid = model.motion(np.arange(3)).points(np.array(own)).T
-    np.testing.assert_allclose(arm.at_level("geometry", q).points, rigid, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(arm.level("geometry").at(q).points, rigid, rtol=0, atol=1e-12)
 
 
 def test_every_moving_effect_is_tested():
@@ -177,7 +177,7 @@ def test_a_torque_that_only_the_fitted_arm_has(tmp_path):
     q = readings[:3]
     np.testing.assert_allclose(again.at(q).points, arm.at(q).points, rtol=0, atol=2e-9)
     np.testing.assert_allclose(
-        arm.at_level("nominal", q).points, arm.at_level("nominal", q, row=0).points, atol=1e-12
+        arm.level("nominal").at(q).points, arm.level("nominal").at(q, row=0).points, atol=1e-12
     )
 
 

@@ -161,10 +161,9 @@ def test_a_file_that_pinocchio_alone_refuses_is_refused(run, urdf, monkeypatch):
 def test_before_and_after_of_a_urdf_are_of_its_geometry(run, urdf, monkeypatch):
     """Of a baseline with compliance, a URDF would lack the compliance too."""
     from bayescal.verifying import result
+    from bayescal.verifying.gap import Reported
 
-    monkeypatch.setattr(
-        result, "read_reported", lambda folder: result.Reported(baseline=("geometry", "compliance"))
-    )
+    monkeypatch.setattr(result, "read_reported", lambda folder: Reported(baseline=("geometry", "compliance")))
     planes = bc.verify(run / "fit", urdf).record["measured"]["planes"]
     assert planes["before_rms_um"] == pytest.approx(planes["after_rms_um"], rel=0.01)
 

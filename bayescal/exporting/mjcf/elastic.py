@@ -153,27 +153,19 @@ def _polygon(torque: np.ndarray, deflection: np.ndarray, slope: np.ndarray, coun
     bend += 1e-3 * bend.max()
     spent = np.concatenate([[0.0], np.cumsum(0.5 * (bend[1:] + bend[:-1]) * np.diff(torque))])
     w = np.interp((np.arange(count) + 0.5) / count * spent[-1], spent, deflection)
-    bands = [Band(-half, half, 1.0) for half in w]
-    pairs = [(Band(half, SLACK, 1.0), Band(-SLACK, -half, 1.0)) for half in w]
-    columns = [deflection, *(b.torque(deflection) for b in bands)]
-    columns += [a.torque(deflection) + b.torque(deflection) for a, b in pairs]
+    groups: list[tuple[Band, ...]] = [(Band(-half, half, 1.0),) for half in w]
+    groups += [(Band(half, SLACK, 1.0), Band(-SLACK, -half, 1.0)) for half in w]
+    columns = [deflection, *(sum(b.torque(deflection) for b in group) for group in groups)]
     a = np.array(columns).T * slope[:, None]
     scale = np.linalg.norm(a, axis=0)
     k = (nnls(a / scale, torque * slope)[0] / scale).tolist()
-    beyond = [
-        Band(b.lower, b.upper, stiffness)
-        for b, stiffness in zip(bands, k[1 : count + 1], strict=True)
-        if stiffness
-    ]
-    within = [
-        Band(b.lower, b.upper, stiffness)
-        for pair, stiffness in zip(pairs, k[count + 1 :], strict=True)
-        if stiffness
-        for b in pair
-    ]
-    return Spring(k[0], (*beyond, *within))
+    each = zip(groups, k[1:], strict=True)
+    used = ((b, stiffness) for group, stiffness in each for b in group if stiffness)
+    return Spring(k[0], tuple(replace(b, stiffness=stiffness) for b, stiffness in used))
 
 
+DAMPING = 0.02
+"""Damping of a spring, s times its stiffness."""
 BEYOND = 2.0
 """A spring holds up to this multiple of the largest torque of the session; beyond, it is extrapolated."""
 LEAST = 0.05
@@ -256,21 +248,14 @@ def springless(arm: FittedArm) -> np.ndarray:
 
     A rigid joint or stand has no spring either: what acts beside its compliance is left out.
     """
-    compliances = {
-        (p.driver.kind, p.site, _spring(p)): p.nominal + value
-        for p, value in zip(arm.model.parameters, arm.values.tolist(), strict=True)
-        if p.positive
-    }
+    values = zip(arm.model.parameters, arm.values.tolist(), strict=True)
+    compliances = [(p, p.nominal + value) for p, value in values if p.positive]
 
     def least(p: Parameter) -> float:
         """The smallest compliance where a parameter acts; above zero if there is none."""
-        here, spring = (p.driver.kind, p.site), _spring(p)
-        values = (
-            v
-            for (kind, site, name), v in compliances.items()
-            if (kind, site) == here and spring in (name, CROSS)
-        )
-        return min(values, default=1.0)
+        here = (p.driver.kind, p.site)
+        beside = [(q, v) for q, v in compliances if (q.driver.kind, q.site) == here]
+        return min((v for q, v in beside if _spring(p) in (_spring(q), CROSS)), default=1.0)
 
     return np.array([
         p.driver.kind in ELASTIC and (least(p) < 0 or (least(p) == 0 and not p.positive))
@@ -293,11 +278,9 @@ def _spring(p: Parameter) -> str:
 
 def bearings(content: Content) -> Mapping[int, Spring]:
     """Springs transverse to the axes of the joints, by their index; those of both directions are equal."""
-    robot, out = content.arm.model.scene.dataset.robot, {}
-    for p, value in content.driven("bending moment"):
-        if p.name.endswith("bearing") and value:
-            out[p.site.number - 1] = _positive(value, p.name)
-    return {j: out[j] for j in range(robot.n) if j in out}
+    driven = content.driven("bending moment")
+    given = [(p, value) for p, value in driven if p.name.endswith("bearing") and value]
+    return {p.site.number - 1: _positive(value, p.name) for p, value in given}
 
 
 @dataclass(frozen=True)
@@ -314,6 +297,11 @@ class Hinge:
     spring: Spring | None = None
     rest: float = 0.0
     limits: tuple[float, float] | None = None
+
+    @property
+    def damping(self) -> float:
+        """Damping of the spring, N m s/rad."""
+        return DAMPING * self.spring.slope if self.spring else 0.0
 
     def seen(self, pose: np.ndarray, name: str = "") -> Hinge:
         """The hinge in another frame, in which its own has a pose (4, 4), and with another name."""

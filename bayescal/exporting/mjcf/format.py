@@ -18,24 +18,12 @@ from bayescal.effects.tool import TOOL
 from bayescal.exporting.geometry import carries
 from bayescal.exporting.mjcf import replay
 from bayescal.exporting.mjcf.elastic import STATE, UNHELD, Content, springless, sprung
-from bayescal.exporting.mjcf.mechanism import (
-    bodies,
-    defaults,
-    held,
-    loads,
-    mechanism,
-    names,
-    tips,
-    tool,
-    without_empty,
-)
-from bayescal.exporting.mjcf.readings import Joints, bare, law_of, servos
+from bayescal.exporting.mjcf.mechanism import PARTS, loads, mechanism, merge, merge_held, names
+from bayescal.exporting.mjcf.readings import DAMPED, STIFF, Joints, bare, law_of, shown
 from bayescal.exporting.written import Format, Item, Options, Written, item
-from bayescal.exporting.xml_text import add
+from bayescal.exporting.xml_text import rendered
 from bayescal.fitted.arm import FittedArm
 from bayescal.storage.files import json_text
-
-TIMESTEP = 0.002
 
 
 def mjcf(arm: FittedArm, row: int, script: bool = False) -> str:
@@ -57,18 +45,14 @@ def mjcf(arm: FittedArm, row: int, script: bool = False) -> str:
     content = Content(arm, row)
     law = bare(law_of(content)) if script else law_of(content)
     machine = mechanism(content, law)
-    dataset = arm.dataset
-    root = ET.Element("mujoco", model=dataset.robot.name)
-    add(root, "compiler", angle="radian", autolimits="true")
-    add(root, "option", integrator="discrete", timestep=TIMESTEP, gravity=machine.gravity)
-    defaults(root)
-    *_, flange = bodies(add(root, "worldbody"), machine)
-    tool(flange, machine.loads[int(dataset.measurements.tool[row])])
-    tips(flange, machine.loads)
-    joints = dataset.robot.joint_names
-    held(root, content, machine, law, Joints.of(joints))
-    servos(root, law, joints)
-    without_empty(root)
+    joints, number = arm.dataset.robot.joint_names, int(arm.dataset.measurements.tool[row])
+    text = rendered(
+        "arm.mjcf.j2", name=arm.dataset.robot.name, gravity=machine.gravity, machine=machine,
+        bodies=machine.within(), load=machine.loads[number],
+    )  # fmt: skip
+    root = ET.fromstring(text)
+    merge_held(root, content, machine, law, Joints.of(joints))
+    merge(root, PARTS.servos(shown(law, joints), STIFF, DAMPED))
     ET.indent(root)
     return ET.tostring(root, encoding="unicode") + "\n"
 
@@ -78,10 +62,10 @@ PROBE = {"lobing sin": "lobing_sin_m", "lobing cos": "lobing_cos_m", "latency": 
 SCRIPT, TABLE = "-replay.py", "-replay.json"
 
 
-def beside(
+def replay_table(
     content: Content, joints: Joints, servos: bool, renamed: Mapping[str, Mapping[str, str]]
-) -> dict[str, str]:
-    """Further files of an export: the script and its table.
+) -> dict[str, Any]:
+    """The table of a script.
 
     Parameters
     ----------
@@ -93,14 +77,6 @@ def beside(
     renamed : mapping
         Names in the file of added parts that are called otherwise there, by kind.
     """
-    table = json_text(replay_table(content, joints, servos, renamed), rows=False)
-    return {SCRIPT: Path(replay.__file__).read_text(encoding="utf-8"), TABLE: table}
-
-
-def replay_table(
-    content: Content, joints: Joints, servos: bool, renamed: Mapping[str, Mapping[str, str]]
-) -> dict[str, Any]:
-    """The table of a script; arguments as of `beside`."""
     law, dataset = law_of(content), content.arm.dataset
     tool = dataset.tools[int(dataset.measurements.tool[content.row])].name
     probe = dict.fromkeys((*PROBE.values(), "ball_radius_m"), 0.0)
@@ -154,7 +130,11 @@ def write(arm: FittedArm, options: Options) -> Written:
     else:
         file, bodies = Written(mjcf(arm, options.state, script)), names(robot.n)
         joints = Joints.of(robot.joint_names)
-    more = beside(content, joints, not options.into, file.details.get("renamed", {})) if script else {}
+    more = {}
+    if script:
+        table = replay_table(content, joints, not options.into, file.details.get("renamed", {}))
+        more[SCRIPT] = Path(replay.__file__).read_text(encoding="utf-8")
+        more[TABLE] = json_text(table, rows=False)
     factors = [
         f"a further mass acts {load.factor:.6g} times: set the body payload so (tool {load.name})"
         for load in loads(content)

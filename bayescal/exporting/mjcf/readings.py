@@ -15,9 +15,10 @@ holds the hinge at what the readings give:
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from xml.etree import ElementTree as ET
+from typing import Any
 
 import numpy as np
 
@@ -27,18 +28,11 @@ from bayescal.effects.common import READING, SIDES, side_of
 from bayescal.effects.selection import Selection
 from bayescal.errors import BayescalError
 from bayescal.exporting.mjcf.elastic import Content
-from bayescal.exporting.xml_text import add
 
-DEFAULT = "bayescal"
-"""Class of all added elements."""
 STIFF, DAMPED = 1e10, 1e6
 """Stiffness, N m/rad, and damping, N m s/rad, of servos and tendons: under 100 N m they yield by 1e-8 rad."""
 FRICTION = 30.0
 """Least friction, N m, that holds a link within its lost motion; twice the largest torque otherwise."""
-TIGHT = {"class": DEFAULT, "solref": ".004 1", "solimp": ".999 .999 .001 .5 2"}
-"""Equalities of a yoke; they carry no load."""
-AWAY = (0.0, 0.0, -3.0)
-"""Place of cranks and slides, m."""
 
 
 @dataclass(frozen=True)
@@ -153,10 +147,6 @@ def _waves(content: Content) -> tuple[Wave, ...]:
     )
 
 
-Linear = Mapping[str, float]
-"""Coefficients by joint: a fixed tendon."""
-
-
 @dataclass(frozen=True)
 class Joints:
     """Joints of a file: names, and senses (n,) of rotation, +1 or -1, relative to the arm's model."""
@@ -168,12 +158,6 @@ class Joints:
     def of(cls, names: Sequence[str]) -> Joints:
         """Joints of a new file."""
         return cls(names, np.ones(len(names)))
-
-
-def section(root: ET.Element, tag: str) -> ET.Element:
-    """A section of an MJCF file, which is made where the file has none."""
-    old = root.find(tag)
-    return ET.SubElement(root, tag) if old is None else old
 
 
 def error(name: str) -> str:
@@ -194,13 +178,11 @@ def erring(law: Law) -> np.ndarray:
     return out | np.any(np.linalg.inv(law.geared)[:, law.lost != 0] != 0, axis=1)
 
 
-def parts(root: ET.Element, law: Law, joints: Joints, torques: np.ndarray) -> None:
-    """Append tendons and yokes that hold the hinges of the errors.
+def parts(law: Law, joints: Joints, torques: np.ndarray) -> dict[str, list[dict[str, Any]]]:
+    """Tendons and yokes that hold the hinges of the errors, as fields of the template.
 
     Parameters
     ----------
-    root : ET.Element
-        Of an MJCF file.
     law : Law
     joints : Joints
         Of the links; they turn by the nominal angles.
@@ -216,33 +198,39 @@ def parts(root: ET.Element, law: Law, joints: Joints, torques: np.ndarray) -> No
         what = f"the fitted backlash of {joints.names[k]} leads by {-1e3 * law.lost[k]:.2g} mrad"
         remedy = "no gear does; say --readings script, which holds it, or leave it out"
         raise BayescalError(what, "--readings plain", remedy)
-    wrong = erring(law)
-    for w in law.waves:
-        _yoke(root, joints, w, float(law.offset[w.joint]))
-    for k, (row, half) in enumerate(zip(law.geared, law.lost, strict=True)):
-        turned: dict[str, float] = {}
-        for j in np.flatnonzero(row * wrong):
-            for name, share in held(law, joints, int(j)).items():
-                turned[name] = turned.get(name, 0.0) + float(row[j]) * share
+    wrong, tendons = erring(law), list[dict[str, Any]]()
+    for name, row, half in zip(joints.names, law.geared, law.lost, strict=True):
+        turned = Counter[str]()
+        for j in np.flatnonzero(row * wrong).tolist():
+            for joint, share in _held(law, joints, j).items():
+                turned[joint] += row[j] * share
         if not turned:
             continue
-        slack = [-half, half]
-        name = joints.names[k]
-        _tendon(root, f"{name}_gear", turned, springlength=slack, stiffness=STIFF)
+        slack = {"slack": (-half, half), "stiffness": STIFF, "springyield": 0.0}
+        tendons.append(slack | {"name": f"{name}_gear", "of": {j: c for j, c in turned.items() if c}})
         if half > 0:
             gear: dict[str, float] = {}
             for i in np.flatnonzero(row).tolist():  # the angle of a link: its joint, and its error
-                gear[joints.names[i]] = float(row[i] * joints.signs[i])
+                gear[joints.names[i]] = row[i] * joints.signs[i]
                 if wrong[i]:
-                    gear[error(joints.names[i])] = float(row[i])
-            limit = max(FRICTION, 2.0 * float(np.max(torques)))
-            _tendon(
-                root, f"{name}_friction", gear, springlength=[0.0, 0.0], stiffness=STIFF,
-                springyield=limit / STIFF,
-            )  # fmt: skip
+                    gear[error(joints.names[i])] = row[i]
+            most = max(FRICTION, 2.0 * float(np.max(torques))) / STIFF
+            tendons.append(
+                slack | {"name": f"{name}_friction", "of": gear, "slack": (0, 0), "springyield": most}
+            )
+    yokes = [
+        {
+            "name": yoke(joints.names[w.joint], w),
+            "joint": joints.names[w.joint],
+            "pin": (np.cos(w.order * law.offset[w.joint]), np.sin(w.order * law.offset[w.joint]), 0.0),
+            "ratio": w.order * joints.signs[w.joint],
+        }
+        for w in law.waves
+    ]
+    return {"tendons": tendons, "yokes": yokes}
 
 
-def held(law: Law, joints: Joints, j: int) -> Linear:
+def _held(law: Law, joints: Joints, j: int) -> dict[str, float]:
     """Error of a link minus its lawful value without lost motion: zero, as coefficients of the joints."""
     extra = (law.exact - law.nominal) @ np.linalg.inv(law.nominal)
     joint = joints.names[j]
@@ -273,53 +261,8 @@ def posture(law: Law, joints: Joints, readings: np.ndarray) -> Mapping[str, floa
     return out
 
 
-def servos(root: ET.Element, law: Law, joints: Sequence[str]) -> None:
-    """Append a stiff servo and a sensor for each reading; a servo's command is the reading, rad."""
-    tendon, actuator, sensor = (section(root, tag) for tag in ("tendon", "actuator", "sensor"))
-    inverse = np.linalg.inv(law.nominal)
-    for i, name in enumerate(joints):
-        if np.array_equal(inverse[i], np.eye(len(joints))[i]):
-            add(actuator, "position", name=name, joint=name, kp=STIFF, kv=DAMPED)
-            add(sensor, "jointpos", name=name, joint=name)
-            continue
-        fixed = add(tendon, "fixed", name=f"{name}_reading")
-        for j in np.flatnonzero(inverse[i]):
-            add(fixed, "joint", joint=joints[int(j)], coef=inverse[i, j])
-        add(actuator, "position", name=name, tendon=f"{name}_reading", kp=STIFF, kv=DAMPED)
-        add(sensor, "tendonpos", name=name, tendon=f"{name}_reading")
-
-
-def _tendon(root: ET.Element, name: str, parts: Linear, **attributes: object) -> None:
-    fixed = add(section(root, "tendon"), "fixed", **{"class": DEFAULT}, name=name, **attributes)  # type: ignore[arg-type]
-    for joint, coefficient in parts.items():
-        if coefficient:
-            add(fixed, "joint", joint=joint, coef=coefficient)
-
-
-def _body(root: ET.Element, name: str) -> ET.Element:
-    """A body beside the arm, without weight."""
-    body = add(section(root, "worldbody"), "body", name=name, pos=AWAY, gravcomp="1", childclass=DEFAULT)
-    add(body, "inertial", pos=[0.0, 0.0, 0.0], mass=1.0, diaginertia=[1.0, 1.0, 1.0])
-    return body
-
-
-def _yoke(root: ET.Element, joints: Joints, wave: Wave, offset: float) -> None:
-    joint = joints.names[wave.joint]
-    name, phase = yoke(joint, wave), wave.order * offset
-    pin = np.array([np.cos(phase), np.sin(phase), 0.0])
-    add(_body(root, f"{name}_crank"), "joint", name=f"{name}_crank", axis=[0.0, 0.0, 1.0])
-    equality = section(root, "equality")
-    slides = _body(root, f"{name}_slides")
-    add(slides, "joint", name=f"{name}_cos", type="slide", axis=[1.0, 0.0, 0.0])
-    add(slides, "joint", name=f"{name}_sin", type="slide", axis=[0.0, 1.0, 0.0])
-    add(equality, "connect", name=name, body1=f"{name}_crank", body2=f"{name}_slides", anchor=pin, **TIGHT)
-    geared = [0.0, wave.order * float(joints.signs[wave.joint]), 0.0, 0.0, 0.0]
-    add(
-        equality,
-        "joint",
-        name=f"{name}_crank",
-        joint1=f"{name}_crank",
-        joint2=joint,
-        polycoef=geared,
-        **TIGHT,
-    )
+def shown(law: Law, joints: Sequence[str]) -> dict[str, dict[str, float]]:
+    """Each reading as a sum of the joints, by their coefficients."""
+    inverse = np.linalg.inv(law.nominal).tolist()
+    sums = (dict(zip(joints, row, strict=True)) for row in inverse)
+    return {name: {j: c for j, c in of.items() if c} for name, of in zip(joints, sums, strict=True)}

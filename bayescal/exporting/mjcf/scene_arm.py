@@ -71,10 +71,10 @@ def find_arm(root: ET.Element, spec: Any, model: Any, robot: Robot, tip: str, wh
     BayescalError
         If there is no such chain, or there are several, or it is made of parts that cannot be patched.
     """
-    chains = list(_chains(model, robot.n, _named(model, tip, where) if tip else -1))
+    end = _named(model, tip, where) if tip else -1
     matches: dict[tuple[int, ...], tuple[FileArm, Match]] = {}
     reasons = []
-    for chain in chains:
+    for chain in _chains(model, robot.n, end):
         file = _file_arm(model, chain)
         try:
             matches[chain] = file, match(robot, file, where)
@@ -82,14 +82,10 @@ def find_arm(root: ET.Element, spec: Any, model: Any, robot: Robot, tip: str, wh
             reasons.append(error)
     remedy = f"name the last body of the arm, as in --into {where}#wrist_3_link"
     if len(matches) > 1:
-        what = (
-            f"has several arms {robot.name}; they end at {listed([model.body(c[-1]).name for c in matches])}"
-        )
-        raise BayescalError(what, where, remedy)
-    if not matches and not chains:
-        raise _no_chain(model, robot, _named(model, tip, where) if tip else -1, where, remedy)
+        ends = listed([model.body(chain[-1]).name for chain in matches])
+        raise BayescalError(f"has several arms {robot.name}; they end at {ends}", where, remedy)
     if not matches:
-        raise reasons[0]
+        raise reasons[0] if reasons else _no_chain(model, robot, end, where, remedy)
     ids, (file, where_matched) = next(iter(matches.items()))
     elements = _elements(root, model, ids, where)
     joints = [next((e for e in body if e.tag == "joint"), None) for body in elements]

@@ -7,6 +7,7 @@ keyframes the positions of more joints, and the compiled file is compared with t
 from __future__ import annotations
 
 import re
+from collections import defaultdict
 from collections.abc import Collection, Iterable, Mapping
 from typing import Any
 from xml.etree import ElementTree as ET
@@ -15,8 +16,8 @@ import numpy as np
 
 from bayescal.arm.transforms import rigid, rotation
 from bayescal.errors import BayescalError
-from bayescal.exporting.mjcf.mechanism import NEUTRAL, TIP, Mechanism
-from bayescal.exporting.mjcf.readings import DEFAULT, Joints, Law, posture
+from bayescal.exporting.mjcf.mechanism import PARTS, Mechanism
+from bayescal.exporting.mjcf.readings import Joints, Law, posture
 from bayescal.exporting.mjcf.scene_arm import FoundArm, SceneFile, compiled
 from bayescal.exporting.same_arm import Match
 from bayescal.exporting.sidecar import mujoco
@@ -101,13 +102,13 @@ def without_earlier(root: ET.Element) -> frozenset[str]:
 def _default(e: ET.Element) -> bool:
     """Whether a default class is that of an export, and not one of the user with its name."""
     joint, name = e.find("joint"), e.get("class", "")
-    named = re.fullmatch(rf"{DEFAULT}(_\d+)?", name) is not None
-    return named and joint is not None and NEUTRAL["joint"].items() <= joint.attrib.items()
+    named = re.fullmatch(rf"{PARTS.CLASS}(_\d+)?", name) is not None
+    return named and joint is not None and PARTS.NEUTRAL["joint"].items() <= joint.attrib.items()
 
 
 def _only_tips(body: ET.Element) -> bool:
     """Whether a body is a flange with tips of tools alone."""
-    return len(body) > 0 and all(e.tag == "site" and e.get("rgba") == TIP["rgba"] for e in body)
+    return len(body) > 0 and all(e.tag == "site" and e.get("rgba") == PARTS.TIP["rgba"] for e in body)
 
 
 def _carrier(body: ET.Element, added: set[ET.Element]) -> bool:
@@ -150,50 +151,45 @@ def with_keyframes(
     renamed : mapping
         Names of added joints in the file, where they differ.
     """
-    keys = [key for keyframe in scene.root.findall("keyframe") for key in keyframe.iter("key")]
+    keys = scene.root.findall("keyframe/key")
     if not keys:
         return
-    kept = [(key.attrib.pop("qpos", None), key.attrib.pop("qvel", None)) for key in keys]
+    stated = [{name: key.attrib.pop(name) for name in MOVING if name in key.attrib} for key in keys]
     after = compiled(scene.xml.text, scene.path.parent, scene.path.name)
-    old = [j for j in range(before.njnt) if before.joint(j).name not in gone]
-    of_file = {before.joint(j).name for j in old}
-    same = not gone and [before.joint(j).name for j in range(before.njnt)] == [
-        after.joint(j).name for j in range(after.njnt)
-    ]
-    for k, (key, (qpos, qvel)) in enumerate(zip(keys, kept, strict=True)):
-        if qpos is not None:
-            values = before.key_qpos[k]
-            angles = np.array([values[before.joint(name).qposadr[0]] for name in joints.names])
-            stood = posture(law, joints, np.linalg.solve(law.nominal, joints.signs * angles))
-            stood = {renamed.get(name, name): value for name, value in stood.items()}
-            key.set(
-                "qpos", qpos if same else numbers(_moved(before, after, old, of_file, values, "qpos", stood))
-            )
-        if qvel is not None:
-            key.set(
-                "qvel",
-                qvel if same else numbers(_moved(before, after, old, of_file, before.key_qvel[k], "dof", {})),
-            )
+    old, new = ([model.joint(j).name for j in range(model.njnt)] for model in (before, after))
+    for k, (key, texts) in enumerate(zip(keys, stated, strict=True)):
+        if old == new and not gone:
+            key.attrib.update(texts)
+            continue
+        values = before.key_qpos[k]
+        angles = np.array([values[before.joint(name).qposadr[0]] for name in joints.names])
+        stood = posture(law, joints, np.linalg.solve(law.nominal, joints.signs * angles))
+        stood = {renamed.get(name, name): value for name, value in stood.items()}
+        if "qpos" in texts:
+            key.set("qpos", numbers(_moved(before, after, gone, values, "qpos", stood)))
+        if "qvel" in texts:
+            key.set("qvel", numbers(_moved(before, after, gone, before.key_qvel[k], "qvel", {})))
+
+
+MOVING = {"qpos": ("jnt_qposadr", (7, 4, 1, 1)), "qvel": ("jnt_dofadr", (6, 3, 1, 1))}
+"""Addresses of what a keyframe states, and its sizes by the type of a joint."""
 
 
 def _moved(
-    before: Any, after: Any, old: list[int], names: Collection[str], values: np.ndarray, what: str,
-    stood: Mapping[str, float],
-) -> np.ndarray:  # fmt: skip
+    before: Any, after: Any, gone: Collection[str], values: np.ndarray, what: str, stood: Mapping[str, float]
+) -> np.ndarray:
     """Values of the joints of the patched file: those of the file's own joints, and of the added ones."""
-    sizes = {"qpos": (7, 4, 1, 1), "dof": (6, 3, 1, 1)}[what]
-    start = {"qpos": "jnt_qposadr", "dof": "jnt_dofadr"}[what]
+    start, sizes = MOVING[what]
     out = after.qpos0.copy() if what == "qpos" else np.zeros(after.nv)
-    remaining = iter(old)
+    old = [j for j in range(before.njnt) if before.joint(j).name not in gone]
+    names, remaining = {before.joint(j).name for j in old}, iter(old)
     for j in range(after.njnt):
-        name, size = after.joint(j).name, sizes[int(after.jnt_type[j])]
-        address = int(getattr(after, start)[j])
-        if name and name not in names:
-            if name in stood:
-                out[address] = stood[name]
-            continue
-        was = int(getattr(before, start)[next(remaining)])
-        out[address : address + size] = values[was : was + size]
+        name, address = after.joint(j).name, int(getattr(after, start)[j])
+        if not name or name in names:
+            was, size = int(getattr(before, start)[next(remaining)]), sizes[int(after.jnt_type[j])]
+            out[address : address + size] = values[was : was + size]
+        elif name in stood:
+            out[address] = stood[name]
     return out
 
 
@@ -242,12 +238,13 @@ def with_unique_names(xml: XmlText, model: Any, arm: Iterable[str], where: str) 
         If an added joint has the name of a joint of the arm: what refers to it would be ambiguous.
     """
     equalities = {e for section in xml.root.iter("equality") for e in section}
-    taken: dict[str, set[str]] = {kind: set() for kind in (*KINDS.values(), "equality")}
+    kinds = {e: "equality" if e in equalities else KINDS.get(e.tag, "") for e in xml.root.iter() if _name(e)}
+    taken: dict[str, set[str]] = defaultdict(set)
     for kind, count in (("body", model.nbody), ("joint", model.njnt), ("site", model.nsite)):
         taken[kind] |= {getattr(model, kind)(k).name for k in range(count)}
     for e in xml.kept():
-        taken[_kind(e, equalities)].add(_name(e)) if _kind(e, equalities) else None
-    added = [(e, _kind(e, equalities)) for e in xml.added()]
+        taken[kinds.get(e, "")].add(_name(e))
+    added = [(e, kinds.get(e, "")) for e in xml.added()]
     renamed: dict[str, dict[str, str]] = {}
     for name, kind in dict.fromkeys((_name(e), kind) for e, kind in added if kind):
         if name in taken[kind]:
@@ -264,11 +261,6 @@ def with_unique_names(xml: XmlText, model: Any, arm: Iterable[str], where: str) 
             if e.get(key) in renamed.get(of, {}):
                 e.set(key, renamed[of][e.get(key, "")])
     return renamed
-
-
-def _kind(e: ET.Element, equalities: set[ET.Element]) -> str:
-    """What the name of an element is one of; "" where it has none."""
-    return ("equality" if e in equalities else KINDS.get(e.tag, "")) if _name(e) else ""
 
 
 def _name(e: ET.Element) -> str:

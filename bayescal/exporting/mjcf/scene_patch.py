@@ -17,20 +17,8 @@ from scipy.spatial.transform import Rotation
 from bayescal.arm.transforms import rigid
 from bayescal.errors import BayescalError
 from bayescal.exporting.mjcf.elastic import Content
-from bayescal.exporting.mjcf.mechanism import (
-    MOST,
-    Body,
-    Mechanism,
-    defaults,
-    held,
-    hinge,
-    mechanism,
-    place,
-    tips,
-    tool,
-    without_empty,
-)
-from bayescal.exporting.mjcf.readings import DEFAULT, Joints, Law, bare, law_of
+from bayescal.exporting.mjcf.mechanism import MOST, PARTS, Body, Mechanism, elements, mechanism, merge_held
+from bayescal.exporting.mjcf.readings import Joints, Law, bare, law_of
 from bayescal.exporting.mjcf.scene_arm import (
     FoundArm,
     compiled,
@@ -45,7 +33,7 @@ from bayescal.exporting.mjcf.scene_parts import check, with_keyframes, with_uniq
 from bayescal.exporting.same_arm import ANGLE, Match, smallest_turn
 from bayescal.exporting.sidecar import mujoco
 from bayescal.exporting.written import Options, Written, path_of
-from bayescal.exporting.xml_text import add, element, number, numbers
+from bayescal.exporting.xml_text import number, numbers
 from bayescal.fitted.arm import FittedArm
 
 LIGHT = 1e-3
@@ -195,13 +183,18 @@ def _poses(scene: Scene) -> list[str]:
 
 def _place(element: ET.Element, pose: np.ndarray, before: np.ndarray) -> None:
     """Give a body another pose; a position or an orientation that is the same stays as it is written."""
-    new = place(pose)
+    new = _place_of(pose)
     if np.max(np.abs(pose[:3, 3] - before[:3, 3])) > SAME:
         element.set("pos", new["pos"])
     if np.max(np.abs(pose[:3, :3] - before[:3, :3])) > SAME:
         for name in TURNED[1:]:
             element.attrib.pop(name, None)
         element.set("quat", new["quat"])
+
+
+def _place_of(pose: np.ndarray) -> dict[str, str]:
+    """Attributes `pos` and `quat` of a pose (4, 4)."""
+    return ET.fromstring(f"<body {PARTS.place(pose)}/>").attrib
 
 
 def _links(scene: Scene) -> list[str]:
@@ -216,10 +209,8 @@ def _links(scene: Scene) -> list[str]:
             body_element.set("gravcomp", "0" if heavy else "1")
             lifted += [body_element.get("name", "")] if heavy else []
         _inertial(body_element, parts[-1], to_file, scene.model, arm.ids[k])
-        made = ET.Element("holder")
-        for h in [h for body in parts for h in body.hinges][1:]:
-            hinge(made, replace(h.seen(to_file, scene.named(h.name)), limits=None))
-        _insert(arm, k, list(made))
+        _, *added = (h.seen(to_file, scene.named(h.name)) for body in parts for h in body.hinges)
+        _insert(arm, k, [e for h in added for e in elements(PARTS.hinge(replace(h, limits=None)))])
     return [f"gravity acts on {', '.join(lifted)}: springs of the arm carry them"] if lifted else []
 
 
@@ -241,7 +232,7 @@ def _insert(arm: FoundArm, k: int, hinges: list[ET.Element]) -> None:
             carrier.set(name, element.attrib.pop(name))
     if "childclass" in element.attrib:
         carrier.set("childclass", element.get("childclass", ""))
-    add(carrier, "inertial", pos=np.zeros(3), mass=LIGHT, diaginertia=[1e-2 * LIGHT] * 3)
+    carrier.extend(elements(PARTS.inertial((0, 0, 0), LIGHT, 1e-2 * LIGHT)))
     element.remove(joint)
     carrier.extend([joint, *hinges[:more]])
     parent = arm.parents[element]
@@ -275,11 +266,11 @@ def _stand(scene: Scene) -> list[str]:
     around = parent[top]
     place_of_top = list(around).index(top)
     around.remove(top)
-    stand = element("body", name="stand", gravcomp="1")
-    add(stand, "inertial", pos=np.zeros(3), mass=1.0, diaginertia=[0.01] * 3)
+    stand = ET.Element("body", name="stand", gravcomp="1")
+    stand.extend(elements(PARTS.inertial((0, 0, 0), 1, 0.01)))
     to_parent = np.linalg.inv(scene.where.root @ arm.steps[0]) @ base.pose
     for h in base.hinges:
-        hinge(stand, h.seen(to_parent))
+        stand.extend(elements(PARTS.hinge(h.seen(to_parent))))
     stand.append(top)
     around.insert(place_of_top, stand)
     return []
@@ -289,12 +280,14 @@ def _flange(scene: Scene) -> list[str]:
     """A body for the flange on the last body of the arm, with the tips of the tools; if it yields, a tool."""
     arm, machine = scene.arm, scene.machine
     last = scene.where.links[-1] @ np.linalg.inv(rigid(None, arm.anchors[-1]))
-    flange = add(arm.bodies[-1], "body", name="flange", **place(np.linalg.inv(last) @ machine.flange))
-    tips(flange, machine.loads)
+    place = _place_of(np.linalg.inv(last) @ machine.flange)
+    flange = ET.SubElement(arm.bodies[-1], "body", {"name": "flange", **place})
+    flange.extend(elements(PARTS.tips(machine.loads)))
     if scene.yields:
-        flange.set("childclass", DEFAULT)
+        flange.set("childclass", PARTS.CLASS)
         row = scene.content.row
-        tool(flange, machine.loads[int(scene.content.arm.dataset.measurements.tool[row])])
+        number_ = int(scene.content.arm.dataset.measurements.tool[row])
+        flange.extend(elements(PARTS.tool(machine.loads[number_])))
     return []
 
 
@@ -345,10 +338,12 @@ def _parts_of(body: ET.Element) -> Iterator[ET.Element]:
 
 def _held(scene: Scene) -> list[str]:
     """Defaults of all added parts, and what holds their hinges."""
-    defaults(scene.root, shown=False)
+    top = scene.root.find("default")
+    (ET.SubElement(scene.root, "default") if top is None else top).extend(elements(PARTS.defaults(False)))
     renamed = {h.name: scene.named(h.name) for b in scene.machine.bodies for h in b.hinges}
-    held(scene.root, scene.content, scene.machine, scene.law, scene.joints, renamed)
-    without_empty(scene.root)
+    merge_held(scene.root, scene.content, scene.machine, scene.law, scene.joints, renamed)
+    for part in [e for tag in ("tendon", "equality") for e in scene.root.findall(tag)[:1] if not len(e)]:
+        scene.root.remove(part)  # an earlier export had parts there
     return []
 
 

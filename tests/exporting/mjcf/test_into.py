@@ -22,7 +22,8 @@ from bayescal.exporting.geometry import zero_frames
 from bayescal.exporting.mjcf.format import mjcf
 from bayescal.model import with_parameters
 from bayescal.simulation import Options, simulate
-from bayescal.verifying.levels import File, Machine, Place, limit, modelled, replayed
+from bayescal.verifying.levels import Machine, limit, modelled
+from bayescal.verifying.simulator import File
 
 SCENE = DATA / "ur5e_scene.xml"
 EVERY = (*BASE, "base-compliance", "hysteresis", "coupling", "eccentricity", "backlash")
@@ -266,7 +267,7 @@ def test_a_difference_is_seen():
     text = mjcf(arm, len(arm.dataset.measurements.ids) - 1)
     x = re.search(r'<body name="base" .*?pos="(\S+) ', text)
     wrong = text[: x.start(1)] + repr(float(x[1]) + 1e-5) + text[x.end(1) :]
-    off, _ = differences(arm, POSES, File(wrong, Path(), "wrong", Place.of(arm, {})))
+    off, _ = differences(arm, POSES, File.of(arm, wrong, Path("wrong"), {}))
     assert np.allclose(off, 1e-5, atol=1e-8)
 
 
@@ -300,8 +301,7 @@ def test_springs_and_friction_hold_the_largest_moments_of_the_session():
     rows = np.unique(np.argmax(torques, axis=0))
     state = len(torques) - 1
     text = mjcf(arm, state)
-    machine = Machine.of(arm, state)
-    reached, points = replayed(machine.simulator(text, Path(), "arm"), machine, arm, rows)
+    reached, points = Machine.of(arm, state, File.of(arm, text, Path("arm"), {})).replayed(rows)
     off = np.linalg.norm(points - modelled(arm, rows, reached, state), axis=1)
     assert np.max(off) < limit((*BASE, "hardening", "backlash"))
     model = mujoco.MjModel.from_xml_string(text)

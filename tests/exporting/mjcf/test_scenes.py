@@ -20,7 +20,8 @@ from bayescal.exporting.export import export
 from bayescal.exporting.mjcf.elastic import CLOSE, linear, spring_of
 from bayescal.exporting.mjcf.format import replay_table
 from bayescal.exporting.mjcf.replay import Replay, Simulated
-from bayescal.verifying.levels import File, Place, limit
+from bayescal.verifying.levels import limit
+from bayescal.verifying.simulator import File
 
 SCENE_TEXT = (DATA / "ur5e_scene.xml").read_text()
 ELASTIC = (*BASE, "base-compliance")
@@ -313,7 +314,7 @@ def test_script_gives_the_points_of_the_model(robot, into, tmp_path):
     arm = drawn(robot, EFFECTS)
     found = export(arm, "mjcf", into=into, readings="script", force=True)
     record = found.record("arm.xml")
-    off, size = differences(arm, 8, File(found.written.content, tmp_path, "arm.xml", Place.of(arm, record)))
+    off, size = differences(arm, 8, File.of(arm, found.written.content, tmp_path / "arm.xml", record))
     assert np.max(off) < 2e-8
     assert size > 2e-6
     written = found.save(tmp_path / "arm.xml")
