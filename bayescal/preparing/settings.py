@@ -25,12 +25,12 @@ from bayescal.dataset.schema import (
     entry_of,
 )
 from bayescal.dataset.target_kinds import KINDS
-from bayescal.dataset.write import certificate_keys, flow, plan_lines, target_keys, tool_keys
+from bayescal.dataset.write import certificate_keys, plan_block, target_keys, tool_keys
 from bayescal.preparing.artefacts import ARTEFACTS, Outline
 from bayescal.probing.artefacts import TOOL
-from bayescal.robots.schema import scalar
 from bayescal.storage.files import FILL_IN, stem_of
 from bayescal.storage.files import Keys as Model
+from bayescal.storage.writing import block_lines, flow, scalar
 
 WIDTH = 110
 EXAMPLES = {"probe": TOOL, "reflector": Tool("reflector", TOOL.centre, None, TOOL.mass, TOOL.centre_of_mass)}
@@ -261,7 +261,7 @@ def _plan(draft: Draft) -> Iterator[str]:
     for key in PlanEntry.model_fields:
         yield from _comment(f"  {key}: {PlanEntry.model_fields[key].description}")
     if regions and draft.placed:
-        yield from plan_lines(PlanSettings(regions=regions))
+        yield from block_lines({"plan": plan_block(PlanSettings(regions=regions))})
     else:
         yield "# plan:"
         yield "#   payload_kg: [2.0]"
