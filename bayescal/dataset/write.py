@@ -136,6 +136,7 @@ def certificate_keys(certificate: Certificate) -> Keys:
 
 def plan_block(plan: PlanSettings) -> Block:
     """What is below `plan`, in the order of its model."""
+    poses = [_text("poses_deg", np.array(pose)) for pose in plan.poses]
     values = {
         "table_mm": plan.table,
         "payload_kg": np.array(plan.payloads) if plan.payloads else None,
@@ -146,7 +147,9 @@ def plan_block(plan: PlanSettings) -> Block:
         "volume_of_interest": None if plan.volume is None else flow(_keys(VolumeEntry, plan.volume)),
         "regions": {name: flow(_keys(RegionEntry, patch)) for name, patch in plan.regions.items()},
         **dict(_keys_of(values.items())),
-        "poses_deg": plan.poses and flow_list(_text("poses_deg", np.array(pose)) for pose in plan.poses),
+        "poses_deg": flow_list(_text("poses_deg", np.array(pose)) for pose in plan.poses)
+        if plan.poses
+        else None,
     }
 
 
@@ -157,7 +160,7 @@ def _record(record: Record) -> Block:
         "date": record.date and scalar(record.date),
         "operator": record.operator and scalar(record.operator),
         "serials": record.serials and flow((key, scalar(text)) for key, text in record.serials.items()),
-        "certificates": record.certificates and flow_list(map(scalar, record.certificates)),
+        "certificates": flow_list(map(scalar, record.certificates)) if record.certificates else None,
         "temperature_degC": None if warm is None else _text("temperature_degC", warm),
     }
 
