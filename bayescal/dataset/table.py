@@ -5,24 +5,35 @@ from __future__ import annotations
 import csv
 import io
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from bayescal.errors import BayescalError, shown
-from bayescal.storage.files import outside, range_of, si, unknown
+from bayescal.storage.files import outside, range_of, si, stem_of, unknown
 from bayescal.storage.reading import decoded
 
 XYZ = ("x_mm", "y_mm", "z_mm")
 RPY = ("rx_deg", "ry_deg", "rz_deg")
-SINGLES = ("length_mm", "u_mm", "stop", "time_s", "temperature_c", "payload_kg", "repeat")
-PLAIN = ("id", "role", "target", "tool", *XYZ, *RPY, *SINGLES)
+LABELS = ("stop", "repeat")
+"""Columns of texts that need not be there."""
+PLAIN = (
+    *("id", "role", "target", "tool", *XYZ, *RPY),
+    *("length_mm", "u_mm", "stop", "time_s", "temperature_c", "payload_kg", "repeat"),
+)
 CLEARANCE = "clearance_mm"
 """Column of a plan that a session does not have."""
 JOINT = ("deg", "degps", "command_deg", "nm")
 """Columns there are one of a joint: ``j1_deg`` ... ``jn_deg``, and so on."""
+
+EMPTY: Mapping[str, float | str] = {
+    **dict.fromkeys(LABELS, ""),
+    **dict.fromkeys(("velocity", "payload"), 0.0),
+    **dict.fromkeys(("xyz", "rpy", "length", "u"), np.nan),
+}
+"""What an empty cell stands for, by the field of `Measurements`; no cell of another field is empty."""
 
 LONGEST_CELL = 200
 """Characters of a cell."""
@@ -57,6 +68,17 @@ COLUMNS = {
 def joint_columns(kind: str, n: int) -> tuple[str, ...]:
     """``j1_deg`` to ``jn_deg`` for `kind` ``deg``."""
     return tuple(f"j{i + 1}_{kind}" for i in range(n))
+
+
+def fields_of_columns(n: int) -> dict[str, tuple[str, ...]]:
+    """Fields of `Measurements` in the contract's order, each with the columns of `n` joints that fill it."""
+    joints = zip(("readings", "velocity", "command", "torque"), JOINT, strict=True)
+    return {
+        **{field: joint_columns(kind, n) for field, kind in joints},
+        "xyz": XYZ,
+        "rpy": RPY,
+        **{stem_of(column)[0]: (column,) for column in PLAIN[PLAIN.index("length_mm") :]},
+    }
 
 
 @dataclass(frozen=True)

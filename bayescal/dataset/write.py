@@ -14,7 +14,7 @@ from bayescal.dataset.read import SETTINGS, TABLE
 from bayescal.dataset.schema import CERTIFICATES, SCHEMA, NoiseEntry, RegionEntry, ToolEntry, VolumeEntry
 from bayescal.dataset.session import NAMING, field_of
 from bayescal.dataset.solids import hull_stl, solid_values
-from bayescal.dataset.table import JOINT, RPY, SINGLES, XYZ, csv_text, joint_columns
+from bayescal.dataset.table import LABELS, csv_text, fields_of_columns
 from bayescal.dataset.target_kinds import KINDS
 from bayescal.dataset.types import Certificate, Dataset, PlanSettings, Record, Target, Tool
 from bayescal.errors import BayescalError
@@ -147,9 +147,7 @@ def plan_block(plan: PlanSettings) -> Block:
         "volume_of_interest": None if plan.volume is None else flow(_keys(VolumeEntry, plan.volume)),
         "regions": {name: flow(_keys(RegionEntry, patch)) for name, patch in plan.regions.items()},
         **dict(_keys_of(values.items())),
-        "poses_deg": flow_list(_text("poses_deg", np.array(pose)) for pose in plan.poses)
-        if plan.poses
-        else None,
+        "poses_deg": flow_list(poses) if poses else None,
     }
 
 
@@ -218,15 +216,11 @@ def table_text(dataset: Dataset, name_tool: bool = False) -> str:
     columns["target"] = [dataset.targets[i].name for i in rows.target]
     if name_tool or len(dataset.tools) > 1:
         columns["tool"] = [dataset.tools[i].name for i in rows.tool]
-    blocks = {
-        joint_columns(kind, n): block
-        for kind, block in zip(JOINT, (rows.readings, rows.velocity, rows.command, rows.torque), strict=True)
-    }
-    for names, block in (blocks | {XYZ: rows.xyz, RPY: rows.rpy}).items():
-        if block is not None:
-            columns |= {name: _cells(name, values) for name, values in zip(names, block.T, strict=True)}
-    for name in SINGLES:
-        cells = getattr(rows, stem_of(name)[0])
-        if cells is not None:
-            columns[name] = map(str, cells) if name in ("stop", "repeat") else _cells(name, cells)
+    for field, names in fields_of_columns(n).items():
+        values = getattr(rows, field)
+        if values is not None and field in LABELS:
+            columns[field] = map(str, values)
+        elif values is not None:
+            block = values.reshape(len(rows.ids), -1).T
+            columns |= {name: _cells(name, column) for name, column in zip(names, block, strict=True)}
     return csv_text(columns, zip(*columns.values(), strict=True))
