@@ -81,13 +81,13 @@ def robodk(log: Log, n: int) -> tuple[Columns, dict[str, np.ndarray]]:
         map_ |= _xyz("", measured)
     columns = columns_of(log, map_)
     if measured is not None:
-        xyz = np.column_stack([columns.numbers[k] for k in "xyz"])
+        xyz = np.column_stack([columns.cells[k] for k in "xyz"])
         columns = columns.take(np.abs(xyz).sum(axis=1) >= UNSEEN)
         if not columns.count:
             raise BayescalError("no measured row: all points are 0, 0, 0", log.name, "export the table again")
-    centres = np.column_stack([columns.numbers.pop(f"tool_{k}") for k in "xyz"])
+    centres = np.column_stack([columns.cells.pop(f"tool_{k}") for k in "xyz"])
     names, tools = _tools(centres)
-    return replace(columns, texts={"tool": names}), tools
+    return replace(columns, cells=columns.cells | {"tool": names}), tools
 
 
 def _xyz(prefix: str, before: int) -> dict[str, Column]:
@@ -252,7 +252,7 @@ def furnished(
     if points(columns) is None:
         what = "no points, and no template with targets"
         raise BayescalError(what, columns.name, "map x, y, z, give --points FILE or a --template")
-    if base.noise.point is None and "u" not in columns.numbers:
+    if base.noise.point is None and "u" not in columns.cells:
         remedy = 'state the standard uncertainty of a coordinate, `--noise "0.03 mm"`, or map `u`'
         raise BayescalError("the uncertainty of the instrument is not stated", "--noise", remedy)
     used = names(columns, "tool") or ["tool"]

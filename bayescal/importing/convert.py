@@ -191,7 +191,7 @@ def convert(request: Request) -> Draft:
         joined.check()
     turned, agree = compared(dataset, columns)
     wrong = wrong or ("" if agree else turned)
-    dataset, roles = _roles(request, dataset, "role" in columns.texts)
+    dataset, roles = _roles(request, dataset, "role" in columns.cells)
     notes = (*notes, *located_words(dataset, loose), *filter(None, [turned if agree else ""]), roles)
     understood = (*mapped, row_words(dataset, int(columns.line[0])))
     dataset, before, notes = _continuing(request, dataset, notes)
@@ -265,14 +265,13 @@ def _whence(draft: Draft, where: str) -> str:
 
 def _from_the_beginning(columns: Columns) -> tuple[Columns, tuple[str, ...]]:
     """The columns with times since the first of them, of time stamps; and a note on their order."""
-    if "time" not in columns.numbers:
+    if "time" not in columns.cells:
         return columns, ()
-    time = columns.numbers["time"]
+    time = columns.cells["time"]
     back = int((np.diff(time[np.isfinite(time)]) < 0).sum())
     note = f"{back} rows are earlier than the row above: the order of rows is taken as the order of time"
     if columns.clock:
-        numbers = columns.numbers | {"time": time - np.nanmin(time)}
-        columns = replace(columns, numbers=numbers, clock="")
+        columns = replace(columns, cells=columns.cells | {"time": time - np.nanmin(time)}, clock="")
     return columns, (note,) if back else ()
 
 
