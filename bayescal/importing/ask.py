@@ -24,32 +24,19 @@ from bayescal.importing.rotations import stated_rotation
 from bayescal.importing.units import UNITS, is_number, quantity, unit_of
 from bayescal.robots import Loaded, is_xacro, load_robot
 
-
-@dataclass(frozen=True)
-class Format:
-    """What a file of a manufacturer holds: the map of its columns, and what it is in words."""
-
-    words: str
-    map: str = ""
-
-
 LISTED = "id=id, j*=J* deg"
 """The map of the joint positions that `read_listing` returns."""
 
 FORMATS = {
-    "csv": Format("a table; --map states its columns"),
-    "robodk": Format("a calibration table of RoboDK: joints, measured point or pose, tool"),
-    "ur-rtde": Format(
-        "a record of the RTDE client of Universal Robots",
-        "time?=timestamp counter_s, j*=actual_q_*0 rad, j*_command?=target_q_*0 rad",
-    ),
-    "probing": Format("what a probing program of bayescal plan logs", LISTED),
-    "fanuc-ls": Format("positions P[n] of a FANUC program as text (LS)", LISTED),
-    "fanuc-va": Format("position registers of a FANUC controller (POSREG.VA)", LISTED),
-    "kuka-dat": Format("joint positions of a KUKA data list (DAT) or program", LISTED),
-    "abb-mod": Format("jointtargets of an ABB RAPID module", LISTED),
+    "csv": "",
+    "robodk": "",
+    "ur-rtde": "time?=timestamp counter_s, j*=actual_q_*0 rad, j*_command?=target_q_*0 rad",
+    **dict.fromkeys(("probing", "fanuc-ls", "fanuc-va", "kuka-dat", "abb-mod"), LISTED),
 }
-"""By name. Joint velocities of a record are not read: at rest their signs are noise, not a direction."""
+"""The map of the columns of each format; a table has none of its own, and that of RoboDK is `robodk`.
+
+Joint velocities of a record are not read: at rest their signs are noise, not a direction.
+"""
 
 UNSEEN = 1e-6
 """m: RoboDK writes zeros for a point that was not measured; its own scripts require more than 1 µm."""

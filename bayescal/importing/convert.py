@@ -292,7 +292,7 @@ def _columns(request: Request, n: int) -> Read:
         log = read_log(request.log, headed=True)
         columns = columns_of(log, own_map(log.header, n, log.name), request.decimal)
     else:
-        map_ = read_map(ask.FORMATS[request.format].map, n, formal=True) | read_map(request.map, n)
+        map_ = read_map(ask.FORMATS[request.format], n, formal=True) | read_map(request.map, n)
         if request.format == "probing":
             columns = columns_of(read_records(request.log, n), map_)
         elif request.format in LISTINGS:

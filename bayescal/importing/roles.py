@@ -9,8 +9,6 @@ from fnmatch import fnmatchcase
 from math import ceil
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from bayescal.dataset import Dataset, Measurements, Target, Tool
 from bayescal.dataset.target_kinds import KINDS
@@ -27,27 +25,12 @@ SINGLE = ("length", "u", "time", "temperature", "payload")
 
 
 def stops_of(rows: Measurements) -> np.ndarray:
-    """Standstills of the arm: rows with the same `stop`, `repeat` or joint readings belong together.
+    """Number (N,) of the standstill of each row, in the order of their first rows."""
+    from bayescal.estimate.families import poses  # slow to import, and most logs state no rule
 
-    Returns
-    -------
-    np.ndarray of int, shape (N,)
-        Number of the standstill of each row, in order of their first rows.
-    """
-    count = len(rows.ids)
-    labels = [np.unique(rows.readings, axis=0, return_inverse=True)[1].ravel()]
-    for names in (rows.stop, rows.repeat):
-        if names is not None:
-            alone = np.char.add("\n", np.arange(count).astype(str))  # a row without a name is alone
-            labels.append(np.unique(np.where(names == "", alone, names), return_inverse=True)[1].ravel())
-    row, label, offset = np.tile(np.arange(count), len(labels)), [], count
-    for numbers in labels:
-        label.append(numbers + offset)
-        offset += int(numbers.max()) + 1
-    edges = coo_array((np.ones(len(row)), (row, np.concatenate(label))), shape=(offset, offset))
-    which = connected_components(edges, directed=False)[1][:count]
-    _, first, inverse = np.unique(which, return_index=True, return_inverse=True)
-    return np.argsort(np.argsort(first))[inverse.ravel()]
+    pose = poses(rows, np.arange(len(rows.ids)))
+    _, first_row, number = np.unique(pose, return_index=True, return_inverse=True)
+    return np.argsort(np.argsort(first_row))[number]
 
 
 def with_roles(dataset: Dataset, rule: str, where: str) -> tuple[Dataset, str]:

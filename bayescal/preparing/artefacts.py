@@ -70,16 +70,15 @@ class Outline:
 
 @dataclass(frozen=True)
 class Artefact:
-    """An artefact: what it is, its outline in a room, the tool, and what to measure on it.
+    """An artefact: what it is, its outline in a room, and the tool.
 
-    `certified` are the keys of its targets that a certificate states; `columns` those of measurements.csv
-    that its rows need beyond the joints.
+    What to measure on it is in `templates/measure`. `certified` are keys of its targets that a certificate
+    states; `columns` those of measurements.csv that its rows need beyond the joints.
     """
 
     name: str
     summary: str
     outline: Callable[[Room], Outline]
-    measure: tuple[str, ...]
     tool: str = "probe"
     certified: tuple[str, ...] = ()
     columns: tuple[str, ...] = ()
@@ -153,65 +152,33 @@ ARTEFACTS: dict[str, Artefact] = {
             "cube",
             "a cube or block with ground faces; the certified distance of two faces gives the scale",
             _cube,
-            (
-                "50 contacts on each of the four faces, over the whole face and with different wrist poses",
-                "of these, 10 contacts four times in a row (one `repeat` name each)",
-                "40 more contacts at the end, with the role `validate`",
-            ),
         ),
         Artefact(
             "spheres",
             "three spheres of certified distances, placed at several positions (`@1`, `@2`, ...)",
             _spheres,
-            (
-                f"{ON_SPHERE} contacts on each sphere, over its upper half, the arm in one configuration",
-                "beside another artefact: with the role `validate`, because the certified distances are then "
-                "compared with the calibrated arm",
-                "alone: all placements but the last with the role `calibrate`, the last with `validate`",
-            ),
             certified=("diameter_mm",),
         ),
         Artefact(
             "plate",
             "a flat plate, placed in several orientations; no certified length, the scale is the robot's own",
             _plate,
-            (
-                "50 contacts in each orientation, over the whole plate and with different wrist poses",
-                "of these, 10 contacts four times in a row (one `repeat` name each)",
-                "40 more contacts in one further orientation (a target of its own): 20 with the role "
-                "`locate`, 20 with `validate`",
-            ),
         ),
         Artefact(
             "socket",
             "four conical seats of certified distances, in which a ball on the flange is seated",
             _seats,
-            (
-                "40 poses in each seat: the ball stays seated while the arm turns about it",
-                "of these, 5 poses four times (one `repeat` name each), unseated in between",
-                "10 more poses in each seat at the end, with the role `validate`",
-            ),
         ),
         Artefact(
             "bar",
             "a ball bar of certified length about a pivot, at several positions of the pivot",
             _bar,
-            (
-                "60 poses about each pivot, over the whole range of directions of the bar",
-                "of these, 10 poses four times (one `repeat` name each)",
-                "15 more poses about each pivot at the end, with the role `validate`",
-            ),
             certified=("length_mm",),
         ),
         Artefact(
             "tracker",
             "a laser tracker or camera that reads a reflector on the flange",
             _tracker,
-            (
-                "100 poses over the whole volume, with different wrist poses",
-                "of these, 10 poses four times (one `repeat` name each)",
-                "40 more poses at the end, with the role `validate`",
-            ),
             tool="reflector",
             columns=("x_mm", "y_mm", "z_mm"),
         ),

@@ -12,7 +12,7 @@ from bayescal.dataset.read import SETTINGS, TABLE
 from bayescal.dataset.table import COLUMNS, JOINT, PLAIN
 from bayescal.dataset.write import ROBOT
 from bayescal.errors import BayescalError
-from bayescal.preparing.artefacts import ARTEFACTS, JOINTS, Room, schema_text
+from bayescal.preparing.artefacts import ARTEFACTS, JOINTS, ON_SPHERE, Room, schema_text
 from bayescal.preparing.settings import Draft, rendered, robot_template, schema_name, settings_text
 from bayescal.robots import builtin_robots, full_name, load_robot, robot_to_yaml
 from bayescal.storage.folders import whole
@@ -34,7 +34,8 @@ def readme_text(draft: Draft, folder: str) -> str:
     seen = dict.fromkeys(_shown(column, draft.joints) for column in columns_of(draft))
     artefacts = [ARTEFACTS[name] for name in draft.outlines]
     columns = {shown: COLUMNS[key] for shown, key in seen}
-    return rendered("README.md.j2", draft=draft, folder=folder, artefacts=artefacts, columns=columns)
+    shared = {"draft": draft, "artefacts": artefacts, "columns": columns, "on_sphere": ON_SPHERE}
+    return rendered("README.md.j2", folder=folder, **shared)
 
 
 def _shown(column: str, n: int) -> tuple[str, str]:

@@ -12,24 +12,12 @@ from typing import Any
 
 import numpy as np
 
-from bayescal.dataset import Certificate, PlanSettings, Target, Tool
-from bayescal.dataset.schema import (
-    CERTIFICATES,
-    SCHEMA,
-    DatasetFile,
-    Loose,
-    NoiseEntry,
-    PlanEntry,
-    RecordEntry,
-    ToolEntry,
-    entry_of,
-)
+from bayescal.dataset import Certificate, PlanSettings, Target, Tool, schema
 from bayescal.dataset.target_kinds import KINDS
 from bayescal.dataset.write import certificate_keys, plan_block, target_keys, tool_keys
 from bayescal.preparing.artefacts import ARTEFACTS, JOINTS, Artefact, Outline
 from bayescal.probing.artefacts import TOOL
-from bayescal.robots.schema import SCHEMA as ROBOT_SCHEMA
-from bayescal.robots.schema import Joint, Link, RobotFile
+from bayescal.robots import schema as robot_schema
 from bayescal.storage.files import FILL_IN, stem_of
 from bayescal.storage.writing import block_lines, flow, scalar
 
@@ -122,18 +110,18 @@ def settings_text(draft: Draft) -> str:
     return rendered(
         "dataset.yaml.j2",
         draft=draft,
-        version=SCHEMA,
-        file=DatasetFile.model_fields,
-        tool=ToolEntry.model_fields,
-        noise=NoiseEntry.model_fields,
-        loose=Loose.model_fields,
-        plan=PlanEntry.model_fields,
-        record=RecordEntry.model_fields,
+        version=schema.SCHEMA,
+        file=schema.DatasetFile.model_fields,
+        tool=schema.ToolEntry.model_fields,
+        noise=schema.NoiseEntry.model_fields,
+        loose=schema.Loose.model_fields,
+        plan=schema.PlanEntry.model_fields,
+        record=schema.RecordEntry.model_fields,
         tools={name: _tool(draft, name) for name in draft.tools},
         stated_noise=[NOISE[noise] for noise in dict.fromkeys(kind.noise for kind in kinds)],
-        kinds={kind: entry_of(kind).model_fields for kind in kinds},
+        kinds={kind: schema.entry_of(kind).model_fields for kind in kinds},
         targets=_targets(draft),
-        certified={c.kind: CERTIFICATES[c.kind] for each in stated.values() for c in each},
+        certified={c.kind: schema.CERTIFICATES[c.kind] for each in stated.values() for c in each},
         certificates=_certificates(stated),
         regions=[*block_lines(plan)],
     )
@@ -169,7 +157,8 @@ def _targets(draft: Draft) -> list[tuple[Artefact, dict[str, str]]]:
 def _certificates(stated: Mapping[str, tuple[Certificate, ...]]) -> dict[str, list[str]]:
     """The entries of the certificates by artefact."""
     every = [c for certificates in stated.values() for c in certificates]
-    once = Once(Counter(_of_certificate(c, key) for c in every for key in CERTIFICATES[c.kind].model_fields))
+    keys = {kind: model.model_fields for kind, model in schema.CERTIFICATES.items()}
+    once = Once(Counter(_of_certificate(c, key) for c in every for key in keys[c.kind]))
 
     def entry(certificate: Certificate) -> str:
         return flow(
@@ -221,9 +210,9 @@ def robot_template(schema: str) -> str:
     return rendered(
         "robot.yaml.j2",
         schema=schema,
-        version=ROBOT_SCHEMA,
+        version=robot_schema.SCHEMA,
         joints=JOINTS,
-        file=RobotFile.model_fields,
-        joint=Joint.model_fields,
-        link=Link.model_fields,
+        file=robot_schema.RobotFile.model_fields,
+        joint=robot_schema.Joint.model_fields,
+        link=robot_schema.Link.model_fields,
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,26 +16,6 @@ if TYPE_CHECKING:
 STARTS = 256
 """Random configurations, of which the best are improved."""
 IMPROVED = 2
-
-
-def records(part: str = "") -> list[dict[str, Any]]:
-    """Built-in robots whose name has a part: name, joints, reach_mm, masses and sources, by name.
-
-    Raises
-    ------
-    BayescalError
-        If no name has it.
-    """
-    names = [name for name in builtin_robots() if part.lower() in name]
-    if not names:
-        raise BayescalError(f"no built-in robot has `{part}` in its name", "", "bayescal robots lists all")
-    out = []
-    for name in names:
-        robot, content = load_robot(name)
-        masses = robot.masses is not None
-        values = {"joints": robot.n, "reach_mm": round(1e3 * reach(robot), 1), "masses": masses}
-        out.append({"name": name} | values | {"sources": _sources(content)})
-    return out
 
 
 def table(part: str = "") -> DataFrame:
@@ -52,6 +32,11 @@ def table(part: str = "") -> DataFrame:
         Columns `joints`, `reach_mm` (largest distance of the flange from axis 1 within the joint limits),
         `masses` (whether those of the links are known) and `sources` (text).
 
+    Raises
+    ------
+    BayescalError
+        If no name has it.
+
     Examples
     --------
     >>> import bayescal as bc
@@ -60,7 +45,15 @@ def table(part: str = "") -> DataFrame:
     """
     from pandas import DataFrame
 
-    return DataFrame.from_records(records(part), index="name")
+    names = [name for name in builtin_robots() if part.lower() in name]
+    if not names:
+        raise BayescalError(f"no built-in robot has `{part}` in its name", "", "bayescal robots lists all")
+    rows = {}
+    for name in names:
+        robot, content = load_robot(name)
+        rows[name] = robot.n, round(1e3 * reach(robot), 1), robot.masses is not None, _sources(content)
+    columns = ["joints", "reach_mm", "masses", "sources"]
+    return DataFrame(list(rows.values()), index=list(rows), columns=columns).rename_axis("name")
 
 
 def reach(robot: Robot) -> float:
