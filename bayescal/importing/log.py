@@ -21,12 +21,11 @@ from bayescal.importing.units import (
     ALIASES,
     UNITS,
     Lines,
+    Rows,
     Unit,
-    cells,
     is_number,
     is_unit,
     name_and_unit,
-    separator_of,
     text_lines,
 )
 from bayescal.storage.reading import content_of
@@ -40,13 +39,13 @@ TOO_LARGE = "delete what is not data, or save the sheet as CSV"
 Row = tuple[object, ...]
 
 
-def _lines(path: Path) -> tuple[Lines, str]:
-    """Lines of a file, or of a workbook, whose path may end with the name of a sheet; and the separator."""
+def _lines(path: Path) -> Lines:
+    """Rows of a file, or of a workbook, whose path may end with the name of a sheet."""
     is_workbook = path.name.partition("#")[0].lower().endswith(SUFFIXES)
     lines = sheet_lines(path) if is_workbook else text_lines(path)
     if not lines.kept:
         raise BayescalError("no rows", path.name, "check the file")
-    return lines, separator_of([raw for _, raw in lines.kept])
+    return lines
 
 
 def sheet_lines(path: Path) -> Lines:
@@ -67,7 +66,7 @@ def sheet_lines(path: Path) -> Lines:
         remedy = "install it: `pip install bayescal[xlsx]`, or save the sheet as CSV"
         raise BayescalError("workbooks need the package openpyxl", file, remedy) from None
     rows, sources, name = _rows(openpyxl.load_workbook, content, sheet, file)
-    kept: list[tuple[int, tuple[str, ...]]] = []
+    kept: Rows = []
     computed = 0
     for number, (row, source) in enumerate(zip(rows, sources, strict=True), 1):
         for value, formula in zip(row, source, strict=True):
@@ -84,7 +83,7 @@ def sheet_lines(path: Path) -> Lines:
     notes = [f"sheet `{name}` of {file}"]
     if computed:
         notes.append(f"{computed} cells of {file} are formulas: their last values are read")
-    return Lines(tuple(kept), (), tuple(notes))
+    return Lines(kept, [], tuple(notes), padded=True)
 
 
 def _rows(load: Any, content: bytes, sheet: str, file: str) -> tuple[list[Row], list[Row], str]:
@@ -201,9 +200,8 @@ def read_log(path: Path, headed: bool | None = None, missing: Missing | None = N
     BayescalError
         If the file cannot be read, or its rows differ in length.
     """
-    name, (lines, separator) = path.name, _lines(path)
-    rows = [(number, cells(raw, separator)) for number, raw in lines.kept]
-    header, rows, before = _headed(rows, lines, separator, headed, missing)
+    name, lines = path.name, _lines(path)
+    header, rows, before = _headed(lines, headed, missing)
     notes = list(lines.notes)
     if before:
         notes.append(_left(before, name, "before the header"))
@@ -221,14 +219,14 @@ def read_log(path: Path, headed: bool | None = None, missing: Missing | None = N
     if again:
         notes.append(f"{len(again)} repetitions of the header of {name} left out")
         rows = [row for row in rows if row[1] != header and not (header and _are_units(row[1]))]
-    footer: list[tuple[int, tuple[str, ...]]] = []
+    footer: Rows = []
     while rows and _is_footer(rows[-1][1], width):
         footer.insert(0, rows.pop())
     if footer:
         notes.append(_left(footer, name, "behind the last row"))
     if not rows:
         raise BayescalError("no rows below the header", name, "check the file")
-    if any(isinstance(raw, tuple) for _, raw in lines.kept):  # a sheet: empty cells at the end are no cells
+    if lines.padded:
         rows = [(number, row + ("",) * (width - len(row))) for number, row in rows]
     if missing is not None and missing(header):  # the map is refused, not the rows below what is no header
         rows = [(number, row) for number, row in rows if len(row) == width] or rows
@@ -243,20 +241,15 @@ def read_log(path: Path, headed: bool | None = None, missing: Missing | None = N
 
 def header_of(path: Path) -> tuple[str, ...]:
     """The probable header of a log whose map is not known, for a message; () if none is found."""
-    lines, separator = _lines(path)
-    rows = [(number, _trimmed(cells(raw, separator), 0)) for number, raw in lines.kept[:SEARCHED]]
+    rows = [(number, _trimmed(row, 0)) for number, row in _lines(path).kept[:SEARCHED]]
     width = len(_usual(rows))
     full = (row for _, row in rows if len(row) == width and all(row))
     return next((row for row in full if not any(map(is_number, row))), ())
 
 
-Rows = list[tuple[int, tuple[str, ...]]]
-
-
-def _headed(
-    rows: Rows, lines: Lines, separator: str, headed: bool | None, missing: Missing | None
-) -> tuple[tuple[str, ...], Rows, Rows]:
+def _headed(lines: Lines, headed: bool | None, missing: Missing | None) -> tuple[tuple[str, ...], Rows, Rows]:
     """The header, or (), the rows below it, and those before it."""
+    rows = lines.kept
     if missing is not None:
         lacks: list[int] = []
         for _, row in rows[:SEARCHED]:
@@ -264,8 +257,7 @@ def _headed(
             if not lacks[-1]:
                 break
         if min(lacks) > 0:
-            for number, line in lines.comments:
-                row = cells(line.lstrip().lstrip("/#!%"), separator)
+            for number, row in lines.comments:
                 if not missing(_trimmed(row, 0)):
                     below = [r for r in rows if r[0] > number]
                     return row, below, [r for r in rows if r[0] < number]

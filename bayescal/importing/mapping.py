@@ -7,7 +7,7 @@ import math
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from datetime import UTC, datetime, timedelta, timezone
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import numpy as np
@@ -28,14 +28,14 @@ LONG = 1e8
 """s: a session clock does not count three years; such a number is a time since 1970."""
 
 CLOCK = re.compile(r"(\d{1,2}):(\d{2})(?::(\d{2})(?:[.,:](\d+))?)?\s*([AaPp][Mm])?")
-ZONE = re.compile(r"\s*(Z|UTC|GMT|[+-]\d{2}:?\d{2}|[+-]\d{2})$")
+ZONE = r"\s*(?:Z|UTC|GMT|[+-]\d{2}(?::?\d{2})?)"
 DATES = {
-    "iso": (r"(\d{4})-(\d{1,2})-(\d{1,2})", (0, 1, 2)),
-    "ymd": (r"(\d{4})[-./](\d{1,2})[-./](\d{1,2})", (0, 1, 2)),
-    "dmy": (r"(\d{1,2})[-./](\d{1,2})[-./](\d{4})", (2, 1, 0)),
-    "mdy": (r"(\d{1,2})[-./](\d{1,2})[-./](\d{4})", (2, 0, 1)),
+    "iso": (r"(\d{4})-(\d{1,2})-(\d{1,2})", (1, 2, 3)),
+    "ymd": (r"(\d{4})[-./](\d{1,2})[-./](\d{1,2})", (1, 2, 3)),
+    "dmy": (r"(\d{1,2})[-./](\d{1,2})[-./](\d{4})", (3, 2, 1)),
+    "mdy": (r"(\d{1,2})[-./](\d{1,2})[-./](\d{4})", (3, 1, 2)),
 }
-"""Patterns of dates, and where year, month and day are in them."""
+"""Patterns of dates, and the groups of year, month and day in them."""
 
 
 @dataclass(frozen=True)
@@ -72,26 +72,17 @@ def _dated(kind: str) -> Callable[[Sequence[str]], Stamps]:
 def _moment(kind: str, cell: str, row: int) -> tuple[datetime, bool]:
     """The moment of a cell with date and time, and whether it states its time zone; else as if in UTC."""
     pattern, order = DATES[kind]
-    date_match = re.match(pattern + r"(?:T|\s+|$)", cell)
-    clock = cell[date_match.end() :] if date_match else ""
-    zone = ZONE.search(clock)
+    stamp = re.fullmatch(rf"{pattern}(?:(?:T|\s+)(?P<clock>.*?)(?P<zone>{ZONE})?)?", cell)
     try:
-        if date_match is None:
+        if stamp is None:
             raise ValueError
-        parts = [int(part) for part in date_match.groups()]
-        seconds = _seconds(clock[: zone.start()] if zone else clock) if clock else 0.0
-        year, month, date = (parts[i] for i in order)
-        day = datetime(year, month, date, tzinfo=_zone(zone[1]) if zone else UTC)
+        zone = re.sub("UTC|GMT", "Z", (stamp["zone"] or "Z").strip())
+        year, month, date = (int(stamp[i]) for i in order)
+        day = datetime.fromisoformat(f"{year:04}-{month:02}-{date:02}T00:00{zone}")
+        seconds = _seconds(stamp["clock"]) if stamp["clock"] or stamp["zone"] else 0.0
     except ValueError:
         raise NoStampError(row, f"'{cell}' is not a date and time ({kind})") from None
-    return day + timedelta(seconds=seconds), zone is not None
-
-
-def _zone(text: str) -> timezone:
-    if text in ("Z", "UTC", "GMT"):
-        return UTC
-    minutes = int(text[1:3]) * 60 + int(text[3:].replace(":", "") or 0)
-    return timezone(timedelta(minutes=-minutes if text[0] == "-" else minutes))
+    return day + timedelta(seconds=seconds), stamp["zone"] is not None
 
 
 def _seconds(text: str) -> float:

@@ -260,17 +260,21 @@ COMMENTS = ("//", "#", "!", "%")
 MARKS = {b"\xff\xfe": "utf-16", b"\xfe\xff": "utf-16", b"\xef\xbb\xbf": "utf-8-sig"}
 """Byte order marks and their encodings."""
 
-Raw = str | tuple[str, ...]
-"""A line of a text file, or the cells of a row of a spreadsheet."""
+Rows = list[tuple[int, tuple[str, ...]]]
+"""Cells of lines, stripped, with the number of each line."""
 
 
 @dataclass(frozen=True)
 class Lines:
-    """Lines with their numbers, without empty ones; comments apart; and notes on how they were read."""
+    """Rows of a file without empty ones; comments apart; and notes on how they were read.
 
-    kept: tuple[tuple[int, Raw], ...]
-    comments: tuple[tuple[int, str], ...]
+    `padded`: they are of a sheet, in which empty cells at the end of a row are no cells.
+    """
+
+    kept: Rows
+    comments: Rows
     notes: tuple[str, ...] = ()
+    padded: bool = False
 
 
 def text_of(path: Path) -> tuple[str, str]:
@@ -305,33 +309,28 @@ def text_of(path: Path) -> tuple[str, str]:
 
 
 def text_lines(path: Path) -> Lines:
-    """Lines of a text file."""
+    """Rows of a text file."""
     text, note = text_of(path)
-    kept: list[tuple[int, Raw]] = []
-    comments = []
-    for number, line in enumerate(text.splitlines(), 1):
-        if line.lstrip().startswith(COMMENTS):
-            comments.append((number, line))
-        elif line.strip():
-            kept.append((number, line))
-    return Lines(tuple(kept), tuple(comments), (note,) if note else ())
+    lines = [(number, line) for number, line in enumerate(text.splitlines(), 1) if line.strip()]
+    comments = [(number, line) for number, line in lines if line.lstrip().startswith(COMMENTS)]
+    kept = [(number, line) for number, line in lines if not line.lstrip().startswith(COMMENTS)]
+    separator = _separator([line for _, line in kept])
+    return Lines(
+        [(number, _cells(line, separator)) for number, line in kept],
+        [(number, _cells(line.lstrip().lstrip("".join(COMMENTS)), separator)) for number, line in comments],
+        (note,) if note else (),
+    )
 
 
-def cells(raw: Raw, separator: str) -> tuple[str, ...]:
-    """Cells of a line, stripped; a separator at its end adds none."""
-    if isinstance(raw, tuple):
-        return raw
-    if separator == " ":
-        return tuple(raw.split()) if '"' not in raw else _quoted(raw.strip(), separator)
-    return tuple(map(str.strip, raw.split(separator))) if '"' not in raw else _quoted(raw, separator)
+def _cells(line: str, separator: str) -> tuple[str, ...]:
+    """Cells of a line, stripped; a white space at its end adds none."""
+    if '"' in line:
+        line = line.strip() if separator == " " else line
+        out = next(csv.reader([line], delimiter=separator, skipinitialspace=True), [])
+        return tuple(cell.strip() for cell in out if cell or separator != " ")
+    return tuple(line.split()) if separator == " " else tuple(map(str.strip, line.split(separator)))
 
 
-def _quoted(line: str, separator: str) -> tuple[str, ...]:
-    out = next(csv.reader([line], delimiter=separator, skipinitialspace=True), [])
-    return tuple(cell.strip() for cell in out if cell or separator != " ")
-
-
-def separator_of(lines: Sequence[Raw]) -> str:
+def _separator(lines: Sequence[str]) -> str:
     """A semicolon, a tab, a comma or white space: the first of them that most lines have."""
-    texts = [line for line in lines if isinstance(line, str)]
-    return next((s for s in ";\t," if 2 * sum(s in line for line in texts) > len(texts)), " ")
+    return next((s for s in ";\t," if 2 * sum(s in line for line in lines) > len(lines)), " ")
