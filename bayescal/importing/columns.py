@@ -11,7 +11,7 @@ import numpy as np
 
 from bayescal.errors import BayescalError
 from bayescal.importing.log import Log
-from bayescal.importing.mapping import LONG, STAMPS, TEXTS, Column, Map, NoStampError, dimension_of
+from bayescal.importing.mapping import LONG, STAMPS, TEXTS, Column, Map, dimension_of
 from bayescal.importing.rotations import CONVENTIONS
 from bayescal.importing.units import Expression, Unit, is_number, listed, parse, place, unit_of
 
@@ -175,12 +175,20 @@ def _filled(log: Log, column: Column, used: Sequence[Expression]) -> list[str]:
 
 
 def _stamped(log: Log, key: str, column: Column, used: Sequence[Expression]) -> tuple[np.ndarray, str]:
-    try:
-        stamps = STAMPS[column.stamp]([text.strip() for text in _filled(log, column, used)])
-    except NoStampError as error:
-        remedy = f"state the kind, one of {', '.join(STAMPS)}, or a unit of time"
-        raise BayescalError(f"`{key}`: {error}", f"{log.name}:{log.line[error.row]}", remedy) from None
-    return stamps.seconds, stamps.clock
+    """Seconds (N,) of time stamps, nan where the cell is empty, and their clock."""
+    seconds, clock, before = np.full(len(log.rows), np.nan), "", -np.inf
+    for row, text in enumerate(_filled(log, column, used)):
+        if not (cell := text.strip()):
+            continue
+        try:
+            seconds[row], clock_of = STAMPS[column.stamp](cell, before)
+            if clock_of != (clock or clock_of):
+                raise ValueError("some time stamps state their time zone, others do not")
+        except ValueError as error:
+            remedy = f"state the kind, one of {', '.join(STAMPS)}, or a unit of time"
+            raise BayescalError(f"`{key}`: {error}", f"{log.name}:{log.line[row]}", remedy) from None
+        clock, before = clock_of, seconds[row]
+    return seconds, clock
 
 
 def _unit_of(log: Log, key: str, column: Column, used: Expression) -> Unit:

@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import csv
-import math
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from datetime import UTC, datetime, timedelta
+from datetime import datetime
 from pathlib import Path
-
-import numpy as np
 
 from bayescal.dataset.table import CLEARANCE, PLAIN, joint_columns
 from bayescal.dataset.table import JOINT as JOINTS
@@ -21,8 +18,6 @@ from bayescal.storage.files import read_document, stem_of, unknown
 
 DAY = 86400.0
 """s."""
-
-EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 
 LONG = 1e8
 """s: a session clock does not count three years; such a number is a time since 1970."""
@@ -38,51 +33,31 @@ DATES = {
 """Patterns of dates, and the groups of year, month and day in them."""
 
 
-@dataclass(frozen=True)
-class Stamps:
-    """Seconds (N,), nan where the cell is empty, and on which clock: UTC, local (no zone), day or counter."""
+Stamp = Callable[[str, float], tuple[float, str]]
+"""Seconds of a cell, from the cell and the seconds of the one above, and on which clock.
 
-    seconds: np.ndarray
-    clock: str
-
-
-class NoStampError(ValueError):
-    """A cell that is no time stamp of the kind: `row`, and why in words."""
-
-    def __init__(self, row: int, why: str) -> None:
-        self.row = row
-        super().__init__(why)
+Clocks are UTC, local (no zone), day and counter. What is no time stamp of the kind is a ValueError.
+"""
 
 
-def _dated(kind: str) -> Callable[[Sequence[str]], Stamps]:
-    def read(cells: Sequence[str]) -> Stamps:
-        out, zones = np.full(len(cells), np.nan), set()
-        for row, cell in enumerate(cells):
-            if cell:
-                moment, zoned = _moment(kind, cell, row)
-                out[row] = (moment - EPOCH) / timedelta(seconds=1)
-                zones.add(zoned)
-                if len(zones) > 1:
-                    raise NoStampError(row, "some time stamps state their time zone, others do not")
-        return Stamps(out, "UTC" if zones == {True} else "local")
+def _dated(kind: str) -> Stamp:
+    """Reader of date and time; without a time zone as if in UTC."""
+    pattern, order = DATES[kind]
+
+    def read(cell: str, before: float) -> tuple[float, str]:
+        stamp = re.fullmatch(rf"{pattern}(?:(?:T|\s+)(?P<clock>.*?)(?P<zone>{ZONE})?)?", cell)
+        try:
+            if stamp is None:
+                raise ValueError
+            zone = re.sub("UTC|GMT", "Z", (stamp["zone"] or "Z").strip())
+            year, month, date = (int(stamp[i]) for i in order)
+            day = datetime.fromisoformat(f"{year:04}-{month:02}-{date:02}T00:00{zone}")
+            seconds = _seconds(stamp["clock"]) if stamp["clock"] or stamp["zone"] else 0.0
+        except ValueError:
+            raise ValueError(f"'{cell}' is not a date and time ({kind})") from None
+        return day.timestamp() + seconds, "UTC" if stamp["zone"] else "local"
 
     return read
-
-
-def _moment(kind: str, cell: str, row: int) -> tuple[datetime, bool]:
-    """The moment of a cell with date and time, and whether it states its time zone; else as if in UTC."""
-    pattern, order = DATES[kind]
-    stamp = re.fullmatch(rf"{pattern}(?:(?:T|\s+)(?P<clock>.*?)(?P<zone>{ZONE})?)?", cell)
-    try:
-        if stamp is None:
-            raise ValueError
-        zone = re.sub("UTC|GMT", "Z", (stamp["zone"] or "Z").strip())
-        year, month, date = (int(stamp[i]) for i in order)
-        day = datetime.fromisoformat(f"{year:04}-{month:02}-{date:02}T00:00{zone}")
-        seconds = _seconds(stamp["clock"]) if stamp["clock"] or stamp["zone"] else 0.0
-    except ValueError:
-        raise NoStampError(row, f"'{cell}' is not a date and time ({kind})") from None
-    return day + timedelta(seconds=seconds), stamp["zone"] is not None
 
 
 def _seconds(text: str) -> float:
@@ -100,43 +75,37 @@ def _seconds(text: str) -> float:
     return 3600.0 * hour + 60.0 * minute + second + float(f"0.{clock[4] or 0}")
 
 
-def _of_day(cells: Sequence[str]) -> Stamps:
-    """Times of day; a step back by more than half a day is midnight, a smaller one is refused."""
-    out, days, before = np.full(len(cells), np.nan), 0, -math.inf
-    for row, cell in enumerate(cells):
-        if not cell:
-            continue
-        try:
-            now = _seconds(cell)
-        except ValueError:
-            raise NoStampError(row, f"'{cell}' is not a time of day, HH:MM:SS") from None
-        if before - now > DAY / 2:
-            days += 1
-        elif now < before:
-            raise NoStampError(row, f"the time of day '{cell}' is before that of the row above")
-        before = now
-        out[row] = days * DAY + now
-    return Stamps(out, "day")
+def _of_day(cell: str, before: float) -> tuple[float, str]:
+    """A time of day; a step back by more than half a day is midnight, a smaller one is refused."""
+    try:
+        now = _seconds(cell)
+    except ValueError:
+        raise ValueError(f"'{cell}' is not a time of day, HH:MM:SS") from None
+    if before > DAY:
+        now += before // DAY * DAY
+    if before - now > DAY / 2:
+        now += DAY
+    elif now < before:
+        raise ValueError(f"the time of day '{cell}' is before that of the row above")
+    return now, "day"
 
 
-def _counted(clock: str, per_second: float = 1.0) -> Callable[[Sequence[str]], Stamps]:
+def _counted(clock: str, per_second: float = 1.0) -> Stamp:
     """Reader of a number: the time since 1970 (the clock UTC), or since a controller was started."""
 
-    def read(cells: Sequence[str]) -> Stamps:
-        out = np.full(len(cells), np.nan)
-        for row, cell in enumerate(cells):
-            try:
-                out[row] = float(cell.replace(",", ".")) / per_second if cell else np.nan
-            except ValueError:
-                raise NoStampError(row, f"'{cell}' is not a number") from None
-            if clock == "UTC" and cell and not LONG < out[row] < 100 * LONG:
-                raise NoStampError(row, f"{cell} is not a time since 1970 in this unit")
-        return Stamps(out, clock)
+    def read(cell: str, before: float) -> tuple[float, str]:
+        try:
+            seconds = float(cell.replace(",", ".")) / per_second
+        except ValueError:
+            raise ValueError(f"'{cell}' is not a number") from None
+        if clock == "UTC" and not LONG < seconds < 100 * LONG:
+            raise ValueError(f"{cell} is not a time since 1970 in this unit")
+        return seconds, clock
 
     return read
 
 
-STAMPS: dict[str, Callable[[Sequence[str]], Stamps]] = {
+STAMPS: dict[str, Stamp] = {
     **{kind: _dated(kind) for kind in DATES},
     "clock": _of_day,
     "counter_s": _counted("counter"),
