@@ -144,8 +144,9 @@ def import_(
         name=name,
         validate=validate,
         decimal=decimal,
+        allow_xacro=allow_xacro,
     )
-    draft = convert(request.expanded() if allow_xacro else request)
+    draft = convert(request)
     write(draft, out, force)
     rows = len(draft.line)
     typer.echo(f"{rows} rows of {draft.dataset.robot.name} from {draft.log}")

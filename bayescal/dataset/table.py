@@ -19,15 +19,8 @@ XYZ = ("x_mm", "y_mm", "z_mm")
 RPY = ("rx_deg", "ry_deg", "rz_deg")
 LABELS = ("stop", "repeat")
 """Columns of texts that need not be there."""
-PLAIN = (
-    *("id", "role", "target", "tool", *XYZ, *RPY),
-    *("length_mm", "u_mm", "stop", "time_s", "temperature_c", "payload_kg", "repeat"),
-)
 CLEARANCE = "clearance_mm"
 """Column of a plan that a session does not have."""
-JOINT = ("deg", "degps", "command_deg", "nm")
-"""Columns there are one of a joint: ``j1_deg`` ... ``jn_deg``, and so on."""
-
 EMPTY: Mapping[str, float | str] = {
     **dict.fromkeys(LABELS, ""),
     **dict.fromkeys(("velocity", "payload"), 0.0),
@@ -62,12 +55,20 @@ COLUMNS = {
     "payload_kg": "mass at the flange in addition to the tool, kg; empty: 0",
     "repeat": "rows with the same value repeat one contact: their scatter is the noise; may be empty",
 }
-"""What the columns of measurements.csv mean; N stands for the number of a joint."""
+"""What the columns of measurements.csv mean, in the contract's order; N stands for the number of a joint."""
+PLAIN = tuple(key for key in COLUMNS if not key.startswith("jN_"))
+JOINT = tuple(key.removeprefix("jN_") for key in COLUMNS if key.startswith("jN_"))
+"""Columns there are one of a joint: ``j1_deg`` ... ``jn_deg``, and so on."""
 
 
 def joint_columns(kind: str, n: int) -> tuple[str, ...]:
     """``j1_deg`` to ``jn_deg`` for `kind` ``deg``."""
     return tuple(f"j{i + 1}_{kind}" for i in range(n))
+
+
+def known_columns(n: int) -> tuple[str, ...]:
+    """All columns that there may be of an arm with `n` joints."""
+    return (*PLAIN, *(column for kind in JOINT for column in joint_columns(kind, n)))
 
 
 def fields_of_columns(n: int) -> dict[str, tuple[str, ...]]:
@@ -224,7 +225,7 @@ def _check_header(header: list[str], where: str, n: int) -> None:
     """Refuse unknown, doubled and missing columns."""
     header = [name for name in header if name != CLEARANCE]
     check_names(header, where)
-    columns = [*PLAIN, *(c for kind in JOINT for c in joint_columns(kind, n))]
+    columns = known_columns(n)
     for column in header:
         joint = re.fullmatch(rf"j(\d+)_({'|'.join(JOINT)})", column)
         if joint and int(joint[1]) > n:

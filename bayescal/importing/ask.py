@@ -22,7 +22,7 @@ from bayescal.importing.orientations import Loose
 from bayescal.importing.roles import names, points
 from bayescal.importing.rotations import stated_rotation
 from bayescal.importing.units import UNITS, is_number, quantity, unit_of
-from bayescal.robots import Loaded, is_xacro, load_robot
+from bayescal.robots import load_robot
 
 LISTED = "id=id, j*=J* deg"
 """The map of the joint positions that `read_listing` returns."""
@@ -119,10 +119,7 @@ CHOICES = {"format": tuple(FORMATS), "readings": ("encoder", "command"), "decima
 
 @dataclass(frozen=True)
 class Request:
-    """The options of an import, as given by the user; `bayescal import --help` describes them.
-
-    `arm` and `template_arm` are the robots of `robot` and of the template, where they are xacro files.
-    """
+    """The options of an import, as given by the user; `bayescal import --help` describes them."""
 
     log: Path
     map: str = ""
@@ -139,8 +136,7 @@ class Request:
     name: str = ""
     validate: str = ""
     decimal: str = ""
-    arm: Loaded | None = None
-    template_arm: Loaded | None = None
+    allow_xacro: bool = False
 
     @property
     def files(self) -> tuple[tuple[Path, str], ...]:
@@ -158,12 +154,6 @@ class Request:
     def source(self) -> Path | None:
         """The dataset.yaml, or its folder, with tools and targets; None if there is none."""
         return self.template if self.plan is None else files_of(self.plan)[1]
-
-    def expanded(self) -> Request:
-        """The request with the robots that are xacro files, which are executed."""
-        arm = load_robot(self.robot, allow_xacro=True) if is_xacro(self.robot) else None
-        source = self.source
-        return replace(self, arm=arm, template_arm=None if source is None else expanded_robot(source))
 
     def check(self) -> None:
         """Refuse missing and invalid options."""
@@ -193,12 +183,13 @@ class Request:
 def base_of(request: Request) -> Dataset:
     """A session of no rows: the template's (with another robot where one is named), or a bare one."""
     if (path := request.source) is not None:
-        base, _, _ = read_settings(path / SETTINGS if path.is_dir() else path, request.template_arm)
+        expanded = expanded_robot(path) if request.allow_xacro else None
+        base, _, _ = read_settings(path / SETTINGS if path.is_dir() else path, expanded)
         if request.robot:
-            robot, _ = request.arm or load_robot(request.robot)
+            robot, _ = load_robot(request.robot, allow_xacro=request.allow_xacro)
             base = replace(base, robot=robot, robot_reference=request.robot)
     else:
-        robot, _ = request.arm or load_robot(request.robot)
+        robot, _ = load_robot(request.robot, allow_xacro=request.allow_xacro)
         rows = no_rows(robot.n)
         name, reference = request.log.stem, request.robot
         base = Dataset(

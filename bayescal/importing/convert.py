@@ -18,7 +18,7 @@ from bayescal.importing import ask
 from bayescal.importing.ask import Request, base_of, furnished
 from bayescal.importing.columns import Columns, columns_of, missing_in
 from bayescal.importing.log import read_log
-from bayescal.importing.mapping import Column, Map, own_map, read_map, setting
+from bayescal.importing.mapping import Column, Map, own_map, read_map, validation_rule
 from bayescal.importing.onto import files_of, measured_before, onto
 from bayescal.importing.orientations import Loose, compared
 from bayescal.importing.pair import is_measured, pair, rows_words, stacked, unfolded
@@ -228,7 +228,7 @@ def write(draft: Draft, folder: Path, force: bool = False) -> None:
 
 def _roles(request: Request, dataset: Dataset, stated: bool) -> tuple[Dataset, str]:
     """The dataset with its validation data, by the option or the entry of the map, and a note on them."""
-    rule, where = setting(request.map, "validate")
+    rule, where = validation_rule(request.map)
     if rule and request.validate:
         raise BayescalError("`validate` is stated by the map already", "--validate", "remove one of the two")
     if request.validate:

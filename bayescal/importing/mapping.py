@@ -9,8 +9,7 @@ from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
 
-from bayescal.dataset.table import CLEARANCE, PLAIN, joint_columns
-from bayescal.dataset.table import JOINT as JOINTS
+from bayescal.dataset.table import CLEARANCE, known_columns
 from bayescal.errors import BayescalError
 from bayescal.importing.rotations import CONVENTIONS
 from bayescal.importing.units import ALIASES, UNITS, Unit, is_unit, listed, unit_of
@@ -130,8 +129,8 @@ JOINT = {"": "angle", "_velocity": "rate", "_command": "angle", "_torque": "torq
 OF_UNIT = {"degps": "_velocity", "radps": "_velocity", "nm": "_torque"}
 """Quantities of a joint that a key names by its unit alone, as measurements.csv does: ``j1_degps``."""
 
-SETTINGS = ("validate",)
-"""Entries of a map that are not columns."""
+VALIDATE = "validate"
+"""The entry of a map that is not a column: the rule for validation measurements."""
 
 ROTATION = "rotation"
 """The measured orientation, in a convention of `CONVENTIONS`."""
@@ -186,7 +185,7 @@ def read_map(text: str, n: int, formal: bool = False) -> dict[str, Column]:
     """
     out: dict[str, Column] = {}
     for key, value, where in _entries(text):
-        if key in SETTINGS:
+        if key == VALIDATE:
             continue
         optional = formal and key.endswith("?")
         key = key.rstrip("?") if optional else key
@@ -212,7 +211,7 @@ def own_map(header: Sequence[str], n: int, where: str) -> dict[str, Column]:
     BayescalError
         For a column that measurements.csv does not have.
     """
-    every = [*PLAIN, *(c for kind in JOINTS for c in joint_columns(kind, n))]
+    every = known_columns(n)
     out: dict[str, Column] = {}
     for name in header:
         if name == CLEARANCE:
@@ -225,12 +224,12 @@ def own_map(header: Sequence[str], n: int, where: str) -> dict[str, Column]:
     return out
 
 
-def setting(text: str, key: str) -> tuple[str, str]:
-    """An entry of a map that is no column, of `SETTINGS`: its value and where it is, or empty texts."""
-    entries = [(value, where) for name, value, where in _entries(text) if name == key]
-    if len(entries) > 1:
-        raise BayescalError(f"`{key}` is given twice", entries[1][1], "keep a single entry")
-    return entries[0] if entries else ("", "")
+def validation_rule(text: str) -> tuple[str, str]:
+    """The rule for validation measurements in a map, and where it is; empty texts without one."""
+    rules = [(value, where) for name, value, where in _entries(text) if name == VALIDATE]
+    if len(rules) > 1:
+        raise BayescalError(f"`{VALIDATE}` is given twice", rules[1][1], "keep a single entry")
+    return rules[0] if rules else ("", "")
 
 
 def quantity_of(key: str, n: int, where: str) -> tuple[str, Unit | None]:
@@ -256,7 +255,7 @@ def dimension_of(key: str, n: int, where: str) -> str:
         return JOINT[joint[2]]
     if key not in DIMENSIONS:
         joints = [f"j{i + 1}{tail}" for tail in JOINT for i in range(n)]
-        what, remedy = unknown("quantity", key, [*joints[:n], *DIMENSIONS, ROTATION, *TEXTS, *SETTINGS])
+        what, remedy = unknown("quantity", key, [*joints[:n], *DIMENSIONS, ROTATION, *TEXTS, VALIDATE])
         raise BayescalError(what, where, remedy)
     return DIMENSIONS[key]
 

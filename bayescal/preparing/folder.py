@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
 
 from bayescal.arm.chain import Robot
 from bayescal.dataset.read import SETTINGS, TABLE
-from bayescal.dataset.table import COLUMNS, JOINT, PLAIN
+from bayescal.dataset.table import COLUMNS, JOINT, joint_columns
 from bayescal.dataset.write import ROBOT
 from bayescal.errors import BayescalError
 from bayescal.preparing.artefacts import ARTEFACTS, JOINTS, ON_SPHERE, Room, schema_text
@@ -18,32 +19,29 @@ from bayescal.robots import builtin_robots, full_name, load_robot, robot_to_yaml
 from bayescal.storage.folders import whole
 
 
-def columns_of(draft: Draft) -> tuple[str, ...]:
-    """Columns of measurements.csv: those needed, and those that make more effects assessable."""
-    named = {"id", "role", "target", "stop", "time_s", "payload_kg", "repeat"}
-    named |= {c for name in draft.outlines for c in ARTEFACTS[name].columns}
-    named |= {"tool"} if len(draft.tools) > 1 else set()
-    joints = [f"j{k + 1}_{kind}" for kind in JOINT[:2] for k in range(draft.joints)]
-    plain = [c for c in PLAIN if c in named]
-    start = next(i for i, c in enumerate(plain) if c not in ("id", "role", "target", "tool"))
-    return (*plain[:start], *joints, *plain[start:])
+def columns_of(draft: Draft) -> dict[str, tuple[str, ...]]:
+    """Columns of measurements.csv by key of `COLUMNS`.
+
+    They are those needed, and those that make more effects assessable.
+    """
+    keys = {"id", "role", "target", "jN_deg", "jN_degps", "stop", "time_s", "payload_kg", "repeat"}
+    keys |= {c for name in draft.outlines for c in ARTEFACTS[name].columns}
+    keys |= {"tool"} if len(draft.tools) > 1 else set()
+    joints = {f"jN_{kind}": joint_columns(kind, draft.joints) for kind in JOINT}
+    return {key: joints.get(key, (key,)) for key in COLUMNS if key in keys}
 
 
 def readme_text(draft: Draft, folder: str) -> str:
     """The content of README.md."""
-    seen = dict.fromkeys(_shown(column, draft.joints) for column in columns_of(draft))
-    artefacts = [ARTEFACTS[name] for name in draft.outlines]
-    columns = {shown: COLUMNS[key] for shown, key in seen}
-    shared = {"draft": draft, "artefacts": artefacts, "columns": columns, "on_sphere": ON_SPHERE}
-    return rendered("README.md.j2", folder=folder, **shared)
-
-
-def _shown(column: str, n: int) -> tuple[str, str]:
-    """How a column is shown, and its key in `COLUMNS`: the columns of all joints are one."""
-    if column in COLUMNS:
-        return f"`{column}`", column
-    kind = column.partition("_")[2]
-    return f"`j1_{kind}` ... `j{n}_{kind}`", f"jN_{kind}"
+    return rendered(
+        "README.md.j2",
+        folder=folder,
+        draft=draft,
+        artefacts=[ARTEFACTS[name] for name in draft.outlines],
+        columns=columns_of(draft),
+        meaning=COLUMNS,
+        on_sphere=ON_SPHERE,
+    )
 
 
 README = "README.md"
@@ -107,7 +105,7 @@ def start(
     )
     files = {
         SETTINGS: settings_text(draft),
-        TABLE: ",".join(columns_of(draft)) + "\n",
+        TABLE: ",".join(chain(*columns_of(draft).values())) + "\n",
         README: readme_text(draft, folder.name),
         schema_name(Path(SETTINGS)): schema_text("dataset"),
     }
