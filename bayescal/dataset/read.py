@@ -100,16 +100,13 @@ def _check_kinds(
         what = f"{kind[row]} `{targets[rows.target[row]].name}` touched with `{tools[rows.tool[row]].name}`"
         raise table.error(row, f"{what}, which has no ball", "add `ball_radius_mm` to the tool")
     reads = np.array([KINDS[t.kind].reads for t in targets])[rows.target]
-    instrument = reads == "xyz"
-    for column in XYZ:
-        empty = np.array([not c for c in table.cells.get(column, ("",) * len(kind))])
-        for name in readers("xyz"):
+    instruments = readers("xyz")
+    for column in (*XYZ, *RPY):
+        given = np.array([cell != "" for cell in table.cells.get(column, ("",) * len(kind))])
+        for name in instruments if column in XYZ else ():
             what = f"{name} `{{target}}`, but `{column}` is empty"
-            table.first((kind == name) & empty, what, f"fill in {', '.join(XYZ)}")
-        _refuse(table, ~instrument & ~empty, column, " or ".join(readers("xyz")))
-    turned = np.zeros((len(kind), 3), bool) if rows.rpy is None else np.isfinite(rows.rpy)
-    for column, given in zip(RPY, turned.T, strict=True):
-        _refuse(table, ~instrument & given, column, " or ".join(readers("xyz")))
+            table.first((kind == name) & ~given, what, f"fill in {', '.join(XYZ)}")
+        _refuse(table, (reads != "xyz") & given, column, " or ".join(instruments))
     fixed = np.array([np.isfinite(t.values.get("length", np.nan)) for t in targets])[rows.target]
     read = np.zeros(len(kind), bool) if rows.length is None else np.isfinite(rows.length)
     for name in readers("length"):
