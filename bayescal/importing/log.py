@@ -1,10 +1,13 @@
 """A log as a table: its header, its rows, and what is no row.
 
+Rows of a text file: its encoding, the separator of its cells, comments.
+
 Cells of an Excel workbook; ``book.xlsx#Sheet`` names one of its sheets.
 """
 
 from __future__ import annotations
 
+import csv
 import datetime
 import io
 import re
@@ -17,17 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from bayescal.errors import BayescalError, listed
-from bayescal.importing.units import (
-    ALIASES,
-    UNITS,
-    Lines,
-    Rows,
-    Unit,
-    is_number,
-    is_unit,
-    name_and_unit,
-    text_lines,
-)
+from bayescal.importing.units import ALIASES, UNITS, Unit, is_number, is_unit, name_and_unit
 from bayescal.storage.reading import content_of
 
 SUFFIXES = (".xlsx", ".xlsm")
@@ -37,6 +30,88 @@ MOST_CELLS = 3_000_000
 """Cells of a sheet, and its rows: a file of 10 kB can state 10^10."""
 TOO_LARGE = "delete what is not data, or save the sheet as CSV"
 Row = tuple[object, ...]
+
+
+COMMENTS = ("//", "#", "!", "%")
+"""How a comment begins; SpatialAnalyzer writes ``//``."""
+
+MARKS = {b"\xff\xfe": "utf-16", b"\xfe\xff": "utf-16", b"\xef\xbb\xbf": "utf-8-sig"}
+"""Byte order marks and their encodings."""
+
+Rows = list[tuple[int, tuple[str, ...]]]
+"""Cells of lines, stripped, with the number of each line."""
+
+
+@dataclass(frozen=True)
+class Lines:
+    """Rows of a file without empty ones; comments apart; and notes on how they were read.
+
+    `padded`: they are of a sheet, in which empty cells at the end of a row are no cells.
+    """
+
+    kept: Rows
+    comments: Rows
+    notes: tuple[str, ...] = ()
+    padded: bool = False
+
+
+def text_of(path: Path) -> tuple[str, str]:
+    """The text of a file: UTF-8, UTF-16 with a byte order mark, or Windows-1252.
+
+    Returns
+    -------
+    tuple of str
+        The text, and a note if the file does not state its encoding, else "".
+
+    Raises
+    ------
+    BayescalError
+        If it is none of them.
+    """
+    content = content_of(path)
+    marked = [name for mark, name in MARKS.items() if content.startswith(mark)]
+    for encoding in marked or ("utf-8", "cp1252"):
+        try:
+            text = content.decode(encoding)
+            break
+        except UnicodeDecodeError:
+            continue
+    else:
+        raise BayescalError("the encoding is not known", path.name, "save the file as UTF-8")
+    guess = f"{path.name} is not UTF-8: it is read as Windows-1252 (Western European)"
+    note = guess if encoding == "cp1252" else ""
+    if "\0" in text:
+        remedy = "save it as text in UTF-8; a spreadsheet must be .xlsx"
+        raise BayescalError("not a text file", path.name, remedy)
+    return text, note
+
+
+def text_lines(path: Path) -> Lines:
+    """Rows of a text file."""
+    text, note = text_of(path)
+    lines = [(number, line) for number, line in enumerate(text.splitlines(), 1) if line.strip()]
+    comments = [(number, line) for number, line in lines if line.lstrip().startswith(COMMENTS)]
+    kept = [(number, line) for number, line in lines if not line.lstrip().startswith(COMMENTS)]
+    separator = _separator([line for _, line in kept])
+    return Lines(
+        [(number, _split(line, separator)) for number, line in kept],
+        [(number, _split(line.lstrip().lstrip("".join(COMMENTS)), separator)) for number, line in comments],
+        (note,) if note else (),
+    )
+
+
+def _split(line: str, separator: str) -> tuple[str, ...]:
+    """Cells of a line, stripped; a white space at its end adds none."""
+    if '"' in line:
+        line = line.strip() if separator == " " else line
+        out = next(csv.reader([line], delimiter=separator, skipinitialspace=True), [])
+        return tuple(cell.strip() for cell in out if cell or separator != " ")
+    return tuple(line.split()) if separator == " " else tuple(map(str.strip, line.split(separator)))
+
+
+def _separator(lines: Sequence[str]) -> str:
+    """A semicolon, a tab, a comma or white space: the first of them that most lines have."""
+    return next((s for s in ";\t," if 2 * sum(s in line for line in lines) > len(lines)), " ")
 
 
 def _lines(path: Path) -> Lines:
