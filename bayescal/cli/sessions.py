@@ -266,7 +266,7 @@ def robots(
     to: Annotated[str, typer.Option(help="table, csv or json.")] = "table",
 ) -> None:
     """List the built-in robots: joints, reach, masses and the sources of their numbers."""
-    from bayescal.robots.listing import table
+    from bayescal.robots import table
 
     known(to, ("table", "csv", "json"))
     found = table(part)

@@ -14,8 +14,7 @@ table
 
 from __future__ import annotations
 
-from bayescal.robots.listing import table
-from bayescal.robots.load import Loaded, builtin_robots, full_name, is_xacro, load_robot, names
+from bayescal.robots.load import Loaded, builtin_robots, full_name, is_xacro, load_robot, names, table
 from bayescal.robots.schema import robot_to_yaml
 
 __all__ = [
