@@ -31,7 +31,6 @@ MOST_CELLS = 3_000_000
 TOO_LARGE = "delete what is not data, or save the sheet as CSV"
 Row = tuple[object, ...]
 
-
 COMMENTS = ("//", "#", "!", "%")
 """How a comment begins; SpatialAnalyzer writes ``//``."""
 

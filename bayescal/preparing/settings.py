@@ -110,13 +110,7 @@ def settings_text(draft: Draft) -> str:
     return rendered(
         "dataset.yaml.j2",
         draft=draft,
-        version=schema.SCHEMA,
-        file=schema.DatasetFile.model_fields,
-        tool=schema.ToolEntry.model_fields,
-        noise=schema.NoiseEntry.model_fields,
-        loose=schema.Loose.model_fields,
-        plan=schema.PlanEntry.model_fields,
-        record=schema.RecordEntry.model_fields,
+        models=schema,
         tools={name: _tool(draft, name) for name in draft.tools},
         stated_noise=[NOISE[noise] for noise in dict.fromkeys(kind.noise for kind in kinds)],
         kinds={kind: schema.entry_of(kind).model_fields for kind in kinds},
@@ -207,12 +201,4 @@ def schema_name(path: Path) -> str:
 
 def robot_template(schema: str) -> str:
     """A robot.yaml with six joints whose values are to be filled in; no value is assumed."""
-    return rendered(
-        "robot.yaml.j2",
-        schema=schema,
-        version=robot_schema.SCHEMA,
-        joints=JOINTS,
-        file=robot_schema.RobotFile.model_fields,
-        joint=robot_schema.Joint.model_fields,
-        link=robot_schema.Link.model_fields,
-    )
+    return rendered("robot.yaml.j2", schema=schema, joints=JOINTS, models=robot_schema)
