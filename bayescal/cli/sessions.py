@@ -151,8 +151,9 @@ def import_(
         name=name,
         validate=validate,
         decimal=decimal,
+        allow_xacro=allow_xacro,
     )
-    draft = convert(request.expanded() if allow_xacro else request)
+    draft = convert(request)
     write(draft, out, force)
     rows = len(draft.line)
     typer.echo(f"{rows} rows of {draft.dataset.robot.name} from {draft.log}")
@@ -311,7 +312,7 @@ def robots(part: str = typer.Argument("", metavar="[PART]"), to: str = "table") 
     to
         table, csv or json.
     """
-    from bayescal.robots.listing import table
+    from bayescal.robots import table
 
     check_format(to, ("table", "csv", "json"))
     listed = table(part)

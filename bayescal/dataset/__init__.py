@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
-
+from bayescal.dataset.read import read_dataset
 from bayescal.dataset.types import (
     ROLES,
     Box,
@@ -18,10 +17,7 @@ from bayescal.dataset.types import (
     Target,
     Tool,
 )
-
-if TYPE_CHECKING:
-    from bayescal.dataset.read import read_dataset
-    from bayescal.dataset.write import write_dataset
+from bayescal.dataset.write import write_dataset
 
 __all__ = [
     "ROLES",
@@ -39,16 +35,3 @@ __all__ = [
     "read_dataset",
     "write_dataset",
 ]
-
-
-def __getattr__(name: str) -> Any:
-    """Load the reader and the writer (and pydantic with them) when first asked for."""
-    if name == "read_dataset":
-        from bayescal.dataset.read import read_dataset
-
-        return read_dataset
-    if name == "write_dataset":
-        from bayescal.dataset.write import write_dataset
-
-        return write_dataset
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

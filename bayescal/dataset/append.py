@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import fields
+from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
 
-from bayescal.dataset.join import EMPTY, NAMED, PAUSE, column
+from bayescal.dataset.join import PAUSE, stacked
+from bayescal.dataset.table import LABELS
 from bayescal.dataset.types import Measurements
 
 
@@ -37,19 +38,14 @@ def appended(
 
     The new rows have the role validate: a model of the fitted measurements does not change by them.
     """
-    table = {f.name: getattr(m, f.name) for f in fields(Measurements)}
-    if m.payload is None and "payload" in changed:
-        table["payload"] = np.zeros(len(m.role))
-    table["ids"] = (*m.ids, *ids)
-    for name, values in table.items():
-        if name == "ids" or values is None:
-            continue
-        more = values[source]
-        if name in changed:
-            more = np.broadcast_to(changed[name], more.shape)
-        table[name] = np.concatenate([values, more])
-    table["role"][len(m.role) :] = "validate"
-    return Measurements(**table)
+    later = taken(m, source)
+    if later.payload is None and "payload" in changed:
+        later = replace(later, payload=np.zeros(len(source)))
+    columns = {name: getattr(later, name) for name in changed}
+    other = {name: np.broadcast_to(changed[name], v.shape) for name, v in columns.items() if v is not None}
+    role = np.full(len(source), "validate")
+    columns, _ = stacked([m, replace(later, ids=tuple(ids), role=role, **other)])
+    return Measurements(**columns)
 
 
 def followed(m: Measurements, later: Measurements) -> tuple[Measurements, tuple[str, ...]]:
@@ -64,28 +60,13 @@ def followed(m: Measurements, later: Measurements) -> tuple[Measurements, tuple[
     tuple of str
         Columns that only one of both has and that have no empty cell: they are left out.
     """
-    table: dict[str, Any] = {}
-    lost = []
-    for name in (f.name for f in fields(Measurements)):
-        old, new = getattr(m, name), getattr(later, name)
-        if name == "ids":
-            table[name] = (*old, *new)
-        elif old is None and new is None:
-            table[name] = None
-        elif name in EMPTY:
-            width = (new if old is None else old).shape[1:]
-            table[name] = np.concatenate([column(m, name, width), column(later, name, width)])
-        elif old is None or new is None:
-            table[name] = None
-            lost.append(name)
-        else:
-            table[name] = np.concatenate([old, new])
-    for name in NAMED:
+    table, lost = stacked([m, later])
+    for name in LABELS:
         if table[name] is not None:
             table[name] = _relabelled(table[name], len(m.ids))
     if table["time"] is not None and np.min(later.time) <= np.max(m.time):  # type: ignore[arg-type]
         table["time"][len(m.ids) :] += np.max(m.time) + PAUSE - np.min(later.time)  # type: ignore[arg-type]
-    return Measurements(**table), tuple(lost)
+    return Measurements(**table), lost
 
 
 def _relabelled(labels: np.ndarray, before: int) -> np.ndarray:

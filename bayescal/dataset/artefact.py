@@ -18,7 +18,6 @@ from pydantic import Field
 from bayescal.dataset.target_kinds import KINDS
 from bayescal.dataset.types import Certificate, Points, Target
 from bayescal.errors import BayescalError
-from bayescal.robots.schema import number, scalar
 from bayescal.storage.files import (
     Document,
     Keys,
@@ -31,6 +30,7 @@ from bayescal.storage.files import (
     read_document,
 )
 from bayescal.storage.reading import check_inside
+from bayescal.storage.writing import Block, block_lines, flow, flow_list, number, scalar
 
 SCHEMA = "bayescal-artefact/1"
 NEAREST = 1e-6
@@ -163,17 +163,21 @@ def artefact_text(points: Points) -> str:
     """The content of an artefact.yaml that reads back as these points."""
 
     def written(values: Sequence[float], factor: float, digits: int) -> str:
-        return f"[{', '.join(number(round(v * factor, 12), digits) for v in values)}]"
+        return flow_list(number(round(v * factor, 12), digits) for v in values)
 
     u = np.sqrt(np.diag(points.covariance)).reshape(-1, 3)
     plain = np.count_nonzero(np.array(points.covariance) - np.diag(u.ravel() ** 2)) == 0
-    lines = [f"schema: {SCHEMA}", f"name: {scalar(points.artefact)}", "points:"]
+    entries = {}
     for name, coordinates, sd in zip(points.names, points.coordinates, u.tolist(), strict=True):
-        stated = f", u_mm: {written(sd, 1e3, 9)}" if plain else ""
-        lines.append(f"  {scalar(name)}: {{mm: {written(coordinates, 1e3, 12)}{stated}}}")
-    if not plain:
-        lines += ["covariance_mm2:", *(f"  - {written(row, 1e6, 12)}" for row in points.covariance)]
-    return "\n".join(lines) + "\n"
+        stated = [("u_mm", written(sd, 1e3, 9))] if plain else []
+        entries[name] = flow([("mm", written(coordinates, 1e3, 12)), *stated])
+    block: Block = {
+        "schema": SCHEMA,
+        "name": scalar(points.artefact),
+        "points": entries,
+        "covariance_mm2": None if plain else [written(row, 1e6, 12) for row in points.covariance],
+    }
+    return "\n".join(block_lines(block)) + "\n"
 
 
 def distances_of(whole: Certificate) -> tuple[Certificate, ...]:

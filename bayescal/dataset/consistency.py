@@ -65,8 +65,10 @@ def away(dataset: Dataset, readings: np.ndarray) -> np.ndarray:
     return out
 
 
-RATIOS = {25.4: "inches", 1e3: "m", 10.0: "cm", 1e-3: "µm", 39.37: "m taken for inches"}
-"""Factor by which a length in mm must be multiplied, and the probable unit."""
+LENGTH_UNITS = {1e3: "m", 25.4: "inches", 10.0: "cm", 1e-3: "µm"}
+"""Factor by which a length must be multiplied to be in mm, and the probable unit."""
+RATIOS = {25.4: "inches"} | LENGTH_UNITS | {39.37: "m taken for inches"}
+"""The same of a certified length, which may be converted once too often; the first that fits is named."""
 NEAR = 0.05
 """Relative tolerance of such a factor: nominal places are rounded."""
 

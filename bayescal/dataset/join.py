@@ -13,7 +13,7 @@ Whether two sessions are of the same robot, with the same mounting and conventio
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import fields, replace
 from hashlib import sha256
 from typing import Any
@@ -21,25 +21,13 @@ from typing import Any
 import numpy as np
 
 from bayescal.arm.chain import Robot
+from bayescal.dataset.table import EMPTY, LABELS
 from bayescal.dataset.target_kinds import kinds_of
 from bayescal.dataset.types import Certificate, Dataset, Measurements, Noise, Record, Tool
 from bayescal.errors import BayescalError
 
 PAUSE = 3600.0
 """s between the clocks of two sessions, which is unknown (assumed)."""
-NAMED = ("stop", "repeat")
-"""Columns of labels, called by their session."""
-EMPTY: Mapping[str, float | str] = {
-    "stop": "",
-    "repeat": "",
-    "velocity": 0.0,
-    "payload": 0.0,
-    "xyz": np.nan,
-    "rpy": np.nan,
-    "length": np.nan,
-    "u": np.nan,
-}
-"""What a session without an optional column has in it: what the reader makes of empty cells."""
 
 
 def called(session: Dataset, name: str) -> str:
@@ -70,7 +58,8 @@ def measurements(
     """All rows, session after session."""
     before = np.cumsum([0, *(len(s.targets) for s in sessions[:-1])])
     tables = [s.measurements for s in sessions]
-    columns: dict[str, Any] = {
+    columns, _ = stacked(tables)
+    columns |= {
         "ids": tuple(called(s, name) for s in sessions for name in s.measurements.ids),
         "target": np.concatenate([m.target + k for m, k in zip(tables, before, strict=True)]),
         "tool": np.concatenate([index[m.tool] for m, index in zip(tables, tool_of, strict=True)]),
@@ -78,21 +67,32 @@ def measurements(
         "time": _clock(tables),
         "temperature": _temperature(sessions),
     }
-    for field in fields(Measurements):
-        name = field.name
-        if name in columns:
-            continue
-        given = [getattr(m, name) for m in tables]
-        stated = next((values for values in given if values is not None), None)
-        if stated is None:
-            columns[name] = None
-        elif name in NAMED:
-            columns[name] = np.concatenate([_labels(s, name) for s in sessions])
-        elif name in EMPTY:
-            columns[name] = np.concatenate([column(m, name, stated.shape[1:]) for m in tables])
-        else:  # a column that no value stands for counts only where every session has it
-            columns[name] = None if any(values is None for values in given) else np.concatenate(given)
+    for name in (label for label in LABELS if columns[label] is not None):
+        columns[name] = np.concatenate([_labels(s, name) for s in sessions])
     return Measurements(**columns)
+
+
+def stacked(tables: Sequence[Measurements]) -> tuple[dict[str, Any], tuple[str, ...]]:
+    """The columns of several tables, one below the other.
+
+    A column that some of them lack has there what empty cells stand for.
+
+    Returns
+    -------
+    dict
+    tuple of str
+        Columns that some of them lack and that have no empty cell: they are left out.
+    """
+    columns: dict[str, Any] = {"ids": tuple(name for m in tables for name in m.ids)}
+    lost = []
+    for name in (field.name for field in fields(Measurements) if field.name != "ids"):
+        stated = [values for m in tables if (values := getattr(m, name)) is not None]
+        columns[name] = None
+        if stated and (name in EMPTY or len(stated) == len(tables)):
+            columns[name] = np.concatenate([column(m, name, stated[0].shape[1:]) for m in tables])
+        elif stated:
+            lost.append(name)
+    return columns, tuple(lost)
 
 
 def _labels(session: Dataset, name: str) -> np.ndarray:

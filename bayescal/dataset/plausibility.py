@@ -15,7 +15,8 @@ from itertools import chain, combinations, product
 import numpy as np
 
 from bayescal.arm.chain import Robot
-from bayescal.dataset.consistency import FEWEST, OFF, away, contacts, contradictions, nominal, seen
+from bayescal.dataset import consistency
+from bayescal.dataset.consistency import FEWEST, LENGTH_UNITS, OFF, away, contacts, nominal, seen
 from bayescal.dataset.contacts import Contacts, residual, settled
 from bayescal.dataset.table import Table
 from bayescal.dataset.target_kinds import KINDS, angle_sd, place_sd
@@ -119,7 +120,6 @@ def _lengths(dataset: Dataset) -> Iterator[Other]:
 
 ZEROS = (90.0, -90.0, 180.0)
 """deg: differences of the zero of a joint between conventions."""
-TOOL_UNITS = ((1e3, "m"), (25.4, "inches"), (10.0, "cm"), (1e-3, "µm"))
 TABLE = "measurements.csv"
 ROBOT = "correct `link_from_reading` or `offset_deg` in the robot file, or the column"
 LEFT = 0.05
@@ -173,7 +173,7 @@ def _joint_changes(dataset: Dataset) -> Iterator[Change]:
 
 def _tool_changes(dataset: Dataset) -> Iterator[Change]:
     """Each tool in each other unit."""
-    for (index, tool), (factor, unit) in product(enumerate(dataset.tools), TOOL_UNITS):
+    for (index, tool), (factor, unit) in product(enumerate(dataset.tools), LENGTH_UNITS.items()):
         concerned = dataset.measurements.tool == index
         if concerned.sum() >= FEWEST:
             tools = tuple(replace(t, centre=t.centre * factor) if t is tool else t for t in dataset.tools)
@@ -191,15 +191,11 @@ LEVER = 0.3
 """m: arm of an angle's uncertainty when a target's place is judged."""
 
 LIKE, OTHER_UNIT = "look like", "another unit's"
-LOOKS_LIKE = (
-    (180 / np.pi, "radians"),
-    (np.pi / 180, "degrees converted twice"),
-    (1e-3 * 180 / np.pi, "milliradians"),
-    (1e3, "m"),
-    (1e-3, "µm"),
-    (10.0, "cm"),
-    (25.4, "inches"),
-)
+LOOKS_LIKE = LENGTH_UNITS | {
+    180 / np.pi: "radians",
+    np.pi / 180: "degrees converted twice",
+    1e-3 * 180 / np.pi: "milliradians",
+}
 """Factor by which values must be multiplied to be in deg or mm, and the probable unit."""
 
 
@@ -242,7 +238,7 @@ def problems(dataset: Dataset, table: Table, document: Document) -> Iterator[Bay
             away = settled(mine)
         if (impossible := _impossible(target, away, limit[part], part, table, document)) is not None:
             yield impossible
-    for wrong in contradictions(dataset):
+    for wrong in consistency.contradictions(dataset):
         if wrong.impossible:
             where = document.where(wrong.place)
             yield BayescalError(f"{wrong.what}, as the rows on them are", where, wrong.remedy)
@@ -280,7 +276,7 @@ def _in_other_units(dataset: Dataset, table: Table) -> BayescalError | None:
     columns = [f"`{quantity}_{unit}`" for quantity in suspected.quantities]
     every = len(columns) == dataset.robot.n
     noun = "the joint readings" if every else f"the values of {', '.join(columns)}"
-    units = (word for factor, word in LOOKS_LIKE if np.isclose(factor, suspected.factor))
+    units = (word for factor, word in LOOKS_LIKE.items() if np.isclose(factor, suspected.factor))
     what = f"{noun} {LIKE} {next(units, OTHER_UNIT)}: "
     what += f"a row is {1e3 * suspected.stated:.0f} mm off, and then {1e3 * suspected.other:.2g}"
     return table.error(0, what, f"these columns hold {unit}: convert them")

@@ -8,13 +8,14 @@ from __future__ import annotations
 import hashlib
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from bayescal.dataset import artefact, consistency, plausibility, session
 from bayescal.dataset.schema import SCHEMA, file_model
 from bayescal.dataset.solids import solids_of
-from bayescal.dataset.table import RPY, XYZ, Table, joint_columns, read_table
+from bayescal.dataset.table import EMPTY, LABELS, RPY, XYZ, Table, fields_of_columns, read_table
 from bayescal.dataset.target_kinds import KINDS
 from bayescal.dataset.types import ROLES, Certificate, Dataset, Measurements, Noise, Target, Tool
 from bayescal.errors import BayescalError, listed
@@ -32,28 +33,8 @@ def measurements_of(
     table.first(~np.isin(role, ROLES), "unknown role '{role}'", f"must be {', '.join(ROLES)}, or empty")
     target = _indices(table, "target", [t.name for t in targets])
     tool = _indices(table, "tool", [t.name for t in tools])
-    readings = table.block(joint_columns("deg", n), needed=True)
-    assert readings is not None  # its columns are in every header
-    rows = Measurements(
-        ids=table.cells["id"],
-        role=role,
-        target=target,
-        tool=tool,
-        readings=readings,
-        line=table.line,
-        velocity=_velocity(table, n),
-        xyz=table.block(XYZ, needed=False),
-        rpy=table.block(RPY, needed=False),
-        length=table.optional("length_mm"),
-        u=table.optional("u_mm"),
-        stop=table.texts("stop"),
-        command=table.block(joint_columns("command_deg", n), needed=True),
-        torque=table.block(joint_columns("nm", n), needed=True),
-        time=table.optional("time_s", needed=True),
-        temperature=table.optional("temperature_c", needed=True),
-        payload=None if (payload := table.optional("payload_kg")) is None else np.nan_to_num(payload),
-        repeat=table.texts("repeat"),
-    )
+    fields = {field: _field(table, field, columns) for field, columns in fields_of_columns(n).items()}
+    rows = Measurements(table.cells["id"], role, target, tool, line=table.line, **fields)
     _check_kinds(table, rows, tools, targets)
     _check_values(table, rows)
     _check_noise(table, rows, targets, noise)
@@ -91,16 +72,20 @@ def _indices(table: Table, column: str, names: list[str]) -> np.ndarray:
     return out
 
 
-def _velocity(table: Table, n: int) -> np.ndarray | None:
-    """Joint velocities; a row that states none was taken at rest."""
-    columns = joint_columns("degps", n)
-    velocity = table.block(columns, needed=False)
-    if velocity is None:
+def _field(table: Table, field: str, columns: tuple[str, ...]) -> Any:
+    """A field of `Measurements` (N,) or (N, k), or None where there is none of its columns."""
+    if field in LABELS:
+        return table.texts(field)
+    values = table.block(columns, needed=field not in EMPTY)
+    if values is None:
         return None
-    missing = np.isnan(velocity)
-    for i, column in enumerate(columns):
-        table.first(missing[:, i] & ~missing.all(axis=1), f"`{column}` is empty", "give all joints', or none")
-    return np.where(missing, 0.0, velocity)
+    empty = np.isnan(values)
+    for column, missing in zip(columns, empty.T, strict=True):
+        if field in ("velocity", "rpy"):
+            remedy = f"give all of {', '.join(columns)}, or none"
+            table.first(missing & ~empty.all(axis=1), f"`{column}` is empty", remedy)
+    values = np.where(empty, EMPTY.get(field, np.nan), values)
+    return values if len(columns) > 1 else values[:, 0]
 
 
 def _check_kinds(
@@ -115,19 +100,13 @@ def _check_kinds(
         what = f"{kind[row]} `{targets[rows.target[row]].name}` touched with `{tools[rows.tool[row]].name}`"
         raise table.error(row, f"{what}, which has no ball", "add `ball_radius_mm` to the tool")
     reads = np.array([KINDS[t.kind].reads for t in targets])[rows.target]
-    instrument = reads == "xyz"
-    for column in XYZ:
-        empty = np.array([not c for c in table.cells.get(column, ("",) * len(kind))])
-        for name in readers("xyz"):
+    instruments = readers("xyz")
+    for column in (*XYZ, *RPY):
+        given = np.array([cell != "" for cell in table.cells.get(column, ("",) * len(kind))])
+        for name in instruments if column in XYZ else ():
             what = f"{name} `{{target}}`, but `{column}` is empty"
-            table.first((kind == name) & empty, what, f"fill in {', '.join(XYZ)}")
-        _refuse(table, ~instrument & ~empty, column, " or ".join(readers("xyz")))
-    turned = np.zeros((len(kind), 3), bool) if rows.rpy is None else np.isfinite(rows.rpy)
-    for column, given in zip(RPY, turned.T, strict=True):
-        _refuse(table, ~instrument & given, column, " or ".join(readers("xyz")))
-        table.first(
-            turned.any(axis=1) & ~given, f"`{column}` is empty", f"give all of {', '.join(RPY)}, or none"
-        )
+            table.first((kind == name) & ~given, what, f"fill in {', '.join(XYZ)}")
+        _refuse(table, (reads != "xyz") & given, column, " or ".join(instruments))
     fixed = np.array([np.isfinite(t.values.get("length", np.nan)) for t in targets])[rows.target]
     read = np.zeros(len(kind), bool) if rows.length is None else np.isfinite(rows.length)
     for name in readers("length"):

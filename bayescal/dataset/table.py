@@ -5,24 +5,28 @@ from __future__ import annotations
 import csv
 import io
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from bayescal.errors import BayescalError, shown
-from bayescal.storage.files import outside, range_of, si, unknown
+from bayescal.storage.files import outside, range_of, si, stem_of, unknown
 from bayescal.storage.reading import decoded
 
 XYZ = ("x_mm", "y_mm", "z_mm")
 RPY = ("rx_deg", "ry_deg", "rz_deg")
-SINGLES = ("length_mm", "u_mm", "stop", "time_s", "temperature_c", "payload_kg", "repeat")
-PLAIN = ("id", "role", "target", "tool", *XYZ, *RPY, *SINGLES)
+LABELS = ("stop", "repeat")
+"""Columns of texts that need not be there."""
 CLEARANCE = "clearance_mm"
 """Column of a plan that a session does not have."""
-JOINT = ("deg", "degps", "command_deg", "nm")
-"""Columns there are one of a joint: ``j1_deg`` ... ``jn_deg``, and so on."""
+EMPTY: Mapping[str, float | str] = {
+    **dict.fromkeys(LABELS, ""),
+    **dict.fromkeys(("velocity", "payload"), 0.0),
+    **dict.fromkeys(("xyz", "rpy", "length", "u"), np.nan),
+}
+"""What an empty cell stands for, by the field of `Measurements`; no cell of another field is empty."""
 
 LONGEST_CELL = 200
 """Characters of a cell."""
@@ -51,12 +55,31 @@ COLUMNS = {
     "payload_kg": "mass at the flange in addition to the tool, kg; empty: 0",
     "repeat": "rows with the same value repeat one contact: their scatter is the noise; may be empty",
 }
-"""What the columns of measurements.csv mean; N stands for the number of a joint."""
+"""What the columns of measurements.csv mean, in the contract's order; N stands for the number of a joint."""
+PLAIN = tuple(key for key in COLUMNS if not key.startswith("jN_"))
+JOINT = tuple(key.removeprefix("jN_") for key in COLUMNS if key.startswith("jN_"))
+"""Columns there are one of a joint: ``j1_deg`` ... ``jn_deg``, and so on."""
 
 
 def joint_columns(kind: str, n: int) -> tuple[str, ...]:
     """``j1_deg`` to ``jn_deg`` for `kind` ``deg``."""
     return tuple(f"j{i + 1}_{kind}" for i in range(n))
+
+
+def known_columns(n: int) -> tuple[str, ...]:
+    """All columns that there may be of an arm with `n` joints."""
+    return (*PLAIN, *(column for kind in JOINT for column in joint_columns(kind, n)))
+
+
+def fields_of_columns(n: int) -> dict[str, tuple[str, ...]]:
+    """Fields of `Measurements` in the contract's order, each with the columns of `n` joints that fill it."""
+    joints = zip(("readings", "velocity", "command", "torque"), JOINT, strict=True)
+    return {
+        **{field: joint_columns(kind, n) for field, kind in joints},
+        "xyz": XYZ,
+        "rpy": RPY,
+        **{stem_of(column)[0]: (column,) for column in PLAIN[PLAIN.index("length_mm") :]},
+    }
 
 
 @dataclass(frozen=True)
@@ -202,7 +225,7 @@ def _check_header(header: list[str], where: str, n: int) -> None:
     """Refuse unknown, doubled and missing columns."""
     header = [name for name in header if name != CLEARANCE]
     check_names(header, where)
-    columns = [*PLAIN, *(c for kind in JOINT for c in joint_columns(kind, n))]
+    columns = known_columns(n)
     for column in header:
         joint = re.fullmatch(rf"j(\d+)_({'|'.join(JOINT)})", column)
         if joint and int(joint[1]) > n:

@@ -13,22 +13,8 @@ from typing import Any
 import numpy as np
 
 from bayescal.arm.transforms import rigid, rpy_matrix
-from bayescal.dataset.regions import (
-    Probing,
-    about_pivot,
-    cap,
-    face,
-    in_seat,
-    on_face,
-    on_side,
-    on_sphere,
-    pin,
-    post,
-    side,
-    sphere,
-    vector,
-    wall,
-)
+from bayescal.dataset import regions
+from bayescal.dataset.regions import Probing, vector
 from bayescal.dataset.types import Dataset, Target
 from bayescal.storage.files import Number, Positive, Vector
 from factors.cylinder import Cylinder
@@ -223,7 +209,7 @@ KINDS: dict[str, TargetKind] = {
             certificates=("flat",),
             touched=True,
             flat=True,
-            planned=Probing(face, on_face, wall, ("width", "height")),
+            planned=Probing(regions.face, regions.on_face, regions.wall, ("width", "height")),
         ),
         TargetKind(
             "sphere",
@@ -236,7 +222,7 @@ KINDS: dict[str, TargetKind] = {
             touched=True,
             centred=True,
             found=True,
-            planned=Probing(cap, on_sphere, sphere),
+            planned=Probing(regions.cap, regions.on_sphere, regions.sphere),
         ),
         TargetKind(
             "cylinder",
@@ -248,7 +234,7 @@ KINDS: dict[str, TargetKind] = {
             direction="axis",
             certificates=("diameter",),
             touched=True,
-            planned=Probing(side, on_side, pin, ("length",)),
+            planned=Probing(regions.side, regions.on_side, regions.pin, ("length",)),
         ),
         TargetKind(
             "fixed-point",
@@ -258,7 +244,7 @@ KINDS: dict[str, TargetKind] = {
             form="point",
             place=_centre,
             centred=True,
-            planned=Probing(cap, in_seat, post),
+            planned=Probing(regions.cap, regions.in_seat, regions.post),
         ),
         TargetKind(
             "distance",
@@ -270,7 +256,7 @@ KINDS: dict[str, TargetKind] = {
             optional=("length_mm",),
             reads="length",
             metric=True,
-            planned=Probing(cap, about_pivot, post),
+            planned=Probing(regions.cap, regions.about_pivot, regions.post),
         ),
         TargetKind(
             "instrument",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from operator import eq
 from pathlib import Path
 
@@ -11,26 +11,18 @@ import numpy as np
 
 from bayescal.dataset.artefact import artefact_text
 from bayescal.dataset.read import SETTINGS, TABLE
-from bayescal.dataset.schema import (
-    CERTIFICATES,
-    SCHEMA,
-    NoiseEntry,
-    RecordEntry,
-    RegionEntry,
-    ToolEntry,
-    VolumeEntry,
-)
+from bayescal.dataset.schema import CERTIFICATES, SCHEMA, NoiseEntry, RegionEntry, ToolEntry, VolumeEntry
 from bayescal.dataset.session import NAMING, field_of
 from bayescal.dataset.solids import hull_stl, solid_values
-from bayescal.dataset.table import JOINT, RPY, SINGLES, XYZ, csv_text, joint_columns
+from bayescal.dataset.table import LABELS, csv_text, fields_of_columns
 from bayescal.dataset.target_kinds import KINDS
 from bayescal.dataset.types import Certificate, Dataset, PlanSettings, Record, Target, Tool
 from bayescal.errors import BayescalError
 from bayescal.robots import builtin_robots, load_robot, robot_to_yaml
-from bayescal.robots.schema import number, scalar
 from bayescal.storage.files import FILL_IN, si, stem_of
 from bayescal.storage.files import Keys as Model
 from bayescal.storage.folders import whole
+from bayescal.storage.writing import Block, Keys, block_lines, flow, flow_list, number, scalar
 
 ROBOT, ARTEFACT = "robot.yaml", "artefact.yaml"
 
@@ -100,20 +92,11 @@ def _text(key: str, value: np.ndarray | float | str) -> str:
         texts = [number(v, UNCERTAINTY) for v in values]
     else:
         texts = [_rounded(v, DECIMALS.get(unit, DIRECTION)) for v in values]
-    return f"[{', '.join(texts)}]" if np.ndim(value) else texts[0]
+    return flow_list(texts) if np.ndim(value) else texts[0]
 
 
 def _rounded(value: float, decimals: int) -> str:
     return number(round(float(value), decimals), 15)
-
-
-Keys = Iterable[tuple[str, str]]
-"""Keys of an entry with their values as text."""
-
-
-def flow(items: Keys) -> str:
-    """An entry on one line."""
-    return "{" + ", ".join(f"{key}: {text}" for key, text in items) + "}"
 
 
 def _keys(model: type[Model], of: object) -> Keys:
@@ -143,49 +126,41 @@ def target_keys(target: Target) -> Keys:
 def certificate_keys(certificate: Certificate) -> Keys:
     """The entry of a certificate."""
     yield "kind", certificate.kind
-    names = ", ".join(map(scalar, certificate.targets))
+    names = [scalar(name) for name in certificate.targets]
     for key in CERTIFICATES[certificate.kind].model_fields:
         if key in NAMING:
-            yield key, names if key == "target" else f"[{names}]"
+            yield key, names[0] if key == "target" else flow_list(names)
         elif stem_of(key)[1]:
             yield key, _text(key, getattr(certificate, field_of(key)))
 
 
-def plan_lines(plan: PlanSettings) -> Iterator[str]:
-    """The lines of `plan`, in the order of its model."""
-    yield "plan:" if plan != PlanSettings() else "plan: {}"
-    if plan.volume is not None:
-        yield f"  volume_of_interest: {flow(_keys(VolumeEntry, plan.volume))}"
-    if plan.regions:
-        yield "  regions:"
-    for name, patch in plan.regions.items():
-        yield f"    {scalar(name)}: {flow(_keys(RegionEntry, patch))}"
+def plan_block(plan: PlanSettings) -> Block:
+    """What is below `plan`, in the order of its model."""
+    poses = [_text("poses_deg", np.array(pose)) for pose in plan.poses]
     values = {
         "table_mm": plan.table,
         "payload_kg": np.array(plan.payloads) if plan.payloads else None,
         "cone_deg": plan.cone,
         "clearance_mm": plan.clearance,
     }
-    yield from (f"  {key}: {text}" for key, text in _keys_of(values.items()))
-    if plan.poses:
-        poses = (_text("poses_deg", np.array(pose)) for pose in plan.poses)
-        yield f"  poses_deg: [{', '.join(poses)}]"
+    return {
+        "volume_of_interest": None if plan.volume is None else flow(_keys(VolumeEntry, plan.volume)),
+        "regions": {name: flow(_keys(RegionEntry, patch)) for name, patch in plan.regions.items()},
+        **dict(_keys_of(values.items())),
+        "poses_deg": flow_list(poses) if poses else None,
+    }
 
 
-def record_lines(record: Record) -> Iterator[str]:
-    """The lines of `record`, in the order of its model; none of an empty record."""
+def _record(record: Record) -> Block:
+    """What is below `record`, in the order of its model."""
     warm = record.temperature
-    values = {
+    return {
         "date": record.date and scalar(record.date),
         "operator": record.operator and scalar(record.operator),
         "serials": record.serials and flow((key, scalar(text)) for key, text in record.serials.items()),
-        "certificates": record.certificates and f"[{', '.join(map(scalar, record.certificates))}]",
+        "certificates": flow_list(map(scalar, record.certificates)) if record.certificates else None,
         "temperature_degC": None if warm is None else _text("temperature_degC", warm),
     }
-    assert values.keys() == RecordEntry.model_fields.keys()
-    if any(values.values()):
-        yield "record:"
-        yield from (f"  {key}: {text}" for key, text in values.items() if text)
 
 
 def _settings(dataset: Dataset, robot: str) -> str:
@@ -200,40 +175,29 @@ def _settings(dataset: Dataset, robot: str) -> str:
 
     noise = {key: getattr(dataset.noise, field_of(key)) for key in NoiseEntry.model_fields}
     stated = ((key, number(v / si(key), UNCERTAINTY)) for key, v in noise.items() if v is not None)
-    lines = [
-        f"schema: {SCHEMA}",
-        f"name: {scalar(dataset.name)}",
-        f"robot: {scalar(robot)}",
-        f"readings: {dataset.readings}",
-        f"gravity_mps2: {_text('gravity_mps2', dataset.gravity)}",
-        "tools:",
-        *(f"  {scalar(t.name)}: {flow(marked(tool_keys(t), 'tools', t.name))}" for t in dataset.tools),
-        "noise:",
-        *(f"  {key}: {text}" for key, text in marked(stated, "noise")),
-        "targets:",
-        *(f"  {scalar(t.name)}: {flow(marked(target_keys(t), 'targets', t.name))}" for t in dataset.targets),
-    ]
-    stated_there = [c for c in dataset.certificates if c.points is None and not c.derived]
-    if stated_there:
-        each = (marked(certificate_keys(c), "certificates", i) for i, c in enumerate(stated_there))
-        lines += ["certificates:", *(f"  - {flow(items)}" for items in each)]
-    if any(c.points is not None for c in dataset.certificates):
-        lines.append(f"artefact: {ARTEFACT}")
-    if dataset.temperature_of is not None:
-        lines.append(f"temperature_of: {dataset.temperature_of}")
-    if dataset.torques != "computed":
-        lines.append(f"torques: {dataset.torques}")
-    if dataset.solids:
-        lines += [
-            "solids:",
-            *(f"  {scalar(s.name)}: {flow(_keys_of(solid_values(s)))}" for s in dataset.solids),
-        ]
-    if dataset.plan is not None:
-        lines += plan_lines(dataset.plan)
-    lines += record_lines(dataset.record)
-    if dataset.source is not None:
-        lines.append(f"source: {scalar(dataset.source)}")
-    return "\n".join(lines) + "\n"
+    certificates = [c for c in dataset.certificates if c.points is None and not c.derived]
+    plan = dataset.plan
+    block: Block = {
+        "schema": SCHEMA,
+        "name": scalar(dataset.name),
+        "robot": scalar(robot),
+        "readings": dataset.readings,
+        "gravity_mps2": _text("gravity_mps2", dataset.gravity),
+        "tools": {t.name: flow(marked(tool_keys(t), "tools", t.name)) for t in dataset.tools},
+        "noise": dict(marked(stated, "noise")),
+        "targets": {t.name: flow(marked(target_keys(t), "targets", t.name)) for t in dataset.targets},
+        "certificates": [
+            flow(marked(certificate_keys(c), "certificates", i)) for i, c in enumerate(certificates)
+        ],
+        "artefact": ARTEFACT if any(c.points is not None for c in dataset.certificates) else None,
+        "temperature_of": dataset.temperature_of,
+        "torques": dataset.torques if dataset.torques != "computed" else None,
+        "solids": {s.name: flow(_keys_of(solid_values(s))) for s in dataset.solids},
+        "plan": None if plan is None else plan_block(plan) if plan != PlanSettings() else "{}",
+        "record": None if dataset.record == Record() else _record(dataset.record),
+        "source": None if dataset.source is None else scalar(dataset.source),
+    }
+    return "\n".join(block_lines(block)) + "\n"
 
 
 def _cells(column: str, values: np.ndarray) -> list[str]:
@@ -252,15 +216,11 @@ def table_text(dataset: Dataset, name_tool: bool = False) -> str:
     columns["target"] = [dataset.targets[i].name for i in rows.target]
     if name_tool or len(dataset.tools) > 1:
         columns["tool"] = [dataset.tools[i].name for i in rows.tool]
-    blocks = {
-        joint_columns(kind, n): block
-        for kind, block in zip(JOINT, (rows.readings, rows.velocity, rows.command, rows.torque), strict=True)
-    }
-    for names, block in (blocks | {XYZ: rows.xyz, RPY: rows.rpy}).items():
-        if block is not None:
-            columns |= {name: _cells(name, values) for name, values in zip(names, block.T, strict=True)}
-    for name in SINGLES:
-        cells = getattr(rows, stem_of(name)[0])
-        if cells is not None:
-            columns[name] = map(str, cells) if name in ("stop", "repeat") else _cells(name, cells)
+    for field, names in fields_of_columns(n).items():
+        values = getattr(rows, field)
+        if values is not None and field in LABELS:
+            columns[field] = map(str, values)
+        elif values is not None:
+            block = values.reshape(len(rows.ids), -1).T
+            columns |= {name: _cells(name, column) for name, column in zip(names, block, strict=True)}
     return csv_text(columns, zip(*columns.values(), strict=True))

@@ -22,34 +22,21 @@ from bayescal.importing.orientations import Loose
 from bayescal.importing.roles import names, points
 from bayescal.importing.rotations import stated_rotation
 from bayescal.importing.units import UNITS, is_number, quantity, unit_of
-from bayescal.robots import Loaded, is_xacro, load_robot
-
-
-@dataclass(frozen=True)
-class Format:
-    """What a file of a manufacturer holds: the map of its columns, and what it is in words."""
-
-    words: str
-    map: str = ""
-
+from bayescal.robots import load_robot
 
 LISTED = "id=id, j*=J* deg"
 """The map of the joint positions that `read_listing` returns."""
 
 FORMATS = {
-    "csv": Format("a table; --map states its columns"),
-    "robodk": Format("a calibration table of RoboDK: joints, measured point or pose, tool"),
-    "ur-rtde": Format(
-        "a record of the RTDE client of Universal Robots",
-        "time?=timestamp counter_s, j*=actual_q_*0 rad, j*_command?=target_q_*0 rad",
-    ),
-    "probing": Format("what a probing program of bayescal plan logs", LISTED),
-    "fanuc-ls": Format("positions P[n] of a FANUC program as text (LS)", LISTED),
-    "fanuc-va": Format("position registers of a FANUC controller (POSREG.VA)", LISTED),
-    "kuka-dat": Format("joint positions of a KUKA data list (DAT) or program", LISTED),
-    "abb-mod": Format("jointtargets of an ABB RAPID module", LISTED),
+    "csv": "",
+    "robodk": "",
+    "ur-rtde": "time?=timestamp counter_s, j*=actual_q_*0 rad, j*_command?=target_q_*0 rad",
+    **dict.fromkeys(("probing", "fanuc-ls", "fanuc-va", "kuka-dat", "abb-mod"), LISTED),
 }
-"""By name. Joint velocities of a record are not read: at rest their signs are noise, not a direction."""
+"""The map of the columns of each format; a table has none of its own, and that of RoboDK is `robodk`.
+
+Joint velocities of a record are not read: at rest their signs are noise, not a direction.
+"""
 
 UNSEEN = 1e-6
 """m: RoboDK writes zeros for a point that was not measured; its own scripts require more than 1 µm."""
@@ -81,13 +68,13 @@ def robodk(log: Log, n: int) -> tuple[Columns, dict[str, np.ndarray]]:
         map_ |= _xyz("", measured)
     columns = columns_of(log, map_)
     if measured is not None:
-        xyz = np.column_stack([columns.numbers[k] for k in "xyz"])
+        xyz = np.column_stack([columns.cells[k] for k in "xyz"])
         columns = columns.take(np.abs(xyz).sum(axis=1) >= UNSEEN)
         if not columns.count:
             raise BayescalError("no measured row: all points are 0, 0, 0", log.name, "export the table again")
-    centres = np.column_stack([columns.numbers.pop(f"tool_{k}") for k in "xyz"])
+    centres = np.column_stack([columns.cells.pop(f"tool_{k}") for k in "xyz"])
     names, tools = _tools(centres)
-    return replace(columns, texts={"tool": names}), tools
+    return replace(columns, cells=columns.cells | {"tool": names}), tools
 
 
 def _xyz(prefix: str, before: int) -> dict[str, Column]:
@@ -132,10 +119,7 @@ CHOICES = {"format": tuple(FORMATS), "readings": ("encoder", "command"), "decima
 
 @dataclass(frozen=True)
 class Request:
-    """The options of an import, as given by the user; `bayescal import --help` describes them.
-
-    `arm` and `template_arm` are the robots of `robot` and of the template, where they are xacro files.
-    """
+    """The options of an import, as given by the user; `bayescal import --help` describes them."""
 
     log: Path
     map: str = ""
@@ -152,8 +136,7 @@ class Request:
     name: str = ""
     validate: str = ""
     decimal: str = ""
-    arm: Loaded | None = None
-    template_arm: Loaded | None = None
+    allow_xacro: bool = False
 
     @property
     def files(self) -> tuple[tuple[Path, str], ...]:
@@ -171,12 +154,6 @@ class Request:
     def source(self) -> Path | None:
         """The dataset.yaml, or its folder, with tools and targets; None if there is none."""
         return self.template if self.plan is None else files_of(self.plan)[1]
-
-    def expanded(self) -> Request:
-        """The request with the robots that are xacro files, which are executed."""
-        arm = load_robot(self.robot, allow_xacro=True) if is_xacro(self.robot) else None
-        source = self.source
-        return replace(self, arm=arm, template_arm=None if source is None else expanded_robot(source))
 
     def check(self) -> None:
         """Refuse missing and invalid options."""
@@ -206,12 +183,13 @@ class Request:
 def base_of(request: Request) -> Dataset:
     """A session of no rows: the template's (with another robot where one is named), or a bare one."""
     if (path := request.source) is not None:
-        base, _, _ = read_settings(path / SETTINGS if path.is_dir() else path, request.template_arm)
+        expanded = expanded_robot(path) if request.allow_xacro else None
+        base, _, _ = read_settings(path / SETTINGS if path.is_dir() else path, expanded)
         if request.robot:
-            robot, _ = request.arm or load_robot(request.robot)
+            robot, _ = load_robot(request.robot, allow_xacro=request.allow_xacro)
             base = replace(base, robot=robot, robot_reference=request.robot)
     else:
-        robot, _ = request.arm or load_robot(request.robot)
+        robot, _ = load_robot(request.robot, allow_xacro=request.allow_xacro)
         rows = no_rows(robot.n)
         name, reference = request.log.stem, request.robot
         base = Dataset(
@@ -252,7 +230,7 @@ def furnished(
     if points(columns) is None:
         what = "no points, and no template with targets"
         raise BayescalError(what, columns.name, "map x, y, z, give --points FILE or a --template")
-    if base.noise.point is None and "u" not in columns.numbers:
+    if base.noise.point is None and "u" not in columns.cells:
         remedy = 'state the standard uncertainty of a coordinate, `--noise "0.03 mm"`, or map `u`'
         raise BayescalError("the uncertainty of the instrument is not stated", "--noise", remedy)
     used = names(columns, "tool") or ["tool"]

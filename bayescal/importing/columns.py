@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -11,7 +11,7 @@ import numpy as np
 
 from bayescal.errors import BayescalError
 from bayescal.importing.log import Log
-from bayescal.importing.mapping import LONG, STAMPS, TEXTS, Column, Map, NoStampError, dimension_of
+from bayescal.importing.mapping import LONG, STAMPS, TEXTS, Column, Map, dimension_of
 from bayescal.importing.rotations import CONVENTIONS
 from bayescal.importing.units import Expression, Unit, is_number, listed, parse, place, unit_of
 
@@ -27,7 +27,7 @@ GROUPED = re.compile(r"[+-]?[1-9]\d{0,2}(,\d{3})+")
 
 @dataclass(frozen=True)
 class Columns:
-    """N rows by quantity: `numbers` (N,) in SI, nan where empty, and `texts`; with lines and units.
+    """N rows by quantity: `cells` (N,), numbers in SI, nan where empty, and texts; with lines and units.
 
     `clock` is that of the time: "" if it counts from the beginning of the session, else as in `Stamps`.
     `notes` says what was left out.
@@ -35,8 +35,7 @@ class Columns:
 
     name: str
     line: np.ndarray  # (N,) int
-    numbers: dict[str, np.ndarray]
-    texts: dict[str, np.ndarray]
+    cells: dict[str, np.ndarray]
     said: dict[str, Column]
     clock: str = ""
     notes: tuple[str, ...] = ()
@@ -49,15 +48,17 @@ class Columns:
 
     def take(self, rows: np.ndarray) -> Columns:
         """Some of the rows, by index or mask."""
-        numbers = {k: v[rows] for k, v in self.numbers.items()}
-        texts = {k: v[rows] for k, v in self.texts.items()}
-        return replace(self, line=self.line[rows], numbers=numbers, texts=texts)
+        return replace(self, line=self.line[rows], cells={k: v[rows] for k, v in self.cells.items()})
+
+    def without(self, keys: Iterable[str]) -> Columns:
+        """All but some quantities."""
+        return replace(self, cells={k: v for k, v in self.cells.items() if k not in {*keys}})
 
     def block(self, keys: Sequence[str]) -> np.ndarray | None:
         """Quantities side by side (N, k), or None where none of them is given; some of them is an error."""
-        missing = [key for key in keys if key not in self.numbers]
+        missing = [key for key in keys if key not in self.cells]
         if not missing:
-            return np.column_stack([self.numbers[key] for key in keys])
+            return np.column_stack([self.cells[key] for key in keys])
         if len(missing) == len(keys):
             return None
         what = f"`{missing[0]}` is not mapped, `{next(k for k in keys if k not in missing)}` is"
@@ -97,32 +98,31 @@ def columns_of(log: Log, map_: Map, decimal: str = "") -> Columns:
     map_ = {k: c for k, c in map_.items() if not c.optional or _is_there(c, k, log.header, log.width)}
     used = {k: _used(c, k, log.header, log.width, f"{log.name}: `{k}`") for k, c in map_.items()}
     numeric = {i for k, c in map_.items() if not _is_text(k, c) for e in used[k] for i in e.columns}
-    cells = _Cells(log, _mark(log, numeric, decimal))
-    numbers: dict[str, np.ndarray] = {}
-    texts: dict[str, np.ndarray] = {}
+    numbers = _Numbers(log, _mark(log, numeric, decimal))
+    cells: dict[str, np.ndarray] = {}
     said = dict(map_)
     clock = ""
     for key, column in map_.items():
         if _base(key) in TEXTS:
-            texts[key] = np.array(_filled(log, column, used[key]))
+            cells[key] = np.array(_filled(log, column, used[key]))
         elif column.turn:
             base, sign, tool = key.partition("@")
             scale = column.unit.scale if column.unit else 1.0
             for i, part in enumerate(used[key]):
-                numbers[f"{base}{i}{sign}{tool}"] = scale * cells.value(key, part)
+                cells[f"{base}{i}{sign}{tool}"] = scale * numbers.value(key, part)
         elif column.stamp:
-            numbers[key], clock = _stamped(log, key, column, used[key])
+            cells[key], clock = _stamped(log, key, column, used[key])
         else:
             unit = _unit_of(log, key, column, used[key][0])
-            numbers[key] = unit.scale * cells.finite(key, used[key][0]) + unit.offset
+            cells[key] = unit.scale * numbers.finite(key, used[key][0]) + unit.offset
             said[key] = replace(column, unit=unit)
-            if key == "time" and np.nanmax(numbers[key], initial=0.0) > LONG:
+            if key == "time" and np.nanmax(cells[key], initial=0.0) > LONG:
                 remedy = f"write `time={column.name} epoch_{unit.name}`"
                 raise BayescalError("the times are longer than three years: since 1970?", log.name, remedy)
     taken = {i for expressions in used.values() for e in expressions for i in e.columns}
     names = log.header or tuple(f"#{i + 1}" for i in range(log.width))
     unused = tuple(name for i, name in enumerate(names) if i not in taken and name)
-    return Columns(log.name, np.array(log.line), numbers, texts, said, clock, log.notes, unused)
+    return Columns(log.name, np.array(log.line), cells, said, clock, log.notes, unused)
 
 
 def _base(key: str) -> str:
@@ -175,12 +175,20 @@ def _filled(log: Log, column: Column, used: Sequence[Expression]) -> list[str]:
 
 
 def _stamped(log: Log, key: str, column: Column, used: Sequence[Expression]) -> tuple[np.ndarray, str]:
-    try:
-        stamps = STAMPS[column.stamp]([text.strip() for text in _filled(log, column, used)])
-    except NoStampError as error:
-        remedy = f"state the kind, one of {', '.join(STAMPS)}, or a unit of time"
-        raise BayescalError(f"`{key}`: {error}", f"{log.name}:{log.line[error.row]}", remedy) from None
-    return stamps.seconds, stamps.clock
+    """Seconds (N,) of time stamps, nan where the cell is empty, and their clock."""
+    seconds, clock, before = np.full(len(log.rows), np.nan), "", -np.inf
+    for row, text in enumerate(_filled(log, column, used)):
+        if not (cell := text.strip()):
+            continue
+        try:
+            seconds[row], clock_of = STAMPS[column.stamp](cell, before)
+            if clock_of != (clock or clock_of):
+                raise ValueError("some time stamps state their time zone, others do not")
+        except ValueError as error:
+            remedy = f"state the kind, one of {', '.join(STAMPS)}, or a unit of time"
+            raise BayescalError(f"`{key}`: {error}", f"{log.name}:{log.line[row]}", remedy) from None
+        clock, before = clock_of, seconds[row]
+    return seconds, clock
 
 
 def _unit_of(log: Log, key: str, column: Column, used: Expression) -> Unit:
@@ -221,7 +229,7 @@ def _mark(log: Log, numeric: set[int], decimal: str) -> str:
     return ","
 
 
-class _Cells:
+class _Numbers:
     """Numbers of the columns of a log."""
 
     def __init__(self, log: Log, mark: str) -> None:

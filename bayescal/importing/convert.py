@@ -18,7 +18,7 @@ from bayescal.importing import ask
 from bayescal.importing.ask import Request, base_of, furnished
 from bayescal.importing.columns import Columns, columns_of, missing_in
 from bayescal.importing.log import read_log
-from bayescal.importing.mapping import Column, Map, own_map, read_map, setting
+from bayescal.importing.mapping import Column, Map, own_map, read_map, validation_rule
 from bayescal.importing.onto import files_of, measured_before, onto
 from bayescal.importing.orientations import Loose, compared
 from bayescal.importing.pair import is_measured, pair, rows_words, stacked, unfolded
@@ -191,7 +191,7 @@ def convert(request: Request) -> Draft:
         joined.check()
     turned, agree = compared(dataset, columns)
     wrong = wrong or ("" if agree else turned)
-    dataset, roles = _roles(request, dataset, "role" in columns.texts)
+    dataset, roles = _roles(request, dataset, "role" in columns.cells)
     notes = (*notes, *located_words(dataset, loose), *filter(None, [turned if agree else ""]), roles)
     understood = (*mapped, row_words(dataset, int(columns.line[0])))
     dataset, before, notes = _continuing(request, dataset, notes)
@@ -228,7 +228,7 @@ def write(draft: Draft, folder: Path, force: bool = False) -> None:
 
 def _roles(request: Request, dataset: Dataset, stated: bool) -> tuple[Dataset, str]:
     """The dataset with its validation data, by the option or the entry of the map, and a note on them."""
-    rule, where = setting(request.map, "validate")
+    rule, where = validation_rule(request.map)
     if rule and request.validate:
         raise BayescalError("`validate` is stated by the map already", "--validate", "remove one of the two")
     if request.validate:
@@ -265,14 +265,13 @@ def _whence(draft: Draft, where: str) -> str:
 
 def _from_the_beginning(columns: Columns) -> tuple[Columns, tuple[str, ...]]:
     """The columns with times since the first of them, of time stamps; and a note on their order."""
-    if "time" not in columns.numbers:
+    if "time" not in columns.cells:
         return columns, ()
-    time = columns.numbers["time"]
+    time = columns.cells["time"]
     back = int((np.diff(time[np.isfinite(time)]) < 0).sum())
     note = f"{back} rows are earlier than the row above: the order of rows is taken as the order of time"
     if columns.clock:
-        numbers = columns.numbers | {"time": time - np.nanmin(time)}
-        columns = replace(columns, numbers=numbers, clock="")
+        columns = replace(columns, cells=columns.cells | {"time": time - np.nanmin(time)}, clock="")
     return columns, (note,) if back else ()
 
 
@@ -293,7 +292,7 @@ def _columns(request: Request, n: int) -> Read:
         log = read_log(request.log, headed=True)
         columns = columns_of(log, own_map(log.header, n, log.name), request.decimal)
     else:
-        map_ = read_map(ask.FORMATS[request.format].map, n, formal=True) | read_map(request.map, n)
+        map_ = read_map(ask.FORMATS[request.format], n, formal=True) | read_map(request.map, n)
         if request.format == "probing":
             columns = columns_of(read_records(request.log, n), map_)
         elif request.format in LISTINGS:

@@ -1,10 +1,13 @@
 """A log as a table: its header, its rows, and what is no row.
 
+Rows of a text file: its encoding, the separator of its cells, comments.
+
 Cells of an Excel workbook; ``book.xlsx#Sheet`` names one of its sheets.
 """
 
 from __future__ import annotations
 
+import csv
 import datetime
 import io
 import re
@@ -17,18 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from bayescal.errors import BayescalError, listed
-from bayescal.importing.units import (
-    ALIASES,
-    UNITS,
-    Lines,
-    Unit,
-    cells,
-    is_number,
-    is_unit,
-    name_and_unit,
-    separator_of,
-    text_lines,
-)
+from bayescal.importing.units import ALIASES, UNITS, Unit, is_number, is_unit, name_and_unit
 from bayescal.storage.reading import content_of
 
 SUFFIXES = (".xlsx", ".xlsm")
@@ -39,14 +31,95 @@ MOST_CELLS = 3_000_000
 TOO_LARGE = "delete what is not data, or save the sheet as CSV"
 Row = tuple[object, ...]
 
+COMMENTS = ("//", "#", "!", "%")
+"""How a comment begins; SpatialAnalyzer writes ``//``."""
 
-def _lines(path: Path) -> tuple[Lines, str]:
-    """Lines of a file, or of a workbook, whose path may end with the name of a sheet; and the separator."""
+MARKS = {b"\xff\xfe": "utf-16", b"\xfe\xff": "utf-16", b"\xef\xbb\xbf": "utf-8-sig"}
+"""Byte order marks and their encodings."""
+
+Rows = list[tuple[int, tuple[str, ...]]]
+"""Cells of lines, stripped, with the number of each line."""
+
+
+@dataclass(frozen=True)
+class Lines:
+    """Rows of a file without empty ones; comments apart; and notes on how they were read.
+
+    `padded`: they are of a sheet, in which empty cells at the end of a row are no cells.
+    """
+
+    kept: Rows
+    comments: Rows
+    notes: tuple[str, ...] = ()
+    padded: bool = False
+
+
+def text_of(path: Path) -> tuple[str, str]:
+    """The text of a file: UTF-8, UTF-16 with a byte order mark, or Windows-1252.
+
+    Returns
+    -------
+    tuple of str
+        The text, and a note if the file does not state its encoding, else "".
+
+    Raises
+    ------
+    BayescalError
+        If it is none of them.
+    """
+    content = content_of(path)
+    marked = [name for mark, name in MARKS.items() if content.startswith(mark)]
+    for encoding in marked or ("utf-8", "cp1252"):
+        try:
+            text = content.decode(encoding)
+            break
+        except UnicodeDecodeError:
+            continue
+    else:
+        raise BayescalError("the encoding is not known", path.name, "save the file as UTF-8")
+    guess = f"{path.name} is not UTF-8: it is read as Windows-1252 (Western European)"
+    note = guess if encoding == "cp1252" else ""
+    if "\0" in text:
+        remedy = "save it as text in UTF-8; a spreadsheet must be .xlsx"
+        raise BayescalError("not a text file", path.name, remedy)
+    return text, note
+
+
+def text_lines(path: Path) -> Lines:
+    """Rows of a text file."""
+    text, note = text_of(path)
+    lines = [(number, line) for number, line in enumerate(text.splitlines(), 1) if line.strip()]
+    comments = [(number, line) for number, line in lines if line.lstrip().startswith(COMMENTS)]
+    kept = [(number, line) for number, line in lines if not line.lstrip().startswith(COMMENTS)]
+    separator = _separator([line for _, line in kept])
+    return Lines(
+        [(number, _split(line, separator)) for number, line in kept],
+        [(number, _split(line.lstrip().lstrip("".join(COMMENTS)), separator)) for number, line in comments],
+        (note,) if note else (),
+    )
+
+
+def _split(line: str, separator: str) -> tuple[str, ...]:
+    """Cells of a line, stripped; a white space at its end adds none."""
+    if '"' in line:
+        line = line.strip() if separator == " " else line
+        out = next(csv.reader([line], delimiter=separator, skipinitialspace=True), [])
+        return tuple(cell.strip() for cell in out if cell or separator != " ")
+    return tuple(line.split()) if separator == " " else tuple(map(str.strip, line.split(separator)))
+
+
+def _separator(lines: Sequence[str]) -> str:
+    """A semicolon, a tab, a comma or white space: the first of them that most lines have."""
+    return next((s for s in ";\t," if 2 * sum(s in line for line in lines) > len(lines)), " ")
+
+
+def _lines(path: Path) -> Lines:
+    """Rows of a file, or of a workbook, whose path may end with the name of a sheet."""
     is_workbook = path.name.partition("#")[0].lower().endswith(SUFFIXES)
     lines = sheet_lines(path) if is_workbook else text_lines(path)
     if not lines.kept:
         raise BayescalError("no rows", path.name, "check the file")
-    return lines, separator_of([raw for _, raw in lines.kept])
+    return lines
 
 
 def sheet_lines(path: Path) -> Lines:
@@ -67,7 +140,7 @@ def sheet_lines(path: Path) -> Lines:
         remedy = "install it: `pip install bayescal[xlsx]`, or save the sheet as CSV"
         raise BayescalError("workbooks need the package openpyxl", file, remedy) from None
     rows, sources, name = _rows(openpyxl.load_workbook, content, sheet, file)
-    kept: list[tuple[int, tuple[str, ...]]] = []
+    kept: Rows = []
     computed = 0
     for number, (row, source) in enumerate(zip(rows, sources, strict=True), 1):
         for value, formula in zip(row, source, strict=True):
@@ -84,7 +157,7 @@ def sheet_lines(path: Path) -> Lines:
     notes = [f"sheet `{name}` of {file}"]
     if computed:
         notes.append(f"{computed} cells of {file} are formulas: their last values are read")
-    return Lines(tuple(kept), (), tuple(notes))
+    return Lines(kept, [], tuple(notes), padded=True)
 
 
 def _rows(load: Any, content: bytes, sheet: str, file: str) -> tuple[list[Row], list[Row], str]:
@@ -201,9 +274,8 @@ def read_log(path: Path, headed: bool | None = None, missing: Missing | None = N
     BayescalError
         If the file cannot be read, or its rows differ in length.
     """
-    name, (lines, separator) = path.name, _lines(path)
-    rows = [(number, cells(raw, separator)) for number, raw in lines.kept]
-    header, rows, before = _headed(rows, lines, separator, headed, missing)
+    name, lines = path.name, _lines(path)
+    header, rows, before = _headed(lines, headed, missing)
     notes = list(lines.notes)
     if before:
         notes.append(_left(before, name, "before the header"))
@@ -221,14 +293,14 @@ def read_log(path: Path, headed: bool | None = None, missing: Missing | None = N
     if again:
         notes.append(f"{len(again)} repetitions of the header of {name} left out")
         rows = [row for row in rows if row[1] != header and not (header and _are_units(row[1]))]
-    footer: list[tuple[int, tuple[str, ...]]] = []
+    footer: Rows = []
     while rows and _is_footer(rows[-1][1], width):
         footer.insert(0, rows.pop())
     if footer:
         notes.append(_left(footer, name, "behind the last row"))
     if not rows:
         raise BayescalError("no rows below the header", name, "check the file")
-    if any(isinstance(raw, tuple) for _, raw in lines.kept):  # a sheet: empty cells at the end are no cells
+    if lines.padded:
         rows = [(number, row + ("",) * (width - len(row))) for number, row in rows]
     if missing is not None and missing(header):  # the map is refused, not the rows below what is no header
         rows = [(number, row) for number, row in rows if len(row) == width] or rows
@@ -243,20 +315,15 @@ def read_log(path: Path, headed: bool | None = None, missing: Missing | None = N
 
 def header_of(path: Path) -> tuple[str, ...]:
     """The probable header of a log whose map is not known, for a message; () if none is found."""
-    lines, separator = _lines(path)
-    rows = [(number, _trimmed(cells(raw, separator), 0)) for number, raw in lines.kept[:SEARCHED]]
+    rows = [(number, _trimmed(row, 0)) for number, row in _lines(path).kept[:SEARCHED]]
     width = len(_usual(rows))
     full = (row for _, row in rows if len(row) == width and all(row))
     return next((row for row in full if not any(map(is_number, row))), ())
 
 
-Rows = list[tuple[int, tuple[str, ...]]]
-
-
-def _headed(
-    rows: Rows, lines: Lines, separator: str, headed: bool | None, missing: Missing | None
-) -> tuple[tuple[str, ...], Rows, Rows]:
+def _headed(lines: Lines, headed: bool | None, missing: Missing | None) -> tuple[tuple[str, ...], Rows, Rows]:
     """The header, or (), the rows below it, and those before it."""
+    rows = lines.kept
     if missing is not None:
         lacks: list[int] = []
         for _, row in rows[:SEARCHED]:
@@ -264,8 +331,7 @@ def _headed(
             if not lacks[-1]:
                 break
         if min(lacks) > 0:
-            for number, line in lines.comments:
-                row = cells(line.lstrip().lstrip("/#!%"), separator)
+            for number, row in lines.comments:
                 if not missing(_trimmed(row, 0)):
                     below = [r for r in rows if r[0] > number]
                     return row, below, [r for r in rows if r[0] < number]

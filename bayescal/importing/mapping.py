@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 import csv
-import math
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from datetime import UTC, datetime, timedelta, timezone
+from datetime import datetime
 from pathlib import Path
 
-import numpy as np
-
-from bayescal.dataset.table import CLEARANCE, PLAIN, joint_columns
-from bayescal.dataset.table import JOINT as JOINTS
+from bayescal.dataset.table import CLEARANCE, known_columns
 from bayescal.errors import BayescalError
 from bayescal.importing.rotations import CONVENTIONS
 from bayescal.importing.units import ALIASES, UNITS, Unit, is_unit, listed, unit_of
@@ -22,76 +18,45 @@ from bayescal.storage.files import read_document, stem_of, unknown
 DAY = 86400.0
 """s."""
 
-EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
-
 LONG = 1e8
 """s: a session clock does not count three years; such a number is a time since 1970."""
 
 CLOCK = re.compile(r"(\d{1,2}):(\d{2})(?::(\d{2})(?:[.,:](\d+))?)?\s*([AaPp][Mm])?")
-ZONE = re.compile(r"\s*(Z|UTC|GMT|[+-]\d{2}:?\d{2}|[+-]\d{2})$")
+ZONE = r"\s*(?:Z|UTC|GMT|[+-]\d{2}(?::?\d{2})?)"
 DATES = {
-    "iso": (r"(\d{4})-(\d{1,2})-(\d{1,2})", (0, 1, 2)),
-    "ymd": (r"(\d{4})[-./](\d{1,2})[-./](\d{1,2})", (0, 1, 2)),
-    "dmy": (r"(\d{1,2})[-./](\d{1,2})[-./](\d{4})", (2, 1, 0)),
-    "mdy": (r"(\d{1,2})[-./](\d{1,2})[-./](\d{4})", (2, 0, 1)),
+    "iso": (r"(\d{4})-(\d{1,2})-(\d{1,2})", (1, 2, 3)),
+    "ymd": (r"(\d{4})[-./](\d{1,2})[-./](\d{1,2})", (1, 2, 3)),
+    "dmy": (r"(\d{1,2})[-./](\d{1,2})[-./](\d{4})", (3, 2, 1)),
+    "mdy": (r"(\d{1,2})[-./](\d{1,2})[-./](\d{4})", (3, 1, 2)),
 }
-"""Patterns of dates, and where year, month and day are in them."""
+"""Patterns of dates, and the groups of year, month and day in them."""
 
 
-@dataclass(frozen=True)
-class Stamps:
-    """Seconds (N,), nan where the cell is empty, and on which clock: UTC, local (no zone), day or counter."""
+Stamp = Callable[[str, float], tuple[float, str]]
+"""Seconds of a cell, from the cell and the seconds of the one above, and on which clock.
 
-    seconds: np.ndarray
-    clock: str
-
-
-class NoStampError(ValueError):
-    """A cell that is no time stamp of the kind: `row`, and why in words."""
-
-    def __init__(self, row: int, why: str) -> None:
-        self.row = row
-        super().__init__(why)
+Clocks are UTC, local (no zone), day and counter. What is no time stamp of the kind is a ValueError.
+"""
 
 
-def _dated(kind: str) -> Callable[[Sequence[str]], Stamps]:
-    def read(cells: Sequence[str]) -> Stamps:
-        out, zones = np.full(len(cells), np.nan), set()
-        for row, cell in enumerate(cells):
-            if cell:
-                moment, zoned = _moment(kind, cell, row)
-                out[row] = (moment - EPOCH) / timedelta(seconds=1)
-                zones.add(zoned)
-                if len(zones) > 1:
-                    raise NoStampError(row, "some time stamps state their time zone, others do not")
-        return Stamps(out, "UTC" if zones == {True} else "local")
+def _dated(kind: str) -> Stamp:
+    """Reader of date and time; without a time zone as if in UTC."""
+    pattern, order = DATES[kind]
+
+    def read(cell: str, before: float) -> tuple[float, str]:
+        stamp = re.fullmatch(rf"{pattern}(?:(?:T|\s+)(?P<clock>.*?)(?P<zone>{ZONE})?)?", cell)
+        try:
+            if stamp is None:
+                raise ValueError
+            zone = re.sub("UTC|GMT", "Z", (stamp["zone"] or "Z").strip())
+            year, month, date = (int(stamp[i]) for i in order)
+            day = datetime.fromisoformat(f"{year:04}-{month:02}-{date:02}T00:00{zone}")
+            seconds = _seconds(stamp["clock"]) if stamp["clock"] or stamp["zone"] else 0.0
+        except ValueError:
+            raise ValueError(f"'{cell}' is not a date and time ({kind})") from None
+        return day.timestamp() + seconds, "UTC" if stamp["zone"] else "local"
 
     return read
-
-
-def _moment(kind: str, cell: str, row: int) -> tuple[datetime, bool]:
-    """The moment of a cell with date and time, and whether it states its time zone; else as if in UTC."""
-    pattern, order = DATES[kind]
-    date_match = re.match(pattern + r"(?:T|\s+|$)", cell)
-    clock = cell[date_match.end() :] if date_match else ""
-    zone = ZONE.search(clock)
-    try:
-        if date_match is None:
-            raise ValueError
-        parts = [int(part) for part in date_match.groups()]
-        seconds = _seconds(clock[: zone.start()] if zone else clock) if clock else 0.0
-        year, month, date = (parts[i] for i in order)
-        day = datetime(year, month, date, tzinfo=_zone(zone[1]) if zone else UTC)
-    except ValueError:
-        raise NoStampError(row, f"'{cell}' is not a date and time ({kind})") from None
-    return day + timedelta(seconds=seconds), zone is not None
-
-
-def _zone(text: str) -> timezone:
-    if text in ("Z", "UTC", "GMT"):
-        return UTC
-    minutes = int(text[1:3]) * 60 + int(text[3:].replace(":", "") or 0)
-    return timezone(timedelta(minutes=-minutes if text[0] == "-" else minutes))
 
 
 def _seconds(text: str) -> float:
@@ -109,43 +74,37 @@ def _seconds(text: str) -> float:
     return 3600.0 * hour + 60.0 * minute + second + float(f"0.{clock[4] or 0}")
 
 
-def _of_day(cells: Sequence[str]) -> Stamps:
-    """Times of day; a step back by more than half a day is midnight, a smaller one is refused."""
-    out, days, before = np.full(len(cells), np.nan), 0, -math.inf
-    for row, cell in enumerate(cells):
-        if not cell:
-            continue
-        try:
-            now = _seconds(cell)
-        except ValueError:
-            raise NoStampError(row, f"'{cell}' is not a time of day, HH:MM:SS") from None
-        if before - now > DAY / 2:
-            days += 1
-        elif now < before:
-            raise NoStampError(row, f"the time of day '{cell}' is before that of the row above")
-        before = now
-        out[row] = days * DAY + now
-    return Stamps(out, "day")
+def _of_day(cell: str, before: float) -> tuple[float, str]:
+    """A time of day; a step back by more than half a day is midnight, a smaller one is refused."""
+    try:
+        now = _seconds(cell)
+    except ValueError:
+        raise ValueError(f"'{cell}' is not a time of day, HH:MM:SS") from None
+    if before > DAY:
+        now += before // DAY * DAY
+    if before - now > DAY / 2:
+        now += DAY
+    elif now < before:
+        raise ValueError(f"the time of day '{cell}' is before that of the row above")
+    return now, "day"
 
 
-def _counted(clock: str, per_second: float = 1.0) -> Callable[[Sequence[str]], Stamps]:
+def _counted(clock: str, per_second: float = 1.0) -> Stamp:
     """Reader of a number: the time since 1970 (the clock UTC), or since a controller was started."""
 
-    def read(cells: Sequence[str]) -> Stamps:
-        out = np.full(len(cells), np.nan)
-        for row, cell in enumerate(cells):
-            try:
-                out[row] = float(cell.replace(",", ".")) / per_second if cell else np.nan
-            except ValueError:
-                raise NoStampError(row, f"'{cell}' is not a number") from None
-            if clock == "UTC" and cell and not LONG < out[row] < 100 * LONG:
-                raise NoStampError(row, f"{cell} is not a time since 1970 in this unit")
-        return Stamps(out, clock)
+    def read(cell: str, before: float) -> tuple[float, str]:
+        try:
+            seconds = float(cell.replace(",", ".")) / per_second
+        except ValueError:
+            raise ValueError(f"'{cell}' is not a number") from None
+        if clock == "UTC" and not LONG < seconds < 100 * LONG:
+            raise ValueError(f"{cell} is not a time since 1970 in this unit")
+        return seconds, clock
 
     return read
 
 
-STAMPS: dict[str, Callable[[Sequence[str]], Stamps]] = {
+STAMPS: dict[str, Stamp] = {
     **{kind: _dated(kind) for kind in DATES},
     "clock": _of_day,
     "counter_s": _counted("counter"),
@@ -170,8 +129,8 @@ JOINT = {"": "angle", "_velocity": "rate", "_command": "angle", "_torque": "torq
 OF_UNIT = {"degps": "_velocity", "radps": "_velocity", "nm": "_torque"}
 """Quantities of a joint that a key names by its unit alone, as measurements.csv does: ``j1_degps``."""
 
-SETTINGS = ("validate",)
-"""Entries of a map that are not columns."""
+VALIDATE = "validate"
+"""The entry of a map that is not a column: the rule for validation measurements."""
 
 ROTATION = "rotation"
 """The measured orientation, in a convention of `CONVENTIONS`."""
@@ -226,7 +185,7 @@ def read_map(text: str, n: int, formal: bool = False) -> dict[str, Column]:
     """
     out: dict[str, Column] = {}
     for key, value, where in _entries(text):
-        if key in SETTINGS:
+        if key == VALIDATE:
             continue
         optional = formal and key.endswith("?")
         key = key.rstrip("?") if optional else key
@@ -252,7 +211,7 @@ def own_map(header: Sequence[str], n: int, where: str) -> dict[str, Column]:
     BayescalError
         For a column that measurements.csv does not have.
     """
-    every = [*PLAIN, *(c for kind in JOINTS for c in joint_columns(kind, n))]
+    every = known_columns(n)
     out: dict[str, Column] = {}
     for name in header:
         if name == CLEARANCE:
@@ -265,12 +224,12 @@ def own_map(header: Sequence[str], n: int, where: str) -> dict[str, Column]:
     return out
 
 
-def setting(text: str, key: str) -> tuple[str, str]:
-    """An entry of a map that is no column, of `SETTINGS`: its value and where it is, or empty texts."""
-    entries = [(value, where) for name, value, where in _entries(text) if name == key]
-    if len(entries) > 1:
-        raise BayescalError(f"`{key}` is given twice", entries[1][1], "keep a single entry")
-    return entries[0] if entries else ("", "")
+def validation_rule(text: str) -> tuple[str, str]:
+    """The rule for validation measurements in a map, and where it is; empty texts without one."""
+    rules = [(value, where) for name, value, where in _entries(text) if name == VALIDATE]
+    if len(rules) > 1:
+        raise BayescalError(f"`{VALIDATE}` is given twice", rules[1][1], "keep a single entry")
+    return rules[0] if rules else ("", "")
 
 
 def quantity_of(key: str, n: int, where: str) -> tuple[str, Unit | None]:
@@ -296,7 +255,7 @@ def dimension_of(key: str, n: int, where: str) -> str:
         return JOINT[joint[2]]
     if key not in DIMENSIONS:
         joints = [f"j{i + 1}{tail}" for tail in JOINT for i in range(n)]
-        what, remedy = unknown("quantity", key, [*joints[:n], *DIMENSIONS, ROTATION, *TEXTS, *SETTINGS])
+        what, remedy = unknown("quantity", key, [*joints[:n], *DIMENSIONS, ROTATION, *TEXTS, VALIDATE])
         raise BayescalError(what, where, remedy)
     return DIMENSIONS[key]
 

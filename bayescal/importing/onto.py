@@ -15,7 +15,7 @@ from bayescal.dataset.target_kinds import KINDS
 from bayescal.errors import BayescalError
 from bayescal.importing.columns import Columns, columns_of, first
 from bayescal.importing.log import read_log
-from bayescal.importing.mapping import own_map
+from bayescal.importing.mapping import TEXTS, own_map
 from bayescal.importing.pair import check_ids, rows_words
 from bayescal.importing.programs import CONTACT, numbered, state_of, unmade
 
@@ -61,7 +61,7 @@ class Joined:
     def check(self) -> None:
         """Refuse rows that are far from their plan where only their order says which contact they are."""
         if self.by_order:
-            ids = self.columns.texts["id"]
+            ids = self.columns.cells["id"]
             first(
                 self.columns,
                 self.far,
@@ -126,7 +126,7 @@ def onto(log: Columns, plan: Path, targets: Sequence[Target], n: int) -> Joined:
     """
     table = read_log(plan, headed=True)
     planned = columns_of(table, own_map(table.header, n, table.name))
-    by_order = "id" not in log.texts
+    by_order = "id" not in log.cells
     if by_order:
         log = _in_order(log, planned)
     check_ids(log)
@@ -134,11 +134,11 @@ def onto(log: Columns, plan: Path, targets: Sequence[Target], n: int) -> Joined:
     log, registers = _of_registers(log, planned)
     log, planned, notes = _by_id(log, planned)
     for key in SAME:
-        if key in log.texts and key in planned.texts:
+        if key in log.cells and key in planned.cells:
             _check_same(log, planned, key)
-    reads = _reads(planned.texts["target"], targets)
+    reads = _reads(planned.cells["target"], targets)
     deviation, state, commanded = _deviations(log, planned, reads, n)
-    ids = log.texts["id"]
+    ids = log.cells["id"]
     notes += unmade(dict(zip(ids.tolist(), state.tolist(), strict=True)))
     made = np.where(reads == "", deviation >= UNTOUCHED, _given(log, reads)) & np.isfinite(deviation)
     if not made.any():
@@ -161,13 +161,13 @@ def onto(log: Columns, plan: Path, targets: Sequence[Target], n: int) -> Joined:
 
 def _of_registers(log: Columns, planned: Columns) -> tuple[Columns, bool]:
     """The log by the ids of the plan, and whether it has the numbered registers of a program instead."""
-    if np.isin(log.texts["id"], planned.texts["id"]).any():
+    if np.isin(log.cells["id"], planned.cells["id"]).any():
         return log, False
-    ids = numbered(log.texts["id"], planned.texts["id"].tolist())
-    of_plan = ids != log.texts["id"]
+    ids = numbered(log.cells["id"], planned.cells["id"].tolist())
+    of_plan = ids != log.cells["id"]
     if not of_plan.any():
         return log, False
-    return replace(log, texts=log.texts | {"id": ids}).take(of_plan), True
+    return replace(log, cells=log.cells | {"id": ids}).take(of_plan), True
 
 
 def _deviations(
@@ -175,14 +175,14 @@ def _deviations(
 ) -> tuple[np.ndarray, np.ndarray, bool]:
     """Largest difference from the plan (N,), rad, nan without a contact; states (N,); whether commanded."""
     joints, remedy = [f"j{i + 1}" for i in range(n)], f"map j1 to j{n}"
-    missing = [key for key in joints if key not in log.numbers]
+    missing = [key for key in joints if key not in log.cells]
     if commanded := len(missing) == n:
         what = "needs the joint readings at which it was measured"
-        first(log, reads == "", lambda row: f"`{log.texts['id'][row]}` {what}", remedy)
+        first(log, reads == "", lambda row: f"`{log.cells['id'][row]}` {what}", remedy)
     elif missing:
         raise BayescalError(f"no column holds `{missing[0]}`", log.name, remedy)
-    stated = np.column_stack([planned.numbers[key] for key in joints])
-    readings = stated if commanded else np.column_stack([log.numbers[key] for key in joints])
+    stated = np.column_stack([planned.cells[key] for key in joints])
+    readings = stated if commanded else np.column_stack([log.cells[key] for key in joints])
     state = state_of(readings[:, 0])
     return np.where(state == CONTACT, np.max(np.abs(readings - stated), axis=1), np.nan), state, commanded
 
@@ -191,20 +191,20 @@ def _in_order(log: Columns, planned: Columns) -> Columns:
     if log.count != planned.count:
         what = f"{log.count} rows without ids, but {planned.count} contacts in {planned.name}"
         raise BayescalError(what, log.name, "map `id`, so that rows are assigned by id")
-    return replace(log, texts=log.texts | {"id": planned.texts["id"]})
+    return replace(log, cells=log.cells | {"id": planned.cells["id"]})
 
 
 def _by_id(log: Columns, planned: Columns) -> tuple[Columns, Columns, list[str]]:
     """Rows of both with the same id, in the log's order, and what is missing in either."""
-    place = {name: row for row, name in enumerate(planned.texts["id"].tolist())}
-    ids = log.texts["id"]
+    place = {name: row for row, name in enumerate(planned.cells["id"].tolist())}
+    ids = log.cells["id"]
     in_plan = np.isin(ids, list(place))
     if not in_plan.any():
         what = f"no id of {log.name} is in {planned.name}"
-        examples = f"`{ids[0]}` and `{planned.texts['id'][0]}` are the first ids"
+        examples = f"`{ids[0]}` and `{planned.cells['id'][0]}` are the first ids"
         raise BayescalError(what, log.name, f"{examples}; map the column of the ids")
     notes = _counted(ids[~in_plan], f"of {log.name} excluded: not in the plan")
-    absent = planned.texts["id"][~np.isin(planned.texts["id"], ids)]
+    absent = planned.cells["id"][~np.isin(planned.cells["id"], ids)]
     notes += _counted(absent, f"of the plan missing in {log.name}")
     rows = np.array([place[name] for name in ids[in_plan].tolist()])
     return log.take(in_plan), planned.take(rows), notes
@@ -212,7 +212,7 @@ def _by_id(log: Columns, planned: Columns) -> tuple[Columns, Columns, list[str]]
 
 def _check_same(log: Columns, planned: Columns, key: str) -> None:
     """Refuse a target, tool or role (`key`) that is not the planned one."""
-    ids, names, expected = log.texts["id"], log.texts[key], planned.texts[key]
+    ids, names, expected = log.cells["id"], log.cells[key], planned.cells[key]
     first(
         log,
         (names != "") & (names != expected),
@@ -233,21 +233,18 @@ def _given(log: Columns, reads: np.ndarray) -> np.ndarray:
     out = np.ones(log.count, bool)
     for kind, keys in (("xyz", ("x", "y", "z")), ("length", ("length",))):
         for key in keys:
-            column = log.numbers.get(key, np.full(log.count, np.nan))
+            column = log.cells.get(key, np.full(log.count, np.nan))
             out &= (reads != kind) | np.isfinite(column)
     return out
 
 
 def _joined(log: Columns, planned: Columns) -> Columns:
     """What the log states; where it is silent, what was planned."""
-    numbers = dict(planned.numbers)
-    for key, column in log.numbers.items():
-        before = planned.numbers.get(key, np.full(log.count, np.nan))
-        numbers[key] = np.where(np.isfinite(column), column, before)
-    texts = dict(planned.texts)
-    for key, cells in log.texts.items():
-        texts[key] = np.where(cells != "", cells, planned.texts.get(key, cells))
-    return replace(log, numbers=numbers, texts=texts, said=planned.said | log.said)
+    cells = dict(planned.cells)
+    for key, column in log.cells.items():
+        stated = column != "" if key in TEXTS else np.isfinite(column)
+        cells[key] = np.where(stated, column, planned.cells.get(key, column))
+    return replace(log, cells=cells, said=planned.said | log.said)
 
 
 def _counted(ids: Iterable[str], what: str) -> list[str]:

@@ -166,7 +166,7 @@ def _stated(columns: Columns) -> tuple[str, np.ndarray | None]:
     column = columns.said.get("rotation")
     if column is None:
         return "rpy", columns.block(angles)
-    if clash := next((key for key in angles if key in columns.numbers), ""):
+    if clash := next((key for key in angles if key in columns.cells), ""):
         raise BayescalError(f"`rotation` and `{clash}` are both mapped", columns.name, "keep one of them")
     count = CONVENTIONS[column.turn].count
     return column.turn, columns.block([f"rotation{i}" for i in range(count)])

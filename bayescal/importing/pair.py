@@ -22,15 +22,15 @@ OWN = ("tool", "target")
 
 def distinct(columns: Columns) -> Columns:
     """The rows with ids of their own: those of one id get the name of their tool, or target, or a number."""
-    if "id" not in columns.texts:
+    if "id" not in columns.cells:
         return columns
-    ids = columns.texts["id"].tolist()
+    ids = columns.cells["id"].tolist()
     for key in OWN:
         often = Counter(ids)
-        if key in columns.texts and max(often.values()) > 1:
-            names = columns.texts[key].tolist()
+        if key in columns.cells and max(often.values()) > 1:
+            names = columns.cells[key].tolist()
             ids = [f"{i}.{name}" if often[i] > 1 else i for i, name in zip(ids, names, strict=True)]
-    return replace(columns, texts=columns.texts | {"id": np.array(ids)})
+    return replace(columns, cells=columns.cells | {"id": np.array(ids)})
 
 
 def stacked(parts: Sequence[Columns]) -> Columns:
@@ -43,18 +43,16 @@ def stacked(parts: Sequence[Columns]) -> Columns:
     """
     one = parts[0]
     for other in parts[1:]:
-        differ = one.numbers.keys() ^ other.numbers.keys() | one.texts.keys() ^ other.texts.keys()
-        if differ:
+        if differ := one.cells.keys() ^ other.cells.keys():
             what = f"`{min(differ)}` is not in all files of points"
             raise BayescalError(what, other.name, "map the same quantities in each")
-    if not any(key in one.texts for key in OWN):
+    if not any(key in one.cells for key in OWN):
         what = "several files hold points"
         raise BayescalError(what, one.name, "map `tool` (a reflector) or `target` (an instrument) in each")
     line = np.concatenate([p.line for p in parts])
     order = np.argsort(line, kind="stable")
-    numbers = {k: np.concatenate([p.numbers[k] for p in parts])[order] for k in one.numbers}
-    texts = {k: np.concatenate([p.texts[k] for p in parts])[order] for k in one.texts}
-    return distinct(replace(one, line=line[order], numbers=numbers, texts=texts))
+    cells = {k: np.concatenate([p.cells[k] for p in parts])[order] for k in one.cells}
+    return distinct(replace(one, line=line[order], cells=cells))
 
 
 def unfolded(columns: Columns) -> tuple[Columns, tuple[str, ...]]:
@@ -65,24 +63,24 @@ def unfolded(columns: Columns) -> tuple[Columns, tuple[str, ...]]:
     tuple of Columns and tuple of str
         And a note on reflectors that were not measured in some rows.
     """
-    keys = [key for key in (*columns.numbers, *columns.said) if "@" in key]
+    keys = [key for key in (*columns.cells, *columns.said) if "@" in key]
     tools = list(dict.fromkeys(key.partition("@")[2] for key in keys))
     if not tools:
         return columns, ()
-    if clash := next((k for k in ("tool", "x") if k in columns.texts or k in columns.numbers), None):
+    if clash := next((k for k in ("tool", "x") if k in columns.cells), None):
         what = f"`{clash}` and `{keys[0]}` are both mapped"
         raise BayescalError(what, columns.name, "keep those of the reflectors alone")
     parts, missing = [], 0
     for tool in tools:
-        points = {k.partition("@")[0]: v for k, v in columns.numbers.items() if k.endswith(f"@{tool}")}
-        numbers = {k: v for k, v in columns.numbers.items() if "@" not in k} | points
+        points = {k.partition("@")[0]: v for k, v in columns.cells.items() if k.endswith(f"@{tool}")}
+        common = {k: v for k, v in columns.cells.items() if "@" not in k}
         said = {k.partition("@")[0]: c for k, c in columns.said.items() if k.partition("@")[2] in ("", tool)}
-        texts = columns.texts | {"tool": np.full(columns.count, tool)}
+        cells = common | points | {"tool": np.full(columns.count, tool)}
         seen = np.zeros(columns.count, bool)
         for key in points.keys() & set(MEASURED_REFLECTORS):
             seen |= np.isfinite(points[key])
         missing += int((~seen).sum())
-        parts.append(replace(columns, numbers=numbers, texts=texts, said=said).take(seen))
+        parts.append(replace(columns, cells=cells, said=said).take(seen))
     note = f"{missing} points of {len(tools)} reflectors excluded: not measured"
     return stacked(parts), (note,) if missing else ()
 
@@ -139,15 +137,15 @@ def rows_words(count: int) -> str:
 
 def is_measured(columns: Columns) -> bool:
     """Whether a file holds measurements, not conditions alone."""
-    return any(key.partition("@")[0] in MEASURED_REFLECTORS for key in columns.numbers)
+    return any(key.partition("@")[0] in MEASURED_REFLECTORS for key in columns.cells)
 
 
 def check_ids(columns: Columns, besides: Sequence[str] = ()) -> None:
     """Refuse a file without ids, or with one twice for the same of `besides`."""
-    if "id" not in columns.texts:
+    if "id" not in columns.cells:
         raise BayescalError("no column holds `id`", columns.name, "map it (`id=Name`), or pair by row")
     twice = _repeated(_keys(columns, ("id", *besides)))
-    ids = columns.texts["id"]
+    ids = columns.cells["id"]
     remedy = "keep a single row, or rename the id"
     first(columns, twice, lambda row: f"id `{ids[row]}` is given twice", remedy)
 
@@ -159,13 +157,13 @@ def _repeated(keys: Sequence[tuple[object, ...]]) -> np.ndarray:
 
 
 def _keys(columns: Columns, names: Sequence[str]) -> list[tuple[str, ...]]:
-    return list(zip(*(columns.texts[name].tolist() for name in names), strict=True))
+    return list(zip(*(columns.cells[name].tolist() for name in names), strict=True))
 
 
 def _by_id(log: Columns, points: Columns) -> tuple[Columns, tuple[str, ...]]:
     """Rows of one id side by side, in the log's order; points of several tools or targets may share an id."""
-    names = [key for key in OWN if key in points.texts]
-    shared = [key for key in names if key in log.texts]
+    names = [key for key in OWN if key in points.cells]
+    shared = [key for key in names if key in log.cells]
     check_ids(log, shared)
     check_ids(points, names)
     places: dict[tuple[str, ...], list[int]] = {}
@@ -174,7 +172,7 @@ def _by_id(log: Columns, points: Columns) -> tuple[Columns, tuple[str, ...]]:
     pairs = [(i, j) for i, key in enumerate(_keys(log, ("id", *shared))) for j in places.get(key, ())]
     if not pairs:
         what = f"no id of {log.name} is in {points.name}"
-        examples = f"`{log.texts['id'][0]}` and `{points.texts['id'][0]}` are the first ids"
+        examples = f"`{log.cells['id'][0]}` and `{points.cells['id'][0]}` are the first ids"
         raise BayescalError(what, "--pair id", f"{examples}; map the right columns, or pair by row")
     mine, theirs = np.array(pairs).T
     lost = log.count - len(np.unique(mine)), points.count - len(np.unique(theirs))
@@ -183,23 +181,23 @@ def _by_id(log: Columns, points: Columns) -> tuple[Columns, tuple[str, ...]]:
         for count, name in zip(lost, (log.name, points.name), strict=True)
         if count
     ]
-    both = _joined(log.take(mine), _without(points.take(theirs), shared))
+    both = _joined(log.take(mine), points.take(theirs).without(shared))
     return distinct(both), (f"excluded: {' and '.join(excluded)}",) if excluded else ()
 
 
 def _by_time(log: Columns, points: Columns, tolerance: float) -> tuple[Columns, tuple[str, ...]]:
     """The nearest in time: each measurement takes a row of the log, each row of the log its conditions."""
     for columns in (log, points):
-        if "time" not in columns.numbers:
+        if "time" not in columns.cells:
             raise BayescalError("no column holds `time`", columns.name, "map it, `time=T s`")
-        time = columns.numbers["time"]
+        time = columns.cells["time"]
         first(columns, np.isnan(time), lambda row: "`time` is empty", "fill in the cell")
     if log.clock != points.clock and not {log.clock, points.clock} <= {"", "counter"}:
         clocks = f"{CLOCKS[log.clock]} in {log.name}, {CLOCKS[points.clock]} in {points.name}"
         raise BayescalError(f"the times do not have the same origin: {clocks}", "--pair", "pair by id or row")
     forward = is_measured(points)
     of, among = (points, log) if forward else (log, points)
-    nearest, apart = _nearest(of.numbers["time"], among.numbers["time"])
+    nearest, apart = _nearest(of.cells["time"], among.cells["time"])
     near = apart <= tolerance
     if not near.any():
         what = f"no rows of {log.name} and {points.name} are within {tolerance:g} s: the nearest differ by "
@@ -214,12 +212,12 @@ def _by_time(log: Columns, points: Columns, tolerance: float) -> tuple[Columns, 
         notes.append(f"excluded: {rows_words(count)} of {of.name} without {partner}")
     if forward:
         _check_single(points.take(mine), theirs)
-        notes += _motion(log, points.numbers["time"][mine], tolerance)
+        notes += _motion(log, points.cells["time"][mine], tolerance)
         order = np.argsort(theirs, kind="stable")
         mine, theirs = theirs[order], mine[order]
         notes.append(f"{len(np.unique(mine))} of {log.count} rows of {log.name} are used")
     dropped = ("time",) if forward else ("time", "id")
-    return distinct(_joined(log.take(mine), _without(points.take(theirs), dropped))), tuple(notes)
+    return distinct(_joined(log.take(mine), points.take(theirs).without(dropped))), tuple(notes)
 
 
 def _nearest(of: np.ndarray, among: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -234,19 +232,19 @@ def _nearest(of: np.ndarray, among: np.ndarray) -> tuple[np.ndarray, np.ndarray]
 
 def _check_single(points: Columns, theirs: np.ndarray) -> None:
     """Refuse two measurements of the same tool and target that pair with the same row."""
-    names = [key for key in OWN if key in points.texts]
-    keys = list(zip(theirs.tolist(), *(points.texts[k].tolist() for k in names), strict=True))
+    names = [key for key in OWN if key in points.cells]
+    keys = list(zip(theirs.tolist(), *(points.cells[k].tolist() for k in names), strict=True))
     remedy = "pair by id, give a smaller tolerance, or map `tool`"
     first(points, _repeated(keys), lambda row: "two rows have the same nearest row of the log", remedy)
 
 
 def _motion(log: Columns, times: np.ndarray, tolerance: float) -> list[str]:
     """A note on measurements during which the arm moved."""
-    joints = [v for k, v in log.numbers.items() if re.fullmatch(r"j\d+", k)]
+    joints = [v for k, v in log.cells.items() if re.fullmatch(r"j\d+", k)]
     if not joints:
         return []
-    order = np.argsort(log.numbers["time"], kind="stable")
-    readings, clock = np.column_stack(joints)[order], log.numbers["time"][order]
+    order = np.argsort(log.cells["time"], kind="stable")
+    readings, clock = np.column_stack(joints)[order], log.cells["time"][order]
     low = np.searchsorted(clock, times - tolerance)
     high = np.searchsorted(clock, times + tolerance, side="right")
     spread = np.array(
@@ -261,22 +259,11 @@ def _motion(log: Columns, times: np.ndarray, tolerance: float) -> list[str]:
     ]
 
 
-def _without(columns: Columns, keys: Sequence[str]) -> Columns:
-    numbers = {k: v for k, v in columns.numbers.items() if k not in keys}
-    texts = {k: v for k, v in columns.texts.items() if k not in keys}
-    return replace(columns, numbers=numbers, texts=texts)
-
-
 def _joined(log: Columns, points: Columns) -> Columns:
     """All columns; the log's own id, if any, is kept."""
-    both = (log.numbers.keys() & points.numbers.keys()) | (log.texts.keys() & points.texts.keys() - {"id"})
-    if both:
+    if both := log.cells.keys() & points.cells.keys() - {"id"}:
         what = f"`{min(both)}` is in {log.name} and in {points.name}"
         raise BayescalError(what, points.name, "map it in one of them")
     return replace(
-        log,
-        numbers=log.numbers | points.numbers,
-        texts=points.texts | log.texts,
-        said=points.said | log.said,
-        clock=log.clock or points.clock,
+        log, cells=points.cells | log.cells, said=points.said | log.said, clock=log.clock or points.clock
     )

@@ -20,8 +20,7 @@ from pathlib import Path
 import numpy as np
 
 from bayescal.errors import BayescalError
-from bayescal.importing.log import Log
-from bayescal.importing.units import text_of
+from bayescal.importing.log import Log, text_of
 
 NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 

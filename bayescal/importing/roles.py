@@ -9,8 +9,6 @@ from fnmatch import fnmatchcase
 from math import ceil
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from bayescal.dataset import Dataset, Measurements, Target, Tool
 from bayescal.dataset.target_kinds import KINDS
@@ -27,27 +25,12 @@ SINGLE = ("length", "u", "time", "temperature", "payload")
 
 
 def stops_of(rows: Measurements) -> np.ndarray:
-    """Standstills of the arm: rows with the same `stop`, `repeat` or joint readings belong together.
+    """Number (N,) of the standstill of each row, in the order of their first rows."""
+    from bayescal.estimate.families import poses  # slow to import, and most logs state no rule
 
-    Returns
-    -------
-    np.ndarray of int, shape (N,)
-        Number of the standstill of each row, in order of their first rows.
-    """
-    count = len(rows.ids)
-    labels = [np.unique(rows.readings, axis=0, return_inverse=True)[1].ravel()]
-    for names in (rows.stop, rows.repeat):
-        if names is not None:
-            alone = np.char.add("\n", np.arange(count).astype(str))  # a row without a name is alone
-            labels.append(np.unique(np.where(names == "", alone, names), return_inverse=True)[1].ravel())
-    row, label, offset = np.tile(np.arange(count), len(labels)), [], count
-    for numbers in labels:
-        label.append(numbers + offset)
-        offset += int(numbers.max()) + 1
-    edges = coo_array((np.ones(len(row)), (row, np.concatenate(label))), shape=(offset, offset))
-    which = connected_components(edges, directed=False)[1][:count]
-    _, first, inverse = np.unique(which, return_index=True, return_inverse=True)
-    return np.argsort(np.argsort(first))[inverse.ravel()]
+    pose = poses(rows, np.arange(len(rows.ids)))
+    _, first_row, number = np.unique(pose, return_index=True, return_inverse=True)
+    return np.argsort(np.argsort(first_row))[number]
 
 
 def with_roles(dataset: Dataset, rule: str, where: str) -> tuple[Dataset, str]:
@@ -157,7 +140,7 @@ def points(columns: Columns) -> np.ndarray | None:
 
 def names(columns: Columns, key: str) -> list[str]:
     """The names in a text column, each once, as they first come."""
-    return list(dict.fromkeys(columns.texts[key].tolist())) if key in columns.texts else []
+    return list(dict.fromkeys(columns.cells[key].tolist())) if key in columns.cells else []
 
 
 def measurements(
@@ -168,7 +151,7 @@ def measurements(
     A row without an id is called by its line. Rows of several tools at one and the same reading of all
     joints were taken at one standstill.
     """
-    n, count, text = joints.shape[1], columns.count, columns.texts.get
+    n, count, text = joints.shape[1], columns.count, columns.cells.get
     tool = _index(columns, "tool", [t.name for t in tools])
     stop = text("stop")
     if stop is None and len(tools) > 1:
@@ -187,7 +170,7 @@ def measurements(
         command=columns.block(_joints(n, "_command")),
         torque=columns.block(_joints(n, "_torque")),
         repeat=text("repeat"),
-        **{key: columns.numbers.get(key) for key in SINGLE},
+        **{key: columns.cells.get(key) for key in SINGLE},
     )
 
 
@@ -198,19 +181,19 @@ def _joints(n: int, suffix: str = "") -> list[str]:
 def _sought(columns: Columns, targets: Sequence[Target]) -> list[str]:
     """Names of the targets that rows may be of: points without a name are an only instrument's."""
     instruments = [t.name for t in targets if KINDS[t.kind].reads == "xyz"]
-    if "target" not in columns.texts and points(columns) is not None and len(instruments) == 1:
+    if "target" not in columns.cells and points(columns) is not None and len(instruments) == 1:
         return instruments
     return [t.name for t in targets]
 
 
 def _index(columns: Columns, key: str, choices: list[str]) -> np.ndarray:
     """Row by row the index into `choices`; an only one needs no naming."""
-    if key not in columns.texts:
+    if key not in columns.cells:
         if len(choices) > 1:
             remedy = f"map `{key}`; there are {', '.join(choices[:8])}"
             raise BayescalError(f"the {key} of the rows is not stated", columns.name, remedy)
         return np.zeros(columns.count, int)
-    given = columns.texts[key]
+    given = columns.cells[key]
     bad = ~np.isin(given, choices)
     if bad.any():
         _, remedy = unknown(key, str(given[np.argmax(bad)]), choices)

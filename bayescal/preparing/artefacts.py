@@ -1,7 +1,5 @@
 """Artefacts that a set-up can start from: nominal targets within reach, and their certificates.
 
-Text of a robot.yaml to be filled in, for a robot that is not built in.
-
 JSON schemas of dataset.yaml and robot.yaml, with which editors complete and check these files.
 """
 
@@ -24,8 +22,8 @@ from bayescal.errors import BayescalError
 from bayescal.probing.arm import Arm
 from bayescal.probing.artefacts import SIZE, TOOL, U_ANGLE, U_DISTANCE, U_SPHERE, Cube, Scenery
 from bayescal.probing.placement import cube_of, placement
-from bayescal.robots.schema import SCHEMA, Joint, Link, RobotFile
-from bayescal.storage.files import FILL_IN, Keys, stem_of
+from bayescal.robots.schema import RobotFile
+from bayescal.storage.files import Keys, stem_of
 
 SPHERES, PLACEMENTS, ON_SPHERE = 3, 4, 11
 """Spheres of the artefact, its placements, and contacts on each sphere."""
@@ -72,16 +70,15 @@ class Outline:
 
 @dataclass(frozen=True)
 class Artefact:
-    """An artefact: what it is, its outline in a room, the tool, and what to measure on it.
+    """An artefact: what it is, its outline in a room, and the tool.
 
-    `certified` are the keys of its targets that a certificate states; `columns` those of measurements.csv
-    that its rows need beyond the joints.
+    What to measure on it is in `templates/measure`. `certified` are keys of its targets that a certificate
+    states; `columns` those of measurements.csv that its rows need beyond the joints.
     """
 
     name: str
     summary: str
     outline: Callable[[Room], Outline]
-    measure: tuple[str, ...]
     tool: str = "probe"
     certified: tuple[str, ...] = ()
     columns: tuple[str, ...] = ()
@@ -155,65 +152,33 @@ ARTEFACTS: dict[str, Artefact] = {
             "cube",
             "a cube or block with ground faces; the certified distance of two faces gives the scale",
             _cube,
-            (
-                "50 contacts on each of the four faces, over the whole face and with different wrist poses",
-                "of these, 10 contacts four times in a row (one `repeat` name each)",
-                "40 more contacts at the end, with the role `validate`",
-            ),
         ),
         Artefact(
             "spheres",
             "three spheres of certified distances, placed at several positions (`@1`, `@2`, ...)",
             _spheres,
-            (
-                f"{ON_SPHERE} contacts on each sphere, over its upper half, the arm in one configuration",
-                "beside another artefact: with the role `validate`, because the certified distances are then "
-                "compared with the calibrated arm",
-                "alone: all placements but the last with the role `calibrate`, the last with `validate`",
-            ),
             certified=("diameter_mm",),
         ),
         Artefact(
             "plate",
             "a flat plate, placed in several orientations; no certified length, the scale is the robot's own",
             _plate,
-            (
-                "50 contacts in each orientation, over the whole plate and with different wrist poses",
-                "of these, 10 contacts four times in a row (one `repeat` name each)",
-                "40 more contacts in one further orientation (a target of its own): 20 with the role "
-                "`locate`, 20 with `validate`",
-            ),
         ),
         Artefact(
             "socket",
             "four conical seats of certified distances, in which a ball on the flange is seated",
             _seats,
-            (
-                "40 poses in each seat: the ball stays seated while the arm turns about it",
-                "of these, 5 poses four times (one `repeat` name each), unseated in between",
-                "10 more poses in each seat at the end, with the role `validate`",
-            ),
         ),
         Artefact(
             "bar",
             "a ball bar of certified length about a pivot, at several positions of the pivot",
             _bar,
-            (
-                "60 poses about each pivot, over the whole range of directions of the bar",
-                "of these, 10 poses four times (one `repeat` name each)",
-                "15 more poses about each pivot at the end, with the role `validate`",
-            ),
             certified=("length_mm",),
         ),
         Artefact(
             "tracker",
             "a laser tracker or camera that reads a reflector on the flange",
             _tracker,
-            (
-                "100 poses over the whole volume, with different wrist poses",
-                "of these, 10 poses four times (one `repeat` name each)",
-                "40 more poses at the end, with the role `validate`",
-            ),
             tool="reflector",
             columns=("x_mm", "y_mm", "z_mm"),
         ),
@@ -222,41 +187,7 @@ ARTEFACTS: dict[str, Artefact] = {
 """Artefacts by name. Example values of certificates are marked to be filled in."""
 
 JOINTS = 6
-
-
-def robot_template(schema: str) -> str:
-    """A robot.yaml with six joints whose values are to be filled in; no value is assumed."""
-    blank = f"{FILL_IN} ''"
-    of_joint, of_link, of_file = Joint.model_fields, Link.model_fields, RobotFile.model_fields
-    lines = [
-        f"# yaml-language-server: $schema={schema}",
-        "# A robot for bayescal: nominal values of its data sheet. The units are in the keys (mm, deg, kg).",
-        f"# {FILL_IN} marks a value that is needed: write it in place of the quotes, and delete the mark.",
-        "# Add or remove rows for an arm with another number of joints, and columns in measurements.csv.",
-        f"schema: {SCHEMA}",
-        f"name: {blank}",
-        f"# {of_file['convention'].description}",
-        f"convention: {blank}",
-        f"# {of_file['joints'].description}",
-    ]
-    keys = ("alpha_deg", "a_mm", "d_mm", "offset_deg", "limits_deg")
-    lines += [f"#   {key}: {of_joint[key].description}" for key in keys]
-    row = ", ".join(f"{key}: {blank}" for key in keys)
-    lines += ["joints:", *(f"  - {{name: J{k + 1}, {row}}}" for k in range(JOINTS))]
-    identity = [", ".join("1" if k == j else "0" for k in range(JOINTS)) for j in range(JOINTS)]
-    lines += [
-        f"# {of_file['link_from_reading'].description}",
-        "# link_from_reading:",
-        *(f"#   - [{row}]" for row in identity),
-        f"# {of_file['links'].description} Without them delete this part; compliance is then not modelled.",
-        *(f"#   {key}: {of_link[key].description}" for key in ("mass_kg", "centre_of_mass_mm", "radius_mm")),
-        "links:",
-        *(f"  - {{mass_kg: {blank}, centre_of_mass_mm: {blank}}}" for _ in range(JOINTS)),
-        f"# {of_file['reductions'].description} Optional.",
-        "# reductions: [100, 100, 100, 100, 100, 100]",
-    ]
-    return "\n".join(lines) + "\n"
-
+"""Joints of a robot.yaml that is to be filled in: most arms have as many."""
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 UNITS = {"degps": "deg/s", "nm": "N m", "mps2": "m/s²", "c": "°C", "degc": "°C", "rad_per_nm": "rad/(N m)"}

@@ -20,6 +20,7 @@ from bayescal.effects.selection import plain
 from bayescal.errors import BayescalError
 from bayescal.gap.search.candidates import Candidates, candidates, wide
 from bayescal.model.scene import Scene
+from bayescal.predict.locate import centres
 from bayescal.preparing.missing import KINDS, Finding, missing
 from bayescal.robots import Loaded
 from bayescal.storage.files import Document
@@ -160,9 +161,8 @@ def _diameters(dataset: Dataset, document: Document) -> Iterator[Finding]:
         scale = np.linalg.svd(middle, compute_uv=False)
         if scale[-1] < SPREAD * scale[0]:
             continue
-        design = np.column_stack([2 * middle, np.ones(len(rows))])
-        solved = np.linalg.lstsq(design, np.sum(middle**2, axis=1), rcond=None)[0]
-        reach = float(np.sqrt(max(solved[3] + solved[:3] @ solved[:3], 0.0)))
+        centre = centres(middle.T, np.zeros(len(rows)))[0]
+        reach = float(np.sqrt(np.mean(np.sum((middle - centre) ** 2, axis=1))))
         radius = float(np.mean([dataset.tools[t].ball_radius or 0.0 for t in m.tool[rows]]))
         stated, seen = float(np.asarray(target.values["diameter"])), 2 * (reach - radius)
         if abs(seen - stated) > ROUND * max(stated, seen):

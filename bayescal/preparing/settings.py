@@ -1,60 +1,63 @@
-"""Text of a commented dataset.yaml: every key explained, values that are not known yet marked."""
+"""Texts of a new set-up: a commented dataset.yaml, values not known yet marked; robot.yaml; README.md."""
 
 from __future__ import annotations
 
 import re
 import textwrap
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from bayescal.dataset import Certificate, PlanSettings, Target, Tool
-from bayescal.dataset.schema import (
-    CERTIFICATES,
-    SCHEMA,
-    DatasetFile,
-    Loose,
-    NoiseEntry,
-    PlanEntry,
-    RecordEntry,
-    SerialsEntry,
-    ToolEntry,
-    entry_of,
-)
+from bayescal.dataset import Certificate, PlanSettings, Target, Tool, schema
 from bayescal.dataset.target_kinds import KINDS
-from bayescal.dataset.write import certificate_keys, flow, plan_lines, target_keys, tool_keys
-from bayescal.preparing.artefacts import ARTEFACTS, Outline
+from bayescal.dataset.write import certificate_keys, plan_block, target_keys, tool_keys
+from bayescal.preparing.artefacts import ARTEFACTS, JOINTS, Artefact, Outline
 from bayescal.probing.artefacts import TOOL
-from bayescal.robots.schema import scalar
+from bayescal.robots import schema as robot_schema
 from bayescal.storage.files import FILL_IN, stem_of
-from bayescal.storage.files import Keys as Model
+from bayescal.storage.writing import block_lines, flow, scalar
 
+TEMPLATES = Path(__file__).parent / "templates"
 WIDTH = 110
+"""Characters of a line of a comment."""
 EXAMPLES = {"probe": TOOL, "reflector": Tool("reflector", TOOL.centre, None, TOOL.mass, TOOL.centre_of_mass)}
-SAME = "Each value is filled in once: * stands for the value with the same & above."
 NOISE = {"contact": ("contact_mm", "0.005"), "point": ("point_mm", "0.020")}
 """Key of the noise of each kind of residual, and an example of its value."""
-RECORD = {
-    "date": "2026-01-31",
-    "operator": "name",
-    "serials": f"{{{', '.join(f'{key}: no.' for key in SerialsEntry.model_fields)}}}",
-    "certificates": "[no.]",
-    "temperature_degC": "20.0",
-}
-"""Keys of `record` with examples."""
-HEAD = (
-    "Set-up of a measuring session for bayescal. The units are in the keys (mm, deg, rad, kg); lengths and "
-    "angles refer to F0, the base frame of the robot.",
-    f"{FILL_IN} marks a value that only you know, from a certificate or a measurement. The number behind it "
-    "is an example. Write your value and delete the mark. `bayescal check`, `fit` and `gap` refuse this file "
-    "until no mark is left; `bayescal plan` assumes the examples, and says so.",
-    "Values that are called nominal can stay: they are proposals that the robot reaches, and the fit "
-    "estimates the true values. Put the artefact there within 50 mm and 0.2 rad, or write where it is. "
-    "Change them if your artefact has other dimensions.",
-)
+
+
+def rendered(template: str, **values: Any) -> str:
+    """The text of a template, which describes keys by the fields of their models."""
+    from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+    environment = Environment(
+        loader=FileSystemLoader(TEMPLATES),
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
+    filters = {"comment": _comment, "about": _about, "listed": _listed, "scalar": scalar}
+    environment.filters.update(filters, has_unit=lambda key: bool(stem_of(key)[1]))
+    return environment.get_template(template).render(fill=FILL_IN, **values)
+
+
+def _comment(text: str, indent: int = 0) -> str:
+    lead = f"{' ' * indent}# "
+    return "\n".join(lead + line for line in textwrap.wrap(text, WIDTH - len(lead)))
+
+
+def _about(fields: Mapping[str, Any], key: str, indent: int = 0) -> str:
+    """The description of a key as a comment."""
+    return _comment(fields[key].description, indent)
+
+
+def _listed(fields: Mapping[str, Any], key: str, label: str = "") -> str:
+    """A key, or a label in its place, and its description as a comment."""
+    return _comment(f"  {label or key}: {fields[key].description}")
 
 
 @dataclass(frozen=True)
@@ -100,128 +103,64 @@ class Draft:
 
 def settings_text(draft: Draft) -> str:
     """The content of dataset.yaml."""
-    lines = [f"# yaml-language-server: $schema={draft.schema}", *_comment("\n\n".join(HEAD)), ""]
-    for key, value in (("schema", SCHEMA), ("name", scalar(draft.name)), ("robot", scalar(draft.robot))):
-        lines += [*_explained(DatasetFile, key), f"{key}: {value}"]
-    lines += [*_explained(DatasetFile, "readings"), "readings: encoder"]
-    lines += [*_explained(DatasetFile, "gravity_mps2"), "gravity_mps2: [0, 0, -9.81]  # nominal", ""]
-    lines += [*_tools(draft), "", *_noise(draft), "", *_targets(draft), "", *_certificates(draft), ""]
-    lines += [
-        *_optional(DatasetFile, "artefact", "artefact.yaml"),
-        *_optional(DatasetFile, "temperature_of", "arm"),
-        *_optional(DatasetFile, "torques", "measured"),
-    ]
-    lines += [
-        *_plan(draft),
-        *_record(),
-        *_optional(DatasetFile, "source", "measured on ..., by ..., probe ..., certificate no. ..."),
-    ]
-    return "\n".join(lines) + "\n"
-
-
-def _comment(text: str, indent: int = 0) -> list[str]:
-    out = []
-    for line in text.splitlines():
-        out += textwrap.wrap(line, WIDTH - indent - 2) or [""]
-    return [f"{' ' * indent}# {line}".rstrip() for line in out]
-
-
-def _explained(model: type[Model], key: str, indent: int = 0) -> list[str]:
-    """The description of a key as a comment."""
-    fields = {field.alias or name: field for name, field in model.model_fields.items()}
-    return _comment(fields[key].description or "", indent)
-
-
-def _optional(model: type[Model], key: str, example: str, indent: int = 0) -> list[str]:
-    """A key that may be left out, as a comment."""
-    return [*_explained(model, key, indent), f"{' ' * indent}# {key}: {example}"]
-
-
-def _tools(draft: Draft) -> Iterator[str]:
-    yield from _explained(DatasetFile, "tools")
-    yield "tools:"
-    for name in draft.tools:
-        yield f"  {name}:"
-        for key, text in tool_keys(EXAMPLES[name]):
-            yield from _explained(ToolEntry, key, 4)
-            if key == "centre_mm" and draft.tool_centre is not None:
-                yield f"    {key}: {dict(tool_keys(Tool(name, draft.tool_centre)))[key]}  # nominal"
-            else:
-                yield f"    {key}: {FILL_IN} {text}"
-        yield from _optional(ToolEntry, "u_mm", "1.0", 4)
-        yield from _optional(ToolEntry, "rpy_deg", "[0, 0, 0]", 4)
-
-
-def _noise(draft: Draft) -> Iterator[str]:
-    yield from _explained(DatasetFile, "noise")
-    yield from _comment("Measure it: repeat some contacts, and take the standard deviation of their scatter.")
-    yield "noise:"
-    for kind in dict.fromkeys(KINDS[t.kind].noise for t in draft.targets):
-        key, example = NOISE[kind]
-        yield from _explained(NoiseEntry, key, 2)
-        yield f"  {key}: {FILL_IN} {example}"
-    yield from _optional(NoiseEntry, "joint_deg", "0.001", 2)
-
-
-def _targets(draft: Draft) -> Iterator[str]:
-    yield from _explained(DatasetFile, "targets")
-    kinds = dict.fromkeys(KINDS[t.kind] for t in draft.targets)
-    for kind in kinds:
-        yield from _comment(f"{kind.name}: {kind.summary.replace('``', '`')}")
-        for key in kind.keys:
-            description = entry_of(kind).model_fields[key].description
-            yield from _comment(f"  {key}: {description}")
-    for key in Loose.model_fields:
-        yield from _comment(f"  {key} (optional): {Loose.model_fields[key].description}")
-    yield "targets:"
-    uses = Counter(
-        _of_target(t, key)
-        for name, outline in draft.outlines.items()
-        for t in outline.targets
-        for key in ARTEFACTS[name].certified
-    )
-    once = Once(uses)
-    for artefact, outline in draft.outlines.items():
-        yield from _comment(f"{artefact}: {ARTEFACTS[artefact].summary}.", 2)
-        certified = ARTEFACTS[artefact].certified
-        if certified:
-            yield from _comment(f"`{certified[0]}` is that of the certificate. {SAME}", 2)
-        for target in outline.targets:
-            items = []
-            for key, text in target_keys(target):
-                if key in certified:
-                    text = once.text(_of_target(target, key), text)
-                elif key != "kind" and not draft.placed:
-                    text = f"{FILL_IN} ''"
-                items.append((key, text))
-            yield f"  {scalar(target.name)}: {flow(items)}{'  # nominal' if draft.placed else ''}"
-
-
-def _certificates(draft: Draft) -> Iterator[str]:
+    regions = {name: p for outline in draft.outlines.values() for name, p in outline.regions.items()}
+    plan = {"plan": plan_block(PlanSettings(regions=regions))} if regions and draft.placed else {}
     stated = {name: o.certificates for name, o in draft.outlines.items() if o.certificates}
-    yield from _explained(DatasetFile, "certificates")
-    if not stated:
-        why = "no certified distance is validated"
-        yield from _comment(f"This artefact has none beyond its own entry: {why}.")
-        return
+    kinds = dict.fromkeys(KINDS[t.kind] for t in draft.targets)
+    return rendered(
+        "dataset.yaml.j2",
+        draft=draft,
+        models=schema,
+        tools={name: _tool(draft, name) for name in draft.tools},
+        stated_noise=[NOISE[noise] for noise in dict.fromkeys(kind.noise for kind in kinds)],
+        kinds={kind: schema.entry_of(kind).model_fields for kind in kinds},
+        targets=_targets(draft),
+        certified={c.kind: schema.CERTIFICATES[c.kind] for each in stated.values() for c in each},
+        certificates=_certificates(stated),
+        regions=[*block_lines(plan)],
+    )
+
+
+def _tool(draft: Draft, name: str) -> dict[str, str]:
+    """Keys of a tool with marked examples; the centre that is given is not marked."""
+    entry = {key: f"{FILL_IN} {text}" for key, text in tool_keys(EXAMPLES[name])}
+    if draft.tool_centre is not None:
+        entry["centre_mm"] = dict(tool_keys(Tool(name, draft.tool_centre)))["centre_mm"] + "  # nominal"
+    return entry
+
+
+def _targets(draft: Draft) -> list[tuple[Artefact, dict[str, str]]]:
+    """The entries of the targets of each artefact, by name."""
+    artefacts = [(ARTEFACTS[name], outline.targets) for name, outline in draft.outlines.items()]
+    once = Once(
+        Counter(_of_target(t, key) for each, targets in artefacts for t in targets for key in each.certified)
+    )
+
+    def entry(target: Target, artefact: Artefact) -> str:
+        items = dict(target_keys(target))
+        for key, text in items.items():
+            if key in artefact.certified:
+                items[key] = once.text(_of_target(target, key), text)
+            elif key != "kind" and not draft.placed:
+                items[key] = f"{FILL_IN} ''"
+        return flow(items.items())
+
+    return [(each, {t.name: entry(t, each) for t in targets}) for each, targets in artefacts]
+
+
+def _certificates(stated: Mapping[str, tuple[Certificate, ...]]) -> dict[str, list[str]]:
+    """The entries of the certificates by artefact."""
     every = [c for certificates in stated.values() for c in certificates]
-    for kind in dict.fromkeys(c.kind for c in every):
-        model = CERTIFICATES[kind]
-        yield from _comment(f"{kind}: {model.__doc__}")
-        for key, about in model.model_fields.items():
-            if about.description and stem_of(key)[1]:
-                yield from _comment(f"  {key}: {about.description}")
-    once = Once(Counter(_of_certificate(c, key) for c in every for key in CERTIFICATES[c.kind].model_fields))
-    yield from _comment(SAME)
-    yield "certificates:"
-    for name, certificates in stated.items():
-        yield from _comment(f"{name}: from its calibration certificate; u = U / k.", 2)
-        for certificate in certificates:
-            items = (
-                (key, once.text(_of_certificate(certificate, key), text) if stem_of(key)[1] else text)
-                for key, text in certificate_keys(certificate)
-            )
-            yield f"  - {flow(items)}"
+    keys = {kind: model.model_fields for kind, model in schema.CERTIFICATES.items()}
+    once = Once(Counter(_of_certificate(c, key) for c in every for key in keys[c.kind]))
+
+    def entry(certificate: Certificate) -> str:
+        return flow(
+            (key, once.text(_of_certificate(certificate, key), text) if stem_of(key)[1] else text)
+            for key, text in certificate_keys(certificate)
+        )
+
+    return {name: [entry(c) for c in certificates] for name, certificates in stated.items()}
 
 
 @dataclass(frozen=True)
@@ -255,26 +194,11 @@ def _of_certificate(certificate: Certificate, key: str) -> str:
     return f"{certificate.kind}-{stem}" if stem.startswith("u_") else f"{certificate.kind}-{pair}"
 
 
-def _plan(draft: Draft) -> Iterator[str]:
-    regions = {name: p for outline in draft.outlines.values() for name, p in outline.regions.items()}
-    yield from _explained(DatasetFile, "plan")
-    for key in PlanEntry.model_fields:
-        yield from _comment(f"  {key}: {PlanEntry.model_fields[key].description}")
-    if regions and draft.placed:
-        yield from plan_lines(PlanSettings(regions=regions))
-    else:
-        yield "# plan:"
-        yield "#   payload_kg: [2.0]"
-
-
-def _record() -> Iterator[str]:
-    """What a filed report states, as comments: each key with an example."""
-    yield from _explained(DatasetFile, "record")
-    yield "# record:"
-    for key, example in RECORD.items():
-        yield f"#   {key}: {example}  # {RecordEntry.model_fields[key].description}"
-
-
 def schema_name(path: Path) -> str:
     """The file beside a YAML file that describes it to editors."""
     return f".{path.stem}.schema.json"
+
+
+def robot_template(schema: str) -> str:
+    """A robot.yaml with six joints whose values are to be filled in; no value is assumed."""
+    return rendered("robot.yaml.j2", schema=schema, joints=JOINTS, models=robot_schema)

@@ -14,7 +14,7 @@ table
 
 from __future__ import annotations
 
-from bayescal.robots.load import Loaded, builtin_robots, full_name, is_xacro, load_robot, names
+from bayescal.robots.load import Loaded, builtin_robots, full_name, is_xacro, load_robot, names, table
 from bayescal.robots.schema import robot_to_yaml
 
 __all__ = [
@@ -27,12 +27,3 @@ __all__ = [
     "robot_to_yaml",
     "table",
 ]
-
-
-def __getattr__(name: str) -> object:
-    """`table`, imported when it is first used."""
-    if name != "table":
-        raise AttributeError(f"module 'bayescal.robots' has no attribute '{name}'")
-    from bayescal.robots.listing import table
-
-    return table

@@ -25,7 +25,7 @@ def refuse_network(reference: str, where: str) -> None:
         )
 
 
-def parse_markup(content: str | bytes, name: str, comments: bool = False) -> ElementTree.Element:
+def parse_markup(content: str | bytes, name: str) -> ElementTree.Element:
     """The root element of safe XML of bounded size; `name` is the file, for messages.
 
     Raises
@@ -36,7 +36,7 @@ def parse_markup(content: str | bytes, name: str, comments: bool = False) -> Ele
     from defusedxml import DefusedXmlException
     from defusedxml.ElementTree import DefusedXMLParser
 
-    parser = DefusedXMLParser(target=_Bounded(name, comments), forbid_dtd=True)
+    parser = DefusedXMLParser(target=_Bounded(name), forbid_dtd=True)
     try:
         parser.feed(content)
         root: ElementTree.Element = parser.close()
@@ -55,8 +55,8 @@ def parse_markup(content: str | bytes, name: str, comments: bool = False) -> Ele
 class _Bounded(ElementTree.TreeBuilder):
     """Builds a tree, and refuses one that functions which descend into it could not end."""
 
-    def __init__(self, name: str, comments: bool) -> None:
-        super().__init__(insert_comments=comments)
+    def __init__(self, name: str) -> None:
+        super().__init__()
         self._name, self._depth, self._count = name, 0, 0
 
     def start(self, tag: str, attrs: Any, /) -> ElementTree.Element:

@@ -12,12 +12,10 @@ A `Robot` as the text of a robot.yaml, one joint a line.
 from __future__ import annotations
 
 import math
-import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Annotated, Any, Literal
 
 import numpy as np
-import yaml
 from pydantic import Field
 
 from bayescal.arm.chain import Coupling, Robot
@@ -35,6 +33,7 @@ from bayescal.storage.files import (
     si,
     stem_of,
 )
+from bayescal.storage.writing import Block, block_lines, flow, flow_list, number, scalar
 
 SCHEMA = "bayescal-robot/1"
 JOINT_KEYS = ("alpha_deg", "a_mm", "d_mm", "offset_deg", "limits_deg", "beta_deg")
@@ -185,27 +184,10 @@ def _faults(file: RobotFile, n: int) -> Iterator[tuple[tuple[str | int, ...], st
         yield ("joints",), f"the arm's lengths add up to {reach:g} mm", "`a_mm` and `d_mm` are in mm"
 
 
-def number(value: float, digits: int = 14) -> str:
-    """Shortest text of a number to so many significant digits; no minus zero."""
-    text = f"{float(value):.{digits}g}"
-    return "0" if text == "-0" else text
-
-
-def scalar(text: str) -> str:
-    """A text as a YAML scalar on one line, also inside brackets: quoted where it must be."""
-    if re.fullmatch(r"[A-Za-z][\w.@+/-]*( [\w.@+/-]+)*", text, re.ASCII) and yaml.safe_load(text) == text:
-        return text
-    return yaml.safe_dump(text, default_style='"', allow_unicode=True, width=10**9).removesuffix("\n")
-
-
 def _in_file(key: str, value: np.ndarray | float) -> str:
     """A value in SI as a number, or a YAML list on one line, in the unit of its key."""
     values = np.asarray(value) * FROM_SI.get(stem_of(key)[1], 1.0)
-    return f"[{', '.join(map(number, values))}]" if values.ndim else number(float(values))
-
-
-def _flow(entries: Iterable[tuple[str, str]]) -> str:
-    return "{" + ", ".join(f"{key}: {text}" for key, text in entries) + "}"
+    return flow_list(map(number, values)) if values.ndim else number(float(values))
 
 
 def _entries(columns: Mapping[str, np.ndarray | None], row: int) -> Iterator[tuple[str, str]]:
@@ -230,31 +212,32 @@ def robot_to_yaml(robot: Robot, comment: str = "") -> str:
     str
         YAML of schema ``bayescal-robot/1``: mm, deg, kg.
     """
-    lines = [f"# {line}".rstrip() for line in comment.splitlines()]
-    lines += ["schema: bayescal-robot/1", f"name: {scalar(robot.name)}"]
-    lines += [f"convention: {robot.convention}", "joints:"]
     table = {key: getattr(robot, key.rpartition("_")[0]) for key in JOINT_KEYS}
     table["beta_deg"] = np.where(robot.beta, robot.beta, np.nan)
     table |= {"max_velocity_degps": robot.velocities, "max_torque_nm": robot.torques}
-    for i, name in enumerate(robot.joint_names):
-        lines.append(f"  - {_flow([('name', scalar(name)), *_entries(table, i)])}")
+    links = {"mass_kg": robot.masses, "centre_of_mass_mm": robot.centres_of_mass, "radius_mm": robot.radii}
     coupled = not np.array_equal(robot.link_from_reading, np.eye(robot.n))
-    if coupled:
-        lines += ["link_from_reading:"]
-        lines += [f"  - {_in_file('link_from_reading', row)}" for row in robot.link_from_reading]
-    for key, frame in (("base", robot.base), ("flange", robot.flange)):
-        if not np.array_equal(frame, np.eye(4)):
-            place = {"xyz_mm": frame[None, :3, 3], "rpy_deg": rpy_of(frame[:3, :3])[None]}
-            lines.append(f"{key}: {_flow(_entries(place, 0))}")
-    if robot.masses is not None and robot.centres_of_mass is not None:
-        table = {
-            "mass_kg": robot.masses,
-            "centre_of_mass_mm": robot.centres_of_mass,
-            "radius_mm": robot.radii,
-        }
-        lines += ["links:", *(f"  - {_flow(_entries(table, i))}" for i in range(robot.n))]
     lists = {"reductions": robot.reductions, "joint_compliance_rad_per_nm": robot.compliance}
-    lines += [f"{key}: {_in_file(key, values)}" for key, values in lists.items() if values is not None]
-    if robot.coupling != "display" or coupled:
-        lines.append(f"coupling: {robot.coupling}")
-    return "\n".join(lines) + "\n"
+    block: Block = {
+        "schema": SCHEMA,
+        "name": scalar(robot.name),
+        "convention": robot.convention,
+        "joints": [
+            flow([("name", scalar(name)), *_entries(table, i)]) for i, name in enumerate(robot.joint_names)
+        ],
+        "link_from_reading": [_in_file("", row) for row in robot.link_from_reading] if coupled else None,
+        "base": _place(robot.base),
+        "flange": _place(robot.flange),
+        "links": None if robot.masses is None else [flow(_entries(links, i)) for i in range(robot.n)],
+        **{key: None if values is None else _in_file(key, values) for key, values in lists.items()},
+        "coupling": robot.coupling if robot.coupling != "display" or coupled else None,
+    }
+    lines = [f"# {line}".rstrip() for line in comment.splitlines()]
+    return "\n".join([*lines, *block_lines(block)]) + "\n"
+
+
+def _place(frame: np.ndarray) -> str:
+    """A frame in another, "" where they are the same."""
+    if np.array_equal(frame, np.eye(4)):
+        return ""
+    return flow(_entries({"xyz_mm": frame[None, :3, 3], "rpy_deg": rpy_of(frame[:3, :3])[None]}, 0))

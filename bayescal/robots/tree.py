@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections import Counter, defaultdict
+from collections import Counter
 from dataclasses import dataclass
+from graphlib import CycleError, TopologicalSorter
 from typing import Any
 from xml.etree import ElementTree
 
@@ -124,9 +125,12 @@ def read_tree(root: ElementTree.Element, file: str) -> Tree:
     if len(roots) != 1:
         what = f"links with no joint above: {listed(roots)}" if roots else "the joints form a ring"
         raise BayescalError(what, file, "a URDF is one tree from one root")
-    tree = Tree(parsed.name, file, roots[0], bodies, joints)
-    _check_reached(tree)
-    return tree
+    try:
+        TopologicalSorter({joint.child: [joint.parent] for joint in joints.values()}).prepare()
+    except CycleError as error:
+        what = f"the joints around `{min(error.args[1])}` form a ring"
+        raise BayescalError(what, file, "a URDF is one tree") from None
+    return Tree(parsed.name, file, roots[0], bodies, joints)
 
 
 def tip_of(tree: Tree, asked: str) -> str:
@@ -218,18 +222,3 @@ def _check_names(names: list[str], what: str, file: str) -> None:
     twice = sorted(name for name, count in Counter(names).items() if count > 1)
     if twice:
         raise BayescalError(f"several {what} are called `{twice[0]}`", file, "rename or remove one")
-
-
-def _check_reached(tree: Tree) -> None:
-    """Refuse links that hang in a ring, away from the root."""
-    below = defaultdict(list)
-    for joint in tree.joints.values():
-        below[joint.parent].append(joint.child)
-    reached, front = {tree.root}, [tree.root]
-    while front:
-        link = front.pop()
-        reached |= set(below[link])
-        front += below[link]
-    apart = sorted(set(tree.bodies) - reached)
-    if apart:
-        raise BayescalError(f"the joints around `{apart[0]}` form a ring", tree.file, "a URDF is one tree")

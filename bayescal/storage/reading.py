@@ -185,11 +185,11 @@ _ERRORS: dict[str, tuple[str, str]] = {
     "string_too_long": ("{key} has {length} characters", "must have at most {max_length}"),
     "string_too_short": ("{key} is empty", "write a name"),
     "string_type": ("{key} is not a text", "write one line of text"),
-    "tuple_type": ("{key} is not a list", "write it as [.., .., ..]"),
-    "list_type": ("{key} is not a list", "write it as [.., .., ..]"),
-    "model_type": ("{key} must hold keys and values", "write {{key: value, ...}}"),
-    "model_attributes_type": ("{key} must hold keys and values", "write {{key: value, ...}}"),
-    "dict_type": ("{key} must hold keys and values", "write {{key: value, ...}}"),
+    **dict.fromkeys(("tuple_type", "list_type"), ("{key} is not a list", "write it as [.., .., ..]")),
+    **dict.fromkeys(
+        ("model_type", "model_attributes_type", "dict_type"),
+        ("{key} must hold keys and values", "write {{key: value, ...}}"),
+    ),
 }
 """What is wrong and its remedy, by the type of the error; in braces its value, and pydantic's own context."""
 

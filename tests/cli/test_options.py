@@ -39,7 +39,7 @@ CALLED = {
     "init": ("bayescal.public.starting.init",),
     "plan": ("bayescal.public.planning.plan",),
     "report": ("bayescal.public.starting.report",),
-    "robots": ("bayescal.robots.listing.table",),
+    "robots": ("bayescal.robots.table",),
     "schema": ("bayescal.preparing.artefacts.schema_text",),
     "simulate": ("bayescal.public.functions.simulate",),
     "verify": ("bayescal.public.arms.verify",),

@@ -383,7 +383,7 @@ def test_which_columns_are_points(tmp_path, row, columns):
             points_map(log, "mm")
         return
     got = columns_of(log, points_map(log, "mm"))
-    np.testing.assert_allclose([got.numbers[k][1] for k in "xyz"], [1.5e-3, 2e-3, 3e-3])
+    np.testing.assert_allclose([got.cells[k][1] for k in "xyz"], [1.5e-3, 2e-3, 3e-3])
 
 
 # --- Tables of logs: what is around the rows, units in headers, decimal marks, encodings, expressions.
@@ -401,10 +401,10 @@ LAB = file_text("lab.csv")
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "cp1252"])
 def test_a_report_with_text_around_its_rows(tmp_path, encoding):
     got = read(tmp_path, LAB, "id=Point, j1=A1, x=X, u=u", encoding=encoding)
-    assert got.texts["id"].tolist() == ["P1", "P2", "P3"]
-    np.testing.assert_allclose(got.numbers["j1"], np.radians([10, 20, 30]), atol=1e-12)
-    np.testing.assert_allclose(got.numbers["x"], [1.5e-3, 2.5e-4, 1.2345], atol=1e-12)
-    np.testing.assert_allclose(got.numbers["u"], [3e-6, 4e-6, 5e-6], atol=1e-15)
+    assert got.cells["id"].tolist() == ["P1", "P2", "P3"]
+    np.testing.assert_allclose(got.cells["j1"], np.radians([10, 20, 30]), atol=1e-12)
+    np.testing.assert_allclose(got.cells["x"], [1.5e-3, 2.5e-4, 1.2345], atol=1e-12)
+    np.testing.assert_allclose(got.cells["u"], [3e-6, 4e-6, 5e-6], atol=1e-15)
     assert got.line.tolist() == [5, 7, 9]
     notes = "\n".join(got.notes)
     assert "2 lines of log.csv before the header left out: 'Metrology report' (line 1)" in notes
@@ -415,14 +415,14 @@ def test_a_report_with_text_around_its_rows(tmp_path, encoding):
 
 def test_units_in_a_row_below_the_header(tmp_path):
     got = read(tmp_path, "A1\tX\tnote\ndeg\tm\t-\n180\t2\tgood\n", "j1=A1, x=X")
-    assert (got.numbers["j1"][0], got.numbers["x"][0]) == (pytest.approx(np.pi), 2.0)
+    assert (got.cells["j1"][0], got.cells["x"][0]) == (pytest.approx(np.pi), 2.0)
     assert got.unused == ("note",)
 
 
 def test_a_header_in_a_comment(tmp_path):
     """NumPy's savetxt writes it so."""
     got = read(tmp_path, "# made by a script\n# q1 q2\n1 2\n3 4\n", "j1=q1 rad, j2=q2 rad")
-    np.testing.assert_array_equal(got.numbers["j2"], [2, 4])
+    np.testing.assert_array_equal(got.cells["j2"], [2, 4])
 
 
 @pytest.mark.parametrize(
@@ -445,13 +445,13 @@ def test_a_header_in_a_comment(tmp_path):
 )
 def test_expressions(tmp_path, map_, value):
     got = read(tmp_path, "a3,a2,J 1,U95\n10,2.5,20,0.02\n", map_)
-    assert next(iter(got.numbers.values())) == pytest.approx([value], abs=1e-12)
+    assert next(iter(got.cells.values())) == pytest.approx([value], abs=1e-12)
 
 
 def test_texts_of_several_columns(tmp_path):
     got = read(tmp_path, "Group,Target\nA,1\nA,2\n", "id='{Group}.{Target}', target='leica', tool=Group")
-    assert got.texts["id"].tolist() == ["A.1", "A.2"]
-    assert got.texts["target"].tolist() == ["leica", "leica"]
+    assert got.cells["id"].tolist() == ["A.1", "A.2"]
+    assert got.cells["target"].tolist() == ["leica", "leica"]
 
 
 @pytest.mark.parametrize(("text", "map_", "words"), cases("log_refusals"))
@@ -465,7 +465,7 @@ def test_refused(tmp_path, text, map_, words):
 
 def test_a_decimal_comma_that_is_stated(tmp_path):
     got = read(tmp_path, "a;b\n1;2,500\n", "x=b mm", decimal="comma")
-    assert got.numbers["x"] == pytest.approx([2.5e-3])
+    assert got.cells["x"] == pytest.approx([2.5e-3])
 
 
 @pytest.mark.parametrize(
@@ -485,7 +485,7 @@ MIDNIGHT = [0.0, 1.5, 86399.25, 86401.0]
 def test_time_stamps(tmp_path, kind, cells, clock):
     text = "\n".join(["t;x", *(f"{cell};1" for cell in cells)])
     got = read(tmp_path, text, f"time=t {kind}, x=x mm")
-    time = got.numbers["time"]
+    time = got.cells["time"]
     np.testing.assert_allclose(time - time[0], MIDNIGHT, atol=1e-6)
     assert got.clock == clock
     if clock == "UTC":
@@ -494,7 +494,7 @@ def test_time_stamps(tmp_path, kind, cells, clock):
 
 def test_date_and_time_in_two_columns(tmp_path):
     got = read(tmp_path, "Date,Time\n22.11.2026,10:00:00\n22.11.2026,10:00:02\n", "time={Date} {Time} dmy")
-    assert np.diff(got.numbers["time"]).tolist() == [2.0]
+    assert np.diff(got.cells["time"]).tolist() == [2.0]
 
 
 @pytest.mark.parametrize(("cells", "kind", "words"), cases("time_stamp_refusals"))

@@ -1,0 +1,51 @@
+"""YAML that is written: numbers and texts, entries on one line, and keys with a value or a block below each.
+
+Values are texts already: what is between a key and the end of its line.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator, Mapping
+
+import yaml
+
+Keys = Iterable[tuple[str, str]]
+"""Keys of an entry with their values as text."""
+Block = Mapping[str, "str | list[str] | Block | None"]
+"""Keys with a text, entries that have a line each, or a block; what is empty is left out."""
+
+
+def number(value: float, digits: int = 14) -> str:
+    """Shortest text of a number to so many significant digits; no minus zero."""
+    text = f"{float(value):.{digits}g}"
+    return "0" if text == "-0" else text
+
+
+def scalar(text: str) -> str:
+    """A text as a YAML scalar on one line, also inside brackets: quoted where it must be."""
+    if re.fullmatch(r"[A-Za-z][\w.@+/-]*( [\w.@+/-]+)*", text, re.ASCII) and yaml.safe_load(text) == text:
+        return text
+    return yaml.safe_dump(text, default_style='"', allow_unicode=True, width=10**9).removesuffix("\n")
+
+
+def flow_list(texts: Iterable[str]) -> str:
+    """A list on one line."""
+    return f"[{', '.join(texts)}]"
+
+
+def flow(items: Keys) -> str:
+    """An entry on one line."""
+    return "{" + ", ".join(f"{key}: {text}" for key, text in items) + "}"
+
+
+def block_lines(block: Block, indent: str = "") -> Iterator[str]:
+    """The lines of a block; its keys are those of a format, or names that the user gave."""
+    for name, value in block.items():
+        key = f"{indent}{scalar(name)}:"
+        if isinstance(value, str) and value:
+            yield f"{key} {value}"
+        elif isinstance(value, Mapping) and value:
+            yield from (key, *block_lines(value, f"{indent}  "))
+        elif value:
+            yield from (key, *(f"{indent}  - {entry}" for entry in value))
