@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bayescal.errors import BayescalError
+from bayescal.public.positions import arm_of
 from bayescal.public.results import FitResult, GapResult, Printed
 from bayescal.storage.stopping import Progress, silent
 
@@ -129,24 +130,6 @@ def names(effects: Sequence[str] | str) -> tuple[str, ...]:
     """Names of effects, from a sequence or from a text with commas."""
     each = effects.split(",") if isinstance(effects, str) else effects
     return tuple(name.strip() for name in each if name.strip())
-
-
-def arm_of(run: object, with_: Sequence[str] = (), without: Sequence[str] = ()) -> FittedArm:
-    """The arm of a result, new or read back, or of a run folder, with other effects fitted again."""
-    from bayescal.fitted.arm import of_fit, of_gap, refitted
-    from bayescal.fitted.file import open_run
-
-    if isinstance(run, FitResult | GapResult) and run.folder is not None:
-        return open_run(run.folder, with_, without)
-    if isinstance(run, FitResult) and run.data is not None:
-        arm = of_fit(run.data)
-        return refitted(arm, with_, without) if with_ or without else arm
-    if isinstance(run, GapResult) and run.data is not None:
-        return of_gap(run.data, with_, without)
-    if isinstance(run, str | PathLike):
-        return open_run(Path(run), with_, without)
-    what = f"{type(run).__name__} has no arm"
-    raise BayescalError(what, "run", "give a result of fit or diagnose, or its folder")
 
 
 @dataclass(frozen=True, repr=False)

@@ -159,7 +159,7 @@ def stated(run: FitResult | GapResult | str | PathLike[str]) -> tuple[FittedArm,
     from bayescal.calibration import basis_of
     from bayescal.fitted.arm import of_fit
     from bayescal.fitted.file import check_restored, restored
-    from bayescal.public.arms import arm_of
+    from bayescal.public.positions import arm_of
 
     if isinstance(run, FitResult) and run.data is not None:
         return of_fit(run.data), run.data.basis, run.data.options.seed

@@ -5,7 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from os import PathLike
+from pathlib import Path
 from typing import TYPE_CHECKING
+
+from bayescal.errors import BayescalError
 
 if TYPE_CHECKING:
     import numpy as np
@@ -80,8 +84,6 @@ class Positioned:
 
     @cached_property
     def _arm(self) -> FittedArm:
-        from bayescal.public.arms import arm_of
-
         return arm_of(self)
 
     def position(
@@ -144,3 +146,27 @@ class Positioned:
             velocity=None if velocity is None else np.asarray(velocity, float), time=at_time, row=at_row,
         )  # fmt: skip
         return PositionResult(at_readings, arm.use.remarks)
+
+
+def arm_of(run: object, with_: Sequence[str] = (), without: Sequence[str] = ()) -> FittedArm:
+    """The arm of a result, new or read back, or of a run folder, with other effects fitted again."""
+    from bayescal.fitted.file import open_run
+
+    folder, data = (
+        getattr(run, name) if isinstance(run, Positioned) else None for name in ("folder", "data")
+    )
+    if isinstance(run, str | PathLike):
+        folder = Path(run)
+    if folder is not None:
+        return open_run(folder, with_, without)
+    from bayescal.calibration import Fit
+    from bayescal.fitted.arm import of_fit, of_gap, refitted
+    from bayescal.gap.result import Gap
+
+    if isinstance(data, Fit):
+        arm = of_fit(data)
+        return refitted(arm, with_, without) if with_ or without else arm
+    if isinstance(data, Gap):
+        return of_gap(data, with_, without)
+    what = f"{type(run).__name__} has no arm"
+    raise BayescalError(what, "run", "give a result of fit or diagnose, or its folder")
