@@ -210,7 +210,7 @@ class GapResult(Result, GapTables, Positioned):
         from bayescal.reporting.gap.summary import gap_summary
         from bayescal.reporting.shared.text import facts
 
-        summary = gap_summary(self._new())
+        summary = gap_summary(self._new(), self.record)
         return summary if self.agreement is None else Group(summary, "", facts(verdicts(self.agreement)))
 
     def save(self, folder: str | PathLike[str], pictures: bool = True) -> tuple[str, ...]:

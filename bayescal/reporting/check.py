@@ -10,7 +10,7 @@ from rich.console import Group, RenderableType
 
 from bayescal.preparing.check import Check, check_record
 from bayescal.preparing.missing import KINDS, Finding
-from bayescal.reporting.shared.text import facts
+from bayescal.reporting.shared.text import by_reason, facts
 
 TITLES = {"refused": "refused by fit", "odd": "odd", "missing": "missing"}
 STYLES = {"refused": "red", "odd": "yellow", "missing": "yellow"}
@@ -22,9 +22,9 @@ def check_summary(of: Check) -> RenderableType:
     """What is understood, what can be assessed, and all findings."""
     record = check_record(of)
     lines = [(key, text, "") for key, text in _understood(record)]
-    lines += [("assessable", _listed(record["assessed"]) or "nothing", "")]
-    for reason, names in _by_reason(record["not_assessed"]).items():
-        lines.append(("not assessable", f"{_listed(names)}: {reason}", "dim"))
+    lines += [("assessable", ", ".join(record["assessed"]) or "nothing", "")]
+    for reason, names in by_reason(record["not_assessed"]).items():
+        lines.append(("not assessable", f"{', '.join(names)}: {reason}", "dim"))
     lines += [("not shown", text, "dim") for text in record["not_shown"]]
     if not of.findings:
         lines.append(("findings", "none", "green"))
@@ -106,14 +106,3 @@ def _certified(kind: str, group: list[dict[str, Any]]) -> str:
         else ""
     )
     return f"{len(group)} {kind}{of}, {', '.join(parts)}"
-
-
-def _by_reason(missing: dict[str, str]) -> dict[str, list[str]]:
-    out: dict[str, list[str]] = {}
-    for name, reason in missing.items():
-        out.setdefault(reason, []).append(name)
-    return out
-
-
-def _listed(names: list[str]) -> str:
-    return ", ".join(names)

@@ -25,7 +25,7 @@ from bayescal.model.scene import Scene
 from bayescal.public.results import FitResult
 from bayescal.reporting.fit.files import write_fit
 from bayescal.reporting.fit.summary import fit_summary
-from bayescal.reporting.gap.record import write_gap
+from bayescal.reporting.gap.record import gap_record, write_gap
 from bayescal.reporting.gap.summary import gap_summary
 from bayescal.simulation import Options, simulate
 
@@ -299,7 +299,7 @@ def test_an_effect_that_is_left_out_is_said_everywhere(tmp_path):
     names = write_gap(gap, tmp_path / "gap", pictures=False)
     assert of_gap(gap).use == read_arm(tmp_path / "gap").use
     assert {"gap.json", "arm.json", "gap.html"} <= set(names)
-    assert words in text_of(gap_summary(gap))
+    assert words in text_of(gap_summary(gap, gap_record(gap)))
     for name in ("gap.json", "arm.json"):
         assert json.loads((tmp_path / "gap" / name).read_text(encoding="utf-8"))["use"]["left_out"] == [words]
     assert words in (tmp_path / "gap" / "gap.html").read_text(encoding="utf-8")

@@ -35,7 +35,7 @@ PICTURES = {"gap-where.png", "gap-which.png", "gap-levels.png", "gap-residuals.p
 
 
 def printed(gap: Gap) -> str:
-    return terminal_text(gap_summary(gap), 100)
+    return terminal_text(gap_summary(gap, gap_record(gap)), 100)
 
 
 @pytest.fixture(scope="module")

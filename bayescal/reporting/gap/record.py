@@ -10,16 +10,26 @@ import numpy as np
 from bayescal.fitted import gate
 from bayescal.fitted.arm import of_gap
 from bayescal.fitted.file import write_arm
-from bayescal.gap.result import MARGINS, Advice, BlindSpot, Gap, Magnitude, Place, Verdict
+from bayescal.gap.result import (
+    MARGINS,
+    VALIDATION_CONTACTS,
+    VALIDATION_POINTS,
+    Advice,
+    BlindSpot,
+    Gap,
+    Magnitude,
+    Place,
+    Verdict,
+)
 from bayescal.gap.settings import OUTCOME
 from bayescal.model.scene import Scene
 from bayescal.reporting.figures.process import begun
 from bayescal.reporting.gap import causes, contacts
-from bayescal.reporting.gap.contacts import as_lengths, length, main, table_of_contacts
+from bayescal.reporting.gap.contacts import per_vector, table_of_contacts
 from bayescal.reporting.gap.phrases import headline, place, warnings
 from bayescal.reporting.page.build import write_page
 from bayescal.reporting.shared.body import arm_drawing
-from bayescal.reporting.shared.origin import entry, origin, plain, rows_record
+from bayescal.reporting.shared.origin import entry, origin, plain, rows_record, scaled
 from bayescal.reporting.shared.text import UM, amplitude
 from bayescal.storage.files import json_text
 from bayescal.storage.folders import whole
@@ -71,11 +81,13 @@ def gap_record(gap: Gap) -> dict[str, Any]:
         "lengths": _lengths(gap),
         "ladder": [
             entry(step, *STEP)
-            | {"point_length_rms_um": UM * length("points", step.point_rms)}
+            | {"point_length_rms_um": UM * per_vector("points") * step.point_rms}
             | entry(step, "delta_elpd", "delta_elpd_se")
             for step in gap.levels
         ],
-        "next": [_advice(a) | {"contacts": contacts.records(gap, a)} for a in gap.advice],
+        "next": [
+            _advice(a) | {"contacts": contacts.records(a, number)} for number, a in enumerate(gap.advice, 1)
+        ],
         "undecided": contacts.undecided_records(gap),
         "blind_spots": [_blind(b) for b in gap.blind_spots],
         "curves": [_curve(gap, w) for w in gap.where[:CURVES]],
@@ -119,14 +131,21 @@ def _place(w: Place) -> dict[str, Any]:
 
 
 def _lengths(gap: Gap) -> dict[str, Any]:
-    """The errors as the summary states them: of points, the length of the error vector."""
-    m, what = gap.magnitude, main(gap)
+    """The errors as the summary states them: of points, the length of the error vector.
+
+    `of` is the kind of measurement with which the gap is compared: contacts where there are any.
+    """
+    kinds = [x.what for x in gap.magnitude.measured] or [VALIDATION_CONTACTS]
+    what = VALIDATION_CONTACTS if VALIDATION_CONTACTS in kinds else VALIDATION_POINTS
+    sizes = entry(gap.magnitude, "validation_rms_um", "noise_um", "excess_um")
+    shrunk = {s.what: entry(s, *SHRUNK) for s in gap.shrinkage}
     return {
         "of": what,
-        "validation_rms_um": UM * length(what, m.validation_rms),
-        "noise_um": UM * length(what, m.noise),
-        "excess_um": UM * length(what, m.excess),
-        "shrinkage": {s.what: entry(as_lengths(s), *SHRUNK) for s in gap.shrinkage},
+        **{key: scaled(size, per_vector(what)) for key, size in sizes.items()},
+        "shrinkage": {
+            kind: {key: scaled(size, per_vector(kind)) for key, size in errors.items()}
+            for kind, errors in shrunk.items()
+        },
     }
 
 
@@ -222,8 +241,8 @@ def write_gap(gap: Gap, folder: Path, pictures: bool = True) -> tuple[str, ...]:
         (stage / GAP).write_text(json_text(contents, rows=False), encoding="utf-8")
         if arm is not None:
             names += write_arm(arm, stage)
-        if any(a.contacts for a in gap.advice):
-            (stage / NEXT).write_text(table_of_contacts(gap), encoding="utf-8")
+        if advised := [c for advice in contents["next"] for c in advice["contacts"]]:
+            (stage / NEXT).write_text(table_of_contacts(advised), encoding="utf-8")
             names.append(NEXT)
         for name, content in drawn().items():
             (stage / name).write_bytes(content)

@@ -8,6 +8,8 @@ from bayescal.effects.location import Site
 from bayescal.gap.result import MARGINS, VALIDATION_CONTACTS, VALIDATION_POINTS
 from bayescal.gap.settings import OUTCOME
 from bayescal.reporting.fit.sheets import level_sheet
+from bayescal.reporting.gap.contacts import per_vector
+from bayescal.reporting.shared.origin import scaled
 from bayescal.reporting.shared.sheet import Bar, Column, Sheet, as_is, bar_of, of_key
 from bayescal.reporting.shared.text import (
     MISSING,
@@ -62,7 +64,12 @@ def unexplained(record: Json) -> Json | None:
 
 def rms_of(record: Json) -> str:
     """What RMS values of groups and locations are: for points they are per coordinate."""
-    return "RMS" if record["lengths"]["of"] == VALIDATION_CONTACTS else "RMS per coordinate"
+    return f"RMS{per_residual(record)}"
+
+
+def per_residual(record: Json) -> str:
+    """What a figure that is not a length of points is per, to be added to its label."""
+    return "" if record["lengths"]["of"] == VALIDATION_CONTACTS else " per coordinate"
 
 
 def size_of(record: Json, place: Json) -> str:
@@ -85,11 +92,6 @@ def sizes_of(some: Sequence[Json]) -> str:
 def site_of(site: str) -> str:
     """One or several sites of a record in words."""
     return " and ".join(Site.read(part).text for part in site.split(" and "))
-
-
-def words_of(place: Json) -> str:
-    """A location in words; records of earlier versions have site and driver alone."""
-    return str(place.get("text") or f"{place['site']}, {place['driver']}")
 
 
 def share_of(record: Json, effect: str) -> str:
@@ -117,7 +119,7 @@ def effects_sheet(record: Json) -> Sheet:
 
     def location(item: tuple[str, float | None]) -> str:
         if place and unmodelled(item):
-            return words_of(place)
+            return str(place["text"])
         return sites_of(amplitudes_of(record, item[0])) or MISSING
 
     def part(item: tuple[str, float | None]) -> str:
@@ -173,9 +175,10 @@ ADVICE = (
 
 def where_sheet(record: Json) -> Sheet:
     """Locations of the error, the largest first."""
-    excess = record["verdict"] != NULL  # no share of nothing is stated
+    excess = any((w["share"] or 0.0) > 0.0 for w in record["where"])
+    excess = excess and record["verdict"] != NULL  # no share of nothing is stated
     columns = (
-        Column("location and dependence", words_of),
+        Column("location and dependence", "text"),
         Column(f"{rms_of(record)} (µm)", bar_of(record["where"], "rms_um", marked), as_is),
         Column("share of the excess", lambda w: w["share"] if excess else None, share),
         Column("p", "family_p_value", p_value),
@@ -214,46 +217,44 @@ LEVELS = (
 )
 
 
-def levels_sheet(record: Json) -> Sheet:
-    """Validation errors by model level."""
+def levels_sheet(record: Json, shown: Sequence[tuple[str, str]] = (), missing: str | None = None) -> Sheet:
+    """Validation errors by model level: headings and keys of those `shown`, and the text of no difference."""
 
     def gain(step: Json) -> str | None:
         spread = "" if step["delta_elpd_se"] is None else f" ± {step['delta_elpd_se']:.0f}"
-        return f"{signed(step['delta_elpd'])}{spread}" if step["delta_elpd"] else None
+        return f"{signed(step['delta_elpd'])}{spread}" if step["delta_elpd"] else missing
 
     models = [tuple(step["model"]) for step in record["ladder"]]
     names = [level_label(model, before) for model, before in zip(models, [(), *models], strict=False)]
-    shown = LEVELS[1:] if record["lengths"]["of"] == VALIDATION_POINTS else LEVELS
+    shown = shown or (LEVELS[1:] if record["lengths"]["of"] == VALIDATION_POINTS else LEVELS)
     return level_sheet(record["ladder"], shown, names, Column("difference of log density (nats)", gain))
+
+
+def improved(record: Json) -> list[Json]:
+    """Entries of `shrinkage` by `what`, where errors of points are lengths."""
+    return [
+        {"what": what}
+        | {key: scaled(value, per_vector(what)) if key.endswith("_um") else value for key, value in s.items()}
+        for what, s in record["shrinkage"].items()
+        if s
+    ]
 
 
 def improvements(record: Json) -> Sheet:
     """What the named effects improve."""
-    lengths = record["lengths"]["shrinkage"]
-    items = [
-        {"what": what, "ratio": _ratio(lengths.get(what) or s, s), **s, **(lengths.get(what) or {})}
-        for what, s in record["shrinkage"].items()
-        if s
-    ]
     columns = (
         Column("refit with the named effects", "what"),
         Column("number", "count"),
         Column("before (µm)", "before_rms_um", length),
         Column("after (µm)", lambda s: length(s["after_rms_um"]) if s["claimed"] else "not claimed"),
-        Column("expected (µm)", lambda s: length(s["ratio"] * s["predicted_rms_um"])),
+        Column("expected (µm)", "predicted_rms_um", length),
         Column("limit (µm)", "floor_um", length),
         *(Column(h, of_key(_reduction, k)) for k, h in enumerate(("removed", "95 %"))),
     )
     caption = (
         "RMS of validation errors; limit: expected RMS for a correct model; removed: share of the excess"
     )
-    return Sheet(columns, items, caption)
-
-
-def _ratio(as_length: Json, s: Json) -> float:
-    """Length of the error vector over the error of a coordinate, of points."""
-    ratio: float = as_length["before_rms_um"] / s["before_rms_um"] if s["before_rms_um"] else 1.0
-    return ratio
+    return Sheet(columns, improved(record), caption)
 
 
 def _reduction(s: Json, part: int) -> str:

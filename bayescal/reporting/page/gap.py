@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from bayescal.effects import EFFECTS
 from bayescal.gap.result import VALIDATION_POINTS
 from bayescal.reporting.gap import sheets
-from bayescal.reporting.gap.contacts import COORDINATES
+from bayescal.reporting.gap.contacts import per_vector
 from bayescal.reporting.page import common
 from bayescal.reporting.page.arm import draw_arm, marked_sites
 from bayescal.reporting.page.section import Fault, FirstScreen, Run, Section, Text, blocks, texts
@@ -81,7 +81,7 @@ def _faults(record: Json) -> list[Fault]:
         where = sheets.unexplained(record)
         p = record["probability"].get(sheets.OTHER)
         facts = [
-            ("location", sheets.words_of(where) if where else "no single location"),
+            ("location", where["text"] if where else "no single location"),
             ("size", sheets.size_of(record, where) if where else ""),
             ("probability", "" if p is None else probability(p)),
             ("share of the excess", share(where["share"]) if where else ""),
@@ -136,13 +136,12 @@ def _keys(record: Json) -> list[tuple[str, str, str]]:
     of = record["lengths"]
     kind = "point (length)" if of["of"] == VALIDATION_POINTS else "contact"
     low, high = record["gap"]["excess_um"]["interval95"]
-    scale = COORDINATES**0.5 if of["of"] == VALIDATION_POINTS else 1.0
     excess = f"{length(of['excess_um'])} µm" if low or record["verdict"] != "null" else "none"
     out.append(
         (
             "Excess above noise",
             excess,
-            f"95 %: {interval([low, high], scale)} µm per {kind}; validation RMS "
+            f"95 %: {interval([low, high], per_vector(of['of']))} µm per {kind}; validation RMS "
             f"{length(of['validation_rms_um'])} µm, noise {length(of['noise_um'])} µm",
         )
     )

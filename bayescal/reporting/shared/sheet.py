@@ -133,12 +133,13 @@ def bar_of(
     return lambda item: Bar((item[key] or 0.0) / largest, length(item[key]) + unit, marked(item))
 
 
-def terminal(sheet: Sheet) -> FigureTable:
-    """A table of the terminal."""
-    table = FigureTable(sheet.title, *sheet.headings)
+def terminal(sheet: Sheet, *headings: str) -> FigureTable:
+    """A table of the terminal, where bars are their texts; with other headings also without the caption."""
+    table = FigureTable(*(headings or (sheet.title, *sheet.headings)))
     for item, cells in zip(sheet.items, sheet.rows, strict=True):
-        table.add_row(*cells, style=sheet.style(item) if sheet.style else "")
-    table.caption = sheet.caption
+        texts = (cell.text if isinstance(cell, Bar) else cell for cell in cells)
+        table.add_row(*texts, style=sheet.style(item) if sheet.style else "")
+    table.caption = "" if headings else sheet.caption
     return table
 
 

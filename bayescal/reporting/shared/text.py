@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 from rich.cells import cell_len
@@ -240,6 +240,14 @@ def listed(names: Iterable[str], last: str = "and") -> str:
     """Names joined by commas, the last by `last`."""
     *some, final = list(names)
     return f"{', '.join(some)} {last} {final}" if some else final
+
+
+def by_reason(missing: Mapping[str, str]) -> dict[str, list[str]]:
+    """Names by the reason that each of them has."""
+    out: dict[str, list[str]] = {}
+    for name, reason in missing.items():
+        out.setdefault(reason, []).append(name)
+    return out
 
 
 def rival(name: str) -> str:
