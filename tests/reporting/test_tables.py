@@ -15,7 +15,7 @@ from bayescal.reporting.gap.contacts import per_vector
 from bayescal.reporting.gap.phrases import headline
 from bayescal.reporting.shared.origin import STANDSTILL, _signs, entry, plain
 from bayescal.reporting.shared.sheet import Column, Sheet, frame, terminal
-from bayescal.reporting.shared.text import FigureTable, parameter_notes, plain_table, size, with_u
+from bayescal.reporting.shared.text import FigureTable, parameter_notes, size, with_u
 from bayescal.storage.files import json_text
 
 NAMES = ("nominal", "geometry + compliance + eccentricity of joint 3 + second-harmonic of joint 5", "x" * 90)
@@ -35,7 +35,7 @@ def printed(table: FigureTable, width: int) -> str:
 
 
 def table(names) -> FigureTable:
-    out = plain_table("model level (µm)", *HEADINGS)
+    out = FigureTable("model level (µm)", *HEADINGS)
     for name in names:
         out.add_row(name, *FIGURES)
     out.caption = "a caption"

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from bayescal.reporting.figures import scales
-from bayescal.reporting.figures.palette import ACCENT, FAINT, GREY, INK, MARKED, MARKERS, SERIES
 from bayescal.reporting.figures.scales import LANE, Row, rows_panel, upright
 from bayescal.reporting.figures.sheet import Entry, Panel, width_of
+from bayescal.reporting.shared.style import ACCENT, FAINT, GREY, INK, MARKED, MARKERS, SERIES
 from bayescal.reporting.shared.text import model_label, short
 from bayescal.storage.reading import Json
 
@@ -159,7 +159,7 @@ def levels_panel(record: Json) -> Panel:
     drawn = {key: what for key, what in keys.items() if any(step.get(key) for step in levels)}
 
     def errors(step: Json) -> str:
-        parts = (f"{what} {_levels_um(step[key])}" for key, what in drawn.items() if step[key])
+        parts = (f"{what} {_um(step[key])}" for key, what in drawn.items() if step[key])
         return ", ".join(parts) + " µm"
 
     rows = [Row(label(levels, k), errors(step)) for k, step in enumerate(levels)]
@@ -200,15 +200,15 @@ def reference_lines(record: Json) -> list[tuple[str, float, Json]]:
     """Vertical lines: text, value in µm and style of the noise and of what a correct model would have."""
     if record["schema"] == "bayescal-fit/1":
         noise = record["noise"]["estimated_um"]
-        return [(f"estimated noise of a contact, {_levels_um(noise)} µm", noise, NOISE)]
+        return [(f"estimated noise of a contact, {_um(noise)} µm", noise, NOISE)]
     noise = record["lengths"]["noise_um"]
     what = "contact" if record["lengths"]["of"] == "validation contacts" else "point"
     out: list[tuple[str, float, Json]] = (
-        [(f"noise of a {what}, {_levels_um(noise)} µm", noise, NOISE)] if noise else []
+        [(f"noise of a {what}, {_um(noise)} µm", noise, NOISE)] if noise else []
     )
     expected = (record["shrinkage"].get("distances") or {}).get("floor_um")
     if expected:
-        text = f"expected RMS of a distance for a correct model, {_levels_um(expected)} µm"
+        text = f"expected RMS of a distance for a correct model, {_um(expected)} µm"
         out.append((text, expected, {"color": SERIES[1], "ls": ":", "lw": 1.2}))
     return out
 
@@ -220,7 +220,3 @@ def label(levels: Sequence[Json], k: int) -> str:
     if len(before) > 1 and model[: len(before)] == before and model != before:
         return "+ " + " + ".join(short(name) for name in model[len(before) :])
     return model_label(model)
-
-
-def _levels_um(value: float) -> str:
-    return f"{value:.0f}" if abs(value) >= 99.5 else f"{value:.1f}"

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bayescal.reporting.figures.palette import GREY, INK, SIZE
 from bayescal.reporting.figures.sheet import Entry, Panel, baseline, line, width, wrapped
+from bayescal.reporting.shared.style import GREY, INK, SIZE
 
 if TYPE_CHECKING:
     from matplotlib.axis import Axis
@@ -57,13 +57,7 @@ def _lines(row: Row, inner: float) -> _Lines:
 
 
 def rows_panel(
-    rows: Sequence[Row],
-    lanes: Lanes,
-    title: str = "",
-    x: str = "",
-    note: str = "",
-    key: Sequence[Entry] = (),
-    share: float = 1.0,
+    rows: Sequence[Row], lanes: Lanes, title: str = "", x: str = "", note: str = "", key: Sequence[Entry] = ()
 ) -> Panel:
     """A panel of rows.
 
@@ -74,7 +68,7 @@ def rows_panel(
     lanes : callable
         Draws the data; given the axes and the middle of each lane in the y coordinate of the axes (mm from
         the top). It sets the limits of x.
-    title, x, note, key, share
+    title, x, note, key
         As for `Panel`.
     """
 
@@ -98,7 +92,7 @@ def rows_panel(
         axes.spines["left"].set_visible(False)
         lanes(axes, middles)
 
-    return Panel(draw, height, title, x, "", note, key, share)
+    return Panel(draw, height, title, x, "", note, key)
 
 
 def _write(axes: Any, lines: Sequence[str], x: float, y: float, strong: bool = False) -> None:

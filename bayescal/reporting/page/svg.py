@@ -52,11 +52,11 @@ def polygon(points: np.ndarray, style: str) -> str:
     return f'<polygon class="{style}" points="{path}"/>'
 
 
-def ticks(low: float, high: float, count: int = TICKS) -> np.ndarray:
-    """Round values within an interval, at most about `count`; zero has no sign."""
+def ticks(low: float, high: float) -> np.ndarray:
+    """Round values within an interval, at most about `TICKS`; zero has no sign."""
     if not high > low:
         return np.array([low])
-    raw = (high - low) / count
+    raw = (high - low) / TICKS
     power = 10.0 ** np.floor(np.log10(raw))
     step = power * next(m for m in (1, 2, 5, 10) if m * power >= raw * 0.999)
     first, last = np.ceil(low / step - 1e-9), np.floor(high / step + 1e-9)

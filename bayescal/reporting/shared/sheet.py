@@ -95,16 +95,9 @@ class Sheet:
         return tuple(tuple(c.cell(item) for c in self.columns) for item in self.items)
 
 
-def sheet_of_cells(
-    headings: Iterable[str],
-    rows: Iterable[Sequence[Any]],
-    caption: str = "",
-    words: Sequence[int] = (),
-    shown: int | None = None,
-) -> Sheet:
-    """A table of cells that are text already; `words` are the columns (from 0) of words."""
-    columns = tuple(Column(h, k, as_is, k in words) for k, h in enumerate(headings))
-    return Sheet(columns, tuple(rows), caption, shown)
+def sheet_of_cells(headings: Iterable[str], rows: Iterable[Sequence[Any]], caption: str = "") -> Sheet:
+    """A table of cells that are text already."""
+    return Sheet(tuple(Column(h, k, as_is) for k, h in enumerate(headings)), tuple(rows), caption)
 
 
 def of_key(function: Callable[[Any, Any], Any], key: Any) -> Callable[[Any], Any]:

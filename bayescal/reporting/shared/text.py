@@ -217,11 +217,6 @@ def under(heading: str, texts: Iterable[str], style: str = "") -> Facts:
         yield "" if k else heading, text, style
 
 
-def plain_table(title: str, *headings: str) -> FigureTable:
-    """A table without rules, headed by its title; its figures are never truncated."""
-    return FigureTable(title, *headings)
-
-
 def probability(value: float) -> str:
     """A probability with two decimals, ``< 0.01`` or ``> 0.99`` beyond."""
     if value > 0.99:
@@ -300,6 +295,11 @@ def quantity(value: float | None, unit: str) -> str:
 def measured(value: float, u: float, unit: str) -> str:
     """A value with its standard uncertainty and unit: ``0.0244(10) deg``."""
     return f"{with_u(value, u)} {unit_label(unit)}".rstrip()
+
+
+def with_unit(name: str, unit: str) -> str:
+    """A name with the unit of its values: ``a2 (mm)``; of a pure number the name alone."""
+    return f"{name} ({label})" if (label := unit_label(unit)) else name
 
 
 def share(value: float | None) -> str:
