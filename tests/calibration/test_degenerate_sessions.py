@@ -195,7 +195,7 @@ def test_no_effect_in_rows_of_one_pose_is_no_success(diagnosed):
 
 def test_a_diagnosis_of_one_pose_has_a_page_and_no_nan(diagnosed, tmp_path):
     """A page of one block of rows ended with a traceback, and the terminal printed nan."""
-    write_gap(diagnosed, tmp_path / "run", pictures=False)
+    write_gap(diagnosed, tmp_path / "run", gap_record(diagnosed), pictures=False)
     text = terminal_text(gap_summary(diagnosed, gap_record(diagnosed)), 150)
     assert "nan" not in text
     assert "no interval: the validation measurements have one pose" in text

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -217,7 +218,7 @@ NEXT = "next.csv"
 """Contacts to be measured next; only where some are advised."""
 
 
-def write_gap(gap: Gap, folder: Path, pictures: bool = True) -> tuple[str, ...]:
+def write_gap(gap: Gap, folder: Path, contents: Mapping[str, Any], pictures: bool = True) -> tuple[str, ...]:
     """Write gap.json, gap.html, arm.json with the dataset, next.csv and the figures atomically.
 
     Parameters
@@ -225,6 +226,8 @@ def write_gap(gap: Gap, folder: Path, pictures: bool = True) -> tuple[str, ...]:
     gap : Gap
     folder : Path
         Where they are written; an earlier diagnosis there is replaced.
+    contents : mapping
+        The content of gap.json.
     pictures : bool
         Draw the figures too.
 
@@ -233,7 +236,6 @@ def write_gap(gap: Gap, folder: Path, pictures: bool = True) -> tuple[str, ...]:
     tuple of str
         File names.
     """
-    contents = gap_record(gap)
     names = [GAP]
     arm = None if gap.arm is None else of_gap(gap)
     with whole(folder, GAP) as stage:
