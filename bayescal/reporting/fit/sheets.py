@@ -84,7 +84,7 @@ PREDICTED = (
     Column("lengths (mm)", "lengths_mm", lambda ends: "{:.0f} to {:.0f}".format(*ends)),
     Column("expected RMS (µm)", "predicted_rms_um", uncertainty),
     Column("U = k u (µm)", "expanded_U_um", uncertainty),
-    Column("k", lambda d: d.get("k", 2.0), "{:.2f}".format),
+    Column("k", "k", "{:.2f}".format),
     Column("95 % (µm)", "predicted_interval95_um", interval),
     Column("measured RMS (µm)", "measured_rms_um", length),
 )

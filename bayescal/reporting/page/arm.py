@@ -77,7 +77,7 @@ def draw_arm(run: Run, *, contacts: bool = False) -> Markup | None:
         svg.polygon(sheet.at(o.polygon), f"{o.kind} shade{min(int(3 * o.shade), 2)}" + " marked" * marked(o))
         for o in shown
     ]
-    parts.append(svg.line(line, "arm axis" if bodies else "arm"))
+    parts.append(svg.line(line, "arm axis"))
     if contacts:
         residual = np.array(rows["residual_um"], float)
         edge = float(np.nanquantile(np.abs(residual), 0.97)) if np.any(np.isfinite(residual)) else 1.0
@@ -85,9 +85,6 @@ def draw_arm(run: Run, *, contacts: bool = False) -> Markup | None:
         for (x, y), s in zip(sheet.at(flat[len(chain) :]), shade, strict=True):
             style = f"contact level{int(4 * min(s, 0.999))}"
             parts.append(f'<circle class="{style}" cx="{x:.1f}" cy="{y:.1f}" r="{1.4 + 1.8 * s:.1f}"/>')
-    if not bodies:  # a record of an earlier version
-        ends = [*((k, k + 2) for k in links), *([(len(line) - 2, len(line))] if tip else [])]
-        parts += [svg.line(line[first:last], "arm marked") for first, last in ends]
     if not any(o.joint == 0 for o in shown):  # a base without a length has no capsule
         style = "base marked" if "base" in kinds else "base"
         x, y = line[0] - [16, 3]

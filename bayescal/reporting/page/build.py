@@ -112,7 +112,7 @@ def run_page(run: Run, scripts: bool = True) -> str:
     model = run.record["model"] if run.kind == "fit" else run.record["baseline"]
     subtitle = f"{TITLES[run.kind]} of {run.robot or 'the arm'}; model: {', '.join(model) or 'nominal'}"
     data = interactive(run) if scripts else None
-    return page(run.name, subtitle, [s for s in some if s is not None], foot(run), data, headers(run))
+    return page(run.name, subtitle, some, foot(run), data, headers(run))
 
 
 def runs_page(runs: Sequence[Run]) -> str:
@@ -120,7 +120,7 @@ def runs_page(runs: Sequence[Run]) -> str:
     some = [make(runs) for make in compare.SECTIONS]
     subtitle = ", ".join(dict.fromkeys(run.name for run in runs))
     title = f"Comparison of {len(runs)} runs"
-    return page(title, subtitle, [s for s in some if s is not None], (f"bayescal {__version__}",))
+    return page(title, subtitle, some, (f"bayescal {__version__}",))
 
 
 def headers(run: Run) -> tuple[tuple[str, tuple[tuple[str, str], ...]], ...]:

@@ -158,11 +158,11 @@ def _largest(run: Run) -> Sheet:
 
 MEASURANDS = (
     Column("measurand", "measurand"),
-    Column("result, U = k u", lambda b: b.get("text") or f"U = {_two(b.get('U_um'))} µm", words=True),
-    Column("u", lambda b: _two(b.get("u", b.get("u_um"))) + f" {unit_label(b.get('unit', 'um'))}"),
-    Column("k", lambda b: b.get("k"), "{:.2f}".format),
-    Column("coverage", lambda b: b.get("coverage"), lambda p: f"{100 * p:.2f} %"),
-    Column("share of priors", lambda b: b.get("prior_share"), share),
+    Column("result, U = k u", "text", words=True),
+    Column("u", lambda b: f"{two_digits(b['u'])} {unit_label(b['unit'])}"),
+    Column("k", "k", "{:.2f}".format),
+    Column("coverage", "coverage", lambda p: f"{100 * p:.2f} %"),
+    Column("share of priors", "prior_share", share),
 )
 
 
@@ -170,41 +170,37 @@ def budget(run: Run) -> Section | None:
     """The uncertainty budget, where there is one: all measurands, components of one of each kind."""
     if run.budget is None:
         return None
-    each = run.budget.get("budgets") or [run.budget]
+    each = run.budget["budgets"]
     every = Sheet(MEASURANDS, each, "Measurands; all components are in budget.json and budget.csv", 8)
-    kinds = {one.get("kind", ""): one for one in reversed(each)}  # the first of each kind
-    tables = [_components(one) for one in each if kinds[one.get("kind", "")] is one]
+    kinds = {one["kind"]: one for one in reversed(each)}  # the first of each kind
+    tables = [_components(one) for one in each if kinds[one["kind"]] is one]
     return blocks("budget", "Uncertainty budget", every, *tables)
 
 
 def _components(one: Json) -> Sheet:
-    def contribution(c: Json) -> float:
-        return c.get("contribution", c.get("contribution_um")) or 0.0
+    """Components of a budget, the largest first; contributions to a length are in µm."""
+    total = sum(c["contribution"] ** 2 for c in one["components"]) or 1.0
+    key, unit = ("contribution_um", "um") if one["U_um"] is not None else ("contribution", one["unit"])
 
     def part(c: Json) -> Bar:
-        fraction = contribution(c) ** 2 / total
+        fraction = c["contribution"] ** 2 / total
         return Bar(fraction, share(fraction))
 
-    total = sum(contribution(c) ** 2 for c in one["components"]) or 1.0
-    lengths = one.get("U_um") is not None
-    unit = "µm" if lengths else unit_label(one.get("unit", "um"))
+    def u(c: Json) -> str:
+        number = MISSING if c["u"] is None else two_digits(c["u"])
+        return f"{number} {unit_label(c['unit'] or '1')}".rstrip()
+
     columns = (
         Column("component", "name"),
         Column("share of the variance", part, as_is),
-        Column(
-            f"contribution ({unit})", lambda c: c.get("contribution_um" if lengths else "contribution"), _two
-        ),
-        Column("type", lambda c: c.get("type") or None, words=True),
-        Column("distribution", lambda c: c.get("distribution") or None, words=True),
-        Column("u", lambda c: f"{_two(c.get('u'))} {unit_label(c.get('unit') or '1')}".rstrip()),
-        Column("sensitivity", lambda c: c.get("sensitivity"), _two),
+        Column(f"contribution ({unit_label(unit)})", key, two_digits),
+        Column("type", lambda c: c["type"] or None, words=True),
+        Column("distribution", lambda c: c["distribution"] or None, words=True),
+        Column("u", u),
+        Column("sensitivity", "sensitivity", two_digits),
     )
-    ranked = sorted(one["components"], key=lambda c: -abs(contribution(c)))
+    ranked = sorted(one["components"], key=lambda c: -abs(c["contribution"]))
     return Sheet(columns, ranked, f"Components of: {one['measurand']}", 10)
-
-
-def _two(value: float | None) -> str:
-    return MISSING if value is None else two_digits(value)
 
 
 def figures(run: Run) -> Section | None:

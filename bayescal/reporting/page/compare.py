@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from bayescal.effects.vocabulary import unit_label
 from bayescal.gap.result import VALIDATION_CONTACTS
 from bayescal.predict.forecast import CENTRES
 from bayescal.reporting.page.common import inputs
@@ -21,6 +20,7 @@ from bayescal.reporting.shared.text import (
     probability,
     rival,
     uncertainty,
+    with_unit,
 )
 from bayescal.storage.reading import Json
 
@@ -156,8 +156,7 @@ def _compared(name: str, each: Sequence[Json | None]) -> tuple[Any, ...]:
         u = float(np.hypot(other["sd"], first["sd"]))
         ratio = abs(difference) / u if u > 0 else 0.0
         cells += [measured(difference, u, ""), Bar(min(ratio / 5.0, 1.0), f"{ratio:.1f}", ratio > FAR)]
-    label = unit_label(unit)
-    return (f"{name} ({label})" if label else name, *cells)
+    return (with_unit(name, unit), *cells)
 
 
 def levels(runs: Runs) -> Section | None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import shlex
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 from markupsafe import Markup
@@ -49,8 +48,8 @@ REASONS = 4
 def first(run: Run) -> Section:
     """Verdict, distance error with U, failed tests, next command."""
     record, verdict = run.record, run.record["verdict"]
-    good = verdict["explains"] and verdict["validated"] and verdict.get("determined", True)
-    against = _use(run)["against"]
+    good = verdict["explains"] and verdict["validated"] and verdict["determined"]
+    against = record["use"]["against"]
     tone = "bad" if against or not verdict["explains"] else "good" if good else "warn"
     reasons = sorted(verdict["reasons"], key=lambda c: c["p"] if c["p"] is not None else 1.0)
     faults = [Fault(f"not to be used: {reason}") for reason in against]
@@ -85,7 +84,7 @@ def _warnings(record: Json) -> tuple[list[str], list[str]]:
 
 def _why(run: Run) -> str:
     verdict = run.record["verdict"]
-    if verdict["explains"] and not verdict.get("determined", True):
+    if verdict["explains"] and not verdict["determined"]:
         return "Too few or too similar measurements: the arm is known little better than before. Add more."
     if verdict["explains"]:
         return "No independent measurements check the calibration: the errors below are predictions."
@@ -101,7 +100,7 @@ def _keys(record: Json) -> list[tuple[str, str, str]]:
     out = [
         (
             "Distance error, expected",
-            f"U = {uncertainty(expected['expanded_U_um'])} µm (k = {expected.get('k', 2.0):.2f})",
+            f"U = {uncertainty(expected['expanded_U_um'])} µm (k = {expected['k']:.2f})",
             f"RMS {uncertainty(expected['predicted_rms_um'])} µm, 95 %: "
             f"{interval(expected['predicted_interval95_um'])} µm; {over}",
         )
@@ -140,24 +139,16 @@ def _change(name: str, errors: np.ndarray, words: str) -> tuple[str, str, str]:
 
 
 def _next(run: Run) -> list[tuple[str, str]]:
-    folder, use = shlex.quote(run.folder), _use(run)
+    folder, use = shlex.quote(run.folder), run.record["use"]
     words = STEPS[use["next"]][:1].upper() + STEPS[use["next"]][1:] + "."
     if use["next"] == "gap":
-        sessions = run.record["dataset"].get("sessions") or ()
-        parts = [f"{folder}/dataset/{k}" for k in range(1, len(sessions) + 1)] or [f"{folder}/dataset"]
-        return [(words, f"bayescal gap {' '.join(parts)}")]
+        return [(words, f"bayescal gap {run.datasets}")]
     if use["next"] != "use":
         return [(words, "")]
     return [
         (words, f"bayescal export {folder} --to urdf"),
         ("Check whether effects remain that the model lacks.", f"bayescal gap {folder}/dataset"),
     ]
-
-
-def _use(run: Run) -> dict[str, Any]:
-    """What may be used of the fit; an earlier version did not state it."""
-    use: dict[str, Any] = run.record.get("use", {"against": [], "next": "use"})
-    return use
 
 
 def levels(run: Run) -> Section | None:
@@ -188,8 +179,8 @@ def distances(run: Run) -> Section | None:
 
 def iso9283(run: Run) -> Section | None:
     """Figures of ISO 9283 from validation data, and what differs from the procedure of the standard."""
-    record = run.record.get("iso9283")
-    if not record or not record["figures"]:
+    record = run.record["iso9283"]
+    if not record["figures"]:
         return None
     caption = "Figures of ISO 9283 from validation measurements; u: standard uncertainty of the measurement"
     lines = ("What differs from the procedure of the standard:", *record["differs_from_norm"])
@@ -201,7 +192,7 @@ def parameters(run: Run) -> Section | None:
     """Parameters with prior and posterior."""
 
     def drawing(p: Json) -> Markup:
-        prior = (p.get("prior_mean", p["nominal"]), p["prior_sd"])
+        prior = (p["prior_mean"], p["prior_sd"])
         return svg.prior_posterior(prior, tuple(p["interval95"]), p["estimate"])
 
     *first, identifiable = sheets.parameter_columns(run.record["identifiability"])
@@ -226,7 +217,7 @@ def parameters(run: Run) -> Section | None:
 
 def correlations(run: Run) -> Section | None:
     """Correlations of the parameters of the arm."""
-    pairs = run.record.get("correlations")
+    pairs = run.record["correlations"]
     if not pairs:
         return None
     order = [p["name"] for p in run.record["parameters"]]

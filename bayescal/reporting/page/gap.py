@@ -152,10 +152,7 @@ def _keys(record: Json) -> list[tuple[str, str, str]]:
 
 
 def _next(run: Run) -> list[tuple[str, str]]:
-    record, folder = run.record, shlex.quote(run.folder)
-    sessions = record["dataset"].get("sessions") or ()
-    dataset = " ".join(f"{folder}/dataset/{k}" for k in range(1, len(sessions) + 1)) or f"{folder}/dataset"
-    out = []
+    record, dataset, out = run.record, run.datasets, []
     if record["named"]:
         model = shlex.quote(record["refit"]["model"])
         less = record["refit"]["without"]
@@ -164,9 +161,9 @@ def _next(run: Run) -> list[tuple[str, str]]:
         out.append((words, f"bayescal fit {dataset} --model {model}{without}"))
     if sheets.unexplained(record):
         out.append(("Inspect the location that is marked, correct it, and measure again.", ""))
-    open_ = record["verdict"] in ("ambiguous", *sheets.UNMODELLED) or record.get("undecided")
-    if open_ and not sessions:
-        command = f"bayescal plan {dataset} --after {folder} --for gap --contacts 60"
+    open_ = record["verdict"] in ("ambiguous", *sheets.UNMODELLED) or record["undecided"]
+    if open_ and not record["dataset"].get("sessions"):
+        command = f"bayescal plan {dataset} --after {shlex.quote(run.folder)} --for gap --contacts 60"
         out.append(("Measure the contacts that decide between the explanations.", command))
     if record["verdict"] == "null":
         out.insert(0, ("Calibrate with the model as it is.", f"bayescal fit {dataset}"))

@@ -55,8 +55,7 @@ def plan_page(plan: Plan, picture: bytes, commands: Sequence[tuple[str, str]] = 
         _inputs(plan),
     )
     foot = [f"bayescal {__version__}"]
-    sections = [s for s in parts if s is not None]
-    return page(plan.session.name, f"{plan.session.robot.name}; {title}", sections, foot)
+    return page(plan.session.name, f"{plan.session.robot.name}; {title}", parts, foot)
 
 
 def _first(plan: Plan, commands: Sequence[tuple[str, str]]) -> Section:

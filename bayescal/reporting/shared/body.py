@@ -140,13 +140,13 @@ def outlines(arm: Json, angles: np.ndarray, view: View) -> list[Outline]:
     """Outlines of arm, tool and artefacts at link angles (n,), rad, from far to near."""
     moved = placed(arm, angles)
     out = []
-    for c in arm.get("capsules", ()):
+    for c in arm["capsules"]:
         turn, shift = moved[c["joint"]]
         ends = np.array(c["ends_mm"], float) @ turn.T + shift
         depth = float(np.mean(ends @ view.toward))
         first, last = view.seen(ends)
         out.append(Outline(c["of"], stadium(first, last, c["radius_mm"]), depth, joint=c["joint"]))
-    for body in arm.get("artefacts", ()):
+    for body in arm["artefacts"]:
         centre = np.array(body["centre_mm"], float)
         depth = float(centre @ view.toward)
         if "radius_mm" in body:
