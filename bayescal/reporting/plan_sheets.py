@@ -17,7 +17,6 @@ from bayescal.planning.result import (
     GAP,
     REPEAT,
     VALIDATE,
-    Confusable,
     Detectable,
     ExpectedDistances,
     Plan,
@@ -58,13 +57,12 @@ def expected(plan: Plan) -> Sheet:
         Column("expected U (µm, k = 2)", lambda e: f"{e.count} {over(e)}"),
         Column("plan", lambda e: um2(COVERAGE_FACTOR * e.u)),
         Column("random", lambda e: um2(COVERAGE_FACTOR * e.u_random)),
-        *(Column(origin, of_key(_share, origin), percent) for origin in origins),
+        *(
+            Column(origin, of_key(lambda e, name: e.shares.get(name), origin), percent)
+            for origin in origins
+        ),
     )
     return Sheet(columns, plan.expected)
-
-
-def _share(e: ExpectedDistances, origin: str) -> float | None:
-    return e.shares.get(origin)
 
 
 def over(e: ExpectedDistances) -> str:
@@ -174,11 +172,6 @@ def observability(plan: Plan) -> Sheet:
     return Sheet(columns, tuple(plan.observability))
 
 
-def dropped(plan: Plan) -> tuple[tuple[str, int], ...]:
-    """Reasons for which contacts were not candidates, the most frequent first."""
-    return tuple(Counter(plan.pool.dropped).most_common())
-
-
 def contacts(plan: Plan) -> Sheet:
     """All contacts in the order of probing; joints in degrees."""
     session, m = plan.session, plan.session.measurements
@@ -251,8 +244,8 @@ def travel(plan: Plan) -> str:
 
 
 def candidates(plan: Plan) -> str:
-    """Candidates, and why other contacts were none."""
-    reasons = "; ".join(f"{n} {why}" for why, n in dropped(plan) if n)
+    """Candidates, and why other contacts were none, the most frequent reason first."""
+    reasons = "; ".join(f"{n} {why}" for why, n in Counter(plan.pool.dropped).most_common() if n)
     every = f"{len(plan.pool.candidates)} candidates"
     return f"{every}; dropped: {reasons}" if reasons else every
 
@@ -268,7 +261,7 @@ def detectability(plan: Plan) -> str:
 def not_separated(plan: Plan) -> tuple[str, ...]:
     """Pairs of effects that the plan does not separate, each with what would."""
     return tuple(
-        f"{pair(c)} (detectability {strength(c.after)}); "
+        f"{' from '.join(c.pair)} (detectability {strength(c.after)}); "
         + (
             f"{NO_LEVER} separates them"
             if c.intervention == NO_LEVER
@@ -285,11 +278,6 @@ def separated(plan: Plan) -> str:
         return ""
     done = sum(not c.intervention for c in plan.confusable)
     return f"{done} of {len(plan.confusable)} pairs of confusable effects"
-
-
-def pair(c: Confusable) -> str:
-    """The names of a pair."""
-    return " from ".join(c.pair)
 
 
 def duration(seconds: float) -> str:

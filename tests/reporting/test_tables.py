@@ -11,8 +11,8 @@ from cases import terminal_text
 
 from bayescal.gap.result import VALIDATION_POINTS, Verdict
 from bayescal.reporting.figures.where import drawn_curves
-from bayescal.reporting.gap.contacts import per_vector
 from bayescal.reporting.gap.phrases import headline
+from bayescal.reporting.gap.sheets import per_vector
 from bayescal.reporting.shared.origin import STANDSTILL, _signs, entry, plain
 from bayescal.reporting.shared.sheet import Column, Sheet, frame, terminal
 from bayescal.reporting.shared.text import FigureTable, parameter_notes, size, with_u

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from bayescal.effects import UNITS
 from bayescal.fitted import gate
 from bayescal.fitted.arm import of_gap
 from bayescal.fitted.file import write_arm
@@ -20,18 +21,19 @@ from bayescal.gap.result import (
     Gap,
     Magnitude,
     Place,
+    Side,
     Verdict,
 )
 from bayescal.gap.settings import OUTCOME
 from bayescal.model.scene import Scene
 from bayescal.reporting.figures.process import begun
-from bayescal.reporting.gap import causes, contacts
-from bayescal.reporting.gap.contacts import per_vector, table_of_contacts
+from bayescal.reporting.gap import causes
 from bayescal.reporting.gap.phrases import headline, place, warnings
+from bayescal.reporting.gap.sheets import per_vector, table_of_contacts
 from bayescal.reporting.page.build import write_page
 from bayescal.reporting.shared.body import arm_drawing
-from bayescal.reporting.shared.origin import entry, origin, plain, rows_record, scaled
-from bayescal.reporting.shared.text import UM, amplitude
+from bayescal.reporting.shared.origin import entry, origin, plain, rows_record, scaled, sized
+from bayescal.reporting.shared.text import UM
 from bayescal.storage.files import json_text
 from bayescal.storage.folders import whole
 
@@ -87,9 +89,9 @@ def gap_record(gap: Gap) -> dict[str, Any]:
             for step in gap.levels
         ],
         "next": [
-            _advice(a) | {"contacts": contacts.records(a, number)} for number, a in enumerate(gap.advice, 1)
+            _advice(a) | {"contacts": contact_records(a, number)} for number, a in enumerate(gap.advice, 1)
         ],
-        "undecided": contacts.undecided_records(gap),
+        "undecided": undecided_records(gap),
         "blind_spots": [_blind(b) for b in gap.blind_spots],
         "curves": [_curve(gap, w) for w in gap.where[:CURVES]],
         "residuals": _residuals(gap),
@@ -155,14 +157,49 @@ def _advice(a: Advice) -> dict[str, Any]:
     return entry(a, "separates", "what") | poses | entry(a, "lambda_before", "lambda_after")
 
 
+def contact_records(advice: Advice, number: int) -> list[dict[str, Any]]:
+    """The contacts of an advice in gap.json: ``next-1-001`` is the first contact of the first advice."""
+    return [
+        {
+            "id": f"next-{number}-{k:03d}",
+            "target": c.target,
+            "tool": c.tool,
+            "j_deg": list(np.degrees(c.readings)),
+            "j_degps": None if c.velocity is None else list(np.degrees(c.velocity)),
+            "payload_kg": c.payload,
+            "repeat_of": c.repeat_of,
+        }
+        for k, c in enumerate(advice.contacts, start=1)
+    ]
+
+
+def undecided_records(gap: Gap) -> list[dict[str, Any]]:
+    """Pairs of explanations, each side with its effects as for --model and their fitted parameters."""
+    sides = ("a", "b", "common")
+    return [{side: _side(getattr(pair, side)) for side in sides} for pair in gap.undecided]
+
+
+def _side(side: Side) -> list[dict[str, Any]]:
+    return [
+        {
+            "model": s.model,
+            "values": [
+                {"parameter": name, "value": value * factor, "unit": unit}
+                for name, value in s.values.items()
+                for unit, factor in (UNITS[s.units[name]],)
+            ],
+        }
+        for s in side
+    ]
+
+
 def _blind(b: BlindSpot) -> dict[str, Any]:
-    smallest, unit = amplitude(b.smallest, b.unit)
-    plausible, _ = amplitude(b.plausible, b.unit)
+    size = sized(b, "smallest", "plausible")
     return {
         "effect": b.effect,
         "site": str(b.site),
-        "smallest_nameable": {"value": smallest, "unit": unit},
-        "plausible": {"value": plausible, "unit": unit},
+        "smallest_nameable": {"value": size["smallest"], "unit": size["unit"]},
+        "plausible": {"value": size["plausible"], "unit": size["unit"]},
         "distance_error_um": UM * b.distance_error,
     }
 

@@ -1,4 +1,4 @@
-"""Tables of a diagnosis, of the entries of its record, and how these entries are written as text."""
+"""Tables of a diagnosis and next.csv, of the entries of its record, and how these are written as text."""
 
 from __future__ import annotations
 
@@ -8,9 +8,8 @@ from bayescal.effects.location import Site
 from bayescal.gap.result import MARGINS, VALIDATION_CONTACTS, VALIDATION_POINTS
 from bayescal.gap.settings import OUTCOME
 from bayescal.reporting.fit.sheets import level_sheet
-from bayescal.reporting.gap.contacts import per_vector
 from bayescal.reporting.shared.origin import scaled
-from bayescal.reporting.shared.sheet import Bar, Column, Sheet, as_is, bar_of, of_key
+from bayescal.reporting.shared.sheet import Bar, Column, Sheet, as_is, bar_of, csv_text, of_key
 from bayescal.reporting.shared.text import (
     MISSING,
     NEVER,
@@ -60,6 +59,14 @@ def unexplained(record: Json) -> Json | None:
     if record["verdict"] not in UNMODELLED:
         return None
     return next((w for w in record["where"] if not w["explained_by"]), None)
+
+
+def per_vector(what: str) -> float:
+    """Factor from the RMS of the residuals of a kind of measurement to the RMS of the lengths of its errors.
+
+    The residuals of a point are its three coordinates, that of a contact or a distance is a length.
+    """
+    return 3**0.5 if what in ("points", VALIDATION_POINTS) else 1.0
 
 
 def rms_of(record: Json) -> str:
@@ -277,3 +284,53 @@ def blind_sheet(record: Json) -> Sheet:
     )
     caption = "Blind spots: effects whose plausible amplitude these contacts would not show"
     return Sheet(columns, spots, caption, 8)
+
+
+FIRST = 3
+"""Contacts in the summary."""
+DECIMALS = 7
+"""Of degrees in the file, as in recorded sessions."""
+
+
+def _stated(contacts: Sequence[Json], key: str) -> bool:
+    return any(c[key] is not None for c in contacts)
+
+
+def table_of_contacts(contacts: Sequence[Json]) -> str:
+    """The content of next.csv: columns of measurements.csv without results, and what a row repeats.
+
+    ``repeat_of`` is the contact of the session that a row repeats unchanged, or empty.
+    """
+    joints = range(1, len(contacts[0]["j_deg"]) + 1)
+    moving, loaded = _stated(contacts, "j_degps"), _stated(contacts, "payload_kg")
+    head = ["id", "role", "target", "tool", *(f"j{k}_deg" for k in joints)]
+    head += [f"j{k}_degps" for k in joints] * moving + ["payload_kg"] * loaded + ["repeat_of"]
+    rows = []
+    for c in contacts:
+        row = [c["id"], "calibrate", c["target"], c["tool"], *(f"{v:.{DECIMALS}f}" for v in c["j_deg"])]
+        if moving:
+            row += [f"{v:.{DECIMALS}f}" for v in c["j_degps"]] if c["j_degps"] else [""] * len(joints)
+        if loaded:
+            row.append("" if c["payload_kg"] is None else f"{c['payload_kg']:g}")
+        rows.append([*row, c["repeat_of"]])
+    return csv_text(head, rows)
+
+
+def first_contacts(contacts: Sequence[Json]) -> Sheet:
+    """The first of the contacts that are advised."""
+    shown = contacts[:FIRST]
+    columns = [Column("next contacts", "id"), Column("target", "target")]
+    columns += [
+        Column(f"J{k + 1} (deg)", of_key(lambda c, k: c["j_deg"][k], k), "{:.3f}".format)
+        for k in range(len(shown[0]["j_deg"]))
+    ]
+    if _stated(shown, "j_degps"):
+        columns.append(Column("direction of motion", "j_degps", _signs))
+    if _stated(shown, "payload_kg"):
+        columns.append(Column("payload (kg)", "payload_kg", "{:g}".format))
+    return Sheet(tuple(columns), shown)
+
+
+def _signs(velocity: Sequence[float]) -> str:
+    """The side on which each joint arrives: ``+-+0+-`` from the first joint on."""
+    return "".join("+" if v > 0 else "-" if v < 0 else "0" for v in velocity)

@@ -9,7 +9,7 @@ from rich.text import Text
 
 from bayescal.gap.result import VALIDATION_CONTACTS, Gap, Margin
 from bayescal.reporting.gap import causes, sheets
-from bayescal.reporting.gap.contacts import first_contacts, per_vector
+from bayescal.reporting.gap.sheets import first_contacts, per_vector
 from bayescal.reporting.shared.origin import filed_lines, scaled
 from bayescal.reporting.shared.sheet import Column, Sheet, inside, terminal
 from bayescal.reporting.shared.text import (

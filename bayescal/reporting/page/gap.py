@@ -8,7 +8,6 @@ from collections.abc import Callable, Sequence
 from bayescal.effects import EFFECTS
 from bayescal.gap.result import VALIDATION_POINTS
 from bayescal.reporting.gap import sheets
-from bayescal.reporting.gap.contacts import per_vector
 from bayescal.reporting.page import common
 from bayescal.reporting.page.arm import draw_arm, marked_sites
 from bayescal.reporting.page.section import Fault, FirstScreen, Run, Section, Text, blocks, texts
@@ -141,7 +140,7 @@ def _keys(record: Json) -> list[tuple[str, str, str]]:
         (
             "Excess above noise",
             excess,
-            f"95 %: {interval([low, high], per_vector(of['of']))} µm per {kind}; validation RMS "
+            f"95 %: {interval([low, high], sheets.per_vector(of['of']))} µm per {kind}; validation RMS "
             f"{length(of['validation_rms_um'])} µm, noise {length(of['noise_um'])} µm",
         )
     )

@@ -13,7 +13,7 @@ from bayescal import __version__
 from bayescal.dataset import Dataset
 from bayescal.dataset.types import Record
 from bayescal.estimate import Estimate
-from bayescal.reporting.shared.text import MDEG, MM, UM
+from bayescal.reporting.shared.text import MDEG, MM, UM, amplitude
 
 SERIALS = ("arm", "probe", "artefact", "instrument")
 NOT_STATED = "not stated"
@@ -129,6 +129,12 @@ def entry(result: Any, *fields: str) -> dict[str, Any]:
         factor = FACTORS.get(unit)
         out[key] = plain(scaled(getattr(result, name or (stem if factor else key)), factor))
     return out
+
+
+def sized(result: Any, *fields: str) -> dict[str, Any]:
+    """Sizes of an error, which a result has in SI, in the unit of files, lengths in µm; and this `unit`."""
+    values = {field: plain(amplitude(getattr(result, field), result.unit)[0]) for field in fields}
+    return values | {"unit": amplitude(0.0, result.unit)[1]}
 
 
 def scaled(value: Any, factor: float | None) -> Any:

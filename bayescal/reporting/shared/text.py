@@ -141,12 +141,7 @@ def amplitude(value: float, unit: str) -> tuple[float, str]:
 def size(value: float, unit: str) -> str:
     """The size of an error with its unit as text, from SI, two significant digits."""
     number, name = amplitude(value, unit)
-    if not np.isfinite(number):
-        return "-"
-    figures = f"{number:.2g}"
-    if 99.5 <= abs(number) < 1e6:
-        figures = f"{float(figures):.0f}"
-    return figures + ("" if name == "1" else f" {unit_label(name)}")
+    return quantity(number if np.isfinite(number) else None, name)
 
 
 def two_digits(value: float) -> str:
@@ -288,7 +283,9 @@ def quantity(value: float | None, unit: str) -> str:
     """A value with its unit, two significant digits."""
     if value is None:
         return MISSING
-    figures = f"{value:.2g}" if abs(value) < 99.5 else f"{float(f'{value:.2g}'):.0f}"
+    figures = f"{value:.2g}"
+    if 99.5 <= abs(value) < 1e6:
+        figures = f"{float(figures):.0f}"
     return f"{figures} {unit_label(unit)}".rstrip()
 
 
