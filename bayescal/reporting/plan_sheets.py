@@ -57,10 +57,7 @@ def expected(plan: Plan) -> Sheet:
         Column("expected U (µm, k = 2)", lambda e: f"{e.count} {over(e)}"),
         Column("plan", lambda e: um2(COVERAGE_FACTOR * e.u)),
         Column("random", lambda e: um2(COVERAGE_FACTOR * e.u_random)),
-        *(
-            Column(origin, of_key(lambda e, name: e.shares.get(name), origin), percent)
-            for origin in origins
-        ),
+        *(Column(origin, of_key(lambda e, name: e.shares.get(name), origin), percent) for origin in origins),
     )
     return Sheet(columns, plan.expected)
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from bayescal.reporting.figures import scales
 from bayescal.reporting.figures.scales import LANE, Row, rows_panel, upright
-from bayescal.reporting.figures.sheet import Entry, Panel, width_of
+from bayescal.reporting.figures.sheet import Entry, Panel
 from bayescal.reporting.shared.style import ACCENT, FAINT, GREY, INK, MARKED, MARKERS, SERIES
 from bayescal.reporting.shared.text import model_label, short
 from bayescal.storage.reading import Json
@@ -66,8 +66,7 @@ def distances_panel(record: Json) -> Panel | None:
         for mine, style in ((within, INSIDE), (~within, OUTSIDE)):
             axes.plot(error[mine], np.array(middles)[mine], **style)
         ends = [abs(v) for d in shown for v in (*d["predicted_interval95_um"], d["calibrated_error_um"])]
-        axes.set_xlim(-1.08 * max(ends), 1.08 * max(ends))
-        scales.linear(axes.xaxis, width_of(axes))
+        scales.linear_x(axes, -1.08 * max(ends), 1.08 * max(ends))
 
     key = [Entry("error after calibration", INSIDE), Entry("95 % prediction interval", INTERVAL)]
     if not all(d["inside95"] for d in shown):
@@ -86,16 +85,13 @@ def reduction_panel(record: Json) -> Panel | None:
     values = [v for _, _, before, after, expected in items for v in (before, after, expected) if v]
 
     def lanes(axes: Any, middles: Sequence[float]) -> None:
-        low, high = scales.around(values)
-        axes.set_xscale("log")
-        axes.set_xlim(low, high)
+        scales.log_x(axes, values)
         before, after, expected = np.array([item[2:] for item in items], float).T
         middle = np.array(middles)
         axes.hlines(middle, before, after, color=INK, lw=0.8, zorder=1.5)
         axes.vlines(expected, middle - 0.5 * LANE, middle + 0.5 * LANE, zorder=1, **EXPECTED)
         axes.plot(before, middle, **BEFORE)
         axes.plot(after, middle, **AFTER)
-        scales.log(axes.xaxis, low, high, width_of(axes))
 
     title, *texts = REDUCTION[record["schema"]]
     key = [Entry(text, style) for text, style in zip(texts, SIGNS, strict=True)]
@@ -183,15 +179,12 @@ def levels_panel(record: Json) -> Panel:
     def lanes(axes: Any, middles: Sequence[float]) -> None:
         if not ends:
             return
-        low, high = scales.around(ends)
-        axes.set_xscale("log")
-        axes.set_xlim(low, high)
+        scales.log_x(axes, ends)
         for _, value, style in lines:
             upright(axes, value, middles, style)
         for name, what in drawn.items():
             points = [(step[name], y) for step, y in zip(levels, middles, strict=True) if step[name]]
             axes.plot(*zip(*points, strict=True), clip_on=False, **styles[what])
-        scales.log(axes.xaxis, low, high, width_of(axes))
 
     return rows_panel(rows, lanes, x="error (µm)", key=key)
 

@@ -74,8 +74,7 @@ def _panel(shown: Sequence[Json], level: Json, edge: float, key: Sequence[Entry]
             mine, colour = of == name, style.get("color", style.get("markeredgecolor"))
             axes.hlines(middle[mine], low[mine], high[mine], color=colour, lw=1.6, zorder=2)
             axes.plot(estimate[mine], middle[mine], zorder=3, **style)
-        axes.set_xlim(-edge, edge)
-        scales.linear(axes.xaxis, width_of(axes))
+        scales.linear_x(axes, -edge, edge)
 
     x = "(estimate − prior mean) / prior standard deviation"
     return rows_panel(rows, lanes, "", x, note, key)
@@ -121,7 +120,6 @@ def marginal_panel(p: Json, draws: np.ndarray, first: bool) -> Panel:
         heights = axes.hist(flat, BINS, density=True, color=ACCENT, alpha=0.45, histtype="stepfilled")[0]
         low, high = (float(v) for v in np.quantile(flat, [0.001, 0.999]))
         pad = 0.1 * (high - low) or 1e-9
-        axes.set_xlim(low - pad, high + pad)
         top = 1.12 * float(np.max(heights))
         x = np.linspace(low - pad, high + pad, 200)
         mean, sd = p["prior_mean"], p["prior_sd"]
@@ -129,9 +127,8 @@ def marginal_panel(p: Json, draws: np.ndarray, first: bool) -> Panel:
             axes.plot(x, np.exp(-0.5 * ((x - mean) / sd) ** 2) / (sd * np.sqrt(2 * np.pi)), **PRIOR)
         axes.plot(p["interval95"], [0.03 * top] * 2, **INTERVAL)
         axes.set_ylim(0, top)
-        axes.set_yticks([])
-        axes.spines["left"].set_visible(False)
-        scales.linear(axes.xaxis, width_of(axes), EACH)
+        scales.without_y(axes)
+        scales.linear_x(axes, low - pad, high + pad, EACH)
 
     return Panel(draw, HEIGHT, "", label(p), key=key if first else (), inset=INSET)
 

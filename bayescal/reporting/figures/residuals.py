@@ -167,10 +167,8 @@ def spread_panel(e: Errors, edge: float) -> Panel:
         if np.isfinite(e.noise) and e.noise > 0:
             fine = np.linspace(low, edge, 300)
             axes.plot(fine, noise_density(fine, e.noise, e.signed), color=INK, lw=1.2)
-        axes.set_xlim(low, edge)
-        axes.set_yticks([])
-        axes.spines["left"].set_visible(False)
-        scales.linear(axes.xaxis, width_of(axes))
+        scales.without_y(axes)
+        scales.linear_x(axes, low, edge)
 
     return Panel(draw, HEIGHT, "Distribution", _label(e), key=key)
 
@@ -204,8 +202,7 @@ def targets_panel(e: Errors, edge: float) -> Panel:
                 mine = (e.target == name) & (e.kind == kind)
                 y = middle + 0.25 * LANE * rng.uniform(-1, 1, int(mine.sum()))
                 axes.plot(np.clip(e.value[mine], -edge, edge), y, ls="", rasterized=len(e.x) > MANY, **style)
-        axes.set_xlim(-edge if e.signed else 0.0, edge)
-        scales.linear(axes.xaxis, width_of(axes))
+        scales.linear_x(axes, -edge if e.signed else 0.0, edge)
 
     return rows_panel(rows, lanes, "By target, the largest RMS first", _label(e), note)
 

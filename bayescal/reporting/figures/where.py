@@ -51,8 +51,7 @@ def bars_panel(
             corner = (0.0, middle - 0.4 * LANE)
             axes.add_patch(Rectangle(corner, bar.value, 0.8 * LANE, zorder=2, **bar.style))
         last = end or 1.05 * max((bar.value for bar in bars), default=1.0) or 1.0
-        axes.set_xlim(0, last)
-        scales.linear(axes.xaxis, width_of(axes))
+        scales.linear_x(axes, 0, last)
 
     return rows_panel([Row(b.label, b.text, b.strong) for b in bars], lanes, title, x, note, key)
 

@@ -58,7 +58,7 @@ def fit_summary(fit: Fit, record: Json, verbose: bool = False) -> RenderableType
         parts += ["", terminal(Sheet(TOLERANCE, record["acceptance"]["distances"]))]
     if fit.final.estimate.model.parameters:
         parts += ["", terminal(parameter_table(record["parameters"], record["identifiability"], verbose))]
-    parts += ["", facts(_details(fit, verbose))]
+    parts += ["", facts(_details(fit, record, verbose))]
     return Group(*parts)
 
 
@@ -160,7 +160,7 @@ def _findings(fit: Fit) -> Facts:
             yield finding.severity, finding.text, "" if finding.severity == "note" else "yellow"
 
 
-def _details(fit: Fit, verbose: bool) -> Facts:
+def _details(fit: Fit, record: Json, verbose: bool) -> Facts:
     level, estimate = fit.final, fit.final.estimate
     model, scatter = estimate.model, level.unexplained
     count = sum(len(b.rows) for b in model.states)
@@ -185,7 +185,7 @@ def _details(fit: Fit, verbose: bool) -> Facts:
     if verbose:
         yield from _identifiable(fit)
     yield "posterior", _sampler(fit), ""
-    yield from filed_lines(fit.dataset)
+    yield from filed_lines(record)
 
 
 def _discrepancy(fit: Fit) -> Facts:

@@ -71,7 +71,7 @@ def gap_summary(gap: Gap, record: Json) -> RenderableType:
         blind = replace(blind, items=blind.items[:BLIND])
         headings = (f"may be missed{more}", "plausible", "detectable", "distance error")
         parts.append(terminal(blind, *headings))
-    parts.append(facts(_remarks(gap, record)))
+    parts.append(facts(_remarks(record)))
     return Group(*parts)
 
 
@@ -218,10 +218,10 @@ def _next(record: Json) -> Facts:
         yield "" if k else "measure next", f"to distinguish {what} {detectability}", ""
 
 
-def _remarks(gap: Gap, record: Json) -> Facts:
+def _remarks(record: Json) -> Facts:
     """Effects that were not assessed (by reason), notes and warnings."""
     reasons = by_reason(record["missing"])
     yield from under("not assessed", (f"{', '.join(names)}: {why}" for why, names in reasons.items()), "dim")
     yield from under("note", record["notes"])
     yield from under("warning", record["warnings"], "yellow")
-    yield from filed_lines(gap.dataset)
+    yield from filed_lines(record)

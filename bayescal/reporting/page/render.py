@@ -89,7 +89,7 @@ def page(
     sections: Sequence[Section | None],
     foot: Sequence[str],
     data: Mapping[str, Any] | None = None,
-    headers: Sequence[tuple[str, Sequence[tuple[str, str]]]] = (),
+    headers: Sequence[tuple[str, Mapping[str, str]]] = (),
 ) -> str:
     """A page as text.
 
@@ -102,7 +102,7 @@ def page(
         Lines at the end.
     data : mapping, optional
         What interactive figures draw, as JSON; without it, or without plotly, the page has no scripts.
-    headers : sequence of (str, sequence of (str, str)), optional
+    headers : sequence of (str, mapping), optional
         What a filed report states below its title: a heading or "", names and values.
     """
     templates = environment()
