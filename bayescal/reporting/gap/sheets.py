@@ -112,43 +112,29 @@ def share_of(record: Json, effect: str) -> str:
 
 def effects_sheet(record: Json) -> Sheet:
     """All effects by probability, with amplitude, share, location, and what is detectable."""
-    least = _detectable(record)
-    place = unexplained(record)
-    ranked = sorted(record["probability"].items(), key=lambda item: -(item[1] or 0.0))
-
-    def unmodelled(item: tuple[str, float | None]) -> bool:
-        return item[0] == OTHER and place is not None
-
-    def size(item: tuple[str, float | None]) -> str:
-        if place and unmodelled(item):
-            return size_of(record, place)
-        return sizes_of(amplitudes_of(record, item[0])) or MISSING
-
-    def location(item: tuple[str, float | None]) -> str:
-        if place and unmodelled(item):
-            return str(place["text"])
-        return sites_of(amplitudes_of(record, item[0])) or MISSING
-
-    def part(item: tuple[str, float | None]) -> str:
-        return share(place["share"]) if place and unmodelled(item) else share_of(record, item[0])
-
-    def bar(item: tuple[str, float | None]) -> Bar:
-        name, p = item
-        return Bar(p or 0.0, MISSING if p is None else probability(p), name in record["credible_set90"])
-
+    least, place, items = _detectable(record), unexplained(record), []
+    for name, p in sorted(record["probability"].items(), key=lambda item: -(item[1] or 0.0)):
+        some = amplitudes_of(record, name)
+        size, location, part = sizes_of(some), sites_of(some), share_of(record, name)
+        if place and name == OTHER:
+            size, location, part = size_of(record, place), place["text"], share(place["share"])
+        text = MISSING if p is None else probability(p)
+        bar = Bar(p or 0.0, text, name in record["credible_set90"])
+        items.append((rival(name), bar, size or MISSING, location or MISSING, part, least.get(name)))
     columns = (
-        Column("effect", lambda item: rival(item[0])),
-        Column("probability", bar, as_is),
-        Column("size (u)", size, words=True),
-        Column("location", location, words=True),
-        Column("share of the excess", part),
-        Column("detectable from", lambda item: least.get(item[0])),
+        Column("effect", 0),
+        Column("probability", 1, as_is),
+        Column("size (u)", 2, words=True),
+        Column("location", 3, words=True),
+        Column("share of the excess", 4),
+        Column("detectable from", 5),
     )
     caption = (
         "Coloured: the 90 % set. Effects may be present together. 'noise only': the model as it is explains "
         "the data; 'unmodelled effect': none of the known effects does"
     )
-    return Sheet(columns, ranked, caption, max(sum((p or 0.0) >= LEAST for _, p in ranked), 5))
+    likely = sum((p or 0.0) >= LEAST for p in record["probability"].values())
+    return Sheet(columns, items, caption, max(likely, 5))
 
 
 def _detectable(record: Json) -> dict[str, str]:

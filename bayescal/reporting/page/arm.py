@@ -49,19 +49,17 @@ def draw_arm(run: Run, *, contacts: bool = False) -> Markup | None:
 
     None for a record without an arm.
     """
-    arm = run.record.get("arm")
-    if not arm or not run.record.get("rows", {}).get("id"):
+    if not run.drawable:
         return None
-    rows = run.rows
-    sites = marked_sites(run)
+    arm, rows, sites = run.record["arm"], run.rows, marked_sites(run)
     row = typical(np.array(rows["angle_deg"], float))
     points = np.array(rows["point_mm"], float)
     angles = np.radians(rows["angle_deg"][row])
     chain = np.vstack([posed(arm, angles)[0], points[row]])
-    view = _view(np.vstack([chain, points] if contacts else [chain]))
-    bodies = outlines(arm, angles, view)
-    flat = view.seen(np.vstack([chain, *([points] if contacts else [])]))
-    shown = bodies if contacts else [o for o in bodies if o.kind != "artefact"]
+    content = np.vstack([chain, points]) if contacts else chain
+    view = _view(content)
+    flat = view.seen(content)
+    shown = [o for o in outlines(arm, angles, view) if contacts or o.kind != "artefact"]
     sheet = _Sheet.of(np.vstack([flat, *(o.polygon for o in shown)]))
     line = sheet.at(flat[: len(chain)])
     joints, links = numbers(sites, "joint"), numbers(sites, "link")
@@ -89,14 +87,13 @@ def draw_arm(run: Run, *, contacts: bool = False) -> Markup | None:
         style = "base marked" if "base" in kinds else "base"
         x, y = line[0] - [16, 3]
         parts.append(f'<rect class="{style}" x="{x:.1f}" y="{y:.1f}" width="32" height="9"/>')
-    names = [(str(name), line[k], k in joints) for k, name in enumerate(arm["joints"], start=1)]
-    for k, (_, (x, y), hit) in enumerate(names, start=1):
+    labels = [(f"J{k}", line[k], k in joints) for k in range(1, len(arm["joints"]) + 1)]
+    for k, (_, (x, y), hit) in enumerate(labels, start=1):
         style, r = ("joint marked", 8) if hit else ("joint", 4.5)
         parts.append(
             f'<circle class="{style}" cx="{x:.1f}" cy="{y:.1f}" r="{r}"><title>joint {k}</title></circle>'
         )
     parts.append(f'<circle class="tip" cx="{line[-1, 0]:.1f}" cy="{line[-1, 1]:.1f}" r="3"/>')
-    labels = [(f"J{k}", point, hit) for k, (_, point, hit) in enumerate(names, start=1)]
     labels += [(f"link {k}", line[k : k + 2].mean(axis=0), True) for k in links]
     labels += [(s.text, line[-1], True) for s in sites if s.kind in ("tool", "probe")]
     labels += [("base", line[0], True)] if "base" in kinds else []

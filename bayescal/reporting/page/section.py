@@ -146,6 +146,11 @@ class Run:
         return str(self.record["dataset"]["name"])
 
     @property
+    def drawable(self) -> bool:
+        """Whether the record has rows and an arm."""
+        return bool(self.record.get("arm") and self.record.get("rows", {}).get("id"))
+
+    @property
     def datasets(self) -> str:
         """The folders of the dataset and of its sessions, for commands."""
         folder, sessions = shlex.quote(self.folder), self.record["dataset"].get("sessions", ())

@@ -37,27 +37,23 @@ class FigureTable(Table):
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
         """Blocks of columns, each no wider than the terminal."""
         names, *figures = self.columns
-        longest = max(_cells(names), default=0)
-        longest = max(longest, cell_len(str(names.header)))
+        longest = max([cell_len(str(names.header)), *_cells(names)])
         for k, block in enumerate(_blocks(figures, options.max_width - min(longest, LEAST_NAME))):
             if k:
                 yield Text("")
-            yield from self._block(block, longest, options.max_width)
+            yield self._block(block, longest, options.max_width)
         if self.caption:
             yield Text(str(self.caption), style="dim italic")
 
-    def _block(self, figures: list[Column], longest: int, width: int) -> Iterable[Table]:
+    def _block(self, figures: list[Column], longest: int, width: int) -> Table:
         room = max(width - sum(GAP + _width(c) for c in figures), 1)
         table = Table(box=None, pad_edge=False, header_style="dim", padding=(0, GAP, 0, 0))
-        table.add_column(_plain(self.columns[0].header), width=min(longest, room), overflow="fold")
-        for column in figures:
-            table.add_column(
-                _plain(column.header), justify=column.justify, width=_width(column), overflow="fold"
-            )
-        columns = [list(c.cells) for c in (self.columns[0], *figures)]
-        for row, cells in zip(self.rows, zip(*columns, strict=True), strict=True):
+        shown = [(self.columns[0], min(longest, room)), *((c, _width(c)) for c in figures)]
+        for column, wide in shown:
+            table.add_column(_plain(column.header), justify=column.justify, width=wide, overflow="fold")
+        for row, *cells in zip(self.rows, *(column.cells for column, _ in shown), strict=True):
             table.add_row(*map(_plain, cells), style=row.style)
-        yield table
+        return table
 
 
 def _plain(cell: RenderableType) -> RenderableType:
