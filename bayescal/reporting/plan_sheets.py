@@ -7,7 +7,6 @@ from collections.abc import Iterator
 
 import numpy as np
 from rich.console import Group, RenderableType
-from rich.table import Table
 from rich.text import Text
 
 from bayescal.effects.vocabulary import unit_label
@@ -214,13 +213,13 @@ def headline(plan: Plan) -> Iterator[str]:
             yield "No number of the candidates, chosen at random, gives the same"
 
 
-def further(plan: Plan) -> str:
-    """What further contacts would gain, or ""."""
+def further(plan: Plan) -> tuple[str, str] | None:
+    """U with further contacts, and the difference that they make."""
     if not plan.expected or not np.isfinite(plan.next_u):
-        return ""
+        return None
     now = plan.expected[0].u
     less = 100 * (1 - plan.next_u / now) if now > 0 else 0.0
-    return f"{FURTHER} further contacts: U = {um2(COVERAGE_FACTOR * plan.next_u)} µm ({less:.1f} % less)"
+    return f"U = {um2(COVERAGE_FACTOR * plan.next_u)} µm", f"{less:.1f} % less"
 
 
 def contacts_phrase(plan: Plan) -> str:
@@ -313,16 +312,15 @@ def plan_summary(plan: Plan) -> RenderableType:
     ]
     if plan.expected:
         parts.append(terminal(expected(plan)))
-    parts += [_lines(("next 20", further(plan), "")), "", terminal(by_target(plan)), _lines(*costs)]
+    if more := further(plan):
+        parts.append(facts([("next 20", f"{FURTHER} further contacts: {more[0]} ({more[1]})", "")]))
+    parts += ["", terminal(by_target(plan)), facts(costs)]
     if plan.detectable:
-        parts += ["", terminal(detectable(plan)), _lines(("detectable", detectability(plan), ""))]
+        parts += ["", terminal(detectable(plan))]
+        if text := detectability(plan):
+            parts.append(facts([("detectable", text, "")]))
     parts.append(facts(_limits(plan)))
     return Group(*parts)
-
-
-def _lines(*lines: tuple[str, str, str]) -> Table:
-    """Those lines of the terminal that have a text."""
-    return facts(line for line in lines if line[1])
 
 
 def _limits(plan: Plan) -> Facts:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 from bayescal.effects import EFFECTS
 from bayescal.gap.result import VALIDATION_POINTS
@@ -46,7 +46,7 @@ def first(run: Run) -> Section:
         sign,
         _lines(word, record["words"]),
         LINES,
-        _keys(record),
+        list(_keys(record)),
         "What is wrong, and what to look at",
         _faults(record),
         draw_arm(run) if sites else None,
@@ -113,11 +113,9 @@ def _remedy(effect: str) -> str:
     return EFFECTS[effect].remedy if effect in EFFECTS else ""
 
 
-def _keys(record: Json) -> list[tuple[str, str, str]]:
-    out = []
-    measured_now = {m["what"]: m for m in record["gap"]["measured"]}
+def _keys(record: Json) -> Iterator[tuple[str, str, str]]:
+    now = next((m for m in record["gap"]["measured"] if m["what"] == DISTANCES), None)
     better = record["shrinkage"].get("distances")
-    now = measured_now.get(DISTANCES)
     if better and record["named"]:
         before, after = length(better["before_rms_um"]), length(better["after_rms_um"])
         value = f"{before} → {after} µm RMS" if better["claimed"] else f"{before} µm RMS"
@@ -125,29 +123,23 @@ def _keys(record: Json) -> list[tuple[str, str, str]]:
             f"{better['count']} certified distances, before and after the refit with the named effects, "
             f"which expects {length(better['predicted_rms_um'])} µm"
         )
-        detail += "" if better["claimed"] else "; no improvement is claimed"
-        out.append(("Distance error", value, detail))
+        yield "Distance error", value, detail + ("" if better["claimed"] else "; no improvement is claimed")
     elif now:
         detail = f"{now['count']} certified distances; the model expects {length(now['predicted_rms_um'])} µm"
-        out.append(("Distance error", f"{length(now['rms_um'])} µm RMS", detail))
+        yield "Distance error", f"{length(now['rms_um'])} µm RMS", detail
     else:
-        out.append(("Distance error", "not measured", "no certified distances in the validation data"))
-    of = record["lengths"]
+        yield "Distance error", "not measured", "no certified distances in the validation data"
+    of, ends = record["lengths"], record["gap"]["excess_um"]["interval95"]
     kind = "point (length)" if of["of"] == VALIDATION_POINTS else "contact"
-    low, high = record["gap"]["excess_um"]["interval95"]
-    excess = f"{length(of['excess_um'])} µm" if low or record["verdict"] != "null" else "none"
-    out.append(
-        (
-            "Excess above noise",
-            excess,
-            f"95 %: {interval([low, high], sheets.per_vector(of['of']))} µm per {kind}; validation RMS "
-            f"{length(of['validation_rms_um'])} µm, noise {length(of['noise_um'])} µm",
-        )
+    excess = f"{length(of['excess_um'])} µm" if ends[0] or record["verdict"] != "null" else "none"
+    detail = (
+        f"95 %: {interval(ends, sheets.per_vector(of['of']))} µm per {kind}; validation RMS "
+        f"{length(of['validation_rms_um'])} µm, noise {length(of['noise_um'])} µm"
     )
+    yield "Excess above noise", excess, detail
     null = record["probability"].get(sheets.NULL)
     if null is not None:
-        out.append(("Probability of noise only", probability(null), f"from {record['gap']['heldout']}"))
-    return out
+        yield "Probability of noise only", probability(null), f"from {record['gap']['heldout']}"
 
 
 def _next(run: Run) -> list[tuple[str, str]]:
