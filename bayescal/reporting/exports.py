@@ -168,8 +168,8 @@ def report(v: Verification) -> RenderableType:
     parts += [Text(remark, style="yellow") for remark in v.arm.use.remarks]
     worst = next((level for level in v.levels if not level.passed), None)
     if worst is None:
-        rest = " without these effects" if v.missing else ""
-        parts.append(Text(f"passed: the simulator has the fitted arm{rest}"))
+        condition = " without these effects" if v.missing else ""
+        parts.append(Text(f"passed: the simulator has the fitted arm{condition}"))
     else:
         what = f"FAILED: {worst.name} differs by up to {1e6 * worst.maximum:.3g} µm"
         parts.append(Text(f"{what} (limit {1e6 * worst.limit:.3g} µm, RMS 1 µm)", style="red"))

@@ -55,7 +55,8 @@ def gap_summary(gap: Gap, record: Json) -> RenderableType:
     if nothing:
         parts.append(facts(_largest(record)))
     elif record["where"]:
-        parts += [terminal(_where(record), *_headings(record)), facts(_margins(gap, record))]
+        headings = (f"location: {sheets.rms_of(record)} (µm)", "RMS", "share", "p", "explained by")
+        parts += [terminal(_where(record), *headings), facts(_margins(gap, record))]
     parts += [facts(_which(record)), facts(_amplitudes(gap, record)), facts(_remedy(record)), ""]
     if gap.shrinkage and not nothing:
         parts += [terminal(_improvements(record), *IMPROVEMENTS), facts(_not_claimed(record))]
@@ -119,10 +120,6 @@ def _where(record: Json) -> Sheet:
     if record["verdict"] == "named+unexplained" and all(w["explained_by"] for w in shown):
         shown = [*shown[:-1], *[w for w in every[PLACES - 1 :] if not w["explained_by"]][:1]]
     return replace(sheets.where_sheet(record), items=shown, style=lambda w: "" if sheets.marked(w) else "dim")
-
-
-def _headings(record: Json) -> tuple[str, ...]:
-    return f"location: {sheets.rms_of(record)} (µm)", "RMS", "share", "p", "explained by"
 
 
 def _largest(record: Json) -> Facts:

@@ -110,8 +110,8 @@ def tidy(axes: Any) -> None:
     axes.tick_params(labelsize=9.5, colors=INK)
     axes.title.set_fontsize(10.5)
     axes.title.set_color(GREY)
-    for at in ("left", "right"):
-        axes.set_title(axes.get_title(at), loc=at, fontsize=10.5, color=GREY)
+    for side in ("left", "right"):
+        axes.set_title(axes.get_title(side), loc=side, fontsize=10.5, color=GREY)
     axes.xaxis.label.set(fontsize=10, color=INK)
     axes.yaxis.label.set(fontsize=10, color=INK)
     for text in axes.texts:

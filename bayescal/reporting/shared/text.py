@@ -74,12 +74,12 @@ def _width(column: Column) -> int:
 def _blocks(figures: list[Column], room: int) -> list[list[Column]]:
     """Columns in order, in as few blocks as fit a width; each block has one column at least."""
     out: list[list[Column]] = [[]]
-    left = room
+    remaining = room
     for column in figures:
-        left -= GAP + _width(column)
-        if left < 0 and out[-1]:
+        remaining -= GAP + _width(column)
+        if remaining < 0 and out[-1]:
             out.append([])
-            left = room - GAP - _width(column)
+            remaining = room - GAP - _width(column)
         out[-1].append(column)
     return out
 
