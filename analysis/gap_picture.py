@@ -8,8 +8,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from bayescal.gap.diagnose import diagnose
-from bayescal.reporting.figures.figures import draw
-from bayescal.reporting.figures.output import write
+from bayescal.reporting.figures.figures import draw, write
 from bayescal.reporting.gap.record import gap_record
 from bayescal.simulation import Options, simulate
 

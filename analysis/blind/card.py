@@ -13,7 +13,7 @@ from rich.text import Text
 
 from analysis.blind.rows import bands, by_form, by_lambda, number, rows
 from bayescal.errors import BayescalError
-from bayescal.reporting.shared.text import facts, plain_table
+from bayescal.reporting.shared.text import FigureTable, facts
 from bayescal.storage.files import write_together
 
 BEGIN, END = "<!-- blind: begin -->", "<!-- blind: end -->"
@@ -38,10 +38,10 @@ def terminal(found: Mapping[str, Any]) -> RenderableType:
     """The figures on one screen, at most 100 columns wide."""
     title = Text.assemble((f"{found['worlds']} simulated sessions", "bold"), f"  {kinds(found)}")
     bins = found["reliability"]
-    strength = plain_table("by detectability", *bands())
+    strength = FigureTable("by detectability", *bands())
     for label, cells in by_lambda(found):
         strength.add_row(label, *cells)
-    stated = plain_table("probability stated", *(span(b["bin"]) for b in bins))
+    stated = FigureTable("probability stated", *(span(b["bin"]) for b in bins))
     for label, cells in reliability(found):
         stated.add_row(label, *cells)
     parts: list[RenderableType] = [

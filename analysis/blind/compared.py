@@ -17,7 +17,7 @@ from analysis.blind.rounds import ARMS, ROUND
 from analysis.blind.rows import of
 from analysis.blind.score import CLEAR, records
 from bayescal.errors import BayescalError
-from bayescal.reporting.shared.text import plain_table
+from bayescal.reporting.shared.text import FigureTable
 
 BEGIN, END = "<!-- rounds: begin -->", "<!-- rounds: end -->"
 FIRST = "first round"
@@ -93,7 +93,7 @@ HEADINGS = ("correct answers", FIRST, "60 chosen contacts", "60 random contacts"
 
 def terminal(rows: list[dict[str, Any]]) -> Table:
     """The comparison on a screen."""
-    out = plain_table(*HEADINGS)
+    out = FigureTable(*HEADINGS)
     for row in rows:
         out.add_row(*_cells(row))
     return out

@@ -12,7 +12,7 @@ from analysis.blind.assessed import Record, false_names
 from analysis.blind.rates import value
 from analysis.blind.rows import bands
 from analysis.blind.shrunk import FAR, MEASURES, factors
-from bayescal.reporting.shared.style import ACCENT, FAINT, GREY, INK, MARKED, NOISE, SERIES, figure, tidy
+from bayescal.reporting.shared.style import ACCENT, FAINT, GREY, INK, MARKED, NOISE, TINTS, figure, tidy
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -122,7 +122,7 @@ def draw_shrinkage(records: Sequence[Record], found: Found) -> Figure:
         axes.plot(ends, ends, color=GREY, lw=1, ls="--")
         for exact, colour, marker, label in (
             (True, ACCENT, "o", "verdict correct"),
-            (False, SERIES[1], "D", "verdict incorrect"),
+            (False, TINTS[1], "D", "verdict incorrect"),
         ):
             mine = [(said, done) for r, said, done in own if r["right"] == exact]
             x, y = np.array(mine).reshape(-1, 2).T

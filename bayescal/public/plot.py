@@ -190,7 +190,7 @@ def posterior(
     """
     from bayescal.posterior.inference import CHAINS
     from bayescal.reporting.figures.figures import drawn, posterior_content
-    from bayescal.reporting.figures.posterior import label, weakest
+    from bayescal.reporting.figures.parameters import label, weakest
 
     if not isinstance(result, FitResult):
         raise BayescalError("the figure `posterior` is of a calibration", "bc.plot", "give a calibration")

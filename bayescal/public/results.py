@@ -147,9 +147,9 @@ class FitResult(Result, Positioned):
     _FORMAT: ClassVar[str] = "%.6g"
 
     def _contents(self) -> Json:
-        from bayescal.reporting.fit.record import fit_contents
+        from bayescal.reporting.fit.record import fit_record
 
-        return fit_contents(self._new(), self.agreement)
+        return fit_record(self._new(), self.agreement)
 
     def report(self, verbose: bool = False) -> RenderableType:
         """The summary, to be printed by a `rich.console.Console`; `verbose` adds details."""
@@ -158,7 +158,7 @@ class FitResult(Result, Positioned):
         from bayescal.reporting.fit.agreement import agreement_summary
         from bayescal.reporting.fit.summary import fit_summary
 
-        summary = fit_summary(self._new(), verbose)
+        summary = fit_summary(self._new(), self.record, verbose)
         return summary if self.agreement is None else Group(summary, "", agreement_summary(self.agreement))
 
     def save(self, folder: str | PathLike[str], pictures: bool = True) -> tuple[str, ...]:
@@ -166,9 +166,9 @@ class FitResult(Result, Positioned):
 
         Returns the names of what was written.
         """
-        from bayescal.reporting.fit.files import write_fit
+        from bayescal.reporting.fit.record import write_fit
 
-        return write_fit(self._new(), Path(folder), self.agreement, pictures)
+        return write_fit(self._new(), Path(folder), self.record, pictures)
 
     def inference_data(self) -> Any:
         """The content of posterior.nc for ArviZ: InferenceData (ArviZ 0.x) or DataTree (1.x)."""
@@ -260,14 +260,14 @@ class GapResult(Result, Positioned):
         from bayescal.reporting.gap.summary import gap_summary
         from bayescal.reporting.shared.text import facts
 
-        summary = gap_summary(self._new())
+        summary = gap_summary(self._new(), self.record)
         return summary if self.agreement is None else Group(summary, "", facts(verdicts(self.agreement)))
 
     def save(self, folder: str | PathLike[str], pictures: bool = True) -> tuple[str, ...]:
         """Write gap.json, gap.html, arm.json, the dataset, the figures where `pictures`; return the names."""
         from bayescal.reporting.gap.record import write_gap
 
-        return write_gap(self._new(), Path(folder), pictures)
+        return write_gap(self._new(), Path(folder), self.record, pictures)
 
     @property
     def verdict(self) -> str:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from itertools import groupby
+from operator import itemgetter
 from typing import Any
 
 from rich.console import Group, RenderableType
 
 from bayescal.preparing.check import Check, check_record
 from bayescal.preparing.missing import KINDS, Finding
-from bayescal.reporting.shared.text import facts
+from bayescal.reporting.shared.text import Facts, by_reason, facts
 
 TITLES = {"refused": "refused by fit", "odd": "odd", "missing": "missing"}
 STYLES = {"refused": "red", "odd": "yellow", "missing": "yellow"}
@@ -21,16 +22,21 @@ MOST = 6
 def check_summary(of: Check) -> RenderableType:
     """What is understood, what can be assessed, and all findings."""
     record = check_record(of)
-    lines = [(key, text, "") for key, text in _understood(record)]
-    lines += [("assessable", _listed(record["assessed"]) or "nothing", "")]
-    for reason, names in _by_reason(record["not_assessed"]).items():
-        lines.append(("not assessable", f"{_listed(names)}: {reason}", "dim"))
-    lines += [("not shown", text, "dim") for text in record["not_shown"]]
+    return Group(f"{record['dataset']}  {record['robot']['name']}", facts(_grouped(_lines(of, record))))
+
+
+def _lines(of: Check, record: dict[str, Any]) -> Facts:
+    for key, text in _understood(record):
+        yield key, text, ""
+    yield "assessable", ", ".join(record["assessed"]) or "nothing", ""
+    for reason, names in by_reason(record["not_assessed"]).items():
+        yield "not assessable", f"{', '.join(names)}: {reason}", "dim"
+    for text in record["not_shown"]:
+        yield "not shown", text, "dim"
     if not of.findings:
-        lines.append(("findings", "none", "green"))
-    for kind, own in groupby(of.findings, key=lambda f: f.kind):
-        lines += [(TITLES[kind], f"{f.where}: {f.what}; {f.remedy}", STYLES[kind]) for f in own]
-    return Group(f"{record['dataset']}  {record['robot']['name']}", facts(_grouped(lines)))
+        yield "findings", "none", "green"
+    for f in of.findings:
+        yield TITLES[f.kind], f"{f.where}: {f.what}; {f.remedy}", STYLES[f.kind]
 
 
 def said(findings: tuple[Finding, ...]) -> str:
@@ -39,7 +45,7 @@ def said(findings: tuple[Finding, ...]) -> str:
     return ", ".join(f"{count} {TITLES[kind]}" for kind, count in counts.items() if count) or "no findings"
 
 
-def _grouped(lines: list[tuple[str, str, str]]) -> Iterator[tuple[str, str, str]]:
+def _grouped(lines: Facts) -> Facts:
     """Lines with their title only where it changes."""
     before = ""
     for title, text, style in lines:
@@ -50,40 +56,34 @@ def _grouped(lines: list[tuple[str, str, str]]) -> Iterator[tuple[str, str, str]
 def _understood(r: dict[str, Any]) -> Iterator[tuple[str, str]]:
     masses = "with masses of the links" if r["robot"]["masses"] else "no masses of the links"
     yield "robot", f"{r['robot']['name']}, {r['robot']['joints']} joints, {masses}; readings: {r['readings']}"
-    yield (
-        "rows",
-        ", ".join(
-            [f"{r['rows']['total']}", *(f"{n} {role}" for role, n in r["rows"].items() if role != "total")]
-        ),
-    )
-    for kind, own in groupby(sorted(r["targets"], key=lambda t: t["kind"]), key=lambda t: t["kind"]):
-        each = list(own)
-        names = [f"{t['name']} ({_counts(t['rows'])})" for t in each]
+    roles = {role: n for role, n in r["rows"].items() if role != "total"}
+    yield "rows", ", ".join([str(r["rows"]["total"]), *(f"{n} {role}" for role, n in roles.items())])
+    for kind, targets in _by_kind(r["targets"]):
+        names = [f"{t['name']} ({_counts(t['rows'])})" for t in targets]
         more = f" and {len(names) - MOST} more" if len(names) > MOST else ""
-        yield "targets", f"{len(each)} {kind}: {', '.join(names[:MOST])}{more}"
+        yield "targets", f"{len(names)} {kind}: {', '.join(names[:MOST])}{more}"
     yield "tools", ", ".join(f"{name} ({n} measurements)" for name, n in r["tools"].items())
-    for kind, group in groupby(sorted(r["certificates"], key=lambda c: c["kind"]), key=lambda c: c["kind"]):
-        yield "certificates", _certified(kind, list(group))
-    noise = [
-        " ".join((key.partition("_")[0], f"{value:g}", key.partition("_")[2]))
-        for key, value in r["noise"].items()
-        if value
-    ]
-    yield "noise (k = 1)", ", ".join(noise)
+    for kind, certificates in _by_kind(r["certificates"]):
+        yield "certificates", _certified(kind, certificates)
+    stated = [(*key.partition("_"), value) for key, value in r["noise"].items() if value]
+    yield "noise (k = 1)", ", ".join(f"{of} {value:g} {unit}" for of, _, unit, value in stated)
     time = "no times" if r["duration_s"] is None else f"{r['duration_s'] / 3600:.1f} h"
     load = ", ".join(f"{p:g}" for p in r["payloads_kg"]) or "0"
-    yield (
-        "conditions",
-        (
-            f"{time}; payload {load} kg; {r['repeats']} repeated contacts, {r['stops']} stops; "
-            f"{'with' if r['velocities'] else 'no'} joint velocities; "
-            f"{'temperature of the ' + r['temperature_of'] if r['temperature_of'] else 'no temperatures'}"
-        ),
+    conditions = (
+        time,
+        f"payload {load} kg",
+        f"{r['repeats']} repeated contacts, {r['stops']} stops",
+        f"{'with' if r['velocities'] else 'no'} joint velocities",
+        f"temperature of the {r['temperature_of']}" if r["temperature_of"] else "no temperatures",
     )
-    yield (
-        "model",
-        f"{' + '.join(r['model']) or 'none'}: {r['unknowns']} unknowns, {r['values']} values to fit them",
-    )
+    yield "conditions", "; ".join(conditions)
+    model = " + ".join(r["model"]) or "none"
+    yield "model", f"{model}: {r['unknowns']} unknowns, {r['values']} values to fit them"
+
+
+def _by_kind(entries: list[dict[str, Any]]) -> Iterator[tuple[str, list[dict[str, Any]]]]:
+    for kind, group in groupby(sorted(entries, key=itemgetter("kind")), key=itemgetter("kind")):
+        yield kind, list(group)
 
 
 def _counts(rows: dict[str, int]) -> str:
@@ -91,29 +91,15 @@ def _counts(rows: dict[str, int]) -> str:
 
 
 def _certified(kind: str, group: list[dict[str, Any]]) -> str:
-    """Certificates of one kind, with the range of their uncertainties."""
-    keys = {"u_um": "µm", "u_form_um": "µm", "u_angle_urad": "µrad"}
-    parts = []
-    for key, unit in keys.items():
+    """Certificates of one kind, with the ranges of their lengths and uncertainties."""
+
+    def span(key: str, digits: int) -> str:
         values = sorted({c[key] for c in group if key in c})
-        if values:
-            span = f"{values[0]:.3g}" + (f" to {values[-1]:.3g}" if len(values) > 1 else "")
-            parts.append(f"u = {span} {unit}")
-    lengths = sorted({c["distance_mm"] for c in group if "distance_mm" in c})
-    of = (
-        f" of {lengths[0]:.6g}" + (f" to {lengths[-1]:.6g}" if len(lengths) > 1 else "") + " mm"
-        if lengths
-        else ""
-    )
-    return f"{len(group)} {kind}{of}, {', '.join(parts)}"
+        return (
+            " to ".join(f"{v:.{digits}g}" for v in dict.fromkeys((values[0], values[-1]))) if values else ""
+        )
 
-
-def _by_reason(missing: dict[str, str]) -> dict[str, list[str]]:
-    out: dict[str, list[str]] = {}
-    for name, reason in missing.items():
-        out.setdefault(reason, []).append(name)
-    return out
-
-
-def _listed(names: list[str]) -> str:
-    return ", ".join(names)
+    units = {"u_um": "µm", "u_form_um": "µm", "u_angle_urad": "µrad"}
+    u = [f"u = {text} {unit}" for key, unit in units.items() if (text := span(key, 3))]
+    length = span("distance_mm", 6)
+    return f"{len(group)} {kind}{f' of {length} mm' if length else ''}, {', '.join(u)}"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -29,12 +30,12 @@ LOCATED = (
 
 
 COLUMNS: dict[str, tuple[str, Callable[[Result], float]]] = {
-    "planes_rms_um": ("contacts RMS", lambda r: r.validation.contacts.rms),
-    "distances_rms_um": ("distances RMS", lambda r: r.validation.distance_errors.rms),
-    "distances_max_um": ("maximum", lambda r: r.validation.distance_errors.maximum),
-    "predicted_distance_sd_um": ("predicted u", lambda r: r.distance_sd),
-    "points_mean_um": ("points mean", lambda r: r.validation.point_lengths.mean),
-    "points_max_um": ("maximum", lambda r: r.validation.point_lengths.maximum),
+    "planes_rms_um": ("contacts RMS", attrgetter("validation.contacts.rms")),
+    "distances_rms_um": ("distances RMS", attrgetter("validation.distance_errors.rms")),
+    "distances_max_um": ("maximum", attrgetter("validation.distance_errors.maximum")),
+    "predicted_distance_sd_um": ("predicted u", attrgetter("distance_sd")),
+    "points_mean_um": ("points mean", attrgetter("validation.point_lengths.mean")),
+    "points_max_um": ("maximum", attrgetter("validation.point_lengths.maximum")),
 }
 """Key, heading and value, m, of what is compared."""
 
@@ -50,8 +51,8 @@ def comparison_summary(comparison: Comparison) -> RenderableType:
     columns = (
         Column("validation (µm)", lambda row: row.method.name),
         *(Column(heading, _of_result(value), um) for heading, value in (COLUMNS[key] for key in shown)),
-        Column("parameters", _of_result(lambda r: r.solution.free)),
-        Column("seconds", _of_result(lambda r: r.seconds), "{:.2f}".format),
+        Column("parameters", _of_result(attrgetter("solution.free"))),
+        Column("seconds", _of_result(attrgetter("seconds")), "{:.2f}".format),
     )
     table = terminal(Sheet(columns, comparison.rows, LOCATED, style=_style))
     notes = [(row.method.name, row.why, "dim") for row in comparison.rows if row.result is None]

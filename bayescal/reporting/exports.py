@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Callable
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -18,7 +18,7 @@ from bayescal.exporting.export import Exported
 from bayescal.fitted.arm import FittedArm
 from bayescal.reporting.shared.origin import plain
 from bayescal.reporting.shared.sheet import Column, Sheet, terminal
-from bayescal.reporting.shared.text import MM, facts, model_label, um, um2
+from bayescal.reporting.shared.text import MM, facts, model_label, um, um2, under
 from bayescal.verifying.gap import Gap
 from bayescal.verifying.result import Verification
 
@@ -51,12 +51,11 @@ def compensation_summary(arm: FittedArm, done: Compensation) -> RenderableType:
         if result.reason
     ]
     rows += [("note", note, "yellow") for note in arm.use.notes if note not in arm.use.warnings]
-    rows += [("no solution" if k == 0 else "", text, "red") for k, text in enumerate(_some(lacking))]
-    rows += [("kept" if k == 0 else "", text, "yellow") for k, text in enumerate(_some(list(done.notes)))]
+    rows += [*under("no solution", _some(lacking), "red"), *under("kept", _some(done.notes), "yellow")]
     return Group(facts(rows))
 
 
-def _some(texts: list[str]) -> list[str]:
+def _some(texts: Sequence[str]) -> Sequence[str]:
     more = len(texts) - SHOWN
     return texts if more <= 0 else [*texts[:SHOWN], f"and {more} more"]
 
@@ -131,12 +130,21 @@ def record(v: Verification) -> dict[str, Any]:
         "measured": None,
     }
     if v.gap is not None:
-        out["measured"] = {"before_model": v.gap.before_is} | {
-            kind: {"count": v.gap.count[kind]}
-            | {key: plain(1e6 * size) for key, size in zip(MEASURED, _errors(v.gap, kind), strict=True)}
-            for kind in v.gap.after
-        }
+        out["measured"] = {"before_model": v.gap.before_is} | _measured(v.gap)
     return out
+
+
+MEASURED = ("before_rms_um", "after_rms_um", "predicted_before_rms_um", "predicted_after_rms_um")
+
+
+def _measured(gap: Gap) -> dict[str, dict[str, Any]]:
+    """Number and RMS errors of each kind: before and after, measured and predicted by the run."""
+    errors = {kind: (gap.before[kind], gap.after[kind], *gap.predicted[kind]) for kind in gap.after}
+    return {
+        kind: {"count": gap.count[kind]}
+        | {key: plain(1e6 * size) for key, size in zip(MEASURED, sizes, strict=True)}
+        for kind, sizes in errors.items()
+    }
 
 
 def report(v: Verification) -> RenderableType:
@@ -146,27 +154,26 @@ def report(v: Verification) -> RenderableType:
     if v.gap is None:
         parts.append(Text("The session has no validation measurements: no gap is measured."))
     else:
-        parts.append(terminal(_measured(v.gap)))
+        headings = (f"before ({v.gap.before_is})", "after", "run: before", "run: after")
+        columns = (
+            Column("simulator against measurements: RMS (µm)", "kind"),
+            Column("count", "count"),
+            *(Column(heading, key, "{:.3g}".format) for heading, key in zip(headings, MEASURED, strict=True)),
+        )
+        items = [{"kind": kind, **errors} for kind, errors in _measured(v.gap).items()]
+        parts.append(terminal(Sheet(columns, items)))
     if v.missing:
         sizes = ", ".join(f"{name} ({um(size)} µm RMS)" for name, size in v.missing.items())
         parts.append(Text(f"not in the file, and part of the gap after: {sizes}"))
     parts += [Text(remark, style="yellow") for remark in v.arm.use.remarks]
     worst = next((level for level in v.levels if not level.passed), None)
     if worst is None:
-        rest = " without these effects" if v.missing else ""
-        parts.append(Text(f"passed: the simulator has the fitted arm{rest}"))
+        condition = " without these effects" if v.missing else ""
+        parts.append(Text(f"passed: the simulator has the fitted arm{condition}"))
     else:
         what = f"FAILED: {worst.name} differs by up to {1e6 * worst.maximum:.3g} µm"
         parts.append(Text(f"{what} (limit {1e6 * worst.limit:.3g} µm, RMS 1 µm)", style="red"))
     return Group(*parts)
-
-
-MEASURED = ("before_rms_um", "after_rms_um", "predicted_before_rms_um", "predicted_after_rms_um")
-
-
-def _errors(gap: Gap, kind: str) -> tuple[float, ...]:
-    """RMS errors of a kind, m: before and after, measured and predicted by the run."""
-    return (gap.before[kind], gap.after[kind], *gap.predicted[kind])
 
 
 LEVELS = (
@@ -176,16 +183,3 @@ LEVELS = (
         for heading, key in (("RMS", "rms"), ("maximum", "maximum"), ("limit", "limit"))
     ),
 )
-
-
-def _measured(gap: Gap) -> Sheet:
-    def error(k: int) -> Callable[[str], float | None]:
-        return lambda kind: plain(_errors(gap, kind)[k])
-
-    headings = (f"before ({gap.before_is})", "after", "run: before", "run: after")
-    columns = (
-        Column("simulator against measurements: RMS (µm)", str),
-        Column("count", gap.count.get),
-        *(Column(heading, error(k), lambda size: f"{1e6 * size:.3g}") for k, heading in enumerate(headings)),
-    )
-    return Sheet(columns, tuple(gap.after))

@@ -11,20 +11,15 @@ import numpy as np
 from bayescal.dataset import Dataset
 from bayescal.dataset.table import CLEARANCE
 from bayescal.dataset.write import table_text
-from bayescal.planning.result import DISTANCES, GAP, REPEAT, VALIDATE, Detectable, Plan
-from bayescal.reporting.shared.origin import entry, origin, plain
-from bayescal.reporting.shared.text import MM, UM, amplitude
+from bayescal.planning.result import DISTANCES, GAP, REPEAT, VALIDATE, Plan
+from bayescal.reporting.shared.origin import entry, origin, plain, sized
+from bayescal.reporting.shared.text import MM, UM
 
 
 def payloads(session: Dataset) -> np.ndarray:
     """Payloads (N,), kg; 0 where the session states none."""
     m = session.measurements
     return np.zeros(len(m.ids)) if m.payload is None else m.payload
-
-
-def purposes(plan: Plan) -> dict[str, int]:
-    """Numbers of contacts by purpose."""
-    return {p: plan.purpose.count(p) for p in (DISTANCES, GAP, REPEAT, VALIDATE)}
 
 
 def count(plan: Plan) -> int:
@@ -85,7 +80,7 @@ def plan_record(plan: Plan, commands: Mapping[str, str] | None = None) -> dict[s
         "order": plan.order,
         "contacts": count(plan),
         "rows": len(m.ids),
-        "purposes": purposes(plan),
+        "purposes": {p: plan.purpose.count(p) for p in (DISTANCES, GAP, REPEAT, VALIDATE)},
         "targets": {names[k]: int(n) for k, n in zip(used, touched, strict=True)},
         "payloads": [{"payload_kg": x, "contacts": int(n)} for x, n in zip(mass, loaded, strict=True)],
         "purpose": dict(zip(m.ids, plan.purpose, strict=True)),
@@ -114,7 +109,10 @@ def plan_record(plan: Plan, commands: Mapping[str, str] | None = None) -> dict[s
         "observability_random": dict(plan.observability_random),
         "curve": _curve(plan.curve),
         "curve_random": _curve(plan.curve_random),
-        "detectable": [_detectable(d) for d in plan.detectable],
+        "detectable": [
+            {"effect": d.effect, "site": str(d.site)} | sized(d, "smallest", "smallest_random", "plausible")
+            for d in plan.detectable
+        ],
         "confusable": [
             entry(c, "pair", "lambda_before=before", "lambda_after=after")
             | {"intervention": c.intervention or None}
@@ -130,15 +128,3 @@ def plan_record(plan: Plan, commands: Mapping[str, str] | None = None) -> dict[s
 
 def _curve(points: Sequence[tuple[int, float]]) -> list[dict[str, Any]]:
     return [{"contacts": n, "distance_sd_um": UM * u} for n, u in points]
-
-
-def _detectable(d: Detectable) -> dict[str, Any]:
-    smallest, unit = amplitude(d.smallest, d.unit)
-    return {
-        "effect": d.effect,
-        "site": str(d.site),
-        "smallest": smallest,
-        "smallest_random": amplitude(d.smallest_random, d.unit)[0],
-        "plausible": amplitude(d.plausible, d.unit)[0],
-        "unit": unit,
-    }

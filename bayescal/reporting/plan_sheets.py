@@ -7,7 +7,6 @@ from collections.abc import Iterator
 
 import numpy as np
 from rich.console import Group, RenderableType
-from rich.table import Table
 from rich.text import Text
 
 from bayescal.effects.vocabulary import unit_label
@@ -17,7 +16,6 @@ from bayescal.planning.result import (
     GAP,
     REPEAT,
     VALIDATE,
-    Confusable,
     Detectable,
     ExpectedDistances,
     Plan,
@@ -58,13 +56,9 @@ def expected(plan: Plan) -> Sheet:
         Column("expected U (µm, k = 2)", lambda e: f"{e.count} {over(e)}"),
         Column("plan", lambda e: um2(COVERAGE_FACTOR * e.u)),
         Column("random", lambda e: um2(COVERAGE_FACTOR * e.u_random)),
-        *(Column(origin, of_key(_share, origin), percent) for origin in origins),
+        *(Column(origin, of_key(lambda e, name: e.shares.get(name), origin), percent) for origin in origins),
     )
     return Sheet(columns, plan.expected)
-
-
-def _share(e: ExpectedDistances, origin: str) -> float | None:
-    return e.shares.get(origin)
 
 
 def over(e: ExpectedDistances) -> str:
@@ -174,11 +168,6 @@ def observability(plan: Plan) -> Sheet:
     return Sheet(columns, tuple(plan.observability))
 
 
-def dropped(plan: Plan) -> tuple[tuple[str, int], ...]:
-    """Reasons for which contacts were not candidates, the most frequent first."""
-    return tuple(Counter(plan.pool.dropped).most_common())
-
-
 def contacts(plan: Plan) -> Sheet:
     """All contacts in the order of probing; joints in degrees."""
     session, m = plan.session, plan.session.measurements
@@ -224,13 +213,13 @@ def headline(plan: Plan) -> Iterator[str]:
             yield "No number of the candidates, chosen at random, gives the same"
 
 
-def further(plan: Plan) -> str:
-    """What further contacts would gain, or ""."""
+def further(plan: Plan) -> tuple[str, str] | None:
+    """U with further contacts, and the difference that they make."""
     if not plan.expected or not np.isfinite(plan.next_u):
-        return ""
+        return None
     now = plan.expected[0].u
     less = 100 * (1 - plan.next_u / now) if now > 0 else 0.0
-    return f"{FURTHER} further contacts: U = {um2(COVERAGE_FACTOR * plan.next_u)} µm ({less:.1f} % less)"
+    return f"U = {um2(COVERAGE_FACTOR * plan.next_u)} µm", f"{less:.1f} % less"
 
 
 def contacts_phrase(plan: Plan) -> str:
@@ -251,8 +240,8 @@ def travel(plan: Plan) -> str:
 
 
 def candidates(plan: Plan) -> str:
-    """Candidates, and why other contacts were none."""
-    reasons = "; ".join(f"{n} {why}" for why, n in dropped(plan) if n)
+    """Candidates, and why other contacts were none, the most frequent reason first."""
+    reasons = "; ".join(f"{n} {why}" for why, n in Counter(plan.pool.dropped).most_common() if n)
     every = f"{len(plan.pool.candidates)} candidates"
     return f"{every}; dropped: {reasons}" if reasons else every
 
@@ -268,7 +257,7 @@ def detectability(plan: Plan) -> str:
 def not_separated(plan: Plan) -> tuple[str, ...]:
     """Pairs of effects that the plan does not separate, each with what would."""
     return tuple(
-        f"{pair(c)} (detectability {strength(c.after)}); "
+        f"{' from '.join(c.pair)} (detectability {strength(c.after)}); "
         + (
             f"{NO_LEVER} separates them"
             if c.intervention == NO_LEVER
@@ -285,11 +274,6 @@ def separated(plan: Plan) -> str:
         return ""
     done = sum(not c.intervention for c in plan.confusable)
     return f"{done} of {len(plan.confusable)} pairs of confusable effects"
-
-
-def pair(c: Confusable) -> str:
-    """The names of a pair."""
-    return " from ".join(c.pair)
 
 
 def duration(seconds: float) -> str:
@@ -328,16 +312,15 @@ def plan_summary(plan: Plan) -> RenderableType:
     ]
     if plan.expected:
         parts.append(terminal(expected(plan)))
-    parts += [_lines(("next 20", further(plan), "")), "", terminal(by_target(plan)), _lines(*costs)]
+    if more := further(plan):
+        parts.append(facts([("next 20", f"{FURTHER} further contacts: {more[0]} ({more[1]})", "")]))
+    parts += ["", terminal(by_target(plan)), facts(costs)]
     if plan.detectable:
-        parts += ["", terminal(detectable(plan)), _lines(("detectable", detectability(plan), ""))]
+        parts += ["", terminal(detectable(plan))]
+        if text := detectability(plan):
+            parts.append(facts([("detectable", text, "")]))
     parts.append(facts(_limits(plan)))
     return Group(*parts)
-
-
-def _lines(*lines: tuple[str, str, str]) -> Table:
-    """Those lines of the terminal that have a text."""
-    return facts(line for line in lines if line[1])
 
 
 def _limits(plan: Plan) -> Facts:

@@ -137,7 +137,7 @@ def test_more_contacts_leave_less_to_the_prior(cube):
 
 
 def test_the_summary_leads_with_the_distance_error(fits, tmp_path):
-    lines = terminal_text(fit_summary(fits["too few"]), 200).splitlines()
+    lines = terminal_text(fit_summary(fits["too few"], fit_record(fits["too few"])), 200).splitlines()
     assert lines[1].startswith("verdict")
     assert any(line.startswith("distance error") and "predicted" in line for line in lines[:8])
     assert any(line.startswith("validation") and "none" in line for line in lines[:12])

@@ -36,7 +36,7 @@ from bayescal.model.scene import Scene
 from bayescal.predict.errors import lengths, slopes
 from bayescal.predict.forecast import workspace
 from bayescal.reporting.fit.budget import in_words
-from bayescal.reporting.fit.files import write_fit
+from bayescal.reporting.fit.record import fit_record, write_fit
 from bayescal.reporting.fit.summary import fit_summary
 from bayescal.reporting.shared.text import um2
 from bayescal.simulation import Options, simulate
@@ -54,7 +54,7 @@ def fitted():
 @pytest.fixture(scope="module")
 def run(fitted, tmp_path_factory):
     folder = tmp_path_factory.mktemp("one") / "run"
-    write_fit(fitted, folder, pictures=False)
+    write_fit(fitted, folder, fit_record(fitted), pictures=False)
     return folder
 
 
@@ -125,7 +125,7 @@ def test_what_is_printed_stored_and_decided_with_is_one_number(fitted, run):
     budgets = json.loads((run / "budget.json").read_text())
     page = (run / "report.html").read_text()
     shown = StringIO()
-    Console(file=shown, width=200).print(fit_summary(fitted, verbose=True))
+    Console(file=shown, width=200).print(fit_summary(fitted, fit_record(fitted), verbose=True))
     text = shown.getvalue()
 
     lead = record["predicted_distance"]

@@ -32,7 +32,7 @@ from bayescal.predict.forecast import SMALLEST, elsewhere, joint_range, point_sl
 from bayescal.reporting.fit.budget import budget_table, measurand_record
 from bayescal.reporting.fit.record import fit_record
 from bayescal.reporting.gap.phrases import headline
-from bayescal.reporting.gap.record import write_gap
+from bayescal.reporting.gap.record import gap_record, write_gap
 from bayescal.reporting.gap.summary import gap_summary
 from bayescal.simulation import Options, simulate
 from bayescal.simulation.record import write
@@ -195,8 +195,8 @@ def test_no_effect_in_rows_of_one_pose_is_no_success(diagnosed):
 
 def test_a_diagnosis_of_one_pose_has_a_page_and_no_nan(diagnosed, tmp_path):
     """A page of one block of rows ended with a traceback, and the terminal printed nan."""
-    write_gap(diagnosed, tmp_path / "run", pictures=False)
-    text = terminal_text(gap_summary(diagnosed), 150)
+    write_gap(diagnosed, tmp_path / "run", gap_record(diagnosed), pictures=False)
+    text = terminal_text(gap_summary(diagnosed, gap_record(diagnosed)), 150)
     assert "nan" not in text
     assert "no interval: the validation measurements have one pose" in text
 

@@ -29,6 +29,7 @@ from bayescal.model import ARM, build, check_asked
 from bayescal.model.options import FitOptions
 from bayescal.model.scene import Scene
 from bayescal.posterior.inference import load
+from bayescal.reporting.fit.record import fit_record
 from bayescal.reporting.fit.summary import fit_summary
 
 FULL = ("geometry", "compliance")
@@ -428,7 +429,7 @@ NOT_SAID = ("as drawn", "held out", "worst", "data decide", " um ", "ladder")
 
 
 def printed(found, width: int, verbose: bool = False) -> str:
-    return terminal_text(fit_summary(found, verbose), width)
+    return terminal_text(fit_summary(found, fit_record(found), verbose), width)
 
 
 def validating(session, every: int = 4):

@@ -24,9 +24,9 @@ from bayescal.gap.result import Named
 from bayescal.model import build, standing
 from bayescal.model.scene import Scene
 from bayescal.public.results import FitResult
-from bayescal.reporting.fit.files import write_fit
+from bayescal.reporting.fit.record import fit_record, write_fit
 from bayescal.reporting.fit.summary import fit_summary
-from bayescal.reporting.gap.record import write_gap
+from bayescal.reporting.gap.record import gap_record, write_gap
 from bayescal.reporting.gap.summary import gap_summary
 from bayescal.simulation import Options, simulate
 
@@ -215,7 +215,7 @@ def fit_of(case):
 def run(request, tmp_path_factory):
     """A fit, its run folder, and what is expected of it."""
     found, folder = fit_of(request.param), tmp_path_factory.mktemp("run") / "fit"
-    names = write_fit(found, folder, pictures=False)
+    names = write_fit(found, folder, fit_record(found), pictures=False)
     allowed, step = CASES[request.param]
     return SimpleNamespace(
         case=request.param, fit=found, folder=folder, names=names, allowed=allowed, step=step
@@ -256,7 +256,7 @@ def test_files_and_reports_say_the_same(run):
     assert read_arm(run.folder).use == use
     page = (run.folder / "report.html").read_text(encoding="utf-8")
     assert ("not to be used" in page) == (not run.allowed)
-    told = text_of(fit_summary(run.fit))
+    told = text_of(fit_summary(run.fit, fit_record(run.fit)))
     assert ("not to be used" in told) == (not run.allowed)
     assert ("use robot.yaml" in told) == (use.next == "use") == ("Use robot.yaml" in page)
     assert ("set to rigid" in told) == bool(use.rigid.words)
@@ -296,10 +296,10 @@ def test_an_effect_that_is_left_out_is_said_everywhere(tmp_path):
     gap = replace(gap, verdict=replace(gap.verdict, kind="named", named=(named,)), levels=gap.levels[-1:])
     words = "backlash at joint 3 is named, but the validation data do not confirm it: the arm is without it"
     assert gate.of_gap(gap).left_out == (words,)
-    names = write_gap(gap, tmp_path / "gap", pictures=False)
+    names = write_gap(gap, tmp_path / "gap", gap_record(gap), pictures=False)
     assert of_gap(gap).use == read_arm(tmp_path / "gap").use
     assert {"gap.json", "arm.json", "gap.html"} <= set(names)
-    assert words in text_of(gap_summary(gap))
+    assert words in text_of(gap_summary(gap, gap_record(gap)))
     for name in ("gap.json", "arm.json"):
         assert json.loads((tmp_path / "gap" / name).read_text(encoding="utf-8"))["use"]["left_out"] == [words]
     assert words in (tmp_path / "gap" / "gap.html").read_text(encoding="utf-8")

@@ -26,7 +26,8 @@ from bayescal.gap.search.candidates import candidates
 from bayescal.gap.settings import DESIGN
 from bayescal.model import ARM, Model, build
 from bayescal.model.scene import Scene
-from bayescal.reporting.gap.contacts import first_contacts, records, table_of_contacts
+from bayescal.reporting.gap.record import contact_records
+from bayescal.reporting.gap.sheets import first_contacts, table_of_contacts
 from bayescal.simulation import Options, simulate
 
 BASE = ("geometry", "compliance")
@@ -379,7 +380,7 @@ def dataset(cube):
 def test_a_repeat_is_the_contact_of_the_session(dataset):
     m = dataset.measurements
     gap, rows = advised(dataset, AGAIN, m.velocity[[2, 7, 11, 30]])
-    table = list(csv.DictReader(io.StringIO(table_of_contacts(gap))))
+    table = list(csv.DictReader(io.StringIO(table_of_contacts(contact_records(gap.advice[0], 1)))))
     assert [t["id"] for t in table] == ["next-1-001", "next-1-002", "next-1-003"]
     assert [t["repeat_of"] for t in table] == [m.ids[r] for r in rows]
     assert [t["target"] for t in table] == [dataset.targets[m.target[r]].name for r in rows]
@@ -393,12 +394,12 @@ def test_a_repeat_is_the_contact_of_the_session(dataset):
 
 def test_a_changed_condition_is_no_repeat(dataset):
     gap, _ = advised(dataset, "more payload", -dataset.measurements.velocity[[2, 7, 11, 30]], np.full(4, 2.0))
-    table = list(csv.DictReader(io.StringIO(table_of_contacts(gap))))
+    contacts = contact_records(gap.advice[0], 1)
+    table = list(csv.DictReader(io.StringIO(table_of_contacts(contacts))))
     assert {t["repeat_of"] for t in table} == {""}
     assert {t["payload_kg"] for t in table} == {"2"}
-    (first, *_) = records(gap, gap.advice[0])
-    assert json.loads(json.dumps(first))["payload_kg"] == 2.0
-    assert len(first_contacts(gap).rows) == 3
+    assert json.loads(json.dumps(contacts[0]))["payload_kg"] == 2.0
+    assert len(first_contacts(contacts).rows) == 3
 
 
 def test_the_file_is_written_where_contacts_are_advised(tmp_path):

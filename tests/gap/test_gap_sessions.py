@@ -59,7 +59,7 @@ def few(loud):
 
 def printed(gap):
 
-    return terminal_text(gap_summary(gap), 110)
+    return terminal_text(gap_summary(gap, gap_record(gap)), 110)
 
 
 def sane(gap):

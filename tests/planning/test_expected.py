@@ -34,7 +34,7 @@ from bayescal.planning.separate import (
     repeated,
     with_levers,
 )
-from bayescal.reporting.gap.contacts import undecided_records
+from bayescal.reporting.gap.record import undecided_records
 
 
 @pytest.fixture(scope="module")

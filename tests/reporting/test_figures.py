@@ -19,13 +19,12 @@ from bayescal.estimate import calibrated
 from bayescal.gap.result import VERDICTS
 from bayescal.model.scene import Scene
 from bayescal.reporting.figures import distances, parameters, process, residuals, where
-from bayescal.reporting.figures.figures import CONTENT, FILES, FIT, GAP, draw, has
-from bayescal.reporting.figures.output import figures_of, png, svg
-from bayescal.reporting.figures.palette import FAINT, INK, MARKED, SERIES
-from bayescal.reporting.figures.posterior import BINS, weakest
+from bayescal.reporting.figures.figures import CONTENT, FILES, FIT, GAP, draw, figures_of, has, png, svg
+from bayescal.reporting.figures.parameters import BINS, weakest
 from bayescal.reporting.fit.posterior import parameter_draws
 from bayescal.reporting.gap.record import gap_record
 from bayescal.reporting.shared.origin import rows_record
+from bayescal.reporting.shared.style import FAINT, INK, MARKED, SERIES
 
 WIDTHS = (80, 160)
 LONG = "the upper sphere of the artefact that stands behind the column of the machine $a_1$"
@@ -290,11 +289,9 @@ def test_a_significant_site_is_marked_and_named(sessions, site):
 
 
 def test_signs_point_up_for_positive_residuals(fit):
-    from bayescal.reporting.figures.arm import errors
-
-    _, error, signed = errors(fit)
+    error = (e := residuals.of_fit(fit)).value
     axes = draw("arm", fit).axes[0]
-    assert signed
+    assert e.signed
     assert [len(c.get_offsets()) for c in axes.collections] == [np.sum(error >= 0), np.sum(error < 0)]
 
 

@@ -35,7 +35,7 @@ PICTURES = {"gap-where.png", "gap-which.png", "gap-levels.png", "gap-residuals.p
 
 
 def printed(gap: Gap) -> str:
-    return terminal_text(gap_summary(gap), 100)
+    return terminal_text(gap_summary(gap, gap_record(gap)), 100)
 
 
 @pytest.fixture(scope="module")
@@ -173,7 +173,7 @@ CASES = {
 @pytest.mark.parametrize("case", CASES)
 def test_folder_holds_all(case, session, tracker, tmp_path):
     gap = CASES[case](session, tracker(seed=1, count=40).dataset)
-    names = write_gap(gap, tmp_path / "run")
+    names = write_gap(gap, tmp_path / "run", gap_record(gap))
     assert (
         {p.name for p in (tmp_path / "run").glob("[!.]*")}
         == set(names)
@@ -187,15 +187,17 @@ def test_folder_holds_all(case, session, tracker, tmp_path):
 
 
 def test_without_pictures_and_into_an_earlier_result(session, tmp_path):
-    assert write_gap(diagnosis(session), tmp_path / "run", pictures=False) == ("gap.json", "gap.html")
-    assert write_gap(diagnosis(session, "null"), tmp_path / "run", pictures=False) == ("gap.json", "gap.html")
+    for gap in (diagnosis(session), diagnosis(session, "null")):
+        names = write_gap(gap, tmp_path / "run", gap_record(gap), pictures=False)
+        assert names == ("gap.json", "gap.html")
     assert json.loads((tmp_path / "run" / "gap.json").read_text())["verdict"] == "null"
 
 
 def test_foreign_folder_is_left_alone(session, tmp_path):
     (tmp_path / "thesis.txt").write_text("mine")
+    gap = diagnosis(session)
     with pytest.raises(BayescalError, match=r"did not write: thesis\.txt"):
-        write_gap(diagnosis(session), tmp_path)
+        write_gap(gap, tmp_path, gap_record(gap))
     assert [p.name for p in tmp_path.iterdir()] == ["thesis.txt"]
 
 

@@ -227,13 +227,13 @@ def test_runs_without_certified_centres_are_compared_too(found):
 def test_the_budget_is_shown_where_the_folder_has_one(found):
     part = {
         "name": "certificate", "type": "B", "distribution": "normal", "value": 0.0, "u": 3.0, "unit": "um",
-        "sensitivity": 1.0, "contribution_um": 3.0,
+        "sensitivity": 1.0, "contribution": 3e-3, "contribution_um": 3.0,
     }  # fmt: skip
     budget = {
-        "schema": "bayescal-budget/1", "measurand": "a distance of 150 mm", "components": [part],
-        "u_um": 3.0, "U_um": 6.0, "k": 2.0, "coverage": 0.954,
+        "measurand": "a distance of 150 mm", "kind": "distance", "components": [part], "text": "U = 6.0 µm",
+        "u": 3e-3, "unit": "mm", "u_um": 3.0, "U_um": 6.0, "k": 2.0, "coverage": 0.954, "prior_share": 0.1,
     }  # fmt: skip
-    text = words(run_page(Run("gap", record_of(found, "null"), "x", budget)))
+    text = words(run_page(Run("gap", record_of(found, "null"), "x", {"budgets": [budget]})))
     assert "Uncertainty budget" in text
     assert "certificate" in text
     assert "Uncertainty budget" not in words(run_page(Run("gap", record_of(found, "null"), "x")))

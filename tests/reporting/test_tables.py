@@ -11,11 +11,11 @@ from cases import terminal_text
 
 from bayescal.gap.result import VALIDATION_POINTS, Verdict
 from bayescal.reporting.figures.where import drawn_curves
-from bayescal.reporting.gap.contacts import length
 from bayescal.reporting.gap.phrases import headline
+from bayescal.reporting.gap.sheets import per_vector
 from bayescal.reporting.shared.origin import STANDSTILL, _signs, entry, plain
 from bayescal.reporting.shared.sheet import Column, Sheet, frame, terminal
-from bayescal.reporting.shared.text import FigureTable, parameter_notes, plain_table, size, with_u
+from bayescal.reporting.shared.text import FigureTable, parameter_notes, size, with_u
 from bayescal.storage.files import json_text
 
 NAMES = ("nominal", "geometry + compliance + eccentricity of joint 3 + second-harmonic of joint 5", "x" * 90)
@@ -35,7 +35,7 @@ def printed(table: FigureTable, width: int) -> str:
 
 
 def table(names) -> FigureTable:
-    out = plain_table("model level (µm)", *HEADINGS)
+    out = FigureTable("model level (µm)", *HEADINGS)
     for name in names:
         out.add_row(name, *FIGURES)
     out.caption = "a caption"
@@ -85,8 +85,8 @@ def test_the_length_of_points_is_that_of_their_vectors():
     errors = np.random.default_rng(0).standard_normal((3, 40))
     rms = float(np.sqrt(np.mean(errors**2)))
     lengths = np.linalg.norm(errors, axis=0)
-    assert length(VALIDATION_POINTS, rms) == pytest.approx(np.sqrt(np.mean(lengths**2)))
-    assert length("planes", rms) == length("distances", rms) == rms
+    assert per_vector(VALIDATION_POINTS) * rms == pytest.approx(np.sqrt(np.mean(lengths**2)))
+    assert per_vector("planes") == per_vector("distances") == 1.0
 
 
 def test_only_significant_curves_and_an_event_once():

@@ -6,9 +6,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bayescal.reporting.figures.palette import ACCENT, GREY, INK, MARKED, SERIES
+from bayescal.reporting.figures.residuals import Errors, of_fit, of_gap
 from bayescal.reporting.figures.sheet import Entry, Panel
 from bayescal.reporting.shared.body import View, fill, outlines, posed, typical
+from bayescal.reporting.shared.style import ACCENT, GREY, INK, MARKED, SERIES
 from bayescal.storage.reading import Json
 
 if TYPE_CHECKING:
@@ -31,40 +32,18 @@ ROUND = {"solid_capstyle": "round", "solid_joinstyle": "round"}
 WIDE: dict[str, Any] = {"color": INK, "lw": 2.5, "alpha": 0.8, **ROUND}
 
 
-def errors(record: Json) -> tuple[np.ndarray, np.ndarray, bool]:
-    """Index among `rows` (R,), error (R,) in µm, and whether errors are signed.
+def arm_panel(record: Json) -> Panel:
+    """The arm with contacts: signs up and down for positive and negative errors, their area for the size.
 
     Of a fit the residuals of the fitted model; of a diagnosis those of the baseline, before the refit.
     """
-    rows = record["rows"]
-    if "residuals" in record and isinstance(record["residuals"], dict):
-        per_id: dict[str, list[float]] = {}
-        entries = record["residuals"]
-        for name, value in zip(entries["id"], entries["before_um"], strict=True):
-            per_id.setdefault(name, []).append(value)
-        size = {name: r[0] if len(r) == 1 else float(np.linalg.norm(r)) for name, r in per_id.items()}
-        error = np.array([size.get(name, np.nan) for name in rows["id"]], float)
-        signed = max((len(r) for r in per_id.values()), default=1) == 1
-    else:
-        error = np.array(rows["residual_um"], float)
-        signed = bool(np.any(error < 0))
-    finite = np.flatnonzero(np.isfinite(error))
-    return finite, error[finite], signed
-
-
-def pose(record: Json, rows: np.ndarray) -> int:
-    """The row, among `rows`, that is nearest to the middle of the readings."""
-    return int(rows[typical(np.array(record["rows"]["angle_deg"], float)[rows])])
-
-
-def arm_panel(record: Json, share: float = 1.0) -> Panel:
-    """The arm with contacts: signs up and down for positive and negative errors, their area for the size."""
-    rows, error, signed = errors(record)
-    edge = max(float(np.quantile(np.abs(error), LARGE)), 1e-3) if len(rows) else 1.0
+    diagnosis = record["schema"] == "bayescal-gap/1"
+    e = of_gap(record, "before") if diagnosis else of_fit(record)
+    edge = max(float(np.quantile(np.abs(e.value), LARGE)), 1e-3) if len(e.value) else 1.0
     marked = record.get("marked")
     what = f"{_um(edge)} µm or more"
     sign = {"ls": "", "ms": LARGEST**0.5}
-    signs = SIGNS if signed else LENGTHS
+    signs = SIGNS if e.signed else LENGTHS
     key = [Entry(f"{text}{what}", {"marker": marker, "color": c, **sign}) for text, marker, c, _ in signs]
     if marked:
         key.append(Entry(marked, {"color": MARKED, "lw": 3.5}))
@@ -75,29 +54,20 @@ def arm_panel(record: Json, share: float = 1.0) -> Panel:
             from bayescal.effects.location import Site  # slow to import, and seldom needed
 
             site = Site.read(marked)
-        _draw(axes, record, rows, error, signed, edge, site)
+        _draw(axes, record, e, edge, site)
 
-    name = "residuals before the refit" if "residuals" in record and "marked" in record else "residuals"
-    return Panel(
-        draw,
-        lambda inner: 0.85 * inner + FLOOR,
-        f"Nominal arm, contacts with their {name}",
-        key=key,
-        share=share,
-    )
+    title = f"Nominal arm, contacts with their residuals{' before the refit' if diagnosis else ''}"
+    return Panel(draw, lambda inner: 0.85 * inner + FLOOR, title, key=key)
 
 
-def _draw(
-    axes: Any, record: Json, rows: np.ndarray, error: np.ndarray, signed: bool, edge: float, site: Site | None
-) -> None:
-    points = np.array(record["rows"]["point_mm"], float)[rows]
-    row = pose(record, rows) if len(rows) else 0
-    tip = np.array(record["rows"]["point_mm"], float)[row]
-    line_of, turned = posed(record["arm"], np.radians(record["rows"]["angle_deg"][row]))
-    arm = np.vstack([line_of, tip])
+def _draw(axes: Any, record: Json, e: Errors, edge: float, site: Site | None) -> None:
+    points, readings = (np.array(record["rows"][key], float) for key in ("point_mm", "angle_deg"))
+    row = e.row[typical(readings[e.row])] if len(e.row) else 0
+    angles = np.radians(readings[row])
+    line_of, turned = posed(record["arm"], angles)
     strokes = np.stack([line_of[1:-1] - AXIS * turned, line_of[1:-1] + AXIS * turned], axis=1)
-    drawn = VIEW.seen(arm)
-    bodies = outlines(record["arm"], np.radians(record["rows"]["angle_deg"][row]), VIEW)
+    drawn, flat = VIEW.seen(np.vstack([line_of, points[row]])), VIEW.seen(points[e.row])
+    bodies = outlines(record["arm"], angles, VIEW)
     fill(axes, bodies)
     axes.plot(*drawn.T, zorder=2, **(WIDE | ({"lw": 0.8} if bodies else {})))
     axes.plot(*drawn[0], marker="s", ms=7, color=GREY, zorder=2)
@@ -106,12 +76,11 @@ def _draw(
         colour, thick = (MARKED, 4.5) if mine else (ACCENT, 2.2)
         axes.plot(*stroke.T, color=colour, lw=thick, zorder=3 + mine)
     if site:
-        _mark(axes, record, site, drawn, rows, VIEW.seen(points))
-    area = SMALLEST + (LARGEST - SMALLEST) * np.minimum(np.abs(error) / edge, 1.0)
-    flat = VIEW.seen(points)
-    for _, marker, colour, chosen in SIGNS if signed else LENGTHS:
-        which = chosen(error)
-        image = len(rows) > MANY
+        _mark(axes, site, drawn, flat, e.target)
+    area = SMALLEST + (LARGEST - SMALLEST) * np.minimum(np.abs(e.value) / edge, 1.0)
+    for _, marker, colour, chosen in SIGNS if e.signed else LENGTHS:
+        which = chosen(e.value)
+        image = len(flat) > MANY
         size = area[which]
         axes.scatter(*flat[which].T, s=size, marker=marker, color=colour, lw=0, zorder=5, rasterized=image)
     _frame(axes, np.vstack([drawn, flat, VIEW.seen(strokes).reshape(-1, 2), *(o.polygon for o in bodies)]))
@@ -121,9 +90,8 @@ MANY = 1500
 """Contacts from which on their signs are an image in an SVG."""
 
 
-def _mark(axes: Any, record: Json, site: Site, drawn: np.ndarray, rows: np.ndarray, flat: np.ndarray) -> None:
+def _mark(axes: Any, site: Site, drawn: np.ndarray, flat: np.ndarray, targets: np.ndarray) -> None:
     """Mark a site: a link, the base, the stylus, or the contacts of a target."""
-    targets = np.array(record["rows"]["target"])[rows]
     if site.kind == "link":
         axes.plot(*drawn[site.number : site.number + 2].T, color=MARKED, lw=4.5, zorder=3)
     elif site.kind == "base":

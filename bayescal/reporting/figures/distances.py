@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from bayescal.reporting.figures import scales
-from bayescal.reporting.figures.palette import ACCENT, FAINT, GREY, INK, MARKED, MARKERS, SERIES
 from bayescal.reporting.figures.scales import LANE, Row, rows_panel, upright
-from bayescal.reporting.figures.sheet import Entry, Panel, width_of
+from bayescal.reporting.figures.sheet import Entry, Panel
+from bayescal.reporting.shared.style import ACCENT, FAINT, GREY, INK, MARKED, MARKERS, SERIES
 from bayescal.reporting.shared.text import model_label, short
 from bayescal.storage.reading import Json
 
@@ -66,8 +66,7 @@ def distances_panel(record: Json) -> Panel | None:
         for mine, style in ((within, INSIDE), (~within, OUTSIDE)):
             axes.plot(error[mine], np.array(middles)[mine], **style)
         ends = [abs(v) for d in shown for v in (*d["predicted_interval95_um"], d["calibrated_error_um"])]
-        axes.set_xlim(-1.08 * max(ends), 1.08 * max(ends))
-        scales.linear(axes.xaxis, width_of(axes))
+        scales.linear_x(axes, -1.08 * max(ends), 1.08 * max(ends))
 
     key = [Entry("error after calibration", INSIDE), Entry("95 % prediction interval", INTERVAL)]
     if not all(d["inside95"] for d in shown):
@@ -86,16 +85,13 @@ def reduction_panel(record: Json) -> Panel | None:
     values = [v for _, _, before, after, expected in items for v in (before, after, expected) if v]
 
     def lanes(axes: Any, middles: Sequence[float]) -> None:
-        low, high = scales.around(values)
-        axes.set_xscale("log")
-        axes.set_xlim(low, high)
+        scales.log_x(axes, values)
         before, after, expected = np.array([item[2:] for item in items], float).T
         middle = np.array(middles)
         axes.hlines(middle, before, after, color=INK, lw=0.8, zorder=1.5)
         axes.vlines(expected, middle - 0.5 * LANE, middle + 0.5 * LANE, zorder=1, **EXPECTED)
         axes.plot(before, middle, **BEFORE)
         axes.plot(after, middle, **AFTER)
-        scales.log(axes.xaxis, low, high, width_of(axes))
 
     title, *texts = REDUCTION[record["schema"]]
     key = [Entry(text, style) for text, style in zip(texts, SIGNS, strict=True)]
@@ -159,7 +155,7 @@ def levels_panel(record: Json) -> Panel:
     drawn = {key: what for key, what in keys.items() if any(step.get(key) for step in levels)}
 
     def errors(step: Json) -> str:
-        parts = (f"{what} {_levels_um(step[key])}" for key, what in drawn.items() if step[key])
+        parts = (f"{what} {_um(step[key])}" for key, what in drawn.items() if step[key])
         return ", ".join(parts) + " µm"
 
     rows = [Row(label(levels, k), errors(step)) for k, step in enumerate(levels)]
@@ -183,15 +179,12 @@ def levels_panel(record: Json) -> Panel:
     def lanes(axes: Any, middles: Sequence[float]) -> None:
         if not ends:
             return
-        low, high = scales.around(ends)
-        axes.set_xscale("log")
-        axes.set_xlim(low, high)
+        scales.log_x(axes, ends)
         for _, value, style in lines:
             upright(axes, value, middles, style)
         for name, what in drawn.items():
             points = [(step[name], y) for step, y in zip(levels, middles, strict=True) if step[name]]
             axes.plot(*zip(*points, strict=True), clip_on=False, **styles[what])
-        scales.log(axes.xaxis, low, high, width_of(axes))
 
     return rows_panel(rows, lanes, x="error (µm)", key=key)
 
@@ -200,15 +193,15 @@ def reference_lines(record: Json) -> list[tuple[str, float, Json]]:
     """Vertical lines: text, value in µm and style of the noise and of what a correct model would have."""
     if record["schema"] == "bayescal-fit/1":
         noise = record["noise"]["estimated_um"]
-        return [(f"estimated noise of a contact, {_levels_um(noise)} µm", noise, NOISE)]
+        return [(f"estimated noise of a contact, {_um(noise)} µm", noise, NOISE)]
     noise = record["lengths"]["noise_um"]
     what = "contact" if record["lengths"]["of"] == "validation contacts" else "point"
     out: list[tuple[str, float, Json]] = (
-        [(f"noise of a {what}, {_levels_um(noise)} µm", noise, NOISE)] if noise else []
+        [(f"noise of a {what}, {_um(noise)} µm", noise, NOISE)] if noise else []
     )
     expected = (record["shrinkage"].get("distances") or {}).get("floor_um")
     if expected:
-        text = f"expected RMS of a distance for a correct model, {_levels_um(expected)} µm"
+        text = f"expected RMS of a distance for a correct model, {_um(expected)} µm"
         out.append((text, expected, {"color": SERIES[1], "ls": ":", "lw": 1.2}))
     return out
 
@@ -220,7 +213,3 @@ def label(levels: Sequence[Json], k: int) -> str:
     if len(before) > 1 and model[: len(before)] == before and model != before:
         return "+ " + " + ".join(short(name) for name in model[len(before) :])
     return model_label(model)
-
-
-def _levels_um(value: float) -> str:
-    return f"{value:.0f}" if abs(value) >= 99.5 else f"{value:.1f}"

@@ -1,16 +1,22 @@
-"""The figures of a fit and of a diagnosis: title, panels, and the file names in a run folder."""
+"""The figures of a fit and of a diagnosis: title, panels, and the files in a run folder.
+
+PNG and SVG have the same bytes for the same record.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from io import BytesIO, StringIO
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from bayescal.errors import BayescalError
-from bayescal.reporting.figures import arm, distances, parameters, posterior, residuals, where
-from bayescal.reporting.figures.palette import drawing
+from bayescal.reporting.figures import arm, distances, parameters, residuals, where
+from bayescal.reporting.figures.parameters import Draws
 from bayescal.reporting.figures.sheet import WIDTH, Panel, into, sheet
+from bayescal.reporting.shared.style import DPI, drawing
 from bayescal.reporting.shared.text import model_label
 from bayescal.storage.reading import Json
 
@@ -26,7 +32,7 @@ AGAIN = "repeat the command with this version"
 
 def _where(record: Json) -> Content:
     rows = [[where.places_panel(record), *([arm.arm_panel(record)] if "rows" in record else [])]]
-    curves = where.curve_panels(record)
+    curves = [where.curve_panel(curve) for curve in where.drawn_curves(record)]
     return record["words"], [*rows, *([curves] if curves else [])]
 
 
@@ -73,10 +79,10 @@ def _one(title: str, panels: Callable[[Json], list[Panel]]) -> Callable[[Json], 
     return lambda record: ([title], [panels(record)])
 
 
-def posterior_content(record: Json, draws: posterior.Draws, names: Sequence[str] = ()) -> Content:
+def posterior_content(record: Json, draws: Draws, names: Sequence[str] = ()) -> Content:
     """Title and panels of the posterior; without names of the parameters about which the data say least."""
     title = "Posterior distributions" if names else "Posterior of the parameters with the weakest data"
-    return [title], posterior.posterior_rows(record, draws, names)
+    return [title], parameters.posterior_rows(record, draws, names)
 
 
 LEVELS = _one("Validation error of the model levels", lambda record: [distances.levels_panel(record)])
@@ -145,3 +151,49 @@ def _needs(record: Json, *keys: str) -> None:
             raise BayescalError(
                 f"the record has no `{key}`", str(record.get("dataset", {}).get("name", "")), AGAIN
             )
+
+
+FAST = {"compress_level": 3}
+"""Compression of PNG: half the time of the default, for a tenth more bytes."""
+
+
+def png(figure: Figure) -> bytes:
+    """A figure as PNG, without a date."""
+    out = BytesIO()
+    with drawing():
+        figure.savefig(out, format="png", dpi=DPI, metadata={"Software": None}, pil_kwargs=FAST)
+    return out.getvalue()
+
+
+def svg(figure: Figure) -> str:
+    """A figure as SVG: text as paths (each glyph once), no date, the same identifiers each time.
+
+    Without the XML declaration, to be put into a page.
+    """
+    out = StringIO()
+    with drawing():
+        figure.savefig(out, format="svg", metadata={"Date": None, "Creator": None})
+    text = out.getvalue()
+    return text[text.index("<svg") :]
+
+
+def figures_of(record: Json, draws: Draws | None = None) -> dict[str, bytes]:
+    """File names of the figures of a fit or a diagnosis, and their content as PNG.
+
+    With the draws of its parameters, by name, the posterior of a fit too.
+    """
+    drawable = {
+        file: content(name, record) for file, name in FILES[record["schema"]].items() if has(name, record)
+    }
+    if draws:
+        drawable["fit-posterior.png"] = posterior_content(record, draws)
+    with drawing():
+        return {file: png(sheet(title, rows)) for file, (title, rows) in drawable.items()}
+
+
+def write(figure: Figure, path: Path) -> None:
+    """Write a figure as PNG or, by the ending of the path, SVG."""
+    if path.suffix == ".svg":
+        path.write_text(svg(figure), encoding="utf-8")
+    else:
+        path.write_bytes(png(figure))

@@ -12,7 +12,7 @@ from bayescal.planning.result import DISTANCES, GAP, REPEAT, VALIDATE, Plan
 from bayescal.reporting.plan_record import count
 from bayescal.reporting.plan_sheets import COVERAGE_FACTOR, PURPOSES, by_target, headline, title
 from bayescal.reporting.shared.body import Outline, View, arm_drawing, fill, outlines, typical
-from bayescal.reporting.shared.style import ACCENT, FAINT, GREY, INK, MARKED, SERIES, figure, tidy
+from bayescal.reporting.shared.style import ACCENT, FAINT, GREY, INK, MARKED, TINTS, figure, tidy
 from bayescal.reporting.shared.text import MM, UM
 
 if TYPE_CHECKING:
@@ -22,7 +22,7 @@ VIEWS = (("from above", 0, 1), ("from the front", 1, 2), ("from the side", 0, 2)
 """Views with the axes of F0 that they show."""
 MARKERS = {DISTANCES: "o", GAP: "s", REPEAT: "P", VALIDATE: "^"}
 """Purposes by marker: they are distinguished without colours."""
-FILLS = {DISTANCES: (ACCENT, ""), GAP: (SERIES[1], "////"), REPEAT: (GREY, "...."), VALIDATE: (FAINT, "")}
+FILLS = {DISTANCES: (ACCENT, ""), GAP: (TINTS[1], "////"), REPEAT: (GREY, "...."), VALIDATE: (FAINT, "")}
 """Colour and hatching of the bars."""
 ORDER = "viridis"
 """Colours by order of probing: lightness increases, also in grey and for colour-blind readers."""
@@ -192,7 +192,7 @@ def _curve(plan: Plan, axes: Any) -> None:
     first = plan.expected[0] if plan.expected else None
     drawn = [
         (plan.curve, "o", "-", ACCENT, "optimised plan"),
-        (plan.curve_random, "s", "--", SERIES[1], "random (median)"),
+        (plan.curve_random, "s", "--", TINTS[1], "random (median)"),
     ]
     for points, marker, line, colour, label in drawn:
         if len(points):
@@ -205,7 +205,7 @@ def _curve(plan: Plan, axes: Any) -> None:
         ring: dict[str, Any] = {"s": 150, "facecolors": "none", "edgecolors": INK, "lw": 1.6}
         axes.scatter(here, u, label="this plan", **ring)
         if not len(plan.curve_random) and np.isfinite(u_random):
-            axes.scatter(here, u_random, marker="s", color=SERIES[1], label="random")
+            axes.scatter(here, u_random, marker="s", color=TINTS[1], label="random")
     axes.set_xscale("log")
     axes.set_yscale("log")
     for axis in (axes.xaxis, axes.yaxis):

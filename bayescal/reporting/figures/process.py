@@ -17,7 +17,7 @@ from threading import Thread
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from bayescal.reporting.figures.posterior import Draws
+    from bayescal.reporting.figures.parameters import Draws
     from bayescal.storage.reading import Json
 
 Figures = dict[str, bytes]
@@ -53,9 +53,9 @@ def drawing_beside(wanted: bool = True) -> Iterator[None]:
 def figures_of(record: Json, draws: Draws | None = None) -> Figures:
     """The figures of a record, drawn by this process."""
     # imported here: a second process is started before all slow imports
-    from bayescal.reporting.figures import output
+    from bayescal.reporting.figures import figures
 
-    return output.figures_of(record, draws)
+    return figures.figures_of(record, draws)
 
 
 def begun(record: Json, draws: Draws | None = None) -> Callable[[], Figures]:
@@ -100,7 +100,7 @@ def _start() -> subprocess.Popen[bytes]:
 
 def answer() -> None:
     """Read a record, and write its figures: what the second process does."""
-    for name in (*AHEAD, "bayescal.reporting.figures.output"):
+    for name in (*AHEAD, "bayescal.reporting.figures.figures"):
         import_module(name)
     asked = sys.stdin.buffer.read()
     if asked:  # else the first process has ended

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from bayescal.reporting.figures import scales
-from bayescal.reporting.figures.palette import INK, MARKED, NOISE, SERIES
 from bayescal.reporting.figures.scales import LANE, Row, rows_panel
 from bayescal.reporting.figures.sheet import Entry, Panel, width_of
+from bayescal.reporting.shared.style import INK, MARKED, NOISE, SERIES
 from bayescal.storage.reading import Json
 
 CLIP = 0.99
@@ -42,6 +42,8 @@ class Errors:
 
     Attributes
     ----------
+    row : np.ndarray, shape (R,)
+        Index among the rows of the record.
     x : np.ndarray, shape (R,)
         Time in min or number of the row.
     value : np.ndarray, shape (R,)
@@ -56,6 +58,7 @@ class Errors:
         Noise of a coordinate, µm; nan if unknown.
     """
 
+    row: np.ndarray
     x: np.ndarray
     value: np.ndarray
     target: np.ndarray
@@ -96,9 +99,9 @@ def _ordered(
     timed, x = rows["time_s"] is not None, np.arange(1.0, len(value) + 1)
     if timed:
         x = (np.array(rows["time_s"], float) - min(rows["time_s"])) / 60.0
-    keep = np.isfinite(value) & np.isfinite(x)
+    keep = np.flatnonzero(np.isfinite(value) & np.isfinite(x))
     level = np.nan if noise is None else noise
-    return Errors(x[keep], value[keep], target[keep], kind[keep], signed, timed, level)
+    return Errors(keep, x[keep], value[keep], target[keep], kind[keep], signed, timed, level)
 
 
 def edge_of(*series: Errors) -> float:
@@ -108,7 +111,7 @@ def edge_of(*series: Errors) -> float:
     return float(1.15 * max(np.quantile(every, CLIP) if len(every) else 0.0, 3.2 * noise)) or 1.0
 
 
-def time_panel(e: Errors, edge: float, title: str, share: float = 1.0) -> Panel:
+def time_panel(e: Errors, edge: float, title: str, share: float) -> Panel:
     """Errors over time or row; the band is twice the noise."""
     kinds = [k for k in KINDS if np.any(e.kind == k)]
     key = [Entry(f"{k} measurements", {"ls": "", **KINDS[k]}) for k in kinds] if len(kinds) > 1 else []
@@ -151,7 +154,7 @@ LENGTH95 = 2.7955
 """95 % quantile of the length of a vector of three standard normal coordinates (chi with 3 d.o.f.)."""
 
 
-def spread_panel(e: Errors, edge: float, share: float = 1.0) -> Panel:
+def spread_panel(e: Errors, edge: float) -> Panel:
     """Distribution of the errors, and of the noise alone."""
     noise = Entry(f"noise, {e.noise:.1f} µm", {"color": INK, "lw": 1.2})
     key = [noise] if np.isfinite(e.noise) else []
@@ -164,12 +167,10 @@ def spread_panel(e: Errors, edge: float, share: float = 1.0) -> Panel:
         if np.isfinite(e.noise) and e.noise > 0:
             fine = np.linspace(low, edge, 300)
             axes.plot(fine, noise_density(fine, e.noise, e.signed), color=INK, lw=1.2)
-        axes.set_xlim(low, edge)
-        axes.set_yticks([])
-        axes.spines["left"].set_visible(False)
-        scales.linear(axes.xaxis, width_of(axes))
+        scales.without_y(axes)
+        scales.linear_x(axes, low, edge)
 
-    return Panel(draw, HEIGHT, "Distribution", _label(e), "", "", key, share)
+    return Panel(draw, HEIGHT, "Distribution", _label(e), key=key)
 
 
 def noise_density(x: np.ndarray, sd: float, signed: bool) -> np.ndarray:
@@ -201,8 +202,7 @@ def targets_panel(e: Errors, edge: float) -> Panel:
                 mine = (e.target == name) & (e.kind == kind)
                 y = middle + 0.25 * LANE * rng.uniform(-1, 1, int(mine.sum()))
                 axes.plot(np.clip(e.value[mine], -edge, edge), y, ls="", rasterized=len(e.x) > MANY, **style)
-        axes.set_xlim(-edge if e.signed else 0.0, edge)
-        scales.linear(axes.xaxis, width_of(axes))
+        scales.linear_x(axes, -edge if e.signed else 0.0, edge)
 
     return rows_panel(rows, lanes, "By target, the largest RMS first", _label(e), note)
 

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bayescal.reporting.figures.palette import GREY, INK, SIZE
-from bayescal.reporting.figures.sheet import Entry, Panel, baseline, line, width, wrapped
+from bayescal.reporting.figures.sheet import Entry, Panel, baseline, line, width, width_of, wrapped
+from bayescal.reporting.shared.style import GREY, INK, SIZE
 
 if TYPE_CHECKING:
     from matplotlib.axis import Axis
@@ -57,13 +57,7 @@ def _lines(row: Row, inner: float) -> _Lines:
 
 
 def rows_panel(
-    rows: Sequence[Row],
-    lanes: Lanes,
-    title: str = "",
-    x: str = "",
-    note: str = "",
-    key: Sequence[Entry] = (),
-    share: float = 1.0,
+    rows: Sequence[Row], lanes: Lanes, title: str = "", x: str = "", note: str = "", key: Sequence[Entry] = ()
 ) -> Panel:
     """A panel of rows.
 
@@ -74,7 +68,7 @@ def rows_panel(
     lanes : callable
         Draws the data; given the axes and the middle of each lane in the y coordinate of the axes (mm from
         the top). It sets the limits of x.
-    title, x, note, key, share
+    title, x, note, key
         As for `Panel`.
     """
 
@@ -94,11 +88,10 @@ def rows_panel(
             top += lines.tall + LANE + SPACE
         axes.set_ylim(top or 1.0, 0)
         axes.hlines(middles, 0, 1, transform=axes.get_yaxis_transform(), color=GREY, lw=0.3, zorder=0)
-        axes.set_yticks([])
-        axes.spines["left"].set_visible(False)
+        without_y(axes)
         lanes(axes, middles)
 
-    return Panel(draw, height, title, x, "", note, key, share)
+    return Panel(draw, height, title, x, "", note, key)
 
 
 def _write(axes: Any, lines: Sequence[str], x: float, y: float, strong: bool = False) -> None:
@@ -132,11 +125,26 @@ def linear(axis: Axis, room: float, each: float = EACH) -> None:
     axis.set_major_locator(MaxNLocator(max(int(room / each), 2), steps=[1, 2, 2.5, 5, 10]))
 
 
-def log(axis: Axis, low: float, high: float, room: float) -> None:
-    """Ticks of a logarithmic axis from `low` to `high` that is `room` mm long."""
+def linear_x(axes: Any, low: float, high: float, each: float = EACH) -> None:
+    """A linear x axis between limits, `each` mm for a label."""
+    axes.set_xlim(low, high)
+    linear(axes.xaxis, width_of(axes), each)
+
+
+def without_y(axes: Any) -> None:
+    """No ticks and no line of the y axis."""
+    axes.set_yticks([])
+    axes.spines["left"].set_visible(False)
+
+
+def log_x(axes: Any, values: Sequence[float]) -> None:
+    """A logarithmic x axis about values."""
     from matplotlib.ticker import FixedLocator, NullLocator
 
-    length = np.log(high / low)
+    low, high = around(values)
+    axes.set_xscale("log")
+    axes.set_xlim(low, high)
+    axis, room, length = axes.xaxis, width_of(axes), np.log(high / low)
     for steps, every in (*((ticks, 1) for ticks in STEPS), ((1.0,), 2), ((1.0,), 3)):
         chosen = ticks_of(low, high, steps)[::every]
         if np.all(np.diff(np.log(chosen)) * room / length >= APART):

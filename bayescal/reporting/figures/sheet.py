@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
-from bayescal.reporting.figures.palette import DPI, GREY, INK, LARGER, SIZE, TICK
+from bayescal.reporting.shared.style import DPI, GREY, INK, LARGER, SIZE, TICK
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -43,9 +43,9 @@ def line(size: float = SIZE) -> float:
     return LEADING * size * MM_PER_PT
 
 
-def baseline(k: int, size: float = SIZE) -> float:
+def baseline(k: int) -> float:
     """From the top of a block of lines to the baseline of line k (from 0), mm."""
-    return ASCENT * size * MM_PER_PT + k * line(size)
+    return ASCENT * SIZE * MM_PER_PT + k * line()
 
 
 def wrapped(text: str, room: float, size: float = SIZE, bold: bool = False) -> list[str]:

@@ -16,9 +16,9 @@ from typing import Any
 import numpy as np
 
 from bayescal.reporting.figures import scales
-from bayescal.reporting.figures.palette import ACCENT, FAINT, GREY, MARKED
 from bayescal.reporting.figures.scales import LANE, Row, rows_panel
 from bayescal.reporting.figures.sheet import Entry, Panel, width_of
+from bayescal.reporting.shared.style import ACCENT, FAINT, GREY, MARKED
 from bayescal.reporting.shared.text import probability, rival
 from bayescal.storage.reading import Json
 
@@ -51,8 +51,7 @@ def bars_panel(
             corner = (0.0, middle - 0.4 * LANE)
             axes.add_patch(Rectangle(corner, bar.value, 0.8 * LANE, zorder=2, **bar.style))
         last = end or 1.05 * max((bar.value for bar in bars), default=1.0) or 1.0
-        axes.set_xlim(0, last)
-        scales.linear(axes.xaxis, width_of(axes))
+        scales.linear_x(axes, 0, last)
 
     return rows_panel([Row(b.label, b.text, b.strong) for b in bars], lanes, title, x, note, key)
 
@@ -69,6 +68,7 @@ HEIGHT = 36.0
 RESIDUAL: dict[str, Any] = {"color": FAINT, "marker": "o", "ls": "", "ms": 2, "mew": 0}
 MEASURED: dict[str, Any] = {"color": ACCENT, "marker": "o", "ls": "", "ms": 3}
 EXPLAINED: dict[str, Any] = {"color": MARKED, "lw": 1.6}
+SCATTERED: dict[str, Any] = {"color": MARKED, "marker": "o", "ls": "", "ms": 2.5, "mew": 0}
 
 
 def significant(place: Json) -> bool:
@@ -97,11 +97,6 @@ def per_residual(record: Json) -> str:
     return "" if record["lengths"]["of"] == "validation contacts" else " per coordinate"
 
 
-def curve_panels(record: Json) -> list[Panel]:
-    """Panels of the significant locations."""
-    return [_panel(curve) for curve in drawn_curves(record)]
-
-
 def drawn_curves(record: Json) -> list[Json]:
     """Curves of the significant locations, each event once."""
     out: list[Json] = []
@@ -113,12 +108,12 @@ def drawn_curves(record: Json) -> list[Json]:
     return out[:CURVES]
 
 
-def _panel(curve: Json) -> Panel:
+def curve_panel(curve: Json) -> Panel:
+    """The residuals of a location over its coordinate, or the displacement that they show."""
     lever = curve["lever"]
     displaced = lever is not None and bool(curve["coordinate"]) and bool(np.any(lever))
     y = displacement(curve) if displaced else "residual (µm)"
-    line = displaced or is_line(curve)
-    explained = EXPLAINED if line else {"color": MARKED, "marker": "o", "ls": "", "ms": 2.5, "mew": 0}
+    explained = EXPLAINED if displaced or is_line(curve) else SCATTERED
     key = (
         Entry("measured (k = 2)", MEASURED) if displaced else Entry("residual", RESIDUAL),
         Entry("explained", explained),
@@ -147,7 +142,7 @@ def _residuals(axes: Any, curve: Json) -> None:
     if is_line(curve):
         axes.plot(x[order], fitted[order], **EXPLAINED)
     else:
-        axes.plot(x, fitted, color=MARKED, marker="o", ls="", ms=2.5, mew=0)
+        axes.plot(x, fitted, **SCATTERED)
     edge = 1.15 * max(float(np.quantile(np.abs(residual), 0.99)), float(np.max(np.abs(fitted))), 1e-6)
     axes.set_ylim(-edge, edge)
     _finish(axes)

@@ -1,28 +1,21 @@
-"""Parts of the terminal summary of a fit: one arm by several sessions, figures of ISO 9283."""
+"""One arm by several sessions: its entry in fit.json, its table and verdicts in the terminal."""
 
 from __future__ import annotations
+
+from typing import Any
 
 import numpy as np
 from rich.console import Group, RenderableType
 
 from bayescal.assess.agreement import Agreement, Pair
-from bayescal.assess.iso9283 import Iso9283
 from bayescal.effects import UNITS
-from bayescal.effects.vocabulary import unit_label
-from bayescal.reporting.shared.sheet import Column, Sheet, sheet_of_cells, terminal
-from bayescal.reporting.shared.text import Facts, facts, um, um2, under, with_u
+from bayescal.reporting.shared.origin import entry
+from bayescal.reporting.shared.sheet import Sheet, sheet_of_cells, terminal
+from bayescal.reporting.shared.text import Facts, facts, with_u, with_unit
 
 MOST = 12  # parameters shown, those that differ most
 FAR = 3.0  # standard deviations from which on a parameter is named as the one that differs
 SHOWN = 4  # of those
-ISO9283 = (
-    Column("ISO 9283 (validation measurements)", lambda f: f"{f.symbol}: {f.words}"),
-    Column("number", "count"),
-    Column("mean (µm)", "mean", um),
-    Column("u", "u", um2),
-    Column("max (µm)", "maximum", um),
-    Column("u", "u_max", um2),
-)
 
 
 def agreement_summary(compared: Agreement) -> RenderableType:
@@ -42,9 +35,8 @@ def _table(compared: Agreement) -> Sheet:
     rows = []
     for k in shown:
         unit, factor = UNITS[compared.units[k]]
-        label = f" ({text})" if (text := unit_label(unit)) else ""
         values = (with_u(factor * value[k], factor * sd[k]) for value, sd in estimates)
-        rows.append((compared.names[k] + label, *values, f"{furthest[k]:.1f}"))
+        rows.append((with_unit(compared.names[k], unit), *values, f"{furthest[k]:.1f}"))
     headings = ("parameter by session", *compared.alone, "together", "difference / u")
     caption = f"the {MOST} of {len(compared.names)} that differ most; all are in fit.json"
     return sheet_of_cells(headings, rows, caption if len(shown) < len(compared.names) else "")
@@ -80,8 +72,28 @@ def _apart(compared: Agreement, pair: Pair) -> str:
     )
 
 
-def iso9283_table(figures: Iso9283) -> RenderableType:
-    """The figures, and what differs from the procedure of the standard."""
-    if not figures.figures:
-        return Group()
-    return Group(terminal(Sheet(ISO9283, figures.figures)), facts(under("differs", figures.differs, "dim")))
+def agreement_record(compared: Agreement) -> dict[str, Any]:
+    """``agreement``: parameters of one arm by several sessions."""
+    return {
+        "parameters": [_compared(compared, k) for k in range(len(compared.names))],
+        "pairs": [
+            entry(p, "sessions", "chi2", "directions", "p_value", "disagree")
+            | {"apart_sd": dict(zip(compared.names, p.apart.tolist(), strict=True))}
+            for p in compared.pairs
+        ],
+        "not_fitted_alone": dict(compared.refused),
+    }
+
+
+def _compared(compared: Agreement, k: int) -> dict[str, Any]:
+    unit, factor = UNITS[compared.units[k]]
+
+    def estimate(by: tuple[np.ndarray, np.ndarray]) -> dict[str, float]:
+        return {"estimate": float(factor * by[0][k]), "sd": float(factor * by[1][k])}
+
+    return {
+        "name": compared.names[k],
+        "unit": unit,
+        "together": estimate(compared.together),
+        "alone": {name: estimate(by) for name, by in compared.alone.items()},
+    }

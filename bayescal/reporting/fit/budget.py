@@ -16,7 +16,7 @@ from bayescal.effects import UNITS
 from bayescal.effects.vocabulary import unit_label
 from bayescal.reporting.shared.origin import entry, origin, plain, scaled
 from bayescal.reporting.shared.sheet import csv_text, sheet_of_cells, terminal
-from bayescal.reporting.shared.text import MISSING, facts, percent, size, two_digits
+from bayescal.reporting.shared.text import MISSING, Facts, facts, percent, size, two_digits
 
 SCHEMA = "bayescal-budget/1"
 LIBRARIES = ("numpy", "scipy")
@@ -179,25 +179,17 @@ def _sensitivity(budget: Budget, c: Component) -> str:
     return number if of == unit else f"{number} {unit_label(of) or '1'}/{unit_label(unit)}".removesuffix("/")
 
 
-def _sums(budget: Budget) -> list[tuple[str, str, str]]:
+def _sums(budget: Budget) -> Facts:
+    """The measurand, its uncertainty, and whether priors determine it."""
     unit, factor = ("um", 1e6) if budget.measurand.unit == "m" else UNITS[budget.measurand.unit]
     dof = "normal" if budget.dof > MOST_DOF else f"{budget.dof:.0f} effective degrees of freedom"
     u = rounded(None, factor * budget.u)[1]
-    position = []
+    yield "measurand", budget.measurand.name, "bold"
     if budget.measurand.position is not None:
         coordinates = ", ".join(f"{1e3 * x:.3f}" for x in budget.measurand.position)
-        position.append(("position", f"({coordinates}) mm in F0", ""))
-    return [
-        ("measurand", budget.measurand.name, "bold"),
-        *position,
-        ("u", f"{u} {unit_label(unit)} ({dof})", ""),
-        ("result", f"{in_words(budget)}, coverage {100 * COVERAGE:.2f} %", "bold"),
-        *_priors(budget),
-    ]
-
-
-def _priors(budget: Budget) -> list[tuple[str, str, str]]:
-    if budget.prior_share < PRIORS:
-        return []
-    words = f"by the measurements: {percent(budget.prior_share)} of the variance is that of priors"
-    return [("not determined", words, "yellow")]
+        yield "position", f"({coordinates}) mm in F0", ""
+    yield "u", f"{u} {unit_label(unit)} ({dof})", ""
+    yield "result", f"{in_words(budget)}, coverage {100 * COVERAGE:.2f} %", "bold"
+    if budget.prior_share >= PRIORS:
+        words = f"by the measurements: {percent(budget.prior_share)} of the variance is that of priors"
+        yield "not determined", words, "yellow"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,8 @@ from bayescal.model.model import noise_groups
 from bayescal.posterior import Pointwise, pointwise, prior_draws
 from bayescal.posterior.inference import Record, Variables
 from bayescal.posterior.linearised import scale_names
-from bayescal.reporting.shared.text import UM
+from bayescal.predict.validation import RowCheck
+from bayescal.reporting.shared.text import MM, UM
 
 MOST_VALUES = 1_000_000
 """Log likelihoods of single rows that are kept at most: with more rows, of fewer draws."""
@@ -127,12 +129,8 @@ def _pointwise(fit: Fit) -> Pointwise:
 def _some(fit: Fit, drawn: np.ndarray, each: int) -> np.ndarray:
     """Draws (chain, each, ...) of all draws (S, ...), evenly out of each chain; single precision."""
     chains = _chains(fit, drawn)
-    return _single(chains[:, np.linspace(0, chains.shape[1] - 1, each).astype(int)])
-
-
-def _single(values: np.ndarray) -> np.ndarray:
-    """Single precision: what varies by more than its seventh figure from draw to draw takes half the room."""
-    return values.astype(np.float32, copy=False)
+    chosen = chains[:, np.linspace(0, chains.shape[1] - 1, each).astype(int)]
+    return chosen.astype(np.float32, copy=False)  # draws differ by more than their seventh figure
 
 
 def _predictions(fit: Fit, each: int) -> tuple[dict[str, Any], dict[str, Any], dict[str, Any]]:
@@ -145,22 +143,26 @@ def _predictions(fit: Fit, each: int) -> tuple[dict[str, Any], dict[str, Any], d
     predictive: dict[str, Any] = {}
     observed: dict[str, Any] = {}
     coords: dict[str, Any] = {}
+
+    def add(name: str, dims: tuple[str, ...], drawn: np.ndarray, measured: np.ndarray) -> None:
+        predictive[name], observed[name] = (dims, _some(fit, drawn, each)), (dims, measured)
+
+    def rows_of(checks: Sequence[RowCheck]) -> np.ndarray:
+        return np.concatenate([ids[held[m.target[held] == index[check.target]]] for check in checks])
+
     if v.distances:
         coords["pair"] = ["|".join(d.between) for d in v.distances]
         drawn = np.stack([d.error - d.predicted + d.certified for d in v.distances], axis=-1)
-        predictive["distance_mm"] = (("pair",), _some(fit, 1e3 * drawn, each))
-        observed["distance_mm"] = (("pair",), 1e3 * np.array([d.certified for d in v.distances]))
+        add("distance_mm", ("pair",), MM * drawn, MM * np.array([d.certified for d in v.distances]))
     if v.planes:
-        coords["heldout"] = np.concatenate([ids[held[m.target[held] == index[p.target]]] for p in v.planes])
+        coords["heldout"] = rows_of(v.planes)
         drawn = np.concatenate([p.predicted for p in v.planes], axis=1)
-        predictive["heldout_um"] = (("heldout",), _some(fit, 1e6 * drawn, each))
-        observed["heldout_um"] = (("heldout",), 1e6 * np.concatenate([p.residuals for p in v.planes]))
+        add("heldout_um", ("heldout",), UM * drawn, UM * np.concatenate([p.residuals for p in v.planes]))
     if v.points:
-        coords["point"] = np.concatenate([ids[held[m.target[held] == index[p.target]]] for p in v.points])
-        coords["axis"] = ["x", "y", "z"]
+        coords["point"], coords["axis"] = rows_of(v.points), ["x", "y", "z"]
         drawn = np.concatenate([np.swapaxes(p.predicted, 1, 2) for p in v.points], axis=1)
-        predictive["point_um"] = (("point", "axis"), _some(fit, 1e6 * drawn, each))
-        observed["point_um"] = (("point", "axis"), 1e6 * np.concatenate([p.residuals.T for p in v.points]))
+        measured = np.concatenate([p.residuals.T for p in v.points])
+        add("point_um", ("point", "axis"), UM * drawn, UM * measured)
     return predictive, observed, coords
 
 

@@ -1,28 +1,38 @@
-"""`fit.json`: a calibration in numbers, units in the keys, by the output contract."""
+"""The run folder of a fit: `fit.json`, units in the keys, by the output contract, and the files beside it."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from bayescal.assess.acceptance import Acceptance, Tolerance
 from bayescal.assess.agreement import Agreement
-from bayescal.assess.budget import COVERAGE, Budget
-from bayescal.assess.iso9283 import Iso9283, iso9283
+from bayescal.assess.budget import COVERAGE, usual
+from bayescal.assess.iso9283 import iso9283
 from bayescal.calibration import Fit, ModelLevel
 from bayescal.dataset import Dataset
-from bayescal.effects import UNITS
+from bayescal.exporting.robot import robot_text
 from bayescal.fitted import gate
+from bayescal.fitted.arm import of_fit
+from bayescal.fitted.file import ARM_FILE, COPY, write_arm
+from bayescal.posterior.inference import save
 from bayescal.predict.crossvalidation import inside95, interval95
 from bayescal.predict.forecast import Forecast
-from bayescal.predict.validation import Validation
-from bayescal.reporting.fit.agreement import disagreement
+from bayescal.predict.validation import DiameterCheck, DistanceCheck, Validation
+from bayescal.reporting.figures.process import begun
+from bayescal.reporting.fit.agreement import agreement_record, disagreement
+from bayescal.reporting.fit.budget import budget_csv, budget_record
+from bayescal.reporting.fit.posterior import fit_draws, parameter_draws
+from bayescal.reporting.page.build import PAGES, write_page
 from bayescal.reporting.shared.body import arm_drawing
 from bayescal.reporting.shared.origin import entry, origin, plain, rows_record
 from bayescal.reporting.shared.text import MDEG, MM, UM
 from bayescal.statistics import rms
+from bayescal.storage.files import json_text
+from bayescal.storage.folders import whole
 
 SCHEMA = "bayescal-fit/1"
 LIBRARIES = ("gtsam", "numpy", "scipy", "numba", "emcee", "arviz")
@@ -30,25 +40,33 @@ NOISE = (
     *("group", "stated_um", "estimated_um=fitted", "repeats_um=repeats", "repeats_dof"),
     *("unexplained_um=excess", "unexplained_p_value=p_value"),
 )
-"""Fields of ``noise``."""
+ISO9283 = ("symbol", "name=words", "count", "mean_um", "max_um=maximum", "u_mean_um=u", "u_max_um=u_max")
+"""Fields of ``noise``, and of figures of ``iso9283``, where u is of the measurement, k = 1."""
 CORRELATED = 0.3
 """Least absolute correlation of two parameters of the arm that is stored."""
 
 
-def fit_record(fit: Fit) -> dict[str, Any]:
-    """The contents of fit.json."""
-    level = fit.final
-    return {
+def fit_record(fit: Fit, compared: Agreement | None = None) -> dict[str, Any]:
+    """The content of fit.json; `compared` is what the sessions of a joint fit say each by itself."""
+    level, figures = fit.final, iso9283(fit.basis)
+    record = {
         **origin(SCHEMA, fit.dataset, fit.options.seed, LIBRARIES),
-        "verdict": verdict_record(fit.acceptance, fit.dataset),
+        "verdict": _verdict(fit.acceptance, fit.dataset),
         "use": gate.of_fit(fit).record(),
-        "acceptance": None if fit.tolerance is None else tolerance_record(fit.tolerance),
+        "acceptance": None if fit.tolerance is None else _tolerance(fit.tolerance),
         "model": list(level.effects),
         "prior_width": fit.options.prior_width,
-        "parameters": parameter_records(fit),
+        "parameters": _parameters(fit),
         "correlations": _correlations(fit),
-        "noise": _noise(level),
-        "discrepancy": _discrepancy(fit),
+        "noise": entry(level.unexplained, *NOISE)
+        | {"scale": {group: float(value) for group, value in level.estimate.weights.scale.items()}},
+        "discrepancy": {
+            "residual_share": 1.0 - fit.stated.white,
+            "families": [
+                {"family": name, "parameter_share": share}
+                for name, share in fit.stated.parameter_shares.items()
+            ],
+        },
         "residuals": _residuals(level),
         "rejected": [fit.dataset.measurements.ids[row] for row in level.estimate.rejected],
         "identifiability": {
@@ -67,17 +85,24 @@ def fit_record(fit: Fit) -> dict[str, Any]:
         "predicted_distance": _forecast(fit.forecast),
         "directions": entry(fit.directions, "axes", "share", "missing"),
         "sampler": _sampler(fit),
-        "iso9283": iso9283_record(iso9283(fit.basis)),
-        "validation": validation_record(fit.levels[0].validation, level.validation, fit.budgets),
+        "iso9283": {
+            "figures": [entry(f, *ISO9283) for f in figures.figures],
+            "differs_from_norm": list(figures.differs),
+        },
+        "validation": _validation(fit),
         "ladder": [_level(r) for r in fit.levels],
         "findings": [entry(f, "code", "severity", "text") for f in fit.findings],
         "warnings": list(fit.warnings),
         "arm": arm_drawing(level.estimate.model.scene),
         "rows": rows_record(level.estimate),
     }
+    if compared is not None:
+        record["agreement"] = agreement_record(compared)
+        record["warnings"] = [*fit.warnings, *disagreement(compared)]
+    return record
 
 
-def parameter_records(fit: Fit) -> list[dict[str, Any]]:
+def _parameters(fit: Fit) -> list[dict[str, Any]]:
     """``parameters``: of the arm, then of the targets."""
     model = fit.final.estimate.model
     units, factor = model.in_file_units()
@@ -118,21 +143,6 @@ def _correlations(fit: Fit) -> list[dict[str, Any]]:
     pairs = [(i, j) for i in range(size) for j in range(i) if abs(r[i, j]) >= CORRELATED]
     pairs.sort(key=lambda pair: -abs(r[pair]))
     return [{"a": model.names[j], "b": model.names[i], "r": round(float(r[i, j]), 4)} for i, j in pairs]
-
-
-def _noise(level: ModelLevel) -> dict[str, Any]:
-    scale = {group: float(value) for group, value in level.estimate.weights.scale.items()}
-    return entry(level.unexplained, *NOISE) | {"scale": scale}
-
-
-def _discrepancy(fit: Fit) -> dict[str, Any]:
-    """Shares of the variance of residuals, and of stated variances of parameters by family, masses too."""
-    return {
-        "residual_share": 1.0 - fit.stated.white,
-        "families": [
-            {"family": name, "parameter_share": share} for name, share in fit.stated.parameter_shares.items()
-        ],
-    }
 
 
 def _residuals(level: ModelLevel) -> list[dict[str, Any]]:
@@ -199,13 +209,16 @@ def _ends(predicted: np.ndarray) -> list[float]:
     return [float(UM * end) for end in interval95(predicted)]
 
 
-def validation_record(
-    nominal: Validation, calibrated: Validation, budgets: Mapping[tuple[str, str], Budget]
-) -> dict[str, Any]:
+def _validation(fit: Fit) -> dict[str, Any]:
     """``validation`` of the contract: validation measurements under the nominal and the calibrated arm.
 
     The standard uncertainty of the error of a distance is that of its budget.
     """
+    nominal, calibrated = fit.levels[0].validation, fit.final.validation
+
+    def errors(before: DistanceCheck | DiameterCheck, after: DistanceCheck | DiameterCheck) -> dict[str, Any]:
+        return entry(before, "nominal_error_um=error") | entry(after, "calibrated_error_um=error")
+
     planes = [
         {
             "target": p.target,
@@ -221,15 +234,13 @@ def validation_record(
     ]
     distances = [
         entry(d, "between", "certified_mm")
-        | {"nominal_error_um": UM * n.error, "calibrated_error_um": UM * d.error}
-        | {"predicted_sd_um": UM * budgets[d.between].u}
-        | _interval(d.error, d.predicted)
+        | errors(n, d)
+        | {"predicted_sd_um": UM * fit.budgets[d.between].u}
+        | _interval(d)
         for n, d in zip(nominal.distances, calibrated.distances, strict=True)
     ]
     diameters = [
-        entry(d, "target", "certified_mm")
-        | {"nominal_error_um": UM * n.error, "calibrated_error_um": UM * d.error}
-        | _interval(d.error, d.predicted)
+        entry(d, "target", "certified_mm") | errors(n, d) | _interval(d)
         for n, d in zip(nominal.diameters, calibrated.diameters, strict=True)
     ]
     return {
@@ -245,8 +256,9 @@ def validation_record(
     }
 
 
-def _interval(error: float, predicted: np.ndarray) -> dict[str, Any]:
-    return {"predicted_interval95_um": _ends(predicted), "inside95": bool(inside95(error, predicted))}
+def _interval(d: DistanceCheck | DiameterCheck) -> dict[str, Any]:
+    inside = bool(inside95(d.error, d.predicted))
+    return {"predicted_interval95_um": _ends(d.predicted), "inside95": inside}
 
 
 def _points(nominal: Validation, calibrated: Validation) -> dict[str, Any]:
@@ -296,7 +308,7 @@ def _level(level: ModelLevel) -> dict[str, Any]:
     }
 
 
-def verdict_record(tests: Acceptance, dataset: Dataset) -> dict[str, Any]:
+def _verdict(tests: Acceptance, dataset: Dataset) -> dict[str, Any]:
     """``verdict``: the word, the tests that fail (`reasons`) and all of them, shared causes of rejections."""
     check = ("test", "value", "limit", "p=p_value", "level", "words")
     return {
@@ -313,7 +325,7 @@ def verdict_record(tests: Acceptance, dataset: Dataset) -> dict[str, Any]:
     }
 
 
-def tolerance_record(decided: Tolerance) -> dict[str, Any]:
+def _tolerance(decided: Tolerance) -> dict[str, Any]:
     """``acceptance``: decisions by ISO 14253-1 on a tolerance of distance errors."""
     return {
         "rule": "ISO 14253-1: PASS where abs(error) + U <= tolerance, FAIL where abs(error) - U > tolerance",
@@ -328,46 +340,44 @@ def tolerance_record(decided: Tolerance) -> dict[str, Any]:
     }
 
 
-def iso9283_record(figures: Iso9283) -> dict[str, Any]:
-    """``iso9283``; u is of the measurement, k = 1."""
-    fields = ("symbol", "name=words", "count", "mean_um", "max_um=maximum", "u_mean_um=u", "u_max_um=u_max")
-    return {
-        "figures": [entry(f, *fields) for f in figures.figures],
-        "differs_from_norm": list(figures.differs),
-    }
+FIT, ROBOT = "fit.json", "robot.yaml"
+BUDGET, BUDGET_CSV = "budget.json", "budget.csv"
 
 
-def agreement_record(compared: Agreement) -> dict[str, Any]:
-    """``agreement``: parameters of one arm by several sessions."""
-    return {
-        "parameters": [_compared(compared, k) for k in range(len(compared.names))],
-        "pairs": [
-            entry(p, "sessions", "chi2", "directions", "p_value", "disagree")
-            | {"apart_sd": dict(zip(compared.names, p.apart.tolist(), strict=True))}
-            for p in compared.pairs
-        ],
-        "not_fitted_alone": dict(compared.refused),
-    }
+def write_fit(fit: Fit, folder: Path, contents: Mapping[str, Any], pictures: bool = True) -> tuple[str, ...]:
+    """Write fit.json, report.html, posterior.nc, budgets, robot.yaml, arm.json, dataset, figures atomically.
 
+    Parameters
+    ----------
+    fit : Fit
+    folder : Path
+        Where they are written; an earlier fit there is replaced.
+    contents : mapping
+        The content of fit.json.
+    pictures : bool
+        Draw the figures too.
 
-def _compared(compared: Agreement, k: int) -> dict[str, Any]:
-    unit, factor = UNITS[compared.units[k]]
-
-    def estimate(by: tuple[np.ndarray, np.ndarray]) -> dict[str, float]:
-        return {"estimate": float(factor * by[0][k]), "sd": float(factor * by[1][k])}
-
-    return {
-        "name": compared.names[k],
-        "unit": unit,
-        "together": estimate(compared.together),
-        "alone": {name: estimate(by) for name, by in compared.alone.items()},
-    }
-
-
-def fit_contents(fit: Fit, compared: Agreement | None = None) -> dict[str, Any]:
-    """The content of fit.json; `compared` is what the sessions of a joint fit say each by itself."""
-    contents = fit_record(fit)
-    if compared is not None:
-        contents["agreement"] = agreement_record(compared)
-        contents["warnings"] += disagreement(compared)
-    return contents
+    Returns
+    -------
+    tuple of str
+        Names of the files and of the folder of the dataset.
+    """
+    arm, posterior = of_fit(fit), "posterior.nc"
+    with whole(folder, FIT) as stage:
+        drawn = begun(contents, parameter_draws(fit)) if pictures else dict
+        budgets = usual(fit.basis)
+        texts = {
+            FIT: json_text(contents, rows=False),
+            ROBOT: robot_text(arm, FIT),
+            BUDGET: json_text(budget_record(budgets, fit.basis, fit.options.seed)),
+            BUDGET_CSV: budget_csv(budgets),
+        }
+        for name, text in texts.items():
+            (stage / name).write_text(text, encoding="utf-8")
+        save(fit_draws(fit), stage / posterior)
+        write_arm(arm, stage)
+        figures = drawn()
+        for name, content in figures.items():
+            (stage / name).write_bytes(content)
+        write_page(stage, folder)  # with the figures
+    return (FIT, PAGES["fit"], posterior, BUDGET, BUDGET_CSV, ROBOT, ARM_FILE, COPY, *figures)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from bayescal.predict.validation import Validation
 from bayescal.reporting.shared.sheet import Bar, Column, Sheet, as_is, bar_of, inside, of_key
 from bayescal.reporting.shared.text import (
     MDEG,
+    MISSING,
     UM,
     as_precise,
     interval,
@@ -83,7 +85,7 @@ PREDICTED = (
     Column("lengths (mm)", "lengths_mm", lambda ends: "{:.0f} to {:.0f}".format(*ends)),
     Column("expected RMS (µm)", "predicted_rms_um", uncertainty),
     Column("U = k u (µm)", "expanded_U_um", uncertainty),
-    Column("k", lambda d: d.get("k", 2.0), "{:.2f}".format),
+    Column("k", "k", "{:.2f}".format),
     Column("95 % (µm)", "predicted_interval95_um", interval),
     Column("measured RMS (µm)", "measured_rms_um", length),
 )
@@ -125,38 +127,39 @@ def log_fraction(value: float | None, every: list[float | None]) -> float:
     return (math.log(value) - low) / (high - low)
 
 
+VALIDATION = (
+    ("planes", "contacts RMS", "contacts.rms", um),
+    ("distances", "distances RMS", "distance_errors.rms", um),
+    ("distances", "maximum", "distance_errors.maximum", um),
+    ("distances", "95 % predicted", "distance_errors.interval95", lambda ends: _ends(UM * ends)),
+    ("points", "points RMS", "point_lengths.rms", um),
+    ("points", "mean", "point_lengths.mean", um),
+    ("points", "maximum", "point_lengths.maximum", um),
+    ("turns", "angles mean (mdeg)", "turn_angles.mean", lambda mean: f"{MDEG * mean:.2g}"),
+)
+"""Kinds of validation measurement, and of each the heading, the attribute and the text of a column."""
+
+
 def validation_table(levels: Sequence[ModelLevel]) -> Sheet:
     """Errors of validation measurements by model level."""
     last = levels[-1].validation
-    columns = [Column("validation (µm)", lambda level: model_label(level.effects))]
-    if last.planes:
-        columns += [Column("contacts RMS", lambda level: um(level.validation.contacts.rms))]
-    if last.distances:
-        columns += [
-            Column("distances RMS", lambda level: um(level.validation.distance_errors.rms)),
-            Column("maximum", lambda level: um(level.validation.distance_errors.maximum)),
-            Column("95 % predicted", lambda level: _ends(UM * level.validation.distance_errors.interval95)),
-        ]
-    if last.points:
-        columns += [
-            Column("points RMS", lambda level: um(level.validation.point_lengths.rms)),
-            Column("mean", lambda level: um(level.validation.point_lengths.mean)),
-            Column("maximum", lambda level: um(level.validation.point_lengths.maximum)),
-        ]
-    if last.turns:
-        columns += [
-            Column(
-                "angles mean (mdeg)", lambda level: MDEG * level.validation.turn_angles.mean, "{:.2g}".format
-            )
-        ]
-    return Sheet((*columns, Column("within 95 %", lambda level: _within(level.validation))), levels)
+    columns = (
+        Column("validation (µm)", "effects", model_label),
+        *(
+            Column(heading, attrgetter(f"validation.{errors}"), text)
+            for kind, heading, errors, text in VALIDATION
+            if getattr(last, kind)
+        ),
+        Column("within 95 %", "validation", _within),
+    )
+    return Sheet(columns, levels)
 
 
-def _within(v: Validation) -> str | None:
+def _within(v: Validation) -> str:
     """How many values of validation measurements lie within their 95 % prediction intervals."""
     hits = [np.atleast_1d(inside95(d.error, d.predicted)) for d in v.distances]
     hits += [inside95(c.residuals, c.predicted).ravel() for c in (*v.planes, *v.points, *v.turns)]
-    return f"{100 * np.mean(np.concatenate(hits)):.0f} %" if hits else None
+    return f"{100 * np.mean(np.concatenate(hits)):.0f} %" if hits else MISSING
 
 
 def distance_table(distances: Sequence[Json], every: bool) -> Sheet:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 from rich.console import Group, RenderableType
 from rich.text import Text
 
 from bayescal.assess.acceptance import FAIL, PASS, PLANNED, SHARED, Acceptance, Tolerance
-from bayescal.assess.iso9283 import iso9283
 from bayescal.assess.shared_causes import SharedCause
 from bayescal.calibration import Fit
 from bayescal.estimate.discrepancy import MASSES
@@ -16,12 +17,17 @@ from bayescal.fitted.gate import STEPS, Use
 from bayescal.predict.crossvalidation import inside95
 from bayescal.predict.forecast import DistanceErrors
 from bayescal.predict.validation import Errors, Validation
-from bayescal.reporting.fit.agreement import iso9283_table
-from bayescal.reporting.fit.record import parameter_records, tolerance_record, validation_record
-from bayescal.reporting.fit.sheets import TOLERANCE, distance_table, parameter_table, validation_table
-from bayescal.reporting.shared.origin import entry, filed_lines
+from bayescal.reporting.fit.sheets import (
+    ISO9283,
+    TOLERANCE,
+    distance_table,
+    parameter_table,
+    validation_table,
+)
+from bayescal.reporting.shared.origin import filed_lines
 from bayescal.reporting.shared.sheet import Sheet, terminal
 from bayescal.reporting.shared.text import MDEG, MM, UM, Facts, facts, percent, um, um2, under
+from bayescal.storage.reading import Json
 
 MOST_REASONS = 4
 """Failed tests that are told; fit.json has all."""
@@ -34,27 +40,36 @@ MOST_FAMILIES = 3
 STYLES = {PASS: "bold green", FAIL: "bold red"}
 
 
-def fit_summary(fit: Fit, verbose: bool = False) -> RenderableType:
-    """Verdict, prediction, validation and parameters; with `verbose` all distances, targets, directions."""
-    v = fit.final.validation
+def fit_summary(fit: Fit, record: Json, verbose: bool = False) -> RenderableType:
+    """Verdict, prediction, validation and parameters; with `verbose` all distances, targets, directions.
+
+    Tables are of the record of the fit.
+    """
+    v, checked = fit.final.validation, record["validation"]["distances"]
     title = Text.assemble((fit.dataset.name, "bold"), f"  {fit.dataset.robot.name}")
     use = gate.of_fit(fit)
     parts: list[RenderableType] = [title, facts([*_verdict(fit.acceptance, use), *_predicted(fit)])]
     parts.append(facts([*_tolerance(fit.tolerance), *_next(fit, use), *_findings(fit)]))
     if v.planes or v.distances or v.points or v.turns:
         parts += ["", terminal(validation_table(fit.levels))]
-    if v.distances:
-        distances = validation_record(fit.levels[0].validation, v, fit.budgets)["distances"]
-        parts += ["", terminal(distance_table(distances, verbose))]
+    if checked:
+        parts += ["", terminal(distance_table(checked, verbose))]
     if verbose:
-        parts += ["", iso9283_table(iso9283(fit.basis))]
-    if fit.tolerance is not None and fit.tolerance.distances and verbose:
-        parts += ["", terminal(Sheet(TOLERANCE, tolerance_record(fit.tolerance)["distances"]))]
+        parts += ["", *_iso9283(record["iso9283"])]
+    if verbose and record["acceptance"] and record["acceptance"]["distances"]:
+        parts += ["", terminal(Sheet(TOLERANCE, record["acceptance"]["distances"]))]
     if fit.final.estimate.model.parameters:
-        levels = entry(fit.identifiability, "determined", "partly", "prior_only")
-        parts += ["", terminal(parameter_table(parameter_records(fit), levels, verbose))]
-    parts += ["", facts(_details(fit, verbose))]
+        parts += ["", terminal(parameter_table(record["parameters"], record["identifiability"], verbose))]
+    parts += ["", facts(_details(fit, record, verbose))]
     return Group(*parts)
+
+
+def _iso9283(record: Json) -> Iterator[RenderableType]:
+    """The figures of ISO 9283, and what differs from the procedure of the standard."""
+    if record["figures"]:
+        headings = ("ISO 9283 (validation measurements)", "number", "mean (µm)", "u", "max (µm)", "u")
+        yield terminal(Sheet(ISO9283, record["figures"]), *headings)
+        yield facts(under("differs", record["differs_from_norm"], "dim"))
 
 
 def _verdict(tests: Acceptance, use: Use) -> Facts:
@@ -147,7 +162,7 @@ def _findings(fit: Fit) -> Facts:
             yield finding.severity, finding.text, "" if finding.severity == "note" else "yellow"
 
 
-def _details(fit: Fit, verbose: bool) -> Facts:
+def _details(fit: Fit, record: Json, verbose: bool) -> Facts:
     level, estimate = fit.final, fit.final.estimate
     model, scatter = estimate.model, level.unexplained
     count = sum(len(b.rows) for b in model.states)
@@ -172,7 +187,7 @@ def _details(fit: Fit, verbose: bool) -> Facts:
     if verbose:
         yield from _identifiable(fit)
     yield "posterior", _sampler(fit), ""
-    yield from filed_lines(fit.dataset)
+    yield from filed_lines(record)
 
 
 def _discrepancy(fit: Fit) -> Facts:

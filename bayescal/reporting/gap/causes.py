@@ -13,8 +13,8 @@ from bayescal.effects.location import Site
 from bayescal.effects.sizes import DEVIATION
 from bayescal.effects.vocabulary import unit_label
 from bayescal.gap.result import Amplitude, Gap, Place
-from bayescal.reporting.shared.origin import entry
-from bayescal.reporting.shared.text import amplitude, with_u
+from bayescal.reporting.shared.origin import entry, sized
+from bayescal.reporting.shared.text import measured, with_u
 
 
 @dataclass(frozen=True)
@@ -127,8 +127,8 @@ def _sizes(amplitudes: list[Amplitude]) -> list[str]:
     out = []
     for unit in dict.fromkeys(a.unit for a in amplitudes):
         alike = [a for a in amplitudes if a.unit == unit]
-        values = [with_u(amplitude(a.value, unit)[0], amplitude(a.u, unit)[0]) for a in alike]
-        label = unit_label(amplitude(0.0, unit)[1])
+        sizes = [sized(a, "value", "u") for a in alike]
+        values, label = [with_u(s["value"], s["u"]) for s in sizes], unit_label(sizes[0]["unit"])
         if len(alike) > 1:
             axes = ", ".join(a.what.rpartition(" ")[2] for a in alike)
             out.append(f"by ({axes}) = ({', '.join(values)}) {label}")
@@ -151,12 +151,8 @@ def records(where: Place, dataset: Dataset) -> dict:
             "id": ids[where.event.row],
             "interval95": [row + 1 for row in where.event.interval95],
         }
-    out["amplitudes"] = [
-        {"what": a.what, "value": value, "u": u, "unit": unit, "significant": a.significant}
-        for a in where.amplitudes
-        for (value, unit), (u, _) in [(amplitude(a.value, a.unit), amplitude(a.u, a.unit))]
-    ]
-    return out
+    sizes = [entry(a, "what") | sized(a, "value", "u") | entry(a, "significant") for a in where.amplitudes]
+    return out | {"amplitudes": sizes}
 
 
 def stated(gap: Gap, effect: str) -> tuple[Amplitude, ...]:
@@ -197,9 +193,7 @@ def line(a: Amplitude, others: Sequence[Amplitude]) -> str:
         by = f" ({a.driver.text})"
     elif len(same) > 1 or a.what == DEVIATION.what:
         by = f" ({', '.join(a.parameters)})"
-    value, unit = amplitude(a.value, a.unit)
-    u, _ = amplitude(a.u, a.unit)
-    text = f"{a.effect} of {short(a.site)}: {a.what} {with_u(value, u)} {unit_label(unit)}".rstrip() + by
+    text = f"{a.effect} of {short(a.site)}: {a.what} {measured(**sized(a, 'value', 'u'))}{by}"
     if a.phase is not None:
         text += f", phase {with_u(*np.degrees(a.phase))} deg"
     return text if a.significant else f"{text}, not significant alone"
@@ -219,16 +213,15 @@ def amplitude_records(gap: Gap) -> list[dict[str, Any]]:
     gain = _gains(gap)
     out = []
     for effect in dict.fromkeys(a.effect for a in gap.amplitudes):
+        nats, se = gain.get(effect, (float("nan"), float("nan")))
         for a in stated(gap, effect):
-            value, unit = amplitude(a.value, a.unit)
-            u, _ = amplitude(a.u, a.unit)
-            nats, se = gain.get(effect, (float("nan"), float("nan")))
             phase = (None, None) if a.phase is None else np.degrees(a.phase).tolist()
             out.append(
                 {"effect": effect, "site": str(a.site), "driver": str(a.driver)}
                 | entry(a, "parameters", "what")
-                | {"value": value, "u": u, "unit": unit, "phase_deg": phase[0], "u_phase_deg": phase[1]}
-                | {"significant": a.significant, "validation_gain_nats": nats, "validation_gain_se": se}
+                | sized(a, "value", "u")
+                | {"phase_deg": phase[0], "u_phase_deg": phase[1], "significant": a.significant}
+                | {"validation_gain_nats": nats, "validation_gain_se": se}
             )
     return out
 

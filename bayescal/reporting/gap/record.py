@@ -2,25 +2,38 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from bayescal.effects import UNITS
 from bayescal.fitted import gate
 from bayescal.fitted.arm import of_gap
 from bayescal.fitted.file import write_arm
-from bayescal.gap.result import MARGINS, Advice, BlindSpot, Gap, Magnitude, Place, Verdict
+from bayescal.gap.result import (
+    MARGINS,
+    VALIDATION_CONTACTS,
+    VALIDATION_POINTS,
+    Advice,
+    BlindSpot,
+    Gap,
+    Magnitude,
+    Place,
+    Side,
+    Verdict,
+)
 from bayescal.gap.settings import OUTCOME
 from bayescal.model.scene import Scene
 from bayescal.reporting.figures.process import begun
-from bayescal.reporting.gap import causes, contacts
-from bayescal.reporting.gap.contacts import as_lengths, length, main, table_of_contacts
+from bayescal.reporting.gap import causes
 from bayescal.reporting.gap.phrases import headline, place, warnings
+from bayescal.reporting.gap.sheets import per_vector, table_of_contacts
 from bayescal.reporting.page.build import write_page
 from bayescal.reporting.shared.body import arm_drawing
-from bayescal.reporting.shared.origin import entry, origin, plain, rows_record
-from bayescal.reporting.shared.text import UM, amplitude
+from bayescal.reporting.shared.origin import entry, origin, plain, rows_record, scaled, sized
+from bayescal.reporting.shared.text import UM
 from bayescal.storage.files import json_text
 from bayescal.storage.folders import whole
 
@@ -71,12 +84,14 @@ def gap_record(gap: Gap) -> dict[str, Any]:
         "lengths": _lengths(gap),
         "ladder": [
             entry(step, *STEP)
-            | {"point_length_rms_um": UM * length("points", step.point_rms)}
+            | {"point_length_rms_um": UM * per_vector("points") * step.point_rms}
             | entry(step, "delta_elpd", "delta_elpd_se")
             for step in gap.levels
         ],
-        "next": [_advice(a) | {"contacts": contacts.records(gap, a)} for a in gap.advice],
-        "undecided": contacts.undecided_records(gap),
+        "next": [
+            _advice(a) | {"contacts": contact_records(a, number)} for number, a in enumerate(gap.advice, 1)
+        ],
+        "undecided": undecided_records(gap),
         "blind_spots": [_blind(b) for b in gap.blind_spots],
         "curves": [_curve(gap, w) for w in gap.where[:CURVES]],
         "residuals": _residuals(gap),
@@ -119,14 +134,21 @@ def _place(w: Place) -> dict[str, Any]:
 
 
 def _lengths(gap: Gap) -> dict[str, Any]:
-    """The errors as the summary states them: of points, the length of the error vector."""
-    m, what = gap.magnitude, main(gap)
+    """The errors as the summary states them: of points, the length of the error vector.
+
+    `of` is the kind of measurement with which the gap is compared: contacts where there are any.
+    """
+    kinds = [x.what for x in gap.magnitude.measured] or [VALIDATION_CONTACTS]
+    what = VALIDATION_CONTACTS if VALIDATION_CONTACTS in kinds else VALIDATION_POINTS
+    sizes = entry(gap.magnitude, "validation_rms_um", "noise_um", "excess_um")
+    shrunk = {s.what: entry(s, *SHRUNK) for s in gap.shrinkage}
     return {
         "of": what,
-        "validation_rms_um": UM * length(what, m.validation_rms),
-        "noise_um": UM * length(what, m.noise),
-        "excess_um": UM * length(what, m.excess),
-        "shrinkage": {s.what: entry(as_lengths(s), *SHRUNK) for s in gap.shrinkage},
+        **{key: scaled(size, per_vector(what)) for key, size in sizes.items()},
+        "shrinkage": {
+            kind: {key: scaled(size, per_vector(kind)) for key, size in errors.items()}
+            for kind, errors in shrunk.items()
+        },
     }
 
 
@@ -135,14 +157,49 @@ def _advice(a: Advice) -> dict[str, Any]:
     return entry(a, "separates", "what") | poses | entry(a, "lambda_before", "lambda_after")
 
 
+def contact_records(advice: Advice, number: int) -> list[dict[str, Any]]:
+    """The contacts of an advice in gap.json: ``next-1-001`` is the first contact of the first advice."""
+    return [
+        {
+            "id": f"next-{number}-{k:03d}",
+            "target": c.target,
+            "tool": c.tool,
+            "j_deg": list(np.degrees(c.readings)),
+            "j_degps": None if c.velocity is None else list(np.degrees(c.velocity)),
+            "payload_kg": c.payload,
+            "repeat_of": c.repeat_of,
+        }
+        for k, c in enumerate(advice.contacts, start=1)
+    ]
+
+
+def undecided_records(gap: Gap) -> list[dict[str, Any]]:
+    """Pairs of explanations, each side with its effects as for --model and their fitted parameters."""
+    sides = ("a", "b", "common")
+    return [{side: _side(getattr(pair, side)) for side in sides} for pair in gap.undecided]
+
+
+def _side(side: Side) -> list[dict[str, Any]]:
+    return [
+        {
+            "model": s.model,
+            "values": [
+                {"parameter": name, "value": value * factor, "unit": unit}
+                for name, value in s.values.items()
+                for unit, factor in (UNITS[s.units[name]],)
+            ],
+        }
+        for s in side
+    ]
+
+
 def _blind(b: BlindSpot) -> dict[str, Any]:
-    smallest, unit = amplitude(b.smallest, b.unit)
-    plausible, _ = amplitude(b.plausible, b.unit)
+    size = sized(b, "smallest", "plausible")
     return {
         "effect": b.effect,
         "site": str(b.site),
-        "smallest_nameable": {"value": smallest, "unit": unit},
-        "plausible": {"value": plausible, "unit": unit},
+        "smallest_nameable": {"value": size["smallest"], "unit": size["unit"]},
+        "plausible": {"value": size["plausible"], "unit": size["unit"]},
         "distance_error_um": UM * b.distance_error,
     }
 
@@ -198,7 +255,7 @@ NEXT = "next.csv"
 """Contacts to be measured next; only where some are advised."""
 
 
-def write_gap(gap: Gap, folder: Path, pictures: bool = True) -> tuple[str, ...]:
+def write_gap(gap: Gap, folder: Path, contents: Mapping[str, Any], pictures: bool = True) -> tuple[str, ...]:
     """Write gap.json, gap.html, arm.json with the dataset, next.csv and the figures atomically.
 
     Parameters
@@ -206,6 +263,8 @@ def write_gap(gap: Gap, folder: Path, pictures: bool = True) -> tuple[str, ...]:
     gap : Gap
     folder : Path
         Where they are written; an earlier diagnosis there is replaced.
+    contents : mapping
+        The content of gap.json.
     pictures : bool
         Draw the figures too.
 
@@ -214,7 +273,6 @@ def write_gap(gap: Gap, folder: Path, pictures: bool = True) -> tuple[str, ...]:
     tuple of str
         File names.
     """
-    contents = gap_record(gap)
     names = [GAP]
     arm = None if gap.arm is None else of_gap(gap)
     with whole(folder, GAP) as stage:
@@ -222,8 +280,8 @@ def write_gap(gap: Gap, folder: Path, pictures: bool = True) -> tuple[str, ...]:
         (stage / GAP).write_text(json_text(contents, rows=False), encoding="utf-8")
         if arm is not None:
             names += write_arm(arm, stage)
-        if any(a.contacts for a in gap.advice):
-            (stage / NEXT).write_text(table_of_contacts(gap), encoding="utf-8")
+        if advised := [c for advice in contents["next"] for c in advice["contacts"]]:
+            (stage / NEXT).write_text(table_of_contacts(advised), encoding="utf-8")
             names.append(NEXT)
         for name, content in drawn().items():
             (stage / name).write_bytes(content)

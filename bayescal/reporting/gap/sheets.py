@@ -1,4 +1,4 @@
-"""Tables of a diagnosis, of the entries of its record, and how these entries are written as text."""
+"""Tables of a diagnosis and next.csv, of the entries of its record, and how these are written as text."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ from bayescal.effects.location import Site
 from bayescal.gap.result import MARGINS, VALIDATION_CONTACTS, VALIDATION_POINTS
 from bayescal.gap.settings import OUTCOME
 from bayescal.reporting.fit.sheets import level_sheet
-from bayescal.reporting.shared.sheet import Bar, Column, Sheet, as_is, bar_of, of_key
+from bayescal.reporting.shared.origin import scaled
+from bayescal.reporting.shared.sheet import Bar, Column, Sheet, as_is, bar_of, csv_text, of_key
 from bayescal.reporting.shared.text import (
     MISSING,
     NEVER,
@@ -60,9 +61,22 @@ def unexplained(record: Json) -> Json | None:
     return next((w for w in record["where"] if not w["explained_by"]), None)
 
 
+def per_vector(what: str) -> float:
+    """Factor from the RMS of the residuals of a kind of measurement to the RMS of the lengths of its errors.
+
+    The residuals of a point are its three coordinates, that of a contact or a distance is a length.
+    """
+    return 3**0.5 if what in ("points", VALIDATION_POINTS) else 1.0
+
+
 def rms_of(record: Json) -> str:
     """What RMS values of groups and locations are: for points they are per coordinate."""
-    return "RMS" if record["lengths"]["of"] == VALIDATION_CONTACTS else "RMS per coordinate"
+    return f"RMS{per_residual(record)}"
+
+
+def per_residual(record: Json) -> str:
+    """What a figure that is not a length of points is per, to be added to its label."""
+    return "" if record["lengths"]["of"] == VALIDATION_CONTACTS else " per coordinate"
 
 
 def size_of(record: Json, place: Json) -> str:
@@ -87,11 +101,6 @@ def site_of(site: str) -> str:
     return " and ".join(Site.read(part).text for part in site.split(" and "))
 
 
-def words_of(place: Json) -> str:
-    """A location in words; records of earlier versions have site and driver alone."""
-    return str(place.get("text") or f"{place['site']}, {place['driver']}")
-
-
 def share_of(record: Json, effect: str) -> str:
     """Share of the excess variance at the largest location that an effect explains, named among several."""
     places = [w for w in record["where"] if w["explained_by"] and effect in w["explained_by"].split(", ")]
@@ -103,43 +112,29 @@ def share_of(record: Json, effect: str) -> str:
 
 def effects_sheet(record: Json) -> Sheet:
     """All effects by probability, with amplitude, share, location, and what is detectable."""
-    least = _detectable(record)
-    place = unexplained(record)
-    ranked = sorted(record["probability"].items(), key=lambda item: -(item[1] or 0.0))
-
-    def unmodelled(item: tuple[str, float | None]) -> bool:
-        return item[0] == OTHER and place is not None
-
-    def size(item: tuple[str, float | None]) -> str:
-        if place and unmodelled(item):
-            return size_of(record, place)
-        return sizes_of(amplitudes_of(record, item[0])) or MISSING
-
-    def location(item: tuple[str, float | None]) -> str:
-        if place and unmodelled(item):
-            return words_of(place)
-        return sites_of(amplitudes_of(record, item[0])) or MISSING
-
-    def part(item: tuple[str, float | None]) -> str:
-        return share(place["share"]) if place and unmodelled(item) else share_of(record, item[0])
-
-    def bar(item: tuple[str, float | None]) -> Bar:
-        name, p = item
-        return Bar(p or 0.0, MISSING if p is None else probability(p), name in record["credible_set90"])
-
+    least, place, items = _detectable(record), unexplained(record), []
+    for name, p in sorted(record["probability"].items(), key=lambda item: -(item[1] or 0.0)):
+        some = amplitudes_of(record, name)
+        size, location, part = sizes_of(some), sites_of(some), share_of(record, name)
+        if place and name == OTHER:
+            size, location, part = size_of(record, place), place["text"], share(place["share"])
+        text = MISSING if p is None else probability(p)
+        bar = Bar(p or 0.0, text, name in record["credible_set90"])
+        items.append((rival(name), bar, size or MISSING, location or MISSING, part, least.get(name)))
     columns = (
-        Column("effect", lambda item: rival(item[0])),
-        Column("probability", bar, as_is),
-        Column("size (u)", size, words=True),
-        Column("location", location, words=True),
-        Column("share of the excess", part),
-        Column("detectable from", lambda item: least.get(item[0])),
+        Column("effect", 0),
+        Column("probability", 1, as_is),
+        Column("size (u)", 2, words=True),
+        Column("location", 3, words=True),
+        Column("share of the excess", 4),
+        Column("detectable from", 5),
     )
     caption = (
         "Coloured: the 90 % set. Effects may be present together. 'noise only': the model as it is explains "
         "the data; 'unmodelled effect': none of the known effects does"
     )
-    return Sheet(columns, ranked, caption, max(sum((p or 0.0) >= LEAST for _, p in ranked), 5))
+    likely = sum((p or 0.0) >= LEAST for p in record["probability"].values())
+    return Sheet(columns, items, caption, max(likely, 5))
 
 
 def _detectable(record: Json) -> dict[str, str]:
@@ -173,9 +168,10 @@ ADVICE = (
 
 def where_sheet(record: Json) -> Sheet:
     """Locations of the error, the largest first."""
-    excess = record["verdict"] != NULL  # no share of nothing is stated
+    excess = any((w["share"] or 0.0) > 0.0 for w in record["where"])
+    excess = excess and record["verdict"] != NULL  # no share of nothing is stated
     columns = (
-        Column("location and dependence", words_of),
+        Column("location and dependence", "text"),
         Column(f"{rms_of(record)} (µm)", bar_of(record["where"], "rms_um", marked), as_is),
         Column("share of the excess", lambda w: w["share"] if excess else None, share),
         Column("p", "family_p_value", p_value),
@@ -214,46 +210,44 @@ LEVELS = (
 )
 
 
-def levels_sheet(record: Json) -> Sheet:
-    """Validation errors by model level."""
+def levels_sheet(record: Json, shown: Sequence[tuple[str, str]] = (), missing: str | None = None) -> Sheet:
+    """Validation errors by model level: headings and keys of those `shown`, and the text of no difference."""
 
     def gain(step: Json) -> str | None:
         spread = "" if step["delta_elpd_se"] is None else f" ± {step['delta_elpd_se']:.0f}"
-        return f"{signed(step['delta_elpd'])}{spread}" if step["delta_elpd"] else None
+        return f"{signed(step['delta_elpd'])}{spread}" if step["delta_elpd"] else missing
 
     models = [tuple(step["model"]) for step in record["ladder"]]
     names = [level_label(model, before) for model, before in zip(models, [(), *models], strict=False)]
-    shown = LEVELS[1:] if record["lengths"]["of"] == VALIDATION_POINTS else LEVELS
+    shown = shown or (LEVELS[1:] if record["lengths"]["of"] == VALIDATION_POINTS else LEVELS)
     return level_sheet(record["ladder"], shown, names, Column("difference of log density (nats)", gain))
+
+
+def improved(record: Json) -> list[Json]:
+    """Entries of `shrinkage` by `what`, where errors of points are lengths."""
+    return [
+        {"what": what}
+        | {key: scaled(value, per_vector(what)) if key.endswith("_um") else value for key, value in s.items()}
+        for what, s in record["shrinkage"].items()
+        if s
+    ]
 
 
 def improvements(record: Json) -> Sheet:
     """What the named effects improve."""
-    lengths = record["lengths"]["shrinkage"]
-    items = [
-        {"what": what, "ratio": _ratio(lengths.get(what) or s, s), **s, **(lengths.get(what) or {})}
-        for what, s in record["shrinkage"].items()
-        if s
-    ]
     columns = (
         Column("refit with the named effects", "what"),
         Column("number", "count"),
         Column("before (µm)", "before_rms_um", length),
         Column("after (µm)", lambda s: length(s["after_rms_um"]) if s["claimed"] else "not claimed"),
-        Column("expected (µm)", lambda s: length(s["ratio"] * s["predicted_rms_um"])),
+        Column("expected (µm)", "predicted_rms_um", length),
         Column("limit (µm)", "floor_um", length),
         *(Column(h, of_key(_reduction, k)) for k, h in enumerate(("removed", "95 %"))),
     )
     caption = (
         "RMS of validation errors; limit: expected RMS for a correct model; removed: share of the excess"
     )
-    return Sheet(columns, items, caption)
-
-
-def _ratio(as_length: Json, s: Json) -> float:
-    """Length of the error vector over the error of a coordinate, of points."""
-    ratio: float = as_length["before_rms_um"] / s["before_rms_um"] if s["before_rms_um"] else 1.0
-    return ratio
+    return Sheet(columns, improved(record), caption)
 
 
 def _reduction(s: Json, part: int) -> str:
@@ -276,3 +270,53 @@ def blind_sheet(record: Json) -> Sheet:
     )
     caption = "Blind spots: effects whose plausible amplitude these contacts would not show"
     return Sheet(columns, spots, caption, 8)
+
+
+FIRST = 3
+"""Contacts in the summary."""
+DECIMALS = 7
+"""Of degrees in the file, as in recorded sessions."""
+
+
+def _stated(contacts: Sequence[Json], key: str) -> bool:
+    return any(c[key] is not None for c in contacts)
+
+
+def table_of_contacts(contacts: Sequence[Json]) -> str:
+    """The content of next.csv: columns of measurements.csv without results, and what a row repeats.
+
+    ``repeat_of`` is the contact of the session that a row repeats unchanged, or empty.
+    """
+    joints = range(1, len(contacts[0]["j_deg"]) + 1)
+    moving, loaded = _stated(contacts, "j_degps"), _stated(contacts, "payload_kg")
+    head = ["id", "role", "target", "tool", *(f"j{k}_deg" for k in joints)]
+    head += [f"j{k}_degps" for k in joints] * moving + ["payload_kg"] * loaded + ["repeat_of"]
+    rows = []
+    for c in contacts:
+        row = [c["id"], "calibrate", c["target"], c["tool"], *(f"{v:.{DECIMALS}f}" for v in c["j_deg"])]
+        if moving:
+            row += [f"{v:.{DECIMALS}f}" for v in c["j_degps"]] if c["j_degps"] else [""] * len(joints)
+        if loaded:
+            row.append("" if c["payload_kg"] is None else f"{c['payload_kg']:g}")
+        rows.append([*row, c["repeat_of"]])
+    return csv_text(head, rows)
+
+
+def first_contacts(contacts: Sequence[Json]) -> Sheet:
+    """The first of the contacts that are advised."""
+    shown = contacts[:FIRST]
+    columns = [Column("next contacts", "id"), Column("target", "target")]
+    columns += [
+        Column(f"J{k + 1} (deg)", of_key(lambda c, k: c["j_deg"][k], k), "{:.3f}".format)
+        for k in range(len(shown[0]["j_deg"]))
+    ]
+    if _stated(shown, "j_degps"):
+        columns.append(Column("direction of motion", "j_degps", _signs))
+    if _stated(shown, "payload_kg"):
+        columns.append(Column("payload (kg)", "payload_kg", "{:g}".format))
+    return Sheet(tuple(columns), shown)
+
+
+def _signs(velocity: Sequence[float]) -> str:
+    """The side on which each joint arrives: ``+-+0+-`` from the first joint on."""
+    return "".join("+" if v > 0 else "-" if v < 0 else "0" for v in velocity)

@@ -2,34 +2,30 @@
 
 from __future__ import annotations
 
-import numpy as np
+from dataclasses import replace
+
 from rich.console import Group, RenderableType
 from rich.text import Text
 
-from bayescal.gap.result import VALIDATION_CONTACTS, BlindSpot, Gap, Margin, Step
-from bayescal.reporting.gap import causes
-from bayescal.reporting.gap.causes import cause
-from bayescal.reporting.gap.contacts import as_lengths, first_contacts, length, main, per_residual
-from bayescal.reporting.gap.phrases import headline, place, unexplained, warnings
-from bayescal.reporting.gap.sheets import significant
-from bayescal.reporting.shared.origin import filed_lines
+from bayescal.gap.result import VALIDATION_CONTACTS, Gap, Margin
+from bayescal.reporting.gap import causes, sheets
+from bayescal.reporting.gap.sheets import first_contacts, per_vector
+from bayescal.reporting.shared.origin import filed_lines, scaled
 from bayescal.reporting.shared.sheet import Column, Sheet, inside, terminal
 from bayescal.reporting.shared.text import (
-    NEVER,
     Facts,
-    FigureTable,
+    by_reason,
     facts,
-    level_label,
+    interval,
+    length,
     listed,
     p_value,
     probability,
-    reduction,
     rival,
-    signed,
-    size,
     um,
     under,
 )
+from bayescal.storage.reading import Json
 
 PLACES = 5
 BLIND = 4
@@ -39,224 +35,189 @@ LEAST_PROBABILITY = 0.01
 STYLES = {"null": "bold green", "named": "bold", "ambiguous": "bold yellow"}
 
 
-def gap_summary(gap: Gap) -> RenderableType:
-    """Verdict, size, locations, probabilities, model levels, next measurements, warnings: one screen."""
-    nothing = gap.verdict.kind == "null"
+def gap_summary(gap: Gap, record: Json) -> RenderableType:
+    """Verdict, size, locations, probabilities, model levels, next measurements, warnings: one screen.
+
+    All is from the record of the diagnosis, but the texts of groups and amplitudes, which it does not have.
+    """
+    nothing = record["verdict"] == "null"
     title = Text.assemble(
-        (gap.dataset.name, "bold"),
-        f"  {gap.dataset.robot.name}  model: {', '.join(gap.baseline) or 'nominal'}",
-        f" without {', '.join(gap.options.omitted)}" if gap.options.without else "",
+        (record["dataset"]["name"], "bold"),
+        f"  {record['arm']['robot']}  model: {', '.join(record['baseline']) or 'nominal'}",
+        f" without {', '.join(record['without'])}" if record["without"] else "",
     )
-    style = STYLES.get(gap.verdict.kind, "bold red")
-    parts: list[RenderableType] = [
-        title,
-        *(Text(line, style) for line in headline(gap)),
-        "",
-        facts(_size(gap)),
-    ]
-    if gap.magnitude.measured:
-        parts.append(terminal(_measured(gap)))
+    style = STYLES.get(record["verdict"], "bold red")
+    parts: list[RenderableType] = [title, *(Text(line, style) for line in record["words"]), ""]
+    parts.append(facts(_size(record)))
+    if record["gap"]["measured"]:
+        parts.append(terminal(_measured(record)))
     parts.append("")
     if nothing:
-        parts.append(facts(_largest(gap)))
-    elif gap.where:
-        parts += [_where(gap), facts(_margins(gap))]
-    parts += [facts(_which(gap)), facts(_amplitudes(gap)), facts(_remedy(gap)), ""]
+        parts.append(facts(_largest(record)))
+    elif record["where"]:
+        headings = (f"location: {sheets.rms_of(record)} (µm)", "RMS", "share", "p", "explained by")
+        parts += [terminal(_where(record), *headings), facts(_margins(gap, record))]
+    parts += [facts(_which(record)), facts(_amplitudes(gap, record)), facts(_remedy(record)), ""]
     if gap.shrinkage and not nothing:
-        parts += [terminal(Sheet(SHRINKAGE, tuple(map(as_lengths, gap.shrinkage)))), facts(_not_claimed(gap))]
-    if gap.levels:
-        parts += [terminal(_levels(gap)), ""]
-    parts.append(facts(_next(gap)))
-    if any(a.contacts for a in gap.advice):
-        parts.append(terminal(first_contacts(gap)))
-    if gap.blind_spots:
-        parts.append(terminal(_blind(gap)))
-    parts.append(facts(_remarks(gap)))
+        parts += [terminal(_improvements(record), *IMPROVEMENTS), facts(_not_claimed(record))]
+    if record["ladder"]:
+        levels = _levels(record)
+        parts += [terminal(levels, "model: RMS (µm)", *levels.headings), ""]
+    parts.append(facts(_next(record)))
+    if advised := [c for advice in record["next"] for c in advice["contacts"]]:
+        parts.append(terminal(first_contacts(advised)))
+    if record["blind_spots"]:
+        blind = sheets.blind_sheet(record)
+        more = f" ({BLIND} of {len(blind.items)})" if len(blind.items) > BLIND else ""
+        blind = replace(blind, items=blind.items[:BLIND])
+        parts.append(terminal(blind, f"may be missed{more}", "plausible", "detectable", "distance error"))
+    parts.append(facts(_remarks(record)))
     return Group(*parts)
 
 
-def _size(gap: Gap) -> Facts:
-    m = gap.magnitude
-    what = main(gap)
-    each = "contact" if what == VALIDATION_CONTACTS else "point (length)"
-
-    def size(value: float) -> str:
-        return um(length(what, value))
-
-    low, high = map(size, m.noise_interval95)
-    yield "validation", f"{size(m.validation_rms)} µm RMS per {each} ({m.validation})", ""
-    yield "noise", f"{size(m.noise)} µm per {each}, {low} to {high} (95 %, from {_noise_from(gap)})", ""
-    low, high = map(size, m.excess_interval95)
-    if not np.all(np.isfinite(m.excess_interval95)):
-        yield "excess", f"{size(m.excess)} µm; no interval: the validation measurements have one pose", "bold"
-    elif m.excess_interval95[0] == 0 and gap.verdict.kind == "null":
-        yield "excess", f"none above noise; at most {high} µm (95 %)", ""
-    else:
-        yield "excess", f"{size(m.excess)} µm, {low} to {high} (95 %)", "bold"
-
-
-def _noise_from(gap: Gap) -> str:
+def _size(record: Json) -> Facts:
+    size, of = record["gap"], record["lengths"]
+    each = "contact" if of["of"] == VALIDATION_CONTACTS else "point (length)"
+    factor, ends = per_vector(of["of"]), size["excess_um"]["interval95"]
+    yield "validation", f"{length(of['validation_rms_um'])} µm RMS per {each} ({size['heldout']})", ""
     words = {"repeats": "repeated contacts", "fit": "the fit", "stated": "dataset.yaml"}
-    return words.get(gap.magnitude.noise_from, gap.magnitude.noise_from)
+    source = words.get(size["noise_from"], size["noise_from"])
+    noise = f"{length(of['noise_um'])} µm per {each}, {interval(size['noise_interval95_um'], factor)}"
+    yield "noise", f"{noise} (95 %, from {source})", ""
+    excess = f"{length(of['excess_um'])} µm"
+    if None in ends:
+        yield "excess", f"{excess}; no interval: the validation measurements have one pose", "bold"
+    elif ends[0] == 0 and record["verdict"] == "null":
+        yield "excess", f"none above noise; at most {length(factor * ends[1])} µm (95 %)", ""
+    else:
+        yield "excess", f"{excess}, {interval(ends, factor)} (95 %)", "bold"
 
 
-def _measured(gap: Gap) -> Sheet:
+def _measured(record: Json) -> Sheet:
+    def error(x: Json, value: float) -> str:
+        return length(per_vector(x["what"]) * value)
+
+    def within(x: Json) -> bool:
+        low, high = x["predicted_interval95_um"]
+        return bool(low <= x["rms_um"] <= high)
+
     columns = (
         Column("RMS (µm)", "what"),
         Column("count", "count"),
-        Column("measured", lambda x: um(length(x.what, x.rms))),
-        Column("expected", lambda x: um(length(x.what, x.predicted_rms))),
-        Column("95 %", lambda x: " .. ".join(um(length(x.what, end)) for end in x.predicted_interval95)),
-        Column("", lambda x: x.predicted_interval95[0] <= x.rms <= x.predicted_interval95[1], inside),
+        Column("measured", lambda x: error(x, x["rms_um"])),
+        Column("expected", lambda x: error(x, x["predicted_rms_um"])),
+        Column("95 %", lambda x: " .. ".join(error(x, end) for end in x["predicted_interval95_um"])),
+        Column("", within, inside),
     )
-    return Sheet(columns, gap.magnitude.measured)
+    return Sheet(columns, record["gap"]["measured"])
 
 
-def _where(gap: Gap) -> FigureTable:
-    shown = gap.where[:PLACES]
-    if gap.verdict.kind == "named+unexplained" and all(w.explained_by for w in shown):
-        shown = (*shown[:-1], *[w for w in gap.where[PLACES - 1 :] if not w.explained_by][:1])
-    excess = any(w.share > 0 for w in gap.where)  # none in the fitted measurements: no share is defined
-    columns = (
-        Column(f"location: RMS{per_residual(gap)} (µm)", place),
-        Column("RMS", "rms", um),
-        Column("share", lambda w: f"{100 * w.share:.0f} %" if excess and np.isfinite(w.share) else None),
-        Column("p", "family_p_value", p_value),
-        Column("explained by", lambda w: w.explained_by or None),
-    )
-    table = terminal(Sheet(columns, shown, style=lambda w: "" if significant(w.family_p_value) else "dim"))
-    table.columns[0].no_wrap = False
-    return table
+def _where(record: Json) -> Sheet:
+    """The largest locations; a further effect has one that no named effect explains."""
+    every = record["where"]
+    shown = every[:PLACES]
+    if record["verdict"] == "named+unexplained" and all(w["explained_by"] for w in shown):
+        shown = [*shown[:-1], *[w for w in every[PLACES - 1 :] if not w["explained_by"]][:1]]
+    return replace(sheets.where_sheet(record), items=shown, style=lambda w: "" if sheets.marked(w) else "dim")
 
 
-def _largest(gap: Gap) -> Facts:
-    each = per_residual(gap)
-    for w in gap.where[:1]:
-        text = f"{place(w)}, {um(w.rms)} µm{each} (p {p_value(w.family_p_value)})"
+def _largest(record: Json) -> Facts:
+    for w in record["where"][:1]:
+        error = f"{length(w['rms_um'])} µm{sheets.per_residual(record)}"
+        text = f"{w['text']}, {error} (p {p_value(w['family_p_value'])})"
         yield "location", f"largest, not significant: {text}", "dim"
 
 
-def _margins(gap: Gap) -> Facts:
+def _margins(gap: Gap, record: Json) -> Facts:
     """The groups with the largest residuals, at most one of each grouping."""
     groups: list[Margin] = []
     for bins in gap.margins.values():
-        groups += sorted((m for m in bins if significant(m.p_value)), key=lambda m: -m.rms)[:1]
+        groups += sorted((m for m in bins if sheets.significant(m.p_value)), key=lambda m: -m.rms)[:1]
     largest = sorted(groups, key=lambda m: -m.rms)[:MARGINS]
     if largest:
-        each = per_residual(gap)
+        each = sheets.per_residual(record)
         yield "largest groups", "; ".join(f"{m.text} ({um(m.rms)} µm{each})" for m in largest), ""
 
 
-def _which(gap: Gap) -> Facts:
-    verdict = gap.verdict
-    ranked = sorted(verdict.probability.items(), key=lambda item: -item[1])
+def _which(record: Json) -> Facts:
+    ranked = sorted(record["probability"].items(), key=lambda item: -item[1])
     shown = [f"{rival(n)} {probability(p)}" for n, p in ranked if p >= LEAST_PROBABILITY]
     if shown:
         yield "probability", ", ".join(shown), ""
-    if len(verdict.credible_set90) > 1 and verdict.kind != "null":
+    credible = record["credible_set90"]
+    if len(credible) > 1 and record["verdict"] != "null":
         # effects that are all present are not alternatives
-        together = {n.effect for n in verdict.named} == set(verdict.credible_set90)
-        text = listed(map(rival, verdict.credible_set90), "and" if together else "or")
+        together = {n["effect"] for n in record["named"]} == set(credible)
+        text = listed(map(rival, credible), "and" if together else "or")
         yield "90 % set", text, "" if together else "yellow"
-    yield from under("footnote", verdict.footnotes, "dim")
+    yield from under("footnote", record["footnotes"], "dim")
 
 
-def _amplitudes(gap: Gap) -> Facts:
+def _amplitudes(gap: Gap, record: Json) -> Facts:
     """Amplitudes of the named effects, and the model that has them."""
     yield from under("amplitude", causes.lines(gap), "bold")
-    if gap.amplitudes:
-        without = f" --without '{','.join(map(str, gap.still_without))}'" if gap.still_without else ""
-        yield "refit", f"--model '{','.join(gap.refit)}'{without}", ""
+    if record["amplitudes"]:
+        refit = record["refit"]
+        without = f" --without '{','.join(refit['without'])}'" if refit["without"] else ""
+        yield "refit", f"--model '{refit['model']}'{without}", ""
 
 
-def _remedy(gap: Gap) -> Facts:
+def _remedy(record: Json) -> Facts:
     """What to inspect on the machine, of an unmodelled effect alone."""
-    where = unexplained(gap) if gap.verdict.kind == "unknown" else None
-    if where and (shown := cause(where)):
-        yield "inspect", shown.remedy, ""
+    where = sheets.unexplained(record) if record["verdict"] == "unknown" else None
+    if where and "remedy" in where:
+        yield "inspect", where["remedy"], ""
 
 
-SHRINKAGE = (
-    Column("refit: RMS (µm)", "what"),
-    Column("count", "count"),
-    Column("before", "before", um),
-    Column("after", lambda s: um(s.after) if s.claimed else "not claimed"),
-    Column("expected", lambda s: f"{um(s.predicted_before)} -> {um(s.predicted)}"),
-    Column("limit", "floor", um),
-    Column("removed", lambda s: reduction(s.removed, s.removed_interval95, s.claimed)[0]),
-    Column("95 %", lambda s: reduction(s.removed, s.removed_interval95, s.claimed)[1]),
-)
+IMPROVEMENTS = ("refit: RMS (µm)", "count", "before", "after", "expected", "limit", "removed", "95 %")
 
 
-def _not_claimed(gap: Gap) -> Facts:
-    doubted = [n.effect for n in gap.verdict.named if not n.confirmed]
+def _improvements(record: Json) -> Sheet:
+    """What the named effects improve, with the errors that the refit expects before and after."""
+    sheet = sheets.improvements(record)
+    keys = ("predicted_before_rms_um", "predicted_rms_um")
+    expected = Column("expected", lambda s: " -> ".join(length(s[key]) for key in keys))
+    return replace(sheet, columns=(*sheet.columns[:4], expected, *sheet.columns[5:]))
+
+
+def _not_claimed(record: Json) -> Facts:
+    doubted = [n["effect"] for n in record["named"] if not n["confirmed"]]
     if doubted:
         yield "", f"the validation data do not confirm {listed(doubted)}: no improvement is claimed", "yellow"
-    for s in map(as_lengths, gap.shrinkage):
-        if not s.claimed and not doubted:
+    for s in () if doubted else sheets.improved(record):
+        if not s["claimed"]:
+            before, after = s["before_rms_um"], s["after_rms_um"]
             why = (
-                f"the refitted model expects {um(s.predicted)} µm, not less than before"
-                if s.predicted >= s.before
-                else f"{um(s.before)} µm before, {um(s.after)} µm after: not significant"
+                f"the refitted model expects {length(s['predicted_rms_um'])} µm, not less than before"
+                if s["predicted_rms_um"] >= before
+                else f"{length(before)} µm before, {length(after)} µm after: not significant"
             )
-            yield "", f"{s.what}: {why}; no improvement is claimed", "yellow"
+            yield "", f"{s['what']}: {why}; no improvement is claimed", "yellow"
 
 
-def _levels(gap: Gap) -> Sheet:
-    before = {step.model: last.model for step, last in zip(gap.levels[1:], gap.levels, strict=False)}
-
-    def gain(step: Step) -> str:
-        if step is gap.levels[0] or not np.isfinite(step.delta_elpd):
-            return ""
-        spread = f" ± {step.delta_elpd_se:.0f}" if np.isfinite(step.delta_elpd_se) else ""
-        return signed(step.delta_elpd) + spread
-
-    columns = [
-        Column("model: RMS (µm)", lambda step: level_label(step.model, before.get(step.model, ()))),
-        Column("validation", lambda step: um(length(main(gap), step.validation_rms))),
+def _levels(record: Json) -> Sheet:
+    of = record["lengths"]["of"]
+    shown = [("validation", "validation_um"), ("distances", "distance_rms_um")]
+    shown += [("points", "point_length_rms_um")] if of == VALIDATION_CONTACTS else []
+    levels = [
+        {**step, "validation_um": scaled(step["heldout_rms_um"], per_vector(of))} for step in record["ladder"]
     ]
-    if any(np.isfinite(s.distance_rms) for s in gap.levels):
-        columns += [Column("distances", "distance_rms", um)]
-    if main(gap) == VALIDATION_CONTACTS and any(np.isfinite(s.point_rms) for s in gap.levels):
-        columns += [Column("points", lambda step: um(length("points", step.point_rms)))]
-    return Sheet((*columns, Column("difference of log density (nats)", gain)), gap.levels)
+    return sheets.levels_sheet({**record, "ladder": levels}, shown, "")
 
 
-def _next(gap: Gap) -> Facts:
-    for k, a in enumerate(gap.advice[:ADVICE]):
-        plural = "s" if len(a.contacts) > 1 else ""
-        more = f", {len(a.contacts)} contact{plural} in next.csv" if a.contacts else ""
-        what = f"{listed(map(rival, a.separates), 'from')}: {a.what}{more}"
-        detectability = f"(detectability {a.lambda_before:.0f} to {a.lambda_after:.0f})"
+def _next(record: Json) -> Facts:
+    for k, a in enumerate(record["next"][:ADVICE]):
+        count = len(a["contacts"])
+        more = f", {count} contact{'s' if count > 1 else ''} in next.csv" if count else ""
+        what = f"{listed(map(rival, a['separates']), 'from')}: {a['what']}{more}"
+        detectability = f"(detectability {a['lambda_before']:.0f} to {a['lambda_after']:.0f})"
         yield "" if k else "measure next", f"to distinguish {what} {detectability}", ""
 
 
-def _blind(gap: Gap) -> Sheet:
-    """Effects that these data may miss, the largest distance error first."""
-    largest = sorted(gap.blind_spots, key=lambda b: -np.nan_to_num(b.distance_error))
-    more = f" ({BLIND} of {len(largest)})" if len(largest) > BLIND else ""
-
-    def least(b: BlindSpot) -> str:
-        return size(b.smallest, b.unit) if b.smallest < NEVER * b.plausible else "not detectable"
-
-    def error(b: BlindSpot) -> str | None:
-        return f"{um(b.distance_error)} µm" if np.isfinite(b.distance_error) else None
-
-    columns = (
-        Column(f"may be missed{more}", lambda b: f"{b.effect}, {b.site.text}"),
-        Column("plausible", lambda b: size(b.plausible, b.unit)),
-        Column("detectable", least),
-        Column("distance error", error),
-    )
-    return Sheet(columns, largest[:BLIND])
-
-
-def _remarks(gap: Gap) -> Facts:
+def _remarks(record: Json) -> Facts:
     """Effects that were not assessed (by reason), notes and warnings."""
-    reasons: dict[str, list[str]] = {}
-    for effect, why in gap.verdict.missing.items():
-        reasons.setdefault(why, []).append(effect)
+    reasons = by_reason(record["missing"])
     yield from under("not assessed", (f"{', '.join(names)}: {why}" for why, names in reasons.items()), "dim")
-    yield from under("note", gap.verdict.notes)
-    yield from under("warning", warnings(gap), "yellow")
-    yield from filed_lines(gap.dataset)
+    yield from under("note", record["notes"])
+    yield from under("warning", record["warnings"], "yellow")
+    yield from filed_lines(record)

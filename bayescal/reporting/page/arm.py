@@ -49,19 +49,17 @@ def draw_arm(run: Run, *, contacts: bool = False) -> Markup | None:
 
     None for a record without an arm.
     """
-    arm = run.record.get("arm")
-    if not arm or not run.record.get("rows", {}).get("id"):
+    if not run.drawable:
         return None
-    rows = run.rows
-    sites = marked_sites(run)
+    arm, rows, sites = run.record["arm"], run.rows, marked_sites(run)
     row = typical(np.array(rows["angle_deg"], float))
     points = np.array(rows["point_mm"], float)
     angles = np.radians(rows["angle_deg"][row])
     chain = np.vstack([posed(arm, angles)[0], points[row]])
-    view = _view(np.vstack([chain, points] if contacts else [chain]))
-    bodies = outlines(arm, angles, view)
-    flat = view.seen(np.vstack([chain, *([points] if contacts else [])]))
-    shown = bodies if contacts else [o for o in bodies if o.kind != "artefact"]
+    content = np.vstack([chain, points]) if contacts else chain
+    view = _view(content)
+    flat = view.seen(content)
+    shown = [o for o in outlines(arm, angles, view) if contacts or o.kind != "artefact"]
     sheet = _Sheet.of(np.vstack([flat, *(o.polygon for o in shown)]))
     line = sheet.at(flat[: len(chain)])
     joints, links = numbers(sites, "joint"), numbers(sites, "link")
@@ -77,7 +75,7 @@ def draw_arm(run: Run, *, contacts: bool = False) -> Markup | None:
         svg.polygon(sheet.at(o.polygon), f"{o.kind} shade{min(int(3 * o.shade), 2)}" + " marked" * marked(o))
         for o in shown
     ]
-    parts.append(svg.line(line, "arm axis" if bodies else "arm"))
+    parts.append(svg.line(line, "arm axis"))
     if contacts:
         residual = np.array(rows["residual_um"], float)
         edge = float(np.nanquantile(np.abs(residual), 0.97)) if np.any(np.isfinite(residual)) else 1.0
@@ -85,21 +83,17 @@ def draw_arm(run: Run, *, contacts: bool = False) -> Markup | None:
         for (x, y), s in zip(sheet.at(flat[len(chain) :]), shade, strict=True):
             style = f"contact level{int(4 * min(s, 0.999))}"
             parts.append(f'<circle class="{style}" cx="{x:.1f}" cy="{y:.1f}" r="{1.4 + 1.8 * s:.1f}"/>')
-    if not bodies:  # a record of an earlier version
-        ends = [*((k, k + 2) for k in links), *([(len(line) - 2, len(line))] if tip else [])]
-        parts += [svg.line(line[first:last], "arm marked") for first, last in ends]
     if not any(o.joint == 0 for o in shown):  # a base without a length has no capsule
         style = "base marked" if "base" in kinds else "base"
         x, y = line[0] - [16, 3]
         parts.append(f'<rect class="{style}" x="{x:.1f}" y="{y:.1f}" width="32" height="9"/>')
-    names = [(str(name), line[k], k in joints) for k, name in enumerate(arm["joints"], start=1)]
-    for k, (_, (x, y), hit) in enumerate(names, start=1):
+    labels = [(f"J{k}", line[k], k in joints) for k in range(1, len(arm["joints"]) + 1)]
+    for k, (_, (x, y), hit) in enumerate(labels, start=1):
         style, r = ("joint marked", 8) if hit else ("joint", 4.5)
         parts.append(
             f'<circle class="{style}" cx="{x:.1f}" cy="{y:.1f}" r="{r}"><title>joint {k}</title></circle>'
         )
     parts.append(f'<circle class="tip" cx="{line[-1, 0]:.1f}" cy="{line[-1, 1]:.1f}" r="3"/>')
-    labels = [(f"J{k}", point, hit) for k, (_, point, hit) in enumerate(names, start=1)]
     labels += [(f"link {k}", line[k : k + 2].mean(axis=0), True) for k in links]
     labels += [(s.text, line[-1], True) for s in sites if s.kind in ("tool", "probe")]
     labels += [("base", line[0], True)] if "base" in kinds else []

@@ -112,7 +112,7 @@ def run_page(run: Run, scripts: bool = True) -> str:
     model = run.record["model"] if run.kind == "fit" else run.record["baseline"]
     subtitle = f"{TITLES[run.kind]} of {run.robot or 'the arm'}; model: {', '.join(model) or 'nominal'}"
     data = interactive(run) if scripts else None
-    return page(run.name, subtitle, [s for s in some if s is not None], foot(run), data, headers(run))
+    return page(run.name, subtitle, some, foot(run), data, filed(run.record))
 
 
 def runs_page(runs: Sequence[Run]) -> str:
@@ -120,23 +120,14 @@ def runs_page(runs: Sequence[Run]) -> str:
     some = [make(runs) for make in compare.SECTIONS]
     subtitle = ", ".join(dict.fromkeys(run.name for run in runs))
     title = f"Comparison of {len(runs)} runs"
-    return page(title, subtitle, [s for s in some if s is not None], (f"bayescal {__version__}",))
-
-
-def headers(run: Run) -> tuple[tuple[str, tuple[tuple[str, str], ...]], ...]:
-    """What a filed report states first, of each session: its name where there are several, its entries."""
-    sessions = run.record["dataset"].get("sessions") or ()
-    parts = [(s["name"], s.get("record") or {}) for s in sessions] or [("", run.record.get("record") or {})]
-    return tuple((name, entries) for name, part in parts if (entries := filed(part)))
+    return page(title, subtitle, some, (f"bayescal {__version__}",))
 
 
 def foot(run: Run) -> tuple[str, ...]:
     """Origin of a page."""
-    sha = str(run.record["dataset"]["sha256"] or "")[:12]
-    made = run.record["software"]["bayescal"]
-    return (
-        f"bayescal {__version__}; run by {made}; dataset {sha or 'in memory'}; seed {run.record['seed']}",
-    )
+    sha, made = run.record["dataset"]["sha256"], run.record["software"]["bayescal"]
+    dataset = sha[:12] if sha else "in memory"
+    return (f"bayescal {__version__}; run by {made}; dataset {dataset}; seed {run.record['seed']}",)
 
 
 def write_page(stage: Path, folder: Path) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -37,11 +36,6 @@ CLIP = 0.985
 """Quantile of the absolute residuals that a drawing covers."""
 
 
-def drawable(run: Run) -> bool:
-    """Whether the record has rows and an arm."""
-    return bool(run.record.get("arm") and run.record.get("rows", {}).get("id"))
-
-
 def noise(run: Run) -> float | None:
     """Noise of a contact, or of the length of a point's error vector, µm."""
     record = run.record
@@ -56,7 +50,7 @@ def signed(run: Run) -> bool:
 
 def interactive(run: Run) -> dict[str, Any] | None:
     """What the page's script draws; None for a record without rows."""
-    if not drawable(run):
+    if not run.drawable:
         return None
     rows, sites = run.rows, marked_sites(run)
     points = np.array(rows["point_mm"], float)
@@ -83,7 +77,7 @@ def interactive(run: Run) -> dict[str, Any] | None:
 
 def scene(run: Run) -> Section | None:
     """The arm in 3-D with its contacts."""
-    if not drawable(run):
+    if not run.drawable:
         return None
     drawing = draw_arm(run, contacts=True)
     return Section("arm", "Arm and contacts", "scene.html.j2", {"drawing": drawing})
@@ -91,7 +85,7 @@ def scene(run: Run) -> Section | None:
 
 def residuals(run: Run, *tables: Block | None) -> Section | None:
     """Residuals over time and over the angle of each joint, and tables by group."""
-    if not drawable(run):
+    if not run.drawable:
         return blocks("residuals", "Residuals", *tables)
     parts = [_drawings(run), Text(_legend(run), "quiet"), *not_empty(tables), _largest(run)]
     title = "Residuals before the refit" if run.refitted else "Residuals"
@@ -131,38 +125,34 @@ def _drawings(run: Run) -> Figures:
 
 
 def _largest(run: Run) -> Sheet:
-    rows = run.rows
-    size = [-1.0 if v is None else abs(v) for v in rows["residual_um"]]
-    order = sorted(range(len(size)), key=lambda k: -size[k])[:MOST]
+    rows = {key: values for key, values in run.rows.items() if values is not None}
+    items = [dict(zip(rows, row, strict=True)) for row in zip(*rows.values(), strict=True)]
+    items.sort(key=lambda row: -1.0 if row["residual_um"] is None else abs(row["residual_um"]), reverse=True)
 
-    def residual(k: int) -> str | None:
-        value = rows["residual_um"][k]
-        return None if value is None else f"{value:.1f}" + (", rejected" if rows["rejected"][k] else "")
+    def residual(row: Json) -> str | None:
+        value = row["residual_um"]
+        return None if value is None else f"{value:.1f}" + (", rejected" if row["rejected"] else "")
 
-    def of_row(key: str) -> Callable[[int], Any]:
-        return lambda k: None if rows[key] is None else rows[key][k]
-
-    after = Column("after the refit (µm)", of_row("residual_after_um"), "{:.1f}".format)
     columns = (
-        Column("row", of_row("id")),
-        Column("target", of_row("target"), words=True),
-        Column("role", lambda k: ROLES.get(rows["role"][k], "fitted"), words=True),
+        Column("row", "id"),
+        Column("target", "target", words=True),
+        Column("role", lambda row: ROLES.get(row["role"], "fitted"), words=True),
         Column("residual (µm)", residual),
-        *([after] if run.refitted else []),
-        Column("time (min)", of_row("time_s"), lambda seconds: f"{seconds / 60:.1f}"),
-        Column("direction of motion", of_row("direction")),
+        *([Column("after the refit (µm)", "residual_after_um", "{:.1f}".format)] if run.refitted else []),
+        Column("time (min)", lambda row: row.get("time_s"), lambda seconds: f"{seconds / 60:.1f}"),
+        Column("direction of motion", lambda row: row.get("direction")),
     )
-    more = f" ({MOST} of {len(size)})" if len(size) > MOST else ""
-    return Sheet(columns, order, f"Residuals, the largest first{more}", LARGEST)
+    more = f" ({MOST} of {len(items)})" if len(items) > MOST else ""
+    return Sheet(columns, items[:MOST], f"Residuals, the largest first{more}", LARGEST)
 
 
 MEASURANDS = (
     Column("measurand", "measurand"),
-    Column("result, U = k u", lambda b: b.get("text") or f"U = {_two(b.get('U_um'))} µm", words=True),
-    Column("u", lambda b: _two(b.get("u", b.get("u_um"))) + f" {unit_label(b.get('unit', 'um'))}"),
-    Column("k", lambda b: b.get("k"), "{:.2f}".format),
-    Column("coverage", lambda b: b.get("coverage"), lambda p: f"{100 * p:.2f} %"),
-    Column("share of priors", lambda b: b.get("prior_share"), share),
+    Column("result, U = k u", "text", words=True),
+    Column("u", lambda b: f"{two_digits(b['u'])} {unit_label(b['unit'])}"),
+    Column("k", "k", "{:.2f}".format),
+    Column("coverage", "coverage", lambda p: f"{100 * p:.2f} %"),
+    Column("share of priors", "prior_share", share),
 )
 
 
@@ -170,41 +160,37 @@ def budget(run: Run) -> Section | None:
     """The uncertainty budget, where there is one: all measurands, components of one of each kind."""
     if run.budget is None:
         return None
-    each = run.budget.get("budgets") or [run.budget]
+    each = run.budget["budgets"]
     every = Sheet(MEASURANDS, each, "Measurands; all components are in budget.json and budget.csv", 8)
-    kinds = {one.get("kind", ""): one for one in reversed(each)}  # the first of each kind
-    tables = [_components(one) for one in each if kinds[one.get("kind", "")] is one]
+    kinds = {one["kind"]: one for one in reversed(each)}  # the first of each kind
+    tables = [_components(one) for one in each if kinds[one["kind"]] is one]
     return blocks("budget", "Uncertainty budget", every, *tables)
 
 
 def _components(one: Json) -> Sheet:
-    def contribution(c: Json) -> float:
-        return c.get("contribution", c.get("contribution_um")) or 0.0
+    """Components of a budget, the largest first; contributions to a length are in µm."""
+    total = sum(c["contribution"] ** 2 for c in one["components"]) or 1.0
+    key, unit = ("contribution_um", "um") if one["U_um"] is not None else ("contribution", one["unit"])
 
     def part(c: Json) -> Bar:
-        fraction = contribution(c) ** 2 / total
+        fraction = c["contribution"] ** 2 / total
         return Bar(fraction, share(fraction))
 
-    total = sum(contribution(c) ** 2 for c in one["components"]) or 1.0
-    lengths = one.get("U_um") is not None
-    unit = "µm" if lengths else unit_label(one.get("unit", "um"))
+    def u(c: Json) -> str:
+        number = MISSING if c["u"] is None else two_digits(c["u"])
+        return f"{number} {unit_label(c['unit'] or '1')}".rstrip()
+
     columns = (
         Column("component", "name"),
         Column("share of the variance", part, as_is),
-        Column(
-            f"contribution ({unit})", lambda c: c.get("contribution_um" if lengths else "contribution"), _two
-        ),
-        Column("type", lambda c: c.get("type") or None, words=True),
-        Column("distribution", lambda c: c.get("distribution") or None, words=True),
-        Column("u", lambda c: f"{_two(c.get('u'))} {unit_label(c.get('unit') or '1')}".rstrip()),
-        Column("sensitivity", lambda c: c.get("sensitivity"), _two),
+        Column(f"contribution ({unit_label(unit)})", key, two_digits),
+        Column("type", lambda c: c["type"] or None, words=True),
+        Column("distribution", lambda c: c["distribution"] or None, words=True),
+        Column("u", u),
+        Column("sensitivity", "sensitivity", two_digits),
     )
-    ranked = sorted(one["components"], key=lambda c: -abs(contribution(c)))
+    ranked = sorted(one["components"], key=lambda c: -abs(c["contribution"]))
     return Sheet(columns, ranked, f"Components of: {one['measurand']}", 10)
-
-
-def _two(value: float | None) -> str:
-    return MISSING if value is None else two_digits(value)
 
 
 def figures(run: Run) -> Section | None:

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from bayescal.effects.vocabulary import unit_label
 from bayescal.gap.result import VALIDATION_CONTACTS
 from bayescal.predict.forecast import CENTRES
 from bayescal.reporting.page.common import inputs
@@ -21,6 +20,7 @@ from bayescal.reporting.shared.text import (
     probability,
     rival,
     uncertainty,
+    with_unit,
 )
 from bayescal.storage.reading import Json
 
@@ -36,6 +36,7 @@ ERRORS = {
 }
 """Errors of model levels, and their keys in the records of fits and diagnoses."""
 
+VERDICTS = ("dataset", "command", "verdict")
 Runs = Sequence[Run]
 
 
@@ -50,13 +51,10 @@ def verdicts(runs: Runs) -> Section | None:
     def verdict(run: Run) -> str:
         return run.record["verdict"]["words"] if run.kind == "fit" else "; ".join(run.record["words"])
 
-    columns = (
-        Column("run", 0),
-        Column("dataset", lambda item: item[1].name, words=True),
-        Column("command", lambda item: item[1].kind, words=True),
-        Column("verdict", lambda item: verdict(item[1]), words=True),
+    items = [(label, run.name, run.kind, verdict(run)) for label, run in labelled(runs)]
+    table = Sheet(
+        (Column("run", 0), *(Column(h, k, words=True) for k, h in enumerate(VERDICTS, start=1))), items
     )
-    table = Sheet(columns, labelled(runs))
     hashes = [h for run in runs if (h := run.record["dataset"]["sha256"])]  # none of a session in memory
     same = len(set(hashes)) < len(hashes)
     note = Text(
@@ -145,37 +143,30 @@ def parameters(runs: Runs) -> Section | None:
 
 
 def _compared(name: str, each: Sequence[Json | None]) -> tuple[Any, ...]:
-    unit = next(p["unit"] for p in each if p is not None)
-    cells: list[Any] = [MISSING if p is None else measured(p["estimate"], p["sd"], "") for p in each]
+    """Estimates of a parameter, and the difference of each from the first."""
     first = each[0]
+    cells: list[Any] = [MISSING if p is None else measured(p["estimate"], p["sd"], "") for p in each]
     for other in each[1:]:
         if first is None or other is None or other["unit"] != first["unit"]:
             cells += [MISSING, MISSING]
             continue
-        difference = other["estimate"] - first["estimate"]
-        u = float(np.hypot(other["sd"], first["sd"]))
+        difference, u = other["estimate"] - first["estimate"], float(np.hypot(other["sd"], first["sd"]))
         ratio = abs(difference) / u if u > 0 else 0.0
         cells += [measured(difference, u, ""), Bar(min(ratio / 5.0, 1.0), f"{ratio:.1f}", ratio > FAR)]
-    label = unit_label(unit)
-    return (f"{name} ({label})" if label else name, *cells)
+    return (with_unit(name, next(p["unit"] for p in each if p is not None)), *cells)
 
 
 def levels(runs: Runs) -> Section | None:
     """Validation errors of each model level in every run."""
     order = list(dict.fromkeys(tuple(step["model"]) for run in runs for step in run.record["ladder"]))
-    shown = [
-        what
-        for what in ERRORS
-        if any(_error(run, s, what) is not None for run in runs for s in run.record["ladder"])
-    ]
-
-    def cell(what: str, run: Run) -> Callable[[tuple[str, ...]], str]:
-        of_model = {tuple(step["model"]): step for step in reversed(run.record["ladder"])}
-        return lambda model: length(_error(run, of_model.get(model, {}), what))
-
-    errors = [
-        Column(f"{what}, {k}", cell(what, run)) for what in shown for k, run in enumerate(runs, start=1)
-    ]
+    errors = []
+    for what in ERRORS:
+        of_runs = [
+            {tuple(step["model"]): _error(run, step, what) for step in reversed(run.record["ladder"])}
+            for run in runs
+        ]
+        if any(error is not None for of_run in of_runs for error in of_run.values()):
+            errors += [Column(f"{what}, {k}", e.get, length) for k, e in enumerate(of_runs, start=1)]
     caption = "RMS of validation measurements, µm; of points the length of the error vector"
     sheet = Sheet((Column("model", model_label), *errors), order, caption)
     return blocks("levels", "Model levels", sheet)

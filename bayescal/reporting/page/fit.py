@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 import shlex
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Iterator
 
 import numpy as np
 from markupsafe import Markup
@@ -42,6 +41,7 @@ from bayescal.storage.reading import Json
 PAIRS = 12
 MATRIX = 45
 """Most parameters that the matrix of correlations shows."""
+LEVELS = ("nominal", "calibrated")
 REASONS = 4
 """Failed tests that the first screen names."""
 
@@ -49,8 +49,8 @@ REASONS = 4
 def first(run: Run) -> Section:
     """Verdict, distance error with U, failed tests, next command."""
     record, verdict = run.record, run.record["verdict"]
-    good = verdict["explains"] and verdict["validated"] and verdict.get("determined", True)
-    against = _use(run)["against"]
+    good = verdict["explains"] and verdict["validated"] and verdict["determined"]
+    against = record["use"]["against"]
     tone = "bad" if against or not verdict["explains"] else "good" if good else "warn"
     reasons = sorted(verdict["reasons"], key=lambda c: c["p"] if c["p"] is not None else 1.0)
     faults = [Fault(f"not to be used: {reason}") for reason in against]
@@ -65,7 +65,7 @@ def first(run: Run) -> Section:
         tone,
         {"good": "✓", "warn": "?", "bad": "✗"}[tone],
         [_why(run)] if not good else ["Not to be used, for the reasons below."] if against else (),
-        keys=_keys(record),
+        keys=list(_keys(record)),
         fault_title="What is wrong",
         faults=faults,
         next=_next(run),
@@ -85,7 +85,7 @@ def _warnings(record: Json) -> tuple[list[str], list[str]]:
 
 def _why(run: Run) -> str:
     verdict = run.record["verdict"]
-    if verdict["explains"] and not verdict.get("determined", True):
+    if verdict["explains"] and not verdict["determined"]:
         return "Too few or too similar measurements: the arm is known little better than before. Add more."
     if verdict["explains"]:
         return "No independent measurements check the calibration: the errors below are predictions."
@@ -94,70 +94,55 @@ def _why(run: Run) -> str:
     )
 
 
-def _keys(record: Json) -> list[tuple[str, str, str]]:
+def _keys(record: Json) -> Iterator[tuple[str, str, str]]:
     expected, validation = record["predicted_distance"], record["validation"]
     low, high = expected["lengths_mm"]
     over = f"{expected['count']} distances, {low:.0f} to {high:.0f} mm, between {expected['over']}"
-    out = [
-        (
-            "Distance error, expected",
-            f"U = {uncertainty(expected['expanded_U_um'])} µm (k = {expected.get('k', 2.0):.2f})",
-            f"RMS {uncertainty(expected['predicted_rms_um'])} µm, 95 %: "
-            f"{interval(expected['predicted_interval95_um'])} µm; {over}",
-        )
-    ]
-    pairs = [(d["nominal_error_um"], d["calibrated_error_um"]) for d in validation["distances"]]
-    if pairs:
-        within = sum(bool(d["inside95"]) for d in validation["distances"])
-        words = f"{within} of {len(pairs)} certified distances within the 95 % prediction interval"
-        out.append(_change("Distance error, nominal → calibrated", np.array(pairs), words))
+    yield (
+        "Distance error, expected",
+        f"U = {uncertainty(expected['expanded_U_um'])} µm (k = {expected['k']:.2f})",
+        f"RMS {uncertainty(expected['predicted_rms_um'])} µm, 95 %: "
+        f"{interval(expected['predicted_interval95_um'])} µm; {over}",
+    )
+    if checked := validation["distances"]:
+        before, after = (np.array([d[f"{level}_error_um"] for d in checked]) for level in LEVELS)
+        most = _change(float(np.max(np.abs(before))), float(np.max(np.abs(after))))
+        within = f"{sum(bool(d['inside95']) for d in checked)} of {len(checked)} certified distances"
+        detail = f"maximum {most}; {within} within the 95 % prediction interval"
+        yield "Distance error, nominal → calibrated", f"{_change(rms(before), rms(after))} RMS", detail
     if validation["points"]["count"]:
         p = validation["points"]
-        value = f"{length(p['nominal_mean_um'])} → {length(p['calibrated_mean_um'])} µm mean"
-        most = f"maximum {length(p['nominal_max_um'])} → {length(p['calibrated_max_um'])} µm"
-        detail = f"{most}; {p['count']} validation points"
-        out.append(("Point error, nominal → calibrated", value, detail))
-    if validation["planes"]:
-        count = sum(p["count"] for p in validation["planes"])
-        before, after = (
-            math.sqrt(sum(p["count"] * p[f"{level}_rms_um"] ** 2 for p in validation["planes"]) / count)
-            for level in ("nominal", "calibrated")
-        )
-        largest = max(p["calibrated_max_um"] for p in validation["planes"])
+        mean = _change(p["nominal_mean_um"], p["calibrated_mean_um"])
+        most = _change(p["nominal_max_um"], p["calibrated_max_um"])
+        detail = f"maximum {most}; {p['count']} validation points"
+        yield "Point error, nominal → calibrated", f"{mean} mean", detail
+    if planes := validation["planes"]:
+        count = sum(p["count"] for p in planes)
+        squares = (sum(p["count"] * p[f"{level}_rms_um"] ** 2 for p in planes) for level in LEVELS)
+        change = _change(*(math.sqrt(total / count) for total in squares))
+        largest = max(p["calibrated_max_um"] for p in planes)
         detail = f"maximum now {length(largest)} µm; {count} validation contacts"
-        value = f"{length(before)} → {length(after)} µm RMS"
-        out.append(("Contact error, nominal → calibrated", value, detail))
+        yield "Contact error, nominal → calibrated", f"{change} RMS", detail
     if decided := record["acceptance"]:
         value = f"{decided['decision']} at {decided['tolerance_mm']:g} mm"
-        out.append(("Tolerance (ISO 14253-1)", value, decided["why"]))
-    return out
+        yield "Tolerance (ISO 14253-1)", value, decided["why"]
 
 
-def _change(name: str, errors: np.ndarray, words: str) -> tuple[str, str, str]:
-    """RMS and maximum of errors (N, 2), µm, before and after."""
-    (was, most_was), (now, most) = ((length(rms(e)), length(float(np.max(np.abs(e))))) for e in errors.T)
-    return name, f"{was} → {now} µm RMS", f"maximum {most_was} → {most} µm; {words}"
+def _change(before: float, after: float) -> str:
+    return f"{length(before)} → {length(after)} µm"
 
 
 def _next(run: Run) -> list[tuple[str, str]]:
-    folder, use = shlex.quote(run.folder), _use(run)
+    folder, use = shlex.quote(run.folder), run.record["use"]
     words = STEPS[use["next"]][:1].upper() + STEPS[use["next"]][1:] + "."
     if use["next"] == "gap":
-        sessions = run.record["dataset"].get("sessions") or ()
-        parts = [f"{folder}/dataset/{k}" for k in range(1, len(sessions) + 1)] or [f"{folder}/dataset"]
-        return [(words, f"bayescal gap {' '.join(parts)}")]
+        return [(words, f"bayescal gap {run.datasets}")]
     if use["next"] != "use":
         return [(words, "")]
     return [
         (words, f"bayescal export {folder} --to urdf"),
         ("Check whether effects remain that the model lacks.", f"bayescal gap {folder}/dataset"),
     ]
-
-
-def _use(run: Run) -> dict[str, Any]:
-    """What may be used of the fit; an earlier version did not state it."""
-    use: dict[str, Any] = run.record.get("use", {"against": [], "next": "use"})
-    return use
 
 
 def levels(run: Run) -> Section | None:
@@ -188,8 +173,8 @@ def distances(run: Run) -> Section | None:
 
 def iso9283(run: Run) -> Section | None:
     """Figures of ISO 9283 from validation data, and what differs from the procedure of the standard."""
-    record = run.record.get("iso9283")
-    if not record or not record["figures"]:
+    record = run.record["iso9283"]
+    if not record["figures"]:
         return None
     caption = "Figures of ISO 9283 from validation measurements; u: standard uncertainty of the measurement"
     lines = ("What differs from the procedure of the standard:", *record["differs_from_norm"])
@@ -201,7 +186,7 @@ def parameters(run: Run) -> Section | None:
     """Parameters with prior and posterior."""
 
     def drawing(p: Json) -> Markup:
-        prior = (p.get("prior_mean", p["nominal"]), p["prior_sd"])
+        prior = (p["prior_mean"], p["prior_sd"])
         return svg.prior_posterior(prior, tuple(p["interval95"]), p["estimate"])
 
     *first, identifiable = sheets.parameter_columns(run.record["identifiability"])
@@ -226,7 +211,7 @@ def parameters(run: Run) -> Section | None:
 
 def correlations(run: Run) -> Section | None:
     """Correlations of the parameters of the arm."""
-    pairs = run.record.get("correlations")
+    pairs = run.record["correlations"]
     if not pairs:
         return None
     order = [p["name"] for p in run.record["parameters"]]

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 from bayescal.effects import EFFECTS
 from bayescal.gap.result import VALIDATION_POINTS
 from bayescal.reporting.gap import sheets
-from bayescal.reporting.gap.contacts import COORDINATES
 from bayescal.reporting.page import common
 from bayescal.reporting.page.arm import draw_arm, marked_sites
 from bayescal.reporting.page.section import Fault, FirstScreen, Run, Section, Text, blocks, texts
@@ -47,7 +46,7 @@ def first(run: Run) -> Section:
         sign,
         _lines(word, record["words"]),
         LINES,
-        _keys(record),
+        list(_keys(record)),
         "What is wrong, and what to look at",
         _faults(record),
         draw_arm(run) if sites else None,
@@ -81,7 +80,7 @@ def _faults(record: Json) -> list[Fault]:
         where = sheets.unexplained(record)
         p = record["probability"].get(sheets.OTHER)
         facts = [
-            ("location", sheets.words_of(where) if where else "no single location"),
+            ("location", where["text"] if where else "no single location"),
             ("size", sheets.size_of(record, where) if where else ""),
             ("probability", "" if p is None else probability(p)),
             ("share of the excess", share(where["share"]) if where else ""),
@@ -114,11 +113,9 @@ def _remedy(effect: str) -> str:
     return EFFECTS[effect].remedy if effect in EFFECTS else ""
 
 
-def _keys(record: Json) -> list[tuple[str, str, str]]:
-    out = []
-    measured_now = {m["what"]: m for m in record["gap"]["measured"]}
+def _keys(record: Json) -> Iterator[tuple[str, str, str]]:
+    now = next((m for m in record["gap"]["measured"] if m["what"] == DISTANCES), None)
     better = record["shrinkage"].get("distances")
-    now = measured_now.get(DISTANCES)
     if better and record["named"]:
         before, after = length(better["before_rms_um"]), length(better["after_rms_um"])
         value = f"{before} → {after} µm RMS" if better["claimed"] else f"{before} µm RMS"
@@ -126,37 +123,27 @@ def _keys(record: Json) -> list[tuple[str, str, str]]:
             f"{better['count']} certified distances, before and after the refit with the named effects, "
             f"which expects {length(better['predicted_rms_um'])} µm"
         )
-        detail += "" if better["claimed"] else "; no improvement is claimed"
-        out.append(("Distance error", value, detail))
+        yield "Distance error", value, detail + ("" if better["claimed"] else "; no improvement is claimed")
     elif now:
         detail = f"{now['count']} certified distances; the model expects {length(now['predicted_rms_um'])} µm"
-        out.append(("Distance error", f"{length(now['rms_um'])} µm RMS", detail))
+        yield "Distance error", f"{length(now['rms_um'])} µm RMS", detail
     else:
-        out.append(("Distance error", "not measured", "no certified distances in the validation data"))
-    of = record["lengths"]
+        yield "Distance error", "not measured", "no certified distances in the validation data"
+    of, ends = record["lengths"], record["gap"]["excess_um"]["interval95"]
     kind = "point (length)" if of["of"] == VALIDATION_POINTS else "contact"
-    low, high = record["gap"]["excess_um"]["interval95"]
-    scale = COORDINATES**0.5 if of["of"] == VALIDATION_POINTS else 1.0
-    excess = f"{length(of['excess_um'])} µm" if low or record["verdict"] != "null" else "none"
-    out.append(
-        (
-            "Excess above noise",
-            excess,
-            f"95 %: {interval([low, high], scale)} µm per {kind}; validation RMS "
-            f"{length(of['validation_rms_um'])} µm, noise {length(of['noise_um'])} µm",
-        )
+    excess = f"{length(of['excess_um'])} µm" if ends[0] or record["verdict"] != "null" else "none"
+    detail = (
+        f"95 %: {interval(ends, sheets.per_vector(of['of']))} µm per {kind}; validation RMS "
+        f"{length(of['validation_rms_um'])} µm, noise {length(of['noise_um'])} µm"
     )
+    yield "Excess above noise", excess, detail
     null = record["probability"].get(sheets.NULL)
     if null is not None:
-        out.append(("Probability of noise only", probability(null), f"from {record['gap']['heldout']}"))
-    return out
+        yield "Probability of noise only", probability(null), f"from {record['gap']['heldout']}"
 
 
 def _next(run: Run) -> list[tuple[str, str]]:
-    record, folder = run.record, shlex.quote(run.folder)
-    sessions = record["dataset"].get("sessions") or ()
-    dataset = " ".join(f"{folder}/dataset/{k}" for k in range(1, len(sessions) + 1)) or f"{folder}/dataset"
-    out = []
+    record, dataset, out = run.record, run.datasets, []
     if record["named"]:
         model = shlex.quote(record["refit"]["model"])
         less = record["refit"]["without"]
@@ -165,9 +152,9 @@ def _next(run: Run) -> list[tuple[str, str]]:
         out.append((words, f"bayescal fit {dataset} --model {model}{without}"))
     if sheets.unexplained(record):
         out.append(("Inspect the location that is marked, correct it, and measure again.", ""))
-    open_ = record["verdict"] in ("ambiguous", *sheets.UNMODELLED) or record.get("undecided")
-    if open_ and not sessions:
-        command = f"bayescal plan {dataset} --after {folder} --for gap --contacts 60"
+    open_ = record["verdict"] in ("ambiguous", *sheets.UNMODELLED) or record["undecided"]
+    if open_ and not record["dataset"].get("sessions"):
+        command = f"bayescal plan {dataset} --after {shlex.quote(run.folder)} --for gap --contacts 60"
         out.append(("Measure the contacts that decide between the explanations.", command))
     if record["verdict"] == "null":
         out.insert(0, ("Calibrate with the model as it is.", f"bayescal fit {dataset}"))

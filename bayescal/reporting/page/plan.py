@@ -55,8 +55,7 @@ def plan_page(plan: Plan, picture: bytes, commands: Sequence[tuple[str, str]] = 
         _inputs(plan),
     )
     foot = [f"bayescal {__version__}"]
-    sections = [s for s in parts if s is not None]
-    return page(plan.session.name, f"{plan.session.robot.name}; {title}", sections, foot)
+    return page(plan.session.name, f"{plan.session.robot.name}; {title}", parts, foot)
 
 
 def _first(plan: Plan, commands: Sequence[tuple[str, str]]) -> Section:
@@ -64,10 +63,8 @@ def _first(plan: Plan, commands: Sequence[tuple[str, str]]) -> Section:
     lines = list(plan_sheets.headline(plan)) or [plan_sheets.title(plan)]
     keys = [("Contacts", str(len(plan.purpose)), plan_sheets.contacts_phrase(plan))]
     keys += [("Motion between contacts", plan_sheets.duration(plan.travel), f"order: {plan.order}")]
-    if text := plan_sheets.further(plan):
-        name, _, gain = text.partition(": ")
-        value, _, less = gain.removesuffix(")").partition(" (")
-        keys.append((name, value, less))
+    if more := plan_sheets.further(plan):
+        keys.append((f"{plan_sheets.FURTHER} further contacts", *more))
     return FirstScreen(
         lines[0],
         lines=lines[1:],

@@ -21,7 +21,6 @@ from typing import Any
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup, escape
 
-from bayescal import __version__
 from bayescal.reporting.page.section import Section
 
 STILL = "Figures that move with the pointer need plotly: pip install 'bayescal[interactive]'."
@@ -87,10 +86,10 @@ def asset(name: str) -> str:
 def page(
     title: str,
     subtitle: str,
-    sections: Sequence[Section],
+    sections: Sequence[Section | None],
     foot: Sequence[str],
     data: Mapping[str, Any] | None = None,
-    headers: Sequence[tuple[str, Sequence[tuple[str, str]]]] = (),
+    headers: Sequence[tuple[str, Mapping[str, str]]] = (),
 ) -> str:
     """A page as text.
 
@@ -98,12 +97,12 @@ def page(
     ----------
     title, subtitle : str
     sections : sequence of Section
-        In the order of the page; the first one is seen first.
+        In the order of the page, without those that are None; the first one is seen first.
     foot : sequence of str
         Lines at the end.
     data : mapping, optional
         What interactive figures draw, as JSON; without it, or without plotly, the page has no scripts.
-    headers : sequence of (str, sequence of (str, str)), optional
+    headers : sequence of (str, mapping), optional
         What a filed report states below its title: a heading or "", names and values.
     """
     templates = environment()
@@ -118,6 +117,7 @@ def page(
     bodies = [
         (section, Markup(templates.get_template(section.template).render(section.context)))
         for section in sections
+        if section is not None
     ]
     return templates.get_template("base.html.j2").render(
         generator=Markup(GENERATOR),
@@ -132,5 +132,4 @@ def page(
         data=None if data is None else script_json(data),
         script=Markup(script),
         packed=packed,
-        version=__version__,
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -145,6 +146,17 @@ class Run:
         return str(self.record["dataset"]["name"])
 
     @property
+    def drawable(self) -> bool:
+        """Whether the record has rows and an arm."""
+        return bool(self.record.get("arm") and self.record.get("rows", {}).get("id"))
+
+    @property
+    def datasets(self) -> str:
+        """The folders of the dataset and of its sessions, for commands."""
+        folder, sessions = shlex.quote(self.folder), self.record["dataset"].get("sessions", ())
+        return " ".join(f"{folder}/dataset/{k}" for k in range(1, len(sessions) + 1)) or f"{folder}/dataset"
+
+    @property
     def refitted(self) -> bool:
         """Whether named effects were added to the model of a diagnosis."""
         return self.kind == "gap" and bool(self.record["named"])
@@ -164,8 +176,8 @@ class Run:
         return str(self.record.get("arm", {}).get("robot", ""))
 
 
-def read_run(folder: Path, name: str = "") -> Run:
-    """Read a run folder of `fit` or `gap`; `name` is the folder in commands, by default as given.
+def read_run(folder: Path, shown: str = "") -> Run:
+    """Read a run folder of `fit` or `gap`; `shown` is the folder in commands, by default as given.
 
     Raises
     ------
@@ -176,11 +188,13 @@ def read_run(folder: Path, name: str = "") -> Run:
     if not there:
         what = f"there is no {' or '.join(SCHEMAS)}"
         raise BayescalError(what, str(folder), "give a run folder of bayescal fit or gap")
-    budget = _record(folder / BUDGET, BUDGET_SCHEMA) if (folder / BUDGET).is_file() else None
+    again = "repeat the command with this version"
+    name, *_ = there
+    budget = read_record(folder / BUDGET, BUDGET_SCHEMA, again) if (folder / BUDGET).is_file() else None
     figures = {file: content for file in FIGURES if (content := _png(folder / file))}
-    record = _record(folder / there[0], SCHEMAS[there[0]])
-    check_unchanged(folder, (there[0], *([BUDGET] if budget else [])))
-    return Run(there[0].removesuffix(".json"), record, name or str(folder), budget, figures)
+    record = read_record(folder / name, SCHEMAS[name], again)
+    check_unchanged(folder, (name, *([BUDGET] if budget else [])))
+    return Run(name.removesuffix(".json"), record, shown or str(folder), budget, figures)
 
 
 def _png(path: Path) -> bytes:
@@ -189,7 +203,3 @@ def _png(path: Path) -> bytes:
         return b""
     content = path.read_bytes()
     return content if content.startswith(b"\x89PNG") else b""
-
-
-def _record(path: Path, schema: str) -> Json:
-    return read_record(path, schema, "repeat the command with this version")

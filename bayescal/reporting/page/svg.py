@@ -40,23 +40,22 @@ def text(x: float, y: float, words: str, style: str = "", anchor: str = "middle"
     return f'<text x="{x:.1f}" y="{y:.1f}" text-anchor="{anchor}"{kind}>{escape(words)}</text>'
 
 
-def line(points: np.ndarray, style: str) -> str:
-    """A polyline through points (N, 2)."""
+def line(points: np.ndarray, style: str, shape: str = "polyline") -> str:
+    """A polyline through points (N, 2), or another shape of points."""
     path = " ".join(f"{x:.1f},{y:.1f}" for x, y in points)
-    return f'<polyline class="{style}" points="{path}"/>'
+    return f'<{shape} class="{style}" points="{path}"/>'
 
 
 def polygon(points: np.ndarray, style: str) -> str:
     """A closed shape with corners (N, 2)."""
-    path = " ".join(f"{x:.1f},{y:.1f}" for x, y in points)
-    return f'<polygon class="{style}" points="{path}"/>'
+    return line(points, style, "polygon")
 
 
-def ticks(low: float, high: float, count: int = TICKS) -> np.ndarray:
-    """Round values within an interval, at most about `count`; zero has no sign."""
+def ticks(low: float, high: float) -> np.ndarray:
+    """Round values within an interval, at most about `TICKS`; zero has no sign."""
     if not high > low:
         return np.array([low])
-    raw = (high - low) / count
+    raw = (high - low) / TICKS
     power = 10.0 ** np.floor(np.log10(raw))
     step = power * next(m for m in (1, 2, 5, 10) if m * power >= raw * 0.999)
     first, last = np.ceil(low / step - 1e-9), np.floor(high / step + 1e-9)
@@ -115,7 +114,7 @@ def scatter(
     return drawing(WIDTH, HEIGHT, [*parts, turned], label)
 
 
-def prior_posterior(prior: tuple[float, float], ends: tuple[float, float], at: float) -> Markup:
+def prior_posterior(prior: tuple[float, float], ends: tuple[float, float], estimate: float) -> Markup:
     """A small drawing: prior mean +- 2 standard deviations as a band, posterior 95 % interval and estimate.
 
     The scale is that of the prior, three standard deviations either side; what lies beyond is clipped there.
@@ -131,9 +130,9 @@ def prior_posterior(prior: tuple[float, float], ends: tuple[float, float], at: f
         f'<rect class="band" x="{low:.1f}" y="2" width="{high - low:.1f}" height="12"/>',
         line(np.array([[width / 2, 1], [width / 2, 15]]), "grid"),
         line(np.array([[x(ends[0]), 8], [x(ends[1]), 8]]), "range"),
-        f'<circle class="estimate" cx="{x(at):.1f}" cy="8" r="3"/>',
+        f'<circle class="estimate" cx="{x(estimate):.1f}" cy="8" r="3"/>',
     ]
-    words = f"estimate {(at - mean) / sd:+.2f} prior standard deviations from the prior mean"
+    words = f"estimate {(estimate - mean) / sd:+.2f} prior standard deviations from the prior mean"
     return drawing(width, height, parts, words)
 
 

@@ -74,11 +74,11 @@ def arm_drawing(scene: Scene) -> dict[str, Any]:
         {
             "joint": min(c.frame, chain.n),
             "of": "tool" if c.frame > chain.n else "arm",
-            "ends_mm": plain(np.round(MM * (np.stack([c.a, c.b]) @ at[:3, :3].T + at[:3, 3]), 3)),
+            "ends_mm": plain(np.round(MM * (np.stack([c.a, c.b]) @ pose[:3, :3].T + pose[:3, 3]), 3)),
             "radius_mm": round(MM * c.radius, 3),
         }
         for c in arm_capsules(dataset.robot, dataset.tools[first])
-        for at in (frames[c.frame],)
+        for pose in (frames[c.frame],)
     ]
     return {
         "robot": dataset.robot.name,
@@ -113,10 +113,10 @@ def placed(arm: Json, angles: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]
     links, axes = np.array(arm["links_mm"], float), np.array(arm["axes"], float)
     turn, shift = np.eye(3), np.zeros(3)
     out = [(turn, shift)]
-    for at, (x, y, z), angle in zip(links[1:-1], axes, angles, strict=True):
+    for origin, (x, y, z), angle in zip(links[1:-1], axes, angles, strict=True):
         cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-        own = np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
-        turn, shift = turn @ own, turn @ (at - own @ at) + shift
+        rotation = np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
+        turn, shift = turn @ rotation, turn @ (origin - rotation @ origin) + shift
         out.append((turn, shift))
     return out
 
@@ -132,7 +132,7 @@ def posed(arm: Json, angles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     links, axes = np.array(arm["links_mm"], float), np.array(arm["axes"], float)
     moved = placed(arm, angles)
     carried = [moved[0], *moved]  # a joint turns what follows it
-    points = [turn @ at + shift for (turn, shift), at in zip(carried, links, strict=True)]
+    points = [turn @ origin + shift for (turn, shift), origin in zip(carried, links, strict=True)]
     return np.array(points), np.array([turn @ axis for (turn, _), axis in zip(moved, axes, strict=False)])
 
 
@@ -140,18 +140,18 @@ def outlines(arm: Json, angles: np.ndarray, view: View) -> list[Outline]:
     """Outlines of arm, tool and artefacts at link angles (n,), rad, from far to near."""
     moved = placed(arm, angles)
     out = []
-    for c in arm.get("capsules", ()):
+    for c in arm["capsules"]:
         turn, shift = moved[c["joint"]]
         ends = np.array(c["ends_mm"], float) @ turn.T + shift
         depth = float(np.mean(ends @ view.toward))
         first, last = view.seen(ends)
         out.append(Outline(c["of"], stadium(first, last, c["radius_mm"]), depth, joint=c["joint"]))
-    for body in arm.get("artefacts", ()):
+    for body in arm["artefacts"]:
         centre = np.array(body["centre_mm"], float)
         depth = float(centre @ view.toward)
         if "radius_mm" in body:
-            at = view.seen(centre)
-            out.append(Outline("artefact", stadium(at, at, body["radius_mm"]), depth))
+            middle = view.seen(centre)
+            out.append(Outline("artefact", stadium(middle, middle, body["radius_mm"]), depth))
             continue
         axes, half = np.array(body["axes"], float), np.array(body["half_mm"], float)
         for normal in FACES:

@@ -13,7 +13,7 @@ from bayescal import __version__
 from bayescal.dataset import Dataset
 from bayescal.dataset.types import Record
 from bayescal.estimate import Estimate
-from bayescal.reporting.shared.text import MDEG, MM, UM
+from bayescal.reporting.shared.text import MDEG, MM, UM, Facts, amplitude, under
 
 SERIALS = ("arm", "probe", "artefact", "instrument")
 NOT_STATED = "not stated"
@@ -47,31 +47,35 @@ def record_of(record: Record) -> dict[str, Any]:
     }
 
 
-def filed(record: Mapping[str, Any]) -> tuple[tuple[str, str], ...]:
-    """The header of a report: names and values of ``record``; () where the session states none of them.
+def filed(record: Mapping[str, Any]) -> list[tuple[str, dict[str, str]]]:
+    """The header of a report: of each session its name ("" of a single one) what its ``record`` states.
 
-    The serial number of the instrument, which not every session has, is left out where it is not stated.
+    Sessions that state nothing are left out, as is the serial number of an instrument where it is not stated.
     """
-    serials, warm = record.get("serials") or {}, record.get("temperature_degC")
+    sessions = record["dataset"].get("sessions") or [{"name": "", "record": record["record"]}]
+    return [(s["name"], stated) for s in sessions if (stated := _stated(s["record"]))]
+
+
+def _stated(record: Mapping[str, Any]) -> dict[str, str]:
+    serials, warm = record["serials"], record["temperature_degC"]
     values = {
-        "Date": record.get("date"),
-        "Operator": record.get("operator"),
-        **{f"Serial number, {what}": serials.get(what) for what in SERIALS[:3]},
-        **({"Serial number, instrument": serials["instrument"]} if serials.get("instrument") else {}),
-        "Certificates": ", ".join(record.get("certificates") or ()),
+        "Date": record["date"],
+        "Operator": record["operator"],
+        **{f"Serial number, {what}": serials[what] for what in SERIALS[:3]},
+        **({"Serial number, instrument": serials["instrument"]} if serials["instrument"] else {}),
+        "Certificates": ", ".join(record["certificates"]),
         "Temperature": None if warm is None else f"{warm:g} °C",
     }
-    return tuple((k, v or NOT_STATED) for k, v in values.items()) if any(values.values()) else ()
+    return {k: v or NOT_STATED for k, v in values.items()} if any(values.values()) else {}
 
 
-def filed_lines(dataset: Dataset) -> list[tuple[str, str, str]]:
-    """The same as lines of the terminal, of each session: heading, text, style; without what is missing."""
-    out: list[tuple[str, str, str]] = []
-    for s in dataset.sessions or (dataset,):
-        stated = [f"{k[:1].lower()}{k[1:]} {v}" for k, v in filed(record_of(s.record)) if v != NOT_STATED]
-        if stated:
-            out.append(("" if out else "record", "; ".join(stated), "dim"))
-    return out
+def filed_lines(record: Mapping[str, Any]) -> Facts:
+    """The same as lines of the terminal, without what is missing."""
+    lines = [
+        "; ".join(f"{k[:1].lower()}{k[1:]} {v}" for k, v in entries.items() if v != NOT_STATED)
+        for _, entries in filed(record)
+    ]
+    return under("record", lines, "dim")
 
 
 def software(libraries: Iterable[str]) -> dict[str, str]:
@@ -129,6 +133,12 @@ def entry(result: Any, *fields: str) -> dict[str, Any]:
         factor = FACTORS.get(unit)
         out[key] = plain(scaled(getattr(result, name or (stem if factor else key)), factor))
     return out
+
+
+def sized(result: Any, *fields: str) -> dict[str, Any]:
+    """Sizes of an error, which a result has in SI, in the unit of files, lengths in µm; and this `unit`."""
+    values = {field: plain(amplitude(getattr(result, field), result.unit)[0]) for field in fields}
+    return values | {"unit": amplitude(0.0, result.unit)[1]}
 
 
 def scaled(value: Any, factor: float | None) -> Any:

@@ -95,16 +95,9 @@ class Sheet:
         return tuple(tuple(c.cell(item) for c in self.columns) for item in self.items)
 
 
-def sheet_of_cells(
-    headings: Iterable[str],
-    rows: Iterable[Sequence[Any]],
-    caption: str = "",
-    words: Sequence[int] = (),
-    shown: int | None = None,
-) -> Sheet:
-    """A table of cells that are text already; `words` are the columns (from 0) of words."""
-    columns = tuple(Column(h, k, as_is, k in words) for k, h in enumerate(headings))
-    return Sheet(columns, tuple(rows), caption, shown)
+def sheet_of_cells(headings: Iterable[str], rows: Iterable[Sequence[Any]], caption: str = "") -> Sheet:
+    """A table of cells that are text already."""
+    return Sheet(tuple(Column(h, k, as_is) for k, h in enumerate(headings)), tuple(rows), caption)
 
 
 def of_key(function: Callable[[Any, Any], Any], key: Any) -> Callable[[Any], Any]:
@@ -133,12 +126,13 @@ def bar_of(
     return lambda item: Bar((item[key] or 0.0) / largest, length(item[key]) + unit, marked(item))
 
 
-def terminal(sheet: Sheet) -> FigureTable:
-    """A table of the terminal."""
-    table = FigureTable(sheet.title, *sheet.headings)
+def terminal(sheet: Sheet, *headings: str) -> FigureTable:
+    """A table of the terminal, where bars are their texts; with other headings also without the caption."""
+    table = FigureTable(*(headings or (sheet.title, *sheet.headings)))
     for item, cells in zip(sheet.items, sheet.rows, strict=True):
-        table.add_row(*cells, style=sheet.style(item) if sheet.style else "")
-    table.caption = sheet.caption
+        texts = (cell.text if isinstance(cell, Bar) else cell for cell in cells)
+        table.add_row(*texts, style=sheet.style(item) if sheet.style else "")
+    table.caption = "" if headings else sheet.caption
     return table
 
 

@@ -1,9 +1,14 @@
-"""Colours, sizes and text styles of figures."""
+"""Colours, markers, text sizes and settings of figures.
+
+Colours differ in lightness, so that they differ in grey and for colour-blind readers; series also differ in
+their marker. Text has its size at the width of the figure: a figure is drawn anew for another width.
+"""
 
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -17,10 +22,55 @@ FAINT = "#c3ccd5"
 NOISE = "#edf1f5"
 ACCENT = "#1b4f72"
 MARKED = "#c0392b"
-SERIES = ("#1b4f72", "#d68910", "#3a8f6b", "#8e5ea2", "#5b8db8", "#a0522d")
-DPI = 130
+TINTS = ("#1b4f72", "#d68910", "#3a8f6b", "#8e5ea2", "#5b8db8", "#a0522d")
+"""Colours of series of a `figure`; those of records have `SERIES`."""
+SCREEN_DPI = 130
 TITLE = 8.5
 """Characters of a title per inch of width."""
+SERIES = ("#12355b", "#b4441f", "#2f9e83", "#e0a526")
+"""Colours of series, from dark to light; more series repeat them with other markers."""
+MARKERS = ("o", "s", "D", "^", "v", "P", "X")
+SIZE = 7.0
+"""Text, pt; titles of a figure are larger by `LARGER`."""
+LARGER = 1.5
+DPI = 200
+
+_SETTINGS: dict[str, Any] = {
+    "font.size": SIZE,
+    "text.color": INK,
+    "text.parse_math": False,  # names from files may contain $
+    "axes.edgecolor": GREY,
+    "axes.labelcolor": INK,
+    "axes.labelsize": SIZE,
+    "axes.linewidth": 0.6,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.axisbelow": True,
+    "axes.unicode_minus": True,
+    "axes.formatter.useoffset": False,
+    "axes.formatter.limits": (-6, 7),
+    "grid.color": FAINT,
+    "grid.linewidth": 0.4,
+    "legend.fontsize": SIZE,
+    "legend.frameon": False,
+    "lines.linewidth": 1.2,
+    "lines.solid_capstyle": "butt",
+    "lines.markersize": 3.5,
+    "svg.hashsalt": "bayescal",
+    "svg.fonttype": "path",
+}
+TICK = {"labelsize": SIZE, "length": 2.5, "width": 0.6, "pad": 2.0, "color": GREY, "labelcolor": INK}
+"""Parameters of the ticks of axes."""
+
+
+@contextmanager
+def drawing() -> Iterator[None]:
+    """Settings of Matplotlib under which all figures are drawn and written; the user's are left alone."""
+    from matplotlib.style import context
+
+    styles: list[Any] = ["default", _SETTINGS]
+    with context(styles):
+        yield
 
 
 def figure(width: float, height: float, title: Sequence[str]) -> Figure:
@@ -28,7 +78,7 @@ def figure(width: float, height: float, title: Sequence[str]) -> Figure:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    out = Figure(figsize=(width, height), dpi=DPI, layout="constrained")
+    out = Figure(figsize=(width, height), dpi=SCREEN_DPI, layout="constrained")
     FigureCanvasAgg(out)
     lines = [part for line in title for part in textwrap.wrap(line, round(TITLE * width))]
     out.suptitle("\n".join(lines), x=0.012, ha="left", fontsize=13, color=INK, fontweight="bold")
@@ -60,8 +110,8 @@ def tidy(axes: Any) -> None:
     axes.tick_params(labelsize=9.5, colors=INK)
     axes.title.set_fontsize(10.5)
     axes.title.set_color(GREY)
-    for at in ("left", "right"):
-        axes.set_title(axes.get_title(at), loc=at, fontsize=10.5, color=GREY)
+    for side in ("left", "right"):
+        axes.set_title(axes.get_title(side), loc=side, fontsize=10.5, color=GREY)
     axes.xaxis.label.set(fontsize=10, color=INK)
     axes.yaxis.label.set(fontsize=10, color=INK)
     for text in axes.texts:

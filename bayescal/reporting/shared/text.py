@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 from rich.cells import cell_len
@@ -37,27 +37,23 @@ class FigureTable(Table):
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
         """Blocks of columns, each no wider than the terminal."""
         names, *figures = self.columns
-        longest = max(_cells(names), default=0)
-        longest = max(longest, cell_len(str(names.header)))
+        longest = max([cell_len(str(names.header)), *_cells(names)])
         for k, block in enumerate(_blocks(figures, options.max_width - min(longest, LEAST_NAME))):
             if k:
                 yield Text("")
-            yield from self._block(block, longest, options.max_width)
+            yield self._block(block, longest, options.max_width)
         if self.caption:
             yield Text(str(self.caption), style="dim italic")
 
-    def _block(self, figures: list[Column], longest: int, width: int) -> Iterable[Table]:
+    def _block(self, figures: list[Column], longest: int, width: int) -> Table:
         room = max(width - sum(GAP + _width(c) for c in figures), 1)
         table = Table(box=None, pad_edge=False, header_style="dim", padding=(0, GAP, 0, 0))
-        table.add_column(_plain(self.columns[0].header), width=min(longest, room), overflow="fold")
-        for column in figures:
-            table.add_column(
-                _plain(column.header), justify=column.justify, width=_width(column), overflow="fold"
-            )
-        columns = [list(c.cells) for c in (self.columns[0], *figures)]
-        for row, cells in zip(self.rows, zip(*columns, strict=True), strict=True):
+        shown = [(self.columns[0], min(longest, room)), *((c, _width(c)) for c in figures)]
+        for column, wide in shown:
+            table.add_column(_plain(column.header), justify=column.justify, width=wide, overflow="fold")
+        for row, *cells in zip(self.rows, *(column.cells for column, _ in shown), strict=True):
             table.add_row(*map(_plain, cells), style=row.style)
-        yield table
+        return table
 
 
 def _plain(cell: RenderableType) -> RenderableType:
@@ -78,12 +74,12 @@ def _width(column: Column) -> int:
 def _blocks(figures: list[Column], room: int) -> list[list[Column]]:
     """Columns in order, in as few blocks as fit a width; each block has one column at least."""
     out: list[list[Column]] = [[]]
-    left = room
+    remaining = room
     for column in figures:
-        left -= GAP + _width(column)
-        if left < 0 and out[-1]:
+        remaining -= GAP + _width(column)
+        if remaining < 0 and out[-1]:
             out.append([])
-            left = room - GAP - _width(column)
+            remaining = room - GAP - _width(column)
         out[-1].append(column)
     return out
 
@@ -141,12 +137,7 @@ def amplitude(value: float, unit: str) -> tuple[float, str]:
 def size(value: float, unit: str) -> str:
     """The size of an error with its unit as text, from SI, two significant digits."""
     number, name = amplitude(value, unit)
-    if not np.isfinite(number):
-        return "-"
-    figures = f"{number:.2g}"
-    if 99.5 <= abs(number) < 1e6:
-        figures = f"{float(figures):.0f}"
-    return figures + ("" if name == "1" else f" {unit_label(name)}")
+    return quantity(number if np.isfinite(number) else None, name)
 
 
 def two_digits(value: float) -> str:
@@ -217,11 +208,6 @@ def under(heading: str, texts: Iterable[str], style: str = "") -> Facts:
         yield "" if k else heading, text, style
 
 
-def plain_table(title: str, *headings: str) -> FigureTable:
-    """A table without rules, headed by its title; its figures are never truncated."""
-    return FigureTable(title, *headings)
-
-
 def probability(value: float) -> str:
     """A probability with two decimals, ``< 0.01`` or ``> 0.99`` beyond."""
     if value > 0.99:
@@ -240,6 +226,14 @@ def listed(names: Iterable[str], last: str = "and") -> str:
     """Names joined by commas, the last by `last`."""
     *some, final = list(names)
     return f"{', '.join(some)} {last} {final}" if some else final
+
+
+def by_reason(missing: Mapping[str, str]) -> dict[str, list[str]]:
+    """Names by the reason that each of them has."""
+    out: dict[str, list[str]] = {}
+    for name, reason in missing.items():
+        out.setdefault(reason, []).append(name)
+    return out
 
 
 def rival(name: str) -> str:
@@ -285,13 +279,20 @@ def quantity(value: float | None, unit: str) -> str:
     """A value with its unit, two significant digits."""
     if value is None:
         return MISSING
-    figures = f"{value:.2g}" if abs(value) < 99.5 else f"{float(f'{value:.2g}'):.0f}"
+    figures = f"{value:.2g}"
+    if 99.5 <= abs(value) < 1e6:
+        figures = f"{float(figures):.0f}"
     return f"{figures} {unit_label(unit)}".rstrip()
 
 
 def measured(value: float, u: float, unit: str) -> str:
     """A value with its standard uncertainty and unit: ``0.0244(10) deg``."""
     return f"{with_u(value, u)} {unit_label(unit)}".rstrip()
+
+
+def with_unit(name: str, unit: str) -> str:
+    """A name with the unit of its values: ``a2 (mm)``; of a pure number the name alone."""
+    return f"{name} ({label})" if (label := unit_label(unit)) else name
 
 
 def share(value: float | None) -> str:
