@@ -16,6 +16,7 @@ from bayescal.assess.identifiability import identifiability
 from bayescal.assess.undetermined import undetermined
 from bayescal.dataset import Dataset
 from bayescal.effects import BASELINE, EFFECTS, levels_of
+from bayescal.effects.location import ARM
 from bayescal.estimate import Estimate, check_enough, fitted_level
 from bayescal.estimate.bounds import bounded
 from bayescal.estimate.discrepancy import stated
@@ -27,7 +28,7 @@ from bayescal.gap.linear.state import again
 from bayescal.gap.outcome.magnitude import magnitude, model_levels, noise_floor, shrinkage
 from bayescal.gap.outcome.margins import margins
 from bayescal.gap.outcome.notes import alike, amplitudes, cautions, play_or_late, warnings
-from bayescal.gap.result import Gap, Hypothetical, Named, Verdict
+from bayescal.gap.result import OTHER, CauseClass, Gap, Hypothetical, Named, Verdict
 from bayescal.gap.search.beam import COMPLIANCE, Member
 from bayescal.gap.search.candidates import Variant
 from bayescal.gap.search.gate import confirmed, contradiction
@@ -60,7 +61,10 @@ def concluded(e: Examined, without: Decision | None) -> Verdict:
         # without any further effect, no effect is confounded with it; noise only is then compliance alone
         credible = () if kind == "null" else tuple(n for n in credible if n != "null")
         credible = (COMPLIANCE, *credible)
-        kind = {"null": "named", "unknown": "named+unexplained"}.get(kind, kind)
+        kind = {"null": "named", "unknown": "named+unexplained", "class": "named+unexplained"}.get(kind, kind)
+    for name in d.withheld:  # what a name that validation refuses loses is an unmodelled effect's
+        lost = max(probability[name] - VERDICT.not_admitted, 0.0)
+        probability["unknown"] = min(probability["unknown"] + lost, 1.0)
     probability = {name: min(p, _most(name, kind, d)) for name, p in probability.items()}
     named = [replace(n, probability=min(n.probability, probability[n.effect])) for n in named]
     kind = settled(kind, bool(named), probability)
@@ -80,6 +84,27 @@ def concluded(e: Examined, without: Decision | None) -> Verdict:
             *alike(e.fitted.model.scene, d.members),
             *cautions(e.fitted.model.scene.dataset),
         ),
+        _causes(d, probability) if kind == "class" else None,
+    )
+
+
+def _causes(d: Decision, probability: Mapping[str, float]) -> CauseClass:
+    """The leading effect, those that may be in its place, and an unmodelled one."""
+    best = d.weighed[0]
+    leader = best.related.member if best.related else best.hypothesis.members[0]
+    instead = {leader.effect} | {n for w in d.weighed if leader.effect not in w.effects for n in w.names}
+    instead -= {m.effect for m in best.hypothesis.members if m is not leader}
+    likely = sorted(instead, key=lambda n: -probability[n])
+    members = {n: probability[n] for n in likely if n == leader.effect or probability[n] >= VERDICT.fewest}
+    sites = tuple(dict.fromkeys(site for site, _ in leader.variant.places))
+    drivers = dict.fromkeys(driver.course for _, driver in leader.variant.places)
+    if len(drivers) > VERDICT.advised:  # one of every joint
+        drivers = dict.fromkeys(replace(driver, joint=0) for driver in drivers)
+    further = () if best.related is None else (best.related.driver,)
+    return CauseClass(
+        (ARM,) if ARM in sites else sites,
+        (*drivers, *(driver for driver in further if driver not in drivers)),
+        {n: supported(p) for n, p in (members | {OTHER: probability["unknown"]}).items()},
     )
 
 
@@ -98,7 +123,7 @@ def _most(name: str, kind: str, d: Decision) -> float:
         return 1.0
     if name in d.withheld:
         return VERDICT.not_admitted
-    return VERDICT.beside_unmodelled if kind in ("named+unexplained", "unknown") else 1.0
+    return VERDICT.beside_unmodelled if kind in ("named+unexplained", "class", "unknown") else 1.0
 
 
 def _named(member, d: Decision, e: Examined) -> Named:
@@ -182,7 +207,9 @@ def _admitted(
     notes += [f"{a.member.effect} {a.words}; no reduction of errors is claimed" for a in found.unclaimed]
     kind = d.kind
     if found.withheld:
-        kind = "ambiguous" if kind == "named" else kind if found.members else "unknown"
+        alone = len(d.weighed[0].names) == 1
+        refused = "class" if alone else "ambiguous"
+        kind = refused if kind == "named" else kind if found.members or kind == "class" else "unknown"
     if kind == "named" and (p := contradiction(before, found.errors)) < GATE.contradicted:
         kind = "named+unexplained"
         notes.append(

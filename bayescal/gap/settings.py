@@ -43,10 +43,11 @@ class SearchSettings:
 
     null: float = 0.15
     """Prior probability of the noise-only model (assumed)."""
-    single: float = 0.65
+    single: float = 0.55
     """Prior probability of one known effect, shared among its effects (assumed)."""
-    unknown: float = 0.2
-    """Prior probability of an effect not in the list of known effects (assumed)."""
+    unknown: float = 0.3
+    """Prior probability of an effect not in the list of known effects (in sessions of other authors a third
+    of the causes was not in it)."""
     further: float = 0.2
     """Prior odds of each further effect, shared among the vocabulary (assumed)."""
     other_forms: float = 0.3
@@ -127,6 +128,10 @@ class CellSettings:
     """Width of lost motion that persists from contact to contact, degrees (assumed)."""
     knees: tuple[float, ...] = (0.02, 0.1, 0.3)
     """Width of a base's transition between two positions, as a share of its usual moment (assumed)."""
+    warm: tuple[float, ...] = (300.0, 1500.0)
+    """Time constants after which a motion is forgotten by what it warms, s (assumed)."""
+    flip: float = 0.1
+    """Width, as a share of gravity, of a transition between two positions (assumed)."""
     fewest: int = 12
     """Contacts that a defect or a sudden change must move (assumed)."""
 
@@ -151,6 +156,23 @@ class UnknownSettings:
 
 
 @dataclass(frozen=True)
+class RelativeSettings:
+    """Relatives of a name: what it predicts, modulated by another quantity."""
+
+    waves: int = 3
+    """Half periods of a function of a quantity over its range (assumed)."""
+    share: float = 0.3
+    """Prior standard deviation of a modulation, of what the name predicts (assumed; averaged over
+    `LINEAR.scales`)."""
+    forgiven: float = 0.05
+    """Share of the nats of all names that a modulation must exceed (assumed: as `VerdictSettings.form`)."""
+    least: float = 5.0
+    """Nats that a name must gain to have relatives: it explains something (convention)."""
+    odds: float = 0.03
+    """Prior odds of a relative beside its name (tuned: errors of form have 4 nats at most)."""
+
+
+@dataclass(frozen=True)
 class VerdictSettings:
     """The decision on the verdict."""
 
@@ -166,6 +188,11 @@ class VerdictSettings:
     (tuned)."""
     sure: float = 0.5
     """Probability from which on an effect is named (convention: more likely than not)."""
+    alone: float = 0.75
+    """Probability of a leading effect below which the verdict is its class, if an unmodelled effect is one of
+    its members (convention: 3 to 1)."""
+    fewest: float = 0.05
+    """Smallest probability of a member of a class (convention)."""
     credible: float = 0.9
     """Probability of the credible set (convention)."""
     certain: float = 0.99
@@ -329,6 +356,7 @@ LINEAR: Final = LinearSettings()
 SEARCH: Final = SearchSettings()
 CELLS: Final = CellSettings()
 UNKNOWN: Final = UnknownSettings()
+RELATIVES: Final = RelativeSettings()
 VERDICT: Final = VerdictSettings()
 GATE: Final = GateSettings()
 OUTCOME: Final = OutcomeSettings()

@@ -18,10 +18,10 @@ from hypothesis import strategies as st
 from typer.testing import CliRunner
 
 from bayescal.effects import EFFECTS
-from bayescal.effects.location import BASE, TOOL, Driver
+from bayescal.effects.location import BASE, TOOL, Driver, joint
 from bayescal.errors import BayescalError
 from bayescal.gap.diagnose import settled
-from bayescal.gap.result import VERDICTS, Amplitude, Event, Gap, Named, Verdict
+from bayescal.gap.result import OTHER, VERDICTS, Amplitude, CauseClass, Event, Gap, Named, Verdict
 from bayescal.gap.search.cells import cells
 from bayescal.model.options import FitOptions
 from bayescal.model.scene import Scene
@@ -104,6 +104,7 @@ HEADLINES = {
     "null": "No effect above noise",
     "named": "Effect found: joint 3 has lost motion on reversal (backlash, probability 0.97)",
     "named+unexplained": "Also found: the base shifted suddenly, from row 41 on (step, probability 0.95)",
+    "class": "Class of causes: an error at joint 3 that varies with direction of motion of J3",
     "unknown": "Unmodelled effect not in the list of known effects, at joint 3, direction of motion of J3",
     "ambiguous": "Ambiguous: these data do not distinguish the effects of the 90 % set",
 }
@@ -359,6 +360,9 @@ def stated(record):
         found |= set(re.findall(r"\(([a-z-]+), probability", line))
         found |= set(re.findall(r"found: ([a-z-]+) in .*; probability", line))
         found |= {LABEL.get(n, n) for n in re.findall(r"not named: (.+?) \(probability", line)}
+        if line.startswith("Class of causes"):
+            members = re.findall(r"([a-z-]+) \(probability", line)
+            found |= {n for n in members if n in NAMES and record["probability"][n] >= 0.5}
         if line.startswith(("Ambiguous", "Also: ", "No effect")):
             assert not any(re.search(rf"\b{name}\b", line) for name in NAMES), line
     found |= {note.partition(" ")[0].rstrip(":") for note in record["footnotes"]} & set(NAMES)
@@ -374,10 +378,39 @@ def check(record):
     assert bool(record["named"]) or not kind.startswith("named")
     assert record["effects"] == (["unknown"] if kind == "unknown" else [n["effect"] for n in record["named"]])
     if p["unknown"] >= 0.5:
-        said = any("nmodelled effect" in line or "further effect" in line for line in record["words"])
+        said = any(
+            "nmodelled effect" in line or "further effect" in line or "not in the list" in line
+            for line in record["words"]
+        )
         assert said
     for n in record["named"]:
         assert n["probability"] == pytest.approx(p[n["effect"]])
+
+
+@pytest.mark.parametrize(
+    ("nats", "significant", "confirmed", "word"),
+    [
+        (40.0, True, True, "Effect found: "), (1.0, True, True, "Possible effect: "),
+        (float("nan"), True, True, "Effect found: "), (40.0, False, True, "Possible effect: "),
+        (40.0, True, False, "Possible effect: "),
+    ],
+)  # fmt: skip
+def test_a_name_that_nothing_else_supports_is_possible(session, nats, significant, confirmed, word):
+    """Validation gains within its standard error, no clear amplitude, or a refusal: no part is replaced."""
+    gap = diagnosis(session, "named")
+    (named_effect,) = gap.verdict.named
+    amplitude = Amplitude(
+        "backlash", joint(3), Driver("direction", 3), (), "half-width", 1e-4, 1e-5, "rad", None, significant
+    )
+    gap = replace(
+        gap,
+        amplitudes=(amplitude,),
+        levels=(*gap.levels[:-1], replace(gap.levels[-1], delta_elpd=nats, delta_elpd_se=6.0)),
+        verdict=replace(gap.verdict, named=(replace(named_effect, confirmed=confirmed),)),
+    )
+    record = gap_record(gap)
+    assert record["words"][0].startswith(word)
+    assert record["named"][0]["possible"] == word.startswith("Possible")
 
 
 @pytest.fixture(scope="module")
@@ -397,9 +430,12 @@ def test_headline_effects_and_probabilities_are_of_one_rule(headline_session, p,
     small = [] if kind == "null" else [n for n in likely if n not in some][:1]
     p = {"null": 0.2, "unknown": unknown, **p}
     kind = settled(kind, bool(names), p)
+    members = {OTHER: unknown} | {n: p[n] for n in sorted(set(p) - {"null", "unknown", *small})}
+    causes = CauseClass((joint(3),), (Driver("torque", 3),), members)
     verdict = Verdict(
         kind, tuple(Named(n, n, (), "", p[n], 9.0) for n in names), p, (*p,), (),
         tuple(f"{n}: RMS 1.0 µm, 2 % of the explained variance" for n in small), {}, (),
+        causes if kind == "class" else None,
     )  # fmt: skip
     check(gap_record(replace(diagnosis(headline_session, kind), verdict=verdict)))
 

@@ -12,7 +12,7 @@ from bayescal.dataset import Dataset
 from bayescal.effects.location import Site
 from bayescal.effects.sizes import DEVIATION
 from bayescal.effects.vocabulary import unit_label
-from bayescal.gap.result import Amplitude, Gap, Place
+from bayescal.gap.result import Amplitude, Gap, Named, Place
 from bayescal.reporting.shared.origin import entry
 from bayescal.reporting.shared.text import amplitude, with_u
 
@@ -231,6 +231,13 @@ def amplitude_records(gap: Gap) -> list[dict[str, Any]]:
                 | {"significant": a.significant, "validation_gain_nats": nats, "validation_gain_se": se}
             )
     return out
+
+
+def possible(gap: Gap, named: Named) -> bool:
+    """Whether a named effect is only possible: validation gains nothing, or no amplitude is significant."""
+    nats, se = _gains(gap).get(named.effect, (np.nan, np.nan))
+    clear = [a.significant for a in gap.amplitudes if a.effect == named.effect]
+    return not named.confirmed or nats <= se or not any(clear or [True])
 
 
 def _gains(gap: Gap) -> dict[str, tuple[float, float]]:

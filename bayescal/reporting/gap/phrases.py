@@ -4,16 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from bayescal.effects import EFFECTS
 from bayescal.effects.location import Site
 from bayescal.fitted import gate
-from bayescal.gap.result import Gap, Named, Place, Verdict
+from bayescal.gap.result import OTHER, CauseClass, Gap, Named, Place, Verdict
 from bayescal.gap.settings import OUTCOME, VERDICT
 from bayescal.model.block import posed
-from bayescal.reporting.gap.causes import PLAIN, sentence, sites
+from bayescal.reporting.gap.causes import PLAIN, possible, sentence, sites
 from bayescal.reporting.shared.text import listed, probability, rival
 
 NO_PLACE = "at no single location"
@@ -68,8 +69,15 @@ def headline(gap: Gap) -> list[str]:
     ]
     if verdict.kind == "null":
         return [_nothing(gap), *likely]
-    lines = [f"Effect found: {named(n, gap)}" for n in verdict.named[:1]]
-    lines += [f"Also found: {named(n, gap)}" for n in verdict.named[1:]]
+    members = verdict.causes.members if verdict.causes else {}
+    sure = [n for n in verdict.named if n.effect not in members]
+    words = [
+        "Possible effect" if possible(gap, n) else f"{'Also' if k else 'Effect'} found"
+        for k, n in enumerate(sure)
+    ]
+    lines = [f"{word}: {named(n, gap)}" for word, n in zip(words, sure, strict=True)]
+    if verdict.causes:
+        lines += [_class(verdict.causes), f"To distinguish them: {_separates(gap)}"]
     if verdict.kind == "unknown":
         p = probability(verdict.probability["unknown"])
         lines += [
@@ -85,13 +93,46 @@ def headline(gap: Gap) -> list[str]:
     return [*lines, *likely]
 
 
+def _class(causes: CauseClass) -> str:
+    """A class as text: ``Class of causes: an error at joint 3 that varies with ...``."""
+    site, by = together(causes.sites), listed(driver.text for driver in causes.drivers)
+    each = [
+        f"{'a cause not in the list of known effects' if n == OTHER else n} (probability {probability(p)})"
+        for n, p in causes.members.items()
+    ]
+    return f"Class of causes: an error at {site} that varies with {by}: {' or '.join(each)}"
+
+
+def _separates(gap: Gap) -> str:
+    """What would distinguish the causes of a class: the first advice, else rows in which they differ."""
+    causes = gap.verdict.causes
+    assert causes is not None
+    if gap.advice:
+        return gap.advice[0].what
+    return f"contacts at the same poses with other values of {listed(d.text for d in causes.drivers)}"
+
+
+def class_record(gap: Gap) -> dict[str, Any] | None:
+    """The entry `class` of gap.json: site, arguments, members with probabilities; None without a class."""
+    causes = gap.verdict.causes
+    if causes is None:
+        return None
+    return {
+        "site": " and ".join(map(str, causes.sites)),
+        "arguments": list(map(str, causes.drivers)),
+        "members": dict(causes.members),
+        "separates": _separates(gap),
+    }
+
+
 def unnamed(verdict: Verdict) -> tuple[str, ...]:
     """What is as likely as not, without what the verdict, its names and its footnotes state already.
 
     With these the headline and its footnotes have every effect of such a probability, and no other.
     """
     stated = {"null", *(n.effect for n in verdict.named)}
-    stated |= {"unknown"} if verdict.kind in ("unknown", "named+unexplained") else set()
+    stated |= {"unknown"} if verdict.kind in ("unknown", "named+unexplained", "class") else set()
+    stated |= set(verdict.causes.members if verdict.causes else ())
     stated |= {note.partition(" ")[0].rstrip(":") for note in verdict.footnotes}
     return tuple(n for n, p in verdict.probability.items() if p >= VERDICT.sure and n not in stated)
 

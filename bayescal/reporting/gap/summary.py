@@ -36,7 +36,7 @@ BLIND = 4
 MARGINS = 3
 ADVICE = 3
 LEAST_PROBABILITY = 0.01
-STYLES = {"null": "bold green", "named": "bold", "ambiguous": "bold yellow"}
+STYLES = {"null": "bold green", "named": "bold", "ambiguous": "bold yellow", "class": "bold yellow"}
 
 
 def gap_summary(gap: Gap) -> RenderableType:
