@@ -1,5 +1,6 @@
 """Tool: the TCP offset, the stylus tip in the flange frame, of every tool that the fitted measurements use.
 
+A tool that only validation measurements of fitted targets use keeps its prior, which their prediction has.
 Also the tool's orientation on the flange, if rows read it. Part of every model. A tool with a stated
 uncertainty of 0 is not fitted.
 """
@@ -17,7 +18,7 @@ LOOSE, LOOSE_ANGLE = 5e-3, 0.2  # m, rad: the contract's priors if none is state
 
 def _parameters(c: Circumstances) -> list[Parameter]:
     out = []
-    for k in c.fitted_tools:
+    for k in (*c.fitted_tools, *c.predicted_tools):
         stated = c.tool_u[k]
         sd = LOOSE if stated is None else stated
         if sd == 0.0:

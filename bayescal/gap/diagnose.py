@@ -28,6 +28,7 @@ from bayescal.gap.linear.state import again
 from bayescal.gap.outcome.magnitude import magnitude, model_levels, noise_floor, shrinkage
 from bayescal.gap.outcome.margins import margins
 from bayescal.gap.outcome.notes import alike, amplitudes, cautions, play_or_late, warnings
+from bayescal.gap.outcome.where import named_events
 from bayescal.gap.result import OTHER, CauseClass, Gap, Hypothetical, Named, Verdict
 from bayescal.gap.search.beam import COMPLIANCE, Member
 from bayescal.gap.search.candidates import Variant
@@ -51,7 +52,8 @@ def concluded(e: Examined, without: Decision | None) -> Verdict:
     """The verdict; `without` is the decision for the model without compliance, if that was missing."""
     d = e.decision
     probability = dict(d.probability)
-    named = [_named(m, d, e) for m in d.members]
+    events = named_events(d.hypothesis, e.pool)
+    named = [replace(_named(m, d, e), events=events.get(m.effect, ())) for m in d.members]
     kind, credible = d.kind, d.credible
     if without is not None:
         sure = without.probability[COMPLIANCE]

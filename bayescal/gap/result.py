@@ -130,6 +130,7 @@ class Named:
     probability: float
     log_evidence: float  # nats, relative to the same set without it
     confirmed: bool = True  # False where it makes the validation data less probable
+    events: tuple[Event, ...] = ()  # of sudden changes
 
     @property
     def site(self) -> str:

@@ -193,6 +193,7 @@ class Scene:
             tool_centres=np.array([tool.centre for tool in d.tools]),
             tool_u=tuple(tool.u for tool in d.tools),
             fitted_tools=used,
+            predicted_tools=self.tools_predicted(fitted),
             fitted=fitted,
             tied_base=_tied(targets),
             tied_tool=any(d.tools[k].u is not None for k in used)
@@ -218,6 +219,12 @@ class Scene:
             compliances=self.compliances,
             measured_torques=self.measured_torques,
         )
+
+    def tools_predicted(self, fitted: np.ndarray) -> tuple[int, ...]:
+        """Tools of validation rows of fitted targets that no fitted row uses."""
+        m = self.dataset.measurements
+        mine = (m.role == "validate") & np.isin(m.target, m.target[fitted])
+        return tuple(int(k) for k in np.setdiff1d(m.tool[mine], m.tool[fitted]))
 
     @unposed
     def _inward(self) -> np.ndarray:

@@ -12,7 +12,7 @@ from bayescal.dataset import Dataset
 from bayescal.effects.location import Site
 from bayescal.effects.sizes import DEVIATION
 from bayescal.effects.vocabulary import unit_label
-from bayescal.gap.result import Amplitude, Gap, Named, Place
+from bayescal.gap.result import Amplitude, Event, Gap, Named, Place
 from bayescal.reporting.shared.origin import entry
 from bayescal.reporting.shared.text import amplitude, with_u
 
@@ -115,11 +115,22 @@ def sentence(where: Place, dataset: Dataset) -> str:
         return ""
     text = happens.words.format(site=where.site.text, joint=f"J{where.driver.joint}")
     if where.event is not None:
-        row, (first, last) = where.event.row, where.event.interval95
-        text += f" at row {row + 1} ({dataset.measurements.ids[row]})"
-        text += f", rows {first + 1} to {last + 1} at 95 %," if last > first else ""
+        text += f" at {when(where.event, dataset)}"
     shown = [a for a in where.amplitudes if any(b.significant for b in where.amplitudes if b.unit == a.unit)]
     return text + "".join(f" {part}" for part in _sizes(shown))
+
+
+def when(event: Event, dataset: Dataset) -> str:
+    """The row of an event as text: ``row 212 (c0211; rows 210 to 214 at 95 %)``."""
+    first, last = event.interval95
+    beside = f"; rows {first + 1} to {last + 1} at 95 %" if last > first else ""
+    return f"row {event.row + 1} ({dataset.measurements.ids[event.row]}{beside})"
+
+
+def event_record(event: Event, dataset: Dataset) -> dict[str, Any]:
+    """The row of an event, its id, and its 95 % interval, as an entry of gap.json; rows count from 1."""
+    interval = [row + 1 for row in event.interval95]
+    return {"row": event.row + 1, "id": dataset.measurements.ids[event.row], "interval95": interval}
 
 
 def _sizes(amplitudes: list[Amplitude]) -> list[str]:
@@ -145,12 +156,7 @@ def records(where: Place, dataset: Dataset) -> dict:
         return {}
     out: dict = {"words": sentence(where, dataset), "remedy": shown.remedy}
     if where.event is not None:
-        ids = dataset.measurements.ids
-        out["event"] = {
-            "row": where.event.row + 1,
-            "id": ids[where.event.row],
-            "interval95": [row + 1 for row in where.event.interval95],
-        }
+        out["event"] = event_record(where.event, dataset)
     out["amplitudes"] = [
         {"what": a.what, "value": value, "u": u, "unit": unit, "significant": a.significant}
         for a in where.amplitudes

@@ -14,7 +14,7 @@ from bayescal.fitted import gate
 from bayescal.gap.result import OTHER, CauseClass, Gap, Named, Place, Verdict
 from bayescal.gap.settings import OUTCOME, VERDICT
 from bayescal.model.block import posed
-from bayescal.reporting.gap.causes import PLAIN, possible, sentence, sites
+from bayescal.reporting.gap.causes import PLAIN, possible, sentence, sites, when
 from bayescal.reporting.shared.text import listed, probability, rival
 
 NO_PLACE = "at no single location"
@@ -36,9 +36,12 @@ def named(effect: Named, gap: Gap) -> str:
     clear, everywhere = sites(gap, effect.effect)
     named_sites: tuple[Site, ...] = ()
     if effect.sites or (who.startswith("every ") and not everywhere):
-        named_sites = effect.sites or clear
+        named_sites = tuple(dict.fromkeys(effect.sites)) or clear
         who = together(named_sites) if named_sites else who.replace("every", "at least one")
-    words = f"{does}, {effect.setting}" if effect.setting else does
+    setting = effect.setting
+    if effect.events:
+        setting = listed(f"from {when(event, gap.dataset)} on" for event in effect.events)
+    words = f"{does}, {setting}" if setting else does
     p = f"probability {probability(effect.probability)}"
     if len(named_sites) > 1:
         return f"{effect.effect} in {who} (each {words}; {p})"

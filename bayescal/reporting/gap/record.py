@@ -59,7 +59,9 @@ def gap_record(gap: Gap) -> dict[str, Any]:
         "words": headline(gap),
         "effects": _effects(verdict),
         "named": [
-            entry(n, *NAMED) | {"sites": list(map(str, n.sites)), "possible": causes.possible(gap, n)}
+            entry(n, *NAMED)
+            | {"sites": list(map(str, n.sites)), "possible": causes.possible(gap, n)}
+            | {"events": [causes.event_record(event, gap.dataset) for event in n.events]}
             for n in verdict.named
         ],
         "use": None if gap.arm is None else gate.of_gap(gap).record(),
