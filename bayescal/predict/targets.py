@@ -193,7 +193,7 @@ def noise_of(estimate: Estimate, block: Block, z: np.ndarray) -> np.ndarray:
 
 
 def unknown_tool(scene: Scene, rows: np.ndarray) -> float:
-    """Prior standard deviation of the centre of the tool, m; 0 if the arm has it, it is known or not unique."""
+    """Prior standard deviation of the tool centre, m; 0 if the arm has it, or it is known or not unique."""
     used = np.unique(scene.dataset.measurements.tool[rows])
     fitted = scene.rows("calibrate")
     of_arm = {*scene.dataset.measurements.tool[fitted].tolist(), *scene.tools_predicted(fitted)}

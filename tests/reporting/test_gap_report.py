@@ -20,7 +20,7 @@ from typer.testing import CliRunner
 from bayescal.effects import EFFECTS
 from bayescal.effects.location import BASE, TOOL, Driver, joint
 from bayescal.errors import BayescalError
-from bayescal.gap.diagnose import settled
+from bayescal.gap.concluded import settled
 from bayescal.gap.result import OTHER, VERDICTS, Amplitude, CauseClass, Event, Gap, Named, Verdict
 from bayescal.gap.search.cells import cells
 from bayescal.model.options import FitOptions

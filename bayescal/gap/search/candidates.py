@@ -187,7 +187,7 @@ class Single:
 
 
 def with_own_settings(known: Candidates, effect: Effect, own: Sequence[Single], count: int) -> Candidates:
-    """Candidates with several settings of an effect, at one or several sites: the first two of `own`, three, ...
+    """Candidates with several settings of an effect, at one or several sites: the first two of `own`, ...
 
     They share `SEARCH.other_forms` of the prior of the effect: by their number of sites, then by the choice
     of sites and of settings.

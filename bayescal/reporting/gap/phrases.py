@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
@@ -18,6 +19,8 @@ from bayescal.reporting.gap.causes import PLAIN, possible, sentence, sites, when
 from bayescal.reporting.shared.text import listed, probability, rival
 
 NO_PLACE = "at no single location"
+COLUMN = re.compile(r"\b(?:j1_\w+(?: \.\.\.)?|time_s|temperature_c)")
+"""A column of a session in the reason why an effect was not assessed."""
 MOST = 0.5
 """Share of the parameters that is not identifiable from which on a null verdict means only: too few poses."""
 
@@ -93,7 +96,19 @@ def headline(gap: Gap) -> list[str]:
         lines += [f"Largest location: {place(largest)}"] if largest else []
     if verdict.kind == "named+unexplained":
         lines += [f"Also: a further effect, {there}", *_cause(where, gap)]
+    lacking = [f"{listed(effects)} (no {columns})" for columns, effects in unshown(verdict).items()]
+    if lacking:
+        lines.append(f"Not excluded, because the session lacks a column: {', '.join(lacking)}")
     return [*lines, *likely]
+
+
+def unshown(verdict: Verdict) -> dict[str, list[str]]:
+    """Effects that were not assessed because the session lacks a column, by the column."""
+    out: dict[str, list[str]] = {}
+    for effect, reason in verdict.missing.items():
+        if columns := COLUMN.findall(reason):
+            out.setdefault(" or ".join(columns), []).append(effect)
+    return out
 
 
 def _class(causes: CauseClass) -> str:

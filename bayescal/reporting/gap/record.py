@@ -16,7 +16,7 @@ from bayescal.model.scene import Scene
 from bayescal.reporting.figures.process import begun
 from bayescal.reporting.gap import causes, contacts
 from bayescal.reporting.gap.contacts import as_lengths, length, main, table_of_contacts
-from bayescal.reporting.gap.phrases import class_record, headline, place, warnings
+from bayescal.reporting.gap.phrases import class_record, headline, place, unshown, warnings
 from bayescal.reporting.page.build import write_page
 from bayescal.reporting.shared.body import arm_drawing
 from bayescal.reporting.shared.origin import entry, origin, plain, rows_record
@@ -70,6 +70,7 @@ def gap_record(gap: Gap) -> dict[str, Any]:
         **entry(verdict, "credible_set90", "probability"),
         "hypotheses": [entry(h, "effects", "probability", "log_evidence") for h in verdict.hypotheses],
         "class": class_record(gap),
+        "not_excluded": unshown(verdict),
         **entry(verdict, "footnotes", "missing", "notes"),
         "where": [_place(w) | causes.records(w, gap.dataset) for w in gap.where],
         "where_marginal": {key: [entry(m, *GROUP) for m in gap.margins.get(key, ())] for key in MARGINS},

@@ -10,7 +10,7 @@ from bayescal.gap.result import VALIDATION_CONTACTS, BlindSpot, Gap, Margin, Ste
 from bayescal.reporting.gap import causes
 from bayescal.reporting.gap.causes import cause
 from bayescal.reporting.gap.contacts import as_lengths, first_contacts, length, main, per_residual
-from bayescal.reporting.gap.phrases import headline, place, unexplained, warnings
+from bayescal.reporting.gap.phrases import headline, place, unexplained, unshown, warnings
 from bayescal.reporting.gap.sheets import significant
 from bayescal.reporting.shared.origin import filed_lines
 from bayescal.reporting.shared.sheet import Column, Sheet, inside, terminal
@@ -229,6 +229,9 @@ def _next(gap: Gap) -> Facts:
         what = f"{listed(map(rival, a.separates), 'from')}: {a.what}{more}"
         detectability = f"(detectability {a.lambda_before:.0f} to {a.lambda_after:.0f})"
         yield "" if k else "measure next", f"to distinguish {what} {detectability}", ""
+    lacking = {} if gap.verdict.kind == "null" else unshown(gap.verdict)
+    for k, (columns, effects) in enumerate(lacking.items(), start=len(gap.advice)):
+        yield "" if k else "measure next", f"to show {listed(effects, 'or')}: record {columns}", ""
 
 
 def _blind(gap: Gap) -> Sheet:
