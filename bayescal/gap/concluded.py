@@ -98,7 +98,9 @@ def _most(name: str, kind: str, d: Decision) -> float:
         return 1.0
     if name in d.withheld:
         return VERDICT.not_admitted
-    return VERDICT.beside_unmodelled if kind in ("named+unexplained", "class", "unknown") else 1.0
+    if kind in ("named+unexplained", "class", "unknown"):
+        return min(VERDICT.beside_unmodelled, max(d.explained, 0.0))
+    return 1.0
 
 
 def _named(member: Member, d: Decision, e: Examined) -> Named:

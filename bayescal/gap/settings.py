@@ -157,7 +157,7 @@ class UnknownSettings:
 
 @dataclass(frozen=True)
 class RelativeSettings:
-    """Relatives of a name: what it predicts, modulated by another quantity."""
+    """Relatives of a name: what it predicts, times a function of another quantity."""
 
     waves: int = 3
     """Half periods of a function of a quantity over its range (assumed)."""
@@ -168,8 +168,11 @@ class RelativeSettings:
     """Share of the nats of all names that a modulation must exceed (assumed: as `VerdictSettings.form`)."""
     least: float = 5.0
     """Nats that a name must gain to have relatives: it explains something (convention)."""
-    odds: float = 0.03
-    """Prior odds of a relative beside its name (tuned: errors of form have 4 nats at most)."""
+    modulated: float = 0.03
+    """Prior odds of a modulated relative beside its name (tuned: errors of form have 4 nats at most)."""
+    replaced: float = 0.3
+    """Prior odds of a replaced relative beside its name (in sessions of other authors a third of the causes
+    was not in the list, and a third of these resembled a name)."""
 
 
 @dataclass(frozen=True)
@@ -214,9 +217,10 @@ class VerdictSettings:
     structure: float = 5.0
     """Nats of a cell at the site of a named effect, beyond what is forgiven, from which on the name is not
     all (tuned: right names have 3.4 at most)."""
-    beside_unmodelled: float = 0.9
-    """Largest probability of an effect in a verdict `named+unexplained` or `unknown` (assumed: with an effect
-    not in the list of known effects, 0 of 14 names stated above 0.98 were true)."""
+    beside_unmodelled: float = 0.85
+    """Largest probability of an effect beside an unmodelled one (assumed: with an effect not in the list of
+    known effects, 0 of 14 names stated above 0.9 were true). It is no more than the share of the nats of both
+    that the names explain."""
     not_admitted: float = 0.5
     """Largest probability of an effect that makes the validation data less probable (assumed)."""
     kept: float = 5.0

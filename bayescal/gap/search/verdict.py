@@ -14,7 +14,7 @@ from bayescal.gap.search.beam import Hypothesis, Member, Search
 from bayescal.gap.search.makers import Cell
 from bayescal.gap.search.relatives import Argument, Related, relatives
 from bayescal.gap.search.unknown import CellFit, Pool, unknown, with_set
-from bayescal.gap.settings import RELATIVES, SEARCH, VERDICT
+from bayescal.gap.settings import SEARCH, VERDICT
 
 
 @dataclass(frozen=True)
@@ -62,6 +62,7 @@ class Decision:
     footnotes: tuple[str, ...]
     unclaimed: frozenset[str] = frozenset()  # named effects that validation data do not confirm
     withheld: frozenset[str] = frozenset()  # effects that validation data do not admit
+    explained: float = 1.0  # share of the nats of names and an unmodelled effect that the names explain
 
     @property
     def members(self) -> tuple[Member, ...]:
@@ -80,15 +81,20 @@ def decide(search: Search, pool: Pool, given: Sequence[Argument] = ()) -> Decisi
     probability = probabilities(weighed, list(search.candidates.variants))
     kind, names = verdict_of(weighed, probability)
     best = weighed[0]
+    null = search.hypotheses[frozenset()].log_evidence
+    explained = (best.hypothesis.log_evidence - null) / best.log_evidence if best.cell is not None else 1.0
     if best.cell is not None and names:
-        names = tuple(n for n in names if _survives(search, best, pool, n))
+        names = tuple(n for n in names if explained >= VERDICT.sure and _survives(search, best, pool, n))
         kind = "named+unexplained" if names else "unknown"
     if kind == "named" and contradicted(weighed):
         kind = "named+unexplained"
     members = tuple(m for m in best.hypothesis.members if m.effect in names)
     members, footnotes = _without_footnotes(search, members, probability)
     chosen = search.hypothesis(members, (None, best.hypothesis.state.weight))
-    return Decision(kind, chosen, weighed, probability, credible_set(weighed), tuple(alone), footnotes)
+    credible = credible_set(weighed)
+    return Decision(
+        kind, chosen, weighed, probability, credible, tuple(alone), footnotes, explained=explained
+    )
 
 
 def weigh(
@@ -104,9 +110,10 @@ def weigh(
     out = [Weighed(h, None, h.log_evidence - null.log_evidence, h.score) for h in ranked]
     alone: list[CellFit] = []
     for h in leaders:
-        for r in relatives(h, null.log_evidence, given, _lost(search, h)) if given else ():
-            score = h.score + r.gain + float(np.log(RELATIVES.odds))
-            out.append(Weighed(h, None, h.log_evidence + r.gain - null.log_evidence, score, related=r))
+        for r in relatives(h, null.log_evidence, given, _without(search, h)) if given else ():
+            out.append(
+                Weighed(h, None, h.log_evidence + r.gain - null.log_evidence, h.score + r.gain, related=r)
+            )
         gain, cells = unknown(h, pool, null.log_evidence)
         alone = cells if h is null else alone
         if not np.isfinite(gain):
@@ -123,18 +130,15 @@ def weigh(
     return tuple(sorted(out, key=lambda w: -w.score)), alone
 
 
-def _lost(search: Search, h: Hypothesis) -> Callable[[Member], float]:
-    """Log evidence, nats, that a hypothesis loses without one of its members."""
+def _without(search: Search, h: Hypothesis) -> Callable[[Member], Hypothesis]:
+    """A hypothesis without one of its members."""
 
-    def lost(member: Member) -> float:
-        names = frozenset(m.effect for m in h.members if m is not member)
-        without = search.hypotheses.get(names)
-        if without is None:
-            rest = [m for m in h.members if m is not member]
-            without = search.hypothesis(rest, (None, h.state.weight))
-        return h.log_evidence - without.log_evidence
+    def without(member: Member) -> Hypothesis:
+        rest = [m for m in h.members if m is not member]
+        known = search.hypotheses.get(frozenset(m.effect for m in rest))
+        return known or search.hypothesis(rest, (None, h.state.weight))
 
-    return lost
+    return without
 
 
 def _at_names(h: Hypothesis, pool: Pool, cells: Sequence[CellFit]) -> float:

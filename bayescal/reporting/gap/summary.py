@@ -229,9 +229,12 @@ def _next(gap: Gap) -> Facts:
         what = f"{listed(map(rival, a.separates), 'from')}: {a.what}{more}"
         detectability = f"(detectability {a.lambda_before:.0f} to {a.lambda_after:.0f})"
         yield "" if k else "measure next", f"to distinguish {what} {detectability}", ""
-    lacking = {} if gap.verdict.kind == "null" else unshown(gap.verdict)
-    for k, (columns, effects) in enumerate(lacking.items(), start=len(gap.advice)):
+    for k, (columns, effects) in enumerate(_unshown(gap).items(), start=len(gap.advice)):
         yield "" if k else "measure next", f"to show {listed(effects, 'or')}: record {columns}", ""
+
+
+def _unshown(gap: Gap) -> dict[str, list[str]]:
+    return {} if gap.verdict.kind == "null" else unshown(gap.verdict)
 
 
 def _blind(gap: Gap) -> Sheet:
@@ -257,7 +260,10 @@ def _blind(gap: Gap) -> Sheet:
 def _remarks(gap: Gap) -> Facts:
     """Effects that were not assessed (by reason), notes and warnings."""
     reasons: dict[str, list[str]] = {}
+    shown = {name for names in _unshown(gap).values() for name in names}  # above, with what to record
     for effect, why in gap.verdict.missing.items():
+        if effect in shown:
+            continue
         reasons.setdefault(why, []).append(effect)
     yield from under("not assessed", (f"{', '.join(names)}: {why}" for why, names in reasons.items()), "dim")
     yield from under("note", gap.verdict.notes)
