@@ -14,6 +14,8 @@ from bayescal.gap.linear.state import fit_state
 from bayescal.gap.search.beam import Member, Search
 from bayescal.gap.search.cells import cells
 from bayescal.gap.search.relatives import arguments, relatives
+from bayescal.gap.settings import RELATIVES
+from bayescal.statistics import rms
 
 LOADED = Driver("torque", 2)
 
@@ -40,7 +42,9 @@ def with_backlash(bench, by, seed, strength=400.0):
 def gain(bench, by, seed):
     """The relative of that name, over the evidence without it."""
     _, named, null = with_backlash(bench, by, seed)
-    (found,) = relatives(named, null.log_evidence, arguments(bench.circumstances), lambda m: 99.0)
+    (found,) = relatives(
+        named, named.members, null.log_evidence, arguments(bench.circumstances), lambda m: null
+    )
     return found
 
 
@@ -57,7 +61,33 @@ def test_an_error_that_a_name_only_resembles_has_a_relative(bench):
 def test_a_name_that_explains_little_has_no_relatives(bench):
     _, named, null = with_backlash(bench, np.ones(len(bench.circumstances.q)), 0)
     given = arguments(bench.circumstances)
-    assert not list(relatives(named, null.log_evidence, given, lambda m: 1.0))
+    least = replace(null, log_evidence=named.log_evidence - RELATIVES.least)
+    assert list(relatives(named, named.members, null.log_evidence, given, lambda m: least))
+    less = replace(least, log_evidence=least.log_evidence + 1e-6)
+    assert not list(relatives(named, named.members, null.log_evidence, given, lambda m: less))
+
+
+def test_a_name_is_as_sure_as_the_data_exclude_that_another_quantity_drives_it(bench):
+    """Lost motion in proportion to a load, and one that is not: either is excluded where the other is true."""
+    c = bench.circumstances
+    load = np.abs(c.torques[:, 1]) / rms(c.torques[c.fitted, 1])
+    _, named, null = with_backlash(bench, load, 0, strength=90.0)
+    (loaded,) = relatives(named, named.members, null.log_evidence, arguments(c), lambda m: null)
+    _, plain, none = with_backlash(bench, np.ones(len(load)), 0, strength=90.0)
+    (excluded,) = relatives(plain, plain.members, none.log_evidence, arguments(c), lambda m: none)
+    assert loaded.driver.joint == LOADED.joint
+    assert loaded.gain > 0.0 > np.log(0.2) > excluded.gain
+
+
+def test_an_error_of_a_certificate_has_no_relatives(bench):
+    """It moves no contact, so that nothing can modulate it."""
+    variant = bench.known.variants["artefact"][0]
+    search = Search(bench.made_up(0), bench.known)
+    named = search.hypothesis([Member(variant, 1.0, 0.0)])
+    low = replace(search.hypothesis(()), log_evidence=named.log_evidence - 50.0)
+    assert not list(
+        relatives(named, named.members, low.log_evidence, arguments(bench.circumstances), lambda m: low)
+    )
 
 
 def test_the_verdict_on_a_relative_is_not_the_name(bench):

@@ -383,6 +383,8 @@ def check(record):
             for line in record["words"]
         )
         assert said
+    assert kind != "unknown" or p["unknown"] >= 0.5
+    assert (kind == "class") == bool(record["class"])
     for n in record["named"]:
         assert n["probability"] == pytest.approx(p[n["effect"]])
 

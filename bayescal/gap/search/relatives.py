@@ -89,13 +89,18 @@ def _ends(x: np.ndarray, fitted: np.ndarray) -> list[np.ndarray]:
 
 
 def relatives(
-    h: Hypothesis, null: float, given: Sequence[Argument], without: Callable[[Member], Hypothesis]
+    h: Hypothesis,
+    members: Sequence[Member],
+    null: float,
+    given: Sequence[Argument],
+    without: Callable[[Member], Hypothesis],
 ) -> Iterator[Related]:
-    """The relatives of every effect of a hypothesis.
+    """The relatives of some members of a hypothesis.
 
     Parameters
     ----------
     h : Hypothesis
+    members : sequence of Member
     null : float
         Log evidence of noise only.
     given : sequence of Argument
@@ -109,7 +114,7 @@ def relatives(
     functions = RELATIVES.share * np.column_stack([a.functions for a in given])[row]
     factors = np.column_stack([np.ones(len(given[0].functions)), *(a.factors for a in given)])[row]
     forgiven = RELATIVES.forgiven * max(h.log_evidence - null, 0.0)
-    for member in h.members:
+    for member in members:
         rest = without(member)
         if h.log_evidence - rest.log_evidence < RELATIVES.least:
             continue

@@ -110,7 +110,10 @@ def weigh(
     out = [Weighed(h, None, h.log_evidence - null.log_evidence, h.score) for h in ranked]
     alone: list[CellFit] = []
     for h in leaders:
-        for r in relatives(h, null.log_evidence, given, _without(search, h)) if given else ():
+        # a part of the baseline that was left out is a linear form of an error that may be large
+        tested = [m for m in h.members if m.effect not in search.candidates.partly] if given else []
+        every = relatives(h, tested, null.log_evidence, given, _without(search, h)) if tested else ()
+        for r in every:
             out.append(
                 Weighed(h, None, h.log_evidence + r.gain - null.log_evidence, h.score + r.gain, related=r)
             )
