@@ -68,7 +68,7 @@ def test_a_name_that_explains_little_has_no_relatives(bench):
 
 
 def test_a_name_is_as_sure_as_the_data_exclude_that_another_quantity_drives_it(bench):
-    """Lost motion in proportion to a load, and one that is not: either is excluded where the other is true."""
+    """Lost motion in proportion to a load, and one that is not: either is excluded if the other is true."""
     c = bench.circumstances
     load = np.abs(c.torques[:, 1]) / rms(c.torques[c.fitted, 1])
     _, named, null = with_backlash(bench, load, 0, strength=90.0)
