@@ -7,14 +7,16 @@ import pytest
 from sessions import tracker, with_columns
 
 from bayescal.dataset import Dataset
-from bayescal.effects import parameters_of
+from bayescal.effects import EFFECTS, parameters_of
 from bayescal.effects.location import BASE, TOOL
 from bayescal.effects.selection import Selection
 from bayescal.effects.step import ROWS, beside, moments
+from bayescal.errors import BayescalError
 from bayescal.estimate import calibrated
 from bayescal.gap.diagnose import diagnose
 from bayescal.model.scene import Scene
 from bayescal.predict.crossvalidation import validation_errors
+from bayescal.preparing.missing import missing
 from bayescal.reporting.gap.phrases import headline
 from bayescal.reporting.gap.record import gap_record
 
@@ -99,3 +101,40 @@ def test_a_tool_of_validation_rows_keeps_its_prior(off):
     sd = np.sqrt(errors.noise**2 + np.sum(errors.by_parameters**2, axis=1))
     assert np.all(np.abs(errors.residual) < 1.96 * sd)
     assert np.median(sd) == pytest.approx(1.5e-3, rel=0.05)
+
+
+def test_check_tells_a_tool_of_validation_rows():
+    d = tracker(seed=5, count=30).dataset
+    other = replace(d.tools[0], name="other", u=1.5e-3)
+    validate = np.arange(30) % 3 == 0
+    table = {"role": np.where(validate, "validate", "calibrate"), "tool": validate.astype(int)}
+    told = [
+        f.what for f in missing(Scene(with_columns(replace(d, tools=(*d.tools, other)), **table)), None, None)
+    ]
+    assert any("only validation rows use the tool other" in what and "1.5 mm" in what for what in told)
+    both = with_columns(replace(d, tools=(*d.tools, other)), tool=validate.astype(int))
+    assert not any("tool other" in f.what for f in missing(Scene(both), None, None))
+
+
+def test_a_level_that_cannot_be_fitted_is_left_out(monkeypatch):
+    """The rest of the diagnosis is there, with the reason."""
+
+    def refused(scene, level, options):
+        raise BayescalError("the fit does not converge", str(level))
+
+    monkeypatch.setattr("bayescal.gap.diagnose.fitted_level", refused)
+    gap = diagnose(tracker(seed=3, count=60).dataset, MODEL)
+    assert [step.model for step in gap.levels] == [MODEL]
+    lost = [w for w in gap.warnings if "left out" in w]
+    assert len(lost) == 3
+    assert all("does not converge" in w for w in lost)
+
+
+def test_an_arm_warms_up_within_hours():
+    """A session of two days has no time constant of days."""
+    c = Scene(tracker(seed=3, count=110).dataset).circumstances(np.arange(110))
+    for hours, longest in ((48.0, 4.0), (0.5, 2.0)):
+        time = np.linspace(0.0, 3600.0 * hours, 110)
+        assert EFFECTS["thermal-drift"].scan.values(replace(c, time=time))[-1] == pytest.approx(
+            3600 * longest
+        )

@@ -462,3 +462,28 @@ def test_the_further_effect_is_stated_by_name_where_names_are_more_probable(unkn
 def test_improbable_effects_are_not_proposed_for_inspection():
     probability = {"latency": 0.99, "hardening": 0.33, "hysteresis": 0.04, "unknown": 0.03}
     assert possible(probability, ("latency", "hardening", "hysteresis"), ("latency",)) == ("hardening",)
+
+
+def test_a_column_that_would_show_another_cause_is_in_the_headline(session):
+    """And in what to measure next; without an effect there is nothing that it could explain."""
+    reasons = {
+        "backlash": "no j1_degps ...: the session records no joint velocities",
+        "latency": "no j1_degps ...: the session records no joint velocities",
+        "thermal-drift": "no temperature_c of the arm or the air, and no time_s, that varies",
+        "plane-form": "no plane is fitted",
+    }
+    for kind in ("named", "unknown"):
+        gap = diagnosis(session, kind)
+        gap = replace(gap, verdict=replace(gap.verdict, missing=reasons))
+        record = gap_record(gap)
+        (line,) = [w for w in record["words"] if w.startswith("Not excluded")]
+        assert "backlash and latency (no j1_degps ...)" in line
+        assert "thermal-drift (no temperature_c or time_s)" in line
+        assert "plane-form" not in line
+        assert record["not_excluded"]["j1_degps ..."] == ["backlash", "latency"]
+        text = " ".join(printed(gap).split())
+        assert "to show backlash or latency: record j1_degps ..." in text
+        assert "plane-form: no plane is fitted" in text
+    gap = diagnosis(session, "null")
+    gap = replace(gap, verdict=replace(gap.verdict, missing=reasons))
+    assert not any(w.startswith("Not excluded") for w in gap_record(gap)["words"])
