@@ -234,7 +234,7 @@ def diagnose(
         levels[-1] = replace(levels[-1], fitted=arm, errors=after)
     wide = stated(arm)
     of_final = wide.limited if arm is final else stated(final).limited
-    lacking = undetermined(final, identifiability(final))
+    lacking = undetermined(final, identifiability(final, of_final))
     changed = bool(decision.members) or found.promoted
     reduction = shrinkage(before, after, noise.sd, of_shrinkage, noise.dof) if changed else ()
     if not all(n.confirmed for n in verdict.named):
