@@ -68,8 +68,8 @@ def identifiability(fitted: Estimate, covariance: np.ndarray | None = None) -> I
     ----------
     fitted : Estimate
     covariance : np.ndarray, shape (D, D), optional
-        Of z as it is stated, with the discrepancy of the model: a parameter whose stated u is that of its prior
-        is not identifiable, however many rows there are. Default: that of the estimate.
+        Of z as it is stated, with the discrepancy of the model: a parameter whose stated u is that of its
+        prior is not identifiable, however many rows there are. Default: that of the estimate.
     """
     covariance = fitted.covariance if covariance is None else covariance
     model = fitted.model

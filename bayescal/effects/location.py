@@ -264,6 +264,8 @@ KINDS = {
     "base moment": Kind("base moment", "gravity moment on the base", _base_moment),
     "bending moment": Kind("bending moment", "bending moment of the link"),
     "count": Kind("count of contacts", "count of contacts", _order),
+    "wait": Kind("wait before the contact", "wait before the contact"),
+    "pose": Kind("each pose anew", "pose, anew at each"),
     "activity": Kind("earlier motion", "earlier motion of the arm"),
     "gravity direction": Kind("gravity direction", "direction of gravity at the tool"),
     "face": Kind("place on the face", "position on the face", _on_face),

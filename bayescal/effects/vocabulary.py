@@ -105,6 +105,7 @@ class Circumstances:
     predicted_tools: tuple[int, ...] = ()  # further ones, of validation rows of fitted targets
     velocity: np.ndarray | None = None  # (N, n) rad/s, of the readings
     command: np.ndarray | None = None  # (N, n) rad, commanded joint angles
+    repeat: np.ndarray | None = None  # (N,) labels of repeated contacts, "" for others
     speed: np.ndarray | None = None  # (N,) m/s, None without velocities
     time: np.ndarray | None = None  # (N,) s
     temperature: np.ndarray | None = None  # (N,) degC, of the arm or the air; None if of the artefact

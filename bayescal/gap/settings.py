@@ -141,7 +141,14 @@ class UnknownSettings:
     """The hypothesis 'unknown': prior of its sites, and which cells are fitted."""
 
     sites: Mapping[str, float] = field(
-        default_factory=lambda: {"joint": 0.35, "link": 0.1, "base": 0.15, "tool": 0.1, "probe": 0.2}
+        default_factory=lambda: {
+            "joint": 0.35,
+            "link": 0.1,
+            "base": 0.15,
+            "tool": 0.1,
+            "probe": 0.2,
+            "arm": 0.05,
+        }
     )
     """Prior probability of the site of an unknown effect, by the first word of the site (assumed)."""
     faces: float = 0.1

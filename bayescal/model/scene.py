@@ -206,6 +206,7 @@ class Scene:
             tool_radii=tuple(tool.ball_radius for tool in d.tools),
             velocity=m.velocity,
             command=m.command,
+            repeat=m.repeat,
             speed=self._speed,
             time=m.time,
             temperature=None if d.temperature_of == "artefact" else m.temperature,

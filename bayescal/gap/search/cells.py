@@ -195,7 +195,7 @@ def _time(c: Circumstances) -> Iterator[Cell]:
     if c.temperature is not None:
         clocks["temperature"] = [c.temperature]
     if c.time is not None:
-        clocks |= {"count": [order], "activity": list(_activity(c, c.time))}
+        clocks |= {"count": [order], "activity": list(_activity(c, c.time)), "wait": list(_waits(c, c.time))}
     count = len(c.fitted)
     moments = CELLS.moments if count > 3 * CELLS.fewest else 0
     at = np.linspace(CELLS.fewest, count - CELLS.fewest, moments).round().astype(int)
@@ -207,6 +207,15 @@ def _time(c: Circumstances) -> Iterator[Cell]:
         steps = [tuple(move((order >= c.fitted[k]).astype(float))) for move in ways for k in at]
         known = "step" in EFFECTS and (site == BASE or (site == TOOL and bool(reflectors(c))))
         yield Cell(site, Driver("event"), tuple(steps), known=known)
+
+
+def _waits(c: Circumstances, time: np.ndarray) -> Iterator[np.ndarray]:
+    """Ranks (N,) of the times from the row before: of very different waits, each has as much weight."""
+    order = measured(c)
+    wait = np.empty(len(time))
+    wait[order] = np.diff(time[order], prepend=time[order[0]])
+    if np.ptp(wait[c.fitted]) > 0:
+        yield np.unique(wait, return_inverse=True)[1].astype(float)
 
 
 def _activity(c: Circumstances, time: np.ndarray) -> Iterator[np.ndarray]:
