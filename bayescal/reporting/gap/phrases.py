@@ -12,11 +12,12 @@ import numpy as np
 from bayescal.effects import EFFECTS
 from bayescal.effects.location import Site
 from bayescal.fitted import gate
-from bayescal.gap.result import OTHER, CauseClass, Gap, Named, Place, Verdict
+from bayescal.gap.result import OTHER, VALIDATION_CONTACTS, CauseClass, Gap, Named, Place, Verdict
 from bayescal.gap.settings import OUTCOME, VERDICT
 from bayescal.model.block import posed
 from bayescal.reporting.gap.causes import PLAIN, possible, sentence, sites, when
-from bayescal.reporting.shared.text import listed, probability, rival
+from bayescal.reporting.gap.contacts import main
+from bayescal.reporting.shared.text import listed, probability, rival, um
 
 NO_PLACE = "at no single location"
 COLUMN = re.compile(r"\b(?:j1_\w+(?: \.\.\.)?|time_s|temperature_c)")
@@ -74,7 +75,7 @@ def headline(gap: Gap) -> list[str]:
         for n in unnamed(verdict)
     ]
     if verdict.kind == "null":
-        return [_nothing(gap), *likely]
+        return [_nothing(gap), *_noisy(gap), *likely]
     members = verdict.causes.members if verdict.causes else {}
     sure = [n for n in verdict.named if n.effect not in members]
     words = [
@@ -174,6 +175,19 @@ def _nothing(gap: Gap) -> str:
     if null >= max(verdict.probability.values()):
         return "No effect above noise: the model explains these data"
     return f"No effect found: noise only is possible (probability {probability(null)})"
+
+
+def _noisy(gap: Gap) -> list[str]:
+    """Noise that is larger than stated, as a sentence: an error without any pattern is called noise."""
+    m, stated = gap.magnitude, gap.dataset.noise
+    expected = stated.contact if main(gap) == VALIDATION_CONTACTS else stated.point
+    if m.noise_interval95[0] <= OUTCOME.noisy * expected:
+        return []
+    low, high = (um(value) for value in m.noise_interval95)
+    size = f"{um(m.noise)} µm (95 %: {low} to {high}) against {um(expected)} µm"
+    return [
+        f"But the noise is larger than stated, {size}: an error that differs at every contact is part of it"
+    ]
 
 
 def _cause(where: Place | None, gap: Gap) -> list[str]:
