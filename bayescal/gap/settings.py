@@ -287,7 +287,7 @@ class OutcomeSettings:
     plain: float = 8.0
     """Nats from which on a note reports an error that depends on the direction of motion (assumed)."""
     noisy: float = 1.2
-    """Factor by which the noise, at the lower end of its 95 % interval, may exceed the stated one (assumed)."""
+    """Factor by which the noise, at the lower end of its 95 % interval, may exceed that stated (assumed)."""
     loose: float = 4.0
     """Ratio of expected validation error to noise from which on a warning is given (assumed)."""
     grown: float = 1.02

@@ -487,3 +487,14 @@ def test_a_column_that_would_show_another_cause_is_in_the_headline(session):
     gap = diagnosis(session, "null")
     gap = replace(gap, verdict=replace(gap.verdict, missing=reasons))
     assert not any(w.startswith("Not excluded") for w in gap_record(gap)["words"])
+
+
+@pytest.mark.parametrize(("factor", "says"), [(1.19, False), (1.21, True), (3.0, True)])
+def test_noise_above_the_stated_one_is_in_the_headline_of_a_null(session, factor, says):
+    """What no quantity explains is called noise: a reader must see that it is more than the probe's."""
+    gap = diagnosis(session, "null")
+    low = factor * gap.dataset.noise.contact
+    size = replace(gap.magnitude, noise=1.3 * low, noise_interval95=(low, 2 * low))
+    words = gap_record(replace(gap, magnitude=size))["words"]
+    assert any("larger than stated" in line for line in words[1:]) == says
+    assert words[0] == gap_record(gap)["words"][0]

@@ -185,9 +185,7 @@ def _noisy(gap: Gap) -> list[str]:
         return []
     low, high = (um(value) for value in m.noise_interval95)
     size = f"{um(m.noise)} µm (95 %: {low} to {high}) against {um(expected)} µm"
-    return [
-        f"But the noise is larger than stated, {size}: an error that differs at every contact is part of it"
-    ]
+    return [f"But the noise is larger than stated, {size}: an error without any pattern is part of it"]
 
 
 def _cause(where: Place | None, gap: Gap) -> list[str]:
