@@ -166,7 +166,7 @@ def fit(
     left, checked, remaining = _restated(wide, located, left, z, kappa, tests, of_noise)
     levels.append(ModelLevel(complete.model.effects or NOMINAL, complete, left, checked))
     progress("predict", 0.8)
-    determined, seen = identifiability(complete), directions(complete.model)
+    determined, seen = identifiability(complete, wide.limited), directions(complete.model)
     lacking = undetermined(complete, determined)
     basis = _basis(wide, remaining.excess, checked, located)
     expected = with_budgets(forecast(complete, z, checked, remaining.excess, of_forecast, wide.wide), basis)

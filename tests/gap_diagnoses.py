@@ -8,6 +8,7 @@ from bayescal.effects.location import BASE, PROBE, Driver, joint
 from bayescal.gap.result import (
     Advice,
     BlindSpot,
+    CauseClass,
     Curve,
     Gap,
     Hypothetical,
@@ -27,10 +28,14 @@ NAN = float("nan")
 BACKLASH = Named("backlash", "backlash", (joint(3),), "", 0.97, 120.0)
 STEP = Named("step", "step@41", (BASE,), "from row 41 on", 0.95, 30.0)
 NAMED = {"named": (BACKLASH,), "named+unexplained": (BACKLASH, STEP)}
+CLASS = CauseClass(
+    (joint(3),), (Driver("direction", 3), Driver("torque", 3)), {"backlash": 0.45, "other": 0.45}
+)
 SETS = {
     "null": ("null",),
     "named": ("backlash",),
     "named+unexplained": ("backlash", "step"),
+    "class": ("backlash", "unknown"),
     "unknown": ("unknown",),
     "ambiguous": ("bending", "base-compliance"),
 }
@@ -61,6 +66,7 @@ def diagnosis(dataset, kind: str = "named", distances: bool = True) -> Gap:
         kind, named, {"null": 0.0, "unknown": 0.05, "latency": 0.001} | sure, SETS[kind],
         (Hypothetical(tuple(n for n in SETS[kind] if n != "null"), 0.9, 60.0), Hypothetical((), 0.01, 0.0)),
         (), {"thermal-drift": "no time_s"}, ("backlash, not delayed readings",),
+        CLASS if kind == "class" else None,
     )  # fmt: skip
     shrinkage = (Shrinkage("planes", 60, 13e-6, 6.4e-6, 6e-6, 0.96, (0.91, 0.99), 12e-6, 6.2e-6, True),)
     if distances:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-FLAGGED = ("unknown", "named+unexplained")
+FLAGGED = ("unknown", "named+unexplained", "class")
 """Verdicts that flag an unmodelled effect."""
 CRASHED = "crashed"
 COMPLIANCE = "compliance"

@@ -43,7 +43,7 @@ MEASURED = "measurements.csv"
 
 def is_open(gap: Mapping[str, Any]) -> bool:
     """Whether a diagnosis asks for further contacts."""
-    return gap["verdict"] in ("ambiguous", "unknown", "named+unexplained") or bool(gap["undecided"])
+    return gap["verdict"] not in ("null", "named") or bool(gap["undecided"])
 
 
 def second_round(

@@ -59,11 +59,19 @@ class Identifiability:
         return _direction(self.parameters, v, self.information, np.array([d.vector for d in self.weak]).T)
 
 
-def identifiability(fitted: Estimate) -> Identifiability:
+def identifiability(fitted: Estimate, covariance: np.ndarray | None = None) -> Identifiability:
     """Singular values of the whitened Jacobian of the arm, its targets projected out.
 
     A direction of singular value s has 1 / (1 + s^2) of its prior variance left.
+
+    Parameters
+    ----------
+    fitted : Estimate
+    covariance : np.ndarray, shape (D, D), optional
+        Of z as it is stated, with the discrepancy of the model: a parameter whose stated u is that of its
+        prior is not identifiable, however many rows there are. Default: that of the estimate.
     """
+    covariance = fitted.covariance if covariance is None else covariance
     model = fitted.model
     # the form of a face is not the arm's: it is projected out with the targets
     arm = np.array([k for k, p in enumerate(model.parameters) if p.effect != FORM], int)
@@ -78,7 +86,7 @@ def identifiability(fitted: Estimate) -> Identifiability:
     names = [p.name for p in parameters]
     weak = vectors[:, singular < WEAK]
     found = [_direction(parameters, v, information, weak) for v in simplified(weak).T] if weak.size else []
-    contraction = 1.0 - np.diag(fitted.covariance)[arm]
+    contraction = 1.0 - np.diag(covariance)[arm]
     found.sort(key=lambda d: d.singular_value)
     return Identifiability(
         singular[::-1],

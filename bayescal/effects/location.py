@@ -125,6 +125,7 @@ FORMS: dict[str, Form] = {
     "own angle": {"words": "{}, by its angle", "text": "{} times a function of its angle"},
     "other angle": {"words": "{}, by another angle", "text": "{} times a function of another angle"},
     "and angle": {"words": "{}, and its angle", "text": "{} and angle together"},
+    "and another": {"words": "{}, times another quantity", "text": "{} times another quantity"},
     "waves": {"words": "{}, 3 to 20 waves a turn", "text": "{}, 3 to 20 periods per revolution"},
     "to and fro": {"words": "{}, to and fro", "text": "{}, oscillating"},
 }
@@ -222,6 +223,10 @@ def _time(d: Driver, site: Site, c: Circumstances) -> Found:
     return Coordinate("time", "min", c.time / 60.0)
 
 
+def _order(d: Driver, site: Site, c: Circumstances) -> Found:
+    return Coordinate("row", "", np.arange(1.0, len(c.q) + 1))
+
+
 def _temperature(d: Driver, site: Site, c: Circumstances) -> Found:
     return None if c.temperature is None else Coordinate("temperature", "degC", c.temperature)
 
@@ -258,6 +263,11 @@ KINDS = {
     "event": Kind("moment", "row of the event", _time),
     "base moment": Kind("base moment", "gravity moment on the base", _base_moment),
     "bending moment": Kind("bending moment", "bending moment of the link"),
+    "count": Kind("count of contacts", "count of contacts", _order),
+    "wait": Kind("wait before the contact", "wait before the contact"),
+    "pose": Kind("each pose anew", "pose, anew at each"),
+    "activity": Kind("earlier motion", "earlier motion of the arm"),
+    "gravity direction": Kind("gravity direction", "direction of gravity at the tool"),
     "face": Kind("place on the face", "position on the face", _on_face),
     "workspace": Kind("place in the workspace", "position in the workspace"),
     "mass": Kind("mass", "payload mass"),

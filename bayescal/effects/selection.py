@@ -3,7 +3,7 @@
 The text is ``EFFECT[@SETTING] [in proportion] [at SITE and ...] [by DRIVER and ...] [xFACTOR]``:
 
 - ``backlash``, ``step@212``: the effect at all its sites, in its usual setting or in another one;
-- ``gear-mesh@100/50 at joint 1 and joint 5``: a setting for each of the sites;
+- ``gear-mesh@100/50 at joint 1 and joint 5``, ``step@40/212 at base and base``: a setting for each site;
 - ``backlash at joint 3``, ``compliance at joint 2 and joint 3``: only there; a joint includes its link;
 - ``coupling at joint 5 by angle 4``: only the parameters with this driver (without its commas);
 - ``compliance in proportion``: one factor for all its parameters, in proportion to their prior means;
@@ -54,7 +54,7 @@ class Selection:
         if found is None:
             return cls(plain)
         part, setting = {key: text or "" for key, text in found.groupdict().items()}, found["setting"]
-        sites = tuple(dict.fromkeys(Site.read(s) for s in part["sites"].split(" and ") if s))
+        sites = tuple(Site.read(s) for s in part["sites"].split(" and ") if s)
         drivers = tuple(dict.fromkeys(d for d in part["driver"].split(" and ") if d))
         where, example = f"--model '{plain}'", "give a factor on the prior, for example x2"
         factor = positive(part["factor"], where, example) if part["factor"] else None

@@ -5,7 +5,8 @@ for each of the six axes a of the base, or of another site.
 
 Driver: 0 before a row and 1 from this row on, for each of the six displacements of the base. The model is not
 linear in the row. It is given, as ``step@212`` for the 212th row of the session; the default is the middle of
-the fitted data, which are in the order of time. A diagnosis scans the rows. A step ends with its session: of
+the fitted data, which are in the order of time. A diagnosis scans all rows. Several steps are
+``step@40/212 at base and base``. A step ends with its session: of
 several sessions, each has a step in its middle, or only the session with the given row has one. Prior:
 0.05 mm and 0.1 mrad (assumed: 0.05 mm at half a metre; an operator would notice a larger shift).
 
@@ -30,7 +31,10 @@ from bayescal.effects.vocabulary import Circumstances, Effect, Parameter, Scan, 
 
 SHIFTS, TURNS = ("tx", "ty", "tz"), ("rx", "ry", "rz")
 SD = {"t": ("m", 5e-5), "r": ("rad", 1e-4)}
-ROWS = 48  # candidates
+ROWS = 200
+"""Rows that are tried at first; of longer sessions those beside the leading ones follow (cost)."""
+EVENTS = 3
+"""Steps that a diagnosis looks for (cost)."""
 EDGE = 0.03  # share of the fitted measurements that must be before, and after, a step
 
 
@@ -43,11 +47,24 @@ def moments(c: Circumstances) -> np.ndarray:
     """Numbers (from 1) of rows that may be the first after a step, evenly spread over the fitted ones."""
     out = []
     for one in each(c):
-        count = len(one.fitted)
-        low = max(1, round(EDGE * count))
+        low, count = _edge(one.fitted), len(one.fitted)
         first = np.unique(np.linspace(low, count - low, ROWS).round().astype(int))
         out.append(one.fitted[first[(first > 0) & (first < count)]] + 1.0)
     return np.concatenate(out)
+
+
+def _edge(fitted: np.ndarray) -> int:
+    return max(1, round(EDGE * len(fitted)))
+
+
+def beside(c: Circumstances, row: float) -> np.ndarray:
+    """Numbers of fitted rows about as near to a row as the next of `moments`."""
+    for fitted in (one.fitted for one in each(c)):
+        if row - 1 in fitted:
+            place, low = int(np.searchsorted(fitted, row - 1)), _edge(fitted)
+            near = len(fitted) // ROWS + 1
+            return fitted[max(place - near, low) : min(place + near, len(fitted) - low) + 1] + 1.0
+    return np.empty(0)
 
 
 def _at(c: Circumstances, row: float) -> list[Parameter]:
@@ -105,7 +122,7 @@ STEP = Effect(
     "sudden shift of the base, of a tool or of an instrument at row n",
     lambda c: apart(c, _middle),
     _missing,
-    Scan("first row after it", "from row {:.0f} on", moments, _at),
+    Scan("first row after it", "from row {:.0f} on", moments, _at, True, EVENTS, beside),
     sizes={"m": Size("shift", length), "rad": Size("rotation", length)},
     alternatives=True,
     phrase=("the base", "shifted suddenly"),

@@ -35,7 +35,7 @@ BASE_SD = 2e-5  # m
 SHARES = (1 / 8, 1 / 4, 4.0)  # of the session: plausible time constants, the last nearly a straight line
 PAUSES = tuple(itertools.product((25, 40, 55, 70), (15, 30, 45), (500, 1500)))
 """Begin and length, % of the session, of a time in which the arm cools, and time constant, s (assumed)."""
-FASTEST = 400.0  # s: an arm does not warm up with a shorter time constant (assumed)
+FASTEST, SLOWEST = 400.0, 14400.0  # s: an arm has no shorter or longer time constant (assumed)
 
 
 def _clock(c: Circumstances) -> np.ndarray | None:
@@ -150,7 +150,7 @@ def _paused(c: Circumstances, begin: float, length: float, constant: float) -> l
 def _constants(c: Circumstances) -> np.ndarray:
     clocks = [time for one in each(c) if (time := _clock(one)) is not None]
     span = max((float(np.ptp(time)) for time in clocks), default=0.0)
-    return np.unique(np.maximum(span * np.array(SHARES), FASTEST)) if span > 0 else np.empty(0)
+    return np.unique(np.clip(span * np.array(SHARES), FASTEST, SLOWEST)) if span > 0 else np.empty(0)
 
 
 def _missing(c: Circumstances) -> str:

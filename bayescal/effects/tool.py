@@ -1,5 +1,6 @@
 """Tool: the TCP offset, the stylus tip in the flange frame, of every tool that the fitted measurements use.
 
+A tool that only validation measurements of fitted targets use keeps its prior, which their prediction has.
 Also the tool's orientation on the flange, if rows read it. Part of every model. A tool with a stated
 uncertainty of 0 is not fitted.
 """
@@ -18,7 +19,8 @@ LOOSE, LOOSE_ANGLE = 5e-3, 0.2  # m, rad: the contract's priors if none is state
 def _parameters(c: Circumstances) -> list[Parameter]:
     """The point of each tool, and the turn from its stated or first estimated orientation."""
     end, out = c.chain.n + 1, list[Parameter]()
-    places = [(k, c.tool_u[k], LOOSE, "m", end, "t", c.tool_centres[k].tolist()) for k in c.fitted_tools]
+    used_tools = (*c.fitted_tools, *c.predicted_tools)
+    places = [(k, c.tool_u[k], LOOSE, "m", end, "t", c.tool_centres[k].tolist()) for k in used_tools]
     turns = [(k, c.tool_u_angle[k], LOOSE_ANGLE, "rad", TURN, "r", [0.0] * 3) for k in c.turned_tools]
     for k, stated, loose, unit, frame, kind, nominal in (*places, *turns):
         sd = loose if stated is None else stated

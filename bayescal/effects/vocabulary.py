@@ -102,8 +102,10 @@ class Circumstances:
     load_centre: np.ndarray  # (N, 3) m, centre of mass of tool and payload in the flange frame
     approach: np.ndarray  # (N, 3)
     tool_radii: tuple[float | None, ...]  # m, of each tool's ball
+    predicted_tools: tuple[int, ...] = ()  # further ones, of validation rows of fitted targets
     velocity: np.ndarray | None = None  # (N, n) rad/s, of the readings
     command: np.ndarray | None = None  # (N, n) rad, commanded joint angles
+    repeat: np.ndarray | None = None  # (N,) labels of repeated contacts, "" for others
     speed: np.ndarray | None = None  # (N,) m/s, None without velocities
     time: np.ndarray | None = None  # (N,) s
     temperature: np.ndarray | None = None  # (N,) degC, of the arm or the air; None if of the artefact
@@ -206,8 +208,9 @@ class Scan:
     """A setting in which an effect is not linear, and which must be scanned: a row, a ratio, a time constant.
 
     `values` are the plausible ones in a session, none if the setting is known; `parameters` are the effect's
-    parameters at one of them. A model names a value as ``effect@value``. `by_site`: each site may have its
-    own, ``effect@value/value at site and site``.
+    parameters at one of them. A model names a value as ``effect@value``. `beside` are further values near one
+    of `values`, where those are a selection. `by_site`: each site may have its own, ``effect@value/value at
+    site and site``, and a site as many as `several`.
     """
 
     what: str  # of the setting, in words, with its unit
@@ -215,6 +218,8 @@ class Scan:
     values: Callable[[Circumstances], np.ndarray]
     parameters: Callable[[Circumstances, float], list[Parameter]]
     by_site: bool = False
+    several: int = 1
+    beside: Callable[[Circumstances, float], np.ndarray] = lambda circumstances, value: np.empty(0)
 
 
 @dataclass(frozen=True)
@@ -326,8 +331,13 @@ class Effect:
         elif setting is None or self.scan is None:
             parameters = self.parameters(circumstances)
         elif isinstance(setting, tuple):
-            every = ((site, self.scan.parameters(circumstances, value)) for site, value in setting)
-            parameters = [p for site, table in every for p in table if site in p.site.also]
+            sites = [site for site, _ in setting]
+            parameters = [
+                replace(p, name=f"{p.name} @{value:g}") if sites.count(site) > 1 else p
+                for site, value in setting
+                for p in self.scan.parameters(circumstances, value)
+                if site in p.site.also
+            ]
         else:
             parameters = self.scan.parameters(circumstances, setting)
         for p in parameters:
@@ -343,10 +353,10 @@ class Effect:
         if setting is None or self.scan is None:
             return ""
         if isinstance(setting, tuple):
-            sites: dict[float, list[str]] = {}
+            by_value: dict[float, list[str]] = {}
             for site, value in setting:
-                sites.setdefault(value, []).append(str(site))
-            (first, *others) = sites.items()
-            told = [f"{self.scan.words.format(first[0])} at {' and '.join(first[1])}"]
-            return ", ".join(told + [f"{value:g} at {' and '.join(names)}" for value, names in others])
+                by_value.setdefault(value, []).append(str(site))
+            (first, *others) = by_value.items()
+            words = [f"{self.scan.words.format(first[0])} at {' and '.join(first[1])}"]
+            return ", ".join(words + [f"{value:g} at {' and '.join(names)}" for value, names in others])
         return self.scan.words.format(setting)

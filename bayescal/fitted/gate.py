@@ -29,6 +29,7 @@ for not identified (assumed)."""
 REMAINS = {
     "unknown": "an unmodelled effect remains, which the arm does not have",
     "named+unexplained": "beside the named effects an unmodelled one remains, which the arm does not have",
+    "class": "the data do not decide within a class of causes; the arm has the leading one if it is likely",
     "ambiguous": "the data do not decide between effects; the arm has only those that are named",
 }
 """What a verdict says of the arm of a diagnosis."""

@@ -1,38 +1,40 @@
 """A complete diagnosis: fit, search, verdict, refit, and all results.
 
 Effects are named and confirmed first (`explain`): baseline, compliance where it was missing, refit, errors on
-validation data. The verdict in its final form is made from the decisions of the searches. Then the model
+validation data. Then the model
 levels are fitted: nominal, the baseline effect by effect, and each named effect.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from bayescal.assess.identifiability import identifiability
 from bayescal.assess.undetermined import undetermined
 from bayescal.dataset import Dataset
-from bayescal.effects import BASELINE, EFFECTS, levels_of
+from bayescal.effects import BASELINE, levels_of
+from bayescal.errors import BayescalError
 from bayescal.estimate import Estimate, check_enough, fitted_level
 from bayescal.estimate.bounds import bounded
 from bayescal.estimate.discrepancy import stated
+from bayescal.gap.concluded import concluded
 from bayescal.gap.design.advise import advise, rivals, undecided
 from bayescal.gap.design.blind_spots import blind_spots, places_of, unseen
 from bayescal.gap.examine import Examined, examine, where
 from bayescal.gap.linear.problem import without_nuisance
 from bayescal.gap.linear.state import again
-from bayescal.gap.outcome.magnitude import magnitude, model_levels, noise_floor, shrinkage
+from bayescal.gap.outcome.magnitude import Level, magnitude, model_levels, noise_floor, shrinkage
 from bayescal.gap.outcome.margins import margins
-from bayescal.gap.outcome.notes import alike, amplitudes, cautions, play_or_late, warnings
-from bayescal.gap.result import Gap, Hypothetical, Named, Verdict
+from bayescal.gap.outcome.notes import amplitudes, warnings
+from bayescal.gap.result import Gap, Verdict
 from bayescal.gap.search.beam import COMPLIANCE, Member
 from bayescal.gap.search.candidates import Variant
 from bayescal.gap.search.gate import confirmed, contradiction
 from bayescal.gap.search.refit import model_name, refit, still_without
-from bayescal.gap.search.verdict import Decision
 from bayescal.gap.settings import GATE, VERDICT
 from bayescal.model import USUAL, FitOptions
 from bayescal.model.model import length_blocks
@@ -42,77 +44,6 @@ from bayescal.predict.errors import ValidationErrors, kept
 from bayescal.predict.targets import check_located
 from bayescal.statistics import spawned
 from bayescal.storage.stopping import Progress, silent
-
-UNSEEN = "not detectable with these contacts at any plausible amplitude"
-
-
-def concluded(e: Examined, without: Decision | None) -> Verdict:
-    """The verdict; `without` is the decision for the model without compliance, if that was missing."""
-    d = e.decision
-    probability = dict(d.probability)
-    named = [_named(m, d, e) for m in d.members]
-    kind, credible = d.kind, d.credible
-    if without is not None:
-        sure = without.probability[COMPLIANCE]
-        probability |= {COMPLIANCE: sure, "null": without.probability["null"]}
-        compliance = Named(COMPLIANCE, COMPLIANCE, (), "", supported(sure), without.lost(COMPLIANCE))
-        named = [compliance, *named]
-        # without any further effect, no effect is confounded with it; noise only is then compliance alone
-        credible = () if kind == "null" else tuple(n for n in credible if n != "null")
-        credible = (COMPLIANCE, *credible)
-        kind = {"null": "named", "unknown": "named+unexplained"}.get(kind, kind)
-    probability = {name: min(p, _most(name, kind, d)) for name, p in probability.items()}
-    named = [replace(n, probability=min(n.probability, probability[n.effect])) for n in named]
-    kind = settled(kind, bool(named), probability)
-    return Verdict(
-        kind,
-        tuple(named),
-        {name: supported(p) for name, p in probability.items()},
-        credible,
-        tuple(
-            Hypothetical(w.effects, supported(w.probability), w.log_evidence)
-            for w in d.weighed[: VERDICT.listed]
-        ),
-        d.footnotes,
-        e.candidates.missing | dict.fromkeys(e.search.unseen, UNSEEN),
-        (
-            *play_or_late(d.alone, e.pool, d.credible),
-            *alike(e.fitted.model.scene, d.members),
-            *cautions(e.fitted.model.scene.dataset),
-        ),
-    )
-
-
-def settled(kind: str, named: bool, probability: Mapping[str, float]) -> str:
-    """The verdict that probabilities support: `unknown` is as likely as not, without it `ambiguous`.
-
-    A verdict `named` or `named+unexplained` without a name is none.
-    """
-    kind = "unknown" if kind in ("named", "named+unexplained") and not named else kind
-    return "ambiguous" if kind == "unknown" and probability["unknown"] < VERDICT.sure else kind
-
-
-def _most(name: str, kind: str, d: Decision) -> float:
-    """Largest probability that is stated of an effect."""
-    if name in ("null", "unknown"):
-        return 1.0
-    if name in d.withheld:
-        return VERDICT.not_admitted
-    return VERDICT.beside_unmodelled if kind in ("named+unexplained", "unknown") else 1.0
-
-
-def _named(member, d: Decision, e: Examined) -> Named:
-    v = member.variant
-    setting = EFFECTS[v.effect].words(v.setting)
-    return Named(
-        v.effect, model_name(member, e.candidates), v.sites, setting, supported(d.probability[v.effect]),
-        d.lost(v.effect), v.effect not in d.unclaimed,
-    )  # fmt: skip
-
-
-def supported(probability: float) -> float:
-    """A probability within the limits that blind checks support."""
-    return float(np.clip(probability, 1.0 - VERDICT.stated, VERDICT.stated))
 
 
 @dataclass(frozen=True)
@@ -182,7 +113,9 @@ def _admitted(
     notes += [f"{a.member.effect} {a.words}; no reduction of errors is claimed" for a in found.unclaimed]
     kind = d.kind
     if found.withheld:
-        kind = "ambiguous" if kind == "named" else kind if found.members else "unknown"
+        alone = len(d.weighed[0].names) == 1
+        refused = "class" if alone else "ambiguous"
+        kind = refused if kind == "named" else kind if found.members or kind == "class" else "unknown"
     if kind == "named" and (p := contradiction(before, found.errors)) < GATE.contradicted:
         kind = "named+unexplained"
         notes.append(
@@ -213,24 +146,36 @@ def _promoted(first: Examined) -> bool:
 
 def fitted_levels(
     scene: Scene, effects: tuple[str, ...], options: FitOptions, found: Explained
-) -> list[tuple[tuple[str, ...], Estimate]]:
-    """Nominal, each effect of the baseline, then each named effect in the order of the search."""
-    out = []
+) -> tuple[list[Level], list[str]]:
+    """Nominal, each effect of the baseline, then each named effect in the order of the search.
+
+    A level that cannot be fitted is left out, with the reason as text: the diagnosis does not need it.
+    """
+    last, members = found.last, found.last.decision.members
+    fits: list[tuple[tuple[str, ...], Callable[[], Estimate]]] = []
     for level in levels_of(effects)[:-1] or [()]:
         of_model = effects[: len(level)] == level  # a simpler model has all of its parameters
         own = options if of_model else replace(options, without=())
-        out.append((level or ("nominal",), fitted_level(scene, level, own)))
-    last, members = found.last, found.last.decision.members
+        fits.append((level or ("nominal",), partial(fitted_level, scene, level, own)))
     if effects:
-        out.append((effects, found.first.fitted))
+        fits.append((effects, lambda: found.first.fitted))
     if found.promoted:
-        out.append(((*effects, COMPLIANCE), last.fitted))
-    for k in range(1, len(members) + 1):
-        final = k == len(members)
-        e = found.final if final else refit(last.fitted, last.candidates, members[:k], options)
+        fits.append(((*effects, COMPLIANCE), lambda: last.fitted))
+    for k in range(1, len(members)):
         names = (model_name(m, last.candidates) for m in members[:k])
-        out.append(((*last.fitted.model.effects, *names), e))
-    return out
+        further = partial(refit, last.fitted, last.candidates, members[:k], options)
+        fits.append(((*last.fitted.model.effects, *names), further))
+    if members:
+        names = (model_name(m, last.candidates) for m in members)
+        fits.append(((*last.fitted.model.effects, *names), lambda: found.final))
+    out, lost = list[Level](), list[str]()
+    for model, fit in fits:
+        try:
+            e = fit()
+            out.append(Level(model, e, _errors_of(e, found)))
+        except (BayescalError, np.linalg.LinAlgError) as error:
+            lost.append(f"the model level {' + '.join(model)} is left out: it cannot be fitted ({error})")
+    return out, lost
 
 
 def diagnose(
@@ -272,8 +217,7 @@ def diagnose(
     of_magnitude, of_shrinkage = spawned(options.seed, 2)
     size = magnitude(first.fitted, final, before, after, of_magnitude)
     verdict = found.verdict
-    levels = fitted_levels(scene, effects, options, found)
-    errors = [_errors_of(e, found) for _, e in levels]
+    levels, lost = fitted_levels(scene, effects, options, found)
     plain = without_nuisance(last.problem, last.fitted.model.size)
     named = tuple(m.effect for m in decision.members)
     spheres = places_of(last.fitted)
@@ -287,10 +231,10 @@ def diagnose(
     arm, rigid = bounded(free)
     if rigid.parameters and free is final and decision.members:  # one arm in all that follows
         final, after = arm, validation_errors(arm, strict=False)
-        levels[-1], errors[-1] = (levels[-1][0], arm), after
+        levels[-1] = replace(levels[-1], fitted=arm, errors=after)
     wide = stated(arm)
     of_final = wide.limited if arm is final else stated(final).limited
-    lacking = undetermined(final, identifiability(final))
+    lacking = undetermined(final, identifiability(final, of_final))
     changed = bool(decision.members) or found.promoted
     reduction = shrinkage(before, after, noise.sd, of_shrinkage, noise.dof) if changed else ()
     if not all(n.confirmed for n in verdict.named):
@@ -304,13 +248,14 @@ def diagnose(
         margins=margins(first.fitted, before, noise.sd, noise.dof),
         verdict=verdict,
         shrinkage=reduction,
-        levels=model_levels(levels, errors, kept(before, after)),
+        levels=model_levels(levels, kept(before, after)),
         advice=advise(last.fitted, last.candidates, pairs, places=spheres),
         blind_spots=unseen(spots),
         residuals=_residuals(first.fitted, final),
         warnings=(
             *(f"{cause.words}: they are no outliers, and all models use them" for cause in first.causes),
             *warnings(first.fitted, final, before, after, lacking),
+            *lost,
         ),
         amplitudes=amplitudes(final, of_final, verdict.named) if verdict.named else (),
         refit=final.model.effects,
@@ -337,7 +282,10 @@ def _confirmed(found: Explained, options: FitOptions) -> Estimate:
     members = [m for m in d.members if m.effect not in d.unclaimed]
     if len(members) == len(d.members):
         return found.final
-    return refit(found.last.fitted, found.last.candidates, members, options)
+    try:
+        return refit(found.last.fitted, found.last.candidates, members, options)
+    except BayescalError:  # without the others, none of them can be fitted
+        return found.last.fitted
 
 
 def _residuals(before: Estimate, after: Estimate) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

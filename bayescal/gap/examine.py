@@ -24,6 +24,7 @@ from bayescal.gap.search.beam import COMPLIANCE, Member, Search
 from bayescal.gap.search.candidates import Candidates, candidates, wide
 from bayescal.gap.search.cells import cells
 from bayescal.gap.search.refit import refit, screened
+from bayescal.gap.search.relatives import arguments
 from bayescal.gap.search.unknown import Pool, filled, with_set
 from bayescal.gap.search.verdict import Decision, decide
 from bayescal.gap.settings import LINEAR, VERDICT
@@ -129,7 +130,7 @@ class Baseline:
         pool = filled(partial(cells, c), slopes.columns, p)
         search = Search(p, known, self.robust, self.further)
         search.run()
-        return Examined(fitted, c, known, p, pool, search, decide(search, pool))
+        return Examined(fitted, c, known, p, pool, search, decide(search, pool, arguments(c)))
 
 
 def _leading(found: Examined) -> State:

@@ -21,9 +21,11 @@ from bayescal.model.options import FitOptions, Part
 
 VALIDATION_CONTACTS, VALIDATION_POINTS = "validation contacts", "validation points"
 """Kinds of validation measurement, as reports name them."""
+OTHER = "other"
+"""A cause that is not in the list of known effects, as a member of a class."""
 MARGINS = ("target", "joint", "region", "time", "direction")
 """Groups by which residuals are listed."""
-VERDICTS = ("null", "named", "named+unexplained", "unknown", "ambiguous")
+VERDICTS = ("null", "named", "named+unexplained", "class", "unknown", "ambiguous")
 
 
 @dataclass(frozen=True)
@@ -128,6 +130,7 @@ class Named:
     probability: float
     log_evidence: float  # nats, relative to the same set without it
     confirmed: bool = True  # False where it makes the validation data less probable
+    events: tuple[Event, ...] = ()  # of sudden changes
 
     @property
     def site(self) -> str:
@@ -145,6 +148,15 @@ class Hypothetical:
 
 
 @dataclass(frozen=True)
+class CauseClass:
+    """Causes that the data do not distinguish: an error at some sites, by some quantities of the session."""
+
+    sites: tuple[Site, ...]
+    drivers: tuple[Driver, ...]
+    members: Mapping[str, float]  # probability of each effect, and of `OTHER`
+
+
+@dataclass(frozen=True)
 class Verdict:
     """The verdict and its probabilities."""
 
@@ -156,6 +168,7 @@ class Verdict:
     footnotes: tuple[str, ...]  # effects too small to be relevant, and results of the validation, as text
     missing: Mapping[str, str]  # effects that were not assessed, and the reason
     notes: tuple[str, ...]  # as text: backlash or delayed readings, limits of a probability
+    causes: CauseClass | None = None  # of a verdict `class`
 
 
 @dataclass(frozen=True)

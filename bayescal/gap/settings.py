@@ -43,10 +43,11 @@ class SearchSettings:
 
     null: float = 0.15
     """Prior probability of the noise-only model (assumed)."""
-    single: float = 0.65
+    single: float = 0.55
     """Prior probability of one known effect, shared among its effects (assumed)."""
-    unknown: float = 0.2
-    """Prior probability of an effect not in the list of known effects (assumed)."""
+    unknown: float = 0.3
+    """Prior probability of an effect not in the list of known effects (in sessions of other authors a third
+    of the causes was not in it)."""
     further: float = 0.2
     """Prior odds of each further effect, shared among the vocabulary (assumed)."""
     other_forms: float = 0.3
@@ -127,6 +128,10 @@ class CellSettings:
     """Width of lost motion that persists from contact to contact, degrees (assumed)."""
     knees: tuple[float, ...] = (0.02, 0.1, 0.3)
     """Width of a base's transition between two positions, as a share of its usual moment (assumed)."""
+    warm: tuple[float, ...] = (300.0, 1500.0)
+    """Time constants after which a motion is forgotten by what it warms, s (assumed)."""
+    flip: float = 0.1
+    """Width, as a share of gravity, of a transition between two positions (assumed)."""
     fewest: int = 12
     """Contacts that a defect or a sudden change must move (assumed)."""
 
@@ -136,7 +141,14 @@ class UnknownSettings:
     """The hypothesis 'unknown': prior of its sites, and which cells are fitted."""
 
     sites: Mapping[str, float] = field(
-        default_factory=lambda: {"joint": 0.35, "link": 0.1, "base": 0.15, "tool": 0.1, "probe": 0.2}
+        default_factory=lambda: {
+            "joint": 0.35,
+            "link": 0.1,
+            "base": 0.15,
+            "tool": 0.1,
+            "probe": 0.2,
+            "arm": 0.05,
+        }
     )
     """Prior probability of the site of an unknown effect, by the first word of the site (assumed)."""
     faces: float = 0.1
@@ -148,6 +160,26 @@ class UnknownSettings:
     contradict it (tuned: forms are known to 10 or 20 %, whose square is 1 to 4 %)."""
     large: float = 50.0
     """Gain, nats, from which on a cell is fitted: it reduces the noise and the weight of priors (assumed)."""
+
+
+@dataclass(frozen=True)
+class RelativeSettings:
+    """Relatives of a name: what it predicts, times a function of another quantity."""
+
+    waves: int = 3
+    """Half periods of a function of a quantity over its range (assumed)."""
+    share: float = 0.3
+    """Prior standard deviation of a modulation, of what the name predicts (assumed; averaged over
+    `LINEAR.scales`)."""
+    forgiven: float = 0.05
+    """Share of the nats of all names that a modulation must exceed (assumed: as `VerdictSettings.form`)."""
+    least: float = 5.0
+    """Nats that a name must gain to have relatives: it explains something (convention)."""
+    modulated: float = 0.03
+    """Prior odds of a modulated relative beside its name (tuned: errors of form have 4 nats at most)."""
+    replaced: float = 0.3
+    """Prior odds of a replaced relative beside its name (in sessions of other authors a third of the causes
+    was not in the list, and a third of these resembled a name)."""
 
 
 @dataclass(frozen=True)
@@ -166,6 +198,11 @@ class VerdictSettings:
     (tuned)."""
     sure: float = 0.5
     """Probability from which on an effect is named (convention: more likely than not)."""
+    alone: float = 0.75
+    """Probability of a leading effect below which the verdict is its class, if an unmodelled effect is one of
+    its members (convention: 3 to 1)."""
+    fewest: float = 0.05
+    """Smallest probability of a member of a class (convention)."""
     credible: float = 0.9
     """Probability of the credible set (convention)."""
     certain: float = 0.99
@@ -187,9 +224,10 @@ class VerdictSettings:
     structure: float = 5.0
     """Nats of a cell at the site of a named effect, beyond what is forgiven, from which on the name is not
     all (tuned: right names have 3.4 at most)."""
-    beside_unmodelled: float = 0.9
-    """Largest probability of an effect in a verdict `named+unexplained` or `unknown` (assumed: with an effect
-    not in the list of known effects, 0 of 14 names stated above 0.98 were true)."""
+    beside_unmodelled: float = 0.85
+    """Largest probability of an effect beside an unmodelled one (assumed: with an effect not in the list of
+    known effects, 0 of 14 names stated above 0.9 were true). It is no more than the share of the nats of both
+    that the names explain."""
     not_admitted: float = 0.5
     """Largest probability of an effect that makes the validation data less probable (assumed)."""
     kept: float = 5.0
@@ -248,6 +286,8 @@ class OutcomeSettings:
     """Nats from which on the data favour backlash over delayed readings, or the reverse (convention)."""
     plain: float = 8.0
     """Nats from which on a note reports an error that depends on the direction of motion (assumed)."""
+    noisy: float = 1.2
+    """Factor by which the noise, at the lower end of its 95 % interval, may exceed that stated (assumed)."""
     loose: float = 4.0
     """Ratio of expected validation error to noise from which on a warning is given (assumed)."""
     grown: float = 1.02
@@ -329,6 +369,7 @@ LINEAR: Final = LinearSettings()
 SEARCH: Final = SearchSettings()
 CELLS: Final = CellSettings()
 UNKNOWN: Final = UnknownSettings()
+RELATIVES: Final = RelativeSettings()
 VERDICT: Final = VerdictSettings()
 GATE: Final = GateSettings()
 OUTCOME: Final = OutcomeSettings()

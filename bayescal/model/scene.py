@@ -199,6 +199,7 @@ class Scene:
             tool_centres=np.array([tool.centre for tool in d.tools]),
             tool_u=tuple(tool.u for tool in d.tools),
             fitted_tools=used,
+            predicted_tools=self.tools_predicted(fitted),
             fitted=fitted,
             tied_base=_tied(targets),
             tied_tool=any(d.tools[k].u is not None for k in used)
@@ -211,6 +212,7 @@ class Scene:
             tool_radii=tuple(tool.ball_radius for tool in d.tools),
             velocity=m.velocity,
             command=m.command,
+            repeat=m.repeat,
             speed=self._speed,
             time=m.time,
             temperature=None if d.temperature_of == "artefact" else m.temperature,
@@ -224,6 +226,12 @@ class Scene:
             compliances=self.compliances,
             measured_torques=self.measured_torques,
         )
+
+    def tools_predicted(self, fitted: np.ndarray) -> tuple[int, ...]:
+        """Tools of validation rows of fitted targets that no fitted row uses."""
+        m = self.dataset.measurements
+        mine = (m.role == "validate") & np.isin(m.target, m.target[fitted])
+        return tuple(int(k) for k in np.setdiff1d(m.tool[mine], m.tool[fitted]))
 
     @unposed
     def _inward(self) -> np.ndarray:

@@ -194,9 +194,11 @@ def noise_of(estimate: Estimate, block: Block, z: np.ndarray) -> np.ndarray:
 
 
 def unknown_tool(scene: Scene, rows: np.ndarray) -> float:
-    """Prior standard deviation of the centre of the tool, m; 0 where it is fitted, known or not unique."""
+    """Prior standard deviation of the tool centre, m; 0 if the arm has it, or it is known or not unique."""
     used = np.unique(scene.dataset.measurements.tool[rows])
-    if len(used) != 1 or used[0] in scene.dataset.measurements.tool[scene.rows("calibrate")]:
+    fitted = scene.rows("calibrate")
+    of_arm = {*scene.dataset.measurements.tool[fitted].tolist(), *scene.tools_predicted(fitted)}
+    if len(used) != 1 or used[0] in of_arm:
         return 0.0
     stated = scene.dataset.tools[used[0]].u
     return LOOSE if stated is None else stated

@@ -15,6 +15,7 @@ from bayescal.dataset import Dataset
 from bayescal.dataset.read import SETTINGS, TABLE
 from bayescal.dataset.target_kinds import kinds_of
 from bayescal.effects import EFFECTS
+from bayescal.effects.tool import LOOSE
 from bayescal.errors import BayescalError
 from bayescal.estimate import Estimate, check_enough, linearise, unit_weights
 from bayescal.gap.search.candidates import Candidates
@@ -67,6 +68,14 @@ def missing(
     dataset = scene.dataset
     yield from _roles(dataset)
     yield from _unused(dataset)
+    for k in scene.tools_predicted(scene.rows("calibrate")):
+        tool = dataset.tools[k]
+        what = (
+            f"only validation rows use the tool {tool.name}: its centre is not fitted, and is uncertain by "
+        )
+        what += f"{1e3 * (LOOSE if tool.u is None else tool.u):g} mm in every prediction"
+        remedy = "fit some rows with this tool, or state `u_mm` of its centre"
+        yield Finding("predicted_tool", "missing", what, TABLE, remedy)
     yield from _enough(scene, model)
     yield from _scale(model)
     yield from _faces(dataset)

@@ -185,7 +185,7 @@ def diagnose(
     >>> import bayescal as bc
     >>> session = bc.simulate(effects="geometry", contacts=60, later=8, repeats=5, spheres=0, seed=1)
     >>> gap = bc.diagnose(session, "geometry")
-    >>> gap.verdict in ("null", "named", "named+unexplained", "unknown", "ambiguous")
+    >>> gap.verdict in ("null", "named", "named+unexplained", "class", "unknown", "ambiguous")
     True
     """
     from bayescal.assess.agreement import agreement

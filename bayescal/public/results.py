@@ -271,7 +271,7 @@ class GapResult(Result, Positioned):
 
     @property
     def verdict(self) -> str:
-        """The kind of verdict: null, named, named+unexplained, unknown or ambiguous."""
+        """The kind of verdict: null, named, named+unexplained, class, unknown or ambiguous."""
         return str(self.record["verdict"])
 
     @property
@@ -291,7 +291,7 @@ class GapResult(Result, Positioned):
     @property
     def undecided(self) -> bool:
         """Whether further contacts could decide: effects not separated, not confirmed or not known."""
-        unexplained = self.verdict in ("ambiguous", "unknown", "named+unexplained")
+        unexplained = self.verdict not in ("null", "named")
         return unexplained or bool(self.record.get("undecided"))
 
     @property

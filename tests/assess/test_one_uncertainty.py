@@ -172,6 +172,20 @@ def test_the_certificate_states_the_same_u(fitted):
         assert f"k = {b.k:.2f}" in in_words(b)
 
 
+def test_a_parameter_is_as_identifiable_as_its_stated_u_says(fitted, run):
+    """The fit has discrepancy: u is larger than that of the rows alone, as is what remains of the prior."""
+    record = json.loads((run / "fit.json").read_text(encoding="utf-8"))
+    names = [p.name for p in fitted.stated.plain.model.parameters]
+    share = dict(zip(names, np.diag(fitted.stated.limited), strict=False))
+    plain = np.diag(fitted.stated.plain.covariance)
+    found = record["identifiability"]
+    for name, left in share.items():
+        word = "determined" if left <= 0.1 else "prior_only" if left > 0.9 else "partly"
+        assert name in found[word], (name, left)
+    by_rows = {n for n, left in zip(share, plain, strict=False) if left <= 0.1}
+    assert by_rows > set(found["determined"])
+
+
 def test_u_covers_what_it_states(fitted):
     """Of any one of the distances of the volume: errors drawn by their own scatter and a common variance."""
     b = budget(fitted.basis, volume(fitted.basis))

@@ -17,6 +17,7 @@ from bayescal.gap.linear.state import State, fit_state
 from bayescal.gap.search.beam import Search
 from bayescal.gap.search.candidates import Candidates, candidates
 from bayescal.gap.search.cells import cells
+from bayescal.gap.search.relatives import arguments
 from bayescal.gap.search.unknown import Pool
 from bayescal.gap.search.verdict import Decision, decide
 from bayescal.model import build
@@ -134,4 +135,4 @@ class Bench:
     def decided(self, p: Problem) -> tuple[Decision, Search]:
         search = Search(p, self.known)
         search.run()
-        return decide(search, self.pool), search
+        return decide(search, self.pool, arguments(self.circumstances)), search

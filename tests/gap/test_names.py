@@ -12,7 +12,7 @@ from scipy.optimize import brentq
 from sessions import circumstances
 
 import bayescal as bc
-from bayescal.effects import confusable, parameters_of
+from bayescal.effects import Parameter, confusable, parameters_of
 from bayescal.effects.location import Driver, joint
 from bayescal.effects.sizes import length, magnitude, phase, propagated
 from bayescal.gap.linear.problem import Problem
@@ -23,6 +23,7 @@ from bayescal.gap.search.beam import Hypothesis, Member, Search
 from bayescal.gap.search.candidates import Candidates, Variant, candidates
 from bayescal.gap.search.makers import Cell
 from bayescal.gap.search.refit import model_name, still_without
+from bayescal.gap.search.relatives import Related
 from bayescal.gap.search.unknown import CellFit, Pool
 from bayescal.gap.search.verdict import (
     Weighed,
@@ -58,6 +59,11 @@ def weighed(*names, probability=0.0, score=0.0, cell=False):
         ([(("lobing",), 0.7), (("lobing", "unknown"), 0.3)], "named+unexplained", ("lobing",)),
         ([(("lobing",), 0.8), (("lobing", "unknown"), 0.2)], "named", ("lobing",)),
         ([(("lobing",), 0.4), (("step",), 0.35), (("latency",), 0.25)], "ambiguous", ()),
+        # one of few effects that the data do not distinguish, if an unmodelled one is among them
+        ([(("lobing",), 0.7), (("step",), 0.26), (("unknown",), 0.04)], "named", ("lobing",)),
+        ([(("lobing",), 0.7), (("step",), 0.24), (("unknown",), 0.06)], "class", ("lobing",)),
+        ([(("lobing",), 0.76), (("step",), 0.18), (("unknown",), 0.06)], "named", ("lobing",)),
+        ([(("lobing",), 0.4), (("step",), 0.35), (("unknown",), 0.25)], "class", ()),
         # beside a doubtful effect only a nearly certain one is named
         ([(("lobing", "step"), 0.45), (("lobing",), 0.55)], "ambiguous", ("lobing",)),
         ([(("lobing", "step"), 0.45), (("lobing",), 0.3), (("latency",), 0.25)], "ambiguous", ()),
@@ -78,6 +84,17 @@ def test_a_verdict_names_what_is_more_likely_than_not(sets, kind, names):
     ]
     effects = {n for own, _ in sets for n in own}
     assert verdict_of(found, probabilities(found, sorted(effects))) == (kind, names)
+
+
+def test_a_relative_of_a_name_is_an_unmodelled_effect_in_its_place():
+    """The other names of the set stay, and the verdict is a class."""
+    plain, other = weighed("lobing", "step", probability=0.2), weighed("lobing", probability=0.1)
+    members = plain.hypothesis.members
+    related = replace(plain, probability=0.7, related=Related(members[0], Driver("torque", 2), 9.0))
+    assert related.effects == ("step", "unknown")
+    p = probabilities([related, plain, other], ["lobing", "step"])
+    assert (p["lobing"], p["step"], p["unknown"]) == pytest.approx((0.3, 0.9, 0.7))
+    assert verdict_of([related, plain, other], p) == ("class", ("step",))
 
 
 def test_the_credible_set_holds_nine_tenths_and_what_is_confusable_close_behind():
@@ -257,7 +274,8 @@ def search_of(p, place=ELSEWHERE):
         f"effect {k}": (Variant(f"effect {k}", None, (), np.array([k]), 0.0, (place,)),)
         for k in range(p.pool.shape[1])
     }
-    return Search(p, Candidates((), variants, {}), robust=False)
+    pool = (Parameter("", "m", (), 1.0),) * p.pool.shape[1]
+    return Search(p, Candidates(pool, variants, {}), robust=False)
 
 
 def first(search):

@@ -436,7 +436,9 @@ def examined(*sets: tuple[tuple[str, str], ...], unclaimed: tuple[str, ...] = ()
         return Member(next(v for v in known.variants[effect] if v.site == site), 1.0, 0.0)
 
     found = [search.hypothesis([member(*one) for one in own]) for own in sets]
-    weighed = [SimpleNamespace(hypothesis=h, cell=None, probability=probability) for h in found]
+    weighed = [
+        SimpleNamespace(hypothesis=h, cell=None, unmodelled=False, probability=probability) for h in found
+    ]
     decision = SimpleNamespace(
         weighed=weighed, hypothesis=found[0], unclaimed=frozenset(unclaimed), withheld=frozenset()
     )

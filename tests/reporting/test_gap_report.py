@@ -18,10 +18,10 @@ from hypothesis import strategies as st
 from typer.testing import CliRunner
 
 from bayescal.effects import EFFECTS
-from bayescal.effects.location import BASE, TOOL, Driver
+from bayescal.effects.location import BASE, TOOL, Driver, joint
 from bayescal.errors import BayescalError
-from bayescal.gap.diagnose import settled
-from bayescal.gap.result import VERDICTS, Amplitude, Event, Gap, Named, Verdict
+from bayescal.gap.concluded import settled
+from bayescal.gap.result import OTHER, VERDICTS, Amplitude, CauseClass, Event, Gap, Named, Verdict
 from bayescal.gap.search.cells import cells
 from bayescal.model.options import FitOptions
 from bayescal.model.scene import Scene
@@ -104,6 +104,7 @@ HEADLINES = {
     "null": "No effect above noise",
     "named": "Effect found: joint 3 has lost motion on reversal (backlash, probability 0.97)",
     "named+unexplained": "Also found: the base shifted suddenly, from row 41 on (step, probability 0.95)",
+    "class": "Class of causes: an error at joint 3 that varies with direction of motion of J3",
     "unknown": "Unmodelled effect not in the list of known effects, at joint 3, direction of motion of J3",
     "ambiguous": "Ambiguous: these data do not distinguish the effects of the 90 % set",
 }
@@ -135,7 +136,7 @@ def test_errors_beyond_the_prediction_are_said(session, times_noise, times_limit
 def test_summary_is_one_screen_that_names_the_verdict(session, kind):
     text = printed(diagnosis(session, kind))
     assert HEADLINES[kind] in text
-    assert len(text.splitlines()) <= 45
+    assert len(text.splitlines()) <= 46
     for text_of in ("noise", "6.0 µm", "nominal", "measure next", "may be missed", "beware", "no time_s"):
         assert text_of in text
     if kind == "null":
@@ -304,7 +305,7 @@ def test_an_unmodelled_location_says_what_happens_and_what_to_inspect(causes_ses
     gap = shifted(causes_session)
     name = causes_session.measurements.ids[12]
     says = (
-        f"the tool shifted at row 13 ({name}), rows 12 to 14 at 95 %, by (x, y, z) = "
+        f"the tool shifted at row 13 ({name}; rows 12 to 14 at 95 %) by (x, y, z) = "
         "(10.0(1.4), -4.6(2.1), 120.0(3.0)) µm"
     )
     flat = " ".join(printed(gap).split())
@@ -361,6 +362,9 @@ def stated(record):
         found |= set(re.findall(r"\(([a-z-]+), probability", line))
         found |= set(re.findall(r"found: ([a-z-]+) in .*; probability", line))
         found |= {LABEL.get(n, n) for n in re.findall(r"not named: (.+?) \(probability", line)}
+        if line.startswith("Class of causes"):
+            members = re.findall(r"([a-z-]+) \(probability", line)
+            found |= {n for n in members if n in NAMES and record["probability"][n] >= 0.5}
         if line.startswith(("Ambiguous", "Also: ", "No effect")):
             assert not any(re.search(rf"\b{name}\b", line) for name in NAMES), line
     found |= {note.partition(" ")[0].rstrip(":") for note in record["footnotes"]} & set(NAMES)
@@ -376,10 +380,41 @@ def check(record):
     assert bool(record["named"]) or not kind.startswith("named")
     assert record["effects"] == (["unknown"] if kind == "unknown" else [n["effect"] for n in record["named"]])
     if p["unknown"] >= 0.5:
-        said = any("nmodelled effect" in line or "further effect" in line for line in record["words"])
+        said = any(
+            "nmodelled effect" in line or "further effect" in line or "not in the list" in line
+            for line in record["words"]
+        )
         assert said
+    assert kind != "unknown" or p["unknown"] >= 0.5
+    assert (kind == "class") == bool(record["class"])
     for n in record["named"]:
         assert n["probability"] == pytest.approx(p[n["effect"]])
+
+
+@pytest.mark.parametrize(
+    ("nats", "significant", "confirmed", "word"),
+    [
+        (40.0, True, True, "Effect found: "), (1.0, True, True, "Possible effect: "),
+        (float("nan"), True, True, "Effect found: "), (40.0, False, True, "Possible effect: "),
+        (40.0, True, False, "Possible effect: "),
+    ],
+)  # fmt: skip
+def test_a_name_that_nothing_else_supports_is_possible(session, nats, significant, confirmed, word):
+    """Validation gains within its standard error, no clear amplitude, or a refusal: no part is replaced."""
+    gap = diagnosis(session, "named")
+    (named_effect,) = gap.verdict.named
+    amplitude = Amplitude(
+        "backlash", joint(3), Driver("direction", 3), (), "half-width", 1e-4, 1e-5, "rad", None, significant
+    )
+    gap = replace(
+        gap,
+        amplitudes=(amplitude,),
+        levels=(*gap.levels[:-1], replace(gap.levels[-1], delta_elpd=nats, delta_elpd_se=6.0)),
+        verdict=replace(gap.verdict, named=(replace(named_effect, confirmed=confirmed),)),
+    )
+    record = gap_record(gap)
+    assert record["words"][0].startswith(word)
+    assert record["named"][0]["possible"] == word.startswith("Possible")
 
 
 @pytest.fixture(scope="module")
@@ -399,9 +434,12 @@ def test_headline_effects_and_probabilities_are_of_one_rule(headline_session, p,
     small = [] if kind == "null" else [n for n in likely if n not in some][:1]
     p = {"null": 0.2, "unknown": unknown, **p}
     kind = settled(kind, bool(names), p)
+    members = {OTHER: unknown} | {n: p[n] for n in sorted(set(p) - {"null", "unknown", *small})}
+    causes = CauseClass((joint(3),), (Driver("torque", 3),), members)
     verdict = Verdict(
         kind, tuple(Named(n, n, (), "", p[n], 9.0) for n in names), p, (*p,), (),
         tuple(f"{n}: RMS 1.0 µm, 2 % of the explained variance" for n in small), {}, (),
+        causes if kind == "class" else None,
     )  # fmt: skip
     check(gap_record(replace(diagnosis(headline_session, kind), verdict=verdict)))
 
@@ -426,3 +464,39 @@ def test_the_further_effect_is_stated_by_name_where_names_are_more_probable(unkn
 def test_improbable_effects_are_not_proposed_for_inspection():
     probability = {"latency": 0.99, "hardening": 0.33, "hysteresis": 0.04, "unknown": 0.03}
     assert possible(probability, ("latency", "hardening", "hysteresis"), ("latency",)) == ("hardening",)
+
+
+def test_a_column_that_would_show_another_cause_is_in_the_headline(session):
+    """And in what to measure next; without an effect there is nothing that it could explain."""
+    reasons = {
+        "backlash": "no j1_degps ...: the session records no joint velocities",
+        "latency": "no j1_degps ...: the session records no joint velocities",
+        "thermal-drift": "no temperature_c of the arm or the air, and no time_s, that varies",
+        "plane-form": "no plane is fitted",
+    }
+    for kind in ("named", "unknown"):
+        gap = diagnosis(session, kind)
+        gap = replace(gap, verdict=replace(gap.verdict, missing=reasons))
+        record = gap_record(gap)
+        (line,) = [w for w in record["words"] if w.startswith("Not excluded")]
+        assert "backlash and latency (no j1_degps ...)" in line
+        assert "thermal-drift (no temperature_c or time_s)" in line
+        assert "plane-form" not in line
+        assert record["not_excluded"]["j1_degps ..."] == ["backlash", "latency"]
+        text = " ".join(printed(gap).split())
+        assert "to show backlash or latency: record j1_degps ..." in text
+        assert "plane-form: no plane is fitted" in text
+    gap = diagnosis(session, "null")
+    gap = replace(gap, verdict=replace(gap.verdict, missing=reasons))
+    assert not any(w.startswith("Not excluded") for w in gap_record(gap)["words"])
+
+
+@pytest.mark.parametrize(("factor", "says"), [(1.19, False), (1.21, True), (3.0, True)])
+def test_noise_above_the_stated_one_is_in_the_headline_of_a_null(session, factor, says):
+    """What no quantity explains is called noise: a reader must see that it is more than the probe's."""
+    gap = diagnosis(session, "null")
+    low = factor * gap.dataset.noise.contact
+    size = replace(gap.magnitude, noise=1.3 * low, noise_interval95=(low, 2 * low))
+    words = gap_record(replace(gap, magnitude=size))["words"]
+    assert any("larger than stated" in line for line in words[1:]) == says
+    assert words[0] == gap_record(gap)["words"][0]

@@ -140,7 +140,7 @@ def next_contacts(dataset: Dataset, chosen: Possible, order: Sequence[int]) -> t
 
 def rivals(e: Examined) -> list[tuple[Hypothesis, Hypothesis]]:
     """Pairs of hypotheses that the data do not distinguish: the most probable and its alternatives."""
-    named = [w for w in e.decision.weighed if w.cell is None]
+    named = [w for w in e.decision.weighed if not w.unmodelled]
     leader = named[0]
     others = [
         w
@@ -162,7 +162,7 @@ def undecided(e: Examined) -> tuple[Pair, ...]:
                 _side(a, e.candidates, shared),
             )
         )
-    leader = next(w.hypothesis for w in d.weighed if w.cell is None)
+    leader = next(w.hypothesis for w in d.weighed if not w.unmodelled)
     for effect in (*d.unclaimed, *d.withheld):
         h = d.hypothesis if effect in d.hypothesis.names else leader
         if effect in h.names:

@@ -41,14 +41,12 @@ class Seat:
 
 
 def seats(known: Candidates, named: Sequence[str] = ()) -> list[Seat]:
-    """Sites of every candidate except the named ones, in the usual setting, else the middle one."""
+    """Sites of every candidate except the named ones, in the usual setting: the first one."""
     out: list[Seat] = []
     for effect, variants in known.variants.items():
         if effect in named:
             continue
-        settings = list(dict.fromkeys(v.setting for v in variants))
-        setting = None if None in settings else settings[len(settings) // 2]
-        own = np.unique(np.concatenate([v.columns for v in variants if v.setting == setting]))
+        own = np.unique(np.concatenate([v.columns for v in variants if v.setting == variants[0].setting]))
         groups: dict[tuple[Site, str], list[int]] = {}
         for k in own:
             p = known.pool[k]

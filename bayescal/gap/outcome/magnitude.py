@@ -23,7 +23,6 @@ from bayescal.predict.crossvalidation import (
     interval95,
     resampled,
     resampled_distances,
-    validation_errors,
 )
 from bayescal.predict.errors import CentreDistances, ValidationErrors, kept
 from bayescal.statistics import chi2_isf, chi2_sf, f_isf, rms
@@ -162,35 +161,38 @@ def _measured(what: str, count: int, error: np.ndarray, simulated: np.ndarray) -
     return Measured(what, count, rms(error), rms(simulated), (float(low), float(high)))
 
 
-def model_levels(
-    levels: Sequence[tuple[tuple[str, ...], Estimate]],
-    held: Sequence[ValidationErrors] | None = None,
-    fair: np.ndarray | None = None,
-) -> tuple[Step, ...]:
+@dataclass(frozen=True)
+class Level:
+    """A fitted model level, by its effects, and its validation errors."""
+
+    model: tuple[str, ...]
+    fitted: Estimate
+    errors: ValidationErrors
+
+
+def model_levels(levels: Sequence[Level], fair: np.ndarray | None = None) -> tuple[Step, ...]:
     """Validation errors of model levels, each with the change in log predictive density.
 
     Parameters
     ----------
-    levels : sequence of (effects, Estimate)
+    levels : sequence of Level
         Of one session, the nominal model first.
-    held : sequence of ValidationErrors, optional
-        Validation errors of each level, if already computed.
     fair : np.ndarray of bool, shape (R,), optional
         Residuals that are used, the same for all levels; default: all but those gross under the last two.
     """
-    held = [validation_errors(e) for _, e in levels] if held is None else held
     if fair is None:
-        fair = kept(*held[-2:]) if len(held) > 2 else kept(held[-1])
+        fair = kept(*(level.errors for level in levels[-2 if len(levels) > 2 else -1 :]))
     out: list[Step] = []
     before: np.ndarray | None = None
-    for (effects, _), h in zip(levels, held, strict=True):
+    for level in levels:
+        h = level.errors
         density, block = log_predictive(h)
         gain, se = (0.0, 0.0) if before is None else difference(density - before, block)
         before = density
         distances = rms(h.distances.error) if len(h.distances.error) else float("nan")
         out.append(
             Step(
-                effects,
+                level.model,
                 _rms(h, fair & (h.group == h.main)),
                 distances,
                 _rms(h, fair & (h.kind == "points")),

@@ -6,7 +6,7 @@ the base. A generic cell tries a change at few rows, between which its row is th
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,7 +15,7 @@ from bayescal.effects import Circumstances, Parameter
 from bayescal.effects.location import ARM, BASE, Driver, Site, face
 from bayescal.estimate import STATED_WORTH
 from bayescal.gap.linear.evidence import SCALE_PRIOR, Bank, log_sum, project, weigh_sets
-from bayescal.gap.linear.problem import without_nuisance
+from bayescal.gap.linear.problem import Problem, without_nuisance
 from bayescal.gap.linear.state import State, fit_state
 from bayescal.gap.result import Amplitude, Curve, Event, Place
 from bayescal.gap.search.beam import Hypothesis
@@ -65,30 +65,14 @@ def _parameters(pool: Pool, f: CellFit, c: Circumstances) -> tuple[Parameter, ..
 
 def _event(without: State, with_it: State, pool: Pool, f: CellFit, size: int) -> tuple[Event, State]:
     """The most probable row of a change, with its 95 % interval, and the fit with a change there."""
-    p = without.problem
-    row = np.append(p.rows[p.contact], np.full(len(p.residual) - p.count, -1))  # of the session
-    best = pool.columns[:, pool.sets[f.best]]
-    since = int(np.min(row[np.any(best != 0.0, axis=1)]))
-
-    def starting(at: int, columns: np.ndarray) -> np.ndarray:
-        return np.where((row >= at)[:, None], columns, 0.0)
-
+    p, best = without.problem, pool.columns[:, pool.sets[f.best]]
     # the same displacement from an earlier row on, where the cell has one
     earlier = [pool.columns[:, pool.sets[k]] for k in np.flatnonzero(pool.owner == f.cell)]
-    same = [x for x in earlier if x.shape == best.shape and np.array_equal(starting(since, x), best)]
-    longest = max(same, key=lambda x: np.count_nonzero(np.any(x != 0.0, axis=1)))
-    fitted = np.unique(p.rows)
-    middle, reach = int(np.searchsorted(fitted, since)), 2 * len(fitted) // CELLS.moments + 1
-    near = fitted[max(middle - reach, 1) : middle + reach + 1]
-    near = near[[np.any(starting(at, longest)) for at in near]]
-    columns = np.column_stack([starting(at, longest) for at in near])
-    sets = tuple(np.arange(size) + size * k for k in range(len(near)))
-    bare = fit_state(p, without.columns, without.scales, with_it.weight, robust=False)
-    nats = log_sum(weigh_sets(bare, Bank(columns, sets, p.count, p.worth)) + SCALE_PRIOR, axis=1)
-    share = np.cumsum(np.exp(nats - log_sum(nats)))
-    low, high = (int(np.searchsorted(share, q)) for q in (TAIL, 1.0 - TAIL))
-    most = int(np.argmax(nats > np.max(nats) - SAME))
-    wide = replace(p, pool=np.column_stack([p.pool, columns[:, sets[most]]]))
+    same = [
+        x for x in earlier if x.shape == best.shape and np.array_equal(_from(_since(p, best), x, p), best)
+    ]
+    event, shifted = _searched(without, with_it.weight, best, same)
+    wide = replace(p, pool=np.column_stack([p.pool, shifted]))
     state = fit_state(
         wide,
         np.append(without.columns, np.arange(size) + p.pool.shape[1]),
@@ -96,8 +80,88 @@ def _event(without: State, with_it: State, pool: Pool, f: CellFit, size: int) ->
         with_it.weight,
         without.robust,
     )
-    first, last = near[low], near[min(high, len(near) - 1)]
-    return Event(int(near[most]), (int(first), int(last))), state
+    return event, state
+
+
+def _from(row: int, columns: np.ndarray, p: Problem) -> np.ndarray:
+    """Columns (R, k) from a row of the session on, and 0 before and in constraints."""
+    of_session = np.append(p.rows[p.contact], np.full(len(p.residual) - p.count, -1))
+    return np.where((of_session >= row)[:, None], columns, 0.0)
+
+
+def _since(p: Problem, columns: np.ndarray) -> int:
+    """First row of the session that columns (R, k) displace."""
+    return int(np.min(p.rows[p.contact][np.any(columns[: p.count] != 0.0, axis=1)]))
+
+
+def _searched(
+    without: State, weight: np.ndarray, best: np.ndarray, same: Sequence[np.ndarray]
+) -> tuple[Event, np.ndarray]:
+    """The most probable row of a change near that of its columns, its interval, and the columns from there.
+
+    Parameters
+    ----------
+    without : State
+        Without the change.
+    weight : np.ndarray, shape (R,)
+        Row weights of the fit with it.
+    best : np.ndarray, shape (R, k)
+        Columns of the change.
+    same : sequence of np.ndarray, shape (R, k)
+        Of the same displacement, from other rows on.
+    """
+    p, size = without.problem, best.shape[1]
+    longest = max(same, key=lambda x: np.count_nonzero(np.any(x != 0.0, axis=1)))
+    fitted = np.unique(p.rows)
+    middle, reach = int(np.searchsorted(fitted, _since(p, best))), 2 * len(fitted) // CELLS.moments + 1
+    near = fitted[max(middle - reach, 1) : middle + reach + 1]
+    near = near[[np.any(_from(row, longest, p)) for row in near]]
+    columns = np.column_stack([_from(row, longest, p) for row in near])
+    sets = tuple(np.arange(size) + size * k for k in range(len(near)))
+    bare = fit_state(p, without.columns, without.scales, weight, robust=False)
+    nats = log_sum(weigh_sets(bare, Bank(columns, sets, p.count, p.worth)) + SCALE_PRIOR, axis=1)
+    share = np.cumsum(np.exp(nats - log_sum(nats)))
+    low, high = (int(np.searchsorted(share, q)) for q in (TAIL, 1.0 - TAIL))
+    most = int(np.argmax(nats > np.max(nats) - SAME))
+    interval = int(near[low]), int(near[min(high, len(near) - 1)])
+    return Event(int(near[most]), interval), columns[:, sets[most]]
+
+
+def _changes(pool: Pool, site: Site, size: int) -> Iterator[np.ndarray]:
+    """Columns (R, size) of all sudden changes of a site that cells have."""
+    for columns, owner in zip(pool.sets, pool.owner, strict=True):
+        cell = pool.cells[owner]
+        if (cell.site, cell.driver, len(columns)) == (site.anywhere, EVENT, size):
+            yield pool.columns[:, columns]
+
+
+def named_events(h: Hypothesis, pool: Pool) -> Mapping[str, tuple[Event, ...]]:
+    """Rows of the sudden changes that a hypothesis names, with 95 % intervals, by effect, in its own order.
+
+    Only those of the base, of a tool or of an instrument whose displacement a cell has too.
+    """
+    p, out = h.state.problem, dict[str, tuple[Event, ...]]()
+    for m in h.members:
+        if not all(driver == EVENT for _, driver in m.variant.places) or not m.variant.places:
+            continue
+        count = len(m.variant.setting) if isinstance(m.variant.setting, tuple) else 1
+        ends = np.cumsum([len(m.variant.columns) // count] * (count - 1), dtype=int)
+        parts = np.split(m.variant.columns, ends)
+        for own, site in zip(parts, m.variant.sites or [m.variant.places[0][0]], strict=True):
+            columns = p.pool[:, own]
+            since, moved = _since(p, columns), np.any(columns[: p.count] != 0.0, axis=1)
+            same = [
+                x
+                for x in _changes(pool, site, len(own))
+                if np.array_equal(np.any(_from(since, x, p)[: p.count] != 0.0, axis=1), moved)
+            ]
+            if not same:
+                break
+            rest = ~np.isin(h.state.columns, own)
+            without = fit_state(p, h.state.columns[rest], h.state.scales[rest], h.state.weight, robust=False)
+            event, _ = _searched(without, h.state.weight, columns, same)
+            out[m.effect] = (*out.get(m.effect, ()), event)
+    return out
 
 
 def _amplitudes(

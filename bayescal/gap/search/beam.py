@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from scipy.special import log_ndtr
 
 from bayescal.effects import EFFECTS
 from bayescal.gap.linear.evidence import SCALE_PRIOR, SCALES, Bank, log_sum, project, weigh_sets
@@ -91,8 +92,21 @@ class Search:
         by = np.concatenate([np.empty(0), *scales])
         states = [fit_state(self.problem, at, by, start, self.robust) for start in starts]
         state = max(states, key=lambda s: s.log_evidence)
-        evidence = state.log_evidence + sum(m.averaging for m in members)
+        evidence = state.log_evidence + sum(m.averaging for m in members) + self.signs(state)
         return Hypothesis(tuple(members), state, evidence, self.prior(len(members)))
+
+    def signs(self, state: State) -> float:
+        """Log evidence, nats, of physically positive parameters over that of any sign, each by itself.
+
+        A normal prior about 0 that is restricted to positive values changes the evidence by the ratio of the
+        posterior to the prior probability of a positive value.
+        """
+        positive = np.array([self.candidates.pool[k].positive for k in state.columns], bool)
+        if not np.any(positive):
+            return 0.0
+        last = state.step[len(state.problem.z) :][positive]
+        sd = np.sqrt(np.diag(state.covariance)[len(state.problem.z) :][positive])
+        return float(np.sum(log_ndtr(last / sd) + np.log(2.0)))
 
     def additions(self, state: State, without: Sequence[str]) -> dict[str, Scored]:
         """The gain of each effect not in `without` that is added to a state."""
@@ -173,7 +187,7 @@ class Search:
         total = float(log_sum(np.array([_weight(*pair) for pair in fits.values()])))
         chosen = replace(member, averaging=total - state.log_evidence)
         members = (*base.members, chosen)
-        evidence = state.log_evidence + sum(m.averaging for m in members)
+        evidence = state.log_evidence + sum(m.averaging for m in members) + self.signs(state)
         return Hypothesis(members, state, evidence, self.prior(len(members)))
 
     def _fit(

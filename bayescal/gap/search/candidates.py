@@ -187,7 +187,7 @@ class Single:
 
 
 def with_own_settings(known: Candidates, effect: Effect, own: Sequence[Single], count: int) -> Candidates:
-    """Candidates in which several sites of an effect have a setting each: the first two of `own`, three, ...
+    """Candidates with several settings of an effect, at one or several sites: the first two of `own`, ...
 
     They share `SEARCH.other_forms` of the prior of the effect: by their number of sites, then by the choice
     of sites and of settings.
@@ -195,18 +195,18 @@ def with_own_settings(known: Candidates, effect: Effect, own: Sequence[Single], 
     Parameters
     ----------
     own : sequence of Single
-        One of each site; their settings are candidates already.
+        The leading ones; their settings are candidates already.
     count : int
         Number of settings that were tried, at all sites.
     """
-    if effect.name not in known.variants:
+    if effect.scan is None or effect.name not in known.variants:
         return known
     usual = known.variants[effect.name]
     shared = [replace(v, log_prior=v.log_prior + float(np.log(1.0 - SEARCH.other_forms))) for v in usual]
     single = {(v.setting, v.places): v.columns for v in usual}
-    sites = len({site for v in usual for site in v.sites})
+    sites, several = len({site for v in usual for site, _ in v.places}), effect.scan.several
     for size in range(2, len(own) + 1):
-        some = own[:size]
+        some, choices = own[:size], comb(sites, size) if several == 1 else comb(sites + size - 1, size)
         shared.append(
             Variant(
                 effect.name,
@@ -214,7 +214,7 @@ def with_own_settings(known: Candidates, effect: Effect, own: Sequence[Single], 
                 tuple(one.site for one in some),
                 np.concatenate([single[one.setting, ((one.site, one.driver),)] for one in some]),
                 float(
-                    np.log(SEARCH.other_forms / (sites - 1) / comb(sites, size))
+                    np.log(SEARCH.other_forms / (max(sites, several) - 1) / choices)
                     - size * np.log(count / sites)
                 ),
                 tuple((one.site, one.driver) for one in some),

@@ -13,7 +13,7 @@ import numpy as np
 
 from bayescal.arm import chain as reference
 from bayescal.arm.motion import CONTACT, TURN, Term
-from bayescal.effects import Circumstances, Parameter, location
+from bayescal.effects import EFFECTS, Circumstances, Parameter, location
 from bayescal.effects.backlash import STANDSTILL
 from bayescal.effects.common import base_terms, motion, side_of, tilts
 from bayescal.effects.location import BASE, PROBE, TOOL, Driver, Site, joint, link
@@ -23,6 +23,7 @@ from bayescal.gap.search.makers import (
     Cell,
     at_joint,
     between_orders,
+    measured,
     moves,
     passes,
     rocking,
@@ -71,10 +72,27 @@ def _joints(c: Circumstances) -> Iterator[Cell]:
         if c.velocity is not None:
             speeds = [(side, motion(c.robot, j, c.velocity, side)) for side in sides_of(c, j)]
             speeds = [(side, speed) for side, speed in speeds if np.any(speed[c.fitted])]
-            play = [at_joint(c, j, [v / np.hypot(v, STANDSTILL)], side) for side, v in speeds]
-            yield Cell(site, Driver("direction", j), tuple(play), known=True)
+            play = [at_joint(c, j, [signs(v)], side) for side, v in speeds]
+            yield Cell(site, Driver("direction", j), tuple(play), known="backlash" in EFFECTS)
             late = [at_joint(c, j, [v / rms(v[c.fitted])], side) for side, v in speeds]
             yield Cell(site, Driver("joint speed", j), tuple(late))
+            for side, speed in speeds[:1]:
+                both = [at_joint(c, j, [signs(speed) * w for w in of], side) for of in _factors(c, j)]
+                yield Cell(site, Driver("direction", j, form="and another"), tuple(both))
+
+
+def signs(speed: np.ndarray) -> np.ndarray:
+    """Direction of motion (N,), -1 to 1, of a joint with a speed (N,), rad/s; near 0 at standstill."""
+    return speed / np.hypot(speed, STANDSTILL)
+
+
+def _factors(c: Circumstances, j: int) -> Iterator[list[np.ndarray]]:
+    """Functions of a quantity on which an error that follows the direction of joint j may depend besides."""
+    if c.torques is not None and np.ptp(c.torques[c.fitted, j - 1]) > 1e-3:
+        load = c.torques[:, j - 1] / rms(c.torques[c.fitted, j - 1])
+        yield from ([load], [np.abs(load)], [load, np.abs(load)])
+    angles = (smooth(angle, c.fitted, CELLS.factor_waves) for angle in c.readings.T)
+    yield from filter(None, angles)
 
 
 def _courses(c: Circumstances, k: int) -> list[tuple[list[np.ndarray], list[np.ndarray]]]:
@@ -172,22 +190,66 @@ def movers(c: Circumstances) -> dict[Site, tuple[Mover, ...]]:
 
 
 def _time(c: Circumstances) -> Iterator[Cell]:
-    clocks = [("time", np.arange(len(c.q), dtype=float) if c.time is None else c.time)]
+    order = np.arange(len(c.q), dtype=float)
+    clocks = {"time": [order if c.time is None else c.time]}
     if c.temperature is not None:
-        clocks.append(("temperature", c.temperature))
-    order = np.arange(len(c.q))
+        clocks["temperature"] = [c.temperature]
+    if c.time is not None:
+        clocks |= {"count": [order], "activity": list(_activity(c, c.time)), "wait": list(_waits(c, c.time))}
     count = len(c.fitted)
     moments = CELLS.moments if count > 3 * CELLS.fewest else 0
     at = np.linspace(CELLS.fewest, count - CELLS.fewest, moments).round().astype(int)
     for site, ways in movers(c).items():
-        for name, clock in clocks:
-            waves = smooth(clock, c.fitted, 3 if site == BASE else CELLS.waves)
-            yield Cell(
-                site, Driver(name), tuple(tuple(p for w in waves for p in move(w)) for move in ways if waves)
-            )
+        for name, of in clocks.items():
+            courses = [smooth(clock, c.fitted, 3 if site == BASE else CELLS.waves) for clock in of]
+            sets = (tuple(p for w in waves for p in move(w)) for waves in courses if waves for move in ways)
+            yield Cell(site, Driver(name), tuple(sets))
         steps = [tuple(move((order >= c.fitted[k]).astype(float))) for move in ways for k in at]
-        known = site == BASE or (site == TOOL and bool(reflectors(c)))
+        known = "step" in EFFECTS and (site == BASE or (site == TOOL and bool(reflectors(c))))
         yield Cell(site, Driver("event"), tuple(steps), known=known)
+
+
+def _waits(c: Circumstances, time: np.ndarray) -> Iterator[np.ndarray]:
+    """Ranks (N,) of the times from the row before: of very different waits, each has as much weight."""
+    order = measured(c)
+    wait = np.empty(len(time))
+    wait[order] = np.diff(time[order], prepend=time[order[0]])
+    if np.ptp(wait[c.fitted]) > 0:
+        yield np.unique(wait, return_inverse=True)[1].astype(float)
+
+
+def _activity(c: Circumstances, time: np.ndarray) -> Iterator[np.ndarray]:
+    """Motion of all joints before each row (N,), rad, forgotten with a time constant."""
+    order = measured(c)
+    wait = np.maximum(np.diff(time[order], prepend=time[order[0]]), 0.0)
+    way = np.sum(np.abs(np.diff(c.readings[order], axis=0, prepend=c.readings[order[:1]])), axis=1)
+    for length in CELLS.warm:
+        out, state = np.empty(len(order)), 0.0
+        for k, row in enumerate(order):
+            state = state * np.exp(-wait[k] / length) + way[k]
+            out[row] = state
+        if np.ptp(out[c.fitted]) > 0:
+            yield out
+
+
+def _hanging(c: Circumstances) -> Iterator[Cell]:
+    """A tool that deflects under its weight: by the direction of gravity in its frame."""
+    down = c.gravity / max(float(np.linalg.norm(c.gravity)), 1e-300)
+    turned = reference.frames(c.chain, c.q)[:, -1, :3, :3]
+    parts = [p for p in (turned.swapaxes(1, 2) @ down).T if np.ptp(p[c.fitted]) > 1e-3]
+    if not down.any() or not parts:
+        return
+    flips = [np.tanh(p / CELLS.flip) for p in parts]
+    moves = movers(c)[TOOL][0]
+    sets = [[q for p in of for q in moves(p)] for of in (parts, *([p] for p in flips))]
+    yield Cell(TOOL, Driver("gravity direction"), tuple(map(tuple, sets)))
+
+
+def _around(c: Circumstances) -> Iterator[Cell]:
+    """A base that moves with the direction in which the arm reaches."""
+    waves = smooth(c.q[:, 0], c.fitted, 3)
+    (base,) = movers(c)[BASE]
+    yield Cell(BASE, Driver("angle", 1), (tuple(q for w in waves for q in base(w)),))
 
 
 def _sway(c: Circumstances) -> Iterator[Cell]:
@@ -252,11 +314,11 @@ def _faces(c: Circumstances) -> Iterator[Cell]:
                     spots.append(_contact(face.rows, [spot]))
         yield Cell(site, Driver("face", form="one spot"), tuple(spots))
         form = _contact(face.rows, [values for _, _, values in shapes(face)])
-        yield Cell(site, Driver("face"), (form,), known=True)
+        yield Cell(site, Driver("face"), (form,), known="plane-form" in EFFECTS)
 
 
 MAKERS = (
-    _joints, _bending, _time, _sway, _probe, _region, _faces,
+    _joints, _bending, _time, _sway, _hanging, _around, _probe, _region, _faces,
     torque_and_angle, two_angles, between_orders, rocking, travel, scatter,
 )  # fmt: skip
 """Functions that list the cells of a session, in the order of the cells."""

@@ -12,9 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bayescal.arm.motion import CONTACT, Term
 from bayescal.effects import Circumstances, Parameter
 from bayescal.effects.common import LINK, READING, base_terms, motion, tilts, turned
-from bayescal.effects.location import BASE, Driver, Site, joint
+from bayescal.effects.location import ARM, BASE, Driver, Site, joint
 from bayescal.gap.settings import CELLS
 from bayescal.statistics import rms
 
@@ -185,7 +186,23 @@ def travel(c: Circumstances) -> Iterator[Cell]:
 
 
 def scatter(c: Circumstances) -> Iterator[Cell]:
-    """Readings of a joint with an error drawn anew at every reading, which repeated contacts do not show."""
+    """Errors drawn anew at every reading of a joint, or at every pose, which repeated contacts do not show.
+
+    That of a pose is the lack of fit, whatever its location: more scatter than that of repeated contacts.
+    """
     for j in range(1, c.robot.n + 1):
-        clusters = np.unique(np.round(c.readings[:, j - 1], 8), return_inverse=True)[1]
+        clusters = _repeated(c, c.readings[:, j - 1])
         yield Cell(joint(j), Driver("reading", j), (at_joint(c, j, [np.ones(len(c.q))]),), clusters=clusters)
+    if np.any(c.touching):
+        moved = Parameter("", "m", (Term(CONTACT, "normal", c.touching.astype(float)),), CELLS.length)
+        yield Cell(ARM, Driver("pose"), ((moved,),), clusters=_repeated(c, c.readings))
+
+
+def _repeated(c: Circumstances, readings: np.ndarray) -> np.ndarray:
+    """Numbers (N,), equal for rows with equal readings (N, ...) and for repetitions of one contact."""
+    out = np.unique(np.round(readings, 8), axis=0, return_inverse=True)[1].ravel()
+    if c.repeat is not None:
+        own = c.repeat.astype(str)
+        has = own != ""
+        out[has] = len(out) + np.unique(own[has], return_inverse=True)[1]
+    return np.unique(out, return_inverse=True)[1]

@@ -31,8 +31,11 @@ def model_name(member: Member, known: Candidates) -> str:
     sites = v.sites
     drivers: tuple[str, ...] = ()
     if v.partial or isinstance(v.setting, tuple):
-        sites = tuple(dict.fromkeys(p.site for p in own))
+        sites = v.sites if isinstance(v.setting, tuple) else tuple(dict.fromkeys(p.site for p in own))
+        every = (known.pool[k] for o in known.variants[v.effect] for k in o.columns)
+        there = {driver_words(p) for p in every if p.site in sites}
         drivers = tuple(dict.fromkeys(map(driver_words, own)))
+        drivers = drivers if v.partial or there != set(drivers) else ()
     elif v.sites and v.effect not in known.partly:
         alike = (o for o in known.variants[v.effect] if (o.setting, o.sites) == (v.setting, v.sites))
         here = {driver_words(known.pool[k]) for o in alike for k in o.columns}
@@ -102,24 +105,35 @@ def screened(
     for effect in EFFECTS.values():
         if effect.name in modelled or not wide(effect, c) or effect.scan is None:
             continue
-        found = _screen(effect, slopes, states, c)
-        best: dict[float, float] = {}
-        for one in (one for every in found for one in every):
-            best[one.single.setting] = max(one.gain, best.get(one.single.setting, -np.inf))
-        leading = sorted(best, key=lambda value: -best[value])[: SEARCH.screened]
+        values = effect.scan.values(c)
+        found = _screen(effect, values, slopes, states, c)
+        leading = _leading(found)
+        more = np.concatenate([np.empty(0), *(effect.scan.beside(c, value) for value in leading)])
+        if len(more := np.setdiff1d(more, values)):
+            near = _screen(effect, more, slopes, states, c)
+            found = [[*a, *b] for a, b in zip(found, near, strict=True)]
+            leading = _leading(found)
         own = _one_by_one(effect, slopes, states[0], c, found[0]) if effect.scan.by_site else []
-        known = extended(known, effect, sorted({*leading, *(one.setting for one in own)}), c)
+        middle = float(values[len(values) // 2])  # the first one: the usual setting
+        others = {*leading, *(one.setting for one in own)} - {middle}
+        known = extended(known, effect, [middle, *sorted(others)], c)
         if effect.scan.by_site:
             known = with_own_settings(known, effect, own, len(found[0]))
     return known
 
 
+def _leading(found: Sequence[Sequence[Screened]]) -> list[float]:
+    """Settings with the largest gains at any site, over any state."""
+    best: dict[float, float] = {}
+    for one in (one for every in found for one in every):
+        best[one.single.setting] = max(one.gain, best.get(one.single.setting, -np.inf))
+    return sorted(best, key=lambda value: -best[value])[: SEARCH.screened]
+
+
 def _screen(
-    effect: Effect, slopes: Slopes, states: Sequence[State], c: Circumstances
+    effect: Effect, values: np.ndarray, slopes: Slopes, states: Sequence[State], c: Circumstances
 ) -> list[list[Screened]]:
-    """Every setting of a scan at every site, by each driver, over each of several states."""
-    assert effect.scan is not None
-    values = effect.scan.values(c)
+    """Settings of a scan at every site, by each driver, over each of several states."""
     out, leading = [list[Screened]() for _ in states], [dict[Site, int]() for _ in states]
     for first in range(0, len(values), SEARCH.chunk):
         chunk = [float(value) for value in values[first : first + SEARCH.chunk]]
@@ -151,10 +165,16 @@ def _one_by_one(
     """The leading setting of each site, the largest gain first, each over a state with those before it.
 
     `found` are the gains over the first state. A site whose gain does not exceed the logarithm of the number
-    of settings that were tried has none.
+    of settings that were tried has none. A site may have as many as the scan's `several`.
     """
+    assert effect.scan is not None
     out: list[Single] = []
-    while rest := [one for one in found if one.single.site not in {single.site for single in out}]:
+    values = np.unique([one.single.setting for one in found])
+    while len(out) < max(effect.scan.several, len({one.single.site for one in found})):
+        sites = [single.site for single in out]
+        rest = [one for one in found if sites.count(one.single.site) < effect.scan.several]
+        if not rest:
+            break
         best = max(rest, key=lambda one: one.gain)
         if best.gain <= np.log(len(found)):
             break
@@ -167,5 +187,5 @@ def _one_by_one(
             np.append(state.scales, np.full(size, best.scale)),
             robust=state.robust,
         )
-        (found,) = _screen(effect, slopes, [state], c)
+        (found,) = _screen(effect, values, slopes, [state], c)
     return out

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,13 +12,17 @@ from bayescal.gap.linear.evidence import log_sum
 from bayescal.gap.outcome.where import unabsorbed, visible
 from bayescal.gap.search.beam import Hypothesis, Member, Search
 from bayescal.gap.search.makers import Cell
+from bayescal.gap.search.relatives import Argument, Related, relatives
 from bayescal.gap.search.unknown import CellFit, Pool, unknown, with_set
 from bayescal.gap.settings import SEARCH, VERDICT
 
 
 @dataclass(frozen=True)
 class Weighed:
-    """A hypothesis, with or without an unmodelled effect, and its probability."""
+    """A hypothesis, with or without an unmodelled effect, and its probability.
+
+    The unmodelled effect is that of a generic cell beside the named ones, or a relative in place of one.
+    """
 
     hypothesis: Hypothesis
     cell: CellFit | None  # best cell of the unmodelled effect; None without one
@@ -26,11 +30,23 @@ class Weighed:
     score: float
     probability: float = 0.0
     at_names: float = -np.inf  # nats of the best cell at a site of a named effect, beyond what is forgiven
+    related: Related | None = None  # in place of its member
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The named effects."""
+        replaced = self.related.member if self.related else None
+        return tuple(m.effect for m in self.hypothesis.members if m is not replaced)
+
+    @property
+    def unmodelled(self) -> bool:
+        """Whether it has an unmodelled effect."""
+        return self.cell is not None or self.related is not None
 
     @property
     def effects(self) -> tuple[str, ...]:
         """Names, "unknown" last."""
-        return self.hypothesis.names + (("unknown",) if self.cell else ())
+        return self.names + (("unknown",) if self.unmodelled else ())
 
 
 @dataclass(frozen=True)
@@ -46,6 +62,7 @@ class Decision:
     footnotes: tuple[str, ...]
     unclaimed: frozenset[str] = frozenset()  # named effects that validation data do not confirm
     withheld: frozenset[str] = frozenset()  # effects that validation data do not admit
+    explained: float = 1.0  # share of the nats of names and an unmodelled effect that the names explain
 
     @property
     def members(self) -> tuple[Member, ...]:
@@ -58,31 +75,48 @@ class Decision:
         return self.weighed[0].score - rest
 
 
-def decide(search: Search, pool: Pool) -> Decision:
+def decide(search: Search, pool: Pool, given: Sequence[Argument] = ()) -> Decision:
     """Compute the probability of every hypothesis, with and without an unmodelled effect, and decide."""
-    weighed, alone = weigh(search, pool)
+    weighed, alone = weigh(search, pool, given)
     probability = probabilities(weighed, list(search.candidates.variants))
     kind, names = verdict_of(weighed, probability)
     best = weighed[0]
+    null = search.hypotheses[frozenset()].log_evidence
+    explained = (best.hypothesis.log_evidence - null) / best.log_evidence if best.cell is not None else 1.0
     if best.cell is not None and names:
-        names = tuple(n for n in names if _survives(search, best, pool, n))
+        names = tuple(n for n in names if explained >= VERDICT.sure and _survives(search, best, pool, n))
         kind = "named+unexplained" if names else "unknown"
     if kind == "named" and contradicted(weighed):
         kind = "named+unexplained"
     members = tuple(m for m in best.hypothesis.members if m.effect in names)
     members, footnotes = _without_footnotes(search, members, probability)
     chosen = search.hypothesis(members, (None, best.hypothesis.state.weight))
-    return Decision(kind, chosen, weighed, probability, credible_set(weighed), tuple(alone), footnotes)
+    credible = credible_set(weighed)
+    return Decision(
+        kind, chosen, weighed, probability, credible, tuple(alone), footnotes, explained=explained
+    )
 
 
-def weigh(search: Search, pool: Pool) -> tuple[tuple[Weighed, ...], list[CellFit]]:
-    """All hypotheses with their probabilities, the most probable first; and every cell over noise only."""
+def weigh(
+    search: Search, pool: Pool, given: Sequence[Argument] = ()
+) -> tuple[tuple[Weighed, ...], list[CellFit]]:
+    """All hypotheses with their probabilities, the most probable first; and every cell over noise only.
+
+    `given` are the quantities of the session that may modulate a named effect.
+    """
     ranked = sorted(search.hypotheses.values(), key=lambda h: -h.score)
     null = search.hypotheses[frozenset()]
     leaders = dict.fromkeys((null, *ranked[: VERDICT.leaders]))
     out = [Weighed(h, None, h.log_evidence - null.log_evidence, h.score) for h in ranked]
     alone: list[CellFit] = []
     for h in leaders:
+        # a part of the baseline that was left out is a linear form of an error that may be large
+        tested = [m for m in h.members if m.effect not in search.candidates.partly] if given else []
+        every = relatives(h, tested, null.log_evidence, given, _without(search, h)) if tested else ()
+        for r in every:
+            out.append(
+                Weighed(h, None, h.log_evidence + r.gain - null.log_evidence, h.score + r.gain, related=r)
+            )
         gain, cells = unknown(h, pool, null.log_evidence)
         alone = cells if h is null else alone
         if not np.isfinite(gain):
@@ -97,6 +131,17 @@ def weigh(search: Search, pool: Pool) -> tuple[tuple[Weighed, ...], list[CellFit
     total = log_sum(np.array([w.score for w in out]))
     out = [replace(w, probability=float(np.exp(w.score - total))) for w in out]
     return tuple(sorted(out, key=lambda w: -w.score)), alone
+
+
+def _without(search: Search, h: Hypothesis) -> Callable[[Member], Hypothesis]:
+    """A hypothesis without one of its members."""
+
+    def without(member: Member) -> Hypothesis:
+        rest = [m for m in h.members if m is not member]
+        known = search.hypotheses.get(frozenset(m.effect for m in rest))
+        return known or search.hypothesis(rest, (None, h.state.weight))
+
+    return without
 
 
 def _at_names(h: Hypothesis, pool: Pool, cells: Sequence[CellFit]) -> float:
@@ -167,20 +212,29 @@ def verdict_of(weighed: Sequence[Weighed], probability: Mapping[str, float]) -> 
     best = weighed[0]
     if probability["null"] >= VERDICT.null_enough or not best.effects:
         return "null", ()
-    sure = tuple(n for n in best.hypothesis.names if probability[n] >= VERDICT.sure)
-    if best.cell is not None and not best.hypothesis.names:
+    sure = tuple(n for n in best.names if probability[n] >= VERDICT.sure)
+    if best.related is not None or undecided(weighed, probability):
+        return "class", sure
+    if best.cell is not None and not best.names:
         return ("unknown" if probability["unknown"] >= VERDICT.sure else "ambiguous"), ()
     if best.cell is not None:
         return "named+unexplained", sure
-    if len(sure) == len(best.hypothesis.names):
+    if len(sure) == len(best.names):
         return ("named+unexplained" if further(weighed) >= VERDICT.unexplained else "named"), sure
     return "ambiguous", tuple(n for n in sure if probability[n] >= VERDICT.credible)
+
+
+def undecided(weighed: Sequence[Weighed], probability: Mapping[str, float]) -> bool:
+    """Whether a single effect leads without enough probability, beside a probable unmodelled effect."""
+    best = weighed[0]
+    lone = len(best.names) == 1 and not best.unmodelled and probability[best.names[0]] < VERDICT.alone
+    return lone and probability["unknown"] >= VERDICT.fewest
 
 
 def further(weighed: Sequence[Weighed]) -> float:
     """Probability that the leading set is not all: of its supersets, and of every unmodelled effect."""
     names = set(weighed[0].effects)
-    return sum(w.probability for w in weighed if w.cell is not None or names < set(w.effects))
+    return sum(w.probability for w in weighed if w.unmodelled or names < set(w.effects))
 
 
 def contradicted(weighed: Sequence[Weighed]) -> bool:

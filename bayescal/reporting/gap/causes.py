@@ -12,7 +12,7 @@ from bayescal.dataset import Dataset
 from bayescal.effects.location import Site
 from bayescal.effects.sizes import DEVIATION
 from bayescal.effects.vocabulary import unit_label
-from bayescal.gap.result import Amplitude, Gap, Place
+from bayescal.gap.result import Amplitude, Event, Gap, Named, Place
 from bayescal.reporting.shared.origin import entry, sized
 from bayescal.reporting.shared.text import measured, with_u
 
@@ -115,11 +115,22 @@ def sentence(where: Place, dataset: Dataset) -> str:
         return ""
     text = happens.words.format(site=where.site.text, joint=f"J{where.driver.joint}")
     if where.event is not None:
-        row, (first, last) = where.event.row, where.event.interval95
-        text += f" at row {row + 1} ({dataset.measurements.ids[row]})"
-        text += f", rows {first + 1} to {last + 1} at 95 %," if last > first else ""
+        text += f" at {when(where.event, dataset)}"
     shown = [a for a in where.amplitudes if any(b.significant for b in where.amplitudes if b.unit == a.unit)]
     return text + "".join(f" {part}" for part in _sizes(shown))
+
+
+def when(event: Event, dataset: Dataset) -> str:
+    """The row of an event as text: ``row 212 (c0211; rows 210 to 214 at 95 %)``."""
+    first, last = event.interval95
+    beside = f"; rows {first + 1} to {last + 1} at 95 %" if last > first else ""
+    return f"row {event.row + 1} ({dataset.measurements.ids[event.row]}{beside})"
+
+
+def event_record(event: Event, dataset: Dataset) -> dict[str, Any]:
+    """The row of an event, its id, and its 95 % interval, as an entry of gap.json; rows count from 1."""
+    interval = [row + 1 for row in event.interval95]
+    return {"row": event.row + 1, "id": dataset.measurements.ids[event.row], "interval95": interval}
 
 
 def _sizes(amplitudes: list[Amplitude]) -> list[str]:
@@ -145,12 +156,7 @@ def records(where: Place, dataset: Dataset) -> dict:
         return {}
     out: dict = {"words": sentence(where, dataset), "remedy": shown.remedy}
     if where.event is not None:
-        ids = dataset.measurements.ids
-        out["event"] = {
-            "row": where.event.row + 1,
-            "id": ids[where.event.row],
-            "interval95": [row + 1 for row in where.event.interval95],
-        }
+        out["event"] = event_record(where.event, dataset)
     sizes = [entry(a, "what") | sized(a, "value", "u") | entry(a, "significant") for a in where.amplitudes]
     return out | {"amplitudes": sizes}
 
@@ -224,6 +230,13 @@ def amplitude_records(gap: Gap) -> list[dict[str, Any]]:
                 | {"validation_gain_nats": nats, "validation_gain_se": se}
             )
     return out
+
+
+def possible(gap: Gap, named: Named) -> bool:
+    """Whether a named effect is only possible: validation gains nothing, or no amplitude is significant."""
+    nats, se = _gains(gap).get(named.effect, (np.nan, np.nan))
+    clear = [a.significant for a in gap.amplitudes if a.effect == named.effect]
+    return not named.confirmed or nats <= se or not any(clear or [True])
 
 
 def _gains(gap: Gap) -> dict[str, tuple[float, float]]:

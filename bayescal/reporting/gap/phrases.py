@@ -2,21 +2,26 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from bayescal.effects import EFFECTS
 from bayescal.effects.location import Site
 from bayescal.fitted import gate
-from bayescal.gap.result import Gap, Named, Place, Verdict
+from bayescal.gap.result import OTHER, VALIDATION_CONTACTS, CauseClass, Gap, Named, Place, Verdict
 from bayescal.gap.settings import OUTCOME, VERDICT
 from bayescal.model.block import posed
-from bayescal.reporting.gap.causes import PLAIN, sentence, sites
-from bayescal.reporting.shared.text import listed, probability, rival
+from bayescal.reporting.gap.causes import PLAIN, possible, sentence, sites, when
+from bayescal.reporting.gap.contacts import main
+from bayescal.reporting.shared.text import listed, probability, rival, um
 
 NO_PLACE = "at no single location"
+COLUMN = re.compile(r"\b(?:j1_\w+(?: \.\.\.)?|time_s|temperature_c)")
+"""A column of a session in the reason why an effect was not assessed."""
 MOST = 0.5
 """Share of the parameters that is not identifiable from which on a null verdict means only: too few poses."""
 
@@ -35,9 +40,12 @@ def named(effect: Named, gap: Gap) -> str:
     clear, everywhere = sites(gap, effect.effect)
     named_sites: tuple[Site, ...] = ()
     if effect.sites or (who.startswith("every ") and not everywhere):
-        named_sites = effect.sites or clear
+        named_sites = tuple(dict.fromkeys(effect.sites)) or clear
         who = together(named_sites) if named_sites else who.replace("every", "at least one")
-    words = f"{does}, {effect.setting}" if effect.setting else does
+    setting = effect.setting
+    if effect.events:
+        setting = listed(f"from {when(event, gap.dataset)} on" for event in effect.events)
+    words = f"{does}, {setting}" if setting else does
     p = f"probability {probability(effect.probability)}"
     if len(named_sites) > 1:
         return f"{effect.effect} in {who} (each {words}; {p})"
@@ -67,9 +75,16 @@ def headline(gap: Gap) -> list[str]:
         for n in unnamed(verdict)
     ]
     if verdict.kind == "null":
-        return [_nothing(gap), *likely]
-    lines = [f"Effect found: {named(n, gap)}" for n in verdict.named[:1]]
-    lines += [f"Also found: {named(n, gap)}" for n in verdict.named[1:]]
+        return [_nothing(gap), *_noisy(gap), *likely]
+    members = verdict.causes.members if verdict.causes else {}
+    sure = [n for n in verdict.named if n.effect not in members]
+    words = [
+        "Possible effect" if possible(gap, n) else f"{'Also' if k else 'Effect'} found"
+        for k, n in enumerate(sure)
+    ]
+    lines = [f"{word}: {named(n, gap)}" for word, n in zip(words, sure, strict=True)]
+    if verdict.causes:
+        lines += [_class(verdict.causes), f"To distinguish them: {_separates(gap)}"]
     if verdict.kind == "unknown":
         p = probability(verdict.probability["unknown"])
         lines += [
@@ -82,7 +97,51 @@ def headline(gap: Gap) -> list[str]:
         lines += [f"Largest location: {place(largest)}"] if largest else []
     if verdict.kind == "named+unexplained":
         lines += [f"Also: a further effect, {there}", *_cause(where, gap)]
+    lacking = [f"{listed(effects)} (no {columns})" for columns, effects in unshown(verdict).items()]
+    if lacking:
+        lines.append(f"Not excluded, because the session lacks a column: {', '.join(lacking)}")
     return [*lines, *likely]
+
+
+def unshown(verdict: Verdict) -> dict[str, list[str]]:
+    """Effects that were not assessed because the session lacks a column, by the column."""
+    out: dict[str, list[str]] = {}
+    for effect, reason in verdict.missing.items():
+        if columns := COLUMN.findall(reason):
+            out.setdefault(" or ".join(columns), []).append(effect)
+    return out
+
+
+def _class(causes: CauseClass) -> str:
+    """A class as text: ``Class of causes: an error at joint 3 that varies with ...``."""
+    site, by = together(causes.sites), listed(driver.text for driver in causes.drivers)
+    each = [
+        f"{'a cause not in the list of known effects' if n == OTHER else n} (probability {probability(p)})"
+        for n, p in causes.members.items()
+    ]
+    return f"Class of causes: an error at {site} that varies with {by}: {' or '.join(each)}"
+
+
+def _separates(gap: Gap) -> str:
+    """What would distinguish the causes of a class: the first advice, else rows in which they differ."""
+    causes = gap.verdict.causes
+    assert causes is not None
+    if gap.advice:
+        return gap.advice[0].what
+    return f"contacts at the same poses with other values of {listed(d.text for d in causes.drivers)}"
+
+
+def class_record(gap: Gap) -> dict[str, Any] | None:
+    """The entry `class` of gap.json: site, arguments, members with probabilities; None without a class."""
+    causes = gap.verdict.causes
+    if causes is None:
+        return None
+    return {
+        "site": " and ".join(map(str, causes.sites)),
+        "arguments": list(map(str, causes.drivers)),
+        "members": dict(causes.members),
+        "separates": _separates(gap),
+    }
 
 
 def unnamed(verdict: Verdict) -> tuple[str, ...]:
@@ -91,7 +150,8 @@ def unnamed(verdict: Verdict) -> tuple[str, ...]:
     With these the headline and its footnotes have every effect of such a probability, and no other.
     """
     stated = {"null", *(n.effect for n in verdict.named)}
-    stated |= {"unknown"} if verdict.kind in ("unknown", "named+unexplained") else set()
+    stated |= {"unknown"} if verdict.kind in ("unknown", "named+unexplained", "class") else set()
+    stated |= set(verdict.causes.members if verdict.causes else ())
     stated |= {note.partition(" ")[0].rstrip(":") for note in verdict.footnotes}
     return tuple(n for n, p in verdict.probability.items() if p >= VERDICT.sure and n not in stated)
 
@@ -115,6 +175,17 @@ def _nothing(gap: Gap) -> str:
     if null >= max(verdict.probability.values()):
         return "No effect above noise: the model explains these data"
     return f"No effect found: noise only is possible (probability {probability(null)})"
+
+
+def _noisy(gap: Gap) -> list[str]:
+    """Noise that is larger than stated, as a sentence: an error without any pattern is called noise."""
+    m, stated = gap.magnitude, gap.dataset.noise
+    expected = stated.contact if main(gap) == VALIDATION_CONTACTS else stated.point
+    if expected is None or m.noise_interval95[0] <= OUTCOME.noisy * expected:
+        return []
+    low, high = (um(value) for value in m.noise_interval95)
+    size = f"{um(m.noise)} µm (95 %: {low} to {high}) against {um(expected)} µm"
+    return [f"But the noise is larger than stated, {size}: an error without any pattern is part of it"]
 
 
 def _cause(where: Place | None, gap: Gap) -> list[str]:

@@ -28,7 +28,7 @@ from bayescal.gap.settings import OUTCOME
 from bayescal.model.scene import Scene
 from bayescal.reporting.figures.process import begun
 from bayescal.reporting.gap import causes
-from bayescal.reporting.gap.phrases import headline, place, warnings
+from bayescal.reporting.gap.phrases import class_record, headline, place, unshown, warnings
 from bayescal.reporting.gap.sheets import per_vector, table_of_contacts
 from bayescal.reporting.page.build import write_page
 from bayescal.reporting.shared.body import arm_drawing
@@ -71,12 +71,19 @@ def gap_record(gap: Gap) -> dict[str, Any]:
         "verdict": verdict.kind,
         "words": headline(gap),
         "effects": _effects(verdict),
-        "named": [entry(n, *NAMED) | {"sites": [str(site) for site in n.sites]} for n in verdict.named],
+        "named": [
+            entry(n, *NAMED)
+            | {"sites": list(map(str, n.sites)), "possible": causes.possible(gap, n)}
+            | {"events": [causes.event_record(event, gap.dataset) for event in n.events]}
+            for n in verdict.named
+        ],
         "use": None if gap.arm is None else gate.of_gap(gap).record(),
         "amplitudes": causes.amplitude_records(gap),
         "refit": {"model": ",".join(gap.refit), "without": list(map(str, gap.still_without))},
         **entry(verdict, "credible_set90", "probability"),
         "hypotheses": [entry(h, "effects", "probability", "log_evidence") for h in verdict.hypotheses],
+        "class": class_record(gap),
+        "not_excluded": unshown(verdict),
         **entry(verdict, "footnotes", "missing", "notes"),
         "where": [_place(w) | causes.records(w, gap.dataset) for w in gap.where],
         "where_marginal": {key: [entry(m, *GROUP) for m in gap.margins.get(key, ())] for key in MARGINS},

@@ -32,7 +32,7 @@ BLIND = 4
 MARGINS = 3
 ADVICE = 3
 LEAST_PROBABILITY = 0.01
-STYLES = {"null": "bold green", "named": "bold", "ambiguous": "bold yellow"}
+STYLES = {"null": "bold green", "named": "bold", "ambiguous": "bold yellow", "class": "bold yellow"}
 
 
 def gap_summary(gap: Gap, record: Json) -> RenderableType:
@@ -212,11 +212,19 @@ def _next(record: Json) -> Facts:
         what = f"{listed(map(rival, a['separates']), 'from')}: {a['what']}{more}"
         detectability = f"(detectability {a['lambda_before']:.0f} to {a['lambda_after']:.0f})"
         yield "" if k else "measure next", f"to distinguish {what} {detectability}", ""
+    for k, (columns, effects) in enumerate(_unshown(record).items(), start=len(record["next"])):
+        yield "" if k else "measure next", f"to show {listed(effects, 'or')}: record {columns}", ""
+
+
+def _unshown(record: Json) -> dict[str, list[str]]:
+    return {} if record["verdict"] == "null" else record["not_excluded"]
 
 
 def _remarks(record: Json) -> Facts:
     """Effects that were not assessed (by reason), notes and warnings."""
-    reasons = by_reason(record["missing"])
+    shown = {name for names in _unshown(record).values() for name in names}  # above, with what to record
+    missing = {effect: why for effect, why in record["missing"].items() if effect not in shown}
+    reasons = by_reason(missing)
     yield from under("not assessed", (f"{', '.join(names)}: {why}" for why, names in reasons.items()), "dim")
     yield from under("note", record["notes"])
     yield from under("warning", record["warnings"], "yellow")

@@ -6,7 +6,7 @@ import shlex
 from collections.abc import Callable, Iterator, Sequence
 
 from bayescal.effects import EFFECTS
-from bayescal.gap.result import VALIDATION_POINTS
+from bayescal.gap.result import OTHER, VALIDATION_POINTS
 from bayescal.reporting.gap import sheets
 from bayescal.reporting.page import common
 from bayescal.reporting.page.arm import draw_arm, marked_sites
@@ -20,6 +20,7 @@ VERDICTS = {
     "null": ("good", "✓", "No effect above noise"),
     "named": ("bad", "✗", "Effect found"),
     "named+unexplained": ("bad", "✗", "Effect found, and a further one"),
+    "class": ("warn", "?", "Class of causes"),
     "unknown": ("bad", "✗", "Unmodelled effect"),
     "ambiguous": ("warn", "?", "Ambiguous: several explanations"),
 }
@@ -39,6 +40,8 @@ def first(run: Run) -> Section:
     tone, sign, word = VERDICTS[record["verdict"]]
     if record["verdict"] == "null" and record["words"][0].startswith("No effect found"):
         tone, sign, word = "warn", "?", "No effect found"
+    if record["words"][0].startswith("Possible effect"):
+        tone, sign, word = "warn", "?", "Possible effect"
     sites = marked_sites(run)
     return FirstScreen(
         word,
@@ -75,7 +78,9 @@ def _faults(record: Json) -> list[Fault]:
             ("share of the excess", sheets.share_of(record, named["effect"])),
         ]
         name = named["effect"] + ("" if named["confirmed"] else " (validation data do not confirm it)")
-        out.append(Fault(name, _stated(facts), _remedy(named["effect"])))
+        doubtful = named.get("possible", False)
+        advice = "Measure more before a part is replaced." if doubtful else _remedy(named["effect"])
+        out.append(Fault(f"possibly {name}" if doubtful else name, _stated(facts), advice))
     if record["verdict"] in sheets.UNMODELLED and not may_be:
         where = sheets.unexplained(record)
         p = record["probability"].get(sheets.OTHER)
@@ -90,6 +95,9 @@ def _faults(record: Json) -> list[Fault]:
         out.append(Fault(rival(sheets.OTHER), _stated(facts), remedy or UNKNOWN))
     if record["verdict"] == "ambiguous":
         may_be = tuple(n for n in record["credible_set90"] if n != sheets.NULL)
+    if record.get("class"):
+        members = (sheets.OTHER if n == OTHER else n for n in record["class"]["members"])
+        may_be = tuple(n for n in members if n not in record["effects"])
     for name in may_be:
         remedy = UNKNOWN if name == sheets.OTHER else _remedy(name)
         facts = [("probability", probability(record["probability"].get(name) or 0.0))]
@@ -152,7 +160,7 @@ def _next(run: Run) -> list[tuple[str, str]]:
         out.append((words, f"bayescal fit {dataset} --model {model}{without}"))
     if sheets.unexplained(record):
         out.append(("Inspect the location that is marked, correct it, and measure again.", ""))
-    open_ = record["verdict"] in ("ambiguous", *sheets.UNMODELLED) or record["undecided"]
+    open_ = record["verdict"] in ("ambiguous", "class", *sheets.UNMODELLED) or record["undecided"]
     if open_ and not record["dataset"].get("sessions"):
         command = f"bayescal plan {dataset} --after {shlex.quote(run.folder)} --for gap --contacts 60"
         out.append(("Measure the contacts that decide between the explanations.", command))

@@ -1,0 +1,117 @@
+"""The verdict in its final form: from the decisions of a search and the tests by validation data."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from bayescal.effects import EFFECTS
+from bayescal.effects.location import ARM
+from bayescal.gap.examine import Examined
+from bayescal.gap.outcome.notes import alike, cautions, play_or_late
+from bayescal.gap.outcome.where import named_events
+from bayescal.gap.result import OTHER, CauseClass, Hypothetical, Named, Verdict
+from bayescal.gap.search.beam import COMPLIANCE, Member
+from bayescal.gap.search.refit import model_name
+from bayescal.gap.search.verdict import Decision
+from bayescal.gap.settings import VERDICT
+
+UNSEEN = "not detectable with these contacts at any plausible amplitude"
+
+
+def concluded(e: Examined, without: Decision | None) -> Verdict:
+    """The verdict; `without` is the decision for the model without compliance, if that was missing."""
+    d = e.decision
+    probability = dict(d.probability)
+    events = named_events(d.hypothesis, e.pool)
+    named = [replace(_named(m, d, e), events=events.get(m.effect, ())) for m in d.members]
+    kind, credible = d.kind, d.credible
+    if without is not None:
+        sure = without.probability[COMPLIANCE]
+        probability |= {COMPLIANCE: sure, "null": without.probability["null"]}
+        compliance = Named(COMPLIANCE, COMPLIANCE, (), "", supported(sure), without.lost(COMPLIANCE))
+        named = [compliance, *named]
+        # without any further effect, no effect is confounded with it; noise only is then compliance alone
+        credible = () if kind == "null" else tuple(n for n in credible if n != "null")
+        credible = (COMPLIANCE, *credible)
+        kind = {"null": "named", "unknown": "named+unexplained", "class": "named+unexplained"}.get(kind, kind)
+    for name in d.withheld:  # what a name that validation refuses loses is an unmodelled effect's
+        lost = max(probability[name] - VERDICT.not_admitted, 0.0)
+        probability["unknown"] = min(probability["unknown"] + lost, 1.0)
+    probability = {name: min(p, _most(name, kind, d)) for name, p in probability.items()}
+    named = [replace(n, probability=min(n.probability, probability[n.effect])) for n in named]
+    kind = settled(kind, bool(named), probability)
+    return Verdict(
+        kind,
+        tuple(named),
+        {name: supported(p) for name, p in probability.items()},
+        credible,
+        tuple(
+            Hypothetical(w.effects, supported(w.probability), w.log_evidence)
+            for w in d.weighed[: VERDICT.listed]
+        ),
+        d.footnotes,
+        e.candidates.missing | dict.fromkeys(e.search.unseen, UNSEEN),
+        (
+            *play_or_late(d.alone, e.pool, d.credible),
+            *alike(e.fitted.model.scene, d.members),
+            *cautions(e.fitted.model.scene.dataset),
+        ),
+        _causes(d, probability) if kind == "class" else None,
+    )
+
+
+def _causes(d: Decision, probability: Mapping[str, float]) -> CauseClass:
+    """The leading effect, those that may be in its place, and an unmodelled one."""
+    best = d.weighed[0]
+    leader = best.related.member if best.related else best.hypothesis.members[0]
+    instead = {leader.effect} | {n for w in d.weighed if leader.effect not in w.effects for n in w.names}
+    instead -= {m.effect for m in best.hypothesis.members if m is not leader}
+    likely = sorted(instead, key=lambda n: -probability[n])
+    members = {n: probability[n] for n in likely if n == leader.effect or probability[n] >= VERDICT.fewest}
+    sites = tuple(dict.fromkeys(site for site, _ in leader.variant.places))
+    drivers = dict.fromkeys(driver.course for _, driver in leader.variant.places)
+    if len(drivers) > VERDICT.advised:  # one of every joint
+        drivers = dict.fromkeys(replace(driver, joint=0) for driver in drivers)
+    further = () if best.related is None else (best.related.driver,)
+    return CauseClass(
+        (ARM,) if ARM in sites else sites,
+        (*drivers, *(driver for driver in further if driver not in drivers)),
+        {n: supported(p) for n, p in (members | {OTHER: probability["unknown"]}).items()},
+    )
+
+
+def settled(kind: str, named: bool, probability: Mapping[str, float]) -> str:
+    """The verdict that probabilities support: `unknown` is as likely as not, without it `ambiguous`.
+
+    A verdict `named` or `named+unexplained` without a name is none.
+    """
+    kind = "unknown" if kind in ("named", "named+unexplained") and not named else kind
+    return "ambiguous" if kind == "unknown" and probability["unknown"] < VERDICT.sure else kind
+
+
+def _most(name: str, kind: str, d: Decision) -> float:
+    """Largest probability that is stated of an effect."""
+    if name in ("null", "unknown"):
+        return 1.0
+    if name in d.withheld:
+        return VERDICT.not_admitted
+    if kind in ("named+unexplained", "class", "unknown"):
+        return min(VERDICT.beside_unmodelled, max(d.explained, 0.0))
+    return 1.0
+
+
+def _named(member: Member, d: Decision, e: Examined) -> Named:
+    v = member.variant
+    setting = EFFECTS[v.effect].words(v.setting)
+    return Named(
+        v.effect, model_name(member, e.candidates), v.sites, setting, supported(d.probability[v.effect]),
+        d.lost(v.effect), v.effect not in d.unclaimed,
+    )  # fmt: skip
+
+
+def supported(probability: float) -> float:
+    """A probability within the limits that blind checks support."""
+    return float(np.clip(probability, 1.0 - VERDICT.stated, VERDICT.stated))

@@ -1,0 +1,140 @@
+"""Sudden shifts: their rows with intervals, several of them, and a tool that only validation rows use."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from sessions import tracker, with_columns
+
+from bayescal.dataset import Dataset
+from bayescal.effects import EFFECTS, parameters_of
+from bayescal.effects.location import BASE, TOOL
+from bayescal.effects.selection import Selection
+from bayescal.effects.step import ROWS, beside, moments
+from bayescal.errors import BayescalError
+from bayescal.estimate import calibrated
+from bayescal.gap.diagnose import diagnose
+from bayescal.model.scene import Scene
+from bayescal.predict.crossvalidation import validation_errors
+from bayescal.preparing.missing import missing
+from bayescal.reporting.gap.phrases import headline
+from bayescal.reporting.gap.record import gap_record
+
+MODEL = ("geometry", "compliance")
+
+
+def shifted(dataset: Dataset, events: dict[int, tuple[float, ...]]) -> Dataset:
+    """A session whose instrument reads points shifted by a vector, m, from each row (from 1) on."""
+    xyz = dataset.measurements.xyz.copy()
+    for row, by in events.items():
+        xyz[row - 1 :] += by
+    return with_columns(dataset, xyz=xyz)
+
+
+@pytest.fixture(scope="module")
+def several():
+    """Two shifts of the base, of 0.1 mm and 0.08 mm, in noise of 0.01 mm."""
+    session = shifted(tracker(seed=3, count=110).dataset, {38: (1e-4, 0, 0), 80: (0, -8e-5, 2e-5)})
+    return diagnose(session, MODEL)
+
+
+def test_two_shifts_are_found_at_their_rows(several):
+    (named,) = several.verdict.named
+    assert (several.verdict.kind, named.effect, named.sites) == ("named", "step", (BASE, BASE))
+    first, second = sorted(named.events, key=lambda event: event.row)
+    for event, row in ((first, 38), (second, 80)):
+        low, high = event.interval95
+        assert low <= row - 1 <= high, (event, row)
+        assert high - low <= 2, event
+    settings = sorted(int(value) for value in named.model.partition("@")[2].split(" ")[0].split("/"))
+    assert settings == [first.row + 1, second.row + 1]
+
+
+def test_rows_beside_a_shift_are_no_outliers(several):
+    assert not len(several.arm.rejected)
+
+
+def test_a_reader_finds_the_rows(several):
+    line = headline(several)[0]
+    ids = several.dataset.measurements.ids
+    for row in (38, 80):
+        assert f"from row {row} ({ids[row - 1]}" in line
+    assert "base and the base" not in line
+    (entry,) = gap_record(several)["named"]
+    assert sorted(event["row"] for event in entry["events"]) == [38, 80]
+    assert {event["id"] for event in entry["events"]} == {ids[37], ids[79]}
+
+
+def test_a_model_names_several_shifts():
+    text = "step@38/80/90 at base and base and tool"
+    assert str(Selection.read(text)) == text
+    scene = Scene(tracker(seed=3, count=110).dataset)
+    c = scene.circumstances(scene.rows("calibrate"))
+    own = [p for p in parameters_of((text,), c) if p.effect == "step"]
+    assert [p.site for p in own] == [BASE] * 12 + [TOOL] * 3
+    assert len({p.name for p in own}) == 15
+    began = [int(np.argmax(np.asarray(p.terms[0].driver) > 0)) + 1 for p in own]
+    assert began == [38] * 6 + [80] * 6 + [90] * 3
+
+
+def test_rows_of_a_long_session_are_searched_twice():
+    """Rows that the first search leaves out are near those that it tries."""
+    c = replace(
+        Scene(tracker(seed=3, count=110).dataset).circumstances(np.arange(110)), fitted=np.arange(1000)
+    )
+    tried = moments(c)
+    assert len(tried) == ROWS
+    reached = np.concatenate([beside(c, row) for row in tried])
+    low, high = int(tried[0]), int(tried[-1])
+    assert set(range(low, high + 1)) <= set(reached.astype(int).tolist())
+
+
+@pytest.mark.parametrize("off", [2e-3, 0.0])
+def test_a_tool_of_validation_rows_keeps_its_prior(off):
+    """A reflector that no fitted row uses is as uncertain in the prediction as stated, 1.5 mm."""
+    d = tracker(seed=5, count=90).dataset
+    validate = np.arange(90) % 3 == 0
+    other = replace(d.tools[0], name="other", centre=d.tools[0].centre + np.array([0, off, 0]), u=1.5e-3)
+    table = {"role": np.where(validate, "validate", "calibrate"), "tool": validate.astype(int)}
+    d = with_columns(replace(d, tools=(*d.tools, other)), **table)
+    errors = validation_errors(calibrated(Scene(d), MODEL))
+    sd = np.sqrt(errors.noise**2 + np.sum(errors.by_parameters**2, axis=1))
+    assert np.all(np.abs(errors.residual) < 1.96 * sd)
+    assert np.median(sd) == pytest.approx(1.5e-3, rel=0.05)
+
+
+def test_check_tells_a_tool_of_validation_rows():
+    d = tracker(seed=5, count=30).dataset
+    other = replace(d.tools[0], name="other", u=1.5e-3)
+    validate = np.arange(30) % 3 == 0
+    table = {"role": np.where(validate, "validate", "calibrate"), "tool": validate.astype(int)}
+    told = [
+        f.what for f in missing(Scene(with_columns(replace(d, tools=(*d.tools, other)), **table)), None, None)
+    ]
+    assert any("only validation rows use the tool other" in what and "1.5 mm" in what for what in told)
+    both = with_columns(replace(d, tools=(*d.tools, other)), tool=validate.astype(int))
+    assert not any("tool other" in f.what for f in missing(Scene(both), None, None))
+
+
+def test_a_level_that_cannot_be_fitted_is_left_out(monkeypatch):
+    """The rest of the diagnosis is there, with the reason."""
+
+    def refused(scene, level, options):
+        raise BayescalError("the fit does not converge", str(level))
+
+    monkeypatch.setattr("bayescal.gap.diagnose.fitted_level", refused)
+    gap = diagnose(tracker(seed=3, count=60).dataset, MODEL)
+    assert [step.model for step in gap.levels] == [MODEL]
+    lost = [w for w in gap.warnings if "left out" in w]
+    assert len(lost) == 3
+    assert all("does not converge" in w for w in lost)
+
+
+def test_an_arm_warms_up_within_hours():
+    """A session of two days has no time constant of days."""
+    c = Scene(tracker(seed=3, count=110).dataset).circumstances(np.arange(110))
+    for hours, longest in ((48.0, 4.0), (0.5, 2.0)):
+        time = np.linspace(0.0, 3600.0 * hours, 110)
+        assert EFFECTS["thermal-drift"].scan.values(replace(c, time=time))[-1] == pytest.approx(
+            3600 * longest
+        )

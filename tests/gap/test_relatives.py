@@ -1,0 +1,140 @@
+"""Relatives of a name, signs of physical parameters, and cells of effects that the vocabulary lacks."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from gap_problems import Bench
+from scipy.integrate import quad
+from scipy.stats import norm
+
+from bayescal.effects import EFFECTS
+from bayescal.effects.location import BASE, TOOL, Driver, joint
+from bayescal.gap.linear.state import fit_state
+from bayescal.gap.search.beam import Member, Search
+from bayescal.gap.search.cells import cells
+from bayescal.gap.search.relatives import arguments, relatives
+from bayescal.gap.settings import RELATIVES
+from bayescal.statistics import rms
+
+LOADED = Driver("torque", 2)
+
+
+@pytest.fixture(scope="module")
+def bench(cube):
+    return Bench.of(cube(seed=1, count=200).dataset)
+
+
+def with_backlash(bench, by, seed, strength=400.0):
+    """Noise and lost motion of joint 3, times a function (N,) of the rows; and what names it."""
+    variant = next(
+        v for v in bench.known.variants["backlash"] if v.setting is None and v.sites == (joint(3),)
+    )
+    column = bench.problem.pool[:, variant.columns]
+    row = bench.problem.rows[bench.problem.contact]
+    contribution = np.zeros(len(bench.problem.residual))
+    contribution[: bench.problem.count] = (column[: bench.problem.count] * by[row][:, None]).sum(axis=1)
+    contribution *= np.sqrt(strength / (contribution @ contribution))
+    search = Search(bench.made_up(seed, contribution), bench.known)
+    return search, search.hypothesis([Member(variant, 1.0, 0.0)]), search.hypothesis(())
+
+
+def gain(bench, by, seed):
+    """The relative of that name, over the evidence without it."""
+    _, named, null = with_backlash(bench, by, seed)
+    (found,) = relatives(
+        named, named.members, null.log_evidence, arguments(bench.circumstances), lambda m: null
+    )
+    return found
+
+
+def test_an_error_that_a_name_only_resembles_has_a_relative(bench):
+    """Lost motion in proportion to a load: the load is found, with nats that no true name leaves."""
+    torque = bench.circumstances.torques[:, LOADED.joint - 1]
+    found = [gain(bench, np.abs(torque - np.median(torque)), seed) for seed in range(3)]
+    assert min(r.gain for r in found) > 10.0
+    assert {r.driver.joint for r in found} == {LOADED.joint}
+    plain = [gain(bench, np.ones(len(torque)), seed).gain for seed in range(8)]
+    assert max(plain) < 2.0
+
+
+def test_a_name_that_explains_little_has_no_relatives(bench):
+    _, named, null = with_backlash(bench, np.ones(len(bench.circumstances.q)), 0)
+    given = arguments(bench.circumstances)
+    least = replace(null, log_evidence=named.log_evidence - RELATIVES.least)
+    assert list(relatives(named, named.members, null.log_evidence, given, lambda m: least))
+    less = replace(least, log_evidence=least.log_evidence + 1e-6)
+    assert not list(relatives(named, named.members, null.log_evidence, given, lambda m: less))
+
+
+def test_a_name_is_as_sure_as_the_data_exclude_that_another_quantity_drives_it(bench):
+    """Lost motion in proportion to a load, and one that is not: either is excluded if the other is true."""
+    c = bench.circumstances
+    load = np.abs(c.torques[:, 1]) / rms(c.torques[c.fitted, 1])
+    _, named, null = with_backlash(bench, load, 0, strength=90.0)
+    (loaded,) = relatives(named, named.members, null.log_evidence, arguments(c), lambda m: null)
+    _, plain, none = with_backlash(bench, np.ones(len(load)), 0, strength=90.0)
+    (excluded,) = relatives(plain, plain.members, none.log_evidence, arguments(c), lambda m: none)
+    assert loaded.driver.joint == LOADED.joint
+    assert loaded.gain > 0.0 > np.log(0.2) > excluded.gain
+
+
+def test_an_error_of_a_certificate_has_no_relatives(bench):
+    """It moves no contact, so that nothing can modulate it."""
+    variant = bench.known.variants["artefact"][0]
+    search = Search(bench.made_up(0), bench.known)
+    named = search.hypothesis([Member(variant, 1.0, 0.0)])
+    low = replace(search.hypothesis(()), log_evidence=named.log_evidence - 50.0)
+    assert not list(
+        relatives(named, named.members, low.log_evidence, arguments(bench.circumstances), lambda m: low)
+    )
+
+
+def test_the_verdict_on_a_relative_is_not_the_name(bench):
+    torque = bench.circumstances.torques[:, LOADED.joint - 1]
+    search, _, _ = with_backlash(bench, np.abs(torque - np.median(torque)), 1)
+    decision, _ = bench.decided(search.problem)
+    assert decision.kind in ("class", "unknown", "named+unexplained")
+    assert "backlash" not in [m.effect for m in decision.members] or decision.kind != "named"
+    assert decision.probability["unknown"] > 0.5
+
+
+@pytest.mark.parametrize("value", [-3.0, -0.5, 0.0, 2.0])
+def test_the_evidence_of_a_positive_parameter_is_that_of_half_a_prior(bench, value):
+    """By the integral over positive values of likelihood times twice the prior."""
+    search = Search(bench.made_up(0), bench.known)
+    positive = next(k for k, p in enumerate(bench.known.pool) if p.positive)
+    state = fit_state(search.problem, [positive], [1.0], robust=False)
+    sd = 0.4
+    covariance = state.covariance.copy()
+    covariance[-1, -1] = sd**2
+    state = replace(state, step=np.append(state.step[:-1], value * sd), covariance=covariance)
+    share, _ = quad(lambda x: norm.pdf(x, value * sd, sd), 0.0, 10.0, epsabs=1e-12)
+    assert search.signs(state) == pytest.approx(np.log(2.0 * share), abs=1e-6)
+    other = next(k for k, p in enumerate(bench.known.pool) if not p.positive)
+    assert search.signs(replace(state, columns=np.array([other]))) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("effect", "place"), [("backlash", (joint(2), Driver("direction", 2))), ("step", (BASE, Driver("event")))]
+)
+def test_a_cell_of_an_effect_is_a_rival_where_the_vocabulary_lacks_the_effect(
+    bench, monkeypatch, effect, place
+):
+    def known():
+        return next(x.known for x in cells(bench.circumstances) if (x.site, x.driver) == place)
+
+    assert known()
+    monkeypatch.delitem(EFFECTS._effects, effect)
+    assert not known()
+
+
+def test_a_tool_has_cells_by_the_direction_of_gravity(bench):
+    """In its own frame, which turns with the arm: the last set flips with one component."""
+    c = bench.circumstances
+    cell = next(x for x in cells(c) if (x.site, x.driver) == (TOOL, Driver("gravity direction")))
+    linear, *flips = cell.sets
+    size = np.sqrt(sum(np.asarray(q.terms[0].driver) ** 2 for q in linear[::3]))
+    assert np.allclose(size, 1.0)
+    for flip, q in zip(flips, linear[::3], strict=True):
+        assert np.array_equal(np.sign(flip[0].terms[0].driver), np.sign(q.terms[0].driver))
