@@ -2,10 +2,10 @@
 
 A cause that is not in the list of known effects may act at the site of a name and along its coordinate, and
 so explain much of the data under that name: friction that grows with the load looks like backlash. There are
-two kinds of relatives. A *modulated* one has the prediction of the name and, beside it, smooth functions of
-another quantity times this prediction: the data show that the name is not all. A *replaced* one has, in
-place of the prediction, the prediction times a positive function: in proportion to a load, at one end of a
-range, in one direction. The name is only as sure as the data exclude these.
+two kinds of relatives. A *modulated* relative is the prediction of the name and, in addition, this prediction
+times smooth functions of another quantity: the data show that the name is not all. A *replaced* relative is
+the prediction times a positive function, without the name: in proportion to a load, at one end of a range, in
+one direction. The name is only as sure as the data exclude these.
 """
 
 from __future__ import annotations

@@ -12,11 +12,10 @@ import numpy as np
 from bayescal.effects import EFFECTS
 from bayescal.effects.location import Site
 from bayescal.fitted import gate
-from bayescal.gap.result import OTHER, VALIDATION_CONTACTS, CauseClass, Gap, Named, Place, Verdict
+from bayescal.gap.result import OTHER, VALIDATION_POINTS, CauseClass, Gap, Named, Place, Verdict
 from bayescal.gap.settings import OUTCOME, VERDICT
 from bayescal.model.block import posed
 from bayescal.reporting.gap.causes import PLAIN, possible, sentence, sites, when
-from bayescal.reporting.gap.contacts import main
 from bayescal.reporting.shared.text import listed, probability, rival, um
 
 NO_PLACE = "at no single location"
@@ -180,7 +179,8 @@ def _nothing(gap: Gap) -> str:
 def _noisy(gap: Gap) -> list[str]:
     """Noise that is larger than stated, as a sentence: an error without any pattern is called noise."""
     m, stated = gap.magnitude, gap.dataset.noise
-    expected = stated.contact if main(gap) == VALIDATION_CONTACTS else stated.point
+    points = [x.what for x in m.measured[:1]] == [VALIDATION_POINTS]
+    expected = stated.point if points else stated.contact
     if expected is None or m.noise_interval95[0] <= OUTCOME.noisy * expected:
         return []
     low, high = (um(value) for value in m.noise_interval95)
