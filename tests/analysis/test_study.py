@@ -334,19 +334,14 @@ def test_what_is_stated_is_wrong_and_nothing_else():
     assert all(getattr(same, f.name) is getattr(dataset, f.name) for f in fields(Dataset))
 
 
-def test_false_names_are_counted_and_told(tmp_path, monkeypatch):
+def test_false_names_are_counted_and_told(tmp_path, monkeypatch, renewed):
     def diagnosed(seed):
         return [{"case": CASE, "seed": seed, "verdict": "named", "named": ["step"] if seed == 110003 else []}]
 
     monkeypatch.setattr(own, "diagnosed", diagnosed)
-    begin, end = own.MARKS
-    (tmp_path / "page.md").write_text(f"before\n{begin}\n{end}\nafter\n", encoding="utf-8")
-    arguments = ["--seeds", "40", "--workers", "1", "--page", str(tmp_path / "page.md")]
-    own.main([*arguments, "--runs", str(tmp_path / "runs")])
-    text = (tmp_path / "page.md").read_text(encoding="utf-8")
+    arguments = ["--seeds", "40", "--workers", "1", "--runs", str(tmp_path / "runs")]
+    text = renewed(own.MARKS, lambda path: own.main([*arguments, "--page", str(path)]))
     assert f"| {CASE} | 1 of 40, 2 % (0 to 13) | 110003: step | 0 | at most 5 % |" in text
-    assert text.startswith("before\n")
-    assert text.endswith("after\n")
     assert (tmp_path / "runs" / "records.json").is_file()
 
 
@@ -376,30 +371,18 @@ def test_measured_errors_are_as_expected():
     assert not any(0.65 < ratio < 1.5 for ratio in planning_page.ratios(wrong))
 
 
-def test_command(tmp_path, monkeypatch, capsys):
+def test_command(tmp_path, monkeypatch, capsys, renewed):
+    selections = ((planning_session.CHOSEN, 80), (planning_session.RANDOM, 120))
     monkeypatch.setattr(planning_run, "SIZES", ((60, 120),))
-    monkeypatch.setattr(
-        planning_run, "SELECTIONS", ((planning_session.CHOSEN, 80), (planning_session.RANDOM, 120))
-    )
-    target = tmp_path / "page.md"
-    target.write_text(f"before\n{planning_page.BEGIN}\nold\n{planning_page.END}\nafter\n", encoding="utf-8")
-    arguments = [
-        "--sessions",
-        "2",
-        "--candidates",
-        str(PLANNING_STUDY_SMALL),
-        "--out",
-        str(tmp_path),
-        "--page",
-        str(target),
-    ]
-    planning_run.main(arguments)
-    first = capsys.readouterr().out
+    monkeypatch.setattr(planning_run, "SELECTIONS", selections)
+    usual = ["--sessions", "2", "--candidates", str(PLANNING_STUDY_SMALL), "--out", str(tmp_path)]
+
+    def update(path):
+        planning_run.main([*usual, "--page", str(path)])
+
+    text, first = renewed(planning_page, update), capsys.readouterr().out
     assert "| 60 |" in first
     assert "| 120 random | 1 |" in first
-    text = target.read_text(encoding="utf-8")
-    assert text.startswith("before\n")
-    assert "old" not in text
     assert first.strip() in text
-    planning_run.main(arguments)  # all is stored
+    assert renewed(planning_page, update) == text  # all is stored
     assert capsys.readouterr().out == first
