@@ -133,7 +133,8 @@ def test_bands():
 
 def test_pictures_and_page(records, found, tmp_path, renewed):
     (tmp_path / "sessions.json").write_text(json.dumps([*records, {"seed": 1, "refused": "out of reach"}]))
-    text = renewed(page, lambda path: run.main(["--again", "--out", str(tmp_path), "--page", str(path)]))
+    again = ["--again", "--out", str(tmp_path), "--page"]
+    text = renewed(page, lambda path: run.main([*again, str(path)]), tmp_path)
     assert "out of reach" not in text
     assert "[1]" in text
     assert json.loads((tmp_path / "study.json").read_text())["z_scores"] == found["z_scores"]
@@ -301,7 +302,8 @@ def test_page_and_table(tmp_path, capsys, renewed):
     lines = [record(name, seed) for seed in range(1, 21)] + [{"design": name, "seed": 21, "refused": "no"}]
     raw = tmp_path / check_run.RAW
     raw.write_text("".join(json.dumps(r) + "\n" for r in lines), encoding="utf-8")
-    renewed(check_page, lambda path: check_run.main(["--again", "--out", str(tmp_path), "--page", str(path)]))
+    again = ["--again", "--out", str(tmp_path), "--page"]
+    renewed(check_page, lambda path: check_run.main([*again, str(path)]), tmp_path)
     assert f"| {name} | {DESIGNS[0].summary} | 20 | 1 to 21 | 1 |" in capsys.readouterr().out
     table = (tmp_path / "page.csv").read_text(encoding="utf-8").splitlines()
     assert table[0] == "design,figure,of,level,value,low,high"
