@@ -43,6 +43,8 @@ def test_notebook(path, pyplot, monkeypatch, capsys):
     for name, value in {"SAMPLES": 250, "CONTACTS": 120, "CANDIDATES": 250, "ARMS": 1}.items():
         monkeypatch.setenv(f"BAYESCAL_NOTEBOOK_{name}", str(value))
     monkeypatch.setattr("bayescal.planning.search.EACH", 4)  # contacts that validate, of each sphere
+    monkeypatch.setattr("bayescal.probing.motions.HUBS", 60)  # raised configurations, for ways around
+    monkeypatch.setattr("bayescal.probing.motions.CHAINED", ((100, 20),))
     left = runpy.run_path(str(path))
     figures = [pyplot.figure(number) for number in pyplot.get_fignums()]
     assert len(figures) == FIGURES[path.stem]
