@@ -103,20 +103,22 @@ def chromium():
     return found
 
 
-@pytest.fixture
-def renewed(tmp_path):
+@pytest.fixture(scope="session")
+def renewed(tmp_path_factory):
     """A function that brings a page up to date, checks what is around the marks, and returns the new text.
 
-    Its arguments are the module with the marks, and a function of the path.
+    Its arguments are the two marks, or the module that has them, a function of the path, and the folder of
+    the page, if that must not be another.
     """
 
-    def of(module, update):
-        path = tmp_path / "page.md"
-        path.write_text(f"before\n{module.BEGIN}\nold\n{module.END}\nafter\n", encoding="utf-8")
+    def of(marks, update, folder=None):
+        begin, end = marks if isinstance(marks, tuple) else (marks.BEGIN, marks.END)
+        path = (folder or tmp_path_factory.mktemp("page")) / "page.md"
+        path.write_text(f"before\n{begin}\nold\n{end}\nafter\n", encoding="utf-8")
         update(path)
         text = path.read_text(encoding="utf-8")
-        assert text.startswith("before\n")
-        assert text.endswith("\nafter\n")
+        assert text.startswith(f"before\n{begin}\n")
+        assert text.endswith(f"\n{end}\nafter\n")
         assert "\nold\n" not in text
         return text
 

@@ -5,13 +5,15 @@ import inspect
 import sys
 import textwrap
 from collections.abc import Callable
+from functools import cache
 
 import pytest
 
 ASSERTING = ("assert_", "raises", "warns", "fail")
 
 
-def in_loops(function: Callable) -> set[int]:
+@cache
+def in_loops(function: Callable) -> frozenset[int]:
     """Lines of the assertions of a test where every one of them stands in a loop; else none."""
     text, first = inspect.getsourcelines(function)
     lines, free = set[int](), False
@@ -26,12 +28,12 @@ def in_loops(function: Callable) -> set[int]:
             visit(child, inside or isinstance(child, ast.For | ast.While))
 
     visit(ast.parse(textwrap.dedent("".join(text))), False)
-    return set() if free else lines
+    return frozenset() if free else frozenset(lines)
 
 
 def asserting(function: Callable, call: Callable[[], object]) -> object:
     """Call a test; it fails if its assertions stand in loops and none of them was reached."""
-    lines, file = in_loops(function), function.__code__.co_filename
+    lines, file = set(in_loops(function)), function.__code__.co_filename
     if not lines or sys.gettrace() is not None:  # a debugger has the trace
         return call()
 

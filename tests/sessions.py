@@ -267,9 +267,9 @@ def little(**options: object) -> Simulation:
     return simulated(**(LITTLE | {"seed": 4} | options))
 
 
-def circumstances(dataset: Dataset) -> Circumstances:
+def circumstances(session: Dataset | Scene) -> Circumstances:
     """What the effects of a session may depend on, at its rows to calibrate."""
-    scene = Scene(dataset)
+    scene = session if isinstance(session, Scene) else Scene(session)
     return scene.circumstances(scene.rows("calibrate"))
 
 
@@ -285,6 +285,11 @@ def with_rows(dataset: Dataset, rows: np.ndarray, ids: tuple[str, ...] = ()) -> 
     columns |= {name: np.asarray(column)[rows] for name, column in columns.items()}
     columns |= {"ids": ids or tuple(columns["ids"].tolist()), "line": np.arange(2, len(rows) + 2)}
     return replace(dataset, measurements=Measurements(**columns))
+
+
+def geared(dataset: Dataset) -> Dataset:
+    """The session of a robot whose gear ratios are known: a diagnosis scans none."""
+    return replace(dataset, robot=replace(dataset.robot, reductions=np.full(dataset.robot.n, 100.0)))
 
 
 def validating(dataset: Dataset, every: int) -> Dataset:

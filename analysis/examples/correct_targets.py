@@ -15,7 +15,7 @@ import bayescal as bc
 session = bc.simulate(seed=3, contacts=120, later=0, repeats=0, spheres=0)
 with tempfile.TemporaryDirectory() as folder:
     run, targets = Path(folder) / "run", Path(folder) / "targets.csv"
-    bc.fit(session, samples=0).save(run)
+    bc.fit(session, samples=0).save(run, pictures=False)
     readings = np.degrees(session.dataset.measurements.readings[::10])
     header = ",".join(f"j{k}_deg" for k in range(1, 7))
     np.savetxt(targets, readings, fmt="%.4f", delimiter=",", header=header, comments="")

@@ -40,10 +40,11 @@ NOTEBOOKS = [
 @pytest.mark.parametrize("path", NOTEBOOKS)
 def test_notebook(path, pyplot, monkeypatch, capsys):
     monkeypatch.chdir(path.parent)  # where a notebook's kernel starts
-    monkeypatch.setenv("BAYESCAL_NOTEBOOK_SAMPLES", "250")
-    monkeypatch.setenv("BAYESCAL_NOTEBOOK_CONTACTS", "120")
-    monkeypatch.setenv("BAYESCAL_NOTEBOOK_CANDIDATES", "250")
-    monkeypatch.setenv("BAYESCAL_NOTEBOOK_ARMS", "1")
+    for name, value in {"SAMPLES": 250, "CONTACTS": 120, "CANDIDATES": 250, "ARMS": 1}.items():
+        monkeypatch.setenv(f"BAYESCAL_NOTEBOOK_{name}", str(value))
+    monkeypatch.setattr("bayescal.planning.search.EACH", 4)  # contacts that validate, of each sphere
+    monkeypatch.setattr("bayescal.probing.motions.HUBS", 60)  # raised configurations, for ways around
+    monkeypatch.setattr("bayescal.probing.motions.CHAINED", ((100, 20),))
     left = runpy.run_path(str(path))
     figures = [pyplot.figure(number) for number in pyplot.get_fignums()]
     assert len(figures) == FIGURES[path.stem]

@@ -133,7 +133,8 @@ def test_bands():
 
 def test_pictures_and_page(records, found, tmp_path, renewed):
     (tmp_path / "sessions.json").write_text(json.dumps([*records, {"seed": 1, "refused": "out of reach"}]))
-    text = renewed(page, lambda path: run.main(["--again", "--out", str(tmp_path), "--page", str(path)]))
+    again = ["--again", "--out", str(tmp_path), "--page"]
+    text = renewed(page, lambda path: run.main([*again, str(path)]), tmp_path)
     assert "out of reach" not in text
     assert "[1]" in text
     assert json.loads((tmp_path / "study.json").read_text())["z_scores"] == found["z_scores"]
@@ -301,7 +302,8 @@ def test_page_and_table(tmp_path, capsys, renewed):
     lines = [record(name, seed) for seed in range(1, 21)] + [{"design": name, "seed": 21, "refused": "no"}]
     raw = tmp_path / check_run.RAW
     raw.write_text("".join(json.dumps(r) + "\n" for r in lines), encoding="utf-8")
-    renewed(check_page, lambda path: check_run.main(["--again", "--out", str(tmp_path), "--page", str(path)]))
+    again = ["--again", "--out", str(tmp_path), "--page"]
+    renewed(check_page, lambda path: check_run.main([*again, str(path)]), tmp_path)
     assert f"| {name} | {DESIGNS[0].summary} | 20 | 1 to 21 | 1 |" in capsys.readouterr().out
     table = (tmp_path / "page.csv").read_text(encoding="utf-8").splitlines()
     assert table[0] == "design,figure,of,level,value,low,high"
@@ -334,19 +336,14 @@ def test_what_is_stated_is_wrong_and_nothing_else():
     assert all(getattr(same, f.name) is getattr(dataset, f.name) for f in fields(Dataset))
 
 
-def test_false_names_are_counted_and_told(tmp_path, monkeypatch):
+def test_false_names_are_counted_and_told(tmp_path, monkeypatch, renewed):
     def diagnosed(seed):
         return [{"case": CASE, "seed": seed, "verdict": "named", "named": ["step"] if seed == 110003 else []}]
 
     monkeypatch.setattr(own, "diagnosed", diagnosed)
-    begin, end = own.MARKS
-    (tmp_path / "page.md").write_text(f"before\n{begin}\n{end}\nafter\n", encoding="utf-8")
-    arguments = ["--seeds", "40", "--workers", "1", "--page", str(tmp_path / "page.md")]
-    own.main([*arguments, "--runs", str(tmp_path / "runs")])
-    text = (tmp_path / "page.md").read_text(encoding="utf-8")
+    arguments = ["--seeds", "40", "--workers", "1", "--runs", str(tmp_path / "runs")]
+    text = renewed(own.MARKS, lambda path: own.main([*arguments, "--page", str(path)]))
     assert f"| {CASE} | 1 of 40, 2 % (0 to 13) | 110003: step | 0 | at most 5 % |" in text
-    assert text.startswith("before\n")
-    assert text.endswith("after\n")
     assert (tmp_path / "runs" / "records.json").is_file()
 
 
@@ -376,30 +373,18 @@ def test_measured_errors_are_as_expected():
     assert not any(0.65 < ratio < 1.5 for ratio in planning_page.ratios(wrong))
 
 
-def test_command(tmp_path, monkeypatch, capsys):
+def test_command(tmp_path, monkeypatch, capsys, renewed):
+    selections = ((planning_session.CHOSEN, 80), (planning_session.RANDOM, 120))
     monkeypatch.setattr(planning_run, "SIZES", ((60, 120),))
-    monkeypatch.setattr(
-        planning_run, "SELECTIONS", ((planning_session.CHOSEN, 80), (planning_session.RANDOM, 120))
-    )
-    target = tmp_path / "page.md"
-    target.write_text(f"before\n{planning_page.BEGIN}\nold\n{planning_page.END}\nafter\n", encoding="utf-8")
-    arguments = [
-        "--sessions",
-        "2",
-        "--candidates",
-        str(PLANNING_STUDY_SMALL),
-        "--out",
-        str(tmp_path),
-        "--page",
-        str(target),
-    ]
-    planning_run.main(arguments)
-    first = capsys.readouterr().out
+    monkeypatch.setattr(planning_run, "SELECTIONS", selections)
+    usual = ["--sessions", "2", "--candidates", str(PLANNING_STUDY_SMALL), "--out", str(tmp_path)]
+
+    def update(path):
+        planning_run.main([*usual, "--page", str(path)])
+
+    text, first = renewed(planning_page, update), capsys.readouterr().out
     assert "| 60 |" in first
     assert "| 120 random | 1 |" in first
-    text = target.read_text(encoding="utf-8")
-    assert text.startswith("before\n")
-    assert "old" not in text
     assert first.strip() in text
-    planning_run.main(arguments)  # all is stored
+    assert renewed(planning_page, update) == text  # all is stored
     assert capsys.readouterr().out == first

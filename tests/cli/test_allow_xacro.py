@@ -11,11 +11,10 @@ from types import SimpleNamespace
 
 import pytest
 from cases import EXAMPLE
+from click.testing import CliRunner
 from test_documented_commands import commands
-from typer.testing import CliRunner
 
 import bayescal as bc
-from bayescal.cli import app
 
 PROGRAM = """<robot name="arm" xmlns:xacro="http://ros.org/wiki/xacro"><!-- xacro:eval-comments -->
 <!-- ${(lambda:
@@ -83,7 +82,7 @@ def places(tmp_path):
 @pytest.mark.parametrize("line", CASES.values(), ids=CASES)
 def test_commands(line, places):
     for option in ([], ["--allow-xacro"]):
-        done = CliRunner().invoke(app, [*line.format(**vars(places)).split(), *option])
+        done = CliRunner().invoke(commands()["bayescal"], [*line.format(**vars(places)).split(), *option])
         assert done.exit_code != 0
         assert places.witness.exists() == bool(option)
         assert bool(option) or "--allow-xacro" in str(done.exception)
@@ -130,7 +129,9 @@ def test_what_cannot_allow_it_does_not_run_it(places):
     for words, own in arguments():
         if "allow_xacro" not in own and "blind" not in words:
             for given in (places.cell, places.arm):
-                CliRunner().invoke(app, [*words.split()[1:], *[str(given)] * len(list(paths(own)))])
+                CliRunner().invoke(
+                    commands()["bayescal"], [*words.split()[1:], *[str(given)] * len(list(paths(own)))]
+                )
     for _, own in functions():
         parameters = inspect.signature(own).parameters
         for given in (places.cell, places.arm) if "allow_xacro" not in parameters else ():

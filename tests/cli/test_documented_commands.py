@@ -9,13 +9,14 @@ import re
 import shlex
 import subprocess
 import sys
+from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
 import typer
 from cases import ROOT
-from typer.testing import CliRunner
+from click.testing import CliRunner
 
 from bayescal.cli import app
 
@@ -32,7 +33,7 @@ def parsed(command: str, partly: bool = False) -> None:
     `partly`: what a command requires may be missing, as in a sentence that only names it.
     """
     words = shlex.split(re.sub(r"[\[\]]", "", command), comments=True)[1:]
-    found = typer.main.get_command(app)
+    found = commands()["bayescal"]
     context = found.make_context("bayescal", words, resilient_parsing=partly)
     while hasattr(found, "resolve_command"):
         rest = [*context._protected_args, *context.args]
@@ -56,8 +57,9 @@ def test_every_command_of_a_code_block_parses(command):
     parsed(command)
 
 
+@cache
 def commands(group=None, name: str = "bayescal") -> dict:
-    """Every command and group of the command line by its words, and what parses it."""
+    """Every command and group of the command line by its words, and what parses it; made once."""
     group = group or typer.main.get_command(app)
     out = {name: group}
     for word, found in getattr(group, "commands", {}).items():
@@ -69,7 +71,9 @@ def commands(group=None, name: str = "bayescal") -> dict:
 def test_help_ends_with_two_examples_that_parse(name):
     examples = LINE.findall(commands()[name].epilog)
     assert len(examples) == 2
-    shown = CliRunner().invoke(app, [*name.split()[1:], "--help"], terminal_width=150).output
+    shown = (
+        CliRunner().invoke(commands()["bayescal"], [*name.split()[1:], "--help"], terminal_width=150).output
+    )
     assert [line.strip() for line in shown.strip().splitlines()[-2:]] == examples
     for example in examples:
         assert f"{example} ".startswith(f"{name} ")

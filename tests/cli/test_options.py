@@ -13,16 +13,16 @@ import time
 from collections.abc import Iterator
 from contextlib import nullcontext
 from dataclasses import fields, is_dataclass
+from functools import cache
 from importlib import import_module
 from types import SimpleNamespace
 from typing import Annotated, Any, get_args, get_origin, get_type_hints
 from unittest.mock import MagicMock
 
 import pytest
+from click.testing import CliRunner
 from test_documented_commands import commands
-from typer.testing import CliRunner
 
-from bayescal.cli import app
 from bayescal.cli import progress as module
 from bayescal.cli.progress import progress
 from bayescal.cli.root import PARAMETER
@@ -120,8 +120,9 @@ def leaves(value: Any, name: str) -> Iterator[tuple[str, Any]]:
         yield name.rstrip("_"), list(value) if isinstance(value, tuple) else value
 
 
-def received(words: str, arguments: list[str]) -> tuple[dict[str, Any], str]:
-    """What the stand-ins of a command receive, by parameter, and what is printed."""
+@cache
+def received(words: str, *arguments: str) -> tuple[dict[str, Any], str]:
+    """What the stand-ins of a command receive, by parameter, and what is printed; of each line once."""
     got: dict[str, Any] = {}
 
     def stand_in(real):
@@ -146,7 +147,7 @@ def received(words: str, arguments: list[str]) -> tuple[dict[str, Any], str]:
         for path in CALLED[words]:
             module, name = path.rsplit(".", 1)
             patch.setattr(path, stand_in(getattr(import_module(module), name)))
-        done = CliRunner().invoke(app, [*words.split(), *arguments])
+        done = CliRunner().invoke(commands()["bayescal"], [*words.split(), *arguments])
     assert done.exit_code == 0, (done.output, done.exception)
     return got, done.output
 
@@ -170,8 +171,8 @@ OPTIONS = [
 
 
 @pytest.mark.parametrize(("words", "name"), OPTIONS)
-def test_every_option_arrives(words, name, monkeypatch, tmp_path):
-    monkeypatch.chdir(tmp_path)
+def test_every_option_arrives(words, name, monkeypatch, tmp_path_factory):
+    monkeypatch.chdir(tmp_path_factory.getbasetemp())
     command = commands()[f"bayescal {words}"]
     option = next(p for p in command.params if p.name == name)
     key, long = (words, shown(option)), shown(option).lstrip("-").replace("-", "_")
@@ -179,11 +180,11 @@ def test_every_option_arrives(words, name, monkeypatch, tmp_path):
     arguments, value = given(words, option, *annotated(command)[name], default)
     more = list(WITH.get(key, ()))
     usual = required(words, command, *more[:1]) + more
-    after, text = received(words, usual + ([] if option.required else arguments))
+    after, text = received(words, *usual, *([] if option.required else arguments))
     if option.required:
         changed = after
     else:
-        before, printed = received(words, usual)
+        before, printed = received(words, *usual)
         if value is None:
             assert text != printed
             return
@@ -224,9 +225,9 @@ def test_every_command_is_tested():
         (("simulate", "--out", "o", "--payload", "1.5"), "payload", 1.5),
     ],
 )
-def test_earlier_names_of_options_are_understood(line, parameter, value, monkeypatch, tmp_path):
-    monkeypatch.chdir(tmp_path)
-    got, _ = received(line[0], list(line[1:]))
+def test_earlier_names_of_options_are_understood(line, parameter, value, monkeypatch, tmp_path_factory):
+    monkeypatch.chdir(tmp_path_factory.getbasetemp())
+    got, _ = received(*line)
     assert got.get(parameter) == value
 
 

@@ -44,6 +44,7 @@ def sessions(cube, tracker):
 
 
 @pytest.fixture(
+    scope="module",
     params=[
         (session, name)
         for session in ("planes", "points", "two tools")
@@ -58,9 +59,8 @@ def model(request, sessions):
 
 
 def test_what_the_session_of_points_lacks(sessions):
-    scene = Scene(sessions["points"])
-    circumstances = scene.circumstances(scene.rows("calibrate"))
-    assert {e for e in EFFECTS if EFFECTS[e].missing(circumstances)} == LACKING
+    c = circumstances(sessions["points"])
+    assert {e for e in EFFECTS if EFFECTS[e].missing(c)} == LACKING
 
 
 def test_parameters(model):
@@ -188,14 +188,13 @@ def test_what_is_missing_is_told(name, cube):
         robot=replace(dataset.robot, masses=None, centres_of_mass=None, reductions=None),
         measurements=type(m)(m.ids, m.role, m.target, m.tool, m.readings, m.line),
     )
-    scene = Scene(bare)
-    circumstances = scene.circumstances(scene.rows("calibrate"))
-    words = EFFECTS[name].missing(circumstances)
+    c = circumstances(bare)
+    words = EFFECTS[name].missing(c)
     if words:
         with pytest.raises(BayescalError, match=name):
-            parameters_of((name,), circumstances)
+            parameters_of((name,), c)
     else:
-        assert parameters_of((name,), circumstances)
+        assert parameters_of((name,), c)
     if name == "compliance":
         assert "mass" in words
 
@@ -207,8 +206,8 @@ SCANNED = [name for name, effect in EFFECTS.items() if effect.scan]
 def scanned(request, cube):
     """An effect with a setting, and a session that leaves it open."""
     dataset = cube(seed=1).dataset
-    scene = Scene(replace(dataset, robot=replace(dataset.robot, reductions=None)))
-    return EFFECTS[request.param], scene.circumstances(scene.rows("calibrate"))
+    bare = replace(dataset, robot=replace(dataset.robot, reductions=None))
+    return EFFECTS[request.param], circumstances(bare)
 
 
 def test_settings_worth_trying(scanned):
@@ -282,25 +281,21 @@ def test_settings_of_several_sites_are_told_once_each():
 
 @pytest.mark.parametrize(("name", "words"), cases("setting_refusals"))
 def test_settings_that_cannot_be(name, words, cube):
-    scene = Scene(cube(seed=1).dataset)
     with pytest.raises(BayescalError, match=words) as caught:
-        parameters_of((name,), scene.circumstances(scene.rows("calibrate")))
+        parameters_of((name,), circumstances(cube(seed=1).dataset))
     assert "\n" not in str(caught.value)
 
 
 def test_a_time_constant_needs_the_time(cube):
-    dataset = cube(seed=1).dataset
-    timeless = Scene(with_columns(dataset, time=None))
-    c = timeless.circumstances(timeless.rows("calibrate"))
+    c = circumstances(with_columns(cube(seed=1).dataset, time=None))
     assert parameters_of(("thermal-drift",), c)
     with pytest.raises(BayescalError, match="time_s"):
         parameters_of(("thermal-drift@600",), c)
 
 
 def test_unknown_effect(cube):
-    scene = Scene(cube(seed=1).dataset)
     with pytest.raises(BayescalError, match="geometrie"):
-        parameters_of(("geometrie",), scene.circumstances(scene.rows("calibrate")))
+        parameters_of(("geometrie",), circumstances(cube(seed=1).dataset))
 
 
 @pytest.mark.parametrize("name", EFFECTS)
@@ -338,10 +333,10 @@ def test_compliance_is_that_of_the_drawing(cube):
 
 
 def test_first_joint_carries_no_torque(cube):
-    scene = Scene(cube(seed=1).dataset)
-    names = [p.name for p in parameters_of(("compliance",), scene.circumstances(scene.rows("calibrate")))]
+    dataset = cube(seed=1).dataset
+    names = [p.name for p in parameters_of(("compliance",), circumstances(dataset))]
     assert names[:5] == [f"compliance J{j}" for j in range(2, 7)]
-    leaning = replace(scene.dataset, gravity=np.array([0.0, 3.0, -9.0]))
+    leaning = replace(dataset, gravity=np.array([0.0, 3.0, -9.0]))
     names = [p.name for p in build(Scene(leaning), ("compliance",)).parameters]
     assert names[0] == "compliance J1"
 
@@ -364,7 +359,7 @@ def test_material_that_stands_out_is_met_early(cube):
     """A face whose middle stands out holds the ball off there: its form takes that off the residual."""
     scene = Scene(cube(seed=1).dataset)
     model = build(scene, ("plane-form",))
-    (face,) = [f for f in scene.circumstances(scene.rows("calibrate")).faces if f.name == "cube.-x"]
+    (face,) = [f for f in circumstances(scene).faces if f.name == "cube.-x"]
     k = next(k for k, p in enumerate(model.parameters) if p.name == "cube.-x form uu")
     values = np.zeros(len(model.parameters))
     values[k] = -5e-6  # the polynomial of degree two is lowest in the middle

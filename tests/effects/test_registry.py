@@ -176,8 +176,7 @@ def test_an_entry_point_that_offers_no_effect_is_refused_each_time(monkeypatch, 
 
 @pytest.fixture(scope="module")
 def c(cube):
-    scene = Scene(cube(seed=1).dataset)
-    return scene.circumstances(scene.rows("calibrate"))
+    return circumstances(cube(seed=1).dataset)
 
 
 @pytest.mark.parametrize(
@@ -209,8 +208,7 @@ def test_a_target_whose_name_ends_as_a_factor(cube, name):
     session = cube(seed=1).dataset
     first = next(t for t in session.targets if t.kind == "plane")
     targets = tuple(replace(t, name=name) if t is first else t for t in session.targets)
-    scene = Scene(replace(session, targets=targets))
-    faces, text = scene.circumstances(scene.rows("calibrate")), f"plane-form at {name}"
+    faces, text = circumstances(replace(session, targets=targets)), f"plane-form at {name}"
     own, wide = (
         [p for p in parameters_of((words,), faces) if p.effect == "plane-form"]
         for words in (text, f"{text} x3")
@@ -318,17 +316,20 @@ def turned_about(point, turn, x):
     return Rotation.from_rotvec(turn).apply(x - point) + point
 
 
-def yielding(dataset, yields, form=None):
-    """Displaced ball centres by the parameters of the effect, or of a form of it, at some values."""
+def displaced(dataset, parameters, values):
+    """Ball centres displaced by parameters at some values, the others at 0."""
     scene = Scene(dataset)
-    c = scene.circumstances(scene.rows("calibrate"))
-    parameters = EFFECTS["base-compliance"].at(c, form)
-    assert set(yields) <= {p.name for p in parameters}
+    assert set(values) <= {p.name for p in parameters}
     delta = np.zeros((len(scene.q), scene.chain.n + 2, 6))
     for p in parameters:
         for t in p.terms:
-            delta[:, t.frame, AXES.index(t.axis)] += yields.get(p.name, 0.0) * t.driver
+            delta[:, t.frame, AXES.index(t.axis)] += values.get(p.name, 0.0) * t.driver
     return points(scene.chain, scene.q, scene.tools, delta)
+
+
+def yielding(dataset, yields, form=None):
+    """The same by the effect, or by a form of it."""
+    return displaced(dataset, EFFECTS["base-compliance"].at(circumstances(dataset), form), yields)
 
 
 def horizontal(gravity):
@@ -439,7 +440,7 @@ def test_a_payload_loads_the_stand_and_the_bearings(session, mount):
     """A kilogram more does what its own weight does at every place that yields, not at the joints alone."""
     dataset = mounted(session, mount)
     scene = Scene(dataset)
-    c = scene.circumstances(scene.rows("calibrate"))
+    c = circumstances(scene)
     rigid = {f"compliance {name}": 0.0 for name in dataset.robot.joint_names}
     (a, first), (b, second) = horizontal(dataset.gravity)
     c = replace(c, compliances=rigid | {f"base-compliance {a}": 2e-6, f"base-compliance {b}": 1e-6})
@@ -449,19 +450,13 @@ def test_a_payload_loads_the_stand_and_the_bearings(session, mount):
     turn = sum(y * np.outer(moment @ axis, axis) for y, axis in ((2e-6, first), (1e-6, second)))
     expected = turned_about(PLACE, turn, scene.points)
     (p,) = EFFECTS["payload"].parameters(c)
-    delta = np.zeros((len(scene.q), scene.chain.n + 2, 6))
-    for t in p.terms:
-        delta[:, t.frame, AXES.index(t.axis)] += t.driver
-    np.testing.assert_allclose(points(scene.chain, scene.q, scene.tools, delta), expected, atol=1e-9)
-    bearing = np.zeros_like(delta)
+    np.testing.assert_allclose(displaced(dataset, [p], {p.name: 1.0}), expected, atol=1e-9)
     (p,) = EFFECTS["payload"].parameters(replace(c, compliances=rigid | {"bending J2 bearing": 3e-6}))
-    for t in p.terms:
-        bearing[:, t.frame, AXES.index(t.axis)] += t.driver
     frame = frames(scene.chain, scene.q)[:, 2]
     moment = np.cross(where - frame[:, :3, 3], dataset.gravity)
     along = np.sum(moment * frame[:, :3, 2], axis=1)[:, None] * frame[:, :3, 2]
     expected = turned_about(frame[:, :3, 3], 3e-6 * (moment - along), scene.points)
-    np.testing.assert_allclose(points(scene.chain, scene.q, scene.tools, bearing), expected, atol=1e-9)
+    np.testing.assert_allclose(displaced(dataset, [p], {p.name: 1.0}), expected, atol=1e-9)
 
 
 def measured(dataset, arm, depth, compliance, noise, seed=0):

@@ -14,6 +14,7 @@ from bayescal.estimate import Estimate, linearise, unit_weights
 from bayescal.gap.linear.evidence import project
 from bayescal.gap.linear.problem import Problem, Slopes, of_certificate
 from bayescal.gap.linear.state import State, fit_state
+from bayescal.gap.outcome.where import Scale, places
 from bayescal.gap.search.beam import Search
 from bayescal.gap.search.candidates import Candidates, candidates
 from bayescal.gap.search.cells import cells
@@ -136,3 +137,9 @@ class Bench:
         search = Search(p, self.known)
         search.run()
         return decide(search, self.pool, arguments(self.circumstances)), search
+
+    def places(self, decision: Decision) -> list:
+        """Where a decision says that something is."""
+        size = self.problem.jacobian.shape[1]
+        scale = Scale(self.circumstances, 1e-10, size)
+        return places(decision.hypothesis, self.pool, self.known.pool, scale)

@@ -14,7 +14,6 @@ from bayescal.effects.location import BASE, TOOL, Driver, joint
 from bayescal.gap.linear.evidence import SCALE_PRIOR, SCALES, Bank, weigh_clusters, weigh_sets
 from bayescal.gap.linear.problem import Problem
 from bayescal.gap.linear.state import fit_state
-from bayescal.gap.outcome.where import Scale, places
 from bayescal.gap.search import makers
 from bayescal.gap.search.beam import Search
 from bayescal.gap.search.candidates import candidates
@@ -174,11 +173,6 @@ def test_random_errors_of_clusters_weigh_as_a_column_for_each_of_them():
     assert np.max(found) > 3
 
 
-def placed(bench, decision):
-    size = bench.problem.jacobian.shape[1]
-    return places(decision.hypothesis, bench.pool, bench.known.pool, Scale(bench.circumstances, 1e-10, size))
-
-
 def test_a_random_error_of_readings_is_found_at_its_joint(bench, of):
     """A drive that stops elsewhere every time, 50 µrad, seen by three contacts at each of its readings."""
     c = bench.circumstances
@@ -200,7 +194,7 @@ def test_a_random_error_of_readings_is_found_at_its_joint(bench, of):
     there = replace(bench, pool=pool)
     decision, _ = there.decided(bench.made_up(31, contribution))
     assert decision.kind == "unknown"
-    first = placed(there, decision)[0]
+    first = there.places(decision)[0]
     assert (str(first.site), first.driver) == ("joint 2", Driver("reading", 2))
     assert first.family_p_value < 1e-3
     size = error[: bench.problem.lengths] * bench.problem.sigma
@@ -225,7 +219,7 @@ def test_what_depends_on_two_coordinates_or_on_the_past_is_found(bench, of, plac
     decision, _ = bench.decided(bench.made_up(61, bench.visible(bench.pool.columns[:, own], 300.0, seed=3)))
     assert decision.kind in ("unknown", "named+unexplained")
     assert decision.probability["unknown"] > 0.9
-    assert placed(bench, decision)[0].site == place[0]
+    assert bench.places(decision)[0].site == place[0]
 
 
 def test_a_cell_at_the_place_of_a_name_contradicts_it_by_what_exceeds_its_form(bench):
@@ -325,8 +319,11 @@ def terms_of(c, effect, joint, side):
     return tuple(terms)
 
 
-@pytest.mark.parametrize("effect", ["backlash", "encoder-scale"])
-@pytest.mark.parametrize(("joint", "side"), [(2, "link"), (2, "reading"), (3, "link"), (3, "reading")])
+@pytest.mark.parametrize(
+    ("effect", "joint", "side"),
+    [*(("backlash", joint, side) for joint in (2, 3) for side in ("link", "reading")),
+     ("encoder-scale", 2, "reading"), ("encoder-scale", 3, "link")],
+)  # fmt: skip
 def test_the_side_of_a_coupled_axis_is_found(forms_bench, effect, joint, side):
     """The name, the joint and the side; and what `--model` takes is that very form."""
     c = forms_bench.circumstances

@@ -24,7 +24,7 @@ from bayescal.gap.linear.problem import Problem, Slopes
 from bayescal.gap.linear.state import fit_state
 from bayescal.gap.outcome import where
 from bayescal.gap.outcome.notes import alike
-from bayescal.gap.outcome.where import Scale, places, sizes
+from bayescal.gap.outcome.where import sizes
 from bayescal.gap.search.beam import Search
 from bayescal.gap.search.refit import model_name
 from bayescal.gap.search.unknown import cell_fits, with_set
@@ -296,9 +296,7 @@ def test_only_significant_locations_have_a_size(sudden_bench):
     moved = [Parameter("", "m", (Term(end, "tx", since(sudden_bench)),), 1e-5)]
     p = sudden_bench.made_up(4, sudden_bench.slopes.columns(moved)[:, 0] * 6.0)
     chosen = Search(p, sudden_bench.known).hypothesis(())
-    found = places(
-        chosen, sudden_bench.pool, (), Scale(sudden_bench.circumstances, 1e-10, p.jacobian.shape[1])
-    )
+    found = sudden_bench.places(SimpleNamespace(hypothesis=chosen))
     assert (found[0].site, found[0].driver) == (TOOL, Driver("event"))
     assert found[0].event is not None
     assert found[0].amplitudes

@@ -139,13 +139,8 @@ def test_two_stations_and_two_reflectors(tracked, tmp_path):
     xyz[where == 1] = (at_home[where == 1] + [0.5, 0, 1]) @ turn.T
     lines = ["id,tool,at," + ",".join(f"q{j}" for j in range(1, 7)) + ",x,y,z"]
     for i in range(40):
-        cells = [
-            f"p{i}",
-            "ab"[tool[i]],
-            f"s{where[i]}",
-            *np.degrees(m.readings[i]).tolist(),
-            *xyz[i].tolist(),
-        ]
+        numbers = [*np.degrees(m.readings[i]).tolist(), *xyz[i].tolist()]
+        cells = [f"p{i}", "ab"[tool[i]], f"s{where[i]}", *numbers]
         lines.append(",".join(map(str, cells)))
     (tmp_path / "log.csv").write_text("\n".join(lines), encoding="utf-8")
     map_ = "id=id, tool=tool, target=at, j*=q* deg, x=x m, y=y m, z=z m"
@@ -209,13 +204,9 @@ def test_contacts_with_a_template(cube, tmp_path):
     np.testing.assert_array_equal(got.measurements.target, data.measurements.target)
     assert got.certificates == data.certificates
     with pytest.raises(BayescalError, match="cannot be in deg: the numbers are 57 times too small"):
-        convert_and_write(tmp_path / "other", map=said("deg") + ", target=face", **usual)
+        write(convert(Request(map=said("deg") + ", target=face", **usual)), tmp_path / "other")
     with pytest.raises(BayescalError, match=r"the target of the rows is not stated.*cube.-x"):
         convert(Request(map=said("rad"), **usual))
-
-
-def convert_and_write(folder, **request):
-    write(convert(Request(**request)), folder)
 
 
 def test_points_of_a_tracker_paired_by_id(tracked, tmp_path):

@@ -46,13 +46,13 @@ def controller(data, path):
     return lines(path, ["t", *(f"A{j}" for j in range(1, 7))], rows)
 
 
-def points(data, path, which, shift=0.3):
+def points(data, path, which, shift=0.3, zone="Z"):
     """What a tracker exports: names, coordinates and ISO time stamps, in the middle of each standstill."""
     rows = []
     for i in which:
         seconds = 10.0 * i + 4.0 + shift
-        stamp = f"2026-11-22T{int(seconds // 3600):02d}:{int(seconds // 60) % 60:02d}:{seconds % 60:05.2f}Z"
-        rows.append([f"P{i}", *map(repr, (1e3 * data.measurements.xyz[i]).tolist()), stamp])
+        stamp = f"2026-11-22T{int(seconds // 3600):02d}:{int(seconds // 60) % 60:02d}:{seconds % 60:05.2f}"
+        rows.append([f"P{i}", *map(repr, (1e3 * data.measurements.xyz[i]).tolist()), stamp + zone])
     return lines(path, ["Name", "X", "Y", "Z", "Time"], rows)
 
 
@@ -89,11 +89,16 @@ def test_rows_of_any_order_are_joined(tracked, tmp_path, mixed, pair):
     assert not any("the arm moved" in note for note in got.notes)
 
 
+def by_time(tracked, tmp_path, which=range(40), pair="time:1 s", map_=STAMPED, **options):
+    """The log of a controller with the points of a tracker."""
+    log = controller(tracked, tmp_path / "ctrl.csv")
+    seen = points(tracked, tmp_path / "tracker.csv", which, **options)
+    return convert(Request(log, BY_TIME, points=seen, points_map=map_, pair=pair, **USUAL))
+
+
 def test_by_time(tracked, tmp_path):
     which = [i for i in range(40) if i not in (7, 20)]
-    log = controller(tracked, tmp_path / "ctrl.csv")
-    seen = points(tracked, tmp_path / "tracker.csv", which)
-    got = convert(Request(log, BY_TIME, points=seen, points_map=STAMPED, pair="time:1 s", **USUAL))
+    got = by_time(tracked, tmp_path, which)
     rows = got.dataset.measurements
     assert rows.ids == tuple(f"P{i}" for i in which)
     np.testing.assert_allclose(rows.readings, tracked.measurements.readings[which], atol=1e-9)
@@ -105,9 +110,7 @@ def test_by_time(tracked, tmp_path):
 
 def test_a_tracker_whose_clock_is_wrong(tracked, tmp_path):
     """Stamps that fall into the motions: the note says how far the arm moved."""
-    log = controller(tracked, tmp_path / "ctrl.csv")
-    seen = points(tracked, tmp_path / "tracker.csv", range(39), shift=3.7)
-    wide = convert(Request(log, BY_TIME, points=seen, points_map=STAMPED, pair="time:3 s", **USUAL))
+    wide = by_time(tracked, tmp_path, range(39), "time:3 s", shift=3.7)
     assert any("39 of 39 measurements: check the clocks" in note for note in wide.notes)
 
 
@@ -128,28 +131,19 @@ def test_a_tracker_whose_clock_is_wrong(tracked, tmp_path):
     ],
 )
 def test_refused_by_time(tracked, tmp_path, pair, map_, words):
-    log = controller(tracked, tmp_path / "ctrl.csv")
-    seen = points(tracked, tmp_path / "tracker.csv", range(40))
     with pytest.raises(BayescalError, match=words):
-        convert(Request(log, BY_TIME, points=seen, points_map=map_, pair=pair, **USUAL))
+        by_time(tracked, tmp_path, pair=pair, map_=map_)
 
 
 def test_clocks_that_cannot_be_compared(tracked, tmp_path):
-    log = controller(tracked, tmp_path / "ctrl.csv")
-    seen = points(tracked, tmp_path / "tracker.csv", range(40))
-    text = seen.read_text(encoding="utf-8").replace("Z\n", "\n").rstrip("Z")
-    seen.write_text(text, encoding="utf-8")
-    with pytest.raises(
-        BayescalError, match=r"time since 1970 in ctrl.csv, local time in tracker.csv; pair by id"
-    ):
-        convert(Request(log, BY_TIME, points=seen, points_map=STAMPED, pair="time:1 s", **USUAL))
+    words = "time since 1970 in ctrl.csv, local time in tracker.csv; pair by id"
+    with pytest.raises(BayescalError, match=words):
+        by_time(tracked, tmp_path, zone="")
 
 
 def test_two_measurements_of_one_row_are_refused(tracked, tmp_path):
-    log = controller(tracked, tmp_path / "ctrl.csv")
-    seen = points(tracked, tmp_path / "tracker.csv", [0, 1, 1, 2, 3, 4, 5, 6])
     with pytest.raises(BayescalError, match=r"^tracker.csv:3: two rows have the same nearest row of the log"):
-        convert(Request(log, BY_TIME, points=seen, points_map=STAMPED, pair="time:1 s", **USUAL))
+        by_time(tracked, tmp_path, [0, 1, 1, 2, 3, 4, 5, 6])
 
 
 @pytest.fixture(scope="module")
@@ -202,8 +196,7 @@ def test_two_reflectors_in_one_row(tracked, tmp_path, reflectors):
     rows = got.dataset.measurements
     assert rows.ids[:2] == ("p0.a", "p0.b")
     assert "p5.b" not in rows.ids
-    for tool in got.dataset.tools:
-        np.testing.assert_allclose(tool.centre, centres[tool.name], atol=1e-6)
+    both_are_found(got, centres, seen, 79)
 
 
 @pytest.mark.parametrize("files", [1, 2])
@@ -219,39 +212,19 @@ def test_two_reflectors_by_id(tracked, tmp_path, reflectors, files):
     paths = [
         lines(tmp_path / f"t{k}.csv", ["refl", "pose", "X", "Y", "Z"], part) for k, part in enumerate(written)
     ]
-    map_ = said("deg").replace("role=role, ", "")
-    got = convert(
-        Request(
-            log,
-            map_,
-            points=paths,
-            points_map="id=pose, tool=refl, x=X mm, y=Y mm, z=Z mm",
-            pair="id",
-            **USUAL,
-        )
+    map_, points_map = said("deg").replace("role=role, ", ""), "id=pose, tool=refl, x=X mm, y=Y mm, z=Z mm"
+    request = Request(log, map_, points=paths, points_map=points_map, pair="id", **USUAL)
+    got = convert(request)
+    both_are_found(got, centres, seen)
+    np.testing.assert_allclose(
+        got.dataset.measurements.readings[::2], tracked.measurements.readings, atol=1e-9
     )
-    rows = got.dataset.measurements
-    assert len(set(rows.ids)) == 80
-    np.testing.assert_allclose(rows.readings[::2], tracked.measurements.readings, atol=1e-9)
-    for tool in got.dataset.tools:
-        np.testing.assert_allclose(tool.centre, centres[tool.name], atol=1e-6)
-    assert len(set(rows.stop.tolist())) == 40
-    if files == 2:
-        with pytest.raises(
-            BayescalError, match=r"several files hold points; map `tool` .a reflector. or `target`"
-        ):
-            convert(
-                Request(
-                    log, map_, points=paths, points_map="id=pose, x=X mm, y=Y mm, z=Z mm", pair="id", **USUAL
-                )
-            )
-    else:
-        with pytest.raises(BayescalError, match=r"^t0.csv:2: id `.*` is given twice"):
-            convert(
-                Request(
-                    log, map_, points=paths, points_map="id=pose, x=X mm, y=Y mm, z=Z mm", pair="id", **USUAL
-                )
-            )
+    words = (
+        r"^t0.csv:2: id `.*` is given twice",
+        r"several files hold points; map `tool` .a reflector. or `target`",
+    )
+    with pytest.raises(BayescalError, match=words[files - 1]):
+        convert(replace(request, points_map=points_map.replace("tool=refl, ", "")))
 
 
 def test_temperatures_of_another_logger(tracked, tmp_path):

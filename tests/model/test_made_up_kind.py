@@ -1,4 +1,4 @@
-"""A kind of target that this test makes up: one class and one declaration, and everything takes it."""
+"""A made-up kind that has a centre, and certified coordinates, in a fit and in a validation."""
 
 from __future__ import annotations
 
@@ -7,130 +7,25 @@ from itertools import combinations
 
 import numpy as np
 import pytest
-from kind_sessions import MIDDLE, Piece, cone, of_pieces
+from factors.feature import Feature, point
+from kind_sessions import Piece, cone, of_pieces
+from sessions import circumstances
 
 from bayescal.arm.transforms import rpy_matrix
 from bayescal.assess.inputs import CERTIFICATE, propagated
 from bayescal.calibration import fit
-from bayescal.dataset import Certificate, Points, Target, read_dataset, write_dataset
+from bayescal.dataset import Certificate, Points, Target
 from bayescal.dataset.artefact import distances_of
 from bayescal.dataset.join import joined
 from bayescal.dataset.target_kinds import KINDS, TargetKind, place_sd
 from bayescal.effects import parameters_of
-from bayescal.errors import BayescalError
 from bayescal.estimate import calibrated, estimate
 from bayescal.estimate.discrepancy import stated
 from bayescal.gap.design.blind_spots import located
 from bayescal.model import ARM, Model, build
-from bayescal.model.model import build as model_build
 from bayescal.model.scene import Scene
 from bayescal.posterior import gaussian
-from bayescal.predict.validation import validate
-from bayescal.storage.files import Number, Vector
-from factors.kind import Feature, dot, point, slopes
-
-
-@dataclass(frozen=True)
-class Gauge:
-    """A height gauge: the TCP stands at a height along a known direction."""
-
-    direction: np.ndarray
-    height: float
-    sd: np.ndarray
-    rows = 1
-    parts = (("height", "m"),)
-
-    def residual(self, x, p):
-        return (dot(self.direction, p) - (self.height + x[..., :1]))[..., None, :]
-
-    def linearise(self, x, p):
-        r = self.residual(x, p)
-        u = np.broadcast_to(self.direction[:, None], (*r.shape[:-1], 3, r.shape[-1]))
-        return r, u, np.full((*r.shape, 1), -1.0)
-
-    def describe(self, x):
-        return {"direction": self.direction, "height": float(self.height + x[0])}
-
-    def feature(self, x):
-        by = slopes(x)
-        by[..., 0, :] = self.direction
-        turn = np.broadcast_to(self.direction, (*x.shape[:-1], 3))
-        return Feature((self.height + x) * self.direction, by, turn, slopes(x))
-
-
-GAUGE = TargetKind(
-    "gauge",
-    "a height along a known direction",
-    {"direction": Vector, "height_mm": Number},
-    lambda t, seen: Gauge(
-        np.asarray(t.values["direction"], float), float(t.values["height"]), np.array([place_sd(t)])
-    ),
-    form="plane",
-    place=lambda t: t.values["height"] * np.asarray(t.values["direction"]),
-    direction="direction",
-    certificates=("flat",),
-)
-UP = np.array([0.0, 0.0, 1.0])
-OFF = 2e-3
-
-
-@pytest.fixture
-def declared(monkeypatch):
-    monkeypatch.setitem(KINDS, GAUGE.name, GAUGE)
-
-
-@pytest.fixture
-def session(declared, cube):
-    target = Target("gauge", "gauge", {"direction": UP, "height": 0.3}, 5e-3)
-    true = Gauge(UP, 0.3 + OFF, np.ones(1))
-    return of_pieces(cube(seed=3, count=80), [Piece(target, true, count=60, held=12, about=MIDDLE)], seed=1)
-
-
-def test_it_is_written_read_fitted_and_validated(session, tmp_path):
-    write_dataset(session.dataset, tmp_path / "s")
-    text = (tmp_path / "s" / "dataset.yaml").read_text()
-    assert "gauge: {kind: gauge, direction: [0, 0, 1], height_mm: 300, u_mm: 5}" in text
-    dataset = read_dataset(tmp_path / "s")
-    result = fit(dataset, ("geometry", "compliance"), samples=0)
-    found = result.final.estimate
-    block, own = found.model.block_of["gauge"], found.model.slices["gauge"]
-    off = block.state(found.z[own])[0] - OFF
-    assert abs(off) < 4.5 * found.sd[own][0] * block.sd[0]
-    (check,) = (c for c in result.final.validation.planes if c.target == "gauge")
-    assert check.residuals.size == 12
-    assert np.sqrt(np.mean(check.residuals**2)) < 15e-6
-
-
-@pytest.mark.parametrize(
-    ("wrong", "words"),
-    [
-        ({"height_mm: 300": "height: 300"}, "key `height` has no unit in its name; write `height_mm`"),
-        ({"height_mm: 300, ": ""}, "missing `height_mm`"),
-        ({"[0, 0, 1], height": "[0, 0, 2], height"}, "the direction of `gauge` has length 2, not 1"),
-        ({"kind: gauge": "kind: gage"}, "unknown kind 'gage'"),
-        ({"height_mm: 300": "height_mm: 900"}, "all contacts of `gauge` are nominally"),
-    ],
-)
-def test_its_mistakes_are_told_like_those_of_any_kind(session, tmp_path, wrong, words):
-    write_dataset(session.dataset, tmp_path / "s")
-    file = tmp_path / "s" / "dataset.yaml"
-    text = file.read_text()
-    for old, new in wrong.items():
-        assert old in text
-        text = text.replace(old, new)
-    file.write_text(text)
-    with pytest.raises(BayescalError, match=words):
-        read_dataset(tmp_path / "s")
-
-
-def test_without_its_declaration_it_is_unknown(session, tmp_path, monkeypatch):
-    write_dataset(session.dataset, tmp_path / "s")
-    monkeypatch.delitem(KINDS, GAUGE.name)
-    with pytest.raises(BayescalError, match=r"unknown kind 'gauge'.*'plane', 'sphere'"):
-        read_dataset(tmp_path / "s")
-
-
-# --- A made-up kind that has a centre: its declaration alone says that its distances are validated.
+from bayescal.predict import validate
 
 EFFECTS = ("geometry", "compliance")
 
@@ -208,7 +103,7 @@ def test_its_distance_is_validated_and_its_rows_are_not(fitted):
 def test_it_is_located_where_it_is(fitted):
     model = fitted.model
     scene = model.scene
-    parameters = parameters_of(EFFECTS, scene.circumstances(scene.rows("calibrate")))
+    parameters = parameters_of(EFFECTS, circumstances(scene))
     wide = Model(scene, EFFECTS, parameters, (), ())
     values = model.deviations(fitted.z[model.slices[ARM]])
     index = {t.name: k for k, t in enumerate(scene.dataset.targets)}
@@ -230,7 +125,6 @@ def test_without_the_declaration_its_rows_are_validated(centre_session, monkeypa
 
 PLATE = np.array([[0.0, 0.0, 0.0], [0.15, 0.0, 0.0], [0.0, 0.12, 0.0], [0.15, 0.12, 0.0], [0.07, 0.06, 0.0]])
 U = 1e-6
-FULL = ("geometry", "compliance")
 
 
 def artefact(names, placements, of=None, u=U) -> Certificate:
@@ -260,7 +154,7 @@ def artefact_session(cube):
 
 
 def test_fit_and_validation(artefact_session):
-    result = fit(artefact_session.dataset, FULL, samples=0)
+    result = fit(artefact_session.dataset, EFFECTS, samples=0)
     found = result.stated.plain
     (constraint,) = found.model.constraints
     assert constraint.rows == 3 * 5 - 6  # of the fitted placement alone
@@ -298,14 +192,13 @@ def test_derived_distances_are_not_counted_twice(artefact_session):
     dataset = artefact_session.dataset
     whole = [c for c in dataset.certificates if not c.derived]
     one, other = (
-        model_build(Scene(replace(dataset, certificates=tuple(c))), FULL)
-        for c in (dataset.certificates, whole)
+        build(Scene(replace(dataset, certificates=tuple(c))), EFFECTS) for c in (dataset.certificates, whole)
     )
     assert len(one.constraints) == len(other.constraints) == 1
 
 
 def test_the_budget_contains_it_without_a_remainder(artefact_session):
-    found = stated(calibrated(Scene(artefact_session.dataset), FULL))
+    found = stated(calibrated(Scene(artefact_session.dataset), EFFECTS))
     parts = propagated(found)
     assert [p.input.name for p in parts if p.input.group == CERTIFICATE] == [
         "certificate: coordinates of plate"
@@ -322,7 +215,9 @@ def test_an_error_of_a_coordinate_is_estimated(artefact_session):
     coordinates = tuple(map(tuple, moved))
     spread = tuple(map(tuple, (400e-12 * np.eye(15)).tolist()))
     wrong = replace(whole, points=replace(whole.points, coordinates=coordinates, covariance=spread))
-    found = calibrated(Scene(replace(artefact_session.dataset, certificates=(wrong,))), (*FULL, "artefact"))
+    found = calibrated(
+        Scene(replace(artefact_session.dataset, certificates=(wrong,))), (*EFFECTS, "artefact")
+    )
     names = [p.name for p in found.model.parameters]
     values = found.model.physical(found.z)
     of = {

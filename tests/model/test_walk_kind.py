@@ -101,9 +101,9 @@ def dataset(declared, cube, tmp_path):
     piece = Piece(GAUGE, true, count=40, held=8, about=MIDDLE)
     made = of_pieces(cube(seed=3, count=80), [piece], seed=1).dataset
     write_dataset(replace(made, plan=PlanSettings(regions={"gauge": Patch(CENTRE, SIZE)})), tmp_path / "s")
-    assert (
-        "gauge: {centre_mm: [400, 0, 300], size_mm: [300, 400]}" in (tmp_path / "s/dataset.yaml").read_text()
-    )
+    text = (tmp_path / "s/dataset.yaml").read_text()
+    assert "gauge: {kind: gauge, direction: [0, 0, 1], height_mm: 300, u_mm: 5}" in text
+    assert "gauge: {centre_mm: [400, 0, 300], size_mm: [300, 400]}" in text
     return read_dataset(tmp_path / "s")
 
 
@@ -115,6 +115,36 @@ def test_fit_takes_it(dataset):
     (check,) = (c for c in final.validation.planes if c.target == "gauge")
     assert check.residuals.size == 8
     assert np.sqrt(np.mean(check.residuals**2)) < 15e-6
+
+
+@pytest.mark.parametrize(
+    ("wrong", "words"),
+    [
+        ({"height_mm: 300": "height: 300"}, "key `height` has no unit in its name; write `height_mm`"),
+        ({"height_mm: 300, ": ""}, "missing `height_mm`"),
+        ({"[0, 0, 1], height": "[0, 0, 2], height"}, "the direction of `gauge` has length 2, not 1"),
+        ({"kind: gauge": "kind: gage"}, "unknown kind 'gage'"),
+        (
+            {"height_mm: 300": "height_mm: 900", "[400, 0, 300]": "[400, 0, 900]"},
+            "all contacts of `gauge` are nominally",
+        ),
+    ],
+)
+def test_its_mistakes_are_told_like_those_of_any_kind(dataset, tmp_path, wrong, words):
+    file = tmp_path / "s" / "dataset.yaml"
+    text = file.read_text()
+    for old, new in wrong.items():
+        assert old in text
+        text = text.replace(old, new)
+    file.write_text(text)
+    with pytest.raises(BayescalError, match=words):
+        read_dataset(tmp_path / "s")
+
+
+def test_without_its_declaration_it_is_unknown(dataset, tmp_path, monkeypatch):
+    monkeypatch.delitem(KINDS, "gauge")
+    with pytest.raises(BayescalError, match=r"unknown kind 'gauge'.*'plane', 'sphere'"):
+        read_dataset(tmp_path / "s")
 
 
 def test_gap_takes_it(dataset):

@@ -290,7 +290,8 @@ def test_ways_around_are_free(pool, ordered):
 
 def test_no_way_is_said(pool, ordered, monkeypatch):
     """An approach inside of the cube cannot be left."""
-    monkeypatch.setattr("bayescal.planning.transit.WAITING", 6)  # each is searched in vain
+    monkeypatch.setattr("bayescal.planning.transit.WAITING", 2)  # each is searched in vain
+    monkeypatch.setattr("bayescal.probing.motions.CHAINED", ((100, 20),))
     inside = pool.approach.copy()
     row = int(pool.candidates[0])
     inside[row] = pool.session.measurements.readings[row] - 2 * (

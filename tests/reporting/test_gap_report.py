@@ -251,7 +251,7 @@ def test_an_undecided_diagnosis_prints_the_command_that_plans_what_decides(sessi
     assert (program, command) == ("bayescal", "plan")
     plan = typer.main.get_command(app).commands["plan"]
     asked = plan.make_context("plan", arguments).params
-    assert (asked["setup"], asked["after"], asked["purpose"]) == (EXAMPLE, out, "gap")
+    assert (asked["setup"], asked["after"], asked["for_"]) == (EXAMPLE, out, "gap")
     assert (out / "gap.json").is_file()
 
 

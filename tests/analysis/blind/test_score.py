@@ -476,17 +476,12 @@ def test_an_earlier_score_is_replaced_and_another_folder_left_alone(tmp_path):
     assert sorted(p.name for p in tmp_path.iterdir()) == ["score", "thesis"]
 
 
-def test_page_keeps_what_is_around_and_takes_the_pictures(tmp_path):
+def test_page_keeps_what_is_around_and_takes_the_pictures(tmp_path, renewed):
     folder, text = tmp_path / "score", tmp_path / "page.md"
     folder.mkdir()
     (folder / "blind-lambda.png").write_bytes(b"picture")
-    text.write_text(f"before\n{BEGIN}\nold\n{END}\nafter\n", encoding="utf-8")
     found = figures(many(*SOME))
-    page(text, found, ABOUT, folder)
-    new = text.read_text(encoding="utf-8")
-    assert new.startswith(f"before\n{BEGIN}\n")
-    assert new.endswith(f"\n{END}\nafter\n")
-    assert "\nold\n" not in new
+    new = renewed((BEGIN, END), lambda path: page(path, found, ABOUT, folder), tmp_path)
     assert "blind-confusion.png" not in new
     assert (tmp_path / "pictures" / "blind-lambda.png").read_bytes() == b"picture"
     page(text, found, ABOUT, folder)
