@@ -7,7 +7,6 @@ from itertools import combinations
 
 import numpy as np
 import pytest
-from factors.feature import Feature, point
 from kind_sessions import Piece, cone, of_pieces
 from sessions import circumstances
 
@@ -25,7 +24,8 @@ from bayescal.gap.design.blind_spots import located
 from bayescal.model import ARM, Model, build
 from bayescal.model.scene import Scene
 from bayescal.posterior import gaussian
-from bayescal.predict import validate
+from bayescal.predict.validation import validate
+from factors.kind import Feature, point
 
 EFFECTS = ("geometry", "compliance")
 
