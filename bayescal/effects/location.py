@@ -265,7 +265,7 @@ KINDS = {
     "bending moment": Kind("bending moment", "bending moment of the link"),
     "count": Kind("count of contacts", "count of contacts", _order),
     "wait": Kind("wait before the contact", "wait before the contact"),
-    "pose": Kind("each pose anew", "pose, anew at each"),
+    "pose": Kind("each pose anew", "each pose anew"),
     "activity": Kind("earlier motion", "earlier motion of the arm"),
     "gravity direction": Kind("gravity direction", "direction of gravity at the tool"),
     "face": Kind("place on the face", "position on the face", _on_face),
