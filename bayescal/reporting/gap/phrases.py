@@ -77,13 +77,12 @@ def headline(gap: Gap) -> list[str]:
         return [_nothing(gap), *_noisy(gap), *likely]
     members = verdict.causes.members if verdict.causes else {}
     sure = [n for n in verdict.named if n.effect not in members]
-    words = [
-        "Possible effect" if possible(gap, n) else f"{'Also' if k else 'Effect'} found"
-        for k, n in enumerate(sure)
-    ]
-    lines = [f"{word}: {named(n, gap)}" for word, n in zip(words, sure, strict=True)]
-    if verdict.causes:
+    lines = []
+    if verdict.causes:  # the largest part of the error
         lines += [_class(verdict.causes), f"To distinguish them: {_separates(gap)}"]
+    for n in sure:
+        word = "Possible effect" if possible(gap, n) else f"{'Also' if lines else 'Effect'} found"
+        lines.append(f"{word}: {named(n, gap)}")
     if verdict.kind == "unknown":
         p = probability(verdict.probability["unknown"])
         lines += [

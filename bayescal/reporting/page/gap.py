@@ -16,6 +16,9 @@ from bayescal.reporting.shared.sheet import Sheet
 from bayescal.reporting.shared.text import MISSING, interval, length, probability, rival, share
 from bayescal.storage.reading import Json
 
+FIRST = "Measure more before a part is replaced."
+LIKELY = 0.05
+"""Probability from which on a member of a class is listed (convention)."""
 VERDICTS = {
     "null": ("good", "✓", "No effect above noise"),
     "named": ("bad", "✗", "Effect found"),
@@ -79,7 +82,7 @@ def _faults(record: Json) -> list[Fault]:
         ]
         name = named["effect"] + ("" if named["confirmed"] else " (validation data do not confirm it)")
         doubtful = named.get("possible", False)
-        advice = "Measure more before a part is replaced." if doubtful else _remedy(named["effect"])
+        advice = FIRST if doubtful or record["class"] else _remedy(named["effect"])
         out.append(Fault(f"possibly {name}" if doubtful else name, _stated(facts), advice))
     if record["verdict"] in sheets.UNMODELLED and not may_be:
         where = sheets.unexplained(record)
@@ -95,11 +98,11 @@ def _faults(record: Json) -> list[Fault]:
         out.append(Fault(rival(sheets.OTHER), _stated(facts), remedy or UNKNOWN))
     if record["verdict"] == "ambiguous":
         may_be = tuple(n for n in record["credible_set90"] if n != sheets.NULL)
-    if record.get("class"):
-        members = (sheets.OTHER if n == OTHER else n for n in record["class"]["members"])
-        may_be = tuple(n for n in members if n not in record["effects"])
+    if record["class"]:
+        likely = (n for n, p in record["class"]["members"].items() if p >= LIKELY)
+        may_be = tuple(sheets.OTHER if n == OTHER else n for n in likely if n not in record["effects"])
     for name in may_be:
-        remedy = UNKNOWN if name == sheets.OTHER else _remedy(name)
+        remedy = UNKNOWN if name == sheets.OTHER else FIRST if record["class"] else _remedy(name)
         facts = [("probability", probability(record["probability"].get(name) or 0.0))]
         out.append(Fault(f"possibly {rival(name)}", _stated(facts), remedy))
     return out
@@ -156,7 +159,8 @@ def _next(run: Run) -> list[tuple[str, str]]:
         model = shlex.quote(record["refit"]["model"])
         less = record["refit"]["without"]
         without = f" --without {shlex.quote(','.join(less))}" if less else ""
-        words = "Repair the machine as described above and measure again; or keep the effects in the model:"
+        repair = "Repair the machine as described above and measure again; or keep the effects in the model:"
+        words = "Fit with the effects that are found:" if record["class"] else repair
         out.append((words, f"bayescal fit {dataset} --model {model}{without}"))
     if sheets.unexplained(record):
         out.append(("Inspect the location that is marked, correct it, and measure again.", ""))
