@@ -221,6 +221,6 @@ def table_text(dataset: Dataset, name_tool: bool = False) -> str:
         if values is not None and field in LABELS:
             columns[field] = map(str, values)
         elif values is not None:
-            block = values.reshape(len(rows.ids), -1).T
+            block = values[:, None].T if values.ndim == 1 else values.T
             columns |= {name: _cells(name, column) for name, column in zip(names, block, strict=True)}
     return csv_text(columns, zip(*columns.values(), strict=True))

@@ -200,7 +200,12 @@ def unknown_tool(scene: Scene, rows: np.ndarray) -> float:
     of_arm = {*scene.dataset.measurements.tool[fitted].tolist(), *scene.tools_predicted(fitted)}
     if len(used) != 1 or used[0] in of_arm:
         return 0.0
-    stated = scene.dataset.tools[used[0]].u
+    return tool_u(scene, used[0])
+
+
+def tool_u(scene: Scene, tool: int) -> float:
+    """Prior standard deviation of the centre of a tool, m."""
+    stated = scene.dataset.tools[tool].u
     return LOOSE if stated is None else stated
 
 

@@ -15,7 +15,6 @@ from bayescal.dataset import Dataset
 from bayescal.dataset.read import SETTINGS, TABLE
 from bayescal.dataset.target_kinds import kinds_of
 from bayescal.effects import EFFECTS
-from bayescal.effects.tool import LOOSE
 from bayescal.errors import BayescalError
 from bayescal.estimate import Estimate, check_enough, linearise, unit_weights
 from bayescal.gap.search.candidates import Candidates
@@ -23,7 +22,7 @@ from bayescal.model import ARM
 from bayescal.model.model import Model
 from bayescal.model.scene import Scene
 from bayescal.planning.pool import RESERVE
-from bayescal.predict.targets import check_located
+from bayescal.predict.targets import check_located, tool_u
 
 Kind = Literal["refused", "odd", "missing"]
 KINDS: tuple[Kind, ...] = ("refused", "odd", "missing")
@@ -73,7 +72,7 @@ def missing(
         what = (
             f"only validation rows use the tool {tool.name}: its centre is not fitted, and is uncertain by "
         )
-        what += f"{1e3 * (LOOSE if tool.u is None else tool.u):g} mm in every prediction"
+        what += f"{1e3 * tool_u(scene, k):g} mm in every prediction"
         remedy = "fit some rows with this tool, or state `u_mm` of its centre"
         yield Finding("predicted_tool", "missing", what, TABLE, remedy)
     yield from _enough(scene, model)

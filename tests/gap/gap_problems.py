@@ -8,7 +8,7 @@ from sessions import with_columns
 
 from bayescal.arm.transforms import rpy_matrix, rpy_of
 from bayescal.dataset import Dataset, Noise, Target
-from bayescal.effects import Circumstances
+from bayescal.effects import EFFECTS, Circumstances
 from bayescal.effects.gravity import masses
 from bayescal.estimate import Estimate, linearise, unit_weights
 from bayescal.gap.linear.evidence import project
@@ -16,7 +16,7 @@ from bayescal.gap.linear.problem import Problem, Slopes, of_certificate
 from bayescal.gap.linear.state import State, fit_state
 from bayescal.gap.outcome.where import Scale, places
 from bayescal.gap.search.beam import Search
-from bayescal.gap.search.candidates import Candidates, candidates
+from bayescal.gap.search.candidates import Candidates, candidates, extended
 from bayescal.gap.search.cells import cells
 from bayescal.gap.search.relatives import arguments
 from bayescal.gap.search.unknown import Pool
@@ -94,6 +94,10 @@ class Bench:
         scene = fitted.model.scene
         c = scene.circumstances(scene.rows("calibrate"))
         known, generic = candidates(c, BASELINE), list(cells(c))
+        step = EFFECTS["step"]  # a search keeps only the leading rows of those that it tries
+        if "step" not in known.variants and step.scan is not None:
+            rows = step.scan.values(c)
+            known = extended(known, step, [float(row) for row in rows[:: len(rows) // 24]], c)
         slopes = Slopes.of(fitted, [p for p in known.pool if of_certificate(p)])
         pool = Pool.of(
             generic,

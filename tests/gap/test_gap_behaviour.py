@@ -12,7 +12,7 @@ from bayescal.dataset import read_dataset, write_dataset
 from bayescal.effects import EFFECTS, Parameter
 from bayescal.effects import EFFECTS as VOCABULARY
 from bayescal.effects.common import waves
-from bayescal.effects.location import Driver, face
+from bayescal.effects.location import Driver, face, joint
 from bayescal.effects.unsettled import remaining
 from bayescal.gap.diagnose import diagnose
 from bayescal.gap.linear.problem import without_nuisance
@@ -93,7 +93,7 @@ def test_two_effects_at_once_are_both_named(bench):
 def test_a_name_is_kept_by_the_stated_margin_over_an_unmodelled_effect(bench, monkeypatch):
     """Just below the nats that it gains over the cell it is named, just above it is not."""
     column = bench.slopes.columns([Parameter("", "rad", (past(bench.circumstances, 5),), 1.0)])
-    there = bench.visible(column, 200.0, 0) + bench.of_effect("backlash", STRONG)
+    there = bench.visible(column, 80.0, 0) + bench.of_effect("backlash", STRONG)
     p = bench.made_up(3, there)
     decision, search = bench.decided(p)
     best = decision.weighed[0]
@@ -334,7 +334,8 @@ RASTER = 5.0 * (np.arange(120) % 47)
 )
 def test_angles_on_a_raster_alias_ripples(c, degrees, order, seen):
     moved = at_angles(c, 3, degrees)
-    assert unaliased(waves(moved, "gear-mesh", 3, float(order), 5e-5), moved) == [seen, seen]
+    every = waves(moved, "gear-mesh {}", np.array([[float(order)]]), 5e-5)
+    assert unaliased([p for p in every if p.site == joint(3)], moved) == [seen, seen]
 
 
 def test_an_aliased_ripple_is_not_assessed(c):

@@ -343,7 +343,7 @@ def test_validation_that_contradicts_a_refit_leaves_no_plain_name(loud):
     assert gap.verdict.kind == "named+unexplained"
     assert [n.effect for n in gap.verdict.named] == ["backlash"]
     assert any("contradict the refit" in note for note in gap.verdict.footnotes)
-    assert record["probability"]["backlash"] == record["named"][0]["probability"] == 0.9
+    assert record["probability"]["backlash"] == record["named"][0]["probability"] == 0.85
 
 
 def test_a_certain_name_that_validation_does_not_confirm_claims_nothing(loud, monkeypatch):

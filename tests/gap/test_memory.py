@@ -26,6 +26,7 @@ from bayescal.gap.outcome import where
 from bayescal.gap.outcome.notes import alike
 from bayescal.gap.outcome.where import sizes
 from bayescal.gap.search.beam import Search
+from bayescal.gap.search.candidates import Candidates, extended
 from bayescal.gap.search.refit import model_name
 from bayescal.gap.search.unknown import cell_fits, with_set
 from bayescal.model.options import FitOptions
@@ -374,7 +375,9 @@ def test_each_of_several_reflectors_and_all_of_them(tracker):
 
 
 def test_alternatives_share_a_part_of_the_prior(steps_bench):
-    variants = steps_bench.known.variants["step"]
+    step, c = EFFECTS["step"], steps_bench.circumstances
+    rows = [float(row) for row in step.scan.values(c)]
+    variants = extended(Candidates((), {}, {}), step, rows, c).variants["step"]
     assert sum(np.exp(v.log_prior) for v in variants) == pytest.approx(1.0)
     own = [v for v in variants if v.setting == variants[0].setting]
     assert [v.site for v in own] == ["", "tool"]

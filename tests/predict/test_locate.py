@@ -326,13 +326,21 @@ def test_a_tool_is_unknown_where_no_fitted_row_used_it(cube):
     """Its prior is the uncertainty that is stated of it; loose where none is."""
     d = cube(seed=1, count=60).dataset
     m = d.measurements
-    role, tool = np.where(np.arange(60) < 40, "calibrate", "validate"), np.where(np.arange(60) < 50, 0, 1)
+    apart = np.flatnonzero(m.target == m.target[-1])  # a face that is not fitted
+    role, tool = np.full(60, "calibrate", object).astype("<U9"), np.zeros(60, int)
+    role[apart] = "validate"
+    first, second = np.array_split(apart, 2)
+    tool[second] = 1
     for u, expected in ((1e-3, 1e-3), (0.0, 0.0), (None, tool_LOOSE)):
         tools = (d.tools[0], Tool("second", np.array([0.0, 0.0, 0.1]), 3e-3, u=u))
         scene = Scene(replace(d, tools=tools, measurements=replace(m, role=role, tool=tool)))
-        assert unknown_tool(scene, np.arange(50, 60)) == expected
-        assert unknown_tool(scene, np.arange(40, 50)) == 0.0  # of the tool that was fitted
-        assert unknown_tool(scene, np.arange(45, 55)) == 0.0  # of both
+        assert unknown_tool(scene, second) == expected
+        assert unknown_tool(scene, first) == 0.0  # of the tool that was fitted
+        assert unknown_tool(scene, apart) == 0.0  # of both
+        fitted = replace(m, role=np.where(np.arange(60) < 40, "calibrate", "validate"), tool=tool)
+        mixed = Scene(replace(d, tools=tools, measurements=fitted))
+        arm = mixed.tools_predicted(mixed.rows("calibrate"))
+        assert (unknown_tool(mixed, second) == 0.0) or not arm  # the arm has it, with this prior
 
 
 @pytest.mark.parametrize(("alike", "refused"), [(0.999, False), (0.0, True)])
