@@ -83,8 +83,8 @@ def join(
         a, b = (feature(t, state) for t, state in zip(targets[::swap], x[::swap], strict=True))
         rows, by_a, by_b = [], [], []
         for function, (value, u) in zip(functions, stated, strict=True):
-            told, (pa, da, pb, db) = function(a, b)
-            rows.append((told - value) / u)
+            actual, (pa, da, pb, db) = function(a, b)
+            rows.append((actual - value) / u)
             by_a.append(_by_state(a, pa, da) / u)
             by_b.append(_by_state(b, pb, db) / u)
         slopes = np.concatenate(by_a, axis=-2), np.concatenate(by_b, axis=-2)

@@ -29,18 +29,18 @@ class Graph:
     def factor(self, names: Sequence[str], rows: int, function: Function) -> None:
         """Add a factor of `rows` whitened residuals between variables."""
         keys = [self._keys[name] for name in names]
-        at = b""
-        known: Linearised = np.zeros(0), ()
+        last = b""
+        linearised: Linearised = np.zeros(0), ()
 
         def error(
             _: gtsam.CustomFactor, values: gtsam.Values, gradients: list[np.ndarray] | None
         ) -> np.ndarray:
-            nonlocal at, known
+            nonlocal last, linearised
             parts = [values.atVector(key) for key in keys]
             here = b"".join([part.tobytes() for part in parts])
-            if here != at:  # the solver asks for the error just where it will ask for the gradients next
-                known, at = function(*parts), here
-            r, slopes = known
+            if here != last:  # the solver asks for the error just where it will ask for the gradients next
+                linearised, last = function(*parts), here
+            r, slopes = linearised
             if gradients is not None:
                 for i, slope in enumerate(slopes):
                     gradients[i] = slope
@@ -64,8 +64,8 @@ class Graph:
         parameters.setAbsoluteErrorTol(1e-5)
         optimizer = gtsam.LevenbergMarquardtOptimizer(self._graph, values, parameters)
         self._solution = optimizer.optimize()
-        found = {name: self._solution.atVector(key) for name, key in self._keys.items()}
-        return found, optimizer.iterations()
+        estimate = {name: self._solution.atVector(key) for name, key in self._keys.items()}
+        return estimate, optimizer.iterations()
 
     def covariance(self, names: Sequence[str]) -> np.ndarray:
         """Joint covariance of variables at the solution; `names` the first declared, in their order.

@@ -62,12 +62,12 @@ def shape(
         Of each placement its targets: (index of the target, index of its point), two or more.
     """
     forms, slopes = [], []
-    for own in placements:
-        points = [point for _, point in own]
+    for placement in placements:
+        points = [point for _, point in placement]
         form, by_points = form_of(coordinates[points])
         by = np.zeros((len(by_points), len(coordinates), 3))
         by[:, points] = by_points
-        forms.append((np.array([target for target, _ in own]), form))
+        forms.append((np.array([target for target, _ in placement]), form))
         slopes.append(by.reshape(len(by), -1))
     by = np.concatenate(slopes)
     of = np.repeat(np.arange(len(slopes)), [len(s) for s in slopes])
@@ -94,7 +94,7 @@ def form_of(certified: np.ndarray) -> tuple[Form, np.ndarray]:
         u[..., -1] *= np.linalg.det(u @ v)[..., None]  # a rotation, no reflection
         turn = np.swapaxes(u @ v, -1, -2)  # out = turn @ arm
         seen = out @ turn
-        told = np.einsum("mki,...ki->...m", free, seen - arms)
+        deviations = np.einsum("mki,...ki->...m", free, seen - arms)
         # the rotation follows the points: sum of arm x seen is 0
         inertia = np.sum(arms * seen, axis=(-1, -2))[..., None, None] * np.eye(3) - np.einsum(
             "...ki,kj->...ij", seen, arms
@@ -102,7 +102,7 @@ def form_of(certified: np.ndarray) -> tuple[Form, np.ndarray]:
         lever = np.sum(np.cross(seen[..., None, :, :], free), axis=-2)  # (..., m, 3)
         by_turn = lever @ np.linalg.inv(inertia)
         by = free - np.cross(by_turn[..., :, None, :], arms)
-        return told, by @ np.swapaxes(turn, -1, -2)[..., None, :, :]
+        return deviations, by @ np.swapaxes(turn, -1, -2)[..., None, :, :]
 
     return values, free
 
@@ -128,12 +128,12 @@ def certified_points(of: Shape, targets: Sequence[Kind]) -> Certificate:
         places = [feature(t, state) for t, state in zip(targets, x, strict=True)]
         values, slopes = [], [np.zeros(0)] * len(targets)
         first = 0
-        for own, form in of.forms:
-            told, by = form(np.stack([places[k].place for k in own], axis=-2))
-            values.append(told)
-            white = of.whiten[:, first : first + told.shape[-1]]
-            first += told.shape[-1]
-            for i, k in enumerate(own):
+        for members, form in of.forms:
+            value, by = form(np.stack([places[k].place for k in members], axis=-2))
+            values.append(value)
+            white = of.whiten[:, first : first + value.shape[-1]]
+            first += value.shape[-1]
+            for i, k in enumerate(members):
                 slopes[k] = white @ by[..., i, :] @ np.swapaxes(places[k].by_place, -1, -2)
         return np.concatenate(values, axis=-1) @ of.whiten.T, tuple(slopes)
 

@@ -45,10 +45,10 @@ def apart(a0: Feature, b0: Feature) -> Callable[[Feature, Feature], Values]:
     middle = 0.5 * (a0.place + b0.place)
 
     def values(a: Feature, b: Feature) -> Values:
-        at = b.place if b.direction is None else middle
-        out = _nearest(a, at) - _nearest(b, at)
+        point = b.place if b.direction is None else middle
+        out = _nearest(a, point) - _nearest(b, point)
         u, length = direction(out)
-        return length, (*_along(a, at, u), *_along(b, at, -u))
+        return length, (*_along(a, point, u), *_along(b, point, -u))
 
     return values
 
@@ -88,18 +88,18 @@ def _direction(f: Feature) -> np.ndarray:
     return f.direction
 
 
-def _nearest(f: Feature, at: np.ndarray) -> np.ndarray:
-    """The point itself, or that of an axis nearest to `at`, (..., 3)."""
+def _nearest(f: Feature, point: np.ndarray) -> np.ndarray:
+    """The point itself, or that of an axis nearest to `point`, (..., 3)."""
     if f.direction is None:
         return f.place
-    return f.place + f.direction * np.sum(f.direction * (at - f.place), axis=-1, keepdims=True)
+    return f.place + f.direction * np.sum(f.direction * (point - f.place), axis=-1, keepdims=True)
 
 
-def _along(f: Feature, at: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
-    """Slopes of the nearest point along u (..., 3), by place and direction; `at` rests, or u is across."""
+def _along(f: Feature, point: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
+    """Slopes of the nearest point along u (..., 3), by place and direction; `point` rests, or u is across."""
     if f.direction is None:
         return u[..., None, :], None
-    out = at - f.place
+    out = point - f.place
     reach = np.sum(f.direction * out, axis=-1, keepdims=True)
     lean = np.sum(f.direction * u, axis=-1, keepdims=True)
     return (u - lean * f.direction)[..., None, :], (reach * u + lean * out)[..., None, :]

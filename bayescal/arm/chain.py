@@ -95,8 +95,8 @@ def chain_of(robot: Robot) -> Chain:
     for i in range(n):
         twist, shift = rigid(rotation(0, robot.alpha[i])), rigid(None, np.array([robot.a[i], 0.0, 0.0]))
         hayati = rigid(rotation(1, robot.beta[i]))
-        at = i if robot.convention == "mdh" else i + 1
-        link[at] = twist @ shift @ hayati if robot.convention == "mdh" else shift @ twist @ hayati
+        k = i if robot.convention == "mdh" else i + 1
+        link[k] = twist @ shift @ hayati if robot.convention == "mdh" else shift @ twist @ hayati
     link[n] = link[n] @ robot.flange
     return Chain(robot.base, link, robot.d)
 
@@ -138,10 +138,10 @@ def points(chain: Chain, q: np.ndarray, tool: np.ndarray, delta: np.ndarray | No
     x = np.broadcast_to(tool, (len(q), 3)) + displaced(np.zeros(3), delta[..., n + 1, :])
     for i in range(n, 0, -1):
         x = x @ chain.link[i, :3, :3].T + chain.link[i, :3, 3]
-        own = delta[..., i, :].copy()
-        own[..., 0] += q[:, i - 1]
-        own[..., 1] += chain.d[i - 1]
-        x = displaced(x, own)
+        motion = delta[..., i, :].copy()
+        motion[..., 0] += q[:, i - 1]
+        motion[..., 1] += chain.d[i - 1]
+        x = displaced(x, motion)
     x = x @ chain.link[0, :3, :3].T + chain.link[0, :3, 3]
     x = displaced(x, delta[..., 0, :])
     return x @ chain.base[:3, :3].T + chain.base[:3, 3]
@@ -174,25 +174,25 @@ def wrenches(chain: Chain, q: np.ndarray, tool: np.ndarray, delta: np.ndarray, u
         x = (x - transform[:3, 3]) @ transform[:3, :3]
         u = u @ transform[:3, :3]
 
-    def cross(frame: int, own: np.ndarray) -> None:
+    def cross(frame: int, motion: np.ndarray) -> None:
         nonlocal x, u
         for axis, turn, slide in ((2, 0, 1), (0, 2, 3), (1, 4, 5)):
             i, j = (axis + 1) % 3, (axis + 2) % 3
             out[:, frame, turn] = x[:, i] * u[:, j] - x[:, j] * u[:, i]  # of p x u about the axis
             out[:, frame, slide] = u[:, axis]
-            back = np.swapaxes(rotation(axis, own[:, turn]), -1, -2)
+            back = np.swapaxes(rotation(axis, motion[:, turn]), -1, -2)
             x = (back @ x[..., None])[..., 0]
             u = (back @ u[..., None])[..., 0]
-            x[:, axis] -= own[:, slide]
+            x[:, axis] -= motion[:, slide]
 
     enter(chain.base)
     cross(0, delta[:, 0])
     enter(chain.link[0])
     for i in range(1, n + 1):
-        own = delta[:, i].copy()
-        own[:, 0] += q[:, i - 1]
-        own[:, 1] += chain.d[i - 1]
-        cross(i, own)
+        motion = delta[:, i].copy()
+        motion[:, 0] += q[:, i - 1]
+        motion[:, 1] += chain.d[i - 1]
+        cross(i, motion)
         enter(chain.link[i])
     x = x - tool
     cross(n + 1, delta[:, n + 1])
@@ -216,11 +216,11 @@ def frames(chain: Chain, q: np.ndarray, delta: np.ndarray | None = None) -> np.n
     """
     count, n = q.shape
     out = np.empty((count, n + 2, 4, 4))
-    own = np.zeros((count, n, 6)) if delta is None else delta[:, 1:-1].copy()
-    own[..., 0] += q
-    own[..., 1] += chain.d
+    motion = np.zeros((count, n, 6)) if delta is None else delta[:, 1:-1].copy()
+    motion[..., 0] += q
+    motion[..., 1] += chain.d
     # all joints at once: the search for poses calls this for few rows, thousands of times
-    joint = chain.link[:-1] @ _moved(own.reshape(-1, 6), (0,)).reshape(count, n, 4, 4)
+    joint = chain.link[:-1] @ _moved(motion.reshape(-1, 6), (0,)).reshape(count, n, 4, 4)
     out[:, 0] = behind = chain.base if delta is None else chain.base @ _moved(delta[:, 0], (0, 1, 2))
     for i in range(1, n + 1):
         out[:, i] = behind = behind @ joint[:, i - 1]
@@ -271,19 +271,19 @@ def split(
         turn = _small(np.arctan2(m[1, 3], m[0, 3])) if np.hypot(m[0, 3], m[1, 3]) > 1e-12 else 0.0
         r, p = rotation(2, -turn) @ m[:3, :3], rotation(2, -turn) @ m[:3, 3]
         alpha, beta = np.arctan2(-r[1, 2], r[2, 2]), np.arcsin(np.clip(r[0, 2], -1.0, 1.0))
-        rest = rotation(1, -beta) @ rotation(0, -alpha) @ r
+        remaining = rotation(1, -beta) @ rotation(0, -alpha) @ r
         before, behind = p[2], 0.0
     else:  # turn about the first axis until the second has no component along x: the common normal
         turn = _small(np.arctan2(axis[0], -axis[1]))
         r, p = rotation(2, -turn) @ m[:3, :3], rotation(2, -turn) @ m[:3, 3]
         alpha, beta = np.arctan2(-r[1, 2], r[2, 2]), 0.0
-        rest = rotation(0, -alpha) @ r
+        remaining = rotation(0, -alpha) @ r
         behind = -p[1] / np.sin(alpha)  # p = Tz(before) Tx(a) Rx(alpha) Tz(behind)
         before = p[2] - np.cos(alpha) * behind
     return (
         (float(alpha), float(p[0]), float(beta)),
         (float(turn), float(before)),
-        (float(np.arctan2(rest[1, 0], rest[0, 0])), float(behind)),
+        (float(np.arctan2(remaining[1, 0], remaining[0, 0])), float(behind)),
     )
 
 

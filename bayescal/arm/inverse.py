@@ -55,16 +55,16 @@ def descend(
     -------
     angles : np.ndarray, shape (M, n)
         rad, within the limits.
-    found : np.ndarray, shape (M,)
+    converged : np.ndarray, shape (M,)
         Which of them are solutions.
     """
     n = starts.shape[1]
     angles = np.clip(starts, low, high)
-    found = np.zeros(len(starts), bool)
+    converged = np.zeros(len(starts), bool)
     live = np.arange(len(starts))
     for _ in range(passes):
         error, slopes, solved = task(angles[live], live)
-        found[live[solved]] = True
+        converged[live[solved]] = True
         keep = ~solved
         live, error, slopes = live[keep], error[keep], slopes[keep]
         if not len(live):
@@ -76,7 +76,7 @@ def descend(
         step = np.linalg.solve(square, np.einsum("mij,mi->mj", slopes, error)[..., None])[..., 0]
         step *= np.minimum(1.0, STEP / np.maximum(np.abs(step).max(axis=1), 1e-12))[:, None]
         angles[live] = np.clip(angles[live] + step, low, high)
-    return angles, found
+    return angles, converged
 
 
 def to_points(arm: NominalArm, points: np.ndarray) -> Task:
@@ -96,10 +96,10 @@ def to_axes(arm: NominalArm, points: np.ndarray, axes: np.ndarray) -> Task:
     def task(angles: np.ndarray, which: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         pose = arm.frames(arm.readings_of(angles))
         away = points[which] - arm.ball(pose)
-        own = arm.tool_axis(pose)
-        turn = _turn(own, axes[which])
+        axis = arm.tool_axis(pose)
+        turn = _turn(axis, axes[which])
         j = arm.jacobian(pose)
-        j[:, 3:] -= own[:, :, None] * np.einsum("mi,mij->mj", own, j[:, 3:])[:, None]
+        j[:, 3:] -= axis[:, :, None] * np.einsum("mi,mij->mj", axis, j[:, 3:])[:, None]
         j[:, :3] /= LEVER
         return np.concatenate([away / LEVER, turn], axis=1), j, _there(away, turn)
 
@@ -150,11 +150,11 @@ def _there(away: np.ndarray, turn: np.ndarray) -> np.ndarray:
     return (length(away) < PLACE) & (length(turn) < DIRECTION)
 
 
-def _turn(own: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-    """Rotation vectors (M, 3), rad, from unit vectors `own` to `wanted`."""
-    across = cross(own, wanted)
+def _turn(actual: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+    """Rotation vectors (M, 3), rad, from unit vectors `actual` to `wanted`."""
+    across = cross(actual, wanted)
     sine = length(across)
-    angle = np.arctan2(sine, np.sum(own * wanted, axis=1))
+    angle = np.arctan2(sine, np.sum(actual * wanted, axis=1))
     return across * (angle / np.maximum(sine, 1e-12))[:, None]
 
 
@@ -198,18 +198,18 @@ def solutions(arm: NominalArm, poses: np.ndarray, starts: np.ndarray | None = No
             each = np.concatenate([arm.angles_of(given.reshape(-1, n)).reshape(given.shape), each], axis=1)
         count = each.shape[1]
         task = to_poses(arm, np.repeat(goals, count, axis=0))
-        angles, found = descend(task, each.reshape(-1, n), -anywhere, anywhere)
-        by_pose = zip(angles.reshape(each.shape), found.reshape(-1, count), strict=True)
-        out += [_distinct(_within_a_turn(own[good])) for own, good in by_pose]
+        angles, converged = descend(task, each.reshape(-1, n), -anywhere, anywhere)
+        by_pose = zip(angles.reshape(each.shape), converged.reshape(-1, count), strict=True)
+        out += [_distinct(_within_a_turn(candidates[good])) for candidates, good in by_pose]
     return out
 
 
 def _distinct(angles: np.ndarray) -> np.ndarray:
     """Those of solutions (S, n) that differ by more than whole turns."""
     kept = np.empty((0, angles.shape[1]))
-    for own in angles:
-        if np.all(np.abs(_within_a_turn(kept - own)).max(axis=1, initial=0.0) > SAME):
-            kept = np.vstack([kept, own])
+    for solution in angles:
+        if np.all(np.abs(_within_a_turn(kept - solution)).max(axis=1, initial=0.0) > SAME):
+            kept = np.vstack([kept, solution])
     return kept
 
 
@@ -219,7 +219,7 @@ def _within_a_turn(angle: np.ndarray) -> np.ndarray:
 
 def nearest(
     arm: NominalArm,
-    found: np.ndarray,
+    solved: np.ndarray,
     references: np.ndarray,
     admits: Callable[[np.ndarray], bool] | None = None,
 ) -> np.ndarray | None:
@@ -231,49 +231,49 @@ def nearest(
     Parameters
     ----------
     arm : NominalArm
-    found : np.ndarray, shape (S, n)
+    solved : np.ndarray, shape (S, n)
         Angles of `solutions`, rad.
     references : np.ndarray, shape (K, n)
         Readings, rad.
     admits : callable, optional
         Whether readings (n,), rad, may be taken; then all whole turns within the limits are tried.
     """
-    least, most = _turns(arm, found)
+    least, most = _turns(arm, solved)
     good = np.all(least <= most, axis=1)
-    own, least, most = (part[good, None] for part in (found, least, most))
+    valid, least, most = (part[good, None] for part in (solved, least, most))
     if admits is not None:
         turned = [
             angles[0] + TURN * np.array(turns)
-            for angles, low, high in zip(own, least, most, strict=True)
+            for angles, low, high in zip(valid, least, most, strict=True)
             for turns in product(*(np.arange(a, b + 1) for a, b in zip(low[0], high[0], strict=True)))
         ]
         taken = [angles for angles in turned if admits(arm.readings_of(angles[None])[0])]
-        own = np.array(taken).reshape(-1, 1, arm.robot.n)
-        least = most = np.zeros(own.shape)
-    if not len(own):
+        valid = np.array(taken).reshape(-1, 1, arm.robot.n)
+        least = most = np.zeros(valid.shape)
+    if not len(valid):
         return None
     goal = arm.angles_of(references)[None]
-    candidates = own + TURN * np.clip(np.round((goal - own) / TURN), least, most)
+    candidates = valid + TURN * np.clip(np.round((goal - valid) / TURN), least, most)
     away = np.linalg.norm(candidates - goal, axis=2)
     return arm.readings_of(candidates[np.unravel_index(np.argmin(away), away.shape)][None])[0]
 
 
-def _turns(arm: NominalArm, found: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _turns(arm: NominalArm, angles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Least and greatest number of whole turns (S, n) that leave angles (S, n) within the limits."""
     low, high = arm.robot.limits.T
-    return np.ceil((low - TOUCHES - found) / TURN), np.floor((high + TOUCHES - found) / TURN)
+    return np.ceil((low - TOUCHES - angles) / TURN), np.floor((high + TOUCHES - angles) / TURN)
 
 
-def without_solution(arm: NominalArm, pose: np.ndarray, found: np.ndarray) -> str:
-    """Why none of the solutions `found` (S, n) of a pose (4, 4) can be taken: limits, or what is missing.
+def without_solution(arm: NominalArm, pose: np.ndarray, solved: np.ndarray) -> str:
+    """Why none of the solutions `solved` (S, n) of a pose (4, 4) can be taken: limits, or what is missing.
 
     Of the solution that exceeds the limits least, all joints beyond them are listed.
     """
     low, high = arm.robot.limits.T
-    if len(found):
-        own = found + TURN * np.round(((low + high) / 2 - found) / TURN)
-        excess = np.maximum(np.maximum(low - own, own - high), 0.0).max(axis=1)
-        return beyond_limits(arm, own[np.argmin(excess)])
+    if len(solved):
+        centred = solved + TURN * np.round(((low + high) / 2 - solved) / TURN)
+        excess = np.maximum(np.maximum(low - centred, centred - high), 0.0).max(axis=1)
+        return beyond_limits(arm, centred[np.argmin(excess)])
     starts = np.random.default_rng(0).uniform(-np.pi, np.pi, (STARTS, arm.robot.n))
     anywhere = np.full(arm.robot.n, np.inf)
     goal = np.tile(pose[:3, 3], (STARTS, 1))

@@ -246,24 +246,24 @@ def points(values, constant_terms, terms, firsts, general, drivers, sines, cosin
     matrices = np.empty((n + 1, 3, 4))
     work = np.empty((_ROWS, WIDTH))
     for w in range(values.shape[0]):
-        own = values[w]
-        _constants(own, constant_terms, const)
+        row = values[w]
+        _constants(row, constant_terms, const)
         _matrices(const, link, d, general, matrices)
         for start in range(0, tool.shape[1], WIDTH):
             for j in range(3):
                 work[j] = 0.0 if general[n + 1] else const[6 * (n + 1) + (3, 5, 1)[j]]
             if general[n + 1]:
-                _out_displaced(work, start, n + 1, _ZXY, const, firsts, terms, own, drivers)
+                _out_displaced(work, start, n + 1, _ZXY, const, firsts, terms, row, drivers)
             _offset(work, 1.0, tool, start)
             for f in range(n, 0, -1):
                 site = 6 * f
                 if general[f]:
                     _map(work, matrices[f])
-                    _out_displaced(work, start, f, _XY, const, firsts, terms, own, drivers)
+                    _out_displaced(work, start, f, _XY, const, firsts, terms, row, drivers)
                     shift = d[f - 1] + const[site + 1]
-                    _add(work, _Z, 1.0, shift, start, firsts[site + 1], firsts[site + 2], terms, own, drivers)
+                    _add(work, _Z, 1.0, shift, start, firsts[site + 1], firsts[site + 2], terms, row, drivers)
                 _joint_angle(
-                    work, start, const[site], firsts[site], firsts[site + 1], terms, own, drivers,
+                    work, start, const[site], firsts[site], firsts[site + 1], terms, row, drivers,
                     f - 1, sines, cosines,
                 )  # fmt: skip
                 if general[f]:
@@ -271,7 +271,7 @@ def points(values, constant_terms, terms, firsts, general, drivers, sines, cosin
                 else:
                     _map_turn(work, matrices[f])
             _map(work, link[0])
-            _out_displaced(work, start, _BASE, _ZXY, const, firsts, terms, own, drivers)
+            _out_displaced(work, start, _BASE, _ZXY, const, firsts, terms, row, drivers)
             _map(work, base)
             out[w, :, start : start + WIDTH] = work[:3]
 

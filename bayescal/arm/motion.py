@@ -66,23 +66,23 @@ class Terms:
     @classmethod
     def of(cls, terms: Iterable[tuple[int, Term]]) -> Terms:
         """Of parameter indices and terms; those that are not of a frame, or always zero, are left out."""
-        table, known = list[tuple[int, int, int]](), dict[bytes, int]()
+        table, row_of = list[tuple[int, int, int]](), dict[bytes, int]()
         drivers = list[np.ndarray | float]()
         for parameter, term in terms:
             if term.frame < 0 or (isinstance(term.driver, float) and not term.driver):
                 continue
             key = np.asarray(term.driver, float).tobytes()
-            if key not in known:
-                known[key] = len(drivers)
+            if key not in row_of:
+                row_of[key] = len(drivers)
                 drivers.append(term.driver)
-            table.append((6 * term.frame + AXES.index(term.axis), parameter, known[key]))
+            table.append((6 * term.frame + AXES.index(term.axis), parameter, row_of[key]))
         sites, parameters, index = np.array(table, np.int64).reshape(-1, 3).T
         return cls(sites, parameters, index, tuple(drivers))
 
     def at(self, rows: np.ndarray) -> Terms:
         """The terms in some of the rows."""
-        own = (d if np.ndim(d) == 0 else np.asarray(d)[rows] for d in self.drivers)
-        return replace(self, drivers=tuple(own))
+        drivers = (d if np.ndim(d) == 0 else np.asarray(d)[rows] for d in self.drivers)
+        return replace(self, drivers=tuple(drivers))
 
 
 def _sorted(table: np.ndarray) -> np.ndarray:

@@ -171,10 +171,10 @@ class Hull:
         across = [normals]
         for k, beside in enumerate(hull.neighbors):
             across.append(normals[k] + normals[beside[beside > k]])
-        at = np.zeros((len(self.points), 3))
+        sums = np.zeros((len(self.points), 3))
         for corner in faces.T:
-            np.add.at(at, corner, normals)
-        across.append(at[hull.vertices])
+            np.add.at(sums, corner, normals)
+        across.append(sums[hull.vertices])
         every = np.concatenate(across)
         size = length(every)
         every = np.unique(np.round(every[size > SHARP] / size[size > SHARP, None], 9), axis=0)

@@ -61,7 +61,7 @@ class Hinges:
         """Moments, m, that a unit force on F0's origin along x, y and z has about each axis, reversed."""
         return cross(self.axes, self.origins)
 
-    def by_mass(self, body: int, weight: np.ndarray, at: np.ndarray, turn: np.ndarray) -> list[Loads]:
+    def by_mass(self, body: int, weight: np.ndarray, centre: np.ndarray, turn: np.ndarray) -> list[Loads]:
         """Loads by a mass that frames 0 to `body` carry, and by a shift of it along each axis of its frame.
 
         Parameters
@@ -69,8 +69,8 @@ class Hinges:
         body : int
         weight : np.ndarray, shape (C, 3)
             N, in F0.
-        at : np.ndarray, shape (C, 3)
-            Its centre in F0, m.
+        centre : np.ndarray, shape (C, 3)
+            In F0, m.
         turn : np.ndarray, shape (C, 3, 3)
             Orientation in F0 of its frame.
 
@@ -80,15 +80,15 @@ class Hinges:
             Four: by the mass, and by each of the shifts, per m.
         """
         count, of = len(self.axes), slice(0, body + 1)
-        moment = np.stack([cross(at, weight), *(cross(turn[:, :, k], weight) for k in range(3))], axis=-1)
+        moment = np.stack([cross(centre, weight), *(cross(turn[:, :, k], weight) for k in range(3))], axis=-1)
         axes, arms = (x[:, of].reshape(count, -1, 3) for x in (self.axes, self.arms))
         pull, moments = axes @ weight[..., None], axes @ moment
         moments[..., :1] -= arms @ weight[..., None]  # a shift adds no weight
         out = []
         for k, weights in enumerate((pull, *3 * [np.zeros_like(pull)])):
-            own = np.zeros((2, *self.axes.shape[:-1]))
-            own[:, :, of] = np.stack([moments[..., k], weights[..., 0]]).reshape(2, count, body + 1, 3)
-            out.append(Loads(*own))
+            loads = np.zeros((2, *self.axes.shape[:-1]))
+            loads[:, :, of] = np.stack([moments[..., k], weights[..., 0]]).reshape(2, count, body + 1, 3)
+            out.append(Loads(*loads))
         return out
 
 
@@ -157,9 +157,9 @@ def gravity_loads(
     pull = cross(placed(pose[:, n + 1], load_centre), beyond)  # about F0's origin
     for i in range(n, -1, -1):
         if i > 0:
-            own = robot.masses[i - 1] * gravity
-            beyond = beyond + own
-            pull = pull + cross(placed(pose[:, i], centre_of_mass(robot, chain, i, stance)), own)
+            force = robot.masses[i - 1] * gravity
+            beyond = beyond + force
+            pull = pull + cross(placed(pose[:, i], centre_of_mass(robot, chain, i, stance)), force)
         moment[:, i], weight[:, i] = pull, beyond
     return hinges(chain, pose, delta).loads(moment, weight)
 
@@ -171,11 +171,11 @@ def centre_of_mass(robot: Robot, chain: Chain, i: int, stance: Stance | None = N
     """
     assert robot.centres_of_mass is not None
     centre = robot.centres_of_mass[i - 1]
-    own = None if stance is None else stance.yields
+    delta = None if stance is None else stance.yields
     if robot.convention == "dh":
         centre = chain.link[i, :3, :3] @ centre + chain.link[i, :3, 3]
-        own = None if stance is None else stance.delta
-    return centre if own is None else displaced(centre, np.where(np.arange(6) < 2, 0.0, own[:, i]))
+        delta = None if stance is None else stance.delta
+    return centre if delta is None else displaced(centre, np.where(np.arange(6) < 2, 0.0, delta[:, i]))
 
 
 def placed(pose: np.ndarray, x: np.ndarray) -> np.ndarray:

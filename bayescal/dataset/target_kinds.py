@@ -104,7 +104,7 @@ class TargetKind:
     centred : bool
         Its description has a ``centre``, which the first three components of its state displace: certified
         distances between such targets are validated.
-    found : bool
+    located : bool
         Its validation measurements locate it; its distances and its diameter are validated, not these rows.
     planned : Probing, optional
         Where contacts on it may be, for a plan; without it the kind cannot be planned.
@@ -126,7 +126,7 @@ class TargetKind:
     metric: bool = False
     placed: bool = True
     centred: bool = False
-    found: bool = False
+    located: bool = False
     planned: Probing | None = None
 
     @property
@@ -221,7 +221,7 @@ KINDS: dict[str, TargetKind] = {
             certificates=("diameter",),
             touched=True,
             centred=True,
-            found=True,
+            located=True,
             planned=Probing(regions.cap, regions.on_sphere, regions.sphere),
         ),
         TargetKind(

@@ -147,17 +147,17 @@ def parameters_of(
         if lacks and not (scanned and effect.scan and len(effect.scan.values(circumstances))):
             remedy = "leave it out, or add what is missing"
             raise BayescalError(f"{effect.name} cannot be judged: {lacks}", "--model", remedy)
-        own = effect.at(circumstances, setting)
-        if lenient and not own:
+        parameters = effect.at(circumstances, setting)
+        if lenient and not parameters:
             continue
-        if isinstance(setting, str) and not own:
+        if isinstance(setting, str) and not parameters:
             what = f"{effect.name}@{setting} has no parameters here: {effect.words(setting)}"
             raise BayescalError(what, "--model", f"say {effect.name}")
         asked = Selection.read(name)
         if effect.alternatives and not asked.sites:
-            own = [p for p in own if p.site == own[0].site]
+            parameters = [p for p in parameters if p.site == parameters[0].site]
         there = {p.name for p in out}
-        out += [p for p in asked.of(own, f"--model '{name}'") if p.name not in there]
+        out += [p for p in asked.of(parameters, f"--model '{name}'") if p.name not in there]
     return (*out, *TOOL.at(circumstances))
 
 

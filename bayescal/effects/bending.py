@@ -58,11 +58,11 @@ def _bearing(c: Circumstances, j: int) -> list[Term]:
     return [Term(j, "rx", moment[:, 0]), Term(j, "ry", moment[:, 1])]
 
 
-def _hinge(c: Circumstances, j: int, axis: np.ndarray, at: np.ndarray) -> list[Term]:
+def _hinge(c: Circumstances, j: int, axis: np.ndarray, point: np.ndarray) -> list[Term]:
     """Turns of frame j about an axis (3,) through a point (3,), m, by the moment there; it does not slide."""
     assert c.loads is not None
-    moment = (c.loads.moments[:, j] - cross(at, c.loads.weights[:, j])) @ axis
-    parts = zip(("rx", "ry", "rz", "tx", "ty", "tz"), (*axis, *np.cross(at, axis)), strict=True)
+    moment = (c.loads.moments[:, j] - cross(point, c.loads.weights[:, j])) @ axis
+    parts = zip(("rx", "ry", "rz", "tx", "ty", "tz"), (*axis, *np.cross(point, axis)), strict=True)
     return [Term(j, name, part * moment) for name, part in parts if abs(part) > 1e-12]
 
 

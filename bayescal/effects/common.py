@@ -141,8 +141,8 @@ def without_surface(c: Circumstances) -> str:
 
 def successions(c: Circumstances) -> list[np.ndarray]:
     """Rows of each session in the order of measurement: of time if recorded, else of the file."""
-    own = [np.flatnonzero(s.rows) for s in c.sessions] or [np.arange(len(c.q))]
-    return own if c.time is None else [rows[np.argsort(c.time[rows], kind="stable")] for rows in own]
+    groups = [np.flatnonzero(s.rows) for s in c.sessions] or [np.arange(len(c.q))]
+    return groups if c.time is None else [rows[np.argsort(c.time[rows], kind="stable")] for rows in groups]
 
 
 def lagging(c: Circumstances, goal: np.ndarray, path: np.ndarray, length: float) -> np.ndarray:
@@ -186,8 +186,8 @@ def apart(c: Circumstances, make: Callable[[Circumstances], list[Parameter]]) ->
     """Separate parameters for every session: those of `make` for its circumstances, in its rows."""
     if not c.sessions:
         return make(c)
-    own = ((session, alone(c, session)) for session in c.sessions)
-    return [within(p, session) for session, one in own if len(one.fitted) for p in make(one)]
+    sessions = ((session, alone(c, session)) for session in c.sessions)
+    return [within(p, session) for session, one in sessions if len(one.fitted) for p in make(one)]
 
 
 def by_session(make: Callable[[Circumstances], list[Parameter]]) -> Form:
@@ -197,14 +197,14 @@ def by_session(make: Callable[[Circumstances], list[Parameter]]) -> Form:
     is then the usual one.
     """
 
-    def own(c: Circumstances) -> list[Parameter]:
+    def parameters(c: Circumstances) -> list[Parameter]:
         return [
             replace(p, site=p.site.of(session.name))
             for session in c.sessions
             for p in apart(replace(c, sessions=(session,)), make)
         ]
 
-    return Form("session", "in one session of several", own)
+    return Form("session", "in one session of several", parameters)
 
 
 LEANING = np.sin(np.radians(5.0))
@@ -247,8 +247,8 @@ def tilts(c: Circumstances) -> tuple[Tilt, ...]:
     second *= np.sign(second[b])
     moment = c.moments[:, 0] @ c.chain.base[:3, :3].T  # in F0's axes
     pairs = (("xyz"[a], first, second), ("xyz"[b], second, first))
-    found = (Tilt(name, axis, across, moment @ axis) for name, axis, across in pairs)
-    return tuple(t for t in found if carries(t.moment))
+    candidates = (Tilt(name, axis, across, moment @ axis) for name, axis, across in pairs)
+    return tuple(t for t in candidates if carries(t.moment))
 
 
 def base_terms(c: Circumstances, kind: str, along: np.ndarray, driver: np.ndarray) -> tuple[Term, ...]:

@@ -70,10 +70,10 @@ def by_torque(
 
 
 def _parameters(c: Circumstances) -> list[Parameter]:
-    known = c.robot.compliance if c.robot.compliance is not None else np.zeros(c.robot.n)
+    nominal = c.robot.compliance if c.robot.compliance is not None else np.zeros(c.robot.n)
     return [
         Parameter(
-            f"compliance {name}", "rad/(N m)", (Term(j, "rz", torque),), SPREAD * mean, float(known[j - 1]),
+            f"compliance {name}", "rad/(N m)", (Term(j, "rz", torque),), SPREAD * mean, float(nominal[j - 1]),
             mean, positive=True, **at(j, Driver("torque", j)),
         )
         for j, name, mean, torque in loaded(c)

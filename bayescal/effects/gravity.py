@@ -40,7 +40,7 @@ def compliances(parameters: Sequence[Parameter], deviations: np.ndarray) -> Mapp
     for p, value in zip(parameters, deviations.tolist(), strict=True):
         if p.effect not in names:
             continue
-        out |= {own.name: own.nominal + value * own.centre for own in p.stands_for} or {
+        out |= {member.name: member.nominal + value * member.centre for member in p.stands_for} or {
             p.name: p.nominal + value
         }
     return out
@@ -94,11 +94,11 @@ def masses(c: Circumstances) -> list[Parameter]:
             out.append(Parameter(f"centre of {name} {axis}", "m", deflections(c, loads), sd))
 
     for i, (mass, centre) in enumerate(zip(robot.masses, robot.centres_of_mass, strict=True), start=1):
-        at = placed(pose[:, i], centre_of_mass(robot, c.chain, i, c.stance))
+        centres = placed(pose[:, i], centre_of_mass(robot, c.chain, i, c.stance))
         turn = (pose[:, i] if robot.convention == "mdh" else pose[:, i] @ c.chain.link[i])[:, :3, :3]
         off = CENTRE_OFF + MASS_SHARE * np.abs(centre)
-        weight = np.full(len(at), mass)[:, None] * c.gravity
-        add(f"link {i}", MASS_SHARE, about.by_mass(i, weight, at, turn), off)
+        weight = np.full(len(centres), mass)[:, None] * c.gravity
+        add(f"link {i}", MASS_SHARE, about.by_mass(i, weight, centres, turn), off)
     flange, weight = pose[:, n + 1], c.load_mass[:, None] * c.gravity
     of_load = about.by_mass(n, weight, placed(flange, c.load_centre), flange[:, :3, :3])
     add("load", LOAD_SHARE, of_load, np.full(3, LOAD_OFF))

@@ -24,8 +24,8 @@ def _parameters(c: Circumstances) -> list[Parameter]:
     assert c.speed is not None
     speed = np.where(c.touching, c.speed, 0.0)
     terms = (Term(CONTACT, "normal", speed),)
-    own = Parameter("latency", "s", terms, SD, site=PROBE, driver=Driver("contact speed"))
-    return [own] if speed.any() else []
+    parameter = Parameter("latency", "s", terms, SD, site=PROBE, driver=Driver("contact speed"))
+    return [parameter] if speed.any() else []
 
 
 def _missing(c: Circumstances) -> str:

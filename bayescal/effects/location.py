@@ -60,10 +60,10 @@ class Site:
     @classmethod
     def read(cls, words: str) -> Site:
         """The site that a user names: ``joint 4``, ``base``, or else a face."""
-        if found := re.fullmatch(rf"({'|'.join(NUMBERED)}) (\d+)", words):
-            return cls(found[1], int(found[2]))
-        if found := re.fullmatch(rf"({'|'.join(PLAIN)})(?: of (\S+))?", words):
-            return cls(found[1], name=found[2] or "")
+        if match := re.fullmatch(rf"({'|'.join(NUMBERED)}) (\d+)", words):
+            return cls(match[1], int(match[2]))
+        if match := re.fullmatch(rf"({'|'.join(PLAIN)})(?: of (\S+))?", words):
+            return cls(match[1], name=match[2] or "")
         return face(words)
 
 
@@ -241,8 +241,8 @@ def _direction(d: Driver, site: Site, c: Circumstances) -> Found:
 
 
 def _on_face(d: Driver, site: Site, c: Circumstances) -> Found:
-    own = next((f for f in c.faces if f.name == site.name), None)
-    return None if own is None else Coordinate("place along the face", "-1 to 1", own.place[:, 0])
+    plane = next((f for f in c.faces if f.name == site.name), None)
+    return None if plane is None else Coordinate("place along the face", "-1 to 1", plane.place[:, 0])
 
 
 KINDS = {

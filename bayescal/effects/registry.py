@@ -80,8 +80,8 @@ class Vocabulary(Mapping[str, Effect]):
             For an effect of the package, or one that is not registered.
         """
         if name in self._own or name not in self:
-            known = ", ".join(n for n in self if n not in self._own) or "none"
-            raise BayescalError(f"`{name}` was not registered", "effects.unregister", f"registered: {known}")
+            names = ", ".join(n for n in self if n not in self._own) or "none"
+            raise BayescalError(f"`{name}` was not registered", "effects.unregister", f"registered: {names}")
         del self._effects[name]
 
     def _add(self, effect: object, where: str) -> None:

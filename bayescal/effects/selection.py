@@ -50,10 +50,10 @@ class Selection:
             For a factor that is not a number above 0.
         """
         plain = " ".join(words.split())
-        found = WORDS.fullmatch(plain)
-        if found is None:
+        match = WORDS.fullmatch(plain)
+        if match is None:
             return cls(plain)
-        part, setting = {key: text or "" for key, text in found.groupdict().items()}, found["setting"]
+        part, setting = {key: text or "" for key, text in match.groupdict().items()}, match["setting"]
         sites = tuple(Site.read(s) for s in part["sites"].split(" and ") if s)
         drivers = tuple(dict.fromkeys(d for d in part["driver"].split(" and ") if d))
         where, example = f"--model '{plain}'", "give a factor on the prior, for example x2"
@@ -87,13 +87,13 @@ class Selection:
     def among(self, parameters: Iterable[Parameter]) -> Selection:
         """The selection itself, or `unscaled` where one of the parameters is at the site that this names."""
         other = self.unscaled
-        known = {str(site) for p in parameters for site in p.site.also}
-        return other if other.sites and str(other.sites[-1]) in known else self
+        sites = {str(site) for p in parameters for site in p.site.also}
+        return other if other.sites and str(other.sites[-1]) in sites else self
 
     def holds(self, p: Parameter) -> bool:
         """Whether a parameter of the effect is at one of the sites and has the driver."""
-        at = not self.sites or any(str(site) in map(str, p.site.also) for site in self.sites)
-        return at and (not self.drivers or driver_words(p) in self.drivers)
+        on_site = not self.sites or any(str(site) in map(str, p.site.also) for site in self.sites)
+        return on_site and (not self.drivers or driver_words(p) in self.drivers)
 
     def of(self, parameters: Sequence[Parameter], where: str) -> list[Parameter]:
         """The selected ones of an effect's parameters, with the priors that the text states.
@@ -120,20 +120,20 @@ class Selection:
                     where,
                     f"its sites are: {_sites(parameters)}",
                 )
-        own = [p for p in parameters if self.holds(p)]
+        selected = [p for p in parameters if self.holds(p)]
         there = dict.fromkeys(driver_words(p) for p in parameters if replace(self, drivers=()).holds(p))
         if unknown := [driver for driver in self.drivers if driver not in there]:
             what = f"{self.effect} has no parameters by `{unknown[0]}` there"
             raise BayescalError(what, where, f"its drivers there are: {', '.join(there)}")
         if self.together:
-            joined = in_proportion(self.effect, own)
-            if own and not joined:
+            joined = in_proportion(self.effect, selected)
+            if selected and not joined:
                 remedy = f"say {replace(self, together=False)}"
                 raise BayescalError(f"{self.effect} has no parameters in proportion there", where, remedy)
-            own = joined
+            selected = joined
         if self.factor is None:
-            return own
-        return [replace(p, sd=p.sd * self.factor, mean=p.nominal) for p in own]
+            return selected
+        return [replace(p, sd=p.sd * self.factor, mean=p.nominal) for p in selected]
 
 
 def plain(name: str) -> str:

@@ -77,10 +77,10 @@ def _at(c: Circumstances, row: float) -> list[Parameter]:
 def _shift(c: Circumstances, row: float) -> list[Parameter]:
     since, end = after(c, row), c.chain.n + 1
     out = _displaced("step", BASE, since, {0: (*SHIFTS, *TURNS)})
-    own = reflectors(c)
-    tools = [("step tool", TOOL, own)] if own else []
-    if len(own) > 1:
-        tools += [(f"step tool {c.tool_names[k]}", TOOL.of(c.tool_names[k]), (k,)) for k in own]
+    indices = reflectors(c)
+    tools = [("step tool", TOOL, indices)] if indices else []
+    if len(indices) > 1:
+        tools += [(f"step tool {c.tool_names[k]}", TOOL.of(c.tool_names[k]), (k,)) for k in indices]
     for name, site, used in tools:
         axes = {end: SHIFTS} | ({TURN: TURNS} if set(used) & set(c.turned_tools) else {})
         out += _displaced(name, site, since * np.isin(c.tool, used), axes)
@@ -103,8 +103,8 @@ def _displaced(
     where: Where = {"site": site, "driver": Driver("event")}
     return [
         Parameter(f"{name} {axis.removeprefix('t')}", unit, (Term(frame, axis, since),), sd, **where)
-        for frame, own in axes.items()
-        for axis in own
+        for frame, directions in axes.items()
+        for axis in directions
         for unit, sd in (SD[axis[0]],)
     ]
 

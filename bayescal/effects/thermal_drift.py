@@ -91,8 +91,8 @@ def _drifting(c: Circumstances, by: str, driver: np.ndarray) -> list[Parameter]:
 
 
 def _parameters(c: Circumstances) -> list[Parameter]:
-    found = course(c)
-    return [] if found is None else _drifting(c, *found)
+    recorded = course(c)
+    return [] if recorded is None else _drifting(c, *recorded)
 
 
 def _scaled(values: np.ndarray) -> np.ndarray:
@@ -140,8 +140,8 @@ def _paused(c: Circumstances, begin: float, length: float, constant: float) -> l
         if time is None:
             return []
         share = (time - np.min(time)) / np.ptp(time)
-        at, until = begin / 100.0, (begin + length) / 100.0
-        course = heated(share, at, until, constant / float(np.ptp(time)))
+        start, until = begin / 100.0, (begin + length) / 100.0
+        course = heated(share, start, until, constant / float(np.ptp(time)))
         return _drifting(c, "time", _scaled(course))
 
     return apart(c, one)

@@ -120,11 +120,11 @@ class Block:
         turning = replace(
             self, motion=Motion(self.motion.chain, self.motion.q, self.motion.tool, terms, size + n)
         )
-        at = np.append(values, np.zeros(n))
-        p = turning.seen(at)
+        deviations = np.append(values, np.zeros(n))
+        p = turning.seen(deviations)
         _, u, _ = self.kind.linearise(self.state(z), p)
         return np.concatenate(
-            [turning.columns(at, p, u[k])[size:].T @ coupling for k in range(self.kind.rows)]
+            [turning.columns(deviations, p, u[k])[size:].T @ coupling for k in range(self.kind.rows)]
         )
 
 
@@ -161,8 +161,8 @@ class Turned(Block):
         if len(self.turn_index):
             v = self._vector(values)
             # exp(v + dv) = exp(v) exp(J dv) with the left Jacobian of -v: a rotation in the tool's frame
-            own = np.einsum("ic,ijc->cj", u, seen)[:, None, :] @ left_jacobian(-v)
-            out[self.turn_index] += np.einsum("cj,kjc->kc", own[:, 0], self.turn)
+            gradient = np.einsum("ic,ijc->cj", u, seen)[:, None, :] @ left_jacobian(-v)
+            out[self.turn_index] += np.einsum("cj,kjc->kc", gradient[:, 0], self.turn)
         return out
 
 

@@ -43,8 +43,8 @@ def by_name(model: Model, values: np.ndarray, of: Model) -> np.ndarray:
 
     A tilt may give a torque to a joint that had none: a parameter that is new is at its nominal value.
     """
-    known = dict(zip((p.name for p in of.parameters), values.tolist(), strict=True))
-    return np.array([known.get(p.name, 0.0) for p in model.parameters])
+    deviations = dict(zip((p.name for p in of.parameters), values.tolist(), strict=True))
+    return np.array([deviations.get(p.name, 0.0) for p in model.parameters])
 
 
 def tool_points(model: Model, values: np.ndarray) -> np.ndarray:
@@ -80,11 +80,11 @@ def equilibrium(
     model = make(scene)
     if scene.moments is None:
         return model
-    at, off = tool_points(model, values(model)), np.inf
+    points, off = tool_points(model, values(model)), np.inf
     for _ in range(PASSES):
         model = make(standing(model, values(model)))
-        before, at = at, tool_points(model, values(model))
-        off = moved(before, at)
+        before, points = points, tool_points(model, values(model))
+        off = moved(before, points)
         if off < still:
             return model
     what = f"the arm does not come to rest under gravity: after {PASSES} passes it still moves by {off:.1e} m"
@@ -104,7 +104,7 @@ def standing_model(model: Model, values: np.ndarray) -> Model:
 
 
 def settled_model(
-    model: Model, scene: Scene, values: np.ndarray, own: Callable[[Parameter], Parameter] = lambda p: p
+    model: Model, scene: Scene, values: np.ndarray, modified: Callable[[Parameter], Parameter] = lambda p: p
 ) -> Model:
     """The model's parameters in a scene, in equilibrium for values (P,); a model without any blocks."""
 
@@ -113,7 +113,7 @@ def settled_model(
         named = {p.name: p for p in parameters_of(model.effects, c, lenient=True)}
         # a joint without torque has no parameter of it: then it displaces nothing
         terms = ((p, named[p.name].terms if p.name in named else ()) for p in model.parameters)
-        parameters = tuple(own(replace(p, terms=t)) for p, t in terms)
+        parameters = tuple(modified(replace(p, terms=t)) for p, t in terms)
         return Model(scene, model.effects, parameters, (), ())
 
     return equilibrium(scene, make, lambda _: values, SETTLED)

@@ -54,10 +54,10 @@ class Model:
     def slices(self) -> Mapping[str, slice]:
         """Slices of z for the arm and each target."""
         out = {ARM: slice(0, len(self.parameters))}
-        at = len(self.parameters)
+        start = len(self.parameters)
         for block in self.states:
-            out[block.target] = slice(at, at + block.size)
-            at += block.size
+            out[block.target] = slice(start, start + block.size)
+            start += block.size
         return out
 
     @property
@@ -189,9 +189,9 @@ class Model:
         """Any rows of an instrument that read the tool's orientation too, as a block of orientations."""
         scene = self.scene
         axes = [self.driven(TURN, axis, len(scene.q)) for axis in ("rx", "ry", "rz")]
-        index = np.concatenate([own for own, _ in axes])
+        index = np.concatenate([idx for idx, _ in axes])
         turn = np.zeros((len(index), 3, len(rows)))
-        turn[np.arange(len(index)), np.repeat(np.arange(3), [len(own) for own, _ in axes])] = np.concatenate(
+        turn[np.arange(len(index)), np.repeat(np.arange(3), [len(idx) for idx, _ in axes])] = np.concatenate(
             [drivers[:, rows] for _, drivers in axes]
         )
         return Turned(
@@ -249,7 +249,7 @@ def with_parameters(scene: Scene, effects: tuple[str, ...], parameters: tuple[Pa
     blocks = tuple(bare.block(int(t), scene.rows_of(int(t), rows)) for t in present)
     kinds = {b.target: b.kind for b in blocks}
     of_turns = [(int(t), scene.rows_of(int(t), rows[scene.posed[rows]])) for t in present]
-    blocks += tuple(bare.turned(t, own) for t, own in of_turns if len(own))
+    blocks += tuple(bare.turned(t, posed) for t, posed in of_turns if len(posed))
     numbered = enumerate(scene.dataset.certificates)
     constraints = tuple(
         constraint for k, entry in numbered if (constraint := _constraint(bare, k, entry, kinds)) is not None
@@ -272,10 +272,10 @@ def _constraint(
 ) -> Constraint | None:
     """A certificate as a factor, or None if a target of it is not fitted."""
     if entry.points is not None:
-        found = model.scene.shape_of(entry, kinds)
-        if found is None:
+        certified = model.scene.shape_of(entry, kinds)
+        if certified is None:
             return None
-        of, names = found
+        of, names = certified
         index, drivers = model.driven(CERTIFICATE, str(number), len(of.whiten))
         function = certified_points(of, [kinds[name] for name in names])
         return Constraint(entry.kind, names, number, function, np.ones(len(of.whiten)), index, drivers)

@@ -28,9 +28,9 @@ class Part:
     name: str = ""  # of a single parameter
 
     @classmethod
-    def of(cls, words: str, known: Sequence[Parameter] = ()) -> Part:
-        """Read ``geometry at joint 4``, or the name of a `known` parameter: ``base-compliance y``."""
-        for p in known:
+    def of(cls, words: str, parameters: Sequence[Parameter] = ()) -> Part:
+        """Read ``geometry at joint 4``, or the name of one of `parameters`: ``base-compliance y``."""
+        for p in parameters:
             if p.name == words.strip():
                 return cls(p.effect, p.site, p.name)
         asked = Selection.read(words).unscaled
@@ -53,11 +53,11 @@ class Part:
 
 
 def parts_of(
-    words: Sequence[str], effects: Sequence[str], known: Sequence[Parameter] | None = None
+    words: Sequence[str], effects: Sequence[str], parameters: Sequence[Parameter] | None = None
 ) -> tuple[Part, ...]:
     """Read the parts that a model omits, each part once.
 
-    `known` are the parameters of the model, which may be named. Without them, as for parts that a run has
+    `parameters` are those of the model, which may be named. Without them, as for parts that a run has
     recorded, any text without a site is such a name.
 
     Raises
@@ -65,7 +65,9 @@ def parts_of(
     BayescalError
         For a text that is no parameter and not an effect at a site, or for an effect that the model lacks.
     """
-    parts = tuple(dict.fromkeys(_recorded(own) if known is None else Part.of(own, known) for own in words))
+    parts = tuple(
+        dict.fromkeys(_recorded(text) if parameters is None else Part.of(text, parameters) for text in words)
+    )
     modelled = dict.fromkeys(map(plain, effects))
     for part in parts:
         if not part.name and part.effect not in modelled:
@@ -87,9 +89,9 @@ def kept(parameters: Sequence[Parameter], without: Sequence[Part]) -> tuple[Para
         If the model has an effect, but the effect has no parameters at the site.
     """
     for part in without:
-        own = [p for p in parameters if p.effect == part.effect]
-        if own and not any(map(part.holds, own)):
-            sites = dict.fromkeys(str(site) for p in own for site in p.site.also)
+        candidates = [p for p in parameters if p.effect == part.effect]
+        if candidates and not any(map(part.holds, candidates)):
+            sites = dict.fromkeys(str(site) for p in candidates for site in p.site.also)
             what = f"{part.effect} has no parameters at `{part.site}`"
             raise BayescalError(what, OPTION, f"its sites are: {', '.join(sites)}")
     return tuple(p for p in parameters if not any(part.holds(p) for part in without))
@@ -138,8 +140,8 @@ class FitOptions:
         check_asked(effects, self.prior_width)
         if not words:
             return self
-        known = parameters_of(effects, scene.circumstances())
-        return replace(self, without=parts_of(words, effects, known))
+        parameters = parameters_of(effects, scene.circumstances())
+        return replace(self, without=parts_of(words, effects, parameters))
 
 
 USUAL = FitOptions()

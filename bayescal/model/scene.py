@@ -123,8 +123,8 @@ class Scene:
     @property
     def _sags(self) -> bool:
         """Whether the robot file states compliances: then the nominal angles depend on the pose."""
-        known = self.dataset.robot.compliance
-        return known is not None and bool(np.any(known))
+        compliance = self.dataset.robot.compliance
+        return compliance is not None and bool(np.any(compliance))
 
     @unposed
     def q(self) -> np.ndarray:
@@ -264,8 +264,8 @@ class Scene:
     def _instruments(self, fitted: np.ndarray) -> tuple[tuple[str, np.ndarray], ...]:
         """Fitted instruments: name, and 1 for their rows, (N,)."""
         d, target = self.dataset, self.dataset.measurements.target
-        own = [t for t in np.unique(target[fitted]).tolist() if d.targets[t].kind == "instrument"]
-        return tuple((d.targets[t].name, (target == t).astype(float)) for t in own)
+        instruments = [t for t in np.unique(target[fitted]).tolist() if d.targets[t].kind == "instrument"]
+        return tuple((d.targets[t].name, (target == t).astype(float)) for t in instruments)
 
     def _faces(self, fitted: np.ndarray) -> tuple[Face, ...]:
         d = self.dataset
@@ -307,15 +307,15 @@ class Scene:
         placed: dict[str, list[int]] = {}
         for k in used:
             placed.setdefault(points.placements[k], []).append(k)
-        groups = [own for own in placed.values() if len(own) > 1]
-        names = tuple(entry.targets[k] for own in groups for k in own)
+        groups = [group for group in placed.values() if len(group) > 1]
+        names = tuple(entry.targets[k] for group in groups for k in group)
         if not names:
             return None
         index = iter(range(len(names)))
         of = shape(
             np.array(points.coordinates),
             np.array(points.covariance),
-            [[(next(index), points.of[k]) for k in own] for own in groups],
+            [[(next(index), points.of[k]) for k in group] for group in groups],
         )
         return of, names
 
@@ -334,15 +334,15 @@ class Scene:
 
     def _coordinates(self, entry: Certificate, number: int, fitted: set[str]) -> Iterator[CertifiedValue]:
         """The certified coordinates of the points that fitted targets are."""
-        found, points = self.shape_of(entry, fitted), entry.points
-        if found is None or points is None:
+        certified, points = self.shape_of(entry, fitted), entry.points
+        if certified is None or points is None:
             return
-        used = {points.of[entry.targets.index(name)] for name in found[1]}
+        used = {points.of[entry.targets.index(name)] for name in certified[1]}
         u = np.sqrt(np.diag(points.covariance))
         for k in (3 * point + axis for point in sorted(used) for axis in range(3)):
             name = f"{points.names[k // 3]} {'xyz'[k % 3]}"
             if u[k] > 0:
-                yield CertifiedValue(name, "m", float(u[k]), number, found[0].by_coordinate[:, k])
+                yield CertifiedValue(name, "m", float(u[k]), number, certified[0].by_coordinate[:, k])
 
     def _sessions(self, fitted: Sequence[Target]) -> tuple[Session, ...]:
         """The joined sessions, and whether a fitted target of each has a stated position."""

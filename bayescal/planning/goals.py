@@ -159,7 +159,7 @@ def _centre(linear: Linearised, target: int) -> tuple[np.ndarray, np.ndarray, np
         by[:, part] = state[:3]
         return centre_of(block, block.state(linear.z[part])), by, np.zeros((3, 3))
     rows, apart = (scene.rows_of(target, scene.rows(role)) for role in ("validate", "locate"))
-    rows = apart if len(apart) and not kind.found else rows
+    rows = apart if len(apart) and not kind.located else rows
     if not len(rows):
         return None
     block = model.block(target, rows)

@@ -191,7 +191,7 @@ def _validated(dataset: Dataset) -> frozenset[str]:
     """
     named = {t.name: t for t in dataset.targets}
     pairs = [c.targets for c in dataset.certificates if c.kind == "distance"]
-    spheres = [p for p in pairs if all(KINDS[named[name].kind].found for name in p)]
+    spheres = [p for p in pairs if all(KINDS[named[name].kind].located for name in p)]
     certified = frozenset(name for pair in spheres for name in pair)
     m = dataset.measurements
     if len(m.ids):

@@ -304,7 +304,7 @@ def prepared(estimate: Estimate, loose: bool = False, strict: bool = True) -> Pr
         u, block = certified.get(name), model.block(t, own)
         apart = block if np.array_equal(by[t], own) else model.block(t, by[t])
         located[name] = located_target(estimate, apart, u, strict)
-        if not scene.declared[t].found:
+        if not scene.declared[t].located:
             out.append(predicted_rows(estimate, block, located[name]))
         elif loose:
             free[name] = located[name] if u is None else located_target(estimate, block, None, strict)
@@ -346,7 +346,7 @@ def _located_apart(scene: Scene, model: Model) -> Iterator[tuple[int, np.ndarray
     for t in map(int, np.unique(scene.dataset.measurements.target[rows])):
         if scene.dataset.targets[t].name not in model.block_of:
             own, apart = scene.rows_of(t, rows), scene.rows_of(t, scene.rows("locate"))
-            yield t, own if scene.declared[t].found or not len(apart) else apart
+            yield t, own if scene.declared[t].located or not len(apart) else apart
 
 
 def certified_diameters(scene: Scene) -> dict[str, float]:

@@ -97,7 +97,7 @@ def _roles(dataset: Dataset) -> Iterator[Finding]:
     few = []
     for k, target in enumerate(dataset.targets):
         of_target = validate[m.target == k]
-        if kinds_of(dataset)[k].found and 0 < len(of_target) < LOCATES and of_target.all():
+        if kinds_of(dataset)[k].located and 0 < len(of_target) < LOCATES and of_target.all():
             few.append(target.name)
     if few:
         what = f"fewer than {LOCATES} contacts to validate {_some(few)}: they do not locate it"

@@ -107,18 +107,18 @@ def in_si(key: str, value: Any) -> Any:
     return np.array(value, float) * si(key)
 
 
-def unknown(noun: str, key: str, known: Iterable[str]) -> tuple[str, str]:
+def unknown(noun: str, key: str, keys: Iterable[str]) -> tuple[str, str]:
     """Error and remedy for an unknown key or column."""
-    known = list(known)
+    keys = list(keys)
     stem, unit = stem_of(key)
-    same = [k for k in known if stem_of(k)[0] == stem and stem_of(k)[1]]
+    same = [k for k in keys if stem_of(k)[0] == stem and stem_of(k)[1]]
     same.sort(key=lambda k: bool(unit) and (stem_of(k)[1] in ANGLES) != (unit in ANGLES))
     if same and not unit:
         return f"{noun} `{key}` has no unit in its name", f"write `{same[0]}`"
     if same:
         return f"{noun} `{key}` has a wrong unit", f"write `{same[0]}`, and its value in that unit"
-    near = difflib.get_close_matches(key, known, 1, 0.6)
-    return f"unknown {noun} `{key}`", f"is it `{near[0]}`?" if near else f"known are: {listed(known, 12)}"
+    near = difflib.get_close_matches(key, keys, 1, 0.6)
+    return f"unknown {noun} `{key}`", f"is it `{near[0]}`?" if near else f"known are: {listed(keys, 12)}"
 
 
 def range_of(key: str) -> tuple[float, float]:

@@ -52,8 +52,8 @@ def checkpoint_of(path: Path) -> Path:
 
 def leftovers(path: Path) -> list[tuple[Path, str]]:
     """Parts of an output that killed processes of this host have left, with their kind."""
-    own = rf"\.{re.escape(path.name)}\.{re.escape(socket.gethostname())}"
-    name = re.compile(rf"{own}\.(\d+)\.([0-9a-f]+)\.(?:[0-9a-f]+\.)?({PART}|{ASIDE})")
+    prefix = rf"\.{re.escape(path.name)}\.{re.escape(socket.gethostname())}"
+    name = re.compile(rf"{prefix}\.(\d+)\.([0-9a-f]+)\.(?:[0-9a-f]+\.)?({PART}|{ASIDE})")
     try:
         there = sorted(p.name for p in path.parent.iterdir() if p.name.startswith(f".{path.name}."))
     except OSError:

@@ -93,13 +93,13 @@ def measured(arm: FittedArm, rows: np.ndarray, points: np.ndarray, noise: Mappin
         block, state = arm.model.block(t, rows_of_target), arm.states.get(target.name)
         if state is None:
             apart = scene.rows_of(t, scene.rows("locate"))
-            of = rows_of_target if scene.declared[t].found or not len(apart) else apart
+            of = rows_of_target if scene.declared[t].located or not len(apart) else apart
             u = certified.get(target.name)
             near = arm.model.block(t, of) if u is None else with_diameter(arm.model.block(t, of), u)
             state = _located(near, arm, points[where[of]].T, noise.get(near.group, 1.0))
             if scene.declared[t].centred:
                 centres[target.name] = centre_of(near, state)
-            if scene.declared[t].found:
+            if scene.declared[t].located:
                 continue
         r = block.kind.residual(state, points[where[rows_of_target]].T) + block.at_contact(arm.values)
         residuals.append(Residuals(rows_of_target, "planes" if len(r) == 1 else "points", r, block.sigma))

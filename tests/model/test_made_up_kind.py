@@ -63,7 +63,7 @@ NEST = TargetKind(
     form="point",
     place=lambda t: np.asarray(t.values["centre"], float),
     centred=True,
-    found=True,
+    located=True,
 )
 NESTS = {"nest.A": [0.45, -0.2, 0.2], "nest.B": [0.35, 0.2, 0.25]}
 MADE_UP_CENTRE_OFF = np.array([1e-3, -5e-4, 8e-4])
@@ -113,7 +113,7 @@ def test_it_is_located_where_it_is(fitted):
 
 
 def test_without_the_declaration_its_rows_are_validated(centre_session, monkeypatch):
-    monkeypatch.setitem(KINDS, "nest", replace(NEST, centred=False, found=False))
+    monkeypatch.setitem(KINDS, "nest", replace(NEST, centred=False, located=False))
     fitted = estimate(build(Scene(centre_session), EFFECTS))
     draws = gaussian(fitted, 0, 100)
     found = validate(fitted, draws.flat, draws.kappa)
