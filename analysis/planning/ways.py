@@ -96,7 +96,7 @@ def cell_of(setup: Setup, tool: int, label: str) -> Cell:
             else:
                 own.append(("segment", shape.a, shape.b, shape.radius))
         solids.append(own)
-    return Cell(table, capsules, list(check.own), {(p.capsule, p.solid) for p in check.pairs}, solids)
+    return Cell(table, capsules, list(check.self_pairs), {(p.capsule, p.solid) for p in check.pairs}, solids)
 
 
 def checked(seed: int) -> dict[str, float]:

@@ -124,8 +124,8 @@ def located(model: Model, values: np.ndarray) -> np.ndarray:
     for block in model.states:
         kind, p = block.touched(values), block.motion.points(values)
         sigma = np.tile(block.sigma, (block.kind.rows, 1))
-        at, _ = locate(block.target, Rows(kind, p, sigma))
-        z[model.slices[block.target]] = at.x[0, block.free] / block.sd
+        states, _ = locate(block.target, Rows(kind, p, sigma))
+        z[model.slices[block.target]] = states.x[0, block.free] / block.sd
     return z
 
 
@@ -135,8 +135,8 @@ def validated(solution: Solution) -> Validation:
     z = located(model, solution.values)
     weights = unit_weights(model, z)
     unsaid = np.full((model.size, model.size), np.nan)
-    at = Estimate(model, z, unsaid, weights, linearise(model, z, weights), 0, np.array([], int), {})
-    return validate(at, z[None], np.ones((1, len(weights.scale))))
+    estimate = Estimate(model, z, unsaid, weights, linearise(model, z, weights), 0, np.array([], int), {})
+    return validate(estimate, z[None], np.ones((1, len(weights.scale))))
 
 
 def predicted(solution: Solution, seed: int) -> Validation | None:

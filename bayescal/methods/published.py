@@ -121,7 +121,7 @@ def known_planes(scene: Scene, effects: tuple[str, ...]) -> Solution:
     """Fit the arm and its base to the planes as stated; where nothing ties the base, the planes moved."""
     circumstances = replace(scene.circumstances(scene.rows("calibrate")), tied_base=True)
     model = with_parameters(scene, effects, parameters_of(effects, circumstances))
-    tied = levenberg(System(part(model, is_plane), known=True))
+    tied = levenberg(System(part(model, is_plane), fixed=True))
     plain = build(scene, effects)
     values = {p.name: value for p, value in zip(model.parameters, tied.values, strict=True)}
     names = [p.name for p in plain.parameters]

@@ -36,14 +36,14 @@ def contacts(block: Block, values: np.ndarray, z: np.ndarray) -> Rows:
 
 @dataclass(frozen=True)
 class System:
-    """A model's blocks as rows; with `known` targets stay where they are stated to be.
+    """A model's blocks as rows; with `fixed` targets stay where they are stated to be.
 
     `rows` makes those of a block.
     """
 
     model: Model
     rows: RowsOf = contacts
-    known: bool = False
+    fixed: bool = False
 
     @property
     def arm(self) -> int:
@@ -53,7 +53,7 @@ class System:
     @cached_property
     def size(self) -> int:
         """Number of all unknowns."""
-        return self.arm if self.known else self.model.size
+        return self.arm if self.fixed else self.model.size
 
     @cached_property
     def _stated(self) -> np.ndarray:
@@ -70,14 +70,14 @@ class System:
         residuals, slopes = [], []
         for block in model.blocks:
             part = model.slices[block.target]
-            r, by_arm, by_target = self.rows(block, values, np.zeros(block.size) if self.known else x[part])
+            r, by_arm, by_target = self.rows(block, values, np.zeros(block.size) if self.fixed else x[part])
             slope = np.zeros((len(r), self.size))
             slope[:, : self.arm] = by_arm
-            if not self.known:
+            if not self.fixed:
                 slope[:, part] = by_target
             residuals.append(r)
             slopes.append(slope)
-        if not self.known:
+        if not self.fixed:
             for r, slope in (*self._certified(x), self._placed(x)):
                 residuals.append(r)
                 slopes.append(slope)

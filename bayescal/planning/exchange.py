@@ -132,11 +132,11 @@ class Selection:
         """By how much the criterion would rise without each of some chosen contacts, (M,)."""
         return self._traces(np.asarray(chosen, int), -1.0)
 
-    def _traces(self, at: np.ndarray, sign: float) -> np.ndarray:
+    def _traces(self, candidates: np.ndarray, sign: float) -> np.ndarray:
         """tr((I + sign S)^-1 H H') of some candidates, (M,); infinite where I + sign S is not positive."""
         r = self.spread.shape[1]
-        inside = np.eye(r) + sign * self.spread[at]
-        moved = self.moved.reshape(len(self.spread), r, -1)[at]
+        inside = np.eye(r) + sign * self.spread[candidates]
+        moved = self.moved.reshape(len(self.spread), r, -1)[candidates]
         size = np.linalg.det(inside) if r > 1 else inside[:, 0, 0]
         if r > 1:
             moved = moved * np.linalg.solve(inside, moved)

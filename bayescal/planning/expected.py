@@ -65,7 +65,7 @@ class Random:
 
 def u_of(linear: Linearised, goal: Goal, chosen: Sequence[int] | np.ndarray) -> float:
     """Standard uncertainty, m, of the distances of a goal after a selection: root mean square over them."""
-    return float(np.sqrt(mean_variance(goal.slopes, linear.covariance(chosen)) + goal.known))
+    return float(np.sqrt(mean_variance(goal.slopes, linear.covariance(chosen)) + goal.fixed_variance))
 
 
 def expected(

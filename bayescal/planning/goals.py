@@ -72,7 +72,7 @@ class Goal:
     pairs: np.ndarray | None = None
 
     @property
-    def known(self) -> float:
+    def fixed_variance(self) -> float:
         """Mean variance, m2, that does not depend on the plan."""
         return float(np.mean(self.probing + self.certificate))
 

@@ -32,20 +32,20 @@ STILL = 1e-9
 class Clearance:
     """The check of an arm with its tool among solids.
 
-    Use `Clearance.of(robot, tool, solids)`; `among(solids)` for the same arm elsewhere. `own` are the pairs
-    of capsules of the arm that are compared.
+    Use `Clearance.of(robot, tool, solids)`; `among(solids)` for the same arm elsewhere. `self_pairs` are
+    the pairs of capsules of the arm that are compared.
     """
 
     arm: NominalArm
     capsules: tuple[Capsule, ...]
-    own: tuple[tuple[int, int], ...]
+    self_pairs: tuple[tuple[int, int], ...]
     solids: tuple[Solid, ...] = ()
 
     @classmethod
     def of(cls, robot: Robot, tool: Tool, solids: Sequence[Solid] = (), stand: float = 0.0) -> Clearance:
         """Prepare the check of a robot with a tool; `stand` as for `arm_capsules`."""
         bare = cls(NominalArm(robot, tool.centre), arm_capsules(robot, tool, stand), (), tuple(solids))
-        return replace(bare, own=bare._own_pairs())
+        return replace(bare, self_pairs=bare._self_pairs())
 
     def among(self, solids: Sequence[Solid]) -> Clearance:
         """The same arm among other solids."""
@@ -61,7 +61,7 @@ class Clearance:
                     pair = Pair(c, shape, s, surface=k == 0)
                     if capsule.frame > 0 and not (solid.carries and self._rests(pair)):
                         out.append(pair)  # the base does not move
-        return (*out, *(Pair(c, self.capsules[other], other=other) for c, other in self.own))
+        return (*out, *(Pair(c, self.capsules[other], other=other) for c, other in self.self_pairs))
 
     @cached_property
     def _table(self) -> Pairs:
@@ -135,7 +135,7 @@ class Clearance:
         there = (placements[solid] == "") | (placements[solid] == placements[touched][:, None])
         return there & ~(may & (solid == touched[:, None]))
 
-    def _own_pairs(self) -> tuple[tuple[int, int], ...]:
+    def _self_pairs(self) -> tuple[tuple[int, int], ...]:
         """Pairs of capsules of the arm that can collide: not on the same or the next link, nor neighbours."""
         last = self.arm.robot.n  # the flange does not move against the last link
         out = []

@@ -71,7 +71,7 @@ class Place:
     def away(self, readings: np.ndarray) -> np.ndarray:
         """Distances (M,), m, of the tool from all solids at readings (M, n); -1 where the arm is not free."""
         tool = tuple(c for c in self.clearance.capsules if c.frame > self.clearance.arm.robot.n)
-        away = replace(self.clearance, capsules=tool, own=()).distances(readings)
+        away = replace(self.clearance, capsules=tool, self_pairs=()).distances(readings)
         return np.where(self.free(readings, readings), away, -1.0)
 
     def linked(self, readings: np.ndarray) -> np.ndarray:

@@ -185,7 +185,7 @@ class Pairs:
 
 
 @_jit
-def _place(base, link, d, frame, ends, q, axes, at):
+def _place(base, link, d, frame, ends, q, axes, placed):
     """Axes and origins of the joints (n, 2, 3), and ends of the capsules (C, 2, 3), m, at angles q (n,)."""
     n = len(q)
     pose, behind = base.copy(), np.empty((3, 4))
@@ -209,11 +209,11 @@ def _place(base, link, d, frame, ends, q, axes, at):
                 for e in range(2):
                     x, y, z = ends[k, e, 0], ends[k, e, 1], ends[k, e, 2]
                     for i in range(3):
-                        at[k, e, i] = pose[i, 3] + pose[i, 0] * x + pose[i, 1] * y + pose[i, 2] * z
+                        placed[k, e, i] = pose[i, 3] + pose[i, 0] * x + pose[i, 1] * y + pose[i, 2] * z
 
 
 @_jit
-def _displaced(frame, axes, at, turns, moved):
+def _displaced(frame, axes, placed, turns, moved):
     """How far capsules move at most against each frame, (n + 1, C), m, by joints that turn by `turns` (n,).
 
     A joint that turns by an angle moves a point by at most the angle times its distance from the axis, which
@@ -226,8 +226,8 @@ def _displaced(frame, axes, at, turns, moved):
             far = 0.0
             for f in range(min(frame[k], n), 0, -1):
                 u, v, w = axes[f - 1, 0, 0], axes[f - 1, 0, 1], axes[f - 1, 0, 2]
-                x, y = at[k, e, 0] - axes[f - 1, 1, 0], at[k, e, 1] - axes[f - 1, 1, 1]
-                z = at[k, e, 2] - axes[f - 1, 1, 2]
+                x, y = placed[k, e, 0] - axes[f - 1, 1, 0], placed[k, e, 1] - axes[f - 1, 1, 1]
+                z = placed[k, e, 2] - axes[f - 1, 1, 2]
                 x, y, z = y * w - z * v, z * u - x * w, x * v - y * u
                 far += turns[f - 1] * (math.sqrt(x * x + y * y + z * z) + far)
                 moved[f - 1, k] = max(moved[f - 1, k], far)
@@ -248,7 +248,7 @@ def _closest(
     """`Pairs.closest`, into `smallest` and `nearest` (M,); angles of the links `first`, `last` (M, n)."""
     n, count = first.shape[1], len(pairs)
     q, turns, length = np.empty(n), np.empty(n), np.empty(len(frame))
-    axes, at = np.empty((n, 2, 3)), np.empty((len(frame), 2, 3))
+    axes, placed = np.empty((n, 2, 3)), np.empty((len(frame), 2, 3))
     for k in range(len(frame)):
         length[k] = math.sqrt(np.sum((ends[k, 1] - ends[k, 0]) ** 2))
     moved, other = np.empty((n + 1, len(frame))), np.zeros(15)
@@ -269,27 +269,27 @@ def _closest(
             for j in range(n):
                 turn = last[m, j] - first[m, j]
                 q[j], turns[j] = first[m, j] + middle * turn, half * abs(turn) + slack[m, j]
-            _place(base, link, d, frame, ends, q, axes, at)
-            _displaced(frame, axes, at, turns, moved)
+            _place(base, link, d, frame, ends, q, axes, placed)
+            _displaced(frame, axes, placed, turns, moved)
             number[level + 1] = 0
             for i in range(number[level]):
                 p = undecided[level, i]
                 a, b, shape = pairs[p, 0], pairs[p, 1], pairs[p, 2]
                 if b >= 0:
                     for j in range(3):
-                        other[j], other[3 + j] = at[b, 0, j], at[b, 1, j]
+                        other[j], other[3 + j] = placed[b, 0, j], placed[b, 1, j]
                     kind, row, off, gap = BALLS, other, moved[frame[a], b], radius[a] + radius[b]
                 else:
                     kind, row, off, gap = kinds[shape], numbers[shape], moved[0, a], radius[a]
-                x, y = 0.5 * (at[a, 0, 0] + at[a, 1, 0]), 0.5 * (at[a, 0, 1] + at[a, 1, 1])
-                upper = point(kind, row, planes, x, y, 0.5 * (at[a, 0, 2] + at[a, 1, 2])) - gap
+                x, y = 0.5 * (placed[a, 0, 0] + placed[a, 1, 0]), 0.5 * (placed[a, 0, 1] + placed[a, 1, 1])
+                upper = point(kind, row, planes, x, y, 0.5 * (placed[a, 0, 2] + placed[a, 1, 2])) - gap
                 lower = upper - 0.5 * length[a]
                 if upper < best:
                     best = upper
                     nearest[m] = p
                 need = _needed(best, floor, tolerance)
                 if lower - off < need and (upper - off >= need or lower < floor):
-                    lower = least(kind, row, planes, at[a, 0], at[a, 1]) - gap
+                    lower = least(kind, row, planes, placed[a, 0], placed[a, 1]) - gap
                     if lower < best:
                         best = lower
                         nearest[m] = p

@@ -258,10 +258,10 @@ def simulate(
     from bayescal.simulation import Options
     from bayescal.simulation import simulate as run
 
-    known = [f.name for f in fields(Options)]
-    if unknown := [name for name in options if name not in known]:
+    valid = [f.name for f in fields(Options)]
+    if unknown := [name for name in options if name not in valid]:
         what = f"there is no option {', '.join(unknown)}"
-        raise BayescalError(what, "simulate", f"known: {', '.join(known)}")
+        raise BayescalError(what, "simulate", f"known: {', '.join(valid)}")
     if setup is not None:
         from bayescal.planning.setup import read_setup
         from bayescal.preparing.practice import practice

@@ -519,4 +519,4 @@ def test_a_certificate_of_uncertain_value_counts():
         for c in d.certificates
     )
     goal = certified(linearised(pool_of(replace(d, certificates=wide)), MODEL))
-    assert np.sqrt(goal.known) > 1e-5
+    assert np.sqrt(goal.fixed_variance) > 1e-5

@@ -56,7 +56,7 @@ def test_uncertainty_is_the_scatter_of_linear_estimates(plan):
     # most probable z of a true z, read by contacts with noise and by certificates with an error
     estimate = (true @ (j.T @ j + found.certificates) + read @ j + said) @ c
     for goal, e in zip(of, expected(found, of, chosen, Random(pool())), strict=True):
-        scatter = np.mean(((estimate - true) @ goal.slopes.T) ** 2) + goal.known
+        scatter = np.mean(((estimate - true) @ goal.slopes.T) ** 2) + goal.fixed_variance
         assert np.sqrt(scatter) == pytest.approx(e.u, rel=0.03)
 
 

@@ -133,7 +133,7 @@ def test_every_answer_agrees_with_points_on_the_capsules(session):
                 own = at & ~((touched[rows] == s) & (k == 0) & capsule.probe)
                 away = shape.distance(points).min(axis=1) - capsule.radius
                 near = np.where(own, np.minimum(near, away), near)
-    for a, b in clearance.own:
+    for a, b in clearance.self_pairs:
         first, second = clearance.capsules[a], clearance.capsules[b]
         line = first.a + part * (first.b - first.a)
         points = frames[:, None, first.frame, :3, 3] + line @ np.swapaxes(

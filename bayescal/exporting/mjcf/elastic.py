@@ -288,14 +288,14 @@ class Hinge:
     """A hinge: unit axis and a point of it (3,), m, in the frame of what it carries, at zero.
 
     Without a spring it is a joint that the readings command, with limits, rad. A spring has its zero at
-    `rest`, rad.
+    `reference`, rad.
     """
 
     name: str
     axis: np.ndarray
     pos: np.ndarray
     spring: Spring | None = None
-    rest: float = 0.0
+    reference: float = 0.0
     limits: tuple[float, float] | None = None
 
     @property
@@ -358,8 +358,8 @@ def stand_hinges(content: Content) -> tuple[Hinge, ...]:
         spring = _positive(compliance, f"{e} {name}")
         pos = -np.cross(slide / compliance, axis)  # axis x (origin - pos) is the slide per radian
         # the moment that acts is that about the base's origin, not about the hinge
-        rest = compliance * float(axis @ np.cross(pos, weight))
-        out.append(Hinge(f"stand_{name}", axis, pos, spring, rest))
+        reference = compliance * float(axis @ np.cross(pos, weight))
+        out.append(Hinge(f"stand_{name}", axis, pos, spring, reference))
     return tuple(out)
 
 
