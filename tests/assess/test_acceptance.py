@@ -1,6 +1,7 @@
 """Acceptance: what a sound fit survives, what a sick arm does not, and what rejected measurements share."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import foreign
 import numpy as np
@@ -284,6 +285,22 @@ def test_a_tolerance_is_decided(session, clean):
     assert at(1e-3, sick).decision == OPEN
     with pytest.raises(BayescalError, match="tolerance"):
         fit(session, FULL, FitOptions(tolerance=-1.0), samples=0)
+
+
+@pytest.mark.parametrize("dof", [5.0, np.inf])
+@pytest.mark.parametrize("error", [-3e-5, 0.0, 1.5e-5])
+def test_the_probability_of_conformance_is_that_of_drawn_errors(error, dof):
+    """Of a distance: its error is normal about the measured one with u of its budget, or Student's t."""
+    u, rng = 1e-5, np.random.default_rng(0)
+    drawn = error + u * (rng.standard_normal(40_000) if np.isinf(dof) else rng.standard_t(dof, 40_000))
+    pair, good = ("a", "b"), SimpleNamespace(explains=True, validated=True, determined=True)
+    volume = SimpleNamespace(workspace=SimpleNamespace(expanded=u, k=2.0, within=lambda tolerance: 1.0))
+    own = SimpleNamespace(u=u, k=2.3, expanded=2.3 * u, dof=dof)
+    checked = SimpleNamespace(distances=(SimpleNamespace(between=pair, error=error),))
+    for tolerance in (1e-5, 2e-5, 4e-5):
+        (found,) = conformance(tolerance, volume, checked, good, {pair: own}).distances
+        assert found.probability == pytest.approx(np.mean(np.abs(drawn) <= tolerance), abs=0.01)
+        assert (found.expanded, found.k, found.error) == (own.expanded, own.k, error)
 
 
 # --- Gross mistakes of stated values are named, good sessions have none, and what cannot be seen is said.

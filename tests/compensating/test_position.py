@@ -183,6 +183,9 @@ def test_direction_of_motion_and_load(fitted, arm, readings):
     table = here.table
     np.testing.assert_allclose(table[["x_mm", "y_mm", "z_mm"]].to_numpy(), 1e3 * here.points)
     np.testing.assert_allclose(table["u_mm"], 1e3 * here.u)
+    np.testing.assert_allclose(table["U_mm"], 1e3 * here.U)
+    assert np.all(np.abs(here.U / here.u - 2.0) > 1e-3)  # of a vector: not twice its u
+    np.testing.assert_array_equal(table["inside_probed_region"], here.inside)
     np.testing.assert_allclose(rpy_matrix(np.radians(table[["rx_deg", "ry_deg", "rz_deg"]].to_numpy())),
                                here.poses[:, :3, :3], atol=1e-12)  # fmt: skip
     for wrong in (readings[:, :5], np.full(6, np.nan)):

@@ -14,6 +14,7 @@ from tiny_dataset import SETTINGS, TABLE, write
 from bayescal.dataset import Certificate, Dataset, Record, Tool, read_dataset, write_dataset
 from bayescal.dataset.append import followed, taken
 from bayescal.dataset.join import PAUSE, joined
+from bayescal.dataset.types import Points
 from bayescal.errors import BayescalError
 from bayescal.model.scene import Scene
 from bayescal.robots import load_robot
@@ -302,6 +303,21 @@ def test_one_paper_does_not_average_out_over_sessions(pair):
         assert u_angle == pytest.approx(wide * one.u_angle)
         if one.u_distance is not None:
             assert u_distance == pytest.approx(wide * one.u_distance)
+
+
+def test_coordinates_of_an_artefact_have_the_information_of_one_paper(pair):
+    """However many sessions use them."""
+    root = np.random.default_rng(0).standard_normal((6, 6))
+    covariance = 1e-12 * (root @ root.T + np.eye(6))
+    at = ((0.0, 0.0, 0.0), (0.1, 0.0, 0.0))
+    paper = Points("plate", ("a", "b"), at, tuple(map(tuple, covariance)), (0, 1), ("", ""))
+    names = tuple(t.name for t in pair[0].targets[:2])
+    each = [replace(s, certificates=(Certificate("points", names, points=paper),)) for s in pair]
+    third = replace(each[0], name="C", sha256="c", folder=Path("C"))
+    for sessions in (each, [*each, third]):
+        found = [np.array(c.points.covariance) for c in joined(sessions).certificates]
+        assert len(found) == len(sessions)
+        np.testing.assert_allclose(sum(map(np.linalg.inv, found)), np.linalg.inv(covariance), rtol=1e-6)
 
 
 def test_names_that_clash_give_way_to_folders_and_numbers(pair):

@@ -114,6 +114,25 @@ def test_gravity_torques_of_an_sdf(name):
         np.testing.assert_allclose(list(found.values()), wanted, rtol=0, atol=1e-9)
 
 
+@pytest.mark.parametrize("name", ARMS)
+@pytest.mark.parametrize("to", ["urdf", "sdf"])
+def test_inertias_are_those_of_equal_balls(name, to):
+    """Alike about all axes, of one radius of gyration: in a URDF, that of the ball that it states."""
+    text = export(ARMS[name](), to, force=True).written.content
+    size = []
+    for link in ET.fromstring(text).iter("inertial"):
+        own = {**link.find("inertia").attrib, **{e.tag: e.text for e in link.find("inertia")}}
+        tensor = np.array([[float(own["i" + "".join(sorted(a + b))]) for a in "xyz"] for b in "xyz"])
+        mass = link.find("mass")
+        gyration = np.sqrt(tensor[0, 0] / float(mass.get("value", mass.text)))
+        np.testing.assert_allclose(tensor, tensor[0, 0] * np.eye(3), atol=1e-15)
+        size.append(gyration)
+    np.testing.assert_allclose(size, size[0], rtol=1e-9)
+    assert 0.02 < size[0] < 0.2
+    for radius in re.findall(r"ball of ([\d.]+) mm radius", text):
+        assert 1e3 * size[0] == pytest.approx(float(radius) * np.sqrt(2 / 5))
+
+
 FACTORS = {"mm": 1e3, "deg": 180.0 / np.pi, "urad/(N m)": 1e6, "kg": 1.0, "kg mm": 1e3, "1": 1.0}
 """Unit of a sidecar: how many of it are one SI unit."""
 

@@ -483,6 +483,14 @@ def test_time_stamps(tmp_path, kind, cells, clock):
         assert time[0] == pytest.approx(1795305600.0)
 
 
+def test_times_of_day_count_on_over_any_number_of_nights(tmp_path):
+    """Rows less than half a day apart, for more than a week."""
+    steps = np.random.default_rng(0).integers(60, 43_000, 40)
+    cells = [f"{s // 3600 % 24:02}:{s // 60 % 60:02}:{s % 60:02}" for s in np.cumsum(steps).tolist()]
+    got = read(tmp_path, "\n".join(["t;x", *(f"{cell};1" for cell in cells)]), "time=t clock, x=x mm")
+    np.testing.assert_allclose(np.diff(got.cells["time"]), steps[1:])
+
+
 def test_date_and_time_in_two_columns(tmp_path):
     got = read(tmp_path, "Date,Time\n22.11.2026,10:00:00\n22.11.2026,10:00:02\n", "time={Date} {Time} dmy")
     assert np.diff(got.cells["time"]).tolist() == [2.0]

@@ -86,6 +86,7 @@ def test_rows_of_any_order_are_joined(tracked, tmp_path, mixed, pair):
     of = [int(own[1:]) for own in rows.ids]
     np.testing.assert_allclose(rows.readings, tracked.measurements.readings[of], atol=1e-9)
     np.testing.assert_allclose(rows.xyz, tracked.measurements.xyz[of], atol=1e-9)
+    np.testing.assert_allclose(rows.time, 10.0 * np.array(of), atol=1e-6)  # since the first in time
     assert not any("the arm moved" in note for note in got.notes)
 
 
@@ -108,9 +109,10 @@ def test_by_time(tracked, tmp_path):
     assert any(note == "38 of 200 rows of ctrl.csv are used" for note in got.notes)
 
 
-def test_a_tracker_whose_clock_is_wrong(tracked, tmp_path):
-    """Stamps that fall into the motions: the note says how far the arm moved."""
-    wide = by_time(tracked, tmp_path, range(39), "time:3 s", shift=3.7)
+@pytest.mark.parametrize(("which", "shift"), [(range(39), 3.7), (range(1, 40), -3.7)])
+def test_a_tracker_whose_clock_is_wrong(tracked, tmp_path, which, shift):
+    """Stamps just before or behind motions: the note says how far the arm moved."""
+    wide = by_time(tracked, tmp_path, which, "time:3 s", shift=shift)
     assert any("39 of 39 measurements: check the clocks" in note for note in wide.notes)
 
 

@@ -91,6 +91,24 @@ def test_every_contact_is_touched_and_latched_in_the_cycle_of_the_touch(plan, fo
 
 
 @pytest.mark.parametrize("name", NAMES)
+def test_the_tool_of_a_program_is_that_of_the_session(plan, name):
+    """Its centre from the flange, mm; in a program that sets the load, mass, kg, and centre of mass, mm."""
+    tool = replace(plan.session.tools[0], mass=1.25, centre_of_mass=np.array([0.011, -0.022, 0.033]))
+    text = "\n".join(
+        FORMATS[name].files(replace(plan, session=replace(plan.session, tools=(tool,))), Probe()).values()
+    )
+    centre = (1e3 * tool.centre).tolist()
+    triples = re.findall(r"(-?[\d.]+), (-?[\d.]+), (-?[\d.]+) mm", text)
+    assert [[float(x) for x in t] for t in triples] == [pytest.approx(centre)]
+    for stated in re.findall(r"tooldata bcTool:=(.*);", text):
+        held, (at, turn), (mass, cog, axes, *inertia) = json.loads(stated.replace("TRUE", "true"))
+        assert [held, mass, turn, axes, inertia] == [True, 1.25, [1, 0, 0, 0], [1, 0, 0, 0], [0, 0, 0]]
+        assert at == pytest.approx(centre)
+        assert cog == pytest.approx([11.0, -22.0, 33.0])
+    assert ("tooldata" in text) == (name == "abb")
+
+
+@pytest.mark.parametrize("name", NAMES)
 def test_no_contact_ends_the_program_within_the_stated_distance(plan, folder, tmp_path, name):
     """The id is on the screen and in the log, the tool at its approach; earlier contacts come home."""
     program = ran(plan, name, absent={2}, cycle=8e-3)

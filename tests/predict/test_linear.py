@@ -61,6 +61,17 @@ def test_slopes_agree_with_locating_every_draw_again(fitted, excess):
         assert validation_errors(fitted).distances.predicted_sd()[0] == pytest.approx(np.std(drawn), rel=0.08)
 
 
+@pytest.mark.parametrize("factor", [0.5, 3.0])
+def test_noise_of_what_is_predicted_has_the_scale_of_the_fit(fitted, factor):
+    """Of every row, and of the rows that locate a target."""
+    scale = {group: factor * own for group, own in fitted.weights.scale.items()}
+    before, after = prepared(fitted), prepared(replace(fitted, weights=replace(fitted.weights, scale=scale)))
+    for one, other in zip(before.rows, after.rows, strict=True):
+        np.testing.assert_allclose(other.noise, factor * one.noise)
+    for name, one in before.located.items():
+        np.testing.assert_allclose(after.located[name].noise, factor * one.noise)
+
+
 def test_unexplained_error_is_added_to_located_spheres(fitted):
     """One shift a sphere: the variance of a distance grows by twice its square, that of a diameter not."""
     draws = gaussian(fitted, 0, 4000)

@@ -12,8 +12,9 @@ from cases import ROOT, cases
 from typer.testing import CliRunner
 
 import bayescal as bc
+from bayescal.dataset import read_dataset
 from bayescal.errors import BayescalError
-from bayescal.preparing.check import check
+from bayescal.preparing.check import check, check_record
 
 JOINTS = [f"j{k}_deg" for k in range(1, 7)]
 
@@ -209,6 +210,30 @@ def test_effects_that_need_a_column(tmp_path, good):
     assert "j1_degps" in result.not_assessed["backlash"]
     assert "eccentricity" in result.assessed
     assert "gear-mesh" in result.assessed  # its ratio is not stated: many are screened
+
+
+PER_UNIT = {"mm": 1e3, "um": 1e6, "urad": 1e6, "deg": 180 / np.pi}
+
+
+def test_values_of_the_record_are_in_their_units(tmp_path, good):
+    """All that the dataset states of noise and certificates, by the names of their keys."""
+    flat = "certificates:\n  - {kind: flat, target: cube.+z, u_form_mm: 0.0025}\n"
+    found(tmp_path, good[0].replace("certificates:\n", flat), good[1])
+    data, record = read_dataset(tmp_path), check_record(check(tmp_path))
+    kinds = set()
+    for entry, stated in zip(record["certificates"], data.certificates, strict=True):
+        values = {key.rpartition("_")[::2]: v for key, v in entry.items() if key not in ("kind", "targets")}
+        for (stem, unit), value in values.items():
+            si = getattr(stated, "u_distance" if stem == "u" else stem)
+            assert value == pytest.approx(PER_UNIT[unit] * si), (entry, stem)
+        some = [getattr(stated, k) for k in ("distance", "u_distance", "u_angle", "u_form")]
+        assert len(values) == sum(v is not None for v in some)
+        kinds.add(stated.kind)
+    assert kinds == {"flat", "parallel", "perpendicular", "diameter", "distance"}
+    for key, value in record["noise"].items():
+        stem, _, unit = key.rpartition("_")
+        si = getattr(data.noise, stem)
+        assert value == (None if si is None else pytest.approx(PER_UNIT[unit] * si))
 
 
 def test_command_line_and_api(tmp_path, good):
