@@ -67,7 +67,7 @@ def test_gross_contacts_name_nothing(bench):
 @pytest.mark.parametrize("effect", NAMED_EFFECTS)
 def test_every_effect_is_named(bench, effect):
     k = NAMED_EFFECTS.index(effect)
-    decision, _ = bench.decided(bench.made_up(200 + k, bench.of_effect(effect, STRONG, seed=k)))
+    decision, _ = bench.decided(bench.made_up(250 + k, bench.of_effect(effect, STRONG, seed=k)))
     assert (decision.kind, names(decision)) == ("named", [effect])
     assert effect in decision.credible
 

@@ -49,7 +49,7 @@ class Related:
 def arguments(c: Circumstances) -> tuple[Argument, ...]:
     """All quantities of a session on which an error may depend, those that vary over its fitted rows."""
     return tuple(
-        Argument(driver, np.column_stack(values), np.column_stack(factors))
+        Argument(driver, np.column_stack(values), np.column_stack([np.empty((len(c.q), 0)), *factors]))
         for driver, values, factors in _functions(c)
         if values
     )
