@@ -25,7 +25,7 @@ def concluded(e: Examined, without: Decision | None) -> Verdict:
     """The verdict; `without` is the decision for the model without compliance, if that was missing."""
     d = e.decision
     probability = dict(d.probability)
-    events = named_events(d.hypothesis, e.pool)
+    events = named_events(d.hypothesis, e.pool, e.candidates.pool)
     named = [replace(_named(m, d, e), events=events.get(m.effect, ())) for m in d.members]
     kind, credible = d.kind, d.credible
     if without is not None:
@@ -98,9 +98,10 @@ def _most(name: str, kind: str, d: Decision) -> float:
         return 1.0
     if name in d.withheld:
         return VERDICT.not_admitted
-    if kind in ("named+unexplained", "class", "unknown"):
-        return min(VERDICT.beside_unmodelled, max(d.explained, 0.0))
-    return 1.0
+    if kind not in ("named+unexplained", "class", "unknown"):
+        return 1.0
+    explained = d.explained if name in d.weighed[0].names else 1.0
+    return float(np.clip(explained, 0.0, VERDICT.beside_unmodelled))
 
 
 def _named(member: Member, d: Decision, e: Examined) -> Named:

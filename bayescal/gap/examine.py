@@ -23,7 +23,7 @@ from bayescal.gap.result import Place
 from bayescal.gap.search.beam import COMPLIANCE, Member, Search
 from bayescal.gap.search.candidates import Candidates, candidates, wide
 from bayescal.gap.search.cells import cells
-from bayescal.gap.search.refit import refit, screened
+from bayescal.gap.search.refit import refit, screened, screening_states
 from bayescal.gap.search.relatives import arguments
 from bayescal.gap.search.unknown import Pool, filled, with_set
 from bayescal.gap.search.verdict import Decision, decide
@@ -121,9 +121,7 @@ class Baseline:
         fitted, c, known = self.fitted, self.circumstances, self.candidates
         p = slopes.problem(fitted.z, known.pool, self.nuisance)
         if any(wide(effect, c) for effect in EFFECTS.values()):
-            states = [fit_state(p, (), (), robust=self.robust)]
-            if states[0].gross:  # an outlier may be what an effect explains
-                states.append(fit_state(p, (), (), robust=False))
+            states = screening_states(p, np.empty(0, int), np.empty(0), self.robust)
             known = screened(known, slopes, states, c, fitted.model.effects)
             del states  # with the columns of the first problem
             p = slopes.problem(fitted.z, known.pool, self.nuisance)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from sessions import tracker, with_columns
 
+from bayescal.arm.transforms import rpy_matrix
 from bayescal.dataset import Dataset
 from bayescal.effects import EFFECTS, parameters_of
 from bayescal.effects.location import BASE, TOOL
@@ -48,6 +49,20 @@ def test_two_shifts_are_found_at_their_rows(several):
         assert high - low <= 2, event
     settings = sorted(int(value) for value in named.model.partition("@")[2].split(" ")[0].split("/"))
     assert settings == [first.row + 1, second.row + 1]
+
+
+def test_shifts_of_two_sites_have_their_rows_each():
+    """The base has six displacements, the reflector three: each keeps its own."""
+    d = shifted(tracker(seed=3, count=110).dataset, {38: (1.5e-4, 0, 0)})
+    flange, since = Scene(d).flange, np.arange(110) >= 79
+    moved = (flange @ [0.0, 1.5e-4, 1e-4]) @ rpy_matrix(np.asarray(d.targets[0].values["rpy"]))
+    d = with_columns(d, xyz=d.measurements.xyz + moved * since[:, None])
+    (named,) = diagnose(d, MODEL).verdict.named
+    assert set(named.sites) == {BASE, TOOL}
+    rows = dict(zip(named.sites, named.events, strict=True))
+    for site, row in ((BASE, 38), (TOOL, 80)):
+        low, high = rows[site].interval95
+        assert low <= row - 1 <= high <= low + 3, (site, rows[site])
 
 
 def test_rows_beside_a_shift_are_no_outliers(several):

@@ -1,6 +1,7 @@
 """Relatives of a name, signs of physical parameters, and cells of effects that the vocabulary lacks."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from scipy.stats import norm
 
 from bayescal.effects import EFFECTS
 from bayescal.effects.location import BASE, TOOL, Driver, joint
+from bayescal.gap.concluded import _most
 from bayescal.gap.linear.state import fit_state
 from bayescal.gap.search.beam import Member, Search
 from bayescal.gap.search.cells import cells
@@ -138,3 +140,22 @@ def test_a_tool_has_cells_by_the_direction_of_gravity(bench):
     assert np.allclose(size, 1.0)
     for flip, q in zip(flips, linear[::3], strict=True):
         assert np.array_equal(np.sign(flip[0].terms[0].driver), np.sign(q.terms[0].driver))
+
+
+@pytest.mark.parametrize(
+    ("kind", "explained", "shares"),
+    [
+        ("named", 0.6, (1.0, 1.0)),
+        ("named+unexplained", 0.6, (0.6, 0.85)),
+        ("named+unexplained", 0.95, (0.85, 0.85)),
+        ("unknown", 0.0, (0.0, 0.85)),
+    ],
+)
+def test_beside_an_unmodelled_effect_a_name_has_no_more_than_the_share_that_it_explains(
+    kind, explained, shares
+):
+    """Only names of the leading explanation: another one, or compliance named before, keeps its own."""
+    best = SimpleNamespace(names=("backlash",))
+    d = SimpleNamespace(weighed=(best,), explained=explained, withheld=frozenset())
+    assert (_most("backlash", kind, d), _most("compliance", kind, d)) == shares
+    assert _most("unknown", kind, d) == 1.0

@@ -135,19 +135,30 @@ def _changes(pool: Pool, site: Site, size: int) -> Iterator[np.ndarray]:
             yield pool.columns[:, columns]
 
 
-def named_events(h: Hypothesis, pool: Pool) -> Mapping[str, tuple[Event, ...]]:
+def named_events(
+    h: Hypothesis, pool: Pool, parameters: Sequence[Parameter]
+) -> Mapping[str, tuple[Event, ...]]:
     """Rows of the sudden changes that a hypothesis names, with 95 % intervals, by effect, in its own order.
 
-    Only those of the base, of a tool or of an instrument whose displacement a cell has too.
+    Only of effects all of whose displacements cells have too: of the base, or of a tool.
+
+    Parameters
+    ----------
+    h : Hypothesis
+    pool : Pool
+        Of the cells.
+    parameters : sequence of Parameter
+        Of the candidates, by which the hypothesis counts its columns.
     """
     p, out = h.state.problem, dict[str, tuple[Event, ...]]()
     for m in h.members:
         if not all(driver == EVENT for _, driver in m.variant.places) or not m.variant.places:
             continue
-        count = len(m.variant.setting) if isinstance(m.variant.setting, tuple) else 1
-        ends = np.cumsum([len(m.variant.columns) // count] * (count - 1), dtype=int)
-        parts = np.split(m.variant.columns, ends)
-        for own, site in zip(parts, m.variant.sites or [m.variant.places[0][0]], strict=True):
+        sites = list(m.variant.sites) or [m.variant.places[0][0]]
+        of_columns = [parameters[k].site for k in m.variant.columns]
+        sizes = [of_columns.count(site) // sites.count(site) for site in sites]
+        parts = np.split(m.variant.columns, np.cumsum(sizes)[:-1])
+        for own, site in zip(parts, sites, strict=True):
             columns = p.pool[:, own]
             since, moved = _since(p, columns), np.any(columns[: p.count] != 0.0, axis=1)
             same = [
@@ -156,6 +167,7 @@ def named_events(h: Hypothesis, pool: Pool) -> Mapping[str, tuple[Event, ...]]:
                 if np.array_equal(np.any(_from(since, x, p)[: p.count] != 0.0, axis=1), moved)
             ]
             if not same:
+                out.pop(m.effect, None)
                 break
             rest = ~np.isin(h.state.columns, own)
             without = fit_state(p, h.state.columns[rest], h.state.scales[rest], h.state.weight, robust=False)

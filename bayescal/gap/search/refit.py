@@ -16,7 +16,7 @@ from bayescal.effects.location import Site
 from bayescal.effects.selection import Selection, driver_words, plain, shortest
 from bayescal.estimate import Estimate, calibrated
 from bayescal.gap.linear.evidence import SCALE_PRIOR, SCALES, Bank, log_sum, weigh_sets
-from bayescal.gap.linear.problem import Slopes
+from bayescal.gap.linear.problem import Problem, Slopes
 from bayescal.gap.linear.state import State, fit_state
 from bayescal.gap.search.beam import Member
 from bayescal.gap.search.candidates import Candidates, Single, extended, unaliased, wide, with_own_settings
@@ -113,7 +113,7 @@ def screened(
             near = _screen(effect, more, slopes, states, c)
             found = [[*a, *b] for a, b in zip(found, near, strict=True)]
             leading = _leading(found)
-        own = _one_by_one(effect, slopes, states[0], c, found[0]) if effect.scan.by_site else []
+        own = _one_by_one(effect, slopes, states[0], c, found) if effect.scan.by_site else []
         middle = float(values[len(values) // 2])  # the first one: the usual setting
         others = {*leading, *(one.setting for one in own)} - {middle}
         known = extended(known, effect, [middle, *sorted(others)], c)
@@ -159,33 +159,40 @@ def _screen(
     return out
 
 
-def _one_by_one(
-    effect: Effect, slopes: Slopes, state: State, c: Circumstances, found: Sequence[Screened]
-) -> list[Single]:
-    """The leading setting of each site, the largest gain first, each over a state with those before it.
+def screening_states(p: Problem, columns: np.ndarray, scales: np.ndarray, robust: bool) -> list[State]:
+    """States over which settings are screened: also with all rows, of which outliers may be the effect."""
+    state = fit_state(p, columns, scales, robust=robust)
+    return [state, fit_state(p, columns, scales, robust=False)] if state.gross else [state]
 
-    `found` are the gains over the first state. A site whose gain does not exceed the logarithm of the number
+
+def _one_by_one(
+    effect: Effect, slopes: Slopes, state: State, c: Circumstances, found: Sequence[Sequence[Screened]]
+) -> list[Single]:
+    """The leading setting of each site, the largest gain first, each over states with those before it.
+
+    `found` are the gains over the first states. A site whose gain does not exceed the logarithm of the number
     of settings that were tried has none. A site may have as many as the scan's `several`.
     """
     assert effect.scan is not None
     out: list[Single] = []
-    values = np.unique([one.single.setting for one in found])
-    while len(out) < max(effect.scan.several, len({one.single.site for one in found})):
+    values = np.unique([one.single.setting for one in found[0]])
+    while len(out) < max(effect.scan.several, len({one.single.site for one in found[0]})):
         sites = [single.site for single in out]
-        rest = [one for one in found if sites.count(one.single.site) < effect.scan.several]
+        tried = [one for every in found for one in every]
+        rest = [one for one in tried if sites.count(one.single.site) < effect.scan.several]
         if not rest:
             break
         best = max(rest, key=lambda one: one.gain)
-        if best.gain <= np.log(len(found)):
+        if best.gain <= np.log(len(tried)):
             break
         out.append(best.single)
         assert best.columns is not None
         width, size = state.problem.pool.shape[1], best.columns.shape[1]
-        state = fit_state(
+        states = screening_states(
             replace(state.problem, pool=np.column_stack([state.problem.pool, best.columns])),
             np.append(state.columns, np.arange(width, width + size)),
             np.append(state.scales, np.full(size, best.scale)),
-            robust=state.robust,
+            state.robust,
         )
-        (found,) = _screen(effect, values, slopes, [state], c)
+        state, found = states[0], _screen(effect, values, slopes, states, c)
     return out
