@@ -19,8 +19,9 @@ from bayescal.motion.terms import Operating
 UNKNOWN = "unknown"
 
 
-def smooth(x: np.ndarray, low: float, high: float, count: int) -> list[np.ndarray]:
-    """The first cosines (N,) over a range of x, each half a period more than the last."""
+def smooth(x: np.ndarray, bounds: np.ndarray, count: int) -> list[np.ndarray]:
+    """The first cosines (N,) over a range (2,) of x, each half a period more than the last."""
+    low, high = bounds
     u = np.clip((x - low) / max(high - low, 1e-12), 0.0, 1.0)
     return [np.cos(np.pi * k * u) for k in range(1, count + 1)]
 
@@ -59,13 +60,13 @@ def cells(s: Signals, at: Operating, scale: Scale, r: Ranges) -> Iterator[FormCo
         for k, function in enumerate(functions):
             yield form, form.term("N m", size * scale.friction[j], j, str(k)), function
 
-    times = smooth(s.time, *r.time, CELLS.time_waves)
+    times = smooth(s.time, r.time, CELLS.time_waves)
     for j in range(n):
         site, turn, speed = joint(j), s.q[:, j], s.dq[:, j]
-        angles = smooth(turn, *r.angle[:, j], CELLS.waves)
+        angles = smooth(turn, r.angle[:, j], CELLS.waves)
         direction, torque = way[:, j], load[:, j]
-        torques = smooth(torque, *r.load[:, j], CELLS.load_waves)
-        speeds = smooth(speed, *r.speed[:, j], CELLS.waves)
+        torques = smooth(torque, r.load[:, j], CELLS.load_waves)
+        speeds = smooth(speed, r.speed[:, j], CELLS.waves)
         yield from cell(site, "angle", angles, j)
         yield from cell(site, "angle times direction", [direction * f for f in angles], j)
         yield from cell(site, "torque", torques, j)
@@ -85,11 +86,11 @@ def cells(s: Signals, at: Operating, scale: Scale, r: Ranges) -> Iterator[FormCo
             yield from cell(site, "temperature", functions, j)
         for k in range(n):
             if k != j:
-                others = smooth(s.q[:, k], *r.angle[:, k], CELLS.other_waves)
+                others = smooth(s.q[:, k], r.angle[:, k], CELLS.other_waves)
                 yield from cell(site, f"angle of joint {k + 1}", others, j)
                 both = [direction * f for f in others]
                 yield from cell(site, f"direction times angle of joint {k + 1}", both, j)
-                fast = smooth(s.dq[:, k], *r.speed[:, k], CELLS.other_waves)
+                fast = smooth(s.dq[:, k], r.speed[:, k], CELLS.other_waves)
                 yield from cell(site, f"speed of joint {k + 1}", fast, j)
         for length in CELLS.presliding:
             moved = _presliding(speed, s.step, length)
@@ -115,7 +116,7 @@ def _of_log(s: Signals, later: np.ndarray, times: list[np.ndarray], n: int) -> I
 
 
 def _of_tool(s: Signals, scale: Scale) -> Iterator[FormColumn]:
-    """A force on the flange that does not depend on the mass: along the axes of the base, and with its place."""
+    """A constant force on the tool, along the axes of the base: a hose, a cable."""
     m = s.log.mechanism
     form = Form(UNKNOWN, TOOL, "force on the tool")
     unit = np.zeros(10)

@@ -1,7 +1,7 @@
 """The vocabulary of joint logs: what may be wrong with a model of torques, as columns.
 
-An effect is one entry of `EFFECTS`. It yields its forms: a `Form` for each site and setting, with its columns.
-An effect is named by the best of its forms, averaged over all of them.
+An effect is one entry of `EFFECTS`. It yields its forms: a `Form` for each site and setting, with its
+columns. An effect is named by the best of its forms, averaged over all of them.
 """
 
 from __future__ import annotations
@@ -15,14 +15,14 @@ from bayescal.logs import Log
 from bayescal.logs.mechanism import inertial
 from bayescal.motion.settings import FORMS
 from bayescal.motion.signals import Signals, derivative
-from bayescal.motion.terms import BODY, UNITS, Column, Operating, Term, of_body
+from bayescal.motion.terms import BODY, UNITS, Operating, Term, of_body
 
 TOOL, BASE, LOG = "tool", "base", "log"
 
 
 @dataclass(frozen=True)
 class Form:
-    """One way in which an effect, or an unmodelled one, acts: where, by which quantity, with which setting."""
+    """One way in which an effect, or an unknown one, acts: where, by which quantity, with which setting."""
 
     effect: str
     site: str
@@ -45,6 +45,8 @@ class Scale:
     torque: np.ndarray  # (n,) N m, RMS
     friction: np.ndarray  # (n,) N m, of the estimate
     loaded: float  # kg, mean payload of the loaded motions; 0 without
+    waves: tuple[tuple[int, float], ...] = ()  # joints and waves a turn that a scan found for ripple
+    spread: float = 0.0  # log of the share of the scanned waves that these are
 
 
 @dataclass(frozen=True)
@@ -114,14 +116,15 @@ def _asymmetric(s: Signals, at: Operating, scale: Scale) -> Iterator[FormColumn]
         yield form, form.term("N m s/rad", sd, j), np.abs(s.dq[:, j])
 
 
-def _ripple(
-    s: Signals, at: Operating, scale: Scale, waves: tuple[tuple[int, float], ...]
-) -> Iterator[FormColumn]:
-    for j, count in waves:
-        form = Form("ripple", joint(j), "motor angle", f"{count:g} waves a turn")
-        for part, function in (("sin", np.sin), ("cos", np.cos)):
-            sd = FORMS.ripple * scale.friction[j]
-            yield form, form.term("N m", sd, j, part), function(count * s.q[:, j])
+def _ripple(s: Signals, at: Operating, scale: Scale) -> Iterator[FormColumn]:
+    for j, waves in scale.waves:
+        for harmonics in FORMS.harmonics:
+            setting = f"{waves:.4g} waves a turn" + (", with the double" if len(harmonics) > 1 else "")
+            form = Form("ripple", joint(j), "motor angle", setting)
+            for h in harmonics:
+                for part, function in (("sin", np.sin), ("cos", np.cos)):
+                    term = form.term("N m", FORMS.ripple * scale.friction[j] / h, j, f"{part} {h}")
+                    yield form, term, function(h * waves * s.q[:, j])
 
 
 def _torque_constant(s: Signals, at: Operating, scale: Scale) -> Iterator[FormColumn]:
@@ -203,8 +206,9 @@ EFFECTS: dict[str, Effect] = {
         ),
         Effect("armature", _armature, "inertia of the rotor", "Use what was found.", positive=True),
         Effect("stribeck", _stribeck, "friction that rises at low speed", "Use it in slow motions."),
-        Effect("load-friction", _load_friction, "friction that grows with the load", "Use it.", positive=True),
+        Effect("load-friction", _load_friction, "friction that grows with load", "Use it.", positive=True),
         Effect("asymmetric-friction", _asymmetric, "viscous friction that differs by direction", "Use it."),
+        Effect("ripple", _ripple, "torque that ripples with the motor angle", "Use it, or inspect the gear."),
         Effect("torque-constant", _torque_constant, "torque constant", "Use the ratio that was found."),
         Effect("torque-drift", _torque_drift, "torque that drifts with temperature", "Warm up before a log."),
         Effect(
@@ -216,20 +220,10 @@ EFFECTS: dict[str, Effect] = {
         Effect("inertia", _inertia, "inertia of a link", "Use what was found."),
     )
 }  # fmt: skip
-RIPPLE = Effect("ripple", lambda s, at, scale: iter(()), "torque ripple", "Use it, or inspect the gear.")
 
 
-def columns(
-    s: Signals, at: Operating, scale: Scale, waves: tuple[tuple[int, float], ...]
-) -> Iterator[FormColumn]:
-    """Columns of every effect that a log can tell of. `waves` are joints and waves a turn of ripples."""
+def columns(s: Signals, at: Operating, scale: Scale) -> Iterator[FormColumn]:
+    """Columns of every effect that a log can tell of."""
     for effect in EFFECTS.values():
         if not effect.needs(s.log):
             yield from effect.forms(s, at, scale)
-    yield from _ripple(s, at, scale, waves)
-
-
-def plain(form_columns: Iterator[FormColumn]) -> Iterator[Column]:
-    """Terms with their columns alone."""
-    for _, term, column in form_columns:
-        yield term, column

@@ -52,7 +52,8 @@ class Table:
 
 def tabulated(parts: Sequence[Signals], columns: Columns, residual: Callable[[Signals], np.ndarray]) -> Table:
     """The columns of some motions."""
-    out, terms = [], ()
+    out: list[Part] = []
+    terms: tuple[Term, ...] = ()
     for s in parts:
         names, numbers, values = assembled(columns(s), s.log.n)
         terms = tuple(names)
@@ -63,7 +64,7 @@ def tabulated(parts: Sequence[Signals], columns: Columns, residual: Callable[[Si
 
 @dataclass(frozen=True)
 class Normal:
-    """Normal equations of K terms: `gram` (K, K), `score` (K,), and chi-square (n,) and rows (n,) of joints."""
+    """Normal equations of K terms: `gram` (K, K), `score` (K,), chi-square (n,) and rows (n,) of joints."""
 
     terms: tuple[Term, ...]
     gram: np.ndarray
@@ -95,7 +96,7 @@ def normal(table: Table, noise: Noise) -> Normal:
 
 @dataclass(frozen=True)
 class Fit:
-    """Terms fitted with their priors: `z` (k,) and `covariance` (k, k) in units of prior standard deviations."""
+    """Terms fitted with their priors: `z` (k,) and `covariance` in units of prior standard deviations."""
 
     normal: Normal
     chosen: np.ndarray  # (k,) numbers of terms
@@ -156,7 +157,7 @@ def gains(fit: Fit, sets: Sequence[np.ndarray], scales: np.ndarray) -> tuple[np.
     squares = scales[:, None, None] ** 2
     for count in np.unique(size):
         rows = np.flatnonzero(size == count)
-        chosen = np.array([sets[k] for k in rows])  # (B, count)
+        chosen = np.array([sets[k] for k in rows.tolist()])  # (B, count)
         part = np.moveaxis(half[:, chosen], 0, 1)  # (B, D, count)
         own = p.gram[chosen[:, :, None], chosen[:, None, :]] - np.swapaxes(part, 1, 2) @ part
         values, vectors = np.linalg.eigh(own)

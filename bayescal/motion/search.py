@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -54,6 +54,7 @@ class Search:
     normal: Normal
     forms: tuple[tuple[Form, tuple[str, ...]], ...]  # each with its terms
     base: tuple[str, ...]  # terms of the baseline
+    spread: Mapping[str, float]  # log of the share of its settings that became forms, of effects with a scan
 
     @cached_property
     def sets(self) -> tuple[np.ndarray, ...]:
@@ -71,10 +72,10 @@ class Search:
     def form_priors(self) -> np.ndarray:
         """Log prior of each form within its effect: sites, then drivers of each, then settings of these."""
         out = np.empty(len(self.forms))
-        for chosen in self.by_effect.values():
+        for name, chosen in self.by_effect.items():
             keys = [(f.site, f.driver, f.setting) for f in (self.forms[k][0] for k in chosen)]
             parts = [[len({k[d] for k in keys if k[:d] == key[:d]}) for d in range(3)] for key in keys]
-            out[chosen] = -np.sum(np.log(parts), axis=1)
+            out[chosen] = self.spread.get(name, 0.0) - np.sum(np.log(parts), axis=1)
         return out
 
     def fit(self, members: Sequence[Member] = ()) -> Fit:
@@ -109,7 +110,7 @@ class Search:
         return float(np.log(SEARCH.single / count if named else SEARCH.null) + further)
 
     def additions(self, members: Sequence[Member]) -> dict[str, tuple[Member, float]]:
-        """Of each effect the best form, and its gain over a hypothesis, nats, averaged over forms and scales."""
+        """Of each effect the best form, and its gain over a hypothesis, nats, averaged over all forms."""
         fit = self.fit(members)
         table = gains(fit, self.sets, SCALES)[0] + self.form_priors[:, None] + SCALE_PRIOR
         names, out = {m.form.effect for m in members}, {}

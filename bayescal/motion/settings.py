@@ -9,6 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
+from bayescal.gap.settings import VERDICT as GAP_VERDICT
+
 
 @dataclass(frozen=True)
 class SignalSettings:
@@ -16,7 +18,7 @@ class SignalSettings:
 
     band: float = 12.0
     """Hz, cut-off of the low-pass: control bandwidth and arm modes lie above (assumed)."""
-    wide: float = 30.0
+    wide: float = 20.0
     """Hz, cut-off for positions before they are differentiated (assumed)."""
     order: int = 4
     """Of the low-pass (convention)."""
@@ -58,7 +60,7 @@ class NoiseSettings:
     ridge: float = 0.01
     """Share of the variance added as white noise: nothing is amplified in an empty band (tuned)."""
     repeats: int = 2
-    """Searches after each of which the noise is estimated again from what the best hypothesis leaves (cost)."""
+    """Searches after each of which noise is estimated again from what the best hypothesis leaves (cost)."""
     rounds: int = 4
     """Iterations of noise and estimate (cost)."""
 
@@ -87,6 +89,8 @@ class FormSettings:
     """Of viscous friction, relative (assumed)."""
     ripple: float = 0.1
     """Of a ripple, over the friction (assumed)."""
+    harmonics: tuple[tuple[int, ...], ...] = ((1,), (1, 2))
+    """Of the waves, in the forms of a ripple (assumed)."""
     constant: float = 0.1
     """Of a torque constant, relative (assumed)."""
     drift: float = 0.1
@@ -165,12 +169,35 @@ class SearchSettings:
     """Nats of evidence from which on a hypothesis is extended (cost)."""
     form: float = 0.03
     """Share of what names explain that a further effect must exceed: it may belong to their form (tuned)."""
-    waves: tuple[float, float, float] = (3.0, 130.0, 0.5)
-    """Waves a turn that are tried for ripple: from, to, step (assumed)."""
+    waves: tuple[float, float, float] = (3.0, 130.0, 0.3)
+    """Waves a turn that are tried for ripple: from, to, and step, over one wave in the range (assumed)."""
     ripples: int = 4
     """Of each joint that become candidates (cost)."""
 
 
+@dataclass(frozen=True)
+class OutcomeSettings:
+    """Place, size and reduction of an error."""
+
+    places: int = 6
+    """Further cells that are looked at for places (cost)."""
+    moving: float = 0.005
+    """rad/s of any joint, from which on the arm moves (assumed)."""
+    relevant: float = 0.01
+    """Share of the withheld RMS of a joint from which on an effect is relevant (format of gap.json)."""
+    block: float = 1.0
+    """s of residuals that are drawn together for an interval: long against their correlation (assumed)."""
+    draws: int = 400
+    """Of that bootstrap (cost)."""
+    slow: float = 0.05
+    """rad/s, speed below which friction at low speed shows (assumed)."""
+    slow_share: float = 0.02
+    """Share of the rows of a joint that should be so slow (assumed)."""
+
+
+OUTCOME: Final = OutcomeSettings()
+VERDICT: Final = GAP_VERDICT
+"""Levels of probability are those of a diagnosis of contacts."""
 CELLS: Final = CellSettings()
 FORMS: Final = FormSettings()
 SEARCH: Final = SearchSettings()

@@ -47,7 +47,7 @@ class Signals:
 
     @cached_property
     def tilted(self) -> np.ndarray:
-        """Torques (3, N, n, n, 10) at rest by the inertial parameters, by gravity along each axis of the base."""
+        """Torques (3, N, n, n, 10) at rest by the inertial parameters, of gravity along each base axis."""
         still = np.zeros_like(self.q)
         return np.array([regressor(self.log.mechanism, self.q, still, still, axis) for axis in np.eye(3)])
 

@@ -1,8 +1,8 @@
 """Columns of torque: what a parameter adds to the torque of one joint, or of all.
 
-The torque of joint j is linear in nearly all that matters: rigid body, rotor, friction, offset. A parameter is
-a `Term`, its column the torque by one unit of it. The two that are not linear, the time of the torque and the
-speed at which friction reverses, are linearised at an `Operating` point that the estimate moves.
+The torque of joint j is linear in nearly all that matters: rigid body, rotor, friction, offset. A parameter
+is a `Term`, its column the torque by one unit of it. The two that are not linear, the time of the torque and
+the speed at which friction reverses, are linearised at an `Operating` point that the estimate moves.
 """
 
 from __future__ import annotations
@@ -91,7 +91,7 @@ def nominal(log: Log, rms: np.ndarray) -> Operating:
 
 
 def of_body(m: Mechanism, k: int) -> tuple[np.ndarray, np.ndarray]:
-    """Derivatives (10, 10) of the linear parameters by mass, centre and inertia, and prior sds (10,) of these."""
+    """Derivatives (10, 10) of the linear parameters by mass, centre and inertia, and prior sds (10,)."""
     mass, centre, inertia = m.mass[k], m.centre[k], m.inertia[k]
     zero, none = np.zeros(3), np.zeros((3, 3))
     by = np.zeros((10, 10))
