@@ -161,9 +161,7 @@ def words(gap: MotionGap) -> list[str]:
         sure = _sure(v.probability[effect.name])
         out.append(f"Effect found: {m.form.site} has {effect.title}, {size_of(a)} ({sure}).")
         if not a.relevant:
-            out.append(
-                f"It changes the withheld error by less than 1 %: {effect.name} is there, and does not matter."
-            )
+            out.append(f"{effect.name} is certain but not relevant: the withheld error changes by < 1 %.")
     if v.kind in ("unknown", "named+unexplained") and gap.where:
         place = next((p for p in gap.where if not p.explained_by), gap.where[0])
         further = "A further error" if out else "Unmodelled error: it"
