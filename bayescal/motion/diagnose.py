@@ -43,7 +43,7 @@ def diagnose(log: Log, progress: Progress = silent) -> MotionGap:
         noise = noise_of(pool.table.of_role(CALIBRATE).residuals(fit.values), len(fit.chosen) / log.n)
     search = pool.search(noise)
     hypotheses = search.run()
-    verdict = decide(search, hypotheses)
+    verdict = decide(search, hypotheses, pool.search(noise, (CALIBRATE, VALIDATE)))
     progress("result", 0.8)
     named = search.fit(verdict.named.members)
     score = np.array([h.score for h in hypotheses])

@@ -48,13 +48,17 @@ class BaselineSettings:
     offset: float = 0.3
     """Of an offset, over the scale of the torque (assumed)."""
     acceleration: float = 10.0
-    """rad/s2 at which an unstated rotor has the scale of the torque (assumed)."""
+    """rad/s2, of a rotor that is not stated, at the scale of torques (assumed)."""
     transition: float = 0.15
-    """Of the speed scale of the reversal of friction of one joint, beside a common one, relative (assumed)."""
+    """Of the speed scale of the reversal of friction of one joint beside a common one, relative (assumed)."""
     angle: float = 0.01
     """Of an offset of tracking or of a second encoder, rad (assumed)."""
     lag: float = 0.01
     """Of a lag of tracking or of a second encoder, s (assumed)."""
+    servo: float = 1.5
+    """Hz, bandwidth within which any position servo answers by its stiffness (assumed)."""
+    answer: float = 0.05
+    """Of the time within which it answers, s (assumed)."""
     reversal: float = 1e-3
     """Of their difference by direction, rad (assumed)."""
     least_inertia: float = 0.03
@@ -86,7 +90,7 @@ class FormSettings:
     armature: float = 0.4
     """Of a rotor's inertia, relative (assumed)."""
     acceleration: float = 10.0
-    """rad/s2, see `BASELINE.acceleration` (assumed)."""
+    """rad/s2, of a rotor that is not stated, at the scale of torques (assumed)."""
     stribeck: float = 0.3
     """Of the rise at low speed, over the friction (assumed)."""
     stribeck_speeds: tuple[float, ...] = (0.03, 0.06, 0.12, 0.25)
@@ -139,6 +143,8 @@ class CellSettings:
     """Of a function of the time (assumed)."""
     other_waves: int = 3
     """Of a function of another joint (assumed)."""
+    pieces: int = 4
+    """Parts of a motion in which an offset may differ (assumed)."""
     presliding: tuple[float, ...] = (0.005, 0.02, 0.08)
     """rad, way after a reversal over which friction builds up (assumed)."""
     resonances: tuple[float, ...] = (2.5, 3.5, 5.0, 7.0, 10.0)
