@@ -40,7 +40,9 @@ def diagnose(log: Log, progress: Progress = silent) -> MotionGap:
         progress("search", 0.4 + 0.2 * k)
         search = pool.search(noise)
         fit = search.fit(search.run()[0].members)
-        noise = noise_of(pool.table.of_role(CALIBRATE).residuals(fit.values), len(fit.chosen) / log.n)
+        table = pool.table.of_role(CALIBRATE)
+        same = [part.signals.same_as for part in table.parts]
+        noise = noise_of(table.residuals(fit.values), len(fit.chosen) / log.n, same)
     search = pool.search(noise)
     hypotheses = search.run()
     verdict = decide(search, hypotheses, pool.search(noise, (CALIBRATE, VALIDATE)))

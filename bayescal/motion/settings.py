@@ -75,6 +75,8 @@ class NoiseSettings:
     """Share of the variance added as white noise: nothing is amplified in an empty band (tuned)."""
     repeats: int = 2
     """Searches after each of which noise is estimated again from what the best hypothesis leaves (cost)."""
+    smaller: float = 1.3
+    """Variance of residuals over that of repeats from which on repeats tell the noise (assumed)."""
     rounds: int = 4
     """Iterations of noise and estimate (cost)."""
 
@@ -193,7 +195,7 @@ class SearchSettings:
     """Nats of evidence from which on a hypothesis is extended (cost)."""
     form: float = 0.03
     """Share of what names explain that a further effect must exceed: it may belong to their form (tuned)."""
-    waves: tuple[float, float, float] = (3.0, 130.0, 0.3)
+    waves: tuple[float, float, float] = (8.0, 130.0, 0.3)
     """Waves a turn that are tried for ripple: from, to, and step, over one wave in the range (assumed)."""
     ripples: int = 4
     """Of each joint that become candidates (cost)."""
