@@ -1,0 +1,91 @@
+"""A log without effects, as effects see it; and what an effect changes of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from analysis.world.motion.arms import Arm
+from analysis.world.motion.dynamics import PARTS, regressor
+from analysis.world.motion.noise import Noise
+from analysis.world.motion.plan import Session
+
+GRAVITY = np.array([0.0, 0.0, -9.81])
+
+
+@dataclass(frozen=True)
+class Change:
+    """What an effect adds to the torque, to the link-side encoders, and to the tracking error (rows, n); SI."""
+
+    torque: np.ndarray
+    link: np.ndarray | None = None
+    track: np.ndarray | None = None
+
+
+@dataclass(frozen=True)
+class Act:
+    """A hidden effect: what it does at a size, and the words for it."""
+
+    name: str
+    form: str
+    where: list[dict]
+    unit: str
+    usual: float
+    most: float
+    apply: Callable[[float], Change]
+    detail: dict = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Log:
+    """The true arm in its session: rows of noise-free torque, and its parts."""
+
+    arm: Arm
+    session: Session
+    noise: Noise
+    torque: np.ndarray  # (rows, n), N m
+    rigid: np.ndarray  # of the links and the payload alone
+    still: np.ndarray  # of gravity alone
+    rate: np.ndarray  # of the torque, N m/s
+    error: np.ndarray | None  # command less position, rad, in a log with a position servo
+    link_side: bool
+    current: bool
+    u_constant: float
+    u_alignment: float
+    gravity: np.ndarray
+
+    def at(self, delay: np.ndarray) -> np.ndarray:
+        """Return the torque (rows, n) of an earlier time, by delays (rows,) or (rows, n), s."""
+        s, out = self.session, np.empty_like(self.torque)
+        late = np.broadcast_to(delay if delay.ndim == 2 else delay[:, None], out.shape)
+        for run in s.runs:
+            t = s.since[run]
+            for j in range(out.shape[1]):
+                out[run, j] = CubicSpline(t, self.torque[run, j])(np.clip(t - late[run, j], t[0], t[-1]))
+        return out
+
+    def of_load(self, parameters: np.ndarray, rows: np.ndarray | None = None) -> np.ndarray:
+        """Return the torque (rows, n) of a body on the last link; of some rows, elsewhere 0."""
+        s, out = self.session, np.zeros_like(self.torque)
+        rows = np.ones(len(out), dtype=bool) if rows is None else rows
+        moved = (s.q[rows], s.dq[rows], s.ddq[rows])
+        out[rows] = regressor(self.arm.chain, *moved, self.gravity, [self.arm.size - 1]) @ parameters
+        return out
+
+
+def rates(session: Session, values: np.ndarray) -> np.ndarray:
+    """Return time derivatives of values (rows, n), motion by motion."""
+    return np.concatenate([np.gradient(values[run], session.step, axis=0) for run in session.runs])
+
+
+def rigid(arm: Arm, session: Session, gravity: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the rigid-body torque of arm and payload (rows, n), and the regressor (rows, n, 10 n)."""
+    columns = regressor(arm.chain, session.q, session.dq, session.ddq, gravity)
+    torque = columns @ arm.parameters
+    for kilos in np.unique(session.payload[session.payload > 0]):
+        rows = session.payload == kilos
+        torque[rows] += columns[rows][:, :, -PARTS:] @ arm.payload(float(kilos))
+    return torque, columns
