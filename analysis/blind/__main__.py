@@ -57,6 +57,9 @@ def make(
     reserved: Annotated[
         bool, typer.Option("--reserved", help="Also draw the causes on which no constant may be chosen.")
     ] = False,
+    motions: Annotated[
+        bool, typer.Option("--motions", help="Joint logs instead of sessions of contacts; version 1.")
+    ] = False,
 ) -> None:
     """Simulate test sessions with unmodelled effects, and seal the ground truth.
 
@@ -68,7 +71,7 @@ def make(
     from bayescal.storage.locks import alone
 
     with alone(out), keeping(lambda: KEPT), progress("worlds") as notify:
-        sealed = run(out, worlds, seed, workers, dask, notify, generator, reserved)
+        sealed = run(out, worlds, seed, workers, dask, notify, generator, reserved, motions)
     typer.echo(f"{worlds} test sessions in {out}/worlds; ground truth sealed in {out}/truth.json")
     typer.echo(f"SHA-256 of the ground truth  {sealed}")
 
@@ -134,6 +137,11 @@ def score(
     check_free(target, SCORE)
     truths, answers, about = opened(folder)
     about |= {"note": note} if note else {}
+    if about["motions"]:
+        from analysis.blind.motions import scored
+
+        scored(truths, answers, about, target, page)
+        return
     judged = records(truths, answers)
     found = figures(judged)
     written = write_score(judged, found, about, target, pictures)

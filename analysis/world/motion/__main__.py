@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 import json
 from pathlib import Path
 from typing import Annotated
@@ -14,7 +15,9 @@ def main(
     logs: Annotated[int, typer.Option(min=1, help="Number of logs.")] = 48,
     seed: Annotated[int, typer.Option(min=0, help="Random seed: the same seed gives the same logs.")] = 1,
     kinds: Annotated[str, typer.Option(help="Kinds of logs, with commas.")] = "null,single,pair,outside",
-    held_out: Annotated[bool, typer.Option("--held-out", help="With the forms and causes of the held-out set.")] = False,
+    held_out: Annotated[
+        bool, typer.Option("--held-out", help="With the forms and causes of the held-out set.")
+    ] = False,
     first: Annotated[int, typer.Option(min=0, help="Number of the first log.")] = 0,
 ) -> None:
     """Simulate joint logs: files in the format of joint logs, and the ground truth beside them."""
@@ -29,8 +32,9 @@ def main(
         made = make(seed, number, chosen, held_out)
         folder = out / f"{number:03d}"
         folder.mkdir(exist_ok=True)
-        for name, content in made.files.items():
-            (folder / name).write_bytes(content)
+        (folder / "dataset.yaml").write_text(made.texts["dataset.yaml"], encoding="utf-8")
+        table = gzip.compress(made.texts["motion.csv"].encode(), 5, mtime=0)
+        (folder / "motion.csv.gz").write_bytes(table)
         text = json.dumps(made.truth, allow_nan=False, indent=1) + "\n"
         (out / "truth" / f"{number:03d}.json").write_text(text, encoding="utf-8")
     typer.echo(f"{logs} logs in {out}")

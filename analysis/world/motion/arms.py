@@ -1,4 +1,4 @@
-"""The arms, nominal and true: an arm of each size, whose true parameters are drawn within their uncertainties."""
+"""The arms, nominal and true: the true parameters are drawn within their uncertainties."""
 
 from __future__ import annotations
 
@@ -44,14 +44,16 @@ class Arm:
         """Inertial parameters of all links, one after the other (10 n,)."""
         return about_origin(self.mass, self.centre, self.inertia).ravel()
 
-    def payload(self, kilos: float, shift: np.ndarray | float = 0.0, gyration: float | None = None) -> np.ndarray:
+    def payload(
+        self, kilos: float, shift: np.ndarray | float = 0.0, gyration: float | None = None
+    ) -> np.ndarray:
         """Inertial parameters (10,) that a payload adds to the last link."""
         square = (self.load_gyration if gyration is None else gyration) ** 2
         centre = np.atleast_2d(self.load_centre + shift)
         return about_origin(np.array([kilos]), centre, kilos * square * np.eye(3)[None])[0]
 
 
-# origin mm, rpy deg, mass kg, centre mm, gyration mm (x y z), gear, armature, rated, Coulomb, viscous, home, span deg
+# origin mm, rpy deg, mass kg, centre mm, gyration mm; gear, armature, rated, Coulomb, viscous, home, span deg
 _UR = (
     ((0, 0, 152), (0, 0, 0), 5.6, (0, -22, -12), (66, 66, 58), 101, 1.5, 150, 7.0, 9.0, 0, 60),
     ((0, 118, 0), (90, 0, 0), 9.8, (205, 0, 118), (62, 172, 172), 101, 1.5, 150, 9.0, 11.0, -72, 28),
@@ -109,13 +111,29 @@ def nominal(rng: np.random.Generator, sort: str) -> Arm:
     square = _round((1e-3 * scale * gyration) ** 2 * mass[:, None])
     inertia = square[:, :, None] * np.eye(3)
     torque = scale**3
+
+    def mm(values: np.ndarray | float) -> np.ndarray:
+        return 1e-3 * np.round(values * scale, 1)
+
     return Arm(
-        sort, Chain(1e-3 * np.round(origin * scale, 1), np.radians(rpy)), mass,
-        1e-3 * np.round(centre * scale, 1), inertia, gear, _round(armature * scale**4), _round(rated * torque),
-        _round(coulomb * torque), _round(viscous * torque), np.radians(np.round(np.degrees(rng.uniform(0.02, 0.045)), 3)),
-        np.radians(home), np.radians(span), 1e-3 * np.round(np.array([0.0, 20.0, 70.0]) * out * scale, 1),
-        1e-3 * np.round(40 * scale, 1), float(np.round(load * scale**2, 2)), 1e-3 * np.round(12 * scale, 1),
-    )  # fmt: skip
+        name=sort,
+        chain=Chain(mm(origin), np.radians(rpy)),
+        mass=mass,
+        centre=mm(centre),
+        inertia=inertia,
+        gear=gear,
+        armature=_round(armature * scale**4),
+        rated=_round(rated * torque),
+        coulomb=_round(coulomb * torque),
+        viscous=_round(viscous * torque),
+        transition=float(np.radians(np.round(np.degrees(rng.uniform(0.02, 0.045)), 3))),
+        home=np.radians(home),
+        span=np.radians(span),
+        load_centre=mm(np.array([0.0, 20.0, 70.0]) * out),
+        load_gyration=float(mm(40.0)),
+        load=float(np.round(load * scale**2, 2)),
+        centre_u=float(mm(12.0)),
+    )
 
 
 def true(rng: np.random.Generator, drawn: Arm) -> Arm:
@@ -126,7 +144,8 @@ def true(rng: np.random.Generator, drawn: Arm) -> Arm:
         return np.clip(rng.standard_normal(shape), -2, 2)
 
     mass = drawn.mass * (1 + U["mass"] * normal(n))
-    stretch = np.eye(3) + 0.25 * U["inertia"] * (lambda x: x + x.transpose(0, 2, 1))(normal(n, 3, 3))
+    bend = normal(n, 3, 3)
+    stretch = np.eye(3) + 0.25 * U["inertia"] * (bend + bend.transpose(0, 2, 1))
     trace = np.trace(drawn.inertia, axis1=1, axis2=2)[:, None, None]
     spread = stretch @ (trace / 2 * np.eye(3) - drawn.inertia) @ stretch.transpose(0, 2, 1)
     spread *= (mass / drawn.mass)[:, None, None]

@@ -19,7 +19,7 @@ PARTS = 10
 
 @dataclass(frozen=True)
 class Chain:
-    """Revolute joints about their z axes: origins (n, 3), m, and roll, pitch, yaw (n, 3), rad, in the parent."""
+    """Revolute joints about their z axes: origin (n, 3), m, roll, pitch, yaw (n, 3), rad, in the parent."""
 
     origin: np.ndarray
     rpy: np.ndarray
@@ -49,7 +49,7 @@ def _inertia_rows(w: np.ndarray) -> np.ndarray:
 def _motion(
     chain: Chain, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray, gravity: np.ndarray
 ) -> list[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
-    """Return rotation to the parent, angular velocity, angular and linear acceleration of each link, in its frame."""
+    """Return rotation to the parent, angular velocity, angular and linear acceleration of each link."""
     n, out = len(q), []
     w, dw, a = np.zeros((n, 3)), np.zeros((n, 3)), np.broadcast_to(-gravity, (n, 3))
     for j, (origin, fixed) in enumerate(zip(chain.origin, chain.turns, strict=True)):
@@ -118,8 +118,8 @@ def regressor(
         frame = np.broadcast_to(np.eye(3), (rows, 3, 3))  # from link j to link i
         for j in range(i, -1, -1):
             lever = _cross(axis, arm)
-            out[:, j, PARTS * slot : PARTS * (slot + 1)] = (
-                np.einsum("ni,nik->nk", axis, moment) + np.einsum("ni,nik->nk", lever, force)
+            out[:, j, PARTS * slot : PARTS * (slot + 1)] = np.einsum("ni,nik->nk", axis, moment) + np.einsum(
+                "ni,nik->nk", lever, force
             )
             if j:
                 arm = arm + np.einsum("nij,nj->ni", frame, moved[j][0].transpose(0, 2, 1) @ chain.origin[j])
@@ -129,7 +129,7 @@ def regressor(
 
 
 def about_origin(mass: np.ndarray, centre: np.ndarray, inertia: np.ndarray) -> np.ndarray:
-    """Return inertial parameters (n, 10) from masses (n), centres (n, 3) and inertia about these (n, 3, 3)."""
+    """Return inertial parameters (n, 10): masses (n), centres (n, 3), inertia about these (n, 3, 3)."""
     far = np.sum(centre**2, axis=1)[:, None, None] * np.eye(3) - centre[:, :, None] * centre[:, None, :]
     full = inertia + mass[:, None, None] * far
     six = full[:, [0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]

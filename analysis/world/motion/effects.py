@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
 from analysis.world.motion.dynamics import PARTS, about_origin, regressor
@@ -27,54 +28,62 @@ def alone(log: Log, j: int, values: np.ndarray) -> np.ndarray:
     return out
 
 
-def level(log: Log, j: int | None = None) -> float:
-    """Return the RMS of the torque's noise at a joint, or the smallest relative to the torque."""
-    if j is not None:
-        return float(log.noise.rms[j])
-    return float(np.max(np.sqrt(np.mean(log.torque**2, axis=0)) / log.noise.rms)) ** -1
-
-
-def scaled(name: str, form: str, where: list[dict], unit: str, most: float, shape: np.ndarray, log: Log, **detail: object) -> Act:
+def scaled(
+    name: str,
+    form: str,
+    where: list[dict],
+    unit: str,
+    most: float,
+    shape: np.ndarray,
+    log: Log,
+    **detail: object,
+) -> Act:
     """Return an effect whose torque is its size times a shape (rows, n), of either sign."""
     usual = float(np.min(log.noise.rms[None] / np.maximum(np.sqrt(np.mean(shape**2, axis=0)), 1e-12))) * 0.2
-    return Act(name, form, where, unit, min(usual, most), most, lambda size: Change(size * shape), dict(detail))
+    return Act(
+        name, form, where, unit, min(usual, most), most, lambda size: Change(size * shape), dict(detail)
+    )
 
 
 def payload(rng: np.random.Generator, log: Log, form: str) -> Act:
-    """A mass at the tool that is not stated: of the payload, of the gripper, or in proportion to the payload."""
+    """A mass at the tool that is not stated: of payload or gripper, or in proportion to the payload."""
     s, arm = log.session, log.arm
     loaded = s.payload > 0
     sign = -1.0 if rng.random() < 0.4 and loaded.any() else 1.0
     if form == "relative" and loaded.any():
         kilos = s.payload
         shape = log.of_load(arm.payload(1.0), loaded) * kilos[:, None]
-        return scaled("payload", form, place("tool", "payload", "payload"), "1", 0.6, sign * shape, log, sign=sign)
+        return scaled(
+            "payload", form, place("tool", "payload", "payload"), "1", 0.6, sign * shape, log, sign=sign
+        )
     rows = loaded if form == "stated mass" and loaded.any() else None
     shape = sign * log.of_load(arm.payload(1.0), rows)
     form = form if rows is not None else "every motion"
-    return scaled("payload", form, place("tool", "payload", "payload"), "kg", 3 * arm.load, shape, log, sign=sign)
+    most = 3 * arm.load if sign > 0 else 0.8 * float(s.payload[loaded].min())
+    return scaled("payload", form, place("tool", "payload", "payload"), "kg", most, shape, log, sign=sign)
 
 
 def payload_offset(rng: np.random.Generator, log: Log, form: str) -> Act:
-    """A payload whose centre of mass is elsewhere: in any direction, along the axis, or with another inertia."""
+    """A payload whose centre is elsewhere: in any direction, along the axis, or with another inertia."""
     arm, rows = log.arm, log.session.payload > 0
     way = np.array([0.0, 0.0, 1.0]) if form == "axial" else direction(rng)
-    wide = 1.4 if form == "wider body" else 1.0
     kilos = np.where(rows, log.session.payload, 1.0)[:, None]
-    loads = [
-        log.of_load(arm.payload(1.0, way * shift, arm.load_gyration * spread) - arm.payload(1.0), rows) * kilos
-        for shift, spread in ((0.04, wide), (0.08, wide))
-    ]
-    curve = (loads[1] - 2 * loads[0]) / (2 * 0.04**2)  # exact: a parallel axis is of second order
-    slope = loads[0] / 0.04 - curve * 0.04
-    still = 0 * slope
-    if wide > 1:
-        still = log.of_load(arm.payload(1.0, 0.0, arm.load_gyration * wide) - arm.payload(1.0), rows) * kilos
-        slope, curve = (loads[0] - still) / 0.04, 0 * curve
-    return Act(
-        "payload-offset", form, place("tool", "centre of mass", "payload-offset"), "m", 0.01, 0.25,
-        lambda size: Change(size * slope + size**2 * curve + (still if size else 0)), {"direction": way.tolist()},
-    )  # fmt: skip
+
+    def turned(shift: float, wide: float = 1.0) -> np.ndarray:
+        body = arm.payload(1.0, way * shift, arm.load_gyration * wide) - arm.payload(1.0)
+        return log.of_load(body, rows) * kilos
+
+    one, two = turned(0.04), turned(0.08)
+    curve = (two - 2 * one) / (2 * 0.04**2)  # exact: a parallel axis is of second order
+    slope = one / 0.04 - curve * 0.04
+    if form == "wider body":
+        slope = slope + turned(0.0, 1.4) / 0.03
+
+    def apply(size: float) -> Change:
+        return Change(size * slope + size**2 * curve)
+
+    where = place("tool", "centre of mass", "payload-offset")
+    return Act("payload-offset", form, where, "m", 0.01, 0.25, apply, {"direction": way.tolist()})
 
 
 def base_tilt(rng: np.random.Generator, log: Log, form: str) -> Act:
@@ -96,7 +105,7 @@ def base_tilt(rng: np.random.Generator, log: Log, form: str) -> Act:
 
 
 def armature(rng: np.random.Generator, log: Log, form: str) -> Act:
-    """A rotor heavier than its uncertainty allows: at one joint, at joints of a type, or that drags the next."""
+    """A rotor heavier than its uncertainty allows: at one joint, at joints of a type, or a lighter one."""
     n = log.arm.size
     j = int(rng.integers(n))
     joints = [j]
@@ -108,7 +117,9 @@ def armature(rng: np.random.Generator, log: Log, form: str) -> Act:
     sign = 1.0
     if form == "lighter":
         sign = -1.0
-    return scaled("armature", form, where, "1", 2.5 if sign > 0 else 0.9, sign * shape, log, joint=j + 1, sign=sign)
+    return scaled(
+        "armature", form, where, "1", 2.5 if sign > 0 else 0.9, sign * shape, log, joint=j + 1, sign=sign
+    )
 
 
 def inertia(rng: np.random.Generator, log: Log, form: str) -> Act:
@@ -124,7 +135,7 @@ def inertia(rng: np.random.Generator, log: Log, form: str) -> Act:
     elif form == "centre":
         extra[0] = direction(rng) * 0.1
         body = (about_origin(kilos, centre + extra, about) - about_origin(kilos, centre, about))[0]
-        unit, most = "0.1 m", 3.0
+        unit, most = "0.1 m", 1.2
     else:  # a body on the link, for example a valve
         spot = centre + rng.uniform(-0.5, 0.5, (1, 3)) * np.abs(centre).max()
         body, unit, most = about_origin(np.ones(1), spot, about)[0], "kg", 5 * float(kilos[0])
@@ -134,7 +145,7 @@ def inertia(rng: np.random.Generator, log: Log, form: str) -> Act:
 
 
 def _transmitted(log: Log, j: int, moved: np.ndarray) -> np.ndarray:
-    """Return the torque (rows, n) that a link's angle (rows,) off its motor's makes: gravity at other angles."""
+    """Return the torque (rows, n) of gravity that a link makes whose angle is off its motor's (rows,)."""
     s, step = log.session, np.zeros_like(log.torque)
     step[:, j] = 1e-4
     still = np.zeros_like(s.q)
@@ -147,24 +158,27 @@ def elasticity(rng: np.random.Generator, log: Log, form: str) -> Act:
     """A transmission that winds up under torque: in proportion, soft near zero, or with a lag."""
     s = log.session
     j = int(rng.integers(log.arm.size))
-    load = log.rigid[:, j] + log.arm.armature[j] * 0
+    load = log.rigid[:, j]
     one = log.arm.rated[j]
     if form == "soft near zero":
         knee = rng.uniform(0.05, 0.2) * one
         wound = load + knee * np.tanh(load / knee)
     elif form == "creeps":
-        from scipy.signal import lfilter
-
         keep = np.exp(-s.step / rng.uniform(0.3, 2.0))
-        late = np.concatenate([lfilter([1 - keep], [1, -keep], load[r], zi=[keep * load[r][0]])[0] for r in s.runs])
+        late = np.concatenate(
+            [lfilter([1 - keep], [1, -keep], load[r], zi=[keep * load[r][0]])[0] for r in s.runs]
+        )
         wound = 0.7 * load + 0.3 * late
     else:
         wound = load
     wound = -wound / one
     link, torque = alone(log, j, wound), _transmitted(log, j, wound)
     where = place(f"joint {j + 1}", "torque", "elasticity")
-    return Act("elasticity", form, where, "rad at rated torque", 1e-4, 0.05,
-               lambda size: Change(size * torque, link=size * link), {"joint": j + 1})  # fmt: skip
+
+    def apply(size: float) -> Change:
+        return Change(size * torque, link=size * link)
+
+    return Act("elasticity", form, where, "rad at rated torque", 1e-4, 0.05, apply, {"joint": j + 1})
 
 
 def backlash(rng: np.random.Generator, log: Log, form: str) -> Act:
@@ -182,8 +196,11 @@ def backlash(rng: np.random.Generator, log: Log, form: str) -> Act:
         side = -np.tanh(load / soft * (1 if form == "soft" else 8))
     link, torque = alone(log, j, side), _transmitted(log, j, side)
     where = place(f"joint {j + 1}", "side of the torque", "backlash")
-    return Act("backlash", form, where, "rad", 1e-4, 0.01, lambda size: Change(size * torque, link=size * link),
-               {"joint": j + 1})  # fmt: skip
+
+    def apply(size: float) -> Change:
+        return Change(size * torque, link=size * link)
+
+    return Act("backlash", form, where, "rad", 1e-4, 0.01, apply, {"joint": j + 1})
 
 
 BODY = {

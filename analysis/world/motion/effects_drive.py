@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from analysis.world.motion.effects import alone, level, place, scaled
-from analysis.world.motion.log import Act, Change, Log, rates
+from analysis.world.motion.effects import alone, place, scaled
+from analysis.world.motion.log import Act, Change, Log
 
 
 def stribeck(rng: np.random.Generator, log: Log, form: str) -> Act:
@@ -35,7 +35,7 @@ def load_friction(rng: np.random.Generator, log: Log, form: str) -> Act:
 
 
 def asymmetric_friction(rng: np.random.Generator, log: Log, form: str) -> Act:
-    """Friction that differs by direction: viscous, of a power of the speed, or of Coulomb type above a speed."""
+    """Friction that differs by direction: viscous, saturating, or of a power of the speed."""
     j = int(rng.integers(log.arm.size))
     speed = np.abs(log.session.dq[:, j])
     knee = float(rng.uniform(0.15, 0.4))
@@ -51,7 +51,9 @@ def ripple(rng: np.random.Generator, log: Log, form: str) -> Act:
     j = int(rng.integers(log.arm.size))
     q, gear = log.session.q[:, j], log.arm.gear[j]
     waves = {"motor turn": gear, "teeth": float(rng.integers(10, 41)), "two periods": 2 * gear}[form]
-    waves = waves if 2.5 * waves * np.quantile(np.abs(log.session.dq[:, j]), 0.5) < 2 * np.pi * 12 else waves / 2
+    waves = (
+        waves if 2.5 * waves * np.quantile(np.abs(log.session.dq[:, j]), 0.5) < 2 * np.pi * 12 else waves / 2
+    )
     phase, second = rng.uniform(0, 2 * np.pi, 2)
     share = float(rng.uniform(0.2, 0.6)) if rng.random() < 0.6 else 0.0
     again = 1.37 if form == "two periods" else 2.0
@@ -97,7 +99,9 @@ def viscous_temperature(rng: np.random.Generator, log: Log, form: str) -> Act:
         warm = np.where(s.time - s.time[0] < 0.12 * np.ptp(s.time), 0.0, late)
     if form != "exponential":
         shape = alone(log, j, -arm.viscous[j] * warm * s.dq[:, j])
-        return scaled("viscous-temperature", form, where, "1/K", 1.2 / max(1e-3, s.warm.max()), shape, log, joint=j + 1)
+        return scaled(
+            "viscous-temperature", form, where, "1/K", 1.2 / max(1e-3, s.warm.max()), shape, log, joint=j + 1
+        )
 
     def apply(size: float) -> Change:
         return Change(alone(log, j, arm.viscous[j] * np.expm1(-size * warm) * s.dq[:, j]))

@@ -18,7 +18,7 @@ GRAVITY = np.array([0.0, 0.0, -9.81])
 
 @dataclass(frozen=True)
 class Change:
-    """What an effect adds to the torque, to the link-side encoders, and to the tracking error (rows, n); SI."""
+    """What an effect adds to torque, link-side encoders, and tracking error (rows, n); SI."""
 
     torque: np.ndarray
     link: np.ndarray | None = None
@@ -51,7 +51,6 @@ class Log:
     still: np.ndarray  # of gravity alone
     rate: np.ndarray  # of the torque, N m/s
     error: np.ndarray | None  # command less position, rad, in a log with a position servo
-    link_side: bool
     current: bool
     u_constant: float
     u_alignment: float

@@ -14,7 +14,7 @@ SETTLE = 6
 
 @dataclass(frozen=True)
 class Noise:
-    """Two exponentially correlated processes by joint: RMS of their sum, share of the slow one, time constants."""
+    """Two correlated processes by joint: RMS of their sum, share of the slow one, time constants."""
 
     rms: np.ndarray
     slow: np.ndarray
@@ -43,7 +43,9 @@ def sampled(rng: np.random.Generator, noise: Noise, runs: Sequence[slice], step:
     for j in range(len(noise.rms)):
         for run in runs:
             parts = [process(rng, run.stop - run.start, step, tau[j]) for tau in (noise.fast_s, noise.slow_s)]
-            out[run, j] = noise.rms[j] * (np.sqrt(1 - noise.slow[j]) * parts[0] + np.sqrt(noise.slow[j]) * parts[1])
+            out[run, j] = noise.rms[j] * (
+                np.sqrt(1 - noise.slow[j]) * parts[0] + np.sqrt(noise.slow[j]) * parts[1]
+            )
     return out
 
 

@@ -1,12 +1,12 @@
-"""Causes not in the list: the correct answer is 'unknown', with a location. Mechanics of the joints and around."""
+"""Causes not in the list, in the mechanics: the correct answer is 'unknown', with a location."""
 
 from __future__ import annotations
 
 import numpy as np
 from scipy.signal import lfilter
 
-from analysis.world.motion.effects import alone, direction, place, scaled
-from analysis.world.motion.log import Act, Log, rates
+from analysis.world.motion.effects import alone, place, scaled
+from analysis.world.motion.log import Act, Log
 
 
 def _joint(rng: np.random.Generator, log: Log) -> int:
@@ -35,7 +35,9 @@ def hard_spot(rng: np.random.Generator, log: Log) -> Act:
     at, wide = np.quantile(q, rng.uniform(0.15, 0.85)), rng.uniform(0.03, 0.12)
     shape = np.exp(-(((q - at) / wide) ** 2)) * np.tanh(dq / log.arm.transition)
     where = place(f"joint {j + 1}", "joint angle, one place", "hard-spot")
-    return scaled("hard-spot", "", where, "N m", _all(log, j), alone(log, j, shape), log, joint=j + 1, at_rad=at)
+    return scaled(
+        "hard-spot", "", where, "N m", _all(log, j), alone(log, j, shape), log, joint=j + 1, at_rad=at
+    )
 
 
 def slips(rng: np.random.Generator, log: Log) -> Act:
@@ -78,7 +80,17 @@ def presliding(rng: np.random.Generator, log: Log) -> Act:
         out[k] = state
     shape = out - np.tanh(dq / log.arm.transition)
     where = place(f"joint {j + 1}", "displacement since the reversal", "presliding")
-    return scaled("presliding", "", where, "N m", 3 * log.arm.coulomb[j], alone(log, j, shape), log, joint=j + 1, wide_rad=wide)
+    return scaled(
+        "presliding",
+        "",
+        where,
+        "N m",
+        3 * log.arm.coulomb[j],
+        alone(log, j, shape),
+        log,
+        joint=j + 1,
+        wide_rad=wide,
+    )
 
 
 def cross_friction(rng: np.random.Generator, log: Log) -> Act:
@@ -87,7 +99,17 @@ def cross_friction(rng: np.random.Generator, log: Log) -> Act:
     angle, dq = log.session.q[:, i], log.session.dq[:, j]
     shape = np.tanh(dq / log.arm.transition) * (angle - angle.mean())
     where = place(f"joint {j + 1}", f"angle of joint {i + 1} times direction", "cross-friction")
-    return scaled("cross-friction", "", where, "N m/rad", _all(log, j), alone(log, j, shape), log, joint=int(j + 1), by=int(i + 1))
+    return scaled(
+        "cross-friction",
+        "",
+        where,
+        "N m/rad",
+        _all(log, j),
+        alone(log, j, shape),
+        log,
+        joint=int(j + 1),
+        by=int(i + 1),
+    )
 
 
 def position_friction(rng: np.random.Generator, log: Log) -> Act:
@@ -96,7 +118,9 @@ def position_friction(rng: np.random.Generator, log: Log) -> Act:
     q, dq, phase = log.session.q[:, j], log.session.dq[:, j], rng.uniform(0, 6.28)
     shape = np.tanh(dq / log.arm.transition) * np.sin(rng.uniform(1, 5) * q + phase)
     where = place(f"joint {j + 1}", "joint angle times direction", "position-friction")
-    return scaled("position-friction", "", where, "N m", 2 * log.arm.coulomb[j], alone(log, j, shape), log, joint=j + 1)
+    return scaled(
+        "position-friction", "", where, "N m", 2 * log.arm.coulomb[j], alone(log, j, shape), log, joint=j + 1
+    )
 
 
 def hose(rng: np.random.Generator, log: Log) -> Act:

@@ -16,7 +16,7 @@ def spalled_bearing(rng: np.random.Generator, log: Log) -> Act:
     turn = log.session.q[:, j] * log.arm.gear[j] / rng.uniform(2.5, 4.5) / (2 * np.pi)
     count = np.floor(turn).astype(int)
     strength = rng.exponential(1.0, np.ptp(count) + 1)[count - count.min()]
-    shape = strength * np.exp(-(((turn - count) - 0.5) / 0.09) ** 2) * np.tanh(log.session.dq[:, j] / 0.05)
+    shape = strength * np.exp(-((((turn - count) - 0.5) / 0.09) ** 2)) * np.tanh(log.session.dq[:, j] / 0.05)
     where = place(f"joint {j + 1}", "motor angle, knocks", "spalled-bearing")
     return scaled("spalled-bearing", "", where, "N m", _all(log, j), alone(log, j, shape), log, joint=j + 1)
 
@@ -40,7 +40,9 @@ def stiff_grease(rng: np.random.Generator, log: Log) -> Act:
     gone = np.concatenate([np.cumsum(np.abs(s.dq[r, j])) * s.step for r in s.runs])
     shape = np.tanh(s.dq[:, j] / log.arm.transition) * np.exp(-gone / rng.uniform(0.3, 1.5))
     where = place(f"joint {j + 1}", "way since the pause times direction", "stiff-grease")
-    return scaled("stiff-grease", "", where, "N m", 3 * log.arm.coulomb[j], alone(log, j, shape), log, joint=j + 1)
+    return scaled(
+        "stiff-grease", "", where, "N m", 3 * log.arm.coulomb[j], alone(log, j, shape), log, joint=j + 1
+    )
 
 
 def sloshing(rng: np.random.Generator, log: Log) -> Act:
@@ -52,7 +54,9 @@ def sloshing(rng: np.random.Generator, log: Log) -> Act:
     out = np.zeros_like(log.torque)
     pull = np.sin(s.q[:, n - 2]) + 0.1 * s.ddq[:, 1] + 0.1 * s.ddq[:, n - 2]
     for run in s.runs:
-        wave = lfilter([(w * s.step) ** 2], bottom, pull[run] - pull[run.start]) - (pull[run] - pull[run.start])
+        wave = lfilter([(w * s.step) ** 2], bottom, pull[run] - pull[run.start]) - (
+            pull[run] - pull[run.start]
+        )
         out[run, n - 2], out[run, n - 3], out[run, 1] = wave, 0.7 * wave, 1.5 * wave
     where = place("tool", "resonance", "sloshing")
     return scaled("sloshing", "", where, "N m", 60.0, out, log, hertz=w / (2 * np.pi))
@@ -65,7 +69,9 @@ def dragging_brake(rng: np.random.Generator, log: Log) -> Act:
     on = np.repeat(hit, [r.stop - r.start for r in s.runs])
     shape = np.tanh(s.dq[:, j] / log.arm.transition) * on
     where = place(f"joint {j + 1}", "direction, in some motions", "dragging-brake")
-    return scaled("dragging-brake", "", where, "N m", 3 * log.arm.coulomb[j], alone(log, j, shape), log, joint=j + 1)
+    return scaled(
+        "dragging-brake", "", where, "N m", 3 * log.arm.coulomb[j], alone(log, j, shape), log, joint=j + 1
+    )
 
 
 def supply_sag(rng: np.random.Generator, log: Log) -> Act:
@@ -75,7 +81,9 @@ def supply_sag(rng: np.random.Generator, log: Log) -> Act:
     keep = np.exp(-s.step / tau)
     late = np.concatenate([lfilter([1 - keep], [1, -keep], power[run]) for run in s.runs])
     where = place("log", "power of the arm times torque", "supply-sag")
-    return scaled("supply-sag", "", where, "1", 1.0, -log.torque * (late / late.max())[:, None], log, tau_s=tau)
+    return scaled(
+        "supply-sag", "", where, "1", 1.0, -log.torque * (late / late.max())[:, None], log, tau_s=tau
+    )
 
 
 def belt_wave(rng: np.random.Generator, log: Log) -> Act:

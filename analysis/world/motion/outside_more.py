@@ -19,7 +19,9 @@ def clock_drift(rng: np.random.Generator, log: Log) -> Act:
     def apply(size: float) -> Change:
         return Change(log.at(sign * size * since) - log.torque)
 
-    return Act("clock-drift", "", place("log", "rate of torque times time", "clock-drift"), "1", 1e-5, 2e-3, apply)
+    return Act(
+        "clock-drift", "", place("log", "rate of torque times time", "clock-drift"), "1", 1e-5, 2e-3, apply
+    )
 
 
 def stamp_jitter(rng: np.random.Generator, log: Log) -> Act:
@@ -32,7 +34,9 @@ def stamp_jitter(rng: np.random.Generator, log: Log) -> Act:
     def apply(size: float) -> Change:
         return Change(log.at(size * late) - log.torque)
 
-    return Act("stamp-jitter", "", place("log", "rate of torque, at random", "stamp-jitter"), "s", 2e-3, 0.05, apply)
+    return Act(
+        "stamp-jitter", "", place("log", "rate of torque, at random", "stamp-jitter"), "s", 2e-3, 0.05, apply
+    )
 
 
 def saturation(rng: np.random.Generator, log: Log) -> Act:
@@ -70,7 +74,9 @@ def quantised(rng: np.random.Generator, log: Log) -> Act:
 
     where = place(f"joint {j + 1}", "torque, in steps", "quantised-current")
     start = float(log.noise.rms[j])
-    return Act("quantised-current", "", where, "N m", start, 2 * float(log.arm.rated[j]), apply, {"joint": j + 1})
+    return Act(
+        "quantised-current", "", where, "N m", start, 2 * float(log.arm.rated[j]), apply, {"joint": j + 1}
+    )
 
 
 def cross_talk(rng: np.random.Generator, log: Log) -> Act:

@@ -155,7 +155,9 @@ def _kinds(rng: np.random.Generator, count: int, slow: bool, loads: str) -> list
     for place in (len(out) // 2, len(out)) if len(out) < single + 3 else ():
         out.insert(place, ("calibrate", "excitation", 1, False))
     loaded = loads != "none"
-    return out + [("validate", "pick-place", 0, loaded and (k > 0 or loads == "after")) for k in range(validate)]
+    return out + [
+        ("validate", "pick-place", 0, loaded and (k > 0 or loads == "after")) for k in range(validate)
+    ]
 
 
 def _warmth(rng: np.random.Generator, time: np.ndarray, most: float) -> np.ndarray:

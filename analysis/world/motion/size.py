@@ -1,9 +1,9 @@
 """What the baseline absorbs of an effect, and its detectability lambda.
 
-The baseline has the inertial parameters and the armatures within their uncertainties, Coulomb friction with its
-transition speed, viscous friction, an offset of each joint, the alignment of the clocks, and the torque constants
-where a current is measured. lambda is the squared norm of what it leaves of an effect in the calibration rows,
-whitened by the true noise.
+The baseline has the inertial parameters and the armatures within their uncertainties, Coulomb friction with
+its transition speed, viscous friction, an offset of each joint, the alignment of the clocks, and the torque
+constants where a current is measured. lambda is the squared norm of what it leaves of an effect in the
+calibration rows, whitened by the true noise.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 from scipy.optimize import brentq
 
-from analysis.world.motion.arms import U, Arm
+from analysis.world.motion.arms import Arm, U
 from analysis.world.motion.dynamics import PARTS
 from analysis.world.motion.log import Change, Log
 from analysis.world.motion.noise import process, white
@@ -76,7 +76,12 @@ def baseline(log: Log, regressor: np.ndarray, drawn: Arm) -> Baseline:
     priors = [_inertial_prior(drawn)]
     v = arm.transition
     bend = -s.dq / v / np.cosh(np.clip(s.dq / v, -30, 30)) ** 2 * arm.coulomb  # by the logarithm of v
-    own = [(s.ddq, U["armature"] * drawn.armature), (np.tanh(s.dq / v), FLAT), (s.dq, FLAT), (np.ones_like(s.dq), FLAT)]
+    own = [
+        (s.ddq, U["armature"] * drawn.armature),
+        (np.tanh(s.dq / v), FLAT),
+        (s.dq, FLAT),
+        (np.ones_like(s.dq), FLAT),
+    ]
     if log.current:
         own.append((log.torque, log.u_constant))
     count, columns, places = PARTS * n + 2, [], []
@@ -102,7 +107,9 @@ def baseline(log: Log, regressor: np.ndarray, drawn: Arm) -> Baseline:
 def _inertial_prior(drawn: Arm) -> np.ndarray:
     """Return standard deviations of the inertial parameters (10 n,)."""
     mass, far = U["mass"] * drawn.mass, np.linalg.norm(drawn.centre, axis=1)
-    first = np.hypot(U["mass"] * drawn.mass[:, None] * np.abs(drawn.centre), (drawn.mass * drawn.centre_u)[:, None])
+    first = np.hypot(
+        U["mass"] * drawn.mass[:, None] * np.abs(drawn.centre), (drawn.mass * drawn.centre_u)[:, None]
+    )
     own = np.trace(drawn.inertia, axis1=1, axis2=2) / 3
     about = np.hypot(U["inertia"] * (own + drawn.mass * far**2), 2 * drawn.mass * far * drawn.centre_u)
     return np.hstack([mass[:, None], first, np.repeat(about[:, None], 6, axis=1)]).ravel()
@@ -118,7 +125,7 @@ def detectability(base: Baseline, change: Change) -> dict[str, float]:
 
 
 def _of_angles(s: Session, moved: np.ndarray, spread: float) -> float:
-    """Return lambda of a change of angles (rows, n), rad: an offset and a delay of each joint absorb some of it."""
+    """Return lambda of a change of angles (rows, n), rad, beyond an offset and a delay of each joint."""
     keep, total = np.exp(-s.step / WANDER_S), 0.0
     known = np.stack([moved, s.dq, np.ones_like(moved)], axis=2)
     rows = np.concatenate([known[run][1:] - keep * known[run][:-1] for run in s.of("calibrate")])
@@ -149,6 +156,7 @@ def solved(base: Baseline, apply: Callable[[float], Change], usual: float, most:
     goal : float
         The wanted lambda.
     """
+
     def value(size: float) -> float:
         return sum(detectability(base, apply(size)).values())
 
@@ -158,7 +166,11 @@ def solved(base: Baseline, apply: Callable[[float], Change], usual: float, most:
         if abs(now - goal) < 1e-3 * goal:
             return size
         if now > goal:
-            return float(brentq(lambda x: value(x) - goal, low, size, rtol=1e-4)) if low else _down(value, size, now, goal)
+            return (
+                float(brentq(lambda x: value(x) - goal, low, size, rtol=1e-4))
+                if low
+                else _down(value, size, now, goal)
+            )
         if size >= most:
             return most
         low, size = size, min(most, size * float(np.clip(1.02 * np.sqrt(goal / max(now, 1e-9)), 1.02, 30)))

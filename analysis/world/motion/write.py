@@ -1,14 +1,13 @@
-"""The files of a log: dataset.yaml with all that is nominal, and motion.csv.gz with what was measured."""
+"""The files of a log: dataset.yaml with all that is nominal, and motion.csv with what was measured."""
 
 from __future__ import annotations
 
-import gzip
 import io
 from collections.abc import Iterable
 
 import numpy as np
 
-from analysis.world.motion.arms import U, Arm
+from analysis.world.motion.arms import Arm, U
 from analysis.world.motion.plan import Session
 
 
@@ -29,7 +28,8 @@ def robot_text(arm: Arm) -> list[str]:
             f"       mass_kg: {arm.mass[j]:g}, centre_of_mass_mm: {_list(1e3 * arm.centre[j])},"
             f" inertia_kgm2: {_list(inertia)}}}",
         ]
-    load = f"{{centre_of_mass_mm: {_list(1e3 * arm.load_centre)}, radius_of_gyration_mm: {1e3 * arm.load_gyration:g}}}"
+    gyration = f"radius_of_gyration_mm: {1e3 * arm.load_gyration:g}"
+    load = f"{{centre_of_mass_mm: {_list(1e3 * arm.load_centre)}, {gyration}}}"
     u = f"mass: {U['mass']:g}, centre_of_mass_mm: {1e3 * arm.centre_u:g}, inertia: {U['inertia']:g}"
     u += f", armature: {U['armature']:g}, friction_transition: {U['friction_transition']:g}"
     return [*lines, f"  friction_transition_degps: {np.degrees(arm.transition):.5g}",
@@ -47,8 +47,8 @@ def dataset_text(name: str, arm: Arm, session: Session, notes: dict[str, str]) -
     return "\n".join([*lines, ""])
 
 
-def motion_table(session: Session, columns: dict[str, tuple[str, np.ndarray]]) -> bytes:
-    """Return motion.csv.gz: columns by name, each with its format and its values (rows,)."""
+def motion_table(session: Session, columns: dict[str, tuple[str, np.ndarray]]) -> str:
+    """Return motion.csv: columns by name, each with its format and its values (rows,)."""
     runs = zip(session.motions, session.runs, strict=True)
     head = ["t_s", "motion", "role", *columns]
     formats = ",".join(form for form, _ in columns.values())
@@ -58,4 +58,4 @@ def motion_table(session: Session, columns: dict[str, tuple[str, np.ndarray]]) -
     for number, (m, run) in enumerate(runs, 1):
         line = f"%.4f,{number},{m.role},{formats}\n"
         out.write("".join([line % tuple(row) for row in values[run].tolist()]))
-    return gzip.compress(out.getvalue().encode(), 5, mtime=0)
+    return out.getvalue()
