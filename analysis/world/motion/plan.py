@@ -138,8 +138,8 @@ def _pick(rng: np.random.Generator, arm: Arm, length: float) -> Path:
 
 def _kinds(rng: np.random.Generator, count: int, slow: bool, loads: str) -> list[tuple[str, str, int, bool]]:
     """Return role, kind, repeated motion and whether loaded, of each motion in order."""
-    validate = 2 if count < 10 else 3
-    single = count - validate - 3
+    validate, repeats = (1, 1) if count < 7 else (2 if count < 10 else 3, 3)
+    single = count - validate - repeats
     rest = [("calibrate", "slow" if slow and k < 2 else "excitation") for k in range(single)]
     rest = [rest[k] for k in rng.permutation(single)]
     if loads == "none":
@@ -147,12 +147,12 @@ def _kinds(rng: np.random.Generator, count: int, slow: bool, loads: str) -> list
     elif loads == "after":
         heavy = [k >= single // 2 for k in range(single)]
     else:
-        heavy = [bool(k % 2) for k in range(single)]
-    out = [("calibrate", "excitation", 1, False)] * 3
-    if loads == "interleaved" and rng.random() < 0.5:  # the repeats are spread over the log
+        heavy = [k % 2 == 0 for k in range(single)]
+    out = [("calibrate", "excitation", 1, False)] * repeats
+    if repeats > 1 and loads == "interleaved" and rng.random() < 0.5:  # the repeats are spread over the log
         out = out[:1]
     out += [(*kind, 0, load) for kind, load in zip(rest, heavy, strict=True)]
-    for place in (len(out) // 2, len(out)) if len(out) < single + 3 else ():
+    for place in (len(out) // 2, len(out)) if len(out) < single + repeats else ():
         out.insert(place, ("calibrate", "excitation", 1, False))
     loaded = loads != "none"
     return out + [
@@ -190,7 +190,7 @@ def plan(rng: np.random.Generator, arm: Arm, wishes: dict, motions: int = 0, len
     rate = float(rng.choice([100, 125, 125, 200, 250]))
     count = motions or int(rng.integers(9, 13 if rate < 200 else 11))
     length = length or float(rng.uniform(9.5, 12.0) * (1 if rate < 200 else 0.85))
-    kinds = _kinds(rng, count, notes["slow"], notes["loads"]) if motions == 0 else _short(motions)
+    kinds = _kinds(rng, count, notes["slow"], notes["loads"])
     notes["repeats_at"] = [k + 1 for k, kind in enumerate(kinds) if kind[2] == 1]
     made: list[Motion] = []
     start, first = 5.0, None
@@ -215,8 +215,3 @@ def plan(rng: np.random.Generator, arm: Arm, wishes: dict, motions: int = 0, len
         np.concatenate(since), q, dq, ddq, np.repeat([m.payload for m in made], [m.rows for m in made]),
         _warmth(rng, time, notes["warm_K"]), notes,
     )  # fmt: skip
-
-
-def _short(motions: int) -> list[tuple[str, str, int, bool]]:
-    """Return the motions of a short log: excitations, and one motion that validates."""
-    return [("calibrate", "excitation", 0, False)] * (motions - 1) + [("validate", "pick-place", 0, False)]
