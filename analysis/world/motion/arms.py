@@ -44,6 +44,10 @@ class Arm:
         """Inertial parameters of all links, one after the other (10 n,)."""
         return about_origin(self.mass, self.centre, self.inertia).ravel()
 
+    def friction(self, speed: np.ndarray) -> np.ndarray:
+        """Coulomb and viscous friction (rows, n) at speeds (rows, n), rad/s."""
+        return self.coulomb * np.tanh(speed / self.transition) + self.viscous * speed
+
     def payload(
         self, kilos: float, shift: np.ndarray | float = 0.0, gyration: float | None = None
     ) -> np.ndarray:

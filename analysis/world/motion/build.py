@@ -62,7 +62,7 @@ def make(
     body, columns = rigid(arm, session, GRAVITY)
     still = replace(session, dq=0 * session.q, ddq=0 * session.q)
     offset = 0.01 * drawn.rated * rng.standard_normal(arm.size)
-    torque = body + arm.armature * session.ddq + rig.friction(arm, session.dq) + offset
+    torque = body + arm.armature * session.ddq + arm.friction(session.dq) + offset
     log = Log(
         arm=arm,
         session=session,
@@ -90,7 +90,8 @@ def make(
         "dataset.yaml": write.dataset_text(name, drawn, session, rig.notes(made, stated)),
         "motion.csv": write.motion_table(session, rig.columns(rng, log, made, measured, command, change)),
     }
-    truth = _truth(base, what, found, change, disturbance) | {"seed": seed, "alignment_s": alignment}
+    read = made.constant / made.true_constant if made.current else np.ones(arm.size)
+    truth = _truth(base, what, found, change, disturbance, read) | {"seed": seed, "alignment_s": alignment}
     truth = {"world": f"{number:03d}", "schema": SCHEMA} | truth
     truth["session"] = session.notes | {
         "arm": drawn.name,
@@ -132,9 +133,17 @@ def _sized(
 
 
 def _truth(
-    base: size.Baseline, what: mix.Recipe, found: list, change: Change, disturbance: np.ndarray
+    base: size.Baseline,
+    what: mix.Recipe,
+    found: list,
+    change: Change,
+    disturbance: np.ndarray,
+    read: np.ndarray,
 ) -> dict:
-    """Return the hidden effects, their detectability and the RMS of the validation torques."""
+    """Return the hidden effects, their detectability and the RMS of the validation torques.
+
+    With stated torque constants, a torque is read as `read` times the true one (n,).
+    """
     log, s = base.log, base.log.session
     rows = s.rows("validate") & (np.max(np.abs(s.dq), axis=1) > MOVING)
     outside = what.kind == "outside"
@@ -172,7 +181,7 @@ def _truth(
             "fast_s": turbulence.fast_s,
             "slow_s": turbulence.slow_s,
         },
-        "torque_rms_Nm": {k: np.sqrt(np.mean(v[rows] ** 2, axis=0)) for k, v in rest.items()},
+        "torque_rms_Nm": {k: read * np.sqrt(np.mean(v[rows] ** 2, axis=0)) for k, v in rest.items()},
     }
 
 

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.interpolate import CubicSpline
+from scipy.interpolate import CubicSpline, make_interp_spline
 
 from analysis.world.motion.arms import Arm
 from analysis.world.motion.dynamics import PARTS, regressor
@@ -57,14 +57,20 @@ class Log:
     gravity: np.ndarray
 
     def at(self, delay: np.ndarray) -> np.ndarray:
-        """Return the torque (rows, n) of an earlier time, by delays (rows,) or (rows, n), s."""
+        """Return the torque (rows, n) of an earlier time, by delays (rows,) or (rows, n), s.
+
+        Friction follows from the speed of that time: its steps have no place in a spline.
+        """
         s, out = self.session, np.empty_like(self.torque)
         late = np.broadcast_to(delay if delay.ndim == 2 else delay[:, None], out.shape)
+        speed, smooth = np.empty_like(out), self.torque - self.arm.friction(s.dq)
         for run in s.runs:
             t = s.since[run]
+            both = np.stack([smooth[run], s.dq[run]], axis=2)
             for j in range(out.shape[1]):
-                out[run, j] = CubicSpline(t, self.torque[run, j])(np.clip(t - late[run, j], t[0], t[-1]))
-        return out
+                then = np.clip(t - late[run, j], t[0], t[-1])
+                out[run, j], speed[run, j] = CubicSpline(t, both[:, j])(then).T
+        return out + self.arm.friction(speed)
 
     def of_load(self, parameters: np.ndarray, rows: np.ndarray | None = None) -> np.ndarray:
         """Return the torque (rows, n) of a body on the last link; of some rows, elsewhere 0."""
@@ -75,9 +81,13 @@ class Log:
         return out
 
 
-def rates(session: Session, values: np.ndarray) -> np.ndarray:
-    """Return time derivatives of values (rows, n), motion by motion."""
-    return np.concatenate([np.gradient(values[run], session.step, axis=0) for run in session.runs])
+def rates(session: Session, values: np.ndarray, order: int = 1) -> np.ndarray:
+    """Return time derivatives of values (rows, n), motion by motion, by splines of degree five.
+
+    Differences would lose 3 % of the accelerations at 7 Hz and 100 rows a second.
+    """
+    parts = [(session.since[run], values[run]) for run in session.runs]
+    return np.concatenate([make_interp_spline(t, y, 5).derivative(order)(t) for t, y in parts])
 
 
 def rigid(arm: Arm, session: Session, gravity: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

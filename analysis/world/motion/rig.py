@@ -49,7 +49,7 @@ def draw(rng: np.random.Generator, arm: arms.Arm, wanted: dict) -> Rig:
         link=wanted.get("link", bool(rng.random() < 0.15)),
         temperature=wanted.get("temperature", bool(rng.random() < 0.8)),
         velocity=bool(rng.random() < 0.9),
-        velocity_hz=float(rng.choice([0.0, rng.uniform(15, 35)])),
+        velocity_hz=float(rng.choice([0.0, rng.uniform(15, 35)], p=[0.65, 0.35])),
         current=current,
         referred_to="motor" if not current and rng.random() < 0.15 else "joint",
         stiffness=np.array([float(f"{min(v, STIFFEST):.3g}") for v in arm.rated / rng.uniform(0.006, 0.02)]),
@@ -58,10 +58,6 @@ def draw(rng: np.random.Generator, arm: arms.Arm, wanted: dict) -> Rig:
         constant=constant,
         true_constant=constant * (1 + U_CONSTANT * np.clip(rng.standard_normal(arm.size), -2, 2)),
     )
-
-
-def friction(arm: arms.Arm, dq: np.ndarray) -> np.ndarray:
-    return arm.coulomb * np.tanh(dq / arm.transition) + arm.viscous * dq
 
 
 def follow(
@@ -75,18 +71,18 @@ def follow(
     late = [
         m.path(session.since[run] - rig.lag) for m, run in zip(session.motions, session.runs, strict=True)
     ]
-    q, dq, ddq = (np.concatenate([p[k] for p in late]) for k in range(3))
-    moved = replace(session, q=q, dq=dq, ddq=ddq)
+    q, speed, curve = (np.concatenate([p[k] for p in late]) for k in range(3))
+    moved = replace(session, q=q, dq=speed, ddq=curve)
     if not rig.servo:
         return moved, None, asked
     sos = butter(2, rig.band, fs=session.rate, output="sos")
     for _ in range(3):
-        torque = rigid(arm, moved, GRAVITY)[0] + friction(arm, moved.dq) + arm.armature * moved.ddq
+        torque = rigid(arm, moved, GRAVITY)[0] + arm.friction(moved.dq) + arm.armature * moved.ddq
         error = (
             np.concatenate([sosfiltfilt(sos, torque[run], axis=0) for run in session.runs]) / rig.stiffness
         )
-        speed = rates(session, error)
-        moved = replace(session, q=q - error, dq=dq - speed, ddq=ddq - rates(session, speed))
+        dq, ddq = speed - rates(session, error), curve - rates(session, error, 2)
+        moved = replace(session, q=q - error, dq=dq, ddq=ddq)
     return moved, error, asked
 
 
