@@ -92,7 +92,7 @@ def make(
         Version of the simulator, 1 to 4; by default that of an interrupted simulation, else the latest.
     reserved : bool
         Also draw the reserved causes not in the list of known effects, on which no constant may be chosen;
-        of joint logs the further forms and causes.
+        of joint logs the reserved forms and causes.
     motions : bool
         Simulate joint logs.
 

@@ -50,7 +50,7 @@ def record(truth: Mapping[str, Any], answer: Mapping[str, Any] | None) -> Record
     -------
     dict
         ``excess`` is the mean square of the torque error over that of the true model, before and after;
-        ``floor`` is that of the baseline, fitted to the same noise.
+        ``baseline`` is that of the baseline, fitted to the same noise.
     """
     gap: Mapping[str, Any] = (answer or {}).get("gap") or {"verdict": CRASHED}
     kind, verdict, named = truth["kind"], gap["verdict"], list(gap.get("effects") or [])
@@ -78,7 +78,7 @@ def record(truth: Mapping[str, Any], answer: Mapping[str, Any] | None) -> Record
         "site_right": first[0] in {w["site"] for w in truth["where"]} if first else False,
         "acts_at": ", ".join(w["site"] for w in truth["where"]),
         "excess": {k: over(rms[k]) for k in ("before", "after") if k in rms},
-        "floor": over(own["baseline"]),
+        "baseline": over(own["baseline"]),
         "error": (answer or {}).get("error"),
         "seconds": (answer or {}).get("seconds"),
     }  # fmt: skip
@@ -209,7 +209,9 @@ def scored(
     names = write_score(records, found, about, target, pictures=False)
     judged = [(r.label, r.found, r.wanted, {True: "yes", False: "no", None: ""}[r.met]) for r in rows(found)]
     heads = ("criterion", "found (95 %)", "wanted", "met")
-    shown = Table(*heads, box=None, pad_edge=False)
+    shown = Table(box=None, pad_edge=False)
+    for head in heads:
+        shown.add_column(head, no_wrap=head == heads[0])
     for line in judged:
         shown.add_row(*line)
     console().print(shown)

@@ -15,9 +15,7 @@ def main(
     logs: Annotated[int, typer.Option(min=1, help="Number of logs.")] = 48,
     seed: Annotated[int, typer.Option(min=0, help="Random seed: the same seed gives the same logs.")] = 1,
     kinds: Annotated[str, typer.Option(help="Kinds of logs, with commas.")] = "null,single,pair,outside",
-    held_out: Annotated[
-        bool, typer.Option("--held-out", help="With the forms and causes of the held-out set.")
-    ] = False,
+    held_out: Annotated[bool, typer.Option("--held-out", help="With the reserved forms and causes.")] = False,
     first: Annotated[int, typer.Option(min=0, help="Number of the first log.")] = 0,
 ) -> None:
     """Simulate joint logs: files in the format of joint logs, and the ground truth beside them."""

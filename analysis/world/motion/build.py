@@ -47,7 +47,7 @@ def make(
     kinds : sequence of str
         Of `mix.KINDS`, those that are made.
     held_out : bool
-        With the further forms and causes.
+        With the reserved forms and causes.
     motions, length : int, float
         Number of motions and their duration (s); by default drawn.
     """

@@ -212,4 +212,4 @@ BODY = {
     "elasticity": (elasticity, ("linear", "soft near zero", "creeps")),
     "backlash": (backlash, ("by torque", "by motion", "soft")),
 }
-"""Effects by name: their function, and their forms; the last form is of the held-out set."""
+"""Effects by name: their function, and their forms; the last form is reserved."""

@@ -68,7 +68,7 @@ def recipe(seed: int, number: int, kinds: Sequence[str] = KINDS, held_out: bool 
     kinds : sequence of str
         The kinds to be made, in the shares of `MIX`.
     held_out : bool
-        Draw the further forms and causes.
+        Draw the reserved forms and causes.
     """
     mix = [kind for kind in MIX if kind in kinds]
     block, slot = divmod(number, len(mix))

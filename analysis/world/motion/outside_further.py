@@ -1,4 +1,4 @@
-"""Causes not in the list that only the held-out set has."""
+"""Causes not in the list that are reserved: no constant may be chosen on them."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def spalled_bearing(rng: np.random.Generator, log: Log) -> Act:
 
 
 def sensor_hysteresis(rng: np.random.Generator, log: Log) -> Act:
-    """A torque sensor with hysteresis: it reads less on the way up than on the way down (play operator)."""
+    """A torque sensor with hysteresis: it reads less on the way up than on the way down."""
     j = _joint(rng, log)
     tau = log.torque[:, j]
     play = rng.uniform(0.05, 0.25) * np.std(tau)
@@ -97,4 +97,4 @@ def belt_wave(rng: np.random.Generator, log: Log) -> Act:
 
 
 FURTHER = (spalled_bearing, sensor_hysteresis, stiff_grease, sloshing, dragging_brake, supply_sag, belt_wave)
-"""Causes of the held-out set."""
+"""Reserved causes."""
