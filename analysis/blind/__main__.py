@@ -9,6 +9,7 @@ import typer
 
 from bayescal.cli.entry import run as run_command
 from bayescal.cli.root import ending, said
+from bayescal.errors import BayescalError
 from bayescal.storage.stopping import keeping
 
 KEPT = "completed sessions are kept; the same command continues"
@@ -88,13 +89,15 @@ def run(folder: Folder, workers: Workers = 1, dask: Dask = None, rounds: Rounds 
     not changed. With two rounds, the diagnosis then plans 60 further contacts of every session that its
     answer leaves open, the simulator probes them, and the diagnosis answers again, beside 60 random ones.
     """
-    from analysis.blind.folder import SEALED
+    from analysis.blind.folder import SEALED, of_logs
     from analysis.blind.rounds import second_round
     from analysis.blind.run import known
     from analysis.blind.run import run as answer
     from bayescal.cli.progress import progress
     from bayescal.storage.locks import alone
 
+    if rounds > 1 and of_logs(folder):
+        raise BayescalError("joint logs have no second round", str(folder), "leave --rounds out")
     with alone(folder), keeping(lambda: KEPT), progress("worlds") as notify:
         sealed = rounds > 1 and (folder / SEALED).is_file()
         found = known(folder) if sealed else answer(folder, workers, dask, notify)

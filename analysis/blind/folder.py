@@ -40,6 +40,11 @@ def texts(folder: Path, name: str) -> dict[str, str]:
     return {file: read(own / file) for file in (LOG if (own / TABLE).exists() else FILES)}
 
 
+def of_logs(folder: Path) -> bool:
+    """Whether a folder holds joint logs."""
+    return any((folder / WORLDS).glob(f"*/{TABLE}"))
+
+
 def answer_path(folder: Path, name: str) -> Path:
     """Path of the answer to a session."""
     return folder / ANSWERS / f"{name}.json"

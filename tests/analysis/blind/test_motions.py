@@ -178,3 +178,9 @@ def test_the_score_is_printed_and_written(folder, tmp_path):
     assert text.startswith("# Logs")
     assert text.endswith("end\n")
     assert re.findall(r"^\| (\d{3}) \|", text, re.M) == wrong
+
+
+def test_logs_have_no_second_round(folder):
+    done = CliRunner().invoke(app, ["run", str(folder), "--rounds", "2"])
+    assert done.exit_code != 0
+    assert "no second round" in str(done.exception)
