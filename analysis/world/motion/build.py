@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from analysis.world.motion import arms, mix, noise, plan, rig, size, write
-from analysis.world.motion.log import GRAVITY, Act, Change, Log, rates, rigid
+from analysis.world.motion.log import GRAVITY, Act, Change, Log, rigid
 
 SCHEMA = "motion-truth/1"
 NOISE = 0.0040
@@ -57,7 +57,7 @@ def make(
     drawn = arms.nominal(rng, str(rng.choice(tuple(arms.SORTS), p=[0.4, 0.25, 0.2, 0.15])))
     arm = arms.true(rng, drawn)
     made = rig.draw(rng, drawn, wanted)
-    session, error, command = rig.follow(arm, plan.plan(rng, drawn, wanted, motions, length), made)
+    session, command = rig.follow(plan.plan(rng, drawn, wanted, motions, length), made)
     turbulence = noise.draw(rng, NOISE * drawn.rated)
     body, columns = rigid(arm, session, GRAVITY)
     still = replace(session, dq=0 * session.q, ddq=0 * session.q)
@@ -70,8 +70,7 @@ def make(
         torque=torque,
         rigid=body,
         still=rigid(arm, still, GRAVITY)[0],
-        rate=rates(session, torque),
-        error=error,
+        stiffness=made.stiffness if made.servo else None,
         current=made.current,
         u_constant=rig.U_CONSTANT,
         u_alignment=rig.U_ALIGNMENT,
@@ -80,7 +79,7 @@ def make(
     base = size.baseline(log, columns, drawn)
     found = [_sized(rng, maker, base, log) for maker in what.makers]
     acts = [(act, amount) for act, amount, _ in found]
-    change = total(log, [act.apply(amount) for act, amount in acts])
+    change = total(log, [log.seen(act, amount) for act, amount in acts])
     disturbance = noise.sampled(rng, turbulence, session.runs, session.step)
     alignment = float(rig.U_ALIGNMENT * np.clip(rng.standard_normal(), -2, 2))
     measured = log.at(np.full(len(session.time), alignment)) + change.torque + disturbance
@@ -121,8 +120,8 @@ def _sized(
     best: tuple[Act, float, dict] | None = None
     for _ in range(5):
         act = maker(rng, log)
-        amount = size.solved(base, act.apply, act.usual, act.most, goal)
-        parts = size.detectability(base, act.apply(amount))
+        amount = size.solved(base, act, act.usual, act.most, goal)
+        parts = size.detectability(base, log.seen(act, amount))
         note = {"goal": goal, "value": sum(parts.values()), "parts": parts}
         if best is None or note["value"] > best[2]["value"]:
             best = (act, amount, note)

@@ -110,7 +110,9 @@ def viscous_temperature(rng: np.random.Generator, log: Log, form: str) -> Act:
 
 
 def delay(rng: np.random.Generator, log: Log, form: str) -> Act:
-    """Torques that come later than the positions: of all joints alike, of one joint, or each by its own."""
+    """Torques later than positions, of all joints, one, or each by its own; positions later than commands."""
+    if form == "command":
+        return _late_servo(log) if log.stiffness is not None else delay(rng, log, "log")
     n = log.arm.size
     share, joint = np.ones(n), None
     if form == "one joint":
@@ -128,15 +130,28 @@ def delay(rng: np.random.Generator, log: Log, form: str) -> Act:
     return Act("delay", form, place(site, "rate of torque", "delay"), "s", 2e-3, 0.06, apply, detail)
 
 
+def _late_servo(log: Log) -> Act:
+    """Return a position servo that acts on its commands of an earlier time."""
+    s, stiffness, none = log.session, log.stiffness, np.zeros_like(log.torque)
+
+    def apply(size: float) -> Change:
+        later = log.at(np.full(len(s.time), -size)) - log.torque
+        return Change(none, track=size * s.dq + size**2 / 2 * s.ddq + later / stiffness)
+
+    where = place("log", "rate of the command", "delay")
+    return Act("delay", "command", where, "s", 1e-4, 0.06, apply)
+
+
 def servo_stiffness(rng: np.random.Generator, log: Log, form: str) -> Act:
     """A position servo whose gain is not the stated one: of one joint, of all, or less at large errors."""
     n, j = log.arm.size, int(rng.integers(log.arm.size))
-    assert log.error is not None
-    error = np.zeros_like(log.torque)
+    assert log.stiffness is not None
+    every = log.torque / log.stiffness
+    error = np.zeros_like(every)
     joints = list(range(n)) if form == "all joints" else [j]
-    error[:, joints] = log.error[:, joints]
+    error[:, joints] = every[:, joints]
     if form == "hardens":
-        error[:, j] *= 1 - np.abs(log.error[:, j]) / np.abs(log.error[:, j]).max()
+        error[:, j] *= 1 - np.abs(every[:, j]) / np.abs(every[:, j]).max()
     sign = float(rng.choice([-1, 1]))
     where = [w for k in joints for w in place(f"joint {k + 1}", "torque", "servo-stiffness")]
     none = np.zeros_like(log.torque)
@@ -155,7 +170,7 @@ DRIVE = {
     "torque-constant": (torque_constant, ("one", "drives of a type", "saturates")),
     "torque-drift": (torque_drift, ("temperature", "time", "fast at first")),
     "viscous-temperature": (viscous_temperature, ("linear", "exponential", "late")),
-    "delay": (delay, ("log", "one joint", "each")),
+    "delay": (delay, ("log", "one joint", "command", "each")),
     "servo-stiffness": (servo_stiffness, ("one", "all joints", "hardens")),
 }
 """As `effects.BODY`."""

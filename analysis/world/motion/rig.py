@@ -9,7 +9,7 @@ import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
 from analysis.world.motion import arms, plan
-from analysis.world.motion.log import GRAVITY, Change, Log, rates, rigid
+from analysis.world.motion.log import Change, Log
 from analysis.world.motion.size import LINK, TRACK, wander
 
 U_ALIGNMENT, U_CONSTANT = 3e-4, 0.1
@@ -34,7 +34,6 @@ class Rig:
     referred_to: str
     stiffness: np.ndarray  # N m/rad
     lag: float  # s, of the position behind its command
-    band: float  # Hz, of the servo
     constant: np.ndarray  # N m/A, stated
     true_constant: np.ndarray
 
@@ -53,37 +52,18 @@ def draw(rng: np.random.Generator, arm: arms.Arm, wanted: dict) -> Rig:
         current=current,
         referred_to="motor" if not current and rng.random() < 0.15 else "joint",
         stiffness=np.array([float(f"{min(v, STIFFEST):.3g}") for v in arm.rated / rng.uniform(0.006, 0.02)]),
-        lag=float(rng.uniform(2e-3, 12e-3)),
-        band=float(rng.uniform(4, 7)),
+        lag=0.0 if servo else float(rng.uniform(2e-3, 12e-3)),
         constant=constant,
         true_constant=constant * (1 + U_CONSTANT * np.clip(rng.standard_normal(arm.size), -2, 2)),
     )
 
 
-def follow(
-    arm: arms.Arm, session: plan.Session, rig: Rig
-) -> tuple[plan.Session, np.ndarray | None, np.ndarray]:
-    """Return the session as the arm moves it, command less position and the command (rows, n).
-
-    A position servo is off by its torque over its stiffness, within its band; by iteration.
-    """
-    asked = session.q
-    late = [
-        m.path(session.since[run] - rig.lag) for m, run in zip(session.motions, session.runs, strict=True)
-    ]
-    q, speed, curve = (np.concatenate([p[k] for p in late]) for k in range(3))
-    moved = replace(session, q=q, dq=speed, ddq=curve)
-    if not rig.servo:
-        return moved, None, asked
-    sos = butter(2, rig.band, fs=session.rate, output="sos")
-    for _ in range(3):
-        torque = rigid(arm, moved, GRAVITY)[0] + arm.friction(moved.dq) + arm.armature * moved.ddq
-        error = (
-            np.concatenate([sosfiltfilt(sos, torque[run], axis=0) for run in session.runs]) / rig.stiffness
-        )
-        dq, ddq = speed - rates(session, error), curve - rates(session, error, 2)
-        moved = replace(session, q=q - error, dq=dq, ddq=ddq)
-    return moved, error, asked
+def follow(session: plan.Session, rig: Rig) -> tuple[plan.Session, np.ndarray]:
+    """Return the session as the arm moves it, and the motion asked for (rows, n): the arm is late."""
+    pairs = zip(session.motions, session.runs, strict=True)
+    late = [m.path(session.since[run] - rig.lag) for m, run in pairs]
+    q, dq, ddq = (np.concatenate([p[k] for p in late]) for k in range(3))
+    return replace(session, q=q, dq=dq, ddq=ddq), session.q
 
 
 def notes(rig: Rig, stated: np.ndarray) -> dict[str, str]:
@@ -124,7 +104,7 @@ def columns(
     def add(name: str, unit: str, form: str, values: np.ndarray) -> None:
         out.update({f"{name}{j + 1}_{unit}": (form, values[:, j]) for j in range(n)})
 
-    add("q", "deg", "%.5f", counted(s.q - change.track, POSITION))
+    add("q", "deg", "%.5f", counted(s.q, POSITION))
     if rig.velocity:
         speed = np.degrees(s.dq) + VELOCITY * rng.standard_normal(shape)
         if rig.velocity_hz:
@@ -132,8 +112,10 @@ def columns(
             speed = np.concatenate([sosfiltfilt(sos, speed[run], axis=0) for run in s.runs])
         add("dq", "degps", "%.3f", speed)
     if rig.command:
-        wobble = wander(rng, s, TRACK) if rig.servo else 0.0
-        add("command", "deg", "%.5f", np.degrees(command + wobble))
+        error = 0.0  # a position servo is off by its torque over its stiffness
+        if rig.servo:
+            error = log.torque / rig.stiffness + change.track + wander(rng, s, TRACK)
+        add("command", "deg", "%.5f", np.degrees(command + error))
     if rig.link:
         add("link", "deg", "%.4f", np.degrees(s.q + change.link + wander(rng, s, LINK)))
     step = log.arm.rated / 5000

@@ -17,7 +17,7 @@ from scipy.optimize import brentq
 
 from analysis.world.motion.arms import Arm, U
 from analysis.world.motion.dynamics import PARTS
-from analysis.world.motion.log import Change, Log
+from analysis.world.motion.log import Act, Change, Log
 from analysis.world.motion.noise import process, white
 from analysis.world.motion.plan import Session
 
@@ -125,9 +125,9 @@ def detectability(base: Baseline, change: Change) -> dict[str, float]:
 
 
 def _of_angles(s: Session, moved: np.ndarray, spread: float) -> float:
-    """Return lambda of a change of angles (rows, n), rad, beyond an offset and a delay of each joint."""
+    """Return lambda of a change of angles (rows, n), rad, beyond an offset of each joint."""
     keep, total = np.exp(-s.step / WANDER_S), 0.0
-    known = np.stack([moved, s.dq, np.ones_like(moved)], axis=2)
+    known = np.stack([moved, np.ones_like(moved)], axis=2)
     rows = np.concatenate([known[run][1:] - keep * known[run][:-1] for run in s.of("calibrate")])
     for j in range(moved.shape[1]):
         y, g = rows[:, j, 0], rows[:, j, 1:]
@@ -142,15 +142,15 @@ def wander(rng: np.random.Generator, s: Session, spread: float) -> np.ndarray:
     return np.radians(spread) * np.concatenate(parts)
 
 
-def solved(base: Baseline, apply: Callable[[float], Change], usual: float, most: float, goal: float) -> float:
+def solved(base: Baseline, act: Act, usual: float, most: float, goal: float) -> float:
     """Return the size at which an effect has a lambda, or the largest that is possible.
 
     Parameters
     ----------
     base : Baseline
         Of the log.
-    apply : callable
-        Returns the change of an effect at a size.
+    act : Act
+        The effect.
     usual, most : float
         A size to begin with, and the largest.
     goal : float
@@ -158,7 +158,7 @@ def solved(base: Baseline, apply: Callable[[float], Change], usual: float, most:
     """
 
     def value(size: float) -> float:
-        return sum(detectability(base, apply(size)).values())
+        return sum(detectability(base, base.log.seen(act, size)).values())
 
     low, size = 0.0, min(usual, most)
     for _ in range(12):  # nearly all effects are nearly linear: the square root of lambda is

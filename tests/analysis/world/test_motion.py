@@ -12,14 +12,13 @@ import pandas as pd
 import pytest
 import yaml
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
-from scipy.signal import butter, sosfiltfilt
 from scipy.spatial.transform import Rotation
 
 from analysis.world.motion import arms, mix, noise
 from analysis.world.motion.arms import U
 from analysis.world.motion.build import make, total
 from analysis.world.motion.dynamics import about_origin, regressor
-from analysis.world.motion.size import detectability
+from analysis.world.motion.size import TRACK, detectability
 from bayescal.logs import read_log
 
 SEED = 4
@@ -187,15 +186,19 @@ def test_every_form_of_an_effect_changes_what_is_measured(name):
     for form in forms:
         act = function(np.random.default_rng(5), made.log, form)
         size = 0.5 * min(act.usual * 4, act.most)
-        one = act.apply(size)
+        one = made.log.seen(act, size)
         parts = detectability(made.base, one)
         assert act.name == name
         assert sum(parts.values()) > 1e-6, form
-        assert sum(detectability(made.base, act.apply(0.0)).values()) == pytest.approx(0.0, abs=1e-9)
+        assert sum(detectability(made.base, made.log.seen(act, 0.0)).values()) == pytest.approx(0.0, abs=1e-9)
         assert all(SITE.fullmatch(w["site"]) and w["driver"] and w["effect"] == name for w in act.where)
         moved = [x.ravel() for x in (one.torque, one.link, one.track) if x is not None]
         seen.append(np.concatenate(moved) / size)
-    assert not any(np.allclose(a, b) for k, a in enumerate(seen) for b in seen[:k]) or "payload" in name
+    same = any(np.allclose(a, b) for k, a in enumerate(seen) for b in seen[:k])
+    assert not same or name in ("payload", "delay")  # without a load, or a servo, two forms are the same
+        "payload",
+        "delay",
+    )
 
 
 @pytest.mark.parametrize("cause", CAUSES, ids=lambda c: c.__name__)
@@ -237,7 +240,7 @@ def test_a_log_is_read_and_hides_its_truth(tmp_path, kind, name):
     q = np.concatenate([m.position for m in log.motions])
     assert q == pytest.approx(s.q, abs=np.radians(0.5))
     torque = np.concatenate([m.torque for m in log.motions])
-    change = total(made.log, [act.apply(size) for act, size in made.acts]).torque
+    change = total(made.log, [made.log.seen(act, size) for act, size in made.acts]).torque
     off = (torque - made.log.torque - change) / made.log.noise.rms
     limit = 1.4 if not made.log.current else 20.0  # a torque constant is off by some per cent
     assert np.all(np.sqrt(np.mean(off**2, axis=0)) < limit)
@@ -249,21 +252,33 @@ def test_a_log_is_read_and_hides_its_truth(tmp_path, kind, name):
 
 def test_a_servo_is_off_by_its_torque_over_its_stiffness():
     made = short("single", number_of("servo-stiffness"))
-    s, (act, size) = made.log.session, made.acts[0]
+    act, size = made.acts[0]
     table = pd.read_csv(io.StringIO(made.texts["motion.csv"]))
     gain = yaml.safe_load(made.texts["dataset.yaml"])["controller"]["kp_Nm_per_rad"]
-    slow = butter(2, 1.5, fs=s.rate, output="sos")
-    j, run = act.detail["joint"] - 1, s.runs[0]
+    j = act.detail["joint"] - 1
     error = np.radians(table[f"command{j + 1}_deg"] - table[f"q{j + 1}_deg"]).to_numpy()
-    columns = np.column_stack([sosfiltfilt(slow, s.dq[run, j]), np.ones(run.stop)])  # a lag, an offset
+    stated = made.log.torque[:, j] / gain[j]
+    true = stated / (1 - act.detail["sign"] * size)
+    assert np.degrees(np.std(error - true)) == pytest.approx(TRACK, rel=0.3)
+    np.testing.assert_allclose(act.apply(size).track[:, j], true - stated, atol=1e-12)
 
-    def off(stiffness: float) -> float:
-        rest = sosfiltfilt(slow, error[run] - made.log.torque[run, j] / stiffness)
-        return np.degrees(np.std(rest - columns @ np.linalg.lstsq(columns, rest)[0]))
 
-    true = off(gain[j] * (1 - act.detail["sign"] * size))
-    assert true < 0.007
-    assert off(gain[j]) > 1.1 * true
+def test_a_servo_is_also_off_by_the_torque_of_an_effect():
+    made = short("single", number_of("servo-stiffness"))
+    log, n = made.log, made.log.arm.size
+    function, forms = mix.LISTED["load-friction"]
+    act = function(np.random.default_rng(7), log, forms[0])
+    change = log.seen(act, 0.1)
+    assert np.any(change.torque)
+    np.testing.assert_allclose(change.track * log.stiffness, change.torque, atol=1e-12)
+    sensor, forms = mix.LISTED["torque-drift"]
+    assert log.seen(sensor(np.random.default_rng(7), log, forms[0]), 0.1).track is None
+    late = mix.LISTED["delay"][0](np.random.default_rng(7), log, "command").apply(2e-3)
+    asked = log.session.motions[0].path(log.session.since[log.session.runs[0]] + 2e-3)[0]
+    moved = log.session.q[log.session.runs[0]]
+    torque = log.at(np.full(len(log.torque), -2e-3)) - log.torque
+    rest = (late.track - torque / log.stiffness)[log.session.runs[0]]
+    np.testing.assert_allclose(rest[:, :n], asked - moved, atol=1e-7)
 
 
 def test_the_command_writes_logs_and_their_truth(tmp_path, monkeypatch):
