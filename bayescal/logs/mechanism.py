@@ -17,7 +17,7 @@ RADIUS_OF_GYRATION = 0.3
 
 @dataclass(frozen=True)
 class Uncertain:
-    """Prior standard uncertainties of the nominal mechanism; relative but for `centre`, m."""
+    """Prior standard uncertainties of the nominal mechanism; relative; of `centre` in m."""
 
     mass: float = 0.15
     centre: float = 0.012

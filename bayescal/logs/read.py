@@ -9,9 +9,10 @@ import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, get_args
 
 import numpy as np
+from pydantic import BaseModel
 
 from bayescal.arm.transforms import rigid, rpy_matrix
 from bayescal.errors import BayescalError, listed
@@ -19,7 +20,7 @@ from bayescal.logs.mechanism import TRANSITION, Mechanism, Uncertain, mechanism_
 from bayescal.logs.schema import SCHEMA, Arm, Joint, LogFile, MotionEntry, Payload, Uncertainty
 from bayescal.logs.types import CALIBRATE, VALIDATE, Controller, Log, Motion
 from bayescal.robots import load_robot
-from bayescal.storage.files import Document, check_schema, in_si, read_document, si, unknown
+from bayescal.storage.files import Document, check_schema, in_si, read_document, si
 from bayescal.storage.reading import LARGEST, content_of
 
 if TYPE_CHECKING:
@@ -72,9 +73,11 @@ def read_log(folder: Path) -> Log:
     """
     document = read_document(folder / "dataset.yaml")
     check_schema(document, SCHEMA)
-    file = document.parse(LogFile)
+    known, ignored = _known(document.data, LogFile)
+    file = replace(document, data=known).parse(LogFile)
     mechanism, notes, robot = _mechanism(file, document, folder)
     table, content, name = _table(folder)
+    further = [str(c) for c in table.columns if c not in known_columns(mechanism.n)]
     columns = _columns(table, mechanism.n, name)
     torque, kind, assumed = _torque(file, columns, mechanism, document)
     columns["torque"] = torque
@@ -109,7 +112,7 @@ def read_log(folder: Path) -> Log:
         u_alignment=1e-3 * file.clock.u_alignment_ms,
         link_side=file.position.side == "joint",
         noise={key: np.asarray(value) for key, value in stated.items() if value is not None},
-        notes=(*notes, *assumed),
+        notes=(*notes, *assumed, *_not_read("keys of dataset.yaml", ignored), *_not_read("columns", further)),
         digest=digest,
     )
 
@@ -235,15 +238,34 @@ def _unpacked(content: bytes, name: str) -> bytes:
     return text
 
 
+def known_columns(n: int) -> tuple[str, ...]:
+    """All columns that are read of an arm with `n` joints."""
+    return (*PLAIN, *(form.format(j + 1) for form in PER_JOINT.values() for j in range(n)))
+
+
+def _known(data: Any, model: type[BaseModel]) -> tuple[Any, list[str]]:
+    """Data without keys that a model does not have, and these: the format may have further ones."""
+    fields = {f.alias or name: f for name, f in model.model_fields.items()}
+    kept, ignored = {}, [key for key in data if key not in fields]
+    for key in data.keys() & fields.keys():
+        inner = [m for m in get_args(fields[key].annotation) or (fields[key].annotation,) if _is_model(m)]
+        kept[key] = data[key]
+        if inner and isinstance(data[key], dict):
+            kept[key], more = _known(data[key], inner[0])
+            ignored += [f"{key}: {name}" for name in more]
+    return kept, ignored
+
+
+def _is_model(kind: Any) -> bool:
+    return isinstance(kind, type) and issubclass(kind, BaseModel)
+
+
+def _not_read(what: str, names: Sequence[str]) -> list[str]:
+    return [f"{what} that are not known were not read: {listed(names)}"] if names else []
+
+
 def _columns(table: DataFrame, n: int, name: str) -> dict[str, np.ndarray | None]:
     """The columns as numbers, SI, by quantity: (N, n) of joints, (N,) of others; None where absent."""
-    known = [*PLAIN, *(form.format(j + 1) for form in PER_JOINT.values() for j in range(n))]
-    for column in table.columns:
-        if column not in known:
-            what, remedy = unknown("column", str(column), known)
-            if str(column).rstrip("_degpsNmA")[-1:].isdigit():
-                remedy = f"the robot has {n} joints; {remedy}"
-            raise BayescalError(what, f"{name}:1", remedy)
     for column in ("t_s", "motion", "q1_deg"):
         if column not in table:
             raise BayescalError(f"column `{column}` is missing", f"{name}:1", "add it")

@@ -42,7 +42,7 @@ class Joint(Keys):
 
 
 class Uncertainty(Keys):
-    """Prior standard uncertainties of the nominal arm; relative, but for the centre of mass."""
+    """Prior standard uncertainties of the nominal arm; relative, of the centre of mass in mm."""
 
     mass: Positive = 0.15
     """Of a mass."""

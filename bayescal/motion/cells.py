@@ -1,6 +1,6 @@
-"""Cells: general functions of the quantities of a log, for causes that are not in the vocabulary.
+"""Cells: general functions of the quantities of a log, for causes that are not in the list.
 
-Each cell is a site, an argument and a few columns. A cause that nobody has listed still is a function of
+Each cell is a site, an argument and a few columns. A cause that is in no list still is a function of
 something: an angle, a speed, a load, the time, the way that a joint has come.
 """
 

@@ -1,4 +1,4 @@
-"""The vocabulary of joint logs: what may be wrong with a model of torques, as columns.
+"""The list of effects of joint logs: what may be wrong with a model of torques, as columns.
 
 An effect is one entry of `EFFECTS`. It yields its forms: a `Form` for each site and setting, with its
 columns. An effect is named by the best of its forms, averaged over all of them.
@@ -52,7 +52,7 @@ class Scale:
 
 @dataclass(frozen=True)
 class Effect:
-    """An effect of the vocabulary."""
+    """An effect of the list."""
 
     name: str
     forms: Callable[[Signals, Operating, Scale], Iterator[FormColumn]]

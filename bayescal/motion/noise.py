@@ -33,8 +33,8 @@ class Noise:
 def noise_of(residuals: Sequence[np.ndarray], taken: float, same: Sequence[str] = ()) -> Noise:
     """Noise of residuals (M, n) of several motions, by the Yule-Walker equations.
 
-    The mean of a motion is not noise. Nor is what repeats of a motion share: where their differences are
-    smaller than the residuals, these tell the noise.
+    What repeats of a motion share is no noise: where their differences are clearly smaller than residuals,
+    they determine it.
 
     Parameters
     ----------
@@ -45,9 +45,8 @@ def noise_of(residuals: Sequence[np.ndarray], taken: float, same: Sequence[str] 
     same : sequence of str
         The motion that each repeats.
     """
-    centred = [r - np.mean(r, axis=0) for r in residuals]
-    covariance = _autocovariance(centred, taken + len(centred))
-    differences = _differences(centred, same)
+    covariance = _autocovariance(residuals, taken)
+    differences = _differences(residuals, same)
     if differences:
         repeated = _autocovariance(differences, 0.0)
         smaller = NOISE.smaller * repeated[:, 0] < covariance[:, 0]

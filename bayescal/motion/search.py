@@ -1,4 +1,4 @@
-"""Which effects: a beam search over sets of effects, against noise only and causes outside the vocabulary."""
+"""Which effects: a beam search over sets of them, against noise only and causes that are in no list."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Member:
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """A set of effects, or of effects and a cause outside the vocabulary."""
+    """A set of effects, also with a cause that is not in the list."""
 
     members: tuple[Member, ...]
     log_evidence: float  # nats over noise only, averaged over forms and scales
@@ -97,7 +97,7 @@ class Search:
 
     @property
     def candidates(self) -> tuple[str, ...]:
-        """Effects of the vocabulary that are detectable."""
+        """Listed effects that are detectable."""
         return tuple(name for name, seen in self.seen.items() if seen and name != UNKNOWN)
 
     def prior(self, effects: Sequence[str]) -> float:

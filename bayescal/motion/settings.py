@@ -75,8 +75,8 @@ class NoiseSettings:
     """Share of the variance added as white noise: nothing is amplified in an empty band (tuned)."""
     repeats: int = 2
     """Searches after each of which noise is estimated again from what the best hypothesis leaves (cost)."""
-    smaller: float = 1.3
-    """Variance of residuals over that of repeats from which on repeats tell the noise (assumed)."""
+    smaller: float = 1.5
+    """Variance of residuals over that of repeats from which on repeats determine the noise (assumed)."""
     rounds: int = 4
     """Iterations of noise and estimate (cost)."""
 
@@ -124,7 +124,7 @@ class FormSettings:
     servo: float = 0.1
     """Of the stiffness of a position servo, relative (assumed)."""
     deflection: float = 5e-4
-    """rad, of a gear by its torque (RMS), and of its play (assumed)."""
+    """rad, of a gear by its torque (RMS), and of its backlash (assumed)."""
     side: float = 0.05
     """Torque over its RMS at which a gear changes sides (assumed)."""
     inertia: float = 2.0
@@ -133,7 +133,7 @@ class FormSettings:
 
 @dataclass(frozen=True)
 class CellSettings:
-    """General functions for causes that are not in the vocabulary."""
+    """General functions for causes that are not in the list."""
 
     size: float = 0.1
     """Prior standard deviation, over the friction of the joint (assumed; averaged over factors)."""
@@ -170,7 +170,7 @@ class SearchSettings:
     null: float = 0.15
     """Prior probability of no effect (as for contacts)."""
     single: float = 0.55
-    """Of one of the vocabulary (as for contacts)."""
+    """Of one that is in the list (as for contacts)."""
     unknown: float = 0.3
     """Of one that is not in it (as for contacts)."""
     further: float = 0.2

@@ -187,7 +187,7 @@ def residuals(s: Signals, at: Operating) -> np.ndarray:
         if kind == TRACKING:
             assert s.command is not None
             assert s.log.controller.stiffness is not None
-            # by the torque of the model: noise of a measured one would be in driver and residual
+            # by the torque of the model: the noise of a measured torque is in the residual too
             out.append(s.command - s.q - at.torque(s) / s.log.controller.stiffness)
         else:
             assert s.link is not None

@@ -24,7 +24,7 @@ class Verdict:
     leading: Hypothesis  # the most probable set
     probability: Mapping[str, float]  # of null, unknown and every effect that was assessed
     credible: tuple[str, ...]  # of the most probable hypotheses with 90 %
-    members: Mapping[str, float]  # of a class: causes that the log does not tell apart
+    members: Mapping[str, float]  # of a class: causes that the log does not distinguish
     explained: float  # share of the nats of the leading set that its names explain
 
 
@@ -96,7 +96,7 @@ def _explained(best: Hypothesis, hypotheses: tuple[Hypothesis, ...]) -> float:
 def _members(
     best: Hypothesis, hypotheses: tuple[Hypothesis, ...], probability: Mapping[str, float]
 ) -> dict[str, float]:
-    """The leading effect, those that may be in its place, and a cause outside the vocabulary."""
+    """The leading effect, those that may be in its place, and a cause that is not in the list."""
     leader = best.names[0]
     instead = {n for h in hypotheses if leader not in h.names for n in h.names if n != UNKNOWN}
     likely = sorted(instead, key=lambda n: -probability[n])

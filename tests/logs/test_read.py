@@ -1,0 +1,134 @@
+"""Joint logs as they are read, and what is refused with its line."""
+
+import gzip
+import re
+import shutil
+
+import numpy as np
+import pytest
+from cases import ROOT
+from motion.made import write
+
+from bayescal.errors import BayescalError
+from bayescal.logs import is_log, read_log
+
+FOREIGN = ROOT.parent / "shared" / "data" / "motion-dev"
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory):
+    return write(tmp_path_factory.mktemp("logs") / "log")
+
+
+@pytest.fixture
+def changed(log, tmp_path):
+    """A copy of a log whose files are changed: `changed(file, old, new)`."""
+
+    def change(file, old, new, count=1):
+        folder = tmp_path / "log"
+        if not folder.exists():
+            shutil.copytree(log, folder)
+        path = folder / file
+        text = gzip.decompress(path.read_bytes()).decode() if file.endswith(".gz") else path.read_text()
+        text, found = re.subn(old, new, text, count=count)
+        assert found
+        path.write_bytes(gzip.compress(text.encode()) if file.endswith(".gz") else text.encode())
+        return folder
+
+    return change
+
+
+def test_units_and_roles(log):
+    assert is_log(log)
+    made = read_log(log)
+    assert [m.role for m in made.motions] == ["calibrate"] * 6 + ["validate"] * 2
+    assert made.motions[1].same_as == "1"
+    assert made.mechanism.centre[1] == pytest.approx([0.15, 0, 0.04])
+    assert made.mechanism.transition == pytest.approx(np.deg2rad(1.719))
+    assert np.abs(made.motions[0].position).max() < 4.0
+    assert made.gravity == pytest.approx([0, 0, -9.81])
+    assert made.motions[4].loaded
+    assert not made.motions[0].loaded
+
+
+REFUSED = [
+    ("dataset.yaml", "bayescal-motion/1", "bayescal-motion/9", r"dataset.yaml:1: schema .* another version"),
+    ("dataset.yaml", "name: A", "name: A\n      axis: [0, 0, 0]", "the axis of A is zero"),
+    ("dataset.yaml", "mass_kg: 4", "mass_kg: -4", r"dataset.yaml:\d+: "),
+    ("dataset.yaml", r"  - \{id: 8.*\n", "", "motion `8` of the table is not in `motions`"),
+    ("dataset.yaml", "id: 8,", "id: 9,", "motion `8` of the table is not in `motions`"),
+    ("dataset.yaml", "same_as: 1,", "same_as: 77,", "`same_as` names no motion: `77`"),
+    ("dataset.yaml", "role: calibrate", "role: train", r"dataset.yaml:\d+: "),
+    ("motion.csv.gz", r"\n0\.05,", "\n-1,", r"motion.csv.gz:5: `t_s` does not increase"),
+    (
+        "motion.csv.gz",
+        r"\n0\.05,1,[^,]*,",
+        "\n0.05,1,nan,",
+        "motion.csv.gz:5: `q1_deg` is not a finite number",
+    ),
+    ("motion.csv.gz", r"\n0\.05,1,[^,]*,", "\n0.05,1,1e111,", "motion.csv.gz:5: `q1_deg` is beyond"),
+    ("motion.csv.gz", "q2_deg", "q2_rad", "column `q2_deg` is missing"),
+    ("motion.csv.gz", "torque3_Nm", "torque_3", "column `torque3_Nm` is missing"),
+    ("motion.csv.gz", "t_s", "time", "column `t_s` is missing"),
+]
+
+
+@pytest.mark.parametrize(("file", "old", "new", "message"), REFUSED)
+def test_what_is_wrong_is_refused_with_its_place(changed, file, old, new, message):
+    with pytest.raises(BayescalError, match=message):
+        read_log(changed(file, old, new))
+
+
+def test_further_keys_and_columns_are_noted(changed):
+    changed("motion.csv.gz", "payload_kg", "note")
+    folder = changed("dataset.yaml", "noise: {", "weather: fine\nnoise: {link_deg: 0.1, ")
+    notes = " ".join(read_log(folder).notes)
+    assert "weather" in notes
+    assert "noise: link_deg" in notes
+    assert "columns that are not known were not read: note" in notes
+
+
+def test_motions_need_two_and_a_table(changed, log, tmp_path):
+    folder = changed("dataset.yaml", "name: made", "name: one")
+    (folder / "motion.csv").write_text("t_s,motion,q1_deg\n")
+    with pytest.raises(BayescalError, match="several tables"):
+        read_log(folder)
+    (folder / "motion.csv").unlink()
+    (folder / "motion.csv.gz").unlink()
+    with pytest.raises(BayescalError, match="no table of motions"):
+        read_log(folder)
+    (folder / "motion.csv.gz").write_bytes(b"no gzip")
+    with pytest.raises(BayescalError, match="not a gzip file"):
+        read_log(folder)
+
+
+def test_unsigned_torques_are_not_torques(changed):
+    folder = changed("dataset.yaml", "noise: {", "torque: {sign: none}\nnoise: {")
+    made = read_log(folder)
+    assert made.motions[0].torque is None
+    assert not made.signed
+
+
+def test_currents_are_torques_by_their_constants(changed, log):
+    changed("motion.csv.gz", r"torque(\d)_Nm", r"current\1_A", 3)
+    folder = changed("dataset.yaml", "noise: {", "torque: {constant_Nm_per_A: [2, 4, 8]}\nnoise: {")
+    made, before = read_log(folder), read_log(log)
+    assert made.torque_kind == "current"
+    assert made.u_constant == pytest.approx(0.1)
+    assert made.motions[0].torque == pytest.approx(before.motions[0].torque * [2, 4, 8])
+    with pytest.raises(BayescalError, match="currents without `constant_Nm_per_A`"):
+        read_log(changed("dataset.yaml", r"torque: \{.*\}", "torque: {kind: current}"))
+
+
+def test_torques_of_motors_are_referred_to_the_joints(changed, log):
+    folder = changed("dataset.yaml", "noise: {", "torque: {referred_to: motor}\nnoise: {")
+    made, before = read_log(folder), read_log(log)
+    assert made.motions[0].torque == pytest.approx(before.motions[0].torque * [100, 100, 80])
+
+
+@pytest.mark.foreign(FOREIGN)
+def test_logs_of_another_author_are_read():
+    made = read_log(FOREIGN / "013")
+    assert (made.n, len(made.motions)) == (6, 9)
+    assert made.mechanism.payload_centre == pytest.approx([0, 0.02, 0.07])
+    assert made.notes == ()
