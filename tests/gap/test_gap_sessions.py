@@ -153,7 +153,7 @@ def test_one_seed_one_result(twenty):
 @pytest.mark.parametrize("world", ["000", "005", "010", "017", "022"])
 def test_worlds_of_another_author(world):
     truth = json.loads((foreign.WORLDS / "truth" / f"{world}.json").read_text())
-    gap = diagnose(read_dataset(foreign.WORLDS / world))
+    gap = diagnose(geared(read_dataset(foreign.WORLDS / world)))
     record = sane(gap)
     kind = {"null": "null", "single": "named", "outside": "unknown"}[truth["kind"]]
     assert gap.verdict.kind == kind
@@ -266,7 +266,7 @@ def test_twenty_contacts(twenty):
 
 
 def test_points_of_an_instrument(tracker):
-    gap = diagnose(tracker(seed=3, count=100).dataset)
+    gap = diagnose(geared(tracker(seed=3, count=100).dataset))
     record = sane(gap)
     assert set(record["shrinkage"]) >= {"planes", "distances"}
     assert "per point (length)" in printed(gap)
