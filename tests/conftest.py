@@ -149,7 +149,7 @@ def written_out(model, constraint, z: np.ndarray) -> np.ndarray:
 
 @pytest.fixture
 def quick_search(monkeypatch):
-    """A plan whose search tries few configurations and places: its contacts are as free, and fewer are found."""
+    """A plan's search tries few configurations and places: contacts are as free, and fewer are found."""
     for name, value in {"FIRST": 20, "HOMES": 2, "PROBES": 8}.items():  # of spheres that validate
         monkeypatch.setattr(f"bayescal.planning.search.{name}", value)
     monkeypatch.setattr("bayescal.probing.motions.HUBS", 16)  # raised configurations, for ways around

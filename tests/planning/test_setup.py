@@ -337,7 +337,7 @@ def test_times_between_readings():
 CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
 
 
-def test_sampled_motions_are_as_free_as_stated(monkeypatch):
+def test_sampled_motions_are_as_free_as_stated(monkeypatch, quick_search):
     """Spheres that are moved on the way; two probes would take twice the time."""
     monkeypatch.setattr(study, "CONTACTS", 5)
     monkeypatch.setattr(study, "CANDIDATES", 16)
@@ -359,7 +359,7 @@ def test_bounds_hold_on_random_motions():
     begin = check.arm.readings_of(rng.uniform(*(0.7 * limits.T), (400, 6)))
     begin = begin[check.distances(begin) > 0.005]
     end = begin + rng.normal(0, 0.8, begin.shape)
-    floor, number = 0.005, 40
+    floor, number = 0.005, 24
     free = check.hits(begin, end, floor) == 0
     bound = check.closest(begin, end, 1e-3)
     sampled = np.array([cell.motion(a, b) for a, b in zip(begin[:number], end[:number], strict=True)])

@@ -166,7 +166,9 @@ def test_progress_grows_by_steps_and_is_complete_only_at_the_end(cube, monkeypat
     assert len(shares) == CHAINS * (sampling.BURN + draws.steps) + 1
     assert max(shares[:-1]) <= sampling.NEARLY
     assert shares[-1] == 1.0
-    assert shares[CHAINS * sampling.BURN - 1] == pytest.approx(sampling.BURN / (sampling.BURN + sampling.TAUS), abs=0.02)
+    assert shares[CHAINS * sampling.BURN - 1] == pytest.approx(
+        sampling.BURN / (sampling.BURN + sampling.TAUS), abs=0.02
+    )
 
 
 OTHERS = {
