@@ -5,13 +5,14 @@ from __future__ import annotations
 import csv
 import io
 import json
+from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pandas as pd
 import pytest
-from cases import EXAMPLE, cases
+from cases import EXAMPLE, cases, searched_quickly
 from made_up_plans import made_up_plan
 from sessions import with_columns
 
@@ -45,6 +46,13 @@ def example() -> Setup:
     certificates = tuple(c for c in dataset.certificates if names.issuperset(c.targets))
     setup = continued(replace(dataset, targets=targets, certificates=certificates))
     return replace(setup, payloads=(2.0,))
+
+
+@pytest.fixture(scope="module", autouse=True)
+def quick() -> Iterator[None]:
+    with pytest.MonkeyPatch.context() as patch:
+        searched_quickly(patch)
+        yield
 
 
 @pytest.fixture(scope="module")
