@@ -9,8 +9,8 @@ from functools import wraps
 import numpy as np
 import pytest
 import sessions
-from hypothesis import HealthCheck, settings
 from cases import searched_quickly
+from hypothesis import HealthCheck, settings
 from loops import asserting
 
 from bayescal.arm.chain import Robot
