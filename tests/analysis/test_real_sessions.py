@@ -360,7 +360,7 @@ def test_records_that_are_there_are_used(tmp_path, capsys):
 @pytest.fixture(scope="module")
 def wavy(tracker):
     """A session of points with a wave of joint 5 that no geometry absorbs."""
-    d = tracker(seed=3, count=80).dataset
+    d = geared(tracker(seed=3, count=80).dataset)
     readings = d.measurements.readings.copy()
     readings[:, 4] += 1e-3 * np.sin(2 * readings[:, 4])
     return with_columns(d, readings=readings, command=None)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from gap_problems import Bench
-from sessions import circumstances, with_columns
+from sessions import circumstances, geared, with_columns
 
 from bayescal.arm.motion import CONTACT, Term
 from bayescal.dataset import read_dataset, write_dataset
@@ -397,7 +397,7 @@ def test_a_session(tmp_path):
     """From the file to the name; `test_play_is_named_and_removed` is the same of backlash."""
     effects = ("geometry", "compliance", "unsettled")
     session = simulate(Options(contacts=120, later=40, repeats=6, spheres=0, seed=3, effects=effects)).dataset
-    write_dataset(session, tmp_path / "session")
+    write_dataset(geared(session), tmp_path / "session")
     gap = diagnose(read_dataset(tmp_path / "session"))
     assert gap.verdict.kind == "named"
     assert [n.effect for n in gap.verdict.named] == ["unsettled"]
