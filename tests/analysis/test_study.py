@@ -30,8 +30,8 @@ SEEDS = range(20, 24)
 
 @pytest.fixture(scope="module")
 def records() -> list[session.Record]:
-    """Four sessions of 110 contacts."""
-    small = {"contacts": 110, "later": 30, "repeats": 0, "placements": 2}
+    """Four sessions of 150 contacts."""
+    small = {"contacts": 150, "later": 40, "repeats": 5, "placements": 2}
     return [session.run(Options(seed=seed, **small)) for seed in SEEDS]
 
 

@@ -159,11 +159,13 @@ def test_a_stop_after_the_sampling_says_that_the_draws_are_kept(monkeypatch, fit
 
 
 def test_progress_grows_by_steps_and_is_complete_only_at_the_end(cube, monkeypatch):
-    """Of ensembles that do not drift after the burn-in."""
+    """Of ensembles that do not drift after the burn-in; up to the first test, which may ask for more."""
     monkeypatch.setattr(sampling, "BURN", 15)
+    monkeypatch.setattr(sampling, "TAUS", 10)
     fitted, shares = estimate(build(Scene(cube(seed=5, count=40).dataset), ("geometry",))), []
-    draws = sample(fitted, **OPTIONS, progress=shares.append)
+    draws = sample(fitted, **(OPTIONS | {"max_steps": 20}), progress=shares.append)
     assert len(shares) == CHAINS * (sampling.BURN + draws.steps) + 1
+    assert np.all(np.diff(shares[: CHAINS * (sampling.BURN + sampling.TAUS)]) >= 0)
     assert max(shares[:-1]) <= sampling.NEARLY
     assert shares[-1] == 1.0
     assert shares[CHAINS * sampling.BURN - 1] == pytest.approx(
