@@ -369,7 +369,7 @@ def test_two_weak_directions_through_one_parameter_promise_no_pair():
 
 # --- Several sessions on the command line: one fit, one diagnosis, and whether they agree.
 
-LITTLE = {"contacts": 50, "later": 8, "repeats": 3, "placements": 1, "spheres": 2, "sphere_contacts": 8}
+LITTLE = {"contacts": 70, "later": 8, "repeats": 3, "placements": 1, "spheres": 2, "sphere_contacts": 8}
 QUICK = ("--samples", "0", "--no-pictures")
 
 
