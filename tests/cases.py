@@ -37,15 +37,6 @@ def undrawn(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(f"{figures}.png", lambda _: b"\x89PNG")
 
 
-def searched_quickly(patch: pytest.MonkeyPatch, ways: bool = True) -> None:
-    """The search of a plan tries few configurations and places, also (`ways`) for free ways around."""
-    for name, value in {"FIRST": 20, "HOMES": 2, "PROBES": 8}.items():  # of spheres that validate
-        patch.setattr(f"bayescal.planning.search.{name}", value)
-    if ways:
-        patch.setattr("bayescal.probing.motions.HUBS", 16)
-        patch.setattr("bayescal.probing.motions.CHAINED", ((16, 10),))
-
-
 def terminal_text(what: Any, width: int = 100) -> str:
     """The text of what is printed on a terminal of a width."""
     console = Console(width=width, record=True, file=io.StringIO(), highlight=False)

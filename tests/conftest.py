@@ -9,7 +9,6 @@ from functools import wraps
 import numpy as np
 import pytest
 import sessions
-from cases import searched_quickly
 from hypothesis import HealthCheck, settings
 from loops import asserting
 
@@ -151,7 +150,10 @@ def written_out(model, constraint, z: np.ndarray) -> np.ndarray:
 @pytest.fixture
 def quick_search(monkeypatch):
     """A plan's search tries few configurations and places: contacts are as free, and fewer are found."""
-    searched_quickly(monkeypatch)
+    for name, value in {"FIRST": 20, "HOMES": 2, "PROBES": 8}.items():  # of spheres that validate
+        monkeypatch.setattr(f"bayescal.planning.search.{name}", value)
+    monkeypatch.setattr("bayescal.probing.motions.HUBS", 16)  # raised configurations, for ways around
+    monkeypatch.setattr("bayescal.probing.motions.CHAINED", ((16, 10),))
 
 
 @pytest.fixture(scope="session")

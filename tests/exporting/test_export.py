@@ -345,7 +345,7 @@ def test_joint_zeros():
     """Readings with the corrections added move the nominal arm as the arm with these zeros alone."""
     session = session_of()
     coupling = session.robot.link_from_reading.copy()
-    coupling[2, 1] *= 0.5  # not its own inverse
+    coupling[2, 1:3] = 0.5, 1.0  # not its own inverse
     arm = fake(with_robot(session, replace(session.robot, link_from_reading=coupling)), ("joint",))
     size = len(arm.values)
     arm = replace(arm, covariance=0.005 * (np.eye(size) + np.ones((size, size))))

@@ -5,14 +5,13 @@ from __future__ import annotations
 import csv
 import io
 import json
-from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pandas as pd
 import pytest
-from cases import EXAMPLE, cases, searched_quickly
+from cases import EXAMPLE, cases
 from made_up_plans import made_up_plan
 from sessions import with_columns
 
@@ -46,13 +45,6 @@ def example() -> Setup:
     certificates = tuple(c for c in dataset.certificates if names.issuperset(c.targets))
     setup = continued(replace(dataset, targets=targets, certificates=certificates))
     return replace(setup, payloads=(2.0,))
-
-
-@pytest.fixture(scope="module", autouse=True)
-def quick() -> Iterator[None]:
-    with pytest.MonkeyPatch.context() as patch:
-        searched_quickly(patch, ways=False)
-        yield
 
 
 @pytest.fixture(scope="module")

@@ -359,7 +359,7 @@ def test_bounds_hold_on_random_motions():
     begin = check.arm.readings_of(rng.uniform(*(0.7 * limits.T), (400, 6)))
     begin = begin[check.distances(begin) > 0.005]
     end = begin + rng.normal(0, 0.8, begin.shape)
-    floor, number = 0.005, 24
+    floor, number = 0.005, 40
     free = check.hits(begin, end, floor) == 0
     bound = check.closest(begin, end, 1e-3)
     sampled = np.array([cell.motion(a, b) for a, b in zip(begin[:number], end[:number], strict=True)])
