@@ -4,6 +4,7 @@ import io
 from pathlib import Path
 from typing import Any
 
+import pytest
 import yaml
 from rich.console import Console
 
@@ -26,6 +27,14 @@ def cases(name: str) -> Any:
 def robot_file(name: str) -> str:
     """The path of a robot description."""
     return str(DATA / "robots" / f"{name}.yaml")
+
+
+def undrawn(patch: pytest.MonkeyPatch) -> None:
+    """Pictures of a run are named as ever, and not drawn: each takes half a second."""
+    patch.setattr("bayescal.reporting.figures.process.cores", lambda: 1)  # by no second process
+    figures = "bayescal.reporting.figures.figures"
+    patch.setattr(f"{figures}.sheet", lambda *_: None)
+    patch.setattr(f"{figures}.png", lambda _: b"\x89PNG")
 
 
 def terminal_text(what: Any, width: int = 100) -> str:

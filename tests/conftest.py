@@ -147,6 +147,15 @@ def written_out(model, constraint, z: np.ndarray) -> np.ndarray:
     return r - np.array([values.get(f"artefact {p.name}", 0.0) / p.u for p in mine])
 
 
+@pytest.fixture
+def quick_search(monkeypatch):
+    """A plan's search tries few configurations and places: contacts are as free, and fewer are found."""
+    for name, value in {"FIRST": 20, "HOMES": 2, "PROBES": 8}.items():  # of spheres that validate
+        monkeypatch.setattr(f"bayescal.planning.search.{name}", value)
+    monkeypatch.setattr("bayescal.probing.motions.HUBS", 16)  # raised configurations, for ways around
+    monkeypatch.setattr("bayescal.probing.motions.CHAINED", ((16, 10),))
+
+
 @pytest.fixture(scope="session")
 def tie_residuals():
     """Whitened residuals of a certificate."""

@@ -43,7 +43,7 @@ from bayescal.planning.setup import read_setup
 HERE = Path.cwd()
 DATA = next(p / "data" / "lrmate200ic-cube" for p in (HERE, *HERE.parents) if (p / "data").is_dir())
 COUNT = int(os.environ.get("BAYESCAL_NOTEBOOK_CANDIDATES", "4000"))
-COUNTS = [50, 70, 100, 150, 200, 300] if COUNT >= 4000 else [60, 100]
+COUNTS = [50, 70, 100, 150, 200, 300] if COUNT >= 4000 else [60, 90]
 NOISES = [
     5.0,
     20.0,

@@ -8,6 +8,8 @@ import pytest
 from cases import ROOT
 from foreign import needs
 
+from bayescal.planning.candidates import candidates
+
 FIGURES = {
     "correlations": 2,
     "first_fit": 3,
@@ -31,6 +33,20 @@ def pyplot(monkeypatch):
     plt.close("all")
 
 
+@pytest.fixture(autouse=True)
+def small_plans(quick_search, monkeypatch):
+    """Plans of as many candidates share them."""
+    monkeypatch.setattr("bayescal.planning.search.EACH", 4)  # contacts that validate, of each sphere
+    made = {}
+
+    def once(setup, count, *more):
+        if count not in made:
+            made[count] = candidates(setup, count, *more)
+        return made[count]
+
+    monkeypatch.setattr("bayescal.planning.plan.candidates", once)
+
+
 NOTEBOOKS = [
     pytest.param(path, id=path.stem, marks=[needs()] if path.stem == "real_arm" else [])
     for path in sorted((ROOT / "analysis" / "notebooks").glob("*.py"))
@@ -40,11 +56,8 @@ NOTEBOOKS = [
 @pytest.mark.parametrize("path", NOTEBOOKS)
 def test_notebook(path, pyplot, monkeypatch, capsys):
     monkeypatch.chdir(path.parent)  # where a notebook's kernel starts
-    for name, value in {"SAMPLES": 250, "CONTACTS": 120, "CANDIDATES": 250, "ARMS": 1}.items():
+    for name, value in {"SAMPLES": 250, "CONTACTS": 120, "CANDIDATES": 220, "ARMS": 1}.items():
         monkeypatch.setenv(f"BAYESCAL_NOTEBOOK_{name}", str(value))
-    monkeypatch.setattr("bayescal.planning.search.EACH", 4)  # contacts that validate, of each sphere
-    monkeypatch.setattr("bayescal.probing.motions.HUBS", 60)  # raised configurations, for ways around
-    monkeypatch.setattr("bayescal.probing.motions.CHAINED", ((100, 20),))
     left = runpy.run_path(str(path))
     figures = [pyplot.figure(number) for number in pyplot.get_fignums()]
     assert len(figures) == FIGURES[path.stem]

@@ -178,7 +178,7 @@ def knock_out_run(tmp_path_factory, renewed):
     """One simulated session through the command, and the page that it writes."""
     folder = tmp_path_factory.mktemp("knock-out")
     options = Options(contacts=120, later=40, repeats=0, spheres=2, placements=2, seed=4)
-    write_dataset(simulate(options).dataset, folder / "real" / "session")
+    write_dataset(geared(simulate(options).dataset), folder / "real" / "session")
     (folder / "real" / "session" / "README.md").write_text(README, encoding="utf-8")
     renewed(knock_out_page, lambda _: knock_out.main(knock_out_arguments(folder)), folder)
     return folder
@@ -279,10 +279,10 @@ def test_only_the_right_name_at_the_right_place_counts():
 
 @foreign.needs()
 def test_a_joint_of_a_real_arm():
-    """Of every second row, and without a scan of gear ratios."""
+    """Of every third row, and without a scan of gear ratios."""
     session = read_dataset(foreign.REAL / "panda-ball-socket-3")
-    every_second = with_rows(session, np.arange(0, len(session.measurements.ids), 2))
-    found = knock_out.knocked(geared(every_second), "geometry at joint 4")
+    every_third = with_rows(session, np.arange(0, len(session.measurements.ids), 3))
+    found = knock_out.knocked(geared(every_third), "geometry at joint 4")
     assert found["named"][0].items() >= {"effect": "geometry", "site": "joint 4"}.items()
     held = found["validation"]["points"]
     assert held["before_um"] > 4 * held["whole_um"]
@@ -360,7 +360,7 @@ def test_records_that_are_there_are_used(tmp_path, capsys):
 @pytest.fixture(scope="module")
 def wavy(tracker):
     """A session of points with a wave of joint 5 that no geometry absorbs."""
-    d = tracker(seed=3, count=80).dataset
+    d = geared(tracker(seed=3, count=80).dataset)
     readings = d.measurements.readings.copy()
     readings[:, 4] += 1e-3 * np.sin(2 * readings[:, 4])
     return with_columns(d, readings=readings, command=None)

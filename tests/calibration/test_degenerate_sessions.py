@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from cases import terminal_text
-from sessions import with_columns, with_rows
+from sessions import geared, with_columns, with_rows
 from typer.testing import CliRunner
 
 from bayescal import calibration
@@ -35,7 +35,6 @@ from bayescal.reporting.gap.phrases import headline
 from bayescal.reporting.gap.record import gap_record, write_gap
 from bayescal.reporting.gap.summary import gap_summary
 from bayescal.simulation import Options, simulate
-from bayescal.simulation.record import write
 from bayescal.statistics import spawned
 
 FULL = ("geometry", "compliance")
@@ -379,7 +378,8 @@ def folders(tmp_path_factory):
     """Two sessions of one arm, and one of another."""
     top = tmp_path_factory.mktemp("sessions")
     for name, seed, arm in (("may", 1, 1), ("june", 2, 1), ("twin", 3, 7)):
-        write(simulate(Options(name=name, seed=seed, arm_seed=arm, **LITTLE)), top / name)
+        made = simulate(Options(name=name, seed=seed, arm_seed=arm, **LITTLE)).dataset
+        write_dataset(geared(made), top / name)
     return top
 
 

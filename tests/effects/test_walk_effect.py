@@ -33,9 +33,12 @@ CABLE_DRAG = Effect("cable-drag", "a cable pulls the last joint", parameters, ph
 ENTRY = "[bayescal.effects]\ncable-drag = cable_drag:CABLE_DRAG\n"
 PROGRAM = """
 import json
+from dataclasses import replace
+import numpy as np
 import bayescal as bc
-few = dict(contacts=120, later=30, repeats=4, spheres=2, placements=2, seed=3)
-session = bc.simulate(effects="geometry, compliance, cable-drag", **few)
+few = dict(contacts=100, later=20, repeats=4, spheres=1, placements=1, seed=3)
+session = bc.simulate(effects="geometry, compliance, cable-drag", **few).dataset
+session = replace(session, robot=replace(session.robot, reductions=np.full(6, 100.0)))  # no scan of ratios
 fit = bc.fit(session, "geometry, compliance, cable-drag", samples=0)
 gap = bc.diagnose(session, "geometry, compliance")
 row = fit.parameters.loc["cable-drag"]

@@ -78,6 +78,27 @@ def test_residuals_that_show_an_error_state_it():
     assert np.max(wild.variances) == pytest.approx(6.0, rel=0.02)
 
 
+def test_masses_take_degrees_of_freedom_from_the_residuals(found, monkeypatch):
+    """What errors of masses by their prior leave of residuals has the mean square of the rest of these."""
+    rng = np.random.default_rng(1)
+    h = rng.standard_normal((60, 5)) * [0.01, 0.1, 0.2, 0.5, 3.0]
+    left = []
+    for _ in range(400):
+        e = h @ rng.standard_normal(5) + rng.standard_normal(60)
+        seen = Inputs.of("abcde", np.eye(5), h, e)
+        left.append(np.sum(seen.without(np.zeros((60, 0)), h, e)[1] ** 2))
+    assert 1.5 < seen.dof < 4.0
+    assert np.mean(left) == pytest.approx(60 - seen.dof, abs=1.0)
+    module, told = import_module("bayescal.estimate.discrepancy"), []
+    monkeypatch.setattr(module, "variances", lambda *given: told.append(given[4]) or variances(*given))
+    again = stated(found.plain)
+    rows = sum(len(b.rows) * b.kind.rows for b in found.plain.model.blocks)
+    j = found.plain.linear.jacobian[:rows]
+    assert again.inputs.dof > 0.5
+    expected = rows - np.trace(j @ found.plain.covariance @ j.T) - again.inputs.dof
+    assert told == [pytest.approx(expected, rel=1e-9)]
+
+
 def test_stated_compliances_contain_the_uncertainty_of_masses(found):
     """Some 5 % of masses whose torques a compliance is divided by, that no residual shows."""
     names = found.plain.model.names

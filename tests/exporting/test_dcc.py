@@ -10,7 +10,7 @@ from cases import DATA, cases, file_text
 
 import bayescal as bc
 from bayescal.assess.iso9283 import iso9283
-from bayescal.exporting.dcc import DCC, SI, in_digits
+from bayescal.exporting.dcc import DCC, SI, dcc, in_digits, read_entries
 
 OURS = DATA / "dcc" / "dcc.xsd"
 OFFICIAL = Path(os.environ.get("BAYESCAL_DCC_XSD", foreign.SHARED / "dcc" / "dcc.xsd"))
@@ -63,6 +63,37 @@ def test_valid_and_equal_to_the_budgets(run, entries, tmp_path, command):
     code, _, errors = command(*arguments)
     assert code == 1
     assert "certificates are not replaced" in errors
+
+
+def test_administrative_entries_stand_where_the_schema_has_them(run, entries):
+    entries.write_text(f"{ENTRIES}issued: 2026-12-24\nlaboratory_code: L-7\n")
+    root = ElementTree.fromstring(dcc(read_entries(entries), bc.budget(run).basis))
+    administrative = root.find(f"{{{DCC}}}administrativeData")
+
+    def told(part):
+        """Texts of an element and of all in it, by their tags; that of a name is in its content."""
+        found = {e.tag.removeprefix(f"{{{DCC}}}"): (e.text or "").strip() for e in part.iter()}
+        return {tag: text for tag, text in found.items() if text}
+
+    core = {
+        "countryCodeISO3166_1": "CA", "usedLangCodeISO639_1": "en", "mandatoryLangCodeISO639_1": "en",
+        "uniqueIdentifier": "2026-0042", "beginPerformanceDate": "2026-11-20",
+        "endPerformanceDate": "2026-11-21", "performanceLocation": "laboratory", "issueDate": "2026-12-24",
+    }  # fmt: skip
+    assert told(administrative.find(f"{{{DCC}}}coreData")) == core
+    item = administrative.find(f".//{{{DCC}}}item")
+    assert told(item.find(f"{{{DCC}}}manufacturer")) == {"content": "FANUC"}
+    assert item.findtext(f"{{{DCC}}}model") == "LR Mate 200iC"
+    assert item.findtext(f".//{{{DCC}}}identification/{{{DCC}}}value") == "E12345"
+    laboratory = {
+        "content": "Laboratory <of> lengths & angles", "city": "Montreal", "countryCode": "CA",
+        "postCode": "H3C 1K3", "calibrationLaboratoryCode": "L-7",
+    }  # fmt: skip
+    assert told(administrative.find(f"{{{DCC}}}calibrationLaboratory")) == laboratory
+    customer = {"content": "A customer", "city": "Quebec", "countryCode": "CA", "eMail": "a@b.ca"}
+    assert told(administrative.find(f"{{{DCC}}}customer")) == customer
+    head = {"content": "A. Person", "role": "head", "mainSigner": "true"}
+    assert told(administrative.find(f"{{{DCC}}}respPersons")) == head
 
 
 @foreign.needs(OFFICIAL)

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import yaml
 from cases import cases
-from export_arms import calibrated_frames, fake, session_of
+from export_arms import calibrated_frames, fake, session_of, with_robot
 
 import bayescal as bc
 from bayescal.arm.chain import chain_of, frames, link_angles
@@ -343,9 +343,18 @@ def test_dh_table(name):
 
 def test_joint_zeros():
     """Readings with the corrections added move the nominal arm as the arm with these zeros alone."""
-    arm = fake(session_of(), ("joint",))
+    session = session_of()
+    coupling = session.robot.link_from_reading.copy()
+    coupling[2, 1:3] = 0.5, 1.0  # not its own inverse
+    arm = fake(with_robot(session, replace(session.robot, link_from_reading=coupling)), ("joint",))
+    size = len(arm.values)
+    arm = replace(arm, covariance=0.005 * (np.eye(size) + np.ones((size, size))))
     out = export(arm, "joint-zeros")
     rows = list(csv.DictReader(out.written.content.splitlines()))
+    large = export(replace(arm, values=100.0 * arm.values), "joint-zeros").written.content
+    for row in csv.DictReader(large.splitlines()):
+        ticks = float(row["correction_deg"]) / 360.0 * 4096
+        assert float(row["correction_ticks_4096"]) == pytest.approx(ticks, abs=0.5)
     correction = np.array([float(r["correction_rad"]) for r in rows])
     readings, robot = arm.dataset.measurements.readings, arm.dataset.robot
     shown = frames(chain_of(robot), link_angles(robot, readings + correction))[:, -1]
@@ -365,6 +374,3 @@ def test_joint_zeros():
     assert [r["u_rad"] == "0.0" for r in rows] == [True, False, False, False, False, True]
     assert out.missing[0].effect == "joint"
     assert all(name.startswith("encoder-scale") for name in out.missing[0].parameters)
-    assert float(rows[1]["correction_ticks_4096"]) == pytest.approx(
-        correction[1] / (2 * np.pi) * 4096, abs=0.5
-    )

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from cases import terminal_text
 from export_arms import fake, session_of
+from sessions import geared
 
 import bayescal as bc
 from bayescal.effects import EFFECTS
@@ -291,7 +292,7 @@ def test_verify_states_the_reasons(run, tmp_path):
 
 def test_an_effect_that_is_left_out_is_said_everywhere(tmp_path):
     """Of a diagnosis with a named effect that the validation data do not confirm."""
-    gap = diagnose(bc.simulate(**SMALL).dataset)
+    gap = diagnose(geared(bc.simulate(**SMALL).dataset))
     named = Named("backlash", "backlash at joint 3", (), "", 0.99, 20.0, confirmed=False)
     gap = replace(gap, verdict=replace(gap.verdict, kind="named", named=(named,)), levels=gap.levels[-1:])
     words = "backlash at joint 3 is named, but the validation data do not confirm it: the arm is without it"

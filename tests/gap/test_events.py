@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from sessions import tracker, with_columns
+from sessions import geared, tracker, with_columns
 
 from bayescal.arm.transforms import rpy_matrix
 from bayescal.dataset import Dataset
@@ -36,7 +36,7 @@ def shifted(dataset: Dataset, events: dict[int, tuple[float, ...]]) -> Dataset:
 def several():
     """Two shifts of the base, of 0.1 mm and 0.08 mm, in noise of 0.01 mm."""
     session = shifted(tracker(seed=3, count=110).dataset, {38: (1e-4, 0, 0), 80: (0, -8e-5, 2e-5)})
-    return diagnose(session, MODEL)
+    return diagnose(geared(session), MODEL)
 
 
 def test_two_shifts_are_found_at_their_rows(several):
@@ -57,7 +57,7 @@ def test_shifts_of_two_sites_have_their_rows_each():
     flange, since = Scene(d).flange, np.arange(110) >= 79
     moved = (flange @ [0.0, 1.5e-4, 1e-4]) @ rpy_matrix(np.asarray(d.targets[0].values["rpy"]))
     d = with_columns(d, xyz=d.measurements.xyz + moved * since[:, None])
-    (named,) = diagnose(d, MODEL).verdict.named
+    (named,) = diagnose(geared(d), MODEL).verdict.named
     assert set(named.sites) == {BASE, TOOL}
     rows = dict(zip(named.sites, named.events, strict=True))
     for site, row in ((BASE, 38), (TOOL, 80)):
@@ -138,7 +138,7 @@ def test_a_level_that_cannot_be_fitted_is_left_out(monkeypatch):
         raise BayescalError("the fit does not converge", str(level))
 
     monkeypatch.setattr("bayescal.gap.diagnose.fitted_level", refused)
-    gap = diagnose(tracker(seed=3, count=60).dataset, MODEL)
+    gap = diagnose(geared(tracker(seed=3, count=60).dataset), MODEL)
     assert [step.model for step in gap.levels] == [MODEL]
     lost = [w for w in gap.warnings if "left out" in w]
     assert len(lost) == 3

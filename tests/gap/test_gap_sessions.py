@@ -6,7 +6,7 @@ from dataclasses import replace
 import foreign
 import numpy as np
 import pytest
-from cases import terminal_text
+from cases import terminal_text, undrawn
 from sessions import circumstances, geared, with_columns, with_rows
 
 from bayescal.dataset import read_dataset, write_dataset
@@ -111,8 +111,9 @@ def test_nothing_there_is_said(quiet):
     assert "explains these data" in printed(gap)
 
 
-def test_play_is_named_and_removed(loud, tmp_path, command):
+def test_play_is_named_and_removed(loud, tmp_path, command, monkeypatch):
     """From the file, of a robot whose gears must be scanned."""
+    undrawn(monkeypatch)
     write_dataset(loud, tmp_path / "session")
     out = tmp_path / "out"
     code, text, errors = command("gap", tmp_path / "session", "--out", out)
@@ -150,10 +151,10 @@ def test_one_seed_one_result(twenty):
 
 
 @foreign.needs()
-@pytest.mark.parametrize("world", ["000", "005", "010", "017", "022"])
+@pytest.mark.parametrize("world", ["000", "010", "022"])
 def test_worlds_of_another_author(world):
     truth = json.loads((foreign.WORLDS / "truth" / f"{world}.json").read_text())
-    gap = diagnose(read_dataset(foreign.WORLDS / world))
+    gap = diagnose(geared(read_dataset(foreign.WORLDS / world)))
     record = sane(gap)
     kind = {"null": "null", "single": "named", "outside": "unknown"}[truth["kind"]]
     assert gap.verdict.kind == kind
@@ -180,13 +181,18 @@ def on_spheres(dataset):
     return np.array([t.kind == "sphere" for t in dataset.targets])[dataset.measurements.target]
 
 
-UNSTATED = "time, temperature, repeats and encoders"
+UNSTATED = "validation measurements, time, temperature, repeats and encoders"
 LACKING = {
     "velocity": lambda d: with_columns(d, velocity=None),
     UNSTATED: lambda d: replace(
-        with_columns(d, time=None, temperature=None, repeat=None), readings="command"
+        with_columns(
+            with_rows(d, np.flatnonzero(d.measurements.role == "calibrate")),
+            time=None,
+            temperature=None,
+            repeat=None,
+        ),
+        readings="command",
     ),
-    "validation measurements": lambda d: with_rows(d, np.flatnonzero(d.measurements.role == "calibrate")),
     "spheres": without_spheres,
     "all planes but one": lambda d: with_rows(
         d, np.flatnonzero((d.measurements.target == 0) | on_spheres(d))
@@ -202,10 +208,9 @@ def test_whatever_a_session_lacks(what, few):
     record = sane(gap)
     assert CANNOT.get(what, set()) <= set(gap.verdict.missing)
     assert all(gap.verdict.missing.values())
-    if what == "validation measurements":
+    if what == UNSTATED:
         assert record["gap"]["heldout"] == "leave-one-out cross-validation"
         assert record["shrinkage"]["distances"] is None
-    if what == UNSTATED:
         assert record["gap"]["noise_from"] == "fit"
         assert any("commanded" in note for note in gap.verdict.notes)
     if what not in CANNOT:
@@ -253,9 +258,10 @@ def test_a_model_with_a_step(few):
     assert "step" not in gap.verdict.probability
 
 
-@pytest.mark.parametrize("options", [{"robust": False}, {"prior_width": 2.0}])
-def test_options(few, options):
-    assert "backlash" in sane(diagnose(few, options=FitOptions(**options)))["effects"]
+def test_options(few):
+    gap = diagnose(few, options=FitOptions(robust=False, prior_width=2.0))
+    assert (gap.options.robust, gap.options.prior_width) == (False, 2.0)
+    assert "backlash" in sane(gap)["effects"]
 
 
 def test_twenty_contacts(twenty):
@@ -266,7 +272,7 @@ def test_twenty_contacts(twenty):
 
 
 def test_points_of_an_instrument(tracker):
-    gap = diagnose(tracker(seed=3, count=100).dataset)
+    gap = diagnose(geared(tracker(seed=3, count=100).dataset))
     record = sane(gap)
     assert set(record["shrinkage"]) >= {"planes", "distances"}
     assert "per point (length)" in printed(gap)
@@ -376,7 +382,7 @@ def test_a_handful_of_contacts_claims_nothing(loud, count):
 
 USUAL = ("geometry", "compliance")
 ONE_SESSION_LITTLE = {
-    "contacts": 120, "later": 30, "repeats": 4, "spheres": 1, "placements": 1, "arm_seed": 1
+    "contacts": 70, "later": 20, "repeats": 4, "spheres": 1, "placements": 1, "arm_seed": 1
 }  # fmt: skip
 
 

@@ -9,7 +9,7 @@ from gap_problems import BASELINE, unsolved
 from made_up_errors import NOISE as made_up_errors_NOISE
 from made_up_errors import held
 from scipy.optimize import brentq
-from sessions import circumstances
+from sessions import circumstances, geared
 
 import bayescal as bc
 from bayescal.effects import Parameter, confusable, parameters_of
@@ -416,11 +416,12 @@ def lagging():
 
 
 def test_fit_with_the_printed_model_is_the_refit(lagging):
-    gap = bc.diagnose(lagging)
+    session = geared(lagging.dataset)
+    gap = bc.diagnose(session)
     assert gap.record["verdict"] == "named"
     (named,) = gap.record["named"]
     assert (named["effect"], named["site"]) == ("backlash", "joint 3")
-    fit = bc.fit(lagging, gap.record["refit"]["model"], samples=0)
+    fit = bc.fit(session, gap.record["refit"]["model"], samples=0)
     (told,) = gap.record["amplitudes"]
     row, wide = fit.parameters.loc["backlash J3"], fit.data.stated
     k = wide.plain.model.names.index("backlash J3")
@@ -436,11 +437,12 @@ def test_fit_with_the_printed_model_is_the_refit(lagging):
 def test_a_part_that_was_left_out_is_back(lagging):
     """The model that is printed is without the parts that are not named."""
     words = "geometry at joint 4, compliance at joint 5"
-    gap = bc.diagnose(lagging, without=words)
+    session = geared(lagging.dataset)
+    gap = bc.diagnose(session, without=words)
     named = {n["model"] for n in gap.record["named"]}
     assert "geometry at joint 4" in named
     assert {*gap.record["refit"]["without"]} == {"geometry at joint 4", "compliance at joint 5"} - named
-    fit = bc.fit(lagging, samples=0, **gap.record["refit"])
+    fit = bc.fit(session, samples=0, **gap.record["refit"])
     told = {a["parameters"][0]: a for a in gap.record["amplitudes"]}
     assert "a4" in told
     for name in {"theta4", "d4", "a4", "alpha4"} & told.keys():

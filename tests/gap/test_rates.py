@@ -18,7 +18,7 @@ from bayescal.gap.search.unknown import Pool
 from bayescal.gap.settings import OUTCOME
 from bayescal.predict.crossvalidation import validation_errors
 
-SESSIONS, DRAWS = 25, 400
+SESSIONS, DRAWS = 25, 200
 """Of noise: with a search, and with single tests only."""
 
 

@@ -1,14 +1,12 @@
 """Every method finds the true arm without noise, says what it lacks, and is validated like the others."""
 
 import json
-import subprocess
-import sys
 from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
-from cases import ROOT, terminal_text
+from cases import terminal_text
 
 from analysis.methods import page, session
 from bayescal.dataset import Dataset, write_dataset
@@ -180,7 +178,7 @@ def distance_errors(dataset: Dataset, names: tuple[str, ...] = TOUCHING) -> dict
 
 
 def test_with_noise_ours_is_not_worse_on_average():
-    found = [distance_errors(session.touched(LAYOUT, arm, noise=5e-6)) for arm in range(10, 14)]
+    found = [distance_errors(session.touched(LAYOUT, arm, noise=5e-6)) for arm in range(10, 13)]
     rms = {name: np.sqrt(np.mean([f[name] ** 2 for f in found])) for name in TOUCHING}
     assert all(rms["bayescal"] < 1.1 * value for value in rms.values()), rms
 
@@ -252,20 +250,19 @@ def test_page_has_a_column_for_a_real_session():
 
 
 @pytest.mark.parametrize("holds", ["nothing", "something"])
-def test_command_line(tmp_path, holds):
+def test_command_line(tmp_path, holds, command):
     out = tmp_path / "out"
     if holds == "something":
         out.mkdir()
         (out / "mine.txt").write_text("mine")
     layout = Options(seed=2, contacts=160, later=12, repeats=0, placements=2, sphere_contacts=8)
     write_dataset(session.tracked(layout), tmp_path / "session")
-    command = [sys.executable, "-m", "bayescal.cli", "compare", str(tmp_path / "session"), "--out", str(out)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=ROOT)
+    code, text, errors = command("compare", tmp_path / "session", "--out", out)
     if holds == "something":
-        assert done.returncode == 1
-        assert "the folder contains files that bayescal did not write: mine.txt" in done.stderr
+        assert code == 1
+        assert "the folder contains files that bayescal did not write: mine.txt" in errors
         assert [p.name for p in out.iterdir()] == ["mine.txt"]
         return
-    assert done.returncode == 0, done.stderr
-    assert "open loop" in done.stdout
+    assert code == 0, errors
+    assert "open loop" in text
     assert json.loads((out / "compare.json").read_text())["schema"] == "bayescal-compare/1"

@@ -257,7 +257,7 @@ def test_what_only_turns_the_tool_is_named_by_orientations(cube, monkeypatch):
     """An eccentric joint 6 moves reflectors near its axis by far less than their noise."""
     near = {"north": [0.0, 0.0, 0.10], "east": [0.0, 0.0, 0.12], "south": [0.0, 0.0, 0.08]}
     monkeypatch.setattr(kind_sessions, "REFLECTORS", near)
-    pieces = (replace(NORTH, tools=(1, 2), poses=True, count=120),)
+    pieces = (replace(NORTH, tools=(1, 2), poses=True, count=80),)
     dataset = of_pieces(cube(seed=5), pieces, planes=False).dataset
     m = dataset.measurements
     readings = m.readings.copy()

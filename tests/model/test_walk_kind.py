@@ -152,7 +152,7 @@ def test_gap_takes_it(dataset):
     assert bc.diagnose(dataset).data.verdict.kind == "null"
 
 
-def test_plan_takes_it(dataset):
+def test_plan_takes_it(dataset, quick_search):
     setup = continued(replace(dataset, measurements=no_rows(dataset.robot.n)))
     made = plan(setup, PlanOptions(60, "distances", candidates=120))
     session, m = made.session, made.session.measurements

@@ -275,6 +275,16 @@ def test_observability_of_known_singular_values():
     assert found == pytest.approx(expected)
 
 
+def test_a_continued_plan_counts_the_measured_rows():
+    """Rows measured already and those chosen have the indices of one plan of both."""
+    measured, chosen = 100, np.arange(100, 140)
+    continued = linearised(pool_of(pool().session, measured=measured), MODEL)
+    found = observability_of(continued, chosen - measured)
+    assert found == pytest.approx(observability_of(linear(), np.arange(140)), rel=1e-6)
+    s = np.sqrt(np.linalg.eigvalsh(arm_information(continued, chosen - measured)))
+    assert found["O1"] == pytest.approx(np.exp(np.mean(np.log(s))) / np.sqrt(140))
+
+
 def test_information_grows_with_contacts_and_leaves_out_what_no_contact_determines():
     found = linear()
     few, many = np.arange(80), np.arange(400)

@@ -29,7 +29,7 @@ from bayescal.planning.pool import Setup
 from bayescal.planning.result import BOTH, DISTANCES, GAP, REPEAT, VALIDATE, Plan
 from bayescal.planning.setup import continued, read_setup
 from bayescal.programs import PROGRAMS
-from bayescal.programs.motions import guarded, motions
+from bayescal.programs.motions import guarded, motions, steps
 from bayescal.programs.probing import FORMATS, Probe, formats_of
 from bayescal.public.planning import _setup
 from bayescal.public.planning import plan as planned
@@ -370,6 +370,14 @@ def test_a_search_ends_where_the_arm_can_reach(exported_plan):
     narrow = replace(exported_plan.session.robot, limits=limits, link_from_reading=np.eye(6))
     short = guarded(replace(exported_plan, session=replace(exported_plan.session, robot=narrow)), 5e-3)
     assert short.beyond.min() < 5e-3
+    arm = NominalArm(narrow, exported_plan.session.tools[0].centre)
+    m = exported_plan.session.measurements
+    at, away, end = (arm.ball(arm.frames(q)) for q in (m.readings, exported_plan.approach, short.end))
+    way = (at - away) / np.linalg.norm(at - away, axis=1)[:, None]
+    np.testing.assert_allclose(end - at, short.beyond[:, None] * way, atol=2e-8)
+    told = [s.texts["short"] for s in steps(exported_plan, short) if s.kind == "contact"]
+    less = [f", search to {1e3 * m:g} mm beyond" if m < short.beyond.max() else "" for m in short.beyond]
+    assert told == less
 
 
 def test_points_that_are_passed_come_before_the_approach(exported_plan):

@@ -348,6 +348,10 @@ def test_the_record_follows_the_contract(reported_plan):
     assert (latency["smallest"], latency["plausible"], latency["unit"]) == (None, 1.0, "ms")
     assert record["confusable"][1]["intervention"] == "a payload of 2 kg"
     assert record["volume"] == {"centre_mm": [400, 0, 300], "size_mm": [300, 400, 200]}
+    setup = reported_plan.pool.setup
+    assert record["smallest_clearance_mm"] == pytest.approx(1e3 * setup.clearance)
+    assert (record["travel_s"], record["seconds"]) == (2150.0, 14.2)
+    assert record["expected"]["next_distance_sd_um"] == pytest.approx(4.8)
 
 
 def test_the_table_is_a_session_without_results(reported_plan, tmp_path):

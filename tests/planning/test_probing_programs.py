@@ -158,14 +158,14 @@ def test_the_force_of_a_ur_stops_the_motion(plan):
 
 def test_a_log_becomes_a_calibration(cube, tmp_path):
     """Errors of the arm are found from what an interpreted program has logged."""
-    dataset = cube(seed=2, count=90).dataset
-    whole = guarded(on_planes(made_up_plan(dataset, count=70, validation=0)), 5e-3).beyond == 5e-3
+    dataset = cube(seed=2, count=70).dataset
+    whole = guarded(on_planes(made_up_plan(dataset, count=60, validation=0)), 5e-3).beyond == 5e-3
     some = taken(dataset.measurements, np.flatnonzero(whole))  # not those at a limit of a joint
-    plan = on_planes(made_up_plan(replace(dataset, measurements=some), count=50, validation=0))
+    plan = on_planes(made_up_plan(replace(dataset, measurements=some), count=36, validation=0))
     write_plan(plan, tmp_path / "run")
     program = ran(plan, "fanuc", cycle=8e-3, open=True)
     draft = imported(program, tmp_path / "run", tmp_path)
-    assert len(draft.dataset.measurements.ids) == 50
+    assert len(draft.dataset.measurements.ids) == 36
     fitted = bc.fit(draft.dataset, model="geometry", samples=0)
     rms = [r["rms_um"] for r in fitted.record["residuals"]]
     assert np.sqrt(np.mean(np.square(rms))) < 15  # 40 µm of a cycle, evenly distributed: 12 µm

@@ -337,7 +337,7 @@ def test_times_between_readings():
 CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
 
 
-def test_sampled_motions_are_as_free_as_stated(monkeypatch):
+def test_sampled_motions_are_as_free_as_stated(monkeypatch, quick_search):
     """Spheres that are moved on the way; two probes would take twice the time."""
     monkeypatch.setattr(study, "CONTACTS", 5)
     monkeypatch.setattr(study, "CANDIDATES", 16)

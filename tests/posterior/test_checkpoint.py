@@ -19,16 +19,26 @@ from bayescal.posterior.sample import sample
 from bayescal.storage import locks, stopping
 from bayescal.storage.locks import first_line
 
-OPTIONS = {"effective": 60, "seed": 3, "max_steps": 20}
+OPTIONS = {"effective": 60, "seed": 3, "max_steps": 8}
 
 
 @pytest.fixture(scope="module")
 def fitted(cube):
-    return estimate(build(Scene(cube(seed=5, count=40).dataset), ("geometry",)))
+    """Of few parameters: the size of an ensemble, and so its cost, grows with their square."""
+    return estimate(build(Scene(cube(seed=5, count=24).dataset), ("joint",)))
+
+
+@pytest.fixture(scope="module", autouse=True)
+def short():
+    """A sampling of few steps: after each of them the whole file is written."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sampling, "BURN", 5)
+        patch.setattr(sampling, "TAUS", 5)
+        yield
 
 
 @pytest.fixture(scope="module")
-def plain(fitted):
+def plain(fitted, short):
     return sample(fitted, **OPTIONS)
 
 
@@ -111,7 +121,7 @@ def same(a, b) -> bool:
 
 def test_interrupted_again_and_again_the_draws_are_the_same(monkeypatch, capfd, fitted, plain, kept):
     checkpoint, said = kept
-    for calls in (1, 7, 40, 60):  # before the first step, in the burn-in and after it
+    for calls in (1, 7, 20, 30):  # before the first step, in the burn-in and after it
         interrupted(monkeypatch, fitted, checkpoint, calls)
     assert capfd.readouterr() == ("", ""), "emcee prints no traceback"
     with monkeypatch.context() as patch:  # killed in a write
@@ -133,7 +143,7 @@ def test_interrupted_again_and_again_the_draws_are_the_same(monkeypatch, capfd, 
 def test_what_is_left_is_computed_and_no_more(monkeypatch, fitted, plain, kept):
     checkpoint, _ = kept
     _, every = computed(monkeypatch, fitted, None)
-    begun = interrupted(monkeypatch, fitted, checkpoint, 90)
+    begun = interrupted(monkeypatch, fitted, checkpoint, 60)
     _, count = computed(monkeypatch, fitted, checkpoint)
     # the starts, and what was computed of the interrupted step, are computed again
     assert 0 <= begun + count - every - CHAINS * plain.walkers < plain.walkers
@@ -148,13 +158,19 @@ def test_a_stop_after_the_sampling_says_that_the_draws_are_kept(monkeypatch, fit
     assert stopping.Stopped(2).kept == f"{count:,} draws are kept; the same command continues"
 
 
-def test_progress_grows_by_steps_and_is_complete_only_at_the_end(fitted):
-    shares = []
-    draws = sample(fitted, **OPTIONS, progress=shares.append)
+def test_progress_grows_by_steps_and_is_complete_only_at_the_end(cube, monkeypatch):
+    """Of ensembles that do not drift after the burn-in; up to the first test, which may ask for more."""
+    monkeypatch.setattr(sampling, "BURN", 15)
+    monkeypatch.setattr(sampling, "TAUS", 10)
+    fitted, shares = estimate(build(Scene(cube(seed=5, count=40).dataset), ("geometry",))), []
+    draws = sample(fitted, **(OPTIONS | {"max_steps": 20}), progress=shares.append)
     assert len(shares) == CHAINS * (sampling.BURN + draws.steps) + 1
+    assert np.all(np.diff(shares[: CHAINS * (sampling.BURN + sampling.TAUS)]) >= 0)
     assert max(shares[:-1]) <= sampling.NEARLY
     assert shares[-1] == 1.0
-    assert shares[CHAINS * sampling.BURN - 1] == pytest.approx(sampling.BURN / (sampling.BURN + 10), abs=0.02)
+    assert shares[CHAINS * sampling.BURN - 1] == pytest.approx(
+        sampling.BURN / (sampling.BURN + sampling.TAUS), abs=0.02
+    )
 
 
 OTHERS = {
@@ -167,7 +183,7 @@ OTHERS = {
 @pytest.mark.parametrize("what", OTHERS)
 def test_other_inputs_start_afresh_and_say_so(monkeypatch, fitted, kept, what):
     checkpoint, said = kept
-    interrupted(monkeypatch, fitted, checkpoint, 60)
+    interrupted(monkeypatch, fitted, checkpoint, 25)
     other, options = OTHERS[what](fitted)
     draws, count = computed(monkeypatch, other, checkpoint, **options)
     assert len(said) == 1
@@ -179,7 +195,7 @@ def test_other_inputs_start_afresh_and_say_so(monkeypatch, fitted, kept, what):
 
 def test_another_density_at_the_same_points_is_seen(monkeypatch, fitted, kept):
     checkpoint, said = kept
-    interrupted(monkeypatch, fitted, checkpoint, 60)
+    interrupted(monkeypatch, fitted, checkpoint, 25)
     own = Density.__call__
     monkeypatch.setattr(Density, "__call__", lambda self, x: own(self, x) * (1 + 1e-15))
     draws = sample(fitted, **OPTIONS, checkpoint=checkpoint)
@@ -190,7 +206,7 @@ def test_another_density_at_the_same_points_is_seen(monkeypatch, fitted, kept):
 @pytest.mark.parametrize("place", [0.5, 0.9])
 def test_a_damaged_file_is_not_used(monkeypatch, fitted, plain, kept, place):
     checkpoint, said = kept
-    interrupted(monkeypatch, fitted, checkpoint, 60)
+    interrupted(monkeypatch, fitted, checkpoint, 25)
     content = bytearray(checkpoint.path.read_bytes())
     content[int(place * len(content))] ^= 1
     checkpoint.path.write_bytes(content)

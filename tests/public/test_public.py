@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from cases import ROOT
+from sessions import geared
 
 import bayescal as bc
 from bayescal.effects import Effect, Parameter, Term
@@ -55,7 +56,7 @@ def once(remembered, monkeypatch):
 
 
 @pytest.mark.parametrize("module", DOCUMENTED)
-def test_examples_of_docstrings(module, once):
+def test_examples_of_docstrings(module, once, quick_search):
     found = doctest.testmod(import_module(module))
     assert found.attempted
     assert not found.failed
@@ -180,11 +181,11 @@ def test_a_users_own_effect_is_simulated_fitted_and_named(own, tmp_path):
     assert own.name in bc.effects.names()
     assert bc.effects.describe(own.name) == own.summary
     model = ("geometry", "compliance", own.name)
-    session = bc.simulate(effects=model, contacts=160, later=24, spheres=0, seed=4)
+    session = bc.simulate(effects=model, contacts=100, later=16, spheres=0, seed=4)
     true = next(p for p in session.truth["parameters"] if p["name"] == own.name)["value_deg"]
     fitted = bc.fit(session, model, samples=0).parameters.loc[own.name]
     assert abs(fitted["estimate"] - true) < 4 * fitted["u"] < 0.5 * abs(true)
-    gap = bc.diagnose(session)
+    gap = bc.diagnose(geared(session.dataset))
     assert gap.effects == (own.name,)
     assert gap.probability.index[0] == own.name
     gap.save(tmp_path / "gap", pictures=False)

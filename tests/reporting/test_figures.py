@@ -1,6 +1,7 @@
 """Figures show the numbers of their record; no text overlaps or is cut off, at any width."""
 
 import re
+import shutil
 import sys
 from dataclasses import replace
 
@@ -12,6 +13,7 @@ from cases import cases
 from gap_diagnoses import bare, diagnosis, plane, seven
 from matplotlib.colors import to_hex, to_rgb
 from matplotlib.figure import Figure
+from scipy.stats import norm
 
 import bayescal as bc
 from bayescal.errors import BayescalError
@@ -19,12 +21,12 @@ from bayescal.estimate import calibrated
 from bayescal.gap.result import VERDICTS
 from bayescal.model.scene import Scene
 from bayescal.reporting.figures import distances, parameters, process, residuals, where
-from bayescal.reporting.figures.figures import CONTENT, FILES, FIT, GAP, draw, figures_of, has, png, svg
+from bayescal.reporting.figures.figures import CONTENT, FILES, FIT, GAP, draw, has, png, svg
 from bayescal.reporting.figures.parameters import BINS, weakest
 from bayescal.reporting.fit.posterior import parameter_draws
 from bayescal.reporting.gap.record import gap_record
 from bayescal.reporting.shared.origin import rows_record
-from bayescal.reporting.shared.style import FAINT, INK, MARKED, SERIES
+from bayescal.reporting.shared.style import FAINT, INK, MARKED, NOISE, SERIES
 
 WIDTHS = (80, 160)
 LONG = "the upper sphere of the artefact that stands behind the column of the machine $a_1$"
@@ -98,11 +100,14 @@ def many_targets(fit):
     return fit | {"rows": rows, "validation": checked, "parameters": own}
 
 
+CASES = {80: ("long names", "seven joints", "points", "empty tables", "null"), 160: ("long names", "points")}
+"""Records by width: a wide figure has panels beside each other, and more room."""
+
+
 @pytest.mark.parametrize("width", WIDTHS)
 def test_no_text_overlaps_or_is_cut_off(fit, sessions, width):
-    cases = ("long names", "seven joints", "points", "empty tables", "null")
-    records = {case: sessions[case] for case in cases}
-    records |= {"fit": fit, "fit, many targets": many_targets(fit)}
+    records = {case: sessions[case] for case in CASES[width]}
+    records |= {"fit, many targets": many_targets(fit)} | ({"fit": fit} if width == min(WIDTHS) else {})
     faults = []
     for case, record in records.items():
         for name, of in CONTENT.items():
@@ -320,6 +325,42 @@ def test_parameters_are_scaled_by_their_priors(fit):
     assert sorted(drawn[:, 0]) == pytest.approx(sorted(own))
 
 
+def segments(axes, colour):
+    """Ends (K, 2) and heights (K,) of horizontal lines of a colour in several axes."""
+    found = [
+        c.get_segments() for a in axes for c in a.collections if to_hex(c.get_color()[0]) == to_hex(colour)
+    ]
+    found = np.concatenate([s for s in found if len(s)])
+    return np.sort(found[:, :, 0], axis=1), found[:, 0, 1]
+
+
+def test_the_band_of_a_prior_is_two_of_its_standard_deviations(fit):
+    """Beside each estimate, with its 95 % interval, in the same unit; so the legend says."""
+    own = [p for p in fit["parameters"] if p["effect"] != "target"]
+    axes = draw("parameters", fit).axes
+    ends, heights = segments(axes, NOISE)
+    np.testing.assert_allclose(ends, np.tile([-2.0, 2.0], (len(own), 1)))
+    drawn = np.concatenate([marks(a, style) for a in axes for _, style in parameters.STYLES.values()])
+    assert sorted(heights) == pytest.approx(sorted(drawn[:, 1]))
+    colours = {style.get("color", style.get("markeredgecolor")) for _, style in parameters.STYLES.values()}
+    intervals = np.concatenate(
+        [segments(axes, c)[0] for c in colours if any(len(marks(a, {"color": c, "marker": m}))
+         for a in axes for m in "osD")]
+    )  # fmt: skip
+    expected = [[(v - p["prior_mean"]) / p["prior_sd"] for v in p["interval95"]] for p in own]
+    np.testing.assert_allclose(sorted(map(tuple, intervals)), sorted(map(tuple, expected)))
+    assert any("± 2 standard deviations" in t.get_text() for t in texts(draw("parameters", fit)))
+
+
+def test_the_prior_of_a_posterior_is_its_density(result):
+    name = weakest(result.record)[0]
+    (p,) = (p for p in result.record["parameters"] if p["name"] == name)
+    axes = bc.plot.posterior(result, [name]).axes[0]
+    (prior,) = (line for line in axes.lines if line.get_linestyle() == "--")
+    x, y = prior.get_data()
+    np.testing.assert_allclose(y, norm.pdf(x, p["prior_mean"], p["prior_sd"]))
+
+
 def lightness(colour):
     """CIE L* of a colour."""
     rgb = np.array(to_rgb(colour))
@@ -378,8 +419,16 @@ def test_panels_are_drawn_into_axes_of_the_user(fit):
     pyplot.close(figure)
 
 
-def test_a_saved_run_draws_the_same_pictures(result, tmp_path):
-    names = result.save(tmp_path / "run")
+@pytest.fixture(scope="module")
+def kept(result, tmp_path_factory):
+    """The folder of a run with its pictures, and the names of its files."""
+    folder = tmp_path_factory.mktemp("kept") / "run"
+    return folder, result.save(folder)
+
+
+def test_a_saved_run_draws_the_same_pictures(result, kept, tmp_path):
+    folder, names = kept
+    shutil.copytree(folder, tmp_path / "run")
     expected = {*FILES[FIT], "fit-posterior.png"}
     assert expected <= set(names)
     assert {path.name for path in (tmp_path / "run").glob("*.png")} == expected
@@ -454,7 +503,7 @@ def test_every_file_of_a_run_is_a_figure():
     assert distances.label([{"model": ["nominal"]}], 0) == "nominal"
 
 
-def test_a_second_process_draws_the_same(result, monkeypatch):
+def test_a_second_process_draws_the_same(result, kept, monkeypatch):
     monkeypatch.setattr(process, "cores", lambda: 2)
     draws = parameter_draws(result.data)
     with monkeypatch.context() as patch:
@@ -463,5 +512,5 @@ def test_a_second_process_draws_the_same(result, monkeypatch):
             there = process.begun(result.record, draws)
             patch.setattr(process, "figures_of", lambda *given: pytest.fail("drawn here"))
             drawn = there()
-    assert drawn == figures_of(result.record, draws)
+    assert drawn == {path.name: path.read_bytes() for path in kept[0].glob("*.png")}
     assert len(drawn) == 5

@@ -94,12 +94,12 @@ def test_commands_print_names_as_they_are(session):
     assert {"svg", "table"} <= page.tags
 
 
-def test_no_name_is_an_element_of_any_page(session, tmp_path):
+def test_no_name_is_an_element_of_any_page(session, tmp_path, quick_search):
     """Of a fit, a diagnosis, both side by side and a plan: pages, and what a notebook shows of them."""
     results = {
         "report.html": bc.fit(session, samples=0),
         "gap.html": bc.diagnose(session),
-        "plan.html": bc.plan(session, contacts=60, purpose="distances", candidates=200, order="random"),
+        "plan.html": bc.plan(session, contacts=60, purpose="distances", candidates=130, order="random"),
     }
     for name, result in results.items():
         result.save(tmp_path / name, **({} if name == "plan.html" else {"pictures": False}))
