@@ -9,12 +9,13 @@ from bayescal.logs import Log
 from bayescal.logs.types import CALIBRATE, VALIDATE
 from bayescal.motion import outcome
 from bayescal.motion.estimate import estimated
+from bayescal.motion.linear import normal
 from bayescal.motion.noise import noise_of
 from bayescal.motion.pool import Pool
 from bayescal.motion.result import MotionGap
 from bayescal.motion.settings import NOISE, VERDICT
 from bayescal.motion.signals import all_signals
-from bayescal.motion.verdict import decide
+from bayescal.motion.verdict import confirmed, decide
 from bayescal.storage.stopping import Progress, silent
 
 
@@ -46,6 +47,7 @@ def diagnose(log: Log, progress: Progress = silent) -> MotionGap:
     search = pool.search(noise)
     hypotheses = search.run()
     verdict = decide(search, hypotheses, pool.search(noise, (CALIBRATE, VALIDATE)))
+    verdict = confirmed(verdict, search, normal(pool.table.of_role(VALIDATE), noise))
     progress("result", 0.8)
     named = search.fit(verdict.named.members)
     score = np.array([h.score for h in hypotheses])

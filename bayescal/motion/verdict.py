@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import logsumexp
 
 from bayescal.motion.cells import UNKNOWN
-from bayescal.motion.search import Hypothesis, Search
+from bayescal.motion.linear import Normal
+from bayescal.motion.search import Hypothesis, Member, Search
 from bayescal.motion.settings import SEARCH, VERDICT
 
 NULL, OTHER = "null", "other"
@@ -69,6 +70,31 @@ def decide(search: Search, hypotheses: tuple[Hypothesis, ...], whole: Search) ->
         kind, named, best, {n: float(np.clip(p, low, high)) for n, p in probability.items()},
         _credible(hypotheses, weight), members, explained,
     )  # fmt: skip
+
+
+def confirmed(v: Verdict, search: Search, held: Normal) -> Verdict:
+    """The verdict without names that make withheld motions less probable.
+
+    `held` are normal equations of the validation motions. A name that is refused has at most
+    `VERDICT.not_admitted`; an unknown cause has what it loses, if there is much evidence of any.
+    """
+    whole = search.fit(v.named.members).chi2(held)
+    kept: list[Member] = []
+    refused: list[Member] = []
+    for m in v.named.members:
+        without = search.fit([o for o in v.named.members if o is not m]).chi2(held)
+        (kept if without > whole else refused).append(m)
+    if not refused:
+        return v
+    probability = dict(v.probability)
+    strong = v.leading.log_evidence > VERDICT.structure
+    for name in {m.form.effect for m in refused}:
+        lost = max(probability[name] - VERDICT.not_admitted, 0.0)
+        probability[name] -= lost
+        probability[UNKNOWN if strong else NULL] = min(probability[UNKNOWN if strong else NULL] + lost, 1.0)
+    named = Hypothesis(tuple(kept), 0.0, 0.0)
+    kind = v.kind if kept else "ambiguous" if strong else NULL
+    return replace(v, kind=kind, named=named, probability=probability)
 
 
 def _tested(hypotheses: tuple[Hypothesis, ...], whole: Search) -> tuple[Hypothesis, ...]:
