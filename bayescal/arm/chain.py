@@ -64,6 +64,10 @@ class Robot:
     radii: np.ndarray | None = None  # (n,) m, of capsules around the links; nan where assumed
     velocities: np.ndarray | None = None  # (n,) rad/s, largest of the joints; nan where not stated
     torques: np.ndarray | None = None  # (n,) N m, largest of the joints; nan where not stated
+    inertias: np.ndarray | None = None  # (n, 3, 3) kg m2, of the links about their centres, link frames' axes
+    coulomb: np.ndarray | None = None  # (n,) N m, friction of the joints; nan where not stated
+    viscous: np.ndarray | None = None  # (n,) N m s/rad; nan where not stated
+    armatures: np.ndarray | None = None  # (n,) kg m2, rotors as seen at the joints; nan where not stated
 
     def __post_init__(self) -> None:
         assert self.convention == "mdh" or np.array_equal(self.flange, np.eye(4)), "standard rows end at it"

@@ -190,7 +190,16 @@ JOINTS = 6
 """Joints of a robot.yaml that is to be filled in: most arms have as many."""
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
-UNITS = {"degps": "deg/s", "nm": "N m", "mps2": "m/s²", "c": "°C", "degc": "°C", "rad_per_nm": "rad/(N m)"}
+UNITS = {
+    "degps": "deg/s",
+    "nm": "N m",
+    "mps2": "m/s²",
+    "c": "°C",
+    "degc": "°C",
+    "rad_per_nm": "rad/(N m)",
+    "nms_per_rad": "N m s/rad",
+    "kgm2": "kg m2",
+}
 """Units of keys that are not written as in the key."""
 
 MODELS: dict[str, Callable[[], type[Keys]]] = {

@@ -65,6 +65,12 @@ class Joint(Keys):
     """Largest speed of the joint, for exports."""
     max_torque_nm: Positive | None = None
     """Largest torque of the joint, for exports."""
+    coulomb_nm: NotNegative | None = None
+    """Coulomb friction of the joint, for joint logs."""
+    viscous_nms_per_rad: NotNegative | None = None
+    """Viscous friction of the joint, for joint logs."""
+    armature_kgm2: NotNegative | None = None
+    """Inertia of the rotor as seen at the joint, for joint logs."""
 
 
 class Link(Keys):
@@ -76,6 +82,8 @@ class Link(Keys):
     """Its centre of mass in the link frame (behind the whole row)."""
     radius_mm: Positive | None = None
     """Radius of a capsule around the link, for the check of collisions."""
+    inertia_kgm2: tuple[Number, Number, Number, Number, Number, Number] | None = None
+    """Inertia about the centre of mass, axes of the link frame: xx, yy, zz, xy, xz, yz; for joint logs."""
 
 
 class Place(Keys):
@@ -137,6 +145,10 @@ def robot_from(document: Document) -> Robot:
         radii=_stated(links, "radius_mm"),
         velocities=_stated(file.joints, "max_velocity_degps"),
         torques=_stated(file.joints, "max_torque_nm"),
+        inertias=_inertias(links),
+        coulomb=_stated(file.joints, "coulomb_nm"),
+        viscous=_stated(file.joints, "viscous_nms_per_rad"),
+        armatures=_stated(file.joints, "armature_kgm2"),
         **table,
     )
 
@@ -147,6 +159,15 @@ def _frame(place: Place) -> np.ndarray:
 
 def _column(entries: Sequence[Keys], key: str) -> list[Any]:
     return [getattr(entry, key) for entry in entries]
+
+
+def _inertias(links: Sequence[Link]) -> np.ndarray | None:
+    """Inertias (n, 3, 3) of links, None unless all state theirs."""
+    given = [link.inertia_kgm2 for link in links]
+    if not given or None in given:
+        return None
+    xx, yy, zz, xy, xz, yz = np.array(given, float).T
+    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]).transpose(2, 0, 1)
 
 
 def _stated(entries: Sequence[Keys], key: str) -> np.ndarray | None:
@@ -215,7 +236,11 @@ def robot_to_yaml(robot: Robot, comment: str = "") -> str:
     table = {key: getattr(robot, key.rpartition("_")[0]) for key in JOINT_KEYS}
     table["beta_deg"] = np.where(robot.beta, robot.beta, np.nan)
     table |= {"max_velocity_degps": robot.velocities, "max_torque_nm": robot.torques}
+    table |= {"coulomb_nm": robot.coulomb, "viscous_nms_per_rad": robot.viscous}
+    table["armature_kgm2"] = robot.armatures
     links = {"mass_kg": robot.masses, "centre_of_mass_mm": robot.centres_of_mass, "radius_mm": robot.radii}
+    if robot.inertias is not None:
+        links["inertia_kgm2"] = robot.inertias[:, [0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
     coupled = not np.array_equal(robot.link_from_reading, np.eye(robot.n))
     lists = {"reductions": robot.reductions, "joint_compliance_rad_per_nm": robot.compliance}
     block: Block = {

@@ -26,9 +26,11 @@ FEWER = "give the URDF of the arm alone"
 KEPT: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "robot": (("name", "version"), ("link", "joint")),
     "link": (("name",), ("inertial",)),
-    "inertial": ((), ("origin", "mass")),
+    "inertial": ((), ("origin", "mass", "inertia")),
     "mass": (("value",), ()),
-    "joint": (("name", "type"), ("origin", "parent", "child", "axis", "limit", "mimic")),
+    "inertia": (("ixx", "iyy", "izz", "ixy", "ixz", "iyz"), ()),
+    "joint": (("name", "type"), ("origin", "parent", "child", "axis", "limit", "mimic", "dynamics")),
+    "dynamics": (("damping", "friction"), ()),
     "origin": (("xyz", "rpy"), ()),
     "parent": (("link",), ()),
     "child": (("link",), ()),
@@ -56,14 +58,17 @@ class Joint:
     mimic: bool
     velocity: float = np.nan
     torque: float = np.nan
+    damping: float = np.nan  # N m s/rad
+    friction: float = np.nan  # N m
 
 
 @dataclass(frozen=True)
 class Body:
-    """Mass of a link, kg, and its centre in the link's frame (3,), m."""
+    """Mass of a link, kg, its centre (3,), m, and its inertia about it (3, 3), kg m2, in the link's axes."""
 
     mass: float
     centre: np.ndarray
+    inertia: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -193,11 +198,15 @@ def _frame(origin: Any, what: str, file: str) -> np.ndarray:
 
 def _body(link: Any, file: str) -> Body:
     if link.inertial is None:
-        return Body(0.0, np.zeros(3))
+        return Body(0.0, np.zeros(3), np.zeros((3, 3)))
     mass = float(_numbers(link.inertial.mass, f"the mass of `{link.name}`", file, HEAVIEST))
     if mass < 0.0:
         raise BayescalError(f"the mass of `{link.name}` is {mass:g} kg", file, "must be at least 0")
-    return Body(mass, _frame(link.inertial.origin, link.name, file)[:3, 3])
+    frame, inertia = _frame(link.inertial.origin, link.name, file), np.zeros((3, 3))
+    if link.inertial.inertia is not None:
+        what = f"the inertia of `{link.name}`"
+        inertia = _numbers(link.inertial.inertia.to_matrix(), what, file, HEAVIEST)
+    return Body(mass, frame[:3, 3], frame[:3, :3] @ inertia @ frame[:3, :3].T)
 
 
 def _joint(joint: Any, file: str) -> Joint:
@@ -215,7 +224,11 @@ def _joint(joint: Any, file: str) -> Joint:
     place = _frame(joint.origin, joint.name, file)
     velocity, torque = (x if 0.0 < x < UNLIMITED else np.nan for x in most)
     names = (joint.name, joint.type, joint.parent, joint.child)
-    return Joint(*names, place, axis / size, limits, joint.mimic is not None, velocity, torque)
+    loss = [np.nan, np.nan]
+    if joint.dynamics is not None:
+        stated = [joint.dynamics.damping or 0.0, joint.dynamics.friction or 0.0]
+        loss = _numbers(stated, f"the dynamics of `{joint.name}`", file, HEAVIEST).tolist()
+    return Joint(*names, place, axis / size, limits, joint.mimic is not None, velocity, torque, *loss)
 
 
 def _check_names(names: list[str], what: str, file: str) -> None:

@@ -87,7 +87,7 @@ def robot_from_urdf(content: bytes, file: str, tip: str = "") -> Robot:
     reach = np.abs(np.concatenate([a, d])).sum()
     if not REACH[0] <= reach <= REACH[1]:
         raise BayescalError(f"the arm's lengths add up to {reach:g} m", file, "a URDF is in metres")
-    masses, centres = _lumped(tree, moving, behind)
+    masses, centres, inertias = _lumped(tree, moving, behind)
     return Robot(
         name=tree.name,
         convention="mdh",
@@ -105,6 +105,9 @@ def robot_from_urdf(content: bytes, file: str, tip: str = "") -> Robot:
         flange=flange,
         velocities=_most([joint.velocity for joint in moving]),
         torques=_most([joint.torque for joint in moving]),
+        inertias=inertias if np.any(inertias) else None,
+        coulomb=_most([joint.friction for joint in moving]),
+        viscous=_most([joint.damping for joint in moving]),
     )
 
 
@@ -146,10 +149,11 @@ def _end(m: np.ndarray) -> tuple[np.ndarray, float, float]:
     return m, 0.0, 0.0
 
 
-def _lumped(tree: Tree, moving: list[Joint], behind: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Masses (n,), kg, and their centres (n, 3), m, in the rows' link frames."""
+def _lumped(tree: Tree, moving: list[Joint], behind: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Masses (n,), kg, their centres (n, 3), m, and inertias (n, 3, 3), in the rows' link frames."""
     number = {joint.name: i for i, joint in enumerate(moving)}
-    masses, moments = np.zeros(len(moving)), np.zeros((len(moving), 3))
+    n = len(moving)
+    masses, moments, inertias = np.zeros(n), np.zeros((n, 3)), np.zeros((n, 3, 3))
     for link, body in tree.bodies.items():
         chain = tree.above(link)
         carriers = [k for k, joint in enumerate(chain) if joint.name in number]
@@ -160,11 +164,18 @@ def _lumped(tree: Tree, moving: list[Joint], behind: np.ndarray) -> tuple[np.nda
             place = place @ joint.place
         i = number[chain[last].name]
         pose = np.linalg.inv(behind[i]) @ rigid(_onto(chain[last].axis).T) @ place
+        centre = pose[:3, :3] @ body.centre + pose[:3, 3]
         masses[i] += body.mass
-        moments[i] += body.mass * (pose[:3, :3] @ body.centre + pose[:3, 3])
-    return masses, np.divide(
-        moments, masses[:, None], out=np.zeros_like(moments), where=masses[:, None] > 0.0
-    )
+        moments[i] += body.mass * centre
+        inertias[i] += pose[:3, :3] @ body.inertia @ pose[:3, :3].T + body.mass * _about(centre)
+    centres = np.divide(moments, masses[:, None], out=np.zeros_like(moments), where=masses[:, None] > 0.0)
+    inertias -= masses[:, None, None] * np.array([_about(centre) for centre in centres])
+    return masses, centres, inertias
+
+
+def _about(centre: np.ndarray) -> np.ndarray:
+    """Inertia (3, 3) of a unit mass at a point about the origin."""
+    return centre @ centre * np.eye(3) - np.outer(centre, centre)
 
 
 def _limits(joint: Joint, file: str) -> tuple[float, float]:

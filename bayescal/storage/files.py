@@ -25,7 +25,7 @@ from bayescal.storage.reading import CONTROL, decoded, explained
 from bayescal.storage.stopping import completed
 
 UNITS = {"mm": 1e-3, "deg": math.pi / 180, "degps": math.pi / 180} | dict.fromkeys(
-    ("rad", "kg", "nm", "s", "c", "degc", "mps2", "rad_per_nm"), 1.0
+    ("rad", "kg", "nm", "s", "c", "degc", "mps2", "rad_per_nm", "kgm2", "nms_per_rad"), 1.0
 )
 """Unit suffixes of keys and columns, and the factors to SI (degrees Celsius are kept)."""
 
@@ -68,6 +68,8 @@ RANGES: dict[str, tuple[float, float]] = {
     "degc": (-273.15, 1e4),
     "mps2": (-1e6, 1e6),
     "rad_per_nm": (-1e3, 1e3),
+    "kgm2": (-1e6, 1e6),
+    "nms_per_rad": (-1e6, 1e6),
     "": (-1e9, 1e9),
 }
 """Numbers that are read, by the unit of their key. Beyond them no arm, instrument or clock is, and sums of

@@ -1,0 +1,130 @@
+"""The nominal mechanism of an arm: joints, bodies with their inertia, friction and rotors of the drives."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from bayescal.arm.chain import Robot, chain_of
+from bayescal.arm.transforms import rigid, rotation
+
+TRANSITION = 0.03
+"""rad/s: speed scale of the reversal of friction where none is stated (assumed)."""
+RADIUS_OF_GYRATION = 0.3
+"""Of a link about its centre, over the distance to the next joint, where no inertia is stated (assumed)."""
+
+
+@dataclass(frozen=True)
+class Uncertain:
+    """Prior standard uncertainties of the nominal mechanism; relative but for `centre`, m."""
+
+    mass: float = 0.15
+    centre: float = 0.012
+    inertia: float = 0.15
+    armature: float = 0.15
+    transition: float = 0.3
+
+
+@dataclass(frozen=True)
+class Mechanism:
+    """A serial arm of n turning joints, SI units.
+
+    Body k is carried by joint k. Its frame is `place[k]` in the frame of body k - 1, turned by the joint's
+    angle about `axis[k]`. Joint angles are `coupling` times the readings, and torques of readings the
+    transpose of it times those of the joints.
+    """
+
+    name: str
+    joint_names: tuple[str, ...]
+    place: np.ndarray  # (n, 4, 4)
+    axis: np.ndarray  # (n, 3) unit vectors, in the body's frame
+    mass: np.ndarray  # (n,) kg
+    centre: np.ndarray  # (n, 3) m, in the body's frame
+    inertia: np.ndarray  # (n, 3, 3) kg m2 about the centre, axes of the body's frame
+    armature: np.ndarray  # (n,) kg m2, of the rotor as seen at the joint; nan where not known
+    coulomb: np.ndarray  # (n,) N m; nan where not known
+    viscous: np.ndarray  # (n,) N m s/rad; nan where not known
+    rated: np.ndarray  # (n,) N m; nan where not known
+    gear_ratio: np.ndarray  # (n,); nan where not known
+    coupling: np.ndarray  # (n, n)
+    transition: float = TRANSITION  # rad/s
+    payload_centre: np.ndarray = field(default_factory=lambda: np.zeros(3))  # m, in the last body's frame
+    payload_gyration: float = 0.0  # m
+    u: Uncertain = Uncertain()
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return len(self.joint_names)
+
+    @property
+    def inertials(self) -> np.ndarray:
+        """Parameters (n, 10) in which torques are linear, of each body: see `inertial`."""
+        return np.array([inertial(*body) for body in zip(self.mass, self.centre, self.inertia, strict=True)])
+
+
+PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
+"""Elements of a symmetric matrix in the order of parameters: xx, yy, zz, xy, xz, yz."""
+
+
+def inertial(mass: float, centre: np.ndarray, inertia: np.ndarray) -> np.ndarray:
+    """Mass, first moment (3) and inertia (6) about the origin of the body's frame, as `PAIRS`.
+
+    The torques of a rigid body are linear in these ten (Atkeson, An and Hollerbach, IJRR 5(3), 1986).
+    """
+    about = inertia + mass * (centre @ centre * np.eye(3) - np.outer(centre, centre))
+    return np.concatenate([[mass], mass * centre, [about[i, j] for i, j in PAIRS]])
+
+
+def symmetric(six: np.ndarray) -> np.ndarray:
+    """The matrix (3, 3) of six elements as `PAIRS`."""
+    out = np.empty((3, 3))
+    for value, (i, j) in zip(six, PAIRS, strict=True):
+        out[i, j] = out[j, i] = value
+    return out
+
+
+def mechanism_of(robot: Robot) -> tuple[Mechanism, tuple[str, ...]]:
+    """The mechanism of a robot of Denavit-Hartenberg rows, and what had to be assumed of it."""
+    chain, n = chain_of(robot), robot.n
+    place = np.array(
+        [
+            chain.link[k] @ rigid(rotation(2, robot.offset[k]), np.array([0.0, 0.0, robot.d[k]]))
+            for k in range(n)
+        ]
+    )
+    place[0] = chain.base @ place[0]
+    behind = chain.link[1:] if robot.convention == "dh" else np.tile(np.eye(4), (n, 1, 1))
+    notes = []
+    masses, centres = robot.masses, robot.centres_of_mass
+    if masses is None or centres is None:
+        masses, centres = np.full(n, np.nan), np.zeros((n, 3))
+        notes.append("the robot states no masses: torques are not assessed")
+    inertia = robot.inertias
+    if inertia is None:
+        length = np.hypot(robot.a, robot.d)
+        gyration = RADIUS_OF_GYRATION * np.maximum(length, np.max(length) / 4)
+        inertia = (np.nan_to_num(masses) * gyration**2)[:, None, None] * np.eye(3)
+        notes.append("the robot states no inertias: those of rods of the links' lengths are assumed")
+    turned = behind[:, :3, :3]
+    return Mechanism(
+        name=robot.name,
+        joint_names=robot.joint_names,
+        place=place,
+        axis=np.tile([0.0, 0.0, 1.0], (n, 1)),
+        mass=masses,
+        centre=np.einsum("kij,kj->ki", turned, centres) + behind[:, :3, 3],
+        inertia=turned @ inertia @ np.swapaxes(turned, 1, 2),
+        armature=_or_nan(robot.armatures, n),
+        coulomb=_or_nan(robot.coulomb, n),
+        viscous=_or_nan(robot.viscous, n),
+        rated=_or_nan(robot.torques, n),
+        gear_ratio=_or_nan(robot.reductions, n),
+        coupling=robot.link_from_reading,
+        u=Uncertain() if robot.inertias is not None else Uncertain(inertia=1.0),
+    ), tuple(notes)
+
+
+def _or_nan(values: np.ndarray | None, n: int) -> np.ndarray:
+    return np.full(n, np.nan) if values is None else values

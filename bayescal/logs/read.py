@@ -1,0 +1,389 @@
+"""A folder with a joint log to a `Log`: dataset.yaml, motion.csv (.gz) or motion.parquet, and the robot."""
+
+from __future__ import annotations
+
+import gzip
+import hashlib
+import io
+import zlib
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from bayescal.arm.transforms import rigid, rpy_matrix
+from bayescal.errors import BayescalError, listed
+from bayescal.logs.mechanism import TRANSITION, Mechanism, Uncertain, mechanism_of, symmetric
+from bayescal.logs.schema import SCHEMA, Arm, Joint, LogFile, MotionEntry, Payload, Uncertainty
+from bayescal.logs.types import CALIBRATE, VALIDATE, Controller, Log, Motion
+from bayescal.robots import load_robot
+from bayescal.storage.files import Document, check_schema, in_si, read_document, si, unknown
+from bayescal.storage.reading import LARGEST, content_of
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+GRAVITY = (0.0, 0.0, -9.80665)
+"""m/s2, standard gravity (CGPM 1901)."""
+TABLES = ("motion.csv", "motion.csv.gz", "motion.parquet")
+PER_JOINT = {
+    "position": "q{}_deg",
+    "velocity": "dq{}_degps",
+    "command": "command{}_deg",
+    "torque": "torque{}_Nm",
+    "current": "current{}_A",
+    "magnitude": "torque_magnitude{}_Nm",
+    "link": "link{}_deg",
+}
+"""Columns of each joint, numbered from 1, by the quantity that they hold."""
+PLAIN = ("t_s", "motion", "role", "temperature_degC", "payload_kg")
+FEWEST_ROWS = 20
+"""Rows of a motion: fewer have no derivatives."""
+VALIDATED = 5
+"""One motion of so many is withheld, if the file does not state roles (assumed)."""
+LIMITS = {"position": 1e3, "velocity": 1e3, "command": 1e3, "link": 1e3, "torque": 1e6, "current": 1e5}
+"""rad, rad/s, N m, A: values beyond are corrupt."""
+
+
+def is_log(folder: Path) -> bool:
+    """Whether a folder holds a joint log; a folder that cannot be read does not."""
+    try:
+        given = read_document(folder / "dataset.yaml").data.get("schema")
+    except BayescalError:
+        return False
+    return isinstance(given, str) and given.startswith(SCHEMA.partition("/")[0])
+
+
+def read_log(folder: Path) -> Log:
+    """Read a joint log.
+
+    Parameters
+    ----------
+    folder : Path
+        With dataset.yaml of schema ``bayescal-motion/1``, the table, and the robot if it is a file.
+
+    Raises
+    ------
+    BayescalError
+        With the file and the line: for stamps that go back, values that are not finite or beyond any arm,
+        fewer than two motions, and whatever the schema does not know.
+    """
+    document = read_document(folder / "dataset.yaml")
+    check_schema(document, SCHEMA)
+    file = document.parse(LogFile)
+    mechanism, notes, robot = _mechanism(file, document, folder)
+    table, content, name = _table(folder)
+    columns = _columns(table, mechanism.n, name)
+    torque, kind, assumed = _torque(file, columns, mechanism, document)
+    columns["torque"] = torque
+    if file.torque.sign == "none":
+        assumed.append("torques have no sign: they are not assessed")
+    motions = _motions(file, table, columns, name, document)
+    if not any(m.role == CALIBRATE for m in motions):
+        raise BayescalError("no motion has the role calibrate", document.where(("motions",)), "set one")
+    gravity = file.gravity_mps2 or (file.robot.gravity_mps2 if isinstance(file.robot, Arm) else None)
+    noise, control = file.noise, file.controller
+    stated = {
+        "torque": None if noise.torque_Nm is None else _per_joint(noise.torque_Nm, mechanism, "torque_Nm"),
+        "position": in_si("position_deg", noise.position_deg),
+        "velocity": in_si("velocity_degps", noise.velocity_degps),
+        "temperature": noise.temperature_degC,
+    }
+    digest = hashlib.sha256(document.content + content + robot).hexdigest()
+    return Log(
+        name=file.name,
+        mechanism=mechanism,
+        motions=motions,
+        gravity=np.array(gravity or GRAVITY),
+        controller=Controller(
+            control.kind,
+            _per_joint(control.kp_Nm_per_rad, mechanism, "kp_Nm_per_rad"),
+            _per_joint(control.kd_Nms_per_rad, mechanism, "kd_Nms_per_rad"),
+        ),
+        torque_kind=kind,
+        signed=file.torque.sign == "joint",
+        u_constant=file.torque.u_constant if kind == "current" else 0.0,
+        alignment=1e-3 * file.clock.alignment_ms,
+        u_alignment=1e-3 * file.clock.u_alignment_ms,
+        link_side=file.position.side == "joint",
+        noise={key: np.asarray(value) for key, value in stated.items() if value is not None},
+        notes=(*notes, *assumed),
+        digest=digest,
+    )
+
+
+def _mechanism(file: LogFile, document: Document, folder: Path) -> tuple[Mechanism, tuple[str, ...], bytes]:
+    """The nominal mechanism, what was assumed of it, and the content of its file."""
+    u: Uncertainty | None
+    notes: tuple[str, ...]
+    if isinstance(file.robot, Arm):
+        mechanism, content = _written_out(file.robot, file.name), b""
+        payload, u, notes = file.payload or file.robot.payload, file.u or file.robot.u, ()
+    else:
+        robot, content = load_robot(file.robot, folder, inside=True)
+        mechanism, notes = mechanism_of(robot)
+        payload, u = file.payload or Payload(), file.u
+    if np.isnan(mechanism.mass).any() or not np.all(np.isfinite(mechanism.axis)):
+        remedy = "give a robot with `mass_kg`, `centre_of_mass_mm` and `inertia_kgm2` of each link"
+        raise BayescalError("the robot states no masses", document.where(("robot",)), remedy)
+    return replace(
+        mechanism,
+        payload_centre=in_si("mm", payload.centre_of_mass_mm) * 1e-3,
+        payload_gyration=1e-3 * payload.radius_of_gyration_mm,
+        u=mechanism.u if u is None else _uncertain(u),
+    ), notes, content  # fmt: skip
+
+
+def _uncertain(u: Uncertainty) -> Uncertain:
+    return Uncertain(u.mass, 1e-3 * u.centre_of_mass_mm, u.inertia, u.armature, u.friction_transition)
+
+
+def _written_out(arm: Arm, name: str) -> Mechanism:
+    """The mechanism of an arm that dataset.yaml writes out."""
+    joints = arm.joints
+    axes = np.array([j.axis for j in joints], float)
+    size = np.linalg.norm(axes, axis=1)
+    if np.any(size == 0.0):
+        wrong = joints[int(np.argmin(size))].name
+        raise BayescalError(f"the axis of {wrong} is zero", "dataset.yaml", "write its direction")
+
+    def each(key: str) -> np.ndarray:
+        values = [getattr(j, key) for j in joints]
+        return np.array([np.nan if value is None else value for value in values], float)
+
+    transition = in_si("friction_transition_degps", arm.friction_transition_degps)
+    return Mechanism(
+        name=name,
+        joint_names=tuple(j.name for j in joints),
+        place=np.array([_frame(j) for j in joints]),
+        axis=axes / size[:, None],
+        mass=each("mass_kg"),
+        centre=1e-3 * np.array([j.centre_of_mass_mm for j in joints]),
+        inertia=np.array([symmetric(np.array(j.inertia_kgm2)) for j in joints]),
+        armature=each("armature_kgm2"),
+        coulomb=each("coulomb_Nm"),
+        viscous=each("viscous_Nms_per_rad"),
+        rated=each("rated_torque_Nm"),
+        gear_ratio=each("gear_ratio"),
+        coupling=np.eye(len(joints)),
+        transition=TRANSITION if transition is None else transition,
+    )
+
+
+def _frame(joint: Joint) -> np.ndarray:
+    return rigid(rpy_matrix(in_si("rpy_deg", joint.rpy_deg)), in_si("origin_mm", joint.origin_mm))
+
+
+def _per_joint(values: Sequence[float] | None, mechanism: Mechanism, key: str) -> Any:
+    if values is None:
+        return None
+    if len(values) != mechanism.n:
+        what = f"`{key}` has {len(values)} entries, the robot {mechanism.n} joints"
+        raise BayescalError(what, "dataset.yaml", "give one a joint")
+    return np.array(values, float)
+
+
+def _table(folder: Path) -> tuple[DataFrame, bytes, str]:
+    """The table with texts as they are written, the content of its file, and its name."""
+    import pandas as pd
+
+    there = [name for name in TABLES if (folder / name).exists()]
+    if len(there) != 1:
+        what = "no table of motions" if not there else f"several tables: {listed(there)}"
+        raise BayescalError(what, str(folder.name), f"give one of {', '.join(TABLES)}")
+    name = there[0]
+    content = content_of(folder / name)
+    try:
+        if name.endswith(".parquet"):
+            return _parquet(content, name), content, name
+        text = _unpacked(content, name) if name.endswith(".gz") else content
+        table = pd.read_csv(
+            io.BytesIO(text), dtype={"motion": str, "role": str}, skip_blank_lines=False, low_memory=False
+        )
+    except (pd.errors.ParserError, pd.errors.EmptyDataError, UnicodeDecodeError) as error:
+        raise BayescalError(f"not a CSV table: {error}", name, "one cell a column, commas between") from None
+    if not len(table):
+        raise BayescalError("no rows below the header", f"{name}:1", "add rows")
+    return table.rename(columns=str.strip), content, name
+
+
+def _parquet(content: bytes, name: str) -> DataFrame:
+    import pandas as pd
+
+    try:
+        table = pd.read_parquet(io.BytesIO(content))
+    except ImportError:
+        raise BayescalError("Parquet needs pyarrow", name, "install bayescal[logs]") from None
+    except (OSError, ValueError) as error:
+        raise BayescalError(f"not a Parquet table: {error}", name, "write it again") from None
+    for column in {"motion", "role"} & set(table.columns):
+        table[column] = table[column].astype(str)
+    return table
+
+
+def _unpacked(content: bytes, name: str) -> bytes:
+    """Text of a gzip file, of bounded size: a small file can stand for a very large one."""
+    try:
+        with gzip.GzipFile(fileobj=io.BytesIO(content)) as stream:
+            text = stream.read(4 * LARGEST + 1)
+    except (OSError, EOFError, zlib.error) as error:
+        raise BayescalError(f"not a gzip file: {error}", name, "pack it again") from None
+    if len(text) > 4 * LARGEST:
+        raise BayescalError(f"unpacks to more than {4 * LARGEST / 1e9:.0f} GB", name, "divide it")
+    return text
+
+
+def _columns(table: DataFrame, n: int, name: str) -> dict[str, np.ndarray | None]:
+    """The columns as numbers, SI, by quantity: (N, n) of joints, (N,) of others; None where absent."""
+    known = [*PLAIN, *(form.format(j + 1) for form in PER_JOINT.values() for j in range(n))]
+    for column in table.columns:
+        if column not in known:
+            what, remedy = unknown("column", str(column), known)
+            if str(column).rstrip("_degpsNmA")[-1:].isdigit():
+                remedy = f"the robot has {n} joints; {remedy}"
+            raise BayescalError(what, f"{name}:1", remedy)
+    for column in ("t_s", "motion", "q1_deg"):
+        if column not in table:
+            raise BayescalError(f"column `{column}` is missing", f"{name}:1", "add it")
+    out: dict[str, np.ndarray | None] = {"time": _numbers(table, "t_s", name)}
+    out["temperature"] = _numbers(table, "temperature_degC", name)
+    out["payload"] = _numbers(table, "payload_kg", name)
+    for quantity, form in PER_JOINT.items():
+        names = [form.format(j + 1) for j in range(n)]
+        missing = [column for column in names if column not in table]
+        if missing and len(missing) < n:
+            raise BayescalError(f"column `{missing[0]}` is missing", f"{name}:1", "give all joints, or none")
+        if missing:
+            out[quantity] = None
+            continue
+        values = np.column_stack([_numbers(table, column, name) for column in names]) * si(names[0])
+        limit = LIMITS.get(quantity, np.inf)
+        _refuse(
+            np.abs(values) > limit, names, name, f"beyond {limit / si(names[0]):g}, more than any arm has"
+        )
+        out[quantity] = values
+    return out
+
+
+def _numbers(table: DataFrame, column: str, name: str) -> Any:
+    import pandas as pd
+
+    if column not in table:
+        return None
+    values = pd.to_numeric(table[column], errors="coerce").to_numpy(float)
+    _refuse(~np.isfinite(values)[:, None], [column], name, "not a finite number")
+    return values
+
+
+def _refuse(bad: np.ndarray, columns: Sequence[str], name: str, why: str) -> None:
+    """Refuse the first bad cell, with its line."""
+    if bad.any():
+        row, k = np.argwhere(bad)[0]
+        raise BayescalError(f"`{columns[k]}` is {why}", f"{name}:{row + 2}", "remove the row, or correct it")
+
+
+def _torque(
+    file: LogFile, columns: Mapping[str, Any], mechanism: Mechanism, document: Document
+) -> tuple[np.ndarray | None, str, list[str]]:
+    """Torques at the joints (N, n), N m, their kind, and what was assumed."""
+    given = [key for key in ("torque", "current", "magnitude") if columns[key] is not None]
+    if len(given) > 1:
+        raise BayescalError(f"both {' and '.join(given)} are given", "motion table:1", "keep one")
+    if not given:
+        return None, "", []
+    values, kind = columns[given[0]], "current" if given[0] == "current" else file.torque.kind
+    notes = []
+    if given[0] == "current":
+        constants = _per_joint(file.torque.constant_Nm_per_A, mechanism, "constant_Nm_per_A")
+        if constants is None:
+            remedy = "state torque per current of each joint"
+            raise BayescalError("currents without `constant_Nm_per_A`", document.where(("torque",)), remedy)
+        values = values * constants
+    if file.torque.referred_to == "motor":
+        if np.isnan(mechanism.gear_ratio).any():
+            what, where = "torques of the motors need `gear_ratio`", document.where(("torque",))
+            raise BayescalError(what, where, "state it of each joint")
+        values = values * mechanism.gear_ratio
+        notes.append("torques were converted to the joints by the gear ratios, without losses")
+    return values, kind, notes
+
+
+def _motions(
+    file: LogFile, table: DataFrame, columns: Mapping[str, Any], name: str, document: Document
+) -> tuple[Motion, ...]:
+    labels = table["motion"].astype(str).str.strip().to_numpy()
+    first = np.flatnonzero(np.r_[True, labels[1:] != labels[:-1]])
+    order = labels[first]
+    if len(set(order)) < len(order):
+        again = next(k for k in range(len(order)) if order[k] in order[:k])
+        what = f"motion `{order[again]}` begins twice"
+        raise BayescalError(what, f"{name}:{first[again] + 2}", "give each motion a label of its own")
+    if len(order) < 2:
+        raise BayescalError("fewer than two motions", f"{name}:2", "one is fitted, another withheld")
+    entries = _entries(file, list(order), table, first, document)
+    out = []
+    for label, start, end in zip(order, first, [*first[1:], len(labels)], strict=True):
+        rows, entry = slice(start, end), entries[label]
+        if end - start < FEWEST_ROWS:
+            what = f"motion `{label}` has {end - start} rows, at least {FEWEST_ROWS} are needed"
+            raise BayescalError(what, f"{name}:{start + 2}", "remove it, or log it longer")
+        time = columns["time"][rows]
+        back = np.flatnonzero(np.diff(time) <= 0.0)
+        if len(back):
+            raise BayescalError(
+                "`t_s` does not increase", f"{name}:{start + back[0] + 3}", "sort, or repair it"
+            )
+        part = {key: None if values is None else values[rows] for key, values in columns.items()}
+        payload = part["payload"]
+        out.append(
+            Motion(
+                name=label,
+                role=entry.role,
+                kind=entry.kind,
+                same_as=entry.same_as or label,
+                time=time,
+                position=columns["position"][rows],
+                velocity=part["velocity"],
+                command=part["command"],
+                torque=None
+                if file.torque.sign == "none" or part["magnitude"] is not None
+                else part["torque"],
+                link=part["link"],
+                temperature=part["temperature"],
+                payload=np.full(end - start, entry.payload_kg) if payload is None else payload,
+                line=int(start) + 2,
+            )
+        )
+    return tuple(out)
+
+
+def _entries(
+    file: LogFile, order: list[str], table: DataFrame, first: np.ndarray, document: Document
+) -> dict[str, MotionEntry]:
+    """The entry of each motion, from dataset.yaml or the column `role`."""
+    stated = {entry.id: entry for entry in file.motions or []}
+    if file.motions is not None:
+        for label in order:
+            if label not in stated:
+                what = f"motion `{label}` of the table is not in `motions`"
+                raise BayescalError(what, document.where(("motions",)), "add it, or remove its rows")
+        for k, entry in enumerate(file.motions):
+            where = document.where(("motions", k))
+            if entry.id not in order:
+                raise BayescalError(f"motion `{entry.id}` has no rows", where, "remove it")
+            if entry.same_as and entry.same_as not in stated:
+                raise BayescalError(f"`same_as` names no motion: `{entry.same_as}`", where, "correct it")
+    elif "role" in table:
+        for label, row in zip(order, first, strict=True):
+            role = str(table["role"].iloc[row])
+            if role not in (CALIBRATE, VALIDATE):
+                raise BayescalError(f"unknown role `{role}`", f"table:{row + 2}", "calibrate or validate")
+            stated[label] = MotionEntry(id=label, role=role)  # type: ignore[arg-type]
+    else:
+        held = max(len(order) // VALIDATED, 1)
+        for k, label in enumerate(order):
+            role = VALIDATE if k >= len(order) - held else CALIBRATE
+            stated[label] = MotionEntry(id=label, role=role)  # type: ignore[arg-type]
+    return stated

@@ -1,0 +1,74 @@
+"""A joint log as frozen arrays, in SI."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from bayescal.logs.mechanism import Mechanism
+
+CALIBRATE, VALIDATE = "calibrate", "validate"
+
+
+@dataclass(frozen=True)
+class Motion:
+    """One motion of a log: N rows of n joints. A column that was not measured is None."""
+
+    name: str
+    role: str  # calibrate or validate
+    kind: str  # of motion, as the file says
+    same_as: str  # the motion that it repeats; its own name if none
+    time: np.ndarray  # (N,) s
+    position: np.ndarray  # (N, n) rad
+    velocity: np.ndarray | None  # (N, n) rad/s
+    command: np.ndarray | None  # (N, n) rad
+    torque: np.ndarray | None  # (N, n) N m, at the joint
+    link: np.ndarray | None  # (N, n) rad, of second encoders behind the gears
+    temperature: np.ndarray | None  # (N,) degC
+    payload: np.ndarray  # (N,) kg
+    line: int  # of its first row
+
+    @property
+    def loaded(self) -> bool:
+        """Whether it carries a payload."""
+        return bool(np.any(self.payload > 0.0))
+
+
+@dataclass(frozen=True)
+class Controller:
+    """What is known of the controller: gains (n,) in SI, None where not stated."""
+
+    kind: str  # torque or position
+    stiffness: np.ndarray | None  # (n,) N m/rad
+    damping: np.ndarray | None  # (n,) N m s/rad
+
+
+@dataclass(frozen=True)
+class Log:
+    """Motions of one arm, with its nominal mechanism and what is known of the measurement."""
+
+    name: str
+    mechanism: Mechanism
+    motions: tuple[Motion, ...]
+    gravity: np.ndarray  # (3,) m/s2
+    controller: Controller
+    torque_kind: str  # motor, current or sensor; "" without torques
+    signed: bool  # whether the torque has a sign
+    u_constant: float  # relative standard uncertainty of the torque constants
+    alignment: float  # s, of torque against position, and its standard uncertainty
+    u_alignment: float
+    link_side: bool  # whether positions are of the link side of the gears
+    noise: Mapping[str, np.ndarray]  # stated standard deviations: torque (n,), position, ...
+    notes: tuple[str, ...]  # what was assumed
+    digest: str  # SHA-256 of the files
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return self.mechanism.n
+
+    def of_role(self, role: str) -> tuple[Motion, ...]:
+        """The motions of a role."""
+        return tuple(m for m in self.motions if m.role == role)

@@ -1,0 +1,1 @@
+"""The gap of motions: joint logs against the torques of the model."""
