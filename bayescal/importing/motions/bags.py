@@ -1,7 +1,6 @@
 """Joint states of ROS bags: rosbag2 (sqlite3, MCAP) and rosbag1, by the package rosbags.
 
-No message type is known here but those of `MESSAGES`; their definitions are those of the bag, or where it has none,
-of ROS 2 Humble.
+Of the messages of `MESSAGES`; their definitions are those in the bag, or where it has none, of ROS 2 Humble.
 """
 
 from __future__ import annotations
@@ -15,12 +14,20 @@ from typing import Any
 import numpy as np
 
 from bayescal.errors import BayescalError, listed
-from bayescal.importing.motions.formats import AMPERES, MESSAGES, Message, Record, Stream, joint_order, library
+from bayescal.importing.motions.formats import (
+    AMPERES,
+    MESSAGES,
+    Message,
+    Record,
+    Stream,
+    joint_order,
+    library,
+)
 
 SUFFIXES = (".mcap", ".db3", ".bag")
 METADATA = "metadata.yaml"
 NEAR = 1.0
-"""s: half the samples of a header are this near to the time of reception, or the two are not of one clock."""
+"""s: the stamps of a header are this near to the time of reception, or the two are not of one clock."""
 
 
 def is_bag(path: Path) -> bool:
@@ -47,7 +54,8 @@ def read_bag(path: Path, joints: Sequence[str], robot: str, stated: str, topic: 
     Raises
     ------
     BayescalError
-        Without the package, for a bag that cannot be read, and where no topic, or several, has the positions of all joints.
+        Without the package, for a bag that cannot be read, and where no topic has the positions of all
+        joints, or several have.
     """
     reader = library("rosbags.highlevel", path.name).AnyReader
     types = library("rosbags.typesys", path.name)
@@ -58,7 +66,9 @@ def read_bag(path: Path, joints: Sequence[str], robot: str, stated: str, topic: 
         raise
     except Exception as error:  # rosbags fails in any way at parts that are damaged
         what = f"the bag cannot be read: {error}"
-        raise BayescalError(what, path.name, "`ros2 bag reindex` repairs a recording that was stopped") from None
+        raise BayescalError(
+            what, path.name, "`ros2 bag reindex` repairs a recording that was stopped"
+        ) from None
 
 
 def _record(bag: Any, name: str, joints: Sequence[str], robot: str, stated: str, topic: str) -> Record:
@@ -76,7 +86,9 @@ def _record(bag: Any, name: str, joints: Sequence[str], robot: str, stated: str,
     full = [s for s in streams if "position" in s[1].joints and topic in ("", s[1].name)]
     if topic and not full:
         there = listed(sorted(s[1].name for s in streams))
-        raise BayescalError(f"no joint positions on `{topic}`", name, f"topics with joint states: {there or 'none'}")
+        raise BayescalError(
+            f"no joint positions on `{topic}`", name, f"topics with joint states: {there or 'none'}"
+        )
     first = [s for s in full if s[0] == full[0][0]]
     usual = [s for s in first if s[1].name.endswith("/joint_states")]
     if not full:
@@ -85,14 +97,18 @@ def _record(bag: Any, name: str, joints: Sequence[str], robot: str, stated: str,
         raise BayescalError(f"no joint positions of the {len(joints)} joints; topics: {there}", name, remedy)
     if len(first) > 1 and len(usual) != 1:
         topics = listed([s[1].name for s in first])
-        raise BayescalError(f"joint positions on several topics: {topics}", name, "choose one: `--topic NAME`")
+        raise BayescalError(
+            f"joint positions on several topics: {topics}", name, "choose one: `--topic NAME`"
+        )
     kind, rows, said = (usual if len(usual) == 1 else first)[0]
     notes = [f"rows of {rows.name} ({kind})", *said, *notes]
-    torque, rows = MESSAGES[kind].torque, rows
+    torque = MESSAGES[kind].torque
     if kind.endswith("JointState") and AMPERES.search(robot.lower()) and "torque" in rows.joints:
-        held = {"current" if k == "torque" else k: v for k, v in rows.joints.items()}
-        rows, torque = replace(rows, joints=held), "current"
-        notes.append("efforts of a UR are motor currents, A, as its driver writes them; --torque motor if they are in N m")
+        renamed = {"current" if k == "torque" else k: v for k, v in rows.joints.items()}
+        rows, torque = replace(rows, joints=renamed), "current"
+        notes.append(
+            "efforts of a UR are motor currents, A, as its driver writes them; --torque motor if in N m"
+        )
     have = {*rows.joints}
     others = []
     for other_kind, other, _ in streams:
@@ -113,7 +129,8 @@ def _stream(
     names: tuple[str, ...] = ()
     how, few = "", 0
     cells: dict[str, list[Any]] = {key: [] for key in message.joints}
-    received, header = [], []
+    received: list[int] = []
+    header: list[int] = []
     readers = {key: [_getter(path) for path in paths] for key, paths in message.joints.items()}
     name_of = _getter(message.names) if message.names else None
     for _, stamp, raw in bag.messages(connections=[connection]):
@@ -127,11 +144,16 @@ def _stream(
                     raise
                 few += 1
                 continue
-        values = {k: next((v for g in gs if (v := g(content)) is not None and len(v)), None) for k, gs in readers.items()}
+        values = {
+            k: next((v for g in gs if (v := g(content)) is not None and len(v)), None)
+            for k, gs in readers.items()
+        }
         received.append(stamp)
         header.append(_nanoseconds(content, message.stamp))
         for key, value in values.items():
-            cells[key].append(None if value is None or len(value) <= max(order or (0,)) else np.asarray(value)[order])
+            cells[key].append(
+                None if value is None or len(value) <= max(order or (0,)) else np.asarray(value)[order]
+            )
     blocks = {k: np.array(v, float) for k, v in cells.items() if v and all(c is not None for c in v)}
     time, said = _clock(np.array(received), np.array(header), message.stamp)
     notes = [how, said, f"{few} messages without all joints left out" if few else ""]
@@ -152,7 +174,7 @@ def _nanoseconds(content: Any, path: str) -> int:
 
 
 def _clock(received: np.ndarray, header: np.ndarray, field: str) -> tuple[np.ndarray, str]:
-    """Times (N,), s: the stamps of the messages, or where these are not set, of their reception; in words which."""
+    """Times (N,), s: the stamps of the messages, or if these are not set, of reception; in words which."""
     if len(received) == 0:
         return np.zeros(0), ""
     late = (received - header) * 1e-9
@@ -162,4 +184,5 @@ def _clock(received: np.ndarray, header: np.ndarray, field: str) -> tuple[np.nda
     if abs(np.median(late)) > NEAR:
         return header * 1e-9, f"{text}, of another clock than that of reception"
     spread = np.percentile(late, [5, 50, 95]) * 1e3
-    return header * 1e-9, f"{text}; received {spread[1]:.2g} ms later (5 to 95 %: {spread[0]:.2g} to {spread[2]:.2g} ms)"
+    text += f"; received {spread[1]:.2g} ms later (5 to 95 %: {spread[0]:.2g} to {spread[2]:.2g} ms)"
+    return header * 1e-9, text

@@ -1,8 +1,8 @@
 """Where joint logs of other programs have each quantity (tables of data), and what is read from them.
 
-Sources: message definitions of sensor_msgs, control_msgs, franka_msgs, ur_msgs; Universal Robots, RTDE guide (names of
-output fields, written as ``NAME_0`` ... by csv_writer.py); LeRobot, dataset format v2.1 and v3; SAGE, README ('Data
-Format').
+Sources: message definitions of sensor_msgs, control_msgs, franka_msgs, ur_msgs; Universal Robots, RTDE guide
+(output fields, written as ``NAME_0`` ... by csv_writer.py); LeRobot, dataset format v2.1 and v3; SAGE, README
+('Data Format').
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ DEG = 180 / math.pi
 
 @dataclass(frozen=True)
 class Quantity:
-    """Columns ``prefix{joint}unit`` of motion.csv, their factor from SI, and the largest value (SI) that is read."""
+    """Columns ``prefix{joint}unit`` of motion.csv, their factor from SI, and the largest value (SI)."""
 
     prefix: str
     unit: str
@@ -65,22 +65,21 @@ MAPPED = {
 """Quantities by the ends of the keys of a map, ``j1_velocity``."""
 
 UR_RTDE = (
-    "time=timestamp counter_s, j*=actual_q_*0 rad, j*_velocity?=actual_qd_*0 radps, j*_command?=target_q_*0 rad, "
-    "j*_current?=actual_current_*0 A, j*_target_torque?=target_moment_*0 Nm, j*_target_current?=target_current_*0 A, "
-    "j*_temperature?=joint_temperatures_*0 C, payload?=payload kg"
+    "time=timestamp counter_s, j*=actual_q_*0 rad, j*_velocity?=actual_qd_*0 radps, "
+    "j*_command?=target_q_*0 rad, j*_current?=actual_current_*0 A, j*_target_torque?=target_moment_*0 Nm, "
+    "j*_target_current?=target_current_*0 A, j*_temperature?=joint_temperatures_*0 C, payload?=payload kg"
 )
-"""The map of a record of Universal Robots' RTDE; `target_moment` and `target_current` give the torque constants."""
+"""The map of a record of RTDE; `target_moment` and `target_current` give the torque constants."""
 
 
 @dataclass(frozen=True)
 class Message:
-    """Fields of a ROS message by quantity (alternatives in order), of the joints' names, and the kind of torque."""
+    """Fields of a ROS message by quantity (alternatives in order), of its names; kind of its torque."""
 
     joints: Mapping[str, Sequence[str]]
     names: str = ""
     torque: str = "motor"
     stamp: str = "header.stamp"
-    held: bool = False
 
 
 _JOINT_STATE = {"position": ["position"], "velocity": ["velocity"], "torque": ["effort"]}
@@ -92,7 +91,8 @@ MESSAGES = {
         "sensor",
     ),
     "franka_msgs/msg/FrankaState": Message(
-        {"position": ["q"], "velocity": ["dq"], "torque": ["tau_j", "tau_J"], "command": ["q_d"]}, torque="sensor"
+        {"position": ["q"], "velocity": ["dq"], "torque": ["tau_j", "tau_J"], "command": ["q_d"]},
+        torque="sensor",
     ),
     "ur_msgs/msg/RobotStateRTMsg": Message(
         {
@@ -109,13 +109,16 @@ MESSAGES = {
     ),
     "sensor_msgs/msg/JointState": Message(_JOINT_STATE, "name"),
     "control_msgs/msg/JointTrajectoryControllerState": Message(
-        {"position": ["feedback.positions", "actual.positions"], "command": ["reference.positions", "desired.positions"]},
+        {
+            "position": ["feedback.positions", "actual.positions"],
+            "command": ["reference.positions", "desired.positions"],
+        },
         "joint_names",
     ),
 }
-"""By type, the first that has all positions gives the rows. UR's driver writes currents as efforts: `AMPERES`."""
+"""By type, the first that has all positions gives the rows."""
 AMPERES = re.compile(r"universal|(?<![a-z])ur\d+e?(?![a-z0-9])")
-"""Robots whose ROS driver writes motor currents, A, into `effort` unless it is told otherwise (its manual)."""
+"""Robots whose ROS driver writes motor currents, A, into `effort` by default (its manual)."""
 
 LEROBOT = {
     "position": "observation.state",
@@ -132,7 +135,7 @@ SERIAL = (
     ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3"),
     ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll"),
 )
-"""Joints of Universal Robots and of the SO-100/101, from the base on: logs often have them in another order."""
+"""Joints of Universal Robots and of the SO-100/101, from the base on; logs often order them otherwise."""
 GRIPPER = re.compile("gripper|finger|jaw|knuckle", re.IGNORECASE)
 
 
@@ -206,7 +209,9 @@ def joint_order(names: Sequence[str], robot: Sequence[str], stated: str, where: 
     wanted = [part.strip() for part in stated.split(",") if part.strip()]
     if wanted and sorted(set(wanted) & set(names)) != sorted(wanted):
         lost = next((name for name in wanted if name not in names), "a name")
-        raise BayescalError(f"no joint `{lost}`, or it is given twice", "--joints", f"the log has {listed(names, 12)}")
+        raise BayescalError(
+            f"no joint `{lost}`, or it is given twice", "--joints", f"the log has {listed(names, 12)}"
+        )
     if wanted and len(wanted) != len(robot):
         raise BayescalError(f"{len(wanted)} joints, the robot has {len(robot)}", "--joints", "name them all")
     arms = [name for name in names if not GRIPPER.search(name)]
@@ -218,7 +223,9 @@ def joint_order(names: Sequence[str], robot: Sequence[str], stated: str, where: 
         ([name for name in robot if name in names], "by name"),
         ([plain[p] for r in robot if (p := _plain(r)) in plain], "by name"),
         *(([m for s in serial for m in _ending(arms, s)], "from the base on") for serial in SERIAL),
-        ([numbered[k] for k in range(1, n + 1) if k in numbered], "by number") if len(arms) == n else ([], ""),
+        ([numbered[k] for k in range(1, n + 1) if k in numbered], "by number")
+        if len(arms) == n
+        else ([], ""),
     ]
     for order, how in orders:
         if len(order) == n:
@@ -235,3 +242,19 @@ def _ending(names: Sequence[str], name: str) -> list[str]:
     """The only name that is `name` but for a prefix and the word joint."""
     ending = [n for n in names if n.lower().removesuffix(".pos").removesuffix("_joint").endswith(name)]
     return ending if len(ending) == 1 else []
+
+
+def places(
+    names: Sequence[str], width: int, robot: Sequence[str], stated: str, where: str
+) -> tuple[list[int], str]:
+    """As `joint_order`, of lists of `width` values; without names the joints come first, in order."""
+    if names:
+        return joint_order(names, robot, stated, where)
+    if stated:
+        raise BayescalError("the log does not name its joints", "--joints", "remove it")
+    if width < len(robot):
+        raise BayescalError(
+            f"{width} values a row, the robot has {len(robot)} joints", where, "check --robot"
+        )
+    more = f", the first {len(robot)} of {width}" if width > len(robot) else ""
+    return list(range(len(robot))), f"joints in their order{more} (assumed: the log does not name them)"

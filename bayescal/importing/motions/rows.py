@@ -1,4 +1,4 @@
-"""Rows of motions from the records of a log: one clock, without what is corrupt, divided into motions with roles."""
+"""Rows from the records of a log: on one clock, without what is corrupt, divided into motions with roles."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ BETWEEN = 1.0
 LOST = 0.05
 """Fraction of rows that may be left out as corrupt; more is another mistake (assumed)."""
 MOVING = 0.01
-"""rad/s: a joint that turns slower, over `SMOOTH`, is at rest (assumed: above the noise of usual encoders)."""
+"""rad/s: a joint that turns slower, over `SMOOTH`, is at rest (assumed: above the noise of encoders)."""
 SMOOTH = 0.1
 """s."""
 LAST = 0.2
@@ -34,9 +34,9 @@ SAMPLES = 400
 
 @dataclass(frozen=True)
 class Rows:
-    """N rows of all motions in SI: `time` (N,) s that increases; `motion` (N,) number from 1; by quantity (N, n) or (N,).
+    """N rows of all motions in SI: `time` (N,) s, increasing; `motion` (N,) from 1; quantities (N, n) or (N,).
 
-    `ids`, `kinds`: names of the motions; `roles`: theirs where a column states them, else (). `divided`: in words.
+    `ids` and `kinds` are those of the motions, and `roles` if a column states them, else ().
     """
 
     time: np.ndarray
@@ -70,7 +70,9 @@ def on_one_clock(record: Record) -> tuple[Stream, tuple[str, ...]]:
         if lost := int((~inside).sum()):
             notes.append(f"{lost} rows of {rows.name} outside the time of {other.name} left out")
         rows = _take(rows, inside)
-        rows = replace(rows, joints=rows.joints | {k: _at(rows.time, clean, v) for k, v in clean.joints.items()})
+        rows = replace(
+            rows, joints={**rows.joints} | {k: _at(rows.time, clean, v) for k, v in clean.joints.items()}
+        )
     if len(rows.time) < 2:
         raise BayescalError("fewer than two rows", record.name, "check the file")
     return rows, tuple(notes)
@@ -84,14 +86,16 @@ def _at(time: np.ndarray, stream: Stream, values: np.ndarray) -> np.ndarray:
 
 
 def _take(stream: Stream, rows: np.ndarray) -> Stream:
-    parts = ({k: v[rows] for k, v in of.items()} for of in (stream.joints, stream.single, stream.texts))
-    return Stream(stream.name, stream.time[rows], *parts, stream.lines[rows], stream.held)
+    joints, single, texts = (
+        {k: v[rows] for k, v in of.items()} for of in (stream.joints, stream.single, stream.texts)
+    )
+    return Stream(stream.name, stream.time[rows], joints, single, texts, stream.lines[rows], stream.held)
 
 
 def _clean(stream: Stream) -> tuple[Stream, list[str]]:
-    """A stream without empty quantities, rows that are corrupt or incomplete, and stamps that do not increase."""
+    """A stream without empty quantities, corrupt or incomplete rows, and stamps that do not increase."""
     notes = []
-    every = stream.joints | stream.single
+    every = {**stream.joints, **stream.single}
     empty = [k for k, v in every.items() if np.isnan(v).all()]
     if "position" in empty or len(stream.time) == 0:
         raise BayescalError("no joint positions", stream.name, "check the map")
@@ -107,7 +111,11 @@ def _clean(stream: Stream) -> tuple[Stream, list[str]]:
         if row.any() and not why:
             k = int(np.argmax(row))
             value = values[k] if values.ndim == 1 else values[k][wrong[k]][0]
-            why = f"`{key}` is {value:g} (line {stream.lines[k]})" if np.isfinite(value) else f"`{key}` is empty (line {stream.lines[k]})"
+            why = (
+                f"`{key}` is {value:g} (line {stream.lines[k]})"
+                if np.isfinite(value)
+                else f"`{key}` is empty (line {stream.lines[k]})"
+            )
         bad |= row
     _refuse_many(stream, bad, why or "time is empty")
     if bad.any():
@@ -118,7 +126,8 @@ def _clean(stream: Stream) -> tuple[Stream, list[str]]:
     if late.any():
         k = int(np.argmax(late))
         double = int((stream.time == latest).sum())
-        why = f"{double} with the stamp of the row above, {int(late.sum()) - double} with an earlier one (line {stream.lines[k]})"
+        why = f"{double} with the stamp of the row above, {int(late.sum()) - double} with an earlier one"
+        why += f" (line {stream.lines[k]})"
         _refuse_many(stream, late, why)
         notes.append(f"{int(late.sum())} rows of {stream.name} left out: {why}")
     return _take(stream, ~late), notes
@@ -137,8 +146,8 @@ def divided(records: Sequence[Record], rule: str) -> tuple[Rows, tuple[str, ...]
     ----------
     records : sequence of Record
     rule : str
-        ``files`` (files, bags or episodes, each a motion), ``column`` or ``pause:2 s`` (where no joint moves for longer);
-        "" for a column where there is one, else files.
+        ``files`` (files, bags or episodes, each a motion), ``column``, or ``pause:2 s`` (where no joint moves
+        for longer); "" for a column where there is one, else files.
 
     Returns
     -------
@@ -152,10 +161,10 @@ def divided(records: Sequence[Record], rule: str) -> tuple[Rows, tuple[str, ...]
     """
     notes: list[str] = []
     streams = []
-    for record in records:
-        stream, more = on_one_clock(record)
+    for each in records:
+        stream, more = on_one_clock(each)
         streams.append(stream)
-        notes += [*record.notes, *more]
+        notes += [*each.notes, *more]
     have = [set(s.joints) | set(s.single) | set(s.texts) for s in streams]
     for stream, own in zip(streams, have, strict=True):
         if lost := have[0] ^ own:
@@ -183,10 +192,12 @@ def divided(records: Sequence[Record], rule: str) -> tuple[Rows, tuple[str, ...]
         raise BayescalError("rows of one motion are not together", "--motions", "give each motion one name")
     if len(edge) < 2:
         what = "a single motion: a log needs two or more, one of them to validate"
-        raise BayescalError(what, records[0].name, "give a folder of several files, or divide it: `--motions pause:2 s`")
+        raise BayescalError(
+            what, records[0].name, "give a folder of several files, or divide it: `--motions pause:2 s`"
+        )
     motion = np.repeat(np.arange(1, len(edge) + 1), np.diff(np.r_[edge, len(time)]))
-    own = "motion" in texts and name == "column"
-    ids = tuple(texts["motion"][edge]) if own and len(set(texts["motion"][edge])) == len(edge) else ()
+    labelled = name == "column" and len(set(texts["motion"][edge])) == len(edge)
+    ids = tuple(texts["motion"][edge]) if labelled else ()
     kinds = tuple(texts["kind"][edge]) if "kind" in texts else tuple(records[r].kind for r in record[edge])
     rows = Rows(time, motion, joined, single, ids or tuple(map(str, range(1, len(edge) + 1))), kinds)
     notes.append(f"{len(edge)} motions: {words}")
@@ -197,11 +208,13 @@ def _stated(rows: Rows, role: np.ndarray) -> tuple[str, ...]:
     """Roles of the motions by a column; `calibrate` where its cells are empty."""
     out = []
     for k, name in enumerate(rows.ids, 1):
-        roles = {r or "calibrate" for r in role[rows.of(k)].tolist()}
-        if len(roles) > 1 or not roles <= {"calibrate", "validate"}:
-            what = f"motion {name} has the roles {listed(sorted(roles))}"
-            raise BayescalError(what, "column `role`", "write calibrate or validate, one for all rows of a motion")
-        out.append(roles.pop())
+        stated = {r or "calibrate" for r in role[rows.of(k)].tolist()}
+        if len(stated) > 1 or not stated <= {"calibrate", "validate"}:
+            what = f"motion {name} has the roles {listed(sorted(stated))}"
+            raise BayescalError(
+                what, "column `role`", "write calibrate or validate, one for all rows of a motion"
+            )
+        out.append(stated.pop())
     return tuple(out)
 
 
@@ -213,7 +226,7 @@ def _one_time(streams: Sequence[Stream], records: Sequence[Record], notes: list[
     if session and all(b > e for b, e in zip(begins[1:], ends[:-1], strict=True)):
         return np.concatenate([s.time for s in streams]) - begins[0]
     if len(streams) > 1:
-        notes.append(f"each record has its own clock: {BETWEEN:g} s is put between them, drift over time is not that of the session")
+        notes.append(f"each record has its own clock: {BETWEEN:g} s is put between them (assumed)")
     parts, now = [], 0.0
     for stream in streams:
         parts.append(stream.time - stream.time[0] + now)
@@ -227,14 +240,16 @@ def speeds(time: np.ndarray, position: np.ndarray, motion: np.ndarray) -> np.nda
     for k in np.unique(motion):
         rows = np.flatnonzero(motion == k)
         if len(rows) > 1:
-            wide = max(int(round(SMOOTH / np.median(np.diff(time[rows])))), 1)
+            wide = max(round(float(SMOOTH / np.median(np.diff(time[rows])))), 1)
             raw = np.gradient(position[rows], time[rows], axis=0)
             out[rows] = uniform_filter1d(raw, wide, axis=0, mode="nearest")
     return out
 
 
-def _pauses(time: np.ndarray, position: np.ndarray, record: np.ndarray, pause: float) -> tuple[np.ndarray, str]:
-    """Labels (N,) of motions: a record is cut in the middle of each time of rest that is longer, but at its ends."""
+def _pauses(
+    time: np.ndarray, position: np.ndarray, record: np.ndarray, pause: float
+) -> tuple[np.ndarray, str]:
+    """Labels (N,) of motions: a record is cut in the middle of each longer time of rest that ends in it."""
     rest = (np.abs(speeds(time, position, record)) < MOVING).all(axis=1)
     label = np.zeros(len(time), int)
     for k in np.unique(record):
@@ -245,7 +260,9 @@ def _pauses(time: np.ndarray, position: np.ndarray, record: np.ndarray, pause: f
             if long and begin > 0 and end < len(rows):
                 label[rows[(begin + end) // 2] :] += 1
         label[rows[-1] + 1 :] += 1
-    return label.astype(str), f"cut where all joints are slower than {MOVING:g} rad/s for {pause:g} s or longer"
+    return label.astype(
+        str
+    ), f"cut where all joints are slower than {MOVING:g} rad/s for {pause:g} s or longer"
 
 
 def roles(rows: Rows, rule: str) -> tuple[tuple[str, ...], str]:
@@ -255,8 +272,8 @@ def roles(rows: Rows, rule: str) -> tuple[tuple[str, ...], str]:
     ----------
     rows : Rows
     rule : str
-        ``last:20%``, ``every:5``, ``motions '7,8'`` or ``kind 'pick*'``; "" for the motions of another kind at the end,
-        where kinds are known and these are at most `MOST` of them, else the last `LAST`.
+        ``last:20%``, ``every:5``, ``motions '7,8'`` or ``kind 'pick*'``; "" for those of the last kind, where
+        kinds are known and these are at most `MOST` of all, else the last `LAST`.
 
     Raises
     ------
@@ -266,7 +283,9 @@ def roles(rows: Rows, rule: str) -> tuple[tuple[str, ...], str]:
     ids, kinds = np.array(rows.ids), np.array(rows.kinds)
     count = len(ids)
     if rows.roles and rule:
-        raise BayescalError("a column states the role of each motion already", "--validate", "remove one of the two")
+        raise BayescalError(
+            "a column states the role of each motion already", "--validate", "remove one of the two"
+        )
     if rows.roles:
         chosen, words = np.array(rows.roles) == "validate", "as the column `role` states"
     elif rule:
@@ -276,7 +295,10 @@ def roles(rows: Rows, rule: str) -> tuple[tuple[str, ...], str]:
         if kinds[-1] and 0 < other.sum() <= MOST * count:
             chosen, words = other, f"by default those of the last kind, `{kinds[-1]}`"
         else:
-            chosen, words = np.arange(count) >= count - ceil(round(LAST * count, 9)), "by default the last 20 %"
+            chosen, words = (
+                np.arange(count) >= count - ceil(round(LAST * count, 9)),
+                "by default the last 20 %",
+            )
     if not 0 < chosen.sum() < count:
         what = f"{'all' if chosen.all() else 'none'} of the {count} motions would validate"
         raise BayescalError(what, "--validate", "write last:20%, every:5, motions '7,8' or kind 'pick*'")
@@ -292,11 +314,15 @@ def _chosen(ids: np.ndarray, kinds: np.ndarray, rule: str) -> tuple[np.ndarray, 
     if name == "every" and re.fullmatch(r"\d+", value) and int(value) > 1:
         return (np.arange(count) + 1) % int(value) == 0, f"one of every {value}"
     if name == "last" and percent and 0 < float(percent[1]) < 100:
-        return np.arange(count) >= count - ceil(round(count * float(percent[1]) / 100, 9)), f"the last {value}"
+        return np.arange(count) >= count - ceil(
+            round(count * float(percent[1]) / 100, 9)
+        ), f"the last {value}"
     patterns = [p for part in value.split(",") if (p := part.strip().strip("'\""))]
     if name in ("motions", "kind") and patterns:
         of = (ids if name == "motions" else kinds).tolist()
-        return np.array([any(fnmatchcase(each, p) for p in patterns) for each in of]), f"{name} {', '.join(patterns)}"
+        return np.array(
+            [any(fnmatchcase(each, p) for p in patterns) for each in of]
+        ), f"{name} {', '.join(patterns)}"
     what = f"'{rule}' is not a rule for validation motions"
     raise BayescalError(what, "--validate", "write last:20%, every:5, motions '7,8' or kind 'pick*'")
 
@@ -304,8 +330,8 @@ def _chosen(ids: np.ndarray, kinds: np.ndarray, rule: str) -> tuple[np.ndarray, 
 def repeats(rows: Rows) -> tuple[int, ...]:
     """Of each motion the number (from 1) of the first one with the same trajectory: commands, else positions.
 
-    Two trajectories are the same where they last equally long, from the first to the last row that moves, and differ
-    (RMS over all joints, but for a shift in time of a few samples) by at most `SAME`.
+    Two trajectories are the same where they last equally long, from the first to the last row that moves, and
+    differ (RMS over all joints, but for a shift in time of a few samples) by at most `SAME`.
     """
     values = rows.joints.get("command", rows.joints["position"])
     velocity = speeds(rows.time, values, rows.motion)
@@ -322,8 +348,8 @@ def repeats(rows: Rows) -> tuple[int, ...]:
         curve = np.column_stack([np.interp(grid, rows.time[own], column) for column in values[own].T])
         curves.append((float(grid[-1] - grid[0]), step, curve))
     first: list[int] = []
-    for k, curve in enumerate(curves):
-        same = (i for i in range(k) if first[i] == i + 1 and _same(curves[i], curve))
+    for k, other in enumerate(curves):
+        same = (i for i in range(k) if first[i] == i + 1 and _same(curves[i], other))
         first.append(next(same, k) + 1)
     return tuple(first)
 

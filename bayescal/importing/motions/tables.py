@@ -21,10 +21,10 @@ from bayescal.importing.motions.formats import (
     UR_RTDE,
     Record,
     Stream,
-    joint_order,
     library,
+    places,
 )
-from bayescal.importing.units import is_unit, unit_of
+from bayescal.importing.units import is_number, is_unit, unit_of
 from bayescal.storage.reading import read_json
 
 INFO = "meta/info.json"
@@ -49,10 +49,14 @@ def read_table(path: Path, map_: str, format_: str, decimal: str, n: int) -> Rec
     entries = read_map(formal, n, formal=True) | read_map(map_, n)
     columns = columns_of(read_log(path, missing=missing_in(entries), cut=True), entries, decimal)
     if "time" not in columns.cells:
-        raise BayescalError("no column holds the time", path.name, "map it: `time=t s`, or `time=stamp epoch_s`")
+        raise BayescalError(
+            "no column holds the time", path.name, "map it: `time=t s`, or `time=stamp epoch_s`"
+        )
     joints = {name: columns.block([f"j{i + 1}{end}" for i in range(n)]) for end, name in MAPPED.items()}
     single = {k: columns.cells[k] for k in SINGLE if k in columns.cells}
-    texts = {k: columns.cells[k] for k in ("motion", "role", "kind") if k in columns.cells}
+    texts: dict[str, np.ndarray] = {
+        k: columns.cells[k] for k in ("motion", "role", "kind") if k in columns.cells
+    }
     given = {k: v for k, v in joints.items() if v is not None}
     stream = Stream(path.name, columns.cells["time"], given, single, texts, columns.line)
     unused = [f"columns not used: {listed(columns.unused, 12)}"] if columns.unused else []
@@ -67,7 +71,9 @@ def is_lerobot(path: Path) -> bool:
     return path.suffix == ".parquet" or (path / INFO).is_file()
 
 
-def read_lerobot(path: Path, unit: str, joints: Sequence[str], limits: np.ndarray, stated: str) -> list[Record]:
+def read_lerobot(
+    path: Path, unit: str, joints: Sequence[str], limits: np.ndarray, stated: str
+) -> list[Record]:
     """Episodes of a LeRobot data set.
 
     Parameters
@@ -90,7 +96,9 @@ def read_lerobot(path: Path, unit: str, joints: Sequence[str], limits: np.ndarra
     """
     if unit != NORMALISED and not is_unit(unit):
         what = f"the unit of {LEROBOT['position']} is not stated"
-        raise BayescalError(what, path.name, f"write `--map deg`, `--map rad` or `--map {NORMALISED}` (-100 to 100)")
+        raise BayescalError(
+            what, path.name, f"write `--map deg`, `--map rad` or `--map {NORMALISED}` (-100 to 100)"
+        )
     info = read_json(path / INFO, "give the folder of a LeRobot data set") if path.is_dir() else {}
     files = sorted((path / "data").rglob("*.parquet")) if path.is_dir() else [path]
     if not files:
@@ -100,11 +108,11 @@ def read_lerobot(path: Path, unit: str, joints: Sequence[str], limits: np.ndarra
     if lacking:
         raise BayescalError(f"no column `{lacking[0]}`", path.name, f"it has {listed(table, 12)}")
     names = _names(info, table[LEROBOT["position"]].shape[1])
-    order, how = joint_order(names, joints, stated, path.name) if names else (list(range(len(joints))), "")
-    if table[LEROBOT["position"]].shape[1] <= max(order):
-        raise BayescalError(f"fewer than {len(joints)} values a row", path.name, "check --robot")
-    notes = [how or "joints in their order: the data set does not name them", *_units(table, unit, order)]
-    blocks = {q: table[c][:, order] for q, c in LEROBOT.items() if c in table and table[c].shape[1] > max(order)}
+    order, how = places(names, table[LEROBOT["position"]].shape[1], joints, stated, path.name)
+    notes = [how, *_units(table, unit, order)]
+    blocks = {
+        q: table[c][:, order] for q, c in LEROBOT.items() if c in table and table[c].shape[1] > max(order)
+    }
     if left := [c for q, c in LEROBOT.items() if c in table and q not in blocks]:
         notes.append(f"not used, of another size: {', '.join(left)}")
     for quantity in ("position", "command"):
@@ -118,11 +126,15 @@ def read_lerobot(path: Path, unit: str, joints: Sequence[str], limits: np.ndarra
             notes[-1] = f"{LEROBOT['velocity']} is not used: its unit is not known"
     episode, time = table["episode_index"].astype(int), table["timestamp"].astype(float)
     rate = info.get("fps")
-    made = "frame_index" in table and rate and np.abs(time - table["frame_index"] / float(rate)).max() < OF_FRAME
+    made = (
+        "frame_index" in table and rate and np.abs(time - table["frame_index"] / float(rate)).max() < OF_FRAME
+    )
     if made:
-        notes.append(f"stamps are the number of the frame / {rate:g} Hz: they do not show how regular the recording was")
+        notes.append(
+            f"stamps are the number of the frame / {rate:g} Hz: they show no jitter of the recording"
+        )
     task = table.get("task_index", np.zeros(len(time)))
-    out = []
+    out: list[Record] = []
     for number in dict.fromkeys(episode.tolist()):
         rows = np.flatnonzero(episode == number)
         stream = Stream(f"episode {number}", time[rows], {k: v[rows] for k, v in blocks.items()})
@@ -143,13 +155,19 @@ def _parquet(files: Sequence[Path]) -> dict[str, np.ndarray]:
             for name in table.column_names:
                 column = table.column(name).combine_chunks()
                 lists = hasattr(column, "flatten") and hasattr(column.type, "value_type")
-                values = column.flatten().to_numpy(zero_copy_only=False) if lists else column.to_pandas().to_numpy()
+                values = (
+                    column.flatten().to_numpy(zero_copy_only=False)
+                    if lists
+                    else column.to_pandas().to_numpy()
+                )
                 if values.dtype.kind in "fiu" and len(values) % max(len(table), 1) == 0:
                     part[name] = values.reshape(len(table), -1) if lists else values
         except BayescalError:
             raise
         except Exception as error:  # pyarrow fails in any way at damaged files
-            raise BayescalError(f"not a parquet file: {error}", file.name, "give the file as it was written") from None
+            raise BayescalError(
+                f"not a parquet file: {error}", file.name, "give the file as it was written"
+            ) from None
         parts.append(part)
     return {k: np.concatenate([p[k] for p in parts]) for k in parts[0] if all(k in p for p in parts)}
 
@@ -168,7 +186,9 @@ def _units(table: dict[str, np.ndarray], unit: str, order: Sequence[int]) -> lis
         return [f"{LEROBOT['position']} and {LEROBOT['command']} are in {unit}, as stated"]
     most = float(np.nanmax(np.abs(table[LEROBOT["position"]][:, order])))
     if most > 100 * (1 + 1e-3):
-        raise BayescalError(f"normalised values up to {most:.4g}, at most 100", LEROBOT["position"], "is it `--map deg`?")
+        raise BayescalError(
+            f"normalised values up to {most:.4g}, at most 100", LEROBOT["position"], "is it `--map deg`?"
+        )
     return ["normalised values: -100 to 100 is the range of each joint in the robot file (assumed)"]
 
 
@@ -195,39 +215,57 @@ def read_sage(folder: Path, joints: Sequence[str], stated: str) -> Record:
     place = f"{folder.name}/{STATES}"
     time, lists, scale = _listed(folder / STATES, SAGE, place)
     names_file = folder / JOINTS
-    names = [s for line in names_file.read_text("utf-8").splitlines() if (s := line.strip().rsplit("/", 1)[-1])] if names_file.is_file() else []
+    names = (
+        [s for line in names_file.read_text("utf-8").splitlines() if (s := line.strip().rsplit("/", 1)[-1])]
+        if names_file.is_file()
+        else []
+    )
     width = lists[SAGE["position"]].shape[1]
     if names and len(names) != width:
-        raise BayescalError(f"{width} positions, {len(names)} names in {JOINTS}", place, "give the files of one motion")
-    order, how = joint_order(names, joints, stated, JOINTS) if names else (list(range(len(joints))), "joints in their order")
-    if width <= max(order):
-        raise BayescalError(f"{width} positions a row, the robot has {len(joints)} joints", place, "check --robot")
+        what = f"{width} positions, {len(names)} names in {JOINTS}"
+        raise BayescalError(what, place, "give the files of one motion")
+    order, how = places(names, width, joints, stated, place)
     blocks = {quantity: lists[c][:, order] for quantity, c in SAGE.items() if c in lists}
     unit = "µs" if scale < 1 else "s"
-    notes, others = [how, f"angles are in rad, torques in N m, times in {unit} (SAGE's README)"], ()
+    notes = [how, f"angles are in rad, torques in N m, times in {unit} (SAGE's README)"]
+    others: tuple[Stream, ...] = ()
     keep = np.ones(len(time), bool)
     if (folder / EVENTS).is_file():
         events = read_log(folder / EVENTS, headed=True)
-        when = {row[events.header.index("event")]: float(row[events.header.index("timestamp")]) * scale for row in events.rows}
+        if not {"event", "timestamp"} <= set(events.header):
+            raise BayescalError("no columns `event` and `timestamp`", f"{folder.name}/{EVENTS}", "remove it")
+        name, at = (events.header.index(column) for column in ("event", "timestamp"))
+        when = {row[name]: scale * float(row[at]) for row in events.rows if is_number(row[at])}
         begin, end = when.get("MOTION_START", -np.inf), when.get("DISABLE", np.inf)
         keep = (time >= begin) & (time <= end)
         notes.append(f"{int((~keep).sum())} rows before MOTION_START or after DISABLE left out")
     if (folder / CONTROL).is_file():
-        sent, commands, _ = _listed(folder / CONTROL, {"command": SAGE["position"]}, f"{folder.name}/{CONTROL}")
-        others = (Stream(CONTROL, sent, {"command": commands[SAGE["position"]][:, order]}, held=True),)
+        sent, commands, _ = _listed(
+            folder / CONTROL, {"command": SAGE["position"]}, f"{folder.name}/{CONTROL}"
+        )
+        command = commands[SAGE["position"]]
+        if command.shape[1] != width:
+            what = f"{command.shape[1]} positions, {width} in {STATES}"
+            raise BayescalError(what, f"{folder.name}/{CONTROL}", "give the files of one motion")
+        others = (Stream(CONTROL, sent, {"command": command[:, order]}, held=True),)
         notes.append(f"the command of a row is the last one sent before it ({CONTROL})")
-    rows = Stream(folder.name, time[keep], {k: v[keep] for k, v in blocks.items()}, line=2 + np.flatnonzero(keep))
+    kept = {k: v[keep] for k, v in blocks.items()}
+    rows = Stream(folder.name, time[keep], kept, line=2 + np.flatnonzero(keep))
     kind = folder.name.rstrip("0123456789-_. ")
     return Record(folder.name, rows, others, kind, torque="motor", notes=tuple(notes))
 
 
-def _listed(path: Path, wanted: dict[str, str], place: str) -> tuple[np.ndarray, dict[str, np.ndarray], float]:
+def _listed(
+    path: Path, wanted: dict[str, str], place: str
+) -> tuple[np.ndarray, dict[str, np.ndarray], float]:
     """Times (N,), s, lists (N, k) by column, and the factor to s, of a table whose cells are lists."""
     log = read_log(path, headed=True, cut=True)
     try:
         time = np.array([float(row[log.header.index("timestamp")]) for row in log.rows])
         there = [c for c in wanted.values() if c in log.header]
-        lists = {c: np.array([json.loads(row[log.header.index(c)]) for row in log.rows], float) for c in there}
+        lists = {
+            c: np.array([json.loads(row[log.header.index(c)]) for row in log.rows], float) for c in there
+        }
         lists = {c: v for c, v in lists.items() if v.ndim == 2 and v.shape[1]}
         first = next(iter(wanted.values()))
         if first not in lists:
@@ -237,5 +275,3 @@ def _listed(path: Path, wanted: dict[str, str], place: str) -> tuple[np.ndarray,
         raise BayescalError(f"not a table of SAGE: {error}", place, remedy) from None
     scale = 1e-6 if len(time) > 1 and np.median(np.diff(time)) > MICROSECONDS else 1.0
     return time * scale, lists, scale
-
-
