@@ -64,7 +64,6 @@ def schema(name: str = typer.Argument(metavar="dataset|robot|artefact")) -> None
 @command(
     'bayescal import log.csv --map "j*=A* deg, x=X mm, y=Y mm, z=Z mm" --robot ur5e --out cell',
     "bayescal import log.csv --plan runs/cell-plan --template cell --out cell-measured",
-    "bayescal import recording_0.mcap --robot arm.urdf --motions 'pause:1 s' --out arm-log",
     name="import",
     tool="tcp",
 )

@@ -20,7 +20,7 @@ __all__ = ["Draft", "MotionDraft", "Request", "convert", "write"]
 
 
 def convert(request: Request) -> Draft | MotionDraft:
-    """Read a log: of motions, by its format or where it is said how they are divided; else of contacts."""
+    """Read a log: of motions, by its format or with `--motions`; else of contacts."""
     return convert_motions(request) if format_of(request) else convert_contacts(request)
 
 

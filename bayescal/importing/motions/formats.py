@@ -239,7 +239,7 @@ def _plain(name: str) -> str:
 
 
 def _ending(names: Sequence[str], name: str) -> list[str]:
-    """The only name that is `name` but for a prefix and the word joint."""
+    """The only name that is `name` with any prefix, and the word joint behind it or not."""
     ending = [n for n in names if n.lower().removesuffix(".pos").removesuffix("_joint").endswith(name)]
     return ending if len(ending) == 1 else []
 

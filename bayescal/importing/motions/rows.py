@@ -34,7 +34,7 @@ SAMPLES = 400
 
 @dataclass(frozen=True)
 class Rows:
-    """N rows of all motions in SI: `time` (N,) s, increasing; `motion` (N,) from 1; quantities (N, n) or (N,).
+    """N rows of all motions in SI: `time` (N,) s, increasing; `motion` (N,) from 1; quantities by name.
 
     `ids` and `kinds` are those of the motions, and `roles` if a column states them, else ().
     """
@@ -331,7 +331,7 @@ def repeats(rows: Rows) -> tuple[int, ...]:
     """Of each motion the number (from 1) of the first one with the same trajectory: commands, else positions.
 
     Two trajectories are the same where they last equally long, from the first to the last row that moves, and
-    differ (RMS over all joints, but for a shift in time of a few samples) by at most `SAME`.
+    differ by at most `SAME` (RMS over all joints, after a shift in time of a few samples).
     """
     values = rows.joints.get("command", rows.joints["position"])
     velocity = speeds(rows.time, values, rows.motion)
