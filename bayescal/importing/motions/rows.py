@@ -9,19 +9,17 @@ from fnmatch import fnmatchcase
 from math import ceil
 
 import numpy as np
-from scipy.ndimage import uniform_filter1d
 
 from bayescal.errors import BayescalError, listed
 from bayescal.importing.motions.formats import LARGEST, Record, Stream
+from bayescal.preparing import signals
 
 BETWEEN = 1.0
 """s put between records whose clocks begin anew: the true time is not known."""
 LOST = 0.05
 """Fraction of rows that may be left out as corrupt; more is another mistake (assumed)."""
 MOVING = 0.01
-"""rad/s: a joint that turns slower, over `SMOOTH`, is at rest (assumed: above the noise of encoders)."""
-SMOOTH = 0.1
-"""s."""
+"""rad/s, over 0.1 s: a joint that turns slower is at rest (assumed: above the noise of encoders)."""
 LAST = 0.2
 """Fraction of the motions that validate by default."""
 MOST = 0.4
@@ -235,14 +233,12 @@ def _one_time(streams: Sequence[Stream], records: Sequence[Record], notes: list[
 
 
 def speeds(time: np.ndarray, position: np.ndarray, motion: np.ndarray) -> np.ndarray:
-    """Velocities (N, n), rad/s, from positions and stamps, smoothed over `SMOOTH`; not across motions."""
+    """Velocities (N, n), rad/s, from positions and stamps, averaged over 0.1 s; not across motions."""
     out = np.zeros_like(position)
     for k in np.unique(motion):
         rows = np.flatnonzero(motion == k)
         if len(rows) > 1:
-            wide = max(round(float(SMOOTH / np.median(np.diff(time[rows])))), 1)
-            raw = np.gradient(position[rows], time[rows], axis=0)
-            out[rows] = uniform_filter1d(raw, wide, axis=0, mode="nearest")
+            out[rows] = signals.speeds(time[rows], position[rows])
     return out
 
 

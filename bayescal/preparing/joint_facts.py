@@ -1,0 +1,150 @@
+"""Facts of a joint log: stamps, and of each joint what moves, what is delayed and what is filtered."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from bayescal.logs import Log, Motion
+from bayescal.preparing import signals
+
+SLOW = (0.01, 0.05)
+"""rad/s: speeds below the second show how friction depends on speed; below the first a joint is at rest."""
+LOADS = 0.1
+"""Of the largest torque of gravity of a joint: standard deviation over the poses that counts as two poses."""
+SHARE = 0.01
+"""Of the largest torque of gravity of any joint: what makes a joint one that gravity loads."""
+GAP, JITTER = 3.0, 0.05
+"""Times the median step; relative standard deviation of steps."""
+
+
+@dataclass(frozen=True)
+class Joint:
+    """Facts of a joint, SI; delays and their u are (2,) s, nan where they do not follow."""
+
+    name: str
+    lowest: float
+    highest: float
+    fastest: float
+    rest: float  # fraction of rows
+    slow: float  # s at `SLOW` speeds
+    gravity: tuple[float, float]  # N m, mean and standard deviation over the poses
+    torque_delay: tuple[float, float]  # of torque behind what accelerations and friction predict
+    velocity_delay: tuple[float, float]  # of velocity behind the derivative of position
+    velocity_cutoff: float  # Hz; inf if unfiltered as far as can be seen
+    velocity_gain: float
+    command_delay: tuple[float, float]  # of position behind command
+    command_error: float  # rad, RMS
+    torque_band: float  # Hz, above which the torque is filtered; inf if not
+    clipped: float  # N m; nan if not
+    held: float  # rows for which a position is held
+
+
+@dataclass(frozen=True)
+class Stamps:
+    """Facts of the stamps, s: median step, relative standard deviation of steps, largest step, its place."""
+
+    step: float
+    jitter: float
+    longest: float
+    where: str
+    gaps: int
+
+
+def joints_of(log: Log) -> tuple[Joint, ...]:
+    """Facts of all joints."""
+    even = [signals.uniform(m) for m in log.motions]
+    velocity = [signals.speeds(m.time, m.position) for m in log.motions]
+    steps = [np.gradient(m.time) for m in log.motions]
+    position = np.concatenate([m.position for m in log.motions])
+    gravity = signals.gravity_torques(log.mechanism, position[:: max(len(position) // 2000, 1)], log.gravity)
+    torques = [m.torque for m in log.motions if m.torque is not None]
+    nothing = (np.nan, np.nan)
+    out = []
+    for j, name in enumerate(log.mechanism.joint_names):
+        speed = np.abs(np.concatenate([v[:, j] for v in velocity]))
+        slow = (speed > SLOW[0]) & (speed < SLOW[1])
+        derived = [np.gradient(e.position[:, j], e.step) for e in even]
+        pairs = [
+            (d, e.measured[:, j], e.step)
+            for d, e in zip(derived, even, strict=True)
+            if e.measured is not None
+        ]
+        commands = [(e.command[:, j], e.position[:, j], e.step) for e in even if e.command is not None]
+        moves = bool((speed > SLOW[0]).any())
+        transfer = [signals.cutoff(*pair) for pair in pairs] if moves else []
+        low, high = (_median(k, transfer) for k in (0, 1))
+        loads = [(signals.torque_drivers(e, j), e.torque[:, j], e.step) for e in even if e.torque is not None]
+        errors = [c - p for c, p, _ in commands]
+        out.append(
+            Joint(
+                name=name,
+                lowest=float(position[:, j].min()),
+                highest=float(position[:, j].max()),
+                fastest=float(speed.max()),
+                rest=float(np.mean(speed <= SLOW[0])),
+                slow=float(np.concatenate(steps)[slow].sum()),
+                gravity=(float(gravity[:, j].mean()), float(gravity[:, j].std())),
+                torque_delay=_delay(loads, signals.BAND) if moves else nothing,
+                velocity_delay=_delay([(d[:, None], v, s) for d, v, s in pairs], signals.WIDE)
+                if moves
+                else nothing,
+                velocity_cutoff=high,
+                velocity_gain=low,
+                command_delay=_delay([(c[:, None], p, s) for c, p, s in commands], signals.WIDE)
+                if moves
+                else nothing,
+                command_error=float(np.sqrt(np.mean(np.concatenate(errors) ** 2))) if errors else np.nan,
+                torque_band=signals.filtered([t[:, j] for t in torques], even[0].step) if torques else np.inf,
+                clipped=signals.clipped(np.concatenate([t[:, j] for t in torques])) if torques else np.nan,
+                held=_held(log.motions, velocity, j),
+            )
+        )
+    return tuple(out)
+
+
+def _median(k: int, pairs: Sequence[tuple[float, float]]) -> float:
+    values = [pair[k] for pair in pairs if np.isfinite(pair[0])]
+    return float(np.median(values)) if values else np.nan
+
+
+def _delay(
+    parts: Sequence[tuple[np.ndarray, np.ndarray, float]], band: tuple[float, float]
+) -> tuple[float, float]:
+    """Delay of the signals of all motions behind their drivers, and its u by their scatter."""
+    return signals.middle([signals.delay(*part, band) for part in parts])
+
+
+def _held(motions: Sequence[Motion], velocity: Sequence[np.ndarray], j: int) -> float:
+    fast = [np.abs(v[:, j]) > 0.3 * np.abs(v[:, j]).max() for v in velocity]
+    values = [signals.held(m.position[:, j], go) for m, go in zip(motions, fast, strict=True)]
+    finite = [v for v in values if np.isfinite(v)]
+    return float(np.median(finite)) if finite else np.nan
+
+
+def stamps_of(log: Log, table: str) -> Stamps:
+    """Facts of the stamps within motions."""
+    steps = [np.diff(m.time) for m in log.motions]
+    every = np.concatenate(steps)
+    step = float(np.median(every))
+    worst = max(range(len(steps)), key=lambda k: steps[k].max())
+    row = int(np.argmax(steps[worst])) + 1
+    usual = every[every < GAP * step]
+    where = f"{table}:{log.motions[worst].line + row} (motion {log.motions[worst].name})"
+    return Stamps(
+        step, float(usual.std() / step), float(every.max()), where, int((every >= GAP * step).sum())
+    )
+
+
+def gravity_loaded(joints: Sequence[Joint]) -> list[Joint]:
+    """Joints that gravity loads."""
+    most = max(abs(j.gravity[0]) + j.gravity[1] for j in joints)
+    return [j for j in joints if abs(j.gravity[0]) + j.gravity[1] > SHARE * most]
+
+
+def warm_up(log: Log) -> float:
+    """Range of the temperature, K; nan without one."""
+    values = [m.temperature for m in log.motions if m.temperature is not None]
+    return float(np.ptp(np.concatenate(values))) if values else np.nan

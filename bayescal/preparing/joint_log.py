@@ -1,0 +1,228 @@
+"""The check of a joint log: its facts, findings, and what a diagnosis can assess."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bayescal.logs import Log, read_log
+from bayescal.logs.read import TABLES
+from bayescal.preparing.joint_facts import (
+    LOADS,
+    SLOW,
+    Joint,
+    Stamps,
+    gravity_loaded,
+    joints_of,
+    stamps_of,
+    warm_up,
+)
+from bayescal.preparing.joint_findings import CROSSINGS, WARM, missing, odd
+from bayescal.preparing.missing import KINDS, Finding
+
+
+@dataclass(frozen=True)
+class LogCheck:
+    """What is known of a joint log before a diagnosis.
+
+    Attributes
+    ----------
+    log : Log
+    joints : tuple of Joint
+    stamps : Stamps
+    assessed : tuple of str
+        Effects that a diagnosis can assess.
+    not_assessed : dict of str to str
+        Those that it cannot, with what would make them assessable.
+    findings : tuple of Finding
+        In the order of `KINDS`.
+    """
+
+    log: Log
+    joints: tuple[Joint, ...]
+    stamps: Stamps
+    assessed: tuple[str, ...]
+    not_assessed: dict[str, str]
+    findings: tuple[Finding, ...]
+
+    @property
+    def name(self) -> str:
+        """Name of the log."""
+        return self.log.name
+
+
+def check_log(folder: Path) -> LogCheck:
+    """Check a joint log without a diagnosis.
+
+    Raises
+    ------
+    BayescalError
+        If the folder cannot be read: stamps that go back, corrupt values, fewer than two motions, ...
+    """
+    log = read_log(folder)
+    table = next(name for name in TABLES if (folder / name).exists())
+    joints, stamps = joints_of(log), stamps_of(log, table)
+    findings = [*odd(log, joints, stamps, table), *missing(log, joints, table)]
+    why = {name: reason for name, needs in NEEDS.items() if (reason := needs(log, joints))}
+    assessed = tuple(name for name in NEEDS if name not in why)
+    order = sorted(findings, key=lambda f: KINDS.index(f.kind))
+    return LogCheck(log, joints, stamps, assessed, why, tuple(order))
+
+
+Needs = Callable[[Log, Sequence[Joint]], str]
+"""What a log lacks for an effect, with how to record it; "" if nothing."""
+
+
+def _torque(log: Log, joints: Sequence[Joint]) -> str:
+    if log.motions[0].torque is not None and log.signed:
+        return ""
+    return "no torques with a sign: log them" if log.torque_kind else "no torques: log torques or currents"
+
+
+def _with_torque(needs: Needs) -> Needs:
+    return lambda log, joints: _torque(log, joints) or needs(log, joints)
+
+
+def _loads(log: Log, joints: Sequence[Joint]) -> str:
+    return "" if any(m.loaded for m in log.motions) else "no motion with a stated payload: log some"
+
+
+def _slow(log: Log, joints: Sequence[Joint]) -> str:
+    slow = any(j.slow >= CROSSINGS for j in joints)
+    return "" if slow else f"speeds below {SLOW[1]:g} rad/s are too few: reverse slowly"
+
+
+def _ways(log: Log, joints: Sequence[Joint]) -> str:
+    return "" if any(j.fastest > SLOW[1] for j in joints) else "no joint moves"
+
+
+def _poses(log: Log, joints: Sequence[Joint]) -> str:
+    varied = any(j.gravity[1] >= LOADS * abs(j.gravity[0]) for j in gravity_loaded(joints))
+    return "" if varied else "gravity loads the joints in one pose: move them in two or more"
+
+
+def _constant(log: Log, joints: Sequence[Joint]) -> str:
+    if log.torque_kind == "sensor":
+        return "torques are those of a sensor: it has no torque constant"
+    return _poses(log, joints) and _loads(log, joints)
+
+
+def _gears(log: Log, joints: Sequence[Joint]) -> str:
+    known = np.isfinite(log.mechanism.gear_ratio).any()
+    return "" if known else "no gear ratio is stated: the motor's angle is not known"
+
+
+def _temperature(log: Log, joints: Sequence[Joint]) -> str:
+    warm = warm_up(log)
+    if np.isnan(warm):
+        return "no temperature: log `temperature_degC`"
+    return "" if warm >= WARM / 2 else f"the temperature varies by {warm:.2g} K: log {WARM:g} K of warm-up"
+
+
+def _links(log: Log, joints: Sequence[Joint]) -> str:
+    known = log.motions[0].link is not None
+    return "" if known else "no second encoder, and alike without: log `link1_deg` ... behind the gears"
+
+
+def _clock(log: Log, joints: Sequence[Joint]) -> str:
+    known = any(np.isfinite(j.torque_delay[0]) for j in joints)
+    return "" if known else "motions are too short to compare torque and acceleration"
+
+
+def _servo(log: Log, joints: Sequence[Joint]) -> str:
+    if log.motions[0].command is None:
+        return "no commands: log `command1_deg` ..."
+    stated = log.controller.kind == "position" or log.controller.stiffness is not None
+    return "" if stated else "the drives are given torques: state `controller: {kind: position}` if not"
+
+
+def _level(log: Log, joints: Sequence[Joint]) -> str:
+    return "" if len(gravity_loaded(joints)) > 1 else "gravity loads fewer than two joints"
+
+
+NEEDS: dict[str, Needs] = {
+    "payload": _torque,
+    "payload-offset": _with_torque(_loads),
+    "inertia": _with_torque(_ways),
+    "armature": _with_torque(_ways),
+    "stribeck": _with_torque(_slow),
+    "load-friction": _with_torque(_poses),
+    "asymmetric-friction": _with_torque(_ways),
+    "ripple": _with_torque(_gears),
+    "torque-constant": _with_torque(_constant),
+    "torque-drift": _with_torque(_temperature),
+    "viscous-temperature": _with_torque(_temperature),
+    "backlash": _links,
+    "elasticity": _links,
+    "delay": _with_torque(_clock),
+    "base-tilt": _with_torque(_level),
+    "servo-stiffness": _servo,
+}
+"""What a log needs for each effect of joint logs."""
+
+
+def log_record(of: LogCheck) -> dict[str, Any]:
+    """The content of `bayescal check --to json` of a joint log; null where a value is not known."""
+    log = of.log
+    motions = [
+        {"id": m.name, "role": m.role, "kind": m.kind, "same_as": m.same_as, "rows": len(m.time)}
+        | {"duration_s": _plain(m.time[-1] - m.time[0]), "payload_kg": _plain(np.median(m.payload))}
+        for m in log.motions
+    ]
+    stamps = of.stamps
+    return {
+        "schema": "bayescal-motion-check/1",
+        "dataset": log.name,
+        "sha256": log.digest,
+        "robot": {"name": log.mechanism.name, "joints": log.n},
+        "rows": sum(len(m.time) for m in log.motions),
+        "columns": [name for name in COLUMNS if getattr(log.motions[0], name) is not None],
+        "torque": {"kind": log.torque_kind, "signed": log.signed},
+        "stamps": {
+            "step_ms": _plain(1e3 * stamps.step),
+            "jitter": _plain(stamps.jitter),
+            "longest_ms": _plain(1e3 * stamps.longest),
+            "gaps": stamps.gaps,
+        },
+        "temperature_range_K": _plain(warm_up(log)),
+        "motions": motions,
+        "joints": [_joint_record(j) for j in of.joints],
+        "assumed": list(log.notes),
+        "assessed": list(of.assessed),
+        "not_assessed": of.not_assessed,
+        "findings": [vars(f) for f in of.findings],
+    }
+
+
+COLUMNS = ("position", "velocity", "command", "torque", "link", "temperature")
+"""Of a `Motion`, which may be absent."""
+
+
+def _joint_record(j: Joint) -> dict[str, Any]:
+    delays = {
+        "torque": j.torque_delay,
+        "velocity": j.velocity_delay,
+        "position_after_command": j.command_delay,
+    }
+    return {
+        "name": j.name,
+        "range_deg": [_plain(np.degrees(j.lowest)), _plain(np.degrees(j.highest))],
+        "fastest_rad_per_s": _plain(j.fastest),
+        "at_rest": _plain(j.rest),
+        "slow_s": _plain(j.slow),
+        "gravity_Nm": {"mean": _plain(j.gravity[0]), "sd": _plain(j.gravity[1])},
+        "delay_ms": {k: {"value": _plain(1e3 * v), "u": _plain(1e3 * u)} for k, (v, u) in delays.items()},
+        "velocity_cutoff_Hz": _plain(j.velocity_cutoff),
+        "torque_filtered_above_Hz": _plain(j.torque_band),
+        "tracking_rms_deg": _plain(np.degrees(j.command_error)),
+        "torque_limit_Nm": _plain(j.clipped),
+    }
+
+
+def _plain(value: Any) -> float | None:
+    """A number to six digits; None if it is not finite."""
+    return float(f"{float(value):.6g}") if np.isfinite(value) else None
