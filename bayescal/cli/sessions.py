@@ -307,12 +307,12 @@ def check(
     json: bool = typer.Option(False, "--json", hidden=True),
     allow_xacro: bool = False,
 ) -> None:
-    """Check a dataset without fitting it: what is understood, what is missing, what looks wrong.
+    """Check a dataset or a joint log without fitting it: what is understood, missing, and what looks wrong.
 
     Parameters
     ----------
     dataset
-        Dataset folder.
+        Dataset folder, or that of a joint log.
     to
         table or json.
     allow_xacro

@@ -73,6 +73,9 @@ def check_log(folder: Path) -> LogCheck:
     return LogCheck(log, joints, stamps, assessed, why, tuple(order))
 
 
+STEADY = 1.0
+"""K: a temperature that varies less shows no drift (assumed: ten times the noise of a thermometer)."""
+
 Needs = Callable[[Log, Sequence[Joint]], str]
 """What a log lacks for an effect, with how to record it; "" if nothing."""
 
@@ -120,7 +123,7 @@ def _temperature(log: Log, joints: Sequence[Joint]) -> str:
     warm = warm_up(log)
     if np.isnan(warm):
         return "no temperature: log `temperature_degC`"
-    return "" if warm >= WARM / 2 else f"the temperature varies by {warm:.2g} K: log {WARM:g} K of warm-up"
+    return "" if warm >= STEADY else f"the temperature varies by {warm:.2g} K: log {WARM:g} K of warm-up"
 
 
 def _links(log: Log, joints: Sequence[Joint]) -> str:

@@ -34,6 +34,8 @@ LEAST = 5.0
 """Hz: no filter of torques is sought below."""
 SPIKE = 30.0
 """Robust standard deviations of the difference from neighbours: a corrupt value (assumed)."""
+OUT = 0.02
+"""Of the range of a signal: a smaller deviation is noise, or a fast motion (assumed)."""
 CLIPPED = (5, 0.001)
 """Rows, and fraction of them, at the largest value of a torque that is limited."""
 
@@ -127,10 +129,9 @@ def cutoff(driver: np.ndarray, signal: np.ndarray, step: float) -> tuple[float, 
     Only where the two are coherent; inf where the gain does not fall there, nan where nothing is coherent.
     """
     length = min(len(signal), max(round(4 / step), 64))
-    usual = {"fs": 1 / step, "nperseg": length}
-    frequency, both = csd(driver, signal, **usual)
-    _, power = welch(driver, **usual)
-    _, common = coherence(driver, signal, **usual)
+    frequency, both = csd(driver, signal, fs=1 / step, nperseg=length)
+    _, power = welch(driver, fs=1 / step, nperseg=length)
+    _, common = coherence(driver, signal, fs=1 / step, nperseg=length)
     trusted = np.flatnonzero((common > COHERENT) & (frequency > 0))
     if len(trusted) < 3:
         return np.nan, np.nan
@@ -167,17 +168,19 @@ def filtered(torques: Sequence[np.ndarray], step: float) -> float:
 
 
 def spikes(values: np.ndarray) -> np.ndarray:
-    """Rows of values (N, n) that are far from the cubic through their four neighbours.
+    """Rows of values (N, n) that stand out from both neighbours, and from the cubic through four neighbours.
 
-    Farther than `SPIKE` times the standard deviation of such differences, as their median and their 99th
-    percentile state it, both robust against a few corrupt values.
+    By more than `SPIKE` times the standard deviation of such differences, as their median and their 99th
+    percentile state it, both robust against a few corrupt values, and more than `OUT` of the range.
     """
     if len(values) < 5:
         return np.zeros(0, int)
     x = values
-    away = np.abs(x[2:-2] - (4 * (x[1:-3] + x[3:-1]) - x[:-4] - x[4:]) / 6)
+    before, after = x[2:-2] - x[1:-3], x[2:-2] - x[3:-1]
+    peak = np.where(before * after > 0, np.minimum(np.abs(before), np.abs(after)), 0.0)
+    away = np.minimum(peak, np.abs(x[2:-2] - (4 * (x[1:-3] + x[3:-1]) - x[:-4] - x[4:]) / 6))
     scale = np.maximum(1.4826 * np.median(away, axis=0), np.percentile(away, 99, axis=0) / 2.58)
-    return 2 + np.flatnonzero((away > SPIKE * np.maximum(scale, 1e-9)).any(axis=1))
+    return 2 + np.flatnonzero((away > np.maximum(SPIKE * scale, OUT * np.ptp(x, axis=0))).any(axis=1))
 
 
 def clipped(values: np.ndarray) -> float:
