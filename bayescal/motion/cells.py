@@ -1,0 +1,143 @@
+"""Cells: general functions of the quantities of a log, for causes that are not in the vocabulary.
+
+Each cell is a site, an argument and a few columns. A cause that nobody has listed still is a function of
+something: an angle, a speed, a load, the time, the way that a joint has come.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from scipy.signal import lfilter
+
+from bayescal.motion.effects import LOG, TOOL, Form, FormColumn, Scale, joint
+from bayescal.motion.settings import CELLS
+from bayescal.motion.signals import Signals, derivative
+from bayescal.motion.terms import Operating
+
+UNKNOWN = "unknown"
+
+
+def smooth(x: np.ndarray, bounds: np.ndarray, count: int) -> list[np.ndarray]:
+    """The first cosines (N,) over a range (2,) of x, each half a period more than the last."""
+    low, high = bounds
+    u = np.clip((x - low) / max(high - low, 1e-12), 0.0, 1.0)
+    return [np.cos(np.pi * k * u) for k in range(1, count + 1)]
+
+
+class Ranges:
+    """Ranges over all motions, of what cells are functions of."""
+
+    def __init__(self, parts: tuple[Signals, ...], at: Operating) -> None:
+        def bounds(x: list[np.ndarray]) -> np.ndarray:
+            whole = np.concatenate(x)
+            return np.array([np.min(whole, axis=0), np.max(whole, axis=0)])
+
+        self.angle = bounds([s.q for s in parts])  # (2, n)
+        self.speed = bounds([s.dq for s in parts])
+        self.load = bounds([at.load(s) for s in parts])
+        self.time = bounds([s.time for s in parts])  # (2,)
+        self.motions = tuple(s.name for s in parts)
+        self.loaded = any(np.any(s.payload > 0.0) for s in parts)
+
+
+def cells(s: Signals, at: Operating, scale: Scale, r: Ranges) -> Iterator[FormColumn]:
+    """Columns of every cell."""
+    way, load = at.reversal(s), at.load(s)
+    later = derivative(at.torque(s), s.step)
+    n = s.log.n
+
+    def cell(
+        site: str,
+        driver: str,
+        functions: list[np.ndarray],
+        j: int,
+        setting: str = "",
+        size: float = CELLS.size,
+    ) -> Iterator[FormColumn]:
+        form = Form(UNKNOWN, site, driver, setting)
+        for k, function in enumerate(functions):
+            yield form, form.term("N m", size * scale.friction[j], j, str(k)), function
+
+    times = smooth(s.time, r.time, CELLS.time_waves)
+    for j in range(n):
+        site, turn, speed = joint(j), s.q[:, j], s.dq[:, j]
+        angles = smooth(turn, r.angle[:, j], CELLS.waves)
+        direction, torque = way[:, j], load[:, j]
+        torques = smooth(torque, r.load[:, j], CELLS.load_waves)
+        speeds = smooth(speed, r.speed[:, j], CELLS.waves)
+        yield from cell(site, "angle", angles, j)
+        yield from cell(site, "angle times direction", [direction * f for f in angles], j)
+        yield from cell(site, "torque", torques, j)
+        yield from cell(site, "torque times direction", [direction * f for f in torques], j)
+        yield from cell(site, "speed", speeds, j)
+        yield from cell(site, "time", times, j)
+        yield from cell(site, "time times direction", [direction * f for f in times], j)
+        yield from cell(site, "time times torque", [torque / scale.torque[j] * f for f in times], j)
+        yield from cell(site, "motion", [np.full(len(turn), float(s.name == name)) for name in r.motions], j)
+        if r.loaded:
+            on = (s.payload > 0.0).astype(float)
+            functions = [on * direction, *(on * f for f in angles[:2])]
+            yield from cell(site, "payload", functions, j)
+        if s.temperature is not None:
+            warm = s.temperature / CELLS.kelvin
+            functions = [warm * direction, warm * np.abs(speed), warm**2, warm * angles[0]]
+            yield from cell(site, "temperature", functions, j)
+        for k in range(n):
+            if k != j:
+                others = smooth(s.q[:, k], r.angle[:, k], CELLS.other_waves)
+                yield from cell(site, f"angle of joint {k + 1}", others, j)
+                both = [direction * f for f in others]
+                yield from cell(site, f"direction times angle of joint {k + 1}", both, j)
+                fast = smooth(s.dq[:, k], r.speed[:, k], CELLS.other_waves)
+                yield from cell(site, f"speed of joint {k + 1}", fast, j)
+        for length in CELLS.presliding:
+            moved = _presliding(speed, s.step, length)
+            yield from cell(site, "way since the reversal", [moved - direction], j, f"{length:g} rad")
+        for frequency in CELLS.resonances:
+            rung = _resonated(np.column_stack([s.ddq[:, j], torque / scale.torque[j]]), frequency, s.step)
+            yield from cell(site, "oscillation", list(rung.T), j, f"{frequency:g} Hz")
+        low, high = r.angle[:, j]
+        for width in CELLS.bumps:
+            for centre in np.arange(low + width, high, 1.5 * width):
+                bump = np.exp(-0.5 * ((turn - centre) / width) ** 2)
+                where = f"{np.rad2deg(centre):.0f} deg, width {np.rad2deg(width):.0f} deg"
+                yield from cell(site, "angle, one place", [bump, bump * direction], j, where)
+    yield from _of_log(s, later, times, n)
+    yield from _of_tool(s, scale)
+
+
+def _of_log(s: Signals, later: np.ndarray, times: list[np.ndarray], n: int) -> Iterator[FormColumn]:
+    """Errors of the clock, in all joints."""
+    form = Form(UNKNOWN, LOG, "rate of torque times time")
+    for k, f in enumerate(times):
+        yield form, form.term("s", CELLS.clock, part=str(k)), later * f[:, None]
+
+
+def _of_tool(s: Signals, scale: Scale) -> Iterator[FormColumn]:
+    """A constant force on the tool, along the axes of the base: a hose, a cable."""
+    m = s.log.mechanism
+    form = Form(UNKNOWN, TOOL, "force on the tool")
+    unit = np.zeros(10)
+    unit[0], unit[1:4] = 1.0, m.payload_centre
+    for name, by in zip("xyz", s.tilted, strict=True):
+        yield form, form.term("N", CELLS.force, part=name), by[:, :, -1] @ unit
+
+
+def _presliding(speed: np.ndarray, step: float, length: float) -> np.ndarray:
+    """Deflection (N,) of bristles, -1 to 1, that a way of `length` rad saturates (Dahl, 1976)."""
+    out = np.empty(len(speed))
+    z = 0.0
+    for k, way in enumerate((speed * step / length).tolist()):
+        z = (z + way) / (1.0 + abs(way))
+        out[k] = z
+    return out
+
+
+def _resonated(x: np.ndarray, frequency: float, step: float) -> np.ndarray:
+    """Response (N, k) of a lightly damped oscillator to x, less x itself."""
+    w, damping = 2.0 * np.pi * frequency, CELLS.damping
+    pole = np.exp((-damping + 1j * np.sqrt(1.0 - damping**2)) * w * step)
+    a = np.array([1.0, -2.0 * pole.real, abs(pole) ** 2])
+    return lfilter([np.sum(a)], a, x, axis=0) - x

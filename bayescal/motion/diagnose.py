@@ -1,0 +1,65 @@
+"""The diagnosis of a log: which effects explain what the baseline leaves."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bayescal.errors import BayescalError
+from bayescal.logs import Log
+from bayescal.logs.types import CALIBRATE, VALIDATE
+from bayescal.motion import outcome
+from bayescal.motion.estimate import estimated
+from bayescal.motion.noise import noise_of
+from bayescal.motion.pool import Pool
+from bayescal.motion.result import MotionGap
+from bayescal.motion.settings import NOISE, VERDICT
+from bayescal.motion.signals import all_signals
+from bayescal.motion.verdict import decide
+from bayescal.storage.stopping import Progress, silent
+
+
+def diagnose(log: Log, progress: Progress = silent) -> MotionGap:
+    """Diagnose a joint log.
+
+    Raises
+    ------
+    BayescalError
+        If the log has no torques with a sign, or no motion of a role that is needed.
+    """
+    if any(m.torque is None for m in log.motions):
+        why = "torques have no sign" if not log.signed else "no torques are logged"
+        raise BayescalError(f"{why}: the gap of torques cannot be assessed", log.name, "log torque1_Nm ...")
+    if not log.of_role(VALIDATE):
+        raise BayescalError("no motion has the role validate", log.name, "withhold one or more")
+    progress("signals", 0.0)
+    estimate = estimated(all_signals(log))
+    progress("columns", 0.2)
+    pool = Pool.of(estimate)
+    noise = estimate.noise
+    for k in range(NOISE.repeats):
+        progress("search", 0.4 + 0.2 * k)
+        search = pool.search(noise)
+        fit = search.fit(search.run()[0].members)
+        taken = np.full(log.n, len(fit.chosen) / log.n)
+        noise = noise_of(pool.table.of_role(CALIBRATE).residuals(fit.values), taken)
+    search = pool.search(noise)
+    hypotheses = search.run()
+    verdict = decide(search, hypotheses)
+    progress("result", 0.8)
+    named = search.fit(verdict.named.members)
+    score = np.array([h.score for h in hypotheses])
+    weight = np.exp(score - np.max(score))
+    ranked = zip(hypotheses[: VERDICT.listed], weight / np.sum(weight), strict=False)
+    return MotionGap(
+        estimate=estimate,
+        verdict=verdict,
+        where=outcome.places(search, pool, verdict),
+        amplitudes=outcome.amplitudes(search, pool, verdict, noise),
+        shrinkage=outcome.shrinkage(search, pool, verdict, noise),
+        hypotheses=tuple((h.names, float(w), h.log_evidence) for h, w in ranked),
+        not_assessed=outcome.not_assessed(search, pool),
+        advice=tuple(outcome.advice(search, pool, verdict)),
+        values=named.values,
+        u=named.u,
+        warnings=log.notes,
+    )

@@ -1,0 +1,89 @@
+"""Rigid-body torques of a serial arm, linear in the inertial parameters of its bodies."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bayescal.logs import Mechanism
+from bayescal.logs.mechanism import PAIRS, inertial
+
+PARAMETERS = 10
+"""Of a body: mass, first moment (3), inertia about its frame's origin (6)."""
+
+
+def skew(v: np.ndarray) -> np.ndarray:
+    """Matrices (..., 3, 3) of cross products with vectors (..., 3)."""
+    out = np.zeros((*v.shape, 3))
+    out[..., 0, 1], out[..., 0, 2], out[..., 1, 2] = -v[..., 2], v[..., 1], -v[..., 0]
+    return out - np.swapaxes(out, -1, -2)
+
+
+def _times_inertia(v: np.ndarray) -> np.ndarray:
+    """Matrices (N, 3, 6) which by the elements of an inertia, as `PAIRS`, give its product with v (N, 3)."""
+    out = np.zeros((len(v), 3, len(PAIRS)))
+    for k, (i, j) in enumerate(PAIRS):
+        out[:, i, k] += v[:, j]
+        if i != j:
+            out[:, j, k] += v[:, i]
+    return out
+
+
+def _turns(m: Mechanism, q: np.ndarray) -> np.ndarray:
+    """Rotations (n, N, 3, 3) of every body in the one before it, at joint angles (N, n)."""
+    cross = skew(m.axis)[:, None]
+    sine, cosine = np.sin(q.T)[..., None, None], np.cos(q.T)[..., None, None]
+    return m.place[:, None, :3, :3] @ (np.eye(3) + sine * cross + (1.0 - cosine) * (cross @ cross))
+
+
+def regressor(
+    m: Mechanism, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray, gravity: np.ndarray
+) -> np.ndarray:
+    """Torques by each inertial parameter of each body.
+
+    Recursive Newton-Euler, forward for motion and backward for wrenches (Luh, Walker and Paul, ASME J. Dyn.
+    Syst. 102(2), 1980), with the parameters kept apart (Atkeson, An and Hollerbach, IJRR 5(3), 1986).
+
+    Parameters
+    ----------
+    m : Mechanism
+    q, dq, ddq : np.ndarray, shape (N, n)
+        Readings, rad, and their derivatives.
+    gravity : np.ndarray, shape (3,)
+        m/s2, in the base frame.
+
+    Returns
+    -------
+    np.ndarray, shape (N, n, n, 10)
+        N m of each reading, by each parameter of each body, as `bayescal.logs.mechanism.inertial`.
+    """
+    q, dq, ddq = (x @ m.coupling.T for x in (q, dq, ddq))
+    count, n = q.shape
+    turn = _turns(m, q)
+    rate, turning = np.zeros((count, 3)), np.zeros((count, 3))  # angular velocity and acceleration
+    pull = np.tile(-np.asarray(gravity, float), (count, 1))  # acceleration of the origin
+    out = np.zeros((count, n, n, PARAMETERS))
+    for k in range(n):
+        to_body = np.swapaxes(turn[k], 1, 2)
+        origin = m.place[k, :3, 3]
+        pull = pull + np.cross(turning, origin) + np.cross(rate, np.cross(rate, origin))
+        pull, rate, turning = (np.einsum("nij,nj->ni", to_body, v) for v in (pull, rate, turning))
+        spin = m.axis[k] * dq[:, k, None]
+        turning = turning + np.cross(rate, spin) + m.axis[k] * ddq[:, k, None]
+        rate = rate + spin
+        force, moment = np.zeros((2, count, 3, PARAMETERS))
+        wheel = skew(rate)
+        force[:, :, 0] = pull
+        force[:, :, 1:4] = skew(turning) + wheel @ wheel
+        moment[:, :, 1:4] = -skew(pull)
+        moment[:, :, 4:] = _times_inertia(turning) + wheel @ _times_inertia(rate)
+        for j in range(k, -1, -1):
+            out[:, j, k] = np.einsum("i,nip->np", m.axis[j], moment)
+            if j:
+                force = turn[j] @ force
+                moment = turn[j] @ moment + skew(m.place[j, :3, 3]) @ force
+    return np.einsum("ji,njkp->nikp", m.coupling, out)
+
+
+def payload_of(m: Mechanism, mass: float = 1.0) -> np.ndarray:
+    """Inertial parameters (10,) that a payload adds to the last body."""
+    return inertial(mass, m.payload_centre, mass * m.payload_gyration**2 * np.eye(3))

@@ -1,0 +1,229 @@
+"""The vocabulary of joint logs: what may be wrong with a model of torques, as columns.
+
+An effect is one entry of `EFFECTS`. It yields its forms: a `Form` for each site and setting, with its
+columns. An effect is named by the best of its forms, averaged over all of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from bayescal.logs import Log
+from bayescal.logs.mechanism import inertial
+from bayescal.motion.settings import FORMS
+from bayescal.motion.signals import Signals, derivative
+from bayescal.motion.terms import BODY, UNITS, Operating, Term, of_body
+
+TOOL, BASE, LOG = "tool", "base", "log"
+
+
+@dataclass(frozen=True)
+class Form:
+    """One way in which an effect, or an unknown one, acts: where, by which quantity, with which setting."""
+
+    effect: str
+    site: str
+    driver: str
+    setting: str = ""
+
+    def term(self, unit: str, sd: float, joint: int = -1, part: str = "", **words: float) -> Term:
+        """A term of this form."""
+        name = " ".join(x for x in (self.effect, self.site, self.driver, self.setting, part) if x)
+        return Term(name, unit, sd, joint, **words)
+
+
+FormColumn = tuple[Form, Term, np.ndarray]
+
+
+@dataclass(frozen=True)
+class Scale:
+    """Sizes of a log on which priors of effects depend."""
+
+    torque: np.ndarray  # (n,) N m, RMS
+    friction: np.ndarray  # (n,) N m, of the estimate
+    loaded: float  # kg, mean payload of the loaded motions; 0 without
+    waves: tuple[tuple[int, float], ...] = ()  # joints and waves a turn that a scan found for ripple
+    spread: float = 0.0  # log of the share of the scanned waves that these are
+
+
+@dataclass(frozen=True)
+class Effect:
+    """An effect of the vocabulary."""
+
+    name: str
+    forms: Callable[[Signals, Operating, Scale], Iterator[FormColumn]]
+    title: str  # in reports
+    remedy: str  # what to do about it
+    needs: Callable[[Log], str] = field(default=lambda log: "")  # why it is not assessed; "" where it is
+    positive: bool = False
+
+
+def joint(j: int) -> str:
+    """The site of a joint, numbered from 0."""
+    return f"joint {j + 1}"
+
+
+def _payload(s: Signals, at: Operating, scale: Scale) -> Iterator[FormColumn]:
+    form, m = Form("payload", TOOL, "mass"), s.log.mechanism
+    unit = inertial(1.0, m.payload_centre, m.payload_gyration**2 * np.eye(3))
+    on = (s.payload > 0.0)[:, None]
+    yield form, form.term("kg", FORMS.payload * scale.loaded), (s.rigid[:, :, -1] @ unit) * on
+
+
+def _payload_offset(s: Signals, at: Operating, scale: Scale) -> Iterator[FormColumn]:
+    form, m = Form("payload-offset", TOOL, "centre of mass"), s.log.mechanism
+    none = np.zeros((3, 3))
+    for axis, step in zip("xyz", FORMS.offset * np.eye(3), strict=True):
+        both = inertial(1.0, m.payload_centre + step, none) - inertial(1.0, m.payload_centre - step, none)
+        column = (s.rigid[:, :, -1] @ (both / (2.0 * FORMS.offset))) * s.payload[:, None]
+        yield form, form.term("m", FORMS.offset, part=axis), column
+
+
+def _armature(s: Signals, at: Operating, scale: Scale) -> Iterator[FormColumn]:
+    for j in range(s.log.n):
+        form = Form("armature", joint(j), "acceleration")
+        sd = FORMS.armature * max(at.armature[j], scale.torque[j] / FORMS.acceleration)
+        yield form, form.term("kg m2", sd, j), s.ddq[:, j]
+
+
+def _stribeck(s: Signals, at: Operating, scale: Scale) -> Iterator[FormColumn]:
+    way = at.reversal(s)
+    for j in range(s.log.n):
+        for speed in FORMS.stribeck_speeds:
+            for power in FORMS.stribeck_powers:
+                form = Form("stribeck", joint(j), "low speed", f"{speed:g} rad/s, power {power:g}")
+                bump = np.exp(-np.power(np.abs(s.dq[:, j]) / speed, power))
+                yield form, form.term("N m", FORMS.stribeck * scale.friction[j], j), way[:, j] * bump
+
+
+def _load_friction(s: Signals, at: Operating, scale: Scale) -> Iterator[FormColumn]:
+    way, load = at.reversal(s), at.load(s)
+    for j in range(s.log.n):
+        form = Form("load-friction", joint(j), "torque times direction")
+        yield form, form.term("1", FORMS.load_friction, j), way[:, j] * np.abs(load[:, j])
+        form = Form("load-friction", joint(j), "torque times direction", "square of the torque")
+        square = load[:, j] ** 2 / scale.torque[j]
+        yield form, form.term("1", FORMS.load_friction, j), way[:, j] * square
+
+
+def _asymmetric(s: Signals, at: Operating, scale: Scale) -> Iterator[FormColumn]:
+    for j in range(s.log.n):
+        form = Form("asymmetric-friction", joint(j), "abs speed")
+        sd = FORMS.asymmetric * max(at.viscous[j], 0.5 * scale.friction[j])
+        yield form, form.term("N m s/rad", sd, j), np.abs(s.dq[:, j])
+
+
+def _ripple(s: Signals, at: Operating, scale: Scale) -> Iterator[FormColumn]:
+    for j, waves in scale.waves:
+        for harmonics in FORMS.harmonics:
+            setting = f"{waves:.4g} waves a turn" + (", with the double" if len(harmonics) > 1 else "")
+            form = Form("ripple", joint(j), "motor angle", setting)
+            for h in harmonics:
+                for part, function in (("sin", np.sin), ("cos", np.cos)):
+                    term = form.term("N m", FORMS.ripple * scale.friction[j] / h, j, f"{part} {h}")
+                    yield form, term, function(h * waves * s.q[:, j])
+
+
+def _torque_constant(s: Signals, at: Operating, scale: Scale) -> Iterator[FormColumn]:
+    torque = at.torque(s)
+    for j in range(s.log.n):
+        form = Form("torque-constant", joint(j), "torque")
+        yield form, form.term("1", FORMS.constant, j), torque[:, j]
+
+
+def _torque_drift(s: Signals, at: Operating, scale: Scale) -> Iterator[FormColumn]:
+    torque = at.torque(s)
+    for driver, warm in warming(s):
+        for j in range(s.log.n):
+            form = Form("torque-drift", joint(j), driver)
+            yield form, form.term("N m/K", FORMS.drift * scale.torque[j] / FORMS.kelvin, j), warm
+            form = Form("torque-drift", joint(j), f"{driver} times torque")
+            yield form, form.term("1/K", FORMS.drift / FORMS.kelvin, j), warm * torque[:, j]
+
+
+def _viscous_temperature(s: Signals, at: Operating, scale: Scale) -> Iterator[FormColumn]:
+    for driver, warm in warming(s):
+        for j in range(s.log.n):
+            size = max(abs(at.viscous[j]), 0.5 * scale.friction[j])
+            form = Form("viscous-temperature", joint(j), f"speed times {driver}")
+            sd = FORMS.viscous_temperature * size / FORMS.kelvin
+            yield form, form.term("N m s/rad/K", sd, j), warm * s.dq[:, j]
+
+
+def warming(s: Signals) -> Iterator[tuple[str, np.ndarray]]:
+    """How warm the arm is, K (N,): measured, or by the time where it is not."""
+    if s.temperature is not None:
+        yield "temperature", s.temperature
+        return
+    for constant in FORMS.warm_up:
+        yield f"time, {constant / 60:g} min", FORMS.kelvin * -np.expm1(-s.time / constant)
+
+
+def _delay(s: Signals, at: Operating, scale: Scale) -> Iterator[FormColumn]:
+    later = -derivative(at.measured(s), s.step)
+    form = Form("delay", LOG, "rate of torque")
+    yield form, form.term("s", FORMS.delay), later
+    form = Form("delay", LOG, "rate of torque", "one per joint")
+    for j in range(s.log.n):
+        yield form, form.term("s", FORMS.delay, j, joint(j)), later[:, j]
+
+
+def _base_tilt(s: Signals, at: Operating, scale: Scale) -> Iterator[FormColumn]:
+    form, m = Form("base-tilt", BASE, "gravity direction"), s.log.mechanism
+    load = inertial(1.0, m.payload_centre, np.zeros((3, 3)))
+    for k, name in enumerate("xy"):
+        turned = np.cross(np.eye(3)[k], s.log.gravity)
+        by = np.einsum("a,anjkp->njkp", turned, s.tilted)
+        column = np.einsum("njkp,kp->nj", by, at.inertials) + by[:, :, -1] @ load * s.payload[:, None]
+        yield form, form.term("rad", FORMS.tilt, part=name), column
+
+
+def _inertia(s: Signals, at: Operating, scale: Scale) -> Iterator[FormColumn]:
+    m = s.log.mechanism
+    for k in range(m.n):
+        form = Form("inertia", joint(k), "motion of the link")
+        by, sd = of_body(m, k)
+        columns = s.rigid[:, :, k] @ by
+        for p, name in enumerate(BODY):
+            if sd[p] > 0.0:
+                yield form, form.term(UNITS[p], FORMS.inertia * sd[p], part=name), columns[:, :, p]
+
+
+def _no_loads(log: Log) -> str:
+    return "" if any(m.loaded for m in log.motions) else "no motion carries a payload"
+
+
+EFFECTS: dict[str, Effect] = {
+    e.name: e
+    for e in (
+        Effect("payload", _payload, "mass of the payload", "Weigh it, or state what was found.", _no_loads),
+        Effect(
+            "payload-offset", _payload_offset, "centre of mass of the payload",
+            "Measure where it is, or state what was found.", _no_loads,
+        ),
+        Effect("armature", _armature, "inertia of the rotor", "Use what was found.", positive=True),
+        Effect("stribeck", _stribeck, "friction that rises at low speed", "Use it in slow motions."),
+        Effect("load-friction", _load_friction, "friction that grows with load", "Use it.", positive=True),
+        Effect("asymmetric-friction", _asymmetric, "viscous friction that differs by direction", "Use it."),
+        Effect("ripple", _ripple, "torque that ripples with the motor angle", "Use it, or inspect the gear."),
+        Effect("torque-constant", _torque_constant, "torque constant", "Use the ratio that was found."),
+        Effect("torque-drift", _torque_drift, "torque that drifts with temperature", "Warm up before a log."),
+        Effect(
+            "viscous-temperature", _viscous_temperature, "viscous friction that falls as the arm warms",
+            "Warm up before a log.",
+        ),
+        Effect("delay", _delay, "delay of the torque", "Shift the stamps by it."),
+        Effect("base-tilt", _base_tilt, "tilt of the base", "Level the base, or state its tilt."),
+        Effect("inertia", _inertia, "inertia of a link", "Use what was found."),
+    )
+}  # fmt: skip
+
+
+def columns(s: Signals, at: Operating, scale: Scale) -> Iterator[FormColumn]:
+    """Columns of every effect that a log can tell of."""
+    for effect in EFFECTS.values():
+        if not effect.needs(s.log):
+            yield from effect.forms(s, at, scale)

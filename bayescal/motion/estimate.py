@@ -1,0 +1,91 @@
+"""The estimate of a log: bodies, rotors, friction, offsets, times, and the noise, by linear fits in turn."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from bayescal.logs.types import CALIBRATE
+from bayescal.motion.dynamics import PARAMETERS
+from bayescal.motion.linear import Fit, fitted, normal, tabulated
+from bayescal.motion.noise import Noise, noise_of, white_noise
+from bayescal.motion.settings import NOISE
+from bayescal.motion.signals import Signals
+from bayescal.motion.terms import BODY, Column, Operating, baseline, nominal, of_body
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """What the motions of role `calibrate` tell of the baseline, and the noise about it."""
+
+    parts: tuple[Signals, ...]
+    at: Operating
+    moved: dict[str, float]  # deviations of `at` from nominal, by the names of terms
+    rms: np.ndarray  # (n,) N m, of the measured torques
+    noise: Noise
+
+    def columns(self, s: Signals) -> Iterable[Column]:
+        """Columns of the baseline, linearised at the estimate."""
+        return baseline(s, self.at, self.rms)
+
+    def residual(self, s: Signals) -> np.ndarray:
+        """Torque (N, n), N m, of which a linear fit of all columns finds the deviations from nominal."""
+        out = self.at.measured(s) - self.at.torque(s)
+        for term, column in self.columns(s):
+            value = self.moved.get(term.name, 0.0)
+            if column.ndim == 2:
+                out += value * column
+            else:
+                out[:, term.joint] += value * column
+        return out
+
+    def fit(self) -> Fit:
+        """The baseline fitted to the motions of role `calibrate`."""
+        table = tabulated(of_role(self.parts, CALIBRATE), self.columns, self.residual)
+        return fitted(normal(table, self.noise), np.arange(len(table.terms)))
+
+
+def of_role(parts: Sequence[Signals], role: str) -> tuple[Signals, ...]:
+    """Motions of a role."""
+    return tuple(s for s in parts if s.role == role)
+
+
+def moved_to(start: Operating, s: Signals, values: dict[str, float]) -> Operating:
+    """The operating point at some deviations from nominal."""
+    m = s.log.mechanism
+    inertials = start.inertials.copy()
+    for k in range(m.n):
+        delta = [values.get(f"{name} of link {k + 1}", 0.0) for name in BODY]
+        inertials[k] += of_body(m, k)[0] @ np.array(delta)
+
+    def each(name: str) -> np.ndarray:
+        return np.array([values.get(f"{name} {j + 1}", 0.0) for j in range(m.n)])
+
+    assert inertials.shape == (m.n, PARAMETERS)
+    return Operating(
+        inertials,
+        start.armature + each("armature"),
+        start.coulomb + each("coulomb"),
+        start.viscous + each("viscous"),
+        start.offset + each("offset"),
+        start.transition * np.exp(np.clip(each("transition"), -1.5, 1.5)),
+        start.shift + values.get("alignment", 0.0),
+    )
+
+
+def estimated(parts: tuple[Signals, ...]) -> Estimate:
+    """Estimate the baseline and its noise."""
+    used = of_role(parts, CALIBRATE)
+    log = parts[0].log
+    rms = np.sqrt(np.mean(np.concatenate([s.torque**2 for s in used]), axis=0))
+    start = nominal(log, rms)
+    out = Estimate(parts, start, {}, rms, white_noise(rms))
+    for _ in range(NOISE.rounds):
+        fit = out.fit()
+        at = moved_to(start, parts[0], fit.values)
+        residuals = [s.kept(at.measured(s) - at.torque(s)) for s in used]
+        noise = noise_of(residuals, len(fit.chosen) / log.n * np.ones(log.n))
+        out = Estimate(parts, at, fit.values, rms, noise)
+    return out

@@ -1,0 +1,169 @@
+"""The linear problem of a log: products of whitened columns, estimates and evidence from these alone.
+
+Columns are low-passed once and kept at their own rate; a noise model whitens them, and from there on only
+their products are needed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve, solve_triangular
+
+from bayescal.motion.noise import Noise
+from bayescal.motion.signals import Signals
+from bayescal.motion.terms import Column, Term, assembled
+
+Columns = Callable[[Signals], Iterable[Column]]
+
+
+@dataclass(frozen=True)
+class Part:
+    """Low-passed rows of one motion: residual (M, n), N m, and of each joint the terms it has, (M, K)."""
+
+    signals: Signals
+    residual: np.ndarray
+    numbers: tuple[np.ndarray, ...]
+    columns: tuple[np.ndarray, ...]  # single precision: a log of an hour has 10^8 values
+
+
+@dataclass(frozen=True)
+class Table:
+    """The terms of a model of torques, and their columns in every motion."""
+
+    terms: tuple[Term, ...]
+    parts: tuple[Part, ...]
+
+    def of_role(self, role: str) -> Table:
+        """The motions of a role."""
+        return Table(self.terms, tuple(p for p in self.parts if p.signals.role == role))
+
+    def residuals(self, values: Mapping[str, float]) -> list[np.ndarray]:
+        """What values of terms leave of the residuals (M, n), N m, by motion."""
+        vector = np.array([values.get(term.name, 0.0) for term in self.terms])
+        return [
+            part.residual
+            - np.column_stack([x @ vector[k] for k, x in zip(part.numbers, part.columns, strict=True)])
+            for part in self.parts
+        ]
+
+
+def tabulated(parts: Sequence[Signals], columns: Columns, residual: Callable[[Signals], np.ndarray]) -> Table:
+    """The columns of some motions."""
+    out: list[Part] = []
+    terms: tuple[Term, ...] = ()
+    for s in parts:
+        names, numbers, values = assembled(columns(s), s.log.n)
+        terms = tuple(names)
+        kept = tuple(s.kept(x).astype(np.float32) for x in values)
+        out.append(Part(s, s.kept(residual(s)), tuple(map(np.array, numbers)), kept))
+    return Table(terms, tuple(out))
+
+
+@dataclass(frozen=True)
+class Normal:
+    """Normal equations of K terms: `gram` (K, K), `score` (K,), chi-square (n,) and rows (n,) of joints."""
+
+    terms: tuple[Term, ...]
+    gram: np.ndarray
+    score: np.ndarray
+    chi2: np.ndarray
+    rows: np.ndarray
+
+    @property
+    def index(self) -> dict[str, int]:
+        """Number of each term by its name."""
+        return {term.name: k for k, term in enumerate(self.terms)}
+
+
+def normal(table: Table, noise: Noise) -> Normal:
+    """Normal equations of all motions of a table, in units of the terms' prior standard deviations."""
+    size, n = len(table.terms), len(noise.sd)
+    sd = np.array([t.sd for t in table.terms])
+    gram, score, chi2, rows = np.zeros((size, size)), np.zeros(size), np.zeros(n), np.zeros(n)
+    for part in table.parts:
+        for j, (chosen, x) in enumerate(zip(part.numbers, part.columns, strict=True)):
+            white = noise.whitened(x, j) * sd[chosen]
+            y = noise.whitened(part.residual[:, j], j)
+            gram[np.ix_(chosen, chosen)] += white.T @ white
+            score[chosen] += white.T @ y
+            chi2[j] += y @ y
+            rows[j] += len(y)
+    return Normal(table.terms, gram, score, chi2, rows)
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Terms fitted with their priors: `z` (k,) and `covariance` in units of prior standard deviations."""
+
+    normal: Normal
+    chosen: np.ndarray  # (k,) numbers of terms
+    scales: np.ndarray  # (k,) factors on the prior standard deviations
+    factor: tuple[np.ndarray, bool]
+    z: np.ndarray
+    log_evidence: float  # up to a constant of the data
+
+    @property
+    def covariance(self) -> np.ndarray:
+        """Of `z`."""
+        return cho_solve(self.factor, np.eye(len(self.z)))
+
+    @property
+    def values(self) -> dict[str, float]:
+        """Estimates in SI by the names of terms."""
+        terms = [self.normal.terms[k] for k in self.chosen]
+        sd = [t.sd for t in terms] * self.scales
+        return dict(zip((t.name for t in terms), (self.z * sd).tolist(), strict=True))
+
+    @property
+    def u(self) -> dict[str, float]:
+        """Standard uncertainties of `values`."""
+        terms = [self.normal.terms[k] for k in self.chosen]
+        sd = np.sqrt(np.diag(self.covariance)) * [t.sd for t in terms] * self.scales
+        return dict(zip((t.name for t in terms), sd.tolist(), strict=True))
+
+    def chi2(self, other: Normal | None = None) -> float:
+        """Chi-square that the estimates leave, of these rows or of others."""
+        p = other or self.normal
+        z = self.z * self.scales
+        part = p.gram[np.ix_(self.chosen, self.chosen)]
+        return float(np.sum(p.chi2) - 2.0 * z @ p.score[self.chosen] + z @ part @ z)
+
+
+def fitted(p: Normal, chosen: Sequence[int] | np.ndarray, scales: np.ndarray | None = None) -> Fit:
+    """Fit some terms, with normal priors about 0."""
+    chosen = np.asarray(chosen, int)
+    scales = np.ones(len(chosen)) if scales is None else scales
+    information = p.gram[np.ix_(chosen, chosen)] * np.outer(scales, scales)
+    factor = cho_factor(information + np.eye(len(chosen)), lower=True)
+    score = p.score[chosen] * scales
+    z = cho_solve(factor, score)
+    evidence = 0.5 * float(score @ z) - float(np.sum(np.log(np.diag(factor[0]))))
+    return Fit(p, chosen, scales, factor, z, evidence)
+
+
+def gains(fit: Fit, sets: Sequence[np.ndarray], scales: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Log Bayes factors (S, scales) of adding sets of terms to a fit, each with its prior scaled.
+
+    Also the information (S,) of each set beside the fit, per squared prior standard deviation: its trace.
+    """
+    p = fit.normal
+    half = solve_triangular(fit.factor[0], p.gram[fit.chosen] * fit.scales[:, None], lower=True)
+    score = p.score - (p.gram[fit.chosen] * fit.scales[:, None]).T @ fit.z
+    out, size = np.empty((len(sets), len(scales))), np.array([len(chosen) for chosen in sets])
+    trace = np.empty(len(sets))
+    squares = scales[:, None, None] ** 2
+    for count in np.unique(size):
+        rows = np.flatnonzero(size == count)
+        chosen = np.array([sets[k] for k in rows.tolist()])  # (B, count)
+        part = np.moveaxis(half[:, chosen], 0, 1)  # (B, D, count)
+        own = p.gram[chosen[:, :, None], chosen[:, None, :]] - np.swapaxes(part, 1, 2) @ part
+        values, vectors = np.linalg.eigh(own)
+        values = np.maximum(values, 0.0)
+        along = np.einsum("bij,bi->bj", vectors, score[chosen]) ** 2
+        by = squares * values
+        out[rows] = 0.5 * np.sum(squares * along / (1.0 + by) - np.log1p(by), axis=2).T
+        trace[rows] = np.sum(values, axis=1)
+    return out, trace

@@ -1,0 +1,64 @@
+"""Noise of torques: autoregressive, a model per joint.
+
+White noise would be wrong by far: residuals of neighbouring rows share what the controller, the load cells of
+the gears and the friction do between them, and an effect would gain from each row anew.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import solve_toeplitz
+
+from bayescal.motion.settings import NOISE
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Filters (n, p + 1) that whiten residuals, each divided by the standard deviation of what is left."""
+
+    filters: np.ndarray
+    sd: np.ndarray  # (n,) N m, of the residuals before
+    lag1: np.ndarray  # (n,) autocorrelation of neighbouring rows
+
+    def whitened(self, x: np.ndarray, joint: int) -> np.ndarray:
+        """Rows (M, ...) of one joint in one motion without their predictable part (M - p, ...)."""
+        order = self.filters.shape[1] - 1
+        shifted = (c * x[order - k : len(x) - k] for k, c in enumerate(self.filters[joint]))
+        return sum(shifted, np.zeros_like(x[order:], dtype=float))
+
+
+def noise_of(residuals: Sequence[np.ndarray], taken: np.ndarray) -> Noise:
+    """Noise of residuals (M, n) of several motions, by the Yule-Walker equations.
+
+    Parameters
+    ----------
+    residuals
+        A part per motion.
+    taken : np.ndarray, shape (n,)
+        Degrees of freedom of the rows of each joint that a fit took up.
+    """
+    order, n = NOISE.order, residuals[0].shape[1]
+    covariance = np.zeros((n, order + 1))
+    count = 0
+    for r in residuals:
+        count += len(r)
+        for lag in range(order + 1):
+            covariance[:, lag] += np.sum(r[lag:] * r[: len(r) - lag], axis=0)
+    covariance /= np.maximum(count - taken, 1.0)[:, None]
+    filters = np.empty((n, order + 1))
+    for j in range(n):
+        ridged = covariance[j] + np.r_[NOISE.ridge * covariance[j, 0], np.zeros(order)]
+        by = solve_toeplitz(ridged[:-1], covariance[j, 1:])
+        variance = ridged[0] - by @ covariance[j, 1:]
+        filters[j] = np.r_[1.0, -by] / np.sqrt(max(variance, 1e-300))
+    return Noise(filters, np.sqrt(covariance[:, 0]), covariance[:, 1] / covariance[:, 0])
+
+
+def white_noise(sd: np.ndarray) -> Noise:
+    """White noise of these standard deviations (n,): a start."""
+    filters = np.zeros((len(sd), NOISE.order + 1))
+    filters[:, 0] = 1.0 / sd
+    return Noise(filters, sd, np.zeros(len(sd)))

@@ -1,0 +1,164 @@
+"""Where, how much, and how far the error of withheld motions shrinks."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from bayescal.logs.types import CALIBRATE, VALIDATE
+from bayescal.motion.effects import EFFECTS
+from bayescal.motion.linear import Fit, normal
+from bayescal.motion.noise import Noise
+from bayescal.motion.pool import Pool
+from bayescal.motion.result import Amplitude, Place, Shrinkage
+from bayescal.motion.search import Member, Search
+from bayescal.motion.settings import OUTCOME, SEARCH
+from bayescal.motion.verdict import Verdict
+
+
+def places(search: Search, pool: Pool, v: Verdict) -> tuple[Place, ...]:
+    """Sites of the leading set, the largest first, and further cells."""
+    out = []
+    fit = search.fit(v.leading.members)
+    named = {m.form.effect for m in v.named.members}
+    for m in v.leading.members:
+        others = [o for o in v.leading.members if o is not m]
+        nats = search.fit(v.leading.members).log_evidence - search.fit(others).log_evidence
+        effect = m.form.effect
+        out.append(_place(search, pool, fit, m, nats, effect if effect in named else ""))
+    out.sort(key=lambda place: -place.nats)
+    taken = {place.form.site for place in out}
+    for form, nats in search.cells(v.leading.members)[: OUTCOME.places]:
+        if form.site not in taken and nats > SEARCH.gain:
+            member = Member(form, 1.0)
+            wide = search.fit((*v.leading.members, member))
+            out.append(_place(search, pool, wide, member, nats, ""))
+            taken.add(form.site)
+    return tuple(out)
+
+
+def _place(search: Search, pool: Pool, fit: Fit, m: Member, nats: float, explained_by: str) -> Place:
+    """The place of a member, and the torque that it explains."""
+    values, terms = fit.values, set(dict(search.forms)[m.form])
+    only = {name: value for name, value in values.items() if name in terms}
+    table = pool.table.of_role(CALIBRATE)
+    explained = [p.residual - r for p, r in zip(table.parts, table.residuals(only), strict=True)]
+    size = rms(explained)
+    j = int(np.argmax(size / pool.scale.torque))
+    return Place(m.form, nats, float(size[j]), j, explained_by)
+
+
+def amplitudes(search: Search, pool: Pool, v: Verdict, noise: Noise) -> tuple[Amplitude, ...]:
+    """Amplitudes of the named effects, and whether they matter on withheld motions."""
+    fit, out = search.fit(v.named.members), []
+    after = rms(moving(pool, fit))
+    for m in v.named.members:
+        names = dict(search.forms)[m.form]
+        units = {search.normal.terms[search.normal.index[name]].unit for name in names}
+        words = {name: name.removeprefix(_stem(m)).strip() for name in names}
+        parts = {words[name]: (fit.values[name], fit.u[name]) for name in names}
+        value, u = parts.popitem()[1] if len(parts) == 1 else _length(fit, names)
+        without = search.fit([o for o in v.named.members if o is not m])
+        removed = float(np.max(1.0 - after / rms(moving(pool, without))))
+        relevant = removed >= OUTCOME.relevant
+        unit = units.pop() if len(units) == 1 else ""
+        out.append(Amplitude(m.form, value, u, unit, parts, relevant, removed))
+    return tuple(out)
+
+
+def _stem(m: Member) -> str:
+    f = m.form
+    return " ".join(x for x in (f.effect, f.site, f.driver, f.setting) if x)
+
+
+def _length(fit: Fit, names: Sequence[str]) -> tuple[float, float]:
+    """Length of a vector of terms of one unit, and its standard uncertainty along the vector."""
+    terms = [fit.normal.terms[k].name for k in fit.chosen]
+    at = [terms.index(name) for name in names]
+    sd = np.array([fit.normal.terms[fit.chosen[k]].sd * fit.scales[k] for k in at])
+    vector = fit.z[at] * sd
+    covariance = fit.covariance[np.ix_(at, at)] * np.outer(sd, sd)
+    size = float(np.linalg.norm(vector))
+    along = vector / max(size, 1e-300)
+    return size, float(np.sqrt(along @ covariance @ along))
+
+
+def moving(pool: Pool, fit: Fit) -> list[np.ndarray]:
+    """What a fit leaves of the torques of validation motions while the arm moves, N m, each (N, n)."""
+    out = []
+    for s, left in pool.unfiltered(fit.values):
+        fast = np.any(np.abs(s.unfiltered(s.dq)) > OUTCOME.moving, axis=1)
+        out.append(left[fast])
+    return out
+
+
+def rms(parts: Sequence[np.ndarray]) -> np.ndarray:
+    """Root mean square (n,) of parts (N, n)."""
+    return np.asarray(np.sqrt(np.mean(np.concatenate(list(parts)) ** 2, axis=0)))
+
+
+def shrinkage(search: Search, pool: Pool, v: Verdict, noise: Noise) -> Shrinkage:
+    """Torque error on validation motions with the baseline and with the named effects."""
+    null, named = search.fit(), search.fit(v.named.members)
+    before, after = moving(pool, null), moving(pool, named)
+    floor = rms([left for _, left in pool.unfiltered(search.fit(v.leading.members).values, CALIBRATE)])
+    held = normal(pool.table.of_role(VALIDATE), noise)
+    gain = 0.5 * (null.chi2(held) - named.chi2(held))
+    first = np.concatenate([_blocks(x, pool) for x in before]) / floor**2
+    last = np.concatenate([_blocks(x, pool) for x in after]) / floor**2
+    share = _removed(first, last)
+    rng = np.random.default_rng(0)
+    draws = [_removed(first[k], last[k]) for k in rng.integers(0, len(first), (OUTCOME.draws, len(first)))]
+    interval = (
+        (float(np.nanquantile(draws, 0.025)), float(np.nanquantile(draws, 0.975)))
+        if v.named.members
+        else (np.nan, np.nan)
+    )
+    return Shrinkage(rms(before), rms(after), floor, share if v.named.members else np.nan, interval, gain)
+
+
+def _blocks(x: np.ndarray, pool: Pool) -> np.ndarray:
+    """Mean squares (B, n) of blocks of residuals (N, n) that are long against their correlation."""
+    size = max(round(OUTCOME.block / pool.estimate.parts[0].step), 1)
+    count = max(len(x) // size, 1)
+    return np.array([np.mean(part**2, axis=0) for part in np.array_split(x, count)])
+
+
+def _removed(before: np.ndarray, after: np.ndarray) -> float:
+    """Share of the excess variance, in units of the noise (B, n), that is removed."""
+    excess = float(np.sum(np.mean(before, axis=0) - 1.0))
+    return float(np.sum(np.mean(before - after, axis=0))) / excess if excess > 0.0 else np.nan
+
+
+def not_assessed(search: Search, pool: Pool) -> dict[str, str]:
+    """Effects that this log cannot tell of, and why."""
+    log = pool.estimate.parts[0].log
+    out = {name: why for name, effect in EFFECTS.items() if (why := effect.needs(log))}
+    unseen = "not detectable in these motions at any plausible amplitude"
+    out |= {name: unseen for name in EFFECTS if name not in out and not search.seen.get(name, False)}
+    if all(p.link is None for p in pool.estimate.parts):
+        why = "motor torques do not show it below the bandwidth of the drives: log second encoders"
+        out |= {"elasticity": why, "backlash": why}
+    return out
+
+
+def advice(search: Search, pool: Pool, v: Verdict) -> Iterator[str]:
+    """What to log next."""
+    parts, log = pool.estimate.parts, pool.estimate.parts[0].log
+    if len({s.same_as for s in parts}) == len(parts):
+        yield "repeat one motion three times: the noise is then known without the model"
+    if not any(m.loaded for m in log.motions):
+        yield "log motions with a known payload, in turn with unloaded ones"
+    elif all(m.loaded for m in log.motions):
+        yield "log motions without the payload, in turn with loaded ones"
+    if log.motions[0].temperature is None:
+        yield "log the temperature of the joints"
+    speed = np.concatenate([s.dq for s in parts])
+    slow = np.mean((np.abs(speed) > 0.002) & (np.abs(speed) < OUTCOME.slow), axis=0)
+    if np.any(slow < OUTCOME.slow_share):
+        joints = ", ".join(str(j + 1) for j in np.flatnonzero(slow < OUTCOME.slow_share))
+        yield f"cross the range slowly (below {OUTCOME.slow:g} rad/s) with joint {joints}"
+    if v.kind in ("unknown", "class", "named+unexplained") and v.leading.members:
+        form = v.leading.members[-1].form
+        yield f"vary {form.driver} at {form.site} alone, with the other joints still"

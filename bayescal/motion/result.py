@@ -1,0 +1,67 @@
+"""The result of a diagnosis of a joint log as frozen records, in SI."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from bayescal.motion.effects import Form
+from bayescal.motion.estimate import Estimate
+from bayescal.motion.verdict import Verdict
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where an effect, or an unknown cause, acts, and its part of the torque residuals."""
+
+    form: Form
+    nats: float  # that the leading set loses without it; of others, gain over noise only
+    rms: float  # N m, of the torque that it explains in its largest joint, in calibration motions
+    joint: int  # of that, from 0
+    explained_by: str  # the named effect, or ""
+
+
+@dataclass(frozen=True)
+class Amplitude:
+    """The amplitude of a named effect at one site, SI."""
+
+    form: Form
+    value: float  # of several components the length of the vector
+    u: float
+    unit: str
+    components: Mapping[str, tuple[float, float]]  # by name, with u; () of a single one
+    relevant: bool  # whether the withheld error shrinks by `OUTCOME.relevant`
+    removed: float  # share by which the withheld RMS of the joint with most shrinks
+
+
+@dataclass(frozen=True)
+class Shrinkage:
+    """RMS of the torque residuals on moving rows of validation motions, N m, by joint (n,)."""
+
+    before: np.ndarray
+    after: np.ndarray
+    floor: np.ndarray  # of the noise, from calibration motions
+    removed: float  # share of the excess variance, over all joints in units of the noise; nan without excess
+    removed_interval95: tuple[float, float]
+    gain: float  # log predictive density of the validation motions, nats, over the baseline
+
+
+@dataclass(frozen=True)
+class MotionGap:
+    """A diagnosis of a joint log."""
+
+    estimate: Estimate
+    verdict: Verdict
+    where: tuple[Place, ...]
+    amplitudes: tuple[Amplitude, ...]
+    shrinkage: Shrinkage
+    hypotheses: tuple[
+        tuple[tuple[str, ...], float, float], ...
+    ]  # effects, probability, nats; most probable first
+    not_assessed: Mapping[str, str]  # by effect, why
+    advice: tuple[str, ...]
+    values: Mapping[str, float]  # of all terms of the model with the names
+    u: Mapping[str, float]
+    warnings: tuple[str, ...]

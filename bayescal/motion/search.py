@@ -1,0 +1,179 @@
+"""Which effects: a beam search over sets of effects, against noise only and causes outside the vocabulary."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy.special import log_ndtr, logsumexp
+
+from bayescal.motion.cells import UNKNOWN
+from bayescal.motion.effects import EFFECTS, Form
+from bayescal.motion.linear import Fit, Normal, fitted, gains
+from bayescal.motion.settings import SEARCH
+
+SCALES = np.array(SEARCH.scales)
+SCALE_PRIOR = -0.5 * (np.log(SCALES) / np.log(SEARCH.spread)) ** 2
+SCALE_PRIOR = SCALE_PRIOR - logsumexp(SCALE_PRIOR)
+"""Log weights of the factors on prior standard deviations."""
+
+
+@dataclass(frozen=True)
+class Member:
+    """An effect in a hypothesis: its best form and scale."""
+
+    form: Form
+    scale: float
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """A set of effects, or of effects and a cause outside the vocabulary."""
+
+    members: tuple[Member, ...]
+    log_evidence: float  # nats over noise only, averaged over forms and scales
+    log_prior: float
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The effects, in the order in which they entered."""
+        return tuple(m.form.effect for m in self.members)
+
+    @property
+    def score(self) -> float:
+        """Log of evidence times prior."""
+        return self.log_evidence + self.log_prior
+
+
+@dataclass(frozen=True)
+class Search:
+    """The normal equations, the forms in them, and what is seen of each."""
+
+    normal: Normal
+    forms: tuple[tuple[Form, tuple[str, ...]], ...]  # each with its terms
+    base: tuple[str, ...]  # terms of the baseline
+    spread: Mapping[str, float]  # log of the share of its settings that became forms, of effects with a scan
+
+    @cached_property
+    def sets(self) -> tuple[np.ndarray, ...]:
+        """Numbers of the terms of each form."""
+        index = self.normal.index
+        return tuple(np.array([index[name] for name in names]) for _, names in self.forms)
+
+    @cached_property
+    def by_effect(self) -> dict[str, np.ndarray]:
+        """Numbers of the forms of each effect."""
+        names = np.array([form.effect for form, _ in self.forms])
+        return {name: np.flatnonzero(names == name) for name in dict.fromkeys(names.tolist())}
+
+    @cached_property
+    def form_priors(self) -> np.ndarray:
+        """Log prior of each form within its effect: sites, then drivers of each, then settings of these."""
+        out = np.empty(len(self.forms))
+        for name, chosen in self.by_effect.items():
+            keys = [(f.site, f.driver, f.setting) for f in (self.forms[k][0] for k in chosen)]
+            parts = [[len({k[d] for k in keys if k[:d] == key[:d]}) for d in range(3)] for key in keys]
+            out[chosen] = self.spread.get(name, 0.0) - np.sum(np.log(parts), axis=1)
+        return out
+
+    def fit(self, members: Sequence[Member] = ()) -> Fit:
+        """The baseline and the members, fitted."""
+        index, terms = self.normal.index, dict(self.forms)
+        numbers = [index[name] for name in self.base]
+        scales = [1.0] * len(numbers)
+        for m in members:
+            numbers += [index[name] for name in terms[m.form]]
+            scales += [m.scale] * len(terms[m.form])
+        return fitted(self.normal, numbers, np.array(scales))
+
+    @cached_property
+    def seen(self) -> dict[str, bool]:
+        """Whether each effect is detectable at any plausible size."""
+        _, trace = gains(self.fit(), self.sets, SCALES)
+        least = SEARCH.detectable / SCALES[-1] ** 2
+        return {name: bool(np.max(trace[chosen]) > least) for name, chosen in self.by_effect.items()}
+
+    @property
+    def candidates(self) -> tuple[str, ...]:
+        """Effects of the vocabulary that are detectable."""
+        return tuple(name for name, seen in self.seen.items() if seen and name != UNKNOWN)
+
+    def prior(self, names: Sequence[str]) -> float:
+        """Log prior of a set of effects."""
+        named = [name for name in names if name != UNKNOWN]
+        count = max(len(self.candidates), 1)
+        further = np.log(SEARCH.further / count) * max(len(named) - 1, 0)
+        if UNKNOWN in names:
+            return float(np.log(SEARCH.unknown) + further + (np.log(SEARCH.beside / count) if named else 0.0))
+        return float(np.log(SEARCH.single / count if named else SEARCH.null) + further)
+
+    def additions(self, members: Sequence[Member]) -> dict[str, tuple[Member, float]]:
+        """Of each effect the best form, and its gain over a hypothesis, nats, averaged over all forms."""
+        fit = self.fit(members)
+        table = gains(fit, self.sets, SCALES)[0] + self.form_priors[:, None] + SCALE_PRIOR
+        names, out = {m.form.effect for m in members}, {}
+        for name, chosen in self.by_effect.items():
+            if name not in names and (name == UNKNOWN or self.seen[name]):
+                part = table[chosen]
+                i, k = np.unravel_index(int(np.argmax(part)), part.shape)
+                member = Member(self.forms[chosen[i]][0], float(SCALES[k]))
+                out[name] = member, float(logsumexp(part)) + self._sign(member, fit)
+        return out
+
+    def _sign(self, member: Member, fit: Fit) -> float:
+        """Log evidence, nats, of a physically positive parameter over that of any sign."""
+        name = member.form.effect
+        if name not in EFFECTS or not EFFECTS[name].positive:
+            return 0.0
+        terms = dict(self.forms)[member.form]
+        index = self.normal.index
+        chosen, scales = (
+            [*fit.chosen, *(index[t] for t in terms)],
+            np.r_[fit.scales, [member.scale] * len(terms)],
+        )
+        wide = fitted(self.normal, chosen, scales)
+        return float(sum(log_ndtr(wide.values[t] / wide.u[t]) + np.log(2.0) for t in terms))
+
+    def cells(self, members: Sequence[Member]) -> list[tuple[Form, float]]:
+        """Gain of each cell over a hypothesis, nats, averaged over scales; the largest first."""
+        chosen = self.by_effect.get(UNKNOWN, np.empty(0, int))
+        table, _ = gains(self.fit(members), [self.sets[k] for k in chosen], SCALES)
+        gain = logsumexp(table + SCALE_PRIOR, axis=1)
+        return [(self.forms[chosen[k]][0], float(gain[k])) for k in np.argsort(-gain)]
+
+    def run(self) -> tuple[Hypothesis, ...]:
+        """Hypotheses of growing size, the most probable first."""
+        null = Hypothesis((), 0.0, self.prior(()))
+        every = {frozenset[str](): null}
+        level = [null]
+        for _ in range(SEARCH.largest):
+            further: dict[frozenset[str], Hypothesis] = {}
+            for h in level:
+                for name, (member, gain) in self.additions(h.members).items():
+                    names = (*h.names, name)
+                    # a further effect may belong to the form of those that are named
+                    evidence = h.log_evidence + gain - SEARCH.form * max(h.log_evidence, 0.0)
+                    new = Hypothesis((*h.members, member), evidence, self.prior(names))
+                    known = further.get(frozenset(names))
+                    if known is None or new.log_evidence > known.log_evidence:
+                        further[frozenset(names)] = new
+            every |= further
+            top = max(h.score for h in every.values())
+            level = [
+                h for h in further.values() if UNKNOWN not in h.names and h.score > top - SEARCH.below_best
+            ]
+            level = sorted(level, key=lambda h: -h.score)[: SEARCH.width]
+            level = [h for h in level if h.log_evidence > SEARCH.gain]
+            if not level:
+                break
+        return tuple(sorted(every.values(), key=lambda h: -h.score))
+
+    def refitted(self, h: Hypothesis) -> Hypothesis:
+        """The best form and scale of each member beside the others."""
+        members = list(h.members)
+        for k, m in enumerate(members):
+            others = members[:k] + members[k + 1 :]
+            members[k] = self.additions(others)[m.form.effect][0]
+        return replace(h, members=tuple(members))

@@ -1,0 +1,206 @@
+"""All settings of the estimate and diagnosis of joint logs: meaning, unit and origin.
+
+*Convention*, *assumed*, *tuned* and *cost* as in `bayescal.gap.settings`; tuned values were chosen on logs of
+simulators with known ground truth.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+from bayescal.gap.settings import VERDICT as GAP_VERDICT
+
+
+@dataclass(frozen=True)
+class SignalSettings:
+    """From rows of a log to uniform, low-passed samples."""
+
+    band: float = 12.0
+    """Hz, cut-off of the low-pass: control bandwidth and arm modes lie above (assumed)."""
+    wide: float = 20.0
+    """Hz, cut-off for positions before they are differentiated (assumed)."""
+    order: int = 4
+    """Of the low-pass (convention)."""
+    nyquist: float = 0.8
+    """Cut-off over half the sampling rate at most (assumed)."""
+    rate: float = 2.4
+    """Rows kept per second, over the cut-off (assumed: little of an empty band)."""
+    margin: float = 0.3
+    """s on both sides of a row that the low-pass needs; of its ends a motion loses as much (assumed)."""
+    even: float = 0.02
+    """Spread of the steps, over their median, up to which samples are taken as uniform (assumed)."""
+    fastest: float = 1000.0
+    """Hz, highest rate that is kept (cost)."""
+    cold_rows: int = 50
+    """Rows at the beginning whose median temperature is the reference (assumed)."""
+
+
+@dataclass(frozen=True)
+class BaselineSettings:
+    """Priors of what every model has, where the robot states none."""
+
+    friction: float = 0.5
+    """Prior standard deviation of Coulomb friction, and of viscous friction per rad/s, over the scale of the
+    torque: its RMS, or the rated torque if smaller (assumed)."""
+    offset: float = 0.3
+    """Of an offset, over the scale of the torque (assumed)."""
+    acceleration: float = 10.0
+    """rad/s2 at which an armature that is not stated takes the scale of the torque (assumed)."""
+    least_inertia: float = 0.03
+    """Of a principal inertia over the trace, for the prior of its uncertainty (assumed)."""
+
+
+@dataclass(frozen=True)
+class NoiseSettings:
+    """Autoregressive noise of the torque residuals."""
+
+    order: int = 8
+    """Of the autoregression: half a second of a slow part at 29 rows a second (assumed)."""
+    ridge: float = 0.01
+    """Share of the variance added as white noise: nothing is amplified in an empty band (tuned)."""
+    repeats: int = 2
+    """Searches after each of which noise is estimated again from what the best hypothesis leaves (cost)."""
+    rounds: int = 4
+    """Iterations of noise and estimate (cost)."""
+
+
+@dataclass(frozen=True)
+class FormSettings:
+    """Sizes of effects: prior standard deviations, averaged over factors `SEARCH.scales`."""
+
+    payload: float = 0.15
+    """Of its mass, relative (assumed)."""
+    offset: float = 0.015
+    """Of its centre of mass, m (assumed)."""
+    armature: float = 0.4
+    """Of a rotor's inertia, relative (assumed)."""
+    acceleration: float = 10.0
+    """rad/s2, see `BASELINE.acceleration` (assumed)."""
+    stribeck: float = 0.3
+    """Of the rise at low speed, over the friction (assumed)."""
+    stribeck_speeds: tuple[float, ...] = (0.03, 0.06, 0.12, 0.25)
+    """rad/s (assumed)."""
+    stribeck_powers: tuple[float, ...] = (1.0, 2.0)
+    """Of the speed in its exponent (Armstrong-Helouvry, 1994: 0.5 to 2)."""
+    load_friction: float = 0.05
+    """Of friction per torque (assumed)."""
+    asymmetric: float = 0.15
+    """Of viscous friction, relative (assumed)."""
+    ripple: float = 0.1
+    """Of a ripple, over the friction (assumed)."""
+    harmonics: tuple[tuple[int, ...], ...] = ((1,), (1, 2))
+    """Of the waves, in the forms of a ripple (assumed)."""
+    constant: float = 0.1
+    """Of a torque constant, relative (assumed)."""
+    drift: float = 0.1
+    """Of a drift of the torque over `kelvin`, over its RMS (assumed)."""
+    kelvin: float = 10.0
+    """K, warming of an arm (assumed)."""
+    viscous_temperature: float = 0.3
+    """Of the change of viscous friction over `kelvin`, relative (assumed)."""
+    warm_up: tuple[float, ...] = (300.0, 1200.0)
+    """s, time constants where no temperature was measured (assumed)."""
+    delay: float = 3e-3
+    """s (assumed)."""
+    tilt: float = 0.01
+    """rad (assumed)."""
+    inertia: float = 2.0
+    """Of inertial parameters, over their stated uncertainty (assumed)."""
+
+
+@dataclass(frozen=True)
+class CellSettings:
+    """General functions for causes that are not in the vocabulary."""
+
+    size: float = 0.1
+    """Prior standard deviation, over the friction of the joint (assumed; averaged over factors)."""
+    waves: int = 6
+    """Half periods of a function of an angle or speed over its range (assumed)."""
+    load_waves: int = 4
+    """Of a function of a torque (assumed)."""
+    time_waves: int = 4
+    """Of a function of the time (assumed)."""
+    other_waves: int = 3
+    """Of a function of another joint (assumed)."""
+    presliding: tuple[float, ...] = (0.005, 0.02, 0.08)
+    """rad, way after a reversal over which friction builds up (assumed)."""
+    resonances: tuple[float, ...] = (2.5, 3.5, 5.0, 7.0, 10.0)
+    """Hz (assumed)."""
+    damping: float = 0.05
+    """Of a resonance (assumed)."""
+    bumps: tuple[float, ...] = (0.06, 0.15)
+    """rad, standard width of what happens at one angle (assumed)."""
+    kelvin: float = 10.0
+    """K (assumed)."""
+    clock: float = 1e-3
+    """s, drift of the clock over the log (assumed)."""
+    force: float = 5.0
+    """N (assumed)."""
+
+
+@dataclass(frozen=True)
+class SearchSettings:
+    """Prior probabilities of hypotheses, and the beam that looks for them."""
+
+    null: float = 0.15
+    """Prior probability of no effect (as for contacts)."""
+    single: float = 0.55
+    """Of one of the vocabulary (as for contacts)."""
+    unknown: float = 0.3
+    """Of one that is not in it (as for contacts)."""
+    further: float = 0.2
+    """Prior odds of each further effect (as for contacts)."""
+    beside: float = 0.3
+    """Prior odds of known effects beside an unknown one (assumed)."""
+    detectable: float = 9.0
+    """Squared size over noise that an effect must reach at its largest size to be a candidate: 3 sigma."""
+    below_best: float = 12.0
+    """Nats below the best hypothesis from which on one is not extended (cost)."""
+    scales: tuple[float, ...] = (0.125, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0)
+    """Factors on prior standard deviations over which evidence is averaged (as for contacts)."""
+    spread: float = 3.0
+    """Factor of these, one sigma of its logarithm (as for contacts)."""
+    width: int = 4
+    """Hypotheses of one size that are extended (cost)."""
+    largest: int = 4
+    """Effects in a hypothesis at most (cost)."""
+    gain: float = 2.0
+    """Nats of evidence from which on a hypothesis is extended (cost)."""
+    form: float = 0.03
+    """Share of what names explain that a further effect must exceed: it may belong to their form (tuned)."""
+    waves: tuple[float, float, float] = (3.0, 130.0, 0.3)
+    """Waves a turn that are tried for ripple: from, to, and step, over one wave in the range (assumed)."""
+    ripples: int = 4
+    """Of each joint that become candidates (cost)."""
+
+
+@dataclass(frozen=True)
+class OutcomeSettings:
+    """Place, size and reduction of an error."""
+
+    places: int = 6
+    """Further cells that are looked at for places (cost)."""
+    moving: float = 0.005
+    """rad/s of any joint, from which on the arm moves (assumed)."""
+    relevant: float = 0.01
+    """Share of the withheld RMS of a joint from which on an effect is relevant (format of gap.json)."""
+    block: float = 1.0
+    """s of residuals that are drawn together for an interval: long against their correlation (assumed)."""
+    draws: int = 400
+    """Of that bootstrap (cost)."""
+    slow: float = 0.05
+    """rad/s, speed below which friction at low speed shows (assumed)."""
+    slow_share: float = 0.02
+    """Share of the rows of a joint that should be so slow (assumed)."""
+
+
+OUTCOME: Final = OutcomeSettings()
+VERDICT: Final = GAP_VERDICT
+"""Levels of probability are those of a diagnosis of contacts."""
+CELLS: Final = CellSettings()
+FORMS: Final = FormSettings()
+SEARCH: Final = SearchSettings()
+BASELINE: Final = BaselineSettings()
+NOISE: Final = NoiseSettings()
+SIGNALS: Final = SignalSettings()

@@ -1,0 +1,141 @@
+"""Motions as uniform samples with derivatives, and the one low-pass that torques and drivers pass.
+
+A filter is linear: the equation of torques holds after it too, if every column has passed it, however
+nonlinear a driver is in the speed. What is kept is the band that has content, at about its own rate: in an
+empty band a noise model would amplify nothing.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+from scipy.signal import butter, firwin, sosfiltfilt
+from scipy.sparse import csr_matrix
+
+from bayescal.logs import Log, Motion
+from bayescal.motion.dynamics import regressor
+from bayescal.motion.settings import SIGNALS
+
+
+@dataclass(frozen=True)
+class Signals:
+    """One motion at uniform times: N samples of n joints."""
+
+    name: str
+    role: str
+    same_as: str
+    log: Log
+    step: float  # s
+    time: np.ndarray  # (N,) s, since the log began
+    q: np.ndarray  # (N, n) rad
+    dq: np.ndarray  # (N, n) rad/s
+    ddq: np.ndarray  # (N, n) rad/s2
+    torque: np.ndarray  # (N, n) N m
+    command: np.ndarray | None  # (N, n) rad
+    link: np.ndarray | None  # (N, n) rad
+    temperature: np.ndarray | None  # (N,) K over the first of the log
+    payload: np.ndarray  # (N,) kg
+    every: int  # samples per row that is kept
+
+    @cached_property
+    def rigid(self) -> np.ndarray:
+        """Torques (N, n, n, 10) by the inertial parameters of the bodies."""
+        return regressor(self.log.mechanism, self.q, self.dq, self.ddq, self.log.gravity)
+
+    @cached_property
+    def tilted(self) -> np.ndarray:
+        """Torques (3, N, n, n, 10) at rest by the inertial parameters, of gravity along each base axis."""
+        still = np.zeros_like(self.q)
+        return np.array([regressor(self.log.mechanism, self.q, still, still, axis) for axis in np.eye(3)])
+
+    @cached_property
+    def _low_pass(self) -> csr_matrix:
+        """Matrix (M, N) of a windowed sinc that also leaves rows out; only where it has all its samples."""
+        half = round(SIGNALS.margin / self.step)
+        cut = min(SIGNALS.band * 2.0 * self.step, SIGNALS.nyquist)
+        taps = firwin(2 * half + 1, cut)
+        first = np.arange(0, len(self.time) - 2 * half, self.every)
+        columns = first[:, None] + np.arange(2 * half + 1)
+        starts = np.arange(len(first) + 1) * len(taps)
+        shape = (len(first), len(self.time))
+        return csr_matrix((np.tile(taps, len(first)), columns.ravel(), starts), shape)
+
+    def kept(self, x: np.ndarray) -> np.ndarray:
+        """Samples (N, ...) low-passed, at the rows that are kept (M, ...); the ends are left out."""
+        return np.asarray(self._low_pass @ x.reshape(len(x), -1)).reshape(-1, *x.shape[1:])
+
+    def unfiltered(self, x: np.ndarray) -> np.ndarray:
+        """Samples (N, ...) between the first and the last row that is kept."""
+        half = round(SIGNALS.margin / self.step)
+        return x[half : len(x) - half]
+
+
+def _smoothed(x: np.ndarray, step: float) -> np.ndarray:
+    """Samples (N, n) without what no arm does: a Butterworth filter, forward and backward."""
+    cut = min(SIGNALS.wide * 2.0 * step, SIGNALS.nyquist)
+    return np.asarray(sosfiltfilt(butter(SIGNALS.order, cut, output="sos"), x, axis=0))
+
+
+def derivative(x: np.ndarray, step: float) -> np.ndarray:
+    """Derivative (N, ...) of samples by five points; third order at the ends."""
+    out = np.gradient(x, step, axis=0, edge_order=2)
+    out[2:-2] = (8.0 * (x[3:-1] - x[1:-3]) - (x[4:] - x[:-4])) / (12.0 * step)
+    return out
+
+
+def white(x: np.ndarray) -> np.ndarray:
+    """Standard deviation (n,) of white noise in smooth samples (N, n), by fourth differences."""
+    return np.median(np.abs(np.diff(x, 4, axis=0)), axis=0) / (0.6745 * np.sqrt(70.0))
+
+
+def signals_of(log: Log, motion: Motion, first: float, cold: float) -> Signals:
+    """A motion at uniform times.
+
+    Positions give the derivatives, or velocities where these have less noise after another derivative.
+
+    Parameters
+    ----------
+    log, motion
+    first : float
+        s, time at which the log begins.
+    cold : float
+        degC, temperature at which it begins.
+    """
+    assert motion.torque is not None
+    steps = np.diff(motion.time)
+    step = float(np.median(steps))
+    step = max(step, 1.0 / SIGNALS.fastest)
+    time = np.arange(motion.time[0], motion.time[-1], step)
+    even = float(np.ptp(steps)) < SIGNALS.even * step and len(time) >= len(motion.time) - 1
+    time = motion.time if even else time
+
+    def sampled(x: np.ndarray | None) -> np.ndarray | None:
+        return x if x is None or even else CubicSpline(motion.time, x)(time)
+
+    position, velocity = sampled(motion.position), sampled(motion.velocity)
+    assert position is not None
+    q = _smoothed(position, step)
+    dq = derivative(q, step)
+    if velocity is not None:
+        by_position = white(position) * 2.0 * np.pi * SIGNALS.band
+        quieter = white(velocity) < by_position
+        dq = np.where(quieter, _smoothed(velocity, step), dq)
+    torque = sampled(motion.torque)
+    assert torque is not None
+    rows = float(1.0 / (step * SIGNALS.rate * SIGNALS.band))
+    warm = None if motion.temperature is None else np.interp(time, motion.time, motion.temperature) - cold
+    return Signals(
+        motion.name, motion.role, motion.same_as, log, step, time - first, q, dq, derivative(dq, step),
+        torque, sampled(motion.command), sampled(motion.link), warm,
+        np.interp(time, motion.time, motion.payload), max(int(rows), 1),
+    )  # fmt: skip
+
+
+def all_signals(log: Log) -> tuple[Signals, ...]:
+    """Every motion of a log."""
+    first = log.motions[0]
+    cold = 0.0 if first.temperature is None else float(np.median(first.temperature[: SIGNALS.cold_rows]))
+    return tuple(signals_of(log, motion, float(first.time[0]), cold) for motion in log.motions)
