@@ -35,7 +35,8 @@ class Joint:
     rest: float  # fraction of rows
     slow: float  # s at `SLOW` speeds
     gravity: tuple[float, float]  # N m, mean and standard deviation over the poses
-    torque_delay: tuple[float, float]  # of torque behind what accelerations and friction predict
+    torque_delays: np.ndarray  # (M,), of torque behind what accelerations and friction predict, by motion
+    torque_delay: tuple[float, float]  # of all motions
     velocity_delay: tuple[float, float]  # of velocity behind the derivative of position
     velocity_cutoff: float  # Hz; inf if unfiltered as far as can be seen
     velocity_gain: float
@@ -80,7 +81,13 @@ def joints_of(log: Log) -> tuple[Joint, ...]:
         moves = bool((speed > SLOW[0]).any())
         transfer = [signals.cutoff(*pair) for pair in pairs] if moves else []
         low, high = (_median(k, transfer) for k in (0, 1))
-        loads = [(signals.torque_drivers(e, j), e.torque[:, j], e.step) for e in even if e.torque is not None]
+        late = [
+            signals.delay(signals.torque_drivers(e, j), e.torque[:, j], e.step, signals.BAND)
+            if moves and e.torque is not None
+            else np.nan
+            for e in even
+        ]
+        value, u = signals.middle(late)
         errors = [c - p for c, p, _ in commands]
         out.append(
             Joint(
@@ -91,15 +98,12 @@ def joints_of(log: Log) -> tuple[Joint, ...]:
                 rest=float(np.mean(speed <= SLOW[0])),
                 slow=float(np.concatenate(steps)[slow].sum()),
                 gravity=(float(gravity[:, j].mean()), float(gravity[:, j].std())),
-                torque_delay=_delay_of_torque(loads) if moves else nothing,
-                velocity_delay=_delay([(d[:, None], v, s) for d, v, s in pairs], signals.WIDE)
-                if moves
-                else nothing,
+                torque_delays=np.array(late),
+                torque_delay=(value, float(np.hypot(u, SYSTEMATIC))),
+                velocity_delay=_delay(pairs) if moves else nothing,
                 velocity_cutoff=high,
                 velocity_gain=low,
-                command_delay=_delay([(c[:, None], p, s) for c, p, s in commands], signals.WIDE)
-                if moves
-                else nothing,
+                command_delay=_delay(commands) if moves else nothing,
                 command_error=float(np.sqrt(np.mean(np.concatenate(errors) ** 2))) if errors else np.nan,
                 torque_band=signals.filtered([t[:, j] for t in torques], even[0].step) if torques else np.inf,
                 clipped=signals.clipped(np.concatenate([t[:, j] for t in torques])) if torques else np.nan,
@@ -114,17 +118,26 @@ def _median(k: int, pairs: Sequence[tuple[float, float]]) -> float:
     return float(np.median(values)) if values else np.nan
 
 
-def _delay_of_torque(parts: Sequence[tuple[np.ndarray, np.ndarray, float]]) -> tuple[float, float]:
-    """As `_delay`, with the systematic part of u."""
-    value, u = _delay(parts, signals.BAND)
-    return value, float(np.hypot(u, SYSTEMATIC))
+def _delay(pairs: Sequence[tuple[np.ndarray, np.ndarray, float]]) -> tuple[float, float]:
+    """Delay of the signals (N,) of all motions behind their drivers (N,), and its u by their scatter."""
+    each = [signals.delay(driver[:, None], signal, step, signals.WIDE) for driver, signal, step in pairs]
+    return signals.middle(each)
 
 
-def _delay(
-    parts: Sequence[tuple[np.ndarray, np.ndarray, float]], band: tuple[float, float]
-) -> tuple[float, float]:
-    """Delay of the signals of all motions behind their drivers, and its u by their scatter."""
-    return signals.middle([signals.delay(*part, band) for part in parts])
+def clock_drift(log: Log, joints: Sequence[Joint]) -> tuple[float, float]:
+    """Change of the delay of torques with time, s/s, and its u; nan with fewer than four motions.
+
+    By least squares on the medians over the joints of each motion, without the delay of each joint.
+    """
+    late = np.array([j.torque_delays for j in joints if np.isfinite(j.torque_delays).all()])
+    if len(late) == 0 or late.shape[1] < 4:
+        return np.nan, np.nan
+    values = np.median(late - np.median(late, axis=1, keepdims=True), axis=0)
+    time = np.array([m.time.mean() for m in log.motions])
+    time -= time.mean()
+    slope = float(time @ values / (time @ time))
+    rest = values - values.mean() - slope * time
+    return slope, float(np.sqrt(rest @ rest / (len(time) - 2) / (time @ time)))
 
 
 def _held(motions: Sequence[Motion], velocity: Sequence[np.ndarray], j: int) -> float:

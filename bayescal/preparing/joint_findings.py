@@ -10,7 +10,16 @@ import numpy as np
 from bayescal.errors import listed
 from bayescal.logs import Log, Motion
 from bayescal.preparing import signals
-from bayescal.preparing.joint_facts import JITTER, LOADS, SLOW, Joint, Stamps, gravity_loaded, warm_up
+from bayescal.preparing.joint_facts import (
+    JITTER,
+    LOADS,
+    SLOW,
+    Joint,
+    Stamps,
+    clock_drift,
+    gravity_loaded,
+    warm_up,
+)
 from bayescal.preparing.missing import Finding
 
 CROSSINGS = 2.0
@@ -23,6 +32,8 @@ MOTIONS, LENGTH, REPEATS = 6, 10.0, 3
 """Motions of so many s, and repeats of one, for a noise model and withheld motions (assumed)."""
 CERTAIN = 3.0
 """Standard uncertainties from which on a delay is stated as a finding."""
+DRIFTS = 4.0
+"""Standard uncertainties of a drift, by few motions."""
 SHORTEST = 0.5e-3
 """s: a shorter delay does not matter."""
 GAINS = (0.9, 1.1)
@@ -74,6 +85,12 @@ def _clocks(log: Log, joints: Sequence[Joint], table: str) -> Iterator[Finding]:
             each = ", ".join(f"{joints[k].name} {1e3 * joints[k].torque_delay[0]:.2g} ms" for k in apart)
             what = f"the delay of torque differs by joint: {each}, all {1e3 * mean:.2g} ms"
             yield Finding("joint_delay", "odd", what, table, "one alignment does not hold for all joints")
+    slope, u_slope = clock_drift(log, joints)
+    span = np.ptp([m.time.mean() for m in log.motions])
+    if abs(slope) > DRIFTS * u_slope and abs(slope) * span > SHORTEST:
+        what = f"the delay of torques changes by {1e6 * slope:.2g} µs/s (u {1e6 * u_slope:.1g}), "
+        what += f"{1e3 * slope * span:.2g} ms over the log: two clocks of different rates"
+        yield Finding("clock_drift", "odd", what, table, "take torque and position from one message or clock")
     late = [j for j in joints if abs(j.velocity_delay[0]) > max(CERTAIN * j.velocity_delay[1], SHORTEST)]
     if late:
         each = ", ".join(f"{j.name} {1e3 * j.velocity_delay[0]:.2g} ms" for j in late)

@@ -16,6 +16,7 @@ from bayescal.preparing.joint_facts import (
     SLOW,
     Joint,
     Stamps,
+    clock_drift,
     gravity_loaded,
     joints_of,
     stamps_of,
@@ -176,7 +177,7 @@ def log_record(of: LogCheck) -> dict[str, Any]:
         | {"duration_s": _plain(m.time[-1] - m.time[0]), "payload_kg": _plain(np.median(m.payload))}
         for m in log.motions
     ]
-    stamps = of.stamps
+    stamps, (drift, u_drift) = of.stamps, clock_drift(log, of.joints)
     return {
         "schema": "bayescal-motion-check/1",
         "dataset": log.name,
@@ -191,6 +192,7 @@ def log_record(of: LogCheck) -> dict[str, Any]:
             "longest_ms": _plain(1e3 * stamps.longest),
             "gaps": stamps.gaps,
         },
+        "clock_drift_us_per_s": {"value": _plain(1e6 * drift), "u": _plain(1e6 * u_drift)},
         "temperature_range_K": _plain(warm_up(log)),
         "motions": motions,
         "joints": [_joint_record(j) for j in of.joints],

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from scipy.ndimage import uniform_filter1d
@@ -94,20 +95,26 @@ def delay(columns: np.ndarray, signal: np.ndarray, step: float, band: tuple[floa
     Both are filtered to `band`, Hz, by the same filter without phase. Gauss-Newton on the delay, with the
     coefficients by least squares in each iteration; nan where there are too few rows.
     """
-    rate = 1 / step
-    high = min(band[1], 0.4 * rate)
+    high = min(band[1], 0.4 / step)
     if len(signal) < 4 * EDGE or high <= 2 * band[0]:
         return np.nan
-    filters = butter(2, [band[0], high], "bandpass", fs=rate, output="sos")
+    filters = _bandpass(band[0], high, round(1 / step, 3))
     drivers, target = sosfiltfilt(filters, columns, axis=0), sosfiltfilt(filters, signal)
     grid, inner, out = step * np.arange(len(signal)), slice(EDGE, -EDGE), 0.0
+    coefficients = np.linalg.lstsq(drivers[inner], target[inner], rcond=1e-8)[0]
     for _ in range(STEPS):
         shifted = np.column_stack([np.interp(grid - out, grid, column) for column in drivers.T])
-        fitted = shifted @ np.linalg.lstsq(shifted[inner], target[inner], rcond=1e-8)[0]
-        slope = -np.gradient(fitted, step)
-        solved = np.linalg.lstsq(np.column_stack([shifted, slope])[inner], target[inner], rcond=1e-8)[0]
-        out += float(np.clip(solved[-1], -FARTHEST, FARTHEST))
+        slope = -np.gradient(shifted @ coefficients, step)[:, None]
+        solved = np.linalg.lstsq(np.hstack([shifted, slope])[inner], target[inner], rcond=1e-8)[0]
+        coefficients, change = solved[:-1], solved[-1]
+        out += float(np.clip(change, -FARTHEST, FARTHEST))
     return out if np.any(slope[inner]) else np.nan
+
+
+@lru_cache
+def _bandpass(low: float, high: float, rate: float) -> np.ndarray:
+    """Sections of a band-pass of second order."""
+    return np.asarray(butter(2, [low, high], "bandpass", fs=rate, output="sos"))
 
 
 def middle(values: Sequence[float]) -> tuple[float, float]:

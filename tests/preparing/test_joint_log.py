@@ -1,6 +1,7 @@
 """The check of joint logs: each mistake of a recording is a finding, what is missing has a remedy."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -73,6 +74,28 @@ def test_a_delay_of_torque_is_found_and_stated(tmp_path, delay):
 def test_delays_that_differ_by_joint(tmp_path):
     finding = of(checked(written(made(delay=(0.0, 0.015)), tmp_path / "log")), "joint_delay")
     assert "differs by joint" in finding.what
+
+
+def test_two_clocks_of_different_rates(tmp_path):
+    log = made(motions=7)
+    for j in (1, 2):
+        torque, time = log.columns[f"torque{j}_Nm"], log.columns["t_s"]
+        log.columns[f"torque{j}_Nm"] = np.interp(time - 1e-4 * (time - 40), time, torque)
+    finding = of(checked(written(log, tmp_path / "log")), "clock_drift")
+    assert "changes by" in finding.what
+    slope = float(finding.what.partition("by ")[2].partition(" ")[0])
+    assert slope == pytest.approx(100, abs=15)  # µs/s
+
+
+DEV = Path(__file__).parents[3] / "shared/data/motion-dev"
+
+
+@pytest.mark.skipif(not DEV.is_dir(), reason="no logs of another author")
+@pytest.mark.parametrize(
+    ("name", "expected"), [("001", ["clock_drift"]), ("003", ["delay"]), ("013", [])]
+)  # their truths: clock-drift of 2.8 µs/s, a delay of 4.7 ms, an effect that is no mistake of the recording
+def test_logs_of_another_author(name, expected):
+    assert [f.code for f in checked(DEV / name).findings if f.kind == "odd"] == expected
 
 
 def first_order(cutoff):
