@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from bayescal.errors import BayescalError
 from bayescal.public.arms import names
+from bayescal.public.motions import LOGLESS, MotionGapResult, diagnose_log, log_of, refuse
 from bayescal.public.results import ComparisonResult, FitResult, GapResult, SimulatedSession
 from bayescal.storage.stopping import Progress, silent
 
@@ -159,20 +160,20 @@ def diagnose(
     remounted: bool = False,
     allow_xacro: bool = False,
     progress: Progress = silent,
-) -> GapResult:
+) -> GapResult | MotionGapResult:
     """Diagnose the difference between model and machine: size, location, effect, improvement.
 
     Parameters
     ----------
     dataset, model, seed, robust, prior_width, remounted, allow_xacro, progress
-        As of `fit`.
+        As of `fit`; a joint log has neither model nor options.
     without : sequence of str, or str
         Parts of the effects that the model lacks and that are candidates: 'geometry at joint 4'; comma
         separated if in one string.
 
     Returns
     -------
-    GapResult
+    GapResult, or MotionGapResult of a joint log
         Prints as a summary; `probability`, `where` and `shrinkage` are tables.
 
     Raises
@@ -194,6 +195,12 @@ def diagnose(
     from bayescal.model.options import FitOptions
     from bayescal.model.scene import Scene
 
+    if (folder := log_of(dataset)) is not None:
+        given = dict(
+            zip(LOGLESS, (model, seed, without, robust, prior_width, remounted, allow_xacro), strict=True)
+        )
+        refuse(given, LOGLESS, "the diagnosis of a joint log")
+        return diagnose_log(folder, progress)
     # the sessions share a noise scale, so that their residuals are comparable
     effects, session = names(model), session_of(dataset, remounted, False, allow_xacro)
     options = FitOptions(robust=robust, prior_width=prior_width, seed=seed)

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from bayescal import __version__
 from bayescal.errors import BayescalError
-from bayescal.reporting.page import compare, fit, gap
+from bayescal.reporting.page import compare, fit, gap, motion
 from bayescal.reporting.page.common import interactive
 from bayescal.reporting.page.render import GENERATOR, page
 from bayescal.reporting.page.section import Run, read_run
@@ -100,10 +100,10 @@ def pdf_of(page: str) -> bytes:
         return made.read_bytes() + MARK
 
 
-SECTIONS = {"fit": fit.SECTIONS, "gap": gap.SECTIONS}
-PAGES = {"fit": "report.html", "gap": "gap.html"}
+SECTIONS = {"fit": fit.SECTIONS, "gap": gap.SECTIONS, "motion": motion.SECTIONS}
+PAGES = {"fit": "report.html", "gap": "gap.html", "motion": "gap.html"}
 """File name of the page of each kind of run."""
-TITLES = {"fit": "calibration", "gap": "diagnosis"}
+TITLES = {"fit": "calibration", "gap": "diagnosis", "motion": "diagnosis of the joint log"}
 
 
 def run_page(run: Run, scripts: bool = True) -> str:
@@ -182,7 +182,7 @@ def _in_place(folder: Path, run: Run, pdf: bool) -> tuple[Path, ...]:
     """Write the page into the run folder: a copy of the folder with it replaces the folder."""
     name = PAGES[run.kind]
     names = [name]
-    with whole(folder, f"{run.kind}.json") as stage:
+    with whole(folder, run.file) as stage:
         shutil.copytree(folder, stage, symlinks=True, dirs_exist_ok=True, ignore=shutil.ignore_patterns(LIST))
         with _complete([run]):
             text = run_page(run)

@@ -108,6 +108,8 @@ def texts(lines: Sequence[str], style: str = "") -> tuple[Text, ...]:
 
 SCHEMAS = {"fit.json": "bayescal-fit/1", "gap.json": "bayescal-gap/1"}
 """Record that identifies a run -> its schema."""
+MOTION = "Nm"
+"""`unit` of the record of a joint log."""
 BUDGET, BUDGET_SCHEMA = "budget.json", "bayescal-budget/1"
 FIGURES = {
     "fit-distances.png": "Errors of validation data, nominal and calibrated, with 95 % prediction intervals",
@@ -123,7 +125,7 @@ class Run:
     Parameters
     ----------
     kind : str
-        "fit" or "gap".
+        "fit", "gap", or "motion" for the diagnosis of a joint log.
     record : mapping
         The content of fit.json or gap.json.
     folder : str
@@ -139,6 +141,11 @@ class Run:
     folder: str
     budget: Json | None = None
     figures: Mapping[str, bytes] = field(default_factory=dict)
+
+    @property
+    def file(self) -> str:
+        """The record that identifies the run folder."""
+        return "fit.json" if self.kind == "fit" else "gap.json"
 
     @property
     def name(self) -> str:
@@ -173,7 +180,7 @@ class Run:
     @property
     def robot(self) -> str:
         """The name of the robot; "" in records without it."""
-        return str(self.record.get("arm", {}).get("robot", ""))
+        return str(self.record.get("robot") or self.record.get("arm", {}).get("robot", ""))
 
 
 def read_run(folder: Path, shown: str = "") -> Run:
@@ -194,7 +201,8 @@ def read_run(folder: Path, shown: str = "") -> Run:
     figures = {file: content for file in FIGURES if (content := _png(folder / file))}
     record = read_record(folder / name, SCHEMAS[name], again)
     check_unchanged(folder, (name, *([BUDGET] if budget else [])))
-    return Run(name.removesuffix(".json"), record, shown or str(folder), budget, figures)
+    kind = "motion" if record.get("unit") == MOTION else name.removesuffix(".json")
+    return Run(kind, record, shown or str(folder), budget, figures)
 
 
 def _png(path: Path) -> bytes:

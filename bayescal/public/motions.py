@@ -1,0 +1,135 @@
+"""Results of joint logs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from bayescal.errors import BayescalError
+from bayescal.public.results import Result, table
+from bayescal.storage.reading import Json
+from bayescal.storage.stopping import Progress, silent
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+    from rich.console import RenderableType
+
+    from bayescal.motion.result import MotionGap
+
+
+@dataclass(frozen=True, repr=False)
+class MotionGapResult(Result):
+    """The diagnosis of a joint log; `print` shows its summary. `record` is the content of gap.json."""
+
+    data: MotionGap | None = None
+
+    def _contents(self) -> Json:
+        from bayescal.reporting.motion.record import motion_record
+
+        return motion_record(self._new())
+
+    def report(self) -> RenderableType:
+        """The summary, to be printed by a `rich.console.Console`."""
+        from bayescal.reporting.motion.summary import motion_summary
+
+        return motion_summary(self.record)
+
+    def save(self, folder: str | PathLike[str], pictures: bool = True) -> tuple[str, ...]:
+        """Write gap.json and gap.html; return their names. The page draws its figures itself."""
+        from bayescal.reporting.motion.record import write_motion
+
+        return write_motion(self._new(), Path(folder), self.record)
+
+    @property
+    def verdict(self) -> str:
+        """null, named, named+unexplained, class, unknown or ambiguous."""
+        return str(self.record["verdict"])
+
+    @property
+    def effects(self) -> tuple[str, ...]:
+        """Named effects, the largest first."""
+        return tuple(self.record["effects"])
+
+    @property
+    def probability(self) -> dict[str, float]:
+        """Probability of each effect, of noise only (`null`) and of a cause outside the list (`unknown`)."""
+        return dict(self.record["probability"])
+
+    @property
+    def undecided(self) -> bool:
+        """Whether further contacts could decide: of a log, none can."""
+        return False
+
+    @property
+    def amplitudes(self) -> DataFrame:
+        """Named effects: `value`, `u` (standard uncertainty), `unit`, whether `relevant`."""
+        return table(self.record["amplitudes"])
+
+    @property
+    def where(self) -> DataFrame:
+        """Places of the error, the largest first."""
+        return table(self.record["where"])
+
+    @property
+    def shrinkage(self) -> DataFrame:
+        """RMS of the torque residuals of withheld motions, N m, joint by joint."""
+        s = self.record["shrinkage"]["torque"]
+        keys = ("before_rms_Nm", "after_rms_Nm", "floor_Nm")
+        columns = [self.record["joints"], *(s[key] for key in keys)]
+        rows = [dict(zip(("joint", *keys), row, strict=True)) for row in zip(*columns, strict=True)]
+        return table(rows, "joint")
+
+    @property
+    def _overview(self) -> DataFrame:
+        return self.shrinkage
+
+    def __repr__(self) -> str:
+        names = ", ".join(self.effects or self.record["credible_set90"])
+        return f"<diagnosis of the log {self.record['dataset']['name']}: {self.verdict}; {names}>"
+
+
+def log_of(source: Any) -> Path | None:
+    """The folder of a joint log that a source names; None for a session of contacts."""
+    from bayescal.logs import is_log
+
+    each = source if isinstance(source, list | tuple) else [source]
+    folders = [Path(one) for one in each if isinstance(one, str | PathLike)]
+    logs = [folder for folder in folders if is_log(folder)]
+    if not logs:
+        return None
+    if len(each) > 1:
+        what = "several folders, among them a joint log"
+        raise BayescalError(what, str(logs[0]), "give one joint log at a time")
+    return logs[0]
+
+
+def diagnose_log(folder: Path, progress: Progress = silent) -> MotionGapResult:
+    """Diagnose a joint log; see `bayescal.diagnose`."""
+    from bayescal.logs import read_log
+    from bayescal.motion.diagnose import diagnose
+
+    return MotionGapResult(diagnose(read_log(folder), progress))
+
+
+LOGLESS = {
+    "model": ("geometry", "compliance"),
+    "seed": 0,
+    "without": (),
+    "robust": True,
+    "prior_width": 1.0,
+    "remounted": False,
+    "allow_xacro": False,
+}
+"""Options of `diagnose` that a joint log does not have, with their defaults."""
+
+
+def refuse(options: Mapping[str, Any], defaults: Mapping[str, Any], what: str) -> None:
+    """Refuse options that a joint log does not have."""
+    for name, given in options.items():
+        default = defaults[name]
+        if given not in (default, "", ",".join(default) if isinstance(default, tuple) else default):
+            flag = f"--{name.replace('_', '-')}"
+            raise BayescalError(f"{what} has no {flag}", flag, "leave it out")

@@ -1,0 +1,1 @@
+"""Reports of joint logs: record, words, terminal."""

@@ -1,0 +1,210 @@
+"""gap.json of a joint log, by the output contract, and its folder."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bayescal.dataset.types import Record
+from bayescal.logs import Log
+from bayescal.motion.effects import EFFECTS
+from bayescal.motion.result import Amplitude, MotionGap, Place
+from bayescal.motion.search import Hypothesis
+from bayescal.motion.verdict import OTHER
+from bayescal.reporting.page.build import write_page
+from bayescal.reporting.shared.origin import plain, record_of, software
+from bayescal.reporting.shared.text import listed, with_u
+from bayescal.storage.files import json_text
+from bayescal.storage.folders import whole
+
+SCHEMA = "bayescal-gap/1"
+GAP = "gap.json"
+LIBRARIES = ("numpy", "scipy")
+UNIT = "Nm"
+DISPLAYED = {
+    "rad": ("deg", 180.0 / np.pi),
+    "m": ("mm", 1e3),
+    "s": ("ms", 1e3),
+    "1": ("%", 100.0),
+    "1/K": ("%/K", 100.0),
+    "": ("", 1.0),
+}
+"""Unit in memory -> unit in print and factor to it; others are printed as they are."""
+
+
+def origin(schema: str, log: Log, seed: int) -> dict[str, Any]:
+    """Schema, log with its hash, software, seed."""
+    return {
+        "schema": schema,
+        "dataset": {"name": log.name, "sha256": log.digest},
+        "record": record_of(Record()),
+        "software": software(LIBRARIES),
+        "seed": seed,
+        "unit": UNIT,
+        "robot": log.mechanism.name,
+        "joints": list(log.mechanism.joint_names),
+    }
+
+
+def size_of(a: Amplitude) -> str:
+    """An amplitude with its standard uncertainty and unit."""
+    unit, factor = DISPLAYED.get(a.unit, (a.unit, 1.0))
+    return f"{with_u(factor * a.value, factor * a.u)} {unit}".rstrip()
+
+
+def motion_record(gap: MotionGap) -> dict[str, Any]:
+    """The contents of gap.json; a value that is not finite is null."""
+    v, log, s = gap.verdict, gap.estimate.parts[0].log, gap.shrinkage
+    record = {
+        **origin(SCHEMA, log, 0),
+        "baseline": ["inertials", "armature", "coulomb", "viscous", "offset", "alignment"],
+        "verdict": v.kind,
+        "words": words(gap),
+        "effects": list(v.named.names),
+        "named": [_named(gap, m.form.effect) for m in v.named.members],
+        "amplitudes": [_amplitude(a) for a in gap.amplitudes],
+        "credible_set90": list(v.credible),
+        "probability": dict(v.probability),
+        "hypotheses": [
+            {"effects": list(names), "probability": p, "log_evidence": nats}
+            for names, p, nats in gap.hypotheses
+        ],
+        "class": _class(v.members, v.leading),
+        "where": [_place(p) for p in gap.where],
+        "torque_rms_Nm": {"before": s.before, "after": s.after},
+        "shrinkage": {
+            "torque": {
+                "before_rms_Nm": s.before,
+                "after_rms_Nm": s.after,
+                "floor_Nm": s.floor,
+                "removed": s.removed,
+                "removed_interval95": s.removed_interval95,
+                "delta_elpd": s.gain,
+            },
+            "tracking": None,
+        },
+        "noise": {"lag1": gap.estimate.noise.lag1, "floor_Nm": s.floor},
+        "not_assessed": [{"effect": name, "why": why} for name, why in gap.not_assessed.items()],
+        "missing": dict(gap.not_assessed),
+        "next": list(gap.advice),
+        "parameters": [
+            {"name": name, "deviation": value, "u": gap.u[name]} for name, value in gap.values.items()
+        ],
+        "motions": [{"id": m.name, "role": m.role, "kind": m.kind, "rows": len(m.time)} for m in log.motions],
+        "warnings": list(gap.warnings),
+    }
+    return {key: plain(value) for key, value in record.items()}
+
+
+def _named(gap: MotionGap, effect: str) -> dict[str, Any]:
+    sizes = [a for a in gap.amplitudes if a.form.effect == effect]
+    form = sizes[0].form
+    return {
+        "effect": effect,
+        "site": form.site,
+        "driver": form.driver,
+        "setting": form.setting,
+        "probability": gap.verdict.probability[effect],
+        "relevant": any(a.relevant for a in sizes),
+        "text": f"{form.site}: {EFFECTS[effect].title}, {size_of(sizes[0])}",
+        "remedy": EFFECTS[effect].remedy,
+    }
+
+
+def _amplitude(a: Amplitude) -> dict[str, Any]:
+    return {
+        "effect": a.form.effect,
+        "site": a.form.site,
+        "driver": a.form.driver,
+        "setting": a.form.setting,
+        "value": a.value,
+        "u": a.u,
+        "unit": a.unit,
+        "text": size_of(a),
+        "components": {name: {"value": value, "u": u} for name, (value, u) in a.components.items()},
+        "relevant": a.relevant,
+        "removed_share": a.removed,
+    }
+
+
+def _class(members: Mapping[str, float], leading: Hypothesis) -> dict[str, Any] | None:
+    if not members:
+        return None
+    form = leading.members[0].form
+    return {"sites": [form.site], "arguments": [form.driver], "members": dict(members)}
+
+
+def _place(p: Place) -> dict[str, Any]:
+    form = p.form
+    return {
+        "site": form.site,
+        "driver": form.driver,
+        "setting": form.setting,
+        "text": f"{form.site}, {form.driver}" + (f" ({form.setting})" if form.setting else ""),
+        "rms_Nm": p.rms,
+        "of_joint": p.joint + 1,
+        "log_evidence": p.nats,
+        "explained_by": p.explained_by or None,
+    }
+
+
+def words(gap: MotionGap) -> list[str]:
+    """The verdict in words, a line each."""
+    v = gap.verdict
+    out = []
+    for m in v.named.members:
+        a = next(a for a in gap.amplitudes if a.form is m.form)
+        effect = EFFECTS[m.form.effect]
+        sure = _sure(v.probability[effect.name])
+        out.append(f"Effect found: {m.form.site} has {effect.title}, {size_of(a)} ({sure}).")
+        if not a.relevant:
+            out.append(f"{effect.name} is certain but not relevant: the withheld error changes by < 1 %.")
+    if v.kind in ("unknown", "named+unexplained") and gap.where:
+        place = next((p for p in gap.where if not p.explained_by), gap.where[0])
+        further = "A further error" if out else "Unmodelled error: it"
+        size = f"{1e3 * place.rms:.3g} mN m RMS in joint {place.joint + 1}"
+        form = place.form
+        out.append(
+            f"{further} varies with {form.driver} at {form.site} ({size}); no known effect explains it."
+        )
+    if v.kind == "class":
+        names = [f"{_member(name)} ({_sure(p)})" for name, p in v.members.items()]
+        form = v.leading.members[0].form
+        out.append(
+            f"Class of causes: an error at {form.site} that varies with {form.driver}: {listed(names, 'or')}."
+        )
+    if v.kind == "ambiguous":
+        out.append(f"Ambiguous: {listed([_member(name) for name in v.credible], 'or')}.")
+    if v.kind == "null":
+        largest = max((p for n, p in v.probability.items() if n not in ("null",)), default=0.0)
+        out.append(f"No effect above noise (no other cause has a probability above {largest:.2g}).")
+    if v.named.members and np.isfinite(gap.shrinkage.removed):
+        low, high = gap.shrinkage.removed_interval95
+        out.append(
+            f"On withheld motions the named effects remove {100 * gap.shrinkage.removed:.0f} % "
+            f"({100 * low:.0f} to {100 * high:.0f} %) of the variance of torque above noise."
+        )
+    return out
+
+
+def _member(name: str) -> str:
+    texts = {
+        OTHER: "a cause that is not in the list",
+        "unknown": "a cause that is not in the list",
+        "null": "noise only",
+    }
+    return texts.get(name) or EFFECTS[name].title
+
+
+def _sure(p: float) -> str:
+    return "P > .99" if p > 0.99 else f"P {p:.2f}"
+
+
+def write_motion(gap: MotionGap, folder: Path, contents: Mapping[str, Any]) -> tuple[str, ...]:
+    """Write gap.json and gap.html atomically; return their names."""
+    with whole(folder, GAP) as stage:
+        (stage / GAP).write_text(json_text(contents, rows=False), encoding="utf-8")
+        return GAP, write_page(stage, folder)

@@ -1,0 +1,42 @@
+"""The terminal summary of the diagnosis of a joint log."""
+
+from __future__ import annotations
+
+from rich.console import Group, RenderableType
+from rich.text import Text
+
+from bayescal.reporting.gap.summary import STYLES
+from bayescal.reporting.motion import sheets
+from bayescal.reporting.shared.sheet import terminal
+from bayescal.reporting.shared.text import Facts, by_reason, facts, probability, rival, under
+from bayescal.storage.reading import Json
+
+
+def motion_summary(record: Json) -> RenderableType:
+    """Verdict, places, probabilities, torque error before and after, what was not assessed: one screen."""
+    roles = [m["role"] for m in record["motions"]]
+    title = Text.assemble(
+        (record["dataset"]["name"], "bold"),
+        f"  {record['robot']}  {roles.count('calibrate')} motions fitted, {roles.count('validate')} withheld",
+    )
+    style = STYLES.get(record["verdict"], "bold red")
+    parts: list[RenderableType] = [title, *(Text(line, style) for line in record["words"]), ""]
+    parts.append(terminal(sheets.torque_sheet(record)))
+    parts.append("")
+    if record["where"] and record["verdict"] != "null":
+        parts.append(terminal(sheets.where_sheet(record)))
+    if record["amplitudes"]:
+        parts.append(terminal(sheets.amplitude_sheet(record)))
+    parts.append(facts(_facts(record)))
+    return Group(*parts)
+
+
+def _facts(record: Json) -> Facts:
+    ranked = sorted(record["probability"].items(), key=lambda item: -item[1])
+    yield "probability", ", ".join(f"{rival(n)} {probability(p)}" for n, p in ranked if p >= sheets.LEAST), ""
+    noise = ", ".join(f"{x:.2g}" for x in record["noise"]["lag1"])
+    yield "noise", f"correlation of neighbouring rows, joint by joint: {noise}", "dim"
+    for why, names in by_reason(record["missing"]).items():
+        yield "not assessed", f"{', '.join(names)}: {why}", "dim"
+    yield from under("measure next", record["next"])
+    yield from under("warning", record["warnings"], "yellow")
