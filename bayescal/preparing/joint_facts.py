@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bayescal.logs import Log, Motion
+from bayescal.motion.dynamics import regressor
 from bayescal.preparing import signals
 
 SLOW = (0.01, 0.05)
@@ -16,6 +17,8 @@ LOADS = 0.1
 """Of the largest torque of gravity of a joint: standard deviation over the poses that counts as two poses."""
 SHARE = 0.01
 """Of the largest torque of gravity of any joint: what makes a joint one that gravity loads."""
+POSES = 1000
+"""At which torques of gravity are computed."""
 GAP, JITTER = 3.0, 0.05
 """Times the median step; relative standard deviation of steps."""
 
@@ -64,7 +67,7 @@ def joints_of(log: Log) -> tuple[Joint, ...]:
     velocity = [signals.speeds(m.time, m.position) for m in log.motions]
     steps = [np.gradient(m.time) for m in log.motions]
     position = np.concatenate([m.position for m in log.motions])
-    gravity = signals.gravity_torques(log.mechanism, position[:: max(len(position) // 2000, 1)], log.gravity)
+    gravity = gravity_torques(log, position[:: max(len(position) // POSES, 1)])
     torques = [m.torque for m in log.motions if m.torque is not None]
     nothing = (np.nan, np.nan)
     out = []
@@ -111,6 +114,13 @@ def joints_of(log: Log) -> tuple[Joint, ...]:
             )
         )
     return tuple(out)
+
+
+def gravity_torques(log: Log, position: np.ndarray) -> np.ndarray:
+    """Torques (N, n), N m, by which gravity loads the joints of the nominal arm at readings (N, n)."""
+    still = np.zeros_like(position)
+    parts = regressor(log.mechanism, position, still, still, log.gravity)
+    return np.asarray(np.einsum("cjkp,kp->cj", parts, log.mechanism.inertials))
 
 
 def _median(k: int, pairs: Sequence[tuple[float, float]]) -> float:

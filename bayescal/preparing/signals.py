@@ -10,7 +10,7 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 from scipy.signal import butter, coherence, csd, sosfiltfilt, welch
 
-from bayescal.logs import Mechanism, Motion
+from bayescal.logs import Motion
 
 SMOOTH = 0.1
 """s, over which speeds are averaged."""
@@ -206,25 +206,3 @@ def held(values: np.ndarray, moving: np.ndarray) -> float:
     go = moving[1:] & moving[:-1]
     new = np.diff(values) != 0
     return float(go.sum() / max(int((new & go).sum()), 1)) if go.sum() > 20 else np.nan
-
-
-def gravity_torques(mechanism: Mechanism, position: np.ndarray, gravity: np.ndarray) -> np.ndarray:
-    """Torques (N, n), N m, by which gravity (3,) loads the joints of the nominal arm at readings (N, n)."""
-    angle = position @ mechanism.coupling.T
-    n, count = mechanism.n, len(position)
-    turn, origin = np.tile(np.eye(3), (count, 1, 1)), np.zeros((count, 3))
-    axes, origins, centres = (np.zeros((n, count, 3)) for _ in range(3))
-    for k in range(n):
-        origin = origin + turn @ mechanism.place[k, :3, 3]
-        x, y, z = mechanism.axis[k]
-        cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-        sine, cosine = np.sin(angle[:, k]), np.cos(angle[:, k])
-        about = np.eye(3) + sine[:, None, None] * cross + (1 - cosine)[:, None, None] * (cross @ cross)
-        turn = turn @ mechanism.place[k, :3, :3] @ about
-        axes[k], origins[k] = turn @ mechanism.axis[k], origin
-        centres[k] = origin + turn @ mechanism.centre[k]
-    out = np.zeros((count, n))
-    for j in range(n):
-        arms = np.cross(axes[j], centres[j:] - origins[j])
-        out[:, j] = -np.einsum("k,kci,i->c", mechanism.mass[j:], arms, gravity)
-    return out @ mechanism.coupling

@@ -25,6 +25,7 @@ from bayescal.errors import BayescalError
 from bayescal.importing import Request, convert, write
 from bayescal.importing.motions.rows import Rows, repeats
 from bayescal.logs import read_log
+from bayescal.motion.dynamics import regressor
 
 ARM = "universal-robots-ur10e"
 MAP = "time=t s, j*=q*0 rad, j*_velocity=dq*0 radps, j*_torque=tau*0 Nm"
@@ -314,6 +315,55 @@ def test_a_parquet_file_without_names(s, five, tmp_path):
         "so101.urdf",
     ]
     assert len(read_log(tmp_path / "out").motions) == 5
+
+
+MJCF = """<mujoco model="two"><compiler angle="degree"/><option gravity="0 0 -9.7"/><worldbody>
+<body pos="0 0 0.3" quat="0.9 0.1 0.2 0"><inertial mass="1" pos="0 0 0" diaginertia="1 1 1"/>
+<body name="a" pos="0.1 0 0.2"><joint name="j1" axis="0 1 0.2" pos="0 0 0.05" range="-180 180" armature="0.3"
+damping="2" frictionloss="1.5"/>
+<inertial mass="3" pos="0.1 0.02 0.2" quat="0.8 0.3 0 0" diaginertia="0.1 0.2 0.25"/>
+<body name="b" pos="0 0 0.4" quat="0.7 0 0.7 0"><joint name="j2" axis="0 1 0" range="-180 180"/>
+<inertial mass="2" pos="0 0.03 0.15" diaginertia="0.05 0.04 0.02"/>
+<body name="tool" pos="0 0 0.3" quat="0.9 0 0 0.3">
+<inertial mass="0.7" pos="0.02 0 0.05" diaginertia="0.003 0.002 0.004"/>
+<body name="jaw" pos="0 0.02 0.05"><joint name="gripper" axis="1 0 0" range="0 60"/>
+<inertial mass="0.1" pos="0 0 0.02" diaginertia="1e-4 1e-4 1e-4"/></body></body></body></body></body>
+</worldbody></mujoco>"""
+
+
+def test_an_mjcf_model_is_written_out_with_its_dynamics(s, tmp_path):
+    mujoco = pytest.importorskip("mujoco")
+    path = tmp_path / "two.xml"
+    path.write_text(MJCF)
+    columns = {"t": s.time} | of_joints("q", s.position[:, :2])
+    table = write_csv(tmp_path / "log.csv", columns)
+    request = Request(table, "time=t s, j*=q*0 rad", robot=str(path), motions="pause:0.5 s")
+    log, draft = imported(request, tmp_path)
+    noted(draft, "joints at zero, as parts of the last body: gripper")
+    assert log.mechanism.joint_names == ("j1", "j2")
+    np.testing.assert_allclose(log.mechanism.armature, [0.3, np.nan])
+    np.testing.assert_allclose(log.mechanism.coulomb, [1.5, np.nan])
+    model = mujoco.MjModel.from_xml_string(MJCF)
+    data = mujoco.MjData(model)
+    rng = np.random.default_rng(0)
+    model.dof_armature[:], model.dof_damping[:], model.dof_frictionloss[:] = 0, 0, 0
+    for q, dq, ddq in rng.uniform(-2, 2, (5, 3, 2)):
+        data.qpos[:], data.qvel[:], data.qacc[:] = (np.append(x, 0) for x in (q, dq, ddq))
+        mujoco.mj_inverse(model, data)
+        parts = regressor(log.mechanism, q[None], dq[None], ddq[None], log.gravity)[0]
+        got = np.einsum("jkp,kp->j", parts, log.mechanism.inertials)
+        np.testing.assert_allclose(got, data.qfrc_inverse[:2], rtol=1e-8, atol=1e-9)
+
+
+def test_models_that_are_no_serial_arm_are_refused(table, tmp_path):
+    path = tmp_path / "arm.xml"
+    second = '<body><joint name="x"/><geom size="1"/></body></worldbody>'
+    path.write_text(MJCF.replace("</worldbody>", second))
+    fails("are no serial chain", log=table, map=MAP, robot=str(path), motions="pause:0.5 s")
+    path.write_text("<robot/>")
+    fails("<robot> is no MJCF", log=table, map=MAP, robot=str(path), motions="pause:0.5 s")
+    path.write_text("<mujoco><worldbody><body/><bogus/></worldbody></mujoco>")
+    fails("MuJoCo cannot load it", log=table, map=MAP, robot=str(path), motions="pause:0.5 s")
 
 
 def test_sage_folders(s, tmp_path):

@@ -11,7 +11,7 @@ from joint_logs import KINDS, made, sines, written
 import bayescal as bc
 from bayescal.errors import BayescalError
 from bayescal.logs import read_log
-from bayescal.preparing import signals
+from bayescal.preparing.joint_facts import gravity_torques
 
 
 def checked(folder):
@@ -52,11 +52,10 @@ def test_a_good_log_has_no_findings(good):
 
 
 def test_gravity_of_a_pose_by_hand(good):
-    mechanism = read_log(good).mechanism
     q = np.array([[0.3, 0.4]])
-    second = 2.0 * 9.81 * 0.15 * np.cos(0.7)
-    first = second + 9.81 * np.cos(0.3) * (5.0 * 0.2 + 2.0 * 0.4)
-    got = signals.gravity_torques(mechanism, q, np.array([0, 0, -9.81]))
+    second = 2.0 * 9.80665 * 0.15 * np.cos(0.7)
+    first = second + 9.80665 * np.cos(0.3) * (5.0 * 0.2 + 2.0 * 0.4)
+    got = gravity_torques(read_log(good), q)
     np.testing.assert_allclose(got, [[first, second]], rtol=1e-12)
 
 

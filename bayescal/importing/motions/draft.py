@@ -13,13 +13,13 @@ import numpy as np
 
 from bayescal.errors import BayescalError
 from bayescal.importing.ask import MOTION_FORMATS, Request
+from bayescal.importing.motions.arms import Arm, arm_of
 from bayescal.importing.motions.bags import is_bag, read_bag
 from bayescal.importing.motions.formats import AIDS, QUANTITIES, SINGLE, Record, library
 from bayescal.importing.motions.rows import Rows, divided, repeats, roles, speeds
 from bayescal.importing.motions.tables import is_lerobot, read_lerobot, read_sage, read_table, sage_folders
 from bayescal.importing.motions.torques import contradiction, one_torque
 from bayescal.logs import SCHEMA, read_log
-from bayescal.robots import Loaded, builtin_robots, full_name, load_robot
 from bayescal.storage.folders import whole
 from bayescal.storage.locks import scratch
 
@@ -98,10 +98,11 @@ def convert_motions(request: Request) -> MotionDraft:
     if request.table not in TABLES:
         raise BayescalError(f"`{request.table}` is not known", "--table", f"must be {' or '.join(TABLES)}")
     if not request.robot:
-        raise BayescalError("the robot is not stated", "--robot", "give its name, or a URDF or robot.yaml")
-    loaded = load_robot(full_name(request.robot), allow_xacro=request.allow_xacro)
-    robot = loaded[0]
-    records = _records(request, format_, loaded)
+        raise BayescalError(
+            "the robot is not stated", "--robot", "give its name, or a URDF, MJCF or robot.yaml"
+        )
+    arm = arm_of(request.robot, request.allow_xacro)
+    records = _records(request, format_, arm)
     rows, notes = divided(records, request.motions)
     role, words = roles(rows, request.validate)
     velocity = speeds(rows.time, rows.joints["position"], rows.motion)
@@ -118,7 +119,8 @@ def convert_motions(request: Request) -> MotionDraft:
     settings: dict[str, Any] = {
         "schema": SCHEMA,
         "name": request.name or request.log.stem,
-        "robot": _reference(request.robot, loaded)[0],
+        "robot": arm.entry,
+        **arm.settings,
         "rate_hz": round(1 / step, 3),
         "torque": torque,
         "position": {"side": side},
@@ -127,6 +129,7 @@ def convert_motions(request: Request) -> MotionDraft:
         "motions": [_motion(rows, k, role[k], same[k]) for k in range(len(rows.ids))],
     }
     notes = (
+        *arm.notes,
         *notes,
         words,
         f"repeats of one trajectory: {'; '.join(again)}" if again else "no motion repeats another",
@@ -135,12 +138,11 @@ def convert_motions(request: Request) -> MotionDraft:
         f"positions are of the {side} side of the gears (assumed)",
         f"torque and position of a row are of one time within {u_clock:g} ms (u, assumed: "
         f"{'one step' if two else 'half a step'})",
-        "gravity acts along -z of the base (assumed; `gravity_mps2` states another mounting)",
+        *([] if "gravity_mps2" in settings else ["gravity acts along -z of the base (assumed)"]),
     )
     columns = _columns(rows, role)
-    wrong = contradiction(rows, velocity, robot)
-    file = _reference(request.robot, loaded)[1]
-    return MotionDraft(settings, columns, file, notes, wrong, request.log.name, request.table)
+    wrong = contradiction(rows, velocity, arm)
+    return MotionDraft(settings, columns, arm.file, notes, wrong, request.log.name, request.table)
 
 
 def write_motions(draft: MotionDraft, folder: Path, force: bool = False) -> None:
@@ -195,25 +197,15 @@ def _write(draft: MotionDraft, folder: Path) -> None:
         (folder / draft.robot[0]).write_bytes(draft.robot[1])
 
 
-def _reference(robot: str, loaded: Loaded) -> tuple[str, tuple[str, bytes] | None]:
-    """How dataset.yaml names the robot, and the file to be copied; a built-in one by its name."""
-    if full_name(robot) in builtin_robots() and not Path(robot).is_file():
-        return full_name(robot), None
-    file, mark, tip = robot.partition("#")
-    markup = Path(file).suffix.lower() in (".urdf", ".xacro")
-    name = f"{Path(file).stem}.urdf" if markup else "robot.yaml"
-    return (name + mark + tip if markup else name), (name, loaded[1])
-
-
-def _records(request: Request, format_: str, loaded: Loaded) -> list[Record]:
+def _records(request: Request, format_: str, arm: Arm) -> list[Record]:
     """All records of a log, in the order of their names."""
-    path, robot = request.log, loaded[0]
+    path = request.log
     if not path.exists():
         raise BayescalError("no such file", path.name, f"looked in {path.parent}")
     if format_ == "lerobot":
-        return read_lerobot(path, request.map.strip(), robot.joint_names, robot.limits, request.joints)
+        return read_lerobot(path, request.map.strip(), arm.joint_names, arm.limits, request.joints)
     if format_ == "sage":
-        return [read_sage(folder, robot.joint_names, request.joints) for folder in sage_folders(path)]
+        return [read_sage(folder, arm.joint_names, request.joints) for folder in sage_folders(path)]
     if format_ == "rosbag":
         bags = (
             [path]
@@ -226,10 +218,9 @@ def _records(request: Request, format_: str, loaded: Loaded) -> list[Record]:
             raise BayescalError(
                 "not a bag", path.name, "give the folder of a bag, or a .mcap, .db3 or .bag file"
             )
-        names = robot.joint_names
+        names = arm.joint_names
         return [
-            read_bag(bag, names, f"{request.robot} {robot.name}", request.joints, request.topic)
-            for bag in bags
+            read_bag(bag, names, f"{request.robot} {arm.name}", request.joints, request.topic) for bag in bags
         ]
     files = sorted(p for p in path.iterdir() if p.suffix in (".csv", ".txt")) if path.is_dir() else [path]
     if not files:
@@ -242,7 +233,7 @@ def _records(request: Request, format_: str, loaded: Loaded) -> list[Record]:
             'write --map "time=t s, j*=q* rad, j*_velocity=dq* radps, j*_command=qd* rad, j*_torque=tau* Nm"'
         )
         raise BayescalError(what, path.name, remedy)
-    return [read_table(file, request.map, format_, request.decimal, robot.n) for file in files]
+    return [read_table(file, request.map, format_, request.decimal, arm.n) for file in files]
 
 
 def _temperature(rows: Rows) -> tuple[Rows, tuple[str, ...]]:

@@ -194,6 +194,10 @@ def _units(table: dict[str, np.ndarray], unit: str, order: Sequence[int]) -> lis
 
 def _angles(values: np.ndarray, unit: str, limits: np.ndarray) -> np.ndarray:
     if unit == NORMALISED:
+        if not np.isfinite(limits).all():
+            raise BayescalError(
+                "the robot states no limits of its joints", "--robot", "normalised values need them"
+            )
         return np.asarray(limits[:, 0] + (values + 100) / 200 * (limits[:, 1] - limits[:, 0]))
     return np.asarray(values * unit_of(unit, "angle", "--map").scale)
 

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from bayescal.arm.chain import Robot
 from bayescal.errors import BayescalError, listed
+from bayescal.importing.motions.arms import Arm
 from bayescal.importing.motions.formats import DEG
 from bayescal.importing.motions.rows import MOVING, Rows
 
@@ -123,7 +123,7 @@ def _in_motion(torque: np.ndarray, current: np.ndarray, velocity: np.ndarray) ->
     return float(1 / slope) if slope > 0 and u < U_CONSTANT * slope / 2 else np.nan
 
 
-def contradiction(rows: Rows, velocity: np.ndarray, robot: Robot) -> str:
+def contradiction(rows: Rows, velocity: np.ndarray, arm: Arm) -> str:
     """What contradicts the stated units or joints, in words; "" if nothing does."""
     position, stated = rows.joints["position"], rows.joints.get("velocity")
     if stated is not None:
@@ -138,9 +138,8 @@ def contradiction(rows: Rows, velocity: np.ndarray, robot: Robot) -> str:
             hints = [text for factor, text in words.items() if SLOPE[0] < ratio / factor < SLOPE[1]]
             what = f"the velocity of J{wrong[0] + 1} is {ratio:.3g} times that of its positions and stamps"
             return f"{what}: {hints[0] if hints else 'are units, stamps and joints right?'}"
-    coupling = robot.link_from_reading
-    links = position @ (coupling * np.sign(np.diag(coupling))[:, None]).T
-    low, high = robot.limits.T
+    links = position @ arm.coupling.T
+    low, high = arm.limits.T
     over = np.maximum(low - links.min(axis=0), links.max(axis=0) - high)
     if over.max() > BEYOND:
         j = int(np.argmax(over))
