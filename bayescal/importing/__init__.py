@@ -14,7 +14,7 @@ from pathlib import Path
 
 from bayescal.importing.ask import Request
 from bayescal.importing.convert import Draft, convert_contacts, write_contacts
-from bayescal.importing.motions import MotionDraft, convert_motions, format_of, write_motions
+from bayescal.importing.joint_draft import MotionDraft, convert_motions, format_of, write_motions
 
 __all__ = ["Draft", "MotionDraft", "Request", "convert", "write"]
 

@@ -23,7 +23,7 @@ from motion_logs import (
 
 from bayescal.errors import BayescalError
 from bayescal.importing import Request, convert, write
-from bayescal.importing.motions.rows import Rows, repeats
+from bayescal.importing.joint_rows import Rows, repeats
 from bayescal.logs import read_log
 from bayescal.motion.dynamics import regressor
 

@@ -14,15 +14,7 @@ from typing import Any
 import numpy as np
 
 from bayescal.errors import BayescalError, listed
-from bayescal.importing.motions.formats import (
-    AMPERES,
-    MESSAGES,
-    Message,
-    Record,
-    Stream,
-    joint_order,
-    library,
-)
+from bayescal.importing.joint_formats import AMPERES, MESSAGES, Message, Record, Stream, joint_order, library
 
 SUFFIXES = (".mcap", ".db3", ".bag")
 METADATA = "metadata.yaml"

@@ -11,7 +11,7 @@ from math import ceil
 import numpy as np
 
 from bayescal.errors import BayescalError, listed
-from bayescal.importing.motions.formats import LARGEST, Record, Stream
+from bayescal.importing.joint_formats import LARGEST, Record, Stream
 from bayescal.preparing import signals
 
 BETWEEN = 1.0

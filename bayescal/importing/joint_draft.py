@@ -13,12 +13,12 @@ import numpy as np
 
 from bayescal.errors import BayescalError
 from bayescal.importing.ask import MOTION_FORMATS, Request
-from bayescal.importing.motions.arms import Arm, arm_of
-from bayescal.importing.motions.bags import is_bag, read_bag
-from bayescal.importing.motions.formats import AIDS, QUANTITIES, SINGLE, Record, library
-from bayescal.importing.motions.rows import Rows, divided, repeats, roles, speeds
-from bayescal.importing.motions.tables import is_lerobot, read_lerobot, read_sage, read_table, sage_folders
-from bayescal.importing.motions.torques import contradiction, one_torque
+from bayescal.importing.joint_arms import Arm, arm_of
+from bayescal.importing.joint_bags import is_bag, read_bag
+from bayescal.importing.joint_formats import AIDS, QUANTITIES, SINGLE, Record, library
+from bayescal.importing.joint_rows import Rows, divided, repeats, roles, speeds
+from bayescal.importing.joint_tables import is_lerobot, read_lerobot, read_sage, read_table, sage_folders
+from bayescal.importing.joint_torques import contradiction, one_torque
 from bayescal.logs import SCHEMA, read_log
 from bayescal.storage.folders import whole
 from bayescal.storage.locks import scratch

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from bayescal.errors import BayescalError, listed
-from bayescal.importing.motions.arms import Arm
-from bayescal.importing.motions.formats import DEG
-from bayescal.importing.motions.rows import MOVING, Rows
+from bayescal.importing.joint_arms import Arm
+from bayescal.importing.joint_formats import DEG
+from bayescal.importing.joint_rows import MOVING, Rows
 
 KINDS = ("motor", "current", "sensor")
 U_CONSTANT = 0.1

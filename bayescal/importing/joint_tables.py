@@ -11,9 +11,7 @@ import numpy as np
 
 from bayescal.errors import BayescalError, listed
 from bayescal.importing.columns import columns_of, missing_in
-from bayescal.importing.log import read_log
-from bayescal.importing.mapping import read_map
-from bayescal.importing.motions.formats import (
+from bayescal.importing.joint_formats import (
     LEROBOT,
     MAPPED,
     SAGE,
@@ -24,6 +22,8 @@ from bayescal.importing.motions.formats import (
     library,
     places,
 )
+from bayescal.importing.log import read_log
+from bayescal.importing.mapping import read_map
 from bayescal.importing.units import is_number, is_unit, unit_of
 from bayescal.storage.reading import read_json
 
