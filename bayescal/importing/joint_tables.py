@@ -125,10 +125,9 @@ def read_lerobot(
             del blocks["velocity"]
             notes[-1] = f"{LEROBOT['velocity']} is not used: its unit is not known"
     episode, time = table["episode_index"].astype(int), table["timestamp"].astype(float)
-    rate = info.get("fps")
-    made = (
-        "frame_index" in table and rate and np.abs(time - table["frame_index"] / float(rate)).max() < OF_FRAME
-    )
+    rate = info.get("fps") if isinstance(info, dict) else None
+    frames = table.get("frame_index") if isinstance(rate, int | float) and rate > 0 else None
+    made = frames is not None and bool(np.abs(time - frames / rate).max() < OF_FRAME)
     if made:
         notes.append(
             f"stamps are the number of the frame / {rate:g} Hz: they show no jitter of the recording"
@@ -174,10 +173,12 @@ def _parquet(files: Sequence[Path]) -> dict[str, np.ndarray]:
 
 def _names(info: Any, width: int) -> list[str]:
     """Names of the joints in info.json: a list, or lists by group; [] if there are not as many as values."""
-    names = info.get("features", {}).get(LEROBOT["position"], {}).get("names") or []
-    if isinstance(names, dict):
-        names = [name for group in names.values() for name in (group if isinstance(group, list) else [group])]
-    return [str(name) for name in names] if len(names) == width else []
+    names = info
+    for key in ("features", LEROBOT["position"], "names"):
+        names = names.get(key) if isinstance(names, dict) else None
+    groups = list(names.values()) if isinstance(names, dict) else [names]
+    flat = [str(name) for group in groups if isinstance(group, list) for name in group]
+    return flat if len(flat) == width else []
 
 
 def _units(table: dict[str, np.ndarray], unit: str, order: Sequence[int]) -> list[str]:

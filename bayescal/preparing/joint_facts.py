@@ -23,8 +23,8 @@ GAP, JITTER = 3.0, 0.05
 """Times the median step; relative standard deviation of steps."""
 
 SYSTEMATIC = 0.6e-3
-"""s: u of the delay of a torque for what its drivers lack. With it the deviations of joints are one u (RMS) in
-eight simulated logs of another author, whose delays are known."""
+"""s: u of the delay of a torque for what its drivers lack. With it, deviations of joints are one u (RMS) in
+eight simulated logs of another author whose delays are known."""
 
 
 @dataclass(frozen=True)
@@ -151,7 +151,7 @@ def clock_drift(log: Log, joints: Sequence[Joint]) -> tuple[float, float]:
 
 
 def _held(motions: Sequence[Motion], velocity: Sequence[np.ndarray], j: int) -> float:
-    fast = [np.abs(v[:, j]) > 0.3 * np.abs(v[:, j]).max() for v in velocity]
+    fast = [np.abs(v[:, j]) > max(0.3 * np.abs(v[:, j]).max(), SLOW[1]) for v in velocity]
     values = [signals.held(m.position[:, j], go) for m, go in zip(motions, fast, strict=True)]
     finite = [v for v in values if np.isfinite(v)]
     return float(np.median(finite)) if finite else np.nan

@@ -62,6 +62,14 @@ def odd(log: Log, joints: Sequence[Joint], stamps: Stamps, table: str) -> Iterat
         if np.isfinite(joint.velocity_gain) and not GAINS[0] < joint.velocity_gain < GAINS[1]:
             what = f"the velocity of {joint.name} is {joint.velocity_gain:.3g} times that of its positions"
             yield Finding("velocity", "odd", what, table, "check the unit of `dq..._degps`, and the stamps")
+    for name in ("velocity", "command", "torque"):
+        parts = [values for m in log.motions if (values := getattr(m, name)) is not None]
+        still = np.ptp(np.concatenate(parts), axis=0) == 0 if parts else ()
+        if dead := [
+            j.name for j, constant in zip(joints, still, strict=False) if constant and j.fastest > SLOW[0]
+        ]:
+            what = f"the {name} of {listed(dead)} never changes though the joint moves"
+            yield Finding("constant", "odd", what, table, "is the signal connected? remove the column if not")
     for motion in log.motions:
         yield from _corrupt(motion, table)
 

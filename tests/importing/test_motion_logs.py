@@ -301,6 +301,16 @@ def test_lerobot_without_unit_or_beyond_its_range_is_refused(s, five, tmp_path):
         write(draft, tmp_path / "out")
 
 
+@pytest.mark.parametrize("info", ["[]", '{"features": 3, "fps": "x"}'])
+def test_a_data_set_with_a_damaged_description_has_no_names(s, five, tmp_path, info):
+    pytest.importorskip("pyarrow")
+    folder = lerobot(tmp_path / "set", s, NAMES, s.position[:, :5] - s.position[:, :5].mean(axis=0))
+    (folder / "meta/info.json").write_text(info)
+    draft = convert(Request(folder, "rad", robot=str(five)))
+    noted(draft, "the log does not name them")
+    assert draft.settings["clock"]["kind"] == "stamps"
+
+
 def test_a_parquet_file_without_names(s, five, tmp_path):
     pytest.importorskip("pyarrow")
     folder = lerobot(tmp_path / "set", s, NAMES, s.position[:, :5] - s.position[:, :5].mean(axis=0))

@@ -214,6 +214,13 @@ def test_limited_torque_and_held_positions(tmp_path):
     ]
 
 
+def test_a_signal_that_never_changes(tmp_path):
+    log = made(motions=2, length=4.0)
+    log.columns["torque2_Nm"] = np.zeros(len(log.motion))
+    finding = of(checked(written(log, tmp_path / "log")), "constant")
+    assert finding.what == "the torque of J2 never changes though the joint moves"
+
+
 def test_a_filtered_torque(tmp_path):
     from scipy.signal import butter, sosfiltfilt
 
