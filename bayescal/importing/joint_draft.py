@@ -24,6 +24,8 @@ from bayescal.storage.folders import whole
 from bayescal.storage.locks import scratch
 
 TABLES = ("csv", "parquet")
+DECIMALS = 7
+"""Of a value in motion.csv: two nanoradians, a tenth of a microsecond."""
 USUAL = {f.name: f.default for f in fields(Request) if f.name not in ("log", "robot")}
 COMMON = ("format", "name", "validate", "allow_xacro", "motions", "torque", "table")
 APPLY = {
@@ -188,9 +190,9 @@ def _write(draft: MotionDraft, folder: Path) -> None:
         library("pyarrow.parquet", "--table parquet")
         table.to_parquet(folder / "motion.parquet", engine="pyarrow", index=False)
     else:
-        content = table.to_csv(index=False, float_format="%.10g", lineterminator="\n").encode()
+        content = table.round(DECIMALS).to_csv(index=False, lineterminator="\n").encode()
         out = io.BytesIO()
-        with gzip.GzipFile(fileobj=out, mode="wb", mtime=0, compresslevel=6) as stream:
+        with gzip.GzipFile(fileobj=out, mode="wb", mtime=0, compresslevel=4) as stream:
             stream.write(content)
         (folder / "motion.csv.gz").write_bytes(out.getvalue())
     if draft.robot is not None:

@@ -69,6 +69,7 @@ def joints_of(log: Log) -> tuple[Joint, ...]:
     position = np.concatenate([m.position for m in log.motions])
     gravity = gravity_torques(log, position[:: max(len(position) // POSES, 1)])
     torques = [m.torque for m in log.motions if m.torque is not None]
+    raw = float(np.median(np.concatenate([np.diff(m.time) for m in log.motions])))
     nothing = (np.nan, np.nan)
     out = []
     for j, name in enumerate(log.mechanism.joint_names):
@@ -108,7 +109,7 @@ def joints_of(log: Log) -> tuple[Joint, ...]:
                 velocity_gain=low,
                 command_delay=_delay(commands) if moves else nothing,
                 command_error=float(np.sqrt(np.mean(np.concatenate(errors) ** 2))) if errors else np.nan,
-                torque_band=signals.filtered([t[:, j] for t in torques], even[0].step) if torques else np.inf,
+                torque_band=signals.filtered([t[:, j] for t in torques], raw) if torques else np.inf,
                 clipped=signals.clipped(np.concatenate([t[:, j] for t in torques])) if torques else np.nan,
                 held=_held(log.motions, velocity, j),
             )

@@ -12,6 +12,8 @@ from scipy.signal import butter, coherence, csd, sosfiltfilt, welch
 
 from bayescal.logs import Motion
 
+STEP = 4e-3
+"""s, of signals that are compared: far below the periods of `WIDE`."""
 SMOOTH = 0.1
 """s, over which speeds are averaged."""
 BAND = (0.3, 8.0)
@@ -60,18 +62,23 @@ class Uniform:
 
 
 def uniform(motion: Motion) -> Uniform:
-    """A motion at equal steps; `velocity` is that of the positions where none is measured."""
-    step = float(np.median(np.diff(motion.time)))
-    grid = np.arange(motion.time[0], motion.time[-1] + step / 2, step)
+    """A motion at equal steps; `velocity` is that of the positions where none is measured.
+
+    Of a faster log, means of as many rows as make `STEP`: the same for all signals, so that delays are kept.
+    """
+    raw = float(np.median(np.diff(motion.time)))
+    grid = np.arange(motion.time[0], motion.time[-1] + raw / 2, raw)
+    every = max(round(STEP / raw), 1)
 
     def at(values: np.ndarray | None) -> np.ndarray | None:
         if values is None:
             return None
-        return np.column_stack([np.interp(grid, motion.time, column) for column in values.T])
+        even = np.column_stack([np.interp(grid, motion.time, column) for column in values.T])
+        return even if every == 1 else np.asarray(uniform_filter1d(even, every, axis=0)[::every])
 
     position = at(motion.position)
     assert position is not None
-    measured = at(motion.velocity)
+    step, measured = raw * every, at(motion.velocity)
     velocity = np.gradient(position, step, axis=0) if measured is None else measured
     return Uniform(step, position, velocity, measured, at(motion.torque), at(motion.command))
 
