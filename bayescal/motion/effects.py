@@ -15,9 +15,10 @@ from bayescal.logs import Log
 from bayescal.logs.mechanism import inertial
 from bayescal.motion.settings import FORMS
 from bayescal.motion.signals import Signals, derivative
-from bayescal.motion.terms import BODY, UNITS, Operating, Term, of_body
+from bayescal.motion.terms import ALL, BODY, LINK, TRACKING, UNITS, Operating, Term, channel, kinds, of_body
 
 TOOL, BASE, LOG = "tool", "base", "log"
+UNSEEN = "motor torques do not show it below the bandwidth of the drives: log second encoders"
 
 
 @dataclass(frozen=True)
@@ -29,10 +30,10 @@ class Form:
     driver: str
     setting: str = ""
 
-    def term(self, unit: str, sd: float, joint: int = -1, part: str = "", **words: float) -> Term:
+    def term(self, unit: str, sd: float, channel: int = ALL, part: str = "") -> Term:
         """A term of this form."""
         name = " ".join(x for x in (self.effect, self.site, self.driver, self.setting, part) if x)
-        return Term(name, unit, sd, joint, **words)
+        return Term(name, unit, sd, channel)
 
 
 FormColumn = tuple[Form, Term, np.ndarray]
@@ -192,6 +193,36 @@ def _inertia(s: Signals, at: Operating, scale: Scale) -> Iterator[FormColumn]:
                 yield form, form.term(UNITS[p], FORMS.inertia * sd[p], part=name), columns[:, :, p]
 
 
+def _servo_stiffness(s: Signals, at: Operating, scale: Scale) -> Iterator[FormColumn]:
+    torque, stiffness = at.torque(s), s.log.controller.stiffness
+    assert stiffness is not None
+    for j in range(s.log.n):
+        form = Form("servo-stiffness", joint(j), "torque")
+        softer = torque[:, j] / stiffness[j]
+        yield form, form.term("1", FORMS.servo, channel(s.log, TRACKING, j)), softer
+
+
+def _elasticity(s: Signals, at: Operating, scale: Scale) -> Iterator[FormColumn]:
+    load = at.load(s)
+    for j in range(s.log.n):
+        form = Form("elasticity", joint(j), "torque")
+        sd = FORMS.deflection / scale.torque[j]
+        yield form, form.term("rad/(N m)", sd, channel(s.log, LINK, j)), -load[:, j]
+
+
+def _backlash(s: Signals, at: Operating, scale: Scale) -> Iterator[FormColumn]:
+    load = at.load(s)
+    for j in range(s.log.n):
+        form = Form("backlash", joint(j), "side of the torque")
+        side = np.tanh(load[:, j] / (FORMS.side * scale.torque[j]))
+        yield form, form.term("rad", FORMS.deflection, channel(s.log, LINK, j)), -side
+
+
+def _without(kind: str, why: str) -> Callable[[Log], str]:
+    """Why an effect is not assessed in logs without a kind of residuals."""
+    return lambda log: "" if kind in kinds(log) else why
+
+
 def _no_loads(log: Log) -> str:
     return "" if any(m.loaded for m in log.motions) else "no motion carries a payload"
 
@@ -218,6 +249,12 @@ EFFECTS: dict[str, Effect] = {
         Effect("delay", _delay, "delay of the torque", "Shift the stamps by it."),
         Effect("base-tilt", _base_tilt, "tilt of the base", "Level the base, or state its tilt."),
         Effect("inertia", _inertia, "inertia of a link", "Use what was found."),
+        Effect(
+            "servo-stiffness", _servo_stiffness, "another stiffness of the servo", "Use what was found.",
+            _without(TRACKING, "no position servo with a stated stiffness and commands"),
+        ),
+        Effect("elasticity", _elasticity, "elastic gear", "Use it.", _without(LINK, UNSEEN), True),
+        Effect("backlash", _backlash, "backlash", "Adjust the gear.", _without(LINK, UNSEEN), True),
     )
 }  # fmt: skip
 

@@ -13,7 +13,17 @@ from bayescal.motion.linear import Fit, fitted, normal, tabulated
 from bayescal.motion.noise import Noise, noise_of, white_noise
 from bayescal.motion.settings import NOISE
 from bayescal.motion.signals import Signals
-from bayescal.motion.terms import BODY, Column, Operating, baseline, nominal, of_body
+from bayescal.motion.terms import (
+    BODY,
+    Column,
+    Operating,
+    baseline,
+    kinds,
+    nominal,
+    of_body,
+    residuals,
+    subtract,
+)
 
 
 @dataclass(frozen=True)
@@ -31,14 +41,11 @@ class Estimate:
         return baseline(s, self.at, self.rms)
 
     def residual(self, s: Signals) -> np.ndarray:
-        """Torque (N, n), N m, of which a linear fit of all columns finds the deviations from nominal."""
-        out = self.at.measured(s) - self.at.torque(s)
+        """Residuals (N, C) of which a linear fit of all columns finds the deviations from nominal."""
+        out = residuals(s, self.at)
         for term, column in self.columns(s):
-            value = self.moved.get(term.name, 0.0)
-            if column.ndim == 2:
-                out += value * column
-            else:
-                out[:, term.joint] += value * column
+            if term.name in self.moved and not term.name.startswith(tuple(kinds(s.log)[1:])):
+                subtract(out, term, column, -self.moved[term.name])
         return out
 
     def fit(self) -> Fit:
@@ -70,8 +77,9 @@ def moved_to(start: Operating, s: Signals, values: dict[str, float]) -> Operatin
         start.coulomb + each("coulomb"),
         start.viscous + each("viscous"),
         start.offset + each("offset"),
-        start.transition * np.exp(np.clip(each("transition"), -1.5, 1.5)),
+        start.transition * np.exp(np.clip(each("transition") + values.get("transition", 0.0), -1.5, 1.5)),
         start.shift + values.get("alignment", 0.0),
+        start.gain + each("constant"),
     )
 
 
@@ -81,11 +89,11 @@ def estimated(parts: tuple[Signals, ...]) -> Estimate:
     log = parts[0].log
     rms = np.sqrt(np.mean(np.concatenate([s.torque**2 for s in used]), axis=0))
     start = nominal(log, rms)
-    out = Estimate(parts, start, {}, rms, white_noise(rms))
+    first = np.sqrt(np.mean(np.concatenate([residuals(s, start) for s in used]) ** 2, axis=0))
+    out = Estimate(parts, start, {}, rms, white_noise(np.r_[rms, first[log.n :]]))
     for _ in range(NOISE.rounds):
-        fit = out.fit()
-        at = moved_to(start, parts[0], fit.values)
-        residuals = [s.kept(at.measured(s) - at.torque(s)) for s in used]
-        noise = noise_of(residuals, len(fit.chosen) / log.n * np.ones(log.n))
-        out = Estimate(parts, at, fit.values, rms, noise)
+        table = tabulated(used, out.columns, out.residual)
+        fit = fitted(normal(table, out.noise), np.arange(len(table.terms)))
+        noise = noise_of(table.residuals(fit.values), len(fit.chosen) / log.n)
+        out = Estimate(parts, moved_to(start, parts[0], fit.values), fit.values, rms, noise)
     return out

@@ -21,7 +21,7 @@ Columns = Callable[[Signals], Iterable[Column]]
 
 @dataclass(frozen=True)
 class Part:
-    """Low-passed rows of one motion: residual (M, n), N m, and of each joint the terms it has, (M, K)."""
+    """Low-passed rows of one motion: residuals (M, C), and of each channel the terms it has, (M, K)."""
 
     signals: Signals
     residual: np.ndarray
@@ -41,7 +41,7 @@ class Table:
         return Table(self.terms, tuple(p for p in self.parts if p.signals.role == role))
 
     def residuals(self, values: Mapping[str, float]) -> list[np.ndarray]:
-        """What values of terms leave of the residuals (M, n), N m, by motion."""
+        """What values of terms leave of the residuals (M, C), by motion."""
         vector = np.array([values.get(term.name, 0.0) for term in self.terms])
         return [
             part.residual
@@ -55,7 +55,7 @@ def tabulated(parts: Sequence[Signals], columns: Columns, residual: Callable[[Si
     out: list[Part] = []
     terms: tuple[Term, ...] = ()
     for s in parts:
-        names, numbers, values = assembled(columns(s), s.log.n)
+        names, numbers, values = assembled(columns(s), s.log)
         terms = tuple(names)
         kept = tuple(s.kept(x).astype(np.float32) for x in values)
         out.append(Part(s, s.kept(residual(s)), tuple(map(np.array, numbers)), kept))

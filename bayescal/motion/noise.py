@@ -30,15 +30,15 @@ class Noise:
         return sum(shifted, np.zeros_like(x[order:], dtype=float))
 
 
-def noise_of(residuals: Sequence[np.ndarray], taken: np.ndarray) -> Noise:
+def noise_of(residuals: Sequence[np.ndarray], taken: float) -> Noise:
     """Noise of residuals (M, n) of several motions, by the Yule-Walker equations.
 
     Parameters
     ----------
     residuals
         A part per motion.
-    taken : np.ndarray, shape (n,)
-        Degrees of freedom of the rows of each joint that a fit took up.
+    taken : float
+        Degrees of freedom of the rows of each channel that a fit took up.
     """
     order, n = NOISE.order, residuals[0].shape[1]
     covariance = np.zeros((n, order + 1))
@@ -47,7 +47,7 @@ def noise_of(residuals: Sequence[np.ndarray], taken: np.ndarray) -> Noise:
         count += len(r)
         for lag in range(order + 1):
             covariance[:, lag] += np.sum(r[lag:] * r[: len(r) - lag], axis=0)
-    covariance /= np.maximum(count - taken, 1.0)[:, None]
+    covariance /= max(count - taken, 1.0)
     filters = np.empty((n, order + 1))
     for j in range(n):
         ridged = covariance[j] + np.r_[NOISE.ridge * covariance[j, 0], np.zeros(order)]

@@ -44,7 +44,7 @@ def _place(search: Search, pool: Pool, fit: Fit, m: Member, nats: float, explain
     only = {name: value for name, value in values.items() if name in terms}
     table = pool.table.of_role(CALIBRATE)
     explained = [p.residual - r for p, r in zip(table.parts, table.residuals(only), strict=True)]
-    size = rms(explained)
+    size = rms(explained)[: len(pool.scale.torque)]
     j = int(np.argmax(size / pool.scale.torque))
     return Place(m.form, nats, float(size[j]), j, explained_by)
 
@@ -137,9 +137,6 @@ def not_assessed(search: Search, pool: Pool) -> dict[str, str]:
     out = {name: why for name, effect in EFFECTS.items() if (why := effect.needs(log))}
     unseen = "not detectable in these motions at any plausible amplitude"
     out |= {name: unseen for name in EFFECTS if name not in out and not search.seen.get(name, False)}
-    if all(p.link is None for p in pool.estimate.parts):
-        why = "motor torques do not show it below the bandwidth of the drives: log second encoders"
-        out |= {"elasticity": why, "backlash": why}
     return out
 
 

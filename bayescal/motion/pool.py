@@ -18,7 +18,7 @@ from bayescal.motion.noise import Noise
 from bayescal.motion.ripple import waves_of
 from bayescal.motion.search import Search
 from bayescal.motion.signals import Signals
-from bayescal.motion.terms import Column
+from bayescal.motion.terms import Column, subtract
 
 
 @dataclass(frozen=True)
@@ -87,8 +87,5 @@ class Pool:
             left = self.estimate.residual(s).copy()
             for term, column in self.chosen(s, values.keys()):
                 if value := values.get(term.name, 0.0):
-                    if column.ndim == 2:
-                        left -= value * column
-                    else:
-                        left[:, term.joint] -= value * column
-            yield s, s.unfiltered(left)
+                    subtract(left, term, column, value)
+            yield s, s.unfiltered(left[:, : s.log.n])

@@ -24,7 +24,7 @@ def waves_of(
     """
     residuals = table.residuals(values)
     out, tried = [], 0
-    for j in range(len(noise.sd)):
+    for j in range(table.parts[0].signals.log.n):
         turned = float(np.ptp(np.concatenate([p.signals.q[:, j] for p in table.parts])))
         low, high, part = SEARCH.waves
         waves = np.arange(low, high, max(part * 2.0 * np.pi / max(turned, 1e-3), part))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -38,8 +38,8 @@ class Hypothesis:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The effects, in the order in which they entered."""
-        return tuple(m.form.effect for m in self.members)
+        """The effects, in the order in which they entered, each once."""
+        return tuple(dict.fromkeys(m.form.effect for m in self.members))
 
     @property
     def score(self) -> float:
@@ -100,25 +100,27 @@ class Search:
         """Effects of the vocabulary that are detectable."""
         return tuple(name for name, seen in self.seen.items() if seen and name != UNKNOWN)
 
-    def prior(self, names: Sequence[str]) -> float:
-        """Log prior of a set of effects."""
-        named = [name for name in names if name != UNKNOWN]
+    def prior(self, effects: Sequence[str]) -> float:
+        """Log prior of a set of effects; one that is there several times acts at several joints."""
+        named = set(effects) - {UNKNOWN}
         count = max(len(self.candidates), 1)
         further = np.log(SEARCH.further / count) * max(len(named) - 1, 0)
-        if UNKNOWN in names:
+        further += np.log(SEARCH.again) * (len(effects) - len(set(effects)))
+        if UNKNOWN in effects:
             return float(np.log(SEARCH.unknown) + further + (np.log(SEARCH.beside / count) if named else 0.0))
         return float(np.log(SEARCH.single / count if named else SEARCH.null) + further)
 
     def additions(self, members: Sequence[Member]) -> dict[str, tuple[Member, float]]:
-        """Of each effect the best form, and its gain over a hypothesis, nats, averaged over all forms."""
+        """Of each effect the best form at a new site, and its gain over a hypothesis, nats, averaged."""
         fit = self.fit(members)
         table = gains(fit, self.sets, SCALES)[0] + self.form_priors[:, None] + SCALE_PRIOR
-        names, out = {m.form.effect for m in members}, {}
+        taken, out = {(m.form.effect, m.form.site) for m in members}, {}
         for name, chosen in self.by_effect.items():
-            if name not in names and (name == UNKNOWN or self.seen[name]):
-                part = table[chosen]
+            new = [k for k in chosen if (name, self.forms[k][0].site) not in taken]
+            if new and (name == UNKNOWN or self.seen[name]):
+                part = table[new]
                 i, k = np.unravel_index(int(np.argmax(part)), part.shape)
-                member = Member(self.forms[chosen[i]][0], float(SCALES[k]))
+                member = Member(self.forms[new[i]][0], float(SCALES[k]))
                 out[name] = member, float(logsumexp(part)) + self._sign(member, fit)
         return out
 
@@ -146,19 +148,19 @@ class Search:
     def run(self) -> tuple[Hypothesis, ...]:
         """Hypotheses of growing size, the most probable first."""
         null = Hypothesis((), 0.0, self.prior(()))
-        every = {frozenset[str](): null}
+        every: dict[tuple[str, ...], Hypothesis] = {(): null}
         level = [null]
         for _ in range(SEARCH.largest):
-            further: dict[frozenset[str], Hypothesis] = {}
+            further: dict[tuple[str, ...], Hypothesis] = {}
             for h in level:
+                effects = [m.form.effect for m in h.members]
                 for name, (member, gain) in self.additions(h.members).items():
-                    names = (*h.names, name)
+                    key = tuple(sorted([*effects, name]))
                     # a further effect may belong to the form of those that are named
                     evidence = h.log_evidence + gain - SEARCH.form * max(h.log_evidence, 0.0)
-                    new = Hypothesis((*h.members, member), evidence, self.prior(names))
-                    known = further.get(frozenset(names))
-                    if known is None or new.log_evidence > known.log_evidence:
-                        further[frozenset(names)] = new
+                    new = Hypothesis((*h.members, member), evidence, self.prior(key))
+                    if key not in further or new.log_evidence > further[key].log_evidence:
+                        further[key] = new
             every |= further
             top = max(h.score for h in every.values())
             level = [
@@ -169,11 +171,3 @@ class Search:
             if not level:
                 break
         return tuple(sorted(every.values(), key=lambda h: -h.score))
-
-    def refitted(self, h: Hypothesis) -> Hypothesis:
-        """The best form and scale of each member beside the others."""
-        members = list(h.members)
-        for k, m in enumerate(members):
-            others = members[:k] + members[k + 1 :]
-            members[k] = self.additions(others)[m.form.effect][0]
-        return replace(h, members=tuple(members))

@@ -32,6 +32,8 @@ class SignalSettings:
     """Spread of the steps, over their median, up to which samples are taken as uniform (assumed)."""
     fastest: float = 1000.0
     """Hz, highest rate that is kept (cost)."""
+    coarse: float = 0.01
+    """rad/s, noise of differentiated positions from which on velocities are used (assumed)."""
     cold_rows: int = 50
     """Rows at the beginning whose median temperature is the reference (assumed)."""
 
@@ -46,7 +48,15 @@ class BaselineSettings:
     offset: float = 0.3
     """Of an offset, over the scale of the torque (assumed)."""
     acceleration: float = 10.0
-    """rad/s2 at which an armature that is not stated takes the scale of the torque (assumed)."""
+    """rad/s2 at which an unstated rotor has the scale of the torque (assumed)."""
+    transition: float = 0.15
+    """Of the speed scale of the reversal of friction of one joint, beside a common one, relative (assumed)."""
+    angle: float = 0.01
+    """Of an offset of tracking or of a second encoder, rad (assumed)."""
+    lag: float = 0.01
+    """Of a lag of tracking or of a second encoder, s (assumed)."""
+    reversal: float = 1e-3
+    """Of their difference by direction, rad (assumed)."""
     least_inertia: float = 0.03
     """Of a principal inertia over the trace, for the prior of its uncertainty (assumed)."""
 
@@ -105,6 +115,12 @@ class FormSettings:
     """s (assumed)."""
     tilt: float = 0.01
     """rad (assumed)."""
+    servo: float = 0.1
+    """Of the stiffness of a position servo, relative (assumed)."""
+    deflection: float = 5e-4
+    """rad, of a gear by its torque (RMS), and of its play (assumed)."""
+    side: float = 0.05
+    """Torque over its RMS at which a gear changes sides (assumed)."""
     inertia: float = 2.0
     """Of inertial parameters, over their stated uncertainty (assumed)."""
 
@@ -151,6 +167,8 @@ class SearchSettings:
     """Of one that is not in it (as for contacts)."""
     further: float = 0.2
     """Prior odds of each further effect (as for contacts)."""
+    again: float = 0.3
+    """Prior odds of an effect at a further joint (assumed)."""
     beside: float = 0.3
     """Prior odds of known effects beside an unknown one (assumed)."""
     detectable: float = 9.0
@@ -195,6 +213,29 @@ class OutcomeSettings:
     """Share of the rows of a joint that should be so slow (assumed)."""
 
 
+@dataclass(frozen=True)
+class CalibrationSettings:
+    """The posterior of a calibration, and what counts as determined."""
+
+    chains: int = 4
+    """Of draws (convention)."""
+    fewest: int = 1000
+    """Draws at least: intervals need them (assumed)."""
+    thin: int = 2
+    """Steps per draw (cost)."""
+    halvings: int = 20
+    """Of the way from nominal to an estimate that no arm has (cost)."""
+    determined: float = 0.5
+    """Uncertainty over the prior's up to which a parameter is identifiable (as of contacts)."""
+    weakly: float = 0.9
+    """The same up to which it is weakly so (as of contacts)."""
+    listed: int = 8
+    """Combinations that are reported (cost)."""
+    parts: int = 4
+    """Parameters of a combination that are named (cost)."""
+
+
+CALIBRATION: Final = CalibrationSettings()
 OUTCOME: Final = OutcomeSettings()
 VERDICT: Final = GAP_VERDICT
 """Levels of probability are those of a diagnosis of contacts."""

@@ -94,7 +94,7 @@ def white(x: np.ndarray) -> np.ndarray:
 def signals_of(log: Log, motion: Motion, first: float, cold: float) -> Signals:
     """A motion at uniform times.
 
-    Positions give the derivatives, or velocities where these have less noise after another derivative.
+    Positions give the derivatives; velocities do where positions are too coarse.
 
     Parameters
     ----------
@@ -120,9 +120,9 @@ def signals_of(log: Log, motion: Motion, first: float, cold: float) -> Signals:
     q = _smoothed(position, step)
     dq = derivative(q, step)
     if velocity is not None:
-        by_position = white(position) * 2.0 * np.pi * SIGNALS.band
-        quieter = white(velocity) < by_position
-        dq = np.where(quieter, _smoothed(velocity, step), dq)
+        # velocities of a controller may be filtered: they serve where positions are too coarse
+        coarse = white(position) * 2.0 * np.pi * SIGNALS.band > SIGNALS.coarse
+        dq = np.where(coarse, _smoothed(velocity, step), dq)
     torque = sampled(motion.torque)
     assert torque is not None
     rows = float(1.0 / (step * SIGNALS.rate * SIGNALS.band))

@@ -22,22 +22,38 @@ from bayescal.motion.signals import Signals, derivative
 BODY = ("mass", "centre x", "centre y", "centre z", *(f"inertia {'xyz'[i]}{'xyz'[j]}" for i, j in PAIRS))
 """Parameters of a body."""
 ALL = -1
-"""In place of a joint: a term of all joints."""
+"""In place of a channel: a term of the torques of all joints."""
+TORQUE, TRACKING, LINK = "torque", "tracking", "link"
+"""Kinds of residuals: torque, N m; command less position beyond what the torque explains, rad; position
+behind the gear less position of the motor, rad. A joint has a channel of each kind that a log has."""
+
+
+def kinds(log: Log) -> tuple[str, ...]:
+    """The kinds of residuals of a log."""
+    servo = log.controller.kind == "position" and log.controller.stiffness is not None
+    tracked = servo and all(m.command is not None for m in log.motions)
+    linked = not log.link_side and all(m.link is not None for m in log.motions)
+    return (TORQUE, *([TRACKING] if tracked else []), *([LINK] if linked else []))
+
+
+def channel(log: Log, kind: str, j: int) -> int:
+    """Number of the channel of a joint, from 0."""
+    return kinds(log).index(kind) * log.n + j
 
 
 @dataclass(frozen=True)
 class Term:
-    """One parameter: its name, unit, prior standard deviation (mean 0: deviation from nominal), and joint."""
+    """One parameter: its name, unit, prior standard deviation about 0 (nominal), and channel."""
 
     name: str
     unit: str
     sd: float
-    joint: int = ALL  # from 0
+    channel: int = ALL
     positive: float = -np.inf  # least value, of one that is physically bounded
 
 
 Column = tuple[Term, np.ndarray]
-"""A term with its torque: (N,) of its joint, (N, n) of all."""
+"""A term with its column: (N,) of its channel, (N, n) of the torques of all joints."""
 
 
 @dataclass(frozen=True)
@@ -51,6 +67,7 @@ class Operating:
     offset: np.ndarray  # (n,) N m
     transition: np.ndarray  # (n,) rad/s
     shift: np.ndarray  # (n,) s by which torques are later than positions
+    gain: np.ndarray  # (n,) measured torque over the true one
 
     def load(self, s: Signals) -> np.ndarray:
         """Torque (N, n) that the gears carry: rigid bodies and payload, without rotor and friction."""
@@ -65,7 +82,11 @@ class Operating:
     def torque(self, s: Signals) -> np.ndarray:
         """Torque of the motors (N, n) that the model predicts."""
         friction = self.coulomb * self.reversal(s) + self.viscous * s.dq
-        return self.load(s) + self.armature * s.ddq + friction + self.offset
+        return self.load(s) + self.armature * s.ddq + friction
+
+    def shown(self, s: Signals) -> np.ndarray:
+        """What a sensor of this torque shows (N, n)."""
+        return self.gain * self.torque(s) + self.offset
 
     def measured(self, s: Signals) -> np.ndarray:
         """Measured torque (N, n), at the times of the positions."""
@@ -87,6 +108,7 @@ def nominal(log: Log, rms: np.ndarray) -> Operating:
         np.zeros(m.n),
         np.full(m.n, m.transition),
         np.full(m.n, log.alignment),
+        np.ones(m.n),
     )
 
 
@@ -119,36 +141,67 @@ def baseline(s: Signals, at: Operating, rms: np.ndarray) -> Iterator[Column]:
     m, log = s.log.mechanism, s.log
     for k in range(m.n):
         by, sd = of_body(m, k)
-        columns = s.rigid[:, :, k] @ by
+        columns = at.gain[:, None] * (s.rigid[:, :, k] @ by)
         for p, name in enumerate(BODY):
             if sd[p] > 0.0:
                 yield Term(f"{name} of link {k + 1}", UNITS[p], sd[p]), columns[:, :, p]
-    way = at.reversal(s)
+    way, gain = at.reversal(s), at.gain
     scale = np.where(np.isnan(m.rated), rms, np.minimum(m.rated, 3.0 * rms))
     later = -derivative(at.measured(s), s.step)
     for j in range(m.n):
         armature = m.u.armature * m.armature[j]
         if not armature > 0.0:
             armature = scale[j] / BASELINE.acceleration
-        yield Term(f"armature {j + 1}", "kg m2", armature, j), s.ddq[:, j]
-        yield Term(f"coulomb {j + 1}", "N m", BASELINE.friction * scale[j], j), way[:, j]
-        yield Term(f"viscous {j + 1}", "N m s/rad", BASELINE.friction * scale[j], j), s.dq[:, j]
+        yield Term(f"armature {j + 1}", "kg m2", armature, j), gain[j] * s.ddq[:, j]
+        yield Term(f"coulomb {j + 1}", "N m", BASELINE.friction * scale[j], j), gain[j] * way[:, j]
+        yield Term(f"viscous {j + 1}", "N m s/rad", BASELINE.friction * scale[j], j), gain[j] * s.dq[:, j]
         yield Term(f"offset {j + 1}", "N m", BASELINE.offset * scale[j], j), np.ones(len(way))
-        slope = -at.coulomb[j] * (1.0 - way[:, j] ** 2) * s.dq[:, j] / at.transition[j]
-        yield Term(f"transition {j + 1}", "1", m.u.transition, j), slope
+        slope = -gain[j] * at.coulomb[j] * (1.0 - way[:, j] ** 2) * s.dq[:, j] / at.transition[j]
+        yield Term(f"transition {j + 1}", "1", BASELINE.transition, j), slope
         if log.u_constant:
             yield Term(f"constant {j + 1}", "1", log.u_constant, j), at.torque(s)[:, j]
+    yield Term("transition", "1", m.u.transition), -gain * at.coulomb * (1.0 - way**2) * s.dq / at.transition
     yield Term("alignment", "s", log.u_alignment), later
+    for kind in kinds(log)[1:]:
+        for j in range(m.n):
+            number = channel(log, kind, j)
+            yield Term(f"{kind} offset {j + 1}", "rad", BASELINE.angle, number), np.ones(len(way))
+            yield Term(f"{kind} lag {j + 1}", "s", BASELINE.lag, number), s.dq[:, j]
+            yield Term(f"{kind} reversal {j + 1}", "rad", BASELINE.reversal, number), way[:, j]
 
 
-def assembled(columns: Iterable[Column], n: int) -> tuple[list[Term], list[list[int]], list[np.ndarray]]:
-    """Terms, and for each joint the numbers of those that it has and their columns (N, K)."""
+def residuals(s: Signals, at: Operating) -> np.ndarray:
+    """Residuals (N, C) of all channels: torques less those of the model; tracking; links."""
+    out = [at.measured(s) - at.shown(s)]
+    for kind in kinds(s.log)[1:]:
+        if kind == TRACKING:
+            assert s.command is not None
+            assert s.log.controller.stiffness is not None
+            # by the torque of the model: noise of a measured one would be in driver and residual
+            out.append(s.command - s.q - at.torque(s) / s.log.controller.stiffness)
+        else:
+            assert s.link is not None
+            out.append(s.link - s.q)
+    return np.column_stack(out)
+
+
+def assembled(columns: Iterable[Column], log: Log) -> tuple[list[Term], list[list[int]], list[np.ndarray]]:
+    """Terms, and for each channel the numbers of those that it has and their columns (N, K)."""
     terms: list[Term] = []
-    numbers: list[list[int]] = [[] for _ in range(n)]
-    values: list[list[np.ndarray]] = [[] for _ in range(n)]
+    count = len(kinds(log)) * log.n
+    numbers: list[list[int]] = [[] for _ in range(count)]
+    values: list[list[np.ndarray]] = [[] for _ in range(count)]
     for term, column in columns:
-        for j in range(n) if term.joint == ALL else (term.joint,):
+        for j in range(log.n) if term.channel == ALL else (term.channel,):
             numbers[j].append(len(terms))
             values[j].append(column[:, j] if column.ndim == 2 else column)
         terms.append(term)
     return terms, numbers, [np.column_stack(v) if v else np.empty((0, 0)) for v in values]
+
+
+def subtract(out: np.ndarray, term: Term, column: np.ndarray, value: float) -> None:
+    """Subtract a column times a value from residuals (N, C)."""
+    if term.channel == ALL:
+        out[:, : column.shape[1]] -= value * column
+    else:
+        out[:, term.channel] -= value * column
