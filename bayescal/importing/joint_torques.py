@@ -42,7 +42,7 @@ def one_torque(
         if stated:
             what = "the log has neither torques nor currents"
             raise BayescalError(what, "--torque", "remove it, or map them")
-        return rows, {}, ("no torques: only positions against commands can be assessed",)
+        return rows, {}, ("no torques: they cannot be diagnosed; `check` compares positions and commands",)
     name = "torque" if "torque" in joints and kind != "current" else given[-1]
     values = joints[name]
     for other in given:

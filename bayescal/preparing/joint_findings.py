@@ -139,18 +139,13 @@ def missing(log: Log, joints: Sequence[Joint], table: str) -> Iterator[Finding]:
         return Finding(code, "missing", what, place, remedy)
 
     if not log.torque_kind:
-        yield lacks(
-            "no_torque",
-            "no torques: only positions against commands can be assessed",
-            "log torques or currents",
-        )
+        yield Finding("no_torque", "refused", "no torques are logged", table, "log torques or currents")
     elif not log.signed or motions[0].torque is None:
-        yield lacks(
-            "unsigned", "torques have no sign: they are not assessed", "log signed currents or torques"
-        )
+        what = "torques have no sign: they are not assessed"
+        yield Finding("unsigned", "refused", what, table, "log signed currents or torques")
     if not log.of_role("validate"):
         yield lacks(
-            "no_validation", "no motion has the role validate", "withhold some, of another kind", where
+            "no_validation", "no motion has the role validate: `gap` refuses the log", "withhold some", where
         )
     elif {m.kind for m in log.of_role("validate")} <= {m.kind for m in log.of_role("calibrate")}:
         what = "withheld motions are of the kind of the fitted ones: another use is not tested"
@@ -195,7 +190,9 @@ def missing(log: Log, joints: Sequence[Joint], table: str) -> Iterator[Finding]:
         yield lacks("load_order", what, "interleave motions with and without the payload")
     warm = warm_up(log)
     if np.isnan(warm):
-        yield lacks("no_temperature", "no temperature: drift and warm-up are alike", "log `temperature_degC`")
+        yield lacks(
+            "no_temperature", "no temperature: warm-up is assessed by time alone", "log `temperature_degC`"
+        )
     elif warm < WARM:
         yield lacks("no_warm_up", f"the temperature varies by {warm:.2g} K", f"log {WARM:g} K of warm-up")
     if motions[0].command is None:

@@ -11,6 +11,7 @@ import numpy as np
 
 from bayescal.logs import Log, read_log
 from bayescal.logs.read import TABLES
+from bayescal.motion.effects import EFFECTS
 from bayescal.preparing.joint_facts import (
     LOADS,
     SLOW,
@@ -68,8 +69,8 @@ def check_log(folder: Path) -> LogCheck:
     table = next(name for name in TABLES if (folder / name).exists())
     joints, stamps = joints_of(log), stamps_of(log, table)
     findings = [*odd(log, joints, stamps, table), *missing(log, joints, table)]
-    why = {name: reason for name, needs in NEEDS.items() if (reason := needs(log, joints))}
-    assessed = tuple(name for name in NEEDS if name not in why)
+    why = not_assessed(log, joints)
+    assessed = tuple(name for name in EFFECTS if name not in why)
     order = sorted(findings, key=lambda f: KINDS.index(f.kind))
     return LogCheck(log, joints, stamps, assessed, why, tuple(order))
 
@@ -78,21 +79,19 @@ STEADY = 1.0
 """K: a temperature that varies less shows no drift (assumed: ten times the noise of a thermometer)."""
 
 Needs = Callable[[Log, Sequence[Joint]], str]
-"""What a log lacks for an effect, with how to record it; "" if nothing."""
+"""What the motions of a log lack for an effect, with how to record it; "" if nothing."""
 
 
-def _torque(log: Log, joints: Sequence[Joint]) -> str:
-    if log.motions[0].torque is not None and log.signed:
-        return ""
-    return "no torques with a sign: log them" if log.torque_kind else "no torques: log torques or currents"
-
-
-def _with_torque(needs: Needs) -> Needs:
-    return lambda log, joints: _torque(log, joints) or needs(log, joints)
-
-
-def _loads(log: Log, joints: Sequence[Joint]) -> str:
-    return "" if any(m.loaded for m in log.motions) else "no motion with a stated payload: log some"
+def not_assessed(log: Log, joints: Sequence[Joint]) -> dict[str, str]:
+    """Effects that a diagnosis cannot assess, and why: by columns of the log, or by what motions excite."""
+    if log.motions[0].torque is None:
+        why = "no torques with a sign: log them" if log.torque_kind else "no torques: log torques or currents"
+        return dict.fromkeys(EFFECTS, why)
+    reasons = {
+        name: effect.needs(log) or (EXCITED[name](log, joints) if name in EXCITED else "")
+        for name, effect in EFFECTS.items()
+    }
+    return {name: why for name, why in reasons.items() if why}
 
 
 def _slow(log: Log, joints: Sequence[Joint]) -> str:
@@ -100,8 +99,8 @@ def _slow(log: Log, joints: Sequence[Joint]) -> str:
     return "" if slow else f"speeds below {SLOW[1]:g} rad/s are too few: reverse slowly"
 
 
-def _ways(log: Log, joints: Sequence[Joint]) -> str:
-    return "" if any(j.fastest > SLOW[1] for j in joints) else "no joint moves"
+def _moved(log: Log, joints: Sequence[Joint]) -> str:
+    return "" if any(j.fastest > SLOW[1] for j in joints) else "no joint moves: log motions"
 
 
 def _poses(log: Log, joints: Sequence[Joint]) -> str:
@@ -112,61 +111,31 @@ def _poses(log: Log, joints: Sequence[Joint]) -> str:
 def _constant(log: Log, joints: Sequence[Joint]) -> str:
     if log.torque_kind == "sensor":
         return "torques are those of a sensor: it has no torque constant"
-    return _poses(log, joints) and _loads(log, joints)
+    return "" if any(m.loaded for m in log.motions) else _poses(log, joints)
 
 
-def _gears(log: Log, joints: Sequence[Joint]) -> str:
-    known = np.isfinite(log.mechanism.gear_ratio).any()
-    return "" if known else "no gear ratio is stated: the motor's angle is not known"
-
-
-def _temperature(log: Log, joints: Sequence[Joint]) -> str:
+def _warm(log: Log, joints: Sequence[Joint]) -> str:
     warm = warm_up(log)
-    if np.isnan(warm):
-        return "no temperature: log `temperature_degC`"
-    return "" if warm >= STEADY else f"the temperature varies by {warm:.2g} K: log {WARM:g} K of warm-up"
-
-
-def _links(log: Log, joints: Sequence[Joint]) -> str:
-    known = log.motions[0].link is not None
-    return "" if known else "no second encoder, and alike without: log `link1_deg` ... behind the gears"
-
-
-def _clock(log: Log, joints: Sequence[Joint]) -> str:
-    known = any(np.isfinite(j.torque_delay[0]) for j in joints)
-    return "" if known else "motions are too short to compare torque and acceleration"
-
-
-def _servo(log: Log, joints: Sequence[Joint]) -> str:
-    if log.motions[0].command is None:
-        return "no commands: log `command1_deg` ..."
-    stated = log.controller.kind == "position" or log.controller.stiffness is not None
-    return "" if stated else "the drives are given torques: state `controller: {kind: position}` if not"
+    known = np.isnan(warm) or warm >= STEADY
+    return "" if known else f"the temperature varies by {warm:.2g} K: log {WARM:g} K of warm-up"
 
 
 def _level(log: Log, joints: Sequence[Joint]) -> str:
     return "" if len(gravity_loaded(joints)) > 1 else "gravity loads fewer than two joints"
 
 
-NEEDS: dict[str, Needs] = {
-    "payload": _torque,
-    "payload-offset": _with_torque(_loads),
-    "inertia": _with_torque(_ways),
-    "armature": _with_torque(_ways),
-    "stribeck": _with_torque(_slow),
-    "load-friction": _with_torque(_poses),
-    "asymmetric-friction": _with_torque(_ways),
-    "ripple": _with_torque(_gears),
-    "torque-constant": _with_torque(_constant),
-    "torque-drift": _with_torque(_temperature),
-    "viscous-temperature": _with_torque(_temperature),
-    "backlash": _links,
-    "elasticity": _links,
-    "delay": _with_torque(_clock),
-    "base-tilt": _with_torque(_level),
-    "servo-stiffness": _servo,
+EXCITED: dict[str, Needs] = {
+    "inertia": _moved,
+    "armature": _moved,
+    "asymmetric-friction": _moved,
+    "stribeck": _slow,
+    "load-friction": _poses,
+    "torque-constant": _constant,
+    "torque-drift": _warm,
+    "viscous-temperature": _warm,
+    "base-tilt": _level,
 }
-"""What a log needs for each effect of joint logs."""
+"""What motions must excite, by effect."""
 
 
 def log_record(of: LogCheck) -> dict[str, Any]:

@@ -11,6 +11,7 @@ from joint_logs import KINDS, made, sines, written
 import bayescal as bc
 from bayescal.errors import BayescalError
 from bayescal.logs import read_log
+from bayescal.motion.effects import EFFECTS
 from bayescal.preparing.joint_facts import gravity_torques
 
 
@@ -37,13 +38,8 @@ def good(tmp_path_factory):
 def test_a_good_log_has_no_findings(good):
     check = checked(good)
     assert codes(check) == []
-    assert check.assessed == (
-        "payload", "payload-offset", "inertia", "armature", "stribeck", "load-friction",
-        "asymmetric-friction", "ripple", "torque-constant", "torque-drift", "viscous-temperature",
-        "delay", "base-tilt",
-    )  # fmt: skip
-    assert list(check.not_assessed) == ["backlash", "elasticity", "servo-stiffness"]
-    assert "log `link1_deg` ... behind the gears" in check.not_assessed["elasticity"]
+    assert set(check.not_assessed) == {"servo-stiffness", "elasticity", "backlash"}
+    assert set(check.assessed) == EFFECTS.keys() - check.not_assessed.keys()
     for joint in check.joints:
         assert abs(joint.torque_delay[0]) < 2 * joint.torque_delay[1] < 2.2e-3
         assert abs(joint.velocity_delay[0]) < 2e-4
@@ -125,7 +121,8 @@ def test_velocities_in_another_unit(tmp_path):
 
 
 def test_positions_behind_commands(tmp_path):
-    check = checked(written(made(lag=0.05), tmp_path / "log", controller={"kind": "position"}))
+    servo = {"kind": "position", "kp_Nm_per_rad": [100, 100]}
+    check = checked(written(made(lag=0.05), tmp_path / "log", controller=servo))
     for joint in check.joints:
         assert joint.command_delay[0] == pytest.approx(0.05, abs=2e-3)
     assert "servo-stiffness" in check.assessed
@@ -192,13 +189,15 @@ def test_unsigned_and_missing_torques(tmp_path):
         log.columns[f"torque{j}_Nm"] = np.abs(log.columns[f"torque{j}_Nm"])
     check = checked(written(log, tmp_path / "log", torque={"sign": "none"}))
     assert "torques have no sign: they are not assessed" in of(check, "unsigned").what
+    assert of(check, "unsigned").kind == "refused"
     assert check.assessed == ()
     assert "no torques with a sign" in check.not_assessed["payload"]
     for j in (1, 2):
         del log.columns[f"torque{j}_Nm"]
-    check = checked(written(log, tmp_path / "none", controller={"kind": "position"}))
-    assert "only positions against commands" in of(check, "no_torque").what
-    assert check.assessed == ("servo-stiffness",)
+    check = checked(written(log, tmp_path / "none"))
+    assert of(check, "no_torque").kind == "refused"
+    assert check.assessed == ()
+    assert set(check.not_assessed.values()) == {"no torques: log torques or currents"}
 
 
 def test_limited_torque_and_held_positions(tmp_path):
@@ -253,8 +252,7 @@ def test_what_a_poor_log_lacks(tmp_path):
     assert of(check, "resting").what == "J2 never move: their friction is undetermined"
     assert of(check, "few_motions").what == "3 motions, 3 of them shorter than 10 s"
     assert of(check, "one_pose").what.startswith("J1, J2: gravity loads them in one pose")
-    assert check.not_assessed["torque-drift"] == "no temperature: log `temperature_degC`"
-    assert "no motion with a stated payload" in check.not_assessed["payload-offset"]
+    assert "no motion carries a payload" in check.not_assessed["payload-offset"]
     assert "torque-constant" in check.not_assessed
 
 
