@@ -25,7 +25,7 @@ from bayescal.preparing.missing import Finding
 CROSSINGS = 2.0
 """s in all at `SLOW` speeds that show it (assumed)."""
 FAST = 1.0
-"""rad/s, that tells viscous friction from an offset."""
+"""rad/s, that separates viscous friction from an offset."""
 WARM = 10.0
 """K, of warm-up."""
 MOTIONS, LENGTH, REPEATS = 6, 10.0, 3

@@ -182,7 +182,7 @@ def filtered(torques: Sequence[np.ndarray], step: float) -> float:
 
 
 def spikes(values: np.ndarray) -> np.ndarray:
-    """Rows of values (N, n) that stand out from both neighbours, and from the cubic through four neighbours.
+    """Rows of values (N, n) that deviate from both neighbours, and from the cubic through four of them.
 
     By more than `SPIKE` times the standard deviation of such differences, as their median and their 99th
     percentile state it, both robust against a few corrupt values, and more than `OUT` of the range.
