@@ -132,9 +132,9 @@ def joint_states(s: Session, names=UR, topic="/joint_states", late=0.002, unstam
     return topic, STATE, make, s.time + late
 
 
-def controller_states(s: Session, every=2):
-    """The state of a trajectory controller at a lower rate, with a command that leads by 20 ms."""
-    rows = np.arange(0, len(s.time), every)
+def controller_states(s: Session, every=2, first=0):
+    """The state of a trajectory controller at a lower rate from row `first` on; its command leads by 20 ms."""
+    rows = np.arange(first, len(s.time), every)
 
     def make(types, k):
         def point(values):

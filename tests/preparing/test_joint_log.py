@@ -12,6 +12,7 @@ import bayescal as bc
 from bayescal.errors import BayescalError
 from bayescal.logs import read_log
 from bayescal.motion.effects import EFFECTS
+from bayescal.preparing import signals
 from bayescal.preparing.joint_facts import gravity_torques
 
 
@@ -173,6 +174,14 @@ def test_a_corrupt_value_beyond_any_arm_is_refused_and_a_spike_is_found(tmp_path
     log.columns["torque2_Nm"][row] = 1e111
     with pytest.raises(BayescalError, match=rf"motion.csv:{row + 2}: `torque2_Nm` is beyond"):
         bc.check(written(log, tmp_path / "corrupt"))
+
+
+def test_steps_are_no_spikes():
+    rng = np.random.default_rng(0)
+    step = np.sign(np.sin(np.arange(1000) / 60))[:, None] + 1e-3 * rng.standard_normal((1000, 1))
+    assert len(signals.spikes(step)) == 0
+    step[500] += 0.5
+    assert signals.spikes(step).tolist() == [500]
 
 
 def test_bad_ends_of_motions(tmp_path):
