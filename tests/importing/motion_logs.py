@@ -133,7 +133,7 @@ def joint_states(s: Session, names=UR, topic="/joint_states", late=0.002, unstam
 
 
 def controller_states(s: Session, every=2, first=0):
-    """The state of a trajectory controller at a lower rate from row `first` on; its command leads by 20 ms."""
+    """The state of a trajectory controller at a lower rate, from row `first` on; commands lead by 20 ms."""
     rows = np.arange(first, len(s.time), every)
 
     def make(types, k):
