@@ -190,9 +190,8 @@ def spikes(values: np.ndarray) -> np.ndarray:
     if len(values) < 5:
         return np.zeros(0, int)
     x = values
-    before, after = x[2:-2] - x[1:-3], x[2:-2] - x[3:-1]
-    peak = np.where(before * after > 0, np.minimum(np.abs(before), np.abs(after)), 0.0)
-    away = np.minimum(peak, np.abs(x[2:-2] - (4 * (x[1:-3] + x[3:-1]) - x[:-4] - x[4:]) / 6))
+    cubic = x[2:-2] - (4 * (x[1:-3] + x[3:-1]) - x[:-4] - x[4:]) / 6
+    away = np.min(np.abs([x[2:-2] - x[1:-3], x[2:-2] - x[3:-1], cubic]), axis=0)
     scale = np.maximum(1.4826 * np.median(away, axis=0), np.percentile(away, 99, axis=0) / 2.58)
     return 2 + np.flatnonzero((away > np.maximum(SPIKE * scale, OUT * np.ptp(x, axis=0))).any(axis=1))
 
