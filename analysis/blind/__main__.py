@@ -9,6 +9,7 @@ import typer
 
 from bayescal.cli.entry import run as run_command
 from bayescal.cli.root import ending, said
+from bayescal.errors import BayescalError
 from bayescal.storage.stopping import keeping
 
 KEPT = "completed sessions are kept; the same command continues"
@@ -57,6 +58,9 @@ def make(
     reserved: Annotated[
         bool, typer.Option("--reserved", help="Also draw the causes on which no constant may be chosen.")
     ] = False,
+    motions: Annotated[
+        bool, typer.Option("--motions", help="Joint logs instead of sessions of contacts; version 1.")
+    ] = False,
 ) -> None:
     """Simulate test sessions with unmodelled effects, and seal the ground truth.
 
@@ -68,7 +72,7 @@ def make(
     from bayescal.storage.locks import alone
 
     with alone(out), keeping(lambda: KEPT), progress("worlds") as notify:
-        sealed = run(out, worlds, seed, workers, dask, notify, generator, reserved)
+        sealed = run(out, worlds, seed, workers, dask, notify, generator, reserved, motions)
     typer.echo(f"{worlds} test sessions in {out}/worlds; ground truth sealed in {out}/truth.json")
     typer.echo(f"SHA-256 of the ground truth  {sealed}")
 
@@ -85,13 +89,15 @@ def run(folder: Folder, workers: Workers = 1, dask: Dask = None, rounds: Rounds 
     not changed. With two rounds, the diagnosis then plans 60 further contacts of every session that its
     answer leaves open, the simulator probes them, and the diagnosis answers again, beside 60 random ones.
     """
-    from analysis.blind.folder import SEALED
+    from analysis.blind.folder import SEALED, of_logs
     from analysis.blind.rounds import second_round
     from analysis.blind.run import known
     from analysis.blind.run import run as answer
     from bayescal.cli.progress import progress
     from bayescal.storage.locks import alone
 
+    if rounds > 1 and of_logs(folder):
+        raise BayescalError("joint logs have no second round", str(folder), "leave --rounds out")
     with alone(folder), keeping(lambda: KEPT), progress("worlds") as notify:
         sealed = rounds > 1 and (folder / SEALED).is_file()
         found = known(folder) if sealed else answer(folder, workers, dask, notify)
@@ -134,6 +140,11 @@ def score(
     check_free(target, SCORE)
     truths, answers, about = opened(folder)
     about |= {"note": note} if note else {}
+    if about["motions"]:
+        from analysis.blind.motions import scored
+
+        scored(truths, answers, about, target, page)
+        return
     judged = records(truths, answers)
     found = figures(judged)
     written = write_score(judged, found, about, target, pictures)

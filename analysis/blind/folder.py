@@ -18,6 +18,9 @@ SEAL, BASELINE = "seal.txt", "baseline.txt"
 DATASET = ("dataset.yaml", "robot.yaml", "measurements.csv")
 FILES = (*DATASET, BASELINE)
 """Files of a session, without its seal."""
+TABLE = "motion.csv"
+LOG = ("dataset.yaml", TABLE)
+"""Files of a joint log."""
 
 
 def name_of(number: int) -> str:
@@ -32,8 +35,14 @@ def names(folder: Path, what: str = WORLDS) -> list[str]:
 
 
 def texts(folder: Path, name: str) -> dict[str, str]:
-    """The files of a session by name, without its seal."""
-    return {file: read(folder / WORLDS / name / file) for file in FILES}
+    """The files of a session or of a joint log by name, without its seal."""
+    own = folder / WORLDS / name
+    return {file: read(own / file) for file in (LOG if (own / TABLE).exists() else FILES)}
+
+
+def of_logs(folder: Path) -> bool:
+    """Whether a folder holds joint logs."""
+    return any((folder / WORLDS).glob(f"*/{TABLE}"))
 
 
 def answer_path(folder: Path, name: str) -> Path:

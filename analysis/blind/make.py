@@ -21,8 +21,8 @@ from bayescal.storage.folders import check_free, whole
 SEEDS = 2**48
 """Number of possible seeds."""
 NO_PINOCCHIO = BayescalError("simulating test sessions needs Pinocchio", "", "pip install 'bayescal[blind]'")
-GENERATOR = 4
-"""Version of the simulator for new sessions; a seed gives the same sessions within one version."""
+GENERATOR, OF_LOGS = 4, 1
+"""Version of the simulator for new sessions, and for logs; a seed gives the same sessions within one."""
 Notify = Callable[[str, float], None]
 
 
@@ -38,6 +38,7 @@ class Plan:
     salt: str
     generator: int = 1
     reserved: bool = False
+    motions: bool = False
 
 
 @dataclass(frozen=True)
@@ -48,6 +49,7 @@ class Asked:
     seed: int | None
     generator: int | None
     reserved: bool
+    motions: bool = False
 
 
 @dataclass(frozen=True)
@@ -58,6 +60,7 @@ class Drawn:
     number: int
     generator: int
     reserved: bool
+    motions: bool = False
 
 
 def make(
@@ -69,6 +72,7 @@ def make(
     notify: Notify = lambda words, fraction: None,
     generator: int | None = None,
     reserved: bool = False,
+    motions: bool = False,
 ) -> str:
     """Simulate the test sessions that are missing, and seal their ground truth.
 
@@ -87,7 +91,10 @@ def make(
     generator : int, optional
         Version of the simulator, 1 to 4; by default that of an interrupted simulation, else the latest.
     reserved : bool
-        Also draw the reserved causes not in the list of known effects, on which no constant may be chosen.
+        Also draw the reserved causes not in the list of known effects, on which no constant may be chosen;
+        of joint logs the reserved forms and causes.
+    motions : bool
+        Simulate joint logs.
 
     Returns
     -------
@@ -101,12 +108,13 @@ def make(
     """
     if worlds < 1 or (seed is not None and seed < 0):
         raise BayescalError("the number of sessions must be positive and the seed not negative")
-    if generator not in (None, *range(1, GENERATOR + 1)):
-        raise BayescalError(f"there is no generator {generator}", "", f"use one from 1 to {GENERATOR}")
-    asked = Asked(worlds, seed, generator, reserved)
+    latest = OF_LOGS if motions else GENERATOR
+    if generator not in (None, *range(1, latest + 1)):
+        raise BayescalError(f"there is no generator {generator}", "", f"use one from 1 to {latest}")
+    asked = Asked(worlds, seed, generator, reserved, motions)
     if (folder / TRUTH).is_file() and not (folder / PLAN).exists():
         return _made(folder, asked)
-    if dask is None and find_spec("pinocchio") is None:
+    if dask is None and not motions and find_spec("pinocchio") is None:
         raise NO_PINOCCHIO
     plan = _plan(folder, asked)
     todo = [k for k in range(plan.worlds) if not _record_path(folder, k).exists()]
@@ -123,11 +131,16 @@ def make(
 
 
 def _drawn(plan: Plan, number: int) -> Drawn:
-    return Drawn(plan.seed, number, plan.generator, plan.reserved)
+    return Drawn(plan.seed, number, plan.generator, plan.reserved, plan.motions)
 
 
 def built(task: Drawn) -> tuple[dict[str, str], dict[str, Any]]:
     """Files of a test session by name and its ground truth, from seed and number, on a worker."""
+    if task.motions:
+        from analysis.world.motion.build import make as motion
+
+        made = motion(task.seed, task.number, held_out=task.reserved)
+        return made.texts, made.truth
     try:  # imported here: the process that distributes the work does not need Pinocchio
         from analysis.world.build import build
     except ImportError:
@@ -144,7 +157,7 @@ def _made(folder: Path, asked: Asked) -> str:
     sealed = seal.check_truth(folder, text)
     _tidy(folder)
     truth = parsed(text, folder / TRUTH)
-    version = {key: truth[key] for key in ("generator", "reserved") if key in truth}
+    version = {key: truth[key] for key in ("generator", "reserved", "motions") if key in truth}
     _check_same(folder, Plan(truth["seed"], len(truth["worlds"]), truth["salt"], **version), asked)
     return sealed
 
@@ -155,7 +168,9 @@ def _plan(folder: Path, asked: Asked) -> Plan:
     if not path.exists():
         check_free(folder, TRUTH)
         seed = secrets.randbelow(SEEDS) if asked.seed is None else asked.seed
-        plan = Plan(seed, asked.worlds, secrets.token_hex(32), asked.generator or GENERATOR, asked.reserved)
+        version = asked.generator or (OF_LOGS if asked.motions else GENERATOR)
+        salt = secrets.token_hex(32)
+        plan = Plan(seed, asked.worlds, salt, version, asked.reserved, asked.motions)
         with whole(folder, PLAN) as stage:
             write(stage / PLAN, vars(plan))
         return plan
@@ -170,6 +185,7 @@ def _check_same(folder: Path, plan: Plan, asked: Asked) -> None:
         "another seed": asked.seed not in (None, plan.seed),
         f"generator {plan.generator}": asked.generator not in (None, plan.generator),
         f"{'' if plan.reserved else 'no '}reserved causes": asked.reserved != plan.reserved,
+        "joint logs" if plan.motions else "sessions of contacts": asked.motions != plan.motions,
     }
     if any(differs.values()):
         words = " and ".join(what for what, so in differs.items() if so)
@@ -199,6 +215,7 @@ def _seal(folder: Path, plan: Plan) -> str:
         "salt": plan.salt,
         "generator": plan.generator,
         "reserved": plan.reserved,
+        **({"motions": True} if plan.motions else {}),
         "sessions": {name: own["session"] for name, own in made.items()},
         "worlds": {name: own["truth"] for name, own in made.items()},
     }

@@ -10,7 +10,19 @@ from pathlib import Path
 from typing import Any
 
 from analysis.blind import seal
-from analysis.blind.folder import BASELINE, DATASET, SEALED, answer_path, names, read, record, texts, write
+from analysis.blind.folder import (
+    BASELINE,
+    DATASET,
+    LOG,
+    SEALED,
+    TABLE,
+    answer_path,
+    names,
+    read,
+    record,
+    texts,
+    write,
+)
 from analysis.blind.make import Notify
 from analysis.blind.workers import Lost, results
 from bayescal.errors import BayescalError
@@ -114,18 +126,13 @@ def _answers(folder: Path, todo: list[str], workers: int, dask: str | None) -> I
 
 def answered(task: Task) -> dict[str, Any]:
     """Diagnose one session in a folder that holds only its dataset; a crash is recorded as an answer."""
-    # imported here: the process that distributes the work does not need it
-    from bayescal.dataset import read_dataset
-    from bayescal.gap.diagnose import diagnose
-    from bayescal.reporting.gap.record import gap_record
-
     start, about = time.process_time(), _about(task)
     with scratch("bayescal-blind") as folder:
-        for file in DATASET:
+        motions = TABLE in task.texts
+        for file in LOG if motions else DATASET:
             write(folder / file, task.texts[file])
         try:
-            effects = tuple(task.texts[BASELINE].split()[-1].split(","))
-            gap = gap_record(diagnose(read_dataset(folder), effects))
+            gap = _of_log(folder) if motions else _of_contacts(folder, task.texts[BASELINE])
         except Exception as error:
             text = error if isinstance(error, BayescalError) else f"{type(error).__name__}: {error}"
             words = " ".join(str(text).replace(f"{folder}/", "").split())
@@ -134,6 +141,23 @@ def answered(task: Task) -> dict[str, Any]:
         "seconds": time.process_time() - start,
         "gap": {key: value for key, value in gap.items() if key not in LONG},
     }
+
+
+def _of_contacts(folder: Path, baseline: str) -> dict[str, Any]:
+    """The diagnosis of a session of contacts, beyond the effects of a baseline."""
+    # imported here: the process that distributes the work does not need it
+    from bayescal.dataset import read_dataset
+    from bayescal.gap.diagnose import diagnose
+    from bayescal.reporting.gap.record import gap_record
+
+    return gap_record(diagnose(read_dataset(folder), tuple(baseline.rsplit(maxsplit=1)[-1].split(","))))
+
+
+def _of_log(folder: Path) -> dict[str, Any]:
+    """The diagnosis of a joint log."""
+    import bayescal
+
+    return dict(bayescal.diagnose(folder).record)
 
 
 def _about(task: Task) -> dict[str, Any]:

@@ -10,7 +10,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from analysis.blind.folder import FILES, PLAN, SEAL, SEALED, TRUTH, WORLDS, names, read
+from analysis.blind.folder import PLAN, SEAL, SEALED, TRUTH, WORLDS, names, read
 from bayescal.errors import BayescalError
 
 TRUTHS, ANSWERED = "bayescal-blind-truth/1", "bayescal-blind-answers/1"
@@ -32,7 +32,7 @@ def of_record(record: Any) -> str:
 
 def of_world(texts: Mapping[str, str]) -> str:
     """SHA-256 of the files of a test session, including the model of its diagnosis."""
-    return of_record({name: of_text(texts[name]) for name in FILES})
+    return of_record({name: of_text(texts[name]) for name in texts})
 
 
 def of_answer(answer: Mapping[str, Any]) -> str:

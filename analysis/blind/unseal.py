@@ -31,7 +31,7 @@ def opened(folder: Path) -> tuple[Records, Records, dict[str, Any]]:
     -------
     truths, answers : dict of str to dict
     about : dict
-        ``seed``, ``generator``, ``reserved``, ``worlds``, ``truth_sha256``, ``answers_sha256``,
+        ``seed``, ``generator``, ``reserved``, ``motions``, ``worlds``, ``truth_sha256``, ``answers_sha256``,
         ``code_sha256``, ``software`` and ``same_code``, whether the answers were computed with the sources
         that are installed now.
 
@@ -63,6 +63,7 @@ def opened(folder: Path) -> tuple[Records, Records, dict[str, Any]]:
         "seed": truth["seed"],
         "generator": truth.get("generator", 1),
         "reserved": truth.get("reserved", False),
+        "motions": truth.get("motions", False),
         "worlds": len(answers),
         "answers_sha256": seal.of_text(text),
         "same_code": sealed["code_sha256"] == seal.of_code(),

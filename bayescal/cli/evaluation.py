@@ -93,7 +93,7 @@ def fit(
         if samples:
             remove(checkpoint_of(folder), CHECKPOINT)
     show(result.report(verbose), folder, written)
-    draws = None if result.data is None else result.data.draws
+    draws = getattr(result.data, "draws", None) if result.record.get("unit") is None else None
     if draws is not None and not draws.converged:
         what = f"the sampler did not converge: {draws.complaint}"
         raise BayescalError(what, "--samples", "see fit.json")

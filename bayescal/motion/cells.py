@@ -61,6 +61,12 @@ def cells(s: Signals, at: Operating, scale: Scale, r: Ranges) -> Iterator[FormCo
             yield form, form.term("N m", size * scale.friction[j], j, str(k)), function
 
     times = smooth(s.time, r.time, CELLS.time_waves)
+    within = np.linspace(0.0, 1.0, len(s.time), endpoint=False)
+    pieces = [
+        (np.floor(CELLS.pieces * within) == k) * float(s.name == name)
+        for name in r.motions
+        for k in range(CELLS.pieces)
+    ]
     for j in range(n):
         site, turn, speed = joint(j), s.q[:, j], s.dq[:, j]
         angles = smooth(turn, r.angle[:, j], CELLS.waves)
@@ -75,6 +81,7 @@ def cells(s: Signals, at: Operating, scale: Scale, r: Ranges) -> Iterator[FormCo
         yield from cell(site, "time", times, j)
         yield from cell(site, "time times direction", [direction * f for f in times], j)
         yield from cell(site, "time times torque", [torque / scale.torque[j] * f for f in times], j)
+        yield from cell(site, "time within a motion", pieces, j)
         yield from cell(site, "motion", [np.full(len(turn), float(s.name == name)) for name in r.motions], j)
         if r.loaded:
             on = (s.payload > 0.0).astype(float)

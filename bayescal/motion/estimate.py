@@ -94,6 +94,6 @@ def estimated(parts: tuple[Signals, ...]) -> Estimate:
     for _ in range(NOISE.rounds):
         table = tabulated(used, out.columns, out.residual)
         fit = fitted(normal(table, out.noise), np.arange(len(table.terms)))
-        noise = noise_of(table.residuals(fit.values), len(fit.chosen) / log.n)
+        noise = noise_of(table.residuals(fit.values), len(fit.chosen) / log.n, [s.same_as for s in used])
         out = Estimate(parts, moved_to(start, parts[0], fit.values), fit.values, rms, noise)
     return out

@@ -36,9 +36,9 @@ class Table:
     terms: tuple[Term, ...]
     parts: tuple[Part, ...]
 
-    def of_role(self, role: str) -> Table:
-        """The motions of a role."""
-        return Table(self.terms, tuple(p for p in self.parts if p.signals.role == role))
+    def of_role(self, *roles: str) -> Table:
+        """The motions of some roles."""
+        return Table(self.terms, tuple(p for p in self.parts if p.signals.role in roles))
 
     def residuals(self, values: Mapping[str, float]) -> list[np.ndarray]:
         """What values of terms leave of the residuals (M, C), by motion."""

@@ -30,8 +30,11 @@ class Noise:
         return sum(shifted, np.zeros_like(x[order:], dtype=float))
 
 
-def noise_of(residuals: Sequence[np.ndarray], taken: float) -> Noise:
+def noise_of(residuals: Sequence[np.ndarray], taken: float, same: Sequence[str] = ()) -> Noise:
     """Noise of residuals (M, n) of several motions, by the Yule-Walker equations.
+
+    The mean of a motion is not noise. Nor is what repeats of a motion share: where their differences are
+    smaller than the residuals, these tell the noise.
 
     Parameters
     ----------
@@ -39,15 +42,17 @@ def noise_of(residuals: Sequence[np.ndarray], taken: float) -> Noise:
         A part per motion.
     taken : float
         Degrees of freedom of the rows of each channel that a fit took up.
+    same : sequence of str
+        The motion that each repeats.
     """
-    order, n = NOISE.order, residuals[0].shape[1]
-    covariance = np.zeros((n, order + 1))
-    count = 0
-    for r in residuals:
-        count += len(r)
-        for lag in range(order + 1):
-            covariance[:, lag] += np.sum(r[lag:] * r[: len(r) - lag], axis=0)
-    covariance /= max(count - taken, 1.0)
+    centred = [r - np.mean(r, axis=0) for r in residuals]
+    covariance = _autocovariance(centred, taken + len(centred))
+    differences = _differences(centred, same)
+    if differences:
+        repeated = _autocovariance(differences, 0.0)
+        smaller = NOISE.smaller * repeated[:, 0] < covariance[:, 0]
+        covariance = np.where(smaller[:, None], repeated, covariance)
+    order, n = NOISE.order, len(covariance)
     filters = np.empty((n, order + 1))
     for j in range(n):
         ridged = covariance[j] + np.r_[NOISE.ridge * covariance[j, 0], np.zeros(order)]
@@ -55,6 +60,26 @@ def noise_of(residuals: Sequence[np.ndarray], taken: float) -> Noise:
         variance = ridged[0] - by @ covariance[j, 1:]
         filters[j] = np.r_[1.0, -by] / np.sqrt(max(variance, 1e-300))
     return Noise(filters, np.sqrt(covariance[:, 0]), covariance[:, 1] / covariance[:, 0])
+
+
+def _autocovariance(parts: Sequence[np.ndarray], taken: float) -> np.ndarray:
+    """Autocovariances (n, lags) of parts (M, n)."""
+    count = sum(map(len, parts))
+    return np.array(
+        [sum(np.sum(r[lag:] * r[: len(r) - lag], axis=0) for r in parts) for lag in range(NOISE.order + 1)]
+    ).T / max(count - taken, 1.0)
+
+
+def _differences(parts: Sequence[np.ndarray], same: Sequence[str]) -> list[np.ndarray]:
+    """Parts (M, n) less the mean of all repeats of their motion, with the variance of a single one."""
+    out = []
+    for name in dict.fromkeys(same):
+        group = [r for r, label in zip(parts, same, strict=True) if label == name]
+        rows = min(map(len, group))
+        if len(group) > 1:
+            mean = sum(r[:rows] for r in group) / len(group)
+            out += [(r[:rows] - mean) * np.sqrt(len(group) / (len(group) - 1.0)) for r in group]
+    return out
 
 
 def white_noise(sd: np.ndarray) -> Noise:

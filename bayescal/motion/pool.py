@@ -72,11 +72,11 @@ class Pool:
         """The columns of all motions."""
         return tabulated(self.estimate.parts, self.every, self.estimate.residual)
 
-    def search(self, noise: Noise) -> Search:
-        """The search over the motions of role `calibrate`, at some noise."""
+    def search(self, noise: Noise, roles: tuple[str, ...] = (CALIBRATE,)) -> Search:
+        """The search over the motions of some roles, at some noise."""
         taken = set(chain.from_iterable(self.forms.values()))
         base = tuple(t.name for t in self.table.terms if t.name not in taken)
-        p = normal(self.table.of_role(CALIBRATE), noise)
+        p = normal(self.table.of_role(*roles), noise)
         return Search(p, tuple(self.forms.items()), base, {"ripple": self.scale.spread})
 
     def unfiltered(

@@ -48,13 +48,17 @@ class BaselineSettings:
     offset: float = 0.3
     """Of an offset, over the scale of the torque (assumed)."""
     acceleration: float = 10.0
-    """rad/s2 at which an unstated rotor has the scale of the torque (assumed)."""
+    """rad/s2, of a rotor that is not stated, at the scale of torques (assumed)."""
     transition: float = 0.15
-    """Of the speed scale of the reversal of friction of one joint, beside a common one, relative (assumed)."""
+    """Of the speed scale of the reversal of friction of one joint beside a common one, relative (assumed)."""
     angle: float = 0.01
     """Of an offset of tracking or of a second encoder, rad (assumed)."""
     lag: float = 0.01
     """Of a lag of tracking or of a second encoder, s (assumed)."""
+    servo: float = 1.5
+    """Hz, bandwidth within which any position servo answers by its stiffness (assumed)."""
+    answer: float = 0.05
+    """Of the time within which it answers, s (assumed)."""
     reversal: float = 1e-3
     """Of their difference by direction, rad (assumed)."""
     least_inertia: float = 0.03
@@ -71,6 +75,8 @@ class NoiseSettings:
     """Share of the variance added as white noise: nothing is amplified in an empty band (tuned)."""
     repeats: int = 2
     """Searches after each of which noise is estimated again from what the best hypothesis leaves (cost)."""
+    smaller: float = 1.3
+    """Variance of residuals over that of repeats from which on repeats tell the noise (assumed)."""
     rounds: int = 4
     """Iterations of noise and estimate (cost)."""
 
@@ -86,7 +92,7 @@ class FormSettings:
     armature: float = 0.4
     """Of a rotor's inertia, relative (assumed)."""
     acceleration: float = 10.0
-    """rad/s2, see `BASELINE.acceleration` (assumed)."""
+    """rad/s2, of a rotor that is not stated, at the scale of torques (assumed)."""
     stribeck: float = 0.3
     """Of the rise at low speed, over the friction (assumed)."""
     stribeck_speeds: tuple[float, ...] = (0.03, 0.06, 0.12, 0.25)
@@ -139,6 +145,8 @@ class CellSettings:
     """Of a function of the time (assumed)."""
     other_waves: int = 3
     """Of a function of another joint (assumed)."""
+    pieces: int = 4
+    """Parts of a motion in which an offset may differ (assumed)."""
     presliding: tuple[float, ...] = (0.005, 0.02, 0.08)
     """rad, way after a reversal over which friction builds up (assumed)."""
     resonances: tuple[float, ...] = (2.5, 3.5, 5.0, 7.0, 10.0)
@@ -187,7 +195,7 @@ class SearchSettings:
     """Nats of evidence from which on a hypothesis is extended (cost)."""
     form: float = 0.03
     """Share of what names explain that a further effect must exceed: it may belong to their form (tuned)."""
-    waves: tuple[float, float, float] = (3.0, 130.0, 0.3)
+    waves: tuple[float, float, float] = (8.0, 130.0, 0.3)
     """Waves a turn that are tried for ripple: from, to, and step, over one wave in the range (assumed)."""
     ripples: int = 4
     """Of each joint that become candidates (cost)."""

@@ -73,9 +73,9 @@ class Signals:
         return x[half : len(x) - half]
 
 
-def _smoothed(x: np.ndarray, step: float) -> np.ndarray:
-    """Samples (N, n) without what no arm does: a Butterworth filter, forward and backward."""
-    cut = min(SIGNALS.wide * 2.0 * step, SIGNALS.nyquist)
+def low_passed(x: np.ndarray, step: float, band: float = SIGNALS.wide) -> np.ndarray:
+    """Samples (N, ...) below a frequency, Hz: a Butterworth filter, forward and backward."""
+    cut = min(band * 2.0 * step, SIGNALS.nyquist)
     return np.asarray(sosfiltfilt(butter(SIGNALS.order, cut, output="sos"), x, axis=0))
 
 
@@ -117,12 +117,12 @@ def signals_of(log: Log, motion: Motion, first: float, cold: float) -> Signals:
 
     position, velocity = sampled(motion.position), sampled(motion.velocity)
     assert position is not None
-    q = _smoothed(position, step)
+    q = low_passed(position, step)
     dq = derivative(q, step)
     if velocity is not None:
         # velocities of a controller may be filtered: they serve where positions are too coarse
         coarse = white(position) * 2.0 * np.pi * SIGNALS.band > SIGNALS.coarse
-        dq = np.where(coarse, _smoothed(velocity, step), dq)
+        dq = np.where(coarse, low_passed(velocity, step), dq)
     torque = sampled(motion.torque)
     assert torque is not None
     rows = float(1.0 / (step * SIGNALS.rate * SIGNALS.band))

@@ -17,7 +17,7 @@ from bayescal.logs import Log, Mechanism
 from bayescal.logs.mechanism import PAIRS, inertial
 from bayescal.motion.dynamics import payload_of
 from bayescal.motion.settings import BASELINE
-from bayescal.motion.signals import Signals, derivative
+from bayescal.motion.signals import Signals, derivative, low_passed
 
 BODY = ("mass", "centre x", "centre y", "centre z", *(f"inertia {'xyz'[i]}{'xyz'[j]}" for i, j in PAIRS))
 """Parameters of a body."""
@@ -168,6 +168,16 @@ def baseline(s: Signals, at: Operating, rms: np.ndarray) -> Iterator[Column]:
             yield Term(f"{kind} offset {j + 1}", "rad", BASELINE.angle, number), np.ones(len(way))
             yield Term(f"{kind} lag {j + 1}", "s", BASELINE.lag, number), s.dq[:, j]
             yield Term(f"{kind} reversal {j + 1}", "rad", BASELINE.reversal, number), way[:, j]
+            if kind == TRACKING and log.controller.stiffness is not None:
+                yield Term(f"{kind} lag squared {j + 1}", "s2", BASELINE.lag**2, number), s.ddq[:, j]
+                # above its bandwidth a servo does not answer as its stiffness says
+                asked = at.torque(s)[:, j] / log.controller.stiffness[j]
+                fast = asked - low_passed(asked, s.step, BASELINE.servo)
+                yield Term(f"{kind} fast torque {j + 1}", "1", 1.0, number), fast
+                yield (
+                    Term(f"{kind} rate of torque {j + 1}", "s", BASELINE.answer, number),
+                    derivative(asked, s.step),
+                )
 
 
 def residuals(s: Signals, at: Operating) -> np.ndarray:

@@ -10,7 +10,7 @@ from scipy.special import logsumexp
 
 from bayescal.motion.cells import UNKNOWN
 from bayescal.motion.search import Hypothesis, Search
-from bayescal.motion.settings import VERDICT
+from bayescal.motion.settings import SEARCH, VERDICT
 
 NULL, OTHER = "null", "other"
 
@@ -28,8 +28,13 @@ class Verdict:
     explained: float  # share of the nats of the leading set that its names explain
 
 
-def decide(search: Search, hypotheses: tuple[Hypothesis, ...]) -> Verdict:
-    """The verdict on hypotheses, the most probable first."""
+def decide(search: Search, hypotheses: tuple[Hypothesis, ...], whole: Search) -> Verdict:
+    """The verdict on hypotheses, the most probable first.
+
+    An unknown cause may show on withheld motions alone, where the model is used and was not fitted: the best
+    set without one is also tested by all motions, `whole`.
+    """
+    hypotheses = _tested(hypotheses, whole)
     score = np.array([h.score for h in hypotheses])
     weight = np.exp(score - logsumexp(score))
     effects = (NULL, UNKNOWN, *search.candidates)
@@ -64,6 +69,19 @@ def decide(search: Search, hypotheses: tuple[Hypothesis, ...]) -> Verdict:
         kind, named, best, {n: float(np.clip(p, low, high)) for n, p in probability.items()},
         _credible(hypotheses, weight), members, explained,
     )  # fmt: skip
+
+
+def _tested(hypotheses: tuple[Hypothesis, ...], whole: Search) -> tuple[Hypothesis, ...]:
+    """Hypotheses, with the unknown cause beside the best set without one as all motions show it."""
+    best = next(h for h in hypotheses if UNKNOWN not in h.names)
+    member, gain = whole.additions(best.members)[UNKNOWN]
+    evidence = best.log_evidence + gain - SEARCH.form * max(best.log_evidence, 0.0)
+    effects = (*(m.form.effect for m in best.members), UNKNOWN)
+    new = Hypothesis((*best.members, member), evidence, whole.prior(effects))
+    same = [h for h in hypotheses if sorted(h.names) == sorted(new.names)]
+    if not same or new.log_evidence > same[0].log_evidence:
+        hypotheses = (*(h for h in hypotheses if h not in same), new)
+    return tuple(sorted(hypotheses, key=lambda h: -h.score))
 
 
 def _explained(best: Hypothesis, hypotheses: tuple[Hypothesis, ...]) -> float:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from bayescal.errors import BayescalError
 from bayescal.public.arms import names
-from bayescal.public.motions import LOGLESS, MotionGapResult, diagnose_log, log_of, refuse
+from bayescal.public.motions import MotionFitResult, MotionGapResult, diagnose_log, fit_log, log_of, refuse
 from bayescal.public.results import ComparisonResult, FitResult, GapResult, SimulatedSession
 from bayescal.storage.stopping import Progress, silent
 
@@ -75,7 +75,7 @@ def fit(
     progress: Progress = silent,
     checkpoint: str | PathLike[str] | None = None,
     say: Callable[[str], None] = lambda text: None,
-) -> FitResult:
+) -> FitResult | MotionFitResult:
     """Calibrate an arm: its parameters with their uncertainty, and the error to expect.
 
     Parameters
@@ -113,7 +113,7 @@ def fit(
 
     Returns
     -------
-    FitResult
+    FitResult, or MotionFitResult of a joint log
         Prints as a summary; `parameters`, `levels` and `distances` are tables.
 
     Raises
@@ -136,6 +136,13 @@ def fit(
     from bayescal.model.options import FitOptions
     from bayescal.posterior.checkpoint import Checkpoint
 
+    if (folder := log_of(dataset)) is not None:
+        refuse(
+            "the calibration from a joint log", model=model, without=without, robust=robust,
+            prior_width=prior_width, remounted=remounted, allow_xacro=allow_xacro,
+            latent_joints=latent_joints, tolerance_mm=tolerance_mm,
+        )  # fmt: skip
+        return fit_log(folder, samples, seed, progress)
     effects, session = names(model), session_of(dataset, remounted, True, allow_xacro)
     tolerance = None if tolerance_mm is None else 1e-3 * tolerance_mm
     options = FitOptions((), robust, prior_width, seed, latent_joints, tolerance)
@@ -196,10 +203,10 @@ def diagnose(
     from bayescal.model.scene import Scene
 
     if (folder := log_of(dataset)) is not None:
-        given = dict(
-            zip(LOGLESS, (model, seed, without, robust, prior_width, remounted, allow_xacro), strict=True)
-        )
-        refuse(given, LOGLESS, "the diagnosis of a joint log")
+        refuse(
+            "the diagnosis of a joint log", model=model, seed=seed, without=without, robust=robust,
+            prior_width=prior_width, remounted=remounted, allow_xacro=allow_xacro,
+        )  # fmt: skip
         return diagnose_log(folder, progress)
     # the sessions share a noise scale, so that their residuals are comparable
     effects, session = names(model), session_of(dataset, remounted, False, allow_xacro)

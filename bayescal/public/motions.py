@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
@@ -17,6 +16,7 @@ if TYPE_CHECKING:
     from pandas import DataFrame
     from rich.console import RenderableType
 
+    from bayescal.motion.calibrate import MotionFit
     from bayescal.motion.result import MotionGap
 
 
@@ -91,6 +91,58 @@ class MotionGapResult(Result):
         return f"<diagnosis of the log {self.record['dataset']['name']}: {self.verdict}; {names}>"
 
 
+@dataclass(frozen=True, repr=False)
+class MotionFitResult(Result):
+    """A calibration from a joint log; `print` shows its summary. `record` is the content of fit.json."""
+
+    data: MotionFit | None = None
+
+    def _contents(self) -> Json:
+        from bayescal.reporting.motion.fit import fit_record
+
+        return fit_record(self._new())
+
+    def report(self, verbose: bool = False) -> RenderableType:
+        """The summary, to be printed by a `rich.console.Console`; `verbose` adds all parameters."""
+        from bayescal.reporting.motion.fit import fit_summary
+
+        return fit_summary(self.record, verbose)
+
+    def save(self, folder: str | PathLike[str], pictures: bool = True) -> tuple[str, ...]:
+        """Write fit.json, report.html, posterior.nc and arm.yaml; return their names."""
+        from bayescal.reporting.motion.fit import write_fit
+
+        return write_fit(self._new(), Path(folder), self.record)
+
+    def inference_data(self) -> Any:
+        """The content of posterior.nc for ArviZ: InferenceData (ArviZ 0.x) or DataTree (1.x)."""
+        from bayescal.posterior.inference import inference_data
+        from bayescal.posterior.inference import load as read
+        from bayescal.reporting.motion.fit import draws_of
+
+        if self.data is None:
+            return read(self._file("posterior.nc", "repeat the fit"))
+        return inference_data(draws_of(self.data))
+
+    @property
+    def parameters(self) -> DataFrame:
+        """One row per parameter, by name: nominal, estimate, u, 95 % interval, prior_sd, SI."""
+        return table(self.record["parameters"], "name")
+
+    @property
+    def withheld(self) -> DataFrame:
+        """Torque errors of withheld motions, N m RMS, joint by joint."""
+        return table(self.record["withheld"], "joint")
+
+    @property
+    def _overview(self) -> DataFrame:
+        return self.withheld
+
+    def __repr__(self) -> str:
+        name, count = self.record["dataset"]["name"], len(self.record["parameters"])
+        return f"<calibration from the log {name}: {count} parameters>"
+
+
 def log_of(source: Any) -> Path | None:
     """The folder of a joint log that a source names; None for a session of contacts."""
     from bayescal.logs import is_log
@@ -114,22 +166,32 @@ def diagnose_log(folder: Path, progress: Progress = silent) -> MotionGapResult:
     return MotionGapResult(diagnose(read_log(folder), progress))
 
 
+def fit_log(folder: Path, samples: int, seed: int, progress: Progress = silent) -> MotionFitResult:
+    """Calibrate an arm from a joint log; see `bayescal.fit`."""
+    from bayescal.logs import read_log
+    from bayescal.motion.calibrate import calibrate
+
+    return MotionFitResult(calibrate(read_log(folder), samples, seed, progress))
+
+
 LOGLESS = {
     "model": ("geometry", "compliance"),
     "seed": 0,
+    "latent_joints": False,
+    "tolerance_mm": None,
     "without": (),
     "robust": True,
     "prior_width": 1.0,
     "remounted": False,
     "allow_xacro": False,
 }
-"""Options of `diagnose` that a joint log does not have, with their defaults."""
+"""Options of `fit` and `diagnose` that a joint log does not have, with their defaults."""
 
 
-def refuse(options: Mapping[str, Any], defaults: Mapping[str, Any], what: str) -> None:
+def refuse(what: str, **options: Any) -> None:
     """Refuse options that a joint log does not have."""
     for name, given in options.items():
-        default = defaults[name]
+        default = LOGLESS[name]
         if given not in (default, "", ",".join(default) if isinstance(default, tuple) else default):
             flag = f"--{name.replace('_', '-')}"
             raise BayescalError(f"{what} has no {flag}", flag, "leave it out")

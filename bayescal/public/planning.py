@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from bayescal.errors import BayescalError
 from bayescal.public.arms import names
 from bayescal.public.functions import MODEL, session_of
-from bayescal.public.motions import MotionGapResult
+from bayescal.public.motions import MotionFitResult, MotionGapResult
 from bayescal.public.results import FitResult, GapResult, Result, SimulatedSession, table
 from bayescal.storage.reading import Json, read_record
 from bayescal.storage.stopping import Progress, silent
@@ -31,6 +31,10 @@ if TYPE_CHECKING:
 GAP, SETTINGS = "gap.json", "dataset.yaml"
 MOTION = "Nm"
 """`unit` of the record of a joint log."""
+MOTIONS: dict[str, type[MotionFitResult] | type[MotionGapResult]] = {
+    "fit.json": MotionFitResult,
+    "gap.json": MotionGapResult,
+}
 """Files by which a path of `after` is known."""
 
 
@@ -151,7 +155,7 @@ RECORDS: dict[str, tuple[str, type[FitResult] | type[GapResult] | type[PlanResul
 """Schema and class of a result by the file that identifies its run folder."""
 
 
-def load(run: str | PathLike[str]) -> FitResult | GapResult | MotionGapResult | PlanResult:
+def load(run: str | PathLike[str]) -> FitResult | GapResult | MotionFitResult | MotionGapResult | PlanResult:
     """Read a run folder of `fit`, `diagnose` or `plan` back.
 
     Parameters
@@ -185,7 +189,7 @@ def load(run: str | PathLike[str]) -> FitResult | GapResult | MotionGapResult | 
         if (folder / name).is_file():
             content = read_record(folder / name, schema, "repeat the command with this version")
             if content.get("unit") == MOTION:
-                return MotionGapResult(folder=folder, content=content)
+                return MOTIONS[name](folder=folder, content=content)
             return kind(folder=folder, content=content)
     remedy = "give a run folder of bayescal fit, gap or plan"
     raise BayescalError(f"there is no {' or '.join(RECORDS)}", str(folder), remedy)

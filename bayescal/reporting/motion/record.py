@@ -14,6 +14,7 @@ from bayescal.motion.effects import EFFECTS
 from bayescal.motion.result import Amplitude, MotionGap, Place
 from bayescal.motion.search import Hypothesis
 from bayescal.motion.verdict import OTHER
+from bayescal.reporting.motion.sheets import DISPLAYED
 from bayescal.reporting.page.build import write_page
 from bayescal.reporting.shared.origin import plain, record_of, software
 from bayescal.reporting.shared.text import listed, with_u
@@ -24,15 +25,6 @@ SCHEMA = "bayescal-gap/1"
 GAP = "gap.json"
 LIBRARIES = ("numpy", "scipy")
 UNIT = "Nm"
-DISPLAYED = {
-    "rad": ("deg", 180.0 / np.pi),
-    "m": ("mm", 1e3),
-    "s": ("ms", 1e3),
-    "1": ("%", 100.0),
-    "1/K": ("%/K", 100.0),
-    "": ("", 1.0),
-}
-"""Unit in memory -> unit in print and factor to it; others are printed as they are."""
 
 
 def origin(schema: str, log: Log, seed: int) -> dict[str, Any]:

@@ -2,10 +2,21 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from bayescal.reporting.shared.sheet import Column, Sheet
-from bayescal.reporting.shared.text import probability, rival, share
+from bayescal.reporting.shared.text import probability, rival, share, with_u
 from bayescal.storage.reading import Json
 
+DISPLAYED = {
+    "rad": ("deg", 180.0 / np.pi),
+    "m": ("mm", 1e3),
+    "s": ("ms", 1e3),
+    "1": ("%", 100.0),
+    "1/K": ("%/K", 100.0),
+    "": ("", 1.0),
+}
+"""Unit in memory -> unit in print and factor to it; others are printed as they are."""
 LEAST = 0.01
 """Least probability of a cause that is listed."""
 
@@ -69,4 +80,44 @@ def amplitude_sheet(record: Json) -> Sheet:
             Column("relevant", "relevant", lambda x: "yes" if x else "no"),
         ),
         record["amplitudes"],
+    )
+
+
+def withheld_sheet(record: Json) -> Sheet:
+    """Torque errors of withheld motions."""
+
+    def interval(ends: list[float]) -> str:
+        return " .. ".join(map(newton_metres, ends))
+
+    return Sheet(
+        (
+            Column("torque residual, withheld motions (N m RMS)", "joint"),
+            Column("nominal", "nominal_rms_Nm", newton_metres),
+            Column("fitted", "rms_Nm", newton_metres),
+            Column("expected", "expected_rms_Nm", newton_metres),
+            Column("95 %", "expected_interval95_Nm", interval),
+        ),
+        record["withheld"],
+    )
+
+
+def parameter_sheet(record: Json, every: bool = True) -> Sheet:
+    """Parameters with their uncertainty; without `every` those that the log determines."""
+
+    def value(p: Json) -> str:
+        unit, factor = DISPLAYED.get(p["unit"], (p["unit"], 1.0))
+        return f"{with_u(factor * p['estimate'], factor * p['u'])} {unit}".rstrip()
+
+    def nominal(p: Json) -> str:
+        return f"{DISPLAYED.get(p['unit'], ('', 1.0))[1] * p['nominal']:.4g}"
+
+    items = [p for p in record["parameters"] if every or p["identifiable"] == "yes"]
+    return Sheet(
+        (
+            Column("parameter", "name"),
+            Column("nominal", nominal),
+            Column("estimate", value),
+            Column("identifiable", "identifiable"),
+        ),
+        items,
     )

@@ -100,16 +100,26 @@ def pdf_of(page: str) -> bytes:
         return made.read_bytes() + MARK
 
 
-SECTIONS = {"fit": fit.SECTIONS, "gap": gap.SECTIONS, "motion": motion.SECTIONS}
-PAGES = {"fit": "report.html", "gap": "gap.html", "motion": "gap.html"}
+SECTIONS = {
+    "fit": fit.SECTIONS,
+    "gap": gap.SECTIONS,
+    "motion": motion.SECTIONS,
+    "motion fit": motion.FIT_SECTIONS,
+}
+PAGES = {"fit": "report.html", "gap": "gap.html", "motion": "gap.html", "motion fit": "report.html"}
 """File name of the page of each kind of run."""
-TITLES = {"fit": "calibration", "gap": "diagnosis", "motion": "diagnosis of the joint log"}
+TITLES = {
+    "fit": "calibration",
+    "gap": "diagnosis",
+    "motion": "diagnosis of the joint log",
+    "motion fit": "calibration from the joint log",
+}
 
 
 def run_page(run: Run, scripts: bool = True) -> str:
     """The page of a run, as text; without `scripts` it has static figures alone."""
     some = [make(run) for make in SECTIONS[run.kind]]
-    model = run.record["model"] if run.kind == "fit" else run.record["baseline"]
+    model = run.record["model"] if run.file == "fit.json" else run.record["baseline"]
     subtitle = f"{TITLES[run.kind]} of {run.robot or 'the arm'}; model: {', '.join(model) or 'nominal'}"
     data = interactive(run) if scripts else None
     return page(run.name, subtitle, some, foot(run), data, filed(run.record))

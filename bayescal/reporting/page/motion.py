@@ -1,4 +1,4 @@
-"""The page of the diagnosis of a joint log, `gap.html`: its sections, each a function of the run."""
+"""The pages of joint logs, `gap.html` and `report.html`: their sections, each a function of the run."""
 
 from __future__ import annotations
 
@@ -53,3 +53,30 @@ def not_assessed(run: Run) -> Section | None:
 
 
 SECTIONS = (first, torque, places, not_assessed)
+
+
+def fitted(run: Run) -> Section:
+    """What is determined, and whether withheld torque errors are as expected."""
+    record = run.record
+    ends = [(w["rms_Nm"], w["expected_interval95_Nm"][1]) for w in record["withheld"]]
+    good = all(rms <= high for rms, high in ends)
+    word = "Withheld motions as expected" if good else "Withheld error larger than expected"
+    line = (
+        f"{record['determined']} of {len(record['parameters'])} directions of the parameters are determined."
+    )
+    tone, sign = ("good", "✓") if good else ("warn", "?")
+    return FirstScreen(word, tone, sign, [line], warnings=record["warnings"]).section()
+
+
+def errors(run: Run) -> Section | None:
+    """Torque errors of withheld motions."""
+    return blocks("torque", "Torque on withheld motions", sheets.withheld_sheet(run.record))
+
+
+def parameters(run: Run) -> Section | None:
+    """All parameters, and what is determined only together."""
+    r = run.record
+    return blocks("parameters", "Parameters", sheets.parameter_sheet(r), *texts(r["combinations"], "quiet"))
+
+
+FIT_SECTIONS = (fitted, errors, parameters)

@@ -125,7 +125,7 @@ class Run:
     Parameters
     ----------
     kind : str
-        "fit", "gap", or "motion" for the diagnosis of a joint log.
+        "fit", "gap"; of joint logs "motion fit", and "motion" for their diagnosis.
     record : mapping
         The content of fit.json or gap.json.
     folder : str
@@ -145,7 +145,7 @@ class Run:
     @property
     def file(self) -> str:
         """The record that identifies the run folder."""
-        return "fit.json" if self.kind == "fit" else "gap.json"
+        return "fit.json" if self.kind.endswith("fit") else "gap.json"
 
     @property
     def name(self) -> str:
@@ -201,7 +201,9 @@ def read_run(folder: Path, shown: str = "") -> Run:
     figures = {file: content for file in FIGURES if (content := _png(folder / file))}
     record = read_record(folder / name, SCHEMAS[name], again)
     check_unchanged(folder, (name, *([BUDGET] if budget else [])))
-    kind = "motion" if record.get("unit") == MOTION else name.removesuffix(".json")
+    kind = name.removesuffix(".json")
+    if record.get("unit") == MOTION:
+        kind = "motion" if kind == "gap" else "motion fit"
     return Run(kind, record, shown or str(folder), budget, figures)
 
 

@@ -1,0 +1,113 @@
+"""fit.json of a joint log: record, terminal, folder."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from rich.console import Group, RenderableType
+from rich.text import Text
+
+from bayescal.logs.write import arm_text
+from bayescal.motion.calibrate import MotionFit
+from bayescal.posterior.inference import Record, save
+from bayescal.reporting.motion.record import origin
+from bayescal.reporting.motion.sheets import parameter_sheet, withheld_sheet
+from bayescal.reporting.page.build import write_page
+from bayescal.reporting.shared.origin import plain
+from bayescal.reporting.shared.sheet import terminal
+from bayescal.reporting.shared.text import Facts, facts, under
+from bayescal.storage.files import json_text
+from bayescal.storage.folders import whole
+from bayescal.storage.reading import Json
+
+SCHEMA = "bayescal-fit/1"
+FIT, POSTERIOR, ARM = "fit.json", "posterior.nc", "arm.yaml"
+
+
+def fit_record(fit: MotionFit) -> dict[str, Any]:
+    """The contents of fit.json; a value that is not finite is null."""
+    record = {
+        **origin(SCHEMA, fit.log, fit.seed),
+        "model": ["inertials", "armature", "coulomb", "viscous", "offset", "alignment"],
+        "parameters": [
+            {
+                "name": p.name,
+                "unit": p.unit,
+                "nominal": p.nominal,
+                "estimate": p.estimate,
+                "u": p.u,
+                "interval95": p.interval95,
+                "prior_sd": p.prior_sd,
+                "identifiable": p.identifiable,
+            }
+            for p in fit.parameters
+        ],
+        "determined": fit.determined,
+        "combinations": list(fit.combinations),
+        "withheld": [
+            {
+                "joint": w.joint,
+                "nominal_rms_Nm": w.nominal,
+                "rms_Nm": w.fitted,
+                "expected_rms_Nm": w.expected,
+                "expected_interval95_Nm": w.interval95,
+            }
+            for w in fit.withheld
+        ],
+        "noise": {"lag1": fit.lag1},
+        "torque_shift_ms": 1e3 * fit.shift,
+        "draws": fit.draws.shape[0] * fit.draws.shape[1],
+        "motions": [{"id": m.name, "role": m.role, "kind": m.kind} for m in fit.log.motions],
+        "warnings": [*fit.log.notes, *_outside(fit)],
+    }
+    return {key: plain(value) for key, value in record.items()}
+
+
+def _outside(fit: MotionFit) -> list[str]:
+    """Joints whose withheld error is beyond what is expected."""
+    joints = [w.joint for w in fit.withheld if w.fitted > w.interval95[1]]
+    text = "the torque error on withheld motions is larger than expected: bayescal gap looks for the cause"
+    return [f"{', '.join(joints)}: {text}"] if joints else []
+
+
+def fit_summary(record: Json, verbose: bool = False) -> RenderableType:
+    """Withheld errors, parameters that the log determines, combinations."""
+    roles = [m["role"] for m in record["motions"]]
+    title = Text.assemble(
+        (record["dataset"]["name"], "bold"),
+        f"  {record['robot']}  {roles.count('calibrate')} motions fitted, {roles.count('validate')} withheld",
+    )
+    parts: list[RenderableType] = [title, ""]
+    if record["withheld"]:
+        parts += [terminal(withheld_sheet(record)), ""]
+    parts += [terminal(parameter_sheet(record, verbose)), facts(_facts(record))]
+    return Group(*parts)
+
+
+def _facts(record: Json) -> Facts:
+    total = len(record["parameters"])
+    words = f"{record['determined']} of {total} directions of the parameters, better than half their prior"
+    yield "determined", words, ""
+    yield from under("only together", record["combinations"], "dim")
+    yield "torque", f"{record['torque_shift_ms']:.2f} ms later than the positions", "dim"
+    yield from under("warning", record["warnings"], "yellow")
+
+
+def draws_of(fit: MotionFit) -> Record:
+    """The posterior for ArviZ, one variable for all parameters."""
+    names = [p.name for p in fit.parameters]
+    groups = {"posterior": {"parameter_value": (("parameter",), fit.draws)}}
+    units = {"parameter_value": "SI, see the coordinate unit"}
+    labels = {"unit": ("parameter", [p.unit for p in fit.parameters])}
+    return Record(groups, {"parameter": names}, units, {"log": fit.log.name}, labels)
+
+
+def write_fit(fit: MotionFit, folder: Path, contents: Mapping[str, Any]) -> tuple[str, ...]:
+    """Write fit.json, report.html, posterior.nc and arm.yaml atomically; return their names."""
+    with whole(folder, FIT) as stage:
+        (stage / FIT).write_text(json_text(contents, rows=False), encoding="utf-8")
+        save(draws_of(fit), stage / POSTERIOR)
+        (stage / ARM).write_text(arm_text(fit.mechanism), encoding="utf-8")
+        return FIT, write_page(stage, folder), POSTERIOR, ARM

@@ -1,0 +1,22 @@
+import pytest
+from motion.made import write
+
+
+@pytest.fixture(scope="session")
+def null_log(tmp_path_factory):
+    return write(tmp_path_factory.mktemp("motion") / "null")
+
+
+@pytest.fixture(scope="session")
+def null_parts(null_log):
+    from bayescal.logs import read_log
+    from bayescal.motion.signals import all_signals
+
+    return all_signals(read_log(null_log))
+
+
+@pytest.fixture(scope="session")
+def null_estimate(null_parts):
+    from bayescal.motion.estimate import estimated
+
+    return estimated(null_parts)

@@ -1,0 +1,167 @@
+"""Small joint logs of a three-axis arm: torques by MuJoCo, which shares no code with the model."""
+
+import gzip
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+import yaml
+from scipy.signal import lfilter
+
+from bayescal.logs.read import _written_out
+from bayescal.logs.schema import Arm
+
+ARM = """
+joints:
+  - name: A
+    origin_mm: [0, 0, 200]
+    mass_kg: 4
+    centre_of_mass_mm: [0, -20, -30]
+    inertia_kgm2: [0.03, 0.03, 0.02, 0, 0, 0]
+    armature_kgm2: 0.5
+    coulomb_Nm: 3
+    viscous_Nms_per_rad: 2
+    rated_torque_Nm: 60
+    gear_ratio: 100
+  - name: B
+    origin_mm: [0, 50, 0]
+    rpy_deg: [90, 0, 0]
+    mass_kg: 5
+    centre_of_mass_mm: [150, 0, 40]
+    inertia_kgm2: [0.02, 0.1, 0.1, 0, 0, 0]
+    armature_kgm2: 0.5
+    coulomb_Nm: 3
+    viscous_Nms_per_rad: 3
+    rated_torque_Nm: 60
+    gear_ratio: 100
+  - name: C
+    origin_mm: [300, 0, 0]
+    mass_kg: 2
+    centre_of_mass_mm: [100, 10, 0]
+    inertia_kgm2: [0.005, 0.03, 0.03, 0, 0, 0]
+    armature_kgm2: 0.2
+    coulomb_Nm: 1.5
+    viscous_Nms_per_rad: 1
+    rated_torque_Nm: 30
+    gear_ratio: 80
+friction_transition_degps: 1.719
+payload: {centre_of_mass_mm: [150, 0, 20], radius_of_gyration_mm: 30}
+"""
+RATE, SECONDS = 60.0, 9.0
+SIGMA = np.array([0.08, 0.08, 0.04])
+
+
+def model_of(mechanism):
+    """The arm in MuJoCo, from the fields of a mechanism."""
+
+    def text(x):
+        return " ".join(f"{v:.17g}" for v in np.ravel(x))
+
+    def body(k):
+        frame, inertia = mechanism.place[k], mechanism.inertia[k]
+        full = [inertia[0, 0], inertia[1, 1], inertia[2, 2], inertia[0, 1], inertia[0, 2], inertia[1, 2]]
+        quat = np.zeros(4)
+        mujoco.mju_mat2Quat(quat, frame[:3, :3].ravel())
+        inside = body(k + 1) if k + 1 < mechanism.n else ""
+        return (
+            f'<body pos="{text(frame[:3, 3])}" quat="{text(quat)}"><joint axis="{text(mechanism.axis[k])}"/>'
+            f'<inertial pos="{text(mechanism.centre[k])}" mass="{mechanism.mass[k]:.17g}" '
+            f'fullinertia="{text(full)}"/>{inside}</body>'
+        )
+
+    xml = f'<mujoco><compiler angle="radian"/><worldbody>{body(0)}</worldbody></mujoco>'
+    return mujoco.MjModel.from_xml_string(xml)
+
+
+def inverse(model, q, dq, ddq, gravity=(0, 0, -9.81)):
+    """Torques (N, n) of MuJoCo's inverse dynamics."""
+    data = mujoco.MjData(model)
+    model.opt.gravity[:] = gravity
+    out = np.empty_like(q)
+    for k in range(len(q)):
+        data.qpos[:], data.qvel[:], data.qacc[:] = q[k], dq[k], ddq[k]
+        mujoco.mj_inverse(model, data)
+        out[k] = data.qfrc_inverse
+    return out
+
+
+def path(seed):
+    """Sums of sines: time (N,), position, speed, acceleration (N, 3)."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(0.0, SECONDS, 1.0 / RATE)
+    q, dq, ddq = np.zeros((3, len(t), 3))
+    for j in range(3):
+        for w in rng.uniform(0.6, 5.0, 4):
+            a, phase = rng.uniform(0.1, 0.5) / w**0.7, rng.uniform(0, 6.28)
+            q[:, j] += a * np.sin(w * t + phase)
+            dq[:, j] += a * w * np.cos(w * t + phase)
+            ddq[:, j] -= a * w**2 * np.sin(w * t + phase)
+    return t, q, dq, ddq
+
+
+LOADS = (0, 0, 0, 0, 0.8, 0.8, 0, 0.8)
+
+
+def write(folder, extra=None, loads=LOADS, seed=0):
+    """A log of eight motions, the first twice; `extra(q, dq, ddq, tau, t, load)` is added to the torque."""
+    folder.mkdir(parents=True, exist_ok=True)
+    rng = np.random.default_rng(1000 + seed)
+    roles = ["calibrate"] * 6 + ["validate"] * 2
+    motions = "\n".join(
+        f"  - {{id: {k + 1}, role: {r}, same_as: {1 if k < 2 else k + 1}, payload_kg: {loads[k]}}}"
+        for k, r in enumerate(roles)
+    )
+    indented = "".join(f"  {line}\n" for line in ARM.strip().splitlines())
+    (folder / "dataset.yaml").write_text(
+        "schema: bayescal-motion/1\nname: made\nrobot:\n" + indented + "gravity_mps2: [0, 0, -9.81]\n"
+        f"noise: {{torque_Nm: {SIGMA.tolist()}, autocorrelated: true}}\nmotions:\n{motions}\n"
+    )
+    joints = [form.format(j) for form in ("q{}_deg", "torque{}_Nm") for j in (1, 2, 3)]
+    head = ["t_s", "motion", *joints, "payload_kg"]
+    rows = []
+    truth = _truth(rng)
+    clock = 0.0
+    for k, load in enumerate(loads):
+        t, q, dq, ddq = path(100 * seed + (0 if k < 2 else k))
+        tau = truth(q, dq, ddq, load)
+        if extra is not None:
+            tau = tau + extra(q, dq, ddq, tau, t + clock, load)
+        noise = lfilter([1.0], [1.0, -0.6], rng.standard_normal((len(t), 3)) * 0.8, axis=0) * SIGMA
+        shown = np.round(np.rad2deg(q) + 3e-4 * rng.standard_normal(q.shape), 5)
+        labels = np.full(len(t), k + 1)
+        rows.append(np.column_stack([t + clock, labels, shown, tau + noise, np.full(len(t), load)]))
+        clock += SECONDS + 1.0
+    lines = (",".join(f"{v:.9g}" for v in row) for row in np.concatenate(rows).tolist())
+    text = "\n".join([",".join(head), *lines])
+    (folder / "motion.csv.gz").write_bytes(gzip.compress(text.encode(), 1))
+    return folder
+
+
+def _truth(rng):
+    """Torques of an arm whose masses and friction differ from nominal within the priors."""
+    nominal = _written_out(Arm.model_validate(yaml.safe_load(ARM)), "made")
+    share = 1.0 + 0.08 * rng.standard_normal(3)
+    true = replace(nominal, mass=nominal.mass * share, inertia=nominal.inertia * share[:, None, None])
+    model = model_of(true)
+    loaded = {}
+
+    def torque(q, dq, ddq, load):
+        if load not in loaded:
+            centre, gyration = np.array([0.15, 0.0, 0.02]), 0.03
+            mass = true.mass[2] + load
+            middle = (true.mass[2] * true.centre[2] + load * centre) / mass
+            about = true.inertia[2] + load * gyration**2 * np.eye(3)
+            for m, c in ((true.mass[2], true.centre[2]), (load, centre)):
+                d = c - middle
+                about = about + m * (d @ d * np.eye(3) - np.outer(d, d))
+            whole = replace(
+                true,
+                mass=np.r_[true.mass[:2], mass],
+                centre=np.vstack([true.centre[:2], middle]),
+                inertia=np.concatenate([true.inertia[:2], about[None]]),
+            )
+            loaded[load] = model_of(whole) if load else model
+        out = inverse(loaded[load], q, dq, ddq)
+        return out + nominal.armature * ddq + nominal.coulomb * np.tanh(dq / 0.03) + nominal.viscous * dq
+
+    return torque

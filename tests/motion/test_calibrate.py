@@ -1,0 +1,92 @@
+"""Calibration from a log: draws of arms that could be built, truth within the intervals."""
+
+import json
+
+import numpy as np
+import pytest
+import yaml
+
+import bayescal as bc
+from bayescal.logs import read_log
+from bayescal.logs.mechanism import inertial
+from bayescal.logs.read import _written_out
+from bayescal.logs.schema import Arm
+from bayescal.logs.write import arm_text
+from bayescal.motion.calibrate import NOT_NEGATIVE, Possible, pseudo_inertia
+from bayescal.motion.terms import nominal
+
+
+@pytest.fixture(scope="module")
+def result(null_log):
+    return bc.fit(null_log, samples=1000, seed=3)
+
+
+def test_withheld_errors_are_as_expected(result):
+    low, high = np.array(result.withheld.expected_interval95_Nm.to_list()).T
+    assert np.all((low < result.withheld.rms_Nm) & (result.withheld.rms_Nm < high))
+    assert np.all(result.withheld.nominal_rms_Nm.iloc[1:] > 2.0 * result.withheld.rms_Nm.iloc[1:])
+
+
+def test_known_parameters_are_within_their_uncertainty(result):
+    p = result.parameters
+    for name in ("armature 1", "coulomb 2", "viscous 3"):
+        assert p.identifiable[name] == "yes"
+        assert abs(p.estimate[name] - p.nominal[name]) < 3.5 * p.u[name]
+    assert p.identifiable["inertia xx of link 1"] == "no"
+    assert p.u["inertia xx of link 1"] == pytest.approx(p.prior_sd["inertia xx of link 1"], rel=0.15)
+    assert 0 < result.record["determined"] < len(p)
+
+
+def test_every_draw_could_be_built(result):
+    data = result.data
+    names = [q.name for q in data.parameters]
+    draws = data.draws.reshape(-1, len(names))
+    for stem in NOT_NEGATIVE:
+        assert np.min(draws[:, [k for k, n in enumerate(names) if n.startswith(stem)]]) >= 0.0
+    m = data.mechanism
+    assert all(np.linalg.eigvalsh(pseudo_inertia(ten))[0] > 0 for ten in m.inertials)
+
+
+def test_a_body_with_too_little_inertia_is_not_possible(null_estimate):
+    fit = null_estimate.fit()
+    possible = Possible.of(
+        fit, nominal(null_estimate.parts[0].log, null_estimate.rms), null_estimate.parts[0].log
+    )
+    names = [fit.normal.terms[k].name for k in fit.chosen]
+    z = np.zeros(len(names))
+    assert possible(z)
+    z[names.index("inertia zz of link 2")] = 20.0  # more than the sum of the others
+    assert not possible(z)
+    z[:] = 0.0
+    z[names.index("coulomb 1")] = possible.least[names.index("coulomb 1")] - 1e-9
+    assert not possible(z)
+
+
+def test_pseudo_inertia_is_the_second_moment_of_the_mass():
+    points = np.random.default_rng(0).normal(size=(9, 3))
+    ten = sum(inertial(0.5, x, np.zeros((3, 3))) for x in points)
+    wide = np.column_stack([points, np.ones(9)])
+    assert pseudo_inertia(ten) == pytest.approx(0.5 * wide.T @ wide)
+
+
+def test_an_arm_is_written_and_read_back(result):
+    m = result.data.mechanism
+    again = _written_out(Arm.model_validate(yaml.safe_load(arm_text(m))), m.name)
+    for name in ("place", "axis", "mass", "centre", "inertia", "armature", "coulomb", "viscous"):
+        assert getattr(again, name) == pytest.approx(getattr(m, name), abs=1e-7), name
+    assert again.transition == pytest.approx(m.transition)
+
+
+def test_a_run_folder_is_read_back(result, tmp_path):
+    written = result.save(tmp_path / "run")
+    assert written == ("fit.json", "report.html", "posterior.nc", "arm.yaml")
+    again = bc.load(tmp_path / "run")
+    assert again.record == json.loads(json.dumps(result.record))
+    values = again.inference_data()["posterior"]["parameter_value"]
+    assert values.shape == result.data.draws.shape
+    assert "armature 1" in str(result)
+
+
+def test_a_seed_gives_the_same_draws(null_log, result):
+    assert np.array_equal(bc.fit(null_log, samples=1000, seed=3).data.draws, result.data.draws)
+    assert read_log(null_log).n == 3

@@ -1,0 +1,133 @@
+"""Diagnoses of made logs: what was added is found, at its place, with its size."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from motion.made import RATE, write
+
+import bayescal as bc
+from bayescal.errors import BayescalError
+from bayescal.gap.result import VERDICTS
+from bayescal.logs import read_log
+from bayescal.motion.diagnose import diagnose
+
+BUMP = 0.4
+
+
+def load_friction(q, dq, ddq, tau, t, load):
+    out = np.zeros_like(q)
+    out[:, 1] = 0.04 * np.abs(tau[:, 1]) * np.tanh(dq[:, 1] / 0.03)
+    return out
+
+
+def delay(q, dq, ddq, tau, t, load):
+    return -0.006 * np.gradient(tau, 1.0 / RATE, axis=0)
+
+
+def payload(q, dq, ddq, tau, t, load):
+    gravity = 0.15 * 0.2 * 9.81  # 0.2 kg at 0.15 m of the last axis, in the plane of the arm
+    out = np.zeros_like(q)
+    if load:
+        level = np.cos(q[:, 1] + q[:, 2])
+        out[:, 2] = gravity * level
+        out[:, 1] = gravity * level + 0.3 * 0.2 * 9.81 * np.cos(q[:, 1])
+    return out
+
+
+def bump(q, dq, ddq, tau, t, load):
+    out = np.zeros_like(q)
+    out[:, 2] = BUMP * np.exp(-0.5 * ((q[:, 2] - 0.1) / 0.15) ** 2)
+    return out
+
+
+@pytest.fixture(scope="module")
+def gaps(tmp_path_factory, null_log):
+    folder = tmp_path_factory.mktemp("gaps")
+    made = {f.__name__: write(folder / f.__name__, f) for f in (load_friction, delay, payload, bump)}
+    return {name: bc.diagnose(path) for name, path in {"null": null_log, **made}.items()}
+
+
+def test_of_a_null_log_nothing_is_named(gaps):
+    gap = gaps["null"]
+    assert gap.verdict == "null"
+    assert gap.effects == ()
+    assert max(p for n, p in gap.probability.items() if n != "null") < 0.5
+    assert gap.shrinkage.before_rms_Nm.to_list() == gap.shrinkage.after_rms_Nm.to_list()
+
+
+@pytest.mark.parametrize(
+    ("log", "effect", "site", "size"), [("delay", "delay", "log", 0.006), ("payload", "payload", "tool", 0.2)]
+)
+def test_an_effect_is_named_with_its_size(gaps, log, effect, site, size):
+    gap = gaps[log]
+    assert (gap.verdict, gap.effects) == ("named", (effect,))
+    a = gap.amplitudes.iloc[0]
+    assert a.site == site
+    assert a.value == pytest.approx(size, abs=max(4 * a.u, 0.2 * size))
+    assert gap.probability[effect] > 0.9
+
+
+def test_friction_that_grows_with_load_is_found_at_its_joint(gaps):
+    gap = gaps["load_friction"]
+    assert "load-friction" in gap.effects
+    assert gap.where.iloc[0].site == "joint 2"
+    s = gap.shrinkage
+    assert s.after_rms_Nm.iloc[1] < 0.7 * s.before_rms_Nm.iloc[1]
+    assert gap.record["shrinkage"]["torque"]["removed"] > 0.7
+
+
+def test_a_cause_outside_the_list_is_unknown_at_its_place(gaps):
+    gap = gaps["bump"]
+    assert gap.verdict in ("unknown", "named+unexplained")
+    assert gap.where.iloc[0].site == "joint 3"
+    assert "angle" in gap.where.iloc[0].driver
+    assert max((gap.probability[n] for n in gap.effects), default=0.0) <= 0.85
+
+
+def test_the_record_follows_the_contract(gaps):
+    for gap in gaps.values():
+        r = json.loads(json.dumps(gap.record, allow_nan=False))
+        assert r["schema"] == "bayescal-gap/1"
+        assert r["unit"] == "Nm"
+        assert r["verdict"] in VERDICTS
+        assert set(r["effects"]) <= set(r["probability"])
+        assert {len(r["torque_rms_Nm"][k]) for k in ("before", "after")} == {3}
+        assert all({"site", "driver"} <= set(w) for w in r["where"])
+        assert all(isinstance(a["relevant"], bool) for a in r["amplitudes"])
+        assert {n["effect"] for n in r["not_assessed"]} >= {"elasticity", "backlash"}
+        assert len(r["noise"]["lag1"]) == 3
+        assert (r["class"] is not None) == (r["verdict"] == "class")
+
+
+def test_a_run_folder_is_read_back(gaps, tmp_path):
+    gap = gaps["delay"]
+    assert gap.save(tmp_path / "run") == ("gap.json", "gap.html")
+    again = bc.load(tmp_path / "run")
+    assert again.record == json.loads(json.dumps(gap.record))
+    assert again.amplitudes.equals(gap.amplitudes)
+    assert "ms" in str(gap)
+    page = (tmp_path / "run" / "gap.html").read_text(encoding="utf-8")
+    assert "delay of the torque" in page
+
+
+def test_a_log_without_signed_torques_is_not_assessed(null_log):
+    log = read_log(null_log)
+    bare = replace(log, motions=tuple(replace(m, torque=None) for m in log.motions))
+    with pytest.raises(BayescalError, match="no torques are logged"):
+        diagnose(bare)
+    with pytest.raises(BayescalError, match="torques have no sign"):
+        diagnose(replace(bare, signed=False))
+    fitted_only = replace(log, motions=log.of_role("calibrate"))
+    with pytest.raises(BayescalError, match="no motion has the role validate"):
+        diagnose(fitted_only)
+
+
+def test_options_of_contacts_are_refused(null_log):
+    with pytest.raises(BayescalError, match="--prior-width"):
+        bc.diagnose(null_log, prior_width=2.0)
+    with pytest.raises(BayescalError, match="--model"):
+        bc.diagnose(null_log, "geometry")
+    with pytest.raises(BayescalError, match="one joint log at a time"):
+        bc.diagnose([null_log, null_log])

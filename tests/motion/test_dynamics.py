@@ -1,0 +1,121 @@
+"""Torques against MuJoCo's inverse dynamics, and columns against differences of the model."""
+
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+from motion.made import inverse, model_of
+
+from bayescal.logs import read_log
+from bayescal.logs.mechanism import inertial, mechanism_of
+from bayescal.motion.dynamics import payload_of, regressor
+from bayescal.motion.effects import EFFECTS, Scale
+from bayescal.motion.estimate import moved_to
+from bayescal.motion.signals import all_signals
+from bayescal.motion.terms import ALL, baseline, nominal
+from bayescal.robots import load_robot
+
+
+def some(n, seed=0):
+    return np.random.default_rng(seed).normal(size=(3, 7, n))
+
+
+def test_torques_are_those_of_mujoco(null_log):
+    m = read_log(null_log).mechanism
+    q, dq, ddq = some(3)
+    gravity = np.array([1.0, -2.0, -9.0])
+    torque = np.einsum("njkp,kp->nj", regressor(m, q, dq, ddq, gravity), m.inertials)
+    assert torque == pytest.approx(inverse(model_of(m), q, dq, ddq, gravity), abs=1e-10)
+
+
+def test_a_robot_of_dh_rows_is_the_same_arm():
+    robot = replace(load_robot("universal-robots-ur5e")[0], inertias=np.tile(0.01 * np.eye(3), (6, 1, 1)))
+    m, _ = mechanism_of(robot)
+    q, dq, ddq = some(6, 1)
+    torque = np.einsum("njkp,kp->nj", regressor(m, q, dq, ddq, np.array([0, 0, -9.81])), m.inertials)
+    assert torque == pytest.approx(inverse(model_of(m), q, dq, ddq), abs=1e-9)
+
+
+def test_power_does_not_depend_on_the_coupling(null_log):
+    m = read_log(null_log).mechanism
+    coupled = replace(m, coupling=np.array([[1.0, 0, 0], [0, 1, 0], [0, 0.5, -1]]))
+    reading, speed, _ = some(3)
+    zero, gravity = np.zeros_like(reading), np.array([0, 0, -9.81])
+    by_reading = regressor(coupled, reading, speed, zero, gravity)
+    by_joint = regressor(m, reading @ coupled.coupling.T, speed @ coupled.coupling.T, zero, gravity)
+    power = np.einsum("njkp,kp,nj->n", by_reading, m.inertials, speed)
+    joints = np.einsum("njkp,kp,nj->n", by_joint, m.inertials, speed @ coupled.coupling.T)
+    assert power == pytest.approx(joints)
+
+
+def test_a_payload_is_a_body_of_its_mass(null_log):
+    m = read_log(null_log).mechanism
+    assert payload_of(m, 2.0) == pytest.approx(inertial(2.0, m.payload_centre, 2.0 * 0.03**2 * np.eye(3)))
+
+
+def test_every_column_of_the_baseline_is_the_derivative_of_the_torque(null_parts):
+    s = null_parts[4]
+    start = nominal(s.log, np.array([5.0, 20.0, 5.0]))
+    seen = 0
+    for term, column in baseline(s, start, np.ones(3)):
+        step = 1e-4 * term.sd
+        if term.name == "alignment":
+            after, before = (replace(start, shift=start.shift + d) for d in (step, -step))
+            slope = -(after.measured(s) - before.measured(s)) / (2 * step)  # of measured less shown
+        else:
+            both = [moved_to(start, s, {term.name: d}) for d in (step, -step)]
+            slope = (both[0].shown(s) - both[1].shown(s)) / (2 * step)
+        expected = column if term.channel == ALL else np.zeros_like(slope)
+        if term.channel != ALL:
+            expected[:, term.channel] = column
+        inner = slice(5, -5)
+        scale = max(np.abs(expected).max(), 1e-6)
+        assert slope[inner] == pytest.approx(
+            expected[inner], abs=(2e-2 if term.name == "alignment" else 1e-5) * scale
+        ), term
+        seen += 1
+    assert seen > 40
+
+
+@pytest.mark.parametrize("name", ["payload", "payload-offset", "base-tilt", "armature"])
+def test_columns_of_effects_are_derivatives_of_the_torque(null_parts, name):
+    s = null_parts[4]
+    at = nominal(s.log, np.array([5.0, 20.0, 5.0]))
+    scale = Scale(np.ones(3), np.ones(3), 0.8)
+    columns = list(EFFECTS[name].forms(s, at, scale))
+    step = 1e-5
+
+    def changed(k, size):
+        m, log = s.log.mechanism, s.log
+        if name == "payload":
+            moved = replace(s, payload=s.payload + size)
+        elif name == "payload-offset":
+            centre = m.payload_centre + size * np.eye(3)[k]
+            moved = replace(s, log=replace(log, mechanism=replace(m, payload_centre=centre)))
+        elif name == "base-tilt":
+            gravity = log.gravity + size * np.cross(np.eye(3)[k], log.gravity)
+            moved = replace(s, log=replace(log, gravity=gravity))
+        else:
+            return replace(at, armature=at.armature + size * np.eye(3)[k]).torque(s)
+        values = {f.name: getattr(at, f.name) for f in fields(at)}
+        return type(at)(**values).torque(moved)
+
+    for k, (_, term, column) in enumerate(columns):
+        slope = (changed(k, step) - changed(k, -step)) / (2 * step)
+        slope = slope if column.ndim == 2 else slope[:, term.channel]
+        assert column == pytest.approx(slope, abs=1e-5 * max(np.abs(slope).max(), 1.0))
+
+
+def test_motions_at_uneven_times_are_sampled_evenly(null_log):
+    log = read_log(null_log)
+    even = all_signals(log)[0]
+    m = log.motions[0]
+    keep = np.sort(np.random.default_rng(0).choice(len(m.time), 480, replace=False))
+    keep[0], keep[-1] = 0, len(m.time) - 1
+    uneven = replace(
+        m, time=m.time[keep], position=m.position[keep], torque=m.torque[keep], payload=m.payload[keep]
+    )
+    s = all_signals(replace(log, motions=(uneven, *log.motions[1:])))[0]
+    assert np.ptp(np.diff(s.time)) < 1e-9
+    speed = np.interp(s.time[30:-30], even.time, even.dq[:, 1])
+    assert np.sqrt(np.mean((s.dq[30:-30, 1] - speed) ** 2)) < 0.05 * np.sqrt(np.mean(speed**2))
