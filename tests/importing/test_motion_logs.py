@@ -156,7 +156,6 @@ def test_constants_that_a_record_does_not_give_are_asked_for(s, tmp_path):
 
 @pytest.mark.parametrize("mcap", [False, True])
 def test_a_bag_in_another_order_of_joints_with_commands_of_another_topic(s, tmp_path, mcap):
-    pytest.importorskip("rosbags")
     path = bag(tmp_path / "bag", [joint_states(s, sorted(UR)), controller_states(s, first=10)], mcap)
     draft = convert(Request(path, robot=ARM, motions="pause:0.5 s", torque="current: 12 12 10 5 5 5"))
     write(draft, tmp_path / "out")
@@ -185,7 +184,6 @@ def test_fingers_are_no_joints_of_the_arm():
 
 
 def test_efforts_of_a_ur_need_constants(s, tmp_path):
-    pytest.importorskip("rosbags")
     path = bag(tmp_path / "bag", [joint_states(s)])
     fails("currents without torque constants", log=path, motions="pause:0.5 s")
     draft = convert(Request(path, robot=ARM, motions="pause:0.5 s", torque="motor"))
@@ -193,7 +191,6 @@ def test_efforts_of_a_ur_need_constants(s, tmp_path):
 
 
 def test_messages_without_stamps_have_the_time_of_reception(s, tmp_path):
-    pytest.importorskip("rosbags")
     path = bag(tmp_path / "bag", [joint_states(s, unstamped=True, late=0.5)])
     draft = convert(Request(path, robot=ARM, motions="pause:0.5 s", torque="motor"))
     noted(draft, "times are those of reception")
@@ -201,7 +198,6 @@ def test_messages_without_stamps_have_the_time_of_reception(s, tmp_path):
 
 
 def test_several_topics_are_chosen_from(s, tmp_path):
-    pytest.importorskip("rosbags")
     path = bag(tmp_path / "bag", [joint_states(s, topic="/a"), joint_states(s, topic="/b")])
     usual = {"log": path, "motions": "pause:0.5 s", "torque": "motor"}
     fails("joint positions on several topics: /a, /b", **usual)
@@ -210,7 +206,6 @@ def test_several_topics_are_chosen_from(s, tmp_path):
 
 
 def test_franka_states_are_those_of_torque_sensors(s, tmp_path):
-    pytest.importorskip("rosbags")
     middle = s.position - s.position.mean(axis=0)
     seven = np.column_stack([middle, middle[:, 0]]) + np.array([0, 0, 0, -1.5, 0, 1.8, 0])
 
@@ -229,7 +224,6 @@ def test_franka_states_are_those_of_torque_sensors(s, tmp_path):
 
 
 def test_a_damaged_bag_and_a_missing_topic(s, tmp_path):
-    pytest.importorskip("rosbags")
     path = bag(tmp_path / "bag", [joint_states(s, UR[:4])])
     fails("no joint positions of the 6 joints", log=path)
     file = tmp_path / "broken.mcap"
@@ -283,7 +277,6 @@ def five(tmp_path):
     ],
 )
 def test_a_lerobot_data_set_in_each_unit(s, five, tmp_path, unit, of_rad, words):
-    pytest.importorskip("pyarrow")
     arm = s.position - s.position.mean(axis=0)
     gripper = np.column_stack(
         [of_rad(arm[:, 3:4]), of_rad(arm[:, :3]), np.full((len(arm), 1), 50.0), of_rad(arm[:, 4:5])]
@@ -304,7 +297,6 @@ def test_a_lerobot_data_set_in_each_unit(s, five, tmp_path, unit, of_rad, words)
 
 
 def test_lerobot_without_unit_or_beyond_its_range_is_refused(s, five, tmp_path):
-    pytest.importorskip("pyarrow")
     arm = np.degrees(s.position[:, :5])
     folder = lerobot(tmp_path / "set", s, NAMES, arm, info=True, real=True)
     usual = {"log": folder, "robot": str(five)}
@@ -319,7 +311,6 @@ def test_lerobot_without_unit_or_beyond_its_range_is_refused(s, five, tmp_path):
 
 @pytest.mark.parametrize("info", ["[]", '{"features": 3, "fps": "x"}'])
 def test_a_data_set_with_a_damaged_description_has_no_names(s, five, tmp_path, info):
-    pytest.importorskip("pyarrow")
     folder = lerobot(tmp_path / "set", s, NAMES, s.position[:, :5] - s.position[:, :5].mean(axis=0))
     (folder / "meta/info.json").write_text(info)
     draft = convert(Request(folder, "rad", robot=str(five)))
@@ -328,7 +319,6 @@ def test_a_data_set_with_a_damaged_description_has_no_names(s, five, tmp_path, i
 
 
 def test_a_parquet_file_without_names(s, five, tmp_path):
-    pytest.importorskip("pyarrow")
     folder = lerobot(tmp_path / "set", s, NAMES, s.position[:, :5] - s.position[:, :5].mean(axis=0))
     draft = convert(
         Request(folder / "data/chunk-000/file-000.parquet", "rad", robot=str(five), table="parquet")
@@ -358,7 +348,8 @@ damping="2" frictionloss="1.5"/>
 
 
 def test_an_mjcf_model_is_written_out_with_its_dynamics(s, tmp_path):
-    mujoco = pytest.importorskip("mujoco")
+    import mujoco
+
     path = tmp_path / "two.xml"
     path.write_text(MJCF)
     columns = {"t": s.time} | of_joints("q", s.position[:, :2])

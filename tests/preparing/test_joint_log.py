@@ -1,8 +1,8 @@
 """The check of joint logs: each mistake of a recording is a finding, what is missing has a remedy."""
 
 import json
-from pathlib import Path
 
+import foreign
 import numpy as np
 import pytest
 from click.testing import CliRunner
@@ -83,10 +83,10 @@ def test_two_clocks_of_different_rates(tmp_path):
     assert slope == pytest.approx(100, abs=15)  # µs/s
 
 
-DEV = Path(__file__).parents[3] / "shared/data/motion-dev"
+DEV = foreign.DATA / "motion-dev"
 
 
-@pytest.mark.skipif(not DEV.is_dir(), reason="no logs of another author")
+@foreign.needs(DEV)
 @pytest.mark.parametrize(
     ("name", "expected"), [("001", ["clock_drift"]), ("003", ["delay"]), ("013", [])]
 )  # their truths: clock-drift of 2.8 µs/s, a delay of 4.7 ms, an effect that is no mistake of the recording
