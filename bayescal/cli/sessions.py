@@ -84,6 +84,11 @@ def import_(
     validate: str = "",
     decimal: str = "",
     name: str = "",
+    motions: str = "",
+    joints: str = "",
+    torque: str = "",
+    topic: str = "",
+    table: str = "csv",
     force: bool = False,
     allow_xacro: bool = False,
 ) -> None:
@@ -92,7 +97,8 @@ def import_(
     Parameters
     ----------
     log
-        Joint readings, one row per measurement: text in columns, book.xlsx#Sheet, or --format.
+        Joint readings, one row per measurement: text in columns, book.xlsx#Sheet, or --format. Joint logs
+        also: a ROS bag (.mcap, .db3, .bag), a LeRobot or SAGE folder, a folder of such files.
     out
         Dataset folder to write; new or empty.
     map_
@@ -101,7 +107,8 @@ def import_(
         Built-in name or file [default: robot of the template].
     format_
         csv (with --map); without a map robodk, ur-rtde, probing (log of a probing program, recognised with
-        --plan), fanuc-ls, fanuc-va, kuka-dat, abb-mod.
+        --plan), fanuc-ls, fanuc-va, kuka-dat, abb-mod. Joint logs: csv, ur-rtde, rosbag, lerobot, sage; the
+        last three are recognised.
     points
         File with the points of the instrument, or with conditions such as a temperature; repeatable.
     points_map
@@ -123,11 +130,23 @@ def import_(
         Contents of the joint columns: encoder or command.
     validate
         Validation data, whole stops: every:5, last:20%, targets 'ball.*', stops 'b*' [default: column role,
-        or none].
+        or none]. Joint log: every:5, last:20%, motions '7,8', kind 'pick*' [default: the last kind, or 20 %].
     decimal
         comma: numbers such as 1,234 have a decimal comma [default: found, or asked for].
     name
         Name of the session [default: name of the log].
+    motions
+        Joint log: how it is divided into motions: files (each file, bag or episode), pause:2 s, or column
+        (map `motion`) [default: column, else files].
+    joints
+        Joint log: names of the joints in the log, in the order of the robot [default: found by name].
+    torque
+        Joint log: motor, sensor or current, with constants "current: 11.4 11.4 9.9 ..." (N m/A at the joints)
+        [default: as the format states].
+    topic
+        Joint log: topic of a bag with the rows, if several have joint positions.
+    table
+        Joint log: csv (motion.csv.gz) or parquet.
     force
         Write the dataset even if a check fails (for example a wrong unit).
     allow_xacro
@@ -152,11 +171,15 @@ def import_(
         validate=validate,
         decimal=decimal,
         allow_xacro=allow_xacro,
+        motions=motions,
+        joints=joints,
+        torque=torque,
+        topic=topic,
+        table=table,
     )
     draft = convert(request)
     write(draft, out, force)
-    rows = len(draft.line)
-    typer.echo(f"{rows} rows of {draft.dataset.robot.name} from {draft.log}")
+    typer.echo(draft.headline)
     failed = [f"WRITTEN DESPITE A FAILED CHECK: {draft.wrong}"] if draft.wrong else []
     for note in (*draft.understood, *draft.notes, *failed):
         typer.echo(note)
@@ -284,12 +307,12 @@ def check(
     json: bool = typer.Option(False, "--json", hidden=True),
     allow_xacro: bool = False,
 ) -> None:
-    """Check a dataset without fitting it: what is understood, what is missing, what looks wrong.
+    """Check a dataset or a joint log without fitting it: what is understood, missing, and what looks wrong.
 
     Parameters
     ----------
     dataset
-        Dataset folder.
+        Dataset folder, or that of a joint log.
     to
         table or json.
     allow_xacro

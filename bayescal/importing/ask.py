@@ -113,7 +113,10 @@ def points_map(log: Log, unit: str) -> Map:
 UPRIGHT = np.array([0.0, 0.0, -9.81])
 """m/s2, in F0."""
 
-CHOICES = {"format": tuple(FORMATS), "readings": ("encoder", "command"), "decimal": DECIMALS}
+MOTION_FORMATS = ("rosbag", "lerobot", "sage")
+"""Formats of joint logs alone; csv and ur-rtde are joint logs where `--motions` is given, or of a folder."""
+
+CHOICES = {"format": (*FORMATS, *MOTION_FORMATS), "readings": ("encoder", "command"), "decimal": DECIMALS}
 """Options with a fixed set of values."""
 
 
@@ -137,6 +140,11 @@ class Request:
     validate: str = ""
     decimal: str = ""
     allow_xacro: bool = False
+    motions: str = ""
+    joints: str = ""
+    torque: str = ""
+    topic: str = ""
+    table: str = "csv"
 
     @property
     def files(self) -> tuple[tuple[Path, str], ...]:
@@ -156,7 +164,12 @@ class Request:
         return self.template if self.plan is None else files_of(self.plan)[1]
 
     def check(self) -> None:
-        """Refuse missing and invalid options."""
+        """Refuse missing and invalid options of a log of contacts."""
+        for option in ("joints", "torque", "topic"):
+            if getattr(self, option):
+                raise BayescalError("is an option of logs of motions", f"--{option}", "give --motions too")
+        if self.table != "csv":
+            raise BayescalError("is an option of logs of motions", "--table", "give --motions too")
         for option, choices in CHOICES.items():
             if getattr(self, option) not in choices:
                 what = f"`{getattr(self, option)}` is not known"

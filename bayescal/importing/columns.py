@@ -214,7 +214,7 @@ def _mark(log: Log, numeric: set[int], decimal: str) -> str:
     """The decimal mark of the numbers with a comma; "" if there are none."""
     if decimal == "comma":
         return ","
-    if not any("," in row[i] for i in numeric for row in log.rows):
+    if not any("," in "".join([row[i] for row in log.rows]) for i in numeric):
         return ""
     every = [
         (row[i].strip("[]"), n) for i in sorted(numeric) for row, n in zip(log.rows, log.line, strict=True)
@@ -258,7 +258,7 @@ class _Numbers:
                 out = np.array([float(cell) for cell in cells])
             except ValueError:
                 out = np.array([np.nan])
-            if not np.isfinite(out).all() or any("_" in cell for cell in cells):
+            if not np.isfinite(out).all() or "_" in "".join(cells):
                 out = np.array([self._number(row, cell, key) for row, cell in enumerate(cells)])
             self.columns[index] = out
         return self.columns[index]

@@ -18,7 +18,7 @@ from bayescal.importing import ask
 from bayescal.importing.ask import Request, base_of, furnished
 from bayescal.importing.columns import Columns, columns_of, missing_in
 from bayescal.importing.log import read_log
-from bayescal.importing.mapping import Column, Map, own_map, read_map, validation_rule
+from bayescal.importing.mapping import OF_MOTIONS, Column, Map, own_map, read_map, validation_rule
 from bayescal.importing.onto import files_of, measured_before, onto
 from bayescal.importing.orientations import Loose, compared
 from bayescal.importing.pair import is_measured, pair, rows_words, stacked, unfolded
@@ -146,8 +146,13 @@ class Draft:
     understood: tuple[str, ...] = ()  # the columns, and the first row as it was read
     before: int = 0  # rows that were measured before those of the log
 
+    @property
+    def headline(self) -> str:
+        """What was read, in words."""
+        return f"{len(self.line)} rows of {self.dataset.robot.name} from {self.log}"
 
-def convert(request: Request) -> Draft:
+
+def convert_contacts(request: Request) -> Draft:
     """Read a log into a dataset.
 
     Parameters
@@ -170,6 +175,7 @@ def convert(request: Request) -> Draft:
         request = replace(request, format=format_of(request.log))
     base = base_of(request)
     columns, centres, notes, mapped = _columns(request, base.robot.n)
+    _refuse_motions(columns)
     columns, late = _from_the_beginning(columns)
     notes = (*notes, *late)
     joined = None
@@ -198,7 +204,7 @@ def convert(request: Request) -> Draft:
     return Draft(dataset, notes, wrong, columns.name, columns.line, understood, before)
 
 
-def write(draft: Draft, folder: Path, force: bool = False) -> None:
+def write_contacts(draft: Draft, folder: Path, force: bool = False) -> None:
     """Write a draft as a dataset folder, atomically, and check that it can be read.
 
     Parameters
@@ -261,6 +267,15 @@ def _whence(draft: Draft, where: str) -> str:
     if file == TABLE and 0 <= (row := int(line) - 2 - draft.before) < len(draft.line):
         return f"{draft.log}:{draft.line[row]}"
     return f"{draft.log} as a dataset" if file in (SETTINGS, TABLE) else where
+
+
+def _refuse_motions(columns: Columns) -> None:
+    """Refuse quantities that only a joint log has."""
+    for key in columns.cells:
+        if key in ("motion", "kind") or key.lstrip("j0123456789") in OF_MOTIONS:
+            raise BayescalError(
+                f"`{key}` is a quantity of joint logs", "--map", "remove it, or give --motions too"
+            )
 
 
 def _from_the_beginning(columns: Columns) -> tuple[Columns, tuple[str, ...]]:

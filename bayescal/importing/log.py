@@ -253,7 +253,9 @@ class Log:
         return len(self.rows[0])
 
 
-def read_log(path: Path, headed: bool | None = None, missing: Missing | None = None) -> Log:
+def read_log(
+    path: Path, headed: bool | None = None, missing: Missing | None = None, cut: bool = False
+) -> Log:
     """Read a log.
 
     The separator is a semicolon, a tab, a comma or white space: the first of them that most lines have.
@@ -268,6 +270,8 @@ def read_log(path: Path, headed: bool | None = None, missing: Missing | None = N
         Whether there is a header; left out, the first row is one if none of its cells is a number.
     missing : callable, optional
         Columns that a row lacks as the header: the header is the first row that lacks none.
+    cut : bool
+        Whether the last row may be cut off, as a recording that was stopped leaves it; it is then left out.
 
     Raises
     ------
@@ -304,6 +308,8 @@ def read_log(path: Path, headed: bool | None = None, missing: Missing | None = N
         rows = [(number, row + ("",) * (width - len(row))) for number, row in rows]
     if missing is not None and missing(header):  # the map is refused, not the rows below what is no header
         rows = [(number, row) for number, row in rows if len(row) == width] or rows
+    if cut and len(rows) > 1 and len(rows[-1][1]) < width:
+        notes.append(_left([rows.pop()], name, "that is cut off"))
     for number, row in rows:
         if len(row) != width:
             what = f"{len(row)} cells, the {'header' if header else 'first row'} has {width}"

@@ -126,6 +126,15 @@ DIMENSIONS = {
 JOINT = {"": "angle", "_velocity": "rate", "_command": "angle", "_torque": "torque"}
 """Of a joint: ``j1``, ``j1_velocity`` and so on."""
 
+OF_MOTIONS = {
+    "_current": "current",
+    "_link": "angle",
+    "_target_torque": "torque",
+    "_target_current": "current",
+    "_temperature": "temperature",
+}
+"""Of a joint, in logs of motions alone."""
+
 OF_UNIT = {"degps": "_velocity", "radps": "_velocity", "nm": "_torque"}
 """Quantities of a joint that a key names by its unit alone, as measurements.csv does: ``j1_degps``."""
 
@@ -138,7 +147,7 @@ ROTATION = "rotation"
 OF_REFLECTOR = ("x", "y", "z", "u", "rx", "ry", "rz", ROTATION)
 """Quantities that may be those of a named reflector, ``x@A``."""
 
-TEXTS = ("id", "role", "target", "tool", "stop", "repeat")
+TEXTS = ("id", "role", "target", "tool", "stop", "repeat", "motion", "kind")
 """Quantities that are text."""
 
 
@@ -249,10 +258,10 @@ def quantity_of(key: str, n: int, where: str) -> tuple[str, Unit | None]:
 def dimension_of(key: str, n: int, where: str) -> str:
     """What the quantity `key` measures; unknown ones and joints beyond the n-th are refused."""
     joint = re.fullmatch(r"j(\d+)(\w*)", key)
-    if joint and joint[2] in JOINT:
+    if joint and joint[2] in JOINT | OF_MOTIONS:
         if not 1 <= int(joint[1]) <= n:
             raise BayescalError(f"`{key}`, but the robot has {n} joints", where, "check --robot")
-        return JOINT[joint[2]]
+        return (JOINT | OF_MOTIONS)[joint[2]]
     if key not in DIMENSIONS:
         joints = [f"j{i + 1}{tail}" for tail in JOINT for i in range(n)]
         what, remedy = unknown("quantity", key, [*joints[:n], *DIMENSIONS, ROTATION, *TEXTS, VALIDATE])

@@ -36,6 +36,7 @@ UNITS: dict[str, Unit] = {
     **_units("angle", deg=_DEG, rad=1.0, mrad=1e-3),
     **_units("rate", degps=_DEG, radps=1.0),
     **_units("torque", Nm=1.0, mNm=1e-3, Ncm=1e-2),
+    **_units("current", A=1.0, mA=1e-3),
     **_units("mass", kg=1.0, g=1e-3, lb=0.45359237),
     **_units("time", s=1.0, ms=1e-3, min=60.0, h=3600.0),
     "C": Unit("C", "temperature", 1.0),

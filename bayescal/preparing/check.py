@@ -215,6 +215,11 @@ class Check:
     hidden: tuple[str, ...]
     findings: tuple[Finding, ...]
 
+    @property
+    def name(self) -> str:
+        """Name of the dataset."""
+        return self.dataset.name
+
 
 def check(folder: Path | str, robot: Loaded | None = None) -> Check:
     """Check a dataset folder without fitting it.

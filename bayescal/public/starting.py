@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from rich.console import RenderableType
 
     from bayescal.preparing.check import Check
+    from bayescal.preparing.joint_log import LogCheck
 
 
 def init(
@@ -107,22 +108,31 @@ def schema(name: str) -> dict[str, Any]:
 
 @dataclass(frozen=True, repr=False)
 class CheckResult(Printed):
-    """What is understood of a dataset, what is missing and what looks wrong; `print` shows it.
+    """What is understood of a dataset or joint log, what is missing, what looks wrong; `print` shows it.
 
     Attributes
     ----------
-    data : Check
+    data : Check or LogCheck
         The complete result, in SI.
     """
 
-    data: Check
+    data: Check | LogCheck
 
     @cached_property
     def record(self) -> Json:
         """The content of `bayescal check --to json`."""
-        from bayescal.preparing.check import check_record
+        from bayescal.preparing.check import Check, check_record
+        from bayescal.preparing.joint_log import log_record
 
-        return check_record(self.data)
+        return check_record(self.data) if isinstance(self.data, Check) else log_record(self.data)
+
+    @cached_property
+    def joints(self) -> DataFrame:
+        """Of a joint log a row per joint: range, speeds, delays, filters; of a dataset empty."""
+        from bayescal.reporting.check import joint_sheet
+        from bayescal.reporting.shared.sheet import frame
+
+        return frame(joint_sheet({"joints": self.record.get("joints", [])}), "joint")
 
     @cached_property
     def findings(self) -> DataFrame:
@@ -141,11 +151,11 @@ class CheckResult(Printed):
     def __repr__(self) -> str:
         from bayescal.reporting.check import said
 
-        return f"<check of {self.data.dataset.name}: {said(self.data.findings)}>"
+        return f"<check of {self.data.name}: {said(self.data.findings)}>"
 
 
 def check(folder: str | PathLike[str], *, allow_xacro: bool = False) -> CheckResult:
-    """Check a dataset folder without fitting it: what is understood, missing, and probably a mistake.
+    """Check a dataset or a joint log without fitting it: what is understood, missing, probably a mistake.
 
     Parameters
     ----------
@@ -174,8 +184,12 @@ def check(folder: str | PathLike[str], *, allow_xacro: bool = False) -> CheckRes
     <check of simulated: no findings>
     """
     from bayescal.dataset.read import expanded_robot
+    from bayescal.logs import is_log
     from bayescal.preparing.check import check as run
+    from bayescal.preparing.joint_log import check_log
 
+    if is_log(Path(folder)):
+        return CheckResult(check_log(Path(folder)))
     return CheckResult(run(Path(folder), expanded_robot(Path(folder)) if allow_xacro else None))
 
 

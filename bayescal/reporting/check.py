@@ -10,8 +10,11 @@ from typing import Any
 from rich.console import Group, RenderableType
 
 from bayescal.preparing.check import Check, check_record
+from bayescal.preparing.joint_log import LogCheck, log_record
 from bayescal.preparing.missing import KINDS, Finding
-from bayescal.reporting.shared.text import Facts, by_reason, facts
+from bayescal.reporting.shared.sheet import Column, Sheet, terminal
+from bayescal.reporting.shared.text import MISSING, Facts, by_reason, facts, with_u
+from bayescal.storage.reading import Json
 
 TITLES = {"refused": "refused by fit", "odd": "odd", "missing": "missing"}
 STYLES = {"refused": "red", "odd": "yellow", "missing": "yellow"}
@@ -19,8 +22,12 @@ MOST = 6
 """Targets that are listed each; more of one kind are counted."""
 
 
-def check_summary(of: Check) -> RenderableType:
+def check_summary(of: Check | LogCheck) -> RenderableType:
     """What is understood, what can be assessed, and all findings."""
+    if isinstance(of, LogCheck):
+        record = log_record(of)
+        head = f"{record['dataset']}  {record['robot']['name']}"
+        return Group(head, facts(_grouped(_log_lines(of, record))), "", terminal(joint_sheet(record)))
     record = check_record(of)
     return Group(f"{record['dataset']}  {record['robot']['name']}", facts(_grouped(_lines(of, record))))
 
@@ -28,15 +35,83 @@ def check_summary(of: Check) -> RenderableType:
 def _lines(of: Check, record: dict[str, Any]) -> Facts:
     for key, text in _understood(record):
         yield key, text, ""
+    yield from _assessed(record)
+    for text in record["not_shown"]:
+        yield "not shown", text, "dim"
+    yield from _found(of.findings)
+
+
+def _assessed(record: Json) -> Facts:
     yield "assessable", ", ".join(record["assessed"]) or "nothing", ""
     for reason, names in by_reason(record["not_assessed"]).items():
         yield "not assessable", f"{', '.join(names)}: {reason}", "dim"
-    for text in record["not_shown"]:
-        yield "not shown", text, "dim"
-    if not of.findings:
+
+
+def _found(findings: tuple[Finding, ...]) -> Facts:
+    if not findings:
         yield "findings", "none", "green"
-    for f in of.findings:
+    for f in findings:
         yield TITLES[f.kind], f"{f.where}: {f.what}; {f.remedy}", STYLES[f.kind]
+
+
+def _log_lines(of: LogCheck, record: Json) -> Facts:
+    """A joint log: what is understood, what can be assessed, findings."""
+    torque, stamps = record["torque"], record["stamps"]
+    kind = f"torque: {torque['kind'] or 'none'}{'' if torque['signed'] else ', unsigned'}"
+    yield "columns", f"{', '.join(record['columns'])}; {kind}", ""
+    for role in ("calibrate", "validate"):
+        group = [m for m in record["motions"] if m["role"] == role]
+        kinds = ", ".join(dict.fromkeys(m["kind"] for m in group if m["kind"]))
+        again = sum(m["same_as"] != m["id"] for m in group)
+        loaded = sum(m["payload_kg"] > 0 for m in group)
+        time = sum(m["duration_s"] for m in group)
+        text = f"{len(group)} motions, {time:.0f} s{f' ({kinds})' if kinds else ''}; "
+        text += f"{again} repeats, {loaded} loaded"
+        yield role, text, ""
+    scatter = f"{100 * stamps['jitter']:.2g} %" if stamps["jitter"] > 1e-4 else "< 0.01 %"
+    steps = f"{record['rows']} rows, a step of {stamps['step_ms']:.4g} ms, scatter {scatter}"
+    yield "stamps", f"{steps}, longest {stamps['longest_ms']:.4g} ms", ""
+    warm = record["temperature_range_K"]
+    yield "conditions", "no temperature" if warm is None else f"temperature range {warm:.2g} K", ""
+    for text in record["assumed"]:
+        yield "assumed", text, "dim"
+    yield from _assessed(record)
+    yield from _found(of.findings)
+
+
+def joint_sheet(record: Json) -> Sheet:
+    """The joints of a joint log: range, speed, rest, delays with their u, filters."""
+
+    def delay(key: str) -> Column:
+        heading = {"torque": "torque late", "velocity": "velocity late"}.get(key, "tracking late")
+        return Column(f"{heading} / ms", lambda item: item["delay_ms"][key], _delay)
+
+    return Sheet(
+        (
+            Column("joint", "name"),
+            Column("range / deg", "range_deg", lambda ends: f"{ends[0]:.0f} to {ends[1]:.0f}"),
+            Column("fastest / rad/s", "fastest_rad_per_s", "{:.2f}".format),
+            Column("at rest / %", "at_rest", lambda share: f"{100 * share:.0f}"),
+            Column("slow / s", "slow_s", "{:.1f}".format),
+            delay("torque"),
+            delay("velocity"),
+            delay("position_after_command"),
+            Column("tracking / deg", "tracking_rms_deg", "{:.2g}".format),
+            Column("velocity filtered / Hz", "velocity_cutoff_Hz", "{:.2g}".format),
+            Column("torque filtered / Hz", "torque_filtered_above_Hz", "{:.2g}".format),
+        ),
+        record["joints"],
+        "late: torque behind acceleration and friction, velocity behind the derivative of position, position "
+        "behind command; in brackets u of the last digits",
+    )
+
+
+def _delay(of: Json) -> str:
+    """A delay with its u."""
+    value, u = of["value"], of["u"]
+    if value is None:
+        return MISSING
+    return f"{value:.2g}" if u is None else with_u(value, max(u, 0.01))
 
 
 def said(findings: tuple[Finding, ...]) -> str:

@@ -1,0 +1,180 @@
+"""Joint states of ROS bags: rosbag2 (sqlite3, MCAP) and rosbag1, by the package rosbags.
+
+Of the messages of `MESSAGES`; their definitions are those in the bag, or where it has none, of ROS 2 Humble.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import reduce
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bayescal.errors import BayescalError, listed
+from bayescal.importing.joint_formats import AMPERES, MESSAGES, Message, Record, Stream, joint_order, library
+
+SUFFIXES = (".mcap", ".db3", ".bag")
+METADATA = "metadata.yaml"
+NEAR = 1.0
+"""s: the stamps of a header are this near to the time of reception, or the two are not of one clock."""
+
+
+def is_bag(path: Path) -> bool:
+    """Whether a path is a bag: a file of one, or a folder with its metadata."""
+    return path.suffix in SUFFIXES if path.is_file() else (path / METADATA).is_file()
+
+
+def read_bag(path: Path, joints: Sequence[str], robot: str, stated: str, topic: str) -> Record:
+    """The joint states of a bag.
+
+    Parameters
+    ----------
+    path : Path
+        Its folder, or a file of one.
+    joints : sequence of str
+        Joint names of the robot.
+    robot : str
+        Name of the robot.
+    stated : str
+        As of `joint_order`.
+    topic : str
+        Of the rows; "" for the only one.
+
+    Raises
+    ------
+    BayescalError
+        Without the package, for a bag that cannot be read, and where no topic has the positions of all
+        joints, or several have.
+    """
+    reader = library("rosbags.highlevel", path.name).AnyReader
+    types = library("rosbags.typesys", path.name)
+    try:
+        with reader([path], default_typestore=types.get_typestore(types.Stores.ROS2_HUMBLE)) as bag:
+            return _record(bag, path.name, joints, robot, stated, topic)
+    except BayescalError:
+        raise
+    except Exception as error:  # rosbags fails in any way at parts that are damaged
+        what = f"the bag cannot be read: {error}"
+        raise BayescalError(
+            what, path.name, "`ros2 bag reindex` repairs a recording that was stopped"
+        ) from None
+
+
+def _record(bag: Any, name: str, joints: Sequence[str], robot: str, stated: str, topic: str) -> Record:
+    streams: list[tuple[str, Stream, tuple[str, ...]]] = []
+    notes, why = [], []
+    for kind, message in MESSAGES.items():
+        for connection in (c for c in bag.connections if c.msgtype == kind and c.msgcount):
+            try:
+                streams.append((kind, *_stream(bag, connection, message, joints, stated)))
+            except BayescalError as error:
+                why.append(str(error))
+    seen = {c.topic for c in bag.connections if c.msgtype in MESSAGES}
+    if lost := sorted({c.msgtype for c in bag.connections if "State" in c.msgtype and c.topic not in seen}):
+        notes.append(f"messages that are not read: {listed(lost)}")
+    full = [s for s in streams if "position" in s[1].joints and topic in ("", s[1].name)]
+    if topic and not full:
+        there = listed(sorted(s[1].name for s in streams))
+        raise BayescalError(
+            f"no joint positions on `{topic}`", name, f"topics with joint states: {there or 'none'}"
+        )
+    first = [s for s in full if s[0] == full[0][0]]
+    usual = [s for s in first if s[1].name.endswith("/joint_states")]
+    if not full:
+        there = listed(sorted({f"{c.topic} ({c.msgtype})" for c in bag.connections}))
+        remedy = why[0] if why else "record /joint_states"
+        raise BayescalError(f"no joint positions of the {len(joints)} joints; topics: {there}", name, remedy)
+    if len(first) > 1 and len(usual) != 1:
+        topics = listed([s[1].name for s in first])
+        raise BayescalError(
+            f"joint positions on several topics: {topics}", name, "choose one: `--topic NAME`"
+        )
+    kind, rows, said = (usual if len(usual) == 1 else first)[0]
+    notes = [f"rows of {rows.name} ({kind})", *said, *notes]
+    torque = MESSAGES[kind].torque
+    if kind.endswith("JointState") and AMPERES.search(robot.lower()) and "torque" in rows.joints:
+        renamed = {"current" if k == "torque" else k: v for k, v in rows.joints.items()}
+        rows, torque = replace(rows, joints=renamed), "current"
+        notes.append(
+            "efforts of a UR are motor currents, A, as its driver writes them; --torque motor if in N m"
+        )
+    have = {*rows.joints}
+    others = []
+    for other_kind, other, _ in streams:
+        new = {k: v for k, v in other.joints.items() if k not in have and k != "position"}
+        if other is not rows and new and other.name != rows.name:
+            have |= new.keys()
+            others.append(replace(other, joints=new))
+            notes.append(f"{', '.join(new)} of {other.name} ({other_kind}), interpolated")
+    return Record(name, rows, tuple(others), torque=torque, clock="session", notes=tuple(notes))
+
+
+def _stream(
+    bag: Any, connection: Any, message: Message, joints: Sequence[str], stated: str
+) -> tuple[Stream, tuple[str, ...]]:
+    """All messages of a topic that have all joints."""
+    n = len(joints)
+    order: list[int] | None = None if message.names else list(range(n))
+    names: tuple[str, ...] = ()
+    how, few = "", 0
+    cells: dict[str, list[Any]] = {key: [] for key in message.joints}
+    received: list[int] = []
+    header: list[int] = []
+    readers = {key: [_getter(path) for path in paths] for key, paths in message.joints.items()}
+    name_of = _getter(message.names) if message.names else None
+    for _, stamp, raw in bag.messages(connections=[connection]):
+        content = bag.deserialize(raw, connection.msgtype)
+        if name_of is not None and (own := tuple(name_of(content))) != names:
+            try:
+                order, how = joint_order(own, joints, stated, connection.topic)
+                names = own
+            except BayescalError:
+                if not received:
+                    raise
+                few += 1
+                continue
+        values = {
+            k: next((v for g in gs if (v := g(content)) is not None and len(v)), None)
+            for k, gs in readers.items()
+        }
+        received.append(stamp)
+        header.append(_nanoseconds(content, message.stamp))
+        for key, value in values.items():
+            cells[key].append(
+                None if value is None or len(value) <= max(order or (0,)) else np.asarray(value)[order]
+            )
+    blocks = {k: np.array(v, float) for k, v in cells.items() if v and all(c is not None for c in v)}
+    time, said = _clock(np.array(received), np.array(header), message.stamp)
+    notes = [how, said, f"{few} messages without all joints left out" if few else ""]
+    return Stream(connection.topic, time, blocks), tuple(filter(None, notes))
+
+
+def _getter(path: str) -> Callable[[Any], Any]:
+    parts = path.split(".")
+    return lambda content: reduce(lambda of, part: getattr(of, part, None), parts, content)
+
+
+def _nanoseconds(content: Any, path: str) -> int:
+    """Stamp of a message, ns; 0 where there is none."""
+    stamp = _getter(path)(content)
+    if isinstance(stamp, (int, float)):
+        return round(1e9 * stamp)
+    return 0 if stamp is None else int(stamp.sec) * 10**9 + int(stamp.nanosec)
+
+
+def _clock(received: np.ndarray, header: np.ndarray, field: str) -> tuple[np.ndarray, str]:
+    """Times (N,), s: the stamps of the messages, or if these are not set, of reception; in words which."""
+    if len(received) == 0:
+        return np.zeros(0), ""
+    late = (received - header) * 1e-9
+    if not header.all():
+        return received * 1e-9, "times are those of reception: the messages have no stamps"
+    text = f"times are the stamps of the messages ({field})"
+    if abs(np.median(late)) > NEAR:
+        return header * 1e-9, f"{text}, of another clock than that of reception"
+    spread = np.percentile(late, [5, 50, 95]) * 1e3
+    text += f"; received {spread[1]:.2g} ms later (5 to 95 %: {spread[0]:.2g} to {spread[2]:.2g} ms)"
+    return header * 1e-9, text

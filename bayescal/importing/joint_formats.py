@@ -1,0 +1,260 @@
+"""Where joint logs of other programs have each quantity (tables of data), and what is read from them.
+
+Sources: message definitions of sensor_msgs, control_msgs, franka_msgs, ur_msgs; Universal Robots, RTDE guide
+(output fields, written as ``NAME_0`` ... by csv_writer.py); LeRobot, dataset format v2.1 and v3; SAGE, README
+('Data Format').
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+
+from bayescal.errors import BayescalError, listed
+
+DEG = 180 / math.pi
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """Columns ``prefix{joint}unit`` of motion.csv, their factor from SI, and the largest value (SI)."""
+
+    prefix: str
+    unit: str
+    factor: float
+    largest: float
+
+    def column(self, joint: int) -> str:
+        """Name of the column of a joint, from 0."""
+        return f"{self.prefix}{joint + 1}{self.unit}"
+
+
+QUANTITIES = {
+    "position": Quantity("q", "_deg", DEG, 1e3),
+    "velocity": Quantity("dq", "_degps", DEG, 1e3),
+    "command": Quantity("command", "_deg", DEG, 1e3),
+    "link": Quantity("link", "_deg", DEG, 1e3),
+    "torque": Quantity("torque", "_Nm", 1.0, 1e5),
+    "magnitude": Quantity("torque_magnitude", "_Nm", 1.0, 1e5),
+    "current": Quantity("current", "_A", 1.0, 1e4),
+}
+"""What motion.csv has of each joint; larger values are corrupt (assumed: 160 turns, 160 turns/s)."""
+SINGLE = {"temperature": ("temperature_degC", 500.0), "payload": ("payload_kg", 1e5)}
+"""What it has of each row, and the largest value."""
+AIDS = {"target_torque": 1e5, "target_current": 1e4, "temperatures": 500.0}
+"""Of each joint, read for constants and temperatures, not written: largest value."""
+LARGEST = {name: q.largest for name, q in QUANTITIES.items()} | {k: v for k, (_, v) in SINGLE.items()} | AIDS
+
+MAPPED = {
+    "": "position",
+    "_velocity": "velocity",
+    "_command": "command",
+    "_link": "link",
+    "_torque": "torque",
+    "_current": "current",
+    "_target_torque": "target_torque",
+    "_target_current": "target_current",
+    "_temperature": "temperatures",
+}
+"""Quantities by the ends of the keys of a map, ``j1_velocity``."""
+
+UR_RTDE = (
+    "time=timestamp counter_s, j*=actual_q_*0 rad, j*_velocity?=actual_qd_*0 radps, "
+    "j*_command?=target_q_*0 rad, j*_current?=actual_current_*0 A, j*_target_torque?=target_moment_*0 Nm, "
+    "j*_target_current?=target_current_*0 A, j*_temperature?=joint_temperatures_*0 C, payload?=payload kg"
+)
+"""The map of a record of RTDE; `target_moment` and `target_current` give the torque constants."""
+
+
+@dataclass(frozen=True)
+class Message:
+    """Fields of a ROS message by quantity (alternatives in order), of its names; kind of its torque."""
+
+    joints: Mapping[str, Sequence[str]]
+    names: str = ""
+    torque: str = "motor"
+    stamp: str = "header.stamp"
+
+
+_JOINT_STATE = {"position": ["position"], "velocity": ["velocity"], "torque": ["effort"]}
+MESSAGES = {
+    "franka_msgs/msg/FrankaRobotState": Message(
+        {k: [f"measured_joint_state.{v[0]}"] for k, v in _JOINT_STATE.items()}
+        | {"command": ["desired_joint_state.position"]},
+        "measured_joint_state.name",
+        "sensor",
+    ),
+    "franka_msgs/msg/FrankaState": Message(
+        {"position": ["q"], "velocity": ["dq"], "torque": ["tau_j", "tau_J"], "command": ["q_d"]},
+        torque="sensor",
+    ),
+    "ur_msgs/msg/RobotStateRTMsg": Message(
+        {
+            "position": ["q_actual"],
+            "velocity": ["qd_actual"],
+            "current": ["i_actual"],
+            "command": ["q_target"],
+            "target_torque": ["m_target"],
+            "target_current": ["i_target"],
+            "temperatures": ["motor_temperatures"],
+        },
+        torque="current",
+        stamp="time",
+    ),
+    "sensor_msgs/msg/JointState": Message(_JOINT_STATE, "name"),
+    "control_msgs/msg/JointTrajectoryControllerState": Message(
+        {
+            "position": ["feedback.positions", "actual.positions"],
+            "command": ["reference.positions", "desired.positions"],
+        },
+        "joint_names",
+    ),
+}
+"""By type, the first that has all positions gives the rows."""
+AMPERES = re.compile(r"universal|(?<![a-z])ur\d+e?(?![a-z0-9])")
+"""Robots whose ROS driver writes motor currents, A, into `effort` by default (its manual)."""
+
+LEROBOT = {
+    "position": "observation.state",
+    "command": "action",
+    "velocity": "observation.velocity",
+    "torque": "observation.effort",
+    "current": "observation.current",
+}
+"""Columns of a LeRobot data set, each with a list a row; the last three are of recorders that add them."""
+SAGE = {"position": "positions", "velocity": "velocities", "torque": "torques"}
+"""Columns of SAGE's state_motor.csv, rad, rad/s, N m; `positions` of control.csv is the command."""
+
+SERIAL = (
+    ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3"),
+    ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll"),
+)
+"""Joints of Universal Robots and of the SO-100/101, from the base on; logs often order them otherwise."""
+GRIPPER = re.compile("gripper|finger|jaw|knuckle", re.IGNORECASE)
+
+
+@dataclass(frozen=True)
+class Stream:
+    """Samples of one clock in SI: `time` (N,) s; `joints` (N, n) and `single` (N,) by quantity; `texts` (N,).
+
+    `line` (N,) is that of a text file, else the number of the sample. `held`: a value holds until the next.
+    """
+
+    name: str
+    time: np.ndarray
+    joints: Mapping[str, np.ndarray]
+    single: Mapping[str, np.ndarray] = field(default_factory=dict)
+    texts: Mapping[str, np.ndarray] = field(default_factory=dict)
+    line: np.ndarray | None = None
+    held: bool = False
+
+    @property
+    def lines(self) -> np.ndarray:
+        """Lines (N,), or numbers of the samples from 1 on."""
+        return np.arange(1, len(self.time) + 1) if self.line is None else self.line
+
+
+@dataclass(frozen=True)
+class Record:
+    """A file, bag or episode: the rows, streams with further quantities, and in words what was read.
+
+    `kind` of the motion, where known; `torque` as in dataset.yaml, "" if unknown; `clock`: stamps from the
+    `session` (rows of several records have one), of the `record`, or made of the `frame` number.
+    """
+
+    name: str
+    rows: Stream
+    others: tuple[Stream, ...] = ()
+    kind: str = ""
+    torque: str = ""
+    clock: str = "record"
+    notes: tuple[str, ...] = ()
+
+
+def library(name: str, file: str) -> Any:
+    """A module of the extra `logs`; what is missing is refused with the command that installs it."""
+    try:
+        return import_module(name)
+    except ImportError:
+        package = name.partition(".")[0]
+        remedy = "install it: `pip install bayescal[logs]`"
+        raise BayescalError(f"this log needs the package {package}", file, remedy) from None
+
+
+def joint_order(names: Sequence[str], robot: Sequence[str], stated: str, where: str) -> tuple[list[int], str]:
+    """Places of a robot's joints among the names of a log, and in words how they were found.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Of the log.
+    robot : sequence of str
+        Joint names of the robot.
+    stated : str
+        Names of the log in the order of the robot, separated by commas; "" to find them.
+    where : str
+        For messages.
+
+    Raises
+    ------
+    BayescalError
+        If they do not follow from the names.
+    """
+    wanted = [part.strip() for part in stated.split(",") if part.strip()]
+    if wanted and sorted(set(wanted) & set(names)) != sorted(wanted):
+        lost = next((name for name in wanted if name not in names), "a name")
+        raise BayescalError(
+            f"no joint `{lost}`, or it is given twice", "--joints", f"the log has {listed(names, 12)}"
+        )
+    if wanted and len(wanted) != len(robot):
+        raise BayescalError(f"{len(wanted)} joints, the robot has {len(robot)}", "--joints", "name them all")
+    arms = [name for name in names if not GRIPPER.search(name)]
+    plain = {_plain(name): name for name in arms}
+    numbered = {int(m[0]): name for name in arms if (m := re.search(r"\d+$", name))}
+    n = len(robot)
+    orders = [
+        (wanted, "as stated"),
+        ([name for name in robot if name in names], "by name"),
+        ([plain[p] for r in robot if (p := _plain(r)) in plain], "by name"),
+        *(([m for s in serial for m in _ending(arms, s)], "from the base on") for serial in SERIAL),
+        ([numbered[k] for k in range(1, n + 1) if k in numbered], "by number")
+        if len(arms) == n
+        else ([], ""),
+    ]
+    for order, how in orders:
+        if len(order) == n:
+            return [list(names).index(name) for name in order], f"joints {how}: {', '.join(order)}"
+    what = f"the joints {listed(names, 12)} do not match those of the robot ({listed(robot, 12)})"
+    raise BayescalError(what, where, "state them in the order of the robot: `--joints NAME,NAME,...`")
+
+
+def _plain(name: str) -> str:
+    return re.sub(r"\.pos$|joint|main|[^a-z0-9]", "", name.lower())
+
+
+def _ending(names: Sequence[str], name: str) -> list[str]:
+    """The only name that is `name` with any prefix, and the word joint behind it or not."""
+    ending = [n for n in names if n.lower().removesuffix(".pos").removesuffix("_joint").endswith(name)]
+    return ending if len(ending) == 1 else []
+
+
+def places(
+    names: Sequence[str], width: int, robot: Sequence[str], stated: str, where: str
+) -> tuple[list[int], str]:
+    """As `joint_order`, of lists of `width` values; without names the joints come first, in order."""
+    if names:
+        return joint_order(names, robot, stated, where)
+    if stated:
+        raise BayescalError("the log does not name its joints", "--joints", "remove it")
+    if width < len(robot):
+        raise BayescalError(
+            f"{width} values a row, the robot has {len(robot)} joints", where, "check --robot"
+        )
+    more = f", the first {len(robot)} of {width}" if width > len(robot) else ""
+    return list(range(len(robot))), f"joints in their order{more} (assumed: the log does not name them)"

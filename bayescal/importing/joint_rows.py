@@ -1,0 +1,362 @@
+"""Rows from the records of a log: on one clock, without what is corrupt, divided into motions with roles."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from fnmatch import fnmatchcase
+from math import ceil
+
+import numpy as np
+
+from bayescal.errors import BayescalError, listed
+from bayescal.importing.joint_formats import LARGEST, Record, Stream
+from bayescal.preparing import signals
+
+BETWEEN = 1.0
+"""s put between records whose clocks begin anew: the true time is not known."""
+LOST = 0.05
+"""Fraction of rows that may be left out as corrupt; more is another mistake (assumed)."""
+MOVING = 0.01
+"""rad/s, over 0.1 s: a joint that turns slower is at rest (assumed: above the noise of encoders)."""
+LAST = 0.2
+"""Fraction of the motions that validate by default."""
+MOST = 0.4
+"""Largest fraction that motions of another kind may be, to validate all."""
+SAME = (2e-3, 5e-3)
+"""Difference (RMS) of one trajectory repeated: rad, and relative to its range, the larger (assumed)."""
+SAMPLES = 400
+"""Points at which two trajectories are compared."""
+
+
+@dataclass(frozen=True)
+class Rows:
+    """N rows of all motions in SI: `time` (N,) s, increasing; `motion` (N,) from 1; quantities by name.
+
+    `ids` and `kinds` are those of the motions, and `roles` if a column states them, else ().
+    """
+
+    time: np.ndarray
+    motion: np.ndarray
+    joints: Mapping[str, np.ndarray]
+    single: Mapping[str, np.ndarray]
+    ids: tuple[str, ...]
+    kinds: tuple[str, ...]
+    roles: tuple[str, ...] = ()
+
+    def of(self, motion: int) -> np.ndarray:
+        """Rows of a motion."""
+        return np.flatnonzero(self.motion == motion)
+
+
+def on_one_clock(record: Record) -> tuple[Stream, tuple[str, ...]]:
+    """The rows of a record with the quantities of its other streams, and in words what was left out."""
+    rows, notes = _clean(record.rows)
+    for other in record.others:
+        clean, more = _clean(other)
+        notes += more
+        if not len(clean.time):
+            notes.append(f"{other.name} has no values")
+            continue
+        inside = rows.time >= clean.time[0]
+        if not other.held:
+            inside &= rows.time <= clean.time[-1]
+        if not inside.any():
+            what = f"{rows.name} and {other.name} have no time in common"
+            raise BayescalError(what, record.name, "are their stamps of one clock?")
+        if lost := int((~inside).sum()):
+            notes.append(f"{lost} rows of {rows.name} outside the time of {other.name} left out")
+        rows = _take(rows, inside)
+        rows = replace(
+            rows, joints={**rows.joints} | {k: _at(rows.time, clean, v) for k, v in clean.joints.items()}
+        )
+    if len(rows.time) < 2:
+        raise BayescalError("fewer than two rows", record.name, "check the file")
+    return rows, tuple(notes)
+
+
+def _at(time: np.ndarray, stream: Stream, values: np.ndarray) -> np.ndarray:
+    """Values (N, n) of a stream at other times."""
+    if stream.held:
+        return values[np.searchsorted(stream.time, time, "right") - 1]
+    return np.column_stack([np.interp(time, stream.time, column) for column in values.T])
+
+
+def _take(stream: Stream, rows: np.ndarray) -> Stream:
+    joints, single, texts = (
+        {k: v[rows] for k, v in of.items()} for of in (stream.joints, stream.single, stream.texts)
+    )
+    return Stream(stream.name, stream.time[rows], joints, single, texts, stream.lines[rows], stream.held)
+
+
+def _clean(stream: Stream) -> tuple[Stream, list[str]]:
+    """A stream without empty quantities, corrupt or incomplete rows, and stamps that do not increase."""
+    notes = []
+    every = {**stream.joints, **stream.single}
+    empty = [k for k, v in every.items() if np.isnan(v).all()]
+    if "position" in empty or len(stream.time) == 0:
+        raise BayescalError("no joint positions", stream.name, "check the map")
+    if empty:
+        notes.append(f"{stream.name}: no value of {', '.join(empty)}")
+    joints = {k: v for k, v in stream.joints.items() if k not in empty}
+    single = {k: v for k, v in stream.single.items() if k not in empty}
+    stream = replace(stream, joints=joints, single=single)
+    bad, why = ~np.isfinite(stream.time), ""
+    for key, values in (joints | single).items():
+        wrong = ~(np.abs(values) <= LARGEST[key])
+        row = wrong.reshape(len(wrong), -1).any(axis=1)
+        if row.any() and not why:
+            k = int(np.argmax(row))
+            value = values[k] if values.ndim == 1 else values[k][wrong[k]][0]
+            why = (
+                f"`{key}` is {value:g} (line {stream.lines[k]})"
+                if np.isfinite(value)
+                else f"`{key}` is empty (line {stream.lines[k]})"
+            )
+        bad |= row
+    _refuse_many(stream, bad, why or "time is empty")
+    if bad.any():
+        notes.append(f"{int(bad.sum())} rows of {stream.name} left out, first: {why or 'time is empty'}")
+    stream = _take(stream, ~bad)
+    latest = np.maximum.accumulate(np.concatenate([[-np.inf], stream.time[:-1]]))
+    late = stream.time <= latest
+    if late.any():
+        k = int(np.argmax(late))
+        double = int((stream.time == latest).sum())
+        why = f"{double} with the stamp of the row above, {int(late.sum()) - double} with an earlier one"
+        why += f" (line {stream.lines[k]})"
+        _refuse_many(stream, late, why)
+        notes.append(f"{int(late.sum())} rows of {stream.name} left out: {why}")
+    return _take(stream, ~late), notes
+
+
+def _refuse_many(stream: Stream, bad: np.ndarray, why: str) -> None:
+    if bad.sum() > max(LOST * len(bad), 1):
+        what = f"{int(bad.sum())} of {len(bad)} rows cannot be used: {why}"
+        raise BayescalError(what, stream.name, "check the columns; divide a log whose clock begins anew")
+
+
+def divided(records: Sequence[Record], rule: str) -> tuple[Rows, tuple[str, ...]]:
+    """All rows of a log, divided into motions.
+
+    Parameters
+    ----------
+    records : sequence of Record
+    rule : str
+        ``files`` (files, bags or episodes, each a motion), ``column``, or ``pause:2 s`` (where no joint moves
+        for longer); "" for a column where there is one, else files.
+
+    Returns
+    -------
+    tuple of Rows and tuple of str
+        And in words how they were divided.
+
+    Raises
+    ------
+    BayescalError
+        For an unknown rule, quantities that not all records have, and fewer than two motions.
+    """
+    notes: list[str] = []
+    streams = []
+    for each in records:
+        stream, more = on_one_clock(each)
+        streams.append(stream)
+        notes += [*each.notes, *more]
+    have = [set(s.joints) | set(s.single) | set(s.texts) for s in streams]
+    for stream, own in zip(streams, have, strict=True):
+        if lost := have[0] ^ own:
+            what = f"`{min(lost)}` is not in all records"
+            raise BayescalError(what, stream.name, "import those with the same columns, or map fewer")
+    time = _one_time(streams, records, notes)
+    joined = {k: np.concatenate([s.joints[k] for s in streams]) for k in streams[0].joints}
+    single = {k: np.concatenate([s.single[k] for s in streams]) for k in streams[0].single}
+    texts = {k: np.concatenate([s.texts[k] for s in streams]) for k in streams[0].texts}
+    record = np.repeat(np.arange(len(streams)), [len(s.time) for s in streams])
+    name, _, length = (rule or ("column" if "motion" in texts else "files")).partition(":")
+    pause = re.fullmatch(r"\s*([\d.]+)\s*s?\s*", length)
+    if name == "column" and "motion" in texts and not length:
+        labels = np.array([f"{r}/{m}" for r, m in zip(record, texts["motion"], strict=True)])
+        words = "a motion for each value of the column"
+    elif name == "files" and not length:
+        labels, words = record.astype(str), "each file, bag or episode is a motion"
+    elif name == "pause" and pause and float(pause[1]) > 0:
+        labels, words = _pauses(time, joined["position"], record, float(pause[1]))
+    else:
+        what = "no column holds `motion`" if name == "column" else f"'{rule}' is not a rule for motions"
+        raise BayescalError(what, "--motions", "write files, pause:2 s, or column (with `motion` mapped)")
+    edge = np.flatnonzero(np.r_[True, labels[1:] != labels[:-1]])
+    if len(set(labels[edge])) < len(edge):
+        raise BayescalError("rows of one motion are not together", "--motions", "give each motion one name")
+    if len(edge) < 2:
+        what = "a single motion: a log needs two or more, one of them to validate"
+        raise BayescalError(
+            what, records[0].name, "give a folder of several files, or divide it: `--motions pause:2 s`"
+        )
+    motion = np.repeat(np.arange(1, len(edge) + 1), np.diff(np.r_[edge, len(time)]))
+    labelled = name == "column" and len(set(texts["motion"][edge])) == len(edge)
+    ids = tuple(texts["motion"][edge]) if labelled else ()
+    kinds = tuple(texts["kind"][edge]) if "kind" in texts else tuple(records[r].kind for r in record[edge])
+    rows = Rows(time, motion, joined, single, ids or tuple(map(str, range(1, len(edge) + 1))), kinds)
+    notes.append(f"{len(edge)} motions: {words}")
+    return (replace(rows, roles=_stated(rows, texts["role"])) if "role" in texts else rows), tuple(notes)
+
+
+def _stated(rows: Rows, role: np.ndarray) -> tuple[str, ...]:
+    """Roles of the motions by a column; `calibrate` where its cells are empty."""
+    out = []
+    for k, name in enumerate(rows.ids, 1):
+        stated = {r or "calibrate" for r in role[rows.of(k)].tolist()}
+        if len(stated) > 1 or not stated <= {"calibrate", "validate"}:
+            what = f"motion {name} has the roles {listed(sorted(stated))}"
+            raise BayescalError(
+                what, "column `role`", "write calibrate or validate, one for all rows of a motion"
+            )
+        out.append(stated.pop())
+    return tuple(out)
+
+
+def _one_time(streams: Sequence[Stream], records: Sequence[Record], notes: list[str]) -> np.ndarray:
+    """Times (N,), s, from the first row on, of records one behind the other."""
+    begins = [s.time[0] for s in streams]
+    ends = [s.time[-1] for s in streams]
+    session = all(r.clock == "session" for r in records)
+    if session and all(b > e for b, e in zip(begins[1:], ends[:-1], strict=True)):
+        return np.concatenate([s.time for s in streams]) - begins[0]
+    if len(streams) > 1:
+        notes.append(f"each record has its own clock: {BETWEEN:g} s is put between them (assumed)")
+    parts, now = [], 0.0
+    for stream in streams:
+        parts.append(stream.time - stream.time[0] + now)
+        now = parts[-1][-1] + BETWEEN
+    return np.concatenate(parts)
+
+
+def speeds(time: np.ndarray, position: np.ndarray, motion: np.ndarray) -> np.ndarray:
+    """Velocities (N, n), rad/s, from positions and stamps, averaged over 0.1 s; not across motions."""
+    out = np.zeros_like(position)
+    for k in np.unique(motion):
+        rows = np.flatnonzero(motion == k)
+        if len(rows) > 1:
+            out[rows] = signals.speeds(time[rows], position[rows])
+    return out
+
+
+def _pauses(
+    time: np.ndarray, position: np.ndarray, record: np.ndarray, pause: float
+) -> tuple[np.ndarray, str]:
+    """Labels (N,) of motions: a record is cut in the middle of each longer time of rest that ends in it."""
+    rest = (np.abs(speeds(time, position, record)) < MOVING).all(axis=1)
+    label = np.zeros(len(time), int)
+    for k in np.unique(record):
+        rows = np.flatnonzero(record == k)
+        edges = np.flatnonzero(np.diff(np.r_[0, rest[rows].astype(int), 0]))
+        for begin, end in zip(edges[::2], edges[1::2], strict=True):
+            long = time[rows[end - 1]] - time[rows[begin]] > pause
+            if long and begin > 0 and end < len(rows):
+                label[rows[(begin + end) // 2] :] += 1
+        label[rows[-1] + 1 :] += 1
+    return label.astype(
+        str
+    ), f"cut where all joints are slower than {MOVING:g} rad/s for {pause:g} s or longer"
+
+
+def roles(rows: Rows, rule: str) -> tuple[tuple[str, ...], str]:
+    """Roles of the motions, and in words by which rule.
+
+    Parameters
+    ----------
+    rows : Rows
+    rule : str
+        ``last:20%``, ``every:5``, ``motions '7,8'`` or ``kind 'pick*'``; "" for those of the last kind, where
+        kinds are known and these are at most `MOST` of all, else the last `LAST`.
+
+    Raises
+    ------
+    BayescalError
+        For an unknown rule, one beside a column `role`, and one that selects none or all.
+    """
+    ids, kinds = np.array(rows.ids), np.array(rows.kinds)
+    count = len(ids)
+    if rows.roles and rule:
+        raise BayescalError(
+            "a column states the role of each motion already", "--validate", "remove one of the two"
+        )
+    if rows.roles:
+        chosen, words = np.array(rows.roles) == "validate", "as the column `role` states"
+    elif rule:
+        chosen, words = _chosen(ids, kinds, rule)
+    else:
+        other = kinds == kinds[-1]
+        if kinds[-1] and 0 < other.sum() <= MOST * count:
+            chosen, words = other, f"by default those of the last kind, `{kinds[-1]}`"
+        else:
+            chosen, words = (
+                np.arange(count) >= count - ceil(round(LAST * count, 9)),
+                "by default the last 20 %",
+            )
+    if not 0 < chosen.sum() < count:
+        what = f"{'all' if chosen.all() else 'none'} of the {count} motions would validate"
+        raise BayescalError(what, "--validate", "write last:20%, every:5, motions '7,8' or kind 'pick*'")
+    names = listed(ids[chosen], 12)
+    return tuple(np.where(chosen, "validate", "calibrate").tolist()), f"validation motions: {names} ({words})"
+
+
+def _chosen(ids: np.ndarray, kinds: np.ndarray, rule: str) -> tuple[np.ndarray, str]:
+    count = len(ids)
+    parts = re.fullmatch(r"([a-z]+)(?:[:\s]\s*(.+))?", rule.strip())
+    name, value = (parts[1], parts[2] or "") if parts else ("", "")
+    percent = re.fullmatch(r"([\d.]+)\s*%", value)
+    if name == "every" and re.fullmatch(r"\d+", value) and int(value) > 1:
+        return (np.arange(count) + 1) % int(value) == 0, f"one of every {value}"
+    if name == "last" and percent and 0 < float(percent[1]) < 100:
+        return np.arange(count) >= count - ceil(
+            round(count * float(percent[1]) / 100, 9)
+        ), f"the last {value}"
+    patterns = [p for part in value.split(",") if (p := part.strip().strip("'\""))]
+    if name in ("motions", "kind") and patterns:
+        of = (ids if name == "motions" else kinds).tolist()
+        return np.array(
+            [any(fnmatchcase(each, p) for p in patterns) for each in of]
+        ), f"{name} {', '.join(patterns)}"
+    what = f"'{rule}' is not a rule for validation motions"
+    raise BayescalError(what, "--validate", "write last:20%, every:5, motions '7,8' or kind 'pick*'")
+
+
+def repeats(rows: Rows) -> tuple[int, ...]:
+    """Of each motion the number (from 1) of the first one with the same trajectory: commands, else positions.
+
+    Two trajectories are the same where they last equally long, from the first to the last row that moves, and
+    differ by at most `SAME` (RMS over all joints, after a shift in time of a few samples).
+    """
+    values = rows.joints.get("command", rows.joints["position"])
+    velocity = speeds(rows.time, values, rows.motion)
+    curves: list[tuple[float, float, np.ndarray] | None] = []
+    for k in range(1, len(rows.ids) + 1):
+        own = rows.of(k)
+        moving = np.flatnonzero((np.abs(velocity[own]) > MOVING).any(axis=1))
+        if len(moving) < 2:
+            curves.append(None)
+            continue
+        own = own[moving[0] : moving[-1] + 1]
+        grid = np.linspace(rows.time[own[0]], rows.time[own[-1]], SAMPLES)
+        step = float(np.median(np.diff(rows.time[own]))) if len(own) > 1 else 0.0
+        curve = np.column_stack([np.interp(grid, rows.time[own], column) for column in values[own].T])
+        curves.append((float(grid[-1] - grid[0]), step, curve))
+    first: list[int] = []
+    for k, other in enumerate(curves):
+        same = (i for i in range(k) if first[i] == i + 1 and _same(curves[i], other))
+        first.append(next(same, k) + 1)
+    return tuple(first)
+
+
+def _same(one: tuple[float, float, np.ndarray] | None, other: tuple[float, float, np.ndarray] | None) -> bool:
+    if one is None or other is None:
+        return False
+    (long, step, a), (wide, _, b) = one, other
+    if abs(long - wide) > max(10 * step, 0.01 * long):
+        return False
+    slope, difference = np.gradient(a, long / (SAMPLES - 1), axis=0), b - a
+    shift = np.sum(slope * difference) / max(float(np.sum(slope**2)), 1e-30)
+    limit = max(SAME[0], SAME[1] * float(np.ptp(a, axis=0).max()))
+    return abs(shift) <= 10 * step and float(np.sqrt(np.mean((difference - shift * slope) ** 2))) <= limit

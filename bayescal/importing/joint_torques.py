@@ -1,0 +1,151 @@
+"""What the numbers of a joint log mean: the kind of its torques, their constants, units that are wrong."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from bayescal.errors import BayescalError, listed
+from bayescal.importing.joint_arms import Arm
+from bayescal.importing.joint_formats import DEG
+from bayescal.importing.joint_rows import MOVING, Rows
+
+KINDS = ("motor", "current", "sensor")
+U_CONSTANT = 0.1
+"""Relative u of torque constants (assumed: tolerance of motors and gears)."""
+BORNE = 0.02
+"""Of the largest torque of a joint: what it must bear at rest to give the constant."""
+FEW = 50
+"""Rows in motion that give a constant."""
+SLOPE = (0.8, 1.25)
+"""Measured velocity over that of the positions: beyond, units or columns are wrong."""
+BEYOND = 0.2
+"""rad: a joint is not so far beyond its limits, or units or joints are wrong (assumed)."""
+LEAST = 0.035
+"""rad: where no joint moves further, angles are probably in another unit."""
+STATE = '`--torque "current: 11.4 11.4 9.9 ..."`'
+
+
+def one_torque(
+    rows: Rows, velocity: np.ndarray, known: str, stated: str
+) -> tuple[Rows, dict[str, Any], tuple[str, ...]]:
+    """The rows with one quantity of torque, what dataset.yaml says of it, and what was assumed."""
+    kind, _, numbers = stated.partition(":")
+    if kind not in ("", *KINDS):
+        remedy = f"write motor, sensor, or {STATE} (N m/A of each joint)"
+        raise BayescalError(f"`{kind}` is no kind of torque", "--torque", remedy)
+    joints = dict(rows.joints)
+    given = [k for k in ("torque", "current") if k in joints]
+    if not given:
+        if stated:
+            what = "the log has neither torques nor currents"
+            raise BayescalError(what, "--torque", "remove it, or map them")
+        return rows, {}, ("no torques: they cannot be diagnosed; `check` compares positions and commands",)
+    name = "torque" if "torque" in joints and kind != "current" else given[-1]
+    values = joints[name]
+    for other in given:
+        del joints[other]
+    notes = [f"{other} is not used, {name} is" for other in given if other != name]
+    current = kind == "current" or (name == "current" and kind == "")
+    kind = kind or ("current" if current else known or "motor")
+    said: dict[str, Any] = {"kind": kind, "referred_to": "joint", "sign": "joint"}
+    if current:
+        constants, how = torque_constants(rows, velocity, numbers)
+        said |= {"constant_Nm_per_A": constants, "u_constant": U_CONSTANT}
+        each = ", ".join(f"{c:g}" for c in constants)
+        notes.append(f"torque constants {how}: {each} N m/A, u 10 % (assumed)")
+    elif not stated:
+        notes.append(f"torques: {kind}, N m at the joints (assumed; --torque states another kind)")
+    moved = (velocity > MOVING).any(axis=0) & (velocity < -MOVING).any(axis=0)
+    unsigned = bool(np.all(values >= 0) and moved.any() and values.any())
+    if unsigned:
+        values = values * np.array(said.pop("constant_Nm_per_A")) if current else values
+        said |= {"sign": "none", "kind": "motor" if current else kind}
+        notes.append("no torque is negative though joints move both ways: no sign, torque is not assessed")
+    joints["magnitude" if unsigned else "current" if current else "torque"] = values
+    return replace(rows, joints=joints), said, tuple(notes)
+
+
+def torque_constants(rows: Rows, velocity: np.ndarray, numbers: str) -> tuple[list[float], str]:
+    """Torque constants (n,), N m/A at the joints, stated or from targets of torque and current; how."""
+    n = velocity.shape[1]
+    if numbers.strip():
+        try:
+            constants = [float(word) for word in numbers.replace(",", " ").split()]
+        except ValueError:
+            constants = []
+        if len(constants) != n or not all(0 < c < np.inf for c in constants):
+            what = f"'{numbers.strip()}' is not {n} positive numbers"
+            raise BayescalError(what, "--torque", "write N m/A of each joint")
+        return constants, "as stated"
+    torque, current = rows.joints.get("target_torque"), rows.joints.get("target_current")
+    if torque is None or current is None:
+        remedy = f"state them, N m/A at the joints: {STATE}; if they are in N m: --torque motor"
+        raise BayescalError("currents without torque constants", "--torque", remedy)
+    rest = (np.abs(velocity) < MOVING).all(axis=1)
+    out = np.full(n, np.nan)
+    held = torque[rest] if rest.sum() > 1 else np.zeros((1, n))
+    bears = [j for j in range(n) if _rms(held[:, j]) > BORNE * np.abs(torque[:, j]).max() > 0]
+    for j in bears:
+        m, i = torque[rest, j], current[rest, j]
+        out[j] = m @ i / max(i @ i, 1e-30)
+    for j in set(range(n)) - set(bears):
+        out[j] = _in_motion(torque[:, j], current[:, j], velocity[:, j])
+    if not np.all(out > 0):
+        lost = listed([f"J{j + 1}" for j in range(n) if not out[j] > 0])
+        words = " ".join(f"{c:.4g}" if c > 0 else "?" for c in out)
+        remedy = f'state all, N m/A at the joints; the log gives `--torque "current: {words}"`'
+        raise BayescalError(f"the log does not give the torque constants of {lost}", "--torque", remedy)
+    how = "from target torque over target current at rest"
+    if moving := [f"J{j + 1}" for j in range(n) if j not in bears]:
+        how += f", of {', '.join(moving)}, which bear no torque at rest, in motion beside friction"
+    return [float(f"{c:.4g}") for c in out], how
+
+
+def _rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def _in_motion(torque: np.ndarray, current: np.ndarray, velocity: np.ndarray) -> float:
+    """Torque constant, N m/A, of current = torque / constant + friction in motion; nan if undetermined."""
+    go = np.abs(velocity) > MOVING
+    if go.sum() < FEW or not torque.any():
+        return np.nan
+    friction = np.column_stack([np.ones(go.sum()), np.sign(velocity[go]), velocity[go]])
+    both = np.column_stack([torque[go], current[go]])
+    m, i = (both - friction @ np.linalg.lstsq(friction, both, rcond=None)[0]).T
+    if _rms(m) < BORNE * _rms(torque[go]):
+        return np.nan
+    slope = m @ i / (m @ m)
+    u = _rms(i - slope * m) / np.sqrt(m @ m)
+    return float(1 / slope) if slope > 0 and u < U_CONSTANT * slope / 2 else np.nan
+
+
+def contradiction(rows: Rows, velocity: np.ndarray, arm: Arm) -> str:
+    """What contradicts the stated units or joints, in words; "" if nothing does."""
+    position, stated = rows.joints["position"], rows.joints.get("velocity")
+    if stated is not None:
+        slopes = []
+        for v, s in zip(velocity.T, stated.T, strict=True):
+            go = np.abs(v) > max(10 * MOVING, 0.3 * np.abs(v).max())
+            slopes.append(float(s[go] @ v[go] / (v[go] @ v[go])) if go.sum() > 10 else 1.0)
+        wrong = [j for j, slope in enumerate(slopes) if not SLOPE[0] < slope < SLOPE[1]]
+        if wrong:
+            ratio = slopes[wrong[0]]
+            words = {DEG: "velocities are in deg/s, not rad/s", 1 / DEG: "velocities are in rad/s, not deg/s"}
+            hints = [text for factor, text in words.items() if SLOPE[0] < ratio / factor < SLOPE[1]]
+            what = f"the velocity of J{wrong[0] + 1} is {ratio:.3g} times that of its positions and stamps"
+            return f"{what}: {hints[0] if hints else 'are units, stamps and joints right?'}"
+    links = position @ arm.coupling.T
+    low, high = arm.limits.T
+    over = np.maximum(low - links.min(axis=0), links.max(axis=0) - high)
+    if over.max() > BEYOND:
+        j = int(np.argmax(over))
+        span = f"{DEG * links[:, j].min():.4g} to {DEG * links[:, j].max():.4g} deg"
+        what = f"J{j + 1} moves from {span}, {DEG * over[j]:.3g} deg beyond its limits"
+        return f"{what}: are the unit and the order of joints right?"
+    if 0 < (most := float(np.ptp(position, axis=0).max())) < LEAST:
+        return f"no joint moves more than {DEG * most:.2g} deg: are angles in rad stated as deg?"
+    return ""

@@ -1,0 +1,199 @@
+"""Findings on a joint log: what is probably a mistake of the recording, and what it lacks."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
+
+import numpy as np
+
+from bayescal.errors import listed
+from bayescal.logs import Log, Motion
+from bayescal.preparing import signals
+from bayescal.preparing.joint_facts import (
+    JITTER,
+    LOADS,
+    SLOW,
+    Joint,
+    Stamps,
+    clock_drift,
+    gravity_loaded,
+    warm_up,
+)
+from bayescal.preparing.missing import Finding
+
+CROSSINGS = 2.0
+"""s in all at `SLOW` speeds that show it (assumed)."""
+FAST = 1.0
+"""rad/s, that separates viscous friction from an offset."""
+WARM = 10.0
+"""K, of warm-up."""
+MOTIONS, LENGTH, REPEATS = 6, 10.0, 3
+"""Motions of so many s, and repeats of one, for a noise model and withheld motions (assumed)."""
+CERTAIN = 3.0
+"""Standard uncertainties from which on a delay is stated as a finding."""
+DRIFTS = 4.0
+"""Standard uncertainties of a drift, by few motions."""
+SHORTEST = 0.5e-3
+"""s: a shorter delay does not matter."""
+GAINS = (0.9, 1.1)
+"""Measured velocity over the derivative of the position: beyond, a unit or a filter is wrong."""
+LAGS = (2.0, 3.0)
+"""Rows for which a value is held, and acceleration at the end of a motion over that within, that are odd."""
+
+
+def odd(log: Log, joints: Sequence[Joint], stamps: Stamps, table: str) -> Iterator[Finding]:
+    """What is probably a mistake of the recording."""
+    if stamps.gaps:
+        what = f"{stamps.gaps} gaps in the stamps, the longest {stamps.longest:.3g} s"
+        what += f" (step {1e3 * stamps.step:.3g} ms)"
+        yield Finding("gaps", "odd", what, stamps.where, "divide the motion there, or log without loss")
+    if stamps.jitter > JITTER:
+        what = f"steps scatter by {100 * stamps.jitter:.2g} % of {1e3 * stamps.step:.3g} ms: stamps count"
+        yield Finding("jitter", "odd", what, table, "log the time of measurement, not that of arrival")
+    yield from _clocks(log, joints, table)
+    for joint in joints:
+        if np.isfinite(joint.clipped):
+            what = f"the torque of {joint.name} is limited at {joint.clipped:.4g} N m, a row there is none"
+            yield Finding("clipped", "odd", what, table, "move slower, or raise the limit of the signal")
+        if joint.held > LAGS[0]:
+            what = f"positions of {joint.name} are held for {joint.held:.2g} rows: their rate is lower"
+            yield Finding("held", "odd", what, table, "log at the rate of the controller, with its stamps")
+        if np.isfinite(joint.velocity_gain) and not GAINS[0] < joint.velocity_gain < GAINS[1]:
+            what = f"the velocity of {joint.name} is {joint.velocity_gain:.3g} times that of its positions"
+            yield Finding("velocity", "odd", what, table, "check the unit of `dq..._degps`, and the stamps")
+    for name in ("velocity", "command", "torque"):
+        parts = [values for m in log.motions if (values := getattr(m, name)) is not None]
+        still = np.ptp(np.concatenate(parts), axis=0) == 0 if parts else ()
+        if dead := [
+            j.name for j, constant in zip(joints, still, strict=False) if constant and j.fastest > SLOW[0]
+        ]:
+            what = f"the {name} of {listed(dead)} never changes though the joint moves"
+            yield Finding("constant", "odd", what, table, "is the signal connected? remove the column if not")
+    for motion in log.motions:
+        yield from _corrupt(motion, table)
+
+
+def _clocks(log: Log, joints: Sequence[Joint], table: str) -> Iterator[Finding]:
+    """Delays between torque, velocity and position."""
+    known = [(k, *j.torque_delay) for k, j in enumerate(joints) if np.isfinite(j.torque_delay).all()]
+    if known:
+        _, values, u = (np.array(column) for column in zip(*known, strict=True))
+        mean = float(np.sum(values / u**2) / np.sum(1 / u**2))
+        u_mean = float(u.min())  # what is missing in the drivers is alike for all joints
+        off = mean + log.alignment
+        if abs(off) > max(CERTAIN * float(np.hypot(u_mean, log.u_alignment)), SHORTEST):
+            order = "later" if mean > 0 else "earlier"
+            what = f"torques are {1e3 * abs(mean):.2f} ms (u {1e3 * u_mean:.2f}) {order} than positions; "
+            what += f"stated is {0.0 - 1e3 * log.alignment:.2g} ms (u {1e3 * log.u_alignment:.2g})"
+            remedy = f"two clocks? state `alignment_ms: {-1e3 * mean:.2f}`; else `delay` is assessed"
+            yield Finding("delay", "odd", what, table, remedy)
+        apart = [k for k, v, s in known if abs(v - mean) > max(CERTAIN * np.hypot(s, u_mean), SHORTEST)]
+        if apart:
+            each = ", ".join(f"{joints[k].name} {1e3 * joints[k].torque_delay[0]:.2g} ms" for k in apart)
+            what = f"the delay of torque differs by joint: {each}, all {1e3 * mean:.2g} ms"
+            yield Finding("joint_delay", "odd", what, table, "one alignment does not hold for all joints")
+    slope, u_slope = clock_drift(log, joints)
+    span = np.ptp([m.time.mean() for m in log.motions])
+    if abs(slope) > DRIFTS * u_slope and abs(slope) * span > SHORTEST:
+        what = f"the delay of torques changes by {1e6 * slope:.2g} µs/s (u {1e6 * u_slope:.1g}), "
+        what += f"{1e3 * slope * span:.2g} ms over the log: two clocks of different rates"
+        yield Finding("clock_drift", "odd", what, table, "take torque and position from one message or clock")
+    late = [j for j in joints if abs(j.velocity_delay[0]) > max(CERTAIN * j.velocity_delay[1], SHORTEST)]
+    if late:
+        each = ", ".join(f"{j.name} {1e3 * j.velocity_delay[0]:.2g} ms" for j in late)
+        what = f"velocities are later than the derivative of positions: {each}"
+        yield Finding(
+            "velocity_delay", "odd", what, table, "they are filtered, or of another clock: see the table"
+        )
+
+
+def _corrupt(motion: Motion, table: str) -> Iterator[Finding]:
+    """Single values that are far from their neighbours, and ends with accelerations that no motion has."""
+    for name, values in (
+        ("position", motion.position),
+        ("velocity", motion.velocity),
+        ("torque", motion.torque),
+    ):
+        if values is not None and len(rows := signals.spikes(values)):
+            what = f"{len(rows)} rows of motion {motion.name} with a {name} far from their neighbours"
+            where = f"{table}:{motion.line + rows[0]}"
+            yield Finding("spikes", "odd", what, where, "remove these rows: they are corrupt")
+    derived = np.gradient(motion.position, motion.time, axis=0)
+    rate = derived if motion.velocity is None else motion.velocity
+    acceleration = np.abs(np.diff(rate, axis=0) / np.diff(motion.time)[:, None])
+    within = np.maximum(np.percentile(acceleration[4:-4], 99.5, axis=0), 1e-9)
+    for end, rows in (("begins", acceleration[:2]), ("ends", acceleration[-2:])):
+        if np.any(rows > LAGS[1] * within) and np.any((rows > LAGS[1] * within) & (rows > FAST)):
+            line = motion.line + (0 if end == "begins" else len(motion.time) - 1)
+            times = float(np.max(rows / within))
+            what = f"motion {motion.name} {end} with {times:.2g} times the acceleration within"
+            yield Finding("ends", "odd", what, f"{table}:{line}", "remove its first or last rows")
+
+
+def missing(log: Log, joints: Sequence[Joint], table: str) -> Iterator[Finding]:
+    """What the log lacks so that less can be assessed."""
+    motions, where = log.motions, "dataset.yaml"
+
+    def lacks(code: str, what: str, remedy: str, place: str = table) -> Finding:
+        return Finding(code, "missing", what, place, remedy)
+
+    if not log.torque_kind:
+        yield Finding("no_torque", "refused", "no torques are logged", table, "log torques or currents")
+    elif not log.signed or motions[0].torque is None:
+        what = "torques have no sign: they are not assessed"
+        yield Finding("unsigned", "refused", what, table, "log signed currents or torques")
+    if not log.of_role("validate"):
+        yield lacks(
+            "no_validation", "no motion has the role validate: `gap` refuses the log", "withhold some", where
+        )
+    elif {m.kind for m in log.of_role("validate")} <= {m.kind for m in log.of_role("calibrate")}:
+        what = "withheld motions are of the kind of the fitted ones: another use is not tested"
+        yield lacks("same_kind", what, "withhold motions of another kind, such as pick and place", where)
+    most = max(sum(m.same_as == name for m in motions) for name in {m.same_as for m in motions})
+    if most < REPEATS:
+        what = "no motion is repeated" if most < 2 else "no motion is repeated three times"
+        yield lacks(
+            "no_repeat",
+            f"{what}: the noise follows from residuals alone",
+            "log one motion three times",
+            where,
+        )
+    short = [m.name for m in motions if m.time[-1] - m.time[0] < LENGTH]
+    if len(motions) < MOTIONS or len(short) > len(motions) / 2:
+        what = f"{len(motions)} motions, {len(short)} of them shorter than {LENGTH:g} s"
+        yield lacks("few_motions", what, f"log {MOTIONS} motions or more of 10 to 20 s")
+    still = [j.name for j in joints if j.fastest <= SLOW[0]]
+    if still:
+        yield lacks(
+            "resting", f"{listed(still)} never move: their friction is undetermined", "move all joints"
+        )
+    moved = [j for j in joints if j.name not in still]
+    if slow := [j.name for j in moved if j.slow < CROSSINGS]:
+        what = f"{listed(slow)}: less than {CROSSINGS:g} s slower than {SLOW[1]:g} rad/s"
+        yield lacks("no_slow", what, "add a motion that reverses slowly")
+    if slack := [j.name for j in moved if j.fastest < FAST]:
+        yield lacks("no_fast", f"{listed(slack)}: never faster than {FAST:g} rad/s", "add a faster motion")
+    if poses := [j.name for j in gravity_loaded(joints) if j.gravity[1] < LOADS * abs(j.gravity[0])]:
+        yield lacks(
+            "one_pose",
+            f"{listed(poses)}: gravity loads them in one pose alone",
+            "move them in two poses or more",
+        )
+    loads = [m.loaded for m in motions]
+    changes = sum(a != b for a, b in pairwise(loads))
+    if changes == 0:
+        what = "all motions carry the payload" if all(loads) else "no motion carries a payload"
+        yield lacks("no_loads", what, "log motions with and without a known payload, interleaved")
+    elif changes == 1:
+        what = "loaded motions come in one block: drift and payload are alike"
+        yield lacks("load_order", what, "interleave motions with and without the payload")
+    warm = warm_up(log)
+    if np.isnan(warm):
+        yield lacks(
+            "no_temperature", "no temperature: warm-up is assessed by time alone", "log `temperature_degC`"
+        )
+    elif warm < WARM:
+        yield lacks("no_warm_up", f"the temperature varies by {warm:.2g} K", f"log {WARM:g} K of warm-up")
+    if motions[0].command is None:
+        yield lacks("no_command", "no commands: tracking is not assessed", "log `command1_deg` ...")

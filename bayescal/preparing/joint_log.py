@@ -1,0 +1,202 @@
+"""The check of a joint log: its facts, findings, and what a diagnosis can assess."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bayescal.logs import Log, read_log
+from bayescal.logs.read import TABLES
+from bayescal.motion.effects import EFFECTS
+from bayescal.preparing.joint_facts import (
+    LOADS,
+    SLOW,
+    Joint,
+    Stamps,
+    clock_drift,
+    gravity_loaded,
+    joints_of,
+    stamps_of,
+    warm_up,
+)
+from bayescal.preparing.joint_findings import CROSSINGS, WARM, missing, odd
+from bayescal.preparing.missing import KINDS, Finding
+
+
+@dataclass(frozen=True)
+class LogCheck:
+    """What is known of a joint log before a diagnosis.
+
+    Attributes
+    ----------
+    log : Log
+    joints : tuple of Joint
+    stamps : Stamps
+    assessed : tuple of str
+        Effects that a diagnosis can assess.
+    not_assessed : dict of str to str
+        Those that it cannot, with what would make them assessable.
+    findings : tuple of Finding
+        In the order of `KINDS`.
+    """
+
+    log: Log
+    joints: tuple[Joint, ...]
+    stamps: Stamps
+    assessed: tuple[str, ...]
+    not_assessed: dict[str, str]
+    findings: tuple[Finding, ...]
+
+    @property
+    def name(self) -> str:
+        """Name of the log."""
+        return self.log.name
+
+
+def check_log(folder: Path) -> LogCheck:
+    """Check a joint log without a diagnosis.
+
+    Raises
+    ------
+    BayescalError
+        If the folder cannot be read: stamps that go back, corrupt values, fewer than two motions, ...
+    """
+    log = read_log(folder)
+    table = next(name for name in TABLES if (folder / name).exists())
+    joints, stamps = joints_of(log), stamps_of(log, table)
+    findings = [*odd(log, joints, stamps, table), *missing(log, joints, table)]
+    why = not_assessed(log, joints)
+    assessed = tuple(name for name in EFFECTS if name not in why)
+    order = sorted(findings, key=lambda f: KINDS.index(f.kind))
+    return LogCheck(log, joints, stamps, assessed, why, tuple(order))
+
+
+STEADY = 1.0
+"""K: a temperature that varies less shows no drift (assumed: ten times the noise of a thermometer)."""
+
+Needs = Callable[[Log, Sequence[Joint]], str]
+"""What the motions of a log lack for an effect, with how to record it; "" if nothing."""
+
+
+def not_assessed(log: Log, joints: Sequence[Joint]) -> dict[str, str]:
+    """Effects that a diagnosis cannot assess, and why: by columns of the log, or by what motions excite."""
+    if log.motions[0].torque is None:
+        why = "no torques with a sign: log them" if log.torque_kind else "no torques: log torques or currents"
+        return dict.fromkeys(EFFECTS, why)
+    reasons = {
+        name: effect.needs(log) or (EXCITED[name](log, joints) if name in EXCITED else "")
+        for name, effect in EFFECTS.items()
+    }
+    return {name: why for name, why in reasons.items() if why}
+
+
+def _slow(log: Log, joints: Sequence[Joint]) -> str:
+    slow = any(j.slow >= CROSSINGS for j in joints)
+    return "" if slow else f"speeds below {SLOW[1]:g} rad/s are too few: reverse slowly"
+
+
+def _moved(log: Log, joints: Sequence[Joint]) -> str:
+    return "" if any(j.fastest > SLOW[1] for j in joints) else "no joint moves: log motions"
+
+
+def _poses(log: Log, joints: Sequence[Joint]) -> str:
+    varied = any(j.gravity[1] >= LOADS * abs(j.gravity[0]) for j in gravity_loaded(joints))
+    return "" if varied else "gravity loads the joints in one pose: move them in two or more"
+
+
+def _constant(log: Log, joints: Sequence[Joint]) -> str:
+    if log.torque_kind == "sensor":
+        return "torques are those of a sensor: it has no torque constant"
+    return "" if any(m.loaded for m in log.motions) else _poses(log, joints)
+
+
+def _warm(log: Log, joints: Sequence[Joint]) -> str:
+    warm = warm_up(log)
+    known = np.isnan(warm) or warm >= STEADY
+    return "" if known else f"the temperature varies by {warm:.2g} K: log {WARM:g} K of warm-up"
+
+
+def _level(log: Log, joints: Sequence[Joint]) -> str:
+    return "" if len(gravity_loaded(joints)) > 1 else "gravity loads fewer than two joints"
+
+
+EXCITED: dict[str, Needs] = {
+    "inertia": _moved,
+    "armature": _moved,
+    "asymmetric-friction": _moved,
+    "stribeck": _slow,
+    "load-friction": _poses,
+    "torque-constant": _constant,
+    "torque-drift": _warm,
+    "viscous-temperature": _warm,
+    "base-tilt": _level,
+}
+"""What motions must excite, by effect."""
+
+
+def log_record(of: LogCheck) -> dict[str, Any]:
+    """The content of `bayescal check --to json` of a joint log; null where a value is not known."""
+    log = of.log
+    motions = [
+        {"id": m.name, "role": m.role, "kind": m.kind, "same_as": m.same_as, "rows": len(m.time)}
+        | {"duration_s": _plain(m.time[-1] - m.time[0]), "payload_kg": _plain(np.median(m.payload))}
+        for m in log.motions
+    ]
+    stamps, (drift, u_drift) = of.stamps, clock_drift(log, of.joints)
+    return {
+        "schema": "bayescal-motion-check/1",
+        "dataset": log.name,
+        "sha256": log.digest,
+        "robot": {"name": log.mechanism.name, "joints": log.n},
+        "rows": sum(len(m.time) for m in log.motions),
+        "columns": [name for name in COLUMNS if getattr(log.motions[0], name) is not None],
+        "torque": {"kind": log.torque_kind, "signed": log.signed},
+        "stamps": {
+            "step_ms": _plain(1e3 * stamps.step),
+            "jitter": _plain(stamps.jitter),
+            "longest_ms": _plain(1e3 * stamps.longest),
+            "gaps": stamps.gaps,
+        },
+        "clock_drift_us_per_s": {"value": _plain(1e6 * drift), "u": _plain(1e6 * u_drift)},
+        "temperature_range_K": _plain(warm_up(log)),
+        "motions": motions,
+        "joints": [_joint_record(j) for j in of.joints],
+        "assumed": list(log.notes),
+        "assessed": list(of.assessed),
+        "not_assessed": of.not_assessed,
+        "findings": [vars(f) for f in of.findings],
+    }
+
+
+COLUMNS = ("position", "velocity", "command", "torque", "link", "temperature")
+"""Of a `Motion`, which may be absent."""
+
+
+def _joint_record(j: Joint) -> dict[str, Any]:
+    delays = {
+        "torque": j.torque_delay,
+        "velocity": j.velocity_delay,
+        "position_after_command": j.command_delay,
+    }
+    return {
+        "name": j.name,
+        "range_deg": [_plain(np.degrees(j.lowest)), _plain(np.degrees(j.highest))],
+        "fastest_rad_per_s": _plain(j.fastest),
+        "at_rest": _plain(j.rest),
+        "slow_s": _plain(j.slow),
+        "gravity_Nm": {"mean": _plain(j.gravity[0]), "sd": _plain(j.gravity[1])},
+        "delay_ms": {k: {"value": _plain(1e3 * v), "u": _plain(1e3 * u)} for k, (v, u) in delays.items()},
+        "velocity_cutoff_Hz": _plain(j.velocity_cutoff),
+        "torque_filtered_above_Hz": _plain(j.torque_band),
+        "tracking_rms_deg": _plain(np.degrees(j.command_error)),
+        "torque_limit_Nm": _plain(j.clipped),
+    }
+
+
+def _plain(value: Any) -> float | None:
+    """A number to six digits; None if it is not finite."""
+    return float(f"{float(value):.6g}") if np.isfinite(value) else None
