@@ -114,6 +114,7 @@ def read_log(folder: Path) -> Log:
         noise={key: np.asarray(value) for key, value in stated.items() if value is not None},
         notes=(*notes, *assumed, *_not_read("keys of dataset.yaml", ignored), *_not_read("columns", further)),
         digest=digest,
+        files=(folder / "dataset.yaml", folder / name, *_robot_file(file, folder)),
     )
 
 
@@ -122,7 +123,7 @@ def _mechanism(file: LogFile, document: Document, folder: Path) -> tuple[Mechani
     u: Uncertainty | None
     notes: tuple[str, ...]
     if isinstance(file.robot, Arm):
-        mechanism, content = _written_out(file.robot, file.name), b""
+        mechanism, content = written_out(file.robot, file.name), b""
         payload, u, notes = file.payload or file.robot.payload, file.u or file.robot.u, ()
     else:
         robot, content = load_robot(file.robot, folder, inside=True)
@@ -139,11 +140,17 @@ def _mechanism(file: LogFile, document: Document, folder: Path) -> tuple[Mechani
     ), notes, content  # fmt: skip
 
 
+def _robot_file(file: LogFile, folder: Path) -> tuple[Path, ...]:
+    """The file of the robot, if the folder holds it."""
+    path = folder / file.robot.partition("#")[0] if isinstance(file.robot, str) else folder
+    return (path,) if path.is_file() else ()
+
+
 def _uncertain(u: Uncertainty) -> Uncertain:
     return Uncertain(u.mass, 1e-3 * u.centre_of_mass_mm, u.inertia, u.armature, u.friction_transition)
 
 
-def _written_out(arm: Arm, name: str) -> Mechanism:
+def written_out(arm: Arm, name: str) -> Mechanism:
     """The mechanism of an arm that dataset.yaml writes out."""
     joints = arm.joints
     axes = np.array([j.axis for j in joints], float)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -63,6 +64,7 @@ class Log:
     noise: Mapping[str, np.ndarray]  # stated standard deviations: torque (n,), position, ...
     notes: tuple[str, ...]  # what was assumed
     digest: str  # SHA-256 of the files
+    files: tuple[Path, ...] = ()  # that were read
 
     @property
     def n(self) -> int:

@@ -99,9 +99,9 @@ def confirmed(v: Verdict, search: Search, held: Normal) -> Verdict:
 
 def _tested(hypotheses: tuple[Hypothesis, ...], whole: Search) -> tuple[Hypothesis, ...]:
     """Hypotheses, with the unknown cause beside the best set without one as all motions show it."""
-    best = next(h for h in hypotheses if UNKNOWN not in h.names)
+    best = next(h for h in hypotheses if UNKNOWN not in h.names)  # the second of two tests: half the odds
     member, gain = whole.additions(best.members)[UNKNOWN]
-    evidence = best.log_evidence + gain - SEARCH.form * max(best.log_evidence, 0.0)
+    evidence = best.log_evidence + gain - SEARCH.form * max(best.log_evidence, 0.0) - np.log(2.0)
     effects = (*(m.form.effect for m in best.members), UNKNOWN)
     new = Hypothesis((*best.members, member), evidence, whole.prior(effects))
     same = [h for h in hypotheses if sorted(h.names) == sorted(new.names)]

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bayescal.errors import BayescalError
+from bayescal.public.motions import LogExportResult, LogVerificationResult, export_log, fitted_log, verify_log
 from bayescal.public.positions import arm_of
 from bayescal.public.results import FitResult, GapResult, Printed
 from bayescal.storage.stopping import Progress, silent
@@ -69,7 +70,7 @@ def export(
     at_time: float | None = None,
     at_row: str | None = None,
     force: bool = False,
-) -> ExportResult:
+) -> ExportResult | LogExportResult:
     """Export the arm of a calibration or a diagnosis: robot.yaml, URDF, SDF, ...
 
     Parameters
@@ -116,6 +117,12 @@ def export(
     from bayescal.exporting.export import export as work
     from bayescal.exporting.export import format_of
 
+    if (log := fitted_log(run)) is not None:
+        if into or with_ or without or at_time is not None or at_row or readings != "plain":
+            raise BayescalError(
+                "the arm of a joint log is a new file", f"--to {to}", "leave other options out"
+            )
+        return export_log(log, to)
     format_of(to)  # before a session is fitted again
     arm = arm_of(run, names(with_), names(without))
     name = f"{arm.dataset.robot.name}-calibrated"
@@ -316,7 +323,7 @@ class VerificationResult(Printed):
 
 def verify(
     run: str | PathLike[str], file: str | PathLike[str], *, progress: Progress = silent
-) -> VerificationResult:
+) -> VerificationResult | LogVerificationResult:
     """Load an exported arm in its simulator, and compare it with the fitted arm and with the measurements.
 
     Parameters
@@ -342,4 +349,6 @@ def verify(
     """
     from bayescal.verifying.result import verify as verified
 
+    if fitted_log(run) is not None:
+        return verify_log(Path(run), Path(file))
     return VerificationResult(verified(Path(run), Path(file), progress))

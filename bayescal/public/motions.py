@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bayescal.errors import BayescalError
-from bayescal.public.results import Result, table
+from bayescal.public.results import Printed, Result, table
 from bayescal.storage.reading import Json
 from bayescal.storage.stopping import Progress, silent
 
@@ -16,8 +16,10 @@ if TYPE_CHECKING:
     from pandas import DataFrame
     from rich.console import RenderableType
 
+    from bayescal.exporting.log_arm import LogExport
     from bayescal.motion.calibrate import MotionFit
     from bayescal.motion.result import MotionGap
+    from bayescal.verifying.log_torque import LogVerification
 
 
 @dataclass(frozen=True, repr=False)
@@ -195,3 +197,86 @@ def refuse(what: str, **options: Any) -> None:
         if given not in (default, "", ",".join(default) if isinstance(default, tuple) else default):
             flag = f"--{name.replace('_', '-')}"
             raise BayescalError(f"{what} has no {flag}", flag, "leave it out")
+
+
+def fitted_log(run: Any) -> MotionFitResult | None:
+    """The calibration from a joint log that a result or run folder is; None of others."""
+    if isinstance(run, MotionFitResult):
+        return run
+    if not isinstance(run, str | PathLike) or not (Path(run) / "arm.yaml").is_file():
+        return None
+    from bayescal.storage.reading import read_record
+
+    record = read_record(Path(run) / "fit.json", "bayescal-fit/1", "repeat the command with this version")
+    return MotionFitResult(folder=Path(run), content=record)
+
+
+@dataclass(frozen=True, repr=False)
+class LogExportResult(Printed):
+    """The exported arm of a joint log; `print` shows what the file cannot hold."""
+
+    data: LogExport
+
+    @property
+    def content(self) -> str:
+        """The content of the file."""
+        return self.data.text
+
+    @property
+    def name(self) -> str:
+        """Default name of the file: that of the robot."""
+        return f"{self.data.name}-calibrated{self.data.suffix}"
+
+    def report(self) -> RenderableType:
+        """The summary, to be printed by a `rich.console.Console`."""
+        from bayescal.reporting.motion.exported import export_summary
+
+        return export_summary(self.data)
+
+    def save(self, path: str | PathLike[str] | None = None) -> tuple[Path, ...]:
+        """Write the file and its sidecar ``<name>.bayescal.json``; return their paths."""
+        return self.data.save(Path(path or self.name))
+
+
+@dataclass(frozen=True, repr=False)
+class LogVerificationResult(Printed):
+    """The arm of a joint log in MuJoCo; `print` shows torque errors of withheld motions."""
+
+    data: LogVerification
+
+    @property
+    def passed(self) -> bool:
+        """Whether the file is the arm that was fitted."""
+        return self.data.passed
+
+    def report(self) -> RenderableType:
+        """The summary, to be printed by a `rich.console.Console`."""
+        from bayescal.reporting.motion.exported import verify_summary
+
+        return verify_summary(self.data)
+
+    def save(self, folder: str | PathLike[str]) -> tuple[str, ...]:
+        """Write verify.json; return its name."""
+        from bayescal.storage.files import json_text
+        from bayescal.storage.folders import whole
+        from bayescal.verifying.log_torque import record_of
+
+        with whole(Path(folder), "verify.json") as stage:
+            (stage / "verify.json").write_text(json_text(record_of(self.data)), encoding="utf-8")
+        return ("verify.json",)
+
+
+def export_log(result: MotionFitResult, to: str) -> LogExportResult:
+    """Export the arm of a joint log; see `bayescal.export`."""
+    from bayescal.exporting.log_arm import export_log as work
+
+    if result.folder is None:
+        raise BayescalError("the result is not saved", "export", "save it, and export its run folder")
+    return LogExportResult(work(result.folder, result.record, to))
+
+
+def verify_log(run: Path, file: Path) -> LogVerificationResult:
+    """Load an exported arm of a joint log in MuJoCo; see `bayescal.verify`."""
+    from bayescal.verifying.log_torque import verify_log as work
+
+    return LogVerificationResult(work(run, file))

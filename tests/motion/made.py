@@ -8,7 +8,7 @@ import numpy as np
 import yaml
 from scipy.signal import lfilter
 
-from bayescal.logs.read import _written_out
+from bayescal.logs.read import written_out
 from bayescal.logs.schema import Arm
 
 ARM = """
@@ -139,7 +139,7 @@ def write(folder, extra=None, loads=LOADS, seed=0):
 
 def _truth(rng):
     """Torques of an arm whose masses and friction differ from nominal within the priors."""
-    nominal = _written_out(Arm.model_validate(yaml.safe_load(ARM)), "made")
+    nominal = written_out(Arm.model_validate(yaml.safe_load(ARM)), "made")
     share = 1.0 + 0.08 * rng.standard_normal(3)
     true = replace(nominal, mass=nominal.mass * share, inertia=nominal.inertia * share[:, None, None])
     model = model_of(true)

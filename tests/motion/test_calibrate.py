@@ -9,7 +9,7 @@ import yaml
 import bayescal as bc
 from bayescal.logs import read_log
 from bayescal.logs.mechanism import inertial
-from bayescal.logs.read import _written_out
+from bayescal.logs.read import written_out
 from bayescal.logs.schema import Arm
 from bayescal.logs.write import arm_text
 from bayescal.motion.calibrate import NOT_NEGATIVE, Possible, pseudo_inertia
@@ -71,7 +71,7 @@ def test_pseudo_inertia_is_the_second_moment_of_the_mass():
 
 def test_an_arm_is_written_and_read_back(result):
     m = result.data.mechanism
-    again = _written_out(Arm.model_validate(yaml.safe_load(arm_text(m))), m.name)
+    again = written_out(Arm.model_validate(yaml.safe_load(arm_text(m))), m.name)
     for name in ("place", "axis", "mass", "centre", "inertia", "armature", "coulomb", "viscous"):
         assert getattr(again, name) == pytest.approx(getattr(m, name), abs=1e-7), name
     assert again.transition == pytest.approx(m.transition)
@@ -79,7 +79,11 @@ def test_an_arm_is_written_and_read_back(result):
 
 def test_a_run_folder_is_read_back(result, tmp_path):
     written = result.save(tmp_path / "run")
-    assert written == ("fit.json", "report.html", "posterior.nc", "arm.yaml")
+    assert written == ("fit.json", "report.html", "posterior.nc", "arm.yaml", "dataset")
+    assert (
+        bc.fit(tmp_path / "run" / "dataset", samples=0).record["parameters"]
+        == bc.fit(result.data.log.files[0].parent, samples=0).record["parameters"]
+    )
     again = bc.load(tmp_path / "run")
     assert again.record == json.loads(json.dumps(result.record))
     values = again.inference_data()["posterior"]["parameter_value"]

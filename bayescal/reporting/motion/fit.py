@@ -9,6 +9,7 @@ from typing import Any
 from rich.console import Group, RenderableType
 from rich.text import Text
 
+from bayescal.logs import Log
 from bayescal.logs.write import arm_text
 from bayescal.motion.calibrate import MotionFit
 from bayescal.posterior.inference import Record, save
@@ -23,7 +24,9 @@ from bayescal.storage.folders import whole
 from bayescal.storage.reading import Json
 
 SCHEMA = "bayescal-fit/1"
-FIT, POSTERIOR, ARM = "fit.json", "posterior.nc", "arm.yaml"
+FIT, POSTERIOR, ARM, COPY = "fit.json", "posterior.nc", "arm.yaml", "dataset"
+MOST_COPIED = 100_000_000
+"""Bytes of a log that is copied into its run folder."""
 
 
 def fit_record(fit: MotionFit) -> dict[str, Any]:
@@ -57,6 +60,7 @@ def fit_record(fit: MotionFit) -> dict[str, Any]:
             for w in fit.withheld
         ],
         "noise": {"lag1": fit.lag1},
+        "gravity_mps2": fit.log.gravity,
         "torque_shift_ms": 1e3 * fit.shift,
         "draws": fit.draws.shape[0] * fit.draws.shape[1],
         "motions": [{"id": m.name, "role": m.role, "kind": m.kind} for m in fit.log.motions],
@@ -105,9 +109,20 @@ def draws_of(fit: MotionFit) -> Record:
 
 
 def write_fit(fit: MotionFit, folder: Path, contents: Mapping[str, Any]) -> tuple[str, ...]:
-    """Write fit.json, report.html, posterior.nc and arm.yaml atomically; return their names."""
+    """Write fit.json, report.html, posterior.nc, arm.yaml and the log atomically; return their names."""
     with whole(folder, FIT) as stage:
         (stage / FIT).write_text(json_text(contents, rows=False), encoding="utf-8")
+        copied = _copy(fit.log, stage)
         save(draws_of(fit), stage / POSTERIOR)
         (stage / ARM).write_text(arm_text(fit.mechanism), encoding="utf-8")
-        return FIT, write_page(stage, folder), POSTERIOR, ARM
+        return FIT, write_page(stage, folder), POSTERIOR, ARM, *copied
+
+
+def _copy(log: Log, stage: Path) -> tuple[str, ...]:
+    """Copy the log into the run folder, to be verified against; a large one is not."""
+    if sum(path.stat().st_size for path in log.files) > MOST_COPIED:
+        return ()
+    (stage / COPY).mkdir()
+    for path in log.files:
+        (stage / COPY / path.name).write_bytes(path.read_bytes())
+    return (COPY,)

@@ -1,0 +1,148 @@
+"""The arm of a joint log in MuJoCo: the torques that withheld motions need there, against measured ones."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bayescal.errors import BayescalError
+from bayescal.exporting.log_arm import mechanism_of_run, text_of
+from bayescal.exporting.sidecar import mujoco
+from bayescal.logs import Mechanism, read_log
+from bayescal.logs.types import VALIDATE
+from bayescal.motion.dynamics import payload_of, regressor
+from bayescal.motion.signals import Signals, all_signals
+from bayescal.storage.reading import decoded, read_record
+
+FITTED, COPY = "fit.json", "dataset"
+SLIDING = 0.1
+"""rad/s of a joint, below which a simulator's friction holds it and no motion determines the torque."""
+ALIKE = 1e-6
+"""N m: differences of rigid-body torques between simulator and model that are rounding."""
+
+
+@dataclass(frozen=True)
+class LogVerification:
+    """An exported arm in MuJoCo: by joint (n,), N m."""
+
+    name: str
+    joints: tuple[str, ...]
+    path: Path
+    software: str
+    difference: np.ndarray  # largest, of rigid bodies and rotors between simulator and model
+    nominal: np.ndarray  # RMS of measured torques less those of the nominal arm in the simulator
+    fitted: np.ndarray  # the same of the exported file
+    rows: int  # of withheld motions; each joint counts where it moves faster than `SLIDING`
+
+    @property
+    def passed(self) -> bool:
+        """Whether the file is the arm that was fitted."""
+        return bool(np.max(self.difference) < ALIKE)
+
+
+def verify_log(run: Path, path: Path) -> LogVerification:
+    """Load an exported arm of a joint log in MuJoCo, and compute the torques of the withheld motions.
+
+    Raises
+    ------
+    BayescalError
+        If the run has no copy of its log, MuJoCo is not installed, or it does not load the file.
+    """
+    if not (run / COPY).is_dir():
+        what = "the run folder has no copy of its log, which was too large"
+        raise BayescalError(what, str(run), "fit a part of it, and verify by that")
+    record = read_record(run / FITTED, "bayescal-fit/1", "repeat the fit")
+    log = read_log(run / COPY)
+    fitted = mechanism_of_run(run, str(record["robot"]))
+    simulator = mujoco()
+    try:
+        model = simulator.MjModel.from_xml_string(decoded(path)[0])
+    except ValueError as error:
+        raise BayescalError(f"MuJoCo does not load it: {error}", str(path), "export the arm again") from None
+    if model.nv != log.n:
+        raise BayescalError(f"has {model.nv} joints, the log {log.n}", str(path), "export the arm again")
+    nominal = simulator.MjModel.from_xml_string(text_of(_known(log.mechanism), "mjcf", log.gravity))
+    values = {p["name"]: p["estimate"] for p in record["parameters"]}
+    offset = np.array([values[f"offset {j + 1}"] for j in range(log.n)])
+    shift = 1e-3 * record["torque_shift_ms"]
+    before, after, differences = [], [], []
+    for s in all_signals(log):
+        if s.role != VALIDATE:
+            continue
+        measured = np.column_stack([np.interp(s.time + shift, s.time, s.torque[:, j]) for j in range(log.n)])
+        load = s.rigid[:, :, -1] @ payload_of(log.mechanism) * s.payload[:, None]
+        slow = np.abs(s.unfiltered(s.dq)) < SLIDING
+        for errors, arm, zero in ((before, nominal, 0.0), (after, model, offset)):
+            error = s.unfiltered(measured - inverse(simulator, arm, s) - load - zero)
+            errors.append(np.where(slow, np.nan, error))
+        differences.append(np.max(np.abs(_without_friction(simulator, model, s) - _rigid(fitted, s)), axis=0))
+    return LogVerification(
+        name=log.name,
+        joints=log.mechanism.joint_names,
+        path=path,
+        software=f"MuJoCo {simulator.__version__}",
+        difference=np.max(differences, axis=0),
+        nominal=_rms(before),
+        fitted=_rms(after),
+        rows=sum(map(len, after)),
+    )
+
+
+def _rms(parts: list[np.ndarray]) -> np.ndarray:
+    return np.asarray(np.sqrt(np.nanmean(np.concatenate(parts) ** 2, axis=0)))
+
+
+def _known(m: Mechanism) -> Mechanism:
+    """The nominal mechanism with zero for what it does not state."""
+    return replace(
+        m,
+        armature=np.nan_to_num(m.armature),
+        coulomb=np.nan_to_num(m.coulomb),
+        viscous=np.nan_to_num(m.viscous),
+    )
+
+
+def inverse(simulator: Any, model: Any, s: Signals) -> np.ndarray:
+    """Torques (N, n) that the simulator needs for a motion, with friction."""
+    data, out = simulator.MjData(model), np.empty_like(s.q)
+    for k in range(len(s.q)):
+        data.qpos[:], data.qvel[:], data.qacc[:] = s.q[k], s.dq[k], s.ddq[k]
+        simulator.mj_inverse(model, data)
+        out[k] = data.qfrc_inverse
+    return out
+
+
+def _without_friction(simulator: Any, model: Any, s: Signals) -> np.ndarray:
+    """Torques (N, n) of rigid bodies and rotors in the simulator."""
+    kept = model.dof_frictionloss.copy(), model.dof_damping.copy()
+    model.dof_frictionloss[:], model.dof_damping[:] = 0.0, 0.0
+    out = inverse(simulator, model, s)
+    model.dof_frictionloss[:], model.dof_damping[:] = kept
+    return out
+
+
+def _rigid(m: Mechanism, s: Signals) -> np.ndarray:
+    """Torques (N, n) of rigid bodies and rotors in the model."""
+    by = regressor(m, s.q, s.dq, s.ddq, s.log.gravity)
+    return np.einsum("njkp,kp->nj", by, m.inertials) + m.armature * s.ddq
+
+
+def record_of(v: LogVerification) -> Mapping[str, Any]:
+    """The content of verify.json."""
+    rows = zip(v.joints, v.difference, v.nominal, v.fitted, strict=True)
+    return {
+        "schema": "bayescal-log-verify/1",
+        "dataset": {"name": v.name},
+        "file": str(v.path),
+        "simulator": v.software,
+        "passed": v.passed,
+        "rows": v.rows,
+        "joints": [
+            {"joint": n, "difference_Nm": d, "nominal_rms_Nm": b, "rms_Nm": a}
+            for n, d, b, a in ((n, *map(float, x)) for n, *x in rows)
+        ],
+    }
