@@ -132,6 +132,15 @@ class CellSettings:
     """Time constants after which a motion is forgotten by what it warms, s (assumed)."""
     flip: float = 0.1
     """Width, as a share of gravity, of a transition between two positions (assumed)."""
+    paired: float = 3.0
+    """Weight of a cell of a joint that averages over all quantities, in other cells; at a link, the base or the
+    tool it is shared by the cells of each quantity (tuned)."""
+    rough_waves: int = 12
+    """Half periods of a rough function of the order of the rows (assumed)."""
+    clearance: tuple[float, ...] = (0.3, 0.7, 1.4, 2.5)
+    """Width of the clearance of a base, in standard deviations of its gravity moment (assumed)."""
+    kept: tuple[float, ...] = (0.0, 0.5, 0.8)
+    """Share of a tool's displacement that remains after each contact (assumed)."""
     fewest: int = 12
     """Contacts that a defect or a sudden change must move (assumed)."""
 

@@ -15,7 +15,8 @@ from bayescal.gap.concluded import _most
 from bayescal.gap.linear.state import fit_state
 from bayescal.gap.search.beam import Member, Search
 from bayescal.gap.search.cells import cells
-from bayescal.gap.search.relatives import arguments, relatives
+from bayescal.gap.search.quantities import arguments
+from bayescal.gap.search.relatives import relatives
 from bayescal.gap.settings import RELATIVES
 from bayescal.statistics import rms
 

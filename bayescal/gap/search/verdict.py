@@ -12,7 +12,8 @@ from bayescal.gap.linear.evidence import log_sum
 from bayescal.gap.outcome.where import unabsorbed, visible
 from bayescal.gap.search.beam import Hypothesis, Member, Search
 from bayescal.gap.search.makers import Cell
-from bayescal.gap.search.relatives import Argument, Related, relatives
+from bayescal.gap.search.quantities import Argument
+from bayescal.gap.search.relatives import Related, relatives
 from bayescal.gap.search.unknown import CellFit, Pool, unknown, with_set
 from bayescal.gap.settings import SEARCH, VERDICT
 
