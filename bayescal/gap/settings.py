@@ -133,8 +133,8 @@ class CellSettings:
     flip: float = 0.1
     """Width, as a share of gravity, of a transition between two positions (assumed)."""
     paired: float = 3.0
-    """Weight of a cell of a joint that averages over all quantities, in other cells; at a link, the base or the
-    tool it is shared by the cells of each quantity (tuned)."""
+    """Weight, in other cells, of a cell of a joint that averages over all quantities; at a link, the base or
+    the tool it is shared by the cells of each quantity (tuned)."""
     rough_waves: int = 12
     """Half periods of a rough function of the order of the rows (assumed)."""
     clearance: tuple[float, ...] = (0.3, 0.7, 1.4, 2.5)
