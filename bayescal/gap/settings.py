@@ -202,6 +202,9 @@ class VerdictSettings:
     null_enough: float = 0.1
     """Probability of the noise-only model from which on no effect is named (tuned: with 0.2, 3 of 16 sessions
     without an effect had one)."""
+    null_beside_unknown: float = 0.2
+    """The same where an unmodelled effect leads, and more likely than not: nothing is named (tuned: 1 of 78
+    sessions without an effect had one)."""
     unexplained: float = 0.25
     """Probability of a further effect, known or not, from which on a verdict is not plain `named`
     (tuned)."""
