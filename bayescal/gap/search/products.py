@@ -40,10 +40,10 @@ def products(c: Circumstances) -> Iterator[Cell]:
     """Cells of a quantity of a joint and any other one."""
     given = arguments(c)
     for j in range(1, c.robot.n + 1):
-        for driver, own in _own(c, j):
-            alone = [] if driver.kind == "angle" else list(own)  # which has cells by itself
+        for driver, ways in _own(c, j).items():
             sets = tuple(
-                at_joint(c, j, [*alone, *(u * v for u in own for v in a.functions.T)], side)
+                at_joint(c, j, [*_alone(driver, own), *(u * v for u in own for v in a.functions.T)], side)
+                for own in ways
                 for a in given
                 if a.driver != driver
                 for side in moves(c, j)
@@ -51,22 +51,28 @@ def products(c: Circumstances) -> Iterator[Cell]:
             yield Cell(joint(j), replace(driver, form="and another"), sets, weight=CELLS.paired)
 
 
-def _own(c: Circumstances, j: int) -> Iterator[tuple[Driver, Functions]]:
-    """Quantities of a joint with functions of each, by each of its motions."""
-    order = measured(c)
+def _alone(driver: Driver, own: Functions) -> Functions:
+    """Functions of a quantity by itself; an angle has cells of its own."""
+    return [] if driver.kind == "angle" else own
+
+
+def _own(c: Circumstances, j: int) -> dict[Driver, list[Functions]]:
+    """Functions of each quantity of a joint, by each of its motions."""
+    order, out = measured(c), dict[Driver, list[Functions]]()
     for side in passes(c, j):
         angle, travel = motion(c.robot, j, c.readings, side), np.empty(len(order))
         if waves := smooth(angle, c.fitted, CELLS.pair_waves):
-            yield Driver("angle", j), waves
             travel[order] = fading(angle[order], np.radians(CELLS.forgotten[1:2]))[0]
-            yield Driver("travel", j), [travel]
+            out.setdefault(Driver("angle", j), []).append(waves)
+            out.setdefault(Driver("travel", j), []).append([travel])
         if c.velocity is not None:
             speed = motion(c.robot, j, c.velocity, side)
             if np.any(speed[c.fitted]):
-                yield Driver("direction", j), [signs(speed)]
-                yield Driver("joint speed", j), [speed / rms(speed[c.fitted])]
+                out.setdefault(Driver("direction", j), []).append([signs(speed)])
+                out.setdefault(Driver("joint speed", j), []).append([speed / rms(speed[c.fitted])])
     if c.torques is not None and np.ptp(c.torques[c.fitted, j - 1]) > 1e-3:
-        yield Driver("torque", j), smooth(c.torques[:, j - 1], c.fitted, CELLS.pair_waves)
+        out[Driver("torque", j)] = [smooth(c.torques[:, j - 1], c.fitted, CELLS.pair_waves)]
+    return out
 
 
 def by_any(c: Circumstances) -> Iterator[Cell]:
