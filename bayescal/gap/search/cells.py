@@ -187,7 +187,7 @@ def _hanging(c: Circumstances) -> Iterator[Cell]:
     squares = [p * q for p, q in itertools.combinations_with_replacement(parts, 2)]
     moves = movers(c)[TOOL][0]
     sets = [[q for p in of for q in moves(p)] for of in (parts, *([p] for p in flips))]
-    sets += zip(*(moves(p) for p in (*parts, *squares[:5])), strict=True)  # the squares sum to 1
+    sets += map(list, zip(*(moves(p) for p in (*parts, *squares[:5])), strict=True))  # squares sum to 1
     yield Cell(TOOL, Driver("gravity direction"), tuple(map(tuple, sets)))
 
 

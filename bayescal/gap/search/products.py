@@ -95,8 +95,8 @@ def by_any(c: Circumstances) -> Iterator[Cell]:
             yield Cell(site, a.driver, tuple(_each_axis(c, site, list(a.functions.T))), weight=weight)
     smoothest = smooth(measured(c).argsort().astype(float), c.fitted, CELLS.rough_waves)
     for site in (BASE, TOOL):
-        sets = tuple(_each_axis(c, site, smoothest))
-        yield Cell(site, Driver("count", form="to and fro"), sets)
+        rough = tuple(_each_axis(c, site, smoothest))
+        yield Cell(site, Driver("count", form="to and fro"), rough)
 
 
 def _each_axis(c: Circumstances, site: Site, functions: Functions) -> Iterator[tuple[Parameter, ...]]:
@@ -107,7 +107,7 @@ def _each_axis(c: Circumstances, site: Site, functions: Functions) -> Iterator[t
 
 def remembering(c: Circumstances) -> Iterator[Cell]:
     """A base on clearance, and a tool that earlier contacts have pushed aside."""
-    order, sets = measured(c), []
+    order, sets = measured(c), list[tuple[Parameter, ...]]()
     for by in tilts(c):
         mine = by.moment[order] - np.median(by.moment[c.fitted])
         state = np.empty((len(CELLS.clearance), len(order)))
@@ -118,9 +118,9 @@ def remembering(c: Circumstances) -> Iterator[Cell]:
         return
     way, sets = np.where(c.touching[:, None], c.approach, 0.0), []
     for keep in CELLS.kept:
-        past, state = np.zeros_like(way), np.zeros(3)
+        past, aside = np.zeros_like(way), np.zeros(3)
         for row in order:
-            past[row], state = state, keep * state + way[row]
+            past[row], aside = aside, keep * aside + way[row]
         sets += [tuple(q for f in past.T for q in move(f)) for move in movers(c)[TOOL]]
     yield Cell(TOOL, Driver("contact direction", form="past"), tuple(sets))
 
