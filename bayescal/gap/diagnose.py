@@ -30,6 +30,7 @@ from bayescal.gap.linear.state import again
 from bayescal.gap.outcome.magnitude import Level, magnitude, model_levels, noise_floor, shrinkage
 from bayescal.gap.outcome.margins import margins
 from bayescal.gap.outcome.notes import amplitudes, warnings
+from bayescal.gap.outcome.where import named_events
 from bayescal.gap.result import Gap, Verdict
 from bayescal.gap.search.beam import COMPLIANCE, Member
 from bayescal.gap.search.candidates import Variant
@@ -39,8 +40,8 @@ from bayescal.gap.settings import GATE, VERDICT
 from bayescal.model import USUAL, FitOptions
 from bayescal.model.model import length_blocks
 from bayescal.model.scene import Scene
-from bayescal.predict.crossvalidation import BLOCKED, VALIDATED, validation_errors
-from bayescal.predict.errors import ValidationErrors, kept
+from bayescal.predict.crossvalidation import BLOCKED, LEFT_OUT, VALIDATED, validation_errors
+from bayescal.predict.errors import ValidationErrors, kept, without_rows
 from bayescal.predict.targets import check_located
 from bayescal.statistics import spawned
 from bayescal.storage.stopping import Progress, silent
@@ -56,6 +57,7 @@ class Explained:
     before: ValidationErrors  # of the baseline
     final: Estimate  # with the named effects
     after: ValidationErrors
+    unsure: tuple[int, ...] = ()  # rows of the session that may be before an event or after it: not scored
 
     @property
     def verdict(self) -> Verdict:
@@ -74,8 +76,15 @@ def explain(
     if promoted:
         last = examine(scene, (*effects, COMPLIANCE), options, further=True)
     progress("refit", 0.6)
-    before = validation_errors(first.fitted)
-    alone = before if last is first and before.how == VALIDATED else _judging(last.fitted)
+    d = last.decision
+    events = named_events(d.hypothesis, last.pool, last.candidates.pool).values()
+    unsure = tuple(row for of in events for e in of for row in between(e.interval95, last.problem.rows))
+
+    def errors(fitted: Estimate, without: str = LEFT_OUT) -> ValidationErrors:
+        return without_rows(validation_errors(fitted, without=without), unsure)
+
+    before = errors(first.fitted)
+    alone = before if last is first and before.how == VALIDATED else errors(last.fitted, BLOCKED)
 
     known: dict[tuple[Variant, ...], tuple[Estimate, ValidationErrors]] = {(): (last.fitted, alone)}
 
@@ -83,18 +92,18 @@ def explain(
         key = tuple(m.variant for m in members)
         if key not in known:
             final = refit(last.fitted, last.candidates, members, options)
-            known[key] = final, _judging(final)
+            known[key] = final, errors(final, BLOCKED)
         return known[key]
 
     confirmed_last, final, after = _admitted(last, alone, fitted)
     if after.how != VALIDATED:
-        after = before if final is first.fitted else validation_errors(final)
-    return Explained(first, confirmed_last, promoted, before, final, after)
+        after = before if final is first.fitted else errors(final)
+    return Explained(first, confirmed_last, promoted, before, final, after, unsure)
 
 
-def _judging(estimate: Estimate) -> ValidationErrors:
-    """Validation errors that judge names: without validation measurements, of rows left out in blocks."""
-    return validation_errors(estimate, without=BLOCKED)
+def between(interval: tuple[int, int], fitted: np.ndarray) -> range:
+    """Rows of the session that may be before an event or after it: from the last fitted row before it on."""
+    return range(int(np.max(fitted[fitted < interval[0]], initial=-1)) + 1, interval[1])
 
 
 def _admitted(
@@ -230,7 +239,7 @@ def diagnose(
     free = _confirmed(found, options)
     arm, rigid = bounded(free)
     if rigid.parameters and free is final and decision.members:  # one arm in all that follows
-        final, after = arm, validation_errors(arm, strict=False)
+        final, after = arm, _errors_of(arm, found)
         levels[-1] = replace(levels[-1], fitted=arm, errors=after)
     wide = stated(arm)
     of_final = wide.limited if arm is final else stated(final).limited
@@ -273,7 +282,9 @@ def _errors_of(e: Estimate, found: Explained) -> ValidationErrors:
     """Validation errors of a level, which are known of the baseline and of the refit."""
     if e is found.final:
         return found.after
-    return found.before if e is found.first.fitted else validation_errors(e, strict=False)
+    if e is found.first.fitted:
+        return found.before
+    return without_rows(validation_errors(e, strict=False), found.unsure)
 
 
 def _confirmed(found: Explained, options: FitOptions) -> Estimate:

@@ -132,6 +132,15 @@ class CellSettings:
     """Time constants after which a motion is forgotten by what it warms, s (assumed)."""
     flip: float = 0.1
     """Width, as a share of gravity, of a transition between two positions (assumed)."""
+    paired: float = 3.0
+    """Weight, in other cells, of a cell of a joint that averages over all quantities; at a link, the base or
+    the tool it is shared by the cells of each quantity (tuned)."""
+    rough_waves: int = 12
+    """Half periods of a rough function of the order of the rows (assumed)."""
+    clearance: tuple[float, ...] = (0.3, 0.7, 1.4, 2.5)
+    """Width of the clearance of a base, in standard deviations of its gravity moment (assumed)."""
+    kept: tuple[float, ...] = (0.0, 0.5, 0.8)
+    """Share of a tool's displacement that remains after each contact (assumed)."""
     fewest: int = 12
     """Contacts that a defect or a sudden change must move (assumed)."""
 
@@ -193,6 +202,9 @@ class VerdictSettings:
     null_enough: float = 0.1
     """Probability of the noise-only model from which on no effect is named (tuned: with 0.2, 3 of 16 sessions
     without an effect had one)."""
+    null_beside_unknown: float = 0.2
+    """The same where an unmodelled effect leads, and more likely than not: nothing is named (tuned: 1 of 78
+    sessions without an effect had one)."""
     unexplained: float = 0.25
     """Probability of a further effect, known or not, from which on a verdict is not plain `named`
     (tuned)."""

@@ -7,8 +7,8 @@ Distances between points of the workspace: pairs, lengths, and their slopes by t
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -164,6 +164,14 @@ class ValidationErrors:
             dof = self.dof.get(name, np.inf)
             out[mine] = rejected(j.chi2[mine], j.size[mine], usual[mine], dof)
         return np.isin(self.rows, j.rows[out])
+
+
+def without_rows(held: ValidationErrors, rows: Sequence[int]) -> ValidationErrors:
+    """The same errors without the residuals of some rows of the session."""
+    use = ~np.isin(held.rows, rows)
+    names = ("residual", "noise", "by_parameters", "rows", "kind", "group", "target", "block", "own", "fold")
+    arrays = ((name, getattr(held, name)) for name in names)
+    return held if use.all() else replace(held, **{k: v[use] for k, v in arrays if v is not None})
 
 
 def kept(*held: ValidationErrors) -> np.ndarray:

@@ -15,7 +15,8 @@ from bayescal.gap.concluded import _most
 from bayescal.gap.linear.state import fit_state
 from bayescal.gap.search.beam import Member, Search
 from bayescal.gap.search.cells import cells
-from bayescal.gap.search.relatives import arguments, relatives
+from bayescal.gap.search.quantities import arguments
+from bayescal.gap.search.relatives import relatives
 from bayescal.gap.settings import RELATIVES
 from bayescal.statistics import rms
 
@@ -132,14 +133,20 @@ def test_a_cell_of_an_effect_is_a_rival_where_the_vocabulary_lacks_the_effect(
 
 
 def test_a_tool_has_cells_by_the_direction_of_gravity(bench):
-    """In its own frame, which turns with the arm: the last set flips with one component."""
+    """In its own frame, which turns with the arm; sets that flip, and sets along one axis."""
     c = bench.circumstances
     cell = next(x for x in cells(c) if (x.site, x.driver) == (TOOL, Driver("gravity direction")))
-    linear, *flips = cell.sets
+    linear, *flips = cell.sets[:4]
     size = np.sqrt(sum(np.asarray(q.terms[0].driver) ** 2 for q in linear[::3]))
     assert np.allclose(size, 1.0)
     for flip, q in zip(flips, linear[::3], strict=True):
         assert np.array_equal(np.sign(flip[0].terms[0].driver), np.sign(q.terms[0].driver))
+    x, y, z = (np.asarray(q.terms[0].driver) for q in linear[::3])
+    for own, axis in zip(cell.sets[4:], ("tx", "ty", "tz"), strict=True):
+        assert {t.axis for q in own for t in q.terms} == {axis}
+        functions = np.column_stack([np.ones(len(x)), *(q.terms[0].driver for q in own)])
+        for wanted in (x * y, x * x, y * z, z * z):
+            assert np.allclose(functions @ np.linalg.lstsq(functions, wanted, rcond=None)[0], wanted)
 
 
 @pytest.mark.parametrize(

@@ -7,23 +7,24 @@ same form as an effect: a site is displaced by parameters times drivers.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator
 
 import numpy as np
 
 from bayescal.arm import chain as reference
-from bayescal.arm.motion import CONTACT, TURN, Term
+from bayescal.arm.motion import Term
 from bayescal.effects import EFFECTS, Circumstances, Parameter, location
-from bayescal.effects.backlash import STANDSTILL
-from bayescal.effects.common import base_terms, motion, side_of, tilts
-from bayescal.effects.location import BASE, PROBE, TOOL, Driver, Site, joint, link
+from bayescal.effects.common import base_terms, motion, tilts
+from bayescal.effects.location import BASE, PROBE, TOOL, Driver, joint, link
 from bayescal.effects.plane_form import shapes
 from bayescal.effects.step import reflectors
 from bayescal.gap.search.makers import (
     Cell,
+    at_contact,
     at_joint,
     between_orders,
     measured,
+    movers,
     moves,
     passes,
     rocking,
@@ -34,6 +35,8 @@ from bayescal.gap.search.makers import (
     travel,
     two_angles,
 )
+from bayescal.gap.search.products import by_any, pointing, products, remembering
+from bayescal.gap.search.quantities import at_tool, signs
 from bayescal.gap.settings import CELLS
 from bayescal.statistics import rms
 
@@ -76,23 +79,6 @@ def _joints(c: Circumstances) -> Iterator[Cell]:
             yield Cell(site, Driver("direction", j), tuple(play), known="backlash" in EFFECTS)
             late = [at_joint(c, j, [v / rms(v[c.fitted])], side) for side, v in speeds]
             yield Cell(site, Driver("joint speed", j), tuple(late))
-            for side, speed in speeds[:1]:
-                both = [at_joint(c, j, [signs(speed) * w for w in of], side) for of in _factors(c, j)]
-                yield Cell(site, Driver("direction", j, form="and another"), tuple(both))
-
-
-def signs(speed: np.ndarray) -> np.ndarray:
-    """Direction of motion (N,), -1 to 1, of a joint with a speed (N,), rad/s; near 0 at standstill."""
-    return speed / np.hypot(speed, STANDSTILL)
-
-
-def _factors(c: Circumstances, j: int) -> Iterator[list[np.ndarray]]:
-    """Functions of a quantity on which an error that follows the direction of joint j may depend besides."""
-    if c.torques is not None and np.ptp(c.torques[c.fitted, j - 1]) > 1e-3:
-        load = c.torques[:, j - 1] / rms(c.torques[c.fitted, j - 1])
-        yield from ([load], [np.abs(load)], [load, np.abs(load)])
-    angles = (smooth(angle, c.fitted, CELLS.factor_waves) for angle in c.readings.T)
-    yield from filter(None, angles)
 
 
 def _courses(c: Circumstances, k: int) -> list[tuple[list[np.ndarray], list[np.ndarray]]]:
@@ -149,46 +135,6 @@ def _bending(c: Circumstances) -> Iterator[Cell]:
             yield Cell(BASE, Driver("base moment"), (tuple(turns),))
 
 
-Mover = Callable[[np.ndarray], list[Parameter]]
-SHIFTS, TURNS = ("tx", "ty", "tz"), ("rx", "ry", "rz")
-
-
-def movers(c: Circumstances) -> dict[Site, tuple[Mover, ...]]:
-    """Sites that may drift with time or shift suddenly, and their parameters for a driver (N,).
-
-    Of several tools, all may move together, or each alone; a tool whose orientation is read also turns.
-    """
-
-    def displaced(axes: Mapping[int, tuple[str, ...]], rows: np.ndarray | float = 1.0) -> Mover:
-        every = [
-            (f, a, CELLS.length if a[0] == "t" else CELLS.angle / 2) for f, of in axes.items() for a in of
-        ]
-
-        def move(d: np.ndarray) -> list[Parameter]:
-            own = d * rows  # one array for all axes
-            return [
-                Parameter("", "m" if a[0] == "t" else "rad", (Term(f, a, own),), sd) for f, a, sd in every
-            ]
-
-        return move
-
-    def turn(j: int) -> Mover:
-        return lambda d: list(at_joint(c, j, [d], side_of(c.robot)))
-
-    def contact(rows: np.ndarray) -> Mover:
-        return lambda d: [Parameter("", "m", (Term(CONTACT, "normal", d * rows),), CELLS.length)]
-
-    out: dict[Site, tuple[Mover, ...]] = {BASE: (displaced({0: (*SHIFTS, *TURNS)}),)}
-    out |= {joint(j): (turn(j),) for j in range(1, c.robot.n + 1)}
-    of_tool = {c.chain.n + 1: SHIFTS} | ({TURN: TURNS} if c.turned_tools else {})
-    single = [(c.tool == k).astype(float) for k in c.fitted_tools] if len(c.fitted_tools) > 1 else []
-    out[TOOL] = tuple(displaced(of_tool, rows) for rows in (1.0, *single))
-    if np.any(c.touching):
-        out[PROBE] = (contact(c.touching.astype(float)),)
-    out |= {location.face(face.name): (contact(face.rows),) for face in c.faces}
-    return out
-
-
 def _time(c: Circumstances) -> Iterator[Cell]:
     order = np.arange(len(c.q), dtype=float)
     clocks = {"time": [order if c.time is None else c.time]}
@@ -234,14 +180,14 @@ def _activity(c: Circumstances, time: np.ndarray) -> Iterator[np.ndarray]:
 
 def _hanging(c: Circumstances) -> Iterator[Cell]:
     """A tool that deflects under its weight: by the direction of gravity in its frame."""
-    down = c.gravity / max(float(np.linalg.norm(c.gravity)), 1e-300)
-    turned = reference.frames(c.chain, c.q)[:, -1, :3, :3]
-    parts = [p for p in (turned.swapaxes(1, 2) @ down).T if np.ptp(p[c.fitted]) > 1e-3]
-    if not down.any() or not parts:
+    parts = [p for p in at_tool(c).T if np.ptp(p[c.fitted]) > 1e-3]
+    if not parts:
         return
     flips = [np.tanh(p / CELLS.flip) for p in parts]
+    squares = [p * q for p, q in itertools.combinations_with_replacement(parts, 2)]
     moves = movers(c)[TOOL][0]
     sets = [[q for p in of for q in moves(p)] for of in (parts, *([p] for p in flips))]
+    sets += map(list, zip(*(moves(p) for p in (*parts, *squares[:5])), strict=True))  # squares sum to 1
     yield Cell(TOOL, Driver("gravity direction"), tuple(map(tuple, sets)))
 
 
@@ -276,13 +222,13 @@ def _region(c: Circumstances) -> Iterator[Cell]:
     u = np.clip((place - 0.5 * (low + high)) / half, -1.2, 1.2)
     on = c.touching.astype(float)
     products = [u[:, i] * u[:, j] for i in range(3) for j in range(i, 3)]
-    yield Cell(PROBE, Driver("workspace"), (_contact(on, [*u.T, *products]),))
+    yield Cell(PROBE, Driver("workspace"), (at_contact(on, [*u.T, *products]),))
     spots = [
         1.0 / (1.0 + (np.linalg.norm(u - at, axis=1) / CELLS.region_size) ** 3)
         for at in itertools.product(CELLS.region_grid, repeat=3)
     ]
     seen = [s for s in spots if np.sum(s[c.fitted] > 0.5) >= CELLS.fewest / 2]
-    yield Cell(PROBE, Driver("workspace", form="one region"), tuple(_contact(on, [s]) for s in seen))
+    yield Cell(PROBE, Driver("workspace", form="one region"), tuple(at_contact(on, [s]) for s in seen))
 
 
 def _probe(c: Circumstances) -> Iterator[Cell]:
@@ -293,14 +239,10 @@ def _probe(c: Circumstances) -> Iterator[Cell]:
     third = [x * (x * x - 3 * y * y), y * (3 * x * x - y * y), z * (x * x - y * y), x * y * z]
     third += [x * (5 * z * z - 1), y * (5 * z * z - 1), z * (5 * z * z - 3)]
     on = c.touching.astype(float)
-    yield Cell(PROBE, Driver("contact direction"), (_contact(on, second + third),))
+    yield Cell(PROBE, Driver("contact direction"), (at_contact(on, second + third),))
     if c.speed is not None:
         waves = smooth(np.where(c.touching, c.speed, 0.0), c.fitted, 2)
-        yield Cell(PROBE, Driver("contact speed"), (_contact(on, waves),) if waves else ())
-
-
-def _contact(on: np.ndarray, drivers: list[np.ndarray]) -> tuple[Parameter, ...]:
-    return tuple(Parameter("", "m", (Term(CONTACT, "normal", on * d),), CELLS.length) for d in drivers)
+        yield Cell(PROBE, Driver("contact speed"), (at_contact(on, waves),) if waves else ())
 
 
 def _faces(c: Circumstances) -> Iterator[Cell]:
@@ -311,14 +253,15 @@ def _faces(c: Circumstances) -> Iterator[Cell]:
             for at in itertools.product(np.linspace(-end, end, count), repeat=2):
                 spot = np.exp(-0.5 * np.sum(((face.place - at) / width) ** 2, axis=1)) * face.rows
                 if np.sum(spot[c.fitted] > 0.5) >= CELLS.fewest_on_spot:
-                    spots.append(_contact(face.rows, [spot]))
+                    spots.append(at_contact(face.rows, [spot]))
         yield Cell(site, Driver("face", form="one spot"), tuple(spots))
-        form = _contact(face.rows, [values for _, _, values in shapes(face)])
+        form = at_contact(face.rows, [values for _, _, values in shapes(face)])
         yield Cell(site, Driver("face"), (form,), known="plane-form" in EFFECTS)
 
 
 MAKERS = (
     _joints, _bending, _time, _sway, _hanging, _around, _probe, _region, _faces,
     torque_and_angle, two_angles, between_orders, rocking, travel, scatter,
+    products, by_any, remembering, pointing,
 )  # fmt: skip
 """Functions that list the cells of a session, in the order of the cells."""

@@ -7,15 +7,15 @@ with a memory of earlier contacts, and of random errors of their readings.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
-from bayescal.arm.motion import CONTACT, Term
-from bayescal.effects import Circumstances, Parameter
-from bayescal.effects.common import LINK, READING, base_terms, motion, tilts, turned
-from bayescal.effects.location import ARM, BASE, Driver, Site, joint
+from bayescal.arm.motion import CONTACT, TURN, Term
+from bayescal.effects import Circumstances, Parameter, location
+from bayescal.effects.common import LINK, READING, base_terms, motion, side_of, tilts, turned
+from bayescal.effects.location import ARM, BASE, PROBE, TOOL, Driver, Site, joint
 from bayescal.gap.settings import CELLS
 from bayescal.statistics import rms
 
@@ -32,6 +32,7 @@ class Cell:
     driver: Driver
     sets: tuple[tuple[Parameter, ...], ...]
     known: bool = False  # whether a known effect has this same function
+    weight: float = 1.0  # number of cells of its kind of site that its prior is worth
     clusters: np.ndarray | None = None  # (N,) int, equal for rows that share a random error
 
 
@@ -63,6 +64,51 @@ def passes(c: Circumstances, j: int) -> tuple[str, ...]:
 def sides_of(c: Circumstances, j: int) -> tuple[str, ...]:
     """Sides on which a joint moves, or its error rotates, differently."""
     return max(moves(c, j), passes(c, j), key=len)
+
+
+def at_contact(on: np.ndarray, drivers: Iterable[np.ndarray]) -> tuple[Parameter, ...]:
+    """Displacements of contacts along their normals, at the rows (N,) where `on` is 1."""
+    return tuple(Parameter("", "m", (Term(CONTACT, "normal", on * d),), CELLS.length) for d in drivers)
+
+
+Mover = Callable[[np.ndarray], list[Parameter]]
+SHIFTS, TURNS = ("tx", "ty", "tz"), ("rx", "ry", "rz")
+
+
+def movers(c: Circumstances) -> dict[Site, tuple[Mover, ...]]:
+    """Sites that may drift with time or shift suddenly, and their parameters for a driver (N,).
+
+    Of several tools, all may move together, or each alone; a tool whose orientation is read also turns.
+    """
+
+    def displaced(axes: Mapping[int, tuple[str, ...]], rows: np.ndarray | float = 1.0) -> Mover:
+        every = [
+            (f, a, CELLS.length if a[0] == "t" else CELLS.angle / 2) for f, of in axes.items() for a in of
+        ]
+
+        def move(d: np.ndarray) -> list[Parameter]:
+            own = d * rows  # one array for all axes
+            return [
+                Parameter("", "m" if a[0] == "t" else "rad", (Term(f, a, own),), sd) for f, a, sd in every
+            ]
+
+        return move
+
+    def turn(j: int) -> Mover:
+        return lambda d: list(at_joint(c, j, [d], side_of(c.robot)))
+
+    def contact(rows: np.ndarray) -> Mover:
+        return lambda d: [Parameter("", "m", (Term(CONTACT, "normal", d * rows),), CELLS.length)]
+
+    out: dict[Site, tuple[Mover, ...]] = {BASE: (displaced({0: (*SHIFTS, *TURNS)}),)}
+    out |= {joint(j): (turn(j),) for j in range(1, c.robot.n + 1)}
+    of_tool = {c.chain.n + 1: SHIFTS} | ({TURN: TURNS} if c.turned_tools else {})
+    single = [(c.tool == k).astype(float) for k in c.fitted_tools] if len(c.fitted_tools) > 1 else []
+    out[TOOL] = tuple(displaced(of_tool, rows) for rows in (1.0, *single))
+    if np.any(c.touching):
+        out[PROBE] = (contact(c.touching.astype(float)),)
+    out |= {location.face(face.name): (contact(face.rows),) for face in c.faces}
+    return out
 
 
 def torque_and_angle(c: Circumstances) -> Iterator[Cell]:

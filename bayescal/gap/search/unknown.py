@@ -40,9 +40,12 @@ class Pool:
     @cached_property
     def log_prior(self) -> np.ndarray:
         """Log prior of every cell as an unmodelled effect, (cells,): -inf for a form of a known effect."""
-        kinds = [cell.site.kind for cell in self.cells]
+        kinds = np.array([cell.site.kind for cell in self.cells])
         known = np.array([cell.known for cell in self.cells])
-        weight = np.array([UNKNOWN.sites.get(k, UNKNOWN.faces) / kinds.count(k) for k in kinds])
+        weight = np.array([cell.weight for cell in self.cells])
+        for kind in np.unique(kinds):
+            own = kinds == kind
+            weight[own] *= UNKNOWN.sites.get(str(kind), UNKNOWN.faces) / np.sum(weight[own])
         weight[known] = 0.0
         with np.errstate(divide="ignore"):
             return np.log(weight / np.sum(weight))

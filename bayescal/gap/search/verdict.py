@@ -12,7 +12,8 @@ from bayescal.gap.linear.evidence import log_sum
 from bayescal.gap.outcome.where import unabsorbed, visible
 from bayescal.gap.search.beam import Hypothesis, Member, Search
 from bayescal.gap.search.makers import Cell
-from bayescal.gap.search.relatives import Argument, Related, relatives
+from bayescal.gap.search.quantities import Argument
+from bayescal.gap.search.relatives import Related, relatives
 from bayescal.gap.search.unknown import CellFit, Pool, unknown, with_set
 from bayescal.gap.settings import SEARCH, VERDICT
 
@@ -210,7 +211,9 @@ def credible_set(weighed: Sequence[Weighed]) -> tuple[str, ...]:
 def verdict_of(weighed: Sequence[Weighed], probability: Mapping[str, float]) -> tuple[str, tuple[str, ...]]:
     """Kind of verdict and the effects to be named."""
     best = weighed[0]
-    if probability["null"] >= VERDICT.null_enough or not best.effects:
+    alone = best.cell is not None and not best.names and probability["unknown"] >= VERDICT.sure
+    enough = VERDICT.null_beside_unknown if alone else VERDICT.null_enough
+    if probability["null"] >= enough or not best.effects:
         return "null", ()
     sure = tuple(n for n in best.names if probability[n] >= VERDICT.sure)
     if best.related is not None or undecided(weighed, probability):
