@@ -69,16 +69,18 @@ def verify_log(run: Path, path: Path) -> LogVerification:
     values = {p["name"]: p["estimate"] for p in record["parameters"]}
     offset = np.array([values[f"offset {j + 1}"] for j in range(log.n)])
     shift = 1e-3 * record["torque_shift_ms"]
-    before, after, differences = [], [], []
+    before: list[np.ndarray] = []
+    after: list[np.ndarray] = []
+    differences: list[np.ndarray] = []
     for s in all_signals(log):
         if s.role != VALIDATE:
             continue
         measured = np.column_stack([np.interp(s.time + shift, s.time, s.torque[:, j]) for j in range(log.n)])
         load = s.rigid[:, :, -1] @ payload_of(log.mechanism) * s.payload[:, None]
         slow = np.abs(s.unfiltered(s.dq)) < SLIDING
-        for errors, arm, zero in ((before, nominal, 0.0), (after, model, offset)):
-            error = s.unfiltered(measured - inverse(simulator, arm, s) - load - zero)
-            errors.append(np.where(slow, np.nan, error))
+        for errors, loaded, zero in ((before, nominal, 0.0), (after, model, offset)):
+            off = s.unfiltered(measured - inverse(simulator, loaded, s) - load - zero)
+            errors.append(np.where(slow, np.nan, off))
         differences.append(np.max(np.abs(_without_friction(simulator, model, s) - _rigid(fitted, s)), axis=0))
     return LogVerification(
         name=log.name,
