@@ -111,6 +111,13 @@ class Fit:
         return cho_solve(self.factor, np.eye(len(self.z)))
 
     @property
+    def vector(self) -> np.ndarray:
+        """Estimates (K,) of all terms in units of their prior standard deviations, 0 of those not fitted."""
+        out = np.zeros(len(self.normal.terms))
+        out[self.chosen] = self.z * self.scales
+        return out
+
+    @property
     def values(self) -> dict[str, float]:
         """Estimates in SI by the names of terms."""
         terms = [self.normal.terms[k] for k in self.chosen]

@@ -47,7 +47,7 @@ def decide(search: Search, hypotheses: tuple[Hypothesis, ...], whole: Search) ->
     sure = tuple(n for n in best.names if n != UNKNOWN and probability[n] >= VERDICT.sure)
     unknown = probability[UNKNOWN]
     members: dict[str, float] = {}
-    if probability[NULL] >= VERDICT.null_enough or not best.names:
+    if probability[NULL] >= SEARCH.null_enough or not best.names:
         kind, sure = NULL, ()
     elif UNKNOWN in best.names:
         sure = sure if explained >= VERDICT.sure else ()
@@ -73,17 +73,23 @@ def decide(search: Search, hypotheses: tuple[Hypothesis, ...], whole: Search) ->
 
 
 def confirmed(v: Verdict, search: Search, held: Normal) -> Verdict:
-    """The verdict without names that make withheld motions less probable.
+    """The verdict without names that withheld motions do not confirm.
 
-    `held` are normal equations of the validation motions. A name that is refused has at most
-    `VERDICT.not_admitted`; an unknown cause has what it loses, if there is much evidence of any.
+    A name must make them more probable, and by not much less than its own size predicts there. `held` are
+    normal equations of the validation motions. A name that is refused has at most `VERDICT.not_admitted`; an
+    unknown cause has what it loses, if there is much evidence of any.
     """
-    whole = search.fit(v.named.members).chi2(held)
+    whole = search.fit(v.named.members)
     kept: list[Member] = []
     refused: list[Member] = []
     for m in v.named.members:
-        without = search.fit([o for o in v.named.members if o is not m]).chi2(held)
-        (kept if without > whole else refused).append(m)
+        without = search.fit([o for o in v.named.members if o is not m])
+        gain = 0.5 * (without.chi2(held) - whole.chi2(held))
+        change = whole.vector - without.vector
+        expected = 0.5 * float(change @ held.gram @ change)
+        # the gain of a true name is normal: mean and half the variance are what its change predicts
+        least = max(SEARCH.shown * expected - 2.0 * np.sqrt(2.0 * expected), 0.0)
+        (kept if gain > least else refused).append(m)
     if not refused:
         return v
     probability = dict(v.probability)
