@@ -21,7 +21,7 @@ from bayescal.logs.types import CALIBRATE, VALIDATE
 from bayescal.motion.estimate import Estimate, estimated, moved_to, of_role
 from bayescal.motion.linear import Fit, tabulated
 from bayescal.motion.settings import CALIBRATION, OUTCOME
-from bayescal.motion.signals import Signals, all_signals
+from bayescal.motion.signals import Signals, all_signals, each
 from bayescal.motion.terms import BODY, Operating, nominal, of_body
 from bayescal.storage.stopping import Progress, silent
 
@@ -240,7 +240,7 @@ def _withheld(estimate: Estimate, fit: Fit, start: Operating, at: Operating) -> 
         return ()
 
     def rms(model: Operating, some: tuple[Signals, ...]) -> np.ndarray:
-        left = [s.unfiltered(model.measured(s) - model.shown(s))[_moving(s)] for s in some]
+        left = [s.unfiltered(model.measured(s) - model.shown(s))[_moving(s)] for s in each(some)]
         return np.asarray(np.sqrt(np.mean(np.concatenate(left) ** 2, axis=0)))
 
     before, after = rms(start, parts), rms(at, parts)

@@ -13,7 +13,7 @@ from scipy.signal import lfilter
 
 from bayescal.motion.effects import LOG, TOOL, Form, FormColumn, Scale, joint
 from bayescal.motion.settings import CELLS
-from bayescal.motion.signals import Signals, derivative
+from bayescal.motion.signals import Signals, derivative, each
 from bayescal.motion.terms import Operating
 
 UNKNOWN = "unknown"
@@ -36,9 +36,10 @@ class Ranges:
 
         self.angle = bounds([s.q for s in parts])  # (2, n)
         self.speed = bounds([s.dq for s in parts])
-        self.load = bounds([at.load(s) for s in parts])
+        self.load = bounds([at.load(s) for s in each(parts)])
         self.time = bounds([s.time for s in parts])  # (2,)
-        self.motions = tuple(s.name for s in parts)
+        count = min(len(parts), CELLS.groups)
+        self.groups = {s.name: k * count // len(parts) for k, s in enumerate(parts)}
         self.loaded = any(np.any(s.payload > 0.0) for s in parts)
 
 
@@ -62,11 +63,9 @@ def cells(s: Signals, at: Operating, scale: Scale, r: Ranges) -> Iterator[FormCo
 
     times = smooth(s.time, r.time, CELLS.time_waves)
     within = np.linspace(0.0, 1.0, len(s.time), endpoint=False)
-    pieces = [
-        (np.floor(CELLS.pieces * within) == k) * float(s.name == name)
-        for name in r.motions
-        for k in range(CELLS.pieces)
-    ]
+    offsets = [np.full(len(s.time), float(r.groups[s.name] == g)) for g in sorted(set(r.groups.values()))]
+    parts = CELLS.pieces if len(offsets) < CELLS.groups else 1
+    pieces = [(np.floor(parts * within) == k) * offset for offset in offsets for k in range(parts)]
     for j in range(n):
         site, turn, speed = joint(j), s.q[:, j], s.dq[:, j]
         angles = smooth(turn, r.angle[:, j], CELLS.waves)
@@ -82,7 +81,7 @@ def cells(s: Signals, at: Operating, scale: Scale, r: Ranges) -> Iterator[FormCo
         yield from cell(site, "time times direction", [direction * f for f in times], j)
         yield from cell(site, "time times torque", [torque / scale.torque[j] * f for f in times], j)
         yield from cell(site, "time within a motion", pieces, j)
-        yield from cell(site, "motion", [np.full(len(turn), float(s.name == name)) for name in r.motions], j)
+        yield from cell(site, "motion", offsets, j)
         if r.loaded:
             on = (s.payload > 0.0).astype(float)
             functions = [on * direction, *(on * f for f in angles[:2])]

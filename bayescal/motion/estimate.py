@@ -12,7 +12,7 @@ from bayescal.motion.dynamics import PARAMETERS
 from bayescal.motion.linear import Fit, fitted, normal, tabulated
 from bayescal.motion.noise import Noise, noise_of, white_noise
 from bayescal.motion.settings import NOISE
-from bayescal.motion.signals import Signals
+from bayescal.motion.signals import Signals, each
 from bayescal.motion.terms import (
     BODY,
     Column,
@@ -89,7 +89,7 @@ def estimated(parts: tuple[Signals, ...]) -> Estimate:
     log = parts[0].log
     rms = np.sqrt(np.mean(np.concatenate([s.torque**2 for s in used]), axis=0))
     start = nominal(log, rms)
-    first = np.sqrt(np.mean(np.concatenate([residuals(s, start) for s in used]) ** 2, axis=0))
+    first = np.sqrt(np.mean(np.concatenate([residuals(s, start) for s in each(used)]) ** 2, axis=0))
     out = Estimate(parts, start, {}, rms, white_noise(np.r_[rms, first[log.n :]]))
     for _ in range(NOISE.rounds):
         table = tabulated(used, out.columns, out.residual)

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
 
 from bayescal.motion.noise import Noise
-from bayescal.motion.signals import Signals
+from bayescal.motion.signals import Signals, each
 from bayescal.motion.terms import Column, Term, assembled
 
 Columns = Callable[[Signals], Iterable[Column]]
@@ -54,7 +54,7 @@ def tabulated(parts: Sequence[Signals], columns: Columns, residual: Callable[[Si
     """The columns of some motions."""
     out: list[Part] = []
     terms: tuple[Term, ...] = ()
-    for s in parts:
+    for s in each(parts):
         names, numbers, values = assembled(columns(s), s.log)
         terms = tuple(names)
         kept = tuple(s.kept(x).astype(np.float32) for x in values)

@@ -17,7 +17,7 @@ from bayescal.motion.linear import Table, normal, tabulated
 from bayescal.motion.noise import Noise
 from bayescal.motion.ripple import waves_of
 from bayescal.motion.search import Search
-from bayescal.motion.signals import Signals
+from bayescal.motion.signals import Signals, each
 from bayescal.motion.terms import Column, subtract
 
 
@@ -83,7 +83,7 @@ class Pool:
         self, values: Mapping[str, float], role: str = VALIDATE
     ) -> Iterator[tuple[Signals, np.ndarray]]:
         """Motions of a role, with what values of terms leave of their torques (N, n), N m."""
-        for s in of_role(self.estimate.parts, role):
+        for s in each(of_role(self.estimate.parts, role)):
             left = self.estimate.residual(s).copy()
             for term, column in self.chosen(s, values.keys()):
                 if value := values.get(term.name, 0.0):

@@ -34,6 +34,8 @@ class SignalSettings:
     """Hz, highest rate that is kept (cost)."""
     coarse: float = 0.01
     """rad/s, noise of differentiated positions from which on velocities are used (assumed)."""
+    long: int = 60_000
+    """Samples of a log from which on torques are computed again instead of being kept (cost: 3 kB each)."""
     cold_rows: int = 50
     """Rows at the beginning whose median temperature is the reference (assumed)."""
 
@@ -146,7 +148,9 @@ class CellSettings:
     other_waves: int = 3
     """Of a function of another joint (assumed)."""
     pieces: int = 4
-    """Parts of a motion in which an offset may differ (assumed)."""
+    """Parts of a motion in which an offset may differ, unless there are `groups` (assumed)."""
+    groups: int = 24
+    """Of motions with an offset of their own, at most (cost)."""
     presliding: tuple[float, ...] = (0.005, 0.02, 0.08)
     """rad, way after a reversal over which friction builds up (assumed)."""
     resonances: tuple[float, ...] = (2.5, 3.5, 5.0, 7.0, 10.0)

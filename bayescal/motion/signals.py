@@ -7,6 +7,7 @@ empty band a noise model would amplify nothing.
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -71,6 +72,16 @@ class Signals:
         """Samples (N, ...) between the first and the last row that is kept."""
         half = round(SIGNALS.margin / self.step)
         return x[half : len(x) - half]
+
+
+def each(parts: Sequence[Signals]) -> Iterator[Signals]:
+    """Motions one after another; of a long log each forgets the torques that it has computed."""
+    long = sum(len(s.time) for s in parts) > SIGNALS.long
+    for s in parts:
+        yield s
+        if long:
+            for name in ("rigid", "tilted"):
+                s.__dict__.pop(name, None)
 
 
 def low_passed(x: np.ndarray, step: float, band: float = SIGNALS.wide) -> np.ndarray:
