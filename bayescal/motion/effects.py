@@ -230,17 +230,21 @@ def _no_loads(log: Log) -> str:
 EFFECTS: dict[str, Effect] = {
     e.name: e
     for e in (
-        Effect("payload", _payload, "mass of the payload", "Weigh it, or state what was found.", _no_loads),
         Effect(
-            "payload-offset", _payload_offset, "centre of mass of the payload",
+            "payload", _payload, "error of the payload's mass", "Weigh it, or state what was found.", _no_loads
+        ),
+        Effect(
+            "payload-offset", _payload_offset, "error of the payload's centre of mass",
             "Measure where it is, or state what was found.", _no_loads,
         ),
-        Effect("armature", _armature, "inertia of the rotor", "Use what was found.", positive=True),
+        Effect("armature", _armature, "error of the rotor's inertia", "Use what was found.", positive=True),
         Effect("stribeck", _stribeck, "friction that rises at low speed", "Use it in slow motions."),
         Effect("load-friction", _load_friction, "friction that grows with load", "Use it.", positive=True),
         Effect("asymmetric-friction", _asymmetric, "viscous friction that differs by direction", "Use it."),
         Effect("ripple", _ripple, "torque that ripples with the motor angle", "Use it, or inspect the gear."),
-        Effect("torque-constant", _torque_constant, "torque constant", "Use the ratio that was found."),
+        Effect(
+            "torque-constant", _torque_constant, "error of the torque constant", "Use the ratio that was found."
+        ),
         Effect("torque-drift", _torque_drift, "torque that drifts with temperature", "Warm up before a log."),
         Effect(
             "viscous-temperature", _viscous_temperature, "viscous friction that falls as the arm warms",
@@ -248,7 +252,7 @@ EFFECTS: dict[str, Effect] = {
         ),
         Effect("delay", _delay, "delay of the torque", "Shift the stamps by it."),
         Effect("base-tilt", _base_tilt, "tilt of the base", "Level the base, or state its tilt."),
-        Effect("inertia", _inertia, "inertia of a link", "Use what was found."),
+        Effect("inertia", _inertia, "error of the link's inertia", "Use what was found."),
         Effect(
             "servo-stiffness", _servo_stiffness, "another stiffness of the servo", "Use what was found.",
             _without(TRACKING, "no position servo with a stated stiffness and commands"),

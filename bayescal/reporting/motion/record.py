@@ -27,6 +27,10 @@ LIBRARIES = ("numpy", "scipy")
 UNIT = "Nm"
 
 
+SITES = {"tool": "the tool", "base": "the base", "log": "the log"}
+"""Sites other than joints in words."""
+
+
 def origin(schema: str, log: Log, seed: int) -> dict[str, Any]:
     """Schema, log with its hash, software, seed."""
     return {
@@ -151,7 +155,8 @@ def words(gap: MotionGap) -> list[str]:
         a = next(a for a in gap.amplitudes if a.form is m.form)
         effect = EFFECTS[m.form.effect]
         sure = _sure(v.probability[effect.name])
-        out.append(f"Effect found: {m.form.site} has {effect.title}, {size_of(a)} ({sure}).")
+        site = SITES.get(m.form.site, m.form.site)
+        out.append(f"Effect found at {site}: {effect.title}, {size_of(a)} ({sure}).")
         if not a.relevant:
             out.append(f"{effect.name} is certain but not relevant: the withheld error changes by < 1 %.")
     if v.kind in ("unknown", "named+unexplained") and gap.where:
@@ -177,7 +182,7 @@ def words(gap: MotionGap) -> list[str]:
         low, high = gap.shrinkage.removed_interval95
         out.append(
             f"On withheld motions the named effects remove {100 * gap.shrinkage.removed:.0f} % "
-            f"({100 * low:.0f} to {100 * high:.0f} %) of the variance of torque above noise."
+            f"({100 * low:.0f} to {min(100 * high, 100.0):.0f} %) of the variance of torque above noise."
         )
     return out
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import shlex
+
 from bayescal.reporting.motion import sheets
 from bayescal.reporting.page.gap import VERDICTS
 from bayescal.reporting.page.section import Facts, Fault, FirstScreen, Run, Section, blocks, texts
@@ -25,6 +27,7 @@ def first(run: Run) -> Section:
     ]
     return FirstScreen(
         word, tone, sign, record["words"], len(record["words"]), fault_title="What is wrong", faults=faults,
+        next=[("Write this page again, also as PDF:", f"bayescal report {shlex.quote(run.folder)} --pdf")],
         warnings=record["warnings"], notes=record["next"],
     ).section()  # fmt: skip
 
@@ -65,7 +68,14 @@ def fitted(run: Run) -> Section:
         f"{record['determined']} of {len(record['parameters'])} directions of the parameters are determined."
     )
     tone, sign = ("good", "✓") if good else ("warn", "?")
-    return FirstScreen(word, tone, sign, [line], warnings=record["warnings"]).section()
+    folder = shlex.quote(run.folder)
+    steps = [
+        ("Write the arm for a simulator:", f"bayescal export {folder} --to mjcf --out arm.xml"),
+        ("Load it in MuJoCo, against the withheld motions:", f"bayescal verify {folder} arm.xml"),
+    ]
+    if not good:
+        steps = [("Look for what the model does not explain:", f"bayescal gap {folder}/dataset"), *steps]
+    return FirstScreen(word, tone, sign, [line], next=steps, warnings=record["warnings"]).section()
 
 
 def errors(run: Run) -> Section | None:
