@@ -18,6 +18,11 @@ from bayescal.motion.signals import Signals, derivative
 from bayescal.motion.terms import ALL, BODY, LINK, TRACKING, UNITS, Operating, Term, channel, kinds, of_body
 
 TOOL, BASE, LOG = "tool", "base", "log"
+OF_THE_ARM = (
+    *("payload", "payload-offset", "armature", "stribeck", "load-friction", "asymmetric-friction"),
+    *("viscous-temperature", "base-tilt", "inertia"),
+)
+"""Effects that are torques of the arm; others are errors of their measurement, or do not move an arm much."""
 UNSEEN = "motor torques do not show it below the bandwidth of the drives: log second encoders"
 
 
@@ -33,7 +38,7 @@ class Form:
     def term(self, unit: str, sd: float, channel: int = ALL, part: str = "") -> Term:
         """A term of this form."""
         name = " ".join(x for x in (self.effect, self.site, self.driver, self.setting, part) if x)
-        return Term(name, unit, sd, channel)
+        return Term(name, unit, sd, channel, self.effect in OF_THE_ARM)
 
 
 FormColumn = tuple[Form, Term, np.ndarray]
@@ -231,7 +236,8 @@ EFFECTS: dict[str, Effect] = {
     e.name: e
     for e in (
         Effect(
-            "payload", _payload, "error of the payload's mass", "Weigh it, or state what was found.", _no_loads
+            "payload", _payload, "error of the payload's mass", "Weigh it, or state what was found.",
+            _no_loads,
         ),
         Effect(
             "payload-offset", _payload_offset, "error of the payload's centre of mass",
@@ -243,7 +249,8 @@ EFFECTS: dict[str, Effect] = {
         Effect("asymmetric-friction", _asymmetric, "viscous friction that differs by direction", "Use it."),
         Effect("ripple", _ripple, "torque that ripples with the motor angle", "Use it, or inspect the gear."),
         Effect(
-            "torque-constant", _torque_constant, "error of the torque constant", "Use the ratio that was found."
+            "torque-constant", _torque_constant, "error of the torque constant",
+            "Use the ratio that was found.",
         ),
         Effect("torque-drift", _torque_drift, "torque that drifts with temperature", "Warm up before a log."),
         Effect(

@@ -18,11 +18,11 @@ from bayescal.motion.terms import (
     Column,
     Operating,
     baseline,
+    by_channel,
     kinds,
     nominal,
     of_body,
     residuals,
-    subtract,
 )
 
 
@@ -45,7 +45,8 @@ class Estimate:
         out = residuals(s, self.at)
         for term, column in self.columns(s):
             if term.name in self.moved and not term.name.startswith(tuple(kinds(s.log)[1:])):
-                subtract(out, term, column, -self.moved[term.name])
+                for j, value in by_channel(term, column, s.log, s.step):
+                    out[:, j] += self.moved[term.name] * value
         return out
 
     def fit(self) -> Fit:

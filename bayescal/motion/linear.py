@@ -55,7 +55,7 @@ def tabulated(parts: Sequence[Signals], columns: Columns, residual: Callable[[Si
     out: list[Part] = []
     terms: tuple[Term, ...] = ()
     for s in each(parts):
-        names, numbers, values = assembled(columns(s), s.log)
+        names, numbers, values = assembled(columns(s), s.log, s.step)
         terms = tuple(names)
         kept = tuple(s.kept(x).astype(np.float32) for x in values)
         out.append(Part(s, s.kept(residual(s)), tuple(map(np.array, numbers)), kept))

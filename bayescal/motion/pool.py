@@ -18,7 +18,7 @@ from bayescal.motion.noise import Noise
 from bayescal.motion.ripple import waves_of
 from bayescal.motion.search import Search
 from bayescal.motion.signals import Signals, each
-from bayescal.motion.terms import Column, subtract
+from bayescal.motion.terms import Column, by_channel
 
 
 @dataclass(frozen=True)
@@ -87,5 +87,6 @@ class Pool:
             left = self.estimate.residual(s).copy()
             for term, column in self.chosen(s, values.keys()):
                 if value := values.get(term.name, 0.0):
-                    subtract(left, term, column, value)
+                    for j, part in by_channel(term, column, s.log, s.step):
+                        left[:, j] -= value * part
             yield s, s.unfiltered(left[:, : s.log.n])

@@ -49,7 +49,7 @@ class Term:
     unit: str
     sd: float
     channel: int = ALL
-    positive: float = -np.inf  # least value, of one that is physically bounded
+    moves: bool = False  # whether it is a torque of the arm: a position servo then yields to it
 
 
 Column = tuple[Term, np.ndarray]
@@ -144,7 +144,7 @@ def baseline(s: Signals, at: Operating, rms: np.ndarray) -> Iterator[Column]:
         columns = at.gain[:, None] * (s.rigid[:, :, k] @ by)
         for p, name in enumerate(BODY):
             if sd[p] > 0.0:
-                yield Term(f"{name} of link {k + 1}", UNITS[p], sd[p]), columns[:, :, p]
+                yield Term(f"{name} of link {k + 1}", UNITS[p], sd[p], moves=True), columns[:, :, p]
     way, gain = at.reversal(s), at.gain
     scale = np.where(np.isnan(m.rated), rms, np.minimum(m.rated, 3.0 * rms))
     later = -derivative(at.measured(s), s.step)
@@ -152,9 +152,12 @@ def baseline(s: Signals, at: Operating, rms: np.ndarray) -> Iterator[Column]:
         armature = m.u.armature * m.armature[j]
         if not armature > 0.0:
             armature = scale[j] / BASELINE.acceleration
-        yield Term(f"armature {j + 1}", "kg m2", armature, j), gain[j] * s.ddq[:, j]
-        yield Term(f"coulomb {j + 1}", "N m", BASELINE.friction * scale[j], j), gain[j] * way[:, j]
-        yield Term(f"viscous {j + 1}", "N m s/rad", BASELINE.friction * scale[j], j), gain[j] * s.dq[:, j]
+        yield Term(f"armature {j + 1}", "kg m2", armature, j, True), gain[j] * s.ddq[:, j]
+        yield Term(f"coulomb {j + 1}", "N m", BASELINE.friction * scale[j], j, True), gain[j] * way[:, j]
+        yield (
+            Term(f"viscous {j + 1}", "N m s/rad", BASELINE.friction * scale[j], j, True),
+            gain[j] * s.dq[:, j],
+        )
         yield Term(f"offset {j + 1}", "N m", BASELINE.offset * scale[j], j), np.ones(len(way))
         slope = -gain[j] * at.coulomb[j] * (1.0 - way[:, j] ** 2) * s.dq[:, j] / at.transition[j]
         yield Term(f"transition {j + 1}", "1", BASELINE.transition, j), slope
@@ -195,23 +198,30 @@ def residuals(s: Signals, at: Operating) -> np.ndarray:
     return np.column_stack(out)
 
 
-def assembled(columns: Iterable[Column], log: Log) -> tuple[list[Term], list[list[int]], list[np.ndarray]]:
+def assembled(
+    columns: Iterable[Column], log: Log, step: float
+) -> tuple[list[Term], list[list[int]], list[np.ndarray]]:
     """Terms, and for each channel the numbers of those that it has and their columns (N, K)."""
     terms: list[Term] = []
     count = len(kinds(log)) * log.n
     numbers: list[list[int]] = [[] for _ in range(count)]
     values: list[list[np.ndarray]] = [[] for _ in range(count)]
     for term, column in columns:
-        for j in range(log.n) if term.channel == ALL else (term.channel,):
+        for j, value in by_channel(term, column, log, step):
             numbers[j].append(len(terms))
-            values[j].append(column[:, j] if column.ndim == 2 else column)
+            values[j].append(value)
         terms.append(term)
     return terms, numbers, [np.column_stack(v) if v else np.empty((0, 0)) for v in values]
 
 
-def subtract(out: np.ndarray, term: Term, column: np.ndarray, value: float) -> None:
-    """Subtract a column times a value from residuals (N, C)."""
-    if term.channel == ALL:
-        out[:, : column.shape[1]] -= value * column
-    else:
-        out[:, term.channel] -= value * column
+def by_channel(term: Term, column: np.ndarray, log: Log, step: float) -> Iterator[tuple[int, np.ndarray]]:
+    """The channels of a term, and its column (N,) in each.
+
+    A torque of the arm also displaces a position servo, by its stiffness and within its bandwidth.
+    """
+    stiffness = log.controller.stiffness if TRACKING in kinds(log) else None
+    for j in range(log.n) if term.channel == ALL else (term.channel,):
+        value = column[:, j] if column.ndim == 2 else column
+        yield j, value
+        if term.moves and stiffness is not None:
+            yield channel(log, TRACKING, j), low_passed(value, step, BASELINE.servo) / stiffness[j]

@@ -75,7 +75,7 @@ def decide(search: Search, hypotheses: tuple[Hypothesis, ...], whole: Search) ->
 def confirmed(v: Verdict, search: Search, held: Normal) -> Verdict:
     """The verdict without names that withheld motions do not confirm.
 
-    A name must make them more probable, and by not much less than its own size predicts there. `held` are
+    Their gain must not be much less than the size of the name predicts, within its scatter. `held` are
     normal equations of the validation motions. A name that is refused has at most `VERDICT.not_admitted`; an
     unknown cause has what it loses, if there is much evidence of any.
     """
@@ -88,7 +88,7 @@ def confirmed(v: Verdict, search: Search, held: Normal) -> Verdict:
         change = whole.vector - without.vector
         expected = 0.5 * float(change @ held.gram @ change)
         # the gain of a true name is normal: mean and half the variance are what its change predicts
-        least = max(SEARCH.shown * expected - 2.0 * np.sqrt(2.0 * expected), 0.0)
+        least = SEARCH.shown * expected - 2.0 * np.sqrt(2.0 * expected)
         (kept if gain > least else refused).append(m)
     if not refused:
         return v
