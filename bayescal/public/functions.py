@@ -138,7 +138,7 @@ def fit(
 
     if (folder := log_of(dataset)) is not None:
         refuse(
-            "the calibration from a joint log", model=model, without=without, robust=robust,
+            "the calibration from a joint log", model=_stated(model), without=without, robust=robust,
             prior_width=prior_width, remounted=remounted, allow_xacro=allow_xacro,
             latent_joints=latent_joints, tolerance_mm=tolerance_mm,
         )  # fmt: skip
@@ -204,7 +204,7 @@ def diagnose(
 
     if (folder := log_of(dataset)) is not None:
         refuse(
-            "the diagnosis of a joint log", model=model, seed=seed, without=without, robust=robust,
+            "the diagnosis of a joint log", model=_stated(model), seed=seed, without=without, robust=robust,
             prior_width=prior_width, remounted=remounted, allow_xacro=allow_xacro,
         )  # fmt: skip
         return diagnose_log(folder, progress)
@@ -327,6 +327,11 @@ def compare(
 
     session = session_of(dataset, allow_xacro=allow_xacro)
     return ComparisonResult(run(session, names(model), seed, progress=progress))
+
+
+def _stated(model: Sequence[str] | str) -> tuple[str, ...]:
+    """The model that a call states, () of the default one."""
+    return () if names(model) == MODEL else names(model)
 
 
 def session_of(

@@ -177,7 +177,7 @@ def fit_log(folder: Path, samples: int, seed: int, progress: Progress = silent) 
 
 
 LOGLESS = {
-    "model": ("geometry", "compliance"),
+    "model": (),
     "seed": 0,
     "latent_joints": False,
     "tolerance_mm": None,
@@ -194,7 +194,7 @@ def refuse(what: str, **options: Any) -> None:
     """Refuse options that a joint log does not have."""
     for name, given in options.items():
         default = LOGLESS[name]
-        if given not in (default, "", ",".join(default) if isinstance(default, tuple) else default):
+        if given not in (default, ""):
             flag = f"--{name.replace('_', '-')}"
             raise BayescalError(f"{what} has no {flag}", flag, "leave it out")
 
