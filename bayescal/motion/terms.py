@@ -49,7 +49,7 @@ class Term:
     unit: str
     sd: float
     channel: int = ALL
-    moves: bool = False  # whether it is a torque of the arm: a position servo then yields to it
+    moves: bool = False  # whether it is a torque of the arm, which also displaces a position servo
 
 
 Column = tuple[Term, np.ndarray]
