@@ -8,11 +8,12 @@ from motion.made import inverse, model_of
 
 from bayescal.logs import read_log
 from bayescal.logs.mechanism import inertial, mechanism_of
+from bayescal.logs.types import Controller
 from bayescal.motion.dynamics import payload_of, regressor
 from bayescal.motion.effects import EFFECTS, Scale
 from bayescal.motion.estimate import moved_to
 from bayescal.motion.signals import all_signals
-from bayescal.motion.terms import ALL, baseline, nominal
+from bayescal.motion.terms import ALL, Term, baseline, by_channel, nominal
 from bayescal.robots import load_robot
 
 
@@ -118,3 +119,22 @@ def test_motions_at_uneven_times_are_sampled_evenly(null_log):
     assert np.ptp(np.diff(s.time)) < 1e-9
     speed = np.interp(s.time[30:-30], even.time, even.dq[:, 1])
     assert np.sqrt(np.mean((s.dq[30:-30, 1] - speed) ** 2)) < 0.05 * np.sqrt(np.mean(speed**2))
+
+
+def test_a_torque_of_the_arm_also_displaces_a_position_servo(null_parts):
+    s = null_parts[0]
+    stiffness = np.array([1000.0, 2000.0, 500.0])
+    controller = Controller("position", stiffness, None)
+    log = replace(
+        s.log, controller=controller, motions=tuple(replace(m, command=m.position) for m in s.log.motions)
+    )
+    slow = np.sin(0.5 * (s.time - s.time[0]))
+    servo = dict(by_channel(Term("mass", "kg", 1.0, 1, moves=True), slow, log, s.step))
+    assert set(servo) == {1, 4}
+    inner = slice(40, -40)
+    assert servo[4][inner] == pytest.approx(slow[inner] / 2000.0, abs=1e-6)
+    sensor = dict(by_channel(Term("offset", "N m", 1.0, 1), slow, log, s.step))
+    assert set(sensor) == {1}
+    every = dict(by_channel(Term("mass", "kg", 1.0, moves=True), np.tile(slow[:, None], 3), log, s.step))
+    assert set(every) == {0, 1, 2, 3, 4, 5}
+    assert set(dict(by_channel(Term("mass", "kg", 1.0, 1, moves=True), slow, s.log, s.step))) == {1}
