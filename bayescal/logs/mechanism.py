@@ -59,6 +59,11 @@ class Mechanism:
         return len(self.joint_names)
 
     @property
+    def coupled(self) -> bool:
+        """Whether joint angles are not the readings."""
+        return not np.array_equal(self.coupling, np.eye(self.n))
+
+    @property
     def inertials(self) -> np.ndarray:
         """Parameters (n, 10) in which torques are linear, of each body: see `inertial`."""
         return np.array([inertial(*body) for body in zip(self.mass, self.centre, self.inertia, strict=True)])

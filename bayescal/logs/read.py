@@ -9,15 +9,14 @@ import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, get_args
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from pydantic import BaseModel
 
 from bayescal.arm.transforms import rigid, rpy_matrix
 from bayescal.errors import BayescalError, listed
 from bayescal.logs.mechanism import TRANSITION, Mechanism, Uncertain, mechanism_of, symmetric
-from bayescal.logs.schema import SCHEMA, Arm, Joint, LogFile, MotionEntry, Payload, Uncertainty
+from bayescal.logs.schema import SCHEMA, Arm, Joint, LogFile, MotionEntry, Payload, Uncertainty, known_keys
 from bayescal.logs.types import CALIBRATE, VALIDATE, Controller, Log, Motion
 from bayescal.robots import load_robot
 from bayescal.storage.files import Document, check_schema, in_si, read_document, si
@@ -73,7 +72,7 @@ def read_log(folder: Path) -> Log:
     """
     document = read_document(folder / "dataset.yaml")
     check_schema(document, SCHEMA)
-    known, ignored = _known(document.data, LogFile)
+    known, ignored = known_keys(document.data, LogFile)
     file = replace(document, data=known).parse(LogFile)
     mechanism, notes, robot = _mechanism(file, document, folder)
     table, content, name = _table(folder)
@@ -134,7 +133,7 @@ def _mechanism(file: LogFile, document: Document, folder: Path) -> tuple[Mechani
         raise BayescalError("the robot states no masses", document.where(("robot",)), remedy)
     return replace(
         mechanism,
-        payload_centre=in_si("mm", payload.centre_of_mass_mm) * 1e-3,
+        payload_centre=in_si("centre_of_mass_mm", payload.centre_of_mass_mm),
         payload_gyration=1e-3 * payload.radius_of_gyration_mm,
         u=mechanism.u if u is None else _uncertain(u),
     ), notes, content  # fmt: skip
@@ -248,23 +247,6 @@ def _unpacked(content: bytes, name: str) -> bytes:
 def known_columns(n: int) -> tuple[str, ...]:
     """All columns that are read of an arm with `n` joints."""
     return (*PLAIN, *(form.format(j + 1) for form in PER_JOINT.values() for j in range(n)))
-
-
-def _known(data: Any, model: type[BaseModel]) -> tuple[Any, list[str]]:
-    """Data without keys that a model does not have, and these: the format may have further ones."""
-    fields = {f.alias or name: f for name, f in model.model_fields.items()}
-    kept, ignored = {}, [key for key in data if key not in fields]
-    for key in data.keys() & fields.keys():
-        inner = [m for m in get_args(fields[key].annotation) or (fields[key].annotation,) if _is_model(m)]
-        kept[key] = data[key]
-        if inner and isinstance(data[key], dict):
-            kept[key], more = _known(data[key], inner[0])
-            ignored += [f"{key}: {name}" for name in more]
-    return kept, ignored
-
-
-def _is_model(kind: Any) -> bool:
-    return isinstance(kind, type) and issubclass(kind, BaseModel)
 
 
 def _not_read(what: str, names: Sequence[str]) -> list[str]:

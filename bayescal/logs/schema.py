@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal, get_args
 
-from pydantic import Field
+from pydantic import BaseModel, Field
 
 from bayescal.storage.files import Keys, Name, NotNegative, Number, Positive, Vector
 
@@ -185,3 +185,20 @@ class LogFile(Keys):
     """Noise."""
     motions: list[MotionEntry] | None = None
     """The motions; where left out, all of the table, the last fifth of them `validate`."""
+
+
+def known_keys(data: Any, model: type[BaseModel]) -> tuple[Any, list[str]]:
+    """Data without keys that a model does not have, and these: the format may have further ones."""
+    fields = {f.alias or name: f for name, f in model.model_fields.items()}
+    kept, ignored = {}, [key for key in data if key not in fields]
+    for key in data.keys() & fields.keys():
+        inner = [m for m in get_args(fields[key].annotation) or (fields[key].annotation,) if _is_model(m)]
+        kept[key] = data[key]
+        if inner and isinstance(data[key], dict):
+            kept[key], more = known_keys(data[key], inner[0])
+            ignored += [f"{key}: {name}" for name in more]
+    return kept, ignored
+
+
+def _is_model(kind: Any) -> bool:
+    return isinstance(kind, type) and issubclass(kind, BaseModel)

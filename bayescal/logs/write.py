@@ -26,7 +26,7 @@ def arm_text(m: Mechanism) -> str:
     ValueError
         If its joints are coupled, which the format cannot hold.
     """
-    if not np.array_equal(m.coupling, np.eye(m.n)):
+    if m.coupled:
         raise ValueError("coupled joints")
 
     def listed(values: np.ndarray) -> str:

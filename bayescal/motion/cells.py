@@ -102,8 +102,8 @@ def cells(s: Signals, at: Operating, scale: Scale, r: Ranges) -> Iterator[FormCo
             moved = _presliding(speed, s.step, length)
             yield from cell(site, "way since the reversal", [moved - direction], j, f"{length:g} rad")
         for frequency in CELLS.resonances:
-            rung = _resonated(np.column_stack([s.ddq[:, j], torque / scale.torque[j]]), frequency, s.step)
-            yield from cell(site, "oscillation", list(rung.T), j, f"{frequency:g} Hz")
+            response = _resonated(np.column_stack([s.ddq[:, j], torque / scale.torque[j]]), frequency, s.step)
+            yield from cell(site, "oscillation", list(response.T), j, f"{frequency:g} Hz")
         low, high = r.angle[:, j]
         for width in CELLS.bumps:
             for centre in np.arange(low + width, high, 1.5 * width):

@@ -47,7 +47,7 @@ def decide(search: Search, hypotheses: tuple[Hypothesis, ...], whole: Search) ->
     sure = tuple(n for n in best.names if n != UNKNOWN and probability[n] >= VERDICT.sure)
     unknown = probability[UNKNOWN]
     members: dict[str, float] = {}
-    if probability[NULL] >= SEARCH.null_enough or not best.names:
+    if (probability[NULL] >= SEARCH.null_enough and unknown < VERDICT.sure) or not best.names:
         kind, sure = NULL, ()
     elif UNKNOWN in best.names:
         sure = sure if explained >= VERDICT.sure else ()
@@ -99,7 +99,8 @@ def confirmed(v: Verdict, search: Search, held: Normal) -> Verdict:
         probability[name] -= lost
         probability[UNKNOWN if strong else NULL] = min(probability[UNKNOWN if strong else NULL] + lost, 1.0)
     named = Hypothesis(tuple(kept), 0.0, 0.0)
-    kind = v.kind if kept else "ambiguous" if strong else NULL
+    without_names = "unknown" if probability[UNKNOWN] >= VERDICT.sure else "ambiguous" if strong else NULL
+    kind = v.kind if kept else without_names
     return replace(v, kind=kind, named=named, probability=probability)
 
 

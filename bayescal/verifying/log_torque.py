@@ -57,6 +57,8 @@ def verify_log(run: Path, path: Path) -> LogVerification:
         raise BayescalError(what, str(run), "fit a part of it, and verify by that")
     record = read_record(run / FITTED, "bayescal-fit/1", "repeat the fit")
     log = read_log(run / COPY)
+    if not log.of_role(VALIDATE):
+        raise BayescalError("no motion was withheld", str(run), "fit a log with a motion of role validate")
     fitted = mechanism_of_run(run, str(record["robot"]))
     simulator = mujoco()
     try:
@@ -68,6 +70,7 @@ def verify_log(run: Path, path: Path) -> LogVerification:
     nominal = simulator.MjModel.from_xml_string(text_of(_known(log.mechanism), "mjcf", log.gravity))
     values = {p["name"]: p["estimate"] for p in record["parameters"]}
     offset = np.array([values[f"offset {j + 1}"] for j in range(log.n)])
+    gain = 1.0 + np.array([values.get(f"constant {j + 1}", 0.0) for j in range(log.n)])
     shift = 1e-3 * record["torque_shift_ms"]
     before: list[np.ndarray] = []
     after: list[np.ndarray] = []
@@ -78,8 +81,8 @@ def verify_log(run: Path, path: Path) -> LogVerification:
         measured = np.column_stack([np.interp(s.time + shift, s.time, s.torque[:, j]) for j in range(log.n)])
         load = s.rigid[:, :, -1] @ payload_of(log.mechanism) * s.payload[:, None]
         slow = np.abs(s.unfiltered(s.dq)) < SLIDING
-        for errors, loaded, zero in ((before, nominal, 0.0), (after, model, offset)):
-            off = s.unfiltered(measured - inverse(simulator, loaded, s) - load - zero)
+        for errors, arm, shown in ((before, nominal, measured), (after, model, (measured - offset) / gain)):
+            off = s.unfiltered(shown - inverse(simulator, arm, s) - load)
             errors.append(np.where(slow, np.nan, off))
         differences.append(np.max(np.abs(_without_friction(simulator, model, s) - _rigid(fitted, s)), axis=0))
     return LogVerification(

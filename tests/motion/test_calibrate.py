@@ -1,6 +1,7 @@
 """Calibration from a log: draws of arms that could be built, truth within the intervals."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from bayescal.logs.schema import Arm
 from bayescal.logs.write import arm_text
 from bayescal.motion.calibrate import NOT_NEGATIVE, Possible, pseudo_inertia
 from bayescal.motion.terms import nominal
+from bayescal.public.motions import MotionFitResult
 
 
 @pytest.fixture(scope="module")
@@ -89,6 +91,16 @@ def test_a_run_folder_is_read_back(result, tmp_path):
     values = again.inference_data()["posterior"]["parameter_value"]
     assert values.shape == result.data.draws.shape
     assert "armature 1" in str(result)
+
+
+def test_a_log_without_withheld_motions_or_with_coupled_joints_is_saved(result, tmp_path):
+    coupled = replace(result.data.mechanism, coupling=np.array([[1.0, 0, 0], [0, 1, 0], [0, 1, 1]]))
+    bare = MotionFitResult(replace(result.data, withheld=(), mechanism=coupled))
+    assert "arm.yaml" not in bare.save(tmp_path / "run")
+    assert any("coupled" in text for text in bare.warnings)
+    page = (tmp_path / "run" / "report.html").read_text(encoding="utf-8")
+    assert "No motion was withheld" in page
+    assert "as expected" not in page
 
 
 def test_a_seed_gives_the_same_draws(null_log, result):

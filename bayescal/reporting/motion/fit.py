@@ -73,7 +73,10 @@ def _outside(fit: MotionFit) -> list[str]:
     """Joints whose withheld error is beyond what is expected."""
     joints = [w.joint for w in fit.withheld if w.fitted > w.interval95[1]]
     text = "the torque error on withheld motions is larger than expected: bayescal gap looks for the cause"
-    return [f"{', '.join(joints)}: {text}"] if joints else []
+    out = [f"{', '.join(joints)}: {text}"] if joints else []
+    if fit.mechanism.coupled:
+        out.append("the joints are coupled, which arm.yaml cannot hold: it is not written")
+    return out
 
 
 def fit_summary(record: Json, verbose: bool = False) -> RenderableType:
@@ -114,8 +117,10 @@ def write_fit(fit: MotionFit, folder: Path, contents: Mapping[str, Any]) -> tupl
         (stage / FIT).write_text(json_text(contents, rows=False), encoding="utf-8")
         copied = _copy(fit.log, stage)
         save(draws_of(fit), stage / POSTERIOR)
-        (stage / ARM).write_text(arm_text(fit.mechanism), encoding="utf-8")
-        return FIT, write_page(stage, folder), POSTERIOR, ARM, *copied
+        arm = () if fit.mechanism.coupled else (ARM,)
+        for name in arm:
+            (stage / name).write_text(arm_text(fit.mechanism), encoding="utf-8")
+        return FIT, write_page(stage, folder), POSTERIOR, *arm, *copied
 
 
 def _copy(log: Log, stage: Path) -> tuple[str, ...]:

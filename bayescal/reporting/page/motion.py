@@ -64,6 +64,8 @@ def fitted(run: Run) -> Section:
     ends = [(w["rms_Nm"], w["expected_interval95_Nm"][1]) for w in record["withheld"]]
     good = all(rms <= high for rms, high in ends)
     word = "Withheld motions as expected" if good else "Withheld error larger than expected"
+    if not ends:
+        good, word = False, "No motion was withheld"
     line = (
         f"{record['determined']} of {len(record['parameters'])} directions of the parameters are determined."
     )
@@ -73,7 +75,7 @@ def fitted(run: Run) -> Section:
         ("Write the arm for a simulator:", f"bayescal export {folder} --to mjcf --out arm.xml"),
         ("Load it in MuJoCo, against the withheld motions:", f"bayescal verify {folder} arm.xml"),
     ]
-    if not good:
+    if ends and not good:
         steps = [("Look for what the model does not explain:", f"bayescal gap {folder}/dataset"), *steps]
     return FirstScreen(word, tone, sign, [line], next=steps, warnings=record["warnings"]).section()
 
