@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from scipy.special import logsumexp
 
 from bayescal.motion.cells import UNKNOWN
-from bayescal.motion.effects import Form
+from bayescal.motion.effects import Form, joint
 from bayescal.motion.events import events
 from bayescal.motion.noise import Noise
 from bayescal.motion.pool import Pool, Unlisted
-from bayescal.motion.products import Bank
+from bayescal.motion.products import Bank, Gains, Product
 from bayescal.motion.relatives import relative
 from bayescal.motion.search import Hypothesis, Member, Search
-from bayescal.motion.settings import RELATIVES, SEARCH
+from bayescal.motion.settings import PRODUCTS, RELATIVES, SEARCH
 
 
 def beside(
@@ -22,14 +24,22 @@ def beside(
     """The pool with columns of the strongest causes beside the list, and the hypotheses with them."""
     bank = pool.bank(noise)
     best = next(h for h in hypotheses if UNKNOWN not in h.names)
-    general = _general(bank, whole, best)
-    evidence = best.log_evidence - SEARCH.form * max(best.log_evidence, 0.0)
-    # the second test of general functions: half the odds, shared by their kinds
-    evidence += float(logsumexp([nats for _, nats, _ in general])) - np.log(2.0 * len(general))
-    member, _, unlisted = max(general, key=lambda g: g[1])
-    further = [unlisted] if unlisted else []
-    prior = whole.prior((*(m.form.effect for m in best.members), UNKNOWN))
-    new = [Hypothesis((*best.members, member), evidence, prior)]
+    new, further = [], []
+    h, unlisted, _ = _unknown(bank, whole, best)
+    new.append(h)
+    further.append(unlisted)
+    for m in best.members:
+        base = _without(best, m, hypotheses)
+        if base is None:
+            continue
+        h, unlisted, gains = _unknown(bank, whole, base)
+        new.append(h)
+        further.append(unlisted)
+        if free := _free(bank, m, gains):
+            product, nats = free
+            further.append(_unlisted(product.form, bank.columns(product), 1.0))
+            members = (*base.members, Member(product.form, 1.0))
+            new.append(Hypothesis(members, base.log_evidence + nats, best.log_prior))
     for m in best.members:
         r = relative(bank, whole, best.members, m)
         others = [o for o in best.members if o is not m or not r.replaces]
@@ -38,31 +48,56 @@ def beside(
         nats = best.log_evidence + r.gain
         new.append(Hypothesis((*others, Member(r.form, 1.0)), nats, best.log_prior))
     ranked = sorted((*hypotheses, *new), key=lambda h: -h.score)
-    return pool.extended(further), tuple(ranked)
+    return pool.extended(list({u.form: u for u in further if u}.values())), tuple(ranked)
 
 
-def _general(bank: Bank, whole: Search, best: Hypothesis) -> list[tuple[Member, float, Unlisted | None]]:
-    """Cells, products and events: the strongest of each, and the evidence of all of its kind, nats."""
-    fit = whole.fit(best.members)
+def _without(best: Hypothesis, m: Member, hypotheses: Sequence[Hypothesis]) -> Hypothesis | None:
+    """The set in which an effect of the best is missing: an unknown cause may be in its place."""
+    names = sorted(o.form.effect for o in best.members if o is not m)
+    return next((h for h in hypotheses if sorted(o.form.effect for o in h.members) == names), None)
+
+
+def _free(bank: Bank, m: Member, gains: Gains) -> tuple[Product, float] | None:
+    """Free relatives of an effect of one joint: products of quantities of this joint in its place.
+
+    The one that explains most, and the evidence of all, nats, with their prior odds.
+    """
+    chosen = [
+        (p, nats)
+        for p, nats in gains
+        if p.form.site == m.form.site
+        and joint(bank.given[0][p.argument].joint or 0) == p.form.site
+        and bank.given[0][p.argument].times == PRODUCTS.responses
+    ]
+    if not chosen:
+        return None
+    nats = float(logsumexp([value for _, value in chosen]) - np.log(len(chosen)))
+    return max(chosen, key=lambda c: c[1])[0], nats + float(np.log(RELATIVES.free))
+
+
+def _unknown(bank: Bank, whole: Search, base: Hypothesis) -> tuple[Hypothesis, Unlisted | None, Gains]:
+    """A set with an unknown cause: the best of cells, products and events, with the evidence of all."""
+    fit = whole.fit(base.members)
     gains = bank.gains(fit)
     nats = np.array([value for _, value in gains])
     product = gains[int(np.argmax(nats))][0]
-    unlisted = _unlisted(product.form, bank.columns(product), 1.0)
-    out: list[tuple[Member, float, Unlisted | None]] = [
-        (Member(product.form, 1.0), float(logsumexp(nats) - np.log(len(nats))), unlisted)
-    ]
-    cell = whole.additions(best.members).get(UNKNOWN)
-    out.append((*cell, None) if cell else (Member(product.form, 1.0), -np.inf, unlisted))
-    found = max(events(bank, fit), key=lambda e: e[1], default=None)
-    if found:
-        out.append(
-            (
-                Member(found[0], 1.0),
-                found[1] - np.log(bank.table.parts[0].signals.log.n),
-                _unlisted(found[0], found[2], 1.0),
-            )
-        )
-    return out
+    general: list[tuple[float, Member, Unlisted | None]] = []
+
+    def add(value: float, form: Form, columns: tuple[np.ndarray, ...]) -> None:
+        general.append((value, Member(form, 1.0), _unlisted(form, columns, 1.0)))
+
+    add(float(logsumexp(nats) - np.log(len(nats))), product.form, bank.columns(product))
+    if cell := whole.additions(base.members).get(UNKNOWN):
+        general.append((cell[1], cell[0], None))
+    if event := max(events(bank, fit), key=lambda e: e[1], default=None):
+        form, value, columns = event
+        add(value - float(np.log(len(bank.white))), form, columns)
+    # the second test of general functions: half the odds, shared by their kinds
+    evidence = float(logsumexp([value for value, _, _ in general])) - np.log(2.0 * len(general))
+    evidence += base.log_evidence - SEARCH.form * max(base.log_evidence, 0.0)
+    _, member, unlisted = max(general, key=lambda g: g[0])
+    prior = whole.prior((*(m.form.effect for m in base.members), UNKNOWN))
+    return Hypothesis((*base.members, member), evidence, prior), unlisted, gains
 
 
 def _unlisted(form: Form, columns: tuple[np.ndarray, ...], sd: float) -> Unlisted:

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.signal import lfilter
 
 from bayescal.motion.effects import LOG, TOOL, Form, FormColumn, Scale, joint
-from bayescal.motion.settings import CELLS, SEARCH
+from bayescal.motion.settings import CELLS, PRODUCTS, SEARCH
 from bayescal.motion.signals import Signals, derivative, each
 from bayescal.motion.terms import Operating
 
@@ -114,9 +114,6 @@ def cells(s: Signals, at: Operating, scale: Scale, r: Ranges) -> Iterator[FormCo
         for length in CELLS.presliding:
             moved = presliding(speed, s.step, length)
             yield from cell(site, "way since the reversal", [moved - direction], j, f"{length:g} rad")
-        for frequency in CELLS.resonances:
-            response = resonated(np.column_stack([s.ddq[:, j], torque / scale.torque[j]]), frequency, s.step)
-            yield from cell(site, "oscillation", list(response.T), j, f"{frequency:g} Hz")
         low, high = r.angle[:, j]
         for width in CELLS.bumps:
             for centre in np.arange(low + width, high, 1.5 * width):
@@ -156,7 +153,7 @@ def presliding(speed: np.ndarray, step: float, length: float) -> np.ndarray:
 
 def resonated(x: np.ndarray, frequency: float, step: float) -> np.ndarray:
     """Response (N, k) of a lightly damped oscillator to x, less x itself."""
-    w, damping = 2.0 * np.pi * frequency, CELLS.damping
+    w, damping = 2.0 * np.pi * frequency, PRODUCTS.damping
     pole = np.exp((-damping + 1j * np.sqrt(1.0 - damping**2)) * w * step)
     a = np.array([1.0, -2.0 * pole.real, abs(pole) ** 2])
     return lfilter([np.sum(a)], a, x, axis=0) - x

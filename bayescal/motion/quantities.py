@@ -14,7 +14,7 @@ from scipy.signal import lfilter
 
 from bayescal.motion.cells import Ranges, presliding, resonated, smooth
 from bayescal.motion.ripple import Waves
-from bayescal.motion.settings import PRODUCTS, SEARCH
+from bayescal.motion.settings import FORMS, PRODUCTS, SEARCH
 from bayescal.motion.signals import Signals
 from bayescal.motion.terms import Operating
 
@@ -125,6 +125,8 @@ def _memories(s: Signals, at: Operating, r: Ranges, j: int) -> Iterator[Argument
             "way since the start" + label, s.kept(np.exp(-gone / length))[:, None], j, PRODUCTS.with_memory
         )
     load = at.torque(s)[:, j] / r.usual_load[j]
+    sides = np.tanh(np.column_stack([load, at.load(s)[:, j] / r.usual_load[j]]) / FORMS.side)
+    yield Argument("side of the torque" + label, s.kept(sides), j)
     for share in PRODUCTS.shares:
         turned = presliding(np.gradient(load) / s.step, s.step, share)
         yield Argument("change of torque" + label, s.kept(turned)[:, None], j, PRODUCTS.with_memory)

@@ -16,8 +16,9 @@ from bayescal.gap.settings import VERDICT as GAP_VERDICT
 class SignalSettings:
     """From rows of a log to uniform, low-passed samples."""
 
-    band: float = 12.0
-    """Hz, cut-off of the low-pass: control bandwidth and arm modes lie above (assumed)."""
+    band: float = 10.0
+    """Hz, cut-off of the low-pass: control bandwidth and arm modes lie above (tuned: at 12 Hz the noise of
+    positions of logs at 100 Hz, differentiated twice, gave 12 nats to an oscillation)."""
     wide: float = 20.0
     """Hz, cut-off for positions before they are differentiated (assumed)."""
     order: int = 4
@@ -155,10 +156,6 @@ class CellSettings:
     """Of motions with an offset of their own, at most (cost)."""
     presliding: tuple[float, ...] = (0.005, 0.02, 0.08)
     """rad, way after a reversal over which friction builds up (assumed)."""
-    resonances: tuple[float, ...] = (2.5, 3.5, 5.0, 7.0, 10.0)
-    """Hz (assumed)."""
-    damping: float = 0.05
-    """Of a resonance (assumed)."""
     bumps: tuple[float, ...] = (0.06, 0.15)
     """rad, standard width of what happens at one angle (assumed)."""
     kelvin: float = 10.0
@@ -197,6 +194,8 @@ class ProductSettings:
     """K (assumed)."""
     resonances: tuple[float, ...] = tuple(0.7 * 10.0 ** (k / 26.0) for k in range(30))
     """Hz, 0.7 to 9, as near as their width (assumed)."""
+    damping: float = 0.05
+    """Of a resonance (assumed)."""
     oscillation: float = -6.0
     """Nats, log prior of an oscillation (tuned: the noise of positions, differentiated twice, gave 6 nats to
     one in a log without any effect)."""
@@ -231,10 +230,12 @@ class EventSettings:
 class RelativeSettings:
     """Relatives of names."""
 
-    modulated: float = 0.3
+    modulated: float = 0.15
     """Prior odds of a cause that varies with another quantity, over the name alone (assumed)."""
-    replaced: float = 0.3
+    replaced: float = 0.15
     """Of a cause in proportion to another quantity (assumed)."""
+    free: float = 0.15
+    """Of a cause that depends on other quantities of the same joint (assumed)."""
     share: float = 0.3
     """Prior standard deviation of a variation, over the prediction of the name (assumed)."""
     least: float = 1e-6
