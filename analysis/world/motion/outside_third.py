@@ -135,7 +135,7 @@ def tilted_bearing(rng: np.random.Generator, log: Log) -> Act:
 
 
 def soft_floor(rng: np.random.Generator, log: Log) -> Act:
-    """A floor that gives: the base leans by the moment of the arm, not alike about both axes."""
+    """Soft ground: the base leans by the moment of the arm, not alike about both axes."""
     s, arm = log.session, log.arm
     bearing, ratio = rng.uniform(0, 2 * np.pi), rng.uniform(0.2, 1.0)
     turn = np.array([[np.cos(bearing), -np.sin(bearing)], [np.sin(bearing), np.cos(bearing)]])
