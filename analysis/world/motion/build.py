@@ -37,6 +37,8 @@ def make(
     held_out: bool = False,
     motions: int = 0,
     length: float = 0.0,
+    causes: str = "",
+    outside: float = mix.SHARE,
 ) -> Made:
     """Make a log.
 
@@ -50,9 +52,11 @@ def make(
         With the reserved forms and causes.
     motions, length : int, float
         Number of motions and their duration (s); by default drawn.
+    causes, outside : str, float
+        As `mix.recipe`.
     """
     rng = np.random.default_rng([seed, 0, number])
-    what = mix.recipe(seed, number, kinds, held_out)
+    what = mix.recipe(seed, number, kinds, held_out, causes, outside)
     wanted = mix.wishes(rng, what.names)
     drawn = arms.nominal(rng, str(rng.choice(tuple(arms.SORTS), p=[0.4, 0.25, 0.2, 0.15])))
     arm = arms.true(rng, drawn)

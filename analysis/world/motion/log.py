@@ -43,6 +43,7 @@ class Act:
     most: float
     apply: Callable[[float], Change]
     detail: dict = field(default_factory=dict)
+    sensed: bool = False  # as the names of `SENSED`
 
 
 @dataclass(frozen=True)
@@ -80,7 +81,7 @@ class Log:
     def seen(self, act: Act, size: float) -> Change:
         """Return the change of an effect: a servo is also off by the torque that it needs."""
         change = act.apply(size)
-        if self.stiffness is None or act.name in SENSED:
+        if self.stiffness is None or act.sensed or act.name in SENSED:
             return change
         track = 0.0 if change.track is None else change.track
         return replace(change, track=track + change.torque / self.stiffness)

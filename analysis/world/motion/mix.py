@@ -14,14 +14,20 @@ from analysis.world.motion.log import Act, Log
 from analysis.world.motion.outside import MECHANICS
 from analysis.world.motion.outside_further import FURTHER
 from analysis.world.motion.outside_more import MEASUREMENT
+from analysis.world.motion.outside_third import NEEDS as NEEDS_OF_THIRD
+from analysis.world.motion.outside_third import THIRD
 
 Maker = Callable[[np.random.Generator, Log], Act]
 LISTED = BODY | DRIVE
 """Effects of the list by name: function and forms."""
-MIX = ("null", "null", "single", "single", "single", "pair", "outside", "outside")
-"""Kinds of eight logs."""
+MIX = ("null", "null", "single", "single", "single", "pair")
+"""Kinds of six logs; those with a cause outside the list are added by their share."""
+SHARE = 0.25
+"""Usual share of logs with a cause outside the list."""
 KINDS = ("null", "single", "pair", "outside")
 OUTSIDE = MECHANICS + MEASUREMENT
+CAUSES = {"development": OUTSIDE, "reserved": FURTHER + OUTSIDE[::3], "third": THIRD}
+"""Sets of causes outside the list."""
 GOAL = (10.0, 800.0)
 """Wanted lambda, log-uniform from and to."""
 NEEDS: dict[str, dict] = {
@@ -34,7 +40,7 @@ NEEDS: dict[str, dict] = {
     "elasticity": {"link": (True,)},
     "backlash": {"link": (True,)},
     "servo-stiffness": {"servo": (True,)},
-}
+} | NEEDS_OF_THIRD
 """What a log needs for an effect to be visible at all: values of its notes."""
 
 
@@ -58,7 +64,24 @@ def _of_list(name: str, held_out: bool) -> Maker:
     return draw
 
 
-def recipe(seed: int, number: int, kinds: Sequence[str] = KINDS, held_out: bool = False) -> Recipe:
+def block_of(kinds: Sequence[str], outside: float = SHARE) -> list[str]:
+    """Return the kinds of a block of logs, of which a share (0 to .9) is outside the list, to within .01."""
+    for times in range(1, 9):
+        added = round(len(MIX) * times * outside / (1 - outside))
+        block = MIX * times + ("outside",) * added
+        if abs(added / len(block) - outside) <= 0.01:
+            break
+    return [kind for kind in block if kind in kinds]
+
+
+def recipe(
+    seed: int,
+    number: int,
+    kinds: Sequence[str] = KINDS,
+    held_out: bool = False,
+    causes: str = "",
+    outside: float = SHARE,
+) -> Recipe:
     """Return what is hidden in a log; no log depends on another.
 
     Parameters
@@ -69,8 +92,12 @@ def recipe(seed: int, number: int, kinds: Sequence[str] = KINDS, held_out: bool 
         The kinds to be made, in the shares of `MIX`.
     held_out : bool
         Draw the reserved forms and causes.
+    causes : str
+        Of `CAUSES`; by default those of the development, or the reserved ones.
+    outside : float
+        Share of the logs with a cause outside the list, before `kinds` leaves some out.
     """
-    mix = [kind for kind in MIX if kind in kinds]
+    mix = block_of(kinds, outside)
     block, slot = divmod(number, len(mix))
     order = np.random.default_rng([seed, 1, block]).permutation(len(mix))
     kind = mix[order[slot]]
@@ -83,8 +110,8 @@ def recipe(seed: int, number: int, kinds: Sequence[str] = KINDS, held_out: bool 
         pick = np.random.default_rng([seed, 2, number]).choice(len(listed), 2, replace=False)
         names = tuple(listed[k] for k in pick)
         return Recipe(kind, names, tuple(_of_list(name, held_out) for name in names))
-    causes = FURTHER + OUTSIDE[::3] if held_out else OUTSIDE
-    pool = listed if kind == "single" else causes
+    causes = causes or ("reserved" if held_out else "development")
+    pool = listed if kind == "single" else CAUSES[causes]
     again, place = divmod(rank, len(pool))
     chosen = pool[np.random.default_rng([seed, 3, again, len(pool)]).permutation(len(pool))[place]]
     if kind == "single":

@@ -14,7 +14,7 @@ import yaml
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
 from scipy.spatial.transform import Rotation
 
-from analysis.world.motion import arms, mix, noise
+from analysis.world.motion import arms, mix, noise, outside_third
 from analysis.world.motion.arms import U
 from analysis.world.motion.build import make, total
 from analysis.world.motion.dynamics import about_origin, regressor
@@ -24,7 +24,7 @@ from bayescal.logs import read_log
 SEED = 4
 GRAVITY = [0.0, 0.0, -9.81]
 SITE = re.compile(r"joint [1-7]|tool|base|log")
-CAUSES = (*mix.OUTSIDE, *mix.FURTHER)
+CAUSES = (*mix.OUTSIDE, *mix.FURTHER, *mix.THIRD)
 
 
 @cache
@@ -221,6 +221,37 @@ def test_sets_have_their_causes_and_kinds():
     drawn = [mix.recipe(2, k, held_out=True) for k in range(48)]
     held_out = {name for r in drawn if r.kind == "outside" for name in r.names}
     assert {name.replace("_", "-") for name in further} <= held_out
+    third = {cause.__name__ for cause in mix.THIRD}
+    assert len(third) == 9
+    assert not third & (names | further | {name.replace("-", "_") for name in mix.LISTED})
+
+
+@pytest.mark.parametrize("share", [0.0, 0.25, 0.33, 0.35, 0.9])
+def test_causes_of_the_third_set_are_drawn_in_their_share(share):
+    block = mix.block_of(mix.KINDS, share)
+    assert block.count("outside") / len(block) == pytest.approx(share, abs=0.01)
+    drawn = [mix.recipe(2, k, held_out=True, causes="third", outside=share) for k in range(120)]
+    outside = [r for r in drawn if r.kind == "outside"]
+    assert len(outside) / 120 == pytest.approx(share, abs=0.03)
+    third = {cause.__name__.replace("_", "-") for cause in mix.THIRD}
+    assert {name for r in outside for name in r.names} == (third if share else set())
+    assert {r.kind for r in drawn} >= {"null", "single", "pair"}
+
+
+def test_the_moment_about_an_axis_is_the_torque_of_its_joint():
+    log = short(motions=5).log
+    base, *joints = outside_third.moments(log)
+    np.testing.assert_allclose(np.stack([m[:, 2] for m in joints], axis=1), log.rigid, atol=1e-9)
+    np.testing.assert_allclose(base[:, 2], log.rigid[:, 0], atol=1e-9)  # joint 1 is above the base
+    signs = outside_third.held(np.array([3.0, 1, -1, -2, 1, 2]), 1.5)
+    np.testing.assert_array_equal(signs, [1, 1, 1, -1, -1, 1])
+
+
+def test_a_log_has_what_its_cause_of_the_third_set_needs():
+    third = {cause.__name__.replace("_", "-") for cause in mix.THIRD}
+    assert set(outside_third.NEEDS) <= third
+    for name, needs in outside_third.NEEDS.items():
+        assert set(mix.wishes(np.random.default_rng(0), [name])) == set(needs)
 
 
 @pytest.mark.parametrize(
@@ -270,6 +301,8 @@ def test_a_servo_is_also_off_by_the_torque_of_an_effect():
     np.testing.assert_allclose(change.track * log.stiffness, change.torque, atol=1e-12)
     sensor, forms = mix.LISTED["torque-drift"]
     assert log.seen(sensor(np.random.default_rng(7), log, forms[0]), 0.1).track is None
+    causes = [cause(np.random.default_rng(7), log) for cause in mix.THIRD]
+    assert [log.seen(act, act.usual).track is None for act in causes] == [act.sensed for act in causes]
     late = mix.LISTED["delay"][0](np.random.default_rng(7), log, "command").apply(2e-3)
     asked = log.session.motions[0].path(log.session.since[log.session.runs[0]] + 2e-3)[0]
     moved = log.session.q[log.session.runs[0]]
@@ -283,7 +316,7 @@ def test_the_command_writes_logs_and_their_truth(tmp_path, monkeypatch):
 
     from analysis.world.motion import __main__ as command
 
-    monkeypatch.setattr("analysis.world.motion.build.make", lambda *a: short("null", 0))
+    monkeypatch.setattr("analysis.world.motion.build.make", lambda *a, **k: short("null", 0))
     app = command.typer.Typer()
     app.command()(command.main)
     done = CliRunner().invoke(app, [str(tmp_path / "set"), "--logs", "2", "--seed", "3"])
@@ -294,3 +327,8 @@ def test_the_command_writes_logs_and_their_truth(tmp_path, monkeypatch):
     wrong = CliRunner().invoke(app, [str(tmp_path / "set"), "--kinds", "nul"])
     assert wrong.exit_code == 2
     assert "nul" in wrong.output
+    for words in (("--causes", "fourth"), ("--kinds", "outside", "--outside", "0")):
+        refused = CliRunner().invoke(app, [str(tmp_path / "other"), *words])
+        assert refused.exit_code == 2
+        assert words[-2] in refused.output
+    assert not (tmp_path / "other").exists()
