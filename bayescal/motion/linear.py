@@ -7,7 +7,7 @@ their products are needed.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
@@ -76,6 +76,24 @@ class Normal:
     def index(self) -> dict[str, int]:
         """Number of each term by its name."""
         return {term.name: k for k, term in enumerate(self.terms)}
+
+
+@dataclass(frozen=True)
+class Further:
+    """What another measurement tells of K parameters, SI: information (K, K), score (K,) at nominal."""
+
+    names: tuple[str, ...]
+    information: np.ndarray
+    score: np.ndarray
+
+    def beside(self, p: Normal) -> Normal:
+        """Normal equations with this measurement too."""
+        chosen = np.array([p.index[name] for name in self.names])
+        sd = np.array([p.terms[k].sd for k in chosen])
+        gram, score = p.gram.copy(), p.score.copy()
+        gram[np.ix_(chosen, chosen)] += self.information * np.outer(sd, sd)
+        score[chosen] += self.score * sd
+        return replace(p, gram=gram, score=score)
 
 
 def normal(table: Table, noise: Noise) -> Normal:

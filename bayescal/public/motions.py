@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bayescal.errors import BayescalError
-from bayescal.public.results import Printed, Result, table
+from bayescal.public.results import FitResult, Printed, Result, table
 from bayescal.storage.reading import Json
 from bayescal.storage.stopping import Progress, silent
 
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from bayescal.exporting.log_arm import LogExport
     from bayescal.motion.calibrate import MotionFit
     from bayescal.motion.result import MotionGap
+    from bayescal.motion.together import Together
     from bayescal.verifying.log_torque import LogVerification
 
 
@@ -145,19 +146,84 @@ class MotionFitResult(Result):
         return f"<calibration from the log {name}: {count} parameters>"
 
 
+@dataclass(frozen=True, repr=False)
+class TogetherResult(Result):
+    """A session of contacts and a joint log, fitted together; `print` shows what each gains by the other.
+
+    `record` is the content of fit.json.
+    """
+
+    data: Together | None = None
+
+    def _contents(self) -> Json:
+        from bayescal.reporting.motion.together import together_record
+
+        return together_record(self._new())
+
+    def report(self, verbose: bool = False) -> RenderableType:
+        """The summary, to be printed by a `rich.console.Console`; `verbose` adds all masses and centres."""
+        from bayescal.reporting.motion.together import together_summary
+
+        return together_summary(self.record, verbose)
+
+    def save(self, folder: str | PathLike[str], pictures: bool = True) -> tuple[str, ...]:
+        """Write fit.json, and the run folders `contacts` and `log`; return their names."""
+        from bayescal.reporting.motion.together import write_together
+
+        return write_together(self._new(), Path(folder), self.record, pictures)
+
+    @property
+    def contacts(self) -> FitResult:
+        """The calibration by the contacts, with the masses of both."""
+        return FitResult(self.data.contacts) if self.data else FitResult(**self._part("contacts"))
+
+    @property
+    def log(self) -> MotionFitResult:
+        """The calibration by the joint log, with the masses of both."""
+        return MotionFitResult(self.data.log) if self.data else MotionFitResult(**self._part("log"))
+
+    def _part(self, name: str) -> dict[str, Any]:
+        from bayescal.storage.reading import read_record
+
+        path = self._file(f"{name}/fit.json", "repeat the fit")
+        return {"folder": path.parent, "content": read_record(path, "bayescal-fit/1", "repeat the fit")}
+
+    @property
+    def shared(self) -> DataFrame:
+        """Parameters, by name: estimate and u, SI, by one measurement alone and by both."""
+        entries = (
+            {"name": p["name"], "unit": p["unit"], "source": p["source"]}
+            | {f"{key}_{of}": p[of][key] for of in ("alone", "both") for key in ("estimate", "u")}
+            for p in self.record["shared"]
+        )
+        return table(entries, "name")
+
+    @property
+    def _overview(self) -> DataFrame:
+        return self.shared
+
+    def __repr__(self) -> str:
+        return f"<{self.record['session']} and the log {self.record['log']['name']}, fitted together>"
+
+
 def log_of(source: Any) -> Path | None:
     """The folder of a joint log that a source names; None for a session of contacts."""
-    from bayescal.logs import is_log
-
-    each = source if isinstance(source, list | tuple) else [source]
-    folders = [Path(one) for one in each if isinstance(one, str | PathLike)]
-    logs = [folder for folder in folders if is_log(folder)]
+    others, logs = divided(source)
     if not logs:
         return None
-    if len(each) > 1:
+    if others or len(logs) > 1:
         what = "several folders, among them a joint log"
         raise BayescalError(what, str(logs[0]), "give one joint log at a time")
     return logs[0]
+
+
+def divided(source: Any) -> tuple[list[Any], list[Path]]:
+    """Sources of sessions of contacts, and folders of joint logs."""
+    from bayescal.logs import is_log
+
+    each = source if isinstance(source, list | tuple) else [source]
+    logs = [Path(one) for one in each if isinstance(one, str | PathLike) and is_log(Path(one))]
+    return [one for one in each if not isinstance(one, str | PathLike) or Path(one) not in logs], logs
 
 
 def diagnose_log(folder: Path, progress: Progress = silent) -> MotionGapResult:

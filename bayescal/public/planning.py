@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from bayescal.errors import BayescalError
 from bayescal.public.arms import names
 from bayescal.public.functions import MODEL, session_of
-from bayescal.public.motions import MotionFitResult, MotionGapResult
+from bayescal.public.motions import MotionFitResult, MotionGapResult, TogetherResult
 from bayescal.public.results import FitResult, GapResult, Result, SimulatedSession, table
 from bayescal.storage.reading import Json, read_record
 from bayescal.storage.stopping import Progress, silent
@@ -31,6 +31,8 @@ if TYPE_CHECKING:
 GAP, SETTINGS = "gap.json", "dataset.yaml"
 MOTION = "Nm"
 """`unit` of the record of a joint log."""
+TOGETHER = "together"
+"""In its place, of a session and a log that were fitted together."""
 MOTIONS: dict[str, type[MotionFitResult] | type[MotionGapResult]] = {
     "fit.json": MotionFitResult,
     "gap.json": MotionGapResult,
@@ -155,7 +157,9 @@ RECORDS: dict[str, tuple[str, type[FitResult] | type[GapResult] | type[PlanResul
 """Schema and class of a result by the file that identifies its run folder."""
 
 
-def load(run: str | PathLike[str]) -> FitResult | GapResult | MotionFitResult | MotionGapResult | PlanResult:
+def load(
+    run: str | PathLike[str],
+) -> FitResult | GapResult | MotionFitResult | MotionGapResult | PlanResult | TogetherResult:
     """Read a run folder of `fit`, `diagnose` or `plan` back.
 
     Parameters
@@ -188,6 +192,8 @@ def load(run: str | PathLike[str]) -> FitResult | GapResult | MotionFitResult | 
     for name, (schema, kind) in RECORDS.items():
         if (folder / name).is_file():
             content = read_record(folder / name, schema, "repeat the command with this version")
+            if content.get("unit") == TOGETHER:
+                return TogetherResult(folder=folder, content=content)
             if content.get("unit") == MOTION:
                 return MOTIONS[name](folder=folder, content=content)
             return kind(folder=folder, content=content)
