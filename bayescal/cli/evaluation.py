@@ -197,12 +197,13 @@ def plan(
     out: Path | None = None,
     allow_xacro: bool = False,
 ) -> None:
-    """Choose the contacts to measure, and predict the uncertainty that they give.
+    """Choose the contacts to measure, and predict the uncertainty that they give; of a joint log, motions.
 
     Parameters
     ----------
     setup
-        Dataset folder; its dataset.yaml states robot, tools, targets and noise. Rows are ignored.
+        Dataset folder; its dataset.yaml states robot, tools, targets and noise. Rows are ignored. Of a joint
+        log the motions are planned that it lacks.
     seed, out, allow_xacro
         As of `fit`.
     contacts

@@ -131,7 +131,8 @@ def draws_within(fit: Fit, possible: Possible, count: int, seed: int) -> np.ndar
             bodies = (steps @ flat).reshape(-1, *possible.pseudo.shape)
             chances = rng.uniform(size=(len(steps), SHRUNK))
             start = possible.by @ away, away[limited]
-            away = _slices(away, middle, *start, steps, bodies, steps[:, limited], chances)
+            over = np.ascontiguousarray(steps[:, limited])
+            away = _slices(away, middle, *start, steps, bodies, over, chances)
             kept = steps[thin - 1 :: thin]
             first, filled = filled, filled + rows
             if filled > 0:

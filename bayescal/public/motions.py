@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bayescal.errors import BayescalError
-from bayescal.public.results import FitResult, Printed, Result, table
+from bayescal.public.results import Printed, Result, table
 from bayescal.storage.reading import Json
 from bayescal.storage.stopping import Progress, silent
 
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
     from bayescal.exporting.log_arm import LogExport
     from bayescal.motion.calibrate import MotionFit
     from bayescal.motion.result import MotionGap
-    from bayescal.motion.together import Together
+    from bayescal.preparing.next_motions import MotionPlan
     from bayescal.verifying.log_torque import LogVerification
 
 
@@ -28,11 +29,17 @@ class MotionGapResult(Result):
     """The diagnosis of a joint log; `print` shows its summary. `record` is the content of gap.json."""
 
     data: MotionGap | None = None
+    plan: MotionPlan | None = None  # of the motions that are to be logged next
 
     def _contents(self) -> Json:
+        from bayescal.reporting.motion.plan import advice_of, motions_of
         from bayescal.reporting.motion.record import motion_record
 
-        return motion_record(self._new())
+        record = motion_record(self._new())
+        if self.plan is None:
+            return record
+        following = [*record["next"], *advice_of(self.plan)]
+        return record | {"next": following, "next_motions": motions_of(self.plan)}
 
     def report(self) -> RenderableType:
         """The summary, to be printed by a `rich.console.Console`."""
@@ -41,10 +48,15 @@ class MotionGapResult(Result):
         return motion_summary(self.record)
 
     def save(self, folder: str | PathLike[str], pictures: bool = True) -> tuple[str, ...]:
-        """Write gap.json and gap.html; return their names. The page draws its figures itself."""
+        """Write gap.json, gap.html and, if motions are to be logged, next-motions.csv and .yaml.
+
+        Returns the names of what was written. The page draws its figures itself.
+        """
+        from bayescal.reporting.motion.plan import files_of
         from bayescal.reporting.motion.record import write_motion
 
-        return write_motion(self._new(), Path(folder), self.record)
+        further = {} if self.plan is None else files_of(self.plan)
+        return write_motion(self._new(), Path(folder), self.record, further)
 
     @property
     def verdict(self) -> str:
@@ -146,66 +158,6 @@ class MotionFitResult(Result):
         return f"<calibration from the log {name}: {count} parameters>"
 
 
-@dataclass(frozen=True, repr=False)
-class TogetherResult(Result):
-    """A session of contacts and a joint log, fitted together; `print` shows what each gains by the other.
-
-    `record` is the content of fit.json.
-    """
-
-    data: Together | None = None
-
-    def _contents(self) -> Json:
-        from bayescal.reporting.motion.together import together_record
-
-        return together_record(self._new())
-
-    def report(self, verbose: bool = False) -> RenderableType:
-        """The summary, to be printed by a `rich.console.Console`; `verbose` adds all masses and centres."""
-        from bayescal.reporting.motion.together import together_summary
-
-        return together_summary(self.record, verbose)
-
-    def save(self, folder: str | PathLike[str], pictures: bool = True) -> tuple[str, ...]:
-        """Write fit.json, and the run folders `contacts` and `log`; return their names."""
-        from bayescal.reporting.motion.together import write_together
-
-        return write_together(self._new(), Path(folder), self.record, pictures)
-
-    @property
-    def contacts(self) -> FitResult:
-        """The calibration by the contacts, with the masses of both."""
-        return FitResult(self.data.contacts) if self.data else FitResult(**self._part("contacts"))
-
-    @property
-    def log(self) -> MotionFitResult:
-        """The calibration by the joint log, with the masses of both."""
-        return MotionFitResult(self.data.log) if self.data else MotionFitResult(**self._part("log"))
-
-    def _part(self, name: str) -> dict[str, Any]:
-        from bayescal.storage.reading import read_record
-
-        path = self._file(f"{name}/fit.json", "repeat the fit")
-        return {"folder": path.parent, "content": read_record(path, "bayescal-fit/1", "repeat the fit")}
-
-    @property
-    def shared(self) -> DataFrame:
-        """Parameters, by name: estimate and u, SI, by one measurement alone and by both."""
-        entries = (
-            {"name": p["name"], "unit": p["unit"], "source": p["source"]}
-            | {f"{key}_{of}": p[of][key] for of in ("alone", "both") for key in ("estimate", "u")}
-            for p in self.record["shared"]
-        )
-        return table(entries, "name")
-
-    @property
-    def _overview(self) -> DataFrame:
-        return self.shared
-
-    def __repr__(self) -> str:
-        return f"<{self.record['session']} and the log {self.record['log']['name']}, fitted together>"
-
-
 def log_of(source: Any) -> Path | None:
     """The folder of a joint log that a source names; None for a session of contacts."""
     others, logs = divided(source)
@@ -230,8 +182,64 @@ def diagnose_log(folder: Path, progress: Progress = silent) -> MotionGapResult:
     """Diagnose a joint log; see `bayescal.diagnose`."""
     from bayescal.logs import read_log
     from bayescal.motion.diagnose import diagnose
+    from bayescal.preparing.next_motions import next_motions
 
-    return MotionGapResult(diagnose(read_log(folder), progress))
+    log = read_log(folder)
+    gap = diagnose(log, progress)
+    v = gap.verdict
+    left_open = v.kind in ("unknown", "class", "named+unexplained") and v.leading.members
+    sites = (v.leading.members[-1].form.site,) if left_open else ()
+    return MotionGapResult(gap, plan=next_motions(log, gap.not_assessed, sites))
+
+
+@dataclass(frozen=True, repr=False)
+class MotionPlanResult(Result):
+    """Motions that are to be logged next; `print` shows them. `record` is the content of plan.json."""
+
+    data: MotionPlan | None = None
+
+    def _contents(self) -> Json:
+        from bayescal.reporting.motion.plan import plan_record
+
+        return plan_record(self._new())
+
+    def report(self) -> RenderableType:
+        """The summary, to be printed by a `rich.console.Console`."""
+        from bayescal.reporting.motion.plan import plan_summary
+
+        return plan_summary(self.record)
+
+    def save(
+        self, folder: str | PathLike[str], formats: Sequence[str] = (), **probing: Any
+    ) -> tuple[str, ...]:
+        """Write plan.json, next-motions.csv and next-motions.yaml; return their names.
+
+        Programs, and options of probing, are of plans of contacts and are refused.
+        """
+        from bayescal.reporting.motion.plan import write_plan
+
+        refuse("a plan of motions", to=tuple(formats), **probing)
+        return write_plan(self._new(), Path(folder), self.record)
+
+    @property
+    def motions(self) -> DataFrame:
+        """The motions, by `id`."""
+        return table(self.record["motions"], "id")
+
+    @property
+    def _overview(self) -> DataFrame:
+        return self.motions
+
+    def __repr__(self) -> str:
+        return f"<{len(self.record['motions'])} motions to log after {self.record['dataset']['name']}>"
+
+
+def plan_log(folder: Path) -> MotionPlanResult:
+    """Plan the motions that a joint log lacks; see `bayescal.plan`."""
+    from bayescal.logs import read_log
+    from bayescal.preparing.next_motions import next_motions
+
+    return MotionPlanResult(next_motions(read_log(folder)))
 
 
 def fit_log(folder: Path, samples: int, seed: int, progress: Progress = silent) -> MotionFitResult:
@@ -252,8 +260,19 @@ LOGLESS = {
     "prior_width": 1.0,
     "remounted": False,
     "allow_xacro": False,
+    "contacts": 200,
+    "for": "both",
+    "after": None,
+    "levers": ("payload", "approach"),
+    "order": "sweeps",
+    "validation": True,
+    "candidates": 5000,
+    "to": (),
+    "probe_input": "",
+    "probe_force_n": None,
+    "probe_beyond_mm": 5.0,
 }
-"""Options of `fit` and `diagnose` that a joint log does not have, with their defaults."""
+"""Options of `fit`, `diagnose` and `plan` that a joint log does not have, with their defaults."""
 
 
 def refuse(what: str, **options: Any) -> None:

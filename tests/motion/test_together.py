@@ -20,7 +20,7 @@ from bayescal.model import USUAL
 from bayescal.model.scene import Scene
 from bayescal.motion import possible
 from bayescal.motion.together import fit_together, placed, same_arm
-from bayescal.public.motions import TogetherResult
+from bayescal.public.together import TogetherResult
 
 MODEL = ("geometry", "compliance")
 
