@@ -220,8 +220,8 @@ def by_channel(term: Term, column: np.ndarray, log: Log, step: float) -> Iterato
     A torque of the arm also displaces a position servo, by its stiffness and within its bandwidth.
     """
     stiffness = log.controller.stiffness if TRACKING in kinds(log) else None
+    slow = low_passed(column, step, BASELINE.servo) if term.moves and stiffness is not None else None
     for j in range(log.n) if term.channel == ALL else (term.channel,):
-        value = column[:, j] if column.ndim == 2 else column
-        yield j, value
-        if term.moves and stiffness is not None:
-            yield channel(log, TRACKING, j), low_passed(value, step, BASELINE.servo) / stiffness[j]
+        yield j, column[:, j] if column.ndim == 2 else column
+        if slow is not None and stiffness is not None:
+            yield channel(log, TRACKING, j), (slow[:, j] if slow.ndim == 2 else slow) / stiffness[j]
