@@ -34,6 +34,8 @@ class SignalSettings:
     """Hz, highest rate that is kept (cost)."""
     coarse: float = 0.01
     """rad/s, noise of differentiated positions from which on velocities are used (assumed)."""
+    rest: float = 2e-3
+    """rad, of a motion, up to which a joint is taken to rest: what holds it is not its friction (assumed)."""
     long: int = 60_000
     """Samples of a log from which on torques are computed again instead of being kept (cost: 3 kB each)."""
     cold_rows: int = 50
