@@ -168,6 +168,10 @@ def test_run_folders_of_both_are_read_back(result, tmp_path):
     assert again.shared.equals(result.shared)
     assert again.contacts.parameters.shape == result.contacts.parameters.shape
     assert len(again.log.parameters) == len(result.log.parameters)
+    with pytest.raises(BayescalError, match=r"give .*run/contacts$"):
+        bc.export(tmp_path / "run", "urdf")
+    with pytest.raises(BayescalError, match="each has its page"):
+        bc.report(tmp_path / "run")
     page = (tmp_path / "run" / "log" / "report.html").read_text(encoding="utf-8")
     assert str(tmp_path / "run" / "log") in page
 

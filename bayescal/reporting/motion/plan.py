@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import yaml
 from rich.console import Group, RenderableType
 from rich.text import Text
 
@@ -19,47 +19,40 @@ from bayescal.reporting.shared.text import facts, listed, under
 from bayescal.storage.files import json_text
 from bayescal.storage.folders import whole
 from bayescal.storage.reading import Json
-from bayescal.storage.writing import Block, block_lines, flow, flow_list, number, scalar
 
 SCHEMA = "bayescal-plan/1"
+STATED = ("rate_hz", "pause_s", "first_pose_deg", "bounds", "warnings", "left_out", "motions")
+"""Keys of plan.json that are also beside the commands."""
 PLAN, COMMANDS, PURPOSES = "plan.json", "next-motions.csv", "next-motions.yaml"
 
 
 def motions_of(plan: MotionPlan) -> list[dict[str, Any]]:
     """The motions as entries of a record."""
     return [
-        {
-            "id": m.name,
-            "kind": m.kind,
-            "role": m.role,
-            "same_as": m.same_as or m.name,
-            "loaded": m.loaded,
-            "times": m.times,
-            "from_s": float(time[0]),
-            "to_s": float(time[-1]),
-            "for": list(m.effects),
-            "words": m.purpose,
-        }
+        {"id": m.name, "kind": m.kind, "role": m.role, "same_as": m.same_as or m.name, "loaded": m.loaded,
+         "times": m.times, "from_s": round(float(time[0]), 6), "to_s": round(float(time[-1]), 6),
+         "for": list(m.effects), "words": m.purpose}
         for m, time in plan.timed
-    ]
+    ]  # fmt: skip
 
 
 def plan_record(plan: MotionPlan) -> dict[str, Any]:
     """The contents of plan.json."""
     b = plan.bounds
+    sizes = {
+        "lowest_deg": np.degrees(b.low),
+        "highest_deg": np.degrees(b.high),
+        "speed_degps": np.degrees(b.speed),
+        "acceleration_degps2": np.degrees(b.acceleration),
+        "torque_Nm": b.torque,
+    }
+    bounds = {key: [round(x, 3) if np.isfinite(x) else None for x in v.tolist()] for key, v in sizes.items()}
     record = {
         **origin(SCHEMA, plan.log, 0),
-        "rate_hz": 1.0 / plan.step,
+        "rate_hz": round(1.0 / plan.step, 6),
         "pause_s": PAUSE,
         "first_pose_deg": np.degrees(b.home),
-        "bounds": {
-            "lowest_deg": np.degrees(b.low),
-            "highest_deg": np.degrees(b.high),
-            "speed_degps": np.degrees(b.speed),
-            "acceleration_degps2": np.degrees(b.acceleration),
-            "torque_Nm": b.torque,
-            "clear_of_itself": b.clearance is not None,
-        },
+        "bounds": {**bounds, "clear_of_itself": b.clearance is not None},
         "motions": motions_of(plan),
         "left_out": list(plan.left_out),
         "warnings": list(b.assumed),
@@ -71,33 +64,10 @@ def files_of(plan: MotionPlan) -> dict[str, str]:
     """The table of commands and what each motion is for, by the names of the files; none without motions."""
     if not plan.motions:
         return {}
-    record = plan_record(plan)
-    short = ("lowest_deg", "highest_deg", "speed_degps", "acceleration_degps2", "torque_Nm")
-    rounded = {key: [round(x, 3) if x is not None else None for x in record["bounds"][key]] for key in short}
-    head: Block = {
-        "commands": COMMANDS,
-        "of": scalar(plan.log.name),
-        "rate_hz": number(record["rate_hz"], 6),
-        "pause_s": number(PAUSE),
-        "first_pose_deg": flow_list(number(x, 8) for x in record["first_pose_deg"]),
-        "bounds": {key: flow_list("null" if x is None else number(x, 8) for x in row)
-                   for key, row in rounded.items()},
-        "assumed": [scalar(text) for text in record["warnings"]],
-        "left_out": [scalar(text) for text in record["left_out"]],
-        "motions": [flow(_entry(m)) for m in record["motions"]],
-    }  # fmt: skip
+    record = {"commands": COMMANDS} | {key: plan_record(plan)[key] for key in STATED}
     table = commands_text((m.name, time, m.position) for m, time in plan.timed)
-    return {COMMANDS: table, PURPOSES: "\n".join([*block_lines(head), ""])}
-
-
-def _entry(m: Json) -> Iterator[tuple[str, str]]:
-    """An entry of `motions` of dataset.yaml, with further keys."""
-    yield "id", scalar(m["id"])
-    yield from ((key, scalar(m[key])) for key in ("role", "kind", "same_as"))
-    yield "loaded", "true" if m["loaded"] else "false"
-    yield "times", str(m["times"])
-    yield "for", flow_list(map(scalar, m["for"]))
-    yield "why", scalar(m["words"])
+    text = yaml.safe_dump(record, sort_keys=False, default_flow_style=None, width=110, allow_unicode=True)
+    return {COMMANDS: table, PURPOSES: text}
 
 
 def motion_sheet(record: Json) -> Sheet:
