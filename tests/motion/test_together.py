@@ -111,6 +111,9 @@ def test_the_stated_covariance_is_that_of_both(level):
     )
     of = stated(known).inputs
     assert np.allclose(of.posterior[:24, :24], covariance[np.ix_(extra[:-4], extra[:-4])])
+    # the load, which is not shared, follows: its information here is without what the unknowns' prior adds
+    load = covariance[np.ix_(extra[-4:], extra[:-4])]
+    assert np.corrcoef(of.posterior[24:, :24].ravel(), load.ravel())[0, 1] > 0.95
     # C + A V A' is the block of the inverse
     ours = level.covariance + of.slopes @ of.posterior @ of.slopes.T
     arm = slice(0, len(level.model.parameters))
