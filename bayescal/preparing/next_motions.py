@@ -43,6 +43,8 @@ PAUSE, HOLD = 3.0, 0.4
 """s at rest between motions, and in a pose."""
 TRIES, SHRINK = 24, 0.85
 """Of a motion, each smaller by this factor, until it keeps all limits."""
+SMALLEST = 0.06
+"""Of a motion of a joint, below which the joint rests (assumed)."""
 SAMPLED = 400
 """Poses among which those of the most different gravity torques are chosen (cost)."""
 CLEAR = 0.01
@@ -338,6 +340,8 @@ def next_motions(log: Log, effects: Collection[str] = (), sites: Sequence[str] =
         fastest = np.max(np.abs(np.concatenate([*every, np.zeros((1, log.n))])), axis=0)
         names = [n for n, v in zip(log.mechanism.joint_names, fastest, strict=True) if v < FAST]
         left_out += [f"{n}: no motion within its bounds is faster than {FAST:g} rad/s" for n in names]
+    if "resting" in codes and bounds.arm is None:
+        left_out.append("joints that never moved: give a robot file with their limits")
     if "no_temperature" in codes and any(p.name == "warm-up" for p in asked):
         left_out.append("log `temperature_degC`: warm-up is assessed by time alone without it")
     return MotionPlan(log, bounds.step, tuple(motions), tuple(left_out), bounds)
@@ -368,4 +372,5 @@ def _fitted(b: Bounds, p: Purpose, number: int, kilograms: float) -> tuple[np.nd
         if not why:
             return position, ""
         size = np.where(joints, SHRINK * size, size)
+        size[size < SMALLEST] = 0.0  # such a joint rests, and the others move
     return None, why

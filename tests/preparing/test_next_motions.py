@@ -138,6 +138,23 @@ def test_a_cause_that_is_left_open_moves_its_joint_alone(log):
     assert np.all(np.delete(moved, 4) == 0.0)
 
 
+def test_a_joint_that_rests_does_not_keep_the_others_from_moving(log):
+    read = read_log(log)
+
+    def resting(m):
+        position = m.position.copy()
+        position[:, 5] = 0.3
+        return replace(m, position=position)
+
+    mechanism = replace(read.mechanism, robot=None)
+    plan = next_motions(replace(read, mechanism=mechanism, motions=tuple(map(resting, read.motions))))
+    first = next(m for m in plan.motions if m.name == "excitation-1")
+    moved = np.ptp(first.position, axis=0)
+    assert moved[5] == 0.0
+    assert moved[:5].min() > 0.2
+    assert any("limits" in text for text in plan.left_out)
+
+
 def test_an_effect_that_was_not_seen_gets_its_motion(log):
     names = {m.name for m in next_motions(read_log(log), ("torque-drift",)).motions}
     assert "warm-up" in names
