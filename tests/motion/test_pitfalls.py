@@ -12,9 +12,10 @@ from scipy.special import logsumexp
 
 from bayescal.errors import BayescalError
 from bayescal.logs import read_log
+from bayescal.logs.types import CALIBRATE
 from bayescal.motion.effects import EFFECTS
 from bayescal.motion.estimate import estimated
-from bayescal.motion.linear import gains
+from bayescal.motion.linear import gains, normal
 from bayescal.motion.noise import noise_of, white_noise
 from bayescal.motion.pool import Pool
 from bayescal.motion.settings import SEARCH
@@ -34,8 +35,9 @@ def other_transition(q, dq, ddq, tau, t, load):
     return coulomb * (np.tanh(dq / 0.042) - np.tanh(dq / 0.03))
 
 
-def best_gain(search):
+def best_gain(pool, noise):
     """Nats that the best cause gains beside the baseline, its size averaged as in a diagnosis."""
+    search = pool.search(normal(pool.table.of_role(CALIBRATE), noise))
     index, scales = search.normal.index, np.array(SEARCH.scales)
     sets = [np.array([index[name] for name in names]) for _, names in search.forms]
     table, _ = gains(search.fit(), sets, scales)
@@ -47,8 +49,8 @@ def test_slow_noise_is_no_effect_unless_it_is_taken_for_white(tmp_path):
     estimate = estimated(all_signals(read_log(write(tmp_path / "log", slow_noise))))
     assert estimate.noise.lag1.min() > 0.7
     pool = Pool.of(estimate)
-    assert best_gain(pool.search(white_noise(estimate.noise.sd))) > 12.0
-    assert best_gain(pool.search(estimate.noise)) < 5.0
+    assert best_gain(pool, white_noise(estimate.noise.sd)) > 12.0
+    assert best_gain(pool, estimate.noise) < 5.0
 
 
 def test_noise_of_an_empty_band_is_not_amplified():
@@ -73,7 +75,7 @@ def test_derivatives_keep_five_hertz_at_a_hundred():
 def test_another_transition_speed_of_friction_is_estimated(tmp_path):
     estimate = estimated(all_signals(read_log(write(tmp_path / "log", other_transition))))
     assert estimate.at.transition == pytest.approx(0.042, rel=0.12)
-    assert best_gain(Pool.of(estimate).search(estimate.noise)) < 5.0
+    assert best_gain(Pool.of(estimate), estimate.noise) < 5.0
 
 
 def test_stamps_count_and_not_row_numbers(null_log):
