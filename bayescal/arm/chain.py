@@ -68,6 +68,10 @@ class Robot:
     coulomb: np.ndarray | None = None  # (n,) N m, friction of the joints; nan where not stated
     viscous: np.ndarray | None = None  # (n,) N m s/rad; nan where not stated
     armatures: np.ndarray | None = None  # (n,) kg m2, rotors as seen at the joints; nan where not stated
+    mass_covariance: np.ndarray | None = (
+        None  # (4n, 4n) of relative errors of masses and errors of centres, m,
+    )
+    # link by link, where masses were estimated together with other measurements; None: see `effects.gravity`
 
     def __post_init__(self) -> None:
         assert self.convention == "mdh" or np.array_equal(self.flange, np.eye(4)), "standard rows end at it"

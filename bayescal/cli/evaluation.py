@@ -37,7 +37,7 @@ def fit(
     ----------
     datasets
         Dataset folder with dataset.yaml, measurements.csv and the robot. Several sessions of the same arm are
-        evaluated together.
+        evaluated together, and one of them may be a joint log of it.
     model
         Effects of the calibrated model, separated by commas, each at all its sites or 'at joint 3'.
     samples
@@ -93,7 +93,8 @@ def fit(
         if samples:
             remove(checkpoint_of(folder), CHECKPOINT)
     show(result.report(verbose), folder, written)
-    draws = getattr(result.data, "draws", None) if result.record.get("unit") is None else None
+    of_contacts = getattr(result, "contacts", result)
+    draws = getattr(of_contacts.data, "draws", None) if of_contacts.record.get("unit") is None else None
     if draws is not None and not draws.converged:
         what = f"the sampler did not converge: {draws.complaint}"
         raise BayescalError(what, "--samples", "see fit.json")
@@ -196,12 +197,13 @@ def plan(
     out: Path | None = None,
     allow_xacro: bool = False,
 ) -> None:
-    """Choose the contacts to measure, and predict the uncertainty that they give.
+    """Choose the contacts to measure, and predict the uncertainty that they give; of a joint log, motions.
 
     Parameters
     ----------
     setup
-        Dataset folder; its dataset.yaml states robot, tools, targets and noise. Rows are ignored.
+        Dataset folder; its dataset.yaml states robot, tools, targets and noise. Rows are ignored. Of a joint
+        log the motions are planned that it lacks.
     seed, out, allow_xacro
         As of `fit`.
     contacts

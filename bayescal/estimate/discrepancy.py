@@ -69,11 +69,15 @@ class Inputs:
     slopes: np.ndarray  # (D, L) A
     information: np.ndarray  # (L, L) H'H
     score: np.ndarray  # (L,) H'e
+    joint: np.ndarray | None = None  # (K, K) covariance of the first, if they were estimated with this fit
 
     @classmethod
-    def of(cls, names: Sequence[str], slopes: np.ndarray, h: np.ndarray, e: np.ndarray) -> Inputs:
+    def of(
+        cls, names: Sequence[str], slopes: np.ndarray, h: np.ndarray, e: np.ndarray,
+        joint: np.ndarray | None = None,
+    ) -> Inputs:  # fmt: skip
         """From the columns `h` (R, L) that a fit leaves of the errors, and its residuals `e` (R,)."""
-        return cls(tuple(names), slopes, h.T @ h, h.T @ e)
+        return cls(tuple(names), slopes, h.T @ h, h.T @ e, joint)
 
     def together(self, other: Inputs) -> Inputs:
         """The same errors by the residuals of two fits; slopes of this one."""
@@ -82,12 +86,29 @@ class Inputs:
     @cached_property
     def posterior(self) -> np.ndarray:
         """Covariance of the errors by their prior and the residuals, (L, L)."""
-        return np.linalg.inv(np.eye(len(self.names)) + self.information)
+        if self.joint is None:
+            return np.linalg.inv(np.eye(len(self.names)) + self.information)
+        k = len(self.joint)
+        across = -self._others @ self.information[k:, :k] @ self.joint
+        others = self._others - across @ self.information[:k, k:] @ self._others
+        return np.block([[self.joint, across.T], [across, others]])
+
+    @cached_property
+    def _others(self) -> np.ndarray:
+        """Covariance of the errors that were not estimated with this fit, given those that were."""
+        k = 0 if self.joint is None else len(self.joint)
+        return np.linalg.inv(np.eye(len(self.names) - k) + self.information[k:, k:])
+
+    @cached_property
+    def mean(self) -> np.ndarray:
+        """Mean mu (L,) of the errors; 0 of those that are at their estimate."""
+        k = 0 if self.joint is None else len(self.joint)
+        return np.concatenate([np.zeros(k), self._others @ self.score[k:]])
 
     @cached_property
     def mixing(self) -> np.ndarray:
         """Root M (L, L) of their second moment: V = M M'."""
-        mean, dof = self.posterior @ self.score, self.dof
+        mean, dof = self.mean, self.dof
         limit = dof + DEVIATIONS * np.sqrt(2.0 * dof)
         share = min(1.0, limit / max(float(mean @ mean), np.finfo(float).tiny))
         return root(self.posterior + share * np.outer(mean, mean))
@@ -110,7 +131,7 @@ class Inputs:
         for start in range(0, len(h), AT_ONCE):
             part = slice(start, start + AT_ONCE)
             columns[part] -= h[part] @ explained
-        return columns, e - h @ (self.posterior @ self.score)
+        return columns, e - h @ self.mean
 
 
 def inputs(fitted: Estimate, circumstances: Circumstances | None = None) -> list[Parameter]:
@@ -128,6 +149,41 @@ def inputs(fitted: Estimate, circumstances: Circumstances | None = None) -> list
     if circumstances is None:
         circumstances = model.scene.circumstances()
     return masses(with_compliances(circumstances, fitted))
+
+
+def informed(fitted: Estimate) -> tuple[np.ndarray, np.ndarray]:
+    """What a fit tells of the masses of the links, for any other parameters and load: information and score.
+
+    With G the columns of the errors and C the covariance of the D unknowns, the information is
+    G'G - G'J C J'G: all residuals, certificates and priors count, not the prior of the masses. At the
+    estimate the other slopes vanish, so that the score is -G'e.
+
+    Returns
+    -------
+    information : np.ndarray, shape (4n, 4n)
+        Of relative errors of masses and errors of centres (m), link by link; zeros if masses have no part.
+    score : np.ndarray, shape (4n,)
+    """
+    held, size = inputs(fitted), 4 * fitted.model.scene.dataset.robot.n
+    if not held:
+        return np.zeros((size, size)), np.zeros(size)
+    sd = np.array([p.sd for p in held])
+    j, g, e, _ = _linearised(fitted, list(held))
+    information = g.T @ (g - j @ (fitted.covariance @ (j.T @ g)))
+    score = -g.T @ e
+    load = np.linalg.solve(information[size:, size:] + np.eye(len(held) - size), information[size:, :size])
+    information = information[:size, :size] - information[:size, size:] @ load
+    score = score[:size] - load.T @ score[size:]
+    return information / np.outer(sd[:size], sd[:size]), score / sd[:size]
+
+
+def _joint(fitted: Estimate, held: Sequence[Parameter]) -> np.ndarray | None:
+    """The covariance of the masses that were estimated with a fit, in their standard uncertainties."""
+    covariance = fitted.model.scene.dataset.robot.mass_covariance
+    if covariance is None or not held:
+        return None
+    sd = np.array([p.sd for p in held[: len(covariance)]])
+    return covariance / np.outer(sd, sd)
 
 
 def mixed(parameters: Sequence[Parameter], mixing: np.ndarray) -> list[Parameter]:
@@ -274,7 +330,9 @@ def stated(fitted: Estimate, functions: Sequence[Family] | None = None) -> State
     for start in range(0, len(g), ROWS):
         part = slice(start, start + ROWS)
         g[part] -= j[part] @ a
-    errors = Inputs.of([p.name for p in held], a[:, len(family) :], g[:, len(family) :], e)
+    errors = Inputs.of(
+        [p.name for p in held], a[:, len(family) :], g[:, len(family) :], e, _joint(fitted, held)
+    )
     a = a[:, : len(family)]
     # in place: of a large session the columns are the largest array
     h, left = errors.without(g[:, : len(family)], g[:, len(family) :], e)

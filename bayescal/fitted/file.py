@@ -124,9 +124,9 @@ def read_arm(folder: Path) -> FittedArm:
     path = folder / ARM_FILE
     repeat = "repeat bayescal fit or gap with this version"
     if not path.is_file():
-        raise BayescalError(
-            f"there is no {ARM_FILE}", str(folder), f"give a run folder of fit or gap, or {repeat}"
-        )
+        within = next((str(below) for below in sorted(folder.glob("*")) if (below / ARM_FILE).is_file()), "")
+        remedy = f"give {within}" if within else f"give a run folder of fit or gap, or {repeat}"
+        raise BayescalError(f"there is no {ARM_FILE}", str(folder), remedy)
     record = read_record(path, SCHEMA, repeat)
     check_unchanged(folder, (ARM_FILE, COPY))
     try:

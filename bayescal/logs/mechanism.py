@@ -52,6 +52,7 @@ class Mechanism:
     payload_centre: np.ndarray = field(default_factory=lambda: np.zeros(3))  # m, in the last body's frame
     payload_gyration: float = 0.0  # m
     u: Uncertain = Uncertain()
+    robot: Robot | None = None  # of which it is, with limits and shape; None where dataset.yaml has the arm
 
     @property
     def n(self) -> int:
@@ -128,6 +129,7 @@ def mechanism_of(robot: Robot) -> tuple[Mechanism, tuple[str, ...]]:
         gear_ratio=_or_nan(robot.reductions, n),
         coupling=robot.link_from_reading,
         u=Uncertain() if robot.inertias is not None else Uncertain(inertia=1.0),
+        robot=robot,
     ), tuple(notes)
 
 

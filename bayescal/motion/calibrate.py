@@ -3,7 +3,7 @@
 The posterior of the linear model is normal; physics restricts it. A body has a positive mass and a pseudo
 inertia matrix that is positive definite, which is a convex set of the parameters in which torques are linear
 (Wensing, Kim and Slotine, IEEE RA-L 3(1), 2018); rotors and friction are not negative. The normal posterior
-is sampled within this set, so that every draw, and their mean, is an arm that could be built.
+is sampled within this set (`possible`), so that every draw, and their mean, is an arm that could be built.
 """
 
 from __future__ import annotations
@@ -12,7 +12,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg import solve_triangular
 
 from bayescal.errors import BayescalError
 from bayescal.logs import Log, Mechanism
@@ -20,12 +19,11 @@ from bayescal.logs.mechanism import symmetric
 from bayescal.logs.types import CALIBRATE, VALIDATE
 from bayescal.motion.estimate import Estimate, estimated, moved_to, of_role
 from bayescal.motion.linear import Fit, tabulated
+from bayescal.motion.possible import Possible, draws_within, spread
 from bayescal.motion.settings import CALIBRATION, OUTCOME
 from bayescal.motion.signals import Signals, all_signals, each
-from bayescal.motion.terms import BODY, Operating, nominal, of_body
+from bayescal.motion.terms import BODY, Operating, nominal
 from bayescal.storage.stopping import Progress, silent
-
-NOT_NEGATIVE = ("armature", "coulomb", "viscous")
 
 
 @dataclass(frozen=True)
@@ -72,17 +70,24 @@ class MotionFit:
     shift: float  # s, of the torques
     lag1: np.ndarray  # (n,)
     seed: int
+    r_hat: float  # of the draws
 
 
 def calibrate(log: Log, samples: int, seed: int, progress: Progress = silent) -> MotionFit:
-    """Calibrate an arm from a joint log.
+    """Calibrate an arm from a joint log; see `calibrated`.
 
-    Parameters
-    ----------
-    log : Log
-    samples : int
-        Draws of the posterior, in four chains.
-    seed : int
+    Raises
+    ------
+    BayescalError
+        If there are no torques with a sign.
+    """
+    progress("estimate", 0.0)
+    estimate = prepared(log)
+    return calibrated(estimate, estimate.fit(), samples, seed, progress)
+
+
+def prepared(log: Log) -> Estimate:
+    """The estimate of a log.
 
     Raises
     ------
@@ -92,16 +97,31 @@ def calibrate(log: Log, samples: int, seed: int, progress: Progress = silent) ->
     if any(m.torque is None for m in log.motions):
         why = "torques have no sign" if not log.signed else "no torques are logged"
         raise BayescalError(f"{why}: the log cannot be fitted", log.name, "log torque1_Nm ...")
-    progress("estimate", 0.0)
-    estimate = estimated(all_signals(log))
-    fit = estimate.fit()
+    return estimated(all_signals(log))
+
+
+def calibrated(
+    estimate: Estimate, fit: Fit, samples: int, seed: int, progress: Progress = silent
+) -> MotionFit:
+    """The calibration of an estimate and its linear fit.
+
+    Parameters
+    ----------
+    estimate : Estimate
+    fit : Fit
+        Of all its terms.
+    samples : int
+        Draws of the posterior, in four chains.
+    seed : int
+    """
+    log = estimate.parts[0].log
     start = nominal(log, estimate.rms)
     names = [t.name for t in fit.normal.terms]
     base = np.array([_nominal(name, start, log.mechanism) for name in names])
     sd = np.array([t.sd for t in fit.normal.terms])
     progress("sample", 0.3)
     count = max(samples, CALIBRATION.fewest) // CALIBRATION.chains
-    z = _draws(fit, Possible.of(fit, start, log), count, seed)
+    z = draws_within(fit, Possible.of(fit, start, log), count, seed)
     values = base + z * sd
     flat = values.reshape(-1, len(names))
     mean = flat.mean(axis=0)
@@ -122,6 +142,7 @@ def calibrate(log: Log, samples: int, seed: int, progress: Progress = silent) ->
         shift=float(at.shift[0]),
         lag1=estimate.noise.lag1[: log.n],
         seed=seed,
+        r_hat=spread(values),
     )
 
 
@@ -141,84 +162,6 @@ def _nominal(name: str, start: Operating, m: Mechanism) -> float:
     if stem in each:
         return float(each[stem][int(number) - 1])
     return float(start.shift[0]) if name == "alignment" else 0.0
-
-
-@dataclass(frozen=True)
-class Possible:
-    """The set of deviations (K,), in prior standard deviations, of arms that could be built."""
-
-    pseudo: np.ndarray  # (n, 4, 4) of the nominal bodies
-    by: np.ndarray  # (n, 4, 4, K)
-    least: np.ndarray  # (K,) of rotors and friction, -inf of others
-
-    @classmethod
-    def of(cls, fit: Fit, start: Operating, log: Log) -> Possible:
-        """The set of a fit."""
-        n, terms = log.n, [fit.normal.terms[k] for k in fit.chosen]
-        number = {t.name: k for k, t in enumerate(terms)}
-        by, least = np.zeros((n, 4, 4, len(terms))), np.full(len(terms), -np.inf)
-        for k in range(n):
-            slopes = of_body(log.mechanism, k)[0]
-            for p, name in enumerate(BODY):
-                column = number.get(f"{name} of link {k + 1}")
-                if column is not None:
-                    by[k, :, :, column] = pseudo_inertia(slopes[:, p]) * terms[column].sd
-            for stem in NOT_NEGATIVE:
-                column = number[f"{stem} {k + 1}"]
-                least[column] = -getattr(start, stem)[k] / terms[column].sd
-        return cls(np.array([pseudo_inertia(ten) for ten in start.inertials]), by, least)
-
-    def __call__(self, z: np.ndarray) -> bool:
-        """Whether an arm with these deviations could be built."""
-        if np.any(z < self.least):
-            return False
-        return bool(np.all(np.linalg.eigvalsh(self.pseudo + self.by @ z) > 0.0))
-
-
-def pseudo_inertia(ten: np.ndarray) -> np.ndarray:
-    """Matrix (4, 4) of a body's linear parameters, positive definite if there is such a body."""
-    about = symmetric(ten[4:])
-    out = np.empty((4, 4))
-    out[:3, :3] = 0.5 * np.trace(about) * np.eye(3) - about
-    out[:3, 3] = out[3, :3] = ten[1:4]
-    out[3, 3] = ten[0]
-    return out
-
-
-def _draws(fit: Fit, possible: Possible, count: int, seed: int) -> np.ndarray:
-    """Draws (chains, count, K) of a normal posterior within a set that holds z = 0.
-
-    Elliptical slices (Murray, Adams and MacKay, AISTATS 2010): each step draws an ellipse of the normal
-    distribution through the point, and shrinks it to an arc within the set.
-    """
-    rng = np.random.default_rng(seed)
-    mean, size = fit.z, len(fit.z)
-    out = np.empty((CALIBRATION.chains, count, size))
-    for c in range(CALIBRATION.chains):
-        point = mean if possible(mean) else _inside(mean, possible)
-        for k in range(count * CALIBRATION.thin):
-            step = solve_triangular(fit.factor[0].T, rng.standard_normal(size), lower=False)
-            angle = rng.uniform(0.0, 2.0 * np.pi)
-            low, high = angle - 2.0 * np.pi, angle
-            while True:
-                new = mean + (point - mean) * np.cos(angle) + step * np.sin(angle)
-                if possible(new):
-                    break
-                low, high = (angle, high) if angle < 0.0 else (low, angle)
-                angle = rng.uniform(low, high)
-            point = new
-            if k % CALIBRATION.thin == 0:
-                out[c, k // CALIBRATION.thin] = point
-    return out
-
-
-def _inside(mean: np.ndarray, possible: Possible) -> np.ndarray:
-    """The point of the line from nominal to the mean that is just within the set."""
-    low, high = 0.0, 1.0
-    for _ in range(CALIBRATION.halvings):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if possible(middle * mean) else (low, middle)
-    return low * mean
 
 
 def fitted_mechanism(m: Mechanism, at: Operating, deviations: Mapping[str, float]) -> Mechanism:

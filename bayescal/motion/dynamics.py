@@ -28,7 +28,7 @@ def _times_inertia(v: np.ndarray) -> np.ndarray:
     return out
 
 
-def _turns(m: Mechanism, q: np.ndarray) -> np.ndarray:
+def turns(m: Mechanism, q: np.ndarray) -> np.ndarray:
     """Rotations (n, N, 3, 3) of every body in the one before it, at joint angles (N, n)."""
     cross = skew(m.axis)[:, None]
     sine, cosine = np.sin(q.T)[..., None, None], np.cos(q.T)[..., None, None]
@@ -58,7 +58,7 @@ def regressor(
     """
     q, dq, ddq = (x @ m.coupling.T for x in (q, dq, ddq))
     count, n = q.shape
-    turn = _turns(m, q)
+    turn = turns(m, q)
     rate, turning = np.zeros((count, 3)), np.zeros((count, 3))  # angular velocity and acceleration
     pull = np.tile(-np.asarray(gravity, float), (count, 1))  # acceleration of the origin
     out = np.zeros((count, n, n, PARAMETERS))

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from bayescal.logs.types import CALIBRATE
 from bayescal.motion.dynamics import PARAMETERS
-from bayescal.motion.linear import Fit, fitted, normal, tabulated
+from bayescal.motion.linear import Fit, Further, fitted, normal, tabulated
 from bayescal.motion.noise import Noise, noise_of, white_noise
 from bayescal.motion.settings import NOISE
 from bayescal.motion.signals import Signals, each
@@ -57,10 +57,16 @@ class Estimate:
             out[:, channel(s.log, TRACKING, j)] += displaced(s.log, s.step, moving[:, j], j)
         return out
 
-    def fit(self) -> Fit:
-        """The baseline fitted to the motions of role `calibrate`."""
+    def fit(self, further: Further | None = None) -> Fit:
+        """The baseline fitted to the motions of role `calibrate`, and to a further measurement."""
         table = tabulated(of_role(self.parts, CALIBRATE), self.columns, self.residual)
-        return fitted(normal(table, self.noise), np.arange(len(table.terms)))
+        p = normal(table, self.noise)
+        return fitted(p if further is None else further.beside(p), np.arange(len(table.terms)))
+
+    def relinearised(self, fit: Fit) -> Estimate:
+        """The same, linearised at a fit."""
+        start = nominal(self.parts[0].log, self.rms)
+        return replace(self, at=moved_to(start, self.parts[0], fit.values), moved=fit.values)
 
 
 def of_role(parts: Sequence[Signals], role: str) -> tuple[Signals, ...]:

@@ -95,6 +95,24 @@ class Normal:
         return {term.name: k for k, term in enumerate(self.terms)}
 
 
+@dataclass(frozen=True)
+class Further:
+    """What another measurement tells of K parameters, SI: information (K, K), score (K,) at nominal."""
+
+    names: tuple[str, ...]
+    information: np.ndarray
+    score: np.ndarray
+
+    def beside(self, p: Normal) -> Normal:
+        """Normal equations with this measurement too."""
+        chosen = np.array([p.index[name] for name in self.names])
+        sd = np.array([p.terms[k].sd for k in chosen])
+        gram, score = p.gram.copy(), p.score.copy()
+        gram[np.ix_(chosen, chosen)] += self.information * np.outer(sd, sd)
+        score[chosen] += self.score * sd
+        return replace(p, gram=gram, score=score)
+
+
 def joined(a: Normal, b: Normal) -> Normal:
     """Normal equations of the motions of both."""
     return Normal(a.terms, a.gram + b.gram, a.score + b.score, a.chi2 + b.chi2, a.rows + b.rows)

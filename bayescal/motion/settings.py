@@ -35,6 +35,8 @@ class SignalSettings:
     """Hz, highest rate that is kept (cost)."""
     coarse: float = 0.01
     """rad/s, noise of differentiated positions from which on velocities are used (assumed)."""
+    rest: float = 2e-3
+    """rad, of a motion, up to which a joint is taken to rest: what holds it is not its friction (assumed)."""
     long: int = 60_000
     """Samples of a log from which on torques are computed again instead of being kept (cost: 3 kB each)."""
     cold_rows: int = 50
@@ -320,8 +322,16 @@ class CalibrationSettings:
     """Of draws (convention)."""
     fewest: int = 1000
     """Draws at least: intervals need them (assumed)."""
-    thin: int = 2
-    """Steps per draw (cost)."""
+    steps: int = 200_000
+    """Of the sampler in all, without the first of each chain (cost)."""
+    least_thin: int = 10
+    """Steps per draw, at least: many draws need more steps (cost)."""
+    burned: int = 5_000
+    """Steps at the beginning of a chain that are left out (assumed)."""
+    at_once: int = 4_000
+    """Steps that are prepared at once (cost: memory)."""
+    r_hat: float = 1.1
+    """Of the draws, from which on the fit warns (convention)."""
     halvings: int = 20
     """Of the way from nominal to an estimate that no arm has (cost)."""
     determined: float = 0.5
@@ -334,6 +344,27 @@ class CalibrationSettings:
     """Parameters of a combination that are named (cost)."""
 
 
+@dataclass(frozen=True)
+class TogetherSettings:
+    """A session of contacts and a log, fitted together."""
+
+    rounds: int = 6
+    """Fits of the session, at most; usual are two or three (cost)."""
+    still: float = 0.05
+    """Change of the masses over their uncertainty at which the fits end (cost)."""
+    poses: int = 20
+    """At which the links of both arms are compared (cost)."""
+    off: float = 1e-3
+    """m, by which a link may move against that of the other arm (assumed)."""
+    turned: float = 2e-3
+    """rad, by which it may turn (assumed)."""
+    lightest: float = 0.05
+    """Of a link, over its nominal mass, at which a session is linearised (assumed)."""
+    least: float = 0.05
+    """Share of its variance by the log that the session takes from a direction that counts (assumed)."""
+
+
+TOGETHER: Final = TogetherSettings()
 CALIBRATION: Final = CalibrationSettings()
 OUTCOME: Final = OutcomeSettings()
 VERDICT: Final = GAP_VERDICT

@@ -139,6 +139,9 @@ def signals_of(log: Log, motion: Motion, first: float, cold: float) -> Signals:
         # velocities of a controller may be filtered: they serve where positions are too coarse
         coarse = white(position) * 2.0 * np.pi * SIGNALS.band > SIGNALS.coarse
         dq = np.where(coarse, low_passed(velocity, step), dq)
+    # of a joint at rest the noise of its position would be the driver of its friction
+    moves = np.ptp(q, axis=0) > SIGNALS.rest
+    dq = np.where(moves, dq, 0.0)
     torque = sampled(motion.torque)
     assert torque is not None
     rows = float(1.0 / (step * SIGNALS.rate * SIGNALS.band))

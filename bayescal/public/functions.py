@@ -9,8 +9,17 @@ from typing import TYPE_CHECKING, Any
 
 from bayescal.errors import BayescalError
 from bayescal.public.arms import names
-from bayescal.public.motions import MotionFitResult, MotionGapResult, diagnose_log, fit_log, log_of, refuse
+from bayescal.public.motions import (
+    MotionFitResult,
+    MotionGapResult,
+    diagnose_log,
+    divided,
+    fit_log,
+    log_of,
+    refuse,
+)
 from bayescal.public.results import ComparisonResult, FitResult, GapResult, SimulatedSession
+from bayescal.public.together import TogetherResult
 from bayescal.storage.stopping import Progress, silent
 
 if TYPE_CHECKING:
@@ -75,13 +84,13 @@ def fit(
     progress: Progress = silent,
     checkpoint: str | PathLike[str] | None = None,
     say: Callable[[str], None] = lambda text: None,
-) -> FitResult | MotionFitResult:
+) -> FitResult | MotionFitResult | TogetherResult:
     """Calibrate an arm: its parameters with their uncertainty, and the error to expect.
 
     Parameters
     ----------
     dataset : Dataset, SimulatedSession or path, or a sequence of them
-        Several are sessions of one arm and are fitted together.
+        Several are sessions of one arm and are fitted together; one of them may be a joint log of it.
     model : sequence of str, or str
         Names of effects, comma separated if in one string; see `bayescal.effects.names`. A name may state a
         setting, sites and priors: 'backlash at joint 3', 'step@212', 'hysteresis at joint 2 x4'.
@@ -113,7 +122,7 @@ def fit(
 
     Returns
     -------
-    FitResult, or MotionFitResult of a joint log
+    FitResult, MotionFitResult of a joint log, or TogetherResult of sessions and a log
         Prints as a summary; `parameters`, `levels` and `distances` are tables.
 
     Raises
@@ -136,17 +145,28 @@ def fit(
     from bayescal.model.options import FitOptions
     from bayescal.posterior.checkpoint import Checkpoint
 
-    if (folder := log_of(dataset)) is not None:
+    others, logs = divided(dataset)
+    if (folder := log_of(logs)) is not None and not others:
         refuse(
             "the calibration from a joint log", model=_stated(model), without=without, robust=robust,
             prior_width=prior_width, remounted=remounted, allow_xacro=allow_xacro,
             latent_joints=latent_joints, tolerance_mm=tolerance_mm,
         )  # fmt: skip
         return fit_log(folder, samples, seed, progress)
-    effects, session = names(model), session_of(dataset, remounted, True, allow_xacro)
+    effects, session = names(model), session_of(others, remounted, True, allow_xacro)
     tolerance = None if tolerance_mm is None else 1e-3 * tolerance_mm
     options = FitOptions((), robust, prior_width, seed, latent_joints, tolerance)
     kept = None if checkpoint is None else Checkpoint(Path(checkpoint), say)
+    if folder is not None:
+        from bayescal.logs import read_log
+        from bayescal.motion.together import fit_together
+
+        return TogetherResult(
+            fit_together(
+                session, read_log(folder), effects, options, without=names(without), samples=samples,
+                progress=progress, checkpoint=kept,
+            )
+        )  # fmt: skip
     fitted = run(
         session, effects, options, without=names(without), samples=samples, progress=progress, checkpoint=kept
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     from bayescal.exporting.log_arm import LogExport
     from bayescal.motion.calibrate import MotionFit
     from bayescal.motion.result import MotionGap
+    from bayescal.preparing.next_motions import MotionPlan
     from bayescal.verifying.log_torque import LogVerification
 
 
@@ -27,11 +29,17 @@ class MotionGapResult(Result):
     """The diagnosis of a joint log; `print` shows its summary. `record` is the content of gap.json."""
 
     data: MotionGap | None = None
+    plan: MotionPlan | None = None  # of the motions that are to be logged next
 
     def _contents(self) -> Json:
+        from bayescal.reporting.motion.plan import advice_of, motions_of
         from bayescal.reporting.motion.record import motion_record
 
-        return motion_record(self._new())
+        record = motion_record(self._new())
+        if self.plan is None:
+            return record
+        following = [*record["next"], *advice_of(self.plan)]
+        return record | {"next": following, "next_motions": motions_of(self.plan)}
 
     def report(self) -> RenderableType:
         """The summary, to be printed by a `rich.console.Console`."""
@@ -40,10 +48,15 @@ class MotionGapResult(Result):
         return motion_summary(self.record)
 
     def save(self, folder: str | PathLike[str], pictures: bool = True) -> tuple[str, ...]:
-        """Write gap.json and gap.html; return their names. The page draws its figures itself."""
+        """Write gap.json, gap.html and, if motions are to be logged, next-motions.csv and .yaml.
+
+        Returns the names of what was written. The page draws its figures itself.
+        """
+        from bayescal.reporting.motion.plan import files_of
         from bayescal.reporting.motion.record import write_motion
 
-        return write_motion(self._new(), Path(folder), self.record)
+        further = {} if self.plan is None else files_of(self.plan)
+        return write_motion(self._new(), Path(folder), self.record, further)
 
     @property
     def verdict(self) -> str:
@@ -147,25 +160,86 @@ class MotionFitResult(Result):
 
 def log_of(source: Any) -> Path | None:
     """The folder of a joint log that a source names; None for a session of contacts."""
-    from bayescal.logs import is_log
-
-    each = source if isinstance(source, list | tuple) else [source]
-    folders = [Path(one) for one in each if isinstance(one, str | PathLike)]
-    logs = [folder for folder in folders if is_log(folder)]
+    others, logs = divided(source)
     if not logs:
         return None
-    if len(each) > 1:
+    if others or len(logs) > 1:
         what = "several folders, among them a joint log"
         raise BayescalError(what, str(logs[0]), "give one joint log at a time")
     return logs[0]
+
+
+def divided(source: Any) -> tuple[list[Any], list[Path]]:
+    """Sources of sessions of contacts, and folders of joint logs."""
+    from bayescal.logs import is_log
+
+    each = source if isinstance(source, list | tuple) else [source]
+    logs = [Path(one) for one in each if isinstance(one, str | PathLike) and is_log(Path(one))]
+    return [one for one in each if not isinstance(one, str | PathLike) or Path(one) not in logs], logs
 
 
 def diagnose_log(folder: Path, progress: Progress = silent) -> MotionGapResult:
     """Diagnose a joint log; see `bayescal.diagnose`."""
     from bayescal.logs import read_log
     from bayescal.motion.diagnose import diagnose
+    from bayescal.preparing.next_motions import next_motions
 
-    return MotionGapResult(diagnose(read_log(folder), progress))
+    log = read_log(folder)
+    gap = diagnose(log, progress)
+    v = gap.verdict
+    left_open = v.kind in ("unknown", "class", "named+unexplained") and v.leading.members
+    sites = (v.leading.members[-1].form.site,) if left_open else ()
+    return MotionGapResult(gap, plan=next_motions(log, gap.not_assessed, sites))
+
+
+@dataclass(frozen=True, repr=False)
+class MotionPlanResult(Result):
+    """Motions that are to be logged next; `print` shows them. `record` is the content of plan.json."""
+
+    data: MotionPlan | None = None
+
+    def _contents(self) -> Json:
+        from bayescal.reporting.motion.plan import plan_record
+
+        return plan_record(self._new())
+
+    def report(self) -> RenderableType:
+        """The summary, to be printed by a `rich.console.Console`."""
+        from bayescal.reporting.motion.plan import plan_summary
+
+        return plan_summary(self.record)
+
+    def save(
+        self, folder: str | PathLike[str], formats: Sequence[str] = (), **probing: Any
+    ) -> tuple[str, ...]:
+        """Write plan.json, next-motions.csv and next-motions.yaml; return their names.
+
+        Programs, and options of probing, are of plans of contacts and are refused.
+        """
+        from bayescal.reporting.motion.plan import write_plan
+
+        refuse("a plan of motions", to=tuple(formats), **probing)
+        return write_plan(self._new(), Path(folder), self.record)
+
+    @property
+    def motions(self) -> DataFrame:
+        """The motions, by `id`."""
+        return table(self.record["motions"], "id")
+
+    @property
+    def _overview(self) -> DataFrame:
+        return self.motions
+
+    def __repr__(self) -> str:
+        return f"<{len(self.record['motions'])} motions to log after {self.record['dataset']['name']}>"
+
+
+def plan_log(folder: Path) -> MotionPlanResult:
+    """Plan the motions that a joint log lacks; see `bayescal.plan`."""
+    from bayescal.logs import read_log
+    from bayescal.preparing.next_motions import next_motions
+
+    return MotionPlanResult(next_motions(read_log(folder)))
 
 
 def fit_log(folder: Path, samples: int, seed: int, progress: Progress = silent) -> MotionFitResult:
@@ -186,8 +260,19 @@ LOGLESS = {
     "prior_width": 1.0,
     "remounted": False,
     "allow_xacro": False,
+    "contacts": 200,
+    "for": "both",
+    "after": None,
+    "levers": ("payload", "approach"),
+    "order": "sweeps",
+    "validation": True,
+    "candidates": 5000,
+    "to": (),
+    "probe_input": "",
+    "probe_force_n": None,
+    "probe_beyond_mm": 5.0,
 }
-"""Options of `fit` and `diagnose` that a joint log does not have, with their defaults."""
+"""Options of `fit`, `diagnose` and `plan` that a joint log does not have, with their defaults."""
 
 
 def refuse(what: str, **options: Any) -> None:

@@ -12,8 +12,16 @@ from typing import TYPE_CHECKING, Any
 from bayescal.errors import BayescalError
 from bayescal.public.arms import names
 from bayescal.public.functions import MODEL, session_of
-from bayescal.public.motions import MotionFitResult, MotionGapResult
+from bayescal.public.motions import (
+    MotionFitResult,
+    MotionGapResult,
+    MotionPlanResult,
+    log_of,
+    plan_log,
+    refuse,
+)
 from bayescal.public.results import FitResult, GapResult, Result, SimulatedSession, table
+from bayescal.public.together import TogetherResult
 from bayescal.storage.reading import Json, read_record
 from bayescal.storage.stopping import Progress, silent
 
@@ -28,12 +36,17 @@ if TYPE_CHECKING:
 
     Source = Dataset | SimulatedSession | str | PathLike[str]
 
+OfLog = MotionFitResult | MotionGapResult | MotionPlanResult
+"""Results of joint logs."""
 GAP, SETTINGS = "gap.json", "dataset.yaml"
 MOTION = "Nm"
 """`unit` of the record of a joint log."""
-MOTIONS: dict[str, type[MotionFitResult] | type[MotionGapResult]] = {
+TOGETHER = "together"
+"""In its place, of a session and a log that were fitted together."""
+MOTIONS: dict[str, type[MotionFitResult] | type[MotionGapResult] | type[MotionPlanResult]] = {
     "fit.json": MotionFitResult,
     "gap.json": MotionGapResult,
+    "plan.json": MotionPlanResult,
 }
 """Files by which a path of `after` is known."""
 
@@ -155,7 +168,11 @@ RECORDS: dict[str, tuple[str, type[FitResult] | type[GapResult] | type[PlanResul
 """Schema and class of a result by the file that identifies its run folder."""
 
 
-def load(run: str | PathLike[str]) -> FitResult | GapResult | MotionFitResult | MotionGapResult | PlanResult:
+def load(
+    run: str | PathLike[str],
+) -> (
+    FitResult | GapResult | PlanResult | MotionFitResult | MotionGapResult | MotionPlanResult | TogetherResult
+):
     """Read a run folder of `fit`, `diagnose` or `plan` back.
 
     Parameters
@@ -188,6 +205,8 @@ def load(run: str | PathLike[str]) -> FitResult | GapResult | MotionFitResult | 
     for name, (schema, kind) in RECORDS.items():
         if (folder / name).is_file():
             content = read_record(folder / name, schema, "repeat the command with this version")
+            if content.get("unit") == TOGETHER:
+                return TogetherResult(folder=folder, content=content)
             if content.get("unit") == MOTION:
                 return MOTIONS[name](folder=folder, content=content)
             return kind(folder=folder, content=content)
@@ -209,13 +228,14 @@ def plan(
     seed: int = 0,
     allow_xacro: bool = False,
     progress: Progress = silent,
-) -> PlanResult:
-    """Choose the contacts to measure, and predict the uncertainty that they give.
+) -> PlanResult | MotionPlanResult:
+    """Choose the contacts to measure, and predict the uncertainty that they give; of a joint log, motions.
 
     Parameters
     ----------
     setup : Dataset, SimulatedSession or path
-        Robot, tools, targets, certificates and noise; rows are ignored. A path needs no measurements.csv.
+        Robot, tools, targets, certificates and noise; rows are ignored. A path needs no measurements.csv. Of
+        a joint log the motions are planned that it lacks; it has none of the options.
     contacts : int
         Contacts to calibrate with, repeats included; those that validate spheres are added.
     purpose : str
@@ -243,7 +263,7 @@ def plan(
 
     Returns
     -------
-    PlanResult
+    PlanResult, or MotionPlanResult of a joint log
         Prints as a summary; `contacts`, `distances`, `parameters`, `detectable`, `curve` are tables.
 
     Raises
@@ -265,6 +285,13 @@ def plan(
     from bayescal.planning.plan import PlanOptions
     from bayescal.planning.plan import plan as run
 
+    if (folder := log_of(setup)) is not None:
+        refuse(
+            "the plan of a joint log", contacts=contacts, model=names(model), after=after, order=order,
+            seed=seed, levers=tuple(names(levers)), validation=validation, candidates=candidates,
+            allow_xacro=allow_xacro, **{"for": purpose},
+        )  # fmt: skip
+        return plan_log(folder)
     where, open_ = _setup(setup, after, allow_xacro)
     effects = names(model) or (open_.effects if open_ else MODEL)
     options = PlanOptions(

@@ -14,6 +14,7 @@ FIGURES = {
     "correlations": 2,
     "first_fit": 3,
     "first_gap": 3,
+    "first_log": 2,
     "first_plan": 3,
     "own_effect": 1,
     "published_arm": 1,
@@ -97,6 +98,18 @@ def diagnosed(left, said):
     assert distances.after < 0.5 * distances.before
 
 
+def logged(left, said):
+    """What was hidden is named, at its joint, and the withheld torque error there shrinks."""
+    truth = left["made"].truth
+    assert set(left["gap"].effects) == set(truth["effects"])
+    assert left["gap"].amplitudes.iloc[0].site == truth["where"][0]["site"]
+    joint = int(truth["where"][0]["site"].removeprefix("joint ")) - 1
+    s = left["shrinkage"]
+    assert s.after_rms_Nm.iloc[joint] < 0.97 * s.before_rms_Nm.iloc[joint]
+    assert len(left["planned"].motions) > 1
+    assert "larger than expected" in said
+
+
 def planned(left, said):
     """A certified distance matters most, chosen contacts beat random ones, and `both` shows more."""
     by_faces = left["by_faces"]
@@ -144,6 +157,7 @@ CHECKS = {
     "correlations": correlated,
     "first_fit": fitted,
     "first_gap": diagnosed,
+    "first_log": logged,
     "first_plan": planned,
     "own_effect": registered,
     "published_arm": published,

@@ -13,8 +13,9 @@ from bayescal.logs.mechanism import inertial
 from bayescal.logs.read import written_out
 from bayescal.logs.schema import Arm
 from bayescal.logs.write import arm_text
-from bayescal.motion.calibrate import NOT_NEGATIVE, Possible, pseudo_inertia
-from bayescal.motion.terms import nominal
+from bayescal.motion.linear import Normal, fitted
+from bayescal.motion.possible import NOT_NEGATIVE, Possible, draws_within, pseudo_inertia, spread
+from bayescal.motion.terms import Term, nominal
 from bayescal.public.motions import MotionFitResult
 
 
@@ -62,6 +63,44 @@ def test_a_body_with_too_little_inertia_is_not_possible(null_estimate):
     z[:] = 0.0
     z[names.index("coulomb 1")] = possible.least[names.index("coulomb 1")] - 1e-9
     assert not possible(z)
+
+
+def test_draws_within_a_set_are_those_of_the_normal_distribution_that_lie_in_it():
+    # a body of which mass, first moment and one inertia vary, its mean near the border; friction not negative
+    terms = tuple(Term(name, "", 1.0) for name in ("mass", "centre x", "inertia yy", "coulomb 1"))
+    by = np.zeros((1, 4, 4, 4))
+    by[0, 3, 3, 0] = by[0, 0, 3, 1] = by[0, 3, 0, 1] = by[0, 0, 0, 2] = 1.0
+    least = np.array([-np.inf, -np.inf, -np.inf, -0.5])
+    possible = Possible(np.eye(4)[None], by, least)
+    root = np.array([[1.0, 0, 0, 0], [0.5, 0.8, 0, 0], [-0.3, 0.2, 0.7, 0], [0.2, 0.1, 0.4, 0.9]])
+    gram = np.linalg.inv(root @ root.T) - np.eye(4)
+    mean = np.array([0.3, 0.4, -0.8, -0.3])
+    fit = fitted(Normal(terms, gram, (gram + np.eye(4)) @ mean, np.zeros(1), np.zeros(1)), np.arange(4))
+    assert np.allclose(fit.z, mean)
+    z = mean + np.random.default_rng(0).standard_normal((100_000, 4)) @ root.T
+    inside = np.linalg.eigvalsh(possible.pseudo + (z @ by.reshape(16, 4).T).reshape(-1, 4, 4))[:, 0] > 0
+    z = z[inside & (z[:, 3] >= -0.5)]
+    assert 5_000 < len(z) < 60_000
+    draws = draws_within(fit, possible, 3_000, 1)
+    flat = draws.reshape(-1, 4)
+    assert spread(draws) < 1.02
+    assert np.abs(flat.mean(axis=0) - z.mean(axis=0)).max() < 0.05
+    assert np.abs(flat.std(axis=0) / z.std(axis=0) - 1.0).max() < 0.05
+
+
+def test_draws_of_an_estimate_beyond_the_set_forget_where_they_began(null_estimate):
+    fit = null_estimate.fit()
+    log = null_estimate.parts[0].log
+    possible = Possible.of(fit, nominal(log, null_estimate.rms), log)
+    names = [fit.normal.terms[k].name for k in fit.chosen]
+    k = names.index("inertia zz of link 2")
+    beyond = replace(fit, z=fit.z + 3.0 * fit.covariance[k] / np.sqrt(fit.covariance[k, k]))
+    assert not possible(beyond.z)
+    draws = draws_within(beyond, possible, 250, 0)
+    assert spread(draws) < 1.1
+    j = names.index("coulomb 1")  # determined by the log, and nothing to do with the inertia of link 2
+    assert draws[..., j].mean() == pytest.approx(beyond.z[j], abs=0.3 * np.sqrt(fit.covariance[j, j]))
+    assert draws[..., j].std() == pytest.approx(np.sqrt(fit.covariance[j, j]), rel=0.15)
 
 
 def test_pseudo_inertia_is_the_second_moment_of_the_mass():

@@ -11,6 +11,7 @@ import bayescal as bc
 from bayescal.errors import BayescalError
 from bayescal.gap.result import VERDICTS
 from bayescal.logs import read_log
+from bayescal.logs.commands import read_commands
 from bayescal.motion.diagnose import diagnose
 
 BUMP = 0.4
@@ -103,7 +104,11 @@ def test_the_record_follows_the_contract(gaps):
 
 def test_a_run_folder_is_read_back(gaps, tmp_path):
     gap = gaps["delay"]
-    assert gap.save(tmp_path / "run") == ("gap.json", "gap.html")
+    files = ("gap.json", "gap.html", "next-motions.csv", "next-motions.yaml")
+    assert gap.save(tmp_path / "run") == files
+    planned = [name for name, _, _ in read_commands(tmp_path / "run" / "next-motions.csv")]
+    assert planned == [m["id"] for m in gap.record["next_motions"]]
+    assert "poses" in planned
     again = bc.load(tmp_path / "run")
     assert again.record == json.loads(json.dumps(gap.record))
     assert again.amplitudes.equals(gap.amplitudes)

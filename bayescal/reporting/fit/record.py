@@ -344,7 +344,9 @@ FIT, ROBOT = "fit.json", "robot.yaml"
 BUDGET, BUDGET_CSV = "budget.json", "budget.csv"
 
 
-def write_fit(fit: Fit, folder: Path, contents: Mapping[str, Any], pictures: bool = True) -> tuple[str, ...]:
+def write_fit(
+    fit: Fit, folder: Path, contents: Mapping[str, Any], pictures: bool = True, shown: Path | None = None
+) -> tuple[str, ...]:
     """Write fit.json, report.html, posterior.nc, budgets, robot.yaml, arm.json, dataset, figures atomically.
 
     Parameters
@@ -356,6 +358,8 @@ def write_fit(fit: Fit, folder: Path, contents: Mapping[str, Any], pictures: boo
         The content of fit.json.
     pictures : bool
         Draw the figures too.
+    shown : Path, optional
+        Where the folder will be, for the page; default: `folder`.
 
     Returns
     -------
@@ -379,5 +383,5 @@ def write_fit(fit: Fit, folder: Path, contents: Mapping[str, Any], pictures: boo
         figures = drawn()
         for name, content in figures.items():
             (stage / name).write_bytes(content)
-        write_page(stage, folder)  # with the figures
+        write_page(stage, shown or folder)  # with the figures
     return (FIT, PAGES["fit"], posterior, BUDGET, BUDGET_CSV, ROBOT, ARM_FILE, COPY, *figures)

@@ -12,6 +12,7 @@ from rich.text import Text
 from bayescal.logs import Log
 from bayescal.logs.write import arm_text
 from bayescal.motion.calibrate import MotionFit
+from bayescal.motion.settings import CALIBRATION
 from bayescal.posterior.inference import Record, save
 from bayescal.reporting.motion.record import origin
 from bayescal.reporting.motion.sheets import parameter_sheet, withheld_sheet
@@ -74,6 +75,8 @@ def _outside(fit: MotionFit) -> list[str]:
     joints = [w.joint for w in fit.withheld if w.fitted > w.interval95[1]]
     text = "the torque error on withheld motions is larger than expected: bayescal gap looks for the cause"
     out = [f"{', '.join(joints)}: {text}"] if joints else []
+    if fit.r_hat > CALIBRATION.r_hat:
+        out.append(f"the sampler did not converge: R-hat {fit.r_hat:.2f}, ask for more --samples")
     if fit.mechanism.coupled:
         out.append("the joints are coupled, which arm.yaml cannot hold: it is not written")
     return out
@@ -111,8 +114,13 @@ def draws_of(fit: MotionFit) -> Record:
     return Record(groups, {"parameter": names}, units, {"log": fit.log.name}, labels)
 
 
-def write_fit(fit: MotionFit, folder: Path, contents: Mapping[str, Any]) -> tuple[str, ...]:
-    """Write fit.json, report.html, posterior.nc, arm.yaml and the log atomically; return their names."""
+def write_fit(
+    fit: MotionFit, folder: Path, contents: Mapping[str, Any], shown: Path | None = None
+) -> tuple[str, ...]:
+    """Write fit.json, report.html, posterior.nc, arm.yaml and the log atomically; return their names.
+
+    `shown` is where the folder will be, for the page.
+    """
     with whole(folder, FIT) as stage:
         (stage / FIT).write_text(json_text(contents, rows=False), encoding="utf-8")
         copied = _copy(fit.log, stage)
@@ -120,7 +128,7 @@ def write_fit(fit: MotionFit, folder: Path, contents: Mapping[str, Any]) -> tupl
         arm = () if fit.mechanism.coupled else (ARM,)
         for name in arm:
             (stage / name).write_text(arm_text(fit.mechanism), encoding="utf-8")
-        return FIT, write_page(stage, folder), POSTERIOR, *arm, *copied
+        return FIT, write_page(stage, shown or folder), POSTERIOR, *arm, *copied
 
 
 def _copy(log: Log, stage: Path) -> tuple[str, ...]:

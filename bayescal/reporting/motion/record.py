@@ -200,8 +200,12 @@ def _sure(p: float) -> str:
     return "P > .99" if p > 0.99 else f"P {p:.2f}"
 
 
-def write_motion(gap: MotionGap, folder: Path, contents: Mapping[str, Any]) -> tuple[str, ...]:
-    """Write gap.json and gap.html atomically; return their names."""
+def write_motion(
+    gap: MotionGap, folder: Path, contents: Mapping[str, Any], further: Mapping[str, str]
+) -> tuple[str, ...]:
+    """Write gap.json, gap.html and further texts by name atomically; return their names."""
+    texts = {GAP: json_text(contents, rows=False), **further}
     with whole(folder, GAP) as stage:
-        (stage / GAP).write_text(json_text(contents, rows=False), encoding="utf-8")
-        return GAP, write_page(stage, folder)
+        for name, text in texts.items():
+            (stage / name).write_text(text, encoding="utf-8")
+        return GAP, write_page(stage, folder), *further

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from bayescal.effects.vocabulary import UNITS, unit_label
 from bayescal.reporting.shared.sheet import Column, Sheet
 from bayescal.reporting.shared.text import probability, rival, share, with_u
 from bayescal.storage.reading import Json
@@ -118,6 +119,34 @@ def parameter_sheet(record: Json, every: bool = True) -> Sheet:
             Column("nominal", nominal),
             Column("estimate", value),
             Column("identifiable", "identifiable"),
+        ),
+        items,
+    )
+
+
+CHANGED = 0.97
+"""u by both over u alone, from which on a parameter is not listed without `every` (assumed)."""
+
+
+def together_sheet(record: Json, every: bool = False) -> Sheet:
+    """Parameters by a session or log alone, and by both; without `every` those that both tell of."""
+
+    def size(p: Json, of: str) -> str:
+        # compliances in the unit of the files of a session, masses and centres in those of a log
+        unit, factor = (UNITS if p["source"] == "session" else DISPLAYED).get(p["unit"], (p["unit"], 1.0))
+        return f"{with_u(factor * p[of]['estimate'], factor * p[of]['u'])} {unit_label(unit)}".rstrip()
+
+    def ratio(p: Json) -> float:
+        return float(p["both"]["u"] / p["alone"]["u"])
+
+    items = [p for p in record["shared"] if every or p["source"] == "session" or ratio(p) < CHANGED]
+    return Sheet(
+        (
+            Column("parameter", "name"),
+            Column("of the", "source"),
+            Column("alone", lambda p: size(p, "alone")),
+            Column("both", lambda p: size(p, "both")),
+            Column("u ratio", lambda p: f"{ratio(p):.2f}"),
         ),
         items,
     )

@@ -110,6 +110,8 @@ SCHEMAS = {"fit.json": "bayescal-fit/1", "gap.json": "bayescal-gap/1"}
 """Record that identifies a run -> its schema."""
 MOTION = "Nm"
 """`unit` of the record of a joint log."""
+TOGETHER = "together"
+"""In its place, of a session and a log that were fitted together."""
 BUDGET, BUDGET_SCHEMA = "budget.json", "bayescal-budget/1"
 FIGURES = {
     "fit-distances.png": "Errors of validation data, nominal and calibrated, with 95 % prediction intervals",
@@ -202,6 +204,9 @@ def read_run(folder: Path, shown: str = "") -> Run:
     record = read_record(folder / name, SCHEMAS[name], again)
     check_unchanged(folder, (name, *([BUDGET] if budget else [])))
     kind = name.removesuffix(".json")
+    if record.get("unit") == TOGETHER:
+        what, each = "a session and a log were fitted together", f"give {folder}/contacts or {folder}/log"
+        raise BayescalError(what, str(folder), f"each has its page: {each}")
     if record.get("unit") == MOTION:
         kind = "motion" if kind == "gap" else "motion fit"
     return Run(kind, record, shown or str(folder), budget, figures)

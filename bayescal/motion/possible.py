@@ -1,0 +1,157 @@
+"""Arms that could be built: a convex set of parameters, and draws of a normal distribution within it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import solve_triangular
+
+from bayescal.arm.transforms import compiled
+from bayescal.logs import Log
+from bayescal.logs.mechanism import symmetric
+from bayescal.motion.linear import Fit
+from bayescal.motion.settings import CALIBRATION
+from bayescal.motion.terms import BODY, Operating, of_body
+
+NOT_NEGATIVE = ("armature", "coulomb", "viscous")
+SHRUNK = 40
+"""Times that an arc is shrunk at most; its length is then below the resolution of numbers."""
+_jit = compiled()
+
+
+@dataclass(frozen=True)
+class Possible:
+    """The set of deviations (K,), in prior standard deviations, of arms that could be built."""
+
+    pseudo: np.ndarray  # (n, 4, 4) of the nominal bodies
+    by: np.ndarray  # (n, 4, 4, K)
+    least: np.ndarray  # (K,) of rotors and friction, -inf of others
+
+    @classmethod
+    def of(cls, fit: Fit, start: Operating, log: Log) -> Possible:
+        """The set of a fit."""
+        n, terms = log.n, [fit.normal.terms[k] for k in fit.chosen]
+        number = {t.name: k for k, t in enumerate(terms)}
+        by, least = np.zeros((n, 4, 4, len(terms))), np.full(len(terms), -np.inf)
+        for k in range(n):
+            slopes = of_body(log.mechanism, k)[0]
+            for p, name in enumerate(BODY):
+                column = number.get(f"{name} of link {k + 1}")
+                if column is not None:
+                    by[k, :, :, column] = pseudo_inertia(slopes[:, p]) * terms[column].sd
+            for stem in NOT_NEGATIVE:
+                column = number[f"{stem} {k + 1}"]
+                least[column] = -getattr(start, stem)[k] / terms[column].sd
+        return cls(np.array([pseudo_inertia(ten) for ten in start.inertials]), by, least)
+
+    def __call__(self, z: np.ndarray) -> bool:
+        """Whether an arm with these deviations could be built."""
+        return bool(_allowed(self.pseudo + self.by @ z, (z - self.least)[np.isfinite(self.least)]))
+
+
+def pseudo_inertia(ten: np.ndarray) -> np.ndarray:
+    """Matrix (4, 4) of a body's linear parameters, positive definite if there is such a body."""
+    about = symmetric(ten[4:])
+    out = np.empty((4, 4))
+    out[:3, :3] = 0.5 * np.trace(about) * np.eye(3) - about
+    out[:3, 3] = out[3, :3] = ten[1:4]
+    out[3, 3] = ten[0]
+    return out
+
+
+@_jit
+def _allowed(bodies, over):
+    """Whether matrices (n, 4, 4) are positive definite, by Cholesky, and values (M,) not negative."""
+    for x in over:
+        if x < 0.0:
+            return False
+    factor = np.empty((4, 4))
+    for body in bodies:
+        for i in range(4):
+            for j in range(i + 1):
+                x = body[i, j]
+                for k in range(j):
+                    x -= factor[i, k] * factor[j, k]
+                if i > j:
+                    factor[i, j] = x / factor[j, j]
+                elif x > 0.0:
+                    factor[i, i] = math.sqrt(x)
+                else:
+                    return False
+    return True
+
+
+@_jit
+def _slices(away, middle, bodies, over, steps, bodies_by, over_by, chances):
+    """Elliptical slices from `away` (K,) of the mean; each of `steps` (S, K) draws one, put in its place.
+
+    The limits are linear: `middle` (n, 4, 4) and (M,) at the mean, `bodies`, `over` by `away`, and
+    `bodies_by`, `over_by` by the steps. `chances` (S, `SHRUNK`) are uniform.
+    """
+    for s in range(len(steps)):
+        angle = 2.0 * math.pi * chances[s, 0]
+        low, high = angle - 2.0 * math.pi, angle
+        for t in range(1, SHRUNK):
+            c, d = math.cos(angle), math.sin(angle)
+            new, least = c * bodies + d * bodies_by[s], c * over + d * over_by[s]
+            if _allowed(middle[0] + new, middle[1] + least):
+                bodies, over, away = new, least, c * away + d * steps[s]
+                break
+            if angle < 0.0:
+                low = angle
+            else:
+                high = angle
+            angle = low + (high - low) * chances[s, t]
+        steps[s] = away
+    return away
+
+
+def draws_within(fit: Fit, possible: Possible, count: int, seed: int) -> np.ndarray:
+    """Draws (chains, count, K) of the posterior of a fit within a set that holds z = 0.
+
+    Elliptical slices (Murray, Adams and MacKay, AISTATS 2010): each step draws an ellipse of the normal
+    distribution through the point, and shrinks it to an arc within the set. A chain begins on the line from
+    nominal to the mean; its first `CALIBRATION.burned` steps are left out.
+    """
+    rng, mean, size = np.random.default_rng(seed), fit.z, len(fit.z)
+    limited = np.flatnonzero(np.isfinite(possible.least))
+    flat = possible.by.reshape(-1, size).T
+    middle = possible.pseudo + possible.by @ mean, (mean - possible.least)[limited]
+    thin = max(CALIBRATION.steps // (CALIBRATION.chains * count), CALIBRATION.least_thin)
+    out = np.empty((CALIBRATION.chains, count, size))
+    for c in range(CALIBRATION.chains):
+        away = (mean if possible(mean) else _inside(mean, possible)) - mean
+        filled = -max(CALIBRATION.burned // thin, 1)
+        while filled < count:
+            rows = min(max(CALIBRATION.at_once // thin, 1), count - filled)
+            normal = rng.standard_normal((rows * thin, size))
+            steps = np.ascontiguousarray(solve_triangular(fit.factor[0], normal.T, trans="T", lower=True).T)
+            bodies = (steps @ flat).reshape(-1, *possible.pseudo.shape)
+            chances = rng.uniform(size=(len(steps), SHRUNK))
+            start = possible.by @ away, away[limited]
+            over = np.ascontiguousarray(steps[:, limited])
+            away = _slices(away, middle, *start, steps, bodies, over, chances)
+            kept = steps[thin - 1 :: thin]
+            first, filled = filled, filled + rows
+            if filled > 0:
+                out[c, max(first, 0) : filled] = mean + kept[max(-first, 0) :]
+    return out
+
+
+def _inside(mean: np.ndarray, possible: Possible) -> np.ndarray:
+    """The point of the line from nominal to the mean that is just within the set."""
+    low, high = 0.0, 1.0
+    for _ in range(CALIBRATION.halvings):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if possible(middle * mean) else (low, middle)
+    return low * mean
+
+
+def spread(draws: np.ndarray) -> float:
+    """Largest R-hat of draws (chains, S, K): Gelman and Rubin, Statist. Sci. 7(4), 1992, of half chains."""
+    chains, count, size = draws.shape
+    halves = draws[:, : count // 2 * 2].reshape(2 * chains, count // 2, size)
+    within, between = halves.var(axis=1, ddof=1).mean(axis=0), halves.mean(axis=1).var(axis=0, ddof=1)
+    return float(np.sqrt(np.max(1.0 + between / within)))

@@ -1,0 +1,135 @@
+"""What has misled identifications from joint logs before, each as a small log: nothing false follows."""
+
+import gzip
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from motion import made
+from motion.made import write
+from scipy.signal import butter, lfilter, sosfiltfilt
+from scipy.special import logsumexp
+
+from bayescal.errors import BayescalError
+from bayescal.logs import read_log
+from bayescal.logs.types import CALIBRATE
+from bayescal.motion.effects import EFFECTS
+from bayescal.motion.estimate import estimated
+from bayescal.motion.linear import gains, normal
+from bayescal.motion.noise import noise_of, white_noise
+from bayescal.motion.pool import Pool
+from bayescal.motion.settings import SEARCH
+from bayescal.motion.signals import all_signals, derivative, signals_of
+from bayescal.preparing.joint_log import check_log
+
+
+def slow_noise(q, dq, ddq, tau, t, load):
+    """Noise that half a second keeps."""
+    white = np.random.default_rng(int(1e3 * t[0]) + 1).standard_normal(q.shape)
+    return lfilter([np.sqrt(1.0 - 0.97**2)], [1.0, -0.97], white, axis=0) * made.SIGMA
+
+
+def other_transition(q, dq, ddq, tau, t, load):
+    """Friction reverses over 0.042 rad/s, where the nominal arm says 0.03."""
+    coulomb = np.array([3.0, 3.0, 1.5])
+    return coulomb * (np.tanh(dq / 0.042) - np.tanh(dq / 0.03))
+
+
+def best_gain(pool, noise):
+    """Nats that the best cause gains beside the baseline, its size averaged as in a diagnosis."""
+    search = pool.search(normal(pool.table.of_role(CALIBRATE), noise))
+    index, scales = search.normal.index, np.array(SEARCH.scales)
+    sets = [np.array([index[name] for name in names]) for _, names in search.forms]
+    table, _ = gains(search.fit(), sets, scales)
+    weight = np.exp(-0.5 * (np.log(scales) / np.log(SEARCH.spread)) ** 2)
+    return float(np.max(logsumexp(table, axis=1, b=weight / weight.sum())))
+
+
+def test_slow_noise_is_no_effect_unless_it_is_taken_for_white(tmp_path):
+    estimate = estimated(all_signals(read_log(write(tmp_path / "log", slow_noise))))
+    assert estimate.noise.lag1.min() > 0.7
+    pool = Pool.of(estimate)
+    assert best_gain(pool, white_noise(estimate.noise.sd)) > 12.0
+    assert best_gain(pool, estimate.noise) < 5.0
+
+
+def test_noise_of_an_empty_band_is_not_amplified():
+    # a logger low-passed at a third of the band of its rows
+    rng = np.random.default_rng(0)
+    sos = butter(6, 0.3, output="sos")
+    parts = [sosfiltfilt(sos, rng.standard_normal((2000, 1)), axis=0) for _ in range(3)]
+    noise = noise_of(parts, 0.0)
+    # a disturbance in the empty band of 3 % of the noise does not become chi2 / row of 24
+    other = parts[0] + 0.03 * noise.sd * rng.standard_normal((2000, 1))
+    assert np.mean(noise.whitened(other[:, 0], 0) ** 2) < 1.5
+
+
+def test_derivatives_keep_five_hertz_at_a_hundred():
+    t = np.arange(0.0, 2.0, 0.01)
+    w = 2.0 * np.pi * 5.0
+    ddq = derivative(derivative(np.sin(w * t)[:, None], 0.01), 0.01)[10:-10, 0]
+    share = -ddq @ np.sin(w * t)[10:-10] / (w**2 * np.sum(np.sin(w * t)[10:-10] ** 2))
+    assert share == pytest.approx(1.0, abs=0.005)  # twice by central differences: 0.967
+
+
+def test_another_transition_speed_of_friction_is_estimated(tmp_path):
+    estimate = estimated(all_signals(read_log(write(tmp_path / "log", other_transition))))
+    assert estimate.at.transition == pytest.approx(0.042, rel=0.12)
+    assert best_gain(Pool.of(estimate), estimate.noise) < 5.0
+
+
+def test_stamps_count_and_not_row_numbers(null_log):
+    log = read_log(null_log)
+    motion = log.motions[0]
+    rng = np.random.default_rng(0)
+    steps = rng.choice([0.010, 0.012], len(motion.time)) * 60.0 / 66.0 / 0.6
+    time = motion.time[0] + np.cumsum(steps) - steps[0]
+    wave = np.sin(2.0 * time)[:, None] * np.ones(3)
+    uneven = replace(motion, time=time, position=wave, velocity=None, torque=np.zeros_like(wave))
+    s = signals_of(log, uneven, float(time[0]), 0.0)
+    inner = slice(20, -20)
+    true = 2.0 * np.cos(2.0 * (s.time + time[0]))
+    assert np.abs(s.dq[inner, 0] - true[inner]).max() < 0.02
+    by_index = np.gradient(wave[:, 0], 1.0 / 60.0)
+    assert np.abs(by_index - 2.0 * np.cos(2.0 * time)).max() > 0.1
+
+
+def test_friction_of_a_joint_at_rest_stays_at_its_prior(tmp_path, monkeypatch):
+    whole = made.path
+
+    def resting(seed):
+        t, q, dq, ddq = whole(seed)
+        for x in (q, dq, ddq):
+            x[:, 2] = 0.0
+        return t, q, dq, ddq
+
+    monkeypatch.setattr(made, "path", resting)
+    folder = write(tmp_path / "log")
+    fit = estimated(all_signals(read_log(folder))).fit()
+    sd = {t.name: t.sd for t in fit.normal.terms}
+    for name in ("coulomb 3", "viscous 3"):
+        assert fit.u[name] > 0.9 * sd[name]
+    assert fit.u["coulomb 1"] < 0.1 * sd["coulomb 1"]
+    assert "resting" in {f.code for f in check_log(folder).findings}
+
+
+def test_a_last_row_that_is_cut_off_is_refused_with_its_line(null_log, tmp_path):
+    folder = tmp_path / "log"
+    folder.mkdir()
+    (folder / "dataset.yaml").write_bytes((null_log / "dataset.yaml").read_bytes())
+    lines = gzip.decompress((null_log / "motion.csv.gz").read_bytes()).splitlines()
+    cut = lines[-1][: len(lines[-1]) // 2].rpartition(b",")[0]
+    (folder / "motion.csv.gz").write_bytes(gzip.compress(b"\n".join([*lines[:-1], cut])))
+    with pytest.raises(BayescalError, match=rf"motion.csv.gz:{len(lines)}: .*not a finite number"):
+        read_log(folder)
+
+
+def test_what_is_beyond_the_band_of_the_drives_is_not_made_a_name(null_parts):
+    # a ripple of 20 Hz is in no row that is fitted; elasticity and backlash need a second encoder
+    s = null_parts[0]
+    t = s.time[:, None]
+    inside, beyond = (np.std(s.kept(np.sin(2.0 * np.pi * hertz * t))) for hertz in (4.0, 20.0))
+    assert inside == pytest.approx(np.sqrt(0.5), rel=0.05)
+    assert beyond < 0.02
+    for name in ("elasticity", "backlash"):
+        assert "second encoders" in EFFECTS[name].needs(s.log)
