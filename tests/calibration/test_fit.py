@@ -8,7 +8,7 @@ from dataclasses import replace
 import foreign
 import numpy as np
 import pytest
-from cases import EXAMPLE, ROOT, terminal_text, undrawn
+from cases import EXAMPLE, ROOT, terminal_text
 from sessions import with_columns
 from typer.testing import CliRunner
 
@@ -41,9 +41,7 @@ def written(tmp_path_factory):
     """One run of the command on the dataset that comes with the project."""
     folder = tmp_path_factory.mktemp("run") / "fit"
     arguments = ["fit", str(EXAMPLE), "--samples", "600", "--out", str(folder)]
-    with pytest.MonkeyPatch.context() as patch:
-        undrawn(patch)
-        done = CliRunner().invoke(app, arguments, env={"COLUMNS": "100"}, catch_exceptions=False)
+    done = CliRunner().invoke(app, arguments, env={"COLUMNS": "100"}, catch_exceptions=False)
     assert done.exit_code == 0, done.output
     return folder, done.stdout, json.loads((folder / "fit.json").read_text())
 
