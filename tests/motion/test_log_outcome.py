@@ -1,0 +1,58 @@
+"""What a diagnosis of a log says of its size, from made fits."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from bayescal.motion import outcome
+from bayescal.motion.settings import OUTCOME
+
+LEFT = {"null": 3.0, "named": 1.0}
+"""N m, residuals while the arm moves, of the baseline and with the named effect."""
+
+
+def test_the_gain_is_a_log_likelihood_ratio_and_errors_are_of_moving_rows(monkeypatch):
+    """Slow rows, with a hundred times the residual, do not count."""
+    moving = np.tile([True, False, True, True], 50)
+    speed = np.where(moving, 1.01, -0.99)[:, None] * OUTCOME.moving
+    part = SimpleNamespace(dq=speed, unfiltered=lambda x: x)
+    sign = np.where(np.arange(200) % 3, 1.0, -1.0)
+
+    def unfiltered(name, role="validate"):
+        return (
+            [(part, (np.where(moving, LEFT[name], 100.0) * sign)[:, None])]
+            if role == "validate"
+            else [(part, np.full((200, 1), 0.5))]
+        )
+
+    fits = {
+        (): SimpleNamespace(values="null", chi2=lambda held: 30.0),
+        ("effect",): SimpleNamespace(values="named", chi2=lambda held: 10.0),
+    }
+    search = SimpleNamespace(fit=lambda members=(): fits[members])
+    chosen = SimpleNamespace(members=("effect",))
+    pool = SimpleNamespace(
+        unfiltered=unfiltered,
+        table=SimpleNamespace(of_role=lambda role: None),
+        estimate=SimpleNamespace(parts=[SimpleNamespace(step=OUTCOME.block / 10)]),
+    )
+    monkeypatch.setattr(outcome, "normal", lambda table, noise: None)
+    found = outcome.shrinkage(search, pool, SimpleNamespace(named=chosen, leading=chosen), None)
+    assert found.gain == pytest.approx((30.0 - 10.0) / 2)
+    assert [found.before, found.after, found.floor] == pytest.approx([3.0, 1.0, 0.5])
+    assert found.removed == pytest.approx((9.0 - 1.0) / (9.0 - 0.25))
+    assert found.removed_interval95 == pytest.approx([found.removed] * 2)
+
+
+def test_the_length_of_a_vector_has_its_u_along_it():
+    """By Monte Carlo: two amplitudes, in the units of their priors, that are correlated."""
+    covariance = np.array([[0.04, 0.03], [0.03, 0.09]])
+    fit = SimpleNamespace(
+        normal=SimpleNamespace(terms=[SimpleNamespace(name="x", sd=2.0), SimpleNamespace(name="y", sd=1.0)]),
+        chosen=np.arange(2), scales=np.array([1.0, 4.0]), z=np.array([3.0, 2.0]), covariance=covariance,
+    )  # fmt: skip
+    size, u = outcome._length(fit, ("x", "y"))
+    draws = np.random.default_rng(0).multivariate_normal(fit.z, covariance, 20_000) * [2.0, 4.0]
+    assert size == pytest.approx(10.0)
+    assert u == pytest.approx(np.std(np.linalg.norm(draws, axis=1)), rel=0.05)
