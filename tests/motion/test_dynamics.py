@@ -37,6 +37,17 @@ def test_a_robot_of_dh_rows_is_the_same_arm():
     assert torque == pytest.approx(inverse(model_of(m), q, dq, ddq), abs=1e-9)
 
 
+def test_assumed_inertias_are_those_of_links_of_their_length():
+    """0.3 of a link's length as its radius of gyration, of a short link a quarter of the longest length."""
+    robot = replace(load_robot("universal-robots-ur5e")[0], inertias=None)
+    m, notes = mechanism_of(robot)
+    length = np.hypot(robot.a, robot.d)
+    assert length.min() < length.max() / 4 < np.median(length) * 4
+    expected = robot.masses * (0.3 * np.maximum(length, length.max() / 4)) ** 2
+    assert np.diagonal(m.inertia, axis1=1, axis2=2) == pytest.approx(np.tile(expected[:, None], 3))
+    assert "no inertias" in str(notes)
+
+
 def test_power_does_not_depend_on_the_coupling(null_log):
     m = read_log(null_log).mechanism
     coupled = replace(m, coupling=np.array([[1.0, 0, 0], [0, 1, 0], [0, 0.5, -1]]))
