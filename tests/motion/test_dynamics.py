@@ -66,9 +66,10 @@ def test_a_payload_is_a_body_of_its_mass(null_log):
 
 
 def test_every_column_of_the_baseline_is_the_derivative_of_the_torque(null_parts):
-    s = null_parts[4]
+    s = replace(null_parts[4], log=replace(null_parts[4].log, u_constant=0.05))
     start = nominal(s.log, np.array([5.0, 20.0, 5.0]))
     seen = 0
+    assert "constant 2" in {term.name for term, _ in baseline(s, start, np.ones(3))}
     for term, column in baseline(s, start, np.ones(3)):
         step = 1e-4 * term.sd
         if term.name == "alignment":  # five points of noisy torques against a spline: of kept rows

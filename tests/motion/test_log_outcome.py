@@ -7,6 +7,7 @@ import pytest
 
 from bayescal.motion import outcome
 from bayescal.motion.settings import OUTCOME
+from bayescal.motion.verdict import UNKNOWN, _explained
 
 LEFT = {"null": 3.0, "named": 1.0}
 """N m, residuals while the arm moves, of the baseline and with the named effect."""
@@ -56,3 +57,13 @@ def test_the_length_of_a_vector_has_its_u_along_it():
     draws = np.random.default_rng(0).multivariate_normal(fit.z, covariance, 20_000) * [2.0, 4.0]
     assert size == pytest.approx(10.0)
     assert u == pytest.approx(np.std(np.linalg.norm(draws, axis=1)), rel=0.05)
+
+
+def test_names_explain_their_share_of_a_set_with_an_unknown_cause():
+    def hypothesis(nats, *names):
+        return SimpleNamespace(names=names, log_evidence=nats)
+
+    best, alone = hypothesis(80.0, "backlash", UNKNOWN), hypothesis(20.0, "backlash")
+    assert _explained(best, (best, hypothesis(70.0, UNKNOWN), alone)) == pytest.approx(0.25)
+    assert _explained(best, (best,)) == 0.0
+    assert _explained(alone, (best, alone)) == 1.0
