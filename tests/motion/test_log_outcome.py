@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from bayescal.motion import outcome
-from bayescal.motion.settings import OUTCOME
-from bayescal.motion.verdict import UNKNOWN, _explained
+from bayescal.motion.search import Hypothesis
+from bayescal.motion.settings import OUTCOME, SEARCH, VERDICT
+from bayescal.motion.verdict import NULL, UNKNOWN, Verdict, _explained, confirmed
 
 LEFT = {"null": 3.0, "named": 1.0}
 """N m, residuals while the arm moves, of the baseline and with the named effect."""
@@ -67,3 +68,30 @@ def test_names_explain_their_share_of_a_set_with_an_unknown_cause():
     assert _explained(best, (best, hypothesis(70.0, UNKNOWN), alone)) == pytest.approx(0.25)
     assert _explained(best, (best,)) == 0.0
     assert _explained(alone, (best, alone)) == 1.0
+
+
+@pytest.mark.parametrize("nats", [80.0, 0.0])
+def test_a_name_stays_while_withheld_motions_gain_what_it_predicts(nats):
+    """A change of chi-square 100 is a gain of 50 nats with a standard deviation of 10, were the name true."""
+    least = SEARCH.shown * 50.0 - 2.0 * 10.0
+    member = SimpleNamespace(form=SimpleNamespace(effect="backlash"))
+    named = Hypothesis((member,), nats, 0.0)
+    stated = {"backlash": 0.95, UNKNOWN: 0.03, NULL: 0.02}
+    v = Verdict("named", named, named, stated, ("backlash",), {}, 1.0)
+    for gain in (least - 0.1, least + 0.1):
+        fits = {
+            1: SimpleNamespace(chi2=lambda held: 0.0, vector=np.array([6.0, 8.0])),
+            0: SimpleNamespace(chi2=lambda held, gain=gain: 2.0 * gain, vector=np.zeros(2)),
+        }
+        search = SimpleNamespace(fit=lambda members, fits=fits: fits[len(members)])
+        found = confirmed(v, search, SimpleNamespace(gram=np.eye(2)))
+        assert (found.named.members == (member,)) == (gain > least)
+    lost = 0.95 - VERDICT.not_admitted
+    takes = UNKNOWN if nats > VERDICT.structure else NULL
+    assert found is v
+    search = SimpleNamespace(fit=lambda members: fits[len(members)])
+    fits[0] = SimpleNamespace(chi2=lambda held: 0.0, vector=np.zeros(2))
+    refused = confirmed(v, search, SimpleNamespace(gram=np.eye(2)))
+    assert refused.probability == pytest.approx(
+        stated | {"backlash": VERDICT.not_admitted, takes: stated[takes] + lost}
+    )
