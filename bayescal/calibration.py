@@ -27,7 +27,7 @@ from bayescal.assess.mistakes import judged, mistaken
 from bayescal.assess.shared_causes import SharedCause, judged_complete, rejected_share
 from bayescal.assess.undetermined import Undetermined, undetermined
 from bayescal.dataset import Dataset
-from bayescal.effects import BASELINE, levels_of
+from bayescal.effects import BASELINE, levels_of, parameters_of
 from bayescal.estimate import Estimate, check_enough, fitted_level
 from bayescal.estimate.bounds import UNCHANGED, Rigid, bounded, with_latent_readings
 from bayescal.estimate.discrepancy import Stated, stated
@@ -138,6 +138,7 @@ def fit(
         check_tolerance(options.tolerance)
     check_enough(scene)
     check_located(scene)
+    parameters_of(effects, scene.circumstances(scene.rows("calibrate")))  # before a level is fitted in vain
     of_draws, of_sampler, of_causes, of_noise, of_forecast, of_discrepancy = spawned(options.seed, 6)
     count = predicted_draws(dataset)
     *simpler, full = levels_of(effects)

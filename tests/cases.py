@@ -1,12 +1,16 @@
 """Tables of cases and texts of files that tests read: they are data, in `tests/data`, a file for each."""
 
 import io
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import pytest
 import yaml
 from rich.console import Console
+
+from bayescal.reporting.figures import process
 
 ROOT = Path(__file__).parents[1]
 EXAMPLE = ROOT / "data" / "lrmate200ic-cube"
@@ -29,12 +33,23 @@ def robot_file(name: str) -> str:
     return str(DATA / "robots" / f"{name}.yaml")
 
 
-def undrawn(patch: pytest.MonkeyPatch) -> None:
-    """Pictures of a run are named as ever, and not drawn: each takes half a second."""
-    patch.setattr("bayescal.reporting.figures.process.cores", lambda: 1)  # by no second process
-    figures = "bayescal.reporting.figures.figures"
-    patch.setattr(f"{figures}.sheet", lambda *_: None)
-    patch.setattr(f"{figures}.png", lambda _: b"\x89PNG")
+FIGURES_OF = process.figures_of
+
+
+def undrawn(record: Any, draws: Any = None) -> dict[str, bytes]:
+    """The figures of a record: their content is made, and none is drawn."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("bayescal.reporting.figures.figures.sheet", lambda *_: None)
+        patch.setattr("bayescal.reporting.figures.figures.png", lambda _: b"\x89PNG")
+        return FIGURES_OF(record, draws)
+
+
+@contextmanager
+def drawn(really: bool = True) -> Iterator[None]:
+    """Within, figures of a run are drawn."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(process, "figures_of", FIGURES_OF if really else undrawn)
+        yield
 
 
 def terminal_text(what: Any, width: int = 100) -> str:

@@ -9,10 +9,12 @@ from functools import wraps
 import numpy as np
 import pytest
 import sessions
+from cases import undrawn
 from hypothesis import HealthCheck, settings
 from loops import asserting
 
 from bayescal.arm.chain import Robot
+from bayescal.reporting.figures import process
 from bayescal.reporting.page.build import BROWSERS
 from bayescal.robots import load_robot
 
@@ -123,6 +125,15 @@ def renewed(tmp_path_factory):
         return text
 
     return of
+
+
+@pytest.fixture(autouse=True, scope="session")
+def _undrawn():
+    """Figures of a run are not drawn, nor by a second process, but `with drawn()`: each takes .3 s."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(process, "cores", lambda: 1)
+        patch.setattr(process, "figures_of", undrawn)
+        yield
 
 
 @pytest.fixture(scope="session")

@@ -28,7 +28,7 @@ from bayescal.assess.acceptance import (
 )
 from bayescal.assess.mistakes import DIFFERENT, hidden, judged, mistaken
 from bayescal.assess.shared_causes import LEVEL as LEVEL_SHARED
-from bayescal.assess.shared_causes import Group, SharedCause, groups_of, shared, shared_causes
+from bayescal.assess.shared_causes import Group, SharedCause, _windows, groups_of, shared, shared_causes
 from bayescal.calibration import fit
 from bayescal.dataset import Certificate, Dataset, read_dataset
 from bayescal.errors import BayescalError
@@ -387,3 +387,16 @@ def test_no_false_alarm(name):
 def test_a_fit_that_fails_names_it(good):
     result = bc.fit(of_tools(good, "ball_radius", 2.0), samples=0)
     assert result.data.findings[0].code == "gross_mistake"
+
+
+@pytest.mark.parametrize(("count", "shortest"), [(96, 6), (100, 7), (40, 20)])
+def test_any_stretch_is_nearly_a_window(count, shortest):
+    """Windows of each size are half over the one before: one of them has three quarters of any stretch."""
+    windows = list(_windows(count, shortest))
+    assert all(0 <= start < stop <= count for start, stop in windows)
+    sizes = [shortest * 2**k for k in range(8) if shortest * 2**k <= count // 2]
+    assert {stop - start for start, stop in windows} >= set(sizes)
+    for size in sizes:
+        own = [(start, stop) for start, stop in windows if stop - start == size]
+        for first in range(count - size + 1 - size // 2):
+            assert max(min(stop, first + size) - max(start, first) for start, stop in own) >= 0.75 * size - 1

@@ -8,7 +8,7 @@ from dataclasses import replace
 import foreign
 import numpy as np
 import pytest
-from cases import EXAMPLE, ROOT, terminal_text, undrawn
+from cases import EXAMPLE, ROOT, terminal_text
 from sessions import with_columns
 from typer.testing import CliRunner
 
@@ -41,9 +41,7 @@ def written(tmp_path_factory):
     """One run of the command on the dataset that comes with the project."""
     folder = tmp_path_factory.mktemp("run") / "fit"
     arguments = ["fit", str(EXAMPLE), "--samples", "600", "--out", str(folder)]
-    with pytest.MonkeyPatch.context() as patch:
-        undrawn(patch)
-        done = CliRunner().invoke(app, arguments, env={"COLUMNS": "100"}, catch_exceptions=False)
+    done = CliRunner().invoke(app, arguments, env={"COLUMNS": "100"}, catch_exceptions=False)
     assert done.exit_code == 0, done.output
     return folder, done.stdout, json.loads((folder / "fit.json").read_text())
 
@@ -184,7 +182,10 @@ def test_one_seed_one_result(tmp_path, cube):
         ([str(EXAMPLE), "--latent-joints"], "joint_deg"),
     ],
 )
-def test_bad_input_is_one_line(arguments, words, tmp_path, command):
+def test_bad_input_is_one_line(arguments, words, tmp_path, command, monkeypatch):
+    """What is wrong in a model is said before any level is fitted."""
+    if "--model" in arguments:
+        monkeypatch.setattr("bayescal.calibration.fitted_level", lambda *_: pytest.fail("a level was fitted"))
     code, _, errors = command("fit", *arguments, "--samples", "0", "--out", tmp_path / "out")
     assert code == 1
     assert words in errors

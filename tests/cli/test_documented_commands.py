@@ -15,7 +15,7 @@ from pathlib import Path
 
 import pytest
 import typer
-from cases import ROOT, undrawn
+from cases import ROOT
 from click.testing import CliRunner
 
 from bayescal.cli import app
@@ -228,8 +228,7 @@ def said(tmp_path_factory):
 
     out: dict[str, str] = {"folder": str(tmp_path_factory.mktemp("tutorial"))}
     arguments = sys.argv
-    with contextlib.chdir(out["folder"]), pytest.MonkeyPatch.context() as patch:
-        undrawn(patch)
+    with contextlib.chdir(out["folder"]):
         for command in TUTORIAL_COMMANDS:
             program, *words = shlex.split(command)
             assert program == "bayescal"

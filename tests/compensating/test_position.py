@@ -376,6 +376,10 @@ def test_region_needs_a_probed_place_and_probed_readings(solved_arm, session):
     assert not region.contains(away, m.readings[:4]).any()
     turned = m.readings[:4] + 2 * np.pi * np.eye(6)[5]
     assert not region.contains(points, turned).any()
+    edge = np.tile(m.readings[0], (4, 1))
+    low, high = region.readings[:, 4].min(), region.readings[:, 4].max()
+    edge[:, 4] = low - np.radians(0.5), low - np.radians(1.5), high + np.radians(0.5), high + np.radians(1.5)
+    assert region.contains(points[[0] * 4], edge).tolist() == [True, False, True, False]
 
 
 def test_distance_from_a_hull_of_any_dimension():

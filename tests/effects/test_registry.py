@@ -486,7 +486,7 @@ def measured(dataset, arm, depth, compliance, noise, seed=0):
 @pytest.fixture(scope="module", params=["wall", "ceiling"])
 def hanging(request, tracker):
     """An arm on a wall, or at a ceiling, whose stand yields half as much one way as the other."""
-    session = tracker(seed=2, count=160, noise=5e-6)
+    session = tracker(seed=2, count=90, noise=5e-6)
     truth = {"x": 2e-5, "y": 4e-5}
     return measured(mounted(session.dataset, request.param), session.arm, 0.35, truth, 5e-6), truth
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 import foreign
 import numpy as np
 import pytest
-from cases import terminal_text, undrawn
+from cases import terminal_text
 from sessions import circumstances, geared, with_columns, with_rows
 
 from bayescal.dataset import read_dataset, write_dataset
@@ -111,9 +111,8 @@ def test_nothing_there_is_said(quiet):
     assert "explains these data" in printed(gap)
 
 
-def test_play_is_named_and_removed(loud, tmp_path, command, monkeypatch):
+def test_play_is_named_and_removed(loud, tmp_path, command):
     """From the file, of a robot whose gears must be scanned."""
-    undrawn(monkeypatch)
     write_dataset(loud, tmp_path / "session")
     out = tmp_path / "out"
     code, text, errors = command("gap", tmp_path / "session", "--out", out)

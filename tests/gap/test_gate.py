@@ -142,6 +142,15 @@ def test_distances_contradict_as_their_chi_square_says():
     )
 
 
+def test_of_two_tests_the_smaller_probability_counts_twice():
+    """Contacts as expected beside distances that are not: two tests, and so twice the chance."""
+    quiet = held(0.8 * RESIDUAL, distances=DISTANCES)
+    quiet = replace(quiet, distances=replace(quiet.distances, by_noise=NOISE * np.eye(6)))
+    alone = replace(quiet, how=LEFT_OUT)
+    assert 0.0 < contradiction(alone, alone) < 0.4
+    assert contradiction(quiet, quiet) == pytest.approx(2.0 * contradiction(alone, alone), rel=1e-12)
+
+
 def test_few_degrees_of_freedom_of_the_noise_contradict_less():
     """Errors twice as large as predicted: nothing if the noise is known from five residuals."""
     known = held(2.2 * RESIDUAL)

@@ -16,7 +16,7 @@ from bayescal.gap.linear.state import fit_state
 from bayescal.gap.search.beam import Member, Search
 from bayescal.gap.search.cells import cells
 from bayescal.gap.search.quantities import arguments
-from bayescal.gap.search.relatives import relatives
+from bayescal.gap.search.relatives import _weights, relatives
 from bayescal.gap.settings import RELATIVES
 from bayescal.statistics import rms
 
@@ -166,3 +166,12 @@ def test_beside_an_unmodelled_effect_a_name_has_no_more_than_the_share_that_it_e
     d = SimpleNamespace(weighed=(best,), explained=explained, withheld=frozenset())
     assert (_most("backlash", kind, d), _most("compliance", kind, d)) == shares
     assert _most("unknown", kind, d) == 1.0
+
+
+def test_quantities_of_the_joints_of_a_name_have_half_of_the_prior():
+    """However many there are of them and of others; all alike where one sort is missing."""
+    member = SimpleNamespace(variant=SimpleNamespace(places=((SimpleNamespace(number=3), None),)))
+    of = [SimpleNamespace(driver=Driver("angle", j)) for j in (3, 1, 2, 4)]
+    prior = np.exp(_weights(member, of))
+    assert prior == pytest.approx([1 / 2, 1 / 6, 1 / 6, 1 / 6])
+    assert np.exp(_weights(member, of[1:])) == pytest.approx(1 / 3)

@@ -17,6 +17,7 @@ from bayescal.motion.linear import Normal, fitted
 from bayescal.motion.possible import NOT_NEGATIVE, Possible, draws_within, pseudo_inertia, spread
 from bayescal.motion.terms import Term, nominal
 from bayescal.public.motions import MotionFitResult
+from bayescal.reporting.motion.fit import fit_record
 
 
 @pytest.fixture(scope="module")
@@ -28,6 +29,17 @@ def test_withheld_errors_are_as_expected(result):
     low, high = np.array(result.withheld.expected_interval95_Nm.to_list()).T
     assert np.all((low < result.withheld.rms_Nm) & (result.withheld.rms_Nm < high))
     assert np.all(result.withheld.nominal_rms_Nm.iloc[1:] > 2.0 * result.withheld.rms_Nm.iloc[1:])
+
+
+def test_what_the_record_says_of_the_torque(result):
+    """Its time in ms; and joints whose withheld error is beyond what is expected, alone."""
+    fit = result.data
+    assert fit.shift != 0.0
+    assert result.record["torque_shift_ms"] == pytest.approx(1e3 * fit.shift)
+    assert not any("larger than expected" in text for text in result.record["warnings"])
+    first, *others = fit.withheld
+    worse = replace(fit, withheld=(replace(first, fitted=1.01 * first.interval95[1]), *others))
+    assert [w for w in fit_record(worse)["warnings"] if w.startswith(f"{first.joint}: the torque error")]
 
 
 def test_known_parameters_are_within_their_uncertainty(result):

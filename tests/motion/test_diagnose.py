@@ -1,6 +1,7 @@
 """Diagnoses of made logs: what was added is found, at its place, with its size."""
 
 import json
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -84,6 +85,8 @@ def test_a_cause_outside_the_list_is_unknown_at_its_place(gaps):
     assert gap.verdict in ("unknown", "named+unexplained")
     assert gap.where.iloc[0].site == "joint 3"
     assert "angle" in gap.where.iloc[0].driver
+    (said,) = re.findall(r"\(([\d.e+]+) mN m RMS in joint 3\)", " ".join(str(gap).split()))
+    assert float(said) == pytest.approx(1e3 * gap.where.iloc[0].rms_Nm, rel=0.006)
     assert max((gap.probability[n] for n in gap.effects), default=0.0) <= 0.85
 
 

@@ -37,6 +37,17 @@ def test_a_robot_of_dh_rows_is_the_same_arm():
     assert torque == pytest.approx(inverse(model_of(m), q, dq, ddq), abs=1e-9)
 
 
+def test_assumed_inertias_are_those_of_links_of_their_length():
+    """0.3 of a link's length as its radius of gyration, of a short link a quarter of the longest length."""
+    robot = replace(load_robot("universal-robots-ur5e")[0], inertias=None)
+    m, notes = mechanism_of(robot)
+    length = np.hypot(robot.a, robot.d)
+    assert length.min() < length.max() / 4 < np.median(length) * 4
+    expected = robot.masses * (0.3 * np.maximum(length, length.max() / 4)) ** 2
+    assert np.diagonal(m.inertia, axis1=1, axis2=2) == pytest.approx(np.tile(expected[:, None], 3))
+    assert "no inertias" in str(notes)
+
+
 def test_power_does_not_depend_on_the_coupling(null_log):
     m = read_log(null_log).mechanism
     coupled = replace(m, coupling=np.array([[1.0, 0, 0], [0, 1, 0], [0, 0.5, -1]]))
@@ -55,9 +66,10 @@ def test_a_payload_is_a_body_of_its_mass(null_log):
 
 
 def test_every_column_of_the_baseline_is_the_derivative_of_the_torque(null_parts):
-    s = null_parts[4]
+    s = replace(null_parts[4], log=replace(null_parts[4].log, u_constant=0.05))
     start = nominal(s.log, np.array([5.0, 20.0, 5.0]))
     seen = 0
+    assert "constant 2" in {term.name for term, _ in baseline(s, start, np.ones(3))}
     for term, column in baseline(s, start, np.ones(3)):
         step = 1e-4 * term.sd
         if term.name == "alignment":  # five points of noisy torques against a spline: of kept rows

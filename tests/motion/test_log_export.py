@@ -9,7 +9,7 @@ from motion.made import inverse
 
 import bayescal as bc
 from bayescal.errors import BayescalError
-from bayescal.exporting.log_arm import FORMATS
+from bayescal.exporting.log_arm import FORMATS, export_log
 from bayescal.exporting.sidecar import mujoco
 
 
@@ -37,6 +37,17 @@ def test_every_format_has_the_bodies_and_says_what_it_lacks(run, tmp_path, to):
     assert "offsets of the torque" in missing
     assert "not in the file" in str(exported)
     assert path.read_text() == exported.content
+
+
+def test_what_a_file_lacks_has_its_size_whatever_its_sign(run):
+    record = bc.load(run).record
+    negative = [
+        p | {"estimate": -abs(p["estimate"])} if p["name"].startswith("offset") else p
+        for p in record["parameters"]
+    ]
+    sizes = [-p["estimate"] for p in negative if p["name"].startswith("offset")]
+    assert export_log(run, {**record, "parameters": negative}, "mjcf").missing["offset"] == tuple(sizes)
+    assert min(sizes) > 0.0
 
 
 def test_simulators_load_the_same_arm(run):

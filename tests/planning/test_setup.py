@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from itertools import pairwise
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -449,3 +450,16 @@ def test_the_sampler_sees_an_overlap():
     assert cell.motion(np.array([0.0]), np.array([0.6])) > 0.05
     solid = Solid("wall", (Box(rigid(None, wall[2]), wall[3]),))
     assert solid.shapes[0].distance(tip) > 0.5
+
+
+def test_what_a_person_does_before_a_row_is_said_at_each_change():
+    """Also before the first: the arm begins without a payload."""
+    measured = SimpleNamespace(tool=np.array([0, 0, 1, 1]), payload=np.array([2.0, 2.0, 0.0, 1.0]))
+    tools = [SimpleNamespace(name=name) for name in ("long", "short")]
+    transits = Transits(SimpleNamespace(session=SimpleNamespace(measurements=measured, tools=tools)))
+    assert transits._changes(np.arange(4), np.array(["A", "A", "B", "B"])) == (
+        "mount tool long; move the artefact to placement A; attach 2 kg to the tool",
+        "",
+        "mount tool short; move the artefact to placement B; remove the payload",
+        "attach 1 kg to the tool",
+    )

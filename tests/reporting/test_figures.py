@@ -9,7 +9,7 @@ import matplotlib as mpl
 import numpy as np
 import pytest
 from boxes import clashes, texts
-from cases import cases
+from cases import cases, drawn
 from gap_diagnoses import bare, diagnosis, plane, seven
 from matplotlib.colors import to_hex, to_rgb
 from matplotlib.figure import Figure
@@ -423,7 +423,8 @@ def test_panels_are_drawn_into_axes_of_the_user(fit):
 def kept(result, tmp_path_factory):
     """The folder of a run with its pictures, and the names of its files."""
     folder = tmp_path_factory.mktemp("kept") / "run"
-    return folder, result.save(folder)
+    with drawn():
+        return folder, result.save(folder)
 
 
 def test_a_saved_run_draws_the_same_pictures(result, kept, tmp_path):
@@ -511,6 +512,6 @@ def test_a_second_process_draws_the_same(result, kept, monkeypatch):
         with process.drawing_beside():
             there = process.begun(result.record, draws)
             patch.setattr(process, "figures_of", lambda *given: pytest.fail("drawn here"))
-            drawn = there()
-    assert drawn == {path.name: path.read_bytes() for path in kept[0].glob("*.png")}
-    assert len(drawn) == 5
+            pictures = there()
+    assert pictures == {path.name: path.read_bytes() for path in kept[0].glob("*.png")}
+    assert len(pictures) == 5

@@ -11,7 +11,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import typer
-from cases import EXAMPLE, cases, terminal_text, undrawn
+from cases import EXAMPLE, cases, drawn, terminal_text
 from gap_diagnoses import SETS, bare, diagnosis, plane, seven
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -176,11 +176,10 @@ DRAWN = ("named", "no distances", "single plane, no time")
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_folder_holds_all(case, session, tracker, tmp_path, monkeypatch):
+def test_folder_holds_all(case, session, tracker, tmp_path):
     gap = CASES[case](session, tracker(seed=1, count=40).dataset)
-    if case not in DRAWN:
-        undrawn(monkeypatch)
-    names = write_gap(gap, tmp_path / "run", gap_record(gap))
+    with drawn(case in DRAWN):
+        names = write_gap(gap, tmp_path / "run", gap_record(gap))
     assert (
         {p.name for p in (tmp_path / "run").glob("[!.]*")}
         == set(names)

@@ -12,7 +12,6 @@ from unittest.mock import Mock
 
 import numpy as np
 import pytest
-from cases import undrawn
 from test_gap_report import SETS, diagnosis
 from typer.testing import CliRunner
 
@@ -43,9 +42,7 @@ def found(cube):
 def saved(tmp_path_factory):
     session = bc.simulate(effects="geometry", contacts=60, later=8, repeats=5, spheres=2, seed=1)
     folder = tmp_path_factory.mktemp("runs") / "fit"
-    with pytest.MonkeyPatch.context() as patch:
-        undrawn(patch)
-        names = bc.fit(session, "geometry", samples=0).save(folder)
+    names = bc.fit(session, "geometry", samples=0).save(folder)
     return folder, names
 
 

@@ -15,7 +15,7 @@ import pytest
 import tiny_work
 from cases import ROOT
 from sealed_worlds import here, made_up
-from tiny_work import Tiny, until
+from tiny_work import COUNT, SQUARES, Tiny, squares, tiny, until
 
 from analysis.blind import seal
 from analysis.blind.folder import FILES, PLAN, write
@@ -363,21 +363,10 @@ def test_sessions_of_one_generator_stay_so(tmp_path, monkeypatch):
 
 # --- Tasks on worker processes: all are done, each once, whatever happens to the workers.
 
-COUNT = 12
-SQUARES = {k: k**2 for k in range(COUNT)}
-
 
 def children() -> list:
     """Worker processes of ours."""
     return [p for p in multiprocessing.active_children() if p.name.startswith("SpawnProcess")]
-
-
-def squares(found) -> dict[int, int]:
-    return {index: result[0] for index, result in found}
-
-
-def tiny(folder, **deadly) -> list[Tiny]:
-    return [Tiny(k, folder, deadly.get(f"task{k}", 0)) for k in range(COUNT)]
 
 
 def test_all_are_done_by_all_and_few_are_under_way(tmp_path):
@@ -475,27 +464,6 @@ def alive(process: int) -> bool:
     """Whether a process is there and no zombie that nobody buries."""
     stat = Path(f"/proc/{process}/stat")
     return stat.exists() and stat.read_text().rsplit(")", 1)[1].split()[0] != "Z"
-
-
-def test_dask_does_the_same_though_a_worker_is_killed(cluster, tmp_path):
-    found = dict(results(tiny_work.work, tiny(tmp_path, task5=1), dask=cluster.scheduler_address))
-    assert squares(found.items()) == SQUARES
-    killed, other = tiny_work.begun(tmp_path, 5)
-    assert killed != other  # both take part, though all results may be of one of them:
-    for k in range(COUNT):  # those that the killed worker still held are computed again
-        first, *again = tiny_work.begun(tmp_path, k)
-        assert not again or (first == killed and len(again) == 1)
-
-
-def test_what_work_raises_on_dask_is_raised(cluster):
-    with pytest.raises(ValueError, match="not 3"):
-        list(results(tiny_work.refuse, [3], dask=cluster.scheduler_address))
-
-
-def test_workers_without_the_package_are_refused(cluster, monkeypatch):
-    monkeypatch.setattr("analysis.blind.cluster.PACKAGE", "bayescal-of-elsewhere")
-    with pytest.raises(BayescalError, match="a worker lacks bayescal-of-elsewhere; install"):
-        list(results(tiny_work.refuse, [3], dask=cluster.scheduler_address))
 
 
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:9", "nonsense", "tcp://nowhere.invalid:8786"])

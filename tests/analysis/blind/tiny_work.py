@@ -46,3 +46,15 @@ def until(so, seconds: float = 120.0) -> None:
     while not so():
         assert time.monotonic() < end
         time.sleep(0.02)
+
+
+COUNT = 12
+SQUARES = {k: k**2 for k in range(COUNT)}
+
+
+def squares(found) -> dict[int, int]:
+    return {index: result[0] for index, result in found}
+
+
+def tiny(folder, **deadly) -> list[Tiny]:
+    return [Tiny(k, folder, deadly.get(f"task{k}", 0)) for k in range(COUNT)]

@@ -1,0 +1,97 @@
+"""What a diagnosis of a log says of its size, from made fits."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from bayescal.motion import outcome
+from bayescal.motion.search import Hypothesis
+from bayescal.motion.settings import OUTCOME, SEARCH, VERDICT
+from bayescal.motion.verdict import NULL, UNKNOWN, Verdict, _explained, confirmed
+
+LEFT = {"null": 3.0, "named": 1.0}
+"""N m, residuals while the arm moves, of the baseline and with the named effect."""
+
+
+def test_the_gain_is_a_log_likelihood_ratio_and_errors_are_of_moving_rows(monkeypatch):
+    """Slow rows, with a hundred times the residual, do not count."""
+    moving = np.tile([True, False, True, True], 50)
+    speed = np.where(moving, 1.01, -0.99)[:, None] * OUTCOME.moving
+    part = SimpleNamespace(dq=speed, unfiltered=lambda x: x)
+    sign = np.where(np.arange(200) % 3, 1.0, -1.0)
+
+    def unfiltered(name, role="validate"):
+        return (
+            [(part, (np.where(moving, LEFT[name], 100.0) * sign)[:, None])]
+            if role == "validate"
+            else [(part, np.full((200, 1), 0.5))]
+        )
+
+    fits = {
+        (): SimpleNamespace(values="null", chi2=lambda held: 30.0),
+        ("effect",): SimpleNamespace(values="named", chi2=lambda held: 10.0),
+    }
+    search = SimpleNamespace(fit=lambda members=(): fits[members])
+    chosen = SimpleNamespace(members=("effect",))
+    pool = SimpleNamespace(
+        unfiltered=unfiltered,
+        table=SimpleNamespace(of_role=lambda role: None),
+        estimate=SimpleNamespace(parts=[SimpleNamespace(step=OUTCOME.block / 10)]),
+    )
+    monkeypatch.setattr(outcome, "normal", lambda table, noise: None)
+    found = outcome.shrinkage(search, pool, SimpleNamespace(named=chosen, leading=chosen), None)
+    assert found.gain == pytest.approx((30.0 - 10.0) / 2)
+    assert [found.before, found.after, found.floor] == pytest.approx([3.0, 1.0, 0.5])
+    assert found.removed == pytest.approx((9.0 - 1.0) / (9.0 - 0.25))
+    assert found.removed_interval95 == pytest.approx([found.removed] * 2)
+
+
+def test_the_length_of_a_vector_has_its_u_along_it():
+    """By Monte Carlo: two amplitudes, in the units of their priors, that are correlated."""
+    covariance = np.array([[0.04, 0.03], [0.03, 0.09]])
+    fit = SimpleNamespace(
+        normal=SimpleNamespace(terms=[SimpleNamespace(name="x", sd=2.0), SimpleNamespace(name="y", sd=1.0)]),
+        chosen=np.arange(2), scales=np.array([1.0, 4.0]), z=np.array([3.0, 2.0]), covariance=covariance,
+    )  # fmt: skip
+    size, u = outcome._length(fit, ("x", "y"))
+    draws = np.random.default_rng(0).multivariate_normal(fit.z, covariance, 20_000) * [2.0, 4.0]
+    assert size == pytest.approx(10.0)
+    assert u == pytest.approx(np.std(np.linalg.norm(draws, axis=1)), rel=0.05)
+
+
+def test_names_explain_their_share_of_a_set_with_an_unknown_cause():
+    def hypothesis(nats, *names):
+        return SimpleNamespace(names=names, log_evidence=nats)
+
+    best, alone = hypothesis(80.0, "backlash", UNKNOWN), hypothesis(20.0, "backlash")
+    assert _explained(best, (best, hypothesis(70.0, UNKNOWN), alone)) == pytest.approx(0.25)
+    assert _explained(best, (best,)) == 0.0
+    assert _explained(alone, (best, alone)) == 1.0
+
+
+@pytest.mark.parametrize("nats", [80.0, 0.0])
+def test_a_name_stays_while_withheld_motions_gain_what_it_predicts(nats):
+    """A change of chi-square 100 is a gain of 50 nats with a standard deviation of 10, were the name true."""
+    least = SEARCH.shown * 50.0 - 2.0 * 10.0
+    member = SimpleNamespace(form=SimpleNamespace(effect="backlash"))
+    named = Hypothesis((member,), nats, 0.0)
+    stated = {"backlash": 0.95, UNKNOWN: 0.03, NULL: 0.02}
+    v = Verdict("named", named, named, stated, ("backlash",), {}, 1.0)
+    for gain in (least - 0.1, least + 0.1):
+        fits = {
+            1: SimpleNamespace(chi2=lambda held: 0.0, vector=np.array([6.0, 8.0])),
+            0: SimpleNamespace(chi2=lambda held, gain=gain: 2.0 * gain, vector=np.zeros(2)),
+        }
+        search = SimpleNamespace(fit=lambda members, fits=fits: fits[len(members)])
+        found = confirmed(v, search, SimpleNamespace(gram=np.eye(2)))
+        assert (found.named.members == (member,)) == (gain > least)
+    lost = 0.95 - VERDICT.not_admitted
+    takes = UNKNOWN if nats > VERDICT.structure else NULL
+    assert found is v
+    search = SimpleNamespace(fit=lambda members: fits[len(members)])
+    fits[0] = SimpleNamespace(chi2=lambda held: 0.0, vector=np.zeros(2))
+    refused = confirmed(v, search, SimpleNamespace(gram=np.eye(2)))
+    assert refused.probability == pytest.approx(
+        stated | {"backlash": VERDICT.not_admitted, takes: stated[takes] + lost}
+    )
