@@ -55,6 +55,7 @@ def concluded(e: Examined, without: Decision | None) -> Verdict:
         d.footnotes,
         e.candidates.missing | dict.fromkeys(e.search.unseen, UNSEEN),
         (
+            *(w.words for w in e.widths),
             *play_or_late(d.alone, e.pool, d.credible),
             *alike(e.fitted.model.scene, d.members),
             *cautions(e.fitted.model.scene.dataset),

@@ -91,7 +91,7 @@ def explain(
     def fitted(members: Sequence[Member]) -> tuple[Estimate, ValidationErrors]:
         key = tuple(m.variant for m in members)
         if key not in known:
-            final = refit(last.fitted, last.candidates, members, options)
+            final = refit(last.fitted, last.candidates, members, last.options)
             known[key] = final, errors(final, BLOCKED)
         return known[key]
 
@@ -172,7 +172,7 @@ def fitted_levels(
         fits.append(((*effects, COMPLIANCE), lambda: last.fitted))
     for k in range(1, len(members)):
         names = (model_name(m, last.candidates) for m in members[:k])
-        further = partial(refit, last.fitted, last.candidates, members[:k], options)
+        further = partial(refit, last.fitted, last.candidates, members[:k], last.options)
         fits.append(((*last.fitted.model.effects, *names), further))
     if members:
         names = (model_name(m, last.candidates) for m in members)
@@ -236,7 +236,7 @@ def diagnose(
         (replace(a, state=again(a.state, plain)), replace(b, state=again(b.state, plain)))
         for a, b in rivals(last)
     ]
-    free = _confirmed(found, options)
+    free = _confirmed(found)
     arm, rigid = bounded(free)
     if rigid.parameters and free is final and decision.members:  # one arm in all that follows
         final, after = arm, _errors_of(arm, found)
@@ -251,7 +251,7 @@ def diagnose(
     return Gap(
         dataset=dataset,
         baseline=effects,
-        options=options,
+        options=last.options,
         magnitude=size,
         where=where(first, last, found.promoted, noise.sd),
         margins=margins(first.fitted, before, noise.sd, noise.dof),
@@ -268,7 +268,7 @@ def diagnose(
         ),
         amplitudes=amplitudes(final, of_final, verdict.named) if verdict.named else (),
         refit=final.model.effects,
-        still_without=still_without(options.without, decision.members),
+        still_without=still_without(last.options.without, decision.members),
         undecided=undecided(last),
         arm=arm,
         calibrated=first.fitted,
@@ -287,14 +287,14 @@ def _errors_of(e: Estimate, found: Explained) -> ValidationErrors:
     return without_rows(validation_errors(e, strict=False), found.unsure)
 
 
-def _confirmed(found: Explained, options: FitOptions) -> Estimate:
+def _confirmed(found: Explained) -> Estimate:
     """The refit with those of the named effects that the validation data confirm."""
     d = found.last.decision
     members = [m for m in d.members if m.effect not in d.unclaimed]
     if len(members) == len(d.members):
         return found.final
     try:
-        return refit(found.last.fitted, found.last.candidates, members, options)
+        return refit(found.last.fitted, found.last.candidates, members, found.last.options)
     except BayescalError:  # without the others, none of them can be fitted
         return found.last.fitted
 
