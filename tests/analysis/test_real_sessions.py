@@ -315,25 +315,30 @@ HALVES = [
     half("two", 0, ("bending", 0.99, 85.0)),
     half("two", 1),
 ]
+WORKSPACE = half("two", -1) | {"kind": "workspace", "inside": [0.85, 0.9]}
 
 
 def test_the_card_compares_each_session_with_what_is_wanted():
-    random, late, inside, better, again = (
+    halves = [*HALVES, WORKSPACE]
+    random, _, far, within, _, inside, named, beyond, better, again = (
         [cell.strip() for cell in line.split("|")[2:-1]]
-        for line in real_card.card(SESSIONS, HALVES).splitlines()[2:]
+        for line in real_card.card(SESSIONS, halves).splitlines()[2:]
     )
     assert random[1:] == ["1.000 (1.00 to 1.00)", "**0.500 (0.50 to 0.50)**", "0.750 (0.50 to 1.00)"]
-    assert late[1] == "**1.650 (1.00 to 2.30)**"
-    assert late[2] == "1.100 (1.00 to 1.20)"
+    assert far[1:] == ["**2.300 (2.30 to 2.30)**", "1.200 (1.20 to 1.20)", "**1.750 (1.20 to 2.30)**"]
+    assert within[1:] == ["95.0 %"] * 3
     assert inside[1:] == ["95.0 %", "**80.0 %**", "**87.5 %**"]
+    assert named[1:] == ["-"] * 3
+    assert beyond[1:] == ["-", "**90.0 %**", "**90.0 %**"]
     assert better[1:] == ["2 of 2", "**0 of 1**", "**2 of 3**"]
     assert again[1:] == ["2 of 2", "0 of 1", "2 of 3"]
 
 
 def test_the_page_of_names_counts_sure_names_and_others():
-    counts = real_names.table(HALVES).splitlines()
+    counts = real_names.table([*HALVES, WORKSPACE]).splitlines()
     assert counts[2] == "| probability above 0.95 | 3 | 2 (0.67) | 2 (0.67) |"
     assert counts[3] == "| all others | 1 | 0 (0.00) | 0 (0.00) |"
+    assert "| workspace | two | 85 % | 90 % |" in counts
     assert "| two 1b | named | | | | |" in counts
     assert "| | backlash x2 | 0.99 | 100.0 | 90.0 | backlash |" in counts
     assert "| | step x2 | 0.60 | 80.0 | 90.0 | no |" in counts
@@ -373,6 +378,7 @@ def test_a_half_is_diagnosed_alone_and_predicts_the_other(wavy, monkeypatch):
     assert (found["session"], name["effect"]) == ("arm", "second-harmonic")
     assert name["without_um"] == pytest.approx(found["before_um"])
     assert found["after_um"] < 0.3 * found["before_um"]
+    assert 0.9 <= found["inside"][1] <= 1.0
 
 
 def test_the_stated_uncertainty_of_a_half_holds_for_the_other(wavy):
