@@ -2,8 +2,8 @@
 
 Each session is split by pose at random. One half is diagnosed alone (`gap` without validation data). The
 model that it names, fitted to this half, predicts the other half; so does that model without each of its
-names in turn. The residuals of the other half are compared with the 95 % intervals of the model with its names.
-Halves of the workspace, by the radius of the point, show intervals where nothing was fitted.
+names in turn. The residuals of the other half are compared with the 95 % intervals of the model with all
+names. Halves of the workspace, by the radius of the point, show intervals where nothing was fitted.
 
 ``python -m analysis.real_names --real ../shared/data/real --out docs/real_names.md``
 """
@@ -123,7 +123,7 @@ def table(records: Sequence[Record]) -> str:
 
 
 def covered(records: Sequence[Record]) -> Iterator[str]:
-    """Shares of the residuals of the other halves within their 95 % intervals, without names and with them."""
+    """Shares of the residuals of the other halves within 95 % intervals, without names and with them."""
     yield "| halves | session | without names | with all names |"
     yield "| --- | --- | --- | --- |"
     for kind in KINDS:

@@ -45,6 +45,7 @@ SHARES, SIZES = (0.25, 0.5, 0.75), (1.0, 2.0, 4.0, 8.0)
 BESIDE = 5
 """Rows of the same target before a step and after it."""
 
+
 class Task(NamedTuple):
     """A session with a step."""
 

@@ -176,9 +176,10 @@ def fit(
     expected = with_budgets(forecast(complete, z, checked, remaining.excess, of_forecast, wide.wide), basis)
     checks = (*tests.checks, *not_physical(complete, wide.limited))
     tests = replace(tests, checks=checks, determined=not rests_on_priors(expected, left))
-    limitations = findings(
-        Assessed(complete, left, checked, expected, lacking, seen, faces, tests, options.prior_width, rigid, told)
+    results = Assessed(
+        complete, left, checked, expected, lacking, seen, faces, tests, options.prior_width, rigid, told
     )
+    limitations = findings(results)
     if any(f.severity == "error" or f.code in GROSS for f in limitations):
         tested = judged(dataset)
         mistakes = () if tested is None else mistaken(tested)

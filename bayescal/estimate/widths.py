@@ -1,17 +1,17 @@
 """Prior widths by evidence: families of parameters that are larger than their stated prior makes likely.
 
-The priors of an arm's parameters are those of usual arms. Where the parameters of a family (`model.family`)
-are several prior standard deviations from their means, the estimate is pulled towards the means, and its
-uncertainty is too small. Each family f then has a factor s_f >= 1 on its prior standard deviations, found by
-the evidence (MacKay 1992, Neural Computation 4, 415). With C the covariance of the estimate z under the stated
-priors and W = 1 - C, z is W times the true unknowns plus an error of covariance N, that of measurements,
-certificates and of the discrepancy:
+The priors of an arm's parameters are those of usual arms. Where the parameters of a family are several prior
+standard deviations from their means, the estimate is pulled towards the means, and its uncertainty is too
+small. Each family f then has a factor s_f >= 1 on its prior standard deviations, by the evidence (MacKay
+1992, Neural Computation 4, 415). With C the covariance of the estimate z under the stated priors and
+W = 1 - C, z is W times the true unknowns plus an error of covariance N, that of measurements, certificates
+and of the discrepancy:
 
-    z ~ N(0, W S W' + N),    N = stated covariance - C C,    S = diag(s_f^2) of the arm, 1 of the targets
+    z ~ N(0, W S W' + N),  N = stated covariance - C C,  S = diag(s_f^2) of the arm, 1 of the targets
 
-for every S alike, as the estimator is one and the same. log s_f has a normal hyperprior. A factor is used only
-where it gains `TOLD` nats over a factor of 1: the stated priors stay otherwise, and no width is reduced,
-because the data that could tell so leave little to the prior.
+for every S, as the estimator is the same. log s_f has a normal hyperprior. The factors are used only where
+they gain `TOLD` nats together: the stated priors stay otherwise. No width is reduced, as data that could tell
+it leave little to the prior.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import minimize
 
-from bayescal.errors import BayescalError
+from bayescal.errors import FAILURES
 from bayescal.estimate.discrepancy import stated
 from bayescal.estimate.estimate import Estimate, fitted_level
 from bayescal.model.block import ARM
@@ -53,8 +53,8 @@ class Width:
     def words(self) -> str:
         """The width as a sentence."""
         return (
-            f"the {self.family} are larger than their prior makes likely: fitted with {self.factor:.2g} times "
-            f"its width ({self.nats:+.0f} nats)"
+            f"the {self.family} are larger than their prior makes likely: fitted with {self.factor:.2g} "
+            f"times its width ({self.nats:+.0f} nats)"
         )
 
 
@@ -63,7 +63,7 @@ class Spread:
     """The estimate of P parameters of the arm, and its covariance by errors of each kind."""
 
     z: np.ndarray  # (P,)
-    noise: np.ndarray  # (P, P) N, with that of the targets and of parameters that are of no family
+    noise: np.ndarray  # (P, P) N, and the part of the targets and of parameters without a family
     by_family: tuple[np.ndarray, ...]  # (P, P) each: W W' of the members
 
     @classmethod
@@ -161,7 +161,7 @@ def with_widths(
     wider = replace(options, widths=factors(told))
     try:
         return fitted_level(scene, effects, wider), wider, told
-    except BayescalError:  # no length is known, or the solution is out of reach: the stated priors hold
+    except FAILURES:  # no length is known, or the solution is out of reach: the stated priors hold
         return found, options, ()
 
 

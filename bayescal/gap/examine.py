@@ -13,6 +13,7 @@ import numpy as np
 from bayescal.assess.shared_causes import SharedCause, judged_complete
 from bayescal.effects import EFFECTS, Circumstances, Parameter
 from bayescal.effects.gravity import masses
+from bayescal.errors import attempted
 from bayescal.estimate import Estimate, calibrated, families
 from bayescal.estimate.families import with_compliances
 from bayescal.estimate.widths import Width, with_widths
@@ -78,7 +79,8 @@ def _examined(
     result = baseline.weighed(fitted)
     members = result.decision.members
     if members and ORIENTATION in fitted.weights.scale:
-        final = refit(fitted, result.candidates, members, options)
+        # where it fails, the names are refused later, with the reason
+        final = attempted("", partial(refit, fitted, result.candidates, members, options), fitted, [])
         if not _alike(fitted, final):
             result = baseline.weighed(final)
     return result

@@ -9,7 +9,7 @@ Blocks whose residuals are lengths: contacts and points, not the orientations th
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
