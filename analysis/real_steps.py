@@ -2,7 +2,8 @@
 
 From a row on, the base of the arm is displaced by a vector: points that an instrument reads move by it, and
 where the readings alone say where the ball is, the arm must reach the same place from a displaced base. Three
-rows and four sizes for each session; the sizes are multiples of the RMS residual of the calibrated arm.
+rows and four sizes for each session; the sizes are multiples of the RMS residual of the calibrated arm. The
+noncentrality lambda is the square sum of what the calibrated arm cannot absorb, over the variance of its residuals.
 
 ``python -m analysis.real_steps --real ../shared/data/real --out docs/real_steps.md``
 """
@@ -15,6 +16,7 @@ for _library in ("OMP", "OPENBLAS", "MKL", "NUMBA"):
     os.environ.setdefault(f"{_library}_NUM_THREADS", "1")
 
 import argparse
+import itertools
 import time
 from collections.abc import Sequence
 from dataclasses import replace
@@ -31,19 +33,22 @@ from bayescal.arm.motion import NominalArm
 from bayescal.arm.transforms import rpy_matrix
 from bayescal.dataset import Dataset, read_dataset
 from bayescal.errors import BayescalError
-from bayescal.estimate import calibrated
+from bayescal.estimate import Estimate, calibrated, estimate
 from bayescal.estimate.unexplained import unexplained
 from bayescal.gap.diagnose import explain
 from bayescal.gap.examine import where
 from bayescal.gap.outcome.magnitude import noise_floor
+from bayescal.model.model import build
 from bayescal.model.scene import Scene
 
 RUNS = Path(__file__).parents[1] / "runs" / "real-steps"
 MARKS = ("<!-- steps: begin -->", "<!-- steps: end -->")
 SHARES, SIZES = (0.25, 0.5, 0.75), (1.0, 2.0, 4.0, 8.0)
 """Of the fitted rows, that are before the step; shifts in RMS residuals of the calibrated arm."""
-BESIDE = 5
-"""Rows of the same target before a step and after it."""
+RANGES = (10.0, 30.0, 100.0)
+"""Of lambda, for which the table counts apart."""
+BESIDE = 0.25
+"""Share of the rows of a target that are before a step, and after it, at least."""
 
 
 class Task(NamedTuple):
@@ -82,15 +87,21 @@ def shifted(dataset: Dataset, row: int, by: np.ndarray) -> Dataset:
 
 
 def seen_at(dataset: Dataset, rows: np.ndarray, share: float) -> int:
-    """The fitted row nearest to a share of them with `BESIDE` rows of its target before it and from it on.
+    """The fitted row nearest to a share of them with `BESIDE` of the rows of its target before it and after.
 
     A session that goes from one target of unknown position to the next does not show a step between them.
     """
     target = dataset.measurements.target[rows]
-    before = np.array([np.sum(target[:k] == target[k]) for k in range(len(rows))])
-    from_it = np.array([np.sum(target[k:] == target[k]) for k in range(len(rows))])
-    able = np.flatnonzero((before >= BESIDE) & (from_it >= BESIDE))
+    before = np.array([np.mean(np.flatnonzero(target == t) < k) for k, t in enumerate(target)])
+    able = np.flatnonzero((before >= BESIDE) & (before <= 1.0 - BESIDE))
     return int(rows[able[np.argmin(np.abs(able - share * len(rows)))]])
+
+
+def direction(dataset: Dataset, row: int, share: float) -> np.ndarray:
+    """Unit vector (3,) of a step at a row: across the plane that is measured there, or else at random."""
+    values = dataset.targets[dataset.measurements.target[row]].values
+    along = np.asarray(values.get("normal", np.random.default_rng(int(100 * share)).standard_normal(3)))
+    return along / np.linalg.norm(along)
 
 
 def made(task: Task) -> Record:
@@ -99,17 +110,28 @@ def made(task: Task) -> Record:
     dataset = read_dataset(task.folder)
     effects, rows = usual(dataset), Scene(dataset).rows("calibrate")
     row = seen_at(dataset, rows, task.share)
-    size = task.size * unexplained(calibrated(Scene(dataset), effects)).fitted
-    along = np.random.default_rng(int(100 * task.share)).standard_normal(3)
+    plain = calibrated(Scene(dataset), effects)
+    size = task.size * unexplained(plain).fitted
+    stepped = shifted(dataset, row, size * direction(dataset, row, task.share))
     try:
-        found = events(shifted(dataset, row, size * along / np.linalg.norm(along)), effects)
+        found = events(stepped, effects)
     except BayescalError as refused:
         found = {"verdict": f"refused: {refused.what}", "events": []}
     around = [int(np.sum((rows > low) & (rows <= high))) for _, (low, high) in found["events"]]
     return {
         "session": task.folder.name, "share": task.share, "size": task.size, "row": row, "um": 1e6 * size,
-        **found, "widths": around, "seconds": round(time.process_time() - start, 1),
+        "lambda": detectability(plain, stepped), **found, "widths": around, "seconds": round(time.process_time() - start, 1),
     }  # fmt: skip
+
+
+def detectability(plain: Estimate, stepped: Dataset) -> float:
+    """Noncentrality of a step: what the calibrated arm cannot absorb of it, over the residuals' scale."""
+    after = estimate(build(Scene(stepped), plain.model.effects), start=plain.z, left_out=plain.rejected)
+    total = 0.0
+    for one, other in zip(plain.model.blocks, after.model.blocks, strict=True):
+        change = after.residuals(other) - plain.residuals(one)
+        total += float(np.sum((change.ravel() * plain.weights.whitening(one)) ** 2))
+    return total
 
 
 def events(dataset: Dataset, effects: tuple[str, ...]) -> Record:
@@ -131,21 +153,21 @@ def inside(r: Record) -> bool:
 
 
 def table(records: Sequence[Record]) -> str:
-    """The page's table: a line a session, a column a size."""
-    sizes = sorted({r["size"] for r in records})
-    lines = [
-        f"| session | {' | '.join(f'{s:g} x RMS' for s in sizes)} | all | rows within the interval, median |",
-        f"| --- | {'--- | ' * len(sizes)}--- | --- |",
-    ]
+    """The page's table: a line a session, a column a range of lambda."""
+    ranges = [(low, high) for low, high in itertools.pairwise((0.0, *RANGES, np.inf))]
+    heads = [f"lambda below {high:g}" if not low else f"{low:g} to {high:g}" for low, high in ranges[:-1]]
+    heads.append(f"above {RANGES[-1]:g}")
+    lines = [f"| session | {' | '.join(heads)} | rows within the interval, median |"]
+    lines.append(f"| --- | {'--- | ' * len(ranges)}--- |")
     for name in (*dict.fromkeys(r["session"] for r in records), ""):
         own = [r for r in records if name in ("", r["session"])]
-        cells = [_share([r for r in own if r["size"] == s]) for s in sizes]
-        lines.append(f"| {name or '**all**'} | {' | '.join(cells)} | {_share(own)} | {_width(own)} |")
+        cells = [_share([r for r in own if low <= r["lambda"] < high]) for low, high in ranges]
+        lines.append(f"| {name or '**all**'} | {' | '.join(cells)} | {_width(own)} |")
     return "\n".join(lines)
 
 
 def _share(records: Sequence[Record]) -> str:
-    return f"{sum(map(inside, records))} of {len(records)}"
+    return f"{sum(map(inside, records))} of {len(records)}" if records else "-"
 
 
 def _width(records: Sequence[Record]) -> str:

@@ -69,6 +69,7 @@ def gap_record(gap: Gap) -> dict[str, Any]:
         **origin(SCHEMA, gap.dataset, gap.options.seed, LIBRARIES),
         **entry(gap, "baseline"),
         "without": list(gap.options.omitted),
+        "prior_widths": dict(gap.options.widths),
         "gap": _magnitude(gap.magnitude),
         "verdict": verdict.kind,
         "words": headline(gap),
