@@ -33,7 +33,7 @@ from bayescal.errors import BayescalError
 from bayescal.estimate import Estimate
 from bayescal.estimate.discrepancy import stated
 from bayescal.estimate.unexplained import unexplained
-from bayescal.gap.diagnose import explain
+from bayescal.gap.diagnose import doubted, explain
 from bayescal.gap.search.refit import refit
 from bayescal.model.scene import Scene
 from bayescal.predict.crossvalidation import validation_errors
@@ -99,7 +99,7 @@ def diagnosed(dataset: Dataset, own: np.ndarray, other: np.ndarray) -> Record:
         {"name": n.model, "effect": n.effect, "probability": n.probability, "without_um": size}
         for n, size in zip(verdict.named[-len(members) :] if members else (), without, strict=True)
     ]
-    inside = [intervals(fitted) for fitted in fits[:2]]
+    inside = [intervals(fits[0]), intervals(doubted(fits[1], fits[0], verdict))]
     return {
         "verdict": verdict.kind, "before_um": before, "after_um": after, "inside": inside, "names": names,
         "prior_widths": dict(last.options.widths),

@@ -3,7 +3,7 @@
 From a row on, the base of the arm is displaced by a vector: points that an instrument reads move by it, and
 where the readings alone say where the ball is, the arm must reach the same place from a displaced base. Three
 rows and four sizes for each session; the sizes are multiples of the RMS residual of the calibrated arm. The
-noncentrality lambda is the square sum of what the calibrated arm cannot absorb, over the variance of its residuals.
+noncentrality lambda is the square sum of what the calibrated arm cannot absorb, over the residual variance.
 
 ``python -m analysis.real_steps --real ../shared/data/real --out docs/real_steps.md``
 """
@@ -120,7 +120,8 @@ def made(task: Task) -> Record:
     around = [int(np.sum((rows > low) & (rows <= high))) for _, (low, high) in found["events"]]
     return {
         "session": task.folder.name, "share": task.share, "size": task.size, "row": row, "um": 1e6 * size,
-        "lambda": detectability(plain, stepped), **found, "widths": around, "seconds": round(time.process_time() - start, 1),
+        "lambda": detectability(plain, stepped), **found, "widths": around,
+        "seconds": round(time.process_time() - start, 1),
     }  # fmt: skip
 
 

@@ -247,7 +247,7 @@ def restored(arm: FittedArm) -> Estimate:
     ids = model.scene.dataset.measurements.ids
     rejected = np.array([ids.index(name) for name in arm.rejected], int)
     held = tuple(n.parameter for n in arm.use.rigid.parameters)
-    return replace(at_solution(model, z, rejected), held=held)
+    return replace(at_solution(model, z, rejected), held=held, least=arm.beyond.variances)
 
 
 def check_restored(arm: FittedArm, covariance: np.ndarray) -> None:

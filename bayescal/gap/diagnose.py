@@ -251,6 +251,10 @@ def diagnose(
     if rigid.parameters and free is final and decision.members:  # one arm in all that follows
         final, after = arm, either("errors of the limited refit", partial(_errors_of, arm, found), after)
         levels[-1:] = [replace(level, fitted=arm, errors=after) for level in levels[-1:]]
+    if decision.members:
+        keep = partial(doubted, arm, last.fitted, verdict)
+        refitted = either("the discrepancy that the names may not explain", keep, arm)
+        arm, final = refitted, refitted if arm is final else final
     wide = either("the stated uncertainty of the arm, and with it the arm", lambda: stated(arm).limited, None)
     of_final = wide
     if wide is None or arm is not final:
@@ -302,6 +306,18 @@ def diagnose(
         rigid=rigid,
         undetermined=lacking,
     )
+
+
+def doubted(refitted: Estimate, baseline: Estimate, verdict: Verdict) -> Estimate:
+    """A refit whose stated uncertainty keeps what its names may not explain of the baseline's discrepancy.
+
+    The names were chosen by the residuals that show the discrepancy: they leave less of it there than
+    elsewhere. Beside an unmodelled effect all of it is kept, and else the share of the probability that a
+    name is wrong.
+    """
+    share = 1.0 - min((n.probability for n in verdict.named), default=0.0)
+    share = share if verdict.kind == "named" else 1.0
+    return replace(refitted, least={f: share * v for f, v in stated(baseline).variances.items() if v > 0})
 
 
 def _advice(last: Examined, plain: Problem, spheres: Places) -> tuple[Advice, ...]:

@@ -15,7 +15,10 @@ from bayescal.effects.selection import Selection
 from bayescal.effects.step import ROWS, beside, moments
 from bayescal.errors import BayescalError
 from bayescal.estimate import calibrated
-from bayescal.gap.diagnose import diagnose, explain
+from bayescal.estimate.discrepancy import stated
+from bayescal.fitted.arm import of_gap
+from bayescal.fitted.file import check_restored, read_arm, restored
+from bayescal.gap.diagnose import diagnose, doubted, explain
 from bayescal.gap.examine import examine
 from bayescal.model.scene import Scene
 from bayescal.predict.crossvalidation import validation_errors
@@ -131,6 +134,26 @@ def test_check_tells_a_tool_of_validation_rows():
     assert any("only validation rows use the tool other" in what and "1.5 mm" in what for what in told)
     both = with_columns(replace(d, tools=(*d.tools, other)), tool=validate.astype(int))
     assert not any("tool other" in f.what for f in missing(Scene(both), None, None))
+
+
+def test_check_tells_an_instrument_of_validation_rows():
+    """With its reflector, which is not fitted either; no fitted target has rows of it."""
+    d = tracker(seed=5, count=30).dataset
+    second = replace(d.targets[0], name="second", u=5e-4)
+    validate = np.arange(30) % 3 == 0
+    other = replace(d.tools[0], name="other", u=1.5e-3)
+    d = replace(d, targets=(*d.targets, second), tools=(*d.tools, other))
+    table = {"role": np.where(validate, "validate", "calibrate"), "target": validate.astype(int)}
+    told = {f.code: f.what for f in missing(Scene(with_columns(d, **table)), None, None)}
+    assert (
+        "only validation rows are of the instrument second: its pose, uncertain by 0.5 mm"
+        in told["predicted_instrument"]
+    )
+    assert "predicted_tool" not in told
+    told = {f.code for f in missing(Scene(with_columns(d, **table, tool=validate.astype(int))), None, None)}
+    assert {"predicted_tool", "predicted_instrument"} <= told
+    fitted = with_columns(d, target=validate.astype(int))
+    assert "predicted_instrument" not in {f.code for f in missing(Scene(fitted), None, None)}
 
 
 def test_a_level_that_cannot_be_fitted_is_left_out(monkeypatch):
@@ -254,3 +277,36 @@ def test_files_that_fail_are_left_out(waved, explained, monkeypatch, tmp_path):
     filed = json.loads((tmp_path / "out" / "gap.json").read_text(encoding="utf-8"))
     lost = [w for w in filed["warnings"] if "no canvas" in w]
     assert [w.split(": ")[1].split(" (")[0] for w in lost] == ["the file of the arm", "figures"]
+
+
+def test_a_refit_keeps_what_its_names_may_not_explain(explained):
+    """All of the discrepancy of the baseline beside an unmodelled effect, else as much as is improbable."""
+    first, verdict = explained.first.fitted, explained.verdict
+    before, after = stated(first), stated(explained.final)
+    assert before.families
+    (name,) = verdict.named
+    for kind, share in (("named", 1.0 - name.probability), ("named+unexplained", 1.0)):
+        kept = doubted(explained.final, first, replace(verdict, kind=kind))
+        assert kept.least == pytest.approx({f: share * before.variances[f] for f in before.families})
+        wide = stated(kept)
+        for family in before.families:
+            expected = max(kept.least[family], after.variances[family])
+            assert wide.variances[family] == pytest.approx(expected)
+        assert np.all(wide.sd >= after.sd - 1e-12)
+    assert np.any(wide.sd > 1.05 * after.sd)
+
+
+def test_an_arm_of_a_diagnosis_is_as_uncertain_when_it_is_read(waved, explained, monkeypatch, tmp_path):
+    sure = explained.last.decision
+    doubtful = replace(
+        explained, last=replace(explained.last, decision=replace(sure, kind="named+unexplained"))
+    )
+    monkeypatch.setattr("bayescal.gap.diagnose.explain", lambda *_: doubtful)
+    gap = diagnose(waved, MODEL)
+    assert gap.arm.least
+    write_gap(gap, tmp_path / "out", gap_record(gap), pictures=False)
+    arm = read_arm(tmp_path / "out")
+    np.testing.assert_allclose(np.diag(arm.covariance), np.diag(of_gap(gap).covariance), rtol=1e-9)
+    again = restored(arm)
+    assert again.least == pytest.approx({**arm.beyond.variances})
+    check_restored(arm, stated(again).limited)
