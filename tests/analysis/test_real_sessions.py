@@ -17,8 +17,12 @@ from analysis import (
     real_names,
     real_sessions,
     real_sessions_page,
+    real_steps,
 )
+from bayescal.arm.motion import NominalArm
+from bayescal.arm.transforms import rpy_matrix
 from bayescal.dataset import Certificate, Noise, Target, read_dataset, write_dataset
+from bayescal.estimate import calibrated
 from bayescal.model.scene import Scene
 from bayescal.simulation import Options, simulate
 
@@ -386,3 +390,61 @@ def test_the_stated_uncertainty_of_a_half_holds_for_the_other(wavy):
     functions = real_halves.families(Scene(wavy).circumstances(np.concatenate([one, other])))
     found = real_halves.half(wavy, one, other, functions)
     assert 0.9 <= found.inside[1] <= 1.0
+
+
+# --- Steps added to sessions.
+
+
+def test_a_shifted_base_is_seen_by_an_instrument_and_in_the_readings(wavy, sockets):
+    """Both are the same displacement of the arm's points in its frame."""
+    by = np.array([3e-4, -2e-4, 5e-4])
+    (t,), row = wavy.targets, 40
+    moved = real_steps.shifted(wavy, row, by).measurements.xyz - wavy.measurements.xyz
+    np.testing.assert_allclose(moved[:row], 0.0)
+    np.testing.assert_allclose(
+        moved[row:] @ rpy_matrix(t.values["rpy"]).T, by + np.zeros((40, 3)), atol=1e-12
+    )
+    arm = NominalArm(sockets.robot, sockets.tools[0].centre)
+    after = real_steps.shifted(sockets, row, by).measurements.readings
+    before, after = (arm.tool_poses(arm.frames(q)) for q in (sockets.measurements.readings, after))
+    np.testing.assert_allclose(after[:row], before[:row])
+    np.testing.assert_allclose(after[row:, :3, 3], before[row:, :3, 3] - by, atol=2e-8)
+    np.testing.assert_allclose(after[row:, :3, :3], before[row:, :3, :3], atol=2e-6)
+
+
+def test_a_step_is_within_the_rows_of_a_target(sockets):
+    """Sixteen rows of each, of which twelve are fitted."""
+    rows = Scene(sockets).rows("calibrate")
+    target = sockets.measurements.target
+    for share in (0.0, 0.25, 0.5, 0.75, 1.0):
+        row = real_steps.seen_at(sockets, rows, share)
+        mine = rows[target[rows] == target[row]]
+        assert 3 <= np.sum(mine < row) <= 9
+    row = real_steps.seen_at(sockets, rows, 0.5)
+    assert np.linalg.norm(real_steps.direction(sockets, row, 0.5)) == pytest.approx(1.0)
+
+
+def test_detectability_of_a_step(wavy):
+    """Of a small shift it is quadratic in its size; the geometry absorbs a part of it."""
+    plain = calibrated(Scene(wavy), ("geometry",))
+    by = np.array([0.0, 0.0, 2e-5])
+    once, twice = (real_steps.detectability(plain, real_steps.shifted(wavy, 40, k * by)) for k in (1, 2))
+    assert twice == pytest.approx(4.0 * once, rel=0.02)
+    whole = 40 * (by[2] / (plain.weights.scale["point"] * 1e-5)) ** 2
+    assert 0.1 * whole < once < 0.5 * whole  # no more than one half: the mean is the instrument's
+
+
+def test_the_page_counts_steps_within_their_intervals():
+    def record(name, noncentrality, *events):
+        return {
+            "session": name, "lambda": noncentrality, "row": 50, "events": events, "widths": [3] * len(events)
+        }  # fmt: skip
+
+    found = [
+        record("one", 5.0), record("one", 50.0, (52, [49, 53])), record("one", 500.0, (90, [89, 91])),
+        record("two", 500.0, (20, [19, 21]), (50, [48, 51])),
+    ]  # fmt: skip
+    lines = real_steps.table(found).splitlines()
+    assert lines[2] == "| one | 0 of 1 | - | 1 of 1 | 0 of 1 | 4 |"
+    assert lines[3] == "| two | - | - | - | 1 of 1 | 4 |"
+    assert lines[4] == "| **all** | 0 of 1 | - | 1 of 1 | 1 of 2 | 4 |"
