@@ -116,7 +116,7 @@ def card(sessions: Sequence[Record], halves: Sequence[Record]) -> str:
         Of `real_names`.
     """
     names = [s["session"] for s in sessions]
-    lines = [["figure", "wanted", *names, "all"], ["---"] * (len(names) + 3)]
+    lines = [["figure", "target", *names, "all"], ["---"] * (len(names) + 3)]
     parts = [(s["splits"], [h for h in halves if h["session"] == s["session"]]) for s in sessions]
     parts.append(([split for s in sessions for split in s["splits"]], list(halves)))
     for f in FIGURES:
