@@ -1,4 +1,7 @@
-"""The one exception that a user is meant to read, and the only form in which text of a user is repeated."""
+"""The one exception that a user is meant to read, and the only form in which text of a user is repeated.
+
+Results that others do not need: where they fail, a sentence says so.
+"""
 
 from __future__ import annotations
 
