@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import approx_fprime
 from scipy.stats import multivariate_normal
+from sessions import geared
 
 from bayescal.calibration import fit
 from bayescal.effects import parameters_of
@@ -15,9 +16,11 @@ from bayescal.estimate.discrepancy import stated
 from bayescal.estimate.widths import LEAST, SPREAD, TOLD, Spread, Width, with_widths
 from bayescal.fitted.arm import of_fit, refitted
 from bayescal.fitted.file import read_arm, write_arm
+from bayescal.gap.diagnose import diagnose
 from bayescal.model.options import FitOptions, family
 from bayescal.model.scene import Scene
 from bayescal.reporting.fit.record import fit_record
+from bayescal.reporting.gap.record import gap_record
 
 MODEL = ("geometry", "compliance")
 USUAL = FitOptions()
@@ -186,3 +189,15 @@ def test_nothing_is_told_by_few_nats(tracker):
     assert sum(w.nats for w in more) > TOLD
     assert isinstance(more[0], Width)
     assert len(widths.widths(pushed, plain.covariance)) <= len(more)
+
+
+def test_a_diagnosis_has_the_widths_of_a_fit(far, tracker):
+    """Its baseline is the fit of the same model; the note and gap.json state them."""
+    gap = diagnose(geared(tracker(seed=8, count=40, spread=3.0).dataset), MODEL)
+    assert gap.options.widths == pytest.approx(dict(far.options.widths))
+    np.testing.assert_allclose(gap.calibrated.model.sd, far.final.estimate.model.sd)
+    record = gap_record(gap)
+    assert record["prior_widths"] == gap.options.widths
+    for name in far.options.widths:
+        words = f"the {name} are larger than their prior makes likely"
+        assert any(note.startswith(words) for note in record["notes"])
