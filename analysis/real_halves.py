@@ -27,11 +27,13 @@ from analysis.records import Record, completed, stored
 from bayescal.arm import chain as reference
 from bayescal.assess.agreement import difference_covariance, known_directions, shared_masses
 from bayescal.dataset import Dataset, read_dataset
-from bayescal.effects import MODELS
+from bayescal.effects import BASELINE, MODELS
 from bayescal.estimate import Estimate, calibrated, root
 from bayescal.estimate.discrepancy import Stated, families, stated
 from bayescal.estimate.families import Family, poses
 from bayescal.estimate.unexplained import unexplained
+from bayescal.estimate.widths import with_widths
+from bayescal.model import USUAL, FitOptions
 from bayescal.model.model import noise_groups
 from bayescal.model.scene import Scene
 from bayescal.predict.crossvalidation import inside95
@@ -87,19 +89,26 @@ def splits(dataset: Dataset) -> Iterator[Split]:
         yield Split(kind, (rows[one], rows[~one]))
 
 
-def half(dataset: Dataset, own: np.ndarray, other: np.ndarray, functions: Sequence[Family]) -> Half:
+def half(
+    dataset: Dataset, own: np.ndarray, other: np.ndarray, functions: Sequence[Family],
+    options: FitOptions = USUAL,
+) -> Half:  # fmt: skip
     """Fit some rows and predict others."""
     m = dataset.measurements
     role = np.full(len(m.role), "skip", dtype=object)
     role[own], role[other] = "calibrate", "validate"
     scene = Scene(replace(dataset, measurements=replace(m, role=role.astype(str))))
-    circumstances = scene.circumstances(scene.rows("calibrate"))
-    effects = tuple(e for e in ("geometry", "compliance") if not MODELS[e].missing(circumstances))
-    fitted = calibrated(scene, effects)
+    fitted = calibrated(scene, modelled(scene), options)
     found, left = stated(fitted, functions), unexplained(fitted)
     plain = share_inside(fitted, left.excess)
     wide = share_inside(found.wide, found.remaining(left).excess, found.white)
     return Half(fitted, found, (plain, wide))
+
+
+def modelled(scene: Scene) -> tuple[str, ...]:
+    """The baseline, as far as a session has what it needs."""
+    circumstances = scene.circumstances(scene.rows("calibrate"))
+    return tuple(e for e in BASELINE if not MODELS[e].missing(circumstances))
 
 
 def share_inside(e: Estimate, excess: float, white: float = 1.0) -> float:
@@ -145,10 +154,12 @@ def chi2_per_dof(a: Half, b: Half, shared: bool) -> tuple[float, float]:
 def figures(dataset: Dataset) -> list[Figures]:
     """All splits of a session."""
     scene, out = Scene(dataset), []
-    functions = families(scene.circumstances(scene.rows("calibrate")))
+    functions, effects = families(scene.circumstances(scene.rows("calibrate"))), modelled(scene)
+    # parameters of halves are comparable if they have the same prior widths: those of the whole
+    options = with_widths(calibrated(scene, effects), scene, effects, USUAL)[1]
     for split in splits(dataset):
         one, other = split.halves
-        a, b = half(dataset, one, other, functions), half(dataset, other, one, functions)
+        a, b = (half(dataset, *rows, functions, options) for rows in ((one, other), (other, one)))
         inside = (0.5 * (a.inside[0] + b.inside[0]), 0.5 * (a.inside[1] + b.inside[1]))
         out.append(Figures(split.kind, chi2_per_dof(a, b, split.kind == "random"), inside))
     return out

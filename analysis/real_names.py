@@ -2,7 +2,8 @@
 
 Each session is split by pose at random. One half is diagnosed alone (`gap` without validation data). The
 model that it names, fitted to this half, predicts the other half; so does that model without each of its
-names in turn.
+names in turn. The residuals of the other half are compared with the 95 % intervals of the model with all
+names. Halves of the workspace, by the radius of the point, show intervals where nothing was fitted.
 
 ``python -m analysis.real_names --real ../shared/data/real --out docs/real_names.md``
 """
@@ -18,7 +19,6 @@ import argparse
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from itertools import islice
 from pathlib import Path
 from typing import NamedTuple
 
@@ -26,11 +26,14 @@ import numpy as np
 
 from analysis.knock_out import usual
 from analysis.knock_out_page import update
-from analysis.real_halves import splits
+from analysis.real_halves import share_inside, splits
 from analysis.records import Record, completed, stored
 from bayescal.dataset import Dataset, read_dataset
 from bayescal.errors import BayescalError
-from bayescal.gap.diagnose import explain
+from bayescal.estimate import Estimate
+from bayescal.estimate.discrepancy import stated
+from bayescal.estimate.unexplained import unexplained
+from bayescal.gap.diagnose import doubted, explain
 from bayescal.gap.search.refit import refit
 from bayescal.model.scene import Scene
 from bayescal.predict.crossvalidation import validation_errors
@@ -38,38 +41,38 @@ from bayescal.predict.errors import ValidationErrors, kept
 
 RUNS = Path(__file__).parents[1] / "runs" / "real-names"
 MARKS = ("<!-- names: begin -->", "<!-- names: end -->")
+KINDS = ("random", "workspace")
 SURE = 0.95
 """Probability above which a name is expected to hold in the other half."""
 
 
 class Task(NamedTuple):
-    """One random half of a session."""
+    """One half of a session."""
 
     folder: Path
-    split: int  # from 0
+    split: int  # from 0; of the workspace the last
     half: int  # 0 or 1
+    kind: str = KINDS[0]
 
     @property
     def key(self) -> str:
         """Of its record."""
-        return f"{self.folder.name} | {self.split} | {self.half}"
+        kind = "" if self.kind == KINDS[0] else f" | {self.kind}"
+        return f"{self.folder.name} | {self.split} | {self.half}{kind}"
 
 
 def made(task: Task) -> Record:
     """The record of a half."""
     start = time.process_time()
     dataset = read_dataset(task.folder)
-    random = (s for s in splits(dataset) if s.kind == "random")
-    halves = next(islice(random, task.split, None)).halves
+    halves = [s for s in splits(dataset) if s.kind == task.kind][task.split].halves
     own, other = halves[task.half], halves[1 - task.half]
     try:
         found = diagnosed(dataset, own, other)
     except BayescalError as refused:
         found = {"verdict": f"refused: {refused.what}", "names": []}
-    seconds = round(time.process_time() - start, 1)
-    return (
-        {"session": task.folder.name, "split": task.split, "half": task.half} | found | {"seconds": seconds}
-    )
+    of = {"session": task.folder.name, "split": task.split, "half": task.half, "kind": task.kind}
+    return of | found | {"seconds": round(time.process_time() - start, 1)}
 
 
 def with_roles(dataset: Dataset, own: np.ndarray, other: np.ndarray, as_role: str) -> Scene:
@@ -88,14 +91,25 @@ def diagnosed(dataset: Dataset, own: np.ndarray, other: np.ndarray) -> Record:
     members = last.decision.members
     sets = [(), members, *(tuple(m for m in members if m is not one) for one in members)]
     bare = replace(last.fitted, model=replace(last.fitted.model, scene=both))
-    errors = [validation_errors(refit(bare, last.candidates, own_set)) for own_set in sets]
+    fits = [refit(bare, last.candidates, own_set, last.options) for own_set in sets]
+    errors = [validation_errors(fitted) for fitted in fits]
     fair = kept(*errors)
     before, after, *without = [1e6 * rms(h, fair) for h in errors]
     names = [
         {"name": n.model, "effect": n.effect, "probability": n.probability, "without_um": size}
         for n, size in zip(verdict.named[-len(members) :] if members else (), without, strict=True)
     ]
-    return {"verdict": verdict.kind, "before_um": before, "after_um": after, "names": names}
+    inside = [intervals(fits[0]), intervals(doubted(fits[1], fits[0], verdict))]
+    return {
+        "verdict": verdict.kind, "before_um": before, "after_um": after, "inside": inside, "names": names,
+        "prior_widths": dict(last.options.widths),
+    }  # fmt: skip
+
+
+def intervals(fitted: Estimate) -> float:
+    """Share of the validation residuals within the 95 % intervals of a fit with its stated uncertainty."""
+    wide = stated(fitted)
+    return share_inside(wide.wide, wide.remaining(unexplained(fitted)).excess, wide.white)
 
 
 def rms(held: ValidationErrors, fair: np.ndarray) -> float:
@@ -104,8 +118,26 @@ def rms(held: ValidationErrors, fair: np.ndarray) -> float:
 
 
 def table(records: Sequence[Record]) -> str:
-    """The page's tables: every half with its names, and their counts."""
-    return "\n".join([*counts(records), "", *halves(records)])
+    """The page's tables: every half with its names, their counts, and the intervals of the other half."""
+    return "\n".join([*counts(records), "", *covered(records), "", *halves(records)])
+
+
+def covered(records: Sequence[Record]) -> Iterator[str]:
+    """Shares of the residuals of the other halves within 95 % intervals, without names and with them."""
+    yield "| halves | session | without names | with all names |"
+    yield "| --- | --- | --- | --- |"
+    for kind in KINDS:
+        own = [r for r in records if kind_of(r) == kind and "inside" in r]
+        for name in (*dict.fromkeys(r["session"] for r in own), "all"):
+            inside = [r["inside"] for r in own if name in (r["session"], "all")]
+            if inside:
+                before, after = 100 * np.mean(inside, axis=0)
+                yield f"| {kind} | {name} | {before:.0f} % | {after:.0f} % |"
+
+
+def kind_of(r: Record) -> str:
+    """Kind of the split of a record."""
+    return str(r.get("kind", KINDS[0]))
 
 
 def counts(records: Sequence[Record]) -> Iterator[str]:
@@ -124,7 +156,8 @@ def halves(records: Sequence[Record]) -> Iterator[str]:
     yield "| session, split | verdict, names | P | other half without (µm) | with | in the other half |"
     yield "| --- | --- | --- | --- | --- | --- |"
     for r in records:
-        label = f"{r['session']} {r['split'] + 1}{'ab'[r['half']]}"
+        split = r["split"] + 1 if kind_of(r) == KINDS[0] else kind_of(r) + " "
+        label = f"{r['session']} {split}{'ab'[r['half']]}"
         if not r["names"]:
             yield f"| {label} | {r['verdict']} | | | | |"
             continue
@@ -142,13 +175,15 @@ def improves(r: Record, name: Record) -> bool:
 
 
 def sure(records: Sequence[Record], above: bool = True) -> list[tuple[Record, Record]]:
-    """Halves and their names with a probability above `SURE`, or those not above it."""
-    return [(r, n) for r in records for n in r["names"] if (n["probability"] > SURE) is above]
+    """Random halves and their names with a probability above `SURE`, or those not above it."""
+    random = (r for r in records if kind_of(r) == KINDS[0])
+    return [(r, n) for r in random for n in r["names"] if (n["probability"] > SURE) is above]
 
 
 def found_again(r: Record, name: Record, records: Sequence[Record]) -> list[str]:
     """Names of the same effect in the other half of the split, with their settings."""
-    others = (q for q in records if (q["session"], q["split"]) == (r["session"], r["split"]) and q is not r)
+    same_split = (q for q in records if all(q[key] == r[key] for key in ("session", "split")))
+    others = (q for q in same_split if kind_of(q) == kind_of(r) and q is not r)
     same = [n["name"] for q in others for n in q["names"] if n["effect"] == name["effect"]]
     return [text.split()[0] for text in same]
 
@@ -159,12 +194,17 @@ def share(count: int, of: int) -> str:
 
 
 def found_in(
-    real: Path, count: int, runs: Path = RUNS, workers: int = 1, sessions: Sequence[str] = ()
-) -> list[Record]:
-    """Records of all halves of `count` random splits of every session; those of `runs` are kept."""
+    real: Path, count: int, runs: Path = RUNS, workers: int = 1, sessions: Sequence[str] = (),
+    workspace: bool = False,
+) -> list[Record]:  # fmt: skip
+    """Records of all halves of `count` random splits of every session; those of `runs` are kept.
+
+    `workspace`: also of its halves by the radius of the point.
+    """
     folders = sorted(p.parent for p in real.glob("*/dataset.yaml"))
     folders = [f for f in folders if not sessions or f.name in sessions]
-    tasks = [Task(f, split, half) for f in folders for split in range(count) for half in (0, 1)]
+    parts = [(KINDS[0], k) for k in range(count)] + [(KINDS[1], -1)] * workspace
+    tasks = [Task(f, split, half, kind) for f in folders for kind, split in parts for half in (0, 1)]
     path = runs / "records.json"
     return completed(stored(path), path, {t.key: t for t in tasks}, made, workers, "halves")
 
@@ -175,11 +215,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--real", type=Path, required=True, help="folder of sessions")
     parser.add_argument("--splits", type=int, default=1, help="random splits of each session, at most 4")
     parser.add_argument("--sessions", nargs="*", default=(), help="names of sessions; default: all")
+    parser.add_argument("--workspace", action="store_true", help="halves of the workspace too")
     parser.add_argument("--workers", type=int, default=1, help="processes")
     parser.add_argument("--out", type=Path, help="page to write, or whose tables to bring up to date")
     parser.add_argument("--runs", type=Path, default=RUNS, help="folder of the records; those there are kept")
     given = parser.parse_args(arguments)
-    text = table(found_in(given.real, given.splits, given.runs, given.workers, given.sessions))
+    found = found_in(given.real, given.splits, given.runs, given.workers, given.sessions, given.workspace)
+    text = table(found)
     print(text)
     if given.out is not None:
         update(given.out, text, MARKS)

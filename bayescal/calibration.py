@@ -32,6 +32,7 @@ from bayescal.estimate import Estimate, check_enough, fitted_level
 from bayescal.estimate.bounds import UNCHANGED, Rigid, bounded, with_latent_readings
 from bayescal.estimate.discrepancy import Stated, stated
 from bayescal.estimate.unexplained import FaceCheck, Unexplained, check_faces, unexplained, with_uneven_faces
+from bayescal.estimate.widths import Width, with_widths
 from bayescal.model import USUAL, FitOptions
 from bayescal.model.scene import Scene
 from bayescal.posterior import Draws, approximate, gaussian
@@ -83,6 +84,7 @@ class Fit:
     basis: Basis  # the stated uncertainty, from which the budget of any quantity follows
     tolerance: Tolerance | None = None  # conformance decisions, where a tolerance was given
     rigid: Rigid = UNCHANGED  # parameters that the fit set to rigid
+    widths: tuple[Width, ...] = ()  # families with wider priors than stated
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -118,6 +120,7 @@ def fit(
     effects : tuple of str
         The model: names of `effects.MODELS`.
     options : FitOptions
+        Of the fit; prior widths by family are told by the data.
     without : sequence of str
         Parts of the effects that stay nominal: 'geometry at joint 4'; see `Part`.
     samples : int
@@ -133,7 +136,7 @@ def fit(
         If the session cannot be fitted, or the model has no such part, with the reason.
     """
     scene = Scene(dataset, oriented=True)
-    options = options.omitting(without, scene, effects)
+    options = replace(options.omitting(without, scene, effects), widths={})
     if options.tolerance is not None:
         check_tolerance(options.tolerance)
     check_enough(scene)
@@ -150,7 +153,8 @@ def fit(
         checked = validate(estimated, z, kappa, left.excess, of_noise, strict=False)
         levels.append(ModelLevel(estimated.model.effects or NOMINAL, estimated, left, checked))
     progress("estimate", len(simpler) / (len(simpler) + 1))
-    complete, faces, causes, rigid = _complete(fitted_level(scene, full, options), options, of_causes)
+    level, options, told = with_widths(fitted_level(scene, full, options), scene, full, options)
+    complete, faces, causes, rigid = _complete(level, options, of_causes)
     left, draws = (
         unexplained(complete),
         _sampled(complete, samples, of_draws, of_sampler, progress, checkpoint),
@@ -173,9 +177,10 @@ def fit(
     expected = with_budgets(forecast(complete, z, checked, remaining.excess, of_forecast, wide.wide), basis)
     checks = (*tests.checks, *not_physical(complete, wide.limited))
     tests = replace(tests, checks=checks, determined=not rests_on_priors(expected, left))
-    limitations = findings(
-        Assessed(complete, left, checked, expected, lacking, seen, faces, tests, options.prior_width, rigid)
+    results = Assessed(
+        complete, left, checked, expected, lacking, seen, faces, tests, options.prior_width, rigid, told
     )
+    limitations = findings(results)
     if any(f.severity == "error" or f.code in GROSS for f in limitations):
         tested = judged(dataset)
         mistakes = () if tested is None else mistaken(tested)
@@ -187,7 +192,7 @@ def fit(
     return Fit(
         dataset, options, tuple(levels), wide, draws,
         replace(draws, z=wide.reported(every).reshape(draws.z.shape)), determined,
-        lacking, faces, expected, seen, tests, limitations, basis, decided, rigid,
+        lacking, faces, expected, seen, tests, limitations, basis, decided, rigid, told,
     )  # fmt: skip
 
 

@@ -1,9 +1,13 @@
-"""The one exception that a user is meant to read, and the only form in which text of a user is repeated."""
+"""The one exception that a user is meant to read, and the only form in which text of a user is repeated.
+
+Results that others do not need: where they fail, a sentence says so.
+"""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from typing import TypeVar
 
 LONGEST = 80
 """Characters of a name, key or cell that a message repeats."""
@@ -91,3 +95,23 @@ class BayescalError(Exception):
         self.what, self.where, self.remedy = _part(what), shown(where, LONGEST_PATH), _part(remedy)
         parts = (f"{self.where}: {self.what}" if self.where else self.what, self.remedy)
         super().__init__("; ".join(p for p in parts if p))
+
+
+FAILURES = (BayescalError, ArithmeticError, LookupError, RuntimeError, ValueError)
+"""What a computation raises that its input does not permit; `numpy.linalg.LinAlgError` is a `ValueError`."""
+T = TypeVar("T")
+Otherwise = TypeVar("Otherwise")
+
+
+def attempted(what: str, compute: Callable[[], T], otherwise: Otherwise, lost: list[str]) -> T | Otherwise:
+    """A result that others do not need; where it fails, `otherwise`, and a sentence is added to `lost`."""
+    try:
+        return compute()
+    except FAILURES as error:
+        lost.append(f"left out, because it failed: {what} ({reason(error)})")
+        return otherwise
+
+
+def reason(error: Exception) -> str:
+    """Why a computation failed, on one line."""
+    return shown(str(error) or type(error).__name__, LONGEST_PART)

@@ -31,9 +31,11 @@ from bayescal.estimate.bounds import UNCHANGED, Rigid
 from bayescal.estimate.outliers import LEAST_SPARE, detectable
 from bayescal.estimate.solver import by_group
 from bayescal.estimate.unexplained import FaceCheck, Unexplained
+from bayescal.estimate.widths import Width, factors
 from bayescal.model import ORIENTATION
 from bayescal.model.block import ARM, Block
 from bayescal.model.model import length_blocks
+from bayescal.model.options import family
 from bayescal.predict.errors import slopes
 from bayescal.predict.forecast import Forecast, workspace
 from bayescal.predict.validation import Validation
@@ -126,6 +128,7 @@ class Assessed:
     tests: Acceptance
     prior_width: float = 1.0
     rigid: Rigid = UNCHANGED
+    widths: tuple[Width, ...] = ()
 
 
 def findings(of: Assessed) -> tuple[Finding, ...]:
@@ -190,14 +193,17 @@ def _parameters(of: Assessed) -> Iterator[Finding]:
             "no_length", "warning",
             "no certified length among the fitted targets: the size of the arm rests on its tolerances",
         )  # fmt: skip
-    limit = FAR * max(1.0, 1 / of.prior_width)
-    far = [p.name for p, at in zip(model.parameters, z, strict=False) if abs(at) > limit]
+    limit, told = FAR * max(1.0, 1 / of.prior_width), factors(of.widths)
+    far = [p.name for p, at in zip(model.parameters, z, strict=False)
+           if abs(at) * told.get(family(p), 1.0) > limit]  # fmt: skip
     if far:
         yield Finding(
             "far_from_nominal", "warning",
             f"{', '.join(far)}: more than {FAR:.0f} prior standard deviations from nominal; "
             "check the robot file",
         )  # fmt: skip
+    for width in of.widths:
+        yield Finding("prior_width", "note", width.words)
     if of.rigid.words:
         yield Finding("rigid", "note", of.rigid.words)
     absent = [name for name in model.effects if not MODELS[plain(name)].in_robot_file]

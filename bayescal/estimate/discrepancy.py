@@ -340,7 +340,7 @@ def stated(fitted: Estimate, functions: Sequence[Family] | None = None) -> State
     shown = variances(h, left, pose, family, len(e) - float(np.sum(by * j)) - errors.dof, level)
     explained = float(np.einsum("rk,rk->k", h, h) @ shown[family]) / len(h) if len(family) else 0.0
     white = 1.0 - min(explained, 1.0 - LEAST_WHITE)
-    size = UNSEEN * shown
+    size = np.maximum(UNSEEN * shown, [fitted.least.get(name, 0.0) for name in names])
     kept = np.flatnonzero(size[family] > 0)
     sd = np.sqrt(size[family[kept]])
     sizes = dict(zip(names, size.tolist(), strict=True))

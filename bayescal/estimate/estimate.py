@@ -13,7 +13,7 @@ in a few fits: D. G. Anderson, Iterative procedures for nonlinear integral equat
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -95,6 +95,7 @@ class Estimate:
     rejected: np.ndarray  # rows of the session rejected as outliers
     dof: Mapping[str, float]  # residual degrees of freedom of each noise group
     held: tuple[str, ...] = ()  # parameters at their bound: see `bounds`
+    least: Mapping[str, float] = field(default_factory=dict)  # smallest variances of a discrepancy, by family
 
     @property
     def arm(self) -> np.ndarray:

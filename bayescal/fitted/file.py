@@ -77,6 +77,7 @@ def arm_record(arm: FittedArm) -> dict[str, Any]:
         "model": list(arm.effects),
         "without": list(options.omitted),
         "prior_width": options.prior_width,
+        "prior_widths": dict(options.widths),
         "robust": options.robust,
         "seed": options.seed,
         "parameters": parameters,
@@ -196,7 +197,8 @@ def _arm(record: dict[str, Any], folder: Path) -> FittedArm:
         raise BayescalError(what, str(folder / ARM_FILE), "repeat the command with this version")
     model, values = with_parameters(settled.scene, effects, settled.parameters), deviations(settled)
     parts = parts_of(record["without"], effects)
-    options = FitOptions(parts, record["robust"], record["prior_width"], record["seed"])
+    widths = record.get("prior_widths", {})  # none of an earlier version
+    options = FitOptions(parts, record["robust"], record["prior_width"], record["seed"], widths=widths)
     return FittedArm(
         model,
         values,
@@ -245,7 +247,7 @@ def restored(arm: FittedArm) -> Estimate:
     ids = model.scene.dataset.measurements.ids
     rejected = np.array([ids.index(name) for name in arm.rejected], int)
     held = tuple(n.parameter for n in arm.use.rigid.parameters)
-    return replace(at_solution(model, z, rejected), held=held)
+    return replace(at_solution(model, z, rejected), held=held, least=arm.beyond.variances)
 
 
 def check_restored(arm: FittedArm, covariance: np.ndarray) -> None:

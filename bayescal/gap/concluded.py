@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from bayescal.effects import EFFECTS
 from bayescal.effects.location import ARM
+from bayescal.errors import attempted
 from bayescal.gap.examine import Examined
 from bayescal.gap.outcome.notes import alike, cautions, play_or_late
 from bayescal.gap.outcome.where import named_events
-from bayescal.gap.result import OTHER, CauseClass, Hypothetical, Named, Verdict
+from bayescal.gap.result import OTHER, CauseClass, Event, Hypothetical, Named, Verdict
 from bayescal.gap.search.beam import COMPLIANCE, Member
 from bayescal.gap.search.refit import model_name
 from bayescal.gap.search.verdict import Decision
@@ -25,7 +27,7 @@ def concluded(e: Examined, without: Decision | None) -> Verdict:
     """The verdict; `without` is the decision for the model without compliance, if that was missing."""
     d = e.decision
     probability = dict(d.probability)
-    events = named_events(d.hypothesis, e.pool, e.candidates.pool)
+    events = attempted("rows of sudden changes", partial(events_of, e), {}, [])  # `explain` says it
     named = [replace(_named(m, d, e), events=events.get(m.effect, ())) for m in d.members]
     kind, credible = d.kind, d.credible
     if without is not None:
@@ -55,12 +57,18 @@ def concluded(e: Examined, without: Decision | None) -> Verdict:
         d.footnotes,
         e.candidates.missing | dict.fromkeys(e.search.unseen, UNSEEN),
         (
+            *(w.words for w in e.widths),
             *play_or_late(d.alone, e.pool, d.credible),
             *alike(e.fitted.model.scene, d.members),
             *cautions(e.fitted.model.scene.dataset),
         ),
         _causes(d, probability) if kind == "class" else None,
     )
+
+
+def events_of(e: Examined) -> Mapping[str, tuple[Event, ...]]:
+    """Rows of the sudden changes that are named, by effect."""
+    return named_events(e.decision.hypothesis, e.pool, e.candidates.pool)
 
 
 def _causes(d: Decision, probability: Mapping[str, float]) -> CauseClass:

@@ -17,21 +17,20 @@ from bayescal.assess.identifiability import identifiability
 from bayescal.assess.undetermined import undetermined
 from bayescal.dataset import Dataset
 from bayescal.effects import BASELINE, levels_of
-from bayescal.errors import BayescalError
+from bayescal.errors import FAILURES, BayescalError, Otherwise, T, attempted, reason
 from bayescal.estimate import Estimate, check_enough, fitted_level
-from bayescal.estimate.bounds import bounded
+from bayescal.estimate.bounds import UNCHANGED, bounded
 from bayescal.estimate.discrepancy import stated
-from bayescal.gap.concluded import concluded
+from bayescal.gap.concluded import concluded, events_of
 from bayescal.gap.design.advise import advise, rivals, undecided
-from bayescal.gap.design.blind_spots import blind_spots, places_of, unseen
+from bayescal.gap.design.blind_spots import Places, blind_spots, places_of, unseen
 from bayescal.gap.examine import Examined, examine, where
-from bayescal.gap.linear.problem import without_nuisance
+from bayescal.gap.linear.problem import Problem, without_nuisance
 from bayescal.gap.linear.state import again
 from bayescal.gap.outcome.magnitude import Level, magnitude, model_levels, noise_floor, shrinkage
 from bayescal.gap.outcome.margins import margins
 from bayescal.gap.outcome.notes import amplitudes, warnings
-from bayescal.gap.outcome.where import named_events
-from bayescal.gap.result import Gap, Verdict
+from bayescal.gap.result import Advice, Amplitude, BlindSpot, Gap, Shrinkage, Verdict
 from bayescal.gap.search.beam import COMPLIANCE, Member
 from bayescal.gap.search.candidates import Variant
 from bayescal.gap.search.gate import confirmed, contradiction
@@ -58,6 +57,7 @@ class Explained:
     final: Estimate  # with the named effects
     after: ValidationErrors
     unsure: tuple[int, ...] = ()  # rows of the session that may be before an event or after it: not scored
+    lost: tuple[str, ...] = ()  # what failed on the way, as sentences
 
     @property
     def verdict(self) -> Verdict:
@@ -69,36 +69,47 @@ def explain(
     scene: Scene, effects: tuple[str, ...], options: FitOptions = USUAL, progress: Progress = silent
 ) -> Explained:
     """Name effects that a baseline lacks, if validation measurements confirm them; see `diagnose`."""
+    lost = list[str]()
     progress("estimate", 0.0)
     first = examine(scene, effects, options)
     progress("search", 0.3)
     last, promoted = first, COMPLIANCE not in effects and _promoted(first)
     if promoted:
-        last = examine(scene, (*effects, COMPLIANCE), options, further=True)
+        further = partial(examine, scene, (*effects, COMPLIANCE), options, further=True)
+        last = attempted("the search with compliance in the model", further, first, lost)
+        promoted = last is not first
     progress("refit", 0.6)
-    d = last.decision
-    events = named_events(d.hypothesis, last.pool, last.candidates.pool).values()
-    unsure = tuple(row for of in events for e in of for row in between(e.interval95, last.problem.rows))
+    events = attempted("rows of sudden changes", partial(events_of, last), {}, lost)
+    unsure = tuple(
+        row for of in events.values() for e in of for row in between(e.interval95, last.problem.rows)
+    )
 
     def errors(fitted: Estimate, without: str = LEFT_OUT) -> ValidationErrors:
         return without_rows(validation_errors(fitted, without=without), unsure)
 
     before = errors(first.fitted)
-    alone = before if last is first and before.how == VALIDATED else errors(last.fitted, BLOCKED)
+    alone = before if last is first else errors(last.fitted)
+    if alone.how != VALIDATED:
+        blocked = partial(errors, last.fitted, BLOCKED)
+        alone = attempted("cross-validation by blocks of the baseline", blocked, alone, lost)
 
     known: dict[tuple[Variant, ...], tuple[Estimate, ValidationErrors]] = {(): (last.fitted, alone)}
 
     def fitted(members: Sequence[Member]) -> tuple[Estimate, ValidationErrors]:
         key = tuple(m.variant for m in members)
         if key not in known:
-            final = refit(last.fitted, last.candidates, members, options)
-            known[key] = final, errors(final, BLOCKED)
+            try:
+                final = refit(last.fitted, last.candidates, members, last.options)
+                known[key] = final, errors(final, BLOCKED)
+            except FAILURES as error:
+                raise error if isinstance(error, BayescalError) else BayescalError(reason(error)) from None
         return known[key]
 
     confirmed_last, final, after = _admitted(last, alone, fitted)
     if after.how != VALIDATED:
-        after = before if final is first.fitted else errors(final)
-    return Explained(first, confirmed_last, promoted, before, final, after, unsure)
+        what = "cross-validation of the refit one by one: that by blocks is stated"
+        after = before if final is first.fitted else attempted(what, partial(errors, final), after, lost)
+    return Explained(first, confirmed_last, promoted, before, final, after, unsure, tuple(lost))
 
 
 def between(interval: tuple[int, int], fitted: np.ndarray) -> range:
@@ -172,7 +183,7 @@ def fitted_levels(
         fits.append(((*effects, COMPLIANCE), lambda: last.fitted))
     for k in range(1, len(members)):
         names = (model_name(m, last.candidates) for m in members[:k])
-        further = partial(refit, last.fitted, last.candidates, members[:k], options)
+        further = partial(refit, last.fitted, last.candidates, members[:k], last.options)
         fits.append(((*last.fitted.model.effects, *names), further))
     if members:
         names = (model_name(m, last.candidates) for m in members)
@@ -182,8 +193,9 @@ def fitted_levels(
         try:
             e = fit()
             out.append(Level(model, e, _errors_of(e, found)))
-        except (BayescalError, np.linalg.LinAlgError) as error:
-            lost.append(f"the model level {' + '.join(model)} is left out: it cannot be fitted ({error})")
+        except FAILURES as error:
+            what = f"the model level {' + '.join(model)} is left out: it cannot be fitted"
+            lost.append(f"{what} ({reason(error)})")
     return out, lost
 
 
@@ -226,56 +238,102 @@ def diagnose(
     of_magnitude, of_shrinkage = spawned(options.seed, 2)
     size = magnitude(first.fitted, final, before, after, of_magnitude)
     verdict = found.verdict
-    levels, lost = fitted_levels(scene, effects, options, found)
+    levels, left_out = fitted_levels(scene, effects, options, found)
+    lost = [*found.lost, *left_out]
+
+    def either(what: str, compute: Callable[[], T], otherwise: Otherwise) -> T | Otherwise:
+        return attempted(what, compute, otherwise, lost)
+
     plain = without_nuisance(last.problem, last.fitted.model.size)
-    named = tuple(m.effect for m in decision.members)
     spheres = places_of(last.fitted)
-    chosen = again(decision.hypothesis.state, plain)
-    spots = blind_spots(last.fitted, last.candidates, plain, chosen, named, spheres)
+    free = either("the refit with the confirmed names alone", partial(_confirmed, found), final)
+    arm, rigid = either("limits of compliances", partial(bounded, free), (free, UNCHANGED))
+    if rigid.parameters and free is final and decision.members:  # one arm in all that follows
+        final, after = arm, either("errors of the limited refit", partial(_errors_of, arm, found), after)
+        levels[-1:] = [replace(level, fitted=arm, errors=after) for level in levels[-1:]]
+    if decision.members:
+        keep = partial(doubted, arm, last.fitted, verdict)
+        refitted = either("the discrepancy that the names may not explain", keep, arm)
+        arm, final = refitted, refitted if arm is final else final
+    wide = either("the stated uncertainty of the arm, and with it the arm", lambda: stated(arm).limited, None)
+    of_final = wide
+    if wide is None or arm is not final:
+        of_final = either("the stated uncertainty of the refit", lambda: stated(final).limited, None)
+    of_final = final.covariance if of_final is None else of_final
+    lacking = either(
+        "what is not determined", lambda: undetermined(final, identifiability(final, of_final)), ()
+    )
+    reduction: tuple[Shrinkage, ...] = ()
+    if decision.members or found.promoted:
+        compare = partial(shrinkage, before, after, noise.sd, of_shrinkage, noise.dof)
+        reduction = either("the reduction of errors", compare, ())
+    if not all(n.confirmed for n in verdict.named):
+        reduction = tuple(replace(s, claimed=False) for s in reduction)
+    places = either("locations", partial(where, first, last, found.promoted, noise.sd), ())
+    groups = either("groups", partial(margins, first.fitted, before, noise.sd, noise.dof), {})
+    advice = either("what to measure next", partial(_advice, last, plain, spheres), ())
+    spots = either("effects that would not be seen", partial(_unseen, last, plain, spheres), ())
+    sizes: tuple[Amplitude, ...] = ()
+    if verdict.named:
+        sizes = either("amplitudes", lambda: amplitudes(final, of_final, verdict.named), ())
+    open_pairs = either("effects that are not told from each other", partial(undecided, last), ())
+    cautions = warnings(first.fitted, final, before, after, lacking)
+    return Gap(
+        dataset=dataset,
+        baseline=effects,
+        options=last.options,
+        magnitude=size,
+        where=places,
+        margins=groups,
+        verdict=verdict,
+        shrinkage=reduction,
+        levels=model_levels(levels, kept(before, after)),
+        advice=advice,
+        blind_spots=spots,
+        residuals=_residuals(first.fitted, final),
+        warnings=(
+            *(f"{cause.words}: they are no outliers, and all models use them" for cause in first.causes),
+            *cautions,
+            *lost,
+        ),
+        amplitudes=sizes,
+        refit=final.model.effects,
+        still_without=still_without(last.options.without, decision.members),
+        undecided=open_pairs,
+        arm=None if wide is None else arm,
+        calibrated=first.fitted,
+        covariance=wide,
+        rigid=rigid,
+        undetermined=lacking,
+    )
+
+
+def doubted(refitted: Estimate, baseline: Estimate, verdict: Verdict) -> Estimate:
+    """A refit whose stated uncertainty keeps what its names may not explain of the baseline's discrepancy.
+
+    The names were chosen by the residuals that show the discrepancy: they leave less of it there than
+    elsewhere. Beside an unmodelled effect all of it is kept, and else the share of the probability that a
+    name is wrong.
+    """
+    share = 1.0 - min((n.probability for n in verdict.named), default=0.0)
+    share = share if verdict.kind == "named" else 1.0
+    return replace(refitted, least={f: share * v for f, v in stated(baseline).variances.items() if v > 0})
+
+
+def _advice(last: Examined, plain: Problem, spheres: Places) -> tuple[Advice, ...]:
+    """What to measure next, by pairs of hypotheses without nuisance parameters."""
     pairs = [
         (replace(a, state=again(a.state, plain)), replace(b, state=again(b.state, plain)))
         for a, b in rivals(last)
     ]
-    free = _confirmed(found, options)
-    arm, rigid = bounded(free)
-    if rigid.parameters and free is final and decision.members:  # one arm in all that follows
-        final, after = arm, _errors_of(arm, found)
-        levels[-1] = replace(levels[-1], fitted=arm, errors=after)
-    wide = stated(arm)
-    of_final = wide.limited if arm is final else stated(final).limited
-    lacking = undetermined(final, identifiability(final, of_final))
-    changed = bool(decision.members) or found.promoted
-    reduction = shrinkage(before, after, noise.sd, of_shrinkage, noise.dof) if changed else ()
-    if not all(n.confirmed for n in verdict.named):
-        reduction = tuple(replace(s, claimed=False) for s in reduction)
-    return Gap(
-        dataset=dataset,
-        baseline=effects,
-        options=options,
-        magnitude=size,
-        where=where(first, last, found.promoted, noise.sd),
-        margins=margins(first.fitted, before, noise.sd, noise.dof),
-        verdict=verdict,
-        shrinkage=reduction,
-        levels=model_levels(levels, kept(before, after)),
-        advice=advise(last.fitted, last.candidates, pairs, places=spheres),
-        blind_spots=unseen(spots),
-        residuals=_residuals(first.fitted, final),
-        warnings=(
-            *(f"{cause.words}: they are no outliers, and all models use them" for cause in first.causes),
-            *warnings(first.fitted, final, before, after, lacking),
-            *lost,
-        ),
-        amplitudes=amplitudes(final, of_final, verdict.named) if verdict.named else (),
-        refit=final.model.effects,
-        still_without=still_without(options.without, decision.members),
-        undecided=undecided(last),
-        arm=arm,
-        calibrated=first.fitted,
-        covariance=wide.limited,
-        rigid=rigid,
-        undetermined=lacking,
-    )
+    return advise(last.fitted, last.candidates, pairs, places=spheres)
+
+
+def _unseen(last: Examined, plain: Problem, spheres: Places) -> tuple[BlindSpot, ...]:
+    """Effects that the session would not show."""
+    named = tuple(m.effect for m in last.decision.members)
+    chosen = again(last.decision.hypothesis.state, plain)
+    return unseen(blind_spots(last.fitted, last.candidates, plain, chosen, named, spheres))
 
 
 def _errors_of(e: Estimate, found: Explained) -> ValidationErrors:
@@ -287,15 +345,15 @@ def _errors_of(e: Estimate, found: Explained) -> ValidationErrors:
     return without_rows(validation_errors(e, strict=False), found.unsure)
 
 
-def _confirmed(found: Explained, options: FitOptions) -> Estimate:
+def _confirmed(found: Explained) -> Estimate:
     """The refit with those of the named effects that the validation data confirm."""
     d = found.last.decision
     members = [m for m in d.members if m.effect not in d.unclaimed]
     if len(members) == len(d.members):
         return found.final
     try:
-        return refit(found.last.fitted, found.last.candidates, members, options)
-    except BayescalError:  # without the others, none of them can be fitted
+        return refit(found.last.fitted, found.last.candidates, members, found.last.options)
+    except FAILURES:  # without the others, none of them can be fitted
         return found.last.fitted
 
 

@@ -13,8 +13,10 @@ import numpy as np
 from bayescal.assess.shared_causes import SharedCause, judged_complete
 from bayescal.effects import EFFECTS, Circumstances, Parameter
 from bayescal.effects.gravity import masses
+from bayescal.errors import attempted
 from bayescal.estimate import Estimate, calibrated, families
 from bayescal.estimate.families import with_compliances
+from bayescal.estimate.widths import Width, with_widths
 from bayescal.gap.linear.evidence import shared_variance, worth
 from bayescal.gap.linear.problem import Problem, Slopes, of_certificate
 from bayescal.gap.linear.state import State, fit_state
@@ -30,7 +32,7 @@ from bayescal.gap.search.verdict import Decision, decide
 from bayescal.gap.settings import LINEAR, VERDICT
 from bayescal.model import ORIENTATION
 from bayescal.model.model import main_group
-from bayescal.model.options import FitOptions
+from bayescal.model.options import USUAL, FitOptions
 from bayescal.model.scene import Scene
 
 
@@ -46,6 +48,8 @@ class Examined:
     search: Search
     decision: Decision
     causes: tuple[SharedCause, ...] = ()  # of rows that the baseline rejects and that are used all the same
+    options: FitOptions = USUAL  # of the fit, with the prior widths that the data told
+    widths: tuple[Width, ...] = ()
 
 
 def examine(scene: Scene, effects: tuple[str, ...], options: FitOptions, further: bool = False) -> Examined:
@@ -53,13 +57,13 @@ def examine(scene: Scene, effects: tuple[str, ...], options: FitOptions, further
 
     `further`: an effect was named before.
     """
-    plain = calibrated(scene, effects, options)
+    plain, options, told = with_widths(calibrated(scene, effects, options), scene, effects, options)
     fitted, causes = judged_complete(plain) if options.robust else (plain, ())
     result = _examined(fitted, causes, options, further)
     if causes and result.decision.kind == "null":  # a few true outliers that share a cause by chance
         other = _examined(plain, (), options, further)
         result = result if other.decision.kind == "null" else other
-    return result
+    return replace(result, options=options, widths=told)
 
 
 def _examined(
@@ -75,7 +79,8 @@ def _examined(
     result = baseline.weighed(fitted)
     members = result.decision.members
     if members and ORIENTATION in fitted.weights.scale:
-        final = refit(fitted, result.candidates, members, options)
+        # where it fails, the names are refused later, with the reason
+        final = attempted("", partial(refit, fitted, result.candidates, members, options), fitted, [])
         if not _alike(fitted, final):
             result = baseline.weighed(final)
     return result

@@ -9,7 +9,7 @@ Blocks whose residuals are lengths: contacts and points, not the orientations th
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -231,8 +231,8 @@ def build(scene: Scene, effects: tuple[str, ...], options: FitOptions = USUAL) -
         If there are no rows to fit, the session lacks data for an effect, or an effect has no such part.
     """
     circumstances = scene.circumstances(_rows(scene))
-    parameters, width = kept(parameters_of(effects, circumstances), options.without), options.prior_width
-    return with_parameters(scene, effects, tuple(replace(p, sd=p.sd * width) for p in parameters))
+    parameters = kept(parameters_of(effects, circumstances), options.without)
+    return with_parameters(scene, effects, tuple(map(options.wider, parameters)))
 
 
 def with_parameters(scene: Scene, effects: tuple[str, ...], parameters: tuple[Parameter, ...]) -> Model:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 from bayescal.effects import Parameter, Site, parameters_of
 from bayescal.effects.location import ARM as ARM_SITE
+from bayescal.effects.location import NUMBERED
 from bayescal.effects.selection import Selection, plain
 from bayescal.errors import BayescalError
 from bayescal.model.scene import Scene
@@ -97,6 +98,20 @@ def kept(parameters: Sequence[Parameter], without: Sequence[Part]) -> tuple[Para
     return tuple(p for p in parameters if not any(part.holds(p) for part in without))
 
 
+QUANTITIES = {"m": " lengths", "rad": " angles"}
+"""What parameters of a family are, by their unit."""
+
+
+def family(p: Parameter) -> str:
+    """Parameters whose prior widths have the same source: of one effect and unit, at joints or at links.
+
+    "" of all others, at the base or of a tool: their widths are stated by the session, or assumed loose.
+    """
+    if p.site.kind not in NUMBERED:
+        return ""
+    return f"{p.effect}{QUANTITIES.get(p.unit, '')} of {p.site.kind}s"
+
+
 @dataclass(frozen=True)
 class FitOptions:
     """How a model is fitted; its effects are given beside, because levels and refits differ in them.
@@ -109,6 +124,8 @@ class FitOptions:
         Exclude outliers.
     prior_width : float
         Factor on the prior standard deviations of the arm.
+    widths : mapping
+        Further factors by `family`, that the data told (`estimate.widths`).
     seed : int
         The same seed gives the same result.
     latent_joints : bool
@@ -123,6 +140,11 @@ class FitOptions:
     seed: int = 0
     latent_joints: bool = False
     tolerance: float | None = None
+    widths: Mapping[str, float] = field(default_factory=dict)
+
+    def wider(self, p: Parameter) -> Parameter:
+        """A parameter with the prior width of a fit."""
+        return replace(p, sd=p.sd * self.prior_width * self.widths.get(family(p), 1.0))
 
     @property
     def omitted(self) -> tuple[str, ...]:

@@ -13,7 +13,7 @@ from bayescal.assess.identifiability import identifiability
 from bayescal.assess.undetermined import undetermined
 from bayescal.dataset import Dataset
 from bayescal.dataset.read import SETTINGS, TABLE
-from bayescal.dataset.target_kinds import kinds_of
+from bayescal.dataset.target_kinds import kinds_of, place_sd
 from bayescal.effects import EFFECTS
 from bayescal.errors import BayescalError
 from bayescal.estimate import Estimate, check_enough, linearise, unit_weights
@@ -67,14 +67,7 @@ def missing(
     dataset = scene.dataset
     yield from _roles(dataset)
     yield from _unused(dataset)
-    for k in scene.tools_predicted(scene.rows("calibrate")):
-        tool = dataset.tools[k]
-        what = (
-            f"only validation rows use the tool {tool.name}: its centre is not fitted, and is uncertain by "
-        )
-        what += f"{1e3 * tool_u(scene, k):g} mm in every prediction"
-        remedy = "fit some rows with this tool, or state `u_mm` of its centre"
-        yield Finding("predicted_tool", "missing", what, TABLE, remedy)
+    yield from _predicted(scene)
     yield from _enough(scene, model)
     yield from _scale(model)
     yield from _faces(dataset)
@@ -85,6 +78,27 @@ def missing(
         what = "no joint velocities: backlash and other errors by direction of motion cannot be assessed"
         remedy = "add the columns `j1_degps` ...; their signs are the direction of approach"
         yield Finding("no_velocities", "missing", what, TABLE, remedy)
+
+
+def _predicted(scene: Scene) -> Iterator[Finding]:
+    """Tools and instruments that only validation rows use."""
+    dataset, m = scene.dataset, scene.dataset.measurements
+    fitted, validate = scene.rows("calibrate"), scene.rows("validate")
+    if not len(fitted):
+        return
+    for k in np.setdiff1d(m.tool[validate], m.tool[fitted]).tolist():
+        what = f"only validation rows use the tool {dataset.tools[k].name}: its centre is not fitted, and is "
+        what += f"uncertain by {1e3 * tool_u(scene, k):g} mm in every prediction"
+        remedy = "fit some rows with this tool, or state `u_mm` of its centre"
+        yield Finding("predicted_tool", "missing", what, TABLE, remedy)
+    for k in np.setdiff1d(m.target[validate], m.target[fitted]).tolist():
+        target = dataset.targets[k]
+        if target.kind == "instrument":
+            what = f"only validation rows are of the instrument {target.name}: its pose, uncertain by "
+            what += (
+                f"{1e3 * place_sd(target):g} mm, is estimated from them, which hides errors that displace it"
+            )
+            yield Finding("predicted_instrument", "missing", what, TABLE, "fit some of its rows")
 
 
 def _roles(dataset: Dataset) -> Iterator[Finding]:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from bayescal.errors import BayescalError
+from bayescal.errors import BayescalError, attempted
 from bayescal.public.arms import names
 from bayescal.public.motions import (
     MotionFitResult,
@@ -23,6 +24,7 @@ from bayescal.public.together import TogetherResult
 from bayescal.storage.stopping import Progress, silent
 
 if TYPE_CHECKING:
+    from bayescal.assess.agreement import Agreement
     from bayescal.dataset import Dataset
 
     Source = Dataset | SimulatedSession | str | PathLike[str]
@@ -173,7 +175,7 @@ def fit(
     if not session.sessions:
         return FitResult(fitted)
     progress("compare", 0.0)
-    return FitResult(fitted, agreement(fitted.final.estimate, effects, options))
+    return FitResult(fitted, agreement(fitted.final.estimate, effects, fitted.options))
 
 
 def diagnose(
@@ -235,8 +237,13 @@ def diagnose(
     if not session.sessions:
         return GapResult(diagnosis)
     progress("compare", 0.0)
-    together = calibrated(Scene(session), effects, options)
-    return GapResult(diagnosis, agreement(together, effects, options))
+    lost, of_all = list[str](), diagnosis.options
+
+    def compare() -> Agreement | None:
+        return agreement(calibrated(Scene(session), effects, of_all), effects, of_all)
+
+    compared = attempted("the agreement of the sessions", compare, None, lost)
+    return GapResult(replace(diagnosis, warnings=(*diagnosis.warnings, *lost)), compared)
 
 
 def simulate(

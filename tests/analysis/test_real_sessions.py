@@ -17,8 +17,12 @@ from analysis import (
     real_names,
     real_sessions,
     real_sessions_page,
+    real_steps,
 )
+from bayescal.arm.motion import NominalArm
+from bayescal.arm.transforms import rpy_matrix
 from bayescal.dataset import Certificate, Noise, Target, read_dataset, write_dataset
+from bayescal.estimate import calibrated
 from bayescal.model.scene import Scene
 from bayescal.simulation import Options, simulate
 
@@ -315,25 +319,30 @@ HALVES = [
     half("two", 0, ("bending", 0.99, 85.0)),
     half("two", 1),
 ]
+WORKSPACE = half("two", -1) | {"kind": "workspace", "inside": [0.85, 0.9]}
 
 
 def test_the_card_compares_each_session_with_what_is_wanted():
-    random, late, inside, better, again = (
+    halves = [*HALVES, WORKSPACE]
+    random, _, far, within, _, inside, named, beyond, better, again = (
         [cell.strip() for cell in line.split("|")[2:-1]]
-        for line in real_card.card(SESSIONS, HALVES).splitlines()[2:]
+        for line in real_card.card(SESSIONS, halves).splitlines()[2:]
     )
     assert random[1:] == ["1.000 (1.00 to 1.00)", "**0.500 (0.50 to 0.50)**", "0.750 (0.50 to 1.00)"]
-    assert late[1] == "**1.650 (1.00 to 2.30)**"
-    assert late[2] == "1.100 (1.00 to 1.20)"
+    assert far[1:] == ["**2.300 (2.30 to 2.30)**", "1.200 (1.20 to 1.20)", "**1.750 (1.20 to 2.30)**"]
+    assert within[1:] == ["95.0 %"] * 3
     assert inside[1:] == ["95.0 %", "**80.0 %**", "**87.5 %**"]
+    assert named[1:] == ["-"] * 3
+    assert beyond[1:] == ["-", "**90.0 %**", "**90.0 %**"]
     assert better[1:] == ["2 of 2", "**0 of 1**", "**2 of 3**"]
     assert again[1:] == ["2 of 2", "0 of 1", "2 of 3"]
 
 
 def test_the_page_of_names_counts_sure_names_and_others():
-    counts = real_names.table(HALVES).splitlines()
+    counts = real_names.table([*HALVES, WORKSPACE]).splitlines()
     assert counts[2] == "| probability above 0.95 | 3 | 2 (0.67) | 2 (0.67) |"
     assert counts[3] == "| all others | 1 | 0 (0.00) | 0 (0.00) |"
+    assert "| workspace | two | 85 % | 90 % |" in counts
     assert "| two 1b | named | | | | |" in counts
     assert "| | backlash x2 | 0.99 | 100.0 | 90.0 | backlash |" in counts
     assert "| | step x2 | 0.60 | 80.0 | 90.0 | no |" in counts
@@ -373,6 +382,7 @@ def test_a_half_is_diagnosed_alone_and_predicts_the_other(wavy, monkeypatch):
     assert (found["session"], name["effect"]) == ("arm", "second-harmonic")
     assert name["without_um"] == pytest.approx(found["before_um"])
     assert found["after_um"] < 0.3 * found["before_um"]
+    assert 0.9 <= found["inside"][1] <= 1.0
 
 
 def test_the_stated_uncertainty_of_a_half_holds_for_the_other(wavy):
@@ -380,3 +390,61 @@ def test_the_stated_uncertainty_of_a_half_holds_for_the_other(wavy):
     functions = real_halves.families(Scene(wavy).circumstances(np.concatenate([one, other])))
     found = real_halves.half(wavy, one, other, functions)
     assert 0.9 <= found.inside[1] <= 1.0
+
+
+# --- Steps added to sessions.
+
+
+def test_a_shifted_base_is_seen_by_an_instrument_and_in_the_readings(wavy, sockets):
+    """Both are the same displacement of the arm's points in its frame."""
+    by = np.array([3e-4, -2e-4, 5e-4])
+    (t,), row = wavy.targets, 40
+    moved = real_steps.shifted(wavy, row, by).measurements.xyz - wavy.measurements.xyz
+    np.testing.assert_allclose(moved[:row], 0.0)
+    np.testing.assert_allclose(
+        moved[row:] @ rpy_matrix(t.values["rpy"]).T, by + np.zeros((40, 3)), atol=1e-12
+    )
+    arm = NominalArm(sockets.robot, sockets.tools[0].centre)
+    after = real_steps.shifted(sockets, row, by).measurements.readings
+    before, after = (arm.tool_poses(arm.frames(q)) for q in (sockets.measurements.readings, after))
+    np.testing.assert_allclose(after[:row], before[:row])
+    np.testing.assert_allclose(after[row:, :3, 3], before[row:, :3, 3] - by, atol=2e-8)
+    np.testing.assert_allclose(after[row:, :3, :3], before[row:, :3, :3], atol=2e-6)
+
+
+def test_a_step_is_within_the_rows_of_a_target(sockets):
+    """Sixteen rows of each, of which twelve are fitted."""
+    rows = Scene(sockets).rows("calibrate")
+    target = sockets.measurements.target
+    for share in (0.0, 0.25, 0.5, 0.75, 1.0):
+        row = real_steps.seen_at(sockets, rows, share)
+        mine = rows[target[rows] == target[row]]
+        assert 3 <= np.sum(mine < row) <= 9
+    row = real_steps.seen_at(sockets, rows, 0.5)
+    assert np.linalg.norm(real_steps.direction(sockets, row, 0.5)) == pytest.approx(1.0)
+
+
+def test_detectability_of_a_step(wavy):
+    """Of a small shift it is quadratic in its size; the geometry absorbs a part of it."""
+    plain = calibrated(Scene(wavy), ("geometry",))
+    by = np.array([0.0, 0.0, 2e-5])
+    once, twice = (real_steps.detectability(plain, real_steps.shifted(wavy, 40, k * by)) for k in (1, 2))
+    assert twice == pytest.approx(4.0 * once, rel=0.02)
+    whole = 40 * (by[2] / (plain.weights.scale["point"] * 1e-5)) ** 2
+    assert 0.1 * whole < once < 0.5 * whole  # no more than one half: the mean is the instrument's
+
+
+def test_the_page_counts_steps_within_their_intervals():
+    def record(name, noncentrality, *events):
+        return {
+            "session": name, "lambda": noncentrality, "row": 50, "events": events, "widths": [3] * len(events)
+        }  # fmt: skip
+
+    found = [
+        record("one", 5.0), record("one", 50.0, (52, [49, 53])), record("one", 500.0, (90, [89, 91])),
+        record("two", 500.0, (20, [19, 21]), (50, [48, 51])),
+    ]  # fmt: skip
+    lines = real_steps.table(found).splitlines()
+    assert lines[2] == "| one | 0 of 1 | - | 1 of 1 | 0 of 1 | 4 |"
+    assert lines[3] == "| two | - | - | - | 1 of 1 | 4 |"
+    assert lines[4] == "| **all** | 0 of 1 | - | 1 of 1 | 1 of 2 | 4 |"

@@ -1,5 +1,6 @@
 """Sudden shifts: their rows with intervals, several of them, and a tool that only validation rows use."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -14,12 +15,16 @@ from bayescal.effects.selection import Selection
 from bayescal.effects.step import ROWS, beside, moments
 from bayescal.errors import BayescalError
 from bayescal.estimate import calibrated
-from bayescal.gap.diagnose import diagnose
+from bayescal.estimate.discrepancy import stated
+from bayescal.fitted.arm import of_gap
+from bayescal.fitted.file import check_restored, read_arm, restored
+from bayescal.gap.diagnose import diagnose, doubted, explain
+from bayescal.gap.examine import examine
 from bayescal.model.scene import Scene
 from bayescal.predict.crossvalidation import validation_errors
 from bayescal.preparing.missing import missing
 from bayescal.reporting.gap.phrases import headline
-from bayescal.reporting.gap.record import gap_record
+from bayescal.reporting.gap.record import gap_record, write_gap
 
 MODEL = ("geometry", "compliance")
 
@@ -131,6 +136,26 @@ def test_check_tells_a_tool_of_validation_rows():
     assert not any("tool other" in f.what for f in missing(Scene(both), None, None))
 
 
+def test_check_tells_an_instrument_of_validation_rows():
+    """With its reflector, which is not fitted either; no fitted target has rows of it."""
+    d = tracker(seed=5, count=30).dataset
+    second = replace(d.targets[0], name="second", u=5e-4)
+    validate = np.arange(30) % 3 == 0
+    other = replace(d.tools[0], name="other", u=1.5e-3)
+    d = replace(d, targets=(*d.targets, second), tools=(*d.tools, other))
+    table = {"role": np.where(validate, "validate", "calibrate"), "target": validate.astype(int)}
+    told = {f.code: f.what for f in missing(Scene(with_columns(d, **table)), None, None)}
+    assert (
+        "only validation rows are of the instrument second: its pose, uncertain by 0.5 mm"
+        in told["predicted_instrument"]
+    )
+    assert "predicted_tool" not in told
+    told = {f.code for f in missing(Scene(with_columns(d, **table, tool=validate.astype(int))), None, None)}
+    assert {"predicted_tool", "predicted_instrument"} <= told
+    fitted = with_columns(d, target=validate.astype(int))
+    assert "predicted_instrument" not in {f.code for f in missing(Scene(fitted), None, None)}
+
+
 def test_a_level_that_cannot_be_fitted_is_left_out(monkeypatch):
     """The rest of the diagnosis is there, with the reason."""
 
@@ -153,3 +178,135 @@ def test_an_arm_warms_up_within_hours():
         assert EFFECTS["thermal-drift"].scan.values(replace(c, time=time))[-1] == pytest.approx(
             3600 * longest
         )
+
+
+@pytest.fixture(scope="module")
+def waved():
+    """A session with a second harmonic of joint 5, and rows that validate."""
+    d = geared(tracker(seed=3, count=80).dataset)
+    readings = d.measurements.readings.copy()
+    readings[:, 4] += 1e-3 * np.sin(2 * readings[:, 4])
+    role = np.where(np.arange(80) % 4 == 0, "validate", "calibrate")
+    return with_columns(d, readings=readings, command=None, role=role)
+
+
+STAGES = {
+    "refit": "cannot be fitted",
+    "bounded": "limits of compliances",
+    "stated": "the stated uncertainty of the arm",
+    "undetermined": "what is not determined",
+    "shrinkage": "the reduction of errors",
+    "where": "locations",
+    "margins": "groups",
+    "advise": "what to measure next",
+    "blind_spots": "effects that would not be seen",
+    "amplitudes": "amplitudes",
+    "undecided": "effects that are not told from each other",
+    "fitted_level": "the model level nominal",
+}
+"""Functions of `gap.diagnose` that its other results do not need, and what is said of their failure."""
+
+
+@pytest.fixture(scope="module")
+def explained(waved):
+    """The session with its names."""
+    return explain(Scene(waved, oriented=True), MODEL)
+
+
+@pytest.mark.parametrize("stage", STAGES)
+def test_a_stage_that_fails_is_left_out(stage, waved, explained, monkeypatch, tmp_path):
+    """The files are there, with a sentence; a singular matrix is as bad as a fit that is refused."""
+
+    def fails(*_, **__):
+        raise np.linalg.LinAlgError("singular matrix")
+
+    monkeypatch.setattr(f"bayescal.gap.diagnose.{stage}", fails)
+    if stage != "refit":
+        monkeypatch.setattr("bayescal.gap.diagnose.explain", lambda *_: explained)
+    gap = diagnose(waved, MODEL)
+    record = gap_record(gap)
+    write_gap(gap, tmp_path / "out", record, pictures=False)
+    filed = json.loads((tmp_path / "out" / "gap.json").read_text(encoding="utf-8"))
+    said = [w for w in (*filed["warnings"], *filed["footnotes"]) if STAGES[stage] in w]
+    assert said
+    assert "singular matrix" in said[0]
+    assert (tmp_path / "out" / "gap.html").exists()
+    assert (tmp_path / "out" / "arm.json").exists() is (stage != "stated")
+    assert filed["verdict"] == ("class" if stage == "refit" else "named")
+
+
+def test_a_search_that_fails_with_compliance_is_left_out(waved, monkeypatch):
+    """The search without it is stated."""
+    right = examine
+
+    def fails(scene, effects, options, further=False):
+        if further:
+            raise BayescalError("the fit does not converge")
+        return right(scene, effects, options)
+
+    monkeypatch.setattr("bayescal.gap.diagnose.examine", fails)
+    monkeypatch.setattr("bayescal.gap.diagnose._promoted", lambda first: True)
+    found = explain(Scene(waved), ("geometry",))
+    assert (found.promoted, found.last.fitted) == (False, found.first.fitted)
+    (words,) = found.lost
+    assert "the search with compliance in the model (the fit does not converge)" in words
+
+
+def test_a_singular_event_is_left_out(waved, explained, monkeypatch):
+    def fails(*_):
+        raise np.linalg.LinAlgError("singular matrix")
+
+    monkeypatch.setattr("bayescal.gap.diagnose.examine", lambda *_: explained.first)
+    monkeypatch.setattr("bayescal.gap.concluded.named_events", fails)
+    found = explain(Scene(waved), MODEL)
+    assert "rows of sudden changes (singular matrix)" in found.lost[0]
+    assert found.verdict.kind == "named"
+
+
+def test_files_that_fail_are_left_out(waved, explained, monkeypatch, tmp_path):
+    monkeypatch.setattr("bayescal.gap.diagnose.explain", lambda *_: explained)
+    gap = diagnose(waved, MODEL)
+
+    def fails(*_, **__):
+        raise RuntimeError("no canvas")
+
+    monkeypatch.setattr("bayescal.reporting.gap.record.of_gap", fails)
+    monkeypatch.setattr("bayescal.reporting.figures.process.figures_of", fails)
+    files = write_gap(gap, tmp_path / "out", gap_record(gap))
+    assert files == ("gap.json", "gap.html")
+    filed = json.loads((tmp_path / "out" / "gap.json").read_text(encoding="utf-8"))
+    lost = [w for w in filed["warnings"] if "no canvas" in w]
+    assert [w.split(": ")[1].split(" (")[0] for w in lost] == ["the file of the arm", "figures"]
+
+
+def test_a_refit_keeps_what_its_names_may_not_explain(explained):
+    """All of the discrepancy of the baseline beside an unmodelled effect, else as much as is improbable."""
+    first, verdict = explained.first.fitted, explained.verdict
+    before, after = stated(first), stated(explained.final)
+    assert before.families
+    (name,) = verdict.named
+    for kind, share in (("named", 1.0 - name.probability), ("named+unexplained", 1.0)):
+        kept = doubted(explained.final, first, replace(verdict, kind=kind))
+        assert kept.least == pytest.approx({f: share * before.variances[f] for f in before.families})
+        wide = stated(kept)
+        for family in before.families:
+            expected = max(kept.least[family], after.variances[family])
+            assert wide.variances[family] == pytest.approx(expected)
+        assert np.all(wide.sd >= after.sd - 1e-12)
+    assert np.any(wide.sd > 1.05 * after.sd)
+
+
+def test_an_arm_of_a_diagnosis_is_as_uncertain_when_it_is_read(waved, explained, monkeypatch, tmp_path):
+    sure = explained.last.decision
+    doubtful = replace(
+        explained, last=replace(explained.last, decision=replace(sure, kind="named+unexplained"))
+    )
+    monkeypatch.setattr("bayescal.gap.diagnose.explain", lambda *_: doubtful)
+    gap = diagnose(waved, MODEL)
+    assert gap.arm.least
+    write_gap(gap, tmp_path / "out", gap_record(gap), pictures=False)
+    arm = read_arm(tmp_path / "out")
+    np.testing.assert_allclose(np.diag(arm.covariance), np.diag(of_gap(gap).covariance), rtol=1e-9)
+    again = restored(arm)
+    assert again.least == pytest.approx({**arm.beyond.variances})
+    check_restored(arm, stated(again).limited)

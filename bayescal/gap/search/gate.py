@@ -120,6 +120,10 @@ def confirmed(
     withheld = tuple(a for a in aside if a.refused or not certain(a.member))
     unclaimed = tuple(a for a in aside if not a.refused and certain(a.member))
     kept = tuple(m for m in members if all(m is not a.member for a in withheld))
+    while kept and isinstance(errors := _errors(refit, kept), BayescalError):  # with certain ones, untested
+        withheld = (*withheld, Aside(kept[-1], np.inf, UNTESTED, refused=errors.what))
+        unclaimed = tuple(a for a in unclaimed if a.member is not kept[-1])
+        kept = kept[:-1]
     fitted, errors = refit(kept)
     return Confirmed(kept, fitted, errors, withheld, unclaimed)
 

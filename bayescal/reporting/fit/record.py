@@ -56,6 +56,7 @@ def fit_record(fit: Fit, compared: Agreement | None = None) -> dict[str, Any]:
         "acceptance": None if fit.tolerance is None else _tolerance(fit.tolerance),
         "model": list(level.effects),
         "prior_width": fit.options.prior_width,
+        "prior_widths": [entry(w, "family", "factor", "nats", "parameters") for w in fit.widths],
         "parameters": _parameters(fit),
         "correlations": _correlations(fit),
         "noise": entry(level.unexplained, *NOISE)

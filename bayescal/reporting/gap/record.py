@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from bayescal.effects import UNITS
+from bayescal.errors import attempted
 from bayescal.fitted import gate
 from bayescal.fitted.arm import of_gap
 from bayescal.fitted.file import write_arm
@@ -67,6 +69,7 @@ def gap_record(gap: Gap) -> dict[str, Any]:
         **origin(SCHEMA, gap.dataset, gap.options.seed, LIBRARIES),
         **entry(gap, "baseline"),
         "without": list(gap.options.omitted),
+        "prior_widths": dict(gap.options.widths),
         "gap": _magnitude(gap.magnitude),
         "verdict": verdict.kind,
         "words": headline(gap),
@@ -280,18 +283,19 @@ def write_gap(gap: Gap, folder: Path, contents: Mapping[str, Any], pictures: boo
     tuple of str
         File names.
     """
-    names = [GAP]
-    arm = None if gap.arm is None else of_gap(gap)
+    names, lost = [GAP], list[str]()
+    arm = None if gap.arm is None else attempted("the file of the arm", partial(of_gap, gap), None, lost)
     with whole(folder, GAP) as stage:
         drawn = begun(contents) if pictures else dict
-        (stage / GAP).write_text(json_text(contents, rows=False), encoding="utf-8")
         if arm is not None:
             names += write_arm(arm, stage)
         if advised := [c for advice in contents["next"] for c in advice["contacts"]]:
             (stage / NEXT).write_text(table_of_contacts(advised), encoding="utf-8")
             names.append(NEXT)
-        for name, content in drawn().items():
+        for name, content in attempted("figures", drawn, {}, lost).items():
             (stage / name).write_bytes(content)
             names.append(name)
+        contents = {**contents, "warnings": [*contents["warnings"], *lost]}
+        (stage / GAP).write_text(json_text(contents, rows=False), encoding="utf-8")
         names.insert(1, write_page(stage, folder))
     return tuple(names)

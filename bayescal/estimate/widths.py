@@ -1,0 +1,170 @@
+"""Prior widths by evidence: families of parameters that are larger than their stated prior makes likely.
+
+The priors of an arm's parameters are those of usual arms. Where the parameters of a family are several prior
+standard deviations from their means, the estimate is pulled towards the means, and its uncertainty is too
+small. Each family f then has a factor s_f >= 1 on its prior standard deviations, by the evidence (MacKay
+1992, Neural Computation 4, 415). With C the covariance of the estimate z under the stated priors and
+W = 1 - C, z is W times the true unknowns plus an error of covariance N, that of measurements, certificates
+and of the discrepancy:
+
+    z ~ N(0, W S W' + N),  N = stated covariance - C C,  S = diag(s_f^2) of the arm, 1 of the targets
+
+for every S, as the estimator is the same. log s_f has a normal hyperprior. The factors are used only where
+they gain `TOLD` nats together: the stated priors stay otherwise. No width is reduced, as data that could tell
+it leave little to the prior.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.optimize import minimize
+
+from bayescal.errors import FAILURES
+from bayescal.estimate.discrepancy import stated
+from bayescal.estimate.estimate import Estimate, fitted_level
+from bayescal.model.block import ARM
+from bayescal.model.options import FitOptions, family
+from bayescal.model.scene import Scene
+
+TOLD, LEAST = 4.0, 1.0
+"""Nats that factors together must gain over none, odds of 50, and each of them over its stated width
+(convention)."""
+SPREAD = float(np.log(3.0))
+"""Standard deviation of the logarithm of a factor, a priori: a factor of three is usual (assumed)."""
+LARGEST = 30.0
+"""Largest factor: beyond it a value of the robot file is wrong, or a unit."""
+SMALLEST = 1e-9
+"""Share of the largest variance of a direction below which the estimate says nothing of it."""
+
+
+@dataclass(frozen=True)
+class Width:
+    """A family of parameters with a wider prior than stated."""
+
+    family: str
+    factor: float
+    nats: float  # gain of log evidence, hyperprior included
+    parameters: tuple[str, ...]
+
+    @property
+    def words(self) -> str:
+        """The width as a sentence."""
+        return (
+            f"the {self.family} are larger than their prior makes likely: fitted with {self.factor:.2g} "
+            f"times its width ({self.nats:+.0f} nats)"
+        )
+
+
+@dataclass(frozen=True)
+class Spread:
+    """The estimate of P parameters of the arm, and its covariance by errors of each kind."""
+
+    z: np.ndarray  # (P,)
+    noise: np.ndarray  # (P, P) N, and the part of the targets and of parameters without a family
+    by_family: tuple[np.ndarray, ...]  # (P, P) each: W W' of the members
+
+    @classmethod
+    def of(cls, found: Estimate, covariance: np.ndarray, members: Sequence[np.ndarray]) -> Spread:
+        """Of an estimate with its stated covariance (D, D); `members` are the places of each family."""
+        arm, c = found.model.slices[ARM], found.covariance
+        by = (np.eye(len(c)) - c)[arm]
+        others = np.setdiff1d(np.arange(len(c)), np.concatenate([np.zeros(0, int), *members]))
+        noise = (covariance - c @ c)[arm, arm] + by[:, others] @ by[:, others].T
+        parts = [by[:, own] @ by[:, own].T for own in members]
+        # in units of the estimate's spread under the stated priors, in the directions that it has
+        values, vectors = np.linalg.eigh(noise + sum(parts))
+        kept = values > SMALLEST * values[-1]
+        white = (vectors[:, kept] / np.sqrt(values[kept])).T
+        return cls(white @ found.z[arm], white @ noise @ white.T, tuple(white @ p @ white.T for p in parts))
+
+    def loss(self, log_factors: np.ndarray) -> tuple[float, np.ndarray]:
+        """Minus the log evidence of factors (F,), with the hyperprior, and its slopes (F,)."""
+        square = np.exp(2.0 * log_factors)
+        spread = self.noise + sum(s * p for s, p in zip(square, self.by_family, strict=True))
+        inverse = np.linalg.inv(spread)
+        pull = inverse @ self.z
+        value = 0.5 * (np.linalg.slogdet(spread)[1] + self.z @ pull + np.sum((log_factors / SPREAD) ** 2))
+        slopes = [s * (np.sum(inverse * p) - pull @ p @ pull)
+                  for s, p in zip(square, self.by_family, strict=True)]  # fmt: skip
+        return float(value), np.array(slopes) + log_factors / SPREAD**2
+
+    def uncertainty(self, log_factors: np.ndarray, free: Sequence[int]) -> np.ndarray:
+        """Variances of the free log factors, by their expected information and the hyperprior."""
+        square = np.exp(2.0 * log_factors)
+        spread = self.noise + sum(s * p for s, p in zip(square, self.by_family, strict=True))
+        by = [2.0 * square[k] * np.linalg.solve(spread, self.by_family[k]) for k in free]
+        information = [[0.5 * np.sum(a * b.T) for b in by] for a in by]
+        return np.diag(np.linalg.inv(np.array(information) + np.eye(len(by)) / SPREAD**2))
+
+    def best(self, free: Sequence[int]) -> tuple[np.ndarray, float]:
+        """Most probable log factors (F,) of which only those of some families are `free`, and their loss."""
+        limits = [(0.0, float(np.log(LARGEST)) if k in free else 0.0) for k in range(len(self.by_family))]
+        found = minimize(self.loss, np.zeros(len(limits)), jac=True, bounds=limits, method="L-BFGS-B")
+        return found.x, float(found.fun)
+
+
+def widths(found: Estimate, covariance: np.ndarray) -> tuple[Width, ...]:
+    """The families whose values tell a wider prior than the estimate has; none usually.
+
+    Parameters
+    ----------
+    found : Estimate
+    covariance : np.ndarray, shape (D, D)
+        Stated covariance of its unknowns, z, at least that of the solver.
+    """
+    families: dict[str, list[int]] = {}
+    for k, p in enumerate(found.model.parameters):
+        if name := family(p):
+            families.setdefault(name, []).append(k)
+    if not families:
+        return ()
+    spread = Spread.of(found, covariance, [np.array(own) for own in families.values()])
+    free, (factors, loss) = list(range(len(families))), spread.best(range(len(families)))
+    if spread.loss(np.zeros(len(families)))[0] - loss < TOLD:
+        return ()
+    gains = {k: spread.best([f for f in free if f != k])[1] - loss for k in free}
+    while free and min(gains.values()) < LEAST:
+        del free[free.index(min(gains, key=lambda k: gains[k]))]
+        factors, loss = spread.best(free)
+        gains = {k: spread.best([f for f in free if f != k])[1] - loss for k in free}
+    names, own = list(families), list(families.values())
+    # the root of the mean square of a factor, whose logarithm is normal
+    mean = np.exp(factors[free] + spread.uncertainty(factors, free)) if free else np.zeros(0)
+    return tuple(
+        Width(names[k], float(factor), gain, tuple(found.model.parameters[i].name for i in own[k]))
+        for factor, (k, gain) in zip(mean, gains.items(), strict=True)
+    )
+
+
+def with_widths(
+    found: Estimate, scene: Scene, effects: tuple[str, ...], options: FitOptions
+) -> tuple[Estimate, FitOptions, tuple[Width, ...]]:
+    """An estimate under the stated priors, or where its values tell wider ones, the fit under those.
+
+    Parameters
+    ----------
+    found : Estimate
+        As `fitted_level` returns it.
+    scene : Scene
+    effects : tuple of str
+    options : FitOptions
+        Of the estimate; those of the fit that is returned have its widths.
+    """
+    if not widths(found, found.covariance):  # the stated covariance is wider, and takes longer
+        return found, options, ()
+    told = widths(found, stated(found).covariance)
+    if not told:
+        return found, options, ()
+    wider = replace(options, widths=factors(told))
+    try:
+        return fitted_level(scene, effects, wider), wider, told
+    except FAILURES:  # no length is known, or the solution is out of reach: the stated priors hold
+        return found, options, ()
+
+
+def factors(told: Sequence[Width]) -> Mapping[str, float]:
+    """Factors of prior standard deviations by family."""
+    return {w.family: w.factor for w in told}

@@ -1,0 +1,203 @@
+"""Prior widths by evidence: arms three times as far from nominal as stated, and arms as stated."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.optimize import approx_fprime
+from scipy.stats import multivariate_normal
+from sessions import geared
+
+from bayescal.calibration import fit
+from bayescal.effects import parameters_of
+from bayescal.errors import BayescalError
+from bayescal.estimate import fitted_level, widths
+from bayescal.estimate.discrepancy import stated
+from bayescal.estimate.widths import LEAST, SPREAD, TOLD, Spread, Width, with_widths
+from bayescal.fitted.arm import of_fit, refitted
+from bayescal.fitted.file import read_arm, write_arm
+from bayescal.gap.diagnose import diagnose
+from bayescal.model.options import FitOptions, family
+from bayescal.model.scene import Scene
+from bayescal.reporting.fit.record import fit_record
+from bayescal.reporting.gap.record import gap_record
+
+MODEL = ("geometry", "compliance")
+USUAL = FitOptions()
+FAMILIES = {
+    "geometry angles of joints", "geometry lengths of joints", "geometry angles of links",
+    "geometry lengths of links", "compliance of joints",
+}  # fmt: skip
+
+
+def told(session):
+    """The fit of a session with the stated priors, the fit with the widths that it tells, and these."""
+    scene = Scene(session.dataset, oriented=True)
+    plain = fitted_level(scene, MODEL, USUAL)
+    return plain, *with_widths(plain, scene, MODEL, USUAL)
+
+
+def pulls(found, session):
+    """Errors of the arm's parameters over their stated uncertainty."""
+    model, arm = found.model, found.model.slices["arm"]
+    true = np.array([session.arm.values[p.name] for p in model.parameters])
+    return (model.physical(found.z)[arm] - true) / (stated(found).sd[arm] * model.sd)
+
+
+def test_an_arm_three_times_as_far_from_nominal(tracker):
+    """Its widths are found, and its intervals are true; with the stated priors they are not."""
+    before, after, factors = [], [], []
+    for seed in range(8):
+        session = tracker(seed=seed, count=40, noise=1e-4, spread=3.0)
+        plain, wide, options, found = told(session)
+        assert found
+        assert {w.family for w in found} <= FAMILIES
+        assert options.widths == {w.family: w.factor for w in found}
+        assert min(w.nats for w in found) >= LEAST
+        factors += [w.factor for w in found]
+        before.append(pulls(plain, session))
+        after.append(pulls(wide, session))
+    inside = [np.mean(np.abs(np.concatenate(every)) < 1.96) for every in (before, after)]
+    assert inside[0] < 0.88
+    assert inside[1] == pytest.approx(0.95, abs=3 * np.sqrt(0.95 * 0.05 / 216))
+    assert np.exp(np.mean(np.log(factors))) == pytest.approx(3.0, rel=0.25)
+
+
+def test_stated_priors_stay_where_they_are_right(tracker):
+    for seed in range(8):
+        plain, same, options, found = told(tracker(seed=seed, count=40, noise=1e-4))
+        assert same is plain
+        assert (options, found) == (USUAL, ())
+
+
+def test_priors_that_are_too_wide_stay(tracker):
+    session = tracker(seed=2, count=40, noise=1e-4, spread=0.2)
+    plain, same, _, found = told(session)
+    assert same is plain
+    assert not found
+
+
+@pytest.fixture
+def spread():
+    """Of an estimate of six parameters in two families, one of which has two members."""
+    rng = np.random.default_rng(1)
+    root = rng.standard_normal((6, 9))
+    by = [rng.standard_normal((6, k)) for k in (2, 4)]
+    return Spread(4.0 * rng.standard_normal(6), root @ root.T / 9, tuple(b @ b.T for b in by))
+
+
+def test_the_evidence_is_the_density_of_the_estimate(spread):
+    at = np.array([0.4, 1.1])
+    own = np.exp(2 * at)
+    total = spread.noise + own[0] * spread.by_family[0] + own[1] * spread.by_family[1]
+    density = multivariate_normal.logpdf(spread.z, np.zeros(6), total) - 0.5 * np.sum((at / SPREAD) ** 2)
+    loss, slopes = spread.loss(at)
+    assert loss == pytest.approx(-density - 3 * np.log(2 * np.pi), rel=1e-12)
+    np.testing.assert_allclose(slopes, approx_fprime(at, lambda x: spread.loss(x)[0], 1e-7), rtol=1e-4)
+    best, least = spread.best((0, 1))
+    assert least == spread.loss(best)[0]
+    assert np.all(np.abs(spread.loss(best)[1])[best > 0] < 1e-3)
+
+
+def test_uncertainty_of_a_factor_of_direct_readings():
+    """With negligible noise the logarithm of a factor of n values has the variance 1 / (2 n)."""
+    many = Spread(np.ones(50), 1e-12 * np.eye(50), (np.eye(50),))
+    expected = 1.0 / (100 + SPREAD**-2)
+    assert many.uncertainty(np.array([0.7]), (0,)) == pytest.approx([expected], rel=1e-6)
+
+
+def test_a_spread_is_that_of_the_estimator(tracker):
+    """Under the stated priors the estimate's covariance is that of the prior minus the posterior."""
+    found = told(tracker(seed=0, count=40, noise=1e-4))[0]
+    own = [np.flatnonzero([bool(family(p)) for p in found.model.parameters])]
+    free = Spread.of(found, found.covariance, own)
+    total = free.noise + free.by_family[0]
+    np.testing.assert_allclose(total, np.eye(len(total)), atol=1e-9)  # white under these
+    arm = found.model.slices["arm"]
+    prior = np.eye(arm.stop) - found.covariance[arm, arm]
+    assert free.z @ free.z == pytest.approx(found.z[arm] @ np.linalg.pinv(prior) @ found.z[arm], rel=1e-3)
+
+
+def test_families_are_of_joints_and_links(tracker):
+    scene = Scene(tracker(seed=0).dataset)
+    every = parameters_of((*MODEL, "base-compliance", "step"), scene.circumstances())
+    assert {family(p) for p in every} - {""} == FAMILIES
+    assert {p.site.kind for p in every if not family(p)} >= {"base", "tool"}
+
+
+@pytest.fixture(scope="module")
+def far(tracker):
+    return fit(tracker(seed=8, count=40, spread=3.0).dataset, MODEL, samples=0)
+
+
+def test_widths_are_stated(far):
+    record = fit_record(far)
+    stated_widths = {entry["family"]: entry for entry in record["prior_widths"]}
+    assert stated_widths
+    assert record["prior_width"] == 1.0
+    sd = {p["name"]: p["prior_sd"] for p in record["parameters"]}
+    for name, entry in stated_widths.items():
+        words = f"the {name} are larger than their prior makes likely: fitted with {entry['factor']:.2g}"
+        assert any(f["code"] == "prior_width" and f["text"].startswith(words) for f in record["findings"])
+        if name == "geometry angles of joints":
+            assert [sd[p] for p in entry["parameters"]] == pytest.approx([0.1145916 * entry["factor"]] * 4)
+    assert far.options.widths == {name: entry["factor"] for name, entry in stated_widths.items()}
+
+
+def test_far_from_nominal_is_by_the_stated_priors(far):
+    """A wider prior does not excuse a value that the robot file may have wrong."""
+    model, z = far.final.estimate.model, far.final.estimate.z
+    beyond = [
+        p.name
+        for p, at in zip(model.parameters, z, strict=False)
+        if abs(at) * far.options.widths.get(family(p), 1.0) > 4
+    ]
+    assert beyond
+    assert not np.any(np.abs(z[: len(model.parameters)]) > 4)
+    (finding,) = [f for f in far.findings if f.code == "far_from_nominal"]
+    assert finding.text.startswith(", ".join(beyond) + ":")
+
+
+def test_an_arm_keeps_its_widths(far, tmp_path):
+    arm = of_fit(far)
+    write_arm(arm, tmp_path)
+    again = read_arm(tmp_path)
+    assert again.origin.options.widths == far.options.widths
+    np.testing.assert_allclose(again.model.sd, arm.model.sd, rtol=1e-12)
+    less = refitted(again, (), ("compliance J6",))
+    assert less.origin.options.widths.keys() == far.options.widths.keys()
+
+
+def test_a_fit_that_wider_priors_do_not_permit_has_the_stated_ones(tracker, monkeypatch):
+    session = tracker(seed=0, count=40, noise=1e-4, spread=3.0)
+
+    def refused(*_):
+        raise BayescalError("no length is known", "dataset.yaml", "certify a distance")
+
+    monkeypatch.setattr(widths, "fitted_level", refused)
+    plain, same, options, found = told(session)
+    assert same is plain
+    assert (options, found) == (USUAL, ())
+
+
+def test_nothing_is_told_by_few_nats(tracker):
+    """The gain of all factors together decides."""
+    plain = told(tracker(seed=0, count=40, noise=1e-4))[0]
+    pushed = replace(plain, z=2.0 * plain.z)
+    assert not widths.widths(plain, plain.covariance)
+    more = widths.widths(replace(plain, z=6.0 * plain.z), plain.covariance)
+    assert sum(w.nats for w in more) > TOLD
+    assert isinstance(more[0], Width)
+    assert len(widths.widths(pushed, plain.covariance)) <= len(more)
+
+
+def test_a_diagnosis_has_the_widths_of_a_fit(far, tracker):
+    """Its baseline is the fit of the same model; the note and gap.json state them."""
+    gap = diagnose(geared(tracker(seed=8, count=40, spread=3.0).dataset), MODEL)
+    assert gap.options.widths == pytest.approx(dict(far.options.widths))
+    np.testing.assert_allclose(gap.calibrated.model.sd, far.final.estimate.model.sd)
+    record = gap_record(gap)
+    assert record["prior_widths"] == gap.options.widths
+    for name in far.options.widths:
+        words = f"the {name} are larger than their prior makes likely"
+        assert any(note.startswith(words) for note in record["notes"])
