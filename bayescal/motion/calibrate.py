@@ -8,7 +8,6 @@ is sampled within this set, so that every draw, and their mean, is an arm that c
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -118,7 +117,7 @@ def calibrate(log: Log, samples: int, seed: int, progress: Progress = silent) ->
         withheld=_withheld(estimate, fit, start, at),
         determined=int(np.sum(np.linalg.eigvalsh(fit.covariance) < CALIBRATION.determined**2)),
         combinations=_combinations(fit, names),
-        mechanism=fitted_mechanism(log.mechanism, at, deviations),
+        mechanism=fitted_mechanism(log.mechanism, at),
         shift=float(at.shift[0]),
         lag1=estimate.noise.lag1[: log.n],
         seed=seed,
@@ -160,9 +159,10 @@ class Possible:
         for k in range(n):
             slopes = of_body(log.mechanism, k)[0]
             for p, name in enumerate(BODY):
-                column = number.get(f"{name} of link {k + 1}")
-                if column is not None:
-                    by[k, :, :, column] = pseudo_inertia(slopes[:, p]) * terms[column].sd
+                for term in (f"{name} of link {k + 1}", f"inertia joint {k + 1} motion of the link {name}"):
+                    if (column := number.get(term)) is not None:
+                        size = terms[column].sd * fit.scales[column]
+                        by[k, :, :, column] = pseudo_inertia(slopes[:, p]) * size
             for stem in NOT_NEGATIVE:
                 column = number[f"{stem} {k + 1}"]
                 least[column] = -getattr(start, stem)[k] / terms[column].sd
@@ -221,7 +221,14 @@ def _inside(mean: np.ndarray, possible: Possible) -> np.ndarray:
     return low * mean
 
 
-def fitted_mechanism(m: Mechanism, at: Operating, deviations: Mapping[str, float]) -> Mechanism:
+def constrained(fit: Fit, possible: Possible) -> np.ndarray:
+    """Deviations (K,) of a fit, in prior standard deviations, of an arm that could be built."""
+    if possible(fit.z):
+        return fit.z
+    return np.asarray(_draws(fit, possible, CALIBRATION.few, 0).mean(axis=(0, 1)))
+
+
+def fitted_mechanism(m: Mechanism, at: Operating) -> Mechanism:
     """The mechanism with estimated bodies, rotors and friction."""
     mass = at.inertials[:, 0]
     centre = at.inertials[:, 1:4] / mass[:, None]

@@ -10,6 +10,7 @@ from bayescal.logs.types import CALIBRATE, VALIDATE
 from bayescal.motion import outcome
 from bayescal.motion.estimate import estimated
 from bayescal.motion.linear import normal
+from bayescal.motion.named import named_arm
 from bayescal.motion.noise import noise_of
 from bayescal.motion.pool import Pool
 from bayescal.motion.result import MotionGap
@@ -50,6 +51,7 @@ def diagnose(log: Log, progress: Progress = silent) -> MotionGap:
     verdict = confirmed(verdict, search, normal(pool.table.of_role(VALIDATE), noise))
     progress("result", 0.8)
     named = search.fit(verdict.named.members)
+    model = named_arm(estimate, search.fit(), pool.scale)
     score = np.array([h.score for h in hypotheses])
     weight = np.exp(score - np.max(score))
     ranked = zip(hypotheses[: VERDICT.listed], weight / np.sum(weight), strict=False)
@@ -65,4 +67,6 @@ def diagnose(log: Log, progress: Progress = silent) -> MotionGap:
         values=named.values,
         u=named.u,
         warnings=log.notes,
+        model=model,
+        arm=named_arm(estimate, named, pool.scale) if verdict.named.members else model,
     )

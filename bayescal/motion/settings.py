@@ -239,6 +239,8 @@ class CalibrationSettings:
     """Of draws (convention)."""
     fewest: int = 1000
     """Draws at least: intervals need them (assumed)."""
+    few: int = 100
+    """Draws of a chain where their mean alone is needed (cost)."""
     thin: int = 2
     """Steps per draw (cost)."""
     halvings: int = 20
@@ -253,7 +255,28 @@ class CalibrationSettings:
     """Parameters of a combination that are named (cost)."""
 
 
+@dataclass(frozen=True)
+class ControllerSettings:
+    """Estimate of a controller, and the replay of motions with it."""
+
+    unexplained: float = 0.05
+    """Share of the variance of withheld torques that a controller may leave unexplained (assumed)."""
+    step: float = 1e-3
+    """s, longest step of a simulation (cost)."""
+    turn: float = 0.2
+    """rad, of the fastest oscillation of a servo in one step (assumed)."""
+    steps: int = 40
+    """Steps between two rows at most (cost)."""
+    passes: int = 4
+    """Simulations in which the torque of effects follows the motion before (cost)."""
+    settled: float = 0.02
+    """Change of the motion by a further pass, over the tracking error, at which it has settled (assumed)."""
+    lost: float = 0.5
+    """rad off the log, from which on a simulation does not follow (assumed)."""
+
+
 CALIBRATION: Final = CalibrationSettings()
+CONTROLLER: Final = ControllerSettings()
 OUTCOME: Final = OutcomeSettings()
 VERDICT: Final = GAP_VERDICT
 """Levels of probability are those of a diagnosis of contacts."""

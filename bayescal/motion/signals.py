@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -86,8 +86,12 @@ def each(parts: Sequence[Signals]) -> Iterator[Signals]:
 
 def low_passed(x: np.ndarray, step: float, band: float = SIGNALS.wide) -> np.ndarray:
     """Samples (N, ...) below a frequency, Hz: a Butterworth filter, forward and backward."""
-    cut = min(band * 2.0 * step, SIGNALS.nyquist)
-    return np.asarray(sosfiltfilt(butter(SIGNALS.order, cut, output="sos"), x, axis=0))
+    return np.asarray(sosfiltfilt(_sections(min(band * 2.0 * step, SIGNALS.nyquist)), x, axis=0))
+
+
+@lru_cache
+def _sections(cut: float) -> np.ndarray:
+    return np.asarray(butter(SIGNALS.order, cut, output="sos"))
 
 
 def derivative(x: np.ndarray, step: float) -> np.ndarray:

@@ -191,7 +191,9 @@ def residuals(s: Signals, at: Operating) -> np.ndarray:
             assert s.command is not None
             assert s.log.controller.stiffness is not None
             # by the torque of the model: the noise of a measured torque is in the residual too
-            out.append(s.command - s.q - at.torque(s) / s.log.controller.stiffness)
+            damping = s.log.controller.damping
+            damped = 0.0 if damping is None else damping * s.dq
+            out.append(s.command - s.q - (at.torque(s) + damped) / s.log.controller.stiffness)
         else:
             assert s.link is not None
             out.append(s.link - s.q)

@@ -164,8 +164,9 @@ def diagnose_log(folder: Path, progress: Progress = silent) -> MotionGapResult:
     """Diagnose a joint log; see `bayescal.diagnose`."""
     from bayescal.logs import read_log
     from bayescal.motion.diagnose import diagnose
+    from bayescal.verifying.log_replay import replay_gap
 
-    return MotionGapResult(diagnose(read_log(folder), progress))
+    return MotionGapResult(replay_gap(diagnose(read_log(folder), progress)))
 
 
 def fit_log(folder: Path, samples: int, seed: int, progress: Progress = silent) -> MotionFitResult:
@@ -199,16 +200,20 @@ def refuse(what: str, **options: Any) -> None:
             raise BayescalError(f"{what} has no {flag}", flag, "leave it out")
 
 
-def fitted_log(run: Any) -> MotionFitResult | None:
-    """The calibration from a joint log that a result or run folder is; None of others."""
-    if isinstance(run, MotionFitResult):
+def fitted_log(run: Any) -> MotionFitResult | MotionGapResult | None:
+    """The calibration or diagnosis of a joint log that a result or run folder is; None of others."""
+    if isinstance(run, MotionFitResult | MotionGapResult):
         return run
     if not isinstance(run, str | PathLike) or not (Path(run) / "arm.yaml").is_file():
         return None
     from bayescal.storage.reading import read_record
 
-    record = read_record(Path(run) / "fit.json", "bayescal-fit/1", "repeat the command with this version")
-    return MotionFitResult(folder=Path(run), content=record)
+    folder, again = Path(run), "repeat the command with this version"
+    if (folder / "gap.json").is_file():
+        return MotionGapResult(
+            folder=folder, content=read_record(folder / "gap.json", "bayescal-gap/1", again)
+        )
+    return MotionFitResult(folder=folder, content=read_record(folder / "fit.json", "bayescal-fit/1", again))
 
 
 @dataclass(frozen=True, repr=False)
@@ -266,7 +271,7 @@ class LogVerificationResult(Printed):
         return ("verify.json",)
 
 
-def export_log(result: MotionFitResult, to: str) -> LogExportResult:
+def export_log(result: MotionFitResult | MotionGapResult, to: str) -> LogExportResult:
     """Export the arm of a joint log; see `bayescal.export`."""
     from bayescal.exporting.log_arm import export_log as work
 

@@ -103,7 +103,7 @@ def test_the_record_follows_the_contract(gaps):
 
 def test_a_run_folder_is_read_back(gaps, tmp_path):
     gap = gaps["delay"]
-    assert gap.save(tmp_path / "run") == ("gap.json", "gap.html")
+    assert gap.save(tmp_path / "run") == ("gap.json", "gap.html", "arm.yaml", "dataset")
     again = bc.load(tmp_path / "run")
     assert again.record == json.loads(json.dumps(gap.record))
     assert again.amplitudes.equals(gap.amplitudes)

@@ -9,11 +9,9 @@ from typing import Any
 from rich.console import Group, RenderableType
 from rich.text import Text
 
-from bayescal.logs import Log
-from bayescal.logs.write import arm_text
 from bayescal.motion.calibrate import MotionFit
 from bayescal.posterior.inference import Record, save
-from bayescal.reporting.motion.record import origin
+from bayescal.reporting.motion.record import controller, origin, write_arm
 from bayescal.reporting.motion.sheets import parameter_sheet, withheld_sheet
 from bayescal.reporting.page.build import write_page
 from bayescal.reporting.shared.origin import plain
@@ -24,9 +22,7 @@ from bayescal.storage.folders import whole
 from bayescal.storage.reading import Json
 
 SCHEMA = "bayescal-fit/1"
-FIT, POSTERIOR, ARM, COPY = "fit.json", "posterior.nc", "arm.yaml", "dataset"
-MOST_COPIED = 100_000_000
-"""Bytes of a log that is copied into its run folder."""
+FIT, POSTERIOR = "fit.json", "posterior.nc"
 
 
 def fit_record(fit: MotionFit) -> dict[str, Any]:
@@ -61,6 +57,7 @@ def fit_record(fit: MotionFit) -> dict[str, Any]:
         ],
         "noise": {"lag1": fit.lag1},
         "gravity_mps2": fit.log.gravity,
+        "controller": controller(fit.log),
         "torque_shift_ms": 1e3 * fit.shift,
         "draws": fit.draws.shape[0] * fit.draws.shape[1],
         "motions": [{"id": m.name, "role": m.role, "kind": m.kind} for m in fit.log.motions],
@@ -115,19 +112,5 @@ def write_fit(fit: MotionFit, folder: Path, contents: Mapping[str, Any]) -> tupl
     """Write fit.json, report.html, posterior.nc, arm.yaml and the log atomically; return their names."""
     with whole(folder, FIT) as stage:
         (stage / FIT).write_text(json_text(contents, rows=False), encoding="utf-8")
-        copied = _copy(fit.log, stage)
         save(draws_of(fit), stage / POSTERIOR)
-        arm = () if fit.mechanism.coupled else (ARM,)
-        for name in arm:
-            (stage / name).write_text(arm_text(fit.mechanism), encoding="utf-8")
-        return FIT, write_page(stage, folder), POSTERIOR, *arm, *copied
-
-
-def _copy(log: Log, stage: Path) -> tuple[str, ...]:
-    """Copy the log into the run folder, to be verified against; a large one is not."""
-    if sum(path.stat().st_size for path in log.files) > MOST_COPIED:
-        return ()
-    (stage / COPY).mkdir()
-    for path in log.files:
-        (stage / COPY / path.name).write_bytes(path.read_bytes())
-    return (COPY,)
+        return FIT, write_page(stage, folder), POSTERIOR, *write_arm(fit.mechanism, fit.log, stage)

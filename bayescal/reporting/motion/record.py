@@ -9,7 +9,9 @@ from typing import Any
 import numpy as np
 
 from bayescal.dataset.types import Record
-from bayescal.logs import Log
+from bayescal.exporting.log_arm import ARM_FILE
+from bayescal.logs import Log, Mechanism
+from bayescal.logs.write import arm_text
 from bayescal.motion.effects import EFFECTS
 from bayescal.motion.result import Amplitude, MotionGap, Place
 from bayescal.motion.search import Hypothesis
@@ -25,6 +27,9 @@ SCHEMA = "bayescal-gap/1"
 GAP = "gap.json"
 LIBRARIES = ("numpy", "scipy")
 UNIT = "Nm"
+COPY = "dataset"
+MOST_COPIED = 100_000_000
+"""Bytes of a log that is copied into its run folder."""
 
 
 SITES = {"tool": "the tool", "base": "the base", "log": "the log"}
@@ -80,7 +85,7 @@ def motion_record(gap: MotionGap) -> dict[str, Any]:
                 "removed_interval95": s.removed_interval95,
                 "delta_elpd": s.gain,
             },
-            "tracking": None,
+            "tracking": _tracking(gap),
         },
         "noise": {"lag1": gap.estimate.noise.lag1, "floor_Nm": s.floor},
         "not_assessed": [{"effect": name, "why": why} for name, why in gap.not_assessed.items()],
@@ -90,9 +95,45 @@ def motion_record(gap: MotionGap) -> dict[str, Any]:
             {"name": name, "deviation": value, "u": gap.u[name]} for name, value in gap.values.items()
         ],
         "motions": [{"id": m.name, "role": m.role, "kind": m.kind, "rows": len(m.time)} for m in log.motions],
+        "arm": dict(gap.arm.values),
+        "beside": [
+            {"effect": name, "unit": unit, "of_joints": size}
+            for name, (unit, size) in gap.arm.sizes().items()
+        ],
+        "gravity_mps2": gap.arm.gravity,
+        "controller": controller(log),
+        "torque_shift_ms": 1e3 * (log.alignment + gap.arm.values.get("alignment", 0.0)),
         "warnings": list(gap.warnings),
     }
     return {key: plain(value) for key, value in record.items()}
+
+
+def controller(log: Log) -> dict[str, Any]:
+    """The controller of a log."""
+    c = log.controller
+    return {"kind": c.kind, "kp_Nm_per_rad": c.stiffness, "kd_Nms_per_rad": c.damping}
+
+
+def _tracking(gap: MotionGap) -> dict[str, Any]:
+    """Errors of withheld motions that MuJoCo moves by the logged commands, or why there are none."""
+    of = gap.tracking
+    if isinstance(of, str):
+        return {"not_assessed": of}
+    before, after = of["model"], of.get("effects", of["model"])
+    removed, interval = after.removed(before) if "effects" in of else (None, None)
+    deg = 180.0 / np.pi
+    return {
+        "nominal_rms_deg": deg * of["nominal"].rms,
+        "before_rms_deg": deg * before.rms,
+        "after_rms_deg": deg * after.rms,
+        "removed": removed,
+        "removed_interval95": interval,
+        "nominal_torque_rms_Nm": of["nominal"].torque,
+        "before_torque_rms_Nm": before.torque,
+        "after_torque_rms_Nm": after.torque,
+        "simulator": "MuJoCo",
+        "controller": "stated" if before.stated else "estimated from commands, positions and torques",
+    }
 
 
 def _named(gap: MotionGap, effect: str) -> dict[str, Any]:
@@ -204,4 +245,21 @@ def write_motion(gap: MotionGap, folder: Path, contents: Mapping[str, Any]) -> t
     """Write gap.json and gap.html atomically; return their names."""
     with whole(folder, GAP) as stage:
         (stage / GAP).write_text(json_text(contents, rows=False), encoding="utf-8")
-        return GAP, write_page(stage, folder)
+        return (
+            GAP,
+            write_page(stage, folder),
+            *write_arm(gap.arm.mechanism, gap.model.estimate.parts[0].log, stage),
+        )
+
+
+def write_arm(m: Mechanism, log: Log, stage: Path) -> tuple[str, ...]:
+    """Write arm.yaml, and copy the log, to be verified against; a large one is not, nor coupled joints."""
+    arm = () if m.coupled else (ARM_FILE,)
+    for name in arm:
+        (stage / name).write_text(arm_text(m), encoding="utf-8")
+    if sum(path.stat().st_size for path in log.files) > MOST_COPIED:
+        return arm
+    (stage / COPY).mkdir()
+    for path in log.files:
+        (stage / COPY / path.name).write_bytes(path.read_bytes())
+    return *arm, COPY

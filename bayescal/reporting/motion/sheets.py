@@ -45,6 +45,24 @@ def torque_sheet(record: Json) -> Sheet:
     )
 
 
+def tracking_sheet(record: Json) -> Sheet | None:
+    """Errors of withheld motions that a simulator moves by the logged commands; None without a replay."""
+    s = record["shrinkage"]["tracking"]
+    if not s or "nominal_rms_deg" not in s:
+        return None
+    heads = {"nominal": "nominal", "before": "model", "after": "with the effects"}
+    keys = [f"{arm}_{unit}" for unit in ("rms_deg", "torque_rms_Nm") for arm in heads]
+    items = [
+        dict(zip(("joint", *keys), (n, *x), strict=True))
+        for n, *x in zip(record["joints"], *(s[k] for k in keys), strict=True)
+    ]
+    words = {"rms_deg": "deg", "torque_rms_Nm": "N m"}
+    columns = [
+        Column(f"{heads[k.partition('_')[0]]}, {words[k.partition('_')[2]]}", k, newton_metres) for k in keys
+    ]
+    return Sheet((Column("open-loop replay in MuJoCo (RMS)", "joint"), *columns), items)
+
+
 def probability_sheet(record: Json) -> Sheet:
     """Causes by probability."""
     ranked = sorted(record["probability"].items(), key=lambda item: -item[1])

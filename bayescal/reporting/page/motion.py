@@ -37,6 +37,13 @@ def torque(run: Run) -> Section | None:
     return blocks("torque", "Torque on withheld motions", sheets.torque_sheet(run.record))
 
 
+def replayed(run: Run) -> Section | None:
+    """Withheld motions that a simulator moves by the logged commands, or why there are none."""
+    why = (run.record["shrinkage"]["tracking"] or {}).get("not_assessed")
+    sheet = sheets.tracking_sheet(run.record)
+    return blocks("replay", "Commands replayed in a simulator", sheet, *texts([why] if why else []))
+
+
 def places(run: Run) -> Section | None:
     """Places, amplitudes and probabilities."""
     r = run.record
@@ -55,7 +62,7 @@ def not_assessed(run: Run) -> Section | None:
     return blocks("limits", "Not assessed", Facts(reasons) if reasons else None, *texts(run.record["next"]))
 
 
-SECTIONS = (first, torque, places, not_assessed)
+SECTIONS = (first, torque, replayed, places, not_assessed)
 
 
 def fitted(run: Run) -> Section:
