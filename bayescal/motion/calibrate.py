@@ -13,12 +13,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import solve_triangular
 
-from bayescal.errors import BayescalError
 from bayescal.logs import Log, Mechanism
 from bayescal.logs.mechanism import symmetric
 from bayescal.logs.types import CALIBRATE, VALIDATE
 from bayescal.motion.estimate import Estimate, estimated, moved_to, of_role
 from bayescal.motion.linear import Fit, tabulated
+from bayescal.motion.servo import with_torques
 from bayescal.motion.settings import CALIBRATION, OUTCOME
 from bayescal.motion.signals import Signals, all_signals, each
 from bayescal.motion.terms import BODY, Operating, nominal, of_body
@@ -88,9 +88,7 @@ def calibrate(log: Log, samples: int, seed: int, progress: Progress = silent) ->
     BayescalError
         If there are no torques with a sign.
     """
-    if any(m.torque is None for m in log.motions):
-        why = "torques have no sign" if not log.signed else "no torques are logged"
-        raise BayescalError(f"{why}: the log cannot be fitted", log.name, "log torque1_Nm ...")
+    log = with_torques(log)
     progress("estimate", 0.0)
     estimate = estimated(all_signals(log))
     fit = estimate.fit()

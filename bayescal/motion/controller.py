@@ -47,7 +47,8 @@ def law_of(log: Log, parts: tuple[Signals, ...]) -> Law | str:
     control, none = log.controller, np.zeros(log.n)
     if control.stiffness is not None:
         damping = none if control.damping is None else control.damping
-        return Law(control.stiffness, damping, damping if control.kind == "torque" else none, none, True)
+        ahead = damping if control.kind == "torque" else none
+        return Law(control.stiffness, damping, ahead, none, control.stated)
     fitted = _rows(tuple(s for s in parts if s.role == CALIBRATE))
     held = _rows(tuple(s for s in parts if s.role == VALIDATE))
     gains = np.empty((len(TERMS), log.n))

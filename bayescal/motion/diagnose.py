@@ -8,12 +8,13 @@ from bayescal.errors import BayescalError
 from bayescal.logs import Log
 from bayescal.logs.types import CALIBRATE, VALIDATE
 from bayescal.motion import outcome
-from bayescal.motion.estimate import estimated
+from bayescal.motion.estimate import estimated, repeats
 from bayescal.motion.linear import normal
 from bayescal.motion.named import named_arm
 from bayescal.motion.noise import noise_of
 from bayescal.motion.pool import Pool
 from bayescal.motion.result import MotionGap
+from bayescal.motion.servo import with_torques
 from bayescal.motion.settings import NOISE, VERDICT
 from bayescal.motion.signals import all_signals
 from bayescal.motion.verdict import confirmed, decide
@@ -28,9 +29,7 @@ def diagnose(log: Log, progress: Progress = silent) -> MotionGap:
     BayescalError
         If the log has no torques with a sign, or no motion of a role that is needed.
     """
-    if any(m.torque is None for m in log.motions):
-        why = "torques have no sign" if not log.signed else "no torques are logged"
-        raise BayescalError(f"{why}: the gap of torques cannot be assessed", log.name, "log torque1_Nm ...")
+    log = with_torques(log)
     if not log.of_role(VALIDATE):
         raise BayescalError("no motion has the role validate", log.name, "withhold one or more")
     progress("signals", 0.0)
@@ -43,7 +42,7 @@ def diagnose(log: Log, progress: Progress = silent) -> MotionGap:
         search = pool.search(noise)
         fit = search.fit(search.run()[0].members)
         table = pool.table.of_role(CALIBRATE)
-        same = [part.signals.same_as for part in table.parts]
+        same = repeats([part.signals for part in table.parts])
         noise = noise_of(table.residuals(fit.values), len(fit.chosen) / log.n, same)
     search = pool.search(noise)
     hypotheses = search.run()

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bayescal.logs.types import CALIBRATE
+from bayescal.logs.types import CALIBRATE, SERVO
 from bayescal.motion.dynamics import PARAMETERS
 from bayescal.motion.linear import Fit, fitted, normal, tabulated
 from bayescal.motion.noise import Noise, noise_of, white_noise
-from bayescal.motion.settings import NOISE
+from bayescal.motion.settings import NOISE, SERVOS
 from bayescal.motion.signals import Signals, each
 from bayescal.motion.terms import (
     BODY,
@@ -84,6 +84,11 @@ def moved_to(start: Operating, s: Signals, values: dict[str, float]) -> Operatin
     )
 
 
+def repeats(parts: Sequence[Signals]) -> tuple[str, ...]:
+    """The motion that each repeats, where repeats tell the noise: what servos repeat may be of their steps."""
+    return () if parts[0].log.torque_kind == SERVO else tuple(s.same_as for s in parts)
+
+
 def estimated(parts: tuple[Signals, ...]) -> Estimate:
     """Estimate the baseline and its noise."""
     used = of_role(parts, CALIBRATE)
@@ -92,9 +97,9 @@ def estimated(parts: tuple[Signals, ...]) -> Estimate:
     start = nominal(log, rms)
     first = np.sqrt(np.mean(np.concatenate([residuals(s, start) for s in each(used)]) ** 2, axis=0))
     out = Estimate(parts, start, {}, rms, white_noise(np.r_[rms, first[log.n :]]))
-    for _ in range(NOISE.rounds):
+    for _ in range(SERVOS.rounds if log.torque_kind == SERVO else NOISE.rounds):
         table = tabulated(used, out.columns, out.residual)
         fit = fitted(normal(table, out.noise), np.arange(len(table.terms)))
-        noise = noise_of(table.residuals(fit.values), len(fit.chosen) / log.n, [s.same_as for s in used])
+        noise = noise_of(table.residuals(fit.values), len(fit.chosen) / log.n, repeats(used))
         out = Estimate(parts, moved_to(start, parts[0], fit.values), fit.values, rms, noise)
     return out

@@ -43,20 +43,24 @@ class NamedArm:
     def _each(self, name: str) -> np.ndarray:
         return np.array([self.values.get(f"{name} {j + 1}", 0.0) for j in range(self.mechanism.n)])
 
-    def further(self, s: Signals) -> np.ndarray:
-        """Torque (N, n), N m, that acts on the joints of a motion beside the mechanism.
+    def further(self, s: Signals) -> tuple[np.ndarray, np.ndarray]:
+        """Torques (N, n), N m, that act on the joints of a motion beside the mechanism, and of the drives.
 
-        Errors of a measurement do not act. An error of tracking acts by the stiffness of the servo; so does
-        an offset of torques that are the errors of servos.
+        Errors of a measurement do not act. An error of tracking is a torque of the drives, by the stiffness;
+        so is an offset of torques that follow from positions.
         """
-        out, tracked = np.zeros_like(s.q), TRACKING in kinds(s.log)
+        log, acts, drives = s.log, np.zeros_like(s.q), np.zeros_like(s.q)
+        tracked = TRACKING in kinds(log)
         if tracked:
             baseline = (c for c in self.estimate.columns(s) if c[0].name.startswith(TRACKING))
-            out -= sum(self._torque(s, *c) for c in baseline)
+            drives -= sum(self._torque(s, *c) for c in baseline)
         for name in self.effects - set(HELD):
-            acts = ((t, c) for t, c in self._columns(s, name) if t.moves or kind_of(s.log, t) == TRACKING)
-            out -= sum(self._torque(s, *c) for c in acts)
-        return out if tracked else out - self.offset
+            for term, column in self._columns(s, name):
+                if kind_of(log, term) == TRACKING or name == "servo-stiffness":
+                    drives -= self._torque(s, term, column)
+                elif term.moves:
+                    acts -= self._torque(s, term, column)
+        return acts, drives if tracked else drives - self.offset
 
     @property
     def effects(self) -> set[str]:

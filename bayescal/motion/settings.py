@@ -275,7 +275,26 @@ class ControllerSettings:
     """rad off the log, from which on a simulation does not follow (assumed)."""
 
 
+@dataclass(frozen=True)
+class ServoSettings:
+    """Logs of position servos without torques."""
+
+    band: float = 4.0
+    """Hz, in which the error of a servo is that of its gain, and the noise of encoders little (assumed)."""
+    delay: float = 0.03
+    """s, standard uncertainty of the delay of commands about half a row (assumed)."""
+    speed: float = 0.05
+    """rad/s, of the reversal of friction where the stiffness is estimated (assumed)."""
+    sag: float = 0.2
+    """Error by gravity, over what the estimate of the stiffness leaves, at which it counts (assumed)."""
+    rounds: int = 20
+    """Iterations of noise and estimate: friction with memory is far from linear (cost)."""
+    narrow: float = 2e-4
+    """rad, least error that friction holds (cost)."""
+
+
 CALIBRATION: Final = CalibrationSettings()
+SERVOS: Final = ServoSettings()
 CONTROLLER: Final = ControllerSettings()
 OUTCOME: Final = OutcomeSettings()
 VERDICT: Final = GAP_VERDICT

@@ -77,9 +77,10 @@ class MotionGapResult(Result):
 
     @property
     def shrinkage(self) -> DataFrame:
-        """RMS of the torque residuals of withheld motions, N m, joint by joint."""
-        s = self.record["shrinkage"]["torque"]
-        keys = ("before_rms_Nm", "after_rms_Nm", "floor_Nm")
+        """RMS of the residuals of withheld motions, N m or (servos without torques) deg, joint by joint."""
+        unit = self.record["unit"]
+        s = self.record["shrinkage"]["tracking" if unit == "deg" else "torque"]
+        keys = (f"before_rms_{unit}", f"after_rms_{unit}", f"floor_{unit}")
         columns = [self.record["joints"], *(s[key] for key in keys)]
         rows = [dict(zip(("joint", *keys), row, strict=True)) for row in zip(*columns, strict=True)]
         return table(rows, "joint")

@@ -16,15 +16,15 @@ from bayescal.errors import BayescalError
 from bayescal.exporting.log_arm import text_of
 from bayescal.exporting.sidecar import mujoco
 from bayescal.logs import Log, Mechanism
-from bayescal.logs.types import VALIDATE
+from bayescal.logs.types import SERVO, VALIDATE
 from bayescal.motion.controller import Law, law_of
 from bayescal.motion.named import NamedArm
 from bayescal.motion.result import MotionGap, Tracking
 from bayescal.motion.settings import CONTROLLER, OUTCOME
 from bayescal.motion.signals import Signals, derivative, low_passed
 
-Further = Callable[[Signals], np.ndarray]
-"""Torque (N, n), N m, that acts on the joints of a motion beside the arm's file."""
+Further = Callable[[Signals], tuple[np.ndarray, np.ndarray]]
+"""Torques (N, n), N m, that act on the joints of a motion beside the file of the arm, and of the drives."""
 
 
 @dataclass(frozen=True)
@@ -35,6 +35,7 @@ class Arm:
     further: Further | None = None
     gain: np.ndarray | float = 1.0  # shown torque over the true one
     offset: np.ndarray | float = 0.0  # N m, of the shown torque
+    late: float = 0.0  # s, of the commands
 
 
 def replayed(
@@ -78,21 +79,23 @@ def _rms(parts: Sequence[np.ndarray]) -> np.ndarray:
 
 def _motion(simulator: Any, arm: Arm, law: Law, s: Signals) -> tuple[np.ndarray, np.ndarray]:
     """Positions and torques (N, n) of a simulated motion."""
+    assert s.command is not None
+    commands = np.column_stack([np.interp(s.time - arm.late, s.time, u) for u in s.command.T])
+    s = replace(s, command=commands)
     model = _driven(simulator, arm.text, law, s)
     last = s
-    further = np.zeros_like(s.q)
+    acts = drives = np.zeros_like(s.q)
     for _ in range(CONTROLLER.passes):
         if arm.further is not None:
-            further = arm.further(last)
-        q, dq = _simulated(simulator, model, law, s, further)
+            acts, drives = arm.further(last)
+        q, dq = _simulated(simulator, model, law, s, acts + drives)
         if not np.all(np.isfinite(q)):
             break
         change, last = np.sqrt(np.mean((q - last.q) ** 2)), _along(s, q, dq)
         error = np.sqrt(np.mean((q - s.q) ** 2))
         if arm.further is None or change < CONTROLLER.settled * error:
             break
-    assert s.command is not None
-    return q, law.torque(s.command, _speed(s), q, dq)
+    return q, law.torque(commands, _speed(s), q, dq) + drives
 
 
 def _along(s: Signals, q: np.ndarray, dq: np.ndarray) -> Signals:
@@ -174,16 +177,21 @@ def replay_gap(gap: MotionGap) -> MotionGap:
         simulator = mujoco()
     except BayescalError as error:
         return replace(gap, tracking=f"{error.what}: motions are not replayed")
-    arms = {
-        "nominal": Arm(text_of(mechanism_known(log.mechanism), "mjcf", log.gravity)),
-        "model": arm_in_file(gap.model),
-    }
+    arms = {"nominal": nominal_arm(log), "model": arm_in_file(gap.model)}
     if gap.arm is not gap.model:
         arms["effects"] = arm_in_file(gap.arm)
     return replace(gap, tracking=replayed(simulator, log, gap.model.estimate.parts, arms))
 
 
+def nominal_arm(log: Log) -> Arm:
+    """The nominal arm."""
+    late = log.alignment if log.torque_kind == SERVO else 0.0
+    return Arm(text_of(mechanism_known(log.mechanism), "mjcf", log.gravity), late=late)
+
+
 def arm_in_file(arm: NamedArm, text: str = "") -> Arm:
     """An arm, in a file of its own or in another text, with what acts beside it."""
     text = text or text_of(arm.mechanism, "mjcf", arm.gravity)
-    return Arm(text, arm.further, arm.gain, arm.offset)
+    log = arm.estimate.parts[0].log
+    late = log.alignment + arm.values.get("alignment", 0.0) if log.torque_kind == SERVO else 0.0
+    return Arm(text, arm.further, arm.gain, arm.offset, late)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from bayescal.errors import BayescalError
-from bayescal.exporting.log_arm import mechanism_of_run, text_of, values_of
+from bayescal.exporting.log_arm import mechanism_of_run, values_of
 from bayescal.exporting.sidecar import mujoco
 from bayescal.logs import Log, Mechanism, read_log
 from bayescal.logs.types import VALIDATE
@@ -21,9 +21,10 @@ from bayescal.motion.estimate import estimated
 from bayescal.motion.named import NamedArm, effect_of, named_arm
 from bayescal.motion.pool import Pool
 from bayescal.motion.result import Tracking
+from bayescal.motion.servo import with_torques
 from bayescal.motion.signals import Signals, all_signals
 from bayescal.storage.reading import decoded, read_record
-from bayescal.verifying.log_replay import Arm, arm_in_file, mechanism_known, replayed
+from bayescal.verifying.log_replay import Arm, arm_in_file, nominal_arm, replayed
 
 FITTED, NAMED, COPY = "fit.json", "gap.json", "dataset"
 SLIDING = 0.1
@@ -65,7 +66,7 @@ def verify_log(run: Path, path: Path) -> LogVerification:
         raise BayescalError(what, str(run), "fit a part of it, and verify by that")
     name, schema = (NAMED, "bayescal-gap/1") if (run / NAMED).is_file() else (FITTED, "bayescal-fit/1")
     record = read_record(run / name, schema, "repeat the command with this version")
-    log = read_log(run / COPY)
+    log = with_torques(read_log(run / COPY))
     if not log.of_role(VALIDATE):
         raise BayescalError("no motion was withheld", str(run), "fit a log with a motion of role validate")
     fitted = mechanism_of_run(run, str(record["robot"]))
@@ -76,8 +77,7 @@ def verify_log(run: Path, path: Path) -> LogVerification:
         raise BayescalError(f"MuJoCo does not load it: {error}", str(path), "export the arm again") from None
     if model.nv != log.n:
         raise BayescalError(f"has {model.nv} joints, the log {log.n}", str(path), "export the arm again")
-    drawn = text_of(mechanism_known(log.mechanism), "mjcf", log.gravity)
-    nominal = simulator.MjModel.from_xml_string(drawn)
+    nominal = simulator.MjModel.from_xml_string(nominal_arm(log).text)
     values, parts = values_of(record), all_signals(log)
     offset, gain = (
         np.array([values.get(f"{name} {j + 1}", 0.0) for j in range(log.n)])
@@ -107,17 +107,12 @@ def verify_log(run: Path, path: Path) -> LogVerification:
         nominal=_rms(before),
         fitted=_rms(after),
         rows=sum(map(len, after)),
-        tracking=replayed(simulator, log, parts, _arms(log, parts, fitted, values, drawn, text)),
+        tracking=replayed(simulator, log, parts, _arms(log, parts, fitted, values, text)),
     )
 
 
 def _arms(
-    log: Log,
-    parts: tuple[Signals, ...],
-    fitted: Mechanism,
-    values: Mapping[str, float],
-    drawn: str,
-    text: str,
+    log: Log, parts: tuple[Signals, ...], fitted: Mechanism, values: Mapping[str, float], text: str
 ) -> dict[str, Arm]:
     """The arms to be replayed: nominal, fitted, and with the effects of a diagnosis."""
     if isinstance(law_of(log, parts), str):
@@ -127,9 +122,9 @@ def _arms(
     scale = Pool.of(estimate).scale if named else Scale(estimate.rms, estimate.rms, 0.0)
     arm = arm_in_file(NamedArm(estimate, scale, fitted, log.gravity, values), text)
     if not named:
-        return {"nominal": Arm(drawn), "model": arm}
+        return {"nominal": nominal_arm(log), "model": arm}
     model = named_arm(estimate, estimate.fit(), scale)
-    return {"nominal": Arm(drawn), "model": arm_in_file(model), "effects": arm}
+    return {"nominal": nominal_arm(log), "model": arm_in_file(model), "effects": arm}
 
 
 def _rms(parts: list[np.ndarray]) -> np.ndarray:

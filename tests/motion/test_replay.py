@@ -63,7 +63,7 @@ def test_what_cannot_be_replayed_is_said(log, arms):
 def test_torque_beside_the_file_is_that_of_a_heavier_arm(log, arms):
     """The viscous friction of one joint in the file, or beside it along the motion of the simulation."""
     less = replace(arms[1], viscous=arms[1].viscous - [0.0, 2.0, 0.0])
-    beside = Arm(text_of(less, "mjcf", log.gravity), lambda s: -s.dq * [0.0, 2.0, 0.0])
+    beside = Arm(text_of(less, "mjcf", log.gravity), lambda s: (-s.dq * [0.0, 2.0, 0.0], 0.0 * s.q))
     both = replayed(mujoco, log, all_signals(log), {"beside": beside, "less": replace(beside, further=None)})
     assert np.all(both["beside"].rms < 2e-4)
     assert both["less"].rms[1] > 5.0 * both["beside"].rms[1]

@@ -11,7 +11,7 @@ from rich.text import Text
 
 from bayescal.motion.calibrate import MotionFit
 from bayescal.posterior.inference import Record, save
-from bayescal.reporting.motion.record import controller, origin, write_arm
+from bayescal.reporting.motion.record import controller, origin, shown_unit, write_arm
 from bayescal.reporting.motion.sheets import parameter_sheet, withheld_sheet
 from bayescal.reporting.page.build import write_page
 from bayescal.reporting.shared.origin import plain
@@ -27,6 +27,7 @@ FIT, POSTERIOR = "fit.json", "posterior.nc"
 
 def fit_record(fit: MotionFit) -> dict[str, Any]:
     """The contents of fit.json; a value that is not finite is null."""
+    unit, by = shown_unit(fit.log)
     record = {
         **origin(SCHEMA, fit.log, fit.seed),
         "model": ["inertials", "armature", "coulomb", "viscous", "offset", "alignment"],
@@ -48,12 +49,12 @@ def fit_record(fit: MotionFit) -> dict[str, Any]:
         "withheld": [
             {
                 "joint": w.joint,
-                "nominal_rms_Nm": w.nominal,
-                "rms_Nm": w.fitted,
-                "expected_rms_Nm": w.expected,
-                "expected_interval95_Nm": w.interval95,
+                f"nominal_rms_{unit}": x * w.nominal,
+                f"rms_{unit}": x * w.fitted,
+                f"expected_rms_{unit}": x * w.expected,
+                f"expected_interval95_{unit}": [x * end for end in w.interval95],
             }
-            for w in fit.withheld
+            for w, x in zip(fit.withheld, by, strict=False)
         ],
         "noise": {"lag1": fit.lag1},
         "gravity_mps2": fit.log.gravity,
@@ -69,7 +70,7 @@ def fit_record(fit: MotionFit) -> dict[str, Any]:
 def _outside(fit: MotionFit) -> list[str]:
     """Joints whose withheld error is beyond what is expected."""
     joints = [w.joint for w in fit.withheld if w.fitted > w.interval95[1]]
-    text = "the torque error on withheld motions is larger than expected: bayescal gap looks for the cause"
+    text = "the error on withheld motions is larger than expected: bayescal gap looks for the cause"
     out = [f"{', '.join(joints)}: {text}"] if joints else []
     if fit.mechanism.coupled:
         out.append("the joints are coupled, which arm.yaml cannot hold: it is not written")
@@ -95,7 +96,10 @@ def _facts(record: Json) -> Facts:
     words = f"{record['determined']} of {total} directions of the parameters, better than half their prior"
     yield "determined", words, ""
     yield from under("only together", record["combinations"], "dim")
-    yield "torque", f"{record['torque_shift_ms']:.2f} ms later than the positions", "dim"
+    if record["unit"] == "deg":
+        yield "commands", f"acted on after {record['torque_shift_ms']:.0f} ms, beside viscous friction", "dim"
+    else:
+        yield "torque", f"{record['torque_shift_ms']:.2f} ms later than the positions", "dim"
     yield from under("warning", record["warnings"], "yellow")
 
 

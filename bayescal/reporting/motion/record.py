@@ -11,6 +11,7 @@ import numpy as np
 from bayescal.dataset.types import Record
 from bayescal.exporting.log_arm import ARM_FILE
 from bayescal.logs import Log, Mechanism
+from bayescal.logs.types import SERVO
 from bayescal.logs.write import arm_text
 from bayescal.motion.effects import EFFECTS
 from bayescal.motion.result import Amplitude, MotionGap, Place
@@ -44,7 +45,7 @@ def origin(schema: str, log: Log, seed: int) -> dict[str, Any]:
         "record": record_of(Record()),
         "software": software(LIBRARIES),
         "seed": seed,
-        "unit": UNIT,
+        "unit": shown_unit(log)[0],
         "robot": log.mechanism.name,
         "joints": list(log.mechanism.joint_names),
     }
@@ -59,6 +60,16 @@ def size_of(a: Amplitude) -> str:
 def motion_record(gap: MotionGap) -> dict[str, Any]:
     """The contents of gap.json; a value that is not finite is null."""
     v, log, s = gap.verdict, gap.estimate.parts[0].log, gap.shrinkage
+    unit, by = shown_unit(log)
+    own = {
+        f"before_rms_{unit}": by * s.before,
+        f"after_rms_{unit}": by * s.after,
+        f"floor_{unit}": by * s.floor,
+        "removed": s.removed,
+        "removed_interval95": s.removed_interval95,
+        "delta_elpd": s.gain,
+    }
+    servo = log.torque_kind == SERVO
     record = {
         **origin(SCHEMA, log, 0),
         "baseline": ["inertials", "armature", "coulomb", "viscous", "offset", "alignment"],
@@ -74,20 +85,13 @@ def motion_record(gap: MotionGap) -> dict[str, Any]:
             for names, p, nats in gap.hypotheses
         ],
         "class": _class(v.members, v.leading),
-        "where": [_place(p) for p in gap.where],
-        "torque_rms_Nm": {"before": s.before, "after": s.after},
+        "where": [_place(p, unit, by) for p in gap.where],
+        "torque_rms_Nm": None if servo else {"before": s.before, "after": s.after},
         "shrinkage": {
-            "torque": {
-                "before_rms_Nm": s.before,
-                "after_rms_Nm": s.after,
-                "floor_Nm": s.floor,
-                "removed": s.removed,
-                "removed_interval95": s.removed_interval95,
-                "delta_elpd": s.gain,
-            },
-            "tracking": _tracking(gap),
+            "torque": None if servo else own,
+            "tracking": {**own, "replay": _replay(gap)} if servo else _replay(gap),
         },
-        "noise": {"lag1": gap.estimate.noise.lag1, "floor_Nm": s.floor},
+        "noise": {"lag1": gap.estimate.noise.lag1[: log.n], f"floor_{unit}": by * s.floor},
         "not_assessed": [{"effect": name, "why": why} for name, why in gap.not_assessed.items()],
         "missing": dict(gap.not_assessed),
         "next": list(gap.advice),
@@ -114,7 +118,14 @@ def controller(log: Log) -> dict[str, Any]:
     return {"kind": c.kind, "kp_Nm_per_rad": c.stiffness, "kd_Nms_per_rad": c.damping}
 
 
-def _tracking(gap: MotionGap) -> dict[str, Any]:
+def shown_unit(log: Log) -> tuple[str, np.ndarray]:
+    """Unit of residuals in keys, and the factor (n,) to it: of servos without torques errors of position."""
+    if log.torque_kind != SERVO or log.controller.stiffness is None:
+        return UNIT, np.ones(log.n)
+    return "deg", np.rad2deg(1.0 / log.controller.stiffness)
+
+
+def _replay(gap: MotionGap) -> dict[str, Any]:
     """Errors of withheld motions that MuJoCo moves by the logged commands, or why there are none."""
     of = gap.tracking
     if isinstance(of, str):
@@ -174,14 +185,14 @@ def _class(members: Mapping[str, float], leading: Hypothesis) -> dict[str, Any] 
     return {"sites": [form.site], "arguments": [form.driver], "members": dict(members)}
 
 
-def _place(p: Place) -> dict[str, Any]:
+def _place(p: Place, unit: str, by: np.ndarray) -> dict[str, Any]:
     form = p.form
     return {
         "site": form.site,
         "driver": form.driver,
         "setting": form.setting,
         "text": f"{form.site}, {form.driver}" + (f" ({form.setting})" if form.setting else ""),
-        "rms_Nm": p.rms,
+        f"rms_{unit}": by[p.joint] * p.rms,
         "of_joint": p.joint + 1,
         "log_evidence": p.nats,
         "explained_by": p.explained_by or None,
@@ -203,7 +214,9 @@ def words(gap: MotionGap) -> list[str]:
     if v.kind in ("unknown", "named+unexplained") and gap.where:
         place = next((p for p in gap.where if not p.explained_by), gap.where[0])
         further = "A further error" if out else "Unmodelled error: it"
-        size = f"{1e3 * place.rms:.3g} mN m RMS in joint {place.joint + 1}"
+        unit, by = shown_unit(gap.estimate.parts[0].log)
+        words = "mN m" if unit == UNIT else "mdeg"
+        size = f"{1e3 * by[place.joint] * place.rms:.3g} {words} RMS in joint {place.joint + 1}"
         form = place.form
         out.append(
             f"{further} varies with {form.driver} at {form.site} ({size}); no known effect explains it."
@@ -221,9 +234,10 @@ def words(gap: MotionGap) -> list[str]:
         out.append(f"No effect above noise (no other cause has a probability above {largest:.2g}).")
     if v.named.members and np.isfinite(gap.shrinkage.removed):
         low, high = gap.shrinkage.removed_interval95
+        what = "torque" if shown_unit(gap.estimate.parts[0].log)[0] == UNIT else "servo error"
         out.append(
             f"On withheld motions the named effects remove {100 * gap.shrinkage.removed:.0f} % "
-            f"({100 * low:.0f} to {min(100 * high, 100.0):.0f} %) of the variance of torque above noise."
+            f"({100 * low:.0f} to {min(100 * high, 100.0):.0f} %) of the variance of the {what} above noise."
         )
     return out
 

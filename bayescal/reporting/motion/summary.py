@@ -40,7 +40,7 @@ def _facts(record: Json) -> Facts:
     yield "noise", f"correlation of neighbouring rows, joint by joint: {noise}", "dim"
     for why, names in by_reason(record["missing"]).items():
         yield "not assessed", f"{', '.join(names)}: {why}", "dim"
-    if reason := (record["shrinkage"]["tracking"] or {}).get("not_assessed"):
+    if reason := sheets.replay_of(record).get("not_assessed"):
         yield "not replayed", reason, "dim"
     yield from under("measure next", record["next"])
     yield from under("warning", record["warnings"], "yellow")
