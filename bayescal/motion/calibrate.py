@@ -15,7 +15,7 @@ from scipy.linalg import solve_triangular
 
 from bayescal.logs import Log, Mechanism
 from bayescal.logs.mechanism import symmetric
-from bayescal.logs.types import CALIBRATE, VALIDATE
+from bayescal.logs.types import CALIBRATE, SERVO, VALIDATE
 from bayescal.motion.estimate import Estimate, estimated, moved_to, of_role
 from bayescal.motion.linear import Fit, tabulated
 from bayescal.motion.servo import with_torques
@@ -115,7 +115,7 @@ def calibrate(log: Log, samples: int, seed: int, progress: Progress = silent) ->
         withheld=_withheld(estimate, fit, start, at),
         determined=int(np.sum(np.linalg.eigvalsh(fit.covariance) < CALIBRATION.determined**2)),
         combinations=_combinations(fit, names),
-        mechanism=fitted_mechanism(log.mechanism, at),
+        mechanism=fitted_mechanism(log.mechanism, at, log.torque_kind == SERVO),
         shift=float(at.shift[0]),
         lag1=estimate.noise.lag1[: log.n],
         seed=seed,
@@ -226,15 +226,16 @@ def constrained(fit: Fit, possible: Possible) -> np.ndarray:
     return np.asarray(_draws(fit, possible, CALIBRATION.few, 0).mean(axis=(0, 1)))
 
 
-def fitted_mechanism(m: Mechanism, at: Operating) -> Mechanism:
-    """The mechanism with estimated bodies, rotors and friction."""
+def fitted_mechanism(m: Mechanism, at: Operating, servo: bool) -> Mechanism:
+    """The mechanism with estimated bodies, rotors and friction; of servos at their estimated stiffness."""
     mass = at.inertials[:, 0]
     centre = at.inertials[:, 1:4] / mass[:, None]
     about = np.array([symmetric(ten[4:]) for ten in at.inertials])
     shifted = np.array([w * (c @ c * np.eye(3) - np.outer(c, c)) for w, c in zip(mass, centre, strict=True)])
+    by = at.gain if servo else 1.0
     return replace(
-        m, mass=mass, centre=centre, inertia=about - shifted, armature=at.armature, coulomb=at.coulomb,
-        viscous=at.viscous, transition=float(np.exp(np.mean(np.log(at.transition)))),
+        m, mass=mass, centre=centre, inertia=about - shifted, armature=at.armature / by,
+        coulomb=at.coulomb / by, viscous=at.viscous / by, transition=float(np.exp(np.mean(np.log(at.transition)))),
     )  # fmt: skip
 
 

@@ -101,7 +101,7 @@ def cells(s: Signals, at: Operating, scale: Scale, r: Ranges) -> Iterator[FormCo
         for length in CELLS.presliding:
             moved = _presliding(speed, s.step, length)
             yield from cell(site, "way since the reversal", [moved - direction], j, f"{length:g} rad")
-        for frequency in CELLS.resonances:
+        for frequency in (f for f in CELLS.resonances if f < s.band):
             response = _resonated(np.column_stack([s.ddq[:, j], torque / scale.torque[j]]), frequency, s.step)
             yield from cell(site, "oscillation", list(response.T), j, f"{frequency:g} Hz")
         low, high = r.angle[:, j]

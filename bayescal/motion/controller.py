@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bayescal.logs import Log
-from bayescal.logs.types import CALIBRATE, VALIDATE
+from bayescal.logs.types import CALIBRATE, SERVO, VALIDATE
 from bayescal.motion.settings import CONTROLLER
 from bayescal.motion.signals import Signals, derivative, low_passed
 
@@ -24,7 +24,7 @@ class Law:
     damping: np.ndarray  # N m s/rad
     ahead: np.ndarray  # N m s/rad, of the commanded speed
     bias: np.ndarray  # N m
-    stated: bool
+    stated: bool  # in N m: measured torques do not scale it
 
     def torque(self, u: np.ndarray, du: np.ndarray, q: np.ndarray, dq: np.ndarray) -> np.ndarray:
         """Torques (N, n) of the drives at commands and positions (N, n)."""
@@ -48,7 +48,7 @@ def law_of(log: Log, parts: tuple[Signals, ...]) -> Law | str:
     if control.stiffness is not None:
         damping = none if control.damping is None else control.damping
         ahead = damping if control.kind == "torque" else none
-        return Law(control.stiffness, damping, ahead, none, control.stated)
+        return Law(control.stiffness, damping, ahead, none, log.torque_kind != SERVO)
     fitted = _rows(tuple(s for s in parts if s.role == CALIBRATE))
     held = _rows(tuple(s for s in parts if s.role == VALIDATE))
     gains = np.empty((len(TERMS), log.n))

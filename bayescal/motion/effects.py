@@ -207,12 +207,12 @@ def _inertia(s: Signals, at: Operating, scale: Scale) -> Iterator[FormColumn]:
 
 
 def _servo_stiffness(s: Signals, at: Operating, scale: Scale) -> Iterator[FormColumn]:
-    torque, stiffness = at.torque(s), s.log.controller.stiffness
+    torque, load, stiffness = at.torque(s), at.load(s), s.log.controller.stiffness
     assert stiffness is not None
     for j in range(s.log.n):
         form = Form("servo-stiffness", joint(j), "torque")
         if s.log.torque_kind == SERVO:
-            yield form, form.term("1", FORMS.servo, j), torque[:, j]
+            yield form, form.term("1", FORMS.servo, j), load[:, j]
         else:
             softer = torque[:, j] / stiffness[j]
             yield form, form.term("1", FORMS.servo, channel(s.log, TRACKING, j)), softer

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bayescal.logs import Log, Mechanism
-from bayescal.logs.types import CALIBRATE
+from bayescal.logs.types import CALIBRATE, SERVO
 from bayescal.motion.calibrate import Possible, constrained, fitted_mechanism
 from bayescal.motion.effects import EFFECTS, Scale
 from bayescal.motion.estimate import Estimate, moved_to
@@ -127,4 +127,4 @@ def named_arm(estimate: Estimate, fit: Fit, scale: Scale) -> NamedArm:
         tilt = values.get(f"base-tilt base gravity direction {name}", 0.0)
         gravity = gravity + tilt * np.cross(axis, log.gravity)
     at = replace(at, inertials=inertials, armature=armature)
-    return NamedArm(estimate, scale, fitted_mechanism(m, at), gravity, values)
+    return NamedArm(estimate, scale, fitted_mechanism(m, at, log.torque_kind == SERVO), gravity, values)

@@ -18,7 +18,6 @@ from bayescal.logs.types import CALIBRATE, SERVO, Controller
 from bayescal.motion.dynamics import payload_of, regressor
 from bayescal.motion.settings import SERVOS
 
-
 SUBSTEPS = 8
 """Of the integration of a joint between two rows (assumed)."""
 
@@ -51,7 +50,7 @@ def with_torques(log: Log) -> Log:
     return replace(
         log, motions=motions, mechanism=m, torque_kind=SERVO,
         controller=Controller(control.kind, stiffness, None, control.stiffness is not None),
-        alignment=0.5 * step, u_alignment=SERVOS.delay, u_constant=0.0, notes=(*log.notes, *note),
+        alignment=0.5 * step, u_alignment=SERVOS.delay, u_constant=SERVOS.gain, notes=(*log.notes, *note),
     )  # fmt: skip
 
 

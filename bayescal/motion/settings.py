@@ -287,6 +287,8 @@ class ServoSettings:
     """rad/s, of the reversal of friction where the stiffness is estimated (assumed)."""
     sag: float = 0.2
     """Error by gravity, over what the estimate of the stiffness leaves, at which it counts (assumed)."""
+    gain: float = 0.05
+    """Relative standard uncertainty of the stiffness of a servo (assumed)."""
     rounds: int = 20
     """Iterations of noise and estimate: friction with memory is far from linear (cost)."""
     narrow: float = 2e-4

@@ -93,14 +93,16 @@ class Operating:
         stiffness = s.log.controller.stiffness
         assert stiffness is not None
         least = SERVOS.narrow * stiffness
-        drive = np.maximum([stiffness, self.coulomb, self.viscous, self.armature], [least, least, least, 0 * least])
-        return stuck(self.commands(s, self.shift), self.load(s) + self.offset, drive, s.q[0], s.step)
+        drive = np.array([stiffness, self.coulomb, self.viscous, self.armature])
+        drive = np.maximum(drive, [least, least, least, 0.0 * least])
+        load = self.gain * self.load(s) + self.offset
+        return stuck(self.commands(s, self.shift), load, drive, s.q[0], s.step)
 
     def commands(self, s: Signals, late: np.ndarray) -> np.ndarray:
         """Commands (N, n) of an earlier time, by delays (n,), s."""
         assert s.command is not None
-        pairs = zip(s.command.T, late, strict=True)
-        return np.column_stack([np.interp(s.time - t, s.time, u) for u, t in pairs])
+        spline, first, last = CubicSpline(s.time, s.command), s.time[0], s.time[-1]
+        return np.column_stack([spline(np.clip(s.time - t, first, last))[:, j] for j, t in enumerate(late)])
 
     def torque(self, s: Signals) -> np.ndarray:
         """Torque of the motors (N, n) that the model predicts."""
@@ -109,6 +111,8 @@ class Operating:
 
     def shown(self, s: Signals) -> np.ndarray:
         """What a sensor of this torque shows (N, n)."""
+        if s.log.torque_kind == SERVO:  # friction and rotors are of the same scale as the stiffness
+            return self.torque(s) + (self.gain - 1.0) * self.load(s) + self.offset
         return self.gain * self.torque(s) + self.offset
 
     def measured(self, s: Signals) -> np.ndarray:
@@ -180,6 +184,8 @@ def baseline(s: Signals, at: Operating, rms: np.ndarray) -> Iterator[Column]:
                 yield Term(f"{name} of link {k + 1}", UNITS[p], sd[p], moves=True), columns[:, :, p]
     way, gain = at.reversal(s), at.gain
     friction, servo = at.by_friction(s), log.torque_kind == SERVO
+    if servo:
+        gain = np.ones(m.n)
     scale = np.where(np.isnan(m.rated), rms, np.minimum(m.rated, 3.0 * rms))
     for j in range(m.n):
         armature = m.u.armature * m.armature[j]
@@ -196,7 +202,8 @@ def baseline(s: Signals, at: Operating, rms: np.ndarray) -> Iterator[Column]:
             slope = -gain[j] * at.coulomb[j] * (1.0 - way[:, j] ** 2) * s.dq[:, j] / at.transition[j]
             yield Term(f"transition {j + 1}", "1", BASELINE.transition, j), slope
         if log.u_constant:
-            yield Term(f"constant {j + 1}", "1", log.u_constant, j), at.torque(s)[:, j]
+            shown = at.load(s) if servo else at.torque(s)
+            yield Term(f"constant {j + 1}", "1", log.u_constant, j), shown[:, j]
     if not servo:
         slopes = -gain * at.coulomb * (1.0 - way**2) * s.dq / at.transition
         yield Term("transition", "1", m.u.transition), slopes

@@ -69,7 +69,7 @@ def replayed(
             torque.append(s.unfiltered(applied * arm.gain + arm.offset - s.torque)[moving])
             count = max(round(len(position[-1]) * s.step / OUTCOME.block), 1)
             blocks += [np.mean(part**2, axis=0) for part in np.array_split(position[-1], count)]
-        out[name] = Tracking(_rms(position), _rms(torque), np.array(blocks), law.stated)
+        out[name] = Tracking(_rms(position), _rms(torque), np.array(blocks))
     return out
 
 

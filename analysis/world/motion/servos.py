@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -31,8 +30,19 @@ _SO = (
 COUNTS = 4096
 STEP = 2e-3
 PASSES = 4
+NOISE, ROUGH = 0.003, 0.12
+"""Noise of the torque, N m, and of the friction, relative."""
 GRAVITY = np.array([0.0, 0.0, -9.81])
-KINDS = ("null", "load-friction", "stribeck", "asymmetric-friction", "payload", "servo-stiffness", "cable", "late")
+KINDS = (
+    "null",
+    "load-friction",
+    "stribeck",
+    "asymmetric-friction",
+    "payload",
+    "servo-stiffness",
+    "cable",
+    "late",
+)
 Load = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 
@@ -49,7 +59,9 @@ def nominal() -> arms.Arm:
     )  # fmt: skip
 
 
-def _commands(rng: np.random.Generator, arm: arms.Arm, kind: str, length: float) -> Callable[[np.ndarray], np.ndarray]:
+def _commands(
+    rng: np.random.Generator, arm: arms.Arm, kind: str, length: float
+) -> Callable[[np.ndarray], np.ndarray]:
     if kind == "sines":
         hertz = np.exp(rng.uniform(np.log(0.08), np.log(0.7), (arm.size, 3)))
         size = rng.uniform(0.4, 1.0, hertz.shape) / hertz**0.8
@@ -74,8 +86,14 @@ def _commands(rng: np.random.Generator, arm: arms.Arm, kind: str, length: float)
     return legs
 
 
+def _wander(rng: np.random.Generator, shape: tuple[int, ...], tau: float) -> np.ndarray:
+    """Return noise of unit variance with a time constant, s, along the first axis."""
+    out = lfilter([1.0], [1.0, -np.exp(-STEP / tau)], rng.standard_normal(shape), axis=0)
+    return out / np.std(out, axis=0)
+
+
 def follow(
-    u: np.ndarray, load: np.ndarray, arm: arms.Arm, stiffness: np.ndarray, inertia: np.ndarray,
+    u: np.ndarray, load: np.ndarray, share: np.ndarray, arm: arms.Arm, stiffness: np.ndarray, inertia: np.ndarray,
     friction: Callable[[np.ndarray, np.ndarray], np.ndarray], viscous: Callable[[np.ndarray], np.ndarray],
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
     """Positions and speeds (rows, ...) of joints at commands u with torques `load`, from rest at the command."""
@@ -85,13 +103,15 @@ def follow(
         q[k], v[k] = at, speed
         net = stiffness * (u[k] - at) - load[k]
         free = (speed + STEP / inertia * net) / (1.0 + STEP / inertia * viscous(speed))
-        stop = STEP / inertia * friction(speed, load[k])
+        stop = STEP / inertia * share[k] * friction(speed, load[k])
         speed = np.sign(free) * np.maximum(np.abs(free) - stop, 0.0)
         at = at + STEP * speed
     return q, v
 
 
-def make(seed: int, number: int, kind: str, motions: int = 8, length: float = 12.0, rate: float = 0.0) -> tuple[dict, dict, dict]:
+def make(
+    seed: int, number: int, kind: str, motions: int = 8, length: float = 12.0, rate: float = 0.0
+) -> tuple[dict, dict, dict]:
     """Settings, columns and ground truth of a log; `kind` of `KINDS`."""
     rng = np.random.default_rng([seed, 28, number])
     drawn = nominal()
@@ -132,19 +152,46 @@ def make(seed: int, number: int, kind: str, motions: int = 8, length: float = 12
         return arm.viscous + (size * one * np.sign(v) if kind == "asymmetric-friction" else 0.0)
 
     inertia, load, q = _own(arm), np.zeros_like(held), held
-    shaken = lfilter([1.0], [1.0, -np.exp(-STEP / 0.05)], rng.standard_normal(held.shape), axis=0)
-    shaken *= 0.012 / np.std(shaken)
+    shaken, rough = (_wander(rng, held.shape, tau) for tau in (0.05, 0.3))
     for _ in range(PASSES):
-        load = np.stack([_load(arm, q[:, k], loads[k], inertia, size if kind == "payload" else 0.0) for k in range(motions)], axis=1)
+        load = np.stack(
+            [
+                _load(arm, q[:, k], loads[k], inertia, size if kind == "payload" else 0.0)
+                for k in range(motions)
+            ],
+            axis=1,
+        )
         if kind == "cable":
-            load = load + size * one * (np.maximum(q - arm.home - 0.2, 0.0) - 0.5 * np.maximum(arm.home - 0.4 - q, 0.0))
-        q, _ = follow(held, load + shaken, arm, stiffness, inertia + arm.armature, friction, viscous)
-    rows = [np.degrees(2 * np.pi / COUNTS * np.round(q[ticks, k] * COUNTS / 2 / np.pi)) for k in range(motions)]
+            load = load + size * one * (
+                np.maximum(q - arm.home - 0.2, 0.0) - 0.5 * np.maximum(arm.home - 0.4 - q, 0.0)
+            )
+        q, _ = follow(
+            held,
+            load + NOISE * shaken,
+            1.0 + ROUGH * rough,
+            arm,
+            stiffness,
+            inertia + arm.armature,
+            friction,
+            viscous,
+        )
+    rows = [
+        np.degrees(2 * np.pi / COUNTS * np.round(q[ticks, k] * COUNTS / 2 / np.pi)) for k in range(motions)
+    ]
     time = np.concatenate([5.0 + k * (length + 4.0) + t[ticks] for k in range(motions)])
     columns = {"t_s": time, "motion": np.repeat(np.arange(motions) + 1, len(ticks))}
     columns |= {f"q{i + 1}_deg": np.concatenate(rows)[:, i] for i in range(arm.size)}
     columns |= {f"command{i + 1}_deg": np.degrees(np.concatenate(sent))[:, i] for i in range(arm.size)}
-    entries = [{"id": str(k + 1), "role": roles[k], "kind": kinds[k], "same_as": str(1 if k < 2 else k + 1), "payload_kg": loads[k]} for k in range(motions)]
+    entries = [
+        {
+            "id": str(k + 1),
+            "role": roles[k],
+            "kind": kinds[k],
+            "same_as": str(1 if k < 2 else k + 1),
+            "payload_kg": loads[k],
+        }
+        for k in range(motions)
+    ]
     settings = {
         "schema": "bayescal-motion/1", "name": f"servo log {number:03d}", "robot": _robot(drawn),
         "gravity_mps2": [0, 0, -9.81], "rate_hz": rate,
@@ -186,8 +233,15 @@ def _robot(arm: arms.Arm) -> dict:
          "inertia_kgm2": [*np.diag(arm.inertia[k]).tolist(), 0.0, 0.0, 0.0]}
         for k in range(arm.size)
     ]  # fmt: skip
-    load = {"centre_of_mass_mm": (1e3 * arm.load_centre).tolist(), "radius_of_gyration_mm": 1e3 * arm.load_gyration}
-    return {"joints": joints, "payload": load, "u": {"mass": 0.15, "centre_of_mass_mm": 4.0, "inertia": 0.15, "armature": 0.15}}
+    load = {
+        "centre_of_mass_mm": (1e3 * arm.load_centre).tolist(),
+        "radius_of_gyration_mm": 1e3 * arm.load_gyration,
+    }
+    return {
+        "joints": joints,
+        "payload": load,
+        "u": {"mass": 0.15, "centre_of_mass_mm": 4.0, "inertia": 0.15, "armature": 0.15},
+    }
 
 
 def write(folder: Path, settings: dict, columns: dict) -> Path:
@@ -195,7 +249,9 @@ def write(folder: Path, settings: dict, columns: dict) -> Path:
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "dataset.yaml").write_text(yaml.safe_dump(settings, sort_keys=False), encoding="utf-8")
     table = np.column_stack(list(columns.values()))
-    np.savetxt(folder / "motion.csv", table, "%.6g" if False else "%.9g", ",", header=",".join(columns), comments="")
+    np.savetxt(
+        folder / "motion.csv", table, "%.6g" if False else "%.9g", ",", header=",".join(columns), comments=""
+    )
     return folder
 
 
@@ -206,7 +262,9 @@ def main(out: Path, logs: int = 16, seed: int = 1, kinds: str = ",".join(KINDS),
     for number in range(first, first + logs):
         settings, columns, truth = make(seed, number, chosen[number % len(chosen)])
         write(out / f"{number:03d}", settings, columns)
-        (out / "truth" / f"{number:03d}.json").write_text(json.dumps(truth, indent=1) + "\n", encoding="utf-8")
+        (out / "truth" / f"{number:03d}.json").write_text(
+            json.dumps(truth, indent=1) + "\n", encoding="utf-8"
+        )
     typer.echo(f"{logs} logs in {out}")
 
 

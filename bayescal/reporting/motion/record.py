@@ -132,7 +132,8 @@ def _replay(gap: MotionGap) -> dict[str, Any]:
         return {"not_assessed": of}
     before, after = of["model"], of.get("effects", of["model"])
     removed, interval = after.removed(before) if "effects" in of else (None, None)
-    deg = 180.0 / np.pi
+    control, deg = gap.estimate.parts[0].log.controller, 180.0 / np.pi
+    stated = control.stiffness is not None and control.stated
     return {
         "nominal_rms_deg": deg * of["nominal"].rms,
         "before_rms_deg": deg * before.rms,
@@ -143,7 +144,7 @@ def _replay(gap: MotionGap) -> dict[str, Any]:
         "before_torque_rms_Nm": before.torque,
         "after_torque_rms_Nm": after.torque,
         "simulator": "MuJoCo",
-        "controller": "stated" if before.stated else "estimated from commands, positions and torques",
+        "controller": "stated" if stated else "estimated from the log",
     }
 
 
