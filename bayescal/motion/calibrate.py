@@ -235,7 +235,8 @@ def fitted_mechanism(m: Mechanism, at: Operating, servo: bool) -> Mechanism:
     by = at.gain if servo else 1.0
     return replace(
         m, mass=mass, centre=centre, inertia=about - shifted, armature=at.armature / by,
-        coulomb=at.coulomb / by, viscous=at.viscous / by, transition=float(np.exp(np.mean(np.log(at.transition)))),
+        coulomb=at.coulomb / by, viscous=at.viscous / by,
+        transition=float(np.exp(np.mean(np.log(at.transition)))),
     )  # fmt: skip
 
 

@@ -8,10 +8,9 @@ from bayescal.errors import BayescalError
 from bayescal.logs import Log
 from bayescal.logs.types import CALIBRATE, VALIDATE
 from bayescal.motion import outcome
-from bayescal.motion.estimate import estimated, repeats
+from bayescal.motion.estimate import estimated, noise_about
 from bayescal.motion.linear import normal
 from bayescal.motion.named import named_arm
-from bayescal.motion.noise import noise_of
 from bayescal.motion.pool import Pool
 from bayescal.motion.result import MotionGap
 from bayescal.motion.servo import with_torques
@@ -42,8 +41,7 @@ def diagnose(log: Log, progress: Progress = silent) -> MotionGap:
         search = pool.search(noise)
         fit = search.fit(search.run()[0].members)
         table = pool.table.of_role(CALIBRATE)
-        same = repeats([part.signals for part in table.parts])
-        noise = noise_of(table.residuals(fit.values), len(fit.chosen) / log.n, same)
+        noise = noise_about(table.residuals(fit.values), fit, [part.signals for part in table.parts])
     search = pool.search(noise)
     hypotheses = search.run()
     verdict = decide(search, hypotheses, pool.search(noise, (CALIBRATE, VALIDATE)))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -84,9 +84,16 @@ def moved_to(start: Operating, s: Signals, values: dict[str, float]) -> Operatin
     )
 
 
-def repeats(parts: Sequence[Signals]) -> tuple[str, ...]:
-    """The motion that each repeats, where repeats tell the noise: what servos repeat may be of their steps."""
-    return () if parts[0].log.torque_kind == SERVO else tuple(s.same_as for s in parts)
+def noise_about(residuals: Sequence[np.ndarray], fit: Fit, parts: Sequence[Signals]) -> Noise:
+    """The noise of what a fit leaves of the residuals (M, C) of motions.
+
+    Of servos repeats do not tell it, which have the same stops; what a model of stiction lacks is noise too.
+    """
+    servo = parts[0].log.torque_kind == SERVO
+    same = () if servo else tuple(s.same_as for s in parts)
+    noise = noise_of(residuals, len(fit.chosen) / parts[0].log.n, same)
+    wide = SERVOS.noise if servo else 1.0
+    return replace(noise, filters=noise.filters / wide, sd=noise.sd * wide)
 
 
 def estimated(parts: tuple[Signals, ...]) -> Estimate:
@@ -100,6 +107,6 @@ def estimated(parts: tuple[Signals, ...]) -> Estimate:
     for _ in range(SERVOS.rounds if log.torque_kind == SERVO else NOISE.rounds):
         table = tabulated(used, out.columns, out.residual)
         fit = fitted(normal(table, out.noise), np.arange(len(table.terms)))
-        noise = noise_of(table.residuals(fit.values), len(fit.chosen) / log.n, repeats(used))
+        noise = noise_about(table.residuals(fit.values), fit, used)
         out = Estimate(parts, moved_to(start, parts[0], fit.values), fit.values, rms, noise)
     return out

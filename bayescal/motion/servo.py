@@ -22,6 +22,12 @@ SUBSTEPS = 8
 """Of the integration of a joint between two rows (assumed)."""
 
 
+def is_servo(log: Log) -> bool:
+    """Whether the errors of position servos stand for the torques of a log, which has none."""
+    commanded = all(m.torque is None and m.command is not None for m in log.motions)
+    return commanded and not log.torque_kind and log.controller.kind == "position"
+
+
 def with_torques(log: Log) -> Log:
     """A log with torques: as it is, or of position servos the torques by their errors.
 
@@ -34,7 +40,7 @@ def with_torques(log: Log) -> Log:
         return log
     if not log.signed:
         raise BayescalError("torques have no sign: the log is not assessed", log.name, "log torque1_Nm ...")
-    if log.controller.kind != "position" or any(m.command is None for m in log.motions):
+    if not is_servo(log):
         what = "no torques are logged, and no commands of position servos"
         raise BayescalError(what, log.name, "log torque1_Nm ..., or command1_deg ... and `kind: position`")
     control, m = log.controller, log.mechanism

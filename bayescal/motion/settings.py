@@ -287,10 +287,16 @@ class ServoSettings:
     """rad/s, of the reversal of friction where the stiffness is estimated (assumed)."""
     sag: float = 0.2
     """Error by gravity, over what the estimate of the stiffness leaves, at which it counts (assumed)."""
+    noise: float = 1.5
+    """Factor on the noise, for what a model of stiction lacks (tuned)."""
     gain: float = 0.05
     """Relative standard uncertainty of the stiffness of a servo (assumed)."""
     rounds: int = 20
     """Iterations of noise and estimate: friction with memory is far from linear (cost)."""
+    held: tuple[float, float] = (0.03, 0.08)
+    """rad/s, speed of a joint up to which rows do not count, and from which on they count fully (assumed)."""
+    least: float = 0.05
+    """Share of rows that count, below which the rest is not weighted up (assumed)."""
     narrow: float = 2e-4
     """rad, least error that friction holds (cost)."""
 

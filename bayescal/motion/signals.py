@@ -44,6 +44,15 @@ class Signals:
     band: float = SIGNALS.band  # Hz, of the rows that are kept
 
     @cached_property
+    def weight(self) -> np.ndarray:
+        """Weights (N, n) of rows in a fit, of mean square 1: of servos 0 where stiction may hold a joint."""
+        if self.log.torque_kind != SERVO:
+            return np.ones_like(self.q)
+        slow, fast = SERVOS.held
+        weight = np.clip((np.abs(self.dq) - slow) / (fast - slow), 0.0, 1.0)
+        return np.asarray(weight / np.sqrt(np.maximum(np.mean(weight**2, axis=0), SERVOS.least)))
+
+    @cached_property
     def rigid(self) -> np.ndarray:
         """Torques (N, n, n, 10) by the inertial parameters of the bodies."""
         return regressor(self.log.mechanism, self.q, self.dq, self.ddq, self.log.gravity)

@@ -8,5 +8,6 @@ code with the model of `bayescal`.
 `plan` the motions, `noise` the autocorrelated noise and its whitening, `size` the baseline and the
 detectability lambda, `effects` and `effects_drive` the effects of the list, `outside`, `outside_more` and
 `outside_further` the causes that are not in it, `mix` the kinds, `build` a log, `rig` how it is measured,
-`write` its files.
+`write` its files. `servos` has logs of
+position servos without torques.
 """
