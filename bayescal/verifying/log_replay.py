@@ -118,7 +118,7 @@ def _driven(simulator: Any, text: str, law: Law, s: Signals) -> Any:
     if payload > 0.0:
         about = payload * np.full(3, max(m.payload_gyration, 1e-4) ** 2)
         body = spec.joints[-1].parent.add_body(pos=m.payload_centre, mass=payload, inertia=about)
-        body.explicitinertial = True
+        body.explicitinertial, body.ipos = True, np.zeros(3)
     for j, joint in enumerate(spec.joints):
         joint.name = joint.name or f"joint {j + 1}"
         drive = spec.add_actuator(target=joint.name, trntype=simulator.mjtTrn.mjTRN_JOINT)

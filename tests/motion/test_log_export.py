@@ -108,7 +108,7 @@ def gap(tmp_path_factory):
 
 def test_named_effects_are_in_the_file_or_stated(gap):
     record = bc.load(gap).record
-    assert record["effects"] == ["load-friction"]
+    assert "load-friction" in record["effects"]
     value = record["arm"]["load-friction joint 2 torque times direction"]
     drives = json.loads(bc.export(gap, "bam").content)
     assert drives["B"]["model"] == "m5"
