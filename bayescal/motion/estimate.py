@@ -108,5 +108,8 @@ def estimated(parts: tuple[Signals, ...]) -> Estimate:
         table = tabulated(used, out.columns, out.residual)
         fit = fitted(normal(table, out.noise), np.arange(len(table.terms)))
         noise = noise_about(table.residuals(fit.values), fit, used)
+        settled = np.allclose(noise.sd, out.noise.sd, rtol=SERVOS.settled)
         out = Estimate(parts, moved_to(start, parts[0], fit.values), fit.values, rms, noise)
+        if log.torque_kind == SERVO and settled:
+            break
     return out

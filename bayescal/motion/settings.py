@@ -293,6 +293,8 @@ class ServoSettings:
     """Relative standard uncertainty of the stiffness of a servo (assumed)."""
     rounds: int = 20
     """Iterations of noise and estimate: friction with memory is far from linear (cost)."""
+    settled: float = 0.005
+    """Relative change of the noise at which these end (cost)."""
     held: tuple[float, float] = (0.03, 0.08)
     """rad/s, speed of a joint up to which rows do not count, and from which on they count fully (assumed)."""
     least: float = 0.05

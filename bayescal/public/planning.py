@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     Source = Dataset | SimulatedSession | str | PathLike[str]
 
 GAP, SETTINGS = "gap.json", "dataset.yaml"
-MOTION = "Nm"
+MOTION = ("Nm", "deg")
 """`unit` of the record of a joint log."""
 MOTIONS: dict[str, type[MotionFitResult] | type[MotionGapResult]] = {
     "fit.json": MotionFitResult,
@@ -188,7 +188,7 @@ def load(run: str | PathLike[str]) -> FitResult | GapResult | MotionFitResult | 
     for name, (schema, kind) in RECORDS.items():
         if (folder / name).is_file():
             content = read_record(folder / name, schema, "repeat the command with this version")
-            if content.get("unit") == MOTION:
+            if content.get("unit") in MOTION:
                 return MOTIONS[name](folder=folder, content=content)
             return kind(folder=folder, content=content)
     remedy = "give a run folder of bayescal fit, gap or plan"

@@ -71,7 +71,7 @@ def test_torque_beside_the_file_is_that_of_a_heavier_arm(log, arms):
 
 
 def test_payloads_are_carried(log, arms):
-    """Gravity of the arm with a payload, by the regressor that was checked against MuJoCo's inverse dynamics."""
+    """Gravity of the arm with a payload, by the regressor, which is checked against MuJoCo elsewhere."""
     s = replace(all_signals(log)[-1], payload=np.full(len(log.motions[-1].time), 1.5))
     text = text_of(arms[1], "mjcf", log.gravity)
     model = _driven(mujoco, text, law_of(log, (s,)), s)

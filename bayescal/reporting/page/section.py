@@ -108,7 +108,7 @@ def texts(lines: Sequence[str], style: str = "") -> tuple[Text, ...]:
 
 SCHEMAS = {"fit.json": "bayescal-fit/1", "gap.json": "bayescal-gap/1"}
 """Record that identifies a run -> its schema."""
-MOTION = "Nm"
+MOTION = ("Nm", "deg")
 """`unit` of the record of a joint log."""
 BUDGET, BUDGET_SCHEMA = "budget.json", "bayescal-budget/1"
 FIGURES = {
@@ -202,7 +202,7 @@ def read_run(folder: Path, shown: str = "") -> Run:
     record = read_record(folder / name, SCHEMAS[name], again)
     check_unchanged(folder, (name, *([BUDGET] if budget else [])))
     kind = name.removesuffix(".json")
-    if record.get("unit") == MOTION:
+    if record.get("unit") in MOTION:
         kind = "motion" if kind == "gap" else "motion fit"
     return Run(kind, record, shown or str(folder), budget, figures)
 
