@@ -57,6 +57,7 @@ class Tracking:
     rms: np.ndarray  # (n,) rad, of positions
     torque: np.ndarray  # (n,) N m
     blocks: np.ndarray  # (B, n) rad2, mean squares of parts of the motions
+    motions: int  # that were simulated
 
     def removed(self, before: Tracking) -> tuple[float, tuple[float, float]]:
         """Share of the mean square of all joints that an arm has less than another, and its 95 % interval."""

@@ -271,6 +271,8 @@ class ControllerSettings:
     """Simulations in which the torque of effects follows the motion before (cost)."""
     settled: float = 0.02
     """Change of the motion by a further pass, over the tracking error, at which it has settled (assumed)."""
+    seconds: float = 180.0
+    """s of withheld motions after which no further one is simulated (cost)."""
     lost: float = 0.5
     """rad off the log, from which on a simulation does not follow (assumed)."""
 

@@ -55,10 +55,13 @@ def replayed(
     law = law_of(log, parts)
     if isinstance(law, str):
         return law
+    held = [s for s in parts if s.role == VALIDATE]
+    lasting = np.cumsum([len(s.time) * s.step for s in held])
+    held = held[: 1 + int(np.searchsorted(lasting, CONTROLLER.seconds))]
     out: dict[str, Tracking] = {}
     for name, arm in arms.items():
         position, torque, blocks = [], [], []
-        for s in (s for s in parts if s.role == VALIDATE):
+        for s in held:
             q, applied = _motion(simulator, arm, law.over(np.asarray(arm.gain)), s)
             far = np.max(np.abs(q - s.q)) if np.all(np.isfinite(q)) else np.inf
             if far > CONTROLLER.lost:
@@ -69,7 +72,7 @@ def replayed(
             torque.append(s.unfiltered(applied * arm.gain + arm.offset - s.torque)[moving])
             count = max(round(len(position[-1]) * s.step / OUTCOME.block), 1)
             blocks += [np.mean(part**2, axis=0) for part in np.array_split(position[-1], count)]
-        out[name] = Tracking(_rms(position), _rms(torque), np.array(blocks))
+        out[name] = Tracking(_rms(position), _rms(torque), np.array(blocks), len(held))
     return out
 
 

@@ -144,6 +144,7 @@ def _replay(gap: MotionGap) -> dict[str, Any]:
         "before_torque_rms_Nm": before.torque,
         "after_torque_rms_Nm": after.torque,
         "simulator": "MuJoCo",
+        "motions": before.motions,
         "controller": "stated" if stated else "estimated from the log",
     }
 
