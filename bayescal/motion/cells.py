@@ -12,7 +12,7 @@ import numpy as np
 from scipy.signal import lfilter
 
 from bayescal.motion.effects import LOG, TOOL, Form, FormColumn, Scale, joint
-from bayescal.motion.settings import CELLS
+from bayescal.motion.settings import CELLS, SEARCH
 from bayescal.motion.signals import Signals, derivative, each
 from bayescal.motion.terms import Operating
 
@@ -34,12 +34,25 @@ class Ranges:
             whole = np.concatenate(x)
             return np.array([np.min(whole, axis=0), np.max(whole, axis=0)])
 
+        def usual(x: list[np.ndarray]) -> np.ndarray:
+            return np.maximum(np.sqrt(np.mean(np.concatenate(x) ** 2, axis=0)), 1e-9)
+
         self.angle = bounds([s.q for s in parts])  # (2, n)
         self.speed = bounds([s.dq for s in parts])
         self.load = bounds([at.load(s) for s in each(parts)])
         self.time = bounds([s.time for s in parts])  # (2,)
         count = min(len(parts), CELLS.groups)
         self.groups = {s.name: k * count // len(parts) for k, s in enumerate(parts)}
+        self.usual_speed, self.usual_load = (
+            usual([s.dq for s in parts]),
+            usual([at.load(s) for s in each(parts)]),
+        )
+        self.usual_acceleration = usual([s.ddq for s in parts])
+        self.usual_power = float(
+            np.mean([np.mean(np.abs(np.sum(at.torque(s) * s.dq, axis=1))) for s in each(parts)])
+        )
+        size = 2 * SEARCH.pieces
+        self.pieces = {s.name: (k * size, len(parts) * SEARCH.pieces) for k, s in enumerate(parts)}
         self.loaded = any(np.any(s.payload > 0.0) for s in parts)
 
 
@@ -99,10 +112,10 @@ def cells(s: Signals, at: Operating, scale: Scale, r: Ranges) -> Iterator[FormCo
                 fast = smooth(s.dq[:, k], r.speed[:, k], CELLS.other_waves)
                 yield from cell(site, f"speed of joint {k + 1}", fast, j)
         for length in CELLS.presliding:
-            moved = _presliding(speed, s.step, length)
+            moved = presliding(speed, s.step, length)
             yield from cell(site, "way since the reversal", [moved - direction], j, f"{length:g} rad")
         for frequency in (f for f in CELLS.resonances if f < s.band):
-            response = _resonated(np.column_stack([s.ddq[:, j], torque / scale.torque[j]]), frequency, s.step)
+            response = resonated(np.column_stack([s.ddq[:, j], torque / scale.torque[j]]), frequency, s.step)
             yield from cell(site, "oscillation", list(response.T), j, f"{frequency:g} Hz")
         low, high = r.angle[:, j]
         for width in CELLS.bumps:
@@ -131,7 +144,7 @@ def _of_tool(s: Signals, scale: Scale) -> Iterator[FormColumn]:
         yield form, form.term("N", CELLS.force, part=name), by[:, :, -1] @ unit
 
 
-def _presliding(speed: np.ndarray, step: float, length: float) -> np.ndarray:
+def presliding(speed: np.ndarray, step: float, length: float) -> np.ndarray:
     """Deflection (N,) of bristles, -1 to 1, that a way of `length` rad saturates (Dahl, 1976)."""
     out = np.empty(len(speed))
     z = 0.0
@@ -141,7 +154,7 @@ def _presliding(speed: np.ndarray, step: float, length: float) -> np.ndarray:
     return out
 
 
-def _resonated(x: np.ndarray, frequency: float, step: float) -> np.ndarray:
+def resonated(x: np.ndarray, frequency: float, step: float) -> np.ndarray:
     """Response (N, k) of a lightly damped oscillator to x, less x itself."""
     w, damping = 2.0 * np.pi * frequency, CELLS.damping
     pole = np.exp((-damping + 1j * np.sqrt(1.0 - damping**2)) * w * step)

@@ -8,8 +8,9 @@ from bayescal.errors import BayescalError
 from bayescal.logs import Log
 from bayescal.logs.types import CALIBRATE, VALIDATE
 from bayescal.motion import outcome
+from bayescal.motion.beside import beside
 from bayescal.motion.estimate import estimated, noise_about
-from bayescal.motion.linear import normal
+from bayescal.motion.linear import joined, normal
 from bayescal.motion.named import named_arm
 from bayescal.motion.pool import Pool
 from bayescal.motion.result import MotionGap
@@ -36,16 +37,24 @@ def diagnose(log: Log, progress: Progress = silent) -> MotionGap:
     progress("columns", 0.2)
     pool = Pool.of(estimate)
     noise = estimate.noise
+    motions = pool.table.of_role(CALIBRATE)
+    used = [part.signals for part in motions.parts]
     for k in range(NOISE.repeats):
         progress("search", 0.4 + 0.2 * k)
-        search = pool.search(noise)
+        search = pool.search(normal(motions, noise))
         fit = search.fit(search.run()[0].members)
-        table = pool.table.of_role(CALIBRATE)
-        noise = noise_about(table.residuals(fit.values), fit, [part.signals for part in table.parts])
-    search = pool.search(noise)
-    hypotheses = search.run()
-    verdict = decide(search, hypotheses, pool.search(noise, (CALIBRATE, VALIDATE)))
-    verdict = confirmed(verdict, search, normal(pool.table.of_role(VALIDATE), noise))
+        noise = noise_about(motions.residuals(fit.values), fit, used)
+    seen, held = normal(motions, noise), normal(pool.table.of_role(VALIDATE), noise)
+    # all motions tell which effects there are; how large they are, those of role `calibrate` alone
+    whole = pool.search(joined(seen, held))
+    hypotheses = whole.run()
+    progress("causes beside the list", 0.7)
+    pool, hypotheses = beside(pool, noise, whole, hypotheses)
+    seen, held = (
+        normal(pool.table.of_role(role), noise, p) for role, p in ((CALIBRATE, seen), (VALIDATE, held))
+    )
+    search = pool.search(seen)
+    verdict = confirmed(decide(pool.search(joined(seen, held)), hypotheses), search, held)
     progress("result", 0.8)
     named = search.fit(verdict.named.members)
     model = named_arm(estimate, search.fit(), pool.scale)
@@ -56,8 +65,8 @@ def diagnose(log: Log, progress: Progress = silent) -> MotionGap:
         estimate=estimate,
         verdict=verdict,
         where=outcome.places(search, pool, verdict),
-        amplitudes=outcome.amplitudes(search, pool, verdict, noise),
-        shrinkage=outcome.shrinkage(search, pool, verdict, noise),
+        amplitudes=outcome.amplitudes(search, pool, verdict),
+        shrinkage=outcome.shrinkage(search, pool, verdict, held),
         hypotheses=tuple((h.names, float(w), h.log_evidence) for h, w in ranked),
         not_assessed=outcome.not_assessed(search, pool),
         advice=tuple(outcome.advice(search, pool, verdict)),

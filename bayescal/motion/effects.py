@@ -14,6 +14,7 @@ import numpy as np
 from bayescal.logs import Log
 from bayescal.logs.mechanism import inertial
 from bayescal.logs.types import SERVO
+from bayescal.motion.ripple import Waves
 from bayescal.motion.settings import FORMS
 from bayescal.motion.signals import Signals, derivative
 from bayescal.motion.terms import ALL, BODY, LINK, TRACKING, UNITS, Operating, Term, channel, kinds, of_body
@@ -54,8 +55,7 @@ class Scale:
     torque: np.ndarray  # (n,) N m, RMS
     friction: np.ndarray  # (n,) N m, of the estimate
     loaded: float  # kg, mean payload of the loaded motions; 0 without
-    waves: tuple[tuple[int, float], ...] = ()  # joints and waves a turn that a scan found for ripple
-    spread: float = 0.0  # log of the share of the scanned waves that these are
+    waves: Waves = field(default_factory=Waves)  # that a scan found
 
 
 @dataclass(frozen=True)
@@ -127,11 +127,14 @@ def _asymmetric(s: Signals, at: Operating, scale: Scale) -> Iterator[FormColumn]
     for j in range(s.log.n):
         form = Form("asymmetric-friction", joint(j), "abs speed")
         sd = FORMS.asymmetric * max(at.viscous[j], 0.5 * scale.friction[j])
-        yield form, form.term("N m s/rad", sd, j), np.abs(s.dq[:, j])
+        fast = np.abs(s.dq[:, j])
+        yield form, form.term("N m s/rad", sd, j), fast
+        form = Form("asymmetric-friction", joint(j), "abs speed", "that saturates")
+        yield form, form.term("N m s/rad", sd, j), fast / (1.0 + fast / FORMS.saturation)
 
 
 def _ripple(s: Signals, at: Operating, scale: Scale) -> Iterator[FormColumn]:
-    for j, waves in scale.waves:
+    for j, waves in scale.waves.steady:
         for harmonics in FORMS.harmonics:
             setting = f"{waves:.4g} waves a turn" + (", with the double" if len(harmonics) > 1 else "")
             form = Form("ripple", joint(j), "motor angle", setting)
@@ -146,6 +149,9 @@ def _torque_constant(s: Signals, at: Operating, scale: Scale) -> Iterator[FormCo
     for j in range(s.log.n):
         form = Form("torque-constant", joint(j), "torque")
         yield form, form.term("1", FORMS.constant, j), torque[:, j]
+        form = Form("torque-constant", joint(j), "torque", "that falls with the torque")
+        large = torque[:, j] * np.abs(torque[:, j]) / scale.torque[j]
+        yield form, form.term("1", FORMS.constant, j), large
 
 
 def _torque_drift(s: Signals, at: Operating, scale: Scale) -> Iterator[FormColumn]:
@@ -216,6 +222,12 @@ def _servo_stiffness(s: Signals, at: Operating, scale: Scale) -> Iterator[FormCo
         else:
             softer = torque[:, j] / stiffness[j]
             yield form, form.term("1", FORMS.servo, channel(s.log, TRACKING, j)), softer
+    if s.log.torque_kind == SERVO:
+        return
+    form = Form("servo-stiffness", LOG, "torque", "one per joint")
+    for j in range(s.log.n):
+        term = form.term("1", FORMS.servo, channel(s.log, TRACKING, j), joint(j))
+        yield form, term, torque[:, j] / stiffness[j]
 
 
 def _elasticity(s: Signals, at: Operating, scale: Scale) -> Iterator[FormColumn]:
@@ -227,11 +239,13 @@ def _elasticity(s: Signals, at: Operating, scale: Scale) -> Iterator[FormColumn]
 
 
 def _backlash(s: Signals, at: Operating, scale: Scale) -> Iterator[FormColumn]:
-    load = at.load(s)
+    load, way = at.load(s), at.reversal(s)
     for j in range(s.log.n):
         form = Form("backlash", joint(j), "side of the torque")
         side = np.tanh(load[:, j] / (FORMS.side * scale.torque[j]))
         yield form, form.term("rad", FORMS.deflection, channel(s.log, LINK, j)), -side
+        form = Form("backlash", joint(j), "direction of motion")
+        yield form, form.term("rad", FORMS.deflection, channel(s.log, LINK, j)), -way[:, j]
 
 
 def _without(kind: str, why: str) -> Callable[[Log], str]:

@@ -15,10 +15,13 @@ from bayescal.motion.settings import NOISE, SERVOS
 from bayescal.motion.signals import Signals, each
 from bayescal.motion.terms import (
     BODY,
+    TRACKING,
     Column,
     Operating,
     baseline,
     by_channel,
+    channel,
+    displaced,
     kinds,
     nominal,
     of_body,
@@ -43,10 +46,15 @@ class Estimate:
     def residual(self, s: Signals) -> np.ndarray:
         """Residuals (N, C) of which a linear fit of all columns finds the deviations from nominal."""
         out = residuals(s, self.at)
+        moving = np.zeros_like(s.torque)
         for term, column in self.columns(s):
             if term.name in self.moved and not term.name.startswith(tuple(kinds(s.log)[1:])):
-                for j, value in by_channel(term, column, s.log, s.step):
+                for j, value in by_channel(term, column):
                     out[:, j] += self.moved[term.name] * value
+                    if term.moves:
+                        moving[:, j] += self.moved[term.name] * value
+        for j in range(s.log.n) if TRACKING in kinds(s.log) else ():
+            out[:, channel(s.log, TRACKING, j)] += displaced(s.log, s.step, moving[:, j], j)
         return out
 
     def fit(self) -> Fit:

@@ -7,7 +7,7 @@ their products are needed.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
@@ -39,6 +39,23 @@ class Table:
     def of_role(self, *roles: str) -> Table:
         """The motions of some roles."""
         return Table(self.terms, tuple(p for p in self.parts if p.signals.role in roles))
+
+    def extended(self, terms: Sequence[Term], columns: Sequence[Sequence[np.ndarray]]) -> Table:
+        """The table with further terms, the columns of each by motion (M, C); a channel of zeros has none."""
+        first, parts = len(self.terms), []
+        for part, added_columns in zip(self.parts, zip(*columns, strict=True), strict=True):
+            numbers, values = list(part.numbers), list(part.columns)
+            for j in range(part.residual.shape[1]):
+                live = [k for k in range(len(terms)) if any(np.any(c[:, j]) for c in columns[k])]
+                numbers[j] = np.r_[numbers[j], [first + k for k in live]].astype(int)
+                new = (
+                    np.column_stack([added_columns[k][:, j] for k in live])
+                    if live
+                    else np.empty((len(values[j]), 0))
+                )
+                values[j] = np.hstack([values[j], new.astype(np.float32)])
+            parts.append(replace(part, numbers=tuple(numbers), columns=tuple(values)))
+        return Table((*self.terms, *terms), tuple(parts))
 
     def residuals(self, values: Mapping[str, float]) -> list[np.ndarray]:
         """What values of terms leave of the residuals (M, C), by motion."""
@@ -79,19 +96,37 @@ class Normal:
         return {term.name: k for k, term in enumerate(self.terms)}
 
 
-def normal(table: Table, noise: Noise) -> Normal:
-    """Normal equations of all motions of a table, in units of the terms' prior standard deviations."""
+def joined(a: Normal, b: Normal) -> Normal:
+    """Normal equations of the motions of both."""
+    return Normal(a.terms, a.gram + b.gram, a.score + b.score, a.chi2 + b.chi2, a.rows + b.rows)
+
+
+def normal(table: Table, noise: Noise, before: Normal | None = None) -> Normal:
+    """Normal equations of all motions of a table, in units of the terms' prior standard deviations.
+
+    `before` has those of the first terms of the table: only products with the others are then computed.
+    """
     size, n = len(table.terms), len(noise.sd)
     sd = np.array([t.sd for t in table.terms])
     gram, score, chi2, rows = np.zeros((size, size)), np.zeros(size), np.zeros(n), np.zeros(n)
+    first = 0
+    if before is not None:
+        first, chi2, rows = len(before.terms), before.chi2, before.rows
+        gram[:first, :first], score[:first] = before.gram, before.score
     for part in table.parts:
         for j, (chosen, x) in enumerate(zip(part.numbers, part.columns, strict=True)):
+            new = chosen >= first
+            if not np.any(new):
+                continue
             white = noise.whitened(x, j) * sd[chosen]
             y = noise.whitened(part.residual[:, j], j)
-            gram[np.ix_(chosen, chosen)] += white.T @ white
-            score[chosen] += white.T @ y
-            chi2[j] += y @ y
-            rows[j] += len(y)
+            border = white[:, new].T @ white
+            gram[np.ix_(chosen[new], chosen)] += border
+            gram[np.ix_(chosen[~new], chosen[new])] += border[:, ~new].T
+            score[chosen[new]] += white[:, new].T @ y
+            if before is None:
+                chi2[j] += y @ y
+                rows[j] += len(y)
     return Normal(table.terms, gram, score, chi2, rows)
 
 
@@ -158,8 +193,31 @@ def gains(fit: Fit, sets: Sequence[np.ndarray], scales: np.ndarray) -> tuple[np.
     Also the information (S,) of each set beside the fit, per squared prior standard deviation: its trace.
     """
     p = fit.normal
-    half = solve_triangular(fit.factor[0], p.gram[fit.chosen] * fit.scales[:, None], lower=True)
-    score = p.score - (p.gram[fit.chosen] * fit.scales[:, None]).T @ fit.z
+    return added(fit, p.gram, p.gram[fit.chosen], p.score, sets, scales)
+
+
+def added(
+    fit: Fit,
+    gram: np.ndarray,
+    cross: np.ndarray,
+    score: np.ndarray,
+    sets: Sequence[np.ndarray],
+    scales: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:
+    """As `gains`, of sets of any columns.
+
+    Parameters
+    ----------
+    fit : Fit
+    gram, cross, score : np.ndarray, shape (P, P), (k, P) and (P,)
+        Products of the whitened columns with themselves, with the terms of the fit, and with the residual.
+    sets : sequence of np.ndarray
+        Numbers of the columns of each set.
+    scales : np.ndarray
+        Factors on the prior standard deviations of the columns.
+    """
+    half = solve_triangular(fit.factor[0], cross * fit.scales[:, None], lower=True)
+    score = score - (cross * fit.scales[:, None]).T @ fit.z
     out, size = np.empty((len(sets), len(scales))), np.array([len(chosen) for chosen in sets])
     trace = np.empty(len(sets))
     squares = scales[:, None, None] ** 2
@@ -167,8 +225,8 @@ def gains(fit: Fit, sets: Sequence[np.ndarray], scales: np.ndarray) -> tuple[np.
         rows = np.flatnonzero(size == count)
         chosen = np.array([sets[k] for k in rows.tolist()])  # (B, count)
         part = np.moveaxis(half[:, chosen], 0, 1)  # (B, D, count)
-        own = p.gram[chosen[:, :, None], chosen[:, None, :]] - np.swapaxes(part, 1, 2) @ part
-        values, vectors = np.linalg.eigh(own)
+        beside = gram[chosen[:, :, None], chosen[:, None, :]] - np.swapaxes(part, 1, 2) @ part
+        values, vectors = np.linalg.eigh(beside)
         values = np.maximum(values, 0.0)
         along = np.einsum("bij,bi->bj", vectors, score[chosen]) ** 2
         by = squares * values

@@ -64,13 +64,14 @@ class NamedArm:
 
     @property
     def effects(self) -> set[str]:
-        """Names of the effects."""
+        """Names of the effects of the list."""
         return {effect_of(term) for term in self.values} - {""}
 
     def sizes(self) -> dict[str, tuple[str, np.ndarray]]:
         """Unit and RMS (n,) of each effect in the fitted motions: N m, or rad behind the gears."""
         out, parts = {}, [s for s in self.estimate.parts if s.role == CALIBRATE]
-        for name in sorted(self.effects):
+        listed = [name for name in sorted(self.effects) if next(self._columns(parts[0], name), None)]
+        for name in listed:
             total = [
                 np.mean(sum(self._torque(s, *c) for c in self._columns(s, name)) ** 2, axis=0)
                 for s in each(parts)

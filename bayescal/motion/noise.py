@@ -49,7 +49,11 @@ def noise_of(residuals: Sequence[np.ndarray], taken: float, same: Sequence[str] 
     differences = _differences(residuals, same)
     if differences:
         repeated = _autocovariance(differences, 0.0)
-        smaller = NOISE.smaller * repeated[:, 0] < covariance[:, 0]
+        share = repeated / repeated[:, :1]
+        # a variance of correlated rows has as many degrees of freedom as there are independent rows
+        rows = sum(map(len, differences)) / np.maximum(2.0 * np.sum(share, axis=1) - 1.0, 1.0)
+        clearly = np.maximum(np.log(NOISE.smaller), NOISE.sure * np.sqrt(2.0 / rows))
+        smaller = np.log(covariance[:, 0] / repeated[:, 0]) > clearly
         covariance = np.where(smaller[:, None], repeated, covariance)
     order, n = NOISE.order, len(covariance)
     filters = np.empty((n, order + 1))

@@ -6,10 +6,9 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from bayescal.logs.types import CALIBRATE, VALIDATE
+from bayescal.logs.types import CALIBRATE
 from bayescal.motion.effects import EFFECTS
-from bayescal.motion.linear import Fit, normal
-from bayescal.motion.noise import Noise
+from bayescal.motion.linear import Fit, Normal
 from bayescal.motion.pool import Pool
 from bayescal.motion.result import Amplitude, Place, Shrinkage
 from bayescal.motion.search import Member, Search
@@ -40,7 +39,7 @@ def places(search: Search, pool: Pool, v: Verdict) -> tuple[Place, ...]:
 
 def _place(search: Search, pool: Pool, fit: Fit, m: Member, nats: float, explained_by: str) -> Place:
     """The place of a member, and the torque that it explains."""
-    values, terms = fit.values, set(dict(search.forms)[m.form])
+    values, terms = fit.values, set(search.terms[m.form])
     only = {name: value for name, value in values.items() if name in terms}
     table = pool.table.of_role(CALIBRATE)
     explained = [p.residual - r for p, r in zip(table.parts, table.residuals(only), strict=True)]
@@ -49,12 +48,12 @@ def _place(search: Search, pool: Pool, fit: Fit, m: Member, nats: float, explain
     return Place(m.form, nats, float(size[j]), j, explained_by)
 
 
-def amplitudes(search: Search, pool: Pool, v: Verdict, noise: Noise) -> tuple[Amplitude, ...]:
+def amplitudes(search: Search, pool: Pool, v: Verdict) -> tuple[Amplitude, ...]:
     """Amplitudes of the named effects, and whether they matter on withheld motions."""
     fit, out = search.fit(v.named.members), []
     after = rms(moving(pool, fit))
     for m in v.named.members:
-        names = dict(search.forms)[m.form]
+        names = search.terms[m.form]
         units = {search.normal.terms[search.normal.index[name]].unit for name in names}
         words = {name: name.removeprefix(_stem(m)).strip() for name in names}
         parts = {words[name]: (fit.values[name], fit.u[name]) for name in names}
@@ -98,12 +97,11 @@ def rms(parts: Sequence[np.ndarray]) -> np.ndarray:
     return np.asarray(np.sqrt(np.mean(np.concatenate(list(parts)) ** 2, axis=0)))
 
 
-def shrinkage(search: Search, pool: Pool, v: Verdict, noise: Noise) -> Shrinkage:
+def shrinkage(search: Search, pool: Pool, v: Verdict, held: Normal) -> Shrinkage:
     """Torque error on validation motions with the baseline and with the named effects."""
     null, named = search.fit(), search.fit(v.named.members)
     before, after = moving(pool, null), moving(pool, named)
     floor = rms([left for _, left in pool.unfiltered(search.fit(v.leading.members).values, CALIBRATE)])
-    held = normal(pool.table.of_role(VALIDATE), noise)
     gain = 0.5 * (null.chi2(held) - named.chi2(held))
     first = np.concatenate([_blocks(x, pool) for x in before]) / floor**2
     last = np.concatenate([_blocks(x, pool) for x in after]) / floor**2

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator, Mapping
-from dataclasses import dataclass
-from functools import cached_property
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from itertools import chain
 
 import numpy as np
@@ -13,21 +12,35 @@ from bayescal.logs.types import CALIBRATE, VALIDATE
 from bayescal.motion.cells import UNKNOWN, Ranges, cells
 from bayescal.motion.effects import Form, FormColumn, Scale, columns
 from bayescal.motion.estimate import Estimate, of_role
-from bayescal.motion.linear import Table, normal, tabulated
+from bayescal.motion.linear import Normal, Table, tabulated
 from bayescal.motion.noise import Noise
+from bayescal.motion.products import Bank
 from bayescal.motion.ripple import waves_of
 from bayescal.motion.search import Search
-from bayescal.motion.signals import Signals, each
-from bayescal.motion.terms import Column, by_channel
+from bayescal.motion.settings import CELLS
+from bayescal.motion.signals import Signals
+from bayescal.motion.terms import Column, Operating, Term, by_channel
+
+
+@dataclass(frozen=True)
+class Unlisted:
+    """Columns of a form that is no candidate of the search: a product or a relative."""
+
+    form: Form
+    terms: tuple[Term, ...]
+    columns: tuple[np.ndarray, ...]  # by motion, (M, C, k)
 
 
 @dataclass(frozen=True)
 class Pool:
-    """The estimate of the baseline, and what candidates depend on."""
+    """The estimate of the baseline, what candidates depend on, and their columns in all motions."""
 
     estimate: Estimate
     scale: Scale
     ranges: Ranges
+    forms: Mapping[Form, tuple[str, ...]]  # the terms of each
+    table: Table
+    extra: Mapping[Form, tuple[str, ...]] = field(default_factory=dict)  # of forms beside the search
 
     @classmethod
     def of(cls, estimate: Estimate) -> Pool:
@@ -38,20 +51,66 @@ class Pool:
         waves = waves_of(baseline, estimate.fit().values, estimate.noise)
         speed = np.sqrt(np.mean(np.concatenate([s.dq for s in parts]) ** 2, axis=0))
         friction = np.abs(at.coulomb) + speed * np.abs(at.viscous)
-        loaded = float(np.mean(loads)) if loads else 0.0
-        return cls(estimate, Scale(estimate.rms, friction, loaded, *waves), Ranges(parts, at))
+        scale = Scale(estimate.rms, friction, float(np.mean(loads)) if loads else 0.0, waves)
+        ranges = Ranges(parts, at)
 
-    def candidates(self, s: Signals) -> Iterable[FormColumn]:
-        """Columns of effects and cells."""
-        at = self.estimate.at
-        return chain(columns(s, at, self.scale), cells(s, at, self.scale, self.ranges))
+        def every(s: Signals) -> Iterable[Column]:
+            yield from estimate.columns(s)
+            yield from ((term, column) for _, term, column in _candidates(s, at, scale, ranges))
 
-    def every(self, s: Signals) -> Iterable[Column]:
-        """Columns of the baseline and of all candidates."""
-        yield from self.estimate.columns(s)
-        yield from ((term, column) for _, term, column in self.candidates(s))
+        forms: dict[Form, list[str]] = {}
+        for form, term, _ in _candidates(parts[0], at, scale, ranges):
+            forms.setdefault(form, []).append(term.name)
+        table = tabulated(parts, every, estimate.residual)
+        return cls(estimate, scale, ranges, {f: tuple(names) for f, names in forms.items()}, table)
 
-    def chosen(self, s: Signals, names: Collection[str]) -> Iterable[Column]:
+    def extended(self, further: Sequence[Unlisted]) -> Pool:
+        """The pool with columns of further forms."""
+        terms = [t for u in further for t in u.terms]
+        columns = [[x[:, :, k] for x in u.columns] for u in further for k in range(len(u.terms))]
+        extra = {u.form: tuple(t.name for t in u.terms) for u in further}
+        table = self.table.extended(terms, columns) if terms else self.table
+        return replace(self, table=table, extra=dict(self.extra) | extra)
+
+    def bank(self, noise: Noise) -> Bank:
+        """Quantities and products over all motions."""
+        return Bank.of(
+            self.table,
+            noise,
+            self.estimate.at,
+            self.ranges,
+            self.scale.waves,
+            CELLS.size * self.scale.friction,
+        )
+
+    def search(self, p: Normal) -> Search:
+        """The search over the motions of some normal equations."""
+        taken = set(chain.from_iterable([*self.forms.values(), *self.extra.values()]))
+        base = tuple(t.name for t in self.table.terms if t.name not in taken)
+        return Search(p, tuple(self.forms.items()), base, {"ripple": self.scale.waves.spread}, self.extra)
+
+    def unfiltered(
+        self, values: Mapping[str, float], role: str = VALIDATE
+    ) -> Iterator[tuple[Signals, np.ndarray]]:
+        """Motions of a role, with what values of terms leave of their torques (N, n), N m."""
+        beside = {name: values[name] for name in chain.from_iterable(self.extra.values()) if name in values}
+        for part in self.table.of_role(role).parts:
+            s = part.signals
+            left = self.estimate.residual(s).copy()
+            for term, column in self._chosen(s, values.keys()):
+                if value := values.get(term.name, 0.0):
+                    for j, part_of_term in by_channel(term, column):
+                        left[:, j] -= value * part_of_term
+            left = s.unfiltered(left[:, : s.log.n])
+            if beside:
+                explained = part.residual - Table(self.table.terms, (part,)).residuals(beside)[0]
+                rows, all_rows = s.kept(s.time), s.unfiltered(s.time)
+                left = left - np.column_stack(
+                    [np.interp(all_rows, rows, x) for x in explained[:, : s.log.n].T]
+                )
+            yield s, left
+
+    def _chosen(self, s: Signals, names: Collection[str]) -> Iterable[Column]:
         """Columns of the baseline, and of candidates with some names."""
         yield from self.estimate.columns(s)
         at = self.estimate.at
@@ -59,34 +118,7 @@ class Pool:
         general = cells(s, at, self.scale, self.ranges) if any(n.startswith(UNKNOWN) for n in names) else ()
         yield from ((term, column) for _, term, column in chain(named, general) if term.name in names)
 
-    @cached_property
-    def forms(self) -> dict[Form, tuple[str, ...]]:
-        """The terms of each form."""
-        out: dict[Form, list[str]] = {}
-        for form, term, _ in self.candidates(self.estimate.parts[0]):
-            out.setdefault(form, []).append(term.name)
-        return {form: tuple(names) for form, names in out.items()}
 
-    @cached_property
-    def table(self) -> Table:
-        """The columns of all motions."""
-        return tabulated(self.estimate.parts, self.every, self.estimate.residual)
-
-    def search(self, noise: Noise, roles: tuple[str, ...] = (CALIBRATE,)) -> Search:
-        """The search over the motions of some roles, at some noise."""
-        taken = set(chain.from_iterable(self.forms.values()))
-        base = tuple(t.name for t in self.table.terms if t.name not in taken)
-        p = normal(self.table.of_role(*roles), noise)
-        return Search(p, tuple(self.forms.items()), base, {"ripple": self.scale.spread})
-
-    def unfiltered(
-        self, values: Mapping[str, float], role: str = VALIDATE
-    ) -> Iterator[tuple[Signals, np.ndarray]]:
-        """Motions of a role, with what values of terms leave of their torques (N, n), N m."""
-        for s in each(of_role(self.estimate.parts, role)):
-            left = self.estimate.residual(s).copy()
-            for term, column in self.chosen(s, values.keys()):
-                if value := values.get(term.name, 0.0):
-                    for j, part in by_channel(term, column, s.log, s.step):
-                        left[:, j] -= value * part
-            yield s, s.unfiltered(left[:, : s.log.n])
+def _candidates(s: Signals, at: Operating, scale: Scale, ranges: Ranges) -> Iterable[FormColumn]:
+    """Columns of effects and cells."""
+    return chain(columns(s, at, scale), cells(s, at, scale, ranges))

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass
+
 import numpy as np
 
 from bayescal.motion.linear import Table
@@ -9,10 +12,18 @@ from bayescal.motion.noise import Noise
 from bayescal.motion.settings import SEARCH
 
 
-def waves_of(
-    table: Table, values: dict[str, float], noise: Noise
-) -> tuple[tuple[tuple[int, float], ...], float]:
-    """Joints and waves a turn that explain most, and the log of their share of all that were tried.
+@dataclass(frozen=True)
+class Waves:
+    """Joints, from 0, and waves a turn that explain most, with the logs of their shares of all tried."""
+
+    steady: tuple[tuple[int, float], ...] = ()  # of one phase
+    spread: float = 0.0
+    changing: tuple[tuple[int, float], ...] = ()  # whose phase differs from piece to piece of the motions
+    changing_spread: float = 0.0
+
+
+def waves_of(table: Table, values: Mapping[str, float], noise: Noise) -> Waves:
+    """Scan a grid of waves a turn, and multiples of a turn of the motor where the gear ratio is known.
 
     Parameters
     ----------
@@ -23,20 +34,34 @@ def waves_of(
     noise : Noise
     """
     residuals = table.residuals(values)
-    out, tried = [], 0
-    for j in range(table.parts[0].signals.log.n):
+    steady, changing, tried = [], [], 0
+    log = table.parts[0].signals.log
+    for j in range(log.n):
         turned = float(np.ptp(np.concatenate([p.signals.q[:, j] for p in table.parts])))
         low, high, part = SEARCH.waves
         waves = np.arange(low, high, max(part * 2.0 * np.pi / max(turned, 1e-3), part))
-        score, size = np.zeros(len(waves), complex), np.zeros(len(waves))
+        gear = log.mechanism.gear_ratio[j]
+        if not np.isnan(gear):
+            of_motor = np.array(SEARCH.of_motor) * abs(gear)
+            waves = np.unique(np.r_[waves, of_motor[of_motor > high]])
+        score, size, loose = np.zeros(len(waves), complex), np.zeros(len(waves)), np.zeros(len(waves))
         for p, r in zip(table.parts, residuals, strict=True):
             x = noise.whitened(p.signals.kept(np.exp(1j * p.signals.q[:, j : j + 1] * waves)), j)
-            score += x.conj().T @ noise.whitened(r[:, j], j)
-            size += np.sum(np.abs(x) ** 2, axis=0)
-        explained = np.abs(score) ** 2 / np.maximum(size, 1.0)
-        peaks = [
-            k for k in np.argsort(-explained) if explained[k] == np.max(explained[max(k - 2, 0) : k + 3])
+            y = noise.whitened(r[:, j], j)
+            for rows in np.array_split(np.arange(len(y)), SEARCH.pieces):
+                along, square = x[rows].conj().T @ y[rows], np.sum(np.abs(x[rows]) ** 2, axis=0)
+                score += along
+                size += square
+                loose += np.abs(along) ** 2 / np.maximum(square, 1.0)
+        steady += [
+            (j, float(waves[k])) for k in _peaks(np.abs(score) ** 2 / np.maximum(size, 1.0), SEARCH.ripples)
         ]
-        out += [(j, float(waves[k])) for k in peaks[: SEARCH.ripples]]
+        changing += [(j, float(waves[k])) for k in _peaks(loose, SEARCH.changing)]
         tried += len(waves)
-    return tuple(out), float(np.log(len(out) / tried))
+    shares = [float(np.log(max(len(chosen), 1) / tried)) for chosen in (steady, changing)]
+    return Waves(tuple(steady), shares[0], tuple(changing), shares[1])
+
+
+def _peaks(x: np.ndarray, count: int) -> list[int]:
+    """The largest local maxima."""
+    return [k for k in np.argsort(-x).tolist() if x[k] == np.max(x[max(k - 2, 0) : k + 3])][:count]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -55,6 +55,12 @@ class Search:
     forms: tuple[tuple[Form, tuple[str, ...]], ...]  # each with its terms
     base: tuple[str, ...]  # terms of the baseline
     spread: Mapping[str, float]  # log of the share of its settings that became forms, of effects with a scan
+    extra: Mapping[Form, tuple[str, ...]] = field(default_factory=dict)  # forms that the search does not add
+
+    @cached_property
+    def terms(self) -> dict[Form, tuple[str, ...]]:
+        """The terms of each form."""
+        return dict(self.forms) | dict(self.extra)
 
     @cached_property
     def sets(self) -> tuple[np.ndarray, ...]:
@@ -80,7 +86,7 @@ class Search:
 
     def fit(self, members: Sequence[Member] = ()) -> Fit:
         """The baseline and the members, fitted."""
-        index, terms = self.normal.index, dict(self.forms)
+        index, terms = self.normal.index, self.terms
         numbers = [index[name] for name in self.base]
         scales = [1.0] * len(numbers)
         for m in members:
@@ -129,7 +135,7 @@ class Search:
         name = member.form.effect
         if name not in EFFECTS or not EFFECTS[name].positive:
             return 0.0
-        terms = dict(self.forms)[member.form]
+        terms = self.terms[member.form]
         index = self.normal.index
         chosen, scales = (
             [*fit.chosen, *(index[t] for t in terms)],

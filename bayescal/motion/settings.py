@@ -61,8 +61,6 @@ class BaselineSettings:
     """Hz, bandwidth within which any position servo answers by its stiffness (assumed)."""
     answer: float = 0.05
     """Of the time within which it answers, s (assumed)."""
-    reversal: float = 1e-3
-    """Of their difference by direction, rad (assumed)."""
     least_inertia: float = 0.03
     """Of a principal inertia over the trace, for the prior of its uncertainty (assumed)."""
 
@@ -79,6 +77,8 @@ class NoiseSettings:
     """Searches after each of which noise is estimated again from what the best hypothesis leaves (cost)."""
     smaller: float = 1.5
     """Variance of residuals over that of repeats from which on repeats determine the noise (assumed)."""
+    sure: float = 4.0
+    """Standard uncertainties of the logarithm of that variance by which it must be smaller (assumed)."""
     rounds: int = 4
     """Iterations of noise and estimate (cost)."""
 
@@ -105,6 +105,8 @@ class FormSettings:
     """Of friction per torque (assumed)."""
     asymmetric: float = 0.15
     """Of viscous friction, relative (assumed)."""
+    saturation: float = 0.5
+    """rad/s, speed above which viscous friction saturates (assumed)."""
     ripple: float = 0.1
     """Of a ripple, over the friction (assumed)."""
     harmonics: tuple[tuple[int, ...], ...] = ((1,), (1, 2))
@@ -168,6 +170,78 @@ class CellSettings:
 
 
 @dataclass(frozen=True)
+class ProductSettings:
+    """Products of responses of a joint and functions of any quantity of the log."""
+
+    angles: int = 6
+    """Half periods of a function of an angle over its range (assumed)."""
+    waves: int = 2
+    """Of a function of another quantity (assumed)."""
+    times: int = 4
+    """Of a function of the time (assumed)."""
+    fading: tuple[float, ...] = (0.5, 2.0, 8.0)
+    """s, time constants of what fades since a motion began (assumed)."""
+    ways: tuple[float, ...] = (0.02, 0.1, 0.5)
+    """rad, ways over which friction builds up (assumed)."""
+    wide: float = 3.0
+    """Range of a function of a speed, torque or acceleration, over its RMS, to both sides (assumed)."""
+    shares: tuple[float, ...] = (0.1, 0.4)
+    """Of the torque's RMS, changes over which a hysteresis of the torque builds up (assumed)."""
+    lags: tuple[float, ...] = (0.1, 0.5, 2.0)
+    """s, of earlier torques (assumed)."""
+    short: float = 0.15
+    """s, over which power counts (assumed)."""
+    long: float = 30.0
+    """s, over which heat counts (assumed)."""
+    kelvin: float = 10.0
+    """K (assumed)."""
+    resonances: tuple[float, ...] = tuple(0.7 * 10.0 ** (k / 26.0) for k in range(30))
+    """Hz, 0.7 to 9, as near as their width (assumed)."""
+    oscillation: float = -6.0
+    """Nats, log prior of an oscillation (tuned: the noise of positions, differentiated twice, gave 6 nats to
+    one in a log without any effect)."""
+    responses: tuple[str, ...] = (
+        "",
+        "direction",
+        "torque",
+        "torque times direction",
+        "speed",
+        "acceleration",
+    )
+    """What an error may be in proportion to (assumed)."""
+    with_memory: tuple[str, ...] = ("", "direction", "torque")
+    """Responses that depend on what was before (cost)."""
+
+
+@dataclass(frozen=True)
+class EventSettings:
+    """Causes that are no function of the motion."""
+
+    constants: tuple[float, ...] = (0.1, 0.3, 1.0)
+    """s, in which a torque comes back after an event (assumed)."""
+    length: float = 3.0
+    """Length of a pulse, over its time constant (assumed)."""
+    most: int = 12
+    """Events at a joint (cost)."""
+    visible: float = 0.02
+    """Share of a pulse at which it begins in low-passed rows (assumed)."""
+
+
+@dataclass(frozen=True)
+class RelativeSettings:
+    """Relatives of names."""
+
+    modulated: float = 0.3
+    """Prior odds of a cause that varies with another quantity, over the name alone (assumed)."""
+    replaced: float = 0.3
+    """Of a cause in proportion to another quantity (assumed)."""
+    share: float = 0.3
+    """Prior standard deviation of a variation, over the prediction of the name (assumed)."""
+    least: float = 1e-6
+    """Share of the largest prediction of a channel, below which another is left out (cost)."""
+
+
+@dataclass(frozen=True)
 class SearchSettings:
     """Prior probabilities of hypotheses, and the beam that looks for them."""
 
@@ -205,8 +279,14 @@ class SearchSettings:
     """Nats of evidence from which on a hypothesis is extended (cost)."""
     form: float = 0.03
     """Share of what names explain that a further effect must exceed: it may belong to their form (tuned)."""
-    waves: tuple[float, float, float] = (8.0, 130.0, 0.3)
+    waves: tuple[float, float, float] = (4.0, 130.0, 0.3)
     """Waves a turn that are tried for ripple: from, to, and step, over one wave in the range (assumed)."""
+    of_motor: tuple[float, ...] = (1.0, 2.0, 3.0, 4.0, 6.0)
+    """Waves a turn of the motor that are tried beside (assumed)."""
+    pieces: int = 3
+    """Of each motion, in which the phase of a wave may differ (assumed)."""
+    changing: int = 2
+    """Waves of each joint whose phase may differ, that become general functions (cost)."""
     ripples: int = 4
     """Of each joint that become candidates (cost)."""
 
@@ -311,6 +391,9 @@ CONTROLLER: Final = ControllerSettings()
 OUTCOME: Final = OutcomeSettings()
 VERDICT: Final = GAP_VERDICT
 """Levels of probability are those of a diagnosis of contacts."""
+EVENTS: Final = EventSettings()
+RELATIVES: Final = RelativeSettings()
+PRODUCTS: Final = ProductSettings()
 CELLS: Final = CellSettings()
 FORMS: Final = FormSettings()
 SEARCH: Final = SearchSettings()

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cache, cached_property
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -100,8 +100,9 @@ def low_passed(x: np.ndarray, step: float, band: float = SIGNALS.wide) -> np.nda
     return np.asarray(sosfiltfilt(_sections(min(band * 2.0 * step, SIGNALS.nyquist)), x, axis=0))
 
 
-@lru_cache
+@cache
 def _sections(cut: float) -> np.ndarray:
+    """Of a Butterworth filter; its design takes longer than its use."""
     return np.asarray(butter(SIGNALS.order, cut, output="sos"))
 
 

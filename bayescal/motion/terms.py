@@ -213,7 +213,6 @@ def baseline(s: Signals, at: Operating, rms: np.ndarray) -> Iterator[Column]:
             number = channel(log, kind, j)
             yield Term(f"{kind} offset {j + 1}", "rad", BASELINE.angle, number), np.ones(len(way))
             yield Term(f"{kind} lag {j + 1}", "s", BASELINE.lag, number), s.dq[:, j]
-            yield Term(f"{kind} reversal {j + 1}", "rad", BASELINE.reversal, number), way[:, j]
             if kind == TRACKING and log.controller.stiffness is not None:
                 yield Term(f"{kind} lag squared {j + 1}", "s2", BASELINE.lag**2, number), s.ddq[:, j]
                 # above its bandwidth a servo does not answer as its stiffness says
@@ -251,22 +250,35 @@ def assembled(
     count = len(kinds(log)) * log.n
     numbers: list[list[int]] = [[] for _ in range(count)]
     values: list[list[np.ndarray]] = [[] for _ in range(count)]
+    moving: list[list[int]] = [[] for _ in range(count)]  # which of them displace a servo
     for term, column in columns:
-        for j, value in by_channel(term, column, log, step):
+        for j, value in by_channel(term, column):
+            if term.moves:
+                moving[j].append(len(values[j]))
             numbers[j].append(len(terms))
             values[j].append(value)
         terms.append(term)
-    return terms, numbers, [np.column_stack(v) if v else np.empty((0, 0)) for v in values]
+    rows = max((len(v[0]) for v in values if v), default=0)
+    out = [np.column_stack(v) if v else np.empty((rows, 0)) for v in values]
+    for j in range(log.n) if TRACKING in kinds(log) else ():
+        if not moving[j]:
+            continue
+        t = channel(log, TRACKING, j)
+        numbers[t] = [*(numbers[j][k] for k in moving[j]), *numbers[t]]
+        out[t] = np.hstack([displaced(log, step, out[j][:, moving[j]], j), out[t]])
+    return terms, numbers, out
 
 
-def by_channel(term: Term, column: np.ndarray, log: Log, step: float) -> Iterator[tuple[int, np.ndarray]]:
-    """The channels of a term, and its column (N,) in each.
+def by_channel(term: Term, column: np.ndarray) -> Iterator[tuple[int, np.ndarray]]:
+    """The channels that a term is of, and its column (N,) in each."""
+    joints = range(column.shape[1]) if term.channel == ALL else (term.channel,)
+    yield from ((j, column[:, j] if column.ndim == 2 else column) for j in joints)
 
-    A torque of the arm also displaces a position servo, by its stiffness and within its bandwidth.
+
+def displaced(log: Log, step: float, torque: np.ndarray, j: int) -> np.ndarray:
+    """Displacement of the position servo of a joint by torques of the arm (N, ...), rad.
+
+    A servo moves under a torque as its stiffness says, within its bandwidth.
     """
-    stiffness = log.controller.stiffness if TRACKING in kinds(log) else None
-    for j in range(log.n) if term.channel == ALL else (term.channel,):
-        value = column[:, j] if column.ndim == 2 else column
-        yield j, value
-        if term.moves and stiffness is not None:
-            yield channel(log, TRACKING, j), low_passed(value, step, BASELINE.servo) / stiffness[j]
+    assert log.controller.stiffness is not None
+    return low_passed(torque, step, BASELINE.servo) / log.controller.stiffness[j]

@@ -29,13 +29,8 @@ class Verdict:
     explained: float  # share of the nats of the leading set that its names explain
 
 
-def decide(search: Search, hypotheses: tuple[Hypothesis, ...], whole: Search) -> Verdict:
-    """The verdict on hypotheses, the most probable first.
-
-    An unknown cause may show on withheld motions alone, where the model is used and was not fitted: the best
-    set without one is also tested by all motions, `whole`.
-    """
-    hypotheses = _tested(hypotheses, whole)
+def decide(search: Search, hypotheses: tuple[Hypothesis, ...]) -> Verdict:
+    """The verdict on hypotheses, the most probable first."""
     score = np.array([h.score for h in hypotheses])
     weight = np.exp(score - logsumexp(score))
     effects = (NULL, UNKNOWN, *search.candidates)
@@ -102,19 +97,6 @@ def confirmed(v: Verdict, search: Search, held: Normal) -> Verdict:
     without_names = "unknown" if probability[UNKNOWN] >= VERDICT.sure else "ambiguous" if strong else NULL
     kind = v.kind if kept else without_names
     return replace(v, kind=kind, named=named, probability=probability)
-
-
-def _tested(hypotheses: tuple[Hypothesis, ...], whole: Search) -> tuple[Hypothesis, ...]:
-    """Hypotheses, with the unknown cause beside the best set without one as all motions show it."""
-    best = next(h for h in hypotheses if UNKNOWN not in h.names)  # the second of two tests: half the odds
-    member, gain = whole.additions(best.members)[UNKNOWN]
-    evidence = best.log_evidence + gain - SEARCH.form * max(best.log_evidence, 0.0) - np.log(2.0)
-    effects = (*(m.form.effect for m in best.members), UNKNOWN)
-    new = Hypothesis((*best.members, member), evidence, whole.prior(effects))
-    same = [h for h in hypotheses if sorted(h.names) == sorted(new.names)]
-    if not same or new.log_evidence > same[0].log_evidence:
-        hypotheses = (*(h for h in hypotheses if h not in same), new)
-    return tuple(sorted(hypotheses, key=lambda h: -h.score))
 
 
 def _explained(best: Hypothesis, hypotheses: tuple[Hypothesis, ...]) -> float:

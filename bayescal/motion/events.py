@@ -1,0 +1,84 @@
+"""Unknown causes that are no function of the motion: torques that change at once and come back."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.signal import correlate
+from scipy.special import logsumexp
+
+from bayescal.motion.cells import UNKNOWN
+from bayescal.motion.effects import Form, joint
+from bayescal.motion.linear import Fit
+from bayescal.motion.products import Bank
+from bayescal.motion.search import SCALE_PRIOR, SCALES
+from bayescal.motion.settings import EVENTS
+from bayescal.motion.signals import Signals
+
+Found = tuple[Form, float, tuple[np.ndarray, ...]]
+"""A form, its evidence, nats, and its columns by motion, (M, C, k)."""
+
+
+@dataclass(frozen=True)
+class _Event:
+    gain: float  # nats
+    motion: int
+    row: int  # at which it begins
+    rows: float  # that it lasts
+    column: np.ndarray  # (M,)
+
+
+def events(bank: Bank, fit: Fit) -> Iterator[Found]:
+    """Torques of each joint that change at once and come back, where these explain what a fit leaves."""
+    left = _left(bank, fit)
+    tried = np.log(len(EVENTS.constants) * sum(len(x[0]) for x in left))
+    pulses = {c: _pulse(bank.table.parts[0].signals, c) for c in EVENTS.constants}
+    order = bank.noise.filters.shape[1] - 1
+    for j in range(len(bank.white)):
+        candidates = []
+        for pulse in pulses.values():
+            shape = bank.noise.whitened(np.r_[np.zeros(order), pulse], j) * bank.size[j]
+            for p, residual in enumerate(left):
+                if len(shape) > len(residual[j]):
+                    continue
+                gain = _averaged(correlate(residual[j], shape, "valid") ** 2, float(shape @ shape)) - tried
+                for k in np.flatnonzero(gain > 0.0).tolist():
+                    column = np.zeros(len(bank.table.parts[p].residual))
+                    column[k + order : k + order + len(pulse)] = pulse
+                    candidates.append(_Event(float(gain[k]), p, k, len(pulse), column))
+        chosen: list[_Event] = []
+        for c in sorted(candidates, key=lambda c: -c.gain):
+            apart = all(c.motion != o.motion or abs(c.row - o.row) > max(c.rows, o.rows) for o in chosen)
+            if apart and len(chosen) < EVENTS.most:
+                chosen.append(c)
+        if chosen:
+            form = Form(UNKNOWN, joint(j), "time, single events", f"{len(chosen)} of them")
+            columns = [np.zeros((*part.residual.shape, len(chosen))) for part in bank.table.parts]
+            for k, event in enumerate(chosen):
+                columns[event.motion][:, j, k] = event.column * bank.size[j]
+            yield form, sum(c.gain for c in chosen), tuple(columns)
+
+
+def _pulse(s: Signals, constant: float) -> np.ndarray:
+    """A torque that changes at once and comes back with a time constant, as rows that are kept show it."""
+    since = s.time - s.time[len(s.time) // 3]
+    rows = s.kept(np.where(since < 0.0, 0.0, np.exp(-np.maximum(since, 0.0) / constant)))
+    first = int(np.argmax(np.abs(rows) > EVENTS.visible))
+    return rows[first : first + round(EVENTS.length * constant / (s.step * s.every)) + 2]
+
+
+def _averaged(square: np.ndarray, size: float) -> np.ndarray:
+    """Log Bayes factors of single columns by their squared scores and information, averaged over scales."""
+    by = SCALES**2 * size
+    nats = 0.5 * square[..., None] * SCALES**2 / (1.0 + by) - 0.5 * np.log1p(by)
+    return np.asarray(logsumexp(nats + SCALE_PRIOR, axis=-1))
+
+
+def _left(bank: Bank, fit: Fit) -> list[list[np.ndarray]]:
+    """What a fit leaves of each torque channel, whitened, by motion."""
+    return [
+        [bank.noise.whitened(r[:, j], j) for j in range(len(bank.white))]
+        for r in bank.table.residuals(fit.values)
+    ]

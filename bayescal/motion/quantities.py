@@ -1,0 +1,144 @@
+"""Quantities of a log on which an unknown error may depend, with functions of each, at rows that are kept.
+
+They are functions of low-passed signals, not low-passed functions: what they describe is only known to be
+some function, and so a thousand of them cost little.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.signal import lfilter
+
+from bayescal.motion.cells import Ranges, presliding, resonated, smooth
+from bayescal.motion.ripple import Waves
+from bayescal.motion.settings import PRODUCTS, SEARCH
+from bayescal.motion.signals import Signals
+from bayescal.motion.terms import Operating
+
+_WIDE = np.array([-1.0, 1.0]) * PRODUCTS.wide
+
+
+@dataclass(frozen=True)
+class Argument:
+    """A quantity, with functions (M, k) of it; `joint` is the one that it belongs to, from 0."""
+
+    name: str
+    functions: np.ndarray
+    joint: int | None = None
+    times: tuple[str, ...] = PRODUCTS.responses
+    moves: bool = False  # whether it is a motion of what carries the arm, or of what it carries
+    only: int | None = None  # the one joint whose error may depend on it
+    log_prior: float = 0.0  # nats, where it was chosen among many
+
+
+@dataclass(frozen=True)
+class Kept:
+    """Signals of a motion at the rows that are kept, of size about 1 where no unit is stated."""
+
+    q: np.ndarray  # (M, n) rad
+    dq: np.ndarray  # (M, n) over their RMS, as all below
+    ddq: np.ndarray
+    load: np.ndarray
+    way: np.ndarray  # (M, n) direction of motion
+
+
+def kept(s: Signals, at: Operating, r: Ranges) -> Kept:
+    """The signals of a motion that errors depend on."""
+    return Kept(
+        s.kept(s.q), s.kept(s.dq) / r.usual_speed, s.kept(s.ddq) / r.usual_acceleration,
+        s.kept(at.load(s)) / r.usual_load, s.kept(at.reversal(s)),
+    )  # fmt: skip
+
+
+def responses(k: Kept, j: int) -> dict[str, np.ndarray]:
+    """What an error at a joint may be in proportion to, (M,) each."""
+    load, way = k.load[:, j], k.way[:, j]
+    return {
+        "": np.ones(len(load)),
+        "direction": way,
+        "torque": load,
+        "torque times direction": way * np.abs(load),
+        "speed": k.dq[:, j],
+        "acceleration": k.ddq[:, j],
+    }
+
+
+def arguments(s: Signals, at: Operating, r: Ranges, k: Kept, waves: Waves) -> Iterator[Argument]:
+    """All quantities of a log on which an error of any joint may depend."""
+    few = PRODUCTS.waves
+    for j in range(s.log.n):
+        label = f" of joint {j + 1}"
+        yield Argument("angle" + label, _waves(k.q[:, j], r.angle[:, j], PRODUCTS.angles), j)
+        yield Argument("speed" + label, _waves(k.dq[:, j], _WIDE, few), j)
+        yield Argument("torque" + label, _waves(k.load[:, j], _WIDE, few), j)
+        yield Argument("acceleration" + label, _waves(k.ddq[:, j], _WIDE, few), j)
+        yield Argument("direction" + label, k.way[:, j : j + 1], j)
+        yield from _memories(s, at, r, j)
+    time = s.kept(s.time)
+    yield Argument("time", _waves(time, r.time, PRODUCTS.times))
+    since = time - s.time[0]
+    fading = [np.exp(-since / constant) for constant in PRODUCTS.fading]
+    within = _waves(since, np.array([0.0, since[-1]]), few)
+    yield Argument("time since the motion began", np.column_stack([within, *fading]))
+    groups = np.arange(max(r.groups.values()) + 1)
+    yield Argument("motion", np.tile(groups == r.groups[s.name], (len(time), 1)).astype(float))
+    power = np.sum(at.torque(s) * s.dq, axis=1) / r.usual_power
+    for name, constant in (("power", PRODUCTS.short), ("heat", PRODUCTS.long)):
+        value = np.abs(power) if name == "heat" else np.maximum(power, 0.0)
+        late = s.kept(_late(value, constant, s.step))
+        yield Argument(name, _waves(late, np.maximum(_WIDE, 0.0), few), None, PRODUCTS.with_memory)
+    if r.loaded:
+        yield Argument("payload", s.kept((s.payload > 0.0).astype(float))[:, None])
+    if s.temperature is not None:
+        warm = s.kept(s.temperature) / PRODUCTS.kelvin
+        yield Argument("temperature", np.column_stack([warm, warm**2]))
+    for frequency in PRODUCTS.resonances:
+        sources = np.column_stack([s.ddq / r.usual_acceleration, at.load(s) / r.usual_load])
+        response = s.kept(resonated(sources, frequency, s.step))
+        yield Argument(
+            f"oscillation, {frequency:.2g} Hz", response, None, ("",), True, None, PRODUCTS.oscillation
+        )
+
+    first, count = r.pieces[s.name]
+    rows = len(time)
+    for j, number in waves.changing:
+        wave = s.kept(np.exp(1j * number * s.q[:, j]))
+        functions = np.zeros((rows, 2 * count))
+        for k_piece, piece in enumerate(np.array_split(np.arange(rows), SEARCH.pieces)):
+            functions[piece, first + 2 * k_piece] = wave[piece].real
+            functions[piece, first + 2 * k_piece + 1] = wave[piece].imag
+        name = f"angle of joint {j + 1}, {number:.3g} waves a turn whose phase changes"
+        yield Argument(name, functions, j, ("",), only=j, log_prior=waves.changing_spread)
+
+
+def _memories(s: Signals, at: Operating, r: Ranges, j: int) -> Iterator[Argument]:
+    """What was before, of a joint: the way that it has come, and how its torque has changed."""
+    label = f" of joint {j + 1}"
+    for length in PRODUCTS.ways:
+        moved = presliding(s.dq[:, j], s.step, length)
+        yield Argument("way since the reversal" + label, s.kept(moved)[:, None], j, PRODUCTS.with_memory)
+        gone = np.cumsum(np.abs(s.dq[:, j])) * s.step
+        yield Argument(
+            "way since the start" + label, s.kept(np.exp(-gone / length))[:, None], j, PRODUCTS.with_memory
+        )
+    load = at.torque(s)[:, j] / r.usual_load[j]
+    for share in PRODUCTS.shares:
+        turned = presliding(np.gradient(load) / s.step, s.step, share)
+        yield Argument("change of torque" + label, s.kept(turned)[:, None], j, PRODUCTS.with_memory)
+    for constant in PRODUCTS.lags:
+        late = np.column_stack([_late(load, constant, s.step), _late(load**2, constant, s.step)])
+        yield Argument("earlier torque" + label, s.kept(late), j, PRODUCTS.with_memory)
+
+
+def _late(x: np.ndarray, constant: float, step: float) -> np.ndarray:
+    """Samples (N,) with the lag of one time constant, s, that begins at rest."""
+    keep = np.exp(-step / constant)
+    return np.asarray(lfilter([1.0 - keep], [1.0, -keep], x, zi=[keep * x[0]])[0])
+
+
+def _waves(x: np.ndarray, bounds: np.ndarray, count: int) -> np.ndarray:
+    """Cosines (M, count) over a range (2,) of x."""
+    return np.column_stack(smooth(x, bounds, count))

@@ -1,0 +1,178 @@
+"""Causes that are in no list: products of quantities, relatives of names, and events."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bayescal.logs.types import CALIBRATE, VALIDATE
+from bayescal.motion.beside import beside
+from bayescal.motion.cells import UNKNOWN
+from bayescal.motion.effects import Form
+from bayescal.motion.events import events
+from bayescal.motion.linear import joined, normal
+from bayescal.motion.noise import noise_of
+from bayescal.motion.pool import Pool, Unlisted
+from bayescal.motion.relatives import relative
+from bayescal.motion.search import Member
+
+
+@pytest.fixture(scope="module")
+def pool(null_estimate):
+    return Pool.of(null_estimate)
+
+
+def with_error(pool, error):
+    """The pool with an error (M, C) of each part, a function of its signals, in the residuals."""
+    parts = tuple(replace(p, residual=p.residual + error(p)) for p in pool.table.parts)
+    return replace(pool, table=replace(pool.table, parts=parts))
+
+
+def search_of(pool):
+    noise = pool.estimate.noise
+    return pool.search(normal(pool.table, noise))
+
+
+def at_joint(values, j, like):
+    out = np.zeros_like(like)
+    out[:, j] = values
+    return out
+
+
+def best_products(pool, count=3):
+    search = search_of(pool)
+    gains = pool.bank(pool.estimate.noise).gains(search.fit())
+    ranked = sorted(gains, key=lambda g: -g[1])
+    return [(p.form.site, p.form.driver) for p, _ in ranked[:count]], ranked[0][1]
+
+
+def test_in_a_null_log_general_functions_gain_little(pool):
+    gains = pool.bank(pool.estimate.noise).gains(search_of(pool).fit())
+    nats = np.array([value for _, value in gains])
+    assert len(nats) > 500
+    assert np.log(np.mean(np.exp(nats))) < 1.0
+
+
+def test_a_product_of_two_quantities_is_found_with_its_joint(pool):
+    def error(part):
+        s = part.signals
+        wave = s.kept(np.tanh(s.dq[:, 1] / 0.03)) * np.cos(3.0 * s.kept(s.q[:, 2]))
+        return at_joint(0.3 * wave, 1, part.residual)
+
+    forms, nats = best_products(with_error(pool, error))
+    assert ("joint 2", "direction times angle of joint 3") in forms
+    assert nats > 30.0
+
+
+def test_an_oscillation_in_several_joints_is_of_what_carries_the_arm_or_of_the_tool(pool):
+    from bayescal.motion.cells import resonated
+
+    def error(part):
+        s = part.signals
+        sway = s.kept(resonated(s.ddq[:, :1], 2.8, s.step))[:, 0]
+        out = np.zeros_like(part.residual)
+        out[:, 0], out[:, 1] = 0.2 * sway, 0.1 * sway
+        return out
+
+    forms, nats = best_products(with_error(pool, error))
+    assert forms[0][0] == "base"
+    assert forms[0][1].startswith("oscillation, 2.")
+    assert nats > 30.0
+
+
+def test_events_are_found_where_they_are(pool):
+    where = {}
+
+    def error(part):
+        s = part.signals
+        begins = s.time[0] + 2.5
+        where[s.name] = begins
+        pulse = np.where(s.time < begins, 0.0, np.exp(-(s.time - begins) / 0.3))
+        return at_joint(s.kept(pulse) * (0.25 if s.role == CALIBRATE else 0.0), 2, part.residual)
+
+    changed = with_error(pool, error)
+    form, nats, columns = max(
+        events(changed.bank(pool.estimate.noise), search_of(changed).fit()), key=lambda e: e[1]
+    )
+    assert (form.effect, form.site) == (UNKNOWN, "joint 3")
+    assert nats > 30.0
+    calibrate = [p for p in changed.table.parts if p.signals.role == CALIBRATE]
+    assert form.setting == f"{len(calibrate)} of them"
+    for part, x in zip(changed.table.parts, columns, strict=True):
+        assert not np.any(x[:, :2])
+        if part.signals.role == CALIBRATE:
+            begins = part.signals.kept(part.signals.time)[np.argmax(np.max(np.abs(x[:, 2]), axis=1) > 0.1)]
+            assert begins == pytest.approx(where[part.signals.name], abs=0.15)
+    assert not list(events(pool.bank(pool.estimate.noise), search_of(pool).fit()))
+
+
+@pytest.mark.parametrize("varies", [False, True])
+def test_a_name_is_as_sure_as_its_relatives_allow(pool, varies):
+    def error(part):
+        s = part.signals
+        friction = 0.06 * np.abs(pool.estimate.at.load(s)[:, 1]) * np.tanh(s.dq[:, 1] / 0.03)
+        by = 1.0 - np.tanh(3.0 * (s.kept(s.q[:, 0]) - 0.2)) if varies else 1.0
+        return at_joint(s.kept(friction) * by, 1, part.residual)
+
+    changed = with_error(pool, error)
+    search = search_of(changed)
+    form = next(f for f, _ in search.forms if (f.effect, f.site) == ("load-friction", "joint 2"))
+    member = Member(form, 1.0)
+    r = relative(changed.bank(pool.estimate.noise), search, [member], member)
+    if varies:
+        assert r.gain > 20.0
+        assert r.form.driver == "torque times direction times angle of joint 1"
+    else:
+        assert r.gain < 0.0
+
+
+def test_hypotheses_with_further_forms_can_be_fitted(pool):
+    noise = pool.estimate.noise
+    search = search_of(pool)
+    further, hypotheses = beside(pool, noise, search, search.run())
+    again = further.search(normal(further.table, noise))
+    assert set(further.extra).isdisjoint(pool.forms)
+    for h in hypotheses:
+        assert np.isfinite(again.fit(h.members).log_evidence)
+    # candidates of the search are the same
+    assert again.forms == search.forms
+    assert again.base == search.base
+
+
+def test_further_columns_change_the_normal_equations_by_a_border(pool):
+    noise = pool.estimate.noise
+    form = Form(UNKNOWN, "joint 1", "made")
+    terms = (form.term("N m", 0.5, part="a"), form.term("N m", 2.0, part="b"))
+    rng = np.random.default_rng(0)
+    columns = tuple(rng.normal(size=(*p.residual.shape, 2)) * [[1.0], [0.0], [1.0]] for p in pool.table.parts)
+    wide = pool.extended([Unlisted(form, terms, columns)])
+    before = normal(pool.table, noise)
+    whole, border = normal(wide.table, noise), normal(wide.table, noise, before)
+    for name in ("gram", "score", "chi2", "rows"):
+        assert np.allclose(getattr(border, name), getattr(whole, name))
+    one, two = (normal(wide.table.of_role(role), noise) for role in (CALIBRATE, VALIDATE))
+    assert np.allclose(joined(one, two).gram, whole.gram)
+    # what they explain is interpolated between the rows that are kept
+    names = wide.extra[form]
+    (_, left), (_, plain) = (next(iter(wide.unfiltered(values))) for values in ({names[0]: 3.0}, {}))
+    part = wide.table.of_role(VALIDATE).parts[0]
+    k = [t.name for t in wide.table.terms].index(names[0])
+    column = part.columns[0][:, part.numbers[0].tolist().index(k)]
+    s = part.signals
+    rows = np.searchsorted(s.unfiltered(s.time), s.kept(s.time) - 0.5 * s.step)
+    assert (plain - left)[rows, 0] == pytest.approx(3.0 * column, abs=0.02)
+    assert not np.any((plain - left)[:, 1])
+
+
+def test_noise_of_repeats_counts_where_it_is_clearly_smaller():
+    rng = np.random.default_rng(1)
+    noise = [rng.normal(size=(300, 2)) for _ in range(3)]
+    shared = np.zeros((300, 2))
+    shared[:, 0] = 2.0 * np.sin(np.arange(300) / 9.0)  # an error of the model, alike in all repeats
+    found = noise_of([shared + x for x in noise], 0.0, ["1", "1", "1"])
+    assert found.sd == pytest.approx([1.0, 1.0], rel=0.1)
+    # not by chance: a few slow rows have few degrees of freedom
+    slow = np.cumsum(rng.normal(size=(3, 40, 1)), axis=1)
+    chance = [slow[0], 1.4 * slow[0] + 0.8 * slow[1], slow[2]]
+    by_rows = np.sqrt(np.mean(np.concatenate(chance) ** 2))
+    assert noise_of(chance, 0.0, ["1", "1", "3"]).sd == pytest.approx([by_rows])
