@@ -369,7 +369,7 @@ class ServoSettings:
     """rad/s, of the reversal of friction where the stiffness is estimated (assumed)."""
     sag: float = 0.2
     """Error by gravity, over what the estimate of the stiffness leaves, at which it counts (assumed)."""
-    noise: float = 1.5
+    noise: float = 2.0
     """Factor on the noise, for what a model of stiction lacks (tuned)."""
     gain: float = 0.05
     """Relative standard uncertainty of the stiffness of a servo (assumed)."""
