@@ -1,12 +1,14 @@
-"""The arm of a joint log for simulators: bodies, rotors and friction as MJCF, URDF and SDF.
+"""The arm of a joint log for simulators: bodies, rotors and friction as MJCF, URDF and SDF, drives as BAM.
 
 What a format cannot hold is stated with its torque: a rotor at 1 rad/s2, an offset, the smooth reversal of
-friction.
+friction, named effects; and with the error of position that it makes, where the stiffness of the drives is
+known.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import re
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -30,24 +32,33 @@ SCHEMA = "bayescal-log-export/1"
 
 @dataclass(frozen=True)
 class LogFormat:
-    """A format of simulators: suffix, template, and what it has no place for."""
+    """A format of simulators: suffix, writer, parameters that it does not hold, effects that it holds."""
 
     suffix: str
-    template: str
+    write: Callable[[Mechanism, np.ndarray, Drives], str]
     without: tuple[str, ...]
+    holds: tuple[str, ...] = ()
 
 
-FORMATS: Mapping[str, LogFormat] = {
-    "mjcf": LogFormat(".xml", "log_arm.mjcf.j2", ("offset", "transition")),
-    "urdf": LogFormat(".urdf", "log_arm.urdf.j2", ("armature", "offset", "transition")),
-    "sdf": LogFormat(".sdf", "log_arm.sdf.j2", ("armature", "offset", "transition")),
-}
 LEFT_OUT: Mapping[str, tuple[str, str]] = {
     "armature": ("rotors", "N m at 1 rad/s2"),
     "offset": ("offsets of the torque", "N m"),
-    "transition": ("the smooth reversal of friction", "N m of Coulomb friction below the transition speed"),
+    "transition": ("the smooth reversal of friction", "N m below the transition speed"),
 }
 """Parameters that a format may not hold: words, and what their size is."""
+OF_THE_LINKS = ("payload", "payload-offset", "inertia", "base-tilt")
+"""Effects that are none of the drives."""
+
+
+@dataclass(frozen=True)
+class Drives:
+    """The drives (n,), SI: stiffness and damping of position servos, friction as BAM states it."""
+
+    stiffness: np.ndarray | None
+    damping: np.ndarray
+    offset: np.ndarray  # N m
+    stribeck: Sequence[tuple[float, float, float]]  # N m, rad/s, power
+    load: np.ndarray  # friction over the torque of the load
 
 
 @dataclass(frozen=True)
@@ -57,8 +68,23 @@ class LogExport:
     format: str
     name: str
     text: str
-    missing: Mapping[str, tuple[float, ...]]
+    missing: Mapping[str, tuple[float, ...]]  # N m
+    effects: tuple[Json, ...]  # that are not in it, with their RMS in the log
     origin: Mapping[str, Any]
+    stiffness: np.ndarray | None = None  # (n,) N m/rad, of the servos
+
+    @property
+    def left_out(self) -> tuple[tuple[str, str, tuple[float, ...]], ...]:
+        """Parts that the file does not hold: words, unit, size of every joint."""
+        out = [(*LEFT_OUT[key], sizes) for key, sizes in self.missing.items()]
+        out += [(e["effect"], f"{e['unit']} RMS in the log", tuple(e["of_joints"])) for e in self.effects]
+        return tuple(out)
+
+    def mrad(self, unit: str, sizes: Sequence[float]) -> list[float] | None:
+        """The errors of position of servos that torques make; None where no stiffness is known."""
+        if self.stiffness is None or not unit.startswith("N m"):
+            return None
+        return np.asarray(1e3 * np.array(sizes) / self.stiffness).tolist()
 
     @property
     def suffix(self) -> str:
@@ -73,8 +99,8 @@ class LogExport:
             "format": self.format,
             **self.origin,
             "not_expressed": [
-                {"part": LEFT_OUT[key][0], "unit": LEFT_OUT[key][1], "of_joints": list(sizes)}
-                for key, sizes in self.missing.items()
+                {"part": words, "unit": unit, "of_joints": list(sizes), "mrad": self.mrad(unit, sizes)}
+                for words, unit, sizes in self.left_out
             ],
         }
 
@@ -103,18 +129,105 @@ def export_log(folder: Path, record: Json, to: str) -> LogExport:
         what = f"the arm of a joint log cannot be written as {to}"
         raise BayescalError(what, "--to", f"known: {', '.join(FORMATS)}; arm.yaml of the run holds all of it")
     m = mechanism_of_run(folder, str(record["robot"]))
-    estimates = {p["name"]: p["estimate"] for p in record["parameters"]}
-    sizes: dict[str, Callable[[int], float]] = {
-        "armature": lambda j: float(m.armature[j]),
-        "offset": lambda j: abs(float(estimates[f"offset {j + 1}"])),
-        "transition": lambda j: float(m.coulomb[j]),
-    }
-    missing = {key: tuple(sizes[key](j) for j in range(m.n)) for key in FORMATS[to].without}
-    origin = {key: record[key] for key in ("dataset", "robot", "software")}
-    return LogExport(to, m.name, text_of(m, to, np.array(record["gravity_mps2"])), missing, origin)
+    drives = drives_of(record, m.n)
+    values = values_of(record)
+    gravity = np.array(record["gravity_mps2"])
+    sizes = {"armature": m.armature, "offset": np.abs(drives.offset), "transition": m.coulomb}
+    form = FORMATS[to]
+    missing = {key: tuple(sizes[key].tolist()) for key in form.without}
+    holds = set(form.holds) - ({"load-friction"} if any(SQUARE in name for name in values) else set())
+    effects = tuple(e for e in record.get("beside", ()) if e["effect"] not in holds)
+    origin = {key: record[key] for key in ("dataset", "robot", "software", "gravity_mps2")}
+    names = {e["effect"] for e in effects}
+    origin["terms"] = {name: x for name, x in values.items() if name.partition(" ")[0] in names}
+    text = form.write(m, gravity, drives)
+    return LogExport(to, m.name, text, missing, effects, origin, drives.stiffness)
 
 
-def text_of(m: Mechanism, to: str, gravity: np.ndarray) -> str:
-    """A mechanism in a format; numbers have all their digits."""
+def values_of(record: Json) -> dict[str, float]:
+    """Values of the parameters of a calibration, or of the model of a diagnosis with the named effects."""
+    if "arm" in record:
+        return dict(record["arm"])
+    return {p["name"]: p["estimate"] for p in record["parameters"]}
+
+
+def drives_of(record: Json, n: int) -> Drives:
+    """The drives of a run of `fit` or `gap` of a joint log."""
+    values, control = values_of(record), record["controller"]
+
+    def each(name: str) -> np.ndarray:
+        return np.array([values.get(name.format(j + 1), 0.0) for j in range(n)])
+
+    stiffness, damping = control["kp_Nm_per_rad"], np.array(control["kd_Nms_per_rad"] or np.zeros(n))
+    if stiffness is not None:
+        softer = each("servo-stiffness joint {} torque")
+        softer = softer + each("servo-stiffness log torque one per joint joint {}")
+        damping = np.maximum(damping + np.array(stiffness) * each("tracking lag {}"), 0.0)
+        stiffness = np.array(stiffness) / (1.0 + softer)
+    stribeck = [(0.0, 0.1, 1.0)] * n
+    load = each("load-friction joint {} torque times direction")
+    for name, value in values.items():
+        if match := STRIBECK.fullmatch(name):
+            j, speed, power = int(match[1]) - 1, float(match[2]), float(match[3])
+            stribeck[j] = (stribeck[j][0] + value, speed, power)
+    return Drives(stiffness, damping, each("offset {}"), stribeck, load)
+
+
+STRIBECK = re.compile(r"stribeck joint (\d+) low speed (\S+) rad/s, power (\S+)")
+"""The term of an effect, with its speed and power."""
+SQUARE = "square of the torque"
+"""Setting of a load friction that is not in proportion."""
+
+
+def text_of(
+    m: Mechanism, to: str, gravity: np.ndarray, stiffness: np.ndarray | None = None, damping: Any = None
+) -> str:
+    """A mechanism in a format of XML; numbers have all their digits. With a stiffness drives are servos."""
     six = np.array([[inertia[i, j] for i, j in PAIRS] for inertia in m.inertia])
-    return rendered(FORMATS[to].template, m=m, name=m.name, six=six, gravity=gravity)
+    fields = {"m": m, "name": m.name, "six": six, "gravity": gravity, "kp": stiffness, "kd": damping}
+    return rendered(f"log_arm.{to}.j2", **fields)
+
+
+def _xml(to: str) -> Callable[[Mechanism, np.ndarray, Drives], str]:
+    return lambda m, gravity, d: text_of(m, to, gravity, d.stiffness, d.damping)
+
+
+def _bam(m: Mechanism, gravity: np.ndarray, d: Drives) -> str:
+    """Drives by the friction models m1 and m5 of BAM (Duclusaud et al., ICRA 2025), one by joint name.
+
+    kt, R and the name of the actuator do not follow from torques in N m: BAM takes those of the motor.
+    """
+    out = {}
+    for j, name in enumerate(m.joint_names):
+        rise, speed, power = d.stribeck[j]
+        plain = {
+            "model": "m1",
+            "armature": m.armature[j],
+            "friction_base": m.coulomb[j],
+            "friction_viscous": m.viscous[j],
+        }
+        load = {
+            "model": "m5",
+            "friction_stribeck": rise,
+            "dtheta_stribeck": speed,
+            "alpha": power,
+            "load_friction_motor": 0.0,
+            "load_friction_external": d.load[j],
+            "load_friction_motor_stribeck": 0.0,
+            "load_friction_external_stribeck": 0.0,
+        }
+        out[name] = plain | (load if rise or d.load[j] else {})
+    return json_text(out)
+
+
+FORMATS: Mapping[str, LogFormat] = {
+    "mjcf": LogFormat(
+        ".xml", _xml("mjcf"), ("offset", "transition"),
+        ("servo-stiffness", "armature", "inertia", "base-tilt"),
+    ),
+    "urdf": LogFormat(".urdf", _xml("urdf"), ("armature", "offset", "transition"), ("armature", "inertia")),
+    "sdf": LogFormat(".sdf", _xml("sdf"), ("armature", "offset", "transition"), ("armature", "inertia")),
+    "bam": LogFormat(
+        ".json", _bam, ("offset", "transition"), ("stribeck", "load-friction", "armature", *OF_THE_LINKS)
+    ),
+}  # fmt: skip

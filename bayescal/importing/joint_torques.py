@@ -42,7 +42,9 @@ def one_torque(
         if stated:
             what = "the log has neither torques nor currents"
             raise BayescalError(what, "--torque", "remove it, or map them")
-        return rows, {}, ("no torques: they cannot be diagnosed; `check` compares positions and commands",)
+        if "command" in joints:
+            return rows, {}, ("no torques: commands are those of position servos (assumed), by their errors",)
+        return rows, {}, ("no torques and no commands: the log cannot be diagnosed",)
     name = "torque" if "torque" in joints and kind != "current" else given[-1]
     values = joints[name]
     for other in given:

@@ -11,6 +11,8 @@ import numpy as np
 from bayescal.logs.mechanism import Mechanism
 
 CALIBRATE, VALIDATE = "calibrate", "validate"
+SERVO = "servo"
+"""Kind of torques that are errors of position servos, times their stiffness."""
 
 
 @dataclass(frozen=True)
@@ -44,6 +46,7 @@ class Controller:
     kind: str  # torque or position
     stiffness: np.ndarray | None  # (n,) N m/rad
     damping: np.ndarray | None  # (n,) N m s/rad
+    stated: bool = True  # False where the stiffness follows from the log
 
 
 @dataclass(frozen=True)
@@ -55,7 +58,7 @@ class Log:
     motions: tuple[Motion, ...]
     gravity: np.ndarray  # (3,) m/s2
     controller: Controller
-    torque_kind: str  # motor, current or sensor; "" without torques
+    torque_kind: str  # motor, current, sensor or servo; "" without torques
     signed: bool  # whether the torque has a sign
     u_constant: float  # relative standard uncertainty of the torque constants
     alignment: float  # s, of torque against position, and its standard uncertainty

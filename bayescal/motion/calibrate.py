@@ -8,18 +8,17 @@ is sampled within this set (`possible`), so that every draw, and their mean, is 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bayescal.errors import BayescalError
 from bayescal.logs import Log, Mechanism
 from bayescal.logs.mechanism import symmetric
-from bayescal.logs.types import CALIBRATE, VALIDATE
+from bayescal.logs.types import CALIBRATE, SERVO, VALIDATE
 from bayescal.motion.estimate import Estimate, estimated, moved_to, of_role
 from bayescal.motion.linear import Fit, tabulated
 from bayescal.motion.possible import Possible, draws_within, spread
+from bayescal.motion.servo import with_torques
 from bayescal.motion.settings import CALIBRATION, OUTCOME
 from bayescal.motion.signals import Signals, all_signals, each
 from bayescal.motion.terms import BODY, Operating, nominal
@@ -94,10 +93,7 @@ def prepared(log: Log) -> Estimate:
     BayescalError
         If there are no torques with a sign.
     """
-    if any(m.torque is None for m in log.motions):
-        why = "torques have no sign" if not log.signed else "no torques are logged"
-        raise BayescalError(f"{why}: the log cannot be fitted", log.name, "log torque1_Nm ...")
-    return estimated(all_signals(log))
+    return estimated(all_signals(with_torques(log)))
 
 
 def calibrated(
@@ -138,7 +134,7 @@ def calibrated(
         withheld=_withheld(estimate, fit, start, at),
         determined=int(np.sum(np.linalg.eigvalsh(fit.covariance) < CALIBRATION.determined**2)),
         combinations=_combinations(fit, names),
-        mechanism=fitted_mechanism(log.mechanism, at, deviations),
+        mechanism=fitted_mechanism(log.mechanism, at, log.torque_kind == SERVO),
         shift=float(at.shift[0]),
         lag1=estimate.noise.lag1[: log.n],
         seed=seed,
@@ -164,15 +160,17 @@ def _nominal(name: str, start: Operating, m: Mechanism) -> float:
     return float(start.shift[0]) if name == "alignment" else 0.0
 
 
-def fitted_mechanism(m: Mechanism, at: Operating, deviations: Mapping[str, float]) -> Mechanism:
-    """The mechanism with estimated bodies, rotors and friction."""
+def fitted_mechanism(m: Mechanism, at: Operating, servo: bool) -> Mechanism:
+    """The mechanism with estimated bodies, rotors and friction; of servos at their estimated stiffness."""
     mass = at.inertials[:, 0]
     centre = at.inertials[:, 1:4] / mass[:, None]
     about = np.array([symmetric(ten[4:]) for ten in at.inertials])
     shifted = np.array([w * (c @ c * np.eye(3) - np.outer(c, c)) for w, c in zip(mass, centre, strict=True)])
+    by = at.gain if servo else 1.0
     return replace(
-        m, mass=mass, centre=centre, inertia=about - shifted, armature=at.armature, coulomb=at.coulomb,
-        viscous=at.viscous, transition=float(np.exp(np.mean(np.log(at.transition)))),
+        m, mass=mass, centre=centre, inertia=about - shifted, armature=at.armature / by,
+        coulomb=at.coulomb / by, viscous=at.viscous / by,
+        transition=float(np.exp(np.mean(np.log(at.transition)))),
     )  # fmt: skip
 
 

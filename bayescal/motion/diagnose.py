@@ -9,11 +9,12 @@ from bayescal.logs import Log
 from bayescal.logs.types import CALIBRATE, VALIDATE
 from bayescal.motion import outcome
 from bayescal.motion.beside import beside
-from bayescal.motion.estimate import estimated
+from bayescal.motion.estimate import estimated, noise_about
 from bayescal.motion.linear import joined, normal
-from bayescal.motion.noise import noise_of
+from bayescal.motion.named import named_arm
 from bayescal.motion.pool import Pool
 from bayescal.motion.result import MotionGap
+from bayescal.motion.servo import with_torques
 from bayescal.motion.settings import NOISE, VERDICT
 from bayescal.motion.signals import all_signals
 from bayescal.motion.verdict import confirmed, decide
@@ -28,9 +29,7 @@ def diagnose(log: Log, progress: Progress = silent) -> MotionGap:
     BayescalError
         If the log has no torques with a sign, or no motion of a role that is needed.
     """
-    if any(m.torque is None for m in log.motions):
-        why = "torques have no sign" if not log.signed else "no torques are logged"
-        raise BayescalError(f"{why}: the gap of torques cannot be assessed", log.name, "log torque1_Nm ...")
+    log = with_torques(log)
     if not log.of_role(VALIDATE):
         raise BayescalError("no motion has the role validate", log.name, "withhold one or more")
     progress("signals", 0.0)
@@ -39,12 +38,12 @@ def diagnose(log: Log, progress: Progress = silent) -> MotionGap:
     pool = Pool.of(estimate)
     noise = estimate.noise
     motions = pool.table.of_role(CALIBRATE)
-    same = [part.signals.same_as for part in motions.parts]
+    used = [part.signals for part in motions.parts]
     for k in range(NOISE.repeats):
         progress("search", 0.4 + 0.2 * k)
         search = pool.search(normal(motions, noise))
         fit = search.fit(search.run()[0].members)
-        noise = noise_of(motions.residuals(fit.values), len(fit.chosen) / log.n, same)
+        noise = noise_about(motions.residuals(fit.values), fit, used)
     seen, held = normal(motions, noise), normal(pool.table.of_role(VALIDATE), noise)
     # all motions tell which effects there are; how large they are, those of role `calibrate` alone
     whole = pool.search(joined(seen, held))
@@ -58,6 +57,7 @@ def diagnose(log: Log, progress: Progress = silent) -> MotionGap:
     verdict = confirmed(decide(pool.search(joined(seen, held)), hypotheses), search, held)
     progress("result", 0.8)
     named = search.fit(verdict.named.members)
+    model = named_arm(estimate, search.fit(), pool.scale)
     score = np.array([h.score for h in hypotheses])
     weight = np.exp(score - np.max(score))
     ranked = zip(hypotheses[: VERDICT.listed], weight / np.sum(weight), strict=False)
@@ -73,4 +73,6 @@ def diagnose(log: Log, progress: Progress = silent) -> MotionGap:
         values=named.values,
         u=named.u,
         warnings=log.notes,
+        model=model,
+        arm=named_arm(estimate, named, pool.scale) if verdict.named.members else model,
     )

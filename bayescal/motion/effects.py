@@ -13,6 +13,7 @@ import numpy as np
 
 from bayescal.logs import Log
 from bayescal.logs.mechanism import inertial
+from bayescal.logs.types import SERVO
 from bayescal.motion.ripple import Waves
 from bayescal.motion.settings import FORMS
 from bayescal.motion.signals import Signals, derivative
@@ -24,6 +25,8 @@ OF_THE_ARM = (
     *("viscous-temperature", "base-tilt", "inertia"),
 )
 """Effects that are torques of the arm; others are errors of their measurement, or do not move an arm much."""
+NO_TORQUE = "no torques are logged"
+STICKS = "it is alike to the stiction of a servo: log second encoders"
 UNSEEN = "motor torques do not show it below the bandwidth of the drives: log second encoders"
 
 
@@ -65,6 +68,11 @@ class Effect:
     remedy: str  # what to do about it
     needs: Callable[[Log], str] = field(default=lambda log: "")  # why it is not assessed; "" where it is
     positive: bool = False
+    of_servo: str = ""  # why it is not assessed by the errors of servos alone
+
+    def lacks(self, log: Log) -> str:
+        """Why it is not assessed in a log; "" where it is."""
+        return (self.of_servo if log.torque_kind == SERVO else "") or self.needs(log)
 
 
 def joint(j: int) -> str:
@@ -205,12 +213,17 @@ def _inertia(s: Signals, at: Operating, scale: Scale) -> Iterator[FormColumn]:
 
 
 def _servo_stiffness(s: Signals, at: Operating, scale: Scale) -> Iterator[FormColumn]:
-    torque, stiffness = at.torque(s), s.log.controller.stiffness
+    torque, load, stiffness = at.torque(s), at.load(s), s.log.controller.stiffness
     assert stiffness is not None
     for j in range(s.log.n):
         form = Form("servo-stiffness", joint(j), "torque")
-        softer = torque[:, j] / stiffness[j]
-        yield form, form.term("1", FORMS.servo, channel(s.log, TRACKING, j)), softer
+        if s.log.torque_kind == SERVO:
+            yield form, form.term("1", FORMS.servo, j), load[:, j]
+        else:
+            softer = torque[:, j] / stiffness[j]
+            yield form, form.term("1", FORMS.servo, channel(s.log, TRACKING, j)), softer
+    if s.log.torque_kind == SERVO:
+        return
     form = Form("servo-stiffness", LOG, "torque", "one per joint")
     for j in range(s.log.n):
         term = form.term("1", FORMS.servo, channel(s.log, TRACKING, j), joint(j))
@@ -240,6 +253,12 @@ def _without(kind: str, why: str) -> Callable[[Log], str]:
     return lambda log: "" if kind in kinds(log) else why
 
 
+def _no_stiffness(log: Log) -> str:
+    stated = log.torque_kind == SERVO and log.controller.stated
+    none = "no position servo with a stated stiffness and commands"
+    return "" if stated or TRACKING in kinds(log) else none
+
+
 def _no_loads(log: Log) -> str:
     return "" if any(m.loaded for m in log.motions) else "no motion carries a payload"
 
@@ -262,22 +281,28 @@ EFFECTS: dict[str, Effect] = {
         Effect("ripple", _ripple, "torque that ripples with the motor angle", "Use it, or inspect the gear."),
         Effect(
             "torque-constant", _torque_constant, "error of the torque constant",
-            "Use the ratio that was found.",
+            "Use the ratio that was found.", of_servo=NO_TORQUE,
         ),
-        Effect("torque-drift", _torque_drift, "torque that drifts with temperature", "Warm up before a log."),
+        Effect(
+            "torque-drift", _torque_drift, "torque that drifts with temperature", "Warm up before a log.",
+            of_servo=NO_TORQUE,
+        ),
         Effect(
             "viscous-temperature", _viscous_temperature, "viscous friction that falls as the arm warms",
             "Warm up before a log.",
         ),
-        Effect("delay", _delay, "delay of the torque", "Shift the stamps by it."),
+        Effect(
+            "delay", _delay, "delay of the torque", "Shift the stamps by it.",
+            of_servo="a delay of the commands is alike to viscous friction: both are in the lag of the servo",
+        ),
         Effect("base-tilt", _base_tilt, "tilt of the base", "Level the base, or state its tilt."),
         Effect("inertia", _inertia, "error of the link's inertia", "Use what was found."),
         Effect(
             "servo-stiffness", _servo_stiffness, "another stiffness of the servo", "Use what was found.",
-            _without(TRACKING, "no position servo with a stated stiffness and commands"),
+            _no_stiffness,
         ),
         Effect("elasticity", _elasticity, "elastic gear", "Use it.", _without(LINK, UNSEEN), True),
-        Effect("backlash", _backlash, "backlash", "Adjust the gear.", _without(LINK, UNSEEN), True),
+        Effect("backlash", _backlash, "backlash", "Adjust the gear.", _without(LINK, UNSEEN), True, STICKS),
     )
 }  # fmt: skip
 
@@ -285,5 +310,5 @@ EFFECTS: dict[str, Effect] = {
 def columns(s: Signals, at: Operating, scale: Scale) -> Iterator[FormColumn]:
     """Columns of every effect that a log can tell of."""
     for effect in EFFECTS.values():
-        if not effect.needs(s.log):
+        if not effect.lacks(s.log):
             yield from effect.forms(s, at, scale)

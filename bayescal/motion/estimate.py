@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bayescal.logs.types import CALIBRATE
+from bayescal.logs.types import CALIBRATE, SERVO
 from bayescal.motion.dynamics import PARAMETERS
 from bayescal.motion.linear import Fit, Further, fitted, normal, tabulated
 from bayescal.motion.noise import Noise, noise_of, white_noise
-from bayescal.motion.settings import NOISE
+from bayescal.motion.settings import NOISE, SERVOS
 from bayescal.motion.signals import Signals, each
 from bayescal.motion.terms import (
     BODY,
@@ -98,6 +98,18 @@ def moved_to(start: Operating, s: Signals, values: dict[str, float]) -> Operatin
     )
 
 
+def noise_about(residuals: Sequence[np.ndarray], fit: Fit, parts: Sequence[Signals]) -> Noise:
+    """The noise of what a fit leaves of the residuals (M, C) of motions.
+
+    Of servos repeats do not tell it, which have the same stops; what a model of stiction lacks is noise too.
+    """
+    servo = parts[0].log.torque_kind == SERVO
+    same = () if servo else tuple(s.same_as for s in parts)
+    noise = noise_of(residuals, len(fit.chosen) / parts[0].log.n, same)
+    wide = SERVOS.noise if servo else 1.0
+    return replace(noise, filters=noise.filters / wide, sd=noise.sd * wide)
+
+
 def estimated(parts: tuple[Signals, ...]) -> Estimate:
     """Estimate the baseline and its noise."""
     used = of_role(parts, CALIBRATE)
@@ -106,9 +118,12 @@ def estimated(parts: tuple[Signals, ...]) -> Estimate:
     start = nominal(log, rms)
     first = np.sqrt(np.mean(np.concatenate([residuals(s, start) for s in each(used)]) ** 2, axis=0))
     out = Estimate(parts, start, {}, rms, white_noise(np.r_[rms, first[log.n :]]))
-    for _ in range(NOISE.rounds):
+    for _ in range(SERVOS.rounds if log.torque_kind == SERVO else NOISE.rounds):
         table = tabulated(used, out.columns, out.residual)
         fit = fitted(normal(table, out.noise), np.arange(len(table.terms)))
-        noise = noise_of(table.residuals(fit.values), len(fit.chosen) / log.n, [s.same_as for s in used])
+        noise = noise_about(table.residuals(fit.values), fit, used)
+        settled = np.allclose(noise.sd, out.noise.sd, rtol=SERVOS.settled)
         out = Estimate(parts, moved_to(start, parts[0], fit.values), fit.values, rms, noise)
+        if log.torque_kind == SERVO and settled:
+            break
     return out

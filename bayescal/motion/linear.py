@@ -74,8 +74,9 @@ def tabulated(parts: Sequence[Signals], columns: Columns, residual: Callable[[Si
     for s in each(parts):
         names, numbers, values = assembled(columns(s), s.log, s.step)
         terms = tuple(names)
-        kept = tuple(s.kept(x).astype(np.float32) for x in values)
-        out.append(Part(s, s.kept(residual(s)), tuple(map(np.array, numbers)), kept))
+        weight = np.tile(s.weight, len(values) // s.log.n)
+        kept = tuple(s.kept(x * w[:, None]).astype(np.float32) for x, w in zip(values, weight.T, strict=True))
+        out.append(Part(s, s.kept(residual(s) * weight), tuple(map(np.array, numbers)), kept))
     return Table(terms, tuple(out))
 
 

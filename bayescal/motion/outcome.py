@@ -132,7 +132,7 @@ def _removed(before: np.ndarray, after: np.ndarray) -> float:
 def not_assessed(search: Search, pool: Pool) -> dict[str, str]:
     """Effects that this log does not show, and why."""
     log = pool.estimate.parts[0].log
-    out = {name: why for name, effect in EFFECTS.items() if (why := effect.needs(log))}
+    out = {name: why for name, effect in EFFECTS.items() if (why := effect.lacks(log))}
     unseen = "not detectable in these motions at any plausible amplitude"
     out |= {name: unseen for name in EFFECTS if name not in out and not search.seen.get(name, False)}
     return out

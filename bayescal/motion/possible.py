@@ -38,9 +38,10 @@ class Possible:
         for k in range(n):
             slopes = of_body(log.mechanism, k)[0]
             for p, name in enumerate(BODY):
-                column = number.get(f"{name} of link {k + 1}")
-                if column is not None:
-                    by[k, :, :, column] = pseudo_inertia(slopes[:, p]) * terms[column].sd
+                for term in (f"{name} of link {k + 1}", f"inertia joint {k + 1} motion of the link {name}"):
+                    if (column := number.get(term)) is not None:
+                        size = terms[column].sd * fit.scales[column]
+                        by[k, :, :, column] = pseudo_inertia(slopes[:, p]) * size
             for stem in NOT_NEGATIVE:
                 column = number[f"{stem} {k + 1}"]
                 least[column] = -getattr(start, stem)[k] / terms[column].sd
@@ -138,6 +139,13 @@ def draws_within(fit: Fit, possible: Possible, count: int, seed: int) -> np.ndar
             if filled > 0:
                 out[c, max(first, 0) : filled] = mean + kept[max(-first, 0) :]
     return out
+
+
+def constrained(fit: Fit, possible: Possible) -> np.ndarray:
+    """Deviations (K,) of a fit, in prior standard deviations, of an arm that could be built."""
+    if possible(fit.z):
+        return fit.z
+    return np.asarray(draws_within(fit, possible, CALIBRATION.few, 0).mean(axis=(0, 1)))
 
 
 def _inside(mean: np.ndarray, possible: Possible) -> np.ndarray:

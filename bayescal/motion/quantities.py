@@ -43,20 +43,21 @@ class Kept:
     ddq: np.ndarray
     load: np.ndarray
     way: np.ndarray  # (M, n) direction of motion
+    weight: np.ndarray  # (M, n) of the rows
 
 
 def kept(s: Signals, at: Operating, r: Ranges) -> Kept:
     """The signals of a motion that errors depend on."""
     return Kept(
         s.kept(s.q), s.kept(s.dq) / r.usual_speed, s.kept(s.ddq) / r.usual_acceleration,
-        s.kept(at.load(s)) / r.usual_load, s.kept(at.reversal(s)),
+        s.kept(at.load(s)) / r.usual_load, s.kept(at.reversal(s)), s.kept(s.weight),
     )  # fmt: skip
 
 
 def responses(k: Kept, j: int) -> dict[str, np.ndarray]:
     """What an error at a joint may be in proportion to, (M,) each."""
     load, way = k.load[:, j], k.way[:, j]
-    return {
+    out = {
         "": np.ones(len(load)),
         "direction": way,
         "torque": load,
@@ -64,6 +65,7 @@ def responses(k: Kept, j: int) -> dict[str, np.ndarray]:
         "speed": k.dq[:, j],
         "acceleration": k.ddq[:, j],
     }
+    return {name: k.weight[:, j] * x for name, x in out.items()}
 
 
 def arguments(s: Signals, at: Operating, r: Ranges, k: Kept, waves: Waves) -> Iterator[Argument]:
@@ -95,7 +97,7 @@ def arguments(s: Signals, at: Operating, r: Ranges, k: Kept, waves: Waves) -> It
     if s.temperature is not None:
         warm = s.kept(s.temperature) / PRODUCTS.kelvin
         yield Argument("temperature", np.column_stack([warm, warm**2]))
-    for frequency in PRODUCTS.resonances:
+    for frequency in (f for f in PRODUCTS.resonances if f < s.band):
         sources = np.column_stack([s.ddq / r.usual_acceleration, at.load(s) / r.usual_load])
         response = s.kept(resonated(sources, frequency, s.step))
         yield Argument(

@@ -9,6 +9,8 @@ import numpy as np
 
 from bayescal.motion.effects import Form
 from bayescal.motion.estimate import Estimate
+from bayescal.motion.named import NamedArm
+from bayescal.motion.settings import OUTCOME
 from bayescal.motion.verdict import Verdict
 
 
@@ -49,6 +51,24 @@ class Shrinkage:
 
 
 @dataclass(frozen=True)
+class Tracking:
+    """Errors of withheld motions that a simulator moves by the logged commands, on moving rows."""
+
+    rms: np.ndarray  # (n,) rad, of positions
+    torque: np.ndarray  # (n,) N m
+    blocks: np.ndarray  # (B, n) rad2, mean squares of parts of the motions
+    motions: int  # that were simulated
+
+    def removed(self, before: Tracking) -> tuple[float, tuple[float, float]]:
+        """Share of the mean square of all joints that an arm has less than another, and its 95 % interval."""
+        first, last = before.blocks.sum(axis=1), self.blocks.sum(axis=1)
+        picked = np.random.default_rng(0).integers(0, len(first), (OUTCOME.draws, len(first)))
+        draws = 1.0 - last[picked].sum(axis=1) / first[picked].sum(axis=1)
+        low, high = np.quantile(draws, (0.025, 0.975))
+        return float(1.0 - last.sum() / first.sum()), (float(low), float(high))
+
+
+@dataclass(frozen=True)
 class MotionGap:
     """A diagnosis of a joint log."""
 
@@ -65,3 +85,8 @@ class MotionGap:
     values: Mapping[str, float]  # of all terms of the model with the names
     u: Mapping[str, float]
     warnings: tuple[str, ...]
+    model: NamedArm  # without effects
+    arm: NamedArm  # with the named ones
+    tracking: Mapping[str, Tracking] | str = (
+        ""  # of the arms nominal, model and effects; or why there is none
+    )

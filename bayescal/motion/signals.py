@@ -17,8 +17,9 @@ from scipy.signal import butter, firwin, sosfiltfilt
 from scipy.sparse import csr_matrix
 
 from bayescal.logs import Log, Motion
+from bayescal.logs.types import SERVO
 from bayescal.motion.dynamics import regressor
-from bayescal.motion.settings import SIGNALS
+from bayescal.motion.settings import SERVOS, SIGNALS
 
 
 @dataclass(frozen=True)
@@ -40,6 +41,16 @@ class Signals:
     temperature: np.ndarray | None  # (N,) K over the first of the log
     payload: np.ndarray  # (N,) kg
     every: int  # samples per row that is kept
+    band: float = SIGNALS.band  # Hz, of the rows that are kept
+
+    @cached_property
+    def weight(self) -> np.ndarray:
+        """Weights (N, n) of rows in a fit, of mean square 1: of servos 0 where stiction may hold a joint."""
+        if self.log.torque_kind != SERVO:
+            return np.ones_like(self.q)
+        slow, fast = SERVOS.held
+        weight = np.clip((np.abs(self.dq) - slow) / (fast - slow), 0.0, 1.0)
+        return np.asarray(weight / np.sqrt(np.maximum(np.mean(weight**2, axis=0), SERVOS.least)))
 
     @cached_property
     def rigid(self) -> np.ndarray:
@@ -56,7 +67,7 @@ class Signals:
     def _low_pass(self) -> csr_matrix:
         """Matrix (M, N) of a windowed sinc that also leaves rows out; only where it has all its samples."""
         half = round(SIGNALS.margin / self.step)
-        cut = min(SIGNALS.band * 2.0 * self.step, SIGNALS.nyquist)
+        cut = min(self.band * 2.0 * self.step, SIGNALS.nyquist)
         taps = firwin(2 * half + 1, cut)
         first = np.arange(0, len(self.time) - 2 * half, self.every)
         columns = first[:, None] + np.arange(2 * half + 1)
@@ -133,7 +144,8 @@ def signals_of(log: Log, motion: Motion, first: float, cold: float) -> Signals:
 
     position, velocity = sampled(motion.position), sampled(motion.velocity)
     assert position is not None
-    q = low_passed(position, step)
+    band = SERVOS.band if log.torque_kind == SERVO else SIGNALS.band
+    q = low_passed(position, step, SIGNALS.wide / SIGNALS.band * band)
     dq = derivative(q, step)
     if velocity is not None:
         # velocities of a controller may be filtered: they serve where positions are too coarse
@@ -144,12 +156,12 @@ def signals_of(log: Log, motion: Motion, first: float, cold: float) -> Signals:
     dq = np.where(moves, dq, 0.0)
     torque = sampled(motion.torque)
     assert torque is not None
-    rows = float(1.0 / (step * SIGNALS.rate * SIGNALS.band))
+    rows = float(1.0 / (step * SIGNALS.rate * band))
     warm = None if motion.temperature is None else np.interp(time, motion.time, motion.temperature) - cold
     return Signals(
         motion.name, motion.role, motion.same_as, log, step, time - first, q, dq, derivative(dq, step),
         torque, sampled(motion.command), sampled(motion.link), warm,
-        np.interp(time, motion.time, motion.payload), max(int(rows), 1),
+        np.interp(time, motion.time, motion.payload), max(int(rows), 1), band,
     )  # fmt: skip
 
 

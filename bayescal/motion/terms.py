@@ -15,8 +15,10 @@ from scipy.interpolate import CubicSpline
 
 from bayescal.logs import Log, Mechanism
 from bayescal.logs.mechanism import PAIRS, inertial
+from bayescal.logs.types import SERVO
 from bayescal.motion.dynamics import payload_of
-from bayescal.motion.settings import BASELINE
+from bayescal.motion.servo import stuck
+from bayescal.motion.settings import BASELINE, SERVOS
 from bayescal.motion.signals import Signals, derivative, low_passed
 
 BODY = ("mass", "centre x", "centre y", "centre z", *(f"inertia {'xyz'[i]}{'xyz'[j]}" for i, j in PAIRS))
@@ -31,6 +33,7 @@ behind the gear less position of the motor, rad. A joint has a channel of each k
 def kinds(log: Log) -> tuple[str, ...]:
     """The kinds of residuals of a log."""
     servo = log.controller.kind == "position" and log.controller.stiffness is not None
+    servo = servo and log.torque_kind != SERVO
     tracked = servo and all(m.command is not None for m in log.motions)
     linked = not log.link_side and all(m.link is not None for m in log.motions)
     return (TORQUE, *([TRACKING] if tracked else []), *([LINK] if linked else []))
@@ -76,8 +79,30 @@ class Operating:
         return arm + s.rigid[:, :, -1] @ payload_of(m) * s.payload[:, None]
 
     def reversal(self, s: Signals) -> np.ndarray:
-        """Direction of motion (N, n), -1 to 1."""
+        """Direction of motion (N, n), -1 to 1; of a servo the error that friction holds, over its largest."""
+        if s.log.torque_kind == SERVO:
+            return self.stuck(s)[0]
         return np.tanh(s.dq / self.transition)
+
+    def by_friction(self, s: Signals) -> np.ndarray:
+        """Derivative (N, n) of the torque by Coulomb friction."""
+        return self.stuck(s)[1] if s.log.torque_kind == SERVO else self.reversal(s)
+
+    def stuck(self, s: Signals) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Friction of servos, see `bayescal.motion.servo.stuck`."""
+        stiffness = s.log.controller.stiffness
+        assert stiffness is not None
+        least = SERVOS.narrow * stiffness
+        drive = np.array([stiffness, self.coulomb, self.viscous, self.armature])
+        drive = np.maximum(drive, [least, least, least, 0.0 * least])
+        load = self.gain * self.load(s) + self.offset
+        return stuck(self.commands(s, self.shift), load, drive, s.q[0], s.step)
+
+    def commands(self, s: Signals, late: np.ndarray) -> np.ndarray:
+        """Commands (N, n) of an earlier time, by delays (n,), s."""
+        assert s.command is not None
+        spline, first, last = CubicSpline(s.time, s.command), s.time[0], s.time[-1]
+        return np.column_stack([spline(np.clip(s.time - t, first, last))[:, j] for j, t in enumerate(late)])
 
     def torque(self, s: Signals) -> np.ndarray:
         """Torque of the motors (N, n) that the model predicts."""
@@ -86,15 +111,27 @@ class Operating:
 
     def shown(self, s: Signals) -> np.ndarray:
         """What a sensor of this torque shows (N, n)."""
+        if s.log.torque_kind == SERVO:  # friction and rotors are of the same scale as the stiffness
+            return self.torque(s) + (self.gain - 1.0) * self.load(s) + self.offset
         return self.gain * self.torque(s) + self.offset
 
     def measured(self, s: Signals) -> np.ndarray:
         """Measured torque (N, n), at the times of the positions."""
+        if s.log.torque_kind == SERVO:
+            return s.torque + s.log.controller.stiffness * (self.commands(s, self.shift) - s.command)
         if not np.any(self.shift):
             return s.torque
         later = s.time[:, None] + self.shift
         spline = CubicSpline(s.time, s.torque)
         return np.column_stack([spline(later[:, j])[:, j] for j in range(later.shape[1])])
+
+
+def later(s: Signals, at: Operating) -> np.ndarray:
+    """Columns (N, n) of a later torque: minus its rate; of servos the rate of the commands."""
+    if s.log.torque_kind != SERVO:
+        return -derivative(at.measured(s), s.step)
+    # where friction holds a joint, it takes up what the command changes
+    return s.log.controller.stiffness * derivative(at.commands(s, at.shift), s.step) * at.stuck(s)[2]
 
 
 def nominal(log: Log, rms: np.ndarray) -> Operating:
@@ -146,25 +183,31 @@ def baseline(s: Signals, at: Operating, rms: np.ndarray) -> Iterator[Column]:
             if sd[p] > 0.0:
                 yield Term(f"{name} of link {k + 1}", UNITS[p], sd[p], moves=True), columns[:, :, p]
     way, gain = at.reversal(s), at.gain
+    friction, servo = at.by_friction(s), log.torque_kind == SERVO
+    if servo:
+        gain = np.ones(m.n)
     scale = np.where(np.isnan(m.rated), rms, np.minimum(m.rated, 3.0 * rms))
-    later = -derivative(at.measured(s), s.step)
     for j in range(m.n):
         armature = m.u.armature * m.armature[j]
         if not armature > 0.0:
             armature = scale[j] / BASELINE.acceleration
         yield Term(f"armature {j + 1}", "kg m2", armature, j, True), gain[j] * s.ddq[:, j]
-        yield Term(f"coulomb {j + 1}", "N m", BASELINE.friction * scale[j], j, True), gain[j] * way[:, j]
+        yield Term(f"coulomb {j + 1}", "N m", BASELINE.friction * scale[j], j, True), gain[j] * friction[:, j]
         yield (
             Term(f"viscous {j + 1}", "N m s/rad", BASELINE.friction * scale[j], j, True),
             gain[j] * s.dq[:, j],
         )
         yield Term(f"offset {j + 1}", "N m", BASELINE.offset * scale[j], j), np.ones(len(way))
-        slope = -gain[j] * at.coulomb[j] * (1.0 - way[:, j] ** 2) * s.dq[:, j] / at.transition[j]
-        yield Term(f"transition {j + 1}", "1", BASELINE.transition, j), slope
+        if not servo:
+            slope = -gain[j] * at.coulomb[j] * (1.0 - way[:, j] ** 2) * s.dq[:, j] / at.transition[j]
+            yield Term(f"transition {j + 1}", "1", BASELINE.transition, j), slope
         if log.u_constant:
-            yield Term(f"constant {j + 1}", "1", log.u_constant, j), at.torque(s)[:, j]
-    yield Term("transition", "1", m.u.transition), -gain * at.coulomb * (1.0 - way**2) * s.dq / at.transition
-    yield Term("alignment", "s", log.u_alignment), later
+            shown = at.load(s) if servo else at.torque(s)
+            yield Term(f"constant {j + 1}", "1", log.u_constant, j), shown[:, j]
+    if not servo:
+        slopes = -gain * at.coulomb * (1.0 - way**2) * s.dq / at.transition
+        yield Term("transition", "1", m.u.transition), slopes
+    yield Term("alignment", "s", log.u_alignment), later(s, at)
     for kind in kinds(log)[1:]:
         for j in range(m.n):
             number = channel(log, kind, j)
@@ -190,7 +233,9 @@ def residuals(s: Signals, at: Operating) -> np.ndarray:
             assert s.command is not None
             assert s.log.controller.stiffness is not None
             # by the torque of the model: the noise of a measured torque is in the residual too
-            out.append(s.command - s.q - at.torque(s) / s.log.controller.stiffness)
+            damping = s.log.controller.damping
+            damped = 0.0 if damping is None else damping * s.dq
+            out.append(s.command - s.q - (at.torque(s) + damped) / s.log.controller.stiffness)
         else:
             assert s.link is not None
             out.append(s.link - s.q)

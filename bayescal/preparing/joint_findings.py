@@ -9,6 +9,7 @@ import numpy as np
 
 from bayescal.errors import listed
 from bayescal.logs import Log, Motion
+from bayescal.motion.servo import is_servo
 from bayescal.preparing import signals
 from bayescal.preparing.joint_facts import (
     JITTER,
@@ -138,7 +139,10 @@ def missing(log: Log, joints: Sequence[Joint], table: str) -> Iterator[Finding]:
     def lacks(code: str, what: str, remedy: str, place: str = table) -> Finding:
         return Finding(code, "missing", what, place, remedy)
 
-    if not log.torque_kind:
+    if is_servo(log):
+        what = "no torques: the errors of the position servos are assessed instead"
+        yield lacks("no_torque", what, "log currents, if the servos state them")
+    elif not log.torque_kind:
         yield Finding("no_torque", "refused", "no torques are logged", table, "log torques or currents")
     elif not log.signed or motions[0].torque is None:
         what = "torques have no sign: they are not assessed"

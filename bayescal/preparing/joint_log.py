@@ -9,9 +9,11 @@ from typing import Any
 
 import numpy as np
 
+from bayescal.errors import BayescalError
 from bayescal.logs import Log, read_log
 from bayescal.logs.read import TABLES
 from bayescal.motion.effects import EFFECTS
+from bayescal.motion.servo import is_servo, with_torques
 from bayescal.preparing.joint_facts import (
     LOADS,
     SLOW,
@@ -84,11 +86,16 @@ Needs = Callable[[Log, Sequence[Joint]], str]
 
 def not_assessed(log: Log, joints: Sequence[Joint]) -> dict[str, str]:
     """Effects that a diagnosis cannot assess, and why: by columns of the log, or by what motions excite."""
+    if is_servo(log):
+        try:
+            log = with_torques(log)
+        except BayescalError as error:
+            return dict.fromkeys(EFFECTS, f"{error.what}: {error.remedy}")
     if log.motions[0].torque is None:
         why = "no torques with a sign: log them" if log.torque_kind else "no torques: log torques or currents"
         return dict.fromkeys(EFFECTS, why)
     reasons = {
-        name: effect.needs(log) or (EXCITED[name](log, joints) if name in EXCITED else "")
+        name: effect.lacks(log) or (EXCITED[name](log, joints) if name in EXCITED else "")
         for name, effect in EFFECTS.items()
     }
     return {name: why for name, why in reasons.items() if why}

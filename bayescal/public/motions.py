@@ -90,9 +90,10 @@ class MotionGapResult(Result):
 
     @property
     def shrinkage(self) -> DataFrame:
-        """RMS of the torque residuals of withheld motions, N m, joint by joint."""
-        s = self.record["shrinkage"]["torque"]
-        keys = ("before_rms_Nm", "after_rms_Nm", "floor_Nm")
+        """RMS of the residuals of withheld motions, N m or (servos without torques) deg, joint by joint."""
+        unit = self.record["unit"]
+        s = self.record["shrinkage"]["tracking" if unit == "deg" else "torque"]
+        keys = (f"before_rms_{unit}", f"after_rms_{unit}", f"floor_{unit}")
         columns = [self.record["joints"], *(s[key] for key in keys)]
         rows = [dict(zip(("joint", *keys), row, strict=True)) for row in zip(*columns, strict=True)]
         return table(rows, "joint")
@@ -183,9 +184,10 @@ def diagnose_log(folder: Path, progress: Progress = silent) -> MotionGapResult:
     from bayescal.logs import read_log
     from bayescal.motion.diagnose import diagnose
     from bayescal.preparing.next_motions import next_motions
+    from bayescal.verifying.log_replay import replay_gap
 
     log = read_log(folder)
-    gap = diagnose(log, progress)
+    gap = replay_gap(diagnose(log, progress))
     v = gap.verdict
     left_open = v.kind in ("unknown", "class", "named+unexplained") and v.leading.members
     sites = (v.leading.members[-1].form.site,) if left_open else ()
@@ -284,16 +286,20 @@ def refuse(what: str, **options: Any) -> None:
             raise BayescalError(f"{what} has no {flag}", flag, "leave it out")
 
 
-def fitted_log(run: Any) -> MotionFitResult | None:
-    """The calibration from a joint log that a result or run folder is; None of others."""
-    if isinstance(run, MotionFitResult):
+def fitted_log(run: Any) -> MotionFitResult | MotionGapResult | None:
+    """The calibration or diagnosis of a joint log that a result or run folder is; None of others."""
+    if isinstance(run, MotionFitResult | MotionGapResult):
         return run
     if not isinstance(run, str | PathLike) or not (Path(run) / "arm.yaml").is_file():
         return None
     from bayescal.storage.reading import read_record
 
-    record = read_record(Path(run) / "fit.json", "bayescal-fit/1", "repeat the command with this version")
-    return MotionFitResult(folder=Path(run), content=record)
+    folder, again = Path(run), "repeat the command with this version"
+    if (folder / "gap.json").is_file():
+        return MotionGapResult(
+            folder=folder, content=read_record(folder / "gap.json", "bayescal-gap/1", again)
+        )
+    return MotionFitResult(folder=folder, content=read_record(folder / "fit.json", "bayescal-fit/1", again))
 
 
 @dataclass(frozen=True, repr=False)
@@ -351,7 +357,7 @@ class LogVerificationResult(Printed):
         return ("verify.json",)
 
 
-def export_log(result: MotionFitResult, to: str) -> LogExportResult:
+def export_log(result: MotionFitResult | MotionGapResult, to: str) -> LogExportResult:
     """Export the arm of a joint log; see `bayescal.export`."""
     from bayescal.exporting.log_arm import export_log as work
 

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 OfLog = MotionFitResult | MotionGapResult | MotionPlanResult
 """Results of joint logs."""
 GAP, SETTINGS = "gap.json", "dataset.yaml"
-MOTION = "Nm"
+MOTION = ("Nm", "deg")
 """`unit` of the record of a joint log."""
 TOGETHER = "together"
 """In its place, of a session and a log that were fitted together."""
@@ -207,7 +207,7 @@ def load(
             content = read_record(folder / name, schema, "repeat the command with this version")
             if content.get("unit") == TOGETHER:
                 return TogetherResult(folder=folder, content=content)
-            if content.get("unit") == MOTION:
+            if content.get("unit") in MOTION:
                 return MOTIONS[name](folder=folder, content=content)
             return kind(folder=folder, content=content)
     remedy = "give a run folder of bayescal fit, gap or plan"

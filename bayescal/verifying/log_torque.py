@@ -3,22 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from bayescal.errors import BayescalError
-from bayescal.exporting.log_arm import mechanism_of_run, text_of
+from bayescal.exporting.log_arm import mechanism_of_run, values_of
 from bayescal.exporting.sidecar import mujoco
-from bayescal.logs import Mechanism, read_log
+from bayescal.logs import Log, Mechanism, read_log
 from bayescal.logs.types import VALIDATE
+from bayescal.motion.controller import law_of
 from bayescal.motion.dynamics import payload_of, regressor
+from bayescal.motion.effects import Scale
+from bayescal.motion.estimate import estimated
+from bayescal.motion.named import NamedArm, effect_of, named_arm
+from bayescal.motion.pool import Pool
+from bayescal.motion.result import Tracking
+from bayescal.motion.servo import with_torques
 from bayescal.motion.signals import Signals, all_signals
 from bayescal.storage.reading import decoded, read_record
+from bayescal.verifying.log_replay import Arm, arm_in_file, nominal_arm, replayed
 
-FITTED, COPY = "fit.json", "dataset"
+FITTED, NAMED, COPY = "fit.json", "gap.json", "dataset"
 SLIDING = 0.1
 """rad/s of a joint, below which a simulator's friction holds it and no motion determines the torque."""
 ALIKE = 1e-6
@@ -37,6 +45,7 @@ class LogVerification:
     nominal: np.ndarray  # RMS of measured torques less those of the nominal arm in the simulator
     fitted: np.ndarray  # the same of the exported file
     rows: int  # of withheld motions; each joint counts where it moves faster than `SLIDING`
+    tracking: Mapping[str, Tracking] | str  # replays of the arms, or why there are none
 
     @property
     def passed(self) -> bool:
@@ -55,27 +64,31 @@ def verify_log(run: Path, path: Path) -> LogVerification:
     if not (run / COPY).is_dir():
         what = "the run folder has no copy of its log, which was too large"
         raise BayescalError(what, str(run), "fit a part of it, and verify by that")
-    record = read_record(run / FITTED, "bayescal-fit/1", "repeat the fit")
-    log = read_log(run / COPY)
+    name, schema = (NAMED, "bayescal-gap/1") if (run / NAMED).is_file() else (FITTED, "bayescal-fit/1")
+    record = read_record(run / name, schema, "repeat the command with this version")
+    log = with_torques(read_log(run / COPY))
     if not log.of_role(VALIDATE):
         raise BayescalError("no motion was withheld", str(run), "fit a log with a motion of role validate")
     fitted = mechanism_of_run(run, str(record["robot"]))
-    simulator = mujoco()
+    simulator, text = mujoco(), decoded(path)[0]
     try:
-        model = simulator.MjModel.from_xml_string(decoded(path)[0])
+        model = simulator.MjModel.from_xml_string(text)
     except ValueError as error:
         raise BayescalError(f"MuJoCo does not load it: {error}", str(path), "export the arm again") from None
     if model.nv != log.n:
         raise BayescalError(f"has {model.nv} joints, the log {log.n}", str(path), "export the arm again")
-    nominal = simulator.MjModel.from_xml_string(text_of(_known(log.mechanism), "mjcf", log.gravity))
-    values = {p["name"]: p["estimate"] for p in record["parameters"]}
-    offset = np.array([values[f"offset {j + 1}"] for j in range(log.n)])
-    gain = 1.0 + np.array([values.get(f"constant {j + 1}", 0.0) for j in range(log.n)])
+    nominal = simulator.MjModel.from_xml_string(nominal_arm(log).text)
+    values, parts = values_of(record), all_signals(log)
+    offset, gain = (
+        np.array([values.get(f"{name} {j + 1}", 0.0) for j in range(log.n)])
+        for name in ("offset", "constant")
+    )
+    gain = 1.0 + gain
     shift = 1e-3 * record["torque_shift_ms"]
     before: list[np.ndarray] = []
     after: list[np.ndarray] = []
     differences: list[np.ndarray] = []
-    for s in all_signals(log):
+    for s in parts:
         if s.role != VALIDATE:
             continue
         measured = np.column_stack([np.interp(s.time + shift, s.time, s.torque[:, j]) for j in range(log.n)])
@@ -94,21 +107,28 @@ def verify_log(run: Path, path: Path) -> LogVerification:
         nominal=_rms(before),
         fitted=_rms(after),
         rows=sum(map(len, after)),
+        tracking=replayed(simulator, log, parts, _arms(log, parts, fitted, values, text)),
     )
+
+
+def _arms(
+    log: Log, parts: tuple[Signals, ...], fitted: Mechanism, values: Mapping[str, float], text: str
+) -> dict[str, Arm]:
+    """The arms to be replayed: nominal, fitted, and with the effects of a diagnosis."""
+    if isinstance(law_of(log, parts), str):
+        return {}
+    estimate = estimated(parts)
+    named = any(map(effect_of, values))
+    scale = Pool.of(estimate).scale if named else Scale(estimate.rms, estimate.rms, 0.0)
+    arm = arm_in_file(NamedArm(estimate, scale, fitted, log.gravity, values), text)
+    if not named:
+        return {"nominal": nominal_arm(log), "model": arm}
+    model = named_arm(estimate, estimate.fit(), scale)
+    return {"nominal": nominal_arm(log), "model": arm_in_file(model), "effects": arm}
 
 
 def _rms(parts: list[np.ndarray]) -> np.ndarray:
     return np.asarray(np.sqrt(np.nanmean(np.concatenate(parts) ** 2, axis=0)))
-
-
-def _known(m: Mechanism) -> Mechanism:
-    """The nominal mechanism with zero for what it does not state."""
-    return replace(
-        m,
-        armature=np.nan_to_num(m.armature),
-        coulomb=np.nan_to_num(m.coulomb),
-        viscous=np.nan_to_num(m.viscous),
-    )
 
 
 def inverse(simulator: Any, model: Any, s: Signals) -> np.ndarray:
@@ -139,6 +159,7 @@ def _rigid(m: Mechanism, s: Signals) -> np.ndarray:
 def record_of(v: LogVerification) -> Mapping[str, Any]:
     """The content of verify.json."""
     rows = zip(v.joints, v.difference, v.nominal, v.fitted, strict=True)
+    tracked = {} if isinstance(v.tracking, str) else v.tracking
     return {
         "schema": "bayescal-log-verify/1",
         "dataset": {"name": v.name},
@@ -150,4 +171,9 @@ def record_of(v: LogVerification) -> Mapping[str, Any]:
             {"joint": n, "difference_Nm": d, "nominal_rms_Nm": b, "rms_Nm": a}
             for n, d, b, a in ((n, *map(float, x)) for n, *x in rows)
         ],
+        "tracking": {
+            name: {"rms_deg": np.rad2deg(of.rms).tolist(), "torque_rms_Nm": of.torque.tolist()}
+            for name, of in tracked.items()
+        }
+        or {"not_assessed": v.tracking},
     }

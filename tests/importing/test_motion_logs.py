@@ -109,7 +109,7 @@ def test_files_are_motions_and_the_last_kind_validates(s, tmp_path):
     assert [m.kind for m in log.motions] == ["sweep"] * 3 + ["zpick"] * 2
     noted(draft, "those of the last kind, `zpick`")
     noted(draft, "each record has its own clock: 1 s is put between them")
-    noted(draft, "no torques: they cannot be diagnosed")
+    noted(draft, "no torques and no commands: the log cannot be diagnosed")
     assert np.all(np.diff(joined(log, "time")) > 0)
     assert log.torque_kind == ""
     assert log.controller.kind == "position"

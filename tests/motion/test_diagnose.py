@@ -107,7 +107,7 @@ def test_the_record_follows_the_contract(gaps):
 
 def test_a_run_folder_is_read_back(gaps, tmp_path):
     gap = gaps["delay"]
-    files = ("gap.json", "gap.html", "next-motions.csv", "next-motions.yaml")
+    files = ("gap.json", "gap.html", "next-motions.csv", "next-motions.yaml", "arm.yaml", "dataset")
     assert gap.save(tmp_path / "run") == files
     planned = [name for name, _, _ in read_commands(tmp_path / "run" / "next-motions.csv")]
     assert planned == [m["id"] for m in gap.record["next_motions"]]

@@ -1,16 +1,22 @@
 """The arm of a log in simulators: the same torques, and what a file cannot hold."""
 
 import json
+from dataclasses import replace
 from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from motion.made import inverse
+from motion.made import inverse, write
 
 import bayescal as bc
 from bayescal.errors import BayescalError
-from bayescal.exporting.log_arm import FORMATS, export_log
+from bayescal.exporting.log_arm import FORMATS, drives_of, export_log
 from bayescal.exporting.sidecar import mujoco
+from bayescal.logs.read import written_out
+from bayescal.logs.schema import Arm
+
+JOINT = {"name": "J", "origin_mm": [0, 0, 0], "mass_kg": 1, "centre_of_mass_mm": [0, 0, 0]}
+JOINT |= {"inertia_kgm2": [1, 1, 1, 0, 0, 0]}
 
 
 @pytest.fixture(scope="module")
@@ -20,7 +26,7 @@ def run(tmp_path_factory, null_log):
     return folder
 
 
-@pytest.mark.parametrize("to", FORMATS)
+@pytest.mark.parametrize("to", [name for name in FORMATS if name != "bam"])
 def test_every_format_has_the_bodies_and_says_what_it_lacks(run, tmp_path, to):
     exported = bc.export(run, to)
     root = ElementTree.fromstring(exported.content)
@@ -86,6 +92,80 @@ def test_another_arm_is_not_the_one_that_was_fitted(run, tmp_path):
     wrong.write_text("<mujoco><no/></mujoco>")
     with pytest.raises(BayescalError, match="MuJoCo does not load it"):
         bc.verify(run, wrong)
+
+
+def test_drives_are_read_back_as_bam_reads_them(run):
+    """The names of BAM's parameters, and its budget of friction, against the fitted model."""
+    drives = json.loads(bc.export(run, "bam").content)
+    fitted = bc.load(run).parameters.estimate
+    assert list(drives) == ["A", "B", "C"]
+    for k, drive in enumerate(drives.values(), 1):
+        assert drive["model"] == "m1"
+        assert drive["friction_base"] == pytest.approx(fitted[f"coulomb {k}"], rel=1e-6)
+        assert drive["friction_viscous"] == pytest.approx(fitted[f"viscous {k}"], rel=1e-6)
+        assert drive["armature"] == pytest.approx(fitted[f"armature {k}"], rel=1e-6)
+
+
+@pytest.fixture(scope="module")
+def gap(tmp_path_factory):
+    """The run folder of a diagnosis with friction that grows with load."""
+    from motion.test_diagnose import load_friction
+
+    folder = tmp_path_factory.mktemp("named")
+    result = bc.diagnose(write(folder / "log", load_friction))
+    result.save(folder / "run")
+    return folder / "run"
+
+
+def test_named_effects_are_in_the_file_or_stated(gap):
+    record = bc.load(gap).record
+    assert "load-friction" in record["effects"]
+    value = record["arm"]["load-friction joint 2 torque times direction"]
+    drives = json.loads(bc.export(gap, "bam").content)
+    assert drives["B"]["model"] == "m5"
+    assert drives["B"]["load_friction_external"] == pytest.approx(value)
+    assert drives["A"]["model"] == "m1"
+    beside = {e["effect"]: e for e in record["beside"]}["load-friction"]
+    assert beside["of_joints"][1] > 10.0 * max(beside["of_joints"][0], beside["of_joints"][2], 1e-9)
+    for to, stated in (("mjcf", True), ("urdf", True), ("sdf", True), ("bam", False)):
+        parts = {p["part"]: p for p in bc.export(gap, to).data.record["not_expressed"]}
+        assert ("load-friction" in parts) == stated
+        if stated:
+            assert parts["load-friction"]["of_joints"] == pytest.approx(beside["of_joints"])
+
+
+def test_the_budget_of_bam_is_the_torque_of_the_effects():
+    """Duclusaud et al., ICRA 2025: base + Stribeck + load, of which the model has the same columns."""
+    record = {
+        "controller": {"kind": "position", "kp_Nm_per_rad": [100.0], "kd_Nms_per_rad": None},
+        "arm": {
+            "stribeck joint 1 low speed 0.12 rad/s, power 2": 0.3,
+            "load-friction joint 1 torque times direction": 0.07,
+            "servo-stiffness joint 1 torque": 0.25,
+            "tracking lag 1": 0.02,
+        },
+    }
+    d = drives_of(record, 1)
+    assert d.stiffness == pytest.approx([80.0])
+    assert d.damping == pytest.approx([2.0])
+    m = replace(
+        written_out(Arm.model_validate({"joints": [JOINT]}), "one"), armature=np.array([0.1]),
+        coulomb=np.array([0.5]), viscous=np.array([0.2]),
+    )  # fmt: skip
+    p = json.loads(FORMATS["bam"].write(m, np.zeros(3), d))["J"]
+    speed, motor, external = 0.05, 1.4, -2.0
+    rise = np.exp(-((abs(speed) / p["dtheta_stribeck"]) ** p["alpha"]))
+    load = abs(external * p["load_friction_external"] - motor * p["load_friction_motor"])
+    held = p["friction_base"] + p["friction_stribeck"] * rise + load
+    assert held == pytest.approx(0.5 + 0.3 * np.exp(-((0.05 / 0.12) ** 2)) + 0.07 * 2.0)
+
+
+def test_a_diagnosis_is_verified_with_its_arm(gap, tmp_path):
+    file, _ = bc.export(gap, "mjcf").save(tmp_path / "arm.xml")
+    result = bc.verify(gap, file)
+    assert result.passed
+    assert "no commands are logged" in result.data.tracking
+    assert "not replayed: no commands are logged" in str(result)
 
 
 def test_other_formats_and_options_are_refused(run):

@@ -9,5 +9,5 @@ of `bayescal`.
 `plan` the motions, `noise` the autocorrelated noise and its whitening, `size` the baseline and the
 detectability lambda, `effects` and `effects_drive` the effects of the list, `outside`, `outside_more`,
 `outside_further` and `outside_third` the causes that are not in it, `mix` the kinds, `build` a log,
-`rig` how it is measured, `write` its files.
+`rig` how it is measured, `write` its files. `servos` has logs of position servos without torques.
 """

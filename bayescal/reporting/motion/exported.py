@@ -2,26 +2,39 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+
 import numpy as np
 from rich.console import Group, RenderableType
 from rich.text import Text
 
-from bayescal.exporting.log_arm import LEFT_OUT, LogExport
+from bayescal.exporting.log_arm import LogExport
+from bayescal.motion.result import Tracking
 from bayescal.reporting.motion.sheets import newton_metres
-from bayescal.reporting.shared.sheet import sheet_of_cells, terminal
+from bayescal.reporting.shared.sheet import Sheet, sheet_of_cells, terminal
 from bayescal.verifying.log_torque import LogVerification
+
+CONTENT = {
+    "mjcf": "bodies, friction, rotors, drives",
+    "urdf": "bodies, friction",
+    "sdf": "bodies, friction",
+    "bam": "friction and rotors of the drives; kt, R and actuator are those of the motor, to be added",
+}
+"""What the file of a format holds."""
 
 
 def export_summary(e: LogExport) -> RenderableType:
     """The parts of the model that the file does not hold, with their size."""
-    rows = []
-    for key, sizes in e.missing.items():
-        words, unit = LEFT_OUT[key]
-        rows.append((words, " ".join(newton_metres(x) for x in np.abs(sizes)), unit))
-    title = Text.assemble(
-        (e.name, "bold"), f"  {e.format}: bodies, friction" + (", rotors" if e.format == "mjcf" else "")
+
+    def joined(values: Sequence[float] | None) -> str:
+        return "-" if values is None else " ".join(newton_metres(abs(x)) for x in values)
+
+    rows = [(words, unit, joined(x), joined(e.mrad(unit, x))) for words, unit, x in e.left_out]
+    title = Text.assemble((e.name, "bold"), f"  {e.format}: {CONTENT[e.format]}")
+    return Group(
+        title,
+        terminal(sheet_of_cells(("not in the file", "unit", "joint by joint", "mrad of position"), rows)),
     )
-    return Group(title, terminal(sheet_of_cells(("not in the file", "joint by joint", "unit"), rows)))
 
 
 def verify_summary(v: LogVerification) -> RenderableType:
@@ -35,4 +48,18 @@ def verify_summary(v: LogVerification) -> RenderableType:
     if not v.passed:
         verdict = Text("the file is not the arm that was fitted", "bold red")
     title = Text.assemble((v.name, "bold"), f"  {v.path} in {v.software}, {v.rows} rows of withheld motions")
-    return Group(title, verdict, terminal(sheet_of_cells(headings, rows)))
+    parts: list[RenderableType] = [title, verdict, terminal(sheet_of_cells(headings, rows)), ""]
+    if isinstance(v.tracking, str):
+        return Group(*parts, Text(f"not replayed: {v.tracking}", "dim"))
+    return Group(*parts, terminal(replay_sheet(v.joints, v.tracking)))
+
+
+def replay_sheet(joints: Sequence[str], arms: Mapping[str, Tracking]) -> Sheet:
+    """Errors of withheld motions that the simulator moves by the logged commands alone, joint by joint."""
+    names = {"nominal": "nominal", "model": "fitted", "effects": "with the effects"}
+    heads = [f"{names[a]}, {unit}" for unit in ("deg", "N m") for a in arms]
+    columns = [[f"{x:.3g}" for x in np.rad2deg(of.rms)] for of in arms.values()]
+    columns += [[newton_metres(x) for x in of.torque] for of in arms.values()]
+    return sheet_of_cells(
+        ("open-loop replay of the commands (RMS)", *heads), list(zip(joints, *columns, strict=True))
+    )

@@ -9,12 +9,10 @@ from typing import Any
 from rich.console import Group, RenderableType
 from rich.text import Text
 
-from bayescal.logs import Log
-from bayescal.logs.write import arm_text
 from bayescal.motion.calibrate import MotionFit
 from bayescal.motion.settings import CALIBRATION
 from bayescal.posterior.inference import Record, save
-from bayescal.reporting.motion.record import origin
+from bayescal.reporting.motion.record import controller, origin, shown_unit, write_arm
 from bayescal.reporting.motion.sheets import parameter_sheet, withheld_sheet
 from bayescal.reporting.page.build import write_page
 from bayescal.reporting.shared.origin import plain
@@ -25,13 +23,12 @@ from bayescal.storage.folders import whole
 from bayescal.storage.reading import Json
 
 SCHEMA = "bayescal-fit/1"
-FIT, POSTERIOR, ARM, COPY = "fit.json", "posterior.nc", "arm.yaml", "dataset"
-MOST_COPIED = 100_000_000
-"""Bytes of a log that is copied into its run folder."""
+FIT, POSTERIOR = "fit.json", "posterior.nc"
 
 
 def fit_record(fit: MotionFit) -> dict[str, Any]:
     """The contents of fit.json; a value that is not finite is null."""
+    unit, by = shown_unit(fit.log)
     record = {
         **origin(SCHEMA, fit.log, fit.seed),
         "model": ["inertials", "armature", "coulomb", "viscous", "offset", "alignment"],
@@ -53,15 +50,16 @@ def fit_record(fit: MotionFit) -> dict[str, Any]:
         "withheld": [
             {
                 "joint": w.joint,
-                "nominal_rms_Nm": w.nominal,
-                "rms_Nm": w.fitted,
-                "expected_rms_Nm": w.expected,
-                "expected_interval95_Nm": w.interval95,
+                f"nominal_rms_{unit}": x * w.nominal,
+                f"rms_{unit}": x * w.fitted,
+                f"expected_rms_{unit}": x * w.expected,
+                f"expected_interval95_{unit}": [x * end for end in w.interval95],
             }
-            for w in fit.withheld
+            for w, x in zip(fit.withheld, by, strict=False)
         ],
         "noise": {"lag1": fit.lag1},
         "gravity_mps2": fit.log.gravity,
+        "controller": controller(fit.log),
         "torque_shift_ms": 1e3 * fit.shift,
         "draws": fit.draws.shape[0] * fit.draws.shape[1],
         "motions": [{"id": m.name, "role": m.role, "kind": m.kind} for m in fit.log.motions],
@@ -73,7 +71,7 @@ def fit_record(fit: MotionFit) -> dict[str, Any]:
 def _outside(fit: MotionFit) -> list[str]:
     """Joints whose withheld error is beyond what is expected."""
     joints = [w.joint for w in fit.withheld if w.fitted > w.interval95[1]]
-    text = "the torque error on withheld motions is larger than expected: bayescal gap looks for the cause"
+    text = "the error on withheld motions is larger than expected: bayescal gap looks for the cause"
     out = [f"{', '.join(joints)}: {text}"] if joints else []
     if fit.r_hat > CALIBRATION.r_hat:
         out.append(f"the sampler did not converge: R-hat {fit.r_hat:.2f}, ask for more --samples")
@@ -101,7 +99,10 @@ def _facts(record: Json) -> Facts:
     words = f"{record['determined']} of {total} directions of the parameters, better than half their prior"
     yield "determined", words, ""
     yield from under("only together", record["combinations"], "dim")
-    yield "torque", f"{record['torque_shift_ms']:.2f} ms later than the positions", "dim"
+    if record["unit"] == "deg":
+        yield "commands", f"acted on after {record['torque_shift_ms']:.0f} ms, beside viscous friction", "dim"
+    else:
+        yield "torque", f"{record['torque_shift_ms']:.2f} ms later than the positions", "dim"
     yield from under("warning", record["warnings"], "yellow")
 
 
@@ -123,19 +124,5 @@ def write_fit(
     """
     with whole(folder, FIT) as stage:
         (stage / FIT).write_text(json_text(contents, rows=False), encoding="utf-8")
-        copied = _copy(fit.log, stage)
         save(draws_of(fit), stage / POSTERIOR)
-        arm = () if fit.mechanism.coupled else (ARM,)
-        for name in arm:
-            (stage / name).write_text(arm_text(fit.mechanism), encoding="utf-8")
-        return FIT, write_page(stage, shown or folder), POSTERIOR, *arm, *copied
-
-
-def _copy(log: Log, stage: Path) -> tuple[str, ...]:
-    """Copy the log into the run folder, to be verified against; a large one is not."""
-    if sum(path.stat().st_size for path in log.files) > MOST_COPIED:
-        return ()
-    (stage / COPY).mkdir()
-    for path in log.files:
-        (stage / COPY / path.name).write_bytes(path.read_bytes())
-    return (COPY,)
+        return FIT, write_page(stage, shown or folder), POSTERIOR, *write_arm(fit.mechanism, fit.log, stage)

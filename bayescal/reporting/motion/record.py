@@ -9,7 +9,10 @@ from typing import Any
 import numpy as np
 
 from bayescal.dataset.types import Record
-from bayescal.logs import Log
+from bayescal.exporting.log_arm import ARM_FILE
+from bayescal.logs import Log, Mechanism
+from bayescal.logs.types import SERVO
+from bayescal.logs.write import arm_text
 from bayescal.motion.effects import EFFECTS
 from bayescal.motion.result import Amplitude, MotionGap, Place
 from bayescal.motion.search import Hypothesis
@@ -25,6 +28,9 @@ SCHEMA = "bayescal-gap/1"
 GAP = "gap.json"
 LIBRARIES = ("numpy", "scipy")
 UNIT = "Nm"
+COPY = "dataset"
+MOST_COPIED = 100_000_000
+"""Bytes of a log that is copied into its run folder."""
 
 
 SITES = {"tool": "the tool", "base": "the base", "log": "the log"}
@@ -39,7 +45,7 @@ def origin(schema: str, log: Log, seed: int) -> dict[str, Any]:
         "record": record_of(Record()),
         "software": software(LIBRARIES),
         "seed": seed,
-        "unit": UNIT,
+        "unit": shown_unit(log)[0],
         "robot": log.mechanism.name,
         "joints": list(log.mechanism.joint_names),
     }
@@ -54,6 +60,16 @@ def size_of(a: Amplitude) -> str:
 def motion_record(gap: MotionGap) -> dict[str, Any]:
     """The contents of gap.json; a value that is not finite is null."""
     v, log, s = gap.verdict, gap.estimate.parts[0].log, gap.shrinkage
+    unit, by = shown_unit(log)
+    own = {
+        f"before_rms_{unit}": by * s.before,
+        f"after_rms_{unit}": by * s.after,
+        f"floor_{unit}": by * s.floor,
+        "removed": s.removed,
+        "removed_interval95": s.removed_interval95,
+        "delta_elpd": s.gain,
+    }
+    servo = log.torque_kind == SERVO
     record = {
         **origin(SCHEMA, log, 0),
         "baseline": ["inertials", "armature", "coulomb", "viscous", "offset", "alignment"],
@@ -69,20 +85,13 @@ def motion_record(gap: MotionGap) -> dict[str, Any]:
             for names, p, nats in gap.hypotheses
         ],
         "class": _class(v.members, v.leading),
-        "where": [_place(p) for p in gap.where],
-        "torque_rms_Nm": {"before": s.before, "after": s.after},
+        "where": [_place(p, unit, by) for p in gap.where],
+        "torque_rms_Nm": None if servo else {"before": s.before, "after": s.after},
         "shrinkage": {
-            "torque": {
-                "before_rms_Nm": s.before,
-                "after_rms_Nm": s.after,
-                "floor_Nm": s.floor,
-                "removed": s.removed,
-                "removed_interval95": s.removed_interval95,
-                "delta_elpd": s.gain,
-            },
-            "tracking": None,
+            "torque": None if servo else own,
+            "tracking": {**own, "replay": _replay(gap)} if servo else _replay(gap),
         },
-        "noise": {"lag1": gap.estimate.noise.lag1, "floor_Nm": s.floor},
+        "noise": {"lag1": gap.estimate.noise.lag1[: log.n], f"floor_{unit}": by * s.floor},
         "not_assessed": [{"effect": name, "why": why} for name, why in gap.not_assessed.items()],
         "missing": dict(gap.not_assessed),
         "next": list(gap.advice),
@@ -90,9 +99,54 @@ def motion_record(gap: MotionGap) -> dict[str, Any]:
             {"name": name, "deviation": value, "u": gap.u[name]} for name, value in gap.values.items()
         ],
         "motions": [{"id": m.name, "role": m.role, "kind": m.kind, "rows": len(m.time)} for m in log.motions],
+        "arm": dict(gap.arm.values),
+        "beside": [
+            {"effect": name, "unit": unit, "of_joints": size}
+            for name, (unit, size) in gap.arm.sizes().items()
+        ],
+        "gravity_mps2": gap.arm.gravity,
+        "controller": controller(log),
+        "torque_shift_ms": 1e3 * (log.alignment + gap.arm.values.get("alignment", 0.0)),
         "warnings": list(gap.warnings),
     }
     return {key: plain(value) for key, value in record.items()}
+
+
+def controller(log: Log) -> dict[str, Any]:
+    """The controller of a log."""
+    c = log.controller
+    return {"kind": c.kind, "kp_Nm_per_rad": c.stiffness, "kd_Nms_per_rad": c.damping}
+
+
+def shown_unit(log: Log) -> tuple[str, np.ndarray]:
+    """Unit of residuals in keys, and the factor (n,) to it: of servos without torques errors of position."""
+    if log.torque_kind != SERVO or log.controller.stiffness is None:
+        return UNIT, np.ones(log.n)
+    return "deg", np.rad2deg(1.0 / log.controller.stiffness)
+
+
+def _replay(gap: MotionGap) -> dict[str, Any]:
+    """Errors of withheld motions that MuJoCo moves by the logged commands, or why there are none."""
+    of = gap.tracking
+    if isinstance(of, str):
+        return {"not_assessed": of}
+    before, after = of["model"], of.get("effects", of["model"])
+    removed, interval = after.removed(before) if "effects" in of else (None, None)
+    control, deg = gap.estimate.parts[0].log.controller, 180.0 / np.pi
+    stated = control.stiffness is not None and control.stated
+    return {
+        "nominal_rms_deg": deg * of["nominal"].rms,
+        "before_rms_deg": deg * before.rms,
+        "after_rms_deg": deg * after.rms,
+        "removed": removed,
+        "removed_interval95": interval,
+        "nominal_torque_rms_Nm": of["nominal"].torque,
+        "before_torque_rms_Nm": before.torque,
+        "after_torque_rms_Nm": after.torque,
+        "simulator": "MuJoCo",
+        "motions": before.motions,
+        "controller": "stated" if stated else "estimated from the log",
+    }
 
 
 def _named(gap: MotionGap, effect: str) -> dict[str, Any]:
@@ -133,14 +187,14 @@ def _class(members: Mapping[str, float], leading: Hypothesis) -> dict[str, Any] 
     return {"sites": [form.site], "arguments": [form.driver], "members": dict(members)}
 
 
-def _place(p: Place) -> dict[str, Any]:
+def _place(p: Place, unit: str, by: np.ndarray) -> dict[str, Any]:
     form = p.form
     return {
         "site": form.site,
         "driver": form.driver,
         "setting": form.setting,
         "text": f"{form.site}, {form.driver}" + (f" ({form.setting})" if form.setting else ""),
-        "rms_Nm": p.rms,
+        f"rms_{unit}": by[p.joint] * p.rms,
         "of_joint": p.joint + 1,
         "log_evidence": p.nats,
         "explained_by": p.explained_by or None,
@@ -162,7 +216,9 @@ def words(gap: MotionGap) -> list[str]:
     if v.kind in ("unknown", "named+unexplained") and gap.where:
         place = next((p for p in gap.where if not p.explained_by), gap.where[0])
         further = "A further error" if out else "Unmodelled error: it"
-        size = f"{1e3 * place.rms:.3g} mN m RMS in joint {place.joint + 1}"
+        unit, by = shown_unit(gap.estimate.parts[0].log)
+        words = "mN m" if unit == UNIT else "mdeg"
+        size = f"{1e3 * by[place.joint] * place.rms:.3g} {words} RMS in joint {place.joint + 1}"
         form = place.form
         out.append(
             f"{further} varies with {form.driver} at {form.site} ({size}); no known effect explains it."
@@ -180,9 +236,10 @@ def words(gap: MotionGap) -> list[str]:
         out.append(f"No effect above noise (no other cause has a probability above {largest:.2g}).")
     if v.named.members and np.isfinite(gap.shrinkage.removed):
         low, high = gap.shrinkage.removed_interval95
+        what = "torque" if shown_unit(gap.estimate.parts[0].log)[0] == UNIT else "servo error"
         out.append(
             f"On withheld motions the named effects remove {100 * gap.shrinkage.removed:.0f} % "
-            f"({100 * low:.0f} to {min(100 * high, 100.0):.0f} %) of the variance of torque above noise."
+            f"({100 * low:.0f} to {min(100 * high, 100.0):.0f} %) of the variance of the {what} above noise."
         )
     return out
 
@@ -208,4 +265,18 @@ def write_motion(
     with whole(folder, GAP) as stage:
         for name, text in texts.items():
             (stage / name).write_text(text, encoding="utf-8")
-        return GAP, write_page(stage, folder), *further
+        written = write_arm(gap.arm.mechanism, gap.model.estimate.parts[0].log, stage)
+        return GAP, write_page(stage, folder), *further, *written
+
+
+def write_arm(m: Mechanism, log: Log, stage: Path) -> tuple[str, ...]:
+    """Write arm.yaml, and copy the log, to be verified against; a large one is not, nor coupled joints."""
+    arm = () if m.coupled else (ARM_FILE,)
+    for name in arm:
+        (stage / name).write_text(arm_text(m), encoding="utf-8")
+    if sum(path.stat().st_size for path in log.files) > MOST_COPIED:
+        return arm
+    (stage / COPY).mkdir()
+    for path in log.files:
+        (stage / COPY / path.name).write_bytes(path.read_bytes())
+    return *arm, COPY

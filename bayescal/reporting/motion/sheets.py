@@ -27,23 +27,59 @@ def newton_metres(value: float | None) -> str:
     return "-" if value is None else f"{value:.3g}"
 
 
+def residual_of(record: Json) -> str:
+    """What residuals of withheld motions are, with their unit."""
+    return f"{RESIDUALS[record['unit']]}, withheld motions ({WORDS[record['unit']]} RMS)"
+
+
+RESIDUALS = {"Nm": "torque residual", "deg": "servo error, model less log"}
+WORDS = {"Nm": "N m", "deg": "deg"}
+"""Units in keys, and in print."""
+
+
 def torque_sheet(record: Json) -> Sheet:
-    """RMS of the torque residuals on validation motions, joint by joint."""
-    s, names = record["shrinkage"]["torque"], record["joints"]
-    keys = ("before_rms_Nm", "after_rms_Nm", "floor_Nm")
+    """RMS of the residuals on validation motions, joint by joint: of torques, or of servos."""
+    unit, what = record["unit"], residual_of(record)
+    s, names = record["shrinkage"]["tracking" if unit == "deg" else "torque"], record["joints"]
+    keys = (f"before_rms_{unit}", f"after_rms_{unit}", f"floor_{unit}")
     items = [
         dict(zip(("joint", *keys), (n, *x), strict=True))
         for n, *x in zip(names, *(s[k] for k in keys), strict=True)
     ]
     return Sheet(
         (
-            Column("torque residual, withheld motions (N m RMS)", "joint"),
-            Column("model", "before_rms_Nm", newton_metres),
-            Column("with the effects", "after_rms_Nm", newton_metres),
-            Column("noise", "floor_Nm", newton_metres),
+            Column(what, "joint"),
+            Column("model", keys[0], newton_metres),
+            Column("with the effects", keys[1], newton_metres),
+            Column("noise", keys[2], newton_metres),
         ),
         items,
     )
+
+
+def replay_of(record: Json) -> Json:
+    """The replay of withheld motions of a record: errors by joint, or why there are none."""
+    s = record["shrinkage"]["tracking"] or {}
+    return dict(s.get("replay", s))
+
+
+def tracking_sheet(record: Json) -> Sheet | None:
+    """Errors of withheld motions that a simulator moves by the logged commands; None without a replay."""
+    s = replay_of(record)
+    if "nominal_rms_deg" not in s:
+        return None
+    heads = {"nominal": "nominal", "before": "model", "after": "with the effects"}
+    units = ("rms_deg",) if record["unit"] == "deg" else ("rms_deg", "torque_rms_Nm")
+    keys = [f"{arm}_{unit}" for unit in units for arm in heads]
+    items = [
+        dict(zip(("joint", *keys), (n, *x), strict=True))
+        for n, *x in zip(record["joints"], *(s[k] for k in keys), strict=True)
+    ]
+    words = {"rms_deg": "deg", "torque_rms_Nm": "N m"}
+    columns = [
+        Column(f"{heads[k.partition('_')[0]]}, {words[k.partition('_')[2]]}", k, newton_metres) for k in keys
+    ]
+    return Sheet((Column("open-loop replay in MuJoCo (RMS)", "joint"), *columns), items)
 
 
 def probability_sheet(record: Json) -> Sheet:
@@ -60,7 +96,7 @@ def where_sheet(record: Json) -> Sheet:
     return Sheet(
         (
             Column("place", "text"),
-            Column("N m RMS", "rms_Nm", newton_metres),
+            Column(f"{WORDS[record['unit']]} RMS", f"rms_{record['unit']}", newton_metres),
             Column("in joint", "of_joint"),
             Column("evidence (nats)", "log_evidence", lambda x: f"{x:.1f}"),
             Column("explained by", "explained_by"),
@@ -85,18 +121,19 @@ def amplitude_sheet(record: Json) -> Sheet:
 
 
 def withheld_sheet(record: Json) -> Sheet:
-    """Torque errors of withheld motions."""
+    """Errors of withheld motions."""
+    unit = record["unit"]
 
     def interval(ends: list[float]) -> str:
         return " .. ".join(map(newton_metres, ends))
 
     return Sheet(
         (
-            Column("torque residual, withheld motions (N m RMS)", "joint"),
-            Column("nominal", "nominal_rms_Nm", newton_metres),
-            Column("fitted", "rms_Nm", newton_metres),
-            Column("expected", "expected_rms_Nm", newton_metres),
-            Column("95 %", "expected_interval95_Nm", interval),
+            Column(residual_of(record), "joint"),
+            Column("nominal", f"nominal_rms_{unit}", newton_metres),
+            Column("fitted", f"rms_{unit}", newton_metres),
+            Column("expected", f"expected_rms_{unit}", newton_metres),
+            Column("95 %", f"expected_interval95_{unit}", interval),
         ),
         record["withheld"],
     )

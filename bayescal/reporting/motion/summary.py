@@ -22,6 +22,8 @@ def motion_summary(record: Json) -> RenderableType:
     style = STYLES.get(record["verdict"], "bold red")
     parts: list[RenderableType] = [title, *(Text(line, style) for line in record["words"]), ""]
     parts.append(terminal(sheets.torque_sheet(record)))
+    if (replayed := sheets.tracking_sheet(record)) is not None:
+        parts += ["", terminal(replayed)]
     parts.append("")
     if record["where"] and record["verdict"] != "null":
         parts.append(terminal(sheets.where_sheet(record)))
@@ -38,5 +40,7 @@ def _facts(record: Json) -> Facts:
     yield "noise", f"correlation of neighbouring rows, joint by joint: {noise}", "dim"
     for why, names in by_reason(record["missing"]).items():
         yield "not assessed", f"{', '.join(names)}: {why}", "dim"
+    if reason := sheets.replay_of(record).get("not_assessed"):
+        yield "not replayed", reason, "dim"
     yield from under("measure next", record["next"])
     yield from under("warning", record["warnings"], "yellow")

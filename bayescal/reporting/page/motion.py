@@ -34,7 +34,14 @@ def first(run: Run) -> Section:
 
 def torque(run: Run) -> Section | None:
     """Torque residuals of withheld motions."""
-    return blocks("torque", "Torque on withheld motions", sheets.torque_sheet(run.record))
+    return blocks("torque", "Withheld motions", sheets.torque_sheet(run.record))
+
+
+def replayed(run: Run) -> Section | None:
+    """Withheld motions that a simulator moves by the logged commands, or why there are none."""
+    why = sheets.replay_of(run.record).get("not_assessed")
+    sheet = sheets.tracking_sheet(run.record)
+    return blocks("replay", "Commands replayed in a simulator", sheet, *texts([why] if why else []))
 
 
 def places(run: Run) -> Section | None:
@@ -55,13 +62,14 @@ def not_assessed(run: Run) -> Section | None:
     return blocks("limits", "Not assessed", Facts(reasons) if reasons else None, *texts(run.record["next"]))
 
 
-SECTIONS = (first, torque, places, not_assessed)
+SECTIONS = (first, torque, replayed, places, not_assessed)
 
 
 def fitted(run: Run) -> Section:
     """What is determined, and whether withheld torque errors are as expected."""
     record = run.record
-    ends = [(w["rms_Nm"], w["expected_interval95_Nm"][1]) for w in record["withheld"]]
+    unit = record["unit"]
+    ends = [(w[f"rms_{unit}"], w[f"expected_interval95_{unit}"][1]) for w in record["withheld"]]
     good = all(rms <= high for rms, high in ends)
     word = "Withheld motions as expected" if good else "Withheld error larger than expected"
     if not ends:
@@ -82,7 +90,7 @@ def fitted(run: Run) -> Section:
 
 def errors(run: Run) -> Section | None:
     """Torque errors of withheld motions."""
-    return blocks("torque", "Torque on withheld motions", sheets.withheld_sheet(run.record))
+    return blocks("torque", "Withheld motions", sheets.withheld_sheet(run.record))
 
 
 def parameters(run: Run) -> Section | None:

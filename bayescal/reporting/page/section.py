@@ -108,7 +108,7 @@ def texts(lines: Sequence[str], style: str = "") -> tuple[Text, ...]:
 
 SCHEMAS = {"fit.json": "bayescal-fit/1", "gap.json": "bayescal-gap/1"}
 """Record that identifies a run -> its schema."""
-MOTION = "Nm"
+MOTION = ("Nm", "deg")
 """`unit` of the record of a joint log."""
 TOGETHER = "together"
 """In its place, of a session and a log that were fitted together."""
@@ -207,7 +207,7 @@ def read_run(folder: Path, shown: str = "") -> Run:
     if record.get("unit") == TOGETHER:
         what, each = "a session and a log were fitted together", f"give {folder}/contacts or {folder}/log"
         raise BayescalError(what, str(folder), f"each has its page: {each}")
-    if record.get("unit") == MOTION:
+    if record.get("unit") in MOTION:
         kind = "motion" if kind == "gap" else "motion fit"
     return Run(kind, record, shown or str(folder), budget, figures)
 

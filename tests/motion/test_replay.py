@@ -1,0 +1,84 @@
+"""Open-loop replays: a log that MuJoCo made with an arm is followed by that arm, and by no other."""
+
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+import pytest
+from motion.servo_logs import KD, KP, another, servo_log
+
+from bayescal.exporting.log_arm import text_of
+from bayescal.logs import read_log
+from bayescal.motion.controller import law_of
+from bayescal.motion.dynamics import payload_of, regressor
+from bayescal.motion.signals import all_signals
+from bayescal.verifying.log_replay import Arm, _driven, replayed
+
+
+@pytest.fixture(scope="module")
+def arms(null_log):
+    m = read_log(null_log).mechanism
+    return m, another(m)
+
+
+@pytest.fixture(scope="module")
+def log(arms):
+    return servo_log(*arms, motions=4, seconds=6.0)
+
+
+def of(log, **arms):
+    files = {name: Arm(text_of(m, "mjcf", log.gravity)) for name, m in arms.items()}
+    return replayed(mujoco, log, all_signals(log), files)
+
+
+def test_the_arm_that_made_a_log_follows_it_to_rounding(log, arms):
+    made = of(log, nominal=arms[0], true=arms[1])
+    assert np.all(made["true"].rms < 1e-4)  # rad; positions of the start are low-passed
+    assert np.all(made["nominal"].rms > 5.0 * made["true"].rms)
+    assert np.all(made["true"].torque < 0.1)
+    share, (low, high) = made["true"].removed(made["nominal"])
+    assert 0.97 < low < share < high < 1.0
+
+
+def test_gains_that_are_not_stated_follow_from_the_torques(log, arms):
+    bare = replace(log, controller=replace(log.controller, stiffness=None, damping=None))
+    law = law_of(bare, all_signals(bare))
+    assert law.stiffness == pytest.approx(KP, rel=0.01)
+    assert law.damping == pytest.approx(KD, rel=0.03)
+    assert not law.stated
+    assert np.all(of(bare, true=arms[1])["true"].rms < 3e-4)
+
+
+def test_what_cannot_be_replayed_is_said(log, arms):
+    parts = all_signals(log)
+    assert "no commands" in law_of(
+        replace(log, motions=tuple(replace(m, command=None) for m in log.motions)), parts
+    )
+    forward = tuple(replace(s, torque=s.torque + 20.0 * s.ddq) for s in parts)  # feed-forward
+    bare = replace(log, controller=replace(log.controller, stiffness=None))
+    assert "is no function of command and position" in law_of(bare, forward)
+    weak = replace(log, controller=replace(log.controller, stiffness=KP / 100.0, damping=0.01 * KD))
+    assert "the replay is not a measure" in of(weak, true=arms[1])
+
+
+def test_torque_beside_the_file_is_that_of_a_heavier_arm(log, arms):
+    """The viscous friction of one joint in the file, or beside it along the motion of the simulation."""
+    less = replace(arms[1], viscous=arms[1].viscous - [0.0, 2.0, 0.0])
+    beside = Arm(text_of(less, "mjcf", log.gravity), lambda s: (-s.dq * [0.0, 2.0, 0.0], 0.0 * s.q))
+    both = replayed(mujoco, log, all_signals(log), {"beside": beside, "less": replace(beside, further=None)})
+    assert np.all(both["beside"].rms < 2e-4)
+    assert both["less"].rms[1] > 5.0 * both["beside"].rms[1]
+
+
+def test_payloads_are_carried(log, arms):
+    """Gravity of the arm with a payload, by the regressor, which is checked against MuJoCo elsewhere."""
+    s = replace(all_signals(log)[-1], payload=np.full(len(log.motions[-1].time), 1.5))
+    text = text_of(arms[1], "mjcf", log.gravity)
+    model = _driven(mujoco, text, law_of(log, (s,)), s)
+    data = mujoco.MjData(model)
+    data.qpos[:] = s.q[50]
+    mujoco.mj_forward(model, data)
+    still = np.zeros((1, 3))
+    by = regressor(arms[1], s.q[50:51], still, still, log.gravity)[0]
+    wanted = np.einsum("jkp,kp->j", by, arms[1].inertials) + by[:, -1] @ payload_of(arms[1], 1.5)
+    assert data.qfrc_bias == pytest.approx(wanted, abs=1e-9)

@@ -1,0 +1,132 @@
+"""Logs of position servos without torques: friction with memory, stiffness by sag, verdicts in degrees."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import bayescal as bc
+from analysis.world.motion.servos import make, write
+from bayescal.errors import BayescalError
+from bayescal.logs import read_log
+from bayescal.logs.types import SERVO
+from bayescal.motion.servo import is_servo, stuck, with_torques
+from bayescal.motion.settings import SERVOS
+from bayescal.motion.signals import all_signals
+from bayescal.motion.terms import TORQUE, kinds
+
+
+def held(u, load=0.0, stiffness=10.0, friction=1.0):
+    """Friction, side and motion of one joint with hardly any inertia or viscous friction."""
+    drive = np.array([[stiffness], [friction], [1e-3], [1e-6]])
+    out = stuck(u[:, None], np.full((len(u), 1), load), drive, np.array([u[0] - load / stiffness]), 0.02)
+    return [x[:, 0] for x in out]
+
+
+def test_friction_holds_a_joint_until_the_error_exceeds_it():
+    """Up by 1 rad and back, at 10 N m/rad and 1 N m: it moves after .1 rad, and back after .2 rad."""
+    u = np.r_[np.linspace(0.0, 1.0, 101), np.linspace(0.99, 0.0, 100)]
+    for load in (0.0, 3.0):  # a constant load displaces the joint and changes nothing else
+        friction, side, moves = held(u, load)
+        assert friction[:11] == pytest.approx(np.linspace(0.0, 1.0, 11), abs=0.02)
+        assert friction[15:100] == pytest.approx(1.0, abs=1e-9)
+        assert friction[100:121] == pytest.approx(np.linspace(1.0, -1.0, 21), abs=0.05)
+        assert friction[125:] == pytest.approx(-1.0, abs=1e-9)
+        assert side[5] == 0.0
+        assert side[110] == 1.0  # held, on the side on which it moved last
+        assert side[-1] == -1.0
+        assert np.all(moves[15:99] == 1.0)
+        assert np.all(moves[102:118] == 0.0)
+
+
+def test_a_joint_without_friction_follows():
+    u = np.sin(np.linspace(0.0, 6.0, 400))
+    friction, _, moves = held(u, friction=1e-4)
+    assert np.all(moves[5:] > 0.0)
+    assert np.abs(friction).max() <= 1.0
+
+
+@pytest.fixture(scope="module")
+def logs(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("servos")
+    made = {}
+    for kind, number in (("asymmetric-friction", 3), ("cable", 6)):
+        settings, columns, truth = make(7, number, kind, 6, 9.0, 25.0)
+        made[kind] = write(folder / kind, settings, columns), truth
+    return made
+
+
+def test_the_error_of_a_servo_is_its_torque(logs):
+    log = read_log(logs["cable"][0])
+    assert is_servo(log)
+    servo = with_torques(log)
+    m = servo.motions[0]
+    assert m.torque == pytest.approx((m.command - m.position) * servo.controller.stiffness)
+    assert (servo.torque_kind, kinds(servo)) == (SERVO, (TORQUE,))
+    assert with_torques(servo) is servo
+    assert all_signals(servo)[0].band == SERVOS.band
+
+
+def test_a_stiffness_that_is_not_stated_follows_from_the_sag(logs):
+    log = read_log(logs["cable"][0])
+    bare = with_torques(replace(log, controller=replace(log.controller, stiffness=None)))
+    stiffness, true = bare.controller.stiffness, np.array(logs["cable"][1]["stiffness"])
+    assert stiffness[1:3] == pytest.approx(true[1:3], rel=0.35)  # as well as masses are stated
+    assert stiffness[0] == pytest.approx(np.median(stiffness[1:4]), rel=0.3)  # gravity does not load it
+    assert "by gravity on the stated masses" in bare.notes[-1]
+    assert not bare.controller.stated
+
+
+def test_logs_that_tell_no_torque_are_refused(logs):
+    log = read_log(logs["cable"][0])
+    with pytest.raises(BayescalError, match="no commands of position servos"):
+        with_torques(replace(log, controller=replace(log.controller, kind="torque")))
+    with pytest.raises(BayescalError, match="torques have no sign"):
+        with_torques(replace(log, signed=False))
+    flat = replace(log.mechanism, mass=log.mechanism.mass * 0.0)
+    bare = replace(
+        log, controller=replace(log.controller, stiffness=None), mechanism=flat,
+        motions=tuple(replace(m, payload=0.0 * m.payload) for m in log.motions),
+    )  # fmt: skip
+    with pytest.raises(BayescalError, match="no joint sags by gravity"):
+        with_torques(bare)
+
+
+def test_check_says_what_can_be_assessed(logs):
+    data = bc.check(logs["cable"][0]).data
+    assert not [f for f in data.findings if f.kind == "refused"]
+    assert {"payload", "stribeck", "load-friction", "servo-stiffness"} <= set(data.assessed)
+    assert "alike to viscous friction" in data.not_assessed["delay"]
+    assert "stiction" in data.not_assessed["backlash"]
+    assert data.not_assessed["torque-constant"] == "no torques are logged"
+
+
+@pytest.fixture(scope="module")
+def gaps(logs):
+    return {kind: bc.diagnose(logs[kind][0]) for kind in ("asymmetric-friction",)}
+
+
+def test_an_effect_is_named_at_its_joint(gaps, logs):
+    gap, truth = gaps["asymmetric-friction"], logs["asymmetric-friction"][1]
+    assert "asymmetric-friction" in gap.effects
+    a = gap.amplitudes.iloc[0]
+    assert (a.effect, a.site) == ("asymmetric-friction", truth["site"])
+    assert a.value == pytest.approx(truth["size"], rel=0.1)
+
+
+def test_errors_are_in_degrees_and_the_commands_are_replayed(gaps, tmp_path):
+    gap = gaps["asymmetric-friction"]
+    r = json.loads(json.dumps(gap.record, allow_nan=False))
+    assert (r["unit"], r["torque_rms_Nm"], r["shrinkage"]["torque"]) == ("deg", None, None)
+    s = r["shrinkage"]["tracking"]
+    assert np.all(np.array(s["after_rms_deg"]) < 0.2)
+    replay = s["replay"]
+    assert np.all(np.array(replay["before_rms_deg"]) < 0.4 * np.array(replay["nominal_rms_deg"]))
+    assert replay["after_rms_deg"][3] < 0.3 * replay["before_rms_deg"][3]  # of the joint of the effect
+    assert np.all(np.array(replay["after_rms_deg"]) < 0.1)
+    gap.save(tmp_path / "run")
+    page = (tmp_path / "run" / "gap.html").read_text(encoding="utf-8")
+    assert "servo error" in page
+    text = bc.export(tmp_path / "run", "mjcf").content
+    assert text.count("<position ") == 5
