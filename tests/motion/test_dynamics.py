@@ -39,11 +39,10 @@ def test_a_robot_of_dh_rows_is_the_same_arm():
     assert torque == pytest.approx(inverse(model_of(m), q, dq, ddq), abs=1e-9)
 
 
-@pytest.mark.parametrize("name", ["universal-robots-ur5e", "fanuc-lrmate200ic"])
-def test_torques_at_rest_hold_the_weights_of_the_robot(name):
+@pytest.mark.parametrize("convention", ["mdh", "dh"])
+def test_torques_at_rest_hold_the_weights_of_the_robot(convention):
     """In standard and in modified DH, by the statics of the arm: where its file has the centres of mass."""
-    robot = load_robot(name)[0]
-    robot = replace(robot, link_from_reading=np.eye(6))
+    robot = replace(load_robot("universal-robots-ur5e")[0], convention=convention, flange=np.eye(4))
     m, _ = mechanism_of(robot)
     q, still = some(6, 2)[0], np.zeros((7, 6))
     gravity = np.array([1.0, -2.0, -9.0])
