@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from scipy.special import logsumexp
@@ -33,13 +34,15 @@ def beside(
         if base is None:
             continue
         h, unlisted, gains = _unknown(bank, whole, base)
-        new.append(h)
+        explained = max(best.log_evidence - base.log_evidence, 0.0)
+        new.append(replace(h, log_evidence=h.log_evidence - SEARCH.instead * explained))
         further.append(unlisted)
         if free := _free(bank, m, gains):
             product, nats = free
             further.append(_unlisted(product.form, bank.columns(product), 1.0))
             members = (*base.members, Member(product.form, 1.0))
-            new.append(Hypothesis(members, base.log_evidence + nats, best.log_prior))
+            nats += base.log_evidence - SEARCH.form * explained
+            new.append(Hypothesis(members, nats, best.log_prior))
     for m in best.members:
         r = relative(bank, whole, best.members, m)
         others = [o for o in best.members if o is not m or not r.replaces]

@@ -282,6 +282,9 @@ class SearchSettings:
     """Nats of evidence from which on a hypothesis is extended (cost)."""
     form: float = 0.03
     """Share of what names explain that a further effect must exceed: it may belong to their form (tuned)."""
+    instead: float = 0.1
+    """Share of what a name explains by which a general function in its place must explain more (tuned: names
+    of effects far above the noise)."""
     waves: tuple[float, float, float] = (4.0, 130.0, 0.3)
     """Waves a turn that are tried for ripple: from, to, and step, over one wave in the range (assumed)."""
     of_motor: tuple[float, ...] = (1.0, 2.0, 3.0, 4.0, 6.0)

@@ -39,7 +39,7 @@ def test_what_the_record_says_of_the_torque(result):
     assert not any("larger than expected" in text for text in result.record["warnings"])
     first, *others = fit.withheld
     worse = replace(fit, withheld=(replace(first, fitted=1.01 * first.interval95[1]), *others))
-    assert [w for w in fit_record(worse)["warnings"] if w.startswith(f"{first.joint}: the torque error")]
+    assert [w for w in fit_record(worse)["warnings"] if w.startswith(f"{first.joint}: the error")]
 
 
 def test_known_parameters_are_within_their_uncertainty(result):

@@ -71,6 +71,13 @@ def test_an_effect_is_named_with_its_size(gaps, log, effect, site, size):
     assert gap.probability[effect] > 0.9
 
 
+def test_what_names_remove_is_said_in_percent(gaps):
+    torque = gaps["load_friction"].record["shrinkage"]["torque"]
+    low, high = torque["removed_interval95"]
+    said = f"remove {100 * torque['removed']:.0f} % ({100 * low:.0f} to {min(100 * high, 100):.0f} %) of the"
+    assert said in " ".join(str(gaps["load_friction"]).split())
+
+
 def test_friction_that_grows_with_load_is_found_at_its_joint(gaps):
     gap = gaps["load_friction"]
     assert "load-friction" in gap.effects

@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 from motion.made import inverse, model_of
 
+from bayescal.arm.chain import chain_of, link_angles
+from bayescal.arm.statics import gravity_loads
 from bayescal.logs import read_log
 from bayescal.logs.mechanism import inertial, mechanism_of
 from bayescal.logs.types import Controller
@@ -35,6 +37,20 @@ def test_a_robot_of_dh_rows_is_the_same_arm():
     q, dq, ddq = some(6, 1)
     torque = np.einsum("njkp,kp->nj", regressor(m, q, dq, ddq, np.array([0, 0, -9.81])), m.inertials)
     assert torque == pytest.approx(inverse(model_of(m), q, dq, ddq), abs=1e-9)
+
+
+@pytest.mark.parametrize("convention", ["mdh", "dh"])
+def test_torques_at_rest_hold_the_weights_of_the_robot(convention):
+    """In standard and in modified DH, by the statics of the arm: where its file has the centres of mass."""
+    robot = replace(load_robot("universal-robots-ur5e")[0], convention=convention, flange=np.eye(4))
+    m, _ = mechanism_of(robot)
+    q, still = some(6, 2)[0], np.zeros((7, 6))
+    gravity = np.array([1.0, -2.0, -9.0])
+    torque = np.einsum("njkp,kp->nj", regressor(m, q, still, still, gravity), m.inertials)
+    loads = gravity_loads(
+        robot, chain_of(robot), link_angles(robot, q), gravity, np.zeros(7), np.zeros((7, 3))
+    )
+    assert torque == pytest.approx(-loads.moments[:, 1:, 2], abs=1e-9)
 
 
 def test_assumed_inertias_are_those_of_links_of_their_length():

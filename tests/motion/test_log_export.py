@@ -1,12 +1,15 @@
 """The arm of a log in simulators: the same torques, and what a file cannot hold."""
 
 import json
+import shutil
 from dataclasses import replace
+from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
+import pandas as pd
 import pytest
-from motion.made import inverse, write
+from motion.made import RATE, inverse, write
 
 import bayescal as bc
 from bayescal.errors import BayescalError
@@ -14,6 +17,7 @@ from bayescal.exporting.log_arm import FORMATS, drives_of, export_log
 from bayescal.exporting.sidecar import mujoco
 from bayescal.logs.read import written_out
 from bayescal.logs.schema import Arm
+from bayescal.verifying.log_torque import COPY
 
 JOINT = {"name": "J", "origin_mm": [0, 0, 0], "mass_kg": 1, "centre_of_mass_mm": [0, 0, 0]}
 JOINT |= {"inertia_kgm2": [1, 1, 1, 0, 0, 0]}
@@ -76,6 +80,21 @@ def test_the_exported_arm_needs_the_torques_that_were_measured(run, tmp_path):
     assert np.all(data.nominal[1:] > 2.0 * data.fitted[1:])
     assert result.save(tmp_path / "verify") == ("verify.json",)
     assert "the file is the arm that was fitted" in str(result)
+
+
+def test_torques_are_compared_at_the_times_of_the_fit(run, tmp_path):
+    """Torques that are logged two rows late, and a fit that states it: the same errors."""
+    file, _ = bc.export(run, "mjcf").save(tmp_path / "arm.xml")
+    late = Path(shutil.copytree(run, tmp_path / "late"))
+    record = json.loads((late / "fit.json").read_text())
+    record["torque_shift_ms"] += 2e3 / RATE
+    (late / "fit.json").write_text(json.dumps(record))
+    (path,) = (late / COPY).glob("*.csv.gz")
+    table = pd.read_csv(path)
+    torques = [name for name in table.columns if name.startswith("torque")]
+    table[torques] = table.groupby("motion")[torques].shift(2).bfill()
+    table.to_csv(path, index=False)
+    assert bc.verify(late, file).data.fitted == pytest.approx(bc.verify(run, file).data.fitted, rel=0.03)
 
 
 def test_another_arm_is_not_the_one_that_was_fitted(run, tmp_path):

@@ -39,7 +39,6 @@ def test_the_gain_is_a_log_likelihood_ratio_and_errors_are_of_moving_rows(monkey
         table=SimpleNamespace(of_role=lambda role: None),
         estimate=SimpleNamespace(parts=[SimpleNamespace(step=OUTCOME.block / 10)]),
     )
-    monkeypatch.setattr(outcome, "normal", lambda table, noise: None)
     found = outcome.shrinkage(search, pool, SimpleNamespace(named=chosen, leading=chosen), None)
     assert found.gain == pytest.approx((30.0 - 10.0) / 2)
     assert [found.before, found.after, found.floor] == pytest.approx([3.0, 1.0, 0.5])
