@@ -14,7 +14,7 @@ LEFT = {"null": 3.0, "named": 1.0}
 """N m, residuals while the arm moves, of the baseline and with the named effect."""
 
 
-def test_the_gain_is_a_log_likelihood_ratio_and_errors_are_of_moving_rows(monkeypatch):
+def test_the_gain_is_a_log_likelihood_ratio_and_errors_are_of_moving_rows():
     """Slow rows, with a hundred times the residual, do not count."""
     moving = np.tile([True, False, True, True], 50)
     speed = np.where(moving, 1.01, -0.99)[:, None] * OUTCOME.moving
