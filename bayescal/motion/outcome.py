@@ -110,7 +110,7 @@ def shrinkage(search: Search, pool: Pool, v: Verdict, held: Normal) -> Shrinkage
     draws = [_removed(first[k], last[k]) for k in rng.integers(0, len(first), (OUTCOME.draws, len(first)))]
     interval = (
         (float(np.nanquantile(draws, 0.025)), float(np.nanquantile(draws, 0.975)))
-        if v.named.members
+        if v.named.members and np.any(np.isfinite(draws))
         else (np.nan, np.nan)
     )
     return Shrinkage(rms(before), rms(after), floor, share if v.named.members else np.nan, interval, gain)

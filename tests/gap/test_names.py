@@ -433,8 +433,9 @@ def test_fit_with_the_printed_model_is_the_refit(lagging):
     u = wide.sd[k] * wide.plain.model.sd[k]
     assert row.u == pytest.approx(np.degrees(u), rel=0.15)  # of draws, and their kurtosis
     assert (told["unit"], row.unit) == ("deg", "deg")
-    assert told["value"] == pytest.approx(abs(row.estimate), rel=1e-9)
-    assert told["u"] == pytest.approx(np.degrees(u), rel=1e-9)
+    # but for the share of the discrepancy that a name of this probability may not explain
+    assert told["value"] == pytest.approx(abs(row.estimate), abs=0.02 * told["u"])
+    assert told["u"] == pytest.approx(np.degrees(u), rel=0.02)
     truth = next(p for p in lagging.truth["parameters"] if p["name"] == "backlash J3")
     assert abs(told["value"] - abs(truth["value_deg"])) < 4 * told["u"]
 
@@ -453,7 +454,7 @@ def test_a_part_that_was_left_out_is_back(lagging):
     for name in {"theta4", "d4", "a4", "alpha4"} & told.keys():
         a, row = told[name], fit.parameters.loc[name]
         factor = 1e3 if a["unit"] == "um" else 1.0
-        assert a["value"] == pytest.approx(factor * (row.estimate - row.nominal), rel=1e-6)
+        assert a["value"] == pytest.approx(factor * (row.estimate - row.nominal), abs=0.1 * a["u"])
 
 
 def test_parts_that_are_not_named_stay_nominal():

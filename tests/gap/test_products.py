@@ -128,17 +128,20 @@ def test_rows_that_are_not_scored_leave_the_others_as_they_are(dataset):
 )  # fmt: skip
 def test_outliers_that_nothing_explains_are_left_out_after_all(monkeypatch, causes, kinds, which, calls):
     """Where that shows an unmodelled effect: a few true outliers may share a cause by chance."""
-    found = [SimpleNamespace(decision=SimpleNamespace(kind=k)) for k in kinds]
+    nothing = dict.fromkeys(("fitted", "circumstances", "candidates", "problem", "pool", "search"))
+    found = [examine.Examined(**nothing, decision=SimpleNamespace(kind=k)) for k in kinds]
     asked = []
 
     def examined(fitted, of, options, further):
         asked.append((fitted, of))
         return found[len(asked) - 1]
 
-    monkeypatch.setattr(examine, "calibrated", lambda *_: "plain")
+    monkeypatch.setattr(examine, "calibrated", lambda *_: None)
+    monkeypatch.setattr(examine, "with_widths", lambda *_: ("plain", USUAL, ("told",)))
     monkeypatch.setattr(examine, "judged_complete", lambda _: ("all rows", causes))
     monkeypatch.setattr(examine, "_examined", examined)
-    assert examine.examine(None, (), USUAL) is found[which]
+    result = examine.examine(None, (), replace(USUAL, robust=True))
+    assert (result.decision, result.widths) == (found[which].decision, ("told",))
     assert asked == [("all rows", causes), ("plain", ())][:calls]
 
 
