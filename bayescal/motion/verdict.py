@@ -50,7 +50,9 @@ def decide(search: Search, hypotheses: tuple[Hypothesis, ...]) -> Verdict:
     elif len(best.names) == 1 and probability[best.names[0]] < VERDICT.alone and unknown >= VERDICT.fewest:
         kind, members = "class", _members(best, hypotheses, probability)
     elif len(sure) == len(best.names):
-        kind = "named+unexplained" if unknown >= VERDICT.unexplained else "named"
+        kind = "named+unexplained" if unknown >= VERDICT.sure else "named"
+        for name in sure:  # beside an unknown cause that varies as it does, a name may be its relative
+            probability[name] = min(probability[name], 1.0 - 0.5 * unknown)
     else:
         kind, sure = "ambiguous", tuple(n for n in sure if probability[n] >= VERDICT.credible)
     if kind in ("named+unexplained", "class", "unknown"):
