@@ -69,8 +69,8 @@ def _free(bank: Bank, m: Member, gains: Gains) -> tuple[Product, float] | None:
         (p, nats)
         for p, nats in gains
         if p.form.site == m.form.site
-        and joint(bank.given[0][p.argument].joint or 0) == p.form.site
-        and bank.given[0][p.argument].times == PRODUCTS.responses
+        and joint(bank.first[p.argument].joint or 0) == p.form.site
+        and bank.first[p.argument].times == PRODUCTS.responses
     ]
     if not chosen:
         return None
@@ -94,7 +94,7 @@ def _unknown(bank: Bank, whole: Search, base: Hypothesis) -> tuple[Hypothesis, U
         general.append((cell[1], cell[0], None))
     if event := max(events(bank, fit), key=lambda e: e[1], default=None):
         form, value, columns = event
-        add(value - float(np.log(len(bank.white))), form, columns)
+        add(value - float(np.log(len(bank.size))), form, columns)
     # the second test of general functions: half the odds, shared by their kinds
     evidence = float(logsumexp([value for value, _, _ in general])) - np.log(2.0 * len(general))
     evidence += base.log_evidence - SEARCH.form * max(base.log_evidence, 0.0)
@@ -104,5 +104,5 @@ def _unknown(bank: Bank, whole: Search, base: Hypothesis) -> tuple[Hypothesis, U
 
 
 def _unlisted(form: Form, columns: tuple[np.ndarray, ...], sd: float) -> Unlisted:
-    terms = tuple(form.term("N m", sd, part=f"function {k + 1}") for k in range(columns[0].shape[2]))
+    terms = tuple(form.term("1", sd, part=f"function {k + 1}") for k in range(columns[0].shape[2]))
     return Unlisted(form, terms, columns)

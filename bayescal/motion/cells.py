@@ -39,20 +39,21 @@ class Ranges:
 
         self.angle = bounds([s.q for s in parts])  # (2, n)
         self.speed = bounds([s.dq for s in parts])
-        self.load = bounds([at.load(s) for s in each(parts)])
         self.time = bounds([s.time for s in parts])  # (2,)
         count = min(len(parts), CELLS.groups)
         self.groups = {s.name: k * count // len(parts) for k, s in enumerate(parts)}
-        self.usual_speed, self.usual_load = (
-            usual([s.dq for s in parts]),
-            usual([at.load(s) for s in each(parts)]),
-        )
+        loads, powers = [], []
+        for s in each(parts):  # a long log forgets its torques
+            loads.append(at.load(s))
+            powers.append(float(np.mean(np.abs(np.sum(at.torque(s) * s.dq, axis=1)))))
+        self.load, self.usual_load = bounds(loads), usual(loads)
+        self.usual_speed = usual([s.dq for s in parts])
         self.usual_acceleration = usual([s.ddq for s in parts])
-        self.usual_power = float(
-            np.mean([np.mean(np.abs(np.sum(at.torque(s) * s.dq, axis=1))) for s in each(parts)])
-        )
-        size = 2 * SEARCH.pieces
-        self.pieces = {s.name: (k * size, len(parts) * SEARCH.pieces) for k, s in enumerate(parts)}
+        self.usual_power = float(np.mean(powers))
+        every = len(parts) * SEARCH.pieces
+        self.count = min(every, SEARCH.most_pieces)
+        numbers = np.arange(every).reshape(len(parts), -1) * self.count // every
+        self.pieces = {s.name: row.tolist() for s, row in zip(parts, numbers, strict=True)}
         self.loaded = any(np.any(s.payload > 0.0) for s in parts)
 
 

@@ -26,8 +26,7 @@ class _Event:
     gain: float  # nats
     motion: int
     row: int  # at which it begins
-    rows: float  # that it lasts
-    column: np.ndarray  # (M,)
+    pulse: np.ndarray  # rows of it
 
 
 def events(bank: Bank, fit: Fit) -> Iterator[Found]:
@@ -36,7 +35,7 @@ def events(bank: Bank, fit: Fit) -> Iterator[Found]:
     tried = np.log(len(EVENTS.constants) * sum(len(x[0]) for x in left))
     pulses = {c: _pulse(bank.table.parts[0].signals, c) for c in EVENTS.constants}
     order = bank.noise.filters.shape[1] - 1
-    for j in range(len(bank.white)):
+    for j in range(len(bank.size)):
         candidates = []
         for pulse in pulses.values():
             shape = bank.noise.whitened(np.r_[np.zeros(order), pulse], j) * bank.size[j]
@@ -45,19 +44,20 @@ def events(bank: Bank, fit: Fit) -> Iterator[Found]:
                     continue
                 gain = _averaged(correlate(residual[j], shape, "valid") ** 2, float(shape @ shape)) - tried
                 for k in np.flatnonzero(gain > 0.0).tolist():
-                    column = np.zeros(len(bank.table.parts[p].residual))
-                    column[k + order : k + order + len(pulse)] = pulse
-                    candidates.append(_Event(float(gain[k]), p, k, len(pulse), column))
+                    candidates.append(_Event(float(gain[k]), p, k + order, pulse))
         chosen: list[_Event] = []
         for c in sorted(candidates, key=lambda c: -c.gain):
-            apart = all(c.motion != o.motion or abs(c.row - o.row) > max(c.rows, o.rows) for o in chosen)
+            apart = all(
+                c.motion != o.motion or abs(c.row - o.row) > max(len(c.pulse), len(o.pulse)) for o in chosen
+            )
             if apart and len(chosen) < EVENTS.most:
                 chosen.append(c)
         if chosen:
             form = Form(UNKNOWN, joint(j), "time, single events", f"{len(chosen)} of them")
             columns = [np.zeros((*part.residual.shape, len(chosen))) for part in bank.table.parts]
             for k, event in enumerate(chosen):
-                columns[event.motion][:, j, k] = event.column * bank.size[j]
+                rows = slice(event.row, event.row + len(event.pulse))
+                columns[event.motion][rows, j, k] = event.pulse * bank.size[j]
             yield form, sum(c.gain for c in chosen), tuple(columns)
 
 
@@ -79,6 +79,6 @@ def _averaged(square: np.ndarray, size: float) -> np.ndarray:
 def _left(bank: Bank, fit: Fit) -> list[list[np.ndarray]]:
     """What a fit leaves of each torque channel, whitened, by motion."""
     return [
-        [bank.noise.whitened(r[:, j], j) for j in range(len(bank.white))]
+        [bank.noise.whitened(r[:, j], j) for j in range(len(bank.size))]
         for r in bank.table.residuals(fit.values)
     ]

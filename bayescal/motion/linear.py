@@ -211,12 +211,13 @@ def gains(fit: Fit, sets: Sequence[np.ndarray], scales: np.ndarray) -> tuple[np.
     Also the information (S,) of each set beside the fit, per squared prior standard deviation: its trace.
     """
     p = fit.normal
-    return added(fit, p.gram, p.gram[fit.chosen], p.score, sets, scales)
+    blocks = [p.gram[np.ix_(chosen, chosen)] for chosen in sets]
+    return added(fit, blocks, p.gram[fit.chosen], p.score, sets, scales)
 
 
 def added(
     fit: Fit,
-    gram: np.ndarray,
+    blocks: Sequence[np.ndarray],
     cross: np.ndarray,
     score: np.ndarray,
     sets: Sequence[np.ndarray],
@@ -227,8 +228,10 @@ def added(
     Parameters
     ----------
     fit : Fit
-    gram, cross, score : np.ndarray, shape (P, P), (k, P) and (P,)
-        Products of the whitened columns with themselves, with the terms of the fit, and with the residual.
+    blocks : sequence of np.ndarray
+        Products of the whitened columns of each set with one another.
+    cross, score : np.ndarray, shape (k, P) and (P,)
+        Products of all columns with the terms of the fit, and with the residual.
     sets : sequence of np.ndarray
         Numbers of the columns of each set.
     scales : np.ndarray
@@ -243,7 +246,7 @@ def added(
         rows = np.flatnonzero(size == count)
         chosen = np.array([sets[k] for k in rows.tolist()])  # (B, count)
         part = np.moveaxis(half[:, chosen], 0, 1)  # (B, D, count)
-        beside = gram[chosen[:, :, None], chosen[:, None, :]] - np.swapaxes(part, 1, 2) @ part
+        beside = np.array([blocks[k] for k in rows.tolist()]) - np.swapaxes(part, 1, 2) @ part
         values, vectors = np.linalg.eigh(beside)
         values = np.maximum(values, 0.0)
         along = np.einsum("bij,bi->bj", vectors, score[chosen]) ** 2

@@ -74,7 +74,7 @@ class Pool:
 
     def bank(self, noise: Noise) -> Bank:
         """Quantities and products over all motions."""
-        return Bank.of(
+        return Bank(
             self.table,
             noise,
             self.estimate.at,

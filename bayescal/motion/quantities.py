@@ -46,12 +46,14 @@ class Kept:
     weight: np.ndarray  # (M, n) of the rows
 
 
-def kept(s: Signals, at: Operating, r: Ranges) -> Kept:
-    """The signals of a motion that errors depend on."""
-    return Kept(
+def quantities(s: Signals, at: Operating, r: Ranges, waves: Waves) -> tuple[Kept, tuple[Argument, ...]]:
+    """Signals of a motion that errors are in proportion to, and quantities that they may depend on."""
+    load, torque = at.load(s), at.torque(s)
+    k = Kept(
         s.kept(s.q), s.kept(s.dq) / r.usual_speed, s.kept(s.ddq) / r.usual_acceleration,
-        s.kept(at.load(s)) / r.usual_load, s.kept(at.reversal(s)), s.kept(s.weight),
+        s.kept(load) / r.usual_load, s.kept(at.reversal(s)), s.kept(s.weight),
     )  # fmt: skip
+    return k, tuple(_arguments(s, load, torque, r, k, waves))
 
 
 def responses(k: Kept, j: int) -> dict[str, np.ndarray]:
@@ -68,8 +70,9 @@ def responses(k: Kept, j: int) -> dict[str, np.ndarray]:
     return {name: k.weight[:, j] * x for name, x in out.items()}
 
 
-def arguments(s: Signals, at: Operating, r: Ranges, k: Kept, waves: Waves) -> Iterator[Argument]:
-    """All quantities of a log on which an error of any joint may depend."""
+def _arguments(
+    s: Signals, load: np.ndarray, torque: np.ndarray, r: Ranges, k: Kept, waves: Waves
+) -> Iterator[Argument]:
     few = PRODUCTS.waves
     for j in range(s.log.n):
         label = f" of joint {j + 1}"
@@ -78,7 +81,7 @@ def arguments(s: Signals, at: Operating, r: Ranges, k: Kept, waves: Waves) -> It
         yield Argument("torque" + label, _waves(k.load[:, j], _WIDE, few), j)
         yield Argument("acceleration" + label, _waves(k.ddq[:, j], _WIDE, few), j)
         yield Argument("direction" + label, k.way[:, j : j + 1], j)
-        yield from _memories(s, at, r, j)
+        yield from _memories(s, load[:, j] / r.usual_load[j], torque[:, j] / r.usual_load[j], j)
     time = s.kept(s.time)
     yield Argument("time", _waves(time, r.time, PRODUCTS.times))
     since = time - s.time[0]
@@ -87,7 +90,7 @@ def arguments(s: Signals, at: Operating, r: Ranges, k: Kept, waves: Waves) -> It
     yield Argument("time since the motion began", np.column_stack([within, *fading]))
     groups = np.arange(max(r.groups.values()) + 1)
     yield Argument("motion", np.tile(groups == r.groups[s.name], (len(time), 1)).astype(float))
-    power = np.sum(at.torque(s) * s.dq, axis=1) / r.usual_power
+    power = np.sum(torque * s.dq, axis=1) / r.usual_power
     for name, constant in (("power", PRODUCTS.short), ("heat", PRODUCTS.long)):
         value = np.abs(power) if name == "heat" else np.maximum(power, 0.0)
         late = s.kept(_late(value, constant, s.step))
@@ -97,27 +100,25 @@ def arguments(s: Signals, at: Operating, r: Ranges, k: Kept, waves: Waves) -> It
     if s.temperature is not None:
         warm = s.kept(s.temperature) / PRODUCTS.kelvin
         yield Argument("temperature", np.column_stack([warm, warm**2]))
+    sources = np.column_stack([s.ddq / r.usual_acceleration, load / r.usual_load])
     for frequency in (f for f in PRODUCTS.resonances if f < s.band):
-        sources = np.column_stack([s.ddq / r.usual_acceleration, at.load(s) / r.usual_load])
         response = s.kept(resonated(sources, frequency, s.step))
         yield Argument(
             f"oscillation, {frequency:.2g} Hz", response, None, ("",), True, None, PRODUCTS.oscillation
         )
-
-    first, count = r.pieces[s.name]
-    rows = len(time)
     for j, number in waves.changing:
         wave = s.kept(np.exp(1j * number * s.q[:, j]))
-        functions = np.zeros((rows, 2 * count))
-        for k_piece, piece in enumerate(np.array_split(np.arange(rows), SEARCH.pieces)):
-            functions[piece, first + 2 * k_piece] = wave[piece].real
-            functions[piece, first + 2 * k_piece + 1] = wave[piece].imag
+        functions = np.zeros((len(time), 2 * r.count))
+        for piece, rows in zip(
+            r.pieces[s.name], np.array_split(np.arange(len(time)), SEARCH.pieces), strict=True
+        ):
+            functions[rows, 2 * piece], functions[rows, 2 * piece + 1] = wave[rows].real, wave[rows].imag
         name = f"angle of joint {j + 1}, {number:.3g} waves a turn whose phase changes"
         yield Argument(name, functions, j, ("",), only=j, log_prior=waves.changing_spread)
 
 
-def _memories(s: Signals, at: Operating, r: Ranges, j: int) -> Iterator[Argument]:
-    """What was before, of a joint: the way that it has come, and how its torque has changed."""
+def _memories(s: Signals, load: np.ndarray, torque: np.ndarray, j: int) -> Iterator[Argument]:
+    """What was before, of a joint: the way that it has come, and how its torques (N,) have changed."""
     label = f" of joint {j + 1}"
     for length in PRODUCTS.ways:
         moved = presliding(s.dq[:, j], s.step, length)
@@ -126,14 +127,13 @@ def _memories(s: Signals, at: Operating, r: Ranges, j: int) -> Iterator[Argument
         yield Argument(
             "way since the start" + label, s.kept(np.exp(-gone / length))[:, None], j, PRODUCTS.with_memory
         )
-    load = at.torque(s)[:, j] / r.usual_load[j]
-    sides = np.tanh(np.column_stack([load, at.load(s)[:, j] / r.usual_load[j]]) / FORMS.side)
+    sides = np.tanh(np.column_stack([torque, load]) / FORMS.side)
     yield Argument("side of the torque" + label, s.kept(sides), j)
     for share in PRODUCTS.shares:
-        turned = presliding(np.gradient(load) / s.step, s.step, share)
+        turned = presliding(np.gradient(torque) / s.step, s.step, share)
         yield Argument("change of torque" + label, s.kept(turned)[:, None], j, PRODUCTS.with_memory)
     for constant in PRODUCTS.lags:
-        late = np.column_stack([_late(load, constant, s.step), _late(load**2, constant, s.step)])
+        late = np.column_stack([_late(torque, constant, s.step), _late(torque**2, constant, s.step)])
         yield Argument("earlier torque" + label, s.kept(late), j, PRODUCTS.with_memory)
 
 

@@ -7,8 +7,7 @@ times a positive function, without the name. A name is only as sure as the data 
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,10 +15,10 @@ from scipy.special import logsumexp
 
 from bayescal.motion.cells import UNKNOWN
 from bayescal.motion.effects import Form
-from bayescal.motion.linear import Fit, added
-from bayescal.motion.products import Bank
+from bayescal.motion.linear import Fit
+from bayescal.motion.products import Bank, Dots, averaged, consecutive
 from bayescal.motion.quantities import Argument
-from bayescal.motion.search import SCALE_PRIOR, SCALES, Member, Search
+from bayescal.motion.search import Member, Search
 from bayescal.motion.settings import RELATIVES, SEARCH
 
 
@@ -40,26 +39,28 @@ def relative(bank: Bank, search: Search, members: Sequence[Member], member: Memb
     predicted = _predicted(bank, fit, search.terms[member.form])
     size = np.sqrt(np.mean(np.concatenate(predicted) ** 2, axis=0))
     live = np.flatnonzero(size > RELATIVES.least * np.max(size))
-    given, count = bank.given, len(bank.given[0])
-    modulated = _nats(bank, fit, live, [
-        [p[:, :, None] * RELATIVES.share * a.functions[:, None] for a in of_motion]
-        for p, of_motion in zip(predicted, given, strict=True)
-    ])  # fmt: skip
-    factors = [[f for a in of_motion for f in _factors(a)] for of_motion in given]
-    origin = [k for k, a in enumerate(given[0]) for _ in _factors(a)]
-    replaced = _nats(bank, rest, live, [
-        [p[:, :, None], *(p[:, :, None] * f[:, None, None] for f in of_motion)]
-        for p, of_motion in zip(predicted, factors, strict=True)
-    ])  # fmt: skip
+    given, share = bank.first, RELATIVES.share
+
+    def modulations(p: np.ndarray, of_motion: Sequence[Argument]) -> list[np.ndarray]:
+        return [p[:, :, None] * (share * a.functions[:, None]) for a in of_motion]
+
+    def replacements(p: np.ndarray, of_motion: Sequence[Argument]) -> list[np.ndarray]:
+        return [p[:, :, None], *(p[:, :, None] * f[:, None, None] for a in of_motion for f in _factors(a))]
+
+    origin = [k for k, a in enumerate(given) for _ in _factors(a)]
+    modulated = _nats(bank, fit, live, predicted, modulations)
+    replaced = _nats(bank, rest, live, predicted, replacements)
     replaced = replaced[1:] - replaced[0] + np.log(RELATIVES.replaced / len(origin))
-    modulated += np.log(RELATIVES.modulated / count)
-    k, i = int(np.argmax(modulated)), int(np.argmax(replaced))
-    instead = bool(replaced[i] > modulated[k])
-    other = given[0][origin[i] if instead else k].name
+    modulated += np.log(RELATIVES.modulated / len(given))
+    i = int(np.argmax(replaced))
+    instead = bool(replaced[i] > np.max(modulated))
+    k = origin[i] if instead else int(np.argmax(modulated))
+    other = given[k].name
     form = Form(UNKNOWN, member.form.site, f"{member.form.driver} times {other}", member.form.setting)
     columns = tuple(
-        p[:, :, None] * (f[i][:, None, None] if instead else of_motion[k].functions[:, None])
-        for p, f, of_motion in zip(predicted, factors, given, strict=True)
+        p[:, :, None]
+        * (_factors(of_motion[k])[i % 2][:, None, None] if instead else of_motion[k].functions[:, None])
+        for p, (_, _, of_motion) in zip(predicted, bank.motions(), strict=True)
     )
     # a part of what a name explains may belong to its form
     forgiven = SEARCH.form * max(fit.log_evidence - rest.log_evidence, 0.0)
@@ -80,17 +81,20 @@ def _predicted(bank: Bank, fit: Fit, terms: Sequence[str]) -> list[np.ndarray]:
     return [part.residual - r for part, r in zip(bank.table.parts, left, strict=True)]
 
 
-def _nats(bank: Bank, fit: Fit, channels: np.ndarray, columns: list[list[np.ndarray]]) -> np.ndarray:
-    """Log Bayes factors of sets of columns beside a fit; `columns[motion][set]` is (M, C, k)."""
-    ends = np.cumsum([0, *(x.shape[2] for x in columns[0])])
-    sets = [np.arange(low, high) for low, high in itertools.pairwise(ends)]
-    wide = [np.concatenate(of_motion, axis=2) for of_motion in columns]
-    gram, score = np.zeros((ends[-1], ends[-1])), np.zeros(ends[-1])
-    cross = np.zeros((len(fit.chosen), ends[-1]))
-    for j in channels.tolist():
-        white = np.concatenate([bank.noise.whitened(x[:, j], j) for x in wide])
-        gram += white.T @ white
-        score += bank.residual[j] @ white
-        cross += bank.whitened(j, fit.chosen).T @ white
-    nats = added(fit, gram, cross, score, sets, SCALES)[0]
-    return np.asarray(logsumexp(nats + SCALE_PRIOR, axis=1))
+def _nats(
+    bank: Bank,
+    fit: Fit,
+    channels: np.ndarray,
+    predicted: Sequence[np.ndarray],
+    columns: Callable[[np.ndarray, Sequence[Argument]], list[np.ndarray]],
+) -> np.ndarray:
+    """Log Bayes factors of sets beside a fit; `columns` has each (M, C, k), of the prediction of a motion."""
+    dots: dict[int, Dots] = {}
+    sets: tuple[np.ndarray, ...] = ()
+    for p, (part, _, given) in zip(predicted, bank.motions(), strict=True):
+        every = columns(p, given)
+        sets = consecutive([x.shape[2] for x in every])
+        wide = np.concatenate(every, axis=2)
+        for c in channels.tolist():
+            bank.count(dots, part, fit, c, wide[:, c], sets, into=0)
+    return averaged(fit, dots[0], sets)

@@ -291,6 +291,8 @@ class SearchSettings:
     """Waves a turn of the motor that are tried beside (assumed)."""
     pieces: int = 3
     """Of each motion, in which the phase of a wave may differ (assumed)."""
+    most_pieces: int = 60
+    """Of all motions (cost)."""
     changing: int = 2
     """Waves of each joint whose phase may differ, that become general functions (cost)."""
     ripples: int = 4

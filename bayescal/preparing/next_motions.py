@@ -147,7 +147,9 @@ class Bounds:
         dq = derivative(q, self.step)
         ddq = derivative(dq, self.step)
         some = slice(None, None, max(round(0.05 / self.step), 1))
-        needed = np.abs(self._needed(q[some], dq[some], ddq[some], kilograms))
+        needed = np.max(
+            [np.abs(self._needed(q[some], dq[some], ddq[some], w)) for w in (0.0, kilograms)], axis=0
+        )
         checks = {
             "range": (q < self.low - 1e-9) | (q > self.high + 1e-9) | ~self._within(q),
             "largest speed": np.abs(dq) > self.speed,
