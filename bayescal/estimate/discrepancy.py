@@ -41,6 +41,7 @@ from bayescal.effects.compliance import COMPLIANCE
 from bayescal.effects.gravity import masses
 from bayescal.estimate.estimate import Estimate
 from bayescal.estimate.families import Family, families, poses, with_compliances
+from bayescal.estimate.further import linearised_with, model_with
 from bayescal.estimate.moments import (
     AT_ONCE,
     CHANCE,
@@ -51,9 +52,9 @@ from bayescal.estimate.moments import (
     scatter_factor,
     variances,
 )
-from bayescal.estimate.solver import Linear, linearise, root
+from bayescal.estimate.solver import root
 from bayescal.estimate.unexplained import Unexplained, unexplained
-from bayescal.model import ARM, Model, with_parameters
+from bayescal.model import ARM
 
 MASSES = "masses"
 """Name of the errors of masses among the families of a stated uncertainty."""
@@ -168,7 +169,7 @@ def informed(fitted: Estimate) -> tuple[np.ndarray, np.ndarray]:
     if not held:
         return np.zeros((size, size)), np.zeros(size)
     sd = np.array([p.sd for p in held])
-    j, g, e, _ = _linearised(fitted, list(held))
+    j, g, e, _ = linearised_with(fitted, list(held))
     information = g.T @ (g - j @ (fitted.covariance @ (j.T @ g)))
     score = -g.T @ e
     load = np.linalg.solve(information[size:, size:] + np.eye(len(held) - size), information[size:, :size])
@@ -209,8 +210,6 @@ LEAST_WHITE = 0.1
 
 ROWS = 8192
 """Residuals whose columns are held in memory twice."""
-MOST_VALUES = 500_000
-"""Values of the columns of functions computed at a time: the model of all takes several times more memory."""
 
 
 @dataclass(frozen=True)
@@ -322,7 +321,7 @@ def stated(fitted: Estimate, functions: Sequence[Family] | None = None) -> State
     family = np.repeat(np.arange(len(smooth)), np.array([len(f.parameters) for f in smooth], int))
     further = [*(p for f in smooth for p in f.parameters), *held]
     del smooth
-    j, g, e, rows = _linearised(fitted, further)
+    j, g, e, rows = linearised_with(fitted, further)
     pose = poses(model.scene.dataset.measurements, rows)
     c = fitted.covariance
     by = j @ c
@@ -351,7 +350,7 @@ def stated(fitted: Estimate, functions: Sequence[Family] | None = None) -> State
     }
     del g, h  # of a large session more than all that follows
     further = [*(sized(every(), sizes) if len(kept) else ()), *mixed(held, errors.mixing)]
-    wide, own, extra = _with(model, further)
+    wide, own, extra = model_with(model, further)
     z, covariance = np.zeros(wide.size), np.zeros((wide.size, wide.size))
     z[own] = fitted.z
     bias = a[:, kept] * sd
@@ -386,52 +385,6 @@ def sized(functions: Sequence[Family], variances: Mapping[str, float]) -> list[P
         if variances[f.name] > 0
         for p in f.parameters
     ]
-
-
-def _linearised(
-    fitted: Estimate, every: list[Parameter]
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Whitened columns of the unknowns and of further parameters, residuals, rows; without outliers.
-
-    `every` is empty afterwards: parameters are freed as soon as their columns are known.
-    """
-    model = fitted.model
-    # all columns of the same pass: those of fewer parameters differ in rounding
-    rows = np.concatenate([np.tile(b.rows, b.kind.rows) for b in model.blocks])
-    used = np.concatenate([np.tile(fitted.weights.row[b.name], b.kind.rows) for b in model.blocks]) > 0
-    columns = np.empty((int(np.sum(used)), len(every)))
-    at_once = max(MOST_VALUES // len(used), 1)
-    last = max(len(every) - 1, 0) // at_once * at_once
-    for start in range(0, last, at_once):
-        some, every[:at_once] = every[:at_once], []
-        columns[:, start : start + at_once] = _columns(fitted, some, used)
-    linear, own, extra = _widened(fitted, every)
-    columns[:, last:] = linear.jacobian[: len(used)][used][:, extra]
-    every.clear()
-    mine = linear.jacobian[: len(used)][used][:, own]
-    return mine, columns, linear.residual[: len(used)][used], rows[used]
-
-
-def _columns(fitted: Estimate, some: Sequence[Parameter], used: np.ndarray) -> np.ndarray:
-    """Whitened columns (R', K) of K further parameters, of the R' of all residuals that are `used`."""
-    linear, _, extra = _widened(fitted, some)
-    return linear.jacobian[: len(used), extra[0] : extra[-1] + 1][used]
-
-
-def _widened(fitted: Estimate, some: Sequence[Parameter]) -> tuple[Linear, np.ndarray, np.ndarray]:
-    """A fit with further parameters at zero, linearised; places of its own and of the further unknowns."""
-    wide, own, extra = _with(fitted.model, some)
-    z = np.zeros(wide.size)
-    z[own] = fitted.z
-    return linearise(wide, z, fitted.weights), own, extra
-
-
-def _with(model: Model, further: Sequence[Parameter]) -> tuple[Model, np.ndarray, np.ndarray]:
-    """A model with further parameters of the arm; places of its own unknowns, and of the further ones."""
-    wide = with_parameters(model.scene, model.effects, (*model.parameters, *further))
-    first = model.slices[ARM].stop
-    extra = np.arange(first, first + len(further))
-    return wide, np.setdiff1d(np.arange(wide.size), extra), extra
 
 
 def _symmetric_root(matrix: np.ndarray) -> np.ndarray:

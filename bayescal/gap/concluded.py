@@ -12,8 +12,8 @@ from bayescal.effects import EFFECTS
 from bayescal.effects.location import ARM
 from bayescal.errors import attempted
 from bayescal.gap.examine import Examined
+from bayescal.gap.outcome.events import named_events
 from bayescal.gap.outcome.notes import alike, cautions, play_or_late
-from bayescal.gap.outcome.where import named_events
 from bayescal.gap.result import OTHER, CauseClass, Event, Hypothetical, Named, Verdict
 from bayescal.gap.search.beam import COMPLIANCE, Member
 from bayescal.gap.search.refit import model_name

@@ -16,10 +16,11 @@ from bayescal.logs import Log, Mechanism
 from bayescal.logs.mechanism import symmetric
 from bayescal.logs.types import CALIBRATE, SERVO, VALIDATE
 from bayescal.motion.estimate import Estimate, estimated, moved_to, of_role
+from bayescal.motion.fit_settings import CALIBRATION
 from bayescal.motion.linear import Fit, tabulated
 from bayescal.motion.possible import Possible, draws_within, spread
 from bayescal.motion.servo import with_torques
-from bayescal.motion.settings import CALIBRATION, OUTCOME
+from bayescal.motion.settings import OUTCOME
 from bayescal.motion.signals import Signals, all_signals, each
 from bayescal.motion.terms import BODY, Operating, nominal
 from bayescal.storage.stopping import Progress, silent

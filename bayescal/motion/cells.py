@@ -11,6 +11,7 @@ from collections.abc import Iterator
 import numpy as np
 from scipy.signal import lfilter
 
+from bayescal.arm.transforms import compiled
 from bayescal.motion.effects import LOG, TOOL, Form, FormColumn, Scale, joint
 from bayescal.motion.settings import CELLS, PRODUCTS, SEARCH
 from bayescal.motion.signals import Signals, derivative, each
@@ -144,9 +145,13 @@ def _of_tool(s: Signals, scale: Scale) -> Iterator[FormColumn]:
 
 def presliding(speed: np.ndarray, step: float, length: float) -> np.ndarray:
     """Deflection (N,) of bristles, -1 to 1, that a way of `length` rad saturates (Dahl, 1976)."""
-    out = np.empty(len(speed))
-    z = 0.0
-    for k, way in enumerate((speed * step / length).tolist()):
+    return _bristles(speed * step / length)
+
+
+@compiled()
+def _bristles(ways):
+    out, z = np.empty(len(ways)), 0.0
+    for k, way in enumerate(ways):
         z = (z + way) / (1.0 + abs(way))
         out[k] = z
     return out

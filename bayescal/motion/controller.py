@@ -12,7 +12,7 @@ import numpy as np
 
 from bayescal.logs import Log
 from bayescal.logs.types import CALIBRATE, SERVO, VALIDATE
-from bayescal.motion.settings import CONTROLLER
+from bayescal.motion.fit_settings import CONTROLLER
 from bayescal.motion.signals import Signals, derivative, low_passed
 
 

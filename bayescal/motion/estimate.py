@@ -9,9 +9,10 @@ import numpy as np
 
 from bayescal.logs.types import CALIBRATE, SERVO
 from bayescal.motion.dynamics import PARAMETERS
+from bayescal.motion.fit_settings import SERVOS
 from bayescal.motion.linear import Fit, Further, fitted, normal, tabulated
 from bayescal.motion.noise import Noise, noise_of, white_noise
-from bayescal.motion.settings import NOISE, SERVOS
+from bayescal.motion.settings import NOISE
 from bayescal.motion.signals import Signals, each
 from bayescal.motion.terms import (
     BODY,

@@ -43,16 +43,17 @@ class Table:
     def extended(self, terms: Sequence[Term], columns: Sequence[Sequence[np.ndarray]]) -> Table:
         """The table with further terms, the columns of each by motion (M, C); a channel of zeros has none."""
         first, parts = len(self.terms), []
+        channels = range(self.parts[0].residual.shape[1])
+        of_channel = [
+            [k for k, own in enumerate(columns) if any(np.any(c[:, j]) for c in own)] for j in channels
+        ]
         for part, added_columns in zip(self.parts, zip(*columns, strict=True), strict=True):
             numbers, values = list(part.numbers), list(part.columns)
-            for j in range(part.residual.shape[1]):
-                live = [k for k in range(len(terms)) if any(np.any(c[:, j]) for c in columns[k])]
+            for j, live in enumerate(of_channel):
+                if not live:
+                    continue
                 numbers[j] = np.r_[numbers[j], [first + k for k in live]].astype(int)
-                new = (
-                    np.column_stack([added_columns[k][:, j] for k in live])
-                    if live
-                    else np.empty((len(values[j]), 0))
-                )
+                new = np.column_stack([added_columns[k][:, j] for k in live])
                 values[j] = np.hstack([values[j], new.astype(np.float32)])
             parts.append(replace(part, numbers=tuple(numbers), columns=tuple(values)))
         return Table((*self.terms, *terms), tuple(parts))

@@ -18,7 +18,7 @@ from bayescal.motion.products import Bank
 from bayescal.motion.ripple import waves_of
 from bayescal.motion.search import Search
 from bayescal.motion.settings import CELLS
-from bayescal.motion.signals import Signals
+from bayescal.motion.signals import Signals, each
 from bayescal.motion.terms import Column, Operating, Term, by_channel
 
 
@@ -94,8 +94,8 @@ class Pool:
     ) -> Iterator[tuple[Signals, np.ndarray]]:
         """Motions of a role, with what values of terms leave of their torques (N, n), N m."""
         beside = {name: values[name] for name in chain.from_iterable(self.extra.values()) if name in values}
-        for part in self.table.of_role(role).parts:
-            s = part.signals
+        parts = self.table.of_role(role).parts
+        for part, s in zip(parts, each([p.signals for p in parts]), strict=True):
             left = self.estimate.residual(s).copy()
             for term, column in self._chosen(s, values.keys()):
                 if value := values.get(term.name, 0.0):

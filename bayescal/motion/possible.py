@@ -11,8 +11,8 @@ from scipy.linalg import solve_triangular
 from bayescal.arm.transforms import compiled
 from bayescal.logs import Log
 from bayescal.logs.mechanism import symmetric
+from bayescal.motion.fit_settings import CALIBRATION
 from bayescal.motion.linear import Fit
-from bayescal.motion.settings import CALIBRATION
 from bayescal.motion.terms import BODY, Operating, of_body
 
 NOT_NEGATIVE = ("armature", "coulomb", "viscous")
@@ -109,7 +109,9 @@ def _slices(away, middle, bodies, over, steps, bodies_by, over_by, chances):
     return away
 
 
-def draws_within(fit: Fit, possible: Possible, count: int, seed: int) -> np.ndarray:
+def draws_within(
+    fit: Fit, possible: Possible, count: int, seed: int, total: int = CALIBRATION.steps
+) -> np.ndarray:
     """Draws (chains, count, K) of the posterior of a fit within a set that holds z = 0.
 
     Elliptical slices (Murray, Adams and MacKay, AISTATS 2010): each step draws an ellipse of the normal
@@ -120,7 +122,7 @@ def draws_within(fit: Fit, possible: Possible, count: int, seed: int) -> np.ndar
     limited = np.flatnonzero(np.isfinite(possible.least))
     flat = possible.by.reshape(-1, size).T
     middle = possible.pseudo + possible.by @ mean, (mean - possible.least)[limited]
-    thin = max(CALIBRATION.steps // (CALIBRATION.chains * count), CALIBRATION.least_thin)
+    thin = max(total // (CALIBRATION.chains * count), CALIBRATION.least_thin)
     out = np.empty((CALIBRATION.chains, count, size))
     for c in range(CALIBRATION.chains):
         away = (mean if possible(mean) else _inside(mean, possible)) - mean
@@ -145,7 +147,7 @@ def constrained(fit: Fit, possible: Possible) -> np.ndarray:
     """Deviations (K,) of a fit, in prior standard deviations, of an arm that could be built."""
     if possible(fit.z):
         return fit.z
-    return np.asarray(draws_within(fit, possible, CALIBRATION.few, 0).mean(axis=(0, 1)))
+    return np.asarray(draws_within(fit, possible, CALIBRATION.few, 0, CALIBRATION.for_mean).mean(axis=(0, 1)))
 
 
 def _inside(mean: np.ndarray, possible: Possible) -> np.ndarray:

@@ -16,7 +16,7 @@ from bayescal.errors import BayescalError, listed
 from bayescal.logs import Log
 from bayescal.logs.types import CALIBRATE, SERVO, Controller
 from bayescal.motion.dynamics import payload_of, regressor
-from bayescal.motion.settings import SERVOS
+from bayescal.motion.fit_settings import SERVOS
 
 SUBSTEPS = 8
 """Of the integration of a joint between two rows (assumed)."""

@@ -1,4 +1,4 @@
-"""All settings of the estimate and diagnosis of joint logs: meaning, unit and origin.
+"""Settings of the estimate and diagnosis of joint logs: meaning, unit and origin.
 
 *Convention*, *assumed*, *tuned* and *cost* as in `bayescal.gap.settings`; tuned values were chosen on logs of
 simulators with known ground truth.
@@ -319,113 +319,6 @@ class OutcomeSettings:
     """Share of the rows of a joint that should be so slow (assumed)."""
 
 
-@dataclass(frozen=True)
-class CalibrationSettings:
-    """The posterior of a calibration, and what counts as determined."""
-
-    chains: int = 4
-    """Of draws (convention)."""
-    fewest: int = 1000
-    """Draws at least: intervals need them (assumed)."""
-    steps: int = 200_000
-    """Of the sampler in all, without the first of each chain (cost)."""
-    least_thin: int = 10
-    """Steps per draw, at least: many draws need more steps (cost)."""
-    burned: int = 5_000
-    """Steps at the beginning of a chain that are left out (assumed)."""
-    at_once: int = 4_000
-    """Steps that are prepared at once (cost: memory)."""
-    r_hat: float = 1.1
-    """Of the draws, from which on the fit warns (convention)."""
-    few: int = 100
-    """Draws of a chain where their mean alone is needed (cost)."""
-    halvings: int = 20
-    """Of the way from nominal to an estimate that no arm has (cost)."""
-    determined: float = 0.5
-    """Uncertainty over the prior's up to which a parameter is identifiable (as of contacts)."""
-    weakly: float = 0.9
-    """The same up to which it is weakly so (as of contacts)."""
-    listed: int = 8
-    """Combinations that are reported (cost)."""
-    parts: int = 4
-    """Parameters of a combination that are named (cost)."""
-
-
-@dataclass(frozen=True)
-class TogetherSettings:
-    """A session of contacts and a log, fitted together."""
-
-    rounds: int = 6
-    """Fits of the session, at most; usual are two or three (cost)."""
-    still: float = 0.05
-    """Change of the masses over their uncertainty at which the fits end (cost)."""
-    poses: int = 20
-    """At which the links of both arms are compared (cost)."""
-    off: float = 1e-3
-    """m, by which a link may move against that of the other arm (assumed)."""
-    turned: float = 2e-3
-    """rad, by which it may turn (assumed)."""
-    lightest: float = 0.05
-    """Of a link, over its nominal mass, at which a session is linearised (assumed)."""
-    least: float = 0.05
-    """Share of its variance by the log that the session takes from a direction that counts (assumed)."""
-
-
-TOGETHER: Final = TogetherSettings()
-
-
-class ControllerSettings:
-    """Estimate of a controller, and the replay of motions with it."""
-
-    unexplained: float = 0.05
-    """Share of the variance of withheld torques that a controller may leave unexplained (assumed)."""
-    step: float = 1e-3
-    """s, longest step of a simulation (cost)."""
-    turn: float = 0.2
-    """rad, of the fastest oscillation of a servo in one step (assumed)."""
-    steps: int = 40
-    """Steps between two rows at most (cost)."""
-    passes: int = 4
-    """Simulations in which the torque of effects follows the motion before (cost)."""
-    settled: float = 0.02
-    """Change of the motion by a further pass, over the tracking error, at which it has settled (assumed)."""
-    seconds: float = 180.0
-    """s of withheld motions after which no further one is simulated (cost)."""
-    lost: float = 0.5
-    """rad off the log, from which on a simulation does not follow (assumed)."""
-
-
-@dataclass(frozen=True)
-class ServoSettings:
-    """Logs of position servos without torques."""
-
-    band: float = 4.0
-    """Hz, in which the error of a servo is that of its gain, and the noise of encoders little (assumed)."""
-    delay: float = 0.03
-    """s, standard uncertainty of the delay of commands about half a row (assumed)."""
-    speed: float = 0.05
-    """rad/s, of the reversal of friction where the stiffness is estimated (assumed)."""
-    sag: float = 0.2
-    """Error by gravity, over what the estimate of the stiffness leaves, at which it counts (assumed)."""
-    noise: float = 2.0
-    """Factor on the noise, for what a model of stiction lacks (tuned)."""
-    gain: float = 0.05
-    """Relative standard uncertainty of the stiffness of a servo (assumed)."""
-    rounds: int = 20
-    """Iterations of noise and estimate: friction with memory is far from linear (cost)."""
-    settled: float = 0.005
-    """Relative change of the noise at which these end (cost)."""
-    held: tuple[float, float] = (0.03, 0.08)
-    """rad/s, speed of a joint up to which rows do not count, and from which on they count fully (assumed)."""
-    least: float = 0.05
-    """Share of rows that count, below which the rest is not weighted up (assumed)."""
-    narrow: float = 2e-4
-    """rad, least error that friction holds (cost)."""
-
-
-CALIBRATION: Final = CalibrationSettings()
-SERVOS: Final = ServoSettings()
-CONTROLLER: Final = ControllerSettings()
 OUTCOME: Final = OutcomeSettings()
 VERDICT: Final = GAP_VERDICT
 """Levels of probability are those of a diagnosis of contacts."""

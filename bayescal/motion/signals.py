@@ -19,7 +19,8 @@ from scipy.sparse import csr_matrix
 from bayescal.logs import Log, Motion
 from bayescal.logs.types import SERVO
 from bayescal.motion.dynamics import regressor
-from bayescal.motion.settings import SERVOS, SIGNALS
+from bayescal.motion.fit_settings import SERVOS
+from bayescal.motion.settings import SIGNALS
 
 
 @dataclass(frozen=True)

@@ -17,8 +17,9 @@ from bayescal.logs import Log, Mechanism
 from bayescal.logs.mechanism import PAIRS, inertial
 from bayescal.logs.types import SERVO
 from bayescal.motion.dynamics import payload_of
+from bayescal.motion.fit_settings import SERVOS
 from bayescal.motion.servo import stuck
-from bayescal.motion.settings import BASELINE, SERVOS
+from bayescal.motion.settings import BASELINE
 from bayescal.motion.signals import Signals, derivative, low_passed
 
 BODY = ("mass", "centre x", "centre y", "centre z", *(f"inertia {'xyz'[i]}{'xyz'[j]}" for i, j in PAIRS))

@@ -32,9 +32,9 @@ from bayescal.model import USUAL, FitOptions
 from bayescal.model.scene import Scene
 from bayescal.motion.calibrate import MotionFit, calibrated, prepared
 from bayescal.motion.dynamics import turns
+from bayescal.motion.fit_settings import TOGETHER
 from bayescal.motion.linear import Fit as Linear
 from bayescal.motion.linear import Further
-from bayescal.motion.settings import TOGETHER
 from bayescal.motion.terms import BODY, of_body
 from bayescal.storage.stopping import Progress, silent
 

@@ -18,9 +18,10 @@ from bayescal.exporting.sidecar import mujoco
 from bayescal.logs import Log, Mechanism
 from bayescal.logs.types import SERVO, VALIDATE
 from bayescal.motion.controller import Law, law_of
+from bayescal.motion.fit_settings import CONTROLLER
 from bayescal.motion.named import NamedArm
 from bayescal.motion.result import MotionGap, Tracking
-from bayescal.motion.settings import CONTROLLER, OUTCOME
+from bayescal.motion.settings import OUTCOME
 from bayescal.motion.signals import Signals, derivative, low_passed
 
 Further = Callable[[Signals], tuple[np.ndarray, np.ndarray]]

@@ -22,9 +22,9 @@ from bayescal.gap.examine import examine
 from bayescal.gap.linear.evidence import Bank, shared_variance, weigh_sets, worth
 from bayescal.gap.linear.problem import Problem, Slopes
 from bayescal.gap.linear.state import fit_state
-from bayescal.gap.outcome import where
+from bayescal.gap.outcome import events
+from bayescal.gap.outcome.events import sizes
 from bayescal.gap.outcome.notes import alike
-from bayescal.gap.outcome.where import sizes
 from bayescal.gap.search.beam import Search
 from bayescal.gap.search.candidates import Candidates, extended
 from bayescal.gap.search.refit import model_name
@@ -262,7 +262,7 @@ def test_rows_that_a_contact_left_out_does_not_distinguish(sudden_bench, monkeyp
     event, _ = measured(*arguments)
     assert event.row == first
     monkeypatch.setattr(
-        where, "weigh_sets", lambda *a: weigh_sets(*a) + 1e-9 * np.arange(len(a[1].sets))[:, None]
+        events, "weigh_sets", lambda *a: weigh_sets(*a) + 1e-9 * np.arange(len(a[1].sets))[:, None]
     )
     assert measured(*arguments)[0].row == first
 

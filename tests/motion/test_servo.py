@@ -11,8 +11,8 @@ from analysis.world.motion.servos import make, write
 from bayescal.errors import BayescalError
 from bayescal.logs import read_log
 from bayescal.logs.types import SERVO
+from bayescal.motion.fit_settings import SERVOS
 from bayescal.motion.servo import is_servo, stuck, with_torques
-from bayescal.motion.settings import SERVOS
 from bayescal.motion.signals import all_signals
 from bayescal.motion.terms import TORQUE, kinds
 

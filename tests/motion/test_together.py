@@ -13,7 +13,8 @@ from analysis.world import session
 from bayescal.dataset import read_dataset
 from bayescal.errors import BayescalError
 from bayescal.estimate import fitted_level
-from bayescal.estimate.discrepancy import _with, informed, inputs, stated
+from bayescal.estimate.discrepancy import informed, inputs, stated
+from bayescal.estimate.further import model_with
 from bayescal.estimate.solver import linearise
 from bayescal.logs import read_log
 from bayescal.model import USUAL
@@ -55,7 +56,7 @@ def result(made):
 def joint_information(level):
     """Information on a session's unknowns and the errors of masses, with the prior of the unknowns."""
     held = inputs(level)
-    wide, own, extra = _with(level.model, held)
+    wide, own, extra = model_with(level.model, held)
     z = np.zeros(wide.size)
     z[own] = level.z
     jacobian = linearise(wide, z, level.weights).jacobian

@@ -1,215 +1,24 @@
-"""Locations of the gap: sites and drivers, with their size and probability.
-
-Of unmodelled errors of a simple form also the row and size of a sudden change, or the size of a rocking of
-the base. A generic cell tries a change at few rows, between which its row is therefore searched again.
-"""
+"""Locations of the gap: sites and drivers, with their size and probability."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from bayescal.effects import Circumstances, Parameter
-from bayescal.effects.location import ARM, BASE, Driver, Site, face
+from bayescal.effects.location import ARM, Driver, Site, face
 from bayescal.estimate import STATED_WORTH
-from bayescal.gap.linear.evidence import SCALE_PRIOR, Bank, log_sum, project, weigh_sets
-from bayescal.gap.linear.problem import Problem, without_nuisance
+from bayescal.gap.linear.evidence import project
+from bayescal.gap.linear.problem import without_nuisance
 from bayescal.gap.linear.state import State, fit_state
-from bayescal.gap.result import Amplitude, Curve, Event, Place
+from bayescal.gap.outcome.events import cell_parameters, sizes
+from bayescal.gap.result import Curve, Place
 from bayescal.gap.search.beam import Hypothesis
-from bayescal.gap.search.cells import sets_of
 from bayescal.gap.search.unknown import CellFit, Pool, gains, with_set
-from bayescal.gap.settings import CELLS, OUTCOME
-from bayescal.statistics import chi2_sf, f_sf, rms
-
-EVENT, ROCKING = Driver("event"), Driver("base moment", form="sign")
-UNKNOWN = "unknown"
-TAIL = 0.025
-"""Probability on either side of a 95 % interval (convention)."""
-SAME = 1e-6
-"""Nats, up to which rows are equally probable: a contact that is left out does not distinguish its row from
-the next. The first of them is told."""
-
-
-def sizes(
-    without: State, with_it: State, pool: Pool, f: CellFit, c: Circumstances
-) -> tuple[Event | None, tuple[Amplitude, ...]]:
-    """Row of a sudden change, and by what it moves its site; by what a base rocks; else (None, ()).
-
-    Parameters
-    ----------
-    without, with_it : State
-        Fits without the best set of a cell, and with it in the last columns.
-    pool : Pool
-    f : CellFit
-        Of the cell.
-    c : Circumstances
-    """
-    cell = pool.cells[f.cell]
-    parameters = _parameters(pool, f, c)
-    if cell.driver == EVENT:
-        event, with_it = _event(without, with_it, pool, f, len(pool.sets[f.best]))
-        return event, _amplitudes(cell.site, cell.driver, parameters, _axes(parameters), with_it)
-    if cell.driver == ROCKING and cell.site == BASE:
-        what = [f"half-angle {_about(p, c)}" for p in parameters]
-        return None, _amplitudes(cell.site, cell.driver, parameters, what, with_it)
-    return None, ()
-
-
-def _parameters(pool: Pool, f: CellFit, c: Circumstances) -> tuple[Parameter, ...]:
-    """Parameters of the best set of a cell."""
-    return sets_of(pool.cells[f.cell], f.cell, c)[f.best - int(np.flatnonzero(pool.owner == f.cell)[0])]
-
-
-def _event(without: State, with_it: State, pool: Pool, f: CellFit, size: int) -> tuple[Event, State]:
-    """The most probable row of a change, with its 95 % interval, and the fit with a change there."""
-    p, best = without.problem, pool.columns[:, pool.sets[f.best]]
-    # the same displacement from an earlier row on, where the cell has one
-    earlier = [pool.columns[:, pool.sets[k]] for k in np.flatnonzero(pool.owner == f.cell)]
-    same = [
-        x for x in earlier if x.shape == best.shape and np.array_equal(_from(_since(p, best), x, p), best)
-    ]
-    event, shifted = _searched(without, with_it.weight, best, same)
-    wide = replace(p, pool=np.column_stack([p.pool, shifted]))
-    state = fit_state(
-        wide,
-        np.append(without.columns, np.arange(size) + p.pool.shape[1]),
-        np.append(without.scales, with_it.scales[-size:]),
-        with_it.weight,
-        without.robust,
-    )
-    return event, state
-
-
-def _from(row: int, columns: np.ndarray, p: Problem) -> np.ndarray:
-    """Columns (R, k) from a row of the session on, and 0 before and in constraints."""
-    of_session = np.append(p.rows[p.contact], np.full(len(p.residual) - p.count, -1))
-    return np.where((of_session >= row)[:, None], columns, 0.0)
-
-
-def _since(p: Problem, columns: np.ndarray) -> int:
-    """First row of the session that columns (R, k) displace."""
-    return int(np.min(p.rows[p.contact][np.any(columns[: p.count] != 0.0, axis=1)]))
-
-
-def _searched(
-    without: State, weight: np.ndarray, best: np.ndarray, same: Sequence[np.ndarray]
-) -> tuple[Event, np.ndarray]:
-    """The most probable row of a change near that of its columns, its interval, and the columns from there.
-
-    Parameters
-    ----------
-    without : State
-        Without the change.
-    weight : np.ndarray, shape (R,)
-        Row weights of the fit with it.
-    best : np.ndarray, shape (R, k)
-        Columns of the change.
-    same : sequence of np.ndarray, shape (R, k)
-        Of the same displacement, from other rows on.
-    """
-    p, size = without.problem, best.shape[1]
-    longest = max(same, key=lambda x: np.count_nonzero(np.any(x != 0.0, axis=1)))
-    fitted = np.unique(p.rows)
-    middle, reach = int(np.searchsorted(fitted, _since(p, best))), 2 * len(fitted) // CELLS.moments + 1
-    near = fitted[max(middle - reach, 1) : middle + reach + 1]
-    near = near[[np.any(_from(row, longest, p)) for row in near]]
-    columns = np.column_stack([_from(row, longest, p) for row in near])
-    sets = tuple(np.arange(size) + size * k for k in range(len(near)))
-    bare = fit_state(p, without.columns, without.scales, weight, robust=False)
-    nats = log_sum(weigh_sets(bare, Bank(columns, sets, p.count, p.worth)) + SCALE_PRIOR, axis=1)
-    share = np.cumsum(np.exp(nats - log_sum(nats)))
-    low, high = (int(np.searchsorted(share, q)) for q in (TAIL, 1.0 - TAIL))
-    most = int(np.argmax(nats > np.max(nats) - SAME))
-    interval = int(near[low]), int(near[min(high, len(near) - 1)])
-    return Event(int(near[most]), interval), columns[:, sets[most]]
-
-
-def _changes(pool: Pool, site: Site, size: int) -> Iterator[np.ndarray]:
-    """Columns (R, size) of all sudden changes of a site that cells have."""
-    for columns, owner in zip(pool.sets, pool.owner, strict=True):
-        cell = pool.cells[owner]
-        if (cell.site, cell.driver, len(columns)) == (site.anywhere, EVENT, size):
-            yield pool.columns[:, columns]
-
-
-def named_events(
-    h: Hypothesis, pool: Pool, parameters: Sequence[Parameter]
-) -> Mapping[str, tuple[Event, ...]]:
-    """Rows of the sudden changes that a hypothesis names, with 95 % intervals, by effect, in its own order.
-
-    Only of effects all of whose displacements cells have too: of the base, or of a tool.
-
-    Parameters
-    ----------
-    h : Hypothesis
-    pool : Pool
-        Of the cells.
-    parameters : sequence of Parameter
-        Of the candidates, by which the hypothesis counts its columns.
-    """
-    p, out = h.state.problem, dict[str, tuple[Event, ...]]()
-    for m in h.members:
-        if not all(driver == EVENT for _, driver in m.variant.places) or not m.variant.places:
-            continue
-        sites = list(m.variant.sites) or [m.variant.places[0][0]]
-        of_columns = [parameters[k].site for k in m.variant.columns]
-        sizes = [of_columns.count(site) // sites.count(site) for site in sites]
-        parts = np.split(m.variant.columns, np.cumsum(sizes)[:-1])
-        for own, site in zip(parts, sites, strict=True):
-            columns = p.pool[:, own]
-            since, moved = _since(p, columns), np.any(columns[: p.count] != 0.0, axis=1)
-            same = [
-                x
-                for x in _changes(pool, site, len(own))
-                if np.array_equal(np.any(_from(since, x, p)[: p.count] != 0.0, axis=1), moved)
-            ]
-            if not same:
-                out.pop(m.effect, None)
-                break
-            rest = ~np.isin(h.state.columns, own)
-            without = fit_state(p, h.state.columns[rest], h.state.scales[rest], h.state.weight, robust=False)
-            event, _ = _searched(without, h.state.weight, columns, same)
-            out[m.effect] = (*out.get(m.effect, ()), event)
-    return out
-
-
-def _amplitudes(
-    site: Site, driver: Driver, parameters: Sequence[Parameter], what: Sequence[str], state: State
-) -> tuple[Amplitude, ...]:
-    """The amplitudes of the last columns of a state, in SI."""
-    size = len(parameters)
-    sd = np.array([p.sd for p in parameters])
-    scale = sd * state.scales[-size:]
-    values = state.amplitudes[-size:] * sd
-    u = scale * np.sqrt(np.diag(state.covariance)[-size:])
-    clear = chi2_sf((values / u) ** 2, 1.0) * size < OUTCOME.significant
-    return tuple(
-        Amplitude(UNKNOWN, site, driver, (), name, float(v), float(s), p.unit, None, bool(yes))
-        for p, name, v, s, yes in zip(parameters, what, values, u, clear, strict=True)
-    )
-
-
-def _axes(parameters: Sequence[Parameter]) -> list[str]:
-    """What each parameter of a sudden change moves, as text: ``shift x``, or ``shift`` alone."""
-    out = []
-    for p in parameters:
-        kind, axis = "rotation" if p.unit == "rad" else "shift", p.terms[0].axis  # "tx", "rz", "normal"
-        out.append(f"{kind} {axis[-1]}" if len(parameters) > 1 else kind)
-    return out
-
-
-def _about(p: Parameter, c: Circumstances) -> str:
-    """The horizontal axis of a rotation of the base, as text: its azimuth in F0."""
-    at = int(np.argmax(np.abs(p.terms[0].driver)))
-    parts = np.zeros(3)
-    for term in p.terms:
-        parts["xyz".index(term.axis[1])] = np.asarray(term.driver)[at]
-    x, y, _ = c.chain.base[:3, :3] @ parts
-    azimuth = round(float(np.degrees(np.arctan2(y, x)))) % 180
-    return f"about the horizontal axis at {azimuth} deg from x"
+from bayescal.gap.settings import OUTCOME
+from bayescal.statistics import f_sf, rms
 
 
 @dataclass(frozen=True)
@@ -335,7 +144,7 @@ def _of_cell(state: State, pool: Pool, f: CellFit, scale: Scale) -> tuple[Place,
     if wider.gross < state.gross:  # contacts that it explains are no outliers
         state = fit_state(state.problem, state.columns, state.scales, wider.weight, robust=False)
     amplitude = wider.amplitudes[len(state.columns) :]
-    parameters = _parameters(pool, f, scale.circumstances)
+    parameters = cell_parameters(pool, f, scale.circumstances)
     columns = pool.columns[:, pool.sets[f.best]]
     of = Contribution(cell.site, cell.driver, parameters, columns, amplitude, f.gain)
     place = _place(of, state, wider, len(pool.sets), scale)

@@ -10,7 +10,7 @@ from rich.console import Group, RenderableType
 from rich.text import Text
 
 from bayescal.motion.calibrate import MotionFit
-from bayescal.motion.settings import CALIBRATION
+from bayescal.motion.fit_settings import CALIBRATION
 from bayescal.posterior.inference import Record, save
 from bayescal.reporting.motion.record import controller, origin, shown_unit, write_arm
 from bayescal.reporting.motion.sheets import parameter_sheet, withheld_sheet

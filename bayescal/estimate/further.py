@@ -1,0 +1,61 @@
+"""An estimate linearised with further parameters of the arm, which are zero at it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from bayescal.effects import Parameter
+from bayescal.estimate.estimate import Estimate
+from bayescal.estimate.solver import Linear, linearise
+from bayescal.model import ARM, Model, with_parameters
+
+MOST_VALUES = 500_000
+"""Values of the columns of functions computed at a time: the model of all takes several times more memory."""
+
+
+def linearised_with(
+    fitted: Estimate, every: list[Parameter]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Whitened columns of the unknowns and of further parameters, residuals, rows; without outliers.
+
+    `every` is empty afterwards: parameters are freed as soon as their columns are known.
+    """
+    model = fitted.model
+    # all columns of the same pass: those of fewer parameters differ in rounding
+    rows = np.concatenate([np.tile(b.rows, b.kind.rows) for b in model.blocks])
+    used = np.concatenate([np.tile(fitted.weights.row[b.name], b.kind.rows) for b in model.blocks]) > 0
+    columns = np.empty((int(np.sum(used)), len(every)))
+    at_once = max(MOST_VALUES // len(used), 1)
+    last = max(len(every) - 1, 0) // at_once * at_once
+    for start in range(0, last, at_once):
+        some, every[:at_once] = every[:at_once], []
+        columns[:, start : start + at_once] = columns_of(fitted, some, used)
+    linear, own, extra = widened(fitted, every)
+    columns[:, last:] = linear.jacobian[: len(used)][used][:, extra]
+    every.clear()
+    mine = linear.jacobian[: len(used)][used][:, own]
+    return mine, columns, linear.residual[: len(used)][used], rows[used]
+
+
+def columns_of(fitted: Estimate, some: Sequence[Parameter], used: np.ndarray) -> np.ndarray:
+    """Whitened columns (R', K) of K further parameters, of the R' of all residuals that are `used`."""
+    linear, _, extra = widened(fitted, some)
+    return linear.jacobian[: len(used), extra[0] : extra[-1] + 1][used]
+
+
+def widened(fitted: Estimate, some: Sequence[Parameter]) -> tuple[Linear, np.ndarray, np.ndarray]:
+    """A fit with further parameters at zero, linearised; places of its own and of the further unknowns."""
+    wide, own, extra = model_with(fitted.model, some)
+    z = np.zeros(wide.size)
+    z[own] = fitted.z
+    return linearise(wide, z, fitted.weights), own, extra
+
+
+def model_with(model: Model, further: Sequence[Parameter]) -> tuple[Model, np.ndarray, np.ndarray]:
+    """A model with further parameters of the arm; places of its own unknowns, and of the further ones."""
+    wide = with_parameters(model.scene, model.effects, (*model.parameters, *further))
+    first = model.slices[ARM].stop
+    extra = np.arange(first, first + len(further))
+    return wide, np.setdiff1d(np.arange(wide.size), extra), extra
