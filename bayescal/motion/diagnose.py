@@ -38,12 +38,11 @@ def diagnose(log: Log, progress: Progress = silent) -> MotionGap:
     pool = Pool.of(estimate)
     noise = estimate.noise
     motions = pool.table.of_role(CALIBRATE)
-    used = [part.signals for part in motions.parts]
     for k in range(NOISE.repeats):
         progress("search", 0.4 + 0.2 * k)
         search = pool.search(normal(motions, noise))
         fit = search.fit(search.run()[0].members)
-        noise = noise_about(motions.residuals(fit.values), fit, used)
+        noise = noise_about(motions, fit)
     seen, held = normal(motions, noise), normal(pool.table.of_role(VALIDATE), noise)
     # all motions tell which effects there are; how large they are, those of role `calibrate` alone
     whole = pool.search(joined(seen, held))

@@ -156,30 +156,42 @@ def _torque_constant(s: Signals, at: Operating, scale: Scale) -> Iterator[FormCo
 
 def _torque_drift(s: Signals, at: Operating, scale: Scale) -> Iterator[FormColumn]:
     torque = at.torque(s)
-    for driver, warm in warming(s):
+    for w in warming(s):
         for j in range(s.log.n):
-            form = Form("torque-drift", joint(j), driver)
-            yield form, form.term("N m/K", FORMS.drift * scale.torque[j] / FORMS.kelvin, j), warm
-            form = Form("torque-drift", joint(j), f"{driver} times torque")
-            yield form, form.term("1/K", FORMS.drift / FORMS.kelvin, j), warm * torque[:, j]
+            form = Form("torque-drift", joint(j), w.driver, w.setting)
+            yield form, form.term(f"N m{w.per}", FORMS.drift * scale.torque[j] / w.usual, j), w.rise
+            form = Form("torque-drift", joint(j), f"{w.driver} times torque", w.setting)
+            yield form, form.term(f"1{w.per}", FORMS.drift / w.usual, j), w.rise * torque[:, j]
 
 
 def _viscous_temperature(s: Signals, at: Operating, scale: Scale) -> Iterator[FormColumn]:
-    for driver, warm in warming(s):
+    for w in warming(s):
         for j in range(s.log.n):
             size = max(abs(at.viscous[j]), 0.5 * scale.friction[j])
-            form = Form("viscous-temperature", joint(j), f"speed times {driver}")
-            sd = FORMS.viscous_temperature * size / FORMS.kelvin
-            yield form, form.term("N m s/rad/K", sd, j), warm * s.dq[:, j]
+            form = Form("viscous-temperature", joint(j), f"speed times {w.driver}", w.setting)
+            term = form.term(f"N m s/rad{w.per}", FORMS.viscous_temperature * size / w.usual, j)
+            yield form, term, w.rise * s.dq[:, j]
 
 
-def warming(s: Signals) -> Iterator[tuple[str, np.ndarray]]:
-    """How warm the arm is, K (N,): measured, or by the time where it is not."""
+@dataclass(frozen=True)
+class Warming:
+    """How warm the arm is: `rise` (N,), of which `usual` is a usual size."""
+
+    driver: str
+    setting: str
+    rise: np.ndarray
+    usual: float
+    per: str
+
+
+def warming(s: Signals) -> Iterator[Warming]:
+    """Rises of the temperature, K, as measured, and by the time: what warms is seldom where the sensor is."""
     if s.temperature is not None:
-        yield "temperature", s.temperature
-        return
-    for constant in FORMS.warm_up:
-        yield f"time, {constant / 60:g} min", FORMS.kelvin * -np.expm1(-s.time / constant)
+        yield Warming("temperature", "", s.temperature, FORMS.kelvin, "/K")
+    first, last = s.log.motions[0].time[0], s.log.motions[-1].time[-1]
+    for share in FORMS.warm_up:
+        constant = share * (last - first)
+        yield Warming("time", f"{constant:.0f} s", -np.expm1(-s.time / constant), 1.0, "")
 
 
 def _delay(s: Signals, at: Operating, scale: Scale) -> Iterator[FormColumn]:

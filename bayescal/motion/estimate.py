@@ -10,7 +10,7 @@ import numpy as np
 from bayescal.logs.types import CALIBRATE, SERVO
 from bayescal.motion.dynamics import PARAMETERS
 from bayescal.motion.fit_settings import SERVOS
-from bayescal.motion.linear import Fit, Further, fitted, normal, tabulated
+from bayescal.motion.linear import Fit, Further, Table, fitted, normal, tabulated
 from bayescal.motion.noise import Noise, noise_of, white_noise
 from bayescal.motion.settings import NOISE
 from bayescal.motion.signals import Signals, each
@@ -99,14 +99,15 @@ def moved_to(start: Operating, s: Signals, values: dict[str, float]) -> Operatin
     )
 
 
-def noise_about(residuals: Sequence[np.ndarray], fit: Fit, parts: Sequence[Signals]) -> Noise:
-    """The noise of what a fit leaves of the residuals (M, C) of motions.
+def noise_about(table: Table, fit: Fit) -> Noise:
+    """The noise of what a fit leaves of the residuals of a table's motions.
 
     Of servos repeats do not tell it, which have the same stops; what a model of stiction lacks is noise too.
     """
+    parts = [part.signals for part in table.parts]
     servo = parts[0].log.torque_kind == SERVO
     same = () if servo else tuple(s.same_as for s in parts)
-    noise = noise_of(residuals, len(fit.chosen) / parts[0].log.n, same)
+    noise = noise_of(table.residuals(fit.values), fit.followed(table), same)
     wide = SERVOS.noise if servo else 1.0
     return replace(noise, filters=noise.filters / wide, sd=noise.sd * wide)
 
@@ -122,7 +123,7 @@ def estimated(parts: tuple[Signals, ...]) -> Estimate:
     for _ in range(SERVOS.rounds if log.torque_kind == SERVO else NOISE.rounds):
         table = tabulated(used, out.columns, out.residual)
         fit = fitted(normal(table, out.noise), np.arange(len(table.terms)))
-        noise = noise_about(table.residuals(fit.values), fit, used)
+        noise = noise_about(table, fit)
         settled = np.allclose(noise.sd, out.noise.sd, rtol=SERVOS.settled)
         out = Estimate(parts, moved_to(start, parts[0], fit.values), fit.values, rms, noise)
         if log.torque_kind == SERVO and settled:

@@ -6,7 +6,7 @@ their products are needed.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -185,6 +185,24 @@ class Fit:
         terms = [self.normal.terms[k] for k in self.chosen]
         sd = np.sqrt(np.diag(self.covariance)) * [t.sd for t in terms] * self.scales
         return dict(zip((t.name for t in terms), sd.tolist(), strict=True))
+
+    def followed(self, table: Table) -> Iterator[list[np.ndarray]]:
+        """Of each motion and channel columns (M, k) in units of the standard uncertainties of estimates.
+
+        Their products are the covariance of what the estimates add to the rows.
+        """
+        size = np.zeros(len(table.terms))
+        size[self.chosen] = [self.normal.terms[k].sd for k in self.chosen] * self.scales
+        place = np.zeros(len(table.terms), int)
+        place[self.chosen] = np.arange(len(self.chosen))
+        for part in table.parts:
+            out = []
+            for numbers, x in zip(part.numbers, part.columns, strict=True):
+                own = size[numbers] > 0.0
+                rows = np.zeros((len(self.chosen), len(x)))
+                rows[place[numbers[own]]] = (x[:, own] * size[numbers[own]]).T
+                out.append(solve_triangular(self.factor[0], rows, lower=True).T)
+            yield out
 
     def chi2(self, other: Normal | None = None) -> float:
         """Chi-square that the estimates leave, of these rows or of others."""

@@ -6,7 +6,7 @@ the gears and the friction do between them, and an effect would gain from each r
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -30,8 +30,14 @@ class Noise:
         return sum(shifted, np.zeros_like(x[order:], dtype=float))
 
 
-def noise_of(residuals: Sequence[np.ndarray], taken: float, same: Sequence[str] = ()) -> Noise:
+def noise_of(
+    residuals: Sequence[np.ndarray], followed: Iterable[Sequence[np.ndarray]] = (), same: Sequence[str] = ()
+) -> Noise:
     """Noise of residuals (M, n) of several motions, by the Yule-Walker equations.
+
+    Residuals are taken about their mean in each motion: a torque that changes from motion to motion is an error
+    of the model, which slow noise would hide. What a fit and these means follow of the noise is added:
+    residuals e = y - X b have the covariance S - X C X' under noise S, where C is that of the estimates b.
 
     What repeats of a motion share is no noise: where their differences are clearly smaller than residuals,
     they determine it.
@@ -40,37 +46,47 @@ def noise_of(residuals: Sequence[np.ndarray], taken: float, same: Sequence[str] 
     ----------
     residuals
         A part per motion.
-    taken : float
-        Degrees of freedom of the rows of each channel that a fit took up.
+    followed
+        Of each motion and channel X L (M, k), where L L' = C; none if nothing was fitted.
     same : sequence of str
         The motion that each repeats.
     """
-    covariance = _autocovariance(residuals, taken)
-    differences = _differences(residuals, same)
+    parts = [r - np.mean(r, axis=0) for r in residuals]
+    count = sum(map(len, parts))
+    covariance = _autocovariance(parts) / count
+    for followers in followed:
+        covariance += np.array([_autocovariance([x - np.mean(x, axis=0)]).sum(axis=0) for x in followers]) / count
+    differences = _differences(parts, same)
     if differences:
-        repeated = _autocovariance(differences, 0.0)
+        rows = sum(map(len, differences))
+        repeated = _autocovariance(differences) / rows
         share = repeated / repeated[:, :1]
         # a variance of correlated rows has as many degrees of freedom as there are independent rows
-        rows = sum(map(len, differences)) / np.maximum(2.0 * np.sum(share, axis=1) - 1.0, 1.0)
-        clearly = np.maximum(np.log(NOISE.smaller), NOISE.sure * np.sqrt(2.0 / rows))
+        independent = rows / np.maximum(2.0 * np.sum(share, axis=1) - 1.0, 1.0)
+        clearly = np.maximum(np.log(NOISE.smaller), NOISE.sure * np.sqrt(2.0 / independent))
         smaller = np.log(covariance[:, 0] / repeated[:, 0]) > clearly
         covariance = np.where(smaller[:, None], repeated, covariance)
-    order, n = NOISE.order, len(covariance)
-    filters = np.empty((n, order + 1))
-    for j in range(n):
-        ridged = covariance[j] + np.r_[NOISE.ridge * covariance[j, 0], np.zeros(order)]
-        by = solve_toeplitz(ridged[:-1], covariance[j, 1:])
-        variance = ridged[0] - by @ covariance[j, 1:]
-        filters[j] = np.r_[1.0, -by] / np.sqrt(max(variance, 1e-300))
-    return Noise(filters, np.sqrt(covariance[:, 0]), covariance[:, 1] / covariance[:, 0])
+    # the mean of correlated noise over a motion has its density at frequency 0 over the rows as variance
+    of_mean = np.sum(_filters(covariance), axis=1) ** -2.0 * len(parts) / count
+    covariance += of_mean[:, None]
+    return Noise(_filters(covariance), np.sqrt(covariance[:, 0]), covariance[:, 1] / covariance[:, 0])
 
 
-def _autocovariance(parts: Sequence[np.ndarray], taken: float) -> np.ndarray:
-    """Autocovariances (n, lags) of parts (M, n)."""
-    count = sum(map(len, parts))
-    return np.array(
-        [sum(np.sum(r[lag:] * r[: len(r) - lag], axis=0) for r in parts) for lag in range(NOISE.order + 1)]
-    ).T / max(count - taken, 1.0)
+def _filters(covariance: np.ndarray) -> np.ndarray:
+    """Filters (n, lags) that make noise of these autocovariances (n, lags) white, of variance 1."""
+    out = np.empty_like(covariance)
+    ridge = np.r_[NOISE.ridge, np.zeros(covariance.shape[1] - 1)]
+    for j, own in enumerate(covariance):
+        ridged = own + ridge * own[0]
+        by = solve_toeplitz(ridged[:-1], own[1:])
+        out[j] = np.r_[1.0, -by] / np.sqrt(max(ridged[0] - by @ own[1:], 1e-300))
+    return out
+
+
+def _autocovariance(parts: Sequence[np.ndarray]) -> np.ndarray:
+    """Sums of products (n, lags) of parts (M, n) with themselves, later by each lag."""
+    lags = range(NOISE.order + 1)
+    return np.array([sum(np.sum(r[lag:] * r[: len(r) - lag], axis=0) for r in parts) for lag in lags]).T
 
 
 def _differences(parts: Sequence[np.ndarray], same: Sequence[str]) -> list[np.ndarray]:

@@ -17,12 +17,13 @@ from bayescal.motion.noise import Noise
 from bayescal.motion.quantities import Argument, Kept, quantities, responses
 from bayescal.motion.ripple import Waves
 from bayescal.motion.search import SCALE_PRIOR, SCALES
-from bayescal.motion.settings import SIGNALS
+from bayescal.motion.settings import FORMS, SIGNALS
 from bayescal.motion.signals import each
-from bayescal.motion.terms import TRACKING, Operating, channel, displaced, kinds
+from bayescal.motion.terms import LINK, TORQUE, TRACKING, Operating, channel, displaced, kinds
 
-MOVES = "a torque of the arm"
-"""Setting of a product under which a servo moves: it is no error of the torques' measurement."""
+MOVES, BEHIND = "a torque of the arm", "an angle behind the gear"
+"""Settings of a product: under its torque a servo moves, it is no error of the torques' measurement; and it is
+an error of the positions behind a gear, or of these themselves."""
 Dots = tuple[list[np.ndarray], np.ndarray, np.ndarray]
 """Products of columns: of each set with itself; of all with the terms of a fit (k, P), the residual (P,)."""
 
@@ -36,6 +37,7 @@ class Product:
     argument: int
     joints: tuple[int, ...]
     moves: tuple[bool, ...]  # whether the servo of each moves under it
+    kind: str = TORQUE  # of the residuals in which it is
 
 
 Gains = list[tuple[Product, float]]
@@ -51,7 +53,7 @@ class Bank:
     at: Operating
     ranges: Ranges
     waves: Waves
-    size: np.ndarray  # (n,) N m, standard deviation of one function
+    size: np.ndarray  # (n,) N m, standard deviation of one function; of an angle it is `FORMS.deflection`
 
     def motions(self) -> Iterator[tuple[Part, Kept, tuple[Argument, ...]]]:
         """Every motion, with the signals and quantities that errors may depend on."""
@@ -87,9 +89,12 @@ class Bank:
         sets = consecutive([self.first[k].functions.shape[1] for k, _ in self.kinds])
         dots = self._dots(fit, sets)
         nats, moves = np.empty((n, len(sets))), np.zeros((n, len(sets)), bool)
+        behind = np.empty_like(nats)
         for j in range(n):
             odds = [0.0 if self.first[k].only in (None, j) else -np.inf for k, _ in self.kinds]
             nats[j] = averaged(fit, dots[j], sets) + odds
+            if LINK in kinds(log):
+                behind[j] = averaged(fit, dots[channel(log, LINK, j)], sets) + odds
             if TRACKING in kinds(log):
                 (blocks, cross, score), (more, with_more, at_more) = dots[j], dots[channel(log, TRACKING, j)]
                 both = [x + y for x, y in zip(blocks, more, strict=True)], cross + with_more, score + at_more
@@ -104,6 +109,10 @@ class Bank:
                 moved = (bool(moves[j, i]),)
                 form = Form(UNKNOWN, joint(j), driver, MOVES if moved[0] else "")
                 out.append((Product(form, name, k, (j,), moved), value))
+                if LINK in kinds(log):
+                    value = float(behind[j, i]) + a.log_prior
+                    form = Form(UNKNOWN, joint(j), driver, BEHIND)
+                    out.append((Product(form, name, k, (j,), (False,), LINK), value))
             if a.joint is None:
                 every = np.logaddexp(0.0, nats[:, i]) - np.log(2.0)
                 joints = tuple(np.flatnonzero(nats[:, i] > 0.0).tolist())
@@ -124,6 +133,8 @@ class Bank:
                 by = responses(k, j)
                 x = np.column_stack([by[name][:, None] * given[i].functions for i, name in self.kinds])
                 self.count(out, part, fit, j, self.size[j] * x, sets)
+                if LINK in kinds(log):
+                    self.count(out, part, fit, channel(log, LINK, j), FORMS.deflection * x, sets)
                 if TRACKING in kinds(log):
                     moved = displaced(log, s.step * s.every, self.size[j] * x, j)
                     self.count(out, part, fit, channel(log, TRACKING, j), moved, sets)
@@ -161,18 +172,19 @@ class Bank:
         return BASE if np.sum(nats[:half]) > np.sum(nats[half:]) else TOOL
 
     def columns(self, p: Product) -> tuple[np.ndarray, ...]:
-        """Columns of a product by motion, (M, C, k), each 0 but in one channel, N m."""
+        """Columns of a product by motion, (M, C, k), each 0 but in its channels, N m and rad."""
         count = self.first[p.argument].functions.shape[1]
         out = []
         for part, k, given in self.motions():
             x = np.zeros((*part.residual.shape, count * len(p.joints)), np.float32)
             for i, j in enumerate(p.joints):
-                torque = self.size[j] * responses(k, j)[p.response][:, None] * given[p.argument].functions
-                x[:, j, i * count : (i + 1) * count] = torque
+                s, own = part.signals, slice(i * count, (i + 1) * count)
+                size = self.size[j] if p.kind == TORQUE else FORMS.deflection
+                values = size * responses(k, j)[p.response][:, None] * given[p.argument].functions
+                x[:, channel(s.log, p.kind, j), own] = values
                 if p.moves[i]:
-                    s = part.signals
                     t = channel(s.log, TRACKING, j)
-                    x[:, t, i * count : (i + 1) * count] = displaced(s.log, s.step * s.every, torque, j)
+                    x[:, t, own] = displaced(s.log, s.step * s.every, values, j)
             out.append(x)
         return tuple(out)
 

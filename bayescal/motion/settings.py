@@ -122,8 +122,8 @@ class FormSettings:
     """K, warming of an arm (assumed)."""
     viscous_temperature: float = 0.3
     """Of the change of viscous friction over `kelvin`, relative (assumed)."""
-    warm_up: tuple[float, ...] = (300.0, 1200.0)
-    """s, time constants where no temperature was measured (assumed)."""
+    warm_up: tuple[float, ...] = (0.25, 1.0)
+    """Time constants of a warming, over the length of the log (assumed)."""
     delay: float = 3e-3
     """s (assumed)."""
     tilt: float = 0.01

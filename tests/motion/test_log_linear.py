@@ -6,7 +6,7 @@ from scipy.signal import lfilter
 from scipy.stats import multivariate_normal
 
 from bayescal.motion.linear import Normal, fitted, gains
-from bayescal.motion.noise import noise_of
+from bayescal.motion.noise import Noise, noise_of
 from bayescal.motion.terms import Term
 
 
@@ -53,7 +53,7 @@ def test_gains_are_ratios_of_evidences():
 def test_noise_is_whitened():
     rng = np.random.default_rng(0)
     parts = [lfilter([1.0], [1.0, -0.8], rng.normal(size=(3000, 2)), axis=0) * [1.0, 5.0] for _ in range(3)]
-    noise = noise_of(parts, 0.0)
+    noise = noise_of(parts)
     assert noise.lag1 == pytest.approx(0.8, abs=0.03)
     assert noise.sd[1] / noise.sd[0] == pytest.approx(5.0, rel=0.1)
     white = noise.whitened(parts[0][:, 1], 1)
@@ -61,9 +61,44 @@ def test_noise_is_whitened():
     assert 0.8 < white.std() <= 1.01  # 1 % of white noise is added to the model
 
 
-def test_degrees_of_freedom_of_a_fit_enlarge_the_noise():
-    parts = [np.random.default_rng(1).normal(size=(200, 1))]
-    assert noise_of(parts, 100.0).sd == pytest.approx(np.sqrt(2.0) * noise_of(parts, 0.0).sd)
+def slow_noise(seed: int, rows: int, count: int = 3) -> list[np.ndarray]:
+    """Motions (rows, 1) of first-order noise of variance 1 with a time constant of ten rows."""
+    rng, keep = np.random.default_rng(seed), np.exp(-0.1)
+    white = np.sqrt(1.0 - keep**2) * rng.normal(size=(count, rows + 200, 1))
+    return list(lfilter([1.0], [1.0, -keep], white, axis=1)[:, 200:])
+
+
+def density(noise: Noise) -> float:
+    """Of the noise at frequency 0, over that of white noise of variance 1."""
+    return float(np.sum(noise.filters[0]) ** -2.0)
+
+
+def test_what_a_fit_follows_of_slow_noise_is_added():
+    # 12 waves of the time follow much of slow noise: by degrees of freedom alone it would seem far less
+    rows, true = 250, (1.0 + np.exp(-0.1)) / (1.0 - np.exp(-0.1))
+    x = np.cos(np.pi * np.linspace(0.0, 1.0, rows)[:, None] * np.arange(1, 13))
+    keep = np.exp(-0.1 * np.abs(np.subtract.outer(np.arange(rows), np.arange(rows))))
+    information = np.linalg.inv(keep)
+    covariance = np.linalg.inv(3.0 * x.T @ information @ x)
+    found, without = [], []
+    for seed in range(20):
+        parts = slow_noise(seed, rows)
+        b = covariance @ x.T @ information @ sum(parts)
+        left = [r - x @ b for r in parts]
+        followed = [[x @ np.linalg.cholesky(covariance)]] * 3
+        found.append(density(noise_of(left, followed)))
+        without.append(density(noise_of(left)))
+    assert np.mean(found) == pytest.approx(true, rel=0.15)
+    assert np.mean(without) < 0.8 * np.mean(found)
+
+
+def test_the_mean_of_a_motion_is_no_noise_but_has_its_share_of_it():
+    true = (1.0 + np.exp(-0.1)) / (1.0 - np.exp(-0.1))
+    sets = [slow_noise(seed, 200) for seed in range(30)]
+    found = [density(noise_of(parts)) for parts in sets]
+    assert np.mean(found) == pytest.approx(true, rel=0.15)
+    moved = [density(noise_of([r + 5.0 * k for k, r in enumerate(parts)])) for parts in sets]
+    assert moved == pytest.approx(found)
 
 
 def test_what_repeats_share_is_no_noise():
@@ -71,5 +106,5 @@ def test_what_repeats_share_is_no_noise():
     parts = [rng.normal(size=(400, 1)) for _ in range(4)]
     shared = 5.0 * np.sin(np.arange(400) / 7.0)[:, None]
     some = [r + shared for r in parts]
-    assert noise_of(some, 0.0).sd > 3.0
-    assert noise_of(some, 0.0, ["a", "a", "a", "b"]).sd == pytest.approx(1.0, rel=0.06)
+    assert noise_of(some).sd > 3.0
+    assert noise_of(some, same=["a", "a", "a", "b"]).sd == pytest.approx(1.0, rel=0.06)

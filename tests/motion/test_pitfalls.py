@@ -58,7 +58,7 @@ def test_noise_of_an_empty_band_is_not_amplified():
     rng = np.random.default_rng(0)
     sos = butter(6, 0.3, output="sos")
     parts = [sosfiltfilt(sos, rng.standard_normal((2000, 1)), axis=0) for _ in range(3)]
-    noise = noise_of(parts, 0.0)
+    noise = noise_of(parts)
     # a disturbance in the empty band of 3 % of the noise does not become chi2 / row of 24
     other = parts[0] + 0.03 * noise.sd * rng.standard_normal((2000, 1))
     assert np.mean(noise.whitened(other[:, 0], 0) ** 2) < 1.5
