@@ -35,8 +35,8 @@ def noise_of(
 ) -> Noise:
     """Noise of residuals (M, n) of several motions, by the Yule-Walker equations.
 
-    Residuals are taken about their mean in each motion: a torque that changes from motion to motion is an error
-    of the model, which slow noise would hide. What a fit and these means follow of the noise is added:
+    Residuals are taken about their mean in each motion: a torque that changes from motion to motion is an
+    error of the model, which slow noise would hide. What a fit and these means follow of the noise is added:
     residuals e = y - X b have the covariance S - X C X' under noise S, where C is that of the estimates b.
 
     What repeats of a motion share is no noise: where their differences are clearly smaller than residuals,
@@ -55,7 +55,8 @@ def noise_of(
     count = sum(map(len, parts))
     covariance = _autocovariance(parts) / count
     for followers in followed:
-        covariance += np.array([_autocovariance([x - np.mean(x, axis=0)]).sum(axis=0) for x in followers]) / count
+        about = [x - np.mean(x, axis=0) for x in followers]
+        covariance += np.array([np.sum(_autocovariance([x]), axis=0) for x in about]) / count
     differences = _differences(parts, same)
     if differences:
         rows = sum(map(len, differences))

@@ -22,8 +22,8 @@ from bayescal.motion.signals import each
 from bayescal.motion.terms import LINK, TORQUE, TRACKING, Operating, channel, displaced, kinds
 
 MOVES, BEHIND = "a torque of the arm", "an angle behind the gear"
-"""Settings of a product: under its torque a servo moves, it is no error of the torques' measurement; and it is
-an error of the positions behind a gear, or of these themselves."""
+"""Settings of a product: under its torque a servo moves, so that it is no error of the torques' measurement;
+and it is an error of the positions behind a gear."""
 Dots = tuple[list[np.ndarray], np.ndarray, np.ndarray]
 """Products of columns: of each set with itself; of all with the terms of a fit (k, P), the residual (P,)."""
 
