@@ -108,8 +108,7 @@ def noise_about(table: Table, fit: Fit) -> Noise:
     servo = parts[0].log.torque_kind == SERVO
     same = () if servo else tuple(s.same_as for s in parts)
     noise = noise_of(table.residuals(fit.values), fit.followed(table), same)
-    wide = SERVOS.noise if servo else 1.0
-    return replace(noise, filters=noise.filters / wide, sd=noise.sd * wide)
+    return noise.wider(SERVOS.noise) if servo else noise
 
 
 def estimated(parts: tuple[Signals, ...]) -> Estimate:

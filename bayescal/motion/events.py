@@ -34,15 +34,16 @@ def events(bank: Bank, fit: Fit) -> Iterator[Found]:
     left = _left(bank, fit)
     tried = np.log(len(EVENTS.constants) * sum(len(x[0]) for x in left))
     pulses = {c: _pulse(bank.table.parts[0].signals, c) for c in EVENTS.constants}
-    order = bank.noise.filters.shape[1] - 1
+    order = bank.noise.order
     for j in range(len(bank.size)):
         candidates = []
         for pulse in pulses.values():
-            shape = bank.noise.whitened(np.r_[np.zeros(order), pulse], j) * bank.size[j]
+            shape = bank.noise.whitened(np.r_[np.zeros(order), pulse], j)[order:] * bank.size[j]
             for p, residual in enumerate(left):
-                if len(shape) > len(residual[j]):
+                if len(shape) > len(residual[j]) - order:
                     continue
-                gain = _averaged(correlate(residual[j], shape, "valid") ** 2, float(shape @ shape)) - tried
+                score = correlate(residual[j][order:], shape, "valid")
+                gain = _averaged(score**2, float(shape @ shape)) - tried
                 for k in np.flatnonzero(gain > 0.0).tolist():
                     candidates.append(_Event(float(gain[k]), p, k + order, pulse))
         chosen: list[_Event] = []

@@ -7,27 +7,55 @@ the gears and the friction do between them, and an effect would gain from each r
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
-from scipy.linalg import solve_toeplitz
+from scipy.linalg import solve_toeplitz, toeplitz
 
 from bayescal.motion.settings import NOISE
+
+BLOCK = 128
+"""Rows that are whitened at once (cost)."""
 
 
 @dataclass(frozen=True)
 class Noise:
-    """Filters (n, p + 1) that whiten residuals, each divided by the standard deviation of what is left."""
+    """Filters (n, p + 1) that whiten residuals, to variance 1, and `starts` (n, p, p) for the first p rows."""
 
     filters: np.ndarray
+    starts: np.ndarray
     sd: np.ndarray  # (n,) N m, of the residuals before
     lag1: np.ndarray  # (n,) autocorrelation of neighbouring rows
 
+    @property
+    def order(self) -> int:
+        """Rows before a row on which it depends."""
+        return self.filters.shape[1] - 1
+
     def whitened(self, x: np.ndarray, joint: int) -> np.ndarray:
-        """Rows (M, ...) of one joint in one motion without their predictable part (M - p, ...)."""
-        order = self.filters.shape[1] - 1
-        shifted = (c * x[order - k : len(x) - k] for k, c in enumerate(self.filters[joint]))
-        return sum(shifted, np.zeros_like(x[order:], dtype=float))
+        """Rows (M, ...) of one joint in one motion without their predictable part, in units of the noise."""
+        order, band = self.order, self._bands[joint]
+        first = min(order, len(x))
+        parts = [self.starts[joint][:first, :first] @ x[:first]]
+        for low in range(order, len(x), BLOCK):
+            rows = x[low - order : low + BLOCK]
+            parts.append(band[: len(rows) - order, : len(rows)] @ rows)
+        return np.concatenate(parts)
+
+    @cached_property
+    def _bands(self) -> np.ndarray:
+        """The filters as matrices (n, BLOCK, BLOCK + p): their products take a third of the time of sums."""
+        out = np.zeros((len(self.filters), BLOCK, BLOCK + self.order))
+        for row in range(BLOCK):
+            out[:, row, row : row + self.order + 1] = self.filters[:, ::-1]
+        return out
+
+    def wider(self, factor: float) -> Noise:
+        """The same noise, larger by a factor."""
+        return replace(
+            self, filters=self.filters / factor, starts=self.starts / factor, sd=self.sd * factor
+        )
 
 
 def noise_of(
@@ -68,20 +96,21 @@ def noise_of(
         smaller = np.log(covariance[:, 0] / repeated[:, 0]) > clearly
         covariance = np.where(smaller[:, None], repeated, covariance)
     # the mean of correlated noise over a motion has its density at frequency 0 over the rows as variance
-    of_mean = np.sum(_filters(covariance), axis=1) ** -2.0 * len(parts) / count
+    of_mean = np.sum(_filters(covariance)[0], axis=1) ** -2.0 * len(parts) / count
     covariance += of_mean[:, None]
-    return Noise(_filters(covariance), np.sqrt(covariance[:, 0]), covariance[:, 1] / covariance[:, 0])
+    return Noise(*_filters(covariance), np.sqrt(covariance[:, 0]), covariance[:, 1] / covariance[:, 0])
 
 
-def _filters(covariance: np.ndarray) -> np.ndarray:
-    """Filters (n, lags) that make noise of these autocovariances (n, lags) white, of variance 1."""
-    out = np.empty_like(covariance)
-    ridge = np.r_[NOISE.ridge, np.zeros(covariance.shape[1] - 1)]
+def _filters(covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Filters (n, p + 1), and of the first rows (n, p, p), that whiten noise of autocovariances (n, p + 1)."""
+    n, order = len(covariance), covariance.shape[1] - 1
+    filters, starts = np.empty((n, order + 1)), np.empty((n, order, order))
     for j, own in enumerate(covariance):
-        ridged = own + ridge * own[0]
+        ridged = own + np.r_[NOISE.ridge * own[0], np.zeros(order)]
         by = solve_toeplitz(ridged[:-1], own[1:])
-        out[j] = np.r_[1.0, -by] / np.sqrt(max(ridged[0] - by @ own[1:], 1e-300))
-    return out
+        filters[j] = np.r_[1.0, -by] / np.sqrt(max(ridged[0] - by @ own[1:], 1e-300))
+        starts[j] = np.linalg.inv(np.linalg.cholesky(toeplitz(ridged[:-1])))
+    return filters, starts
 
 
 def _autocovariance(parts: Sequence[np.ndarray]) -> np.ndarray:
@@ -106,4 +135,4 @@ def white_noise(sd: np.ndarray) -> Noise:
     """White noise of these standard deviations (n,): a start."""
     filters = np.zeros((len(sd), NOISE.order + 1))
     filters[:, 0] = 1.0 / sd
-    return Noise(filters, sd, np.zeros(len(sd)))
+    return Noise(filters, np.eye(NOISE.order) / sd[:, None, None], sd, np.zeros(len(sd)))
