@@ -256,9 +256,8 @@ class SearchSettings:
     """Of one that is in the list (assumed)."""
     unknown: float = 0.2
     """Of one that is not in it (assumed)."""
-    null_enough: float = 0.35
-    """Probability of no effect from which on the verdict is null (tuned: of 13 logs without an effect one had
-    less, and of those with one of lambda above 100 half of the others)."""
+    null_enough: float = 0.5
+    """Probability of no effect from which on the verdict is null (convention: more likely than not)."""
     shown: float = 0.4
     """Share of the gain that a name predicts for withheld motions which these must show (assumed)."""
     further: float = 0.2
