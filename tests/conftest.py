@@ -49,8 +49,12 @@ def pytest_collection_modifyitems(items):
 
 
 def pytest_collection_finish():
-    """The half million objects of the collected tests are not searched for garbage in every test's time."""
+    """The half million objects of the collected tests are not searched for garbage in every test's time.
+
+    Of what tests leave all is searched seldom: at each time it is more.
+    """
     gc.freeze()
+    gc.set_threshold(10_000, 10, 20)
     gc.enable()
 
 

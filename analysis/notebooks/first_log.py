@@ -37,7 +37,8 @@ import bayescal as bc
 from analysis.world.motion.build import make
 
 SAMPLES = int(os.environ.get("BAYESCAL_NOTEBOOK_SAMPLES", "2000"))
-made = make(seed=5, number=4, kinds=("single",), motions=8, length=8.0)
+MOTIONS = int(os.environ.get("BAYESCAL_NOTEBOOK_MOTIONS", "8"))
+made = make(seed=5, number=4, kinds=("single",), motions=MOTIONS, length=8.0)
 place = tempfile.TemporaryDirectory()
 log = Path(place.name) / "arm-log"
 log.mkdir()

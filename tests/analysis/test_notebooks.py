@@ -57,7 +57,8 @@ NOTEBOOKS = [
 @pytest.mark.parametrize("path", NOTEBOOKS)
 def test_notebook(path, pyplot, monkeypatch, capsys):
     monkeypatch.chdir(path.parent)  # where a notebook's kernel starts
-    for name, value in {"SAMPLES": 250, "CONTACTS": 120, "CANDIDATES": 220, "ARMS": 1}.items():
+    few = {"SAMPLES": 250, "CONTACTS": 120, "CANDIDATES": 220, "ARMS": 1, "MOTIONS": 5}
+    for name, value in few.items():
         monkeypatch.setenv(f"BAYESCAL_NOTEBOOK_{name}", str(value))
     left = runpy.run_path(str(path))
     figures = [pyplot.figure(number) for number in pyplot.get_fignums()]

@@ -211,6 +211,13 @@ def test_robust_scale_is_that_of_the_noise(rows):
     r[:1000] *= 50.0
     assert scale(np.sum(r**2, axis=1), rows) == pytest.approx(3.0, rel=0.06)
     assert scale(np.sum(r**2, axis=1) / 2, rows, taken=rows * 10000) == pytest.approx(3.0, rel=0.06)
+    clean = np.sum(r[1000:] ** 2, axis=1)
+    assert scale(clean, rows, share=0.8) == pytest.approx(3.0, rel=0.03)
+    # beside measurements of another number of rows
+    other = np.sum((3.0 * rng.standard_normal((19000, 6))) ** 2, axis=1)
+    both = np.concatenate([clean, other]), np.repeat([rows, 6], 19000)
+    assert scale(*both) == pytest.approx(3.0, rel=0.03)
+    assert scale(*both, share=0.8) == pytest.approx(3.0, rel=0.03)
 
 
 @pytest.mark.parametrize(("count", "rows", "unknowns"), [(60, 1, 12), (30, 2, 12), (20, 3, 12), (44, 1, 30)])

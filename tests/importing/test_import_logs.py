@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import replace
+from itertools import cycle
 
 import foreign
 import numpy as np
@@ -173,8 +174,10 @@ WRONG = [
 ]
 
 
-@pytest.mark.parametrize("tool", ["", "60 0 120 mm"])
-@pytest.mark.parametrize(("angle", "claimed", "length", "told", "words"), WRONG)
+@pytest.mark.parametrize(
+    ("angle", "claimed", "length", "told", "words", "tool"),
+    [(*wrong, tool) for wrong, tool in zip(WRONG, cycle(["", "60 0 120 mm"]), strict=False)],
+)
 def test_a_wrong_unit_is_caught(tracked, tmp_path, angle, claimed, length, told, words, tool):
     log = table(tracked.dataset, tmp_path / "log.csv", angle, length)
     map_ = said(claimed, told)

@@ -48,17 +48,16 @@ def fit(result):
 def sessions(cube, tracker):
     """Records of diagnoses, by what is unusual about them."""
     own, points = cube(seed=1, count=80).dataset, tracker(seed=1, count=40).dataset
-    rows = {id(d): rows_record(calibrated(Scene(d), ("joint",))) for d in (own, points, seven(own))}
+    alone, more = plane(own), seven(own)
+    rows = {id(d): rows_record(calibrated(Scene(d), ("joint",))) for d in (own, points, alone, more)}
 
     def record(gap, dataset):
-        return gap_record(gap) | {
-            "rows": rows.get(id(dataset)) or rows_record(calibrated(Scene(dataset), ("joint",)))
-        }
+        return gap_record(gap) | {"rows": rows[id(dataset)]}
 
     out = {kind: record(diagnosis(own, kind), own) for kind in VERDICTS}
     out["points"] = record(diagnosis(points, "named", distances=False), points)
-    out["single plane, no time"] = record(diagnosis(plane(own), "ambiguous", distances=False), plane(own))
-    out["seven joints"] = record(diagnosis(seven(own)), seven(own))
+    out["single plane, no time"] = record(diagnosis(alone, "ambiguous", distances=False), alone)
+    out["seven joints"] = record(diagnosis(more), more)
     out["empty tables"] = record(bare(own), own)
     out["long names"] = lengthened(out["named+unexplained"])
     return out
@@ -100,7 +99,7 @@ def many_targets(fit):
     return fit | {"rows": rows, "validation": checked, "parameters": own}
 
 
-CASES = {80: ("long names", "seven joints", "points", "empty tables", "null"), 160: ("long names", "points")}
+CASES = {80: ("long names", "seven joints", "points", "empty tables"), 160: ("long names", "points")}
 """Records by width: a wide figure has panels beside each other, and more room."""
 
 
