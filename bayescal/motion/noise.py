@@ -21,7 +21,7 @@ BLOCK = 128
 
 @dataclass(frozen=True)
 class Noise:
-    """Filters (n, p + 1) that whiten residuals, to variance 1, and `starts` (n, p, p) for the first p rows."""
+    """Filters (n, p + 1) that whiten residuals, and `starts` (n, p, p) for the first p rows."""
 
     filters: np.ndarray
     starts: np.ndarray
@@ -53,9 +53,7 @@ class Noise:
 
     def wider(self, factor: float) -> Noise:
         """The same noise, larger by a factor."""
-        return replace(
-            self, filters=self.filters / factor, starts=self.starts / factor, sd=self.sd * factor
-        )
+        return replace(self, filters=self.filters / factor, starts=self.starts / factor, sd=self.sd * factor)
 
 
 def noise_of(
@@ -83,8 +81,8 @@ def noise_of(
     count = sum(map(len, parts))
     covariance = _autocovariance(parts) / count
     for followers in followed:
-        about = [x - np.mean(x, axis=0) for x in followers]
-        covariance += np.array([np.sum(_autocovariance([x]), axis=0) for x in about]) / count
+        apart = [x - np.mean(x, axis=0) for x in followers]
+        covariance += np.array([np.sum(_autocovariance([x]), axis=0) for x in apart]) / count
     differences = _differences(parts, same)
     if differences:
         rows = sum(map(len, differences))
@@ -96,13 +94,15 @@ def noise_of(
         smaller = np.log(covariance[:, 0] / repeated[:, 0]) > clearly
         covariance = np.where(smaller[:, None], repeated, covariance)
     # the mean of correlated noise over a motion has its density at frequency 0 over the rows as variance
-    of_mean = np.sum(_filters(covariance)[0], axis=1) ** -2.0 * len(parts) / count
-    covariance += of_mean[:, None]
+    about = covariance
+    for _ in range(NOISE.of_means):
+        of_mean = np.sum(_filters(covariance)[0], axis=1) ** -2.0 * len(parts) / count
+        covariance = about + of_mean[:, None]
     return Noise(*_filters(covariance), np.sqrt(covariance[:, 0]), covariance[:, 1] / covariance[:, 0])
 
 
 def _filters(covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Filters (n, p + 1), and of the first rows (n, p, p), that whiten noise of autocovariances (n, p + 1)."""
+    """Filters (n, p + 1), and (n, p, p) of the first rows, for noise of autocovariances (n, p + 1)."""
     n, order = len(covariance), covariance.shape[1] - 1
     filters, starts = np.empty((n, order + 1)), np.empty((n, order, order))
     for j, own in enumerate(covariance):
