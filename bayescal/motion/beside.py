@@ -11,6 +11,7 @@ from scipy.special import logsumexp
 from bayescal.motion.cells import UNKNOWN
 from bayescal.motion.effects import Form, joint
 from bayescal.motion.events import events
+from bayescal.motion.linear import Sparse
 from bayescal.motion.noise import Noise
 from bayescal.motion.pool import Pool, Unlisted
 from bayescal.motion.products import Bank, Gains, Product
@@ -86,7 +87,7 @@ def _unknown(bank: Bank, whole: Search, base: Hypothesis) -> tuple[Hypothesis, U
     product = gains[int(np.argmax(nats))][0]
     general: list[tuple[float, Member, Unlisted | None]] = []
 
-    def add(value: float, form: Form, columns: tuple[np.ndarray, ...]) -> None:
+    def add(value: float, form: Form, columns: Sparse) -> None:
         general.append((value, Member(form, 1.0), _unlisted(form, columns, 1.0)))
 
     add(float(logsumexp(nats) - np.log(len(nats))), product.form, bank.columns(product))
@@ -103,6 +104,7 @@ def _unknown(bank: Bank, whole: Search, base: Hypothesis) -> tuple[Hypothesis, U
     return Hypothesis((*base.members, member), evidence, prior), unlisted, gains
 
 
-def _unlisted(form: Form, columns: tuple[np.ndarray, ...], sd: float) -> Unlisted:
-    terms = tuple(form.term("1", sd, part=f"function {k + 1}") for k in range(columns[0].shape[2]))
+def _unlisted(form: Form, columns: Sparse, sd: float) -> Unlisted:
+    count = next(iter(columns[0].values())).shape[1]
+    terms = tuple(form.term("1", sd, part=f"function {k + 1}") for k in range(count))
     return Unlisted(form, terms, columns)

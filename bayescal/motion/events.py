@@ -11,14 +11,14 @@ from scipy.special import logsumexp
 
 from bayescal.motion.cells import UNKNOWN
 from bayescal.motion.effects import Form, joint
-from bayescal.motion.linear import Fit
+from bayescal.motion.linear import Fit, Sparse
 from bayescal.motion.products import Bank
 from bayescal.motion.search import SCALE_PRIOR, SCALES
 from bayescal.motion.settings import EVENTS
 from bayescal.motion.signals import Signals
 
-Found = tuple[Form, float, tuple[np.ndarray, ...]]
-"""A form, its evidence, nats, and its columns by motion, (M, C, k)."""
+Found = tuple[Form, float, Sparse]
+"""A form, its evidence, nats, and its columns."""
 
 
 @dataclass(frozen=True)
@@ -55,11 +55,11 @@ def events(bank: Bank, fit: Fit) -> Iterator[Found]:
                 chosen.append(c)
         if chosen:
             form = Form(UNKNOWN, joint(j), "time, single events", f"{len(chosen)} of them")
-            columns = [np.zeros((*part.residual.shape, len(chosen))) for part in bank.table.parts]
+            columns = [np.zeros((len(part.residual), len(chosen))) for part in bank.table.parts]
             for k, event in enumerate(chosen):
                 rows = slice(event.row, event.row + len(event.pulse))
-                columns[event.motion][rows, j, k] = event.pulse * bank.size[j]
-            yield form, sum(c.gain for c in chosen), tuple(columns)
+                columns[event.motion][rows, k] = event.pulse * bank.size[j]
+            yield form, sum(c.gain for c in chosen), [{j: x} for x in columns]
 
 
 def _pulse(s: Signals, constant: float) -> np.ndarray:

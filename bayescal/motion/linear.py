@@ -17,6 +17,8 @@ from bayescal.motion.signals import Signals, each
 from bayescal.motion.terms import Column, Term, assembled
 
 Columns = Callable[[Signals], Iterable[Column]]
+Sparse = Sequence[Mapping[int, np.ndarray]]
+"""Columns by motion, (M, k) of each channel that has them."""
 
 
 @dataclass(frozen=True)
@@ -40,23 +42,18 @@ class Table:
         """The motions of some roles."""
         return Table(self.terms, tuple(p for p in self.parts if p.signals.role in roles))
 
-    def extended(self, terms: Sequence[Term], columns: Sequence[Sequence[np.ndarray]]) -> Table:
-        """The table with further terms, the columns of each by motion (M, C); a channel of zeros has none."""
-        first, parts = len(self.terms), []
-        channels = range(self.parts[0].residual.shape[1])
-        of_channel = [
-            [k for k, own in enumerate(columns) if any(np.any(c[:, j]) for c in own)] for j in channels
-        ]
-        for part, added_columns in zip(self.parts, zip(*columns, strict=True), strict=True):
+    def extended(self, further: Sequence[tuple[Sequence[Term], Sparse]]) -> Table:
+        """The table with further terms, each set with its columns."""
+        starts = np.cumsum([len(self.terms), *(len(terms) for terms, _ in further)])
+        parts = []
+        for m, part in enumerate(self.parts):
             numbers, values = list(part.numbers), list(part.columns)
-            for j, live in enumerate(of_channel):
-                if not live:
-                    continue
-                numbers[j] = np.r_[numbers[j], [first + k for k in live]].astype(int)
-                new = np.column_stack([added_columns[k][:, j] for k in live])
-                values[j] = np.hstack([values[j], new.astype(np.float32)])
+            for (terms, columns), first in zip(further, starts.tolist(), strict=False):
+                for c, x in columns[m].items():
+                    numbers[c] = np.r_[numbers[c], first + np.arange(len(terms))].astype(int)
+                    values[c] = np.hstack([values[c], x.astype(np.float32)])
             parts.append(replace(part, numbers=tuple(numbers), columns=tuple(values)))
-        return Table((*self.terms, *terms), tuple(parts))
+        return Table((*self.terms, *(t for terms, _ in further for t in terms)), tuple(parts))
 
     def residuals(self, values: Mapping[str, float]) -> list[np.ndarray]:
         """What values of terms leave of the residuals (M, C), by motion."""

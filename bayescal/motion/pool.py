@@ -12,7 +12,7 @@ from bayescal.logs.types import CALIBRATE, VALIDATE
 from bayescal.motion.cells import UNKNOWN, Ranges, cells
 from bayescal.motion.effects import Form, FormColumn, Scale, columns
 from bayescal.motion.estimate import Estimate, of_role
-from bayescal.motion.linear import Normal, Table, tabulated
+from bayescal.motion.linear import Normal, Sparse, Table, tabulated
 from bayescal.motion.noise import Noise
 from bayescal.motion.products import Bank
 from bayescal.motion.ripple import waves_of
@@ -28,7 +28,7 @@ class Unlisted:
 
     form: Form
     terms: tuple[Term, ...]
-    columns: tuple[np.ndarray, ...]  # by motion, (M, C, k)
+    columns: Sparse
 
 
 @dataclass(frozen=True)
@@ -66,10 +66,8 @@ class Pool:
 
     def extended(self, further: Sequence[Unlisted]) -> Pool:
         """The pool with columns of further forms."""
-        terms = [t for u in further for t in u.terms]
-        columns = [[x[:, :, k] for x in u.columns] for u in further for k in range(len(u.terms))]
         extra = {u.form: tuple(t.name for t in u.terms) for u in further}
-        table = self.table.extended(terms, columns) if terms else self.table
+        table = self.table.extended([(u.terms, u.columns) for u in further])
         return replace(self, table=table, extra=dict(self.extra) | extra)
 
     def bank(self, noise: Noise) -> Bank:

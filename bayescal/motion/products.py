@@ -12,7 +12,7 @@ from scipy.special import logsumexp
 
 from bayescal.motion.cells import UNKNOWN, Ranges
 from bayescal.motion.effects import BASE, LOG, TOOL, Form, joint
-from bayescal.motion.linear import Fit, Part, Table, added
+from bayescal.motion.linear import Fit, Part, Sparse, Table, added
 from bayescal.motion.noise import Noise
 from bayescal.motion.quantities import Argument, Kept, quantities, responses
 from bayescal.motion.ripple import Waves
@@ -171,22 +171,24 @@ class Bank:
         half = len(nats) // 2
         return BASE if np.sum(nats[:half]) > np.sum(nats[half:]) else TOOL
 
-    def columns(self, p: Product) -> tuple[np.ndarray, ...]:
-        """Columns of a product by motion, (M, C, k), each 0 but in its channels, N m and rad."""
+    def columns(self, p: Product) -> Sparse:
+        """Columns of a product, N m and rad."""
         count = self.first[p.argument].functions.shape[1]
         out = []
         for part, k, given in self.motions():
-            x = np.zeros((*part.residual.shape, count * len(p.joints)), np.float32)
+            s, of_motion = part.signals, {}
             for i, j in enumerate(p.joints):
-                s, own = part.signals, slice(i * count, (i + 1) * count)
                 size = self.size[j] if p.kind == TORQUE else FORMS.deflection
                 values = size * responses(k, j)[p.response][:, None] * given[p.argument].functions
-                x[:, channel(s.log, p.kind, j), own] = values
+                channels = {channel(s.log, p.kind, j): values}
                 if p.moves[i]:
-                    t = channel(s.log, TRACKING, j)
-                    x[:, t, own] = displaced(s.log, s.step * s.every, values, j)
-            out.append(x)
-        return tuple(out)
+                    moved = displaced(s.log, s.step * s.every, values, j)
+                    channels[channel(s.log, TRACKING, j)] = moved
+                for c, x in channels.items():
+                    of_motion[c] = np.zeros((len(x), count * len(p.joints)), np.float32)
+                    of_motion[c][:, i * count : (i + 1) * count] = x
+            out.append(of_motion)
+        return out
 
 
 def consecutive(sizes: Sequence[int]) -> tuple[np.ndarray, ...]:

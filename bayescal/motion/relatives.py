@@ -15,7 +15,7 @@ from scipy.special import logsumexp
 
 from bayescal.motion.cells import UNKNOWN
 from bayescal.motion.effects import Form
-from bayescal.motion.linear import Fit
+from bayescal.motion.linear import Fit, Sparse
 from bayescal.motion.products import Bank, Dots, averaged, consecutive
 from bayescal.motion.quantities import Argument
 from bayescal.motion.search import Member, Search
@@ -24,12 +24,12 @@ from bayescal.motion.settings import RELATIVES, SEARCH
 
 @dataclass(frozen=True)
 class Relative:
-    """A relative of a member of a hypothesis, with its columns by motion, each (M, C, k)."""
+    """A relative of a member of a hypothesis, with its columns."""
 
     member: Member
     form: Form
     gain: float  # nats over the hypothesis with the name, averaged over all quantities
-    columns: tuple[np.ndarray, ...]
+    columns: Sparse
     replaces: bool  # whether the name is left out
 
 
@@ -57,11 +57,10 @@ def relative(bank: Bank, search: Search, members: Sequence[Member], member: Memb
     k = origin[i] if instead else int(np.argmax(modulated))
     other = given[k].name
     form = Form(UNKNOWN, member.form.site, f"{member.form.driver} times {other}", member.form.setting)
-    columns = tuple(
-        p[:, :, None]
-        * (_factors(of_motion[k])[i % 2][:, None, None] if instead else of_motion[k].functions[:, None])
-        for p, (_, _, of_motion) in zip(predicted, bank.motions(), strict=True)
-    )
+    columns = []
+    for p, (_, _, of_motion) in zip(predicted, bank.motions(), strict=True):
+        by = _factors(of_motion[k])[i % 2][:, None] if instead else of_motion[k].functions
+        columns.append({c: (p[:, c, None] * by).astype(np.float32) for c in live.tolist()})
     # a part of what a name explains may belong to its form
     forgiven = SEARCH.form * max(fit.log_evidence - rest.log_evidence, 0.0)
     gain = float(logsumexp(np.r_[modulated, replaced])) - forgiven
