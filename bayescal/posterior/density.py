@@ -14,6 +14,7 @@ import numpy as np
 
 from bayescal.estimate import STATED_WORTH, Estimate
 from bayescal.model import ARM, Turned
+from bayescal.model.block import Oriented
 from bayescal.model.model import noise_groups
 
 MOST_VALUES = 4_000_000
@@ -66,11 +67,8 @@ class Density:
         residuals, states = [], {}
         for block, at, inverse in zip(self.blocks, self._at, self.inverse_sigma, strict=True):
             states[block.target] = block.state(z[:, slices[block.target]])
-            seen = block.seen(values) if isinstance(block, Turned) else p[..., at]
-            r = block.kind.residual(states[block.target], seen)
-            if len(block.contact_index):
-                r = r + (values[:, block.contact_index] @ block.contact)[:, None, :]
-            residuals.append(r * inverse)
+            seen = block.seen(values) if isinstance(block, Oriented) else p[..., at]
+            residuals.append(block.residual_of(seen, values, states[block.target]) * inverse)
         return residuals, states
 
     def misfit(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
