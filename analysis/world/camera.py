@@ -334,10 +334,11 @@ def build(seed: int, number: int, side: str = "", goal: float = 0.0) -> tuple[di
     wild = rng.random(clean.shape[:2]) < 0.004
     noise[wild] += rng.standard_normal((int(wild.sum()), 2)) * 5
     kept = rng.random(clean.shape[:2]) < np.where(rng.random(images) < 0.2, 0.6, 1.0)[:, None]
+    on_flange, fixed_at = _as_identified(true)
     truth |= {
         "lambda": goal if side != "null" else 0.0, "size": size, "detail": detail, "carried": carried,
-        "noise_px": sigma, "images": images, "on_flange": true.on_flange.tolist(), "moving": moving,
-        "fixed": true.fixed.tolist(), "focal_px": hidden.focal.tolist(), "zero_rad": shape.zero.tolist(),
+        "noise_px": sigma, "images": images, "on_flange": on_flange.tolist(), "moving": moving,
+        "fixed": fixed_at.tolist(), "focal_px": hidden.focal.tolist(), "zero_rad": shape.zero.tolist(),
     }  # fmt: skip
     name = f"camera-{number:03d}"
     texts = {
@@ -348,6 +349,28 @@ def build(seed: int, number: int, side: str = "", goal: float = 0.0) -> tuple[di
         ),
     }
     return texts, truth
+
+
+def _as_identified(cell: Cell) -> tuple[np.ndarray, np.ndarray]:
+    """Return poses (6,) on the flange and in the base of an arm whose first and last row are nominal.
+
+    No data distinguish the last row of an arm from the tool, or the first from the base.
+    """
+    s, nominal = cell.shape, arm.nominal()
+
+    def placed(pose: np.ndarray) -> tuple[Rotation, np.ndarray]:
+        return Rotation.from_rotvec(pose[:3]), pose[3:]
+
+    turn, at = placed(cell.on_flange)
+    last = Rotation.from_euler("z", s.zero[5] - nominal.zero[5])
+    held = np.concatenate(
+        [(last * turn).as_rotvec(), last.apply(at) + np.array([0, 0, s.d[5] - nominal.d[5]])]
+    )
+    turn, at = placed(cell.fixed)
+    tilt = Rotation.from_euler("x", s.alpha[0])
+    first = tilt * Rotation.from_euler("z", s.zero[0])
+    off = tilt.apply([s.a[0], 0, s.d[0]])
+    return held, np.concatenate([(first.inv() * turn).as_rotvec(), first.inv().apply(at - off)])
 
 
 def _settings(name: str, carried: bool, stated: float) -> str:

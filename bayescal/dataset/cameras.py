@@ -36,6 +36,10 @@ FOREIGN = 0.02
 """Share of the width of a board in an image: RMS misfit from which on corners are not of it (assumed)."""
 OTHER_SIZE = 0.04
 """Relative error of the size of a board that no print has (assumed)."""
+MEDIAN = 2.0 * np.log(2.0)
+"""Median of the square of a normal vector in the plane, in its variance."""
+BLURRED, FEWEST_SHARP = 2.0, 8
+"""Scatter of an image over that of most, from which on it is blurred, and its fewest corners (assumed)."""
 FEWEST_IMAGES = 4
 """Images from which a hand-eye is judged."""
 LEVER = 0.3
@@ -139,6 +143,7 @@ class Images:
     first: np.ndarray  # (I,) a row of the session of each
     poses: np.ndarray  # (I, 3, 4) of the board in the frame of the camera; nan where unknown
     misfit: np.ndarray  # (I,) RMS of the corners from that pose, over the width of the board in the image
+    scatter: np.ndarray  # (I,) px, about that pose: by the median, so that a single corner does not matter
 
 
 def images(dataset: Dataset, target: int, rows: np.ndarray) -> Images:
@@ -156,19 +161,19 @@ def images(dataset: Dataset, target: int, rows: np.ndarray) -> Images:
     lens = lens_of(t)
     numbers = np.concatenate([lens.focal, lens.centre, lens.coefficients])
     points = board(t).points
-    poses, misfit = _poses(
+    poses, misfit, scatter = _poses(
         read.tobytes(), image.astype(np.int64).tobytes(), lens.model, numbers.tobytes(), points.tobytes()
     )
     first = np.full(len(poses), -1)
     first[image[::-1]] = rows[::-1]
-    return Images(image, first, poses, misfit)
+    return Images(image, first, poses, misfit, scatter)
 
 
 @lru_cache(maxsize=8)
 def _poses(
     read: bytes, image: bytes, model: str, numbers: bytes, points: bytes
-) -> tuple[np.ndarray, np.ndarray]:
-    """Poses (I, 3, 4) and misfits (I,) by the content of the arrays: checks ask for them again and again."""
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Poses (I, 3, 4), misfits and scatter (I,) by the content of the arrays: they are asked for often."""
     pixel, of, by = np.frombuffer(read).reshape(-1, 3), np.frombuffer(image, np.int64), np.frombuffer(numbers)
     lens = Lens(model, by[:2], by[2:4], by[4:])
     corner = np.frombuffer(points).reshape(-1, 3)[pixel[:, 2].astype(int)]
@@ -181,10 +186,27 @@ def _poses(
         return np.bincount(of, values) / count
 
     with np.errstate(invalid="ignore", divide="ignore"):
-        off = mean(np.sum((at[:, :2] / at[:, 2:] - xy) ** 2, axis=1))
+        square = np.sum((at[:, :2] / at[:, 2:] - xy) ** 2, axis=1)
+        off, spare = mean(square), np.maximum(2 * count - 6, 1) / (2 * count)
+        middles = np.array([np.median(square[of == k]) for k in range(len(count))])
+        scatter = np.mean(lens.focal) * np.sqrt(middles / MEDIAN / spare)
         middle = np.column_stack([mean(v) for v in xy.T])
         wide = mean(np.sum((xy - middle[of]) ** 2, axis=1))
-        return poses, np.sqrt(off / np.maximum(wide, 1e-12))
+        return poses, np.sqrt(off / np.maximum(wide, 1e-12)), scatter
+
+
+def blur(dataset: Dataset, target: int, rows: np.ndarray) -> np.ndarray:
+    """Factor (C,) on the noise of corners of blurred images: the scatter about the pose of their image.
+
+    No error of an arm matters to it. 1 of all images that are not plainly worse than most, and of such with
+    few corners.
+    """
+    seen = images(dataset, target, rows)
+    enough = (np.bincount(seen.image) >= FEWEST_SHARP) & np.isfinite(seen.scatter)
+    usual = np.median(seen.scatter[enough]) if enough.any() else 1.0
+    factor = np.ones(len(seen.scatter))
+    factor[enough] = seen.scatter[enough] / max(float(usual), 1e-6)
+    return np.where(factor > BLURRED, factor, 1.0)[seen.image]
 
 
 def closed_form(

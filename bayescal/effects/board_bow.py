@@ -22,4 +22,5 @@ BOARD_BOW = Effect(
     remedy="Mount the board on a stiff, flat plate, and check it with a straightedge.",
     confusable_with=("lens-distortion",),
     in_robot_file=True,
+    beside_arm=True,
 )

@@ -2,7 +2,8 @@ r"""Board scale: a board is larger or smaller than stated, along each of its axe
 
 Formula: $`\delta p = (x_x \, a, x_y \, b, 0)`$ of a point (a, b) of the board, from its middle.
 
-Driver: the place on the board. Prior: five times the stated uncertainty (assumed, `imaging.TIMES`): a
+Driver: the place on the board. Prior: five times the stated uncertainty (assumed, `imaging.TIMES`), at
+least 0.2 %: a
 printer stretches its print by some tenths of a percent.
 """
 
@@ -22,4 +23,5 @@ BOARD_SCALE = Effect(
     remedy="Measure the board over several squares along both axes, and write the size of its squares.",
     confusable_with=("focal-length",),
     in_robot_file=True,
+    beside_arm=True,
 )

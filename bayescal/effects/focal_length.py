@@ -23,4 +23,5 @@ FOCAL_LENGTH = Effect(
     remedy="Calibrate the camera again at this focus; check autofocus and scaling of the images.",
     confusable_with=("board-scale", "lens-distortion"),
     in_robot_file=True,
+    beside_arm=True,
 )

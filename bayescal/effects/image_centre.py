@@ -22,4 +22,5 @@ IMAGE_CENTRE = Effect(
     remedy="Calibrate the camera again; check that images are neither cropped nor scaled.",
     confusable_with=("lens-distortion",),
     in_robot_file=True,
+    beside_arm=True,
 )

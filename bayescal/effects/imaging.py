@@ -12,6 +12,9 @@ from bayescal.effects.vocabulary import Circumstances, Parameter, View
 
 TIMES = 5.0
 """Prior of an error beyond the stated uncertainty, in units of this (assumed, as that of a certificate)."""
+LEAST_SCALE = 2e-3
+"""Least prior of an error of a board's size beyond what is stated, relative (assumed: prints stretch by tenths
+of a percent, whatever a session states of them)."""
 Make = Callable[[View, str, float], list[Parameter]]
 
 
@@ -66,7 +69,8 @@ def scale(v: View, prefix: str, times: float) -> list[Parameter]:
         p
         for k, axis in enumerate("xy")
         for p in _parameter(
-            f"{prefix} scale {axis}", "1", v.by_board[:, :, k] * v.corner[:, k, None], times * v.u_scale,
+            f"{prefix} scale {axis}", "1", v.by_board[:, :, k] * v.corner[:, k, None],
+            times * v.u_scale if times == 1.0 else max(times * v.u_scale, LEAST_SCALE),
             _site(BOARD, v), "board",
         )
     ]  # fmt: skip

@@ -22,4 +22,5 @@ LENS_DISTORTION = Effect(
     remedy="Calibrate the camera again with corners up to the edges of the images.",
     confusable_with=("focal-length", "image-centre", "board-bow"),
     in_robot_file=True,
+    beside_arm=True,
 )

@@ -311,6 +311,9 @@ class Effect:
         It depends on the direction of motion of a joint, or looks so.
     of_session : bool
         It differs between sessions of the same arm.
+    beside_arm : bool
+        It is an error of what measures the arm, not of the arm: widths of priors of the arm are told beside
+        it.
     linear_spring : bool
         Its parameters are compliances of linear springs, which any simulator has.
     simulated_within : float
@@ -337,6 +340,7 @@ class Effect:
     in_robot_file: bool = False
     directed: bool = False
     of_session: bool = False
+    beside_arm: bool = False
     linear_spring: bool = False
     simulated_within: float = 0.0
 

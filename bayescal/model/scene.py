@@ -19,7 +19,7 @@ from bayescal.effects import CertifiedValue, Circumstances, Face, Session
 from bayescal.errors import BayescalError
 from bayescal.model import block
 from bayescal.model.statements import STATED, u_of
-from bayescal.model.views import views_of
+from bayescal.model.views import blur_of, views_of
 from factors.certificate import RELATIONS, ordered
 from factors.instrument import Instrument
 from factors.kind import Kind
@@ -142,6 +142,11 @@ class Scene:
     def poses(self) -> np.ndarray:
         """Nominal poses of each row's tool in F0, (N, 3, 4)."""
         return np.concatenate([self.flange @ self.tool_frames, self.points[..., None]], axis=2)
+
+    @unposed
+    def blur(self) -> np.ndarray:
+        """Factor on the noise of each row of a blurred image, (N,)."""
+        return blur_of(self.dataset)
 
     @unposed
     def turning(self) -> np.ndarray:
@@ -362,7 +367,7 @@ class Scene:
         for t in np.unique(m.target[rows]).tolist():
             if self.declared[t].posed:
                 mine = m.target[rows] == t
-                stated[mine] *= self.kind(t, rows[mine]).scale  # type: ignore[attr-defined]
+                stated[mine] *= self.kind(t, rows[mine]).scale * self.blur[rows[mine]]  # type: ignore[attr-defined]
         if m.u is not None:
             stated = np.where(np.isnan(m.u[rows]), stated, m.u[rows])
         return stated

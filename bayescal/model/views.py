@@ -7,14 +7,32 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bayescal.dataset import Target
-from bayescal.dataset.cameras import board, stated
+from bayescal.dataset import Dataset, Target
+from bayescal.dataset.cameras import blur, board, stated
+from bayescal.dataset.target_kinds import KINDS
 from bayescal.effects import View
 from factors.camera import NEAREST, Camera
 from factors.lens import NAMES
 
 if TYPE_CHECKING:
     from bayescal.model.scene import Scene
+
+
+def blur_of(dataset: Dataset) -> np.ndarray:
+    """Factor on the noise of each row of a session, (N,): of a corner in a blurred image, else 1."""
+    target = dataset.measurements.target
+    out = np.ones(len(target))
+    for t, item in enumerate(dataset.targets):
+        rows = np.flatnonzero((target == t) & ~np.isnan(_pixel(dataset)))
+        if KINDS[item.kind].posed and len(rows):
+            out[rows] = blur(dataset, t, rows)
+    return out
+
+
+def _pixel(dataset: Dataset) -> np.ndarray:
+    """Columns of corners (N,), nan in rows without."""
+    m = dataset.measurements
+    return np.full(len(m.target), np.nan) if m.pixel is None else m.pixel[:, 0]
 
 
 def views_of(scene: Scene, fitted: np.ndarray) -> tuple[View, ...]:
