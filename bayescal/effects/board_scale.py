@@ -3,8 +3,7 @@ r"""Board scale: a board is larger or smaller than stated, along each of its axe
 Formula: $`\delta p = (x_x \, a, x_y \, b, 0)`$ of a point (a, b) of the board, from its middle.
 
 Driver: the place on the board. Prior: five times the stated uncertainty (assumed, `imaging.TIMES`), at
-least 0.2 %: a
-printer stretches its print by some tenths of a percent.
+least 0.2 %: a printer stretches its print by some tenths of a percent.
 """
 
 from __future__ import annotations

@@ -13,7 +13,7 @@ from bayescal.effects.vocabulary import Circumstances, Parameter, View
 TIMES = 5.0
 """Prior of an error beyond the stated uncertainty, in units of this (assumed, as that of a certificate)."""
 LEAST_SCALE = 2e-3
-"""Least prior of an error of a board's size beyond what is stated, relative (assumed: prints stretch by tenths
+"""Least prior of an error of the size of a board beyond what is stated (assumed: prints stretch by tenths
 of a percent, whatever a session states of them)."""
 Make = Callable[[View, str, float], list[Parameter]]
 

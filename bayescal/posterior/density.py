@@ -19,6 +19,8 @@ from bayescal.model.model import noise_groups
 
 MOST_VALUES = 4_000_000
 """Rows times points whose residuals are held in memory at a time: 100 MB of ball centres."""
+OF_POSE = 16
+"""The same of a row that depends on a pose: its matrices and their temporary products."""
 
 
 class Density:
@@ -49,7 +51,8 @@ class Density:
     @property
     def at_once(self) -> int:
         """Number of points whose residuals are held in memory."""
-        return max(MOST_VALUES // max(sum(len(b.rows) for b in self.blocks), 1), 1)
+        values = sum(len(b.rows) * (OF_POSE if isinstance(b, Oriented) else 1) for b in self.blocks)
+        return max(MOST_VALUES // max(values, 1), 1)
 
     @property
     def size(self) -> int:
