@@ -48,7 +48,7 @@ def moments(c: Circumstances) -> np.ndarray:
     out = []
     for one in each(c):
         low, count = _edge(one.fitted), len(one.fitted)
-        possible = np.flatnonzero(_first_of_image(c)[one.fitted])
+        possible = np.flatnonzero(_first_of_image(c)[one.fitted]) if c.views else np.arange(count)
         possible = possible[(possible >= low) & (possible <= count - low)]
         some = np.unique(np.linspace(0, max(len(possible) - 1, 0), ROWS).round().astype(int))
         first = possible[some] if len(possible) else possible
@@ -59,7 +59,7 @@ def moments(c: Circumstances) -> np.ndarray:
 def _first_of_image(c: Circumstances) -> np.ndarray:
     """Rows (N,) before which something may have shifted: of an image only the first."""
     same = np.append(False, np.all(c.readings[1:] == c.readings[:-1], axis=1))
-    return ~(same & (np.sum([v.rows for v in c.views], axis=0) > 0))
+    return np.asarray(~(same & (np.sum([v.rows for v in c.views], axis=0) > 0)))
 
 
 def _edge(fitted: np.ndarray) -> int:
@@ -73,7 +73,7 @@ def beside(c: Circumstances, row: float) -> np.ndarray:
             place, low = int(np.searchsorted(fitted, row - 1)), _edge(fitted)
             near = len(fitted) // ROWS + 1
             some = fitted[max(place - near, low) : min(place + near, len(fitted) - low) + 1]
-            return some[_first_of_image(c)[some]] + 1.0
+            return (some[_first_of_image(c)[some]] if c.views else some) + 1.0
     return np.empty(0)
 
 
