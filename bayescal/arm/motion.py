@@ -22,14 +22,16 @@ CERTIFICATE = -2
 """The frame of a term that moves nothing, but shifts what a certificate states."""
 TURN = -3
 """The frame of a term that turns the tool about its own point, so that only its orientation tells."""
+IMAGE = -4
+"""The frame of a term that moves a point in an image, along its axis u or v; drivers are lengths, m."""
 
 
 @dataclass(frozen=True)
 class Term:
     """Displacement of one axis of one frame by parameter x driver.
 
-    `frame` counts 0 (base), 1 to n, n + 1 (tool), or is `CONTACT`, `CERTIFICATE` or `TURN`; `axis` is one
-    of `transforms.AXES`, "normal" at the contact, or the number of a certificate of the session; `driver`
+    `frame` counts 0 (base), 1 to n, n + 1 (tool), or is `CONTACT`, `CERTIFICATE`, `TURN` or `IMAGE`; `axis`
+    is one of `transforms.AXES`, "normal" at the contact, "u" or "v", or the number of a certificate; `driver`
     is a number or one value a row, (N,): of a certificate one value for each that it states.
     """
 

@@ -203,7 +203,7 @@ class Conditions:
         for block in self.model.blocks:
             if block.group == ORIENTATION:
                 continue
-            _, u, _ = block.kind.linearise(np.zeros(len(block.kind.sd)), scene.points[block.rows].T)
+            u = scene.looks(scene.index[block.target], block.rows)
             self._look[block.rows, : len(u)] = np.moveaxis(u, 2, 0)
             noise.append(fitted.weights.sigma[block.name] * fitted.weights.scale[block.group])
         self.noise = float(np.median(np.concatenate(noise)))
@@ -321,7 +321,7 @@ def directions(model: Model) -> Directions:
     """Principal axes of the directions in which a model's fitted residuals see the ball."""
     seen = []
     for block in model.states:
-        _, u, _ = block.kind.linearise(np.zeros(len(block.kind.sd)), model.scene.points[block.rows].T)
+        u = model.scene.looks(model.scene.index[block.target], block.rows)
         seen.append(np.moveaxis(u, 1, 2).reshape(-1, 3))
     # at least three rows, so that the thin decomposition has all three axes; memory linear in the rows
     _, share, axes = np.linalg.svd(np.concatenate([*seen, np.zeros((3, 3))]), full_matrices=False)

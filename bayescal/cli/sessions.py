@@ -86,6 +86,7 @@ def import_(
     name: str = "",
     motions: str = "",
     joints: str = "",
+    board: str = "",
     torque: str = "",
     topic: str = "",
     table: str = "csv",
@@ -139,7 +140,11 @@ def import_(
         Joint log: how it is divided into motions: files (each file, bag or episode), pause:2 s, or column
         (map `motion`) [default: column, else files].
     joints
-        Joint log: names of the joints in the log, in the order of the robot [default: found by name].
+        Joint log: names of the joints in the log, in the order of the robot [default: found by name]. Images:
+        table with image, j1_deg, j2_deg, ...
+    board
+        Images (LOG is their folder): the board, charuco:7x5:30mm:22mm, checkerboard:9x6:25mm or
+        apriltag:36h11:40mm. Needs OpenCV (bayescal[camera]).
     torque
         Joint log: motor, sensor or current, with constants "current: 11.4 11.4 9.9 ..." (N m/A at the joints)
         [default: as the format states].
@@ -173,6 +178,7 @@ def import_(
         allow_xacro=allow_xacro,
         motions=motions,
         joints=joints,
+        board=board,
         torque=torque,
         topic=topic,
         table=table,

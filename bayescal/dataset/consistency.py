@@ -47,8 +47,10 @@ def contacts(dataset: Dataset, target: int, p: np.ndarray, part: np.ndarray) -> 
     return Contacts(dataset.targets[target], p[part], seen)
 
 
-def seen(dataset: Dataset, p: np.ndarray, part: np.ndarray) -> np.ndarray:
+def seen(dataset: Dataset, target: int, p: np.ndarray, part: np.ndarray, readings: np.ndarray) -> np.ndarray:
     """Errors of some rows (M,) of an instrument after the best rigid fit, m; 0 where there are too few."""
+    if (misfit := KINDS[dataset.targets[target].kind].misfit) is not None:
+        return misfit(dataset, target, part, readings) if len(part) else np.zeros(0)
     xyz = dataset.measurements.xyz
     return np.zeros(len(part)) if len(part) < FEWEST or xyz is None else scatter(p[part], xyz[part], OFF)
 
@@ -59,7 +61,7 @@ def away(dataset: Dataset, readings: np.ndarray) -> np.ndarray:
     for index, target in enumerate(dataset.targets):
         part = np.flatnonzero(dataset.measurements.target == index)
         if not KINDS[target.kind].placed:
-            out[part] = seen(dataset, p, part)
+            out[part] = seen(dataset, index, p, part, readings)
         elif len(part):
             out[part] = np.linalg.norm(residual(contacts(dataset, index, p, part))[0], axis=1)
     return out

@@ -226,7 +226,7 @@ def problems(dataset: Dataset, table: Table, document: Document) -> Iterator[Bay
         if not len(part):
             continue
         if not KINDS[target.kind].placed:
-            away = seen(dataset, p, part)
+            away = seen(dataset, index, p, part, rows.readings)
         else:
             mine = contacts(dataset, index, p, part)
             away = np.linalg.norm(residual(mine)[0], axis=1)

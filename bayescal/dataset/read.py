@@ -15,7 +15,7 @@ import numpy as np
 from bayescal.dataset import artefact, consistency, plausibility, session
 from bayescal.dataset.schema import SCHEMA, file_model
 from bayescal.dataset.solids import solids_of
-from bayescal.dataset.table import EMPTY, LABELS, RPY, XYZ, Table, fields_of_columns, read_table
+from bayescal.dataset.table import EMPTY, LABELS, PIXEL, RPY, XYZ, Table, fields_of_columns, read_table
 from bayescal.dataset.target_kinds import KINDS
 from bayescal.dataset.types import ROLES, Certificate, Dataset, Measurements, Noise, Target, Tool
 from bayescal.errors import BayescalError, listed
@@ -113,6 +113,12 @@ def _check_kinds(
         lengthless = f"{name} `{{target}}` has no `length_mm`"
         table.first((kind == name) & ~fixed & ~read, lengthless, "write it in the row, or in the target")
     _refuse(table, read & (reads != "length"), "length_mm", " or ".join(readers("length")))
+    for column in PIXEL:
+        given = np.array([cell != "" for cell in table.cells.get(column, ("",) * len(kind))])
+        for name in readers("pixel"):
+            what = f"{name} `{{target}}`, but `{column}` is empty"
+            table.first((kind == name) & ~given, what, f"fill in {', '.join(PIXEL)}")
+        _refuse(table, (reads != "pixel") & given, column, " or ".join(readers("pixel")))
 
 
 def readers(field: str) -> list[str]:
@@ -139,9 +145,9 @@ def _check_values(table: Table, rows: Measurements) -> None:
 
 def _check_noise(table: Table, rows: Measurements, targets: tuple[Target, ...], noise: Noise) -> None:
     """Every row knows its standard uncertainty: its own, or the stated one of its kind."""
-    instrument = np.array([KINDS[t.kind].of_instrument for t in targets])[rows.target]
-    in_row = np.zeros(len(instrument), bool) if rows.u is None else np.isfinite(rows.u)
-    stated_of = (("contact_mm", noise.contact, ~instrument), ("point_mm", noise.point, instrument))
+    of = np.array([KINDS[t.kind].noise for t in targets])[rows.target]
+    in_row = np.zeros(len(of), bool) if rows.u is None else np.isfinite(rows.u)
+    stated_of = (("contact_mm", noise.contact, of == "contact"), ("point_mm", noise.point, of == "point"))
     for key, stated, which in stated_of:
         if stated is None:
             what = f"no noise is stated for a row of `{{target}}`: `noise` has no `{key}`"
@@ -211,6 +217,9 @@ def read_parts(folder: Path | str, robot: Loaded | None = None) -> tuple[Dataset
         measurements=measurements_of(table, n, bare.tools, bare.targets, bare.noise),
         sha256=_digest(document.content, table.content, *contents),
     )
+    for index, target in enumerate(dataset.targets):
+        if (prepared := KINDS[target.kind].prepared) is not None:
+            dataset = prepared(dataset, index, table, document)
     consistency.check_present(dataset, document)
     return dataset, table, document
 

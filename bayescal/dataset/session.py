@@ -39,12 +39,17 @@ def targets_of(document: Document, file: schema.DatasetFile) -> tuple[Target, ..
     targets = []
     for name, entry in file.targets.items():
         values: dict[str, np.ndarray | float] = {}
+        texts: dict[str, str] = {}
         for key in KINDS[entry.kind].keys:
-            value = in_si(key, getattr(entry, key))
+            stated = getattr(entry, key)
+            if isinstance(stated, str):
+                texts[key] = stated
+                continue
+            value = in_si(key, stated)
             if key == KINDS[entry.kind].direction:
                 value = _direction(document, ("targets", name), key, value)
             values[stem_of(key)[0]] = np.nan if value is None else value
-        targets.append(Target(name, entry.kind, values, in_si("u_mm", entry.u_mm), entry.u_rad))
+        targets.append(Target(name, entry.kind, values, in_si("u_mm", entry.u_mm), entry.u_rad, texts=texts))
     return tuple(targets)
 
 

@@ -17,6 +17,7 @@ from bayescal.storage.reading import decoded
 
 XYZ = ("x_mm", "y_mm", "z_mm")
 RPY = ("rx_deg", "ry_deg", "rz_deg")
+PIXEL = ("u_px", "v_px", "point")
 LABELS = ("stop", "repeat")
 """Columns of texts that need not be there."""
 CLEARANCE = "clearance_mm"
@@ -24,7 +25,7 @@ CLEARANCE = "clearance_mm"
 EMPTY: Mapping[str, float | str] = {
     **dict.fromkeys(LABELS, ""),
     **dict.fromkeys(("velocity", "payload"), 0.0),
-    **dict.fromkeys(("xyz", "rpy", "length", "u"), np.nan),
+    **dict.fromkeys(("xyz", "rpy", "pixel", "length", "u"), np.nan),
 }
 """What an empty cell stands for, by the field of `Measurements`; no cell of another field is empty."""
 
@@ -47,6 +48,9 @@ COLUMNS = {
     "rx_deg": "roll of the tool frame in the instrument's frame, deg: the row is then a full pose",
     "ry_deg": "pitch of the tool frame, deg",
     "rz_deg": "yaw of the tool frame, deg: R = Rz(rz) Ry(ry) Rx(rx)",
+    "u_px": "column of a corner of a board in an image, px from the centre of the first pixel",
+    "v_px": "row of the corner, px",
+    "point": "number of the corner on its board, from 0",
     "length_mm": "length that a bar or wire read, mm; needed where its target states none",
     "u_mm": "standard uncertainty of this row, mm, in place of the stated noise; may be empty",
     "stop": "rows with the same value were taken at one standstill of the arm; may be empty",
@@ -78,6 +82,7 @@ def fields_of_columns(n: int) -> dict[str, tuple[str, ...]]:
         **{field: joint_columns(kind, n) for field, kind in joints},
         "xyz": XYZ,
         "rpy": RPY,
+        "pixel": PIXEL,
         **{stem_of(column)[0]: (column,) for column in PLAIN[PLAIN.index("length_mm") :]},
     }
 
@@ -238,4 +243,4 @@ def _check_header(header: list[str], where: str, n: int) -> None:
         if column not in header:
             remedy = f"the robot has {n} joints: j1_deg to j{n}_deg" if column.startswith("j") else "add it"
             raise BayescalError(f"column `{column}` is missing", where, remedy)
-    check_groups(header, where, (*(joint_columns(kind, n) for kind in JOINT[1:]), XYZ, RPY))
+    check_groups(header, where, (*(joint_columns(kind, n) for kind in JOINT[1:]), XYZ, RPY, PIXEL))

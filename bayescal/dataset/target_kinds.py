@@ -8,15 +8,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
+from pydantic import AfterValidator, Field
+from pydantic_core import PydanticCustomError
 
 from bayescal.arm.transforms import rigid, rpy_matrix
-from bayescal.dataset import regions
+from bayescal.dataset import cameras, regions
+from bayescal.dataset.boards import board_of
 from bayescal.dataset.regions import Probing, vector
 from bayescal.dataset.types import Dataset, Target
-from bayescal.storage.files import Number, Positive, Vector
+from bayescal.storage.files import NotNegative, Number, Positive, Vector
+from factors.camera import Camera
 from factors.cylinder import Cylinder
 from factors.distance import Distance
 from factors.fixed_point import FixedPoint
@@ -24,6 +28,10 @@ from factors.instrument import Instrument
 from factors.kind import Kind
 from factors.plane import Plane
 from factors.sphere import Sphere
+
+if TYPE_CHECKING:
+    from bayescal.dataset.table import Table
+    from bayescal.storage.files import Document
 
 LOOSE, LOOSE_ANGLE = 50e-3, 0.2
 """m, rad: the contract's prior of a target that states none."""
@@ -40,8 +48,56 @@ MEANING = {
     "length_mm": "Length of the bar; left out if each row states its own.",
     "xyz_mm": "Origin of the instrument's frame in F0; roughly, because the rows locate it.",
     "rpy_deg": "Roll, pitch, yaw of the instrument's frame in F0: R = Rz(yaw) Ry(pitch) Rx(roll).",
+    "mount": "`fixed`: the camera is fixed, the board on the flange; `flange`: the other way round.",
+    "lens": "`pinhole` (default) with k1, k2, p1, p2, k3, or `fisheye` with k1 to k4, as in OpenCV.",
+    "size_px": "Width and height of the images.",
+    "fx_px": "Focal length along rows of the image.",
+    "fy_px": "Focal length along columns of the image.",
+    "cx_px": "Column of the optical axis.",
+    "cy_px": "Row of the optical axis.",
+    "distortion": "Coefficients of the lens, in the order of OpenCV; default: none.",
+    "u_focal_px": "Standard uncertainty of a focal length; default 0.2 %.",
+    "u_centre_px": "Standard uncertainty of the optical axis in the image; default 3 px.",
+    "u_distortion": "Standard uncertainty of each coefficient; default 0.01, and 0.001 of p1 and p2.",
+    "board": "The board: charuco:7x5:30mm:22mm, checkerboard:9x6:25mm (inner corners), apriltag:36h11:40mm.",
+    "points_mm": "Points of any other board, in a frame of its own.",
+    "u_scale": "Relative standard uncertainty of the size of the board; default 0.001.",
+    "u_flatness_mm": "Standard deviation of the board from a plane; default 0.2 mm.",
 }
 """What the keys of targets mean; a further kind adds its own."""
+
+
+def _a_board(text: str) -> str:
+    try:
+        board_of(text)
+    except ValueError as error:
+        raise PydanticCustomError("not_a_board", "not a board", {"remedy": str(error)}) from None
+    return text
+
+
+Pair = tuple[Positive, Positive]
+Coefficients = Annotated[tuple[Number, ...], Field(min_length=4, max_length=5)]
+BoardText = Annotated[str, AfterValidator(_a_board)]
+CAMERA = {
+    "mount": Literal["fixed", "flange"],
+    "xyz_mm": Vector,
+    "rpy_deg": Vector,
+    "lens": Literal["pinhole", "fisheye"],
+    "size_px": Pair,
+    "fx_px": Positive,
+    "fy_px": Positive,
+    "cx_px": Number,
+    "cy_px": Number,
+    "distortion": Coefficients,
+    "u_focal_px": NotNegative,
+    "u_centre_px": NotNegative,
+    "u_distortion": Annotated[tuple[NotNegative, ...], Field(min_length=4, max_length=5)],
+    "board": BoardText,
+    "points_mm": Annotated[tuple[Vector, ...], Field(min_length=4)],
+    "u_scale": NotNegative,
+    "u_flatness_mm": NotNegative,
+}
+"""Keys of a camera."""
 
 
 @dataclass(frozen=True)
@@ -56,11 +112,14 @@ class Seen:
         Of the ball of each row's tool, 0 without one.
     read : (M,) or (M, 3), or None
         What the rows read in the column that the kind names, SI, nan where a cell is empty.
+    pose : (3, 4, M), or None
+        Nominal poses of the tool in F0, for a kind that judges them.
     """
 
     middle: np.ndarray
     radius: np.ndarray
     read: np.ndarray | None
+    pose: np.ndarray | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,10 +147,18 @@ class TargetKind:
     certificates : tuple of str
         Certificates of one target that may name it.
     reads : str
-        The field of `Measurements` that its rows read (``xyz``, ``length``), or "". Rows may leave a length
-        empty where the target states one.
+        The field of `Measurements` that its rows read (``xyz``, ``length``, ``pixel``), or "". Rows may
+        leave a length empty where the target states one.
     noise : str
-        Whose stated noise its residuals have: ``contact`` or ``point``.
+        Whose stated noise its residuals have: ``contact``, ``point`` or ``pixel``.
+    usual : float
+        That noise where a session states none, in its unit; nan: it must be stated.
+    posed : bool
+        It judges poses of the tool, not points, and its residuals have a scale of their own.
+    misfit : callable, optional
+        How far some rows of a session are off at some readings, m, if its place is found from its rows.
+    prepared : callable, optional
+        The session with its place found from its rows, which it checks.
     touched : bool
         A ball meets a surface: the tool of every row has a ball, and the slope of the residual is the outward
         normal.
@@ -128,20 +195,26 @@ class TargetKind:
     centred: bool = False
     located: bool = False
     planned: Probing | None = None
+    usual: float = float("nan")
+    posed: bool = False
+    misfit: Callable[[Dataset, int, np.ndarray, np.ndarray], np.ndarray] | None = None
+    prepared: Callable[[Dataset, int, Table, Document], Dataset] | None = None
 
     @property
     def of_instrument(self) -> bool:
         """Whether an instrument reads its rows: every row then has an error of its own."""
-        return self.noise == "point"
+        return self.noise != "contact"
 
 
-def seen(dataset: Dataset, target: int, rows: np.ndarray, middle: np.ndarray) -> Seen:
-    """What a target's kind is made of for some rows of a dataset."""
+def seen(
+    dataset: Dataset, target: int, rows: np.ndarray, middle: np.ndarray, pose: np.ndarray | None = None
+) -> Seen:
+    """What a target's kind is made of for some rows of a dataset; `pose` as of `Seen`."""
     m = dataset.measurements
     reads = KINDS[dataset.targets[target].kind].reads
     read = getattr(m, reads) if reads else None
     radius = np.array([t.ball_radius or 0.0 for t in dataset.tools])[m.tool[rows]]
-    return Seen(middle, radius, None if read is None else read[rows])
+    return Seen(middle, radius, None if read is None else read[rows], pose)
 
 
 def kinds_of(dataset: Dataset) -> tuple[TargetKind, ...]:
@@ -189,6 +262,13 @@ def _instrument(t: Target, seen: Seen) -> Instrument:
     frame = rigid(rpy_matrix(vector(t, "rpy")), vector(t, "xyz"))
     sd = np.array([angle_sd(t)] * 3 + [place_sd(t)] * 3)
     return Instrument(frame, seen.middle, seen.read, sd)
+
+
+def _camera(t: Target, seen: Seen) -> Camera:
+    assert seen.read is not None
+    assert seen.pose is not None
+    sd = np.array([angle_sd(t)] * 3 + [place_sd(t)] * 3)
+    return cameras.camera(t, seen.middle, seen.read, seen.pose, sd)
 
 
 def _centre(t: Target) -> np.ndarray:
@@ -270,6 +350,23 @@ KINDS: dict[str, TargetKind] = {
             metric=True,
             placed=False,
             planned=Probing(),
+        ),
+        TargetKind(
+            "camera",
+            "a camera and a board, of which one is on the flange",
+            CAMERA,
+            _camera,
+            form="point",
+            place=lambda t: vector(t, "xyz"),
+            optional=tuple(key for key in CAMERA if key not in ("mount", "fx_px", "fy_px", "cx_px", "cy_px")),
+            reads="pixel",
+            noise="pixel",
+            usual=cameras.PIXEL,
+            metric=True,
+            placed=False,
+            posed=True,
+            misfit=cameras.misfit,
+            prepared=cameras.prepared,
         ),
     )
 }

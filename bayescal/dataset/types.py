@@ -35,8 +35,9 @@ class Target:
     `values` holds what the kind needs, SI, under the contract's keys without their units: plane
     ``normal`` (3,) unit, ``offset``; sphere ``centre``, ``diameter``; cylinder ``point``, ``axis``
     unit, ``diameter``; fixed-point ``centre``; distance ``centre``, ``length`` (nan where the rows
-    read it); instrument ``xyz``, ``rpy``. Of several sessions joined, `session` is the one that it was
-    measured in, and `noise` that whose noise its rows share; "" where there is but one.
+    read it); instrument ``xyz``, ``rpy``; camera these and its lens and board, nan where left out. Of
+    several sessions joined, `session` is the one that it was measured in, and `noise` that whose noise its
+    rows share; "" where there is but one.
     """
 
     name: str
@@ -46,6 +47,7 @@ class Target:
     u_angle: float | None = None  # rad
     session: str = ""
     noise: str = ""
+    texts: Mapping[str, str] = field(default_factory=dict)  # values that are words, by their keys
 
 
 @dataclass(frozen=True)
@@ -101,13 +103,14 @@ class Noise:
     """Stated standard uncertainties, None where the file states none.
 
     One contact (m), one instrument coordinate (m), one joint reading (rad), one turn of the tool about an
-    axis as an instrument reads it (rad).
+    axis as an instrument reads it (rad), one coordinate of a corner in an image (px).
     """
 
     contact: float | None = None
     point: float | None = None
     joint: float = 0.0
     orientation: float | None = None
+    pixel: float | None = None
 
 
 @dataclass(frozen=True)
@@ -200,6 +203,7 @@ class Measurements:
     xyz: np.ndarray | None = None  # (N, 3) m, nan in rows that read none
     rpy: np.ndarray | None = None  # (N, 3) rad, nan in rows that read none
     length: np.ndarray | None = None  # (N,) m, nan in rows that read none
+    pixel: np.ndarray | None = None  # (N, 3) px and the number of the board's point, nan in rows of no image
     u: np.ndarray | None = None  # (N,) m, nan where the stated noise holds
     stop: np.ndarray | None = None  # (N,) str, "" where none
     command: np.ndarray | None = None  # (N, n) rad

@@ -26,7 +26,7 @@ from bayescal.storage.writing import Block, Keys, block_lines, flow, flow_list, 
 
 ROBOT, ARTEFACT = "robot.yaml", "artefact.yaml"
 
-DECIMALS = {"mm": 6, "deg": 7, "degps": 6, "kg": 6, "nm": 6, "s": 4, "c": 4, "degc": 4, "mps2": 9}
+DECIMALS = {"mm": 6, "deg": 7, "degps": 6, "kg": 6, "nm": 6, "s": 4, "c": 4, "px": 4, "degc": 4, "mps2": 9}
 """Decimals of a value in a file's unit: a nanometre, two nanoradians; finer than anything measured."""
 
 DIRECTION = 12
@@ -86,6 +86,8 @@ def _text(key: str, value: np.ndarray | float | str) -> str:
     """A value in SI as `key` writes it: a number or a list, in the key's unit, rounded; or a text."""
     if isinstance(value, str):
         return scalar(value)
+    if np.ndim(value) == 2:
+        return flow_list([_text(key, row) for row in np.asarray(value)])
     stem, unit = stem_of(key)
     values = np.atleast_1d(value) / si(key)
     if stem == "u" or stem.startswith("u_"):
@@ -118,7 +120,13 @@ def target_keys(target: Target) -> Keys:
     """The entry of a target."""
     yield "kind", target.kind
     values: dict[str, np.ndarray | float | None] = {}
-    values |= {key: target.values[stem_of(key)[0]] for key in KINDS[target.kind].keys}
+    kind = KINDS[target.kind]
+    keys = kind.keys
+    yield from _keys_of((key, target.texts[key]) for key in keys if key in target.texts)
+    for key in keys:
+        stem = stem_of(key)[0]
+        if key not in target.texts and (stem in target.values or key not in kind.optional):
+            values[key] = target.values[stem]
     values |= {"u_mm": target.u, "u_rad": target.u_angle}
     yield from _keys_of((k, v) for k, v in values.items() if v is not None and not np.isnan(v).any())
 
@@ -205,7 +213,7 @@ def _cells(column: str, values: np.ndarray) -> list[str]:
     in_file = (np.asarray(values, float) / si(column)).tolist()
     if column == "u_mm":
         return ["" if math.isnan(v) else number(v, UNCERTAINTY) for v in in_file]
-    decimals = DECIMALS[stem_of(column)[1]]
+    decimals = DECIMALS.get(stem_of(column)[1], 0)
     return ["" if math.isnan(v) else _rounded(v, decimals) for v in in_file]
 
 

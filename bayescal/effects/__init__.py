@@ -12,17 +12,23 @@ from bayescal.effects.backlash import BACKLASH
 from bayescal.effects.ball_radius import BALL_RADIUS
 from bayescal.effects.base_compliance import BASE_COMPLIANCE
 from bayescal.effects.bending import BENDING
+from bayescal.effects.board_bow import BOARD_BOW
+from bayescal.effects.board_scale import BOARD_SCALE
+from bayescal.effects.camera import CAMERA
 from bayescal.effects.compliance import COMPLIANCE
 from bayescal.effects.coupling import COUPLING
 from bayescal.effects.eccentricity import ECCENTRICITY
 from bayescal.effects.encoder_scale import ENCODER_SCALE
+from bayescal.effects.focal_length import FOCAL_LENGTH
 from bayescal.effects.gear_mesh import GEAR_MESH
 from bayescal.effects.geometry import GEOMETRY
 from bayescal.effects.gravity import compliances
 from bayescal.effects.hardening import HARDENING
 from bayescal.effects.hysteresis import HYSTERESIS
+from bayescal.effects.image_centre import IMAGE_CENTRE
 from bayescal.effects.joint import JOINT
 from bayescal.effects.latency import LATENCY
+from bayescal.effects.lens_distortion import LENS_DISTORTION
 from bayescal.effects.lobing import LOBING
 from bayescal.effects.location import Driver, Site
 from bayescal.effects.payload import PAYLOAD
@@ -45,6 +51,7 @@ from bayescal.effects.vocabulary import (
     Scan,
     Session,
     Setting,
+    View,
 )
 from bayescal.errors import BayescalError
 
@@ -52,6 +59,9 @@ BASELINE = (GEOMETRY.name, COMPLIANCE.name)
 """The model of a fit or diagnosis for which none is given."""
 LEVELS = {JOINT.name: JOINT}
 """Model levels simpler than `geometry`, for comparison; a diagnosis does not name them."""
+
+ALWAYS = (TOOL.name, CAMERA.name)
+"""Effects of every model, which no robot file holds: what the session states of tools, cameras and boards."""
 
 EFFECTS = Vocabulary(
     (
@@ -76,10 +86,15 @@ EFFECTS = Vocabulary(
         PLANE_FORM,
         ARTEFACT,
         BALL_RADIUS,
+        FOCAL_LENGTH,
+        IMAGE_CENTRE,
+        LENS_DISTORTION,
+        BOARD_SCALE,
+        BOARD_BOW,
     ),
-    reserved=(*LEVELS, TOOL.name, "null", "unknown", "nominal"),
+    reserved=(*LEVELS, *ALWAYS, "null", "unknown", "nominal"),
 )
-"""Causes of error that a model may have and a diagnosis may name. The tool belongs to every model."""
+"""Causes of error that a model may have and a diagnosis may name. Those of `ALWAYS` belong to every model."""
 
 MODELS: Mapping[str, Effect] = ChainMap(LEVELS, EFFECTS)  # type: ignore[arg-type]
 """All effects that `--model` accepts."""
@@ -88,6 +103,7 @@ register = EFFECTS.register
 unregister = EFFECTS.unregister
 
 __all__ = [
+    "ALWAYS",
     "CERTIFICATE",
     "CONTACT",
     "EFFECTS",
@@ -107,6 +123,7 @@ __all__ = [
     "Site",
     "Size",
     "Term",
+    "View",
     "compliances",
     "confusable",
     "describe",
@@ -122,7 +139,7 @@ __all__ = [
 def parameters_of(
     names: tuple[str, ...], circumstances: Circumstances, lenient: bool = False
 ) -> tuple[Parameter, ...]:
-    """Parameters of a model: the tool's and those of the named effects, in order.
+    """Parameters of a model: those of the named effects in order, and those of every model.
 
     A parameter that an effect shares with one before it, as an offset of 'geometry' after 'joint', is there
     once, with the prior of the first.
@@ -158,7 +175,7 @@ def parameters_of(
             parameters = [p for p in parameters if p.site == parameters[0].site]
         there = {p.name for p in out}
         out += [p for p in asked.of(parameters, f"--model '{name}'") if p.name not in there]
-    return (*out, *TOOL.at(circumstances))
+    return (*out, *TOOL.at(circumstances), *CAMERA.at(circumstances))
 
 
 def possible(names: tuple[str, ...], circumstances: Circumstances) -> tuple[str, ...]:

@@ -5,6 +5,8 @@ Formula: $`\delta_n = t \, v_n`$; v is the speed of the ball towards the surface
 Driver: the speed of the ball towards the surface, m/s. Prior: 2 ms, from trigger delays of 1 to 2 ms. A
 negative value is a delay that the controller overcompensates. If all contacts have the same speed, latency
 is not distinguishable from the ball's radius.
+
+Images of an arm that moves: every joint was where it is t later, a clock of the camera that is late or early.
 """
 
 from __future__ import annotations
@@ -13,23 +15,32 @@ import numpy as np
 
 from bayescal.arm.motion import CONTACT, Term
 from bayescal.effects.common import without_surface, without_velocity
-from bayescal.effects.location import PROBE, Driver
+from bayescal.effects.location import CAMERA, PROBE, Driver
 from bayescal.effects.sizes import Size
 from bayescal.effects.vocabulary import Circumstances, Effect, Parameter
 
 SD = 2e-3  # s
+CLOCK_SD = 20e-3  # s, of images: exposure, transfer and the clocks of two computers (assumed)
 
 
 def _parameters(c: Circumstances) -> list[Parameter]:
     assert c.speed is not None
+    assert c.velocity is not None
     speed = np.where(c.touching, c.speed, 0.0)
     terms = (Term(CONTACT, "normal", speed),)
     parameter = Parameter("latency", "s", terms, SD, site=PROBE, driver=Driver("contact speed"))
-    return [parameter] if speed.any() else []
+    out = [parameter] if speed.any() else []
+    for v in c.views:
+        rates = c.velocity @ c.robot.link_from_reading.T * v.rows[:, None]
+        turns = tuple(Term(j, "rz", -rate) for j, rate in enumerate(rates.T, start=1) if rate.any())
+        site = CAMERA.of(v.name) if v.several else CAMERA
+        clock = Parameter(f"latency {v.name}", "s", turns, CLOCK_SD, site=site, driver=Driver("clock"))
+        out += [clock] if turns else []
+    return out
 
 
 def _missing(c: Circumstances) -> str:
-    return without_surface(c) or without_velocity(c)
+    return (without_surface(c) if not c.views else "") or without_velocity(c)
 
 
 LATENCY = Effect(

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 NUMBERED = ("joint", "link")
 """Kinds of site that have a number, from 1."""
-PLAIN = ("base", "tool", "probe", "arm", "artefact")
+PLAIN = ("base", "tool", "probe", "arm", "artefact", "camera", "board")
 """Kinds of site without a number."""
 
 
@@ -67,7 +67,7 @@ class Site:
         return face(words)
 
 
-BASE, TOOL, PROBE, ARM, ARTEFACT = (Site(kind) for kind in PLAIN)
+BASE, TOOL, PROBE, ARM, ARTEFACT, CAMERA, BOARD = (Site(kind) for kind in PLAIN)
 
 
 def joint(number: int) -> Site:
@@ -271,6 +271,9 @@ KINDS = {
     "face": Kind("place on the face", "position on the face", _on_face),
     "workspace": Kind("place in the workspace", "position in the workspace"),
     "mass": Kind("mass", "payload mass"),
+    "clock": Kind("clock", "speed of all joints"),
+    "image": Kind("place in the image", "position in the image"),
+    "board": Kind("place on the board", "position on the board"),
     "certificate": Kind("certificate", "certified value"),
 }
 """Kinds of driver."""

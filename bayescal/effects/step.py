@@ -48,9 +48,18 @@ def moments(c: Circumstances) -> np.ndarray:
     out = []
     for one in each(c):
         low, count = _edge(one.fitted), len(one.fitted)
-        first = np.unique(np.linspace(low, count - low, ROWS).round().astype(int))
+        possible = np.flatnonzero(_first_of_image(c)[one.fitted]) if c.views else np.arange(count)
+        possible = possible[(possible >= low) & (possible <= count - low)]
+        some = np.unique(np.linspace(0, max(len(possible) - 1, 0), ROWS).round().astype(int))
+        first = possible[some] if len(possible) else possible
         out.append(one.fitted[first[(first > 0) & (first < count)]] + 1.0)
     return np.concatenate(out)
+
+
+def _first_of_image(c: Circumstances) -> np.ndarray:
+    """Rows (N,) before which something may have shifted: of an image only the first."""
+    same = np.append(False, np.all(c.readings[1:] == c.readings[:-1], axis=1))
+    return np.asarray(~(same & (np.sum([v.rows for v in c.views], axis=0) > 0)))
 
 
 def _edge(fitted: np.ndarray) -> int:
@@ -63,7 +72,8 @@ def beside(c: Circumstances, row: float) -> np.ndarray:
         if row - 1 in fitted:
             place, low = int(np.searchsorted(fitted, row - 1)), _edge(fitted)
             near = len(fitted) // ROWS + 1
-            return fitted[max(place - near, low) : min(place + near, len(fitted) - low) + 1] + 1.0
+            some = fitted[max(place - near, low) : min(place + near, len(fitted) - low) + 1]
+            return (some[_first_of_image(c)[some]] if c.views else some) + 1.0
     return np.empty(0)
 
 

@@ -24,6 +24,7 @@ UNITS = {
     "kg": ("kg", 1.0),
     "kg m": ("kg mm", 1e3),
     "s": ("ms", 1e3),
+    "px": ("px", 1.0),
     "1": ("1", 1.0),
 }
 """SI unit in memory -> unit in files and factor to it."""
@@ -60,6 +61,32 @@ class CertifiedValue:
     u: float
     certificate: int  # of the session
     rows: np.ndarray  # (values that the certificate states,) 1 for this one, else 0
+
+
+@dataclass(frozen=True)
+class View:
+    """What a fitted camera sees: changes of its residuals, m, by a unit of what may be in error; 0 elsewhere.
+
+    Coefficients K of the lens and points of the board as in `factors`. Uncertainties are standard ones.
+    """
+
+    name: str
+    rows: np.ndarray  # (N,) 1 for its rows, else 0
+    by_focal: np.ndarray  # (N, 2, 2) m/px, residual and focal length
+    by_centre: np.ndarray  # (N, 2, 2) m/px
+    by_coefficients: np.ndarray  # (N, 2, K) m
+    coefficients: tuple[str, ...]
+    by_board: np.ndarray  # (N, 2, 3) by a shift of the point in the frame of the board
+    corner: np.ndarray  # (N, 3) m, of the point from the middle of the board
+    half: np.ndarray  # (2,) m, half the size of the board
+    focal: np.ndarray  # (2,) px
+    centre: np.ndarray  # (2,) px
+    u_focal: np.ndarray  # (2,) px
+    u_centre: np.ndarray  # (2,) px
+    u_coefficients: np.ndarray  # (K,)
+    u_scale: float
+    u_flatness: float  # m
+    several: bool = False  # there are other views
 
 
 @dataclass(frozen=True)
@@ -113,6 +140,7 @@ class Circumstances:
     certified_values: tuple[CertifiedValue, ...] = ()
     sessions: tuple[Session, ...] = ()  # if several are fitted together
     instruments: tuple[tuple[str, np.ndarray], ...] = ()  # fitted: name, 1 for its rows (N,)
+    views: tuple[View, ...] = ()  # of fitted cameras
     turned_tools: tuple[int, ...] = ()  # tools whose orientation fitted measurements read
     tool_u_angle: tuple[float | None, ...] = ()  # rad, stated uncertainty of each tool's orientation
     stance: Stance | None = None  # where the arm stands relative to nominal, if known
@@ -283,6 +311,9 @@ class Effect:
         It depends on the direction of motion of a joint, or looks so.
     of_session : bool
         It differs between sessions of the same arm.
+    beside_arm : bool
+        It is an error of what measures the arm, not of the arm: widths of priors of the arm are told beside
+        it.
     linear_spring : bool
         Its parameters are compliances of linear springs, which any simulator has.
     simulated_within : float
@@ -309,6 +340,7 @@ class Effect:
     in_robot_file: bool = False
     directed: bool = False
     of_session: bool = False
+    beside_arm: bool = False
     linear_spring: bool = False
     simulated_within: float = 0.0
 

@@ -27,6 +27,8 @@ from bayescal.statistics import chi2_isf, chi2_sf, f_isf, f_sf, rms
 FEWEST_REPEATS = 5  # degrees of freedom that are sufficient to estimate the noise
 FINEST = 1e-9  # m: a smaller scatter of repeats means that the resolution is coarser than the noise
 P_VALUE = 1e-2
+GROUPS = ("contact", "point", "pixel")
+"""Kinds of noise group; that of a session is the first of those that it has."""
 STATED_FACTOR = 1.4  # without repeats: the true noise may be larger than the stated noise by this factor
 
 
@@ -106,7 +108,7 @@ def unexplained(fitted: Estimate) -> Unexplained:
     scene = fitted.model.scene
     scales = fitted.weights.scale
     kind_of = {name: name.partition(" of ")[0] for name in scales}  # sessions may have groups of their own
-    group = "contact" if "contact" in kind_of.values() else "point"
+    group = next((g for g in GROUPS if g in kind_of.values()), GROUPS[0])
     blocks = [b for b in fitted.model.blocks if kind_of[b.group] == group]
     stated = rms(np.concatenate([fitted.weights.sigma[b.name] for b in blocks]))
     left = rms(np.concatenate([scales[b.group] * fitted.weights.sigma[b.name] for b in blocks]))

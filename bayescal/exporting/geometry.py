@@ -14,8 +14,7 @@ import numpy as np
 from bayescal.arm.chain import Robot, chain_of, displaced, frames
 from bayescal.arm.motion import CERTIFICATE, CONTACT, Term
 from bayescal.arm.transforms import AXES, rigid
-from bayescal.effects import Parameter
-from bayescal.effects.tool import TOOL
+from bayescal.effects import ALWAYS, Parameter
 from bayescal.exporting.written import Format, Item, item
 from bayescal.fitted.arm import FittedArm
 from bayescal.model import Model
@@ -31,7 +30,7 @@ def changes(p: Parameter) -> bool:
 
 def constant(p: Parameter) -> bool:
     """Whether a parameter displaces frames of the arm by constants, at least in one state of the session."""
-    if p.effect == TOOL.name or any(t.frame < 0 for t in p.terms):
+    if p.effect in ALWAYS or any(t.frame < 0 for t in p.terms):
         return False
     # of several sessions, each has a base of its own: its driver is 1 in the rows of its session
     fixed = p.driver.kind == "constant" and all(np.all(np.isin(t.driver, (0.0, 1.0))) for t in p.terms)
@@ -176,7 +175,7 @@ def not_expressed(arm: FittedArm, format_: Format, state: int) -> tuple[tuple[Mi
         that are no outliers.
     """
     model, parameters = arm.model, arm.model.parameters
-    held = np.array([p.effect == TOOL.name or format_.holds(arm, k) for k, p in enumerate(parameters)], bool)
+    held = np.array([p.effect in ALWAYS or format_.holds(arm, k) for k, p in enumerate(parameters)], bool)
     kept = tuple(
         at_state(p, state) if h and constant(p) else p for p, h in zip(parameters, held, strict=True)
     )

@@ -14,8 +14,7 @@ from functools import partial
 import numpy as np
 
 from bayescal.arm.chain import Robot
-from bayescal.effects import MODELS, Parameter
-from bayescal.effects.tool import TOOL
+from bayescal.effects import ALWAYS, MODELS, Parameter
 from bayescal.exporting.geometry import constant, coupled, items
 from bayescal.exporting.mjcf.elastic import Content, Hinge
 from bayescal.exporting.mjcf.mechanism import Body, mechanism
@@ -43,7 +42,7 @@ def _holds(arm: FittedArm, k: int) -> bool:
 
 def _write(arm: FittedArm, options: Options) -> Written:
     robot, scene = arm.dataset.robot, arm.model.scene
-    held = [_holds(arm, k) or p.effect == TOOL.name for k, p in enumerate(arm.model.parameters)]
+    held = [_holds(arm, k) or p.effect in ALWAYS for k, p in enumerate(arm.model.parameters)]
     content = Content(replace(arm, values=np.where(held, arm.values, 0.0)), options.state)
     machine = mechanism(content, bare(law_of(content)))
     load = machine.loads[int(scene.dataset.measurements.tool[options.state])]

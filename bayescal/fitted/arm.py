@@ -16,8 +16,8 @@ import numpy as np
 
 from bayescal.arm.chain import frames
 from bayescal.arm.motion import Motion
+from bayescal.effects import ALWAYS
 from bayescal.effects.selection import plain
-from bayescal.effects.tool import TOOL
 from bayescal.errors import BayescalError
 from bayescal.estimate import Estimate
 from bayescal.estimate.solver import root
@@ -252,7 +252,7 @@ class FittedArm:
         if name not in self.levels:
             raise BayescalError(f"there is no level `{name}`", "", f"levels: {', '.join(self.levels)}")
         count = self.levels.index(name)
-        used = {plain(e) for e in self.effects[:count]} | ({TOOL.name} if count else set())
+        used = {plain(e) for e in self.effects[:count]} | (set(ALWAYS) if count else set())
         return self.valued(np.where([p.effect in used for p in self.model.parameters], self.values, 0.0))
 
     def valued(self, values: np.ndarray) -> FittedArm:

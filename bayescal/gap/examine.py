@@ -13,6 +13,7 @@ import numpy as np
 from bayescal.assess.shared_causes import SharedCause, judged_complete
 from bayescal.effects import EFFECTS, Circumstances, Parameter
 from bayescal.effects.gravity import masses
+from bayescal.effects.selection import plain as plain_name
 from bayescal.errors import attempted
 from bayescal.estimate import Estimate, calibrated, families
 from bayescal.estimate.families import with_compliances
@@ -34,6 +35,9 @@ from bayescal.model import ORIENTATION
 from bayescal.model.model import main_group
 from bayescal.model.options import USUAL, FitOptions
 from bayescal.model.scene import Scene
+
+LOOSE = 10.0
+"""Factor on priors of errors of what measures the arm, while widths of its own are told (assumed)."""
 
 
 @dataclass(frozen=True)
@@ -57,13 +61,30 @@ def examine(scene: Scene, effects: tuple[str, ...], options: FitOptions, further
 
     `further`: an effect was named before.
     """
-    plain, options, told = with_widths(calibrated(scene, effects, options), scene, effects, options)
+    plain, options, told = _with_widths(scene, effects, options)
     fitted, causes = judged_complete(plain) if options.robust else (plain, ())
     result = _examined(fitted, causes, options, further)
     if causes and result.decision.kind == "null":  # a few true outliers that share a cause by chance
         other = _examined(plain, (), options, further)
         result = result if other.decision.kind == "null" else other
     return replace(result, options=options, widths=told)
+
+
+def _with_widths(
+    scene: Scene, effects: tuple[str, ...], options: FitOptions
+) -> tuple[Estimate, FitOptions, tuple[Width, ...]]:
+    """The baseline under the priors that the data tell.
+
+    An error of what measures the arm may look like lengths of the arm beyond their priors: where there may be
+    one, widths are those of a model that has it.
+    """
+    c = scene.circumstances(scene.rows("calibrate"))
+    beside = [name for name, e in EFFECTS.items() if e.beside_arm and not e.missing(c)]
+    if not beside:
+        return with_widths(calibrated(scene, effects, options), scene, effects, options)
+    wide = (*effects, *(f"{name} x{LOOSE:g}" for name in beside if name not in map(plain_name, effects)))
+    _, options, told = with_widths(calibrated(scene, wide, options), scene, wide, options)
+    return calibrated(scene, effects, options), options, told
 
 
 def _examined(

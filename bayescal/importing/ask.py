@@ -142,6 +142,7 @@ class Request:
     allow_xacro: bool = False
     motions: str = ""
     joints: str = ""
+    board: str = ""
     torque: str = ""
     topic: str = ""
     table: str = "csv"

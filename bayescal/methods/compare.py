@@ -17,6 +17,7 @@ from bayescal.effects import BASELINE
 from bayescal.errors import BayescalError
 from bayescal.estimate import Estimate, check_enough, linearise, unit_weights
 from bayescal.estimate.unexplained import unexplained
+from bayescal.methods import hand_eye
 from bayescal.methods.normals import NORMALS
 from bayescal.methods.published import INVERSE, LINEAR, NOMINAL, OPEN_LOOP, OURS, PLANES, Method
 from bayescal.methods.solving import Solution
@@ -72,7 +73,7 @@ def compare(
     dataset: Dataset,
     effects: tuple[str, ...] = BASELINE,
     seed: int = 0,
-    methods: Sequence[Method] = METHODS,
+    methods: Sequence[Method] = (),
     progress: Progress = silent,
 ) -> Comparison:
     """Calibrate a session by every method that it allows.
@@ -85,6 +86,7 @@ def compare(
     seed : int
         Of the draws behind a prediction.
     methods : sequence of Method
+        Default: `METHODS`, and hand-eye solvers for a session with a camera.
     progress : callable
         Called with the method and the fraction done.
 
@@ -98,6 +100,8 @@ def compare(
     check_enough(scene)
     model = build(scene, effects)
     validated(NOMINAL.solve(scene, effects))  # compiles what is compiled: no method pays for it
+    cameras = any(kind.posed for kind in scene.declared)
+    methods = methods or (*METHODS, *(hand_eye.METHODS if cameras else ()))
     rows = []
     for k, method in enumerate(methods):
         progress(method.name, k / len(methods))
@@ -122,7 +126,7 @@ def located(model: Model, values: np.ndarray) -> np.ndarray:
     z = np.zeros(model.size)
     z[model.slices[ARM]] = (values - model.shift) / model.sd
     for block in model.states:
-        kind, p = block.touched(values), block.motion.points(values)
+        kind, p = block.touched(values), block.seen(values)
         sigma = np.tile(block.sigma, (block.kind.rows, 1))
         states, _ = locate(block.target, Rows(kind, p, sigma))
         z[model.slices[block.target]] = states.x[0, block.free] / block.sd

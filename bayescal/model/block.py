@@ -85,10 +85,33 @@ class Block:
 
     def residual(self, values: np.ndarray, z: np.ndarray) -> np.ndarray:
         """Residuals (..., rows, C), m, at arm deviations (..., P) and target z (..., size)."""
-        r = self.kind.residual(self.state(z), self.seen(values))
-        if len(self.contact_index):
-            r = r + (values[..., self.contact_index] @ self.contact)[..., None, :]
-        return r
+        return self.residual_of(self.seen(values), values, self.state(z))
+
+    def residual_of(self, seen: np.ndarray, values: np.ndarray, state: np.ndarray) -> np.ndarray:
+        """Residuals (..., rows, C), m, of what is `seen`, at arm deviations (..., P) and a target's state."""
+        r = self.kind.residual(state, seen)
+        return r + self.direct(values) if self.has_direct else r
+
+    @property
+    def has_direct(self) -> bool:
+        """Whether parameters change the residuals directly."""
+        return bool(len(self.contact_index))
+
+    def direct(self, values: np.ndarray) -> np.ndarray:
+        """Part of residuals from parameters that change them directly, (..., rows or 1, C), m."""
+        return self.at_contact(values)[..., None, :]
+
+    def add_direct(self, by_arm: np.ndarray) -> None:
+        """Add the slopes of `direct` to those of the residuals (P, R) by the arm's parameters."""
+        by_arm[self.contact_index] += np.tile(self.contact, self.kind.rows)
+
+    def points(self, values: np.ndarray) -> np.ndarray:
+        """Ball centres (..., 3, C), m, at arm deviations (..., P)."""
+        return self.motion.points(values)
+
+    def by_point(self, state: np.ndarray, seen: np.ndarray) -> np.ndarray:
+        """Derivatives (rows, 3, C) of residuals by a shift of the ball centres in F0; 0 of orientations."""
+        return self.kind.linearise(state, seen)[1]
 
     def at_contact(self, values: np.ndarray) -> np.ndarray:
         """Part of residuals from parameters that act at the contact, (..., C), m, at deviations (..., P)."""
@@ -107,9 +130,9 @@ class Block:
         # in order of the parameters, as in the kernel and the solver
         arm = [self.columns(values, p, u[k]) for k in range(self.kind.rows)]
         by_arm = arm[0] if len(arm) == 1 else np.concatenate(arm, axis=1)
-        if len(self.contact_index):
-            r = r + values[self.contact_index] @ self.contact
-            by_arm[self.contact_index] += np.tile(self.contact, self.kind.rows)
+        if self.has_direct:
+            r = r + self.direct(values)
+            self.add_direct(by_arm)
         return r.ravel(), by_arm.T, self.by_z(dx).reshape(self.residuals, self.size)
 
     def by_readings(self, values: np.ndarray, z: np.ndarray, coupling: np.ndarray) -> np.ndarray:
@@ -129,41 +152,105 @@ class Block:
 
 
 @dataclass(frozen=True)
-class Turned(Block):
-    """The rows in which an instrument also reads the tool's orientation; shares the state of its points.
+class Oriented(Block):
+    """Rows to which it matters how the tool stands on the flange.
 
     `frame` (C, 3, 3) is the nominal orientation of each row's tool on the flange. The parameters `turn_index`
-    (P',) rotate it by a rotation vector in its own frame, with the drivers `turn` (P', 3, C). Residuals are
-    in rad.
+    (P',) rotate it by a rotation vector in its own frame, with the drivers `turn` (P', 3, C).
     """
 
     frame: np.ndarray
     turn_index: np.ndarray
     turn: np.ndarray
 
+    def _vector(self, values: np.ndarray) -> np.ndarray:
+        """Rotation vector of each row's tool relative to its nominal frame, (..., C, 3), rad."""
+        return np.einsum("...k,kac->...ca", values[..., self.turn_index], self.turn)
+
+    def turns(self, values: np.ndarray) -> np.ndarray:
+        """Orientations of the tool's frame in F0, (..., 3, 3, C), at arm deviations (..., P)."""
+        flange = np.moveaxis(self.motion.turns(values), -1, -3)
+        return np.moveaxis(flange @ self.frame @ turned(self._vector(values)), -3, -1)
+
+    def add_turns(self, out: np.ndarray, values: np.ndarray, turns: np.ndarray, u: np.ndarray) -> None:
+        """Add rotations about u (3, C) of the tool's orientation `turns` on the flange to columns (P, C)."""
+        if len(self.turn_index):
+            v = self._vector(values)
+            # exp(v + dv) = exp(v) exp(J dv) with the left Jacobian of -v: a rotation in the tool's frame
+            gradient = np.einsum("ic,ijc->cj", u, turns)[:, None, :] @ left_jacobian(-v)
+            out[self.turn_index] += np.einsum("cj,kjc->kc", gradient[:, 0], self.turn)
+
+
+@dataclass(frozen=True)
+class Turned(Oriented):
+    """The rows in which an instrument also reads the tool's orientation; shares the state of its points.
+
+    Residuals are in rad.
+    """
+
     @property
     def name(self) -> str:
         """Key of its weights; differs from that of the points of the same target."""
         return f"{self.target} (orientation)"
 
-    def _vector(self, values: np.ndarray) -> np.ndarray:
-        """Rotation vector of each row's tool relative to its nominal frame, (..., C, 3), rad."""
-        return np.einsum("...k,kac->...ca", values[..., self.turn_index], self.turn)
-
     def seen(self, values: np.ndarray) -> np.ndarray:
         """Orientations of the tool's frame in F0, (..., 3, 3, C), at arm deviations (..., P)."""
-        flange = np.moveaxis(self.motion.turns(values), -1, -3)
-        return np.moveaxis(flange @ self.frame @ turned(self._vector(values)), -3, -1)
+        return self.turns(values)
 
     def columns(self, values: np.ndarray, seen: np.ndarray, u: np.ndarray) -> np.ndarray:
         """Rotations (P, C) of the tool about u (3, C) by each parameter, at deviations (P,)."""
         out = self.motion.turning_columns(values, u)
-        if len(self.turn_index):
-            v = self._vector(values)
-            # exp(v + dv) = exp(v) exp(J dv) with the left Jacobian of -v: a rotation in the tool's frame
-            gradient = np.einsum("ic,ijc->cj", u, seen)[:, None, :] @ left_jacobian(-v)
-            out[self.turn_index] += np.einsum("cj,kjc->kc", gradient[:, 0], self.turn)
+        self.add_turns(out, values, seen, u)
         return out
+
+    def by_point(self, state: np.ndarray, seen: np.ndarray) -> np.ndarray:
+        """Zeros: a shift of the ball turns nothing."""
+        return np.zeros((self.kind.rows, 3, len(self.rows)))
+
+
+@dataclass(frozen=True)
+class Posed(Oriented):
+    """Rows whose kind judges poses of the tool, as a camera does.
+
+    The parameters `image_index` (P',) change the components of the residuals directly, with the drivers
+    `image` (P', rows, C).
+    """
+
+    image_index: np.ndarray
+    image: np.ndarray
+
+    def seen(self, values: np.ndarray) -> np.ndarray:
+        """Poses of the tool in F0, (..., 3, 4, C), at arm deviations (..., P)."""
+        return np.concatenate([self.turns(values), self.points(values)[..., None, :]], axis=-2)
+
+    def columns(self, values: np.ndarray, seen: np.ndarray, u: np.ndarray) -> np.ndarray:
+        """Derivatives (P, C) of `seen` along u (6, C): a force and its moment about the tool's point.
+
+        A moment normal to its force is that of the force at another point of the flange.
+        """
+        force, moment = u[:3], u[3:]
+        square = np.maximum(np.sum(force**2, axis=0), np.finfo(float).tiny)
+        at = seen[:, 3] + np.cross(force, moment, axis=0) / square
+        out = self.motion.columns(values, at, force)
+        self.add_turns(out, values, seen[:, :3], moment)
+        return out
+
+    def by_point(self, state: np.ndarray, seen: np.ndarray) -> np.ndarray:
+        """Derivatives (rows, 3, C) of the residuals by a shift of the tool in F0."""
+        return self.kind.linearise(state, seen)[1][:, :3]
+
+    @property
+    def has_direct(self) -> bool:
+        """Whether parameters change the residuals directly."""
+        return bool(len(self.image_index))
+
+    def direct(self, values: np.ndarray) -> np.ndarray:
+        """Part of residuals from parameters that change them directly, (..., rows, C), m."""
+        return np.einsum("...k,krc->...rc", values[..., self.image_index], self.image)
+
+    def add_direct(self, by_arm: np.ndarray) -> None:
+        """Add the slopes of `direct` to those of the residuals (P, R) by the arm's parameters."""
+        by_arm[self.image_index] += self.image.reshape(len(self.image_index), -1)
 
 
 @dataclass(frozen=True)

@@ -14,14 +14,15 @@ from functools import cached_property
 
 import numpy as np
 
-from bayescal.arm.motion import CERTIFICATE, CONTACT, TURN, Motion, Terms
+from bayescal.arm.motion import CERTIFICATE, CONTACT, IMAGE, TURN, Motion, Terms
 from bayescal.dataset import Certificate as CertificateEntry
 from bayescal.dataset.target_kinds import KINDS
 from bayescal.effects import UNITS, Parameter, parameters_of
 from bayescal.errors import BayescalError
-from bayescal.model.block import ARM, Block, Constraint, Turned, sigma
+from bayescal.model.block import ARM, Block, Constraint, Posed, Turned, sigma
 from bayescal.model.options import USUAL, FitOptions, kept
-from bayescal.model.scene import POINTS, Scene, u_of
+from bayescal.model.scene import Scene
+from bayescal.model.statements import POINTS, u_of
 from factors import certificate
 from factors.cylinder import Cylinder
 from factors.kind import Kind
@@ -174,26 +175,41 @@ class Model:
         """Any rows of one target under this model's parameters."""
         kind = self.scene.kind(target, rows)
         index, drivers = self.driven(CONTACT, "normal", len(self.scene.q))
-        return Block(
+        plain = (
             self.scene.dataset.targets[target].name,
             self.scene.group(target),
             rows,
             self.motion(rows),
             kind,
             self.scene.sigma(rows),
-            index,
-            drivers[:, rows],
         )
+        if not self.scene.declared[target].posed:
+            return Block(*plain, index, drivers[:, rows])
+        none, turned = (
+            (np.zeros(0, int), np.zeros((0, len(rows)))),
+            self._along(TURN, ("rx", "ry", "rz"), rows),
+        )
+        return Posed(
+            *plain, *none, self.scene.tool_frames[rows], *turned, *self._along(IMAGE, ("u", "v"), rows)
+        )
+
+    def _along(self, frame: int, axes: Sequence[str], rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Parameters (P',) with terms along axes of a frame, and their drivers in rows, (P', axes, C)."""
+        found = [self.driven(frame, axis, len(self.scene.q)) for axis in axes]
+        index = np.concatenate([own for own, _ in found])
+        out = np.zeros((len(index), len(axes), len(rows)))
+        place = np.repeat(np.arange(len(axes)), [len(own) for own, _ in found])
+        out[np.arange(len(index)), place] = np.concatenate([drivers[:, rows] for _, drivers in found])
+        # of a parameter along several axes, one entry
+        once, at = np.unique(index, return_inverse=True)
+        joined = np.zeros((len(once), len(axes), len(rows)))
+        np.add.at(joined, at, out)
+        return once, joined
 
     def turned(self, target: int, rows: np.ndarray) -> Turned:
         """Any rows of an instrument that read the tool's orientation too, as a block of orientations."""
         scene = self.scene
-        axes = [self.driven(TURN, axis, len(scene.q)) for axis in ("rx", "ry", "rz")]
-        index = np.concatenate([idx for idx, _ in axes])
-        turn = np.zeros((len(index), 3, len(rows)))
-        turn[np.arange(len(index)), np.repeat(np.arange(3), [len(idx) for idx, _ in axes])] = np.concatenate(
-            [drivers[:, rows] for _, drivers in axes]
-        )
+        index, turn = self._along(TURN, ("rx", "ry", "rz"), rows)
         return Turned(
             scene.dataset.targets[target].name,
             ORIENTATION,

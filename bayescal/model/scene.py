@@ -18,36 +18,14 @@ from bayescal.dataset.target_kinds import TargetKind, kinds_of, seen
 from bayescal.effects import CertifiedValue, Circumstances, Face, Session
 from bayescal.errors import BayescalError
 from bayescal.model import block
+from bayescal.model.statements import STATED, u_of
+from bayescal.model.views import blur_of, views_of
 from factors.certificate import RELATIONS, ordered
 from factors.instrument import Instrument
 from factors.kind import Kind
 from factors.orientation import Orientation
 from factors.plane import Plane
 from factors.points import Shape, shape
-from factors.relation import Relation, aligned, apart, between_faces, off_plane, square
-
-STATED: dict[str, dict[Relation, tuple[tuple[str, str], ...]]] = {
-    "parallel": {
-        aligned: (("parallel 1", "rad"), ("parallel 2", "rad")),
-        square: (("parallel", "rad"),),
-        between_faces: (("distance", "m"),),
-        off_plane: (("distance", "m"),),
-        apart: (("distance", "m"),),
-    },
-    "perpendicular": {square: (("square", "rad"),), aligned: (("square 1", "rad"), ("square 2", "rad"))},
-    "distance": {off_plane: (("distance", "m"),), apart: (("distance", "m"),)},
-}
-"""Values that a certificate of two targets states, one residual each, and their units, by relation."""
-
-
-POINTS = "points"
-"""Kind of the certificate of an artefact's coordinates, of which a fit uses those of the fitted targets."""
-
-
-def u_of(entry: Certificate, stated: Sequence[tuple[str, str]]) -> np.ndarray:
-    """Standard uncertainties, rad and m, of all values of a certificate."""
-    return np.array([entry.u_angle if unit == "rad" else entry.u_distance for _, unit in stated], float)
-
 
 T = TypeVar("T")
 
@@ -161,6 +139,31 @@ class Scene:
         return block.posed(self.dataset) & self.oriented
 
     @unposed
+    def poses(self) -> np.ndarray:
+        """Nominal poses of each row's tool in F0, (N, 3, 4)."""
+        return np.concatenate([self.flange @ self.tool_frames, self.points[..., None]], axis=2)
+
+    @unposed
+    def blur(self) -> np.ndarray:
+        """Factor on the noise of each row of a blurred image, (N,)."""
+        return blur_of(self.dataset)
+
+    @unposed
+    def turning(self) -> np.ndarray:
+        """Which rows depend on how the tool stands on the flange, (N,)."""
+        return self.posed | np.array([kind.posed for kind in self.declared])[self.dataset.measurements.target]
+
+    def nominal(self, target: int, rows: np.ndarray) -> np.ndarray:
+        """What the kind of a target judges in some rows, nominal: points (3, C) or poses (3, 4, C)."""
+        of = self.poses if self.declared[target].posed else self.points
+        return np.moveaxis(of[rows], 0, -1)
+
+    def looks(self, target: int, rows: np.ndarray) -> np.ndarray:
+        """Derivatives (k, 3, C) of nominal residuals of some rows by a shift of the tool in F0."""
+        kind = self.kind(target, rows)
+        return kind.linearise(np.zeros(len(kind.sd)), self.nominal(target, rows))[1][:, :3]
+
+    @unposed
     def declared(self) -> tuple[TargetKind, ...]:
         """The declared kind of every target."""
         return kinds_of(self.dataset)
@@ -188,7 +191,7 @@ class Scene:
         fitted = self.rows("calibrate") if fitted is None else fitted
         used = tuple(int(k) for k in np.unique(m.tool[fitted]))
         targets = [d.targets[k] for k in np.unique(m.target[fitted])]
-        turned = tuple(int(k) for k in np.unique(m.tool[fitted[self.posed[fitted]]]))
+        turned = tuple(int(k) for k in np.unique(m.tool[fitted[self.turning[fitted]]]))
         return Circumstances(
             robot=d.robot,
             chain=self.chain,
@@ -220,6 +223,7 @@ class Scene:
             certified_values=self._certified_values({t.name for t in targets}),
             sessions=self._sessions(targets),
             instruments=self._instruments(fitted),
+            views=views_of(self, fitted),
             turned_tools=turned,
             tool_u_angle=tuple(tool.u_angle for tool in d.tools),
             stance=self.stance,
@@ -240,10 +244,8 @@ class Scene:
         out = np.full((len(target), 3), np.nan)
         for t in np.unique(target):
             rows = np.flatnonzero(target == t)
-            kind = self.kind(int(t), rows)
             if self.declared[t].touched:
-                _, u, _ = kind.linearise(np.zeros(len(kind.sd)), self.points[rows].T)
-                out[rows] = -u[0].T
+                out[rows] = -self.looks(int(t), rows)[0].T
         return out
 
     @unposed
@@ -264,7 +266,7 @@ class Scene:
     def _instruments(self, fitted: np.ndarray) -> tuple[tuple[str, np.ndarray], ...]:
         """Fitted instruments: name, and 1 for their rows, (N,)."""
         d, target = self.dataset, self.dataset.measurements.target
-        instruments = [t for t in np.unique(target[fitted]).tolist() if d.targets[t].kind == "instrument"]
+        instruments = [t for t in np.unique(target[fitted]).tolist() if self.declared[t].of_instrument]
         return tuple((d.targets[t].name, (target == t).astype(float)) for t in instruments)
 
     def _faces(self, fitted: np.ndarray) -> tuple[Face, ...]:
@@ -289,8 +291,7 @@ class Scene:
 
     def forms(self, entry: Certificate) -> tuple[str, str]:
         """Forms of both targets of a certificate, of `factors.certificate.FORMS`."""
-        kinds = {t.name: t for t in self.dataset.targets}
-        return forms_of([kinds[name] for name in entry.targets])
+        return forms_of([self.dataset.targets[self.index[name]] for name in entry.targets])
 
     def stated(self, entry: Certificate) -> tuple[tuple[str, str], ...]:
         """Values of a certificate, one residual each, and their units; () for a form error."""
@@ -353,7 +354,7 @@ class Scene:
         )
 
     def group(self, target: int) -> str:
-        """Noise group of a target's residuals, with a common stated noise and scale: contact or point."""
+        """Noise group of a target's residuals, with common noise and scale: contact, point, pixel."""
         item = self.dataset.targets[target]
         group = self.declared[target].noise
         return f"{group} of {item.noise}" if item.noise else group
@@ -361,8 +362,12 @@ class Scene:
     def sigma(self, rows: np.ndarray) -> np.ndarray:
         """Stated standard uncertainty of one residual of each row, m, without that of the readings."""
         d, m = self.dataset, self.dataset.measurements
-        of_kind = [getattr(d.noise, kind.noise) or np.nan for kind in self.declared]
+        of_kind = [getattr(d.noise, kind.noise) or kind.usual for kind in self.declared]
         stated = np.array(of_kind)[m.target[rows]]
+        for t in np.unique(m.target[rows]).tolist():
+            if self.declared[t].posed:
+                mine = m.target[rows] == t
+                stated[mine] *= self.kind(t, rows[mine]).scale * self.blur[rows[mine]]  # type: ignore[attr-defined]
         if m.u is not None:
             stated = np.where(np.isnan(m.u[rows]), stated, m.u[rows])
         return stated
@@ -383,7 +388,8 @@ class Scene:
         mine = np.flatnonzero(m.target == target)
         fitted = mine[m.role[mine] == "calibrate"]
         middle = self.points[fitted if len(fitted) else mine].mean(axis=0)
-        return self.declared[target].build(item, seen(self.dataset, target, rows, middle))
+        pose = np.moveaxis(self.poses[rows], 0, -1) if self.declared[target].posed else None
+        return self.declared[target].build(item, seen(self.dataset, target, rows, middle, pose))
 
 
 def _tied(targets: Sequence[Target]) -> bool:

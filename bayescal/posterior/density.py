@@ -14,10 +14,13 @@ import numpy as np
 
 from bayescal.estimate import STATED_WORTH, Estimate
 from bayescal.model import ARM, Turned
+from bayescal.model.block import Oriented
 from bayescal.model.model import noise_groups
 
 MOST_VALUES = 4_000_000
 """Rows times points whose residuals are held in memory at a time: 100 MB of ball centres."""
+OF_POSE = 16
+"""The same of a row that depends on a pose: its matrices and their temporary products."""
 
 
 class Density:
@@ -48,7 +51,8 @@ class Density:
     @property
     def at_once(self) -> int:
         """Number of points whose residuals are held in memory."""
-        return max(MOST_VALUES // max(sum(len(b.rows) for b in self.blocks), 1), 1)
+        values = sum(len(b.rows) * (OF_POSE if isinstance(b, Oriented) else 1) for b in self.blocks)
+        return max(MOST_VALUES // max(values, 1), 1)
 
     @property
     def size(self) -> int:
@@ -66,11 +70,8 @@ class Density:
         residuals, states = [], {}
         for block, at, inverse in zip(self.blocks, self._at, self.inverse_sigma, strict=True):
             states[block.target] = block.state(z[:, slices[block.target]])
-            seen = block.seen(values) if isinstance(block, Turned) else p[..., at]
-            r = block.kind.residual(states[block.target], seen)
-            if len(block.contact_index):
-                r = r + (values[:, block.contact_index] @ block.contact)[:, None, :]
-            residuals.append(r * inverse)
+            seen = block.seen(values) if isinstance(block, Oriented) else p[..., at]
+            residuals.append(block.residual_of(seen, values, states[block.target]) * inverse)
         return residuals, states
 
     def misfit(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -27,6 +27,7 @@ from scipy.special import ndtri
 from bayescal.dataset import Measurements
 from bayescal.estimate import Estimate, linearise, root
 from bayescal.estimate.families import poses
+from bayescal.estimate.unexplained import GROUPS
 from bayescal.model import ARM, Block
 from bayescal.model.model import length_blocks
 from bayescal.model.scene import Scene
@@ -202,7 +203,7 @@ def validation_errors(estimate: Estimate, strict: bool = True, without: str = LE
         parts = [_predicted(r, factor) for r in fitted]
     else:
         parts = left_out(estimate) if how == LEFT_OUT else blocks_left_out(estimate)
-    main = "contact" if any(p.block.group == "contact" for p in parts) else "point"
+    main = next((g for g in GROUPS if any(p.block.group == g for p in parts)), "point")
     parts += [_predicted(r, factor) for r in known.rows if r.target is not None]
     blocks_of = [p.block for p in parts]
     at = np.concatenate([np.tile(b.rows, b.kind.rows) for b in blocks_of])

@@ -108,13 +108,13 @@ class ValidationErrors:
     """R residuals of validation contacts, three for a point, in the order of rows, and the distances."""
 
     how: str  # VALIDATED, LEFT_OUT or BLOCKED
-    main: str  # noise group that the gap is compared with: "contact" where contacts are fitted, else "point"
+    main: str  # noise group that the gap is compared with: the first of `GROUPS` that is fitted
     residual: np.ndarray  # (R,) m
     noise: np.ndarray  # (R,) m, of one residual, by the noise scale of the fit
     by_parameters: np.ndarray  # (R, F) m, by posterior standard normals; 0 where `noise` includes them
     rows: np.ndarray  # (R,) of the session
     kind: np.ndarray  # (R,) "planes" or "points"
-    group: np.ndarray  # (R,) noise group: "contact" or "point"
+    group: np.ndarray  # (R,) noise group: of `GROUPS`
     target: np.ndarray  # (R,) names
     block: np.ndarray  # (R,) labels for the bootstrap
     distances: CentreDistances

@@ -135,7 +135,8 @@ class Rows:
     kind : Kind
         Of the rows; its `sd` is the prior.
     p : np.ndarray, shape (3, C)
-        Ball centres, m, tools nominal; (S, 3, C) of a search with other centres from each start.
+        Ball centres, m, tools nominal; (S, 3, C) of a search with other centres from each start. Poses of
+        the tool (3, 4, C) for a kind that judges them.
     sigma : np.ndarray, shape (rows, C)
         Standard uncertainties of the residuals, m.
     shifts : np.ndarray, shape (3, 3, C)
@@ -152,9 +153,20 @@ class Rows:
 
     def points(self, tool: np.ndarray) -> np.ndarray:
         """Ball centres (S, 3, C), m, with shifts (S, 3) of the tool, m."""
+        shape = self.p.shape[-3:] if self.posed else self.p.shape[-2:]
         if not len(self.shifts):
-            return np.broadcast_to(self.p, (len(tool), *self.p.shape[-2:]))
-        return self.p + np.einsum("sj,jkc->skc", tool, self.shifts)
+            return np.broadcast_to(self.p, (len(tool), *shape))
+        shifts = np.einsum("sj,jkc->skc", tool, self.shifts)
+        if not self.posed:
+            return self.p + shifts
+        out = np.repeat(self.p[None], len(tool), axis=0)
+        out[:, :, 3] += shifts
+        return out
+
+    @property
+    def posed(self) -> bool:
+        """Whether `p` holds poses."""
+        return self.p.shape[-2] == 4
 
     def chi2(self, at: States) -> np.ndarray:
         """Chi-square (C,) of each row's residuals at the first solution, over their standard uncertainty."""
@@ -193,7 +205,9 @@ def search(rows: Rows, start: np.ndarray, weight: np.ndarray | float = 1.0, besi
         r = (r * inverse_sigma).reshape(count, -1)
         slopes = dx[..., free]
         if len(rows.shifts):
-            slopes = np.concatenate([slopes, np.einsum("srkc,jkc->srcj", u, rows.shifts)], axis=-1)
+            slopes = np.concatenate(
+                [slopes, np.einsum("srkc,jkc->srcj", u[..., :3, :], rows.shifts)], axis=-1
+            )
         j = (slopes * inverse_sigma[..., None]).reshape(*r.shape, len(sd)) * sd
         gradient = np.einsum("sri,sr->si", j, r) + y
         cost = 0.5 * (np.sum(r**2, axis=1) + np.sum(y**2, axis=1))
@@ -251,7 +265,7 @@ def locate(name: str, rows: Rows, strict: bool = True) -> tuple[States, np.ndarr
         solutions = solutions.some(np.append(0, further))
         return solutions, solutions.some([int(np.nanargmin(solutions.cost))])
 
-    keep = np.ones(rows.p.shape[1])
+    keep = np.ones(rows.p.shape[-1])
     solutions, chosen = best(keep)
     chi2 = rows.chi2(chosen)
     if chi2.max(initial=0.0) > SUSPICIOUS**2 * kind.rows * max(scale(chi2, kind.rows), 1.0) ** 2:

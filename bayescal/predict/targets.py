@@ -94,9 +94,9 @@ def located_target(
         block = with_diameter(block, u_diameter)
     tool_sd = unknown_tool(model.scene, block.rows)
     values = estimate.arm
-    p, kind = block.motion.points(values), block.touched(values)
+    p, kind = block.seen(values), block.touched(values)
     noise = noise_of(estimate, block, np.zeros(block.size))
-    shifts = by_tool(block, values, p) if tool_sd else NO_SHIFTS
+    shifts = by_tool(block, values, block.points(values)) if tool_sd else NO_SHIFTS
     rows = Rows(kind, p, noise.reshape(kind.rows, -1), shifts, tool_sd)
     at, keep = locate(block.target, rows, strict)
     z, tool = at.x[0, block.free] / block.sd, at.tool[0]
@@ -158,14 +158,11 @@ def slopes_of(
     values = estimate.arm
     r, by_arm, by_target = block.linearise(values, z)
     seen = block.seen(values)
-    by_point = np.zeros((len(r), 3))
-    if seen.ndim == 2:
-        _, u, _ = block.kind.linearise(block.state(z), seen)
-        by_point = np.swapaxes(u, -1, -2).reshape(len(r), 3)
+    u = block.by_point(block.state(z), seen)
+    by_point = np.swapaxes(u, -1, -2).reshape(len(r), 3)
     if tool_sd:
-        shifts = np.zeros((len(r), 3))
-        if seen.ndim == 2:
-            shifts = np.einsum("rkc,jkc->rcj", u, by_tool(block, values, seen)).reshape(len(r), 3)
+        moved = by_tool(block, values, block.points(values))
+        shifts = np.einsum("rkc,jkc->rcj", u, moved).reshape(len(r), 3)
         by_target = np.column_stack([by_target, shifts * tool_sd])
     return r, by_arm * model.sd, by_target, by_point
 

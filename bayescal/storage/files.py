@@ -25,7 +25,8 @@ from bayescal.storage.reading import CONTROL, decoded, explained
 from bayescal.storage.stopping import completed
 
 UNITS = {"mm": 1e-3, "deg": math.pi / 180, "degps": math.pi / 180} | dict.fromkeys(
-    ("rad", "kg", "nm", "s", "c", "degc", "mps2", "rad_per_nm", "kgm2", "nms_per_rad", "nm_per_rad"), 1.0
+    ("rad", "kg", "nm", "s", "c", "px", "degc", "mps2", "rad_per_nm", "kgm2", "nms_per_rad", "nm_per_rad"),
+    1.0,
 )
 """Unit suffixes of keys and columns, and the factors to SI (degrees Celsius are kept)."""
 

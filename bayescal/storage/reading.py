@@ -181,6 +181,7 @@ _ERRORS: dict[str, tuple[str, str]] = {
     "too_long": ("{key} has {actual_length} entries", "must have {max_length}"),
     "too_short": ("{key} has {actual_length} entries", "must have at least {min_length}"),
     "too_tiny": ("{key} is {value}", "no uncertainty is less than {least:g}"),
+    "not_a_board": ("{key} is {value!r}, not a board", "{remedy}"),
     "not_a_date": ("{key} is {value!r}, not a date", "write it as YYYY-MM-DD"),
     "string_too_long": ("{key} has {length} characters", "must have at most {max_length}"),
     "string_too_short": ("{key} is empty", "write a name"),

@@ -14,8 +14,8 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 
+from bayescal.effects import ALWAYS
 from bayescal.effects.geometry import GEOMETRY
-from bayescal.effects.tool import TOOL
 from bayescal.errors import BayescalError
 from bayescal.exporting.geometry import constant
 from bayescal.exporting.mjcf.elastic import sprung
@@ -153,7 +153,7 @@ Poses = Callable[[np.ndarray], np.ndarray]
 
 def held(arm: FittedArm) -> FittedArm:
     """The arm with the parameters that a URDF holds; others are nominal."""
-    kept = [constant(p) or p.effect == TOOL.name for p in arm.model.parameters]
+    kept = [constant(p) or p.effect in ALWAYS for p in arm.model.parameters]
     return arm.valued(np.where(kept, arm.values, 0.0))
 
 

@@ -83,7 +83,6 @@ ALLOWED = {
     "motion/together.py": "the masses of a log act on a session through the compliance",
     "motion/effects.py": "the list of effects of joint logs, some with the same names",
     "predict/targets.py": "a tool that no fitted row used has the prior of a tool",
-    "fitted/arm.py": "the parameters of the tool belong to every model",
     "programs/tools.py": "a program corrects tools with the geometry of the arm",
     "planning/plan.py": "a plan states which stiffnesses a session determines",
     "reporting/exports.py": "the parameters of the tool belong to every model",

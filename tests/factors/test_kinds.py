@@ -7,11 +7,13 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
+from factors.camera import Camera
 from factors.cylinder import Cylinder
 from factors.distance import Distance
 from factors.fixed_point import FixedPoint
 from factors.instrument import Instrument
 from factors.kind import Kind, dot, tangents, tilted
+from factors.lens import FISHEYE, PINHOLE, Lens
 from factors.orientation import Orientation
 from factors.plane import Plane
 from factors.sphere import Sphere
@@ -91,13 +93,22 @@ def turned_by(turns: np.ndarray, step: np.ndarray) -> np.ndarray:
     return np.moveaxis(turned(np.swapaxes(step, -1, -2)) @ np.moveaxis(turns, -1, -3), -3, -1)
 
 
+def posed_by(pose: np.ndarray, step: np.ndarray) -> np.ndarray:
+    """Poses (3, 4, C) shifted and turned about their origin in F0, by steps (..., 6, C)."""
+    axes = turned_by(pose[..., :3, :], step[..., 3:, :])
+    return np.concatenate([axes, (pose[..., 3, :] + step[..., :3, :])[..., None, :]], axis=-2)
+
+
 @dataclass(frozen=True)
 class Case:
     kind: Kind
-    contacts: Callable  # (what `describe` says, gap (rows, C), rng) -> (3, C), or turns (3, 3, C)
+    contacts: (
+        Callable  # (what `describe` says, gap (rows, C), rng) -> (3, C), turns (3, 3, C), poses (3, 4, C)
+    )
     rebuild: Callable  # what `describe` says -> the kind nominally there
     size: int
-    moved: Callable = shifted  # a contact by small steps (..., 3, C)
+    moved: Callable = shifted  # a contact by small steps (..., steps, C)
+    steps: int = 3
 
 
 def plane_case(normal: np.ndarray) -> Case:
@@ -116,7 +127,45 @@ _bar = Distance(np.array([0.4, 0.0, 0.05]), LENGTHS, np.full(3, 0.05))
 _tracker = Instrument(FRAME, np.array([0.5, 0.0, 0.3]), XYZ, np.array([0.2] * 3 + [0.05] * 3))
 _turns = Orientation(FRAME, TURNS, _tracker.sd)
 
+CORNER = np.column_stack([np.random.default_rng(5).uniform(-0.1, 0.1, (COUNT, 2)), np.zeros(COUNT)])
+PIXEL = np.random.default_rng(6).uniform([100, 100], [1180, 620], (COUNT, 2))
+DEPTH = np.linspace(0.3, 0.7, COUNT)
+LENSES = {
+    PINHOLE: Lens(
+        PINHOLE, np.array([910.0, 905.0]), np.array([645.0, 355.0]), np.array([-0.2, 0.05, 1e-3, -5e-4, 0.01])
+    ),
+    FISHEYE: Lens(
+        FISHEYE, np.array([510.0, 505.0]), np.array([645.0, 355.0]), np.array([0.03, -0.01, 4e-3, -1e-3])
+    ),
+}
+
+
+def camera_case(lens: Lens, carried: bool) -> Case:
+    frame = FRAME.copy()
+    frame[:3, 3] = [0.5, 0.1, 0.4]
+    pivot = np.array([0.45, 0.0, 0.3])
+    kind = Camera(
+        frame, pivot, CORNER, PIXEL, lens, DEPTH / lens.focal[0], np.array([0.2] * 3 + [0.05] * 3), carried
+    )
+
+    def as_seen(true: dict, gap: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        at, axes = true["frame"], turned(rng.uniform(-1, 1, (COUNT, 3)))
+        local = np.vstack([lens.directions(PIXEL.T + gap / kind.scale), np.ones(COUNT)]) * DEPTH
+        if carried:
+            origin = at[:3, :3] @ CORNER.T + at[:3, 3:] - np.einsum("cjk,kc->jc", axes, local)
+        else:
+            origin = at[:3, :3] @ local + at[:3, 3:] - np.einsum("cjk,ck->jc", axes, CORNER)
+        return np.concatenate([np.moveaxis(axes, 0, -1), origin[:, None]], axis=1)
+
+    return Case(kind, as_seen, lambda d: replace(kind, frame=d["frame"]), 6, posed_by, 6)
+
+
 CASES = {
+    **{
+        f"{name} camera, {'carried' if on else 'fixed'}": camera_case(lens, on)
+        for name, lens in LENSES.items()
+        for on in (False, True)
+    },
     "plane": plane_case(unit(1, 0, 0)),
     "slanted plane": plane_case(unit(-1, 2, 0.5)),
     "sphere": Case(_sphere, on_sphere, lambda d: replace(_sphere, **d), 4),
@@ -148,7 +197,7 @@ def touching(case: Case, x: np.ndarray, noise: float = 0.0, seed: int = 1) -> np
 def nearby(case: Case, *lead: int) -> np.ndarray:
     """Points (..., 3, C) some millimetres off the nominal surface, or turns some milliradians off."""
     p = touching(case, np.zeros(case.size))
-    return case.moved(p, 3e-3 * np.random.default_rng(2).standard_normal((*lead, 3, COUNT)))
+    return case.moved(p, 3e-3 * np.random.default_rng(2).standard_normal((*lead, case.steps, COUNT)))
 
 
 def test_declared_parts(case):
@@ -190,7 +239,7 @@ def test_residual_is_that_of_linearise(case):
     x, p = states(case, 5), nearby(case, 5)
     r, u, dx = case.kind.linearise(x, p)
     np.testing.assert_allclose(r, case.kind.residual(x, p), atol=1e-15)
-    assert u.shape == (5, case.kind.rows, 3, COUNT)
+    assert u.shape == (5, case.kind.rows, case.steps, COUNT)
     assert dx.shape == (5, case.kind.rows, COUNT, case.size)
 
 
@@ -199,8 +248,8 @@ def test_slopes(case, far):
     """Gradients by the point and by the state, at the drawing, a hair off it and well off it."""
     x, p, h = far * states(case), nearby(case), 1e-6
     _, u, dx = case.kind.linearise(x, p)
-    for k in range(3):
-        step = np.broadcast_to(h * np.eye(3)[k][:, None], (3, COUNT))
+    for k in range(case.steps):
+        step = np.broadcast_to(h * np.eye(case.steps)[k][:, None], (case.steps, COUNT))
         there, back = case.moved(p, step), case.moved(p, -step)
         slope = (case.kind.residual(x, there) - case.kind.residual(x, back)) / (2 * h)
         np.testing.assert_allclose(u[:, k], slope, atol=2e-9)

@@ -13,8 +13,7 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 
-from bayescal.effects import Parameter
-from bayescal.effects.tool import TOOL
+from bayescal.effects import ALWAYS, Parameter
 from bayescal.exporting.geometry import carries
 from bayescal.exporting.mjcf import replay
 from bayescal.exporting.mjcf.elastic import STATE, UNHELD, Content, springless, sprung
@@ -166,7 +165,7 @@ def _items(arm: FittedArm, joints: Sequence[str], bodies: Sequence[str]) -> Iter
 
 
 def _place(p: Parameter, joints: Sequence[str], bodies: Sequence[str]) -> tuple[str, str]:
-    if p.effect == TOOL.name:
+    if p.effect in ALWAYS:
         return f"site {p.name.rpartition(' ')[0]}", "pos"
     if p.driver.kind in PLACES:
         element, attribute = PLACES[p.driver.kind]

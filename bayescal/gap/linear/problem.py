@@ -15,7 +15,7 @@ from functools import cached_property
 
 import numpy as np
 
-from bayescal.arm.motion import CERTIFICATE, CONTACT, TURN, Term
+from bayescal.arm.motion import CERTIFICATE, CONTACT, IMAGE, TURN, Term
 from bayescal.arm.transforms import AXES
 from bayescal.effects import Parameter
 from bayescal.estimate import Estimate, linearise
@@ -89,7 +89,8 @@ def without_nuisance(p: Problem, size: int) -> Problem:
     return replace(p, jacobian=p.jacobian[:, :size], z=p.z[:size])
 
 
-TURNS = ("rx", "ry", "rz")
+BESIDE = ((TURN, "rx"), (TURN, "ry"), (TURN, "rz"), (IMAGE, "u"), (IMAGE, "v"))
+"""Frames and axes that follow those of the chain: turns of the tool, shifts in an image."""
 
 
 def problem(fitted: Estimate, extra: Sequence[Parameter], nuisance: Sequence[Parameter] = ()) -> Problem:
@@ -110,7 +111,7 @@ class Slopes:
 
     residual: np.ndarray  # (R,)
     jacobian: np.ndarray  # (R, D) of the model's own parameters
-    axes: np.ndarray  # (C, 6 (n + 2) + 3): of every frame, then of rotations of the tool about its point
+    axes: np.ndarray  # (C, 6 (n + 2) + 5): of every frame, then of `BESIDE`
     certified_values: Mapping[str, np.ndarray]  # columns (R,) of parameters of certificates, by name
     contact: np.ndarray  # (C,)
     rows: np.ndarray  # (contacts,)
@@ -123,7 +124,7 @@ class Slopes:
         """Linearise at an estimate, with full weight of every contact."""
         model = fitted.model
         frames = model.scene.chain.n + 2
-        sites = [*((f, axis) for f in range(frames) for axis in AXES), *((TURN, axis) for axis in TURNS)]
+        sites = [*((f, axis) for f in range(frames) for axis in AXES), *BESIDE]
         units = [Parameter("", "1", (Term(*site),), 1.0) for site in sites]
         wide = with_parameters(model.scene, model.effects, (*model.parameters, *units, *certified_values))
         own, last = len(model.parameters), len(wide.parameters)
@@ -186,8 +187,8 @@ class Slopes:
                 driver = driver if driver.ndim == 0 else driver[at]
                 if term.frame == CONTACT:
                     column[:of_lengths] += (driver if driver.ndim == 0 else driver[:of_lengths]) / self.sigma
-                elif term.frame == TURN:
-                    column += self.axes[:, TURNS.index(term.axis) - len(TURNS)] * driver
+                elif (term.frame, term.axis) in BESIDE:
+                    column += self.axes[:, BESIDE.index((term.frame, term.axis)) - len(BESIDE)] * driver
                 else:
                     column += self.axes[:, 6 * term.frame + AXES.index(term.axis)] * driver
             out[:, k] *= p.sd

@@ -63,7 +63,7 @@ def noise_floor(final: Estimate, group: str) -> NoiseFloor:
     final : Estimate
         Of the fullest model: an effect that it explains (a step between two repeats) is not noise.
     group : str
-        "contact" or "point".
+        Kind of noise group.
     """
     if group == "contact":
         repeats, count = repeat_scatter(final.model.scene, final)

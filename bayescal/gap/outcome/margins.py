@@ -133,14 +133,13 @@ def _directions(scene: Scene, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]
     for t in np.unique(target):
         mine = np.flatnonzero(target == t)
         each, number = np.unique(rows[mine], return_inverse=True)
-        kind = scene.kind(int(t), each)
-        _, u, _ = kind.linearise(np.zeros(len(kind.sd)), scene.points[each].T)
+        u = scene.looks(int(t), each)
         # the first residual of a row is its first component
         order = np.argsort(rows[mine], kind="stable")
         component = np.empty(len(mine), int)
-        component[order] = np.arange(len(mine)) % kind.rows
+        component[order] = np.arange(len(mine)) % len(u)
         out[mine] = u[component, :, number]
-        signed[mine] = kind.rows == 1
+        signed[mine] = len(u) == 1
     return out, signed
 
 

@@ -159,9 +159,16 @@ def _predictions(fit: Fit, each: int) -> tuple[dict[str, Any], dict[str, Any], d
         drawn = np.concatenate([p.predicted for p in v.planes], axis=1)
         add("heldout_um", ("heldout",), UM * drawn, UM * np.concatenate([p.residuals for p in v.planes]))
     if v.points:
-        coords["point"], coords["axis"] = rows_of(v.points), ["x", "y", "z"]
-        drawn = np.concatenate([np.swapaxes(p.predicted, 1, 2) for p in v.points], axis=1)
-        measured = np.concatenate([p.residuals.T for p in v.points])
+        width = max(len(p.residuals) for p in v.points)
+        coords["point"], coords["axis"] = rows_of(v.points), list("uv" if width == 2 else "xyz")
+
+        def wide(values: np.ndarray) -> np.ndarray:
+            """Values (..., rows, C) of a kind as (..., C, width)."""
+            more = [(0, 0)] * (values.ndim - 1) + [(0, width - values.shape[-2])]
+            return np.pad(np.swapaxes(values, -1, -2), more, constant_values=np.nan)
+
+        drawn = np.concatenate([wide(p.predicted) for p in v.points], axis=1)
+        measured = np.concatenate([wide(p.residuals) for p in v.points])
         add("point_um", ("point", "axis"), UM * drawn, UM * measured)
     return predictive, observed, coords
 

@@ -1,0 +1,26 @@
+r"""Board bow: a board is bent along its axes.
+
+Formula: $`\delta p = (0, 0, x_x (1 - (a / A)^2) + x_y (1 - (b / B)^2))`$ of a point (a, b) of a board of the
+half size (A, B), from its middle.
+
+Driver: the place on the board. Prior: five times the stated flatness (assumed, `imaging.TIMES`).
+"""
+
+from __future__ import annotations
+
+from bayescal.effects.imaging import bow, errors_of, without_camera
+from bayescal.effects.sizes import Size
+from bayescal.effects.vocabulary import Effect
+
+BOARD_BOW = Effect(
+    "board-bow",
+    "board not flat",
+    errors_of(bow, "board-bow"),
+    without_camera,
+    sizes={"m": Size("height of the middle")},
+    phrase=("the board", "is not flat"),
+    remedy="Mount the board on a stiff, flat plate, and check it with a straightedge.",
+    confusable_with=("lens-distortion",),
+    in_robot_file=True,
+    beside_arm=True,
+)

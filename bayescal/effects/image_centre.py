@@ -1,0 +1,26 @@
+r"""Image centre: the optical axis meets the image elsewhere than stated.
+
+Formula: $`\delta u = x_x`$, $`\delta v = x_y`$.
+
+Driver: constant in the image. Prior: five times the stated uncertainty (assumed, `imaging.TIMES`). A turn of
+the camera on its mount looks nearly the same where all images are taken at one distance.
+"""
+
+from __future__ import annotations
+
+from bayescal.effects.imaging import centre, errors_of, without_camera
+from bayescal.effects.sizes import Size
+from bayescal.effects.vocabulary import Effect
+
+IMAGE_CENTRE = Effect(
+    "image-centre",
+    "optical axis of a camera in error",
+    errors_of(centre, "image-centre"),
+    without_camera,
+    sizes={"px": Size("error of the optical axis")},
+    phrase=("the camera", "has its optical axis elsewhere in the image"),
+    remedy="Calibrate the camera again; check that images are neither cropped nor scaled.",
+    confusable_with=("lens-distortion",),
+    in_robot_file=True,
+    beside_arm=True,
+)

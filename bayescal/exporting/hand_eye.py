@@ -1,0 +1,234 @@
+"""Hand-eye transforms of cameras with covariances, for easy_handeye2, ROS and OpenCV.
+
+Of every camera: where it is (on the flange, or in F0), and where the board is. A covariance (6, 6) is of the
+rotation vector (rad) and the origin (m) of a frame, for a small turn of the frame about its own axes and a
+shift in the frame that it is given in.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from bayescal.arm.transforms import rigid
+from bayescal.dataset.cameras import FLANGE, board, lens_of
+from bayescal.errors import BayescalError
+from bayescal.exporting.written import Format, Item, Options, Written, item
+from bayescal.fitted.arm import FittedArm
+from factors.camera import Camera
+from factors.lens import FISHEYE
+from factors.turns import left_jacobian, turned
+
+BASE, END = "base_link", "tool0"
+"""Frames of ROS: the arm's F0 and its flange. Camera and board have the names of target and tool."""
+
+
+@dataclass(frozen=True)
+class Transform:
+    """Pose (4, 4) of the frame `child` in `parent`, and its covariance (6, 6), turn and shift."""
+
+    parent: str
+    child: str
+    pose: np.ndarray
+    covariance: np.ndarray
+
+    @property
+    def quaternion(self) -> np.ndarray:
+        """x, y, z, w."""
+        return np.asarray(Rotation.from_matrix(self.pose[:3, :3]).as_quat())
+
+
+@dataclass(frozen=True)
+class HandEye:
+    """One camera: what is on the flange, and what is fixed in F0."""
+
+    target: str
+    tool: str
+    mount: str
+    on_flange: Transform
+    fixed: Transform
+
+    @property
+    def of_camera(self) -> Transform:
+        """Of the two, that of the camera."""
+        return self.on_flange if self.mount == FLANGE else self.fixed
+
+
+def hand_eyes(arm: FittedArm) -> list[HandEye]:
+    """The transforms of every fitted camera of a session, one for each tool that it has."""
+    model, m = arm.model, arm.dataset.measurements
+    out = []
+    for block in model.states:
+        if not isinstance(block.kind, Camera):
+            continue
+        target = model.scene.index[block.target]
+        t = arm.dataset.targets[target]
+        camera, seen = f"{t.name}_camera", f"{t.name}_board"
+        for k in np.unique(m.tool[block.rows]).tolist():
+            tool = arm.dataset.tools[k]
+            names = (camera, seen) if t.texts["mount"] == FLANGE else (seen, camera)
+            held = _on_flange(arm, k, names[0])
+            out.append(
+                HandEye(t.name, tool.name, t.texts["mount"], held, _fixed(arm, block.target, names[1]))
+            )
+    return out
+
+
+def _on_flange(arm: FittedArm, tool: int, child: str) -> Transform:
+    """The tool on the flange: its parameters are those of the arm."""
+    of, parameters = arm.dataset.tools[tool], arm.model.parameters
+    places = {p.name: k for k, p in enumerate(parameters)}
+    row = int(np.flatnonzero(arm.dataset.measurements.tool == tool)[0])
+    index = [places.get(f"{of.name} {axis}", -1) for axis in ("rx", "ry", "rz", "x", "y", "z")]
+    values = np.array([arm.values[k] if k >= 0 else 0.0 for k in index])
+    axes = arm.model.scene.tool_frames[row] @ turned(values[:3])
+    by = np.zeros((6, len(arm.values)))
+    for row_, k in enumerate(index):
+        if k >= 0:
+            by[row_, k] = 1.0
+    by[:3] = left_jacobian(-values[:3]) @ by[:3]
+    return Transform(END, child, rigid(axes, of.centre + values[3:]), by @ arm.covariance @ by.T)
+
+
+def _fixed(arm: FittedArm, target: str, child: str) -> Transform:
+    """What is fixed, in F0, with the uncertainty of the arm and of the images."""
+    block = arm.model.block_of[target]
+    state = arm.states[target]
+    frame = np.asarray(block.kind.describe(state)["frame"])
+    z = (state / np.where(block.kind.sd > 0, block.kind.sd, 1.0))[block.free]
+    _, by_arm, by_own = block.linearise(arm.values, z)
+    kept = ~np.isin(np.array(arm.dataset.measurements.ids)[block.rows], arm.rejected)
+    weight = np.tile(kept / arm.beyond.noise_of(block) ** 2, block.kind.rows)
+    own = np.linalg.inv(by_own.T @ (by_own * weight[:, None]) + np.eye(block.size))
+    by = -own @ by_own.T @ (by_arm * weight[:, None])
+    spread = np.zeros((len(state), block.size))
+    spread[block.free] = np.diag(block.sd)
+    covariance = spread @ (own + by @ arm.covariance @ by.T) @ spread.T
+    # from a turn about the pivot in F0 to one about the frame's own axes, and to a shift of its origin
+    pose = block.kind.feature(state)  # type: ignore[attr-defined]
+    jacobian = np.zeros((6, 6))
+    jacobian[:3, :3] = frame[:3, :3].T @ left_jacobian(state[:3])
+    jacobian[3:] = pose.by_place.T
+    return Transform(BASE, child, frame, jacobian @ covariance @ jacobian.T)
+
+
+def _write(arm: FittedArm, options: Options) -> Written:
+    found = hand_eyes(arm)
+    if not found:
+        remedy = "fit a session that has a target of kind camera"
+        raise BayescalError("the session has no camera", "--to hand-eye", remedy)
+    places = {f"{h.tool} {axis}": h for h in found for axis in ("x", "y", "z", "rx", "ry", "rz")}
+    items: list[Item] = []
+    for k, p in enumerate(arm.model.parameters):
+        if p.name in places:
+            items.append(item(arm, k, places[p.name].on_flange.child, "on the flange"))
+    beside = {".launch.py": _launch(found), ".opencv.json": _opencv(arm, found)}
+    frames = f"frames of ROS: {BASE} is F0, {END} is the flange; rename them where yours differ"
+    return Written(
+        _easy_handeye(found[0]), items, beside, [frames], {"hand_eye": [_record(h) for h in found]}
+    )
+
+
+def _record(h: HandEye) -> dict[str, object]:
+    return {"target": h.target, "tool": h.tool, "mount": h.mount} | {
+        key: {
+            "parent": t.parent,
+            "child": t.child,
+            "matrix": t.pose.tolist(),
+            "covariance": t.covariance.tolist(),
+        }
+        for key, t in (("on_flange", h.on_flange), ("fixed", h.fixed))
+    }
+
+
+def _easy_handeye(h: HandEye) -> str:
+    """A calibration as easy_handeye2 stores it; of several cameras the first."""
+    t = h.of_camera
+    x, y, z, w = t.quaternion.tolist()
+    at = t.pose[:3, 3].tolist()
+    u = np.sqrt(np.diag(t.covariance))
+    return "\n".join(
+        [
+            f"# u: {1e3 * np.max(u[3:]):.3g} mm, {np.degrees(np.max(u[:3])):.2g} deg, the largest of each",
+            "parameters:",
+            f"  name: {h.target}",
+            f"  calibration_type: {'eye_in_hand' if h.mount == FLANGE else 'eye_on_base'}",
+            f"  robot_base_frame: {BASE}",
+            f"  robot_effector_frame: {END}",
+            f"  tracking_base_frame: {t.child}",
+            f"  tracking_marker_frame: {(h.fixed if h.mount == FLANGE else h.on_flange).child}",
+            "  freehand_robot_movement: true",
+            "  move_group_namespace: /",
+            "  move_group: manipulator",
+            "transform:",
+            "  translation:",
+            *(f"    {axis}: {v!r}" for axis, v in zip("xyz", at, strict=True)),
+            "  rotation:",
+            *(f"    {axis}: {v!r}" for axis, v in zip("xyzw", (x, y, z, w), strict=True)),
+            "",
+        ]
+    )
+
+
+def _launch(found: list[HandEye]) -> str:
+    """Static transforms of all cameras and boards, as a launch file of ROS 2."""
+    lines = ["from launch import LaunchDescription", "from launch_ros.actions import Node", "", ""]
+    lines += ["def generate_launch_description():", "    return LaunchDescription(["]
+    for t in (t for h in found for t in (h.on_flange, h.fixed)):
+        names = ("x", "y", "z", "qx", "qy", "qz", "qw")
+        values = [*t.pose[:3, 3].tolist(), *t.quaternion.tolist()]
+        given = [f"'--{name}', '{v!r}'" for name, v in zip(names, values, strict=True)]
+        given += [f"'--frame-id', '{t.parent}'", f"'--child-frame-id', '{t.child}'"]
+        node = "package='tf2_ros', executable='static_transform_publisher'"
+        lines.append(f"        Node({node}, arguments=[{', '.join(given)}]),")
+    return "\n".join([*lines, "    ])", ""])
+
+
+def _opencv(arm: FittedArm, found: list[HandEye]) -> str:
+    """Matrices as of cv2.calibrateRobotWorldHandEye and cv2.calibrateCamera, with covariances, as JSON."""
+    cameras = []
+    for h in found:
+        t = arm.dataset.targets[arm.model.scene.index[h.target]]
+        lens, fitted = lens_of(t), {p.name: arm.values[k] for k, p in enumerate(arm.model.parameters)}
+
+        def value(name: str, stated: float, h: HandEye = h, fitted: dict[str, float] = fitted) -> float:
+            return float(stated + sum(fitted.get(f"{e}{h.target} {name}", 0.0) for e in ("", *EXTRA)))
+
+        fx, fy = (value(f"f{a}", f) for a, f in zip("xy", lens.focal, strict=True))
+        cx, cy = (value(f"c{a}", c) for a, c in zip("xy", lens.centre, strict=True))
+        names = ("k1", "k2", "k3", "k4") if lens.model == FISHEYE else ("k1", "k2", "p1", "p2", "k3")
+        coefficients = [value(n, c) for n, c in zip(names, lens.coefficients, strict=True)]
+        cameras.append(
+            _record(h)
+            | {
+                "camera_matrix": [[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]],
+                "distortion": coefficients,
+                "lens": lens.model,
+                "board_points_m": board(t).points.tolist(),
+            }
+        )
+    note = "covariance: rotation vector about the frame's own axes (rad), then origin in the parent (m)"
+    return json.dumps({"note": note, "cameras": cameras}, indent=1) + "\n"
+
+
+EXTRA = ("focal-length ", "image-centre ", "lens-distortion ")
+"""Beginnings of names of errors beyond the stated uncertainty that a diagnosis may have named."""
+
+
+def _holds(arm: FittedArm, k: int) -> bool:
+    """Whether a parameter is in the file: all that are of no robot file."""
+    return any(t.frame < 0 for t in arm.model.parameters[k].terms)
+
+
+HAND_EYE = Format(
+    "hand-eye",
+    ".yaml",
+    "hand-eye transforms with covariance: easy_handeye2, ROS static transforms, OpenCV",
+    _write,
+    _holds,
+    "a hand-eye transform holds nothing of the arm itself",
+)
+"""Where cameras and boards are, for programs that take the arm as nominal or as calibrated."""

@@ -1,0 +1,108 @@
+"""What cameras see, as the effects of cameras and boards need it: slopes at nominal geometry."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bayescal.dataset import Dataset, Target
+from bayescal.dataset.cameras import blur, board, stated
+from bayescal.dataset.target_kinds import KINDS
+from bayescal.effects import View
+from factors.camera import NEAREST, Camera
+from factors.lens import NAMES
+
+if TYPE_CHECKING:
+    from bayescal.model.scene import Scene
+
+
+def blur_of(dataset: Dataset) -> np.ndarray:
+    """Factor on the noise of each row of a session, (N,): of a corner in a blurred image, else 1."""
+    target = dataset.measurements.target
+    out = np.ones(len(target))
+    for t, item in enumerate(dataset.targets):
+        rows = np.flatnonzero((target == t) & ~np.isnan(_pixel(dataset)))
+        if KINDS[item.kind].posed and len(rows):
+            out[rows] = blur(dataset, t, rows)
+    return out
+
+
+def _pixel(dataset: Dataset) -> np.ndarray:
+    """Columns of corners (N,), nan in rows without."""
+    m = dataset.measurements
+    return np.full(len(m.target), np.nan) if m.pixel is None else m.pixel[:, 0]
+
+
+def views_of(scene: Scene, fitted: np.ndarray) -> tuple[View, ...]:
+    """What the cameras of fitted rows see, at nominal geometry."""
+    d, target = scene.dataset, scene.dataset.measurements.target
+    views = tuple(
+        view(d.targets[t], kind, rows, scene.nominal(t, rows), len(target))
+        for t in np.unique(target[fitted]).tolist()
+        for rows in (np.flatnonzero(target == t),)
+        if isinstance(kind := scene.kind(t, rows), Camera)
+    )
+    return tuple(replace(v, several=True) for v in views) if len(views) > 1 else views
+
+
+def view(t: Target, kind: Camera, rows: np.ndarray, pose: np.ndarray, count: int) -> View:
+    """The view of a camera.
+
+    Parameters
+    ----------
+    t : Target
+    kind : Camera
+        Of all its rows.
+    rows : np.ndarray of int, shape (C,)
+    pose : np.ndarray, shape (3, 4, C)
+        Nominal poses of its tool in these rows.
+    count : int
+        N rows of the session.
+    """
+    lens, own, points = kind.lens, stated(t), board(t).points
+    # directions as they were seen: nominal geometry may be rough
+    xy = lens.directions(kind.pixel.T)
+    at = kind.seen(np.zeros(6), pose)
+    depth = np.maximum(at[2], NEAREST)
+
+    def spread(by: np.ndarray) -> np.ndarray:
+        """Slopes (2, K, C), px, as lengths of all rows, (N, 2, K)."""
+        out = np.zeros((count, *by.shape[:2]))
+        out[rows] = np.moveaxis(by * kind.scale, -1, 0)
+        return out
+
+    distorted, zero = lens.distorted(xy), np.zeros(len(rows))
+    focal = np.array([[distorted[0], zero], [zero, distorted[1]]])
+    centre = np.array([[zero + 1, zero], [zero, zero + 1]])
+    coefficients = np.swapaxes(lens.by_coefficients(xy), 0, 1) * lens.focal[:, None, None]
+    slopes = lens.slopes(xy) * lens.focal[:, None, None] / depth
+    inward = -np.sum(slopes * xy, axis=1, keepdims=True)
+    by_camera = np.concatenate([slopes, inward], axis=1)  # (2, 3, C) by a shift in the camera's frame
+    axes = np.moveaxis(pose[:, :3], -1, 0)
+    to_camera = np.swapaxes(axes, 1, 2) @ kind.frame[:3, :3] if kind.carried else kind.frame[:3, :3].T @ axes
+    by_board = np.einsum("ikc,ckj->ijc", by_camera, to_camera)
+    middle = 0.5 * (points.max(axis=0) + points.min(axis=0))
+    corner = np.zeros((count, 3))
+    corner[rows] = kind.corner - middle
+    every = np.zeros(count)
+    every[rows] = 1.0
+    return View(
+        t.name,
+        every,
+        spread(focal),
+        spread(centre),
+        spread(coefficients),
+        NAMES[lens.model],
+        spread(by_board),
+        corner,
+        np.maximum(0.5 * np.ptp(points, axis=0)[:2], 1e-3),
+        lens.focal,
+        lens.centre,
+        own.focal,
+        own.centre,
+        own.coefficients,
+        own.scale,
+        own.flatness,
+    )

@@ -1,0 +1,110 @@
+"""A camera that sees points of a board, one on the flange and the other fixed: ``pixel(p) - (u, v) = 0``.
+
+The kind judges poses of the tool, which is the board, or the camera. A residual is the distance in pixels
+times the nominal distance from the camera over the focal length: a length across the line of sight, m.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from factors.instrument import Instrument
+from factors.kind import Feature
+from factors.lens import Lens
+from factors.turns import left_jacobian, turned
+
+NEAREST = 1e-2
+"""m from the camera: a point that a search puts nearer, or behind it, is seen as if it were there."""
+
+
+@dataclass(frozen=True)
+class Camera:
+    """Corners of a board in images; its state turns and moves what is fixed, as that of `Instrument`.
+
+    Poses of the tool in F0 are (..., 3, 4, C), orientation and origin. Gradients by them are (..., 2, 6, C),
+    by a shift of the tool in F0 and by a turn about its origin: that of one force along the line of sight.
+
+    Parameters
+    ----------
+    frame : (4, 4) nominal pose in F0 of the camera, or of the board where the camera is on the flange
+    pivot : (3,) m, in F0
+    corner : (C, 3) m, in the frame of the board
+    pixel : (C, 2)
+    lens : of the camera
+    scale : (C,) m per px
+    sd : (6,) prior standard deviations: rotation vector (rad), translation at the pivot (m), in F0
+    carried : whether the tool is the camera
+    """
+
+    frame: np.ndarray
+    pivot: np.ndarray
+    corner: np.ndarray
+    pixel: np.ndarray
+    lens: Lens
+    scale: np.ndarray
+    sd: np.ndarray
+    carried: bool
+    rows = 2
+    parts = Instrument.parts
+
+    def _placed(self, x: np.ndarray, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Corners in F0 (..., 3, C), the camera's axes (..., 3, 3, C or 1), corners in its frame."""
+        turn, shift = turned(x[..., :3]), self.pivot + x[..., 3:]
+        axes, origin = pose[..., :3, :], pose[..., 3, :]
+        if self.carried:
+            corner = self.frame[:3, :3] @ self.corner.T + (self.frame[:3, 3] - self.pivot)[:, None]
+            at = turn @ corner + shift[..., None]
+            return at, axes, np.einsum("...jkc,...jc->...kc", axes, at - origin)
+        at = np.einsum("...jkc,ck->...jc", axes, self.corner) + origin
+        camera = turn @ self.frame[:3, :3]
+        local = (
+            np.swapaxes(turn, -1, -2) @ (at - shift[..., None]) + (self.pivot - self.frame[:3, 3])[:, None]
+        )
+        return at, camera[..., None], self.frame[:3, :3].T @ local
+
+    def seen(self, x: np.ndarray, pose: np.ndarray) -> np.ndarray:
+        """Corners in the frame of the camera, (..., 3, C), m."""
+        return self._placed(x, pose)[2]
+
+    def pixels(self, x: np.ndarray, pose: np.ndarray) -> np.ndarray:
+        """Predicted pixels (..., 2, C)."""
+        at = self.seen(x, pose)
+        return self.lens.pixels(at[..., :2, :] / np.maximum(at[..., 2:, :], NEAREST))
+
+    def residual(self, x: np.ndarray, pose: np.ndarray) -> np.ndarray:
+        return self.scale * (self.pixels(x, pose) - self.pixel.T)
+
+    def linearise(self, x: np.ndarray, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        at, axes, local = self._placed(x, pose)
+        depth = np.maximum(local[..., 2, :], NEAREST)
+        xy = local[..., :2, :] / depth[..., None, :]
+        r = self.scale * (self.lens.pixels(xy) - self.pixel.T)
+        # by the corner in the camera's frame (..., 2, 3, C), then in F0
+        slopes = self.lens.slopes(xy) * (
+            self.lens.focal[:, None, None] * self.scale / depth[..., None, None, :]
+        )
+        inward = -np.sum(slopes * xy[..., None, :, :], axis=-2) * (local[..., 2, :] > NEAREST)[..., None, :]
+        by = np.concatenate([slopes, inward[..., None, :]], axis=-2)
+        w = np.einsum("...jkc,...ikc->...ijc", axes, by)
+        force = -w if self.carried else w
+        lever = at - pose[..., 3, :]
+        moment = np.cross(lever[..., None, :, :], force, axis=-2)
+        own = w if self.carried else -w  # by what is fixed, moved along F0
+        about = at - (self.pivot + x[..., 3:])[..., None]
+        spin = np.cross(about[..., None, :, :], own, axis=-2)
+        by_turn = np.einsum("...ijc,...jk->...ick", spin, left_jacobian(x[..., :3]))
+        dx = np.concatenate([by_turn, np.swapaxes(own, -1, -2)], axis=-1)
+        return r, np.concatenate([force, moment], axis=-2), dx
+
+    def describe(self, x: np.ndarray) -> dict[str, np.ndarray | float]:
+        return self._frame.describe(x)
+
+    def feature(self, x: np.ndarray) -> Feature:
+        return self._frame.feature(x)
+
+    @property
+    def _frame(self) -> Instrument:
+        """What is fixed, as the frame of an instrument."""
+        return Instrument(self.frame, self.pivot, self.corner, self.sd)

@@ -1,0 +1,58 @@
+"""Closed forms for cameras: exact without noise, and hardly moved by a bad image."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from bayescal.arm.hand_eye import board_poses, hand_eye, inverse, product
+
+RNG = np.random.default_rng(0)
+IMAGES = 30
+
+
+def poses(count, turn, low, high):
+    matrices = Rotation.from_rotvec(turn * RNG.standard_normal((count, 3))).as_matrix()
+    return np.concatenate([matrices, RNG.uniform(low, high, (count, 3))[..., None]], axis=2)
+
+
+ON_FLANGE, FIXED = poses(2, 1.0, [-0.1, 0, 0.05], [0.1, 0.1, 0.2])
+FLANGE = poses(IMAGES, 1.0, [-0.5, -0.5, 0.1], [0.5, 0.5, 0.9])
+SEEN = product(inverse(FIXED), product(FLANGE, ON_FLANGE))
+
+
+def test_hand_eye_is_exact():
+    found = hand_eye(FLANGE, SEEN)
+    np.testing.assert_allclose(found.on_flange, ON_FLANGE, atol=1e-12)
+    np.testing.assert_allclose(found.fixed, FIXED, atol=1e-12)
+    assert found.determined
+
+
+def test_a_bad_image_hardly_matters():
+    seen = SEEN.copy()
+    seen[3] = SEEN[11]
+    found = hand_eye(FLANGE, seen)
+    np.testing.assert_allclose(found.on_flange, ON_FLANGE, atol=1e-9)
+    assert np.argmax(found.off) == 3
+
+
+def test_rotations_about_one_axis_do_not_determine_it():
+    flange = FLANGE.copy()
+    flange[:, :, :3] = Rotation.from_rotvec(np.outer(RNG.uniform(-2, 2, IMAGES), [0, 0.6, 0.8])).as_matrix()
+    found = hand_eye(flange, product(inverse(FIXED), product(flange, ON_FLANGE)))
+    assert not found.determined
+
+
+@pytest.mark.parametrize("depth", [0.0, 0.03], ids=["flat", "solid"])
+def test_poses_of_a_board(depth):
+    board = np.array([[0.03 * x, 0.03 * y, depth * (x == y)] for y in range(4) for x in range(6)])
+    true = poses(IMAGES, 0.4, [-0.1, -0.1, 0.5], [0.1, 0.1, 0.9])
+    image, corner = np.repeat(np.arange(IMAGES), len(board)), np.tile(board, (IMAGES, 1))
+    at = np.einsum("rij,rj->ri", true[image, :, :3], corner) + true[image, :, 3]
+    xy = at[:, :2] / at[:, 2:]
+    np.testing.assert_allclose(board_poses(corner, xy, image), true, atol=1e-9)
+    order = RNG.permutation(len(image))
+    np.testing.assert_allclose(board_poses(corner[order], xy[order], image[order]), true, atol=1e-9)
+    xy[5] += 0.05  # a corner that is taken for another
+    np.testing.assert_allclose(board_poses(corner, xy, image)[0], true[0], atol=5e-3)
+    few = (image > 0) | (np.arange(len(image)) < 3)
+    assert np.isnan(board_poses(corner[few], xy[few], image[few])[0]).all()

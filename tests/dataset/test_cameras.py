@@ -1,0 +1,113 @@
+"""Sessions with cameras: read and written, placed by their rows, and what is refused."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from camera_sessions import BOARD, FIXED, ON_FLANGE, SIZE, camera_session
+
+from bayescal.dataset import read_dataset, write_dataset
+from bayescal.errors import BayescalError
+
+
+def written(dataset, folder):
+    write_dataset(dataset, folder / "cell")
+    return folder / "cell"
+
+
+@pytest.mark.parametrize("mount", FIXED)
+def test_camera_and_board_are_placed_by_the_rows(mount, tmp_path):
+    read = read_dataset(written(camera_session(mount, placed=False), tmp_path))
+    np.testing.assert_allclose(read.tools[0].centre, ON_FLANGE[:3, 3], atol=3e-3)
+    np.testing.assert_allclose(read.targets[0].values["xyz"], FIXED[mount][:3, 3], atol=3e-3)
+    again = read_dataset(written(read, tmp_path / "again"))
+    np.testing.assert_allclose(again.measurements.pixel, read.measurements.pixel)
+    np.testing.assert_allclose(again.tools[0].rpy, read.tools[0].rpy, atol=1e-6)
+    assert again.targets[0].texts == read.targets[0].texts
+
+
+def test_a_stated_place_is_kept(tmp_path):
+    stated = camera_session()
+    stated = replace(stated, targets=(replace(stated.targets[0], u=5e-3),))
+    read = read_dataset(written(stated, tmp_path))
+    np.testing.assert_allclose(read.targets[0].values["xyz"], stated.targets[0].values["xyz"], atol=1e-9)
+
+
+def of_target(dataset, **values):
+    return replace(dataset, targets=(replace(dataset.targets[0], values=dataset.targets[0].values | values),))
+
+
+def with_text(dataset, **texts):
+    t = dataset.targets[0]
+    return replace(dataset, targets=(replace(t, texts=dict(t.texts) | texts),))
+
+
+def with_pixel(dataset, pixel):
+    return replace(dataset, measurements=replace(dataset.measurements, pixel=pixel))
+
+
+def mirrored(d):
+    return with_pixel(d, d.measurements.pixel * [-1, 1, 1] + [SIZE[0], 0, 0])
+
+
+def renumbered(d):
+    pixel = d.measurements.pixel.copy()
+    pixel[:, 2] = (pixel[:, 2] % 6) * 4 + pixel[:, 2] // 6
+    return with_pixel(d, pixel)
+
+
+def half_size(d):
+    return of_target(d, size=0.5 * SIZE, fx=455.0, fy=452.5, cx=320.0, cy=180.0)
+
+
+def flat_turns(d):
+    return with_pixel(d, np.tile(d.measurements.pixel[: len(BOARD)], (20, 1)))
+
+
+REFUSED = {
+    "numbers of another board": (lambda d: with_text(d, board="charuco:5x4:30mm:22mm"), "points 0 to 11"),
+    "a board of another size": (lambda d: with_text(d, board="charuco:7x5:25mm:18mm"), "squares of 30 mm"),
+    "the other mount": (lambda d: with_text(d, mount="fixed"), "mount: flange"),
+    "another resolution": (half_size, "of another resolution"),
+    "a mirrored board": (mirrored, "mirrored"),
+    "another order": (renumbered, "order of the corners"),
+    "a turn of one image": (flat_turns, "hand-eye|do not|mm"),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_refused(case, tmp_path):
+    spoil, words = REFUSED[case]
+    folder = written(spoil(camera_session(placed=False)), tmp_path)
+    with pytest.raises(BayescalError, match=words) as caught:
+        read_dataset(folder)
+    assert "\n" not in str(caught.value)
+    assert caught.value.where
+    assert caught.value.remedy
+
+
+@pytest.mark.parametrize(("old", "new", "words"), [
+    ("charuco:7x5:30mm:22mm", "charuco:7x5", "not a board"),
+    ("charuco:7x5:30mm:22mm", "charuco:7x5:20mm:22mm", "smaller than its squares"),
+    ("mount: flange", "mount: wrist", "mount"),
+    ("fx_px: 910", "fx_mm: 910", "fx_px"),
+])  # fmt: skip
+def test_settings_refused(old, new, words, tmp_path):
+    folder = written(camera_session(), tmp_path)
+    path = folder / "dataset.yaml"
+    assert old in path.read_text()
+    path.write_text(path.read_text().replace(old, new))
+    with pytest.raises(BayescalError, match=words):
+        read_dataset(folder)
+
+
+def test_an_empty_cell(tmp_path):
+    folder = written(camera_session(), tmp_path)
+    path = folder / "measurements.csv"
+    lines = path.read_text().splitlines()
+    cells = lines[5].split(",")
+    cells[lines[0].split(",").index("u_px")] = ""
+    lines[5] = ",".join(cells)
+    path.write_text("\n".join(lines) + "\n")
+    with pytest.raises(BayescalError, match="u_px"):
+        read_dataset(folder)

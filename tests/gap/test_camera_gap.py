@@ -1,0 +1,29 @@
+"""What a diagnosis says of simulated sessions of a camera, of a simulator that shares no code."""
+
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("pinocchio")
+
+from analysis.world.camera import build
+from bayescal.dataset import read_dataset
+from bayescal.gap.diagnose import diagnose
+
+
+def answer(folder: Path, number: int, side: str, goal: float):
+    texts, truth = build(20261, number, side, goal)
+    for name, text in texts.items():
+        (folder / name).write_text(text)
+    return diagnose(read_dataset(folder)).verdict, truth
+
+
+@pytest.mark.parametrize(("number", "side"), [(4, "camera"), (10, "clock")])
+def test_the_side_is_named(number, side, tmp_path):
+    verdict, truth = answer(tmp_path, number, side, 300.0)
+    assert [n.effect for n in verdict.named] == truth["effects"]
+
+
+def test_nothing_is_named_where_nothing_is_hidden(tmp_path):
+    verdict, _ = answer(tmp_path, 2, "null", 0.0)
+    assert verdict.kind == "null"

@@ -1,0 +1,102 @@
+"""Images of a board, rendered by a homography, to a session: corners, lens and mount, and what is refused."""
+
+import numpy as np
+import pytest
+from camera_sessions import CENTRE, FIXED, FOCAL, ON_FLANGE, SIZE, camera_session
+
+from bayescal.arm.chain import chain_of, frames, link_angles
+from bayescal.dataset import read_dataset
+from bayescal.dataset.table import joint_columns
+from bayescal.errors import BayescalError
+from bayescal.importing import Request, convert, write
+
+cv2 = pytest.importorskip("cv2")
+PER_MM = 4
+WIDE, HIGH = 210, 150
+BOARD = "charuco:7x5:30mm:22mm"
+
+
+def drawn():
+    """The board as printed, px."""
+    dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_5X5_250)
+    layout = cv2.aruco.CharucoBoard((7, 5), 0.03, 0.022, dictionary)
+    return layout.generateImage((WIDE * PER_MM, HIGH * PER_MM))
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """A folder of images for each mount, with their joint readings."""
+    place, board = tmp_path_factory.mktemp("images"), drawn()
+    matrix = np.array([[FOCAL[0], 0, CENTRE[0]], [0, FOCAL[1], CENTRE[1]], [0, 0, 1]])
+    to_board = np.array([[1e-3 / PER_MM, 0, 0.5e-3 / PER_MM], [0, 1e-3 / PER_MM, 0.5e-3 / PER_MM], [0, 0, 1]])
+    for mount in FIXED:
+        session = camera_session(mount, images=14, velocity=False)
+        m, folder = session.measurements, place / mount
+        folder.mkdir()
+        readings = m.readings[:: len(m.ids) // 14]
+        tool = frames(chain_of(session.robot), link_angles(session.robot, readings))[:, -1] @ ON_FLANGE
+        lines = [",".join(["image", *joint_columns("deg", session.robot.n)])]
+        for k, (q, t) in enumerate(zip(readings, tool, strict=True)):
+            seen = np.linalg.inv(t) @ FIXED[mount] if mount == "flange" else np.linalg.inv(FIXED[mount]) @ t
+            warp = matrix @ seen[:3, [0, 1, 3]] @ to_board
+            size = tuple(SIZE.astype(int).tolist())
+            image = cv2.warpPerspective(board, warp, size, flags=cv2.INTER_AREA, borderValue=255)
+            cv2.imwrite(str(folder / f"{k:02d}.png"), cv2.GaussianBlur(image, (3, 3), 0.7))
+            lines.append(",".join([f"{k:02d}.png", *(f"{v:.7f}" for v in np.degrees(q))]))
+        (place / f"{mount}.csv").write_text("\n".join(lines) + "\n")
+    return place
+
+
+def asked(place, mount="flange", board=BOARD, **more):
+    joints = str(place / f"{mount}.csv")
+    given = {"map": "", "robot": "fanuc-lrmate200ic", "joints": joints, "board": board} | more
+    return Request(log=place / mount, **given)
+
+
+@pytest.mark.parametrize("mount", FIXED)
+def test_images_to_a_session(made, mount, tmp_path):
+    draft = convert(asked(made, mount))
+    write(draft, tmp_path / "cell")
+    read = read_dataset(tmp_path / "cell")
+    assert read.targets[0].texts["mount"] == mount
+    assert abs(read.targets[0].values["fx"] / FOCAL[0] - 1) < 0.02
+    np.testing.assert_allclose(read.tools[0].centre, ON_FLANGE[:3, 3], atol=0.01)
+    truth = camera_session(mount, images=14, velocity=False, noise=0.0).measurements
+    pixel = {(s, int(k)): (u, v) for s, (u, v, k) in zip(truth.stop, truth.pixel, strict=True)}
+    m = read.measurements
+    own = np.array([pixel[f"i{int(s[:2])}", int(k)] for s, k in zip(m.stop, m.pixel[:, 2], strict=True)])
+    assert np.sqrt(np.mean((m.pixel[:, :2] - own) ** 2)) < 0.3
+    assert cv2.imread(str(tmp_path / "cell" / "found.jpg")) is not None
+
+
+def test_the_command(made, tmp_path, command):
+    given = ("--board", BOARD, "--joints", made / "flange.csv", "--robot", "fanuc-lrmate200ic")
+    code, text, errors = command("import", made / "flange", *given, "--out", tmp_path / "cell")
+    assert code == 0, errors
+    assert "14 images of 14" in text
+    assert "mount: flange" in text
+
+
+def test_refusals(made, tmp_path):
+    other = tmp_path / "flange"
+    other.mkdir()
+    for path in (made / "flange").iterdir():
+        (other / path.name).write_bytes(path.read_bytes())
+    (tmp_path / "flange.csv").write_text((made / "flange.csv").read_text())
+    (other / "03.png").write_bytes(b"no image")
+    with pytest.raises(BayescalError, match="not an image"):
+        convert(asked(tmp_path))
+    cv2.imwrite(str(other / "03.png"), np.zeros((100, 100), np.uint8))
+    with pytest.raises(BayescalError, match="the others have 1280 x 720"):
+        convert(asked(tmp_path))
+    with pytest.raises(BayescalError, match="another board"):
+        convert(asked(made, board="charuco:5x4:30mm:22mm"))
+    with pytest.raises(BayescalError, match="is no board"):
+        convert(asked(made, board="charuco:7x5"))
+    with pytest.raises(BayescalError, match="no such file"):
+        convert(asked(made, joints="none.csv"))
+    with pytest.raises(BayescalError, match="squares of 30 mm"):
+        write(convert(asked(made, board="charuco:7x5:25mm:18.3mm")), tmp_path / "cell")
+    (tmp_path / "flange.csv").write_text("image,j1_deg\n00.png,1\n")
+    with pytest.raises(BayescalError, match="j2_deg"):
+        convert(asked(tmp_path))

@@ -1,0 +1,26 @@
+"""The solvers of OpenCV on a session of a camera, beside the estimate."""
+
+import numpy as np
+import pytest
+from camera_sessions import ON_FLANGE, camera_session
+
+from bayescal.methods.compare import compare
+from bayescal.methods.hand_eye import SOLVERS, on_flange
+from bayescal.model.scene import Scene
+
+pytest.importorskip("cv2")
+
+
+@pytest.mark.parametrize("mount", ["flange", "fixed"])
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_a_solver_finds_the_hand_eye(mount, solver):
+    scene = Scene(camera_session(mount, images=25, noise=0.01))
+    np.testing.assert_allclose(on_flange(scene, 0, solver)[:, 3], ON_FLANGE[:3, 3], atol=2e-3)
+
+
+def test_they_are_compared():
+    zeros = np.array([0.0, 1e-3, -2e-3, 1.5e-3, 1e-3, 0.0])
+    rows = compare(camera_session(images=25, arm=zeros, validate=5), ("geometry",)).rows
+    error = {r.method.name: r.result.validation.point_lengths.rms for r in rows if r.result}
+    solved = [error[f"hand-eye {s.capitalize()}"] for s in SOLVERS]
+    assert error["bayescal"] < 0.5 * min(solved)
