@@ -290,9 +290,9 @@ class GapResult(Result, Positioned):
 
     @property
     def undecided(self) -> bool:
-        """Whether further contacts could decide: effects not separated, not confirmed or not known."""
-        unexplained = self.verdict not in ("null", "named")
-        return unexplained or bool(self.record.get("undecided"))
+        """Whether a plan of contacts could decide: effects not separated, not confirmed or not known."""
+        open_ = self.verdict not in ("null", "named") or bool(self.record.get("undecided"))
+        return open_ and self.record.get("plannable", True)
 
     @property
     def amplitudes(self) -> DataFrame:

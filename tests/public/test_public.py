@@ -200,8 +200,10 @@ def test_a_diagnosis_is_undecided_with_open_pairs_or_an_unexplained_error() -> N
 
     from bayescal.public.results import GapResult
 
-    def gap(verdict, undecided=()):
-        return GapResult(folder=Path(), content={"verdict": verdict, "undecided": list(undecided)})
+    def gap(verdict, undecided=(), plannable=True):
+        content = {"verdict": verdict, "undecided": list(undecided), "plannable": plannable}
+        return GapResult(folder=Path(), content=content)
 
     assert [gap(v).undecided for v in ("null", "named", "ambiguous", "unknown")] == [False, False, True, True]
     assert gap("named", [{"a": [], "b": [], "common": []}]).undecided
+    assert not gap("unknown", plannable=False).undecided  # `plan` refuses cameras

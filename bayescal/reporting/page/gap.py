@@ -165,7 +165,7 @@ def _next(run: Run) -> list[tuple[str, str]]:
     if sheets.unexplained(record):
         out.append(("Inspect the location that is marked, correct it, and measure again.", ""))
     open_ = record["verdict"] in ("ambiguous", "class", *sheets.UNMODELLED) or record["undecided"]
-    if open_ and not record["dataset"].get("sessions"):
+    if open_ and record.get("plannable", True) and not record["dataset"].get("sessions"):
         command = f"bayescal plan {dataset} --after {shlex.quote(run.folder)} --for gap --contacts 60"
         out.append(("Measure the contacts that decide between the explanations.", command))
     if record["verdict"] == "null":
