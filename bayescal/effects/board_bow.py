@@ -8,14 +8,19 @@ Driver: the place on the board. Prior: five times the stated flatness (assumed, 
 
 from __future__ import annotations
 
-from bayescal.effects.imaging import bow, errors_of, without_camera
+from bayescal.effects.imaging import bow, errors, without_camera
 from bayescal.effects.sizes import Size
-from bayescal.effects.vocabulary import Effect
+from bayescal.effects.vocabulary import Circumstances, Effect, Parameter
+
+
+def _parameters(c: Circumstances) -> list[Parameter]:
+    return errors(c, bow, "board-bow")
+
 
 BOARD_BOW = Effect(
     "board-bow",
     "board not flat",
-    errors_of(bow, "board-bow"),
+    _parameters,
     without_camera,
     sizes={"m": Size("height of the middle")},
     phrase=("the board", "is not flat"),

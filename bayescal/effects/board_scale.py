@@ -8,14 +8,19 @@ least 0.2 %: a printer stretches its print by some tenths of a percent.
 
 from __future__ import annotations
 
-from bayescal.effects.imaging import errors_of, scale, without_camera
+from bayescal.effects.imaging import errors, scale, without_camera
 from bayescal.effects.sizes import Size
-from bayescal.effects.vocabulary import Effect
+from bayescal.effects.vocabulary import Circumstances, Effect, Parameter
+
+
+def _parameters(c: Circumstances) -> list[Parameter]:
+    return errors(c, scale, "board-scale")
+
 
 BOARD_SCALE = Effect(
     "board-scale",
     "size of a board in error",
-    errors_of(scale, "board-scale"),
+    _parameters,
     without_camera,
     sizes={"1": Size("relative error of the size")},
     phrase=("the board", "has another size than stated"),

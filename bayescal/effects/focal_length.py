@@ -1,6 +1,6 @@
 r"""Focal length: those of a camera are in error by more than stated.
 
-Formula: $`\delta u = x_x \, x_d`$, $`\delta v = x_y \, y_d`$; (x_d, y_d) is the distorted direction, in
+Formula: $`\delta u = x_x \, x_d, \; \delta v = x_y \, y_d`$; (x_d, y_d) is the distorted direction, in
 focal lengths.
 
 Driver: the place in the image. Prior: five times the stated uncertainty (assumed, `imaging.TIMES`). A common
@@ -9,14 +9,19 @@ error of both is distinguishable from an error of the size of the board by image
 
 from __future__ import annotations
 
-from bayescal.effects.imaging import errors_of, focal, without_camera
+from bayescal.effects.imaging import errors, focal, without_camera
 from bayescal.effects.sizes import Size
-from bayescal.effects.vocabulary import Effect
+from bayescal.effects.vocabulary import Circumstances, Effect, Parameter
+
+
+def _parameters(c: Circumstances) -> list[Parameter]:
+    return errors(c, focal, "focal-length")
+
 
 FOCAL_LENGTH = Effect(
     "focal-length",
     "focal length of a camera in error",
-    errors_of(focal, "focal-length"),
+    _parameters,
     without_camera,
     sizes={"px": Size("error of the focal length")},
     phrase=("the camera", "has a focal length in error"),

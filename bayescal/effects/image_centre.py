@@ -1,6 +1,6 @@
 r"""Image centre: the optical axis meets the image elsewhere than stated.
 
-Formula: $`\delta u = x_x`$, $`\delta v = x_y`$.
+Formula: $`\delta u = x_x, \; \delta v = x_y`$.
 
 Driver: constant in the image. Prior: five times the stated uncertainty (assumed, `imaging.TIMES`). A turn of
 the camera on its mount looks nearly the same where all images are taken at one distance.
@@ -8,14 +8,19 @@ the camera on its mount looks nearly the same where all images are taken at one 
 
 from __future__ import annotations
 
-from bayescal.effects.imaging import centre, errors_of, without_camera
+from bayescal.effects.imaging import centre, errors, without_camera
 from bayescal.effects.sizes import Size
-from bayescal.effects.vocabulary import Effect
+from bayescal.effects.vocabulary import Circumstances, Effect, Parameter
+
+
+def _parameters(c: Circumstances) -> list[Parameter]:
+    return errors(c, centre, "image-centre")
+
 
 IMAGE_CENTRE = Effect(
     "image-centre",
     "optical axis of a camera in error",
-    errors_of(centre, "image-centre"),
+    _parameters,
     without_camera,
     sizes={"px": Size("error of the optical axis")},
     phrase=("the camera", "has its optical axis elsewhere in the image"),

@@ -93,13 +93,9 @@ def _site(site: Site, v: View) -> Site:
     return site.of(v.name) if v.several else site
 
 
-def errors_of(make: Make, effect: str) -> Callable[[Circumstances], list[Parameter]]:
+def errors(c: Circumstances, make: Make, effect: str) -> list[Parameter]:
     """The parameters of an effect: errors beyond the stated uncertainty, of every view."""
-
-    def parameters(c: Circumstances) -> list[Parameter]:
-        return [p for v in c.views for p in make(v, f"{effect} {v.name}", TIMES)]
-
-    return parameters
+    return [p for v in c.views for p in make(v, f"{effect} {v.name}", TIMES)]
 
 
 def without_camera(c: Circumstances) -> str:

@@ -1,6 +1,6 @@
 r"""Distortion: coefficients of a lens are in error by more than stated.
 
-Formula: $`\delta u = f_x \sum_k x_k \, \partial x_d / \partial k`$, and v alike, with the coefficients k of
+Formula: $`\delta u = f_x \sum_k x_k \, \partial x_d / \partial k`$; v alike, with the coefficients k of
 the model of the lens (`factors.lens`).
 
 Driver: the place in the image. Prior: five times the stated uncertainty (assumed, `imaging.TIMES`).
@@ -8,14 +8,19 @@ Driver: the place in the image. Prior: five times the stated uncertainty (assume
 
 from __future__ import annotations
 
-from bayescal.effects.imaging import distortion, errors_of, without_camera
+from bayescal.effects.imaging import distortion, errors, without_camera
 from bayescal.effects.sizes import Size
-from bayescal.effects.vocabulary import Effect
+from bayescal.effects.vocabulary import Circumstances, Effect, Parameter
+
+
+def _parameters(c: Circumstances) -> list[Parameter]:
+    return errors(c, distortion, "lens-distortion")
+
 
 LENS_DISTORTION = Effect(
     "lens-distortion",
     "distortion of a lens in error",
-    errors_of(distortion, "lens-distortion"),
+    _parameters,
     without_camera,
     sizes={"1": Size("error of a coefficient")},
     phrase=("the camera", "has another distortion than stated"),

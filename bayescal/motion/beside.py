@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -26,6 +27,7 @@ def beside(
     """The pool with columns of the strongest causes beside the list, and the hypotheses with them."""
     bank = pool.bank(noise)
     best = next(h for h in hypotheses if UNKNOWN not in h.names)
+    hypotheses = tuple(in_place_of_a_name(h, hypotheses) for h in hypotheses)
     new, further = [], []
     h, unlisted, _ = _unknown(bank, whole, best)
     new.append(h)
@@ -53,6 +55,24 @@ def beside(
         new.append(Hypothesis((*others, Member(r.form, 1.0)), nats, best.log_prior))
     ranked = sorted((*hypotheses, *new), key=lambda h: -h.score)
     return pool.extended(list({u.form: u for u in further if u}.values())), tuple(ranked)
+
+
+def in_place_of_a_name(h: Hypothesis, hypotheses: Sequence[Hypothesis]) -> Hypothesis:
+    """A set with a general function, less a share of what a name in its place explains."""
+    if UNKNOWN not in h.names:
+        return h
+    others = sorted(m.form.effect for m in h.members if m.form.effect != UNKNOWN)
+    sets = {tuple(sorted(m.form.effect for m in o.members)): o.log_evidence for o in hypotheses}
+    explained = max(
+        (nats - sets[tuple(others)] for names, nats in sets.items() if _one_more(others, names)), default=0.0
+    )
+    return replace(h, log_evidence=h.log_evidence - SEARCH.instead * max(explained, 0.0))
+
+
+def _one_more(few: Sequence[str], many: Sequence[str]) -> bool:
+    """Whether there is one effect more, which is in the list."""
+    rest = Counter(many) - Counter(few)
+    return len(many) == len(few) + 1 == len(few) + rest.total() and UNKNOWN not in rest
 
 
 def _without(best: Hypothesis, m: Member, hypotheses: Sequence[Hypothesis]) -> Hypothesis | None:

@@ -437,9 +437,9 @@ def test_nothing_without_validation_rows(cycled):
 
 def model_of(normals: np.ndarray) -> SimpleNamespace:
     """A stand-in for a model whose rows look along given directions (N, 3)."""
-    kind = SimpleNamespace(sd=np.zeros(0), linearise=lambda state, points: (None, normals.T[None], None))
-    block = SimpleNamespace(kind=kind, rows=np.arange(len(normals)))
-    return SimpleNamespace(states=(block,), scene=SimpleNamespace(points=np.zeros((len(normals), 3))))
+    block = SimpleNamespace(target="face", rows=np.arange(len(normals)))
+    scene = SimpleNamespace(index={"face": 0}, looks=lambda target, rows: normals.T[None][:, :, rows])
+    return SimpleNamespace(states=(block,), scene=scene)
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 40])

@@ -116,6 +116,7 @@ def test_levels_add_one_effect_each(session):
 def test_every_moving_effect_is_tested():
     """A new effect joins the list, or moves no frame of the arm."""
     resting = {"lobing", "latency", "plane-form", "artefact", "ball-radius"}
+    resting |= {"focal-length", "image-centre", "lens-distortion", "board-scale", "board-bow"}
     assert {e.partition("@")[0] for e in MOVING} | resting | {"geometry"} == set(EFFECTS)
 
 
@@ -363,7 +364,7 @@ def test_a_negative_compliance(soft):
     assert "compliance J3" not in [i.parameter for i in out.written.items]
 
 
-@pytest.mark.parametrize("to", [f for f in FORMATS if f != "ur-yaml"])
+@pytest.mark.parametrize("to", [f for f in FORMATS if f not in ("ur-yaml", "hand-eye")])
 def test_every_format_can_be_forced(soft, to):
     """What a format cannot hold, as a spring that pushes, is left out and said."""
     with pytest.raises(BayescalError, match="not exported"):

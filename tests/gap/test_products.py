@@ -136,8 +136,7 @@ def test_outliers_that_nothing_explains_are_left_out_after_all(monkeypatch, caus
         asked.append((fitted, of))
         return found[len(asked) - 1]
 
-    monkeypatch.setattr(examine, "calibrated", lambda *_: None)
-    monkeypatch.setattr(examine, "with_widths", lambda *_: ("plain", USUAL, ("told",)))
+    monkeypatch.setattr(examine, "_with_widths", lambda *_: ("plain", USUAL, ("told",)))
     monkeypatch.setattr(examine, "judged_complete", lambda _: ("all rows", causes))
     monkeypatch.setattr(examine, "_examined", examined)
     result = examine.examine(None, (), replace(USUAL, robust=True))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bayescal.logs.types import CALIBRATE, VALIDATE
-from bayescal.motion.beside import beside
+from bayescal.motion.beside import beside, in_place_of_a_name
 from bayescal.motion.cells import UNKNOWN
 from bayescal.motion.effects import Form
 from bayescal.motion.events import events
@@ -14,7 +14,8 @@ from bayescal.motion.linear import joined, normal
 from bayescal.motion.noise import noise_of
 from bayescal.motion.pool import Pool, Unlisted
 from bayescal.motion.relatives import relative
-from bayescal.motion.search import Member
+from bayescal.motion.search import Hypothesis, Member
+from bayescal.motion.settings import SEARCH
 
 
 @pytest.fixture(scope="module")
@@ -175,3 +176,18 @@ def test_noise_of_repeats_counts_where_it_is_clearly_smaller():
     slow = np.cumsum(rng.normal(size=(3, 40, 1)), axis=1)
     chance = [slow[0], 1.4 * slow[0] + 0.8 * slow[1], slow[2]]
     assert noise_of(chance, same=["1", "1", "3"]).sd == noise_of(chance).sd
+
+
+def test_a_general_function_must_explain_more_than_the_name_in_whose_place_it_is():
+    def hypothesis(nats, *effects):
+        return Hypothesis(tuple(Member(Form(e, "joint 1", "time"), 1.0) for e in effects), nats, 0.0)
+
+    null, name, other = hypothesis(0.0), hypothesis(900.0, "torque-drift"), hypothesis(5.0, "payload")
+    cell, beside_it = hypothesis(905.0, UNKNOWN), hypothesis(920.0, "torque-drift", UNKNOWN)
+    every = (null, name, other, cell, beside_it)
+    assert in_place_of_a_name(cell, every).log_evidence == pytest.approx(905.0 - SEARCH.instead * 900.0)
+    # of two names there is none whose place it takes
+    assert [in_place_of_a_name(h, every) for h in (null, name, beside_it)] == [null, name, beside_it]
+    both = hypothesis(940.0, "payload", "torque-drift")
+    less = in_place_of_a_name(beside_it, (*every, both)).log_evidence
+    assert less == pytest.approx(920.0 - SEARCH.instead * 40.0)
