@@ -90,7 +90,9 @@ def test_the_command_is_installed_or_importable():
     assert all(entry.load() is main for entry in found)
 
 
-IMPORTED_AS = {"urdfdom-py": "urdf_parser_py", "pyyaml": "yaml", "pin": "pinocchio"}
+IMPORTED_AS = {
+    "urdfdom-py": "urdf_parser_py", "pyyaml": "yaml", "pin": "pinocchio", "opencv-python-headless": "cv2",
+}  # fmt: skip
 """Modules of distributions with another name."""
 LOADERS = ("import_module", "files", "find_spec")
 
@@ -118,7 +120,7 @@ def test_what_is_imported_is_declared_and_what_is_declared_is_imported():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
     base, extras = declared(project["dependencies"]), project["optional-dependencies"]
     optional = declared(
-        [e for name in ("interactive", "mujoco", "xlsx", "dcc", "pinocchio") for e in extras[name]]
+        [e for name in ("interactive", "mujoco", "camera", "xlsx", "dcc", "pinocchio") for e in extras[name]]
     )
     used = imported()
     assert used <= base | optional
