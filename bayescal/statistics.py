@@ -20,24 +20,6 @@ def rms(x: np.ndarray) -> float:
     return float(np.sqrt(np.mean(x**2)))
 
 
-def quantile(x: np.ndarray, share: float) -> float:
-    """Value that a share of the values (N,) does not exceed: `np.quantile`, which takes far longer for few.
-
-    Linear between neighbours, to the last digit as NumPy has it.
-    """
-    if not len(x):
-        return float(np.quantile(x, share))
-    at = (len(x) - 1) * share
-    low = int(at)
-    high = min(low + 1, len(x) - 1)
-    ordered = np.partition(x, (low, high, -1))
-    if np.isnan(ordered[-1]):
-        return float("nan")
-    below, above, part = float(ordered[low]), float(ordered[high]), at - low
-    step = above - below
-    return below + step * part if part < 0.5 else above - step * (1.0 - part)
-
-
 def chi2_sf(x: Values, dof: Values) -> Any:
     """Probability that chi-square exceeds x."""
     return np.where(np.asarray(dof) > 0, special.chdtrc(dof, np.maximum(x, 0.0)), np.nan)

@@ -49,12 +49,8 @@ def pytest_collection_modifyitems(items):
 
 
 def pytest_collection_finish():
-    """The half million objects of the collected tests are not searched for garbage in every test's time.
-
-    Of what tests leave all is searched seldom: at each time it is more.
-    """
+    """The half million objects of the collected tests are not searched for garbage in every test's time."""
     gc.freeze()
-    gc.set_threshold(10_000, 10, 20)
     gc.enable()
 
 

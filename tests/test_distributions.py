@@ -48,12 +48,3 @@ def test_hypergeometric():
     sizes, total, count = np.array([1, 4, 30, 95, 99]), 12, 100
     theirs = np.array([stats.hypergeom.logsf(np.arange(-1, total), count, s, total) for s in sizes])
     np.testing.assert_allclose(d.hypergeometric_log_sf(sizes, total, count), theirs, rtol=1e-7, atol=1e-10)
-
-
-def test_quantile():
-    """To the last digit that of NumPy, of few values and many, with equal ones, at both ends."""
-    for count in (1, 2, 3, 10, 57, 300):
-        x = RNG.exponential(3.0, count).round(count % 5)
-        for share in (0.0, 0.01, 0.3, 0.5, 0.683, 0.95, 1.0):
-            assert d.quantile(x, share) == np.quantile(x, share)
-    assert np.isnan(d.quantile(np.array([1.0, np.nan, 2.0]), 0.5))

@@ -48,10 +48,10 @@ def moments(c: Circumstances) -> np.ndarray:
     out = []
     for one in each(c):
         low, count = _edge(one.fitted), len(one.fitted)
-        possible = np.flatnonzero(_first_of_image(c)[one.fitted]) if c.views else np.arange(count)
-        possible = possible[(possible >= low) & (possible <= count - low)]
-        some = np.unique(np.linspace(0, max(len(possible) - 1, 0), ROWS).round().astype(int))
-        first = possible[some] if len(possible) else possible
+        first = np.unique(np.linspace(low, count - low, ROWS).round().astype(int))
+        if c.views:
+            possible = np.flatnonzero(_first_of_image(c)[one.fitted])
+            first = possible[np.unique(np.searchsorted(possible, first[first <= possible[-1]]))]
         out.append(one.fitted[first[(first > 0) & (first < count)]] + 1.0)
     return np.concatenate(out)
 

@@ -20,7 +20,7 @@ from scipy.special import chdtri, fdtrc
 
 from bayescal.estimate.solver import STATED_WORTH, Evaluations, Weights, by_group, linearise, solve
 from bayescal.model.model import Model
-from bayescal.statistics import f_isf, f_noncentrality, quantile
+from bayescal.statistics import f_isf, f_noncentrality
 
 TAIL = 4.0
 """Degrees of freedom of the Student t that weighs measurements while outliers are sought."""
@@ -84,10 +84,10 @@ def scale(chi2: np.ndarray, rows: np.ndarray | int, taken: float = 0.0, share: f
     """
     rows = np.broadcast_to(np.asarray(rows, float), chi2.shape)
     if np.all(rows == rows[:1]):  # of most sessions: no search for the different numbers
-        usual = quantile(chi2 / chdtri(rows[:1], 1.0 - share), share)
+        usual = np.quantile(chi2 / chdtri(rows[:1], 1.0 - share), share)
     else:
         sizes, which = np.unique(rows, return_inverse=True)
-        usual = quantile(chi2 / chdtri(sizes, 1.0 - share)[which], share)
+        usual = np.quantile(chi2 / chdtri(sizes, 1.0 - share)[which], share)
     total = float(np.sum(rows))
     spare = max(total - taken, 0.25 * total)
     return max(float(np.sqrt(usual * total / spare)), 1e-3)

@@ -18,6 +18,7 @@ from bayescal.dataset.cameras import FLANGE, board, lens_of
 from bayescal.errors import BayescalError
 from bayescal.exporting.written import Format, Item, Options, Written, item
 from bayescal.fitted.arm import FittedArm
+from bayescal.storage.writing import scalar
 from factors.camera import Camera
 from factors.lens import FISHEYE
 from factors.turns import left_jacobian, turned
@@ -126,10 +127,11 @@ def _write(arm: FittedArm, options: Options) -> Written:
         if p.name in places:
             items.append(item(arm, k, places[p.name].on_flange.child, "on the flange"))
     beside = {".launch.py": _launch(found), ".opencv.json": _opencv(arm, found)}
-    frames = f"frames of ROS: {BASE} is F0, {END} is the flange; rename them where yours differ"
-    return Written(
-        _easy_handeye(found[0]), items, beside, [frames], {"hand_eye": [_record(h) for h in found]}
-    )
+    notes = [f"frames of ROS: {BASE} is F0, {END} is the flange; rename them where yours differ"]
+    if len(found) > 1:
+        others = ", ".join(h.target for h in found[1:])
+        notes.append(f"the YAML file has {found[0].target} alone, the others all; not in it: {others}")
+    return Written(_easy_handeye(found[0]), items, beside, notes, {"hand_eye": [_record(h) for h in found]})
 
 
 def _record(h: HandEye) -> dict[str, object]:
@@ -154,12 +156,12 @@ def _easy_handeye(h: HandEye) -> str:
         [
             f"# u: {1e3 * np.max(u[3:]):.3g} mm, {np.degrees(np.max(u[:3])):.2g} deg, the largest of each",
             "parameters:",
-            f"  name: {h.target}",
+            f"  name: {scalar(h.target)}",
             f"  calibration_type: {'eye_in_hand' if h.mount == FLANGE else 'eye_on_base'}",
             f"  robot_base_frame: {BASE}",
             f"  robot_effector_frame: {END}",
-            f"  tracking_base_frame: {t.child}",
-            f"  tracking_marker_frame: {(h.fixed if h.mount == FLANGE else h.on_flange).child}",
+            f"  tracking_base_frame: {scalar(t.child)}",
+            f"  tracking_marker_frame: {scalar((h.fixed if h.mount == FLANGE else h.on_flange).child)}",
             "  freehand_robot_movement: true",
             "  move_group_namespace: /",
             "  move_group: manipulator",
@@ -181,7 +183,8 @@ def _launch(found: list[HandEye]) -> str:
         names = ("x", "y", "z", "qx", "qy", "qz", "qw")
         values = [*t.pose[:3, 3].tolist(), *t.quaternion.tolist()]
         given = [f"'--{name}', '{v!r}'" for name, v in zip(names, values, strict=True)]
-        given += [f"'--frame-id', '{t.parent}'", f"'--child-frame-id', '{t.child}'"]
+        # the name of a target is any text: a launch file is a program
+        given += [f"'--frame-id', {t.parent!r}", f"'--child-frame-id', {t.child!r}"]
         node = "package='tf2_ros', executable='static_transform_publisher'"
         lines.append(f"        Node({node}, arguments=[{', '.join(given)}]),")
     return "\n".join([*lines, "    ])", ""])

@@ -5,8 +5,8 @@ What is relied on is written down, with its source, in ``docs/importing.md``.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -163,6 +163,14 @@ class Request:
     def source(self) -> Path | None:
         """The dataset.yaml, or its folder, with tools and targets; None if there is none."""
         return self.template if self.plan is None else files_of(self.plan)[1]
+
+    def refuse_other(self, options: Collection[str], kind: str) -> None:
+        """Refuse options other than these, which do nothing for a kind of log."""
+        for own in fields(self):
+            given = getattr(self, own.name)
+            if own.name not in ("log", *options) and (given or own.default) != own.default:
+                flag = "--tcp" if own.name == "tool" else f"--{own.name.replace('_', '-')}"
+                raise BayescalError(f"is not an option of {kind}", flag, f"remove {flag}")
 
     def check(self) -> None:
         """Refuse missing and invalid options of a log of contacts."""

@@ -6,8 +6,9 @@ the board is on the flange is decided by the images: with the wrong one they fit
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,19 +16,23 @@ import numpy as np
 
 from bayescal.arm.chain import Robot
 from bayescal.arm.hand_eye import FEWEST_IMAGES
-from bayescal.dataset import Dataset, Noise, Target, Tool, read_dataset, write_dataset
+from bayescal.dataset import Dataset, Target, Tool, read_dataset, write_dataset
 from bayescal.dataset.boards import Board, board_of
 from bayescal.dataset.cameras import FIXED, FLANGE, LEVER, closed_form
-from bayescal.dataset.read import SETTINGS, no_rows, read_settings
+from bayescal.dataset.read import SETTINGS
 from bayescal.dataset.table import Table, check_groups, check_names, joint_columns, read_cells
 from bayescal.dataset.target_kinds import CAMERA
 from bayescal.dataset.types import Measurements
+from bayescal.dataset.write import write_files
 from bayescal.errors import BayescalError, listed
-from bayescal.importing.ask import Request
-from bayescal.robots import load_robot
+from bayescal.importing.ask import Request, base_of
+from bayescal.importing.roles import role_note, with_roles
 from bayescal.storage.files import stem_of
+from bayescal.storage.folders import whole
 from bayescal.storage.locks import scratch
 
+APPLY = ("board", "joints", "robot", "template", "readings", "name", "validate", "allow_xacro")
+"""Options of images."""
 KINDS = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm")
 """Suffixes of images."""
 DICTIONARIES = ("4X4_250", "5X5_250", "6X6_250", "7X7_250", "ARUCO_ORIGINAL")
@@ -78,10 +83,13 @@ def convert_images(request: Request) -> ImageDraft:
         board = board_of(request.board)
     except ValueError as error:
         raise BayescalError(f"`{request.board}` is no board", "--board", str(error)) from None
-    base = _base(request)
+    request.refuse_other(APPLY, "images")
+    if not request.robot and request.template is None:
+        raise BayescalError("the robot is not stated", "--robot", "name it, or give a --template")
+    base = base_of(request)
     readings = _readings(request, base.robot)
-    images, size = _images(cv2, request.log, readings)
-    seen, how = _detected(cv2, images, board, request)
+    images = _images(request.log, readings)
+    size, seen, how = _detected(cv2, images, board, request)
     used = [f for f in seen if len(f.number) >= min(FEWEST, len(board.points))]
     if len(used) < FEWEST_IMAGES:
         what = f"the board is found in {len(used)} of {len(seen)} images"
@@ -91,9 +99,12 @@ def convert_images(request: Request) -> ImageDraft:
     left = sorted({f.name for f in seen} - {f.name for f in used})
     notes = [f"board not found in: {listed(left, 6)}"] if left else []
     session, lens = _session(cv2, request, base, board, used, readings, size)
+    session, roles = with_roles(session, request.validate, "--validate") if request.validate else (
+        session, role_note(session)
+    )  # fmt: skip
     picture = _picture(cv2, images, used)
     text = f"{len(used)} images of {len(seen)}, {sum(len(f.number) for f in used)} corners, {how}"
-    return ImageDraft(session, picture, text, (*notes, *lens))
+    return ImageDraft(session, picture, text, (*notes, *lens, roles))
 
 
 def opencv() -> Any:
@@ -117,23 +128,11 @@ def write_images(draft: ImageDraft, folder: Path, force: bool = False) -> None:
     with scratch("bayescal-import") as place:
         write_dataset(draft.dataset, place / "trial")
         read_dataset(place / "trial", judge=not force)
-    write_dataset(draft.dataset, folder)
-    (folder / PICTURE).write_bytes(draft.picture)
-
-
-def _base(request: Request) -> Dataset:
-    """The template, or an empty session of a robot."""
-    if request.template is not None:
-        path = request.template / SETTINGS if request.template.is_dir() else request.template
-        return read_settings(path, assume=True)[0]
-    if not request.robot:
-        raise BayescalError("the robot is not stated", "--robot", "name it, or give a --template")
-    robot, _ = load_robot(request.robot, allow_xacro=request.allow_xacro)
-    gravity, tool = np.array([0.0, 0.0, -9.81]), Tool("on-flange", np.zeros(3))
-    return Dataset(
-        request.name or request.log.name, Path(), robot, request.robot, request.readings, gravity, (tool,),
-        Noise(), (), (), no_rows(robot.n),
-    )  # fmt: skip
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise BayescalError("the folder is there already and not empty", str(folder), "give a new one")
+    with whole(folder, SETTINGS) as stage:
+        write_files(draft.dataset, stage)
+        (stage / PICTURE).write_bytes(draft.picture)
 
 
 def _readings(request: Request, robot: Robot) -> Table:
@@ -155,46 +154,62 @@ def _readings(request: Request, robot: Robot) -> Table:
     return read_cells(path, check)
 
 
-def _images(cv2: Any, folder: Path, readings: Table) -> tuple[dict[str, np.ndarray], tuple[int, int]]:
-    """Grey images by their names, in the order of the table, and their common width and height."""
+def _images(folder: Path, readings: Table) -> dict[str, Path]:
+    """Files of the images by their names in the table, in its order."""
     if not folder.is_dir():
         raise BayescalError("no such folder of images", str(folder), "give the folder")
     there = {p.name: p for p in sorted(folder.iterdir()) if p.suffix.lower() in KINDS}
     by_stem = {p.stem: p for p in there.values()}
-    out: dict[str, np.ndarray] = {}
+    out: dict[str, Path] = {}
     for row, name in enumerate(readings.cells["image"]):
         path = there.get(name) or by_stem.get(name)
         if path is None:
             raise readings.error(row, f"no image `{name}` in {folder}", "check the column `image`")
-        if name in out:
+        if path in out.values():
             raise readings.error(row, f"image `{name}` is given twice", "keep one row")
-        grey = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
-        if grey is None:
-            raise BayescalError(
-                "not an image that can be read", str(path), "leave its row out, or save it again"
-            )
-        first = next(iter(out.values()), grey)
-        if grey.shape != first.shape:
-            what = (
-                f"{grey.shape[1]} x {grey.shape[0]} px, the others have {first.shape[1]} x {first.shape[0]}"
-            )
-            raise BayescalError(what, str(path), "import images of one resolution")
-        out[name] = grey
-    height, width = next(iter(out.values())).shape
-    return out, (width, height)
+        out[name] = path
+    return out
+
+
+def _grey(cv2: Any, path: Path) -> np.ndarray:
+    """An image, (height, width)."""
+    grey = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+    if grey is None:
+        raise BayescalError("not an image that can be read", str(path), "leave its row out, or save it again")
+    return np.asarray(grey)
 
 
 def _detected(
-    cv2: Any, images: dict[str, np.ndarray], board: Board, request: Request
-) -> tuple[list[Found], str]:
-    """Corners in every image, and how they were found."""
+    cv2: Any, images: dict[str, Path], board: Board, request: Request
+) -> tuple[tuple[int, int], list[Found], str]:
+    """Common width and height of images, corners in each, and how they were found; one image in memory."""
+    find, how = _detector(cv2, images, board, request)
+    height, width = _grey(cv2, next(iter(images.values()))).shape
+    found = []
+    for name, path in images.items():
+        grey = _grey(cv2, path)
+        if grey.shape != (height, width):
+            what = f"{grey.shape[1]} x {grey.shape[0]} px, the others have {width} x {height}"
+            raise BayescalError(what, str(path), "import images of one resolution")
+        found.append(find(name, grey))
+    return (width, height), found, how
+
+
+def _detector(
+    cv2: Any, images: dict[str, Path], board: Board, request: Request
+) -> tuple[Callable[[str, np.ndarray], Found], str]:
+    """What finds the corners of the board in an image, and how."""
     if board.kind == "checkerboard":
-        return [_checkerboard(cv2, name, grey, board) for name, grey in images.items()], "checkerboard"
+        return partial(_checkerboard, cv2, board), "checkerboard"
     if board.kind == "apriltag":
         family = getattr(cv2.aruco, f"DICT_APRILTAG_{board.family.upper()}")
         detector = cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(family), _subpixel(cv2))
-        return [_tag(detector, name, grey) for name, grey in images.items()], f"tags {board.family}"
-    some = list(images.values())[:: max(len(images) // TRIED, 1)][:TRIED]
+        tags = sorted({k for path in images.values() for k in _tags(detector, _grey(cv2, path))})
+        if len(tags) > 1:
+            what = f"tags {listed(list(map(str, tags)), 6)} are seen: it is not stated which is the board"
+            raise BayescalError(what, "--board", "cover the others, or use a board of many corners")
+        return partial(_tag, detector), f"tag {board.family}"
+    some = [_grey(cv2, path) for path in list(images.values())[:: max(len(images) // TRIED, 1)][:TRIED]]
     ids = {text: _markers(cv2, text, some) for text in DICTIONARIES}
     text = max(ids, key=lambda name: len(ids[name]))
     layouts = [
@@ -210,7 +225,7 @@ def _detected(
         detector.setDetectorParameters(_subpixel(cv2))
     best = max(detectors, key=lambda d: sum(len(_charuco(d, "", grey).number) for grey in some))
     how = f"markers {text}{', pattern of OpenCV before 4.6' if best is detectors[1] else ''}"
-    return [_charuco(best, name, grey) for name, grey in images.items()], how
+    return partial(_charuco, best), how
 
 
 def _dictionary(cv2: Any, text: str) -> Any:
@@ -239,7 +254,7 @@ def _charuco(detector: Any, name: str, grey: np.ndarray) -> Found:
     return Found(name, np.reshape(corners, (-1, 2)).astype(float), np.ravel(numbers))
 
 
-def _checkerboard(cv2: Any, name: str, grey: np.ndarray, board: Board) -> Found:
+def _checkerboard(cv2: Any, board: Board, name: str, grey: np.ndarray) -> Found:
     good, corners = cv2.findChessboardCornersSB(grey, board.squares, flags=cv2.CALIB_CB_ACCURACY)
     if not good:
         return _none(name)
@@ -251,11 +266,16 @@ def _checkerboard(cv2: Any, name: str, grey: np.ndarray, board: Board) -> Found:
     return Found(name, pixel, np.arange(len(pixel)))
 
 
-def _tag(detector: Any, name: str, grey: np.ndarray) -> Found:
+def _tags(detector: Any, grey: np.ndarray) -> dict[int, np.ndarray]:
+    """Corners (4, 2), px, of the tags in an image, by their numbers."""
     corners, ids, _ = detector.detectMarkers(grey)
-    if ids is None or not len(ids):
-        return _none(name)
-    return Found(name, np.reshape(corners[0], (4, 2)).astype(float), np.arange(4))
+    numbers = [] if ids is None else np.ravel(ids).tolist()
+    return {k: np.reshape(c, (4, 2)).astype(float) for k, c in zip(numbers, corners, strict=True)}
+
+
+def _tag(detector: Any, name: str, grey: np.ndarray) -> Found:
+    pixel = next(iter(_tags(detector, grey).values()), None)
+    return _none(name) if pixel is None else Found(name, pixel, np.arange(4))
 
 
 def _none(name: str) -> Found:
@@ -285,7 +305,11 @@ def _session(
         stop=np.array([readings.cells["image"][k] for k in place]),
         time=column(readings.optional("time_s", needed=True)),
     )  # fmt: skip
+    base = replace(base, tools=base.tools or (Tool("on-flange", np.zeros(3)),))
     stated = [t for t in base.targets if t.kind == "camera"]
+    if len(stated) > 1 or len(stated) < len(base.targets):
+        what = f"the template has {len(base.targets)} targets"
+        raise BayescalError(what, "--template", "images are of one camera: leave the others out")
     if stated:
         target, notes = replace(stated[0], texts=dict(stated[0].texts) | {"board": request.board}), ()
         own = np.asarray(target.values["size"], float)
@@ -327,11 +351,11 @@ def _calibrated(
     return {k: float(v) for k, v in lens.items()} | {"distortion": np.ravel(distortion)[:5]}, float(rms)
 
 
-def _picture(cv2: Any, images: dict[str, np.ndarray], used: Sequence[Found]) -> bytes:
+def _picture(cv2: Any, images: dict[str, Path], used: Sequence[Found]) -> bytes:
     """A mosaic of images with the corners that were found, as JPEG."""
     tiles = []
     for f in used[:: max(-(-len(used) // MOSAIC), 1)]:
-        grey = images[f.name]
+        grey = _grey(cv2, images[f.name])
         shrink = TILE / grey.shape[1]
         tile = cv2.cvtColor(cv2.resize(grey, (TILE, round(grey.shape[0] * shrink))), cv2.COLOR_GRAY2BGR)
         for (u, v), k in zip(f.pixel * shrink, f.number, strict=True):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import gzip
 import io
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -26,8 +26,7 @@ from bayescal.storage.locks import scratch
 TABLES = ("csv", "parquet")
 DECIMALS = 7
 """Of a value in motion.csv: two nanoradians, a tenth of a microsecond."""
-USUAL = {f.name: f.default for f in fields(Request) if f.name not in ("log", "robot")}
-COMMON = ("format", "name", "validate", "allow_xacro", "motions", "torque", "table")
+COMMON = ("robot", "format", "name", "validate", "allow_xacro", "motions", "torque", "table")
 APPLY = {
     "rosbag": ("joints", "topic"),
     "lerobot": ("joints", "map"),
@@ -93,10 +92,7 @@ def convert_motions(request: Request) -> MotionDraft:
         For options of contacts, files that cannot be read, and where required information is missing.
     """
     format_ = format_of(request)
-    for option, usual in USUAL.items():
-        if option not in (*COMMON, *APPLY[format_]) and (getattr(request, option) or usual) != usual:
-            flag = "--tcp" if option == "tool" else f"--{option.replace('_', '-')}"
-            raise BayescalError(f"is not an option of joint logs ({format_})", flag, f"remove {flag}")
+    request.refuse_other((*COMMON, *APPLY[format_]), f"joint logs ({format_})")
     if request.table not in TABLES:
         raise BayescalError(f"`{request.table}` is not known", "--table", f"must be {' or '.join(TABLES)}")
     if not request.robot:

@@ -115,8 +115,11 @@ def _filters(covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def _autocovariance(parts: Sequence[np.ndarray]) -> np.ndarray:
     """Sums of products (n, lags) of parts (M, n) with themselves, later by each lag."""
-    lags = range(NOISE.order + 1)
-    return np.array([sum(np.sum(r[lag:] * r[: len(r) - lag], axis=0) for r in parts) for lag in lags]).T
+
+    def lagged(r: np.ndarray, lag: int) -> np.ndarray:
+        return np.sum(r[lag:] * r[: max(len(r) - lag, 0)], axis=0)  # 0 of a part that is shorter
+
+    return np.array([sum(lagged(r, lag) for r in parts) for lag in range(NOISE.order + 1)]).T
 
 
 def _differences(parts: Sequence[np.ndarray], same: Sequence[str]) -> list[np.ndarray]:

@@ -100,3 +100,23 @@ def test_refusals(made, tmp_path):
     (tmp_path / "flange.csv").write_text("image,j1_deg\n00.png,1\n")
     with pytest.raises(BayescalError, match="j2_deg"):
         convert(asked(tmp_path))
+    with pytest.raises(BayescalError, match="is not an option of images"):
+        convert(asked(made, tool="0 0 31 mm"))
+
+
+def test_images_that_validate(made):
+    m = convert(asked(made, validate="every:7")).dataset.measurements
+    assert set(m.stop[m.role == "validate"]) == {"06.png", "13.png"}
+
+
+def test_of_two_tags_none_is_taken(made, tmp_path):
+    family = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
+    folder = tmp_path / "flange"
+    folder.mkdir()
+    (tmp_path / "flange.csv").write_text((made / "flange.csv").read_text())
+    for k in range(14):
+        image, number = np.full((720, 1280), 255, np.uint8), int(k == 11)
+        image[200:400, 300:500] = cv2.aruco.generateImageMarker(family, number, 200)
+        cv2.imwrite(str(folder / f"{k:02d}.png"), image)
+    with pytest.raises(BayescalError, match="tags 0, 1 are seen"):
+        convert(asked(tmp_path, board="apriltag:36h11:40mm"))

@@ -101,6 +101,14 @@ def test_the_mean_of_a_motion_is_no_noise_but_has_its_share_of_it():
     assert moved == pytest.approx(found)
 
 
+def test_a_motion_of_few_rows_adds_to_the_noise_what_it_has():
+    parts = slow_noise(0, 300)
+    noise = noise_of([*parts, parts[0][:5]])
+    assert noise.sd == pytest.approx(noise_of(parts).sd, rel=0.02)
+    # its first rows are whitened by the covariance of them alone
+    assert noise.whitened(parts[0][:5, 0], 0) == pytest.approx(noise.whitened(parts[0][:, 0], 0)[:5])
+
+
 def test_what_repeats_share_is_no_noise():
     rng = np.random.default_rng(2)
     parts = [rng.normal(size=(400, 1)) for _ in range(4)]
