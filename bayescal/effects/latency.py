@@ -6,7 +6,7 @@ Driver: the speed of the ball towards the surface, m/s. Prior: 2 ms, from trigge
 negative value is a delay that the controller overcompensates. If all contacts have the same speed, latency
 is not distinguishable from the ball's radius.
 
-Images of an arm that moves: every joint was where it is t later, a clock of the camera that is late or early.
+Images of an arm that moves: t is the time by which the readings are later than the image.
 """
 
 from __future__ import annotations

@@ -49,17 +49,10 @@ def moments(c: Circumstances) -> np.ndarray:
     for one in each(c):
         low, count = _edge(one.fitted), len(one.fitted)
         first = np.unique(np.linspace(low, count - low, ROWS).round().astype(int))
-        if c.views:
-            possible = np.flatnonzero(_first_of_image(c)[one.fitted])
-            first = possible[np.unique(np.searchsorted(possible, first[first <= possible[-1]]))]
+        possible = np.flatnonzero(c.may_change[one.fitted])
+        first = possible[np.unique(np.searchsorted(possible, first[first <= possible[-1]]))]
         out.append(one.fitted[first[(first > 0) & (first < count)]] + 1.0)
     return np.concatenate(out)
-
-
-def _first_of_image(c: Circumstances) -> np.ndarray:
-    """Rows (N,) before which something may have shifted: of an image only the first."""
-    same = np.append(False, np.all(c.readings[1:] == c.readings[:-1], axis=1))
-    return np.asarray(~(same & (np.sum([v.rows for v in c.views], axis=0) > 0)))
 
 
 def _edge(fitted: np.ndarray) -> int:
@@ -73,7 +66,7 @@ def beside(c: Circumstances, row: float) -> np.ndarray:
             place, low = int(np.searchsorted(fitted, row - 1)), _edge(fitted)
             near = len(fitted) // ROWS + 1
             some = fitted[max(place - near, low) : min(place + near, len(fitted) - low) + 1]
-            return (some[_first_of_image(c)[some]] if c.views else some) + 1.0
+            return some[c.may_change[some]] + 1.0
     return np.empty(0)
 
 

@@ -165,6 +165,12 @@ class Circumstances:
         """Which rows touch a surface, (N,)."""
         return ~np.isnan(self.approach[:, 0])
 
+    @property
+    def may_change(self) -> np.ndarray:
+        """Rows before which something may have shifted, (N,): of an image only the first."""
+        same = np.append(False, np.all(self.readings[1:] == self.readings[:-1], axis=1))
+        return ~(same & np.any([v.rows > 0 for v in self.views] or [np.zeros(len(same), bool)], axis=0))
+
 
 class Where(TypedDict):
     """Site and driver of a parameter, as keyword arguments."""

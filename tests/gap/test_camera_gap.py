@@ -24,6 +24,17 @@ def test_the_side_is_named(number, side, tmp_path):
     assert [n.effect for n in verdict.named] == truth["effects"]
 
 
+def test_a_slip_is_before_an_image_and_not_within(tmp_path):
+    """As the row of the effect that a fit takes is: a headline must not state another."""
+    verdict, truth = answer(tmp_path, 40, "mount", 400.0)
+    (named,) = verdict.named
+    (event,) = named.events
+    stop = read_dataset(tmp_path).measurements.stop
+    assert stop[event.row] != stop[event.row - 1]
+    assert named.model.split()[0] == f"step@{event.row + 1}"
+    assert abs(int(stop[event.row][1:]) - truth["detail"]["image"]) <= 2
+
+
 def test_nothing_is_named_where_nothing_is_hidden(tmp_path):
     verdict, _ = answer(tmp_path, 2, "null", 0.0)
     assert verdict.kind == "null"

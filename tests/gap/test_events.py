@@ -99,9 +99,8 @@ def test_a_model_names_several_shifts():
 
 def test_rows_of_a_long_session_are_searched_twice():
     """Rows that the first search leaves out are near those that it tries."""
-    c = replace(
-        Scene(tracker(seed=3, count=110).dataset).circumstances(np.arange(110)), fitted=np.arange(1000)
-    )
+    short = Scene(tracker(seed=3, count=110).dataset).circumstances(np.arange(110))
+    c = replace(short, fitted=np.arange(1000), readings=np.resize(short.readings, (1000, 6)))
     tried = moments(c)
     assert len(tried) == ROWS
     reached = np.concatenate([beside(c, row) for row in tried])

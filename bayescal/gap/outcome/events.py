@@ -48,7 +48,7 @@ def sizes(
     cell = pool.cells[f.cell]
     parameters = cell_parameters(pool, f, c)
     if cell.driver == EVENT:
-        event, with_it = _event(without, with_it, pool, f, len(pool.sets[f.best]))
+        event, with_it = _event(without, with_it, pool, f, c.may_change)
         return event, _amplitudes(cell.site, cell.driver, parameters, _axes(parameters), with_it)
     if cell.driver == ROCKING and cell.site == BASE:
         what = [f"half-angle {_about(p, c)}" for p in parameters]
@@ -61,15 +61,18 @@ def cell_parameters(pool: Pool, f: CellFit, c: Circumstances) -> tuple[Parameter
     return sets_of(pool.cells[f.cell], f.cell, c)[f.best - int(np.flatnonzero(pool.owner == f.cell)[0])]
 
 
-def _event(without: State, with_it: State, pool: Pool, f: CellFit, size: int) -> tuple[Event, State]:
-    """The most probable row of a change, with its 95 % interval, and the fit with a change there."""
+def _event(
+    without: State, with_it: State, pool: Pool, f: CellFit, possible: np.ndarray
+) -> tuple[Event, State]:
+    """The most probable row of a change, of `possible` ones, with its 95 % interval, and the fit with it."""
     p, best = without.problem, pool.columns[:, pool.sets[f.best]]
+    size = best.shape[1]
     # the same displacement from an earlier row on, where the cell has one
     earlier = [pool.columns[:, pool.sets[k]] for k in np.flatnonzero(pool.owner == f.cell)]
     same = [
         x for x in earlier if x.shape == best.shape and np.array_equal(_from(_since(p, best), x, p), best)
     ]
-    event, shifted = _searched(without, with_it.weight, best, same)
+    event, shifted = _searched(without, with_it.weight, best, same, possible)
     wide = replace(p, pool=np.column_stack([p.pool, shifted]))
     state = fit_state(
         wide,
@@ -93,7 +96,7 @@ def _since(p: Problem, columns: np.ndarray) -> int:
 
 
 def _searched(
-    without: State, weight: np.ndarray, best: np.ndarray, same: Sequence[np.ndarray]
+    without: State, weight: np.ndarray, best: np.ndarray, same: Sequence[np.ndarray], possible: np.ndarray
 ) -> tuple[Event, np.ndarray]:
     """The most probable row of a change near that of its columns, its interval, and the columns from there.
 
@@ -107,12 +110,15 @@ def _searched(
         Columns of the change.
     same : sequence of np.ndarray, shape (R, k)
         Of the same displacement, from other rows on.
+    possible : np.ndarray of bool, shape (N,)
+        Rows of the session before which there may be a change.
     """
     p, size = without.problem, best.shape[1]
     longest = max(same, key=lambda x: np.count_nonzero(np.any(x != 0.0, axis=1)))
     fitted = np.unique(p.rows)
     middle, reach = int(np.searchsorted(fitted, _since(p, best))), 2 * len(fitted) // CELLS.moments + 1
     near = fitted[max(middle - reach, 1) : middle + reach + 1]
+    near = near[possible[near]]
     near = near[[np.any(_from(row, longest, p)) for row in near]]
     columns = np.column_stack([_from(row, longest, p) for row in near])
     sets = tuple(np.arange(size) + size * k for k in range(len(near)))
@@ -134,7 +140,7 @@ def _changes(pool: Pool, site: Site, size: int) -> Iterator[np.ndarray]:
 
 
 def named_events(
-    h: Hypothesis, pool: Pool, parameters: Sequence[Parameter]
+    h: Hypothesis, pool: Pool, parameters: Sequence[Parameter], possible: np.ndarray
 ) -> Mapping[str, tuple[Event, ...]]:
     """Rows of the sudden changes that a hypothesis names, with 95 % intervals, by effect, in its own order.
 
@@ -147,6 +153,8 @@ def named_events(
         Of the cells.
     parameters : sequence of Parameter
         Of the candidates, by which the hypothesis counts its columns.
+    possible : np.ndarray of bool, shape (N,)
+        Rows of the session before which there may be a change.
     """
     p, out = h.state.problem, dict[str, tuple[Event, ...]]()
     for m in h.members:
@@ -169,7 +177,7 @@ def named_events(
                 break
             rest = ~np.isin(h.state.columns, own)
             without = fit_state(p, h.state.columns[rest], h.state.scales[rest], h.state.weight, robust=False)
-            event, _ = _searched(without, h.state.weight, columns, same)
+            event, _ = _searched(without, h.state.weight, columns, same, possible)
             out[m.effect] = (*out.get(m.effect, ()), event)
     return out
 
