@@ -13,7 +13,7 @@ import numpy as np
 from bayescal.arm.shapes import Box
 from bayescal.dataset import Dataset, PlanSettings, Target
 from bayescal.dataset.read import SETTINGS, TABLE, read_settings
-from bayescal.dataset.regions import Region, Session
+from bayescal.dataset.regions import Probing, Region, Session
 from bayescal.dataset.target_kinds import KINDS
 from bayescal.errors import BayescalError
 from bayescal.model.scene import Scene
@@ -40,11 +40,7 @@ def regions_of(dataset: Dataset) -> dict[str, Region]:
     stated = dataset.plan.regions if dataset.plan else {}
     faces, up, out = _faces(dataset.targets), up_of(dataset), {}
     for target in dataset.targets:
-        planned = KINDS[target.kind].planned
-        if planned is None:
-            what = f"contacts on a target of kind {target.kind} cannot be planned"
-            kinds = ", ".join(name for name, kind in KINDS.items() if kind.planned is not None)
-            raise BayescalError(what, target.name, f"kinds: {kinds}")
+        planned = _probing(target)
         if planned.region is None:
             continue
         session = Session(
@@ -54,6 +50,16 @@ def regions_of(dataset: Dataset) -> dict[str, Region]:
             raise BayescalError(*_unknown_extent(target, planned.sizes))
         out[target.name] = region
     return out
+
+
+def _probing(target: Target) -> Probing:
+    """Where contacts on a target may be, or why none can be chosen."""
+    planned = KINDS[target.kind].planned
+    if planned is None:
+        what = f"contacts on a target of kind {target.kind} cannot be planned or simulated"
+        kinds = ", ".join(name for name, kind in KINDS.items() if kind.planned is not None)
+        raise BayescalError(what, target.name, f"kinds: {kinds}")
+    return planned
 
 
 def _unknown_extent(target: Target, sizes: tuple[str, ...]) -> tuple[str, str, str]:
@@ -175,6 +181,7 @@ def _check(dataset: Dataset) -> None:
     """Refuse a setup without the noise or the ball that its targets need."""
     for target in dataset.targets:
         kind = KINDS[target.kind]
+        _probing(target)
         if getattr(dataset.noise, kind.noise) is None:
             what = f"no noise of a {kind.noise} is stated, which `{target.name}` needs"
             raise BayescalError(what, SETTINGS, f"add `noise: {{{kind.noise}_mm: ...}}`")

@@ -220,19 +220,19 @@ def test_a_point_is_one_mark_not_three(tracker):
     assert axes.get_ylim()[0] == 0.0
 
 
-@pytest.mark.parametrize("signed", [True, False])
-def test_the_density_of_noise_is_that_of_draws(signed):
+@pytest.mark.parametrize("components", [1, 2, 3])
+def test_the_density_of_noise_is_that_of_draws(components):
     rng, edges = np.random.default_rng(0), np.linspace(-6, 6, 61)
-    drawn = 1.5 * rng.standard_normal((3, 400_000))
-    drawn = drawn[0] if signed else np.linalg.norm(drawn, axis=0)
+    drawn = 1.5 * rng.standard_normal((components, 400_000))
+    drawn = drawn[0] if components == 1 else np.linalg.norm(drawn, axis=0)
     heights, _ = np.histogram(drawn, edges, density=True)
     share = np.mean((drawn >= -6) & (drawn < 6))
     middle = 0.5 * (edges[1:] + edges[:-1])
-    density = residuals.noise_density(middle, 1.5, signed)
-    used = middle > 0 if not signed else slice(None)
+    density = residuals.noise_density(middle, 1.5, components)
+    used = middle > 0 if components > 1 else slice(None)
     assert heights[used] * share == pytest.approx(density[used], abs=5e-3)
-    if not signed:
-        assert np.quantile(drawn / 1.5, 0.95) == pytest.approx(residuals.LENGTH95, abs=0.01)
+    if components > 1:
+        assert np.quantile(drawn / 1.5, 0.95) == pytest.approx(residuals.length95(components), abs=0.01)
 
 
 def bars(axes):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -12,6 +13,7 @@ from bayescal.reporting.figures import scales
 from bayescal.reporting.figures.scales import LANE, Row, rows_panel
 from bayescal.reporting.figures.sheet import Entry, Panel, width_of
 from bayescal.reporting.shared.style import INK, MARKED, NOISE, SERIES
+from bayescal.statistics import chi2_isf
 from bayescal.storage.reading import Json
 
 CLIP = 0.99
@@ -50,8 +52,8 @@ class Errors:
         µm.
     target, kind : np.ndarray, shape (R,)
         Names of the targets, keys of `KINDS`.
-    signed : bool
-        False for lengths.
+    components : int
+        Coordinates of the vectors whose lengths these are; 1 of residuals with a sign.
     timed : bool
         Whether x is a time.
     noise : float
@@ -63,9 +65,14 @@ class Errors:
     value: np.ndarray
     target: np.ndarray
     kind: np.ndarray
-    signed: bool
+    components: int
     timed: bool
     noise: float
+
+    @property
+    def signed(self) -> bool:
+        """Whether they are residuals with a sign."""
+        return self.components == 1
 
 
 def of_fit(record: Json) -> Errors:
@@ -74,8 +81,9 @@ def of_fit(record: Json) -> Errors:
     value = np.array(rows["residual_um"], float)
     kind = np.where(np.array(rows["role"]) == "validate", "validation", "fitted")
     kind = np.where(np.array(rows["rejected"], bool), "rejected", kind)
-    signed = bool(np.any(value < 0))
-    return _ordered(rows, value, np.array(rows["target"]), kind, signed, record["noise"]["estimated_um"])
+    # of planes and points together the lengths of points have no sign, and the others have
+    components = 1 if np.any(value < 0) else record["noise"].get("components", 3)
+    return _ordered(rows, value, np.array(rows["target"]), kind, components, record["noise"]["estimated_um"])
 
 
 def of_gap(record: Json, when: str) -> Errors:
@@ -84,24 +92,24 @@ def of_gap(record: Json, when: str) -> Errors:
     components: dict[str, list[float]] = {}
     for name, r in zip(entries["id"], entries[f"{when}_um"], strict=True):
         components.setdefault(name, []).append(r)
-    signed = all(len(r) == 1 for r in components.values())
-    value = {name: r[0] if signed else np.sqrt(np.sum(np.square(r))) for name, r in components.items()}
+    most = max((len(r) for r in components.values()), default=1)
+    value = {name: r[0] if most == 1 else np.sqrt(np.sum(np.square(r))) for name, r in components.items()}
     if rows is None:  # in the order of time, as `residuals`
         rows = {"id": list(value), "time_s": None, "target": [""] * len(value)}
     every = np.array([value.get(name, np.nan) for name in rows["id"]], float)
     kind = np.full(len(every), "fitted")
-    return _ordered(rows, every, np.array(rows["target"]), kind, signed, record["gap"]["noise_um"])
+    return _ordered(rows, every, np.array(rows["target"]), kind, most, record["gap"]["noise_um"])
 
 
 def _ordered(
-    rows: Json, value: np.ndarray, target: np.ndarray, kind: np.ndarray, signed: bool, noise: float | None
+    rows: Json, value: np.ndarray, target: np.ndarray, kind: np.ndarray, components: int, noise: float | None
 ) -> Errors:
     timed, x = rows["time_s"] is not None, np.arange(1.0, len(value) + 1)
     if timed:
         x = (np.array(rows["time_s"], float) - min(rows["time_s"])) / 60.0
     keep = np.flatnonzero(np.isfinite(value) & np.isfinite(x))
     level = np.nan if noise is None else noise
-    return Errors(keep, x[keep], value[keep], target[keep], kind[keep], signed, timed, level)
+    return Errors(keep, x[keep], value[keep], target[keep], kind[keep], components, timed, level)
 
 
 def edge_of(*series: Errors) -> float:
@@ -144,14 +152,15 @@ def _label(e: Errors) -> str:
 
 
 def _band(axes: Any, e: Errors, across: bool) -> None:
-    """Twice the noise; of lengths the 95 % quantile of the length of three coordinates."""
+    """Twice the noise; of lengths the 95 % quantile of the length of so many coordinates."""
     if np.isfinite(e.noise):
-        ends = (-2 * e.noise, 2 * e.noise) if e.signed else (0.0, LENGTH95 * e.noise)
+        ends = (-2 * e.noise, 2 * e.noise) if e.signed else (0.0, length95(e.components) * e.noise)
         (axes.axvspan if across else axes.axhspan)(*ends, color=NOISE, lw=0, zorder=0)
 
 
-LENGTH95 = 2.7955
-"""95 % quantile of the length of a vector of three standard normal coordinates (chi with 3 d.o.f.)."""
+def length95(components: int) -> float:
+    """95 % quantile of the length of a vector of standard normal coordinates."""
+    return float(np.sqrt(chi2_isf(0.05, components)))
 
 
 def spread_panel(e: Errors, edge: float) -> Panel:
@@ -166,19 +175,20 @@ def spread_panel(e: Errors, edge: float) -> Panel:
         axes.hist(value, bins, density=True, color=SERIES[0], alpha=0.5, histtype="stepfilled")
         if np.isfinite(e.noise) and e.noise > 0:
             fine = np.linspace(low, edge, 300)
-            axes.plot(fine, noise_density(fine, e.noise, e.signed), color=INK, lw=1.2)
+            axes.plot(fine, noise_density(fine, e.noise, e.components), color=INK, lw=1.2)
         scales.without_y(axes)
         scales.linear_x(axes, low, edge)
 
     return Panel(draw, HEIGHT, "Distribution", _label(e), key=key)
 
 
-def noise_density(x: np.ndarray, sd: float, signed: bool) -> np.ndarray:
-    """Density of noise of standard deviation `sd`: normal, of lengths of three coordinates Maxwell."""
+def noise_density(x: np.ndarray, sd: float, components: int) -> np.ndarray:
+    """Density of noise of standard deviation `sd`: normal, of lengths of two or three coordinates chi."""
     bell = np.exp(-0.5 * (x / sd) ** 2)
-    if signed:
+    if components == 1:
         return bell / (sd * np.sqrt(2 * np.pi))
-    return np.sqrt(2 / np.pi) * x**2 / sd**3 * bell
+    k = components
+    return 2.0 ** (1.0 - 0.5 * k) / math.gamma(0.5 * k) * (x / sd) ** (k - 1) * bell / sd
 
 
 def targets_panel(e: Errors, edge: float) -> Panel:

@@ -18,6 +18,7 @@ from bayescal.exporting.robot import robot_text
 from bayescal.fitted import gate
 from bayescal.fitted.arm import of_fit
 from bayescal.fitted.file import ARM_FILE, COPY, write_arm
+from bayescal.model.model import length_blocks
 from bayescal.posterior.inference import save
 from bayescal.predict.crossvalidation import inside95, interval95
 from bayescal.predict.forecast import Forecast
@@ -60,7 +61,8 @@ def fit_record(fit: Fit, compared: Agreement | None = None) -> dict[str, Any]:
         "parameters": _parameters(fit),
         "correlations": _correlations(fit),
         "noise": entry(level.unexplained, *NOISE)
-        | {"scale": {group: float(value) for group, value in level.estimate.weights.scale.items()}},
+        | {"scale": {group: float(value) for group, value in level.estimate.weights.scale.items()}}
+        | {"components": max((b.kind.rows for b in length_blocks(level.estimate.model)), default=1)},
         "discrepancy": {
             "residual_share": 1.0 - fit.stated.white,
             "families": [
