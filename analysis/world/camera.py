@@ -344,6 +344,8 @@ def build(seed: int, number: int, side: str = "", goal: float = 0.0) -> tuple[di
     wild = rng.random(clean.shape[:2]) < 0.004
     noise[wild] += rng.standard_normal((int(wild.sum()), 2)) * 5
     kept = rng.random(clean.shape[:2]) < np.where(rng.random(images) < 0.2, 0.6, 1.0)[:, None]
+    # the elastic arm may put a corner beyond the edge, where none is found
+    kept &= np.all((clean + noise > 0) & (clean + noise < IMAGE), axis=2)
     on_flange, fixed_at = _as_identified(true)
     truth |= {
         "lambda": goal if side != "null" else 0.0, "size": size, "detail": detail, "carried": carried,
