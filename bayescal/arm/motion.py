@@ -154,6 +154,16 @@ class Motion:
             for site, parameter, driver in self._every.tolist()
         ]
 
+    @property
+    def drivers(self) -> np.ndarray:
+        """Drivers of all terms, (drivers, C)."""
+        return self._drivers[:, : self.count]
+
+    def at(self, rows: np.ndarray) -> Motion:
+        """The same motion of some of its rows."""
+        terms = [(k, Term(t.frame, t.axis, t.driver[rows])) for k, t in self.terms]
+        return Motion(self.chain, self.q[rows], self.tool[rows], terms, self.size)
+
     def points(self, values: np.ndarray) -> np.ndarray:
         """Ball centres in F0, (..., 3, C), m, at parameter deviations `values` (..., P), SI."""
         from bayescal.arm import kernel

@@ -88,10 +88,12 @@ def within_poses(h: np.ndarray, pose: np.ndarray) -> np.ndarray:
     """Sum over the poses of (H_pk' H_pl)^2, (K, K)."""
     out = np.zeros((h.shape[1], h.shape[1]))
     for at in of_equal_size(pose):
-        own = h[at]  # (poses, rows, K)
-        for i in range(at.shape[1]):
-            both = (own[:, i : i + 1] * own).reshape(-1, h.shape[1])
-            out += both.T @ both
+        if at.shape[1] == 1:  # all poses in one product
+            square = h[at[:, 0]] ** 2
+            out += square.T @ square
+            continue
+        for rows in at:
+            out += (h[rows].T @ h[rows]) ** 2
     return out
 
 

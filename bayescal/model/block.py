@@ -5,6 +5,7 @@ Orientations that instruments read in addition to points have blocks of their ow
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -219,9 +220,32 @@ class Posed(Oriented):
     image_index: np.ndarray
     image: np.ndarray
 
+    @cached_property
+    def _images(self) -> tuple[Posed, np.ndarray]:
+        """The first row of each image, and the image of every row, (C,).
+
+        An image is successive rows in which the arm and the tool stand alike.
+        """
+        motion = self.motion
+        stands = [motion.q, motion.tool, motion.drivers.T]
+        stands += [self.frame, np.moveaxis(self.turn, -1, 0)]
+        flat = np.concatenate([x.reshape(len(x), math.prod(x.shape[1:])) for x in stands], axis=1)
+        first = np.any(flat[1:] != flat[:-1], axis=1)
+        first = np.concatenate([[True], first])[: len(self.rows)]
+        one = replace(
+            self,
+            rows=self.rows[first],
+            motion=motion.at(first),
+            frame=self.frame[first],
+            turn=self.turn[..., first],
+        )
+        return one, np.cumsum(first) - 1
+
     def seen(self, values: np.ndarray) -> np.ndarray:
         """Poses of the tool in F0, (..., 3, 4, C), at arm deviations (..., P)."""
-        return np.concatenate([self.turns(values), self.points(values)[..., None, :]], axis=-2)
+        one, image = self._images
+        poses = np.concatenate([one.turns(values), one.points(values)[..., None, :]], axis=-2)
+        return np.take(poses, image, axis=-1)
 
     def columns(self, values: np.ndarray, seen: np.ndarray, u: np.ndarray) -> np.ndarray:
         """Derivatives (P, C) of `seen` along u (6, C): a force and its moment about the tool's point.

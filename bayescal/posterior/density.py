@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bayescal.estimate import STATED_WORTH, Estimate
-from bayescal.model import ARM, Turned
+from bayescal.model import ARM
 from bayescal.model.block import Oriented
 from bayescal.model.model import noise_groups
 
@@ -31,11 +31,11 @@ class Density:
         self.estimate, self.model = estimate, model
         kept = [b.rows[estimate.weights.row[b.name] > 0] for b in model.blocks]
         self.blocks = [model.part(b, rows) for b, rows in zip(model.blocks, kept, strict=True)]
-        # ball centres of all contacts are computed together, orientations separately
-        touching = [b.rows for b in self.blocks if not isinstance(b, Turned)]
+        # ball centres of all contacts are computed together, poses separately
+        touching = [np.zeros(0, int) if isinstance(b, Oriented) else b.rows for b in self.blocks]
         self._motion = model.motion(np.concatenate(touching))
-        ends = np.cumsum([len(rows) for rows in kept])
-        self._at = [slice(end - len(rows), end) for end, rows in zip(ends, kept, strict=True)]
+        ends = np.cumsum([len(rows) for rows in touching])
+        self._at = [slice(end - len(rows), end) for end, rows in zip(ends, touching, strict=True)]
         self.groups = noise_groups(model)
         self.kappa = np.array([estimate.weights.scale[g] for g in self.groups])  # (G,) the estimate's
         member = np.array([[b.group == g for g in self.groups] for b in self.blocks], float)
