@@ -161,7 +161,7 @@ class Motion:
 
     def at(self, rows: np.ndarray) -> Motion:
         """The same motion of some of its rows."""
-        terms = [(k, Term(t.frame, t.axis, t.driver[rows])) for k, t in self.terms]
+        terms = [(k, Term(t.frame, t.axis, np.asarray(t.driver)[rows])) for k, t in self.terms]
         return Motion(self.chain, self.q[rows], self.tool[rows], terms, self.size)
 
     def points(self, values: np.ndarray) -> np.ndarray:

@@ -221,7 +221,7 @@ class Posed(Oriented):
     image: np.ndarray
 
     @cached_property
-    def _images(self) -> tuple[Posed, np.ndarray]:
+    def images(self) -> tuple[Posed, np.ndarray]:
         """The first row of each image, and the image of every row, (C,).
 
         An image is successive rows in which the arm and the tool stand alike.
@@ -243,7 +243,7 @@ class Posed(Oriented):
 
     def seen(self, values: np.ndarray) -> np.ndarray:
         """Poses of the tool in F0, (..., 3, 4, C), at arm deviations (..., P)."""
-        one, image = self._images
+        one, image = self.images
         poses = np.concatenate([one.turns(values), one.points(values)[..., None, :]], axis=-2)
         return np.take(poses, image, axis=-1)
 

@@ -29,6 +29,7 @@ from bayescal.reporting.fit.budget import budget_csv, budget_record
 from bayescal.reporting.fit.posterior import fit_draws, parameter_draws
 from bayescal.reporting.page.build import PAGES, write_page
 from bayescal.reporting.shared.body import arm_drawing
+from bayescal.reporting.shared.images import images_record
 from bayescal.reporting.shared.origin import entry, origin, plain, rows_record
 from bayescal.reporting.shared.text import MDEG, MM, UM
 from bayescal.statistics import rms
@@ -71,6 +72,7 @@ def fit_record(fit: Fit, compared: Agreement | None = None) -> dict[str, Any]:
             ],
         },
         "residuals": _residuals(level),
+        "images": images_record(level.estimate),
         "rejected": [fit.dataset.measurements.ids[row] for row in level.estimate.rejected],
         "identifiability": {
             **entry(fit.identifiability, "singular_values"),

@@ -24,6 +24,7 @@ from bayescal.reporting.fit.sheets import (
     parameter_table,
     validation_table,
 )
+from bayescal.reporting.shared.images import images_lines
 from bayescal.reporting.shared.origin import filed_lines
 from bayescal.reporting.shared.sheet import Sheet, terminal
 from bayescal.reporting.shared.text import MDEG, MM, UM, Facts, facts, percent, um, um2, under
@@ -48,7 +49,10 @@ def fit_summary(fit: Fit, record: Json, verbose: bool = False) -> RenderableType
     v, checked = fit.final.validation, record["validation"]["distances"]
     title = Text.assemble((fit.dataset.name, "bold"), f"  {fit.dataset.robot.name}")
     use = gate.of_fit(fit)
-    parts: list[RenderableType] = [title, facts([*_verdict(fit.acceptance, use), *_predicted(fit)])]
+    parts: list[RenderableType] = [
+        title,
+        facts([*_verdict(fit.acceptance, use), *_predicted(fit), *images_lines(record)]),
+    ]
     parts.append(facts([*_tolerance(fit.tolerance), *_next(fit, use), *_findings(fit)]))
     if v.planes or v.distances or v.points or v.turns:
         parts += ["", terminal(validation_table(fit.levels))]

@@ -35,6 +35,7 @@ from bayescal.reporting.gap.phrases import class_record, headline, place, unshow
 from bayescal.reporting.gap.sheets import per_vector, table_of_contacts
 from bayescal.reporting.page.build import write_page
 from bayescal.reporting.shared.body import arm_drawing
+from bayescal.reporting.shared.images import images_record
 from bayescal.reporting.shared.origin import entry, origin, plain, rows_record, scaled, sized
 from bayescal.reporting.shared.text import UM
 from bayescal.storage.files import json_text
@@ -93,6 +94,7 @@ def gap_record(gap: Gap) -> dict[str, Any]:
         "where_marginal": {key: [entry(m, *GROUP) for m in gap.margins.get(key, ())] for key in MARGINS},
         "shrinkage": dict.fromkeys(MEASURES) | {s.what: entry(s, *SHRINKAGE) for s in gap.shrinkage},
         "lengths": _lengths(gap),
+        "images": images_record(gap.arm or gap.calibrated),
         "ladder": [
             entry(step, *STEP)
             | {"point_length_rms_um": UM * per_vector("points") * step.point_rms}

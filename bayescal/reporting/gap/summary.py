@@ -10,6 +10,7 @@ from rich.text import Text
 from bayescal.gap.result import VALIDATION_CONTACTS, Gap, Margin
 from bayescal.reporting.gap import causes, sheets
 from bayescal.reporting.gap.sheets import first_contacts, per_vector
+from bayescal.reporting.shared.images import images_lines
 from bayescal.reporting.shared.origin import filed_lines, scaled
 from bayescal.reporting.shared.sheet import Column, Sheet, inside, terminal
 from bayescal.reporting.shared.text import (
@@ -48,7 +49,7 @@ def gap_summary(gap: Gap, record: Json) -> RenderableType:
     )
     style = STYLES.get(record["verdict"], "bold red")
     parts: list[RenderableType] = [title, *(Text(line, style) for line in record["words"]), ""]
-    parts.append(facts(_size(record)))
+    parts.append(facts([*_size(record), *images_lines(record)]))
     if record["gap"]["measured"]:
         parts.append(terminal(_measured(record)))
     parts.append("")

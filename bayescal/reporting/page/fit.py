@@ -23,6 +23,7 @@ from bayescal.reporting.page.section import (
     blocks,
     texts,
 )
+from bayescal.reporting.shared.images import images_sheet
 from bayescal.reporting.shared.sheet import Column, Sheet, as_is
 from bayescal.reporting.shared.text import (
     MISSING,
@@ -168,6 +169,7 @@ def distances(run: Run) -> Section | None:
         Sheet(sheets.PREDICTED, run.record["predicted_distance"]["all"], "Distance errors to expect"),
         Sheet(sheets.DISTANCES, ranked, "Errors of certified distances, the largest first", 10),
         Sheet(sheets.FACES, validation["planes"], "Validation contacts by target"),
+        images_sheet(run.record),
     )
 
 

@@ -11,6 +11,7 @@ from bayescal.reporting.gap import sheets
 from bayescal.reporting.page import common
 from bayescal.reporting.page.arm import draw_arm, marked_sites
 from bayescal.reporting.page.section import Fault, FirstScreen, Run, Section, Text, blocks, texts
+from bayescal.reporting.shared.images import images_sheet
 from bayescal.reporting.shared.origin import possible
 from bayescal.reporting.shared.sheet import Sheet
 from bayescal.reporting.shared.text import MISSING, interval, length, probability, rival, share
@@ -192,7 +193,7 @@ def effects(run: Run) -> Section | None:
 
 def levels(run: Run) -> Section | None:
     """Validation errors by model level, and what the named effects improve."""
-    tables = sheets.levels_sheet(run.record), sheets.improvements(run.record)
+    tables = sheets.levels_sheet(run.record), sheets.improvements(run.record), images_sheet(run.record)
     return blocks("levels", "Model levels and improvement", *tables)
 
 
