@@ -58,9 +58,9 @@ def make(
     reserved: Annotated[
         bool, typer.Option("--reserved", help="Also draw the causes on which no constant may be chosen.")
     ] = False,
-    motions: Annotated[
-        bool, typer.Option("--motions", help="Joint logs instead of sessions of contacts; version 1.")
-    ] = False,
+    kind: Annotated[
+        str, typer.Option(help="What is simulated: contacts, motions (joint logs) or images (of a camera).")
+    ] = "contacts",
 ) -> None:
     """Simulate test sessions with unmodelled effects, and seal the ground truth.
 
@@ -72,7 +72,7 @@ def make(
     from bayescal.storage.locks import alone
 
     with alone(out), keeping(lambda: KEPT), progress("worlds") as notify:
-        sealed = run(out, worlds, seed, workers, dask, notify, generator, reserved, motions)
+        sealed = run(out, worlds, seed, workers, dask, notify, generator, reserved, kind)
     typer.echo(f"{worlds} test sessions in {out}/worlds; ground truth sealed in {out}/truth.json")
     typer.echo(f"SHA-256 of the ground truth  {sealed}")
 
@@ -89,15 +89,17 @@ def run(folder: Folder, workers: Workers = 1, dask: Dask = None, rounds: Rounds 
     not changed. With two rounds, the diagnosis then plans 60 further contacts of every session that its
     answer leaves open, the simulator probes them, and the diagnosis answers again, beside 60 random ones.
     """
-    from analysis.blind.folder import SEALED, of_logs
+    from analysis.blind.folder import SEALED, of_contacts
     from analysis.blind.rounds import second_round
     from analysis.blind.run import known
     from analysis.blind.run import run as answer
     from bayescal.cli.progress import progress
     from bayescal.storage.locks import alone
 
-    if rounds > 1 and of_logs(folder):
-        raise BayescalError("joint logs have no second round", str(folder), "leave --rounds out")
+    if rounds > 1 and not of_contacts(folder):
+        raise BayescalError(
+            "only sessions of contacts have a second round", str(folder), "leave --rounds out"
+        )
     with alone(folder), keeping(lambda: KEPT), progress("worlds") as notify:
         sealed = rounds > 1 and (folder / SEALED).is_file()
         found = known(folder) if sealed else answer(folder, workers, dask, notify)
@@ -132,6 +134,7 @@ def score(
     from analysis.blind.card import between, terminal
     from analysis.blind.card import page as renew
     from analysis.blind.files import SCORE, write_score
+    from analysis.blind.make import CONTACTS, MOTIONS
     from analysis.blind.score import figures, records
     from analysis.blind.unseal import opened
     from bayescal.storage.folders import check_free
@@ -140,10 +143,10 @@ def score(
     check_free(target, SCORE)
     truths, answers, about = opened(folder)
     about |= {"note": note} if note else {}
-    if about["motions"]:
-        from analysis.blind.motions import scored
+    if about["kind"] != CONTACTS:
+        from analysis.blind import images, motions
 
-        scored(truths, answers, about, target, page)
+        (motions if about["kind"] == MOTIONS else images).scored(truths, answers, about, target, page)
         return
     judged = records(truths, answers)
     found = figures(judged)

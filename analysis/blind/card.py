@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +11,7 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from analysis.blind.rows import bands, by_form, by_lambda, number, rows
+from analysis.blind.rows import Row, bands, by_form, by_lambda, number, rows
 from bayescal.errors import BayescalError
 from bayescal.reporting.shared.text import FigureTable, facts
 from bayescal.storage.files import write_together
@@ -173,13 +173,42 @@ def tables(found: Mapping[str, Any], about: Mapping[str, Any], pictures: Iterabl
     return "\n\n".join(block for block in blocks if block)
 
 
-def origin(found: Mapping[str, Any], about: Mapping[str, Any]) -> str:
-    """Origin of the results, in lines that can be checked."""
+HEADS = ("criterion", "found (95 %)", "wanted", "met")
+IS_MET = {True: "yes", False: "no", None: ""}
+
+
+def _judged(criteria: Iterable[Row]) -> list[tuple[str, ...]]:
+    return [(r.label, r.found, r.wanted, IS_MET[r.met if r.wanted else None]) for r in criteria]
+
+
+def show(criteria: Iterable[Row]) -> None:
+    """Print criteria, each with what was found and what is wanted."""
+    from bayescal.public.results import console
+
+    shown = Table(box=None, pad_edge=False)
+    for head in HEADS:
+        shown.add_column(head, no_wrap=head == HEADS[0])
+    for line in _judged(criteria):
+        shown.add_row(*line)
+    console().print(shown)
+
+
+def page_of(
+    path: Path, marks: tuple[str, str], found: Mapping[str, Any], about: Mapping[str, Any],
+    criteria: Iterable[Row], misses: tuple[Sequence[str], Sequence[Sequence[str]]], words: str = "",
+) -> None:  # fmt: skip
+    """Write origin, criteria and misses (headings and rows) between the marks of a page."""
+    parts = (origin(found, about, words), table(HEADS, _judged(criteria)), table(*misses))
+    between(path, marks, "\n\n".join(p for p in parts if p))
+
+
+def origin(found: Mapping[str, Any], about: Mapping[str, Any], words: str = "") -> str:
+    """Origin of the results, in lines that can be checked; `words` are how many of which kind there are."""
     frozen = about.get("note") or "date of freezing the thresholds not recorded"
     software = ", ".join(f"{name} {version}" for name, version in about.get("software", {}).items())
     sums = ", ".join(f"{what} {_short(about, key)}" for what, key in SUMS.items())
     lines = [
-        f"{found['worlds']} simulated sessions of {_drawn(about)}: {kinds(found)}.",
+        f"{found['worlds']} simulated sessions of {_drawn(about)}: {words or kinds(found)}.",
         f"Frozen: {frozen}. SHA-256: {sums}. Software: {software or 'not recorded'}.",
     ]
     return "\n".join(lines)

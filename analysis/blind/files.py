@@ -33,6 +33,7 @@ def write_score(
     about: Mapping[str, Any],
     folder: Path,
     pictures: bool = True,
+    headings: Sequence[str] = HEADINGS,
 ) -> tuple[str, ...]:
     """Write the score atomically.
 
@@ -48,6 +49,8 @@ def write_score(
         Output folder; an earlier score in it is replaced.
     pictures : bool
         Also draw the figures.
+    headings : sequence of str
+        Fields of a miss.
 
     Returns
     -------
@@ -59,7 +62,7 @@ def write_score(
     with whole(folder, SCORE) as stage:
         (stage / SCORE).write_text(text + "\n", encoding="utf-8")
         with (stage / MISSES).open("w", encoding="utf-8", newline="") as stream:
-            lines = csv.DictWriter(stream, HEADINGS, lineterminator="\n")
+            lines = csv.DictWriter(stream, headings, lineterminator="\n")
             lines.writeheader()
             lines.writerows(found["misses"])
         if pictures:

@@ -37,12 +37,14 @@ def names(folder: Path, what: str = WORLDS) -> list[str]:
 def texts(folder: Path, name: str) -> dict[str, str]:
     """The files of a session or of a joint log by name, without its seal."""
     own = folder / WORLDS / name
-    return {file: read(own / file) for file in (LOG if (own / TABLE).exists() else FILES)}
+    if (own / TABLE).exists():
+        return {file: read(own / file) for file in LOG}
+    return {file: read(own / file) for file in FILES if file != BASELINE or (own / file).exists()}
 
 
-def of_logs(folder: Path) -> bool:
-    """Whether a folder holds joint logs."""
-    return any((folder / WORLDS).glob(f"*/{TABLE}"))
+def of_contacts(folder: Path) -> bool:
+    """Whether a folder holds sessions of contacts, which have a baseline."""
+    return any((folder / WORLDS).glob(f"*/{BASELINE}"))
 
 
 def answer_path(folder: Path, name: str) -> Path:

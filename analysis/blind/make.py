@@ -21,8 +21,9 @@ from bayescal.storage.folders import check_free, whole
 SEEDS = 2**48
 """Number of possible seeds."""
 NO_PINOCCHIO = BayescalError("simulating test sessions needs Pinocchio", "", "pip install 'bayescal[blind]'")
-GENERATOR, OF_LOGS = 4, 1
-"""Version of the simulator for new sessions, and for logs; a seed gives the same sessions within one."""
+CONTACTS, MOTIONS, IMAGES = "contacts", "motions", "images"
+GENERATORS = {CONTACTS: 4, MOTIONS: 1, IMAGES: 1}
+"""Version of the simulator of each kind for new sessions; a seed gives the same sessions within one."""
 Notify = Callable[[str, float], None]
 
 
@@ -38,7 +39,7 @@ class Plan:
     salt: str
     generator: int = 1
     reserved: bool = False
-    motions: bool = False
+    kind: str = CONTACTS
 
 
 @dataclass(frozen=True)
@@ -49,7 +50,7 @@ class Asked:
     seed: int | None
     generator: int | None
     reserved: bool
-    motions: bool = False
+    kind: str = CONTACTS
 
 
 @dataclass(frozen=True)
@@ -60,7 +61,7 @@ class Drawn:
     number: int
     generator: int
     reserved: bool
-    motions: bool = False
+    kind: str = CONTACTS
 
 
 def make(
@@ -72,7 +73,7 @@ def make(
     notify: Notify = lambda words, fraction: None,
     generator: int | None = None,
     reserved: bool = False,
-    motions: bool = False,
+    kind: str = CONTACTS,
 ) -> str:
     """Simulate the test sessions that are missing, and seal their ground truth.
 
@@ -92,9 +93,9 @@ def make(
         Version of the simulator, 1 to 4; by default that of an interrupted simulation, else the latest.
     reserved : bool
         Also draw the reserved causes not in the list of known effects, on which no constant may be chosen;
-        of joint logs the reserved forms and causes.
-    motions : bool
-        Simulate joint logs.
+        of joint logs the reserved forms and causes. Sessions of a camera have none.
+    kind : str
+        Of `GENERATORS`: sessions of contacts, joint logs, or sessions of a camera.
 
     Returns
     -------
@@ -108,13 +109,17 @@ def make(
     """
     if worlds < 1 or (seed is not None and seed < 0):
         raise BayescalError("the number of sessions must be positive and the seed not negative")
-    latest = OF_LOGS if motions else GENERATOR
+    if kind not in GENERATORS:
+        raise BayescalError(f"there is no kind {kind}", "--kind", f"use one of {', '.join(GENERATORS)}")
+    if kind == IMAGES and reserved:
+        raise BayescalError("sessions of a camera have no reserved causes", "--reserved", "leave it out")
+    latest = GENERATORS[kind]
     if generator not in (None, *range(1, latest + 1)):
         raise BayescalError(f"there is no generator {generator}", "", f"use one from 1 to {latest}")
-    asked = Asked(worlds, seed, generator, reserved, motions)
+    asked = Asked(worlds, seed, generator, reserved, kind)
     if (folder / TRUTH).is_file() and not (folder / PLAN).exists():
         return _made(folder, asked)
-    if dask is None and not motions and find_spec("pinocchio") is None:
+    if dask is None and kind != MOTIONS and find_spec("pinocchio") is None:
         raise NO_PINOCCHIO
     plan = _plan(folder, asked)
     todo = [k for k in range(plan.worlds) if not _record_path(folder, k).exists()]
@@ -131,23 +136,27 @@ def make(
 
 
 def _drawn(plan: Plan, number: int) -> Drawn:
-    return Drawn(plan.seed, number, plan.generator, plan.reserved, plan.motions)
+    return Drawn(plan.seed, number, plan.generator, plan.reserved, plan.kind)
 
 
 def built(task: Drawn) -> tuple[dict[str, str], dict[str, Any]]:
     """Files of a test session by name and its ground truth, from seed and number, on a worker."""
-    if task.motions:
+    if task.kind == MOTIONS:
         from analysis.world.motion.build import make as motion
 
         made = motion(task.seed, task.number, held_out=task.reserved)
         return made.texts, made.truth
     try:  # imported here: the process that distributes the work does not need Pinocchio
+        from analysis.world import camera
         from analysis.world.build import build
     except ImportError:
         raise NO_PINOCCHIO from None
     from analysis.world.write import plain
 
-    texts, truth = build(task.seed, task.number, generator=task.generator, reserved=task.reserved)
+    if task.kind == IMAGES:
+        texts, truth = camera.build(task.seed, task.number)
+    else:
+        texts, truth = build(task.seed, task.number, generator=task.generator, reserved=task.reserved)
     return texts, plain(truth)
 
 
@@ -157,7 +166,7 @@ def _made(folder: Path, asked: Asked) -> str:
     sealed = seal.check_truth(folder, text)
     _tidy(folder)
     truth = parsed(text, folder / TRUTH)
-    version = {key: truth[key] for key in ("generator", "reserved", "motions") if key in truth}
+    version = {key: truth[key] for key in ("generator", "reserved", "kind") if key in truth}
     _check_same(folder, Plan(truth["seed"], len(truth["worlds"]), truth["salt"], **version), asked)
     return sealed
 
@@ -168,9 +177,9 @@ def _plan(folder: Path, asked: Asked) -> Plan:
     if not path.exists():
         check_free(folder, TRUTH)
         seed = secrets.randbelow(SEEDS) if asked.seed is None else asked.seed
-        version = asked.generator or (OF_LOGS if asked.motions else GENERATOR)
+        version = asked.generator or GENERATORS[asked.kind]
         salt = secrets.token_hex(32)
-        plan = Plan(seed, asked.worlds, salt, version, asked.reserved, asked.motions)
+        plan = Plan(seed, asked.worlds, salt, version, asked.reserved, asked.kind)
         with whole(folder, PLAN) as stage:
             write(stage / PLAN, vars(plan))
         return plan
@@ -185,7 +194,7 @@ def _check_same(folder: Path, plan: Plan, asked: Asked) -> None:
         "another seed": asked.seed not in (None, plan.seed),
         f"generator {plan.generator}": asked.generator not in (None, plan.generator),
         f"{'' if plan.reserved else 'no '}reserved causes": asked.reserved != plan.reserved,
-        "joint logs" if plan.motions else "sessions of contacts": asked.motions != plan.motions,
+        f"kind {plan.kind}": asked.kind != plan.kind,
     }
     if any(differs.values()):
         words = " and ".join(what for what, so in differs.items() if so)
@@ -215,7 +224,7 @@ def _seal(folder: Path, plan: Plan) -> str:
         "salt": plan.salt,
         "generator": plan.generator,
         "reserved": plan.reserved,
-        **({"motions": True} if plan.motions else {}),
+        **({} if plan.kind == CONTACTS else {"kind": plan.kind}),
         "sessions": {name: own["session"] for name, own in made.items()},
         "worlds": {name: own["truth"] for name, own in made.items()},
     }

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from analysis.blind.card import KINDS, between, origin, table
+from analysis.blind.card import KINDS, page_of, show
 from analysis.blind.files import write_score
 from analysis.blind.rates import proportion, value
 from analysis.blind.rows import NONE, Row, of
@@ -147,10 +147,12 @@ def _miss(r: Record) -> dict[str, Any]:
     }
 
 
-def _need(label: str, share: Mapping[str, Any], least: float | None = None, most: float | None = None) -> Row:
+def need(label: str, share: Mapping[str, Any], least: float | None = None, most: float | None = None) -> Row:
     """A share that must be at least, or at most, a number."""
     found = value(share)
-    wanted = f">= {least:g}" if least is not None else f"<= {most:g}"
+    wanted = f">= {least:g}" if least is not None else f"<= {most:g}" if most is not None else ""
+    if not wanted:
+        return Row(label, of(share))
     if found is None:
         return Row(label, NONE, wanted)
     return Row(label, of(share), wanted, found >= least if least is not None else found <= (most or 0.0))
@@ -165,15 +167,15 @@ def rows(f: Mapping[str, Any]) -> list[Row]:
     optimum = f"{text(floor)} (known noise {text(f['floor']['baseline'])})"
     each = ", ".join(f"{kind} {text(f['closed'][kind])}" for kind in ("single", "pair"))
     return [
-        _need("noise only: an effect was named", f["null_named"], most=0.03),
-        _need("noise only: called otherwise", f["null_otherwise"], most=0.08),
-        _need(f"named with P from {SURE:g}: exactly right", f["sure"], least=0.95),
-        *(_need(f"one effect, {label}: exact", s, least=wanted) for label, s, (_, _, wanted) in single),
-        _need("two effects: exact", f["pairs"], least=0.7),
-        _need("two effects: exact or partly", f["pairs_partly"], least=0.95),
-        _need(f"outside, lambda from {STRONG:g}: flagged", f["flagged"], least=0.8),
-        _need("outside: named alone", f["named_alone"], most=0.05),
-        _need(f"location, lambda from {STRONG:g}: right", f["site"], least=0.9),
+        need("noise only: an effect was named", f["null_named"], most=0.03),
+        need("noise only: called otherwise", f["null_otherwise"], most=0.08),
+        need(f"named with P from {SURE:g}: exactly right", f["sure"], least=0.95),
+        *(need(f"one effect, {label}: exact", s, least=wanted) for label, s, (_, _, wanted) in single),
+        need("two effects: exact", f["pairs"], least=0.7),
+        need("two effects: exact or partly", f["pairs_partly"], least=0.95),
+        need(f"outside, lambda from {STRONG:g}: flagged", f["flagged"], least=0.8),
+        need("outside: named alone", f["named_alone"], most=0.05),
+        need(f"location, lambda from {STRONG:g}: right", f["site"], least=0.9),
         Row("torque gap closed", f"{text(closed)} ({each})", ">= 0.9", closed and closed >= 0.9),
         Row("noise only: torque RMS over the true model", optimum, "<= 1.02", floor and floor <= 1.02),
         Row("90 % set contains the truth", of(f["set_holds"])),
@@ -200,24 +202,12 @@ def scored(
     page : Path, optional
         A Markdown page with the marks `BEGIN` and `END`.
     """
-    from rich.table import Table
-
-    from bayescal.public.results import console
-
     records = [record(truth, answers.get(name)) for name, truth in sorted(truths.items())]
     found = figures(records)
     names = write_score(records, found, about, target, pictures=False)
-    judged = [(r.label, r.found, r.wanted, {True: "yes", False: "no", None: ""}[r.met]) for r in rows(found)]
-    heads = ("criterion", "found (95 %)", "wanted", "met")
-    shown = Table(box=None, pad_edge=False)
-    for head in heads:
-        shown.add_column(head, no_wrap=head == heads[0])
-    for line in judged:
-        shown.add_row(*line)
-    console().print(shown)
-    misses = [[str(m[key]) for key in LISTED] for m in found["misses"]]
+    show(rows(found))
     if page is not None:
-        columns = (
+        heads = (
             "log",
             "truth",
             "at",
@@ -228,8 +218,6 @@ def scored(
             "first location",
             "detail",
         )
-        text = "\n\n".join(
-            b for b in (origin(found, about), table(heads, judged), table(columns, misses)) if b
-        )
-        between(page, (BEGIN, END), text)
+        misses = [[str(m[key]) for key in LISTED] for m in found["misses"]]
+        page_of(page, (BEGIN, END), found, about, rows(found), (heads, misses))
     print(f"written  {target}/{', '.join(names)}{f'; {page}' if page else ''}")

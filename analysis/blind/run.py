@@ -128,19 +128,30 @@ def answered(task: Task) -> dict[str, Any]:
     """Diagnose one session in a folder that holds only its dataset; a crash is recorded as an answer."""
     start, about = time.process_time(), _about(task)
     with scratch("bayescal-blind") as folder:
-        motions = TABLE in task.texts
-        for file in LOG if motions else DATASET:
+        for file in LOG if TABLE in task.texts else DATASET:
             write(folder / file, task.texts[file])
         try:
-            gap = _of_log(folder) if motions else _of_contacts(folder, task.texts[BASELINE])
+            found = _found(folder, task.texts)
         except Exception as error:
             text = error if isinstance(error, BayescalError) else f"{type(error).__name__}: {error}"
             words = " ".join(str(text).replace(f"{folder}/", "").split())
             return about | {"seconds": time.process_time() - start, "error": words}
     return about | {
         "seconds": time.process_time() - start,
-        "gap": {key: value for key, value in gap.items() if key not in LONG},
+        "gap": {key: value for key, value in found.pop("gap").items() if key not in LONG},
+        **found,
     }
+
+
+def _found(folder: Path, files: Mapping[str, str]) -> dict[str, Any]:
+    """The diagnosis of a folder as ``gap``, and what else an answer holds."""
+    if TABLE in files:
+        return {"gap": _of_log(folder)}
+    if BASELINE in files:
+        return {"gap": _of_contacts(folder, files[BASELINE])}
+    from analysis.blind.images import answer
+
+    return answer(folder)
 
 
 def _of_contacts(folder: Path, baseline: str) -> dict[str, Any]:

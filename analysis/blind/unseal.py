@@ -18,6 +18,7 @@ from analysis.blind.folder import (
     record,
     texts,
 )
+from analysis.blind.make import CONTACTS
 from bayescal.errors import BayescalError
 
 Records = dict[str, dict[str, Any]]
@@ -31,7 +32,7 @@ def opened(folder: Path) -> tuple[Records, Records, dict[str, Any]]:
     -------
     truths, answers : dict of str to dict
     about : dict
-        ``seed``, ``generator``, ``reserved``, ``motions``, ``worlds``, ``truth_sha256``, ``answers_sha256``,
+        ``seed``, ``generator``, ``reserved``, ``kind``, ``worlds``, ``truth_sha256``, ``answers_sha256``,
         ``code_sha256``, ``software`` and ``same_code``, whether the answers were computed with the sources
         that are installed now.
 
@@ -63,7 +64,7 @@ def opened(folder: Path) -> tuple[Records, Records, dict[str, Any]]:
         "seed": truth["seed"],
         "generator": truth.get("generator", 1),
         "reserved": truth.get("reserved", False),
-        "motions": truth.get("motions", False),
+        "kind": truth.get("kind", CONTACTS),
         "worlds": len(answers),
         "answers_sha256": seal.of_text(text),
         "same_code": sealed["code_sha256"] == seal.of_code(),

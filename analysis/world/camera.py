@@ -40,6 +40,12 @@ GOAL = (20.0, 2000.0)
 PRIORS = {"a": 3e-4, "alpha": 1e-3, "d": 3e-4, "zero": 2e-3, "give": 1e-3, "place": 5e-2, "turn": 0.2}
 SIDES = ("arm", "arm", "camera", "board", "mount", "clock", "null", "null")
 
+OF_ARM = {
+    "a1": ("a", 1), "a2": ("a", 2), "a3": ("a", 3), "a4": ("a", 4), "d4": ("d", 3), "alpha4": ("alpha", 4),
+    "theta3": ("zero", 2), "theta4": ("zero", 3), "theta5": ("zero", 4),
+}  # fmt: skip
+"""Parameters of the arm by the names of modified Denavit-Hartenberg rows, and where a shape has them."""
+
 
 @dataclass(frozen=True)
 class Cell:
@@ -350,7 +356,8 @@ def build(seed: int, number: int, side: str = "", goal: float = 0.0) -> tuple[di
     truth |= {
         "lambda": goal if side != "null" else 0.0, "size": size, "detail": detail, "carried": carried,
         "noise_px": sigma, "images": images, "on_flange": on_flange.tolist(), "moving": moving,
-        "fixed": fixed_at.tolist(), "focal_px": hidden.focal.tolist(), "zero_rad": shape.zero.tolist(),
+        "fixed": fixed_at.tolist(), "focal_px": hidden.focal.tolist(),
+        "arm": {name: float(getattr(shape, of)[k]) for name, (of, k) in OF_ARM.items()},
     }  # fmt: skip
     name = f"camera-{number:03d}"
     texts = {

@@ -24,6 +24,11 @@ PASSES = 8
 SAME_AXIS = 0.999
 """Second singular value over the first from which on rotations have one common axis or none (assumed)."""
 FEWEST_IMAGES = 3
+FLIPPED = np.radians(5.0)
+"""Angle from which on two poses of a board are different ones."""
+AS_GOOD = 2.0
+"""Misfit over that of the other pose, or of most images, up to which an image does not tell two poses apart
+(assumed)."""
 
 
 def board_poses(corner: np.ndarray, xy: np.ndarray, image: np.ndarray) -> np.ndarray:
@@ -58,7 +63,7 @@ def board_poses(corner: np.ndarray, xy: np.ndarray, image: np.ndarray) -> np.nda
     if not some.any():
         return poses
     found = _linear(local[some], xy[some], np.cumsum(enough)[image[some]] - 1, flat)
-    poses[enough] = _refined(found, local[some], xy[some], np.cumsum(enough)[image[some]] - 1)
+    poses[enough] = refined(found, local[some], xy[some], np.cumsum(enough)[image[some]] - 1)
     out = np.empty_like(poses)
     out[..., :3] = poses[..., :3] @ axes
     out[..., 3] = wide * poses[..., 3] - out[..., :3] @ middle
@@ -107,8 +112,40 @@ def _nearest_rotation(matrix: np.ndarray) -> np.ndarray:
     return np.asarray(out)
 
 
-def _refined(poses: np.ndarray, local: np.ndarray, xy: np.ndarray, image: np.ndarray) -> np.ndarray:
-    """Poses (I, 3, 4) by Gauss-Newton with Cauchy weights of the points."""
+def decided(
+    poses: np.ndarray, start: np.ndarray, corner: np.ndarray, xy: np.ndarray, image: np.ndarray
+) -> np.ndarray:
+    """Poses (I, 3, 4) of a board; those near `start` (I, 3, 4) instead where an image leaves it open.
+
+    A flat board that is seen from afar has two poses that fit its image almost alike. Points (R, 3), m,
+    directions (R, 2) and images (R,) as in `board_poses`.
+    """
+    order = np.argsort(image, kind="stable")
+    corner, xy, image = corner[order], xy[order], image[order]
+    other = refined(start, corner, xy, image)
+    count = np.bincount(image)
+    misfit, own = (np.bincount(image, off(p, corner, xy, image)) / count for p in (other, poses))
+    open_ = (angle(other, poses) > FLIPPED) & (misfit < AS_GOOD**2 * np.maximum(own, np.median(own)))
+    return np.where(open_[:, None, None], other, poses)
+
+
+def off(poses: np.ndarray, corner: np.ndarray, xy: np.ndarray, image: np.ndarray) -> np.ndarray:
+    """Squared distance (R,) of directions xy (R, 2) from those of corners (R, 3) at poses (I, 3, 4)."""
+    at = np.einsum("rij,rj->ri", poses[image, :, :3], corner) + poses[image, :, 3]
+    return np.sum((at[:, :2] / at[:, 2:] - xy) ** 2, axis=1)
+
+
+def angle(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Angles (...,), rad, between the orientations of poses (..., 3, 4)."""
+    trace = np.einsum("...ij,...ij->...", a[..., :3], b[..., :3])
+    return np.arccos(np.clip(0.5 * (trace - 1.0), -1.0, 1.0))
+
+
+def refined(poses: np.ndarray, local: np.ndarray, xy: np.ndarray, image: np.ndarray) -> np.ndarray:
+    """Poses (I, 3, 4) of least misfit near others, by Gauss-Newton with Cauchy weights of the points.
+
+    Points `local` (R, 3), m, in the frame of the board, and directions (R, 2) are in order of images.
+    """
     good = np.isfinite(poses).all(axis=(1, 2))
     if not good.any():
         return poses
@@ -196,8 +233,7 @@ def hand_eye(flange: np.ndarray, seen: np.ndarray) -> HandEye:
         first, second = v[0].reshape(3, 3), u[:, 0].reshape(3, 3)
         sign = np.sign(np.linalg.det(first)) or 1.0
         x, z = _nearest_rotation(sign * first), _nearest_rotation(sign * second)
-        apart = np.swapaxes(f @ x, 1, 2) @ (z @ q)
-        turned = np.arccos(np.clip(0.5 * (np.trace(apart, axis1=1, axis2=2) - 1.0), -1.0, 1.0))
+        turned = angle(f @ x, z @ q)
         rows = np.concatenate([f, np.broadcast_to(-np.eye(3), f.shape)], axis=2)
         right = seen[:, :, 3] @ z.T - flange[:, :, 3]
         root = np.sqrt(weight)[:, None, None]

@@ -179,14 +179,13 @@ def _poses(
     corner = np.frombuffer(points).reshape(-1, 3)[pixel[:, 2].astype(int)]
     xy = lens.directions(pixel[:, :2].T).T
     poses = hand_eye.board_poses(corner, xy, of)
-    at = np.einsum("rij,rj->ri", poses[of, :, :3], corner) + poses[of, :, 3]
     count = np.bincount(of)
 
     def mean(values: np.ndarray) -> np.ndarray:
         return np.bincount(of, values) / count
 
     with np.errstate(invalid="ignore", divide="ignore"):
-        square = np.sum((at[:, :2] / at[:, 2:] - xy) ** 2, axis=1)
+        square = hand_eye.off(poses, corner, xy, of)
         off, spare = mean(square), np.maximum(2 * count - 6, 1) / (2 * count)
         middles = np.array([np.median(square[of == k]) for k in range(len(count))])
         scatter = np.mean(lens.focal) * np.sqrt(middles / MEDIAN / spare)
@@ -217,10 +216,31 @@ def closed_form(
     good = np.isfinite(seen.poses).all(axis=(1, 2)) & (seen.misfit < FOREIGN)
     if np.sum(good) < hand_eye.FEWEST_IMAGES:
         return seen, good, None
-    carried = dataset.targets[target].texts["mount"] == FLANGE
-    poses = seen.poses[good]
+    t, m = dataset.targets[target], dataset.measurements
+    assert m.pixel is not None
+    carried = t.texts["mount"] == FLANGE
     flange = _flange(dataset, readings[seen.first[good]])
-    return seen, good, hand_eye.hand_eye(flange, hand_eye.inverse(poses) if carried else poses)
+
+    def solved(poses: np.ndarray) -> hand_eye.HandEye:
+        return hand_eye.hand_eye(flange, hand_eye.inverse(poses) if carried else poses)
+
+    poses, found = seen.poses[good], solved(seen.poses[good])
+    own = hand_eye.product(hand_eye.inverse(found.fixed), hand_eye.product(flange, found.on_flange))
+    some = good[seen.image]
+    corner, xy = _directions(t, m.pixel[rows[some]])
+    image = (np.cumsum(good) - 1)[seen.image[some]]
+    told = hand_eye.decided(poses, hand_eye.inverse(own) if carried else own, corner, xy, image)
+    if np.any(told != poses):
+        every = seen.poses.copy()
+        every[good] = told
+        seen, found = replace(seen, poses=every), solved(told)
+    return seen, good, found
+
+
+def _directions(t: Target, pixel: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Corners (C, 3), m, and directions (C, 2) of pixels and numbers (C, 3)."""
+    corner = board(t).points[pixel[:, 2].astype(int)]
+    return corner, lens_of(t).directions(np.ascontiguousarray(pixel[:, :2].T, float)).T
 
 
 def misfit(dataset: Dataset, target: int, rows: np.ndarray, readings: np.ndarray) -> np.ndarray:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from bayescal.arm.hand_eye import board_poses, hand_eye, inverse, product
+from bayescal.arm.hand_eye import angle, board_poses, decided, hand_eye, inverse, product
 
 RNG = np.random.default_rng(0)
 IMAGES = 30
@@ -56,3 +56,25 @@ def test_poses_of_a_board(depth):
     np.testing.assert_allclose(board_poses(corner, xy, image)[0], true[0], atol=5e-3)
     few = (image > 0) | (np.arange(len(image)) < 3)
     assert np.isnan(board_poses(corner[few], xy[few], image[few])[0]).all()
+
+
+def test_the_arm_decides_between_two_poses_of_a_small_tag_seen_from_afar():
+    rng = np.random.default_rng(2)
+    tag = 0.02 * np.array([[-1.0, 1, 0], [1, 1, 0], [1, -1, 0], [-1, -1, 0]])
+    turns = Rotation.from_euler("xy", rng.uniform(-0.5, 0.5, (60, 2))).as_matrix()
+    true = np.concatenate([turns, np.tile([[0.1], [0.0], [1.0]], (60, 1, 1))], axis=2)
+    image, corner = np.repeat(np.arange(60), 4), np.tile(tag, (60, 1))
+    at = np.einsum("rij,rj->ri", true[image, :, :3], corner) + true[image, :, 3]
+    xy = at[:, :2] / at[:, 2:] + 0.5 / 900 * rng.standard_normal((240, 2))
+    alone = board_poses(corner, xy, image)
+    wrong = angle(alone, true) > 0.25
+    assert np.sum(wrong) > 10
+    near = true.copy()
+    near[:, :, :3] = Rotation.from_rotvec(0.02 * rng.standard_normal((60, 3))).as_matrix() @ turns
+    shuffled = rng.permutation(240)
+    told = decided(alone, near, corner[shuffled], xy[shuffled], image[shuffled])
+    assert np.sum(angle(told, true) > 0.25) < 0.2 * np.sum(wrong)
+    # an image that tells is not overruled
+    sharp = at[:, :2] / at[:, 2:] + 0.001 / 900 * rng.standard_normal((240, 2))
+    alone = board_poses(corner, sharp, image)
+    np.testing.assert_allclose(decided(alone, inverse(near), corner, sharp, image), alone, atol=1e-9)

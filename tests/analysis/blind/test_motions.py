@@ -72,7 +72,7 @@ def folder(tmp_path, monkeypatch):
 
     def logs(_, tasks, workers, dask):
         for k, task in enumerate(tasks):
-            assert task.motions
+            assert task.kind == maker.MOTIONS
             truth = truth_of(task.number, np.random.default_rng(task.number))
             yield k, ({name: f"{name} of log {task.number}\n" for name in LOG}, truth)
 
@@ -86,14 +86,14 @@ def folder(tmp_path, monkeypatch):
 
     monkeypatch.setattr(maker, "results", logs)
     monkeypatch.setattr(runner, "results", answers)
-    make(tmp_path / "blind", 16, 5, motions=True)
+    make(tmp_path / "blind", 16, 5, kind=maker.MOTIONS)
     runner.run(tmp_path / "blind")
     return tmp_path / "blind"
 
 
 def test_the_truth_of_logs_is_sealed(folder):
     truths, answers, about = opened(folder)
-    assert about["motions"]
+    assert about["kind"] == maker.MOTIONS
     assert about["generator"] == 1
     assert len(truths) == len(answers) == 16
     assert {p.name for p in (folder / "worlds" / "003").iterdir()} == {*LOG, "seal.txt", LIST}
@@ -104,7 +104,7 @@ def test_the_truth_of_logs_is_sealed(folder):
 
 
 def test_a_folder_stays_of_its_kind(folder):
-    with pytest.raises(BayescalError, match="was started with joint logs"):
+    with pytest.raises(BayescalError, match="was started with kind motions"):
         make(folder, 16, 5)
 
 
@@ -122,7 +122,7 @@ def test_a_diagnosis_sees_nothing_but_its_log(folder, monkeypatch):
 
 
 def test_a_worker_makes_a_log_of_a_seed():
-    files, truth = built(Drawn(3, 1, 1, False, True))
+    files, truth = built(Drawn(3, 1, 1, False, maker.MOTIONS))
     assert set(files) == set(LOG)
     assert "truth" not in "".join(files).lower()
     assert truth["kind"] in KINDS
@@ -185,4 +185,4 @@ def test_the_score_is_printed_and_written(folder, tmp_path):
 def test_logs_have_no_second_round(folder):
     done = CliRunner().invoke(app, ["run", str(folder), "--rounds", "2"])
     assert done.exit_code != 0
-    assert "no second round" in str(done.exception)
+    assert "have a second round" in str(done.exception)
