@@ -273,7 +273,9 @@ def points(values, constant_terms, terms, firsts, general, drivers, sines, cosin
             _map(work, link[0])
             _out_displaced(work, start, _BASE, _ZXY, const, firsts, terms, row, drivers)
             _map(work, base)
-            out[w, :, start : start + WIDTH] = work[:3]
+            for j in range(3):  # numba compiles assignments of arrays to arrays for seconds
+                for i in range(WIDTH):
+                    out[w, j, start + i] = work[j, i]
 
 
 @_inline
@@ -350,8 +352,9 @@ def columns(
             fresh[j] = True
         inside = min(WIDTH, p.shape[1] - start)  # what lies beyond is padding: zeros
         work[:6] = 0.0
-        work[:3, :inside] = p[:, start : start + inside]
-        work[3:6, :inside] = u[:, start : start + inside]
+        for j in range(3):
+            for i in range(inside):
+                work[j, i], work[j + 3, i] = p[j, start + i], u[j, start + i]
         _unmap(work, base, 0.0)
         _back_displaced(
             work, start, _BASE, _ZXY, const, firsts, terms, values, drivers, by_site, by_first, out, fresh

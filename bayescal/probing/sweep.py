@@ -196,7 +196,9 @@ def _place(base, link, d, frame, ends, q, axes, placed):
                     behind[i, j] = pose[i, 3] if j == 3 else 0.0
                     for k in range(3):
                         behind[i, j] += pose[i, k] * link[f - 1, k, j]
-            pose[:3] = behind
+            for i in range(3):  # numba compiles assignments of arrays to arrays for seconds
+                for j in range(4):
+                    pose[i, j] = behind[i, j]
         if 0 < f <= n:
             c, s = math.cos(q[f - 1]), math.sin(q[f - 1])
             for i in range(3):

@@ -15,7 +15,7 @@ from bayescal.storage.folders import whole
 
 def test_killed_commands_leave_nothing_or_a_complete_result(tmp_path, monkeypatch):
     monkeypatch.setattr("analysis.kills.ATTEMPTS", 100)  # a machine that was busy may be quiet now
-    monkeypatch.setattr("analysis.kills.WRITING", 0.02)  # `init` ends soon after it has begun to write
+    monkeypatch.setattr("analysis.kills.WRITING", 0.002)  # `init` ends soon after it has begun to write
     found = sum(kills(["init"], 2, 1, tmp_path).values(), Counter())
     assert found["killed"] == 2
     assert not found["DAMAGED"]

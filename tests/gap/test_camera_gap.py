@@ -2,7 +2,9 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
+from sessions import with_rows
 
 pytest.importorskip("pinocchio")
 
@@ -11,30 +13,33 @@ from bayescal.dataset import read_dataset
 from bayescal.gap.diagnose import diagnose
 
 
-def answer(folder: Path, number: int, side: str, goal: float):
-    texts, truth = build(20261, number, side, goal)
+def answer(folder: Path, number: int, side: str, detectability: float, every: int = 3):
+    """Verdict on a session of which one corner in `every` is read, the session, and its ground truth."""
+    texts, truth = build(20261, number, side, every * detectability)
     for name, text in texts.items():
         (folder / name).write_text(text)
-    return diagnose(read_dataset(folder)).verdict, truth
+    session = read_dataset(folder)
+    session = with_rows(session, np.flatnonzero(session.measurements.pixel[:, 2] % every == 0))
+    return diagnose(session).verdict, session, truth
 
 
 @pytest.mark.parametrize(("number", "side"), [(4, "camera"), (10, "clock")])
 def test_the_side_is_named(number, side, tmp_path):
-    verdict, truth = answer(tmp_path, number, side, 300.0)
+    verdict, _, truth = answer(tmp_path, number, side, 300.0)
     assert [n.effect for n in verdict.named] == truth["effects"]
 
 
 def test_a_slip_is_before_an_image_and_not_within(tmp_path):
     """As the row of the effect that a fit takes is: a headline must not state another."""
-    verdict, truth = answer(tmp_path, 40, "mount", 400.0)
+    verdict, session, truth = answer(tmp_path, 40, "mount", 400.0, every=2)
     (named,) = verdict.named
     (event,) = named.events
-    stop = read_dataset(tmp_path).measurements.stop
+    stop = session.measurements.stop
     assert stop[event.row] != stop[event.row - 1]
     assert named.model.split()[0] == f"step@{event.row + 1}"
     assert abs(int(stop[event.row][1:]) - truth["detail"]["image"]) <= 2
 
 
 def test_nothing_is_named_where_nothing_is_hidden(tmp_path):
-    verdict, _ = answer(tmp_path, 2, "null", 0.0)
+    verdict, _, _ = answer(tmp_path, 2, "null", 0.0)
     assert verdict.kind == "null"
