@@ -16,7 +16,7 @@ from bayescal.dataset import Certificate, PlanSettings, Target, Tool, schema
 from bayescal.dataset.target_kinds import KINDS
 from bayescal.dataset.write import certificate_keys, plan_block, target_keys, tool_keys
 from bayescal.preparing.artefacts import ARTEFACTS, JOINTS, Artefact, Outline
-from bayescal.probing.artefacts import TOOL
+from bayescal.probing.artefacts import LARGE
 from bayescal.robots import schema as robot_schema
 from bayescal.storage.files import FILL_IN, stem_of
 from bayescal.storage.writing import block_lines, flow, scalar
@@ -24,6 +24,7 @@ from bayescal.storage.writing import block_lines, flow, scalar
 TEMPLATES = Path(__file__).parent / "templates"
 WIDTH = 110
 """Characters of a line of a comment."""
+TOOL = LARGE.tool
 EXAMPLES = {"probe": TOOL, "reflector": Tool("reflector", TOOL.centre, None, TOOL.mass, TOOL.centre_of_mass)}
 NOISE = {"contact": ("contact_mm", "0.005"), "point": ("point_mm", "0.020")}
 """Key of the noise of each kind of residual, and an example of its value."""
