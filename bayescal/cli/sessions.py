@@ -90,6 +90,7 @@ def import_(
     torque: str = "",
     topic: str = "",
     table: str = "csv",
+    calibration: Path | None = None,
     force: bool = False,
     allow_xacro: bool = False,
 ) -> None:
@@ -152,6 +153,8 @@ def import_(
         Joint log: topic of a bag with the rows, if several have joint positions.
     table
         Joint log: csv (motion.csv.gz) or parquet.
+    calibration
+        LeRobot's calibration of the servos (JSON): readings in steps, deg or normalised become angles by it.
     force
         Write the dataset even if a check fails (for example a wrong unit).
     allow_xacro
@@ -182,6 +185,7 @@ def import_(
         torque=torque,
         topic=topic,
         table=table,
+        calibration=calibration,
     )
     draft = convert(request)
     write(draft, out, force)

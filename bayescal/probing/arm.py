@@ -15,7 +15,7 @@ MARGIN = np.radians(4.0)
 """rad: margin to the joint limits, so that a contact can still be closed."""
 
 DIRECTED = 6
-"""Joints from which on a tool can have any direction at a place: of five, the last turns it about its own axis."""
+"""Joints from which on a tool can have any direction at a place: the last of five turns it about itself."""
 
 BEHIND, FLOOR = -0.05, -0.1  # relative to the reach: limits of the arm behind and below the base
 
