@@ -20,8 +20,8 @@ from bayescal.probing.scene import Solid, on_table
 from bayescal.statistics import stream
 
 TILT, TILT_OF_FEW = np.radians(60.0), np.radians(100.0)
-"""rad: maximum angle between the z axis of the flange and the inward normal, of an arm with six joints or more,
-and of one with fewer, which touches a wall with the side of the ball."""
+"""rad: maximum angle between the z axis of the flange and the inward normal: of an arm of six joints or more,
+and of one of fewer joints, which touches a wall with the side of the ball."""
 STARTS = 8  # per contact
 LOCAL = 12  # steps of a search that starts near its goal; those that converge need 3 to 10
 PROBES = 16  # contacts that are tested in a configuration of the arm

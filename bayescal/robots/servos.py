@@ -1,9 +1,9 @@
 """Calibrations of servos in steps of 4096 a turn, as LeRobot's JSON files state them.
 
-A servo shows ``actual - homing_offset`` (Feetech STS) or ``actual + homing_offset`` (Dynamixel X); LeRobot
-chooses the offset so that the pose in the middle shows half a turn. A reading in degrees is zero in the middle of
-`range_min` and `range_max`, and 360 deg are 4095 steps; a normalised one is -100 and 100 at the ends (lerobot
-0.4.4, ``motors/motors_bus.py``, ``_normalize``; ``feetech.py`` and ``dynamixel.py``, ``_get_half_turn_homings``).
+A servo shows ``actual - homing_offset`` (Feetech STS) or ``actual + homing_offset`` (Dynamixel X). LeRobot
+chooses the offset so that the middle pose shows half a turn. A reading in degrees is zero in the middle of
+`range_min` and `range_max`, and 360 deg are 4095 steps. A normalised one is -100 and 100 at the ends. Source:
+lerobot 0.4.4, ``_normalize`` of ``motors_bus.py``, ``_get_half_turn_homings`` of Feetech and Dynamixel.
 A turn has 4096 steps: LeRobot's degrees are too large by 1 part in 4095.
 """
 

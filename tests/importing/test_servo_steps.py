@@ -13,10 +13,10 @@ JOINTS = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_ro
 RANGES = [(735, 3480), (810, 3260), (905, 3108), (840, 3231), (0, 4095), (2035, 3500)]
 NAMES = (*JOINTS, "gripper")
 CALIBRATION = {
-    name: {"id": k, "drive_mode": 0, "homing_offset": 100 * k - 350, "range_min": low, "range_max": high}
+    name: {"id": k, "drive_mode": 0, "homing_offset": 9 * k - 35, "range_min": low, "range_max": high}
     for k, name, (low, high) in zip(range(1, 7), NAMES, RANGES, strict=True)
 }
-# lerobot 0.4.4, `_normalize` of an sts3215 (resolution 4096): position in steps, deg, normalised (-100 to 100)
+# lerobot 0.4.4, `_normalize` of an sts3215 (resolution 4096): position in steps, deg, normalised
 LEROBOT = {
     "shoulder_pan": (1200, -79.7802197802198, -66.120218579235),
     "elbow_flex": (2400, 34.5934065934066, 35.7240127099410),
