@@ -315,6 +315,7 @@ def check(
     dataset: Path = typer.Argument(metavar="DATASET"),
     to: str = "table",
     json: bool = typer.Option(False, "--json", hidden=True),
+    calibration: list[Path] = typer.Option([]),
     allow_xacro: bool = False,
 ) -> None:
     """Check a dataset or a joint log without fitting it: what is understood, missing, and what looks wrong.
@@ -325,13 +326,15 @@ def check(
         Dataset folder, or that of a joint log.
     to
         table or json.
+    calibration
+        Joint log: LeRobot's calibration of its servos (JSON), and others to compare with it; repeatable.
     allow_xacro
         As of `fit`.
     """
     from bayescal.public.starting import check as run
 
     check_format(to, ("table", "json"))
-    print_as("json" if json else to, run(dataset, allow_xacro=allow_xacro))
+    print_as("json" if json else to, run(dataset, calibration=calibration, allow_xacro=allow_xacro))
 
 
 @command("bayescal robots", "bayescal robots ur10 --to json")
