@@ -80,7 +80,7 @@ def _ros2_control(arm: FittedArm, options: Options) -> Written:
     text = rendered("ros2_control.xml.j2", name=options.name, offsets=dict(offsets))
     notes = [
         *_undetermined(arm, options.state),
-        "copy the transmissions into the <ros2_control> of the arm; an offset that is there already is added",
+        "copy the transmissions into the <ros2_control> of the arm; add the offset it has already",
         "mechanical_reduction is 1: of an actuator with a gear write its reduction; the offset stays",
     ]
     found = list(_items(arm, "transmission/joint[@name='{}']", "offset"))

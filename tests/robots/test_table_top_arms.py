@@ -6,6 +6,7 @@ from cases import DATA
 
 from bayescal.arm.chain import chain_of, frames, link_angles
 from bayescal.arm.statics import gravity_loads
+from bayescal.preparing.artefacts import Room
 from bayescal.robots import load_robot
 from bayescal.robots.load import full_name
 
@@ -23,6 +24,15 @@ def pair(request):
 @pytest.mark.parametrize("part", ARMS)
 def test_a_part_of_the_name_is_enough(part):
     assert full_name(part) == ARMS[part]
+
+
+def test_artefacts_suit_the_arm(pair):
+    """Five joints reach four faces of a small cube; two of the faces are opposite, for the scale."""
+    room = Room.of(pair[0])
+    assert room.cube.edge == 0.0508
+    assert len(room.faces) == 4
+    assert len({face[1] for face in room.faces}) == 3
+    assert Room.of(load_robot("mecademic-meca500")[0]).cube.edge == 0.2286
 
 
 def test_flange(pair):
