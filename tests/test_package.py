@@ -92,6 +92,7 @@ def test_the_command_is_installed_or_importable():
 
 IMPORTED_AS = {
     "urdfdom-py": "urdf_parser_py", "pyyaml": "yaml", "pin": "pinocchio", "opencv-python-headless": "cv2",
+    "usd-core": "pxr",
 }  # fmt: skip
 """Modules of distributions with another name."""
 LOADERS = ("import_module", "files", "find_spec")
@@ -120,7 +121,11 @@ def test_what_is_imported_is_declared_and_what_is_declared_is_imported():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
     base, extras = declared(project["dependencies"]), project["optional-dependencies"]
     optional = declared(
-        [e for name in ("interactive", "mujoco", "camera", "xlsx", "dcc", "pinocchio") for e in extras[name]]
+        [
+            e
+            for name in ("interactive", "mujoco", "camera", "xlsx", "dcc", "pinocchio", "usd")
+            for e in extras[name]
+        ]
     )
     used = imported()
     assert used <= base | optional

@@ -90,6 +90,7 @@ def import_(
     torque: str = "",
     topic: str = "",
     table: str = "csv",
+    calibration: Path | None = None,
     force: bool = False,
     allow_xacro: bool = False,
 ) -> None:
@@ -152,6 +153,8 @@ def import_(
         Joint log: topic of a bag with the rows, if several have joint positions.
     table
         Joint log: csv (motion.csv.gz) or parquet.
+    calibration
+        LeRobot's calibration of the servos (JSON): readings in steps, deg or normalised become angles by it.
     force
         Write the dataset even if a check fails (for example a wrong unit).
     allow_xacro
@@ -182,6 +185,7 @@ def import_(
         torque=torque,
         topic=topic,
         table=table,
+        calibration=calibration,
     )
     draft = convert(request)
     write(draft, out, force)
@@ -311,6 +315,7 @@ def check(
     dataset: Path = typer.Argument(metavar="DATASET"),
     to: str = "table",
     json: bool = typer.Option(False, "--json", hidden=True),
+    calibration: list[Path] = typer.Option([]),
     allow_xacro: bool = False,
 ) -> None:
     """Check a dataset or a joint log without fitting it: what is understood, missing, and what looks wrong.
@@ -321,13 +326,15 @@ def check(
         Dataset folder, or that of a joint log.
     to
         table or json.
+    calibration
+        Joint log: LeRobot's calibration of its servos (JSON), and others to compare with it; repeatable.
     allow_xacro
         As of `fit`.
     """
     from bayescal.public.starting import check as run
 
     check_format(to, ("table", "json"))
-    print_as("json" if json else to, run(dataset, allow_xacro=allow_xacro))
+    print_as("json" if json else to, run(dataset, calibration=calibration, allow_xacro=allow_xacro))
 
 
 @command("bayescal robots", "bayescal robots ur10 --to json")

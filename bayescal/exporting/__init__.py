@@ -11,6 +11,11 @@ FORMATS = {
     "ur-yaml": "bayescal.exporting.ur_yaml:UR_YAML",
     "dh-csv": "bayescal.exporting.robot:DH_CSV",
     "joint-zeros": "bayescal.exporting.joint_zeros:JOINT_ZEROS",
+    "lerobot": "bayescal.exporting.offsets:FEETECH",
+    "lerobot-dynamixel": "bayescal.exporting.offsets:DYNAMIXEL",
+    "ros2-control": "bayescal.exporting.offsets:ROS2_CONTROL",
+    "pal": "bayescal.exporting.pal:PAL",
+    "usd": "bayescal.exporting.usd:USD",
     "hand-eye": "bayescal.exporting.hand_eye:HAND_EYE",
 }
 """Formats of an arm by their names: the module and the name of each; imported when it is used."""

@@ -13,10 +13,10 @@ from bayescal.dataset.table import csv_text
 from bayescal.exporting.geometry import at_state, constant
 from bayescal.exporting.written import Format, Options, Written, item
 from bayescal.fitted.arm import FittedArm
+from bayescal.robots.servos import STEPS
 
 TURN = 2.0 * np.pi  # rad
-TICKS = 4096
-"""Steps per revolution of the encoders of common servos (Feetech STS, Dynamixel X)."""
+LIMITS = "a controller's offsets hold the zeros of the joints only"
 
 
 def zeros(arm: FittedArm, state: int) -> tuple[np.ndarray, np.ndarray]:
@@ -24,13 +24,13 @@ def zeros(arm: FittedArm, state: int) -> tuple[np.ndarray, np.ndarray]:
     robot = arm.dataset.robot
     by = np.zeros((robot.n, len(arm.values)))
     for k, p in enumerate(arm.model.parameters):
-        for t in at_state(p, state).terms if _holds(arm, k) else ():
+        for t in at_state(p, state).terms if holds(arm, k) else ():
             by[t.frame - 1, k] += float(t.driver)
     by = np.linalg.solve(robot.link_from_reading, by)
     return by @ arm.values, by @ arm.covariance @ by.T
 
 
-def _holds(arm: FittedArm, k: int) -> bool:
+def holds(arm: FittedArm, k: int) -> bool:
     """Whether a parameter turns joints about their axes, and does nothing else."""
     p, n = arm.model.parameters[k], arm.model.scene.chain.n
     return constant(p) and all(t.axis == AXES[0] and 1 <= t.frame <= n for t in p.terms)
@@ -41,23 +41,16 @@ def _write(arm: FittedArm, options: Options) -> Written:
     correction, covariance = zeros(arm, options.state)
     u = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     rows = (
-        [name, *(repr(float(x)) for x in (np.degrees(c), np.degrees(sd), c, sd)), round(c / TURN * TICKS)]
+        [name, *(repr(float(x)) for x in (np.degrees(c), np.degrees(sd), c, sd)), round(c / TURN * STEPS)]
         for name, c, sd in zip(robot.joint_names, correction.tolist(), u.tolist(), strict=True)
     )
-    header = ["joint", "correction_deg", "u_deg", "correction_rad", "u_rad", f"correction_ticks_{TICKS}"]
+    header = ["joint", "correction_deg", "u_deg", "correction_rad", "u_rad", f"correction_ticks_{STEPS}"]
     named = [name for k, name in enumerate(robot.joint_names) if u[k] == 0.0]
     notes = [f"the zero of {', '.join(named)} is not identifiable and has no correction"] if named else []
     notes.append("true reading = reading shown + correction; see docs/export.md for the sign of an offset")
-    items = [item(arm, k, "row of the joint", "correction") for k in range(len(arm.values)) if _holds(arm, k)]
+    items = [item(arm, k, "row of the joint", "correction") for k in range(len(arm.values)) if holds(arm, k)]
     return Written(csv_text(header, rows), items, notes=notes)
 
 
-JOINT_ZEROS = Format(
-    "joint-zeros",
-    ".csv",
-    "corrections of the joint zeros as CSV",
-    _write,
-    _holds,
-    "a controller's offsets hold the zeros of the joints only",
-)
+JOINT_ZEROS = Format("joint-zeros", ".csv", "corrections of the joint zeros as CSV", _write, holds, LIMITS)
 """Offsets of the joints for a controller, as in the files of LeRobot or TALOS."""

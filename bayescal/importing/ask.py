@@ -23,6 +23,7 @@ from bayescal.importing.roles import names, points
 from bayescal.importing.rotations import stated_rotation
 from bayescal.importing.units import UNITS, is_number, quantity, unit_of
 from bayescal.robots import load_robot
+from bayescal.robots.servos import Servo, of_joints, read_calibration
 
 LISTED = "id=id, j*=J* deg"
 """The map of the joint positions that `read_listing` returns."""
@@ -146,6 +147,13 @@ class Request:
     torque: str = ""
     topic: str = ""
     table: str = "csv"
+    calibration: Path | None = None
+
+    def servos(self, joints: Sequence[str]) -> tuple[Servo, ...]:
+        """The calibrated servos of the joints of a robot; () without a calibration."""
+        if self.calibration is None:
+            return ()
+        return of_joints(read_calibration(self.calibration), joints, self.calibration.name)
 
     @property
     def files(self) -> tuple[tuple[Path, str], ...]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -18,7 +19,7 @@ from bayescal.importing import ask
 from bayescal.importing.ask import Request, base_of, furnished
 from bayescal.importing.columns import Columns, columns_of, missing_in
 from bayescal.importing.log import read_log
-from bayescal.importing.mapping import OF_MOTIONS, Column, Map, own_map, read_map, validation_rule
+from bayescal.importing.mapping import OF_MOTIONS, Column, Map, calibrated, own_map, read_map, validation_rule
 from bayescal.importing.onto import files_of, measured_before, onto
 from bayescal.importing.orientations import Loose, compared
 from bayescal.importing.pair import is_measured, pair, rows_words, stacked, unfolded
@@ -174,7 +175,7 @@ def convert_contacts(request: Request) -> Draft:
     if request.plan is not None and request.format == "csv" and not request.map:
         request = replace(request, format=format_of(request.log))
     base = base_of(request)
-    columns, centres, notes, mapped = _columns(request, base.robot.n)
+    columns, centres, notes, mapped = _columns(request, base.robot.joint_names)
     _refuse_motions(columns)
     columns, late = _from_the_beginning(columns)
     notes = (*notes, *late)
@@ -294,10 +295,11 @@ Read = tuple[Columns, dict[str, np.ndarray], tuple[str, ...], tuple[str, ...]]
 """Rows by quantity; TCP positions that the log itself holds; what was left out; the columns in words."""
 
 
-def _columns(request: Request, n: int) -> Read:
+def _columns(request: Request, joints: Sequence[str]) -> Read:
     """All rows of a request."""
     centres: dict[str, np.ndarray] = {}
     notes: list[str] = []
+    n, servos = len(joints), request.servos(joints)
     if request.format == "robodk" and not request.map:
         log = read_log(request.log)
         columns, centres = ask.robodk(log, n)
@@ -307,7 +309,8 @@ def _columns(request: Request, n: int) -> Read:
         log = read_log(request.log, headed=True)
         columns = columns_of(log, own_map(log.header, n, log.name), request.decimal)
     else:
-        map_ = read_map(ask.FORMATS[request.format], n, formal=True) | read_map(request.map, n)
+        map_: Map = read_map(ask.FORMATS[request.format], n, formal=True) | read_map(request.map, n)
+        map_ = calibrated(map_, servos) if servos else map_
         if request.format == "probing":
             columns = columns_of(read_records(request.log, n), map_)
         elif request.format in LISTINGS:

@@ -13,10 +13,11 @@ import numpy as np
 from bayescal.arm.transforms import rpy_of
 from bayescal.errors import BayescalError, listed
 from bayescal.exporting.sidecar import mujoco
-from bayescal.importing.joint_formats import DEG, GRIPPER
+from bayescal.importing.joint_formats import DEG
 from bayescal.logs.mechanism import PAIRS
 from bayescal.robots import builtin_robots, full_name, load_robot
 from bayescal.robots.markup import LARGEST, parse_markup
+from bayescal.robots.servos import GRIPPER
 from bayescal.storage.reading import content_of
 
 MJCF = (".xml", ".mjcf")

@@ -29,9 +29,9 @@ DECIMALS = 7
 COMMON = ("robot", "format", "name", "validate", "allow_xacro", "motions", "torque", "table")
 APPLY = {
     "rosbag": ("joints", "topic"),
-    "lerobot": ("joints", "map"),
+    "lerobot": ("joints", "map", "calibration"),
     "sage": ("joints",),
-    "csv": ("map", "decimal"),
+    "csv": ("map", "decimal", "calibration"),
     "ur-rtde": ("map", "decimal"),
 }
 """Options of each format, beside `COMMON`."""
@@ -200,8 +200,9 @@ def _records(request: Request, format_: str, arm: Arm) -> list[Record]:
     path = request.log
     if not path.exists():
         raise BayescalError("no such file", path.name, f"looked in {path.parent}")
+    servos = request.servos(arm.joint_names)
     if format_ == "lerobot":
-        return read_lerobot(path, request.map.strip(), arm.joint_names, arm.limits, request.joints)
+        return read_lerobot(path, request.map.strip(), arm.joint_names, arm.limits, request.joints, servos)
     if format_ == "sage":
         return [read_sage(folder, arm.joint_names, request.joints) for folder in sage_folders(path)]
     if format_ == "rosbag":
@@ -231,7 +232,7 @@ def _records(request: Request, format_: str, arm: Arm) -> list[Record]:
             'write --map "time=t s, j*=q* rad, j*_velocity=dq* radps, j*_command=qd* rad, j*_torque=tau* Nm"'
         )
         raise BayescalError(what, path.name, remedy)
-    return [read_table(file, request.map, format_, request.decimal, arm.n) for file in files]
+    return [read_table(file, request.map, format_, request.decimal, arm.n, servos) for file in files]
 
 
 def _temperature(rows: Rows) -> tuple[Rows, tuple[str, ...]]:

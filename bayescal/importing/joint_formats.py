@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from bayescal.errors import BayescalError, listed
+from bayescal.robots.servos import GRIPPER
 
 DEG = 180 / math.pi
 
@@ -136,7 +137,6 @@ SERIAL = (
     ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll"),
 )
 """Joints of Universal Robots and of the SO-100/101, from the base on; logs often order them otherwise."""
-GRIPPER = re.compile("gripper|finger|jaw|knuckle", re.IGNORECASE)
 
 
 @dataclass(frozen=True)

@@ -23,8 +23,9 @@ from bayescal.importing.joint_formats import (
     places,
 )
 from bayescal.importing.log import read_log
-from bayescal.importing.mapping import read_map
+from bayescal.importing.mapping import Map, calibrated, read_map
 from bayescal.importing.units import is_number, is_unit, unit_of
+from bayescal.robots.servos import Servo, angles
 from bayescal.storage.reading import read_json
 
 INFO = "meta/info.json"
@@ -37,7 +38,9 @@ MICROSECONDS = 1.0
 """Stamps whose median step is larger are in µs: SAGE writes s of a simulation and µs of a robot."""
 
 
-def read_table(path: Path, map_: str, format_: str, decimal: str, n: int) -> Record:
+def read_table(
+    path: Path, map_: str, format_: str, decimal: str, n: int, servos: Sequence[Servo] = ()
+) -> Record:
     """A text file or workbook by its map, or a record of RTDE.
 
     Raises
@@ -46,7 +49,8 @@ def read_table(path: Path, map_: str, format_: str, decimal: str, n: int) -> Rec
         As `columns_of`; without the time or the positions of all joints.
     """
     formal = UR_RTDE if format_ == "ur-rtde" else ""
-    entries = read_map(formal, n, formal=True) | read_map(map_, n)
+    entries: Map = read_map(formal, n, formal=True) | read_map(map_, n)
+    entries = calibrated(entries, servos) if servos else entries
     columns = columns_of(read_log(path, missing=missing_in(entries), cut=True), entries, decimal)
     if "time" not in columns.cells:
         raise BayescalError(
@@ -72,7 +76,12 @@ def is_lerobot(path: Path) -> bool:
 
 
 def read_lerobot(
-    path: Path, unit: str, joints: Sequence[str], limits: np.ndarray, stated: str
+    path: Path,
+    unit: str,
+    joints: Sequence[str],
+    limits: np.ndarray,
+    stated: str,
+    servos: Sequence[Servo] = (),
 ) -> list[Record]:
     """Episodes of a LeRobot data set.
 
@@ -81,13 +90,15 @@ def read_lerobot(
     path : Path
         Its folder (of format v2.1 or v3), or a parquet file.
     unit : str
-        Of positions and actions: deg, rad, or `normalised`.
+        Of positions and actions: deg, rad, steps or `normalised`.
     joints : sequence of str
         Joint names of the robot.
     limits : np.ndarray
         (n, 2) rad, of the joints: of normalised values -100 is the lower, 100 the upper.
     stated : str
         As of `joint_order`.
+    servos : sequence of Servo
+        Of the joints, where a calibration is given: angles follow from their ranges.
 
     Raises
     ------
@@ -97,7 +108,7 @@ def read_lerobot(
     if unit != NORMALISED and not is_unit(unit):
         what = f"the unit of {LEROBOT['position']} is not stated"
         raise BayescalError(
-            what, path.name, f"write `--map deg`, `--map rad` or `--map {NORMALISED}` (-100 to 100)"
+            what, path.name, f"write `--map deg`, `rad`, `steps` or `{NORMALISED}` (-100 to 100)"
         )
     info = read_json(path / INFO, "give the folder of a LeRobot data set") if path.is_dir() else {}
     files = sorted((path / "data").rglob("*.parquet")) if path.is_dir() else [path]
@@ -109,7 +120,7 @@ def read_lerobot(
         raise BayescalError(f"no column `{lacking[0]}`", path.name, f"it has {listed(table, 12)}")
     names = _names(info, table[LEROBOT["position"]].shape[1])
     order, how = places(names, table[LEROBOT["position"]].shape[1], joints, stated, path.name)
-    notes = [how, *_units(table, unit, order)]
+    notes = [how, *_units(table, unit, order, servos)]
     blocks = {
         q: table[c][:, order] for q, c in LEROBOT.items() if c in table and table[c].shape[1] > max(order)
     }
@@ -117,7 +128,7 @@ def read_lerobot(
         notes.append(f"not used, of another size: {', '.join(left)}")
     for quantity in ("position", "command"):
         if quantity in blocks:
-            blocks[quantity] = _angles(blocks[quantity], unit, limits)
+            blocks[quantity] = _angles(blocks[quantity], unit, limits, servos)
     if "velocity" in blocks:
         blocks["velocity"] = np.radians(blocks["velocity"]) if unit == "deg" else blocks["velocity"]
         notes.append(f"{LEROBOT['velocity']} is in {'deg/s' if unit == 'deg' else 'rad/s'} (assumed)")
@@ -181,26 +192,40 @@ def _names(info: Any, width: int) -> list[str]:
     return flat if len(flat) == width else []
 
 
-def _units(table: dict[str, np.ndarray], unit: str, order: Sequence[int]) -> list[str]:
+def _units(
+    table: dict[str, np.ndarray], unit: str, order: Sequence[int], servos: Sequence[Servo]
+) -> list[str]:
     """In words how values become angles; normalised ones beyond 100 are refused."""
     if unit != NORMALISED:
-        return [f"{LEROBOT['position']} and {LEROBOT['command']} are in {unit}, as stated"]
+        ways = {
+            "steps": "4096 a turn; zero is the middle of the range"
+            if servos
+            else "4096 a turn; zero is half a turn",
+            "deg": "of 4095 steps a turn, corrected to 4096" if servos else "LeRobot's are 0.024 % too large",
+        }
+        how = f" ({ways[unit]})" if unit in ways else ""
+        return [f"{LEROBOT['position']} and {LEROBOT['command']} are in {unit}, as stated{how}"]
     most = float(np.nanmax(np.abs(table[LEROBOT["position"]][:, order])))
     if most > 100 * (1 + 1e-3):
         raise BayescalError(
             f"normalised values up to {most:.4g}, at most 100", LEROBOT["position"], "is it `--map deg`?"
         )
+    if servos:
+        return ["normalised values: -100 to 100 is the range of each servo in the calibration"]
     return ["normalised values: -100 to 100 is the range of each joint in the robot file (assumed)"]
 
 
-def _angles(values: np.ndarray, unit: str, limits: np.ndarray) -> np.ndarray:
+def _angles(values: np.ndarray, unit: str, limits: np.ndarray, servos: Sequence[Servo]) -> np.ndarray:
+    if servos:
+        return angles(values, unit, servos)
     if unit == NORMALISED:
         if not np.isfinite(limits).all():
             raise BayescalError(
                 "the robot states no limits of its joints", "--robot", "normalised values need them"
             )
         return np.asarray(limits[:, 0] + (values + 100) / 200 * (limits[:, 1] - limits[:, 0]))
-    return np.asarray(values * unit_of(unit, "angle", "--map").scale)
+    stated = unit_of(unit, "angle", "--map")
+    return np.asarray(stated.scale * values + stated.offset)
 
 
 def sage_folders(path: Path) -> list[Path]:

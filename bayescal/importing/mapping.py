@@ -13,6 +13,7 @@ from bayescal.dataset.table import CLEARANCE, known_columns
 from bayescal.errors import BayescalError
 from bayescal.importing.rotations import CONVENTIONS
 from bayescal.importing.units import ALIASES, UNITS, Unit, is_unit, listed, unit_of
+from bayescal.robots.servos import STEP, Servo
 from bayescal.storage.files import read_document, stem_of, unknown
 
 DAY = 86400.0
@@ -171,6 +172,28 @@ class Column:
 
 
 Map = Mapping[str, Column]
+
+
+OF_SERVOS = re.compile(r"j(\d+)(_command|_link)?")
+
+
+def calibrated(map_: Map, servos: Sequence[Servo]) -> Map:
+    """A map whose steps are zero in the middle of the range of each servo, and not at half a turn.
+
+    Raises
+    ------
+    BayescalError
+        If none of the readings is in steps.
+    """
+    out = dict(map_)
+    for key, column in map_.items():
+        match = OF_SERVOS.fullmatch(key)
+        if match and column.unit == UNITS["steps"]:
+            zero = -STEP * servos[int(match[1]) - 1].middle
+            out[key] = replace(column, unit=replace(column.unit, offset=zero))
+    if out == dict(map_):
+        raise BayescalError("no readings are in steps", "--calibration", "write `j*=q* steps` in the map")
+    return out
 
 
 def read_map(text: str, n: int, formal: bool = False) -> dict[str, Column]:

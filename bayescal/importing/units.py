@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bayescal.errors import BayescalError
+from bayescal.robots.servos import STEP, STEPS
 from bayescal.storage.files import unknown
 
 
@@ -34,6 +35,7 @@ _DEG = math.pi / 180
 UNITS: dict[str, Unit] = {
     **_units("length", mm=1e-3, m=1.0, cm=1e-2, um=1e-6, **{"in": 0.0254}),
     **_units("angle", deg=_DEG, rad=1.0, mrad=1e-3),
+    "steps": Unit("steps", "angle", STEP, -STEP * STEPS / 2),
     **_units("rate", degps=_DEG, radps=1.0),
     **_units("torque", Nm=1.0, mNm=1e-3, Ncm=1e-2),
     **_units("current", A=1.0, mA=1e-3),
@@ -43,7 +45,7 @@ UNITS: dict[str, Unit] = {
     "K": Unit("K", "temperature", 1.0, -273.15),
     "F": Unit("F", "temperature", 5 / 9, -160 / 9),
 }
-"""By name; the dataset holds degrees Celsius."""
+"""By name; the dataset holds degrees Celsius. Steps of a servo are 4096 a turn, zero at half a turn."""
 
 SPELLINGS = {
     "um": ("µm", "μm"),

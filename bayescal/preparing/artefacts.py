@@ -20,7 +20,7 @@ from bayescal.dataset.artefact import ArtefactFile
 from bayescal.dataset.schema import file_model
 from bayescal.errors import BayescalError
 from bayescal.probing.arm import Arm
-from bayescal.probing.artefacts import SIZE, TOOL, U_ANGLE, U_DISTANCE, U_SPHERE, Cube, Scenery
+from bayescal.probing.artefacts import LARGE, U_ANGLE, U_DISTANCE, U_SPHERE, Cube, Scenery, Sizes
 from bayescal.probing.placement import cube_of, placement
 from bayescal.robots.schema import RobotFile
 from bayescal.storage.files import Keys, stem_of
@@ -55,8 +55,18 @@ class Room:
         BayescalError
             If the arm is too small to reach anything.
         """
-        arm = Arm(robot, TOOL.centre)
+        arm = Arm(robot, Sizes.of(robot).tool.centre)
         return cls(arm, *cube_of(arm))
+
+    @property
+    def diameter(self) -> float:
+        """Of spheres, m."""
+        return Sizes.of(self.arm.robot).diameter
+
+    @property
+    def scale(self) -> float:
+        """Size of artefacts relative to those of an industrial arm."""
+        return Sizes.of(self.arm.robot).edge / LARGE.edge
 
 
 @dataclass(frozen=True)
@@ -88,15 +98,17 @@ def _cube(room: Room) -> Outline:
     names = [f"cube.{face}" for face in room.faces]
     a, opposite, side, top = names
     square = [Certificate("perpendicular", pair, u_angle=U_ANGLE) for pair in combinations((a, side, top), 2)]
-    parallel = Certificate("parallel", (a, opposite), SIZE, U_DISTANCE, U_ANGLE)
-    return Outline(Scenery(room.cube, room.faces, np.empty((0, 0, 3))).targets, (parallel, *square))
+    parallel = Certificate("parallel", (a, opposite), room.cube.edge, U_DISTANCE, U_ANGLE)
+    return Outline(
+        Scenery(room.cube, room.faces, np.empty((0, 0, 3)), room.diameter).targets, (parallel, *square)
+    )
 
 
 def _spheres(room: Room) -> Outline:
     centres = np.empty((PLACEMENTS, SPHERES, 3))
     for turn in range(PLACEMENTS):
         centres[turn], _ = placement(room.arm, SPHERES, ON_SPHERE, 0, turn)
-    targets = Scenery(room.cube, (), centres).targets
+    targets = Scenery(room.cube, (), centres, room.diameter).targets
     certificates = [Certificate("diameter", (t.name,), u_distance=U_SPHERE) for t in targets]
     for k in range(PLACEMENTS):
         for one, other in combinations(targets[k * SPHERES : (k + 1) * SPHERES], 2):
@@ -111,13 +123,13 @@ def _plate(room: Room) -> Outline:
         normal = room.cube.axes @ rpy_matrix(np.radians([*tilt, 0.0]))[:, 2]
         name, offset = f"plate@{k + 1}", float(normal @ room.cube.centre)
         targets.append(Target(name, "plane", {"normal": normal, "offset": offset}))
-        regions[name] = Patch(room.cube.centre, np.full(2, PLATE))
+        regions[name] = Patch(room.cube.centre, np.full(2, room.scale * PLATE))
     flat = tuple(Certificate("flat", (t.name,), u_form=U_FORM) for t in targets)
     return Outline(tuple(targets), flat, regions)
 
 
 def _seats(room: Room) -> Outline:
-    corners = 0.5 * SEATS * np.array([[1, 1, 0], [1, -1, 0], [-1, -1, 0], [-1, 1, 0]])
+    corners = 0.5 * room.scale * SEATS * np.array([[1, 1, 0], [1, -1, 0], [-1, -1, 0], [-1, 1, 0]])
     centres = room.cube.centre + corners @ room.cube.axes.T
     targets = [
         Target(f"seat.{letter}", "fixed-point", {"centre": centre})
@@ -127,9 +139,9 @@ def _seats(room: Room) -> Outline:
 
 
 def _bar(room: Room) -> Outline:
-    low, reach = -0.5 * SIZE, room.arm.reach
+    low, reach = -0.5 * room.cube.edge, room.arm.reach
     centres = [np.round(room.cube.centre + room.cube.axes @ [0.0, y * reach, low], 3) for y in PIVOTS]
-    places = [{"centre": centre, "length": BAR} for centre in centres]
+    places = [{"centre": centre, "length": room.scale * BAR} for centre in centres]
     return Outline(tuple(Target(f"bar@{k}", "distance", place) for k, place in enumerate(places, 1)))
 
 

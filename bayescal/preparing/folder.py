@@ -15,6 +15,7 @@ from bayescal.dataset.write import ROBOT
 from bayescal.errors import BayescalError
 from bayescal.preparing.artefacts import ARTEFACTS, JOINTS, ON_SPHERE, Room, schema_text
 from bayescal.preparing.settings import Draft, rendered, robot_template, schema_name, settings_text
+from bayescal.probing.artefacts import Sizes
 from bayescal.robots import builtin_robots, full_name, load_robot, robot_to_yaml
 from bayescal.storage.folders import whole
 
@@ -100,6 +101,7 @@ def start(
         joints=arm.n if described else JOINTS,
         outlines={each: ARTEFACTS[each].outline(room) for each in artefacts},
         tool_centre=tool,
+        example=Sizes.of(arm).tool,
         placed=described,
         schema=schema_name(Path(SETTINGS)),
     )

@@ -27,6 +27,7 @@ from bayescal.preparing.joint_facts import (
 )
 from bayescal.preparing.joint_findings import CROSSINGS, WARM, missing, odd
 from bayescal.preparing.missing import KINDS, Finding
+from bayescal.preparing.servo_findings import servo_odd
 
 
 @dataclass(frozen=True)
@@ -59,18 +60,25 @@ class LogCheck:
         return self.log.name
 
 
-def check_log(folder: Path) -> LogCheck:
+def check_log(folder: Path, calibrations: Sequence[Path] = ()) -> LogCheck:
     """Check a joint log without a diagnosis.
+
+    Parameters
+    ----------
+    folder : Path
+    calibrations : sequence of Path
+        Calibrations of LeRobot: that of the log, and others to compare with it.
 
     Raises
     ------
     BayescalError
-        If the folder cannot be read: stamps that go back, corrupt values, fewer than two motions, ...
+        If a file cannot be read: stamps that go back, corrupt values, fewer than two motions, ...
     """
     log = read_log(folder)
     table = next(name for name in TABLES if (folder / name).exists())
     joints, stamps = joints_of(log), stamps_of(log, table)
-    findings = [*odd(log, joints, stamps, table), *missing(log, joints, table)]
+    servos = servo_odd(log, joints, table, calibrations)
+    findings = [*odd(log, joints, stamps, table), *servos, *missing(log, joints, table)]
     why = not_assessed(log, joints)
     assessed = tuple(name for name in EFFECTS if name not in why)
     order = sorted(findings, key=lambda f: KINDS.index(f.kind))

@@ -6,7 +6,7 @@ import re
 import textwrap
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +16,6 @@ from bayescal.dataset import Certificate, PlanSettings, Target, Tool, schema
 from bayescal.dataset.target_kinds import KINDS
 from bayescal.dataset.write import certificate_keys, plan_block, target_keys, tool_keys
 from bayescal.preparing.artefacts import ARTEFACTS, JOINTS, Artefact, Outline
-from bayescal.probing.artefacts import TOOL
 from bayescal.robots import schema as robot_schema
 from bayescal.storage.files import FILL_IN, stem_of
 from bayescal.storage.writing import block_lines, flow, scalar
@@ -24,7 +23,6 @@ from bayescal.storage.writing import block_lines, flow, scalar
 TEMPLATES = Path(__file__).parent / "templates"
 WIDTH = 110
 """Characters of a line of a comment."""
-EXAMPLES = {"probe": TOOL, "reflector": Tool("reflector", TOOL.centre, None, TOOL.mass, TOOL.centre_of_mass)}
 NOISE = {"contact": ("contact_mm", "0.005"), "point": ("point_mm", "0.020")}
 """Key of the noise of each kind of residual, and an example of its value."""
 
@@ -76,6 +74,8 @@ class Draft:
         By the name of the artefact.
     tool_centre : np.ndarray or None, shape (3,)
         Of the ball or reflector in the flange frame, m; None: to be filled in.
+    example : Tool
+        A tool that suits the robot: its values stand where none are known yet.
     placed : bool
         Whether the places of the targets are reached by the robot; False: to be filled in.
     schema : str
@@ -87,6 +87,7 @@ class Draft:
     joints: int
     outlines: dict[str, Outline]
     tool_centre: np.ndarray | None
+    example: Tool
     placed: bool
     schema: str
 
@@ -123,7 +124,9 @@ def settings_text(draft: Draft) -> str:
 
 def _tool(draft: Draft, name: str) -> dict[str, str]:
     """Keys of a tool with marked examples; the centre that is given is not marked."""
-    entry = {key: f"{FILL_IN} {text}" for key, text in tool_keys(EXAMPLES[name])}
+    radius = draft.example.ball_radius if name == "probe" else None
+    example = replace(draft.example, name=name, ball_radius=radius)
+    entry = {key: f"{FILL_IN} {text}" for key, text in tool_keys(example)}
     if draft.tool_centre is not None:
         entry["centre_mm"] = dict(tool_keys(Tool(name, draft.tool_centre)))["centre_mm"] + "  # nominal"
     return entry

@@ -14,6 +14,9 @@ from bayescal.arm.motion import NominalArm
 MARGIN = np.radians(4.0)
 """rad: margin to the joint limits, so that a contact can still be closed."""
 
+DIRECTED = 6
+"""Joints from which on a tool can have any direction at a place: the last of five turns it about itself."""
+
 BEHIND, FLOOR = -0.05, -0.1  # relative to the reach: limits of the arm behind and below the base
 
 
@@ -85,7 +88,7 @@ def inverse(
     Parameters
     ----------
     arm : Arm
-        The nominal arm. With fewer than five joints only the position is solved.
+        The nominal arm. With fewer than `DIRECTED` joints only the position is solved.
     starts : np.ndarray, shape (M, n)
         Initial readings, rad.
     points, axes : np.ndarray, shape (M, 3)
@@ -103,7 +106,7 @@ def inverse(
         Which of them are solutions.
     """
     angles, solved = arm.angles_of(starts), np.zeros(len(starts), bool)
-    free, (low, high) = np.broadcast_to(free, len(starts)) | (arm.robot.n < 5), arm.range
+    free, (low, high) = np.broadcast_to(free, len(starts)) | (arm.robot.n < DIRECTED), arm.range
     for rows, directed in ((np.flatnonzero(free), False), (np.flatnonzero(~free), True)):
         task = to_axes(arm, points[rows], axes[rows]) if directed else to_points(arm, points[rows])
         angles[rows], solved[rows] = descend(task, angles[rows], low, high, passes)

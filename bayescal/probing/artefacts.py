@@ -6,18 +6,42 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bayescal.arm.chain import Robot
 from bayescal.arm.shapes import Box
 from bayescal.arm.transforms import rigid
 from bayescal.dataset.types import Target, Tool
 from bayescal.probing.scene import Solid
 
 RADIUS = 0.003  # m, of the ball
-TOOL = Tool("ball", np.array([0.06, 0.0, 0.12]), RADIUS, 0.8, np.array([0.02, 0.0, 0.06]))
-SIZE = 0.2286  # m, the cube's edge: 9 inches
-DIAMETER = 0.0508  # m, of the spheres: 2 inches
 U_DISTANCE, U_ANGLE = 3e-6, 1.2e-5  # m, rad: of the cube's certificate
 U_SPHERE = 1e-6  # m: of a sphere's diameter, and of a distance between spheres
 LONGEST = 0.3  # m, between spheres of the artefact
+SMALL_ARM = 0.45
+"""m: lengths of the rows of an arm, added up, below which its artefacts are the small ones."""
+
+
+@dataclass(frozen=True)
+class Sizes:
+    """The tool, the edge of the cube and the diameter of the spheres, m, that suit an arm."""
+
+    tool: Tool
+    edge: float
+    diameter: float
+
+    @classmethod
+    def of(cls, robot: Robot) -> Sizes:
+        """Those for a robot: a table-top arm can neither carry nor reach those of an industrial one."""
+        return SMALL if float(np.hypot(robot.a, robot.d).sum()) < SMALL_ARM else LARGE
+
+
+LARGE = Sizes(
+    Tool("ball", np.array([0.06, 0.0, 0.12]), RADIUS, 0.8, np.array([0.02, 0.0, 0.06])), 0.2286, 0.0508
+)
+"""A probe of 0.8 kg, a cube of 9 inches and spheres of 2 inches."""
+SMALL = Sizes(
+    Tool("ball", np.array([0.02, 0.0, 0.1]), RADIUS, 0.05, np.array([0.01, 0.0, 0.05])), 0.0508, 0.0254
+)
+"""A stylus of 50 g, a cube of 2 inches and spheres of 1 inch."""
 
 FACES = {
     "+x": (0, 1.0), "-x": (0, -1.0), "+y": (1, 1.0), "-y": (1, -1.0), "+z": (2, 1.0)
@@ -27,10 +51,11 @@ FACES = {
 
 @dataclass(frozen=True)
 class Cube:
-    """A cube by its centre (3,), m, and the directions of its edges: columns of `axes` (3, 3), in F0."""
+    """A cube: centre (3,) and edge, m, and the directions of its edges, columns of `axes` (3, 3), in F0."""
 
     centre: np.ndarray
     axes: np.ndarray
+    edge: float
 
     def normal(self, face: str) -> np.ndarray:
         """Outward unit normal (3,) of a face."""
@@ -39,23 +64,23 @@ class Cube:
 
     def offset(self, face: str) -> float:
         """Distance of a face from the origin of F0 along its normal, m."""
-        return float(self.normal(face) @ self.centre) + SIZE / 2
+        return float(self.normal(face) @ self.centre) + self.edge / 2
 
     def on(self, face: str, count: int, rng: np.random.Generator) -> np.ndarray:
         """Points (count, 3), m, distributed over a face, away from its edges."""
         axis, _ = FACES[face]
-        flat = rng.uniform(-0.43, 0.43, (count, 3)) * SIZE
+        flat = rng.uniform(-0.43, 0.43, (count, 3)) * self.edge
         flat[:, axis] = 0.0
-        return self.centre + flat @ self.axes.T + 0.5 * SIZE * self.normal(face)
+        return self.centre + flat @ self.axes.T + 0.5 * self.edge * self.normal(face)
 
     @property
     def solid(self) -> Solid:
         """The cube as an obstacle."""
-        return Solid("cube", (Box(rigid(self.axes, self.centre), np.full(3, SIZE / 2)),))
+        return Solid("cube", (Box(rigid(self.axes, self.centre), np.full(3, self.edge / 2)),))
 
     def inside(self, points: np.ndarray, margin: float) -> np.ndarray:
         """Which of points (..., 3) are in the cube, or nearer to it than the margin, m."""
-        return np.all(np.abs((points - self.centre) @ self.axes) < SIZE / 2 + margin, axis=-1)
+        return np.all(np.abs((points - self.centre) @ self.axes) < self.edge / 2 + margin, axis=-1)
 
 
 def layout(spheres: int, longest: float) -> np.ndarray:
@@ -68,11 +93,12 @@ def layout(spheres: int, longest: float) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Scenery:
-    """Nominal objects: the cube, its four faces, sphere centres (placements, spheres, 3), m."""
+    """Nominal objects: the cube, its four faces, sphere centres (placements, spheres, 3) and diameter, m."""
 
     cube: Cube
     faces: tuple[str, ...]
     spheres: np.ndarray
+    diameter: float
 
     @property
     def targets(self) -> tuple[Target, ...]:
@@ -84,7 +110,7 @@ class Scenery:
         names = sphere_names(*self.spheres.shape[:2])
         centres = self.spheres.reshape(-1, 3)
         balls = [
-            Target(name, "sphere", {"centre": centre, "diameter": DIAMETER})
+            Target(name, "sphere", {"centre": centre, "diameter": self.diameter})
             for name, centre in zip(names, centres, strict=True)
         ]
         return (*planes, *balls)

@@ -12,20 +12,21 @@ from bayescal.arm.inverse import PASSES
 from bayescal.arm.transforms import cone, rotation, rpy_matrix
 from bayescal.dataset.regions import LOWEST, STEM, stemmed
 from bayescal.errors import BayescalError
-from bayescal.probing.arm import Arm
-from bayescal.probing.artefacts import DIAMETER, FACES, LONGEST, RADIUS, SIZE, TOOL, Cube, layout
+from bayescal.probing.arm import DIRECTED, Arm
+from bayescal.probing.artefacts import FACES, LONGEST, RADIUS, Cube, Sizes, layout
 from bayescal.probing.clearance import Clearance
 from bayescal.probing.contacts import Contacts, Moving, Sites, reach
 from bayescal.probing.scene import Solid, on_table
 from bayescal.statistics import stream
 
-TILT = np.radians(60.0)  # maximum angle between the z axis of the flange and the inward normal
+TILT, TILT_OF_FEW = np.radians(60.0), np.radians(100.0)
+"""rad: maximum angle between the z axis of the flange and the inward normal: of an arm of six joints or more,
+and of one of fewer joints, which touches a wall with the side of the ball."""
 STARTS = 8  # per contact
 LOCAL = 12  # steps of a search that starts near its goal; those that converge need 3 to 10
 PROBES = 16  # contacts that are tested in a configuration of the arm
 TOPS = 3  # configurations of the arm that are tried for a sphere
 SERVED = 0.25  # share of the contacts on a sphere that must be reached in one configuration
-TOUCHED = DIAMETER / 2 + RADIUS  # m: from the centre of a sphere to that of the ball that touches it
 WEAKEST = 0.2
 """Least spread of the normals along any direction, below which the centre is not identifiable."""
 FORWARD, UP = 0.507, 0.169  # relative to the reach: centre of the cube in front of the base
@@ -73,11 +74,12 @@ def touching(
     contacts : Contacts
         The K contacts.
     """
+    tilt = TILT if arm.robot.n >= DIRECTED else TILT_OF_FEW
     tries, passes = (STARTS, PASSES) if starts is None else (1, LOCAL)
     index = np.repeat(np.arange(len(points)), tries)
     begin = arm.anywhere(len(index), rng) if starts is None else starts
-    sites = Sites(points[index], normals[index], cone(-normals[index], TILT, rng))
-    contacts = reach(arm, Moving(arm, clearance), TILT, sites, touched[index], begin, rng, passes, index)
+    sites = Sites(points[index], normals[index], cone(-normals[index], tilt, rng))
+    contacts = reach(arm, Moving(arm, clearance), tilt, sites, touched[index], begin, rng, passes, index)
     return index[contacts.good], contacts[contacts.good]
 
 
@@ -130,7 +132,7 @@ def on_spheres(
         """Contacts in random directions from every configuration: its index, normals, contacts."""
         index = np.repeat(np.arange(len(sphere)), tries)
         normals = cone(np.tile(up, (len(index), 1)), LOWEST, rng)
-        points = centres[sphere[index]] + TOUCHED * normals
+        points = centres[sphere[index]] + _touched(arm) * normals
         which, contacts = touching(arm, clearance, 1 + sphere[index], points, normals, rng, readings[index])
         return index[which], normals[which], contacts
 
@@ -167,6 +169,11 @@ def spread(normals: np.ndarray, rows: np.ndarray, count: int) -> np.ndarray:
     return rows[chosen] if np.linalg.svd(off, compute_uv=False)[-1] / np.sqrt(count) > WEAKEST else rows[:0]
 
 
+def _touched(arm: Arm) -> float:
+    """From the centre of a sphere to that of the ball that touches it, m."""
+    return Sizes.of(arm.robot).diameter / 2 + RADIUS
+
+
 def depth(arm: Arm) -> float:
     """How far below the origin of the base the table is, m: the lowest sphere stands on its stem there."""
     return STEM - BOTTOM * arm.reach
@@ -175,7 +182,7 @@ def depth(arm: Arm) -> float:
 @lru_cache(maxsize=64)
 def clearance_of(arm: Arm) -> Clearance:
     """The check of collisions of the arm on its table."""
-    return Clearance.of(arm.robot, TOOL, stand=depth(arm))
+    return Clearance.of(arm.robot, Sizes.of(arm.robot).tool, stand=depth(arm))
 
 
 def among(arm: Arm, cube: Cube, spheres: Sequence[Solid] = ()) -> Clearance:
@@ -196,11 +203,11 @@ def cube_of(arm: Arm) -> tuple[Cube, tuple[str, ...]]:
     BayescalError
         If no such position is found.
     """
-    base, rng = arm.chain.base, np.random.default_rng(0)
+    base, rng, edge = arm.chain.base, np.random.default_rng(0), Sizes.of(arm.robot).edge
     best: tuple[float, Cube, tuple[str, ...]] | None = None
     for up, forward, azimuth in product((1.0, 2.0), (1.0, 0.8, 1.2), (0, 90, -90, 180)):
         out = rotation(2, np.radians(azimuth)) @ [forward * FORWARD * arm.reach, 0.0, up * UP * arm.reach]
-        cube = Cube(np.round(base[:3, :3] @ out + base[:3, 3], 2), base[:3, :3])
+        cube = Cube(np.round(base[:3, :3] @ out + base[:3, 3], 2), base[:3, :3], edge)
         here = among(arm, cube)
         share = {face: len(on_face(arm, here, cube, face, SAMPLES, rng)) / SAMPLES for face in FACES}
         score, faces = _four(share)
@@ -209,7 +216,7 @@ def cube_of(arm: Arm) -> tuple[Cube, tuple[str, ...]]:
         if best[0] >= ENOUGH:
             break
     if best is None or best[0] < LEAST:
-        what = f"four faces of a {SIZE * 1e3:.1f} mm cube are out of its reach of {arm.reach * 1e3:.0f} mm"
+        what = f"four faces of a {edge * 1e3:.1f} mm cube are out of its reach of {arm.reach * 1e3:.0f} mm"
         raise BayescalError(what, arm.robot.name, "give another robot, or check its limits")
     return best[1], best[2]
 
@@ -240,7 +247,10 @@ def placement(arm: Arm, spheres: int, count: int, seed: int, turn: int) -> tuple
     for trial in range(0, TRIALS, BATCH):
         options = _options(arm, cube, spheres, None if trial > TRIALS / 3 else turn % len(SECTORS), rng)
         solids = [
-            [Solid(f"ball {k + 1}", stemmed(c, DIAMETER, up), str(p + 1)) for k, c in enumerate(centres)]
+            [
+                Solid(f"ball {k + 1}", stemmed(c, Sizes.of(arm.robot).diameter, up), str(p + 1))
+                for k, c in enumerate(centres)
+            ]
             for p, centres in enumerate(options)
         ]
         sphere, homes = _from_above(
@@ -264,7 +274,7 @@ def _from_above(
     """Configurations that touch spheres from above: the sphere of each (H,), readings (H, n)."""
     index = np.repeat(np.arange(len(centres)), TOPS)
     tops = np.tile(up, (len(index), 1))
-    which, contacts = touching(arm, clearance, 1 + index, centres[index] + TOUCHED * tops, tops, rng)
+    which, contacts = touching(arm, clearance, 1 + index, centres[index] + _touched(arm) * tops, tops, rng)
     return index[which], contacts.readings
 
 
@@ -305,5 +315,5 @@ def _middles(arm: Arm, cube: Cube, sector: int | None, rng: np.random.Generator)
     bounds = SECTORS if sector is None else SECTORS[sector : sector + 1]
     fit &= np.any([(aside > low) & (aside < high) for low, high in bounds], axis=0)
     if sector == ABOVE:
-        fit &= height > level + 0.5 * SIZE
+        fit &= height > level + 0.5 * cube.edge
     return middles[fit][:20]

@@ -154,13 +154,17 @@ class CheckResult(Printed):
         return f"<check of {self.data.name}: {said(self.data.findings)}>"
 
 
-def check(folder: str | PathLike[str], *, allow_xacro: bool = False) -> CheckResult:
+def check(
+    folder: str | PathLike[str], *, calibration: Sequence[str | PathLike[str]] = (), allow_xacro: bool = False
+) -> CheckResult:
     """Check a dataset or a joint log without fitting it: what is understood, missing, probably a mistake.
 
     Parameters
     ----------
     folder : path
         As of `read_dataset`.
+    calibration : sequence of path
+        Of a joint log: LeRobot's calibration of its servos, and others to compare with it.
     allow_xacro : bool
         As of `read_dataset`.
 
@@ -172,7 +176,7 @@ def check(folder: str | PathLike[str], *, allow_xacro: bool = False) -> CheckRes
     Raises
     ------
     BayescalError
-        If the folder cannot be read.
+        If a file cannot be read, and for calibrations of what is no joint log.
 
     Examples
     --------
@@ -184,12 +188,15 @@ def check(folder: str | PathLike[str], *, allow_xacro: bool = False) -> CheckRes
     <check of simulated: no findings>
     """
     from bayescal.dataset.read import expanded_robot
+    from bayescal.errors import BayescalError
     from bayescal.logs import is_log
     from bayescal.preparing.check import check as run
     from bayescal.preparing.joint_log import check_log
 
     if is_log(Path(folder)):
-        return CheckResult(check_log(Path(folder)))
+        return CheckResult(check_log(Path(folder), [Path(file) for file in calibration]))
+    if calibration:
+        raise BayescalError("is an option of joint logs", "--calibration", "remove it")
     return CheckResult(run(Path(folder), expanded_robot(Path(folder)) if allow_xacro else None))
 
 

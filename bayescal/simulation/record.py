@@ -19,7 +19,7 @@ from bayescal.dataset.write import write_files
 from bayescal.effects import EFFECTS, UNITS
 from bayescal.model import Model
 from bayescal.model.scene import Scene
-from bayescal.probing.artefacts import DIAMETER, SIZE, U_ANGLE, U_DISTANCE, U_SPHERE, Scenery, sphere_names
+from bayescal.probing.artefacts import U_ANGLE, U_DISTANCE, U_SPHERE, Scenery, sphere_names
 from bayescal.simulation.session import Options
 from bayescal.statistics import stream
 from bayescal.storage.files import json_text
@@ -112,12 +112,12 @@ def true_targets(options: Options, scenery: Scenery) -> tuple[Target, ...]:
     for face in scenery.faces:
         tilt = rpy_matrix(rng.normal(0, U_ANGLE / np.sqrt(2), 3))
         normal = tilt @ turn @ cube.normal(face)
-        middle = SIZE / 2 + rng.normal(0, U_DISTANCE / np.sqrt(2))
+        middle = cube.edge / 2 + rng.normal(0, U_DISTANCE / np.sqrt(2))
         offset = normal @ (cube.centre + shift) + middle * (normal @ (turn @ cube.normal(face)))
         out.append(Target(f"cube.{face}", "plane", {"normal": normal, "offset": float(offset)}))
     placements, spheres = scenery.spheres.shape[:2]
     made = rng.normal(0, 50e-6, (spheres, 3))  # manufacturing errors of the artefact, which is certified
-    diameters = rng.normal(DIAMETER, U_SPHERE, (spheres,))
+    diameters = rng.normal(scenery.diameter, U_SPHERE, (spheres,))
     names = iter(sphere_names(placements, spheres))
     # nominal frame: that of the first placement
     drawing = scenery.spheres[:1].sum(axis=0)

@@ -14,7 +14,7 @@ from bayescal.effects import BASELINE, EFFECTS
 from bayescal.effects.selection import plain
 from bayescal.errors import BayescalError
 from bayescal.probing.arm import Arm
-from bayescal.probing.artefacts import SIZE, TOOL, U_ANGLE, U_DISTANCE, U_SPHERE, Scenery, sphere_names
+from bayescal.probing.artefacts import U_ANGLE, U_DISTANCE, U_SPHERE, Scenery, Sizes, sphere_names
 from bayescal.probing.contacts import Contacts
 from bayescal.probing.placement import among, cube_of, on_face, placement
 from bayescal.robots import builtin_robots
@@ -122,7 +122,7 @@ def dataset_of(options: Options, robot: Robot, scenery: Scenery, measurements: M
         robot_reference=options.robot if options.robot in builtin_robots() else "robot.yaml",
         readings="encoder",
         gravity=GRAVITY,
-        tools=(TOOL,),
+        tools=(Sizes.of(robot).tool,),
         noise=Noise(contact=max(options.noise, LEAST_NOISE), joint=options.joint_noise),
         targets=scenery.targets,
         certificates=_certificates(scenery),
@@ -136,7 +136,7 @@ def _certificates(scenery: Scenery) -> tuple[Certificate, ...]:
     """Certificates of the cube and the spheres; distances between spheres are added with the truth."""
     out = []
     a, opposite, side, top = (f"cube.{face}" for face in scenery.faces)
-    out.append(Certificate("parallel", (a, opposite), SIZE, U_DISTANCE, U_ANGLE))
+    out.append(Certificate("parallel", (a, opposite), scenery.cube.edge, U_DISTANCE, U_ANGLE))
     for pair in ((a, side), (a, top), (side, top)):
         out.append(Certificate("perpendicular", pair, u_angle=U_ANGLE))
     for name in sphere_names(*scenery.spheres.shape[:2]):
@@ -168,7 +168,7 @@ def plan(options: Options, robot: Robot) -> tuple[Dataset, Scenery]:
     BayescalError
         If too little of the cube or the spheres can be reached.
     """
-    arm = Arm(robot, TOOL.centre)
+    arm = Arm(robot, Sizes.of(robot).tool.centre)
     cube, faces = cube_of(arm)
     visits = [_calibrating(arm, options.contacts, options.repeats, options.seed)]
     centres = np.empty((options.placements if options.spheres else 0, options.spheres, 3))
@@ -178,7 +178,7 @@ def plan(options: Options, robot: Robot) -> tuple[Dataset, Scenery]:
             target = np.full(len(ball), len(faces) + p * options.spheres + k)
             visits.append(_visit("validate", ball, target, 0.0 if k else SET_UP))
     visits.append(_later(arm, options.later, options.seed))
-    scenery = Scenery(cube, faces, centres)
+    scenery = Scenery(cube, faces, centres, Sizes.of(robot).diameter)
     return dataset_of(options, robot, scenery, _measurements(options, visits, len(faces))), scenery
 
 

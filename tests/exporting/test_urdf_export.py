@@ -225,8 +225,8 @@ def test_a_xacro_and_another_format_are_refused(tmp_path):
         export(arm, "urdf", into=str(tmp_path / "arm.xacro"))
     with pytest.raises(BayescalError, match="is always a new file"):
         export(arm, "robot.yaml", into="arm.yaml")
-    with pytest.raises(BayescalError, match="there is no format `usd`"):
-        export(arm, "usd")
+    with pytest.raises(BayescalError, match="there is no format `step`"):
+        export(arm, "step")
 
 
 def test_drift_is_written_at_a_state_and_its_change_is_told():

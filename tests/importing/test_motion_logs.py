@@ -1,5 +1,6 @@
 """Joint logs of other programs come back as the session they were written from; assumptions are noted."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -294,6 +295,29 @@ def test_a_lerobot_data_set_in_each_unit(s, five, tmp_path, unit, of_rad, words)
     noted(draft, "they show no jitter of the recording")
     noted(draft, "joints by name: shoulder_pan.pos, shoulder_lift.pos")
     assert log.mechanism.joint_names == NAMES
+
+
+@pytest.mark.parametrize("unit", ["steps", "deg", "normalised"])
+def test_a_lerobot_data_set_with_its_calibration(s, five, tmp_path, unit):
+    """The ranges of the servos, not the limits of the robot file, state the angles."""
+    arm = (s.position - s.position.mean(axis=0))[:, :5]
+    ranges = np.array([(700, 3400), (810, 3260), (905, 3109), (840, 3231), (0, 4095)])
+    entries = [{"id": k + 1, "drive_mode": 0, "homing_offset": 30 * k} for k in range(5)]
+    content = {
+        name: entry | {"range_min": int(low), "range_max": int(high)}
+        for name, entry, (low, high) in zip(NAMES, entries, ranges, strict=True)
+    }
+    (tmp_path / "c.json").write_text(json.dumps(content))
+    steps = arm / (2 * np.pi) * 4096
+    shown = {
+        "steps": steps + ranges.mean(axis=1),
+        "deg": steps * 360 / 4095,
+        "normalised": 200 * steps / np.diff(ranges)[:, 0],
+    }
+    folder = lerobot(tmp_path / "set", s, NAMES, shown[unit])
+    draft = convert(Request(folder, unit, robot=str(five), calibration=tmp_path / "c.json"))
+    found = np.column_stack([draft.columns[f"q{k + 1}_deg"] for k in range(5)])
+    np.testing.assert_allclose(found, np.degrees(arm[s.motion > 0]), atol=2e-4)  # float32 of 4000 steps
 
 
 def test_lerobot_without_unit_or_beyond_its_range_is_refused(s, five, tmp_path):

@@ -16,7 +16,7 @@ STANDARD = cases("robot_rows")
 
 # origin xyz (mm), rpy (deg) and axis of each joint, then the flange's; where F0 stands in the root (mm)
 ORIGINS = cases("robot_origins")
-OWN_TEST = {"fanuc-lrmate200ic"}  # in tests/arm/test_pinocchio.py
+OWN_TEST = {"fanuc-lrmate200ic", "robotstudio-so101"}  # tests/arm/test_pinocchio.py; test_table_top_arms.py
 
 # Arms with a spherical wrist of four manufacturers: axes of a URDF and rpy (deg) of its tool0; then offsets
 # (deg) and signs of the modified rows in robotkinematicscatalogue 1.1.2, and whether J3 is against the floor

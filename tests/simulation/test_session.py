@@ -191,7 +191,7 @@ def test_every_effect_can_be_simulated(name, tmp_path):
         ({"effects": ("geometri",)}, "--effects: no effect is called `geometri`"),
         ({"effects": ("compliance",), "robot": "seven"}, "--effects: compliance cannot be judged"),
         ({"effects": ("gear-mesh",)}, "--effects: gear-mesh cannot be judged: no reductions"),
-        ({"robot": "small"}, "small: four faces of a 228.6 mm cube are out of its reach"),
+        ({"robot": "small"}, "small: four faces of a 50.8 mm cube are out of its reach"),
         ({"robot": "nobody"}, "no robot is called"),
         ({"noise": -1e-6}, "--noise-um: "),
         ({"outliers": 0.7}, "--outliers: "),

@@ -11,7 +11,7 @@ from bayescal.arm.statics import Stance, gravity_loads
 from bayescal.errors import BayescalError
 from bayescal.model import build
 from bayescal.model.scene import Scene
-from bayescal.probing.artefacts import SIZE, Cube, Scenery
+from bayescal.probing.artefacts import LARGE, Cube, Scenery
 from bayescal.robots import load_robot
 from bayescal.simulation import Options, Simulation, simulate
 from bayescal.simulation.record import key_of, noise, true_targets
@@ -121,8 +121,8 @@ def test_outliers_are_to_either_side():
 
 
 def test_faces_are_as_good_as_their_papers_and_a_little_out_of_place():
-    cube, faces = Cube(np.array([0.45, 0.0, 0.15]), np.eye(3)), ("+y", "-y", "-x", "+z")
-    scenery = Scenery(cube, faces, np.empty((0, 0, 3)))
+    cube, faces = Cube(np.array([0.45, 0.0, 0.15]), np.eye(3), LARGE.edge), ("+y", "-y", "-x", "+z")
+    scenery = Scenery(cube, faces, np.empty((0, 0, 3)), LARGE.diameter)
     cosines, lengths, misplaced = [], [], []
     for seed in range(200):
         true = true_targets(Options(seed=seed), scenery)
@@ -130,8 +130,8 @@ def test_faces_are_as_good_as_their_papers_and_a_little_out_of_place():
         out = np.array([t.values["offset"] for t in true]) - normals @ cube.centre
         cosines += [normals[0] @ normals[2], normals[0] @ normals[3], normals[2] @ normals[3]]
         cosines += list((normals[0] + normals[1])[[0, 2]])
-        lengths.append(out[0] + out[1] - SIZE)
-        misplaced.append(out[3] - SIZE / 2)
+        lengths.append(out[0] + out[1] - LARGE.edge)
+        misplaced.append(out[3] - LARGE.edge / 2)
     assert np.std(cosines) == pytest.approx(1.2e-5, rel=0.1)
     assert np.std(lengths) == pytest.approx(3e-6, rel=0.2)
     assert np.std(misplaced) == pytest.approx(1e-3, rel=0.2)
