@@ -251,7 +251,7 @@ class _Numbers:
         return values
 
     def numbers(self, key: str, index: int) -> np.ndarray:
-        """Numbers (N,) of a column, nan where its cell is empty."""
+        """Numbers (N,) of a column, nan where its cell is empty or `nan`."""
         if index not in self.columns:
             cells = [row[index] for row in self.log.rows]
             try:  # a long record: all cells at once
@@ -267,7 +267,7 @@ class _Numbers:
         text = cell.strip("[]")  # a list of joints, as URScript logs it
         if self.mark == "," and "." not in text:
             text = text.replace(",", ".")
-        if not text:
+        if not text or text.lower() == "nan":
             return np.nan
         if not is_number(text):
             where = f"{self.log.name}:{self.log.line[row]}"

@@ -22,7 +22,7 @@ from bayescal.importing.log import read_log
 from bayescal.importing.mapping import OF_MOTIONS, Column, Map, calibrated, own_map, read_map, validation_rule
 from bayescal.importing.onto import files_of, measured_before, onto
 from bayescal.importing.orientations import Loose, compared
-from bayescal.importing.pair import is_measured, pair, rows_words, stacked, unfolded
+from bayescal.importing.pair import is_measured, pair, rows_words, stacked, unfolded, with_points
 from bayescal.importing.programs import LISTINGS, format_of, read_listing, read_records
 from bayescal.importing.roles import measurements, readings, role_note, with_roles
 from bayescal.importing.units import UNITS, is_unit, meant
@@ -186,6 +186,8 @@ def convert_contacts(request: Request) -> Draft:
         if joined.commanded:
             base = replace(base, readings="command")
             notes = (*notes, "joint readings are those of the plan, as commanded")
+    columns, hidden = with_points(columns, base.targets)
+    notes = (*notes, *hidden)
     joints = readings(columns, base.robot.n)
     base, loose = furnished(base, request, columns, centres)
     rows = measurements(columns, joints, base.tools, base.targets)

@@ -9,6 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from bayescal.dataset import Target
 from bayescal.errors import BayescalError
 from bayescal.importing.columns import Columns, first
 from bayescal.importing.units import quantity
@@ -83,6 +84,24 @@ def unfolded(columns: Columns) -> tuple[Columns, tuple[str, ...]]:
         parts.append(replace(columns, cells=cells, said=said).take(seen))
     note = f"{missing} points of {len(tools)} reflectors excluded: not measured"
     return stacked(parts), (note,) if missing else ()
+
+
+def with_points(columns: Columns, targets: Sequence[Target]) -> tuple[Columns, tuple[str, ...]]:
+    """The rows without those of an instrument that saw nothing, and a note on these.
+
+    Motion capture and trackers write such rows for what was hidden. Without targets all are instruments.
+    """
+    point = [columns.cells[key] for key in "xyz" if key in columns.cells]
+    others = [t.name for t in targets if t.kind != "instrument"]
+    if len(point) < 3 or (others and "target" not in columns.cells):
+        return columns, ()
+    none = np.isnan(np.array(point))
+    if others:
+        none &= ~np.isin(columns.cells["target"], others)
+    hidden = none.all(axis=0)
+    first(columns, none.any(axis=0) & ~hidden, lambda row: "a part of a point", "give x, y and z, or none")
+    note = f"{int(hidden.sum())} rows without a point excluded: not measured"
+    return columns.take(~hidden), (note,) if hidden.any() else ()
 
 
 STILL = np.radians(0.01)

@@ -486,3 +486,44 @@ def test_roles_of_a_template_are_the_log_s(cube, tmp_path):
     got = convert(Request(log, map_, template=tmp_path / "template", validate="targets cube.+z"))
     names = np.array([t.name for t in got.dataset.targets])[got.dataset.measurements.target]
     np.testing.assert_array_equal(got.dataset.measurements.role == "validate", names == "cube.+z")
+
+
+def motion_capture(data, path, hidden):
+    """Poses of two bodies in turn, m, whose rows are empty or ``nan`` where the camera saw nothing."""
+    rng = np.random.default_rng(4)
+    turns = {name: Rotation.from_rotvec(rng.standard_normal(3)) for name in ("plate", "wand")}
+    place = {"plate": np.array([0.05, 0.02, 0.04]), "wand": np.array([-0.03, 0.08, 0.1])}
+    q = data.measurements.readings
+    rows = []
+    for i, flange in enumerate(flanges(data.robot, q)):
+        body = "wand" if i % 2 else "plate"
+        quat = (Rotation.from_matrix(flange[:3, :3]) * turns[body]).as_quat()
+        at = flange[:3, :3] @ place[body] + flange[:3, 3]
+        cells = [repr(float(x)) for x in (*at, *quat)]
+        cells = [["", "nan"][i % 2]] * 7 if i in hidden else cells
+        rows.append([body, *cells, *(repr(float(x)) for x in np.degrees(q[i]))])
+    header = ["body", "x", "y", "z", "qx", "qy", "qz", "qw", *(f"A{j}" for j in range(1, 7))]
+    return lines(path, header, rows), place
+
+
+def test_frames_that_motion_capture_dropped_are_left_out(tracked, tmp_path):
+    log, place = motion_capture(tracked, tmp_path / "mocap.csv", hidden=(3, 8, 9))
+    map_ = "j*=A* deg, x=x m, y=y m, z=z m, rotation=qx qy qz qw xyzw, tool=body"
+    got = convert(Request(log, map_, robot=ARM, noise="0.1 mm, 0.02 deg"))
+    assert "3 rows without a point excluded: not measured" in got.notes
+    assert len(got.dataset.measurements.ids) == len(tracked.measurements.ids) - 3
+    assert {t.name for t in got.dataset.tools} == set(place)
+    for tool in got.dataset.tools:
+        np.testing.assert_allclose(tool.centre, place[tool.name], atol=1e-6)
+    write(got, tmp_path / "session")
+    assert len(read_dataset(tmp_path / "session").measurements.ids) == len(got.dataset.measurements.ids)
+
+
+def test_a_row_with_a_part_of_a_point_is_refused(tracked, tmp_path):
+    log, _ = motion_capture(tracked, tmp_path / "mocap.csv", hidden=())
+    text = log.read_text().splitlines()
+    text[4] = ",".join(c if k != 2 else "nan" for k, c in enumerate(text[4].split(",")))
+    log.write_text("\n".join(text))
+    map_ = "j*=A* deg, x=x m, y=y m, z=z m, tool=body"
+    with pytest.raises(BayescalError, match=r"mocap\.csv:5: a part of a point"):
+        write(convert(Request(log, map_, **USUAL)), tmp_path / "session")
