@@ -24,6 +24,8 @@ PASSES = 8
 SAME_AXIS = 0.999
 """Second singular value over the first from which on rotations have one common axis or none (assumed)."""
 FEWEST_IMAGES = 3
+CLEAR = 0.2
+"""rad: angles that differ by more are equally bad (assumed)."""
 FLIPPED = np.radians(5.0)
 """Angle from which on two poses of a board are different ones."""
 AS_GOOD = 2.0
@@ -211,6 +213,29 @@ class HandEye:
     off: np.ndarray
     turned: np.ndarray
     determined: bool
+
+
+def half_turns(flange: np.ndarray, seen: np.ndarray) -> np.ndarray:
+    """In which images (I,) a board is numbered from its other end; the fewer of both kinds.
+
+    The flange turns between two images by the same angle as the board in the camera, wherever both are. What
+    favours another end of one of the two, summed over all pairs, is largest for the signs of the first
+    eigenvector (a relaxation).
+
+    Parameters
+    ----------
+    flange, seen : np.ndarray, shape (I, 3, 4)
+        Poses of the flange, and of the board in the frame of the camera.
+    """
+
+    def between(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        return angle(a[:, None], b[None])
+
+    other = seen * np.array([-1.0, -1.0, 1.0, 1.0])
+    wanted = between(flange, flange)
+    gain = np.abs(wanted - between(seen, other)) - np.abs(wanted - between(seen, seen))
+    sign = np.linalg.eigh(np.clip(gain, -CLEAR, CLEAR))[1][:, -1] < 0
+    return sign if 2 * np.sum(sign) <= len(sign) else ~sign
 
 
 def hand_eye(flange: np.ndarray, seen: np.ndarray) -> HandEye:

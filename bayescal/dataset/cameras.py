@@ -124,14 +124,15 @@ def camera(t: Target, middle: np.ndarray, read: np.ndarray, pose: np.ndarray, sd
 
 def nominal_poses(dataset: Dataset, readings: np.ndarray, rows: np.ndarray) -> np.ndarray:
     """Nominal poses (3, 4, C) in F0 of the tools of some rows, at readings (N, n), rad."""
-    flange = _flange(dataset, readings[rows])
+    flange = flange_poses(dataset, readings[rows])
     index = dataset.measurements.tool[rows]
     axes = np.array([np.eye(3) if t.rpy is None else rpy_matrix(t.rpy) for t in dataset.tools])
     own = np.concatenate([axes, np.array([t.centre for t in dataset.tools])[..., None]], axis=2)[index]
     return np.moveaxis(hand_eye.product(flange, own), 0, -1)
 
 
-def _flange(dataset: Dataset, readings: np.ndarray) -> np.ndarray:
+def flange_poses(dataset: Dataset, readings: np.ndarray) -> np.ndarray:
+    """Nominal poses of the flange in F0, (N, 3, 4), at readings (N, n), rad."""
     return frames(chain_of(dataset.robot), link_angles(dataset.robot, readings))[:, -1, :3]
 
 
@@ -219,7 +220,7 @@ def closed_form(
     t, m = dataset.targets[target], dataset.measurements
     assert m.pixel is not None
     carried = t.texts["mount"] == FLANGE
-    flange = _flange(dataset, readings[seen.first[good]])
+    flange = flange_poses(dataset, readings[seen.first[good]])
 
     def solved(poses: np.ndarray) -> hand_eye.HandEye:
         return hand_eye.hand_eye(flange, hand_eye.inverse(poses) if carried else poses)
@@ -371,7 +372,7 @@ def board_factor(dataset: Dataset, target: int, rows: np.ndarray) -> float:
         return 1.0
     carried = dataset.targets[target].texts["mount"] == FLANGE
     poses = hand_eye.inverse(seen.poses[good]) if carried else seen.poses[good]
-    flange = _flange(dataset, dataset.measurements.readings[seen.first[good]])
+    flange = flange_poses(dataset, dataset.measurements.readings[seen.first[good]])
     # F_R x + f = Z_R (s q) + z, in which distances in the images are to the scale s of the board
     turned = poses[:, :, 3] @ found.fixed[:, :3].T
     near = (found.off <= 3 * np.median(found.off) + 1e-9).astype(float)[:, None]

@@ -15,10 +15,11 @@ from typing import Any
 import numpy as np
 
 from bayescal.arm.chain import Robot
-from bayescal.arm.hand_eye import FEWEST_IMAGES
+from bayescal.arm.hand_eye import FEWEST_IMAGES, half_turns
 from bayescal.dataset import Dataset, Target, Tool, read_dataset, write_dataset
 from bayescal.dataset.boards import Board, board_of
-from bayescal.dataset.cameras import FIXED, FLANGE, LEVER, closed_form
+from bayescal.dataset.cameras import FIXED, FLANGE, LEVER, closed_form, flange_poses
+from bayescal.dataset.cameras import images as images_of
 from bayescal.dataset.read import SETTINGS
 from bayescal.dataset.table import Table, check_groups, check_names, joint_columns, read_cells
 from bayescal.dataset.target_kinds import CAMERA
@@ -99,6 +100,11 @@ def convert_images(request: Request) -> ImageDraft:
     left = sorted({f.name for f in seen} - {f.name for f in used})
     notes = [f"board not found in: {listed(left, 6)}"] if left else []
     session, lens = _session(cv2, request, base, board, used, readings, size)
+    if request.board.startswith("checkerboard") and (turned := _turned(session)):
+        used = [replace(f, pixel=f.pixel[::-1]) if f.name in turned else f for f in used]
+        session, lens = _session(cv2, request, base, board, used, readings, size)
+        words = f"numbered from the other end of the board, as the arm tells: {listed(sorted(turned), 6)}"
+        notes.append(words)
     session, roles = with_roles(session, request.validate, "--validate") if request.validate else (
         session, role_note(session)
     )  # fmt: skip
@@ -330,6 +336,18 @@ def _session(
     best = min(choices, key=_misfit)
     mount = best.targets[0].texts["mount"]
     return best, (note, f"mount: {mount} (images are {1e3 * _misfit(best):.1f} mm off the nominal arm)")
+
+
+def _turned(d: Dataset) -> set[str]:
+    """Images in which a checkerboard is numbered from its other end: after half a turn it looks alike."""
+    m = d.measurements
+    assert m.stop is not None
+    rows = np.arange(len(m.ids))
+    seen = images_of(d, 0, rows)
+    good = np.isfinite(seen.poses).all(axis=(1, 2))
+    first = seen.first[good]
+    turned = half_turns(flange_poses(d, m.readings[first]), seen.poses[good])
+    return set(m.stop[first[turned]].tolist())
 
 
 def _misfit(d: Dataset) -> float:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from bayescal.arm.hand_eye import angle, board_poses, decided, hand_eye, inverse, product
+from bayescal.arm.hand_eye import angle, board_poses, decided, half_turns, hand_eye, inverse, product
 
 RNG = np.random.default_rng(0)
 IMAGES = 30
@@ -78,3 +78,15 @@ def test_the_arm_decides_between_two_poses_of_a_small_tag_seen_from_afar():
     sharp = at[:, :2] / at[:, 2:] + 0.001 / 900 * rng.standard_normal((240, 2))
     alone = board_poses(corner, sharp, image)
     np.testing.assert_allclose(decided(alone, inverse(near), corner, sharp, image), alone, atol=1e-9)
+
+
+@pytest.mark.parametrize("share", [0.1, 0.45])
+def test_images_that_are_numbered_from_the_other_end(share):
+    rng = np.random.default_rng(5)
+    turned = rng.random(IMAGES) < share
+    seen, noise = inverse(SEEN), Rotation.from_rotvec(0.01 * rng.standard_normal((IMAGES, 3))).as_matrix()
+    seen[:, :, :3] = (
+        noise @ seen[:, :, :3] @ np.where(turned[:, None, None], np.diag([-1.0, -1, 1]), np.eye(3))
+    )
+    np.testing.assert_array_equal(half_turns(FLANGE, seen), turned)
+    np.testing.assert_array_equal(half_turns(FLANGE, inverse(SEEN)), False)

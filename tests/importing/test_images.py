@@ -23,13 +23,26 @@ def drawn():
     return layout.generateImage((WIDE * PER_MM, HIGH * PER_MM))
 
 
+def checkered():
+    """A checkerboard of the same squares, with a white margin of one square, px."""
+    squares = np.indices((5, 7)).sum(axis=0) % 2 * 255
+    return np.pad(np.kron(squares, np.ones((30 * PER_MM,) * 2)), 30 * PER_MM, constant_values=255).astype(
+        np.uint8
+    )
+
+
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
     """A folder of images for each mount, with their joint readings."""
-    place, board = tmp_path_factory.mktemp("images"), drawn()
+    return rendered(tmp_path_factory.mktemp("images"), drawn(), FIXED)
+
+
+def rendered(place, board, mounts, margin=0.0):
+    """Images of a board whose pattern starts `margin` (m) behind its upper left corner."""
     matrix = np.array([[FOCAL[0], 0, CENTRE[0]], [0, FOCAL[1], CENTRE[1]], [0, 0, 1]])
-    to_board = np.array([[1e-3 / PER_MM, 0, 0.5e-3 / PER_MM], [0, 1e-3 / PER_MM, 0.5e-3 / PER_MM], [0, 0, 1]])
-    for mount in FIXED:
+    edge = 0.5e-3 / PER_MM - margin
+    to_board = np.array([[1e-3 / PER_MM, 0, edge], [0, 1e-3 / PER_MM, edge], [0, 0, 1]])
+    for mount in mounts:
         session = camera_session(mount, images=14, velocity=False)
         m, folder = session.measurements, place / mount
         folder.mkdir()
@@ -120,3 +133,19 @@ def test_of_two_tags_none_is_taken(made, tmp_path):
         cv2.imwrite(str(folder / f"{k:02d}.png"), image)
     with pytest.raises(BayescalError, match="tags 0, 1 are seen"):
         convert(asked(tmp_path, board="apriltag:36h11:40mm"))
+
+
+def test_a_checkerboard_is_numbered_from_one_end_in_all_images(tmp_path):
+    place = rendered(tmp_path, checkered(), ["flange"], margin=0.03)
+    draft = convert(asked(place, board="checkerboard:6x4:30mm"))
+    truth = camera_session("flange", images=14, velocity=False, noise=0.0).measurements
+    pixel = {(s, int(k)): uv for s, (*uv, k) in zip(truth.stop, truth.pixel, strict=True)}
+    m, ends = draft.dataset.measurements, []
+    for s, (*uv, k) in zip(m.stop, m.pixel, strict=True):
+        one, other = (pixel[f"i{int(s[:2])}", n] for n in (int(k), 23 - int(k)))
+        ends.append(np.linalg.norm(np.subtract(uv, one)) < np.linalg.norm(np.subtract(uv, other)))
+    assert len(set(ends)) == 1
+    write(draft, tmp_path / "cell")
+    # OpenCV numbers some images from the other end
+    words = next(note for note in draft.notes if "from the other end" in note)
+    assert ".png" in words
