@@ -161,6 +161,22 @@ def product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return np.concatenate([turn, a[..., :3] @ b[..., 3:] + a[..., 3:]], axis=-1)
 
 
+def flipped(poses: np.ndarray, corner: np.ndarray) -> np.ndarray:
+    """The other poses (I, 3, 4) at which a small flat board looks nearly the same.
+
+    Its normal is mirrored about the line of sight to its middle (T. Collins and A. Bartoli, Infinitesimal
+    plane-based pose estimation, Int. J. Computer Vision 109, 2014); `corner` (K, 3), m, are its points.
+    """
+    middle = corner.mean(axis=0)
+    axes = np.linalg.svd(corner - middle)[2]
+    half_turn = 2.0 * np.outer(axes[2], axes[2]) - np.eye(3)
+    sight = poses[:, :, :3] @ middle + poses[:, :, 3]
+    along = sight / np.linalg.norm(sight, axis=1)[:, None]
+    about = 2.0 * along[:, :, None] * along[:, None] - np.eye(3)
+    turn = about @ poses[:, :, :3] @ half_turn
+    return np.concatenate([turn, (sight - turn @ middle)[..., None]], axis=-1)
+
+
 @dataclass(frozen=True)
 class HandEye:
     """Poses (3, 4) of what is on the flange, in its frame, and of what is fixed, in F0.

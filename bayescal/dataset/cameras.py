@@ -42,6 +42,11 @@ BLURRED, FEWEST_SHARP = 2.0, 8
 """Scatter of an image over that of most, from which on it is blurred, and its fewest corners (assumed)."""
 FEWEST_IMAGES = 4
 """Images from which a hand-eye is judged."""
+FLAT = 1e-6
+"""Thickness over width up to which a board is flat (rounding)."""
+FLIPS, FLIPPED = 5, np.radians(3.0)
+"""Passes in which images of a flat board take the other of its two poses, and by how much nearer to the arm's
+motion that must be (assumed)."""
 LEVER = 0.3
 """m: arm of a turn where an image is judged by a length."""
 MISFIT = 0.05
@@ -220,7 +225,38 @@ def closed_form(
     carried = dataset.targets[target].texts["mount"] == FLANGE
     poses = seen.poses[good]
     flange = _flange(dataset, readings[seen.first[good]])
-    return seen, good, hand_eye.hand_eye(flange, hand_eye.inverse(poses) if carried else poses)
+    corner = board(dataset.targets[target]).points
+    flat = np.linalg.matrix_rank(corner - corner.mean(axis=0), tol=FLAT * np.ptp(corner)) < 3
+    found = _found(flange, poses, carried)
+    for _ in range(FLIPS if flat else 0):
+        other = hand_eye.flipped(poses, corner)
+        change = found.turned - _turned(flange, other, found, carried) > FLIPPED
+        if not change.any():
+            break
+        poses = np.where(change[:, None, None], other, poses)
+        found = _found(flange, poses, carried)
+    seen = replace(seen, poses=_placed(seen.poses, good, poses))
+    return seen, good, found
+
+
+def _placed(every: np.ndarray, some: np.ndarray, poses: np.ndarray) -> np.ndarray:
+    out = every.copy()
+    out[some] = poses
+    return out
+
+
+def _found(flange: np.ndarray, poses: np.ndarray, carried: bool) -> hand_eye.HandEye:
+    """The hand-eye of poses (I, 3, 4) of the board in the frame of the camera."""
+    return hand_eye.hand_eye(flange, hand_eye.inverse(poses) if carried else poses)
+
+
+def _turned(flange: np.ndarray, poses: np.ndarray, at: hand_eye.HandEye, carried: bool) -> np.ndarray:
+    """How far poses (I, 3, 4) of the board are turned, rad, (I,), from what a hand-eye predicts."""
+    seen = hand_eye.inverse(poses) if carried else poses
+    here = hand_eye.product(flange, np.broadcast_to(at.on_flange, flange.shape))[:, :, :3]
+    there = at.fixed[:, :3] @ seen[:, :, :3]
+    trace = np.sum(here * there, axis=(1, 2))
+    return np.asarray(np.arccos(np.clip(0.5 * (trace - 1.0), -1.0, 1.0)))
 
 
 def misfit(dataset: Dataset, target: int, rows: np.ndarray, readings: np.ndarray) -> np.ndarray:
