@@ -235,14 +235,9 @@ def closed_form(
             break
         poses = np.where(change[:, None, None], other, poses)
         found = _found(flange, poses, carried)
-    seen = replace(seen, poses=_placed(seen.poses, good, poses))
-    return seen, good, found
-
-
-def _placed(every: np.ndarray, some: np.ndarray, poses: np.ndarray) -> np.ndarray:
-    out = every.copy()
-    out[some] = poses
-    return out
+    every = seen.poses.copy()
+    every[good] = poses
+    return replace(seen, poses=every), good, found
 
 
 def _found(flange: np.ndarray, poses: np.ndarray, carried: bool) -> hand_eye.HandEye:
