@@ -181,7 +181,7 @@ def compare(
 )
 def plan(
     setup: Path = typer.Argument(metavar="SETUP"),
-    contacts: int = 200,
+    contacts: int | None = None,
     for_: str = "both",
     after: Path | None = None,
     levers: str = "payload,approach",
@@ -207,7 +207,7 @@ def plan(
     seed, out, allow_xacro
         As of `fit`.
     contacts
-        Contacts to calibrate with, repeats included.
+        Contacts, or images, to calibrate with, repeats included [default: 200; of cameras 33 images].
     for_
         distances, gap (effects that the model lacks), or both.
     after

@@ -42,6 +42,8 @@ BLURRED, FEWEST_SHARP = 2.0, 8
 """Scatter of an image over that of most, from which on it is blurred, and its fewest corners (assumed)."""
 FEWEST_IMAGES = 4
 """Images from which a hand-eye is judged."""
+DECISIONS = 4
+"""Passes in which the arm decides between two poses of a flat board."""
 LEVER = 0.3
 """m: arm of a turn where an image is judged by a length."""
 MISFIT = 0.05
@@ -225,17 +227,19 @@ def closed_form(
     def solved(poses: np.ndarray) -> hand_eye.HandEye:
         return hand_eye.hand_eye(flange, hand_eye.inverse(poses) if carried else poses)
 
-    poses, found = seen.poses[good], solved(seen.poses[good])
-    own = hand_eye.product(hand_eye.inverse(found.fixed), hand_eye.product(flange, found.on_flange))
-    some = good[seen.image]
+    poses, some = seen.poses[good], good[seen.image]
     corner, xy = _directions(t, m.pixel[rows[some]])
     image = (np.cumsum(good) - 1)[seen.image[some]]
-    told = hand_eye.decided(poses, hand_eye.inverse(own) if carried else own, corner, xy, image)
-    if np.any(told != poses):
-        every = seen.poses.copy()
-        every[good] = told
-        seen, found = replace(seen, poses=every), solved(told)
-    return seen, good, found
+    found = solved(poses)
+    for _ in range(DECISIONS):
+        own = hand_eye.product(hand_eye.inverse(found.fixed), hand_eye.product(flange, found.on_flange))
+        told = hand_eye.decided(poses, hand_eye.inverse(own) if carried else own, corner, xy, image)
+        if np.all(told == poses):
+            break
+        poses, found = told, solved(told)
+    every = seen.poses.copy()
+    every[good] = poses
+    return replace(seen, poses=every), good, found
 
 
 def _directions(t: Target, pixel: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -35,13 +35,15 @@ class Region:
     Of a face: a rectangle with `centre` (3,), m, in F0, and half edges `half` (2, 3), m. Of a cylinder: half
     of its axis, `half` (1, 3). Of a sphere, or of a ball bar about its pivot: a cap about `up` (3,), a unit
     vector, to `widest`, rad, from it; `centre` is that of the sphere. Of a seat: its `centre`, which is left
-    along `up`.
+    along `up`. Of a camera and a board: the origin of what is fixed, and the distances `span` (2,), m,
+    between both; `up` is the normal of a fixed board.
     """
 
     centre: np.ndarray
     half: np.ndarray = field(default_factory=lambda: np.empty((0, 3)))
     up: np.ndarray = field(default_factory=lambda: np.empty(0))
     widest: float = 0.0
+    span: np.ndarray = field(default_factory=lambda: np.empty(0))
 
 
 @dataclass(frozen=True)
@@ -78,12 +80,21 @@ class Probing:
         obstacle(target, region) -> shapes in F0, of which the first is touched; none without it.
     sizes : tuple of str
         The lengths that a stated region has; it can be stated of kinds with a direction alone.
+    aims : callable, optional
+        aims(target, region, count, rng) -> random poses (count, 3, 4) of the tool in F0, not `places`.
+    faults : callable, optional
+        faults(target, region, poses (M, 3, 4)) -> why a pose of the tool is of no use, or "", (M,).
+    points : callable, optional
+        points(target) -> number of rows that are measured at a pose, as of an image; one without it.
     """
 
     region: Callable[[Target, Session], Region | None] | None = None
     places: Callable[[Target, Region, float, int, np.random.Generator], Places | None] | None = None
     obstacle: Callable[[Target, Region], tuple[Shape, ...]] | None = None
     sizes: tuple[str, ...] = ()
+    aims: Callable[[Target, Region, int, np.random.Generator], np.ndarray] | None = None
+    faults: Callable[[Target, Region, np.ndarray], np.ndarray] | None = None
+    points: Callable[[Target], int] | None = None
 
 
 def vector(target: Target, key: str) -> np.ndarray:

@@ -15,7 +15,7 @@ from pydantic import AfterValidator, Field
 from pydantic_core import PydanticCustomError
 
 from bayescal.arm.transforms import rigid, rpy_matrix
-from bayescal.dataset import cameras, regions
+from bayescal.dataset import cameras, regions, viewpoints
 from bayescal.dataset.boards import board_of
 from bayescal.dataset.regions import Probing, vector
 from bayescal.dataset.types import Dataset, Target
@@ -367,6 +367,13 @@ KINDS: dict[str, TargetKind] = {
             posed=True,
             misfit=cameras.misfit,
             prepared=cameras.prepared,
+            planned=Probing(
+                viewpoints.region,
+                obstacle=viewpoints.obstacle,
+                aims=viewpoints.aims,
+                faults=viewpoints.faults,
+                points=viewpoints.corners,
+            ),
         ),
     )
 }

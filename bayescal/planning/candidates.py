@@ -12,17 +12,18 @@ import numpy as np
 
 from bayescal.arm.chain import link_angles
 from bayescal.arm.transforms import rpy_matrix, rpy_of
-from bayescal.dataset import Dataset, Measurements
+from bayescal.dataset import Dataset, Measurements, Target
 from bayescal.dataset.append import followed
 from bayescal.dataset.join import column
 from bayescal.dataset.target_kinds import KINDS
 from bayescal.errors import BayescalError
 from bayescal.model.block import tool_frames
 from bayescal.model.scene import Scene
-from bayescal.planning.pool import Pool, Setup
+from bayescal.planning.pool import POSE, Pool, Setup
 from bayescal.planning.search import EACH, Search, chosen, goals, located, tools_for, tried_once
 from bayescal.probing.contacts import TURNING, WALLED, Contacts, Hand, Rows
 from bayescal.storage.stopping import Progress, silent
+from factors.camera import Camera
 
 SESSION = 3600.0
 """s: the time over which candidates are distributed (assumed: 200 contacts at 18 s)."""
@@ -32,7 +33,10 @@ SETTLING = 6
 
 @dataclass(frozen=True)
 class Possible(Rows):
-    """M contacts: role, target, tool (M,); readings and velocities (M, n), rad, rad/s; payload (M,), kg."""
+    """M contacts: role, target, tool (M,); readings and velocities (M, n), rad, rad/s; payload (M,), kg.
+
+    A contact has `points` (M,) rows: one, or those of an image.
+    """
 
     role: np.ndarray
     target: np.ndarray
@@ -40,6 +44,7 @@ class Possible(Rows):
     readings: np.ndarray
     velocity: np.ndarray
     payload: np.ndarray
+    points: np.ndarray
 
 
 def session_of(dataset: Dataset, possible: Possible, rng: np.random.Generator) -> Dataset:
@@ -49,6 +54,12 @@ def session_of(dataset: Dataset, possible: Possible, rng: np.random.Generator) -
     Columns that every measured row needs (velocities, times) are not added to a session that lacks them.
     Torques are those computed, because none are measured yet.
     """
+    of = np.repeat(np.arange(len(possible)), possible.points)
+    times, heat = rng.uniform(0.0, SESSION, len(possible))[of], rng.random(len(possible))[of]
+    seen = possible.points[of] > 1
+    point = np.arange(len(of)) - (np.cumsum(possible.points) - possible.points)[of]
+    stop = np.array([f"i{k}" if image else "" for k, image in zip(of, seen, strict=True)])
+    possible = possible[of]
     m, before, new = dataset.measurements, len(dataset.measurements.ids), len(possible.target)
     prefix = next(f"p{k}." for k in count(1) if not any(i.startswith(f"p{k}.") for i in m.ids))
     start = 0.0 if m.time is None or not before else float(np.max(m.time))
@@ -61,13 +72,15 @@ def session_of(dataset: Dataset, possible: Possible, rng: np.random.Generator) -
         readings=possible.readings,
         line=np.zeros(new, int),
         command=possible.readings if before else None,
-        time=rng.uniform(start, start + SESSION, new),
+        time=start + times,
         velocity=possible.velocity if moving else None,
         payload=possible.payload if possible.payload.any() else None,
-        temperature=None if m.temperature is None else rng.choice(m.temperature, new),
+        temperature=None if m.temperature is None else m.temperature[(heat * before).astype(int)],
+        stop=stop if seen.any() else None,
+        pixel=np.where(seen[:, None], np.column_stack([point] * 3), np.nan) if seen.any() else None,
     )
     rows = followed(m, rows)[0] if before else rows
-    return _read(_settled(replace(dataset, measurements=rows, torques="computed"), before), before)
+    return _read(_settled(replace(dataset, measurements=rows, torques="computed"), before), before, rng)
 
 
 def _settled(session: Dataset, before: int) -> Dataset:
@@ -87,7 +100,7 @@ def _settled(session: Dataset, before: int) -> Dataset:
     return replace(session, measurements=replace(m, readings=readings))
 
 
-def _read(session: Dataset, before: int) -> Dataset:
+def _read(session: Dataset, before: int, rng: np.random.Generator) -> Dataset:
     """The session with what instruments and wires read of the nominal arm in the new rows."""
     m, scene = session.measurements, Scene(session)
     columns: dict[str, Any] = {}
@@ -111,6 +124,12 @@ def _read(session: Dataset, before: int) -> Dataset:
                 tools = tool_frames(session, scene.flange)[m.tool[rows]]
                 turned = frame.T @ scene.flange[rows] @ tools
                 cells("rpy", 3)[rows] = [rpy_of(one) for one in turned]
+        elif KINDS[target.kind].reads == "pixel":
+            kind, noise = scene.kind(t, rows), session.noise.pixel or KINDS[target.kind].usual
+            assert isinstance(kind, Camera)
+            pixel = kind.pixels(np.zeros(len(kind.sd)), scene.nominal(t, rows)).T
+            # images without noise would make those that were measured look blurred
+            cells("pixel", 3)[rows, :2] = pixel + noise * rng.standard_normal(pixel.shape)
     return replace(session, measurements=replace(m, **columns)) if columns else session
 
 
@@ -137,6 +156,7 @@ def candidates(
     setup : Setup
     count : int
         Number of candidates, equally many on every target that is calibrated on, where they can be reached.
+        Of images a sixth.
     seed : int
         The same seed gives the same candidates.
     progress : callable
@@ -158,6 +178,7 @@ def candidates(
     """
     rng = np.random.default_rng(seed)
     searches = _searches(setup)
+    count = max(1, count // _share(setup))
     fitted = [s for s in searches if setup.dataset.targets[s.target].name not in setup.validated]
     for k in range(ROUNDS):
         if not tried_once(setup, fitted, count, turning, rng):
@@ -196,6 +217,26 @@ def candidates(
                 warnings.append(_few(setup, s, EACH))
     progress("candidates", 1.0)
     return _pool(setup, parts, sum((s.dropped for s in searches), Counter()), tuple(warnings), rng)
+
+
+CONTACTS = 200
+"""Contacts of a plan where no number is asked for."""
+
+
+def usual_count(setup: Setup) -> int:
+    """Contacts of a plan where no number is asked for; of images fewer, as each tells more."""
+    return CONTACTS // _share(setup)
+
+
+def _share(setup: Setup) -> int:
+    """For how many contacts a candidate counts: an image for several."""
+    return POSE if all(_points(t) > 1 for t in setup.dataset.targets) else 1
+
+
+def _points(target: Target) -> int:
+    """Rows that are measured at a pose."""
+    planned = KINDS[target.kind].planned
+    return 1 if planned is None or planned.points is None else planned.points(target)
 
 
 def _searches(setup: Setup) -> list[Search]:
@@ -247,9 +288,11 @@ def _pool(
     order = np.concatenate([rng.permutation(fitted), np.flatnonzero(role == "validate")])
     loaded = (rng.random(len(role)) < 0.5) & (role == "calibrate")
     payload = np.where(loaded, rng.choice(setup.payloads or (0.0,), len(role)), 0.0)
-    rows = Possible(role, target, tool, reached.readings, reached.velocity, payload)[order]
+    each = np.array([_points(t) for t in setup.dataset.targets])[target]
+    rows = Possible(role, target, tool, reached.readings, reached.velocity, payload, each)[order]
     session = session_of(setup.dataset, rows, rng)
     before = len(setup.dataset.measurements.ids)
-    shift = session.measurements.readings[before:] - rows.readings
-    approach = np.concatenate([setup.dataset.measurements.readings, reached.approach[order] + shift])
+    of = np.repeat(np.arange(len(rows)), rows.points)
+    shift = session.measurements.readings[before:] - rows.readings[of]
+    approach = np.concatenate([setup.dataset.measurements.readings, reached.approach[order][of] + shift])
     return Pool(setup, session, before, approach, dict(Counter(dropped).most_common()), warnings)

@@ -112,9 +112,33 @@ class Pool:
 
     @cached_property
     def candidates(self) -> np.ndarray:
-        """Rows of the session that are candidates, (C,)."""
+        """Rows of the session that are candidates, (C,): of an image, its first."""
+        return self._new[self._first]
+
+    @cached_property
+    def _new(self) -> np.ndarray:
         role = self.session.measurements.role
         return np.flatnonzero((role == "calibrate") & (np.arange(len(role)) >= self.measured))
+
+    @cached_property
+    def _first(self) -> np.ndarray:
+        """Which of the rows that may be chosen begin a candidate: others are of the stop before."""
+        stop, point = self.session.measurements.stop, self.session.measurements.pixel
+        if stop is None or point is None:
+            return np.ones(len(self._new), bool)
+        label = stop[self._new]
+        alone = np.isnan(point[self._new, 0]) | (label == "")
+        return alone | (label != np.append("", label[:-1]))
+
+    def numbers(self, rows: np.ndarray) -> np.ndarray:
+        """Number of the candidate of some rows (R,) of the session; -1 of a row of none."""
+        out = np.full(len(self.session.measurements.role), -1)
+        out[self._new] = np.cumsum(self._first) - 1
+        return np.asarray(out[rows])
+
+    def rows_of(self, chosen: Sequence[int] | np.ndarray) -> np.ndarray:
+        """All rows of the session of some candidates, ascending."""
+        return self._new[np.isin(np.cumsum(self._first) - 1, np.asarray(chosen, int))]
 
     @cached_property
     def validation(self) -> np.ndarray:
@@ -123,6 +147,10 @@ class Pool:
         return np.flatnonzero((role == "validate") & (np.arange(len(role)) >= self.measured))
 
 
+POSE = 6
+"""What a pose of the tool tells of an arm at most, however many corners of a board are seen from it."""
+LITTLE = 1e-3
+"""Information of a residual, relative to that of a prior, that is left out (rounding)."""
 RESERVE = 40
 """Contacts beyond the number of unknowns, below which a plan is warned of."""
 
@@ -235,13 +263,49 @@ def linearised(pool: Pool, effects: tuple[str, ...], without: Sequence[Part] = (
     row = np.concatenate([np.tile(block.rows, block.kind.rows) for block in model.blocks])
     new = row >= pool.measured
     jacobian, certificates = linear.jacobian[:fitted], linear.jacobian[fitted:]
-    contact = np.searchsorted(pool.candidates, row[new])
+    contact = pool.numbers(row[new])
     order = np.argsort(contact, kind="stable")
     measured = jacobian[~new]
+    fresh, number = condensed(jacobian[new][order], contact[order])
     return Linearised(
-        model, z, weights, jacobian[new][order], contact[order], len(pool.candidates),
+        model, z, weights, fresh, number, len(pool.candidates),
         certificates.T @ certificates, measured.T @ measured, len(measured),
     )  # fmt: skip
+
+
+def condensed(columns: np.ndarray, candidate: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Fewer rows with the same information, of candidates with many residuals, as the corners of an image.
+
+    Parameters
+    ----------
+    columns : np.ndarray, shape (R, K)
+        Whitened slopes of residuals, in units of prior standard deviations.
+    candidate : np.ndarray of int, shape (R,)
+        Of each residual, ascending.
+
+    Returns
+    -------
+    np.ndarray, shape (Q, K)
+    np.ndarray of int, shape (Q,)
+
+    Notes
+    -----
+    With the eigenvectors U of the Gram matrix of a candidate's rows X, the rows U'X have the same X'X. Those
+    whose squares sum to less than `LITTLE` are left out: they tell less than that share of a prior.
+    """
+    begin = np.flatnonzero(np.diff(candidate, prepend=-1))
+    end = np.append(begin[1:], len(candidate))
+    if not np.any(end - begin > POSE):
+        return columns, candidate
+    parts, numbers = [], []
+    for a, b in zip(begin, end, strict=True):
+        rows = columns[a:b]
+        if b - a > POSE:
+            size, turn = np.linalg.eigh(rows @ rows.T)
+            rows = turn[:, size > LITTLE].T @ rows
+        parts.append(rows)
+        numbers.append(np.full(len(rows), candidate[a]))
+    return np.concatenate(parts), np.concatenate(numbers)
 
 
 def inverse(information: np.ndarray) -> np.ndarray:
@@ -261,7 +325,7 @@ def check_count(linear: Linearised, count: int) -> str:
         If the residuals of the plan and of the rows measured already are not more than the unknowns, or the
         pool has fewer candidates.
     """
-    size, each = linear.model.size, len(linear.contact) / linear.count
+    size, each = linear.model.size, min(len(linear.contact) / linear.count, POSE)
     needed = int(np.floor((size - linear.residuals) / each)) + 1
     unknowns = f"{len(linear.model.parameters)} parameters and {len(linear.model.states)} targets"
     if count < max(needed, 1):

@@ -29,7 +29,7 @@ from bayescal.gap.search.beam import COMPLIANCE
 from bayescal.gap.search.candidates import Candidates, candidates, extended, wide
 from bayescal.model import Scene, build
 from bayescal.model.options import FitOptions, Part
-from bayescal.planning.pool import Pool
+from bayescal.planning.pool import Pool, condensed
 
 
 @dataclass(frozen=True)
@@ -204,12 +204,18 @@ def vocabulary(
     nuisance = masses(c) if COMPLIANCE in effects else []
     p = problem(fitted, parameters, nuisance)
     row = p.rows[p.contact]
-    new = np.flatnonzero(np.isin(row, pool.candidates))
-    number = np.searchsorted(pool.candidates, row[new])
+    every = pool.numbers(row)
+    new = np.flatnonzero(every >= 0)
+    number = every[new]
     order = np.argsort(number, kind="stable")
     others = np.setdiff1d(np.arange(len(p.residual)), new)
     new, number = new[order], number[order]
-    columns = CandidateColumns(p.jacobian[new], p.pool[new], number, p.jacobian[others], p.pool[others])
+    both, number = condensed(np.hstack([p.jacobian[new], p.pool[new]]), number)
+    size = p.jacobian.shape[1]
+    columns = CandidateColumns(
+        np.ascontiguousarray(both[:, :size]), np.ascontiguousarray(both[:, size:]), number,
+        p.jacobian[others], p.pool[others],
+    )  # fmt: skip
     return Vocabulary(tuple(sites), tuple(parameters), settings, columns)
 
 

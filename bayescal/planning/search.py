@@ -13,7 +13,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from bayescal.arm.transforms import cone, cross
-from bayescal.dataset import Dataset
+from bayescal.dataset import Dataset, Target
+from bayescal.dataset.regions import Probing, Region
 from bayescal.dataset.target_kinds import KINDS
 from bayescal.planning.pool import Setup
 from bayescal.probing.contacts import Contacts, Hand, Sites
@@ -88,11 +89,24 @@ def sites_on(setup: Setup, target: int, hand: Hand, tool: int, count: int, rng: 
     planned, region, places = KINDS[entry.kind].planned, setup.regions.get(entry.name), None
     if planned is not None and planned.places is not None and region is not None:
         places = planned.places(entry, region, radius, count, rng)
+    if planned is not None and planned.aims is not None and region is not None:
+        return _aimed(entry, planned, region, count, rng)
     points, normals = places or (_in_volume(setup, hand, count, rng), np.full((count, 3), np.nan))
     axes = cone(np.tile([0.0, 0.0, 1.0], (count, 1)), np.pi, rng)
     touched = np.isfinite(normals[:, :1])
     axes = np.where(touched, cone(np.where(touched, -normals, axes), setup.cone, rng), axes)
-    return Sites(points, normals, axes)
+    return Sites.at(points, normals, axes)
+
+
+def _aimed(entry: Target, planned: Probing, region: Region, count: int, rng: np.random.Generator) -> Sites:
+    """Poses of the tool that the kind of a target draws, with what makes them useless."""
+    assert planned.aims is not None
+    poses = planned.aims(entry, region, count, rng)
+    none = np.full((len(poses), 3), np.nan)
+    fault = np.full(len(poses), "", object)
+    if planned.faults is not None:
+        fault = planned.faults(entry, region, poses)
+    return Sites(poses[:, :, 3], none, poses[:, :, 2], poses[:, :, :3], fault)
 
 
 def _in_volume(setup: Setup, hand: Hand, count: int, rng: np.random.Generator) -> np.ndarray:
@@ -134,9 +148,20 @@ def tried_once(
             some = slice(begin, begin + BATCH)
             reached = hand.reach(sites[some], solid[some], rng, turning=turning, by_hand=by_hand)
             for k, search in enumerate(active):
+                _judge(setup, search, hand, reached, index[some] == k)
                 search.count(reached, index[some] == k)
                 search.contacts.append((tool, reached[(index[some] == k) & (reached.reason == "")]))
     return True
+
+
+def _judge(setup: Setup, search: Search, hand: Hand, reached: Contacts, rows: np.ndarray) -> None:
+    """State of contacts in some rows (M,) bool what makes their pose useless: of arms with few joints."""
+    entry = setup.dataset.targets[search.target]
+    planned = KINDS[entry.kind].planned
+    good = np.flatnonzero(rows & (reached.reason == ""))
+    if planned is not None and planned.faults is not None and len(good):
+        poses = hand.arm.tool_poses(hand.arm.frames(reached.readings[good]))[:, :3]
+        reached.reason[good] = planned.faults(entry, setup.regions[entry.name], poses)
 
 
 def chosen(search: Search, count: int, rng: np.random.Generator) -> tuple[np.ndarray, Contacts]:

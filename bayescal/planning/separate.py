@@ -285,7 +285,7 @@ def with_levers(
 
 def _repeated(pool: Pool, chosen: np.ndarray) -> tuple[Pool, list[str], np.ndarray]:
     """The planned session as measured, its contacts under other conditions as candidates; which are whose."""
-    rows = np.sort(np.concatenate([np.arange(pool.measured), pool.candidates[chosen]]))
+    rows = np.sort(np.concatenate([np.arange(pool.measured), pool.rows_of(chosen)]))
     planned = replace(pool.session, measurements=taken(pool.session.measurements, rows))
     new = np.arange(pool.measured, len(rows))
     wide, interventions = widened(Scene(planned), new)
@@ -294,7 +294,7 @@ def _repeated(pool: Pool, chosen: np.ndarray) -> tuple[Pool, list[str], np.ndarr
     session = replace(wide, measurements=replace(wide.measurements, role=role))
     which = np.repeat(np.arange(len(interventions)), [len(i.rows) for i in interventions])
     again = replace(pool, session=session, measured=len(rows), approach=session.measurements.readings)
-    return again, [i.what for i in interventions], which
+    return again, [i.what for i in interventions], which[again.candidates - len(rows)]
 
 
 def _lever(

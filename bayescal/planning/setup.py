@@ -182,7 +182,7 @@ def _check(dataset: Dataset) -> None:
     for target in dataset.targets:
         kind = KINDS[target.kind]
         _probing(target)
-        if getattr(dataset.noise, kind.noise) is None:
+        if getattr(dataset.noise, kind.noise) is None and np.isnan(kind.usual):
             what = f"no noise of a {kind.noise} is stated, which `{target.name}` needs"
             raise BayescalError(what, SETTINGS, f"add `noise: {{{kind.noise}_mm: ...}}`")
         if kind.touched and all(tool.ball_radius is None for tool in dataset.tools):

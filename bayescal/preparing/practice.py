@@ -15,6 +15,7 @@ import numpy as np
 
 from bayescal.dataset import Dataset
 from bayescal.dataset.append import taken
+from bayescal.dataset.target_kinds import KINDS
 from bayescal.effects import parameters_of
 from bayescal.errors import BayescalError
 from bayescal.model import ARM, Model, equilibrium, with_parameters
@@ -67,6 +68,11 @@ def practice(setup: Setup, options: Options) -> Simulated:
 
 def _planned(setup: Setup, options: Options) -> Dataset:
     """Contacts of the nominal arm: to calibrate with their repeats, on validation targets, and later ones."""
+    for target in setup.dataset.targets:
+        if KINDS[target.kind].posed:
+            raise BayescalError(
+                "images cannot be simulated", target.name, "leave cameras out, or take images"
+            )
     rng = stream(options.seed, "practice")
     different = options.contacts - (GROUP - 1) * options.repeats
     pool = candidates(setup, int(SPARE * (different + options.later)), options.seed)

@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from bayescal.arm.inverse import PASSES, descend, to_axes, to_points
+from bayescal.arm.inverse import PASSES, descend, to_axes, to_frames, to_points
 from bayescal.arm.motion import NominalArm
 
 MARGIN = np.radians(4.0)
@@ -82,8 +82,9 @@ def inverse(
     axes: np.ndarray,
     passes: int = PASSES,
     free: np.ndarray | bool = False,
+    turns: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Readings for a position of the TCP and a direction of the z axis of the tool; its roll is free.
+    """Readings for a position of the TCP and a direction of the z axis of the tool, or for its orientation.
 
     Parameters
     ----------
@@ -97,6 +98,8 @@ def inverse(
         Maximum number of steps.
     free : np.ndarray of bool, shape (M,)
         Rows of which only the position is solved.
+    turns : np.ndarray, shape (M, 3, 3), optional
+        Orientations of the tool in F0, as far as the arm has joints; where nan, the roll is free.
 
     Returns
     -------
@@ -107,7 +110,14 @@ def inverse(
     """
     angles, solved = arm.angles_of(starts), np.zeros(len(starts), bool)
     free, (low, high) = np.broadcast_to(free, len(starts)) | (arm.robot.n < DIRECTED), arm.range
-    for rows, directed in ((np.flatnonzero(free), False), (np.flatnonzero(~free), True)):
-        task = to_axes(arm, points[rows], axes[rows]) if directed else to_points(arm, points[rows])
+    turned = np.zeros(len(starts), bool) if turns is None else np.isfinite(turns).all(axis=(1, 2))
+    goals = np.tile(np.eye(4), (len(starts), 1, 1))
+    goals[:, :3, 3] = points
+    goals[turned, :3, :3] = np.eye(3) if turns is None else turns[turned]
+    for rows, task in (
+        (r := np.flatnonzero(free & ~turned), to_points(arm, points[r])),
+        (r := np.flatnonzero(~free & ~turned), to_axes(arm, points[r], axes[r])),
+        (r := np.flatnonzero(turned), to_frames(arm, goals[r])),
+    ):
         angles[rows], solved[rows] = descend(task, angles[rows], low, high, passes)
     return arm.readings_of(angles), solved

@@ -77,11 +77,24 @@ class Sites(Rows):
         Outward unit normals, along which the tool leaves; nan where nothing is touched.
     axes : np.ndarray, shape (M, 3)
         Directions of the z axis of the tool: to be had where something is touched, else only a start.
+    turns : np.ndarray, shape (M, 3, 3)
+        Orientations of the tool in F0 that are to be had, as far as the arm has joints; nan where any may be.
+    fault : np.ndarray of object, shape (M,)
+        Why a place is of no use, or "".
     """
 
     points: np.ndarray
     normals: np.ndarray
     axes: np.ndarray
+    turns: np.ndarray
+    fault: np.ndarray
+
+    @classmethod
+    def at(cls, points: np.ndarray, normals: np.ndarray, axes: np.ndarray) -> Sites:
+        """Places with free orientation about the axes."""
+        return cls(
+            points, normals, axes, np.full((len(points), 3, 3), np.nan), np.full(len(points), "", object)
+        )
 
     @property
     def free(self) -> np.ndarray:
@@ -157,8 +170,8 @@ def reach(
     group : np.ndarray of int, shape (M,), optional
         Sites of one number serve for one contact: the first that is free is taken.
     """
-    readings, solved = inverse(arm, starts, sites.points, sites.axes, passes, sites.free)
-    reason = np.where(solved, "", UNREACHED).astype(object)
+    readings, solved = inverse(arm, starts, sites.points, sites.axes, passes, sites.free, sites.turns)
+    reason = np.where(sites.fault != "", sites.fault, np.where(solved, "", UNREACHED)).astype(object)
     pose = arm.frames(readings)
     inward = np.sum(arm.tool_axis(pose) * -sites.normals, axis=1)
     reason[(reason == "") & ~sites.free & (inward < np.cos(half_angle) - 1e-6)] = OUTSIDE

@@ -35,6 +35,8 @@ from bayescal.dataset.regions import Region, Session
 from bayescal.dataset.target_kinds import KINDS
 from bayescal.dataset.types import Dataset, Target, Tool
 
+LYING = np.radians(20.0)
+"""rad from the horizontal, up to which a board lies on a table (assumed)."""
 SQUARE = 0.02  # rad: faces of a box are perpendicular and parallel to within this
 
 
@@ -162,22 +164,38 @@ def scene_of(
         if (box := box_of(faces)) is not None:
             bodies.append((artefact, (box,), [t.name for t in faces]))
     of = {name: k for k, (_, _, on) in enumerate(bodies) for name in on}
+    of_posed: list[tuple[str, tuple[Shape, ...], list[str]]] = []
     for target in dataset.targets:
         planned = KINDS[target.kind].planned
         if regions and target.name in regions and target.name not in of and planned and planned.obstacle:
+            if KINDS[target.kind].posed:  # nothing touches it
+                of_posed.append((target.name, planned.obstacle(target, regions[target.name]), [target.name]))
+                continue
             of[target.name] = len(bodies)
             bodies.append((target.name, planned.obstacle(target, regions[target.name]), [target.name]))
+    lying = [body for body in of_posed if _lies(body[1][0], up)]
+    aloft = [body for body in of_posed if not _lies(body[1][0], up)]
+    bodies += lying
     labels = [name.partition("@")[2] for name in names] if regions is None else placements(names)
     label = dict(zip(names, labels, strict=True))
     solids = [Solid(name, shapes, label[on[-1]]) for name, shapes, on in bodies]
     if with_table and (solids or table is not None):
         solids = list(on_table(solids, up, table))
+    solids += [Solid(name, shapes, label[on[-1]]) for name, shapes, on in aloft]  # what carries it is unknown
     if regions is not None:
         moved = set(label.values())  # a single placement is there all the time
         solids += [
             replace(s, placement=s.placement if s.placement in moved else "") for s in own_solids(dataset)
         ]
     return Scene(tuple(solids), of)
+
+
+def _lies(shape: Shape, up: np.ndarray) -> bool:
+    """Whether a flat box lies, within `LYING`."""
+    if not isinstance(shape, Box):
+        return False
+    thin = int(np.argmin(shape.half))
+    return bool(abs(shape.pose[:3, thin] @ up) > np.cos(LYING))
 
 
 def artefacts(targets: Sequence[Target]) -> dict[str, list[Target]]:

@@ -262,7 +262,7 @@ LOGLESS = {
     "prior_width": 1.0,
     "remounted": False,
     "allow_xacro": False,
-    "contacts": 200,
+    "contacts": None,
     "for": "both",
     "after": None,
     "levers": ("payload", "approach"),

@@ -216,7 +216,7 @@ def load(
 
 def plan(
     setup: Source,
-    contacts: int = 200,
+    contacts: int | None = None,
     purpose: str = "both",
     model: Sequence[str] | str = (),
     *,
@@ -236,8 +236,9 @@ def plan(
     setup : Dataset, SimulatedSession or path
         Robot, tools, targets, certificates and noise; rows are ignored. A path needs no measurements.csv. Of
         a joint log the motions are planned that it lacks; it has none of the options.
-    contacts : int
-        Contacts to calibrate with, repeats included; those that validate spheres are added.
+    contacts : int, optional
+        Contacts to calibrate with, repeats included; those that validate spheres are added. Default: 200; of
+        cameras 33 images.
     purpose : str
         'distances', 'gap' (effects that the model lacks), or 'both'.
     model : sequence of str, or str
@@ -282,6 +283,7 @@ def plan(
     True
     """
     from bayescal.model.options import parts_of
+    from bayescal.planning.candidates import usual_count
     from bayescal.planning.plan import PlanOptions
     from bayescal.planning.plan import plan as run
 
@@ -295,7 +297,14 @@ def plan(
     where, open_ = _setup(setup, after, allow_xacro)
     effects = names(model) or (open_.effects if open_ else MODEL)
     options = PlanOptions(
-        contacts, purpose, effects, tuple(names(levers)), order, candidates, seed, validation=validation
+        usual_count(where) if contacts is None else contacts,
+        purpose,
+        effects,
+        tuple(names(levers)),
+        order,
+        candidates,
+        seed,
+        validation=validation,
     )
     if open_:
         without = parts_of(open_.without, effects)

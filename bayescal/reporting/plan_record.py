@@ -40,7 +40,7 @@ def table_of_plan(plan: Plan) -> str:
 
     rows = replace(
         m, payload=payloads(plan.session), xyz=empty(m.xyz), rpy=empty(m.rpy), length=empty(m.length),
-        u=None, stop=None, command=None, torque=None, time=None, temperature=None,
+        pixel=None, u=None, stop=None, command=None, torque=None, time=None, temperature=None,
     )  # fmt: skip
     head, *lines = table_text(replace(plan.session, measurements=rows), name_tool=True).splitlines()
     cells = zip(lines, clearances(plan), strict=True)

@@ -297,7 +297,15 @@ def _one(pool):
     from bayescal.planning.candidates import Possible
 
     m, row = pool.session.measurements, pool.candidates[:1]
-    return Possible(m.role[row], m.target[row], m.tool[row], m.readings[row], m.velocity[row], np.zeros(1))
+    return Possible(
+        m.role[row],
+        m.target[row],
+        m.tool[row],
+        m.readings[row],
+        m.velocity[row],
+        np.zeros(1),
+        np.ones(1, int),
+    )
 
 
 def test_compliances_of_the_robot_file_are_in_the_readings(setup):

@@ -1,0 +1,121 @@
+"""Plans of images: the board in view, by a projection of its own; better than random images."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from camera_sessions import BOARD, CENTRE, FOCAL, SIZE, camera_session
+
+from bayescal.arm.chain import chain_of, frames, link_angles
+from bayescal.arm.transforms import rpy_matrix
+from bayescal.errors import BayescalError
+from bayescal.planning.candidates import candidates, usual_count
+from bayescal.planning.exchange import select
+from bayescal.planning.expected import Random
+from bayescal.planning.goals import goals
+from bayescal.planning.plan import PlanOptions, plan
+from bayescal.planning.pool import condensed, linearised
+from bayescal.planning.setup import continued
+from bayescal.preparing.practice import practice
+from bayescal.reporting.plan_record import table_of_plan
+from bayescal.simulation import Options
+
+STEEPEST = 50.0
+
+
+@cache
+def setup(mount="flange"):
+    return continued(camera_session(mount, images=6, velocity=False))
+
+
+@cache
+def pool(mount="flange", count=480):
+    return candidates(setup(mount), count)
+
+
+def pose(rpy, xyz):
+    out = np.eye(4)
+    out[:3, :3], out[:3, 3] = rpy_matrix(rpy), xyz
+    return out
+
+
+@pytest.mark.parametrize("mount", ["flange", "fixed"])
+def test_board_in_view(mount):
+    some = pool(mount)
+    m, d = some.session.measurements, some.session
+    robot, tool, values = d.robot, d.tools[0], d.targets[0].values
+    assert len(some.candidates) > 40
+    rows = some.candidates
+    held = frames(chain_of(robot), link_angles(robot, m.readings[rows]))[:, -1] @ pose(tool.rpy, tool.centre)
+    fixed = pose(values["rpy"], values["xyz"])
+    seen = np.linalg.inv(held) @ fixed if mount == "flange" else np.linalg.inv(fixed) @ held
+    at = np.einsum("nij,kj->nki", seen[:, :3, :3], BOARD) + seen[:, None, :3, 3]
+    uv = at[..., :2] / at[..., 2:] * FOCAL + CENTRE
+    assert np.all((uv > 0.04 * SIZE) & (uv < 0.96 * SIZE))
+    assert np.all(at[..., 2] > 0)
+    middle = at.mean(axis=1)
+    angle = np.degrees(np.arccos(np.sum(seen[:, :3, 2] * middle, axis=1) / np.linalg.norm(middle, axis=1)))
+    assert angle.max() < STEEPEST + 0.1
+    assert angle.max() > 40
+    # both signs of the tilt about both axes of the board (the reach of the arm favours some), and all rolls
+    across = np.einsum("nji,nj->ni", seen[:, :3, :3], -middle)[:, :2]
+    for k in range(2):
+        assert 0.03 < np.mean(across[:, k] > 0) < 0.97
+    roll = np.arctan2(seen[:, 1, 0], seen[:, 0, 0])
+    assert np.abs(np.exp(1j * roll).mean()) < 0.6
+    low, high = robot.limits.T
+    assert np.all((m.readings[rows] > low) & (m.readings[rows] < high))
+
+
+def test_image_is_a_candidate():
+    some, count = pool(), len(BOARD)
+    new = np.arange(some.measured, len(some.session.measurements.ids))
+    assert len(new) == count * len(some.candidates)
+    assert np.array_equal(some.numbers(new), np.repeat(np.arange(len(some.candidates)), count))
+    assert np.array_equal(some.rows_of([1]), some.candidates[1] + np.arange(count))
+    assert np.all(some.numbers(np.arange(some.measured)) == -1)
+
+
+def test_condensed_has_the_same_information():
+    rng = np.random.default_rng(0)
+    rows, number = rng.normal(size=(31, 9)), np.repeat([0, 1, 2], [20, 1, 10])
+    fewer, of = condensed(rows, number)
+    assert np.array_equal(np.bincount(of), [9, 1, 9])
+    for k in range(3):
+        a, b = rows[number == k], fewer[of == k]
+        np.testing.assert_allclose(a.T @ a, b.T @ b, atol=1e-9)
+
+
+def test_better_than_random():
+    some = pool()
+    linear = linearised(some, ("geometry",))
+    at = [k for k, p in enumerate(linear.model.parameters) if p.name.startswith("on-flange")]
+    assert len(at) == 6
+    chosen = select(linear, goals(some, linear), 10, np.random.default_rng(0), starts=1)
+
+    def u(images):
+        return np.sqrt(np.diag(linear.covariance(images)))[at]
+
+    by_chance = np.median([u(s) for s in Random(some).selections(10, 15)], axis=0)
+    assert np.exp(np.mean(np.log(u(chosen) / by_chance))) < 0.9
+
+
+def test_plan_has_a_row_for_each_image():
+    options = PlanOptions(contacts=8, aim="distances", effects=("geometry",), candidates=240)
+    made = plan(setup(), options)
+    lines = table_of_plan(made).splitlines()
+    assert len(lines) == 9
+    assert "u_px" not in lines[0]
+    assert "j6_deg" in lines[0]
+    assert len(made.approach) == len(made.purpose) == 8
+    assert usual_count(setup()) == 33
+
+
+def test_refusals():
+    d = setup().dataset
+    values = dict(d.targets[0].values) | {"xyz": np.full(3, np.nan)}
+    with pytest.raises(BayescalError, match="where the board of `cam` is cannot be told"):
+        continued(replace(d, targets=(replace(d.targets[0], values=values),)))
+    with pytest.raises(BayescalError, match="images cannot be simulated"):
+        practice(setup(), Options())
