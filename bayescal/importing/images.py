@@ -142,22 +142,29 @@ def write_images(draft: ImageDraft, folder: Path, force: bool = False) -> None:
 
 
 def _readings(request: Request, robot: Robot) -> Table:
-    """The table of joint readings: image, j1_deg ..., and perhaps j1_degps ..., time_s."""
+    """The table of joint readings: image, j1_deg ..., and perhaps j1_degps ..., time_s.
+
+    Without `image` the ids of a plan are the names of its images.
+    """
     if not request.joints:
         raise BayescalError("no joint readings", "--joints", "give a table: image, j1_deg, j2_deg, ...")
     path = Path(request.joints)
     if not path.is_file():
         raise BayescalError("no such file", request.joints, "give the table of joint readings")
-    needed = ("image", *joint_columns("deg", robot.n))
+    angles = joint_columns("deg", robot.n)
 
     def check(header: list[str], where: str) -> None:
         check_names(header, where)
+        needed = ("id" if "image" not in header and "id" in header else "image", *angles)
         lacking = [c for c in needed if c not in header]
         if lacking:
             raise BayescalError(f"column `{lacking[0]}` is missing", where, f"needed: {listed(needed, 12)}")
         check_groups(header, where, [joint_columns("degps", robot.n)])
 
-    return read_cells(path, check)
+    table = read_cells(path, check)
+    return (
+        table if "image" in table.cells else replace(table, cells=table.cells | {"image": table.cells["id"]})
+    )
 
 
 def _images(folder: Path, readings: Table) -> dict[str, Path]:

@@ -115,14 +115,19 @@ def read_setup(folder: Path | str, robot: Loaded | None = None) -> Setup:
         If the folder breaks the contract, a noise or a ball is missing, or it is not known where a face can
         be probed.
     """
+    dataset = stated(folder, robot)
+    rows = _rows_in(Path(folder) / TABLE)
+    notes = (f"the {rows} rows of {TABLE} are ignored: `--after` continues a session",) if rows else ()
+    return _setup(dataset, (*notes, *assumed(dataset)))
+
+
+def stated(folder: Path | str, robot: Loaded | None = None) -> Dataset:
+    """What a folder states, of no measurements; raises as `read_setup`, but for unknown places."""
     folder = Path(folder)
     if not folder.is_dir():
         remedy = "give the folder, not a file in it" if folder.exists() else "check the path"
         raise BayescalError("no such folder", str(folder), remedy)
-    dataset, _, _ = read_settings(folder / SETTINGS, robot, assume=True)
-    rows = _rows_in(folder / TABLE)
-    notes = (f"the {rows} rows of {TABLE} are ignored: `--after` continues a session",) if rows else ()
-    return _setup(dataset, (*notes, *assumed(dataset)))
+    return read_settings(folder / SETTINGS, robot, assume=True)[0]
 
 
 def assumed(dataset: Dataset) -> tuple[str, ...]:

@@ -319,7 +319,7 @@ def _setup(
     from bayescal.dataset.read import expanded_robot, no_rows
     from bayescal.planning.plan import continuation
     from bayescal.planning.plan import continued as left_open
-    from bayescal.planning.setup import continued, read_setup
+    from bayescal.planning.setup import continued, read_setup, stated
 
     if isinstance(after, GapResult) and after.data is None:
         after = after.folder
@@ -332,16 +332,17 @@ def _setup(
     if isinstance(after, str | PathLike) and not (Path(after) / SETTINGS).is_file():
         remedy = "give a measured dataset, or a run folder of bayescal gap"
         raise BayescalError(f"there is no {SETTINGS} and no {GAP}", str(after), remedy)
-    if isinstance(source, str | PathLike):
-        setup = read_setup(Path(source), expanded_robot(Path(source)) if allow_xacro else None)
-    else:
-        one = session_of(source, allow_xacro=allow_xacro)
-        setup = continued(replace(one, measurements=no_rows(one.robot.n)))
-    if after is None:
-        return setup, None
-    measured = session_of(after, allow_xacro=allow_xacro)
-    _same(setup.dataset, measured)
-    return continued(replace(measured, plan=setup.dataset.plan or measured.plan)), None
+    folder = Path(source) if isinstance(source, str | PathLike) else None
+    robot = expanded_robot(folder) if folder and allow_xacro else None
+    if after is not None:  # the places of targets are those of the measured session
+        asked = stated(folder, robot) if folder else session_of(source, allow_xacro=allow_xacro)
+        measured = session_of(after, allow_xacro=allow_xacro)
+        _same(asked, measured)
+        return continued(replace(measured, plan=asked.plan or measured.plan)), None
+    if folder:
+        return read_setup(folder, robot), None
+    one = session_of(source, allow_xacro=allow_xacro)
+    return continued(replace(one, measurements=no_rows(one.robot.n))), None
 
 
 def _same(setup: Dataset, measured: Dataset) -> None:

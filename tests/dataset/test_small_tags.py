@@ -6,7 +6,6 @@ import camera_sessions
 import numpy as np
 import pytest
 
-from bayescal.arm import hand_eye
 from bayescal.dataset.cameras import closed_form
 
 HALF = 6e-3
@@ -22,16 +21,3 @@ def test_flipped_images_do_not_matter(seed, monkeypatch):
     _, _, found = closed_form(d, 0, np.arange(len(d.measurements.ids)), d.measurements.readings)
     assert np.linalg.norm(found.on_flange[:, 3] - camera_sessions.ON_FLANGE[:3, 3]) < 15e-3
     assert np.degrees(found.turned).max() < 10
-
-
-def test_flipped_pose():
-    pose = camera_sessions.pose([40, 10, 60], [0.02, 0.01, 0.8])[None, :3]
-    other = hand_eye.flipped(pose, TAG)
-    assert np.allclose(np.linalg.det(other[:, :, :3]), 1.0)
-
-    def pixels(p):
-        at = TAG @ p[0, :, :3].T + p[0, :, 3]
-        return 910 * at[:, :2] / at[:, 2:]
-
-    assert np.abs(pixels(pose) - pixels(other)).max() < 0.5 < np.degrees(np.abs(pose - other).max())
-    assert np.allclose(hand_eye.flipped(other, TAG), pose)

@@ -149,3 +149,14 @@ def test_a_checkerboard_is_numbered_from_one_end_in_all_images(tmp_path):
     # OpenCV numbers some images from the other end
     words = next(note for note in draft.notes if "from the other end" in note)
     assert ".png" in words
+
+
+def test_images_are_named_by_the_ids_of_a_plan(made, tmp_path):
+    plan = tmp_path / "plan.csv"
+    rows = [line.split(",") for line in (made / "flange.csv").read_text().splitlines()]
+    head = ["id", "role", *rows[0][1:], "payload_kg", "repeat"]
+    lines = [head, *([row[0].removesuffix(".png"), "calibrate", *row[1:], "0", ""] for row in rows[1:])]
+    plan.write_text("\n".join(map(",".join, lines)) + "\n")
+    one, other = convert(asked(made)), convert(asked(made, joints=str(plan)))
+    np.testing.assert_array_equal(one.dataset.measurements.pixel, other.dataset.measurements.pixel)
+    np.testing.assert_array_equal(one.dataset.measurements.readings, other.dataset.measurements.readings)

@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 from camera_sessions import BOARD, CENTRE, FOCAL, SIZE, camera_session
 
+import bayescal as bc
 from bayescal.arm.chain import chain_of, frames, link_angles
 from bayescal.arm.transforms import rpy_matrix
+from bayescal.dataset import write_dataset
 from bayescal.errors import BayescalError
 from bayescal.planning.candidates import candidates, usual_count
 from bayescal.planning.exchange import select
@@ -119,3 +121,13 @@ def test_refusals():
         continued(replace(d, targets=(replace(d.targets[0], values=values),)))
     with pytest.raises(BayescalError, match="images cannot be simulated"):
         practice(setup(), Options())
+
+
+def test_a_folder_of_images_is_continued(tmp_path):
+    write_dataset(camera_session(images=6, placed=False, velocity=False), tmp_path / "cell")
+    found = bc.plan(
+        tmp_path / "cell", after=tmp_path / "cell", contacts=3, candidates=240, purpose="distances"
+    )
+    assert len(found.contacts) == 3
+    with pytest.raises(BayescalError, match="where the board of `cam` is cannot be told"):
+        bc.plan(cell, contacts=3)
