@@ -124,10 +124,8 @@ def test_refusals():
 
 
 def test_a_folder_of_images_is_continued(tmp_path):
-    write_dataset(camera_session(images=6, placed=False, velocity=False), tmp_path / "cell")
-    found = bc.plan(
-        tmp_path / "cell", after=tmp_path / "cell", contacts=3, candidates=240, purpose="distances"
-    )
-    assert len(found.contacts) == 3
+    cell, few = tmp_path / "cell", {"contacts": 3, "candidates": 240, "purpose": "distances"}
+    write_dataset(camera_session(images=6, placed=False, velocity=False), cell)
+    assert len(bc.plan(cell, after=cell, **few).contacts) == 3
     with pytest.raises(BayescalError, match="where the board of `cam` is cannot be told"):
-        bc.plan(cell, contacts=3)
+        bc.plan(cell, **few)
