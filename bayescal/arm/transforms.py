@@ -114,6 +114,28 @@ def rigid_alignment(to: np.ndarray, of: np.ndarray, weight: np.ndarray | None = 
     return rigid(turn, a - turn @ b)
 
 
+FAR, FAR_ANGLE, PASSES = 10.0, np.radians(10.0), 10
+"""Rotations that differ from their mean by more than this times the median, and by this angle, are not of it;
+passes of the search."""
+
+
+def common_rotation(matrices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The mean (3, 3) of rotations (C, 3, 3), and the angle (C,), rad, of each from it.
+
+    Those that are far from most others do not count, as mirrored poses of a flat tag are.
+    """
+    from scipy.spatial.transform import Rotation  # slow to import, and many sessions need none
+
+    every = Rotation.from_matrix(matrices)
+    weight = np.ones(len(matrices))
+    for _ in range(PASSES):
+        angle = (every.mean(weight).inv() * every).magnitude()
+        weight = np.asarray(1.0 / (1.0 + (angle / max(2.0 * float(np.median(angle)), 1e-12)) ** 2))
+    near = angle <= max(FAR_ANGLE, FAR * float(np.median(angle)))
+    mean = every[near].mean()
+    return mean.as_matrix(), np.asarray((mean.inv() * every).magnitude())
+
+
 def cone(axis: np.ndarray, half_angle: float, rng: np.random.Generator) -> np.ndarray:
     """Unit vectors (M, 3), uniform in the cone of `half_angle` (rad) about each of axis (M, 3)."""
     count = len(axis)

@@ -11,15 +11,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bayescal.effects import Parameter
+from bayescal.effects import EFFECTS, Parameter
+from bayescal.effects.location import BOARD, CAMERA
 from bayescal.estimate import Estimate
 from bayescal.model import ARM
 from bayescal.model.block import Posed
 from factors.camera import Camera
 
-OF_EFFECT = {"step": "mount", "latency": "clock"}
-"""Sides of effects; of others that of their site, or the arm."""
-OF_SITE = {"camera": "camera", "board": "board"}
+SITES = (CAMERA.kind, BOARD.kind)
+"""Sites that are sides by themselves; all others are of the arm."""
 PLACE = "tool"
 """Effect of the parameters of hand-eye."""
 
@@ -51,7 +51,8 @@ class Images:
 
 def side(parameter: Parameter) -> str:
     """Whether a parameter is of the arm, the camera, the board, a mount or the clock."""
-    return OF_EFFECT.get(parameter.effect) or OF_SITE.get(parameter.site.kind, "arm")
+    known, site = EFFECTS.get(parameter.effect), parameter.site.kind
+    return (known.side if known else "") or (site if site in SITES else "arm")
 
 
 def images(estimate: Estimate) -> Iterator[Images]:

@@ -56,4 +56,5 @@ LATENCY = Effect(
     ),
     confusable_with=("unsettled",),
     directed=True,
+    side="clock",
 )

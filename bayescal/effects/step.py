@@ -135,5 +135,6 @@ STEP = Effect(
         "there."
     ),
     confusable_with=("thermal-drift",),
+    side="mount",
     of_session=True,
 )

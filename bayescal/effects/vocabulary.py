@@ -320,6 +320,8 @@ class Effect:
     beside_arm : bool
         It is an error of what measures the arm, not of the arm: widths of priors of the arm are told beside
         it.
+    side : str
+        Whose error it is in images, where this is neither the arm nor its site: mount or clock.
     linear_spring : bool
         Its parameters are compliances of linear springs, which any simulator has.
     simulated_within : float
@@ -347,6 +349,7 @@ class Effect:
     directed: bool = False
     of_session: bool = False
     beside_arm: bool = False
+    side: str = ""
     linear_spring: bool = False
     simulated_within: float = 0.0
 

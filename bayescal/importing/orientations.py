@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from bayescal.arm.chain import Robot, chain_of, frames, link_angles
-from bayescal.arm.transforms import rigid_alignment, rpy_matrix, rpy_of
+from bayescal.arm.hand_eye import angle
+from bayescal.arm.transforms import FAR, common_rotation, rigid_alignment, rpy_matrix, rpy_of
 from bayescal.dataset import Dataset, Target
-from bayescal.errors import BayescalError
+from bayescal.errors import BayescalError, listed
 from bayescal.importing.columns import Columns, first
 from bayescal.importing.rotations import CONVENTIONS, matrices, not_rotations, roll_pitch_yaw
 
@@ -104,6 +104,9 @@ def _start(rows: Sightings, centres: np.ndarray, stated: np.ndarray) -> np.ndarr
 APART = np.radians(5.0)
 """Typical difference between arm and reading that no nominal arm has: another convention."""
 
+MIRRORED = np.radians(10.0)
+"""Angle from the common frame from which on a single orientation is a mistake."""
+
 FEWEST = 4
 """Rows from which the orientations of a tool can be judged."""
 
@@ -145,6 +148,12 @@ def compared(dataset: Dataset, columns: Columns) -> tuple[str, bool]:
         return f"orientations are read as {words}; too few to compare them with the arm", True
     if off <= APART:
         within = f"within {np.degrees(off):.2g} deg (median) of the nominal arm"
+        angles = _angles(dataset, matrices(values, convention))
+        far = np.flatnonzero(angles > max(MIRRORED, FAR * off))
+        if len(far):
+            ids = listed([dataset.measurements.ids[row] for row in far], 6)
+            within += f"; {len(far)} are turned by {np.degrees(np.median(angles[far])):.0f} deg: {ids}"
+            within += " (poses of a flat tag may be mirrored; leave these rows out)"
         return f"orientations are read as {words}: {within}", True
     same = CONVENTIONS[convention].count, CONVENTIONS[convention].angles
     others = {
@@ -173,22 +182,27 @@ def _stated(columns: Columns) -> tuple[str, np.ndarray | None]:
 
 
 def _error(dataset: Dataset, turns: np.ndarray) -> float | None:
-    """Median angle, rad, from the tool's stated frame or the rows' mean to that of each; None for too few."""
+    """Median of `_angles`; None for too few."""
+    off = _angles(dataset, turns)
+    return None if np.isnan(off).all() else float(np.nanmedian(off))
+
+
+def _angles(dataset: Dataset, turns: np.ndarray) -> np.ndarray:
+    """Angles (N,), rad, of each row from the tool's stated frame or the rows' mean; nan where unknown."""
     rows = dataset.measurements
     placed = np.array([t.values.get("rpy") is not None for t in dataset.targets])
     usable = np.flatnonzero(np.isfinite(turns).all(axis=(1, 2)) & placed[rows.target])
     flange = flanges(dataset.robot, rows.readings)[:, :3, :3]
-    off = []
+    off = np.full(len(rows.ids), np.nan)
     for tool in np.unique(rows.tool[usable]):
         mine = usable[rows.tool[usable] == tool]
         if len(mine) < FEWEST:
             continue
         frame = np.array([rpy_matrix(dataset.targets[t].values["rpy"]) for t in rows.target[mine]])
-        between = Rotation.from_matrix(flange[mine].transpose(0, 2, 1) @ frame @ turns[mine])
+        between = flange[mine].transpose(0, 2, 1) @ frame @ turns[mine]
         rpy = dataset.tools[tool].rpy
-        stated = between.mean() if rpy is None else Rotation.from_matrix(rpy_matrix(rpy))
-        off.append((stated.inv() * between).magnitude())
-    return float(np.median(np.concatenate(off))) if off else None
+        off[mine] = common_rotation(between)[1] if rpy is None else angle(rpy_matrix(rpy), between)
+    return off
 
 
 def _few(values: np.ndarray) -> str:

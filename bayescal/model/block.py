@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 
 from bayescal.arm.motion import Motion, Term
-from bayescal.arm.transforms import rpy_matrix
+from bayescal.arm.transforms import common_rotation, rpy_matrix
 from bayescal.dataset import Dataset
 from factors import certificate
 from factors.kind import Kind
@@ -346,12 +346,5 @@ def tool_frames(dataset: Dataset, flange: np.ndarray) -> np.ndarray:
         elif len(rows):
             turns = [np.asarray(dataset.targets[t].values["rpy"]) for t in m.target[rows]]
             seen = rpy_matrix(np.array(turns)) @ read(dataset, rows)
-            out[k] = mean_rotation(np.swapaxes(flange[rows], -1, -2) @ seen)
+            out[k] = common_rotation(np.swapaxes(flange[rows], -1, -2) @ seen)[0]
     return out
-
-
-def mean_rotation(matrices: np.ndarray) -> np.ndarray:
-    """The rotation (3, 3) nearest to the mean of rotations (C, 3, 3)."""
-    from scipy.spatial.transform import Rotation  # slow to import, and many sessions need none
-
-    return Rotation.from_matrix(matrices).mean().as_matrix()

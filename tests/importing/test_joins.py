@@ -17,6 +17,7 @@ from bayescal.errors import BayescalError
 from bayescal.importing import Request, convert, write
 from bayescal.importing.orientations import flanges
 from bayescal.importing.roles import stops_of, with_roles
+from bayescal.model.scene import Scene
 
 ARM = "fanuc-lrmate200ic"
 USUAL = {"robot": ARM, "noise": "10 um"}
@@ -488,8 +489,11 @@ def test_roles_of_a_template_are_the_log_s(cube, tmp_path):
     np.testing.assert_array_equal(got.dataset.measurements.role == "validate", names == "cube.+z")
 
 
-def motion_capture(data, path, hidden):
-    """Poses of two bodies in turn, m, whose rows are empty or ``nan`` where the camera saw nothing."""
+def motion_capture(data, path, hidden=(), mirrored=()):
+    """Poses of two bodies in turn, m, whose rows are empty or ``nan`` where the camera saw nothing.
+
+    Orientations of some are turned by 50 deg, as those of a flat tag that is mirrored.
+    """
     rng = np.random.default_rng(4)
     turns = {name: Rotation.from_rotvec(rng.standard_normal(3)) for name in ("plate", "wand")}
     place = {"plate": np.array([0.05, 0.02, 0.04]), "wand": np.array([-0.03, 0.08, 0.1])}
@@ -497,7 +501,8 @@ def motion_capture(data, path, hidden):
     rows = []
     for i, flange in enumerate(flanges(data.robot, q)):
         body = "wand" if i % 2 else "plate"
-        quat = (Rotation.from_matrix(flange[:3, :3]) * turns[body]).as_quat()
+        flip = Rotation.from_rotvec(np.radians(50) * np.array([0.6, 0.8, 0.0]) * (i in mirrored))
+        quat = (flip * Rotation.from_matrix(flange[:3, :3]) * turns[body]).as_quat()
         at = flange[:3, :3] @ place[body] + flange[:3, 3]
         cells = [repr(float(x)) for x in (*at, *quat)]
         cells = [["", "nan"][i % 2]] * 7 if i in hidden else cells
@@ -527,3 +532,18 @@ def test_a_row_with_a_part_of_a_point_is_refused(tracked, tmp_path):
     map_ = "j*=A* deg, x=x m, y=y m, z=z m, tool=body"
     with pytest.raises(BayescalError, match=r"mocap\.csv:5: a part of a point"):
         write(convert(Request(log, map_, **USUAL)), tmp_path / "session")
+
+
+def test_mirrored_poses_are_named_and_do_not_move_the_frame(tracked, tmp_path):
+    log, _ = motion_capture(tracked, tmp_path / "mocap.csv", mirrored=(1, 5, 10, 11, 30))
+    map_ = "j*=A* deg, x=x m, y=y m, z=z m, rotation=qx qy qz qw xyzw, tool=body"
+    got = convert(Request(log, map_, robot=ARM, noise="0.1 mm, 0.02 deg"))
+    ids = [got.dataset.measurements.ids[row] for row in (1, 5, 10, 11, 30)]
+    words = next(note for note in got.notes if "orientations are read" in note)
+    assert "5 are turned by 50 deg" in words
+    assert all(i in words for i in ids)
+    plain, _ = motion_capture(tracked, tmp_path / "plain.csv")
+    other = convert(Request(plain, map_, robot=ARM, noise="0.1 mm, 0.02 deg"))
+    assert "turned by" not in " ".join(other.notes)
+    for one, two in zip(Scene(got.dataset).tool_frames, Scene(other.dataset).tool_frames, strict=True):
+        np.testing.assert_allclose(one, two, atol=1e-6)
