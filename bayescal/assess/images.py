@@ -1,4 +1,4 @@
-"""What errs in images: the arm, the camera, the board, a mount or the clock, each in pixels.
+"""Whose error it is in images: of the arm, the camera, the board, a mount or the clock, each in pixels.
 
 The part of a side is what its estimated parameters change in the images, less what another place of the
 camera and of the board would change: hand-eye and place are estimated anew without it.
@@ -56,7 +56,7 @@ def side(parameter: Parameter) -> str:
 
 
 def images(estimate: Estimate) -> Iterator[Images]:
-    """What errs in the images of each camera of a fit, the largest part first."""
+    """What every side changes in the images of each camera of a fit, the largest first."""
     for block in estimate.model.blocks:
         if isinstance(block, Posed) and isinstance(block.kind, Camera):
             found = _of(estimate, block, block.kind)

@@ -122,7 +122,7 @@ def read_setup(folder: Path | str, robot: Loaded | None = None) -> Setup:
 
 
 def stated(folder: Path | str, robot: Loaded | None = None) -> Dataset:
-    """What a folder states, of no measurements; raises as `read_setup`, but for unknown places."""
+    """What a folder states, of no measurements; raises as `read_setup`, except for unknown places."""
     folder = Path(folder)
     if not folder.is_dir():
         remedy = "give the folder, not a file in it" if folder.exists() else "check the path"

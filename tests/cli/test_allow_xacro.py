@@ -50,7 +50,15 @@ FUNCTIONS = {
     "simulate robot": lambda p, **allow: bc.simulate(str(p.arm), **allow),
     "simulate setup": lambda p, **allow: bc.simulate(setup=p.cell, **allow),
 }
-OTHER = {"init folder", "import log", "import out", "import points", "robots.load_robot folder"}
+OTHER = {
+    "check calibration",
+    "import calibration",
+    "init folder",
+    "import log",
+    "import out",
+    "import points",
+    "robots.load_robot folder",
+}
 """Arguments that name a path, and no dataset or robot."""
 
 

@@ -156,7 +156,11 @@ def lengths_without(arm, names):
 UNIT_OF = {"a2": "mm", "alpha2": "deg", "theta2": "deg", "scale J2": "1", "compliance J2": "urad/(N m)"}
 
 
-@pytest.mark.parametrize("name", [f for f in FORMATS if f != "hand-eye"])  # this one has a session of its own
+OF_THEIR_OWN = {"hand-eye", "lerobot", "lerobot-dynamixel", "pal"}
+"""Formats of a session or of a file of their own."""
+
+
+@pytest.mark.parametrize("name", sorted(set(FORMATS) - OF_THEIR_OWN))
 def test_values_of_a_sidecar_are_in_their_units(name):
     session = session_of("universal-robots-ur5e") if name == "ur-yaml" else session_of()
     arm = fake(session, ("geometry", "compliance", "encoder-scale", "payload"), scale=0.4)

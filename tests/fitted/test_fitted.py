@@ -364,7 +364,9 @@ def test_a_negative_compliance(soft):
     assert "compliance J3" not in [i.parameter for i in out.written.items]
 
 
-@pytest.mark.parametrize("to", [f for f in FORMATS if f not in ("ur-yaml", "hand-eye")])
+@pytest.mark.parametrize(
+    "to", [f for f in FORMATS if f not in ("ur-yaml", "hand-eye", "lerobot", "lerobot-dynamixel", "pal")]
+)
 def test_every_format_can_be_forced(soft, to):
     """What a format cannot hold, as a spring that pushes, is left out and said."""
     with pytest.raises(BayescalError, match="not exported"):

@@ -1,4 +1,4 @@
-"""What errs in images: ``images`` of the records, lines of the terminal, a table of the page."""
+"""Whose error it is in images: ``images`` of the records, lines of the terminal, a table of the page."""
 
 from __future__ import annotations
 

@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 
 import analysis.world
-from analysis.blind.make import GENERATOR
+from analysis.blind.make import CONTACTS
+from analysis.blind.make import GENERATORS as VERSIONS
 from analysis.world import arm, scene, session, visible
 from analysis.world import build as world
 from analysis.world.mix import FORMS, GENERATORS, MIX, NAMED, ON_CUBE, recipe, stage
@@ -36,7 +37,7 @@ TRUTH = ("truth", "effect", "lambda", "oracle", "outlier")
 def number_of(kind: str, what: str) -> int:
     drawn = ((k, *recipe(SEED, k)) for k in range(10 * len(MIX)))
     return next(k for k, drawn_kind, makers in drawn
-                if drawn_kind == kind and stage(SEED, k, GENERATOR, makers) == what)  # fmt: skip
+                if drawn_kind == kind and stage(SEED, k, VERSIONS[CONTACTS], makers) == what)  # fmt: skip
 
 
 @pytest.fixture(scope="module", params=WORLDS)
@@ -205,7 +206,7 @@ def test_what_a_fit_on_spheres_absorbs_is_not_visible():
 
 
 def test_new_sessions_are_of_the_latest_generator():
-    assert GENERATORS[-1] == GENERATOR
+    assert GENERATORS[-1] == VERSIONS[CONTACTS]
 
 
 def test_a_cause_with_steep_steps_is_touched_too():
