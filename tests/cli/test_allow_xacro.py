@@ -51,12 +51,7 @@ FUNCTIONS = {
     "simulate setup": lambda p, **allow: bc.simulate(setup=p.cell, **allow),
 }
 OTHER = {
-    "check calibration",
-    "import calibration",
-    "init folder",
-    "import log",
-    "import out",
-    "import points",
+    *("check calibration", "import calibration", "init folder", "import log", "import out", "import points"),
     "robots.load_robot folder",
 }
 """Arguments that name a path, and no dataset or robot."""

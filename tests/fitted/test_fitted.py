@@ -364,9 +364,11 @@ def test_a_negative_compliance(soft):
     assert "compliance J3" not in [i.parameter for i in out.written.items]
 
 
-@pytest.mark.parametrize(
-    "to", [f for f in FORMATS if f not in ("ur-yaml", "hand-eye", "lerobot", "lerobot-dynamixel", "pal")]
-)
+OF_THEIR_OWN = {"ur-yaml", "hand-eye", "lerobot", "lerobot-dynamixel", "pal"}
+"""Formats of another robot or session, or of a file of their own."""
+
+
+@pytest.mark.parametrize("to", sorted(set(FORMATS) - OF_THEIR_OWN))
 def test_every_format_can_be_forced(soft, to):
     """What a format cannot hold, as a spring that pushes, is left out and said."""
     with pytest.raises(BayescalError, match="not exported"):
