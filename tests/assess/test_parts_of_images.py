@@ -11,7 +11,7 @@ from bayescal.assess.images import images, side
 from bayescal.estimate import estimate
 from bayescal.model import ARM, build
 from bayescal.model.scene import Scene
-from bayescal.reporting.shared.images import images_lines, images_record, images_sheet
+from bayescal.reporting.shared.images import images_keys, images_lines, images_record, images_sheet
 
 ZEROS = np.array([0.0, 1e-3, -2e-3, 1.5e-3, 1e-3, 0.0])
 
@@ -89,3 +89,11 @@ def test_poses_of_images_are_those_of_their_rows(found):
     assert len(apart.images[0].rows) > 200
     values = found.arm + np.zeros((2, 1))
     np.testing.assert_allclose(apart.seen(values), block.seen(values)[..., order], atol=1e-13)
+
+
+def test_the_page_leads_with_the_largest_part(found):
+    ((name, value, detail),) = images_keys({"images": images_record(found)})
+    assert name == "In the images of cam"
+    assert value.startswith("arm ")
+    assert "board" in detail
+    assert not list(images_keys({}))

@@ -23,7 +23,7 @@ from bayescal.reporting.page.section import (
     blocks,
     texts,
 )
-from bayescal.reporting.shared.images import images_sheet
+from bayescal.reporting.shared.images import images_keys, images_sheet
 from bayescal.reporting.shared.sheet import Column, Sheet, as_is
 from bayescal.reporting.shared.text import (
     MISSING,
@@ -66,7 +66,7 @@ def first(run: Run) -> Section:
         tone,
         {"good": "✓", "warn": "?", "bad": "✗"}[tone],
         [_why(run)] if not good else ["Not to be used, for the reasons below."] if against else (),
-        keys=list(_keys(record)),
+        keys=[*_keys(record), *images_keys(record)],
         fault_title="What is wrong",
         faults=faults,
         next=_next(run),

@@ -11,7 +11,7 @@ from bayescal.reporting.gap import sheets
 from bayescal.reporting.page import common
 from bayescal.reporting.page.arm import draw_arm, marked_sites
 from bayescal.reporting.page.section import Fault, FirstScreen, Run, Section, Text, blocks, texts
-from bayescal.reporting.shared.images import images_sheet
+from bayescal.reporting.shared.images import images_keys, images_sheet
 from bayescal.reporting.shared.origin import possible
 from bayescal.reporting.shared.sheet import Sheet
 from bayescal.reporting.shared.text import MISSING, interval, length, probability, rival, share
@@ -53,7 +53,7 @@ def first(run: Run) -> Section:
         sign,
         _lines(word, record["words"]),
         LINES,
-        list(_keys(record)),
+        [*_keys(record), *images_keys(record)],
         "What is wrong, and what to look at",
         _faults(record),
         draw_arm(run) if sites else None,

@@ -27,14 +27,25 @@ def images_record(estimate: Estimate | None) -> list[dict[str, Any]]:
 
 def images_lines(record: Json) -> Facts:
     """A line for each camera: its sides, the largest first, and its noise."""
-    for k, found in enumerate(record["images"]):
+    for k, (target, *words) in enumerate(_words(record)):
+        several = f"{target}: " if len(record["images"]) > 1 else ""
+        yield "" if k else "in the images", several + "; ".join(words), ""
+
+
+def images_keys(record: Json) -> Iterator[tuple[str, str, str]]:
+    """The same as key figures of a page: a name, the largest part, and the others."""
+    for target, first, *others in _words(record):
+        yield f"In the images of {target}", first, "; ".join(others)
+
+
+def _words(record: Json) -> Iterator[list[str]]:
+    """Of each camera its target, its sides, the largest first, and its noise."""
+    for found in record.get("images", ()):
         parts = [f"{p['side']} {_rms(p)} px" for p in found["parts"]]
         if parts:
             first = found["parts"][0]
             parts[0] += f" RMS, at most {first['max_px']:.2g} px or {first['max_mm']:.2g} mm"
-        several = f"{found['target']}: " if len(record["images"]) > 1 else ""
-        words = "; ".join([*parts, f"noise {found['noise_px']:.2g} px per coordinate"])
-        yield "" if k else "in the images", several + words, ""
+        yield [found["target"], *parts, f"noise {found['noise_px']:.2g} px per coordinate"]
 
 
 def images_sheet(record: Json) -> Sheet:
