@@ -345,6 +345,8 @@ class DesignSettings:
 
     contacts: int = 40
     """Number of new contacts in an advice."""
+    images: int = 12
+    """The same of images."""
     better: float = 1.2
     """Factor of an intervention over the lambda of the repeated poses, required for advice (assumed)."""
     least: float = 2.0

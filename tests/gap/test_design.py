@@ -9,6 +9,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from camera_sessions import camera_session
 from sessions import with_columns
 
 import bayescal as bc
@@ -16,7 +17,16 @@ from bayescal.estimate import Estimate, estimate, solve
 from bayescal.gap.design import advise as advising
 from bayescal.gap.design.advise import next_contacts
 from bayescal.gap.design.blind_spots import blind_spots, distances, located, seats, unseen
-from bayescal.gap.design.candidate_contacts import AGAIN, SPHERES, possibilities, turns, widened
+from bayescal.gap.design.candidate_contacts import (
+    AGAIN,
+    SPHERES,
+    PairSide,
+    contacts_of,
+    in_images,
+    possibilities,
+    turns,
+    widened,
+)
 from bayescal.gap.linear.evidence import project
 from bayescal.gap.linear.problem import problem
 from bayescal.gap.linear.state import fit_state
@@ -292,7 +302,7 @@ def test_the_first_contact_is_the_best_of_all():
         for pair in ((a, b), (b, a)):
             side = intervention.side(*pair)
             for row in np.flatnonzero(intervention.contact == k):
-                side.add(int(row))
+                side.add(np.array([row]))
             ends.append(side.strength)
         reached.append(min(ends))
     order, after = advising.choose(
@@ -412,3 +422,32 @@ def test_the_file_is_written_where_contacts_are_advised(tmp_path):
     if listed:
         text = (tmp_path / "run" / "next.csv").read_text(encoding="utf-8")
         assert [row["id"] for row in csv.DictReader(io.StringIO(text))] == listed
+
+
+def test_residuals_of_a_contact_at_once_are_as_one_after_another():
+    rng = np.random.default_rng(2)
+    design, root = rng.standard_normal((20, 5)), rng.standard_normal((5, 5))
+
+    def side():
+        return PairSide(1.0, root @ root.T, np.full(5, 0.3), design, np.arange(20.0))
+
+    one, other, rows = side(), side(), np.array([2, 7, 8, 19])
+    one.add(rows)
+    for row in rows:
+        other.add(np.array([row]))
+    for name in ("strength", "covariance", "variance", "error"):
+        np.testing.assert_allclose(getattr(one, name), getattr(other, name), rtol=1e-9, atol=1e-10)
+    assert one.strength > 1.0
+
+
+def test_an_image_is_one_contact_with_all_its_corners():
+    scene = Scene(camera_session(images=6, velocity=False))
+    rows = np.arange(48, 120)
+    number, first = contacts_of(scene, np.tile(rows, 2))
+    np.testing.assert_array_equal(number, np.repeat(np.arange(6), 24))
+    np.testing.assert_array_equal(first, np.arange(0, 144, 24))
+    assert in_images(scene).all()
+    plain = spheres().fitted.model.scene
+    number, first = contacts_of(plain, np.arange(12))
+    np.testing.assert_array_equal(number, np.arange(12))
+    assert not in_images(plain).any()

@@ -15,7 +15,7 @@ import numpy as np
 from bayescal.dataset import Dataset
 from bayescal.estimate import Estimate
 from bayescal.gap.design.blind_spots import NOWHERE, Places
-from bayescal.gap.design.candidate_contacts import AGAIN, PairSide, Possible, possibilities
+from bayescal.gap.design.candidate_contacts import AGAIN, PairSide, Possible, in_images, possibilities
 from bayescal.gap.examine import Examined
 from bayescal.gap.result import Advice, NextContact, Pair, Side, Suspect
 from bayescal.gap.search.beam import Hypothesis
@@ -48,9 +48,9 @@ def choose(
         best = int(np.argmax(np.min(reach, axis=0) + allowed))
         allowed[pose == pose[best]] = -np.inf
         order.append(best)
-        for row in np.flatnonzero(contact == best):
-            for side in sides:
-                side.add(int(row))
+        rows = np.flatnonzero(contact == best)
+        for side in sides:
+            side.add(rows)
     return order, min(s.strength for s in sides)
 
 
@@ -92,6 +92,7 @@ def advise(
         return ()
     interventions = possibilities(fitted, known, members, places)
     dataset = fitted.model.scene.dataset
+    contacts = min(contacts, DESIGN.images) if in_images(fitted.model.scene).all() else contacts
     readings = dataset.measurements.readings
     out: list[Advice] = []
     for a, b in pairs:

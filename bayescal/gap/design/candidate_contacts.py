@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy.linalg import block_diag
+from scipy.linalg import block_diag, solve_triangular
 
 from bayescal.arm.chain import wrenches
 from bayescal.arm.statics import Stance
@@ -139,15 +139,16 @@ class PairSide:
         self.variance = np.sum(self.design @ self.covariance * self.design, axis=1)
         self.error = self.x - self.design @ self.absorbed
 
-    def add(self, row: int) -> None:
-        """Add a residual."""
-        gain = self.covariance @ self.design[row]
-        across, by = self.design @ gain, 1.0 + float(self.design[row] @ gain)
-        wrong = float(self.error[row])
-        self.strength += wrong**2 / by
-        self.error -= across * (wrong / by)
-        self.variance -= across**2 / by
-        self.covariance = self.covariance - np.outer(gain, gain / by)
+    def add(self, rows: np.ndarray) -> None:
+        """Add the residuals of a contact."""
+        gain = self.covariance @ self.design[rows].T
+        by = np.linalg.cholesky(np.eye(len(rows)) + self.design[rows] @ gain)
+        white = solve_triangular(by, gain.T, lower=True)
+        wrong, across = solve_triangular(by, self.error[rows], lower=True), self.design @ white.T
+        self.strength += float(wrong @ wrong)
+        self.error -= across @ wrong
+        self.variance -= np.sum(across**2, axis=1)
+        self.covariance = self.covariance - white.T @ white
 
 
 @dataclass(frozen=True)
@@ -228,6 +229,7 @@ def _linear(
     fitted: Estimate, wide: Model, values: np.ndarray, intervention: Intervention, used: np.ndarray, main: str
 ) -> Possible:
     model, target = fitted.model, wide.scene.dataset.measurements.target
+    number, first = contacts_of(model.scene, intervention.source)
     count, contact, designs, pools = len(model.parameters), [], [], []
     for fit in length_blocks(model):
         candidates = np.flatnonzero(np.isin(intervention.source, fit.rows))
@@ -243,17 +245,19 @@ def _linear(
         design = np.zeros((block.residuals, len(fitted.z)))
         design[:, :count] = by_arm[:, :count]
         design[:, model.slices[fit.target]] = by_own / sigma
-        contact.append(np.tile(candidates, block.kind.rows))
+        contact.append(np.tile(number[candidates], block.kind.rows))
         designs.append(design)
         pools.append(by_arm[:, count:])
     none = np.zeros((sum(map(len, contact)), 0)), np.zeros((0, 0))
     designs_of_all, pool = np.concatenate(designs), np.concatenate(pools)
     m, stated = wide.scene.dataset.measurements, model.scene.dataset.measurements
-    loaded = m.payload is not None and (stated.payload is not None or np.any(m.payload[intervention.rows]))
+    own = intervention.rows[first]
+    loaded = m.payload is not None and (stated.payload is not None or np.any(m.payload[own]))
     return Possible(
-        intervention.what, intervention.source, np.concatenate(contact), designs_of_all, used, pool, *none,
-        None if m.velocity is None else m.velocity[intervention.rows],
-        m.payload[intervention.rows] if m.payload is not None and loaded else None,
+        intervention.what, intervention.source[first], np.concatenate(contact), designs_of_all, used, pool,
+        *none,
+        None if m.velocity is None else m.velocity[own],
+        m.payload[own] if m.payload is not None and loaded else None,
     )  # fmt: skip
 
 
@@ -326,9 +330,30 @@ def _candidates(name: str, setting: Setting, c: Circumstances) -> list[Parameter
 
 
 def _poses(fitted: Estimate) -> np.ndarray:
-    """Fitted rows without outliers, each pose once, evenly over the session, at most `DESIGN.poses`."""
+    """Fitted rows without outliers, each pose once, evenly over the session, at most `DESIGN.poses`.
+
+    Of a camera all corners of these images.
+    """
     scene = fitted.model.scene
     rows = np.setdiff1d(scene.rows("calibrate"), fitted.rejected)
-    _, first = np.unique(scene.dataset.measurements.readings[rows].round(3), axis=0, return_index=True)
-    rows = rows[np.sort(first)]
-    return rows[np.unique(np.linspace(0, len(rows) - 1, DESIGN.poses).round().astype(int))]
+    _, first, pose = np.unique(
+        scene.dataset.measurements.readings[rows].round(3), axis=0, return_index=True, return_inverse=True
+    )
+    chosen = np.sort(first)
+    chosen = chosen[np.unique(np.linspace(0, len(chosen) - 1, DESIGN.poses).round().astype(int))]
+    kept = np.isin(np.arange(len(rows)), chosen)
+    return rows[kept | (in_images(scene)[rows] & np.isin(pose, pose[chosen]))]
+
+
+def in_images(scene: Scene) -> np.ndarray:
+    """Which rows are corners in images, (N,)."""
+    return np.array([kind.posed for kind in scene.declared])[scene.dataset.measurements.target]
+
+
+def contacts_of(scene: Scene, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The contact of each row (C,), and the first row of each: successive rows of one image are one."""
+    m = scene.dataset.measurements
+    new = np.any(m.readings[rows[1:]] != m.readings[rows[:-1]], axis=1) | (rows[1:] <= rows[:-1])
+    new |= ~in_images(scene)[rows[1:]]
+    first = np.append(True, new)[: len(rows)]
+    return np.cumsum(first) - 1, np.flatnonzero(first)

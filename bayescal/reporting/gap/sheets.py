@@ -302,10 +302,16 @@ def table_of_contacts(contacts: Sequence[Json]) -> str:
     return csv_text(head, rows)
 
 
-def first_contacts(contacts: Sequence[Json]) -> Sheet:
-    """The first of the contacts that are advised."""
+def measured_as(record: Json, contacts: Sequence[Json]) -> str:
+    """Whether contacts that are advised are images of a camera, or contacts."""
+    cameras = {found["target"] for found in record.get("images", ())}
+    return "image" if contacts and all(c["target"] in cameras for c in contacts) else "contact"
+
+
+def first_contacts(contacts: Sequence[Json], noun: str = "contact") -> Sheet:
+    """The first of the contacts, or images, that are advised."""
     shown = contacts[:FIRST]
-    columns = [Column("next contacts", "id"), Column("target", "target")]
+    columns = [Column(f"next {noun}s", "id"), Column("target", "target")]
     columns += [
         Column(f"J{k + 1} (deg)", of_key(lambda c, k: c["j_deg"][k], k), "{:.3f}".format)
         for k in range(len(shown[0]["j_deg"]))

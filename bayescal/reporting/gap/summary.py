@@ -66,7 +66,7 @@ def gap_summary(gap: Gap, record: Json) -> RenderableType:
         parts += [terminal(levels, "model: RMS (µm)", *levels.headings), ""]
     parts.append(facts(_next(record)))
     if advised := [c for advice in record["next"] for c in advice["contacts"]]:
-        parts.append(terminal(first_contacts(advised)))
+        parts.append(terminal(first_contacts(advised, sheets.measured_as(record, advised))))
     if record["blind_spots"]:
         blind = sheets.blind_sheet(record)
         more = f" ({BLIND} of {len(blind.items)})" if len(blind.items) > BLIND else ""
@@ -209,7 +209,8 @@ def _levels(record: Json) -> Sheet:
 def _next(record: Json) -> Facts:
     for k, a in enumerate(record["next"][:ADVICE]):
         count = len(a["contacts"])
-        more = f", {count} contact{'s' if count > 1 else ''} in next.csv" if count else ""
+        noun = sheets.measured_as(record, a["contacts"])
+        more = f", {count} {noun}{'s' if count > 1 else ''} in next.csv" if count else ""
         what = f"{listed(map(rival, a['separates']), 'from')}: {a['what']}{more}"
         detectability = f"(detectability {a['lambda_before']:.0f} to {a['lambda_after']:.0f})"
         yield "" if k else "measure next", f"to distinguish {what} {detectability}", ""
