@@ -283,7 +283,9 @@ def detectability(cell: Cell, q: np.ndarray, velocity: np.ndarray, shift: np.nda
     return float(white @ white - (by.T @ white) @ taken)
 
 
-def build(seed: int, number: int, side: str = "", goal: float = 0.0) -> tuple[dict[str, str], dict]:
+def build(
+    seed: int, number: int, side: str = "", goal: float = 0.0, count: int = 0
+) -> tuple[dict[str, str], dict]:
     """Return the files of a session by name, and its truth.
 
     Parameters
@@ -294,6 +296,8 @@ def build(seed: int, number: int, side: str = "", goal: float = 0.0) -> tuple[di
         Where something is hidden; drawn of `SIDES` without one.
     goal : float
         Its detectability; drawn between the values of `GOAL` without one.
+    count : int
+        Images; drawn without one.
     """
     rng = np.random.default_rng([seed, 7, number])
     side = side or str(rng.choice(SIDES))
@@ -316,7 +320,8 @@ def build(seed: int, number: int, side: str = "", goal: float = 0.0) -> tuple[di
         np.concatenate([fixed.as_rotvec(), place]),
         carried,
     )
-    images = int(rng.integers(40, 81))
+    drawn = int(rng.integers(40, 81))
+    images = count or drawn
     q = _draw_poses(rng, cell, images)
     moving = side == "clock" or bool(rng.random() < 0.4)
     velocity = rng.uniform(-0.4, 0.4, q.shape)

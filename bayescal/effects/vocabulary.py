@@ -187,8 +187,7 @@ class Parameter:
     is the nominal value by default. A physically positive value has a normal prior too, which keeps the model
     linear in it; a negative estimate is reported.
 
-    A parameter that is a common factor of others, `stands_for`, displaces each by the factor times its prior
-    mean.
+    A common factor of others, `stands_for`, displaces each by the factor times its prior mean.
     """
 
     name: str
@@ -318,15 +317,13 @@ class Effect:
     of_session : bool
         It differs between sessions of the same arm.
     beside_arm : bool
-        It is an error of what measures the arm, not of the arm: widths of priors of the arm are told beside
-        it.
+        An error of what measures the arm: widths of priors of the arm are told beside it.
     side : str
-        Whose error it is in images, where this is neither the arm nor its site: mount or clock.
+        Whose error it is in images, if not the arm's or its site's: mount or clock.
     linear_spring : bool
         Its parameters are compliances of linear springs, which any simulator has.
     simulated_within : float
-        m: largest difference of TCP positions that it adds between an exported file in its simulator and the
-        fitted arm.
+        m: largest difference of TCP positions that it adds between arm and export in its simulator.
     """
 
     name: str

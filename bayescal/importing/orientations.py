@@ -143,12 +143,12 @@ def compared(dataset: Dataset, columns: Columns) -> tuple[str, bool]:
     convention, values = _stated(columns)
     if values is None:
         return "", True
-    off, words = _error(dataset, matrices(values, convention)), CONVENTIONS[convention].words
+    angles = _angles(dataset, matrices(values, convention))
+    off, words = _typical(angles), CONVENTIONS[convention].words
     if off is None:
         return f"orientations are read as {words}; too few to compare them with the arm", True
     if off <= APART:
         within = f"within {np.degrees(off):.2g} deg (median) of the nominal arm"
-        angles = _angles(dataset, matrices(values, convention))
         far = np.flatnonzero(angles > max(MIRRORED, FAR * off))
         if len(far):
             ids = listed([dataset.measurements.ids[row] for row in far], 6)
@@ -160,7 +160,7 @@ def compared(dataset: Dataset, columns: Columns) -> tuple[str, bool]:
         name: error
         for name, other in CONVENTIONS.items()
         if (other.count, other.angles) == same
-        and (error := _error(dataset, matrices(values, name))) is not None
+        and (error := _typical(_angles(dataset, matrices(values, name)))) is not None
     }
     best = min(others, key=lambda name: others[name])
     what = f"orientations as {convention} differ from the nominal arm by {np.degrees(off):.0f} deg (median)"
@@ -181,10 +181,9 @@ def _stated(columns: Columns) -> tuple[str, np.ndarray | None]:
     return column.turn, columns.block([f"rotation{i}" for i in range(count)])
 
 
-def _error(dataset: Dataset, turns: np.ndarray) -> float | None:
-    """Median of `_angles`; None for too few."""
-    off = _angles(dataset, turns)
-    return None if np.isnan(off).all() else float(np.nanmedian(off))
+def _typical(angles: np.ndarray) -> float | None:
+    """Median of angles (N,), rad; None where all are unknown."""
+    return None if np.isnan(angles).all() else float(np.nanmedian(angles))
 
 
 def _angles(dataset: Dataset, turns: np.ndarray) -> np.ndarray:

@@ -151,7 +151,12 @@ class Scene:
     @unposed
     def turning(self) -> np.ndarray:
         """Which rows depend on how the tool stands on the flange, (N,)."""
-        return self.posed | np.array([kind.posed for kind in self.declared])[self.dataset.measurements.target]
+        return self.posed | self.in_images
+
+    @unposed
+    def in_images(self) -> np.ndarray:
+        """Which rows are corners in images, (N,)."""
+        return np.array([kind.posed for kind in self.declared])[self.dataset.measurements.target]
 
     def nominal(self, target: int, rows: np.ndarray) -> np.ndarray:
         """What the kind of a target judges in some rows, nominal: points (3, C) or poses (3, 4, C)."""

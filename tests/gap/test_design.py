@@ -22,11 +22,11 @@ from bayescal.gap.design.candidate_contacts import (
     SPHERES,
     PairSide,
     contacts_of,
-    in_images,
     possibilities,
     turns,
     widened,
 )
+from bayescal.gap.design.candidate_contacts import _poses as poses_of
 from bayescal.gap.linear.evidence import project
 from bayescal.gap.linear.problem import problem
 from bayescal.gap.linear.state import fit_state
@@ -446,8 +446,23 @@ def test_an_image_is_one_contact_with_all_its_corners():
     number, first = contacts_of(scene, np.tile(rows, 2))
     np.testing.assert_array_equal(number, np.repeat(np.arange(6), 24))
     np.testing.assert_array_equal(first, np.arange(0, 144, 24))
-    assert in_images(scene).all()
+    assert scene.in_images.all()
     plain = spheres().fitted.model.scene
     number, first = contacts_of(plain, np.arange(12))
     np.testing.assert_array_equal(number, np.arange(12))
-    assert not in_images(plain).any()
+    assert not plain.in_images.any()
+
+
+def test_corners_of_an_image_need_not_be_together_in_the_session():
+    session = camera_session(images=5, velocity=False)
+    m = session.measurements
+    mixed = np.random.default_rng(3).permutation(len(m.ids))
+    rows = {k: getattr(m, k)[mixed] for k in ("readings", "pixel", "stop")}
+    session = with_columns(session, ids=tuple(np.array(m.ids)[mixed]), **rows)
+    found = estimate(build(Scene(session), ("geometry",)))
+    chosen = poses_of(found)
+    number, first = contacts_of(found.model.scene, chosen)
+    assert len(first) == 5
+    assert len(chosen) == 5 * 24 - len(found.rejected)
+    readings = session.measurements.readings[chosen]
+    np.testing.assert_array_equal(readings, readings[first][number])

@@ -15,7 +15,7 @@ import numpy as np
 from bayescal.dataset import Dataset
 from bayescal.estimate import Estimate
 from bayescal.gap.design.blind_spots import NOWHERE, Places
-from bayescal.gap.design.candidate_contacts import AGAIN, PairSide, Possible, in_images, possibilities
+from bayescal.gap.design.candidate_contacts import AGAIN, PairSide, Possible, possibilities
 from bayescal.gap.examine import Examined
 from bayescal.gap.result import Advice, NextContact, Pair, Side, Suspect
 from bayescal.gap.search.beam import Hypothesis
@@ -92,7 +92,7 @@ def advise(
         return ()
     interventions = possibilities(fitted, known, members, places)
     dataset = fitted.model.scene.dataset
-    contacts = min(contacts, DESIGN.images) if in_images(fitted.model.scene).all() else contacts
+    contacts = min(contacts, DESIGN.images) if fitted.model.scene.in_images.all() else contacts
     readings = dataset.measurements.readings
     out: list[Advice] = []
     for a, b in pairs:

@@ -336,24 +336,20 @@ def _poses(fitted: Estimate) -> np.ndarray:
     """
     scene = fitted.model.scene
     rows = np.setdiff1d(scene.rows("calibrate"), fitted.rejected)
-    _, first, pose = np.unique(
-        scene.dataset.measurements.readings[rows].round(3), axis=0, return_index=True, return_inverse=True
-    )
+    readings = scene.dataset.measurements.readings[rows].round(3)
+    _, first, pose = np.unique(readings, axis=0, return_index=True, return_inverse=True)
+    pose = pose.ravel()
     chosen = np.sort(first)
     chosen = chosen[np.unique(np.linspace(0, len(chosen) - 1, DESIGN.poses).round().astype(int))]
     kept = np.isin(np.arange(len(rows)), chosen)
-    return rows[kept | (in_images(scene)[rows] & np.isin(pose, pose[chosen]))]
-
-
-def in_images(scene: Scene) -> np.ndarray:
-    """Which rows are corners in images, (N,)."""
-    return np.array([kind.posed for kind in scene.declared])[scene.dataset.measurements.target]
+    kept |= scene.in_images[rows] & np.isin(pose, pose[chosen])
+    return rows[kept][np.argsort(first[pose[kept]], kind="stable")]  # all rows of an image together
 
 
 def contacts_of(scene: Scene, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The contact of each row (C,), and the first row of each: successive rows of one image are one."""
     m = scene.dataset.measurements
     new = np.any(m.readings[rows[1:]] != m.readings[rows[:-1]], axis=1) | (rows[1:] <= rows[:-1])
-    new |= ~in_images(scene)[rows[1:]]
+    new |= ~scene.in_images[rows[1:]]
     first = np.append(True, new)[: len(rows)]
     return np.cumsum(first) - 1, np.flatnonzero(first)
