@@ -1,14 +1,17 @@
 """Images of a board, rendered by a homography, to a session: corners, lens and mount, and what is refused."""
 
+import shlex
+
 import numpy as np
 import pytest
 from camera_sessions import CENTRE, FIXED, FOCAL, ON_FLANGE, SIZE, camera_session
 
 from bayescal.arm.chain import chain_of, frames, link_angles
-from bayescal.dataset import read_dataset
+from bayescal.dataset import Target, read_dataset, write_dataset
 from bayescal.dataset.table import joint_columns
 from bayescal.errors import BayescalError
 from bayescal.importing import Request, convert, write
+from bayescal.reporting.page.plan import commands
 
 cv2 = pytest.importorskip("cv2")
 PER_MM = 4
@@ -160,3 +163,18 @@ def test_images_are_named_by_the_ids_of_a_plan(made, tmp_path):
     one, other = convert(asked(made)), convert(asked(made, joints=str(plan)))
     np.testing.assert_array_equal(one.dataset.measurements.pixel, other.dataset.measurements.pixel)
     np.testing.assert_array_equal(one.dataset.measurements.readings, other.dataset.measurements.readings)
+
+
+def test_the_command_of_a_plan_imports_its_images(made, tmp_path, command):
+    plan, template = tmp_path / "run" / "plan.csv", camera_session("flange", images=14, velocity=False)
+    write_dataset(template, tmp_path / "run")
+    rows = [line.split(",") for line in (made / "flange.csv").read_text().splitlines()]
+    ids = [["id", *rows[0][1:]], *([row[0].removesuffix(".png"), *row[1:]] for row in rows[1:])]
+    plan.write_text("\n".join(map(",".join, ids)) + "\n")
+    words = shlex.split(commands(tmp_path / "run", template.targets)["images"])
+    given = {"IMAGES": str(made / "flange"), "SESSION": str(tmp_path / "new")}
+    code, _, errors = command(*(given.get(word, word) for word in words[1:]))
+    assert code == 0, errors
+    assert len(set(read_dataset(tmp_path / "new").measurements.stop)) == 14
+    log = commands(tmp_path / "run", (Target("a", "plane", {}), *template.targets))
+    assert list(log) == ["import", "fit", "gap"]

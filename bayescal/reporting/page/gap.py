@@ -167,8 +167,11 @@ def _next(run: Run) -> list[tuple[str, str]]:
         out.append(("Inspect the location that is marked, correct it, and measure again.", ""))
     open_ = record["verdict"] in ("ambiguous", "class", *sheets.UNMODELLED) or record["undecided"]
     if open_ and record.get("plannable", True) and not record["dataset"].get("sessions"):
-        command = f"bayescal plan {dataset} --after {shlex.quote(run.folder)} --for gap --contacts 60"
-        out.append(("Measure the contacts that decide between the explanations.", command))
+        advised = [c for advice in record["next"] for c in advice["contacts"]]
+        images = sheets.measured_as(record, advised) == "image"
+        what, count = ("Take the images", "") if images else ("Measure the contacts", " --contacts 60")
+        command = f"bayescal plan {dataset} --after {shlex.quote(run.folder)} --for gap{count}"
+        out.append((f"{what} that decide between the explanations.", command))
     if record["verdict"] == "null":
         out.insert(0, ("Calibrate with the model as it is.", f"bayescal fit {dataset}"))
     return out or [("Inspect the location that is marked, and measure again.", "")]

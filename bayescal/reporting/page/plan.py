@@ -9,6 +9,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from bayescal import __version__
+from bayescal.dataset.target_kinds import KINDS
+from bayescal.dataset.types import Target
 from bayescal.dataset.write import table_text, write_setup
 from bayescal.importing.onto import MEASURED
 from bayescal.importing.onto import PLAN as CONTACTS
@@ -24,6 +26,7 @@ from bayescal.storage.folders import whole
 
 STEPS = {
     "import": "Probe the contacts of plan.csv in their order, then import the log of the controller.",
+    "images": "Take an image at each row of plan.csv, named by its id, then import the images.",
     "fit": "Calibrate.",
     "gap": "Diagnose unmodelled effects.",
 }
@@ -105,14 +108,15 @@ def _inputs(plan: Plan) -> Section | None:
 PLAN, PICTURE, PAGE = "plan.json", "plan.png", "plan.html"
 
 
-def commands(folder: Path) -> dict[str, str]:
-    """What to run when the contacts are measured: the import of their log, and the calibration."""
-    run = shlex.quote(str(folder))
-    return {
-        "import": f"bayescal import LOG.csv --plan {run} --out SESSION",
-        "fit": "bayescal fit SESSION",
-        "gap": "bayescal gap SESSION",
-    }
+def commands(folder: Path, targets: Sequence[Target]) -> dict[str, str]:
+    """What to run when the contacts are measured: the import of their log or images, and the calibration."""
+    run, board = shlex.quote(str(folder)), targets[0].texts.get("board", "")
+    log = {"import": f"bayescal import LOG.csv --plan {run} --out SESSION"}
+    if all(KINDS[t.kind].posed for t in targets):
+        joints = shlex.quote(str(folder / CONTACTS))
+        options = f"--board {shlex.quote(board)} --joints {joints} --template {run}"
+        log = {"images": f"bayescal import IMAGES {options} --out SESSION" if board else ""}
+    return {**log, "fit": "bayescal fit SESSION", "gap": "bayescal gap SESSION"}
 
 
 def write_plan(
@@ -138,7 +142,7 @@ def write_plan(
     from bayescal.reporting.figures.plan import draw_plan
     from bayescal.reporting.shared.style import save_figure
 
-    later = commands(folder)
+    later = commands(folder, plan.session.targets)
     texts = {CONTACTS: table_of_plan(plan), PLAN: json_text(plan_record(plan, later), rows=False)}
     if plan.pool.measured:
         texts[MEASURED] = table_text(plan.pool.setup.dataset)
