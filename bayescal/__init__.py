@@ -5,7 +5,7 @@
 True
 
 Functions: `read_dataset`, `fit`, `diagnose`, `simulate`, `compare`, `export`, `verify`, `compensate`,
-`plan`, `init`, `check`, `schema`, `load`; packages: `robots`, `effects`, `plot` (figures). All are
+`plan`, `watch`, `init`, `check`, `schema`, `load`; packages: `robots`, `effects`, `plot` (figures). All are
 imported when first used.
 """
 
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from bayescal.public.functions import compare, diagnose, fit, read_dataset, simulate
     from bayescal.public.planning import load, plan
     from bayescal.public.starting import check, init, report, schema
+    from bayescal.public.watching import watch
 
 __version__ = "0.1.0"
 __all__ = [
@@ -45,6 +46,7 @@ __all__ = [
     "schema",
     "simulate",
     "verify",
+    "watch",
 ]
 
 _FROM = dict.fromkeys(("compare", "diagnose", "fit", "read_dataset", "simulate"), "bayescal.public.functions")
@@ -59,6 +61,7 @@ _FROM |= {
     "plan": "bayescal.public.planning",
     "report": "bayescal.public.starting",
     "verify": "bayescal.public.arms",
+    "watch": "bayescal.public.watching",
     "BayescalError": "bayescal.errors",
 }
 _MODULES = {"effects": "bayescal.effects", "plot": "bayescal.public.plot", "robots": "bayescal.robots"}

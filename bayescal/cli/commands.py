@@ -10,7 +10,7 @@ __all__ = ["app"]
 
 ORDER = (
     *("budget", "check", "compare", "compensate", "export", "fit", "gap", "import_", "init", "schema"),
-    *("plan", "report", "robots", "simulate", "verify"),
+    *("plan", "report", "robots", "simulate", "verify", "watch"),
 )
 """Of the commands in the help, by function."""
 app.registered_commands.sort(key=lambda command: ORDER.index(command.callback.__name__))  # type: ignore[union-attr]

@@ -264,3 +264,59 @@ def plan(
             probe_beyond_mm=probe_beyond_mm,
         )
     show(result.report(), folder, written)
+
+
+@command("bayescal watch cell --plan runs/cell-plan", "bayescal watch cell --enough-um 60 --idle-s 300")
+def watch(
+    dataset: Path = typer.Argument(metavar="DATASET"),
+    model: str = "geometry,compliance",
+    enough_um: float | None = None,
+    plan: Path | None = None,
+    idle_s: float = 600.0,
+    seed: int = 0,
+    out: Path | None = None,
+    robust: bool = True,
+    prior_width: float = 1.0,
+    pictures: bool = True,
+) -> None:
+    """Watch a session while it is measured: judge each contact, state U so far, and say when it is enough.
+
+    The table of the session grows while it is probed. A contact that the others contradict is set aside at
+    once, and should be measured again. The run folder is that of `bayescal fit --samples 0` of all rows.
+
+    Parameters
+    ----------
+    dataset
+        Dataset folder of the session; its measurements.csv may not exist yet.
+    model, seed, robust, prior_width
+        As of `fit`.
+    enough_um
+        End when U of a distance in the probed workspace is not larger than this, µm.
+    plan
+        Run folder of bayescal plan: end when its contacts are measured, or when its U is reached.
+    idle_s
+        End after this time without a new row, s.
+    out
+        Run folder to write [default: runs/<dataset>-fit].
+    pictures
+        Write watch.png and the figures of fit.
+    """
+    from bayescal.public.results import console
+    from bayescal.public.watching import watch as run
+    from bayescal.public.watching import words
+
+    terminal = console()
+    with run_folder(out, [dataset], "fit") as folder:
+        result = run(
+            dataset,
+            model,
+            enough_um=enough_um,
+            plan=plan,
+            idle_s=idle_s,
+            seed=seed,
+            robust=robust,
+            prior_width=prior_width,
+            say=lambda event: terminal.print(words(event), soft_wrap=True),
+        )
+        written = result.save(folder, pictures)
+    show(result.report(), folder, written)

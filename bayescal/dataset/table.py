@@ -148,7 +148,7 @@ def read_table(path: Path, n: int) -> Table:
 
     The clearance of a plan, which may be there, is not read.
     """
-    return read_cells(path, lambda header, where: _check_header(header, where, n))
+    return read_cells(path, lambda header, where: check_columns(header, where, n))
 
 
 def read_cells(path: Path, check_header: Callable[[list[str], str], None]) -> Table:
@@ -160,6 +160,11 @@ def read_cells(path: Path, check_header: Callable[[list[str], str], None]) -> Ta
         With the line, for a file that is not CSV, has no rows, or has rows of different lengths.
     """
     text, content = decoded(path)
+    return cells_of(text, path.name, content, check_header)
+
+
+def cells_of(text: str, name: str, content: bytes, check_header: Callable[[list[str], str], None]) -> Table:
+    """The table of the text of a file; raises as `read_cells`."""
     reader = csv.reader(io.StringIO(text, newline=""), strict=True)
     rows: list[list[str]] = []
     lines: list[int] = []
@@ -171,22 +176,22 @@ def read_cells(path: Path, check_header: Callable[[list[str], str], None]) -> Ta
                 lines.append(before + 1)
             before = reader.line_num
     except csv.Error as error:
-        where = f"{path.name}:{reader.line_num}"
+        where = f"{name}:{reader.line_num}"
         raise BayescalError(f"not CSV: {error}", where, "check the quotes") from None
     for cells, line in zip(rows, lines, strict=True):
         if max(map(len, cells)) > LONGEST_CELL:
             what = f"a cell has {max(map(len, cells))} characters, at most {LONGEST_CELL} are read"
-            raise BayescalError(what, f"{path.name}:{line}", "check the quotes, or shorten it")
+            raise BayescalError(what, f"{name}:{line}", "check the quotes, or shorten it")
     header = [c.strip() for c in rows[0]]
-    check_header(header, f"{path.name}:{lines[0]}")
+    check_header(header, f"{name}:{lines[0]}")
     for cells, line in zip(rows, lines, strict=True):
         if len(cells) != len(header):
             what = f"{len(cells)} cells, the header has {len(header)}"
-            raise BayescalError(what, f"{path.name}:{line}", "one cell a column; the decimal mark is a dot")
+            raise BayescalError(what, f"{name}:{line}", "one cell a column; the decimal mark is a dot")
     if len(rows) == 1:
-        raise BayescalError("no rows below the header", f"{path.name}:{lines[0]}", "add rows")
+        raise BayescalError("no rows below the header", f"{name}:{lines[0]}", "add rows")
     columns = (tuple(map(str.strip, column)) for column in zip(*rows[1:], strict=True))
-    return Table(path.name, dict(zip(header, columns, strict=True)), np.array(lines[1:]), content)
+    return Table(name, dict(zip(header, columns, strict=True)), np.array(lines[1:]), content)
 
 
 def _is_number(cell: str) -> bool:
@@ -226,8 +231,8 @@ def csv_text(header: Iterable[str], rows: Iterable[Iterable[object]], newline: s
     return out.getvalue()
 
 
-def _check_header(header: list[str], where: str, n: int) -> None:
-    """Refuse unknown, doubled and missing columns."""
+def check_columns(header: list[str], where: str, n: int) -> None:
+    """Refuse unknown, doubled and missing columns of measurements.csv of an arm with `n` joints."""
     header = [name for name in header if name != CLEARANCE]
     check_names(header, where)
     columns = known_columns(n)

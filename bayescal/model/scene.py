@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
-from typing import Any, TypeVar
 
 import numpy as np
 
@@ -18,6 +16,7 @@ from bayescal.dataset.target_kinds import TargetKind, kinds_of, seen
 from bayescal.effects import CertifiedValue, Circumstances, Face, Session
 from bayescal.errors import BayescalError
 from bayescal.model import block
+from bayescal.model.cached import posed_rowwise, rowwise, unposed
 from bayescal.model.statements import STATED, u_of
 from bayescal.model.views import blur_of, views_of
 from factors.certificate import RELATIONS, ordered
@@ -26,16 +25,6 @@ from factors.kind import Kind
 from factors.orientation import Orientation
 from factors.plane import Plane
 from factors.points import Shape, shape
-
-T = TypeVar("T")
-
-
-class unposed(cached_property[T]):
-    """A cached quantity that scenes of one dataset share at all poses of an arm; see `Scene.posed_at`."""
-
-    def __get__(self, scene: Any, owner: Any = None) -> T:  # type: ignore[override]
-        """The quantity of the scene from which this one was posed."""
-        return super().__get__(scene if scene is None or scene.origin is None else scene.origin, owner)
 
 
 @dataclass(frozen=True)
@@ -53,6 +42,8 @@ class Scene:
     compliances: Mapping[str, float] = field(default_factory=dict)
     origin: Scene | None = field(default=None, init=False, repr=False, compare=False)
     """The scene that was posed anew to give this one, if nominal angles do not depend on the pose."""
+    parts: tuple[Scene, Scene] | None = field(default=None, init=False, repr=False, compare=False)
+    """The scenes of the rows before and of the new ones, while it is measured: see `continued`."""
 
     def posed_at(self, stance: Stance, compliances: Mapping[str, float]) -> Scene:
         """Replace the stance and the compliances; both scenes share what is equal."""
@@ -66,17 +57,17 @@ class Scene:
         """The nominal chain."""
         return chain_of(self.dataset.robot)
 
-    @unposed
+    @rowwise
     def tools(self) -> np.ndarray:
         """Nominal ball centre of each row in the flange frame, (N, 3), m."""
         centres = np.array([tool.centre for tool in self.dataset.tools])
         return centres[self.dataset.measurements.tool]
 
-    @unposed
+    @rowwise
     def _rigid_angles(self) -> np.ndarray:
         return link_angles(self.dataset.robot, self.dataset.measurements.readings)
 
-    @cached_property
+    @posed_rowwise
     def loads(self) -> Loads | None:
         """Gravity moments about all hinges, N m, or None if the robot file states no masses."""
         robot = self.dataset.robot
@@ -90,7 +81,7 @@ class Scene:
         """Gravity moments (N, n + 1, 3) on frames 0 to n, N m, or None if the robot file states no masses."""
         return None if self.loads is None else self.loads.moments
 
-    @unposed
+    @rowwise
     def measured_torques(self) -> np.ndarray | None:
         """Torques (N, n), N m, on the links, if the session states that measured ones are used."""
         d = self.dataset
@@ -104,7 +95,7 @@ class Scene:
         compliance = self.dataset.robot.compliance
         return compliance is not None and bool(np.any(compliance))
 
-    @unposed
+    @rowwise
     def q(self) -> np.ndarray:
         """Nominal link angles (N, n), rad, with the deflection of compliances in the robot file."""
         if not self._sags:
@@ -118,12 +109,12 @@ class Scene:
             )
         return self._rigid_angles + self.dataset.robot.compliance * torques
 
-    @unposed
+    @rowwise
     def points(self) -> np.ndarray:
         """Nominal ball centres (N, 3) in F0, m."""
         return reference.points(self.chain, self.q, self.tools)
 
-    @unposed
+    @rowwise
     def flange(self) -> np.ndarray:
         """Nominal orientations of the flange in F0, (N, 3, 3)."""
         return reference.frames(self.chain, self.q)[:, -1, :3, :3].copy()  # not all frames in memory
@@ -242,7 +233,7 @@ class Scene:
         mine = (m.role == "validate") & np.isin(m.target, m.target[fitted])
         return tuple(int(k) for k in np.setdiff1d(m.tool[mine], m.tool[fitted]))
 
-    @unposed
+    @rowwise
     def _inward(self) -> np.ndarray:
         """Inward normal of the nominal surface at each contact, (N, 3) in F0; nan if there is no surface."""
         target = self.dataset.measurements.target
@@ -253,12 +244,12 @@ class Scene:
                 out[rows] = -self.looks(int(t), rows)[0].T
         return out
 
-    @unposed
+    @rowwise
     def _approach(self) -> np.ndarray:
         """The inward normals in the flange frame, (N, 3)."""
         return (np.swapaxes(self.flange, -1, -2) @ self._inward[..., None])[..., 0]
 
-    @unposed
+    @rowwise
     def _speed(self) -> np.ndarray | None:
         """Speed of the nominal arm's ball along the inward normals, (N,), m/s; None without velocities."""
         velocity = self.dataset.measurements.velocity

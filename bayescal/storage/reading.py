@@ -103,20 +103,23 @@ def decoded(path: Path, largest: int = LARGEST) -> tuple[str, bytes]:
         As `content_of`, and for a file that is empty, is not UTF-8 or has control characters.
     """
     content = content_of(path, largest)
+    return text_of(content, path.name), content
+
+
+def text_of(content: bytes, name: str) -> str:
+    """The text of the bytes of a UTF-8 file; raises as `decoded`."""
     try:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         line = content.count(b"\n", 0, error.start) + 1
-        raise BayescalError("not UTF-8 text", f"{path.name}:{line}", "save the file as UTF-8") from None
+        raise BayescalError("not UTF-8 text", f"{name}:{line}", "save the file as UTF-8") from None
     if not text.strip():
-        raise BayescalError(
-            "the file is empty", path.name, "`bayescal init` writes an example of what it holds"
-        )
+        raise BayescalError("the file is empty", name, "`bayescal init` writes an example of what it holds")
     if match := CONTROL.search(text):
         line = text.count("\n", 0, match.start()) + 1
         what = f"control character {shown(match[0].encode('unicode_escape').decode())}"
-        raise BayescalError(what, f"{path.name}:{line}", "delete it")
-    return text, content
+        raise BayescalError(what, f"{name}:{line}", "delete it")
+    return text
 
 
 def read_json(path: Path, remedy: str) -> Any:

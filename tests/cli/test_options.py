@@ -43,6 +43,7 @@ CALLED = {
     "schema": ("bayescal.preparing.artefacts.schema_text",),
     "simulate": ("bayescal.public.functions.simulate",),
     "verify": ("bayescal.public.arms.verify",),
+    "watch": ("bayescal.public.watching.watch",),
 }
 """What each command calls: stand-ins record it."""
 ELSEWHERE = {"import --allow-xacro": "expands the robot before the call: tests/cli/test_allow_xacro.py"}

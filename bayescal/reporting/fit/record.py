@@ -350,8 +350,9 @@ BUDGET, BUDGET_CSV = "budget.json", "budget.csv"
 
 
 def write_fit(
-    fit: Fit, folder: Path, contents: Mapping[str, Any], pictures: bool = True, shown: Path | None = None
-) -> tuple[str, ...]:
+    fit: Fit, folder: Path, contents: Mapping[str, Any], pictures: bool = True, shown: Path | None = None,
+    more: Mapping[str, bytes] = {},
+) -> tuple[str, ...]:  # fmt: skip
     """Write fit.json, report.html, posterior.nc, budgets, robot.yaml, arm.json, dataset, figures atomically.
 
     Parameters
@@ -365,6 +366,8 @@ def write_fit(
         Draw the figures too.
     shown : Path, optional
         Where the folder will be, for the page; default: `folder`.
+    more : mapping of str to bytes
+        Contents of further files by their names.
 
     Returns
     -------
@@ -385,7 +388,7 @@ def write_fit(
             (stage / name).write_text(text, encoding="utf-8")
         save(fit_draws(fit), stage / posterior)
         write_arm(arm, stage)
-        figures = drawn()
+        figures = {**drawn(), **more}
         for name, content in figures.items():
             (stage / name).write_bytes(content)
         write_page(stage, shown or folder)  # with the figures

@@ -9,7 +9,7 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -85,8 +85,8 @@ def figure(width: float, height: float, title: Sequence[str]) -> Figure:
     return out
 
 
-def save_figure(figure: Figure, path: Path) -> None:
-    """Write a figure as PNG.
+def save_figure(figure: Figure, path: Path | BinaryIO) -> None:
+    """Write a figure as PNG, to a file or a stream.
 
     `savefig` draws a figure that has or had a layout engine twice, the first time for the layout alone. The
     same pixels come in less time from axes that are placed before and a canvas that draws once.

@@ -1,0 +1,138 @@
+"""A session that was watched: a line for each event, `watch.json`, `watch.csv` and `watch.png`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.text import Text
+
+from bayescal.reporting.fit.record import fit_record, write_fit
+from bayescal.reporting.shared.origin import entry, origin, sized
+from bayescal.reporting.shared.sheet import csv_text
+from bayescal.reporting.shared.style import ACCENT, GREY, MARKED, drawing, figure, save_figure, tidy
+from bayescal.reporting.shared.text import UM, size, um, um2
+from bayescal.storage.files import json_text
+from bayescal.storage.reading import Json
+from bayescal.watching.update import ODD, Contact
+from bayescal.watching.watch import SHIFTED, Complete, Event, Notice, WatchOptions
+
+SCHEMA = "bayescal-watch/1"
+LIBRARIES = ("gtsam", "numpy", "scipy", "numba")
+RECORD, TABLE, FIGURE = "watch.json", "watch.csv", "watch.png"
+FIRST = 3
+"""Effects that the contacts would not show yet, named in a line."""
+KEYS = ("id", "target", "role", "residual_um", "u_um", "p_value", "U_um", "odd")
+"""Of a contact, in watch.json and as columns of watch.csv."""
+
+
+def line(event: Event) -> Text:
+    """What a person who probes reads of an event."""
+    if isinstance(event, Contact):
+        return _contact(event)
+    if isinstance(event, Complete):
+        return Text(_complete(event), style="bold")
+    return Text(event.text, style="bold red" if event.kind == SHIFTED else "yellow")
+
+
+def _contact(c: Contact) -> Text:
+    out = Text.assemble(f"{c.row + 1:>5}  {c.id:<10} {c.target:<14}")
+    if not np.isfinite(c.p_value):
+        return out.append("" if c.role == "calibrate" else f" {c.role}", style="dim")
+    out.append(f" {um(c.residual):>7} µm (u {um2(c.u)})", style="bold red" if c.odd else "")
+    out.append(f"   U {um(c.U)} µm", style="dim")
+    if c.odd:
+        out.append(f"   ODD: by chance {c.p_value:.1g}; set aside, measure it again", style="bold red")
+    return out
+
+
+def _complete(e: Complete) -> str:
+    rejected = len(e.fit.final.estimate.rejected)
+    parts = [f"fit of {e.rows} rows ({e.seconds:.1f} s): U of a distance {um(e.U)} µm (k = {e.k:.2g})"]
+    if rejected:
+        parts.append(f"{rejected} rejected")
+    if e.spots:
+        hidden = e.hidden
+        parts.append(f"{len(e.spots) - len(hidden)} of {len(e.spots)} effects would show")
+        if hidden:
+            first = (f"{s.effect} at {s.site.text} below {size(s.smallest, s.unit)}" for s in hidden[:FIRST])
+            parts.append(f"not yet {', '.join(first)}")
+    return "; ".join(parts)
+
+
+def watch_record(events: Sequence[Event], contacts: Sequence[Contact], asked: WatchOptions) -> dict[str, Any]:
+    """The content of watch.json."""
+    fits = [e for e in events if isinstance(e, Complete)]
+    return {
+        **origin(SCHEMA, fits[-1].fit.dataset, asked.fit.seed, LIBRARIES),
+        "model": list(asked.effects),
+        "aim": entry(asked, "U_um=enough", "planned"),
+        "odd_below": ODD,
+        "contacts": [entry(c, *KEYS) for c in contacts],
+        "fits": [
+            entry(e, "rows", "U_um", "k", "seconds", "largest_change_u=moved")
+            | {"rejected": [e.fit.dataset.measurements.ids[k] for k in e.fit.final.estimate.rejected]}
+            | {
+                "effects": [
+                    entry(s, "effect") | {"site": str(s.site)}
+                    | sized(s, "smallest", "plausible") | entry(s, "distance_error_um")
+                    for s in e.spots
+                ]
+            }
+            for e in fits
+        ],
+        "notices": [entry(e, "kind", "text") for e in events if isinstance(e, Notice)],
+    }  # fmt: skip
+
+
+def write_watch(
+    events: Sequence[Event], contacts: Sequence[Contact], record: Json, folder: Path, pictures: bool
+) -> tuple[str, ...]:
+    """Write the run folder of the last complete fit, as `bayescal fit` does, and what was watched."""
+    found = [e.fit for e in events if isinstance(e, Complete)][-1]
+    more = {
+        RECORD: json_text(record).encode(),
+        TABLE: csv_text(KEYS, ([c[key] for key in KEYS] for c in record["contacts"])).encode(),
+    }
+    if pictures:
+        out = BytesIO()
+        with drawing():
+            save_figure(draw(events, contacts), out)
+        more[FIGURE] = out.getvalue()
+    return write_fit(found, folder, fit_record(found), pictures, more=more)
+
+
+def draw(events: Sequence[Event], contacts: Sequence[Contact]) -> Any:
+    """Above, U over the contacts; below, each residual in its standard uncertainties, odd ones marked."""
+    fits = [e for e in events if isinstance(e, Complete)]
+    last = fits[-1]
+    out = figure(9, 6, [f"{last.fit.dataset.name}: U of a distance {um(last.U)} µm after {last.rows} rows"])
+    top, low = out.subplots(2, 1, sharex=True, height_ratios=(2, 1))
+    judged = [c for c in contacts if np.isfinite(c.p_value)]
+    row = np.array([c.row + 1 for c in judged], float)
+    top.plot(row, [UM * c.U for c in judged], color=GREY, lw=1.2, label="after each contact")
+    top.plot([e.rows for e in fits], [UM * e.U for e in fits], "o", color=ACCENT, ms=5, label="complete fit")
+    top.set_yscale("log")
+    top.set_ylabel("U of a distance (µm)")
+    top.legend(frameon=False)
+    ratio, odd = np.array([c.residual / c.u for c in judged]), np.array([c.odd for c in judged], bool)
+    low.plot(row[~odd], ratio[~odd], ".", color=GREY, ms=4)
+    low.plot(row[odd], ratio[odd], "X", color=MARKED, ms=7, label="odd")
+    low.set_ylabel("residual / u")
+    low.set_xlabel("contacts")
+    if odd.any():
+        low.legend(frameon=False)
+    for axes in (top, low):
+        tidy(axes)
+    return out
+
+
+def outcome(record: Json) -> str:
+    """The end of a session that was watched, in a line."""
+    judged = [c for c in record["contacts"] if c["p_value"] is not None]
+    odd = [c["id"] for c in judged if c["odd"]]
+    text = f"{len(record['contacts'])} rows watched, {len(judged)} of them as they came"
+    return text + (f"; odd: {', '.join(odd)}" if odd else "; none odd")

@@ -1,0 +1,284 @@
+"""A session is watched: what every contact tells, a complete fit in the pauses, and the moment to stop."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from math import inf, nan
+from pathlib import Path
+
+from bayescal.calibration import Fit, fit
+from bayescal.effects import BASELINE
+from bayescal.effects.gravity import masses
+from bayescal.errors import BayescalError, attempted
+from bayescal.estimate import Estimate
+from bayescal.estimate.families import with_compliances
+from bayescal.gap.design.blind_spots import blind_spots, unseen
+from bayescal.gap.linear.problem import problem
+from bayescal.gap.linear.state import fit_state
+from bayescal.gap.result import BlindSpot
+from bayescal.gap.search.candidates import candidates
+from bayescal.model import USUAL, FitOptions
+from bayescal.storage.stopping import Progress, silent
+from bayescal.watching import rows, update
+from bayescal.watching.update import Contact
+
+POLL, PAUSE = 0.1, 1.0
+"""s: between two looks at the file, and without a new row before a complete fit."""
+GROWTH = 1.05
+"""Factor of the number of rows from one complete fit to the next while contacts are as expected."""
+RECENT, SEVERAL = 5, 3
+"""Of the last contacts that many, odd: something has shifted."""
+
+
+@dataclass(frozen=True)
+class WatchOptions:
+    """What a session is watched for.
+
+    Attributes
+    ----------
+    effects : tuple of str
+        The model: names of `effects.MODELS`.
+    fit : FitOptions
+    enough : float
+        Expanded uncertainty of a distance, m, at which the session has enough contacts.
+    planned : int
+        Number of rows of the plan; 0 if there is none.
+    idle : float
+        s without a new row, after which watching ends.
+    """
+
+    effects: tuple[str, ...] = BASELINE
+    fit: FitOptions = USUAL
+    enough: float = 0.0
+    planned: int = 0
+    idle: float = inf
+
+
+@dataclass(frozen=True)
+class Complete:
+    """A complete fit of the rows so far, and what they would show.
+
+    `moved` is how far the estimate that was continued contact by contact was from it: the largest difference
+    of a parameter of the arm in standard uncertainties; nan without one.
+    """
+
+    fit: Fit
+    spots: tuple[BlindSpot, ...]
+    moved: float
+    seconds: float
+
+    @property
+    def hidden(self) -> tuple[BlindSpot, ...]:
+        """Effects that the contacts would not show at their plausible size, most harmful first."""
+        return unseen(self.spots)
+
+    @property
+    def rows(self) -> int:
+        """Number of rows of the session."""
+        return len(self.fit.dataset.measurements.ids)
+
+    @property
+    def u(self) -> float:
+        """Standard uncertainty of a distance in the probed workspace, m."""
+        return self.fit.forecast.workspace.u
+
+    @property
+    def U(self) -> float:
+        """The expanded uncertainty, m."""
+        return self.fit.forecast.workspace.expanded
+
+    @property
+    def k(self) -> float:
+        """The coverage factor of it."""
+        return self.fit.forecast.workspace.k
+
+
+@dataclass(frozen=True)
+class Notice:
+    """A text for the person who probes; `kind` is one of `KINDS`."""
+
+    kind: str
+    text: str
+
+
+FAULT, WAITING, SHIFTED, ENOUGH, PLANNED, QUIET = KINDS = (
+    "fault",
+    "waiting",
+    "shifted",
+    "enough",
+    "planned",
+    "quiet",
+)
+Event = Contact | Complete | Notice
+
+
+class Watch:
+    """The state of a session that is watched.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the dataset; its measurements.csv may not exist yet.
+    options : WatchOptions
+    progress : callable
+        Called with the stage of a complete fit and its completed fraction.
+    """
+
+    def __init__(
+        self, folder: Path, options: WatchOptions = WatchOptions(), progress: Progress = silent
+    ) -> None:
+        self.folder, self.options, self.progress = folder, options, progress
+        self.written = rows.begun(folder)
+        self.contacts: list[Contact] = []
+        self.odd: set[int] = set()
+        self.estimate: Estimate | None = None
+        self.last: Complete | None = None
+        self._told: Mapping[str, str] = {}
+        self._u = self._u_then = nan
+
+    @property
+    def pending(self) -> int:
+        """Rows since the last complete fit."""
+        return len(self.contacts) - (0 if self.last is None else self.last.rows)
+
+    def look(self) -> Iterator[Event]:
+        """Take the rows that were written since the last look."""
+        before = self.written
+        self.written = rows.followed(before, self.folder)
+        yield from self._tell(FAULT, self.written.fault)
+        if self.written.again:
+            self.contacts, self.odd, self.estimate, self.last = [], set(), None, None
+        count, dataset = len(self.contacts), self.written.dataset
+        m = dataset.measurements
+        new = [
+            Contact(k, m.ids[k], dataset.targets[m.target[k]].name, str(m.role[k]))
+            for k in range(count, len(m.ids))
+        ]
+        self.contacts += new
+        if not new or self.estimate is None:
+            yield from new
+            return
+        self.estimate = update.followed(self.estimate, dataset, self.options.effects, self._options, self.odd)
+        self._u = update.distance_u(self.estimate)
+        for contact in new:
+            yield self._judged(contact)
+        if self.odd & {c.row for c in new}:
+            model, z = self.estimate.model, self.estimate.z
+            self.estimate = update.refined(model, z, self.odd, self.estimate)
+        yield from self._shift()
+
+    def _judged(self, contact: Contact) -> Contact:
+        assert self.estimate is not None
+        assert self.last is not None
+        wider = max(self.last.u / self._u_then, 1.0)
+        residual, u, p = update.judged(self.estimate, contact.row, wider)
+        done = replace(contact, residual=residual, u=u, p_value=p, U=self.last.k * wider * self._u)
+        self.contacts[contact.row] = done
+        if done.odd:
+            self.odd.add(contact.row)
+        return done
+
+    def _shift(self) -> Iterator[Notice]:
+        """Whether several of the last contacts are odd, and what they have in common."""
+        some = [c for c in self.contacts[-RECENT:] if c.odd]
+        if len(some) < SEVERAL:
+            self._told = {**self._told, SHIFTED: ""}
+            return
+        names = sorted({c.target for c in some})
+        where = f"all on {names[0]}: it" if len(names) == 1 else "on several targets: tool, base or a joint"
+        first = next(c.id for c in some)
+        if not self._told.get(SHIFTED):
+            text = (
+                f"{len(some)} of the last {RECENT} contacts are odd, from {first}, {where} may have shifted"
+            )
+            yield from self._tell(SHIFTED, text)
+
+    def _tell(self, kind: str, text: str) -> Iterator[Notice]:
+        """A notice, unless it was the last of its kind."""
+        if text and self._told.get(kind) != text:
+            yield Notice(kind, text)
+        self._told = {**self._told, kind: text}
+
+    @property
+    def _options(self) -> FitOptions:
+        assert self.last is not None
+        return replace(self.last.fit.options, tolerance=None)
+
+    def complete(self) -> Iterator[Event]:
+        """Fit all rows so far completely, as `bayescal fit` does, if they are enough."""
+        begin = time.perf_counter()
+        try:
+            found = fit(self.written.dataset, self.options.effects, self.options.fit, samples=0)
+        except BayescalError as error:
+            yield from self._tell(WAITING, str(error))
+            return
+        level = found.final.estimate
+        moved = nan if self.estimate is None else _apart(self.estimate, level)
+        spots = attempted("what the contacts would show", lambda: _spots(found), (), [])
+        self.odd = set(level.rejected.tolist())
+        self.last = Complete(found, spots, moved, time.perf_counter() - begin)
+        self.estimate = update.begun(level, self.options.effects, self._options)
+        self._u = self._u_then = update.distance_u(self.estimate)
+        yield self.last
+        if self.options.enough >= self.last.U:
+            yield Notice(
+                ENOUGH,
+                f"U of a distance is {1e6 * self.last.U:.3g} µm, the aim {1e6 * self.options.enough:.3g} µm",
+            )
+
+    def due(self, quiet: float) -> bool:
+        """Whether a complete fit is due, `quiet` seconds after the last row."""
+        if not self.pending or quiet < PAUSE:
+            return False
+        grown = self.last is None or len(self.contacts) >= GROWTH * self.last.rows
+        near = bool(self.contacts) and self.options.enough >= self.contacts[-1].U
+        return grown or near or quiet > 10 * PAUSE or self.contacts[-1].odd
+
+
+def watched(
+    watch: Watch, wait: Callable[[float], None] = time.sleep, clock: Callable[[], float] = time.monotonic
+) -> Iterator[Event]:
+    """Events of a session until it has enough contacts, or none came for the given time.
+
+    The last event is a complete fit of all rows, or a notice of why there is none.
+    """
+    last = clock()
+    while True:
+        events = list(watch.look())
+        if any(isinstance(e, Contact) for e in events):
+            last = clock()
+        yield from events
+        quiet = clock() - last
+        if watch.due(quiet):
+            events = list(watch.complete())
+            yield from events
+            if any(isinstance(e, Notice) and e.kind == ENOUGH for e in events):
+                return
+        if watch.options.planned and len(watch.contacts) >= watch.options.planned and not watch.pending:
+            yield Notice(PLANNED, f"all {watch.options.planned} contacts of the plan are measured")
+            return
+        if quiet > watch.options.idle:
+            if watch.pending:
+                yield from watch.complete()
+            yield Notice(QUIET, f"no new row for {quiet:.0f} s")
+            return
+        wait(POLL)
+
+
+def _apart(found: Estimate, complete: Estimate) -> float:
+    """Largest difference of a parameter of the arm, in the standard uncertainties of the second."""
+    first = dict(zip(found.model.names, found.z.tolist(), strict=True))
+    z = complete.z - [first.get(name, 0.0) for name in complete.model.names]
+    return float(max(abs(z / complete.sd)[: len(complete.model.parameters)], default=nan))
+
+
+def _spots(found: Fit) -> tuple[BlindSpot, ...]:
+    """What the contacts of a fit would show of every effect that it lacks."""
+    fitted, effects = found.final.estimate, found.final.effects
+    scene = fitted.model.scene
+    c = with_compliances(scene.circumstances(scene.rows("calibrate")), fitted)
+    known = candidates(c, effects, found.options.without)
+    p = problem(fitted, known.pool, tuple(masses(c)) if scene.moments is not None else ())
+    return blind_spots(fitted, known, p, fit_state(p, (), ()))
