@@ -163,8 +163,10 @@ def read_cells(path: Path, check_header: Callable[[list[str], str], None]) -> Ta
     return cells_of(text, path.name, content, check_header)
 
 
-def cells_of(text: str, name: str, content: bytes, check_header: Callable[[list[str], str], None]) -> Table:
-    """The table of the text of a file; raises as `read_cells`."""
+def cells_of(
+    text: str, name: str, content: bytes, check_header: Callable[[list[str], str], None], left_out: int = 0
+) -> Table:
+    """The table of a file's text, without `left_out` lines below the header; raises as `read_cells`."""
     reader = csv.reader(io.StringIO(text, newline=""), strict=True)
     rows: list[list[str]] = []
     lines: list[int] = []
@@ -173,10 +175,10 @@ def cells_of(text: str, name: str, content: bytes, check_header: Callable[[list[
         for row in reader:
             if row:
                 rows.append(row)
-                lines.append(before + 1)
+                lines.append(before + 1 + (left_out if before else 0))
             before = reader.line_num
     except csv.Error as error:
-        where = f"{name}:{reader.line_num}"
+        where = f"{name}:{reader.line_num + left_out}"
         raise BayescalError(f"not CSV: {error}", where, "check the quotes") from None
     for cells, line in zip(rows, lines, strict=True):
         if max(map(len, cells)) > LONGEST_CELL:

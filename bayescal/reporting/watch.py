@@ -116,6 +116,7 @@ def draw(events: Sequence[Event], contacts: Sequence[Contact]) -> Any:
     top.plot(row, [UM * c.U for c in judged], color=GREY, lw=1.2, label="after each contact")
     top.plot([e.rows for e in fits], [UM * e.U for e in fits], "o", color=ACCENT, ms=5, label="complete fit")
     top.set_yscale("log")
+    top.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
     top.set_ylabel("U of a distance (µm)")
     top.legend(frameon=False)
     ratio, odd = np.array([c.residual / c.u for c in judged]), np.array([c.odd for c in judged], bool)

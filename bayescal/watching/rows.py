@@ -76,10 +76,8 @@ def _with_lines(before: Written, content: bytes, folder: Path) -> Dataset | None
     new = content[len(before.content) :] if done else b"".join(lines[1:])
     if not new.strip():
         return None
-    table = cells_of(
-        text_of(lines[0] + new, TABLE), TABLE, content, lambda h, w: check_columns(h, w, d.robot.n)
-    )
-    table = replace(table, line=table.line + max(done - 1, 0))
+    text = text_of(lines[0] + new, TABLE)
+    table = cells_of(text, TABLE, content, lambda h, w: check_columns(h, w, d.robot.n), max(done - 1, 0))
     rows = measurements_of(table, d.robot.n, d.tools, d.targets, d.noise)
     if not len(d.measurements.ids):
         return replace(d, measurements=rows)

@@ -35,8 +35,8 @@ from bayescal.predict.forecast import workspace
 from bayescal.statistics import f_sf
 
 ODD = 1e-5
-"""Probability of so large a residual by chance, below which a contact is odd: of a hundred sessions of 1,000
-contacts, one has a false alarm."""
+"""Probability of so large a residual by chance, below which a contact is odd: one false alarm in a
+hundred sessions of 1,000 contacts."""
 STEPS = 12
 """Most Gauss-Newton steps of an update; beyond, the complete solver is used."""
 SETTLED, SAME_NOISE = 1e-7, 1e-5

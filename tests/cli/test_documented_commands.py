@@ -150,6 +150,7 @@ COMMANDS = (
     "verify",
     "compensate",
     "plan",
+    "watch",
     "init",
     "report",
     "schema",

@@ -1,0 +1,295 @@
+"""A session while it is measured: its rows, the estimate after each, odd contacts, the end."""
+
+import json
+from dataclasses import fields
+from functools import cache
+
+import numpy as np
+import pytest
+from sessions import little, with_rows
+
+import bayescal as bc
+from bayescal.calibration import fit
+from bayescal.dataset import read_dataset
+from bayescal.dataset.write import write_dataset
+from bayescal.errors import BayescalError
+from bayescal.model import ARM
+from bayescal.model.cached import continued
+from bayescal.model.scene import Scene
+from bayescal.watching import rows, update
+from bayescal.watching.update import Contact
+from bayescal.watching.watch import (
+    ENOUGH,
+    PLANNED,
+    QUIET,
+    SHIFTED,
+    Complete,
+    Notice,
+    Watch,
+    WatchOptions,
+    watched,
+)
+
+MODEL = ("geometry", "compliance")
+TABLE = "measurements.csv"
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """A written session, and its lines; the table is empty."""
+    write_dataset(little().dataset, tmp_path / "cell")
+    path = tmp_path / "cell" / TABLE
+    lines = path.read_text().splitlines(keepends=True)
+    path.write_text(lines[0])
+    return tmp_path / "cell", lines
+
+
+def put(folder, *lines):
+    with (folder / TABLE).open("a") as table:
+        table.writelines(lines)
+
+
+def shifted_line(line, joint, by):
+    """A line of the table with another reading of a joint, deg."""
+    cells = line.split(",")
+    place = 4 + joint  # id, role, target, tool come first
+    cells[place] = f"{float(cells[place]) + by:.6f}"
+    return ",".join(cells)
+
+
+def test_rows_are_those_of_the_whole_table(folder):
+    cell, lines = folder
+    written = rows.begun(cell)
+    for some in (lines[1:2], [], lines[2:30], lines[30:]):
+        put(cell, *some)
+        written = rows.followed(written, cell)
+        assert written.fault == ""
+    whole, read = read_dataset(cell).measurements, written.dataset.measurements
+    for f in fields(whole):
+        here, there = getattr(read, f.name), getattr(whole, f.name)
+        assert (here is None) == (there is None), f.name
+        if here is not None:
+            assert np.array_equal(here, there), f.name
+
+
+def test_a_line_counts_when_it_ends(folder):
+    cell, lines = folder
+    put(cell, lines[1], lines[2][:25])
+    written = rows.followed(rows.begun(cell), cell)
+    assert len(written.dataset.measurements.ids) == 1
+    put(cell, lines[2][25:])
+    assert len(rows.followed(written, cell).dataset.measurements.ids) == 2
+
+
+def test_a_faulty_line_is_stated_with_its_line_and_read_when_it_is_corrected(folder):
+    cell, lines = folder
+    put(cell, *lines[1:4])
+    written = rows.followed(rows.begun(cell), cell)
+    put(cell, "nonsense\n")
+    faulty = rows.followed(written, cell)
+    assert f"{TABLE}:5: 1 cells" in faulty.fault
+    assert len(faulty.dataset.measurements.ids) == 3
+    (cell / TABLE).write_text("".join(lines[:6]))
+    right = rows.followed(faulty, cell)
+    assert (right.fault, right.again, len(right.dataset.measurements.ids)) == ("", False, 5)
+    put(cell, lines[3])
+    assert f"{TABLE}:7: id" in rows.followed(right, cell).fault
+
+
+def test_rows_that_were_changed_are_read_again(folder):
+    cell, lines = folder
+    put(cell, *lines[1:9])
+    written = rows.followed(rows.begun(cell), cell)
+    (cell / TABLE).write_text("".join([lines[0], *lines[3:8]]))
+    again = rows.followed(written, cell)
+    assert again.again
+    assert again.dataset.measurements.ids == read_dataset(cell).measurements.ids
+
+
+def test_a_continued_scene_is_that_of_all_rows():
+    whole = little().dataset
+    count = len(whole.measurements.ids)
+    first = Scene(with_rows(whole, np.arange(count - 5)), oriented=True)
+    quantities = ("tools", "q", "points", "flange", "_approach", "_speed", "moments")
+    for name in quantities:
+        getattr(first, name)
+    out, reference = continued(first, whole, lambda scene: None), Scene(whole, oriented=True)
+    assert len(out.parts[1].q) == 5
+    for name in quantities:
+        np.testing.assert_allclose(getattr(out, name), getattr(reference, name), atol=1e-15)
+
+
+@cache
+def complete():
+    return fit(little().dataset, MODEL, samples=0)
+
+
+def first_rows(found, count):
+    """A fit's session cut to its first rows, and the estimate that is continued."""
+    dataset = with_rows(found.dataset, np.arange(count))
+    before = fit(dataset, MODEL, samples=0)
+    return before, update.begun(before.final.estimate, MODEL, before.options)
+
+
+def test_the_estimate_is_that_of_the_complete_solver():
+    whole = complete()
+    before, estimate = first_rows(whole, 50)
+    assert update.begun(before.final.estimate, MODEL, before.options).iterations <= 6
+    dataset = with_rows(whole.dataset, np.arange(62))
+    for count in range(51, 58):
+        dataset = with_rows(whole.dataset, np.arange(count))
+        estimate = update.followed(estimate, dataset, MODEL, before.options, ())
+    reference = fit(dataset, MODEL, before.options, samples=0).final.estimate
+    assert reference.model.names == estimate.model.names
+    apart = (
+        np.abs(estimate.z - reference.z)[estimate.model.slices[ARM]]
+        / reference.sd[estimate.model.slices[ARM]]
+    )
+    assert np.max(apart) < 0.02
+    np.testing.assert_allclose(estimate.sd, reference.sd, rtol=0.01)
+
+
+def test_a_contact_is_judged_by_the_prediction_without_it():
+    whole = complete()
+    before, estimate = first_rows(whole, 50)
+    dataset = with_rows(whole.dataset, np.arange(51))
+    with_it = update.followed(estimate, dataset, MODEL, before.options, ())
+    residual, u, p = update.judged(with_it, 50)
+    _, fresh = first_rows(whole, 50)
+    without = update.followed(fresh, dataset, MODEL, before.options, (50,))
+    name = dataset.targets[dataset.measurements.target[50]].name
+    block = next(b for b in without.model.blocks if b.name == name)
+    mine = int(np.flatnonzero(block.rows == 50)[0])
+    predicted = without.residuals(block).ravel()[mine]
+    slopes = without.linear.jacobian[without.linear.of_block[name].start + mine]  # of weight zero
+    _, by_arm, by_target = block.linearise(without.arm, without.z[without.model.slices[name]])
+    by = np.zeros(without.model.size)
+    by[without.model.slices[ARM]] = by_arm[mine] * without.model.sd
+    by[without.model.slices[name]] = by_target[mine]
+    noise = without.weights.sigma[name][mine] * without.weights.scale[block.group]
+    assert not slopes.any()
+    assert residual == pytest.approx(predicted, abs=0.02 * u)
+    assert u == pytest.approx(np.sqrt(by @ without.covariance @ by + noise**2), rel=0.02)
+    assert 1e-3 < p <= 1.0
+
+
+def test_a_wider_model_error_makes_a_contact_less_odd():
+    before, estimate = first_rows(complete(), 50)
+    estimate = update.followed(
+        estimate, with_rows(complete().dataset, np.arange(51)), MODEL, before.options, ()
+    )
+    (_, u, p), (_, wide, q) = (update.judged(estimate, 50, factor) for factor in (1.0, 5.0))
+    assert wide > u
+    assert q > p
+
+
+def events_of(cell, lines):
+    """Events of a session whose lines come one by one after a complete fit of the first 40."""
+    put(cell, *lines[1:41])
+    watch = Watch(cell)
+    out = [*watch.look(), *watch.complete()]
+    for line in lines[41:]:
+        put(cell, line)
+        out += watch.look()
+    return watch, out
+
+
+def test_an_odd_contact_is_set_aside(folder):
+    cell, lines = folder
+    wrong = shifted_line(lines[50], 2, 0.3)
+    watch, events = events_of(cell, [*lines[:50], wrong, *lines[51:60]])
+    judged = [e for e in events if isinstance(e, Contact) and np.isfinite(e.p_value)]
+    assert [e.id for e in judged if e.odd] == [lines[50].split(",")[0]]
+    assert watch.odd == {49}
+    assert all(np.isfinite(e.U) and e.U > 0 for e in judged)
+    assert not any(isinstance(e, Notice) for e in events)
+
+
+def test_a_shift_is_told_once(folder):
+    cell, lines = folder
+    after = [shifted_line(line, 1, 0.2) for line in lines[46:56]]
+    _, events = events_of(cell, [*lines[:46], *after])
+    told = [e for e in events if isinstance(e, Notice)]
+    assert [e.kind for e in told] == [SHIFTED]
+    assert lines[46].split(",")[0] in told[0].text
+
+
+def fake_time():
+    now = [0.0]
+
+    def wait(seconds):
+        now[0] += seconds
+
+    return wait, lambda: now[0]
+
+
+def run(cell, **options):
+    wait, clock = fake_time()
+    watch = Watch(cell, WatchOptions(**options))
+    return watch, list(watched(watch, wait, clock))
+
+
+def test_the_end_is_the_fit(folder):
+    cell, lines = folder
+    put(cell, *lines[1:])
+    _, events = run(cell, idle=3.0)
+    found = fit(read_dataset(cell), MODEL, samples=0)
+    last = [e for e in events if isinstance(e, Complete)][-1]
+    np.testing.assert_allclose(last.fit.final.estimate.z, found.final.estimate.z, atol=1e-9)
+    assert found.forecast.workspace.expanded == last.U
+    assert events[-1].kind == QUIET
+    assert {s.effect for s in last.spots} >= {"backlash", "step"}
+
+
+def test_it_ends_when_it_is_enough(folder):
+    cell, lines = folder
+    put(cell, *lines[1:])
+    u = complete().forecast.workspace.expanded
+    assert run(cell, enough=1.01 * u)[1][-1].kind == ENOUGH
+    assert run(cell, enough=0.99 * u, idle=3.0)[1][-1].kind == QUIET
+    assert run(cell, planned=len(lines) - 1)[1][-1].kind == PLANNED
+
+
+def test_the_command_of_a_session_without_rows_says_what_is_missing(folder):
+    cell, lines = folder
+    with pytest.raises(BayescalError, match="no rows below the header"):
+        bc.watch(cell, idle_s=0.0)
+    put(cell, *lines[1:3])
+    with pytest.raises(BayescalError, match="too few"):
+        bc.watch(cell, idle_s=0.0)
+    put(cell, "nonsense\n")
+    with pytest.raises(BayescalError, match=f"{TABLE}:4"):
+        bc.watch(cell, idle_s=0.0)
+
+
+def test_the_result_is_a_run_folder_of_fit(folder, tmp_path):
+    cell, lines = folder
+    put(cell, *lines[1:])
+    said = []
+    result = bc.watch(cell, idle_s=0.0, say=said.append)
+    assert {type(e) for e in said} == {Contact, Complete, Notice}
+    names = result.save(tmp_path / "run", pictures=False)
+    assert {"fit.json", "watch.json", "watch.csv"} <= {*names}
+    record = json.loads((tmp_path / "run" / "watch.json").read_text())
+    assert [c["id"] for c in record["contacts"]] == [line.split(",")[0] for line in lines[1:]]
+    assert record["fits"][-1]["U_um"] == pytest.approx(1e6 * complete().forecast.workspace.expanded)
+    loaded = bc.load(tmp_path / "run")
+    assert loaded.parameters["estimate"].equals(result.fit.parameters["estimate"])
+    assert "rows watched" in str(result)
+
+
+def test_a_plan_states_the_aim(folder, tmp_path):
+    cell, lines = folder
+    put(cell, *lines[1:])
+    plan = {
+        "schema": "bayescal-plan/1", "rows": len(lines) - 5, "measured": 4,
+        "expected": {"distances": [{"over": "certified distances", "distance_sd_um": 1.0},
+                                   {"over": "region of the contacts", "distance_sd_um": 12.0}]},
+    }  # fmt: skip
+    (tmp_path / "plan.json").write_text(json.dumps(plan))
+    result = bc.watch(cell, plan=tmp_path, idle_s=30.0)
+    assert result.record["aim"] == {"U_um": pytest.approx(24.0), "planned": len(lines) - 1}
+    assert result.record["notices"][-1]["kind"] in (PLANNED, ENOUGH)
+    (tmp_path / "plan.json").write_text(json.dumps({"schema": "bayescal-plan/1"}))
+    with pytest.raises(BayescalError, match="incomplete"):
+        bc.watch(cell, plan=tmp_path)
