@@ -132,7 +132,7 @@ def watch(
     ...     names = bc.simulate(contacts=60, later=8, repeats=5, spheres=0).save(f"{folder}/session")
     ...     result = bc.watch(f"{folder}/session", idle_s=0.0)
     >>> len(result.contacts), len(result.record["fits"])
-    (73, 1)
+    (68, 1)
     """
     from bayescal.dataset import read_dataset
     from bayescal.model.options import FitOptions

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import inf, nan
 from pathlib import Path
@@ -136,7 +136,7 @@ class Watch:
         self.estimate: Estimate | None = None
         self.last: Complete | None = None
         self._told: Mapping[str, str] = {}
-        self._u = self._u_then = nan
+        self._u_then = nan
 
     @property
     def pending(self) -> int:
@@ -161,24 +161,31 @@ class Watch:
             yield from new
             return
         self.estimate = update.followed(self.estimate, dataset, self.options.effects, self._options, self.odd)
-        self._u = update.distance_u(self.estimate)
-        for contact in new:
-            yield self._judged(contact)
-        if self.odd & {c.row for c in new}:
-            model, z = self.estimate.model, self.estimate.z
-            self.estimate = update.refined(model, z, self.odd, self.estimate)
+        yield from self._judged(new)
         yield from self._shift()
 
-    def _judged(self, contact: Contact) -> Contact:
+    def _judged(self, new: Sequence[Contact]) -> list[Contact]:
+        """New contacts, judged by all others; odd ones are set aside, the most improbable first."""
         assert self.estimate is not None
         assert self.last is not None
-        wider = max(self.last.u / self._u_then, 1.0)
-        residual, u, p = update.judged(self.estimate, contact.row, wider)
-        done = replace(contact, residual=residual, u=u, p_value=p, U=self.last.k * wider * self._u)
-        self.contacts[contact.row] = done
-        if done.odd:
-            self.odd.add(contact.row)
-        return done
+        wider, left = max(self.last.u / self._u_then, 1.0), list(new)
+        while left:
+            found = []
+            for c in left:
+                residual, u, p = update.judged(self.estimate, c.row, wider)
+                found.append(replace(c, residual=residual, u=u, p_value=p))
+            worst = min(found, key=lambda c: c.p_value if c.odd else 1.0)
+            left = [c for c in left if worst.odd and c.row != worst.row]
+            for c in [worst] if worst.odd else found:
+                self.contacts[c.row] = c
+            if worst.odd:
+                self.odd.add(worst.row)
+                model, z = self.estimate.model, self.estimate.z
+                self.estimate = update.refined(model, z, self.odd, self.estimate)
+        U = self.last.k * wider * update.distance_u(self.estimate)
+        for c in new:
+            self.contacts[c.row] = replace(self.contacts[c.row], U=U)
+        return [self.contacts[c.row] for c in new]
 
     def _shift(self) -> Iterator[Notice]:
         """Whether several of the last contacts are odd, and what they have in common."""
@@ -220,7 +227,7 @@ class Watch:
         self.odd = set(level.rejected.tolist())
         self.last = Complete(found, spots, moved, time.perf_counter() - begin)
         self.estimate = update.begun(level, self.options.effects, self._options)
-        self._u = self._u_then = update.distance_u(self.estimate)
+        self._u_then = update.distance_u(self.estimate)
         yield self.last
         if self.options.enough >= self.last.U:
             yield Notice(

@@ -15,6 +15,7 @@ from bayescal.dataset.write import write_dataset
 from bayescal.errors import BayescalError
 from bayescal.model import ARM
 from bayescal.model.cached import continued
+from bayescal.model.model import with_parameters
 from bayescal.model.scene import Scene
 from bayescal.watching import rows, update
 from bayescal.watching.update import Contact
@@ -106,6 +107,17 @@ def test_rows_that_were_changed_are_read_again(folder):
     assert again.dataset.measurements.ids == read_dataset(cell).measurements.ids
 
 
+def test_after_a_change_of_rows_all_are_contacts_again(folder):
+    cell, lines = folder
+    watch, _ = events_of(cell, lines[:50])
+    (cell / TABLE).write_text("".join([lines[0], *lines[3:48]]))
+    events = list(watch.look())
+    assert (
+        [e.id for e in events] == [c.id for c in watch.contacts] == list(read_dataset(cell).measurements.ids)
+    )
+    assert (watch.last, watch.estimate, watch.odd) == (None, None, set())
+
+
 def test_a_continued_scene_is_that_of_all_rows():
     whole = little().dataset
     count = len(whole.measurements.ids)
@@ -183,26 +195,43 @@ def test_a_wider_model_error_makes_a_contact_less_odd():
     assert q > p
 
 
-def events_of(cell, lines):
-    """Events of a session whose lines come one by one after a complete fit of the first 40."""
-    put(cell, *lines[1:41])
+def events_of(cell, lines, first=40):
+    """Events of a session whose lines come one by one after a complete fit of the first ones."""
+    put(cell, *lines[1 : first + 1])
     watch = Watch(cell)
     out = [*watch.look(), *watch.complete()]
-    for line in lines[41:]:
+    for line in lines[first + 1 :]:
         put(cell, line)
         out += watch.look()
     return watch, out
 
 
-def test_an_odd_contact_is_set_aside(folder):
+def test_odd_contacts_are_set_aside(folder):
     cell, lines = folder
-    wrong = shifted_line(lines[50], 2, 0.3)
-    watch, events = events_of(cell, [*lines[:50], wrong, *lines[51:60]])
+    wrong = [shifted_line(line, 2, 0.3) for line in (lines[50], lines[52])]
+    watch, events = events_of(cell, [*lines[:50], wrong[0], lines[51], wrong[1], *lines[53:60]])
     judged = [e for e in events if isinstance(e, Contact) and np.isfinite(e.p_value)]
-    assert [e.id for e in judged if e.odd] == [lines[50].split(",")[0]]
-    assert watch.odd == {49}
-    assert all(np.isfinite(e.U) and e.U > 0 for e in judged)
+    assert [e.id for e in judged if e.odd] == [lines[k].split(",")[0] for k in (50, 52)]
+    assert watch.odd == {49, 51}
+    assert pytest.approx(watch.last.U, rel=0.15) == judged[0].U
+    assert all(e.U < 1.1 * watch.last.U for e in judged)
     assert not any(isinstance(e, Notice) for e in events)
+
+
+def test_rows_that_a_complete_fit_rejects_do_not_count(folder):
+    cell, lines = folder
+    watch, _ = events_of(cell, [*lines[:20], shifted_line(lines[20], 2, 1.0), *lines[21:59]], first=56)
+    assert watch.odd == {19} == {*watch.estimate.rejected.tolist()}
+
+
+def test_a_parameter_that_further_rows_bring_is_added():
+    before, estimate = first_rows(complete(), 50)
+    model = estimate.model
+    less = with_parameters(model.scene, model.effects, model.parameters[:-1])
+    start = np.delete(estimate.z, len(model.parameters) - 1)
+    found = update.refined(less, start, (), estimate)
+    later = update.followed(found, with_rows(complete().dataset, np.arange(51)), MODEL, before.options, ())
+    assert later.model.names == model.names
 
 
 def test_a_shift_is_told_once(folder):
