@@ -86,6 +86,8 @@ class Probing:
         faults(target, region, poses (M, 3, 4)) -> why a pose of the tool is of no use, or "", (M,).
     points : callable, optional
         points(target) -> number of rows that are measured at a pose, as of an image; one without it.
+    held : callable, optional
+        held(target) -> what the flange carries: capsules in the frame of the tool; only the tool without it.
     """
 
     region: Callable[[Target, Session], Region | None] | None = None
@@ -95,6 +97,7 @@ class Probing:
     aims: Callable[[Target, Region, int, np.random.Generator], np.ndarray] | None = None
     faults: Callable[[Target, Region, np.ndarray], np.ndarray] | None = None
     points: Callable[[Target], int] | None = None
+    held: Callable[[Target], tuple[Capsule, ...]] | None = None
 
 
 def vector(target: Target, key: str) -> np.ndarray:

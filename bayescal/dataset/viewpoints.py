@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from bayescal.arm.hand_eye import inverse, product
-from bayescal.arm.shapes import Box, Shape, ball
+from bayescal.arm.shapes import Box, Capsule, Shape, ball
 from bayescal.arm.transforms import cone, rigid, rpy_matrix
 from bayescal.dataset.cameras import FLANGE, board, lens_of
 from bayescal.dataset.regions import Region, Session
@@ -32,6 +32,8 @@ UNDONE = 1e-4
 """Change of a direction by distortion and its inverse, from which on it is beyond the lens."""
 BODY, THICK = 0.04, 5e-3
 """m, assumed: radius of a fixed camera, and half of the thickness of a board."""
+STRIPS = 6.0
+"""Half of the width of a carried board over the radius of the capsules that contain it, where it is large."""
 OUT, STEEP, FAR = (
     "the board not within the image",
     f"the board seen at more than {np.degrees(STEEPEST):.0f} deg",
@@ -135,18 +137,42 @@ def faults(t: Target, place: Region, tool: np.ndarray) -> np.ndarray:
     return out
 
 
-def obstacle(t: Target, place: Region) -> tuple[Shape, ...]:
-    """The board as a plate, or the body of a fixed camera."""
-    if t.texts["mount"] != FLANGE:
-        return (ball(place.centre, BODY),)
+def _plate(t: Target) -> tuple[np.ndarray, np.ndarray]:
+    """Centre and half edges (3,), m, of the board with a margin of a square, in its frame."""
     b, points = board(t), board(t).points
     low, high = points.min(axis=0) - b.size, points.max(axis=0) + b.size
     half = np.maximum(0.5 * (high - low), THICK)
     half[2] = THICK + 0.5 * float(np.ptp(points[:, 2]))
     local = 0.5 * (low + high)
     local[2] = float(np.mean(points[:, 2])) - _outward(t) * THICK
+    return local, half
+
+
+def obstacle(t: Target, place: Region) -> tuple[Shape, ...]:
+    """The board as a plate, or the body of a fixed camera."""
+    if t.texts["mount"] != FLANGE:
+        return (ball(place.centre, BODY),)
+    local, half = _plate(t)
     turn = rpy_matrix(np.asarray(t.values["rpy"]))
     return (Box(rigid(turn, place.centre + turn @ local), half),)
+
+
+def held(t: Target) -> tuple[Capsule, ...]:
+    """The body of a camera on the flange, or a board that is carried: parallel capsules that contain it."""
+    if t.texts["mount"] == FLANGE:
+        return (Capsule(0, np.zeros(3), np.zeros(3), BODY, "camera"),)
+    local, half = _plate(t)
+    short, along = sorted((0, 1), key=lambda axis: half[axis])
+    radius = max(2.0 * half[2], half[short] / STRIPS)
+    wide = np.sqrt(radius**2 - half[2] ** 2)  # half of what a capsule covers of the plate across
+    count = int(np.ceil(half[short] / wide))
+    out = []
+    for across in half[short] * (2.0 * np.arange(count) + 1.0 - count) / count:
+        middle = local.copy()
+        middle[short] += across
+        end = half[along] * np.eye(3)[along]
+        out.append(Capsule(0, middle - end, middle + end, float(radius), "board"))
+    return tuple(out)
 
 
 def corners(t: Target) -> int:

@@ -169,7 +169,7 @@ def _setup(dataset: Dataset, notes: tuple[str, ...]) -> Setup:
         poses=np.array(plan.poses).reshape(len(plan.poses), dataset.robot.n),
     )
     if any(KINDS[t.kind].posed for t in dataset.targets):
-        text = "of a camera or board on the flange, only a rod to its origin is checked for collisions"
+        text = "of what holds the camera or board on the flange, only a rod to it is checked for collisions"
         setup = replace(setup, notes=(*setup.notes, text))
     if setup.table is None and (height := table_height(setup.scene)) is not None:
         text = f"no table is stated; assumed: `plan: {{table_mm: {height * 1e3:.0f}}}`, below all targets"

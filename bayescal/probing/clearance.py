@@ -42,9 +42,12 @@ class Clearance:
     solids: tuple[Solid, ...] = ()
 
     @classmethod
-    def of(cls, robot: Robot, tool: Tool, solids: Sequence[Solid] = (), stand: float = 0.0) -> Clearance:
-        """Prepare the check of a robot with a tool; `stand` as for `arm_capsules`."""
-        bare = cls(NominalArm(robot, tool.centre), arm_capsules(robot, tool, stand), (), tuple(solids))
+    def of(
+        cls, robot: Robot, tool: Tool, solids: Sequence[Solid] = (), stand: float = 0.0,
+        held: Sequence[Capsule] = (),
+    ) -> Clearance:  # fmt: skip
+        """Prepare the check of a robot with a tool, which holds bodies; parameters as of `arm_capsules`."""
+        bare = cls(NominalArm(robot, tool.centre), arm_capsules(robot, tool, stand, held), (), tuple(solids))
         return replace(bare, self_pairs=bare._self_pairs())
 
     def among(self, solids: Sequence[Solid]) -> Clearance:

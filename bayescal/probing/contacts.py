@@ -22,7 +22,7 @@ from bayescal.dataset.types import Dataset
 from bayescal.probing.arm import Arm, inverse
 from bayescal.probing.clearance import RETRACT, Clearance, path_free
 from bayescal.probing.motions import CLEAR, Place
-from bayescal.probing.scene import Scene
+from bayescal.probing.scene import Scene, held_by
 
 SPEED = 5e-3  # m/s of the ball when it touches
 FASTEST = np.radians(12.0)  # rad/s: maximum joint velocity; faster joints are near a singularity
@@ -242,7 +242,7 @@ class Hand:
         """The hand of a tool of a session, by its index."""
         carried = dataset.tools[tool]
         axes = np.eye(3) if carried.rpy is None else rpy_matrix(carried.rpy)
-        clearance = Clearance.of(dataset.robot, carried, scene.solids)
+        clearance = Clearance.of(dataset.robot, carried, scene.solids, held=held_by(dataset, tool))
         return cls(Arm(dataset.robot, carried.centre, axes), clearance, cone, floor)
 
     def place(self, label: str) -> Place:

@@ -31,6 +31,7 @@ import numpy as np
 
 from bayescal.arm.chain import Chain, Robot, chain_of
 from bayescal.arm.shapes import Box, Capsule, Cylinder, HalfSpace, Hull, Shape
+from bayescal.arm.transforms import rpy_matrix
 from bayescal.dataset.regions import Region, Session
 from bayescal.dataset.target_kinds import KINDS
 from bayescal.dataset.types import Dataset, Target, Tool
@@ -272,7 +273,9 @@ ALONG = (
 )
 
 
-def arm_capsules(robot: Robot, tool: Tool, stand: float = 0.0) -> tuple[Capsule, ...]:
+def arm_capsules(
+    robot: Robot, tool: Tool, stand: float = 0.0, held: Sequence[Capsule] = ()
+) -> tuple[Capsule, ...]:
     """Capsules of an arm with its tool, from base to ball.
 
     Parameters
@@ -281,6 +284,8 @@ def arm_capsules(robot: Robot, tool: Tool, stand: float = 0.0) -> tuple[Capsule,
     tool : Tool
     stand : float
         Height of the column below the first frame, m, along its z axis: for an F0 that is not at the foot.
+    held : sequence of Capsule
+        What the tool holds beside itself, in its frame.
 
     Returns
     -------
@@ -299,7 +304,23 @@ def arm_capsules(robot: Robot, tool: Tool, stand: float = 0.0) -> tuple[Capsule,
             along = abs((b - a) @ chain.link[link, :3, 2]) > ALONG * np.linalg.norm(b - a)
             housing = along and link < robot.n and np.allclose(b, _step(chain, link))
             out.append(Capsule(link, a, b, float(radii[link + housing]), name))
+    turn = np.eye(3) if tool.rpy is None else rpy_matrix(tool.rpy)
+    for body in held:
+        a, b = (turn @ end + tool.centre for end in (body.a, body.b))
+        out.append(Capsule(robot.n + 1, a, b, body.radius, f"{body.name} on the flange"))
     return (*out, *_tool(robot.n + 1, tool))
+
+
+def held_by(dataset: Dataset, tool: int) -> tuple[Capsule, ...]:
+    """What a tool of a session holds beside itself, of the targets that it measures or may measure."""
+    m = dataset.measurements
+    out = list[Capsule]()
+    for k, target in enumerate(dataset.targets):
+        planned, used = KINDS[target.kind].planned, np.unique(m.tool[m.target == k])
+        mine = tool in used if len(used) else dataset.tools[tool].ball_radius is None
+        if planned is not None and planned.held is not None and mine:
+            out += planned.held(target)
+    return tuple(out)
 
 
 def link_radii(robot: Robot) -> np.ndarray:

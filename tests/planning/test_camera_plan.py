@@ -9,8 +9,10 @@ from camera_sessions import BOARD, CENTRE, FOCAL, SIZE, camera_session
 
 import bayescal as bc
 from bayescal.arm.chain import chain_of, frames, link_angles
+from bayescal.arm.shapes import HalfSpace
 from bayescal.arm.transforms import rpy_matrix
 from bayescal.dataset import write_dataset
+from bayescal.dataset.types import PlanSettings
 from bayescal.errors import BayescalError
 from bayescal.planning.candidates import candidates, usual_count
 from bayescal.planning.exchange import select
@@ -20,6 +22,8 @@ from bayescal.planning.plan import PlanOptions, plan
 from bayescal.planning.pool import condensed, linearised
 from bayescal.planning.setup import continued
 from bayescal.preparing.practice import practice
+from bayescal.probing.clearance import Clearance
+from bayescal.probing.scene import Solid, held_by
 from bayescal.reporting.plan_record import table_of_plan
 from bayescal.simulation import Options
 
@@ -129,3 +133,49 @@ def test_a_folder_of_images_is_continued(tmp_path):
     assert len(bc.plan(cell, after=cell, **few).contacts) == 3
     with pytest.raises(BayescalError, match="where the board of `cam` is cannot be told"):
         bc.plan(cell, **few)
+
+
+def test_capsules_contain_the_carried_board():
+    d = setup("fixed").dataset
+    held = held_by(d, 0)
+    rng = np.random.default_rng(0)
+    low, high = BOARD.min(axis=0), BOARD.max(axis=0)
+    points = rng.uniform(low, high, (4000, 3))
+    near = np.min([c.distance(points) for c in held], axis=0)
+    assert near.max() <= 1e-9
+    # and little more: a square and the thickness of the plate around it, and the radius
+    beyond = 0.05 + max(c.radius for c in held)
+    off = rng.uniform(low - 0.3, high + 0.3, (4000, 3))
+    away = np.linalg.norm(np.maximum(np.maximum(low - off, off - high), 0.0), axis=1)
+    assert np.all(np.min([c.distance(off[away > beyond]) for c in held], axis=0) > 0)
+    (camera,) = held_by(setup("flange").dataset, 0)
+    assert camera.radius == 0.04
+
+
+def test_a_carried_board_that_dips_into_the_table_collides():
+    """By a check of its own: where corners of the board are below the table, and nothing else is."""
+    d = setup("fixed").dataset
+    table = [Solid("table", (HalfSpace(np.array([0.0, 0.0, 1.0]), 0.0),), carries=True)]
+    bare = Clearance.of(d.robot, d.tools[0], table)
+    whole = Clearance.of(d.robot, d.tools[0], table, held=held_by(d, 0))
+    low, high = d.robot.limits.T
+    readings = np.random.default_rng(0).uniform(low, high, (3000, d.robot.n))
+    dips = np.min(board_corners(d, readings)[..., 2], axis=1) < 0.0
+    unseen = readings[dips & (bare.collides(readings) == 0)]
+    assert len(unseen) > 20
+    assert np.all(whole.collides(unseen) > 0)
+
+
+def test_a_plan_keeps_the_carried_board_above_the_table():
+    d = setup("fixed").dataset
+    height = 0.02 + float(np.min(board_corners(d, d.measurements.readings)[..., 2]))
+    given = continued(replace(d, plan=PlanSettings(table=height)))
+    made = plan(given, PlanOptions(contacts=8, aim="distances", effects=("geometry",), candidates=240))
+    assert np.min(board_corners(d, made.session.measurements.readings)[..., 2]) > height
+
+
+def board_corners(d, readings):
+    """Corners of the carried board in F0, (N, K, 3), m."""
+    tool = d.tools[0]
+    at = frames(chain_of(d.robot), link_angles(d.robot, readings))[:, -1] @ pose(tool.rpy, tool.centre)
+    return np.einsum("nij,kj->nki", at[:, :3, :3], BOARD) + at[:, None, :3, 3]
