@@ -9,6 +9,7 @@ import numpy as np
 from rich.console import Group, RenderableType
 from rich.text import Text
 
+from bayescal.dataset.target_kinds import KINDS
 from bayescal.effects.vocabulary import unit_label
 from bayescal.planning.result import (
     BOTH,
@@ -66,6 +67,13 @@ def over(e: ExpectedDistances) -> str:
     return OVER.get(e.over, e.over)
 
 
+def noun(plan: Plan) -> str:
+    """What a plan has: contacts, or images where that is all."""
+    d = plan.session
+    kinds = [KINDS[d.targets[k].kind] for k in np.unique(d.measurements.target)]
+    return "images" if kinds and all(kind.posed for kind in kinds) else "contacts"
+
+
 def by_target(plan: Plan) -> Sheet:
     """Contacts by target, purpose and payload; validation targets contacts alone in one row."""
     m, names = plan.session.measurements, [t.name for t in plan.session.targets]
@@ -84,7 +92,7 @@ def by_target(plan: Plan) -> Sheet:
         loaded = [np.sum(mine & (payload == x)) for x in masses] if len(masses) > 1 else []
         rows.append((label, *map(str, (np.sum(mine), *counts, *loaded))))
     loads = [f"{x:g}\N{NO-BREAK SPACE}kg" for x in masses] if len(masses) > 1 else []
-    return sheet_of_cells(("contacts", "all", *(PURPOSES[p] for p in used), *loads), rows)
+    return sheet_of_cells((noun(plan), "all", *(PURPOSES[p] for p in used), *loads), rows)
 
 
 def detectable(plan: Plan, every_site: bool = False) -> Sheet:
@@ -187,7 +195,7 @@ def contacts(plan: Plan) -> Sheet:
         Column("clearance (mm)", clear.__getitem__),
         Column("before", lambda k: plan.changes[k] if plan.changes else "", words=True),
     )
-    caption = "the table of plan.csv, and what is changed before a contact"
+    caption = f"the table of plan.csv, and what is changed before one of the {noun(plan)}"
     return Sheet(columns, range(len(m.ids)), caption, 0)
 
 
@@ -200,7 +208,7 @@ FURTHER = 20
 def title(plan: Plan) -> str:
     """Contacts, purpose and model in a line."""
     aim = AIMS.get(plan.aim, plan.aim)
-    return f"plan of {count(plan)} contacts {aim}; model: {', '.join(plan.effects) or 'nominal'}"
+    return f"plan of {count(plan)} {noun(plan)} {aim}; model: {', '.join(plan.effects) or 'nominal'}"
 
 
 def headline(plan: Plan) -> Iterator[str]:
@@ -208,7 +216,7 @@ def headline(plan: Plan) -> Iterator[str]:
     for e in plan.expected[:1]:
         yield f"Expected U = {um2(COVERAGE_FACTOR * e.u)} µm (k = 2) of {e.count} {over(e)}, {IF_RIGHT}"
         if np.isfinite(plan.equals_random):
-            yield f"Equivalent to about {two_digits(plan.equals_random)} random contacts"
+            yield f"Equivalent to about {two_digits(plan.equals_random)} random {noun(plan)}"
         else:
             yield "No number of the candidates, chosen at random, gives the same"
 
@@ -236,7 +244,7 @@ def travel(plan: Plan) -> str:
     clear = f"; clearance {1e3 * clearance.min():.1f} mm or more" if len(clearance) else ""
     stops = sum(bool(text) for text in plan.changes[1:])
     stopped = f"; the arm waits {times(stops)} for a change" if stops else ""
-    return f"{duration(plan.travel)} of motion between contacts{clear}{stopped}; order: {plan.order}"
+    return f"{duration(plan.travel)} of motion between {noun(plan)}{clear}{stopped}; order: {plan.order}"
 
 
 def candidates(plan: Plan) -> str:
@@ -301,7 +309,7 @@ def plan_summary(plan: Plan) -> RenderableType:
     """Expected uncertainty, contacts, detectable amplitudes, pairs, warnings: one screen."""
     name = Text.assemble((plan.session.name, "bold"), f"  {plan.session.robot.name}  {title(plan)}")
     costs = (
-        ("contacts", contacts_phrase(plan), ""),
+        (noun(plan), contacts_phrase(plan), ""),
         ("travel", travel(plan), ""),
         ("candidates", candidates(plan), "dim"),
     )
@@ -313,7 +321,7 @@ def plan_summary(plan: Plan) -> RenderableType:
     if plan.expected:
         parts.append(terminal(expected(plan)))
     if more := further(plan):
-        parts.append(facts([("next 20", f"{FURTHER} further contacts: {more[0]} ({more[1]})", "")]))
+        parts.append(facts([("next 20", f"{FURTHER} further {noun(plan)}: {more[0]} ({more[1]})", "")]))
     parts += ["", terminal(by_target(plan)), facts(costs)]
     if plan.detectable:
         parts += ["", terminal(detectable(plan))]

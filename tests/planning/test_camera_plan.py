@@ -25,6 +25,7 @@ from bayescal.preparing.practice import practice
 from bayescal.probing.clearance import Clearance
 from bayescal.probing.scene import Solid, held_by
 from bayescal.reporting.plan_record import table_of_plan
+from bayescal.reporting.plan_sheets import title
 from bayescal.simulation import Options
 
 STEEPEST = 50.0
@@ -115,6 +116,7 @@ def test_plan_has_a_row_for_each_image():
     assert "u_px" not in lines[0]
     assert "j6_deg" in lines[0]
     assert len(made.approach) == len(made.purpose) == 8
+    assert title(made).startswith("plan of 8 images for distances")
     assert usual_count(setup()) == 33
 
 

@@ -10,7 +10,7 @@ from bayescal.arm.shapes import Shape
 from bayescal.model.scene import Scene
 from bayescal.planning.result import DISTANCES, GAP, REPEAT, VALIDATE, Plan
 from bayescal.reporting.plan_record import count
-from bayescal.reporting.plan_sheets import COVERAGE_FACTOR, PURPOSES, by_target, headline, title
+from bayescal.reporting.plan_sheets import COVERAGE_FACTOR, PURPOSES, by_target, headline, noun, title
 from bayescal.reporting.shared.body import Outline, View, arm_drawing, fill, outlines, typical
 from bayescal.reporting.shared.style import ACCENT, FAINT, GREY, INK, MARKED, TINTS, figure, tidy
 from bayescal.reporting.shared.text import MM, UM
@@ -177,8 +177,10 @@ def _targets(plan: Plan, axes: Any) -> None:
     axes.set_yticks(range(len(shown)), [row[0] for row in shown])
     axes.set_ylim(len(shown) - max(len(shown), 4) - 0.6, len(shown) - 0.4)
     axes.xaxis.get_major_locator().set_params(integer=True)
-    axes.set_xlabel("contacts")
-    axes.set_title(f"contacts by target{f', {len(hidden)} targets not shown' if hidden else ''}", loc="left")
+    axes.set_xlabel(noun(plan))
+    axes.set_title(
+        f"{noun(plan)} by target{f', {len(hidden)} targets not shown' if hidden else ''}", loc="left"
+    )
     axes.legend(
         frameon=False, loc="lower right", bbox_to_anchor=(1.0, 0.98), ncols=len(FILLS), columnspacing=0.9,
         handletextpad=0.4, borderpad=0.0,
@@ -212,7 +214,7 @@ def _curve(plan: Plan, axes: Any) -> None:
         axis.set_major_locator(LogLocator(subs=TICKS))
         axis.set_major_formatter(lambda value, _: f"{value:g}")
         axis.set_minor_locator(NullLocator())
-    axes.set_xlabel("contacts")
+    axes.set_xlabel(noun(plan))
     axes.set_ylabel("expected U (µm, k = 2)")
     axes.set_title(f"{first.over if first else 'distances'}, assuming the model is correct", loc="left")
     if axes.get_legend_handles_labels()[0]:

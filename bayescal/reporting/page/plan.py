@@ -54,7 +54,7 @@ def plan_page(plan: Plan, picture: bytes, commands: Sequence[tuple[str, str]] = 
         blocks("parameters", "Parameters", Sheet(plan_sheets.PARAMETERS, plan.parameters)),
         blocks("observability", "Observability", plan_sheets.observability(plan)),
         blocks("candidates", "Candidates", Text(plan_sheets.candidates(plan))),
-        blocks("all", "All contacts, in the order of probing", plan_sheets.contacts(plan)),
+        blocks("all", f"All {plan_sheets.noun(plan)}, in their order", plan_sheets.contacts(plan)),
         _inputs(plan),
     )
     foot = [f"bayescal {__version__}"]
@@ -64,10 +64,16 @@ def plan_page(plan: Plan, picture: bytes, commands: Sequence[tuple[str, str]] = 
 def _first(plan: Plan, commands: Sequence[tuple[str, str]]) -> Section:
     """Expected uncertainty, contacts, time; what to run next; warnings."""
     lines = list(plan_sheets.headline(plan)) or [plan_sheets.title(plan)]
-    keys = [("Contacts", str(len(plan.purpose)), plan_sheets.contacts_phrase(plan))]
-    keys += [("Motion between contacts", plan_sheets.duration(plan.travel), f"order: {plan.order}")]
+    keys = [(plan_sheets.noun(plan).capitalize(), str(len(plan.purpose)), plan_sheets.contacts_phrase(plan))]
+    keys += [
+        (
+            f"Motion between {plan_sheets.noun(plan)}",
+            plan_sheets.duration(plan.travel),
+            f"order: {plan.order}",
+        )
+    ]
     if more := plan_sheets.further(plan):
-        keys.append((f"{plan_sheets.FURTHER} further contacts", *more))
+        keys.append((f"{plan_sheets.FURTHER} further {plan_sheets.noun(plan)}", *more))
     return FirstScreen(
         lines[0],
         lines=lines[1:],
