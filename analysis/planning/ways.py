@@ -25,6 +25,7 @@ from bayescal.planning.pool import Setup
 from bayescal.planning.setup import continued
 from bayescal.planning.transit import Transits
 from bayescal.probing.clearance import Clearance
+from bayescal.probing.scene import held_by
 from bayescal.robots import load_robot
 
 ROBOTS = (
@@ -81,7 +82,8 @@ def cell_of(setup: Setup, tool: int, label: str) -> Cell:
     rows = np.stack([robot.alpha, robot.a, robot.d, robot.offset], axis=1)
     table = Table(rows, robot.convention, robot.link_from_reading, robot.base, robot.flange)
     around = setup.scene
-    check = Clearance.of(robot, setup.dataset.tools[tool], around.solids)
+    held = held_by(setup.dataset, tool)
+    check = Clearance.of(robot, setup.dataset.tools[tool], around.solids, held=held)
     capsules = [(c.frame, c.a, c.b, c.radius, c.probe) for c in check.capsules]
     solids = []
     for solid in around.solids:

@@ -8,6 +8,7 @@ import pytest
 from camera_sessions import BOARD, CENTRE, FOCAL, SIZE, camera_session
 
 import bayescal as bc
+from analysis.planning.ways import against
 from bayescal.arm.chain import chain_of, frames, link_angles
 from bayescal.arm.shapes import HalfSpace
 from bayescal.arm.transforms import rpy_matrix
@@ -18,9 +19,11 @@ from bayescal.planning.candidates import candidates, usual_count
 from bayescal.planning.exchange import select
 from bayescal.planning.expected import Random
 from bayescal.planning.goals import goals
+from bayescal.planning.order import ordered
 from bayescal.planning.plan import PlanOptions, plan
 from bayescal.planning.pool import condensed, linearised
 from bayescal.planning.setup import continued
+from bayescal.planning.transit import Transits
 from bayescal.preparing.practice import practice
 from bayescal.probing.clearance import Clearance
 from bayescal.probing.scene import Solid, held_by
@@ -181,3 +184,14 @@ def board_corners(d, readings):
     tool = d.tools[0]
     at = frames(chain_of(d.robot), link_angles(d.robot, readings))[:, -1] @ pose(tool.rpy, tool.centre)
     return np.einsum("nij,kj->nki", at[:, :3, :3], BOARD) + at[:, None, :3, 3]
+
+
+@pytest.mark.parametrize("mount", ["flange", "fixed"])
+def test_motions_between_images_are_free_by_fine_sampling(mount):
+    some, rng = pool(mount, 240), np.random.default_rng(0)
+    moves, drawn = Transits(some), rng.permutation(some.candidates)[:8]
+    rows = drawn[ordered(some, drawn, "sweeps", rng, moves.blocked)]
+    found = against(some, rows, moves.ways(rows))
+    assert found["motions"] >= 7
+    assert found["nearest_mm"] > 5.0
+    assert found["overstated_mm"] < 0.1
