@@ -86,6 +86,9 @@ class Probing:
         faults(target, region, poses (M, 3, 4)) -> why a pose of the tool is of no use, or "", (M,).
     points : callable, optional
         points(target) -> number of rows that are measured at a pose, as of an image; one without it.
+    sights : callable, optional
+        sights(target, region, poses (M, 3, 4)) -> from where (M, 3) to where (M, K, 3), m in F0, the view is
+        to be free at poses of the tool.
     held : callable, optional
         held(target) -> what the flange carries: capsules in the frame of the tool; only the tool without it.
     """
@@ -97,6 +100,7 @@ class Probing:
     aims: Callable[[Target, Region, int, np.random.Generator], np.ndarray] | None = None
     faults: Callable[[Target, Region, np.ndarray], np.ndarray] | None = None
     points: Callable[[Target], int] | None = None
+    sights: Callable[[Target, Region, np.ndarray], tuple[np.ndarray, np.ndarray]] | None = None
     held: Callable[[Target], tuple[Capsule, ...]] | None = None
 
 

@@ -373,6 +373,7 @@ KINDS: dict[str, TargetKind] = {
                 aims=viewpoints.aims,
                 faults=viewpoints.faults,
                 points=viewpoints.corners,
+                sights=viewpoints.sights,
                 held=viewpoints.held,
             ),
         ),

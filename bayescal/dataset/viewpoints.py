@@ -137,6 +137,17 @@ def faults(t: Target, place: Region, tool: np.ndarray) -> np.ndarray:
     return out
 
 
+def sights(t: Target, place: Region, tool: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """From the camera (M, 3) to the outermost points of the board (M, K, 3) in F0, at poses of the tool."""
+    fixed = np.broadcast_to(rigid(rpy_matrix(np.asarray(t.values["rpy"])), place.centre)[:3], tool.shape)
+    eye, seen = (tool, fixed) if t.texts["mount"] == FLANGE else (fixed, tool)
+    low, high = board(t).points.min(axis=0), board(t).points.max(axis=0)
+    ends = np.array(
+        [[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in {low[2], high[2]}]
+    )
+    return eye[:, :, 3], np.einsum("mij,kj->mki", seen[:, :, :3], ends) + seen[:, None, :, 3]
+
+
 def _plate(t: Target) -> tuple[np.ndarray, np.ndarray]:
     """Centre and half edges (3,), m, of the board with a margin of a square, in its frame."""
     b, points = board(t), board(t).points

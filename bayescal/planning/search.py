@@ -154,6 +154,9 @@ def tried_once(
     return True
 
 
+HIDDEN = "the board hidden by the arm or a solid"
+
+
 def _judge(setup: Setup, search: Search, hand: Hand, reached: Contacts, rows: np.ndarray) -> None:
     """State of contacts in some rows (M,) bool what makes their pose useless: of arms with few joints."""
     entry = setup.dataset.targets[search.target]
@@ -162,6 +165,11 @@ def _judge(setup: Setup, search: Search, hand: Hand, reached: Contacts, rows: np
     if planned is not None and planned.faults is not None and len(good):
         poses = hand.arm.tool_poses(hand.arm.frames(reached.readings[good]))[:, :3]
         reached.reason[good] = planned.faults(entry, setup.regions[entry.name], poses)
+    good = np.flatnonzero(rows & (reached.reason == ""))
+    if planned is not None and planned.sights is not None and len(good):
+        poses = hand.arm.tool_poses(hand.arm.frames(reached.readings[good]))[:, :3]
+        ends = planned.sights(entry, setup.regions[entry.name], poses)
+        reached.reason[good[hand.clearance.hidden(reached.readings[good], *ends)]] = HIDDEN
 
 
 def chosen(search: Search, count: int, rng: np.random.Generator) -> tuple[np.ndarray, Contacts]:

@@ -24,6 +24,8 @@ ALWAYS = 0.5
 than the links: not compared. (The MoveIt Setup Assistant excludes pairs that always collide, in the same
 way.)"""
 SAMPLES = 200
+NEAR_EYE, ALONG = 0.06, 40
+"""m of a line of sight at both ends that camera and board may have, and points of it that are checked."""
 STILL = 1e-9
 """m: a distance that varies by less does not change with the arm."""
 
@@ -128,6 +130,36 @@ class Clearance:
         return self._table.closest(
             begin, end, self._compared(len(begin), touched), slack, -np.inf, tolerance
         )[0]
+
+    def hidden(self, readings: np.ndarray, eye: np.ndarray, seen: np.ndarray) -> np.ndarray:
+        """Whether the arm or a solid hides points from an eye, (M,).
+
+        Parameters
+        ----------
+        readings : np.ndarray, shape (M, n)
+            rad.
+        eye : np.ndarray, shape (M, 3)
+            m in F0.
+        seen : np.ndarray, shape (M, K, 3)
+            m in F0.
+
+        What is on the flange, and the first and last `NEAR_EYE` of each line, do not count: camera and board.
+        """
+        length = np.linalg.norm(seen - eye[:, None], axis=2, keepdims=True)
+        share = np.linspace(0.0, 1.0, ALONG)[:, None, None, None]
+        share = np.clip(share, NEAR_EYE / length, 1.0 - NEAR_EYE / length)
+        at = (eye[:, None] + share * (seen - eye[:, None])).transpose(1, 0, 2, 3)
+        at = at.reshape(len(readings), -1, 3)
+        out = np.zeros(len(readings), bool)
+        for solid in self.solids:
+            for shape in solid.shapes:
+                out |= np.any(shape.distance(at) < 0.0, axis=1)
+        frames = self.arm.frames(readings)
+        for capsule in self.capsules:
+            if capsule.frame <= self.arm.robot.n:
+                turn, shift = frames[:, capsule.frame, :3, :3], frames[:, capsule.frame, :3, 3]
+                out |= np.any(capsule.distance((at - shift[:, None]) @ turn) < 0.0, axis=1)
+        return out
 
     def _compared(self, count: int, touched: np.ndarray | None) -> np.ndarray:
         """Which pairs are compared in which rows, (M, P) bool."""

@@ -376,3 +376,22 @@ def test_a_column_below_the_base():
     assert foot.frame == 0
     assert np.allclose(foot.a, [0, 0, -0.33])
     assert np.allclose(rigid(None, foot.b), np.eye(4))
+
+
+def test_what_is_behind_a_link_or_a_solid_is_hidden():
+    robot, _ = load_robot("fanuc-lrmate200ic")
+    check = Clearance.of(robot, Tool("flange", np.zeros(3)))
+    readings = np.zeros((1, 6))
+    frames = check.arm.frames(readings)[0]
+    elbow, wrist = frames[3, :3, 3], frames[6, :3, 3]
+    middle, side = 0.5 * (elbow + wrist), np.array([0.0, 1.0, 0.0])
+    assert abs((wrist - elbow) @ side) < 1e-9
+    eye, behind = middle + 0.5 * side, middle - 0.5 * side
+    beside = behind + np.array([0.0, 0.0, 1.2])
+    assert check.hidden(readings, eye[None], behind[None, None])[0]
+    assert not check.hidden(readings, eye[None], (eye + 0.1)[None, None])[0]
+    assert not check.hidden(readings, eye[None], np.array([[beside]]))[0]
+    # one of several points is enough; a solid hides as a link does
+    assert check.hidden(readings, eye[None], np.array([[beside, behind]]))[0]
+    wall = Solid("wall", (Box(rigid(None, 0.5 * (eye + beside)), np.full(3, 0.05)),))
+    assert check.among([wall]).hidden(readings, eye[None], np.array([[beside]]))[0]
