@@ -50,7 +50,10 @@ def board_poses(corner: np.ndarray, xy: np.ndarray, image: np.ndarray) -> np.nda
     np.ndarray, shape (I, 3, 4)
         Orientation and origin, m; nan of an image with too few points.
     """
-    order = np.argsort(image, kind="stable")
+    order, count = np.argsort(image, kind="stable"), np.bincount(image)
+    poses = np.full((len(count), 3, 4), np.nan)
+    if np.max(count, initial=0) < FEWEST_FLAT:
+        return poses
     corner, xy, image = corner[order], xy[order], image[order]
     middle = corner.mean(axis=0)
     _, size, axes = np.linalg.svd(corner - middle, full_matrices=False)
@@ -58,10 +61,8 @@ def board_poses(corner: np.ndarray, xy: np.ndarray, image: np.ndarray) -> np.nda
     wide = float(size[0] / np.sqrt(len(corner)))
     local = (corner - middle) @ axes.T / wide
     flat = size[2] <= FLAT * size[0]
-    count = np.bincount(image)
     enough = count >= (FEWEST_FLAT if flat else FEWEST)
     some = enough[image]
-    poses = np.full((len(count), 3, 4), np.nan)
     if not some.any():
         return poses
     found = _linear(local[some], xy[some], np.cumsum(enough)[image[some]] - 1, flat)

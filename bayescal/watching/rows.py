@@ -67,10 +67,15 @@ def followed(written: Written, folder: Path) -> Written:
     return Written(dataset, content, again=again) if dataset is not None else replace(before, again=again)
 
 
+def placed_by_rows(dataset: Dataset) -> bool:
+    """Whether all rows together say where targets are, as those of cameras: every row changes the model."""
+    return any(KINDS[t.kind].prepared is not None for t in dataset.targets)
+
+
 def _with_lines(before: Written, content: bytes, folder: Path) -> Dataset | None:
     """The session with the rows of further lines of measurements.csv; None if they have none."""
     d, lines = before.dataset, content.splitlines(keepends=True)
-    if any(KINDS[t.kind].prepared is not None for t in d.targets):  # it depends on all rows
+    if placed_by_rows(d):
         return read_dataset(folder)
     done = before.content.count(END)
     new = content[len(before.content) :] if done else b"".join(lines[1:])

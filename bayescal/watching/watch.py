@@ -157,7 +157,7 @@ class Watch:
             for k in range(count, len(m.ids))
         ]
         self.contacts += new
-        if not new or self.estimate is None:
+        if not new or self.estimate is None or rows.placed_by_rows(dataset):
             yield from new
             return
         self.estimate = update.followed(self.estimate, dataset, self.options.effects, self._options, self.odd)

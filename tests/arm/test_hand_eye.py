@@ -90,3 +90,11 @@ def test_images_that_are_numbered_from_the_other_end(share):
     )
     np.testing.assert_array_equal(half_turns(FLANGE, seen), turned)
     np.testing.assert_array_equal(half_turns(FLANGE, inverse(SEEN)), False)
+
+
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_too_few_corners_have_no_pose(count):
+    corner = np.array([[0.0, 0, 0], [0.1, 0, 0], [0, 0.1, 0]])[:count]
+    poses = board_poses(corner, corner[:, :2], np.zeros(count, int))
+    assert poses.shape == (1, 3, 4)
+    assert np.isnan(poses).all()

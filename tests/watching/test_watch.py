@@ -6,6 +6,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from camera_sessions import camera_session
 from sessions import little, with_rows
 
 import bayescal as bc
@@ -322,3 +323,16 @@ def test_a_plan_states_the_aim(folder, tmp_path):
     (tmp_path / "plan.json").write_text(json.dumps({"schema": "bayescal-plan/1"}))
     with pytest.raises(BayescalError, match="incomplete"):
         bc.watch(cell, plan=tmp_path)
+
+
+def test_corners_of_images_are_fitted_in_the_pauses(tmp_path):
+    write_dataset(camera_session(images=6, velocity=False), tmp_path / "cell")
+    lines = (tmp_path / "cell" / TABLE).read_text().splitlines(keepends=True)
+    (tmp_path / "cell" / TABLE).write_text(lines[0])
+    watch = Watch(tmp_path / "cell")
+    for first, last in ((1, 2), (2, 25), (25, 97)):
+        put(tmp_path / "cell", *lines[first:last])
+        assert all(isinstance(e, Contact | Notice) for e in watch.look())
+    assert [type(e) for e in watch.complete()] == [Complete]
+    put(tmp_path / "cell", *lines[97:])
+    assert not any(e.odd or np.isfinite(e.p_value) for e in watch.look())
