@@ -24,9 +24,9 @@ from analysis.blind.folder import (
     write,
 )
 from analysis.blind.make import Notify
-from analysis.blind.workers import Lost, results
 from bayescal.errors import BayescalError
 from bayescal.storage.locks import scratch
+from bayescal.workers.local import Lost, results
 
 LONG = ("curves", "residuals", "rows", "arm")
 """Keys of gap.json that hold data of figures and are not part of an answer."""

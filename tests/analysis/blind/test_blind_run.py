@@ -23,8 +23,8 @@ from analysis.blind.further import ERROR, Open, planned, probed
 from analysis.blind.make import make
 from analysis.blind.rounds import ARMS, ROUND, is_open, second_round
 from analysis.blind.run import Task, answered, run
-from analysis.blind.workers import results
 from bayescal.errors import BayescalError
+from bayescal.workers.local import results
 
 WORLDS, SEED = 2, 2444
 """Both sessions are of points of a tracker, with some 155 rows."""
@@ -152,7 +152,7 @@ def test_what_work_raises_on_dask_is_raised(cluster):
 
 
 def test_workers_without_the_package_are_refused(cluster, monkeypatch):
-    monkeypatch.setattr("analysis.blind.cluster.PACKAGE", "bayescal-of-elsewhere")
+    monkeypatch.setattr("bayescal.workers.cluster.PACKAGE", "bayescal-of-elsewhere")
     with pytest.raises(BayescalError, match="a worker lacks bayescal-of-elsewhere; install"):
         list(results(tiny_work.refuse, [3], dask=cluster.scheduler_address))
 

@@ -22,10 +22,10 @@ from analysis.blind.folder import FILES, PLAN, write
 from analysis.blind.make import Drawn, make
 from analysis.blind.run import run
 from analysis.blind.unseal import opened
-from analysis.blind.workers import DEPTH, KILLS, Lost, results
 from bayescal.errors import BayescalError
 from bayescal.storage.folders import LIST
 from bayescal.storage.stopping import Stopped
+from bayescal.workers.local import DEPTH, KILLS, Lost, results
 
 WORLDS, SEED = 3, 5
 pytestmark = pytest.mark.usefixtures("_no_pinocchio_needed")
@@ -431,7 +431,7 @@ def test_blas_has_one_thread(monkeypatch):
 def test_workers_go_with_their_parent(tmp_path):
     program = (
         "import tiny_work, pathlib, sys\n"
-        "from analysis.blind.workers import results\n"
+        "from bayescal.workers.local import results\n"
         "if __name__ == '__main__':\n"
         f"    list(results(tiny_work.work, [tiny_work.Tiny(0, pathlib.Path({str(tmp_path)!r}), 0, 600.0)]))\n"
     )
@@ -452,7 +452,7 @@ def test_a_stop_ends_the_workers_without_awaiting_their_jobs(tmp_path, monkeypat
         until(lambda: (tmp_path / "0").exists() and tiny_work.begun(tmp_path, 0))
         raise stop
 
-    monkeypatch.setattr("analysis.blind.workers.wait", stopped)
+    monkeypatch.setattr("bayescal.workers.local.wait", stopped)
     begin = time.monotonic()
     with pytest.raises((KeyboardInterrupt, Stopped)):
         list(results(tiny_work.work, [Tiny(0, tmp_path, 0, 600.0)]))

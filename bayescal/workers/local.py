@@ -185,7 +185,7 @@ def results(
 def _crews(workers: int, dask: str | None) -> list[Callable[[], Crew]]:
     if dask is None:
         return [Process] * workers
-    from analysis.blind.cluster import Cluster
+    from bayescal.workers.cluster import Cluster
 
     return [lambda: Cluster(dask)]
 
