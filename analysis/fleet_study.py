@@ -1,4 +1,4 @@
-"""`python -m analysis.fleet_study`: what a fleet of simulated arms of one model shows, and saves the next arm.
+"""`python -m analysis.fleet_study`: what a fleet of simulated arms shows, and what it saves the next arm.
 
 The arms are made by `analysis.world`, which shares no code with the model. Their deviations from nominal have
 a common part (all of the stated priors' size) and an individual one (`SPREAD` of it). Three have backlash at
@@ -8,20 +8,27 @@ one joint, one has a joint zero far from the others, one changes a joint zero be
 from __future__ import annotations
 
 import argparse
-import json
 import os
+import shutil
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
+import bayescal as bc
 from analysis.world import arm, joints, scene, session, write
 from analysis.world.size import modest
 from analysis.world.touch import SOLVED, Act, World
+from bayescal.dataset import read_dataset
+from bayescal.fitted.arm import of_fit
+from bayescal.fleet.compare import Member, models_of
+from bayescal.fleet.likelihood import read_likelihood
+from bayescal.public.fleet import fleet, robot_text
+from bayescal.reporting.fleet.sheets import counted, findings, learnt
+from bayescal.statistics import rms
 
 ARMS, SPREAD = 12, 0.3
 SHARING, JOINT, PLAY = (1, 4, 8), 4, 2.5e-4
@@ -51,25 +58,25 @@ def shapes(seed: int, count: int = ARMS, spread: float = SPREAD) -> list[arm.Sha
 
 
 def probed(
-    seed: int, shape: arm.Shape, name: str, *, serial: str, date: str, play: float = 0.0
-) -> tuple[dict[str, str], World]:
-    """The files of a session on the cube, with validation on spheres, and the world that was probed."""
+    seed: int, shape: arm.Shape, name: str, *, serial: str, date: str, play: float = 0.0, noise: float = NOISE
+) -> tuple[dict[str, str], np.ndarray]:
+    """The files of a session on the cube, validated on spheres, and the true points (N, 3), m, of its rows."""
     rng = np.random.default_rng([seed, 1])
     things = scene.draw(rng)
     plan = session.plan(rng, things, {"reverse": 0.05, "payload": "none", "velocity": True})
-    world, _, _ = modest(World(arm.Arm(shape), things, plan, shape.give), True, NOISE)
+    world, _, _ = modest(World(arm.Arm(shape), things, plan, shape.give), True, noise)
     acts = [(_backlash(rng, world), play)] if play else []
-    readings, worst = world.touch(acts, NOISE * rng.standard_normal(len(plan.time)))
+    readings, worst = world.touch(acts, noise * rng.standard_normal(len(plan.time)))
     if worst > SOLVED:
         msg = f"{name}: {worst:g} m off the touch"
         raise RuntimeError(msg)
     velocity = plan.velocity + np.radians(0.002) * rng.standard_normal((len(readings), 6))
     record = f"record: {{date: {date}, serials: {{arm: {serial}}}}}\n"
     return {
-        "dataset.yaml": write.dataset_text(world, name, NOISE) + record,
+        "dataset.yaml": write.dataset_text(world, name, noise) + record,
         "robot.yaml": write.robot_text(),
         "measurements.csv": write.measurements_text(world.session, readings, velocity, None),
-    }, world
+    }, world.seen(readings, acts)[0].ball
 
 
 def _backlash(rng: np.random.Generator, world: World) -> Act:
@@ -99,30 +106,136 @@ def put(folder: Path, texts: dict[str, str]) -> Path:
     return folder
 
 
-def made(folder: Path, seed: int, count: int = ARMS, calibrate: int | None = None) -> list[Path]:
-    """Write the sessions of a fleet, and truth.json beside them; those that are there are kept."""
-    every = shapes(seed, count)
-    out, truth = [], {}
-    for k, shape in enumerate(every):
+def made(
+    folder: Path, seed: int, count: int = ARMS, noise: float = NOISE, spread: float = SPREAD
+) -> list[Path]:
+    """Write the sessions of a fleet, and the true points of their rows beside them; what is there is kept."""
+    out = []
+    for k, shape in enumerate(shapes(seed, count, spread)):
         zero = shape.zero.copy()
         zero[ZERO - 1] += FAR * (k == OUTLIER)
         for part in range(1 + (k == DRIFTED)):
             zero = zero.copy()
             zero[MOVED - 1] += BY * part
             name = f"arm-{k:02d}{'ab'[part] if k == DRIFTED else ''}"
-            path = folder / name
-            out.append(path)
-            truth[name] = {
-                "zero_rad": zero.tolist(),
-                "a_m": shape.a.tolist(),
-                "alpha_rad": shape.alpha.tolist(),
-            }
-            if (path / "measurements.csv").exists():
+            out.append(folder / name)
+            truth = folder / f"{name}.npy"
+            if truth.exists():
                 continue
-            texts, _ = probed(
+            texts, points = probed(
                 1000 * seed + 10 * k + part, replace(shape, zero=zero), name,
-                serial=f"SN-{k:02d}", date=f"2026-0{3 + part}-01", play=PLAY if k in SHARING else 0.0,
+                serial=f"SN-{k:02d}", date=f"2026-0{3 + part}-01", play=PLAY if k in SHARING else 0.0, noise=noise,
             )  # fmt: skip
-            put(path, texts if calibrate is None else subset(texts, calibrate, k, 60))
-    (folder / "truth.json").write_text(json.dumps(truth), encoding="utf-8")
+            put(out[-1], texts)
+            np.save(truth, points)
     return out
+
+
+def checked(folder: Path, seed: int, noise: float, spread: float) -> None:
+    """What the table of the fleet states, beside the truth."""
+    made(folder / "sessions", seed, ARMS, noise, spread)
+    found = fleet([folder / "sessions"], folder / "fleet", workers=2)
+    print(f"seed {seed}: {counted(found.record)}; truth: backlash at joint {JOINT} of {len(SHARING)} arms, "
+          f"theta{ZERO} of SN-{OUTLIER:02d} {np.degrees(FAR):.3f} deg, theta{MOVED} of SN-{DRIFTED:02d} "
+          f"{np.degrees(BY):.4f} deg")  # fmt: skip
+    for heading, lines in findings(found.record):
+        for line in lines:
+            print(f"  {heading}: {line}")
+    print("  " + "; ".join(map(learnt, found.record["models"])))
+
+
+FEW, MORE = 40, (40, 50, 60, 80, 100)
+"""Contacts with the learnt prior, and those with the stated prior beside them."""
+
+
+def saved(folder: Path, seed: int, noise: float, spread: float) -> None:
+    """Few contacts with the prior learnt from the other arms, beside more with the stated prior."""
+    sessions = made(folder / "sessions", seed, ARMS, noise, spread)
+    found = fleet([folder / "sessions"], folder / "fleet", workers=2)
+    model = found.record["inputs"]["model"]
+    members = [
+        Member(s["session"], s["arm"], s["robot"], read_likelihood(found.folder / s["folder"] / "gap", model))
+        for s in found.record["sessions"]
+    ]
+    rows = []
+    for path in sessions:
+        own = next(m.arm for m in members if m.session == path.name)
+        (others,) = models_of([m for m in members if m.arm != own])
+        true, files = np.load(folder / "sessions" / f"{path.name}.npy"), files_of(path)
+        learnt_robot = {"robot.yaml": robot_text(others, read_dataset(path).robot)}
+        cases = [*(subset(files, count, seed) for count in MORE), subset(files, FEW, seed) | learnt_robot]
+        row = [judged(put(folder / "subset", texts), true) for texts in cases]
+        rows.append([cell[:3] for cell in row])
+        cells = "".join(f"  {u:4.0f}/{e:4.0f}" for u, e, *_ in row)
+        print(f"{path.name:<8}{cells}  {'; '.join(row[-1][3])}", flush=True)
+    values = np.array(rows)
+    for k, name in enumerate((*(f"{count} stated" for count in MORE), f"{FEW} learnt")):
+        (u, error), within = np.median(values[:, k, :2], axis=0), np.mean(values[:, k, 2])
+        print(f"{name:<12} U {u:5.0f}, true distance error {error:5.0f} µm (medians); {within:.0%} within U")
+    for k, what in enumerate(("U", "true distance error")):
+        *stated, learnt_value = np.log(np.median(values[:, :, k], axis=0))
+        equal = float(np.interp(-learnt_value, -np.minimum.accumulate(stated), MORE))
+        print(f"{FEW} contacts with the learnt prior have the {what} of {equal:.0f} with the stated prior")
+
+
+def files_of(path: Path) -> dict[str, str]:
+    """The files of a session."""
+    return {name: (path / name).read_text() for name in ("dataset.yaml", "robot.yaml", "measurements.csv")}
+
+
+def judged(folder: Path, true: np.ndarray) -> tuple[float, float, float, list[str]]:
+    """U of a distance in the probed volume, true RMS error (µm), share within U, what was said of priors."""
+    dataset = read_dataset(folder)
+    found = bc.fit(dataset, samples=0).data
+    rows = np.flatnonzero(dataset.measurements.role == "validate")
+    points = of_fit(found).at_rows(rows).points
+    at = np.array([int(dataset.measurements.ids[row][1:]) for row in rows])
+    a, b = np.random.default_rng(0).integers(0, len(rows), (2, 400))
+    error = np.linalg.norm(points[a] - points[b], axis=1) - np.linalg.norm(true[at[a]] - true[at[b]], axis=1)
+    u = found.forecast.workspace.expanded
+    told = [f.text for f in found.findings if f.code in ("prior_width", "far_from_prior")]
+    return 1e6 * u, 1e6 * rms(error), float(np.mean(np.abs(error) < u)), told
+
+
+def speed(folder: Path, seed: int, count: int = 200) -> None:
+    """Wall time of one worker and of two for small sessions, and the processor time of both."""
+    sources = made(folder / "sessions", seed)
+    small = []
+    for k in range(count):
+        texts = files_of(sources[k % len(sources)])
+        small.append(put(folder / "small" / f"small-{k:03d}", subset(texts, 60, 7000 + k, 40)))
+    seconds = {}
+    for workers in (1, 2):
+        out = folder / f"speed-{workers}"
+        shutil.rmtree(out, ignore_errors=True)
+        line = [sys.executable, "-m", "bayescal.cli", "fleet", *map(str, small), "--out", str(out)]
+        before, begin = os.times(), time.perf_counter()
+        subprocess.run([*line, "--workers", str(workers)], check=True, capture_output=True)
+        after = os.times()
+        seconds[workers] = time.perf_counter() - begin
+        used = after.children_user + after.children_system - before.children_user - before.children_system
+        print(f"{count} sessions, {workers} workers: {seconds[workers]:.0f} s, processor time {used:.0f} s, "
+              f"load {os.getloadavg()[0]:.1f}", flush=True)  # fmt: skip
+    print(f"efficiency of two workers {seconds[1] / seconds[2] / 2:.2f}")
+
+
+def main() -> None:
+    """Print the figures."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("part", choices=("table", "saved", "speed"))
+    parser.add_argument("--out", type=Path, default=Path("runs/fleet-study"))
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--noise-um", type=float, default=1e6 * NOISE, help="of a contact")
+    parser.add_argument("--spread", type=float, default=SPREAD, help="of arms, of the stated priors")
+    parser.add_argument("--count", type=int, default=200, help="sessions of `speed`")
+    asked = parser.parse_args()
+    folder = asked.out / f"{asked.seed}-{asked.noise_um:g}-{asked.spread:g}"
+    if asked.part == "speed":
+        speed(folder, asked.seed, asked.count)
+    else:
+        part = checked if asked.part == "table" else saved
+        part(folder, asked.seed, 1e-6 * asked.noise_um, asked.spread)
+
+
+if __name__ == "__main__":
+    main()

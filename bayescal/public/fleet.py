@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from pandas import DataFrame
     from rich.console import RenderableType
 
+    from bayescal.arm.chain import Robot
     from bayescal.fleet.compare import Member, Model
 
 STATE, STATE_SCHEMA = "session.json", "bayescal-fleet-session/1"
@@ -343,22 +344,27 @@ def _members(entries: Sequence[Json], folder: Path, model: Sequence[str]) -> Ite
 
 def _robot(model: Model, folder: Path) -> str:
     """The robot file of a model with the learnt prior."""
+    from bayescal.public.functions import read_dataset
+
+    copy = folder / BELOW / model.members[0].session / "fit" / "dataset"
+    return robot_text(model, read_dataset(copy).robot)
+
+
+def robot_text(model: Model, robot: Robot) -> str:
+    """The text of a robot file with the prior that was learnt from the arms of a model."""
     from bayescal.arm.chain import Prior
     from bayescal.fleet.compare import priors
-    from bayescal.public.functions import read_dataset
     from bayescal.robots import robot_to_yaml
     from bayescal.robots.schema import PRIOR_UNITS
 
-    robot = read_dataset(folder / BELOW / model.members[0].session / "fit" / "dataset").robot
     known = [p for p in priors(model) if p.parameter.unit in PRIOR_UNITS.values()]
-    stated = tuple(Prior(p.parameter.name, p.parameter.unit, p.mean, p.sd) for p in known)
-    names = {p.name for p in stated}
+    learnt = tuple(Prior(p.parameter.name, p.parameter.unit, p.mean, p.sd) for p in known)
+    others = tuple(p for p in robot.priors if p.name not in {own.name for own in learnt})
     comment = (
         f"{robot.name} with the priors learnt from {len(model.arms)} arms by bayescal fleet.\n"
         "For a further arm of this model: it is nominal, not calibrated."
     )
-    others = tuple(p for p in robot.priors if p.name not in names)
-    return robot_to_yaml(replace(robot, priors=(*stated, *others)), comment)
+    return robot_to_yaml(replace(robot, priors=(*learnt, *others)), comment)
 
 
 @dataclass(frozen=True, repr=False)

@@ -116,6 +116,8 @@ class PriorEntry(Keys):
 
 PRIOR_UNITS = {"mm": "m", "deg": "rad", "rad_per_nm": "rad/(N m)"}
 """Suffixes of the keys of a prior, and the units of the parameters, SI."""
+PRIOR_DIGITS = 6
+"""Significant digits of a prior that is written."""
 
 
 class RobotFile(Keys):
@@ -309,7 +311,7 @@ def _prior_keys(prior: Prior) -> Iterator[tuple[str, str]]:
     unit = next(u for u, of in PRIOR_UNITS.items() if of == prior.unit)
     yield "name", scalar(prior.name)
     for key, value in (("deviation", prior.deviation), ("sd", prior.sd)):
-        yield f"{key}_{unit}", number(value / si(f"{key}_{unit}"))
+        yield f"{key}_{unit}", number(value / si(f"{key}_{unit}"), PRIOR_DIGITS)
 
 
 def _place(frame: np.ndarray) -> str:

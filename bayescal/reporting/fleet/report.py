@@ -50,7 +50,7 @@ def fleet_page(record: Json) -> str:
 
     def of_arm(arm: Json) -> Markup:
         each = [(name, of_session(by_name[name])) for name in arm["sessions"]]
-        return Markup("; ").join(Markup("{} {}").format(name, links or "") for name, links in each)
+        return Markup("<br>").join(Markup("{}: {}").format(name, links or "") for name, links in each)
 
     found = sheets.findings(record)
     sections: list[Section | None] = [
@@ -70,11 +70,11 @@ def fleet_page(record: Json) -> str:
 
 
 MEANING = (
-    "An arm differs if a parameter of it is improbable under the distribution of the other arms; p is for all "
-    "arms and parameters together (Bonferroni), by Student's t distribution of the effective number of arms. "
-    "At p below 0.05, less than one fleet in twenty of equal arms has any arm that differs.",
-    "A change is a difference of a session from those of its arm before it, beyond the uncertainty of both; p "
-    "is for all later sessions and parameters together. The distribution of the fleet has the last state.",
+    "An arm differs if a parameter of it is improbable under the distribution of the other arms; p is for "
+    "all arms and parameters together (Bonferroni), by Student's t distribution of the effective number of "
+    "arms. At p below 0.05, less than one fleet in twenty of equal arms has any arm that differs.",
+    "A change is a difference of a session from those of its arm before it, beyond the uncertainty of both; "
+    "p is for all later sessions and parameters together. The distribution of the fleet has the last state.",
     "The likelihood of each diagnosis without its prior is used, with its full covariance and the model "
     "discrepancy; named effects are in the model of their sessions.",
     "The learnt prior replaces the stated one in `robot: fleet-robot.yaml` of a further dataset. Parameters "
@@ -86,7 +86,7 @@ MEANING = (
 def _first(record: Json, found: Sequence[tuple[str, list[str]]]) -> Section:
     of = {heading: lines for heading, lines in found if lines}
     count = record["count"]
-    words = [f"{heading}: {line}" for heading, lines in of.items() for line in lines if heading != "failed"]
+    words = [line for heading, lines in of.items() for line in lines if heading != "failed"]
     clean = "No arm differs from the others, changed, or shares an effect with another"
     unusual = len({a["arm"] for a in record["arms"] if _found(a)})
     word = clean if not words else f"{unusual} of {len(record['arms'])} arms have findings"

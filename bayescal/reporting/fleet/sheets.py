@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 from bayescal.effects.vocabulary import unit_label
-from bayescal.reporting.shared.sheet import Column, Sheet
+from bayescal.reporting.shared.sheet import Column, Sheet, as_is
 from bayescal.reporting.shared.text import (
     MISSING,
     length,
@@ -16,6 +16,7 @@ from bayescal.reporting.shared.text import (
     percent,
     quantity,
     rival,
+    signed,
     two_digits,
     uncertainty,
     with_u,
@@ -33,7 +34,7 @@ def at_site(effect: Json) -> str:
 
 def difference(d: Json) -> str:
     """A difference with its probability over all comparisons."""
-    return f"{d['parameter']} {measured(d['value'], d['u'], d['unit'])}, p {p_value(d['p_all'])}"
+    return f"{d['parameter']} by {measured(d['value'], d['u'], d['unit'])}, p {p_value(d['p_all'])}"
 
 
 def stated(arm: Json, key: str) -> list[Json]:
@@ -61,10 +62,10 @@ def arms(record: Json, links: Link | None = None) -> Sheet:
         Column("effects", lambda arm: _joined([at_site(e) for e in arm["effects"]]), words=True),
         Column("differs in", lambda arm: _joined([words(d) for d in stated(arm, "differs")]), words=True),
         Column("changed", lambda arm: _joined([words(d) for d in stated(arm, "changed")]), words=True),
-        Column("log score (nats)", "log_score_nats", "{:+.0f}".format),
+        Column("log score (nats)", "log_score_nats", signed),
     ]
     if links is not None:
-        columns.append(Column("runs", links, words=True))
+        columns.append(Column("runs", links, as_is, words=True))
     return Sheet(
         tuple(columns), record["arms"],
         "log score: of an arm, left out, under the distribution of the others, against the stated prior",
@@ -102,7 +103,7 @@ def sessions(record: Json, links: Link | None = None) -> Sheet:
         Column("error", "error", words=True),
     ]
     if links is not None:
-        columns.append(Column("runs", links, words=True))
+        columns.append(Column("runs", links, as_is, words=True))
     return Sheet(tuple(columns), record["sessions"], shown=40)
 
 
@@ -141,13 +142,13 @@ def findings(record: Json) -> list[tuple[str, list[str]]]:
     alone = [f"{e['arms'][0]}: {at_site(e)}" for e in record["effects"] if len(e["arms"]) == 1]
     of = {m["robot"]: m for m in record["models"]}
     unlike = [
-        f"{a['arm']}: {difference(d)} of {of[a['robot']]['comparisons']} comparisons"
+        f"{a['arm']} differs from the others in {difference(d)} ({of[a['robot']]['comparisons']} comparisons)"
         for a in record["arms"]
         for d in stated(a, "differs")
     ]
     changed = [
-        f"{a['arm']}: {difference(d)} of {of[a['robot']]['comparisons_between_sessions']} comparisons, "
-        f"in session {d['since']}"
+        f"{a['arm']} changed before session {d['since']} in {difference(d)} "
+        f"({of[a['robot']]['comparisons_between_sessions']} comparisons)"
         for a in record["arms"]
         for d in stated(a, "changed")
     ]
