@@ -87,12 +87,12 @@ def _backlash(rng: np.random.Generator, world: World) -> Act:
 
 
 def subset(texts: dict[str, str], calibrate: int, seed: int, validate: int | None = None) -> dict[str, str]:
-    """The session with fewer rows of each role, in their order."""
+    """The session with fewer rows to calibrate with; of `validate` rows, only so many of the faces."""
     head, *rows = texts["measurements.csv"].splitlines()
     rng = np.random.default_rng([seed, 2])
     kept: set[str] = set()
     for role, count in (("calibrate", calibrate), ("validate", validate)):
-        own = [row for row in rows if row.split(",")[1] == role]
+        own = [row for row in rows if row.split(",")[1] == role and (count is None or ",cube." in row)]
         some = range(len(own)) if count is None else rng.choice(len(own), count, replace=False)
         kept |= {own[k] for k in some}
     return texts | {"measurements.csv": "\n".join([head, *(row for row in rows if row in kept), ""])}

@@ -2,23 +2,27 @@
 
 The parameters t of an arm, in units of their stated priors, are t_k ~ N(m_k, s_k^2 / w_k), with a weight w_k
 of each arm and parameter, w_k ~ Gamma(NU / 2, NU / 2): Student's t, so that an arm unlike the others does not
-widen the distribution (Lange, Little and Taylor 1989, JASA 84, 881). m_k ~ N(0, 1) and log s_k ~
-N(0, SPREAD^2) a priori: a fleet of few arms stays near the stated priors. m and s are the most probable ones,
+widen the distribution (Lange, Little and Taylor 1989, JASA 84, 881). A priori m_k ~ N(0, COMMON), and log s_k
+is normal with the standard deviation SPREAD and a mean square of s_k of 1 - COMMON: a further arm has the
+stated prior if the fleet tells nothing, and nearly so if it has few arms. m and s are the most probable ones,
 by the EM algorithm over the likelihoods of the arms with their full covariance (`likelihood`).
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import brentq, minimize_scalar
 from scipy.stats import norm
 
-from bayescal.estimate.widths import SPREAD
-
 NU = 4.0
 """Degrees of freedom of the distribution over arms (usual for robust estimates)."""
+COMMON = 0.5
+"""Share of the stated variance that the arms of a model have in common, a priori (assumed)."""
+SPREAD = float(np.log(2.0))
+"""Standard deviation of the logarithm of a scale, a priori: a factor of two is usual (assumed)."""
 ROUNDS, STEP = 1000, 1e-3
 """Largest number of rounds of EM, and the change, in stated standard deviations, at which they end."""
 WIDEST = 10.0
@@ -36,6 +40,10 @@ def _consistency() -> float:
 
 NORMAL = 1.0 / _consistency()
 """Standard deviation of normal values in units of the fitted scale."""
+CENTRE = 0.5 * float(np.log(1.0 - COMMON)) - SPREAD**2 - float(np.log(NORMAL))
+"""Mean of log s a priori."""
+MOST_GROUPS = 24
+"""Groups of arms that are left out together in a fleet of more."""
 
 
 @dataclass(frozen=True)
@@ -50,9 +58,9 @@ class Arms:
         """Number of arms."""
         return len(self.score)
 
-    def without(self, k: int) -> Arms:
+    def without(self, some: Sequence[int]) -> Arms:
         """The other arms."""
-        return Arms(np.delete(self.information, k, axis=0), np.delete(self.score, k, axis=0))
+        return Arms(np.delete(self.information, some, axis=0), np.delete(self.score, some, axis=0))
 
 
 @dataclass(frozen=True)
@@ -74,7 +82,7 @@ class Learnt:
     @property
     def sd(self) -> np.ndarray:
         """Standard deviation (K,) of the prior of a further arm."""
-        wide = self.scale * np.exp(1.0 / (2.0 * self.dof + SPREAD**-2))
+        wide = self.scale * np.exp(1.0 / (2.0 * self.dof + SPREAD**-2))  # the root of the mean square
         return self.factor * np.hypot(np.maximum(wide, self.spread), self.u_mean)
 
 
@@ -103,14 +111,14 @@ def learn(arms: Arms, start: Learnt | None = None) -> Learnt:
         each, covariance = posterior(arms.information, arms.score, mean, weight / scale**2)
         variance = np.diagonal(covariance, axis1=1, axis2=2)
         before = mean, scale
-        mean = np.sum(weight * each, axis=0) / (np.sum(weight, axis=0) + scale**2)
+        mean = np.sum(weight * each, axis=0) / (np.sum(weight, axis=0) + scale**2 / COMMON)
         square = (each - mean) ** 2 + variance
         scale = _scale(np.sum(weight * square, axis=0), arms.count)
         weight = (NU + 1.0) / (NU + square / scale**2)
         if max(np.max(np.abs(mean - before[0])), np.max(np.abs(np.log(scale / before[1])))) < STEP:
             break
     told = _told(covariance, weight / scale**2)
-    u = np.sqrt(np.diag(np.linalg.inv(np.eye(count) + np.sum(told, axis=0))))
+    u = np.sqrt(np.diag(np.linalg.inv(np.eye(count) / COMMON + np.sum(told, axis=0))))
     share = np.diagonal(told, axis1=1, axis2=2) * scale**2 / weight
     spread = np.sqrt(np.sum(square, axis=0) / (arms.count - 1))
     return Learnt(mean, u, NORMAL * scale, np.sum(share**2, axis=0), spread)
@@ -121,7 +129,7 @@ def _scale(square: np.ndarray, count: int) -> np.ndarray:
     log = np.zeros_like(square)
     for _ in range(100):
         pull = square * np.exp(-2.0 * log)
-        step = (count - pull + log / SPREAD**2) / (2.0 * pull + SPREAD**-2)
+        step = (count - pull + (log - CENTRE) / SPREAD**2) / (2.0 * pull + SPREAD**-2)
         log -= np.clip(step, -1.0, 1.0)
         if np.max(np.abs(step)) < 1e-9:
             break
@@ -143,7 +151,7 @@ def log_score(information: np.ndarray, score: np.ndarray, mean: np.ndarray, sd: 
 
 
 def left_out(arms: Arms, every: Learnt) -> tuple[list[Learnt], Learnt, np.ndarray]:
-    """Arms left out in turn.
+    """Arms left out in turn, of a large fleet in `MOST_GROUPS` groups.
 
     Parameters
     ----------
@@ -160,7 +168,8 @@ def left_out(arms: Arms, every: Learnt) -> tuple[list[Learnt], Learnt, np.ndarra
     np.ndarray, shape (A,)
         Log density, nats, of each arm under the distribution of the others, less that under the stated prior.
     """
-    others = [learn(arms.without(k), every) for k in range(arms.count)]
+    groups = np.array_split(np.arange(arms.count), min(arms.count, MOST_GROUPS))
+    others = [of for own in groups for of in [learn(arms.without(own.tolist()), every)] * len(own)]
     data = list(zip(arms.information, arms.score, others, strict=True))
 
     def loss(factor: float) -> float:
