@@ -2,7 +2,8 @@
 
 The arms are made by `analysis.world`, which shares no code with the model. Their deviations from nominal have
 a common part (all of the stated priors' size) and an individual one (`SPREAD` of it). Three have backlash at
-one joint, one has a joint zero far from the others, one changes a joint zero between two sessions.
+the same joint, another a joint zero far from those of the others, and a further arm changes a joint zero
+between two sessions.
 """
 
 from __future__ import annotations
@@ -24,8 +25,8 @@ from analysis.world.size import modest
 from analysis.world.touch import SOLVED, Act, World
 from bayescal.dataset import read_dataset
 from bayescal.fitted.arm import of_fit
-from bayescal.fleet.compare import Member, models_of
-from bayescal.fleet.likelihood import read_likelihood
+from bayescal.fleets.compare import Member, models_of
+from bayescal.fleets.likelihood import read_likelihood
 from bayescal.public.fleet import fleet, robot_text
 from bayescal.reporting.fleet.sheets import counted, findings, learnt
 from bayescal.statistics import rms
@@ -60,15 +61,15 @@ def shapes(seed: int, count: int = ARMS, spread: float = SPREAD) -> list[arm.Sha
 def probed(
     seed: int, shape: arm.Shape, name: str, *, serial: str, date: str, play: float = 0.0, noise: float = NOISE
 ) -> tuple[dict[str, str], np.ndarray]:
-    """The files of a session on the cube, validated on spheres, and the true points (N, 3), m, of its rows."""
+    """The files of a session on the cube, validated on spheres, and the true points (N, 3) of its rows."""
     rng = np.random.default_rng([seed, 1])
     things = scene.draw(rng)
     plan = session.plan(rng, things, {"reverse": 0.05, "payload": "none", "velocity": True})
     world, _, _ = modest(World(arm.Arm(shape), things, plan, shape.give), True, noise)
     acts = [(_backlash(rng, world), play)] if play else []
-    readings, worst = world.touch(acts, noise * rng.standard_normal(len(plan.time)))
-    if worst > SOLVED:
-        msg = f"{name}: {worst:g} m off the touch"
+    readings, left = world.touch(acts, noise * rng.standard_normal(len(plan.time)))
+    if left > SOLVED:
+        msg = f"{name}: {left:g} m off the touch"
         raise RuntimeError(msg)
     velocity = plan.velocity + np.radians(0.002) * rng.standard_normal((len(readings), 6))
     record = f"record: {{date: {date}, serials: {{arm: {serial}}}}}\n"
@@ -124,7 +125,8 @@ def made(
                 continue
             texts, points = probed(
                 1000 * seed + 10 * k + part, replace(shape, zero=zero), name,
-                serial=f"SN-{k:02d}", date=f"2026-0{3 + part}-01", play=PLAY if k in SHARING else 0.0, noise=noise,
+                serial=f"SN-{k:02d}", date=f"2026-0{3 + part}-01", noise=noise,
+                play=PLAY if k in SHARING else 0.0,
             )  # fmt: skip
             put(out[-1], texts)
             np.save(truth, points)

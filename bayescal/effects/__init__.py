@@ -188,7 +188,7 @@ def _with_prior(p: Parameter, prior: Prior) -> Parameter:
     if p.unit != prior.unit:
         what = f"the prior of {p.name} is in {prior.unit}, the parameter in {p.unit}"
         raise BayescalError(what, "robot file", "use the keys of its unit")
-    return replace(p, mean=p.nominal + prior.deviation, sd=prior.sd)
+    return replace(p, mean=p.nominal + prior.deviation, sd=prior.sd, usual=(p.centre, p.sd))
 
 
 def possible(names: tuple[str, ...], circumstances: Circumstances) -> tuple[str, ...]:

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from rich.console import RenderableType
 
     from bayescal.arm.chain import Robot
-    from bayescal.fleet.compare import Member, Model
+    from bayescal.fleets.compare import Member, Model
 
 STATE, STATE_SCHEMA = "session.json", "bayescal-fleet-session/1"
 BELOW = "sessions"
@@ -313,7 +313,7 @@ def _entries(
 
 def _written(entries: list[Json], options: Json, folder: Path) -> FleetResult:
     """Compare the arms, and write the files of the fleet together."""
-    from bayescal.fleet.compare import models_of
+    from bayescal.fleets.compare import models_of
     from bayescal.reporting.fleet.record import FLEET, fleet_record
     from bayescal.reporting.fleet.report import fleet_page
     from bayescal.storage.files import json_text, write_together
@@ -333,8 +333,8 @@ def _written(entries: list[Json], options: Json, folder: Path) -> FleetResult:
 
 
 def _members(entries: Sequence[Json], folder: Path, model: Sequence[str]) -> Iterator[Member]:
-    from bayescal.fleet.compare import Member
-    from bayescal.fleet.likelihood import read_likelihood
+    from bayescal.fleets.compare import Member
+    from bayescal.fleets.likelihood import read_likelihood
 
     for e in entries:
         if e["arm"] is not None:
@@ -353,7 +353,7 @@ def _robot(model: Model, folder: Path) -> str:
 def robot_text(model: Model, robot: Robot) -> str:
     """The text of a robot file with the prior that was learnt from the arms of a model."""
     from bayescal.arm.chain import Prior
-    from bayescal.fleet.compare import priors
+    from bayescal.fleets.compare import priors
     from bayescal.robots import robot_to_yaml
     from bayescal.robots.schema import PRIOR_UNITS
 
@@ -396,7 +396,7 @@ class FleetResult(Printed):
 
     @property
     def arms(self) -> DataFrame:
-        """One row per arm, worst first: robot, sessions, U, what differs, what changed, log score."""
+        """One row per arm, those with findings first: robot, sessions, U, differences, changes, log score."""
         keys = "arm robot sessions expanded_U_um measured_rms_um effects differs changed log_score_nats"
 
         def names(entries: Sequence[Json], key: str) -> str:

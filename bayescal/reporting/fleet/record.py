@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from bayescal.effects import UNITS
-from bayescal.fleet.compare import Difference, Model, priors
+from bayescal.fleets.compare import Difference, Model, priors
 from bayescal.reporting.shared.origin import plain, software
 from bayescal.storage.reading import Json, read_record
 
@@ -56,10 +56,17 @@ def with_gap(entry: Json, folder: Path) -> dict[str, Any]:
             size = {key: own.get(key) for key in ("what", "value", "u", "unit")}
             named.append({"effect": one["effect"], "site": site, "probability": one["probability"], **size})
     if not named and record["verdict"] in (UNKNOWN, "class"):
-        site = (record.get("class") or {}).get("site", "")
-        p = record["probability"].get(UNKNOWN)
+        members = (record["class"] or {}).get("members") or [UNKNOWN]
+        site, p = (record["class"] or {}).get("site") or "", record["probability"].get(UNKNOWN)
         lack = dict.fromkeys(("what", "value", "u", "unit"))
-        named.append({"effect": UNKNOWN, "site": site, "probability": p, **lack})
+        named.append(
+            {
+                "effect": " or ".join(members),
+                "site": site,
+                "probability": p if list(members) == [UNKNOWN] else None,
+                **lack,
+            }
+        )
     return {
         **entry,
         "gap": {"verdict": record["verdict"], "words": record["words"]},
@@ -87,7 +94,7 @@ def fleet_record(
 
 
 def _arms(sessions: Sequence[Json], models: Sequence[Model]) -> list[dict[str, Any]]:
-    """The arms, worst first: by what was found of them, then by the expanded uncertainty of distances."""
+    """The arms in order: by what was found of them, then by the expanded uncertainty of distances."""
     out = []
     for m in models:
         for arm in m.arms:
@@ -106,10 +113,10 @@ def _arms(sessions: Sequence[Json], models: Sequence[Model]) -> list[dict[str, A
                     "log_score_nats": m.gains.get(arm),
                 }
             )
-    return sorted(out, key=_badness)
+    return sorted(out, key=_order)
 
 
-def _badness(arm: Json) -> tuple[Any, ...]:
+def _order(arm: Json) -> tuple[Any, ...]:
     stated = [[d["p_all"] for d in arm[key] if d["stated"]] for key in ("changed", "differs")]
     return (-sum(map(len, stated)), -len(arm["effects"]), -(arm["expanded_U_um"] or 0.0), arm["arm"])
 

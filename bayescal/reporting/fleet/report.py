@@ -24,7 +24,7 @@ MOST_ROWS = 20
 
 
 def summary(record: Json) -> RenderableType:
-    """What was found, the arms with the worst first, and how many sessions were fitted."""
+    """What was found, the arms, those with findings first, and how many sessions were fitted."""
     lines = [row for heading, found in sheets.findings(record) for row in under(heading, found)]
     lines += under("learnt prior", map(sheets.learnt, record["models"]))
     table = sheets.arms(record)
@@ -55,7 +55,7 @@ def fleet_page(record: Json) -> str:
     found = sheets.findings(record)
     sections: list[Section | None] = [
         _first(record, found),
-        blocks("arms", "Arms, worst first", sheets.arms(record, of_arm)),
+        blocks("arms", "Arms, those with findings first", sheets.arms(record, of_arm)),
         blocks("effects", "Effects", sheets.effects(record)),
     ]
     for k, model in enumerate(record["models"]):
@@ -99,9 +99,9 @@ def _first(record: Json, found: Sequence[tuple[str, list[str]]]) -> Section:
     robots = [m["file"] for m in record["models"] if m["file"]]
     steps = [(f"Use the learnt prior for the next arm: put {f} beside its dataset.yaml", f"robot: {f}")
              for f in robots]  # fmt: skip
-    worst = next((a for a in record["arms"] if _found(a)), None)
-    if worst is not None:
-        steps.insert(0, (f"Inspect {worst['arm']}: its runs are linked below", ""))
+    leading = next((a for a in record["arms"] if _found(a)), None)
+    if leading is not None:
+        steps.insert(0, (f"Inspect {leading['arm']}: its runs are linked below", ""))
     failed = [f"{line}" for line in of.get("failed", ())]
     tone = "bad" if unusual else "good"
     return FirstScreen(

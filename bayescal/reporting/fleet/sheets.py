@@ -51,7 +51,7 @@ def _parameters(key: str) -> Callable[[Json], str | None]:
 
 
 def arms(record: Json, links: Link | None = None) -> Sheet:
-    """The arms, worst first."""
+    """The arms, those with findings first."""
     detailed = links is not None
     words = difference if detailed else lambda d: str(d["parameter"])
     columns = [

@@ -14,8 +14,8 @@ import numpy as np
 from scipy.stats import norm, t
 
 from bayescal.effects import Parameter
-from bayescal.fleet.likelihood import Likelihood
-from bayescal.fleet.prior import FEWEST, Arms, Learnt, Shift, learn, left_out, shifts
+from bayescal.fleets.likelihood import Likelihood
+from bayescal.fleets.prior import FEWEST, Arms, Learnt, Shift, learn, left_out, shifts
 
 LEVEL = 0.05
 """Probability, over all comparisons of a kind, below which a difference is stated (usual)."""

@@ -8,9 +8,9 @@ from scipy.stats import multivariate_normal
 
 from bayescal.effects import UNITS, Parameter
 from bayescal.effects.location import TOOL, joint
-from bayescal.fleet.compare import Member, models_of, priors
-from bayescal.fleet.likelihood import Likelihood, likelihood_of
-from bayescal.fleet.prior import SPREAD, Arms, learn, left_out, log_score, shifts
+from bayescal.fleets.compare import Member, models_of, priors
+from bayescal.fleets.likelihood import Likelihood, likelihood_of
+from bayescal.fleets.prior import SPREAD, Arms, learn, left_out, log_score, shifts
 
 K = 5
 PARAMETERS = tuple(
