@@ -93,7 +93,7 @@ def _range(e: Json) -> str | None:
 
 
 def sessions(record: Json, links: Link | None = None) -> Sheet:
-    """Every session, those that failed with their reason."""
+    """Every session, those that failed first, with their reason."""
     columns = [
         Column("session", "session"),
         Column("arm", "arm", words=True),
@@ -104,7 +104,8 @@ def sessions(record: Json, links: Link | None = None) -> Sheet:
     ]
     if links is not None:
         columns.append(Column("runs", links, as_is, words=True))
-    return Sheet(tuple(columns), record["sessions"], shown=40)
+    failed_first = sorted(record["sessions"], key=lambda s: s["status"] != "failed")
+    return Sheet(tuple(columns), failed_first, shown=40)
 
 
 def parameters(model: Json) -> Sheet:
@@ -117,11 +118,11 @@ def parameters(model: Json) -> Sheet:
         Column("sd of usual arms", "usual_sd", two_digits),
         Column("learnt sd", "sd", two_digits),
         Column("of stated", lambda p: p["sd"] / p["stated_sd"], percent_of),
-        Column("arms", "effective_arms", "{:.1f}".format),
+        Column("effective arms", "effective_arms", "{:.1f}".format),
     )
     caption = (
         "deviations from nominal; learnt sd: of a further arm, with u of the mean and the arms that differ; "
-        "arms: number that the sd of usual arms is worth"
+        "effective arms: number that the sd of usual arms is worth"
     )
     return Sheet(columns, model["parameters"], caption)
 
