@@ -15,7 +15,7 @@ from scipy.stats import norm, t
 
 from bayescal.effects import Parameter
 from bayescal.fleets.likelihood import Likelihood
-from bayescal.fleets.prior import FEWEST, Arms, Learnt, Shift, learn, left_out, shifts
+from bayescal.fleets.prior import FEWEST, Arms, Learnt, Shift, learn, left_out, shifts, widened
 
 LEVEL = 0.05
 """Probability, over all comparisons of a kind, below which a difference is stated (usual)."""
@@ -131,12 +131,15 @@ def _model(group: Sequence[Member]) -> Model:
     every = Arms(np.array([told[a][0] for a in arms]), np.array([told[a][1] for a in arms]))
     if len(arms) < FEWEST:
         return Model(group[0].robot, tuple(group), parameters, arms, None, {}, (), tuple(changed), 0, pairs)
-    others, learnt, gains = left_out(every, learn(every))
+    learnt = learn(every)
+    others, gains = left_out(every, learnt)
     unlike: list[Difference] = []
     comparisons = len(arms) * len(names)
     for k, (arm, of) in enumerate(zip(arms, others, strict=True)):
         found = shifts(every.information[k], every.score[k], of.mean, np.diag(of.usual**2), MOST)
         unlike += _differences(found, arm, parameters, np.maximum(of.dof, 1.0), comparisons)
+    odd = {d.arm for d in unlike if d.stated}
+    learnt = widened(every, others, learnt, np.array([arm not in odd for arm in arms]))
     return Model(
         group[0].robot, tuple(group), parameters, arms, learnt, dict(zip(arms, gains.tolist(), strict=True)),
         tuple(unlike), tuple(changed), comparisons, pairs,

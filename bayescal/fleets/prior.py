@@ -150,7 +150,7 @@ def log_score(information: np.ndarray, score: np.ndarray, mean: np.ndarray, sd: 
     return float(0.5 * (volume + at @ (score + precision * mean) - np.sum(precision * mean**2)))
 
 
-def left_out(arms: Arms, every: Learnt) -> tuple[list[Learnt], Learnt, np.ndarray]:
+def left_out(arms: Arms, every: Learnt) -> tuple[list[Learnt], np.ndarray]:
     """Arms left out in turn, of a large fleet in `MOST_GROUPS` groups.
 
     Parameters
@@ -163,24 +163,32 @@ def left_out(arms: Arms, every: Learnt) -> tuple[list[Learnt], Learnt, np.ndarra
     -------
     list of Learnt
         The distribution of the others, for each arm.
-    Learnt
-        `every`, with the factor by which the arms that are left out widen it.
     np.ndarray, shape (A,)
         Log density, nats, of each arm under the distribution of the others, less that under the stated prior.
     """
     groups = np.array_split(np.arange(arms.count), min(arms.count, MOST_GROUPS))
     others = [of for own in groups for of in [learn(arms.without(own.tolist()), every)] * len(own)]
-    data = list(zip(arms.information, arms.score, others, strict=True))
+    stated = np.zeros(arms.score.shape[1])
+    gains = [
+        log_score(i, s, of.mean, of.sd) - log_score(i, s, stated, stated + 1.0)
+        for i, s, of in zip(arms.information, arms.score, others, strict=True)
+    ]
+    return others, np.array(gains)
+
+
+def widened(arms: Arms, others: Sequence[Learnt], every: Learnt, usual: np.ndarray) -> Learnt:
+    """The distribution of all arms, with the factor by which arms that are left out widen it.
+
+    It is one factor of all parameters, by the arms that are `usual` (A,): where an arm differs, the spread is
+    larger already.
+    """
+    data = [(arms.information[k], arms.score[k], others[k]) for k in np.flatnonzero(usual).tolist()]
 
     def loss(factor: float) -> float:
         return -sum(log_score(i, s, of.mean, factor * of.sd) for i, s, of in data)
 
-    # one factor of the whole fleet, for arms as far from the others as these are
     best = minimize_scalar(lambda x: loss(float(np.exp(x))), bounds=(0.0, np.log(WIDEST)), method="bounded")
-    wide = replace(every, factor=float(np.exp(best.x)) if best.fun < loss(1.0) else 1.0)
-    stated = np.zeros(arms.score.shape[1])
-    gains = [log_score(i, s, of.mean, of.sd) - log_score(i, s, stated, stated + 1.0) for i, s, of in data]
-    return others, wide, np.array(gains)
+    return replace(every, factor=float(np.exp(best.x)) if best.fun < loss(1.0) else 1.0)
 
 
 @dataclass(frozen=True)

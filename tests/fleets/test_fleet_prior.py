@@ -10,7 +10,7 @@ from bayescal.effects import UNITS, Parameter
 from bayescal.effects.location import TOOL, joint
 from bayescal.fleets.compare import Member, models_of, priors
 from bayescal.fleets.likelihood import Likelihood, likelihood_of
-from bayescal.fleets.prior import SPREAD, Arms, learn, left_out, log_score, shifts
+from bayescal.fleets.prior import SPREAD, Arms, learn, left_out, log_score, shifts, widened
 
 K = 5
 PARAMETERS = tuple(
@@ -84,21 +84,31 @@ def test_a_shift_is_that_of_generalised_least_squares(rng):
         assert found.ratio == pytest.approx(found.value / found.u)
 
 
-def test_arms_left_out_score_better_and_one_unlike_them_widens_the_prior(rng):
+def test_arms_left_out_score_better_and_one_unlike_them_widens_its_parameter(rng):
     mean, sd = np.array([2.0, -1.0, 1.0, -2.0, 0.0]), np.full(K, 0.2)
     arms = fleet_of(rng, 10, mean, sd)
-    others, wide, gains = left_out(arms, learn(arms))
+    every = learn(arms)
+    others, gains = left_out(arms, every)
     assert np.all(gains > 0)
-    assert wide.factor >= 1.0
     by_hand = learn(arms.without([3]))
     assert others[3].mean == pytest.approx(by_hand.mean, abs=0.02)
     assert others[3].sd == pytest.approx(by_hand.sd, rel=0.05)
-    far = mean + np.array([0, 0, 4.0, 0, 0])
-    one = told(rng, far)
+    one = told(rng, mean + np.array([0, 0, 4.0, 0, 0]))
     more = Arms(np.append(arms.information, [one[0]], axis=0), np.append(arms.score, [one[1]], axis=0))
-    _, with_it, gains = left_out(more, learn(more))
-    assert with_it.sd[2] > 2.5 * wide.sd[2]  # a prior that includes the arm
-    assert with_it.scale[2] < 2.0 * wide.scale[2]  # beside usual arms it is an outlier
+    with_it = learn(more)
+    assert with_it.sd[2] > 2.5 * every.sd[2]  # a prior that includes the arm
+    assert with_it.scale[2] < 2.0 * every.scale[2]  # beside usual arms it is an outlier
+    others, gains = left_out(more, with_it)
+    assert gains[-1] < -20.0
+    usual = np.arange(11) < 10
+    assert 1.0 <= widened(more, others, with_it, usual).factor < 1.3
+    assert widened(more, others, with_it, ~usual).factor > 3.0  # the arm would widen all parameters
+
+
+def test_a_distribution_that_is_too_narrow_is_widened(rng):
+    arms = fleet_of(rng, 10, np.zeros(K), np.full(K, 0.5))
+    narrow = [replace(of, spread=of.spread / 4, scale=of.scale / 4) for of in left_out(arms, learn(arms))[0]]
+    assert widened(arms, narrow, narrow[0], np.ones(10, bool)).factor == pytest.approx(3.5, abs=1.2)
 
 
 def member(rng, arm, t, session=""):
