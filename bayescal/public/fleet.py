@@ -7,31 +7,25 @@ import os
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing, suppress
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bayescal.errors import BayescalError, listed, reason
 from bayescal.public.arms import names
+from bayescal.public.fleet_results import CSV, FleetResult, robot_text
 from bayescal.public.functions import MODEL
-from bayescal.public.results import Printed, table
 from bayescal.storage.reading import Json, decoded, read_record
 from bayescal.storage.stopping import Progress, keeping, silent
 
 if TYPE_CHECKING:
-    from pandas import DataFrame
-    from rich.console import RenderableType
-
-    from bayescal.arm.chain import Robot
-    from bayescal.fleets.compare import Member, Model
+    from bayescal.fleets.compare import Member
 
 STATE, STATE_SCHEMA = "session.json", "bayescal-fleet-session/1"
 BELOW = "sessions"
 """Folder of the sessions below that of the fleet."""
 COMMANDS = ("fit", "gap")
-CSV = "fleet.csv"
 AGAIN = "completed sessions are kept; the same command continues"
 
 
@@ -190,7 +184,8 @@ def fleet(
         For no session, two of one name, a folder with other files, or a cluster that cannot be reached.
     """
     from bayescal.storage.locks import alone
-    from bayescal.workers.local import Lost, results
+    from bayescal.storage.tasks import Lost
+    from bayescal.storage.workers import results
 
     folder, options = Path(out), {
         "model": list(names(model)), "without": list(names(without)), "seed": seed, "robust": robust,
@@ -286,7 +281,7 @@ def _entries(
     arm_of: Callable[[Json], str | None], folder: Path,
 ) -> list[Json]:  # fmt: skip
     """The sessions with what their run folders state, in the order of time within an arm."""
-    from bayescal.reporting.fleet.record import session_entry, with_fit, with_gap
+    from bayescal.reporting.fleet_record import session_entry, with_fit, with_gap
 
     out: list[Json] = []
     seen: dict[str, str] = {}
@@ -314,8 +309,9 @@ def _entries(
 def _written(entries: list[Json], options: Json, folder: Path) -> FleetResult:
     """Compare the arms, and write the files of the fleet together."""
     from bayescal.fleets.compare import models_of
-    from bayescal.reporting.fleet.record import FLEET, fleet_record
-    from bayescal.reporting.fleet.report import fleet_page
+    from bayescal.public.functions import read_dataset
+    from bayescal.reporting.fleet_record import FLEET, fleet_record
+    from bayescal.reporting.fleet_report import fleet_page
     from bayescal.storage.files import json_text, write_together
 
     models = models_of(list(_members(entries, folder, options["model"])))
@@ -325,7 +321,10 @@ def _written(entries: list[Json], options: Json, folder: Path) -> FleetResult:
         for k in learnt
     }
     record = fleet_record(entries, models, options, robots)
-    texts: dict[Path, str | bytes] = {folder / robots[k]: _robot(models[k], folder) for k in learnt}
+    texts: dict[Path, str | bytes] = {}
+    for k in learnt:
+        copy = folder / BELOW / models[k].members[0].session / "fit" / "dataset"
+        texts[folder / robots[k]] = robot_text(models[k], read_dataset(copy).robot)
     result = FleetResult(record, folder)
     texts |= {folder / CSV: result.csv, folder / "fleet.html": fleet_page(record)}
     write_together({**texts, folder / FLEET: json_text(record)})
@@ -340,110 +339,3 @@ def _members(entries: Sequence[Json], folder: Path, model: Sequence[str]) -> Ite
         if e["arm"] is not None:
             run = folder / e["folder"] / ("gap" if e["gap"] else "fit")
             yield Member(e["session"], e["arm"], e["robot"], read_likelihood(run, model))
-
-
-def _robot(model: Model, folder: Path) -> str:
-    """The robot file of a model with the learnt prior."""
-    from bayescal.public.functions import read_dataset
-
-    copy = folder / BELOW / model.members[0].session / "fit" / "dataset"
-    return robot_text(model, read_dataset(copy).robot)
-
-
-def robot_text(model: Model, robot: Robot) -> str:
-    """The text of a robot file with the prior that was learnt from the arms of a model."""
-    from bayescal.arm.chain import Prior
-    from bayescal.fleets.compare import priors
-    from bayescal.robots import robot_to_yaml
-    from bayescal.robots.schema import PRIOR_UNITS
-
-    known = [p for p in priors(model) if p.parameter.unit in PRIOR_UNITS.values()]
-    learnt = tuple(Prior(p.parameter.name, p.parameter.unit, p.mean, p.sd) for p in known)
-    others = tuple(p for p in robot.priors if p.name not in {own.name for own in learnt})
-    comment = (
-        f"{robot.name} with the priors learnt from {len(model.arms)} arms by bayescal fleet.\n"
-        "For a further arm of this model: it is nominal, not calibrated."
-    )
-    return robot_to_yaml(replace(robot, priors=(*learnt, *others)), comment)
-
-
-@dataclass(frozen=True, repr=False)
-class FleetResult(Printed):
-    """A fleet; `print` shows what was found. `record` is the content of fleet.json, in `folder`."""
-
-    record: Json
-    folder: Path
-
-    def report(self) -> RenderableType:
-        """The summary, to be printed by a `rich.console.Console`."""
-        from bayescal.reporting.fleet.report import summary
-
-        return summary(self.record)
-
-    @cached_property
-    def csv(self) -> str:
-        """The sessions as CSV: the content of fleet.csv."""
-        from bayescal.reporting.shared.sheet import csv_text
-
-        frame = self.sessions.reset_index()
-        return csv_text(list(frame.columns), frame.astype(object).where(frame.notna(), None).values.tolist())
-
-    @property
-    def written(self) -> tuple[str, ...]:
-        """Names of the files of the fleet."""
-        robots = [m["file"] for m in self.record["models"] if m["file"]]
-        return ("fleet.json", "fleet.html", CSV, *robots)
-
-    @property
-    def arms(self) -> DataFrame:
-        """One row per arm, those with findings first: robot, sessions, U, differences, changes, log score."""
-        keys = "arm robot sessions expanded_U_um measured_rms_um effects differs changed log_score_nats"
-
-        def names(entries: Sequence[Json], key: str) -> str:
-            return ", ".join(e[key] for e in entries if e.get("stated", True))
-
-        rows = [
-            {
-                **a,
-                "sessions": len(a["sessions"]),
-                "effects": ", ".join(f"{e['effect']} at {e['site']}" for e in a["effects"]),
-                "differs": names(a["differs"], "parameter"),
-                "changed": names(a["changed"], "parameter"),
-            }
-            for a in self.record["arms"]
-        ]
-        return table(rows, "arm", keys)
-
-    @property
-    def sessions(self) -> DataFrame:
-        """One row per session: arm, status, error, what the fit and the diagnosis state."""
-        figures = ("predicted_rms_um", "expanded_U_um", "measured_rms_um", "verdict")
-        rows = [
-            {
-                **{key: s[key] for key in ("session", "arm", "robot", "date", "status", "error")},
-                **{key: (s["fit"] or {}).get(key) for key in figures},
-                "diagnosis": (s["gap"] or {}).get("verdict"),
-                "effects": ", ".join(f"{e['effect']} at {e['site']}" for e in s["effects"]),
-                "dataset": s["dataset"],
-                "folder": s["folder"],
-            }
-            for s in self.record["sessions"]
-        ]
-        return table(rows, "session")
-
-    @property
-    def effects(self) -> DataFrame:
-        """One row per effect and site: the arms that share it."""
-        return table(self.record["effects"])
-
-    @property
-    def prior(self) -> DataFrame:
-        """One row per parameter of each robot model: stated and learnt prior, deviations from nominal."""
-        return table([{"robot": m["robot"], **p} for m in self.record["models"] for p in m["parameters"]])
-
-    def __repr__(self) -> str:
-        c = self.record["count"]
-        return f"<fleet of {len(self.record['arms'])} arms: {c['sessions']} sessions, {c['failed']} failed>"
-
-    def _repr_html_(self) -> str:
-        return str(self.arms.to_html(float_format="%.3g"))

@@ -10,7 +10,7 @@ from importlib.metadata import version
 from typing import Any
 
 from bayescal.errors import BayescalError
-from bayescal.workers.local import Job, Lost, Queue, Work
+from bayescal.storage.tasks import Job, Lost, Queue, Work
 
 CONNECT = 10.0
 """Seconds to wait for the scheduler."""
@@ -61,7 +61,7 @@ class Cluster:
             raise BayescalError(f"a worker lacks {PACKAGE}", self.address, INSTALL) from None
 
     def fill(self, work: Work, queue: Queue) -> None:
-        """See `local.Crew`.
+        """See `tasks.Crew`.
 
         Raises
         ------
@@ -85,7 +85,7 @@ class Cluster:
             raise self._gone() from None
 
     def done(self, queue: Queue) -> Iterator[tuple[int, Any]]:
-        """See `local.Crew`.
+        """See `tasks.Crew`.
 
         Raises
         ------
@@ -111,9 +111,9 @@ class Cluster:
         return BayescalError("the Dask scheduler was lost", self.address, AGAIN)
 
     def close(self) -> None:
-        """See `local.Crew`."""
+        """See `tasks.Crew`."""
         self._executor.shutdown(wait=False)
         self._client.close(timeout=CONNECT)
 
     def kill(self) -> None:
-        """See `local.Crew`; `close` cancels its jobs without waiting."""
+        """See `tasks.Crew`; `close` cancels its jobs without waiting."""

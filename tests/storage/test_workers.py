@@ -16,7 +16,8 @@ from tiny_work import COUNT, SQUARES, Tiny, squares, tiny, until
 
 from bayescal.errors import BayescalError
 from bayescal.storage.stopping import Stopped
-from bayescal.workers.local import DEPTH, KILLS, Lost, results
+from bayescal.storage.tasks import Lost
+from bayescal.storage.workers import DEPTH, KILLS, results
 
 
 def children() -> list:
@@ -86,7 +87,7 @@ def test_blas_has_one_thread(monkeypatch):
 def test_workers_go_with_their_parent(tmp_path):
     program = (
         "import tiny_work, pathlib, sys\n"
-        "from bayescal.workers.local import results\n"
+        "from bayescal.storage.workers import results\n"
         "if __name__ == '__main__':\n"
         f"    list(results(tiny_work.work, [tiny_work.Tiny(0, pathlib.Path({str(tmp_path)!r}), 0, 600.0)]))\n"
     )
@@ -107,7 +108,7 @@ def test_a_stop_ends_the_workers_without_awaiting_their_jobs(tmp_path, monkeypat
         until(lambda: (tmp_path / "0").exists() and tiny_work.begun(tmp_path, 0))
         raise stop
 
-    monkeypatch.setattr("bayescal.workers.local.wait", stopped)
+    monkeypatch.setattr("bayescal.storage.workers.wait", stopped)
     begin = time.monotonic()
     with pytest.raises((KeyboardInterrupt, Stopped)):
         list(results(tiny_work.work, [Tiny(0, tmp_path, 0, 600.0)]))
@@ -150,6 +151,6 @@ def test_what_work_raises_on_dask_is_raised(cluster):
 
 
 def test_workers_without_the_package_are_refused(cluster, monkeypatch):
-    monkeypatch.setattr("bayescal.workers.cluster.PACKAGE", "bayescal-of-elsewhere")
+    monkeypatch.setattr("bayescal.storage.cluster.PACKAGE", "bayescal-of-elsewhere")
     with pytest.raises(BayescalError, match="a worker lacks bayescal-of-elsewhere; install"):
         list(results(tiny_work.refuse, [3], dask=cluster.scheduler_address))

@@ -10,8 +10,8 @@ from rich.console import Group, RenderableType
 from rich.text import Text
 
 from bayescal import __version__
-from bayescal.reporting.fleet import sheets
-from bayescal.reporting.fleet.record import PAGES
+from bayescal.reporting import fleet_sheets as sheets
+from bayescal.reporting.fleet_record import PAGES
 from bayescal.reporting.page.render import page
 from bayescal.reporting.page.section import FirstScreen, Section, blocks, texts
 from bayescal.reporting.page.section import Text as Paragraph

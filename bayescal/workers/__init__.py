@@ -1,1 +1,0 @@
-"""Independent tasks on processes of this machine or on a Dask cluster."""
