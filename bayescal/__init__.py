@@ -5,8 +5,8 @@
 True
 
 Functions: `read_dataset`, `fit`, `diagnose`, `simulate`, `compare`, `export`, `verify`, `compensate`,
-`plan`, `watch`, `init`, `check`, `schema`, `load`; packages: `robots`, `effects`, `plot` (figures). All are
-imported when first used.
+`plan`, `watch`, `fleet`, `init`, `check`, `schema`, `load`; packages: `robots`, `effects`, `plot` (figures).
+All are imported when first used.
 """
 
 from importlib import import_module
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from bayescal.public import plot
     from bayescal.public.arms import compensate, export, verify
     from bayescal.public.budgets import budget
+    from bayescal.public.fleet import fleet
     from bayescal.public.functions import compare, diagnose, fit, read_dataset, simulate
     from bayescal.public.planning import load, plan
     from bayescal.public.starting import check, init, report, schema
@@ -36,6 +37,7 @@ __all__ = [
     "effects",
     "export",
     "fit",
+    "fleet",
     "init",
     "load",
     "plan",
@@ -57,6 +59,7 @@ _FROM |= {
     "init": "bayescal.public.starting",
     "schema": "bayescal.public.starting",
     "export": "bayescal.public.arms",
+    "fleet": "bayescal.public.fleet",
     "load": "bayescal.public.planning",
     "plan": "bayescal.public.planning",
     "report": "bayescal.public.starting",

@@ -178,7 +178,18 @@ def fit(
     checks = (*tests.checks, *not_physical(complete, wide.limited))
     tests = replace(tests, checks=checks, determined=not rests_on_priors(expected, left))
     results = Assessed(
-        complete, left, checked, expected, lacking, seen, faces, tests, options.prior_width, rigid, told
+        complete,
+        left,
+        checked,
+        expected,
+        lacking,
+        seen,
+        faces,
+        tests,
+        options.prior_width,
+        rigid,
+        told,
+        options.doubted,
     )
     limitations = findings(results)
     if any(f.severity == "error" or f.code in GROSS for f in limitations):

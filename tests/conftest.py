@@ -203,3 +203,12 @@ def command(monkeypatch, capsys):
         return code, said.out, said.err
 
     return run
+
+
+@pytest.fixture(scope="session")
+def cluster():
+    """Two worker processes of Dask on this machine, one thread each; idle ones take time too."""
+    import distributed
+
+    with distributed.LocalCluster(2, threads_per_worker=1, processes=True, dashboard_address=None) as found:
+        yield found

@@ -123,7 +123,7 @@ def test_what_is_imported_is_declared_and_what_is_declared_is_imported():
     optional = declared(
         [
             e
-            for name in ("interactive", "mujoco", "camera", "xlsx", "dcc", "pinocchio", "usd")
+            for name in ("interactive", "mujoco", "camera", "xlsx", "dcc", "pinocchio", "usd", "dask")
             for e in extras[name]
         ]
     )

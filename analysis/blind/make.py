@@ -14,9 +14,10 @@ from typing import Any
 
 from analysis.blind import seal
 from analysis.blind.folder import PLAN, SEAL, TRUTH, WORLDS, name_of, parsed, read, record, write
-from analysis.blind.workers import Lost, results
 from bayescal.errors import BayescalError
 from bayescal.storage.folders import check_free, whole
+from bayescal.storage.tasks import Lost
+from bayescal.storage.workers import results
 
 SEEDS = 2**48
 """Number of possible seeds."""

@@ -30,8 +30,9 @@ from analysis.blind.folder import (
 from analysis.blind.further import ERROR, Continued, Open, Rows, planned, probed
 from analysis.blind.make import Notify
 from analysis.blind.run import Answered, known, run
-from analysis.blind.workers import Lost, results
 from bayescal.errors import BayescalError
+from bayescal.storage.tasks import Lost
+from bayescal.storage.workers import results
 
 ROUND = "round-2"
 ARMS = ("chosen", "random")

@@ -24,9 +24,10 @@ from analysis.blind.folder import (
     write,
 )
 from analysis.blind.make import Notify
-from analysis.blind.workers import Lost, results
 from bayescal.errors import BayescalError
 from bayescal.storage.locks import scratch
+from bayescal.storage.tasks import Lost
+from bayescal.storage.workers import results
 
 LONG = ("curves", "residuals", "rows", "arm")
 """Keys of gap.json that hold data of figures and are not part of an answer."""

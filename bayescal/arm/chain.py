@@ -31,6 +31,16 @@ Coupling = Literal["display", "mechanical"]
 
 
 @dataclass(frozen=True)
+class Prior:
+    """The prior of a parameter of the arm, as a robot file states it; SI."""
+
+    name: str
+    unit: str  # m, rad or rad/(N m)
+    deviation: float  # mean, from nominal
+    sd: float
+
+
+@dataclass(frozen=True)
 class Robot:
     """Nominal serial arm of n revolute joints, in SI units.
 
@@ -68,6 +78,7 @@ class Robot:
     coulomb: np.ndarray | None = None  # (n,) N m, friction of the joints; nan where not stated
     viscous: np.ndarray | None = None  # (n,) N m s/rad; nan where not stated
     armatures: np.ndarray | None = None  # (n,) kg m2, rotors as seen at the joints; nan where not stated
+    priors: tuple[Prior, ...] = ()  # of parameters whose usual priors do not hold for this arm
     mass_covariance: np.ndarray | None = (
         None  # (4n, 4n) of relative errors of masses and errors of centres, m,
     )

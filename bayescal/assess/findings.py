@@ -129,6 +129,7 @@ class Assessed:
     prior_width: float = 1.0
     rigid: Rigid = UNCHANGED
     widths: tuple[Width, ...] = ()
+    doubted: tuple[str, ...] = ()
 
 
 def findings(of: Assessed) -> tuple[Finding, ...]:
@@ -196,6 +197,16 @@ def _parameters(of: Assessed) -> Iterator[Finding]:
     limit, told = FAR * max(1.0, 1 / of.prior_width), factors(of.widths)
     far = [p.name for p, at in zip(model.parameters, z, strict=False)
            if abs(at) * told.get(family(p), 1.0) > limit]  # fmt: skip
+    if of.doubted:
+        yield Finding(
+            "far_from_prior", "warning",
+            f"{', '.join(of.doubted)}: contrary to the prior of the robot file, which is not used here: the "
+            "arm differs from those that it was learnt from",
+        )  # fmt: skip
+    stated = {prior.name for prior in model.scene.dataset.robot.priors}
+    if unused := sorted(stated - {p.name for p in model.parameters}):
+        what = f"priors of the robot file that no parameter uses: {', '.join(unused)}"
+        yield Finding("prior_unused", "note", what)
     if far:
         yield Finding(
             "far_from_nominal", "warning",

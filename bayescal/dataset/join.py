@@ -125,7 +125,7 @@ def _temperature(sessions: Sequence[Dataset]) -> np.ndarray | None:
 
 RELATIVE, ABSOLUTE = 1e-8, 1e-9
 """How alike two robot files must be, SI: to the digits that files are written with."""
-NOT_THE_ARM = ("limits", "reductions", "radii")
+NOT_THE_ARM = ("limits", "reductions", "radii", "priors")
 """Fields of a robot that may be told otherwise, or not at all, of the same arm."""
 
 

@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections import ChainMap
 from collections.abc import Mapping
 from contextlib import suppress
+from dataclasses import replace
 
+from bayescal.arm.chain import Prior
 from bayescal.arm.motion import CERTIFICATE, CONTACT, TURN, Term
 from bayescal.effects.artefact import ARTEFACT
 from bayescal.effects.backlash import BACKLASH
@@ -142,7 +144,8 @@ def parameters_of(
     """Parameters of a model: those of the named effects in order, and those of every model.
 
     A parameter that an effect shares with one before it, as an offset of 'geometry' after 'joint', is there
-    once, with the prior of the first.
+    once, with the prior of the first. A prior that the robot file states replaces that of its parameter,
+    unless the name of the effect states a factor.
 
     Parameters
     ----------
@@ -157,6 +160,7 @@ def parameters_of(
         For an unknown effect, or if the session lacks data that the effect needs.
     """
     out: list[Parameter] = []
+    priors = {prior.name: prior for prior in circumstances.robot.priors}
     for name in names:
         effect, setting = named(name)
         lacks = effect.missing(circumstances)
@@ -165,6 +169,7 @@ def parameters_of(
             remedy = "leave it out, or add what is missing"
             raise BayescalError(f"{effect.name} cannot be judged: {lacks}", "--model", remedy)
         parameters = effect.at(circumstances, setting)
+        parameters = [_with_prior(p, priors[p.name]) if p.name in priors else p for p in parameters]
         if lenient and not parameters:
             continue
         if isinstance(setting, str) and not parameters:
@@ -176,6 +181,14 @@ def parameters_of(
         there = {p.name for p in out}
         out += [p for p in asked.of(parameters, f"--model '{name}'") if p.name not in there]
     return (*out, *TOOL.at(circumstances), *CAMERA.at(circumstances))
+
+
+def _with_prior(p: Parameter, prior: Prior) -> Parameter:
+    """A parameter with the prior that the robot file states."""
+    if p.unit != prior.unit:
+        what = f"the prior of {p.name} is in {prior.unit}, the parameter in {p.unit}"
+        raise BayescalError(what, "robot file", "use the keys of its unit")
+    return replace(p, mean=p.nominal + prior.deviation, sd=prior.sd, usual=(p.centre, p.sd))
 
 
 def possible(names: tuple[str, ...], circumstances: Circumstances) -> tuple[str, ...]:

@@ -201,6 +201,8 @@ class Parameter:
     driver: Driver = CONSTANT
     effect: str = field(default="", compare=False)
     stands_for: tuple[Parameter, ...] = field(default=(), compare=False)
+    usual: tuple[float, float] | None = field(default=None, compare=False)
+    """Mean and standard deviation of the prior that one of the robot file replaces."""
 
     @property
     def centre(self) -> float:

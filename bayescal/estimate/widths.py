@@ -144,6 +144,8 @@ def with_widths(
 ) -> tuple[Estimate, FitOptions, tuple[Width, ...]]:
     """An estimate under the stated priors, or where its values tell wider ones, the fit under those.
 
+    Priors of the robot file that contradict the data are not used; see `doubted`.
+
     Parameters
     ----------
     found : Estimate
@@ -153,6 +155,9 @@ def with_widths(
     options : FitOptions
         Of the estimate; those of the fit that is returned have its widths.
     """
+    if names := doubted(found, scene, effects, options):
+        options = replace(options, doubted=names)
+        found = fitted_level(scene, effects, options)
     if not widths(found, found.covariance):  # the stated covariance is wider, and takes longer
         return found, options, ()
     told = widths(found, stated(found).covariance)
@@ -168,3 +173,32 @@ def with_widths(
 def factors(told: Sequence[Width]) -> Mapping[str, float]:
     """Factors of prior standard deviations by family."""
     return {w.family: w.factor for w in told}
+
+
+FAR = 4.0
+"""Standard deviations, of prior and data, beyond which a prior of the robot file is not used (convention)."""
+
+
+def doubted(found: Estimate, scene: Scene, effects: tuple[str, ...], options: FitOptions) -> tuple[str, ...]:
+    """Parameters whose priors in the robot file contradict what the data tell with the usual priors.
+
+    A narrow prior that is wrong can be fitted by larger noise, and its width then has no evidence. So it is
+    compared with the fit under the usual priors.
+    """
+    names = [p.name for p in found.model.parameters if p.usual is not None]
+    if not names:
+        return ()
+    try:
+        usual = fitted_level(scene, effects, replace(options, doubted=tuple(names)))
+    except FAILURES:  # with the usual priors the session cannot be fitted
+        return ()
+    u = np.sqrt(np.diag(stated(usual).covariance)[usual.model.slices[ARM]]) * usual.model.sd
+    told = {
+        p.name: (p.nominal + value, own)
+        for p, value, own in zip(usual.model.parameters, usual.arm, u, strict=True)
+    }
+    return tuple(
+        p.name
+        for p in found.model.parameters
+        if p.usual is not None and abs(told[p.name][0] - p.centre) > FAR * np.hypot(p.sd, told[p.name][1])
+    )

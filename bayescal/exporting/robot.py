@@ -61,6 +61,7 @@ def calibrated_robot(model: Model, values: np.ndarray, name: str = "", state: in
         link_from_reading=coupling,
         # a negative estimate is not physical: such a joint is rigid
         compliance=np.maximum(compliance, 0.0) if np.any(compliance > 0) else None,
+        priors=(),  # of deviations from the nominal robot
     )
 
 

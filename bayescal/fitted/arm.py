@@ -172,6 +172,8 @@ class FittedArm:
         What may be used of it: reasons against it, what a user should know, what was changed.
     unmodelled : Unmodelled, optional
         Errors beyond the parameters, of which the covariance has a part; default: none.
+    solved : np.ndarray, shape (P, P), optional
+        Covariance of the solver, without the discrepancy, of an arm that was just fitted.
     """
 
     model: Model
@@ -183,6 +185,7 @@ class FittedArm:
     origin: Origin = Origin()
     use: Use = NOTHING
     unmodelled: Unmodelled | None = None
+    solved: np.ndarray | None = None
 
     @property
     def dataset(self) -> Dataset:
@@ -278,8 +281,11 @@ def of_estimate(estimate: Estimate, covariance: np.ndarray, origin: Origin = Ori
 
 def of_basis(basis: Basis, origin: Origin = Origin()) -> FittedArm:
     """The arm of a fit with its stated uncertainty."""
-    stated = basis.stated
-    return replace(of_estimate(stated.plain, stated.limited, origin), unmodelled=Unmodelled.of(basis))
+    stated, model = basis.stated, basis.stated.plain.model
+    own = stated.plain.covariance[model.slices[ARM], model.slices[ARM]] * np.outer(model.sd, model.sd)
+    return replace(
+        of_estimate(stated.plain, stated.limited, origin), unmodelled=Unmodelled.of(basis), solved=own
+    )
 
 
 def of_fit(fit: Fit) -> FittedArm:

@@ -82,6 +82,7 @@ def arm_record(arm: FittedArm) -> dict[str, Any]:
         "seed": options.seed,
         "parameters": parameters,
         "covariance_si": arm.covariance.tolist(),
+        "solver_covariance_si": None if arm.solved is None else arm.solved.tolist(),
         **arm.beyond.record(),
         "targets_si": {name: state.tolist() for name, state in arm.states.items()},
         "rejected": list(arm.rejected),

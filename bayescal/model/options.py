@@ -126,6 +126,8 @@ class FitOptions:
         Factor on the prior standard deviations of the arm.
     widths : mapping
         Further factors by `family`, that the data told (`estimate.widths`).
+    doubted : tuple of str
+        Parameters whose priors in the robot file contradict the data: they have the usual ones.
     seed : int
         The same seed gives the same result.
     latent_joints : bool
@@ -141,9 +143,12 @@ class FitOptions:
     latent_joints: bool = False
     tolerance: float | None = None
     widths: Mapping[str, float] = field(default_factory=dict)
+    doubted: tuple[str, ...] = ()
 
     def wider(self, p: Parameter) -> Parameter:
-        """A parameter with the prior width of a fit."""
+        """A parameter with the prior of a fit."""
+        if p.usual is not None and p.name in self.doubted:
+            p = replace(p, mean=p.usual[0], sd=p.usual[1])
         return replace(p, sd=p.sd * self.prior_width * self.widths.get(family(p), 1.0))
 
     @property

@@ -18,7 +18,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field
 
-from bayescal.arm.chain import Coupling, Robot
+from bayescal.arm.chain import Coupling, Prior, Robot
 from bayescal.arm.transforms import rigid, rpy_matrix, rpy_of
 from bayescal.errors import BayescalError
 from bayescal.storage.files import (
@@ -95,6 +95,31 @@ class Place(Keys):
     """Roll, pitch, yaw: R = Rz(yaw) Ry(pitch) Rx(roll)."""
 
 
+class PriorEntry(Keys):
+    """Prior of a parameter: mean deviation from nominal, and standard deviation, in one unit."""
+
+    name: Name
+    """Name of the parameter, as in fit.json: theta2, a2, compliance J3."""
+    deviation_mm: Number = 0.0
+    """Mean deviation of a length from its nominal value."""
+    sd_mm: Positive | None = None
+    """Standard deviation of a length."""
+    deviation_deg: Number = 0.0
+    """Mean deviation of an angle from its nominal value."""
+    sd_deg: Positive | None = None
+    """Standard deviation of an angle."""
+    deviation_rad_per_nm: Number = 0.0
+    """Mean deviation of a compliance from its nominal value."""
+    sd_rad_per_nm: Positive | None = None
+    """Standard deviation of a compliance."""
+
+
+PRIOR_UNITS = {"mm": "m", "deg": "rad", "rad_per_nm": "rad/(N m)"}
+"""Suffixes of the keys of a prior, and the units of the parameters, SI."""
+PRIOR_DIGITS = 6
+"""Significant digits of a prior that is written."""
+
+
 class RobotFile(Keys):
     """A robot arm: its nominal geometry, limits and masses."""
 
@@ -120,6 +145,8 @@ class RobotFile(Keys):
     """Compliance, one per joint; written for a calibrated arm."""
     coupling: Coupling = "display"
     """display: link_from_reading is done by the controller's display; mechanical: by gears."""
+    priors: tuple[PriorEntry, ...] = ()
+    """Priors of parameters in place of the usual ones, as bayescal fleet learns them."""
 
 
 def robot_from(document: Document) -> Robot:
@@ -149,8 +176,20 @@ def robot_from(document: Document) -> Robot:
         coulomb=_stated(file.joints, "coulomb_nm"),
         viscous=_stated(file.joints, "viscous_nms_per_rad"),
         armatures=_stated(file.joints, "armature_kgm2"),
+        priors=tuple(map(_prior, file.priors)),
         **table,
     )
+
+
+def _given(entry: PriorEntry) -> list[str]:
+    """Units (suffixes) whose keys a prior has."""
+    return [u for u in PRIOR_UNITS if {f"deviation_{u}", f"sd_{u}"} & entry.model_fields_set]
+
+
+def _prior(entry: PriorEntry) -> Prior:
+    (unit,) = _given(entry)
+    mean, sd = (in_si(f"{key}_{unit}", getattr(entry, f"{key}_{unit}")) for key in ("deviation", "sd"))
+    return Prior(entry.name, PRIOR_UNITS[unit], mean, sd)
 
 
 def _frame(place: Place) -> np.ndarray:
@@ -200,6 +239,12 @@ def _faults(file: RobotFile, n: int) -> Iterator[tuple[tuple[str | int, ...], st
             yield ("link_from_reading", i), what, "give one a joint"
     if matrix and abs(np.linalg.det(np.array(matrix))) < 1e-6:
         yield ("link_from_reading",), "`link_from_reading` cannot be inverted", "check its rows"
+    for i, entry in enumerate(file.priors):
+        if len(units := _given(entry)) != 1 or getattr(entry, f"sd_{units[0]}") is None:
+            keys = ", ".join(f"sd_{unit}" for unit in PRIOR_UNITS)
+            yield ("priors", i), f"the prior of {entry.name} has no standard deviation in one unit", keys
+        if entry.name in [e.name for e in file.priors[:i]]:
+            yield ("priors", i), f"two priors of {entry.name}", "keep one"
     reach = sum(math.hypot(j.a_mm, j.d_mm) for j in file.joints)
     if not REACH_MM[0] <= reach <= REACH_MM[1]:
         yield ("joints",), f"the arm's lengths add up to {reach:g} mm", "`a_mm` and `d_mm` are in mm"
@@ -255,10 +300,18 @@ def robot_to_yaml(robot: Robot, comment: str = "") -> str:
         "flange": _place(robot.flange),
         "links": None if robot.masses is None else [flow(_entries(links, i)) for i in range(robot.n)],
         **{key: None if values is None else _in_file(key, values) for key, values in lists.items()},
+        "priors": [flow(_prior_keys(p)) for p in robot.priors],
         "coupling": robot.coupling if robot.coupling != "display" or coupled else None,
     }
     lines = [f"# {line}".rstrip() for line in comment.splitlines()]
     return "\n".join([*lines, *block_lines(block)]) + "\n"
+
+
+def _prior_keys(prior: Prior) -> Iterator[tuple[str, str]]:
+    unit = next(u for u, of in PRIOR_UNITS.items() if of == prior.unit)
+    yield "name", scalar(prior.name)
+    for key, value in (("deviation", prior.deviation), ("sd", prior.sd)):
+        yield f"{key}_{unit}", number(value / si(f"{key}_{unit}"), PRIOR_DIGITS)
 
 
 def _place(frame: np.ndarray) -> str:

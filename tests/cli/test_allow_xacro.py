@@ -15,6 +15,7 @@ from click.testing import CliRunner
 from test_documented_commands import commands
 
 import bayescal as bc
+from bayescal.public.fleet import Task, computed
 
 PROGRAM = """<robot name="arm" xmlns:xacro="http://ros.org/wiki/xacro"><!-- xacro:eval-comments -->
 <!-- ${(lambda:
@@ -52,7 +53,8 @@ FUNCTIONS = {
 }
 OTHER = {
     *("check calibration", "import calibration", "init folder", "import log", "import out", "import points"),
-    "robots.load_robot folder",
+    *("robots.load_robot folder", "fleet out"),
+    "fleet sessions",  # `test_sessions_of_a_fleet`: their errors are returned
 }
 """Arguments that name a path, and no dataset or robot."""
 
@@ -97,6 +99,13 @@ def test_functions(call, places):
         with pytest.raises(bc.BayescalError, match="no joint turns" if allow else "is a program"):
             call(places, **allow)
         assert places.witness.exists() == bool(allow)
+
+
+def test_sessions_of_a_fleet(places):
+    for allow in (False, True):
+        error = computed(Task(places.cell, places.new / "session", {}, allow))
+        assert ("no joint turns" if allow else "--allow-xacro") in error
+        assert places.witness.exists() == allow
 
 
 def arguments():

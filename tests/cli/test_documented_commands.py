@@ -141,6 +141,7 @@ def test_every_heading_of_a_release_is_there_once():
 HEAVY = ("numpy", "scipy", "gtsam", "matplotlib", "numba", "rich", "yaml", "emcee", "arviz", "xarray", "h5py")
 COMMANDS = (
     "fit",
+    "fleet",
     "gap",
     "compare",
     "simulate",

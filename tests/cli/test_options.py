@@ -34,6 +34,7 @@ CALLED = {
     "compensate": ("bayescal.public.arms.compensate",),
     "export": ("bayescal.public.arms.export", "bayescal.public.budgets.certificate"),
     "fit": ("bayescal.public.functions.fit",),
+    "fleet": ("bayescal.public.fleet.fleet",),
     "gap": ("bayescal.public.functions.diagnose",),
     "import": ("bayescal.importing.convert", "bayescal.importing.write"),
     "init": ("bayescal.public.starting.init",),

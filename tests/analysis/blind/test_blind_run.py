@@ -10,10 +10,9 @@ import sys
 from pathlib import Path
 
 import pytest
-import tiny_work
 from cases import ROOT
 from made_up_worlds import answer, silent, truth
-from tiny_work import COUNT, SQUARES, squares, tiny, until
+from tiny_work import until
 from typer.testing import CliRunner
 
 from analysis.blind import compared, further, rounds, seal
@@ -23,7 +22,6 @@ from analysis.blind.further import ERROR, Open, planned, probed
 from analysis.blind.make import make
 from analysis.blind.rounds import ARMS, ROUND, is_open, second_round
 from analysis.blind.run import Task, answered, run
-from analysis.blind.workers import results
 from bayescal.errors import BayescalError
 
 WORLDS, SEED = 2, 2444
@@ -101,15 +99,6 @@ def test_the_truth_is_not_opened_and_workers_open_nothing(ran):
     assert not any("truth" in path for path in paths)
 
 
-@pytest.fixture(scope="module")
-def cluster():
-    """Two worker processes of Dask on this machine, one thread each; idle ones take time too."""
-    import distributed
-
-    with distributed.LocalCluster(2, threads_per_worker=1, processes=True, dashboard_address=None) as found:
-        yield found
-
-
 def hears_ctrl_c():
     """A shell's background jobs, and all that they start, are deaf to it."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
@@ -134,27 +123,6 @@ def test_interrupted_and_resumed_on_dask_the_seal_is_the_same(made, ran, cluster
     found = run(folder, dask=cluster.scheduler_address)
     assert found.sha256 == seal.of_text((ran[0] / "answers.json").read_text())
     assert first[0].stat().st_mtime_ns == before
-
-
-def test_dask_does_the_same_though_a_worker_is_killed(cluster, tmp_path):
-    found = dict(results(tiny_work.work, tiny(tmp_path, task5=1), dask=cluster.scheduler_address))
-    assert squares(found.items()) == SQUARES
-    killed, other = tiny_work.begun(tmp_path, 5)
-    assert killed != other  # both take part, though all results may be of one of them:
-    for k in range(COUNT):  # those that the killed worker still held are computed again
-        first, *again = tiny_work.begun(tmp_path, k)
-        assert not again or (first == killed and len(again) == 1)
-
-
-def test_what_work_raises_on_dask_is_raised(cluster):
-    with pytest.raises(ValueError, match="not 3"):
-        list(results(tiny_work.refuse, [3], dask=cluster.scheduler_address))
-
-
-def test_workers_without_the_package_are_refused(cluster, monkeypatch):
-    monkeypatch.setattr("analysis.blind.cluster.PACKAGE", "bayescal-of-elsewhere")
-    with pytest.raises(BayescalError, match="a worker lacks bayescal-of-elsewhere; install"):
-        list(results(tiny_work.refuse, [3], dask=cluster.scheduler_address))
 
 
 def test_the_score_is_of_what_was_sealed(ran, tmp_path):

@@ -1,4 +1,4 @@
-"""Tasks on the workers of a Dask cluster. Only this module uses `distributed`."""
+"""Tasks on the workers of a Dask cluster. Only this module imports `distributed`."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from concurrent.futures import CancelledError, Future
 from importlib.metadata import version
 from typing import Any
 
-from analysis.blind.workers import Job, Lost, Queue, Work
 from bayescal.errors import BayescalError
+from bayescal.storage.tasks import Job, Lost, Queue, Work
 
 CONNECT = 10.0
 """Seconds to wait for the scheduler."""
@@ -35,7 +35,7 @@ class Cluster:
             from distributed.comm.addressing import get_address_host_port
         except ImportError:
             raise BayescalError(
-                "needs the package `distributed`", "--dask", "pip install 'bayescal[blind]'"
+                "needs the package `distributed`", "--dask", "pip install 'bayescal[dask]'"
             ) from None
         logging.getLogger("distributed").setLevel(logging.CRITICAL)  # failures are reported here
         self.address, self.jobs, self._killed = address, dict[Future[Any], Job](), KilledWorker
@@ -61,7 +61,7 @@ class Cluster:
             raise BayescalError(f"a worker lacks {PACKAGE}", self.address, INSTALL) from None
 
     def fill(self, work: Work, queue: Queue) -> None:
-        """See `workers.Crew`.
+        """See `tasks.Crew`.
 
         Raises
         ------
@@ -85,7 +85,7 @@ class Cluster:
             raise self._gone() from None
 
     def done(self, queue: Queue) -> Iterator[tuple[int, Any]]:
-        """See `workers.Crew`.
+        """See `tasks.Crew`.
 
         Raises
         ------
@@ -111,9 +111,9 @@ class Cluster:
         return BayescalError("the Dask scheduler was lost", self.address, AGAIN)
 
     def close(self) -> None:
-        """See `workers.Crew`."""
+        """See `tasks.Crew`."""
         self._executor.shutdown(wait=False)
         self._client.close(timeout=CONNECT)
 
     def kill(self) -> None:
-        """See `workers.Crew`; `close` cancels its jobs without waiting."""
+        """See `tasks.Crew`; `close` cancels its jobs without waiting."""

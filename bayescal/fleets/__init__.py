@@ -1,0 +1,1 @@
+"""Many arms of one model: what their fits have in common, and which of them differ."""

@@ -1,0 +1,190 @@
+"""The arms of a fleet beside each other: which differ from the others, and which changed between sessions.
+
+Every arm is compared with the distribution of the others, and every session of an arm with those before it.
+The p-value of a difference is that of one comparison; `p_all` is for all comparisons of its kind
+(Bonferroni).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import norm, t
+
+from bayescal.effects import Parameter
+from bayescal.fleets.likelihood import Likelihood
+from bayescal.fleets.prior import FEWEST, Arms, Learnt, Shift, learn, left_out, shifts, widened
+
+LEVEL = 0.05
+"""Probability, over all comparisons of a kind, below which a difference is stated (usual)."""
+MOST = 3
+"""Parameters of an arm, or of a session, that are stated."""
+SAME = 1e-7
+"""Relative difference of nominal values and priors up to which robot files are of one model."""
+
+
+@dataclass(frozen=True)
+class Member:
+    """A session of a fleet: its name, its arm, the name of its robot, and what it tells."""
+
+    session: str
+    arm: str
+    robot: str
+    likelihood: Likelihood
+
+
+@dataclass(frozen=True)
+class Difference:
+    """A parameter of an arm that differs from other arms, or from the sessions before; SI."""
+
+    arm: str
+    parameter: Parameter
+    value: float
+    u: float
+    p: float
+    p_all: float
+    since: str = ""  # the session, of a change
+
+    @property
+    def stated(self) -> bool:
+        """Whether it is below the level of all comparisons."""
+        return self.p_all < LEVEL
+
+
+@dataclass(frozen=True)
+class Model:
+    """The arms of one robot model.
+
+    Parameters
+    ----------
+    robot : str
+    members : tuple of Member
+    parameters : tuple of Parameter
+        With their stated priors; K of them.
+    arms : tuple of str
+    learnt : Learnt or None
+        None of fewer than `FEWEST` arms.
+    gains : mapping
+        Log density of each arm, left out, under the distribution of the others, less that under the stated
+        prior; nats.
+    unlike : tuple of Difference
+        The clearest difference of each arm from the others, and further stated ones.
+    changed : tuple of Difference
+        The same of each session from those of its arm before it.
+    comparisons, pairs : int
+        Number of comparisons of each kind.
+    """
+
+    robot: str
+    members: tuple[Member, ...]
+    parameters: tuple[Parameter, ...]
+    arms: tuple[str, ...]
+    learnt: Learnt | None
+    gains: Mapping[str, float]
+    unlike: tuple[Difference, ...]
+    changed: tuple[Difference, ...]
+    comparisons: int
+    pairs: int
+
+
+def models_of(members: Sequence[Member]) -> tuple[Model, ...]:
+    """Compare the arms of each robot model; sessions of an arm are in the order of time."""
+    groups: list[list[Member]] = []
+    for member in members:
+        same = (g for g in groups if g[0].robot == member.robot and _alike(g, member))
+        if (group := next(same, None)) is not None:
+            group.append(member)
+        else:
+            groups.append([member])
+    return tuple(map(_model, groups))
+
+
+def _alike(group: Sequence[Member], member: Member) -> bool:
+    """Whether common parameters have the nominal values and priors of a group."""
+    known = {p.name: p for m in group for p in m.likelihood.parameters}
+    pairs = [(known[p.name], p) for p in member.likelihood.parameters if p.name in known]
+    values = np.array([[[p.nominal, p.centre, p.sd] for p in pair] for pair in pairs]).reshape(-1, 2, 3)
+    return bool(np.allclose(values[:, 0], values[:, 1], rtol=SAME, atol=1e-9))
+
+
+def _model(group: Sequence[Member]) -> Model:
+    parameters = tuple({p.name: p for m in group for p in m.likelihood.parameters}.values())
+    names = [p.name for p in parameters]
+    arms = tuple(dict.fromkeys(m.arm for m in group))
+    pairs = (len(group) - len(arms)) * len(names)
+    told: dict[str, tuple[np.ndarray, np.ndarray]] = {}
+    changed: list[Difference] = []
+    for m in group:
+        now = m.likelihood.among(names)
+        if m.arm not in told:
+            told[m.arm] = now
+            continue
+        before = told[m.arm]
+        covariance = np.linalg.inv(before[0] + np.eye(len(names)))
+        found = shifts(*now, covariance @ before[1], covariance, MOST)
+        here = _differences(found, m.arm, parameters, np.full(len(names), np.inf), pairs, m.session)
+        changed += here
+        # what was true before a change is not true any more
+        told[m.arm] = now if here[0].stated else (before[0] + now[0], before[1] + now[1])
+    every = Arms(np.array([told[a][0] for a in arms]), np.array([told[a][1] for a in arms]))
+    if len(arms) < FEWEST:
+        return Model(group[0].robot, tuple(group), parameters, arms, None, {}, (), tuple(changed), 0, pairs)
+    learnt = learn(every)
+    others, gains = left_out(every, learnt)
+    unlike: list[Difference] = []
+    comparisons = len(arms) * len(names)
+    for k, (arm, of) in enumerate(zip(arms, others, strict=True)):
+        found = shifts(every.information[k], every.score[k], of.mean, np.diag(of.usual**2), MOST)
+        unlike += _differences(found, arm, parameters, np.maximum(of.dof, 1.0), comparisons)
+    odd = {d.arm for d in unlike if d.stated}
+    learnt = widened(every, others, learnt, np.array([arm not in odd for arm in arms]))
+    return Model(
+        group[0].robot, tuple(group), parameters, arms, learnt, dict(zip(arms, gains.tolist(), strict=True)),
+        tuple(unlike), tuple(changed), comparisons, pairs,
+    )  # fmt: skip
+
+
+def _differences(
+    found: Sequence[Shift], arm: str, parameters: Sequence[Parameter], dof: np.ndarray, count: int,
+    since: str = "",
+) -> list[Difference]:  # fmt: skip
+    """The first of some shifts, and those stated that follow it without a gap."""
+    out: list[Difference] = []
+    for shift in found:
+        p = parameters[shift.index]
+        tail = norm.sf if np.isinf(dof[shift.index]) else t(dof[shift.index]).sf
+        chance = float(2.0 * tail(abs(shift.ratio)))
+        one = Difference(arm, p, shift.value * p.sd, shift.u * p.sd, chance, min(1.0, count * chance), since)
+        if out and not one.stated:
+            break
+        out.append(one)
+        if not one.stated:
+            break
+    return out
+
+
+@dataclass(frozen=True)
+class Prior:
+    """The learnt prior of a parameter, SI: mean deviation from nominal with u, and standard deviations."""
+
+    parameter: Parameter
+    mean: float
+    u_mean: float
+    usual: float  # standard deviation of usual arms
+    sd: float  # of the prior of a further arm
+    arms: float  # number of arms that the standard deviation is worth
+
+
+def priors(model: Model) -> tuple[Prior, ...]:
+    """The learnt prior of every parameter of a model; none of too few arms."""
+    if (of := model.learnt) is None:
+        return ()
+    return tuple(
+        Prior(
+            p, p.centre - p.nominal + float(of.mean[k]) * p.sd, float(of.u_mean[k]) * p.sd,
+            float(of.scale[k]) * p.sd, float(of.sd[k]) * p.sd, float(of.dof[k]),
+        )
+        for k, p in enumerate(model.parameters)
+    )  # fmt: skip

@@ -1,0 +1,181 @@
+"""fleet.json: every session with what its run folders state, the arms, effects they share, learnt priors."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from bayescal.effects import UNITS
+from bayescal.fleets.compare import Difference, Model, priors
+from bayescal.reporting.shared.origin import plain, software
+from bayescal.storage.reading import Json, read_record
+
+FLEET, SCHEMA = "fleet.json", "bayescal-fleet/1"
+LIBRARIES = ("gtsam", "numpy", "scipy", "numba")
+REPEAT = "remove the folder, and repeat bayescal fleet"
+PAGES = {"fit": "report.html", "gap": "gap.html"}
+"""Page of each run folder of a session."""
+UNKNOWN = "unknown"
+
+
+def session_entry(name: str, path: Path, below: str, status: str, error: str) -> dict[str, Any]:
+    """A session without results: its name, its dataset, its folder below that of the fleet, what failed."""
+    return {
+        "session": name, "dataset": str(path), "folder": below, "status": status, "error": error or None,
+        "name": None, "sha256": None, "robot": None, "serial": None, "date": None, "arm": None, "fit": None,
+        "gap": None, "effects": [], "probability": {},
+    }  # fmt: skip
+
+
+def with_fit(entry: Json, folder: Path) -> dict[str, Any]:
+    """The session with what fit.json states."""
+    record = read_record(folder / "fit.json", "bayescal-fit/1", REPEAT)
+    expected = record["predicted_distance"]
+    keys = ("over", "count", "predicted_rms_um", "expanded_U_um", "measured_rms_um")
+    return {
+        **entry,
+        "name": record["dataset"]["name"],
+        "sha256": record["dataset"]["sha256"],
+        "robot": record["arm"]["robot"],
+        "serial": record["record"]["serials"]["arm"],
+        "date": record["record"]["date"],
+        "fit": {key: expected.get(key) for key in keys}
+        | {"verdict": record["verdict"]["words"], "usable": record["verdict"]["explains"]},
+    }
+
+
+def with_gap(entry: Json, folder: Path) -> dict[str, Any]:
+    """The session with what gap.json states: an entry of ``effects`` for each named effect and site."""
+    record = read_record(folder / "gap.json", "bayescal-gap/1", REPEAT)
+    sizes = {(a["effect"], a["site"]): a for a in record["amplitudes"]}
+    named = []
+    for one in record["named"]:
+        for site in one["sites"]:
+            own = sizes.get((one["effect"], site), {})
+            size = {key: own.get(key) for key in ("what", "value", "u", "unit")}
+            named.append({"effect": one["effect"], "site": site, "probability": one["probability"], **size})
+    if not named and record["verdict"] in (UNKNOWN, "class"):
+        members = (record["class"] or {}).get("members") or [UNKNOWN]
+        site, p = (record["class"] or {}).get("site") or "", record["probability"].get(UNKNOWN)
+        lack = dict.fromkeys(("what", "value", "u", "unit"))
+        named.append(
+            {
+                "effect": " or ".join(members),
+                "site": site,
+                "probability": p if list(members) == [UNKNOWN] else None,
+                **lack,
+            }
+        )
+    return {
+        **entry,
+        "gap": {"verdict": record["verdict"], "words": record["words"]},
+        "effects": named,
+        "probability": record["probability"],
+    }
+
+
+def fleet_record(
+    sessions: Sequence[Json], models: Sequence[Model], inputs: Json, files: Mapping[int, str]
+) -> dict[str, Any]:
+    """The content of fleet.json; `files` are the robot files of the models, by their index."""
+    count = {status: sum(s["status"] == status for s in sessions) for status in ("fitted", "kept", "failed")}
+    record = {
+        "schema": SCHEMA,
+        "software": software(LIBRARIES),
+        "inputs": inputs,
+        "count": {"sessions": len(sessions), **count},
+        "arms": _arms(sessions, models),
+        "effects": _effects(sessions),
+        "models": [_model(m, files.get(k)) for k, m in enumerate(models)],
+        "sessions": list(sessions),
+    }
+    return {key: plain(value) for key, value in record.items()}
+
+
+def _arms(sessions: Sequence[Json], models: Sequence[Model]) -> list[dict[str, Any]]:
+    """The arms in order: by what was found of them, then by the expanded uncertainty of distances."""
+    out = []
+    for m in models:
+        for arm in m.arms:
+            own = [s for s in sessions if s["arm"] == arm and s["robot"] == m.robot and s["fit"]]
+            seen = {(e["effect"], e["site"]): e for s in own for e in s["effects"]}
+            out.append(
+                {
+                    "arm": arm,
+                    "robot": m.robot,
+                    "sessions": [s["session"] for s in own],
+                    "expanded_U_um": own[-1]["fit"]["expanded_U_um"],
+                    "measured_rms_um": own[-1]["fit"]["measured_rms_um"],
+                    "effects": list(seen.values()),
+                    "differs": [_difference(d) for d in m.unlike if d.arm == arm],
+                    "changed": [_difference(d) for d in m.changed if d.arm == arm],
+                    "log_score_nats": m.gains.get(arm),
+                }
+            )
+    return sorted(out, key=_order)
+
+
+def _order(arm: Json) -> tuple[Any, ...]:
+    stated = [[d["p_all"] for d in arm[key] if d["stated"]] for key in ("changed", "differs")]
+    return (-sum(map(len, stated)), -len(arm["effects"]), -(arm["expanded_U_um"] or 0.0), arm["arm"])
+
+
+def _difference(d: Difference) -> dict[str, Any]:
+    unit, factor = UNITS[d.parameter.unit]
+    found = {"parameter": d.parameter.name, "unit": unit, "value": d.value * factor, "u": d.u * factor}
+    return {**found, "p_value": d.p, "p_all": d.p_all, "stated": d.stated, "since": d.since or None}
+
+
+def _effects(sessions: Sequence[Json]) -> list[dict[str, Any]]:
+    """Effects by site: the arms of which a session has it named, and the number expected of all arms."""
+    found: dict[tuple[str, str, str], list[tuple[str, Json]]] = {}
+    for s in sessions:
+        for e in s["effects"]:
+            found.setdefault((s["robot"], e["effect"], e["site"]), []).append((s["arm"], e))
+    out = []
+    for (robot, effect, site), each in found.items():
+        chances: dict[str, float] = {}
+        for s in sessions:
+            if s["robot"] == robot and s["gap"]:
+                p = s["probability"].get(effect) or 0.0
+                chances[s["arm"]] = max(chances.get(s["arm"], 0.0), p)
+        sizes = [e["value"] for _, e in each if e["value"] is not None]
+        out.append(
+            {
+                "effect": effect,
+                "site": site,
+                "robot": robot,
+                "arms": list(dict.fromkeys(arm for arm, _ in each)),
+                "of": len(chances),
+                "expected_arms": sum(chances.values()),
+                "unit": each[0][1]["unit"],
+                "values": [min(sizes), max(sizes)] if sizes else None,
+            }
+        )
+    return sorted(out, key=lambda e: -len(e["arms"]))
+
+
+def _model(m: Model, file: str | None) -> dict[str, Any]:
+    entries = []
+    for prior in priors(m):
+        p = prior.parameter
+        unit, factor = UNITS[p.unit]
+        values = {
+            "stated_deviation": p.centre - p.nominal, "stated_sd": p.sd, "deviation": prior.mean,
+            "u_deviation": prior.u_mean, "usual_sd": prior.usual, "sd": prior.sd,
+        }  # fmt: skip
+        numbers = {key: factor * value for key, value in values.items()}
+        entries.append({"name": p.name, "unit": unit, **numbers, "effective_arms": prior.arms})
+    gains = list(m.gains.values())
+    return {
+        "robot": m.robot,
+        "arms": list(m.arms),
+        "comparisons": m.comparisons,
+        "comparisons_between_sessions": m.pairs,
+        "log_score_nats": sum(gains) / len(gains) if gains else None,
+        "better": sum(g > 0 for g in gains),
+        "widened": None if m.learnt is None else m.learnt.factor,
+        "file": file,
+        "parameters": entries,
+    }

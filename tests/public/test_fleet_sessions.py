@@ -1,0 +1,188 @@
+"""A fleet from end to end, on arms of the independent simulator: all is done, once; the table is right."""
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from cases import ROOT
+
+import bayescal as bc
+from analysis.fleet_study import probed as probed_session
+from analysis.fleet_study import put, shapes, subset
+from bayescal.errors import BayescalError
+from bayescal.exporting.robot import robot_text
+from bayescal.fitted.arm import of_fit
+from bayescal.public.fleet import Task, kept
+
+ARMS, ODD, OFF = 5, 3, 0.012
+"""Arms of the fleet, the one that differs, and by how much its third zero does, rad: 20 times the spread."""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory) -> Path:
+    """Small sessions, one of which cannot be read."""
+    top = tmp_path_factory.mktemp("fleet")
+    for k, shape in enumerate(shapes(3, ARMS)):
+        zero = shape.zero.copy()
+        zero[2] += OFF * (k == ODD)
+        name = f"arm-{k}"
+        texts, _ = probed_session(k, replace(shape, zero=zero), name, serial=f"SN-{k}", date="2026-03-01")
+        put(top / "sessions" / name, subset(texts, 80, k, 20))
+    bad = texts | {"measurements.csv": texts["measurements.csv"].replace(",cube.+z,", ",cube.z,", 1)}
+    put(top / "sessions" / "bad", bad)
+    return top
+
+
+def command(folder: Path, *more: str) -> list[str]:
+    line = [sys.executable, "-m", "bayescal.cli", "fleet", str(folder / "sessions"), "--out"]
+    return [*line, str(folder / "out"), "--workers", "2", *more]
+
+
+def workers(process: int) -> list[int]:
+    """The worker processes of a process."""
+    children = Path(f"/proc/{process}/task/{process}/children").read_text().split()
+    return [int(p) for p in children if b"spawn_main" in Path(f"/proc/{p}/cmdline").read_bytes()]
+
+
+def done(folder: Path) -> dict[str, int]:
+    """When each run folder that is complete was written."""
+    return {
+        str(p): p.stat().st_mtime_ns
+        for p in (folder / "out" / "sessions").glob("*/[fg]*/*.json")
+        if p.name in ("fit.json", "gap.json")
+    }
+
+
+@pytest.fixture(scope="module")
+def ran(folder) -> tuple[Path, str, dict[str, int]]:
+    """The fleet, one of whose two workers was killed; what was said; what was complete at that time."""
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    process = subprocess.Popen(
+        command(folder), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment
+    )
+    end = time.monotonic() + 120
+    while not (before := done(folder)) or len(workers(process.pid)) < 2:
+        assert time.monotonic() < end
+        time.sleep(0.02)
+    os.kill(workers(process.pid)[0], signal.SIGKILL)
+    out, errors = process.communicate(timeout=300)
+    assert process.returncode == 0, errors
+    return folder / "out", out + errors, before
+
+
+def test_nothing_is_lost_or_done_twice_though_a_worker_is_killed(ran):
+    out, said, before = ran
+    record = json.loads((out / "fleet.json").read_text())
+    assert record["count"] == {"sessions": ARMS + 1, "fitted": ARMS, "kept": 0, "failed": 1}
+    after = done(out.parent)
+    assert len(after) == 2 * ARMS
+    assert before.items() <= after.items()
+    assert "6 sessions: 5 fitted, 0 kept, 1 failed" in said
+    assert not list(out.rglob("*.part")) + list(out.rglob("*lock"))
+
+
+def test_the_table_is_right_and_a_bad_session_stands_in_it(ran):
+    out, said, _ = ran
+    record = json.loads((out / "fleet.json").read_text())
+    first, *others = record["arms"]
+    assert first["arm"] == f"SN-{ODD}"
+    (d,) = (d for d in first["differs"] if d["stated"])
+    assert d["parameter"] == "theta3"
+    assert d["value"] == pytest.approx(0.6875, abs=3 * d["u"])
+    assert not [d for arm in others for d in arm["differs"] if d["stated"]]
+    (bad,) = (s for s in record["sessions"] if s["error"])
+    assert bad["session"] == "bad"
+    assert "measurements.csv:" in bad["error"]
+    assert f"bad: {bad['error']}" in said
+    assert (
+        record["models"][0]["better"] == ARMS - 1
+    )  # the prior of the others is wrong for the one that differs
+    page = (out / "fleet.html").read_text()
+    for session in record["sessions"]:
+        assert bool(session["fit"]) == (f"sessions/{session['session']}/fit/report.html" in page)
+    assert (out / "sessions" / "arm-0" / "fit" / "report.html").is_file()
+
+
+def test_a_second_call_computes_what_is_missing_or_changed_on_dask(ran, folder, cluster):
+    out, _, _ = ran
+    before = done(folder)
+    settings = folder / "sessions" / "arm-1" / "dataset.yaml"
+    settings.write_text(settings.read_text() + "# a comment\n")
+    shutil.rmtree(out / "sessions" / "arm-2" / "gap")
+    lines = []
+    result = bc.fleet([folder / "sessions"], out, dask=cluster.scheduler_address, say=lines.append)
+    assert result.record["count"] == {"sessions": 6, "fitted": 2, "kept": 3, "failed": 1}
+    assert lines[0] == f"3 of 6 sessions are kept from an earlier run in {out}"
+    changed = {path.split("/sessions/")[1] for path, time in done(folder).items() if before.get(path) != time}
+    assert changed == {"arm-1/fit/fit.json", "arm-1/gap/gap.json", "arm-2/gap/gap.json"}
+    assert result.arms.index[0] == f"SN-{ODD}"
+    assert list(result.sessions.loc["arm-2"][["arm", "status"]]) == ["SN-2", "fitted"]
+    assert set(result.prior.name) == set(bc.load(out / "sessions" / "arm-0" / "fit").parameters.index[:24])
+
+
+def test_other_options_are_another_computation(ran, folder):
+    out, _, _ = ran
+    options = {"model": ["geometry", "compliance"], "without": [], "seed": 0, "robust": True}
+    for width, error in ((1.0, ""), (2.0, None)):
+        task = Task(
+            folder / "sessions" / "arm-0", out / "sessions" / "arm-0", options | {"prior_width": width}
+        )
+        assert kept(task) == error
+
+
+def test_the_learnt_prior_is_used_by_the_next_fit(ran, folder, tmp_path):
+    out, _, _ = ran
+    source = folder / "sessions" / "arm-0"
+    texts = {p.name: p.read_text() for p in source.iterdir()}
+    few = subset(texts, 40, 1)
+    plain = bc.fit(put(tmp_path / "plain", few), samples=0)
+    texts = few | {"robot.yaml": (out / "fleet-robot.yaml").read_text()}
+    learnt = bc.fit(put(tmp_path / "learnt", texts), samples=0)
+    prior = bc.load(out / "sessions" / "arm-0" / "fit").parameters  # stated
+    sd = learnt.parameters.prior_sd[:24]
+    assert (sd < prior.prior_sd[:24]).mean() > 0.8
+    key = lambda result: result.record["predicted_distance"]["expanded_U_um"]  # noqa: E731
+    assert key(learnt) < 0.9 * key(plain)
+    assert not [w for w in learnt.warnings if "contrary to the prior" in w]
+
+
+def test_an_arm_unlike_the_fleet_is_told_by_its_fit(folder, tmp_path):
+    """A prior that is wrong in one parameter, by many of its standard deviations."""
+    texts = {p.name: p.read_text() for p in (folder / "sessions" / "arm-0").iterdir()}
+    prior = "priors:\n  - {name: theta3, deviation_deg: 0.8, sd_deg: 0.02}\n  - {name: theta9, sd_deg: 1}\n"
+    found = bc.fit(put(tmp_path / "far", texts | {"robot.yaml": texts["robot.yaml"] + prior}), samples=0)
+    plain = bc.load(folder / "out" / "sessions" / "arm-0" / "fit")
+    codes = {f["code"]: f["text"] for f in found.record["findings"]}
+    assert codes["far_from_prior"].startswith("theta3:")
+    assert "theta9" in codes["prior_unused"]
+    assert "priors" not in robot_text(of_fit(found.data), "")  # of a calibrated arm
+    for name in ("theta2", "theta3", "d4"):  # the usual prior holds
+        usual, now = plain.parameters.loc[name], found.parameters.loc[name]
+        assert list(now[["estimate", "u", "prior_sd"]]) == pytest.approx(
+            list(usual[["estimate", "u", "prior_sd"]]), rel=1e-3
+        )
+
+
+@pytest.mark.parametrize(
+    ("arm", "message"),
+    [("(", "no regular expression"), ("x", "not in the name of"), ("none.csv", "none.csv")],
+)
+def test_arms_that_cannot_be_told(folder, tmp_path, arm, message):
+    with pytest.raises(BayescalError, match=message):
+        bc.fleet([folder / "sessions"], tmp_path / "out", arm=arm)
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_folder_of_others_is_refused(folder, tmp_path):
+    (tmp_path / "mine").write_text("notes")
+    with pytest.raises(BayescalError, match="not of a fleet"):
+        bc.fleet([folder / "sessions"], tmp_path)
+    with pytest.raises(BayescalError, match="no session"):
+        bc.fleet([], tmp_path / "out")
