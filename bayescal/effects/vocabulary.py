@@ -21,6 +21,8 @@ UNITS = {
     "rad/(N m)": ("urad/(N m)", 1e6),
     "rad/(N m)^2": ("urad/(N m)^2", 1e6),
     "m/(N m)": ("um/(N m)", 1e6),
+    "m/N": ("um/N", 1e6),
+    "rad/(N m^2)": ("urad/(N m^2)", 1e6),
     "kg": ("kg", 1.0),
     "kg m": ("kg mm", 1e3),
     "s": ("ms", 1e3),
@@ -155,10 +157,10 @@ class Circumstances:
 
     @property
     def torques(self) -> np.ndarray | None:
-        """Torques (N, n), N m, on the links about their joints; None if neither measured nor computed."""
+        """Torques (N, n), N m (forces, N), of the joints' links; None if neither measured nor computed."""
         if self.measured_torques is not None:
             return self.measured_torques
-        return None if self.moments is None else self.moments[:, 1:, 2]
+        return None if self.loads is None else self.loads.torques(self.robot.slides)
 
     @property
     def touching(self) -> np.ndarray:

@@ -165,7 +165,8 @@ class Clearance:
     @cached_property
     def _sample(self) -> np.ndarray:
         """Random readings (SAMPLES, n), rad."""
-        limits = np.clip(self.arm.robot.limits, -np.pi, np.pi)
+        most = np.where(self.arm.robot.slides, np.inf, np.pi)[:, None]
+        limits = np.clip(self.arm.robot.limits, -most, most)
         angles = np.random.default_rng(0).uniform(limits[:, 0], limits[:, 1], (SAMPLES, len(limits)))
         return self.arm.readings_of(angles)
 
