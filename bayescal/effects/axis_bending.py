@@ -62,7 +62,7 @@ def _bent(c: Circumstances, beam: Beam, label: str) -> list[Parameter]:
                 out.append(
                     Parameter(
                         f"axis-bending {label}{c.robot.joint_names[j - 1]} {name}", "rad/(N m^2)", terms,
-                        SPREAD * MEAN, 0.0, MEAN, positive=True, **at(j, Driver("bending moment")),
+                        SPREAD * MEAN, 0.0, MEAN, positive=True, **at(j, Driver("extended moment")),
                     )
                 )  # fmt: skip
     return out

@@ -164,7 +164,7 @@ def along_travel(
             out += [
                 Parameter(
                     f"{effect} {c.robot.joint_names[j - 1]} {label} {order}", unit, (Term(j, axis, shape),),
-                    sd * float(first / order) ** 1.5, **at(j, by_reading(c.robot, j)),
+                    sd * float(first / order) ** 1.5, **at(j, by_reading(c.robot, j, form="smooth")),
                 )
                 for label, axis in axes.items()
                 for order, shape in zip(orders.tolist(), shapes.T, strict=True)

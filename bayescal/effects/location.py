@@ -126,6 +126,7 @@ FORMS: dict[str, Form] = {
     "other angle": {"words": "{}, by another angle", "text": "{} times a function of another angle"},
     "and angle": {"words": "{}, and its angle", "text": "{} and angle together"},
     "and another": {"words": "{}, times another quantity", "text": "{} times another quantity"},
+    "smooth": {"words": "{}, smoothly", "text": "{}, a smooth function of it"},
     "waves": {"words": "{}, 3 to 20 waves a turn", "text": "{}, 3 to 20 periods per revolution"},
     "to and fro": {"words": "{}, to and fro", "text": "{}, oscillating"},
 }
@@ -281,6 +282,7 @@ KINDS = {
     "event": Kind("moment", "row of the event", _time),
     "base moment": Kind("base moment", "gravity moment on the base", _base_moment),
     "bending moment": Kind("bending moment", "bending moment of the link"),
+    "extended moment": Kind("bending moment, extended", "bending moment by the extension"),
     "count": Kind("count of contacts", "count of contacts", _order),
     "wait": Kind("wait before the contact", "wait before the contact"),
     "pose": Kind("each pose anew", "each pose anew"),
