@@ -18,6 +18,7 @@ A transform between two joints as one DH row.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import reduce
 from typing import Literal
@@ -109,9 +110,13 @@ class Robot:
         """Axis of each joint's motion in its frame, of `transforms.AXES`: rz, or tz of a prismatic joint."""
         return tuple("tz" if slides else "rz" for slides in self.slides.tolist())
 
-    def shown(self, readings: np.ndarray) -> np.ndarray:
+    def limits_within(self, most: float) -> np.ndarray:
+        """Limits (n, 2) of which those of revolute joints are at most +-`most`, rad."""
+        return np.where(self.slides[:, None], self.limits, np.clip(self.limits, -most, most))
+
+    def shown(self, readings: np.ndarray | Sequence[float]) -> np.ndarray:
         """Readings or their rates (..., n) in the units of files: deg, or mm of a prismatic joint."""
-        return readings * np.array([SHOWN[slides][1] for slides in self.slides.tolist()])
+        return np.asarray(readings) * np.array([SHOWN[slides][1] for slides in self.slides.tolist()])
 
     def read(self, shown: np.ndarray) -> np.ndarray:
         """Readings or their rates (..., n), SI, from those in the units of files."""

@@ -29,7 +29,7 @@ ANGULAR_MOTION = Effect(
     _parameters,
     without_slides,
     sizes={"rad": Size("root mean square over the travel", length)},
-    phrase=("every linear axis", "turns its carriage along the travel"),
+    phrase=("the linear axis", "turns its carriage along the travel"),
     remedy=(
         "Check that the guide rails are parallel and of equal height, and the preload of the carriages. What "
         "remains is compensated with the calibrated model."

@@ -78,7 +78,7 @@ AXIS_BENDING = Effect(
     lambda c: _bent(c, cantilever, ""),
     _missing,
     sizes={"rad/(N m^2)": COMPLIANT, "1": FACTOR},
-    phrase=("every linear axis", "bends under its load"),
+    phrase=("the linear axis", "bends under its load"),
     remedy=(
         "Check the clamping of the column or the supports of the rail. If they are firm, keep the effect "
         "in the model, and calibrate at the loads of the task."

@@ -27,7 +27,7 @@ POSITIONING = Effect(
     _parameters,
     without_slides,
     sizes={"m": Size("root mean square over the travel", length)},
-    phrase=("every linear axis", "has a positioning error by its position"),
+    phrase=("the linear axis", "has a positioning error by its position"),
     remedy=(
         "Measure the axis with a laser interferometer and load its compensation table, and check the "
         "joints of rack segments."

@@ -29,7 +29,7 @@ STRAIGHTNESS = Effect(
     _parameters,
     without_slides,
     sizes={"m": Size("root mean square over the travel", length)},
-    phrase=("every linear axis", "is not straight"),
+    phrase=("the linear axis", "is not straight"),
     remedy=(
         "Align the guide rails against a straight edge or a laser line, and check the bolts and the "
         "joints of rail segments. What remains is compensated with the calibrated model."

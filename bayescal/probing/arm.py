@@ -42,8 +42,7 @@ class Arm(NominalArm):
     @cached_property
     def range(self) -> np.ndarray:
         """Limits (2, n), rad or m, reduced by the margin; a range of at most one revolution."""
-        most = np.where(self.robot.slides, np.inf, np.pi)
-        limits = np.clip(self.robot.limits, -2 * most[:, None], 2 * most[:, None])
+        most, limits = np.where(self.robot.slides, np.inf, np.pi), self.robot.limits_within(2 * np.pi)
         middle, half = limits.mean(axis=1), np.diff(limits, axis=1)[:, 0] / 2
         half = np.minimum(half - np.minimum(MARGIN, 0.2 * half), most)
         return np.stack([middle - half, middle + half])

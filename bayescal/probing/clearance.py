@@ -165,8 +165,7 @@ class Clearance:
     @cached_property
     def _sample(self) -> np.ndarray:
         """Random readings (SAMPLES, n), rad."""
-        most = np.where(self.arm.robot.slides, np.inf, np.pi)[:, None]
-        limits = np.clip(self.arm.robot.limits, -most, most)
+        limits = self.arm.robot.limits_within(np.pi)
         angles = np.random.default_rng(0).uniform(limits[:, 0], limits[:, 1], (SAMPLES, len(limits)))
         return self.arm.readings_of(angles)
 

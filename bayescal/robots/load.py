@@ -166,8 +166,7 @@ def reach(robot: Robot) -> float:
     from scipy.optimize import minimize
 
     chain, sign = chain_of(robot), np.sign(np.diag(robot.link_from_reading))
-    most = np.where(robot.slides, np.inf, np.pi)[:, None]
-    low, high = np.clip(robot.limits, -most, most).T
+    low, high = robot.limits_within(np.pi).T
     foot = np.linalg.inv(robot.base)
 
     def distance(q: np.ndarray) -> np.ndarray:
