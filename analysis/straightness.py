@@ -2,8 +2,9 @@
 
     python -m analysis.straightness [sessions] [rows]
 
-For each session: RMS of the true curve, of its difference from the estimated one, and of the stated u, along x and
-z, and the share of positions whose true value is within U (k = 2). A straight line is part of neither curve.
+For each session: RMS of the true curve, of its difference from the estimated one, and of the stated u, along
+x and z, and the share of positions whose true value is within U (k = 2). A straight line is part of neither
+curve.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ GRID = 61
 
 @dataclass(frozen=True)
 class Curves:
-    """Curves at positions (N,), m, over the travel: true ones (2, N) along x and z, estimated ones with u, m."""
+    """Curves at positions (N,), m: true ones (2, N) along x and z, estimated ones with u, m."""
 
     at: np.ndarray
     true: np.ndarray
@@ -49,15 +50,17 @@ def curves(seed: int, rows: int = 400) -> Curves:
         fitted = bc.fit(folder, model=MODEL, samples=0)
     assert fitted.data is not None
     at = np.linspace(0.0, rail.TRAVEL, GRID)
-    estimated, u = _estimated(of_fit(fitted.data), at)
+    estimated, u = curves_of(of_fit(fitted.data), at)
     return Curves(at, np.stack([curve.bent(at) for curve in made.rail.straight]), estimated, u)
 
 
-def _estimated(arm: FittedArm, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def curves_of(arm: FittedArm, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Straightness (2, N) along x and z of F0 at positions, with u, m: y of the carriage is against z."""
     values, us = [], []
     for axis, sign in (("x", 1.0), ("y", -1.0)):
-        own = [k for k, p in enumerate(arm.model.parameters) if p.name.startswith(f"straightness RAIL {axis} ")]
+        own = [
+            k for k, p in enumerate(arm.model.parameters) if p.name.startswith(f"straightness RAIL {axis} ")
+        ]
         orders = np.array([int(arm.model.parameters[k].name.split()[-1]) for k in own])
         by = legvander(2 * at / rail.TRAVEL - 1, orders.max())[:, orders] * np.sqrt(2 * orders + 1)
         values.append(sign * by @ arm.values[own])

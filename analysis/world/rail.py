@@ -7,7 +7,7 @@ Pinocchio's, as of the arm (`arm`): the rail moves the six coordinates of its ba
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -83,37 +83,42 @@ def rail(rng: np.random.Generator) -> Rail:
 
 @dataclass(frozen=True)
 class OnRail:
-    """A session of an arm on a rail: its files by name, and the truth."""
+    """A session of an arm on a rail: the true arm, its files by name, and the noise of a coordinate, m."""
 
-    texts: dict[str, str]
+    body: Arm
     rail: Rail
+    at: tracker.Instrument
     sigma: float
+    texts: dict[str, str]
+
+    def reads(self, y: np.ndarray, q: np.ndarray) -> np.ndarray:
+        """Return what the tracker reads (N, 3), m, without noise, at positions (N,), m, and angles (N, 6)."""
+        coordinates = np.zeros((len(y), SIZE))
+        coordinates[:, BASE] = self.rail.coordinates(y)
+        links = q @ LINK_FROM_READING.T
+        coordinates[:, JOINT] = links
+        for _ in range(BY_TORQUE):
+            coordinates[:, JOINT] = links + self.body.shape.give * self.body.weigh(coordinates)[:, JOINT]
+        origin, turn = self.body.place(coordinates)
+        return self.at.read(origin + turn @ self.body.shape.tool)
 
 
-def make(seed: int, count: int = 400, sigma: float = 1.5e-5, stated: float | None = None) -> OnRail:
-    """Make a session of `count` rows that calibrate; the noise of a coordinate, m, may be misstated."""
+def make(seed: int, count: int = 400, sigma: float = 1.5e-5) -> OnRail:
+    """Make a session of `count` rows that calibrate."""
     rng = np.random.default_rng([seed, 7])
     body, true = Arm(draw(rng)), rail(rng)
     n = count + LATER
     q, _ = session.poses(rng, scene.draw(rng), np.full(n, scene.INSTRUMENT))
     y = rng.uniform(0.0, TRAVEL, n)
-    coordinates = np.zeros((n, SIZE))
-    coordinates[:, BASE] = true.coordinates(y)
-    links = q @ LINK_FROM_READING.T
-    coordinates[:, JOINT] = links
-    for _ in range(BY_TORQUE):
-        coordinates[:, JOINT] = links + body.shape.give * body.weigh(coordinates)[:, JOINT]
-    origin, turn = body.place(coordinates)
-    points = origin + turn @ body.shape.tool
-    at = tracker.draw(rng)
-    read = at.read(points) + sigma * rng.standard_normal(points.shape)
+    out = OnRail(body, true, tracker.draw(rng), sigma, {})
+    read = out.reads(y, q) + sigma * rng.standard_normal((n, 3))
     roles = np.repeat(["calibrate", "validate"], [count, LATER])
     texts = {
-        "dataset.yaml": _settings(at, sigma if stated is None else stated),
+        "dataset.yaml": _settings(out.at, sigma),
         "robot.yaml": robot_text(),
         "measurements.csv": _rows(roles, y, q, read),
     }
-    return OnRail(texts, true, sigma)
+    return replace(out, texts=texts)
 
 
 def robot_text() -> str:

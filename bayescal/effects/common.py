@@ -16,7 +16,9 @@ from bayescal.effects.location import Driver
 from bayescal.effects.vocabulary import Circumstances, Form, Parameter, Session, Where
 
 NO_TORQUE = 1e-6  # N m, N: smaller torques of a joint do not identify a torque-driven effect
-ORDERS = 14
+FALL = 2.0
+"""Exponent by which its amplitudes fall with the order (assumed: a beam whose curvature is random)."""
+ORDERS = 16
 """Highest order of an error by the position of a carriage: waves of a quarter of a metre on a rail of 3 m."""
 
 
@@ -164,7 +166,7 @@ def along_travel(
             out += [
                 Parameter(
                     f"{effect} {c.robot.joint_names[j - 1]} {label} {order}", unit, (Term(j, axis, shape),),
-                    sd * float(first / order) ** 1.5, **at(j, by_reading(c.robot, j, form="smooth")),
+                    sd * float(first / order) ** FALL, **at(j, by_reading(c.robot, j, form="smooth")),
                 )
                 for label, axis in axes.items()
                 for order, shape in zip(orders.tolist(), shapes.T, strict=True)
