@@ -1,11 +1,11 @@
 r"""Angular motion: the carriage of a prismatic joint rolls, pitches and yaws, as a function of its position.
 
-Formula: $`\rho_{a,k} = \sum_{m=1}^{14} x_{a,m} \sqrt{2m+1}\, P_m(u_k), \quad a \in \{x, y, z\}`$;
+Formula: $`\rho_{a,k} = \sum_{m=1}^{16} x_{a,m} \sqrt{2m+1}\, P_m(u_k), \quad a \in \{x, y, z\}`$;
 u is the position over the limits of the joint, from -1 to 1, and P the Legendre polynomials.
 
 Driver: smooth functions of the position (`common.along_travel`). A constant angle is one of `geometry`. The
 tool is displaced by the angle times its distance from the carriage. Prior: 0.1 mrad of the first order about
-each axis, falling with the order as its power -1.5 (assumed: a straightness of 0.1 mm over a carriage of 0.5
+each axis, falling with the order as its power -2 (assumed: a straightness of 0.1 mm over a carriage of 0.5
 m is 0.2 mrad). As of ISO 230-1, which calls these angular error motions.
 """
 

@@ -143,7 +143,7 @@ def along_travel(
 
     Legendre polynomials of the position over the joint's limits, of the orders `first` to `ORDERS`, with a
     root mean square of 1 over the travel: the length of their values is the root mean square of the error.
-    The prior standard deviation of order m is that of the lowest one times (first / m)^1.5, so that the
+    The prior standard deviation of order m is that of the lowest one times (first / m)^`FALL`, so that the
     curve is smooth.
 
     Parameters

@@ -1,11 +1,11 @@
 r"""Positioning: a prismatic joint stands beside its reading, as a smooth function of its position.
 
-Formula: $`\delta_{z,k} = \sum_{m=2}^{14} x_m \sqrt{2m+1}\, P_m(u_k)`$;
+Formula: $`\delta_{z,k} = \sum_{m=2}^{16} x_m \sqrt{2m+1}\, P_m(u_k)`$;
 u is the position over the limits of the joint, from -1 to 1, and P the Legendre polynomials.
 
 Driver: smooth functions of the position (`common.along_travel`). An error in proportion to the position is
 `encoder-scale`, one that repeats with the pinion or screw `gear-mesh`. Prior: 0.05 mm of the second order,
-falling with the order as its power -1.5 (assumed: racks are accurate within 0.03 to 0.1 mm/m).
+falling with the order as its power -2 (assumed: racks are accurate within 0.03 to 0.1 mm/m).
 """
 
 from __future__ import annotations

@@ -1,11 +1,11 @@
 r"""Straightness: the carriage of a prismatic joint leaves its straight line, as a function of its position.
 
-Formula: $`\delta_{a,k} = \sum_{m=2}^{14} x_{a,m} \sqrt{2m+1}\, P_m(u_k), \quad a \in \{x, y\}`$;
+Formula: $`\delta_{a,k} = \sum_{m=2}^{16} x_{a,m} \sqrt{2m+1}\, P_m(u_k), \quad a \in \{x, y\}`$;
 u is the position over the limits of the joint, from -1 to 1, and P the Legendre polynomials.
 
 Driver: smooth functions of the position (`common.along_travel`). A straight line is the direction of the
 axis, which `geometry` has. Prior: 0.1 mm of the second order along each axis, falling with the order as its
-power -1.5 (assumed: mounted linear guides are straight within 0.02 to 0.1 mm/m). As of ISO 230-1, which
+power -2 (assumed: mounted linear guides are straight within 0.02 to 0.1 mm/m). As of ISO 230-1, which
 calls these straightness error motions.
 """
 

@@ -40,7 +40,7 @@ REACH = (0.02, 50.0)
 """m: a chain whose lengths add up to less or more was not written in metres."""
 
 WIDEST = 30.0
-"""rad: no joint turns that far; limits beyond were written in degrees."""
+"""rad: no joint moves that far; limits beyond were written in degrees."""
 
 
 def robot_from_urdf(content: bytes, file: str, tip: str = "") -> Robot:
