@@ -118,7 +118,7 @@ class Motion:
         size: int,
     ) -> None:
         self.chain, self.q, self.tool, self.size = chain, q, tool, size
-        self.count = len(q)
+        self.count, self._slides = len(q), bool(chain.slides.any())
         n, of = chain.n, terms if isinstance(terms, Terms) else Terms.of(terms)
         drivers = np.empty((len(of.drivers), self.count))
         for row, driver in zip(drivers, of.drivers, strict=True):
@@ -199,7 +199,7 @@ class Motion:
 
     def _with_slides(self, values: np.ndarray) -> np.ndarray:
         """Parameter values (..., P) of the kernel: with the 1 that drives prismatic joints, if any."""
-        if not self.chain.slides.any():
+        if not self._slides:
             return values
         return np.concatenate([values, np.ones((*values.shape[:-1], 1))], axis=-1)
 
