@@ -25,8 +25,8 @@ def robot(*parts: str) -> str:
     return f'<?xml version="1.0"?><robot name="arm">{"".join(parts)}</robot>'
 
 
-def arm(seed: int, n: int, style: str) -> str:
-    """A chain of n turning joints with fixed ones between, branches, and a tip that stands askew."""
+def arm(seed: int, n: int, style: str, slides: tuple[int, ...] = ()) -> str:
+    """A chain of n joints, `slides` (from 1) prismatic, with fixed ones between, branches, and a skew tip."""
     rng = np.random.default_rng(seed)
     square = (0.0, np.pi / 2, -np.pi / 2, np.pi)
     parts, before = [link("root")], "root"
@@ -44,7 +44,8 @@ def arm(seed: int, n: int, style: str) -> str:
         if style == "parallel":
             rpy, axis = np.array([0, 0, rng.uniform(-3, 3)]), np.array([1e-3 * (i % 2), 0.0, (-1.0) ** i])
         parts += [link(f"l{i}", rng.uniform(0, 5), rng.uniform(-0.2, 0.2, 3))]
-        parts += [joint(f"j{i}", before, f"l{i}", "revolute", rng.uniform(-0.5, 0.5, 3), rpy, axis)]
+        kind = "prismatic" if i in slides else "revolute"
+        parts += [joint(f"j{i}", before, f"l{i}", kind, rng.uniform(-0.5, 0.5, 3), rpy, axis)]
         parts += [link(f"box{i}", 0.2, rng.uniform(-0.1, 0.1, 3))]
         parts += [
             joint(f"bolt{i}", f"l{i}", f"box{i}", "fixed", rng.uniform(-0.1, 0.1, 3), rng.uniform(-1, 1, 3))

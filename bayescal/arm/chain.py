@@ -18,6 +18,7 @@ A transform between two joints as one DH row.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import reduce
 from typing import Literal
@@ -28,6 +29,10 @@ from bayescal.arm.transforms import rigid, rotation
 
 Convention = Literal["mdh", "dh"]
 Coupling = Literal["display", "mechanical"]
+
+
+SHOWN = {False: ("deg", 180.0 / np.pi, np.pi / 180.0), True: ("mm", 1e3, 1e-3)}
+"""Unit of a reading in files, factor to it from SI, and back, of revolute and prismatic joints."""
 
 
 @dataclass(frozen=True)
@@ -42,12 +47,15 @@ class Prior:
 
 @dataclass(frozen=True)
 class Robot:
-    """Nominal serial arm of n revolute joints, in SI units.
+    """Nominal serial arm of n joints, in SI units: rad at a revolute joint, m at a prismatic one.
 
     Rows follow `convention`: in modified DH (``mdh``, Craig) ``alpha`` and ``a`` of row i stand
     before joint i, ``Rx(alpha) Tx(a) Ry(beta) Rz(theta) Tz(d)``; in standard DH (``dh``) after it,
     ``Rz(theta) Tz(d) Tx(a) Rx(alpha) Ry(beta)``. ``theta = link_from_reading @ reading + offset``.
     Behind modified rows the flange may stand anywhere (`flange`); standard ones end at it.
+
+    A prismatic joint slides along its z axis: ``d = link_from_reading @ reading + d``, and its theta is its
+    offset. Limits, speeds and compliances are then in m, m/s and m/N, its torque is a force, N.
 
     `coupling` says what couples the axes of `link_from_reading`. ``display``: the controller computes what
     it shows; every motor, gear and encoder sits at its own joint, between two links. ``mechanical``: linkages
@@ -79,6 +87,7 @@ class Robot:
     viscous: np.ndarray | None = None  # (n,) N m s/rad; nan where not stated
     armatures: np.ndarray | None = None  # (n,) kg m2, rotors as seen at the joints; nan where not stated
     priors: tuple[Prior, ...] = ()  # of parameters whose usual priors do not hold for this arm
+    prismatic: np.ndarray | None = None  # (n,) bool, joints that slide; None: all are revolute
     mass_covariance: np.ndarray | None = (
         None  # (4n, 4n) of relative errors of masses and errors of centres, m,
     )
@@ -92,19 +101,60 @@ class Robot:
         """Number of joints."""
         return len(self.joint_names)
 
+    @property
+    def slides(self) -> np.ndarray:
+        """Which joints are prismatic, (n,) bool."""
+        return np.zeros(self.n, bool) if self.prismatic is None else self.prismatic
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Unit of each joint's reading in files: deg, or mm of a prismatic joint."""
+        return tuple(SHOWN[slides][0] for slides in self.slides.tolist())
+
+    @property
+    def unit_words(self) -> str:
+        """Units of the readings in words: ``deg``, or ``mm, deg`` in the order in which they first appear."""
+        return ", ".join(dict.fromkeys(self.units))
+
+    @property
+    def axes(self) -> tuple[str, ...]:
+        """Axis of each joint's motion in its frame, of `transforms.AXES`: rz, or tz of a prismatic joint."""
+        return tuple("tz" if slides else "rz" for slides in self.slides.tolist())
+
+    def limits_within(self, most: float) -> np.ndarray:
+        """Limits (n, 2) of which those of revolute joints are at most +-`most`, rad."""
+        return np.where(self.slides[:, None], self.limits, np.clip(self.limits, -most, most))
+
+    def shown(self, readings: np.ndarray | Sequence[float]) -> np.ndarray:
+        """Readings or their rates (..., n) in the units of files: deg, or mm of a prismatic joint."""
+        return np.asarray(readings) * np.array([SHOWN[slides][1] for slides in self.slides.tolist()])
+
+    def read(self, shown: np.ndarray) -> np.ndarray:
+        """Readings or their rates (..., n), SI, from those in the units of files."""
+        return shown * np.array([SHOWN[slides][2] for slides in self.slides.tolist()])
+
 
 @dataclass(frozen=True)
 class Chain:
-    """Constants of a robot's chain: `base` (4, 4), `link` (n + 1, 4, 4), `d` (n,), m and rad."""
+    """Constants of a robot's chain: `base` (4, 4), `link` (n + 1, 4, 4), `d` (n,), m and rad.
+
+    Joints that `slides` (n,) move along their axes; `theta` (n,) is the constant angle of these.
+    """
 
     base: np.ndarray
     link: np.ndarray
     d: np.ndarray
+    slides: np.ndarray = field(default_factory=lambda: np.zeros(1, bool))
+    theta: np.ndarray = field(default_factory=lambda: np.zeros(1))
 
     @property
     def n(self) -> int:
         """Number of joints."""
         return len(self.d)
+
+    def moved(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Angles about, rad, and shifts along the joints' axes, m, (..., n), at link coordinates (..., n)."""
+        return np.where(self.slides, self.theta, q), self.d + np.where(self.slides, q, 0.0)
 
 
 def chain_of(robot: Robot) -> Chain:
@@ -117,12 +167,16 @@ def chain_of(robot: Robot) -> Chain:
         k = i if robot.convention == "mdh" else i + 1
         link[k] = twist @ shift @ hayati if robot.convention == "mdh" else shift @ twist @ hayati
     link[n] = link[n] @ robot.flange
-    return Chain(robot.base, link, robot.d)
+    theta = np.where(robot.slides, robot.offset, 0.0)
+    return Chain(robot.base, link, robot.d, robot.slides, theta)
 
 
 def link_angles(robot: Robot, readings: np.ndarray) -> np.ndarray:
-    """Joint angles of the chain (N, n), rad, from readings (N, n), rad: signs, coupling, offsets."""
-    return readings @ robot.link_from_reading.T + robot.offset
+    """Joint angles of the chain (N, n), rad, from readings (N, n), rad: signs, coupling, offsets.
+
+    At a prismatic joint both are shifts, m.
+    """
+    return readings @ robot.link_from_reading.T + np.where(robot.slides, 0.0, robot.offset)
 
 
 def displaced(x: np.ndarray, delta: np.ndarray) -> np.ndarray:
@@ -152,14 +206,14 @@ def points(chain: Chain, q: np.ndarray, tool: np.ndarray, delta: np.ndarray | No
     -------
     np.ndarray, shape (..., C, 3), m
     """
-    n = chain.n
+    n, (angle, shift) = chain.n, chain.moved(q)
     delta = np.zeros((len(q), n + 2, 6)) if delta is None else delta
     x = np.broadcast_to(tool, (len(q), 3)) + displaced(np.zeros(3), delta[..., n + 1, :])
     for i in range(n, 0, -1):
         x = x @ chain.link[i, :3, :3].T + chain.link[i, :3, 3]
         motion = delta[..., i, :].copy()
-        motion[..., 0] += q[:, i - 1]
-        motion[..., 1] += chain.d[i - 1]
+        motion[..., 0] += angle[:, i - 1]
+        motion[..., 1] += shift[:, i - 1]
         x = displaced(x, motion)
     x = x @ chain.link[0, :3, :3].T + chain.link[0, :3, 3]
     x = displaced(x, delta[..., 0, :])
@@ -184,7 +238,7 @@ def wrenches(chain: Chain, q: np.ndarray, tool: np.ndarray, delta: np.ndarray, u
     np.ndarray, shape (C, n + 2, 6)
         Per rad and per m of each displacement, in the order of `transforms.AXES`.
     """
-    n = chain.n
+    n, (angle, shift) = chain.n, chain.moved(q)
     x = points(chain, q, tool, delta)
     out = np.zeros((len(q), n + 2, 6))
 
@@ -209,8 +263,8 @@ def wrenches(chain: Chain, q: np.ndarray, tool: np.ndarray, delta: np.ndarray, u
     enter(chain.link[0])
     for i in range(1, n + 1):
         motion = delta[:, i].copy()
-        motion[:, 0] += q[:, i - 1]
-        motion[:, 1] += chain.d[i - 1]
+        motion[:, 0] += angle[:, i - 1]
+        motion[:, 1] += shift[:, i - 1]
         cross(i, motion)
         enter(chain.link[i])
     x = x - tool
@@ -236,8 +290,9 @@ def frames(chain: Chain, q: np.ndarray, delta: np.ndarray | None = None) -> np.n
     count, n = q.shape
     out = np.empty((count, n + 2, 4, 4))
     motion = np.zeros((count, n, 6)) if delta is None else delta[:, 1:-1].copy()
-    motion[..., 0] += q
-    motion[..., 1] += chain.d
+    angle, shift = chain.moved(q)
+    motion[..., 0] += angle
+    motion[..., 1] += shift
     # all joints at once: the search for poses calls this for few rows, thousands of times
     joint = chain.link[:-1] @ _moved(motion.reshape(-1, 6), (0,)).reshape(count, n, 4, 4)
     out[:, 0] = behind = chain.base if delta is None else chain.base @ _moved(delta[:, 0], (0, 1, 2))

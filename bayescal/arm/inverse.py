@@ -20,7 +20,7 @@ from bayescal.arm.motion import NominalArm
 from bayescal.arm.transforms import cross, length
 
 PASSES = 25
-STEP = 0.4  # rad a pass
+STEP = 0.4  # rad a pass; m of a prismatic joint
 LEVER = 0.3  # m: lever arm that weights direction errors against position errors
 PLACE, DIRECTION = 1e-8, 1e-6  # m, rad: tolerances of a solution
 Task = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
@@ -43,7 +43,7 @@ def descend(
     ----------
     task : Task
     starts : np.ndarray, shape (M, n)
-        Initial angles, rad.
+        Initial angles, rad; positions of prismatic joints, m.
     low, high : np.ndarray, shape (n,)
         Limits of the angles, rad.
     passes : int
@@ -187,8 +187,7 @@ def solutions(arm: NominalArm, poses: np.ndarray, starts: np.ndarray | None = No
         Angles of the joints (`NominalArm.angles_of`), rad, from -pi to pi; S = 0 where there is none.
     """
     n = arm.robot.n
-    begin = np.random.default_rng(0).uniform(-np.pi, np.pi, (STARTS, n))
-    anywhere = np.full(n, np.inf)
+    (begin, low, high), turns = _anywhere(arm), ~arm.robot.slides
     out: list[np.ndarray] = []
     for first in range(0, len(poses), CHUNK):
         goals = poses[first : first + CHUNK]
@@ -198,23 +197,32 @@ def solutions(arm: NominalArm, poses: np.ndarray, starts: np.ndarray | None = No
             each = np.concatenate([arm.angles_of(given.reshape(-1, n)).reshape(given.shape), each], axis=1)
         count = each.shape[1]
         task = to_poses(arm, np.repeat(goals, count, axis=0))
-        angles, converged = descend(task, each.reshape(-1, n), -anywhere, anywhere)
+        angles, converged = descend(task, each.reshape(-1, n), low, high)
         by_pose = zip(angles.reshape(each.shape), converged.reshape(-1, count), strict=True)
-        out += [_distinct(_within_a_turn(candidates[good])) for candidates, good in by_pose]
+        out += [_distinct(_within_a_turn(found[good], turns), turns) for found, good in by_pose]
     return out
 
 
-def _distinct(angles: np.ndarray) -> np.ndarray:
+def _anywhere(arm: NominalArm) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Random angles (STARTS, n), and the ends between which a search moves, (n,): limits of what slides."""
+    slides, (low, high) = arm.robot.slides, arm.robot.limits.T
+    begin = np.random.default_rng(0).uniform(-np.pi, np.pi, (STARTS, arm.robot.n))
+    begin = np.where(slides, low + (high - low) * (begin / TURN + 0.5), begin)
+    return begin, np.where(slides, low, -np.inf), np.where(slides, high, np.inf)
+
+
+def _distinct(angles: np.ndarray, turns: np.ndarray) -> np.ndarray:
     """Those of solutions (S, n) that differ by more than whole turns."""
     kept = np.empty((0, angles.shape[1]))
     for solution in angles:
-        if np.all(np.abs(_within_a_turn(kept - solution)).max(axis=1, initial=0.0) > SAME):
+        if np.all(np.abs(_within_a_turn(kept - solution, turns)).max(axis=1, initial=0.0) > SAME):
             kept = np.vstack([kept, solution])
     return kept
 
 
-def _within_a_turn(angle: np.ndarray) -> np.ndarray:
-    return angle - TURN * np.round(angle / TURN)
+def _within_a_turn(angle: np.ndarray, turns: np.ndarray) -> np.ndarray:
+    """Angles (..., n) from -pi to pi, of the joints that turn (n,)."""
+    return angle - np.where(turns, TURN, 0.0) * np.round(angle / TURN)
 
 
 def nearest(
@@ -223,7 +231,7 @@ def nearest(
     references: np.ndarray,
     admits: Callable[[np.ndarray], bool] | None = None,
 ) -> np.ndarray | None:
-    """The readings (n,), rad, of the solution nearest to any of some readings, within the joint limits.
+    """The readings (n,), SI, of the solution nearest to any of some readings, within the joint limits.
 
     Nearest by the Euclidean distance of the joint angles; every joint is turned by whole turns towards the
     reference, as far as its limits allow. None where no solution is within them.
@@ -239,11 +247,12 @@ def nearest(
         Whether readings (n,), rad, may be taken; then all whole turns within the limits are tried.
     """
     least, most = _turns(arm, solved)
+    turn = np.where(arm.robot.slides, 0.0, TURN)
     good = np.all(least <= most, axis=1)
     valid, least, most = (part[good, None] for part in (solved, least, most))
     if admits is not None:
         turned = [
-            angles[0] + TURN * np.array(turns)
+            angles[0] + turn * np.array(turns)
             for angles, low, high in zip(valid, least, most, strict=True)
             for turns in product(*(np.arange(a, b + 1) for a, b in zip(low[0], high[0], strict=True)))
         ]
@@ -253,7 +262,7 @@ def nearest(
     if not len(valid):
         return None
     goal = arm.angles_of(references)[None]
-    candidates = valid + TURN * np.clip(np.round((goal - valid) / TURN), least, most)
+    candidates = valid + turn * np.clip(np.round((goal - valid) / TURN), least, most)
     away = np.linalg.norm(candidates - goal, axis=2)
     return arm.readings_of(candidates[np.unravel_index(np.argmin(away), away.shape)][None])[0]
 
@@ -261,7 +270,10 @@ def nearest(
 def _turns(arm: NominalArm, angles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Least and greatest number of whole turns (S, n) that leave angles (S, n) within the limits."""
     low, high = arm.robot.limits.T
-    return np.ceil((low - TOUCHES - angles) / TURN), np.floor((high + TOUCHES - angles) / TURN)
+    least, most = np.ceil((low - TOUCHES - angles) / TURN), np.floor((high + TOUCHES - angles) / TURN)
+    within = (angles >= low - TOUCHES) & (angles <= high + TOUCHES)
+    slides = arm.robot.slides  # no turns: least > most where it is beyond its limits
+    return np.where(slides, np.where(within, 0.0, 1.0), least), np.where(slides, 0.0, most)
 
 
 def without_solution(arm: NominalArm, pose: np.ndarray, solved: np.ndarray) -> str:
@@ -271,13 +283,13 @@ def without_solution(arm: NominalArm, pose: np.ndarray, solved: np.ndarray) -> s
     """
     low, high = arm.robot.limits.T
     if len(solved):
-        centred = solved + TURN * np.round(((low + high) / 2 - solved) / TURN)
+        turn = np.where(arm.robot.slides, 0.0, TURN)
+        centred = solved + turn * np.round(((low + high) / 2 - solved) / TURN)
         excess = np.maximum(np.maximum(low - centred, centred - high), 0.0).max(axis=1)
         return beyond_limits(arm, centred[np.argmin(excess)])
-    starts = np.random.default_rng(0).uniform(-np.pi, np.pi, (STARTS, arm.robot.n))
-    anywhere = np.full(arm.robot.n, np.inf)
+    starts, least, most = _anywhere(arm)
     goal = np.tile(pose[:3, 3], (STARTS, 1))
-    angles, there = descend(to_points(arm, goal), starts, -anywhere, anywhere)
+    angles, there = descend(to_points(arm, goal), starts, least, most)
     if np.any(there):
         return "the point is within reach, but not with this orientation"
     short = np.linalg.norm(arm.ball(arm.frames(arm.readings_of(angles))) - goal, axis=1).min()
@@ -289,7 +301,7 @@ def beyond_limits(arm: NominalArm, angles: np.ndarray) -> str:
     low, high = arm.robot.limits.T
     bad = np.flatnonzero((angles < low - TOUCHES) | (angles > high + TOUCHES))
     each = [
-        f"{arm.robot.joint_names[k]} at {a:.1f} deg, limits {b:.0f} to {c:.0f}"
-        for k, a, b, c in zip(bad, *np.degrees([angles[bad], low[bad], high[bad]]), strict=True)
+        f"{arm.robot.joint_names[k]} at {a:.1f} {arm.robot.units[k]}, limits {b:.0f} to {c:.0f}"
+        for k, a, b, c in zip(bad, *arm.robot.shown(np.array([angles, low, high]))[:, bad], strict=True)
     ]
     return f"beyond the joint limits ({'; '.join(each)})" if each else ""

@@ -99,7 +99,7 @@ class Motion:
     ----------
     chain : Chain
     q : np.ndarray, shape (C, n)
-        Nominal link angles, rad.
+        Nominal link angles, rad; shifts of prismatic joints, m.
     tool : np.ndarray, shape (C, 3)
         Nominal ball centres in the flange frame, m.
     terms : Terms, or sequence of (int, Term)
@@ -118,7 +118,7 @@ class Motion:
         size: int,
     ) -> None:
         self.chain, self.q, self.tool, self.size = chain, q, tool, size
-        self.count = len(q)
+        self.count, self._slides = len(q), bool(chain.slides.any())
         n, of = chain.n, terms if isinstance(terms, Terms) else Terms.of(terms)
         drivers = np.empty((len(of.drivers), self.count))
         for row, driver in zip(drivers, of.drivers, strict=True):
@@ -129,6 +129,12 @@ class Motion:
         constant = np.column_stack([of.sites, of.parameters])[one]
         varying = _sorted(np.column_stack([of.sites[varies], of.parameters[varies], driver]))
         every = _sorted(np.concatenate([varying, np.insert(constant, 2, len(used), axis=1)]))
+        used_drivers = [drivers[used], np.ones((1, self.count))]
+        if len(slides := np.flatnonzero(chain.slides)):  # one parameter more, which is 1, shifts these by q
+            number = len(used) + 1 + np.arange(len(slides))
+            along = np.column_stack([6 * (slides + 1) + AXES.index("tz"), np.full(len(slides), size), number])
+            varying = _sorted(np.concatenate([varying, along]))
+            used_drivers.append(q.T[slides])
         sites = np.arange(6 * (n + 2) + 1)
         self._constant, self._varying, self._every = constant, varying, every
         self._firsts = np.searchsorted(varying[:, 0], sites).astype(np.int64)
@@ -138,9 +144,10 @@ class Motion:
         self._general[frames[(axes != 0) | (frames < 1) | (frames > n)]] = True
         # a tool turned about its own point moves it only together with a slide: leave that to the exact path
         self._general[n + 1] |= bool(np.any((constant[:, 0] >= 6 * (n + 1)) & (constant[:, 0] % 2 == 0)))
-        self._drivers = _padded(np.concatenate([drivers[used], np.ones((1, self.count))]))
-        self._sines = _padded(np.sin(q.T))
-        self._cosines = _padded(np.cos(q.T))
+        self._drivers = _padded(np.concatenate(used_drivers))
+        angle = chain.moved(q)[0].T
+        self._sines = _padded(np.sin(angle))
+        self._cosines = _padded(np.cos(angle))
         self._tool = _padded(np.broadcast_to(tool, (self.count, 3)).T)
         self._base = np.ascontiguousarray(chain.base, float)
         self._link = np.ascontiguousarray(chain.link, float)
@@ -169,7 +176,7 @@ class Motion:
         from bayescal.arm import kernel
 
         values = np.ascontiguousarray(values, float)
-        flat = values.reshape(math.prod(values.shape[:-1]), self.size)
+        flat = self._with_slides(values.reshape(math.prod(values.shape[:-1]), self.size))
         out = np.empty((len(flat), 3, self._tool.shape[1]))
         kernel.points(
             flat, self._constant, self._varying, self._firsts, self._general, self._drivers, self._sines,
@@ -183,11 +190,18 @@ class Motion:
 
         out = np.empty((self.size, self._tool.shape[1]))
         kernel.columns(
-            np.ascontiguousarray(values, float), self._constant, self._varying, self._firsts, self._general,
-            self._every, self._every_firsts, self._drivers, self._sines, self._cosines, self._tool,
-            self._base, self._link, self._d, np.ascontiguousarray(p), np.ascontiguousarray(u), out,
+            self._with_slides(np.ascontiguousarray(values, float)), self._constant, self._varying,
+            self._firsts, self._general, self._every, self._every_firsts, self._drivers, self._sines,
+            self._cosines, self._tool, self._base, self._link, self._d, np.ascontiguousarray(p),
+            np.ascontiguousarray(u), out,
         )  # fmt: skip
         return out[:, : self.count]
+
+    def _with_slides(self, values: np.ndarray) -> np.ndarray:
+        """Parameter values (..., P) of the kernel: with the 1 that drives prismatic joints, if any."""
+        if not self._slides:
+            return values
+        return np.concatenate([values, np.ones((*values.shape[:-1], 1))], axis=-1)
 
     def carrying(self, tool: np.ndarray) -> Motion:
         """The same motion of other points of the flange, (C, 3) or (3,), m."""
@@ -284,4 +298,6 @@ class NominalArm:
         """Derivatives (N, 6, n) of the TCP (m/rad) and of its rotation by the limited angles."""
         axis, origin = pose[:, 1:-1, :3, 2], pose[:, 1:-1, :3, 3]
         slide = cross(axis, self.ball(pose)[:, None] - origin)
+        if (slides := self.robot.slides[:, None]).any():
+            slide, axis = np.where(slides, axis, slide), np.where(slides, 0.0, axis)
         return np.swapaxes(np.concatenate([slide, axis], axis=2), 1, 2) * self.sign

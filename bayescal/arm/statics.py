@@ -42,6 +42,11 @@ class Loads:
     moments: np.ndarray
     weights: np.ndarray
 
+    def torques(self, slides: np.ndarray) -> np.ndarray:
+        """Torques (C, n), N m, about the joints, and forces, N, along those that slide, (n,)."""
+        turning = self.moments[:, 1:, 2]
+        return np.where(slides, self.weights[:, 1:, 2], turning) if slides.any() else turning
+
 
 @dataclass(frozen=True)
 class Hinges:

@@ -28,6 +28,7 @@ DETERMINED = 0.9  # contraction from which on the data count as having decided
 PRIOR_ONLY = 0.1
 WEAK = 1.0  # singular value below which a direction stays wider than 71 % of its prior
 SHOWN = 0.25  # loadings smaller than this are not named
+LARGEST = 4  # loadings that are named if all are smaller
 LEAK = 0.1  # share of a combination that may be in weak directions for it to count as identifiable
 
 
@@ -125,7 +126,8 @@ def _words(parameters: Sequence[Parameter], v: np.ndarray, size: float, weak: np
         Basis of all weak directions: what it holds is not identifiable in any other combination either.
     """
     state = "not" if size**2 / (1.0 + size**2) < PRIOR_ONLY else "weakly"
-    shown = [int(k) for k in np.argsort(-np.abs(v)) if abs(v[k]) > SHOWN]
+    order = [int(k) for k in np.argsort(-np.abs(v))]
+    shown = [k for k in order if abs(v[k]) > SHOWN] or order[:LARGEST]  # of many alike, each is small
     units = [UNITS[p.unit] for p in parameters]
     if len(shown) == 1:
         return f"{parameters[shown[0]].name} is {state} identifiable"

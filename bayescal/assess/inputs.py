@@ -20,7 +20,7 @@ from bayescal.errors import BayescalError
 from bayescal.estimate import STATED_WORTH, Estimate
 from bayescal.estimate.discrepancy import Stated
 from bayescal.estimate.families import poses
-from bayescal.model import ARM, ORIENTATION, Block
+from bayescal.model import ARM, ORIENTATION, Block, Scene
 from bayescal.predict.targets import LocatedTarget, Prepared, centre_of, certified_diameters, prepared
 from bayescal.statistics import rms
 
@@ -120,10 +120,10 @@ def propagated(stated: Stated) -> tuple[Propagated, ...]:
 def reading_shares(found: Estimate, block: Block, z: np.ndarray) -> np.ndarray:
     """Share (C,) of the variance of a block's rows that noise of the joint readings has; z (size,)."""
     scene = found.model.scene
-    joint = scene.dataset.noise.joint
+    joint, each = scene.dataset.reading_noise
     if joint <= 0:
         return np.zeros(len(block.rows))
-    by = block.by_readings(found.arm, z, scene.dataset.robot.link_from_reading)
+    by = block.by_readings(found.arm, z, scene.dataset.robot.link_from_reading * each)
     of_readings = joint**2 * np.sum(by**2, axis=1).reshape(block.kind.rows, -1)
     return np.asarray(np.mean(of_readings / (of_readings + block.sigma**2), axis=0))
 
@@ -156,10 +156,15 @@ def _noise(stated: Stated) -> Iterator[Propagated]:
         yield Propagated(noise, by * np.sqrt(1.0 - part), targets)
         if np.any(part):
             readings = Input(
-                READINGS, f"noise of joint readings ({_plural(name)})", "A", "rad", 0.0, u_reading, dof,
-                scale=name,
+                READINGS, f"noise of joint readings ({_plural(name)})", "A", _of_reading(scene), 0.0,
+                u_reading, dof,                scale=name,
             )  # fmt: skip
             yield Propagated(readings, by * np.sqrt(part), targets)
+
+
+def _of_reading(scene: Scene) -> str:
+    """SI unit of the noise of readings: that of a revolute joint, if any has noise."""
+    return "rad" if scene.dataset.noise.joint or not scene.dataset.noise.slide else "m"
 
 
 def _plural(group: str) -> str:
@@ -173,7 +178,7 @@ def _sizes(stated: Stated, group: str) -> tuple[float, float]:
     found = stated.plain
     scale = found.weights.scale[group] * float(np.sqrt(stated.white))
     own = np.concatenate([np.tile(b.sigma, b.kind.rows) for b in found.model.blocks if b.group == group])
-    return scale * rms(own), scale * found.model.scene.dataset.noise.joint
+    return scale * rms(own), scale * found.model.scene.dataset.reading_noise[0]
 
 
 def _certificates(found: Estimate) -> Iterator[Propagated]:
@@ -295,9 +300,9 @@ def reading_errors(
     factor = float(np.sqrt(basis.stated.white)) if fitted else 1.0
     dof = wide.dof[group] + STATED_WORTH if fitted else np.inf
     share = np.tile(reading_shares(wide, block, z), block.kind.rows)
-    joint = factor * wide.model.scene.dataset.noise.joint * wide.weights.scale.get(group, 1.0)
+    joint = factor * wide.model.scene.dataset.reading_noise[0] * wide.weights.scale.get(group, 1.0)
     own = float(np.sqrt(np.mean((factor * noise) ** 2 * (1.0 - share))))
-    parts = ((1.0 - share, "m", own), (share, "rad", joint))
+    parts = ((1.0 - share, "m", own), (share, _of_reading(wide.model.scene), joint))
     for (part, unit, u), name, several in zip(parts, names, common, strict=True):
         if unit == "m" or np.any(part):
             source = Input(PROBING, name, "A" if fitted else "B", unit, 0.0, u, dof, several, group)

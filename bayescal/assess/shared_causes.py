@@ -80,12 +80,12 @@ def _directions(scene: Scene, rows: np.ndarray) -> Iterator[Group]:
 
 
 def _ranges(scene: Scene, rows: np.ndarray) -> Iterator[Group]:
-    readings, names = scene.dataset.measurements.readings[rows], scene.dataset.robot.joint_names
-    for name, q in zip(names, np.degrees(readings).T, strict=True):
+    readings, robot = scene.dataset.measurements.readings[rows], scene.dataset.robot
+    for name, unit, q in zip(robot.joint_names, robot.units, robot.shown(readings).T, strict=True):
         order = np.argsort(q, kind="stable")
         for start, stop in _windows(len(rows), max(len(rows) // COARSEST, SHORTEST)):
             part = order[start:stop]
-            label = f"{name} from {q[part[0]]:.0f} to {q[part[-1]]:.0f} deg"
+            label = f"{name} from {q[part[0]]:.0f} to {q[part[-1]]:.0f} {unit}"
             yield Group("joint range", label, np.sort(part))
 
 

@@ -2,8 +2,8 @@
 
 A table of targets is a CSV file with poses or nominal readings. Columns have their unit in their name: `x_mm`
 ... `rz_deg` (rx, ry, rz: fixed-axis roll, pitch and yaw of the tool's frame, R = Rz(rz) Ry(ry) Rx(rx)), or
-`j1_deg` ..., or both: then the solution nearest to these readings is taken. Also `j1_degps` ... (their signs
-are the direction of approach), `payload_kg`, `tool`. Others are kept.
+`j1_deg` ... (`j1_mm` of a prismatic joint), or both: then the solution nearest to these readings is taken.
+Also `j1_degps` ... (their signs are the direction of approach), `payload_kg`, `tool`. Others are kept.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from bayescal.arm.chain import Robot
 from bayescal.arm.transforms import rigid, rpy_matrix
 from bayescal.compensating.position import BASE
 from bayescal.compensating.solve import compensated
@@ -24,10 +25,11 @@ from bayescal.fitted.arm import FittedArm
 from bayescal.programs import PROGRAMS
 from bayescal.programs.text import Corrected, Format, Program, Target, line_of, rewritten
 from bayescal.programs.tools import check_stated, tool_of
+from bayescal.robots import only_revolute
 from bayescal.storage.files import stem_of, unknown, write_together
 from bayescal.storage.reading import content_of
 
-DEGREES = 7  # decimals of a reading in degrees
+DEGREES = 7  # decimals of a reading in degrees or mm
 OUTPUT = ("u_mm", "inside_probed_region", "reason", "error_mm", "solutions", "U_mm", "verdict")
 
 
@@ -47,8 +49,8 @@ def is_target_table(text: str) -> bool:
     return any(stem_of(c)[1] for c in columns)
 
 
-def read_targets(path: Path, n: int, payload_kg: float = 0.0) -> TargetTable:
-    """Read a table of targets for an arm with `n` joints; without its column, `payload_kg` is that of all.
+def read_targets(path: Path, robot: Robot, payload_kg: float = 0.0) -> TargetTable:
+    """Read a table of targets for an arm; without its column, `payload_kg` is that of all.
 
     Raises
     ------
@@ -56,15 +58,15 @@ def read_targets(path: Path, n: int, payload_kg: float = 0.0) -> TargetTable:
         With the line, for columns that are missing, ambiguous or written by a compensation, and for cells
         that are empty or not numbers.
     """
-    table = read_cells(path, lambda header, where: _check_header(header, where, n))
+    table = read_cells(path, lambda header, where: _check_header(header, where, robot.units))
     count = len(table.line)
     xyz, rpy = table.block(XYZ, True), table.block(RPY, True)
     payload, tools = table.optional("payload_kg", True), table.texts("tool")
     if payload is not None:
         table.first(payload < 0, "`payload_kg` is {payload_kg}", "give a mass of 0 or more")
     given: dict[str, Sequence[Any] | np.ndarray | None] = {
-        "readings": table.block(joint_columns("deg", n), True),
-        "velocity": table.block(joint_columns("degps", n), True),
+        "readings": table.block(joint_columns("deg", robot.units), True),
+        "velocity": table.block(joint_columns("degps", robot.units), True),
         "payload": [payload_kg] * count if payload is None else payload.tolist(),
     }
     if xyz is not None and rpy is not None:
@@ -81,11 +83,12 @@ def read_targets(path: Path, n: int, payload_kg: float = 0.0) -> TargetTable:
     return TargetTable(tuple(table.cells), rows, targets, newline)
 
 
-def _check_header(header: list[str], where: str, n: int) -> None:
+def _check_header(header: list[str], where: str, units: Sequence[str]) -> None:
     check_names(header, where)
-    columns = [*XYZ, *RPY, *joint_columns("deg", n), *joint_columns("degps", n), "payload_kg", "tool"]
+    joints, speeds = joint_columns("deg", units), joint_columns("degps", units)
+    columns = [*XYZ, *RPY, *joints, *speeds, "payload_kg", "tool"]
     stems = {stem_of(c)[0] for c in columns}
-    written = {*OUTPUT, *(nominal(c) for c in joint_columns("deg", n))}
+    written = {*OUTPUT, *(nominal(c) for c in joints)}
     for column in header:
         if column in written:
             what = f"column `{column}` is written by a compensation"
@@ -93,31 +96,32 @@ def _check_header(header: list[str], where: str, n: int) -> None:
         if column not in columns and stem_of(column)[0] in stems:
             what, remedy = unknown("column", column, columns)
             raise BayescalError(what, where, remedy)
-    check_groups(header, where, ((*XYZ, *RPY), joint_columns("deg", n), joint_columns("degps", n)))
-    if "x_mm" not in header and "j1_deg" not in header:
+    check_groups(header, where, ((*XYZ, *RPY), joints, speeds))
+    if "x_mm" not in header and joints[0] not in header:
         what = "the table has neither poses nor joints"
-        raise BayescalError(what, where, f"give {', '.join((*XYZ, *RPY))}, or j1_deg to j{n}_deg")
+        raise BayescalError(what, where, f"give {', '.join((*XYZ, *RPY))}, or {joints[0]} to {joints[-1]}")
 
 
 def nominal(column: str) -> str:
     """The column that keeps the readings of the input: ``j1_nominal_deg``."""
-    return f"{stem_of(column)[0]}_nominal_deg"
+    stem, unit = stem_of(column)
+    return f"{stem}_nominal_{unit}"
 
 
-def written(table: TargetTable, corrected: Sequence[Corrected], n: int, verdict: str) -> str:
+def written(table: TargetTable, corrected: Sequence[Corrected], robot: Robot, verdict: str) -> str:
     """The table with corrected readings, its own readings as ``j1_nominal_deg`` ... and the verdict."""
-    joints = joint_columns("deg", n)
+    joints = joint_columns("deg", robot.units)
     header = [nominal(c) if c in joints else c for c in table.header]
     return csv_text([*header, *joints, *OUTPUT], (
-        [*row, *cells(target, n, verdict)] for row, target in zip(table.rows, corrected, strict=True)
+        [*row, *cells(target, robot, verdict)] for row, target in zip(table.rows, corrected, strict=True)
     ), table.newline)  # fmt: skip
 
 
-def cells(target: Corrected, n: int, verdict: str) -> list[str]:
+def cells(target: Corrected, robot: Robot, verdict: str) -> list[str]:
     """Cells of a corrected target: readings, then the columns of `OUTPUT`."""
     if target.readings is None:
-        return [*[""] * n, "", "", target.reason, "", "", "", verdict]
-    readings = [f"{x:.{DEGREES}f}" for x in np.degrees(target.readings)]
+        return [*[""] * robot.n, "", "", target.reason, "", "", "", verdict]
+    readings = [f"{x:.{DEGREES}f}" for x in robot.shown(target.readings)]
     inside = "true" if target.inside else "false"
     errors = [f"{1e3 * target.error:.5f}", str(target.solutions), f"{1e3 * target.expanded:.5f}", verdict]
     return [*readings, f"{1e3 * target.u:.5f}", inside, "", *errors]
@@ -208,18 +212,19 @@ def compensate_file(
     name = format_ or _format_of(source, content)
     if name not in FORMATS:
         raise BayescalError(f"there is no format `{name}`", "--format", f"known: {', '.join(FORMATS)}")
-    n = arm.dataset.robot.n
+    robot = arm.dataset.robot
     state: dict[str, Any] = {"frame": frame or BASE, "tool": tool, "tcp": tcp, "time": time, "row": row}
     if name == TABLE:
-        table = read_targets(source, n, payload)
+        table = read_targets(source, robot, payload)
         corrected = compensated(arm, table.targets, **state)
-        content = written(table, corrected, n, warning).encode()
+        content = written(table, corrected, robot, warning).encode()
         return Compensation(
             source.name, name, frame or BASE, table.targets, tuple(corrected), content, warning=warning
         )
+    only_revolute(robot, "robot programs", "give the targets as a table (CSV)")
     form, code = PROGRAMS[name], content.decode("latin-1")
     try:
-        program = form.read(code, n)
+        program = form.read(code, robot.n)
         _check(program, form, source, frame)
         if program.tools:
             check_stated(program.tools, tool_of(arm, tool, tcp))
@@ -238,7 +243,7 @@ def compensate_file(
               for s, result in zip(slots, corrected, strict=True) if result.reason]  # fmt: skip
     return Compensation(
         source.name, name, frame or BASE, tuple(targets), tuple(corrected), text.encode("latin-1"),
-        _positions(lines, corrected, n, warning).encode(), (*unused, *program.notes), warning,
+        _positions(lines, corrected, robot, warning).encode(), (*unused, *program.notes), warning,
     )  # fmt: skip
 
 
@@ -270,15 +275,17 @@ def _check(program: Program, form: Format, source: Path, frame: str | None) -> N
         raise BayescalError(what, source.name, remedy)
 
 
-def _positions(lines: Sequence[tuple[str, int]], corrected: Sequence[Corrected], n: int, warning: str) -> str:
+def _positions(
+    lines: Sequence[tuple[str, int]], corrected: Sequence[Corrected], robot: Robot, warning: str
+) -> str:
     """The table of a program's positions, in the order in which they are visited."""
-    joints = joint_columns("deg", n)
+    joints = joint_columns("deg", robot.units)
 
     def rows() -> Iterator[list[str]]:
         for (name, line), target in zip(lines, corrected, strict=True):
-            before = [""] * n
+            before = [""] * robot.n
             if target.nominal is not None:
-                before = [f"{x:.{DEGREES}f}" for x in np.degrees(target.nominal)]
-            yield [name, str(line), *before, *cells(target, n, warning)]
+                before = [f"{x:.{DEGREES}f}" for x in robot.shown(target.nominal)]
+            yield [name, str(line), *before, *cells(target, robot, warning)]
 
     return csv_text(["position", "line", *map(nominal, joints), *joints, *OUTPUT], rows())

@@ -141,6 +141,7 @@ def check_alike(first: Dataset, other: Dataset) -> None:
         ("readings", first.readings, other.readings),
         ("torques", first.torques, other.torques),
         ("noise.joint_deg", np.degrees(first.noise.joint), np.degrees(other.noise.joint)),
+        ("noise.slide_mm", 1e3 * (first.noise.slide or 0.0), 1e3 * (other.noise.slide or 0.0)),
         ("noise.orientation_deg", np.degrees(turns[0]), np.degrees(turns[-1])),
     )
     for key, here, there in pairs:

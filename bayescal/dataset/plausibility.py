@@ -91,11 +91,20 @@ Other = tuple[tuple[str, ...], float, np.ndarray, Dataset]
 
 
 def _angles(dataset: Dataset) -> Iterator[Other]:
-    """All joints, and each alone, in every other unit; smaller only where they are too large to be angles."""
-    rows, n = dataset.measurements, dataset.robot.n
+    """All joints, and each alone, in every other unit; smaller only where they are too large to be angles.
+
+    Each prismatic joint in every other unit of length.
+    """
+    rows, slides = dataset.measurements, dataset.robot.slides
+    for j, factor in product(np.flatnonzero(slides).tolist(), LENGTHS):
+        readings = rows.readings.copy()
+        readings[:, j] *= factor
+        other = replace(dataset, measurements=replace(rows, readings=readings))
+        yield (f"j{j + 1}",), factor, np.ones(len(rows.ids), bool), other
+    turning = np.flatnonzero(~slides).tolist()
     every = np.ones(len(rows.ids), bool)
     largest = np.abs(rows.readings).max(axis=0)
-    for joints in (list(range(n)), *([j] for j in range(n))):
+    for joints in (turning, *([j] for j in turning)) if turning else ():
         size = largest[joints].max()
         for factor in ANGLES:
             if size > TURNS if factor < 1 else 0 < size <= TURNS / factor:
@@ -158,16 +167,20 @@ def _joint_changes(dataset: Dataset) -> Iterator[Change]:
         readings = q.copy()
         readings[:, joints] = values
         other = replace(dataset, measurements=replace(rows, readings=readings))
-        return what, f"j{joints[0] + 1}_deg", remedy, every, other
+        return what, f"j{joints[0] + 1}_{dataset.robot.units[joints[0]]}", remedy, every, other
 
+    slides = dataset.robot.slides
     for k, name in enumerate(dataset.robot.joint_names):
         yield change(f"{name} has the opposite sign", [k], -q[:, [k]])
-        for zero in ZEROS:
+        for zero in () if slides[k] else ZEROS:
             yield change(f"the zero of {name} differs by {zero:g} deg", [k], q[:, [k]] + np.radians(zero))
-    for sign in (1.0, -1.0) if n > 2 else ():
+    for sign in (1.0, -1.0) if n > 2 and not slides[:3].any() else ():
         yield change("J3 is coupled to J2", [2], q[:, [2]] + sign * q[:, [1]])
     for a, b in combinations(range(n), 2):
-        what = f"the columns `j{a + 1}_deg` and `j{b + 1}_deg` are interchanged"
+        if slides[a] != slides[b]:
+            continue  # other columns
+        unit = dataset.robot.units[a]
+        what = f"the columns `j{a + 1}_{unit}` and `j{b + 1}_{unit}` are interchanged"
         yield change(what, [a, b], q[:, [b, a]], "exchange their headings")
 
 
@@ -182,7 +195,7 @@ def _tool_changes(dataset: Dataset) -> Iterator[Change]:
 
 
 BEYOND = np.deg2rad(10)
-"""How far beyond its limit a joint is believed."""
+"""rad, m: how far beyond its limit a joint is believed."""
 
 MANY = 0.3
 """Share of rows beyond a limit from which on the readings as a whole are wrong."""
@@ -257,10 +270,9 @@ def _beyond_limits(robot: Robot, readings: np.ndarray, table: Table) -> tuple[Ba
         return None, False
     row = int(np.argmax(bad))
     joint = int(np.argmax(beyond[row]))
-    low, high = np.rad2deg(robot.limits[joint])
+    unit, at, (low, high) = robot.units[joint], robot.shown(angle[row]), robot.shown(robot.limits.T)[:, joint]
     what = (
-        f"{robot.joint_names[joint]} is at {np.rad2deg(angle[row, joint]):.6g} deg, "
-        f"its limits are {low:g} to {high:g} deg"
+        f"{robot.joint_names[joint]} is at {at[joint]:.6g} {unit}, its limits are {low:g} to {high:g} {unit}"
     )
     many = bool(bad.mean() > MANY)
     often = "many rows are: were degrees converted twice, or signs or coupling changed?"
@@ -272,7 +284,8 @@ def _in_other_units(dataset: Dataset, table: Table) -> BayescalError | None:
     suspected = suspicion(dataset)
     if suspected is None:
         return None
-    unit = "deg" if suspected.quantities[0].startswith("j") else "mm"
+    number = suspected.quantities[0].removeprefix("j")
+    unit = dataset.robot.units[int(number) - 1] if number.isdigit() else "mm"
     columns = [f"`{quantity}_{unit}`" for quantity in suspected.quantities]
     every = len(columns) == dataset.robot.n
     noun = "the joint readings" if every else f"the values of {', '.join(columns)}"

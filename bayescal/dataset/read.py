@@ -6,6 +6,7 @@ From the cells of measurements.csv to `Measurements`, checked against tools, tar
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -25,15 +26,15 @@ from bayescal.storage.reading import check_inside
 
 
 def measurements_of(
-    table: Table, n: int, tools: tuple[Tool, ...], targets: tuple[Target, ...], noise: Noise
+    table: Table, units: Sequence[str], tools: tuple[Tool, ...], targets: tuple[Target, ...], noise: Noise
 ) -> Measurements:
-    """Turn the table of an arm with `n` joints to SI units, or refuse the first bad row of each check."""
+    """Turn a table to SI units, or refuse the first bad row of each check; `units` as of `Robot.units`."""
     _check_ids(table)
     role = np.array([r or "calibrate" for r in table.cells.get("role", ("",) * len(table.line))])
     table.first(~np.isin(role, ROLES), "unknown role '{role}'", f"must be {', '.join(ROLES)}, or empty")
     target = _indices(table, "target", [t.name for t in targets])
     tool = _indices(table, "tool", [t.name for t in tools])
-    fields = {field: _field(table, field, columns) for field, columns in fields_of_columns(n).items()}
+    fields = {field: _field(table, field, columns) for field, columns in fields_of_columns(units).items()}
     rows = Measurements(table.cells["id"], role, target, tool, line=table.line, **fields)
     _check_kinds(table, rows, tools, targets)
     _check_values(table, rows)
@@ -209,12 +210,12 @@ def read_parts(folder: Path | str, robot: Loaded | None = None) -> tuple[Dataset
             what = f"no {SETTINGS} in it"
             raise BayescalError(what, str(folder), f"datasets in this folder: {listed(inside)}")
     bare, document, contents = read_settings(folder / SETTINGS, robot)
-    n = bare.robot.n
+    units = bare.robot.units
     check_inside(folder / TABLE, folder, "the table")
-    table = read_table(folder / TABLE, n)
+    table = read_table(folder / TABLE, units)
     dataset = replace(
         bare,
-        measurements=measurements_of(table, n, bare.tools, bare.targets, bare.noise),
+        measurements=measurements_of(table, units, bare.tools, bare.targets, bare.noise),
         sha256=_digest(document.content, table.content, *contents),
     )
     for index, target in enumerate(dataset.targets):
@@ -263,7 +264,7 @@ def read_settings(
         measurements=no_rows(arm.n),
         temperature_of=file.temperature_of,
         torques=file.torques,
-        plan=session.plan_of(document, file, targets, arm.n),
+        plan=session.plan_of(document, file, targets, arm),
         record=session.record_of(file),
         solids=solids_of(document, file.solids, path.parent, [t.name for t in targets]),
         source=file.source,

@@ -54,6 +54,8 @@ class NoiseEntry(Keys):
     """Standard uncertainty of a coordinate read by an instrument; required for instruments."""
     joint_deg: UncertainOrKnown = 0.0
     """Noise of a joint reading."""
+    slide_mm: UncertainOrKnown | None = None
+    """Noise of the reading of a prismatic joint."""
     pixel_px: Uncertain | None = None
     """Standard uncertainty of a coordinate of a corner in an image; default 0.2 px."""
     orientation_deg: Uncertain | None = None

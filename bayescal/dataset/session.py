@@ -6,11 +6,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from bayescal.arm.chain import Robot
 from bayescal.dataset import contacts
 from bayescal.dataset.target_kinds import KINDS
 from bayescal.dataset.types import Box, Certificate, Patch, PlanSettings, Record, Target
 from bayescal.errors import BayescalError
-from bayescal.storage.files import Document, Keys, in_si, si, stem_of, unknown
+from bayescal.storage.files import Document, Keys, in_si, stem_of, unknown
 
 if TYPE_CHECKING:
     from bayescal.dataset import schema
@@ -96,10 +97,10 @@ def gravity_of(document: Document, file: schema.DatasetFile) -> np.ndarray:
 
 
 def plan_of(
-    document: Document, file: schema.DatasetFile, targets: tuple[Target, ...], n: int
+    document: Document, file: schema.DatasetFile, targets: tuple[Target, ...], robot: Robot
 ) -> PlanSettings | None:
-    """What is stated under `plan`, of an arm with `n` joints; every region is on the target of its name."""
-    stated = file.plan
+    """What is stated under `plan`; every region is on the target of its name."""
+    stated, n = file.plan, robot.n
     if stated is None:
         return None
     by_name = {t.name: t for t in targets}
@@ -114,7 +115,10 @@ def plan_of(
         if reason := contacts.reason_against(by_name[name], regions[name]):
             raise BayescalError(f"the region of `{name}` {reason[0]}", document.where(path), reason[1])
     if any(len(pose) != n for pose in stated.poses_deg):
-        where, remedy = document.where(("plan", "poses_deg")), f"give {n} readings in deg for each pose"
+        where, remedy = (
+            document.where(("plan", "poses_deg")),
+            f"give {n} readings in deg (prismatic joints: mm) for each pose",
+        )
         raise BayescalError(f"a pose that has not {n} readings", where, remedy)
     if len(stated.poses_deg) == 1:
         where = document.where(("plan", "poses_deg"))
@@ -127,7 +131,7 @@ def plan_of(
         payloads=stated.payload_kg,
         cone=in_si("cone_deg", stated.cone_deg),
         clearance=in_si("clearance_mm", stated.clearance_mm),
-        poses=tuple(tuple(x * si("poses_deg") for x in pose) for pose in stated.poses_deg),
+        poses=tuple(tuple(robot.read(np.array(pose)).tolist()) for pose in stated.poses_deg),
     )
 
 

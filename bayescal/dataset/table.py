@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -42,6 +42,10 @@ COLUMNS = {
     "jN_degps": "velocity of joint N as the contact triggered, deg/s: its sign is the direction of approach",
     "jN_command_deg": "commanded angle of joint N beside the measured one, deg",
     "jN_nm": "measured torque of joint N, N m; used where `torques: measured`",
+    "jN_mm": "reading of a prismatic joint N, in place of `jN_deg`, mm",
+    "jN_mmps": "velocity of a prismatic joint N, mm/s",
+    "jN_command_mm": "commanded position of a prismatic joint N, mm",
+    "jN_n": "measured force of a prismatic joint N, N",
     "x_mm": "x that the instrument read, in its own frame, mm",
     "y_mm": "y that the instrument read, mm",
     "z_mm": "z that the instrument read, mm",
@@ -61,25 +65,25 @@ COLUMNS = {
 }
 """What the columns of measurements.csv mean, in the contract's order; N stands for the number of a joint."""
 PLAIN = tuple(key for key in COLUMNS if not key.startswith("jN_"))
-JOINT = tuple(key.removeprefix("jN_") for key in COLUMNS if key.startswith("jN_"))
-"""Columns there are one of a joint: ``j1_deg`` ... ``jn_deg``, and so on."""
+JOINT = {"deg": "mm", "degps": "mmps", "command_deg": "command_mm", "nm": "n"}
+"""Columns there are one of a joint, ``j1_deg`` ... ``jn_deg`` and so on, and those of a prismatic joint."""
 
 
-def joint_columns(kind: str, n: int) -> tuple[str, ...]:
-    """``j1_deg`` to ``jn_deg`` for `kind` ``deg``."""
-    return tuple(f"j{i + 1}_{kind}" for i in range(n))
+def joint_columns(kind: str, units: Sequence[str]) -> tuple[str, ...]:
+    """``j1_deg`` to ``jn_deg`` for `kind` ``deg``; ``j1_mm`` where `units`, as of `Robot.units`, are mm."""
+    return tuple(f"j{i}_{JOINT[kind] if unit == 'mm' else kind}" for i, unit in enumerate(units, start=1))
 
 
-def known_columns(n: int) -> tuple[str, ...]:
-    """All columns that there may be of an arm with `n` joints."""
-    return (*PLAIN, *(column for kind in JOINT for column in joint_columns(kind, n)))
+def known_columns(units: Sequence[str]) -> tuple[str, ...]:
+    """All columns that there may be of an arm whose joints have the `units`."""
+    return (*PLAIN, *(column for kind in JOINT for column in joint_columns(kind, units)))
 
 
-def fields_of_columns(n: int) -> dict[str, tuple[str, ...]]:
-    """Fields of `Measurements` in the contract's order, each with the columns of `n` joints that fill it."""
+def fields_of_columns(units: Sequence[str]) -> dict[str, tuple[str, ...]]:
+    """Fields of `Measurements` in the contract's order, each with the columns of the joints that fill it."""
     joints = zip(("readings", "velocity", "command", "torque"), JOINT, strict=True)
     return {
-        **{field: joint_columns(kind, n) for field, kind in joints},
+        **{field: joint_columns(kind, units) for field, kind in joints},
         "xyz": XYZ,
         "rpy": RPY,
         "pixel": PIXEL,
@@ -143,12 +147,12 @@ class Table:
         return np.array(self.cells[column]) if column in self.cells else None
 
 
-def read_table(path: Path, n: int) -> Table:
-    """Read measurements.csv of an arm with `n` joints: header and shape checked, cells still text.
+def read_table(path: Path, units: Sequence[str]) -> Table:
+    """Read measurements.csv, joints in `units`: header and shape checked, cells still text.
 
     The clearance of a plan, which may be there, is not read.
     """
-    return read_cells(path, lambda header, where: check_columns(header, where, n))
+    return read_cells(path, lambda header, where: check_columns(header, where, units))
 
 
 def read_cells(path: Path, check_header: Callable[[list[str], str], None]) -> Table:
@@ -233,21 +237,32 @@ def csv_text(header: Iterable[str], rows: Iterable[Iterable[object]], newline: s
     return out.getvalue()
 
 
-def check_columns(header: list[str], where: str, n: int) -> None:
-    """Refuse unknown, doubled and missing columns of measurements.csv of an arm with `n` joints."""
+def check_columns(header: list[str], where: str, units: Sequence[str]) -> None:
+    """Refuse unknown, doubled and missing columns of measurements.csv, of joints with these units."""
     header = [name for name in header if name != CLEARANCE]
     check_names(header, where)
-    columns = known_columns(n)
+    columns, n = known_columns(units), len(units)
     for column in header:
-        joint = re.fullmatch(rf"j(\d+)_({'|'.join(JOINT)})", column)
+        joint = re.fullmatch(rf"j(\d+)_({'|'.join([*JOINT, *JOINT.values()])})", column)
         if joint and int(joint[1]) > n:
             what = f"column `{column}`, but the robot has {n} joints"
             raise BayescalError(what, where, "check `robot` in dataset.yaml")
+        if joint and column not in columns:
+            prismatic = units[int(joint[1]) - 1] == "mm"
+            kind = "prismatic" if prismatic else "revolute"
+            what = f"column `{column}`, but joint {joint[1]} is {kind}"
+            words = dict(zip(JOINT.values(), JOINT, strict=True)) | (JOINT if prismatic else {})
+            raise BayescalError(what, where, f"write `j{joint[1]}_{words[joint[2]]}`")
         if column not in columns:
             what, remedy = unknown("column", column, columns)
             raise BayescalError(what, where, remedy)
-    for column in ("id", "target", *joint_columns("deg", n)):
+    for column in ("id", "target", *joint_columns("deg", units)):
         if column not in header:
-            remedy = f"the robot has {n} joints: j1_deg to j{n}_deg" if column.startswith("j") else "add it"
+            joints = joint_columns("deg", units)
+            remedy = (
+                f"the robot has {n} joints: {joints[0]} to {joints[-1]}"
+                if column.startswith("j")
+                else "add it"
+            )
             raise BayescalError(f"column `{column}` is missing", where, remedy)
-    check_groups(header, where, (*(joint_columns(kind, n) for kind in JOINT[1:]), XYZ, RPY, PIXEL))
+    check_groups(header, where, (*(joint_columns(kind, units) for kind in tuple(JOINT)[1:]), XYZ, RPY, PIXEL))

@@ -102,13 +102,15 @@ class Certificate:
 class Noise:
     """Stated standard uncertainties, None where the file states none.
 
-    One contact (m), one instrument coordinate (m), one joint reading (rad), one turn of the tool about an
-    axis as an instrument reads it (rad), one coordinate of a corner in an image (px).
+    One contact (m), one instrument coordinate (m), one joint reading (rad; `slide`, m, of a prismatic joint),
+    one turn of the tool about an axis as an instrument reads it (rad), one coordinate of a corner in an image
+    (px).
     """
 
     contact: float | None = None
     point: float | None = None
     joint: float = 0.0
+    slide: float | None = None
     orientation: float | None = None
     pixel: float | None = None
 
@@ -197,7 +199,7 @@ class Measurements:
     role: np.ndarray  # (N,) str, of ROLES
     target: np.ndarray  # (N,) int, index into Dataset.targets
     tool: np.ndarray  # (N,) int, index into Dataset.tools
-    readings: np.ndarray  # (N, n) rad
+    readings: np.ndarray  # (N, n) rad; m of prismatic joints, as all that follows
     line: np.ndarray  # (N,) int, line in measurements.csv (the header is line 1)
     velocity: np.ndarray | None = None  # (N, n) rad/s
     xyz: np.ndarray | None = None  # (N, 3) m, nan in rows that read none
@@ -238,3 +240,14 @@ class Dataset:
     unfilled: tuple[tuple[str | int, ...], ...] = ()  # keys in dataset.yaml of values that are only assumed
     sha256: str = ""  # of dataset.yaml, measurements.csv and the robot file
     sessions: tuple[Dataset, ...] = ()  # those joined in this one, each as it was read
+
+    @property
+    def reading_noise(self) -> tuple[float, np.ndarray]:
+        """Standard uncertainty u of a reading, rad, and that of each joint over u, (n,).
+
+        If only prismatic joints have one, u is theirs, m.
+        """
+        slide = self.noise.slide or 0.0
+        u = self.noise.joint or slide
+        every = np.where(self.robot.slides, slide, self.noise.joint)
+        return u, every / u if u else np.ones(self.robot.n)

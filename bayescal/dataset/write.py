@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from operator import eq
 from pathlib import Path
 
@@ -26,7 +26,20 @@ from bayescal.storage.writing import Block, Keys, block_lines, flow, flow_list, 
 
 ROBOT, ARTEFACT = "robot.yaml", "artefact.yaml"
 
-DECIMALS = {"mm": 6, "deg": 7, "degps": 6, "kg": 6, "nm": 6, "s": 4, "c": 4, "px": 4, "degc": 4, "mps2": 9}
+DECIMALS = {
+    "mm": 6,
+    "deg": 7,
+    "degps": 6,
+    "mmps": 6,
+    "n": 6,
+    "kg": 6,
+    "nm": 6,
+    "s": 4,
+    "c": 4,
+    "px": 4,
+    "degc": 4,
+    "mps2": 9,
+}
 """Decimals of a value in a file's unit: a nanometre, two nanoradians; finer than anything measured."""
 
 DIRECTION = 12
@@ -142,9 +155,12 @@ def certificate_keys(certificate: Certificate) -> Keys:
             yield key, _text(key, getattr(certificate, field_of(key)))
 
 
-def plan_block(plan: PlanSettings) -> Block:
-    """What is below `plan`, in the order of its model."""
-    poses = [_text("poses_deg", np.array(pose)) for pose in plan.poses]
+def plan_block(plan: PlanSettings, units: Sequence[str]) -> Block:
+    """What is below `plan`, in the order of its model; `units` of the joints as of `Robot.units`."""
+    poses = [
+        flow_list([_text(f"reading_{unit}", x) for unit, x in zip(units, pose, strict=True)])
+        for pose in plan.poses
+    ]
     values = {
         "table_mm": plan.table,
         "payload_kg": np.array(plan.payloads) if plan.payloads else None,
@@ -201,7 +217,11 @@ def _settings(dataset: Dataset, robot: str) -> str:
         "temperature_of": dataset.temperature_of,
         "torques": dataset.torques if dataset.torques != "computed" else None,
         "solids": {s.name: flow(_keys_of(solid_values(s))) for s in dataset.solids},
-        "plan": None if plan is None else plan_block(plan) if plan != PlanSettings() else "{}",
+        "plan": None
+        if plan is None
+        else plan_block(plan, dataset.robot.units)
+        if plan != PlanSettings()
+        else "{}",
         "record": None if dataset.record == Record() else _record(dataset.record),
         "source": None if dataset.source is None else scalar(dataset.source),
     }
@@ -219,12 +239,12 @@ def _cells(column: str, values: np.ndarray) -> list[str]:
 
 def table_text(dataset: Dataset, name_tool: bool = False) -> str:
     """The content of measurements.csv, in the contract's order of columns; `name_tool`: also an only tool."""
-    rows, n = dataset.measurements, dataset.robot.n
+    rows = dataset.measurements
     columns: dict[str, Iterable[str]] = {"id": rows.ids, "role": map(str, rows.role)}
     columns["target"] = [dataset.targets[i].name for i in rows.target]
     if name_tool or len(dataset.tools) > 1:
         columns["tool"] = [dataset.tools[i].name for i in rows.tool]
-    for field, names in fields_of_columns(n).items():
+    for field, names in fields_of_columns(dataset.robot.units).items():
         values = getattr(rows, field)
         if values is not None and field in LABELS:
             columns[field] = map(str, values)

@@ -9,7 +9,9 @@ from dataclasses import replace
 
 from bayescal.arm.chain import Prior
 from bayescal.arm.motion import CERTIFICATE, CONTACT, TURN, Term
+from bayescal.effects.angular_motion import ANGULAR_MOTION
 from bayescal.effects.artefact import ARTEFACT
+from bayescal.effects.axis_bending import AXIS_BENDING
 from bayescal.effects.backlash import BACKLASH
 from bayescal.effects.ball_radius import BALL_RADIUS
 from bayescal.effects.base_compliance import BASE_COMPLIANCE
@@ -35,11 +37,13 @@ from bayescal.effects.lobing import LOBING
 from bayescal.effects.location import Driver, Site
 from bayescal.effects.payload import PAYLOAD
 from bayescal.effects.plane_form import PLANE_FORM
+from bayescal.effects.positioning import POSITIONING
 from bayescal.effects.registry import Vocabulary
 from bayescal.effects.second_harmonic import SECOND_HARMONIC
 from bayescal.effects.selection import Selection, positive
 from bayescal.effects.sizes import Size
 from bayescal.effects.step import STEP
+from bayescal.effects.straightness import STRAIGHTNESS
 from bayescal.effects.thermal_drift import THERMAL_DRIFT
 from bayescal.effects.tool import TOOL
 from bayescal.effects.unsettled import UNSETTLED
@@ -81,6 +85,10 @@ EFFECTS = Vocabulary(
         HYSTERESIS,
         ENCODER_SCALE,
         COUPLING,
+        STRAIGHTNESS,
+        ANGULAR_MOTION,
+        POSITIONING,
+        AXIS_BENDING,
         THERMAL_DRIFT,
         STEP,
         LOBING,

@@ -8,7 +8,8 @@ the two links, unless the robot file states that a linkage couples them. The oth
 which a diagnosis compares: ``backlash@reading`` acts with the displayed readings on all links that they move,
 ``backlash@link`` acts between the links. Below 0.03 deg/s (assumed) the sign goes smoothly to zero. A
 negative value is a lag, a positive value a lead. Prior: 0.08 mrad, from half-widths of 0.003 to 0.16 mrad
-(an ABB IRB 120 measured with a laser tracker; J4 and J6 had the largest).
+(an ABB IRB 120 measured with a laser tracker; J4 and J6 had the largest); along a prismatic joint 0.03 mm
+(assumed: a rack and pinion), and ω is its speed, ω0 = 0.5 mm/s.
 
 A loaded joint does not always follow its motion. Friction of the link presses the teeth against the flank of
 the motion, gravity against that of its torque, and the larger one decides: ``backlash@held-30`` has a
@@ -36,8 +37,8 @@ from bayescal.effects.location import Driver
 from bayescal.effects.sizes import Size, magnitude
 from bayescal.effects.vocabulary import Circumstances, Effect, Form, Parameter
 
-SD = 8e-5  # rad
-STANDSTILL = np.radians(0.03)  # rad/s: below it, a joint may rest anywhere within its lost motion
+SD, ALONG_SD = 8e-5, 3e-5  # rad; m, of a prismatic joint
+STANDSTILL = np.radians(0.03)  # rad/s, m/s: below it, a joint may rest anywhere within its lost motion
 
 FRICTIONS = (0.3, 0.6)  # shares of the usual torque (assumed)
 CHANGES = 0.03  # share of the usual torque within which the flank changes (assumed)
@@ -50,7 +51,7 @@ def _sign(speed: np.ndarray) -> np.ndarray:
 
 def _parameters(c: Circumstances, side: str) -> list[Parameter]:
     assert c.velocity is not None
-    return at_gears(c, "backlash", c.velocity, side, ("rad", SD), "direction", _sign)
+    return at_gears(c, "backlash", c.velocity, side, ("rad", SD), "direction", _sign, ("m", ALONG_SD))
 
 
 def _held(share: float) -> Form:
@@ -64,7 +65,8 @@ def _held(share: float) -> Form:
             speed = motion(c.robot, j, c.velocity, side)
             push = share * speed / np.hypot(speed, STANDSTILL) - torque / usual(c, torque)
             terms = turned(c.robot, j, np.tanh(push / CHANGES), side)
-            out.append(Parameter(f"backlash {name}", "rad", terms, SD, **at(j, Driver("flank", j))))
+            unit, sd = ("m", ALONG_SD) if c.robot.slides[j - 1] else ("rad", SD)
+            out.append(Parameter(f"backlash {name}", unit, terms, sd, **at(j, Driver("flank", j))))
         return out
 
     words = f"where gravity torques above {share:.0%} of the usual torque hold the joint on one flank"
@@ -76,7 +78,7 @@ BACKLASH = Effect(
     "lost motion on reversal of joint k, half-width b",
     lambda c: _parameters(c, side_of(c.robot)),
     without_velocity,
-    sizes={"rad": Size("half-width", magnitude)},
+    sizes=dict.fromkeys(("rad", "m"), Size("half-width", magnitude)),
     phrase=("every joint", "has lost motion on reversal"),
     remedy=(
         "Adjust the belt tension or the preload of the gear, and check keys, couplings and worn "

@@ -15,6 +15,7 @@ mean (assumed; the order of magnitude agrees with an ABB IRB 120, where bending 
 mean error from 0.099 to 0.081 mm, which is 0.06 mm at half a metre and 30 N m). That of a link is the same,
 but not above that of the elbow: a wrist yields in its gears. The first joint's bearing is omitted if its
 axis is vertical or horizontal: there its effect equals that of `base-compliance`.
+The carriage of a prismatic joint tilts under the moment about itself, with the compliance of a shoulder.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ from bayescal.arm.chain import Chain
 from bayescal.arm.motion import Term
 from bayescal.arm.transforms import cross
 from bayescal.effects.common import LEANING, carries, first_axis, vertical, without_masses
-from bayescal.effects.compliance import ELBOW, SPREAD, typical
+from bayescal.effects.compliance import ELBOW, SHOULDER, SPREAD, of_joints
 from bayescal.effects.location import Driver, link
 from bayescal.effects.sizes import COMPLIANT, FACTOR
 from bayescal.effects.vocabulary import Circumstances, Effect, Parameter, Where
@@ -36,7 +37,8 @@ SHORT = 1e-3  # m: a link of this length counts as without length
 
 def ends(chain: Chain, j: int) -> np.ndarray:
     """Ends of link j (from 1) in its frame, (2, 3), m: before its joint's d, and at the next row's axis."""
-    return np.array([[0.0, 0.0, -chain.d[j - 1]], chain.link[j, :3, 3]])
+    slides = np.broadcast_to(chain.slides, chain.n)[j - 1]  # from its carriage on
+    return np.array([[0.0, 0.0, 0.0 if slides else -chain.d[j - 1]], chain.link[j, :3, 3]])
 
 
 def across(ends: np.ndarray) -> dict[str, np.ndarray]:
@@ -69,10 +71,10 @@ def _hinge(c: Circumstances, j: int, axis: np.ndarray, point: np.ndarray) -> lis
 def _parameters(c: Circumstances) -> list[Parameter]:
     upright = float(first_axis(c) @ vertical(c))
     first_leans = min(abs(upright), np.sqrt(max(1.0 - upright**2, 0.0))) > LEANING
-    usual = SHARE * typical(c.robot.n)
+    usual = SHARE * of_joints(c.robot, SHOULDER)
     out = []
     for j, (name, of_joint) in enumerate(zip(c.robot.joint_names, usual.tolist(), strict=True), start=1):
-        parts = {"bearing": (_bearing(c, j), of_joint)} if j > 1 or first_leans else {}
+        parts = {"bearing": (_bearing(c, j), of_joint)} if j > 1 or first_leans or c.robot.slides[0] else {}
         if j < c.robot.n:
             of_link, two = min(of_joint, SHARE * ELBOW), ends(c.chain, j)
             for axis, way in across(two).items():
@@ -96,7 +98,7 @@ BENDING = Effect(
         "Check the bolts of the joint bearing and of the link, and the firm seat of the flanges; a "
         "worn cross-roller bearing tilts. If all are tight, keep the effect in the model."
     ),
-    confusable_with=("coupling",),
+    confusable_with=("coupling", "axis-bending"),
     requires=("compliance",),
     simulated_within=5e-7,
     linear_spring=True,

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
+from numpy.polynomial.legendre import legvander
 
 from bayescal.arm.chain import Robot
 from bayescal.arm.motion import Term
@@ -14,7 +15,11 @@ from bayescal.effects import location
 from bayescal.effects.location import Driver
 from bayescal.effects.vocabulary import Circumstances, Form, Parameter, Session, Where
 
-NO_TORQUE = 1e-6  # N m: smaller torques of a joint do not identify a torque-driven effect
+NO_TORQUE = 1e-6  # N m, N: smaller torques of a joint do not identify a torque-driven effect
+FALL = 2.0
+"""Exponent by which its amplitudes fall with the order (assumed: a beam whose curvature is random)."""
+ORDERS = 16
+"""Highest order of an error by the position of a carriage: waves of a quarter of a metre on a rail of 3 m."""
 
 
 LINK, READING = "link", "reading"
@@ -36,11 +41,19 @@ def motion(robot: Robot, joint: int, readings: np.ndarray, side: str) -> np.ndar
 
 
 def turned(robot: Robot, joint: int, driver: np.ndarray, side: str) -> tuple[Term, ...]:
-    """Rotations by an error of the encoder or gear of `joint` (from 1), rad in its own sense of rotation."""
+    """Rotations by an error of the encoder or gear of `joint` (from 1), rad in its own sense of rotation.
+
+    Of a prismatic joint shifts, m.
+    """
     if side == LINK:
-        return (Term(joint, "rz", driver),)
-    column = robot.link_from_reading[:, joint - 1]
-    return tuple(Term(i, "rz", share * driver) for i, share in enumerate(column, start=1) if share)
+        return (Term(joint, robot.axes[joint - 1], driver),)
+    column = zip(robot.axes, robot.link_from_reading[:, joint - 1], strict=True)
+    return tuple(Term(i, axis, share * driver) for i, (axis, share) in enumerate(column, start=1) if share)
+
+
+def by_reading(robot: Robot, joint: int, order: float = 0.0, form: str = "") -> Driver:
+    """The driver of an error by the angle of `joint` (from 1), or by the position of a prismatic one."""
+    return Driver("position" if robot.slides[joint - 1] else "angle", joint, order, form)
 
 
 SIDES = {LINK: "by the motion between its links", READING: "by the readings shown"}
@@ -51,20 +64,26 @@ def sides(make: Callable[..., list[Parameter]]) -> tuple[Form, ...]:
     return tuple(Form(side, words, partial(make, side=side)) for side, words in SIDES.items())
 
 
-def waves(c: Circumstances, label: str, orders: np.ndarray, sd: float) -> list[Parameter]:
+def waves(
+    c: Circumstances, label: str, orders: np.ndarray, sd: float, along: float | None = None
+) -> list[Parameter]:
     """Sine and cosine of multiples of the link-relative angle of each joint, as errors of that angle.
 
     `orders` (n, K) or (1, K) are the multiples, with which `label` is formatted; `sd` is the prior standard
-    deviation of each, rad.
+    deviation of each, rad. Of a prismatic joint they are waves per metre, with the standard deviation
+    `along`, m; without it, it has none.
     """
-    names = c.robot.joint_names
+    names, slides = c.robot.joint_names, c.robot.slides.tolist()
     of_joint = np.broadcast_to(orders, (len(names), np.shape(orders)[1])).tolist()
     return [
         Parameter(
-            f"{label.format(order)} {name} {wave}", "rad", (Term(j, "rz", shape(order * c.q[:, j - 1])),), sd,
-            **at(j, Driver("angle", j, order)),
+            f"{label.format(order)} {name} {wave}", unit,
+            (Term(j, c.robot.axes[j - 1], shape(per * order * c.q[:, j - 1])),), u,
+            **at(j, by_reading(c.robot, j, order)),
         )
         for j, (name, every) in enumerate(zip(names, of_joint, strict=True), start=1)
+        for unit, per, u in (("m", 2.0 * np.pi, along) if slides[j - 1] else ("rad", 1.0, sd),)
+        if u is not None
         for order in every
         for wave, shape in (("sin", np.sin), ("cos", np.cos))
     ]  # fmt: skip
@@ -83,6 +102,7 @@ def at_gears(
     prior: tuple[str, float],
     kind: str,
     shape: Callable[[np.ndarray], np.ndarray] = lambda by: by,
+    along: tuple[str, float] | None = None,
 ) -> list[Parameter]:
     """Parameters of every joint that moves: errors of its encoder or gear, by its motion there.
 
@@ -99,14 +119,64 @@ def at_gears(
         Of the driver.
     shape : callable
         The driver (N,) as a function of the motion (N,).
+    along : (str, float), optional
+        `prior` of prismatic joints, if another.
     """
     out = []
     for j, name in enumerate(c.robot.joint_names, start=1):
         by = motion(c.robot, j, moving, side)
         if np.any(by):
-            terms = turned(c.robot, j, shape(by), side)
-            out.append(Parameter(f"{effect} {name}", prior[0], terms, prior[1], **at(j, Driver(kind, j))))
+            terms, driver = turned(c.robot, j, shape(by), side), Driver(kind, j)
+            if c.robot.slides[j - 1]:
+                driver = by_reading(c.robot, j) if kind == "angle" else driver
+                unit, sd = along or prior
+            else:
+                unit, sd = prior
+            out.append(Parameter(f"{effect} {name}", unit, terms, sd, **at(j, driver)))
     return out
+
+
+def along_travel(
+    c: Circumstances, effect: str, axes: Mapping[str, str], first: int, prior: tuple[str, float]
+) -> list[Parameter]:
+    """Smooth errors of the carriage of every prismatic joint by its position, along or about some axes.
+
+    Legendre polynomials of the position over the joint's limits, of the orders `first` to `ORDERS`, with a
+    root mean square of 1 over the travel: the length of their values is the root mean square of the error.
+    The prior standard deviation of order m is that of the lowest one times (first / m)^`FALL`, so that the
+    curve is smooth.
+
+    Parameters
+    ----------
+    c : Circumstances
+    effect : str
+    axes : mapping
+        Names of displacements of the joint's frame, by those in reports.
+    first : int
+        Lowest order; those below are parameters of other effects.
+    prior : (str, float)
+        SI unit, and standard deviation of the lowest order.
+    """
+    out, (unit, sd), orders = [], prior, np.arange(first, ORDERS + 1)
+    for j in (np.flatnonzero(c.robot.slides) + 1).tolist():
+        (low, high), sign = c.robot.limits[j - 1], np.sign(c.robot.link_from_reading[j - 1, j - 1])
+        place = np.clip((2.0 * sign * c.q[:, j - 1] - (low + high)) / (high - low), -1.0, 1.0)
+        shapes = legvander(place, ORDERS)[:, orders] * np.sqrt(2 * orders + 1)
+        if np.ptp(place):
+            out += [
+                Parameter(
+                    f"{effect} {c.robot.joint_names[j - 1]} {label} {order}", unit, (Term(j, axis, shape),),
+                    sd * float(first / order) ** FALL, **at(j, by_reading(c.robot, j, form="smooth")),
+                )
+                for label, axis in axes.items()
+                for order, shape in zip(orders.tolist(), shapes.T, strict=True)
+            ]  # fmt: skip
+    return out
+
+
+def without_slides(c: Circumstances) -> str:
+    """A message if no joint is prismatic, or ""."""
+    return "" if c.robot.slides.any() else "the robot has no prismatic joint"
 
 
 def carries(torque: np.ndarray) -> bool:

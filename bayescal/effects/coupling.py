@@ -2,9 +2,9 @@ r"""Coupling: motion of a joint turns its neighbours slightly, through a shared 
 
 Formula: $`\rho_{z,k} = x_{kj} \, q_j, \quad j \in \{k-2, k-1, k+1\}`$.
 
-Driver: the reading of one of the two preceding joints, or of the following joint, rad. It acts as an error
-of the joint's own encoder (`common.turned`). Prior: 1e-4, as for an encoder scale (assumed: laser tracker
-measurements of an ABB IRB 120 showed no coupling at the wrist).
+Driver: the reading of one of the two preceding joints, or of the following joint, rad; none of prismatic
+joints. It acts as an error of the joint's own encoder (`common.turned`). Prior: 1e-4, as for an encoder
+scale (assumed: laser tracker measurements of an ABB IRB 120 showed no coupling at the wrist).
 
 A joint may also be dragged along by friction, less and less away from the middle of the session. In
 ``coupling@levels-off`` the error is a tanh that bends at 1.4 standard deviations of the other reading
@@ -48,7 +48,7 @@ def _couplings(
         )
         for j in range(1, c.robot.n + 1)
         for k in range(max(1, j - BEFORE), min(c.robot.n, j + 1) + 1)
-        if k != j and c.readings[:, k - 1].any()
+        if k != j and c.readings[:, k - 1].any() and not c.robot.slides[[j - 1, k - 1]].any()
     ]  # fmt: skip
 
 

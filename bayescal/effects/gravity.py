@@ -24,12 +24,13 @@ import numpy as np
 from bayescal.arm.chain import frames, link_angles
 from bayescal.arm.motion import Term
 from bayescal.arm.statics import Loads, centre_of_mass, hinges, placed
+from bayescal.effects.axis_bending import AXIS_BENDING
 from bayescal.effects.base_compliance import BASE_COMPLIANCE
 from bayescal.effects.bending import BENDING
 from bayescal.effects.compliance import COMPLIANCE
 from bayescal.effects.vocabulary import Circumstances, Parameter
 
-COMPLIANT = (COMPLIANCE, BENDING, BASE_COMPLIANCE)
+COMPLIANT = (COMPLIANCE, BENDING, BASE_COMPLIANCE, AXIS_BENDING)
 """Effects whose parameters are compliances: displacement = value x gravity moment."""
 
 

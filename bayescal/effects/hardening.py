@@ -44,7 +44,8 @@ def _uneven(c: Circumstances) -> list[Parameter]:
     """Parameters of a soft part that differs between the signs of the torque."""
     return [
         Parameter(
-            f"hardening {name} {words}", "rad", (Term(j, "rz", side * np.maximum(side * soft, 0.0)),),
+            f"hardening {name} {words}", "m" if c.robot.slides[j - 1] else "rad",
+            (Term(j, c.robot.axes[j - 1], side * np.maximum(side * soft, 0.0)),),
             CHANGE * compliance * UNEVEN_KNEE * usual(c, torque), **at(j, Driver("torque", j, form="uneven")),
         )
         for j, name, compliance, torque in loaded(c)
@@ -76,7 +77,7 @@ HARDENING = Effect(
     ),
     sizes={
         "rad/(N m)^2": Size("change of the compliance per torque"),
-        "rad": Size("deflection of the soft part"),
+        **dict.fromkeys(("rad", "m"), Size("deflection of the soft part")),
     },
     phrase=("every joint", "has nonlinear stiffness"),
     remedy=(

@@ -26,7 +26,7 @@ from bayescal.effects.compliance import by_torque
 from bayescal.effects.sizes import Size, magnitude
 from bayescal.effects.vocabulary import Circumstances, Effect, Form, Parameter, Scan
 
-SD = 5e-5  # rad
+SD = 5e-5  # rad; m of a prismatic joint (assumed)
 SHARES = np.array([0.02, 0.06, 0.12])
 CHANGE = 0.2  # share of the usual torque within which a late change takes place (tuned)
 LAGS = (0.2, 0.6)  # shares of the usual torque over which it is followed (tuned)
@@ -60,7 +60,7 @@ HYSTERESIS = Effect(
         lambda c: SHARES,
         _at,
     ),
-    sizes={"rad": Size("half-width", magnitude)},
+    sizes=dict.fromkeys(("rad", "m"), Size("half-width", magnitude)),
     phrase=("every joint", "has torque-reversal hysteresis"),
     remedy=(
         "Check the preload and wear of the gear, and the belt tension: the load presses the teeth on "

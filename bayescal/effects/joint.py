@@ -15,8 +15,13 @@ from bayescal.effects.vocabulary import Circumstances, Effect, Parameter
 
 def _parameters(c: Circumstances) -> list[Parameter]:
     geometry = GEOMETRY.parameters(c)
-    zeros = [p for p in geometry if p.site == BASE or (p.site.kind == "joint" and p.unit == "rad")]
+    zeros = [p for p in geometry if p.site == BASE or (p.site.kind == "joint" and _zero(c, p))]
     return [*zeros, *ENCODER_SCALE.parameters(c)]
+
+
+def _zero(c: Circumstances, p: Parameter) -> bool:
+    """Whether a parameter displaces a joint along or about its axis of motion."""
+    return all(term.axis == c.robot.axes[term.frame - 1] for term in p.terms)
 
 
 JOINT = Effect(

@@ -32,7 +32,9 @@ def _parameters(c: Circumstances) -> list[Parameter]:
     out = [parameter] if speed.any() else []
     for v in c.views:
         rates = c.velocity @ c.robot.link_from_reading.T * v.rows[:, None]
-        turns = tuple(Term(j, "rz", -rate) for j, rate in enumerate(rates.T, start=1) if rate.any())
+        turns = tuple(
+            Term(j, c.robot.axes[j - 1], -rate) for j, rate in enumerate(rates.T, start=1) if rate.any()
+        )
         site = CAMERA.of(v.name) if v.several else CAMERA
         clock = Parameter(f"latency {v.name}", "s", turns, CLOCK_SD, site=site, driver=Driver("clock"))
         out += [clock] if turns else []

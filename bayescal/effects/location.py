@@ -126,6 +126,7 @@ FORMS: dict[str, Form] = {
     "other angle": {"words": "{}, by another angle", "text": "{} times a function of another angle"},
     "and angle": {"words": "{}, and its angle", "text": "{} and angle together"},
     "and another": {"words": "{}, times another quantity", "text": "{} times another quantity"},
+    "smooth": {"words": "{}, smoothly", "text": "{}, a smooth function of it"},
     "waves": {"words": "{}, 3 to 20 waves a turn", "text": "{}, 3 to 20 periods per revolution"},
     "to and fro": {"words": "{}, to and fro", "text": "{}, oscillating"},
 }
@@ -148,7 +149,11 @@ class Driver:
         plain = KINDS[self.kind].words if self.kind in KINDS else self.kind
         plain = f"{plain} {self.joint}" if self.joint else plain
         turns = {0.0: "", 1.0: ", once a turn", 2.0: ", twice a turn"}
-        every = turns.get(self.order, f", {self.order:g} times a turn")
+        every = (
+            turns.get(self.order, f", {self.order:g} times a turn")
+            if self.kind != "position"
+            else self._waves
+        )
         return FORMS[self.form]["words"].format(plain) + every
 
     @property
@@ -158,7 +163,13 @@ class Driver:
         plain = f"{plain} of J{self.joint}" if self.joint else plain
         turns = {0.0: "", 1.0: ", once per revolution", 2.0: ", twice per revolution"}
         every = turns.get(self.order, f", {self.order:g} times per revolution")
+        every = every if self.kind != "position" else self._waves
         return FORMS[self.form]["text"].format(plain) + every
+
+    @property
+    def _waves(self) -> str:
+        """Its order, of a position."""
+        return f", {self.order:g} times per metre" if self.order else ""
 
     @property
     def course(self) -> Driver:
@@ -187,28 +198,35 @@ class Kind:
     coordinate: Callable[[Driver, Site, Circumstances], Found] = lambda driver, site, c: None
 
 
+def _shown(joint: int, c: Circumstances, readings: np.ndarray) -> tuple[str, np.ndarray]:
+    """Unit of a joint in reports, and its column (N,) of readings (N, n) in it."""
+    return c.robot.units[joint - 1], c.robot.shown(readings)[:, joint - 1]
+
+
 def _angle(d: Driver, site: Site, c: Circumstances) -> Found:
-    return Coordinate(f"reading of joint {d.joint}", "deg", np.degrees(c.readings[:, d.joint - 1]))
+    return Coordinate(f"reading of joint {d.joint}", *_shown(d.joint, c, c.readings))
 
 
 def _velocity(d: Driver, site: Site, c: Circumstances) -> Found:
     if c.velocity is None:
         return None
-    return Coordinate(f"speed of joint {d.joint}", "deg/s", np.degrees(c.velocity[:, d.joint - 1]))
+    unit, speed = _shown(d.joint, c, c.velocity)
+    return Coordinate(f"speed of joint {d.joint}", f"{unit}/s", speed)
 
 
 def _remaining(d: Driver, site: Site, c: Circumstances) -> Found:
     if c.command is None:
         return None
-    way = np.degrees(c.command - c.readings)[:, d.joint - 1]
-    return Coordinate(f"remaining motion of joint {d.joint}", "deg", way)
+    return Coordinate(f"remaining motion of joint {d.joint}", *_shown(d.joint, c, c.command - c.readings))
 
 
 def _torque(d: Driver, site: Site, c: Circumstances) -> Found:
     if c.torques is None or not d.joint:  # all joints together have no common torque
         return None
     name = "gravity torque" if c.measured_torques is None else "measured torque"
-    return Coordinate(f"{name} on joint {d.joint}", "N m", c.torques[:, d.joint - 1])
+    slides = c.robot.slides[d.joint - 1]
+    name, unit = (name.replace("torque", "force"), "N") if slides else (name, "N m")
+    return Coordinate(f"{name} on joint {d.joint}", unit, c.torques[:, d.joint - 1])
 
 
 def _base_moment(d: Driver, site: Site, c: Circumstances) -> Found:
@@ -248,6 +266,7 @@ def _on_face(d: Driver, site: Site, c: Circumstances) -> Found:
 KINDS = {
     "constant": Kind("1", "constant"),
     "angle": Kind("angle", "angle", _angle),
+    "position": Kind("position", "position", _angle),
     "torque": Kind("torque", "gravity torque", _torque),
     "direction": Kind("approach", "direction of motion", _velocity),
     "flank": Kind("flank", "tooth flank", _velocity),
@@ -263,6 +282,7 @@ KINDS = {
     "event": Kind("moment", "row of the event", _time),
     "base moment": Kind("base moment", "gravity moment on the base", _base_moment),
     "bending moment": Kind("bending moment", "bending moment of the link"),
+    "extended moment": Kind("bending moment, extended", "bending moment by the extension"),
     "count": Kind("count of contacts", "count of contacts", _order),
     "wait": Kind("wait before the contact", "wait before the contact"),
     "pose": Kind("each pose anew", "each pose anew"),

@@ -66,12 +66,14 @@ def course(c: Circumstances) -> tuple[str, np.ndarray] | None:
 
 
 def _lengths(c: Circumstances, driver: np.ndarray) -> tuple[Term, ...]:
-    """Every a and d of the table, growing by its own length times the driver."""
+    """Every a and d of the table and every linear scale, growing by its own length times the driver."""
     robot = c.robot
+    scales = [(j + 1, c.q[:, j] * driver) for j in np.flatnonzero(robot.slides).tolist()]
     behind = 0 if robot.convention == "mdh" else 1
     along = [(i + 1, "tz", float(d)) for i, d in enumerate(robot.d)]
     across = [(i + behind, "tx", float(a)) for i, a in enumerate(robot.a)]
-    return tuple(Term(frame, axis, length * driver) for frame, axis, length in along + across if length)
+    lengths = tuple(Term(frame, axis, length * driver) for frame, axis, length in along + across if length)
+    return (*lengths, *(Term(frame, "tz", grown) for frame, grown in scales))
 
 
 def _drifting(c: Circumstances, by: str, driver: np.ndarray) -> list[Parameter]:
@@ -85,8 +87,9 @@ def _drifting(c: Circumstances, by: str, driver: np.ndarray) -> list[Parameter]:
             Parameter(f"thermal-drift base {axis} by {by}", "m", term, BASE_SD, site=BASE, driver=kind)
         )
     for j, name in enumerate(c.robot.joint_names, start=1):
-        term = (Term(j, "rz", driver),)
-        out.append(Parameter(f"thermal-drift {name} by {by}", "rad", term, ZERO_SD, **at(j, kind)))
+        term, slides = (Term(j, c.robot.axes[j - 1], driver),), c.robot.slides[j - 1]
+        unit, sd = ("m", BASE_SD) if slides else ("rad", ZERO_SD)
+        out.append(Parameter(f"thermal-drift {name} by {by}", unit, term, sd, **at(j, kind)))
     return out
 
 

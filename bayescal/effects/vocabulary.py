@@ -21,6 +21,8 @@ UNITS = {
     "rad/(N m)": ("urad/(N m)", 1e6),
     "rad/(N m)^2": ("urad/(N m)^2", 1e6),
     "m/(N m)": ("um/(N m)", 1e6),
+    "m/N": ("um/N", 1e6),
+    "rad/(N m^2)": ("urad/(N m^2)", 1e6),
     "kg": ("kg", 1.0),
     "kg m": ("kg mm", 1e3),
     "s": ("ms", 1e3),
@@ -107,8 +109,7 @@ class Circumstances:
     `loads` are the gravity moments of `statics.gravity_loads`, None if the robot has no masses.
     `measured_torques` are the torques of the joints that the session measured, if they replace computed ones.
     `approach` is the unit direction, in the flange frame at nominal geometry, in which the ball meets the
-    surface (its inward normal), and `speed` is the ball's speed in that direction; nan if the target is not a
-    surface.
+    surface (its inward normal), and `speed` its speed in that direction; nan if the target is no surface.
     """
 
     robot: Robot
@@ -155,10 +156,10 @@ class Circumstances:
 
     @property
     def torques(self) -> np.ndarray | None:
-        """Torques (N, n), N m, on the links about their joints; None if neither measured nor computed."""
+        """Torques (N, n), N m (forces, N), of the joints' links; None if neither measured nor computed."""
         if self.measured_torques is not None:
             return self.measured_torques
-        return None if self.moments is None else self.moments[:, 1:, 2]
+        return None if self.loads is None else self.loads.torques(self.robot.slides)
 
     @property
     def touching(self) -> np.ndarray:
@@ -183,9 +184,8 @@ class Where(TypedDict):
 class Parameter:
     """One unknown number: value = mean + sd z, with z ~ N(0, 1) a priori.
 
-    The terms are driven by value - nominal, so that nominal values displace nothing. The prior's mean
-    is the nominal value by default. A physically positive value has a normal prior too, which keeps the model
-    linear in it; a negative estimate is reported.
+    The terms are driven by value - nominal, so that nominal values displace nothing. The prior's mean is the
+    nominal value by default. A positive value has a normal prior too: a negative estimate is reported.
 
     A common factor of others, `stands_for`, displaces each by the factor times its prior mean.
     """

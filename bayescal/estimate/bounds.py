@@ -223,10 +223,10 @@ def with_latent_readings(fitted: Estimate) -> Estimate:
     from factors.graph import Graph
 
     model = fitted.model
-    joint = model.scene.dataset.noise.joint
+    joint, _ = model.scene.dataset.reading_noise
     if joint <= 0:
         raise BayescalError(
-            "noise.joint_deg is 0: the readings have no errors to estimate",
+            "noise.joint_deg and noise.slide_mm are 0: the readings have no errors to estimate",
             "--latent-joints",
             "state noise.joint_deg in dataset.yaml, or omit the option",
         )
@@ -260,11 +260,12 @@ def _add_contact(
 ) -> None:
     """Add one contact; its residual is a function of arm, target and the contact's n reading errors."""
     size, n = len(model.parameters), model.scene.chain.n
-    coupling = model.scene.dataset.robot.link_from_reading
+    robot, share = model.scene.dataset.robot, model.scene.dataset.reading_noise[1]
+    coupling = robot.link_from_reading * share
     row = block.rows[[k]]
     terms = [(p, _at(term, k)) for p, term in block.motion.terms]
     terms += [
-        (size + r, Term(j + 1, "rz", float(coupling[j, r])))
+        (size + r, Term(j + 1, robot.axes[j], float(coupling[j, r])))
         for j in range(n)
         for r in range(n)
         if coupling[j, r]

@@ -19,7 +19,7 @@ import numpy as np
 from bayescal.arm.motion import CONTACT, Term
 from bayescal.dataset import Measurements
 from bayescal.effects import Circumstances, Parameter, compliances, location
-from bayescal.effects.common import alone, base_terms, tilts, within
+from bayescal.effects.common import alone, base_terms, by_reading, tilts, within
 from bayescal.effects.compliance import COMPLIANCE
 from bayescal.effects.location import BASE, PROBE, TOOL, Driver, Site, joint, link
 from bayescal.effects.plane_form import shapes
@@ -57,13 +57,17 @@ def families(c: Circumstances) -> list[Family]:
     """All families with a function that varies in the session."""
     joints = range(1, c.robot.n + 1)
     every = {
-        "angle of joints": [p for j in joints for p in _turns(j, waves(c.q[:, j - 1], c.fitted), j)],
+        "angle of joints": [p for j in joints for p in _turns(c, j, waves(c.q[:, j - 1], c.fitted), j)],
         "angle of other joints": [
-            p for j in joints for k in joints if j != k for p in _turns(j, waves(c.q[:, k - 1], c.fitted), k)
+            p
+            for j in joints
+            for k in joints
+            if j != k
+            for p in _turns(c, j, waves(c.q[:, k - 1], c.fitted), k)
         ],
         "torque of joints": list(_torques(c)),
         "angle of links": [
-            p for j in joints for p in _bends(j, waves(c.q[:, j - 1], c.fitted), Driver("angle", j))
+            p for j in joints for p in _bends(c, j, waves(c.q[:, j - 1], c.fitted), by_reading(c.robot, j))
         ],
         "moment of links": list(_moments(c)),
         "moment of the base": list(_leans(c)),
@@ -83,22 +87,26 @@ def _parameter(site: Site, driver: Driver, terms: tuple[Term, ...], sd: float) -
     return Parameter("", unit, terms, sd, site=site, driver=driver, effect=EFFECT)
 
 
-def _turns(j: int, drivers: list[np.ndarray], by: int, kind: str = "angle") -> Iterator[Parameter]:
+def _turns(
+    c: Circumstances, j: int, drivers: list[np.ndarray], by: int, kind: str = "angle"
+) -> Iterator[Parameter]:
+    axis = c.robot.axes[j - 1]
+    driver = by_reading(c.robot, by) if kind == "angle" else Driver(kind, by)
     for d in drivers:
-        yield _parameter(joint(j), Driver(kind, by), (Term(j, "rz", d),), ANGLE)
+        yield _parameter(joint(j), driver, (Term(j, axis, d),), ANGLE if axis == "rz" else LENGTH)
 
 
-def _bends(j: int, drivers: list[np.ndarray], driver: Driver) -> Iterator[Parameter]:
-    for axis in ("rx", "ry"):
+def _bends(c: Circumstances, j: int, drivers: list[np.ndarray], driver: Driver) -> Iterator[Parameter]:
+    for axis in ("rx", "ry", *(("tx", "ty") if c.robot.slides[j - 1] else ())):
         for d in drivers:
-            yield _parameter(link(j), driver, (Term(j, axis, d),), ANGLE)
+            yield _parameter(link(j), driver, (Term(j, axis, d),), ANGLE if axis[0] == "r" else LENGTH)
 
 
 def _torques(c: Circumstances) -> Iterator[Parameter]:
     if c.torques is not None:
         for j, torque in enumerate(c.torques.T, start=1):
             if np.ptp(torque[c.fitted]) > STILL:
-                yield from _turns(j, waves(torque, c.fitted), j, "torque")
+                yield from _turns(c, j, waves(torque, c.fitted), j, "torque")
 
 
 def _moments(c: Circumstances) -> Iterator[Parameter]:
@@ -108,7 +116,7 @@ def _moments(c: Circumstances) -> Iterator[Parameter]:
         for j in range(1, c.robot.n + 1):
             moment = c.moments[:, j, component]
             if np.ptp(moment[c.fitted]) > STILL:
-                yield from _bends(j, waves(moment, c.fitted), Driver("bending moment"))
+                yield from _bends(c, j, waves(moment, c.fitted), Driver("bending moment"))
 
 
 def _leans(c: Circumstances) -> Iterator[Parameter]:
@@ -137,7 +145,7 @@ def _changes(c: Circumstances) -> Iterator[tuple[str, Iterator[Parameter]]]:
     for name, clock in clocks.items():
         drivers = waves(clock, c.fitted, COURSES)
         every = range(1, c.robot.n + 1)
-        yield f"{name} of joints", (p for j in every for p in _turns(j, drivers, 0, name))
+        yield f"{name} of joints", (p for j in every for p in _turns(c, j, drivers, 0, name))
         yield f"{name} of the base", _frame(BASE, 0, Driver(name), drivers)
         for t in c.fitted_tools:
             own = (c.tool == t).astype(float)

@@ -41,12 +41,12 @@ class Weights:
 
 def unit_weights(model: Model, z: np.ndarray) -> Weights:
     """Full weight for every contact, at its stated noise, plus reading noise through the Jacobian at z."""
-    joint = model.scene.dataset.noise.joint
+    joint, share = model.scene.dataset.reading_noise
     sigma = {}
     for block in model.blocks:
         own = np.tile(block.sigma, block.kind.rows)
         if joint > 0:
-            coupling = model.scene.dataset.robot.link_from_reading
+            coupling = model.scene.dataset.robot.link_from_reading * share
             slices = model.slices
             by = block.by_readings(model.deviations(z[slices[ARM]]), z[slices[block.target]], coupling)
             own = np.sqrt(own**2 + joint**2 * np.sum(by**2, axis=1))

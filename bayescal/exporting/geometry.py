@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bayescal.arm.chain import Robot, chain_of, displaced, frames
+from bayescal.arm.chain import Robot, chain_of, displaced, frames, link_angles
 from bayescal.arm.motion import CERTIFICATE, CONTACT, Term
 from bayescal.arm.transforms import AXES, rigid
 from bayescal.effects import ALWAYS, Parameter
@@ -81,7 +81,7 @@ def zero_frames(robot: Robot, delta: np.ndarray | None = None) -> np.ndarray:
     Frame k turns about its z axis with joint k; it is behind the joint's offset and d, and carries the link.
     """
     moved = None if delta is None else delta[None]
-    return frames(chain_of(robot), robot.offset[None], moved)[0, 1:]
+    return frames(chain_of(robot), link_angles(robot, np.zeros((1, robot.n))), moved)[0, 1:]
 
 
 def steps(frames_: np.ndarray, root: np.ndarray | None = None) -> np.ndarray:
@@ -136,6 +136,8 @@ WHY = {
     "base moment": "depends on the gravity moment on the base",
     "mass": "acts through the compliances",
     "angle": "varies with the angle of a joint",
+    "position": "varies with the position of a joint",
+    "extended moment": "depends on the load and the extension of a linear axis",
     "reading": "varies with the reading",
     "direction": "depends on the direction of motion",
     "flank": "depends on the direction of motion and the gravity torque",

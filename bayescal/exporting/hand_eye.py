@@ -233,5 +233,6 @@ HAND_EYE = Format(
     _write,
     _holds,
     "a hand-eye transform holds nothing of the arm itself",
+    prismatic=True,
 )
 """Where cameras and boards are, for programs that take the arm as nominal or as calibrated."""

@@ -82,7 +82,7 @@ def robot_text(arm: FittedArm, tool_in: str, state: int | None = None) -> str:
 
 
 def _compliance(model: Model, values: np.ndarray) -> np.ndarray:
-    """Compliances (n,), rad/(N m), as estimated: also negative ones."""
+    """Compliances (n,), rad/(N m) or m/N, as estimated: also negative ones."""
     robot = model.scene.dataset.robot
     out = np.zeros(robot.n) if robot.compliance is None else robot.compliance.copy()
     for value, p in zip(values, model.parameters, strict=True):
@@ -141,7 +141,8 @@ def robot_items(arm: FittedArm) -> list[Item]:
         if is_scale(p):
             out.append(item(arm, k, "link_from_reading", p.site.text))
         elif p.effect == COMPLIANCE.name and _holds(arm, k):
-            out.append(item(arm, k, "joint_compliance_rad_per_nm", p.site.text))
+            key = "compliance_um_per_n" if p.unit == "m/N" else "joint_compliance_rad_per_nm"
+            out.append(item(arm, k, key, p.site.text))
     return out
 
 
@@ -159,6 +160,7 @@ ROBOT_YAML = Format(
     _write,
     _holds,
     "robot.yaml has constant geometry, scales of readings and compliances of joints",
+    prismatic=True,
 )
 """The arm as the `robot:` of a further session."""
 

@@ -43,6 +43,8 @@ EXACT = 1e-6
 class FileArm:
     """The moving joints of a file at zero: names, frames (n, 4, 4) in its root, axes (n, 3) in these frames.
 
+    Those of `slides` (n,) are prismatic.
+
     `fixed` (n, 4, 4) stands in the file between the frame of the joint before and the origin of each joint;
     `tip` (4, 4) is the pose of the tip in the frame of the last joint.
     """
@@ -52,13 +54,16 @@ class FileArm:
     axes: np.ndarray
     fixed: np.ndarray
     tip: np.ndarray
+    slides: np.ndarray
 
     def turned(self, angles: np.ndarray) -> np.ndarray:
-        """Frames (..., n, 4, 4) with the joints at angles (..., n), rad."""
+        """Frames (..., n, 4, 4) with the joints at angles (..., n), rad; shifts, m, of prismatic ones."""
         pose, out = np.eye(4), []
         for k, step in enumerate(steps(self.frames)):
             spin = np.zeros((*angles.shape[:-1], 4, 4))
-            spin[..., :3, :3] = Rotation.from_rotvec(angles[..., k, None] * self.axes[k]).as_matrix()
+            along = angles[..., k, None] * self.axes[k]
+            spin[..., :3, :3] = np.eye(3) if self.slides[k] else Rotation.from_rotvec(along).as_matrix()
+            spin[..., :3, 3] = along if self.slides[k] else 0.0
             spin[..., 3, 3] = 1.0
             pose = pose @ step @ spin
             out.append(pose)
@@ -209,6 +214,10 @@ def _check_names(robot: Robot, file: FileArm, name: str) -> None:
     if len(file.names) != robot.n:
         what = f"{len(file.names)} joints turn before the tip, the arm {robot.name} has {robot.n}"
         raise BayescalError(what, name, "name the link that carries the tool, as in arm.urdf#tool0")
+    for k in np.flatnonzero(file.slides != robot.slides).tolist():
+        kinds = {True: "prismatic", False: "revolute"}
+        what = f"joint {file.names[k]} is {kinds[bool(file.slides[k])]}, in the arm {robot.name} it is not"
+        raise BayescalError(what, name, "give the file of this arm")
     if set(file.names) & set(robot.joint_names):
         for k, (theirs, ours) in enumerate(zip(file.names, robot.joint_names, strict=True), start=1):
             if theirs != ours:

@@ -96,5 +96,6 @@ SDF = Format(
     _write,
     _holds,
     "SDF has constant geometry and linear springs",
+    prismatic=True,
 )
 """For Gazebo and Drake."""

@@ -89,7 +89,7 @@ def _read(into: str) -> tuple[FileArm, str, str]:
         frames.append(pose)
     none = np.tile(np.eye(4), (6, 1, 1))
     axes = np.tile([0.0, 0.0, 1.0], (6, 1))
-    return FileArm(LINKS, np.array(frames), axes, none, np.eye(4)), label, path.name
+    return FileArm(LINKS, np.array(frames), axes, none, np.eye(4), np.zeros(6, bool)), label, path.name
 
 
 UR_YAML = Format(

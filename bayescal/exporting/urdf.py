@@ -36,7 +36,7 @@ from bayescal.exporting.written import Format, Options, Written, path_of
 from bayescal.exporting.xml_text import XmlText, numbers, rendered
 from bayescal.fitted.arm import FittedArm
 from bayescal.robots.markup import LARGEST, parse_markup
-from bayescal.robots.tree import TURNING, UNLIMITED, Tree, read_tree, tip_of
+from bayescal.robots.tree import MOVING, TURNING, UNLIMITED, Tree, read_tree, tip_of
 from bayescal.storage.reading import decoded
 
 CLOSE = 1e-9
@@ -85,10 +85,10 @@ def write(arm: FittedArm, options: Options) -> Written:
 
 def file_arm(tree: Tree, tip: str) -> FileArm:
     """The moving joints of a URDF from its root to a tip, at zero."""
-    names, frames, axes, fixed = [], [], [], []
+    names, frames, axes, fixed, slides = [], [], [], [], []
     pose, since = np.eye(4), np.eye(4)
     for joint in tree.above(tip):
-        if joint.mimic or joint.kind not in (*TURNING, "fixed"):
+        if joint.mimic or joint.kind not in (*MOVING, "fixed"):
             what = f"joint {joint.name} {'follows another joint' if joint.mimic else f'is {joint.kind}'}"
             remedy = f"choose a tip before it, as in --into {tree.file}#{joint.parent}"
             raise BayescalError(what, tree.file, remedy)
@@ -100,6 +100,7 @@ def file_arm(tree: Tree, tip: str) -> FileArm:
         frames.append(pose)
         axes.append(joint.axis)
         fixed.append(since)
+        slides.append(joint.kind not in TURNING)
         since = np.eye(4)
     return FileArm(
         tuple(names),
@@ -107,6 +108,7 @@ def file_arm(tree: Tree, tip: str) -> FileArm:
         np.array(axes).reshape(-1, 3),
         np.array(fixed).reshape(-1, 4, 4),
         since,
+        np.array(slides, bool),
     )
 
 
@@ -172,6 +174,7 @@ def _new(robot: Robot, delta: np.ndarray, name: str) -> _File:
     joints = [
         {
             "name": joint,
+            "type": "prismatic" if robot.slides[k] else "revolute",
             "pose": poses[k],
             "sense": f"{signs[k]:g}",
             **dict(zip(("lower", "upper"), robot.limits[k].tolist(), strict=True)),
@@ -194,5 +197,6 @@ URDF = Format(
     lambda arm, k: constant(arm.model.parameters[k]),
     "a URDF holds constant geometry only",
     into=True,
+    prismatic=True,
 )
 """Geometry and joint zeros, for anything that reads a URDF."""

@@ -71,9 +71,11 @@ def _write(arm: FittedArm, options: Options) -> Written:
         return out
 
     between, sign = steps(at_zero), np.sign(np.diag(robot.link_from_reading))
-    limits = np.degrees(np.sort(sign[:, None] * robot.limits, axis=1)).tolist()
+    bounds = np.sort(sign[:, None] * robot.limits, axis=1)
+    limits = np.where(robot.slides[:, None], bounds, np.degrees(bounds)).tolist()  # m, deg
     for k, name in enumerate(joints):
-        joint = joined(UsdPhysics.RevoluteJoint, name, paths[k], paths[k + 1], between[k])
+        kind = UsdPhysics.PrismaticJoint if robot.slides[k] else UsdPhysics.RevoluteJoint
+        joint = joined(kind, name, paths[k], paths[k + 1], between[k])
         joint.GetPrim().SetDisplayName(robot.joint_names[k])
         joint.CreateAxisAttr(UsdPhysics.Tokens.z)
         joint.CreateLowerLimitAttr(limits[k][0])
@@ -141,5 +143,6 @@ USD = Format(
     _write,
     lambda arm, k: constant(arm.model.parameters[k]),
     "joints of USD have constant frames and do not yield",
+    prismatic=True,
 )
 """For Isaac Sim, and whatever reads UsdPhysics."""

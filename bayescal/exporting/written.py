@@ -76,6 +76,8 @@ class Format:
         Whether it can patch a file of the user.
     readings : tuple of str
         How it can hold errors of the readings: 'plain' in the file, 'script' in a script beside it.
+    prismatic : bool
+        Whether a new file holds prismatic joints.
     """
 
     name: str
@@ -86,6 +88,7 @@ class Format:
     limits: str
     into: bool = False
     readings: tuple[str, ...] = ("plain",)
+    prismatic: bool = False
 
 
 def item(arm: FittedArm, k: int, element: str, attribute: str) -> Item:

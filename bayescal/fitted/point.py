@@ -75,6 +75,6 @@ def point(
             name = f"direction of motion of joint {j + 1} is not known"
             side = Input(READINGS, name, "B", "1", 0.0, 1.0, distribution="two values")
             independent.append((side, off[:, None]))
-    shown = ", ".join(f"{q:.6g}" for q in np.degrees(readings))
-    named = f"TCP at ({shown}) deg"
+    shown = ", ".join(f"{q:.6g}" for q in arm.dataset.robot.shown(readings))
+    named = f"TCP at ({shown}) {arm.dataset.robot.unit_words}"
     return Measurand(POINT, named, "m", None, by_z, tuple(independent), position=poses.points[0])

@@ -26,6 +26,7 @@ from bayescal.importing.pair import is_measured, pair, rows_words, stacked, unfo
 from bayescal.importing.programs import LISTINGS, format_of, read_listing, read_records
 from bayescal.importing.roles import measurements, readings, role_note, with_roles
 from bayescal.importing.units import UNITS, is_unit, meant
+from bayescal.robots import only_revolute
 from bayescal.storage.locks import scratch
 
 SHOWN = 12
@@ -175,6 +176,7 @@ def convert_contacts(request: Request) -> Draft:
     if request.plan is not None and request.format == "csv" and not request.map:
         request = replace(request, format=format_of(request.log))
     base = base_of(request)
+    only_revolute(base.robot, "maps of logs", "write measurements.csv with `jN_mm` of these joints")
     columns, centres, notes, mapped = _columns(request, base.robot.joint_names)
     _refuse_motions(columns)
     columns, late = _from_the_beginning(columns)

@@ -151,7 +151,7 @@ def _readings(request: Request, robot: Robot) -> Table:
     path = Path(request.joints)
     if not path.is_file():
         raise BayescalError("no such file", request.joints, "give the table of joint readings")
-    angles = joint_columns("deg", robot.n)
+    angles = joint_columns("deg", robot.units)
 
     def check(header: list[str], where: str) -> None:
         check_names(header, where)
@@ -159,7 +159,7 @@ def _readings(request: Request, robot: Robot) -> Table:
         lacking = [c for c in needed if c not in header]
         if lacking:
             raise BayescalError(f"column `{lacking[0]}` is missing", where, f"needed: {listed(needed, 12)}")
-        check_groups(header, where, [joint_columns("degps", robot.n)])
+        check_groups(header, where, [joint_columns("degps", robot.units)])
 
     table = read_cells(path, check)
     return (
@@ -302,18 +302,18 @@ def _session(
     """The session, with the mount that the images fit, and what a user should know of the lens."""
     rows = {name: k for k, name in enumerate(readings.cells["image"])}
     place = np.repeat([rows[f.name] for f in used], [len(f.number) for f in used])
-    n, number = base.robot.n, np.concatenate([f.number for f in used])
+    units, number = base.robot.units, np.concatenate([f.number for f in used])
 
     def column(values: np.ndarray | None) -> np.ndarray | None:
         return None if values is None else values[place]
 
-    joints = readings.block(joint_columns("deg", n), needed=True)
+    joints = readings.block(joint_columns("deg", units), needed=True)
     assert joints is not None
     m = Measurements(
         tuple(f"{readings.cells['image'][k]}:{c}" for k, c in zip(place, number, strict=True)),
         np.full(len(place), "calibrate"), np.zeros(len(place), int), np.zeros(len(place), int), joints[place],
         np.arange(len(place)) + 2,
-        velocity=column(readings.block(joint_columns("degps", n), needed=True)),
+        velocity=column(readings.block(joint_columns("degps", units), needed=True)),
         pixel=np.column_stack([np.concatenate([f.pixel for f in used]), number]),
         stop=np.array([readings.cells["image"][k] for k in place]),
         time=column(readings.optional("time_s", needed=True)),

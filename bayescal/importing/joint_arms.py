@@ -15,7 +15,7 @@ from bayescal.errors import BayescalError, listed
 from bayescal.exporting.sidecar import mujoco
 from bayescal.importing.joint_formats import DEG
 from bayescal.logs.mechanism import PAIRS
-from bayescal.robots import builtin_robots, full_name, load_robot
+from bayescal.robots import builtin_robots, full_name, load_robot, only_revolute
 from bayescal.robots.markup import LARGEST, parse_markup
 from bayescal.robots.servos import GRIPPER
 from bayescal.storage.reading import content_of
@@ -58,6 +58,7 @@ def arm_of(reference: str, allow_xacro: bool) -> Arm:
     if Path(file).suffix.lower() in MJCF:
         return _of_mjcf(Path(file))
     robot, content = load_robot(full_name(reference), allow_xacro=allow_xacro)
+    only_revolute(robot, "joint logs")
     coupling = robot.link_from_reading
     signed = coupling * np.sign(np.diag(coupling))[:, None]
     if full_name(reference) in builtin_robots() and not Path(reference).is_file():
@@ -86,6 +87,10 @@ def _of_mjcf(path: Path) -> Arm:
     apart = [b for a, b in pairwise(arms) if model.jnt_bodyid[a] not in chains[b]]
     if apart or not arms:
         what = f"the joints {listed(names, 12)} are no serial chain" if arms else "no hinge joints"
+        raise BayescalError(what, path.name, "give a model of the arm alone")
+    sliding = [j for j in range(model.njnt) if model.jnt_type[j] == mj.mjtJoint.mjJNT_SLIDE]
+    if carrying := [j for j in sliding if int(model.jnt_bodyid[j]) in chains[arms[-1]]]:
+        what = f"{model.joint(carrying[0]).name} is a slide joint: joint logs know revolute joints only"
         raise BayescalError(what, path.name, "give a model of the arm alone")
     data.qpos[[model.jnt_qposadr[j] for j in hinges]] = 0.0
     mj.mj_kinematics(model, data)

@@ -243,7 +243,7 @@ def own_map(header: Sequence[str], n: int, where: str) -> dict[str, Column]:
     BayescalError
         For a column that measurements.csv does not have.
     """
-    every = known_columns(n)
+    every = known_columns(("deg",) * n)
     out: dict[str, Column] = {}
     for name in header:
         if name == CLEARANCE:

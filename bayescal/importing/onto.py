@@ -100,8 +100,8 @@ def measured_before(plan: Path, base: Dataset) -> Measurements | None:
     path = plan.parent / MEASURED
     if not path.is_file():
         return None
-    n = base.robot.n
-    return measurements_of(read_table(path, n), n, base.tools, base.targets, base.noise)
+    units = base.robot.units
+    return measurements_of(read_table(path, units), units, base.tools, base.targets, base.noise)
 
 
 def onto(log: Columns, plan: Path, targets: Sequence[Target], n: int) -> Joined:

@@ -8,6 +8,7 @@ import numpy as np
 
 from bayescal.arm.chain import Robot, chain_of
 from bayescal.arm.transforms import rigid, rotation
+from bayescal.robots import only_revolute
 
 TRANSITION = 0.03
 """rad/s: speed scale of the reversal of friction where none is stated (assumed)."""
@@ -93,6 +94,7 @@ def symmetric(six: np.ndarray) -> np.ndarray:
 
 def mechanism_of(robot: Robot) -> tuple[Mechanism, tuple[str, ...]]:
     """The mechanism of a robot of Denavit-Hartenberg rows, and what had to be assumed of it."""
+    only_revolute(robot, "joint logs")
     chain, n = chain_of(robot), robot.n
     place = np.array(
         [

@@ -137,9 +137,10 @@ class Block:
         return r.ravel(), by_arm.T, self.by_z(dx).reshape(self.residuals, self.size)
 
     def by_readings(self, values: np.ndarray, z: np.ndarray, coupling: np.ndarray) -> np.ndarray:
-        """Gradients (R, n) of residuals by joint readings, m/rad; coupling (n, n) is link from reading."""
+        """Gradients (R, n) of residuals by joint readings, SI; coupling (n, n) is link from reading."""
         n, size = self.motion.chain.n, self.motion.size
-        joints = [(size + j, Term(j + 1, "rz")) for j in range(n)]
+        axes = np.where(self.motion.chain.slides, "tz", "rz")
+        joints = [(size + j, Term(j + 1, str(axis))) for j, axis in enumerate(np.broadcast_to(axes, n))]
         terms = [*self.motion.terms, *joints]
         turning = replace(
             self, motion=Motion(self.motion.chain, self.motion.q, self.motion.tool, terms, size + n)

@@ -14,6 +14,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from bayescal.arm.chain import Robot
 from bayescal.planning.pool import Pool
 from bayescal.planning.result import Ways
 from bayescal.probing.contacts import EVERY, Hand
@@ -81,7 +82,10 @@ class Transits:
             # among more solids, where a way to each contact is known
             every = self._hands[tool[row]].place(EVERY)
             via[row] = every.ways(approach[[row - 1]], approach[[row]])[0]
-        words = tuple(by_hand(end) if way is None else "" for end, way in zip(approach, via, strict=True))
+        robot = self.pool.session.robot
+        words = tuple(
+            by_hand(end, robot) if way is None else "" for end, way in zip(approach, via, strict=True)
+        )
         clear = self._clearance(rows, places, leave, via)
         return Ways(leave=tuple(leave), via=tuple(via), changes=changes, by_hand=words, clearance=clear)
 
@@ -178,9 +182,12 @@ def stopped(
     return None, None
 
 
-def by_hand(end: np.ndarray) -> str:
+def by_hand(end: np.ndarray, robot: Robot) -> str:
     """How the arm is jogged manually to readings (n,), rad, to which no free way is known."""
-    joints = [f"J{k} {angle:.1f}" for k, angle in enumerate(np.degrees(end), 1)]
+    joints = [f"J{k} {angle:.1f}" for k, angle in enumerate(robot.shown(end), 1)]
+    if robot.slides.any():
+        each = ", ".join(f"{joint} {unit}" for joint, unit in zip(joints, robot.units, strict=True))
+        return f"jog manually: first raise the tool above all that stands there; then to {each}"
     first, *others = joints
     return (
         "jog manually from where the arm stands: first raise the tool above all that stands there (J2, J3); "

@@ -31,12 +31,12 @@ from bayescal.predict.validation import Validation
 from bayescal.statistics import rms
 
 SPEED = np.radians(10.0)
-"""rad/s: velocity of every joint, in either direction (assumed)."""
+"""rad/s, m/s: velocity of every joint, in either direction (assumed)."""
 
 
 def joint_range(robot: Robot, count: int, rng: np.random.Generator) -> np.ndarray:
-    """Readings (count, n), rad, evenly over the ranges of all joints, a turn about its zero at most."""
-    low, high = np.clip(robot.limits, -np.pi, np.pi).T
+    """Readings (count, n), SI, evenly over the ranges of all joints, a turn about its zero at most."""
+    low, high = robot.limits_within(np.pi).T
     return NominalArm(robot, np.zeros(3)).readings_of(rng.uniform(low, high, (count, robot.n)))
 
 

@@ -146,7 +146,7 @@ def _bar(room: Room) -> Outline:
 
 
 def _tracker(room: Room) -> Outline:
-    base = room.arm.chain.base
+    base = room.arm.mount
     frame = base[:3, :3] @ np.diag([-1.0, -1.0, 1.0])  # it looks at the arm
     place = {"xyz": base[:3, 3] + base[:3, :3] @ np.array(AWAY), "rpy": rpy_of(frame)}
     return Outline((Target("tracker", "instrument", place),))
@@ -203,7 +203,10 @@ JOINTS = 6
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 UNITS = {
+    "mmps": "mm/s",
     "degps": "deg/s",
+    "n": "N",
+    "um_per_n": "µm/N",
     "nm": "N m",
     "mps2": "m/s²",
     "c": "°C",

@@ -28,8 +28,14 @@ def columns_of(draft: Draft) -> dict[str, tuple[str, ...]]:
     keys = {"id", "role", "target", "jN_deg", "jN_degps", "stop", "time_s", "payload_kg", "repeat"}
     keys |= {c for name in draft.outlines for c in ARTEFACTS[name].columns}
     keys |= {"tool"} if len(draft.tools) > 1 else set()
-    joints = {f"jN_{kind}": joint_columns(kind, draft.joints) for kind in JOINT}
-    return {key: joints.get(key, (key,)) for key in COLUMNS if key in keys}
+    joints: dict[str, tuple[str, ...]] = {}
+    for kind, slid in JOINT.items():
+        for column, unit in zip(joint_columns(kind, draft.units), draft.units, strict=True):
+            key = f"jN_{slid if unit == 'mm' else kind}"
+            joints[key] = (*joints.get(key, ()), column)
+    keys |= {f"jN_{JOINT[kind]}" for kind in ("deg", "degps")}
+    wanted = {key: joints.get(key, () if key.startswith("jN_") else (key,)) for key in COLUMNS if key in keys}
+    return {key: columns for key, columns in wanted.items() if columns}
 
 
 def readme_text(draft: Draft, folder: str) -> str:
@@ -98,7 +104,7 @@ def start(
     draft = Draft(
         name=name or folder.resolve().name,
         robot=reference if builtin else ROBOT,
-        joints=arm.n if described else JOINTS,
+        units=arm.units if described else ("deg",) * JOINTS,
         outlines={each: ARTEFACTS[each].outline(room) for each in artefacts},
         tool_centre=tool,
         example=Sizes.of(arm).tool,

@@ -61,7 +61,8 @@ def practice(setup: Setup, options: Options) -> Simulated:
     exact, noise = _measured(every, model, z, options)
     m = exact.measurements
     errors = stream(options.seed, "joints").normal(size=m.readings.shape)
-    readings = m.readings + setup.dataset.noise.joint * errors
+    u, share = setup.dataset.reading_noise
+    readings = m.readings + u * share * errors
     dataset = replace(exact, measurements=replace(m, role=role, readings=readings), unfilled=())
     return Simulated(dataset, _truth(options, _arm(exact, options), z, noise))
 

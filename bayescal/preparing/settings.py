@@ -68,8 +68,8 @@ class Draft:
         Of the session.
     robot : str
         Built-in name, or file beside dataset.yaml.
-    joints : int
-        Number of joints.
+    units : tuple of str
+        Unit of each joint's reading, deg or mm.
     outlines : mapping of str to Outline
         By the name of the artefact.
     tool_centre : np.ndarray or None, shape (3,)
@@ -84,7 +84,7 @@ class Draft:
 
     name: str
     robot: str
-    joints: int
+    units: tuple[str, ...]
     outlines: dict[str, Outline]
     tool_centre: np.ndarray | None
     example: Tool
@@ -105,7 +105,9 @@ class Draft:
 def settings_text(draft: Draft) -> str:
     """The content of dataset.yaml."""
     regions = {name: p for outline in draft.outlines.values() for name, p in outline.regions.items()}
-    plan = {"plan": plan_block(PlanSettings(regions=regions))} if regions and draft.placed else {}
+    plan = (
+        {"plan": plan_block(PlanSettings(regions=regions), draft.units)} if regions and draft.placed else {}
+    )
     stated = {name: o.certificates for name, o in draft.outlines.items() if o.certificates}
     kinds = dict.fromkeys(KINDS[t.kind] for t in draft.targets)
     return rendered(

@@ -12,7 +12,7 @@ from bayescal.arm.inverse import PASSES, descend, to_axes, to_frames, to_points
 from bayescal.arm.motion import NominalArm
 
 MARGIN = np.radians(4.0)
-"""rad: margin to the joint limits, so that a contact can still be closed."""
+"""rad, m: margin to the joint limits, so that a contact can still be closed."""
 
 DIRECTED = 6
 """Joints from which on a tool can have any direction at a place: the last of five turns it about itself."""
@@ -41,21 +41,39 @@ class Arm(NominalArm):
 
     @cached_property
     def range(self) -> np.ndarray:
-        """Limits (2, n), rad, reduced by the margin; a range of at most one revolution."""
-        limits = np.clip(self.robot.limits, -2 * np.pi, 2 * np.pi)
+        """Limits (2, n), rad or m, reduced by the margin; a range of at most one revolution."""
+        most, limits = np.where(self.robot.slides, np.inf, np.pi), self.robot.limits_within(2 * np.pi)
         middle, half = limits.mean(axis=1), np.diff(limits, axis=1)[:, 0] / 2
-        half = np.minimum(half - np.minimum(MARGIN, 0.2 * half), np.pi)
+        half = np.minimum(half - np.minimum(MARGIN, 0.2 * half), most)
         return np.stack([middle - half, middle + half])
 
     @cached_property
+    def _lead(self) -> tuple[int, np.ndarray]:
+        """Number of prismatic joints that carry all others, and frame (4, 4) of the last, at mid-range."""
+        lead = int(np.argmin(self.robot.slides))  # 0 too if all joints slide
+        return lead, self.frames(self.readings_of(self.range.mean(axis=0)[None]))[0, lead]
+
+    @cached_property
+    def mount(self) -> np.ndarray:
+        """Pose (4, 4) in F0 of what carries the first revolute joint: base, or carriage at mid-range."""
+        lead, carriage = self._lead
+        return carriage @ self.chain.link[lead] if lead else self.chain.base
+
+    def travel(self, pose: np.ndarray) -> np.ndarray:
+        """Shifts (M, 3), m, of the carriage from mid-range at poses (M, n + 2, 4, 4); zeros without one."""
+        lead, carriage = self._lead
+        return pose[:, lead, :3, 3] - carriage[:3, 3] if lead else np.zeros((len(pose), 3))
+
+    @cached_property
     def reach(self) -> float:
-        """Reach of the ball from the origin of the base, m: nearly the maximum over random poses."""
-        ball = self.ball(self.frames(self.anywhere(4000, np.random.default_rng(0))))
-        return float(np.percentile(np.linalg.norm(ball - self.chain.base[:3, 3], axis=1), 99))
+        """Reach of the ball from the origin of the mount, m: nearly the maximum over random poses."""
+        pose = self.frames(self.anywhere(4000, np.random.default_rng(0)))
+        ball = self.ball(pose) - self.travel(pose)
+        return float(np.percentile(np.linalg.norm(ball - self.mount[:3, 3], axis=1), 99))
 
     def beside(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Horizontal positions (..., 2) and heights (...) above the base, m, of points (..., 3) in F0."""
-        local = (points - self.chain.base[:3, 3]) @ self.chain.base[:3, :3]
+        """Horizontal positions (..., 2) and heights (...) above the mount, m, of points (..., 3) in F0."""
+        local = (points - self.mount[:3, 3]) @ self.mount[:3, :3]
         return local[..., :2], local[..., 2]
 
     def upright(self, pose: np.ndarray) -> np.ndarray:
@@ -63,8 +81,9 @@ class Arm(NominalArm):
 
         No part of the arm is behind the base, seen from the ball, or too far below it.
         """
-        flat, height = self.beside(pose[:, 2:, :3, 3])
-        to, _ = self.beside(self.ball(pose))
+        travel = self.travel(pose)
+        flat, height = self.beside(pose[:, self._lead[0] + 2 :, :3, 3] - travel[:, None])
+        to, _ = self.beside(self.ball(pose) - travel)
         to = to / np.maximum(np.linalg.norm(to, axis=1), 1e-9)[:, None]
         ahead = np.einsum("mfi,mi->mf", flat, to).min(axis=1)
         return (ahead > BEHIND * self.reach) & (height.min(axis=1) > FLOOR * self.reach)

@@ -200,7 +200,7 @@ class Clearance:
     @cached_property
     def _sample(self) -> np.ndarray:
         """Random readings (SAMPLES, n), rad."""
-        limits = np.clip(self.arm.robot.limits, -np.pi, np.pi)
+        limits = self.arm.robot.limits_within(np.pi)
         angles = np.random.default_rng(0).uniform(limits[:, 0], limits[:, 1], (SAMPLES, len(limits)))
         return self.arm.readings_of(angles)
 

@@ -25,7 +25,7 @@ from bayescal.probing.motions import CLEAR, Place
 from bayescal.probing.scene import Scene, held_by
 
 SPEED = 5e-3  # m/s of the ball when it touches
-FASTEST = np.radians(12.0)  # rad/s: maximum joint velocity; faster joints are near a singularity
+FASTEST = np.radians(12.0)  # rad/s, m/s: maximum joint velocity; faster joints are near a singularity
 TURNING = np.radians(2.0)
 """rad: rotation of the tool during the approach, about a random axis. It lets every joint come to a contact
 from both sides; without it the direction of a joint would follow from the pose alone."""

@@ -187,7 +187,7 @@ def clearance_of(arm: Arm) -> Clearance:
 
 def among(arm: Arm, cube: Cube, spheres: Sequence[Solid] = ()) -> Clearance:
     """The arm among the cube (the first solid), spheres (those behind it) and the table."""
-    base = arm.chain.base
+    base = arm.mount
     height = float(base[:3, 2] @ base[:3, 3]) - depth(arm)
     return clearance_of(arm).among(on_table([cube.solid, *spheres], base[:3, 2], height))
 
@@ -203,7 +203,7 @@ def cube_of(arm: Arm) -> tuple[Cube, tuple[str, ...]]:
     BayescalError
         If no such position is found.
     """
-    base, rng, edge = arm.chain.base, np.random.default_rng(0), Sizes.of(arm.robot).edge
+    base, rng, edge = arm.mount, np.random.default_rng(0), Sizes.of(arm.robot).edge
     best: tuple[float, Cube, tuple[str, ...]] | None = None
     for up, forward, azimuth in product((1.0, 2.0), (1.0, 0.8, 1.2), (0, 90, -90, 180)):
         out = rotation(2, np.radians(azimuth)) @ [forward * FORWARD * arm.reach, 0.0, up * UP * arm.reach]

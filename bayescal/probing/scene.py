@@ -283,7 +283,8 @@ def arm_capsules(
     robot : Robot
     tool : Tool
     stand : float
-        Height of the column below the first frame, m, along its z axis: for an F0 that is not at the foot.
+        Height of the column below the first frame, m, along its z axis: for an F0 that is not at the foot. A
+        carriage has none.
     held : sequence of Capsule
         What the tool holds beside itself, in its frame.
 
@@ -295,7 +296,7 @@ def arm_capsules(
     chain = chain_of(robot)
     radii = link_radii(robot)
     out = []
-    if stand > 0:
+    if stand > 0 and not robot.slides[0]:
         foot = np.array([0.0, 0.0, -stand])
         out.append(Capsule(0, foot, np.zeros(3), float(radii[0]), "base"))
     for link in range(robot.n + 1):

@@ -6,9 +6,10 @@ has one minimum, which a golden-section search encloses.
 Smallest distances on motions of an arm, by bounds: nothing between two configurations is left unchecked.
 
 While the joints before it turn by small angles, no point of a capsule moves farther than the sum of the
-angles times its distances from their axes. A part of a motion is free if the distance of a pair of shapes in
-its middle exceeds the required one by more than that; otherwise it is halved. For most pairs a bound of the
-distance decides, from the middle of a capsule; only for the others is the distance computed (`exact`).
+angles times its distances from their axes, and of the shifts of prismatic joints. A part of a motion is free
+if the distance of a pair of shapes in its middle exceeds the required one by more than that; otherwise it is
+halved. For most pairs a bound of the distance decides, from the middle of a capsule; only for the others is
+the distance computed (`exact`).
 """
 
 from __future__ import annotations
@@ -129,7 +130,13 @@ class Pairs:
         shapes: dict[int, Shape] = {id(p.shape): p.shape for p in pairs if p.other < 0}
         number = {key: k for k, key in enumerate(shapes)}
         self.arm = arm
-        self.chain = arm.chain.base, arm.chain.link, np.asarray(arm.chain.d, float)
+        self.chain = (
+            arm.chain.base,
+            arm.chain.link,
+            np.asarray(arm.chain.d, float),
+            arm.chain.theta,
+            arm.robot.slides,
+        )
         self.capsules = (
             np.array([c.frame for c in capsules], np.int64),
             np.array([(c.a, c.b) for c in capsules], float).reshape(-1, 2, 3),
@@ -185,7 +192,7 @@ class Pairs:
 
 
 @_jit
-def _place(base, link, d, frame, ends, q, axes, placed):
+def _place(base, link, d, theta, slides, frame, ends, q, axes, placed):
     """Axes and origins of the joints (n, 2, 3), and ends of the capsules (C, 2, 3), m, at angles q (n,)."""
     n = len(q)
     pose, behind = base.copy(), np.empty((3, 4))
@@ -200,11 +207,13 @@ def _place(base, link, d, frame, ends, q, axes, placed):
                 for j in range(4):
                     pose[i, j] = behind[i, j]
         if 0 < f <= n:
-            c, s = math.cos(q[f - 1]), math.sin(q[f - 1])
+            angle = theta[f - 1] if slides[f - 1] else q[f - 1]
+            shift = d[f - 1] + q[f - 1] if slides[f - 1] else d[f - 1]
+            c, s = math.cos(angle), math.sin(angle)
             for i in range(3):
                 x, y = pose[i, 0], pose[i, 1]
                 pose[i, 0], pose[i, 1] = c * x + s * y, c * y - s * x
-                pose[i, 3] += pose[i, 2] * d[f - 1]
+                pose[i, 3] += pose[i, 2] * shift
                 axes[f - 1, 0, i], axes[f - 1, 1, i] = pose[i, 2], pose[i, 3]
         for k in range(len(frame)):
             if frame[k] == f:
@@ -215,8 +224,8 @@ def _place(base, link, d, frame, ends, q, axes, placed):
 
 
 @_jit
-def _displaced(frame, axes, placed, turns, moved):
-    """How far capsules move at most against each frame, (n + 1, C), m, by joints that turn by `turns` (n,).
+def _displaced(slides, frame, axes, placed, turns, moved):
+    """How far capsules move at most against each frame, (n + 1, C), m, by joints moved by `turns` (n,).
 
     A joint that turns by an angle moves a point by at most the angle times its distance from the axis, which
     the joints behind it increase by at most as much as they move the point.
@@ -227,6 +236,10 @@ def _displaced(frame, axes, placed, turns, moved):
         for e in range(2):
             far = 0.0
             for f in range(min(frame[k], n), 0, -1):
+                if slides[f - 1]:
+                    far += turns[f - 1]
+                    moved[f - 1, k] = max(moved[f - 1, k], far)
+                    continue
                 u, v, w = axes[f - 1, 0, 0], axes[f - 1, 0, 1], axes[f - 1, 0, 2]
                 x, y = placed[k, e, 0] - axes[f - 1, 1, 0], placed[k, e, 1] - axes[f - 1, 1, 1]
                 z = placed[k, e, 2] - axes[f - 1, 1, 2]
@@ -244,8 +257,8 @@ def _needed(best, floor, tolerance):
 
 @_jit
 def _closest(
-    base, link, d, frame, ends, radius, pairs, kinds, numbers, planes, first, last, slack, compared, floor,
-    tolerance, smallest, nearest,
+    base, link, d, theta, slides, frame, ends, radius, pairs, kinds, numbers, planes, first, last, slack,
+    compared, floor, tolerance, smallest, nearest,
 ):  # fmt: skip
     """`Pairs.closest`, into `smallest` and `nearest` (M,); angles of the links `first`, `last` (M, n)."""
     n, count = first.shape[1], len(pairs)
@@ -271,8 +284,8 @@ def _closest(
             for j in range(n):
                 turn = last[m, j] - first[m, j]
                 q[j], turns[j] = first[m, j] + middle * turn, half * abs(turn) + slack[m, j]
-            _place(base, link, d, frame, ends, q, axes, placed)
-            _displaced(frame, axes, placed, turns, moved)
+            _place(base, link, d, theta, slides, frame, ends, q, axes, placed)
+            _displaced(slides, frame, axes, placed, turns, moved)
             number[level + 1] = 0
             for i in range(number[level]):
                 p = undecided[level, i]

@@ -18,12 +18,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from bayescal.arm.chain import Robot
 from bayescal.arm.inverse import descend, poses_apart, to_frames
 from bayescal.arm.motion import NominalArm
 from bayescal.arm.transforms import length, rpy_of
 from bayescal.dataset.table import RPY, XYZ, csv_text, joint_columns
 from bayescal.planning.result import Plan
-from bayescal.programs.text import degrees_of, digits, lengths_of
+from bayescal.programs.text import ANGLE, Number, digits, lengths_of
 from bayescal.programs.tools import nominal_arm
 
 PASS, STOP, APPROACH, CONTACT, RETRACT, MEASURE = "pass", "stop", "approach", "contact", "retract", "measure"
@@ -203,24 +204,28 @@ def _motion_cells(plan: Plan, motion: Motion) -> list[str]:
     return [m.ids[row], motion.kind, session.targets[m.target[row]].name, session.tools[m.tool[row]].name]
 
 
+def _joints(robot: Robot, readings: np.ndarray) -> list[str]:
+    return [digits(Number(x, ANGLE)) for x in robot.shown(readings).tolist()]
+
+
 def _reading_cells(plan: Plan, motion: Motion) -> list[str]:
-    """Readings in deg, as the controller shows them, and the payload beyond the tool, kg."""
-    payload = plan.session.measurements.payload
+    """Readings in deg or mm, as the controller shows them, and the payload beyond the tool, kg."""
+    session, payload = plan.session, plan.session.measurements.payload
     mass = 0.0 if payload is None else float(payload[motion.row])
-    return [*map(digits, degrees_of(motion.readings)), f"{mass:g}"]
+    return [*_joints(session.robot, motion.readings), f"{mass:g}"]
 
 
 def readings_table(plan: Plan) -> str:
     """Readings as the controller shows them, deg."""
-    columns = [*MOTION, *joint_columns("deg", plan.session.robot.n), "payload_kg"]
+    columns = [*MOTION, *joint_columns("deg", plan.session.robot.units), "payload_kg"]
     return csv_text(columns, ([*_motion_cells(plan, m), *_reading_cells(plan, m)] for m in motions(plan)))
 
 
 def robodk_table(plan: Plan) -> str:
-    """Joints in the first columns, as RoboDK reads them, and the name of the motion."""
+    """Joints in the first columns, as RoboDK reads them (deg, mm), and the name of the motion."""
     columns = [*(f"J{k}" for k in range(1, plan.session.robot.n + 1)), "Name"]
     return csv_text(columns, (
-        [*map(digits, degrees_of(motion.readings)), " ".join(_motion_cells(plan, motion)[:2])]
+        [*_joints(plan.session.robot, motion.readings), " ".join(_motion_cells(plan, motion)[:2])]
         for motion in motions(plan)
     ))  # fmt: skip
 
@@ -237,4 +242,5 @@ def poses_table(plan: Plan) -> str:
             lengths = map(digits, lengths_of(pose))
             yield [*_motion_cells(plan, motion), *lengths, *turn, *_reading_cells(plan, motion)]
 
-    return csv_text([*MOTION, *XYZ, *RPY, *joint_columns("deg", plan.session.robot.n), "payload_kg"], rows())
+    joints = joint_columns("deg", plan.session.robot.units)
+    return csv_text([*MOTION, *XYZ, *RPY, *joints, "payload_kg"], rows())

@@ -24,6 +24,7 @@ from bayescal.probing.contacts import SPEED
 from bayescal.programs import PROGRAMS
 from bayescal.programs.motions import AHEAD, guarded, poses_table, readings_table, robodk_table, steps
 from bayescal.programs.text import Dialect, Format, digits
+from bayescal.robots import only_revolute
 
 TEMPLATES = Environment(
     loader=FileSystemLoader(Path(__file__).parent / "templates"),
@@ -149,6 +150,7 @@ def written(writer: Writer, plan: Plan, probe: Probe) -> dict[str, str]:
     BayescalError
         For an arm that does not have six joints, or a probe that the controller does not have.
     """
+    only_revolute(plan.session.robot, f"programs of {writer.form.name}", "write motions as a table")
     n = plan.session.robot.n
     if n != JOINTS:
         what = f"programs of the format {writer.form.name} are for arms of {JOINTS} joints"

@@ -147,7 +147,9 @@ def budget(
     elif point is not None:
         from bayescal.fitted.point import point as pointed
 
-        readings = np.radians(np.asarray(point, float))
+        shown = np.asarray(point, float)
+        n = arm.dataset.robot.n
+        readings = arm.dataset.robot.read(shown) if len(shown) == n else np.radians(shown)
         measurand = pointed(arm, basis, readings, tool=tool, payload_kg=payload_kg)
     else:
         measurand = work.headline(basis)

@@ -177,9 +177,9 @@ def observability(plan: Plan) -> Sheet:
 
 
 def contacts(plan: Plan) -> Sheet:
-    """All contacts in the order of probing; joints in degrees."""
+    """All contacts in the order of probing; joints in degrees, prismatic ones in mm."""
     session, m = plan.session, plan.session.measurements
-    angles, mass, clear = np.degrees(m.readings), payloads(session), clearances(plan)
+    angles, mass, clear = session.robot.shown(m.readings), payloads(session), clearances(plan)
     tool = Column("tool", lambda k: session.tools[m.tool[k]].name, words=True)
     columns = (
         Column("id", m.ids.__getitem__),
@@ -187,8 +187,8 @@ def contacts(plan: Plan) -> Sheet:
         Column("target", lambda k: session.targets[m.target[k]].name, words=True),
         *([tool] if len(session.tools) > 1 else []),
         *(
-            Column(f"J{j + 1} (deg)", of_key(lambda k, j: angles[k, j], j), "{:.3f}".format)
-            for j in range(session.robot.n)
+            Column(f"J{j + 1} ({unit})", of_key(lambda k, j: angles[k, j], j), "{:.3f}".format)
+            for j, unit in enumerate(session.robot.units)
         ),
         Column("payload (kg)", lambda k: mass[k], "{:g}".format),
         Column("repeat", lambda k: "" if m.repeat is None else m.repeat[k]),

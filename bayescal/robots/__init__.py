@@ -14,7 +14,16 @@ table
 
 from __future__ import annotations
 
-from bayescal.robots.load import Loaded, builtin_robots, full_name, is_xacro, load_robot, names, table
+from bayescal.robots.load import (
+    Loaded,
+    builtin_robots,
+    full_name,
+    is_xacro,
+    load_robot,
+    names,
+    only_revolute,
+    table,
+)
 from bayescal.robots.schema import robot_to_yaml
 
 __all__ = [
@@ -24,6 +33,7 @@ __all__ = [
     "is_xacro",
     "load_robot",
     "names",
+    "only_revolute",
     "robot_to_yaml",
     "table",
 ]

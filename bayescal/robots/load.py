@@ -106,6 +106,18 @@ def load_robot(
     return robot_from(document), document.content
 
 
+def only_revolute(robot: Robot, what: str, remedy: str = "") -> None:
+    """Refuse a robot with prismatic joints, for what does not know them.
+
+    Raises
+    ------
+    BayescalError
+    """
+    if robot.slides.any():
+        name = robot.joint_names[int(np.argmax(robot.slides))]
+        raise BayescalError(f"{name} is prismatic: {what} know revolute joints only", robot.name, remedy)
+
+
 STARTS = 256
 """Random configurations, of which the best are improved."""
 IMPROVED = 2
@@ -154,7 +166,7 @@ def reach(robot: Robot) -> float:
     from scipy.optimize import minimize
 
     chain, sign = chain_of(robot), np.sign(np.diag(robot.link_from_reading))
-    low, high = np.clip(robot.limits, -np.pi, np.pi).T
+    low, high = robot.limits_within(np.pi).T
     foot = np.linalg.inv(robot.base)
 
     def distance(q: np.ndarray) -> np.ndarray:

@@ -36,10 +36,19 @@ from bayescal.storage.files import (
 from bayescal.storage.writing import Block, block_lines, flow, flow_list, number, scalar
 
 SCHEMA = "bayescal-robot/1"
-JOINT_KEYS = ("alpha_deg", "a_mm", "d_mm", "offset_deg", "limits_deg", "beta_deg")
+JOINT_KEYS = ("alpha_deg", "a_mm", "d_mm", "offset_deg", "beta_deg")
 """Keys of a joint that fill the field of a `Robot` of their name."""
-FROM_SI = {"mm": 1e3, "deg": np.rad2deg(1.0), "degps": np.rad2deg(1.0)}
+FROM_SI = {"mm": 1e3, "mmps": 1e3, "deg": np.rad2deg(1.0), "degps": np.rad2deg(1.0), "um_per_n": 1e6}
 """Factors from SI to the units of the file."""
+BY_TYPE = (
+    ("limits", "limits_deg", "limits_mm"),
+    ("velocities", "max_velocity_degps", "max_velocity_mmps"),
+    ("torques", "max_torque_nm", "max_force_n"),
+)
+"""Fields of a `Robot`, and their keys for revolute and for prismatic joints."""
+OF_TURNING = ("coulomb_nm", "viscous_nms_per_rad", "armature_kgm2")
+"""Keys of joint logs, which revolute joints have."""
+SLIDING = (("type", "prismatic"),)
 REACH_MM = (20.0, 50_000.0)
 """An arm whose lengths add up to less or more was not written in mm."""
 
@@ -49,6 +58,8 @@ class Joint(Keys):
 
     name: Name
     """Name of the joint, in reports."""
+    type: Literal["revolute", "prismatic"] = "revolute"
+    """A prismatic joint slides along its axis: its reading, mm, adds to `d_mm`."""
     alpha_deg: Number
     """Twist; with mdh it stands before the joint, with dh behind it."""
     a_mm: Number
@@ -56,15 +67,23 @@ class Joint(Keys):
     d_mm: Number
     """Offset along the axis of the joint."""
     offset_deg: Number
-    """Joint angle at the reading zero."""
-    limits_deg: tuple[Number, Number]
-    """[lower, upper] reading of the joint."""
+    """Joint angle at the reading zero; the constant angle of a prismatic joint."""
+    limits_deg: tuple[Number, Number] | None = None
+    """[lower, upper] reading of the joint; required unless it is prismatic."""
+    limits_mm: tuple[Number, Number] | None = None
+    """[lower, upper] reading of a prismatic joint."""
     beta_deg: Number = 0.0
     """Hayati's angle of near-parallel axes."""
     max_velocity_degps: Positive | None = None
     """Largest speed of the joint, for exports."""
+    max_velocity_mmps: Positive | None = None
+    """Largest speed of a prismatic joint."""
     max_torque_nm: Positive | None = None
     """Largest torque of the joint, for exports."""
+    max_force_n: Positive | None = None
+    """Largest force of a prismatic joint."""
+    compliance_um_per_n: Positive | None = None
+    """Compliance of a prismatic joint along its axis."""
     coulomb_nm: NotNegative | None = None
     """Coulomb friction of the joint, for joint logs."""
     viscous_nms_per_rad: NotNegative | None = None
@@ -132,7 +151,7 @@ class RobotFile(Keys):
     joints: Annotated[list[Joint], Field(min_length=1)]
     """Rows from base to flange."""
     link_from_reading: list[list[Number]] | None = None
-    """Joint angle = this matrix x readings + offset: signs, coupled axes; default: identity."""
+    """Joint angle = this matrix x readings + offset, in deg or mm: signs, coupled axes; default: identity."""
     base: Place = Place()
     """Frame of the first row in F0."""
     flange: Place = Place()
@@ -140,9 +159,9 @@ class RobotFile(Keys):
     links: list[Link] | None = None
     """One entry per joint; required for compliance."""
     reductions: list[Positive] | None = None
-    """Motor revolutions per revolution of the joint, one per joint."""
+    """Motor revolutions per revolution of the joint (per metre of a prismatic one), one per joint."""
     joint_compliance_rad_per_nm: list[NotNegative] | None = None
-    """Compliance, one per joint; written for a calibrated arm."""
+    """Compliance, one per joint, 0 of prismatic ones; written for a calibrated arm."""
     coupling: Coupling = "display"
     """display: link_from_reading is done by the controller's display; mechanical: by gears."""
     priors: tuple[PriorEntry, ...] = ()
@@ -157,21 +176,30 @@ def robot_from(document: Document) -> Robot:
         raise BayescalError(what, document.where(path), remedy)
     links = file.links or []
     table = {key.rpartition("_")[0]: in_si(key, _column(file.joints, key)) for key in JOINT_KEYS}
+    prismatic = np.array([joint.type == "prismatic" for joint in file.joints])
+    table |= {field: _by_type(file.joints, *keys) for field, *keys in BY_TYPE}
+    coupling = np.eye(n) if file.link_from_reading is None else np.array(file.link_from_reading)
+    if prismatic.any():
+        unit = np.where(prismatic, si("_mm"), si("_deg"))
+        coupling = coupling * unit[:, None] / unit
+    compliance = in_si("joint_compliance_rad_per_nm", file.joint_compliance_rad_per_nm)
+    along = _stated(file.joints, "compliance_um_per_n")
+    if along is not None:
+        compliance = np.where(np.isnan(along), 0.0 if compliance is None else compliance, along)
     return Robot(
         name=file.name,
         convention=file.convention,
         joint_names=tuple(j.name for j in file.joints),
-        link_from_reading=np.eye(n) if file.link_from_reading is None else np.array(file.link_from_reading),
+        link_from_reading=coupling,
+        prismatic=prismatic if prismatic.any() else None,
         base=_frame(file.base),
         flange=_frame(file.flange),
         masses=in_si("mass_kg", _column(links, "mass_kg") or None),
         centres_of_mass=in_si("centre_of_mass_mm", _column(links, "centre_of_mass_mm") or None),
-        compliance=in_si("joint_compliance_rad_per_nm", file.joint_compliance_rad_per_nm),
+        compliance=compliance,
         reductions=in_si("reductions", file.reductions),
         coupling=file.coupling,
         radii=_stated(links, "radius_mm"),
-        velocities=_stated(file.joints, "max_velocity_degps"),
-        torques=_stated(file.joints, "max_torque_nm"),
         inertias=_inertias(links),
         coulomb=_stated(file.joints, "coulomb_nm"),
         viscous=_stated(file.joints, "viscous_nms_per_rad"),
@@ -198,6 +226,17 @@ def _frame(place: Place) -> np.ndarray:
 
 def _column(entries: Sequence[Keys], key: str) -> list[Any]:
     return [getattr(entry, key) for entry in entries]
+
+
+def _by_type(joints: Sequence[Joint], turns: str, slides: str) -> np.ndarray | None:
+    """Values (n,) or (n, 2), SI, of a key for revolute and one for prismatic joints; None without any."""
+    keys = [slides if joint.type == "prismatic" else turns for joint in joints]
+    values = [getattr(joint, key) for joint, key in zip(joints, keys, strict=True)]
+    if all(value is None for value in values):
+        return None
+    return np.array(
+        [np.nan if v is None else np.multiply(v, si(k)) for v, k in zip(values, keys, strict=True)]
+    )
 
 
 def _inertias(links: Sequence[Link]) -> np.ndarray | None:
@@ -228,9 +267,16 @@ def _faults(file: RobotFile, n: int) -> Iterator[tuple[tuple[str | int, ...], st
     if file.convention == "dh" and file.flange != Place():
         yield ("flange",), "standard rows end at the flange", "leave `flange` out, or use mdh rows"
     for i, joint in enumerate(file.joints):
-        if not joint.limits_deg[0] < joint.limits_deg[1]:
-            path = ("joints", i, "limits_deg")
-            yield path, f"limits of {joint.name} are not in order", "write [lower, upper]"
+        slides = joint.type == "prismatic"
+        key, limits = ("limits_mm", joint.limits_mm) if slides else ("limits_deg", joint.limits_deg)
+        if limits is None:
+            yield ("joints", i), f"missing `{key}` of {joint.name}", "add it: [lower, upper]"
+        elif not limits[0] < limits[1]:
+            yield ("joints", i, key), f"limits of {joint.name} are not in order", "write [lower, upper]"
+        foreign = [turns if slides else along for _, turns, along in BY_TYPE]
+        foreign += list(OF_TURNING) if slides else ["compliance_um_per_n"]
+        for wrong in (key for key in foreign if getattr(joint, key) is not None):
+            yield ("joints", i, wrong), f"`{wrong}` of {joint.name}, which is {joint.type}", "leave it out"
         if joint.name in [j.name for j in file.joints[:i]]:
             yield ("joints", i), f"two joints are called {joint.name}", "rename one"
     for i, row in enumerate(matrix):
@@ -245,7 +291,7 @@ def _faults(file: RobotFile, n: int) -> Iterator[tuple[tuple[str | int, ...], st
             yield ("priors", i), f"the prior of {entry.name} has no standard deviation in one unit", keys
         if entry.name in [e.name for e in file.priors[:i]]:
             yield ("priors", i), f"two priors of {entry.name}", "keep one"
-    reach = sum(math.hypot(j.a_mm, j.d_mm) for j in file.joints)
+    reach = sum(math.hypot(j.a_mm, j.d_mm) + np.ptp(j.limits_mm or (0.0, 0.0)) for j in file.joints)
     if not REACH_MM[0] <= reach <= REACH_MM[1]:
         yield ("joints",), f"the arm's lengths add up to {reach:g} mm", "`a_mm` and `d_mm` are in mm"
 
@@ -280,22 +326,35 @@ def robot_to_yaml(robot: Robot, comment: str = "") -> str:
     """
     table = {key: getattr(robot, key.rpartition("_")[0]) for key in JOINT_KEYS}
     table["beta_deg"] = np.where(robot.beta, robot.beta, np.nan)
-    table |= {"max_velocity_degps": robot.velocities, "max_torque_nm": robot.torques}
+    slides = robot.slides
+    for name, turns, along in BY_TYPE:
+        values = getattr(robot, name)
+        if values is not None:
+            of = slides.reshape(robot.n, *(1,) * (values.ndim - 1))
+            table |= {turns: np.where(of, np.nan, values), along: np.where(of, values, np.nan)}
+    compliance = robot.compliance
+    if compliance is not None and slides.any():
+        table["compliance_um_per_n"] = np.where(slides & (compliance > 0), compliance, np.nan)
+        compliance = np.where(slides, 0.0, compliance)
     table |= {"coulomb_nm": robot.coulomb, "viscous_nms_per_rad": robot.viscous}
     table["armature_kgm2"] = robot.armatures
     links = {"mass_kg": robot.masses, "centre_of_mass_mm": robot.centres_of_mass, "radius_mm": robot.radii}
     if robot.inertias is not None:
         links["inertia_kgm2"] = robot.inertias[:, [0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
+    unit, shown = robot.shown(np.ones(robot.n)), robot.link_from_reading
+    if slides.any():
+        shown = shown * unit[:, None] / unit
     coupled = not np.array_equal(robot.link_from_reading, np.eye(robot.n))
-    lists = {"reductions": robot.reductions, "joint_compliance_rad_per_nm": robot.compliance}
+    lists = {"reductions": robot.reductions, "joint_compliance_rad_per_nm": compliance}
     block: Block = {
         "schema": SCHEMA,
         "name": scalar(robot.name),
         "convention": robot.convention,
         "joints": [
-            flow([("name", scalar(name)), *_entries(table, i)]) for i, name in enumerate(robot.joint_names)
+            flow([("name", scalar(name)), *(SLIDING if slides[i] else ()), *_entries(table, i)])
+            for i, name in enumerate(robot.joint_names)
         ],
-        "link_from_reading": [_in_file("", row) for row in robot.link_from_reading] if coupled else None,
+        "link_from_reading": [_in_file("", row) for row in shown] if coupled else None,
         "base": _place(robot.base),
         "flange": _place(robot.flange),
         "links": None if robot.masses is None else [flow(_entries(links, i)) for i in range(robot.n)],

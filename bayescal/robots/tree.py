@@ -14,7 +14,8 @@ from bayescal.arm.transforms import rigid, rpy_matrix
 from bayescal.errors import BayescalError, listed
 
 TURNING = ("revolute", "continuous")
-KINDS = (*TURNING, "fixed", "prismatic", "floating", "planar")
+MOVING = (*TURNING, "prismatic")
+KINDS = (*MOVING, "fixed", "floating", "planar")
 """Types of joints that a URDF may have."""
 MOST = 4000
 """Links and joints of a URDF; a cell with several arms has some hundred."""
@@ -43,9 +44,10 @@ KEPT: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
 
 @dataclass(frozen=True)
 class Joint:
-    """A joint: its frame in the parent link's, its axis in its own, limits (rad) where it states any.
+    """A joint: its frame in the parent link's, its axis in its own, limits (rad, m) where it states any.
 
-    `velocity`, rad/s, and `torque`, N m, are its largest ones; nan where it states none, 0 or no end.
+    `velocity`, rad/s or m/s, and `torque`, N m or N, are its largest ones; nan where it states none, 0 or no
+    end. `mimic`: the joint that it follows, the multiple of its reading, and what is added to that.
     """
 
     name: str
@@ -55,7 +57,7 @@ class Joint:
     place: np.ndarray  # (4, 4), m
     axis: np.ndarray  # (3,), a unit vector
     limits: tuple[float, float] | None
-    mimic: bool
+    mimic: tuple[str, float, float] | None
     velocity: float = np.nan
     torque: float = np.nan
     damping: float = np.nan  # N m s/rad
@@ -228,7 +230,13 @@ def _joint(joint: Any, file: str) -> Joint:
     if joint.dynamics is not None:
         stated = [joint.dynamics.damping or 0.0, joint.dynamics.friction or 0.0]
         loss = _numbers(stated, f"the dynamics of `{joint.name}`", file, HEAVIEST).tolist()
-    return Joint(*names, place, axis / size, limits, joint.mimic is not None, velocity, torque, *loss)
+    mimic = None
+    if joint.mimic is not None:
+        ratio = 1.0 if joint.mimic.multiplier is None else joint.mimic.multiplier
+        follows = [ratio, joint.mimic.offset or 0.0]
+        multiple, offset = _numbers(follows, f"what `{joint.name}` follows", file).tolist()
+        mimic = (str(joint.mimic.joint), multiple, offset)
+    return Joint(*names, place, axis / size, limits, mimic, velocity, torque, *loss)
 
 
 def _check_names(names: list[str], what: str, file: str) -> None:

@@ -2,7 +2,7 @@
 
 With all joints at zero, F0 is what stands before the first joint, Fi between joints i and i + 1, Fn from the
 last joint to the tip, each a constant transform. A joint turns about a unit vector, of which R is a rotation
-that takes z there, by R Rz(q) R'. So the chain is
+that takes z there, by R Rz(q) R'; a prismatic one slides along it, by R Tz(q) R'. So the chain is
 
     F0 R1 Rz(q1) R1' F1 R2 Rz(q2) ... Rz(qn) Rn' Fn  =  K0 Rz(q1) K1 Rz(q2) ... Rz(qn) Kn,
 
@@ -14,9 +14,16 @@ flange is the identity. Signs stay those of the URDF: a row's z is the joint's a
 
 A point c of the URDF's link i, the child of joint i, is at (Rz(t) Tz(u))^-1 Ri' c of the row's link frame.
 Masses of all that hangs on a link by fixed joints, or by joints beside the chain (at zero), are its own.
+
+The stages of a telescopic column are prismatic joints of which all but one follow it (``mimic``: a multiple
+of its reading, plus an offset). They slide along one direction, with constant transforms between them: so
+they are one joint, which slides by the sum of the multiples per reading. Masses of inner stages count to the
+outer link.
 """
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 
@@ -24,7 +31,7 @@ from bayescal.arm.chain import Robot, split
 from bayescal.arm.transforms import rigid, rotation
 from bayescal.errors import BayescalError
 from bayescal.robots.markup import parse_markup
-from bayescal.robots.tree import TURNING, Joint, Tree, read_tree, tip_of
+from bayescal.robots.tree import MOVING, TURNING, Joint, Tree, read_tree, tip_of
 
 EXACT = 1e-13
 """m and rad: what is taken for rounding where a base or flange is looked at."""
@@ -33,7 +40,7 @@ REACH = (0.02, 50.0)
 """m: a chain whose lengths add up to less or more was not written in metres."""
 
 WIDEST = 30.0
-"""rad: no joint turns that far; limits beyond were written in degrees."""
+"""rad: no joint moves that far; limits beyond were written in degrees."""
 
 
 def robot_from_urdf(content: bytes, file: str, tip: str = "") -> Robot:
@@ -51,23 +58,31 @@ def robot_from_urdf(content: bytes, file: str, tip: str = "") -> Robot:
     Raises
     ------
     BayescalError
-        For what is not a URDF of this disk, a chain with joints that slide, float or follow others, several
-        longest chains, no limits, or lengths and angles that cannot be m and rad.
+        For what is not a URDF of this disk, a chain with joints that float or follow others (but stages of a
+        column), several longest chains, no limits, or lengths and angles that cannot be m and rad.
     """
     tree = read_tree(parse_markup(content, file), file)
     tip = tip_of(tree, tip)
+    tree, stages = _joined(tree, tree.above(tip))
     chain = tree.above(tip)
     for joint in chain:
-        if joint.mimic or joint.kind not in (*TURNING, "fixed"):
+        if joint.mimic or joint.kind not in (*MOVING, "fixed"):
             what = f"joint `{joint.name}` {'follows another joint' if joint.mimic else f'is {joint.kind}'}"
-            remedy = "only joints that turn are known: choose a tip before it, as in"
+            remedy = "only joints that turn or slide are known: choose a tip before it, as in"
             raise BayescalError(what, file, f"{remedy} `robot: {file}#{joint.parent}`")
-    moving = [joint for joint in chain if joint.kind in TURNING]
+    moving = [joint for joint in chain if joint.kind in MOVING]
     if not moving:
         raise BayescalError(
-            f"no joint turns between `{tree.root}` and `{tip}`", tree.file, "choose another tip"
+            f"no joint moves between `{tree.root}` and `{tip}`", tree.file, "choose another tip"
         )
     n = len(moving)
+    prismatic = np.array([joint.kind not in TURNING for joint in moving])
+    ratio = np.array([stages.get(joint.name, 1.0) for joint in moving])
+    limits = np.array([_limits(joint, tree.file) for joint in moving])
+    shown = [
+        joint if joint.kind in TURNING else replace(joint, friction=np.nan, damping=np.nan)
+        for joint in moving
+    ]
     between = _between(chain)
     alpha, a, beta, offset, d = np.zeros((5, n))
     behind = np.tile(np.eye(4), (n, 1, 1))  # from a joint's turn to its row's link frame
@@ -84,7 +99,7 @@ def robot_from_urdf(content: bytes, file: str, tip: str = "") -> Robot:
         flange = _screw(0.0, -slide) @ between[n]
     offset[n - 1], d[n - 1] = offset[n - 1] + turn, d[n - 1] + slide
     behind[n - 1] = _screw(turn, slide)
-    reach = np.abs(np.concatenate([a, d])).sum()
+    reach = np.abs(np.concatenate([a, d])).sum() + np.ptp(limits[prismatic], axis=1).sum()
     if not REACH[0] <= reach <= REACH[1]:
         raise BayescalError(f"the arm's lengths add up to {reach:g} m", file, "a URDF is in metres")
     masses, centres, inertias = _lumped(tree, moving, behind)
@@ -97,8 +112,9 @@ def robot_from_urdf(content: bytes, file: str, tip: str = "") -> Robot:
         d=d,
         offset=np.arctan2(np.sin(offset), np.cos(offset)),
         beta=beta,
-        limits=np.array([_limits(joint, tree.file) for joint in moving]),
-        link_from_reading=np.eye(n),
+        limits=np.abs(ratio)[:, None] * limits,
+        link_from_reading=np.diag(ratio),
+        prismatic=prismatic if prismatic.any() else None,
         base=base,
         masses=masses if np.any(masses) else None,
         centres_of_mass=centres if np.any(masses) else None,
@@ -106,9 +122,38 @@ def robot_from_urdf(content: bytes, file: str, tip: str = "") -> Robot:
         velocities=_most([joint.velocity for joint in moving]),
         torques=_most([joint.torque for joint in moving]),
         inertias=inertias if np.any(inertias) else None,
-        coulomb=_most([joint.friction for joint in moving]),
-        viscous=_most([joint.damping for joint in moving]),
+        coulomb=_most([joint.friction for joint in shown]),
+        viscous=_most([joint.damping for joint in shown]),
     )
+
+
+def _joined(tree: Tree, chain: list[Joint]) -> tuple[Tree, dict[str, float]]:
+    """A tree whose stages that follow another one are fixed, and how far those, by name, slide for all.
+
+    A joint that follows in any other way is left as it is.
+    """
+    at, joints, ratio = (
+        {joint.name: k for k, joint in enumerate(chain)},
+        dict(tree.joints),
+        dict[str, float](),
+    )
+    for k, joint in enumerate(chain):
+        if joint.mimic is None or joint.mimic[0] not in at:
+            continue
+        leader = chain[at[joint.mimic[0]]]
+        low, high = sorted((k, at[leader.name]))
+        between = chain[low + 1 : high]
+        group = all(j.kind == "fixed" or (j.mimic and j.mimic[0] == leader.name) for j in between)
+        turn = np.eye(3)
+        for step in chain[low + 1 : high + 1]:
+            turn = turn @ step.place[:3, :3]
+        along = float(chain[low].axis @ turn @ chain[high].axis)
+        if group and leader.kind == joint.kind == "prismatic" and 1.0 - abs(along) < EXACT:
+            _, multiple, offset = joint.mimic
+            ratio[leader.name] = ratio.get(leader.name, 1.0) + multiple * np.sign(along)
+            place = joint.place @ rigid(None, offset * joint.axis)
+            joints[joint.child] = replace(joint, kind="fixed", place=place, mimic=None)
+    return replace(tree, joints=joints), ratio
 
 
 def _most(values: list[float]) -> np.ndarray | None:
@@ -121,7 +166,7 @@ def _between(chain: list[Joint]) -> list[np.ndarray]:
     out = [np.eye(4)]
     for joint in chain:
         out[-1] = out[-1] @ joint.place
-        if joint.kind in TURNING:
+        if joint.kind in MOVING:
             onto = rigid(_onto(joint.axis))
             out[-1] = out[-1] @ onto
             out.append(onto.T)
@@ -183,8 +228,9 @@ def _limits(joint: Joint, file: str) -> tuple[float, float]:
         return -2.0 * np.pi, 2.0 * np.pi
     if joint.limits is None or not joint.limits[0] < joint.limits[1]:
         raise BayescalError(
-            f"joint `{joint.name}` has no limits in order", file, "state lower and upper, rad"
+            f"joint `{joint.name}` has no limits in order", file, "state lower and upper, rad or m"
         )
-    if max(map(abs, joint.limits)) > WIDEST:
-        raise BayescalError(f"the limits of joint `{joint.name}` are too wide", file, "write them in rad")
+    widest, unit = (WIDEST, "rad") if joint.kind in TURNING else (REACH[1], "m")
+    if max(map(abs, joint.limits)) > widest:
+        raise BayescalError(f"the limits of joint `{joint.name}` are too wide", file, f"write them in {unit}")
     return joint.limits

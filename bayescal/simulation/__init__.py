@@ -62,8 +62,9 @@ def simulate(options: Options, robot: Robot | None = None) -> Simulation:
     shift, gross = noise(options, len(planned.measurements.ids))
     exact = touch(world, planned, shift)
     read = exact.measurements.readings
-    read = read + options.joint_noise * stream(options.seed, "joints").normal(size=read.shape)
-    read = np.radians(np.round(np.degrees(read), READING))
+    noisy = np.where(robot.slides, 0.0, options.joint_noise)  # of revolute joints
+    read = read + noisy * stream(options.seed, "joints").normal(size=read.shape)
+    read = robot.read(np.round(robot.shown(read), READING))
     dataset = replace(exact, measurements=replace(exact.measurements, readings=read))
     return Simulation(
         dataset, document(options, dataset, world.model(exact), world.targets, gross), world, exact, shift

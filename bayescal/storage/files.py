@@ -24,13 +24,12 @@ from bayescal.storage.locks import OTHER_OUT, PART, beside, remove_leftovers, wr
 from bayescal.storage.reading import CONTROL, decoded, explained
 from bayescal.storage.stopping import completed
 
-UNITS = {"mm": 1e-3, "deg": math.pi / 180, "degps": math.pi / 180} | dict.fromkeys(
-    ("rad", "kg", "nm", "s", "c", "px", "degc", "mps2", "rad_per_nm", "kgm2", "nms_per_rad", "nm_per_rad"),
-    1.0,
-)
+UNITS = {"mm": 1e-3, "mmps": 1e-3, "deg": math.pi / 180, "degps": math.pi / 180, "um_per_n": 1e-6}
+UNITS |= dict.fromkeys(("rad", "kg", "nm", "n", "s", "c", "px", "degc", "mps2", "kgm2"), 1.0)
+UNITS |= dict.fromkeys(("rad_per_nm", "nms_per_rad", "nm_per_rad"), 1.0)
 """Unit suffixes of keys and columns, and the factors to SI (degrees Celsius are kept)."""
 
-FOREIGN = ("m", "cm", "um", "in", "inch", "radps", "mrad", "urad", "g", "k", "ms", "n", "ncm", "mnm")
+FOREIGN = ("m", "cm", "um", "in", "inch", "radps", "mrad", "urad", "g", "k", "ms", "ncm", "mnm")
 """Suffixes of units that no file uses; an error message then names the correct suffix."""
 
 ANGLES = ("deg", "rad", "mrad", "urad")
@@ -59,16 +58,19 @@ LONGEST_KEY, LONGEST_TEXT = 200, 20_000
 """Characters of a key, and of a value."""
 RANGES: dict[str, tuple[float, float]] = {
     "mm": (-1e7, 1e7),
+    "mmps": (-1e7, 1e7),
     "deg": (-1e6, 1e6),
     "degps": (-1e6, 1e6),
     "rad": (-1e4, 1e4),
     "kg": (-1e6, 1e6),
     "nm": (-1e7, 1e7),
+    "n": (-1e7, 1e7),
     "s": (-1e12, 1e12),
     "c": (-273.15, 1e4),
     "degc": (-273.15, 1e4),
     "mps2": (-1e6, 1e6),
     "rad_per_nm": (-1e3, 1e3),
+    "um_per_n": (-1e6, 1e6),
     "kgm2": (-1e6, 1e6),
     "nms_per_rad": (-1e6, 1e6),
     "nm_per_rad": (-1e9, 1e9),

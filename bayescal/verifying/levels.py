@@ -10,6 +10,7 @@ import numpy as np
 from bayescal.effects import MODELS
 from bayescal.effects.selection import plain
 from bayescal.exporting.mjcf.elastic import Content
+from bayescal.exporting.mjcf.format import holds
 from bayescal.exporting.mjcf.mechanism import Load, loads, names, poses
 from bayescal.exporting.mjcf.readings import Law, bare, error, law_of, posture
 from bayescal.fitted.arm import NOMINAL, FittedArm
@@ -157,7 +158,7 @@ def chosen(arm: FittedArm) -> np.ndarray:
 def levels(
     arm: FittedArm, file: File, state: int, notify: Callable[[float], None] = lambda share: None
 ) -> tuple[Level, ...]:
-    """Compare every model level of an arm with a simulator.
+    """Compare every model level of an arm, as far as MJCF holds it, with a simulator.
 
     The last level is the written file; the others are files written in the same way.
 
@@ -177,6 +178,12 @@ def levels(
         arm_of_level = arm if name == arm.levels[-1] else arm.level(name)
         used = file if arm_of_level is arm else File.new(arm_of_level, state, file.script)
         reached, points = Machine.of(arm_of_level, state, used).replayed(rows)
-        off = np.linalg.norm(points - modelled(arm_of_level, rows, reached, state), axis=1)
+        off = np.linalg.norm(points - modelled(_held(arm_of_level), rows, reached, state), axis=1)
         out.append(Level(name, off, limit(arm.effects[:k] if name != NOMINAL else ())))
     return tuple(out)
+
+
+def _held(arm: FittedArm) -> FittedArm:
+    """The arm without the parameters that no MJCF file holds."""
+    held = [holds(arm, k) for k in range(len(arm.values))]
+    return arm if all(held) else replace(arm, values=np.where(held, arm.values, 0.0))

@@ -82,8 +82,8 @@ def _with_lines(before: Written, content: bytes, folder: Path) -> Dataset | None
     if not new.strip():
         return None
     text = text_of(lines[0] + new, TABLE)
-    table = cells_of(text, TABLE, content, lambda h, w: check_columns(h, w, d.robot.n), max(done - 1, 0))
-    rows = measurements_of(table, d.robot.n, d.tools, d.targets, d.noise)
+    table = cells_of(text, TABLE, content, lambda h, w: check_columns(h, w, d.robot.units), max(done - 1, 0))
+    rows = measurements_of(table, d.robot.units, d.tools, d.targets, d.noise)
     if not len(d.measurements.ids):
         return replace(d, measurements=rows)
     if twice := sorted({*rows.ids} & {*d.measurements.ids}):

@@ -96,7 +96,7 @@ def test_commands(line, places):
 @pytest.mark.parametrize("call", FUNCTIONS.values(), ids=FUNCTIONS)
 def test_functions(call, places):
     for allow in ({}, {"allow_xacro": True}):
-        with pytest.raises(bc.BayescalError, match="no joint turns" if allow else "is a program"):
+        with pytest.raises(bc.BayescalError, match="no joint moves" if allow else "is a program"):
             call(places, **allow)
         assert places.witness.exists() == bool(allow)
 

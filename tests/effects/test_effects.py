@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from camera_sessions import camera_session
 from cases import cases
+from rails import moving_session
 from sessions import circumstances, with_columns
 
 from bayescal.arm import statics
@@ -21,11 +22,14 @@ from bayescal.model import ARM, build
 from bayescal.model.scene import Scene
 
 CAMERAS = {"focal-length", "image-centre", "lens-distortion", "board-scale", "board-bow"}
+SLIDES = {"straightness", "angular-motion", "positioning", "axis-bending"}
+TOUCHING = {"artefact", "ball-radius", "latency", "lobing", "plane-form"}
 LACKING = {
-    "planes": CAMERAS,
-    "points": {"artefact", "ball-radius", "gear-mesh", "latency", "lobing", "plane-form"} | CAMERAS,
-    "two tools": CAMERAS,
-    "camera": {"artefact", "ball-radius", "gear-mesh", "lobing", "plane-form"},
+    "planes": CAMERAS | SLIDES,
+    "points": {"gear-mesh"} | TOUCHING | CAMERAS | SLIDES,
+    "two tools": CAMERAS | SLIDES,
+    "camera": {"artefact", "ball-radius", "gear-mesh", "lobing", "plane-form"} | SLIDES,
+    "rail": TOUCHING | CAMERAS,
 }
 """Effects that a session has no data for."""
 
@@ -56,6 +60,7 @@ def sessions(cube, tracker):
         "points": tracker(seed=1).dataset,
         "two tools": two_tools(cube(seed=1)),
         "camera": camera_session(images=12),
+        "rail": moving_session(),
     }
 
 
@@ -69,7 +74,7 @@ def model(request, sessions):
     return build(Scene(sessions[session]), ALL_MODELS[session][name])
 
 
-@pytest.mark.parametrize("session", ["points", "camera"])
+@pytest.mark.parametrize("session", ["points", "camera", "rail"])
 def test_what_a_session_lacks(sessions, session):
     c = circumstances(sessions[session])
     assert {e for e in EFFECTS if EFFECTS[e].missing(c)} == LACKING[session]

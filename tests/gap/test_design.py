@@ -390,7 +390,9 @@ def dataset(cube):
 def test_a_repeat_is_the_contact_of_the_session(dataset):
     m = dataset.measurements
     gap, rows = advised(dataset, AGAIN, m.velocity[[2, 7, 11, 30]])
-    table = list(csv.DictReader(io.StringIO(table_of_contacts(contact_records(gap.advice[0], 1)))))
+    table = list(
+        csv.DictReader(io.StringIO(table_of_contacts(contact_records(gap.advice[0], 1, gap.dataset.robot))))
+    )
     assert [t["id"] for t in table] == ["next-1-001", "next-1-002", "next-1-003"]
     assert [t["repeat_of"] for t in table] == [m.ids[r] for r in rows]
     assert [t["target"] for t in table] == [dataset.targets[m.target[r]].name for r in rows]
@@ -404,7 +406,7 @@ def test_a_repeat_is_the_contact_of_the_session(dataset):
 
 def test_a_changed_condition_is_no_repeat(dataset):
     gap, _ = advised(dataset, "more payload", -dataset.measurements.velocity[[2, 7, 11, 30]], np.full(4, 2.0))
-    contacts = contact_records(gap.advice[0], 1)
+    contacts = contact_records(gap.advice[0], 1, gap.dataset.robot)
     table = list(csv.DictReader(io.StringIO(table_of_contacts(contacts))))
     assert {t["repeat_of"] for t in table} == {""}
     assert {t["payload_kg"] for t in table} == {"2"}

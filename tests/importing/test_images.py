@@ -51,7 +51,7 @@ def rendered(place, board, mounts, margin=0.0):
         folder.mkdir()
         readings = m.readings[:: len(m.ids) // 14]
         tool = frames(chain_of(session.robot), link_angles(session.robot, readings))[:, -1] @ ON_FLANGE
-        lines = [",".join(["image", *joint_columns("deg", session.robot.n)])]
+        lines = [",".join(["image", *joint_columns("deg", session.robot.units)])]
         for k, (q, t) in enumerate(zip(readings, tool, strict=True)):
             seen = np.linalg.inv(t) @ FIXED[mount] if mount == "flange" else np.linalg.inv(FIXED[mount]) @ t
             warp = matrix @ seen[:3, [0, 1, 3]] @ to_board

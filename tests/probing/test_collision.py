@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from cases import EXAMPLE, file_text
+from rails import rail_session
 
 from bayescal.arm.motion import NominalArm
 from bayescal.arm.shapes import FIXED, Box, Capsule, HalfSpace, ball
@@ -395,3 +396,19 @@ def test_what_is_behind_a_link_or_a_solid_is_hidden():
     assert check.hidden(readings, eye[None], np.array([[beside, behind]]))[0]
     wall = Solid("wall", (Box(rigid(None, 0.5 * (eye + beside)), np.full(3, 0.05)),))
     assert check.among([wall]).hidden(readings, eye[None], np.array([[beside]]))[0]
+
+
+def test_an_arm_that_moves_on_a_rail():
+    """The least distance on a motion of the carriage is that of many configurations, and never above it."""
+    robot = rail_session().robot
+    post = Solid("post", (Box(rigid(None, np.array([0.35, 1.07, 0.4])), np.array([0.05, 0.05, 0.4])),))
+    clearance = Clearance.of(robot, TOOL, (post,))
+    begin = robot.read(np.array([[0.0, 0, 30, -20, 0, 60, 0], [200, 60, 0, 10, 20, -30, 40]]))
+    end = robot.read(np.array([[3000.0, 0, 30, -20, 0, 60, 0], [650, -60, 40, -20, 0, 60, 0]]))
+    found = clearance.closest(begin, end, 1e-4)
+    many = begin[:, None] + np.linspace(0, 1, 3001)[:, None] * (end - begin)[:, None]
+    least = [clearance.distances(each).min() for each in many]
+    assert least[0] < 0 < least[1]
+    np.testing.assert_allclose(found, least, rtol=0.1)  # a tenth of the distance, from below
+    assert np.all(found <= np.array(least) + 1e-9)
+    assert list(clearance.hits(begin, end, 0.0) > 0) == [True, False]

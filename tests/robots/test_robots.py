@@ -68,6 +68,7 @@ def robots(draw) -> Robot:
         flange=flange if convention == "mdh" else np.eye(4),
         coupling=draw(st.sampled_from(["display", "mechanical"])),
         radii=draw(st.none() | arrays(n, 1e-3, 1)) if masses is not None else None,
+        prismatic=draw(st.none() | st.lists(st.booleans(), min_size=n, max_size=n).filter(any).map(np.array)),
     )
 
 

@@ -28,14 +28,16 @@ def moments(found, readings) -> np.ndarray:
     none = np.zeros(len(readings))
     q = link_angles(found, readings)
     loads = gravity_loads(found, chain_of(found), q, GRAVITY, none, np.zeros((len(readings), 3)))
-    return loads.moments[:, 1:, 2]
+    return loads.torques(found.slides)
 
 
 @pytest.mark.parametrize("style", ["skew", "square", "parallel"])
-@pytest.mark.parametrize("n", [1, 2, 6, 7])
+@pytest.mark.parametrize(
+    ("n", "slides"), [(1, ()), (2, ()), (6, ()), (7, ()), (1, (1,)), (7, (1,)), (4, (3,)), (5, (1, 2, 5))]
+)
 @pytest.mark.parametrize("seed", [1, 2])
-def test_moves_and_hangs_as_pinocchio_says(tmp_path, seed, n, style):
-    text = arm(seed, n, style)
+def test_moves_and_hangs_as_pinocchio_says(tmp_path, seed, n, slides, style):
+    text = arm(seed, n, style, slides)
     found = read(tmp_path, text, "arm.urdf#tip")
     model = pin.buildModelFromXML(text)
     model.gravity.linear = GRAVITY
@@ -49,6 +51,7 @@ def test_moves_and_hangs_as_pinocchio_says(tmp_path, seed, n, style):
     assert found.masses.sum() == pytest.approx(sum(i.mass for i in model.inertias[1:]))
     np.testing.assert_array_equal(found.limits, np.tile([-2.0, 3.0], (n, 1)))
     assert found.joint_names == tuple(f"j{i + 1}" for i in range(n))
+    np.testing.assert_array_equal(np.flatnonzero(found.slides) + 1, slides)
     again = read(tmp_path, robot_to_yaml(found), "again.yaml")
     np.testing.assert_allclose(ours(again, readings), poses, atol=1e-11)
 
@@ -107,7 +110,7 @@ SPOILT = [
         ),
         "is on the network",
     ),
-    (PLAIN.replace('"continuous"', '"prismatic"'), r"joint `lift` is prismatic; .* `robot: arm.urdf#arm`"),
+    (PLAIN.replace('"continuous"', '"planar"'), r"joint `lift` is planar; .* `robot: arm.urdf#arm`"),
     (PLAIN.replace('"continuous"', '"floating"'), "joint `lift` is floating"),
     (
         PLAIN.replace("</joint></robot>", '<mimic joint="turn"/></joint></robot>').replace(
@@ -140,7 +143,7 @@ SPOILT = [
         PLAIN.replace("</robot>", SECOND + "</robot>"),
         r"they end at left, right, tool0; write `robot: arm.urdf#left`",
     ),
-    (robot(link("base")), "no joint turns between `base` and `base`"),
+    (robot(link("base")), "no joint moves between `base` and `base`"),
 ]
 
 

@@ -29,9 +29,9 @@ from bayescal.fitted.arm import FittedArm
 
 STATE = ("constant", "time", "temperature", "event")
 """Drivers that are constant while an arm moves: a file has their values in one row, its state."""
-UNHELD = ("late", "level", "uneven")
+UNHELD = ("late", "level", "uneven", "smooth")
 """Forms of a dependence that no element of MuJoCo has: a memory of earlier rows, a curve of an angle,
-a spring that differs between the signs of the torque."""
+a spring that differs between the signs of the torque, an error of a carriage by its position."""
 
 
 @dataclass(frozen=True)
@@ -186,7 +186,8 @@ def joint_springs(content: Content) -> Mapping[int, Spring]:
     if scene.moments is None:
         return {}
     nominal = np.zeros(robot.n) if robot.compliance is None else robot.compliance
-    largest = BEYOND * np.max(np.abs(scene.moments[:, 1:, 2]), axis=0)
+    assert scene.loads is not None
+    largest = BEYOND * np.max(np.abs(scene.loads.torques(robot.slides)), axis=0)
     share = np.linspace(0.0, 1.0, STEPS + 1)[1:] ** 2  # denser at small torques
     bent = [nominal[j] * largest[j] * share for j in range(robot.n)]
     for p, value in content.driven("torque"):
@@ -233,7 +234,8 @@ def appended(c: Circumstances, torques: np.ndarray) -> Circumstances:
     moments, weights = (
         np.pad(column, [more, (0, 0), (0, 0)]) for column in (c.loads.moments, c.loads.weights)
     )
-    moments[-len(torques) :, 1:, 2] = torques
+    for column in (moments, weights):  # torques about a joint, or forces along it
+        column[-len(torques) :, 1:, 2] = torques
     return replace(c, loads=Loads(moments, weights))
 
 
@@ -288,7 +290,7 @@ class Hinge:
     """A hinge: unit axis and a point of it (3,), m, in the frame of what it carries, at zero.
 
     Without a spring it is a joint that the readings command, with limits, rad. A spring has its zero at
-    `reference`, rad.
+    `reference`, rad. One that `slides` moves along its axis: m and N in place of rad and N m.
     """
 
     name: str
@@ -297,6 +299,7 @@ class Hinge:
     spring: Spring | None = None
     reference: float = 0.0
     limits: tuple[float, float] | None = None
+    slides: bool = False
 
     @property
     def damping(self) -> float:

@@ -111,6 +111,7 @@ PLACES = {
     "mass": ("bodies tool and payload", "mass, pos"),
     "direction": ("tendon {name}_gear", "springlength"),
     "angle": ("tendon {name}_gear", "coef"),
+    "position": ("tendon {name}_gear", "coef"),
 }
 """Element and attribute of a parameter, by the kind of its driver."""
 WEIGHED = ("torque", "bending moment", "base moment", "mass")
@@ -154,6 +155,8 @@ def holds(arm: FittedArm, k: int) -> bool:
     if p.driver.kind in STATE:
         return all(term.frame >= 0 for term in p.terms)
     weighed = p.driver.kind not in WEIGHED or arm.model.scene.moments is not None
+    if p.driver.kind == "position" and p.driver.order:
+        return False
     return p.driver.kind in PLACES and p.driver.form not in UNHELD and weighed and not springless(arm)[k]
 
 
@@ -183,5 +186,6 @@ MJCF = Format(
     "MuJoCo has no such element",
     readings=("plain", "script"),
     into=True,
+    prismatic=True,
 )
 """The whole arm, for MuJoCo 4."""

@@ -126,11 +126,12 @@ def mechanism(content: Content, law: Law) -> Mechanism:
     bodies = [Body("base", foot, tuple(h.seen(rigid(foot[:3, :3].T)) for h in stand))]
     for j, (name, frame) in enumerate(zip(robot.joint_names, places, strict=True)):
         low, high = sorted((np.sign(robot.link_from_reading[j, j]) * robot.limits[j]).tolist())
-        hinges = [Hinge(name, Z, 0.0 * Z, limits=(low, high))]
+        slides = bool(robot.slides[j])
+        hinges = [Hinge(name, Z, 0.0 * Z, limits=(low, high), slides=slides)]
         if wrong[j]:
-            hinges.append(Hinge(error(name), Z, 0.0 * Z))
+            hinges.append(Hinge(error(name), Z, 0.0 * Z, slides=slides))
         if j in springs:
-            hinges.append(Hinge(f"{name}_flex", Z, 0.0 * Z, springs[j]))
+            hinges.append(Hinge(f"{name}_flex", Z, 0.0 * Z, springs[j], slides=slides))
         hinges += _yielding(name, tilts.get(j), bends.get(j, ()), transform_of(delta[j + 1], (1,)))
         mass = 0.0 if robot.masses is None else float(robot.masses[j])
         bodies.append(Body(f"link{j + 1}", frame, tuple(hinges), mass, centre_in_frame(robot, delta, j)))
@@ -165,10 +166,12 @@ def poses(content: Content, law: Law) -> list[np.ndarray]:
     """Poses (4, 4) of base, links and flange, each in the frame of the one before, at readings of zero."""
     scene = content.arm.model.scene
     chain, delta = scene.chain, content.constants()
-    at_zero = scene.dataset.robot.offset + law.turned(np.zeros((1, chain.n)))[0]
+    at_zero = law.turned(np.zeros((1, chain.n)))[0]  # shifts of prismatic joints, whose angle is the offset
+    angle = scene.dataset.robot.offset + np.where(chain.slides, 0.0, at_zero)
+    shift = chain.d + np.where(chain.slides, at_zero, 0.0)
     out, before = [chain.base @ transform_of(delta[0])], chain.link[0]
     for j in range(1, chain.n + 1):
-        turn, along = at_zero[j - 1] + delta[j, 0], chain.d[j - 1] + delta[j, 1]
+        turn, along = angle[j - 1] + delta[j, 0], shift[j - 1] + delta[j, 1]
         out.append(before @ rigid(rotation(2, turn), along * Z))
         before = transform_of(delta[j], (1, 2)) @ chain.link[j]
     return [*out, before]
@@ -223,6 +226,6 @@ def merge_held(
     """
     hinges = [h for b in mechanism.bodies for h in b.hinges if h.spring is not None]
     springs = {h.name if names is None else names[h.name]: h.spring for h in hinges}
-    moments = content.arm.model.scene.moments
-    torques = np.zeros(1) if moments is None else np.abs(moments[:, 1:, 2])
+    loads, slides = content.arm.model.scene.loads, content.arm.dataset.robot.slides
+    torques = np.zeros(1) if loads is None else np.abs(loads.torques(slides))
     merge(root, PARTS.held(springs=springs, **parts(law, joints, torques)))

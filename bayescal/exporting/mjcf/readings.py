@@ -120,9 +120,9 @@ def _side(content: Content) -> str:
 
 
 def _linear(content: Content) -> np.ndarray:
-    """Additional rotation (n, n) of the links by a radian of each reading."""
+    """Additional motion (n, n) of the links by a unit of each reading, rad and m."""
     n = content.arm.model.scene.chain.n
-    values = {p.name: value for p, value in content.driven("angle") if not p.driver.order}
+    values = {p.name: value for p, value in content.driven("angle", "position") if not p.driver.order}
     unit = replace(content.circumstances, readings=np.eye(n), q=np.zeros((n, n)))
     out = np.zeros((n, n))
     for name in content.arm.effects if values else ():

@@ -151,7 +151,8 @@ def _file_arm(model: Any, ids: tuple[int, ...]) -> FileArm:
         for before, b in zip((0, *ids[:-1]), ids, strict=True)
     ]
     names = tuple(model.joint(j).name for j in addresses)
-    return FileArm(names, frames, model.jnt_axis[addresses].copy(), np.array(steps), np.eye(4))
+    none = np.zeros(len(names), bool)
+    return FileArm(names, frames, model.jnt_axis[addresses].copy(), np.array(steps), np.eye(4), none)
 
 
 def above(model: Any, body: int) -> list[int]:

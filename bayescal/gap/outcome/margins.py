@@ -188,10 +188,11 @@ def _cut(x: np.ndarray, bins: int) -> Iterator[tuple[float, float, np.ndarray]]:
 
 
 def _joints(scene: Scene, rows: np.ndarray) -> Iterator[tuple[str, Bin]]:
-    readings = np.degrees(scene.dataset.measurements.readings[rows])
-    for j, x in enumerate(readings.T, start=1):
+    robot = scene.dataset.robot
+    readings = robot.shown(scene.dataset.measurements.readings[rows])
+    for j, (x, unit) in enumerate(zip(readings.T, robot.units, strict=True), start=1):
         for low, high, mask in _cut(x, OUTCOME.joint_bins):
-            ends = f"{low:.0f} to {high:.0f} deg"
+            ends = f"{low:.0f} to {high:.0f} {unit}"
             yield str(j), (f"joint {j}: {ends}", f"J{j} from {ends}", mask)
 
 

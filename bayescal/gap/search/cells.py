@@ -14,7 +14,7 @@ import numpy as np
 from bayescal.arm import chain as reference
 from bayescal.arm.motion import Term
 from bayescal.effects import EFFECTS, Circumstances, Parameter, location
-from bayescal.effects.common import base_terms, motion, tilts
+from bayescal.effects.common import base_terms, by_reading, motion, tilts
 from bayescal.effects.location import BASE, PROBE, TOOL, Driver, joint, link
 from bayescal.effects.plane_form import shapes
 from bayescal.effects.step import reflectors
@@ -61,10 +61,11 @@ def _joints(c: Circumstances) -> Iterator[Cell]:
         site = joint(j)
         for k, forms in enumerate(courses, start=1):
             waves = [at_joint(c, j, own, side) for side in moves(c, j) for own, _ in forms]
-            yield Cell(site, Driver("angle", k), tuple(waves))
+            yield Cell(site, by_reading(c.robot, k), tuple(waves))
             bends = [at_joint(c, j, [d], side) for side in moves(c, j) for _, own in forms for d in own]
-            yield Cell(site, Driver("angle", k, form="beyond"), tuple(bends))
-        yield Cell(site, Driver("angle", j, form="one place"), tuple(_bumps(c, j)))
+            yield Cell(site, by_reading(c.robot, k, form="beyond"), tuple(bends))
+        if not c.robot.slides[j - 1]:
+            yield Cell(site, Driver("angle", j, form="one place"), tuple(_bumps(c, j)))
         if c.torques is not None:
             torque = c.torques[:, j - 1]
             load = smooth(torque, c.fitted)
@@ -127,7 +128,9 @@ def _bending(c: Circumstances) -> Iterator[Cell]:
     for j in range(1, c.robot.n + 1):
         waves = smooth(c.q[:, j - 1], c.fitted)
         turns = [Parameter("", "rad", (Term(j, a, w),), CELLS.angle) for a in ("rx", "ry") for w in waves]
-        yield Cell(link(j), Driver("angle", j), (tuple(turns),))
+        if c.robot.slides[j - 1]:
+            turns += [Parameter("", "m", (Term(j, a, w),), CELLS.length) for a in ("tx", "ty") for w in waves]
+        yield Cell(link(j), by_reading(c.robot, j), (tuple(turns),))
     for tilt in tilts(c):
         waves = smooth(tilt.moment, c.fitted, 3)
         if waves and np.ptp(tilt.moment[c.fitted]) > 1e-3:
@@ -195,7 +198,7 @@ def _around(c: Circumstances) -> Iterator[Cell]:
     """A base that moves with the direction in which the arm reaches."""
     waves = smooth(c.q[:, 0], c.fitted, 3)
     (base,) = movers(c)[BASE]
-    yield Cell(BASE, Driver("angle", 1), (tuple(q for w in waves for q in base(w)),))
+    yield Cell(BASE, by_reading(c.robot, 1), (tuple(q for w in waves for q in base(w)),))
 
 
 def _sway(c: Circumstances) -> Iterator[Cell]:

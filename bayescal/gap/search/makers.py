@@ -47,8 +47,9 @@ def smooth(x: np.ndarray, fitted: np.ndarray, waves: int = CELLS.waves) -> list[
 
 
 def at_joint(c: Circumstances, j: int, drivers: list[np.ndarray], side: str = LINK) -> tuple[Parameter, ...]:
-    """Rotations of the link of a joint, or of all links that its reading moves."""
-    return tuple(Parameter("", "rad", turned(c.robot, j, d, side), CELLS.angle) for d in drivers)
+    """Rotations of the link of a joint, or of all links that its reading moves; shifts of a prismatic one."""
+    unit, sd = ("m", CELLS.length) if c.robot.slides[j - 1] else ("rad", CELLS.angle)
+    return tuple(Parameter("", unit, turned(c.robot, j, d, side), sd) for d in drivers)
 
 
 def moves(c: Circumstances, j: int) -> tuple[str, ...]:
@@ -124,7 +125,8 @@ def torque_and_angle(c: Circumstances) -> Iterator[Cell]:
         if not np.ptp(torque[c.fitted]) > 1e-3:
             continue
         load = torque / rms(torque[c.fitted])
-        turns = [load * f(k * c.q[:, j - 1]) for k in CELLS.own_orders for f in (np.sin, np.cos)]
+        orders = () if c.robot.slides[j - 1] else CELLS.own_orders
+        turns = [load * f(k * c.q[:, j - 1]) for k in orders for f in (np.sin, np.cos)]
         own = [turns, [load * w for w in angles[j - 1]]]
         other = [[load * w for w in angles[k]] for k in range(c.robot.n) if k != j - 1]
         alone = smooth(c.readings[:, j - 1], c.fitted, CELLS.surface_waves)
@@ -146,7 +148,7 @@ def two_angles(c: Circumstances) -> Iterator[Cell]:
 
 def between_orders(c: Circumstances) -> Iterator[Cell]:
     """Waves of a joint's angle with more periods than its harmonics and fewer than its gear mesh."""
-    for j in range(1, c.robot.n + 1):
+    for j in (np.flatnonzero(~c.robot.slides) + 1).tolist():
         angle = c.q[:, j - 1]
         span = float(np.ptp(angle[c.fitted]))
         if span < CELLS.least_turn:

@@ -15,7 +15,7 @@ import numpy as np
 
 from bayescal.arm.motion import Term
 from bayescal.effects import Circumstances, Parameter
-from bayescal.effects.common import base_terms, motion, tilts
+from bayescal.effects.common import base_terms, by_reading, motion, tilts
 from bayescal.effects.location import BASE, PROBE, TOOL, Driver, Site, joint, link
 from bayescal.gap.search.makers import (
     Cell,
@@ -34,6 +34,7 @@ from bayescal.gap.settings import CELLS
 from bayescal.statistics import rms
 
 Functions = Sequence[np.ndarray]
+BY_READING = ("angle", "position")
 
 
 def products(c: Circumstances) -> Iterator[Cell]:
@@ -53,7 +54,7 @@ def products(c: Circumstances) -> Iterator[Cell]:
 
 def _alone(driver: Driver, own: Functions) -> Functions:
     """Functions of a quantity by itself; an angle has cells of its own."""
-    return [] if driver.kind == "angle" else own
+    return [] if driver.kind in BY_READING else own
 
 
 def _own(c: Circumstances, j: int) -> dict[Driver, list[Functions]]:
@@ -63,7 +64,7 @@ def _own(c: Circumstances, j: int) -> dict[Driver, list[Functions]]:
         angle, travel = motion(c.robot, j, c.readings, side), np.empty(len(order))
         if waves := smooth(angle, c.fitted, CELLS.pair_waves):
             travel[order] = fading(angle[order], np.radians(CELLS.forgotten[1:2]))[0]
-            out.setdefault(Driver("angle", j), []).append(waves)
+            out.setdefault(by_reading(c.robot, j), []).append(waves)
             out.setdefault(Driver("travel", j), []).append([travel])
         if c.velocity is not None:
             speed = motion(c.robot, j, c.velocity, side)
@@ -83,7 +84,7 @@ def by_any(c: Circumstances) -> Iterator[Cell]:
     for a in given:
         for j in range(1, c.robot.n + 1):
             both = [list(a.functions.T)]
-            if a.driver.kind == "angle":
+            if a.driver.kind in BY_READING:
                 both.append([*a.functions.T, *(u * v for u in a.functions.T for v in clock)])
             sets = [
                 tuple(Parameter("", "rad", (Term(j, axis, f),), CELLS.angle) for f in of)

@@ -10,6 +10,7 @@ import numpy as np
 from bayescal.arm import chain as reference
 from bayescal.effects import Circumstances
 from bayescal.effects.backlash import STANDSTILL
+from bayescal.effects.common import by_reading
 from bayescal.effects.location import Driver
 from bayescal.gap.search.makers import smooth
 from bayescal.gap.settings import RELATIVES
@@ -49,7 +50,7 @@ def _functions(c: Circumstances) -> Iterator[tuple[Driver, list[np.ndarray], lis
     fitted, waves = c.fitted, RELATIVES.waves
     for j in range(1, c.robot.n + 1):
         angle = c.readings[:, j - 1]
-        yield Driver("angle", j), smooth(angle, fitted, waves), _ends(angle, fitted)
+        yield by_reading(c.robot, j), smooth(angle, fitted, waves), _ends(angle, fitted)
         if c.torques is not None and np.ptp(c.torques[fitted, j - 1]) > 1e-3:
             load = c.torques[:, j - 1] / rms(c.torques[fitted, j - 1])
             yield Driver("torque", j), smooth(load, fitted, waves), [np.abs(load), *_ends(load, fitted)]

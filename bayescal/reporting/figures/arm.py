@@ -8,7 +8,7 @@ import numpy as np
 
 from bayescal.reporting.figures.residuals import Errors, of_fit, of_gap
 from bayescal.reporting.figures.sheet import Entry, Panel
-from bayescal.reporting.shared.body import View, fill, outlines, posed, typical
+from bayescal.reporting.shared.body import View, fill, joints_of, of_units, outlines, posed, typical
 from bayescal.reporting.shared.style import ACCENT, GREY, INK, MARKED, SERIES
 from bayescal.storage.reading import Json
 
@@ -61,9 +61,9 @@ def arm_panel(record: Json) -> Panel:
 
 
 def _draw(axes: Any, record: Json, e: Errors, edge: float, site: Site | None) -> None:
-    points, readings = (np.array(record["rows"][key], float) for key in ("point_mm", "angle_deg"))
+    points, readings = np.array(record["rows"]["point_mm"], float), joints_of(record)
     row = e.row[typical(readings[e.row])] if len(e.row) else 0
-    angles = np.radians(readings[row])
+    angles = of_units(record["arm"], readings[row])
     line_of, turned = posed(record["arm"], angles)
     strokes = np.stack([line_of[1:-1] - AXIS * turned, line_of[1:-1] + AXIS * turned], axis=1)
     drawn, flat = VIEW.seen(np.vstack([line_of, points[row]])), VIEW.seen(points[e.row])

@@ -11,7 +11,7 @@ from bayescal.model.scene import Scene
 from bayescal.planning.result import DISTANCES, GAP, REPEAT, VALIDATE, Plan
 from bayescal.reporting.plan_record import count
 from bayescal.reporting.plan_sheets import COVERAGE_FACTOR, PURPOSES, by_target, headline, noun, title
-from bayescal.reporting.shared.body import Outline, View, arm_drawing, fill, outlines, typical
+from bayescal.reporting.shared.body import Outline, View, arm_drawing, fill, of_units, outlines, typical
 from bayescal.reporting.shared.style import ACCENT, FAINT, GREY, INK, MARKED, TINTS, figure, tidy
 from bayescal.reporting.shared.text import MM, UM
 
@@ -113,11 +113,18 @@ def _points(plan: Plan) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[list[O
     middle = typical(readings)
     frames = nominal.frames(readings[middle : middle + 1])
     arm = np.vstack([frames[0, :, :3, 3], nominal.ball(frames)])
-    low, high = np.clip(robot.limits, -np.pi, np.pi).T
+    low, high = robot.limits_within(np.pi).T
     anywhere = nominal.readings_of(np.random.default_rng(0).uniform(low, high, (POSES, robot.n)))
     body, unit = arm_drawing(scene), np.eye(3)
     views = (View(unit[i], unit[j], np.cross(unit[i], unit[j])) for _, i, j in VIEWS)
-    bodies = [[o for o in outlines(body, scene.q[middle], view) if o.kind != "artefact"] for view in views]
+    bodies = [
+        [
+            o
+            for o in outlines(body, of_units(body, robot.shown(scene.q[middle])), view)
+            if o.kind != "artefact"
+        ]
+        for view in views
+    ]
     return MM * scene.points, MM * arm, MM * nominal.ball(nominal.frames(anywhere)), bodies
 
 

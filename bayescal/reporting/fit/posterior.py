@@ -49,8 +49,9 @@ def fit_draws(fit: Fit) -> Record:
     observed["residual_um"] = (("contact",), UM * judged.observed)
     rows = scene.rows("calibrate")
     prior = prior_draws(model.size, len(noise_groups(model)), PRIOR_CHAINS, PRIOR_DRAWS, fit.options.seed)
+    reading = "reading" if scene.dataset.robot.slides.any() else "reading_deg"  # mm of prismatic joints
     constant: Labelled = {
-        "reading_deg": (("row", "joint"), np.degrees(m.readings[rows])),
+        reading: (("row", "joint"), scene.dataset.robot.shown(m.readings[rows])),
         "target": (("row",), np.array([t.name for t in scene.dataset.targets])[m.target[rows]]),
         "rejected": (("row",), np.isin(rows, level.estimate.rejected).astype(np.int8)),
     }
@@ -78,7 +79,8 @@ def fit_draws(fit: Fit) -> Record:
         "creation_library": f"bayescal {__version__}",
     }
     units = dict(zip(names, model.in_file_units()[0], strict=True))
-    units |= {name: name.rsplit("_", 1)[1] for name in (*predictive, *observed, "reading_deg")}
+    units |= {name: name.rsplit("_", 1)[1] for name in (*predictive, *observed)}
+    units[reading] = scene.dataset.robot.unit_words
     return Record(groups, coords, units, attrs, _labels(model))
 
 

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from bayescal.arm.chain import Robot
 from bayescal.dataset.target_kinds import kinds_of
 from bayescal.effects import UNITS
 from bayescal.errors import attempted
@@ -102,7 +103,8 @@ def gap_record(gap: Gap) -> dict[str, Any]:
             for step in gap.levels
         ],
         "next": [
-            _advice(a) | {"contacts": contact_records(a, number)} for number, a in enumerate(gap.advice, 1)
+            _advice(a, gap.dataset.robot) | {"contacts": contact_records(a, number, gap.dataset.robot)}
+            for number, a in enumerate(gap.advice, 1)
         ],
         "undecided": undecided_records(gap),
         "plannable": all(kind.planned is not None for kind in kinds_of(gap.dataset)),
@@ -166,20 +168,26 @@ def _lengths(gap: Gap) -> dict[str, Any]:
     }
 
 
-def _advice(a: Advice) -> dict[str, Any]:
-    poses = {"poses": [np.degrees(pose) for pose in a.poses], "poses_unit": "deg"}
+def _advice(a: Advice, robot: Robot) -> dict[str, Any]:
+    poses = {"poses": [robot.shown(pose) for pose in a.poses], "poses_unit": robot.unit_words}
     return entry(a, "separates", "what") | poses | entry(a, "lambda_before", "lambda_after")
 
 
-def contact_records(advice: Advice, number: int) -> list[dict[str, Any]]:
-    """The contacts of an advice in gap.json: ``next-1-001`` is the first contact of the first advice."""
+def contact_records(advice: Advice, number: int, robot: Robot) -> list[dict[str, Any]]:
+    """The contacts of an advice in gap.json: ``next-1-001`` is the first contact of the first advice.
+
+    Of an arm with prismatic joints `units` are those of its joints.
+    """
+    slides = bool(robot.slides.any())
+    at, speed, more = ("j", "j_per_s", {"units": list(robot.units)}) if slides else ("j_deg", "j_degps", {})
     return [
         {
             "id": f"next-{number}-{k:03d}",
             "target": c.target,
             "tool": c.tool,
-            "j_deg": list(np.degrees(c.readings)),
-            "j_degps": None if c.velocity is None else list(np.degrees(c.velocity)),
+            at: list(robot.shown(c.readings)),
+            speed: None if c.velocity is None else list(robot.shown(c.velocity)),
+            **more,
             "payload_kg": c.payload,
             "repeat_of": c.repeat_of,
         }

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from bayescal.dataset.table import joint_columns
 from bayescal.effects.location import Site
 from bayescal.gap.result import MARGINS, VALIDATION_CONTACTS, VALIDATION_POINTS
 from bayescal.gap.settings import OUTCOME
@@ -282,20 +283,34 @@ def _stated(contacts: Sequence[Json], key: str) -> bool:
     return any(c[key] is not None for c in contacts)
 
 
+def _readings(contact: Json) -> list[float]:
+    """Readings of a contact, deg; mm of prismatic joints."""
+    return list(contact["j"] if "j" in contact else contact["j_deg"])
+
+
+def _speed(contact: Json) -> list[float]:
+    """Velocities of the joints, deg/s or mm/s; empty if none are stated."""
+    return list(contact.get("j_per_s", contact.get("j_degps")) or [])
+
+
+def _units(contact: Json) -> list[str]:
+    return list(contact.get("units", ["deg"] * len(_readings(contact))))
+
+
 def table_of_contacts(contacts: Sequence[Json]) -> str:
     """The content of next.csv: columns of measurements.csv without results, and what a row repeats.
 
     ``repeat_of`` is the contact of the session that a row repeats unchanged, or empty.
     """
-    joints = range(1, len(contacts[0]["j_deg"]) + 1)
-    moving, loaded = _stated(contacts, "j_degps"), _stated(contacts, "payload_kg")
-    head = ["id", "role", "target", "tool", *(f"j{k}_deg" for k in joints)]
-    head += [f"j{k}_degps" for k in joints] * moving + ["payload_kg"] * loaded + ["repeat_of"]
+    units = _units(contacts[0])
+    moving, loaded = any(_speed(c) for c in contacts), _stated(contacts, "payload_kg")
+    head = ["id", "role", "target", "tool", *joint_columns("deg", units)]
+    head += joint_columns("degps", units) * moving + ("payload_kg",) * loaded + ("repeat_of",)
     rows = []
     for c in contacts:
-        row = [c["id"], "calibrate", c["target"], c["tool"], *(f"{v:.{DECIMALS}f}" for v in c["j_deg"])]
+        row = [c["id"], "calibrate", c["target"], c["tool"], *(f"{v:.{DECIMALS}f}" for v in _readings(c))]
         if moving:
-            row += [f"{v:.{DECIMALS}f}" for v in c["j_degps"]] if c["j_degps"] else [""] * len(joints)
+            row += [f"{v:.{DECIMALS}f}" for v in _speed(c)] or [""] * len(units)
         if loaded:
             row.append("" if c["payload_kg"] is None else f"{c['payload_kg']:g}")
         rows.append([*row, c["repeat_of"]])
@@ -313,11 +328,11 @@ def first_contacts(contacts: Sequence[Json], noun: str = "contact") -> Sheet:
     shown = contacts[:FIRST]
     columns = [Column(f"next {noun}s", "id"), Column("target", "target")]
     columns += [
-        Column(f"J{k + 1} (deg)", of_key(lambda c, k: c["j_deg"][k], k), "{:.3f}".format)
-        for k in range(len(shown[0]["j_deg"]))
+        Column(f"J{k + 1} ({unit})", of_key(lambda c, k: _readings(c)[k], k), "{:.3f}".format)
+        for k, unit in enumerate(_units(shown[0]))
     ]
-    if _stated(shown, "j_degps"):
-        columns.append(Column("direction of motion", "j_degps", _signs))
+    if any(_speed(c) for c in shown):
+        columns.append(Column("direction of motion", _speed, _signs))
     if _stated(shown, "payload_kg"):
         columns.append(Column("payload (kg)", "payload_kg", "{:g}".format))
     return Sheet(tuple(columns), shown)

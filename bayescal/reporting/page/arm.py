@@ -12,7 +12,7 @@ from bayescal.effects.location import Site
 from bayescal.reporting.gap.sheets import marked as significant
 from bayescal.reporting.page import svg
 from bayescal.reporting.page.section import Run
-from bayescal.reporting.shared.body import Outline, View, outlines, posed, typical
+from bayescal.reporting.shared.body import Outline, View, joints_of, of_units, outlines, posed, typical
 
 ELEVATION = np.radians(18.0)
 VIEWS = np.radians(np.arange(0, 180, 15))
@@ -52,9 +52,10 @@ def draw_arm(run: Run, *, contacts: bool = False) -> Markup | None:
     if not run.drawable:
         return None
     arm, rows, sites = run.record["arm"], run.rows, marked_sites(run)
-    row = typical(np.array(rows["angle_deg"], float))
+    every = joints_of(run.record)
+    row = typical(every)
     points = np.array(rows["point_mm"], float)
-    angles = np.radians(rows["angle_deg"][row])
+    angles = of_units(arm, every[row])
     chain = np.vstack([posed(arm, angles)[0], points[row]])
     content = np.vstack([chain, points]) if contacts else chain
     view = _view(content)

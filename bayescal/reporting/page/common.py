@@ -22,7 +22,7 @@ from bayescal.reporting.page.section import (
     blocks,
     not_empty,
 )
-from bayescal.reporting.shared.body import typical
+from bayescal.reporting.shared.body import joints_of, typical
 from bayescal.reporting.shared.sheet import Bar, Column, Sheet, as_is
 from bayescal.reporting.shared.text import MISSING, length, share, two_digits
 from bayescal.storage.reading import Json
@@ -59,9 +59,9 @@ def interactive(run: Run) -> dict[str, Any] | None:
     angle = float(np.arctan2(away[1], away[0])) - np.radians(65.0)  # the arm from the side
     kinds = {s.kind for s in sites}
     return {
-        "rows": {key: rows[key] for key in DRAWN} | {"angle_deg": np.round(rows["angle_deg"], 2).tolist()},
+        "rows": {key: rows[key] for key in DRAWN} | {"joint": np.round(joints_of(run.record), 2).tolist()},
         "arm": run.record["arm"],
-        "typical": typical(np.array(rows["angle_deg"], float)),
+        "typical": typical(joints_of(run.record)),
         "eye": {"x": 1.15 * np.cos(angle), "y": 1.15 * np.sin(angle), "z": 0.5},
         "marks": {
             "joints": numbers(sites, "joint"),
@@ -108,11 +108,15 @@ def _drawings(run: Run) -> Figures:
     ends = (-edge if signed(run) else 0.0, edge)
     y_label = "residual (µm)" if signed(run) else "length of error (µm)"
     band = None if noise(run) is None else 2.0 * (noise(run) or 0.0)
-    angles = np.array(rows["angle_deg"], float)
+    angles = joints_of(run.record)
+    units = run.record["arm"].get("units", ["deg"] * angles.shape[1])
     coordinates = [("row", np.arange(len(r)) + 1.0)]
     if rows["time_s"] is not None:
         coordinates = [("time (min)", np.array(rows["time_s"], float) / 60.0)]
-    coordinates += [(f"J{k} (deg)", column) for k, column in enumerate(angles.T, start=1)]
+    coordinates += [
+        (f"J{k} ({unit})", column)
+        for k, (unit, column) in enumerate(zip(units, angles.T, strict=True), start=1)
+    ]
 
     def drawn(label: str, x: np.ndarray) -> tuple[str, Markup]:
         groups = [

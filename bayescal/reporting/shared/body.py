@@ -64,8 +64,9 @@ def arm_drawing(scene: Scene) -> dict[str, Any]:
 
     `links_mm` are the origins of the base, of the frame of each joint and of the flange, and `axes` the unit
     vectors of the joints. A pose follows by rotations about the axes, from the last joint to the first.
-    `capsules` are all points within `radius_mm` of a segment; each moves with the joints up to `joint` (0:
-    with none). `artefacts` are boxes (half sizes along the rows of `axes`) and spheres.
+    With prismatic joints `units` are those of the joints' coordinates, deg or mm: they shift along their
+    axes. `capsules` are all points within `radius_mm` of a segment; each moves with the joints up to `joint`
+    (0: with none). `artefacts` are boxes (half sizes along the rows of `axes`) and spheres.
     """
     dataset, chain = scene.dataset, scene.chain
     frames = reference.frames(chain, np.zeros((1, chain.n)))[0]
@@ -85,6 +86,7 @@ def arm_drawing(scene: Scene) -> dict[str, Any]:
         "joints": list(dataset.robot.joint_names),
         "links_mm": plain(np.round(MM * frames[:, :3, 3], 3)),
         "axes": plain(np.round(frames[1:-1, :3, 2], 6)),
+        **({"units": list(dataset.robot.units)} if dataset.robot.slides.any() else {}),
         "capsules": capsules,
         "artefacts": list(_artefacts(scene)),
     }
@@ -108,17 +110,34 @@ def _artefacts(scene: Scene) -> Iterator[dict[str, Any]]:
 def placed(arm: Json, angles: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
     """Rotation (3, 3) and shift (3,), mm, of what moves with the joints up to each, at link angles (n,), rad.
 
-    The first moves with none. A product of exponentials (Lynch and Park, Modern Robotics, 2017, 4.1).
+    Prismatic joints shift by mm. The first moves with none. A product of exponentials (Lynch and Park,
+    Modern Robotics, 2017, 4.1).
     """
     links, axes = np.array(arm["links_mm"], float), np.array(arm["axes"], float)
     turn, shift = np.eye(3), np.zeros(3)
     out = [(turn, shift)]
-    for origin, (x, y, z), angle in zip(links[1:-1], axes, angles, strict=True):
+    units = arm.get("units", ["deg"] * len(axes))
+    for origin, (x, y, z), angle, unit in zip(links[1:-1], axes, angles, units, strict=True):
+        if unit == "mm":
+            shift = shift + angle * turn @ [x, y, z]
+            out.append((turn, shift))
+            continue
         cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
         rotation = np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
         turn, shift = turn @ rotation, turn @ (origin - rotation @ origin) + shift
         out.append((turn, shift))
     return out
+
+
+def joints_of(record: Json) -> np.ndarray:
+    """Coordinates of the joints, (N, n), of the rows of a record: deg, or as ``arm.units`` states."""
+    rows = record["rows"]
+    return np.array(rows.get("angle_deg", rows.get("joint")), float)
+
+
+def of_units(arm: Json, shown: np.ndarray) -> np.ndarray:
+    """Coordinates of joints (n,) of the rows of a record as `placed` takes them: rad and mm."""
+    return np.where(np.array(arm.get("units", "deg")) == "mm", shown, np.radians(shown))
 
 
 def typical(angles: np.ndarray) -> int:

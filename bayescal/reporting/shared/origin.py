@@ -160,10 +160,11 @@ def rows_record(estimate: Estimate) -> dict[str, Any]:
 
     `residual_um` is the distance of a contact from its surface (signed), of a point the length of its error
     vector, under the model of the estimate; null where the target is not part of the model. `point_mm` is
-    the stylus tip (or reflector) in F0 by the nominal arm, `angle_deg` are link angles, and `direction` has
-    a sign for each joint.
+    the stylus tip (or reflector) in F0 by the nominal arm, `angle_deg` are link angles (`joint`, in the
+    units of
+    ``arm.units``, of an arm with prismatic joints), and `direction` has a sign for each joint.
     """
-    scene = estimate.model.scene
+    scene, robot = estimate.model.scene, estimate.model.scene.dataset.robot
     m, targets = scene.dataset.measurements, scene.dataset.targets
     count = len(m.ids)
     residual = np.full(count, np.nan)
@@ -184,7 +185,7 @@ def rows_record(estimate: Estimate) -> dict[str, Any]:
         "role": roles.tolist(),
         "time_s": None if m.time is None else np.round(m.time, DIGITS),
         "point_mm": np.round(MM * scene.points, 3),
-        "angle_deg": np.round(np.degrees(scene.q), DIGITS),
+        "joint" if robot.slides.any() else "angle_deg": np.round(robot.shown(scene.q), DIGITS),
         "direction": None if m.velocity is None else _signs(m.velocity),
         "residual_um": np.round(UM * residual, DIGITS),
         "rejected": rejected,

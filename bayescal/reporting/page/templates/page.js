@@ -36,6 +36,7 @@
 
   const times = (m, v) => m.map((row) => row[0] * v[0] + row[1] * v[1] + row[2] * v[2]);
   const sum = (a, b) => a.map((v, k) => v + b[k]);
+  const unit = (j) => arm.units ? arm.units[j] : "deg";
   // What moves with the joints up to each, at link angles (deg): each joint turns what follows it about its axis.
   function placed(angles) {
     let turn = [[1, 0, 0], [0, 1, 0], [0, 0, 1]], shift = [0, 0, 0];
@@ -43,6 +44,11 @@
     const maker = (m, d) => (point) => sum(times(m, point), d);
     const out = [maker(turn, shift)];
     angles.forEach((angle, k) => {
+      if (unit(k) === "mm") {  // it shifts what follows it
+        shift = sum(times(turn, arm.axes[k].map((a) => a * angle)), shift);
+        out.push(maker(turn, shift));
+        return;
+      }
       const [x, y, z] = arm.axes[k], c = Math.cos(radians(angle)), s = Math.sin(radians(angle)), v = 1 - c;
       const own = [[c + x * x * v, x * y * v - z * s, x * z * v + y * s],
         [y * x * v + z * s, c + y * y * v, y * z * v - x * s],
@@ -105,7 +111,7 @@
     const lines = [`<b>${plain(rows.id[k])}</b>  ${said(k)}`, `${plain(rows.target[k])}, ${rows.role[k] === "validate" ? "validation" : "fitted"}`];
     if (rows.rejected[k]) lines.push("rejected as an outlier");
     if (rows.time_s) lines.push(`time ${(rows.time_s[k] / 60).toFixed(1)} min`);
-    lines.push(arm.joints.map((_, j) => `J${j + 1} ${rows.angle_deg[k][j].toFixed(1)}`).join(", ") + " deg");
+    lines.push(arm.joints.map((_, j) => `J${j + 1} ${rows.joint[k][j].toFixed(1)}${arm.units ? ` ${unit(j)}` : ""}`).join(", ") + (arm.units ? "" : " deg"));
     return lines.join("<br>");
   }
 
@@ -113,7 +119,7 @@
   const NUMBERS = {
     "size of the residual": { of: (k) => rows.residual_um[k] === null ? null : Math.abs(rows.residual_um[k]), unit: "|residual| (µm)", top: large },
     ...(rows.time_s ? { "time": { of: (k) => rows.time_s[k] / 60, unit: "time (min)" } } : {}),
-    ...Object.fromEntries(arm.joints.map((_, j) => [`angle of J${j + 1}`, { of: (k) => rows.angle_deg[k][j], unit: `J${j + 1} (deg)` }])),
+    ...Object.fromEntries(arm.joints.map((_, j) => [`${unit(j) === "mm" ? "position" : "angle"} of J${j + 1}`, { of: (k) => rows.joint[k][j], unit: `J${j + 1} (${unit(j)})` }])),
   };
   const GROUPS = {
     "target": (k) => rows.target[k],
@@ -157,7 +163,7 @@
     const marked = (k) => data.marks.joints.includes(k);
     const fixed = mesh((arm.artefacts ?? []).map((a) => a.half_mm ? box(a.centre_mm, a.axes, a.half_mm) : capsule(a.centre_mm, a.centre_mm, a.radius_mm)), style("mid"), true);
     const bodies = (k) => {
-      const move = placed(rows.angle_deg[k]), line = [...pose(move), rows.point_mm[k]], joints = line.slice(1, -2);
+      const move = placed(rows.joint[k]), line = [...pose(move), rows.point_mm[k]], joints = line.slice(1, -2);
       const capsules = arm.capsules ?? [], thin = capsules.length > 0;
       const solid = mesh(capsules.map((c) => capsule(...c.ends_mm.map(move[c.joint]), c.radius_mm)), style("tool"), false);
       const links = { type: "scatter3d", mode: "lines", x: column(line, 0), y: column(line, 1), z: column(line, 2), line: { width: thin ? 2 : 9, color: "#8f9ba7" }, hoverinfo: "skip", showlegend: false };
