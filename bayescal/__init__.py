@@ -5,7 +5,7 @@
 True
 
 Functions: `read_dataset`, `fit`, `diagnose`, `simulate`, `compare`, `export`, `verify`, `compensate`,
-`plan`, `init`, `check`, `schema`, `load`; packages: `robots`, `effects`, `plot` (figures). All are
+`changed`, `plan`, `init`, `check`, `schema`, `load`; packages: `robots`, `effects`, `plot` (figures). All are
 imported when first used.
 """
 
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from bayescal.public import plot
     from bayescal.public.arms import compensate, export, verify
     from bayescal.public.budgets import budget
+    from bayescal.public.changes import changed
     from bayescal.public.functions import compare, diagnose, fit, read_dataset, simulate
     from bayescal.public.planning import load, plan
     from bayescal.public.starting import check, init, report, schema
@@ -28,6 +29,7 @@ __all__ = [
     "BayescalError",
     "__version__",
     "budget",
+    "changed",
     "check",
     "compare",
     "compensate",
@@ -50,6 +52,7 @@ __all__ = [
 _FROM = dict.fromkeys(("compare", "diagnose", "fit", "read_dataset", "simulate"), "bayescal.public.functions")
 _FROM |= {
     "budget": "bayescal.public.budgets",
+    "changed": "bayescal.public.changes",
     "compensate": "bayescal.public.arms",
     "check": "bayescal.public.starting",
     "init": "bayescal.public.starting",

@@ -3,13 +3,25 @@
 from __future__ import annotations
 
 # they register their commands; what others describe "as of `fit`" stands in the first
-from bayescal.cli import evaluation, results, sessions  # noqa: F401
+from bayescal.cli import evaluation, changes, results, sessions  # noqa: F401, I001
 from bayescal.cli.root import app
 
 __all__ = ["app"]
 
 ORDER = (
-    *("budget", "check", "compare", "compensate", "export", "fit", "gap", "import_", "init", "schema"),
+    *(
+        "budget",
+        "changed",
+        "check",
+        "compare",
+        "compensate",
+        "export",
+        "fit",
+        "gap",
+        "import_",
+        "init",
+        "schema",
+    ),
     *("plan", "report", "robots", "simulate", "verify"),
 )
 """Of the commands in the help, by function."""

@@ -1,0 +1,246 @@
+"""The evidence of changes in closed form.
+
+At the joint estimate, residuals are e + J d + G w + X x: d are the unknowns that all sessions share, w the
+amplitudes of errors that the model lacks, in all sessions alike (effects of the list, smooth functions), x the
+changes. The families of w have variances that maximise the evidence where every change is free, together
+with a noise scale of each session (MacKay 1992, Neural Computation 4, 415). d and w are integrated out:
+
+    log L(x) = s'x - x'Gx/2,    G = X'MX,  s = -X'M (e - X x0),  M = (K + [J G] P [J G]')^-1
+
+with the noise K and the prior covariance P. For x = B a, a ~ N(0, T) the evidence over no change is
+
+    (s'B (T^-1 + B'GB)^-1 B's - log det(1 + T B'GB)) / 2.
+
+A model error that is the same in both sessions is in w, so that it is no change, nor where the sessions are
+measured at different poses.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy.linalg.lapack import dpotrf, dpotri
+
+from bayescal.changes.joint import Joint, changes, listed
+from bayescal.effects import Parameter
+from bayescal.effects.common import within
+from bayescal.errors import BayescalError
+from bayescal.estimate import STATED_WORTH
+from bayescal.estimate.families import families
+from bayescal.estimate.further import linearised_with
+from bayescal.model import ARM
+
+ITERATIONS, ENOUGH = 60, 1e-2
+"""Largest number of updates of variances, and the change of a logarithm at which they end."""
+FIRST, LEAST = 0.03, 1e-6
+"""Variances of families at the start, and the smallest, over those of the unit amplitudes (assumed)."""
+
+FORM = 0.3
+"""Part of an error of all sessions, as its model describes it, that may differ between them: the form of an
+effect is known to 10 to 30 %, and acts differently where poses and ways differ (assumed)."""
+
+
+@dataclass(frozen=True)
+class Column:
+    """One parameter of an item in one later session."""
+
+    item: int
+    session: int  # from 1
+    parameter: Parameter
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """Information and score of all changes, with all else integrated out; changes in units of their prior.
+
+    `follow` (D, K) is how the shared unknowns move with a change, and `start` (D,) where they are without.
+    """
+
+    joint: Joint
+    columns: tuple[Column, ...]  # (K,)
+    information: np.ndarray  # (K, K)
+    score: np.ndarray  # (K,)
+    shared: np.ndarray  # (D,) z of the shared unknowns without a change
+    follow: np.ndarray  # (D, K)
+    covariance: np.ndarray  # (D, D) of these, given the changes
+    names: tuple[str, ...]  # (D,) of them: parameters of the arm, targets, then effects of the list
+    sd: np.ndarray  # (D,) SI of a unit of each
+    centre: np.ndarray  # (D,) SI
+    noise: np.ndarray  # (S,) factors on the stated noise
+    variances: dict[str, float]  # of the families of model errors
+
+    @cached_property
+    def places(self) -> tuple[np.ndarray, ...]:
+        """Columns (S - 1, k) of the parameters of each item, session after session."""
+        of: list[list[int]] = [[] for _ in self.joint.items]
+        for k, c in enumerate(self.columns):
+            of[c.item].append(k)
+        return tuple(np.array(own, int).reshape(len(self.joint.sessions) - 1, -1) for own in of)
+
+
+def evidence(joint: Joint) -> Evidence:
+    """The evidence of all changes of a joint estimate."""
+    found, c, parts = joint.found, joint.circumstances, joint.sessions
+    fixed = [i for i in joint.items if i.kind in ("arm", "setup")]
+    free = [i for i in joint.items if i.kind not in ("arm", "setup")]
+    base = replace(c, sessions=())
+    effects = found.model.effects
+    own = [(e.name, p) for e, ps in listed(base, effects) for p in ps]
+    smooth = [(f.name, p) for f in families(c) for p in f.parameters]
+    more = [within(p, s) for s in parts[1:] for i in free for p in i.parameters]
+    every = [p for _, p in own] + [p for _, p in smooth] + more
+    j, g, e, rows = linearised_with(found, list(every))
+    nuisance = len(own) + len(smooth)
+    session = np.array([next(k for k, s in enumerate(parts) if s.rows[r]) for r in rows])
+    d, linear = j.shape[1], found.linear
+    certified = slice(sum(b.residuals for b in found.model.blocks), None)
+    held = linear.jacobian[certified]
+    prior = held.T @ held + np.eye(d)  # of certificates and priors, and the gradient of both
+    pull = held.T @ linear.residual[certified] + found.z
+    arm = found.model.slices[ARM].stop
+    count = len(changes(fixed, parts))
+    at = np.arange(arm - count, arm)
+    labels = [label for label, _ in (*own, *smooth)] + [
+        f"change: {i.effect}" if i.kind == "effect" else ""
+        for _ in parts[1:]
+        for i in free
+        for _ in i.parameters
+    ]
+    # smooth changes have no variance: few sessions have one, and their columns are most of all
+    used = np.flatnonzero(np.array([bool(label) for label in labels]))
+    told = np.array([label for label in labels if label], dtype=object)
+    kappa, variances = _variances(j, g[:, used], e, session, prior, pull, told)
+    weight = 1.0 / kappa[session]
+    x = np.column_stack([j, g]) * weight[:, None]
+    full = x.T @ x
+    size = np.array([variances[label] for label in labels[:nuisance]])
+    full[:d, :d] += prior
+    full[np.arange(d, d + nuisance), np.arange(d, d + nuisance)] += 1.0 / size
+    slope = x.T @ (e * weight)
+    slope[:d] += pull
+    # changes have no prior here: it belongs to a hypothesis
+    full[at, at] -= 1.0
+    slope[at] -= found.z[at]
+    changed = np.concatenate([at, np.arange(d + nuisance, len(slope))])
+    kept = np.setdiff1d(np.arange(len(slope)), changed)
+    origin = np.concatenate([found.z[at], np.zeros(len(slope) - d - nuisance)])
+    inner = _inverse(full[np.ix_(kept, kept)])
+    across = full[np.ix_(kept, changed)]
+    follow = -inner @ across
+    information = full[np.ix_(changed, changed)] + across.T @ follow
+    score = -(slope[changed] + follow.T @ slope[kept]) + information @ origin
+    model = found.model
+    number = {id(i): k for k, i in enumerate(joint.items)}
+    columns = tuple(
+        Column(number[id(i)], k, p)
+        for items in (fixed, free)
+        for k in range(1, len(parts))
+        for i in items
+        for p in i.parameters
+    )
+    z = np.concatenate([found.z, np.zeros(nuisance)])[kept]
+    start = z - inner @ slope[kept] - follow @ origin
+    sizes = np.concatenate(
+        [
+            model.physical(np.ones(model.size)) - model.physical(np.zeros(model.size)),
+            [p.sd for _, p in (*own, *smooth)],
+        ]
+    )
+    centres = np.concatenate([model.physical(np.zeros(model.size)), np.zeros(nuisance)])
+    names = (*model.names, *(p.name for _, p in own), *("" for _ in smooth))
+    families_ = [joint.items[c.item].family for c in columns]
+    form = np.diag(FORM * np.sqrt([variances.get(name, 0.0) for name in families_]))
+    information, score, _ = integrated(
+        0.5 * (information + information.T), score, form[:, np.any(form, axis=0)]
+    )
+    return Evidence(
+        joint,
+        columns,
+        information,
+        score,
+        start,
+        follow,
+        inner,
+        tuple(names[k] for k in kept),
+        sizes[kept],
+        centres[kept],
+        kappa,
+        variances,
+    )
+
+
+def integrated(
+    information: np.ndarray, score: np.ndarray, by: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """Information (K, K), score (K,) and log evidence with changes along columns `by` (K, k) integrated out.
+
+    The columns have amplitudes of unit variance.
+    """
+    if not by.shape[1]:
+        return information, score, 0.0
+    across, along = information @ by, by.T @ score
+    a = np.eye(by.shape[1]) + by.T @ across
+    solved = np.linalg.solve(a, np.column_stack([across.T, along]))
+    found = 0.5 * (float(along @ solved[:, -1]) - float(np.linalg.slogdet(a)[1]))
+    return information - across @ solved[:, :-1], score - across @ solved[:, -1], found
+
+
+def _inverse(matrix: np.ndarray) -> np.ndarray:
+    """Inverse of a positive definite matrix, scaled to a unit diagonal first."""
+    scale = 1.0 / np.sqrt(np.diag(matrix))
+    factor, fault = dpotrf(matrix * np.outer(scale, scale), lower=1)
+    half, _ = dpotri(factor, lower=1)
+    if fault:
+        raise BayescalError("the sessions do not determine a joint fit", "", "fit each of them: bayescal fit")
+    half = np.tril(half)
+    out: np.ndarray = (half + np.tril(half, -1).T) * np.outer(scale, scale)
+    return out
+
+
+def _variances(
+    j: np.ndarray,
+    g: np.ndarray,
+    e: np.ndarray,
+    session: np.ndarray,
+    prior: np.ndarray,
+    pull: np.ndarray,
+    labels: np.ndarray,
+) -> tuple[np.ndarray, dict[str, float]]:
+    """Noise scale of each session, and variance of each family, that maximise the evidence.
+
+    The unknowns of the model keep their prior, as a quadratic form with the gradient `pull`.
+    """
+    d, families_ = j.shape[1], list(dict.fromkeys(labels))
+    member = [np.flatnonzero(labels == f) + d for f in families_]
+    x = np.column_stack([j, g])
+    parts = [np.flatnonzero(session == k) for k in range(int(session.max()) + 1)]
+    grams, scores = [x[p].T @ x[p] for p in parts], [x[p].T @ e[p] for p in parts]
+    kappa, size = np.ones(len(parts)), np.full(len(families_), FIRST)
+    for _ in range(ITERATIONS):
+        a = sum(gram / k**2 for gram, k in zip(grams, kappa, strict=True))
+        b = sum(s / k**2 for s, k in zip(scores, kappa, strict=True))
+        a[:d, :d] += prior
+        b[:d] += pull
+        diagonal = np.zeros(len(b))
+        for m, s in zip(member, size, strict=True):
+            diagonal[m] = 1.0 / s
+        a[np.arange(len(b)), np.arange(len(b))] += diagonal
+        covariance = _inverse(a)
+        u = -covariance @ b
+        before = np.concatenate([np.log(kappa), np.log(size)])
+        for k, m in enumerate(member):
+            trace = float(np.sum(np.diag(covariance)[m]))
+            known = max(len(m) - trace / size[k], 1e-9)
+            # the update of MacKay; where nothing is known the variance tends to the smallest
+            size[k] = max((float(u[m] @ u[m]) + 1e-3 * LEAST) / (known + 1e-3), LEAST)
+        left = e + x @ u
+        for k, p in enumerate(parts):
+            taken = float(np.sum(grams[k] * covariance)) / kappa[k] ** 2
+            kappa[k] = np.sqrt(
+                (float(left[p] @ left[p]) + STATED_WORTH) / (max(len(p) - taken, 1.0) + STATED_WORTH)
+            )
+        if np.max(np.abs(np.concatenate([np.log(kappa), np.log(size)]) - before)) < ENOUGH:
+            break
+    return kappa, dict(zip(families_, size.tolist(), strict=True))

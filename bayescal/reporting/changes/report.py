@@ -1,0 +1,238 @@
+"""What changed, as text of the terminal, as a page, as CSV, and its run folder."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from rich.console import Group, RenderableType
+from rich.text import Text as Words
+
+from bayescal import __version__
+from bayescal.effects.vocabulary import unit_label
+from bayescal.reporting.changes.record import by_item, detectable_kinds, named, since, small
+from bayescal.reporting.page.render import page
+from bayescal.reporting.page.section import FirstScreen, Section, Text, blocks, texts
+from bayescal.reporting.shared.origin import filed
+from bayescal.reporting.shared.sheet import Column, Sheet, csv_text, terminal
+from bayescal.reporting.shared.text import (
+    Facts,
+    facts,
+    length,
+    listed,
+    model_label,
+    probability,
+    quantity,
+    two_digits,
+    under,
+    with_u,
+)
+from bayescal.storage.files import json_text
+from bayescal.storage.folders import whole
+from bayescal.storage.reading import Json
+
+CHANGED, PAGE, TABLE = "changed.json", "changed.html", "changed.csv"
+SIGNS = {
+    "same": ("good", "✓", "No change found"),
+    "changed": ("warn", "!", "Changed"),
+    "ambiguous": ("warn", "?", "Not decided"),
+}
+"""Tone, sign and word of a verdict."""
+STYLES = {"same": "bold green", "changed": "bold red", "ambiguous": "bold yellow"}
+CELLS = (
+    "item",
+    "parameter",
+    "effect",
+    "site",
+    "kind",
+    "sessions",
+    "unit",
+    "before",
+    "after",
+    "difference",
+    "u",
+    "U",
+    "probability",
+    "class",
+    "stated",
+)
+"""Columns of the CSV file: keys of the items."""
+
+
+def absolute(x: Json, key: str) -> str | None:
+    """A value of an item with as many decimals as its difference; None where only the difference is known."""
+    return (
+        None
+        if x[key] is None
+        else f"{with_u(x[key], x['u']).partition('(')[0]} {unit_label(x['unit'])}".rstrip()
+    )
+
+
+def difference(x: Json) -> str:
+    """The difference of an entry with its expanded uncertainty."""
+    value, u, unit = small(x)
+    decimals = max(len(with_u(value, u).partition("(")[0].partition(".")[2]), 0)
+    return f"{value:+.{decimals}f} ± {two_digits(2.0 * u)} {unit}".rstrip()
+
+
+def entry_name(x: Json) -> str:
+    """A parameter of an item: the item, and the parameter where it has several."""
+    name = named(x)
+    return name if x["parameter"] in name or not x["parameter"] else f"{name}: {x['parameter']}"
+
+
+def items_sheet(record: Json, stated: bool = True) -> Sheet:
+    """Values before and after, difference with U, probability; of items that are stated or of the others."""
+    several = len(record["sessions"]) > 2
+    when = Column("when", lambda x: since(x["sessions"], record["sessions"]), words=True)
+    columns = (
+        Column("changed" if stated else "possible", entry_name),
+        *((when,) if several else ()),
+        Column("before", lambda x: absolute(x, "before")),
+        Column("after", lambda x: absolute(x, "after")),
+        Column("difference ± U", difference),
+        Column("P", "probability", probability),
+    )
+    return Sheet(
+        columns,
+        [x for x in record["items"] if x["stated"] == stated],
+        "U: expanded uncertainty, k = 2; P: probability",
+    )
+
+
+def detectable_sheet(record: Json) -> Sheet:
+    """The smallest change of every parameter that would have been found."""
+    items = [x for own in detectable_kinds(record).values() for x in own]
+    items += [x for x in record["detectable"] if x not in items]
+    columns = (
+        Column("parameter", "parameter"),
+        Column("site", "site", words=True),
+        Column("smallest change", lambda x: None if x["value"] is None else quantity(x["value"], x["unit"])),
+        Column("TCP (µm RMS)", "tcp_um", length),
+    )
+    return Sheet(
+        columns,
+        items,
+        "Found with a probability of 90 %. Without a value: not visible in these sessions.",
+        12,
+    )
+
+
+def poses_sheet(record: Json) -> Sheet:
+    """Displacements at given poses."""
+    columns = (
+        Column("target", "target"),
+        *(
+            Column(f"{a} (µm)", lambda x, k=k: x["shift_mm"] and 1e3 * x["shift_mm"][k], length)
+            for k, a in enumerate("xyz")
+        ),
+        Column("length (µm)", lambda x: None if x["length_mm"] is None else 1e3 * x["length_mm"], length),
+        Column("U (µm)", lambda x: None if x["u_mm"] is None else 2e3 * x["u_mm"], length),
+        Column("note", "reason", words=True),
+    )
+    return Sheet(
+        columns,
+        record["poses"],
+        "Displacement of the TCP in F0 since the first session, without that of the base.",
+    )
+
+
+def _basis(record: Json) -> Facts:
+    noise = ", ".join(f"{x:.2f}" for x in record["noise_factor"])
+    yield "noise", f"{noise} times the stated noise", ""
+    if record["model_errors"]:
+        names = listed(x["effect"] for x in record["model_errors"])
+        yield "model errors", f"of all sessions alike, not a change: {names} (bayescal gap judges them)", ""
+    compared = record["targets_compared"]
+    yield (
+        "compared",
+        f"{len(compared)} targets of the same name and description"
+        if compared
+        else "no target is in two sessions",
+        "",
+    )
+
+
+def changed_summary(record: Json) -> RenderableType:
+    """The conclusion, then values, then what would have been found."""
+    first, *others = record["words"]
+    title = Words.assemble(
+        (" -> ".join(record["sessions"]), "bold"), f"  {record['robot']}  {model_label(record['model'])}"
+    )
+    parts: list[RenderableType] = [title, "", Words(first, STYLES[record["verdict"]])]
+    parts += [Words(line) for line in others]
+    for sheet in (items_sheet(record), items_sheet(record, stated=False), poses_sheet(record)):
+        if sheet.items:
+            parts += ["", terminal(sheet)]
+    parts += ["", facts([*_basis(record), *under("warning", record["warnings"], "yellow")])]
+    return Group(*parts)
+
+
+def _first(record: Json) -> Section:
+    tone, sign, word = SIGNS[record["verdict"]]
+    d = record["distances"]
+    keys = [("nothing changed", probability(record["probability"]["same"]), "probability")]
+    keys += [("the arm is the same", probability(record["probability"]["arm_same"]), "probability")]
+    if d and record["verdict"] != "same":
+        keys.append(
+            (
+                "distances change by",
+                f"{length(d['rms_um'])} µm",
+                f"RMS; at most {length(abs(d['largest_um']))} µm",
+            )
+        )
+    steps = {
+        "same": [("One calibration of all sessions:", f"bayescal fit {' '.join(record['sessions'])}")],
+        "changed": [("Calibrate the arm as it is now:", f"bayescal fit {record['sessions'][-1]}")],
+        "ambiguous": [("Measure more contacts, and compare again.", "")],
+    }[record["verdict"]]
+    return FirstScreen(
+        word, tone, sign, record["words"], len(record["words"]), keys, next=steps, warnings=record["warnings"]
+    ).section()
+
+
+def changed_page(record: Json) -> str:
+    """The page, as text."""
+    groups = [x for x in by_item(record["items"]) if x[0]["stated"] and x[0]["class"]]
+    notes = [
+        f"{named(x[0])}: not distinguished from {listed(n for n in x[0]['class'] if n != x[0]['item'])}."
+        for x in groups
+    ]
+    basis = [f"{heading}: {words}." for heading, words, _ in _basis(record)]
+    sections = [
+        _first(record),
+        blocks("items", "What changed", items_sheet(record), *texts(notes)),
+        blocks("possible", "What else is possible", items_sheet(record, stated=False)),
+        blocks("poses", "Given poses", poses_sheet(record)),
+        blocks("detectable", "What would have been found", detectable_sheet(record)),
+        blocks(
+            "basis",
+            "Basis",
+            *texts(basis),
+            Text(
+                "before and after are the values of the joint fit of all sessions; U is that of the difference.",
+                "quiet",
+            ),
+        ),
+    ]
+    subtitle = f"Changes between {listed(record['sessions'])}, {record['robot']}; model: {', '.join(record['model'])}"
+    return page(
+        SIGNS[record["verdict"]][2], subtitle, sections, (f"bayescal {__version__}",), headers=filed(record)
+    )
+
+
+def items_csv(record: Json) -> str:
+    """The items as CSV; several values of a cell have `; ` between them."""
+
+    def cell(value: object) -> object:
+        return "; ".join(map(str, value)) if isinstance(value, list) else value
+
+    return csv_text(CELLS, ([cell(x[key]) for key in CELLS] for x in record["items"]))
+
+
+def write_changed(record: Json, folder: Path) -> tuple[str, ...]:
+    """Write changed.json, changed.html and changed.csv atomically; return their names."""
+    with whole(folder, CHANGED) as stage:
+        (stage / CHANGED).write_text(json_text(record, rows=False), encoding="utf-8")
+        (stage / PAGE).write_text(changed_page(record), encoding="utf-8")
+        (stage / TABLE).write_text(items_csv(record), encoding="utf-8")
+    return CHANGED, PAGE, TABLE
