@@ -5,8 +5,8 @@
 True
 
 Functions: `read_dataset`, `fit`, `diagnose`, `simulate`, `compare`, `export`, `verify`, `compensate`,
-`changed`, `plan`, `init`, `check`, `schema`, `load`; packages: `robots`, `effects`, `plot` (figures). All are
-imported when first used.
+`changed`, `history`, `plan`, `init`, `check`, `schema`, `load`; packages: `robots`, `effects`, `plot`
+(figures). All are imported when first used.
 """
 
 from importlib import import_module
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from bayescal.public import plot
     from bayescal.public.arms import compensate, export, verify
     from bayescal.public.budgets import budget
-    from bayescal.public.changes import changed
+    from bayescal.public.changes import changed, history
     from bayescal.public.functions import compare, diagnose, fit, read_dataset, simulate
     from bayescal.public.planning import load, plan
     from bayescal.public.starting import check, init, report, schema
@@ -37,6 +37,7 @@ __all__ = [
     "effects",
     "export",
     "fit",
+    "history",
     "init",
     "load",
     "plan",
@@ -53,6 +54,7 @@ _FROM = dict.fromkeys(("compare", "diagnose", "fit", "read_dataset", "simulate")
 _FROM |= {
     "budget": "bayescal.public.budgets",
     "changed": "bayescal.public.changes",
+    "history": "bayescal.public.changes",
     "compensate": "bayescal.public.arms",
     "check": "bayescal.public.starting",
     "init": "bayescal.public.starting",

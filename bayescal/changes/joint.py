@@ -1,8 +1,8 @@
 """Sessions of one arm as one problem: what they share, and what may differ, as further parameters.
 
-Targets and tools with equal entries are one target and one tool. A change is a parameter that acts in the rows
-of one later session only: of the arm, an effect, the base against all targets, a target, a tool. The estimate
-of all of them is the point of linearisation, so that no session is taken for outliers of another.
+Targets and tools with equal entries are one target and one tool. A change is a parameter that acts in the
+rows of one later session only: of the arm, an effect, the base against all targets, a target, a tool. The
+estimate of all of them is the point of linearisation, so that no session is taken for outliers of another.
 """
 
 from __future__ import annotations
@@ -12,7 +12,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bayescal.arm.motion import AXES, CERTIFICATE, TURN, Term
+from bayescal.arm.motion import CERTIFICATE, Term
+from bayescal.arm.transforms import AXES
 from bayescal.dataset import Dataset
 from bayescal.dataset.join import joined
 from bayescal.effects import EFFECTS, Circumstances, Parameter, Session, parameters_of
@@ -37,7 +38,7 @@ POSES = 4
 
 @dataclass(frozen=True)
 class Item:
-    """Something that may differ: parameters that change together, each at its value of a session that is first."""
+    """Something that may differ between sessions: parameters that change together."""
 
     name: str
     effect: str
@@ -188,7 +189,7 @@ def _of_model(
         alone = p.site.kind in ("joint", "link")
         grouped.setdefault((p.name if alone else str(p.site), p.effect), []).append(p)
     for (name, effect), own in grouped.items():
-        if own[0].site == BASE and not own[0].driver.kind == "moment":
+        if own[0].site == BASE and own[0].driver.kind != "moment":
             continue
         yield Item(
             name,
@@ -252,6 +253,3 @@ def _unknown(c: Circumstances) -> Iterator[Item]:
                 yield Item(
                     f"{driver} at {site}", "unknown", site, "unknown", tuple(map(_change, own)), family.name
                 )
-
-
-__all__ = ["TURN", "Item", "Joint", "changes", "listed", "prepared", "tied"]

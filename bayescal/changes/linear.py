@@ -1,8 +1,8 @@
 """The evidence of changes in closed form.
 
 At the joint estimate, residuals are e + J d + G w + X x: d are the unknowns that all sessions share, w the
-amplitudes of errors that the model lacks, in all sessions alike (effects of the list, smooth functions), x the
-changes. The families of w have variances that maximise the evidence where every change is free, together
+amplitudes of errors that the model lacks, in all sessions alike (effects of the list, smooth functions), x
+the changes. The families of w have variances that maximise the evidence where every change is free, together
 with a noise scale of each session (MacKay 1992, Neural Computation 4, 415). d and w are integrated out:
 
     log L(x) = s'x - x'Gx/2,    G = X'MX,  s = -X'M (e - X x0),  M = (K + [J G] P [J G]')^-1

@@ -1,15 +1,22 @@
-"""The conclusion: what changed by how much, what cannot be distinguished, what a change moves, what would have been seen."""
+"""The conclusion: what changed, by how much and with which probability; what would have been seen."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from bayescal.arm.inverse import nearest, solutions
 from bayescal.changes.joint import Item, Joint, prepared
 from bayescal.changes.linear import Evidence, evidence, integrated
+from bayescal.changes.moves import (
+    DistanceChange,
+    Shift,
+    distance_change,
+    distance_slopes,
+    tcp_slopes,
+    with_poses,
+)
 from bayescal.changes.search import (
     FREE,
     LISTED,
@@ -27,18 +34,11 @@ from bayescal.changes.search import (
     selector,
 )
 from bayescal.dataset import Dataset
-from bayescal.dataset.join import stacked
-from bayescal.effects import Parameter
-from bayescal.errors import BayescalError
-from bayescal.estimate.further import model_with
+from bayescal.effects import EFFECTS, Parameter
+from bayescal.effects.sizes import magnitude
 from bayescal.programs.text import Target
-from bayescal.programs.tools import nominal_arm
 from bayescal.storage.stopping import Progress, silent
 
-AT = "at"
-"""Role of poses that are given: they are neither fitted nor validated."""
-PAIRS, DRAWS = 3000, 400
-"""Pairs of poses whose distances are compared, and draws for their u."""
 POWER = 1.2816
 """Standard deviations by which a change must exceed the limit to be found with a probability of 90 %."""
 MOST = 8
@@ -74,36 +74,6 @@ class Detectable:
 
 
 @dataclass(frozen=True)
-class Effect:
-    """What the changes of the arm and tool do to distances between poses; m."""
-
-    rms: float
-    u_rms: float
-    largest: float
-    u_largest: float
-
-
-@dataclass(frozen=True)
-class Shift:
-    """Displacement of the TCP in F0 at a given pose, m; `reason` why there is none."""
-
-    where: str
-    shift: np.ndarray | None = None  # (3,)
-    covariance: np.ndarray | None = None
-    reason: str = ""
-
-    @property
-    def size(self) -> float:
-        """Length, m."""
-        return 0.0 if self.shift is None else float(np.linalg.norm(self.shift))
-
-    @property
-    def u(self) -> float:
-        """Standard uncertainty of the vector, m."""
-        return 0.0 if self.covariance is None else float(np.sqrt(np.trace(self.covariance)))
-
-
-@dataclass(frozen=True)
 class Changed:
     """What changed between sessions of one arm."""
 
@@ -116,7 +86,7 @@ class Changed:
     arm_same: float
     differences: tuple[Difference, ...]
     detectable: tuple[Detectable, ...]
-    distances: Effect | None
+    distances: DistanceChange | None
     shifts: tuple[Shift, ...]
     noise: tuple[float, ...]
     errors: tuple[tuple[str, float], ...]  # of all sessions alike: effect, share of its prior variance
@@ -169,16 +139,16 @@ def changed(
     found = search(e)
     arm_same = sum(w.probability for w in found.weighed if not any(_of_arm(joint, m) for m in w.members))
     classes = {m: members_of_class(found, m) for m in found.best.members}
-    said = {m for group in classes.values() for m in group}
+    of_class = {m: group for group in reversed(classes.values()) for m in group}
     verdict = verdict_of(found.same, all(classes.values()) and bool(classes))
     of_arm = {m: g for m, g in classes.items() if _of_arm(joint, m)}
     arm = verdict_of(arm_same, all(of_arm.values()) and bool(of_arm))
-    listed = [m for m, p in found.probability.items() if p >= LISTED or m in said]
-    listed.sort(key=lambda m: (m not in said, -found.probability[m]))
+    listed = [m for m, p in found.probability.items() if p >= LISTED or m in of_class]
+    listed.sort(key=lambda m: (m not in of_class, -found.probability[m]))
     differences = [
         d
         for m in listed
-        for d in _differences(found, m, next((g for g in classes.values() if m in g), ()), verdict != "same")
+        for d in _differences(found, m, of_class.get(m, ()), m in of_class and verdict != "same")
     ]
     moves = tcp_slopes(joint, [p for i in joint.items for p in i.parameters])
     effect, shifts = _moved(found, moves, len(targets), reasons)
@@ -215,14 +185,14 @@ def _of_arm(joint: Joint, m: Member) -> bool:
 
 
 def verdict_of(same: float, resolved: bool) -> str:
-    """The verdict, from the probability that nothing changed, and whether all changes are named or in classes."""
+    """The verdict, by the probability that nothing changed, and whether all changes are named."""
     if same >= NONE:
         return "same"
     return "changed" if 1.0 - same >= SURE and resolved else "ambiguous"
 
 
 def members_of_class(found: Search, m: Member) -> tuple[Member, ...]:
-    """A member of the best set with those that may be in its place: together nearly certain; () if too many."""
+    """A member of the best set with those that may replace it: together nearly certain; () if too many."""
     chosen, rest = [m], [w for w in found.weighed if w.members]
     total = found.probability[m]
     others = set(found.best.members) - {m}
@@ -255,7 +225,8 @@ def _set_with(found: Search, m: Member) -> Weighed:
     return next(w for w in found.weighed if m in w.members)
 
 
-def _differences(found: Search, m: Member, group: Sequence[Member], any_change: bool) -> list[Difference]:
+def _differences(found: Search, m: Member, of_class: Sequence[Member], stated: bool) -> list[Difference]:
+    probability = min(found.probability[m], 1.0)
     e, item = found.evidence, found.evidence.joint.items[m.item]
     members = _set_with(found, m).members
     by, mean, covariance = posterior(e, members)
@@ -263,44 +234,26 @@ def _differences(found: Search, m: Member, group: Sequence[Member], any_change: 
     shared = e.shared + e.follow @ (by @ mean)
     place = {name: k for k, name in enumerate(e.names)}
     sign = -1.0 if 0 in m.sessions else 1.0  # the first session alone has another value
+    size = EFFECTS[item.effect].sizes.get(item.parameters[0].unit) if item.effect in EFFECTS else None
     out = []
     for k, p in enumerate(item.parameters, start=first):
         difference, u = sign * p.sd * float(mean[k]), p.sd * float(np.sqrt(covariance[k, k]))
-        at = place.get(p.name)
-        value = None if at is None or not p.name else float(e.centre[at] + e.sd[at] * shared[at])
+        at = place.get(p.name) if p.name else None
+        before = None if at is None else float(e.centre[at] + e.sd[at] * shared[at])
+        after = None if before is None else before + difference
+        if size is not None and size.value is magnitude and (after or difference) < 0:
+            # the effect defines the sign, not the parameter
+            before, after = (None if v is None else -v for v in (before, after))
+            difference = -difference
         names = tuple(e.joint.names[i] for i in m.sessions)
-        out.append(
-            Difference(
-                item,
-                p,
-                names,
-                value,
-                None if value is None else value + difference,
-                difference,
-                u,
-                min(found.probability[m], 1.0),
-                tuple(e.joint.items[g.item].name for g in group) if len(group) > 1 else (),
-                bool(group) and any_change,
-            )
-        )
+        group = tuple(e.joint.items[g.item].name for g in of_class) if len(of_class) > 1 else ()
+        out.append(Difference(item, p, names, before, after, difference, u, probability, group, stated))
     return out
-
-
-def tcp_slopes(joint: Joint, parameters: Sequence[Parameter]) -> np.ndarray:
-    """Displacements (K, 3, N), m, of the TCP in all rows by a prior standard deviation of each parameter."""
-    wide, own, _ = model_with(joint.found.model, parameters)
-    motion = wide.motion(np.arange(len(joint.found.model.scene.q)))
-    values = np.append(joint.found.arm, np.zeros(len(parameters)))
-    out = []
-    for k, p in enumerate(parameters, start=len(values) - len(parameters)):
-        step = 0.01 * p.sd * np.eye(len(values))[k]
-        out.append((motion.points(values + step) - motion.points(values - step)) / 0.02)
-    return np.array(out).reshape(len(parameters), 3, -1)
 
 
 def _moved(
     found: Search, moves: np.ndarray, given: int, reasons: Sequence[str]
-) -> tuple[Effect | None, tuple[Shift, ...]]:
+) -> tuple[DistanceChange | None, tuple[Shift, ...]]:
     """What the best set does to distances, and at given poses; base and targets are not part of it."""
     e, joint = found.evidence, found.evidence.joint
     _, mean, covariance = posterior(e, found.best.members)
@@ -329,22 +282,7 @@ def _moved(
         return None, tuple(shifts)
     fitted = joint.circumstances.fitted
     points = joint.found.model.motion(fitted).points(joint.found.arm)
-    rng = np.random.default_rng(0)
-    a, b = rng.integers(len(fitted), size=(2, PAIRS))
-    apart = points[:, a] - points[:, b]
-    size = np.linalg.norm(apart, axis=0)
-    a, b, apart = a[size > 0], b[size > 0], (apart / np.maximum(size, 1e-12))[:, size > 0]
-    along = np.einsum("kcp,cp->kp", by[:, :, fitted[a]] - by[:, :, fitted[b]], apart)
-    draws = rng.multivariate_normal(mean, covariance, DRAWS, method="eigh") @ along
-    value = mean @ along
-    most = int(np.argmax(np.abs(value)))
-    rms = np.sqrt(np.mean(draws**2, axis=1))
-    return Effect(
-        float(np.sqrt(np.mean(value**2))),
-        float(np.std(rms)),
-        float(value[most]),
-        float(np.std(draws[:, most])),
-    ), tuple(shifts)
+    return distance_change(distance_slopes(points, by[:, :, fitted]), mean, covariance), tuple(shifts)
 
 
 def detectable(found: Search, moves: np.ndarray) -> tuple[Detectable, ...]:
@@ -373,8 +311,10 @@ def detectable(found: Search, moves: np.ndarray) -> tuple[Detectable, ...]:
             value = _least(float(np.sum(g[np.ix_(at, at)])), prior[m] + float(np.log(1.0 - NONE)))
             tcp = moves[first[m.item] + k][:, fitted]
             size = float(np.sqrt(np.mean(np.sum(tcp**2, axis=0))))
-            known = value is not None and value < FREE
-            out.append(Detectable(item, p, value * p.sd if known else None, value * size if known else None))
+            if value is None or value > FREE:
+                out.append(Detectable(item, p, None, None))
+            else:
+                out.append(Detectable(item, p, value * p.sd, value * size))
     return tuple(out)
 
 
@@ -398,62 +338,6 @@ def _least(information: float, prior: float) -> float | None:
 
 def _errors(e: Evidence) -> tuple[tuple[str, float], ...]:
     """Errors that the model lacks, of all sessions alike, largest variance first."""
-    from bayescal.effects import EFFECTS
-
     return tuple(
         sorted(((n, v) for n, v in e.variances.items() if n in EFFECTS and v > 0.1), key=lambda x: -x[1])
     )
-
-
-def with_poses(dataset: Dataset, targets: Sequence[Target]) -> tuple[Dataset, list[str]]:
-    """A session with rows at given poses, by the nominal arm; and for each of these why it has no row, or "".
-
-    Raises
-    ------
-    BayescalError
-        For a tool that the session does not have.
-    """
-    if not targets:
-        return dataset, []
-    m, names = dataset.measurements, [t.name for t in dataset.tools]
-    readings, tools, kept, reasons = [], [], [], []
-    for target in targets:
-        if target.tool is not None and target.tool not in names:
-            raise BayescalError(
-                f"there is no tool `{target.tool}`", target.where, f"known: {', '.join(names)}"
-            )
-        tool = names.index(target.tool) if target.tool else int(np.bincount(m.tool).argmax())
-        found = target.readings
-        if target.pose is not None:
-            arm = nominal_arm(dataset.robot, dataset.tools[tool])
-            near = m.readings[:1] if found is None else found[None]
-            every = solutions(arm, target.pose[None], near[None, :1])[0]
-            found = nearest(arm, every, m.readings if found is None else near)
-        reasons.append("" if found is not None else "the nominal arm does not reach it")
-        if found is not None:
-            readings.append(found)
-            tools.append(tool)
-            kept.append(target)
-    count = len(kept)
-    if not count:
-        return dataset, reasons
-    at = np.full(count, len(m.ids) - 1)
-    columns = {k: None if v is None else v[at] for k, v in vars(m).items() if k != "ids"}
-    columns |= {
-        "ids": tuple(f"{AT} {k}" for k in range(1, count + 1)),
-        "readings": np.array(readings),
-        "tool": np.array(tools),
-        "role": np.full(count, AT, dtype=m.role.dtype if m.role.dtype.kind != "U" else "<U16"),
-    }
-    for name in ("repeat", "stop"):
-        if columns.get(name) is not None:
-            columns[name] = np.full(count, "", dtype=columns[name].dtype)
-    if m.velocity is not None:
-        columns["velocity"] = np.array(
-            [np.zeros(dataset.robot.n) if t.velocity is None else t.velocity for t in kept]
-        )
-    if m.payload is not None:
-        columns["payload"] = np.array([t.payload for t in kept])
-    extra = type(m)(**columns)
-    both, _ = stacked([m, extra])
-    return replace(dataset, measurements=type(m)(**both)), reasons

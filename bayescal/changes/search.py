@@ -7,12 +7,14 @@ evidence is averaged over factors on the prior of its size, given the other memb
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from bayescal.changes.linear import Evidence, integrated
+from bayescal.effects import confusable
+from bayescal.gap.settings import VERDICT
 
 SCALES = np.array([1 / 300, 0.01, 1 / 30, 0.1, 0.3, 1.0, 3.0, 10.0])
 """Factors on the usual size of a change over which evidence is averaged (assumed)."""
@@ -113,7 +115,7 @@ def log_priors(e: Evidence, every: Sequence[Member]) -> dict[Member, float]:
 
 
 def gains(information: np.ndarray, score: np.ndarray) -> np.ndarray:
-    """Log evidence (scales,) of columns with an information (k, k) and score (k,), by the factor on the prior."""
+    """Log evidence (scales,) of columns with information (k, k) and score (k,), by `SCALES`."""
     values, vectors = np.linalg.eigh(information)
     values, along = np.maximum(values, 0.0), (vectors.T @ score) ** 2
     square = SCALES[:, None] ** 2
@@ -145,12 +147,24 @@ def search(e: Evidence) -> Search:
         best = max(w.score for w in found.values())
         if not front or front[0].score < best - 5.0:
             break
-    ranked = sorted(found.values(), key=lambda w: -w.score)
+    leader = max(found.values(), key=lambda w: w.score)
+    ranked = sorted((_softened(e, w, leader) for w in found.values()), key=lambda w: -w.score)
     density = np.exp(np.array([w.score for w in ranked]) - ranked[0].score)
     share = density / density.sum()
     return Search(
         e, tuple(Weighed(w.members, w.scales, w.score, float(p)) for w, p in zip(ranked, share, strict=True))
     )
+
+
+def _softened(e: Evidence, w: Weighed, leader: Weighed) -> Weighed:
+    """A set that has a confusable effect in place of one of the leading set: its score is nearer to that."""
+    differs = set(w.members) ^ set(leader.members)
+    items = [e.joint.items[m.item] for m in differs]
+    if len(w.members) != len(leader.members) or len(items) != 2 or items[0].site != items[1].site:
+        return w
+    if not confusable(items[0].effect, items[1].effect):
+        return w
+    return replace(w, score=leader.score - VERDICT.soft * (leader.score - w.score))
 
 
 def _extended(

@@ -3,26 +3,14 @@
 from __future__ import annotations
 
 # they register their commands; what others describe "as of `fit`" stands in the first
-from bayescal.cli import evaluation, changes, results, sessions  # noqa: F401, I001
+from bayescal.cli import evaluation, history, results, sessions  # noqa: F401
 from bayescal.cli.root import app
 
 __all__ = ["app"]
 
 ORDER = (
-    *(
-        "budget",
-        "changed",
-        "check",
-        "compare",
-        "compensate",
-        "export",
-        "fit",
-        "gap",
-        "import_",
-        "init",
-        "schema",
-    ),
-    *("plan", "report", "robots", "simulate", "verify"),
+    *("budget", "changed", "check", "compare", "compensate", "export", "fit", "gap", "history", "import_"),
+    *("init", "schema", "plan", "report", "robots", "simulate", "verify"),
 )
 """Of the commands in the help, by function."""
 app.registered_commands.sort(key=lambda command: ORDER.index(command.callback.__name__))  # type: ignore[union-attr]

@@ -18,13 +18,15 @@ if TYPE_CHECKING:
     from pandas import DataFrame
     from rich.console import RenderableType
 
+    from bayescal.changes.history import History
     from bayescal.changes.outcome import Changed
+    from bayescal.programs.text import Target
     from bayescal.public.functions import Source
 
 
 @dataclass(frozen=True, repr=False)
 class ChangedResult(Result):
-    """What changed between sessions; `print` shows the conclusion. `record` is the content of changed.json."""
+    """What changed between sessions; `print` shows it. `record` is the content of changed.json."""
 
     data: Changed | None = None
 
@@ -52,7 +54,7 @@ class ChangedResult(Result):
 
     @property
     def items(self) -> DataFrame:
-        """Parameters that changed or may have: `before`, `after`, `difference`, `u`, `U` (k = 2), `probability`."""
+        """What changed or may have: `before`, `after`, `difference`, `u`, `U` (k = 2), `probability`."""
         return table(
             self.record["items"], columns="item parameter site unit before after difference u U probability"
         )
@@ -105,14 +107,15 @@ def changed(
     Examples
     --------
     >>> import bayescal as bc
-    >>> a, b = (bc.simulate("geometry", 60, name=n, seed=s, later=4, spheres=0) for n, s in (("A", 1), ("B", 2)))
-    >>> bc.changed([a, b], "geometry").verdict
+    >>> options = {"effects": "geometry", "contacts": 80, "later": 4, "spheres": 0, "arm_seed": 1}
+    >>> sessions = [bc.simulate(name=name, seed=seed, **options) for seed, name in enumerate("AB")]
+    >>> bc.changed(sessions, "geometry").verdict
     'same'
     """
     from bayescal.changes.outcome import changed as run
 
     read = [session_of(d, allow_xacro=allow_xacro) for d in datasets]
-    targets = ()
+    targets: Sequence[Target] = ()
     if at is not None:
         from bayescal.compensating.compensation import read_targets
 
@@ -120,3 +123,69 @@ def changed(
     return ChangedResult(
         run(read, names(model), remounted=remounted, robust=robust, targets=targets, progress=progress)
     )
+
+
+@dataclass(frozen=True, repr=False)
+class HistoryResult(Result):
+    """The history of an arm; `print` shows the conclusion. `record` is the content of history.json."""
+
+    data: History | None = None
+
+    def _contents(self) -> Json:
+        from bayescal.reporting.changes.history import history_record
+
+        return history_record(self._new())
+
+    def report(self) -> RenderableType:
+        """The summary, to be printed by a `rich.console.Console`."""
+        from bayescal.reporting.changes.history import history_summary
+
+        return history_summary(self.record)
+
+    def save(self, folder: str | PathLike[str]) -> tuple[str, ...]:
+        """Write history.json, history.html and history.csv; return their names."""
+        from bayescal.reporting.changes.history import write_history
+
+        return write_history(self.record, Path(folder))
+
+    @property
+    def parameters(self) -> DataFrame:
+        """All parameters: `change` (trend or step), `size`, `u`, `U` (k = 2) and its probability."""
+        return table(self.record["parameters"], "name", "name effect site unit change size u U probability")
+
+    _overview = parameters
+
+    def __repr__(self) -> str:
+        return f"<history of {self.record['robot']}: {self.record['words'][0]}>"
+
+
+def history(
+    folder: str | PathLike[str],
+    *,
+    order: Sequence[str] | str = (),
+    limit_mm: float | None = None,
+    progress: Progress = silent,
+) -> HistoryResult:
+    """The parameters of an arm over its sessions, their trends and steps, and when to calibrate again.
+
+    Parameters
+    ----------
+    folder : path
+        A folder with run folders of fit or gap of one arm.
+    order : sequence of str, or str
+        Names of the run folders in the order of time, comma separated if in one string. Default: by the
+        dates that the datasets record, or by the names of the run folders where a date is missing.
+    limit_mm : float, optional
+        mm; RMS error of distances at which the arm is to be calibrated again.
+    progress : callable
+        Called with the stage and its completed fraction.
+
+    Raises
+    ------
+    BayescalError
+        For runs of different arms, or of fewer than two sessions.
+    """
+    from bayescal.changes.history import history as run
+
+    limit = None if limit_mm is None else 1e-3 * limit_mm
+    return HistoryResult(run(Path(folder), names(order), limit, progress))

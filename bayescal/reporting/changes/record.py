@@ -7,11 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from bayescal.changes.outcome import Changed, Detectable, Difference, Shift
+from bayescal.changes.moves import Shift
+from bayescal.changes.outcome import Changed, Detectable, Difference
 from bayescal.effects import UNITS
 from bayescal.effects.vocabulary import unit_label
 from bayescal.reporting.shared.origin import origin, plain
-from bayescal.reporting.shared.text import MM, UM, listed, percent, with_u
+from bayescal.reporting.shared.text import UM, listed, percent, with_u
 from bayescal.storage.reading import Json
 
 SCHEMA = "bayescal-changed/1"
@@ -90,14 +91,18 @@ def _detectable(x: Detectable) -> dict[str, Any]:
 
 
 def _pose(x: Shift) -> dict[str, Any]:
-    if x.shift is None:
-        return {"target": x.where, "shift_mm": None, "u_mm": None, "length_mm": None, "reason": x.reason}
+    none = x.shift is None
+    shift = (
+        dict.fromkeys(("dx_um", "dy_um", "dz_um"))
+        if x.shift is None
+        else dict(zip(("dx_um", "dy_um", "dz_um"), (UM * x.shift).tolist(), strict=True))
+    )
     return {
         "target": x.where,
-        "shift_mm": (MM * x.shift).tolist(),
-        "length_mm": MM * x.size,
-        "u_mm": MM * x.u,
-        "reason": "",
+        **shift,
+        "length_um": None if none else UM * x.size,
+        "U_um": None if none else COVERAGE * UM * x.u,
+        "reason": x.reason,
     }
 
 
@@ -219,13 +224,10 @@ def found_from(record: Json) -> list[str]:
         for x in own
         if x["value"] is None and x["parameter"] not in said
     ]
-    out = [
-        f"A change would have been found (9 times in 10) from these displacements of the TCP on: {'; '.join(parts)}."
-    ]
+    out = [f"A change would have been found (9 times in 10) if it moved the TCP by: {'; '.join(parts)}."]
     if unseen:
-        out.append(
-            f"Not visible in these sessions: {listed(unseen[:MOST])}{' and others' if len(unseen) > MOST else ''}."
-        )
+        shown = [*unseen[:MOST], *(["others"] if unseen[MOST:] else [])]
+        out.append(f"Not visible in these sessions: {listed(shown)}.")
     return out if parts else out[1:]
 
 

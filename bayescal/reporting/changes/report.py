@@ -121,12 +121,9 @@ def poses_sheet(record: Json) -> Sheet:
     """Displacements at given poses."""
     columns = (
         Column("target", "target"),
-        *(
-            Column(f"{a} (µm)", lambda x, k=k: x["shift_mm"] and 1e3 * x["shift_mm"][k], length)
-            for k, a in enumerate("xyz")
-        ),
-        Column("length (µm)", lambda x: None if x["length_mm"] is None else 1e3 * x["length_mm"], length),
-        Column("U (µm)", lambda x: None if x["u_mm"] is None else 2e3 * x["u_mm"], length),
+        *(Column(f"{a} (µm)", f"d{a}_um", length) for a in "xyz"),
+        Column("length (µm)", "length_um", length),
+        Column("U (µm)", "U_um", length),
         Column("note", "reason", words=True),
     )
     return Sheet(
@@ -208,13 +205,10 @@ def changed_page(record: Json) -> str:
             "basis",
             "Basis",
             *texts(basis),
-            Text(
-                "before and after are the values of the joint fit of all sessions; U is that of the difference.",
-                "quiet",
-            ),
+            Text("before and after: values of the joint fit of all sessions; U: of the difference.", "quiet"),
         ),
     ]
-    subtitle = f"Changes between {listed(record['sessions'])}, {record['robot']}; model: {', '.join(record['model'])}"
+    subtitle = f"{listed(record['sessions'])}, {record['robot']}; model: {', '.join(record['model'])}"
     return page(
         SIGNS[record["verdict"]][2], subtitle, sections, (f"bayescal {__version__}",), headers=filed(record)
     )

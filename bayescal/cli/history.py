@@ -1,4 +1,4 @@
-"""Commands that compare sessions of one arm: `changed`."""
+"""Commands that compare sessions of one arm: `changed`, `history`."""
 
 from __future__ import annotations
 
@@ -28,7 +28,8 @@ def changed(
     Parameters
     ----------
     datasets
-        Dataset folders of one arm in the order of time. Targets of the same name and description are compared.
+        Dataset folders of one arm in the order of time. Targets of the same name and description are
+        compared.
     model
         Effects that all sessions have, separated by commas.
     at
@@ -51,3 +52,32 @@ def changed(
         notify("write", 0.0)
         written = result.save(folder)
     show(result.report(), folder, written)
+
+
+@command("bayescal history runs/arm-7", "bayescal history runs/arm-7 --limit-mm 0.1")
+def history(
+    folder: Path = typer.Argument(metavar="ARM"),
+    order: str = "",
+    limit_mm: float | None = typer.Option(None, min=0.0),
+    out: Path | None = None,
+) -> None:
+    """The parameters of an arm over its sessions: trends, steps, and when to calibrate again.
+
+    Parameters
+    ----------
+    folder
+        Folder with run folders of fit or gap of one arm.
+    order
+        Names of the run folders in the order of time, separated by commas [default: by the dates that the
+        datasets record, or by the names of the run folders].
+    limit_mm
+        RMS error of distances at which the arm is to be calibrated again: when the drift reaches it.
+    out
+        As of `fit`.
+    """
+    from bayescal.public.changes import history as run
+
+    with run_folder(out, [folder], "history") as target, progress("read") as notify:
+        result = run(folder, order=order, limit_mm=limit_mm, progress=notify)
+        written = result.save(target)
+    show(result.report(), target, written)
