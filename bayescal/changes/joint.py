@@ -19,7 +19,7 @@ from bayescal.dataset.join import joined
 from bayescal.effects import EFFECTS, Circumstances, Parameter, Session, parameters_of
 from bayescal.effects.common import within
 from bayescal.effects.location import ARM as WHOLE
-from bayescal.effects.location import BASE, Site, face, joint
+from bayescal.effects.location import BASE, NUMBERED, TOOL, Site, face, joint
 from bayescal.effects.vocabulary import Effect
 from bayescal.errors import BayescalError
 from bayescal.estimate import Estimate, estimate
@@ -45,7 +45,6 @@ class Item:
     site: Site
     kind: str  # arm, effect, setup or unknown
     parameters: tuple[Parameter, ...]  # with the prior of a change
-    family: str = ""  # of the errors of all sessions that have its form
 
 
 @dataclass(frozen=True)
@@ -185,9 +184,10 @@ def _of_model(
     """Parameters of the model, joint zeros that it does not have, base, targets and tools."""
     turning = {t.frame for p in shared for t in p.terms if t.axis == "rz" and np.ndim(t.driver) == 0}
     grouped: dict[tuple[str, str], list[Parameter]] = {}
+    several = len({p.name.rpartition(" ")[0] for p in shared if p.site == TOOL}) > 1
     for p in shared:
-        alone = p.site.kind in ("joint", "link")
-        grouped.setdefault((p.name if alone else str(p.site), p.effect), []).append(p)
+        name = p.name.rpartition(" ")[0] if p.site == TOOL and several else str(p.site)
+        grouped.setdefault((p.name if p.site.kind in NUMBERED else name, p.effect), []).append(p)
     for (name, effect), own in grouped.items():
         if own[0].site == BASE and own[0].driver.kind != "moment":
             continue
@@ -195,7 +195,7 @@ def _of_model(
             name,
             effect,
             own[0].site,
-            "arm" if own[0].site.kind in ("joint", "link") else "setup",
+            "arm" if own[0].site.kind in NUMBERED else "setup",
             tuple(map(_change, own)),
         )
     for j in range(1, c.robot.n + 1):
@@ -237,9 +237,7 @@ def _of_effects(c: Circumstances, known: set[str], effects: tuple[str, ...]) -> 
             if p.name not in known:
                 grouped.setdefault(WHOLE if effect.whole else p.site, []).append(p)
         for site, own in grouped.items():
-            yield Item(
-                f"{effect.name} {site}", effect.name, site, "effect", tuple(map(_change, own)), effect.name
-            )
+            yield Item(f"{effect.name} {site}", effect.name, site, "effect", tuple(map(_change, own)))
 
 
 def _unknown(c: Circumstances) -> Iterator[Item]:
@@ -250,6 +248,4 @@ def _unknown(c: Circumstances) -> Iterator[Item]:
             grouped.setdefault((p.site, str(p.driver)), []).append(p)
         for (site, driver), own in grouped.items():
             if "time" not in driver and "temperature" not in driver:
-                yield Item(
-                    f"{driver} at {site}", "unknown", site, "unknown", tuple(map(_change, own)), family.name
-                )
+                yield Item(f"{driver} at {site}", "unknown", site, "unknown", tuple(map(_change, own)))

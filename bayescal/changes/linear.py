@@ -17,6 +17,8 @@ measured at different poses.
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -34,12 +36,16 @@ from bayescal.model import ARM
 
 ITERATIONS, ENOUGH = 60, 1e-2
 """Largest number of updates of variances, and the change of a logarithm at which they end."""
+PER_MOMENT = "(N m)"
+"""End of the units of springs: they are linear, so that only others differ in their form."""
+ALIKE = 20.0
+"""Residuals that the mean of a session is worth in the noise scale of one of its targets (assumed)."""
 FIRST, LEAST = 0.03, 1e-6
 """Variances of families at the start, and the smallest, over those of the unit amplitudes (assumed)."""
 
-FORM = 0.3
-"""Part of an error of all sessions, as its model describes it, that may differ between them: the form of an
-effect is known to 10 to 30 %, and acts differently where poses and ways differ (assumed)."""
+FORM = 0.05
+"""Standard deviation of what may differ between sessions in an error that all have, over its size: the forms of
+effects are approximate, and act differently where poses and ways differ (assumed)."""
 
 
 @dataclass(frozen=True)
@@ -93,7 +99,11 @@ def evidence(joint: Joint) -> Evidence:
     every = [p for _, p in own] + [p for _, p in smooth] + more
     j, g, e, rows = linearised_with(found, list(every))
     nuisance = len(own) + len(smooth)
-    session = np.array([next(k for k, s in enumerate(parts) if s.rows[r]) for r in rows])
+    session = np.argmax([s.rows[rows] for s in parts], axis=0)
+    target = joint.dataset.measurements.target[rows]
+    of_group, group = np.unique(np.stack([session, target]), axis=1, return_inverse=True)
+    of_group, group = of_group[0], group.ravel()
+    count_of = np.bincount(group)
     d, linear = j.shape[1], found.linear
     certified = slice(sum(b.residuals for b in found.model.blocks), None)
     held = linear.jacobian[certified]
@@ -111,8 +121,8 @@ def evidence(joint: Joint) -> Evidence:
     # smooth changes have no variance: few sessions have one, and their columns are most of all
     used = np.flatnonzero(np.array([bool(label) for label in labels]))
     told = np.array([label for label in labels if label], dtype=object)
-    kappa, variances = _variances(j, g[:, used], e, session, prior, pull, told)
-    weight = 1.0 / kappa[session]
+    kappa, variances = _variances(j, g[:, used], e, group, of_group, prior, pull, told)
+    weight = 1.0 / kappa[group]
     x = np.column_stack([j, g]) * weight[:, None]
     full = x.T @ x
     size = np.array([variances[label] for label in labels[:nuisance]])
@@ -150,8 +160,14 @@ def evidence(joint: Joint) -> Evidence:
     )
     centres = np.concatenate([model.physical(np.zeros(model.size)), np.zeros(nuisance)])
     names = (*model.names, *(p.name for _, p in own), *("" for _ in smooth))
-    families_ = [joint.items[c.item].family for c in columns]
-    form = np.diag(FORM * np.sqrt([variances.get(name, 0.0) for name in families_]))
+    form = np.zeros((len(columns), len(columns)))
+    known = np.sqrt(np.maximum(start**2 - np.diag(inner), 0.0))[d - count :]  # of what is told, not its noise
+    amplitude = dict(zip(_keys([p for _, p in (*own, *smooth)]), known.tolist(), strict=True))
+    for k in range(1, len(parts)):
+        later = [i for i, c in enumerate(columns) if c.session == k]
+        for i, key in zip(later, _keys([columns[i].parameter for i in later]), strict=True):
+            if not columns[i].parameter.unit.endswith(PER_MOMENT):
+                form[i, i] = FORM * amplitude.get(key, 0.0)
     information, score, _ = integrated(
         0.5 * (information + information.T), score, form[:, np.any(form, axis=0)]
     )
@@ -166,9 +182,20 @@ def evidence(joint: Joint) -> Evidence:
         tuple(names[k] for k in kept),
         sizes[kept],
         centres[kept],
-        kappa,
+        np.sqrt(np.bincount(of_group, count_of * kappa**2) / np.bincount(of_group, count_of)),
         variances,
     )
+
+
+def _keys(parameters: Sequence[Parameter]) -> list[tuple[str, str, str, int]]:
+    """What errors of all sessions and their changes have in common: name, site, driver, and their number."""
+    count: Counter[tuple[str, str, str]] = Counter()
+    out = []
+    for p in parameters:
+        key = (p.name, str(p.site), str(p.driver))
+        out.append((*key, count[key]))
+        count[key] += 1
+    return out
 
 
 def integrated(
@@ -203,19 +230,21 @@ def _variances(
     j: np.ndarray,
     g: np.ndarray,
     e: np.ndarray,
+    group: np.ndarray,
     session: np.ndarray,
     prior: np.ndarray,
     pull: np.ndarray,
     labels: np.ndarray,
 ) -> tuple[np.ndarray, dict[str, float]]:
-    """Noise scale of each session, and variance of each family, that maximise the evidence.
+    """Noise scale of each group of residuals, and variance of each family, that maximise the evidence.
 
-    The unknowns of the model keep their prior, as a quadratic form with the gradient `pull`.
+    `group` (R,) is that of each residual, `session` the session of each group. The unknowns of the model
+    keep their prior, as a quadratic form with the gradient `pull`.
     """
     d, families_ = j.shape[1], list(dict.fromkeys(labels))
     member = [np.flatnonzero(labels == f) + d for f in families_]
     x = np.column_stack([j, g])
-    parts = [np.flatnonzero(session == k) for k in range(int(session.max()) + 1)]
+    parts = [np.flatnonzero(group == k) for k in range(len(session))]
     grams, scores = [x[p].T @ x[p] for p in parts], [x[p].T @ e[p] for p in parts]
     kappa, size = np.ones(len(parts)), np.full(len(families_), FIRST)
     for _ in range(ITERATIONS):
@@ -236,11 +265,12 @@ def _variances(
             # the update of MacKay; where nothing is known the variance tends to the smallest
             size[k] = max((float(u[m] @ u[m]) + 1e-3 * LEAST) / (known + 1e-3), LEAST)
         left = e + x @ u
-        for k, p in enumerate(parts):
-            taken = float(np.sum(grams[k] * covariance)) / kappa[k] ** 2
-            kappa[k] = np.sqrt(
-                (float(left[p] @ left[p]) + STATED_WORTH) / (max(len(p) - taken, 1.0) + STATED_WORTH)
-            )
+        taken = np.array([np.sum(gram * covariance) for gram in grams]) / kappa**2
+        square, dof = np.array([left[p] @ left[p] for p in parts]), np.array([len(p) for p in parts]) - taken
+        for k in range(int(session.max()) + 1):
+            own = session == k
+            mean = (np.sum(square[own]) + STATED_WORTH) / (max(np.sum(dof[own]), 1.0) + STATED_WORTH)
+            kappa[own] = np.sqrt((square[own] + ALIKE * mean) / (np.maximum(dof[own], 0.0) + ALIKE))
         if np.max(np.abs(np.concatenate([np.log(kappa), np.log(size)]) - before)) < ENOUGH:
             break
     return kappa, dict(zip(families_, size.tolist(), strict=True))

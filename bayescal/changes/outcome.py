@@ -140,9 +140,9 @@ def changed(
     arm_same = sum(w.probability for w in found.weighed if not any(_of_arm(joint, m) for m in w.members))
     classes = {m: members_of_class(found, m) for m in found.best.members}
     of_class = {m: group for group in reversed(classes.values()) for m in group}
-    verdict = verdict_of(found.same, all(classes.values()) and bool(classes))
+    verdict = verdict_of(found.same, any(classes.values()))
     of_arm = {m: g for m, g in classes.items() if _of_arm(joint, m)}
-    arm = verdict_of(arm_same, all(of_arm.values()) and bool(of_arm))
+    arm = verdict_of(arm_same, any(of_arm.values()))
     listed = [m for m, p in found.probability.items() if p >= LISTED or m in of_class]
     listed.sort(key=lambda m: (m not in of_class, -found.probability[m]))
     differences = [
@@ -185,7 +185,7 @@ def _of_arm(joint: Joint, m: Member) -> bool:
 
 
 def verdict_of(same: float, resolved: bool) -> str:
-    """The verdict, by the probability that nothing changed, and whether all changes are named."""
+    """The verdict, by the probability that nothing changed, and whether one is named, alone or in a class."""
     if same >= NONE:
         return "same"
     return "changed" if 1.0 - same >= SURE and resolved else "ambiguous"

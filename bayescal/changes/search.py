@@ -24,7 +24,7 @@ NONE = 0.5
 """Prior probability that nothing changed (convention)."""
 SHARES = {"base": 0.15, "target": 0.05, "tool": 0.15, "arm": 0.3, "effect": 0.25, "unknown": 0.1}
 """Prior probability of the kinds of a single change, shared by their items (assumed)."""
-WIDTH, DEPTH = 8, 6
+WIDTH, DEPTH = 8, 16
 """Sets that are extended, and the most members."""
 SURE, NAMED = 0.95, 0.9
 """Probability of a change, and of a name, from which on they are stated (convention)."""

@@ -167,13 +167,18 @@ def _panel(p: Json, record: Json) -> tuple[str, Any]:
     u = np.array([v["u"] for v in p["values"] if v is not None])
     weight = 1.0 / u**2
     since = [r["folder"] for r in record["runs"]].index(p["from_run"]) if p["from_run"] else 0
-    pattern = time if p["change"] == TREND else (time >= time[since]).astype(float)
-    line = p["size"] * pattern
-    line += np.sum(weight * (value - line[has])) / np.sum(weight)
+    trend = p["change"] == TREND
+    part = p["size"] * (time if trend else (time >= time[since]).astype(float))
+    start = np.sum(weight * (value - part[has])) / np.sum(weight)
+    when, line = time, start + part
+    if not trend:  # between two runs
+        middle = 0.5 * (time[since - 1] + time[since])
+        when = np.array([time[0], middle, middle, time[-1]])
+        line = start + p["size"] * np.array([0.0, 0.0, 1.0, 1.0])
     unit = unit_label(p["unit"])
     label = f"time ({record['time_unit']}s)"
     return f"{p['name']}: {size(p, record)}", svg.course(
-        time[has], value, COVERAGE * u, (time, line), label, f"{p['name']} ({unit})", f"{p['name']} over time"
+        time[has], value, COVERAGE * u, (when, line), label, unit, f"{p['name']} over time"
     )
 
 

@@ -31,6 +31,7 @@ def changed_record(result: Changed) -> Json:
         "model": list(result.effects),
         "robot": result.dataset.robot.name,
         "sessions": [s.name for s in result.sessions],
+        "folders": [str(s.folder) for s in result.sessions],
         "verdict": result.verdict,
         "arm": result.arm,
         "probability": {"same": result.same, "arm_same": result.arm_same},
@@ -160,11 +161,11 @@ def words(record: Json) -> list[str]:
     open_ = by_item([x for x in record["items"] if not x["stated"]])
     out = []
     if record["verdict"] == "same":
-        out.append(f"Nothing changed (probability {same}).")
+        out.append(f"No change was found. That nothing changed has a probability of {same}.")
     elif record["verdict"] == "ambiguous":
         names = [f"{named(x[0])} ({percent(x[0]['probability'])})" for x in (*stated, *open_)[:MOST]]
         out.append(
-            f"Not decided: nothing changed has a probability of {same}."
+            f"Not decided. That nothing changed has a probability of {same}."
             + (f" Possible: {listed(names, 'or')}." if names else "")
         )
     else:

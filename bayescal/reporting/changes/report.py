@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 
 from rich.console import Group, RenderableType
@@ -9,7 +10,7 @@ from rich.text import Text as Words
 
 from bayescal import __version__
 from bayescal.effects.vocabulary import unit_label
-from bayescal.reporting.changes.record import by_item, detectable_kinds, named, since, small
+from bayescal.reporting.changes.record import SMALL, detectable_kinds, named, since, small
 from bayescal.reporting.page.render import page
 from bayescal.reporting.page.section import FirstScreen, Section, Text, blocks, texts
 from bayescal.reporting.shared.origin import filed
@@ -21,7 +22,6 @@ from bayescal.reporting.shared.text import (
     listed,
     model_label,
     probability,
-    quantity,
     two_digits,
     under,
     with_u,
@@ -99,6 +99,12 @@ def items_sheet(record: Json, stated: bool = True) -> Sheet:
     )
 
 
+def least(x: Json) -> str | None:
+    """The smallest change in a unit for print; None where none would have been found."""
+    unit, factor = SMALL.get(x["unit"], (unit_label(x["unit"]), 1.0))
+    return None if x["value"] is None else f"{two_digits(factor * x['value'])} {unit}".rstrip()
+
+
 def detectable_sheet(record: Json) -> Sheet:
     """The smallest change of every parameter that would have been found."""
     items = [x for own in detectable_kinds(record).values() for x in own]
@@ -106,7 +112,7 @@ def detectable_sheet(record: Json) -> Sheet:
     columns = (
         Column("parameter", "parameter"),
         Column("site", "site", words=True),
-        Column("smallest change", lambda x: None if x["value"] is None else quantity(x["value"], x["unit"])),
+        Column("smallest change", least),
         Column("TCP (µm RMS)", "tcp_um", length),
     )
     return Sheet(
@@ -177,9 +183,10 @@ def _first(record: Json) -> Section:
                 f"RMS; at most {length(abs(d['largest_um']))} µm",
             )
         )
+    folders = [shlex.quote(name) for name in record["folders"]]
     steps = {
-        "same": [("One calibration of all sessions:", f"bayescal fit {' '.join(record['sessions'])}")],
-        "changed": [("Calibrate the arm as it is now:", f"bayescal fit {record['sessions'][-1]}")],
+        "same": [("One calibration of all sessions:", f"bayescal fit {' '.join(folders)}")],
+        "changed": [("Calibrate the arm as it is now:", f"bayescal fit {folders[-1]}")],
         "ambiguous": [("Measure more contacts, and compare again.", "")],
     }[record["verdict"]]
     return FirstScreen(
@@ -189,11 +196,8 @@ def _first(record: Json) -> Section:
 
 def changed_page(record: Json) -> str:
     """The page, as text."""
-    groups = [x for x in by_item(record["items"]) if x[0]["stated"] and x[0]["class"]]
-    notes = [
-        f"{named(x[0])}: not distinguished from {listed(n for n in x[0]['class'] if n != x[0]['item'])}."
-        for x in groups
-    ]
+    classes = dict.fromkeys(tuple(x["class"]) for x in record["items"] if x["stated"] and x["class"])
+    notes = [f"Only one of these: {listed(names, 'or')}." for names in classes]
     basis = [f"{heading}: {words}." for heading, words, _ in _basis(record)]
     sections = [
         _first(record),
@@ -210,7 +214,7 @@ def changed_page(record: Json) -> str:
     ]
     subtitle = f"{listed(record['sessions'])}, {record['robot']}; model: {', '.join(record['model'])}"
     return page(
-        SIGNS[record["verdict"]][2], subtitle, sections, (f"bayescal {__version__}",), headers=filed(record)
+        "Changes between sessions", subtitle, sections, (f"bayescal {__version__}",), headers=filed(record)
     )
 
 
