@@ -1,6 +1,6 @@
 """Real sessions compared with `bayescal changed`: parts whose difference is known, and halves that have none.
 
-- sockets: of a Panda, a ball in the first and in the second socket of every place (50 mm apart), as one target;
+- sockets: of a Panda, a ball in the first and the second socket of every place (50 mm apart), as one target;
 - runs: of the Motoman, two runs over the same planes; the wall moved by 0.8 mm in between;
 - faces: of the Motoman, two faces of its tool (up to 1 mm off a common centre), as one tool;
 - halves: of every session, poses at random.
@@ -70,9 +70,8 @@ def sockets(d: Dataset) -> Pair:
     for end in SOCKETS:
         own = part(d, np.char.endswith(of_row, end), f"socket{end}")
         names = [t.name.removesuffix(end) for t in d.targets if t.name.endswith(end)]
-        index = np.array(
-            [names.index(t.name.removesuffix(end)) if t.name.endswith(end) else 0 for t in d.targets]
-        )
+        at = {f"{name}{end}": k for k, name in enumerate(names)}
+        index = np.array([at.get(t.name, 0) for t in d.targets])
         targets = tuple(replace(first[name], name=name) for name in names)
         m = replace(own.measurements, target=index[own.measurements.target])
         out.append(replace(own, targets=targets, certificates=(), measurements=m))
@@ -99,7 +98,7 @@ def runs(d: Dataset) -> Pair:
 
 
 def faces(d: Dataset) -> Pair:
-    """Contacts with two faces of the tool as those of one face, each with half of those of the other faces."""
+    """Contacts with two faces of the tool as those of one face, with half of those of the other faces."""
     m = d.measurements
     name = np.array([t.name for t in d.tools])[m.tool]
     half = np.arange(len(m.ids)) // 8 % 2 == 0
@@ -156,10 +155,17 @@ def table(records: Sequence[Record]) -> str:
         "| session | parts | verdict | arm | P(arm same) | changed |",
         "| --- | --- | --- | --- | --- | --- |",
     ]
-    return "\n".join([*lines, *(
-        f"| {r['session']} | {r['what']} | {r['verdict']} | {r['arm']} | {r['arm_same']:.2f} | {'; '.join(r['named'])} |"
-        for r in records
-    )])  # fmt: skip
+    for r in records:
+        cells = [
+            r["session"],
+            r["what"],
+            r["verdict"],
+            r["arm"],
+            f"{r['arm_same']:.2f}",
+            "; ".join(r["named"]),
+        ]
+        lines.append(f"| {' | '.join(cells)} |")
+    return "\n".join(lines)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

@@ -1,4 +1,4 @@
-"""Pairs of sessions of one arm in the blind check: an answer, its score against the truth, and the criteria."""
+"""Pairs of sessions in the blind check: an answer, its score against the truth, and the criteria."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ import numpy as np
 
 from analysis.blind.card import page_of, show
 from analysis.blind.files import write_score
+from analysis.blind.folder import PAIR
 from analysis.blind.motions import CRASHED, need
 from analysis.blind.rates import proportion, value
 from analysis.blind.rows import NONE, Row
 
 BEGIN, END = "<!-- blind changes: begin -->", "<!-- blind changes: end -->"
-SESSIONS = ("before", "after")
 CLEAR = 30.0
 """Lambda from which a change must be named."""
 NAMES = ("zero", "compliance", "backlash", "tool", "base")
@@ -31,7 +31,7 @@ def answer(folder: Path) -> dict[str, Any]:
     from bayescal.effects import BASELINE
     from bayescal.reporting.changes.record import changed_record
 
-    return {"gap": changed_record(changed([read_dataset(folder / s) for s in SESSIONS], BASELINE))}
+    return {"gap": changed_record(changed([read_dataset(folder / s) for s in PAIR], BASELINE))}
 
 
 def is_item(change: Mapping[str, Any], item: Mapping[str, Any]) -> bool:

@@ -1,9 +1,10 @@
-"""Pairs of simulated sessions of one arm: what the model lacks is in both, and at most two things change between.
+"""Pairs of simulated sessions of one arm: unmodelled effects are in both, and at most two things change.
 
 The arm, what stands before it and effects that are not modelled are the same in both sessions; each has its
-contacts or poses, payloads, warm-up, noise and outliers. Between the sessions a joint zero may shift (a crash), a joint
-become softer, its backlash grow, the tool be mounted anew, or the base move. The size of a change follows
-from a drawn detectability: that of a fit of both sessions with one arm. Nothing is shared with the model.
+contacts or poses, payloads, warm-up, noise and outliers. Between the sessions a joint zero may shift (a
+crash), a joint become softer, its backlash grow, the tool be mounted anew, or the base move. The size of a
+change follows from a drawn detectability: that of a fit of both sessions with one arm. Nothing is shared with
+the model.
 """
 
 from __future__ import annotations
@@ -133,7 +134,7 @@ def _shaped(world: World, **values: np.ndarray) -> World:
 def _columns(
     models: Sequence[visible.Fitted], worlds: Sequence[World], sigma: float, tied: bool
 ) -> np.ndarray:
-    """Return whitened columns of one arm in both sessions; targets of one name are one target where `tied`."""
+    """Return whitened columns of one arm in both sessions; targets of one name are one where `tied`."""
     rows, keys = [], []
     for k, (model, world) in enumerate(zip(models, worlds, strict=True)):
         stage = world.session.stage

@@ -32,6 +32,8 @@ ZERO = 2e-3
 """rad: standard deviation of a joint zero that no parameter of the model has (that of `geometry`)."""
 MOVED = {"t": 1e-3, "r": 2e-3}
 """m and rad: usual change of a base or target (assumed); far smaller than the prior of its place."""
+SCATTERED = 0.2
+"""Share of outliers among the rows of a target in a session from which on it is not compared (assumed)."""
 POSES = 4
 """Fits with gravity at the pose of the fit before."""
 
@@ -57,6 +59,7 @@ class Joint:
     circumstances: Circumstances  # of the estimate, with sessions
     items: tuple[Item, ...]
     placed: frozenset[str]  # names of targets that sessions share
+    scattered: frozenset[str]  # those of them of which many rows are outliers: they moved within a session
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -165,7 +168,14 @@ def prepared(
     c = replace(with_compliances(scene.circumstances(scene.rows("calibrate")), found), sessions=parts)
     items += _of_effects(replace(c, sessions=()), {p.name for p in shared}, effects)
     items += _unknown(c)
-    return Joint(dataset, parts, found, c, tuple(items), placed)
+    out = np.isin(np.arange(len(row)), found.rejected)
+    scattered = {
+        t.name
+        for k, t in enumerate(dataset.targets)
+        for s, own in zip(parts, fitted, strict=True)
+        if k in own and np.mean(out[s.rows & (m.target == k) & (m.role == "calibrate")]) > SCATTERED
+    }
+    return Joint(dataset, parts, found, c, tuple(items), placed, placed & scattered)
 
 
 def changes(items: Sequence[Item], parts: Sequence[Session]) -> list[Parameter]:

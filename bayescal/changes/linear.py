@@ -34,17 +34,19 @@ from bayescal.estimate.families import families
 from bayescal.estimate.further import linearised_with
 from bayescal.model import ARM
 
-ITERATIONS, ENOUGH = 60, 1e-2
+ITERATIONS, ENOUGH = 40, 1e-2
 """Largest number of updates of variances, and the change of a logarithm at which they end."""
+NONE = 1e-12
+"""In place of a variance that is none, so that its inverse is finite."""
 PER_MOMENT = "(N m)"
 """End of the units of springs: they are linear, so that only others differ in their form."""
 ALIKE = 20.0
 """Residuals that the mean of a session is worth in the noise scale of one of its targets (assumed)."""
-FIRST, LEAST = 0.03, 1e-6
-"""Variances of families at the start, and the smallest, over those of the unit amplitudes (assumed)."""
+FIRST, LEAST = 0.03, 1e-4
+"""Variances of families at the start, and up to which they are none, over those of the unit amplitudes."""
 
 FORM = 0.05
-"""Standard deviation of what may differ between sessions in an error that all have, over its size: the forms of
+"""Standard deviation of what may differ between sessions in an error that all have, over its size: forms of
 effects are approximate, and act differently where poses and ways differ (assumed)."""
 
 
@@ -166,7 +168,9 @@ def evidence(joint: Joint) -> Evidence:
     for k in range(1, len(parts)):
         later = [i for i, c in enumerate(columns) if c.session == k]
         for i, key in zip(later, _keys([columns[i].parameter for i in later]), strict=True):
-            if not columns[i].parameter.unit.endswith(PER_MOMENT):
+            if joint.items[columns[i].item].name in joint.scattered:
+                form[i, i] = 1.0
+            elif not columns[i].parameter.unit.endswith(PER_MOMENT):
                 form[i, i] = FORM * amplitude.get(key, 0.0)
     information, score, _ = integrated(
         0.5 * (information + information.T), score, form[:, np.any(form, axis=0)]
@@ -241,36 +245,37 @@ def _variances(
     `group` (R,) is that of each residual, `session` the session of each group. The unknowns of the model
     keep their prior, as a quadratic form with the gradient `pull`.
     """
-    d, families_ = j.shape[1], list(dict.fromkeys(labels))
-    member = [np.flatnonzero(labels == f) + d for f in families_]
-    x = np.column_stack([j, g])
-    parts = [np.flatnonzero(group == k) for k in range(len(session))]
-    grams, scores = [x[p].T @ x[p] for p in parts], [x[p].T @ e[p] for p in parts]
-    kappa, size = np.ones(len(parts)), np.full(len(families_), FIRST)
+    d, names = j.shape[1], list(dict.fromkeys(labels))
+    member = [np.flatnonzero(labels == name) + d for name in names]
+    every = np.column_stack([j, g])
+    kappa, size = np.ones(len(session)), np.full(len(names), FIRST)
+    count = np.bincount(group, minlength=len(session))
     for _ in range(ITERATIONS):
-        a = sum(gram / k**2 for gram, k in zip(grams, kappa, strict=True))
-        b = sum(s / k**2 for s, k in zip(scores, kappa, strict=True))
+        # families without a variance take no part
+        active = [k for k in range(len(names)) if size[k] > LEAST]
+        x = every[:, np.concatenate([np.arange(d), *(member[k] for k in active)]).astype(int)]
+        weight = 1.0 / kappa[group] ** 2
+        a, b = (x * weight[:, None]).T @ x, x.T @ (weight * e)
         a[:d, :d] += prior
         b[:d] += pull
-        diagonal = np.zeros(len(b))
-        for m, s in zip(member, size, strict=True):
-            diagonal[m] = 1.0 / s
-        a[np.arange(len(b)), np.arange(len(b))] += diagonal
+        own = np.repeat(size[active], [len(member[k]) for k in active])
+        a[np.arange(d, len(b)), np.arange(d, len(b))] += 1.0 / own
         covariance = _inverse(a)
-        u = -covariance @ b
-        before = np.concatenate([np.log(kappa), np.log(size)])
-        for k, m in enumerate(member):
-            trace = float(np.sum(np.diag(covariance)[m]))
-            known = max(len(m) - trace / size[k], 1e-9)
+        u, variance = -covariance @ b, np.diag(covariance)
+        before, start = np.concatenate([np.log(kappa), np.log(size)]), d
+        for k in active:
+            m = slice(start, start + len(member[k]))
+            start = m.stop
+            known = max(len(member[k]) - float(np.sum(variance[m])) / size[k], 1e-9)
             # the update of MacKay; where nothing is known the variance tends to the smallest
             size[k] = max((float(u[m] @ u[m]) + 1e-3 * LEAST) / (known + 1e-3), LEAST)
         left = e + x @ u
-        taken = np.array([np.sum(gram * covariance) for gram in grams]) / kappa**2
-        square, dof = np.array([left[p] @ left[p] for p in parts]), np.array([len(p) for p in parts]) - taken
+        square = np.bincount(group, left**2, len(session))
+        dof = count - np.bincount(group, weight * np.sum((x @ covariance) * x, axis=1), len(session))
         for k in range(int(session.max()) + 1):
-            own = session == k
-            mean = (np.sum(square[own]) + STATED_WORTH) / (max(np.sum(dof[own]), 1.0) + STATED_WORTH)
-            kappa[own] = np.sqrt((square[own] + ALIKE * mean) / (np.maximum(dof[own], 0.0) + ALIKE))
+            of = session == k
+            mean = (np.sum(square[of]) + STATED_WORTH) / (max(np.sum(dof[of]), 1.0) + STATED_WORTH)
+            kappa[of] = np.sqrt((square[of] + ALIKE * mean) / (np.maximum(dof[of], 0.0) + ALIKE))
         if np.max(np.abs(np.concatenate([np.log(kappa), np.log(size)]) - before)) < ENOUGH:
             break
-    return kappa, dict(zip(families_, size.tolist(), strict=True))
+    return kappa, dict(zip(names, np.where(size > LEAST, size, NONE).tolist(), strict=True))

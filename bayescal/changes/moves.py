@@ -21,6 +21,8 @@ from bayescal.programs.tools import nominal_arm
 
 AT = "at"
 """Role of poses that are given: they are neither fitted nor validated."""
+STEP = 1e-2
+"""Of a parameter, in prior standard deviations, for its slopes."""
 PAIRS, DRAWS = 3000, 400
 """Pairs of poses whose distances are compared, and draws for their u."""
 
@@ -55,16 +57,21 @@ class Shift:
         return 0.0 if self.covariance is None else float(np.sqrt(np.trace(self.covariance)))
 
 
-def tcp_slopes(joint: Joint, parameters: Sequence[Parameter]) -> np.ndarray:
-    """Displacements (K, 3, N), m, of the TCP in all rows by a prior standard deviation of each parameter."""
-    wide, _, _ = model_with(joint.found.model, parameters)
+def tcp_slopes(joint: Joint, parameters: Sequence[tuple[Parameter, bool]]) -> np.ndarray:
+    """Displacements (K, 3, N), m, of the TCP in all rows by a prior standard deviation of parameters.
+
+    Zero for parameters of which they are not wanted.
+    """
+    wanted = [p for p, used in parameters if used]
+    wide, _, _ = model_with(joint.found.model, wanted)
     motion = wide.motion(np.arange(len(joint.found.model.scene.q)))
-    values = np.append(joint.found.arm, np.zeros(len(parameters)))
-    out = []
-    for k, p in enumerate(parameters, start=len(values) - len(parameters)):
-        step = 0.01 * p.sd * np.eye(len(values))[k]
-        out.append((motion.points(values + step) - motion.points(values - step)) / 0.02)
-    return np.array(out).reshape(len(parameters), 3, -1)
+    values = np.append(joint.found.arm, np.zeros(len(wanted)))
+    out, still = np.zeros((len(parameters), 3, len(joint.found.model.scene.q))), motion.points(values)
+    places = np.flatnonzero([used for _, used in parameters])
+    for k, (at, p) in enumerate(zip(places, wanted, strict=True), start=len(joint.found.arm)):
+        step = STEP * p.sd * np.eye(len(values))[k]
+        out[at] = (motion.points(values + step) - still) / STEP
+    return out
 
 
 def distance_slopes(points: np.ndarray, by: np.ndarray) -> np.ndarray:

@@ -22,12 +22,12 @@ from bayescal.changes.search import (
     LISTED,
     NAMED,
     NONE,
+    SCALES,
     SURE,
     Member,
     Search,
     Weighed,
     averaged,
-    gains,
     log_priors,
     options,
     search,
@@ -150,13 +150,21 @@ def changed(
         for m in listed
         for d in _differences(found, m, of_class.get(m, ()), m in of_class and verdict != "same")
     ]
-    moves = tcp_slopes(joint, [p for i in joint.items for p in i.parameters])
+    best = {m.item for m in found.best.members}
+    moved = [k in best or i.kind != "unknown" for k, i in enumerate(joint.items)]
+    moves = tcp_slopes(
+        joint, [(p, used) for i, used in zip(joint.items, moved, strict=True) for p in i.parameters]
+    )
     effect, shifts = _moved(found, moves, len(targets), reasons)
     warnings = []
     if remounted:
         warnings.append(
             "the tools were remounted: the tool of each session is its own, and its change is not judged"
         )
+    warnings += [
+        f"target {name}: many of its measurements are outliers; whether it moved in between is not judged"
+        for name in sorted(joint.scattered)
+    ]
     if not joint.placed:
         warnings.append(
             "no target is in two sessions: the base is not compared, nor the zero of the first joint"
@@ -290,7 +298,7 @@ def detectable(found: Search, moves: np.ndarray) -> tuple[Detectable, ...]:
     e, joint = found.evidence, found.evidence.joint
 
     def beside(item: Item | None) -> np.ndarray:
-        """Information with the changes of the best set integrated out, but for that of an item."""
+        """Information with the changes of the best set, without that of an item, integrated out."""
         by = [FREE * selector(e, m) for m in found.best.members if joint.items[m.item] is not item]
         return integrated(e.information, e.score, np.column_stack([np.zeros((len(e.columns), 0)), *by]))[0]
 
@@ -323,9 +331,12 @@ def _least(information: float, prior: float) -> float | None:
     if information * FREE**2 < 1.0:
         return None
 
+    square = SCALES**2
+    with_it = 1.0 + square * information
+    limit = float(np.log(NONE) + np.log(SURE / (1.0 - SURE))) - prior
+
     def odds(a: float) -> float:
-        gain = averaged(gains(np.array([[information]]), np.array([information * a])))
-        return gain + prior - float(np.log(NONE)) - float(np.log(SURE / (1.0 - SURE)))
+        return averaged(0.5 * ((information * a) ** 2 * square / with_it - np.log(with_it))) - limit
 
     low, high = 0.0, 1.0 / np.sqrt(information)
     while odds(high) < 0.0:

@@ -87,7 +87,8 @@ def options(e: Evidence) -> list[Member]:
     count = len(e.joint.sessions)
     later = [tuple(range(k, count)) for k in range(1, count)]
     alone = [(k,) for k in range(count) if (k,) not in later and count > 2]
-    return [Member(i, s) for i in range(len(e.joint.items)) for s in (*later, *alone)]
+    compared = [i for i, item in enumerate(e.joint.items) if item.name not in e.joint.scattered]
+    return [Member(i, s) for i in compared for s in (*later, *alone)]
 
 
 def selector(e: Evidence, member: Member) -> np.ndarray:

@@ -1,0 +1,152 @@
+"""What changed between sessions: evidence by brute force, and changes made by hand in one session."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import multivariate_normal
+
+import bayescal as bc
+from bayescal.changes import linear
+from bayescal.changes.joint import prepared, tied
+from bayescal.changes.moves import AT, with_poses
+from bayescal.changes.outcome import changed
+from bayescal.changes.search import SCALES, Member, averaged, gains, options
+from bayescal.dataset.join import joined
+from bayescal.errors import BayescalError
+from bayescal.programs.text import Target
+
+ARM = {"effects": "geometry", "later": 4, "repeats": 0, "spheres": 0, "arm_seed": 3}
+SHIFT = 4e-4
+
+
+@pytest.fixture(scope="module")
+def sessions():
+    """Three sessions on one cube that was not touched: parts of one."""
+    d = bc.simulate(contacts=270, seed=5, **ARM).dataset
+    return tuple(rows_of(d, np.arange(k, 270, 3), name) for k, name in enumerate("ABC"))
+
+
+def rows_of(d, rows, name):
+    columns = {k: v if v is None else v[rows] for k, v in vars(d.measurements).items() if k != "ids"}
+    m = replace(d.measurements, ids=tuple(d.measurements.ids[k] for k in rows), **columns)
+    return replace(d, name=name, sha256=name, measurements=m)
+
+
+def shifted(session, joint=3, by=SHIFT):
+    """A session whose joint reads more than before: its zero has another value."""
+    m = session.measurements
+    return replace(
+        session, sha256=f"{session.sha256}{by}",
+        measurements=replace(m, readings=m.readings + by * np.eye(6)[joint]),
+    )  # fmt: skip
+
+
+def test_columns_integrated_out_have_the_density_of_brute_force():
+    rng = np.random.default_rng(0)
+    x, by, y = rng.standard_normal((12, 4)), rng.standard_normal((4, 2)), rng.standard_normal(12)
+    _, _, found = linear.integrated(x.T @ x, x.T @ y, by)
+    wide = np.eye(12) + x @ by @ by.T @ x.T
+    expected = multivariate_normal(np.zeros(12), wide).logpdf(y) - multivariate_normal(np.zeros(12)).logpdf(y)
+    assert found == pytest.approx(expected)
+
+
+def test_gains_are_those_of_each_prior_width():
+    rng = np.random.default_rng(1)
+    x, y = rng.standard_normal((9, 3)), rng.standard_normal(9)
+    g, s = x.T @ x, x.T @ y
+    expected = [linear.integrated(g, s, scale * np.eye(3))[2] for scale in SCALES]
+    assert gains(g, s) == pytest.approx(expected)
+    assert averaged(gains(g, s)) == pytest.approx(np.log(np.mean(np.exp(expected))))
+
+
+def test_a_score_is_what_a_change_gains(sessions):
+    """The evidence of the reduced problem is that of a fit with the change and one without."""
+    a, b, _ = sessions
+    e = linear.evidence(prepared([a, shifted(b)], ("geometry",)))
+    k = next(k for k, c in enumerate(e.columns) if c.parameter.name == "theta4")
+    amplitude = e.score[k] / e.information[k, k] * e.columns[k].parameter.sd
+    assert amplitude == pytest.approx(SHIFT, abs=4 * e.columns[k].parameter.sd / np.sqrt(e.information[k, k]))
+
+
+def test_nothing_changed_between_sessions_of_one_arm(sessions):
+    found = changed(sessions[:2], ("geometry",))
+    assert (found.verdict, found.arm) == ("same", "same")
+    assert not found.stated
+    known = [d for d in found.detectable if d.parameter.name == "theta4"]
+    assert 0 < known[0].value < SHIFT
+
+
+def test_a_joint_zero_that_shifted_is_named_with_its_u(sessions):
+    a, b, _ = sessions
+    found = changed([a, shifted(b)], ("geometry",))
+    assert (found.verdict, found.arm) == ("changed", "changed")
+    (d,) = found.stated
+    assert (d.item.name, d.sessions) == ("theta4", ("B",))
+    assert d.difference == pytest.approx(SHIFT, abs=3 * d.u)  # the link turns by minus the reading
+    assert d.after - d.before == pytest.approx(d.difference)
+    assert found.distances.rms > 3 * found.distances.u_rms
+
+
+def test_a_session_that_alone_differs_is_found_among_three(sessions):
+    a, b, c = sessions
+    found = changed([a, shifted(b), c], ("geometry",))
+    assert [(d.item.name, d.sessions) for d in found.stated] == [("theta4", ("B",))]
+    patterns = {m.sessions for m in options(linear.evidence(prepared([a, b, c], ("geometry",))))}
+    assert patterns == {(1, 2), (2,), (0,), (1,)}
+    assert Member(0, (0,)).weights(3).tolist() == [-1, -1]
+
+
+def test_a_cube_that_was_placed_anew_is_not_a_change_of_the_arm(sessions):
+    other = bc.simulate(name="B", contacts=90, seed=6, **ARM).dataset
+    found = changed([sessions[0], other], ("geometry",))
+    assert (found.verdict, found.arm) == ("changed", "same")
+    assert {d.item.name for d in found.stated} == {"base"}
+
+
+def test_targets_that_are_described_otherwise_are_not_one_target(sessions):
+    a, b, _ = sessions
+    moved = [replace(b.targets[0], values=b.targets[0].values | {"offset": 1.0}), *b.targets[1:]]
+    joint, placed = tied(joined([a, replace(b, targets=tuple(moved))], own_noise=False))
+    assert f"A:{b.targets[0].name}" in {t.name for t in joint.targets}
+    assert placed == {t.name for t in b.targets[1:]}
+    assert len(joint.targets) == len(a.targets) + 1
+
+
+def test_poses_are_rows_that_are_not_fitted(sessions):
+    a, b, _ = sessions
+    targets = [
+        Target("t:2", readings=b.measurements.readings[0], velocity=None, payload=0.0),
+        Target("t:3", pose=np.diag([1.0, 1.0, 1.0, 1.0]) + 1e3 * np.eye(4, k=3)),
+    ]
+    extended, reasons = with_poses(b, targets)
+    assert reasons[0] == ""
+    assert "not reach" in reasons[1]
+    assert extended.measurements.role[-1] == AT
+    found = changed([a, shifted(b)], ("geometry",), targets=targets)
+    assert len(found.shifts) == 2
+    assert 0 < found.shifts[0].u < found.shifts[0].size < 1e-3
+    assert found.shifts[1].shift is None
+
+
+def test_sessions_of_other_arms_and_single_ones_are_refused(sessions):
+    a, b, _ = sessions
+    with pytest.raises(BayescalError, match="needs two sessions"):
+        changed([a], ("geometry",))
+    other = replace(b, robot=replace(b.robot, d=b.robot.d + 1e-3))
+    with pytest.raises(BayescalError, match="not the robot"):
+        changed([a, other], ("geometry",))
+
+
+def test_the_result_as_text_page_and_table(sessions, tmp_path):
+    a, b, _ = sessions
+    result = bc.changed([a, shifted(b)], "geometry")
+    assert str(result).splitlines()[2].startswith("Changed from B on: zero of joint 4 (theta4) by")
+    names = result.save(tmp_path / "run")
+    assert names == ("changed.json", "changed.html", "changed.csv")
+    assert "zero of joint 4" in (tmp_path / "run" / "changed.html").read_text()
+    assert (tmp_path / "run" / "changed.csv").read_text().splitlines()[1].startswith("theta4,theta4,geometry")
+    record = result.record
+    assert record["schema"] == "bayescal-changed/1"
+    assert record["items"][0]["U"] == pytest.approx(2 * record["items"][0]["u"])
+    assert set(result.detectable.columns) == {"item", "parameter", "site", "unit", "value", "tcp_um"}
