@@ -19,6 +19,7 @@ import numpy as np
 from bayescal.changes.linear import integrated
 from bayescal.changes.moves import distance_slopes, drawn
 from bayescal.changes.search import FREE, NONE, SURE, averaged, gains
+from bayescal.dataset import Dataset
 from bayescal.dataset.join import arm_difference
 from bayescal.effects import Parameter
 from bayescal.errors import BayescalError
@@ -177,15 +178,19 @@ def _read(folder: Path, progress: Progress) -> list[Entry]:
         arm = read_arm(run)
         sessions = arm.dataset.sessions or (arm.dataset,)
         entries.append(Entry(run.name, arm, max((s.record.date or "" for s in sessions), default="")))
-        one, other = entries[0].arm.dataset, arm.dataset
-        serials = [(d.sessions or (d,))[0].record.serials.get("arm") for d in (one, other)]
-        difference = arm_difference(one.robot, other.robot)
-        if not difference and all(serials) and serials[0] != serials[1]:
-            difference = f"serial number {serials[1]}, not {serials[0]}"
-        if difference:
+        if difference := other_arm(entries[0].arm.dataset, arm.dataset):
             what = f"not the arm of {entries[0].folder}: {difference}"
             raise BayescalError(what, str(run), "keep the runs of each arm in a folder of their own")
     return entries
+
+
+def other_arm(one: Dataset, other: Dataset) -> str:
+    """Why two datasets are not of one arm; "" if nothing says so."""
+    serials = [(d.sessions or (d,))[0].record.serials.get("arm") for d in (one, other)]
+    difference = arm_difference(one.robot, other.robot)
+    if not difference and all(serials) and serials[0] != serials[1]:
+        return f"serial number {serials[1]}, not {serials[0]}"
+    return difference
 
 
 def _ordered(

@@ -29,7 +29,7 @@ from bayescal.model import with_parameters
 from bayescal.model.scene import Scene
 
 ZERO = 2e-3
-"""rad: standard deviation of a joint zero that no parameter of the model has (that of `geometry`)."""
+"""rad: standard deviation of a joint zero that no parameter of the model has (as of other joints)."""
 MOVED = {"t": 1e-3, "r": 2e-3}
 """m and rad: usual change of a base or target (assumed); far smaller than the prior of its place."""
 SCATTERED = 0.2
@@ -208,10 +208,11 @@ def _of_model(
             "arm" if own[0].site.kind in NUMBERED else "setup",
             tuple(map(_change, own)),
         )
+    of = next((p.effect for p in shared if p.site.kind == "joint" and p.unit == "rad"), "")
     for j in range(1, c.robot.n + 1):
         if j not in turning:
             zero = Parameter(f"theta{j}", "rad", (Term(j, "rz"),), ZERO, site=joint(j))
-            yield Item(f"theta{j}", "geometry", joint(j), "arm", (_change(zero),))
+            yield Item(f"theta{j}", of, joint(j), "arm", (_change(zero),))
     if placed:
         yield Item("base", "placement", BASE, "setup", tuple(_rigid("base", BASE, 1.0)))
     for k, t in enumerate(dataset.targets):

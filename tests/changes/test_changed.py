@@ -1,6 +1,7 @@
 """What changed between sessions: evidence by brute force, and changes made by hand in one session."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -8,13 +9,15 @@ from scipy.stats import multivariate_normal
 
 import bayescal as bc
 from bayescal.changes import linear
-from bayescal.changes.joint import prepared, tied
-from bayescal.changes.moves import AT, with_poses
+from bayescal.changes.joint import tied
+from bayescal.changes.moves import AT
 from bayescal.changes.outcome import changed
 from bayescal.changes.search import SCALES, Member, averaged, gains, options
 from bayescal.dataset.join import joined
 from bayescal.errors import BayescalError
 from bayescal.programs.text import Target
+from bayescal.public.changes import ChangedResult
+from bayescal.reporting.changes.record import words
 
 ARM = {"effects": "geometry", "later": 4, "repeats": 0, "spheres": 0, "arm_seed": 3}
 SHIFT = 4e-4
@@ -37,9 +40,19 @@ def shifted(session, joint=3, by=SHIFT):
     """A session whose joint reads more than before: its zero has another value."""
     m = session.measurements
     return replace(
-        session, sha256=f"{session.sha256}{by}",
+        session,
+        sha256=f"{session.sha256}{by}",
         measurements=replace(m, readings=m.readings + by * np.eye(6)[joint]),
-    )  # fmt: skip
+    )
+
+
+@pytest.fixture(scope="module")
+def crashed(sessions):
+    """What changed where a joint zero shifted before the second session, and at two given poses."""
+    a, b, _ = sessions
+    far = np.eye(4) + 1e3 * np.eye(4, k=3)
+    targets = [Target("t:2", readings=b.measurements.readings[0], payload=0.0), Target("t:3", pose=far)]
+    return changed([a, shifted(b)], ("geometry",), targets=targets)
 
 
 def test_columns_integrated_out_have_the_density_of_brute_force():
@@ -60,15 +73,6 @@ def test_gains_are_those_of_each_prior_width():
     assert averaged(gains(g, s)) == pytest.approx(np.log(np.mean(np.exp(expected))))
 
 
-def test_a_score_is_what_a_change_gains(sessions):
-    """The evidence of the reduced problem is that of a fit with the change and one without."""
-    a, b, _ = sessions
-    e = linear.evidence(prepared([a, shifted(b)], ("geometry",)))
-    k = next(k for k, c in enumerate(e.columns) if c.parameter.name == "theta4")
-    amplitude = e.score[k] / e.information[k, k] * e.columns[k].parameter.sd
-    assert amplitude == pytest.approx(SHIFT, abs=4 * e.columns[k].parameter.sd / np.sqrt(e.information[k, k]))
-
-
 def test_nothing_changed_between_sessions_of_one_arm(sessions):
     found = changed(sessions[:2], ("geometry",))
     assert (found.verdict, found.arm) == ("same", "same")
@@ -77,23 +81,24 @@ def test_nothing_changed_between_sessions_of_one_arm(sessions):
     assert 0 < known[0].value < SHIFT
 
 
-def test_a_joint_zero_that_shifted_is_named_with_its_u(sessions):
-    a, b, _ = sessions
-    found = changed([a, shifted(b)], ("geometry",))
-    assert (found.verdict, found.arm) == ("changed", "changed")
-    (d,) = found.stated
+def test_a_joint_zero_that_shifted_is_named_with_its_u(crashed):
+    assert (crashed.verdict, crashed.arm) == ("changed", "changed")
+    (d,) = crashed.stated
     assert (d.item.name, d.sessions) == ("theta4", ("B",))
     assert d.difference == pytest.approx(SHIFT, abs=3 * d.u)  # the link turns by minus the reading
+    assert d.u < 0.05 * SHIFT
     assert d.after - d.before == pytest.approx(d.difference)
-    assert found.distances.rms > 3 * found.distances.u_rms
+    assert crashed.distances.rms > 3 * crashed.distances.u_rms
 
 
 def test_a_session_that_alone_differs_is_found_among_three(sessions):
     a, b, c = sessions
     found = changed([a, shifted(b), c], ("geometry",))
     assert [(d.item.name, d.sessions) for d in found.stated] == [("theta4", ("B",))]
-    patterns = {m.sessions for m in options(linear.evidence(prepared([a, b, c], ("geometry",))))}
-    assert patterns == {(1, 2), (2,), (0,), (1,)}
+    of_three = SimpleNamespace(
+        joint=SimpleNamespace(sessions="ABC", items=[SimpleNamespace(name="x")], scattered=())
+    )
+    assert {m.sessions for m in options(of_three)} == {(1, 2), (2,), (0,), (1,)}
     assert Member(0, (0,)).weights(3).tolist() == [-1, -1]
 
 
@@ -113,20 +118,13 @@ def test_targets_that_are_described_otherwise_are_not_one_target(sessions):
     assert len(joint.targets) == len(a.targets) + 1
 
 
-def test_poses_are_rows_that_are_not_fitted(sessions):
-    a, b, _ = sessions
-    targets = [
-        Target("t:2", readings=b.measurements.readings[0], velocity=None, payload=0.0),
-        Target("t:3", pose=np.diag([1.0, 1.0, 1.0, 1.0]) + 1e3 * np.eye(4, k=3)),
-    ]
-    extended, reasons = with_poses(b, targets)
-    assert reasons[0] == ""
-    assert "not reach" in reasons[1]
-    assert extended.measurements.role[-1] == AT
-    found = changed([a, shifted(b)], ("geometry",), targets=targets)
-    assert len(found.shifts) == 2
-    assert 0 < found.shifts[0].u < found.shifts[0].size < 1e-3
-    assert found.shifts[1].shift is None
+def test_poses_are_rows_that_are_not_fitted(crashed):
+    m = crashed.dataset.measurements
+    assert (m.role[-1], m.ids[-1]) == (AT, f"B:{AT} 1")
+    near, far = crashed.shifts
+    assert 0 < near.u < near.size < 1e-3
+    assert near.size > 1e-5
+    assert (far.shift, far.reason) == (None, "the nominal arm does not reach it")
 
 
 def test_sessions_of_other_arms_and_single_ones_are_refused(sessions):
@@ -138,9 +136,8 @@ def test_sessions_of_other_arms_and_single_ones_are_refused(sessions):
         changed([a, other], ("geometry",))
 
 
-def test_the_result_as_text_page_and_table(sessions, tmp_path):
-    a, b, _ = sessions
-    result = bc.changed([a, shifted(b)], "geometry")
+def test_the_result_as_text_page_and_table(crashed, tmp_path):
+    result = ChangedResult(crashed)
     assert str(result).splitlines()[2].startswith("Changed from B on: zero of joint 4 (theta4) by")
     names = result.save(tmp_path / "run")
     assert names == ("changed.json", "changed.html", "changed.csv")
@@ -149,4 +146,56 @@ def test_the_result_as_text_page_and_table(sessions, tmp_path):
     record = result.record
     assert record["schema"] == "bayescal-changed/1"
     assert record["items"][0]["U"] == pytest.approx(2 * record["items"][0]["u"])
+    assert [p["reason"] for p in record["poses"]] == ["", "the nominal arm does not reach it"]
     assert set(result.detectable.columns) == {"item", "parameter", "site", "unit", "value", "tcp_um"}
+    assert result.items["parameter"].tolist()[0] == "theta4"
+
+
+def entry(name, probability, stated, group=(), sessions=("after",), kind="arm", **more):
+    return {
+        "item": name,
+        "parameter": name,
+        "effect": "geometry",
+        "site": "joint 3",
+        "kind": kind,
+        "unit": "deg",
+        "sessions": list(sessions),
+        "before": 1.0,
+        "after": 1.01,
+        "difference": 0.01,
+        "u": 0.001,
+        "U": 0.002,
+        "k": 2.0,
+        "probability": probability,
+        "class": list(group),
+        "stated": stated,
+    } | more
+
+
+def said(verdict, items, arm="same", same=0.0):
+    return words(
+        {
+            "verdict": verdict,
+            "arm": arm,
+            "probability": {"same": same, "arm_same": 1.0},
+            "items": items,
+            "distances": None,
+            "sessions": ["before", "after"],
+            "detectable": [],
+            "model": ["geometry"],
+        }
+    )
+
+
+def test_the_words_of_a_verdict():
+    assert said("same", [], same=0.9) == [
+        "No change was found. That nothing changed has a probability of 90 %."
+    ]
+    pair = ("theta3", "a3")
+    both = [entry(name, p, True, pair) for name, p in zip(pair, (0.6, 0.39), strict=True)]
+    (told,) = said("changed", both, arm="changed")
+    assert told.startswith("Changed from after on: zero of joint 3 (theta3) by 10.0(1.0) mdeg or ")
+    assert told.endswith("these sessions do not tell which.")
+    base = entry("base", 1.0, True, kind="setup", site="base")
+    assert said("changed", [base])[1] == "The arm itself did not change (probability > 99 %)."
+    assert "Possible: zero of joint 3 (theta3) (40 %)" in said("ambiguous", [entry("theta3", 0.4, False)])[0]

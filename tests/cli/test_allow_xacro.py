@@ -21,6 +21,7 @@ PROGRAM = """<robot name="arm" xmlns:xacro="http://ros.org/wiki/xacro"><!-- xacr
  xacro.load_yaml.__globals__['os'].system('touch WITNESS'))()} --><link name="base"/></robot>"""
 LOG = "import {log} --map j*=A*deg,x=Xmm --out {new}"
 CASES = {
+    "changed datasets": "changed {good} {cell}",
     "check dataset": "check {cell}",
     "compare dataset": "compare {cell}",
     "fit datasets": "fit {good} {cell}",
@@ -37,6 +38,7 @@ CASES = {
 }
 """A command for each argument that names a dataset or a robot."""
 FUNCTIONS = {
+    "changed datasets": lambda p, **allow: bc.changed([p.good, p.cell], **allow),
     "check folder": lambda p, **allow: bc.check(p.cell, **allow),
     "compare dataset": lambda p, **allow: bc.compare(p.cell, **allow),
     "diagnose dataset": lambda p, **allow: bc.diagnose([p.good, p.cell], **allow),
@@ -51,7 +53,15 @@ FUNCTIONS = {
     "simulate setup": lambda p, **allow: bc.simulate(setup=p.cell, **allow),
 }
 OTHER = {
-    *("check calibration", "import calibration", "init folder", "import log", "import out", "import points"),
+    *(
+        "changed at",
+        "check calibration",
+        "import calibration",
+        "init folder",
+        "import log",
+        "import out",
+        "import points",
+    ),
     "robots.load_robot folder",
 }
 """Arguments that name a path, and no dataset or robot."""

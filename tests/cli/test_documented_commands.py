@@ -142,7 +142,9 @@ HEAVY = ("numpy", "scipy", "gtsam", "matplotlib", "numba", "rich", "yaml", "emce
 COMMANDS = (
     "fit",
     "gap",
+    "changed",
     "compare",
+    "history",
     "simulate",
     "import",
     "budget",

@@ -29,12 +29,14 @@ from bayescal.cli.root import PARAMETER
 
 CALLED = {
     "budget": ("bayescal.public.budgets.budget",),
+    "changed": ("bayescal.public.changes.changed",),
     "check": ("bayescal.public.starting.check",),
     "compare": ("bayescal.public.functions.compare",),
     "compensate": ("bayescal.public.arms.compensate",),
     "export": ("bayescal.public.arms.export", "bayescal.public.budgets.certificate"),
     "fit": ("bayescal.public.functions.fit",),
     "gap": ("bayescal.public.functions.diagnose",),
+    "history": ("bayescal.public.changes.history",),
     "import": ("bayescal.importing.convert", "bayescal.importing.write"),
     "init": ("bayescal.public.starting.init",),
     "plan": ("bayescal.public.planning.plan",),
