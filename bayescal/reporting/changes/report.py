@@ -21,6 +21,7 @@ from bayescal.reporting.shared.text import (
     length,
     listed,
     model_label,
+    percent,
     probability,
     two_digits,
     under,
@@ -77,7 +78,8 @@ def difference(x: Json) -> str:
 def entry_name(x: Json) -> str:
     """A parameter of an item: the item, and the parameter where it has several."""
     name = named(x)
-    return name if x["parameter"] in name or not x["parameter"] else f"{name}: {x['parameter']}"
+    axis = x["parameter"].removeprefix(x["item"]).strip()
+    return name if not axis or axis in name else f"{name}: {axis}"
 
 
 def items_sheet(record: Json, stated: bool = True) -> Sheet:
@@ -141,6 +143,9 @@ def poses_sheet(record: Json) -> Sheet:
 
 def _basis(record: Json) -> Facts:
     noise = ", ".join(f"{x:.2f}" for x in record["noise_factor"])
+    others = {named(x): x["probability"] for x in record["items"] if not x["stated"]}
+    if others and record["verdict"] != "same":
+        yield "also possible", ", ".join(f"{name} ({percent(p)})" for name, p in others.items()), ""
     yield "noise", f"{noise} times the stated noise", ""
     if record["model_errors"]:
         names = listed(x["effect"] for x in record["model_errors"])
@@ -163,7 +168,7 @@ def changed_summary(record: Json) -> RenderableType:
     )
     parts: list[RenderableType] = [title, "", Words(first, STYLES[record["verdict"]])]
     parts += [Words(line) for line in others]
-    for sheet in (items_sheet(record), items_sheet(record, stated=False), poses_sheet(record)):
+    for sheet in (items_sheet(record), poses_sheet(record)):
         if sheet.items:
             parts += ["", terminal(sheet)]
     parts += ["", facts([*_basis(record), *under("warning", record["warnings"], "yellow")])]
