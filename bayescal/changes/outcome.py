@@ -267,15 +267,13 @@ def _moved(
     _, mean, covariance = posterior(e, found.best.members)
     first = np.cumsum([0, *(len(i.parameters) for i in joint.items)])
     parameters = [k for m in found.best.members for k in range(first[m.item], first[m.item + 1])]
-    counts = [len(joint.items[m.item].parameters) for m in found.best.members]
-    of_arm = np.repeat(
-        [_of_arm(joint, m) or joint.items[m.item].site.kind == "tool" for m in found.best.members], counts
-    ).astype(bool)
-    of_last = np.repeat(
-        [len(joint.sessions) - 1 in m.sessions or 0 in m.sessions for m in found.best.members], counts
-    )
-    kept = of_arm & of_last.astype(bool)
-    by = moves[parameters][kept] if parameters else moves[:0]
+    weight = [  # of the last session relative to the first
+        m.weights(len(joint.sessions))[-1] * (_of_arm(joint, m) or joint.items[m.item].site.kind == "tool")
+        for m in found.best.members
+    ]
+    sign = np.repeat(weight, [len(joint.items[m.item].parameters) for m in found.best.members])
+    kept = sign != 0
+    by = moves[parameters][kept] * sign[kept, None, None] if parameters else moves[:0]
     mean, covariance = mean[kept], covariance[np.ix_(kept, kept)]
     count = moves.shape[2]
     shifts = []

@@ -95,6 +95,7 @@ def test_a_session_that_alone_differs_is_found_among_three(sessions):
     a, b, c = sessions
     found = changed([a, shifted(b), c], ("geometry",))
     assert [(d.item.name, d.sessions) for d in found.stated] == [("theta4", ("B",))]
+    assert found.distances is None  # the last session has the zero of the first
     of_three = SimpleNamespace(
         joint=SimpleNamespace(sessions="ABC", items=[SimpleNamespace(name="x")], scattered=())
     )
