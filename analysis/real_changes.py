@@ -134,7 +134,7 @@ def made(task: Task) -> Record:
     """The record of a comparison."""
     pair = PARTS[task.what](read_dataset(task.folder))
     found = changed(pair, modelled(Scene(pair[0])))
-    named = {d.item.name: " | ".join(d.group) or d.item.name for d in found.differences if d.stated}
+    named = {d.item.name: " or ".join(d.group) or d.item.name for d in found.differences if d.stated}
     return {
         "session": task.folder.name, "what": task.what, "verdict": found.verdict, "arm": found.arm,
         "same": found.same, "arm_same": found.arm_same, "named": list(dict.fromkeys(named.values())),

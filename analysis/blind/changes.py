@@ -65,7 +65,7 @@ def record(truth: Mapping[str, Any], given: Mapping[str, Any] | None) -> Record:
         "nuisance": "+".join(truth["nuisance"]),
         "verdict": found["verdict"] if found else CRASHED,
         "same": found["probability"]["same"] if found else None,
-        "named": list(dict.fromkeys(" | ".join(i["class"]) or i["item"] for i in items)),
+        "named": list(dict.fromkeys(" or ".join(i["class"]) or i["item"] for i in items)),
         "detail": said.get("error", ""),
         "seconds": said.get("seconds"),
         "each": [],
