@@ -99,7 +99,7 @@ def test_a_record_and_the_page(tmp_path, monkeypatch, capsys):
     page = tmp_path / "page.md"
     page.write_text("\n".join(real_changes.MARKS))
     real_changes.main(["--real", str(tmp_path), "--runs", str(tmp_path / "runs"), "--out", str(page)])
-    assert "| panda-1 | sockets | changed | same | 0.80 | base | theta1 |" in page.read_text().replace(
+    assert "| panda-1 | sockets | changed | same | 0.80 | base or theta1 |" in page.read_text()
         "\\", ""
     )
     assert capsys.readouterr().out.count("\n") >= 5
