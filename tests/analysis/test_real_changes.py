@@ -100,6 +100,4 @@ def test_a_record_and_the_page(tmp_path, monkeypatch, capsys):
     page.write_text("\n".join(real_changes.MARKS))
     real_changes.main(["--real", str(tmp_path), "--runs", str(tmp_path / "runs"), "--out", str(page)])
     assert "| panda-1 | sockets | changed | same | 0.80 | base or theta1 |" in page.read_text()
-        "\\", ""
-    )
     assert capsys.readouterr().out.count("\n") >= 5
