@@ -144,7 +144,9 @@ def changed(
     of_arm = {m: g for m, g in classes.items() if _of_arm(joint, m)}
     arm = verdict_of(arm_same, any(of_arm.values()))
     listed = [m for m, p in found.probability.items() if p >= LISTED or m in of_class]
-    listed.sort(key=lambda m: (m not in of_class, -found.probability[m]))
+    # members of the best set are in the order of what they explain
+    rank = {m: k for k, lead in enumerate(found.best.members) for m in reversed(classes[lead] or (lead,))}
+    listed.sort(key=lambda m: (m not in of_class, rank.get(m, len(rank)), -found.probability[m]))
     differences = [
         d
         for m in listed

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import shlex
+from collections import Counter
+from collections.abc import Mapping
 from pathlib import Path
 
 from rich.console import Group, RenderableType
@@ -61,44 +63,37 @@ CELLS = (
 
 def absolute(x: Json, key: str) -> str | None:
     """A value of an item with as many decimals as its difference; None where only the difference is known."""
-    return (
-        None
-        if x[key] is None
-        else f"{with_u(x[key], x['u']).partition('(')[0]} {unit_label(x['unit'])}".rstrip()
-    )
+    value = x[key]
+    return value if value is None else f"{with_u(value, x['u']).partition('(')[0]} {unit_label(x['unit'])}"
 
 
 def difference(x: Json) -> str:
     """The difference of an entry with its expanded uncertainty."""
     value, u, unit = small(x)
-    decimals = max(len(with_u(value, u).partition("(")[0].partition(".")[2]), 0)
+    decimals = len(with_u(value, u).partition("(")[0].partition(".")[2])
     return f"{value:+.{decimals}f} ± {two_digits(2.0 * u)} {unit}".rstrip()
 
 
-def entry_name(x: Json) -> str:
+def entry_name(x: Json, several: Mapping[str, int]) -> str:
     """A parameter of an item: the item, and the parameter where it has several."""
-    name = named(x)
-    axis = x["parameter"].removeprefix(x["item"]).strip()
-    return name if not axis or axis in name else f"{name}: {axis}"
+    name, axis = named(x), x["parameter"].removeprefix(x["item"]).strip()
+    return f"{name}: {axis}" if several[x["item"]] > 1 and axis else name
 
 
 def items_sheet(record: Json, stated: bool = True) -> Sheet:
     """Values before and after, difference with U, probability; of items that are stated or of the others."""
-    several = len(record["sessions"]) > 2
+    items = [x for x in record["items"] if x["stated"] == stated]
+    several = Counter(x["item"] for x in items)
     when = Column("when", lambda x: since(x["sessions"], record["sessions"]), words=True)
     columns = (
-        Column("changed" if stated else "possible", entry_name),
-        *((when,) if several else ()),
+        Column("changed" if stated else "possible", lambda x: entry_name(x, several)),
+        *((when,) if len(record["sessions"]) > 2 else ()),
         Column("before", lambda x: absolute(x, "before")),
         Column("after", lambda x: absolute(x, "after")),
         Column("difference ± U", difference),
         Column("P", "probability", probability),
     )
-    return Sheet(
-        columns,
-        [x for x in record["items"] if x["stated"] == stated],
-        "U: expanded uncertainty, k = 2; P: probability",
-    )
+    return Sheet(columns, items, "U: expanded uncertainty, k = 2; P: probability")
 
 
 def least(x: Json) -> str | None:
