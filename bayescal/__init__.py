@@ -5,8 +5,8 @@
 True
 
 Functions: `read_dataset`, `fit`, `diagnose`, `simulate`, `compare`, `export`, `verify`, `compensate`,
-`plan`, `watch`, `fleet`, `init`, `check`, `schema`, `load`; packages: `robots`, `effects`, `plot` (figures).
-All are imported when first used.
+`changed`, `history`, `fleet`, `plan`, `watch`, `init`, `check`, `schema`, `load`; packages: `robots`,
+`effects`, `plot` (figures). All are imported when first used.
 """
 
 from importlib import import_module
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from bayescal.public import plot
     from bayescal.public.arms import compensate, export, verify
     from bayescal.public.budgets import budget
+    from bayescal.public.changes import changed, history
     from bayescal.public.fleet import fleet
     from bayescal.public.functions import compare, diagnose, fit, read_dataset, simulate
     from bayescal.public.planning import load, plan
@@ -30,6 +31,7 @@ __all__ = [
     "BayescalError",
     "__version__",
     "budget",
+    "changed",
     "check",
     "compare",
     "compensate",
@@ -38,6 +40,7 @@ __all__ = [
     "export",
     "fit",
     "fleet",
+    "history",
     "init",
     "load",
     "plan",
@@ -54,6 +57,8 @@ __all__ = [
 _FROM = dict.fromkeys(("compare", "diagnose", "fit", "read_dataset", "simulate"), "bayescal.public.functions")
 _FROM |= {
     "budget": "bayescal.public.budgets",
+    "changed": "bayescal.public.changes",
+    "history": "bayescal.public.changes",
     "compensate": "bayescal.public.arms",
     "check": "bayescal.public.starting",
     "init": "bayescal.public.starting",

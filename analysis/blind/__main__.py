@@ -59,7 +59,10 @@ def make(
         bool, typer.Option("--reserved", help="Also draw the causes on which no constant may be chosen.")
     ] = False,
     kind: Annotated[
-        str, typer.Option(help="What is simulated: contacts, motions (joint logs) or images (of a camera).")
+        str,
+        typer.Option(
+            help="What is simulated: contacts, motions (joint logs), images (of a camera) or changes (pairs)."
+        ),
     ] = "contacts",
 ) -> None:
     """Simulate test sessions with unmodelled effects, and seal the ground truth.
@@ -134,7 +137,7 @@ def score(
     from analysis.blind.card import between, terminal
     from analysis.blind.card import page as renew
     from analysis.blind.files import SCORE, write_score
-    from analysis.blind.make import CONTACTS, MOTIONS
+    from analysis.blind.make import CHANGES, CONTACTS, IMAGES, MOTIONS
     from analysis.blind.score import figures, records
     from analysis.blind.unseal import opened
     from bayescal.storage.folders import check_free
@@ -144,9 +147,10 @@ def score(
     truths, answers, about = opened(folder)
     about |= {"note": note} if note else {}
     if about["kind"] != CONTACTS:
-        from analysis.blind import images, motions
+        from analysis.blind import changes, images, motions
 
-        (motions if about["kind"] == MOTIONS else images).scored(truths, answers, about, target, page)
+        scored = {MOTIONS: motions, IMAGES: images, CHANGES: changes}[about["kind"]].scored
+        scored(truths, answers, about, target, page)
         return
     judged = records(truths, answers)
     found = figures(judged)

@@ -21,6 +21,8 @@ FILES = (*DATASET, BASELINE)
 TABLE = "motion.csv"
 LOG = ("dataset.yaml", TABLE)
 """Files of a joint log."""
+PAIR = ("before", "after")
+"""Folders of two sessions of one arm, each a dataset."""
 
 
 def name_of(number: int) -> str:
@@ -39,6 +41,8 @@ def texts(folder: Path, name: str) -> dict[str, str]:
     own = folder / WORLDS / name
     if (own / TABLE).exists():
         return {file: read(own / file) for file in LOG}
+    if (own / PAIR[0]).exists():
+        return {f"{part}/{file}": read(own / part / file) for part in PAIR for file in DATASET}
     return {file: read(own / file) for file in FILES if file != BASELINE or (own / file).exists()}
 
 

@@ -22,8 +22,8 @@ from bayescal.storage.workers import results
 SEEDS = 2**48
 """Number of possible seeds."""
 NO_PINOCCHIO = BayescalError("simulating test sessions needs Pinocchio", "", "pip install 'bayescal[blind]'")
-CONTACTS, MOTIONS, IMAGES = "contacts", "motions", "images"
-GENERATORS = {CONTACTS: 4, MOTIONS: 1, IMAGES: 1}
+CONTACTS, MOTIONS, IMAGES, CHANGES = "contacts", "motions", "images", "changes"
+GENERATORS = {CONTACTS: 4, MOTIONS: 1, IMAGES: 1, CHANGES: 1}
 """Version of the simulator of each kind for new sessions; a seed gives the same sessions within one."""
 Notify = Callable[[str, float], None]
 
@@ -94,9 +94,9 @@ def make(
         Version of the simulator, 1 to 4; by default that of an interrupted simulation, else the latest.
     reserved : bool
         Also draw the reserved causes not in the list of known effects, on which no constant may be chosen;
-        of joint logs the reserved forms and causes. Sessions of a camera have none.
+        of joint logs the reserved forms and causes. Sessions of a camera, and pairs of sessions, have none.
     kind : str
-        Of `GENERATORS`: sessions of contacts, joint logs, or sessions of a camera.
+        Of `GENERATORS`: sessions of contacts, joint logs, sessions of a camera, or pairs of sessions.
 
     Returns
     -------
@@ -112,8 +112,8 @@ def make(
         raise BayescalError("the number of sessions must be positive and the seed not negative")
     if kind not in GENERATORS:
         raise BayescalError(f"there is no kind {kind}", "--kind", f"use one of {', '.join(GENERATORS)}")
-    if kind == IMAGES and reserved:
-        raise BayescalError("sessions of a camera have no reserved causes", "--reserved", "leave it out")
+    if kind in (IMAGES, CHANGES) and reserved:
+        raise BayescalError(f"sessions of kind {kind} have no reserved causes", "--reserved", "leave it out")
     latest = GENERATORS[kind]
     if generator not in (None, *range(1, latest + 1)):
         raise BayescalError(f"there is no generator {generator}", "", f"use one from 1 to {latest}")
@@ -148,7 +148,7 @@ def built(task: Drawn) -> tuple[dict[str, str], dict[str, Any]]:
         made = motion(task.seed, task.number, held_out=task.reserved)
         return made.texts, made.truth
     try:  # imported here: the process that distributes the work does not need Pinocchio
-        from analysis.world import camera
+        from analysis.world import camera, changes
         from analysis.world.build import build
     except ImportError:
         raise NO_PINOCCHIO from None
@@ -156,6 +156,8 @@ def built(task: Drawn) -> tuple[dict[str, str], dict[str, Any]]:
 
     if task.kind == IMAGES:
         texts, truth = camera.build(task.seed, task.number)
+    elif task.kind == CHANGES:
+        texts, truth = changes.build(task.seed, task.number)
     else:
         texts, truth = build(task.seed, task.number, generator=task.generator, reserved=task.reserved)
     return texts, plain(truth)
@@ -210,7 +212,7 @@ def _record_path(folder: Path, number: int) -> Path:
 
 
 def _keep(folder: Path, number: int, texts: dict[str, str], truth: dict[str, Any]) -> None:
-    with whole(folder / WORLDS / name_of(number), "dataset.yaml") as stage:
+    with whole(folder / WORLDS / name_of(number), next(iter(texts))) as stage:
         for file, text in texts.items():
             write(stage / file, text)
     write(_record_path(folder, number), {"session": seal.of_world(texts), "truth": truth})

@@ -12,8 +12,7 @@ from typing import Any
 from analysis.blind import seal
 from analysis.blind.folder import (
     BASELINE,
-    DATASET,
-    LOG,
+    PAIR,
     SEALED,
     TABLE,
     answer_path,
@@ -129,7 +128,7 @@ def answered(task: Task) -> dict[str, Any]:
     """Diagnose one session in a folder that holds only its dataset; a crash is recorded as an answer."""
     start, about = time.process_time(), _about(task)
     with scratch("bayescal-blind") as folder:
-        for file in LOG if TABLE in task.texts else DATASET:
+        for file in (name for name in task.texts if name != BASELINE):
             write(folder / file, task.texts[file])
         try:
             found = _found(folder, task.texts)
@@ -150,9 +149,9 @@ def _found(folder: Path, files: Mapping[str, str]) -> dict[str, Any]:
         return {"gap": _of_log(folder)}
     if BASELINE in files:
         return {"gap": _of_contacts(folder, files[BASELINE])}
-    from analysis.blind.images import answer
+    from analysis.blind import changes, images
 
-    return answer(folder)
+    return (changes if (folder / PAIR[0]).exists() else images).answer(folder)
 
 
 def _of_contacts(folder: Path, baseline: str) -> dict[str, Any]:

@@ -22,6 +22,7 @@ PROGRAM = """<robot name="arm" xmlns:xacro="http://ros.org/wiki/xacro"><!-- xacr
  xacro.load_yaml.__globals__['os'].system('touch WITNESS'))()} --><link name="base"/></robot>"""
 LOG = "import {log} --map j*=A*deg,x=Xmm --out {new}"
 CASES = {
+    "changed datasets": "changed {good} {cell}",
     "check dataset": "check {cell}",
     "compare dataset": "compare {cell}",
     "fit datasets": "fit {good} {cell}",
@@ -38,6 +39,7 @@ CASES = {
 }
 """A command for each argument that names a dataset or a robot."""
 FUNCTIONS = {
+    "changed datasets": lambda p, **allow: bc.changed([p.good, p.cell], **allow),
     "check folder": lambda p, **allow: bc.check(p.cell, **allow),
     "compare dataset": lambda p, **allow: bc.compare(p.cell, **allow),
     "diagnose dataset": lambda p, **allow: bc.diagnose([p.good, p.cell], **allow),
@@ -52,9 +54,10 @@ FUNCTIONS = {
     "simulate setup": lambda p, **allow: bc.simulate(setup=p.cell, **allow),
 }
 OTHER = {
-    *("check calibration", "import calibration", "init folder", "import log", "import out", "import points"),
-    *("robots.load_robot folder", "fleet out"),
+    *("changed at", "check calibration", "import calibration", "init folder", "import log", "import out"),
+    *("import points", "robots.load_robot folder", "fleet out", "watch plan"),
     "fleet sessions",  # `test_sessions_of_a_fleet`: their errors are returned
+    "watch dataset",  # without the option
 }
 """Arguments that name a path, and no dataset or robot."""
 

@@ -29,6 +29,7 @@ from bayescal.cli.root import PARAMETER
 
 CALLED = {
     "budget": ("bayescal.public.budgets.budget",),
+    "changed": ("bayescal.public.changes.changed",),
     "check": ("bayescal.public.starting.check",),
     "compare": ("bayescal.public.functions.compare",),
     "compensate": ("bayescal.public.arms.compensate",),
@@ -36,6 +37,7 @@ CALLED = {
     "fit": ("bayescal.public.functions.fit",),
     "fleet": ("bayescal.public.fleet.fleet",),
     "gap": ("bayescal.public.functions.diagnose",),
+    "history": ("bayescal.public.changes.history",),
     "import": ("bayescal.importing.convert", "bayescal.importing.write"),
     "init": ("bayescal.public.starting.init",),
     "plan": ("bayescal.public.planning.plan",),

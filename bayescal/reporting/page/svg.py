@@ -114,6 +114,47 @@ def scatter(
     return drawing(WIDTH, HEIGHT, [*parts, turned], label)
 
 
+def course(
+    x: np.ndarray,
+    y: np.ndarray,
+    expanded: np.ndarray,
+    fitted: tuple[np.ndarray, np.ndarray],
+    x_label: str,
+    y_label: str,
+    label: str,
+) -> Markup:
+    """Values (N,) over time with their expanded uncertainties, and a fitted course (x and y)."""
+    low, high = float(np.min(y - expanded)), float(np.max(y + expanded))
+    levels = ticks(low, high)
+    left = max(LEFT, 20 + CHARACTER * max(len(f"{v:.6g}") for v in levels))
+    first, last = float(np.min(fitted[0])), float(np.max(fitted[0]))
+    room = 0.05 * (last - first) or 1.0
+
+    def at(px: np.ndarray | float, py: np.ndarray | float) -> np.ndarray:
+        share = (np.asarray(px) - first + room) / (last - first + 2 * room)
+        down = (high - np.asarray(py)) / ((high - low) or 1.0)
+        return np.stack(
+            [left + share * (WIDTH - left - RIGHT), TOP + down * (HEIGHT - TOP - BOTTOM)], axis=-1
+        )
+
+    parts = []
+    for v in levels:
+        height = float(at(first, v)[1])
+        parts.append(line(np.array([[left, height], [WIDTH - RIGHT, height]]), "grid"))
+        parts.append(text(left - 5, height + 4, f"{v:.6g}", anchor="end"))
+    for v in ticks(first, last):
+        parts.append(text(float(at(v, low)[0]), HEIGHT - BOTTOM + 15, f"{v:g}"))
+    parts.append(line(at(*fitted), "zero"))
+    for px, py, size in zip(x, y, expanded, strict=True):
+        parts.append(line(at(np.array([px, px]), np.array([py - size, py + size])), "range"))
+        cx, cy = at(px, py)
+        parts.append(f'<circle class="estimate" cx="{cx:.1f}" cy="{cy:.1f}" r="3"/>')
+    parts.append(text((left + WIDTH - RIGHT) / 2, HEIGHT - 5, x_label))
+    middle = (TOP + HEIGHT - BOTTOM) / 2
+    parts.append(f'<g transform="translate(11 {middle:.1f}) rotate(-90)">{text(0, 0, y_label)}</g>')
+    return drawing(WIDTH, HEIGHT, parts, label)
+
+
 def prior_posterior(prior: tuple[float, float], ends: tuple[float, float], estimate: float) -> Markup:
     """A small drawing: prior mean +- 2 standard deviations as a band, posterior 95 % interval and estimate.
 

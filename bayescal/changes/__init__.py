@@ -1,0 +1,1 @@
+"""What changed between sessions of one arm, and what its runs tell over time."""

@@ -1,0 +1,262 @@
+"""Sessions of one arm as one problem: what they share, and what may differ, as further parameters.
+
+Targets and tools with equal entries are one target and one tool. A change is a parameter that acts in the
+rows of one later session only: of the arm, an effect, the base against all targets, a target, a tool. The
+estimate of all of them is the point of linearisation, so that no session is taken for outliers of another.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from bayescal.arm.motion import CERTIFICATE, Term
+from bayescal.arm.transforms import AXES
+from bayescal.dataset import Dataset
+from bayescal.dataset.join import joined
+from bayescal.effects import EFFECTS, Circumstances, Parameter, Session, parameters_of
+from bayescal.effects.common import within
+from bayescal.effects.location import ARM as WHOLE
+from bayescal.effects.location import BASE, NUMBERED, TOOL, Site, face, joint
+from bayescal.effects.vocabulary import Effect
+from bayescal.errors import BayescalError
+from bayescal.estimate import Estimate, estimate
+from bayescal.estimate.estimate import settled
+from bayescal.estimate.families import families, with_compliances
+from bayescal.model import with_parameters
+from bayescal.model.scene import Scene
+
+ZERO = 2e-3
+"""rad: standard deviation of a joint zero that no parameter of the model has (as of other joints)."""
+MOVED = {"t": 1e-3, "r": 2e-3}
+"""m and rad: usual change of a base or target (assumed); far smaller than the prior of its place."""
+SCATTERED = 0.2
+"""Share of outliers among the rows of a target in a session from which on it is not compared (assumed)."""
+POSES = 4
+"""Fits with gravity at the pose of the fit before."""
+
+
+@dataclass(frozen=True)
+class Item:
+    """Something that may differ between sessions: parameters that change together."""
+
+    name: str
+    effect: str
+    site: Site
+    kind: str  # arm, effect, setup or unknown
+    parameters: tuple[Parameter, ...]  # with the prior of a change
+
+
+@dataclass(frozen=True)
+class Joint:
+    """Sessions fitted together, each later one with changes of its own, and all items that may change."""
+
+    dataset: Dataset
+    sessions: tuple[Session, ...]
+    found: Estimate
+    circumstances: Circumstances  # of the estimate, with sessions
+    items: tuple[Item, ...]
+    placed: frozenset[str]  # names of targets that sessions share
+    scattered: frozenset[str]  # those of them of which many rows are outliers: they moved within a session
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the sessions."""
+        return tuple(s.name for s in self.sessions)
+
+
+def tied(dataset: Dataset) -> tuple[Dataset, frozenset[str]]:
+    """Sessions joined, with targets of one name that all entries describe alike as one target.
+
+    Returns
+    -------
+    Dataset
+    frozenset of str
+        Names of the targets that were made one.
+    """
+    stated: dict[str, list[int]] = {}
+    for k, t in enumerate(dataset.targets):
+        stated.setdefault(t.name.partition(":")[2], []).append(k)
+    first, shared = list(range(len(dataset.targets))), dict[str, str]()
+    for name, places in stated.items():
+        one, *others = (dataset.targets[k] for k in places)
+        if others and all(_same(one, t) for t in others):
+            first = [places[0] if k in places else f for k, f in enumerate(first)]
+            shared |= {dataset.targets[k].name: name for k in places}
+    kept = sorted(set(first))
+    targets = tuple(replace(t, name=shared.get(t.name, t.name)) for k in kept for t in [dataset.targets[k]])
+    certificates, seen = [], set()
+    originals = {s.name: s.certificates for s in dataset.sessions}
+    for session, own in originals.items():
+        for c in own:
+            names = tuple(shared.get(f"{session}:{t}", f"{session}:{t}") for t in c.targets)
+            key = (c.kind, names, c.distance)
+            if key not in seen:  # of one target in several sessions, a certificate counts once
+                seen.add(key)
+                certificates.append(replace(c, targets=names))
+    m = dataset.measurements
+    index = np.array([kept.index(f) for f in first])
+    return replace(
+        dataset,
+        targets=targets,
+        certificates=tuple(certificates),
+        measurements=replace(m, target=index[m.target]),
+    ), frozenset(shared.values())
+
+
+def _same(one: object, other: object) -> bool:
+    keys = ("kind", "u", "u_angle", "texts")
+    a, b = one.values, other.values  # type: ignore[attr-defined]
+    return all(getattr(one, k) == getattr(other, k) for k in keys) and all(
+        np.array_equal(np.asarray(a[k]), np.asarray(b[k]), equal_nan=True) for k in a
+    )
+
+
+def prepared(
+    sessions: Sequence[Dataset], effects: tuple[str, ...], remounted: bool = False, robust: bool = True
+) -> Joint:
+    """Fit sessions of one arm together, with every change that a later session may have.
+
+    Parameters
+    ----------
+    sessions : sequence of Dataset
+        Two or more, in the order of time.
+    effects : tuple of str
+        The model that they share.
+    remounted : bool
+        Every session has tools of its own.
+    robust : bool
+        Exclude outliers.
+
+    Raises
+    ------
+    BayescalError
+        If they are not of one arm, or the model cannot be fitted.
+    """
+    if len(sessions) < 2:
+        raise BayescalError(
+            "a change needs two sessions", "", "name two dataset folders or more, in the order of time"
+        )
+    dataset, placed = tied(joined(sessions, remounted, own_noise=False))
+    ends = np.cumsum([len(s.measurements.ids) for s in dataset.sessions])
+    row = np.arange(ends[-1])
+    parts = tuple(
+        Session(s.name, (row < end) & (row >= end - len(s.measurements.ids)), False)
+        for s, end in zip(dataset.sessions, ends, strict=True)
+    )
+    m = dataset.measurements
+    fitted = [set(m.target[s.rows & (m.role == "calibrate")].tolist()) for s in parts]
+    placed = frozenset(
+        t.name
+        for k, t in enumerate(dataset.targets)
+        if t.name in placed and sum(k in own for own in fitted) > 1
+    )
+    scene, known, rejected = Scene(dataset, oriented=True), dict[str, float](), None
+    for _ in range(POSES):
+        c = replace(scene.circumstances(scene.rows("calibrate")), sessions=())
+        shared = parameters_of(effects, c)
+        items = list(_of_model(c, shared, dataset, placed))
+        model = with_parameters(scene, effects, (*shared, *changes(items, parts)))
+        start = np.array([known.get(name, 0.0) for name in model.names])
+        found = estimate(model, robust, start if known else None, rejected)
+        known, rejected = dict(zip(model.names, found.z.tolist(), strict=True)), found.rejected
+        if scene.moments is None:
+            break
+        scene = settled(found)
+    c = replace(with_compliances(scene.circumstances(scene.rows("calibrate")), found), sessions=parts)
+    items += _of_effects(replace(c, sessions=()), {p.name for p in shared}, effects)
+    items += _unknown(c)
+    out = np.isin(np.arange(len(row)), found.rejected)
+    scattered = {
+        t.name
+        for k, t in enumerate(dataset.targets)
+        for s, own in zip(parts, fitted, strict=True)
+        if k in own and np.mean(out[s.rows & (m.target == k) & (m.role == "calibrate")]) > SCATTERED
+    }
+    return Joint(dataset, parts, found, c, tuple(items), placed, placed & scattered)
+
+
+def changes(items: Sequence[Item], parts: Sequence[Session]) -> list[Parameter]:
+    """Parameters of changes, session after session without the first."""
+    return [within(p, s) for s in parts[1:] for item in items for p in item.parameters]
+
+
+def _change(p: Parameter, sd: float = 0.0) -> Parameter:
+    """A parameter as a change of its value: zero without one."""
+    return replace(p, nominal=0.0, mean=None, positive=False, sd=sd or p.sd, effect="change")
+
+
+def _of_model(
+    c: Circumstances, shared: Sequence[Parameter], dataset: Dataset, placed: frozenset[str]
+) -> Iterator[Item]:
+    """Parameters of the model, joint zeros that it does not have, base, targets and tools."""
+    turning = {t.frame for p in shared for t in p.terms if t.axis == "rz" and np.ndim(t.driver) == 0}
+    grouped: dict[tuple[str, str], list[Parameter]] = {}
+    several = len({p.name.rpartition(" ")[0] for p in shared if p.site == TOOL}) > 1
+    for p in shared:
+        name = p.name.rpartition(" ")[0] if p.site == TOOL and several else str(p.site)
+        grouped.setdefault((p.name if p.site.kind in NUMBERED else name, p.effect), []).append(p)
+    for (name, effect), own in grouped.items():
+        if own[0].site == BASE and own[0].driver.kind != "moment":
+            continue
+        yield Item(
+            name,
+            effect,
+            own[0].site,
+            "arm" if own[0].site.kind in NUMBERED else "setup",
+            tuple(map(_change, own)),
+        )
+    of = next((p.effect for p in shared if p.site.kind == "joint" and p.unit == "rad"), "")
+    for j in range(1, c.robot.n + 1):
+        if j not in turning:
+            zero = Parameter(f"theta{j}", "rad", (Term(j, "rz"),), ZERO, site=joint(j))
+            yield Item(f"theta{j}", of, joint(j), "arm", (_change(zero),))
+    if placed:
+        yield Item("base", "placement", BASE, "setup", tuple(_rigid("base", BASE, 1.0)))
+    for k, t in enumerate(dataset.targets):
+        if t.name in placed and len(placed) > 1:
+            rows = (dataset.measurements.target == k).astype(float)
+            yield Item(t.name, "placement", face(t.name), "setup", tuple(_rigid(t.name, face(t.name), rows)))
+
+
+def _rigid(name: str, site: Site, rows: np.ndarray | float) -> Iterator[Parameter]:
+    """A displacement of the base in some rows: that of the targets of these, reversed."""
+    for axis in AXES:
+        unit = "m" if axis[0] == "t" else "rad"
+        p = Parameter(
+            f"{name} {axis.removeprefix('t')}", unit, (Term(0, axis, rows),), MOVED[axis[0]], site=site
+        )
+        yield _change(p)
+
+
+def listed(c: Circumstances, effects: tuple[str, ...]) -> Iterator[tuple[Effect, list[Parameter]]]:
+    """Effects of the list that a model does not have and that an arm keeps from session to session."""
+    for effect in EFFECTS.values():
+        if effect.name in effects or effect.of_session or effect.missing(c):
+            continue
+        parameters = [p for p in effect.at(c) if all(t.frame != CERTIFICATE for t in p.terms)]
+        if parameters:
+            yield effect, parameters
+
+
+def _of_effects(c: Circumstances, known: set[str], effects: tuple[str, ...]) -> Iterator[Item]:
+    for effect, parameters in listed(c, effects):
+        grouped: dict[Site, list[Parameter]] = {}
+        for p in parameters:
+            if p.name not in known:
+                grouped.setdefault(WHOLE if effect.whole else p.site, []).append(p)
+        for site, own in grouped.items():
+            yield Item(f"{effect.name} {site}", effect.name, site, "effect", tuple(map(_change, own)))
+
+
+def _unknown(c: Circumstances) -> Iterator[Item]:
+    """Smooth functions of generic drivers: a change that no parameter or effect has."""
+    for family in families(replace(c, sessions=())):
+        grouped: dict[tuple[Site, str], list[Parameter]] = {}
+        for p in family.parameters:
+            grouped.setdefault((p.site, str(p.driver)), []).append(p)
+        for (site, driver), own in grouped.items():
+            if "time" not in driver and "temperature" not in driver:
+                yield Item(f"{driver} at {site}", "unknown", site, "unknown", tuple(map(_change, own)))

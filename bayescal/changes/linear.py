@@ -1,0 +1,281 @@
+"""The evidence of changes in closed form.
+
+At the joint estimate, residuals are e + J d + G w + X x: d are the unknowns that all sessions share, w the
+amplitudes of errors that the model lacks, in all sessions alike (effects of the list, smooth functions), x
+the changes. The families of w have variances that maximise the evidence where every change is free, together
+with a noise scale of each session (MacKay 1992, Neural Computation 4, 415). d and w are integrated out:
+
+    log L(x) = s'x - x'Gx/2,    G = X'MX,  s = -X'M (e - X x0),  M = (K + [J G] P [J G]')^-1
+
+with the noise K and the prior covariance P. For x = B a, a ~ N(0, T) the evidence over no change is
+
+    (s'B (T^-1 + B'GB)^-1 B's - log det(1 + T B'GB)) / 2.
+
+A model error that is the same in both sessions is in w, so that it is no change, nor where the sessions are
+measured at different poses.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy.linalg.lapack import dpotrf, dpotri
+
+from bayescal.changes.joint import Joint, changes, listed
+from bayescal.effects import Parameter
+from bayescal.effects.common import within
+from bayescal.errors import BayescalError
+from bayescal.estimate import STATED_WORTH
+from bayescal.estimate.families import families
+from bayescal.estimate.further import linearised_with
+from bayescal.model import ARM
+
+ITERATIONS, ENOUGH = 40, 1e-2
+"""Largest number of updates of variances, and the change of a logarithm at which they end."""
+NONE = 1e-12
+"""In place of a variance that is none, so that its inverse is finite."""
+PER_MOMENT = "(N m)"
+"""End of the units of springs: they are linear, so that only others differ in their form."""
+ALIKE = 20.0
+"""Residuals that the mean of a session is worth in the noise scale of one of its targets (assumed)."""
+FIRST, LEAST = 0.03, 1e-4
+"""Variances of families at the start, and up to which they are none, over those of the unit amplitudes."""
+
+FORM = 0.05
+"""Standard deviation of what may differ between sessions in an error that all have, over its size: forms of
+effects are approximate, and act differently where poses and ways differ (assumed)."""
+
+
+@dataclass(frozen=True)
+class Column:
+    """One parameter of an item in one later session."""
+
+    item: int
+    session: int  # from 1
+    parameter: Parameter
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """Information and score of all changes, with all else integrated out; changes in units of their prior.
+
+    `follow` (D, K) is how the shared unknowns move with a change, and `start` (D,) where they are without.
+    """
+
+    joint: Joint
+    columns: tuple[Column, ...]  # (K,)
+    information: np.ndarray  # (K, K)
+    score: np.ndarray  # (K,)
+    shared: np.ndarray  # (D,) z of the shared unknowns without a change
+    follow: np.ndarray  # (D, K)
+    covariance: np.ndarray  # (D, D) of these, given the changes
+    names: tuple[str, ...]  # (D,) of them: parameters of the arm, targets, then effects of the list
+    sd: np.ndarray  # (D,) SI of a unit of each
+    centre: np.ndarray  # (D,) SI
+    noise: np.ndarray  # (S,) factors on the stated noise
+    variances: dict[str, float]  # of the families of model errors
+
+    @cached_property
+    def places(self) -> tuple[np.ndarray, ...]:
+        """Columns (S - 1, k) of the parameters of each item, session after session."""
+        of: list[list[int]] = [[] for _ in self.joint.items]
+        for k, c in enumerate(self.columns):
+            of[c.item].append(k)
+        return tuple(np.array(own, int).reshape(len(self.joint.sessions) - 1, -1) for own in of)
+
+
+def evidence(joint: Joint) -> Evidence:
+    """The evidence of all changes of a joint estimate."""
+    found, c, parts = joint.found, joint.circumstances, joint.sessions
+    fixed = [i for i in joint.items if i.kind in ("arm", "setup")]
+    free = [i for i in joint.items if i.kind not in ("arm", "setup")]
+    base = replace(c, sessions=())
+    effects = found.model.effects
+    own = [(e.name, p) for e, ps in listed(base, effects) for p in ps]
+    smooth = [(f.name, p) for f in families(c) for p in f.parameters]
+    more = [within(p, s) for s in parts[1:] for i in free for p in i.parameters]
+    every = [p for _, p in own] + [p for _, p in smooth] + more
+    j, g, e, rows = linearised_with(found, list(every))
+    nuisance = len(own) + len(smooth)
+    session = np.argmax([s.rows[rows] for s in parts], axis=0)
+    target = joint.dataset.measurements.target[rows]
+    of_group, group = np.unique(np.stack([session, target]), axis=1, return_inverse=True)
+    of_group, group = of_group[0], group.ravel()
+    count_of = np.bincount(group)
+    d, linear = j.shape[1], found.linear
+    certified = slice(sum(b.residuals for b in found.model.blocks), None)
+    held = linear.jacobian[certified]
+    prior = held.T @ held + np.eye(d)  # of certificates and priors, and the gradient of both
+    pull = held.T @ linear.residual[certified] + found.z
+    arm = found.model.slices[ARM].stop
+    count = len(changes(fixed, parts))
+    at = np.arange(arm - count, arm)
+    labels = [label for label, _ in (*own, *smooth)] + [
+        f"change: {i.effect}" if i.kind == "effect" else ""
+        for _ in parts[1:]
+        for i in free
+        for _ in i.parameters
+    ]
+    # smooth changes have no variance: few sessions have one, and their columns are most of all
+    used = np.flatnonzero(np.array([bool(label) for label in labels]))
+    told = np.array([label for label in labels if label], dtype=object)
+    kappa, variances = _variances(j, g[:, used], e, group, of_group, prior, pull, told)
+    weight = 1.0 / kappa[group]
+    x = np.column_stack([j, g]) * weight[:, None]
+    full = x.T @ x
+    size = np.array([variances[label] for label in labels[:nuisance]])
+    full[:d, :d] += prior
+    full[np.arange(d, d + nuisance), np.arange(d, d + nuisance)] += 1.0 / size
+    slope = x.T @ (e * weight)
+    slope[:d] += pull
+    # changes have no prior here: it belongs to a hypothesis
+    full[at, at] -= 1.0
+    slope[at] -= found.z[at]
+    changed = np.concatenate([at, np.arange(d + nuisance, len(slope))])
+    kept = np.setdiff1d(np.arange(len(slope)), changed)
+    origin = np.concatenate([found.z[at], np.zeros(len(slope) - d - nuisance)])
+    inner = _inverse(full[np.ix_(kept, kept)])
+    across = full[np.ix_(kept, changed)]
+    follow = -inner @ across
+    information = full[np.ix_(changed, changed)] + across.T @ follow
+    score = -(slope[changed] + follow.T @ slope[kept]) + information @ origin
+    model = found.model
+    number = {id(i): k for k, i in enumerate(joint.items)}
+    columns = tuple(
+        Column(number[id(i)], k, p)
+        for items in (fixed, free)
+        for k in range(1, len(parts))
+        for i in items
+        for p in i.parameters
+    )
+    z = np.concatenate([found.z, np.zeros(nuisance)])[kept]
+    start = z - inner @ slope[kept] - follow @ origin
+    sizes = np.concatenate(
+        [
+            model.physical(np.ones(model.size)) - model.physical(np.zeros(model.size)),
+            [p.sd for _, p in (*own, *smooth)],
+        ]
+    )
+    centres = np.concatenate([model.physical(np.zeros(model.size)), np.zeros(nuisance)])
+    names = (*model.names, *(p.name for _, p in own), *("" for _ in smooth))
+    form = np.zeros((len(columns), len(columns)))
+    known = np.sqrt(np.maximum(start**2 - np.diag(inner), 0.0))[d - count :]  # of what is told, not its noise
+    amplitude = dict(zip(_keys([p for _, p in (*own, *smooth)]), known.tolist(), strict=True))
+    for k in range(1, len(parts)):
+        later = [i for i, c in enumerate(columns) if c.session == k]
+        for i, key in zip(later, _keys([columns[i].parameter for i in later]), strict=True):
+            if joint.items[columns[i].item].name in joint.scattered:
+                form[i, i] = 1.0
+            elif not columns[i].parameter.unit.endswith(PER_MOMENT):
+                form[i, i] = FORM * amplitude.get(key, 0.0)
+    information, score, _ = integrated(
+        0.5 * (information + information.T), score, form[:, np.any(form, axis=0)]
+    )
+    return Evidence(
+        joint,
+        columns,
+        information,
+        score,
+        start,
+        follow,
+        inner,
+        tuple(names[k] for k in kept),
+        sizes[kept],
+        centres[kept],
+        np.sqrt(np.bincount(of_group, count_of * kappa**2) / np.bincount(of_group, count_of)),
+        variances,
+    )
+
+
+def _keys(parameters: Sequence[Parameter]) -> list[tuple[str, str, str, int]]:
+    """What errors of all sessions and their changes have in common: name, site, driver, and their number."""
+    count: Counter[tuple[str, str, str]] = Counter()
+    out = []
+    for p in parameters:
+        key = (p.name, str(p.site), str(p.driver))
+        out.append((*key, count[key]))
+        count[key] += 1
+    return out
+
+
+def integrated(
+    information: np.ndarray, score: np.ndarray, by: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """Information (K, K), score (K,) and log evidence with changes along columns `by` (K, k) integrated out.
+
+    The columns have amplitudes of unit variance.
+    """
+    if not by.shape[1]:
+        return information, score, 0.0
+    across, along = information @ by, by.T @ score
+    a = np.eye(by.shape[1]) + by.T @ across
+    solved = np.linalg.solve(a, np.column_stack([across.T, along]))
+    found = 0.5 * (float(along @ solved[:, -1]) - float(np.linalg.slogdet(a)[1]))
+    return information - across @ solved[:, :-1], score - across @ solved[:, -1], found
+
+
+def _inverse(matrix: np.ndarray) -> np.ndarray:
+    """Inverse of a positive definite matrix, scaled to a unit diagonal first."""
+    scale = 1.0 / np.sqrt(np.diag(matrix))
+    factor, fault = dpotrf(matrix * np.outer(scale, scale), lower=1)
+    half, _ = dpotri(factor, lower=1)
+    if fault:
+        raise BayescalError("the sessions do not determine a joint fit", "", "fit each of them: bayescal fit")
+    half = np.tril(half)
+    out: np.ndarray = (half + np.tril(half, -1).T) * np.outer(scale, scale)
+    return out
+
+
+def _variances(
+    j: np.ndarray,
+    g: np.ndarray,
+    e: np.ndarray,
+    group: np.ndarray,
+    session: np.ndarray,
+    prior: np.ndarray,
+    pull: np.ndarray,
+    labels: np.ndarray,
+) -> tuple[np.ndarray, dict[str, float]]:
+    """Noise scale of each group of residuals, and variance of each family, that maximise the evidence.
+
+    `group` (R,) is that of each residual, `session` the session of each group. The unknowns of the model
+    keep their prior, as a quadratic form with the gradient `pull`.
+    """
+    d, names = j.shape[1], list(dict.fromkeys(labels))
+    member = [np.flatnonzero(labels == name) + d for name in names]
+    every = np.column_stack([j, g])
+    kappa, size = np.ones(len(session)), np.full(len(names), FIRST)
+    count = np.bincount(group, minlength=len(session))
+    for _ in range(ITERATIONS):
+        # families without a variance take no part
+        active = [k for k in range(len(names)) if size[k] > LEAST]
+        x = every[:, np.concatenate([np.arange(d), *(member[k] for k in active)]).astype(int)]
+        weight = 1.0 / kappa[group] ** 2
+        a, b = (x * weight[:, None]).T @ x, x.T @ (weight * e)
+        a[:d, :d] += prior
+        b[:d] += pull
+        own = np.repeat(size[active], [len(member[k]) for k in active])
+        a[np.arange(d, len(b)), np.arange(d, len(b))] += 1.0 / own
+        covariance = _inverse(a)
+        u, variance = -covariance @ b, np.diag(covariance)
+        before, start = np.concatenate([np.log(kappa), np.log(size)]), d
+        for k in active:
+            m = slice(start, start + len(member[k]))
+            start = m.stop
+            known = max(len(member[k]) - float(np.sum(variance[m])) / size[k], 1e-9)
+            # the update of MacKay; where nothing is known the variance tends to the smallest
+            size[k] = max((float(u[m] @ u[m]) + 1e-3 * LEAST) / (known + 1e-3), LEAST)
+        left = e + x @ u
+        square = np.bincount(group, left**2, len(session))
+        dof = count - np.bincount(group, weight * np.sum((x @ covariance) * x, axis=1), len(session))
+        for k in range(int(session.max()) + 1):
+            of = session == k
+            mean = (np.sum(square[of]) + STATED_WORTH) / (max(np.sum(dof[of]), 1.0) + STATED_WORTH)
+            kappa[of] = np.sqrt((square[of] + ALIKE * mean) / (np.maximum(dof[of], 0.0) + ALIKE))
+        if np.max(np.abs(np.concatenate([np.log(kappa), np.log(size)]) - before)) < ENOUGH:
+            break
+    return kappa, dict(zip(names, np.where(size > LEAST, size, NONE).tolist(), strict=True))

@@ -1,0 +1,354 @@
+"""The conclusion: what changed, by how much and with which probability; what would have been seen."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from bayescal.changes.joint import Item, Joint, prepared
+from bayescal.changes.linear import Evidence, evidence, integrated
+from bayescal.changes.moves import (
+    DistanceChange,
+    Shift,
+    distance_change,
+    distance_slopes,
+    tcp_slopes,
+    with_poses,
+)
+from bayescal.changes.search import (
+    FREE,
+    LISTED,
+    NAMED,
+    NONE,
+    SCALES,
+    SURE,
+    Member,
+    Search,
+    Weighed,
+    averaged,
+    log_priors,
+    options,
+    search,
+    selector,
+)
+from bayescal.dataset import Dataset
+from bayescal.effects import EFFECTS, Parameter
+from bayescal.effects.sizes import magnitude
+from bayescal.programs.text import Target
+from bayescal.storage.stopping import Progress, silent
+
+POWER = 1.2816
+"""Standard deviations by which a change must exceed the limit to be found with a probability of 90 %."""
+MOST = 8
+"""Largest number of items in a class."""
+OF_ARM = ("arm", "effect", "unknown")
+"""Kinds of items of the arm; others are of its surroundings: base, targets, tool."""
+
+
+@dataclass(frozen=True)
+class Difference:
+    """One parameter of an item that may have changed; SI."""
+
+    item: Item
+    parameter: Parameter
+    sessions: tuple[str, ...]  # that have the value after the change
+    before: float | None  # None: only the difference is known
+    after: float | None
+    difference: float
+    u: float
+    probability: float  # of the item
+    group: tuple[str, ...]  # names of the class, with this one; () if it is named alone
+    stated: bool  # named, alone or in a class
+
+
+@dataclass(frozen=True)
+class Detectable:
+    """The smallest change of a parameter that would have been found, with a probability of 90 %; SI."""
+
+    item: Item
+    parameter: Parameter
+    value: float | None  # None: these sessions do not tell
+    tcp: float | None  # m, RMS displacement of the TCP by it
+
+
+@dataclass(frozen=True)
+class Changed:
+    """What changed between sessions of one arm."""
+
+    dataset: Dataset
+    effects: tuple[str, ...]
+    sessions: tuple[Dataset, ...]
+    verdict: str  # same, changed or ambiguous
+    arm: str  # the same of the arm alone
+    same: float  # probability that nothing changed
+    arm_same: float
+    differences: tuple[Difference, ...]
+    detectable: tuple[Detectable, ...]
+    distances: DistanceChange | None
+    shifts: tuple[Shift, ...]
+    noise: tuple[float, ...]
+    errors: tuple[tuple[str, float], ...]  # of all sessions alike: effect, share of its prior variance
+    compared: frozenset[str]  # targets in more than one session
+    warnings: tuple[str, ...]
+
+    @property
+    def stated(self) -> tuple[Difference, ...]:
+        """Differences that are named, alone or in a class."""
+        return tuple(d for d in self.differences if d.stated)
+
+
+def changed(
+    sessions: Sequence[Dataset],
+    effects: tuple[str, ...],
+    *,
+    remounted: bool = False,
+    robust: bool = True,
+    targets: Sequence[Target] = (),
+    progress: Progress = silent,
+) -> Changed:
+    """What changed between sessions of one arm.
+
+    Parameters
+    ----------
+    sessions : sequence of Dataset
+        Two or more, in the order of time.
+    effects : tuple of str
+        The model that they share.
+    remounted : bool
+        Every session has tools of its own.
+    robust : bool
+        Exclude outliers.
+    targets : sequence of Target
+        Poses at which the displacement of the TCP is wanted.
+    progress : callable
+
+    Raises
+    ------
+    BayescalError
+        If they are not of one arm, or the model cannot be fitted.
+    """
+    progress("estimate", 0.0)
+    *others, last = sessions
+    extended, reasons = with_poses(last, targets)
+    joint = prepared([*others, extended], effects, remounted, robust)
+    progress("evidence", 0.0)
+    e = evidence(joint)
+    progress("search", 0.0)
+    found = search(e)
+    arm_same = sum(w.probability for w in found.weighed if not any(_of_arm(joint, m) for m in w.members))
+    classes = {m: members_of_class(found, m) for m in found.best.members}
+    of_class = {m: group for group in reversed(classes.values()) for m in group}
+    verdict = verdict_of(found.same, any(classes.values()))
+    of_arm = {m: g for m, g in classes.items() if _of_arm(joint, m)}
+    arm = verdict_of(arm_same, any(of_arm.values()))
+    listed = [m for m, p in found.probability.items() if p >= LISTED or m in of_class]
+    # members of the best set are in the order of what they explain
+    rank = {m: k for k, lead in enumerate(found.best.members) for m in reversed(classes[lead] or (lead,))}
+    listed.sort(key=lambda m: (m not in of_class, rank.get(m, len(rank)), -found.probability[m]))
+    differences = [
+        d
+        for m in listed
+        for d in _differences(found, m, of_class.get(m, ()), m in of_class and verdict != "same")
+    ]
+    best = {m.item for m in found.best.members}
+    moved = [k in best or i.kind != "unknown" for k, i in enumerate(joint.items)]
+    moves = tcp_slopes(
+        joint, [(p, used) for i, used in zip(joint.items, moved, strict=True) for p in i.parameters]
+    )
+    effect, shifts = _moved(found, moves, len(targets), reasons)
+    warnings = []
+    if remounted:
+        warnings.append(
+            "the tools were remounted: the tool of each session is its own, and its change is not judged"
+        )
+    warnings += [
+        f"target {name}: many of its measurements are outliers; whether it moved in between is not judged"
+        for name in sorted(joint.scattered)
+    ]
+    if not joint.placed:
+        warnings.append(
+            "no target is in two sessions: the base is not compared, nor the zero of the first joint"
+        )
+    return Changed(
+        joint.dataset,
+        effects,
+        joint.dataset.sessions,
+        verdict,
+        arm,
+        found.same,
+        arm_same,
+        tuple(differences),
+        detectable(found, moves),
+        effect,
+        shifts,
+        tuple(e.noise.tolist()),
+        _errors(e),
+        joint.placed,
+        tuple(warnings),
+    )
+
+
+def _of_arm(joint: Joint, m: Member) -> bool:
+    return joint.items[m.item].kind in OF_ARM
+
+
+def verdict_of(same: float, resolved: bool) -> str:
+    """The verdict, by the probability that nothing changed, and whether one is named, alone or in a class."""
+    if same >= NONE:
+        return "same"
+    return "changed" if 1.0 - same >= SURE and resolved else "ambiguous"
+
+
+def members_of_class(found: Search, m: Member) -> tuple[Member, ...]:
+    """A member of the best set with those that may replace it: together nearly certain; () if too many."""
+    chosen, rest = [m], [w for w in found.weighed if w.members]
+    total = found.probability[m]
+    others = set(found.best.members) - {m}
+    if total >= NAMED:
+        return (m,)
+    while total < SURE and len(chosen) <= MOST:
+        mass: dict[Member, float] = {}
+        for w in rest:
+            if not set(w.members) & set(chosen):
+                for other in set(w.members) - others:
+                    mass[other] = mass.get(other, 0.0) + w.probability
+        if not mass:
+            break
+        best = max(mass, key=lambda k: mass[k])
+        chosen.append(best)
+        total += mass[best]
+    return tuple(chosen) if total >= SURE and len(chosen) <= MOST else ()
+
+
+def posterior(e: Evidence, members: Sequence[Member]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Columns (K, k) of a set of changes, and mean (k,) and covariance (k, k) of their amplitudes."""
+    by = np.column_stack([np.zeros((len(e.columns), 0)), *(selector(e, m) for m in members)])
+    a = by.T @ e.information @ by + np.eye(by.shape[1]) / FREE**2
+    scale = 1.0 / np.sqrt(np.diag(a))
+    covariance = np.linalg.inv(a * np.outer(scale, scale)) * np.outer(scale, scale)
+    return by, covariance @ (by.T @ e.score), covariance
+
+
+def _set_with(found: Search, m: Member) -> Weighed:
+    return next(w for w in found.weighed if m in w.members)
+
+
+def _differences(found: Search, m: Member, of_class: Sequence[Member], stated: bool) -> list[Difference]:
+    probability = min(found.probability[m], 1.0)
+    e, item = found.evidence, found.evidence.joint.items[m.item]
+    members = _set_with(found, m).members
+    by, mean, covariance = posterior(e, members)
+    first = sum(len(e.joint.items[k.item].parameters) for k in members[: members.index(m)])
+    shared = e.shared + e.follow @ (by @ mean)
+    place = {name: k for k, name in enumerate(e.names)}
+    sign = -1.0 if 0 in m.sessions else 1.0  # the first session alone has another value
+    size = EFFECTS[item.effect].sizes.get(item.parameters[0].unit) if item.effect in EFFECTS else None
+    out = []
+    for k, p in enumerate(item.parameters, start=first):
+        difference, u = sign * p.sd * float(mean[k]), p.sd * float(np.sqrt(covariance[k, k]))
+        at = place.get(p.name) if p.name else None
+        before = None if at is None else float(e.centre[at] + e.sd[at] * shared[at])
+        after = None if before is None else before + difference
+        if size is not None and size.value is magnitude and (after or difference) < 0:
+            # the effect defines the sign, not the parameter
+            before, after = (None if v is None else -v for v in (before, after))
+            difference = -difference
+        names = tuple(e.joint.names[i] for i in m.sessions)
+        group = tuple(e.joint.items[g.item].name for g in of_class) if len(of_class) > 1 else ()
+        out.append(Difference(item, p, names, before, after, difference, u, probability, group, stated))
+    return out
+
+
+def _moved(
+    found: Search, moves: np.ndarray, given: int, reasons: Sequence[str]
+) -> tuple[DistanceChange | None, tuple[Shift, ...]]:
+    """What the best set does to distances, and at given poses; base and targets are not part of it."""
+    e, joint = found.evidence, found.evidence.joint
+    _, mean, covariance = posterior(e, found.best.members)
+    first = np.cumsum([0, *(len(i.parameters) for i in joint.items)])
+    parameters = [k for m in found.best.members for k in range(first[m.item], first[m.item + 1])]
+    weight = [  # of the last session relative to the first
+        m.weights(len(joint.sessions))[-1] * (_of_arm(joint, m) or joint.items[m.item].site.kind == "tool")
+        for m in found.best.members
+    ]
+    sign = np.repeat(weight, [len(joint.items[m.item].parameters) for m in found.best.members])
+    kept = sign != 0
+    by = moves[parameters][kept] * sign[kept, None, None] if parameters else moves[:0]
+    mean, covariance = mean[kept], covariance[np.ix_(kept, kept)]
+    count = moves.shape[2]
+    shifts = []
+    rows = iter(range(count - (given - sum(map(bool, reasons))), count))
+    for k, reason in enumerate(reasons, start=1):
+        if reason:
+            shifts.append(Shift(f"{k}", reason=reason))
+            continue
+        own = by[:, :, next(rows)]
+        shifts.append(Shift(f"{k}", own.T @ mean, own.T @ covariance @ own))
+    if not len(by):
+        return None, tuple(shifts)
+    fitted = joint.circumstances.fitted
+    points = joint.found.model.motion(fitted).points(joint.found.arm)
+    return distance_change(distance_slopes(points, by[:, :, fitted]), mean, covariance), tuple(shifts)
+
+
+def detectable(found: Search, moves: np.ndarray) -> tuple[Detectable, ...]:
+    """The smallest change of every parameter of the arm and of the tool that would have been found."""
+    e, joint = found.evidence, found.evidence.joint
+
+    def beside(item: Item | None) -> np.ndarray:
+        """Information with the changes of the best set, without that of an item, integrated out."""
+        by = [FREE * selector(e, m) for m in found.best.members if joint.items[m.item] is not item]
+        return integrated(e.information, e.score, np.column_stack([np.zeros((len(e.columns), 0)), *by]))[0]
+
+    usual = beside(None)
+    inside = {m.item for m in found.best.members}
+    every = options(e)
+    prior = log_priors(e, every)
+    first = np.cumsum([0, *(len(i.parameters) for i in joint.items)])
+    fitted = joint.circumstances.fitted
+    out = []
+    for m in (m for m in every if m.sessions == (len(joint.sessions) - 1,)):
+        item = joint.items[m.item]
+        if item.kind not in ("arm", "effect") and item.site.kind != "tool":
+            continue
+        select, g = selector(e, m), beside(item) if m.item in inside else usual
+        for k, p in enumerate(item.parameters):
+            at = np.flatnonzero(select[:, k])
+            value = _least(float(np.sum(g[np.ix_(at, at)])), prior[m] + float(np.log(1.0 - NONE)))
+            tcp = moves[first[m.item] + k][:, fitted]
+            size = float(np.sqrt(np.mean(np.sum(tcp**2, axis=0))))
+            if value is None or value > FREE:
+                out.append(Detectable(item, p, None, None))
+            else:
+                out.append(Detectable(item, p, value * p.sd, value * size))
+    return tuple(out)
+
+
+def _least(information: float, prior: float) -> float | None:
+    """The change, in units of its prior, that is found with a probability of 90 %."""
+    if information * FREE**2 < 1.0:
+        return None
+
+    square = SCALES**2
+    with_it = 1.0 + square * information
+    limit = float(np.log(NONE) + np.log(SURE / (1.0 - SURE))) - prior
+
+    def odds(a: float) -> float:
+        return averaged(0.5 * ((information * a) ** 2 * square / with_it - np.log(with_it))) - limit
+
+    low, high = 0.0, 1.0 / np.sqrt(information)
+    while odds(high) < 0.0:
+        low, high = high, 2.0 * high
+    for _ in range(40):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if odds(middle) < 0.0 else (low, middle)
+    return high + POWER / float(np.sqrt(information))
+
+
+def _errors(e: Evidence) -> tuple[tuple[str, float], ...]:
+    """Errors that the model lacks, of all sessions alike, largest variance first."""
+    return tuple(
+        sorted(((n, v) for n, v in e.variances.items() if n in EFFECTS and v > 0.1), key=lambda x: -x[1])
+    )

@@ -1,0 +1,189 @@
+"""Sets of changes: their evidence, a beam search over them, and probabilities.
+
+A member of a set is an item and the sessions that have its changed value: all from one on, or one alone. Its
+evidence is averaged over factors on the prior of its size, given the other members at their most probable.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from bayescal.changes.linear import Evidence, integrated
+from bayescal.effects import confusable
+from bayescal.gap.settings import VERDICT
+
+SCALES = np.array([1 / 300, 0.01, 1 / 30, 0.1, 0.3, 1.0, 3.0, 10.0])
+"""Factors on the usual size of a change over which evidence is averaged (assumed)."""
+FREE = 100.0
+"""The factor with which a change is estimated: its prior has no part in the result."""
+NONE = 0.5
+"""Prior probability that nothing changed (convention)."""
+SHARES = {"base": 0.15, "target": 0.05, "tool": 0.15, "arm": 0.3, "effect": 0.25, "unknown": 0.1}
+"""Prior probability of the kinds of a single change, shared by their items (assumed)."""
+WIDTH, DEPTH = 8, 16
+"""Sets that are extended, and the most members."""
+SURE, NAMED = 0.95, 0.9
+"""Probability of a change, and of a name, from which on they are stated (convention)."""
+LISTED = 0.05
+"""Least probability of an item that is listed, where it is in no class (convention)."""
+
+
+@dataclass(frozen=True)
+class Member:
+    """An item that changed, and the sessions (numbers from 0) that have its other value."""
+
+    item: int
+    sessions: tuple[int, ...]
+
+    def weights(self, count: int) -> np.ndarray:
+        """Factors (S - 1,) on the value of each later session relative to the first."""
+        first = 0 in self.sessions
+        return np.array([(k in self.sessions) - first for k in range(1, count)], float)
+
+
+@dataclass(frozen=True)
+class Weighed:
+    """A set of changes, each with the factor on its prior, and its log posterior density."""
+
+    members: tuple[Member, ...]
+    scales: tuple[float, ...]
+    score: float
+    probability: float = 0.0
+
+
+@dataclass(frozen=True)
+class Search:
+    """All sets that were evaluated, the most probable first."""
+
+    evidence: Evidence
+    weighed: tuple[Weighed, ...]
+
+    @property
+    def best(self) -> Weighed:
+        """The most probable set."""
+        return self.weighed[0]
+
+    @cached_property
+    def same(self) -> float:
+        """Probability that nothing changed."""
+        return sum(w.probability for w in self.weighed if not w.members)
+
+    @cached_property
+    def probability(self) -> Mapping[Member, float]:
+        """Marginal probability of every member."""
+        out: dict[Member, float] = {}
+        for w in self.weighed:
+            for m in w.members:
+                out[m] = out.get(m, 0.0) + w.probability
+        return out
+
+
+def options(e: Evidence) -> list[Member]:
+    """Every item with every pattern of sessions: changed from one on, or in one alone."""
+    count = len(e.joint.sessions)
+    later = [tuple(range(k, count)) for k in range(1, count)]
+    alone = [(k,) for k in range(count) if (k,) not in later and count > 2]
+    compared = [i for i, item in enumerate(e.joint.items) if item.name not in e.joint.scattered]
+    return [Member(i, s) for i in compared for s in (*later, *alone)]
+
+
+def selector(e: Evidence, member: Member) -> np.ndarray:
+    """Columns (K, k) of the parameters of a member."""
+    weights = member.weights(len(e.joint.sessions))
+    count = len(e.joint.items[member.item].parameters)
+    out = np.zeros((len(e.columns), count))
+    for weight, at in zip(weights, e.places[member.item], strict=True):
+        out[at, np.arange(count)] = weight
+    return out
+
+
+def log_priors(e: Evidence, every: Sequence[Member]) -> dict[Member, float]:
+    """Log of the prior share of every member among single changes."""
+
+    def kind(m: Member) -> str:
+        item = e.joint.items[m.item]
+        return item.kind if item.kind != "setup" else item.site.kind.replace("face", "target")
+
+    kinds = [kind(m) for m in every]
+    return {
+        m: float(np.log(SHARES.get(k, SHARES["arm"]) / kinds.count(k)))
+        for m, k in zip(every, kinds, strict=True)
+    }
+
+
+def gains(information: np.ndarray, score: np.ndarray) -> np.ndarray:
+    """Log evidence (scales,) of columns with information (k, k) and score (k,), by `SCALES`."""
+    values, vectors = np.linalg.eigh(information)
+    values, along = np.maximum(values, 0.0), (vectors.T @ score) ** 2
+    square = SCALES[:, None] ** 2
+    with_it = 1.0 + square * values
+    return 0.5 * np.sum(along * square / with_it - np.log(with_it), axis=1)
+
+
+def averaged(gain: np.ndarray) -> float:
+    """Log of the mean over factors."""
+    most = float(np.max(gain))
+    return most + float(np.log(np.mean(np.exp(gain - most))))
+
+
+def search(e: Evidence) -> Search:
+    """Search the most probable sets of changes."""
+    every = options(e)
+    prior = log_priors(e, every)
+    select = {m: selector(e, m) for m in every}
+    found: dict[frozenset[Member], Weighed] = {frozenset(): Weighed((), (), float(np.log(NONE)))}
+    front = [found[frozenset()]]
+    for _ in range(DEPTH):
+        for w in front:
+            for new in _extended(e, w, every, prior, select):
+                key = frozenset(new.members)
+                if key not in found or found[key].score < new.score:
+                    found[key] = new
+        size = len(front[0].members) + 1
+        front = sorted((w for w in found.values() if len(w.members) == size), key=lambda w: -w.score)[:WIDTH]
+        best = max(w.score for w in found.values())
+        if not front or front[0].score < best - 5.0:
+            break
+    leader = max(found.values(), key=lambda w: w.score)
+    ranked = sorted((_softened(e, w, leader) for w in found.values()), key=lambda w: -w.score)
+    density = np.exp(np.array([w.score for w in ranked]) - ranked[0].score)
+    share = density / density.sum()
+    return Search(
+        e, tuple(Weighed(w.members, w.scales, w.score, float(p)) for w, p in zip(ranked, share, strict=True))
+    )
+
+
+def _softened(e: Evidence, w: Weighed, leader: Weighed) -> Weighed:
+    """A set that has a confusable effect in place of one of the leading set: its score is nearer to that."""
+    differs = set(w.members) ^ set(leader.members)
+    items = [e.joint.items[m.item] for m in differs]
+    if len(w.members) != len(leader.members) or len(items) != 2 or items[0].site != items[1].site:
+        return w
+    if not confusable(items[0].effect, items[1].effect):
+        return w
+    return replace(w, score=leader.score - VERDICT.soft * (leader.score - w.score))
+
+
+def _extended(
+    e: Evidence,
+    w: Weighed,
+    every: Sequence[Member],
+    prior: Mapping[Member, float],
+    select: Mapping[Member, np.ndarray],
+) -> Iterator[Weighed]:
+    """A set with one more member, for every one that it may have."""
+    by = [select[m] * s for m, s in zip(w.members, w.scales, strict=True)]
+    g, s, _ = integrated(e.information, e.score, np.column_stack([np.zeros((len(e.columns), 0)), *by]))
+    for m in every:
+        if any((m.item == other.item and len(e.joint.sessions) == 2) or m == other for other in w.members):
+            continue
+        places = np.flatnonzero(np.any(select[m], axis=1))
+        own = select[m][places]
+        gain = gains(own.T @ g[np.ix_(places, places)] @ own, own.T @ s[places])
+        scale = float(SCALES[int(np.argmax(gain))])
+        score = w.score + averaged(gain) + prior[m] + float(np.log(1.0 - NONE))
+        yield Weighed((*w.members, m), (*w.scales, scale), score)

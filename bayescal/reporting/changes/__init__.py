@@ -1,0 +1,1 @@
+"""Reports of what changed between sessions of an arm, and of its history."""

@@ -1,0 +1,246 @@
+"""history.json and its page: parameters of an arm over time, and when to calibrate again."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Group, RenderableType
+from rich.text import Text as Words
+
+from bayescal import __version__
+from bayescal.changes.history import DAY, QUANTILES, TREND, Course, History
+from bayescal.effects import UNITS
+from bayescal.effects.vocabulary import unit_label
+from bayescal.reporting.changes.record import COVERAGE, SMALL
+from bayescal.reporting.page import svg
+from bayescal.reporting.page.render import page
+from bayescal.reporting.page.section import Figures, FirstScreen, blocks
+from bayescal.reporting.shared.origin import plain, software
+from bayescal.reporting.shared.sheet import Column, Sheet, csv_text, of_key, terminal
+from bayescal.reporting.shared.text import UM, facts, listed, probability, under, with_u
+from bayescal.storage.files import json_text
+from bayescal.storage.folders import whole
+from bayescal.storage.reading import Json
+
+SCHEMA = "bayescal-history/1"
+HISTORY, PAGE, TABLE = "history.json", "history.html", "history.csv"
+FEW = 5
+"""Items that a sentence lists."""
+YEAR = 365.25
+"""Days; the rate of a trend over days is stated for a year."""
+
+
+def history_record(result: History) -> Json:
+    """The content of history.json."""
+    limit = result.limit
+    record: dict[str, Any] = {
+        "schema": SCHEMA,
+        "robot": result.robot,
+        "serial": result.serial or None,
+        "software": software(("numpy", "scipy")),
+        "time_unit": result.unit,
+        "runs": [
+            {
+                "folder": e.folder,
+                "command": e.arm.origin.command,
+                "dataset": e.arm.dataset.name,
+                "sha256": e.arm.dataset.sha256,
+                "date": e.dates or None,
+                "time": e.time,
+                "model": list(e.arm.effects),
+            }
+            for e in result.entries
+        ],
+        "parameters": [_course(c, result) for c in result.courses],
+        "limit": None
+        if limit is None
+        else {
+            "limit_um": UM * limit.limit,
+            "rate_um": UM * limit.rate,
+            "u_rate_um": UM * limit.u_rate,
+            "probability": list(QUANTILES),
+            "time_after_last_run": list(limit.times),
+            "date": list(limit.dates) or None,
+        },
+        "notes": list(result.notes),
+    }
+    record["words"] = words(record)
+    return {key: plain(value) for key, value in record.items()}
+
+
+def _course(c: Course, result: History) -> dict[str, Any]:
+    unit, factor = UNITS[c.parameter.unit]
+    values = [None if v is None else {"value": factor * v[0], "u": factor * v[1]} for v in c.values]
+    return {
+        "name": c.parameter.name,
+        "effect": c.parameter.effect,
+        "site": str(c.parameter.site),
+        "unit": unit,
+        "values": values,
+        "change": c.kind or None,
+        "size": factor * c.size if c.kind else None,
+        "u": factor * c.u if c.kind else None,
+        "U": COVERAGE * factor * c.u if c.kind else None,
+        "from_run": result.entries[c.since].folder if c.kind and c.kind != TREND else None,
+        "probability": c.probability,
+    }
+
+
+def changed(record: Json) -> list[Json]:
+    """Parameters with a trend or a step, the most probable first."""
+    return sorted((p for p in record["parameters"] if p["change"]), key=lambda p: -p["probability"])
+
+
+def size(p: Json, record: Json) -> str:
+    """A trend or a step with its u."""
+    unit, factor = SMALL.get(p["unit"], (unit_label(p["unit"]), 1.0))
+    rate = p["change"] == TREND
+    factor *= YEAR if rate and record["time_unit"] == DAY else 1.0
+    per = {True: f" per {'year' if record['time_unit'] == DAY else 'session'}", False: ""}[rate]
+    return f"{with_u(factor * p['size'], factor * p['u'])} {unit}{per}"
+
+
+def words(record: Json) -> list[str]:
+    """The conclusion in sentences."""
+    found, limit = changed(record), record["limit"]
+    count = f"{len(record['runs'])} sessions"
+    if not found:
+        out = [f"No parameter changed over {count}."]
+    else:
+        out = [f"{len(found)} of {len(record['parameters'])} parameters changed over {count}."]
+        for p in found[:FEW]:
+            what = "drifts by" if p["change"] == TREND else f"changed from {p['from_run']} on by"
+            out.append(f"{p['name']} {what} {size(p, record)} (probability {probability(p['probability'])}).")
+    if limit:
+        early, middle, _ = limit["date"] or [
+            f"{t:.0f} {record['time_unit']}s after the last run" for t in limit["time_after_last_run"]
+        ]
+        out.append(
+            f"By these drifts the RMS error of distances reaches {limit['limit_um']:.0f} µm: {middle} "
+            f"(with a probability of 5 % before {early}). Calibrate again by then."
+        )
+    return out
+
+
+def _value(p: Json, run: int) -> str | None:
+    value = p["values"][run]
+    return None if value is None else with_u(value["value"], value["u"])
+
+
+def course_sheet(record: Json, some: Sequence[Json]) -> Sheet:
+    """Values of all runs, and what changed."""
+    runs = [r["date"] or r["folder"] for r in record["runs"]]
+    shown = range(len(runs)) if len(runs) <= FEW else (0, len(runs) - 1)
+    columns = (
+        Column(
+            "parameter",
+            lambda p: f"{p['name']} ({unit_label(p['unit'])})" if unit_label(p["unit"]) else p["name"],
+        ),
+        *(Column(runs[k], of_key(_value, k)) for k in shown),
+        Column("change", lambda p: size(p, record) if p["change"] else None, words=True),
+        Column("P", "probability", probability),
+    )
+    return Sheet(columns, some, "value(u); P: probability of a trend or a step")
+
+
+def history_summary(record: Json) -> RenderableType:
+    """The conclusion, what changed, the runs."""
+    first, *others = record["words"]
+    title = Words.assemble((record["robot"], "bold"), f"  {record['serial'] or ''}")
+    runs = [
+        f"{r['date'] or ''} {r['folder']} ({r['command']}, {r['dataset']})".strip() for r in record["runs"]
+    ]
+    parts: list[RenderableType] = [title, "", Words(first, "bold"), *map(Words, others)]
+    if found := changed(record):
+        parts += ["", terminal(course_sheet(record, found))]
+    return Group(*parts, "", facts([*under("runs", runs), *under("note", record["notes"], "yellow")]))
+
+
+def _panel(p: Json, record: Json) -> tuple[str, Any]:
+    """The values of a parameter with their U, and its trend or step."""
+    time = np.array([r["time"] for r in record["runs"]])
+    has = np.array([v is not None for v in p["values"]])
+    value = np.array([v["value"] for v in p["values"] if v is not None])
+    u = np.array([v["u"] for v in p["values"] if v is not None])
+    weight = 1.0 / u**2
+    since = [r["folder"] for r in record["runs"]].index(p["from_run"]) if p["from_run"] else 0
+    trend = p["change"] == TREND
+    part = p["size"] * (time if trend else (time >= time[since]).astype(float))
+    start = np.sum(weight * (value - part[has])) / np.sum(weight)
+    when, line = time, start + part
+    if not trend:  # between two runs
+        middle = 0.5 * (time[since - 1] + time[since])
+        when = np.array([time[0], middle, middle, time[-1]])
+        line = start + p["size"] * np.array([0.0, 0.0, 1.0, 1.0])
+    unit = unit_label(p["unit"])
+    label = f"time ({record['time_unit']}s)"
+    return f"{p['name']}: {size(p, record)}", svg.course(
+        time[has], value, COVERAGE * u, (when, line), label, unit, f"{p['name']} over time"
+    )
+
+
+def history_page(record: Json) -> str:
+    """The page, as text."""
+    found = changed(record)
+    others = [p for p in record["parameters"] if not p["change"]]
+    word, tone, sign = (f"{len(found)} changed", "warn", "!") if found else ("Nothing changed", "good", "✓")
+    keys = [("sessions", str(len(record["runs"])), "runs of fit or gap")]
+    if record["limit"]:
+        middle = record["limit"]["time_after_last_run"][1]
+        keys.append(
+            (
+                "calibrate again",
+                f"{middle:.0f} {record['time_unit']}s",
+                "after the last run, by the drift found",
+            )
+        )
+    steps = [("Compare two sessions in detail:", "bayescal changed BEFORE AFTER")]
+    first = FirstScreen(
+        word, tone, sign, record["words"], len(record["words"]), keys, next=steps, warnings=record["notes"]
+    )
+    runs = Sheet(
+        (
+            Column("run", "folder"),
+            Column("date", "date", words=True),
+            Column("dataset", "dataset", words=True),
+            Column("command", "command", words=True),
+            Column("model", lambda r: ", ".join(r["model"]), words=True),
+        ),
+        record["runs"],
+    )
+    sections = [
+        first.section(),
+        blocks(
+            "changed",
+            "What changed",
+            Figures(tuple(_panel(p, record) for p in found)) if found else None,
+            course_sheet(record, found),
+        ),
+        blocks("others", "Other parameters", course_sheet(record, others)),
+        blocks("runs", "Runs", runs),
+    ]
+    subtitle = f"{record['robot']} {record['serial'] or ''}: {listed(r['folder'] for r in record['runs'])}"
+    return page("History", subtitle, sections, (f"bayescal {__version__}",))
+
+
+def history_csv(record: Json) -> str:
+    """Values of all parameters in all runs."""
+    rows = (
+        [p["name"], p["unit"], r["folder"], r["date"], r["time"], v["value"], v["u"]]
+        for p in record["parameters"]
+        for r, v in zip(record["runs"], p["values"], strict=True)
+        if v is not None
+    )
+    return csv_text(("parameter", "unit", "run", "date", "time", "value", "u"), rows)
+
+
+def write_history(record: Json, folder: Path) -> tuple[str, ...]:
+    """Write history.json, history.html and history.csv atomically; return their names."""
+    with whole(folder, HISTORY) as stage:
+        (stage / HISTORY).write_text(json_text(record, rows=False), encoding="utf-8")
+        (stage / PAGE).write_text(history_page(record), encoding="utf-8")
+        (stage / TABLE).write_text(history_csv(record), encoding="utf-8")
+    return HISTORY, PAGE, TABLE

@@ -1,0 +1,244 @@
+"""changed.json: what changed between sessions, by the output contract."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from bayescal.changes.moves import Shift
+from bayescal.changes.outcome import Changed, Detectable, Difference
+from bayescal.effects import UNITS
+from bayescal.effects.vocabulary import unit_label
+from bayescal.reporting.shared.origin import origin, plain
+from bayescal.reporting.shared.text import UM, listed, percent, with_u
+from bayescal.storage.reading import Json
+
+SCHEMA = "bayescal-changed/1"
+LIBRARIES = ("gtsam", "numpy", "scipy", "numba")
+MOST = 6
+"""Items that a sentence lists."""
+COVERAGE = 2.0
+"""k of the expanded uncertainties."""
+
+
+def changed_record(result: Changed) -> Json:
+    """The content of changed.json."""
+    d = result.distances
+    record: dict[str, Any] = {
+        **origin(SCHEMA, result.dataset, 0, LIBRARIES),
+        "model": list(result.effects),
+        "robot": result.dataset.robot.name,
+        "sessions": [s.name for s in result.sessions],
+        "folders": [str(s.folder) for s in result.sessions],
+        "verdict": result.verdict,
+        "arm": result.arm,
+        "probability": {"same": result.same, "arm_same": result.arm_same},
+        "items": [_item(x) for x in result.differences],
+        "detectable": [_detectable(x) for x in result.detectable],
+        "distances": None
+        if d is None
+        else {
+            "rms_um": UM * d.rms,
+            "u_rms_um": UM * d.u_rms,
+            "largest_um": UM * d.largest,
+            "u_largest_um": UM * d.u_largest,
+        },
+        "poses": [_pose(x) for x in result.shifts],
+        "noise_factor": list(result.noise),
+        "model_errors": [{"effect": name, "variance_over_prior": x} for name, x in result.errors],
+        "targets_compared": sorted(result.compared),
+        "warnings": list(result.warnings),
+    }
+    record["words"] = words(record)
+    return {key: plain(value) for key, value in record.items()}
+
+
+def _item(x: Difference) -> dict[str, Any]:
+    unit, factor = UNITS[x.parameter.unit]
+    before, after = (None if v is None else factor * v for v in (x.before, x.after))
+    return {
+        "item": x.item.name,
+        "effect": x.item.effect,
+        "parameter": x.parameter.name,
+        "site": str(x.item.site),
+        "kind": x.item.kind,
+        "unit": unit,
+        "sessions": list(x.sessions),
+        "before": before,
+        "after": after,
+        "difference": factor * x.difference,
+        "u": factor * x.u,
+        "U": COVERAGE * factor * x.u,
+        "k": COVERAGE,
+        "probability": x.probability,
+        "class": list(x.group),
+        "stated": x.stated,
+    }
+
+
+def _detectable(x: Detectable) -> dict[str, Any]:
+    unit, factor = UNITS[x.parameter.unit]
+    return {
+        "item": x.item.name,
+        "effect": x.item.effect,
+        "parameter": x.parameter.name,
+        "site": str(x.item.site),
+        "unit": unit,
+        "value": None if x.value is None else factor * x.value,
+        "tcp_um": None if x.tcp is None else UM * x.tcp,
+    }
+
+
+def _pose(x: Shift) -> dict[str, Any]:
+    none = x.shift is None
+    shift = (
+        dict.fromkeys(("dx_um", "dy_um", "dz_um"))
+        if x.shift is None
+        else dict(zip(("dx_um", "dy_um", "dz_um"), (UM * x.shift).tolist(), strict=True))
+    )
+    return {
+        "target": x.where,
+        **shift,
+        "length_um": None if none else UM * x.size,
+        "U_um": None if none else COVERAGE * UM * x.u,
+        "reason": x.reason,
+    }
+
+
+def named(item: Json) -> str:
+    """An item as text: ``zero of joint 2 (theta2)``, ``compliance J3``, ``base against the targets``."""
+    name, site, kind = item["item"], item["site"], item["kind"]
+    if kind == "unknown":
+        return f"an unmodelled error of {site} ({name.partition(' at ')[0]})"
+    if kind == "setup":
+        if site == "base":
+            return "base against the targets"
+        return f"{name} on the flange" if site == "tool" else f"target {name}"
+    if item["unit"] == "deg" and kind == "arm" and site.startswith("joint"):
+        return f"zero of {site} ({name})"
+    return f"{name} of {site}" if kind == "arm" and site not in name else name
+
+
+def by_item(items: Sequence[Json]) -> list[list[Json]]:
+    """Entries of items by the item and its sessions, in order."""
+    out: dict[tuple[str, str], list[Json]] = {}
+    for x in items:
+        out.setdefault((x["item"], ", ".join(x["sessions"])), []).append(x)
+    return list(out.values())
+
+
+SMALL = {"deg": ("mdeg", 1e3), "mm": ("µm", 1e3)}
+"""Units of differences, in print, and the factors to them."""
+
+
+def small(x: Json) -> tuple[float, float, str]:
+    """Difference and u of an entry in a unit for print, and that unit."""
+    unit, factor = SMALL.get(x["unit"], (unit_label(x["unit"]), 1.0))
+    return factor * x["difference"], factor * x["u"], unit
+
+
+def sized(entries: Sequence[Json]) -> str:
+    """The difference of an item as text; the length of a vector."""
+    if len(entries) > 1 and len({x["unit"] for x in entries}) > 1:
+        return ", ".join(
+            sized([x for x in entries if x["unit"] == unit])
+            for unit in dict.fromkeys(x["unit"] for x in entries)
+        )
+    values = np.array([small(x)[:2] for x in entries])
+    size, u, unit = float(values[0, 0]), float(values[0, 1]), small(entries[0])[2]
+    if len(entries) > 1:
+        size = float(np.linalg.norm(values[:, 0]))
+        u = float(np.linalg.norm(values[:, 0] * values[:, 1])) / max(size, np.finfo(float).tiny)
+    return f"{with_u(size, u)} {unit}".rstrip()
+
+
+def words(record: Json) -> list[str]:
+    """The conclusion in sentences, the verdict first."""
+    same = percent(record["probability"]["same"])
+    stated = by_item([x for x in record["items"] if x["stated"]])
+    open_ = by_item([x for x in record["items"] if not x["stated"]])
+    out = []
+    if record["verdict"] == "same":
+        out.append(f"No change was found. That nothing changed has a probability of {same}.")
+    elif record["verdict"] == "ambiguous":
+        names = [f"{named(x[0])} ({percent(x[0]['probability'])})" for x in (*stated, *open_)[:MOST]]
+        out.append(
+            f"Not decided. That nothing changed has a probability of {same}."
+            + (f" Possible: {listed(names, 'or')}." if names else "")
+        )
+    else:
+        done: set[str] = set()
+        for entries in stated:
+            x = entries[0]
+            group = tuple(sorted(x["class"])) or (x["item"],)
+            if ", ".join(group) in done:
+                continue
+            done.add(", ".join(group))
+            members = [e for e in stated if e[0]["item"] in group]
+            sizes = [f"{named(e[0])} by {sized(e)}" for e in members]
+            when = since(x["sessions"], record["sessions"])
+            if len(members) > 1:
+                out.append(f"Changed {when}: {listed(sizes, 'or')}; these sessions do not tell which.")
+            else:
+                out.append(f"Changed {when}: {sizes[0]} (probability {percent(x['probability'])}).")
+        if all(x[0]["kind"] == "setup" for x in stated):
+            out.append(
+                f"The arm itself did not change (probability {percent(record['probability']['arm_same'])})."
+                if record["arm"] == "same"
+                else "Whether the arm itself changed is not decided."
+            )
+    moves = record["distances"]
+    if moves and record["verdict"] != "same":
+        rms, largest = f"{with_u(moves['rms_um'], moves['u_rms_um'])} µm", abs(moves["largest_um"])
+        out.append(
+            f"Distances between the poses of these sessions change by {rms} RMS, at most {largest:.0f} µm."
+        )
+    out += found_from(record)
+    return out
+
+
+def since(sessions: Sequence[str], every: Sequence[str]) -> str:
+    """When something changed, in words."""
+    if len(sessions) == 1 and sessions[0] != every[-1]:
+        return f"in {sessions[0]} alone"
+    return f"from {sessions[0]} on"
+
+
+def found_from(record: Json) -> list[str]:
+    """What would have been found, in a sentence for each kind of parameter."""
+    parts = []
+    for label, entries in detectable_kinds(record).items():
+        known = [x for x in entries if x["value"] is not None]
+        if known:
+            low, high = (f(x["tcp_um"] for x in known) for f in (min, max))
+            parts.append(
+                f"{label} {low:.0f} to {high:.0f} µm"
+                if f"{low:.0f}" != f"{high:.0f}"
+                else f"{label} {low:.0f} µm"
+            )
+    said = {x["parameter"] for x in record["items"] if x["stated"]}
+    unseen = [
+        x["parameter"]
+        for own in detectable_kinds(record).values()
+        for x in own
+        if x["value"] is None and x["parameter"] not in said
+    ]
+    out = [f"A change would have been found (9 times in 10) if it moved the TCP by: {'; '.join(parts)}."]
+    if unseen:
+        shown = [*unseen[:MOST], *(["others"] if unseen[MOST:] else [])]
+        out.append(f"Not visible in these sessions: {listed(shown)}.")
+    return out if parts else out[1:]
+
+
+def detectable_kinds(record: Json) -> dict[str, list[Json]]:
+    """Entries of `detectable` by kind, of the model's parameters and the tool."""
+    out: dict[str, list[Json]] = {}
+    for x in record["detectable"]:
+        if x["effect"] in record["model"] or x["site"] == "tool" or x["item"].startswith("theta"):
+            kind = {"deg": "joint zeros" if x["site"].startswith("joint") else "twists", "mm": "lengths"}.get(
+                x["unit"], x["effect"]
+            )
+            out.setdefault("tool" if x["site"] == "tool" else kind, []).append(x)
+    return out

@@ -1,0 +1,202 @@
+"""What changed between sessions: evidence by brute force, and changes made by hand in one session."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.stats import multivariate_normal
+
+import bayescal as bc
+from bayescal.changes import linear
+from bayescal.changes.joint import tied
+from bayescal.changes.moves import AT
+from bayescal.changes.outcome import changed
+from bayescal.changes.search import SCALES, Member, averaged, gains, options
+from bayescal.dataset.join import joined
+from bayescal.errors import BayescalError
+from bayescal.programs.text import Target
+from bayescal.public.changes import ChangedResult
+from bayescal.reporting.changes.record import words
+
+ARM = {"effects": "geometry", "later": 4, "repeats": 0, "spheres": 0, "arm_seed": 3}
+SHIFT = 4e-4
+
+
+@pytest.fixture(scope="module")
+def sessions():
+    """Three sessions on one cube that was not touched: parts of one."""
+    d = bc.simulate(contacts=270, seed=5, **ARM).dataset
+    return tuple(rows_of(d, np.arange(k, 270, 3), name) for k, name in enumerate("ABC"))
+
+
+def rows_of(d, rows, name):
+    columns = {k: v if v is None else v[rows] for k, v in vars(d.measurements).items() if k != "ids"}
+    m = replace(d.measurements, ids=tuple(d.measurements.ids[k] for k in rows), **columns)
+    return replace(d, name=name, sha256=name, measurements=m)
+
+
+def shifted(session, joint=3, by=SHIFT):
+    """A session whose joint reads more than before: its zero has another value."""
+    m = session.measurements
+    return replace(
+        session,
+        sha256=f"{session.sha256}{by}",
+        measurements=replace(m, readings=m.readings + by * np.eye(6)[joint]),
+    )
+
+
+@pytest.fixture(scope="module")
+def crashed(sessions):
+    """What changed where a joint zero shifted before the second session, and at two given poses."""
+    a, b, _ = sessions
+    far = np.eye(4) + 1e3 * np.eye(4, k=3)
+    targets = [Target("t:2", readings=b.measurements.readings[0], payload=0.0), Target("t:3", pose=far)]
+    return changed([a, shifted(b)], ("geometry",), targets=targets)
+
+
+def test_columns_integrated_out_have_the_density_of_brute_force():
+    rng = np.random.default_rng(0)
+    x, by, y = rng.standard_normal((12, 4)), rng.standard_normal((4, 2)), rng.standard_normal(12)
+    _, _, found = linear.integrated(x.T @ x, x.T @ y, by)
+    wide = np.eye(12) + x @ by @ by.T @ x.T
+    expected = multivariate_normal(np.zeros(12), wide).logpdf(y) - multivariate_normal(np.zeros(12)).logpdf(y)
+    assert found == pytest.approx(expected)
+
+
+def test_gains_are_those_of_each_prior_width():
+    rng = np.random.default_rng(1)
+    x, y = rng.standard_normal((9, 3)), rng.standard_normal(9)
+    g, s = x.T @ x, x.T @ y
+    expected = [linear.integrated(g, s, scale * np.eye(3))[2] for scale in SCALES]
+    assert gains(g, s) == pytest.approx(expected)
+    assert averaged(gains(g, s)) == pytest.approx(np.log(np.mean(np.exp(expected))))
+
+
+def test_nothing_changed_between_sessions_of_one_arm(sessions):
+    found = changed(sessions[:2], ("geometry",))
+    assert (found.verdict, found.arm) == ("same", "same")
+    assert not found.stated
+    known = [d for d in found.detectable if d.parameter.name == "theta4"]
+    assert 0 < known[0].value < SHIFT
+
+
+def test_a_joint_zero_that_shifted_is_named_with_its_u(crashed):
+    assert (crashed.verdict, crashed.arm) == ("changed", "changed")
+    (d,) = crashed.stated
+    assert (d.item.name, d.sessions) == ("theta4", ("B",))
+    assert d.difference == pytest.approx(SHIFT, abs=3 * d.u)  # the link turns by minus the reading
+    assert d.u < 0.05 * SHIFT
+    assert d.after - d.before == pytest.approx(d.difference)
+    assert crashed.distances.rms > 3 * crashed.distances.u_rms
+
+
+def test_a_session_that_alone_differs_is_found_among_three(sessions):
+    a, b, c = sessions
+    found = changed([a, shifted(b), c], ("geometry",))
+    assert [(d.item.name, d.sessions) for d in found.stated] == [("theta4", ("B",))]
+    assert found.distances is None  # the last session has the zero of the first
+    of_three = SimpleNamespace(
+        joint=SimpleNamespace(sessions="ABC", items=[SimpleNamespace(name="x")], scattered=())
+    )
+    assert {m.sessions for m in options(of_three)} == {(1, 2), (2,), (0,), (1,)}
+    assert Member(0, (0,)).weights(3).tolist() == [-1, -1]
+
+
+def test_a_cube_that_was_placed_anew_is_not_a_change_of_the_arm(sessions):
+    other = bc.simulate(name="B", contacts=90, seed=6, **ARM).dataset
+    found = changed([sessions[0], other], ("geometry",))
+    assert (found.verdict, found.arm) == ("changed", "same")
+    assert {d.item.name for d in found.stated} == {"base"}
+
+
+def test_targets_that_are_described_otherwise_are_not_one_target(sessions):
+    a, b, _ = sessions
+    moved = [replace(b.targets[0], values=b.targets[0].values | {"offset": 1.0}), *b.targets[1:]]
+    joint, placed = tied(joined([a, replace(b, targets=tuple(moved))], own_noise=False))
+    assert f"A:{b.targets[0].name}" in {t.name for t in joint.targets}
+    assert placed == {t.name for t in b.targets[1:]}
+    assert len(joint.targets) == len(a.targets) + 1
+
+
+def test_poses_are_rows_that_are_not_fitted(crashed):
+    m = crashed.dataset.measurements
+    assert (m.role[-1], m.ids[-1]) == (AT, f"B:{AT} 1")
+    near, far = crashed.shifts
+    assert 0 < near.u < near.size < 1e-3
+    assert near.size > 1e-5
+    assert (far.shift, far.reason) == (None, "the nominal arm does not reach it")
+
+
+def test_sessions_of_other_arms_and_single_ones_are_refused(sessions):
+    a, b, _ = sessions
+    with pytest.raises(BayescalError, match="needs two sessions"):
+        changed([a], ("geometry",))
+    other = replace(b, robot=replace(b.robot, d=b.robot.d + 1e-3))
+    with pytest.raises(BayescalError, match="not the robot"):
+        changed([a, other], ("geometry",))
+
+
+def test_the_result_as_text_page_and_table(crashed, tmp_path):
+    result = ChangedResult(crashed)
+    assert str(result).splitlines()[2].startswith("Changed from B on: zero of joint 4 (theta4) by")
+    names = result.save(tmp_path / "run")
+    assert names == ("changed.json", "changed.html", "changed.csv")
+    assert "zero of joint 4" in (tmp_path / "run" / "changed.html").read_text()
+    assert (tmp_path / "run" / "changed.csv").read_text().splitlines()[1].startswith("theta4,theta4,geometry")
+    record = result.record
+    assert record["schema"] == "bayescal-changed/1"
+    assert record["items"][0]["U"] == pytest.approx(2 * record["items"][0]["u"])
+    assert [p["reason"] for p in record["poses"]] == ["", "the nominal arm does not reach it"]
+    assert set(result.detectable.columns) == {"item", "parameter", "site", "unit", "value", "tcp_um"}
+    assert result.items["parameter"].tolist()[0] == "theta4"
+
+
+def entry(name, probability, stated, group=(), sessions=("after",), kind="arm", **more):
+    return {
+        "item": name,
+        "parameter": name,
+        "effect": "geometry",
+        "site": "joint 3",
+        "kind": kind,
+        "unit": "deg",
+        "sessions": list(sessions),
+        "before": 1.0,
+        "after": 1.01,
+        "difference": 0.01,
+        "u": 0.001,
+        "U": 0.002,
+        "k": 2.0,
+        "probability": probability,
+        "class": list(group),
+        "stated": stated,
+    } | more
+
+
+def said(verdict, items, arm="same", same=0.0):
+    return words(
+        {
+            "verdict": verdict,
+            "arm": arm,
+            "probability": {"same": same, "arm_same": 1.0},
+            "items": items,
+            "distances": None,
+            "sessions": ["before", "after"],
+            "detectable": [],
+            "model": ["geometry"],
+        }
+    )
+
+
+def test_the_words_of_a_verdict():
+    assert said("same", [], same=0.9) == [
+        "No change was found. That nothing changed has a probability of 90 %."
+    ]
+    pair = ("theta3", "a3")
+    both = [entry(name, p, True, pair) for name, p in zip(pair, (0.6, 0.39), strict=True)]
+    (told,) = said("changed", both, arm="changed")
+    assert told.startswith("Changed from after on: zero of joint 3 (theta3) by 10.0(1.0) mdeg or ")
+    assert told.endswith("these sessions do not tell which.")
+    base = entry("base", 1.0, True, kind="setup", site="base")
+    assert said("changed", [base])[1] == "The arm itself did not change (probability > 99 %)."
+    assert "Possible: zero of joint 3 (theta3) (40 %)" in said("ambiguous", [entry("theta3", 0.4, False)])[0]

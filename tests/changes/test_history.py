@@ -1,0 +1,111 @@
+"""The history of an arm: trends and steps by brute force, and runs of sessions with a zero that shifted."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import bayescal as bc
+from bayescal.changes import history as module
+from bayescal.changes.history import _reduced, _search
+from bayescal.errors import BayescalError
+from bayescal.fitted.file import read_arm
+
+ARM = {"effects": "geometry", "contacts": 70, "later": 2, "repeats": 0, "spheres": 0, "arm_seed": 3}
+DATES = ("2025-01-01", "2025-02-10", "2025-12-31")
+
+
+def test_constants_are_integrated_out_as_by_generalised_least_squares():
+    """Four runs of three parameters, a prior of one on the constants, and two patterns of change."""
+    rng = np.random.default_rng(0)
+    roots, values = rng.standard_normal((4, 3, 3)), rng.standard_normal((4, 3))
+    told = [(r @ r.T, r @ r.T @ v) for r, v in zip(roots, values, strict=True)]
+    patterns = np.array([[-0.5, -0.1, 0.2, 0.5], [0, 0, 1, 1]])
+    g, s = _reduced(told, patterns)
+    # measurements R'v = R'(constant + sum of patterns x amplitude) + noise of one
+    design = np.concatenate(
+        [r.T @ np.kron(np.append(1.0, f), np.eye(3)) for r, f in zip(roots, patterns.T, strict=True)]
+    )
+    y = np.concatenate([r.T @ v for r, v in zip(roots, values, strict=True)])
+    wide = np.eye(12) + design[:, :3] @ design[:, :3].T
+    by = design[:, 3:]
+    np.testing.assert_allclose(g, by.T @ np.linalg.solve(wide, by))
+    np.testing.assert_allclose(s, by.T @ np.linalg.solve(wide, y))
+
+
+def test_a_parameter_has_one_trend_or_step_and_chance_none():
+    rng = np.random.default_rng(1)
+    g = np.diag(np.full(6, 1e4))
+    noise = 1e2 * rng.standard_normal(6)
+    assert _search(g, noise, 3, 2)[0] == []
+    chosen, odds = _search(g, noise + 1e4 * np.array([0, 0.2, 0, 0, 0.3, 0]), 3, 2)
+    assert chosen == [4]  # the second parameter's step; its trend is then no candidate
+    assert odds[4] > 10
+    assert np.isneginf(odds[1])
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory):
+    """Three runs of one arm with dates; in the last two its fourth joint reads more than before."""
+    folder = tmp_path_factory.mktemp("arm")
+    for k, day in enumerate(DATES):
+        d = bc.simulate(name=f"s{k}", seed=k, **ARM).dataset
+        m = d.measurements
+        readings = m.readings + (5e-4 * np.eye(6)[3] if k > 0 else 0.0)
+        record = replace(d.record, date=day, serials={"arm": "7"})
+        d = replace(d, record=record, sha256=str(k), measurements=replace(m, readings=readings))
+        bc.fit(d, "geometry", samples=0).save(folder / f"run-{k}", pictures=False)
+    return folder
+
+
+def test_a_step_is_found_in_the_order_of_the_dates(runs, tmp_path):
+    result = bc.history(runs, limit_mm=1.0)
+    record = result.record
+    assert [r["date"] for r in record["runs"]] == list(DATES)
+    assert (record["serial"], record["time_unit"], record["limit"]) == ("7", "day", None)
+    (step,) = [p for p in record["parameters"] if p["change"]]
+    assert (step["name"], step["change"], step["from_run"]) == ("theta4", "step", "run-1")
+    assert step["size"] == pytest.approx(np.degrees(5e-4), abs=2 * step["U"])
+    assert result.save(tmp_path / "out") == ("history.json", "history.html", "history.csv")
+    assert "<svg" in (tmp_path / "out" / "history.html").read_text()
+    assert (
+        str(result).splitlines()[2] == f"1 of {len(record['parameters'])} parameters changed over 3 sessions."
+    )
+    assert len((tmp_path / "out" / "history.csv").read_text().splitlines()) == 1 + 3 * len(
+        record["parameters"]
+    )
+
+
+def test_an_order_is_a_time(runs):
+    record = bc.history(runs, order="run-2,run-0,run-1").record
+    assert [r["folder"] for r in record["runs"]] == ["run-2", "run-0", "run-1"]
+    assert [r["time"] for r in record["runs"]] == [0, 1, 2]
+    with pytest.raises(BayescalError, match="no run folder `run-9`"):
+        bc.history(runs, order=["run-9"])
+
+
+def test_the_time_to_a_limit_by_a_drift(runs):
+    """A drift of the second zero alone: the error of a distance is its slope times the time."""
+    last = module.Entry("run-2", read_arm(runs / "run-2"), DATES[-1])
+    rate = 1e-6
+    found = module._limit(1e-4, last, ["theta2"], np.array([rate]), np.array([[1e-20]]), "day")
+    assert found.times == pytest.approx([1e-4 / found.rate] * 3, rel=1e-3)
+    assert 0.05 * rate < found.rate < rate  # m per day, of distances within a metre
+    twice = module._limit(2e-4, last, ["theta2"], np.array([rate]), np.array([[1e-20]]), "day")
+    assert twice.times[1] == pytest.approx(2 * found.times[1])
+
+
+def test_runs_of_another_arm_and_folders_without_runs_are_refused(runs, tmp_path):
+    with pytest.raises(BayescalError, match="no run folders"):
+        bc.history(tmp_path)
+    one = read_arm(runs / "run-0")
+    entries = [module.Entry(f"r{k}", one, "") for k in range(2)]
+    with pytest.raises(BayescalError, match="two sessions"):
+        module._ordered(entries, (), tmp_path)
+    other = replace(one.dataset, record=replace(one.dataset.record, serials={"arm": "8"}))
+    assert module.other_arm(one.dataset, other) == "serial number 8, not 7"
+    assert module.other_arm(one.dataset, one.dataset) == ""
+
+
+def test_names_with_numbers_are_in_their_order():
+    assert sorted(["run-10", "run-9", "run-1"], key=module._natural) == ["run-1", "run-9", "run-10"]
