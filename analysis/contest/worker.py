@@ -1,0 +1,94 @@
+"""Runs in the environment of a package: ``python -m analysis.contest.worker PACKAGE given.json found.json``.
+
+pybotics and FIGAROH calibrate with the chain of the package, and the targets of `session`, located anew at
+every step; SciPy's default solver. boosting is scikit-learn's `GradientBoostingRegressor` with its defaults.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.optimize import least_squares
+
+PATIENCE = 25.0  # s, then the best so far
+SD = {"length": 2e-3, "angle": 5e-3, "tool": 5e-3}
+"""Of weak priors, m and rad: they hold what no measurement determines."""
+
+
+class _OutOfTime(Exception):
+    pass
+
+
+def chain(package: str, given: dict[str, Any]) -> np.ndarray:
+    """Positions (N, 3), mm, after a calibration of all rows' lengths and angles and of the tools."""
+    from analysis.benchmarks.package_worker import PACKAGES
+    from analysis.contest.session import certified, located, of, residuals_of
+
+    session = of(given["said"], given["measurements"], "")
+    fitted, at = session.only("calibrate")
+    rows, tool = np.array(given["rows"]), np.array(given["tool"])
+    n, count = len(rows), len(given["centres"])
+    sd = np.tile([SD["angle"], SD["length"], SD["angle"], SD["length"]], n)
+    sd = np.concatenate([sd, np.full(3 * count, SD["tool"])])
+    every = np.arange(len(tool))
+
+    def maker(some: np.ndarray) -> list[tuple[np.ndarray, np.ndarray, Any]]:
+        out = []
+        for t in range(count):
+            own = np.flatnonzero(tool[some] == t)
+            if len(own):
+                problem = {
+                    "rows": rows, "base": np.array(given["base"]), "q": np.array(given["q"])[some[own]],
+                    "tool": np.array(given["centres"][t]), "entry": np.arange(4 * n + 3),
+                }  # fmt: skip
+                index = np.r_[0 : 4 * n, 4 * n + 3 * t : 4 * n + 3 * t + 3]
+                out.append((own, index, PACKAGES[package](problem)))
+        return out
+
+    def points(parts: list[tuple[np.ndarray, np.ndarray, Any]], z: np.ndarray, size: int) -> np.ndarray:
+        out = np.empty((size, 3))
+        for own, index, function in parts:
+            out[own] = 1e3 * function((sd * z)[index]).T
+        return out
+
+    mine, start = maker(at), time.perf_counter()
+    best = [np.inf, np.zeros(len(sd))]
+
+    def residuals(z: np.ndarray) -> np.ndarray:
+        if time.perf_counter() - start > PATIENCE:
+            raise _OutOfTime
+        p = points(mine, z, len(at))
+        targets = located(fitted, p, trim=np.inf)
+        parts = [
+            (r / fitted.noise[own, None]).ravel() for own, r in residuals_of(fitted, p, targets, "calibrate")
+        ]
+        out = np.concatenate([*parts, [value for _, _, value in certified(fitted, targets)], z])
+        if out @ out < best[0]:
+            best[:] = out @ out, z.copy()
+        return out
+
+    with suppress(_OutOfTime):
+        least_squares(residuals, np.zeros(len(sd)))
+    return points(maker(every), best[1], len(every))
+
+
+def boosting(given: dict[str, Any]) -> np.ndarray:
+    """Predictions (N, k) of residuals (C, k)."""
+    from sklearn.ensemble import GradientBoostingRegressor
+
+    x, y, new = (np.array(given[key]) for key in ("x", "y", "new"))
+    models = [GradientBoostingRegressor(random_state=0).fit(x, y[:, k]) for k in range(y.shape[1])]
+    return np.column_stack([m.predict(new) for m in models])
+
+
+if __name__ == "__main__":
+    package, source, out = sys.argv[1], Path(sys.argv[2]), Path(sys.argv[3])
+    asked = json.loads(source.read_text(encoding="utf-8"))
+    found = boosting(asked) if package == "boosting" else chain(package, asked)
+    out.write_text(json.dumps(found.tolist()), encoding="utf-8")
