@@ -20,7 +20,12 @@ from bayescal.arm import chain as reference
 from bayescal.errors import BayescalError
 
 TOP = Path(__file__).parents[2]
-PEERS = {"pybotics": "pybotics", "FIGAROH": "figaroh", "gradient boosting": "boosting"}
+PEERS = {
+    "pybotics": "pybotics",
+    "FIGAROH": "figaroh",
+    "robotkinecal": "robotkinecal",
+    "gradient boosting": "boosting",
+}
 """Tools that run in an environment of their own: name, and that of the worker."""
 
 
@@ -48,6 +53,10 @@ def calibrated_by(given: Given, python: Path, package: str) -> Answer:
     robot, m = given.whole.robot, given.whole.measurements
     if robot.convention != "mdh" or not np.allclose(robot.flange, np.eye(4)) or np.any(robot.beta):
         raise BayescalError("the robot file has more than modified DH rows")
+    used = np.unique(m.target[m.role == "calibrate"])
+    read = all(given.whole.targets[t].kind == "instrument" for t in used)
+    if package == "robotkinecal" and not (read and len(used) == len(np.unique(m.tool)) == 1):
+        raise BayescalError("it calibrates from points that one instrument reads, with one tool")
     said, rows = sessions.files(given.folder)
     problem = {
         "said": said,
@@ -70,13 +79,13 @@ def boosted_by(given: Given, python: Path) -> Answer:
     return boosted(given, predict)
 
 
-def tools(environments: Path) -> tuple[dict[str, Callable[[Given], Answer]], list[str]]:
+def tools(environments: str) -> tuple[dict[str, Callable[[Given], Answer]], list[str]]:
     """All tools that can run here, and a line for each that cannot.
 
     Parameters
     ----------
-    environments : Path
-        Folder or prefix: the Python of a package is `<environments><package>/bin/python`.
+    environments : str
+        Prefix: the Python of a package is `<environments><package>/bin/python`.
     """
     out: dict[str, Callable[[Given], Answer]] = {**TOOLS, "bayescal + GP": gaussian_process}
     said = []

@@ -25,9 +25,8 @@ from bayescal.storage.folders import whole
 
 FROZEN = Path(__file__).with_name("frozen.json")
 XYZ = ("x_mm", "y_mm", "z_mm")
-SPLITS = ("given", "random", "time")
-"""Of real sessions: the roles as given; random halves; the first half in time."""
-SPLIT_SEED = 20260
+SPLITS = ("given", "time")
+"""Of real sessions, from `halves`: the roles as given; the first half in time calibrates."""
 Rows = list[dict[str, str]]
 
 
@@ -130,7 +129,7 @@ def splits(folder: Path) -> Iterator[Task]:
     for split in SPLITS:
         own: Rows = [dict(r) for r in rows]
         if split != "given":
-            for k, role in halves(session.role, session.target, split).items():
+            for k, role in halves(session.role, session.target).items():
                 own[k]["role"] = role
         measurements, hidden = hide(own)
         name = f"{folder.name}-{split}"
@@ -139,15 +138,14 @@ def splits(folder: Path) -> Iterator[Task]:
         yield Task(name, files, {"readings": hidden, "truth": None})
 
 
-def halves(role: np.ndarray, target: np.ndarray, split: str) -> dict[int, str]:
-    """New roles of the rows whose target has `calibrate` rows: half of them validates.
+def halves(role: np.ndarray, target: np.ndarray) -> dict[int, str]:
+    """New roles of the rows whose target has `calibrate` rows: the second half in time validates.
 
-    By time, whole sockets fall into the half that validates; a target with rows in both halves is divided.
+    Whole sockets fall into the half that validates; a target with rows in both halves is divided.
     """
     free = np.flatnonzero(np.isin(target, target[role == "calibrate"]) & (role != "locate"))
-    order = np.random.default_rng(SPLIT_SEED).permutation(free) if split == "random" else free
-    late = set(order[len(order) // 2 :].tolist())
-    return {int(k): "validate" if int(k) in late else "calibrate" for k in free}
+    late = len(free) // 2
+    return {int(k): "calibrate" if i < late else "validate" for i, k in enumerate(free)}
 
 
 def hide(rows: Rows) -> tuple[str, dict[str, list[float]]]:

@@ -163,12 +163,9 @@ def test_real_sessions_are_the_frozen_ones_or_refused(tmp_path, monkeypatch):
 def test_halves_divide_rows_and_leave_what_only_validates():
     role = np.array(["calibrate"] * 8 + ["validate"] * 4 + ["locate", "validate"])
     target = np.array(["a"] * 12 + ["b"] * 2)
-    late = tasks.halves(role, target, "time")
+    late = tasks.halves(role, target)
     assert [k for k, r in late.items() if r == "validate"] == list(range(6, 12))
     assert set(late) == set(range(12))
-    drawn = tasks.halves(role, target, "random")
-    assert sum(r == "validate" for r in drawn.values()) == 6
-    assert drawn == tasks.halves(role, target, "random")
 
 
 def test_a_gaussian_process_learns_a_displacement_from_contacts(monkeypatch):
