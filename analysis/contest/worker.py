@@ -1,8 +1,8 @@
 """Runs in the environment of a package: ``python -m analysis.contest.worker PACKAGE given.json found.json``.
 
 pybotics and FIGAROH calibrate with the chain of the package, and the targets of `session`, located anew at
-every step; SciPy's default solver. robotkinecal calibrates by its own solver, from points. boosting is scikit-learn's
-`GradientBoostingRegressor` with its defaults.
+every step; SciPy's default solver. robotkinecal calibrates by its own solver, from points. boosting is
+scikit-learn's `GradientBoostingRegressor` with its defaults.
 """
 
 from __future__ import annotations
@@ -17,6 +17,8 @@ from typing import Any
 import numpy as np
 from scipy.optimize import least_squares
 
+from analysis.contest.session import certified, located, of, residuals_of
+
 PATIENCE, STEPS = 20.0, 5  # s of CPU time, then the best so far; steps of the solver
 SD = {"length": 2e-3, "angle": 5e-3, "tool": 5e-3}
 """Of weak priors, m and rad: they hold what no measurement determines."""
@@ -29,7 +31,6 @@ class _OutOfTime(Exception):
 def chain(package: str, given: dict[str, Any]) -> np.ndarray:
     """Positions (N, 3), mm, after a calibration of all rows' lengths and angles and of the tools."""
     from analysis.benchmarks.package_worker import PACKAGES
-    from analysis.contest.session import certified, located, of, residuals_of
 
     session = of(given["said"], given["measurements"], "")
     fitted, at = session.only("calibrate")
@@ -84,8 +85,8 @@ def screws(given: dict[str, Any]) -> np.ndarray:
 
     The instrument stands where the nominal arm fits best: the screws absorb the difference.
     """
-    from robotkinecal import SerialRobotKineCal
     from roboticstoolbox import PoERevolute, PoERobot
+    from robotkinecal import SerialRobotKineCal
     from spatialmath import SE3
 
     session = of(given["said"], given["measurements"], "")
