@@ -67,7 +67,26 @@ def calibrated_by(given: Given, python: Path, package: str) -> Answer:
         "tool": m.tool.tolist(),
         "centres": [t.centre.tolist() for t in given.whole.tools],
     }
+    if package == "figaroh" and robot.masses is not None:
+        problem |= weights(given)
     return Answer(run(python, package, problem))
+
+
+def weights(given: Given) -> dict[str, Any]:
+    """Masses of the links, the last with the first tool, their centres before the length d, and gravity."""
+    robot, tool = given.whole.robot, given.whole.tools[0]
+    assert robot.masses is not None
+    assert robot.centres_of_mass is not None
+    mass, lever = robot.masses.copy(), robot.centres_of_mass + np.outer(robot.d, [0.0, 0.0, 1.0])
+    if tool.mass:
+        at = tool.centre_of_mass + np.array([0.0, 0.0, robot.d[-1]])
+        lever[-1] = (mass[-1] * lever[-1] + tool.mass * at) / (mass[-1] + tool.mass)
+        mass[-1] += tool.mass
+    return {
+        "mass": mass.tolist(),
+        "lever": lever.tolist(),
+        "gravity": np.asarray(given.whole.gravity).tolist(),
+    }
 
 
 def boosted_by(given: Given, python: Path) -> Answer:

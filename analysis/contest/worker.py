@@ -1,7 +1,7 @@
 """Runs in the environment of a package: ``python -m analysis.contest.worker PACKAGE given.json found.json``.
 
 pybotics and FIGAROH calibrate with the chain of the package, and the targets of `session`, located anew at
-every step; SciPy's default solver. robotkinecal calibrates by its own solver, from points. boosting is
+every step; Levenberg-Marquardt of SciPy. robotkinecal calibrates by its own solver, from points. boosting is
 scikit-learn's `GradientBoostingRegressor` with its defaults.
 """
 
@@ -19,9 +19,9 @@ from scipy.optimize import least_squares
 
 from analysis.contest.session import certified, located, of, residuals_of
 
-PATIENCE, STEPS = 20.0, 5  # s of CPU time, then the best so far; steps of the solver
-SD = {"length": 2e-3, "angle": 5e-3, "tool": 5e-3}
-"""Of weak priors, m and rad: they hold what no measurement determines."""
+PATIENCE = 30.0  # s of CPU time, then the best so far
+SD = {"length": 2e-3, "angle": 5e-3, "tool": 5e-3, "elasticity": 1e-3}
+"""Of weak priors, m, rad and rad/(N m): they hold what no measurement determines."""
 
 
 class _OutOfTime(Exception):
@@ -37,7 +37,9 @@ def chain(package: str, given: dict[str, Any]) -> np.ndarray:
     rows, tool = np.array(given["rows"]), np.array(given["tool"])
     n, count = len(rows), len(given["centres"])
     sd = np.tile([SD["angle"], SD["length"], SD["angle"], SD["length"]], n)
-    sd = np.concatenate([sd, np.full(3 * count, SD["tool"])])
+    elastic = {key: given[key] for key in ("mass", "lever", "gravity") if key in given}
+    last = n if elastic else 0
+    sd = np.concatenate([sd, np.full(3 * count, SD["tool"]), np.full(last, SD["elasticity"])])
     every = np.arange(len(tool))
 
     def maker(some: np.ndarray) -> list[tuple[np.ndarray, np.ndarray, Any]]:
@@ -47,9 +49,9 @@ def chain(package: str, given: dict[str, Any]) -> np.ndarray:
             if len(own):
                 problem = {
                     "rows": rows, "base": np.array(given["base"]), "q": np.array(given["q"])[some[own]],
-                    "tool": np.array(given["centres"][t]), "entry": np.arange(4 * n + 3),
+                    "tool": np.array(given["centres"][t]), "entry": np.arange(4 * n + 3 + last), **elastic,
                 }  # fmt: skip
-                index = np.r_[0 : 4 * n, 4 * n + 3 * t : 4 * n + 3 * t + 3]
+                index = np.r_[0 : 4 * n, 4 * n + 3 * t : 4 * n + 3 * t + 3, len(sd) - last : len(sd)]
                 out.append((own, index, PACKAGES[package](problem)))
         return out
 
@@ -76,7 +78,7 @@ def chain(package: str, given: dict[str, Any]) -> np.ndarray:
         return out
 
     with suppress(_OutOfTime):
-        least_squares(residuals, np.zeros(len(sd)), max_nfev=STEPS)
+        least_squares(residuals, np.zeros(len(sd)), method="lm", xtol=1e-6, ftol=1e-6)
     return points(maker(every), best[1], len(every))
 
 
@@ -95,8 +97,11 @@ def screws(given: dict[str, Any]) -> np.ndarray:
     for alpha, a, _, d in given["rows"]:
         pose = pose * SE3.Rx(alpha) * SE3.Tx(a) * SE3.Tz(d)
         links.append(PoERevolute(pose.R[:, 2], pose.t))
-    robot = PoERobot(links, pose * SE3(*given["centres"][given["tool"][0]]))
+    robot = PoERobot(list(links), pose * SE3(*given["centres"][given["tool"][0]]))
     calibration, q = SerialRobotKineCal(robot), np.array(given["q"])
+    # the toolbox counts base and end effector as links
+    calibration.joint_screw_axis = [s for s in calibration.joint_screw_axis if np.any(s)]
+    calibration.N_JOINTS = len(links)
 
     def points() -> np.ndarray:
         return np.array([1e3 * calibration.forward_kinematics(len(links) + 1, one).t for one in q])
