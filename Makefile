@@ -16,7 +16,7 @@ export OPENBLAS_NUM_THREADS ?= 1
 # tests start many processes, each with hundreds of modules that would be compiled anew
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: fit test test-all fuzz lint bench study calibration-checks own-sessions knock-out blind docs package-check clean
+.PHONY: fit test test-all fuzz lint bench benchmark study calibration-checks own-sessions knock-out blind docs package-check clean
 
 fit: $(VENV)/.run
 	$(BIN)/bayescal fit data/lrmate200ic-cube --samples 5000 --out $(OUT)/lrmate200ic-cube-fit
@@ -69,6 +69,11 @@ blind: $(VENV)/.test
 
 bench: $(VENV)/.bench $(VENV)-pybotics/.bench $(VENV)-figaroh/.bench
 	$(BIN)/python -m analysis.benchmarks --pybotics $(VENV)-pybotics/bin/python --figaroh $(VENV)-figaroh/bin/python
+
+# calibration tools compared on the same tasks; entries that are there are kept. Without the folder REAL: simulated tasks alone
+PEERS = pybotics figaroh robotkinecal boosting
+benchmark: $(VENV)/.test $(PEERS:%=$(VENV)-%/.bench)
+	$(BIN)/python -m analysis.contest --environments $(VENV)- --out $(OUT)/contest --real $(REAL) --page docs/contest.md
 
 $(BIN)/python:
 	$(PYTHON) -m venv $(VENV)

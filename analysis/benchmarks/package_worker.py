@@ -54,7 +54,8 @@ def figaroh(given: dict[str, Any]) -> Points:
     """The chain of FIGAROH 1: placement errors of the joints of a Pinocchio model, and a marker at the tool.
 
     The length along a joint's axis follows the joint, so that an error of a row's twist turns what a twist of
-    modified Denavit-Hartenberg rows turns.
+    modified Denavit-Hartenberg rows turns. With `mass` and `lever` of the links, in the frames before that
+    length, there is also an elasticity of each joint, rad/(N m), behind the marker.
     """
     import pinocchio as pin
     from figaroh.calibration.calibration_tools import calc_updated_fkm
@@ -67,7 +68,13 @@ def figaroh(given: dict[str, Any]) -> Points:
         before = pin.SE3(np.eye(3), np.array([0.0, 0.0, float(d)]))
     model.addFrame(pin.Frame("flange", parent, 0, before, pin.FrameType.OP_FRAME))
     names = [f"{ERRORS[e % 4]}_axis{e // 4 + 1}" for e in range(rows.size)] + [f"pEE{a}_1" for a in "xyz"]
-    nominal = np.concatenate([np.zeros(rows.size), given["tool"]])
+    elastic = len(rows) if "mass" in given else 0
+    for k in range(1, elastic + 1):
+        body = pin.Inertia(float(given["mass"][k - 1]), np.asarray(given["lever"][k - 1]), np.zeros((3, 3)))
+        model.appendBodyToJoint(k, body, pin.SE3.Identity())
+        model.gravity.linear = np.asarray(given["gravity"])
+        names.append(f"k_RZ_axis{k}")
+    nominal = np.concatenate([np.zeros(rows.size), given["tool"], np.zeros(elastic)])
     q = np.ascontiguousarray(given["q"])
     settings = {
         "calib_model": "full_params",
@@ -79,6 +86,7 @@ def figaroh(given: dict[str, Any]) -> Points:
         "NbSample": len(q),
         "measurability": [True, True, True, False, False, False],
         "calibration_index": 3,
+        "non_geom": bool(elastic),
     }
     data = model.createData()
 

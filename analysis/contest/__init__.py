@@ -1,0 +1,1 @@
+"""A benchmark that other calibration tools can enter: tasks, entries, score, page. See `docs/contest.md`."""

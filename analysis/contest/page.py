@@ -1,0 +1,204 @@
+"""The tables of all entries, for the page of the documentation and for one that stands alone."""
+
+from __future__ import annotations
+
+import base64
+import html
+import io
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from analysis.blind.card import between
+
+MARKS = ("<!-- contest: begin -->", "<!-- contest: end -->")
+REFERENCE = "nominal arm"
+OURS = "bayescal gap"
+UM = 1e3
+Record = dict[str, Any]
+Table = list[list[str]]
+
+
+def size(r: Record) -> float | None:
+    """What ranks an entry of a task: RMS of the validation residuals, else of distances."""
+    value: float | None = r["rms"] if r["rows"] else r["distance_rms"]
+    return value
+
+
+def ratio(records: Sequence[Record], tool: str, to: str) -> tuple[float, int, int]:
+    """Geometric mean of a tool's error over another's, on tasks that both entered; wins and their number."""
+    own = {r["task"]: size(r) for r in records if r["tool"] == tool}
+    other = {r["task"]: size(r) for r in records if r["tool"] == to}
+    logs = np.array([np.log(own[t] / other[t]) for t in own if other.get(t) and own[t]])  # type: ignore[operator]
+    if not len(logs):
+        return float("nan"), 0, 0
+    return float(np.exp(np.mean(logs))), int(np.sum(logs < 0)), len(logs)
+
+
+def mean(values: Iterable[float | None]) -> float:
+    """Of the values that there are; nan of none."""
+    known = [v for v in values if v is not None]
+    return float(np.mean(known)) if known else float("nan")
+
+
+def text(value: float, form: str = ".2f") -> str:
+    """A number, or a dash."""
+    return "-" if not np.isfinite(value) else f"{value:{form}}"
+
+
+def groups(records: Sequence[Record]) -> list[str]:
+    """Simulated ones first."""
+    return sorted({r["group"] for r in records}, key=lambda g: (g == "real", g))
+
+
+def tools(records: Sequence[Record]) -> list[str]:
+    """The best first, by the error relative to the nominal arm over all tasks."""
+    names = {r["tool"] for r in records}
+    return sorted(names, key=lambda tool: (ratio(records, tool, REFERENCE)[0], tool))
+
+
+def overview(records: Sequence[Record]) -> Table:
+    """A line a tool: errors by group, wins against ours, intervals, names, seconds."""
+    kinds = groups(records)
+    heads = ["tool", "tasks", *(f"error / nominal: {g}" for g in kinds), f"error / {OURS}, same tasks",
+             f"smaller than {OURS}", "within 95 %", "interval score, µm", "log score of names",
+             "names right", "s (median)"]  # fmt: skip
+    lines = [heads]
+    for tool in tools(records):
+        own = [r for r in records if r["tool"] == tool]
+        by = [ratio([r for r in records if r["group"] == g], tool, REFERENCE)[0] for g in kinds]
+        against, wins, count = ratio(records, tool, OURS)
+        told = [r for r in own if r["log_score"] is not None]
+        lines.append(
+            [
+                tool,
+                str(len(own)),
+                *(text(v, ".3f") for v in by),
+                text(against),
+                "-" if tool == OURS or not count else f"{wins} of {count}",
+                text(100 * mean(r["inside95"] for r in own), ".0f"),
+                text(UM * mean(r["interval_score"] for r in own), ".0f"),
+                text(mean(r["log_score"] for r in told)),
+                f"{sum(r['right'] for r in told):.0f} of {len(told)}" if told else "-",
+                text(float(np.median([r["seconds"] for r in own])), ".1f"),
+            ]
+        )
+    return lines
+
+
+def by_task(records: Sequence[Record], figure: Callable[[Record], float | None]) -> Table:
+    """A line a task, a column a tool: a figure in µm; the smallest of a line is bold."""
+    names = tools(records)
+    lines = [["task", "truth", *names]]
+    for task in dict.fromkeys(r["task"] for r in records):
+        own = {r["tool"]: figure(r) for r in records if r["task"] == task}
+        known = [v for v in own.values() if v is not None]
+        if not known:
+            continue
+        truth = next(r["truth"] for r in records if r["task"] == task)
+        what = "" if truth is None else truth.get("outside") or " + ".join(truth["effects"]) or "null"
+        cells = []
+        for name in names:
+            v = own.get(name)
+            cell = "-" if v is None else f"{UM * v:.1f}"
+            cells.append(f"**{cell}**" if v is not None and v == min(known) else cell)
+        lines.append([task, what, *cells])
+    return lines
+
+
+def losses(records: Sequence[Record]) -> list[str]:
+    """Tasks in which an entry has a smaller error than ours, with both errors."""
+    out = []
+    for task in dict.fromkeys(r["task"] for r in records):
+        own = {r["tool"]: value for r in records if r["task"] == task and (value := size(r)) is not None}
+        if OURS not in own:
+            continue
+        best = min(own, key=lambda tool: own[tool])
+        if own[best] < own[OURS]:
+            out.append(f"{task}: {best} {UM * own[best]:.1f} µm, {OURS} {UM * own[OURS]:.1f} µm")
+    return out
+
+
+def markdown(records: Sequence[Record], said: Sequence[str]) -> str:
+    """All tables and lists."""
+
+    def table(lines: Table) -> str:
+        first, *rest = lines
+        rows = [first, ["---"] * len(first), *rest]
+        return "\n".join(f"| {' | '.join(row)} |" for row in rows)
+
+    def listed(lines: Sequence[str]) -> str:
+        return "\n".join(f"- {line}" for line in lines) or "- none"
+
+    rows, distances = by_task(records, lambda r: r["rms"]), by_task(records, lambda r: r["distance_rms"])
+    parts = [table(overview(records)), f"Tasks in which {OURS} does not have the smallest error:",
+             listed(losses(records)), "RMS of the validation residuals, µm:", table(rows),
+             "RMS of the errors of certified distances, µm:", table(distances)]  # fmt: skip
+    if said:
+        parts += ["Left out:", listed(said)]
+    return "\n\n".join(parts)
+
+
+def picture(records: Sequence[Record]) -> str:
+    """Error over that of the nominal arm, a point a task, as PNG in base 64."""
+    names, kinds = tools(records)[::-1], groups(records)
+    figure = Figure(figsize=(8, 0.34 * len(names) + 1.2), layout="constrained")
+    axes = figure.subplots()
+    nominal = {r["task"]: size(r) for r in records if r["tool"] == REFERENCE}
+    for k, group in enumerate(kinds):
+        own = [r for r in records if r["group"] == group and nominal.get(r["task"]) and size(r)]
+        x = [size(r) / nominal[r["task"]] for r in own]  # type: ignore[operator]
+        y = [names.index(r["tool"]) + 0.2 * (k - 1) for r in own]
+        axes.plot(x, y, "osD^"[k % 4], ms=4, alpha=0.7, label=group)
+    axes.set_xscale("log")
+    axes.set_yticks(range(len(names)), names)
+    axes.set_xlabel("validation error over that of the nominal arm")
+    axes.grid(axis="x", alpha=0.3)
+    axes.legend(fontsize="small", loc="lower left", bbox_to_anchor=(0, 1), ncols=3, frameon=False)
+    out = io.BytesIO()
+    figure.savefig(out, format="png", dpi=130)
+    return base64.b64encode(out.getvalue()).decode()
+
+
+STYLE = """body{font:15px/1.5 system-ui,sans-serif;margin:2rem auto;max-width:75rem;padding:0 1rem;color:#222}
+.wide{overflow-x:auto}table{border-collapse:collapse;margin:1rem 0;font-variant-numeric:tabular-nums}
+td,th{padding:.25rem .6rem;border-bottom:1px solid #ddd;text-align:right;vertical-align:bottom}
+td:first-child,th:first-child{text-align:left;white-space:nowrap}img{max-width:100%}"""
+
+
+def standalone(records: Sequence[Record], said: Sequence[str]) -> str:
+    """The page as HTML without further files."""
+
+    def table(lines: Table) -> str:
+        first, *rest = lines
+        head = "".join(f"<th>{html.escape(c)}</th>" for c in first)
+        body = "".join(f"<tr>{''.join(map(cell, row))}</tr>" for row in rest)
+        return f'<div class="wide"><table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>'
+
+    def cell(c: str) -> str:
+        bold = c.startswith("**")
+        plain = html.escape(c.strip("*"))
+        return f"<td>{f'<b>{plain}</b>' if bold else plain}</td>"
+
+    def listed(lines: Sequence[str]) -> str:
+        return f"<ul>{''.join(f'<li>{html.escape(line)}</li>' for line in lines) or '<li>none</li>'}</ul>"
+
+    parts = [
+        "<h1>Calibration of robot arms: entries compared</h1>", table(overview(records)),
+        f'<img alt="Validation errors of all entries" src="data:image/png;base64,{picture(records)}">',
+        f"<h2>Tasks in which {OURS} does not have the smallest error</h2>", listed(losses(records)),
+        "<h2>RMS of the validation residuals, µm</h2>", table(by_task(records, lambda r: r["rms"])),
+        "<h2>RMS of the errors of certified distances, µm</h2>",
+        table(by_task(records, lambda r: r["distance_rms"])),
+        "<h2>Left out</h2>", listed(said),
+    ]  # fmt: skip
+    head = f'<meta charset="utf-8"><title>Calibration of robot arms</title><style>{STYLE}</style>'
+    return f'<!doctype html><html lang="en"><head>{head}</head><body>{"".join(parts)}</body></html>\n'
+
+
+def update(path: Path, records: Sequence[Record], said: Sequence[str]) -> None:
+    """Renew the tables of a page between its marks."""
+    between(path, MARKS, markdown(records, said))
