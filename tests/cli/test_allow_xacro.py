@@ -107,7 +107,7 @@ def test_functions(call, places):
 def test_sessions_of_a_fleet(places):
     for allow in (False, True):
         error = computed(Task(places.cell, places.new / "session", {}, allow))
-        assert ("no joint turns" if allow else "--allow-xacro") in error
+        assert ("no joint moves" if allow else "--allow-xacro") in error
         assert places.witness.exists() == allow
 
 
