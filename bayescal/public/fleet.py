@@ -46,7 +46,7 @@ class Task:
 
     def state(self) -> dict[str, Any]:
         """Inputs of each command that is complete, of the last that was begun, and of a failed one."""
-        nothing = {"schema": STATE_SCHEMA, "done": {}, "begun": None, "failed": None}
+        nothing: dict[str, Any] = {"schema": STATE_SCHEMA, "done": {}, "begun": None, "failed": None}
         with suppress(BayescalError):
             return nothing | read_record(self.folder / STATE, STATE_SCHEMA, "")
         return nothing
