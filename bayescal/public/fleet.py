@@ -8,6 +8,7 @@ import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing, suppress
 from dataclasses import dataclass
+from hashlib import sha256
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,6 +17,7 @@ from bayescal.errors import BayescalError, listed, reason
 from bayescal.public.arms import names
 from bayescal.public.fleet_results import CSV, FleetResult, robot_text
 from bayescal.public.functions import MODEL
+from bayescal.storage.folders import LIST
 from bayescal.storage.reading import Json, decoded, read_record
 from bayescal.storage.stopping import Progress, keeping, silent
 
@@ -38,22 +40,32 @@ class Task:
     options: Json
     allow_xacro: bool = False
 
-    def inputs(self, sha256: str) -> Json:
-        """What the results depend on."""
-        return {"sha256": sha256, **self.options}
+    def inputs(self, digest: str) -> Json:
+        """What the results depend on; `digest` is the SHA-256 of the dataset."""
+        return {"sha256": digest, **self.options}
 
     def state(self) -> dict[str, Any]:
-        """What is done: the inputs of each command that is complete, and of one that failed."""
+        """Inputs of each command that is complete, of the last that was begun, and of a failed one."""
+        nothing: dict[str, Any] = {"schema": STATE_SCHEMA, "done": {}, "begun": None, "failed": None}
         with suppress(BayescalError):
-            return dict(read_record(self.folder / STATE, STATE_SCHEMA, ""))
-        return {"schema": STATE_SCHEMA, "done": {}, "failed": None}
+            return nothing | read_record(self.folder / STATE, STATE_SCHEMA, "")
+        return nothing
+
+    def stamp(self, command: str) -> str:
+        """SHA-256 of the list of files of a run folder, "" where there is none."""
+        listed = self.folder / command / LIST
+        return sha256(listed.read_bytes()).hexdigest() if listed.is_file() else ""
 
     def there(self, state: Json, command: str, inputs: Json) -> bool:
         """Whether the run folder of a command is there, and of these inputs."""
         from bayescal.storage.folders import check_unchanged
 
-        run = self.folder / command
-        if state["done"].get(command) != inputs or not (run / f"{command}.json").is_file():
+        run, noted = self.folder / command, state["done"].get(command) == inputs
+        begun = state["begun"] or {}
+        if (begun.get("command"), begun.get("inputs")) == (command, inputs):
+            # its process may have been killed between the run folder and the note
+            noted = noted or self.stamp(command) not in ("", begun["before"])
+        if not noted or not (run / f"{command}.json").is_file():
             return False
         try:
             check_unchanged(run, (f"{command}.json", "arm.json"))
@@ -80,7 +92,8 @@ def kept(task: Task) -> str | None:
         return None
     if error := task.failure(state, inputs):
         return error
-    return "" if all(task.there(state, command, inputs) for command in COMMANDS) else None
+    noted = all(state["done"].get(c) == inputs and task.there(state, c, inputs) for c in COMMANDS)
+    return "" if noted else None
 
 
 def _read(task: Task) -> Any:
@@ -92,12 +105,15 @@ def _read(task: Task) -> Any:
 def computed(task: Task) -> str:
     """Fit and diagnose a session, on a worker; the error is returned, "" of none.
 
-    A run folder that is there and of the same inputs is kept. Each is written atomically, and then noted in
-    the state of the session.
+    A run folder that is there and of the same inputs is kept. Each is written atomically, and noted in the
+    state of the session before and behind.
     """
     from bayescal import __version__
     from bayescal.public.functions import diagnose, fit
     from bayescal.storage.files import json_text, write_together
+
+    def note(state: Json) -> None:
+        write_together({task.folder / STATE: json_text(state)})
 
     try:
         dataset = _read(task)
@@ -106,22 +122,23 @@ def computed(task: Task) -> str:
         o = task.options
         shared = {key: o[key] for key in ("without", "seed", "robust", "prior_width")}
         for command in COMMANDS:
-            if task.there(state, command, inputs):
-                continue
-            try:
-                result: Any = (
-                    fit(dataset, o["model"], 0, **shared)
-                    if command == "fit"
-                    else diagnose(dataset, o["model"], **shared)
-                )
-            except Exception as error:
-                line = _line(error)
-                state["failed"] = {"inputs": {**inputs, "version": __version__}, "error": line}
-                write_together({task.folder / STATE: json_text(state)})
-                return line
-            result.save(task.folder / command, False)
-            state = {**state, "done": {**state["done"], command: inputs}, "failed": None}
-            write_together({task.folder / STATE: json_text(state)})
+            if not task.there(state, command, inputs):
+                begun = {"command": command, "inputs": inputs, "before": task.stamp(command)}
+                note(state | {"begun": begun})
+                try:
+                    result: Any = (
+                        fit(dataset, o["model"], 0, **shared)
+                        if command == "fit"
+                        else diagnose(dataset, o["model"], **shared)
+                    )
+                except Exception as error:
+                    failed = {"inputs": {**inputs, "version": __version__}, "error": _line(error)}
+                    note(state | {"failed": failed})
+                    return str(failed["error"])
+                result.save(task.folder / command, False)
+            if state["done"].get(command) != inputs:
+                state |= {"done": state["done"] | {command: inputs}, "begun": None, "failed": None}
+                note(state)
     except Exception as error:  # what one session does must not stop the others
         return _line(error)
     return ""
