@@ -38,7 +38,7 @@ def budget(
     parameter
         A parameter of the model, such as a2.
     point_deg
-        Joint readings: the TCP there.
+        Joint readings, deg, mm of prismatic joints: the TCP there.
     tool
         Tool of the point [default: that of the last fitted row].
     payload_kg
@@ -51,7 +51,7 @@ def budget(
     check_format(to, ("table", "csv", "json"))
     point = None
     if point_deg:
-        remedy = "give one reading in deg for each joint, with commas"
+        remedy = "give one reading in deg (mm of prismatic joints) for each joint, with commas"
         point = _numbers(point_deg, "--point-deg", f"'{point_deg}' is no list of numbers", remedy)
     result = work(
         run, distance=distance, parameter=parameter, point=point, tool=tool or None, payload_kg=payload_kg

@@ -22,7 +22,7 @@ from bayescal.arm.statics import gravity_loads, torques_on_links
 from bayescal.arm.transforms import rpy_matrix
 from bayescal.dataset import target_kinds
 from bayescal.dataset.contacts import Contacts, load_centre, load_mass, nominal_length, residual, scatter
-from bayescal.dataset.table import Table
+from bayescal.dataset.table import Table, joint_columns
 from bayescal.dataset.target_kinds import KINDS, LOOSE
 from bayescal.dataset.types import Dataset, Target
 from bayescal.errors import BayescalError
@@ -254,12 +254,13 @@ def check_sign(dataset: Dataset, document: Document) -> None:
         return
     q, chain = link_angles(robot, m.readings), chain_of(robot)
     loads = gravity_loads(robot, chain, q, dataset.gravity, load_mass(dataset), load_centre(dataset))
-    computed, measured = loads.moments[:, 1:, 2], torques_on_links(robot, m.torque)
+    computed, measured = loads.torques(robot.slides), torques_on_links(robot, m.torque)
     size = np.sqrt(np.mean(computed**2, axis=0) * np.mean(measured**2, axis=0))
     alike = np.mean(computed * measured, axis=0) / np.maximum(size, 1e-12)
     wrong = (np.sqrt(np.mean(computed**2, axis=0)) > FELT) & (alike < OPPOSED)
     if np.any(wrong):
-        columns = ", ".join(f"`j{j + 1}_nm`" for j in np.flatnonzero(wrong))
+        names = joint_columns("nm", robot.units)
+        columns = ", ".join(f"`{names[j]}`" for j in np.flatnonzero(wrong))
         what = f"{columns}: opposite in sign to the gravity torque of the load"
         remedy = "give the torque with which the load turns the joint, positive in the sense of its reading"
         raise BayescalError(what, document.where(("torques",)), remedy)

@@ -1,7 +1,6 @@
 r"""Axis bending: the guide of a prismatic joint bends under its load, the more the farther it is extended.
 
-Formula: $`\rho_a = c_a \left( M_a L \pm \tfrac{1}{2} F_b L^2 \right), \;
-\delta_b = c_a \left( \tfrac{1}{3} F_b L^3 \pm \tfrac{1}{2} M_a L^2 \right)`$;
+Formula: $`\rho_a = c_a (M_a L \pm F_b L^2 / 2), \quad \delta_b = c_a (F_b L^3 / 3 \pm M_a L^2 / 2)`$;
 c = 1 / (E I), L the extension, M and F the moment and the weight on the carriage, a and b across the axis.
 
 The end of a cantilever of length L, clamped at the lower limit of the joint: a lifting column, or an arm

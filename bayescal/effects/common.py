@@ -201,7 +201,8 @@ def without_torques(c: Circumstances) -> str:
 
 def without_velocity(c: Circumstances) -> str:
     """A message if the session has no joint velocities, or ""."""
-    return "" if c.velocity is not None else "no j1_degps ...: the session records no joint velocities"
+    first = "j1_mmps" if c.robot.slides[0] else "j1_degps"
+    return "" if c.velocity is not None else f"no {first} ...: the session records no joint velocities"
 
 
 def without_surface(c: Circumstances) -> str:

@@ -39,9 +39,9 @@ def _parameters(c: Circumstances) -> list[Parameter]:
 
 
 def _missing(c: Circumstances) -> str:
-    return (
-        "" if c.velocity is not None or remaining(c) is not None else "no j1_command_deg ... or j1_degps ..."
-    )
+    first = ("j1_command_mm", "j1_mmps") if c.robot.slides[0] else ("j1_command_deg", "j1_degps")
+    lacks = " ... or ".join(first)
+    return "" if c.velocity is not None or remaining(c) is not None else f"no {lacks} ..."
 
 
 UNSETTLED = Effect(

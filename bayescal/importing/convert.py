@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
+from bayescal.arm.chain import Robot
 from bayescal.dataset import Dataset, read_dataset, write_dataset
 from bayescal.dataset.append import followed
 from bayescal.dataset.consistency import away
@@ -45,12 +45,12 @@ def mapping_words(columns: Columns) -> tuple[str, ...]:
 
 def row_words(dataset: Dataset, line: int) -> str:
     """The first row as it was understood; `line` is its line in the log."""
-    rows = dataset.measurements
+    rows, robot = dataset.measurements, dataset.robot
     parts = [
         f"id {rows.ids[0]}",
         f"target {dataset.targets[rows.target[0]].name}",
         *([f"tool {dataset.tools[rows.tool[0]].name}"] if len(dataset.tools) > 1 else []),
-        f"joints {_numbers(np.degrees(rows.readings[0]), 4)} deg",
+        f"joints {_numbers(robot.shown(rows.readings[0]), 4)} {robot.unit_words}",
     ]
     if rows.xyz is not None:
         parts.append(f"point {_numbers(1e3 * rows.xyz[0], 4)} mm")
@@ -176,14 +176,13 @@ def convert_contacts(request: Request) -> Draft:
     if request.plan is not None and request.format == "csv" and not request.map:
         request = replace(request, format=format_of(request.log))
     base = base_of(request)
-    only_revolute(base.robot, "maps of logs", "write measurements.csv with `jN_mm` of these joints")
-    columns, centres, notes, mapped = _columns(request, base.robot.joint_names)
+    columns, centres, notes, mapped = _columns(request, base.robot)
     _refuse_motions(columns)
     columns, late = _from_the_beginning(columns)
     notes = (*notes, *late)
     joined = None
     if request.plan is not None:
-        joined = onto(columns, files_of(request.plan)[0], base.targets, base.robot.n)
+        joined = onto(columns, files_of(request.plan)[0], base.targets, base.robot)
         columns, notes = joined.columns, (*notes, *joined.notes)
         if joined.commanded:
             base = replace(base, readings="command")
@@ -299,11 +298,17 @@ Read = tuple[Columns, dict[str, np.ndarray], tuple[str, ...], tuple[str, ...]]
 """Rows by quantity; TCP positions that the log itself holds; what was left out; the columns in words."""
 
 
-def _columns(request: Request, joints: Sequence[str]) -> Read:
+def _columns(request: Request, robot: Robot) -> Read:
     """All rows of a request."""
     centres: dict[str, np.ndarray] = {}
     notes: list[str] = []
-    n, servos = len(joints), request.servos(joints)
+    n, servos, slides = (
+        robot.n,
+        request.servos(robot.joint_names),
+        (np.flatnonzero(robot.slides) + 1).tolist(),
+    )
+    if request.format != "csv" or servos:
+        only_revolute(robot, f"logs of {request.format}", "import a table, with a map")
     if request.format == "robodk" and not request.map:
         log = read_log(request.log)
         columns, centres = ask.robodk(log, n)
@@ -311,9 +316,10 @@ def _columns(request: Request, joints: Sequence[str]) -> Read:
             notes.append(f"{rows_words(count)} of {log.name} excluded: not measured (0, 0, 0)")
     elif request.format == "csv" and not request.map:
         log = read_log(request.log, headed=True)
-        columns = columns_of(log, own_map(log.header, n, log.name), request.decimal)
+        columns = columns_of(log, own_map(log.header, n, log.name, slides), request.decimal)
     else:
-        map_: Map = read_map(ask.FORMATS[request.format], n, formal=True) | read_map(request.map, n)
+        map_: Map = read_map(ask.FORMATS[request.format], n, formal=True)
+        map_ = {**map_, **read_map(request.map, n, slides=slides)}
         map_ = calibrated(map_, servos) if servos else map_
         if request.format == "probing":
             columns = columns_of(read_records(request.log, n), map_)

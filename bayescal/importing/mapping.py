@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
@@ -127,6 +127,9 @@ DIMENSIONS = {
 JOINT = {"": "angle", "_velocity": "rate", "_command": "angle", "_torque": "torque"}
 """Of a joint: ``j1``, ``j1_velocity`` and so on."""
 
+SLIDING = {"angle": "length", "rate": "speed", "torque": "force"}
+"""What is measured of a prismatic joint in place of these."""
+
 OF_MOTIONS = {
     "_current": "current",
     "_link": "angle",
@@ -136,7 +139,7 @@ OF_MOTIONS = {
 }
 """Of a joint, in logs of motions alone."""
 
-OF_UNIT = {"degps": "_velocity", "radps": "_velocity", "nm": "_torque"}
+OF_UNIT = {**dict.fromkeys(("degps", "radps", "mmps"), "_velocity"), "nm": "_torque", "n": "_torque"}
 """Quantities of a joint that a key names by its unit alone, as measurements.csv does: ``j1_degps``."""
 
 VALIDATE = "validate"
@@ -159,7 +162,7 @@ class Column:
     `name` is the name of a column, its number (``#3``), an expression on columns, or a `constant` text for
     all rows, in which names in braces stand for the texts of columns. Without `unit` it is that of the
     header; `stamp` is the kind of a time stamp, `turn` the convention of an orientation (spaces between its
-    columns). An `optional` entry counts if its columns are there.
+    columns). An `optional` entry counts if its columns are there. `dimension` is what a quantity measures.
     """
 
     name: str
@@ -169,9 +172,12 @@ class Column:
     optional: bool = False
     where: str = "--map"
     turn: str = ""
+    dimension: str = ""
 
 
 Map = Mapping[str, Column]
+Slides = Collection[int]
+"""Numbers of joints, from 1."""
 
 
 OF_SERVOS = re.compile(r"j(\d+)(_command|_link)?")
@@ -196,7 +202,7 @@ def calibrated(map_: Map, servos: Sequence[Servo]) -> Map:
     return out
 
 
-def read_map(text: str, n: int, formal: bool = False) -> dict[str, Column]:
+def read_map(text: str, n: int, formal: bool = False, slides: Slides = ()) -> dict[str, Column]:
     """Read what the columns hold.
 
     Parameters
@@ -209,6 +215,8 @@ def read_map(text: str, n: int, formal: bool = False) -> dict[str, Column]:
         Number of joints.
     formal : bool
         The map of a format: keys that end in ``?`` are optional.
+    slides : collection of int
+        Numbers, from 1, of the prismatic joints.
 
     Raises
     ------
@@ -224,18 +232,18 @@ def read_map(text: str, n: int, formal: bool = False) -> dict[str, Column]:
         for joint in range(1, n + 1) if key.startswith("j*") else (0,):
             name, said = (_of_joint(t, joint) if joint else t for t in (key, value))
             base, sign, tool = name.partition("@")
-            quantity, unit = quantity_of(base, n, where)
+            quantity, unit = quantity_of(base, n, where, slides)
             if sign and (quantity not in OF_REFLECTOR or not tool):
                 what = f"`{name}` is not a quantity of a reflector"
                 raise BayescalError(what, where, f"those are {', '.join(OF_REFLECTOR)}, as in x@A")
             quantity += sign + tool
             if quantity in out:
                 raise BayescalError(f"`{quantity}` is given twice", where, "keep a single entry")
-            out[quantity] = _column(quantity, said, unit, optional, where, n)
+            out[quantity] = _column(quantity, said, unit, optional, where, n, slides)
     return out
 
 
-def own_map(header: Sequence[str], n: int, where: str) -> dict[str, Column]:
+def own_map(header: Sequence[str], n: int, where: str, slides: Slides = ()) -> dict[str, Column]:
     """The map of a table with columns of measurements.csv, whose units are in their names.
 
     Raises
@@ -243,7 +251,7 @@ def own_map(header: Sequence[str], n: int, where: str) -> dict[str, Column]:
     BayescalError
         For a column that measurements.csv does not have.
     """
-    every = known_columns(("deg",) * n)
+    every = known_columns(["mm" if j in slides else "deg" for j in range(1, n + 1)])
     out: dict[str, Column] = {}
     for name in header:
         if name == CLEARANCE:
@@ -251,7 +259,7 @@ def own_map(header: Sequence[str], n: int, where: str) -> dict[str, Column]:
         if name not in every:
             what, remedy = unknown("column", name, every)
             raise BayescalError(what, f"{where}:1", f"{remedy}, or state the columns by --map")
-        quantity, unit = quantity_of(name, n, where)
+        quantity, unit = quantity_of(name, n, where, slides)
         out[quantity] = Column(name, unit, where=where)
     return out
 
@@ -264,7 +272,7 @@ def validation_rule(text: str) -> tuple[str, str]:
     return rules[0] if rules else ("", "")
 
 
-def quantity_of(key: str, n: int, where: str) -> tuple[str, Unit | None]:
+def quantity_of(key: str, n: int, where: str, slides: Slides = ()) -> tuple[str, Unit | None]:
     """The quantity that a key names, and the unit in its name: ``x_mm``, ``j1_degps``; None without one."""
     if key in TEXTS or key == ROTATION:
         return key, None
@@ -273,18 +281,19 @@ def quantity_of(key: str, n: int, where: str) -> tuple[str, Unit | None]:
     name = name if name in UNITS else name.upper()
     if suffix and name in UNITS and key not in DIMENSIONS:
         quantity = stem + (OF_UNIT.get(suffix, "") if re.fullmatch(r"j\d+", stem) else "")
-        return quantity, unit_of(name, dimension_of(quantity, n, where), where)
-    dimension_of(key, n, where)
+        return quantity, unit_of(name, dimension_of(quantity, n, where, slides), where)
+    dimension_of(key, n, where, slides)
     return key, None
 
 
-def dimension_of(key: str, n: int, where: str) -> str:
+def dimension_of(key: str, n: int, where: str, slides: Slides = ()) -> str:
     """What the quantity `key` measures; unknown ones and joints beyond the n-th are refused."""
     joint = re.fullmatch(r"j(\d+)(\w*)", key)
     if joint and joint[2] in JOINT | OF_MOTIONS:
         if not 1 <= int(joint[1]) <= n:
             raise BayescalError(f"`{key}`, but the robot has {n} joints", where, "check --robot")
-        return (JOINT | OF_MOTIONS)[joint[2]]
+        dimension = (JOINT | OF_MOTIONS)[joint[2]]
+        return SLIDING.get(dimension, dimension) if int(joint[1]) in slides else dimension
     if key not in DIMENSIONS:
         joints = [f"j{i + 1}{tail}" for tail in JOINT for i in range(n)]
         what, remedy = unknown("quantity", key, [*joints[:n], *DIMENSIONS, ROTATION, *TEXTS, VALIDATE])
@@ -325,7 +334,9 @@ def _of_text(text: str) -> list[tuple[str, str, str]]:
     return out
 
 
-def _column(key: str, said: str, unit: Unit | None, optional: bool, where: str, n: int) -> Column:
+def _column(
+    key: str, said: str, unit: Unit | None, optional: bool, where: str, n: int, slides: Slides
+) -> Column:
     """One entry; texts have no unit."""
     key = key.partition("@")[0]
     entry = Column(said, unit, optional=optional, where=where)
@@ -334,13 +345,14 @@ def _column(key: str, said: str, unit: Unit | None, optional: bool, where: str, 
     if key in TEXTS:
         quoted = re.fullmatch(r"""(['"])(.+)\1""", said)
         return replace(entry, name=quoted[2], constant=True) if quoted else entry
+    dimension = dimension_of(key, n, where, slides)
+    entry = replace(entry, dimension=dimension)
     name, _, last = said.rpartition(" ")
     name = name.strip()
     if key == "time" and unit is None and name and last in STAMPS:
         return replace(entry, name=name, unit=UNITS["s"], stamp=last)
     if unit is not None or not name or name[-1] in "+-*/(" or not re.fullmatch(r"[a-zA-Z/°µμ.*]{1,8}", last):
         return entry
-    dimension = dimension_of(key, n, where)
     if not is_unit(last):
         remedy = f"give one of {listed(dimension)}; a name with spaces is enclosed in braces: {{{said}}}"
         raise BayescalError(f"unknown unit `{last}`", where, remedy)

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from bayescal.arm.chain import Robot
 from bayescal.dataset import Dataset, Measurements, Target
 from bayescal.dataset.read import SETTINGS, measurements_of
 from bayescal.dataset.table import read_table
@@ -104,7 +105,7 @@ def measured_before(plan: Path, base: Dataset) -> Measurements | None:
     return measurements_of(read_table(path, units), units, base.tools, base.targets, base.noise)
 
 
-def onto(log: Columns, plan: Path, targets: Sequence[Target], n: int) -> Joined:
+def onto(log: Columns, plan: Path, targets: Sequence[Target], robot: Robot) -> Joined:
     """Assign the rows of a log to the contacts of a plan.
 
     Parameters
@@ -115,8 +116,7 @@ def onto(log: Columns, plan: Path, targets: Sequence[Target], n: int) -> Joined:
         The table of the plan.
     targets : sequence of Target
         Of the plan.
-    n : int
-        Number of joints.
+    robot : Robot
 
     Raises
     ------
@@ -124,8 +124,9 @@ def onto(log: Columns, plan: Path, targets: Sequence[Target], n: int) -> Joined:
         For ids that are not in the plan, are given twice or contradict it, and for a log without the joint
         readings of contacts or in which nothing was measured.
     """
+    n, slides = robot.n, (np.flatnonzero(robot.slides) + 1).tolist()
     table = read_log(plan, headed=True)
-    planned = columns_of(table, own_map(table.header, n, table.name))
+    planned = columns_of(table, own_map(table.header, n, table.name, slides))
     by_order = "id" not in log.cells
     if by_order:
         log = _in_order(log, planned)
@@ -146,14 +147,19 @@ def onto(log: Columns, plan: Path, targets: Sequence[Target], n: int) -> Joined:
         raise BayescalError(what, log.name, "write the readings at which each contact was made")
     idle = ~made & (state == CONTACT)
     notes += _counted(ids[idle], f"of {log.name} without a measurement (empty, or as planned)")
+
+    def mm(limit: float) -> str:
+        """The same limit of prismatic joints, if there are any."""
+        return f" ({1e3 * limit:.2g} mm)" if slides else ""
+
     far, near = made & (deviation > FAR), made & (deviation < NEAR) & (reads == "")
     count = made.sum()
     if 2 * near.sum() > count:
         notes.append(
-            f"{near.sum()} of {count} contacts are within {np.degrees(NEAR):.2g} deg of the plan: "
+            f"{near.sum()} of {count} contacts are within {np.degrees(NEAR):.2g} deg{mm(NEAR)} of the plan: "
             "check that the log has the readings at the contact, not the commanded ones"
         )
-    notes += _counted(ids[far], f"more than {np.degrees(FAR):.0f} deg from the plan")
+    notes += _counted(ids[far], f"more than {np.degrees(FAR):.0f} deg{mm(FAR)} from the plan")
     other = registers and 2 * far.sum() > count  # registers of another program
     columns = _joined(log, planned).take(made)
     return Joined(columns, tuple(notes), commanded, far[made], by_order or other)

@@ -105,7 +105,7 @@ def with_points(columns: Columns, targets: Sequence[Target]) -> tuple[Columns, t
 
 
 STILL = np.radians(0.01)
-"""rad: readings that change by more than this within the tolerance of time: the arm was moving."""
+"""rad, m: readings that change by more than this within the tolerance of time: the arm was moving."""
 
 CLOCKS = {
     "": "seconds of a session",
@@ -259,21 +259,26 @@ def _check_single(points: Columns, theirs: np.ndarray) -> None:
 
 def _motion(log: Columns, times: np.ndarray, tolerance: float) -> list[str]:
     """A note on measurements during which the arm moved."""
-    joints = [v for k, v in log.cells.items() if re.fullmatch(r"j\d+", k)]
+    names = [k for k in log.cells if re.fullmatch(r"j\d+", k)]
+    joints = [log.cells[k] for k in names]
     if not joints:
         return []
     order = np.argsort(log.cells["time"], kind="stable")
     readings, clock = np.column_stack(joints)[order], log.cells["time"][order]
     low = np.searchsorted(clock, times - tolerance)
     high = np.searchsorted(clock, times + tolerance, side="right")
-    spread = np.array(
-        [np.ptp(readings[a:b], axis=0).max() if b > a else 0.0 for a, b in zip(low, high, strict=True)]
-    )
-    moved = int((spread > STILL).sum())
+    still = np.zeros(len(joints))
+    windows = zip(low, high, strict=True)
+    spread = np.array([np.ptp(readings[a:b], axis=0) if b > a else still for a, b in windows])
+    moved = int((spread > STILL).any(axis=1).sum())
     if not moved:
         return []
+    most = int(np.argmax(spread.max(axis=0)))
+    column = log.said.get(names[most])
+    slides = column is not None and column.dimension == "length"
+    size = f"{1e3 * spread.max():.2g} mm" if slides else f"{np.degrees(spread.max()):.2g} deg"
     return [
-        f"the arm moved by up to {np.degrees(spread.max()):.2g} deg within {tolerance:g} s of {moved} of "
+        f"the arm moved by up to {size} within {tolerance:g} s of {moved} of "
         f"{len(times)} measurements: check the clocks"
     ]
 

@@ -101,8 +101,8 @@ class Scene:
         if not self._sags:
             return self._rigid_angles
         torques = self.measured_torques
-        if torques is None and self.moments is not None:
-            torques = self.moments[:, 1:, 2]
+        if torques is None and self.loads is not None:
+            torques = self.loads.torques(self.dataset.robot.slides)
         if torques is None:
             raise BayescalError(
                 "joint_compliance_rad_per_nm without links", "robot file", "add masses under links"

@@ -13,6 +13,7 @@ from bayescal.assess.identifiability import identifiability
 from bayescal.assess.undetermined import undetermined
 from bayescal.dataset import Dataset
 from bayescal.dataset.read import SETTINGS, TABLE
+from bayescal.dataset.table import joint_columns
 from bayescal.dataset.target_kinds import kinds_of, place_sd
 from bayescal.effects import EFFECTS
 from bayescal.errors import BayescalError
@@ -76,7 +77,8 @@ def missing(
     lacking = () if tests is None else [name for name in tests.missing if name in EFFECTS]
     if dataset.measurements.velocity is None and any(EFFECTS[name].directed for name in lacking):
         what = "no joint velocities: backlash and other errors by direction of motion cannot be assessed"
-        remedy = "add the columns `j1_degps` ...; their signs are the direction of approach"
+        first = joint_columns("degps", dataset.robot.units)[0]
+        remedy = f"add the columns `{first}` ...; their signs are the direction of approach"
         yield Finding("no_velocities", "missing", what, TABLE, remedy)
 
 

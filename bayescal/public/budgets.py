@@ -105,7 +105,7 @@ def budget(
     parameter : str, optional
         Name of a parameter.
     point : sequence of float, optional
-        deg, joint readings at which the TCP is stated.
+        deg (mm of prismatic joints), joint readings at which the TCP is stated.
     tool, payload_kg
         Of the point: name of the tool, and additional payload, kg.
 

@@ -367,6 +367,13 @@ def test_two_weak_directions_through_one_parameter_promise_no_pair():
     assert "common change of d2" in _words((D2, D3, A4), v, 0.0, weak)
 
 
+def test_a_direction_of_many_parameters_alike_names_the_first():
+    """No loading of twenty equal ones is large."""
+    many = [Parameter(f"curve {k}", "m", (), 1e-4) for k in range(20)]
+    v = np.ones(20) / np.sqrt(20)
+    assert "and curve" in _words(many, v, 0.0, v[:, None])
+
+
 # --- Several sessions on the command line: one fit, one diagnosis, and whether they agree.
 
 LITTLE = {"contacts": 70, "later": 8, "repeats": 3, "placements": 1, "spheres": 2, "sphere_contacts": 8}

@@ -11,6 +11,7 @@ from sessions import circumstances
 from bayescal.effects import EFFECTS
 from bayescal.effects.axis_bending import cantilever, supported
 from bayescal.effects.common import ORDERS
+from bayescal.model.scene import Scene
 
 CURVES = {"straightness": ("m", {"tx", "ty"}), "angular-motion": ("rad", {"rx", "ry", "rz"})}
 CURVES |= {"positioning": ("m", {"tz"})}
@@ -134,3 +135,13 @@ def test_a_column_bends_under_an_arm_that_reaches_out(c):
         # the top of a column moves by omega x z: about y to +x, about x to -y
         sign = {"tx": 1.0, "ty": -1.0}[moved.axis]
         np.testing.assert_allclose(moved.driver, sign * 0.5 * lengths**2 * moments[:, about], atol=1e-9)
+
+
+def test_the_compliance_of_a_robot_file_yields_to_the_weight(c):
+    """A column of 0.2 um/N sinks by 0.2 um for each newton that it carries."""
+    dataset = moving_session()
+    robot = replace(dataset.robot, compliance=np.array([2e-7, *[0.0] * 6]))
+    upright = replace(dataset, robot=robot, gravity=np.array([0.0, -9.81, 0.0]))
+    mass = robot.masses.sum() + dataset.tools[0].mass + dataset.measurements.payload
+    sunk = Scene(upright).q[:, 0] - dataset.measurements.readings[:, 0]
+    np.testing.assert_allclose(sunk, -2e-7 * 9.81 * mass, rtol=1e-9)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from cases import terminal_text
 from export_arms import fake, session_of
+from rails import moving_session
 from sessions import geared
 
 import bayescal as bc
@@ -37,6 +38,7 @@ MOVING = tuple(
                 "second-harmonic", "gear-mesh@50", "backlash", "unsettled", "hysteresis", "encoder-scale",
                 "coupling", "thermal-drift", "step")
 )  # fmt: skip
+ON_RAILS = ("straightness", "angular-motion", "positioning", "axis-bending")
 
 
 @pytest.fixture(scope="module")
@@ -45,9 +47,10 @@ def session():
     return simulate(options).dataset
 
 
-@pytest.mark.parametrize("effect", MOVING)
+@pytest.mark.parametrize("effect", [*MOVING, *ON_RAILS])
 def test_rows_of_the_session_are_where_the_model_has_them(session, effect):
     """Also as new poses: the drivers of a pose are those of the row that it repeats."""
+    session = moving_session() if effect in ON_RAILS else session
     effects = ("geometry", "compliance", effect) if effect != "compliance" else ("geometry", effect)
     arm = fake(session, effects)
     rows, m = np.arange(0, len(session.measurements.ids), 19), session.measurements
@@ -117,7 +120,7 @@ def test_every_moving_effect_is_tested():
     """A new effect joins the list, or moves no frame of the arm."""
     resting = {"lobing", "latency", "plane-form", "artefact", "ball-radius"}
     resting |= {"focal-length", "image-centre", "lens-distortion", "board-scale", "board-bow"}
-    assert {e.partition("@")[0] for e in MOVING} | resting | {"geometry"} == set(EFFECTS)
+    assert {e.partition("@")[0] for e in (*MOVING, *ON_RAILS)} | resting | {"geometry"} == set(EFFECTS)
 
 
 def test_round_trip_of_the_run_folder(session, tmp_path):

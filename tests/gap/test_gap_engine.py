@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from gap_problems import BASELINE, Bench, of_every_kind, unsolved, with_orientations
+from rails import moving_session
 from scipy.integrate import quad
 from scipy.stats import chi2 as chi2_distribution
 from scipy.stats import multivariate_normal
@@ -46,6 +47,9 @@ def mixed(session):
     return of_every_kind(session)
 
 
+ON_RAILS = {"straightness", "angular-motion", "positioning", "axis-bending"}
+
+
 def every_candidate(c, baseline):
     """Parameters of every effect that the baseline leaves out, at its usual setting and at one of a scan."""
     out = []
@@ -58,21 +62,24 @@ def every_candidate(c, baseline):
     return out
 
 
-@pytest.mark.parametrize("kinds", ["planes", "every kind", "points", "poses"])
+@pytest.mark.parametrize("kinds", ["planes", "every kind", "points", "poses", "rail"])
 def test_columns_are_those_of_a_model_that_has_the_parameters(kinds, session, mixed, tracker):
     read = tracker(seed=3).dataset
     poses = with_orientations(read)
-    dataset = {"planes": session, "every kind": mixed, "points": read, "poses": poses}[kinds]
+    every = {"planes": session, "every kind": mixed, "points": read, "poses": poses, "rail": moving_session()}
+    dataset = every[kinds]
     fitted = unsolved(dataset)
     scales = {g: 1.0 + 0.5 * k for k, g in enumerate(fitted.weights.scale)}
     fitted = replace(fitted, weights=replace(fitted.weights, scale=scales))
     model, scene = fitted.model, fitted.model.scene
     extra = every_candidate(scene.circumstances(scene.rows("calibrate")), BASELINE)
-    assert {p.effect for p in extra} >= (
-        {"step", "bending"}
-        if kinds in ("points", "poses")
-        else {name for name, e in EFFECTS.items() if e.missing is not without_camera} - set(BASELINE)
-    )
+    named = {"step", "bending"} | (ON_RAILS if kinds == "rail" else set())
+    if kinds in ("planes", "every kind"):
+        named = {name for name, e in EFFECTS.items() if e.missing is not without_camera} - {
+            *BASELINE,
+            *ON_RAILS,
+        }
+    assert {p.effect for p in extra} >= named
     found = Slopes.of(fitted, [p for p in extra if of_certificate(p)])
 
     wide = with_parameters(scene, model.effects, (*model.parameters, *extra))

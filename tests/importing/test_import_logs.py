@@ -71,7 +71,11 @@ QUANTITIES = {
 """How a map says each quantity, and where the session has it."""
 
 
-@pytest.mark.parametrize("unit", [u for u in UNITS if UNITS[u].dimension != "current" and u != "steps"])
+OTHERS = ("current", "speed", "force")
+"""What logs of motions and rails have."""
+
+
+@pytest.mark.parametrize("unit", [u for u in UNITS if UNITS[u].dimension not in OTHERS and u != "steps"])
 def test_any_unit_comes_back(tracked, tmp_path, unit):
     """Every quantity, in every unit that a map takes; the factors are those of SciPy."""
     rng, m = np.random.default_rng(0), tracked.dataset.measurements

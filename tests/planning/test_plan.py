@@ -413,7 +413,7 @@ def test_poses_are_those_of_the_nominal_arm(exported_plan, tmp_path):
     exported_plan = replace(exported_plan, session=replace(exported_plan.session, tools=(turned,)))
     path = tmp_path / "poses.csv"
     path.write_text(text_of(exported_plan, "poses"))
-    targets = read_targets(path, 6).targets
+    targets = read_targets(path, exported_plan.session.robot).targets
     arm = NominalArm(exported_plan.session.robot, turned.centre, rpy_matrix(turned.rpy))
     poses = arm.tool_poses(arm.frames(expected_readings(exported_plan)))
     read = np.array([t.pose for t in targets])

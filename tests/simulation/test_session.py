@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from cases import robot_file
+from rails import rail_session
 from sessions import LITTLE, little
 from typer.testing import CliRunner
 
@@ -176,11 +177,15 @@ def test_the_folder_reads_back(tmp_path):
     assert not [p for p in tmp_path.iterdir() if p.name != "out"]
 
 
+ON_RAILS = ("straightness", "angular-motion", "positioning", "axis-bending")
+
+
 @pytest.mark.parametrize("name", [n for n, e in EFFECTS.items() if e.missing is not without_camera])
 def test_every_effect_can_be_simulated(name, tmp_path):
     chosen = tuple(dict.fromkeys(("geometry", "compliance", name)))
     robot = robot_file("standard") if name == "gear-mesh" else Options().robot
-    s = simulate(Options(effects=chosen, robot=robot, payload=1.0, **{**LITTLE, "placements": 0}))
+    arm = rail_session().robot if name in ON_RAILS else None
+    s = simulate(Options(effects=chosen, robot=robot, payload=1.0, **{**LITTLE, "placements": 0}), arm)
     assert {p["effect"] for p in s.truth["parameters"]} >= {name, "tool"}
     assert np.abs(s.world.distances(s.world.model(s.exact)) - s.shift).max() < 2e-12
 
