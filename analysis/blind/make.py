@@ -23,7 +23,7 @@ SEEDS = 2**48
 """Number of possible seeds."""
 NO_PINOCCHIO = BayescalError("simulating test sessions needs Pinocchio", "", "pip install 'bayescal[blind]'")
 CONTACTS, MOTIONS, IMAGES, CHANGES = "contacts", "motions", "images", "changes"
-GENERATORS = {CONTACTS: 4, MOTIONS: 1, IMAGES: 1, CHANGES: 1}
+GENERATORS = {CONTACTS: 4, MOTIONS: 1, IMAGES: 1, CHANGES: 2}
 """Version of the simulator of each kind for new sessions; a seed gives the same sessions within one."""
 Notify = Callable[[str, float], None]
 
@@ -157,7 +157,7 @@ def built(task: Drawn) -> tuple[dict[str, str], dict[str, Any]]:
     if task.kind == IMAGES:
         texts, truth = camera.build(task.seed, task.number)
     elif task.kind == CHANGES:
-        texts, truth = changes.build(task.seed, task.number)
+        texts, truth = changes.build(task.seed, task.number, generator=task.generator)
     else:
         texts, truth = build(task.seed, task.number, generator=task.generator, reserved=task.reserved)
     return texts, plain(truth)

@@ -169,7 +169,7 @@ def _started(world: World) -> World:
 
 
 def build(
-    seed: int, number: int, kind: str = "", goal: float = 0.0, stage: str = ""
+    seed: int, number: int, kind: str = "", goal: float = 0.0, stage: str = "", generator: int = 2
 ) -> tuple[dict[str, str], dict]:
     """Return the files of a pair of sessions by name, and its truth.
 
@@ -183,6 +183,8 @@ def build(
         Detectability of the change; drawn between the values of `GOAL` without one.
     stage : str
         What is measured; drawn of `STAGES` without one.
+    generator : int
+        Version; in the first, sessions with backlash may lack the velocities that tell it.
     """
     rng = np.random.default_rng([seed, 8, number])
     order = np.random.default_rng([seed, 9, number // len(KINDS)]).permutation(len(KINDS))
@@ -193,7 +195,9 @@ def build(
     names = [] if kind == "null" else [kind] if kind != "pair" else list(rng.choice(SINGLE, 2, replace=False))
     if "base" in names and stage == session.SPHERES:
         stage = session.CUBE  # of spheres, other ones may be probed in each session
-    plans = [session.plan(rng, things, {}, stage) for _ in SESSIONS]
+    # backlash follows the direction of motion, which a tracker does not tell
+    wishes = {"velocity": True} if generator > 1 and "backlash" in names else {}
+    plans = [session.plan(rng, things, wishes, stage) for _ in SESSIONS]
     instrument = tracker.draw(rng)
 
     def placed(plan: session.Session, of: arm.Arm) -> World:

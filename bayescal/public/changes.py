@@ -31,19 +31,19 @@ class ChangedResult(Result):
     data: Changed | None = None
 
     def _contents(self) -> Json:
-        from bayescal.reporting.changes.record import changed_record
+        from bayescal.reporting.changed_record import changed_record
 
         return changed_record(self._new())
 
     def report(self) -> RenderableType:
         """The summary, to be printed by a `rich.console.Console`."""
-        from bayescal.reporting.changes.report import changed_summary
+        from bayescal.reporting.changed import changed_summary
 
         return changed_summary(self.record)
 
     def save(self, folder: str | PathLike[str]) -> tuple[str, ...]:
         """Write changed.json, changed.html and changed.csv; return their names."""
-        from bayescal.reporting.changes.report import write_changed
+        from bayescal.reporting.changed import write_changed
 
         return write_changed(self.record, Path(folder))
 
@@ -132,19 +132,19 @@ class HistoryResult(Result):
     data: History | None = None
 
     def _contents(self) -> Json:
-        from bayescal.reporting.changes.history import history_record
+        from bayescal.reporting.history import history_record
 
         return history_record(self._new())
 
     def report(self) -> RenderableType:
         """The summary, to be printed by a `rich.console.Console`."""
-        from bayescal.reporting.changes.history import history_summary
+        from bayescal.reporting.history import history_summary
 
         return history_summary(self.record)
 
     def save(self, folder: str | PathLike[str]) -> tuple[str, ...]:
         """Write history.json, history.html and history.csv; return their names."""
-        from bayescal.reporting.changes.history import write_history
+        from bayescal.reporting.history import write_history
 
         return write_history(self.record, Path(folder))
 

@@ -14,7 +14,7 @@ from bayescal import __version__
 from bayescal.changes.history import DAY, QUANTILES, TREND, Course, History
 from bayescal.effects import UNITS
 from bayescal.effects.vocabulary import unit_label
-from bayescal.reporting.changes.record import COVERAGE, SMALL
+from bayescal.reporting.changed_record import COVERAGE, SMALL
 from bayescal.reporting.page import svg
 from bayescal.reporting.page.render import page
 from bayescal.reporting.page.section import Figures, FirstScreen, blocks

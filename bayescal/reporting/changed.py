@@ -12,7 +12,7 @@ from rich.text import Text as Words
 
 from bayescal import __version__
 from bayescal.effects.vocabulary import unit_label
-from bayescal.reporting.changes.record import SMALL, detectable_kinds, named, since, small
+from bayescal.reporting.changed_record import SMALL, detectable_kinds, named, since, small
 from bayescal.reporting.page.render import page
 from bayescal.reporting.page.section import FirstScreen, Section, Text, blocks, texts
 from bayescal.reporting.shared.origin import filed

@@ -1,1 +1,0 @@
-"""Reports of what changed between sessions of an arm, and of its history."""
