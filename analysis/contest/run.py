@@ -32,10 +32,10 @@ def spent() -> float:
     return sum(os.times()[:4])
 
 
-def entered(out: Path, run: Mapping[str, Callable[[Given], Answer]]) -> None:
+def entered(out: Path, run: Mapping[str, Callable[[Given], Answer]], tasks: str = "*") -> None:
     """Enter tools in all tasks; a tool that does not apply leaves a text with the reason."""
     for folder in sorted(
-        (out / "tasks").iterdir(), key=lambda f: (not f.name.startswith("simulated"), f.name)
+        (out / "tasks").glob(tasks), key=lambda f: (not f.name.startswith("simulated"), f.name)
     ):
         place = out / "entries" / folder.name
         place.mkdir(parents=True, exist_ok=True)
@@ -82,6 +82,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--real", type=Path, help="folder of the real sessions")
     parser.add_argument("--seed", type=int, help="of other simulated sessions than the frozen ones")
     parser.add_argument("--environments", default=str(HERE), help="prefix of the packages' environments")
+    parser.add_argument("--tasks", default="*", help="pattern of the names of tasks to enter")
     parser.add_argument("--only", nargs="*", help="names of tools to enter")
     parser.add_argument("--page", type=Path, help="page whose tables to renew")
     given = parser.parse_args(arguments)
@@ -102,7 +103,8 @@ def run(given: argparse.Namespace) -> None:
         )
     found, lacking = tools(given.environments)
     if given.step in ("enter", "all"):
-        entered(given.out, {k: v for k, v in found.items() if given.only is None or k in given.only})
+        chosen = {k: v for k, v in found.items() if given.only is None or k in given.only}
+        entered(given.out, chosen, given.tasks)
         said += lacking
     if given.step in ("score", "all"):
         records = scored(given.out)

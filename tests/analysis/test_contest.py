@@ -10,9 +10,10 @@ from scipy.spatial.transform import Rotation
 
 import bayescal as bc
 from analysis.contest import learned, page, run, session, tasks
-from analysis.contest.entry import Entry, of_sets, read_entry, record_of
+from analysis.contest.entry import SCHEMA, Entry, of_sets, read_entry, record_of
 from analysis.contest.ours import TOOLS, Answer, opened
 from analysis.contest.score import FLOOR, Z95, figures, of_names
+from bayescal.effects import EFFECTS
 from bayescal.errors import BayescalError
 
 RNG = np.random.default_rng(3)
@@ -118,6 +119,12 @@ def test_names_are_scored_by_the_probability_of_the_true_set(said, effects, p, r
 def test_a_class_is_divided_among_its_members():
     names = of_sets([{"effects": ["bending", "unknown"], "probability": 0.8, "any": True}])
     assert of_names(names, {"effects": ["bending"]})[0] == pytest.approx(log(0.4))
+
+
+def test_every_effect_can_be_named():
+    schema = json.loads(SCHEMA.read_text())
+    names = schema["properties"]["names"]["items"]["properties"]["effects"]["items"]["enum"]
+    assert {*EFFECTS, "geometry", "unknown"} <= set(names)
 
 
 def good():
@@ -232,11 +239,11 @@ def test_hidden_readings_are_in_no_file_of_a_task(tmp_path):
     assert hidden == {"a": [1.0, 2.0, 3.0]}
 
 
-def test_the_page_counts_wins_on_common_tasks():
-    records = [
-        {"tool": tool, "task": task, "rows": 1, "rms": rms}
-        for tool, task, rms in (
-            ("bayescal gap", "1", 0.1), ("bayescal gap", "2", 0.1), ("other", "1", 0.05), ("other", "3", 9.0)
-        )
-    ]  # fmt: skip
-    assert page.ratio(records, "other", "bayescal gap") == (pytest.approx(0.5), 1, 1)
+def test_errors_are_compared_on_common_tasks():
+    rows = (("ours", "1", 0.1, 0.4), ("ours", "2", 0.1, None), ("ours", "3", 0.1, None))
+    rows += (("other", "1", 0.1, 0.1), ("other", "2", 0.1001, None), ("other", "4", 9.0, None))
+    records = [dict(zip(("tool", "task", "rms", "distance_rms"), row, strict=True)) for row in rows]
+    found = page.ratio(records, "other", "ours")
+    assert found.mean == pytest.approx(np.sqrt(0.5 * 1.001))
+    assert (found.smaller, found.larger, found.count) == (1, 0, 2)
+    assert found.u == pytest.approx(np.expm1(np.log(2 * 1.001) / 2))
