@@ -71,9 +71,9 @@ def groups(records: Sequence[Record]) -> list[str]:
 
 
 def tools(records: Sequence[Record]) -> list[str]:
-    """The best first, by the error relative to the nominal arm over all tasks."""
+    """The best first, by the error over ours; those without a common task last."""
     names = {r["tool"] for r in records}
-    return sorted(names, key=lambda tool: (ratio(records, tool, REFERENCE).mean, tool))
+    return sorted(names, key=lambda tool: (np.nan_to_num(ratio(records, tool, OURS).mean, nan=np.inf), tool))
 
 
 def overview(records: Sequence[Record]) -> Table:
@@ -182,7 +182,7 @@ def picture(records: Sequence[Record]) -> str:
 STYLE = """body{font:15px/1.5 system-ui,sans-serif;margin:2rem auto;max-width:75rem;padding:0 1rem;color:#222}
 .wide{overflow-x:auto}table{border-collapse:collapse;margin:1rem 0;font-variant-numeric:tabular-nums}
 td,th{padding:.25rem .6rem;border-bottom:1px solid #ddd;text-align:right;vertical-align:bottom}
-td:first-child,th:first-child{text-align:left;white-space:nowrap}img{max-width:100%}"""
+td{white-space:nowrap}td:first-child,th:first-child{text-align:left;white-space:nowrap}img{max-width:100%}"""
 
 
 def standalone(records: Sequence[Record], said: Sequence[str]) -> str:
