@@ -9,7 +9,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import bayescal as bc
-from analysis.contest import learned, page, run, session, tasks
+from analysis.benchmarks import package_worker
+from analysis.contest import learned, page, run, session, tasks, worker
 from analysis.contest.entry import SCHEMA, Entry, of_sets, read_entry, record_of
 from analysis.contest.ours import TOOLS, Answer, opened
 from analysis.contest.score import FLOOR, Z95, figures, of_names
@@ -229,6 +230,54 @@ def test_positions_of_the_nominal_arm_are_those_of_its_chain(small):
     from bayescal.model.scene import Scene
 
     assert np.allclose(found, 1e3 * Scene(given.whole).points, atol=1e-6)
+
+
+def planar(given):
+    """Positions (3, C) of modified DH rows (alpha, a, theta, d) in plain NumPy, as a package returns them."""
+
+    def points(errors):
+        flat = np.append(given["rows"].ravel(), given["tool"])
+        flat[given["entry"]] += errors
+        out = []
+        for q in given["q"]:
+            pose = given["base"]
+            for (alpha, a, theta, d), angle in zip(flat[:-3].reshape(-1, 4), q, strict=True):
+                turn = Rotation.from_euler("x", alpha) * Rotation.from_euler("z", theta + angle)
+                step = np.eye(4)
+                step[:3, :3] = turn.as_matrix()
+                step[:3, 3] = [a, -d * np.sin(alpha), d * np.cos(alpha)]
+                pose = pose @ step
+            out.append(pose[:3, :3] @ flat[-3:] + pose[:3, 3])
+        return np.array(out).T
+
+    return points
+
+
+def test_the_chain_of_a_package_is_calibrated_by_what_a_tracker_reads(monkeypatch):
+    monkeypatch.setitem(package_worker.PACKAGES, "planar", planar)
+    rows = np.array([[0, 0, 0, 0.4], [-1.5, 0.1, 0, 0], [0.1, 0.5, 0, 0.1]])
+    q = RNG.uniform(-1.5, 1.5, (40, 3))
+    problem = {
+        "rows": rows,
+        "base": np.eye(4),
+        "q": q,
+        "tool": np.array([0.1, 0.0, 0.2]),
+        "entry": np.arange(12),
+    }
+    errors = RNG.normal(0, 1e-3, 12)
+    true = 1e3 * planar(problem)(errors).T
+    cells = [
+        {"id": f"r{k}", "role": "calibrate" if k < 30 else "validate", "target": "tracker"}
+        | (dict(zip(tasks.XYZ, map(str, x), strict=True)) if k < 30 else {})
+        for k, x in enumerate(true)
+    ]
+    said = {"tools": {"smr": {}}, "noise": NOISE, "targets": TRACKER}
+    given = {"said": said, "measurements": cells, "rows": rows.tolist(), "base": np.eye(4).tolist()}
+    given |= {"q": q.tolist(), "tool": [0] * 40, "centres": [[0.1, 0.0, 0.2]]}
+    found = worker.chain("planar", given)
+    s = session.of(said, cells, "task").with_readings({f"r{k}": list(true[k]) for k in range(30, 40)})
+    assert figures(s, entry(1e3 * planar(problem)(np.zeros(12)).T)).rms > 0.5
+    assert figures(s, entry(found)).rms < 0.02
 
 
 def test_hidden_readings_are_in_no_file_of_a_task(tmp_path):
