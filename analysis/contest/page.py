@@ -138,24 +138,27 @@ def losses(records: Sequence[Record]) -> list[str]:
     return out
 
 
+def sections(records: Sequence[Record], said: Sequence[str]) -> list[tuple[str, Table | Sequence[str]]]:
+    """Headings with a table or a list."""
+    return [
+        ("", overview(records)),
+        (SMALLER, losses(records)),
+        ("RMS of the validation residuals, µm", by_task(records, lambda r: r["rms"])),
+        ("RMS of the errors of certified distances, µm", by_task(records, lambda r: r["distance_rms"])),
+        ("Left out", said),
+    ]
+
+
 def markdown(records: Sequence[Record], said: Sequence[str]) -> str:
-    """All tables and lists."""
-
-    def table(lines: Table) -> str:
-        first, *rest = lines
-        rows = [first, ["---"] * len(first), *rest]
-        return "\n".join(f"| {' | '.join(row)} |" for row in rows)
-
-    def listed(lines: Sequence[str]) -> str:
-        return "\n".join(f"- {line}" for line in lines) or "- none"
-
-    rows, distances = by_task(records, lambda r: r["rms"]), by_task(records, lambda r: r["distance_rms"])
-    parts = [table(overview(records)), f"{SMALLER}:",
-             listed(losses(records)), "RMS of the validation residuals, µm:", table(rows),
-             "RMS of the errors of certified distances, µm:", table(distances)]  # fmt: skip
-    if said:
-        parts += ["Left out:", listed(said)]
-    return "\n\n".join(parts)
+    """All sections as Markdown."""
+    parts = []
+    for head, content in sections(records, said):
+        lines = [f"- {line}" for line in content]
+        if content and isinstance(content[0], list):
+            first, *rest = content
+            lines = [f"| {' | '.join(row)} |" for row in (first, ["---"] * len(first), *rest)]
+        parts += [f"{head}:" if head else "", "\n".join(lines) or "- none"]
+    return "\n\n".join(part for part in parts if part)
 
 
 def picture(records: Sequence[Record]) -> str:
@@ -179,7 +182,7 @@ def picture(records: Sequence[Record]) -> str:
     return base64.b64encode(out.getvalue()).decode()
 
 
-STYLE = """body{font:15px/1.5 system-ui,sans-serif;margin:2rem auto;max-width:75rem;padding:0 1rem;color:#222}
+STYLE = """body{font:15px/1.5 system-ui,sans-serif;margin:2rem auto;max-width:110rem;padding:0 1rem;color:#222}
 .wide{overflow-x:auto}table{border-collapse:collapse;margin:1rem 0;font-variant-numeric:tabular-nums}
 td,th{padding:.25rem .6rem;border-bottom:1px solid #ddd;text-align:right;vertical-align:bottom}
 td{white-space:nowrap}td:first-child,th:first-child{text-align:left;white-space:nowrap}img{max-width:100%}"""
@@ -188,31 +191,26 @@ td{white-space:nowrap}td:first-child,th:first-child{text-align:left;white-space:
 def standalone(records: Sequence[Record], said: Sequence[str]) -> str:
     """The page as HTML without further files."""
 
-    def table(lines: Table) -> str:
-        first, *rest = lines
-        head = "".join(f"<th>{html.escape(c)}</th>" for c in first)
-        body = "".join(f"<tr>{''.join(map(cell, row))}</tr>" for row in rest)
-        return f'<div class="wide"><table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>'
-
-    def cell(c: str) -> str:
-        bold = c.startswith("**")
+    def cell(c: str, tag: str = "td") -> str:
         plain = html.escape(c.strip("*"))
-        return f"<td>{f'<b>{plain}</b>' if bold else plain}</td>"
+        return f"<{tag}>{f'<b>{plain}</b>' if c.startswith('**') else plain}</{tag}>"
 
-    def listed(lines: Sequence[str]) -> str:
-        return f"<ul>{''.join(f'<li>{html.escape(line)}</li>' for line in lines) or '<li>none</li>'}</ul>"
-
-    parts = [
-        "<h1>Calibration of robot arms: entries compared</h1>", table(overview(records)),
-        f'<img alt="Validation errors of all entries" src="data:image/png;base64,{picture(records)}">',
-        f"<h2>{SMALLER}</h2>", listed(losses(records)),
-        "<h2>RMS of the validation residuals, µm</h2>", table(by_task(records, lambda r: r["rms"])),
-        "<h2>RMS of the errors of certified distances, µm</h2>",
-        table(by_task(records, lambda r: r["distance_rms"])),
-        "<h2>Left out</h2>", listed(said),
-    ]  # fmt: skip
-    head = f'<meta charset="utf-8"><title>Calibration of robot arms</title><style>{STYLE}</style>'
-    return f'<!doctype html><html lang="en"><head>{head}</head><body>{"".join(parts)}</body></html>\n'
+    parts = ["<h1>Calibration of robot arms: entries compared</h1>"]
+    for head, content in sections(records, said):
+        parts.append(f"<h2>{head}</h2>" if head else "")
+        if content and isinstance(content[0], list):
+            rows = [[cell(c, "td" if k else "th") for c in row] for k, row in enumerate(content)]
+            lines = "".join(f"<tr>{''.join(row)}</tr>" for row in rows)
+            parts.append(f'<div class="wide"><table>{lines}</table></div>')
+        else:
+            parts.append(
+                f"<ul>{''.join(f'<li>{html.escape(str(c))}</li>' for c in content) or '<li>none'}</ul>"
+            )
+        if not head:
+            image = f"data:image/png;base64,{picture(records)}"
+            parts.append(f'<img alt="Validation errors of all entries" src="{image}">')
+    start = f'<meta charset="utf-8"><title>Calibration of robot arms</title><style>{STYLE}</style>'
+    return f'<!doctype html><html lang="en"><head>{start}</head><body>{"".join(parts)}</body></html>\n'
 
 
 def update(path: Path, records: Sequence[Record], said: Sequence[str]) -> None:

@@ -6,6 +6,7 @@ import argparse
 import json
 import os
 import sys
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 
@@ -54,7 +55,7 @@ def entered(out: Path, run: Mapping[str, Callable[[Given], Answer]], tasks: str 
                 found = run[tool](given)
             except FAILURES as error:
                 why = error.what if isinstance(error, BayescalError) else reason(error)
-                (place / f"{file_of(tool)}.txt").write_text(f"{why}\n", encoding="utf-8")
+                (place / f"{file_of(tool)}.txt").write_text(f"{tool}\n{why}\n", encoding="utf-8")
                 continue
             seconds, ids = spent() - start, given.whole.measurements.ids
             record = record_of(tool, folder.name, ids, found.points, seconds, found.u, found.names)
@@ -66,11 +67,9 @@ def entered(out: Path, run: Mapping[str, Callable[[Given], Answer]], tasks: str 
 
 def declined(out: Path) -> Iterator[str]:
     """Reasons why tools have no entry, with the number of tasks of each."""
-    found: dict[tuple[str, str], int] = {}
-    for path in sorted((out / "entries").glob("*/*.txt")):
-        key = path.stem, path.read_text(encoding="utf-8").strip()
-        found[key] = found.get(key, 0) + 1
-    for (tool, why), count in sorted(found.items()):
+    found = Counter(path.read_text(encoding="utf-8") for path in (out / "entries").glob("*/*.txt"))
+    for text, count in sorted(found.items()):
+        tool, why = text.splitlines()
         yield f"{tool}, {count} task{'s' if count > 1 else ''}: {why}"
 
 

@@ -220,7 +220,7 @@ def test_a_run_enters_scores_and_continues(small, capsys):
     )
     assert 0 < ours["rms"] < 0.2 * nominal["rms"]
     assert ours["inside95"] > 0.8
-    assert "survey--open-loop, 1 task" in capsys.readouterr().out
+    assert "survey, open loop, 1 task: no calibration row" in capsys.readouterr().out
     assert "<table>" in (small / "index.html").read_text()
 
 
