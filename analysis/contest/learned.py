@@ -6,6 +6,7 @@ displacements along three axes; contacts give one along the normal.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,6 +21,8 @@ LENGTHS = (0.5, 1.0, 2.0, 4.0, 8.0)
 """Of the kernel: distances of features of unit scale."""
 RATIOS = np.geomspace(1e-3, 1e3, 25)
 """Variance of the process over that of the noise."""
+Predict = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
+"""Of features and residuals that train, and features of all rows: residuals of all rows."""
 
 
 @dataclass(frozen=True)
@@ -93,8 +96,8 @@ def gaussian_process(given: Given) -> Answer:
     return Answer(x.points - shift, u if not single or np.isfinite(x.normals).all() else None)
 
 
-def boosted(given: Given, predict) -> Answer:  # type: ignore[no-untyped-def]
-    """Gradient boosting by scikit-learn with its defaults; `predict` (X, Y, X of all) runs it."""
+def boosted(given: Given, predict: Predict) -> Answer:
+    """Gradient boosting by scikit-learn with its defaults."""
     x = left(given)
     single = x.residual.shape[1] == 1
     features = np.column_stack([x.features, np.nan_to_num(x.normals)]) if single else x.features

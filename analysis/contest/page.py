@@ -6,6 +6,7 @@ import base64
 import html
 import io
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -17,25 +18,40 @@ from analysis.blind.card import between
 MARKS = ("<!-- contest: begin -->", "<!-- contest: end -->")
 REFERENCE = "nominal arm"
 OURS = "bayescal gap"
+SMALLER = f"Tasks in which an entry has an error smaller than {OURS} by more than 2 %"
 UM = 1e3
+EQUAL = 0.02
+"""Errors that differ by less count as equal."""
 Record = dict[str, Any]
 Table = list[list[str]]
 
 
 def size(r: Record) -> float | None:
-    """What ranks an entry of a task: RMS of the validation residuals, else of distances."""
-    value: float | None = r["rms"] if r["rows"] else r["distance_rms"]
-    return value
+    """Error of an entry: RMS of residuals, of distances, or their geometric mean where both are."""
+    known = [v for v in (r["rms"], r["distance_rms"]) if v]
+    return float(np.exp(np.mean(np.log(known)))) if known else None
 
 
-def ratio(records: Sequence[Record], tool: str, to: str) -> tuple[float, int, int]:
-    """Geometric mean of a tool's error over another's, on tasks that both entered; wins and their number."""
-    own = {r["task"]: size(r) for r in records if r["tool"] == tool}
-    other = {r["task"]: size(r) for r in records if r["tool"] == to}
-    logs = np.array([np.log(own[t] / other[t]) for t in own if other.get(t) and own[t]])  # type: ignore[operator]
+@dataclass(frozen=True)
+class Ratio:
+    """A tool's error over another's on common tasks."""
+
+    mean: float  # geometric
+    u: float  # its standard uncertainty, relative
+    smaller: int  # tasks with an error smaller by more than `EQUAL`
+    larger: int
+    count: int
+
+
+def ratio(records: Sequence[Record], tool: str, to: str) -> Ratio:
+    """Compare two tools on the tasks that both entered."""
+    own, other = ({r["task"]: size(r) for r in records if r["tool"] == name} for name in (tool, to))
+    logs = np.array([np.log(a / b) for task in own if (a := own[task]) and (b := other.get(task))])
     if not len(logs):
-        return float("nan"), 0, 0
-    return float(np.exp(np.mean(logs))), int(np.sum(logs < 0)), len(logs)
+        return Ratio(np.nan, np.nan, 0, 0, 0)
+    u = float(np.expm1(np.std(logs, ddof=1) / np.sqrt(len(logs)))) if len(logs) > 1 else np.nan
+    less, more = (int(np.sum(sign * logs > np.log1p(EQUAL))) for sign in (-1, 1))
+    return Ratio(float(np.exp(np.mean(logs))), u, less, more, len(logs))
 
 
 def mean(values: Iterable[float | None]) -> float:
@@ -55,30 +71,30 @@ def groups(records: Sequence[Record]) -> list[str]:
 
 
 def tools(records: Sequence[Record]) -> list[str]:
-    """The best first, by the error relative to the nominal arm over all tasks."""
+    """The best first, by the error over ours; those without a common task last."""
     names = {r["tool"] for r in records}
-    return sorted(names, key=lambda tool: (ratio(records, tool, REFERENCE)[0], tool))
+    return sorted(names, key=lambda tool: (np.nan_to_num(ratio(records, tool, OURS).mean, nan=np.inf), tool))
 
 
 def overview(records: Sequence[Record]) -> Table:
     """A line a tool: errors by group, wins against ours, intervals, names, seconds."""
     kinds = groups(records)
     heads = ["tool", "tasks", *(f"error / nominal: {g}" for g in kinds), f"error / {OURS}, same tasks",
-             f"smaller than {OURS}", "within 95 %", "interval score, µm", "log score of names",
+             f"smaller / larger than {OURS}", "within 95 %", "interval score, µm", "log score of names",
              "names right", "s (median)"]  # fmt: skip
     lines = [heads]
     for tool in tools(records):
         own = [r for r in records if r["tool"] == tool]
-        by = [ratio([r for r in records if r["group"] == g], tool, REFERENCE)[0] for g in kinds]
-        against, wins, count = ratio(records, tool, OURS)
+        by = [ratio([r for r in records if r["group"] == g], tool, REFERENCE).mean for g in kinds]
+        against = ratio(records, tool, OURS)
         told = [r for r in own if r["log_score"] is not None]
         lines.append(
             [
                 tool,
                 str(len(own)),
                 *(text(v, ".3f") for v in by),
-                text(against),
-                "-" if tool == OURS or not count else f"{wins} of {count}",
+                "-" if tool == OURS else f"{text(against.mean)} (u {text(against.u)})",
+                "-" if tool == OURS else f"{against.smaller} / {against.larger} of {against.count}",
                 text(100 * mean(r["inside95"] for r in own), ".0f"),
                 text(UM * mean(r["interval_score"] for r in own), ".0f"),
                 text(mean(r["log_score"] for r in told)),
@@ -110,36 +126,39 @@ def by_task(records: Sequence[Record], figure: Callable[[Record], float | None])
 
 
 def losses(records: Sequence[Record]) -> list[str]:
-    """Tasks in which an entry has a smaller error than ours, with both errors."""
+    """Tasks in which an entry has a smaller error than ours: the smallest, and ours."""
     out = []
     for task in dict.fromkeys(r["task"] for r in records):
         own = {r["tool"]: value for r in records if r["task"] == task and (value := size(r)) is not None}
         if OURS not in own:
             continue
         best = min(own, key=lambda tool: own[tool])
-        if own[best] < own[OURS]:
+        if own[best] * (1 + EQUAL) < own[OURS]:
             out.append(f"{task}: {best} {UM * own[best]:.1f} µm, {OURS} {UM * own[OURS]:.1f} µm")
     return out
 
 
+def sections(records: Sequence[Record], said: Sequence[str]) -> list[tuple[str, Table | Sequence[str]]]:
+    """Headings with a table or a list."""
+    return [
+        ("", overview(records)),
+        (SMALLER, losses(records)),
+        ("RMS of the validation residuals, µm", by_task(records, lambda r: r["rms"])),
+        ("RMS of the errors of certified distances, µm", by_task(records, lambda r: r["distance_rms"])),
+        ("Left out", said),
+    ]
+
+
 def markdown(records: Sequence[Record], said: Sequence[str]) -> str:
-    """All tables and lists."""
-
-    def table(lines: Table) -> str:
-        first, *rest = lines
-        rows = [first, ["---"] * len(first), *rest]
-        return "\n".join(f"| {' | '.join(row)} |" for row in rows)
-
-    def listed(lines: Sequence[str]) -> str:
-        return "\n".join(f"- {line}" for line in lines) or "- none"
-
-    rows, distances = by_task(records, lambda r: r["rms"]), by_task(records, lambda r: r["distance_rms"])
-    parts = [table(overview(records)), f"Tasks in which {OURS} does not have the smallest error:",
-             listed(losses(records)), "RMS of the validation residuals, µm:", table(rows),
-             "RMS of the errors of certified distances, µm:", table(distances)]  # fmt: skip
-    if said:
-        parts += ["Left out:", listed(said)]
-    return "\n\n".join(parts)
+    """All sections as Markdown."""
+    parts = []
+    for head, content in sections(records, said):
+        lines = [f"- {line}" for line in content]
+        if content and isinstance(content[0], list):
+            first, *rest = content
+            lines = [f"| {' | '.join(row)} |" for row in (first, ["---"] * len(first), *rest)]
+        parts += [f"{head}:" if head else "", "\n".join(lines) or "- none"]
+    return "\n\n".join(part for part in parts if part)
 
 
 def picture(records: Sequence[Record]) -> str:
@@ -163,40 +182,35 @@ def picture(records: Sequence[Record]) -> str:
     return base64.b64encode(out.getvalue()).decode()
 
 
-STYLE = """body{font:15px/1.5 system-ui,sans-serif;margin:2rem auto;max-width:75rem;padding:0 1rem;color:#222}
+STYLE = """body{font:15px/1.5 system-ui,sans-serif;margin:2rem auto;max-width:110rem;padding:0 1rem;color:#222}
 .wide{overflow-x:auto}table{border-collapse:collapse;margin:1rem 0;font-variant-numeric:tabular-nums}
 td,th{padding:.25rem .6rem;border-bottom:1px solid #ddd;text-align:right;vertical-align:bottom}
-td:first-child,th:first-child{text-align:left;white-space:nowrap}img{max-width:100%}"""
+td{white-space:nowrap}td:first-child,th:first-child{text-align:left;white-space:nowrap}img{max-width:100%}"""
 
 
 def standalone(records: Sequence[Record], said: Sequence[str]) -> str:
     """The page as HTML without further files."""
 
-    def table(lines: Table) -> str:
-        first, *rest = lines
-        head = "".join(f"<th>{html.escape(c)}</th>" for c in first)
-        body = "".join(f"<tr>{''.join(map(cell, row))}</tr>" for row in rest)
-        return f'<div class="wide"><table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>'
-
-    def cell(c: str) -> str:
-        bold = c.startswith("**")
+    def cell(c: str, tag: str = "td") -> str:
         plain = html.escape(c.strip("*"))
-        return f"<td>{f'<b>{plain}</b>' if bold else plain}</td>"
+        return f"<{tag}>{f'<b>{plain}</b>' if c.startswith('**') else plain}</{tag}>"
 
-    def listed(lines: Sequence[str]) -> str:
-        return f"<ul>{''.join(f'<li>{html.escape(line)}</li>' for line in lines) or '<li>none</li>'}</ul>"
-
-    parts = [
-        "<h1>Calibration of robot arms: entries compared</h1>", table(overview(records)),
-        f'<img alt="Validation errors of all entries" src="data:image/png;base64,{picture(records)}">',
-        f"<h2>Tasks in which {OURS} does not have the smallest error</h2>", listed(losses(records)),
-        "<h2>RMS of the validation residuals, µm</h2>", table(by_task(records, lambda r: r["rms"])),
-        "<h2>RMS of the errors of certified distances, µm</h2>",
-        table(by_task(records, lambda r: r["distance_rms"])),
-        "<h2>Left out</h2>", listed(said),
-    ]  # fmt: skip
-    head = f'<meta charset="utf-8"><title>Calibration of robot arms</title><style>{STYLE}</style>'
-    return f'<!doctype html><html lang="en"><head>{head}</head><body>{"".join(parts)}</body></html>\n'
+    parts = ["<h1>Calibration of robot arms: entries compared</h1>"]
+    for head, content in sections(records, said):
+        parts.append(f"<h2>{head}</h2>" if head else "")
+        if content and isinstance(content[0], list):
+            rows = [[cell(c, "td" if k else "th") for c in row] for k, row in enumerate(content)]
+            lines = "".join(f"<tr>{''.join(row)}</tr>" for row in rows)
+            parts.append(f'<div class="wide"><table>{lines}</table></div>')
+        else:
+            parts.append(
+                f"<ul>{''.join(f'<li>{html.escape(str(c))}</li>' for c in content) or '<li>none'}</ul>"
+            )
+        if not head:
+            image = f"data:image/png;base64,{picture(records)}"
+            parts.append(f'<img alt="Validation errors of all entries" src="{image}">')
+    start = f'<meta charset="utf-8"><title>Calibration of robot arms</title><style>{STYLE}</style>'
+    return f'<!doctype html><html lang="en"><head>{start}</head><body>{"".join(parts)}</body></html>\n'
 
 
 def update(path: Path, records: Sequence[Record], said: Sequence[str]) -> None:

@@ -6,6 +6,7 @@ import argparse
 import json
 import os
 import sys
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 
@@ -32,10 +33,10 @@ def spent() -> float:
     return sum(os.times()[:4])
 
 
-def entered(out: Path, run: Mapping[str, Callable[[Given], Answer]]) -> None:
+def entered(out: Path, run: Mapping[str, Callable[[Given], Answer]], tasks: str = "*") -> None:
     """Enter tools in all tasks; a tool that does not apply leaves a text with the reason."""
     for folder in sorted(
-        (out / "tasks").iterdir(), key=lambda f: (not f.name.startswith("simulated"), f.name)
+        (out / "tasks").glob(tasks), key=lambda f: (not f.name.startswith("simulated"), f.name)
     ):
         place = out / "entries" / folder.name
         place.mkdir(parents=True, exist_ok=True)
@@ -54,7 +55,7 @@ def entered(out: Path, run: Mapping[str, Callable[[Given], Answer]]) -> None:
                 found = run[tool](given)
             except FAILURES as error:
                 why = error.what if isinstance(error, BayescalError) else reason(error)
-                (place / f"{file_of(tool)}.txt").write_text(f"{why}\n", encoding="utf-8")
+                (place / f"{file_of(tool)}.txt").write_text(f"{tool}\n{why}\n", encoding="utf-8")
                 continue
             seconds, ids = spent() - start, given.whole.measurements.ids
             record = record_of(tool, folder.name, ids, found.points, seconds, found.u, found.names)
@@ -66,11 +67,9 @@ def entered(out: Path, run: Mapping[str, Callable[[Given], Answer]]) -> None:
 
 def declined(out: Path) -> Iterator[str]:
     """Reasons why tools have no entry, with the number of tasks of each."""
-    found: dict[tuple[str, str], int] = {}
-    for path in sorted((out / "entries").glob("*/*.txt")):
-        key = path.stem, path.read_text(encoding="utf-8").strip()
-        found[key] = found.get(key, 0) + 1
-    for (tool, why), count in sorted(found.items()):
+    found = Counter(path.read_text(encoding="utf-8") for path in (out / "entries").glob("*/*.txt"))
+    for text, count in sorted(found.items()):
+        tool, why = text.splitlines()
         yield f"{tool}, {count} task{'s' if count > 1 else ''}: {why}"
 
 
@@ -82,6 +81,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--real", type=Path, help="folder of the real sessions")
     parser.add_argument("--seed", type=int, help="of other simulated sessions than the frozen ones")
     parser.add_argument("--environments", default=str(HERE), help="prefix of the packages' environments")
+    parser.add_argument("--tasks", default="*", help="pattern of the names of tasks to enter")
     parser.add_argument("--only", nargs="*", help="names of tools to enter")
     parser.add_argument("--page", type=Path, help="page whose tables to renew")
     given = parser.parse_args(arguments)
@@ -102,7 +102,8 @@ def run(given: argparse.Namespace) -> None:
         )
     found, lacking = tools(given.environments)
     if given.step in ("enter", "all"):
-        entered(given.out, {k: v for k, v in found.items() if given.only is None or k in given.only})
+        chosen = {k: v for k, v in found.items() if given.only is None or k in given.only}
+        entered(given.out, chosen, given.tasks)
         said += lacking
     if given.step in ("score", "all"):
         records = scored(given.out)

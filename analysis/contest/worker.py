@@ -19,7 +19,7 @@ from scipy.optimize import least_squares
 
 from analysis.contest.session import certified, located, of, residuals_of
 
-PATIENCE = 30.0  # s of CPU time, then the best so far
+PATIENCE = 15.0  # s of CPU time, then the best so far
 SD = {"length": 2e-3, "angle": 5e-3, "tool": 5e-3, "elasticity": 1e-3}
 """Of weak priors, m, rad and rad/(N m): they hold what no measurement determines."""
 
