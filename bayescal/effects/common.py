@@ -174,9 +174,15 @@ def along_travel(
     return out
 
 
+NO_SLIDE, NO_CAMERA, NO_PLANE = ELSEWHERE = (
+    "the robot has no prismatic joint", "no target is a camera", "no plane is fitted",
+)  # fmt: skip
+"""Why an effect cannot be in an arm or with its targets, whatever is recorded."""
+
+
 def without_slides(c: Circumstances) -> str:
     """A message if no joint is prismatic, or ""."""
-    return "" if c.robot.slides.any() else "the robot has no prismatic joint"
+    return "" if c.robot.slides.any() else NO_SLIDE
 
 
 def carries(torque: np.ndarray) -> bool:

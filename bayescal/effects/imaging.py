@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from bayescal.arm.motion import IMAGE, Term
+from bayescal.effects.common import NO_CAMERA
 from bayescal.effects.location import BOARD, CAMERA, Driver, Site
 from bayescal.effects.vocabulary import Circumstances, Parameter, View
 
@@ -100,4 +101,4 @@ def errors(c: Circumstances, make: Make, effect: str) -> list[Parameter]:
 
 def without_camera(c: Circumstances) -> str:
     """A message if no camera is fitted, or ""."""
-    return "" if c.views else "no target is a camera"
+    return "" if c.views else NO_CAMERA

@@ -21,6 +21,7 @@ from numpy.polynomial.legendre import legvander2d
 
 from bayescal.arm.motion import CONTACT, Term
 from bayescal.effects import location
+from bayescal.effects.common import NO_PLANE
 from bayescal.effects.location import Driver
 from bayescal.effects.sizes import Size, length
 from bayescal.effects.vocabulary import Circumstances, Effect, Face, Form, Parameter, Where
@@ -68,7 +69,7 @@ def _parameters(c: Circumstances, further: tuple[int, ...] = ()) -> list[Paramet
 
 
 def _missing(c: Circumstances) -> str:
-    return "" if c.faces else "no plane is fitted"
+    return "" if c.faces else NO_PLANE
 
 
 PLANE_FORM = Effect(

@@ -154,6 +154,10 @@ def sized(entries: Sequence[Json]) -> str:
     return f"{with_u(size, u)} {unit}".rstrip()
 
 
+OTHER_ARM = 9
+"""Changes from which on the sessions may be of different arms (assumed)."""
+
+
 def words(record: Json) -> list[str]:
     """The conclusion in sentences, the verdict first."""
     same = percent(record["probability"]["same"])
@@ -183,6 +187,10 @@ def words(record: Json) -> list[str]:
                 out.append(f"Changed {when}: {listed(sizes, 'or')}; these sessions do not tell which.")
             else:
                 out.append(f"Changed {when}: {sizes[0]} (probability {percent(x['probability'])}).")
+        if more := len(out) - MOST:
+            out = [*out[:MOST], f"{more} more, in the table."] if more > 1 else out
+        if len(done) >= OTHER_ARM:
+            out.append("So much differs that these may be different arms.")
         if all(x[0]["kind"] == "setup" for x in stated):
             out.append(
                 f"The arm itself did not change (probability {percent(record['probability']['arm_same'])})."

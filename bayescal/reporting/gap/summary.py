@@ -7,6 +7,7 @@ from dataclasses import replace
 from rich.console import Group, RenderableType
 from rich.text import Text
 
+from bayescal.effects.common import ELSEWHERE
 from bayescal.gap.result import VALIDATION_CONTACTS, Gap, Margin
 from bayescal.reporting.gap import causes, sheets
 from bayescal.reporting.gap.sheets import first_contacts, per_vector
@@ -225,7 +226,11 @@ def _unshown(record: Json) -> dict[str, list[str]]:
 def _remarks(record: Json) -> Facts:
     """Effects that were not assessed (by reason), notes and warnings."""
     shown = {name for names in _unshown(record).values() for name in names}  # above, with what to record
-    missing = {effect: why for effect, why in record["missing"].items() if effect not in shown}
+    missing = {
+        effect: why
+        for effect, why in record["missing"].items()
+        if effect not in shown and why not in ELSEWHERE
+    }
     reasons = by_reason(missing)
     yield from under("not assessed", (f"{', '.join(names)}: {why}" for why, names in reasons.items()), "dim")
     yield from under("note", record["notes"])
