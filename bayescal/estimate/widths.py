@@ -25,6 +25,7 @@ from scipy.optimize import minimize
 from bayescal.errors import FAILURES
 from bayescal.estimate.discrepancy import stated
 from bayescal.estimate.estimate import Estimate, fitted_level
+from bayescal.estimate.shifts import likelihood, shifts
 from bayescal.model.block import ARM
 from bayescal.model.options import FitOptions, family
 from bayescal.model.scene import Scene
@@ -175,15 +176,16 @@ def factors(told: Sequence[Width]) -> Mapping[str, float]:
     return {w.family: w.factor for w in told}
 
 
-FAR = 4.0
-"""Standard deviations, of prior and data, beyond which a prior of the robot file is not used (convention)."""
+FAR, MOST = 4.0, 6
+"""Standard deviations, of prior and data, beyond which a prior of the robot file is not used, and the largest
+number of such parameters (conventions)."""
 
 
 def doubted(found: Estimate, scene: Scene, effects: tuple[str, ...], options: FitOptions) -> tuple[str, ...]:
     """Parameters whose priors in the robot file contradict what the data tell with the usual priors.
 
-    A narrow prior that is wrong can be fitted by larger noise, and its width then has no evidence. So it is
-    compared with the fit under the usual priors.
+    A narrow prior that is wrong can be fitted by larger noise, and its width then has no evidence. So what
+    the fit under the usual priors tells is compared with it: one parameter, then a second beside it.
     """
     names = [p.name for p in found.model.parameters if p.usual is not None]
     if not names:
@@ -192,13 +194,15 @@ def doubted(found: Estimate, scene: Scene, effects: tuple[str, ...], options: Fi
         usual = fitted_level(scene, effects, replace(options, doubted=tuple(names)))
     except FAILURES:  # with the usual priors the session cannot be fitted
         return ()
-    u = np.sqrt(np.diag(stated(usual).covariance)[usual.model.slices[ARM]]) * usual.model.sd
-    told = {
-        p.name: (p.nominal + value, own)
-        for p, value, own in zip(usual.model.parameters, usual.arm, u, strict=True)
-    }
-    return tuple(
-        p.name
-        for p in found.model.parameters
-        if p.usual is not None and abs(told[p.name][0] - p.centre) > FAR * np.hypot(p.sd, told[p.name][1])
-    )
+    arm, own = usual.model.slices[ARM], usual.model.parameters
+    told = likelihood(usual.z[arm], usual.covariance[arm, arm], stated(usual).covariance[arm, arm])
+    # the prior of the file, in units of the usual one
+    file = {p.name: p for p in found.model.parameters}
+    mean = np.array([(file[p.name].centre - p.centre) / p.sd for p in own])
+    sd = np.array([file[p.name].sd / p.sd for p in own])
+    out: list[str] = []
+    for shift in shifts(*told, mean, np.diag(sd**2), MOST):
+        if abs(shift.ratio) < FAR or own[shift.index].name not in names:
+            break
+        out.append(own[shift.index].name)
+    return tuple(out)

@@ -14,8 +14,9 @@ import numpy as np
 from scipy.stats import norm, t
 
 from bayescal.effects import Parameter
+from bayescal.estimate.shifts import Shift, shifts
 from bayescal.fleets.likelihood import Likelihood
-from bayescal.fleets.prior import FEWEST, Arms, Learnt, Shift, learn, left_out, shifts, widened
+from bayescal.fleets.prior import FEWEST, Arms, Learnt, learn, left_out, widened
 
 LEVEL = 0.05
 """Probability, over all comparisons of a kind, below which a difference is stated (usual)."""

@@ -1,12 +1,6 @@
-"""What a session tells of the parameters of its arm, without the prior of its fit.
+"""What a session tells of the parameters of its arm, without the prior of its fit (`estimate.shifts`).
 
-With C the covariance of the solver and V the stated one, both in units of the prior that the fit used, the
-estimate is z = W t + e of the true t, with W = 1 - C and cov(e) = N = V - C C (`estimate.widths`). So
-
-    information  L = W N^-1 W,    score  h = W N^-1 z:    log p(z | t) = h't - t'L t / 2 + constant
-
-for any prior of t. Parameters that are no property of the arm (base, tool) are integrated out with their
-stated priors.
+Parameters that are no property of the arm (base, tool) are integrated out with their stated priors.
 """
 
 from __future__ import annotations
@@ -21,13 +15,12 @@ import numpy as np
 from bayescal.effects import UNITS, Parameter, Site
 from bayescal.effects.selection import plain
 from bayescal.errors import BayescalError
+from bayescal.estimate.shifts import likelihood
 from bayescal.fitted.file import ARM_FILE, SCHEMA
 from bayescal.model.options import family
 from bayescal.storage.folders import check_unchanged
 from bayescal.storage.reading import read_record
 
-LEAST = 1e-12
-"""Variance of an error, in prior variances, that is added: rounding of a direction that the prior decides."""
 SI = {label: unit for unit, (label, _) in UNITS.items()}
 """SI unit of each unit of the files."""
 REPEAT = "repeat the command with this version"
@@ -78,9 +71,7 @@ def likelihood_of(record: Mapping[str, Any], model: Sequence[str]) -> Likelihood
         np.array([e[key] for e in entries]) / factor for key in ("prior_mean", "prior_sd", "value")
     )
     solved, stated = (np.array(record[f"{of}covariance_si"]) / np.outer(sd, sd) for of in ("solver_", ""))
-    weight, eye = np.eye(len(sd)) - solved, np.eye(len(sd))
-    pull = np.linalg.solve(stated - solved @ solved + LEAST * eye, weight).T
-    information, score = pull @ weight, pull @ ((value - mean) / sd)
+    information, score = likelihood((value - mean) / sd, solved, stated)
     used = [
         Parameter(
             e["name"], SI[e["unit"]], (), float(s), e["nominal"] / f, float(m), site=Site.read(e["site"]),

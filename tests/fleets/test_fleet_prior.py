@@ -8,9 +8,10 @@ from scipy.stats import multivariate_normal
 
 from bayescal.effects import UNITS, Parameter
 from bayescal.effects.location import TOOL, joint
+from bayescal.estimate.shifts import shifts
 from bayescal.fleets.compare import Member, models_of, priors
 from bayescal.fleets.likelihood import Likelihood, likelihood_of
-from bayescal.fleets.prior import SPREAD, Arms, learn, left_out, log_score, shifts, widened
+from bayescal.fleets.prior import SPREAD, Arms, learn, left_out, log_score, widened
 
 K = 5
 PARAMETERS = tuple(
