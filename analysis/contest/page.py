@@ -182,8 +182,7 @@ def picture(records: Sequence[Record]) -> str:
     return base64.b64encode(out.getvalue()).decode()
 
 
-            items = "".join(f"<li>{html.escape(str(c))}</li>" for c in content)
-            parts.append(f"<ul>{items or '<li>none</li>'}</ul>")
+STYLE = """body{font:15px/1.5 system-ui,sans-serif;margin:2rem auto;max-width:110rem;padding:0 1rem}
 .wide{overflow-x:auto}table{border-collapse:collapse;margin:1rem 0;font-variant-numeric:tabular-nums}
 td,th{padding:.25rem .6rem;border-bottom:1px solid #ddd;text-align:right;vertical-align:bottom}
 td{white-space:nowrap}td:first-child,th:first-child{text-align:left;white-space:nowrap}img{max-width:100%}"""
