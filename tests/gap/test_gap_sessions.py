@@ -11,8 +11,8 @@ from sessions import circumstances, geared, with_columns, with_rows
 
 from bayescal.dataset import read_dataset, write_dataset
 from bayescal.dataset.join import joined
-from bayescal.effects import EFFECTS, parameters_of
-from bayescal.effects.imaging import without_camera
+from bayescal.effects import parameters_of
+from bayescal.effects.common import ELSEWHERE
 from bayescal.effects.location import BASE, Site, joint, link
 from bayescal.errors import BayescalError
 from bayescal.estimate import calibrated, estimate, settled
@@ -132,9 +132,7 @@ def test_play_is_named_and_removed(loud, tmp_path, command):
     assert [r["model"][-1] for r in rungs] == ["nominal", "joint", "geometry", "compliance", "backlash"]
     assert rungs[-1]["heldout_rms_um"] < 0.6 * rungs[-2]["heldout_rms_um"]
     assert rungs[-1]["distance_rms_um"] < 0.6 * rungs[-2]["distance_rms_um"]
-    lacking = {name for name, e in EFFECTS.items() if e.missing is not without_camera} & set(
-        record["missing"]
-    )
+    lacking = {name for name, why in record["missing"].items() if why not in ELSEWHERE}
     assert lacking <= {"latency", "ball-radius"}  # at one speed nothing tells them apart
     assert {p.name for p in out.glob("[!.]*")} == {
         "gap.json", "gap.html", "arm.json", "dataset", "gap-where.png", "gap-which.png", "gap-levels.png",
