@@ -272,6 +272,11 @@ def wrenches(chain: Chain, q: np.ndarray, tool: np.ndarray, delta: np.ndarray, u
     return out
 
 
+def by_joints(chain: Chain, wrench: np.ndarray) -> np.ndarray:
+    """Components (..., n) of wrenches (..., n + 2, 6) that act on the joints: moments, forces where they slide."""
+    return np.where(chain.slides, wrench[..., 1:-1, 1], wrench[..., 1:-1, 0])
+
+
 def frames(chain: Chain, q: np.ndarray, delta: np.ndarray | None = None) -> np.ndarray:
     """Poses in F0 of frames 0 to n, each behind its joint's Rz and Tz, and of the flange.
 

@@ -34,7 +34,10 @@ def standing(model: Model, values: np.ndarray) -> Scene:
     varies = [any(np.ndim(term.driver) for term in p.terms) for p in model.parameters]
     yields = motion.displacements(np.where(varies, values, 0.0))
     # the model's reference includes the deflection by the robot file's compliances; the statics' does not
-    delta[:, 1:-1, 0] += scene.q - link_angles(scene.dataset.robot, scene.dataset.measurements.readings)
+    given = scene.q - link_angles(scene.dataset.robot, scene.dataset.measurements.readings)
+    slides = scene.dataset.robot.slides
+    delta[:, 1:-1, 0] += np.where(slides, 0.0, given)
+    delta[:, 1:-1, 1] += np.where(slides, given, 0.0)
     return scene.posed_at(Stance(delta, yields), compliances(model.parameters, values))
 
 

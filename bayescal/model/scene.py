@@ -256,8 +256,10 @@ class Scene:
         if velocity is None:
             return None
         still = np.zeros((len(self.q), self.chain.n + 2, 6))
-        by = reference.wrenches(self.chain, self.q, self.tools, still, self._inward)[:, 1:-1, 0]
-        return np.sum(by @ self.dataset.robot.link_from_reading * velocity, axis=1)
+        by = reference.wrenches(self.chain, self.q, self.tools, still, self._inward)
+        return np.sum(
+            reference.by_joints(self.chain, by) @ self.dataset.robot.link_from_reading * velocity, axis=1
+        )
 
     def _instruments(self, fitted: np.ndarray) -> tuple[tuple[str, np.ndarray], ...]:
         """Fitted instruments: name, and 1 for their rows, (N,)."""

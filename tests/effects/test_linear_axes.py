@@ -8,9 +8,13 @@ from rails import moving_session
 from scipy.integrate import solve_bvp
 from sessions import circumstances
 
+from bayescal.arm.chain import chain_of, link_angles, points
+from bayescal.dataset import Target
 from bayescal.effects import EFFECTS
 from bayescal.effects.axis_bending import cantilever, supported
 from bayescal.effects.common import ORDERS
+from bayescal.model import build
+from bayescal.model.equilibrium import standing
 from bayescal.model.scene import Scene
 
 CURVES = {"straightness": ("m", {"tx", "ty"}), "angular-motion": ("rad", {"rx", "ry", "rz"})}
@@ -145,3 +149,32 @@ def test_the_compliance_of_a_robot_file_yields_to_the_weight(c):
     mass = robot.masses.sum() + dataset.tools[0].mass + dataset.measurements.payload
     sunk = Scene(upright).q[:, 0] - dataset.measurements.readings[:, 0]
     np.testing.assert_allclose(sunk, -2e-7 * 9.81 * mass, rtol=1e-9)
+
+
+def test_the_speed_of_a_contact_is_that_of_the_ball(c):
+    """Of a carriage as of the joints: by differences of the ball's place along the inward normal."""
+    normal = np.array([0.6, 0.64, 0.48])
+    dataset = replace(moving_session(), targets=(Target("face", "plane", {"normal": normal, "offset": 0.3}),))
+    scene, m = Scene(dataset), dataset.measurements
+    later, before = (
+        Scene(replace(dataset, measurements=replace(m, readings=m.readings + dt * m.velocity)))
+        for dt in (1e-5, -1e-5)
+    )
+    speed = (before.points - later.points) @ normal / 2e-5
+    np.testing.assert_allclose(scene.circumstances().speed, speed, atol=1e-8)
+
+
+def test_the_stance_has_the_deflection_of_a_carriage_that_the_robot_file_states():
+    """An arm hung from a vertical rail that yields: its statics are those of the place where it stands."""
+    dataset = moving_session()
+    yields = np.array([1e-4, 0, 2e-5, 1e-5, 0, 0, 0])
+    robot = replace(dataset.robot, compliance=yields)
+    along = chain_of(robot).link[0, :3, 2]
+    scene = Scene(replace(dataset, robot=robot, gravity=9.81 * (robot.base[:3, :3] @ along)))
+    model = build(scene, ("geometry",))
+    stance = standing(model, np.zeros(len(model.parameters))).stance
+    rigid = link_angles(robot, dataset.measurements.readings)
+    assert np.max(abs(scene.q - rigid)[:, 0]) > 1e-3
+    np.testing.assert_allclose(
+        points(scene.chain, rigid, scene.tools, stance.delta), scene.points, atol=1e-12
+    )

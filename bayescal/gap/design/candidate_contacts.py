@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from scipy.linalg import block_diag, solve_triangular
 
-from bayescal.arm.chain import wrenches
+from bayescal.arm.chain import by_joints, wrenches
 from bayescal.arm.statics import Stance
 from bayescal.dataset import Dataset, Measurements
 from bayescal.dataset.append import appended
@@ -103,8 +103,8 @@ def turns(scene: Scene, rows: np.ndarray) -> list[np.ndarray]:
     q, tools = scene.q[rows], scene.tools[rows]
     still = np.zeros((len(rows), robot.n + 2, 6))
     along = [np.broadcast_to(u, (len(rows), 3)) for u in np.eye(3)]
-    every = (wrenches(scene.chain, q, tools, still, u)[:, 1:-1] for u in along)
-    by = [np.where(robot.slides, w[..., 1], w[..., 0]) @ robot.link_from_reading for w in every]
+    every = (wrenches(scene.chain, q, tools, still, u) for u in along)
+    by = [by_joints(scene.chain, w) @ robot.link_from_reading for w in every]
     jacobian = np.stack(by, axis=1)  # (C, 3, n)
     free = np.eye(robot.n) - np.linalg.pinv(jacobian) @ jacobian
     recorded = m.velocity[rows]
