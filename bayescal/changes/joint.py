@@ -28,8 +28,8 @@ from bayescal.estimate.families import families, with_compliances
 from bayescal.model import with_parameters
 from bayescal.model.scene import Scene
 
-ZERO = 2e-3
-"""rad: standard deviation of a joint zero that no parameter of the model has (as of other joints)."""
+ZERO = {"rz": ("theta", "rad", 2e-3), "tz": ("d", "m", 1e-3)}
+"""Zero of a joint that no parameter of the model has: name, unit, standard deviation (as of other joints)."""
 MOVED = {"t": 1e-3, "r": 2e-3}
 """m and rad: usual change of a base or target (assumed); far smaller than the prior of its place."""
 SCATTERED = 0.2
@@ -192,7 +192,7 @@ def _of_model(
     c: Circumstances, shared: Sequence[Parameter], dataset: Dataset, placed: frozenset[str]
 ) -> Iterator[Item]:
     """Parameters of the model, joint zeros that it does not have, base, targets and tools."""
-    turning = {t.frame for p in shared for t in p.terms if t.axis == "rz" and np.ndim(t.driver) == 0}
+    constant = {(t.frame, t.axis) for p in shared for t in p.terms if np.ndim(t.driver) == 0}
     grouped: dict[tuple[str, str], list[Parameter]] = {}
     several = len({p.name.rpartition(" ")[0] for p in shared if p.site == TOOL}) > 1
     for p in shared:
@@ -209,10 +209,11 @@ def _of_model(
             tuple(map(_change, own)),
         )
     of = next((p.effect for p in shared if p.site.kind == "joint" and p.unit == "rad"), "")
-    for j in range(1, c.robot.n + 1):
-        if j not in turning:
-            zero = Parameter(f"theta{j}", "rad", (Term(j, "rz"),), ZERO, site=joint(j))
-            yield Item(f"theta{j}", of, joint(j), "arm", (_change(zero),))
+    for j, axis in enumerate(c.robot.axes, start=1):
+        if (j, axis) not in constant:
+            letter, unit, sd = ZERO[axis]
+            zero = Parameter(f"{letter}{j}", unit, (Term(j, axis),), sd, site=joint(j))
+            yield Item(zero.name, of, joint(j), "arm", (_change(zero),))
     if placed:
         yield Item("base", "placement", BASE, "setup", tuple(_rigid("base", BASE, 1.0)))
     for k, t in enumerate(dataset.targets):
