@@ -273,7 +273,7 @@ def wrenches(chain: Chain, q: np.ndarray, tool: np.ndarray, delta: np.ndarray, u
 
 
 def by_joints(chain: Chain, wrench: np.ndarray) -> np.ndarray:
-    """Components (..., n) of wrenches (..., n + 2, 6) along the joints: moments, and forces where they slide."""
+    """Components (..., n) of wrenches (..., n + 2, 6) along the joints: moments; forces where they slide."""
     return np.where(chain.slides, wrench[..., 1:-1, 1], wrench[..., 1:-1, 0])
 
 

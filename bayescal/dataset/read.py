@@ -16,13 +16,13 @@ import numpy as np
 from bayescal.dataset import artefact, consistency, plausibility, session
 from bayescal.dataset.schema import SCHEMA, file_model
 from bayescal.dataset.solids import solids_of
-from bayescal.dataset.table import EMPTY, LABELS, PIXEL, RPY, XYZ, Table, fields_of_columns, read_table
+from bayescal.dataset.table import EMPTY, LABELS, PIXEL, RPY, XYZ, Table, fields_of_columns, table_of
 from bayescal.dataset.target_kinds import KINDS
 from bayescal.dataset.types import ROLES, Certificate, Dataset, Measurements, Noise, Target, Tool
 from bayescal.errors import BayescalError, listed
 from bayescal.robots import Loaded, is_xacro, load_robot
 from bayescal.storage.files import SMALLEST, Document, check_schema, read_document, si, unknown
-from bayescal.storage.reading import check_inside
+from bayescal.storage.reading import check_inside, content_of
 
 
 def measurements_of(
@@ -162,7 +162,9 @@ MARKED = ("tools", "noise", "targets", "certificates")
 """Keys below which values that are not filled in may be assumed; the writer marks them again."""
 
 
-def read_dataset(folder: Path | str, judge: bool = True, robot: Loaded | None = None) -> Dataset:
+def read_dataset(
+    folder: Path | str, judge: bool = True, robot: Loaded | None = None, rows: bytes | None = None
+) -> Dataset:
     """Read and check a dataset folder.
 
     Parameters
@@ -173,6 +175,8 @@ def read_dataset(folder: Path | str, judge: bool = True, robot: Loaded | None = 
         Whether what keeps the contract but cannot have been measured is refused.
     robot : Loaded, optional
         In place of the one that dataset.yaml names, as of `expanded_robot`.
+    rows : bytes, optional
+        In place of the content of measurements.csv, as its first lines.
 
     Returns
     -------
@@ -184,7 +188,7 @@ def read_dataset(folder: Path | str, judge: bool = True, robot: Loaded | None = 
     BayescalError
         With file, line and remedy, of the first thing that breaks the contract or cannot be.
     """
-    dataset, table, document = read_parts(folder, robot)
+    dataset, table, document = read_parts(folder, robot, rows)
     if judge:
         consistency.check_sign(dataset, document)
         plausibility.check(dataset, table, document)
@@ -192,7 +196,9 @@ def read_dataset(folder: Path | str, judge: bool = True, robot: Loaded | None = 
     return dataset
 
 
-def read_parts(folder: Path | str, robot: Loaded | None = None) -> tuple[Dataset, Table, Document]:
+def read_parts(
+    folder: Path | str, robot: Loaded | None = None, rows: bytes | None = None
+) -> tuple[Dataset, Table, Document]:
     """Read a dataset folder without judging it: the dataset, its table, and dataset.yaml.
 
     Raises
@@ -211,8 +217,7 @@ def read_parts(folder: Path | str, robot: Loaded | None = None) -> tuple[Dataset
             raise BayescalError(what, str(folder), f"datasets in this folder: {listed(inside)}")
     bare, document, contents = read_settings(folder / SETTINGS, robot)
     units = bare.robot.units
-    check_inside(folder / TABLE, folder, "the table")
-    table = read_table(folder / TABLE, units)
+    table = table_of(content_of_table(folder) if rows is None else rows, TABLE, units)
     dataset = replace(
         bare,
         measurements=measurements_of(table, units, bare.tools, bare.targets, bare.noise),
@@ -223,6 +228,12 @@ def read_parts(folder: Path | str, robot: Loaded | None = None) -> tuple[Dataset
             dataset = prepared(dataset, index, table, document)
     consistency.check_present(dataset, document)
     return dataset, table, document
+
+
+def content_of_table(folder: Path) -> bytes:
+    """Bytes of measurements.csv of a dataset folder."""
+    check_inside(folder / TABLE, folder, "the table")
+    return content_of(folder / TABLE)
 
 
 def read_settings(

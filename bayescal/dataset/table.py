@@ -13,7 +13,7 @@ import numpy as np
 
 from bayescal.errors import BayescalError, shown
 from bayescal.storage.files import outside, range_of, si, stem_of, unknown
-from bayescal.storage.reading import decoded
+from bayescal.storage.reading import decoded, text_of
 
 XYZ = ("x_mm", "y_mm", "z_mm")
 RPY = ("rx_deg", "ry_deg", "rz_deg")
@@ -147,12 +147,14 @@ class Table:
         return np.array(self.cells[column]) if column in self.cells else None
 
 
-def read_table(path: Path, units: Sequence[str]) -> Table:
-    """Read measurements.csv, joints in `units`: header and shape checked, cells still text.
+def table_of(content: bytes, name: str, units: Sequence[str], left_out: int = 0) -> Table:
+    """The table of the bytes of a measurements.csv, joints in `units`: header and shape checked.
 
-    The clearance of a plan, which may be there, is not read.
+    The cells still are text. The clearance of a plan, which may be there, is not read. `left_out` as of
+    `cells_of`.
     """
-    return read_cells(path, lambda header, where: check_columns(header, where, units))
+    text = text_of(content, name)
+    return cells_of(text, name, content, lambda header, where: check_columns(header, where, units), left_out)
 
 
 def read_cells(path: Path, check_header: Callable[[list[str], str], None]) -> Table:

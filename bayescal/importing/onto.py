@@ -11,7 +11,7 @@ import numpy as np
 from bayescal.arm.chain import Robot
 from bayescal.dataset import Dataset, Measurements, Target
 from bayescal.dataset.read import SETTINGS, measurements_of
-from bayescal.dataset.table import read_table
+from bayescal.dataset.table import table_of
 from bayescal.dataset.target_kinds import KINDS
 from bayescal.errors import BayescalError
 from bayescal.importing.columns import Columns, columns_of, first
@@ -19,6 +19,7 @@ from bayescal.importing.log import read_log
 from bayescal.importing.mapping import TEXTS, own_map
 from bayescal.importing.pair import check_ids, rows_words
 from bayescal.importing.programs import CONTACT, numbered, state_of, unmade
+from bayescal.storage.reading import content_of
 
 PLAN = "plan.csv"
 MEASURED = "measured.csv"
@@ -102,7 +103,8 @@ def measured_before(plan: Path, base: Dataset) -> Measurements | None:
     if not path.is_file():
         return None
     units = base.robot.units
-    return measurements_of(read_table(path, units), units, base.tools, base.targets, base.noise)
+    table = table_of(content_of(path), path.name, units)
+    return measurements_of(table, units, base.tools, base.targets, base.noise)
 
 
 def onto(log: Columns, plan: Path, targets: Sequence[Target], robot: Robot) -> Joined:

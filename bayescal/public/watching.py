@@ -151,12 +151,13 @@ def watch(
     for event in watched(state):
         events.append(event)
         say(event)
-    fits = [e for e in events if isinstance(e, Complete)]
+    fits = [e.fit for e in events if isinstance(e, Complete)]
     if not fits or state.pending or state.written.fault:
         from bayescal.calibration import fit  # it says what is wrong
 
         fit(read_dataset(Path(dataset)), options.effects, options.fit, samples=0)
-    return WatchResult(fits[-1].fit, events=tuple(events), contacts=tuple(state.contacts), options=options)
+        raise BayescalError("the session changed when watching ended", str(dataset), "repeat the command")
+    return WatchResult(fits[-1], events=tuple(events), contacts=tuple(state.contacts), options=options)
 
 
 def _planned(plan: str | PathLike[str] | None) -> tuple[float, int]:

@@ -11,12 +11,19 @@ from pathlib import Path
 
 from bayescal.dataset import Dataset
 from bayescal.dataset.join import stacked
-from bayescal.dataset.read import SETTINGS, TABLE, measurements_of, read_dataset, read_settings
-from bayescal.dataset.table import cells_of, check_columns
+from bayescal.dataset.read import (
+    SETTINGS,
+    TABLE,
+    content_of_table,
+    measurements_of,
+    read_dataset,
+    read_settings,
+)
+from bayescal.dataset.table import table_of
 from bayescal.dataset.target_kinds import KINDS
 from bayescal.dataset.types import Measurements
 from bayescal.errors import BayescalError
-from bayescal.storage.reading import content_of, text_of
+from bayescal.storage.reading import content_of
 
 END = b"\n"
 
@@ -25,11 +32,12 @@ END = b"\n"
 class Written:
     """What was read of a session: `dataset` with all rows so far, `content` of the lines that have them.
 
-    `fault` is what is wrong with the lines behind, in words, or "". `again` tells that rows that had been
-    read before were changed.
+    `settings` is the content of dataset.yaml. `fault` is what is wrong with the lines behind, in words, or
+    "". `again` tells that what had been read before was changed.
     """
 
     dataset: Dataset
+    settings: bytes
     content: bytes = b""
     fault: str = ""
     again: bool = False
@@ -43,28 +51,44 @@ def begun(folder: Path) -> Written:
     BayescalError
         If dataset.yaml breaks the format.
     """
-    return Written(read_settings(folder / SETTINGS)[0])
+    dataset, document, _ = read_settings(folder / SETTINGS)
+    return Written(dataset, document.content)
 
 
-def followed(written: Written, folder: Path) -> Written:
+def followed(written: Written, folder: Path, ended: bool = False) -> Written:
     """The same with the rows that were written since; the argument itself if there are none.
 
-    A fault is no error: the person who probes may correct the line.
+    A fault is no error: the person who probes may correct the line. `ended`: nothing more is written, and
+    the last line counts as it is.
     """
-    path = folder / TABLE
-    if not path.exists():
-        return written
-    content = content_of(path)
-    content = content[: content.rfind(END) + 1]
-    if content == written.content:
-        return replace(written, fault="", again=False) if written.fault else written
-    again = not content.startswith(written.content)
-    before = begun(folder) if again else written
     try:
+        settings = content_of(folder / SETTINGS)
+        content = content_of_table(folder) if (folder / TABLE).exists() else b""
+    except BayescalError as error:
+        return replace(written, fault=str(error), again=False)
+    if not ended:
+        content = content[: content.rfind(END) + 1]
+    if (settings, content) == (written.settings, written.content):
+        return replace(written, fault="", again=False) if written.fault else written
+    again = settings != written.settings or not content.startswith(written.content)
+    before = written
+    try:
+        before = begun(folder) if again else written
         dataset = _with_lines(before, content, folder)
     except BayescalError as error:
         return replace(before, fault=str(error), again=again)
-    return Written(dataset, content, again=again) if dataset is not None else replace(before, again=again)
+    return replace(before, dataset=dataset, content=content, fault="", again=again)
+
+
+def whole(written: Written, folder: Path) -> Dataset:
+    """The rows so far as a session that is read and checked like any other.
+
+    Raises
+    ------
+    BayescalError
+        As `read_dataset`.
+    """
+    return read_dataset(folder, rows=written.content)
 
 
 def placed_by_rows(dataset: Dataset) -> bool:
@@ -72,17 +96,16 @@ def placed_by_rows(dataset: Dataset) -> bool:
     return any(KINDS[t.kind].prepared is not None for t in dataset.targets)
 
 
-def _with_lines(before: Written, content: bytes, folder: Path) -> Dataset | None:
-    """The session with the rows of further lines of measurements.csv; None if they have none."""
+def _with_lines(before: Written, content: bytes, folder: Path) -> Dataset:
+    """The session with the rows of further lines of measurements.csv."""
     d, lines = before.dataset, content.splitlines(keepends=True)
-    if placed_by_rows(d):
-        return read_dataset(folder)
     done = before.content.count(END)
     new = content[len(before.content) :] if done else b"".join(lines[1:])
     if not new.strip():
-        return None
-    text = text_of(lines[0] + new, TABLE)
-    table = cells_of(text, TABLE, content, lambda h, w: check_columns(h, w, d.robot.units), max(done - 1, 0))
+        return d
+    if placed_by_rows(d):
+        return read_dataset(folder, rows=content)
+    table = table_of(lines[0] + new, TABLE, d.robot.units, max(done - 1, 0))
     rows = measurements_of(table, d.robot.units, d.tools, d.targets, d.noise)
     if not len(d.measurements.ids):
         return replace(d, measurements=rows)

@@ -20,7 +20,6 @@ from bayescal.gap.linear.state import fit_state
 from bayescal.gap.result import BlindSpot
 from bayescal.gap.search.candidates import candidates
 from bayescal.model import USUAL, FitOptions
-from bayescal.storage.stopping import Progress, silent
 from bayescal.watching import rows, update
 from bayescal.watching.update import Contact
 
@@ -122,14 +121,10 @@ class Watch:
     folder : Path
         Of the dataset; its measurements.csv may not exist yet.
     options : WatchOptions
-    progress : callable
-        Called with the stage of a complete fit and its completed fraction.
     """
 
-    def __init__(
-        self, folder: Path, options: WatchOptions = WatchOptions(), progress: Progress = silent
-    ) -> None:
-        self.folder, self.options, self.progress = folder, options, progress
+    def __init__(self, folder: Path, options: WatchOptions = WatchOptions()) -> None:
+        self.folder, self.options = folder, options
         self.written = rows.begun(folder)
         self.contacts: list[Contact] = []
         self.odd: set[int] = set()
@@ -143,10 +138,9 @@ class Watch:
         """Rows since the last complete fit."""
         return len(self.contacts) - (0 if self.last is None else self.last.rows)
 
-    def look(self) -> Iterator[Event]:
-        """Take the rows that were written since the last look."""
-        before = self.written
-        self.written = rows.followed(before, self.folder)
+    def look(self, ended: bool = False) -> Iterator[Event]:
+        """Take the rows that were written since the last look; `ended`: nothing more is written."""
+        self.written = rows.followed(self.written, self.folder, ended)
         yield from self._tell(FAULT, self.written.fault)
         if self.written.again:
             self.contacts, self.odd, self.estimate, self.last = [], set(), None, None
@@ -217,10 +211,12 @@ class Watch:
         """Fit all rows so far completely, as `bayescal fit` does, if they are enough."""
         begin = time.perf_counter()
         try:
-            found = fit(self.written.dataset, self.options.effects, self.options.fit, samples=0)
+            dataset = rows.whole(self.written, self.folder)
+            found = fit(dataset, self.options.effects, self.options.fit, samples=0)
         except BayescalError as error:
             yield from self._tell(WAITING, str(error))
             return
+        self.written = replace(self.written, dataset=dataset)
         level = found.final.estimate
         moved = nan if self.estimate is None else _apart(self.estimate, level)
         spots = attempted("what the contacts would show", lambda: _spots(found), (), [])
@@ -267,6 +263,7 @@ def watched(
             yield Notice(PLANNED, f"all {watch.options.planned} contacts of the plan are measured")
             return
         if quiet > watch.options.idle:
+            yield from watch.look(ended=True)
             if watch.pending:
                 yield from watch.complete()
             yield Notice(QUIET, f"no new row for {quiet:.0f} s")

@@ -308,6 +308,52 @@ def test_the_result_is_a_run_folder_of_fit(folder, tmp_path):
     assert "rows watched" in str(result)
 
 
+def test_its_fit_json_is_that_of_fit(folder, tmp_path):
+    """The last line has no end: `fit` reads it, and so it counts when nothing more is written."""
+    cell, lines = folder
+    put(cell, *lines[1:-1], lines[-1].rstrip())
+    bc.watch(cell, idle_s=0.0).save(tmp_path / "watched", pictures=False)
+    bc.fit(cell, samples=0).save(tmp_path / "fitted", pictures=False)
+    watched_, fitted = (json.loads((tmp_path / k / "fit.json").read_text()) for k in ("watched", "fitted"))
+    assert watched_ == fitted
+    assert len(watched_["dataset"]["sha256"]) == 64
+
+
+def test_a_session_that_fit_refuses_is_refused(folder):
+    """Readings of the other sign keep the format, and cannot have been measured."""
+    cell, lines = folder
+    cells = [line.split(",") for line in lines[1:]]
+    turned = [",".join([*c[:4], *(f"{-float(x):.6f}" for x in c[4:10]), *c[10:]]) for c in cells]
+    put(cell, *turned)
+    with pytest.raises(BayescalError) as told:
+        bc.fit(cell, samples=0)
+    with pytest.raises(BayescalError) as mine:
+        bc.watch(cell, idle_s=0.0)
+    assert str(mine.value) == str(told.value)
+
+
+def test_a_table_that_leads_elsewhere_is_not_read(folder, tmp_path):
+    cell, lines = folder
+    (tmp_path / "other.csv").write_text("".join(lines))
+    (cell / TABLE).unlink()
+    (cell / TABLE).symlink_to(tmp_path / "other.csv")
+    written = rows.followed(rows.begun(cell), cell)
+    assert "outside the dataset folder" in written.fault
+    assert not written.dataset.measurements.ids
+
+
+def test_settings_that_are_changed_are_read_again(folder):
+    cell, lines = folder
+    watch, _ = events_of(cell, lines[:50])
+    text = (cell / "dataset.yaml").read_text()
+    (cell / "dataset.yaml").write_text(text.replace("name: ", "name: other-"))
+    assert len(list(watch.look())) == 49
+    assert watch.last is None
+    assert watch.written.dataset.name.startswith("other-")
+    (cell / "dataset.yaml").write_text("name: [")
+    assert any("dataset.yaml" in e.text for e in watch.look() if isinstance(e, Notice))
+
+
 def test_a_plan_states_the_aim(folder, tmp_path):
     cell, lines = folder
     put(cell, *lines[1:])
