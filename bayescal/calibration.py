@@ -189,7 +189,7 @@ def fit(
         options.prior_width,
         rigid,
         told,
-        options.doubted,
+        options.contrary,
     )
     limitations = findings(results)
     if any(f.severity == "error" or f.code in GROSS for f in limitations):

@@ -129,7 +129,7 @@ class Assessed:
     prior_width: float = 1.0
     rigid: Rigid = UNCHANGED
     widths: tuple[Width, ...] = ()
-    doubted: tuple[str, ...] = ()
+    contrary: tuple[str, ...] = ()
 
 
 def findings(of: Assessed) -> tuple[Finding, ...]:
@@ -197,12 +197,7 @@ def _parameters(of: Assessed) -> Iterator[Finding]:
     limit, told = FAR * max(1.0, 1 / of.prior_width), factors(of.widths)
     far = [p.name for p, at in zip(model.parameters, z, strict=False)
            if abs(at) * told.get(family(p), 1.0) > limit]  # fmt: skip
-    if of.doubted:
-        yield Finding(
-            "far_from_prior", "warning",
-            f"{', '.join(of.doubted)}: contrary to the prior of the robot file, which is not used here: the "
-            "arm differs from those that it was learnt from",
-        )  # fmt: skip
+    yield from (Finding("far_from_prior", "warning", words) for words in of.contrary)
     stated = {prior.name for prior in model.scene.dataset.robot.priors}
     if unused := sorted(stated - {p.name for p in model.parameters}):
         what = f"priors of the robot file that no parameter uses: {', '.join(unused)}"

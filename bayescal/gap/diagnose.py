@@ -293,6 +293,7 @@ def diagnose(
         residuals=_residuals(first.fitted, final),
         warnings=(
             *(f"{cause.words}: they are no outliers, and all models use them" for cause in first.causes),
+            *last.options.contrary,
             *cautions,
             *lost,
         ),

@@ -152,6 +152,16 @@ class FitOptions:
         return replace(p, sd=p.sd * self.prior_width * self.widths.get(family(p), 1.0))
 
     @property
+    def contrary(self) -> tuple[str, ...]:
+        """The finding of priors in the robot file that the data contradict, as a text; none without one."""
+        if not self.doubted:
+            return ()
+        return (
+            f"{', '.join(self.doubted)}: contrary to the prior of the robot file, which is not used here: "
+            "the arm differs from those that it was learnt from",
+        )
+
+    @property
     def omitted(self) -> tuple[str, ...]:
         """The parts that stay nominal, as text: ``geometry at joint 4``."""
         return tuple(map(str, self.without))

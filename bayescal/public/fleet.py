@@ -287,10 +287,32 @@ def _arms(arm: str, sessions: Sequence[str]) -> Callable[[Json], str | None]:
 
 
 def _check(folder: Path) -> None:
-    """Refuse a folder that is not of a fleet."""
-    if folder.is_dir() and any(folder.iterdir()) and not (folder / BELOW).is_dir():
+    """Refuse a folder with anything in it that neither is of a fleet nor of one that was interrupted."""
+    from bayescal.reporting.fleet_record import FLEET, SCHEMA
+
+    if _is_own(folder / FLEET, SCHEMA):
+        return
+    inside = _visible(folder)
+    if any(p.name != BELOW for p in inside) or any(
+        _visible(p) and not _is_own(p / STATE, STATE_SCHEMA) for own in inside for p in _visible(own)
+    ):
         what = "the folder contains files that are not of a fleet"
         raise BayescalError(what, str(folder), "give another --out")
+
+
+def _visible(path: Path) -> list[Path]:
+    """What a folder contains without what is hidden, such as locks; a file stands for itself."""
+    if not path.is_dir():
+        return [path] if path.exists() else []
+    return [p for p in path.iterdir() if not p.name.startswith(".")]
+
+
+def _is_own(path: Path, schema: str) -> bool:
+    """Whether a file is a record of a schema."""
+    with suppress(BayescalError):
+        read_record(path, schema, "")
+        return True
+    return False
 
 
 def _entries(
@@ -334,8 +356,8 @@ def _written(entries: list[Json], options: Json, folder: Path) -> FleetResult:
     models = models_of(list(_members(entries, folder, options["model"])))
     learnt = [k for k, m in enumerate(models) if m.learnt is not None]
     robots = {
-        k: "fleet-robot.yaml" if len(learnt) == 1 else f"fleet-robot-{models[k].robot}-{k + 1}.yaml"
-        for k in learnt
+        k: "fleet-robot.yaml" if len(learnt) == 1 else f"fleet-robot-{number}.yaml"
+        for number, k in enumerate(learnt, start=1)
     }
     record = fleet_record(entries, models, options, robots)
     texts: dict[Path, str | bytes] = {}

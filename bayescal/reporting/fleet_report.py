@@ -77,9 +77,8 @@ MEANING = (
     "p is for all later sessions and parameters together. The distribution of the fleet has the last state.",
     "The likelihood of each diagnosis without its prior is used, with its full covariance and the model "
     "discrepancy; named effects are in the model of their sessions.",
-    "The learnt prior replaces the stated one in `robot: fleet-robot.yaml` of a further dataset. Parameters "
-    "that are far from it are reported by fit, and their prior widths are increased by the evidence of the "
-    "data.",
+    "The learnt prior replaces the stated one in `robot: fleet-robot.yaml` of a further dataset. A parameter "
+    "that the data place far from it has its usual prior there, and fit and gap name it.",
 )
 
 

@@ -163,6 +163,7 @@ def test_an_arm_unlike_the_fleet_is_told_by_its_fit(folder, tmp_path):
     codes = {f["code"]: f["text"] for f in found.record["findings"]}
     assert codes["far_from_prior"].startswith("theta3:")
     assert "theta9" in codes["prior_unused"]
+    assert codes["far_from_prior"] in bc.diagnose(tmp_path / "far").record["warnings"]
     assert "priors" not in robot_text(of_fit(found.data), "")  # of a calibrated arm
     for name in ("theta2", "theta3", "d4"):  # the usual prior holds
         usual, now = plain.parameters.loc[name], found.parameters.loc[name]
@@ -185,5 +186,13 @@ def test_a_folder_of_others_is_refused(folder, tmp_path):
     (tmp_path / "mine").write_text("notes")
     with pytest.raises(BayescalError, match="not of a fleet"):
         bc.fleet([folder / "sessions"], tmp_path)
+    (tmp_path / "mine").unlink()
+    shutil.copytree(folder / "sessions" / "arm-0", tmp_path / "sessions" / "arm-0")  # one's own datasets
+    with pytest.raises(BayescalError, match="not of a fleet"):
+        bc.fleet([tmp_path / "sessions"], tmp_path)
+    (tmp_path / "fleet.json").write_text('{"schema": "of another program"}')
+    with pytest.raises(BayescalError, match="not of a fleet"):
+        bc.fleet([tmp_path / "sessions"], tmp_path)
+    assert not (tmp_path / "sessions" / "arm-0" / "session.json").exists()
     with pytest.raises(BayescalError, match="no session"):
         bc.fleet([], tmp_path / "out")
