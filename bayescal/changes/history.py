@@ -1,15 +1,14 @@
 """The runs of one arm over time: courses of its parameters, trends and steps, and when to calibrate again.
 
-A run states an estimate v with the covariance C, under a prior of mean m and precision L. Its measurements
-alone have the information C^-1 - L and the score C^-1 v - L m: what all runs have from the same prior counts
-once (the covariance of differences of `assess.agreement`). The values of all runs are
-one constant for each parameter, plus trends and steps, whose evidence is that of `search`.
+Of each run, what its measurements tell without its prior counts (`estimate.shifts.likelihood`), so that
+what all runs have from the same prior counts once. The values of all runs are one constant for each
+parameter, plus trends and steps, whose evidence is that of `search`.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import date, timedelta
 from pathlib import Path
@@ -19,14 +18,16 @@ import numpy as np
 from bayescal.changes.linear import integrated
 from bayescal.changes.moves import distance_slopes, drawn
 from bayescal.changes.search import FREE, NONE, SURE, averaged, gains
-from bayescal.dataset import Dataset
 from bayescal.dataset.join import arm_difference
 from bayescal.effects import Parameter
 from bayescal.errors import BayescalError
+from bayescal.estimate.shifts import likelihood
 from bayescal.fitted.arm import FittedArm
 from bayescal.fitted.file import ARM_FILE, read_arm
 from bayescal.storage.stopping import Progress, silent
 
+Told = tuple[np.ndarray, np.ndarray]
+"""Information (P, P) and score (P,) of parameters, in units of their priors."""
 DAY, SESSION = "day", "session"
 """Units of time: of runs whose datasets state dates, and of others."""
 TREND, STEP = "trend", "step"
@@ -112,7 +113,7 @@ def history(
     span, trends = float(np.ptp(time)), int(len(np.unique(time)) > 2)
     patterns = [(time - np.mean(time)) / span] if trends else []
     patterns += [(time >= time[k]).astype(float) for k in range(1, len(time)) if time[k] > time[k - 1]]
-    told = [_information(e.arm, names, last) for e in entries]
+    told = [_information(e, names, last) for e in entries]
     information, score = _reduced(told, np.array(patterns).reshape(len(patterns), len(entries)))
     chosen, odds = _search(information, score, len(names), len(patterns))
     per = np.array([span if k // len(names) < trends else 1.0 for k in chosen])
@@ -178,19 +179,10 @@ def _read(folder: Path, progress: Progress) -> list[Entry]:
         arm = read_arm(run)
         sessions = arm.dataset.sessions or (arm.dataset,)
         entries.append(Entry(run.name, arm, max((s.record.date or "" for s in sessions), default="")))
-        if difference := other_arm(entries[0].arm.dataset, arm.dataset):
+        if difference := arm_difference(entries[0].arm.dataset, arm.dataset):
             what = f"not the arm of {entries[0].folder}: {difference}"
             raise BayescalError(what, str(run), "keep the runs of each arm in a folder of their own")
     return entries
-
-
-def other_arm(one: Dataset, other: Dataset) -> str:
-    """Why two datasets are not of one arm; "" if nothing says so."""
-    serials = [(d.sessions or (d,))[0].record.serials.get("arm") for d in (one, other)]
-    difference = arm_difference(one.robot, other.robot)
-    if not difference and all(serials) and serials[0] != serials[1]:
-        return f"serial number {serials[1]}, not {serials[0]}"
-    return difference
 
 
 def _ordered(
@@ -237,32 +229,31 @@ def _natural(name: str) -> list[tuple[int, str]]:
     return [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", name)]
 
 
-def _information(
-    arm: FittedArm, names: Sequence[str], last: dict[str, Parameter]
-) -> tuple[np.ndarray, np.ndarray]:
+def _information(entry: Entry, names: Sequence[str], last: Mapping[str, Parameter]) -> Told:
     """What the measurements of a run tell: information (P, P) and score (P,), by the priors of `last`."""
-    model = arm.model
+    arm, model = entry.arm, entry.arm.model
+    if arm.solved is None:
+        raise BayescalError(
+            "written by an earlier version", entry.folder, "repeat the command with this version"
+        )
+    z, units = (arm.values - model.shift) / model.sd, np.outer(model.sd, model.sd)
+    own, pull = likelihood(z, arm.solved / units, arm.covariance / units)
     at = np.array([names.index(p.name) for p in model.parameters], int)
-    unit = np.array([last[names[k]].sd for k in at])
-    precision = np.linalg.inv(arm.covariance / np.outer(unit, unit))
-    prior = (unit / model.sd) ** 2
-    values, vectors = np.linalg.eigh(precision - np.diag(prior))
-    own = (vectors * np.maximum(values, 0.0)) @ vectors.T
-    center = np.array([last[names[k]].centre - last[names[k]].nominal for k in at])
-    score = precision @ ((arm.values - center) / unit) - prior * (model.shift - center) / unit
-    information, scores = np.zeros((len(names), len(names))), np.zeros(len(names))
-    information[np.ix_(at, at)], scores[at] = own, score
-    return information, scores
+    # of z = by x + off, where x is in units of the priors of `last`
+    by = np.array([last[names[k]].sd for k in at]) / model.sd
+    off = (np.array([last[names[k]].centre - last[names[k]].nominal for k in at]) - model.shift) / model.sd
+    information, score = np.zeros((len(names), len(names))), np.zeros(len(names))
+    information[np.ix_(at, at)] = 0.5 * (own + own.T) * np.outer(by, by)
+    score[at] = by * (pull - own @ off)
+    return information, score
 
 
-def _reduced(
-    told: Sequence[tuple[np.ndarray, np.ndarray]], patterns: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+def _reduced(told: Sequence[Told], patterns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Information and score of amplitudes, pattern by pattern, with the constants integrated out.
 
     Parameters
     ----------
-    told : sequence of (np.ndarray, np.ndarray)
+    told : sequence of Told
         Of each of S runs.
     patterns : np.ndarray, shape (F, S)
     """

@@ -130,9 +130,8 @@ NOT_THE_ARM = ("limits", "reductions", "radii", "priors")
 
 
 def check_alike(first: Dataset, other: Dataset) -> None:
-    """Refuse two sessions of different robots, mountings or conventions."""
-    difference = arm_difference(first.robot, other.robot)
-    if difference:
+    """Refuse two sessions of different arms, mountings or conventions."""
+    if difference := arm_difference(first, other):
         what = f"not the robot of {first.name}: {difference}"
         raise BayescalError(what, str(other.folder), "fit the sessions of each arm apart")
     turns = [s.noise.orientation for s in (first, other) if s.noise.orientation is not None] or [0.0]
@@ -151,8 +150,12 @@ def check_alike(first: Dataset, other: Dataset) -> None:
             raise BayescalError(what, str(other.folder), "state what is true of both, or fit them apart")
 
 
-def arm_difference(one: Robot, other: Robot) -> str:
-    """The first thing in which two robot files differ, in words; "" where they are of one arm."""
+def arm_difference(first: Dataset, second: Dataset) -> str:
+    """The first thing in which two robot files or serial numbers differ, in words; "" if nothing does."""
+    one, other = first.robot, second.robot
+    here, there = ((d.sessions or (d,))[0].record.serials.get("arm") for d in (first, second))
+    if here and there and here != there:
+        return f"serial number {there}, not {here}"
     for field in fields(Robot):
         if field.name in NOT_THE_ARM:
             continue

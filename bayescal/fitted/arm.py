@@ -173,7 +173,7 @@ class FittedArm:
     unmodelled : Unmodelled, optional
         Errors beyond the parameters, of which the covariance has a part; default: none.
     solved : np.ndarray, shape (P, P), optional
-        Covariance of the solver, without the discrepancy, of an arm that was just fitted.
+        Covariance of the solver, without the discrepancy; None of an arm of an earlier version.
     """
 
     model: Model

@@ -210,6 +210,7 @@ def _arm(record: dict[str, Any], folder: Path) -> FittedArm:
         Origin(record["command"], options),
         Use.read(record, model.parameters),
         Unmodelled.read(record, len(values)),
+        None if (own := record.get("solver_covariance_si")) is None else _covariance(own, len(values)),
     )
 
 

@@ -135,6 +135,9 @@ def test_sessions_of_other_arms_and_single_ones_are_refused(sessions):
     other = replace(b, robot=replace(b.robot, d=b.robot.d + 1e-3))
     with pytest.raises(BayescalError, match="not the robot"):
         changed([a, other], ("geometry",))
+    with_serial = (replace(d, record=replace(d.record, serials={"arm": s})) for d, s in ((a, "7"), (b, "8")))
+    with pytest.raises(BayescalError, match="serial number 8, not 7"):
+        changed([*with_serial], ("geometry",))
 
 
 def test_the_result_as_text_page_and_table(crashed, tmp_path):

@@ -8,6 +8,7 @@ import pytest
 import bayescal as bc
 from bayescal.changes import history as module
 from bayescal.changes.history import _reduced, _search
+from bayescal.dataset.join import arm_difference
 from bayescal.errors import BayescalError
 from bayescal.fitted.file import read_arm
 
@@ -31,6 +32,28 @@ def test_constants_are_integrated_out_as_by_generalised_least_squares():
     by = design[:, 3:]
     np.testing.assert_allclose(g, by.T @ np.linalg.solve(wide, by))
     np.testing.assert_allclose(s, by.T @ np.linalg.solve(wide, y))
+
+
+def test_what_the_measurements_of_a_run_tell_is_free_of_its_prior(runs):
+    """Of a linear model of known information and score, solved under another prior than the last."""
+    arm, rng = read_arm(runs / "run-0"), np.random.default_rng(2)
+    own = tuple(replace(p, sd=2.0 * p.sd, mean=p.nominal + 0.3 * p.sd) for p in arm.model.parameters)
+    last = {p.name: p for p in arm.model.parameters}
+    model, count = replace(arm.model, parameters=own), len(own)
+    root = rng.standard_normal((count, count))
+    told, score = root @ root.T, rng.standard_normal(count)  # of x, in units of the priors of `last`
+    unit = np.array([p.sd for p in last.values()])
+    centre = np.array([p.centre - p.nominal for p in last.values()])
+    precision = np.diag((unit / model.sd) ** 2)
+    posterior = np.linalg.inv(told + precision)
+    x = posterior @ (score + precision @ ((model.shift - centre) / unit))
+    covariance = posterior * np.outer(unit, unit)
+    run = replace(arm, model=model, values=centre + unit * x, covariance=covariance, solved=covariance)
+    found = module._information(module.Entry("run", run, ""), list(last), last)
+    np.testing.assert_allclose(found[0], told, rtol=1e-6, atol=1e-6)
+    np.testing.assert_allclose(found[1], score, rtol=1e-6, atol=1e-6)
+    with pytest.raises(BayescalError, match="earlier version"):
+        module._information(module.Entry("run", replace(arm, solved=None), ""), list(last), last)
 
 
 def test_a_parameter_has_one_trend_or_step_and_chance_none():
@@ -103,8 +126,8 @@ def test_runs_of_another_arm_and_folders_without_runs_are_refused(runs, tmp_path
     with pytest.raises(BayescalError, match="two sessions"):
         module._ordered(entries, (), tmp_path)
     other = replace(one.dataset, record=replace(one.dataset.record, serials={"arm": "8"}))
-    assert module.other_arm(one.dataset, other) == "serial number 8, not 7"
-    assert module.other_arm(one.dataset, one.dataset) == ""
+    assert arm_difference(one.dataset, other) == "serial number 8, not 7"
+    assert arm_difference(one.dataset, one.dataset) == ""
 
 
 def test_names_with_numbers_are_in_their_order():
