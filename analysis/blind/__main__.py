@@ -149,8 +149,8 @@ def score(
     if about["kind"] != CONTACTS:
         from analysis.blind import changes, images, motions
 
-        scored = {MOTIONS: motions, IMAGES: images, CHANGES: changes}[about["kind"]].scored
-        scored(truths, answers, about, target, page)
+        card = {MOTIONS: motions.CARD, IMAGES: images.CARD, CHANGES: changes.CARD}[about["kind"]]
+        card.scored(truths, answers, about, target, page)
         return
     judged = records(truths, answers)
     found = figures(judged)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from analysis.blind.files import write_score
 from analysis.blind.rows import Row, bands, by_form, by_lambda, number, rows
 from bayescal.errors import BayescalError
 from bayescal.reporting.shared.text import FigureTable, facts
@@ -200,6 +202,70 @@ def page_of(
     """Write origin, criteria and misses (headings and rows) between the marks of a page."""
     parts = (origin(found, about, words), table(HEADS, _judged(criteria)), table(*misses))
     between(path, marks, "\n\n".join(p for p in parts if p))
+
+
+@dataclass(frozen=True)
+class Card:
+    """How sessions of a kind are scored and shown.
+
+    Attributes
+    ----------
+    record : callable
+        What is scored of a session, of its truth and its answer, if it has one.
+    figures, rows : callable
+        Figures of all records, and the criteria of these.
+    marks : tuple of str
+        Between which the tables are on a page.
+    misses : mapping
+        Fields of a miss, and their headings on the page.
+    words : callable
+        How many sessions of which kind there are, of the figures.
+    and_ : str
+        Between several names in a cell.
+    written : tuple of str
+        Fields of a miss in the table that is written; default: those of the page.
+    """
+
+    record: Callable[[Mapping[str, Any], Mapping[str, Any] | None], dict[str, Any]]
+    figures: Callable[[Sequence[dict[str, Any]]], dict[str, Any]]
+    rows: Callable[[Mapping[str, Any]], list[Row]]
+    marks: tuple[str, str]
+    misses: Mapping[str, str]
+    words: Callable[[Mapping[str, Any]], str] = kinds
+    and_: str = "+"
+    written: tuple[str, ...] = ()
+
+    def scored(
+        self, truths: Mapping[str, Any], answers: Mapping[str, Any], about: Mapping[str, Any], target: Path,
+        page: Path | None,
+    ) -> None:  # fmt: skip
+        """Print the score, write it to a folder, and the tables to a page with the marks.
+
+        Parameters
+        ----------
+        truths, answers, about
+            As `unseal.opened` returns them.
+        target : Path
+            The score folder.
+        page : Path, optional
+            A Markdown page with the marks.
+        """
+        records = [self.record(truth, answers.get(name)) for name, truth in sorted(truths.items())]
+        found = self.figures(records)
+        names = write_score(
+            records, found, about, target, pictures=False, headings=self.written or tuple(self.misses)
+        )
+        show(self.rows(found))
+        if page is not None:
+            misses = [[self._text(m[key]) for key in self.misses] for m in found["misses"]]
+            heads = tuple(self.misses.values())
+            page_of(page, self.marks, found, about, self.rows(found), (heads, misses), self.words(found))
+        print(f"written  {target}/{', '.join(names)}{f'; {page}' if page else ''}")
+
+    def _text(self, x: Any) -> str:
+        if isinstance(x, float):
+            return f"{x:.3g}"
+        return self.and_.join(x) if isinstance(x, list) else str(x if x is not None else "")
 
 
 def origin(found: Mapping[str, Any], about: Mapping[str, Any], words: str = "") -> str:

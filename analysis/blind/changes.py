@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from analysis.blind.card import page_of, show
-from analysis.blind.files import write_score
+from analysis.blind.card import Card
 from analysis.blind.folder import PAIR
 from analysis.blind.motions import CRASHED, need
 from analysis.blind.rates import proportion, value
@@ -19,8 +18,16 @@ BEGIN, END = "<!-- blind changes: begin -->", "<!-- blind changes: end -->"
 CLEAR = 30.0
 """Lambda from which a change must be named."""
 NAMES = ("zero", "compliance", "backlash", "tool", "base")
-MISS = ("world", "truth", "lambda", "verdict", "named", "nuisance", "detail")
-"""Columns of a miss on the page."""
+MISS = {
+    "world": "pair",
+    "truth": "truth",
+    "lambda": "lambda",
+    "verdict": "verdict",
+    "named": "named",
+    "nuisance": "model errors",
+    "detail": "detail",
+}
+"""Fields of a miss, and their columns on the page."""
 Record = dict[str, Any]
 
 
@@ -139,27 +146,7 @@ def rows(f: Mapping[str, Any]) -> list[Row]:
     ]
 
 
-def scored(
-    truths: Mapping[str, Any],
-    answers: Mapping[str, Any],
-    about: Mapping[str, Any],
-    target: Path,
-    page: Path | None,
-) -> None:
-    """Print the score, write it to a folder, and the tables to a page with the marks; as `motions.scored`."""
-    records = [record(truth, answers.get(name)) for name, truth in sorted(truths.items())]
-    found = figures(records)
-    names = write_score(records, found, about, target, pictures=False, headings=MISS)
-    show(rows(found))
-    if page is not None:
-        kinds = ", ".join(f"{count} {kind}" for kind, count in found["kinds"].items())
-        heads = ("pair", "truth", "lambda", "verdict", "named", "model errors", "detail")
-        misses = [[_text(m[key]) for key in MISS] for m in found["misses"]]
-        page_of(page, (BEGIN, END), found, about, rows(found), (heads, misses), kinds)
-    print(f"written  {target}/{', '.join(names)}{f'; {page}' if page else ''}")
-
-
-def _text(x: Any) -> str:
-    if isinstance(x, float):
-        return f"{x:.3g}"
-    return "; ".join(x) if isinstance(x, list) else str(x if x is not None else "")
+CARD = Card(
+    record, figures, rows, (BEGIN, END), MISS,
+    lambda found: ", ".join(f"{count} {kind}" for kind, count in found["kinds"].items()), "; ",
+)  # fmt: skip

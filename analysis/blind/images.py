@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from analysis.blind.card import page_of, show
-from analysis.blind.files import write_score
+from analysis.blind.card import Card
 from analysis.blind.motions import CRASHED, FLAGGED, need
 from analysis.blind.rates import proportion, value
 from analysis.blind.rows import NONE, Row
@@ -26,8 +25,17 @@ OF_EFFECT = {
 """Sides of effects; all others are of the arm."""
 OF_SIDE = ("arm", *dict.fromkeys(OF_EFFECT.values()))
 INTERVAL = 1.96
-MISS = ("world", "truth", "lambda", "verdict", "named", "sides", "hand_mm", "detail")
-"""Columns of a miss on the page."""
+MISS = {
+    "world": "session",
+    "truth": "truth",
+    "lambda": "lambda",
+    "verdict": "verdict",
+    "named": "named",
+    "sides": "side",
+    "hand_mm": "hand-eye error (mm)",
+    "detail": "detail",
+}
+"""Fields of a miss, and their columns on the page."""
 Record = dict[str, Any]
 
 
@@ -155,24 +163,7 @@ def rows(f: Mapping[str, Any]) -> list[Row]:
     ]
 
 
-def scored(
-    truths: Mapping[str, Any], answers: Mapping[str, Any], about: Mapping[str, Any], target: Path,
-    page: Path | None,
-) -> None:  # fmt: skip
-    """Print the score, write it to a folder, and the tables to a page with the marks; as `motions.scored`."""
-    records = [record(truth, answers.get(name)) for name, truth in sorted(truths.items())]
-    found = figures(records)
-    names = write_score(records, found, about, target, pictures=False, headings=MISS)
-    show(rows(found))
-    if page is not None:
-        kinds = ", ".join(f"{count} {side}" for side, count in found["kinds"].items() if count)
-        heads = ("session", "truth", "lambda", "verdict", "named", "side", "hand-eye error (mm)", "detail")
-        misses = [[_text(m[key]) for key in MISS] for m in found["misses"]]
-        page_of(page, (BEGIN, END), found, about, rows(found), (heads, misses), kinds)
-    print(f"written  {target}/{', '.join(names)}{f'; {page}' if page else ''}")
-
-
-def _text(x: Any) -> str:
-    if isinstance(x, float):
-        return f"{x:.3g}"
-    return "+".join(x) if isinstance(x, list) else str(x if x is not None else "")
+CARD = Card(
+    record, figures, rows, (BEGIN, END), MISS,
+    lambda found: ", ".join(f"{count} {side}" for side, count in found["kinds"].items() if count),
+)  # fmt: skip

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from math import inf, sqrt
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from analysis.blind.card import KINDS, page_of, show
-from analysis.blind.files import write_score
+from analysis.blind.card import KINDS, Card
+from analysis.blind.files import HEADINGS
 from analysis.blind.rates import proportion, value
 from analysis.blind.rows import NONE, Row, of
 
@@ -21,8 +20,18 @@ BANDS = ((0.0, 30.0, 0.3), (30.0, 100.0, 0.7), (100.0, inf, 0.92))
 """Bands of lambda, and the required share of single effects that are named exactly."""
 CRASHED, FLAGGED = "crash", ("unknown", "named+unexplained")
 """Verdict of a log without an answer; verdicts that state an unmodelled cause."""
-LISTED = ("world", "truth", "acts_at", "lambda", "verdict", "named", "leaders", "left_at", "detail")
-"""Columns of a miss on the page."""
+MISS = {
+    "world": "log",
+    "truth": "truth",
+    "acts_at": "at",
+    "lambda": "lambda",
+    "verdict": "verdict",
+    "named": "named",
+    "leaders": "probability",
+    "left_at": "first location",
+    "detail": "detail",
+}
+"""Fields of a miss, and their columns on the page."""
 LARGEST_CLASS = 4
 """Effects of a class that counts as partly right."""
 Record = dict[str, Any]
@@ -184,40 +193,4 @@ def rows(f: Mapping[str, Any]) -> list[Row]:
     ]
 
 
-def scored(
-    truths: Mapping[str, Any],
-    answers: Mapping[str, Any],
-    about: Mapping[str, Any],
-    target: Path,
-    page: Path | None,
-) -> None:
-    """Print the score of logs, write it to a folder, and the tables to a page with the marks.
-
-    Parameters
-    ----------
-    truths, answers, about
-        As `unseal.opened` returns them.
-    target : Path
-        The score folder.
-    page : Path, optional
-        A Markdown page with the marks `BEGIN` and `END`.
-    """
-    records = [record(truth, answers.get(name)) for name, truth in sorted(truths.items())]
-    found = figures(records)
-    names = write_score(records, found, about, target, pictures=False)
-    show(rows(found))
-    if page is not None:
-        heads = (
-            "log",
-            "truth",
-            "at",
-            "lambda",
-            "verdict",
-            "named",
-            "probability",
-            "first location",
-            "detail",
-        )
-        misses = [[str(m[key]) for key in LISTED] for m in found["misses"]]
-        page_of(page, (BEGIN, END), found, about, rows(found), (heads, misses))
-    print(f"written  {target}/{', '.join(names)}{f'; {page}' if page else ''}")
+CARD = Card(record, figures, rows, (BEGIN, END), MISS, written=HEADINGS)

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 STEP = np.radians(0.05)
-"""rad: of the fastest joint, between configurations."""
+"""rad, or m of a prismatic joint: of the fastest joint, between configurations."""
 LINE = 0.25e-3
 """m: of the tool, between configurations on a line."""
 NEAR = 0.06
@@ -23,26 +23,32 @@ FAR = 0.3
 
 @dataclass
 class Table:
-    """A robot's kinematic table: rows alpha, a, d, offset; matrix of readings; base and flange (4, 4)."""
+    """A robot's kinematic table: rows alpha, a, d, offset; matrix of readings; base and flange (4, 4).
+
+    Joints in `slides` (n,) move along their axes.
+    """
 
     rows: np.ndarray
     convention: str
     coupling: np.ndarray
     base: np.ndarray
     flange: np.ndarray
+    slides: np.ndarray
 
     def frames(self, readings: np.ndarray) -> np.ndarray:
-        """Poses (K, n + 2, 4, 4) of the base, the frame behind each joint's rotation, and the flange."""
-        angles = readings @ self.coupling.T + self.rows[:, 3]
+        """Poses (K, n + 2, 4, 4) of the base, the frame behind each joint's motion, and the flange."""
+        moved = readings @ self.coupling.T
+        angles = np.where(self.slides, 0.0, moved) + self.rows[:, 3]
+        shifts = np.where(self.slides, moved, 0.0) + self.rows[:, 2]
         out = [np.broadcast_to(self.base, (len(readings), 4, 4))]
         at = out[0]
-        for k, (alpha, a, d, _) in enumerate(self.rows):
+        for k, (alpha, a, _, _) in enumerate(self.rows):
             fixed = screw(alpha, a)
             turned = np.zeros((len(readings), 4, 4))
             c, s = np.cos(angles[:, k]), np.sin(angles[:, k])
             turned[:, 0, 0], turned[:, 0, 1], turned[:, 1, 0], turned[:, 1, 1] = c, -s, s, c
             turned[:, 2, 2] = turned[:, 3, 3] = 1.0
-            turned[:, 2, 3] = d
+            turned[:, 2, 3] = shifts[:, k]
             if self.convention == "mdh":
                 at = at @ fixed @ turned
                 out.append(at)

@@ -2,7 +2,7 @@
 
 A cell is a robot with a probe, a box and spheres on stems at random places, of which some are placed one
 after the other, and a seed. `python -m analysis.planning.ways CELLS` prints the collisions, and the cells
-with a way that is nearer than stated, among all motions of all cells.
+with a way that is nearer than stated, among all motions of all cells. `CELLS FIRST rail`: on rails.
 """
 
 from __future__ import annotations
@@ -15,7 +15,9 @@ from pathlib import Path
 import numpy as np
 
 from analysis.planning.sampled import Cell, Table
+from bayescal.arm.chain import Robot
 from bayescal.arm.shapes import HalfSpace
+from bayescal.arm.transforms import rigid, rotation
 from bayescal.dataset import Dataset, Noise, Target, Tool
 from bayescal.dataset.read import no_rows
 from bayescal.errors import BayescalError
@@ -37,11 +39,27 @@ ROUNDING = 2e-6
 """m: by which sampled clearances may be less than those stated: rounding, and the ends of the contacts."""
 
 
-def setup_of(seed: int) -> Setup:
+def on_rail(robot: Robot, travel: float) -> Robot:
+    """The robot on a carriage that slides along y of its base by up to +-`travel`, m."""
+    rows = {name: np.insert(getattr(robot, name), 0, 0.0) for name in ("alpha", "a", "d", "offset", "beta")}
+    rows["alpha"][1 if robot.convention == "mdh" else 0] += np.pi / 2  # back from the axis of the rail
+    coupling = np.eye(robot.n + 1)
+    coupling[1:, 1:] = robot.link_from_reading
+    return Robot(
+        name=f"{robot.name} on a rail", convention=robot.convention, joint_names=("RAIL", *robot.joint_names),
+        limits=np.insert(robot.limits, 0, (-travel, travel), axis=0), link_from_reading=coupling,
+        base=robot.base @ rigid(rotation(0, -np.pi / 2)), flange=robot.flange,
+        prismatic=np.arange(robot.n + 1) == 0, **rows,
+    )  # fmt: skip
+
+
+def setup_of(seed: int, rail: bool = False) -> Setup:
     """A random cell."""
     rng = np.random.default_rng(seed)
     robot = load_robot(ROBOTS[seed % len(ROBOTS)])[0]
     size = 0.4 * (np.sum(np.abs(robot.a)) + np.sum(np.abs(robot.d)))
+    if rail:
+        robot = on_rail(robot, 2.0 * size)
     angle = rng.uniform(-0.8, 0.8)
     middle = size * rng.uniform(0.85, 1.15) * np.array([np.cos(angle), np.sin(angle), 0])
     middle[2] = size * rng.uniform(0.0, 0.4)
@@ -80,7 +98,7 @@ def cell_of(setup: Setup, tool: int, label: str) -> Cell:
     """The numbers of a cell, with the solids that are there with a placement; others are empty."""
     robot = setup.dataset.robot
     rows = np.stack([robot.alpha, robot.a, robot.d, robot.offset], axis=1)
-    table = Table(rows, robot.convention, robot.link_from_reading, robot.base, robot.flange)
+    table = Table(rows, robot.convention, robot.link_from_reading, robot.base, robot.flange, robot.slides)
     around = setup.scene
     held = held_by(setup.dataset, tool)
     check = Clearance.of(robot, setup.dataset.tools[tool], around.solids, held=held)
@@ -101,10 +119,10 @@ def cell_of(setup: Setup, tool: int, label: str) -> Cell:
     return Cell(table, capsules, list(check.self_pairs), {(p.capsule, p.solid) for p in check.pairs}, solids)
 
 
-def checked(seed: int) -> dict[str, float]:
+def checked(seed: int, rail: bool = False) -> dict[str, float]:
     """Motions of a cell, their sampled clearance, and how much it is less than what is stated, m."""
     begin = time.process_time()
-    setup = setup_of(seed)
+    setup = setup_of(seed, rail)
     try:
         pool = candidates(setup, CANDIDATES, seed)
     except BayescalError as error:
@@ -159,11 +177,11 @@ def against(pool, rows, ways) -> dict[str, float]:
     return {"motions": motions, "by_hand": by_hand, "nearest_mm": 1e3 * least, "overstated_mm": 1e3 * over}
 
 
-def main(count: int, first: int = 0) -> None:
+def main(count: int, first: int = 0, rail: bool = False) -> None:
     """Check cells, one line each, and the sum."""
     total = {"cells": 0, "refused": 0, "motions": 0, "by_hand": 0, "collisions": 0, "overstated": 0}
     for seed in range(first, first + count):
-        found = checked(seed)
+        found = checked(seed, rail)
         print(json.dumps(found), flush=True)
         if "refused" in found:
             total["refused"] += 1
@@ -177,4 +195,4 @@ def main(count: int, first: int = 0) -> None:
 
 
 if __name__ == "__main__":
-    main(*(int(text) for text in sys.argv[1:]))
+    main(*(int(text) for text in sys.argv[1:3]), rail=sys.argv[3:] == ["rail"])

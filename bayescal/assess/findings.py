@@ -25,7 +25,7 @@ from bayescal.assess.undetermined import Undetermined
 from bayescal.dataset.consistency import contradictions
 from bayescal.effects import MODELS
 from bayescal.effects.selection import plain
-from bayescal.effects.vocabulary import micrometres
+from bayescal.effects.sizes import micrometres
 from bayescal.estimate import Estimate
 from bayescal.estimate.bounds import UNCHANGED, Rigid
 from bayescal.estimate.outliers import LEAST_SPARE, detectable

@@ -157,7 +157,7 @@ def _noise(stated: Stated) -> Iterator[Propagated]:
         if np.any(part):
             readings = Input(
                 READINGS, f"noise of joint readings ({_plural(name)})", "A", _of_reading(scene), 0.0,
-                u_reading, dof,                scale=name,
+                u_reading, dof, scale=name,
             )  # fmt: skip
             yield Propagated(readings, by * np.sqrt(part), targets)
 

@@ -25,7 +25,7 @@ from bayescal.assess.identifiability import (
     in_words,
     simplified,
 )
-from bayescal.effects.vocabulary import micrometres
+from bayescal.effects.sizes import micrometres
 from bayescal.estimate import Estimate
 
 STILL = np.radians(15.0)

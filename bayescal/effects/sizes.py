@@ -1,4 +1,4 @@
-"""How the parameters of an effect read as an amplitude: a number with a name, from one or more of them."""
+"""How parameters and lengths are stated: an amplitude is a number with a name, of one parameter or more."""
 
 from __future__ import annotations
 
@@ -9,6 +9,11 @@ import numpy as np
 
 Gradient = np.ndarray
 Value = tuple[float, Gradient]
+
+
+def micrometres(size: float) -> str:
+    """A length, m, in print: in µm with two significant digits."""
+    return f"{float(f'{1e6 * size:.2g}'):.9g} µm"
 
 
 def itself(x: np.ndarray) -> Value:

@@ -39,11 +39,6 @@ def unit_label(unit: str) -> str:
     return ("µ" + unit[1:] if unit.startswith(("um", "urad")) else unit).replace("^2", "²")
 
 
-def micrometres(length: float) -> str:
-    """A length, m, in print: in µm with two significant digits."""
-    return f"{float(f'{1e6 * length:.2g}'):.9g} µm"
-
-
 @dataclass(frozen=True)
 class Face:
     """A fitted plane, and the position of each row on it: `place` (N, 2) from -1 to 1 over its contacts."""
@@ -105,11 +100,11 @@ class Circumstances:
     """All quantities that a driver may depend on, one value per row of the session (N rows).
 
     `tied_base`: a target's position in F0 is stated. `tied_tool`: a tool's centre is stated. Only then are
-    the base, and theta and d of the last row, distinguishable from the targets and the tool.
-    `loads` are the gravity moments of `statics.gravity_loads`, None if the robot has no masses.
-    `measured_torques` are the torques of the joints that the session measured, if they replace computed ones.
-    `approach` is the unit direction, in the flange frame at nominal geometry, in which the ball meets the
-    surface (its inward normal), and `speed` its speed in that direction; nan if the target is no surface.
+    the base, and theta and d of the last row, distinguishable from the targets and the tool. `loads` are the
+    gravity moments of `statics.gravity_loads`, None if the robot has no masses. `measured_torques` are the
+    torques of the joints that the session measured, if they replace computed ones. `approach` is the unit
+    direction, in the flange frame at nominal geometry, in which the ball meets the surface (its inward
+    normal), and `speed` its speed in that direction; nan if the target is no surface.
     """
 
     robot: Robot

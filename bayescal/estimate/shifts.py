@@ -16,6 +16,8 @@ import numpy as np
 
 LEAST = 1e-12
 """Variance of an error, in prior variances, that is added: rounding of a direction that the prior decides."""
+LEAST_TOLD = 1e-6
+"""Information, in units of the stated prior, below which the data tell nothing of a parameter."""
 
 
 def likelihood(z: np.ndarray, solved: np.ndarray, stated: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -71,7 +73,3 @@ def shifts(
         out.append(Shift(k, float(gradient[k] / size[k]), float(size[k] ** -0.5), float(ratio[k])))
         free.append(k)
     return out
-
-
-LEAST_TOLD = 1e-6
-"""Information, in units of the stated prior, below which the data tell nothing of a parameter."""

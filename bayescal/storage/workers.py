@@ -52,12 +52,13 @@ class Process:
         ended = [future for future in self.jobs if future.done()]
         if any(_broken(future) for future in ended):
             wait(self.jobs)  # later jobs fail with it
-            yield from self._buried(queue)
+            yield from self._replaced(queue)
             return
         for future in ended:
             yield self.jobs.pop(future).index, future.result()
 
-    def _buried(self, queue: Queue) -> Iterator[tuple[int, Any]]:
+    def _replaced(self, queue: Queue) -> Iterator[tuple[int, Any]]:
+        """What the jobs of a broken pool returned, with a new pool for the others."""
         jobs, self.jobs, self._pool = self.jobs, {}, self._start()
         first, *behind = (job for future, job in jobs.items() if _broken(future))
         first.kills += 1

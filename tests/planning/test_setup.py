@@ -338,26 +338,28 @@ def test_times_between_readings():
 CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
 
 
-def test_sampled_motions_are_as_free_as_stated(monkeypatch, quick_search):
+@pytest.mark.parametrize("rail", [False, True])
+def test_sampled_motions_are_as_free_as_stated(monkeypatch, quick_search, rail):
     """Spheres that are moved on the way; two probes would take twice the time."""
     monkeypatch.setattr(study, "CONTACTS", 5)
     monkeypatch.setattr(study, "CANDIDATES", 16)
-    found = study.checked(13)
+    found = study.checked(13, rail)
     assert found["motions"] > 9
     assert found["by_hand"] == 0
     assert found["nearest_mm"] > 1.9
     assert found["overstated_mm"] < 1e3 * study.ROUNDING
 
 
-def test_bounds_hold_on_random_motions():
+@pytest.mark.parametrize("rail", [False, True])
+def test_bounds_hold_on_random_motions(rail):
     """Free by the bound: nothing nearer in the samples. Not free: something nearer than a little more."""
-    setup = study.setup_of(0)
+    setup = study.setup_of(0, rail)
     cell, solids = study.cell_of(setup, 0, "1"), setup.scene.solids
     there = [replace(s, placement="", shapes=s.shapes if s.placement in ("", "1") else ()) for s in solids]
     check = Clearance.of(setup.dataset.robot, setup.dataset.tools[0], there)
     rng = np.random.default_rng(1)
     limits = setup.dataset.robot.limits
-    begin = check.arm.readings_of(rng.uniform(*(0.7 * limits.T), (400, 6)))
+    begin = check.arm.readings_of(rng.uniform(*(0.7 * limits.T), (400, len(limits))))
     begin = begin[check.distances(begin) > 0.005]
     end = begin + rng.normal(0, 0.8, begin.shape)
     floor, number = 0.005, 40
@@ -370,6 +372,8 @@ def test_bounds_hold_on_random_motions():
     assert sampled[~free].max() < floor + 1e-3
     near = sampled < 0.05  # the sampler does not look farther
     assert np.all(bound[near] <= sampled[near] + 1e-6)
+    near &= sampled > (-0.04 if rail else -np.inf)  # an axis inside a box has no depth in the samples
+    assert near.sum() > 15
     assert np.all(sampled[near] - bound[near] < np.maximum(1.2e-3, 0.12 * np.abs(sampled[near])))
 
 

@@ -12,6 +12,7 @@ from unittest.mock import Mock
 
 import numpy as np
 import pytest
+from rails import rail_session
 from test_gap_report import SETS, diagnosis
 from typer.testing import CliRunner
 
@@ -22,7 +23,7 @@ from bayescal.estimate import calibrated
 from bayescal.model.scene import Scene
 from bayescal.reporting.gap.record import gap_record
 from bayescal.reporting.page import build, compare, render
-from bayescal.reporting.page.arm import marked_sites
+from bayescal.reporting.page.arm import draw_arm, marked_sites
 from bayescal.reporting.page.build import run_page
 from bayescal.reporting.page.render import STILL
 from bayescal.reporting.page.section import Run, read_run
@@ -237,6 +238,17 @@ def test_the_budget_is_shown_where_the_folder_has_one(found):
     assert "Uncertainty budget" in text
     assert "certificate" in text
     assert "Uncertainty budget" not in words(run_page(Run("gap", record_of(found, "null"), "x")))
+
+
+def test_the_labels_of_a_flat_drawing_are_within_it():
+    """Of an arm on a rail, before a tracker: three metres wide, and seven joints with a name each."""
+    found = calibrated(Scene(rail_session()), ("geometry",))
+    drawn = str(draw_arm(Run("gap", record_of(found, "null"), "x"), contacts=True))
+    height = float(re.search(r'viewBox="0 0 [\d.]+ ([\d.]+)"', drawn)[1])
+    labels = [float(y) for y in re.findall(r'<text[^>]* y="([-\d.]+)"[^>]*>J\d<', drawn)]
+    assert len(labels) == 7
+    assert 12 < min(labels) <= max(labels) < height
+    assert np.all(np.diff(labels) > 14)
 
 
 def test_the_page_poses_the_arm_like_the_chain(found):

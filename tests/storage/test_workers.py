@@ -117,7 +117,7 @@ def test_a_stop_ends_the_workers_without_awaiting_their_jobs(tmp_path, monkeypat
 
 
 def alive(process: int) -> bool:
-    """Whether a process is there and no zombie that nobody buries."""
+    """Whether a process is there and has not ended."""
     stat = Path(f"/proc/{process}/stat")
     return stat.exists() and stat.read_text().rsplit(")", 1)[1].split()[0] != "Z"
 

@@ -351,7 +351,7 @@ BUDGET, BUDGET_CSV = "budget.json", "budget.csv"
 
 def write_fit(
     fit: Fit, folder: Path, contents: Mapping[str, Any], pictures: bool = True, shown: Path | None = None,
-    more: Mapping[str, bytes] = {},
+    more: Mapping[str, bytes] | None = None,
 ) -> tuple[str, ...]:  # fmt: skip
     """Write fit.json, report.html, posterior.nc, budgets, robot.yaml, arm.json, dataset, figures atomically.
 
@@ -388,7 +388,7 @@ def write_fit(
             (stage / name).write_text(text, encoding="utf-8")
         save(fit_draws(fit), stage / posterior)
         write_arm(arm, stage)
-        figures = {**drawn(), **more}
+        figures = {**drawn(), **(more or {})}
         for name, content in figures.items():
             (stage / name).write_bytes(content)
         write_page(stage, shown or folder)  # with the figures

@@ -22,8 +22,8 @@ WIDTH, HEIGHT = 380.0, 330.0
 MARGIN = 12.0
 LABELS = 74.0
 """Width at the right that labels take."""
-LINE = 15.0
-"""Least distance of two labels."""
+LINE, TOP, BOTTOM = 15.0, 12.0, 6.0
+"""Least distance of two labels, and of the first and the last from the edges."""
 
 
 def marked_sites(run: Run) -> tuple[Site, ...]:
@@ -61,7 +61,8 @@ def draw_arm(run: Run, *, contacts: bool = False) -> Markup | None:
     view = _view(content)
     flat = view.seen(content)
     shown = [o for o in outlines(arm, angles, view) if contacts or o.kind != "artefact"]
-    sheet = _Sheet.of(np.vstack([flat, *(o.polygon for o in shown)]))
+    count = len(arm["joints"]) + len(sites)
+    sheet = _Sheet.of(np.vstack([flat, *(o.polygon for o in shown)]), count)
     line = sheet.at(flat[: len(chain)])
     joints, links = numbers(sites, "joint"), numbers(sites, "link")
     kinds = {s.kind for s in sites}
@@ -120,12 +121,14 @@ class _Sheet:
     corner: np.ndarray  # mm, upper left
 
     @classmethod
-    def of(cls, content: np.ndarray) -> _Sheet:
+    def of(cls, content: np.ndarray, labels: int) -> _Sheet:
+        """The smallest that has the content (N, 2), mm, and so many labels."""
         low, high = content.min(axis=0), content.max(axis=0)
         size = np.maximum(high - low, 1e-9)
         scale = float(np.min(np.array([WIDTH - LABELS, HEIGHT]) / size))
         width, height = scale * size + 2 * MARGIN
-        return cls(width + LABELS, height, scale, np.array([low[0], high[1]]))
+        more = max(TOP + LINE * (labels - 1) + BOTTOM - height, 0.0)
+        return cls(width + LABELS, height + more, scale, np.array([low[0], high[1] + 0.5 * more / scale]))
 
     def at(self, seen: np.ndarray) -> np.ndarray:
         """Points (..., 2) of a view in the SVG."""
@@ -137,10 +140,10 @@ def _labels(labels: Sequence[tuple[str, np.ndarray, bool]], sheet: _Sheet) -> li
     order = sorted(labels, key=lambda item: float(item[1][1]))
     heights: list[float] = []
     for _, point, _ in order:
-        heights.append(max(float(point[1]), heights[-1] + LINE if heights else 12.0))
-    over = heights[-1] - (sheet.height - 6) if heights else 0.0
+        heights.append(max(float(point[1]), heights[-1] + LINE if heights else TOP))
+    over = heights[-1] - (sheet.height - BOTTOM) if heights else 0.0
     for k in range(len(heights) - 1, -1, -1):
-        top = sheet.height - 6 if k == len(heights) - 1 else heights[k + 1] - LINE
+        top = sheet.height - BOTTOM if k == len(heights) - 1 else heights[k + 1] - LINE
         heights[k] = min(heights[k], top) if over > 0 else heights[k]
     out = []
     x = sheet.width - LABELS + 4

@@ -160,9 +160,8 @@ def rows_record(estimate: Estimate) -> dict[str, Any]:
 
     `residual_um` is the distance of a contact from its surface (signed), of a point the length of its error
     vector, under the model of the estimate; null where the target is not part of the model. `point_mm` is
-    the stylus tip (or reflector) in F0 by the nominal arm, `angle_deg` are link angles (`joint`, in the
-    units of
-    ``arm.units``, of an arm with prismatic joints), and `direction` has a sign for each joint.
+    the stylus tip (or reflector) in F0 by the nominal arm, `angle_deg` are link angles (of an arm with
+    prismatic joints `joint`, in the units of ``arm.units``), and `direction` has a sign for each joint.
     """
     scene, robot = estimate.model.scene, estimate.model.scene.dataset.robot
     m, targets = scene.dataset.measurements, scene.dataset.targets

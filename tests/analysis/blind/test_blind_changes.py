@@ -67,7 +67,7 @@ def test_the_page_holds_the_score(tmp_path):
     page = tmp_path / "page.md"
     page.write_text(f"# Changes\n\n{changes.BEGIN}\nearlier\n{changes.END}\n\nend\n")
     truths = {t["world"]: t for t, _ in CASES}
-    changes.scored(truths, {t["world"]: a for t, a in CASES}, {"seed": 7}, tmp_path / "score", page)
+    changes.CARD.scored(truths, {t["world"]: a for t, a in CASES}, {"seed": 7}, tmp_path / "score", page)
     text = page.read_text()
     assert "earlier" not in text
     assert "| 004 | backlash joint 2 | 40 | changed | d2 |" in text

@@ -63,7 +63,7 @@ def test_the_page_holds_the_score(tmp_path, capsys):
     page = tmp_path / "page.md"
     page.write_text(f"# Images\n\n{images.BEGIN}\nearlier\n{images.END}\n\nend\n")
     truths = {t["world"]: t for t, _ in CASES}
-    images.scored(truths, {t["world"]: a for t, a in CASES}, {"seed": 7}, tmp_path / "score", page)
+    images.CARD.scored(truths, {t["world"]: a for t, a in CASES}, {"seed": 7}, tmp_path / "score", page)
     text = page.read_text()
     assert "earlier" not in text
     assert "seed 7: 1 null, 2 arm, 1 board, 1 mount, 1 clock" in text
