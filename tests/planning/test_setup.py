@@ -446,7 +446,7 @@ def test_solids_that_are_refused(entry, words, tmp_path):
 
 def test_the_sampler_sees_an_overlap():
     """A point arm of one joint that turns through a thin wall."""
-    table = Table(np.array([[0.0, 0.0, 0.0, 0.0]]), "mdh", np.eye(1), np.eye(4), np.eye(4))
+    table = Table(np.array([[0.0, 0.0, 0.0, 0.0]]), "mdh", np.eye(1), np.eye(4), np.eye(4), np.array([False]))
     tip = np.array([1.0, 0, 0])
     wall = ("box", np.eye(3), np.array([0.7, 0.7, 0.0]), np.array([0.01, 0.01, 0.5]))
     cell = Cell(table, [(1, tip, tip, 0.05, False)], [], {(0, 0)}, [[wall]])
