@@ -33,13 +33,13 @@ from bayescal.gap.outcome.notes import amplitudes, warnings
 from bayescal.gap.result import Advice, Amplitude, BlindSpot, Gap, Shrinkage, Verdict
 from bayescal.gap.search.beam import COMPLIANCE, Member
 from bayescal.gap.search.candidates import Variant
-from bayescal.gap.search.gate import confirmed, contradiction
+from bayescal.gap.search.gate import Tests, confirmed, contradiction
 from bayescal.gap.search.refit import model_name, refit, still_without
 from bayescal.gap.settings import GATE, VERDICT
 from bayescal.model import USUAL, FitOptions
 from bayescal.model.model import length_blocks
 from bayescal.model.scene import Scene
-from bayescal.predict.crossvalidation import BLOCKED, LEFT_OUT, VALIDATED, validation_errors
+from bayescal.predict.crossvalidation import FOLDED, LEFT_OUT, VALIDATED, validation_errors
 from bayescal.predict.errors import ValidationErrors, kept, without_rows
 from bayescal.predict.targets import check_located
 from bayescal.statistics import spawned
@@ -88,19 +88,19 @@ def explain(
         return without_rows(validation_errors(fitted, without=without), unsure)
 
     before = errors(first.fitted)
-    alone = before if last is first else errors(last.fitted)
-    if alone.how != VALIDATED:
-        blocked = partial(errors, last.fitted, BLOCKED)
-        alone = attempted("cross-validation by blocks of the baseline", blocked, alone, lost)
+    alone: Tests = (before if last is first else errors(last.fitted),)
+    if alone[0].how != VALIDATED:
+        left = partial(_left_out, errors, last.fitted)
+        alone = attempted("cross-validation by blocks of the baseline", left, alone, lost)
 
-    known: dict[tuple[Variant, ...], tuple[Estimate, ValidationErrors]] = {(): (last.fitted, alone)}
+    known: dict[tuple[Variant, ...], tuple[Estimate, Tests]] = {(): (last.fitted, alone)}
 
-    def fitted(members: Sequence[Member]) -> tuple[Estimate, ValidationErrors]:
+    def fitted(members: Sequence[Member]) -> tuple[Estimate, Tests]:
         key = tuple(m.variant for m in members)
         if key not in known:
             try:
                 final = refit(last.fitted, last.candidates, members, last.options)
-                known[key] = final, errors(final, BLOCKED)
+                known[key] = final, _left_out(errors, final)[: len(alone)]
             except FAILURES as error:
                 raise error if isinstance(error, BayescalError) else BayescalError(reason(error)) from None
         return known[key]
@@ -112,15 +112,20 @@ def explain(
     return Explained(first, confirmed_last, promoted, before, final, after, unsure, tuple(lost))
 
 
+def _left_out(errors: Callable[[Estimate, str], ValidationErrors], fitted: Estimate) -> Tests:
+    """Validation errors, or, without validation data, those of every way to leave out blocks of rows."""
+    first, *others = FOLDED
+    errors_of = errors(fitted, first)
+    return (errors_of, *(errors(fitted, how) for how in others if errors_of.how != VALIDATED))
+
+
 def between(interval: tuple[int, int], fitted: np.ndarray) -> range:
     """Rows of the session that may be before an event or after it: from the last fitted row before it on."""
     return range(int(np.max(fitted[fitted < interval[0]], initial=-1)) + 1, interval[1])
 
 
 def _admitted(
-    e: Examined,
-    before: ValidationErrors,
-    fitted: Callable[[Sequence[Member]], tuple[Estimate, ValidationErrors]],
+    e: Examined, before: Tests, fitted: Callable[[Sequence[Member]], tuple[Estimate, Tests]]
 ) -> tuple[Examined, Estimate, ValidationErrors]:
     """The refit with the named effects that the validation data admit, and the decision with its reasons."""
     d = e.decision
@@ -136,7 +141,7 @@ def _admitted(
         alone = len(d.weighed[0].names) == 1
         refused = "class" if alone else "ambiguous"
         kind = refused if kind == "named" else kind if found.members or kind == "class" else "unknown"
-    if kind == "named" and (p := contradiction(before, found.errors)) < GATE.contradicted:
+    if kind == "named" and (p := contradiction(before[0], found.errors)) < GATE.contradicted:
         kind = "named+unexplained"
         notes.append(
             f"the validation data contradict the refit: by it, so large errors have p {max(p, 1e-99):.0e}"

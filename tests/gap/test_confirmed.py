@@ -13,7 +13,14 @@ from bayescal.gap.search.gate import confirmed, gain, share
 from bayescal.gap.settings import GATE
 from bayescal.model import build
 from bayescal.model.scene import Scene
-from bayescal.predict.crossvalidation import BLOCKED, VALIDATED, validation_errors
+from bayescal.predict.crossvalidation import (
+    BLOCKED,
+    BY_REGION,
+    REGIONS,
+    VALIDATED,
+    regions,
+    validation_errors,
+)
 from bayescal.predict.errors import CentreDistances, ValidationErrors
 
 NOISE, COUNT = 5e-6, 60
@@ -42,14 +49,14 @@ def judged(spoils: dict[str, float], helps: dict[str, float], base: float = 20e-
     def refit(members):
         asked.append(members)
         size = base - sum(helps.get(m, 0.0) for m in members) + sum(spoils.get(m, 0.0) for m in members)
-        return "+".join(members), errors(size)
+        return "+".join(members), (errors(size),)
 
     return refit, asked
 
 
 def test_effects_that_help_are_kept():
     refit, _ = judged({}, {"play": 8e-6, "scale": 7e-6})
-    found = confirmed(("play", "scale"), refit, errors(20e-6))
+    found = confirmed(("play", "scale"), refit, (errors(20e-6),))
     assert (found.members, found.fitted, found.withheld) == (("play", "scale"), "play+scale", ())
 
 
@@ -57,18 +64,18 @@ def test_effects_that_help_are_kept():
 def test_the_effect_that_spoils_the_validation_is_withheld_whatever_its_size(order):
     """The last of the effects is the smallest: it must not be withheld for what another one does."""
     refit, _ = judged({"drift": 60e-6}, {"play": 8e-6, "scale": 7e-6})
-    found = confirmed(order, refit, errors(20e-6))
+    found = confirmed(order, refit, (errors(20e-6),))
     assert found.members == tuple(m for m in order if m != "drift")
     assert [a.member for a in found.withheld] == ["drift"]
-    assert found.withheld[0].cost == pytest.approx(-gain(errors(20e-6), found.errors, refit(order)[1]))
+    assert found.withheld[0].cost == pytest.approx(-gain(errors(20e-6), found.errors, refit(order)[1][0]))
     assert found.fitted == "play+scale"
 
 
 def test_a_name_that_costs_beside_another_that_helps_is_withheld():
     """Together they help. Alone, each removal is tried, and one of them is worth more without the other."""
     refit, _ = judged({"drift": 8e-6}, {"play": 18e-6})
-    assert gain(errors(20e-6), errors(20e-6), refit(("play", "drift"))[1]) > 3
-    found = confirmed(("play", "drift"), refit, errors(20e-6))
+    assert gain(errors(20e-6), errors(20e-6), refit(("play", "drift"))[1][0]) > 3
+    found = confirmed(("play", "drift"), refit, (errors(20e-6),))
     assert found.members == ("play",)
 
 
@@ -86,7 +93,7 @@ def unfitted(refit, refused):
 def test_an_effect_without_which_the_others_cannot_be_fitted_is_kept():
     refit, _ = judged({"drift": 60e-6}, {"play": 8e-6, "scale": 7e-6})
     names = ("play", "scale", "drift")
-    found = confirmed(names, unfitted(refit, lambda m: "play" not in m), errors(20e-6))
+    found = confirmed(names, unfitted(refit, lambda m: "play" not in m), (errors(20e-6),))
     assert found.members == ("play", "scale")
 
 
@@ -94,7 +101,7 @@ def test_of_effects_that_cannot_be_fitted_together_the_last_is_withheld():
     """Even a certain one: there is no refit that has it."""
     refit, _ = judged({}, {"play": 8e-6, "scale": 7e-6})
     broken = unfitted(refit, lambda m: "scale" in m)
-    found = confirmed(("play", "scale"), broken, errors(20e-6), lambda member: True)
+    found = confirmed(("play", "scale"), broken, (errors(20e-6),), lambda member: True)
     assert (found.members, found.fitted, found.unclaimed) == (("play",), "play", ())
     (aside,) = found.withheld
     assert aside.words == "explains the calibration rows but cannot be fitted (gravity moves the arm)"
@@ -102,7 +109,7 @@ def test_of_effects_that_cannot_be_fitted_together_the_last_is_withheld():
 
 def test_two_that_spoil_are_both_withheld():
     refit, _ = judged({"drift": 60e-6, "bending": 50e-6}, {"play": 8e-6})
-    found = confirmed(("bending", "play", "drift"), refit, errors(20e-6))
+    found = confirmed(("bending", "play", "drift"), refit, (errors(20e-6),))
     assert found.members == ("play",)
     assert {a.member for a in found.withheld} == {"drift", "bending"}
 
@@ -111,23 +118,23 @@ def test_of_two_that_spoil_only_together_one_goes():
     """Either does what both do, so that no removal alone helps; less than both is needed all the same."""
 
     def refit(members):
-        return "+".join(members), errors(40e-6 if members else 0.0)
+        return "+".join(members), (errors(40e-6 if members else 0.0),)
 
-    found = confirmed(("bending", "coupling"), refit, errors(0.0))
+    found = confirmed(("bending", "coupling"), refit, (errors(0.0),))
     assert found.members == ()
     assert len(found.withheld) == 2
 
 
 def test_without_any_effect_the_baseline_stands():
     refit, _ = judged({"drift": 60e-6}, {})
-    found = confirmed(("drift",), refit, errors(20e-6))
+    found = confirmed(("drift",), refit, (errors(20e-6),))
     assert (found.members, found.fitted) == ((), "")
 
 
 def test_a_certain_effect_keeps_its_name_and_loses_its_claim():
     """The others are tested as if it were not there, and the refit contains it."""
     refit, _ = judged({"drift": 60e-6, "bending": 50e-6}, {"play": 8e-6})
-    found = confirmed(("drift", "bending", "play"), refit, errors(20e-6), lambda m: m == "drift")
+    found = confirmed(("drift", "bending", "play"), refit, (errors(20e-6),), lambda m: m == "drift")
     assert (found.members, found.fitted) == (("drift", "play"), "drift+play")
     assert [a.member for a in found.withheld] == ["bending"]
     assert [a.member for a in found.unclaimed] == ["drift"]
@@ -182,12 +189,35 @@ def test_a_name_whose_predicted_change_is_missing_is_withheld():
     other -= change * (other @ change) / (change @ change)
 
     def refit(members):
-        return "", replace(errors(0.0), residual=other - change * len(members), noise=np.full(COUNT, 60e-6))
+        residual = other - change * len(members)
+        return "", (replace(errors(0.0), residual=residual, noise=np.full(COUNT, 60e-6)),)
 
     found = confirmed(("hysteresis",), refit, refit(())[1])
     assert found.members == ()
     assert found.withheld[0].cost < 3
     assert "of the change" in found.withheld[0].words
+
+
+def test_a_name_must_pass_with_regions_left_out_as_with_blocks():
+    """What it predicts is there in the blocks of time, and not in the regions: it is withheld."""
+    rng = np.random.default_rng(6)
+    change, other = (20e-6 * rng.standard_normal(COUNT) for _ in range(2))
+    other -= change * (other @ change) / (change @ change)
+    fold = np.arange(COUNT) % 5
+
+    def refit(members):
+        there = [other + change * (not members), other - change * len(members)]
+        return "", tuple(
+            replace(errors(0.0), residual=r, noise=np.full(COUNT, 60e-6), how=how, fold=fold)
+            for r, how in zip(there, (BLOCKED, BY_REGION), strict=True)
+        )
+
+    found = confirmed(("eccentricity",), refit, refit(())[1])
+    (aside,) = found.withheld
+    assert "contacts in joint regions that are left out show" in aside.words
+    (blocks, _), (base, _) = refit(("eccentricity",))[1], refit(())[1]
+    assert share(base, blocks).value == pytest.approx(1.0)
+    assert aside.share.value == pytest.approx(0.0, abs=1e-9)
 
 
 def test_gain_of_distances_heeds_their_correlation():
@@ -196,17 +226,17 @@ def test_gain_of_distances_heeds_their_correlation():
     assert near > far + 2
 
 
-# --- Names without validation measurements: blocks of poses and time that are left out judge them.
+# --- Names without validation measurements: blocks of rows and regions that are left out judge them.
 
 FULL = ("geometry", "compliance")
 
 
-def judged_in_blocks(dataset, name):
+def judged_in_blocks(dataset, name, how=BLOCKED):
     """Nats of a name by rows left out one by one and by blocks, and the share of its change in blocks."""
     fits = [estimate(build(Scene(dataset), own)) for own in (FULL, (*FULL, name))]
     less, more = (validation_errors(fit) for fit in fits)
     single = float(np.sum(log_predictive(more)[0] - log_predictive(less)[0]))
-    less, more = (validation_errors(fit, without=BLOCKED) for fit in fits)
+    less, more = (validation_errors(fit, without=how) for fit in fits)
     return single, gain(less, less, more), share(less, more)
 
 
@@ -236,3 +266,28 @@ def test_errors_that_neighbours_share_do_not_confirm_a_name(cube):
     assert single > -0.5
     assert nats < -GATE.loss
     assert shown.missing
+
+
+def test_a_region_has_the_rows_of_its_poses_in_any_order(cube):
+    m = cube(seed=1, count=40).dataset.measurements
+    rows = np.concatenate([np.arange(40), np.arange(40)])  # two residuals of each row
+    label = regions(m, rows)
+    assert np.array_equal(label[:40], label[40:])
+    assert len(np.unique(label)) == REGIONS
+    inside, own = m.readings / np.std(m.readings, axis=0), label[:40]
+    centres = np.array([inside[own == k].mean(axis=0) for k in range(REGIONS)])
+    near = np.argmin(np.linalg.norm(inside[:, None] - centres, axis=2), axis=1)
+    assert np.mean(near == own) > 0.9
+    first, *others = regions(m, np.repeat([3, 8], 5))
+    assert others == [first] * 4 + [1 - first] * 5
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_an_error_of_regions_does_not_confirm_a_name_that_fits_it(cube, seed):
+    """Zeros of joints that differ by region: blocks of time visit all regions and do not show it."""
+    d, rng = cube(seed=1, count=150).dataset, np.random.default_rng(seed)
+    label = regions(d.measurements, np.arange(len(d.measurements.readings)))
+    for joint in range(1, 7):
+        d = off(d, joint, 3e-4 * rng.standard_normal(REGIONS)[label])
+    for how, lacks in ((BLOCKED, False), (BY_REGION, True)):
+        assert judged_in_blocks(d, "eccentricity x8", how)[2].missing is lacks

@@ -13,12 +13,20 @@ from bayescal.errors import BayescalError
 from bayescal.estimate.solver import factored, halved, solved
 from bayescal.gap.outcome.magnitude import log_predictive
 from bayescal.gap.settings import GATE
-from bayescal.predict.crossvalidation import BLOCKED, LEFT_OUT, VALIDATED
+from bayescal.predict.crossvalidation import BLOCKED, BY_REGION, LEFT_OUT, VALIDATED
 from bayescal.predict.errors import CentreDistances, ValidationErrors
 from bayescal.statistics import chi2_sf, f_sf
 
-Refit = Callable[[Sequence[Any]], tuple[Any, ValidationErrors]]
+Tests = tuple[ValidationErrors, ...]
+"""Validation errors of one fit: of the validation data, or with blocks, and with regions, left out."""
+Refit = Callable[[Sequence[Any]], tuple[Any, Tests]]
 """Fits some effects, and returns the fit with its validation errors."""
+LEFT = {
+    VALIDATED: ("the validation data", "validation contacts"),
+    BLOCKED: ("blocks of poses and time that are left out", "contacts of blocks that are left out"),
+    BY_REGION: ("regions of the joints that are left out", "contacts in joint regions that are left out"),
+}
+"""What was not fitted, as a whole and its contacts."""
 
 
 @dataclass(frozen=True)
@@ -53,12 +61,10 @@ class Aside:
         """The failed test."""
         if self.refused:
             return f"explains the calibration rows but cannot be fitted ({self.refused})"
-        text, blocked = "explains the calibration rows but ", self.how == BLOCKED
+        text, (data, contacts) = "explains the calibration rows but ", LEFT[self.how]
         if self.cost > GATE.loss or not self.share.missing:
-            data = "blocks of poses and time that are left out" if blocked else "the validation data"
             return f"{text}makes {data} less probable, by {self.cost:.1f} nats"
         found = f"{self.share.value:.2f} ± {self.share.u:.2f}"
-        contacts = "contacts of blocks that are left out" if blocked else "validation contacts"
         return f"{text}{contacts} show {found} of the change that it predicts"
 
 
@@ -74,10 +80,7 @@ class Confirmed:
 
 
 def confirmed(
-    members: Sequence[Any],
-    refit: Refit,
-    before: ValidationErrors,
-    certain: Callable[[Any], bool] = lambda member: False,
+    members: Sequence[Any], refit: Refit, before: Tests, certain: Callable[[Any], bool] = lambda member: False
 ) -> Confirmed:
     """Withhold effects until each of the others passes both tests by validation data.
 
@@ -95,7 +98,7 @@ def confirmed(
     refit : callable
         Fits some of them, and returns the fit with its validation errors; raises `BayescalError` where they
         cannot be fitted.
-    before : ValidationErrors
+    before : tuple of ValidationErrors
         Without any of them.
     certain : callable
         Whether an effect is certain by the calibration data.
@@ -110,7 +113,7 @@ def confirmed(
             continue
         rest = [tested[:k] + tested[k + 1 :] for k in range(len(tested))]
         alone = [_alone(m, before, _errors(refit, own), errors) for m, own in zip(tested, rest, strict=True)]
-        all_of_them = -gain(before, before, errors)
+        all_of_them = -gain(before[0], before[0], errors[0])
         failing = [k for k, a in enumerate(alone) if a.cost > GATE.loss or a.share.missing]
         if not failing and all_of_them <= GATE.loss:
             break
@@ -125,10 +128,10 @@ def confirmed(
         unclaimed = tuple(a for a in unclaimed if a.member is not kept[-1])
         kept = kept[:-1]
     fitted, errors = refit(kept)
-    return Confirmed(kept, fitted, errors, withheld, unclaimed)
+    return Confirmed(kept, fitted, errors[0], withheld, unclaimed)
 
 
-def _errors(refit: Refit, members: Sequence[Any]) -> ValidationErrors | BayescalError:
+def _errors(refit: Refit, members: Sequence[Any]) -> Tests | BayescalError:
     """Validation errors of a refit, or why these effects cannot be fitted."""
     try:
         return refit(members)[1]
@@ -136,13 +139,13 @@ def _errors(refit: Refit, members: Sequence[Any]) -> ValidationErrors | Bayescal
         return error
 
 
-def _alone(
-    member: Any, before: ValidationErrors, less: ValidationErrors | BayescalError, more: ValidationErrors
-) -> Aside:
-    """What an effect costs, and the share of its predicted change that is there."""
+def _alone(member: Any, before: Tests, less: Tests | BayescalError, more: Tests) -> Aside:
+    """What an effect costs, and the share of its predicted change in the test that it fails."""
     if isinstance(less, BayescalError):  # the others are fitted with it only
-        return Aside(member, -np.inf, UNTESTED, more.how)
-    return Aside(member, -gain(before, less, more), share(less, more), more.how)
+        return Aside(member, -np.inf, UNTESTED, more[0].how)
+    tests = [(share(a, b), b.how) for a, b in zip(less, more, strict=True)]
+    failed = next((test for test in tests if test[0].missing), tests[0])
+    return Aside(member, -gain(before[0], less[0], more[0]), *failed)
 
 
 def gain(before: ValidationErrors, less: ValidationErrors, more: ValidationErrors) -> float:
@@ -188,7 +191,7 @@ def share(less: ValidationErrors, more: ValidationErrors) -> Share:
     noise = less.noise[use]
     r = less.residual[use] / noise
     change = r - more.residual[use] / noise
-    if less.how == BLOCKED:
+    if less.fold is not None:
         r, change = _whitened(less, use, np.stack([r, change]))
     size = float(change @ change)
     _, block = np.unique(less.block[use], return_inverse=True)
