@@ -52,8 +52,18 @@ MISFIT = 0.05
 
 
 def lens_of(t: Target) -> Lens:
-    """The lens of a camera."""
+    """The lens of a camera.
+
+    Raises
+    ------
+    BayescalError
+        For more coefficients than the lens has.
+    """
     model = t.texts.get("lens", "pinhole")
+    for key in ("distortion", "u_distortion"):
+        if (count := np.size(t.values.get(key, np.nan))) > len(NAMES[model]):
+            what = f"`{key}` of `{t.name}` has {count} entries"
+            raise BayescalError(what, "dataset.yaml: targets", f"a {model} has {', '.join(NAMES[model])}")
     given = np.atleast_1d(np.asarray(t.values["distortion"], float))
     given = given[~np.isnan(given)]
     coefficients = np.pad(given, (0, len(NAMES[model]) - len(given)))
