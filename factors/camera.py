@@ -59,9 +59,8 @@ class Camera:
             return at, axes, np.einsum("...jkc,...jc->...kc", axes, at - origin)
         at = np.einsum("...jkc,ck->...jc", axes, self.corner) + origin
         camera = turn @ self.frame[:3, :3]
-        local = (
-            np.swapaxes(turn, -1, -2) @ (at - shift[..., None]) + (self.pivot - self.frame[:3, 3])[:, None]
-        )
+        back = np.swapaxes(turn, -1, -2) @ (at - shift[..., None])
+        local = back + (self.pivot - self.frame[:3, 3])[:, None]
         return at, camera[..., None], self.frame[:3, :3].T @ local
 
     def seen(self, x: np.ndarray, pose: np.ndarray) -> np.ndarray:
@@ -82,9 +81,8 @@ class Camera:
         xy = local[..., :2, :] / depth[..., None, :]
         r = self.scale * (self.lens.pixels(xy) - self.pixel.T)
         # by the corner in the camera's frame (..., 2, 3, C), then in F0
-        slopes = self.lens.slopes(xy) * (
-            self.lens.focal[:, None, None] * self.scale / depth[..., None, None, :]
-        )
+        scale = self.lens.focal[:, None, None] * self.scale / depth[..., None, None, :]
+        slopes = self.lens.slopes(xy) * scale
         inward = -np.sum(slopes * xy[..., None, :, :], axis=-2) * (local[..., 2, :] > NEAREST)[..., None, :]
         by = np.concatenate([slopes, inward[..., None, :]], axis=-2)
         w = np.einsum("...jkc,...ikc->...ijc", axes, by)

@@ -18,29 +18,23 @@ class Kind(Protocol):
     @property
     def rows(self) -> int:
         """Residuals a contact."""
-        ...
 
     @property
     def parts(self) -> tuple[tuple[str, str], ...]:
         """Name and SI unit of each component of x."""
-        ...
 
     @property
     def sd(self) -> np.ndarray:
         """Prior standard deviations of x, (size,), m and rad; 0 where known."""
-        ...
 
     def residual(self, x: np.ndarray, p: np.ndarray) -> np.ndarray:
         """Residuals (..., rows, C), m."""
-        ...
 
     def linearise(self, x: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Residuals and their gradients by p (..., rows, 3, C) and by x (..., rows, C, size)."""
-        ...
 
     def describe(self, x: np.ndarray) -> dict[str, np.ndarray | float]:
         """The target at state x under the contract's keys without units, SI."""
-        ...
 
 
 def tangents(normal: np.ndarray) -> np.ndarray:
@@ -109,7 +103,6 @@ class Placed(Kind, Protocol):
 
     def feature(self, x: np.ndarray) -> Feature:
         """Its feature at the states x (..., size)."""
-        ...
 
 
 def feature(kind: Kind, x: np.ndarray) -> Feature:

@@ -99,11 +99,9 @@ class Lens:
         """Factor on the direction, and its derivative by the radius over the radius."""
         radius = np.sqrt(x * x + y * y)
         safe = np.maximum(radius, AXIAL)
-        angle, powers = np.arctan(safe), np.arange(5)
-        terms = np.concatenate([[1.0], self.coefficients])[:, None] * angle[..., None, :] ** (
-            2 * powers[:, None]
-        )
+        angle, powers = np.arctan(safe), 2 * np.arange(5)[:, None]
+        terms = np.concatenate([[1.0], self.coefficients])[:, None] * angle[..., None, :] ** powers
         turned = angle * np.sum(terms, axis=-2)
-        by_angle = np.sum((2 * powers[:, None] + 1) * terms, axis=-2)
+        by_angle = np.sum((powers + 1) * terms, axis=-2)
         factor = turned / safe
         return factor, (by_angle / (1 + safe * safe) - factor) / safe**2

@@ -47,9 +47,7 @@ class Plane:
         normal, slopes = tilted(self.normal, self.tangents, x[..., :2])
         out = p - self.pivot[:, None]
         r = dot(normal, out) - (x[..., 2, None] + self.radius)
-        by_x = np.empty(
-            (*r.shape[:-1], 3, r.shape[-1])
-        )  # component after component, as the solver takes them
+        by_x = np.empty((*r.shape[:-1], 3, r.shape[-1]))  # by component, as the solver takes them
         np.matmul(slopes, out, out=by_x[..., :2, :])
         by_x[..., 2, :] = -1.0
         dx = np.swapaxes(by_x, -1, -2)

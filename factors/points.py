@@ -96,9 +96,8 @@ def form_of(certified: np.ndarray) -> tuple[Form, np.ndarray]:
         seen = out @ turn
         deviations = np.einsum("mki,...ki->...m", free, seen - arms)
         # the rotation follows the points: sum of arm x seen is 0
-        inertia = np.sum(arms * seen, axis=(-1, -2))[..., None, None] * np.eye(3) - np.einsum(
-            "...ki,kj->...ij", seen, arms
-        )
+        spread = np.einsum("...ki,kj->...ij", seen, arms)
+        inertia = np.sum(arms * seen, axis=(-1, -2))[..., None, None] * np.eye(3) - spread
         lever = np.sum(np.cross(seen[..., None, :, :], free), axis=-2)  # (..., m, 3)
         by_turn = lever @ np.linalg.inv(inertia)
         by = free - np.cross(by_turn[..., :, None, :], arms)

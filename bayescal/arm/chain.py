@@ -88,10 +88,9 @@ class Robot:
     armatures: np.ndarray | None = None  # (n,) kg m2, rotors as seen at the joints; nan where not stated
     priors: tuple[Prior, ...] = ()  # of parameters whose usual priors do not hold for this arm
     prismatic: np.ndarray | None = None  # (n,) bool, joints that slide; None: all are revolute
-    mass_covariance: np.ndarray | None = (
-        None  # (4n, 4n) of relative errors of masses and errors of centres, m,
-    )
-    # link by link, where masses were estimated together with other measurements; None: see `effects.gravity`
+    mass_covariance: np.ndarray | None = None
+    # (4n, 4n) of relative errors of masses and errors of centres, m, link by link, where masses were
+    # estimated together with other measurements; None: see `effects.gravity`
 
     def __post_init__(self) -> None:
         assert self.convention == "mdh" or np.array_equal(self.flange, np.eye(4)), "standard rows end at it"

@@ -168,9 +168,8 @@ def refined(poses: np.ndarray, local: np.ndarray, xy: np.ndarray, image: np.ndar
         j = np.concatenate([by, np.cross(turned[:, None], by)], axis=2)
         normal = _sums(np.einsum("rki,rkj,r->rij", j, j, weight), number)
         normal += 1e-12 * np.trace(normal, axis1=1, axis2=2)[:, None, None] * np.eye(6)
-        step = np.linalg.solve(normal, _sums(np.einsum("rki,rk,r->ri", j, off, weight), number)[..., None])[
-            ..., 0
-        ]
+        right = _sums(np.einsum("rki,rk,r->ri", j, off, weight), number)
+        step = np.linalg.solve(normal, right[..., None])[..., 0]
         now[..., 3] -= step[:, :3]
         now[..., :3] = _turned(-step[:, 3:]) @ now[..., :3]
     out = poses.copy()

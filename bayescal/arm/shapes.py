@@ -143,9 +143,8 @@ class Cylinder:
     def lowest(self, up: np.ndarray) -> float:
         """Height of the lowest point along the unit vector `up` (3,), m."""
         along = float(self.axis @ up)
-        return float(
-            self.centre @ up - self.half * abs(along) - self.radius * np.sqrt(max(0.0, 1 - along**2))
-        )
+        beside = self.radius * np.sqrt(max(0.0, 1 - along**2))
+        return float(self.centre @ up - self.half * abs(along) - beside)
 
 
 @dataclass(frozen=True)

@@ -149,12 +149,9 @@ def gravity_loads(
         for start in range(0, len(q), AT_ONCE):
             rows = np.arange(start, min(start + AT_ONCE, len(q)))
             there = None if stance is None else stance.at(rows)
-            parts.append(
-                gravity_loads(robot, chain, q[rows], gravity, load_mass[rows], load_centre[rows], there)
-            )
-        return Loads(
-            np.concatenate([part.moments for part in parts]), np.concatenate([part.weights for part in parts])
-        )
+            part = gravity_loads(robot, chain, q[rows], gravity, load_mass[rows], load_centre[rows], there)
+            parts.append((part.moments, part.weights))
+        return Loads(*map(np.concatenate, zip(*parts, strict=True)))
     n, delta = chain.n, None if stance is None else stance.delta
     pose = frames(chain, q, delta)
     moment, weight = np.empty((len(q), n + 1, 3)), np.empty((len(q), n + 1, 3))

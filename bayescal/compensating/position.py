@@ -203,9 +203,8 @@ def uncertainty(working: Working, frame: Frame, poses: Poses, velocity: np.ndarr
     """
     by, of_frame = frame.moved(poses)
     off = lost_motion(poses, velocity)
-    covariance = (
-        poses.spread_by(by) + of_frame + np.einsum("cji,cjk->cik", off, off) + working.covariance(poses)
-    )
+    play = np.einsum("cji,cjk->cik", off, off)
+    covariance = poses.spread_by(by) + of_frame + play + working.covariance(poses)
     dof = poses.dof_by(by, np.trace(covariance, axis1=1, axis2=2))
     return Uncertain(covariance, expanded(covariance, dof))
 

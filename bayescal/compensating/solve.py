@@ -127,17 +127,13 @@ def _nominal(
             readings = nearest(nominal, candidates, references, target.admits)
             if readings is None and not target.strict:
                 readings = nearest(nominal, candidates, references)
-        if (
-            readings is None
-            and target.admits is not None
-            and nearest(nominal, candidates, session) is not None
-        ):
-            out.append(Corrected("no solution has the configuration that is stated there"))
-        elif readings is None:
-            out.append(Corrected(without_solution(nominal, goal, candidates)))
-        else:
+        if readings is not None:
             out.append(Corrected(nominal=readings, solutions=len(candidates)))
             before = readings
+        elif target.admits is not None and nearest(nominal, candidates, session) is not None:
+            out.append(Corrected("no solution has the configuration that is stated there"))
+        else:
+            out.append(Corrected(without_solution(nominal, goal, candidates)))
     return out
 
 
@@ -214,9 +210,7 @@ def _fitted(
 def _stuck(arm: NominalArm, angles: np.ndarray) -> str:
     """Why the fitted arm does not come from the nominal solution to the target."""
     low, high = arm.robot.limits.T
-    names = [
-        n for n, a, b, c in zip(arm.robot.joint_names, angles, low, high, strict=True) if a <= b or a >= c
-    ]
+    names = [arm.robot.joint_names[k] for k in np.flatnonzero((angles <= low) | (angles >= high))]
     if names:
         return f"the correction takes {', '.join(names)} beyond its limit"
     return "the correction does not converge: the pose is near a singularity"

@@ -104,14 +104,9 @@ def certificates_of(
         what = f"no two targets of one placement are points of the artefact ({', '.join(names[:3])}, ...)"
         remedy = "name targets as the points, with `@` and the placement behind: `ball.A@1`"
         raise BayescalError(what, document.where(("points",)), remedy)
-    points = Points(
-        artefact=file.name,
-        names=names,
-        coordinates=_rows(coordinates),
-        covariance=_rows(covariance),
-        of=tuple(names.index(t.name.partition("@")[0]) for t in used),
-        placements=tuple(t.name.partition("@")[2] for t in used),
-    )
+    of = tuple(names.index(t.name.partition("@")[0]) for t in used)
+    placements = tuple(t.name.partition("@")[2] for t in used)
+    points = Points(file.name, names, _rows(coordinates), _rows(covariance), of, placements)
     whole = Certificate("points", tuple(t.name for t in used), points=points)
     derived = distances_of(whole)
     certified = {frozenset(c.targets) for c in stated if c.kind == "distance"}
@@ -122,9 +117,8 @@ def certificates_of(
             what = f"the distance of {pair} is certified by dataset.yaml too"
             raise BayescalError(what, where, "keep one: the same certificate would count twice")
         if not c.u_distance:
-            raise BayescalError(
-                f"the distance of {pair} has no uncertainty", where, "state that of the points"
-            )
+            what = f"the distance of {pair} has no uncertainty"
+            raise BayescalError(what, where, "state that of the points")
     return (whole, *derived), document.content
 
 

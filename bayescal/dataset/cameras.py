@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from bayescal.arm import hand_eye
 from bayescal.arm.chain import chain_of, frames, link_angles
 from bayescal.arm.transforms import rigid, rpy_matrix, rpy_of
 from bayescal.dataset.boards import Board, board_of
-from bayescal.dataset.types import Dataset, Target, Tool
+from bayescal.dataset.types import Dataset, Target
 from bayescal.errors import BayescalError
 from factors.camera import NEAREST, Camera
 from factors.lens import NAMES, Lens
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from bayescal.dataset.table import Table
     from bayescal.storage.files import Document
 
+T = TypeVar("T")
 FLANGE, FIXED = "flange", "fixed"
 PIXEL = 0.2
 """px, noise of a corner where none is stated (assumed: subpixel corners scatter by 0.1 to 0.3 px)."""
@@ -51,14 +52,23 @@ MISFIT = 0.05
 
 
 def lens_of(t: Target) -> Lens:
-    """The lens of a camera."""
+    """The lens of a camera.
+
+    Raises
+    ------
+    BayescalError
+        For more coefficients than the lens has.
+    """
     model = t.texts.get("lens", "pinhole")
+    for key in ("distortion", "u_distortion"):
+        if (count := np.size(t.values.get(key, np.nan))) > len(NAMES[model]):
+            what = f"`{key}` of `{t.name}` has {count} entries"
+            raise BayescalError(what, "dataset.yaml: targets", f"a {model} has {', '.join(NAMES[model])}")
     given = np.atleast_1d(np.asarray(t.values["distortion"], float))
-    coefficients = np.zeros(len(NAMES[model]))
-    if not np.isnan(given).any():
-        coefficients[: len(given)] = given
-    of = {key: float(t.values[key]) for key in ("fx", "fy", "cx", "cy")}
-    return Lens(model, np.array([of["fx"], of["fy"]]), np.array([of["cx"], of["cy"]]), coefficients)
+    given = given[~np.isnan(given)]
+    coefficients = np.pad(given, (0, len(NAMES[model]) - len(given)))
+    focal, centre = (np.array([t.values[f"{of}{axis}"] for axis in "xy"], float) for of in "fc")
+    return Lens(model, focal, centre, coefficients)
 
 
 def board(t: Target) -> Board:
@@ -91,13 +101,11 @@ def stated(t: Target) -> Stated:
         return np.asarray(usual, float) if np.isnan(value).any() else value
 
     usual = np.array([USUAL[name[0]] for name in NAMES[lens.model]])
-    coefficients = np.zeros(len(usual))
     own = np.atleast_1d(given("u_distortion", usual))
-    coefficients[: len(own)] = own
     return Stated(
         np.broadcast_to(given("u_focal", USUAL["focal"] * lens.focal), 2),
         np.broadcast_to(given("u_centre", USUAL["centre"]), 2),
-        coefficients,
+        np.pad(own, (0, len(usual) - len(own))),
         float(given("u_scale", USUAL["scale"])),
         float(given("u_flatness", USUAL["flatness"])),
     )
@@ -122,15 +130,6 @@ def camera(t: Target, middle: np.ndarray, read: np.ndarray, pose: np.ndarray, sd
     bare = Camera(frame, pivot, corner, read[:, :2], lens, np.ones(len(read)), sd, carried)
     depth = np.maximum(bare.seen(np.zeros(6), pose)[2], NEAREST) if len(read) else np.ones(0)
     return replace(bare, scale=depth / np.mean(lens.focal))
-
-
-def nominal_poses(dataset: Dataset, readings: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """Nominal poses (3, 4, C) in F0 of the tools of some rows, at readings (N, n), rad."""
-    flange = flange_poses(dataset, readings[rows])
-    index = dataset.measurements.tool[rows]
-    axes = np.array([np.eye(3) if t.rpy is None else rpy_matrix(t.rpy) for t in dataset.tools])
-    own = np.concatenate([axes, np.array([t.centre for t in dataset.tools])[..., None]], axis=2)[index]
-    return np.moveaxis(hand_eye.product(flange, own), 0, -1)
 
 
 def flange_poses(dataset: Dataset, readings: np.ndarray) -> np.ndarray:
@@ -273,19 +272,18 @@ def prepared(dataset: Dataset, target: int, table: Table, document: Document) ->
         return dataset
     assert m.pixel is not None
     _check_rows(t, rows, m.pixel, table)
-    if t.u is not None and not np.isnan(t.values["xyz"]).any() and not np.isnan(t.values["rpy"]).any():
+    rough = not (np.isnan(t.values["xyz"]).any() or np.isnan(t.values["rpy"]).any())
+    if t.u is not None and rough:
         return dataset
     used = rows[m.tool[rows] == np.bincount(m.tool[rows]).argmax()]
     seen, _, found = closed_form(dataset, target, used, m.readings)
     _check_board(t, seen, where)
-    rough = not (np.isnan(t.values["xyz"]).any() or np.isnan(t.values["rpy"]).any())
     if found is None or not found.determined:
         if rough:
             return dataset
         what = f"the images of `{t.name}` do not tell where camera and board are"
-        raise BayescalError(
-            what, where, "add images with the flange turned about two axes, or `xyz_mm` and `rpy_deg`"
-        )
+        remedy = "add images with the flange turned about two axes, or `xyz_mm` and `rpy_deg`"
+        raise BayescalError(what, where, remedy)
     _check_arm(dataset, target, used, found, where)
     k = int(m.tool[used[0]])
     tool = dataset.tools[k]
@@ -293,21 +291,18 @@ def prepared(dataset: Dataset, target: int, table: Table, document: Document) ->
         placed = replace(tool, centre=found.on_flange[:, 3], rpy=rpy_of(found.on_flange[:, :3]))
         dataset = replace(dataset, tools=_replaced(dataset.tools, k, placed))
     values = t.values | {"xyz": found.fixed[:, 3], "rpy": rpy_of(found.fixed[:, :3])}
-    targets = list(dataset.targets)
-    targets[target] = replace(t, values=values)
-    return replace(dataset, targets=tuple(targets))
+    return replace(dataset, targets=_replaced(dataset.targets, target, replace(t, values=values)))
 
 
-def _replaced(tools: tuple[Tool, ...], k: int, tool: Tool) -> tuple[Tool, ...]:
-    return (*tools[:k], tool, *tools[k + 1 :])
+def _replaced(items: tuple[T, ...], k: int, item: T) -> tuple[T, ...]:
+    return (*items[:k], item, *items[k + 1 :])
 
 
 def _check_rows(t: Target, rows: np.ndarray, pixel: np.ndarray, table: Table) -> None:
     count, read = len(board(t).points), pixel[rows]
-    every = np.zeros(len(table.line), bool)
 
     def refuse(bad: np.ndarray, what: str, remedy: str) -> None:
-        mask = every.copy()
+        mask = np.zeros(len(table.line), bool)
         mask[rows] = bad
         table.first(mask, what, remedy)
 
@@ -342,9 +337,8 @@ def _check_board(t: Target, seen: Images, where: str) -> None:
     good = some & (seen.misfit < FOREIGN)
     if front and np.mean(front * seen.poses[good, 2, 2] < 0) > 0.5:
         what = f"`{t.name}` sees its board from behind: the image or the order of its corners is mirrored"
-        raise BayescalError(
-            what, where, "number corners row by row from the upper left, as docs/cameras.md says"
-        )
+        remedy = "number corners row by row from the upper left, as docs/cameras.md says"
+        raise BayescalError(what, where, remedy)
 
 
 def _check_arm(dataset: Dataset, target: int, rows: np.ndarray, found: hand_eye.HandEye, where: str) -> None:
@@ -353,9 +347,9 @@ def _check_arm(dataset: Dataset, target: int, rows: np.ndarray, found: hand_eye.
     off = float(np.median(np.hypot(found.off, LEVER * found.turned)))
     if off > MISFIT:
         other = FIXED if t.texts["mount"] == FLANGE else FLANGE
-        targets = list(dataset.targets)
-        targets[target] = replace(t, texts=dict(t.texts) | {"mount": other})
-        swapped = closed_form(replace(dataset, targets=tuple(targets)), target, rows, m.readings)[2]
+        turned = replace(t, texts=dict(t.texts) | {"mount": other})
+        session = replace(dataset, targets=_replaced(dataset.targets, target, turned))
+        swapped = closed_form(session, target, rows, m.readings)[2]
         assert swapped is not None
         then = float(np.median(np.hypot(swapped.off, LEVER * swapped.turned)))
         if then < off / 3:
@@ -380,9 +374,8 @@ def board_factor(dataset: Dataset, target: int, rows: np.ndarray) -> float:
     # F_R x + f = Z_R (s q) + z, in which distances in the images are to the scale s of the board
     turned = poses[:, :, 3] @ found.fixed[:, :3].T
     near = (found.off <= 3 * np.median(found.off) + 1e-9).astype(float)[:, None]
-    rows_of = np.concatenate(
-        [flange[:, :, :3], np.broadcast_to(-np.eye(3), (len(flange), 3, 3)), -turned[:, :, None]], axis=2
-    )
+    fixed = np.broadcast_to(-np.eye(3), (len(flange), 3, 3))
+    rows_of = np.concatenate([flange[:, :, :3], fixed, -turned[:, :, None]], axis=2)
     design = (rows_of * near[:, None]).reshape(-1, 7)
     if np.linalg.cond(design) > 1e4:
         return 1.0

@@ -114,13 +114,11 @@ def contradictions(dataset: Dataset) -> Iterator[Contradiction]:
         back = next((u for f, u in RATIOS.items() if abs(c.distance - there * f) < NEAR * there * f), "")
         names = " and ".join(f"`{name}`" for name in c.targets)
         what = f"{names}: certified {1e3 * c.distance:.6g} mm, nominally {1e3 * there:.6g} mm apart"
-        remedy = (
-            f"the certified value looks like {like}: write it in mm"
-            if like
-            else f"the value was converted once too often, or the nominal places are in {back}"
-            if back
-            else "check the certificate, the names and the nominal places"
-        )
+        remedy = "check the certificate, the names and the nominal places"
+        if back:
+            remedy = f"the value was converted once too often, or the nominal places are in {back}"
+        if like:
+            remedy = f"the certified value looks like {like}: write it in mm"
         place = ("artefact",) if c.derived else ("certificates", number)
         yield Contradiction(place, what, remedy, abs(c.distance - there) > OFF + explained)
 
@@ -155,13 +153,10 @@ def check(dataset: Dataset, table: Table) -> None:
         seen, turned = _from_row_to_row(rpy_matrix(rows.rpy[part])), _from_row_to_row(flange[part])
         off = float(np.median(np.abs(seen - turned)))
         if off > APART:
-            what = (
-                f"orientations that `{dataset.targets[target].name}` read turn from row to row by "
-                f"{np.degrees(off):.0f} deg more or less than the arm"
-            )
-            raise table.error(
-                part[0], what, "check rx_deg, ry_deg, rz_deg: degrees, R = Rz(rz) Ry(ry) Rx(rx)"
-            )
+            what = f"orientations that `{dataset.targets[target].name}` read turn from row to row by "
+            what += f"{np.degrees(off):.0f} deg more or less than the arm"
+            remedy = "check rx_deg, ry_deg, rz_deg: degrees, R = Rz(rz) Ry(ry) Rx(rx)"
+            raise table.error(part[0], what, remedy)
 
 
 def _from_row_to_row(turns: np.ndarray) -> np.ndarray:

@@ -257,10 +257,7 @@ def _named(sessions: Sequence[Dataset]) -> list[Dataset]:
 
 def _same(one: Tool, other: Tool) -> bool:
     """Whether two tools state the same."""
-    return all(
-        np.array_equal(np.asarray(getattr(one, f.name)), np.asarray(getattr(other, f.name)))
-        for f in fields(Tool)
-    )
+    return all(np.array_equal(getattr(one, f.name), getattr(other, f.name)) for f in fields(Tool))
 
 
 def _tools(sessions: Sequence[Dataset], remounted: bool) -> tuple[tuple[Tool, ...], list[np.ndarray]]:
@@ -295,12 +292,10 @@ def _certificates(sessions: Sequence[Dataset]) -> tuple[Certificate, ...]:
     The error of a certificate is common to all sessions and does not average out. K constraints with
     uncertainty u sqrt(K) have together the weight of a single constraint with u.
     """
-    fitted = [_fitted(s) for s in sessions]
-    copies = Counter(
-        c for s, names in zip(sessions, fitted, strict=True) for c in s.certificates if _used(c, names)
-    )
+    fitted = [(s, _fitted(s)) for s in sessions]
+    copies = Counter(c for s, names in fitted for c in s.certificates if _used(c, names))
     out = []
-    for s, touched in zip(sessions, fitted, strict=True):
+    for s, touched in fitted:
         for c in s.certificates:
             wide = float(np.sqrt(copies[c])) if _used(c, touched) else 1.0
             names = tuple(called(s, name) for name in c.targets)

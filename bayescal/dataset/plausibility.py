@@ -16,7 +16,7 @@ import numpy as np
 
 from bayescal.arm.chain import Robot
 from bayescal.dataset import consistency
-from bayescal.dataset.consistency import FEWEST, LENGTH_UNITS, OFF, away, contacts, nominal, seen
+from bayescal.dataset.consistency import FEWEST, LENGTH_UNITS, OFF, away, contacts, nominal
 from bayescal.dataset.contacts import Contacts, residual, settled
 from bayescal.dataset.table import Table
 from bayescal.dataset.target_kinds import KINDS, angle_sd, place_sd
@@ -96,22 +96,28 @@ def _angles(dataset: Dataset) -> Iterator[Other]:
     Each prismatic joint in every other unit of length.
     """
     rows, slides = dataset.measurements, dataset.robot.slides
-    for j, factor in product(np.flatnonzero(slides).tolist(), LENGTHS):
-        readings = rows.readings.copy()
-        readings[:, j] *= factor
-        other = replace(dataset, measurements=replace(rows, readings=readings))
-        yield (f"j{j + 1}",), factor, np.ones(len(rows.ids), bool), other
-    turning = np.flatnonzero(~slides).tolist()
     every = np.ones(len(rows.ids), bool)
+
+    def scaled(joints: list[int], factor: float) -> Other:
+        readings = rows.readings[:, joints] * factor
+        return tuple(f"j{j + 1}" for j in joints), factor, every, _with_readings(dataset, joints, readings)
+
+    for j, factor in product(np.flatnonzero(slides).tolist(), LENGTHS):
+        yield scaled([j], factor)
+    turning = np.flatnonzero(~slides).tolist()
     largest = np.abs(rows.readings).max(axis=0)
     for joints in (turning, *([j] for j in turning)) if turning else ():
         size = largest[joints].max()
         for factor in ANGLES:
             if size > TURNS if factor < 1 else 0 < size <= TURNS / factor:
-                readings = rows.readings.copy()
-                readings[:, joints] *= factor
-                other = replace(dataset, measurements=replace(rows, readings=readings))
-                yield tuple(f"j{j + 1}" for j in joints), factor, every, other
+                yield scaled(joints, factor)
+
+
+def _with_readings(dataset: Dataset, joints: list[int], readings: np.ndarray) -> Dataset:
+    """The session with other readings (N, k) of k joints."""
+    every = dataset.measurements.readings.copy()
+    every[:, joints] = readings
+    return replace(dataset, measurements=replace(dataset.measurements, readings=every))
 
 
 def _lengths(dataset: Dataset) -> Iterator[Other]:
@@ -160,14 +166,12 @@ def explanation(dataset: Dataset, document: Document) -> BayescalError | None:
 
 def _joint_changes(dataset: Dataset) -> Iterator[Change]:
     """Each change of a joint, of the coupling of joints 2 and 3, and of two columns."""
-    rows, q, n = dataset.measurements, dataset.measurements.readings, dataset.robot.n
-    every = np.ones(len(rows.ids), bool)
+    q, n = dataset.measurements.readings, dataset.robot.n
+    every = np.ones(len(q), bool)
 
     def change(what: str, joints: list[int], values: np.ndarray, remedy: str = ROBOT) -> Change:
-        readings = q.copy()
-        readings[:, joints] = values
-        other = replace(dataset, measurements=replace(rows, readings=readings))
-        return what, f"j{joints[0] + 1}_{dataset.robot.units[joints[0]]}", remedy, every, other
+        place = f"j{joints[0] + 1}_{dataset.robot.units[joints[0]]}"
+        return what, place, remedy, every, _with_readings(dataset, joints, values)
 
     slides = dataset.robot.slides
     for k, name in enumerate(dataset.robot.joint_names):
@@ -232,24 +236,18 @@ def problems(dataset: Dataset, table: Table, document: Document) -> Iterator[Bay
     if (in_other_units := _in_other_units(dataset, table)) is not None:
         yield in_other_units
         return
-    p = nominal(dataset, rows.readings)
+    p, every = nominal(dataset, rows.readings), away(dataset, rows.readings)
     limit = np.array([max(OFF, 5 * (t.u or 0.0)) for t in dataset.tools])[rows.tool]
     for index, target in enumerate(dataset.targets):
         part = np.flatnonzero(rows.target == index)
-        if not len(part):
-            continue
-        if not KINDS[target.kind].placed:
-            away = seen(dataset, index, p, part, rows.readings)
-        else:
+        off = every[part]
+        if KINDS[target.kind].placed and (off > limit[part]).any():
             mine = contacts(dataset, index, p, part)
-            away = np.linalg.norm(residual(mine)[0], axis=1)
-            if (away <= limit[part]).all():
-                continue
-            if (misplaced := _misplaced(mine, away, document)) is not None:
+            if (misplaced := _misplaced(mine, off, document)) is not None:
                 yield misplaced
                 continue
-            away = settled(mine)
-        if (impossible := _impossible(target, away, limit[part], part, table, document)) is not None:
+            off = settled(mine)
+        if (impossible := _impossible(target, off, limit[part], part, table, document)) is not None:
             yield impossible
     for wrong in consistency.contradictions(dataset):
         if wrong.impossible:
@@ -271,9 +269,8 @@ def _beyond_limits(robot: Robot, readings: np.ndarray, table: Table) -> tuple[Ba
     row = int(np.argmax(bad))
     joint = int(np.argmax(beyond[row]))
     unit, at, (low, high) = robot.units[joint], robot.shown(angle[row]), robot.shown(robot.limits.T)[:, joint]
-    what = (
-        f"{robot.joint_names[joint]} is at {at[joint]:.6g} {unit}, its limits are {low:g} to {high:g} {unit}"
-    )
+    what = f"{robot.joint_names[joint]} is at {at[joint]:.6g} {unit}, "
+    what += f"its limits are {low:g} to {high:g} {unit}"
     many = bool(bad.mean() > MANY)
     often = "many rows are: were degrees converted twice, or signs or coupling changed?"
     return table.error(row, what, often if many else "check the reading, or the robot's limits"), many

@@ -101,25 +101,23 @@ def _check_kinds(
         what = f"{kind[row]} `{targets[rows.target[row]].name}` touched with `{tools[rows.tool[row]].name}`"
         raise table.error(row, f"{what}, which has no ball", "add `ball_radius_mm` to the tool")
     reads = np.array([KINDS[t.kind].reads for t in targets])[rows.target]
-    instruments = readers("xyz")
-    for column in (*XYZ, *RPY):
-        given = np.array([cell != "" for cell in table.cells.get(column, ("",) * len(kind))])
-        for name in instruments if column in XYZ else ():
-            what = f"{name} `{{target}}`, but `{column}` is empty"
-            table.first((kind == name) & ~given, what, f"fill in {', '.join(XYZ)}")
-        _refuse(table, (reads != "xyz") & given, column, " or ".join(instruments))
+
+    def check_cells(field: str, needed: tuple[str, ...], further: tuple[str, ...] = ()) -> None:
+        for column in (*needed, *further):
+            given = np.array([cell != "" for cell in table.cells.get(column, ("",) * len(kind))])
+            for name in readers(field) if column in needed else ():
+                what = f"{name} `{{target}}`, but `{column}` is empty"
+                table.first((kind == name) & ~given, what, f"fill in {', '.join(needed)}")
+            _refuse(table, (reads != field) & given, column, " or ".join(readers(field)))
+
+    check_cells("xyz", XYZ, RPY)
     fixed = np.array([np.isfinite(t.values.get("length", np.nan)) for t in targets])[rows.target]
     read = np.zeros(len(kind), bool) if rows.length is None else np.isfinite(rows.length)
     for name in readers("length"):
         lengthless = f"{name} `{{target}}` has no `length_mm`"
         table.first((kind == name) & ~fixed & ~read, lengthless, "write it in the row, or in the target")
     _refuse(table, read & (reads != "length"), "length_mm", " or ".join(readers("length")))
-    for column in PIXEL:
-        given = np.array([cell != "" for cell in table.cells.get(column, ("",) * len(kind))])
-        for name in readers("pixel"):
-            what = f"{name} `{{target}}`, but `{column}` is empty"
-            table.first((kind == name) & ~given, what, f"fill in {', '.join(PIXEL)}")
-        _refuse(table, (reads != "pixel") & given, column, " or ".join(readers("pixel")))
+    check_cells("pixel", PIXEL)
 
 
 def readers(field: str) -> list[str]:
@@ -152,9 +150,8 @@ def _check_noise(table: Table, rows: Measurements, targets: tuple[Target, ...], 
     for key, stated, which in stated_of:
         if stated is None:
             what = f"no noise is stated for a row of `{{target}}`: `noise` has no `{key}`"
-            table.first(
-                which & ~in_row, what, f"add `{key}` to `noise` in dataset.yaml, or `u_mm` to the row"
-            )
+            remedy = f"add `{key}` to `noise` in dataset.yaml, or `u_mm` to the row"
+            table.first(which & ~in_row, what, remedy)
 
 
 SETTINGS, TABLE = "dataset.yaml", "measurements.csv"

@@ -283,9 +283,5 @@ def _file_model(kinds: tuple[TargetKind, ...]) -> type[DatasetFile]:
     entries: Any = Union[tuple(entry_of(kind) for kind in kinds)]  # noqa: UP007
     entry: Any = Annotated[entries, Field(discriminator="kind")]
     targets: Any = Annotated[dict[str, entry], Field(min_length=1)]
-    return create_model(
-        "DatasetFile",
-        __base__=DatasetFile,
-        __doc__=DatasetFile.__doc__,
-        targets=(targets, Field(description=TARGETS)),
-    )
+    field: Any = (targets, Field(description=TARGETS))
+    return create_model("DatasetFile", __base__=DatasetFile, __doc__=DatasetFile.__doc__, targets=field)

@@ -114,14 +114,11 @@ def plan_of(
         regions[name] = Patch(**fields_of(entry) | {"along": along})
         if reason := contacts.reason_against(by_name[name], regions[name]):
             raise BayescalError(f"the region of `{name}` {reason[0]}", document.where(path), reason[1])
+    where = document.where(("plan", "poses_deg"))
     if any(len(pose) != n for pose in stated.poses_deg):
-        where, remedy = (
-            document.where(("plan", "poses_deg")),
-            f"give {n} readings in deg (prismatic joints: mm) for each pose",
-        )
+        remedy = f"give {n} readings in deg (prismatic joints: mm) for each pose"
         raise BayescalError(f"a pose that has not {n} readings", where, remedy)
     if len(stated.poses_deg) == 1:
-        where = document.where(("plan", "poses_deg"))
         raise BayescalError("a single pose has no distance", where, "give two poses or more")
     volume = stated.volume_of_interest
     return PlanSettings(

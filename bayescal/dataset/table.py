@@ -120,10 +120,8 @@ class Table:
         wrong = np.array([bool(c) and not _is_number(c) for c in cells])
         self.first(wrong, f"`{column}` is not a number: '{{{column}}}'", "write a plain number")
         values = np.array([float(c) if c else np.nan for c in cells])
-        bad = ~np.isfinite(values) & ~empty
-        self.first(
-            bad, f"`{column}` is {{{column}}}, not a finite number", "correct the cell or remove the row"
-        )
+        what = f"`{column}` is {{{column}}}, not a finite number"
+        self.first(~np.isfinite(values) & ~empty, what, "correct the cell or remove the row")
         low, high = range_of(column)
         wrong = (values < low) | (values > high)
         if wrong.any():
@@ -258,13 +256,10 @@ def check_columns(header: list[str], where: str, units: Sequence[str]) -> None:
         if column not in columns:
             what, remedy = unknown("column", column, columns)
             raise BayescalError(what, where, remedy)
-    for column in ("id", "target", *joint_columns("deg", units)):
+    joints = joint_columns("deg", units)
+    for column in ("id", "target", *joints):
         if column not in header:
-            joints = joint_columns("deg", units)
-            remedy = (
-                f"the robot has {n} joints: {joints[0]} to {joints[-1]}"
-                if column.startswith("j")
-                else "add it"
-            )
+            span = f"the robot has {n} joints: {joints[0]} to {joints[-1]}"
+            remedy = span if column in joints else "add it"
             raise BayescalError(f"column `{column}` is missing", where, remedy)
     check_groups(header, where, (*(joint_columns(kind, units) for kind in tuple(JOINT)[1:]), XYZ, RPY, PIXEL))

@@ -69,12 +69,10 @@ def region(t: Target, session: Session) -> Region:
     """
     place, rpy = np.asarray(t.values["xyz"], float), np.asarray(t.values["rpy"], float)
     if np.isnan(place).any() or np.isnan(rpy).any():
-        what = (
-            f"where the {'board' if t.texts['mount'] == FLANGE else 'camera'} of `{t.name}` is cannot be told"
-        )
-        remedy = (
-            "plan `--after` a session of some images, or state `xyz_mm`, `rpy_deg`, and those of the tool"
-        )
+        fixed = "board" if t.texts["mount"] == FLANGE else "camera"
+        what = f"where the {fixed} of `{t.name}` is cannot be told"
+        state = "state `xyz_mm`, `rpy_deg`, and those of the tool"
+        remedy = f"plan `--after` a session of some images, or {state}"
         raise BayescalError(what, "dataset.yaml: targets", remedy)
     span, seen = _distances(t), session.probed()
     if len(seen):

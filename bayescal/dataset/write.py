@@ -26,20 +26,8 @@ from bayescal.storage.writing import Block, Keys, block_lines, flow, flow_list, 
 
 ROBOT, ARTEFACT = "robot.yaml", "artefact.yaml"
 
-DECIMALS = {
-    "mm": 6,
-    "deg": 7,
-    "degps": 6,
-    "mmps": 6,
-    "n": 6,
-    "kg": 6,
-    "nm": 6,
-    "s": 4,
-    "c": 4,
-    "px": 4,
-    "degc": 4,
-    "mps2": 9,
-}
+DECIMALS = {"deg": 7, "mps2": 9} | dict.fromkeys(("mm", "degps", "mmps", "n", "kg", "nm"), 6)
+DECIMALS |= dict.fromkeys(("s", "c", "px", "degc"), 4)
 """Decimals of a value in a file's unit: a nanometre, two nanoradians; finer than anything measured."""
 
 DIRECTION = 12
@@ -200,7 +188,7 @@ def _settings(dataset: Dataset, robot: str) -> str:
     noise = {key: getattr(dataset.noise, field_of(key)) for key in NoiseEntry.model_fields}
     stated = ((key, number(v / si(key), UNCERTAINTY)) for key, v in noise.items() if v is not None)
     certificates = [c for c in dataset.certificates if c.points is None and not c.derived]
-    plan = dataset.plan
+    plan = None if dataset.plan is None else plan_block(dataset.plan, dataset.robot.units)
     block: Block = {
         "schema": SCHEMA,
         "name": scalar(dataset.name),
@@ -217,11 +205,7 @@ def _settings(dataset: Dataset, robot: str) -> str:
         "temperature_of": dataset.temperature_of,
         "torques": dataset.torques if dataset.torques != "computed" else None,
         "solids": {s.name: flow(_keys_of(solid_values(s))) for s in dataset.solids},
-        "plan": None
-        if plan is None
-        else plan_block(plan, dataset.robot.units)
-        if plan != PlanSettings()
-        else "{}",
+        "plan": "{}" if dataset.plan == PlanSettings() else plan,
         "record": None if dataset.record == Record() else _record(dataset.record),
         "source": None if dataset.source is None else scalar(dataset.source),
     }

@@ -230,9 +230,8 @@ def check_valid(content: str, schema: Path) -> int:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # signatures are not used: their schema may be missing
-            read = xmlschema.XMLSchema10(
-                str(schema), locations={SI: str(units)}, allow="local", validation="lax"
-            )
+            here = {SI: str(units)}
+            read = xmlschema.XMLSchema10(str(schema), locations=here, allow="local", validation="lax")
         fault = next(read.iter_errors(content), None)
     except (xmlschema.XMLSchemaException, OSError, ValueError) as error:
         raise BayescalError(f"cannot be read: {error}", f"--schema {schema}") from None

@@ -85,22 +85,24 @@ class Exported:
     def files(self, path: Path) -> dict[Path, str | bytes]:
         """All files with their content, the sidecar last, for a main file at `path`."""
         here = self.in_folder(path.parent)
-        beside = {path.with_name(path.stem + suffix): text for suffix, text in self.written.beside.items()}
+        beside = self._beside(path)
         if path in beside:
             raise BayescalError("a further file would have this name", str(path), "give another --out")
         return {path: here.written.content, **beside, sidecar_of(path): json_text(here.record(path.name))}
+
+    def _beside(self, path: Path) -> dict[Path, str | bytes]:
+        return {path.with_name(path.stem + suffix): text for suffix, text in self.written.beside.items()}
 
     def record(self, name: str) -> dict[str, Any]:
         """The content of the sidecar of a file called `name`."""
         arm, dataset, state = self.arm, self.arm.dataset, self.options.state
         m = dataset.measurements
-        beside = {Path(name).stem + suffix: text for suffix, text in self.written.beside.items()}
         return {
             "schema": SCHEMA,
             "format": self.format,
             "file": name,
             "sha256": _hash(self.written.content),
-            "beside": {name: _hash(text) for name, text in beside.items()},
+            "beside": {p.name: _hash(text) for p, text in self._beside(Path(name)).items()},
             "dataset": {"name": dataset.name, "sha256": dataset.sha256},
             "robot": dataset.robot.name,
             "model": list(arm.effects),
@@ -200,9 +202,8 @@ def _sizes(m: Missing) -> dict[str, float | None]:
 def _tools(arm: FittedArm, details: Mapping[str, Any]) -> list[dict[str, Any]]:
     """Fitted centres of the tools in the flange, which no file holds, and in the tip of the file."""
     factor, out = UNITS["m"][1], []
-    u = np.sqrt(np.diag(arm.covariance))
     names = (p.name for p in arm.model.parameters)
-    fitted = {name: (value, u_of_value) for name, value, u_of_value in zip(names, arm.values, u, strict=True)}
+    fitted = dict(zip(names, zip(arm.values, np.sqrt(np.diag(arm.covariance)), strict=True), strict=True))
     for tool in arm.dataset.tools:
         off, u_off = np.array([fitted.get(f"{tool.name} {axis}", (0.0, 0.0)) for axis in "xyz"]).T
         centre = factor * (tool.centre + off)

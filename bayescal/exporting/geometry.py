@@ -123,11 +123,8 @@ def centre_in_frame(robot: Robot, delta: np.ndarray, k: int) -> np.ndarray:
 
 def coupled(joint_from_reading: np.ndarray) -> list[str]:
     """A note where the joint values (n,) of a file are not the readings, but a matrix (n, n) times these."""
-    if np.array_equal(joint_from_reading, np.eye(len(joint_from_reading))):
-        return []
-    return [
-        "joint values of the file are joint_from_reading times the controller's readings (see the sidecar)"
-    ]
+    note = "joint values of the file are joint_from_reading times the controller's readings (see the sidecar)"
+    return [] if np.array_equal(joint_from_reading, np.eye(len(joint_from_reading))) else [note]
 
 
 WHY = {
@@ -178,9 +175,8 @@ def not_expressed(arm: FittedArm, format_: Format, state: int) -> tuple[tuple[Mi
     """
     model, parameters = arm.model, arm.model.parameters
     held = np.array([p.effect in ALWAYS or format_.holds(arm, k) for k, p in enumerate(parameters)], bool)
-    kept = tuple(
-        at_state(p, state) if h and constant(p) else p for p, h in zip(parameters, held, strict=True)
-    )
+    each = zip(parameters, held, strict=True)
+    kept = tuple(at_state(p, state) if h and constant(p) else p for p, h in each)
     rows = np.flatnonzero(~np.isin(arm.dataset.measurements.ids, arm.rejected))
     full = _points(model, parameters, arm.values, rows)
     negative = [p.positive and p.nominal + v < 0 for p, v in zip(parameters, arm.values, strict=True)]
@@ -189,12 +185,9 @@ def not_expressed(arm: FittedArm, format_: Format, state: int) -> tuple[tuple[Mi
     for effect in dict.fromkeys(p.effect for p in parameters):
         of_effect = np.array([p.effect == effect for p in parameters])
         lost = of_effect & ~held
-        frozen = tuple(
-            p.name
-            for p, h in zip(parameters, of_effect & held, strict=True)
-            if h and constant(p) and changes(p)
-        )
-        names = tuple(p.name for p, off in zip(parameters, lost, strict=True) if off)
+        here = [parameters[k] for k in np.flatnonzero(of_effect & held)]
+        frozen = tuple(p.name for p in here if constant(p) and changes(p))
+        names = tuple(parameters[k].name for k in np.flatnonzero(lost))
         if not names and not frozen:
             continue
         mixed = tuple(k if o else p for p, k, o in zip(parameters, kept, of_effect, strict=True))

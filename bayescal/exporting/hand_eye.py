@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from bayescal.arm.transforms import rigid
 from bayescal.dataset.cameras import FLANGE, board, lens_of
 from bayescal.errors import BayescalError
-from bayescal.exporting.written import Format, Item, Options, Written, item
+from bayescal.exporting.written import Format, Options, Written, item
 from bayescal.fitted.arm import FittedArm
 from bayescal.storage.writing import scalar
 from factors.camera import Camera
@@ -52,11 +52,6 @@ class HandEye:
     on_flange: Transform
     fixed: Transform
 
-    @property
-    def of_camera(self) -> Transform:
-        """Of the two, that of the camera."""
-        return self.on_flange if self.mount == FLANGE else self.fixed
-
 
 def hand_eyes(arm: FittedArm) -> list[HandEye]:
     """The transforms of every fitted camera of a session, one for each tool that it has."""
@@ -71,25 +66,19 @@ def hand_eyes(arm: FittedArm) -> list[HandEye]:
         for k in np.unique(m.tool[block.rows]).tolist():
             tool = arm.dataset.tools[k]
             names = (camera, seen) if t.texts["mount"] == FLANGE else (seen, camera)
-            held = _on_flange(arm, k, names[0])
-            out.append(
-                HandEye(t.name, tool.name, t.texts["mount"], held, _fixed(arm, block.target, names[1]))
-            )
+            held, fixed = _on_flange(arm, k, names[0]), _fixed(arm, block.target, names[1])
+            out.append(HandEye(t.name, tool.name, t.texts["mount"], held, fixed))
     return out
 
 
 def _on_flange(arm: FittedArm, tool: int, child: str) -> Transform:
     """The tool on the flange: its parameters are those of the arm."""
     of, parameters = arm.dataset.tools[tool], arm.model.parameters
-    places = {p.name: k for k, p in enumerate(parameters)}
     row = int(np.flatnonzero(arm.dataset.measurements.tool == tool)[0])
-    index = [places.get(f"{of.name} {axis}", -1) for axis in ("rx", "ry", "rz", "x", "y", "z")]
-    values = np.array([arm.values[k] if k >= 0 else 0.0 for k in index])
+    names = [f"{of.name} {axis}" for axis in ("rx", "ry", "rz", "x", "y", "z")]
+    by = np.array([[p.name == name for p in parameters] for name in names], float)
+    values = by @ arm.values
     axes = arm.model.scene.tool_frames[row] @ turned(values[:3])
-    by = np.zeros((6, len(arm.values)))
-    for row_, k in enumerate(index):
-        if k >= 0:
-            by[row_, k] = 1.0
     by[:3] = left_jacobian(-values[:3]) @ by[:3]
     return Transform(END, child, rigid(axes, of.centre + values[3:]), by @ arm.covariance @ by.T)
 
@@ -122,10 +111,11 @@ def _write(arm: FittedArm, options: Options) -> Written:
         remedy = "fit a session that has a target of kind camera"
         raise BayescalError("the session has no camera", "--to hand-eye", remedy)
     places = {f"{h.tool} {axis}": h for h in found for axis in ("x", "y", "z", "rx", "ry", "rz")}
-    items: list[Item] = []
-    for k, p in enumerate(arm.model.parameters):
-        if p.name in places:
-            items.append(item(arm, k, places[p.name].on_flange.child, "on the flange"))
+    items = [
+        item(arm, k, places[p.name].on_flange.child, "on the flange")
+        for k, p in enumerate(arm.model.parameters)
+        if p.name in places
+    ]
     beside = {".launch.py": _launch(found), ".opencv.json": _opencv(arm, found)}
     notes = [f"frames of ROS: {BASE} is F0, {END} is the flange; rename them where yours differ"]
     if len(found) > 1:
@@ -136,21 +126,15 @@ def _write(arm: FittedArm, options: Options) -> Written:
 
 def _record(h: HandEye) -> dict[str, object]:
     return {"target": h.target, "tool": h.tool, "mount": h.mount} | {
-        key: {
-            "parent": t.parent,
-            "child": t.child,
-            "matrix": t.pose.tolist(),
-            "covariance": t.covariance.tolist(),
-        }
+        key: {"parent": t.parent, "child": t.child}
+        | {"matrix": t.pose.tolist(), "covariance": t.covariance.tolist()}
         for key, t in (("on_flange", h.on_flange), ("fixed", h.fixed))
     }
 
 
 def _easy_handeye(h: HandEye) -> str:
     """A calibration as easy_handeye2 stores it; of several cameras the first."""
-    t = h.of_camera
-    x, y, z, w = t.quaternion.tolist()
-    at = t.pose[:3, 3].tolist()
+    t, seen = (h.on_flange, h.fixed) if h.mount == FLANGE else (h.fixed, h.on_flange)
     u = np.sqrt(np.diag(t.covariance))
     return "\n".join(
         [
@@ -161,15 +145,15 @@ def _easy_handeye(h: HandEye) -> str:
             f"  robot_base_frame: {BASE}",
             f"  robot_effector_frame: {END}",
             f"  tracking_base_frame: {scalar(t.child)}",
-            f"  tracking_marker_frame: {scalar((h.fixed if h.mount == FLANGE else h.on_flange).child)}",
+            f"  tracking_marker_frame: {scalar(seen.child)}",
             "  freehand_robot_movement: true",
             "  move_group_namespace: /",
             "  move_group: manipulator",
             "transform:",
             "  translation:",
-            *(f"    {axis}: {v!r}" for axis, v in zip("xyz", at, strict=True)),
+            *(f"    {axis}: {v!r}" for axis, v in zip("xyz", t.pose[:3, 3].tolist(), strict=True)),
             "  rotation:",
-            *(f"    {axis}: {v!r}" for axis, v in zip("xyzw", (x, y, z, w), strict=True)),
+            *(f"    {axis}: {v!r}" for axis, v in zip("xyzw", t.quaternion.tolist(), strict=True)),
             "",
         ]
     )

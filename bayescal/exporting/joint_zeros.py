@@ -11,7 +11,7 @@ import numpy as np
 from bayescal.arm.transforms import AXES
 from bayescal.dataset.table import csv_text
 from bayescal.exporting.geometry import at_state, constant
-from bayescal.exporting.written import Format, Options, Written, item
+from bayescal.exporting.written import Format, Item, Options, Written, item
 from bayescal.fitted.arm import FittedArm
 from bayescal.robots.servos import STEPS
 
@@ -36,6 +36,23 @@ def holds(arm: FittedArm, k: int) -> bool:
     return constant(p) and all(t.axis == AXES[0] and 1 <= t.frame <= n for t in p.terms)
 
 
+def items(arm: FittedArm, element: str, attribute: str) -> list[Item]:
+    """The parameters in a file of offsets; `element` has the name of the joint in place of ``{}``."""
+    names, parameters = arm.dataset.robot.joint_names, arm.model.parameters
+    return [
+        item(arm, k, element.format(names[p.terms[0].frame - 1]), attribute)
+        for k, p in enumerate(parameters)
+        if holds(arm, k)
+    ]
+
+
+def undetermined(arm: FittedArm, covariance: np.ndarray) -> list[str]:
+    """A note on the joints whose zeros, of covariance (n, n), are not identifiable."""
+    variances = zip(arm.dataset.robot.joint_names, np.diag(covariance), strict=True)
+    named = [name for name, variance in variances if variance <= 0.0]
+    return [f"the zero of {', '.join(named)} is not identifiable and has no correction"] if named else []
+
+
 def _write(arm: FittedArm, options: Options) -> Written:
     robot = arm.dataset.robot
     correction, covariance = zeros(arm, options.state)
@@ -45,11 +62,9 @@ def _write(arm: FittedArm, options: Options) -> Written:
         for name, c, sd in zip(robot.joint_names, correction.tolist(), u.tolist(), strict=True)
     )
     header = ["joint", "correction_deg", "u_deg", "correction_rad", "u_rad", f"correction_ticks_{STEPS}"]
-    named = [name for k, name in enumerate(robot.joint_names) if u[k] == 0.0]
-    notes = [f"the zero of {', '.join(named)} is not identifiable and has no correction"] if named else []
-    notes.append("true reading = reading shown + correction; see docs/export.md for the sign of an offset")
-    items = [item(arm, k, "row of the joint", "correction") for k in range(len(arm.values)) if holds(arm, k)]
-    return Written(csv_text(header, rows), items, notes=notes)
+    sign = "true reading = reading shown + correction; see docs/export.md for the sign of an offset"
+    notes = [*undetermined(arm, covariance), sign]
+    return Written(csv_text(header, rows), items(arm, "row of the joint", "correction"), notes=notes)
 
 
 JOINT_ZEROS = Format("joint-zeros", ".csv", "corrections of the joint zeros as CSV", _write, holds, LIMITS)

@@ -200,23 +200,13 @@ def _bam(m: Mechanism, gravity: np.ndarray, d: Drives) -> str:
     out = {}
     for j, name in enumerate(m.joint_names):
         rise, speed, power = d.stribeck[j]
-        plain = {
-            "model": "m1",
-            "armature": m.armature[j],
-            "friction_base": m.coulomb[j],
-            "friction_viscous": m.viscous[j],
-        }
-        load = {
-            "model": "m5",
-            "friction_stribeck": rise,
-            "dtheta_stribeck": speed,
-            "alpha": power,
-            "load_friction_motor": 0.0,
-            "load_friction_external": d.load[j],
-            "load_friction_motor_stribeck": 0.0,
-            "load_friction_external_stribeck": 0.0,
-        }
-        out[name] = plain | (load if rise or d.load[j] else {})
+        friction = {"friction_base": m.coulomb[j], "friction_viscous": m.viscous[j]}
+        out[name] = {"model": "m1", "armature": m.armature[j], **friction}
+        if rise or d.load[j]:
+            load = {"load_friction_motor": 0.0, "load_friction_external": d.load[j]}
+            stribeck = {"friction_stribeck": rise, "dtheta_stribeck": speed, "alpha": power}
+            load |= {"load_friction_motor_stribeck": 0.0, "load_friction_external_stribeck": 0.0}
+            out[name] |= {"model": "m5", **stribeck, **load}
     return json_text(out)
 
 

@@ -11,15 +11,14 @@ actuator over `mechanical_reduction`, plus `offset`.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from bayescal.errors import BayescalError, listed
-from bayescal.exporting.joint_zeros import LIMITS, TURN, holds, zeros
-from bayescal.exporting.written import Format, Item, Options, Written, item
+from bayescal.errors import BayescalError
+from bayescal.exporting.joint_zeros import LIMITS, TURN, holds, items, undetermined, zeros
+from bayescal.exporting.written import Format, Options, Written
 from bayescal.exporting.xml_text import indented, rendered
 from bayescal.fitted.arm import FittedArm
 from bayescal.robots.servos import STEPS, of_joints, read_calibration
@@ -27,20 +26,6 @@ from bayescal.storage.reading import read_json
 
 LARGEST_OFFSET = 2047
 """Steps: what a Feetech servo stores of `homing_offset`, beside its sign."""
-
-
-def _items(arm: FittedArm, element: str, attribute: str) -> Iterator[Item]:
-    for k in range(len(arm.values)):
-        if holds(arm, k):
-            joint = arm.dataset.robot.joint_names[arm.model.parameters[k].terms[0].frame - 1]
-            yield item(arm, k, element.format(joint), attribute)
-
-
-def _undetermined(arm: FittedArm, state: int) -> list[str]:
-    """A note on the joints whose zeros are not identifiable."""
-    u = np.diag(zeros(arm, state)[1])
-    named = [name for name, variance in zip(arm.dataset.robot.joint_names, u, strict=True) if variance <= 0.0]
-    return [f"the zero of {listed(named)} is not identifiable and has no correction"] if named else []
 
 
 def _lerobot(sign: int, arm: FittedArm, options: Options) -> Written:
@@ -51,7 +36,8 @@ def _lerobot(sign: int, arm: FittedArm, options: Options) -> Written:
     path, joints = Path(options.into), arm.dataset.robot.joint_names
     servos = of_joints(read_calibration(path), joints, path.name)
     content = read_json(path, "give the calibration that LeRobot wrote")
-    steps = zeros(arm, options.state)[0] / TURN * STEPS
+    correction, covariance = zeros(arm, options.state)
+    steps = correction / TURN * STEPS
     whole = np.round(steps).astype(int)
     for servo, change in zip(servos, whole.tolist(), strict=True):
         offset = servo.homing_offset + sign * change
@@ -63,27 +49,27 @@ def _lerobot(sign: int, arm: FittedArm, options: Options) -> Written:
     left = np.degrees((steps - whole) * TURN / STEPS)
     remainder = {name: float(f"{x:.6g}") for name, x in zip(joints, left.tolist(), strict=True)}
     notes = [
-        *_undetermined(arm, options.state),
+        *undetermined(arm, covariance),
         f"corrections are rounded to a step of {360 / STEPS:.3f} deg; the remainder is at most "
         f"{np.abs(left).max():.3f} deg ({joints[int(np.argmax(np.abs(left)))]})",
         "the ranges are as they were: the arm stops that much earlier or later",
         "LeRobot divides a turn by 4095: its degrees stay too large by 0.024 %",
     ]
-    found = list(_items(arm, "{}", "homing_offset"))
     text = json.dumps(content, indent=4) + "\n"
-    return Written(text, found, notes=notes, details={"remainder_deg": remainder})
+    details = {"remainder_deg": remainder}
+    return Written(text, items(arm, "{}", "homing_offset"), notes=notes, details=details)
 
 
 def _ros2_control(arm: FittedArm, options: Options) -> Written:
-    names = arm.dataset.robot.joint_names
-    offsets = zip(names, zeros(arm, options.state)[0].tolist(), strict=True)
+    correction, covariance = zeros(arm, options.state)
+    offsets = zip(arm.dataset.robot.joint_names, correction.tolist(), strict=True)
     text = rendered("ros2_control.xml.j2", name=options.name, offsets=dict(offsets))
     notes = [
-        *_undetermined(arm, options.state),
+        *undetermined(arm, covariance),
         "copy the transmissions into the <ros2_control> of the arm; add the offset it has already",
         "mechanical_reduction is 1: of an actuator with a gear write its reduction; the offset stays",
     ]
-    found = list(_items(arm, "transmission/joint[@name='{}']", "offset"))
+    found = items(arm, "transmission/joint[@name='{}']", "offset")
     return Written('<?xml version="1.0"?>\n' + indented(text), found, notes=notes)
 
 

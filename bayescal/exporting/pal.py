@@ -23,6 +23,7 @@ from bayescal.robots.markup import LARGEST, parse_markup
 from bayescal.storage.reading import decoded
 
 KEYS = ("dx", "dy", "dz", "droll", "dpitch", "dyaw")
+ATTRIBUTE = "geometric_calibration"
 LEAST = 1e-12
 """m and rad: smaller differences are rounding."""
 
@@ -51,22 +52,16 @@ def _write(arm: FittedArm, options: Options) -> Written:
         change = origin - before[name]
         change[3:] = (change[3:] + np.pi) % (2.0 * np.pi) - np.pi
         bare = name.removesuffix("_joint")
-        changed = (np.abs(change) > LEAST).tolist()
-        new = {
-            f"{bare}_{k}": x for k, x, is_new in zip(KEYS, change.tolist(), changed, strict=True) if is_new
-        }
+        differences = zip(KEYS, change.tolist(), strict=True)
+        new = {f"{bare}_{k}": x for k, x in differences if abs(x) > LEAST}
         if twice := entries.keys() & new.keys():
             what = f"two joints have the entry {min(twice)}"
             raise BayescalError(what, path.name, "names differ by `_joint` alone: rename one of the joints")
         entries |= new
-    content = {"robot_state_publisher": {"geometric_calibration": entries}}
-    named = [
-        replace(i, element=_joint_of(i.element), attribute="geometric_calibration") for i in patched.items
-    ]
-    notes = [n for n in patched.notes if "mesh" not in n]
-    notes.append(
-        f"the entries are added to the origins of {path.name}: an earlier calibration must not be in it"
-    )
+    content = {"robot_state_publisher": {ATTRIBUTE: entries}}
+    named = [replace(i, element=_joint_of(i.element), attribute=ATTRIBUTE) for i in patched.items]
+    added = f"the entries are added to the origins of {path.name}: an earlier calibration must not be in it"
+    notes = [*(n for n in patched.notes if "mesh" not in n), added]
     text_ = yaml.safe_dump(content, sort_keys=False, allow_unicode=True)
     return Written(text_, named, notes=notes, details=patched.details)
 

@@ -166,13 +166,8 @@ ROBOT_YAML = Format(
 
 
 SCHEMA = "bayescal-dh/1"
-ROWS = {
-    "alpha": ("deg", 180.0 / np.pi),
-    "a": ("mm", 1e3),
-    "d": ("mm", 1e3),
-    "offset": ("deg", 180.0 / np.pi),
-    "beta": ("deg", 180.0 / np.pi),
-}
+DEG, MM = ("deg", 180.0 / np.pi), ("mm", 1e3)
+ROWS = {"alpha": DEG, "a": MM, "d": MM, "offset": DEG, "beta": DEG}
 """Columns of the rows, with unit and factor from SI; beta is Hayati's angle of near-parallel axes."""
 ELASTIC_ROWS = {**ROWS, "compliance": ("urad_per_nm", 1e6)}
 STEP = 1e-3

@@ -116,9 +116,8 @@ def match(robot: Robot, file: FileArm, name: str) -> Match:
     signs = np.sign(np.einsum("ki,ki->k", a, _lines(frames, file.axes)[1] @ here[:3, :3].T))
     for k in range(robot.n):
         links[k, :2, 3] = 0.0
-        links[k, :3, :3] = (
-            smallest_turn(links[k, :3, :3] @ file.axes[k], np.array([0.0, 0.0, signs[k]])) @ links[k, :3, :3]
-        )
+        turn = smallest_turn(links[k, :3, :3] @ file.axes[k], np.array([0.0, 0.0, signs[k]]))
+        links[k, :3, :3] = turn @ links[k, :3, :3]
     # the tip of a calibrated file is off the flange by its earlier calibration
     slide = (links[-1] @ file.tip)[2, 3] - (np.linalg.inv(ours[-1]) @ with_flange[-1])[2, 3]
     if notes and abs(slide) <= LENGTH:

@@ -51,13 +51,11 @@ def _write(arm: FittedArm, options: Options) -> Written:
         mount=Body("mount", np.eye(4)),
         flange=Body("flange", machine.flange, mass=load.mass, centre=load.centre),
     )  # fmt: skip
-    notes = [
-        *coupled(robot.link_from_reading),
-        f"the link flange carries the tool {load.name}, {load.mass:g} kg",
-    ]
+    notes = coupled(robot.link_from_reading)
     if np.linalg.norm(arm.dataset.gravity - EARTH) > 0.02:
         gravity = " ".join(map(str, arm.dataset.gravity.tolist()))
-        notes.insert(-1, f"gravity of the world must be {gravity} m/s2")
+        notes.append(f"gravity of the world must be {gravity} m/s2")
+    notes.append(f"the link flange carries the tool {load.name}, {load.mass:g} kg")
     places = [(f"link[@name='link{k}']", "pose") for k in range(1, robot.n + 1)]
     return Written(
         '<?xml version="1.0"?>\n' + indented(text),

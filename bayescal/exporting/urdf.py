@@ -85,7 +85,7 @@ def write(arm: FittedArm, options: Options) -> Written:
 
 def file_arm(tree: Tree, tip: str) -> FileArm:
     """The moving joints of a URDF from its root to a tip, at zero."""
-    names, frames, axes, fixed, slides = [], [], [], [], []
+    moving, frames, fixed = [], [], []
     pose, since = np.eye(4), np.eye(4)
     for joint in tree.above(tip):
         if joint.mimic or joint.kind not in (*MOVING, "fixed"):
@@ -96,19 +96,17 @@ def file_arm(tree: Tree, tip: str) -> FileArm:
         if joint.kind == "fixed":
             since = since @ joint.place
             continue
-        names.append(joint.name)
+        moving.append(joint)
         frames.append(pose)
-        axes.append(joint.axis)
         fixed.append(since)
-        slides.append(joint.kind not in TURNING)
         since = np.eye(4)
     return FileArm(
-        tuple(names),
+        tuple(joint.name for joint in moving),
         np.array(frames).reshape(-1, 4, 4),
-        np.array(axes).reshape(-1, 3),
+        np.array([joint.axis for joint in moving]).reshape(-1, 3),
         np.array(fixed).reshape(-1, 4, 4),
         since,
-        np.array(slides, bool),
+        np.array([joint.kind not in TURNING for joint in moving], bool),
     )
 
 
@@ -116,9 +114,8 @@ def _patched(robot: Robot, calibrated: np.ndarray, into: str) -> _File:
     """The file of a user with frames (n + 1, 4, 4) of the arm and its flange in place of its own."""
     path, asked = path_of(into)
     if path.suffix.lower() == ".xacro":
-        raise BayescalError(
-            "a xacro file cannot be patched", str(path), "expand it: xacro arm.xacro > arm.urdf"
-        )
+        remedy = "expand it: xacro arm.xacro > arm.urdf"
+        raise BayescalError("a xacro file cannot be patched", str(path), remedy)
     xml = XmlText(decoded(path, LARGEST)[0], path.name)
     tree = read_tree(xml.root, path.name)
     tip = tip_of(tree, asked)

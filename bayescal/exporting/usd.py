@@ -42,9 +42,8 @@ def _write(arm: FittedArm, options: Options) -> Written:
     UsdGeom.SetStageMetersPerUnit(stage, 1.0)
     UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.z)
     UsdPhysics.SetStageKilogramsPerUnit(stage, 1.0)
-    top, *links = identifiers(
-        [options.name, "base", *(f"{name}_link" for name in robot.joint_names), "flange"]
-    )
+    moving = (f"{name}_link" for name in robot.joint_names)
+    top, *links = identifiers([options.name, "base", *moving, "flange"])
     *joints, fixed, mount = identifiers([*robot.joint_names, "fixed_flange", "fixed_base"], taken=links)
     root = UsdGeom.Xform.Define(stage, f"/{top}")
     root.GetPrim().SetDisplayName(options.name)
@@ -82,10 +81,8 @@ def _write(arm: FittedArm, options: Options) -> Written:
         joint.CreateUpperLimitAttr(limits[k][1])
     joined(UsdPhysics.FixedJoint, fixed, paths[-2], paths[-1], between[-1])
     joined(UsdPhysics.FixedJoint, mount, "", paths[0], np.eye(4))
-    notes = [
-        *coupled(robot.link_from_reading),
-        "bodies have no shapes: add meshes and colliders to the links",
-    ]
+    shapes = "bodies have no shapes: add meshes and colliders to the links"
+    notes = [*coupled(robot.link_from_reading), shapes]
     if robot.masses is None:
         notes.append("the masses of the links are not known: bodies have none")
     elif robot.inertias is None:

@@ -161,15 +161,9 @@ def _pose(pose: np.ndarray, readings: np.ndarray, old: Sequence[float]) -> list[
     *imaginary, real = Rotation.from_matrix(pose[:3, :3]).as_quat().tolist()
     q = np.array([real, *imaginary])
     q = q if q @ np.array(old[3:7]) >= 0 else -q  # both are the same rotation
-    quarters = [
-        np.floor(readings[axis] / (np.pi / 2)) if axis < len(readings) else cf
-        for axis, cf in zip(AXES, old[7:10], strict=True)
-    ]
-    return [
-        *lengths_of(pose),
-        *(Number(x, QUATERNION) for x in q.tolist()),
-        *(Number(float(cf), 0) for cf in quarters),
-    ]
+    own, stated = np.floor(readings / (np.pi / 2)), zip(AXES, old[7:10], strict=True)
+    quarters = [Number(float(own[axis] if axis < len(own) else cf), 0) for axis, cf in stated]
+    return [*lengths_of(pose), *(Number(x, QUATERNION) for x in q.tolist()), *quarters]
 
 
 ABB = Format(

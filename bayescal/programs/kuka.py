@@ -74,9 +74,7 @@ def _read(text: str, n: int) -> Program:
         if name in computed or (not motion and name not in declared):
             continue
         where = code.where(match.start(), name)
-        parts = {
-            m.group(1).upper(): m.span(2) for m in COMPONENT.finditer(code, match.start(1), match.end(1))
-        }
+        parts = {m.group(1).upper(): m.span(2) for m in COMPONENT.finditer(code, *match.span(1))}
         by_axes = name in points if motion is None else motion.group(1).upper().endswith("PTP")
         straight = name in lines if motion is None else not by_axes
         slot = _slot(code, parts, n, where, name, straight)

@@ -141,12 +141,10 @@ class _Line:
 
         arm, goals = self.arm, self.away[some]
         goals[:, :3, 3] += share[:, None] * self.way[some]
-        goals[:, :3, :3] = (
-            Rotation.from_rotvec(share[:, None] * self.turn[some]).as_matrix() @ goals[:, :3, :3]
-        )
-        angles, converged = descend(
-            to_frames(arm, goals), arm.angles_of(self.near[some]), *arm.robot.limits.T
-        )
+        turn = Rotation.from_rotvec(share[:, None] * self.turn[some]).as_matrix()
+        goals[:, :3, :3] = turn @ goals[:, :3, :3]
+        near = arm.angles_of(self.near[some])
+        angles, converged = descend(to_frames(arm, goals), near, *arm.robot.limits.T)
         return arm.readings_of(angles), converged
 
 

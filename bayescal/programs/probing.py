@@ -135,11 +135,9 @@ class Writer:
             if match := re.fullmatch(pattern, name):
                 pressed, released = (e.format(*match.groups()) for e in expressions)
                 return pressed, released
-        forms = ", ".join(
-            p.replace(r"(\d+)", "N").replace(r"([A-Za-z]\w*)", "NAME") for p in self.dialect.triggers
-        )
+        forms = (p.replace(r"(\d+)", "N").replace(r"([A-Za-z]\w*)", "NAME") for p in self.dialect.triggers)
         what = f"`{name}` is no input of the format {self.form.name}"
-        raise BayescalError(what, "--probe-input", f"its inputs are {forms}")
+        raise BayescalError(what, "--probe-input", f"its inputs are {', '.join(forms)}")
 
 
 def written(writer: Writer, plan: Plan, probe: Probe) -> dict[str, str]:

@@ -172,7 +172,6 @@ def check_stated(stated: Sequence[ToolStatement], working: Working) -> None:
         if away > SAME or turn > SAME_ANGLE:
             pose = [*(1e3 * s.pose[:3, 3]), *np.degrees(rpy_of(s.pose[:3, :3]))]
             what = f"its tool ({s.text}) is {1e3 * away:.3g} mm and {np.degrees(turn):.3g} deg away from"
-            remedy = (
-                f"give --tcp={','.join(f'{round(x, 6) + 0.0:.8g}' for x in pose)}, or correct the program"
-            )
+            stated_pose = ",".join(f"{round(x, 6) + 0.0:.8g}" for x in pose)
+            remedy = f"give --tcp={stated_pose}, or correct the program"
             raise BayescalError(f"{what} `{working.tool.name}`", s.where, remedy)

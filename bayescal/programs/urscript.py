@@ -84,7 +84,8 @@ def _read(text: str, n: int) -> Program:
     t = Text.of(text, n)
     slots: dict[tuple[int, int], Slot] = {}
     notes = []
-    for kind, low, high in _calls(t.code):
+    for match in MOVE.finditer(t.code):
+        kind, low, high = match.group(1), match.end(), _closing(t.code, match.end())
         line = t.code.where(low)
         for place in _positions(t.code, kind, low, high):
             slot = _slot(t, kind, *place)
@@ -105,12 +106,6 @@ def _tools(t: Text) -> Iterator[ToolStatement]:
             value, text = t.value(*place), " ".join(t.code[match.start() : end + 1].split())
             pose = None if value is None or value.re is not CARTESIAN else _pose_of(value)
             yield ToolStatement(t.code.where(match.start()), text, pose)
-
-
-def _calls(code: Code) -> Iterator[tuple[str, int, int]]:
-    """Motions: the function, and where its arguments begin and end."""
-    for match in MOVE.finditer(code):
-        yield match.group(1), match.end(), _closing(code, match.end())
 
 
 def _closing(code: Code, end: int) -> int:

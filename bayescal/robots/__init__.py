@@ -14,26 +14,12 @@ table
 
 from __future__ import annotations
 
-from bayescal.robots.load import (
-    Loaded,
-    builtin_robots,
-    full_name,
-    is_xacro,
-    load_robot,
-    names,
-    only_revolute,
-    table,
-)
-from bayescal.robots.schema import robot_to_yaml
-
-__all__ = [
-    "Loaded",
-    "builtin_robots",
-    "full_name",
-    "is_xacro",
-    "load_robot",
-    "names",
-    "only_revolute",
-    "robot_to_yaml",
-    "table",
-]
+from bayescal.robots.load import Loaded as Loaded
+from bayescal.robots.load import builtin_robots as builtin_robots
+from bayescal.robots.load import full_name as full_name
+from bayescal.robots.load import is_xacro as is_xacro
+from bayescal.robots.load import load_robot as load_robot
+from bayescal.robots.load import names as names
+from bayescal.robots.load import only_revolute as only_revolute
+from bayescal.robots.load import table as table
+from bayescal.robots.schema import robot_to_yaml as robot_to_yaml

@@ -98,9 +98,8 @@ def load_robot(
         near = [name for name in names if reference.lower() in name.split("-")]
         near += difflib.get_close_matches(reference, names, 1)
         hint = f"did you mean `{near[0]}`" if near else "`bayescal robots` lists the built-in ones"
-        raise BayescalError(
-            f"no robot is called `{reference}`", "", f"{hint}; or give the path of a robot.yaml or URDF"
-        )
+        remedy = f"{hint}; or give the path of a robot.yaml or URDF"
+        raise BayescalError(f"no robot is called `{reference}`", "", remedy)
     document = read_document(path)
     check_schema(document, SCHEMA)
     return robot_from(document), document.content

@@ -20,9 +20,8 @@ LARGEST = 2**26
 def refuse_network(reference: str, where: str) -> None:
     """Refuse a reference to another machine."""
     if NETWORK.match(reference):
-        raise BayescalError(
-            f"`{reference}` is on the network", where, "copy the file beside the dataset, and name the copy"
-        )
+        remedy = "copy the file beside the dataset, and name the copy"
+        raise BayescalError(f"`{reference}` is on the network", where, remedy)
 
 
 def parse_markup(content: str | bytes, name: str) -> ElementTree.Element:

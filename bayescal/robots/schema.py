@@ -46,8 +46,8 @@ BY_TYPE = (
     ("torques", "max_torque_nm", "max_force_n"),
 )
 """Fields of a `Robot`, and their keys for revolute and for prismatic joints."""
-OF_TURNING = ("coulomb_nm", "viscous_nms_per_rad", "armature_kgm2")
-"""Keys of joint logs, which revolute joints have."""
+OF_LOGS = {"coulomb": "coulomb_nm", "viscous": "viscous_nms_per_rad", "armatures": "armature_kgm2"}
+"""Fields of a `Robot` for joint logs, and their keys, which revolute joints have."""
 SLIDING = (("type", "prismatic"),)
 REACH_MM = (20.0, 50_000.0)
 """An arm whose lengths add up to less or more was not written in mm."""
@@ -178,6 +178,7 @@ def robot_from(document: Document) -> Robot:
     table = {key.rpartition("_")[0]: in_si(key, _column(file.joints, key)) for key in JOINT_KEYS}
     prismatic = np.array([joint.type == "prismatic" for joint in file.joints])
     table |= {field: _by_type(file.joints, *keys) for field, *keys in BY_TYPE}
+    table |= {field: _stated(file.joints, key) for field, key in OF_LOGS.items()}
     coupling = np.eye(n) if file.link_from_reading is None else np.array(file.link_from_reading)
     if prismatic.any():
         unit = np.where(prismatic, si("_mm"), si("_deg"))
@@ -201,9 +202,6 @@ def robot_from(document: Document) -> Robot:
         coupling=file.coupling,
         radii=_stated(links, "radius_mm"),
         inertias=_inertias(links),
-        coulomb=_stated(file.joints, "coulomb_nm"),
-        viscous=_stated(file.joints, "viscous_nms_per_rad"),
-        armatures=_stated(file.joints, "armature_kgm2"),
         priors=tuple(map(_prior, file.priors)),
         **table,
     )
@@ -234,9 +232,8 @@ def _by_type(joints: Sequence[Joint], turns: str, slides: str) -> np.ndarray | N
     values = [getattr(joint, key) for joint, key in zip(joints, keys, strict=True)]
     if all(value is None for value in values):
         return None
-    return np.array(
-        [np.nan if v is None else np.multiply(v, si(k)) for v, k in zip(values, keys, strict=True)]
-    )
+    each = zip(values, keys, strict=True)
+    return np.array([np.nan if value is None else np.multiply(value, si(key)) for value, key in each])
 
 
 def _inertias(links: Sequence[Link]) -> np.ndarray | None:
@@ -274,7 +271,7 @@ def _faults(file: RobotFile, n: int) -> Iterator[tuple[tuple[str | int, ...], st
         elif not limits[0] < limits[1]:
             yield ("joints", i, key), f"limits of {joint.name} are not in order", "write [lower, upper]"
         foreign = [turns if slides else along for _, turns, along in BY_TYPE]
-        foreign += list(OF_TURNING) if slides else ["compliance_um_per_n"]
+        foreign += OF_LOGS.values() if slides else ["compliance_um_per_n"]
         for wrong in (key for key in foreign if getattr(joint, key) is not None):
             yield ("joints", i, wrong), f"`{wrong}` of {joint.name}, which is {joint.type}", "leave it out"
         if joint.name in [j.name for j in file.joints[:i]]:
@@ -336,8 +333,7 @@ def robot_to_yaml(robot: Robot, comment: str = "") -> str:
     if compliance is not None and slides.any():
         table["compliance_um_per_n"] = np.where(slides & (compliance > 0), compliance, np.nan)
         compliance = np.where(slides, 0.0, compliance)
-    table |= {"coulomb_nm": robot.coulomb, "viscous_nms_per_rad": robot.viscous}
-    table["armature_kgm2"] = robot.armatures
+    table |= {key: getattr(robot, field) for field, key in OF_LOGS.items()}
     links = {"mass_kg": robot.masses, "centre_of_mass_mm": robot.centres_of_mass, "radius_mm": robot.radii}
     if robot.inertias is not None:
         links["inertia_kgm2"] = robot.inertias[:, [0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]

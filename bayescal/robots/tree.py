@@ -125,9 +125,8 @@ def read_tree(root: ElementTree.Element, file: str) -> Tree:
     for joint in joints.values():
         for link in (joint.parent, joint.child):
             if link not in bodies:
-                raise BayescalError(
-                    f"joint `{joint.name}` names a link `{link}` that is not there", file, "add it"
-                )
+                what = f"joint `{joint.name}` names a link `{link}` that is not there"
+                raise BayescalError(what, file, "add it")
     roots = [link for link in bodies if link not in joints]
     if len(roots) != 1:
         what = f"links with no joint above: {listed(roots)}" if roots else "the joints form a ring"
@@ -155,16 +154,13 @@ def tip_of(tree: Tree, asked: str) -> str:
         if asked not in tree.bodies:
             raise BayescalError(f"no link is called `{asked}`", tree.file, f"chains end at: {listed(tips)}")
         return asked
-    length = {tip: _length(tree.above(tip)) for tip in tips}
+    chains = {tip: tree.above(tip) for tip in tips}
+    length = {tip: (sum(j.kind != "fixed" for j in chain), len(chain)) for tip, chain in chains.items()}
     best = [tip for tip in tips if length[tip] == max(length.values())]
     if len(best) > 1:
         remedy = f"write `robot: {tree.file}#{best[0]}`, or another link, to say where the tool is mounted"
         raise BayescalError(f"several chains are the longest; they end at {listed(best)}", tree.file, remedy)
     return best[0]
-
-
-def _length(chain: list[Joint]) -> tuple[int, int]:
-    return sum(joint.kind != "fixed" for joint in chain), len(chain)
 
 
 def _pruned(element: ElementTree.Element, file: str) -> ElementTree.Element:
@@ -184,10 +180,8 @@ def _numbers(values: Any, what: str, file: str, largest: float = LARGEST) -> np.
     if not np.all(np.isfinite(out)):
         raise BayescalError(f"{what} is not finite", file, "write plain numbers")
     if np.any(np.abs(out) > largest):
-        most = float(np.max(np.abs(out)))
-        raise BayescalError(
-            f"{what} has the number {most:g}", file, f"no arm has more than {largest:g}; correct it"
-        )
+        what = f"{what} has the number {np.max(np.abs(out)):g}"
+        raise BayescalError(what, file, f"no arm has more than {largest:g}; correct it")
     return out
 
 

@@ -72,17 +72,12 @@ def robot_from_urdf(content: bytes, file: str, tip: str = "") -> Robot:
             raise BayescalError(what, file, f"{remedy} `robot: {file}#{joint.parent}`")
     moving = [joint for joint in chain if joint.kind in MOVING]
     if not moving:
-        raise BayescalError(
-            f"no joint moves between `{tree.root}` and `{tip}`", tree.file, "choose another tip"
-        )
+        what = f"no joint moves between `{tree.root}` and `{tip}`"
+        raise BayescalError(what, tree.file, "choose another tip")
     n = len(moving)
     prismatic = np.array([joint.kind not in TURNING for joint in moving])
     ratio = np.array([stages.get(joint.name, 1.0) for joint in moving])
     limits = np.array([_limits(joint, tree.file) for joint in moving])
-    shown = [
-        joint if joint.kind in TURNING else replace(joint, friction=np.nan, damping=np.nan)
-        for joint in moving
-    ]
     between = _between(chain)
     alpha, a, beta, offset, d = np.zeros((5, n))
     behind = np.tile(np.eye(4), (n, 1, 1))  # from a joint's turn to its row's link frame
@@ -122,8 +117,8 @@ def robot_from_urdf(content: bytes, file: str, tip: str = "") -> Robot:
         velocities=_most([joint.velocity for joint in moving]),
         torques=_most([joint.torque for joint in moving]),
         inertias=inertias if np.any(inertias) else None,
-        coulomb=_most([joint.friction for joint in shown]),
-        viscous=_most([joint.damping for joint in shown]),
+        coulomb=_most([joint.friction if joint.kind in TURNING else np.nan for joint in moving]),
+        viscous=_most([joint.damping if joint.kind in TURNING else np.nan for joint in moving]),
     )
 
 
@@ -132,11 +127,8 @@ def _joined(tree: Tree, chain: list[Joint]) -> tuple[Tree, dict[str, float]]:
 
     A joint that follows in any other way is left as it is.
     """
-    at, joints, ratio = (
-        {joint.name: k for k, joint in enumerate(chain)},
-        dict(tree.joints),
-        dict[str, float](),
-    )
+    at = {joint.name: k for k, joint in enumerate(chain)}
+    joints, ratio = dict(tree.joints), dict[str, float]()
     for k, joint in enumerate(chain):
         if joint.mimic is None or joint.mimic[0] not in at:
             continue
@@ -227,9 +219,8 @@ def _limits(joint: Joint, file: str) -> tuple[float, float]:
     if joint.kind == "continuous":
         return -2.0 * np.pi, 2.0 * np.pi
     if joint.limits is None or not joint.limits[0] < joint.limits[1]:
-        raise BayescalError(
-            f"joint `{joint.name}` has no limits in order", file, "state lower and upper, rad or m"
-        )
+        what = f"joint `{joint.name}` has no limits in order"
+        raise BayescalError(what, file, "state lower and upper, rad or m")
     widest, unit = (WIDEST, "rad") if joint.kind in TURNING else (REACH[1], "m")
     if max(map(abs, joint.limits)) > widest:
         raise BayescalError(f"the limits of joint `{joint.name}` are too wide", file, f"write them in {unit}")

@@ -16,12 +16,8 @@ def limit(seconds: int, memory: int) -> None:
         import resource
     except ImportError:  # Windows: the parent's timeout alone
         return
-    wanted = {
-        resource.RLIMIT_CPU: seconds,
-        resource.RLIMIT_AS: memory,
-        resource.RLIMIT_FSIZE: memory,
-        resource.RLIMIT_CORE: 0,
-    }
+    wanted = {resource.RLIMIT_CPU: seconds, resource.RLIMIT_CORE: 0}
+    wanted |= dict.fromkeys((resource.RLIMIT_AS, resource.RLIMIT_FSIZE), memory)
     for what, value in wanted.items():
         try:
             resource.setrlimit(what, (value, value))

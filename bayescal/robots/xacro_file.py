@@ -15,6 +15,7 @@ import subprocess
 import sys
 import tempfile
 from pathlib import Path
+from typing import Any
 
 from bayescal.errors import BayescalError
 
@@ -58,15 +59,9 @@ def expanded(path: Path, allowed: bool) -> bytes:
     environment = {name: os.environ[name] for name in KEPT if name in os.environ}
     with tempfile.TemporaryFile() as out, tempfile.TemporaryFile() as err:  # a pipe would hold any amount
         try:
-            code = subprocess.run(
-                command,
-                cwd=path.parent,
-                env=environment,
-                stdin=subprocess.DEVNULL,
-                stdout=out,
-                stderr=err,
-                timeout=WAITING,
-            ).returncode
+            streams: dict[str, Any] = {"stdin": subprocess.DEVNULL, "stdout": out, "stderr": err}
+            done = subprocess.run(command, cwd=path.parent, env=environment, timeout=WAITING, **streams)
+            code = done.returncode
         except subprocess.TimeoutExpired:
             code = -1
         out.seek(0)

@@ -34,9 +34,8 @@ class Cluster:
             from distributed import Client, KilledWorker
             from distributed.comm.addressing import get_address_host_port
         except ImportError:
-            raise BayescalError(
-                "needs the package `distributed`", "--dask", "pip install 'bayescal[dask]'"
-            ) from None
+            remedy = "pip install 'bayescal[dask]'"
+            raise BayescalError("needs the package `distributed`", "--dask", remedy) from None
         logging.getLogger("distributed").setLevel(logging.CRITICAL)  # failures are reported here
         self.address, self.jobs, self._killed = address, dict[Future[Any], Job](), KilledWorker
         try:  # test the address first: a client would retry for a long time

@@ -56,26 +56,10 @@ MOST_VALUES = 100_000
 """Values of a YAML file, with those that its aliases repeat: a few lines can stand for 10^9."""
 LONGEST_KEY, LONGEST_TEXT = 200, 20_000
 """Characters of a key, and of a value."""
-RANGES: dict[str, tuple[float, float]] = {
-    "mm": (-1e7, 1e7),
-    "mmps": (-1e7, 1e7),
-    "deg": (-1e6, 1e6),
-    "degps": (-1e6, 1e6),
-    "rad": (-1e4, 1e4),
-    "kg": (-1e6, 1e6),
-    "nm": (-1e7, 1e7),
-    "n": (-1e7, 1e7),
-    "s": (-1e12, 1e12),
-    "c": (-273.15, 1e4),
-    "degc": (-273.15, 1e4),
-    "mps2": (-1e6, 1e6),
-    "rad_per_nm": (-1e3, 1e3),
-    "um_per_n": (-1e6, 1e6),
-    "kgm2": (-1e6, 1e6),
-    "nms_per_rad": (-1e6, 1e6),
-    "nm_per_rad": (-1e9, 1e9),
-    "": (-1e9, 1e9),
-}
+MOST = {"rad": 1e4, "s": 1e12, "rad_per_nm": 1e3, "nm_per_rad": 1e9, "": 1e9}
+MOST |= dict.fromkeys(("mm", "mmps", "nm", "n"), 1e7)
+MOST |= dict.fromkeys(("deg", "degps", "kg", "mps2", "um_per_n", "kgm2", "nms_per_rad"), 1e6)
+RANGES = {unit: (-most, most) for unit, most in MOST.items()} | dict.fromkeys(("c", "degc"), (-273.15, 1e4))
 """Numbers that are read, by the unit of their key. Beyond them no arm, instrument or clock is, and sums of
 squares lose all digits. (10 km, absolute zero, seconds since 1970.)"""
 Path = tuple[str | int, ...]
@@ -137,12 +121,10 @@ def outside(key: str, values: Iterable[float]) -> str:
     unit = stem_of(key)[1]
     low, high = range_of(key)
     bad = [v for v in values if math.isfinite(v) and not low <= v <= high]
-    return (
-        f"`{key}` holds {bad[0]:g}: {'below' if bad[0] < low else 'above'} "
-        + (f"{low if bad[0] < low else high:g} {unit}".rstrip())
-        if bad
-        else ""
-    )
+    if not bad:
+        return ""
+    side, limit = ("below", low) if bad[0] < low else ("above", high)
+    return f"`{key}` holds {bad[0]:g}: {side} {limit:g} {unit}".rstrip()
 
 
 class Keys(BaseModel):
@@ -319,9 +301,8 @@ class _Reader:
     def _check_text(self, node: yaml.ScalarNode, noun: str, longest: int) -> None:
         """Refuse a text too long to be meant, or with characters that an escape has written."""
         if len(node.value) > longest:
-            self._refuse(
-                node, f"{noun} of {len(node.value)} characters, at most {longest} are read", "shorten it"
-            )
+            what = f"{noun} of {len(node.value)} characters, at most {longest} are read"
+            self._refuse(node, what, "shorten it")
         if match := CONTROL.search(node.value):
             character = match[0].encode("unicode_escape").decode()
             self._refuse(node, f"{noun} with the control character {character}", "delete it")

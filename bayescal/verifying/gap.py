@@ -33,11 +33,6 @@ class Residuals:
     values: np.ndarray
     sigma: np.ndarray  # (C,) m, stated
 
-    @property
-    def chi2(self) -> np.ndarray:
-        """Chi-square (C,) of each row, with the stated noise."""
-        return np.sum((self.values / self.sigma) ** 2, axis=0)
-
 
 @dataclass(frozen=True)
 class Measured:
@@ -48,27 +43,24 @@ class Measured:
 
     def rms(self, kind: str, without: np.ndarray) -> float:
         """RMS error, m, of a kind ("planes", "points" or "distances") without some rows; nan without any."""
-        if kind == "distances":
-            every = self.distance
-        else:
-            errors = [
-                r.values[:, ~np.isin(r.rows, without)].ravel() for r in self.residuals if r.kind == kind
-            ]
-            every = np.concatenate(errors) if errors else np.zeros(0)
+        errors = [self.distance] if kind == "distances" else []
+        errors += [r.values[:, ~np.isin(r.rows, without)].ravel() for r in self.residuals if r.kind == kind]
+        every = np.concatenate([np.zeros(0), *errors])
         return float(np.sqrt(np.mean(every**2))) if len(every) else float("nan")
 
     @property
     def gross(self) -> np.ndarray:
         """Rows that are off by far more than the others of their kind."""
-        out = []
+        out = [np.zeros(0, int)]
         for kind in ("planes", "points"):
             residuals = [r for r in self.residuals if r.kind == kind]
             if not residuals:
                 continue
-            chi2, size = np.concatenate([r.chi2 for r in residuals]), len(residuals[0].values)
+            whitened, size = np.hstack([r.values / r.sigma for r in residuals]), len(residuals[0].values)
+            chi2 = np.sum(whitened**2, axis=0)
             usual = max(scale(chi2, size, share=USUAL["kind"]), 1.0)
             out.append(np.concatenate([r.rows for r in residuals])[rejected(chi2, size, usual)])
-        return np.concatenate(out) if out else np.zeros(0, int)
+        return np.concatenate(out)
 
 
 def validation_rows(arm: FittedArm) -> np.ndarray:

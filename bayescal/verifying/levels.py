@@ -82,8 +82,8 @@ class Machine:
             else:
                 goals, starts = readings, self.starts(readings, sense)
                 postures = self.postures(starts, sense)
-            stood = self.simulator.stand(postures, starts, goals, load.name)
-            reached[mine], points[mine] = stood.readings - goals + readings, stood.points
+            stood, points[mine] = self.simulator.stand(postures, starts, goals, load.name)
+            reached[mine] = stood - goals + readings
         world = self.file.world
         return reached, points @ world[:3, :3].T + world[:3, 3]
 
@@ -109,14 +109,11 @@ def modelled(arm: FittedArm, rows: np.ndarray, reached: np.ndarray, state: int) 
     """TCPs (C, 3), m, of the fitted arm at readings reached (C, n) in rows, in the state of a row."""
     m = arm.dataset.measurements
     out = np.empty((len(rows), 3))
-    names = [t.name for t in arm.dataset.tools]
     for tool in np.unique(m.tool[rows]):
-        mine = np.flatnonzero(m.tool[rows] == tool)
+        mine, name = np.flatnonzero(m.tool[rows] == tool), arm.dataset.tools[int(tool)].name
         payload = 0.0 if m.payload is None else m.payload[rows[mine]]
         direction = None if m.velocity is None else m.velocity[rows[mine]]
-        poses = arm.at(
-            reached[mine], tool=names[int(tool)], payload_kg=payload, direction=direction, row=state
-        )
+        poses = arm.at(reached[mine], tool=name, payload_kg=payload, direction=direction, row=state)
         out[mine] = poses.points
     return out
 

@@ -15,7 +15,7 @@ import numpy as np
 from bayescal.errors import BayescalError
 from bayescal.exporting.log_arm import text_of
 from bayescal.exporting.sidecar import mujoco
-from bayescal.logs import Log, Mechanism
+from bayescal.logs import Log
 from bayescal.logs.types import SERVO, VALIDATE
 from bayescal.motion.controller import Law, law_of
 from bayescal.motion.fit_settings import CONTROLLER
@@ -73,12 +73,13 @@ def replayed(
             torque.append(s.unfiltered(applied * arm.gain + arm.offset - s.torque)[moving])
             count = max(round(len(position[-1]) * s.step / OUTCOME.block), 1)
             blocks += [np.mean(part**2, axis=0) for part in np.array_split(position[-1], count)]
-        out[name] = Tracking(_rms(position), _rms(torque), np.array(blocks), len(held))
+        out[name] = Tracking(rms(position), rms(torque), np.array(blocks), len(held))
     return out
 
 
-def _rms(parts: Sequence[np.ndarray]) -> np.ndarray:
-    return np.asarray(np.sqrt(np.mean(np.concatenate(parts) ** 2, axis=0)))
+def rms(parts: Sequence[np.ndarray]) -> np.ndarray:
+    """RMS (n,) of errors (N, n) in several motions, without those that are nan."""
+    return np.asarray(np.sqrt(np.nanmean(np.concatenate(parts) ** 2, axis=0)))
 
 
 def _motion(simulator: Any, arm: Arm, law: Law, s: Signals) -> tuple[np.ndarray, np.ndarray]:
@@ -164,16 +165,6 @@ def _simulated(
     return kept[:, :n], kept[:, n:]
 
 
-def mechanism_known(m: Mechanism) -> Mechanism:
-    """A mechanism with zero for what it does not state."""
-    return replace(
-        m,
-        armature=np.nan_to_num(m.armature),
-        coulomb=np.nan_to_num(m.coulomb),
-        viscous=np.nan_to_num(m.viscous),
-    )
-
-
 def replay_gap(gap: MotionGap) -> MotionGap:
     """A diagnosis with the replay of its withheld motions: nominal arm, model, and with the named effects."""
     log = gap.model.estimate.parts[0].log
@@ -188,9 +179,10 @@ def replay_gap(gap: MotionGap) -> MotionGap:
 
 
 def nominal_arm(log: Log) -> Arm:
-    """The nominal arm."""
-    late = log.alignment if log.torque_kind == SERVO else 0.0
-    return Arm(text_of(mechanism_known(log.mechanism), "mjcf", log.gravity), late=late)
+    """The nominal arm, with zero for what its mechanism does not state."""
+    late, m = log.alignment if log.torque_kind == SERVO else 0.0, log.mechanism
+    known = {key: np.nan_to_num(getattr(m, key)) for key in ("armature", "coulomb", "viscous")}
+    return Arm(text_of(replace(m, **known), "mjcf", log.gravity), late=late)
 
 
 def arm_in_file(arm: NamedArm, text: str = "") -> Arm:

@@ -24,7 +24,7 @@ from bayescal.motion.result import Tracking
 from bayescal.motion.servo import with_torques
 from bayescal.motion.signals import Signals, all_signals
 from bayescal.storage.reading import decoded, read_record
-from bayescal.verifying.log_replay import Arm, arm_in_file, nominal_arm, replayed
+from bayescal.verifying.log_replay import Arm, arm_in_file, nominal_arm, replayed, rms
 
 FITTED, NAMED, COPY = "fit.json", "gap.json", "dataset"
 SLIDING = 0.1
@@ -79,11 +79,11 @@ def verify_log(run: Path, path: Path) -> LogVerification:
         raise BayescalError(f"has {model.nv} joints, the log {log.n}", str(path), "export the arm again")
     nominal = simulator.MjModel.from_xml_string(nominal_arm(log).text)
     values, parts = values_of(record), all_signals(log)
-    offset, gain = (
-        np.array([values.get(f"{name} {j + 1}", 0.0) for j in range(log.n)])
-        for name in ("offset", "constant")
-    )
-    gain = 1.0 + gain
+
+    def each(name: str) -> np.ndarray:
+        return np.array([values.get(f"{name} {j + 1}", 0.0) for j in range(log.n)])
+
+    offset, gain = each("offset"), 1.0 + each("constant")
     shift = 1e-3 * record["torque_shift_ms"]
     before: list[np.ndarray] = []
     after: list[np.ndarray] = []
@@ -104,8 +104,8 @@ def verify_log(run: Path, path: Path) -> LogVerification:
         path=path,
         software=f"MuJoCo {simulator.__version__}",
         difference=np.max(differences, axis=0),
-        nominal=_rms(before),
-        fitted=_rms(after),
+        nominal=rms(before),
+        fitted=rms(after),
         rows=sum(map(len, after)),
         tracking=replayed(simulator, log, parts, _arms(log, parts, fitted, values, text)),
     )
@@ -125,10 +125,6 @@ def _arms(
         return {"nominal": nominal_arm(log), "model": arm}
     model = named_arm(estimate, estimate.fit(), scale)
     return {"nominal": nominal_arm(log), "model": arm_in_file(model), "effects": arm}
-
-
-def _rms(parts: list[np.ndarray]) -> np.ndarray:
-    return np.asarray(np.sqrt(np.nanmean(np.concatenate(parts) ** 2, axis=0)))
 
 
 def inverse(simulator: Any, model: Any, s: Signals) -> np.ndarray:

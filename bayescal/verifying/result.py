@@ -233,9 +233,8 @@ def _in_pinocchio(pin: Any, root: ET.Element, joints: list[str], tip: str, where
             q = pin.neutral(model)
             for joint, angle in zip(moving, angles_of_pose, strict=True):
                 # a continuous joint has the cosine and the sine of its angle
-                q[joint.idx_q : joint.idx_q + joint.nq] = (
-                    angle if joint.nq == 1 else (np.cos(angle), np.sin(angle))
-                )
+                turn = angle if joint.nq == 1 else (np.cos(angle), np.sin(angle))
+                q[joint.idx_q : joint.idx_q + joint.nq] = turn
             pin.framesForwardKinematics(model, data, q)
             out.append(data.oMf[frame].homogeneous.copy())
         return np.array(out)

@@ -31,14 +31,6 @@ REST = 1e-10
 
 
 @dataclass(frozen=True)
-class Stood:
-    """C poses in the simulator: readings that were reached (C, n), rad, and TCP positions (C, 3), m."""
-
-    readings: np.ndarray
-    points: np.ndarray
-
-
-@dataclass(frozen=True)
 class File:
     """A file of an arm: text, folder of its meshes, name, joints, and its world in F0, (4, 4), m.
 
@@ -116,9 +108,8 @@ class Simulator:
     def _of_arm(self) -> np.ndarray:
         """Degrees of freedom of the arm; those of other parts of a scene may move."""
         starts = (*self.joints.names, "stand_")
-        return np.array([
-            self.model.joint(j).name.startswith(starts) for j in self.model.dof_jntid
-        ], bool)  # fmt: skip
+        names = (self.model.joint(j).name for j in self.model.dof_jntid)
+        return np.array([name.startswith(starts) for name in names], bool)
 
     def _command(self, readings: np.ndarray) -> None:
         """Command readings (n,), rad."""
@@ -162,8 +153,8 @@ class Simulator:
 
     def stand(
         self, postures: Sequence[Mapping[str, float]], starts: np.ndarray, readings: np.ndarray, tip: str
-    ) -> Stood:
-        """Move to readings from close starts, and come to rest.
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Move to readings from close starts, and come to rest; readings reached (C, n) and TCPs (C, 3), m.
 
         Parameters
         ----------
@@ -195,7 +186,7 @@ class Simulator:
             self.mj.mj_fwdPosition(self.model, self.data)
             self.mj.mj_sensorPos(self.model, self.data)
             reached[k], points[k] = self._reached(), self.data.site_xpos[site]
-        return Stood(reached, points)
+        return reached, points
 
     def _check_still(self, pose: int, speed: float) -> None:
         """Refuse a simulation that diverged, which MuJoCo starts again elsewhere, or still moves."""

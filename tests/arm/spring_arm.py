@@ -87,12 +87,8 @@ def parts(
     here = here @ robot.base
     mdh = robot.convention == "mdh"
     for i in range(robot.n):
-        row = (
-            turn(X, robot.alpha[i]) @ move(robot.a[i] * X)
-            if mdh
-            else move(robot.a[i] * X) @ turn(X, robot.alpha[i])
-        )
-        row = row @ turn(Y, robot.beta[i])
+        twisted, shifted = turn(X, robot.alpha[i]), move(robot.a[i] * X)
+        row = (twisted @ shifted if mdh else shifted @ twisted) @ turn(Y, robot.beta[i])
         yield (here @ row if mdh else here), Hinge(Z, springs.joint[i], i)
         here = turn(Z, errors.theta[i]) @ move((robot.d[i] + errors.d[i]) * Z)
         twist = turn(X, errors.alpha[i]) @ move(errors.a[i] * X)

@@ -85,9 +85,8 @@ def test_images_that_are_numbered_from_the_other_end(share):
     rng = np.random.default_rng(5)
     turned = rng.random(IMAGES) < share
     seen, noise = inverse(SEEN), Rotation.from_rotvec(0.01 * rng.standard_normal((IMAGES, 3))).as_matrix()
-    seen[:, :, :3] = (
-        noise @ seen[:, :, :3] @ np.where(turned[:, None, None], np.diag([-1.0, -1, 1]), np.eye(3))
-    )
+    other_end = np.where(turned[:, None, None], np.diag([-1.0, -1, 1]), np.eye(3))
+    seen[:, :, :3] = noise @ seen[:, :, :3] @ other_end
     np.testing.assert_array_equal(half_turns(FLANGE, seen), turned)
     np.testing.assert_array_equal(half_turns(FLANGE, inverse(SEEN)), False)
 

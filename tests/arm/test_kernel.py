@@ -13,7 +13,7 @@ from numba.core import caching
 from test_pinocchio import robots
 
 from analysis.benchmarks.reference import columns_reference, points_reference
-from bayescal.arm.chain import chain_of, frames, link_angles, points, wrenches
+from bayescal.arm.chain import Robot, chain_of, frames, link_angles, points, wrenches
 from bayescal.arm.kernel import MAX_ANGLE, WIDTH, _cos, _sin
 from bayescal.arm.motion import CERTIFICATE, CONTACT, Motion, Term
 from bayescal.arm.transforms import AXES, rigid, rotation, rpy_matrix, rpy_of
@@ -122,8 +122,6 @@ def test_seven_joints_any_table(program, convention):
 
 
 def _seven(convention):
-    from bayescal.arm.chain import Robot
-
     rng = np.random.default_rng(7)
     return Robot(
         "seven", convention, tuple("ABCDEFG"), rng.uniform(-3, 3, 7), rng.uniform(-0.5, 0.5, 7),
@@ -147,10 +145,7 @@ def test_padding_is_not_seen(lrmate):
     motion, rng = motion_of(lrmate, everywhere, WIDTH + 3)
     values = 5e-3 * rng.standard_normal(motion.size)
     last = slice(WIDTH + 1, WIDTH + 2)
-    terms = [
-        (k, Term(t.frame, t.axis, t.driver if np.ndim(t.driver) == 0 else t.driver[last]))
-        for k, t in motion.terms
-    ]
+    terms = [(k, replace(t, driver=np.asarray(t.driver)[last])) for k, t in motion.terms]
     alone = Motion(motion.chain, motion.q[last], motion.tool[last], terms, motion.size)
     np.testing.assert_allclose(alone.points(values), motion.points(values)[:, last], atol=1e-15)
 
@@ -170,9 +165,8 @@ def test_largest_angle(lrmate, frame, axis):
     count = 300
     rng = np.random.default_rng(1)
     terms = [(0, Term(frame, axis, np.linspace(-1, 1, count))), (1, Term(7, "ty"))]
-    motion = Motion(
-        chain_of(lrmate), rng.uniform(-3, 3, (count, 6)), np.tile([0.06, 0, 0.12], (count, 1)), terms, 2
-    )
+    q, tool = rng.uniform(-3, 3, (count, 6)), np.tile([0.06, 0, 0.12], (count, 1))
+    motion = Motion(chain_of(lrmate), q, tool, terms, 2)
     values = np.array([MAX_ANGLE, 0.01])
     off = motion.points(values) - points_reference(motion, values)
     assert np.max(np.abs(off)) < 2e-13
@@ -225,17 +219,15 @@ def test_rpy_is_about_fixed_axes():
     turned = rpy_matrix(np.radians([90, 0, 90])) @ [0, 1, 0]  # y to z by the roll, where it stays
     np.testing.assert_allclose(turned, [0, 0, 1], atol=1e-15)
     np.testing.assert_allclose(rpy_matrix(np.radians([0, 90, 0])) @ [1, 0, 0], [0, 0, -1], atol=1e-15)
-    np.testing.assert_allclose(
-        rigid(rotation(2, np.pi / 2), [1, 2, 3]) @ [1, 0, 0, 1], [1, 3, 3, 1], atol=1e-15
-    )
+    turned = rigid(rotation(2, np.pi / 2), [1, 2, 3]) @ [1, 0, 0, 1]
+    np.testing.assert_allclose(turned, [1, 3, 3, 1], atol=1e-15)
 
 
 def test_readings_to_link_angles(lrmate):
     """The pendant's J3 is taken against the floor: J2 alone turns link 3 back."""
     at = link_angles(lrmate, np.radians([[10.0, 20, 30, 40, 50, 60], [0, 20, -20, 0, 0, 0]]))
-    np.testing.assert_allclose(
-        np.degrees(at), [[10, -70, -50, -40, -50, -60], [0, -70, 0, 0, 0, 0]], atol=1e-12
-    )
+    expected = [[10, -70, -50, -40, -50, -60], [0, -70, 0, 0, 0, 0]]
+    np.testing.assert_allclose(np.degrees(at), expected, atol=1e-12)
 
 
 def by_hand(chain, q, tool, delta):
@@ -245,16 +237,14 @@ def by_hand(chain, q, tool, delta):
         out = np.eye(4)
         for k, name in enumerate(AXES):
             axis = "xyz".index(name[1])
-            out = out @ (
-                rigid(rotation(axis, x[k])) if name[0] == "r" else rigid(None, x[k] * np.eye(3)[axis])
-            )
+            slide = rigid(None, x[k] * np.eye(3)[axis])
+            out = out @ (rigid(rotation(axis, x[k])) if name[0] == "r" else slide)
         return out
 
     pose = chain.base @ displaced(delta[0]) @ chain.link[0]
     for i in range(1, chain.n + 1):
-        pose = (
-            pose @ rigid(rotation(2, q[i - 1]), [0, 0, chain.d[i - 1]]) @ displaced(delta[i]) @ chain.link[i]
-        )
+        joint = rigid(rotation(2, q[i - 1]), [0, 0, chain.d[i - 1]])
+        pose = pose @ joint @ displaced(delta[i]) @ chain.link[i]
     return (pose @ rigid(None, tool) @ displaced(delta[-1]))[:3, 3]
 
 
@@ -268,9 +258,8 @@ def test_displaced_points(robot, seed):
     assert found.shape == (2, 3, 3)
     for walker in range(2):
         for k in range(3):
-            np.testing.assert_allclose(
-                found[walker, k], by_hand(chain, q[k], tool[k], delta[walker, k]), atol=1e-13
-            )
+            expected = by_hand(chain, q[k], tool[k], delta[walker, k])
+            np.testing.assert_allclose(found[walker, k], expected, atol=1e-13)
 
 
 @given(robots(), st.integers(0, 2**32 - 1))

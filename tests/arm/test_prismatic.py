@@ -58,10 +58,8 @@ def test_kernel_wrenches_and_differences_agree(kinds):
     tool, u = 0.1 * rng.normal(size=(count, 3)), rng.normal(size=(3, count))
     size = 6 * (n + 2)
     terms = [(6 * f + a, Term(f, AXES[a])) for f in range(n + 2) for a in range(6)]
-    terms += [
-        (size, Term(1, "tz", rng.normal(size=count))),
-        (size + 1, Term(n, "rx", rng.normal(size=count))),
-    ]
+    driven = (Term(frame, axis, rng.normal(size=count)) for frame, axis in ((1, "tz"), (n, "rx")))
+    terms += enumerate(driven, start=size)
     motion = Motion(chain, q, tool, terms, size + 2)
     values = 0.01 * rng.normal(size=size + 2)
     delta, p = motion.displacements(values), motion.points(values)
@@ -101,9 +99,8 @@ def test_slopes_of_the_nominal_arm(kinds):
 def test_inverse_kinematics_keeps_a_carriage_on_its_rail():
     robot = robot_of("PRRRRRR", seed=4)
     arm = NominalArm(robot, np.zeros(3))
-    readings = arm.readings_of(
-        np.array([[0.5, 0.3, -0.6, 0.4, 0.8, 0.7, -0.2], [1.5, 1.0, 0.5, 0.9, -1.0, 1, 1]])
-    )
+    angles = np.array([[0.5, 0.3, -0.6, 0.4, 0.8, 0.7, -0.2], [1.5, 1.0, 0.5, 0.9, -1.0, 1, 1]])
+    readings = arm.readings_of(angles)
     poses = arm.tool_poses(arm.frames(readings))
     for k, found in enumerate(solutions(arm, poses, readings[:, None])):
         assert np.all((found[:, 0] >= -0.5) & (found[:, 0] <= 2.0))

@@ -16,7 +16,6 @@ from bayescal.errors import BayescalError
 from bayescal.estimate import calibrated, settled
 from bayescal.model import Model, build, equilibrium
 from bayescal.model.equilibrium import STILL, by_name, moved
-from bayescal.model.equilibrium import tool_points as equilibrium_tool_points
 from bayescal.model.equilibrium import tool_points as our_points
 from bayescal.model.scene import Scene
 from bayescal.robots import load_robot
@@ -73,6 +72,16 @@ def drawn(dataset, mounting, effects):
     return give, Errors(*geometry), stand
 
 
+def bare(effects):
+    """Models of some effects without blocks."""
+
+    def make(scene):
+        c = scene.circumstances(scene.rows("calibrate"))
+        return Model(scene, effects, parameters_of(effects, c), (), ())
+
+    return make
+
+
 def ours(dataset, mounting, effects, mass=0.0):
     """TCP positions (N, 3), m, of the model of bayescal, and the names of its parameters."""
     give, errors, stand = drawn(dataset, mounting, effects)
@@ -88,15 +97,10 @@ def ours(dataset, mounting, effects, mass=0.0):
         known |= {f"base-compliance {axis}": c, f"base-compliance slide {axis}": DEPTH * c * way}
     models = ("geometry", "compliance", "bending", "base-compliance", "payload")
 
-    def make(scene):
-        return Model(
-            scene, models, parameters_of(models, scene.circumstances(scene.rows("calibrate"))), (), ()
-        )
-
     def values(model):
         return np.array([known.get(p.name, 0.0) for p in model.parameters])
 
-    model = equilibrium(Scene(dataset), make, values)
+    model = equilibrium(Scene(dataset), bare(models), values)
     return our_points(model, values(model)).T, {p.name for p in model.parameters}
 
 
@@ -163,25 +167,12 @@ def loaded():
     return simulate(Options(**{**vars(options), "effects": EVERY}))
 
 
-def bare(effects):
-    """Models of some effects without blocks."""
-
-    def make(scene):
-        return Model(
-            scene, effects, parameters_of(effects, scene.circumstances(scene.rows("calibrate"))), (), ()
-        )
-
-    return make
-
-
 def test_a_fitted_arm_is_at_rest(loaded):
     """Moments computed again at its pose do not move a TCP; after two fits they moved it by 6 um."""
     found = calibrated(Scene(loaded.dataset), EVERY)
     again = build(settled(found), EVERY)
     values = by_name(again, found.arm, found.model)
-    assert (
-        moved(equilibrium_tool_points(found.model, found.arm), equilibrium_tool_points(again, values)) < STILL
-    )
+    assert moved(our_points(found.model, found.arm), our_points(again, values)) < STILL
 
 
 def test_every_start_comes_to_the_same_rest(loaded):
@@ -196,7 +187,7 @@ def test_every_start_comes_to_the_same_rest(loaded):
     far = equilibrium(scene, make, soft, 1e-13)
     back = equilibrium(far.scene, make, values, 1e-13)
     nominal = make(scene)
-    points = [equilibrium_tool_points(m, values(m)) for m in (nominal, here, back)]
+    points = [our_points(m, values(m)) for m in (nominal, here, back)]
     assert moved(points[1], points[2]) < 1e-12
     assert moved(points[0], points[1]) > 5e-5
 

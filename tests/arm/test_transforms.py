@@ -88,9 +88,8 @@ def ur_in_closed_form(robot, flange: np.ndarray) -> list[np.ndarray]:
         for t5 in np.arccos(np.clip(plane[2], -1, 1)) * np.array([1, -1]):
             t6 = np.arctan2(-plane[1] * np.sin(t5), plane[0] * np.sin(t5))
             wrist = rigid(rotation(0, np.pi / 2) @ rotation(2, t5)) @ rigid(None, np.array([0, 0, d5]))
-            wrist = (
-                wrist @ rigid(rotation(0, -np.pi / 2) @ rotation(2, t6)) @ rigid(None, np.array([0, 0, d6]))
-            )
+            last = rigid(rotation(0, -np.pi / 2) @ rotation(2, t6))
+            wrist = wrist @ last @ rigid(None, np.array([0, 0, d6]))
             root = rigid(rotation(2, t1) @ rotation(0, np.pi / 2), np.array([0, 0, d1]))
             four = np.linalg.inv(root) @ flange @ np.linalg.inv(wrist)
             px, py = four[:2, 3]
@@ -136,14 +135,12 @@ def test_solutions_reach_their_pose_within_the_limits(name):
     arm = arm_of(name)
     readings = random_readings(arm, 12)
     poses = arm.tool_poses(arm.frames(readings))
-    for own, pose, own_readings in zip(
-        solutions(arm, poses, readings[:, None]), poses, readings, strict=True
-    ):
+    found = solutions(arm, poses, readings[:, None])
+    for own, pose, own_readings in zip(found, poses, readings, strict=True):
         chosen = nearest(arm, own, own_readings[None])
         assert np.abs(chosen - own_readings).max() < 1e-5
-        away, turn = poses_apart(
-            arm.tool_poses(arm.frames(arm.readings_of(own))), np.broadcast_to(pose, (len(own), 4, 4))
-        )
+        here = arm.tool_poses(arm.frames(arm.readings_of(own)))
+        away, turn = poses_apart(here, np.broadcast_to(pose, here.shape))
         assert np.abs(away).max() < 1e-8
         assert np.abs(turn).max() < 1e-6
 
@@ -169,9 +166,8 @@ def test_why_there_is_no_solution():
     own = solutions(arm, pose)[0]
     only = own[[k for k in range(len(own)) if same(own[k], arm.angles_of(beyond)[0])]]
     assert nearest(arm, only, beyond) is None
-    assert (
-        without_solution(arm, pose[0], only) == "beyond the joint limits (J2 at 150.0 deg, limits -60 to 140)"
-    )
+    reason = "beyond the joint limits (J2 at 150.0 deg, limits -60 to 140)"
+    assert without_solution(arm, pose[0], only) == reason
 
 
 def test_joints_that_are_not_free_stay():

@@ -1,7 +1,6 @@
 """Fitted arms with random values of their parameters, without a fit."""
 
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 
@@ -11,7 +10,6 @@ from bayescal.model import build
 from bayescal.model.scene import Scene
 
 
-@cache
 def arm_with(effects: tuple[str, ...], session, seed: int = 0):
     """An arm with deviations of about 0.7 prior standard deviations, and u of a tenth of them."""
     model = build(Scene(session), effects)

@@ -26,11 +26,11 @@ def session(cube):
 
 @pytest.fixture(scope="module")
 def arm(session):
-    return arm_with.__wrapped__(("geometry",), session)
+    return arm_with(("geometry",), session)
 
 
 def table(path, text):
-    path.write_bytes(text.encode())
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
     return path
 
 
@@ -119,8 +119,7 @@ OF_PROGRAM = {"fanuc": {"tool": "ball"}, "urscript": {"tcp": np.array([0, 0, 0.1
 @pytest.mark.parametrize("name", ["fanuc", "abb", "robodk", "urscript"])
 def test_a_program_is_corrected_in_place(arm, tmp_path, name):
     suffix = {"fanuc": ".LS", "abb": ".mod", "robodk": ".csv", "urscript": ".script"}[name]
-    source = tmp_path / f"prog{suffix}"
-    source.write_bytes(getattr(programs, name.upper()))
+    source = table(tmp_path / f"prog{suffix}", getattr(programs, name.upper()))
     done = compensate_file(arm, source, payload=2.5, **OF_PROGRAM.get(name, {}))
     assert done.format == name
     assert {t.payload for t in done.targets} == {2.5}
@@ -150,8 +149,7 @@ def test_a_program_is_corrected_in_place(arm, tmp_path, name):
 
 def test_files_of_the_user_are_not_overwritten(arm, tmp_path):
     """Neither the corrected file nor the table of positions; the same content again is no change."""
-    source = tmp_path / "prog.LS"
-    source.write_bytes(programs.FANUC)
+    source = table(tmp_path / "prog.LS", programs.FANUC)
     done = compensate_file(arm, source, tool="ball")
     out, listed = tmp_path / "out.LS", tmp_path / "out.LS.positions.csv"
     for path in (out, listed):
@@ -167,11 +165,10 @@ def test_files_of_the_user_are_not_overwritten(arm, tmp_path):
 
 
 def test_a_program_in_another_frame_must_say_which(arm, tmp_path):
-    source = tmp_path / "prog.ls"
-    source.write_bytes(programs.FANUC.replace(b"UF : 0, UT : 1,\t\tCONFIG", b"UF : 2, UT : 1,\t\tCONFIG"))
-    with pytest.raises(
-        BayescalError, match=r"prog\.ls: its poses are not in the frame of the base \(line 9, P\[1"
-    ):
+    framed = programs.FANUC.replace(b"UF : 0, UT : 1,\t\tCONFIG", b"UF : 2, UT : 1,\t\tCONFIG")
+    source = table(tmp_path / "prog.ls", framed)
+    message = r"prog\.ls: its poses are not in the frame of the base \(line 9, P\[1"
+    with pytest.raises(BayescalError, match=message):
         compensate_file(arm, source)
     assert compensate_file(arm, source, frame="base", tool="ball").corrected
 
@@ -182,28 +179,21 @@ TOOLS = [
      r"--tcp=10,0,100,0,0,0"),
     ("urscript", {}, r"line 3: its tool \(set_tcp\(p\[.*\) is 63.2 mm and 0 deg away from `ball`"),
     ("urscript", {"tcp": np.array([0, 0, 0.1, 0, 0, 0.2])}, r"is 0 mm and 11.5 deg away from `tcp`"),
+    ("two_tools", {"tool": "ball"}, r"the program has several tools \(UT : 1, UT : 2\)"),
 ]  # fmt: skip
 
 
 @pytest.mark.parametrize(("name", "options", "message"), TOOLS)
 def test_a_program_with_another_tool_is_refused(arm, tmp_path, name, options, message):
-    source = tmp_path / "prog.ls"
-    source.write_bytes(getattr(programs, name.upper()))
+    two = programs.FANUC.replace(b"/MN\r\n", b"/MN\r\n   0:  UTOOL_NUM=2 ;\r\n")
+    source = table(tmp_path / "prog.ls", two if name == "two_tools" else getattr(programs, name.upper()))
     with pytest.raises(BayescalError, match=message):
-        compensate_file(arm, source, format_=name, **options)
-
-
-def test_a_program_with_two_tools_is_refused(arm, tmp_path):
-    source = tmp_path / "prog.ls"
-    source.write_bytes(programs.FANUC.replace(b"/MN\r\n", b"/MN\r\n   0:  UTOOL_NUM=2 ;\r\n"))
-    with pytest.raises(BayescalError, match=r"the program has several tools \(UT : 1, UT : 2\)"):
-        compensate_file(arm, source, tool="ball")
+        compensate_file(arm, source, format_="fanuc" if name == "two_tools" else name, **options)
 
 
 def test_a_position_that_is_not_used_stops_nothing(arm, tmp_path):
-    source = tmp_path / "prog.ls"
     far = programs.FANUC.replace(b"450.000", b"4500.000")
-    source.write_bytes(far)
+    source = table(tmp_path / "prog.ls", far)
     with pytest.raises(BayescalError, match=r"P\[1\]: no solution: out of reach"):
         compensate_file(arm, source, tool="ball")
     source.write_bytes(far.replace(b"L P[1:start]", b"L PR[1]"))
@@ -216,8 +206,7 @@ def test_a_position_that_is_not_used_stops_nothing(arm, tmp_path):
 
 
 def test_a_warning_stands_in_every_file(arm, tmp_path):
-    source = tmp_path / "prog.ls"
-    source.write_bytes(programs.FANUC)
+    source = table(tmp_path / "prog.ls", programs.FANUC)
     done = compensate_file(arm, source, tool="ball", warning="not calibrated")
     assert b"\r\n   1:  !not calibrated ;\r\n   2:J P[2]" in done.text.replace(b"   1:J", b"   2:J")
     assert {r["verdict"] for r in read(done.positions)} == {"not calibrated"}
@@ -260,14 +249,12 @@ def test_the_command(arm, tmp_path, command):
 
 def test_the_tool_and_the_verdict_by_the_command(arm, tmp_path, command):
     """--tcp is in mm and deg; a bad verdict is in the first line and the file; a failed fit needs --force."""
-    run, source = tmp_path / "run", tmp_path / "p.script"
-    source.write_bytes(programs.URSCRIPT)
+    run, source = tmp_path / "run", table(tmp_path / "p.script", programs.URSCRIPT)
     told = Use((), ("verdict of the fit: not validated",), left_out=("step is named, not confirmed",))
     run.mkdir()
     write_arm(replace(arm, use=told), run)
-    code, text, _ = command(
-        "compensate", run, source, "--out", tmp_path / "o.script", "--tcp", "0,0,100,0,0,0"
-    )
+    tcp = ("--tcp", "0,0,100,0,0,0")
+    code, text, _ = command("compensate", run, source, "--out", tmp_path / "o.script", *tcp)
     assert code == 0
     assert text.splitlines()[0].split() == ["warning", "verdict", "of", "the", "fit:", "not", "validated"]
     assert "step is named, not confirmed" in text
@@ -281,7 +268,7 @@ def test_the_tool_and_the_verdict_by_the_command(arm, tmp_path, command):
     failed = tmp_path / "failed"
     failed.mkdir()
     write_arm(replace(arm, use=Use(("the sampler did not converge",))), failed)
-    options = (failed, source, "--out", tmp_path / "c.script", "--tcp", "0,0,100,0,0,0")
+    options = (failed, source, "--out", tmp_path / "c.script", *tcp)
     code, _, error = command("compensate", *options)
     assert code == 1
     assert "not compensated: the sampler did not converge" in error

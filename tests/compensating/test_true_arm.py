@@ -27,9 +27,8 @@ NOISE = 10e-6
 def stands(body, readings: np.ndarray, payload: np.ndarray) -> np.ndarray:
     """Where the true arm is in elastic equilibrium: its tool (C, 3), m."""
     still = np.zeros(readings.shape)
-    session = SimpleNamespace(
-        payload=payload, velocity=still, target=np.zeros(len(readings), int), time=payload
-    )
+    none = np.zeros(len(readings), int)
+    session = SimpleNamespace(payload=payload, velocity=still, target=none, time=payload)
     world = World(body, scene.draw(np.random.default_rng(0)), session, body.shape.give)
     return world.seen(readings, (), passes=8)[0].ball
 
@@ -119,10 +118,8 @@ def statements(name: str, pose: np.ndarray, k: int) -> tuple[str, str]:
     if name == "fanuc":
         xyz = ",".join(f"{key} = {v} mm" for key, v in zip("XYZ", mm, strict=True))
         wpr = ",".join(f"{key} = {v:.9f} deg" for key, v in zip("WPR", (w, p, r), strict=True))
-        return (
-            f"P[{k}]{{\n GP1:\n UF : 0, UT : 1, CONFIG : 'N',\n {xyz},\n {wpr}\n}};",
-            f"   {k}:J P[{k}] 100% FINE ;",
-        )
+        position = f"P[{k}]{{\n GP1:\n UF : 0, UT : 1, CONFIG : 'N',\n {xyz},\n {wpr}\n}};"
+        return position, f"   {k}:J P[{k}] 100% FINE ;"
     if name == "kuka":
         where = f"X {mm[0]},Y {mm[1]},Z {mm[2]},A {r:.9f},B {p:.9f},C {w:.9f}"
         return f"DECL E6POS XP{k}\nXP{k}={{{where}}}", f"LIN XP{k}"

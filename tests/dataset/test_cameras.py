@@ -91,6 +91,8 @@ def test_refused(case, tmp_path):
     ("charuco:7x5:30mm:22mm", "charuco:7x5:20mm:22mm", "smaller than its squares"),
     ("mount: flange", "mount: wrist", "mount"),
     ("fx_px: 910", "fx_mm: 910", "fx_px"),
+    ("fx_px", "lens: fisheye, distortion: [0, 0, 0, 0, 0], fx_px", "`distortion` of `cam` has 5 entries"),
+    ("fx_px", "lens: fisheye, u_distortion: [0, 0, 0, 0, 0], fx_px", "a fisheye has k1, k2, k3, k4"),
 ])  # fmt: skip
 def test_settings_refused(old, new, words, tmp_path):
     folder = written(camera_session(), tmp_path)

@@ -52,10 +52,19 @@ SPOILT_TABLE += [
 ]
 
 
+SECONDS = 20.0
+"""Processor time; a few hundredths are enough."""
+LONGEST = 500
+
+
 def refused(folder) -> BayescalError:
+    """The refusal of a dataset: soon, on one line of printable characters."""
+    start = time.process_time()
     with pytest.raises(BayescalError) as caught:
         read_dataset(folder)
-    assert "\n" not in str(caught.value)
+    assert time.process_time() - start < SECONDS
+    assert len(str(caught.value)) < LONGEST
+    assert str(caught.value).isprintable()
     return caught.value
 
 
@@ -132,12 +141,8 @@ def test_own_uncertainty_replaces_stated_noise(tmp_path):
 
 def test_what_is_let_pass(tmp_path):
     """A byte order mark, blank lines, one tool unnamed, an empty velocity, time that goes back."""
-    text = (
-        TABLE.replace(",ball,", ",,")
-        .replace(",mirror,", ",,")
-        .replace("c2,", "\n\nc2,")
-        .replace(",90,", ",5,")
-    )
+    text = TABLE.replace(",ball,", ",,").replace(",mirror,", ",,")
+    text = text.replace("c2,", "\n\nc2,").replace(",90,", ",5,")
     settings = replaced(SETTINGS, "  mirror: {centre_mm: [60, 0, 120], u_mm: 1}\n", "")
     folder = write(tmp_path, replaced(settings, "name: tiny", "name: 12"), text)
     (folder / "measurements.csv").write_bytes(b"\xef\xbb\xbf" + text.encode())
@@ -166,25 +171,6 @@ BOMB = "a: &a [x, x, x, x, x, x, x, x, x]\n" + "".join(
     f"{new}: &{new} [{', '.join(['*' + old] * 9)}]\n" for old, new in zip("abcdefgh", "bcdefghi", strict=True)
 )
 """Ten lines that stand for 9^9 values."""
-SECONDS = 20.0
-"""Processor time; a few hundredths are enough."""
-LONGEST = 500
-
-
-def refused_at(folder) -> BayescalError:
-    """The refusal of a dataset: soon, on one line of printable characters."""
-    start = time.process_time()
-    with pytest.raises(BayescalError) as caught:
-        read_dataset(folder)
-    assert time.process_time() - start < SECONDS
-    assert len(str(caught.value)) < LONGEST
-    assert str(caught.value).isprintable()
-    return caught.value
-
-
-def changed(text: str, old: str, new: str) -> str:
-    assert old in text
-    return text.replace(old, new, 1)
 
 
 @pytest.mark.parametrize(
@@ -216,7 +202,7 @@ def changed(text: str, old: str, new: str) -> str:
     ids=lambda value: shown(value, 24),
 )  # fmt: skip
 def test_hostile_files_settings(tmp_path, old, new, words):
-    error = refused_at(write(tmp_path, changed(SETTINGS, old, new)))
+    error = refused(write(tmp_path, replaced(SETTINGS, old, new)))
     assert words in str(error)
     assert error.where
     assert error.remedy
@@ -238,7 +224,7 @@ def test_hostile_files_settings(tmp_path, old, new, words):
     ids=lambda value: shown(value, 24),
 )
 def test_hostile_files_table(tmp_path, old, new, words):
-    error = refused_at(write(tmp_path, table=changed(TABLE, old, new)))
+    error = refused(write(tmp_path, table=replaced(TABLE, old, new)))
     assert words in str(error)
     assert error.where.startswith("measurements.csv:")
     assert error.remedy
@@ -246,8 +232,8 @@ def test_hostile_files_table(tmp_path, old, new, words):
 
 def test_thousands_of_tools_are_not_all_named(tmp_path):
     more = "".join(f"  m{i}: {{centre_mm: [1, 2, 3]}}\n" for i in range(3000))
-    settings = changed(SETTINGS, "  mirror:", more + "  mirror:")
-    assert "and 2996 more" in str(refused_at(write(tmp_path, settings, changed(TABLE, "top,ball", "top,"))))
+    settings = replaced(SETTINGS, "  mirror:", more + "  mirror:")
+    assert "and 2996 more" in str(refused(write(tmp_path, settings, replaced(TABLE, "top,ball", "top,"))))
 
 
 @pytest.mark.parametrize("name", ["dataset.yaml", "measurements.csv"])
@@ -267,7 +253,7 @@ def test_only_regular_files_of_the_folder(tmp_path, monkeypatch, name, kind):
             made.bind(name)
     else:
         path.symlink_to("/dev/zero" if kind == "device" else tmp_path / name)
-    error = refused_at(path.parent)
+    error = refused(path.parent)
     assert error.where == name
     assert any(word in str(error) for word in words.split("|"))
 
@@ -276,7 +262,7 @@ def test_links_that_lead_to_themselves(tmp_path):
     folder = write(tmp_path)
     (folder / "measurements.csv").unlink()
     (folder / "measurements.csv").symlink_to("measurements.csv")
-    assert "link to itself" in str(refused_at(folder))
+    assert "link to itself" in str(refused(folder))
 
 
 def test_a_device_is_never_read(tmp_path):
@@ -286,7 +272,7 @@ def test_a_device_is_never_read(tmp_path):
 
 
 def test_links_and_robots_within_the_folder_are_read(tmp_path):
-    folder = write(tmp_path, changed(SETTINGS, "fanuc-lrmate200ic", "arms/robot.yaml"))
+    folder = write(tmp_path, replaced(SETTINGS, "fanuc-lrmate200ic", "arms/robot.yaml"))
     (folder / "arms").mkdir()
     (folder / "arms" / "robot.yaml").write_bytes(load_robot("fanuc-lrmate200ic")[1])
     (folder / "measurements.csv").rename(folder / "first.csv")
@@ -295,8 +281,8 @@ def test_links_and_robots_within_the_folder_are_read(tmp_path):
 
 
 def test_an_anchor_is_still_allowed(tmp_path):
-    settings = changed(SETTINGS, "noise:\n  contact_mm: 0.005", "noise:\n  contact_mm: &r 0.005")
-    settings = changed(settings, "u_distance_mm: 0.003", "u_distance_mm: *r")
+    settings = replaced(SETTINGS, "noise:\n  contact_mm: 0.005", "noise:\n  contact_mm: &r 0.005")
+    settings = replaced(settings, "u_distance_mm: 0.003", "u_distance_mm: *r")
     assert read_dataset(write(tmp_path, settings)).certificates[0].u_distance == pytest.approx(5e-6)
 
 
@@ -333,11 +319,7 @@ def test_messages_are_bounded_and_printable():
 STATED = "  - {kind: distance, between: [ball.A, ball.B], distance_mm: 150.0, u_distance_mm: 0.001}\n"
 USED = SETTINGS.replace(STATED, "").replace("temperature_of", "artefact: plate.yaml\ntemperature_of")
 PLATE = file_text("plate.yaml")
-FULL = (
-    PLATE.replace(", u_mm: 0.002", "")
-    .replace(", u_mm: [0.001, 0.003, 0.002]", "")
-    .replace(", u_mm: 0.001", "")
-)
+FULL = re.sub(r", u_mm: (\[.*?\]|[\d.]+)", "", PLATE)
 MATRIX = [[1e-6 * (4 * (i == j) + (i % 3 == j % 3)) for j in range(9)] for i in range(9)]
 
 
@@ -371,9 +353,8 @@ def test_it_comes_back(tmp_path, plate):
     data = read_dataset(session(tmp_path, plate))
     write_dataset(data, tmp_path / "out")
     again = read_dataset(tmp_path / "out")
-    assert [(c.kind, c.targets) for c in again.certificates] == [
-        (c.kind, c.targets) for c in data.certificates
-    ]
+    stated = [[(c.kind, c.targets) for c in session_.certificates] for session_ in (data, again)]
+    assert stated[0] == stated[1]
     one, other = data.certificates[-2].points, again.certificates[-2].points
     assert (one.names, one.of, one.placements) == (other.names, other.of, other.placements)
     np.testing.assert_allclose(other.coordinates, one.coordinates, atol=1e-12)

@@ -11,10 +11,10 @@ from hypothesis import strategies as st
 from sessions import with_columns
 from tiny_dataset import SETTINGS, TABLE, write
 
-from bayescal.dataset import Certificate, Dataset, Record, Tool, read_dataset, write_dataset
+from bayescal.dataset import Dataset, Record, Target, Tool, read_dataset, write_dataset
 from bayescal.dataset.append import followed, taken
 from bayescal.dataset.join import PAUSE, joined
-from bayescal.dataset.types import Points
+from bayescal.dataset.types import ROLES, Certificate, Measurements, Noise, Points
 from bayescal.errors import BayescalError
 from bayescal.model.scene import Scene
 from bayescal.robots import load_robot
@@ -72,10 +72,8 @@ def test_tiny_comes_back_and_hashes_differ_with_content(tmp_path):
     again = read_dataset(tmp_path / "new" / "out")
     same(data, again)
     assert again.robot_reference == "fanuc-lrmate200ic"
-    assert sorted(p.name for p in (tmp_path / "new" / "out").glob("[!.]*")) == [
-        "dataset.yaml",
-        "measurements.csv",
-    ]
+    names = {p.name for p in (tmp_path / "new" / "out").glob("[!.]*")}
+    assert names == {"dataset.yaml", "measurements.csv"}
     assert read_dataset(write(tmp_path)).sha256 == data.sha256
     assert read_dataset(write(tmp_path, SETTINGS.replace("tiny", "tiny2"))).sha256 != data.sha256
     assert read_dataset(write(tmp_path, table=TABLE.replace("21.5", "21.6"))).sha256 != data.sha256
@@ -111,8 +109,6 @@ NAMES = st.text(
 @st.composite
 def datasets(draw) -> Dataset:
     """The tiny dataset's fixed point and instrument, under any names and with any optional column."""
-    from bayescal.dataset import Certificate, Measurements, Noise, Target, Tool
-
     count, n = 3, 6
     floats = st.floats(-1, 1, allow_subnormal=False)
     column = st.lists(floats, min_size=count, max_size=count).map(np.array)
@@ -122,9 +118,7 @@ def datasets(draw) -> Dataset:
     uncertain = st.none() | st.just(0.0) | st.floats(1e-8, 0.1)
     rows = Measurements(
         ids=tuple(draw(st.lists(NAMES, min_size=count, max_size=count, unique=True))),
-        role=np.array(
-            draw(st.lists(st.sampled_from(("calibrate", "validate", "locate")), min_size=3, max_size=3))
-        ),
+        role=np.array(draw(st.lists(st.sampled_from(ROLES), min_size=3, max_size=3))),
         target=np.zeros(count, int),
         tool=np.array([0, 1, 0]),
         readings=np.deg2rad(draw(block)) + 0.1,
@@ -190,11 +184,9 @@ def test_any_dataset_comes_back(data, tmp_path_factory):
 @pytest.fixture(scope="module")
 def pair(cube):
     """Two sessions, told apart by names and hashes."""
-    one, other = (cube(seed=seed, count=60).dataset for seed in (1, 2))
-    return (
-        replace(one, name="A", sha256="a", folder=Path("A")),
-        replace(other, name="B", sha256="b", folder=Path("B")),
-    )
+    sessions = (cube(seed=seed, count=60).dataset for seed in (1, 2))
+    each = zip(sessions, "AB", strict=True)
+    return tuple(replace(s, name=name, sha256=name.lower(), folder=Path(name)) for s, name in each)
 
 
 def test_a_single_session_stays_as_it_is(pair):
@@ -240,9 +232,8 @@ def test_clocks_follow_each_other_and_keep_their_course(pair):
 def test_a_column_that_one_session_lacks_holds_what_empty_cells_do(pair):
     a, b = pair
     bare = with_columns(b, velocity=None, payload=None, temperature=None, u=None)
-    told = with_columns(
-        a, u=np.full(60, 1e-6), velocity=np.ones((60, 6)), temperature=np.linspace(20, 22, 60)
-    )
+    columns = {"u": np.full(60, 1e-6), "velocity": np.ones((60, 6)), "temperature": np.linspace(20, 22, 60)}
+    told = with_columns(a, **columns)
     m = joined((told, bare)).measurements
     assert np.all(m.velocity[60:] == 0)
     assert np.all(m.payload[60:] == 0)
@@ -288,9 +279,8 @@ def test_each_session_keeps_the_noise_it_states(pair):
 def test_one_paper_does_not_average_out_over_sessions(pair):
     a, b = pair
     held = Certificate("perpendicular", ("cube.+y", "cube.+z"), u_angle=2e-5)
-    role = np.where(
-        b.measurements.target == [t.name for t in b.targets].index("cube.+z"), "validate", "calibrate"
-    )
+    top = b.measurements.target == [t.name for t in b.targets].index("cube.+z")
+    role = np.where(top, "validate", "calibrate")
     both = joined((a, with_columns(replace(b, certificates=(*b.certificates, held)), role=role)))
     u = {(c.kind, c.targets): (c.u_distance, c.u_angle) for c in both.certificates}
     paper = {(c.kind, c.targets): c for c in a.certificates}
@@ -327,31 +317,21 @@ def test_names_that_clash_give_way_to_folders_and_numbers(pair):
     assert [s.name for s in joined((a, b)).sessions] == ["cube-1 1", "cube-1 2"]
 
 
-def _longer(dataset):
-    a = dataset.robot.a + np.eye(6)[2] * 1e-3
-    return replace(dataset, robot=replace(dataset.robot, a=a))
+OTHER = "not the robot of A: "
+
+
+def _of(dataset, **changes):
+    return replace(dataset, robot=replace(dataset.robot, **changes))
 
 
 REFUSED = {
-    "another arm": (_longer, "not the robot of A: a of J3 0.301, not 0.3"),
-    "another name": (
-        lambda d: replace(d, robot=replace(d.robot, name="other")),
-        "not the robot of A: name other, not fanuc",
-    ),
-    "no masses": (
-        lambda d: replace(d, robot=replace(d.robot, masses=None)),
-        "not the robot of A: masses given for one of them only",
-    ),
-    "fewer joints": (
-        lambda d: replace(d, robot=replace(d.robot, a=d.robot.a[:5])),
-        "not the robot of A: 5 rows of a, not 6",
-    ),
+    "another arm": (lambda d: _of(d, a=d.robot.a + np.eye(6)[2] * 1e-3), f"{OTHER}a of J3 0.301, not 0.3"),
+    "another name": (lambda d: _of(d, name="other"), f"{OTHER}name other, not fanuc"),
+    "no masses": (lambda d: _of(d, masses=None), f"{OTHER}masses given for one of them only"),
+    "fewer joints": (lambda d: _of(d, a=d.robot.a[:5]), f"{OTHER}5 rows of a, not 6"),
     "hanging": (lambda d: replace(d, gravity=-d.gravity), "`gravity_mps2` is"),
     "commanded": (lambda d: replace(d, readings="command"), "`readings` is command, in A it is encoder"),
-    "other encoders": (
-        lambda d: replace(d, noise=replace(d.noise, joint=1e-4)),
-        "`noise.joint_deg` is 0.0057",
-    ),
+    "other encoders": (lambda d: replace(d, noise=Noise(joint=1e-4)), "`noise.joint_deg` is 0.0057"),
     "given twice": (lambda d: replace(d, sha256="a"), "the same session as A"),
 }
 
@@ -402,9 +382,8 @@ def test_a_clock_that_begins_again_continues(halves):
 
 def test_empty_cells_stand_for_nothing_and_other_columns_are_left_out(halves):
     first, second = halves
-    rows, lost = followed(
-        replace(first, payload=None, u=None), replace(second, time=None, torque=None, velocity=None)
-    )
+    later = replace(second, time=None, torque=None, velocity=None)
+    rows, lost = followed(replace(first, payload=None, u=None), later)
     assert lost == ("torque", "time")
     assert rows.time is None
     np.testing.assert_array_equal(rows.payload, [*np.zeros(60), *second.payload])

@@ -48,9 +48,7 @@ def load(text: str):
 @pytest.fixture(scope="module")
 def valid():
     """Whether a file is valid by its schema."""
-    validators = {
-        name: jsonschema.Draft202012Validator(bc.schema(name)) for name in ("dataset", "robot", "artefact")
-    }
+    validators = {name: jsonschema.Draft202012Validator(bc.schema(name)) for name in MODELS}
     return lambda name, content: not [e.message for e in validators[name].iter_errors(content)]
 
 

@@ -15,29 +15,26 @@ from bayescal.errors import BayescalError
 RNG = np.random.default_rng(7)
 
 
-def scaled_readings(factor: float, rows: slice = slice(None)) -> str:
+def scaled(factor: float, rows: slice = slice(None), columns: slice = slice(4, 10)) -> str:
+    """The table with some numbers, readings of the joints if not stated, times a factor."""
     lines = TABLE.splitlines()
     for i in range(1, len(lines))[rows]:
         cells = lines[i].split(",")
-        cells[4:10] = [f"{float(c) * factor:.9f}" for c in cells[4:10]]
+        cells[columns] = [f"{float(c) * factor:.9f}" for c in cells[columns]]
         lines[i] = ",".join(cells)
     return "\n".join(lines)
 
 
-def test_radians_are_told(tmp_path):
-    with pytest.raises(BayescalError, match=r"measurements.csv:2: .*look like radians"):
-        read_dataset(write(tmp_path, table=scaled_readings(np.pi / 180)))
-
-
-def test_radians_are_told_from_an_instrument_alone(tmp_path):
-    lines = scaled_readings(np.pi / 180).splitlines()
-    with pytest.raises(BayescalError, match="look like radians"):
-        read_dataset(write(tmp_path, table="\n".join([lines[0], *lines[15:]])))
-
-
-def test_degrees_converted_twice(tmp_path):
-    with pytest.raises(BayescalError, match="converted twice"):
-        read_dataset(write(tmp_path, table=scaled_readings(180 / np.pi)))
+@pytest.mark.parametrize(
+    ("factor", "first", "words"),
+    [(np.pi / 180, 1, r"measurements.csv:2: .*look like radians"), (180 / np.pi, 1, "converted twice"),
+     (np.pi / 180, 15, "look like radians")],
+    ids=["radians", "converted twice", "radians of an instrument alone"],
+)  # fmt: skip
+def test_another_unit_of_all_readings_is_told(tmp_path, factor, first, words):
+    lines = scaled(factor).splitlines()
+    with pytest.raises(BayescalError, match=words):
+        read_dataset(write(tmp_path, table="\n".join([lines[0], *lines[first:]])))
 
 
 @pytest.mark.parametrize(
@@ -62,9 +59,8 @@ def test_a_small_session_is_no_radians(tmp_path):
     q = RNG.uniform(-3, 3, (8, 6))
     rows = [f"r{i},face,ball," + ",".join(f"{x:.4f}" for x in row) for i, row in enumerate(q)]
     header = "id,target,tool," + ",".join(f"j{i}_deg" for i in range(1, 7))
-    settings = SETTINGS.split("targets:")[0] + (
-        "targets:\n  face: {kind: plane, normal: [1, 0, 0], offset_mm: 640}\n"
-    )
+    face = "targets:\n  face: {kind: plane, normal: [1, 0, 0], offset_mm: 640}\n"
+    settings = SETTINGS.split("targets:")[0] + face
     data = read_dataset(write(tmp_path, settings, "\n".join([header, *rows])))
     assert len(data.measurements.ids) == 8
 
@@ -81,24 +77,16 @@ def test_a_loose_plane_may_be_tilted_and_off(tmp_path):
         read_dataset(write(tmp_path, settings, bad))
 
 
-def test_an_instrument_in_metres_is_told(tmp_path):
-    lines = TABLE.splitlines()
-    for i in range(len(lines) - 6, len(lines)):
-        cells = lines[i].split(",")
-        cells[10:13] = [f"{float(c) / 1e3:.7f}" for c in cells[10:13]]
-        lines[i] = ",".join(cells)
-    with pytest.raises(BayescalError, match=r"values of `x_mm`, `y_mm`, `z_mm` look like m: .* hold mm"):
-        read_dataset(write(tmp_path, table="\n".join(lines)))
-
-
-def test_one_joint_in_radians_is_told(tmp_path):
-    lines = TABLE.splitlines()
-    for i in range(1, len(lines)):
-        cells = lines[i].split(",")
-        cells[5] = f"{np.radians(float(cells[5])):.7f}"
-        lines[i] = ",".join(cells)
-    with pytest.raises(BayescalError, match=r"values of `j2_deg` look like radians: .* hold deg"):
-        read_dataset(write(tmp_path, table="\n".join(lines)))
+@pytest.mark.parametrize(
+    ("columns", "rows", "factor", "words"),
+    [(slice(10, 13), slice(-6, None), 1e-3, "`x_mm`, `y_mm`, `z_mm` look like m: .* hold mm"),
+     (slice(5, 6), slice(None), np.pi / 180, "`j2_deg` look like radians: .* hold deg")],
+    ids=["instrument", "joint"],
+)  # fmt: skip
+def test_another_unit_of_some_columns_is_told(tmp_path, columns, rows, factor, words):
+    table = scaled(factor, rows, columns)
+    with pytest.raises(BayescalError, match=f"values of {words}"):
+        read_dataset(write(tmp_path, table=table))
 
 
 @pytest.mark.parametrize(
@@ -177,9 +165,8 @@ def test_planes_that_are_nowhere_near(cube):
         for target in data.targets:
             normal = target.values["normal"] + rng.normal(0, 0.3, 3)
             offset = target.values["offset"] + rng.uniform(-0.5, 0.5)
-            targets.append(
-                replace(target, values={"normal": normal / np.linalg.norm(normal), "offset": offset})
-            )
+            values = {"normal": normal / np.linalg.norm(normal), "offset": offset}
+            targets.append(replace(target, values=values))
         assert suspicion(replace(data, targets=tuple(targets))) is None
 
 

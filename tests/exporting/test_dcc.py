@@ -107,13 +107,12 @@ def test_valid_by_the_official_schema(run, entries, tmp_path, command):
 def test_what_is_missing_is_refused(run, entries, tmp_path, command, change, message):
     assert change[0] in ENTRIES
     entries.write_text(ENTRIES.replace(*change))
-    code, _, errors = command(
-        "export", run, "--to", "dcc", "--certificate", entries, "--out", tmp_path / "arm.xml"
-    )
+    out = tmp_path / "arm.xml"
+    code, _, errors = command("export", run, "--to", "dcc", "--certificate", entries, "--out", out)
     assert code == 1
     assert message in errors
     assert errors.count("\n") == 1
-    assert not (tmp_path / "arm.xml").exists()
+    assert not out.exists()
 
 
 def test_other_refusals(run, entries, tmp_path, command):
@@ -126,18 +125,8 @@ def test_other_refusals(run, entries, tmp_path, command):
     changed = tmp_path / "dcc.xsd"
     changed.write_text(OURS.read_text().replace('fixed="3.3.0"', 'fixed="3.4.0"'))
     (tmp_path / "SI_Format.xsd").write_text(OURS.with_name("SI_Format.xsd").read_text())
-    code, _, errors = command(
-        "export",
-        run,
-        "--to",
-        "dcc",
-        "--certificate",
-        entries,
-        "--schema",
-        changed,
-        "--out",
-        tmp_path / "a.xml",
-    )
+    arguments = ("--certificate", entries, "--schema", changed, "--out", tmp_path / "a.xml")
+    code, _, errors = command("export", run, "--to", "dcc", *arguments)
     assert code == 1
     assert "not valid" in errors
     assert not (tmp_path / "a.xml").exists()

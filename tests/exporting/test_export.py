@@ -77,9 +77,8 @@ def test_a_result_in_memory_is_its_run_folder(run):
     session = bc.simulate(**OPTIONS)
     here = bc.export(bc.fit(session, samples=0), "robot.yaml").content
     there = bc.export(run, "robot.yaml").content
-    assert [line.partition(" ")[0] for line in here.splitlines()] == [
-        line.partition(" ")[0] for line in there.splitlines()
-    ]
+    words = [[line.partition(" ")[0] for line in text.splitlines()] for text in (here, there)]
+    assert words[0] == words[1]
     found = [np.array(re.findall(r"-?\d+\.\d+(?:e-?\d+)?", text), float) for text in (here, there)]
     np.testing.assert_allclose(*found, rtol=0, atol=1e-9)
 
@@ -164,9 +163,8 @@ def test_no_file_is_without_its_sidecar_after_a_kill(table, arm, tmp_path, monke
         if complete:
             read_sidecar(path)
         else:
-            with pytest.raises(
-                BayescalError, match=r"the export was interrupted before arm\.\w+ was in place"
-            ):
+            interrupted = r"the export was interrupted before arm\.\w+ was in place"
+            with pytest.raises(BayescalError, match=interrupted):
                 read_sidecar(path)
     table.save(path)
     assert contents(tmp_path).keys() == files
@@ -194,9 +192,8 @@ def test_robot_yaml_names_joints_that_were_made_rigid(arm):
     assert "Rigid" not in robot_text(arm, "the sidecar")
     for name in ("compliance J3", "compliance J5"):
         values[names.index(name)] = -1e-6
-    assert "\n# Rigid here, because the estimated compliance is negative: J3, J5.\n" in robot_text(
-        replace(arm, values=values), "the sidecar"
-    )
+    text = robot_text(replace(arm, values=values), "the sidecar")
+    assert "\n# Rigid here, because the estimated compliance is negative: J3, J5.\n" in text
 
 
 @pytest.mark.parametrize("time", [np.nan, np.inf])
@@ -224,10 +221,7 @@ FACTORY = {
 def kinematics(values, label="calib_12345") -> str:
     lines = ["kinematics:"]
     for link, numbers in values.items():
-        lines += [f"  {link}:"]
-        lines += [
-            f"    {k}: {v!r}" for k, v in zip(("x", "y", "z", "roll", "pitch", "yaw"), numbers, strict=True)
-        ]
+        lines += [f"  {link}:", *(f"    {k}: {v!r}" for k, v in zip(KEYS, numbers, strict=True))]
     return "\n".join([*lines, f"  hash: {label}"]) + "\n"
 
 
@@ -243,73 +237,74 @@ def wrist(text: str, readings: np.ndarray) -> np.ndarray:
     return np.array(out)
 
 
-def test_ur_calibration():
-    arm = fake(session_of(UR), ("geometry",))
-    out = export(arm, "ur-yaml")
-    readings = arm.dataset.measurements.readings
-    own = calibrated_frames(arm)[:, -2]
+@pytest.fixture(scope="module")
+def ur():
+    return fake(session_of(UR), ("geometry",))
+
+
+def patched(ur, tmp_path, factory=FACTORY):
+    """The arm in a calibration file of the driver."""
+    (tmp_path / "mine.yaml").write_text(kinematics(factory))
+    return export(ur, "ur-yaml", into=str(tmp_path / "mine.yaml"))
+
+
+def test_ur_calibration(ur):
+    out = export(ur, "ur-yaml")
+    readings = ur.dataset.measurements.readings
+    own = calibrated_frames(ur)[:, -2]
     np.testing.assert_allclose(wrist(out.written.content, readings), own, rtol=0, atol=1e-12)
     assert "ur_robot_driver warns" in " ".join(out.notes)
     assert not out.missing
 
 
-def test_ur_calibration_with_the_hash_of_the_arm(tmp_path):
-    (tmp_path / "mine.yaml").write_text(kinematics(FACTORY))
-    arm = fake(session_of(UR), ("geometry",))
-    out = export(arm, "ur-yaml", into=str(tmp_path / "mine.yaml"))
+def test_ur_calibration_with_the_hash_of_the_arm(ur, tmp_path):
+    out = patched(ur, tmp_path)
     assert yaml.safe_load(out.written.content)["kinematics"]["hash"] == "calib_12345"
-    readings = arm.dataset.measurements.readings
-    alone = wrist(export(arm, "ur-yaml").written.content, readings)
+    readings = ur.dataset.measurements.readings
+    alone = wrist(export(ur, "ur-yaml").written.content, readings)
     np.testing.assert_allclose(wrist(out.written.content, readings), alone, rtol=0, atol=1e-9)
 
 
-def test_ur_calibration_of_an_arm_that_the_manufacturer_calibrated(tmp_path):
+def test_ur_calibration_of_an_arm_that_the_manufacturer_calibrated(ur, tmp_path):
     """Zeros of 0.66 deg, and a last link that is 0.33 mm longer: where the tool is in tool0 is stated."""
     factory = {link: np.array(x, float) for link, x in FACTORY.items()}
     factory["forearm"] += (2e-4, -1e-4, 3e-4, 1e-3, -5e-4, np.radians(0.66))
     factory["wrist_1"] += (1e-4, 0, -3e-4, 4e-4, 0, -np.radians(0.4))
     factory["wrist_3"][:3] += (0, 3.3e-4, 0)
-    (tmp_path / "mine.yaml").write_text(kinematics({k: tuple(x.tolist()) for k, x in factory.items()}))
-    arm = fake(session_of(UR), ("geometry",))
-    out = export(arm, "ur-yaml", into=str(tmp_path / "mine.yaml"))
+    out = patched(ur, tmp_path, {k: x.tolist() for k, x in factory.items()})
     assert any("calibrated already, with zeros within 0.6" in note for note in out.notes)
-    readings, record = arm.dataset.measurements.readings, out.record("mine.yaml")
+    readings, record = ur.dataset.measurements.readings, out.record("mine.yaml")
     flange = wrist(out.written.content, readings) @ np.array(record["flange_in_tip"])
     flange = np.array(record["root_in_f0"]) @ flange
-    own = calibrated_frames(arm)[:, -1]
+    own = calibrated_frames(ur)[:, -1]
     np.testing.assert_allclose(flange, own, rtol=0, atol=1e-9)
     np.testing.assert_allclose(record["flange_in_tip"], np.eye(4), atol=1e-6)
 
 
-def test_the_tool_in_a_tip_that_is_not_the_flange(tmp_path):
+def test_the_tool_in_a_tip_that_is_not_the_flange(ur, tmp_path):
     """The nominal file of an arm whose last frame is 5 mm before the flange."""
     short = FACTORY | {"wrist_3": (0, 0.0946, 0, *FACTORY["wrist_3"][3:])}
-    (tmp_path / "mine.yaml").write_text(kinematics(short))
-    arm = fake(session_of(UR), ("geometry",))
-    out = export(arm, "ur-yaml", into=str(tmp_path / "mine.yaml"))
+    out = patched(ur, tmp_path, short)
     tool = out.record("mine.yaml")["tools"][0]
-    np.testing.assert_allclose(
-        np.subtract(tool["centre_in_tip_mm"], tool["centre_mm"]), [0, 0, 5.0], atol=1e-4
-    )
+    away = np.subtract(tool["centre_in_tip_mm"], tool["centre_mm"])
+    np.testing.assert_allclose(away, [0, 0, 5.0], atol=1e-4)
     at = ", ".join(f"{x:.3f}" for x in tool["centre_in_tip_mm"])
     assert f"tool0 is not the flange: the centre of tool {tool['name']} is at {at} mm in it" in out.notes
-    readings = arm.dataset.measurements.readings
+    readings = ur.dataset.measurements.readings
     tips = (wrist(out.written.content, readings) @ [*(1e-3 * np.array(tool["centre_in_tip_mm"])), 1.0])[:, :3]
-    np.testing.assert_allclose(tips, arm.at(readings).points, rtol=0, atol=1e-7)
-    alone = export(arm, "ur-yaml")
+    np.testing.assert_allclose(tips, ur.at(readings).points, rtol=0, atol=1e-7)
+    alone = export(ur, "ur-yaml")
     assert not any("is not the flange" in note for note in alone.notes)
 
 
-def test_ur_calibration_of_another_arm_is_refused(tmp_path):
+def test_ur_calibration_of_another_arm_is_refused(ur, tmp_path):
     with pytest.raises(BayescalError, match="is no arm of Universal Robots"):
         export(fake(session_of(), ("geometry",)), "ur-yaml")
-    arm = fake(session_of(UR), ("geometry",))
-    (tmp_path / "mine.yaml").write_text(kinematics(FACTORY | {"forearm": (-0.6127, 0, 0, 0, 0, 0)}))
     with pytest.raises(BayescalError, match=r"the axes of upper_arm and forearm is 612\.70 mm"):
-        export(arm, "ur-yaml", into=str(tmp_path / "mine.yaml"))
+        patched(ur, tmp_path, FACTORY | {"forearm": (-0.6127, 0, 0, 0, 0, 0)})
     (tmp_path / "mine.yaml").write_text("kinematics: {}\n")
     with pytest.raises(BayescalError, match="no calibration of ur_robot_driver"):
-        export(arm, "ur-yaml", into=str(tmp_path / "mine.yaml"))
+        export(ur, "ur-yaml", into=str(tmp_path / "mine.yaml"))
 
 
 @pytest.mark.parametrize("name", ["fanuc-lrmate200ic", UR])

@@ -384,9 +384,8 @@ def test_scales_go_along(cube, effect, coupling):
         own = [k for k, p in enumerate(model.parameters) if p.name == f"encoder-scale J{j}"]
         z[own] = 3.0 * rng.standard_normal()
         robot = calibrated_robot(model, model.deviations(z[model.slices[ARM]]))
-        expected = points_reference(
-            model.motion(np.arange(len(scene.q))), model.deviations(z[model.slices[ARM]])
-        ).T
+        motion = model.motion(np.arange(len(scene.q)))
+        expected = points_reference(motion, model.deviations(z[model.slices[ARM]])).T
         q = link_angles(robot, session.measurements.readings)
         np.testing.assert_allclose(points(chain_of(robot), q, scene.tools), expected, atol=1e-12)
         assert np.max(np.abs(expected - scene.points)) > 1e-6

@@ -55,9 +55,8 @@ def test_names_are_texts_in_files_and_no_program(exported):
     found = estimate(build(Scene(replace(arm.dataset, targets=targets)), ("geometry",)))
     out = export(of_estimate(found, found.covariance), "hand-eye", force=True).written
     (call,) = [n for n in ast.walk(ast.parse(out.beside[".launch.py"])) if isinstance(n, ast.Return)]
-    assert {f"{name}_camera", f"{name}_board"} <= {
-        n.value for n in ast.walk(call) if isinstance(n, ast.Constant)
-    }
+    texts = {n.value for n in ast.walk(call) if isinstance(n, ast.Constant)}
+    assert {f"{name}_camera", f"{name}_board"} <= texts
     assert {n.func.id for n in ast.walk(call) if isinstance(n, ast.Call)} == {"LaunchDescription", "Node"}
     assert yaml.safe_load(out.content)["parameters"]["name"] == name
 

@@ -2,7 +2,6 @@
 
 import re
 from dataclasses import replace
-from pathlib import Path
 from xml.etree import ElementTree as ET
 
 import numpy as np
@@ -60,16 +59,31 @@ def expected(arm, point, state=None) -> np.ndarray:
 POINT = np.array([0.06, -0.03, 0.12])
 
 
+@pytest.fixture(scope="module")
+def arm():
+    return fake(session_of(), ("geometry",))
+
+
+def saved(tmp_path, text=LRMATE, into="arm.urdf#tool0") -> str:
+    """A file and its tip, as --into names them."""
+    (tmp_path / into.partition("#")[0]).write_text(text)
+    return str(tmp_path / into)
+
+
+def check_moves(arm, out, tip="tool0", state=None) -> np.ndarray:
+    """Points of the written arm, which are those of the calibrated geometry."""
+    found = tip_points(out.written.content, tip, out.record("a"), arm.dataset.measurements.readings, POINT)
+    np.testing.assert_allclose(found, expected(arm, POINT, state), rtol=0, atol=1e-9)
+    return found
+
+
 @pytest.mark.parametrize(
     "name", ["fanuc-lrmate200ic", "universal-robots-ur5e", "franka-panda", "unimation-puma560"]
 )
 def test_a_new_urdf_moves_as_the_geometry(name):
     arm = fake(session_of(name), ("geometry",))
     out = export(arm, "urdf", name="arm")
-    found = tip_points(
-        out.written.content, "flange", out.record("a"), arm.dataset.measurements.readings, POINT
-    )
-    np.testing.assert_allclose(found, expected(arm, POINT), rtol=0, atol=1e-9)
+    found = check_moves(arm, out, "flange")
     own = arm.at(arm.dataset.measurements.readings)
     at_tool = (own.flange @ np.append(POINT, 1.0))[:, :3]
     np.testing.assert_allclose(found, at_tool, rtol=0, atol=1e-9)
@@ -79,22 +93,17 @@ def test_a_new_urdf_moves_as_the_geometry(name):
 @pytest.mark.parametrize("style", ["skew", "square"])
 def test_a_patched_file_moves_as_the_geometry(tmp_path, style):
     """Fixed joints between the moving ones, branches, axes and frames of any direction."""
-    text = random_arm(5, 6, style)
-    (tmp_path / "arm.urdf").write_text(text)
+    into = saved(tmp_path, random_arm(5, 6, style), "arm.urdf#tip")
     arm = fake(with_robot(session_of(), robot_of("arm.urdf#tip", tmp_path)), ("geometry",))
-    out = export(arm, "urdf", into=str(tmp_path / "arm.urdf#tip"))
-    found = tip_points(out.written.content, "tip", out.record("a"), arm.dataset.measurements.readings, POINT)
-    np.testing.assert_allclose(found, expected(arm, POINT), rtol=0, atol=1e-9)
+    out = export(arm, "urdf", into=into)
+    check_moves(arm, out, "tip")
     np.testing.assert_allclose(out.record("a")["root_in_f0"], np.eye(4), atol=1e-12)
 
 
-def test_other_frames_senses_and_coupling(tmp_path):
-    (tmp_path / "arm.urdf").write_text(LRMATE)
-    arm = fake(session_of(), ("geometry",))
-    out = export(arm, "urdf", into=str(tmp_path / "arm.urdf#tool0"))
+def test_other_frames_senses_and_coupling(arm, tmp_path):
+    out = export(arm, "urdf", into=saved(tmp_path))
+    check_moves(arm, out)
     record = out.record("a")
-    found = tip_points(out.written.content, "tool0", record, arm.dataset.measurements.readings, POINT)
-    np.testing.assert_allclose(found, expected(arm, POINT), rtol=0, atol=1e-9)
     assert record["joints"]["J3"] == "joint_3"
     np.testing.assert_array_equal(record["joint_from_reading"][2], [0, 1, 1, 0, 0, 0])
     np.testing.assert_allclose(np.array(record["root_in_f0"])[:3, 3], [0, 0, -0.33], atol=1e-12)
@@ -102,26 +111,22 @@ def test_other_frames_senses_and_coupling(tmp_path):
 
 def calibrated_file(tmp_path, degrees, seed=5):
     """The file of the LR Mate with an earlier calibration, of which a zero is off by some degrees."""
-    (tmp_path / "arm.urdf").write_text(LRMATE)
+    into = saved(tmp_path)
     earlier = fake(session_of(), ("geometry",), seed=seed)
     k = earlier.model.names.index("theta3")
     values = earlier.values.copy()
     values[k] = np.radians(degrees)
-    out = export(replace(earlier, values=values), "urdf", into=str(tmp_path / "arm.urdf#tool0"), force=True)
-    (tmp_path / "calibrated.urdf").write_text(out.written.content)
-    return str(tmp_path / "calibrated.urdf#tool0")
+    out = export(replace(earlier, values=values), "urdf", into=into, force=True)
+    return saved(tmp_path, out.written.content, "calibrated.urdf#tool0")
 
 
 @pytest.mark.parametrize("degrees", [0.66, -1.8])
-def test_a_calibrated_file_is_patched_again(tmp_path, degrees):
+def test_a_calibrated_file_is_patched_again(arm, tmp_path, degrees):
     """The new calibration replaces the earlier one, also in the tip and in the frames of the links."""
     into = calibrated_file(tmp_path, degrees)
-    arm = fake(session_of(), ("geometry",))
     fresh, again = (export(arm, "urdf", into=file) for file in (str(tmp_path / "arm.urdf#tool0"), into))
-    record, readings = again.record("a"), arm.dataset.measurements.readings
-    found = tip_points(again.written.content, "tool0", record, readings, POINT)
-    np.testing.assert_allclose(found, expected(arm, POINT), rtol=0, atol=1e-9)
-    np.testing.assert_allclose(record["flange_in_tip"], np.eye(4), atol=1e-6)
+    check_moves(arm, again)
+    np.testing.assert_allclose(again.record("a")["flange_in_tip"], np.eye(4), atol=1e-6)
     told = re.search(r"calibrated already, with zeros within ([\d.]+) deg", " ".join(again.notes))
     assert abs(float(told[1]) - abs(degrees)) < 0.25
     assert not any("calibrated already" in note for note in fresh.notes)
@@ -131,7 +136,7 @@ def test_a_calibrated_file_is_patched_again(tmp_path, degrees):
         assert np.linalg.norm(pin.log3(one.rotation.T @ other.rotation)) < np.radians(0.4)
 
 
-def test_an_earlier_calibration_of_the_zeros_is_undone_exactly(tmp_path):
+def test_an_earlier_calibration_of_the_zeros_is_undone_exactly(arm, tmp_path):
     """Zeros of all joints, also of the first and the last one, which move no other axis."""
     xml = XmlText(LRMATE, "arm.urdf")
     zeros = np.radians([1.2, -0.5, 0.66, 0.3, -0.4, 0.9])
@@ -142,32 +147,29 @@ def test_an_earlier_calibration_of_the_zeros_is_undone_exactly(tmp_path):
         turn = rpy_matrix(np.array(origin.get("rpy").split(), float))
         turn = turn @ Rotation.from_rotvec(-zero * axis).as_matrix()
         origin.set("rpy", " ".join(map(repr, rpy_of(turn).tolist())))
-    arm, found = fake(session_of(), ("geometry",)), []
+    found = []
     for text in (LRMATE, xml.text):
-        (tmp_path / "arm.urdf").write_text(text)
-        out = export(arm, "urdf", into=str(tmp_path / "arm.urdf#tool0"))
+        out = export(arm, "urdf", into=saved(tmp_path, text))
         found.append(pin.buildModelFromXML(out.written.content).jointPlacements)
     assert any("zeros within 1.2 deg" in note for note in out.notes)
     for one, other in zip(*found, strict=True):
         np.testing.assert_allclose(one.homogeneous, other.homogeneous, rtol=0, atol=2e-6)
 
 
-def test_zeros_that_differ_too_much_are_of_another_arm(tmp_path):
+def test_zeros_that_differ_too_much_are_of_another_arm(arm, tmp_path):
     into = calibrated_file(tmp_path, 2.4)
     with pytest.raises(BayescalError, match=r"the zero of joint_\d is 2\.\d+ deg off .* 2 deg at most"):
-        export(fake(session_of(), ("geometry",)), "urdf", into=into)
+        export(arm, "urdf", into=into)
 
 
-def test_meshes_are_found_from_another_folder(tmp_path):
+def test_meshes_are_found_from_another_folder(arm, tmp_path):
     shown = '<link name="base_link"><visual><geometry><mesh filename="{}"/></geometry></visual></link>'
     (tmp_path / "out").mkdir()
-    arm = fake(session_of(), ("geometry",))
     cases = {"meshes/a.stl": "../meshes/a.stl", "package://x/a.stl": None, "/abs/a.stl": None}
     for name, wanted in cases.items():
         text = LRMATE.replace('<link name="base_link"></link>', shown.format(name), 1)
         assert text != LRMATE
-        (tmp_path / "arm.urdf").write_text(text)
-        out = export(arm, "urdf", into=str(tmp_path / "arm.urdf#tool0"))
+        out = export(arm, "urdf", into=saved(tmp_path, text))
         assert f'filename="{name}"' in out.written.content
         out.save(tmp_path / "near.urdf")
         out.save(tmp_path / "out" / "far.urdf")
@@ -175,28 +177,22 @@ def test_meshes_are_found_from_another_folder(tmp_path):
         assert f'filename="{wanted or name}"' in (tmp_path / "out" / "far.urdf").read_text()
 
 
-def test_everything_else_of_the_file_stays(tmp_path):
-    (tmp_path / "arm.urdf").write_text(LRMATE)
-    out = export(fake(session_of(), ("geometry",)), "urdf", into=str(tmp_path / "arm.urdf#tool0"))
-    new, old = out.written.content, LRMATE
+def test_everything_else_of_the_file_stays(arm, tmp_path):
+    new, old = export(arm, "urdf", into=saved(tmp_path)).written.content, LRMATE
     turning = r'(<joint name="joint_\d" type="revolute"><origin )[^>]*(/>)'
     assert re.sub(turning, r"\1\2", new) == re.sub(turning, r"\1\2", old)
     assert new != old
     assert "<!-- the shoulder -->" in new
 
 
-def test_a_joint_without_origin_gets_one_and_quotes_may_be_single(tmp_path):
+def test_a_joint_without_origin_gets_one_and_quotes_may_be_single(arm, tmp_path):
     text = LRMATE.replace('<origin xyz="0.0 0.0 0.33" rpy="0.0 0.0 0.0"/>', "", 1)
     text = text.replace('<origin xyz="0.0 0.0 0.3" rpy="0.0 0.0 0.0"/>', "<origin xyz='0 0 0.3'/>", 1)
     text = text.replace('<joint name="joint_1"', "<joint\n  name = 'joint_1' ", 1)
     assert text.count("<origin") == LRMATE.count("<origin") - 1
-    (tmp_path / "arm.urdf").write_text(text)
-    arm = fake(session_of(), ("geometry",))
-    out = export(arm, "urdf", into=str(tmp_path / "arm.urdf#tool0"))
+    out = export(arm, "urdf", into=saved(tmp_path, text))
     assert out.written.content.count("<origin") == LRMATE.count("<origin")
-    readings = arm.dataset.measurements.readings
-    found = tip_points(out.written.content, "tool0", out.record("a"), readings, POINT)
-    np.testing.assert_allclose(found, expected(arm, POINT), rtol=0, atol=1e-9)
+    check_moves(arm, out)
 
 
 REFUSED = (
@@ -211,16 +207,14 @@ REFUSED = (
 
 
 @pytest.mark.parametrize(("change", "message"), REFUSED)
-def test_another_arm_is_refused_with_the_first_difference(tmp_path, change, message):
+def test_another_arm_is_refused_with_the_first_difference(arm, tmp_path, change, message):
     text = change(LRMATE)
     assert text != LRMATE
-    (tmp_path / "arm.urdf").write_text(text)
     with pytest.raises(BayescalError, match=message):
-        export(fake(session_of(), ("geometry",)), "urdf", into=str(tmp_path / "arm.urdf#tool0"))
+        export(arm, "urdf", into=saved(tmp_path, text))
 
 
-def test_a_xacro_and_another_format_are_refused(tmp_path):
-    arm = fake(session_of(), ("geometry",))
+def test_a_xacro_and_another_format_are_refused(arm, tmp_path):
     with pytest.raises(BayescalError, match="a xacro file cannot be patched"):
         export(arm, "urdf", into=str(tmp_path / "arm.xacro"))
     with pytest.raises(BayescalError, match="is always a new file"):
@@ -235,8 +229,7 @@ def test_drift_is_written_at_a_state_and_its_change_is_told():
     outs = [export(arm, "urdf", row=row, name="arm") for row in (m.ids[0], None)]
     assert outs[0].written.content != outs[1].written.content
     for out, row in zip(outs, (0, None), strict=True):
-        found = tip_points(out.written.content, "flange", out.record("a"), m.readings, POINT)
-        np.testing.assert_allclose(found, expected(arm, POINT, row), rtol=0, atol=1e-9)
+        check_moves(arm, out, "flange", row)
         assert {m.effect for m in out.missing} == {"thermal-drift", "step"}
         assert all(m.why.startswith("changes during the session") for m in out.missing)
     at_time = export(arm, "urdf", time=float(m.time[0]), name="arm")
@@ -250,11 +243,9 @@ def test_sizes_of_what_is_missing():
     missing = {m.effect: m for m in out.missing}
     assert missing.keys() == {"compliance", "backlash", "lobing"}
     rows = np.arange(len(arm.dataset.measurements.ids))
-    rigid = replace(
-        arm, values=np.where([p.effect == "backlash" for p in arm.model.parameters], 0, arm.values)
-    )
+    rigid = np.where([p.effect == "backlash" for p in arm.model.parameters], 0, arm.values)
     full = arm.model.motion(rows).points(arm.values)
-    off = np.linalg.norm(full - arm.model.motion(rows).points(rigid.values), axis=0)
+    off = np.linalg.norm(full - arm.model.motion(rows).points(rigid), axis=0)
     assert missing["backlash"].rms == pytest.approx(np.sqrt(np.mean(off**2)), rel=1e-12)
     assert missing["backlash"].maximum == pytest.approx(off.max(), rel=1e-12)
     assert missing["lobing"].why.startswith("belongs to the probe")
@@ -262,11 +253,8 @@ def test_sizes_of_what_is_missing():
     assert out.total.rms >= 0.5 * missing["compliance"].rms
 
 
-def test_files_are_written_together_and_never_over_those_of_a_user(tmp_path):
-    arm = fake(session_of(), ("geometry",))
-    path = tmp_path / "arm.urdf"
-    path.write_text(LRMATE)
-    out = export(arm, "urdf", into=f"{path}#tool0")
+def test_files_are_written_together_and_never_over_those_of_a_user(arm, tmp_path):
+    path, out = tmp_path / "arm.urdf", export(arm, "urdf", into=saved(tmp_path))
     with pytest.raises(BayescalError, match="is the file to patch itself"):
         out.save(path)
     assert path.read_text() == LRMATE
@@ -277,11 +265,7 @@ def test_files_are_written_together_and_never_over_those_of_a_user(tmp_path):
         out.save(tmp_path / "new.urdf")
     with pytest.raises(BayescalError, match="No such file or directory"):
         out.save(tmp_path / "nowhere" / "new.urdf")
-    assert sorted(p.name for p in Path(tmp_path).iterdir()) == [
-        "arm.urdf",
-        "new.urdf",
-        "new.urdf.bayescal.json",
-    ]
+    assert {p.name for p in tmp_path.iterdir()} == {"arm.urdf", "new.urdf", "new.urdf.bayescal.json"}
 
 
 # --- XML changed in place: what does not change stays to the byte, and the text is the tree.

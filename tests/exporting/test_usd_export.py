@@ -79,10 +79,8 @@ def test_bodies_stand_where_the_joints_put_them(arm):
         if prim.IsA(UsdPhysics.Joint) and UsdPhysics.Joint(prim).GetBody0Rel().GetTargets():
             joint = UsdPhysics.Joint(prim)
             bodies = [joint.GetBody0Rel().GetTargets()[0], joint.GetBody1Rel().GetTargets()[0]]
-            world = [
-                np.array(UsdGeom.Xformable(stage.GetPrimAtPath(b)).ComputeLocalToWorldTransform(0)).T
-                for b in bodies
-            ]
+            shown = [UsdGeom.Xformable(stage.GetPrimAtPath(b)) for b in bodies]
+            world = [np.array(body.ComputeLocalToWorldTransform(0)).T for body in shown]
             np.testing.assert_allclose(world[0] @ frame(joint, 0), world[1] @ frame(joint, 1), atol=1e-6)
 
 
@@ -96,9 +94,8 @@ def test_limits_masses_and_units(arm):
     upright = np.diag(robot.link_from_reading) > 0  # J3 of the LR Mate turns against its reading
     expected = np.where(upright[:, None], robot.limits, -robot.limits[:, ::-1])
     np.testing.assert_allclose(limits, np.degrees(expected), rtol=1e-6)
-    masses = [
-        UsdPhysics.MassAPI(p).GetMassAttr().Get() for p in stage.Traverse() if p.HasAPI(UsdPhysics.MassAPI)
-    ]
+    bodies = [UsdPhysics.MassAPI(p) for p in stage.Traverse() if p.HasAPI(UsdPhysics.MassAPI)]
+    masses = [body.GetMassAttr().Get() for body in bodies]
     np.testing.assert_allclose(masses, robot.masses, rtol=1e-6)
 
 
@@ -108,12 +105,8 @@ def test_inertia_and_senses_of_a_table_top_arm():
     arm = fake(session, ("geometry",))
     out, robot = export(arm, "usd"), session.robot
     stage = opened(out.written.content)
-    readings = session.measurements.readings
-    np.testing.assert_allclose(
-        flange(stage, out.written.details, readings)[:, :3, 3],
-        calibrated_frames(arm)[:, -1, :3, 3],
-        atol=1e-6,
-    )
+    found = flange(stage, out.written.details, session.measurements.readings)
+    np.testing.assert_allclose(found[:, :3, 3], calibrated_frames(arm)[:, -1, :3, 3], atol=1e-6)
     bodies = [UsdPhysics.MassAPI(p) for p in stage.Traverse() if p.HasAPI(UsdPhysics.MassAPI)]
     for body, inertia in zip(bodies, robot.inertias, strict=True):
         q = body.GetPrincipalAxesAttr().Get()

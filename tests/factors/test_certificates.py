@@ -1,7 +1,7 @@
 """One oracle for every certificate: nothing left where it holds, its share where not, slopes, draws."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
@@ -67,15 +67,15 @@ def forms(a, b) -> tuple[str, str]:
     return FORM.get(type(a), "point"), FORM.get(type(b), "point")
 
 
-def parallel(a, b, length, u_distance, u_angle):
-    return join("parallel", forms(a, b), (a, b), length, u_distance, u_angle)
+def parallel(a, b, length):
+    return join("parallel", forms(a, b), (a, b), length, U_DISTANCE, U_ANGLE)
 
 
-def perpendicular(a, b, u_angle):
-    return join("perpendicular", forms(a, b), (a, b), u_angle=u_angle)
+def perpendicular(a, b):
+    return join("perpendicular", forms(a, b), (a, b), u_angle=U_ANGLE)
 
 
-def between(a, b, length, u):
+def between(a, b, length, u=U_DISTANCE):
     return join("distance", forms(a, b), (a, b), length, u)
 
 
@@ -117,34 +117,24 @@ class Case:
 
 
 CASES = {
-    "block": Case(parallel(RIGHT, LEFT, SIDE, U_DISTANCE, U_ANGLE), turned(RIGHT, LEFT), 3),
-    "block, named the other way": Case(
-        parallel(LEFT, RIGHT, SIDE, U_DISTANCE, U_ANGLE), turned(LEFT, RIGHT), 3
-    ),
-    "step": Case(parallel(LOW, HIGH, 0.05, U_DISTANCE, U_ANGLE), turned(LOW, HIGH), 3),
-    "step, named the other way": Case(parallel(HIGH, LOW, 0.05, U_DISTANCE, U_ANGLE), turned(HIGH, LOW), 3),
-    "square": Case(perpendicular(RIGHT, FRONT, U_ANGLE), turned(RIGHT, FRONT), 1),
-    "centres": Case(between(A, B, APART, U_DISTANCE), shifted(A, B), 1),
-    "pin and face": Case(parallel(PIN, FRONT, 0.1643, U_DISTANCE, U_ANGLE), moved(PIN, FRONT), 2),
-    "pins": Case(
-        parallel(PIN, ROD, off(PIN.point, PIN.axis, ROD.point), U_DISTANCE, U_ANGLE), moved(PIN, ROD), 3
-    ),
-    "pin upright": Case(perpendicular(PIN, LOW, U_ANGLE), moved(PIN, LOW), 2),
-    "pins square": Case(perpendicular(PIN, BEAM, U_ANGLE), moved(PIN, BEAM), 1),
-    "pins apart": Case(
-        between(ROD, PIN, off(PIN.point, PIN.axis, ROD.point), U_DISTANCE), moved(ROD, PIN), 1
-    ),
-    "ball over face": Case(between(LOW, CONE, 0.1, U_DISTANCE), moved(LOW, CONE), 1),
-    "ball under face": Case(between(A, HIGH, 0.06, U_DISTANCE), moved(A, HIGH), 1),
-    "seat and pin": Case(
-        between(CONE, PIN, off(CONE.centre, PIN.axis, PIN.point), U_DISTANCE), moved(CONE, PIN), 1
-    ),
+    "block": Case(parallel(RIGHT, LEFT, SIDE), turned(RIGHT, LEFT), 3),
+    "block, named the other way": Case(parallel(LEFT, RIGHT, SIDE), turned(LEFT, RIGHT), 3),
+    "step": Case(parallel(LOW, HIGH, 0.05), turned(LOW, HIGH), 3),
+    "step, named the other way": Case(parallel(HIGH, LOW, 0.05), turned(HIGH, LOW), 3),
+    "square": Case(perpendicular(RIGHT, FRONT), turned(RIGHT, FRONT), 1),
+    "centres": Case(between(A, B, APART), shifted(A, B), 1),
+    "pin and face": Case(parallel(PIN, FRONT, 0.1643), moved(PIN, FRONT), 2),
+    "pins": Case(parallel(PIN, ROD, off(PIN.point, PIN.axis, ROD.point)), moved(PIN, ROD), 3),
+    "pin upright": Case(perpendicular(PIN, LOW), moved(PIN, LOW), 2),
+    "pins square": Case(perpendicular(PIN, BEAM), moved(PIN, BEAM), 1),
+    "pins apart": Case(between(ROD, PIN, off(PIN.point, PIN.axis, ROD.point)), moved(ROD, PIN), 1),
+    "ball over face": Case(between(LOW, CONE, 0.1), moved(LOW, CONE), 1),
+    "ball under face": Case(between(A, HIGH, 0.06), moved(A, HIGH), 1),
+    "seat and pin": Case(between(CONE, PIN, off(CONE.centre, PIN.axis, PIN.point)), moved(CONE, PIN), 1),
     "pivot and tracker": Case(
-        between(PIVOT, TRACKER, float(np.linalg.norm(PIVOT.centre - FRAME[:3, 3])), U_DISTANCE),
-        moved(PIVOT, TRACKER),
-        1,
+        between(PIVOT, TRACKER, float(np.linalg.norm(PIVOT.centre - FRAME[:3, 3]))), moved(PIVOT, TRACKER), 1
     ),
-    "tracker and face": Case(between(TRACKER, FRONT, 0.5643, U_DISTANCE), moved(TRACKER, FRONT), 1),
+    "tracker and face": Case(between(TRACKER, FRONT, 0.5643), moved(TRACKER, FRONT), 1),
     "diameter of a pin": Case(diameter(PIN, 20.01e-3, U_DISTANCE), (np.array([1e-3, 0, 0, 0, 1e-5]),), 1),
     "diameter": Case(diameter(A, 50.81e-3, U_DISTANCE), (np.array([1e-3, 0, 0, 1e-5]),), 1),
 }
@@ -177,9 +167,8 @@ def test_slopes(case):
             step = h * np.eye(len(part))[i]
             up, _ = case.function(*x[:k], part + step, *x[k + 1 :])
             down, _ = case.function(*x[:k], part - step, *x[k + 1 :])
-            np.testing.assert_allclose(
-                slopes[k][:, i], (up - down) / (2 * h), atol=1e-3 + 1e-6 * abs(r).max()
-            )
+            slope, atol = (up - down) / (2 * h), 1e-3 + 1e-6 * abs(r).max()
+            np.testing.assert_allclose(slopes[k][:, i], slope, atol=atol)
 
 
 @pytest.mark.parametrize("lead", [(4,), (2, 3)])
@@ -201,12 +190,13 @@ def test_one_uncertainty_off_is_one(case):
         np.testing.assert_allclose(np.abs(r[row]), 1, rtol=1e-3)
 
 
-def push(part: int, component: int, by: float) -> Callable:
-    def move(holds: tuple[np.ndarray, ...]) -> tuple[np.ndarray, ...]:
-        step = by * np.eye(len(holds[part]))[component]
-        return tuple(x + step if k == part else x for k, x in enumerate(holds))
+def shift(part: int, step: np.ndarray) -> Callable:
+    """The state of one target moved by a step."""
+    return lambda holds: tuple(x + step if k == part else x for k, x in enumerate(holds))
 
-    return move
+
+def push(part: int, component: int, by: float) -> Callable:
+    return lambda holds: shift(part, by * np.eye(len(holds[part]))[component])(holds)
 
 
 def turn_by(part: int, plane: Plane, tangent: int) -> Callable:
@@ -233,23 +223,13 @@ def lean_along(pin: Cylinder, part: int, other, tangent: int | None = None) -> C
     """A pin turned by U_ANGLE towards another direction, or towards a tangent of its own."""
     towards = getattr(other, "normal", getattr(other, "axis", None))
     towards = towards if tangent is None else pin.tangents[tangent]
-
-    def move(holds: tuple[np.ndarray, ...]) -> tuple[np.ndarray, ...]:
-        step = np.append(U_ANGLE * pin.tangents @ towards, np.zeros(3))
-        return tuple(x + step if k == part else x for k, x in enumerate(holds))
-
-    return move
+    return shift(part, np.append(U_ANGLE * pin.tangents @ towards, np.zeros(3)))
 
 
 def away(pin: Cylinder, part: int, other) -> Callable:
     """A pin moved by U_DISTANCE away from a point, or from another pin's axis."""
     out = pin.tangents @ (pin.point - getattr(other, "centre", getattr(other, "point", None)))
-
-    def move(holds: tuple[np.ndarray, ...]) -> tuple[np.ndarray, ...]:
-        step = np.concatenate([[0, 0], U_DISTANCE * unit(out), [0]])
-        return tuple(x + step if k == part else x for k, x in enumerate(holds))
-
-    return move
+    return shift(part, np.concatenate([[0, 0], U_DISTANCE * unit(out), [0]]))
 
 
 MOVES = {
@@ -258,9 +238,7 @@ MOVES = {
     "step": [turn_by(0, LOW, 0), turn_by(0, LOW, 1), push(0, 2, -U_DISTANCE)],
     "step, named the other way": [turn_by(0, HIGH, 0), turn_by(0, HIGH, 1), push(0, 2, U_DISTANCE)],
     "square": [lambda holds: (holds[0], lean_towards(RIGHT, FRONT, *holds))],
-    "centres": [
-        lambda holds: (holds[0] + np.append(U_DISTANCE * (A.centre - B.centre) / APART, 0), holds[1])
-    ],
+    "centres": [shift(0, np.append(U_DISTANCE * unit(A.centre - B.centre), 0))],
     "pin and face": [lean_along(PIN, 0, FRONT), push(1, 2, U_DISTANCE)],
     "pins": [lean_along(PIN, 0, PIN, 0), lean_along(PIN, 0, PIN, 1), away(PIN, 0, ROD)],
     "pin upright": [lean_along(PIN, 0, PIN, 0), lean_along(PIN, 0, PIN, 1)],
@@ -269,9 +247,7 @@ MOVES = {
     "ball over face": [push(0, 2, -U_DISTANCE)],
     "ball under face": [push(1, 2, U_DISTANCE)],
     "seat and pin": [away(PIN, 1, CONE)],
-    "pivot and tracker": [
-        lambda holds: (holds[0] + U_DISTANCE * unit(PIVOT.centre - FRAME[:3, 3]), holds[1])
-    ],
+    "pivot and tracker": [shift(0, U_DISTANCE * unit(PIVOT.centre - FRAME[:3, 3]))],
     "tracker and face": [push(1, 2, U_DISTANCE)],
     "diameter of a pin": [push(0, 4, U_DISTANCE)],
     "diameter": [push(0, 3, U_DISTANCE)],
@@ -286,7 +262,7 @@ def lean_towards(a: Plane, b: Plane, xa: np.ndarray, xb: np.ndarray) -> np.ndarr
 
 @pytest.mark.parametrize(("further", "a", "b", "length"), [(0, RIGHT, LEFT, SIDE), (1, HIGH, LOW, 0.05)])
 def test_too_far_apart_is_positive(further, a, b, length):
-    certificate = parallel(a, b, length, U_DISTANCE, U_ANGLE)
+    certificate = parallel(a, b, length)
     r, _ = certificate(np.array([0, 0, 2 * U_DISTANCE]), np.zeros(3))
     np.testing.assert_allclose(r, [0, 0, 2], atol=1e-9)
 
@@ -300,15 +276,13 @@ def test_distance_of_faces_is_taken_at_their_middle():
         leaning(a, lean, lean @ (middle + np.array([0, 0.1, 0]))),
         leaning(b, -lean * [-1, 1, 1], (-lean * [-1, 1, 1]) @ (middle - np.array([0, 0.1, 0]))),
     ]
-    r, _ = parallel(a, b, 0.2, U_DISTANCE, U_ANGLE)(*states)
+    r, _ = parallel(a, b, 0.2)(*states)
     assert r[2] == pytest.approx(0, abs=0.05)  # 0.1 um of a cosine over 3 um
     assert np.max(np.abs(r[:2])) == pytest.approx(2e-3 / U_ANGLE, rel=1e-3)
 
 
 def test_a_certificate_of_another_length_pulls():
-    r, _ = replace(CASES["centres"], function=between(A, B, APART + 5e-6, 1e-6)).function(
-        *CASES["centres"].holds
-    )
+    r, _ = between(A, B, APART + 5e-6, 1e-6)(*CASES["centres"].holds)
     np.testing.assert_allclose(r, -5, rtol=1e-6)
     r, _ = diameter(A, 50.8e-3 + 5e-6, 1e-6)(np.zeros(4))
     np.testing.assert_allclose(r, -5, rtol=1e-6)

@@ -102,9 +102,8 @@ def posed_by(pose: np.ndarray, step: np.ndarray) -> np.ndarray:
 @dataclass(frozen=True)
 class Case:
     kind: Kind
-    contacts: (
-        Callable  # (what `describe` says, gap (rows, C), rng) -> (3, C), turns (3, 3, C), poses (3, 4, C)
-    )
+    # (what `describe` says, gap (rows, C), rng) -> (3, C), turns (3, 3, C), poses (3, 4, C)
+    contacts: Callable
     rebuild: Callable  # what `describe` says -> the kind nominally there
     size: int
     moved: Callable = shifted  # a contact by small steps (..., steps, C)
@@ -113,9 +112,11 @@ class Case:
 
 def plane_case(normal: np.ndarray) -> Case:
     kind = Plane(normal, normal * 0.56 + 0.2 * tangents(normal)[0], RADIUS, np.array([0.2, 0.2, 0.05]))
-    return Case(
-        kind, on_plane, lambda d: replace(kind, normal=d["normal"], pivot=d["normal"] * d["offset"]), 3
-    )
+
+    def rebuild(d: dict) -> Plane:
+        return replace(kind, normal=d["normal"], pivot=d["normal"] * d["offset"])
+
+    return Case(kind, on_plane, rebuild, 3)
 
 
 _sphere = Sphere(np.array([0.43, -0.06, 0.09]), 50.8e-3, RADIUS, np.array([0.05] * 3 + [1e-3]))
@@ -130,13 +131,10 @@ _turns = Orientation(FRAME, TURNS, _tracker.sd)
 CORNER = np.column_stack([np.random.default_rng(5).uniform(-0.1, 0.1, (COUNT, 2)), np.zeros(COUNT)])
 PIXEL = np.random.default_rng(6).uniform([100, 100], [1180, 620], (COUNT, 2))
 DEPTH = np.linspace(0.3, 0.7, COUNT)
+CENTRE = np.array([645.0, 355.0])
 LENSES = {
-    PINHOLE: Lens(
-        PINHOLE, np.array([910.0, 905.0]), np.array([645.0, 355.0]), np.array([-0.2, 0.05, 1e-3, -5e-4, 0.01])
-    ),
-    FISHEYE: Lens(
-        FISHEYE, np.array([510.0, 505.0]), np.array([645.0, 355.0]), np.array([0.03, -0.01, 4e-3, -1e-3])
-    ),
+    PINHOLE: Lens(PINHOLE, np.array([910.0, 905.0]), CENTRE, np.array([-0.2, 0.05, 1e-3, -5e-4, 0.01])),
+    FISHEYE: Lens(FISHEYE, np.array([510.0, 505.0]), CENTRE, np.array([0.03, -0.01, 4e-3, -1e-3])),
 }
 
 
@@ -144,9 +142,7 @@ def camera_case(lens: Lens, carried: bool) -> Case:
     frame = FRAME.copy()
     frame[:3, 3] = [0.5, 0.1, 0.4]
     pivot = np.array([0.45, 0.0, 0.3])
-    kind = Camera(
-        frame, pivot, CORNER, PIXEL, lens, DEPTH / lens.focal[0], np.array([0.2] * 3 + [0.05] * 3), carried
-    )
+    kind = Camera(frame, pivot, CORNER, PIXEL, lens, DEPTH / lens.focal[0], _tracker.sd, carried)
 
     def as_seen(true: dict, gap: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         at, axes = true["frame"], turned(rng.uniform(-1, 1, (COUNT, 3)))

@@ -88,9 +88,8 @@ def test_slopes_and_stacks(name):
             step = np.zeros_like(x)
             step[k, :, axis] = 1e-7
             difference = (relation(*(x + step))[0] - relation(*(x - step))[0]) / 2e-7
-            np.testing.assert_allclose(
-                slope[..., axis], difference, rtol=2e-5, atol=1e-4 * np.abs(slope).max()
-            )
+            atol = 1e-4 * np.abs(slope).max()
+            np.testing.assert_allclose(slope[..., axis], difference, rtol=2e-5, atol=atol)
 
 
 def test_an_error_of_a_coordinate_moves_the_residual_as_it_says():
@@ -105,21 +104,14 @@ def test_an_error_of_a_coordinate_moves_the_residual_as_it_says():
 def test_draws_of_two_placements():
     """A common error of the coordinates and an own one of each placement: chi-squared of all relations."""
     certified, covariance = PLATE, spread(6)
-    placements = [
-        [(k, k) for k in range(6)],
-        [(6 + k, k) for k in range(4)],
-    ]  # two balls hidden at the second
+    # two balls are hidden at the second placement
+    placements = [[(k, k) for k in range(6)], [(6 + k, k) for k in range(4)]]
     of = shape(certified, covariance, placements)
     left, rng, found = np.linalg.cholesky(covariance), np.random.default_rng(8), []
     for seed in range(400):
         common, *own = (left @ rng.normal(size=(18, 3))).T
-        seen = [
-            posed(
-                certified + (np.sqrt(CORRELATION) * common + np.sqrt(1 - CORRELATION) * e).reshape(-1, 3),
-                seed,
-            )
-            for e in own
-        ]
+        errors = (np.sqrt(CORRELATION) * common + np.sqrt(1 - CORRELATION) * e for e in own)
+        seen = [posed(certified + error.reshape(-1, 3), seed) for error in errors]
         r, _ = certified_points(of, seats(np.concatenate([seen[0], seen[1][:4]])))(*np.zeros((10, 3)))
         found.append(float(np.sum(r**2)))
     assert kstest(found, chi2(12 + 6).cdf).pvalue > 0.01

@@ -39,9 +39,8 @@ def test_positions_are_found_in_the_order_of_motion(name):
         assert joints == pytest.approx(JOINTS, abs=1e-4)
     for k in posed[:1]:
         off = 0.01 if name == "kuka" else 0.0
-        np.testing.assert_allclose(
-            program.slots[k].target.pose, DOWN + off * np.eye(4)[:, [1]] @ np.eye(4)[[3]], atol=1e-7
-        )
+        expected = DOWN + off * np.eye(4)[:, [1]] @ np.eye(4)[[3]]
+        np.testing.assert_allclose(program.slots[k].target.pose, expected, atol=1e-7)
     assert program.elsewhere == ""
 
 
@@ -155,11 +154,7 @@ def test_kuka_turn_of_external_axes_is_kept(external):
 
 def test_abb_quarters_select_and_are_written():
     slots = PROGRAMS["abb"].read(TEXTS["abb"], 6).slots
-    assert [slot.name for slot in slots] == ["home", "p10", ""] or [s.name for s in slots] == [
-        "p10",
-        "home",
-        "",
-    ]
+    assert [slot.name for slot in slots] in (["home", "p10", ""], ["p10", "home", ""])
     pose = next(s for s in slots if s.name == "p10")
     assert pose.target.straight
     assert pose.target.admits(np.radians([10, 0, 0, -20, 0, 30.0]))

@@ -113,10 +113,9 @@ def test_two_sources_of_arms_with_a_spherical_wrist(name):
         np.testing.assert_allclose(found, by_urdf, atol=1e-12)
         by_catalogue = np.eye(4)
         for (alpha, a, d, offset), sign, angle in zip(modified, signs, relative, strict=True):
-            turn = about((1, 0, 0), np.radians(alpha), (a, 0, 0)) @ about(
-                (0, 0, 1), sign * angle + np.radians(offset)
-            )
-            by_catalogue = by_catalogue @ turn @ about((0, 0, 1), 0.0, (0, 0, d))
+            twist = about((1, 0, 0), np.radians(alpha), (a, 0, 0))
+            turn = about((0, 0, 1), sign * angle + np.radians(offset))
+            by_catalogue = by_catalogue @ twist @ turn @ about((0, 0, 1), 0.0, (0, 0, d))
         np.testing.assert_allclose(found, by_catalogue, atol=1e-12 + 1.001e-3 * ROUNDED.get(name, 0.0))
 
 
@@ -140,28 +139,10 @@ TOOLBOX = cases("robot_masses")
 def test_weights(name):
     """Gravity torques of the same arm in standard rows."""
     robot, _ = load_robot(name)
-    alpha, a, d, offset = np.array(STANDARD[name][0], float).T * [
-        [np.pi / 180],
-        [1e-3],
-        [1e-3],
-        [np.pi / 180],
-    ]
+    rows = np.array(STANDARD[name][0], float).T * [[np.pi / 180], [1e-3], [1e-3], [np.pi / 180]]
     masses, centres = (np.array(v) for v in TOOLBOX[name])
-    none = np.zeros(6)
-    other = Robot(
-        name,
-        "dh",
-        robot.joint_names,
-        alpha,
-        a,
-        d,
-        offset,
-        none,
-        robot.limits,
-        np.eye(6),
-        masses=masses,
-        centres_of_mass=centres * 1e-3,
-    )
+    weights = {"masses": masses, "centres_of_mass": centres * 1e-3}
+    other = Robot(name, "dh", robot.joint_names, *rows, np.zeros(6), robot.limits, np.eye(6), **weights)
     q, gravity = np.random.default_rng(3).uniform(-3, 3, (20, 6)), np.array([0.3, 0.2, -9.8])
     torque = [
         gravity_loads(r, chain_of(r), q, gravity, np.zeros(20), np.zeros((20, 3))).moments[:, 1:, 2]

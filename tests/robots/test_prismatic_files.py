@@ -58,11 +58,7 @@ def test_units_of_a_robot_file(tmp_path):
 REFUSED = (
     ("limits_mm: [0, 150]", "limits_deg: [0, 150]", "missing `limits_mm` of Z"),
     ("limits_mm: [0, 150]", "limits_mm: [150, 0]", "limits of Z are not in order"),
-    (
-        "limits_deg: [-120, 120]",
-        "limits_deg: [-120, 120], limits_mm: [0, 1]",
-        "`limits_mm` of J1, which is revolute",
-    ),
+    ("[-120, 120]", "[-120, 120], limits_mm: [0, 1]", "`limits_mm` of J1, which is revolute"),
     ("max_force_n: 200", "max_torque_nm: 200", "`max_torque_nm` of Z, which is prismatic"),
     ("max_force_n: 200", "coulomb_nm: 1", "`coulomb_nm` of Z, which is prismatic"),
     ("type: prismatic", "type: screw", "prismatic"),
@@ -125,9 +121,8 @@ def test_gravity_along_a_prismatic_joint_as_in_mujoco(tmp_path, slides):
     data = mujoco.MjData(model)
     readings = np.random.default_rng(0).uniform(-1, 1, (4, 4))
     q, none = link_angles(found, readings), np.zeros(4)
-    held = gravity_loads(found, chain_of(found), q, model.opt.gravity, none, np.zeros((4, 3))).torques(
-        found.slides
-    )
+    loads = gravity_loads(found, chain_of(found), q, model.opt.gravity, none, np.zeros((4, 3)))
+    held = loads.torques(found.slides)
     for at, force in zip(readings, held, strict=True):
         data.qpos[:] = at
         mujoco.mj_forward(model, data)

@@ -43,9 +43,8 @@ def test_flange(pair):
         mujoco.mj_kinematics(model, data)
         ours = frames(chain_of(robot), link_angles(robot, q[None]))[0, -1]
         np.testing.assert_allclose(ours[:3, 3], data.site_xpos[site], atol=1e-9)
-        np.testing.assert_allclose(
-            ours[:3, :3].ravel(), data.site_xmat[site], atol=2e-6
-        )  # digits of a quaternion
+        turn = ours[:3, :3].ravel()
+        np.testing.assert_allclose(turn, data.site_xmat[site], atol=2e-6)  # digits of a quaternion
 
 
 def test_gravity(pair):

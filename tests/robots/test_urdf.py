@@ -67,6 +67,11 @@ PLAIN = robot(
 )
 
 
+def plus(*more: str) -> str:
+    """The plain arm with further elements."""
+    return PLAIN.replace("</robot>", "".join(more) + "</robot>")
+
+
 def test_simple_ends_are_no_frames(tmp_path):
     """A base that only lifts goes into d; an arm without masses has none; a wheel turns all round."""
     found = read(tmp_path, PLAIN)
@@ -90,37 +95,25 @@ def test_a_fixed_joint_needs_no_axis(tmp_path):
 
 def test_fingers_beside_the_chain_weigh(tmp_path):
     finger = link("finger", 0.5, (0, 0, 0.1)) + joint("grip", "hand", "finger", "prismatic", (0, 0, 0.1))
-    text = PLAIN.replace("</robot>", finger + "</robot>")
-    assert read(tmp_path, text, "arm.urdf#tool0").masses.tolist() == [2.0, 1.5]
+    assert read(tmp_path, plus(finger), "arm.urdf#tool0").masses.tolist() == [2.0, 1.5]
 
 
 BOMB = '<!DOCTYPE robot [<!ENTITY a "ha"><!ENTITY b "&a;&a;">]><robot name="&b;"/>'
 OUTSIDE = '<!DOCTYPE robot SYSTEM "http://127.0.0.1/evil.dtd"><robot name="x"/>'
-SECOND = (
-    link("left") + link("right") + joint("l", "hand", "left", "fixed") + joint("r", "hand", "right", "fixed")
-)
+SECOND = "".join(link(name) + joint(name[0], "hand", name, "fixed") for name in ("left", "right"))
+FOLLOWS = PLAIN.replace("</joint></robot>", '<mimic joint="turn"/></joint></robot>')
 SPOILT = [
     (BOMB, "DOCTYPE or entities"),
     (OUTSIDE, "DOCTYPE or entities"),
     ("<robot name='x'>", "arm.urdf:1: not XML"),
     ("<sdf/>", "begins with <sdf>"),
-    (
-        PLAIN.replace(
-            "</robot>", '<link name="m"><visual><mesh filename="https://h/a.stl"/></visual></link></robot>'
-        ),
-        "is on the network",
-    ),
+    (plus('<link name="m"><visual><mesh filename="https://h/a.stl"/></visual></link>'), "is on the network"),
     (PLAIN.replace('"continuous"', '"planar"'), r"joint `lift` is planar; .* `robot: arm.urdf#arm`"),
     (PLAIN.replace('"continuous"', '"floating"'), "joint `lift` is floating"),
-    (
-        PLAIN.replace("</joint></robot>", '<mimic joint="turn"/></joint></robot>').replace(
-            '"fixed"', '"revolute"'
-        ),
-        "joint `mount` follows another joint",
-    ),
+    (FOLLOWS.replace('"fixed"', '"revolute"'), "joint `mount` follows another joint"),
     (PLAIN.replace('"continuous"', '"hinge"'), "joint `lift` has the type `hinge`; known: revolute"),
     (
-        PLAIN.replace('<parent link="arm"/>', '<parent link="arm"/><axis xyz="1 0 0"/>'),
+        PLAIN.replace('parent link="arm"/>', 'parent link="arm"/><axis xyz="1 0 0"/>'),
         "lift has several <axis>",
     ),
     (PLAIN.replace(' effort="1"', "", 1), "joint.*turn.*effort"),
@@ -131,18 +124,10 @@ SPOILT = [
     (PLAIN.replace("0.0 0.0 1.0", "0 0 0", 1), "axis of `turn` is zero"),
     (PLAIN.replace('value="2.0"', 'value="-2.0"'), "mass of `arm` is -2 kg"),
     (PLAIN.replace('child link="tool0"', 'child link="elsewhere"'), "names a link `elsewhere`"),
-    (PLAIN.replace("</robot>", link("hand") + "</robot>"), "several links are called `hand`"),
-    (PLAIN.replace("</robot>", link("loose") + "</robot>"), "links with no joint above: base, loose"),
-    (
-        PLAIN.replace(
-            "</robot>", link("a") + link("b") + joint("x", "a", "b") + joint("y", "b", "a") + "</robot>"
-        ),
-        "joints around `a` form a ring",
-    ),
-    (
-        PLAIN.replace("</robot>", SECOND + "</robot>"),
-        r"they end at left, right, tool0; write `robot: arm.urdf#left`",
-    ),
+    (plus(link("hand")), "several links are called `hand`"),
+    (plus(link("loose")), "links with no joint above: base, loose"),
+    (plus(link("a"), link("b"), joint("x", "a", "b"), joint("y", "b", "a")), "joints around `a` form a ring"),
+    (plus(SECOND), r"they end at left, right, tool0; write `robot: arm.urdf#left`"),
     (robot(link("base")), "no joint moves between `base` and `base`"),
 ]
 

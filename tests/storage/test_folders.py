@@ -159,12 +159,8 @@ print(k, *sorted(seen))
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="not possible on this system")
 def test_killed_before_any_system_call(tmp_path):
     paths = os.pathsep.join(map(str, (ROOT, ROOT / "tests", Path(__file__).parent)))
-    done = subprocess.run(
-        [sys.executable, "-c", KILLED, str(tmp_path)],
-        env=os.environ | {"PYTHONPATH": paths},
-        capture_output=True,
-        text=True,
-    )
+    environment, line = os.environ | {"PYTHONPATH": paths}, [sys.executable, "-c", KILLED, str(tmp_path)]
+    done = subprocess.run(line, env=environment, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     count, *seen = done.stdout.split()
     assert int(count) > 25  # kills, one before each call

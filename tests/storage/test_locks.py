@@ -32,12 +32,9 @@ with alone(Path(sys.argv[1])), scratch("bayescal-tests") as folder:
 @pytest.fixture
 def other(tmp_path):
     """Another process that has locked tmp_path/out, and its temporary folder."""
-    process = subprocess.Popen(
-        [sys.executable, "-c", HOLDS, str(tmp_path / "out")],
-        stdout=subprocess.PIPE,
-        text=True,
-        env=os.environ | {"PYTHONPATH": str(ROOT), "TMPDIR": str(tmp_path)},
-    )
+    line = [sys.executable, "-c", HOLDS, str(tmp_path / "out")]
+    environment = os.environ | {"PYTHONPATH": str(ROOT), "TMPDIR": str(tmp_path)}
+    process = subprocess.Popen(line, stdout=subprocess.PIPE, text=True, env=environment)
     yield process, Path(process.stdout.readline().strip())
     process.kill()
     process.communicate()
@@ -87,14 +84,11 @@ def test_a_created_folder_with_a_result_stays(tmp_path):
 
 def in_time(path):
     """Lock a path in a process that must end: its exit code and what it prints."""
-    line = (
-        "import pathlib, sys; from bayescal.storage.locks import alone; "
-        "alone(pathlib.Path(sys.argv[1])).__enter__()"
-    )
+    line = "import pathlib, sys; from bayescal.storage.locks import alone; "
+    line += "alone(pathlib.Path(sys.argv[1])).__enter__()"
+    options = {"capture_output": True, "text": True, "timeout": 120}
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
-    done = subprocess.run(
-        [sys.executable, "-c", line, path], capture_output=True, text=True, timeout=120, env=environment
-    )
+    done = subprocess.run([sys.executable, "-c", line, path], env=environment, **options)
     return done.returncode, done.stderr
 
 
@@ -116,9 +110,8 @@ def test_what_has_the_name_of_a_lock_is_refused_and_kept(tmp_path, what):
     before = lock.stat()
     code, said = in_time(tmp_path / "out")
     assert code == 1
-    assert (
-        "it has the name of a lock, and bayescal did not write it; remove it, or give another --out" in said
-    )
+    what = "it has the name of a lock, and bayescal did not write it"
+    assert f"{what}; remove it, or give another --out" in said
     assert lock.stat()[:7] == before[:7]
 
 

@@ -18,14 +18,12 @@ def hears():
 
 
 def started(*line: str) -> subprocess.Popen:
-    return subprocess.Popen(
-        [sys.executable, *line],
-        env=os.environ | {"PYTHONPATH": str(ROOT), "PYTHONUNBUFFERED": ""},
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        preexec_fn=hears,
-    )
+    """A process of Python that has printed that it is ready."""
+    environment = os.environ | {"PYTHONPATH": str(ROOT), "PYTHONUNBUFFERED": ""}
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    process = subprocess.Popen([sys.executable, *line], env=environment, preexec_fn=hears, **pipes)
+    assert process.stdout.readline() == "ready\n"
+    return process
 
 
 def stopped(process: subprocess.Popen, number: int = signal.SIGINT, left: str = "") -> tuple[int, str]:
@@ -74,7 +72,6 @@ entry.run(lambda: {"sleep": sleep, "lost": lost, "kept": kept, "complete": compl
 )
 def test_a_stopped_command_says_in_one_line_what_is_kept(what, number, said):
     process = started("-c", PROGRAM, what)
-    assert process.stdout.readline() == "ready\n"
     code, err = stopped(process, number)
     assert (code, err) == (128 + number, f"bayescal: stopped; {said}\n")
 
@@ -95,7 +92,6 @@ def sleep():
 entry.run(lambda: sleep)
 """
     process = started("-c", PROGRAM.partition("entry.run")[0] + slow)
-    assert process.stdout.readline() == "ready\n"
     code, err = stopped(process, left="written\n")
     assert (code, err) == (130, "bayescal: stopped; nothing was written\nhandler\n")
 
@@ -114,7 +110,6 @@ main()
 """
     for module in ("bayescal.cli.entry", "typer"):
         process = started("-c", program, module)
-        assert process.stdout.readline() == "ready\n"
         code, err = stopped(process)
         assert (code, err) == (130, "bayescal: stopped; nothing was written\n")
 
@@ -135,7 +130,6 @@ main()
 
 def test_a_stopped_fit_leaves_nothing(tmp_path):
     process = started("-c", FIT, "fit", str(SESSION), "--out", str(tmp_path / "new" / "out"))
-    assert process.stdout.readline() == "ready\n"
     assert list(tmp_path.rglob(".out.*"))
     code, err = stopped(process)
     assert (code, err) == (130, "bayescal: stopped; nothing was written\n")
@@ -145,13 +139,8 @@ def test_a_stopped_fit_leaves_nothing(tmp_path):
 def test_a_working_directory_that_was_removed_is_one_line(tmp_path):
     line = "import os; os.rmdir(os.getcwd()); from bayescal.cli import main; main()"
     (tmp_path / "gone").mkdir()
-    done = subprocess.run(
-        [sys.executable, "-c", line],
-        cwd=tmp_path / "gone",
-        env=os.environ | {"PYTHONPATH": str(ROOT)},
-        capture_output=True,
-        text=True,
-    )
+    place = {"cwd": tmp_path / "gone", "env": os.environ | {"PYTHONPATH": str(ROOT)}}
+    done = subprocess.run([sys.executable, "-c", line], **place, capture_output=True, text=True)
     assert done.returncode == 1
     assert done.stderr == "bayescal: working directory: it does not exist any more; change to another\n"
 

@@ -25,6 +25,7 @@ from bayescal.effects.bending import BENDING, across, ends
 from bayescal.effects.common import alone, tilts, vertical
 from bayescal.effects.vocabulary import Circumstances, Parameter
 from bayescal.errors import BayescalError
+from bayescal.exporting.geometry import at_state
 from bayescal.fitted.arm import FittedArm
 
 STATE = ("constant", "time", "temperature", "event")
@@ -77,12 +78,9 @@ class Content:
         state = self.row if row is None else row
         out = np.zeros((self.arm.model.scene.chain.n + 2, 6))
         for p, value in self.driven(*STATE):
-            for term in p.terms:
+            for term in at_state(p, state).terms:
                 if term.frame >= 0:
-                    driver = np.asarray(term.driver)
-                    out[term.frame, AXES.index(term.axis)] += value * float(
-                        driver[state] if driver.ndim else driver
-                    )
+                    out[term.frame, AXES.index(term.axis)] += value * float(term.driver)
         return out
 
 
@@ -126,11 +124,6 @@ class Spring:
         return self.stiffness + sum(b.stiffness for b in self.bands if not b.lower <= 0.0 <= b.upper)
 
 
-def linear(compliance: float) -> Spring:
-    """The spring of a compliance, rad/(N m), above zero."""
-    return Spring(1.0 / compliance)
-
-
 def spring_of(torque: np.ndarray, deflection: np.ndarray) -> Spring:
     """The spring of a characteristic: deflections (G,), rad, at increasing torques (G,) above zero, N m.
 
@@ -138,7 +131,7 @@ def spring_of(torque: np.ndarray, deflection: np.ndarray) -> Spring:
     """
     assert np.all(np.diff(np.append(0.0, deflection)) > 0)
     if np.ptp(deflection / torque) <= LINEAR * deflection[-1] / torque[-1]:
-        return linear(float(deflection[-1] / torque[-1]))
+        return Spring(1.0 / float(deflection[-1] / torque[-1]))
     slope = np.gradient(deflection, torque)
     for count in KNOTS:
         spring = _polygon(torque, deflection, slope, count)
@@ -231,12 +224,10 @@ def appended(c: Circumstances, torques: np.ndarray) -> Circumstances:
     if c.measured_torques is not None:
         return replace(c, measured_torques=np.vstack([c.measured_torques, torques]))
     assert c.loads is not None
-    moments, weights = (
-        np.pad(column, [more, (0, 0), (0, 0)]) for column in (c.loads.moments, c.loads.weights)
-    )
-    for column in (moments, weights):  # torques about a joint, or forces along it
+    columns = [np.pad(column, [more, (0, 0), (0, 0)]) for column in (c.loads.moments, c.loads.weights)]
+    for column in columns:  # torques about a joint, or forces along it
         column[-len(torques) :, 1:, 2] = torques
-    return replace(c, loads=Loads(moments, weights))
+    return replace(c, loads=Loads(*columns))
 
 
 ELASTIC = ("torque", "bending moment", "base moment")
@@ -370,4 +361,4 @@ def _positive(compliance: float, name: str) -> Spring:
     if compliance <= 0:
         what = f"{name} is {1e6 * compliance:.3g} µrad/(N m): no spring has a compliance that is not positive"
         raise BayescalError(what, "export", "leave the effect out with --without")
-    return linear(compliance)
+    return Spring(1.0 / compliance)

@@ -215,9 +215,8 @@ def parts(law: Law, joints: Joints, torques: np.ndarray) -> dict[str, list[dict[
                 if wrong[i]:
                     gear[error(joints.names[i])] = row[i]
             most = max(FRICTION, 2.0 * float(np.max(torques))) / STIFF
-            tendons.append(
-                slack | {"name": f"{name}_friction", "of": gear, "slack": (0, 0), "springyield": most}
-            )
+            friction = {"name": f"{name}_friction", "of": gear, "slack": (0, 0), "springyield": most}
+            tendons.append(slack | friction)
     yokes = [
         {
             "name": yoke(joints.names[w.joint], w),
@@ -252,12 +251,9 @@ def posture(law: Law, joints: Joints, readings: np.ndarray) -> Mapping[str, floa
     for w in law.waves:
         before, now = w.order * law.offset[w.joint], w.order * (law.offset + angles)[w.joint]
         name = yoke(joints.names[w.joint], w)
-        moved = {
-            "crank": now - before,
-            "cos": np.cos(now) - np.cos(before),
-            "sin": np.sin(now) - np.sin(before),
-        }
-        out |= {f"{name}_{part}": float(value) for part, value in moved.items()}
+        out[f"{name}_crank"] = float(now - before)
+        for part, of in (("cos", np.cos), ("sin", np.sin)):
+            out[f"{name}_{part}"] = float(of(now) - of(before))
     return out
 
 

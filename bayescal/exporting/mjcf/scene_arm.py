@@ -165,11 +165,11 @@ def above(model: Any, body: int) -> list[int]:
 
 
 def _named(model: Any, tip: str, where: str) -> int:
-    mj = mujoco()
-    body = mj.mj_name2id(model, mj.mjtObj.mjOBJ_BODY, tip)
-    if body < 0:
-        raise BayescalError(f"there is no body `{tip}`", where, "name the last body of the arm")
-    return int(body)
+    try:
+        return int(model.body(tip).id)
+    except KeyError:
+        what = f"there is no body `{tip}`"
+        raise BayescalError(what, where, "name the last body of the arm") from None
 
 
 def _elements(root: ET.Element, model: Any, ids: tuple[int, ...], where: str) -> tuple[ET.Element, ...]:
@@ -209,13 +209,7 @@ def _pose(pos: np.ndarray, quat: np.ndarray) -> np.ndarray:
 ROOTS = ("mujoco", "mujocoinclude")
 SKELETON = ("compiler", "option", "size", "default", "asset", "worldbody", "extension")
 """Sections that place and weigh bodies; the others may refer to parts that are not there."""
-FOLDERS = {
-    "mesh": "meshdir",
-    "hfield": "meshdir",
-    "skin": "meshdir",
-    "flexcomp": "meshdir",
-    "texture": "texturedir",
-}
+FOLDERS = dict.fromkeys(("mesh", "hfield", "skin", "flexcomp"), "meshdir") | {"texture": "texturedir"}
 """Attribute of the compiler with the folder of the files of each element."""
 MOST = 100
 """Included files."""
@@ -267,15 +261,9 @@ def _with_included(text: str, path: Path, main: Path, seen: list[Path]) -> str:
         here = next((f / file for f in (main, path.parent) if (f / file).is_file()), None)
         absolute, again = not file or Path(file).is_absolute(), here in seen or len(seen) >= MOST
         if here is None or absolute or again:
-            why = (
-                "no relative path"
-                if absolute
-                else "it is included twice"
-                if again
-                else "there is no such file"
-            )
-            remedy = "give a relative path, and include each file once"
-            raise BayescalError(f"<include file='{file}'>: {why}", path.name, remedy)
+            missing = "it is included twice" if again else "there is no such file"
+            what = f"<include file='{file}'>: {'no relative path' if absolute else missing}"
+            raise BayescalError(what, path.name, "give a relative path, and include each file once")
         seen.append(here)
         inner = XmlText(_with_included(decoded(here, LARGEST)[0], here, main, seen), here.name)
         if inner.root.tag not in ROOTS:

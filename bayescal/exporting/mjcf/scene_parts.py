@@ -67,12 +67,9 @@ def check(
         for key in ("mass", "inertia", "pos", "ipos")
     )
     if not (off < CLOSE and same):
-        what = (
-            f"moves by {off:.1e} m (or rad) from the calibrated geometry" if same else "changes other bodies"
-        )
-        raise BayescalError(
-            f"the written file {what}", file, "this is a defect of bayescal; nothing is written"
-        )
+        moves = f"moves by {off:.1e} m (or rad) from the calibrated geometry"
+        what = f"the written file {moves if same else 'changes other bodies'}"
+        raise BayescalError(what, file, "this is a defect of bayescal; nothing is written")
 
 
 POSE = ("pos", "quat")
@@ -193,25 +190,11 @@ def _moved(
     return out
 
 
-KINDS = {
-    "body": "body",
-    "joint": "joint",
-    "freejoint": "joint",
-    "site": "site",
-    "default": "class",
-    "fixed": "tendon",
-    "spatial": "tendon",
-}
+KINDS = {"body": "body", "joint": "joint", "freejoint": "joint", "site": "site", "default": "class"}
+KINDS |= dict.fromkeys(("fixed", "spatial"), "tendon")
 """What the name of an element is one of; elements below <equality> are equalities."""
-REFERENCES = {
-    "joint": "joint",
-    "joint1": "joint",
-    "joint2": "joint",
-    "body1": "body",
-    "body2": "body",
-    "class": "class",
-    "childclass": "class",
-}
+REFERENCES = dict.fromkeys(("joint", "joint1", "joint2"), "joint")
+REFERENCES |= dict.fromkeys(("body1", "body2"), "body") | dict.fromkeys(("class", "childclass"), "class")
 """What an attribute of an added element names."""
 
 Renamed = Mapping[str, Mapping[str, str]]

@@ -50,9 +50,8 @@ def test_everything_else_stays():
         assert kept in after
     old, new = ElementTree.fromstring(before), ElementTree.fromstring(after)
     for tag in ("geom", "light", "material", "general", "freejoint"):
-        assert [e.attrib for e in old.iter(tag)] == [e.attrib for e in new.iter(tag)][
-            : len(list(old.iter(tag)))
-        ]
+        kept = [e.attrib for e in old.iter(tag)]
+        assert kept == [e.attrib for e in new.iter(tag)][: len(kept)]
     joints = {e.get("name"): e.attrib for e in new.iter("joint") if e.get("name")}
     for e in old.iter("joint"):
         if e.get("name"):
@@ -78,9 +77,8 @@ def test_keyframes_hold_the_same_pose():
     data = mujoco.MjData(new)
     mujoco.mj_resetDataKeyframe(new, data, 0)
     mujoco.mj_forward(new, data)
-    assert (
-        np.max(np.abs(data.efc_pos[: data.ne]), initial=0.0) < 1e-9
-    )  # cranks and slides are at their places
+    # cranks and slides are at their places
+    assert np.max(np.abs(data.efc_pos[: data.ne]), initial=0.0) < 1e-9
 
 
 def test_script_leaves_errors_of_readings_out():
@@ -130,11 +128,8 @@ def turned(rng, rotation: np.ndarray, degrees: bool) -> dict[str, str]:
         return {"euler": words(own.as_euler("zyx", degrees=degrees))}
     if kind == 2:
         angle = own.magnitude()
-        return {
-            "axisangle": words(
-                [*own.as_rotvec() / max(angle, 1e-12), np.degrees(angle) if degrees else angle]
-            )
-        }
+        axis = own.as_rotvec() / max(angle, 1e-12)
+        return {"axisangle": words([*axis, np.degrees(angle) if degrees else angle])}
     return {"xyaxes": words([*rotation[:, 0], *rotation[:, 1]])}
 
 
@@ -149,22 +144,18 @@ def random_scene(robot, rng) -> str:
     degrees = bool(rng.integers(2))
     unit = np.degrees if degrees else float
     root = ET.Element("mujoco")
-    ET.SubElement(
-        root, "compiler", angle="degree" if degrees else "radian", eulerseq="ZYX", autolimits="true"
-    )
-    ET.SubElement(root, "option", timestep="0.001")
+    angle = "degree" if degrees else "radian"
+    ET.SubElement(root, "compiler", angle=angle, eulerseq="ZYX", autolimits="true")
+    turn = Rotation.random(random_state=rng).as_matrix() if rng.integers(2) else np.eye(3)
+    place, before = rigid(turn, rng.normal(size=3)), np.eye(4)
+    ET.SubElement(root, "option", timestep="0.001", gravity=words(turn @ (0.0, 0.0, -9.81)))
     world = ET.SubElement(root, "worldbody")
-    place = rigid(
-        Rotation.random(random_state=rng).as_matrix() if rng.integers(2) else np.eye(3), rng.normal(size=3)
-    )
-    down = place[:3, :3] @ (0.0, 0.0, -9.81)
-    root.find("option").set("gravity", words(down))
-    parent, before = (
-        ET.SubElement(
-            world, "body", name="foot", pos=words(place[:3, 3]), **turned(rng, place[:3, :3], degrees)
-        ),
-        np.eye(4),
-    )
+
+    def body(within: ET.Element, name: str, pose: np.ndarray) -> ET.Element:
+        orientation = turned(rng, pose[:3, :3], degrees)
+        return ET.SubElement(within, "body", name=name, pos=words(pose[:3, 3]), **orientation)
+
+    parent = body(world, "foot", place)
     ET.SubElement(parent, "geom", size=".1")
     for k, frame in enumerate(zero_frames(robot)[:-1]):
         own = frame @ rigid(Rotation.random(random_state=rng).as_matrix(), 0.1 * rng.normal(size=3))
@@ -173,18 +164,10 @@ def random_scene(robot, rng) -> str:
         anchor = (inverse @ (frame @ [0.0, 0.0, 0.1 * rng.normal(), 1.0]))[:3]
         reference = float(rng.normal()) if rng.integers(2) else 0.0
         local = np.linalg.inv(before) @ own @ about(axis, anchor, reference)
-        parent = ET.SubElement(
-            parent, "body", name=f"part{k}", pos=words(local[:3, 3]), **turned(rng, local[:3, :3], degrees)
-        )
+        parent = body(parent, f"part{k}", local)
         ET.SubElement(parent, "inertial", pos="0 0 0", mass="1", diaginertia="1 1 1")
-        ET.SubElement(
-            parent,
-            "joint",
-            name=f"turn{k}",
-            axis=words(2.0 * axis),
-            pos=words(anchor),
-            ref=words([unit(reference)]),
-        )
+        stated = {"axis": words(2.0 * axis), "pos": words(anchor), "ref": words([unit(reference)])}
+        ET.SubElement(parent, "joint", name=f"turn{k}", **stated)
         before = own
     hand = ET.SubElement(parent, "body", name="hand")
     for k in (1, 2):

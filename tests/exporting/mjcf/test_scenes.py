@@ -17,13 +17,15 @@ from cases import DATA
 from analysis.simulators import BASE, differences, drawn, patched
 from bayescal.errors import BayescalError
 from bayescal.exporting.export import export
-from bayescal.exporting.mjcf.elastic import CLOSE, linear, spring_of
+from bayescal.exporting.mjcf.elastic import CLOSE, Content, spring_of
 from bayescal.exporting.mjcf.format import replay_table
+from bayescal.exporting.mjcf.readings import Joints
 from bayescal.exporting.mjcf.replay import Replay, Simulated
 from bayescal.verifying.levels import limit
 from bayescal.verifying.simulator import File
 
-SCENE_TEXT = (DATA / "ur5e_scene.xml").read_text()
+SCENE = DATA / "ur5e_scene.xml"
+SCENE_TEXT = SCENE.read_text()
 ELASTIC = (*BASE, "base-compliance")
 EVERY = (*ELASTIC, "hysteresis", "eccentricity", "backlash")
 TETRAHEDRON = "v 0 0 0\nv .1 0 0\nv 0 .1 0\nv 0 0 .1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
@@ -99,10 +101,8 @@ def test_a_class_of_our_name_is_kept(tmp_path):
     assert own in out.written.content
     assert joint in out.written.content
     again = fits(save(tmp_path, out.written.content), BASE)
-    assert re.findall('default class="bayescal.*?"', again.written.content) == [
-        'default class="bayescal"',
-        'default class="bayescal_2"',
-    ]
+    classes = ['default class="bayescal"', 'default class="bayescal_2"']
+    assert re.findall('default class="bayescal.*?"', again.written.content) == classes
 
 
 def test_a_fit_of_geometry_changes_poses_alone(tmp_path):
@@ -157,9 +157,8 @@ def test_nested_includes_are_found_as_by_mujoco(tmp_path):
     save(tmp_path / "parts", '<mujoco><include file="a.xml"/><include file="b.xml"/></mujoco>', "all.xml")
     for folder, name in (("", "a"), ("parts", "a"), ("parts", "b")):
         save(tmp_path / folder, note.format(f"{folder}{name}"), f"{name}.xml")
-    text = changed(
-        ('  <compiler angle="radian"', '  <include file="parts/all.xml"/>\n  <compiler angle="radian"')
-    )
+    compiler = '  <compiler angle="radian"'
+    text = changed((compiler, f'  <include file="parts/all.xml"/>\n{compiler}'))
     path = save(tmp_path, text)
     whole = mujoco.MjModel.from_xml_path(str(path))
     model = mujoco.MjModel.from_xml_string(fits(path, ("geometry",)).written.content)
@@ -172,9 +171,8 @@ def test_included_files_stand_in_the_patched_file(tmp_path):
     body = re.search(r"  <worldbody>.*</actuator>\n", SCENE_TEXT, re.DOTALL)[0]
     (tmp_path / "parts").mkdir()
     save(tmp_path / "parts", f"<mujocoinclude>\n<!-- the arm -->\n{body}</mujocoinclude>\n", "arm.xml")
-    text = changed(
-        (body, '  <include file="parts/arm.xml"/>\n  <worldbody><light pos="0 0 4"/></worldbody>\n')
-    )
+    light = '<worldbody><light pos="0 0 4"/></worldbody>'
+    text = changed((body, f'  <include file="parts/arm.xml"/>\n  {light}\n'))
     out = fits(save(tmp_path, text))
     assert "<!-- the arm -->" in out.written.content
     assert "<include" not in out.written.content
@@ -190,11 +188,15 @@ VEHICLE = (
 ENDS = "      </body>\n    </body>\n  </worldbody>"
 
 
+def on_a_vehicle() -> str:
+    """The scene with its arm on a vehicle."""
+    text = changed((BASE_TAG, VEHICLE), (ENDS, "      </body>\n    </body></body>\n  </worldbody>"))
+    return text.replace('qpos="0.6 0.3 0.1 1 0 0 0 ', 'qpos="0.6 0.3 0.1 1 0 0 0 1 2 0.5 0.8 0 0 0.6 ')
+
+
 @pytest.mark.parametrize("effects", [("geometry",), EVERY], ids=["geometry", "elastic"])
 def test_an_arm_on_a_vehicle(tmp_path, effects):
-    text = changed((BASE_TAG, VEHICLE), (ENDS, "      </body>\n    </body></body>\n  </worldbody>"))
-    text = text.replace('qpos="0.6 0.3 0.1 1 0 0 0 ', 'qpos="0.6 0.3 0.1 1 0 0 0 1 2 0.5 0.8 0 0 0.6 ')
-    out = fits(save(tmp_path, text), effects)
+    out = fits(save(tmp_path, on_a_vehicle()), effects)
     model = mujoco.MjModel.from_xml_string(out.written.content)
     assert model.joint("drive").type == mujoco.mjtJoint.mjJNT_FREE
     assert model.body("vehicle").mass == 80
@@ -273,9 +275,8 @@ def test_gravity_acts_on_links_that_a_scene_compensates(tmp_path):
 
 def test_of_two_arms_the_last_body_says_which(tmp_path):
     arm = re.search(rf"    {re.escape(BASE_TAG)}.*?\n    </body>\n", SCENE_TEXT, re.DOTALL)[0]
-    second = re.sub(r'(name="\w+)(?=")', r"\1_b", arm).replace(
-        'quat="0 0 0 -1"', 'pos="2 0 0" quat="0 0 0 -1"'
-    )
+    second = re.sub(r'(name="\w+)(?=")', r"\1_b", arm)
+    second = second.replace('quat="0 0 0 -1"', 'pos="2 0 0" quat="0 0 0 -1"')
     path = save(tmp_path, changed((arm, arm + second)).replace("wrist_3_link_b", "far_link"))
     with pytest.raises(BayescalError, match=r"several arms .*wrist_3_link, far_link"):
         fits(path)
@@ -284,11 +285,9 @@ def test_of_two_arms_the_last_body_says_which(tmp_path):
 
 def test_the_script_beside_a_scene(tmp_path):
     """On a vehicle, in a scene that has a site and a body of the names of ours; with a payload."""
-    text = changed((BASE_TAG, VEHICLE), (ENDS, "      </body>\n    </body></body>\n  </worldbody>"))
     taken = '<body name="payload" pos="3 0 0"><site name="ball"/><geom size=".1" mass="1"/></body>'
     taken += '<geom name="table"'
-    text = text.replace('<geom name="table"', taken)
-    text = text.replace('qpos="0.6 0.3 0.1 1 0 0 0 ', 'qpos="0.6 0.3 0.1 1 0 0 0 1 2 0.5 0.8 0 0 0.6 ')
+    text = on_a_vehicle().replace('<geom name="table"', taken)
     arm = drawn("universal-robots-ur5e", (*ELASTIC, "coupling"))
     out = export(arm, "mjcf", into=str(save(tmp_path, text)), readings="script", force=True)
     out.save(tmp_path / "arm.xml")
@@ -303,7 +302,6 @@ def test_the_script_beside_a_scene(tmp_path):
 
 # --- A light model with a script: the same TCP positions, as a user runs it, without this package.
 
-SCENE = DATA / "ur5e_scene.xml"
 EFFECTS = (*BASE, "encoder-scale", "coupling", "eccentricity", "gear-mesh@100", "backlash")
 
 
@@ -340,9 +338,6 @@ def test_script_gives_the_points_of_the_model(robot, into, tmp_path):
 
 def test_contact_errors_are_those_of_the_model():
     arm = drawn("universal-robots-ur5e", (*BASE, "lobing", "latency", "ball-radius"))
-    from bayescal.exporting.mjcf.elastic import Content
-    from bayescal.exporting.mjcf.readings import Joints
-
     table = replay_table(Content(arm, 3), Joints.of(arm.dataset.robot.joint_names), True, {})
     replay, scene = Replay(table), arm.model.scene
     c = scene.circumstances(scene.rows("calibrate"))
@@ -378,5 +373,5 @@ def test_spring_has_the_characteristic(name):
 
 def test_compliance_is_one_linear_spring():
     spring = spring_of(TORQUE, 2e-4 * TORQUE)
-    assert spring.stiffness == pytest.approx(linear(2e-4).stiffness, rel=1e-12)
+    assert spring.stiffness == pytest.approx(5e3, rel=1e-12)
     assert not spring.bands
