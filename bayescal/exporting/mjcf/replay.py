@@ -97,7 +97,9 @@ class Simulated:
             self.model.opt.integrator = mujoco.mjtIntegrator.mjINT_DISCRETE
             hold_base(mujoco, self.model, self.table["joints"])
             for name in self.table["joints"]:
-                self.model.joint(name).stiffness[0] = HOLD
+                k = self.model.joint(name).id
+                self.model.jnt_stiffness[k], self.model.jnt_stiffnesspoly[k] = HOLD, 0.0
+                self.model.jnt_limited[k] = 0  # a machine may stand beyond the limits of the scene
 
     def stand(
         self, readings: np.ndarray, direction: np.ndarray | None = None, payload: float = 0.0
