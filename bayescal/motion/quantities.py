@@ -98,7 +98,7 @@ def _arguments(
     if r.loaded:
         yield Argument("payload", s.kept((s.payload > 0.0).astype(float))[:, None])
     if s.temperature is not None:
-        warm = s.kept(s.temperature) / PRODUCTS.kelvin
+        warm = s.kept(s.temperature) / FORMS.kelvin
         yield Argument("temperature", np.column_stack([warm, warm**2]))
     sources = np.column_stack([s.ddq / r.usual_acceleration, load / r.usual_load])
     for frequency in (f for f in PRODUCTS.resonances if f < s.band):

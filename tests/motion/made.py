@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import mujoco
 import numpy as np
+import pandas as pd
 import yaml
 from scipy.signal import lfilter
 
@@ -97,6 +98,13 @@ def path(seed):
             dq[:, j] += a * w * np.cos(w * t + phase)
             ddq[:, j] -= a * w**2 * np.sin(w * t + phase)
     return t, q, dq, ddq
+
+
+def read_commands(path):
+    """Name, times and readings, rad, of each motion in a table of commands."""
+    table = pd.read_csv(path, dtype={"motion": str})
+    parts = table.groupby("motion", sort=False)
+    return [(n, p["t_s"].to_numpy(), np.radians(p.filter(regex="^q").to_numpy())) for n, p in parts]
 
 
 LOADS = (0, 0, 0, 0, 0.8, 0.8, 0, 0.8)

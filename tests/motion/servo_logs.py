@@ -60,7 +60,7 @@ def servo_log(mechanism, truth, stated=True, torque=True, further=None, motions=
     control = Controller("position", KP if stated else None, KD if stated else None)
     return Log(
         "servo", mechanism, tuple(out), np.array([0.0, 0.0, -9.81]), control, "motor" if torque else "",
-        True, 0.0, 0.0, 1e-4, False, {}, (), "",
+        True, 0.0, 0.0, 1e-4, False, (), "",
     )  # fmt: skip
 
 

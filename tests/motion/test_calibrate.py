@@ -87,7 +87,7 @@ def test_draws_within_a_set_are_those_of_the_normal_distribution_that_lie_in_it(
     root = np.array([[1.0, 0, 0, 0], [0.5, 0.8, 0, 0], [-0.3, 0.2, 0.7, 0], [0.2, 0.1, 0.4, 0.9]])
     gram = np.linalg.inv(root @ root.T) - np.eye(4)
     mean = np.array([0.3, 0.4, -0.8, -0.3])
-    fit = fitted(Normal(terms, gram, (gram + np.eye(4)) @ mean, np.zeros(1), np.zeros(1)), np.arange(4))
+    fit = fitted(Normal(terms, gram, (gram + np.eye(4)) @ mean, np.zeros(1)), np.arange(4))
     assert np.allclose(fit.z, mean)
     z = mean + np.random.default_rng(0).standard_normal((100_000, 4)) @ root.T
     inside = np.linalg.eigvalsh(possible.pseudo + (z @ by.reshape(16, 4).T).reshape(-1, 4, 4))[:, 0] > 0

@@ -6,13 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from motion.made import RATE, write
+from motion.made import RATE, read_commands, write
 
 import bayescal as bc
 from bayescal.errors import BayescalError
 from bayescal.gap.result import VERDICTS
 from bayescal.logs import read_log
-from bayescal.logs.commands import read_commands
 from bayescal.motion.diagnose import diagnose
 
 BUMP = 0.4
