@@ -59,8 +59,8 @@ def model_of(mechanism):
         return " ".join(f"{v:.17g}" for v in np.ravel(x))
 
     def body(k):
-        frame, inertia = mechanism.place[k], mechanism.inertia[k]
-        full = [inertia[0, 0], inertia[1, 1], inertia[2, 2], inertia[0, 1], inertia[0, 2], inertia[1, 2]]
+        frame = mechanism.place[k]
+        full = mechanism.inertia[k][[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
         quat = np.zeros(4)
         mujoco.mju_mat2Quat(quat, frame[:3, :3].ravel())
         inside = body(k + 1) if k + 1 < mechanism.n else ""
@@ -162,12 +162,9 @@ def _truth(rng):
             for m, c in ((true.mass[2], true.centre[2]), (load, centre)):
                 d = c - middle
                 about = about + m * (d @ d * np.eye(3) - np.outer(d, d))
-            whole = replace(
-                true,
-                mass=np.r_[true.mass[:2], mass],
-                centre=np.vstack([true.centre[:2], middle]),
-                inertia=np.concatenate([true.inertia[:2], about[None]]),
-            )
+            masses, centres = np.r_[true.mass[:2], mass], np.vstack([true.centre[:2], middle])
+            inertia = np.concatenate([true.inertia[:2], about[None]])
+            whole = replace(true, mass=masses, centre=centres, inertia=inertia)
             loaded[load] = model_of(whole) if load else model
         out = inverse(loaded[load], q, dq, ddq)
         return out + nominal.armature * ddq + nominal.coulomb * np.tanh(dq / 0.03) + nominal.viscous * dq

@@ -23,11 +23,8 @@ def test_the_gain_is_a_log_likelihood_ratio_and_errors_are_of_moving_rows():
     sign = np.where(np.arange(200) % 3, 1.0, -1.0)
 
     def unfiltered(name, role="validate"):
-        return (
-            [(part, (np.where(moving, LEFT[name], 100.0) * sign)[:, None])]
-            if role == "validate"
-            else [(part, np.full((200, 1), 0.5))]
-        )
+        left = np.where(moving, LEFT[name], 100.0) * sign if role == "validate" else np.full(200, 0.5)
+        return [(part, left[:, None])]
 
     fits = {
         (): SimpleNamespace(values="null", chi2=lambda held: 30.0),
@@ -35,11 +32,8 @@ def test_the_gain_is_a_log_likelihood_ratio_and_errors_are_of_moving_rows():
     }
     search = SimpleNamespace(fit=lambda members=(): fits[members])
     chosen = SimpleNamespace(members=("effect",))
-    pool = SimpleNamespace(
-        unfiltered=unfiltered,
-        table=SimpleNamespace(of_role=lambda role: None),
-        estimate=SimpleNamespace(parts=[SimpleNamespace(step=OUTCOME.block / 10)]),
-    )
+    estimate = SimpleNamespace(parts=[SimpleNamespace(step=OUTCOME.block / 10)])
+    pool = SimpleNamespace(unfiltered=unfiltered, estimate=estimate)
     found = outcome.shrinkage(search, pool, SimpleNamespace(named=chosen, leading=chosen), None)
     assert found.gain == pytest.approx((30.0 - 10.0) / 2)
     assert [found.before, found.after, found.floor] == pytest.approx([3.0, 1.0, 0.5])
