@@ -81,11 +81,7 @@ CELLS = {
     "zero of J2": (lambda r: changed(r, ["j2_deg"], lambda v: v + 90), {"convention"}, "zero of J2 differs"),
     "zero of J5": (lambda r: changed(r, ["j5_deg"], lambda v: v - 90), {"convention"}, "zero of J5 differs"),
     "coupling": (lambda r: coupled(r), {"convention"}, "J3 is coupled to J2"),
-    "exchanged columns": (
-        lambda r: swapped(r),
-        {"convention"},
-        "the columns `j4_deg` and `j6_deg` are inter",
-    ),
+    "exchanged columns": (lambda r: swapped(r), {"convention"}, "`j4_deg` and `j6_deg` are interchanged"),
     "beyond a limit": (lambda r: some(r, 7, j1_deg="200"), {"limits"}, "J1 is at 200 deg"),
     "impossible row": (lambda r: turned(r, 7), {"impossible_row"}, "impossible contact"),
     "copy of a row": (lambda r: [*r, r[20] | AGAIN], {"doubled_row"}, "row `again` has"),
