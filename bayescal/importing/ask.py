@@ -58,12 +58,11 @@ def robodk(log: Log, n: int) -> tuple[Columns, dict[str, np.ndarray]]:
         Quantities j1 ... jn, x, y, z if measured, tool; TCP positions (3,) m in the flange frame.
     """
     layouts = {n + 3: (None, n), n + 6: (n, n + 3), n + 12: (n, n + 6)}
-    width = log.width
-    if width not in layouts:
-        what = f"{width} columns do not match a RoboDK table of {n} joints"
+    if log.width not in layouts:
+        what = f"{log.width} columns do not match a RoboDK table of {n} joints"
         remedy = f"it has {', '.join(map(str, layouts))} columns (joints, measured, tool); or give --map"
         raise BayescalError(what, log.name, remedy)
-    measured, tool = layouts[width]
+    measured, tool = layouts[log.width]
     map_ = {f"j{i + 1}": Column(f"#{i + 1}", UNITS["deg"]) for i in range(n)} | _xyz("tool_", tool)
     if measured is not None:
         map_ |= _xyz("", measured)
@@ -182,11 +181,9 @@ class Request:
 
     def check(self) -> None:
         """Refuse missing and invalid options of a log of contacts."""
-        for option in ("joints", "torque", "topic"):
-            if getattr(self, option):
+        for option in ("joints", "torque", "topic", "table"):
+            if getattr(self, option) != ("csv" if option == "table" else ""):
                 raise BayescalError("is an option of logs of motions", f"--{option}", "give --motions too")
-        if self.table != "csv":
-            raise BayescalError("is an option of logs of motions", "--table", "give --motions too")
         for option, choices in CHOICES.items():
             if getattr(self, option) not in choices:
                 what = f"`{getattr(self, option)}` is not known"
@@ -210,6 +207,12 @@ class Request:
                 raise BayescalError("the unit of the points is not stated", path.name, remedy)
 
 
+def check_new(folder: Path) -> None:
+    """Refuse a folder in which a session would be written over other files."""
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise BayescalError("the folder is there already and not empty", str(folder), "give a new one")
+
+
 def base_of(request: Request) -> Dataset:
     """A session of no rows: the template's (with another robot where one is named), or a bare one."""
     if (path := request.source) is not None:
@@ -220,11 +223,10 @@ def base_of(request: Request) -> Dataset:
             base = replace(base, robot=robot, robot_reference=request.robot)
     else:
         robot, _ = load_robot(request.robot, allow_xacro=request.allow_xacro)
-        rows = no_rows(robot.n)
-        name, reference = request.log.stem, request.robot
         base = Dataset(
-            name, request.log.parent, robot, reference, request.readings, UPRIGHT, (), Noise(), (), (), rows
-        )
+            request.log.stem, request.log.parent, robot, request.robot, request.readings, UPRIGHT, (),
+            Noise(), (), (), no_rows(robot.n),
+        )  # fmt: skip
     noise = base.noise
     if request.noise:
         length, _, angle = request.noise.partition(",")

@@ -144,10 +144,8 @@ def _is_text(key: str, column: Column) -> bool:
 def _used(column: Column, key: str, header: Sequence[str], width: int, where: str) -> list[Expression]:
     """The columns that an entry of a map needs."""
     if _is_text(key, column):
-        if column.constant or "{" in column.name:
-            names = re.findall(r"\{([^{}]+)\}", column.name)
-        else:
-            names = [column.name]
+        several = column.constant or "{" in column.name
+        names = re.findall(r"\{([^{}]+)\}", column.name) if several else [column.name]
         return [Expression(name, (place(name, header, width, where),)) for name in names]
     if not column.turn:
         return [parse(column.name, header, width, where)]
@@ -216,9 +214,8 @@ def _mark(log: Log, numeric: set[int], decimal: str) -> str:
         return ","
     if not any("," in "".join([row[i] for row in log.rows]) for i in numeric):
         return ""
-    every = [
-        (row[i].strip("[]"), n) for i in sorted(numeric) for row, n in zip(log.rows, log.line, strict=True)
-    ]
+    numbered = list(zip(log.rows, log.line, strict=True))
+    every = [(row[i].strip("[]"), n) for i in sorted(numeric) for row, n in numbered]
     commas = [(cell, n) for cell, n in every if "," in cell]
     if any(re.fullmatch(r"[+-]?\d*\.\d+(?:[eE][+-]?\d+)?", cell) for cell, _ in every):
         return "."

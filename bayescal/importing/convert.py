@@ -63,11 +63,9 @@ def row_words(dataset: Dataset, line: int) -> str:
         ("temperature", rows.temperature, 1.0, "°C"),
         ("payload", rows.payload, 1.0, "kg"),
     )
-    parts += [
-        f"{name} {values[0] * scale:.6g} {unit}"
-        for name, values, scale, unit in singles
-        if values is not None and np.isfinite(values[0])
-    ]
+    for name, values, scale, unit in singles:
+        if values is not None and np.isfinite(values[0]):
+            parts.append(f"{name} {values[0] * scale:.6g} {unit}")
     return f"first row (line {line}): {', '.join(parts)}"
 
 
@@ -124,9 +122,8 @@ def located_words(dataset: Dataset, loose: Loose) -> tuple[str, ...]:
     for target in dataset.targets:
         if target.name in loose.targets:
             turn = ", ".join(f"{v:.3f}" for v in np.rad2deg(target.values["rpy"]))
-            lines.append(
-                f"instrument `{target.name}` located at {_mm(target.values['xyz'])} mm, rpy {turn} deg"
-            )
+            place = f"{_mm(target.values['xyz'])} mm, rpy {turn} deg"
+            lines.append(f"instrument `{target.name}` located at {place}")
     off = 1e3 * away(dataset, dataset.measurements.readings)
     lines.append(f"error of the nominal arm: median {np.median(off):.2g} mm, maximum {off.max():.2g} mm")
     return tuple(lines)
@@ -277,9 +274,8 @@ def _refuse_motions(columns: Columns) -> None:
     """Refuse quantities that only a joint log has."""
     for key in columns.cells:
         if key in ("motion", "kind") or key.lstrip("j0123456789") in OF_MOTIONS:
-            raise BayescalError(
-                f"`{key}` is a quantity of joint logs", "--map", "remove it, or give --motions too"
-            )
+            what = f"`{key}` is a quantity of joint logs"
+            raise BayescalError(what, "--map", "remove it, or give --motions too")
 
 
 def _from_the_beginning(columns: Columns) -> tuple[Columns, tuple[str, ...]]:
@@ -302,11 +298,8 @@ def _columns(request: Request, robot: Robot) -> Read:
     """All rows of a request."""
     centres: dict[str, np.ndarray] = {}
     notes: list[str] = []
-    n, servos, slides = (
-        robot.n,
-        request.servos(robot.joint_names),
-        (np.flatnonzero(robot.slides) + 1).tolist(),
-    )
+    n, servos = robot.n, request.servos(robot.joint_names)
+    slides = (np.flatnonzero(robot.slides) + 1).tolist()
     if request.format != "csv" or servos:
         only_revolute(robot, f"logs of {request.format}", "import a table, with a map")
     if request.format == "robodk" and not request.map:

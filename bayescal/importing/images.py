@@ -26,7 +26,7 @@ from bayescal.dataset.target_kinds import CAMERA
 from bayescal.dataset.types import Measurements
 from bayescal.dataset.write import write_files
 from bayescal.errors import BayescalError, listed
-from bayescal.importing.ask import Request, base_of
+from bayescal.importing.ask import Request, base_of, check_new
 from bayescal.importing.roles import role_note, with_roles
 from bayescal.storage.files import stem_of
 from bayescal.storage.folders import whole
@@ -94,9 +94,8 @@ def convert_images(request: Request) -> ImageDraft:
     used = [f for f in seen if len(f.number) >= min(FEWEST, len(board.points))]
     if len(used) < FEWEST_IMAGES:
         what = f"the board is found in {len(used)} of {len(seen)} images"
-        raise BayescalError(
-            what, str(request.log), f"{FEWEST_IMAGES} are needed; check --board and the light"
-        )
+        remedy = f"{FEWEST_IMAGES} are needed; check --board and the light"
+        raise BayescalError(what, str(request.log), remedy)
     left = sorted({f.name for f in seen} - {f.name for f in used})
     notes = [f"board not found in: {listed(left, 6)}"] if left else []
     session, lens = _session(cv2, request, base, board, used, readings, size)
@@ -105,12 +104,11 @@ def convert_images(request: Request) -> ImageDraft:
         session, lens = _session(cv2, request, base, board, used, readings, size)
         words = f"numbered from the other end of the board, as the arm tells: {listed(sorted(turned), 6)}"
         notes.append(words)
-    session, roles = with_roles(session, request.validate, "--validate") if request.validate else (
-        session, role_note(session)
-    )  # fmt: skip
-    picture = _picture(cv2, images, used)
+    roles = role_note(session)
+    if request.validate:
+        session, roles = with_roles(session, request.validate, "--validate")
     text = f"{len(used)} images of {len(seen)}, {sum(len(f.number) for f in used)} corners, {how}"
-    return ImageDraft(session, picture, text, (*notes, *lens, roles))
+    return ImageDraft(session, _picture(cv2, images, used), text, (*notes, *lens, roles))
 
 
 def opencv() -> Any:
@@ -134,8 +132,7 @@ def write_images(draft: ImageDraft, folder: Path, force: bool = False) -> None:
     with scratch("bayescal-import") as place:
         write_dataset(draft.dataset, place / "trial")
         read_dataset(place / "trial", judge=not force)
-    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise BayescalError("the folder is there already and not empty", str(folder), "give a new one")
+    check_new(folder)
     with whole(folder, SETTINGS) as stage:
         write_files(draft.dataset, stage)
         (stage / PICTURE).write_bytes(draft.picture)
@@ -162,9 +159,7 @@ def _readings(request: Request, robot: Robot) -> Table:
         check_groups(header, where, [joint_columns("degps", robot.units)])
 
     table = read_cells(path, check)
-    return (
-        table if "image" in table.cells else replace(table, cells=table.cells | {"image": table.cells["id"]})
-    )
+    return replace(table, cells={"image": table.cells.get("id", ()), **table.cells})
 
 
 def _images(folder: Path, readings: Table) -> dict[str, Path]:
@@ -225,9 +220,8 @@ def _detector(
     some = [_grey(cv2, path) for path in list(images.values())[:: max(len(images) // TRIED, 1)][:TRIED]]
     ids = {text: _markers(cv2, text, some) for text in DICTIONARIES}
     text = max(ids, key=lambda name: len(ids[name]))
-    layouts = [
-        cv2.aruco.CharucoBoard(board.squares, board.size, board.marker, _dictionary(cv2, text)) for _ in "ab"
-    ]
+    sizes = (board.squares, board.size, board.marker)
+    layouts = [cv2.aruco.CharucoBoard(*sizes, _dictionary(cv2, text)) for _ in "ab"]
     layouts[1].setLegacyPattern(True)
     own = set(np.ravel(layouts[0].getIds()).tolist())
     if len(other := set(ids[text]) - own) > 1:
@@ -330,9 +324,8 @@ def _session(
             what = f"images have {size[0]} x {size[1]} px, the camera of the template {own[0]:g} x {own[1]:g}"
             raise BayescalError(what, str(request.log), "give the calibration of this resolution")
         return replace(base, targets=(target,), measurements=m), notes
-    values: dict[str, Any] = {
-        stem_of(key)[0]: np.nan for key in CAMERA if key not in ("mount", "lens", "board")
-    }
+    numbers = [key for key in CAMERA if key not in ("mount", "lens", "board")]
+    values: dict[str, Any] = dict.fromkeys((stem_of(key)[0] for key in numbers), np.nan)
     lens, rms = _calibrated(cv2, board, used, size)
     values |= lens | {"size": np.array(size, float)}
     note = f"lens from these images: fx {lens['fx']:.1f}, fy {lens['fy']:.1f} px, RMS {rms:.2f} px"
@@ -384,10 +377,8 @@ def _picture(cv2: Any, images: dict[str, Path], used: Sequence[Found]) -> bytes:
         shrink = TILE / grey.shape[1]
         tile = cv2.cvtColor(cv2.resize(grey, (TILE, round(grey.shape[0] * shrink))), cv2.COLOR_GRAY2BGR)
         for (u, v), k in zip(f.pixel * shrink, f.number, strict=True):
-            first = k == f.number.min()
-            cv2.circle(
-                tile, (round(u), round(v)), 4 if first else 2, (0, 0, 255) if first else (0, 200, 0), -1
-            )
+            size, colour = (4, (0, 0, 255)) if k == f.number.min() else (2, (0, 200, 0))
+            cv2.circle(tile, (round(u), round(v)), size, colour, -1)
         cv2.putText(tile, f.name[:30], (4, 14), cv2.FONT_HERSHEY_SIMPLEX, 0.4, (255, 120, 0), 1)
         tiles.append(tile)
     across = min(6, len(tiles))

@@ -103,17 +103,11 @@ def _of_mjcf(path: Path) -> Arm:
     left = [model.joint(j).name for j in hinges if j not in arms]
     notes = [f"the arm is written out from {path.name}: {listed(names, 12)}"]
     if left or model.njnt > len(hinges):
-        notes.append(
-            f"joints at zero, as parts of the last body: {listed(left, 12) or 'those that do not turn'}"
-        )
+        still = listed(left, 12) or "those that do not turn"
+        notes.append(f"joints at zero, as parts of the last body: {still}")
     settings = {"gravity_mps2": [float(f"{g:.9g}") for g in model.opt.gravity]}
-    entry = {"joints": entries}
-    return Arm(model_name(root, path), names, limits, np.eye(len(arms)), entry, None, settings, tuple(notes))
-
-
-def model_name(root: Any, path: Path) -> str:
-    """Name of a model, or of its file."""
-    return root.get("model") or path.stem
+    entry, name = {"joints": entries}, root.get("model") or path.stem
+    return Arm(name, names, limits, np.eye(len(arms)), entry, None, settings, tuple(notes))
 
 
 def _above(model: Any, body: int) -> list[int]:

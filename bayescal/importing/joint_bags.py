@@ -58,9 +58,8 @@ def read_bag(path: Path, joints: Sequence[str], robot: str, stated: str, topic: 
         raise
     except Exception as error:  # rosbags fails in any way at parts that are damaged
         what = f"the bag cannot be read: {error}"
-        raise BayescalError(
-            what, path.name, "`ros2 bag reindex` repairs a recording that was stopped"
-        ) from None
+        remedy = "`ros2 bag reindex` repairs a recording that was stopped"
+        raise BayescalError(what, path.name, remedy) from None
 
 
 def _record(bag: Any, name: str, joints: Sequence[str], robot: str, stated: str, topic: str) -> Record:
@@ -77,10 +76,8 @@ def _record(bag: Any, name: str, joints: Sequence[str], robot: str, stated: str,
         notes.append(f"messages that are not read: {listed(lost)}")
     full = [s for s in streams if "position" in s[1].joints and topic in ("", s[1].name)]
     if topic and not full:
-        there = listed(sorted(s[1].name for s in streams))
-        raise BayescalError(
-            f"no joint positions on `{topic}`", name, f"topics with joint states: {there or 'none'}"
-        )
+        remedy = f"topics with joint states: {listed(sorted(s[1].name for s in streams)) or 'none'}"
+        raise BayescalError(f"no joint positions on `{topic}`", name, remedy)
     first = [s for s in full if s[0] == full[0][0]]
     usual = [s for s in first if s[1].name.endswith("/joint_states")]
     if not full:
@@ -88,19 +85,16 @@ def _record(bag: Any, name: str, joints: Sequence[str], robot: str, stated: str,
         remedy = why[0] if why else "record /joint_states"
         raise BayescalError(f"no joint positions of the {len(joints)} joints; topics: {there}", name, remedy)
     if len(first) > 1 and len(usual) != 1:
-        topics = listed([s[1].name for s in first])
-        raise BayescalError(
-            f"joint positions on several topics: {topics}", name, "choose one: `--topic NAME`"
-        )
+        what = f"joint positions on several topics: {listed([s[1].name for s in first])}"
+        raise BayescalError(what, name, "choose one: `--topic NAME`")
     kind, rows, said = (usual if len(usual) == 1 else first)[0]
     notes = [f"rows of {rows.name} ({kind})", *said, *notes]
     torque = MESSAGES[kind].torque
     if kind.endswith("JointState") and AMPERES.search(robot.lower()) and "torque" in rows.joints:
         renamed = {"current" if k == "torque" else k: v for k, v in rows.joints.items()}
         rows, torque = replace(rows, joints=renamed), "current"
-        notes.append(
-            "efforts of a UR are motor currents, A, as its driver writes them; --torque motor if in N m"
-        )
+        what = "efforts of a UR are motor currents, A, as its driver writes them"
+        notes.append(f"{what}; --torque motor if in N m")
     have = {*rows.joints}
     others = []
     for other_kind, other, _ in streams:
@@ -136,16 +130,11 @@ def _stream(
                     raise
                 few += 1
                 continue
-        values = {
-            k: next((v for g in gs if (v := g(content)) is not None and len(v)), None)
-            for k, gs in readers.items()
-        }
         received.append(stamp)
         header.append(_nanoseconds(content, message.stamp))
-        for key, value in values.items():
-            cells[key].append(
-                None if value is None or len(value) <= max(order or (0,)) else np.asarray(value)[order]
-            )
+        for key, getters in readers.items():
+            value = next((v for get in getters if (v := get(content)) is not None and len(v)), ())
+            cells[key].append(np.asarray(value)[order] if len(value) > max(order or (0,)) else None)
     blocks = {k: np.array(v, float) for k, v in cells.items() if v and all(c is not None for c in v)}
     time, said = _clock(np.array(received), np.array(header), message.stamp)
     notes = [how, said, f"{few} messages without all joints left out" if few else ""]

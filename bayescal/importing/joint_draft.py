@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import gzip
-import io
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -12,14 +11,16 @@ from typing import Any
 import numpy as np
 
 from bayescal.errors import BayescalError
-from bayescal.importing.ask import MOTION_FORMATS, Request
+from bayescal.importing.ask import MOTION_FORMATS, Request, check_new
 from bayescal.importing.joint_arms import Arm, arm_of
 from bayescal.importing.joint_bags import is_bag, read_bag
-from bayescal.importing.joint_formats import AIDS, QUANTITIES, SINGLE, Record, library
+from bayescal.importing.joint_formats import AIDS, SINGLE, Record, library
 from bayescal.importing.joint_rows import Rows, divided, repeats, roles, speeds
 from bayescal.importing.joint_tables import is_lerobot, read_lerobot, read_sage, read_table, sage_folders
 from bayescal.importing.joint_torques import contradiction, one_torque
 from bayescal.logs import SCHEMA, read_log
+from bayescal.logs.read import PER_JOINT
+from bayescal.storage.files import si
 from bayescal.storage.folders import whole
 from bayescal.storage.locks import scratch
 
@@ -62,16 +63,21 @@ def format_of(request: Request) -> str:
     if request.format in MOTION_FORMATS:
         return request.format
     if request.format == "csv":
-        known = {
-            "rosbag": is_bag(path) or (path.is_dir() and any(map(is_bag, path.iterdir()))),
-            "lerobot": is_lerobot(path),
-            "sage": bool(sage_folders(path)),
-        }
-        if any(known.values()):
-            return next(name for name, is_one in known.items() if is_one)
-    return (
-        request.format if request.format in ("csv", "ur-rtde") and (request.motions or path.is_dir()) else ""
-    )
+        if _bags(path):
+            return "rosbag"
+        if is_lerobot(path):
+            return "lerobot"
+        if sage_folders(path):
+            return "sage"
+    of_motions = request.format in ("csv", "ur-rtde") and (request.motions or path.is_dir())
+    return request.format if of_motions else ""
+
+
+def _bags(path: Path) -> list[Path]:
+    """The bag at a path, or those in it."""
+    if is_bag(path):
+        return [path]
+    return sorted(filter(is_bag, path.iterdir())) if path.is_dir() else []
 
 
 def convert_motions(request: Request) -> MotionDraft:
@@ -96,9 +102,8 @@ def convert_motions(request: Request) -> MotionDraft:
     if request.table not in TABLES:
         raise BayescalError(f"`{request.table}` is not known", "--table", f"must be {' or '.join(TABLES)}")
     if not request.robot:
-        raise BayescalError(
-            "the robot is not stated", "--robot", "give its name, or a URDF, MJCF or robot.yaml"
-        )
+        remedy = "give its name, or a URDF, MJCF or robot.yaml"
+        raise BayescalError("the robot is not stated", "--robot", remedy)
     arm = arm_of(request.robot, request.allow_xacro)
     records = _records(request, format_, arm)
     rows, notes = divided(records, request.motions)
@@ -107,7 +112,7 @@ def convert_motions(request: Request) -> MotionDraft:
     rows, torque, said = one_torque(rows, velocity, records[0].torque, request.torque)
     same = repeats(rows)
     groups = {k: [rows.ids[i] for i, s in enumerate(same) if s == k] for k in dict.fromkeys(same)}
-    again = [f"{', '.join(names)}" for names in groups.values() if len(names) > 1]
+    again = [", ".join(names) for names in groups.values() if len(names) > 1]
     step = float(np.median(np.diff(rows.time)))
     rows, more = _temperature(rows)
     clocks = {r.clock for r in records}
@@ -161,8 +166,7 @@ def write_motions(draft: MotionDraft, folder: Path, force: bool = False) -> None
     """
     if draft.wrong and not force:
         raise BayescalError(draft.wrong, draft.log, "correct the map, or write the log with --force")
-    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise BayescalError("the folder is there already and not empty", str(folder), "give a new one")
+    check_new(folder)
     with scratch("bayescal-import") as trial:
         _write(draft, trial)
         read_log(trial)
@@ -177,9 +181,8 @@ def _write(draft: MotionDraft, folder: Path) -> None:
     import yaml
 
     head = "".join(f"# {line}\n" for line in (f"imported from {draft.log}", *draft.notes))
-    text = yaml.safe_dump(
-        dict(draft.settings), sort_keys=False, default_flow_style=None, width=10**6, allow_unicode=True
-    )
+    usual: dict[str, Any] = {"sort_keys": False, "default_flow_style": None, "allow_unicode": True}
+    text = yaml.safe_dump(dict(draft.settings), width=10**6, **usual)
     (folder / "dataset.yaml").write_text(head + text, encoding="utf-8", newline="")
     table = pd.DataFrame(draft.columns)
     if draft.table == "parquet":
@@ -187,10 +190,8 @@ def _write(draft: MotionDraft, folder: Path) -> None:
         table.to_parquet(folder / "motion.parquet", engine="pyarrow", index=False)
     else:
         content = table.round(DECIMALS).to_csv(index=False, lineterminator="\n").encode()
-        out = io.BytesIO()
-        with gzip.GzipFile(fileobj=out, mode="wb", mtime=0, compresslevel=4) as stream:
+        with (folder / "motion.csv.gz").open("wb") as file, gzip.GzipFile("", "wb", 4, file, 0) as stream:
             stream.write(content)
-        (folder / "motion.csv.gz").write_bytes(out.getvalue())
     if draft.robot is not None:
         (folder / draft.robot[0]).write_bytes(draft.robot[1])
 
@@ -206,32 +207,19 @@ def _records(request: Request, format_: str, arm: Arm) -> list[Record]:
     if format_ == "sage":
         return [read_sage(folder, arm.joint_names, request.joints) for folder in sage_folders(path)]
     if format_ == "rosbag":
-        bags = (
-            [path]
-            if is_bag(path)
-            else sorted(p for p in path.iterdir() if is_bag(p))
-            if path.is_dir()
-            else []
-        )
+        bags, robot = _bags(path), f"{request.robot} {arm.name}"
         if not bags:
-            raise BayescalError(
-                "not a bag", path.name, "give the folder of a bag, or a .mcap, .db3 or .bag file"
-            )
-        names = arm.joint_names
-        return [
-            read_bag(bag, names, f"{request.robot} {arm.name}", request.joints, request.topic) for bag in bags
-        ]
+            remedy = "give the folder of a bag, or a .mcap, .db3 or .bag file"
+            raise BayescalError("not a bag", path.name, remedy)
+        return [read_bag(bag, arm.joint_names, robot, request.joints, request.topic) for bag in bags]
     files = sorted(p for p in path.iterdir() if p.suffix in (".csv", ".txt")) if path.is_dir() else [path]
     if not files:
-        raise BayescalError(
-            "no log in the folder", path.name, "give a folder of .csv files, bags, or a data set"
-        )
+        remedy = "give a folder of .csv files, bags, or a data set"
+        raise BayescalError("no log in the folder", path.name, remedy)
     if format_ == "csv" and not request.map:
         what = "the contents and units of the columns are not stated"
-        remedy = (
-            'write --map "time=t s, j*=q* rad, j*_velocity=dq* radps, j*_command=qd* rad, j*_torque=tau* Nm"'
-        )
-        raise BayescalError(what, path.name, remedy)
+        example = "time=t s, j*=q* rad, j*_velocity=dq* radps, j*_command=qd* rad, j*_torque=tau* Nm"
+        raise BayescalError(what, path.name, f'write --map "{example}"')
     return [read_table(file, request.map, format_, request.decimal, arm.n, servos) for file in files]
 
 
@@ -248,12 +236,8 @@ def _temperature(rows: Rows) -> tuple[Rows, tuple[str, ...]]:
 def _motion(rows: Rows, k: int, role: str, same: int) -> dict[str, Any]:
     own = rows.of(k + 1)
     payload = float(np.median(rows.single["payload"][own])) if "payload" in rows.single else 0.0
-    out = {
-        "id": str(rows.ids[k]),
-        "role": role,
-        "kind": str(rows.kinds[k]),
-        "same_as": str(rows.ids[same - 1]),
-    }
+    names = (str(rows.ids[k]), role, str(rows.kinds[k]), str(rows.ids[same - 1]))
+    out = dict(zip(("id", "role", "kind", "same_as"), names, strict=True))
     return {key: value for key, value in out.items() if value} | {"payload_kg": float(f"{payload:.6g}")}
 
 
@@ -264,7 +248,7 @@ def _columns(rows: Rows, role: Sequence[str]) -> dict[str, np.ndarray]:
         "motion": np.array(rows.ids)[rows.motion - 1],
         "role": np.array(role)[rows.motion - 1],
     }
-    for name, quantity in QUANTITIES.items():
-        if name in rows.joints:
-            out |= {quantity.column(j): v * quantity.factor for j, v in enumerate(rows.joints[name].T)}
-    return out | {column: rows.single[k] for k, (column, _) in SINGLE.items() if k in rows.single}
+    for name, form in PER_JOINT.items():
+        for j, values in enumerate(rows.joints[name].T if name in rows.joints else (), 1):
+            out[form.format(j)] = values * (1.0 / si(form))
+    return out | {column: rows.single[k] for k, column in SINGLE.items() if k in rows.single}

@@ -22,35 +22,14 @@ from bayescal.robots.servos import GRIPPER
 DEG = 180 / math.pi
 
 
-@dataclass(frozen=True)
-class Quantity:
-    """Columns ``prefix{joint}unit`` of motion.csv, their factor from SI, and the largest value (SI)."""
-
-    prefix: str
-    unit: str
-    factor: float
-    largest: float
-
-    def column(self, joint: int) -> str:
-        """Name of the column of a joint, from 0."""
-        return f"{self.prefix}{joint + 1}{self.unit}"
-
-
-QUANTITIES = {
-    "position": Quantity("q", "_deg", DEG, 1e3),
-    "velocity": Quantity("dq", "_degps", DEG, 1e3),
-    "command": Quantity("command", "_deg", DEG, 1e3),
-    "link": Quantity("link", "_deg", DEG, 1e3),
-    "torque": Quantity("torque", "_Nm", 1.0, 1e5),
-    "magnitude": Quantity("torque_magnitude", "_Nm", 1.0, 1e5),
-    "current": Quantity("current", "_A", 1.0, 1e4),
-}
-"""What motion.csv has of each joint; larger values are corrupt (assumed: 160 turns, 160 turns/s)."""
-SINGLE = {"temperature": ("temperature_degC", 500.0), "payload": ("payload_kg", 1e5)}
-"""What it has of each row, and the largest value."""
-AIDS = {"target_torque": 1e5, "target_current": 1e4, "temperatures": 500.0}
-"""Of each joint, read for constants and temperatures, not written: largest value."""
-LARGEST = {name: q.largest for name, q in QUANTITIES.items()} | {k: v for k, (_, v) in SINGLE.items()} | AIDS
+SINGLE = {"temperature": "temperature_degC", "payload": "payload_kg"}
+"""Columns of motion.csv beside those of joints."""
+LARGEST = {"position": 1e3, "velocity": 1e3, "command": 1e3, "link": 1e3, "torque": 1e5, "magnitude": 1e5}
+LARGEST |= {"current": 1e4, "target_torque": 1e5, "target_current": 1e4, "temperatures": 500.0}
+LARGEST |= {"temperature": 500.0, "payload": 1e5}
+"""Larger values (SI) are corrupt (assumed: 160 turns, 160 turns/s)."""
+AIDS = ("target_torque", "target_current", "temperatures")
+"""Of each joint, read for constants and temperatures, not written."""
 
 MAPPED = {
     "": "position",
@@ -209,9 +188,8 @@ def joint_order(names: Sequence[str], robot: Sequence[str], stated: str, where: 
     wanted = [part.strip() for part in stated.split(",") if part.strip()]
     if wanted and sorted(set(wanted) & set(names)) != sorted(wanted):
         lost = next((name for name in wanted if name not in names), "a name")
-        raise BayescalError(
-            f"no joint `{lost}`, or it is given twice", "--joints", f"the log has {listed(names, 12)}"
-        )
+        what = f"no joint `{lost}`, or it is given twice"
+        raise BayescalError(what, "--joints", f"the log has {listed(names, 12)}")
     if wanted and len(wanted) != len(robot):
         raise BayescalError(f"{len(wanted)} joints, the robot has {len(robot)}", "--joints", "name them all")
     arms = [name for name in names if not GRIPPER.search(name)]
@@ -223,9 +201,7 @@ def joint_order(names: Sequence[str], robot: Sequence[str], stated: str, where: 
         ([name for name in robot if name in names], "by name"),
         ([plain[p] for r in robot if (p := _plain(r)) in plain], "by name"),
         *(([m for s in serial for m in _ending(arms, s)], "from the base on") for serial in SERIAL),
-        ([numbered[k] for k in range(1, n + 1) if k in numbered], "by number")
-        if len(arms) == n
-        else ([], ""),
+        ([numbered[k] for k in range(1, n + 1) if k in numbered and len(arms) == n], "by number"),
     ]
     for order, how in orders:
         if len(order) == n:
@@ -253,8 +229,7 @@ def places(
     if stated:
         raise BayescalError("the log does not name its joints", "--joints", "remove it")
     if width < len(robot):
-        raise BayescalError(
-            f"{width} values a row, the robot has {len(robot)} joints", where, "check --robot"
-        )
+        what = f"{width} values a row, the robot has {len(robot)} joints"
+        raise BayescalError(what, where, "check --robot")
     more = f", the first {len(robot)} of {width}" if width > len(robot) else ""
     return list(range(len(robot))), f"joints in their order{more} (assumed: the log does not name them)"

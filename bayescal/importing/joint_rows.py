@@ -6,12 +6,12 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
-from math import ceil
 
 import numpy as np
 
 from bayescal.errors import BayescalError, listed
 from bayescal.importing.joint_formats import LARGEST, Record, Stream
+from bayescal.importing.roles import Rule
 from bayescal.preparing import signals
 
 BETWEEN = 1.0
@@ -20,8 +20,10 @@ LOST = 0.05
 """Fraction of rows that may be left out as corrupt; more is another mistake (assumed)."""
 MOVING = 0.01
 """rad/s, over 0.1 s: a joint that turns slower is at rest (assumed: above the noise of encoders)."""
-LAST = 0.2
-"""Fraction of the motions that validate by default."""
+LAST = "last:20%"
+"""The motions that validate by default."""
+RULES = "write last:20%, every:5, motions '7,8' or kind 'pick*'"
+"""Rules that are known."""
 MOST = 0.4
 """Largest fraction that motions of another kind may be, to validate all."""
 SAME = (2e-3, 5e-3)
@@ -54,8 +56,8 @@ def on_one_clock(record: Record) -> tuple[Stream, tuple[str, ...]]:
     """The rows of a record with the quantities of its other streams, and in words what was left out."""
     rows, notes = _clean(record.rows)
     for other in record.others:
-        clean, more = _clean(other)
-        notes += more
+        clean, said = _clean(other)
+        notes += said
         if not len(clean.time):
             notes.append(f"{other.name} has no values")
             continue
@@ -68,9 +70,8 @@ def on_one_clock(record: Record) -> tuple[Stream, tuple[str, ...]]:
         if lost := int((~inside).sum()):
             notes.append(f"{lost} rows of {rows.name} outside the time of {other.name} left out")
         rows = _take(rows, inside)
-        rows = replace(
-            rows, joints={**rows.joints} | {k: _at(rows.time, clean, v) for k, v in clean.joints.items()}
-        )
+        more = {k: _at(rows.time, clean, v) for k, v in clean.joints.items()}
+        rows = replace(rows, joints={**rows.joints, **more})
     if len(rows.time) < 2:
         raise BayescalError("fewer than two rows", record.name, "check the file")
     return rows, tuple(notes)
@@ -108,16 +109,14 @@ def _clean(stream: Stream) -> tuple[Stream, list[str]]:
         row = wrong.reshape(len(wrong), -1).any(axis=1)
         if row.any() and not why:
             k = int(np.argmax(row))
-            value = values[k] if values.ndim == 1 else values[k][wrong[k]][0]
-            why = (
-                f"`{key}` is {value:g} (line {stream.lines[k]})"
-                if np.isfinite(value)
-                else f"`{key}` is empty (line {stream.lines[k]})"
-            )
+            value = np.atleast_1d(values[k])[np.atleast_1d(wrong[k])][0]
+            size = f"{value:g}" if np.isfinite(value) else "empty"
+            why = f"`{key}` is {size} (line {stream.lines[k]})"
         bad |= row
-    _refuse_many(stream, bad, why or "time is empty")
+    why = why or "time is empty"
+    _refuse_many(stream, bad, why)
     if bad.any():
-        notes.append(f"{int(bad.sum())} rows of {stream.name} left out, first: {why or 'time is empty'}")
+        notes.append(f"{int(bad.sum())} rows of {stream.name} left out, first: {why}")
     stream = _take(stream, ~bad)
     latest = np.maximum.accumulate(np.concatenate([[-np.inf], stream.time[:-1]]))
     late = stream.time <= latest
@@ -169,9 +168,10 @@ def divided(records: Sequence[Record], rule: str) -> tuple[Rows, tuple[str, ...]
             what = f"`{min(lost)}` is not in all records"
             raise BayescalError(what, stream.name, "import those with the same columns, or map fewer")
     time = _one_time(streams, records, notes)
-    joined = {k: np.concatenate([s.joints[k] for s in streams]) for k in streams[0].joints}
-    single = {k: np.concatenate([s.single[k] for s in streams]) for k in streams[0].single}
-    texts = {k: np.concatenate([s.texts[k] for s in streams]) for k in streams[0].texts}
+    joined, single, texts = (
+        {k: np.concatenate([getattr(s, of)[k] for s in streams]) for k in getattr(streams[0], of)}
+        for of in ("joints", "single", "texts")
+    )
     record = np.repeat(np.arange(len(streams)), [len(s.time) for s in streams])
     name, _, length = (rule or ("column" if "motion" in texts else "files")).partition(":")
     pause = re.fullmatch(r"\s*([\d.]+)\s*s?\s*", length)
@@ -190,14 +190,13 @@ def divided(records: Sequence[Record], rule: str) -> tuple[Rows, tuple[str, ...]
         raise BayescalError("rows of one motion are not together", "--motions", "give each motion one name")
     if len(edge) < 2:
         what = "a single motion: a log needs two or more, one of them to validate"
-        raise BayescalError(
-            what, records[0].name, "give a folder of several files, or divide it: `--motions pause:2 s`"
-        )
+        remedy = "give a folder of several files, or divide it: `--motions pause:2 s`"
+        raise BayescalError(what, records[0].name, remedy)
     motion = np.repeat(np.arange(1, len(edge) + 1), np.diff(np.r_[edge, len(time)]))
     labelled = name == "column" and len(set(texts["motion"][edge])) == len(edge)
-    ids = tuple(texts["motion"][edge]) if labelled else ()
+    ids = tuple(texts["motion"][edge] if labelled else map(str, range(1, len(edge) + 1)))
     kinds = tuple(texts["kind"][edge]) if "kind" in texts else tuple(records[r].kind for r in record[edge])
-    rows = Rows(time, motion, joined, single, ids or tuple(map(str, range(1, len(edge) + 1))), kinds)
+    rows = Rows(time, motion, joined, single, ids, kinds)
     notes.append(f"{len(edge)} motions: {words}")
     return (replace(rows, roles=_stated(rows, texts["role"])) if "role" in texts else rows), tuple(notes)
 
@@ -209,9 +208,8 @@ def _stated(rows: Rows, role: np.ndarray) -> tuple[str, ...]:
         stated = {r or "calibrate" for r in role[rows.of(k)].tolist()}
         if len(stated) > 1 or not stated <= {"calibrate", "validate"}:
             what = f"motion {name} has the roles {listed(sorted(stated))}"
-            raise BayescalError(
-                what, "column `role`", "write calibrate or validate, one for all rows of a motion"
-            )
+            remedy = "write calibrate or validate, one for all rows of a motion"
+            raise BayescalError(what, "column `role`", remedy)
         out.append(stated.pop())
     return tuple(out)
 
@@ -235,10 +233,9 @@ def _one_time(streams: Sequence[Stream], records: Sequence[Record], notes: list[
 def speeds(time: np.ndarray, position: np.ndarray, motion: np.ndarray) -> np.ndarray:
     """Velocities (N, n), rad/s, from positions and stamps, averaged over 0.1 s; not across motions."""
     out = np.zeros_like(position)
-    for k in np.unique(motion):
-        rows = np.flatnonzero(motion == k)
-        if len(rows) > 1:
-            out[rows] = signals.speeds(time[rows], position[rows])
+    for k in np.flatnonzero(np.bincount(motion) > 1):
+        rows = motion == k
+        out[rows] = signals.speeds(time[rows], position[rows])
     return out
 
 
@@ -256,9 +253,8 @@ def _pauses(
             if long and begin > 0 and end < len(rows):
                 label[rows[(begin + end) // 2] :] += 1
         label[rows[-1] + 1 :] += 1
-    return label.astype(
-        str
-    ), f"cut where all joints are slower than {MOVING:g} rad/s for {pause:g} s or longer"
+    words = f"cut where all joints are slower than {MOVING:g} rad/s for {pause:g} s or longer"
+    return label.astype(str), words
 
 
 def roles(rows: Rows, rule: str) -> tuple[tuple[str, ...], str]:
@@ -279,9 +275,8 @@ def roles(rows: Rows, rule: str) -> tuple[tuple[str, ...], str]:
     ids, kinds = np.array(rows.ids), np.array(rows.kinds)
     count = len(ids)
     if rows.roles and rule:
-        raise BayescalError(
-            "a column states the role of each motion already", "--validate", "remove one of the two"
-        )
+        what = "a column states the role of each motion already"
+        raise BayescalError(what, "--validate", "remove one of the two")
     if rows.roles:
         chosen, words = np.array(rows.roles) == "validate", "as the column `role` states"
     elif rule:
@@ -291,36 +286,23 @@ def roles(rows: Rows, rule: str) -> tuple[tuple[str, ...], str]:
         if kinds[-1] and 0 < other.sum() <= MOST * count:
             chosen, words = other, f"by default those of the last kind, `{kinds[-1]}`"
         else:
-            chosen, words = (
-                np.arange(count) >= count - ceil(round(LAST * count, 9)),
-                "by default the last 20 %",
-            )
+            chosen, words = _chosen(ids, kinds, LAST)[0], "by default the last 20 %"
     if not 0 < chosen.sum() < count:
         what = f"{'all' if chosen.all() else 'none'} of the {count} motions would validate"
-        raise BayescalError(what, "--validate", "write last:20%, every:5, motions '7,8' or kind 'pick*'")
+        raise BayescalError(what, "--validate", RULES)
     names = listed(ids[chosen], 12)
     return tuple(np.where(chosen, "validate", "calibrate").tolist()), f"validation motions: {names} ({words})"
 
 
-def _chosen(ids: np.ndarray, kinds: np.ndarray, rule: str) -> tuple[np.ndarray, str]:
-    count = len(ids)
-    parts = re.fullmatch(r"([a-z]+)(?:[:\s]\s*(.+))?", rule.strip())
-    name, value = (parts[1], parts[2] or "") if parts else ("", "")
-    percent = re.fullmatch(r"([\d.]+)\s*%", value)
-    if name == "every" and re.fullmatch(r"\d+", value) and int(value) > 1:
-        return (np.arange(count) + 1) % int(value) == 0, f"one of every {value}"
-    if name == "last" and percent and 0 < float(percent[1]) < 100:
-        return np.arange(count) >= count - ceil(
-            round(count * float(percent[1]) / 100, 9)
-        ), f"the last {value}"
-    patterns = [p for part in value.split(",") if (p := part.strip().strip("'\""))]
-    if name in ("motions", "kind") and patterns:
-        of = (ids if name == "motions" else kinds).tolist()
-        return np.array(
-            [any(fnmatchcase(each, p) for p in patterns) for each in of]
-        ), f"{name} {', '.join(patterns)}"
-    what = f"'{rule}' is not a rule for validation motions"
-    raise BayescalError(what, "--validate", "write last:20%, every:5, motions '7,8' or kind 'pick*'")
+def _chosen(ids: np.ndarray, kinds: np.ndarray, text: str) -> tuple[np.ndarray, str]:
+    rule = Rule.read(text)
+    if (chosen := rule.by_number(np.arange(len(ids)))) is not None:
+        return chosen, f"one of every {rule.value}" if rule.name == "every" else f"the last {rule.value}"
+    if rule.name in ("motions", "kind") and rule.patterns:
+        of = (ids if rule.name == "motions" else kinds).tolist()
+        alike = [any(fnmatchcase(each, p) for p in rule.patterns) for each in of]
+        return np.array(alike), f"{rule.name} {', '.join(rule.patterns)}"
+    raise BayescalError(f"'{text}' is not a rule for validation motions", "--validate", RULES)
 
 
 def repeats(rows: Rows) -> tuple[int, ...]:
@@ -331,7 +313,7 @@ def repeats(rows: Rows) -> tuple[int, ...]:
     """
     values = rows.joints.get("command", rows.joints["position"])
     velocity = speeds(rows.time, values, rows.motion)
-    curves: list[tuple[float, float, np.ndarray] | None] = []
+    curves: list[Curve | None] = []
     for k in range(1, len(rows.ids) + 1):
         own = rows.of(k)
         moving = np.flatnonzero((np.abs(velocity[own]) > MOVING).any(axis=1))
@@ -340,7 +322,7 @@ def repeats(rows: Rows) -> tuple[int, ...]:
             continue
         own = own[moving[0] : moving[-1] + 1]
         grid = np.linspace(rows.time[own[0]], rows.time[own[-1]], SAMPLES)
-        step = float(np.median(np.diff(rows.time[own]))) if len(own) > 1 else 0.0
+        step = float(np.median(np.diff(rows.time[own])))
         curve = np.column_stack([np.interp(grid, rows.time[own], column) for column in values[own].T])
         curves.append((float(grid[-1] - grid[0]), step, curve))
     first: list[int] = []
@@ -350,7 +332,11 @@ def repeats(rows: Rows) -> tuple[int, ...]:
     return tuple(first)
 
 
-def _same(one: tuple[float, float, np.ndarray] | None, other: tuple[float, float, np.ndarray] | None) -> bool:
+Curve = tuple[float, float, np.ndarray]
+"""Length and step, s, and `SAMPLES` points of a trajectory."""
+
+
+def _same(one: Curve | None, other: Curve | None) -> bool:
     if one is None or other is None:
         return False
     (long, step, a), (wide, _, b) = one, other

@@ -53,14 +53,11 @@ def read_table(
     entries = calibrated(entries, servos) if servos else entries
     columns = columns_of(read_log(path, missing=missing_in(entries), cut=True), entries, decimal)
     if "time" not in columns.cells:
-        raise BayescalError(
-            "no column holds the time", path.name, "map it: `time=t s`, or `time=stamp epoch_s`"
-        )
+        remedy = "map it: `time=t s`, or `time=stamp epoch_s`"
+        raise BayescalError("no column holds the time", path.name, remedy)
     joints = {name: columns.block([f"j{i + 1}{end}" for i in range(n)]) for end, name in MAPPED.items()}
-    single = {k: columns.cells[k] for k in SINGLE if k in columns.cells}
-    texts: dict[str, np.ndarray] = {
-        k: columns.cells[k] for k in ("motion", "role", "kind") if k in columns.cells
-    }
+    words = ("motion", "role", "kind")
+    single, texts = ({k: columns.cells[k] for k in of if k in columns.cells} for of in (SINGLE, words))
     given = {k: v for k, v in joints.items() if v is not None}
     stream = Stream(path.name, columns.cells["time"], given, single, texts, columns.line)
     unused = [f"columns not used: {listed(columns.unused, 12)}"] if columns.unused else []
@@ -76,12 +73,7 @@ def is_lerobot(path: Path) -> bool:
 
 
 def read_lerobot(
-    path: Path,
-    unit: str,
-    joints: Sequence[str],
-    limits: np.ndarray,
-    stated: str,
-    servos: Sequence[Servo] = (),
+    path: Path, unit: str, joints: Sequence[str], limits: np.ndarray, stated: str, servos: Sequence[Servo]
 ) -> list[Record]:
     """Episodes of a LeRobot data set.
 
@@ -107,9 +99,8 @@ def read_lerobot(
     """
     if unit != NORMALISED and not is_unit(unit):
         what = f"the unit of {LEROBOT['position']} is not stated"
-        raise BayescalError(
-            what, path.name, f"write `--map deg`, `rad`, `steps` or `{NORMALISED}` (-100 to 100)"
-        )
+        remedy = f"write `--map deg`, `rad`, `steps` or `{NORMALISED}` (-100 to 100)"
+        raise BayescalError(what, path.name, remedy)
     info = read_json(path / INFO, "give the folder of a LeRobot data set") if path.is_dir() else {}
     files = sorted((path / "data").rglob("*.parquet")) if path.is_dir() else [path]
     if not files:
@@ -118,39 +109,36 @@ def read_lerobot(
     lacking = [c for c in (LEROBOT["position"], "timestamp", "episode_index") if c not in table]
     if lacking:
         raise BayescalError(f"no column `{lacking[0]}`", path.name, f"it has {listed(table, 12)}")
-    names = _names(info, table[LEROBOT["position"]].shape[1])
-    order, how = places(names, table[LEROBOT["position"]].shape[1], joints, stated, path.name)
-    notes = [how, *_units(table, unit, order, servos)]
-    blocks = {
-        q: table[c][:, order] for q, c in LEROBOT.items() if c in table and table[c].shape[1] > max(order)
-    }
-    if left := [c for q, c in LEROBOT.items() if c in table and q not in blocks]:
+    width = table[LEROBOT["position"]].shape[1]
+    order, how = places(_names(info, width), width, joints, stated, path.name)
+    notes = [how, _units(table, unit, order, servos)]
+    there = {q: c for q, c in LEROBOT.items() if c in table}
+    blocks = {q: table[c][:, order] for q, c in there.items() if table[c].shape[1] > max(order)}
+    if left := [c for q, c in there.items() if q not in blocks]:
         notes.append(f"not used, of another size: {', '.join(left)}")
     for quantity in ("position", "command"):
         if quantity in blocks:
             blocks[quantity] = _angles(blocks[quantity], unit, limits, servos)
-    if "velocity" in blocks:
+    if "velocity" in blocks and unit == NORMALISED:
+        del blocks["velocity"]
+        notes.append(f"{LEROBOT['velocity']} is not used: its unit is not known")
+    elif "velocity" in blocks:
         blocks["velocity"] = np.radians(blocks["velocity"]) if unit == "deg" else blocks["velocity"]
         notes.append(f"{LEROBOT['velocity']} is in {'deg/s' if unit == 'deg' else 'rad/s'} (assumed)")
-        if unit == NORMALISED:
-            del blocks["velocity"]
-            notes[-1] = f"{LEROBOT['velocity']} is not used: its unit is not known"
     episode, time = table["episode_index"].astype(int), table["timestamp"].astype(float)
     rate = info.get("fps") if isinstance(info, dict) else None
     frames = table.get("frame_index") if isinstance(rate, int | float) and rate > 0 else None
     made = frames is not None and bool(np.abs(time - frames / rate).max() < OF_FRAME)
     if made:
-        notes.append(
-            f"stamps are the number of the frame / {rate:g} Hz: they show no jitter of the recording"
-        )
+        what = f"stamps are the number of the frame / {rate:g} Hz"
+        notes.append(f"{what}: they show no jitter of the recording")
     task = table.get("task_index", np.zeros(len(time)))
+    torque, clock = "current" if "current" in blocks else "", "frame" if made else "record"
     out: list[Record] = []
     for number in dict.fromkeys(episode.tolist()):
         rows = np.flatnonzero(episode == number)
         stream = Stream(f"episode {number}", time[rows], {k: v[rows] for k, v in blocks.items()})
         kind = f"task {int(task[rows[0]])}"
-        torque = "current" if "current" in blocks else ""
-        clock = "frame" if made else "record"
         out.append(Record(stream.name, stream, (), kind, torque, clock, () if out else tuple(notes)))
     return out
 
@@ -165,19 +153,12 @@ def _parquet(files: Sequence[Path]) -> dict[str, np.ndarray]:
             for name in table.column_names:
                 column = table.column(name).combine_chunks()
                 lists = hasattr(column, "flatten") and hasattr(column.type, "value_type")
-                values = (
-                    column.flatten().to_numpy(zero_copy_only=False)
-                    if lists
-                    else column.to_pandas().to_numpy()
-                )
+                values = (column.flatten() if lists else column).to_numpy(zero_copy_only=False)
                 if values.dtype.kind in "fiu" and len(values) % max(len(table), 1) == 0:
                     part[name] = values.reshape(len(table), -1) if lists else values
-        except BayescalError:
-            raise
         except Exception as error:  # pyarrow fails in any way at damaged files
-            raise BayescalError(
-                f"not a parquet file: {error}", file.name, "give the file as it was written"
-            ) from None
+            what = f"not a parquet file: {error}"
+            raise BayescalError(what, file.name, "give the file as it was written") from None
         parts.append(part)
     return {k: np.concatenate([p[k] for p in parts]) for k in parts[0] if all(k in p for p in parts)}
 
@@ -192,27 +173,21 @@ def _names(info: Any, width: int) -> list[str]:
     return flat if len(flat) == width else []
 
 
-def _units(
-    table: dict[str, np.ndarray], unit: str, order: Sequence[int], servos: Sequence[Servo]
-) -> list[str]:
+def _units(table: dict[str, np.ndarray], unit: str, order: Sequence[int], servos: Sequence[Servo]) -> str:
     """In words how values become angles; normalised ones beyond 100 are refused."""
     if unit != NORMALISED:
         ways = {
-            "steps": "4096 a turn; zero is the middle of the range"
-            if servos
-            else "4096 a turn; zero is half a turn",
+            "steps": f"4096 a turn; zero is {'the middle of the range' if servos else 'half a turn'}",
             "deg": "of 4095 steps a turn, corrected to 4096" if servos else "LeRobot's are 0.024 % too large",
         }
         how = f" ({ways[unit]})" if unit in ways else ""
-        return [f"{LEROBOT['position']} and {LEROBOT['command']} are in {unit}, as stated{how}"]
+        return f"{LEROBOT['position']} and {LEROBOT['command']} are in {unit}, as stated{how}"
     most = float(np.nanmax(np.abs(table[LEROBOT["position"]][:, order])))
     if most > 100 * (1 + 1e-3):
-        raise BayescalError(
-            f"normalised values up to {most:.4g}, at most 100", LEROBOT["position"], "is it `--map deg`?"
-        )
-    if servos:
-        return ["normalised values: -100 to 100 is the range of each servo in the calibration"]
-    return ["normalised values: -100 to 100 is the range of each joint in the robot file (assumed)"]
+        what = f"normalised values up to {most:.4g}, at most 100"
+        raise BayescalError(what, LEROBOT["position"], "is it `--map deg`?")
+    whose = "servo in the calibration" if servos else "joint in the robot file (assumed)"
+    return f"normalised values: -100 to 100 is the range of each {whose}"
 
 
 def _angles(values: np.ndarray, unit: str, limits: np.ndarray, servos: Sequence[Servo]) -> np.ndarray:
@@ -220,9 +195,8 @@ def _angles(values: np.ndarray, unit: str, limits: np.ndarray, servos: Sequence[
         return angles(values, unit, servos)
     if unit == NORMALISED:
         if not np.isfinite(limits).all():
-            raise BayescalError(
-                "the robot states no limits of its joints", "--robot", "normalised values need them"
-            )
+            what = "the robot states no limits of its joints"
+            raise BayescalError(what, "--robot", "normalised values need them")
         return np.asarray(limits[:, 0] + (values + 100) / 200 * (limits[:, 1] - limits[:, 0]))
     stated = unit_of(unit, "angle", "--map")
     return np.asarray(stated.scale * values + stated.offset)
@@ -244,12 +218,8 @@ def read_sage(folder: Path, joints: Sequence[str], stated: str) -> Record:
     """
     place = f"{folder.name}/{STATES}"
     time, lists, scale = _listed(folder / STATES, SAGE, place)
-    names_file = folder / JOINTS
-    names = (
-        [s for line in names_file.read_text("utf-8").splitlines() if (s := line.strip().rsplit("/", 1)[-1])]
-        if names_file.is_file()
-        else []
-    )
+    lines = (folder / JOINTS).read_text("utf-8").splitlines() if (folder / JOINTS).is_file() else []
+    names = [last for line in lines if (last := line.strip().rsplit("/", 1)[-1])]
     width = lists[SAGE["position"]].shape[1]
     if names and len(names) != width:
         what = f"{width} positions, {len(names)} names in {JOINTS}"
@@ -270,13 +240,12 @@ def read_sage(folder: Path, joints: Sequence[str], stated: str) -> Record:
         keep = (time >= begin) & (time <= end)
         notes.append(f"{int((~keep).sum())} rows before MOTION_START or after DISABLE left out")
     if (folder / CONTROL).is_file():
-        sent, commands, _ = _listed(
-            folder / CONTROL, {"command": SAGE["position"]}, f"{folder.name}/{CONTROL}"
-        )
+        where = f"{folder.name}/{CONTROL}"
+        sent, commands, _ = _listed(folder / CONTROL, {"command": SAGE["position"]}, where)
         command = commands[SAGE["position"]]
         if command.shape[1] != width:
             what = f"{command.shape[1]} positions, {width} in {STATES}"
-            raise BayescalError(what, f"{folder.name}/{CONTROL}", "give the files of one motion")
+            raise BayescalError(what, where, "give the files of one motion")
         others = (Stream(CONTROL, sent, {"command": command[:, order]}, held=True),)
         notes.append(f"the command of a row is the last one sent before it ({CONTROL})")
     kept = {k: v[keep] for k, v in blocks.items()}
@@ -292,10 +261,8 @@ def _listed(
     log = read_log(path, headed=True, cut=True)
     try:
         time = np.array([float(row[log.header.index("timestamp")]) for row in log.rows])
-        there = [c for c in wanted.values() if c in log.header]
-        lists = {
-            c: np.array([json.loads(row[log.header.index(c)]) for row in log.rows], float) for c in there
-        }
+        found = {c: log.header.index(c) for c in wanted.values() if c in log.header}
+        lists = {c: np.array([json.loads(row[k]) for row in log.rows], float) for c, k in found.items()}
         lists = {c: v for c, v in lists.items() if v.ndim == 2 and v.shape[1]}
         first = next(iter(wanted.values()))
         if first not in lists:

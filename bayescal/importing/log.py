@@ -175,11 +175,10 @@ def _rows(load: Any, content: bytes, sheet: str, file: str) -> tuple[list[Row], 
             raise BayescalError(f"{size / 1e6:.0f} MB when unpacked", file, TOO_LARGE)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of styles and extensions, which are not read
-            values, formulas = (
-                load(io.BytesIO(content), read_only=True, data_only=only) for only in (True, False)
-            )
-            name = _sheet(values, sheet, file)
-            return _cells(values, name, file), _cells(formulas, name, file), name
+            books = [load(io.BytesIO(content), read_only=True, data_only=only) for only in (True, False)]
+            name = _sheet(books[0], sheet, file)
+            values, formulas = (_cells(book, name, file) for book in books)
+            return values, formulas, name
     except BayescalError:
         raise
     except Exception:  # openpyxl fails in any way at parts that are damaged

@@ -63,13 +63,9 @@ class Joined:
     def check(self) -> None:
         """Refuse rows that are far from their plan where only their order says which contact they are."""
         if self.by_order:
-            ids = self.columns.cells["id"]
-            first(
-                self.columns,
-                self.far,
-                lambda row: f"not at the readings of `{ids[row]}`, the contact at this place of the plan",
-                "map `id`, so that rows are assigned by id",
-            )
+            ids, what = self.columns.cells["id"], "not at the readings of `{}`, the contact at this place"
+            remedy = "map `id`, so that rows are assigned by id"
+            first(self.columns, self.far, lambda row: f"{what.format(ids[row])} of the plan", remedy)
 
 
 def files_of(plan: Path) -> tuple[Path, Path]:
@@ -157,10 +153,8 @@ def onto(log: Columns, plan: Path, targets: Sequence[Target], robot: Robot) -> J
     far, near = made & (deviation > FAR), made & (deviation < NEAR) & (reads == "")
     count = made.sum()
     if 2 * near.sum() > count:
-        notes.append(
-            f"{near.sum()} of {count} contacts are within {np.degrees(NEAR):.2g} deg{mm(NEAR)} of the plan: "
-            "check that the log has the readings at the contact, not the commanded ones"
-        )
+        what = f"{near.sum()} of {count} contacts are within {np.degrees(NEAR):.2g} deg{mm(NEAR)} of the plan"
+        notes.append(f"{what}: check that the log has the readings at the contact, not the commanded ones")
     notes += _counted(ids[far], f"more than {np.degrees(FAR):.0f} deg{mm(FAR)} from the plan")
     other = registers and 2 * far.sum() > count  # registers of another program
     columns = _joined(log, planned).take(made)
@@ -221,12 +215,11 @@ def _by_id(log: Columns, planned: Columns) -> tuple[Columns, Columns, list[str]]
 def _check_same(log: Columns, planned: Columns, key: str) -> None:
     """Refuse a target, tool or role (`key`) that is not the planned one."""
     ids, names, expected = log.cells["id"], log.cells[key], planned.cells[key]
-    first(
-        log,
-        (names != "") & (names != expected),
-        lambda row: f"{key} `{names[row]}`, but `{expected[row]}` in the plan of `{ids[row]}`",
-        "correct the cell, or the id",
-    )
+
+    def what(row: int) -> str:
+        return f"{key} `{names[row]}`, but `{expected[row]}` in the plan of `{ids[row]}`"
+
+    first(log, (names != "") & (names != expected), what, "correct the cell, or the id")
 
 
 def _reads(names: np.ndarray, targets: Sequence[Target]) -> np.ndarray:

@@ -195,11 +195,8 @@ def _by_id(log: Columns, points: Columns) -> tuple[Columns, tuple[str, ...]]:
         raise BayescalError(what, "--pair id", f"{examples}; map the right columns, or pair by row")
     mine, theirs = np.array(pairs).T
     lost = log.count - len(np.unique(mine)), points.count - len(np.unique(theirs))
-    excluded = [
-        f"{rows_words(count)} of {name} without a partner"
-        for count, name in zip(lost, (log.name, points.name), strict=True)
-        if count
-    ]
+    of = zip(lost, (log.name, points.name), strict=True)
+    excluded = [f"{rows_words(count)} of {name} without a partner" for count, name in of if count]
     both = _joined(log.take(mine), points.take(theirs).without(shared))
     return distinct(both), (f"excluded: {' and '.join(excluded)}",) if excluded else ()
 
@@ -222,10 +219,8 @@ def _by_time(log: Columns, points: Columns, tolerance: float) -> tuple[Columns, 
         what = f"no rows of {log.name} and {points.name} are within {tolerance:g} s: the nearest differ by "
         raise BayescalError(f"{what}{apart.min():.6g} s", "--pair", "check the clocks, or pair by id or row")
     mine, theirs = np.flatnonzero(near), nearest[near]
-    notes = [
-        f"paired by time: differences of {np.median(apart[near]):.3g} s (median), {apart[near].max():.3g} s "
-        "(maximum)"
-    ]
+    sizes = f"{np.median(apart[near]):.3g} s (median), {apart[near].max():.3g} s (maximum)"
+    notes = [f"paired by time: differences of {sizes}"]
     if count := int((~near).sum()):
         partner = f"a row of {among.name} within {tolerance:g} s"
         notes.append(f"excluded: {rows_words(count)} of {of.name} without {partner}")
@@ -277,10 +272,8 @@ def _motion(log: Columns, times: np.ndarray, tolerance: float) -> list[str]:
     column = log.said.get(names[most])
     slides = column is not None and column.dimension == "length"
     size = f"{1e3 * spread.max():.2g} mm" if slides else f"{np.degrees(spread.max()):.2g} deg"
-    return [
-        f"the arm moved by up to {size} within {tolerance:g} s of {moved} of "
-        f"{len(times)} measurements: check the clocks"
-    ]
+    what = f"the arm moved by up to {size} within {tolerance:g} s of {moved} of {len(times)} measurements"
+    return [f"{what}: check the clocks"]
 
 
 def _joined(log: Columns, points: Columns) -> Columns:
@@ -288,6 +281,5 @@ def _joined(log: Columns, points: Columns) -> Columns:
     if both := log.cells.keys() & points.cells.keys() - {"id"}:
         what = f"`{min(both)}` is in {log.name} and in {points.name}"
         raise BayescalError(what, points.name, "map it in one of them")
-    return replace(
-        log, cells=points.cells | log.cells, said=points.said | log.said, clock=log.clock or points.clock
-    )
+    cells, said = points.cells | log.cells, points.said | log.said
+    return replace(log, cells=cells, said=said, clock=log.clock or points.clock)

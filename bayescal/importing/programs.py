@@ -177,9 +177,8 @@ def read_records(path: Path, n: int) -> Log:
         again += name in last
         last.pop(name, None)
         last[name] = line, int(state), np.degrees(joints).tolist() if unit == "rad" else joints
-    rows = [
-        (line, (name, *map(repr, joints))) for name, (line, state, joints) in last.items() if state == CONTACT
-    ]
+    made = ((name, line, joints) for name, (line, state, joints) in last.items() if state == CONTACT)
+    rows = [(line, (name, *map(repr, joints))) for name, line, joints in made]
     if not rows:
         what = "no record of a contact that was made"
         raise BayescalError(what, path.name, "give the log of a probing program of bayescal plan")
@@ -193,12 +192,8 @@ def read_records(path: Path, n: int) -> Log:
 
 def unmade(states: dict[str, int]) -> list[str]:
     """Notes on contacts that were not made, by id and state."""
-    out = []
-    for state, words in STATES.items():
-        ids = [name for name, other in states.items() if other == state]
-        if ids:
-            out.append(f"left out, {words}: {', '.join(ids)}")
-    return out
+    by_state = {words: [i for i, other in states.items() if other == s] for s, words in STATES.items()}
+    return [f"left out, {words}: {', '.join(ids)}" for words, ids in by_state.items() if ids]
 
 
 def state_of(first: np.ndarray) -> np.ndarray:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from math import ceil
 
@@ -85,23 +85,46 @@ def role_note(dataset: Dataset) -> str:
     )
 
 
-def _chosen(dataset: Dataset, stops: np.ndarray, rule: str, where: str) -> tuple[np.ndarray, str]:
+@dataclass(frozen=True)
+class Rule:
+    """A rule that selects some of what is numbered from 0: ``every:5``, ``last:20%`` or ``NAME 'a*, b*'``."""
+
+    name: str
+    value: str
+
+    @classmethod
+    def read(cls, text: str) -> Rule:
+        """The rule in a text; of no name where it is none."""
+        parts = re.fullmatch(r"([a-z]+)(?:[:\s]\s*(.+))?", text.strip())
+        return cls(parts[1], parts[2] or "") if parts else cls("", "")
+
+    def by_number(self, number: np.ndarray) -> np.ndarray | None:
+        """Which of the numbers (N,) are selected, bool; None where numbers do not matter."""
+        total, percent = int(number.max()) + 1, re.fullmatch(r"([\d.]+)\s*%", self.value)
+        if self.name == "every" and re.fullmatch(r"\d+", self.value) and int(self.value) > 1:
+            return np.asarray((number + 1) % int(self.value) == 0)
+        if self.name == "last" and percent and 0 < float(percent[1]) < 100:
+            return np.asarray(number >= total - ceil(round(total * float(percent[1]) / 100, 9)))
+        return None
+
+    @property
+    def patterns(self) -> list[str]:
+        """Names, with ``*`` and ``?``."""
+        return [p for part in self.value.split(",") if (p := part.strip().strip("'\""))]
+
+
+def _chosen(dataset: Dataset, stops: np.ndarray, text: str, where: str) -> tuple[np.ndarray, str]:
     """Rows that a rule selects (N,), bool, and the rule in words."""
-    total = int(stops.max()) + 1
-    parts = re.fullmatch(r"([a-z]+)(?:[:\s]\s*(.+))?", rule.strip())
-    name, value = (parts[1], parts[2] or "") if parts else ("", "")
-    if name == "stop" and not value:
-        name, value = "every", "5"
-    if name == "every" and re.fullmatch(r"\d+", value) and int(value) > 1:
-        return (stops + 1) % int(value) == 0, f"stop {value} of every {value}, {total} stops"
-    percent = re.fullmatch(r"([\d.]+)\s*%", value)
-    if name == "last" and percent and 0 < float(percent[1]) < 100:
-        count = ceil(round(total * float(percent[1]) / 100, 9))
-        return stops >= total - count, f"the last {count} of {total} stops"
-    patterns = [p.strip().strip("'\"") for p in value.split(",") if p.strip()]
-    if name in ("targets", "stops") and patterns:
-        return _named(dataset, name, patterns, where), f"{name} {', '.join(patterns)}"
-    raise BayescalError(f"'{rule}' is not a rule for validation measurements", where, REMEDY)
+    total, rule = int(stops.max()) + 1, Rule.read(text)
+    if rule == Rule("stop", ""):
+        rule = Rule("every", "5")
+    if (chosen := rule.by_number(stops)) is not None:
+        every = f"stop {rule.value} of every {rule.value}, {total} stops"
+        last = f"the last {len(set(stops[chosen].tolist()))} of {total} stops"
+        return chosen, every if rule.name == "every" else last
+    if rule.name in ("targets", "stops") and rule.patterns:
+        return _named(dataset, rule.name, rule.patterns, where), f"{rule.name} {', '.join(rule.patterns)}"
+    raise BayescalError(f"'{text}' is not a rule for validation measurements", where, REMEDY)
 
 
 def _named(dataset: Dataset, noun: str, patterns: Sequence[str], where: str) -> np.ndarray:

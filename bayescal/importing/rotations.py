@@ -100,9 +100,8 @@ def stated_rotation(text: str, where: str) -> np.ndarray:
     convention = CONVENTIONS.get(name)
     if convention is None or len(words) != convention.count or convention.angles == (unit is None):
         what = f"'{text.strip()}' is not an orientation"
-        raise BayescalError(
-            what, where, f"write `0 0 90 wpr deg` or `1 0 0 0 wxyz`; {', '.join(CONVENTIONS)}"
-        )
+        remedy = f"write `0 0 90 wpr deg` or `1 0 0 0 wxyz`; {', '.join(CONVENTIONS)}"
+        raise BayescalError(what, where, remedy)
     if not all(map(is_number, words)):
         raise BayescalError(f"'{text.strip()}' has a word that is not a number", where, "write plain numbers")
     values = np.array([[float(word) for word in words]]) * (unit.scale if unit else 1.0)

@@ -96,12 +96,8 @@ def mechanism_of(robot: Robot) -> tuple[Mechanism, tuple[str, ...]]:
     """The mechanism of a robot of Denavit-Hartenberg rows, and what had to be assumed of it."""
     only_revolute(robot, "joint logs")
     chain, n = chain_of(robot), robot.n
-    place = np.array(
-        [
-            chain.link[k] @ rigid(rotation(2, robot.offset[k]), np.array([0.0, 0.0, robot.d[k]]))
-            for k in range(n)
-        ]
-    )
+    turned = zip(robot.offset, robot.d, strict=True)
+    place = chain.link[:-1] @ np.array([rigid(rotation(2, a), np.array([0.0, 0.0, d])) for a, d in turned])
     place[0] = chain.base @ place[0]
     behind = chain.link[1:] if robot.convention == "dh" else np.tile(np.eye(4), (n, 1, 1))
     notes = []
@@ -115,15 +111,15 @@ def mechanism_of(robot: Robot) -> tuple[Mechanism, tuple[str, ...]]:
         gyration = RADIUS_OF_GYRATION * np.maximum(length, np.max(length) / 4)
         inertia = (np.nan_to_num(masses) * gyration**2)[:, None, None] * np.eye(3)
         notes.append("the robot states no inertias: those of rods of the links' lengths are assumed")
-    turned = behind[:, :3, :3]
+    turn = behind[:, :3, :3]
     return Mechanism(
         name=robot.name,
         joint_names=robot.joint_names,
         place=place,
         axis=np.tile([0.0, 0.0, 1.0], (n, 1)),
         mass=masses,
-        centre=np.einsum("kij,kj->ki", turned, centres) + behind[:, :3, 3],
-        inertia=turned @ inertia @ np.swapaxes(turned, 1, 2),
+        centre=np.einsum("kij,kj->ki", turn, centres) + behind[:, :3, 3],
+        inertia=turn @ inertia @ np.swapaxes(turn, 1, 2),
         armature=_or_nan(robot.armatures, n),
         coulomb=_or_nan(robot.coulomb, n),
         viscous=_or_nan(robot.viscous, n),

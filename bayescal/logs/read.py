@@ -16,7 +16,7 @@ import numpy as np
 from bayescal.arm.transforms import rigid, rpy_matrix
 from bayescal.errors import BayescalError, listed
 from bayescal.logs.mechanism import TRANSITION, Mechanism, Uncertain, mechanism_of, symmetric
-from bayescal.logs.schema import SCHEMA, Arm, Joint, LogFile, MotionEntry, Payload, Uncertainty, known_keys
+from bayescal.logs.schema import SCHEMA, Arm, LogFile, MotionEntry, Payload, Uncertainty, known_keys
 from bayescal.logs.types import CALIBRATE, VALIDATE, Controller, Log, Motion
 from bayescal.robots import load_robot
 from bayescal.storage.files import Document, check_schema, in_si, read_document, si
@@ -32,12 +32,14 @@ PER_JOINT = {
     "position": "q{}_deg",
     "velocity": "dq{}_degps",
     "command": "command{}_deg",
-    "torque": "torque{}_Nm",
-    "current": "current{}_A",
-    "magnitude": "torque_magnitude{}_Nm",
     "link": "link{}_deg",
+    "torque": "torque{}_Nm",
+    "magnitude": "torque_magnitude{}_Nm",
+    "current": "current{}_A",
 }
 """Columns of each joint, numbered from 1, by the quantity that they hold."""
+MEASURED = ("time", "position", "velocity", "command", "torque", "link", "temperature", "payload")
+"""Quantities of a `Motion`."""
 PLAIN = ("t_s", "motion", "role", "temperature_degC", "payload_kg")
 FEWEST_ROWS = 20
 """Rows of a motion: fewer have no derivatives."""
@@ -85,14 +87,10 @@ def read_log(folder: Path) -> Log:
     motions = _motions(file, table, columns, name, document)
     if not any(m.role == CALIBRATE for m in motions):
         raise BayescalError("no motion has the role calibrate", document.where(("motions",)), "set one")
-    gravity = file.gravity_mps2 or (file.robot.gravity_mps2 if isinstance(file.robot, Arm) else None)
-    noise, control = file.noise, file.controller
-    stated = {
-        "torque": None if noise.torque_Nm is None else _per_joint(noise.torque_Nm, mechanism, "torque_Nm"),
-        "position": in_si("position_deg", noise.position_deg),
-        "velocity": in_si("velocity_degps", noise.velocity_degps),
-        "temperature": noise.temperature_degC,
-    }
+    gravity = file.gravity_mps2 or getattr(file.robot, "gravity_mps2", None)
+    control = file.controller
+    _per_joint(file.noise.torque_Nm, mechanism, "torque_Nm")  # refused if of another length
+    own = folder / file.robot.partition("#")[0] if isinstance(file.robot, str) else folder
     digest = hashlib.sha256(document.content + content + robot).hexdigest()
     return Log(
         name=file.name,
@@ -110,10 +108,9 @@ def read_log(folder: Path) -> Log:
         alignment=1e-3 * file.clock.alignment_ms,
         u_alignment=1e-3 * file.clock.u_alignment_ms,
         link_side=file.position.side == "joint",
-        noise={key: np.asarray(value) for key, value in stated.items() if value is not None},
         notes=(*notes, *assumed, *_not_read("keys of dataset.yaml", ignored), *_not_read("columns", further)),
         digest=digest,
-        files=(folder / "dataset.yaml", folder / name, *_robot_file(file, folder)),
+        files=tuple(filter(Path.is_file, (folder / "dataset.yaml", folder / name, own))),
     )
 
 
@@ -128,25 +125,15 @@ def _mechanism(file: LogFile, document: Document, folder: Path) -> tuple[Mechani
         robot, content = load_robot(file.robot, folder, inside=True)
         mechanism, notes = mechanism_of(robot)
         payload, u = file.payload or Payload(), file.u
-    if np.isnan(mechanism.mass).any() or not np.all(np.isfinite(mechanism.axis)):
+    if np.isnan(mechanism.mass).any():
         remedy = "give a robot with `mass_kg`, `centre_of_mass_mm` and `inertia_kgm2` of each link"
         raise BayescalError("the robot states no masses", document.where(("robot",)), remedy)
-    return replace(
-        mechanism,
-        payload_centre=in_si("centre_of_mass_mm", payload.centre_of_mass_mm),
-        payload_gyration=1e-3 * payload.radius_of_gyration_mm,
-        u=mechanism.u if u is None else _uncertain(u),
-    ), notes, content  # fmt: skip
-
-
-def _robot_file(file: LogFile, folder: Path) -> tuple[Path, ...]:
-    """The file of the robot, if the folder holds it."""
-    path = folder / file.robot.partition("#")[0] if isinstance(file.robot, str) else folder
-    return (path,) if path.is_file() else ()
-
-
-def _uncertain(u: Uncertainty) -> Uncertain:
-    return Uncertain(u.mass, 1e-3 * u.centre_of_mass_mm, u.inertia, u.armature, u.friction_transition)
+    if u is not None:
+        prior = Uncertain(u.mass, 1e-3 * u.centre_of_mass_mm, u.inertia, u.armature, u.friction_transition)
+        mechanism = replace(mechanism, u=prior)
+    centre = in_si("centre_of_mass_mm", payload.centre_of_mass_mm)
+    gyration = 1e-3 * payload.radius_of_gyration_mm
+    return replace(mechanism, payload_centre=centre, payload_gyration=gyration), notes, content
 
 
 def written_out(arm: Arm, name: str) -> Mechanism:
@@ -166,7 +153,9 @@ def written_out(arm: Arm, name: str) -> Mechanism:
     return Mechanism(
         name=name,
         joint_names=tuple(j.name for j in joints),
-        place=np.array([_frame(j) for j in joints]),
+        place=np.array([
+            rigid(rpy_matrix(in_si("rpy_deg", j.rpy_deg)), in_si("origin_mm", j.origin_mm)) for j in joints
+        ]),
         axis=axes / size[:, None],
         mass=each("mass_kg"),
         centre=1e-3 * np.array([j.centre_of_mass_mm for j in joints]),
@@ -178,11 +167,7 @@ def written_out(arm: Arm, name: str) -> Mechanism:
         gear_ratio=each("gear_ratio"),
         coupling=np.eye(len(joints)),
         transition=TRANSITION if transition is None else transition,
-    )
-
-
-def _frame(joint: Joint) -> np.ndarray:
-    return rigid(rpy_matrix(in_si("rpy_deg", joint.rpy_deg)), in_si("origin_mm", joint.origin_mm))
+    )  # fmt: skip
 
 
 def _per_joint(values: Sequence[float] | None, mechanism: Mechanism, key: str) -> Any:
@@ -208,9 +193,8 @@ def _table(folder: Path) -> tuple[DataFrame, bytes, str]:
         if name.endswith(".parquet"):
             return _parquet(content, name), content, name
         text = _unpacked(content, name) if name.endswith(".gz") else content
-        table = pd.read_csv(
-            io.BytesIO(text), dtype={"motion": str, "role": str}, skip_blank_lines=False, low_memory=False
-        )
+        texts = {"motion": str, "role": str}
+        table = pd.read_csv(io.BytesIO(text), dtype=texts, skip_blank_lines=False, low_memory=False)
     except (pd.errors.ParserError, pd.errors.EmptyDataError, UnicodeDecodeError) as error:
         raise BayescalError(f"not a CSV table: {error}", name, "one cell a column, commas between") from None
     if not len(table):
@@ -258,9 +242,8 @@ def _columns(table: DataFrame, n: int, name: str) -> dict[str, np.ndarray | None
     for column in ("t_s", "motion", "q1_deg"):
         if column not in table:
             raise BayescalError(f"column `{column}` is missing", f"{name}:1", "add it")
-    out: dict[str, np.ndarray | None] = {"time": _numbers(table, "t_s", name)}
-    out["temperature"] = _numbers(table, "temperature_degC", name)
-    out["payload"] = _numbers(table, "payload_kg", name)
+    single = {"time": "t_s", "temperature": "temperature_degC", "payload": "payload_kg"}
+    out = {key: _numbers(table, column, name) for key, column in single.items()}
     for quantity, form in PER_JOINT.items():
         names = [form.format(j + 1) for j in range(n)]
         missing = [column for column in names if column not in table]
@@ -269,12 +252,10 @@ def _columns(table: DataFrame, n: int, name: str) -> dict[str, np.ndarray | None
         if missing:
             out[quantity] = None
             continue
-        values = np.column_stack([_numbers(table, column, name) for column in names]) * si(names[0])
         limit = LIMITS.get(quantity, np.inf)
-        _refuse(
-            np.abs(values) > limit, names, name, f"beyond {limit / si(names[0]):g}, more than any arm has"
-        )
-        out[quantity] = values
+        out[quantity] = np.column_stack([_numbers(table, c, name) for c in names]) * si(names[0])
+        why = f"beyond {limit / si(names[0]):g}, more than any arm has"
+        _refuse(np.abs(out[quantity]) > limit, names, name, why)
     return out
 
 
@@ -343,30 +324,16 @@ def _motions(
         time = columns["time"][rows]
         back = np.flatnonzero(np.diff(time) <= 0.0)
         if len(back):
-            raise BayescalError(
-                "`t_s` does not increase", f"{name}:{start + back[0] + 3}", "sort, or repair it"
-            )
+            where = f"{name}:{start + back[0] + 3}"
+            raise BayescalError("`t_s` does not increase", where, "sort, or repair it")
         part = {key: None if values is None else values[rows] for key, values in columns.items()}
-        payload = part["payload"]
-        out.append(
-            Motion(
-                name=label,
-                role=entry.role,
-                kind=entry.kind,
-                same_as=entry.same_as or label,
-                time=time,
-                position=columns["position"][rows],
-                velocity=part["velocity"],
-                command=part["command"],
-                torque=None
-                if file.torque.sign == "none" or part["magnitude"] is not None
-                else part["torque"],
-                link=part["link"],
-                temperature=part["temperature"],
-                payload=np.full(end - start, entry.payload_kg) if payload is None else payload,
-                line=int(start) + 2,
-            )
-        )
+        if file.torque.sign == "none" or part["magnitude"] is not None:
+            part["torque"] = None
+        if part["payload"] is None:
+            part["payload"] = np.full(end - start, entry.payload_kg)
+        same_as, line = entry.same_as or label, int(start) + 2
+        measured: dict[str, Any] = {key: part[key] for key in MEASURED}
+        out.append(Motion(label, entry.role, entry.kind, same_as, **measured, line=line))
     return tuple(out)
 
 
@@ -393,8 +360,7 @@ def _entries(
                 raise BayescalError(f"unknown role `{role}`", f"table:{row + 2}", "calibrate or validate")
             stated[label] = MotionEntry(id=label, role=role)  # type: ignore[arg-type]
     else:
-        held = max(len(order) // VALIDATED, 1)
-        for k, label in enumerate(order):
-            role = VALIDATE if k >= len(order) - held else CALIBRATE
-            stated[label] = MotionEntry(id=label, role=role)  # type: ignore[arg-type]
+        held = order[-max(len(order) // VALIDATED, 1) :]
+        for label in order:
+            stated[label] = MotionEntry(id=label, role="validate" if label in held else "calibrate")
     return stated

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -64,7 +63,6 @@ class Log:
     alignment: float  # s, of torque against position, and its standard uncertainty
     u_alignment: float
     link_side: bool  # whether positions are of the link side of the gears
-    noise: Mapping[str, np.ndarray]  # stated standard deviations: torque (n,), position, ...
     notes: tuple[str, ...]  # what was assumed
     digest: str  # SHA-256 of the files
     files: tuple[Path, ...] = ()  # that were read

@@ -28,10 +28,8 @@ def beside(
     bank = pool.bank(noise)
     best = next(h for h in hypotheses if UNKNOWN not in h.names)
     hypotheses = tuple(in_place_of_a_name(h, hypotheses) for h in hypotheses)
-    new, further = [], []
     h, unlisted, _ = _unknown(bank, whole, best)
-    new.append(h)
-    further.append(unlisted)
+    new, further = [h], [unlisted]
     for m in best.members:
         base = _without(best, m, hypotheses)
         if base is None:
@@ -49,10 +47,9 @@ def beside(
     for m in best.members:
         r = relative(bank, whole, best.members, m)
         others = [o for o in best.members if o is not m or not r.replaces]
-        sd = 1.0 if r.replaces else RELATIVES.share
-        further.append(_unlisted(r.form, r.columns, sd))
-        nats = best.log_evidence + r.gain
-        new.append(Hypothesis((*others, Member(r.form, 1.0)), nats, best.log_prior))
+        further.append(_unlisted(r.form, r.columns, 1.0 if r.replaces else RELATIVES.share))
+        members = (*others, Member(r.form, 1.0))
+        new.append(Hypothesis(members, best.log_evidence + r.gain, best.log_prior))
     ranked = sorted((*hypotheses, *new), key=lambda h: -h.score)
     return pool.extended(list({u.form: u for u in further if u}.values())), tuple(ranked)
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bayescal.logs import Log, Mechanism
-from bayescal.logs.mechanism import symmetric
+from bayescal.logs.mechanism import PAIRS, symmetric
 from bayescal.logs.types import CALIBRATE, SERVO, VALIDATE
 from bayescal.motion.estimate import Estimate, estimated, moved_to, of_role
 from bayescal.motion.fit_settings import CALIBRATION
@@ -21,7 +21,7 @@ from bayescal.motion.linear import Fit, tabulated
 from bayescal.motion.possible import Possible, draws_within, spread
 from bayescal.motion.servo import with_torques
 from bayescal.motion.settings import OUTCOME
-from bayescal.motion.signals import Signals, all_signals, each
+from bayescal.motion.signals import Signals, all_signals, each, root_mean_square
 from bayescal.motion.terms import BODY, Operating, nominal
 from bayescal.storage.stopping import Progress, silent
 
@@ -113,13 +113,12 @@ def calibrated(
     """
     log = estimate.parts[0].log
     start = nominal(log, estimate.rms)
-    names = [t.name for t in fit.normal.terms]
+    names = fit.names
     base = np.array([_nominal(name, start, log.mechanism) for name in names])
-    sd = np.array([t.sd for t in fit.normal.terms])
     progress("sample", 0.3)
     count = max(samples, CALIBRATION.fewest) // CALIBRATION.chains
     z = draws_within(fit, Possible.of(fit, start, log), count, seed)
-    values = base + z * sd
+    values = base + z * fit.sd
     flat = values.reshape(-1, len(names))
     mean = flat.mean(axis=0)
     low, high = np.quantile(flat, (0.025, 0.975), axis=0)
@@ -148,12 +147,7 @@ def _nominal(name: str, start: Operating, m: Mechanism) -> float:
     stem, _, number = name.rpartition(" ")
     if stem.endswith(" of link"):
         k, part = int(number) - 1, stem.removesuffix(" of link")
-        inertia = m.inertia[k]
-        values = [
-            m.mass[k],
-            *m.centre[k],
-            *(inertia[i, j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))),
-        ]
+        values = [m.mass[k], *m.centre[k], *(m.inertia[k][pair] for pair in PAIRS)]
         return float(values[BODY.index(part)])
     each = {"armature": start.armature, "coulomb": start.coulomb, "viscous": start.viscous}
     if stem in each:
@@ -182,14 +176,13 @@ def _withheld(estimate: Estimate, fit: Fit, start: Operating, at: Operating) -> 
         return ()
 
     def rms(model: Operating, some: tuple[Signals, ...]) -> np.ndarray:
-        left = [s.unfiltered(model.measured(s) - model.shown(s))[_moving(s)] for s in each(some)]
-        return np.asarray(np.sqrt(np.mean(np.concatenate(left) ** 2, axis=0)))
+        left = [s.unfiltered(model.measured(s) - model.shown(s))[s.moves] for s in each(some)]
+        return root_mean_square(left)
 
     before, after = rms(start, parts), rms(at, parts)
     noise = rms(at, of_role(estimate.parts, CALIBRATE))
     table = tabulated(parts, estimate.columns, estimate.residual)
-    sd = np.array([t.sd for t in table.terms])
-    covariance = fit.covariance * np.outer(sd, sd)
+    covariance = fit.covariance * np.outer(fit.sd, fit.sd)
     extra = np.zeros(log.n)
     for p in table.parts:
         for j in range(log.n):
@@ -202,10 +195,6 @@ def _withheld(estimate: Estimate, fit: Fit, start: Operating, at: Operating) -> 
     low, high = expected * (1.0 - 1.96 * spread), expected * (1.0 + 1.96 * spread)
     rows = zip(log.mechanism.joint_names, before, after, expected, low, high, strict=True)
     return tuple(Withheld(n, b, a, e, (lo, hi)) for n, b, a, e, lo, hi in rows)
-
-
-def _moving(s: Signals) -> np.ndarray:
-    return np.any(np.abs(s.unfiltered(s.dq)) > OUTCOME.moving, axis=1)
 
 
 def _combinations(fit: Fit, names: list[str]) -> tuple[str, ...]:

@@ -13,7 +13,7 @@ from scipy.signal import lfilter
 
 from bayescal.arm.transforms import compiled
 from bayescal.motion.effects import LOG, TOOL, Form, FormColumn, Scale, joint
-from bayescal.motion.settings import CELLS, PRODUCTS, SEARCH
+from bayescal.motion.settings import CELLS, FORMS, PRODUCTS, SEARCH
 from bayescal.motion.signals import Signals, derivative, each
 from bayescal.motion.terms import Operating
 
@@ -60,21 +60,13 @@ class Ranges:
 
 def cells(s: Signals, at: Operating, scale: Scale, r: Ranges) -> Iterator[FormColumn]:
     """Columns of every cell."""
-    way, load = at.reversal(s), at.load(s)
+    way, load, n = at.reversal(s), at.load(s), s.log.n
     later = derivative(at.torque(s), s.step)
-    n = s.log.n
 
-    def cell(
-        site: str,
-        driver: str,
-        functions: list[np.ndarray],
-        j: int,
-        setting: str = "",
-        size: float = CELLS.size,
-    ) -> Iterator[FormColumn]:
-        form = Form(UNKNOWN, site, driver, setting)
+    def cell(j: int, driver: str, functions: list[np.ndarray], setting: str = "") -> Iterator[FormColumn]:
+        form = Form(UNKNOWN, joint(j), driver, setting)
         for k, function in enumerate(functions):
-            yield form, form.term("N m", size * scale.friction[j], j, str(k)), function
+            yield form, form.term("N m", CELLS.size * scale.friction[j], j, str(k)), function
 
     times = smooth(s.time, r.time, CELLS.time_waves)
     within = np.linspace(0.0, 1.0, len(s.time), endpoint=False)
@@ -82,63 +74,51 @@ def cells(s: Signals, at: Operating, scale: Scale, r: Ranges) -> Iterator[FormCo
     parts = CELLS.pieces if len(offsets) < CELLS.groups else 1
     pieces = [(np.floor(parts * within) == k) * offset for offset in offsets for k in range(parts)]
     for j in range(n):
-        site, turn, speed = joint(j), s.q[:, j], s.dq[:, j]
+        turn, speed = s.q[:, j], s.dq[:, j]
         angles = smooth(turn, r.angle[:, j], CELLS.waves)
         direction, torque = way[:, j], load[:, j]
         torques = smooth(torque, r.load[:, j], CELLS.load_waves)
         speeds = smooth(speed, r.speed[:, j], CELLS.waves)
-        yield from cell(site, "angle", angles, j)
-        yield from cell(site, "angle times direction", [direction * f for f in angles], j)
-        yield from cell(site, "torque", torques, j)
-        yield from cell(site, "torque times direction", [direction * f for f in torques], j)
-        yield from cell(site, "speed", speeds, j)
-        yield from cell(site, "time", times, j)
-        yield from cell(site, "time times direction", [direction * f for f in times], j)
-        yield from cell(site, "time times torque", [torque / scale.torque[j] * f for f in times], j)
-        yield from cell(site, "time within a motion", pieces, j)
-        yield from cell(site, "motion", offsets, j)
+        yield from cell(j, "angle", angles)
+        yield from cell(j, "angle times direction", [direction * f for f in angles])
+        yield from cell(j, "torque", torques)
+        yield from cell(j, "torque times direction", [direction * f for f in torques])
+        yield from cell(j, "speed", speeds)
+        yield from cell(j, "time", times)
+        yield from cell(j, "time times direction", [direction * f for f in times])
+        yield from cell(j, "time times torque", [torque / scale.torque[j] * f for f in times])
+        yield from cell(j, "time within a motion", pieces)
+        yield from cell(j, "motion", offsets)
         if r.loaded:
             on = (s.payload > 0.0).astype(float)
             functions = [on * direction, *(on * f for f in angles[:2])]
-            yield from cell(site, "payload", functions, j)
+            yield from cell(j, "payload", functions)
         if s.temperature is not None:
-            warm = s.temperature / CELLS.kelvin
+            warm = s.temperature / FORMS.kelvin
             functions = [warm * direction, warm * np.abs(speed), warm**2, warm * angles[0]]
-            yield from cell(site, "temperature", functions, j)
+            yield from cell(j, "temperature", functions)
         for k in range(n):
             if k != j:
                 others = smooth(s.q[:, k], r.angle[:, k], CELLS.other_waves)
-                yield from cell(site, f"angle of joint {k + 1}", others, j)
+                yield from cell(j, f"angle of joint {k + 1}", others)
                 both = [direction * f for f in others]
-                yield from cell(site, f"direction times angle of joint {k + 1}", both, j)
+                yield from cell(j, f"direction times angle of joint {k + 1}", both)
                 fast = smooth(s.dq[:, k], r.speed[:, k], CELLS.other_waves)
-                yield from cell(site, f"speed of joint {k + 1}", fast, j)
+                yield from cell(j, f"speed of joint {k + 1}", fast)
         for length in CELLS.presliding:
             moved = presliding(speed, s.step, length)
-            yield from cell(site, "way since the reversal", [moved - direction], j, f"{length:g} rad")
+            yield from cell(j, "way since the reversal", [moved - direction], f"{length:g} rad")
         low, high = r.angle[:, j]
         for width in CELLS.bumps:
             for centre in np.arange(low + width, high, 1.5 * width):
                 bump = np.exp(-0.5 * ((turn - centre) / width) ** 2)
                 where = f"{np.rad2deg(centre):.0f} deg, width {np.rad2deg(width):.0f} deg"
-                yield from cell(site, "angle, one place", [bump, bump * direction], j, where)
-    yield from _of_log(s, later, times, n)
-    yield from _of_tool(s, scale)
-
-
-def _of_log(s: Signals, later: np.ndarray, times: list[np.ndarray], n: int) -> Iterator[FormColumn]:
-    """Errors of the clock, in all joints."""
-    form = Form(UNKNOWN, LOG, "rate of torque times time")
+                yield from cell(j, "angle, one place", [bump, bump * direction], where)
+    form = Form(UNKNOWN, LOG, "rate of torque times time")  # errors of the clock, in all joints
     for k, f in enumerate(times):
         yield form, form.term("s", CELLS.clock, part=str(k)), later * f[:, None]
-
-
-def _of_tool(s: Signals, scale: Scale) -> Iterator[FormColumn]:
-    """A constant force on the tool, along the axes of the base: a hose, a cable."""
-    m = s.log.mechanism
-    form = Form(UNKNOWN, TOOL, "force on the tool")
-    unit = np.zeros(10)
-    unit[0], unit[1:4] = 1.0, m.payload_centre
+    form = Form(UNKNOWN, TOOL, "force on the tool")  # constant, along the axes of the base: a hose, a cable
+    unit = np.r_[1.0, s.log.mechanism.payload_centre, np.zeros(6)]
     for name, by in zip("xyz", s.tilted, strict=True):
         yield form, form.term("N", CELLS.force, part=name), by[:, :, -1] @ unit
 

@@ -64,8 +64,7 @@ def law_of(log: Log, parts: tuple[Signals, ...]) -> Law | str:
         return (
             f"the controller does not follow from the log: {100 * min(left[worst], 1.0):.0f} % of the "
             f"variance of the torque of {log.mechanism.joint_names[worst]} is no function of command and "
-            "position; "
-            "state `kp_Nm_per_rad` and `kd_Nms_per_rad`"
+            "position; state `kp_Nm_per_rad` and `kd_Nms_per_rad`"
         )
     return Law(gains[0], gains[2], gains[1], gains[3], False)
 

@@ -49,9 +49,8 @@ def diagnose(log: Log, progress: Progress = silent) -> MotionGap:
     hypotheses = whole.run()
     progress("causes beside the list", 0.7)
     pool, hypotheses = beside(pool, noise, whole, hypotheses)
-    seen, held = (
-        normal(pool.table.of_role(role), noise, p) for role, p in ((CALIBRATE, seen), (VALIDATE, held))
-    )
+    seen = normal(pool.table.of_role(CALIBRATE), noise, seen)
+    held = normal(pool.table.of_role(VALIDATE), noise, held)
     search = pool.search(seen)
     verdict = confirmed(decide(pool.search(joined(seen, held)), hypotheses), search, held)
     progress("result", 0.8)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from itertools import product, starmap
 
 import numpy as np
 
@@ -96,41 +97,46 @@ def _payload_offset(s: Signals, at: Operating, scale: Scale) -> Iterator[FormCol
         yield form, form.term("m", FORMS.offset, part=axis), column
 
 
+Kind = tuple[str, str, str, float | np.ndarray, np.ndarray]
+"""Driver, setting and unit of a form of each joint; prior sds, one or (n,); columns (N, n)."""
+
+
+def _of_joints(effect: str, *of: Kind, first: int = 0) -> Iterator[FormColumn]:
+    """Forms of each joint, in channels from `first` on."""
+    for j in range(of[0][-1].shape[1]):
+        for driver, setting, unit, sd, columns in of:
+            form = Form(effect, joint(j), driver, setting)
+            size = sd if isinstance(sd, float) else float(sd[j])
+            yield form, form.term(unit, size, first + j), columns[:, j]
+
+
 def _armature(s: Signals, at: Operating, scale: Scale) -> Iterator[FormColumn]:
-    for j in range(s.log.n):
-        form = Form("armature", joint(j), "acceleration")
-        sd = FORMS.armature * max(at.armature[j], scale.torque[j] / FORMS.acceleration)
-        yield form, form.term("kg m2", sd, j), s.ddq[:, j]
+    sd = FORMS.armature * np.maximum(at.armature, scale.torque / FORMS.acceleration)
+    return _of_joints("armature", ("acceleration", "", "kg m2", sd, s.ddq))
 
 
 def _stribeck(s: Signals, at: Operating, scale: Scale) -> Iterator[FormColumn]:
-    way = at.reversal(s)
-    for j in range(s.log.n):
-        for speed in FORMS.stribeck_speeds:
-            for power in FORMS.stribeck_powers:
-                form = Form("stribeck", joint(j), "low speed", f"{speed:g} rad/s, power {power:g}")
-                bump = np.exp(-np.power(np.abs(s.dq[:, j]) / speed, power))
-                yield form, form.term("N m", FORMS.stribeck * scale.friction[j], j), way[:, j] * bump
+    way, speeds, sd = at.reversal(s), np.abs(s.dq), FORMS.stribeck * scale.friction
+
+    def kind(speed: float, power: float) -> Kind:
+        bump = np.exp(-np.power(speeds / speed, power))
+        return "low speed", f"{speed:g} rad/s, power {power:g}", "N m", sd, way * bump
+
+    return _of_joints("stribeck", *starmap(kind, product(FORMS.stribeck_speeds, FORMS.stribeck_powers)))
 
 
 def _load_friction(s: Signals, at: Operating, scale: Scale) -> Iterator[FormColumn]:
-    way, load = at.reversal(s), at.load(s)
-    for j in range(s.log.n):
-        form = Form("load-friction", joint(j), "torque times direction")
-        yield form, form.term("1", FORMS.load_friction, j), way[:, j] * np.abs(load[:, j])
-        form = Form("load-friction", joint(j), "torque times direction", "square of the torque")
-        square = load[:, j] ** 2 / scale.torque[j]
-        yield form, form.term("1", FORMS.load_friction, j), way[:, j] * square
+    way, load, driver = at.reversal(s), at.load(s), "torque times direction"
+    plain = (driver, "", "1", FORMS.load_friction, way * np.abs(load))
+    square = (driver, "square of the torque", "1", FORMS.load_friction, way * (load**2 / scale.torque))
+    return _of_joints("load-friction", plain, square)
 
 
 def _asymmetric(s: Signals, at: Operating, scale: Scale) -> Iterator[FormColumn]:
-    for j in range(s.log.n):
-        form = Form("asymmetric-friction", joint(j), "abs speed")
-        sd = FORMS.asymmetric * max(at.viscous[j], 0.5 * scale.friction[j])
-        fast = np.abs(s.dq[:, j])
-        yield form, form.term("N m s/rad", sd, j), fast
-        form = Form("asymmetric-friction", joint(j), "abs speed", "that saturates")
-        yield form, form.term("N m s/rad", sd, j), fast / (1.0 + fast / FORMS.saturation)
+    sd, fast = FORMS.asymmetric * np.maximum(at.viscous, 0.5 * scale.friction), np.abs(s.dq)
+    plain = ("abs speed", "", "N m s/rad", sd, fast)
+    saturating = ("abs speed", "that saturates", "N m s/rad", sd, fast / (1.0 + fast / FORMS.saturation))
+    return _of_joints("asymmetric-friction", plain, saturating)
 
 
 def _ripple(s: Signals, at: Operating, scale: Scale) -> Iterator[FormColumn]:
@@ -146,31 +152,27 @@ def _ripple(s: Signals, at: Operating, scale: Scale) -> Iterator[FormColumn]:
 
 def _torque_constant(s: Signals, at: Operating, scale: Scale) -> Iterator[FormColumn]:
     torque = at.torque(s)
-    for j in range(s.log.n):
-        form = Form("torque-constant", joint(j), "torque")
-        yield form, form.term("1", FORMS.constant, j), torque[:, j]
-        form = Form("torque-constant", joint(j), "torque", "that falls with the torque")
-        large = torque[:, j] * np.abs(torque[:, j]) / scale.torque[j]
-        yield form, form.term("1", FORMS.constant, j), large
+    large = torque * np.abs(torque) / scale.torque
+    falling = ("torque", "that falls with the torque", "1", FORMS.constant, large)
+    return _of_joints("torque-constant", ("torque", "", "1", FORMS.constant, torque), falling)
 
 
 def _torque_drift(s: Signals, at: Operating, scale: Scale) -> Iterator[FormColumn]:
     torque = at.torque(s)
     for w in warming(s):
-        for j in range(s.log.n):
-            form = Form("torque-drift", joint(j), w.driver, w.setting)
-            yield form, form.term(f"N m{w.per}", FORMS.drift * scale.torque[j] / w.usual, j), w.rise
-            form = Form("torque-drift", joint(j), f"{w.driver} times torque", w.setting)
-            yield form, form.term(f"1{w.per}", FORMS.drift / w.usual, j), w.rise * torque[:, j]
+        rise = np.broadcast_to(w.rise[:, None], torque.shape)
+        sd, share = FORMS.drift * scale.torque / w.usual, FORMS.drift / w.usual
+        plain = (w.driver, w.setting, f"N m{w.per}", sd, rise)
+        scaled = (f"{w.driver} times torque", w.setting, f"1{w.per}", share, rise * torque)
+        yield from _of_joints("torque-drift", plain, scaled)
 
 
 def _viscous_temperature(s: Signals, at: Operating, scale: Scale) -> Iterator[FormColumn]:
+    size = FORMS.viscous_temperature * np.maximum(np.abs(at.viscous), 0.5 * scale.friction)
     for w in warming(s):
-        for j in range(s.log.n):
-            size = max(abs(at.viscous[j]), 0.5 * scale.friction[j])
-            form = Form("viscous-temperature", joint(j), f"speed times {w.driver}", w.setting)
-            term = form.term(f"N m s/rad{w.per}", FORMS.viscous_temperature * size / w.usual, j)
-            yield form, term, w.rise * s.dq[:, j]
+        driver, unit = f"speed times {w.driver}", f"N m s/rad{w.per}"
+        of = (driver, w.setting, unit, size / w.usual, w.rise[:, None] * s.dq)
+        yield from _of_joints("viscous-temperature", of)
 
 
 @dataclass(frozen=True)
@@ -225,39 +227,26 @@ def _inertia(s: Signals, at: Operating, scale: Scale) -> Iterator[FormColumn]:
 
 
 def _servo_stiffness(s: Signals, at: Operating, scale: Scale) -> Iterator[FormColumn]:
-    torque, load, stiffness = at.torque(s), at.load(s), s.log.controller.stiffness
-    assert stiffness is not None
-    for j in range(s.log.n):
-        form = Form("servo-stiffness", joint(j), "torque")
-        if s.log.torque_kind == SERVO:
-            yield form, form.term("1", FORMS.servo, j), load[:, j]
-        else:
-            softer = torque[:, j] / stiffness[j]
-            yield form, form.term("1", FORMS.servo, channel(s.log, TRACKING, j)), softer
     if s.log.torque_kind == SERVO:
+        yield from _of_joints("servo-stiffness", ("torque", "", "1", FORMS.servo, at.load(s)))
         return
+    softer, first = at.torque(s) / s.log.controller.stiffness, channel(s.log, TRACKING, 0)
+    yield from _of_joints("servo-stiffness", ("torque", "", "1", FORMS.servo, softer), first=first)
     form = Form("servo-stiffness", LOG, "torque", "one per joint")
     for j in range(s.log.n):
-        term = form.term("1", FORMS.servo, channel(s.log, TRACKING, j), joint(j))
-        yield form, term, torque[:, j] / stiffness[j]
+        yield form, form.term("1", FORMS.servo, first + j, joint(j)), softer[:, j]
 
 
 def _elasticity(s: Signals, at: Operating, scale: Scale) -> Iterator[FormColumn]:
-    load = at.load(s)
-    for j in range(s.log.n):
-        form = Form("elasticity", joint(j), "torque")
-        sd = FORMS.deflection / scale.torque[j]
-        yield form, form.term("rad/(N m)", sd, channel(s.log, LINK, j)), -load[:, j]
+    of = ("torque", "", "rad/(N m)", FORMS.deflection / scale.torque, -at.load(s))
+    return _of_joints("elasticity", of, first=channel(s.log, LINK, 0))
 
 
 def _backlash(s: Signals, at: Operating, scale: Scale) -> Iterator[FormColumn]:
-    load, way = at.load(s), at.reversal(s)
-    for j in range(s.log.n):
-        form = Form("backlash", joint(j), "side of the torque")
-        side = np.tanh(load[:, j] / (FORMS.side * scale.torque[j]))
-        yield form, form.term("rad", FORMS.deflection, channel(s.log, LINK, j)), -side
-        form = Form("backlash", joint(j), "direction of motion")
-        yield form, form.term("rad", FORMS.deflection, channel(s.log, LINK, j)), -way[:, j]
+    side = np.tanh(at.load(s) / (FORMS.side * scale.torque))
+    by_side = ("side of the torque", "", "rad", FORMS.deflection, -side)
+    by_way = ("direction of motion", "", "rad", FORMS.deflection, -at.reversal(s))
+    return _of_joints("backlash", by_side, by_way, first=channel(s.log, LINK, 0))
 
 
 def _without(kind: str, why: str) -> Callable[[Log], str]:

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bayescal.logs.types import CALIBRATE, SERVO
-from bayescal.motion.dynamics import PARAMETERS
 from bayescal.motion.fit_settings import SERVOS
 from bayescal.motion.linear import Fit, Further, Table, fitted, normal, tabulated
 from bayescal.motion.noise import Noise, noise_of, white_noise
@@ -86,17 +85,12 @@ def moved_to(start: Operating, s: Signals, values: dict[str, float]) -> Operatin
     def each(name: str) -> np.ndarray:
         return np.array([values.get(f"{name} {j + 1}", 0.0) for j in range(m.n)])
 
-    assert inertials.shape == (m.n, PARAMETERS)
+    slower = np.exp(np.clip(each("transition") + values.get("transition", 0.0), -1.5, 1.5))
     return Operating(
-        inertials,
-        start.armature + each("armature"),
-        start.coulomb + each("coulomb"),
-        start.viscous + each("viscous"),
-        start.offset + each("offset"),
-        start.transition * np.exp(np.clip(each("transition") + values.get("transition", 0.0), -1.5, 1.5)),
-        start.shift + values.get("alignment", 0.0),
-        start.gain + each("constant"),
-    )
+        inertials, start.armature + each("armature"), start.coulomb + each("coulomb"),
+        start.viscous + each("viscous"), start.offset + each("offset"), start.transition * slower,
+        start.shift + values.get("alignment", 0.0), start.gain + each("constant"),
+    )  # fmt: skip
 
 
 def noise_about(table: Table, fit: Fit) -> Noise:

@@ -31,21 +31,22 @@ class _Event:
 
 def events(bank: Bank, fit: Fit) -> Iterator[Found]:
     """Torques of each joint that change at once and come back, where these explain what a fit leaves."""
-    left = _left(bank, fit)
-    tried = np.log(len(EVENTS.constants) * sum(len(x[0]) for x in left))
-    pulses = {c: _pulse(bank.table.parts[0].signals, c) for c in EVENTS.constants}
-    order = bank.noise.order
-    for j in range(len(bank.size)):
+    order, n = bank.noise.order, len(bank.size)
+    every = bank.table.residuals(fit.values)
+    left = [[bank.noise.whitened(r[:, j], j) for j in range(n)] for r in every]
+    tried = np.log(len(EVENTS.constants) * sum(map(len, every)))
+    pulses = [_pulse(bank.table.parts[0].signals, constant) for constant in EVENTS.constants]
+    for j in range(n):
         candidates = []
-        for pulse in pulses.values():
+        for pulse in pulses:
             shape = bank.noise.whitened(np.r_[np.zeros(order), pulse], j)[order:] * bank.size[j]
             for p, residual in enumerate(left):
                 if len(shape) > len(residual[j]) - order:
                     continue
                 score = correlate(residual[j][order:], shape, "valid")
                 gain = _averaged(score**2, float(shape @ shape)) - tried
-                for k in np.flatnonzero(gain > 0.0).tolist():
-                    candidates.append(_Event(float(gain[k]), p, k + order, pulse))
+                rows = np.flatnonzero(gain > 0.0).tolist()
+                candidates += [_Event(float(gain[k]), p, k + order, pulse) for k in rows]
         chosen: list[_Event] = []
         for c in sorted(candidates, key=lambda c: -c.gain):
             apart = all(
@@ -57,8 +58,8 @@ def events(bank: Bank, fit: Fit) -> Iterator[Found]:
             form = Form(UNKNOWN, joint(j), "time, single events", f"{len(chosen)} of them")
             columns = [np.zeros((len(part.residual), len(chosen))) for part in bank.table.parts]
             for k, event in enumerate(chosen):
-                rows = slice(event.row, event.row + len(event.pulse))
-                columns[event.motion][rows, k] = event.pulse * bank.size[j]
+                end = event.row + len(event.pulse)
+                columns[event.motion][event.row : end, k] = event.pulse * bank.size[j]
             yield form, sum(c.gain for c in chosen), [{j: x} for x in columns]
 
 
@@ -75,11 +76,3 @@ def _averaged(square: np.ndarray, size: float) -> np.ndarray:
     by = SCALES**2 * size
     nats = 0.5 * square[..., None] * SCALES**2 / (1.0 + by) - 0.5 * np.log1p(by)
     return np.asarray(logsumexp(nats + SCALE_PRIOR, axis=-1))
-
-
-def _left(bank: Bank, fit: Fit) -> list[list[np.ndarray]]:
-    """What a fit leaves of each torque channel, whitened, by motion."""
-    return [
-        [bank.noise.whitened(r[:, j], j) for j in range(len(bank.size))]
-        for r in bank.table.residuals(fit.values)
-    ]

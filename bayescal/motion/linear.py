@@ -65,6 +65,12 @@ class Table:
         ]
 
 
+def predicted(table: Table, fit: Fit, names: Sequence[str]) -> list[np.ndarray]:
+    """What some terms of a fit predict in each motion (M, C)."""
+    left = table.residuals({name: fit.values[name] for name in names})
+    return [part.residual - r for part, r in zip(table.parts, left, strict=True)]
+
+
 def tabulated(parts: Sequence[Signals], columns: Columns, residual: Callable[[Signals], np.ndarray]) -> Table:
     """The columns of some motions."""
     out: list[Part] = []
@@ -80,13 +86,12 @@ def tabulated(parts: Sequence[Signals], columns: Columns, residual: Callable[[Si
 
 @dataclass(frozen=True)
 class Normal:
-    """Normal equations of K terms: `gram` (K, K), `score` (K,), chi-square (n,) and rows (n,) of joints."""
+    """Normal equations of K terms: `gram` (K, K), `score` (K,), and chi-square (C,) of channels."""
 
     terms: tuple[Term, ...]
     gram: np.ndarray
     score: np.ndarray
     chi2: np.ndarray
-    rows: np.ndarray
 
     @property
     def index(self) -> dict[str, int]:
@@ -114,7 +119,7 @@ class Further:
 
 def joined(a: Normal, b: Normal) -> Normal:
     """Normal equations of the motions of both."""
-    return Normal(a.terms, a.gram + b.gram, a.score + b.score, a.chi2 + b.chi2, a.rows + b.rows)
+    return Normal(a.terms, a.gram + b.gram, a.score + b.score, a.chi2 + b.chi2)
 
 
 def normal(table: Table, noise: Noise, before: Normal | None = None) -> Normal:
@@ -122,12 +127,11 @@ def normal(table: Table, noise: Noise, before: Normal | None = None) -> Normal:
 
     `before` has those of the first terms of the table: only products with the others are then computed.
     """
-    size, n = len(table.terms), len(noise.sd)
+    size, first = len(table.terms), 0
     sd = np.array([t.sd for t in table.terms])
-    gram, score, chi2, rows = np.zeros((size, size)), np.zeros(size), np.zeros(n), np.zeros(n)
-    first = 0
+    gram, score, chi2 = np.zeros((size, size)), np.zeros(size), np.zeros(len(noise.sd))
     if before is not None:
-        first, chi2, rows = len(before.terms), before.chi2, before.rows
+        first, chi2 = len(before.terms), before.chi2
         gram[:first, :first], score[:first] = before.gram, before.score
     for part in table.parts:
         for j, (chosen, x) in enumerate(zip(part.numbers, part.columns, strict=True)):
@@ -142,8 +146,7 @@ def normal(table: Table, noise: Noise, before: Normal | None = None) -> Normal:
             score[chosen[new]] += white[:, new].T @ y
             if before is None:
                 chi2[j] += y @ y
-                rows[j] += len(y)
-    return Normal(table.terms, gram, score, chi2, rows)
+    return Normal(table.terms, gram, score, chi2)
 
 
 @dataclass(frozen=True)
@@ -170,18 +173,25 @@ class Fit:
         return out
 
     @property
+    def names(self) -> list[str]:
+        """Names (k,) of the terms."""
+        return [self.normal.terms[k].name for k in self.chosen]
+
+    @property
+    def sd(self) -> np.ndarray:
+        """Prior standard deviations (k,), SI, scaled."""
+        return np.array([self.normal.terms[k].sd for k in self.chosen]) * self.scales
+
+    @property
     def values(self) -> dict[str, float]:
         """Estimates in SI by the names of terms."""
-        terms = [self.normal.terms[k] for k in self.chosen]
-        sd = [t.sd for t in terms] * self.scales
-        return dict(zip((t.name for t in terms), (self.z * sd).tolist(), strict=True))
+        return dict(zip(self.names, (self.z * self.sd).tolist(), strict=True))
 
     @property
     def u(self) -> dict[str, float]:
         """Standard uncertainties of `values`."""
-        terms = [self.normal.terms[k] for k in self.chosen]
-        sd = np.sqrt(np.diag(self.covariance)) * [t.sd for t in terms] * self.scales
-        return dict(zip((t.name for t in terms), sd.tolist(), strict=True))
+        u = np.sqrt(np.diag(self.covariance)) * self.sd
+        return dict(zip(self.names, u.tolist(), strict=True))
 
     def followed(self, table: Table) -> Iterator[list[np.ndarray]]:
         """Of each motion and channel columns (M, k) in units of the standard uncertainties of estimates.
@@ -189,7 +199,7 @@ class Fit:
         Their products are the covariance of what the estimates add to the rows.
         """
         size = np.zeros(len(table.terms))
-        size[self.chosen] = [self.normal.terms[k].sd for k in self.chosen] * self.scales
+        size[self.chosen] = self.sd
         place = np.zeros(len(table.terms), int)
         place[self.chosen] = np.arange(len(self.chosen))
         for part in table.parts:

@@ -73,11 +73,9 @@ class NamedArm:
         out, parts = {}, [s for s in self.estimate.parts if s.role == CALIBRATE]
         listed = [name for name in sorted(self.effects) if next(self._columns(parts[0], name), None)]
         for name in listed:
-            total = [
-                np.mean(sum(self._torque(s, *c) for c in self._columns(s, name)) ** 2, axis=0)
-                for s in each(parts)
-            ]
-            first = next(iter(self._columns(parts[0], name)))[0]
+            sums = (sum(self._torque(s, *c) for c in self._columns(s, name)) for s in each(parts))
+            total = [np.mean(x**2, axis=0) for x in sums]
+            first = next(self._columns(parts[0], name))[0]
             unit = "rad" if kind_of(parts[0].log, first) == LINK else "N m"
             out[name] = unit, np.sqrt(np.mean(total, axis=0))
         return out
@@ -92,11 +90,9 @@ class NamedArm:
         value = self.values[term.name] * column
         if term.channel == ALL:
             return value
-        j, stiffness = term.channel % s.log.n, s.log.controller.stiffness
-        out = np.zeros_like(s.q)
-        out[:, j] = value * (
-            stiffness[j] if stiffness is not None and kind_of(s.log, term) == TRACKING else 1.0
-        )
+        j, out = term.channel % s.log.n, np.zeros_like(s.q)
+        stiffness = s.log.controller.stiffness if kind_of(s.log, term) == TRACKING else None
+        out[:, j] = value if stiffness is None else value * stiffness[j]
         return out
 
 
@@ -115,10 +111,8 @@ def named_arm(estimate: Estimate, fit: Fit, scale: Scale) -> NamedArm:
     """The arm of a fit of the baseline with named effects."""
     log = estimate.parts[0].log
     start, m = nominal(log, estimate.rms), log.mechanism
-    terms = [fit.normal.terms[k] for k in fit.chosen]
-    possible = Possible.of(fit, start, log)
-    z = constrained(fit, possible) * fit.scales * [t.sd for t in terms]
-    values = dict(zip((t.name for t in terms), z.tolist(), strict=True))
+    z = constrained(fit, Possible.of(fit, start, log)) * fit.sd
+    values = dict(zip(fit.names, z.tolist(), strict=True))
     at = moved_to(start, estimate.parts[0], values)
     inertials, armature, gravity = at.inertials.copy(), at.armature.copy(), log.gravity.copy()
     for k in range(m.n):

@@ -8,11 +8,12 @@ import numpy as np
 
 from bayescal.logs.types import CALIBRATE
 from bayescal.motion.effects import EFFECTS
-from bayescal.motion.linear import Fit, Normal
+from bayescal.motion.linear import Fit, Normal, predicted
 from bayescal.motion.pool import Pool
 from bayescal.motion.result import Amplitude, Place, Shrinkage
 from bayescal.motion.search import Member, Search
 from bayescal.motion.settings import OUTCOME, SEARCH
+from bayescal.motion.signals import root_mean_square as rms
 from bayescal.motion.verdict import Verdict
 
 
@@ -20,12 +21,11 @@ def places(search: Search, pool: Pool, v: Verdict) -> tuple[Place, ...]:
     """Sites of the leading set, the largest first, and further cells."""
     out = []
     fit = search.fit(v.leading.members)
-    named = {m.form.effect for m in v.named.members}
     for m in v.leading.members:
         others = [o for o in v.leading.members if o is not m]
-        nats = search.fit(v.leading.members).log_evidence - search.fit(others).log_evidence
-        effect = m.form.effect
-        out.append(_place(search, pool, fit, m, nats, effect if effect in named else ""))
+        nats = fit.log_evidence - search.fit(others).log_evidence
+        effect = m.form.effect if m.form.effect in v.named.names else ""
+        out.append(_place(search, pool, fit, m, nats, effect))
     out.sort(key=lambda place: -place.nats)
     taken = {place.form.site for place in out}
     for form, nats in search.cells(v.leading.members)[: OUTCOME.places]:
@@ -39,10 +39,7 @@ def places(search: Search, pool: Pool, v: Verdict) -> tuple[Place, ...]:
 
 def _place(search: Search, pool: Pool, fit: Fit, m: Member, nats: float, explained_by: str) -> Place:
     """The place of a member, and the torque that it explains."""
-    values, terms = fit.values, set(search.terms[m.form])
-    only = {name: value for name, value in values.items() if name in terms}
-    table = pool.table.of_role(CALIBRATE)
-    explained = [p.residual - r for p, r in zip(table.parts, table.residuals(only), strict=True)]
+    explained = predicted(pool.table.of_role(CALIBRATE), fit, search.terms[m.form])
     size = rms(explained)[: len(pool.scale.torque)]
     j = int(np.argmax(size / pool.scale.torque))
     return Place(m.form, nats, float(size[j]), j, explained_by)
@@ -55,27 +52,21 @@ def amplitudes(search: Search, pool: Pool, v: Verdict) -> tuple[Amplitude, ...]:
     for m in v.named.members:
         names = search.terms[m.form]
         units = {search.normal.terms[search.normal.index[name]].unit for name in names}
-        words = {name: name.removeprefix(_stem(m)).strip() for name in names}
-        parts = {words[name]: (fit.values[name], fit.u[name]) for name in names}
+        stem = m.form.term("", 0.0).name
+        parts = {n.removeprefix(stem).strip(): (fit.values[n], fit.u[n]) for n in names}
         value, u = parts.popitem()[1] if len(parts) == 1 else _length(fit, names)
         without = search.fit([o for o in v.named.members if o is not m])
         removed = float(np.max(1.0 - after / rms(moving(pool, without))))
-        relevant = removed >= OUTCOME.relevant
         unit = units.pop() if len(units) == 1 else ""
-        out.append(Amplitude(m.form, value, u, unit, parts, relevant, removed))
+        out.append(Amplitude(m.form, value, u, unit, parts, removed >= OUTCOME.relevant, removed))
     return tuple(out)
-
-
-def _stem(m: Member) -> str:
-    f = m.form
-    return " ".join(x for x in (f.effect, f.site, f.driver, f.setting) if x)
 
 
 def _length(fit: Fit, names: Sequence[str]) -> tuple[float, float]:
     """Length of a vector of terms of one unit, and its standard uncertainty along the vector."""
-    terms = [fit.normal.terms[k].name for k in fit.chosen]
+    terms = fit.names
     at = [terms.index(name) for name in names]
-    sd = np.array([fit.normal.terms[fit.chosen[k]].sd * fit.scales[k] for k in at])
+    sd = fit.sd[at]
     vector = fit.z[at] * sd
     covariance = fit.covariance[np.ix_(at, at)] * np.outer(sd, sd)
     size = float(np.linalg.norm(vector))
@@ -85,16 +76,7 @@ def _length(fit: Fit, names: Sequence[str]) -> tuple[float, float]:
 
 def moving(pool: Pool, fit: Fit) -> list[np.ndarray]:
     """What a fit leaves of the torques of validation motions while the arm moves, N m, each (N, n)."""
-    out = []
-    for s, left in pool.unfiltered(fit.values):
-        fast = np.any(np.abs(s.unfiltered(s.dq)) > OUTCOME.moving, axis=1)
-        out.append(left[fast])
-    return out
-
-
-def rms(parts: Sequence[np.ndarray]) -> np.ndarray:
-    """Root mean square (n,) of parts (N, n)."""
-    return np.asarray(np.sqrt(np.mean(np.concatenate(list(parts)) ** 2, axis=0)))
+    return [left[s.moves] for s, left in pool.unfiltered(fit.values)]
 
 
 def shrinkage(search: Search, pool: Pool, v: Verdict, held: Normal) -> Shrinkage:
@@ -103,17 +85,15 @@ def shrinkage(search: Search, pool: Pool, v: Verdict, held: Normal) -> Shrinkage
     before, after = moving(pool, null), moving(pool, named)
     floor = rms([left for _, left in pool.unfiltered(search.fit(v.leading.members).values, CALIBRATE)])
     gain = 0.5 * (null.chi2(held) - named.chi2(held))
-    first = np.concatenate([_blocks(x, pool) for x in before]) / floor**2
-    last = np.concatenate([_blocks(x, pool) for x in after]) / floor**2
-    share = _removed(first, last)
-    rng = np.random.default_rng(0)
-    draws = [_removed(first[k], last[k]) for k in rng.integers(0, len(first), (OUTCOME.draws, len(first)))]
-    interval = (
-        (float(np.nanquantile(draws, 0.025)), float(np.nanquantile(draws, 0.975)))
-        if v.named.members and np.any(np.isfinite(draws))
-        else (np.nan, np.nan)
-    )
-    return Shrinkage(rms(before), rms(after), floor, share if v.named.members else np.nan, interval, gain)
+    share, low, high = np.nan, np.nan, np.nan
+    if v.named.members:
+        first, last = (np.concatenate([_blocks(x, pool) for x in of]) / floor**2 for of in (before, after))
+        share = _removed(first, last)
+        picked = np.random.default_rng(0).integers(0, len(first), (OUTCOME.draws, len(first)))
+        draws = [_removed(first[k], last[k]) for k in picked]
+        if np.any(np.isfinite(draws)):
+            low, high = map(float, np.nanquantile(draws, (0.025, 0.975)))
+    return Shrinkage(rms(before), rms(after), floor, share, (low, high), gain)
 
 
 def _blocks(x: np.ndarray, pool: Pool) -> np.ndarray:
@@ -154,6 +134,6 @@ def advice(search: Search, pool: Pool, v: Verdict) -> Iterator[str]:
     if np.any(slow < OUTCOME.slow_share):
         joints = ", ".join(str(j + 1) for j in np.flatnonzero(slow < OUTCOME.slow_share))
         yield f"cross the range slowly (below {OUTCOME.slow:g} rad/s) with joint {joints}"
-    if v.kind in ("unknown", "class", "named+unexplained") and v.leading.members:
+    if v.left_open:
         form = v.leading.members[-1].form
         yield f"vary {form.driver} at {form.site} alone, with the other joints still"

@@ -72,14 +72,8 @@ class Pool:
 
     def bank(self, noise: Noise) -> Bank:
         """Quantities and products over all motions."""
-        return Bank(
-            self.table,
-            noise,
-            self.estimate.at,
-            self.ranges,
-            self.scale.waves,
-            CELLS.size * self.scale.friction,
-        )
+        size = CELLS.size * self.scale.friction
+        return Bank(self.table, noise, self.estimate.at, self.ranges, self.scale.waves, size)
 
     def search(self, p: Normal) -> Search:
         """The search over the motions of some normal equations."""
@@ -103,9 +97,8 @@ class Pool:
             if beside:
                 explained = part.residual - Table(self.table.terms, (part,)).residuals(beside)[0]
                 rows, all_rows = s.kept(s.time), s.unfiltered(s.time)
-                left = left - np.column_stack(
-                    [np.interp(all_rows, rows, x) for x in explained[:, : s.log.n].T]
-                )
+                every = [np.interp(all_rows, rows, x) for x in explained[:, : s.log.n].T]
+                left = left - np.column_stack(every)
             yield s, left
 
     def _chosen(self, s: Signals, names: Collection[str]) -> Iterable[Column]:

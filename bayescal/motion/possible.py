@@ -32,19 +32,17 @@ class Possible:
     @classmethod
     def of(cls, fit: Fit, start: Operating, log: Log) -> Possible:
         """The set of a fit."""
-        n, terms = log.n, [fit.normal.terms[k] for k in fit.chosen]
-        number = {t.name: k for k, t in enumerate(terms)}
-        by, least = np.zeros((n, 4, 4, len(terms))), np.full(len(terms), -np.inf)
+        n, sd, number = log.n, fit.sd, {name: k for k, name in enumerate(fit.names)}
+        by, least = np.zeros((n, 4, 4, len(sd))), np.full(len(sd), -np.inf)
         for k in range(n):
             slopes = of_body(log.mechanism, k)[0]
             for p, name in enumerate(BODY):
                 for term in (f"{name} of link {k + 1}", f"inertia joint {k + 1} motion of the link {name}"):
                     if (column := number.get(term)) is not None:
-                        size = terms[column].sd * fit.scales[column]
-                        by[k, :, :, column] = pseudo_inertia(slopes[:, p]) * size
+                        by[k, :, :, column] = pseudo_inertia(slopes[:, p]) * sd[column]
             for stem in NOT_NEGATIVE:
                 column = number[f"{stem} {k + 1}"]
-                least[column] = -getattr(start, stem)[k] / terms[column].sd
+                least[column] = -getattr(start, stem)[k] / sd[column]
         return cls(np.array([pseudo_inertia(ten) for ten in start.inertials]), by, least)
 
     def __call__(self, z: np.ndarray) -> bool:

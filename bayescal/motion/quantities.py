@@ -77,9 +77,8 @@ def _arguments(
     for j in range(s.log.n):
         label = f" of joint {j + 1}"
         yield Argument("angle" + label, _waves(k.q[:, j], r.angle[:, j], PRODUCTS.angles), j)
-        yield Argument("speed" + label, _waves(k.dq[:, j], _WIDE, few), j)
-        yield Argument("torque" + label, _waves(k.load[:, j], _WIDE, few), j)
-        yield Argument("acceleration" + label, _waves(k.ddq[:, j], _WIDE, few), j)
+        for name, x in (("speed", k.dq), ("torque", k.load), ("acceleration", k.ddq)):
+            yield Argument(name + label, _waves(x[:, j], _WIDE, few), j)
         yield Argument("direction" + label, k.way[:, j : j + 1], j)
         yield from _memories(s, load[:, j] / r.usual_load[j], torque[:, j] / r.usual_load[j], j)
     time = s.kept(s.time)
@@ -98,20 +97,17 @@ def _arguments(
     if r.loaded:
         yield Argument("payload", s.kept((s.payload > 0.0).astype(float))[:, None])
     if s.temperature is not None:
-        warm = s.kept(s.temperature) / PRODUCTS.kelvin
+        warm = s.kept(s.temperature) / FORMS.kelvin
         yield Argument("temperature", np.column_stack([warm, warm**2]))
     sources = np.column_stack([s.ddq / r.usual_acceleration, load / r.usual_load])
     for frequency in (f for f in PRODUCTS.resonances if f < s.band):
-        response = s.kept(resonated(sources, frequency, s.step))
-        yield Argument(
-            f"oscillation, {frequency:.2g} Hz", response, None, ("",), True, None, PRODUCTS.oscillation
-        )
+        response, name = s.kept(resonated(sources, frequency, s.step)), f"oscillation, {frequency:.2g} Hz"
+        yield Argument(name, response, None, ("",), True, None, PRODUCTS.oscillation)
     for j, number in waves.changing:
         wave = s.kept(np.exp(1j * number * s.q[:, j]))
         functions = np.zeros((len(time), 2 * r.count))
-        for piece, rows in zip(
-            r.pieces[s.name], np.array_split(np.arange(len(time)), SEARCH.pieces), strict=True
-        ):
+        parts = np.array_split(np.arange(len(time)), SEARCH.pieces)
+        for piece, rows in zip(r.pieces[s.name], parts, strict=True):
             functions[rows, 2 * piece], functions[rows, 2 * piece + 1] = wave[rows].real, wave[rows].imag
         name = f"angle of joint {j + 1}, {number:.3g} waves a turn whose phase changes"
         yield Argument(name, functions, j, ("",), only=j, log_prior=waves.changing_spread)
@@ -119,22 +115,21 @@ def _arguments(
 
 def _memories(s: Signals, load: np.ndarray, torque: np.ndarray, j: int) -> Iterator[Argument]:
     """What was before, of a joint: the way that it has come, and how its torques (N,) have changed."""
-    label = f" of joint {j + 1}"
+
+    def memory(name: str, *columns: np.ndarray) -> Argument:
+        kept = s.kept(np.column_stack(columns))
+        return Argument(f"{name} of joint {j + 1}", kept, j, PRODUCTS.with_memory)
+
+    gone = np.cumsum(np.abs(s.dq[:, j])) * s.step
     for length in PRODUCTS.ways:
-        moved = presliding(s.dq[:, j], s.step, length)
-        yield Argument("way since the reversal" + label, s.kept(moved)[:, None], j, PRODUCTS.with_memory)
-        gone = np.cumsum(np.abs(s.dq[:, j])) * s.step
-        yield Argument(
-            "way since the start" + label, s.kept(np.exp(-gone / length))[:, None], j, PRODUCTS.with_memory
-        )
+        yield memory("way since the reversal", presliding(s.dq[:, j], s.step, length))
+        yield memory("way since the start", np.exp(-gone / length))
     sides = np.tanh(np.column_stack([torque, load]) / FORMS.side)
-    yield Argument("side of the torque" + label, s.kept(sides), j)
+    yield Argument(f"side of the torque of joint {j + 1}", s.kept(sides), j)
     for share in PRODUCTS.shares:
-        turned = presliding(np.gradient(torque) / s.step, s.step, share)
-        yield Argument("change of torque" + label, s.kept(turned)[:, None], j, PRODUCTS.with_memory)
+        yield memory("change of torque", presliding(np.gradient(torque) / s.step, s.step, share))
     for constant in PRODUCTS.lags:
-        late = np.column_stack([_late(torque, constant, s.step), _late(torque**2, constant, s.step)])
-        yield Argument("earlier torque" + label, s.kept(late), j, PRODUCTS.with_memory)
+        yield memory("earlier torque", *(_late(x, constant, s.step) for x in (torque, torque**2)))
 
 
 def _late(x: np.ndarray, constant: float, step: float) -> np.ndarray:

@@ -8,25 +8,25 @@ times a positive function, without the name. A name is only as sure as the data 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import logsumexp
 
 from bayescal.motion.cells import UNKNOWN
 from bayescal.motion.effects import Form
-from bayescal.motion.linear import Fit, Sparse
+from bayescal.motion.linear import Fit, Sparse, predicted
 from bayescal.motion.products import Bank, Dots, averaged, consecutive
 from bayescal.motion.quantities import Argument
 from bayescal.motion.search import Member, Search
 from bayescal.motion.settings import RELATIVES, SEARCH
+from bayescal.motion.signals import root_mean_square
 
 
 @dataclass(frozen=True)
 class Relative:
     """A relative of a member of a hypothesis, with its columns."""
 
-    member: Member
     form: Form
     gain: float  # nats over the hypothesis with the name, averaged over all quantities
     columns: Sparse
@@ -36,8 +36,8 @@ class Relative:
 def relative(bank: Bank, search: Search, members: Sequence[Member], member: Member) -> Relative:
     """The strongest relative of a member, with the evidence of all of its relatives."""
     fit, rest = search.fit(members), search.fit([m for m in members if m is not member])
-    predicted = _predicted(bank, fit, search.terms[member.form])
-    size = np.sqrt(np.mean(np.concatenate(predicted) ** 2, axis=0))
+    rows = predicted(bank.table, fit, search.terms[member.form])
+    size = root_mean_square(rows)
     live = np.flatnonzero(size > RELATIVES.least * np.max(size))
     given, share = bank.first, RELATIVES.share
 
@@ -48,23 +48,22 @@ def relative(bank: Bank, search: Search, members: Sequence[Member], member: Memb
         return [p[:, :, None], *(p[:, :, None] * f[:, None, None] for a in of_motion for f in _factors(a))]
 
     origin = [k for k, a in enumerate(given) for _ in _factors(a)]
-    modulated = _nats(bank, fit, live, predicted, modulations)
-    replaced = _nats(bank, rest, live, predicted, replacements)
+    modulated = _nats(bank, fit, live, rows, modulations)
+    replaced = _nats(bank, rest, live, rows, replacements)
     replaced = replaced[1:] - replaced[0] + np.log(RELATIVES.replaced / len(origin))
     modulated += np.log(RELATIVES.modulated / len(given))
     i = int(np.argmax(replaced))
     instead = bool(replaced[i] > np.max(modulated))
     k = origin[i] if instead else int(np.argmax(modulated))
-    other = given[k].name
-    form = Form(UNKNOWN, member.form.site, f"{member.form.driver} times {other}", member.form.setting)
+    form = replace(member.form, effect=UNKNOWN, driver=f"{member.form.driver} times {given[k].name}")
     columns = []
-    for p, (_, _, of_motion) in zip(predicted, bank.motions(), strict=True):
+    for p, (_, _, of_motion) in zip(rows, bank.motions(), strict=True):
         by = _factors(of_motion[k])[i % 2][:, None] if instead else of_motion[k].functions
         columns.append({c: (p[:, c, None] * by).astype(np.float32) for c in live.tolist()})
     # a part of what a name explains may belong to its form
     forgiven = SEARCH.form * max(fit.log_evidence - rest.log_evidence, 0.0)
     gain = float(logsumexp(np.r_[modulated, replaced])) - forgiven
-    return Relative(member, form, gain, columns, instead)
+    return Relative(form, gain, columns, instead)
 
 
 def _factors(a: Argument) -> list[np.ndarray]:
@@ -73,24 +72,14 @@ def _factors(a: Argument) -> list[np.ndarray]:
     return [(1.0 + f) / 2.0, (1.0 - f) / 2.0]
 
 
-def _predicted(bank: Bank, fit: Fit, terms: Sequence[str]) -> list[np.ndarray]:
-    """What terms of a fit predict in each motion (M, C)."""
-    values = {name: fit.values[name] for name in terms}
-    left = bank.table.residuals(values)
-    return [part.residual - r for part, r in zip(bank.table.parts, left, strict=True)]
-
-
 def _nats(
-    bank: Bank,
-    fit: Fit,
-    channels: np.ndarray,
-    predicted: Sequence[np.ndarray],
+    bank: Bank, fit: Fit, channels: np.ndarray, rows: Sequence[np.ndarray],
     columns: Callable[[np.ndarray, Sequence[Argument]], list[np.ndarray]],
-) -> np.ndarray:
+) -> np.ndarray:  # fmt: skip
     """Log Bayes factors of sets beside a fit; `columns` has each (M, C, k), of the prediction of a motion."""
     dots: dict[int, Dots] = {}
     sets: tuple[np.ndarray, ...] = ()
-    for p, (part, _, given) in zip(predicted, bank.motions(), strict=True):
+    for p, (part, _, given) in zip(rows, bank.motions(), strict=True):
         every = columns(p, given)
         sets = consecutive([x.shape[2] for x in every])
         wide = np.concatenate(every, axis=2)

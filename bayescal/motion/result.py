@@ -77,9 +77,7 @@ class MotionGap:
     where: tuple[Place, ...]
     amplitudes: tuple[Amplitude, ...]
     shrinkage: Shrinkage
-    hypotheses: tuple[
-        tuple[tuple[str, ...], float, float], ...
-    ]  # effects, probability, nats; most probable first
+    hypotheses: tuple[tuple[tuple[str, ...], float, float], ...]  # effects, probability, nats; best first
     not_assessed: Mapping[str, str]  # by effect, why
     advice: tuple[str, ...]
     values: Mapping[str, float]  # of all terms of the model with the names
@@ -87,6 +85,4 @@ class MotionGap:
     warnings: tuple[str, ...]
     model: NamedArm  # without effects
     arm: NamedArm  # with the named ones
-    tracking: Mapping[str, Tracking] | str = (
-        ""  # of the arms nominal, model and effects; or why there is none
-    )
+    tracking: Mapping[str, Tracking] | str = ""  # of arms nominal, model, effects; or why there is none

@@ -53,9 +53,8 @@ def waves_of(table: Table, values: Mapping[str, float], noise: Noise) -> Waves:
                 score += along
                 size += square
                 loose += np.abs(along) ** 2 / np.maximum(square, 1.0)
-        steady += [
-            (j, float(waves[k])) for k in _peaks(np.abs(score) ** 2 / np.maximum(size, 1.0), SEARCH.ripples)
-        ]
+        strength = np.abs(score) ** 2 / np.maximum(size, 1.0)
+        steady += [(j, float(waves[k])) for k in _peaks(strength, SEARCH.ripples)]
         changing += [(j, float(waves[k])) for k in _peaks(loose, SEARCH.changing)]
         tried += len(waves)
     shares = [float(np.log(max(len(chosen), 1) / tried)) for chosen in (steady, changing)]

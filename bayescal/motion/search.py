@@ -118,8 +118,7 @@ class Search:
 
     def additions(self, members: Sequence[Member]) -> dict[str, tuple[Member, float]]:
         """Of each effect the best form at a new site, and its gain over a hypothesis, nats, averaged."""
-        fit = self.fit(members)
-        table = gains(fit, self.sets, SCALES)[0] + self.form_priors[:, None] + SCALE_PRIOR
+        table = gains(self.fit(members), self.sets, SCALES)[0] + self.form_priors[:, None] + SCALE_PRIOR
         taken, out = {(m.form.effect, m.form.site) for m in members}, {}
         for name, chosen in self.by_effect.items():
             new = [k for k in chosen if (name, self.forms[k][0].site) not in taken]
@@ -127,21 +126,16 @@ class Search:
                 part = table[new]
                 i, k = np.unravel_index(int(np.argmax(part)), part.shape)
                 member = Member(self.forms[new[i]][0], float(SCALES[k]))
-                out[name] = member, float(logsumexp(part)) + self._sign(member, fit)
+                out[name] = member, float(logsumexp(part)) + self._sign(member, members)
         return out
 
-    def _sign(self, member: Member, fit: Fit) -> float:
-        """Log evidence, nats, of a physically positive parameter over that of any sign."""
+    def _sign(self, member: Member, members: Sequence[Member]) -> float:
+        """Log evidence, nats, of a physically positive parameter over that of any sign, beside others."""
         name = member.form.effect
         if name not in EFFECTS or not EFFECTS[name].positive:
             return 0.0
+        wide = self.fit((*members, member))
         terms = self.terms[member.form]
-        index = self.normal.index
-        chosen, scales = (
-            [*fit.chosen, *(index[t] for t in terms)],
-            np.r_[fit.scales, [member.scale] * len(terms)],
-        )
-        wide = fitted(self.normal, chosen, scales)
         return float(sum(log_ndtr(wide.values[t] / wide.u[t]) + np.log(2.0) for t in terms))
 
     def cells(self, members: Sequence[Member]) -> list[tuple[Form, float]]:
@@ -169,9 +163,8 @@ class Search:
                         further[key] = new
             every |= further
             top = max(h.score for h in every.values())
-            level = [
-                h for h in further.values() if UNKNOWN not in h.names and h.score > top - SEARCH.below_best
-            ]
+            least = top - SEARCH.below_best
+            level = [h for h in further.values() if UNKNOWN not in h.names and h.score > least]
             level = sorted(level, key=lambda h: -h.score)[: SEARCH.width]
             level = [h for h in level if h.log_evidence > SEARCH.gain]
             if not level:

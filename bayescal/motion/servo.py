@@ -49,9 +49,7 @@ def with_torques(log: Log) -> Log:
         m = replace(m, viscous=np.nan_to_num(m.viscous) + control.damping)
     step = float(np.median(np.concatenate([np.diff(m.time) for m in log.motions])))
     motions = tuple(
-        replace(o, torque=stiffness * (o.command - o.position), velocity=None)
-        for o in log.motions
-        if o.command is not None
+        replace(o, torque=stiffness * (o.command - o.position), velocity=None) for o in log.motions
     )
     return replace(
         log, motions=motions, mechanism=m, torque_kind=SERVO,

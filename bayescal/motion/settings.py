@@ -164,8 +164,6 @@ class CellSettings:
     """rad, way after a reversal over which friction builds up (assumed)."""
     bumps: tuple[float, ...] = (0.06, 0.15)
     """rad, standard width of what happens at one angle (assumed)."""
-    kelvin: float = 10.0
-    """K (assumed)."""
     clock: float = 1e-3
     """s, drift of the clock over the log (assumed)."""
     force: float = 5.0
@@ -196,8 +194,6 @@ class ProductSettings:
     """s, over which power counts (assumed)."""
     long: float = 30.0
     """s, over which heat counts (assumed)."""
-    kelvin: float = 10.0
-    """K (assumed)."""
     resonances: tuple[float, ...] = tuple(0.7 * 10.0 ** (k / 26.0) for k in range(30))
     """Hz, 0.7 to 9, as near as their width (assumed)."""
     damping: float = 0.05

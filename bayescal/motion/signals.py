@@ -20,7 +20,7 @@ from bayescal.logs import Log, Motion
 from bayescal.logs.types import SERVO
 from bayescal.motion.dynamics import regressor
 from bayescal.motion.fit_settings import SERVOS
-from bayescal.motion.settings import SIGNALS
+from bayescal.motion.settings import OUTCOME, SIGNALS
 
 
 @dataclass(frozen=True)
@@ -85,6 +85,11 @@ class Signals:
         half = round(SIGNALS.margin / self.step)
         return x[half : len(x) - half]
 
+    @property
+    def moves(self) -> np.ndarray:
+        """Whether any joint moves, at each of these samples."""
+        return np.any(np.abs(self.unfiltered(self.dq)) > OUTCOME.moving, axis=1)
+
 
 def each(parts: Sequence[Signals]) -> Iterator[Signals]:
     """Motions one after another; of a long log each forgets the torques that it has computed."""
@@ -94,6 +99,11 @@ def each(parts: Sequence[Signals]) -> Iterator[Signals]:
         if long:
             for name in ("rigid", "tilted"):
                 s.__dict__.pop(name, None)
+
+
+def root_mean_square(parts: Sequence[np.ndarray]) -> np.ndarray:
+    """Of each joint (n,), over parts (N, n)."""
+    return np.asarray(np.sqrt(np.mean(np.concatenate(parts) ** 2, axis=0)))
 
 
 def low_passed(x: np.ndarray, step: float, band: float = SIGNALS.wide) -> np.ndarray:
@@ -134,8 +144,7 @@ def signals_of(log: Log, motion: Motion, first: float, cold: float) -> Signals:
     """
     assert motion.torque is not None
     steps = np.diff(motion.time)
-    step = float(np.median(steps))
-    step = max(step, 1.0 / SIGNALS.fastest)
+    step = max(float(np.median(steps)), 1.0 / SIGNALS.fastest)
     time = np.arange(motion.time[0], motion.time[-1], step)
     even = float(np.ptp(steps)) < SIGNALS.even * step and len(time) >= len(motion.time) - 1
     time = motion.time if even else time
@@ -153,8 +162,7 @@ def signals_of(log: Log, motion: Motion, first: float, cold: float) -> Signals:
         coarse = white(position) * 2.0 * np.pi * SIGNALS.band > SIGNALS.coarse
         dq = np.where(coarse, low_passed(velocity, step), dq)
     # of a joint at rest the noise of its position would be the driver of its friction
-    moves = np.ptp(q, axis=0) > SIGNALS.rest
-    dq = np.where(moves, dq, 0.0)
+    dq = np.where(np.ptp(q, axis=0) > SIGNALS.rest, dq, 0.0)
     torque = sampled(motion.torque)
     assert torque is not None
     rows = float(1.0 / (step * SIGNALS.rate * band))

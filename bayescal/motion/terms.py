@@ -138,16 +138,11 @@ def later(s: Signals, at: Operating) -> np.ndarray:
 def nominal(log: Log, rms: np.ndarray) -> Operating:
     """The nominal model; what is not stated is 0, of friction a share of the torque."""
     m = log.mechanism
+    coulomb = np.where(np.isnan(m.coulomb), BASELINE.friction * rms, m.coulomb)
     return Operating(
-        m.inertials,
-        np.nan_to_num(m.armature),
-        np.where(np.isnan(m.coulomb), BASELINE.friction * rms, m.coulomb),
-        np.nan_to_num(m.viscous),
-        np.zeros(m.n),
-        np.full(m.n, m.transition),
-        np.full(m.n, log.alignment),
-        np.ones(m.n),
-    )
+        m.inertials, np.nan_to_num(m.armature), coulomb, np.nan_to_num(m.viscous), np.zeros(m.n),
+        np.full(m.n, m.transition), np.full(m.n, log.alignment), np.ones(m.n),
+    )  # fmt: skip
 
 
 def of_body(m: Mechanism, k: int) -> tuple[np.ndarray, np.ndarray]:
@@ -183,30 +178,23 @@ def baseline(s: Signals, at: Operating, rms: np.ndarray) -> Iterator[Column]:
         for p, name in enumerate(BODY):
             if sd[p] > 0.0:
                 yield Term(f"{name} of link {k + 1}", UNITS[p], sd[p], moves=True), columns[:, :, p]
-    way, gain = at.reversal(s), at.gain
-    friction, servo = at.by_friction(s), log.torque_kind == SERVO
-    if servo:
-        gain = np.ones(m.n)
+    way, friction, servo = at.reversal(s), at.by_friction(s), log.torque_kind == SERVO
+    gain = np.ones(m.n) if servo else at.gain
+    slopes = -gain * at.coulomb * (1.0 - way**2) * s.dq / at.transition
     scale = np.where(np.isnan(m.rated), rms, np.minimum(m.rated, 3.0 * rms))
     for j in range(m.n):
-        armature = m.u.armature * m.armature[j]
-        if not armature > 0.0:
-            armature = scale[j] / BASELINE.acceleration
+        stated, sd = m.u.armature * m.armature[j], BASELINE.friction * scale[j]
+        armature = stated if stated > 0.0 else scale[j] / BASELINE.acceleration
         yield Term(f"armature {j + 1}", "kg m2", armature, j, True), gain[j] * s.ddq[:, j]
-        yield Term(f"coulomb {j + 1}", "N m", BASELINE.friction * scale[j], j, True), gain[j] * friction[:, j]
-        yield (
-            Term(f"viscous {j + 1}", "N m s/rad", BASELINE.friction * scale[j], j, True),
-            gain[j] * s.dq[:, j],
-        )
+        yield Term(f"coulomb {j + 1}", "N m", sd, j, True), gain[j] * friction[:, j]
+        yield Term(f"viscous {j + 1}", "N m s/rad", sd, j, True), gain[j] * s.dq[:, j]
         yield Term(f"offset {j + 1}", "N m", BASELINE.offset * scale[j], j), np.ones(len(way))
         if not servo:
-            slope = -gain[j] * at.coulomb[j] * (1.0 - way[:, j] ** 2) * s.dq[:, j] / at.transition[j]
-            yield Term(f"transition {j + 1}", "1", BASELINE.transition, j), slope
+            yield Term(f"transition {j + 1}", "1", BASELINE.transition, j), slopes[:, j]
         if log.u_constant:
             shown = at.load(s) if servo else at.torque(s)
             yield Term(f"constant {j + 1}", "1", log.u_constant, j), shown[:, j]
     if not servo:
-        slopes = -gain * at.coulomb * (1.0 - way**2) * s.dq / at.transition
         yield Term("transition", "1", m.u.transition), slopes
     yield Term("alignment", "s", log.u_alignment), later(s, at)
     for kind in kinds(log)[1:]:
@@ -219,11 +207,9 @@ def baseline(s: Signals, at: Operating, rms: np.ndarray) -> Iterator[Column]:
                 # above its bandwidth a servo does not answer as its stiffness says
                 asked = at.torque(s)[:, j] / log.controller.stiffness[j]
                 fast = asked - low_passed(asked, s.step, BASELINE.servo)
+                rate = derivative(asked, s.step)
                 yield Term(f"{kind} fast torque {j + 1}", "1", 1.0, number), fast
-                yield (
-                    Term(f"{kind} rate of torque {j + 1}", "s", BASELINE.answer, number),
-                    derivative(asked, s.step),
-                )
+                yield Term(f"{kind} rate of torque {j + 1}", "s", BASELINE.answer, number), rate
 
 
 def residuals(s: Signals, at: Operating) -> np.ndarray:

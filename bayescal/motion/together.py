@@ -13,7 +13,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -141,12 +140,10 @@ def fit_together(
     of_log = calibrated(estimate, fit, samples, options.seed)
     progress("session", 0.0)
     alone = calibration.fit(dataset, effects, options, without=without, samples=0)
-    first = np.array([fit.values.get(name, 0.0) for name in bodies.names])
-    p = _possible(bodies, first)
-    scene_of = partial(Scene, oriented=True)
+    p = _possible(bodies, np.array([fit.values.get(name, 0.0) for name in bodies.names]))
     for rounds in range(1, TOGETHER.rounds + 1):
         progress("together", (rounds - 1) / TOGETHER.rounds)
-        scene = scene_of(bodies.on(dataset, p))
+        scene = Scene(bodies.on(dataset, p), oriented=True)
         level = fitted_level(scene, effects, options.omitting(without, scene, effects))
         information, score = informed(level)
         to = bodies.to_session(p)

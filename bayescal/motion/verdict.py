@@ -28,6 +28,11 @@ class Verdict:
     members: Mapping[str, float]  # of a class: causes that the log does not distinguish
     explained: float  # share of the nats of the leading set that its names explain
 
+    @property
+    def left_open(self) -> bool:
+        """Whether a cause that is not named is at a site that is known."""
+        return self.kind in ("unknown", "class", "named+unexplained") and bool(self.leading.members)
+
 
 def decide(search: Search, hypotheses: tuple[Hypothesis, ...]) -> Verdict:
     """The verdict on hypotheses, the most probable first."""
@@ -56,9 +61,7 @@ def decide(search: Search, hypotheses: tuple[Hypothesis, ...]) -> Verdict:
     else:
         kind, sure = "ambiguous", tuple(n for n in sure if probability[n] >= VERDICT.credible)
     if kind in ("named+unexplained", "class", "unknown"):
-        limit = (
-            min(explained, VERDICT.beside_unmodelled) if UNKNOWN in best.names else VERDICT.beside_unmodelled
-        )
+        limit = min(explained, VERDICT.beside_unmodelled)
         for name in search.candidates:
             probability[name] = min(probability[name], limit)
     named = Hypothesis(tuple(m for m in best.members if m.form.effect in sure), 0.0, 0.0)
@@ -91,10 +94,11 @@ def confirmed(v: Verdict, search: Search, held: Normal) -> Verdict:
         return v
     probability = dict(v.probability)
     strong = v.leading.log_evidence > VERDICT.structure
+    takes = UNKNOWN if strong else NULL
     for name in {m.form.effect for m in refused}:
         lost = max(probability[name] - VERDICT.not_admitted, 0.0)
         probability[name] -= lost
-        probability[UNKNOWN if strong else NULL] = min(probability[UNKNOWN if strong else NULL] + lost, 1.0)
+        probability[takes] = min(probability[takes] + lost, 1.0)
     named = Hypothesis(tuple(kept), 0.0, 0.0)
     without_names = "unknown" if probability[UNKNOWN] >= VERDICT.sure else "ambiguous" if strong else NULL
     kind = v.kind if kept else without_names

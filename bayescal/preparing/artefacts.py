@@ -99,9 +99,8 @@ def _cube(room: Room) -> Outline:
     a, opposite, side, top = names
     square = [Certificate("perpendicular", pair, u_angle=U_ANGLE) for pair in combinations((a, side, top), 2)]
     parallel = Certificate("parallel", (a, opposite), room.cube.edge, U_DISTANCE, U_ANGLE)
-    return Outline(
-        Scenery(room.cube, room.faces, np.empty((0, 0, 3)), room.diameter).targets, (parallel, *square)
-    )
+    scenery = Scenery(room.cube, room.faces, np.empty((0, 0, 3)), room.diameter)
+    return Outline(scenery.targets, (parallel, *square))
 
 
 def _spheres(room: Room) -> Outline:
@@ -131,10 +130,8 @@ def _plate(room: Room) -> Outline:
 def _seats(room: Room) -> Outline:
     corners = 0.5 * room.scale * SEATS * np.array([[1, 1, 0], [1, -1, 0], [-1, -1, 0], [-1, 1, 0]])
     centres = room.cube.centre + corners @ room.cube.axes.T
-    targets = [
-        Target(f"seat.{letter}", "fixed-point", {"centre": centre})
-        for letter, centre in zip("ABCD", centres, strict=True)
-    ]
+    seats = zip("ABCD", centres, strict=True)
+    targets = [Target(f"seat.{letter}", "fixed-point", {"centre": centre}) for letter, centre in seats]
     return Outline(tuple(targets), tuple(_apart(a, b, U_SEAT) for a, b in combinations(targets, 2)))
 
 

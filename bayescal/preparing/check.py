@@ -72,12 +72,8 @@ def _refused(dataset: Dataset, table: Table, document: Document) -> Iterator[Fin
 
 
 def _code(error: BayescalError) -> str:
-    words = {
-        "certified": "certified_length",
-        "limits are": "limits",
-        "look like": "units",
-        "impossible": "impossible_row",
-    }
+    words = {"certified": "certified_length", "limits are": "limits", "look like": "units"}
+    words |= {"impossible": "impossible_row"}
     return next((code for word, code in words.items() if word in error.what), "misplaced_target")
 
 
@@ -123,9 +119,8 @@ def _doubled(dataset: Dataset, table: Table) -> Iterator[Finding]:
         row, one = pairs[0]
         more = f" ({len(pairs) - 1} more rows repeat another)" if len(pairs) > 1 else ""
         what = f"row `{m.ids[row]}` has the values of row `{m.ids[one]}`{more}"
-        remedy = (
-            "remove the copy; a second measurement has other digits, or one `repeat` or `stop` with the first"
-        )
+        remedy = "remove the copy; a second measurement has other digits, "
+        remedy += "or one `repeat` or `stop` with the first"
         yield Finding("doubled_row", "odd", what, place_of(dataset, table, row), remedy)
 
 
@@ -245,9 +240,8 @@ def check(folder: Path | str, robot: Loaded | None = None) -> Check:
     findings += missing(scene, model, tests, posed)
     tested = None if any(f.kind == "refused" for f in findings) else judged(dataset)
     if tested is not None:
-        mistakes = [
-            Finding(m.code, "odd", m.what, document.where(m.place), m.remedy) for m in mistaken(tested)
-        ]
+        found = mistaken(tested)
+        mistakes = [Finding(m.code, "odd", m.what, document.where(m.place), m.remedy) for m in found]
         if any("diameter_mm" in f.what for f in mistakes):
             findings = [f for f in findings if f.code != "diameter"]  # that the contacts show another one
         findings += mistakes

@@ -38,19 +38,6 @@ def columns_of(draft: Draft) -> dict[str, tuple[str, ...]]:
     return {key: columns for key, columns in wanted.items() if columns}
 
 
-def readme_text(draft: Draft, folder: str) -> str:
-    """The content of README.md."""
-    return rendered(
-        "README.md.j2",
-        folder=folder,
-        draft=draft,
-        artefacts=[ARTEFACTS[name] for name in draft.outlines],
-        columns=columns_of(draft),
-        meaning=COLUMNS,
-        on_sphere=ON_SPHERE,
-    )
-
-
 README = "README.md"
 NEW = "new"
 """Robot that is not described yet: a robot.yaml to be filled in is written."""
@@ -111,10 +98,12 @@ def start(
         placed=described,
         schema=schema_name(Path(SETTINGS)),
     )
+    columns, chosen = columns_of(draft), [ARTEFACTS[each] for each in artefacts]
+    known = {"columns": columns, "meaning": COLUMNS, "on_sphere": ON_SPHERE}
     files = {
         SETTINGS: settings_text(draft),
-        TABLE: ",".join(chain(*columns_of(draft).values())) + "\n",
-        README: readme_text(draft, folder.name),
+        TABLE: ",".join(chain(*columns.values())) + "\n",
+        README: rendered("README.md.j2", folder=folder.name, draft=draft, artefacts=chosen, **known),
         schema_name(Path(SETTINGS)): schema_text("dataset"),
     }
     if not builtin:

@@ -76,15 +76,12 @@ def joints_of(log: Log) -> tuple[Joint, ...]:
         speed = np.abs(np.concatenate([v[:, j] for v in velocity]))
         slow = (speed > SLOW[0]) & (speed < SLOW[1])
         derived = [np.gradient(e.position[:, j], e.step) for e in even]
-        pairs = [
-            (d, e.measured[:, j], e.step)
-            for d, e in zip(derived, even, strict=True)
-            if e.measured is not None
-        ]
+        both = zip(derived, even, strict=True)
+        pairs = [(d, e.measured[:, j], e.step) for d, e in both if e.measured is not None]
         commands = [(e.command[:, j], e.position[:, j], e.step) for e in even if e.command is not None]
         moves = bool((speed > SLOW[0]).any())
-        transfer = [signals.cutoff(*pair) for pair in pairs] if moves else []
-        low, high = (_median(k, transfer) for k in (0, 1))
+        transfer = [pair for p in pairs if moves and np.isfinite((pair := signals.cutoff(*p))[0])]
+        low, high = (float(x) for x in np.median(transfer, axis=0)) if transfer else nothing
         late = [
             signals.delay(signals.torque_drivers(e, j), e.torque[:, j], e.step, signals.BAND)
             if moves and e.torque is not None
@@ -122,11 +119,6 @@ def gravity_torques(log: Log, position: np.ndarray) -> np.ndarray:
     still = np.zeros_like(position)
     parts = regressor(log.mechanism, position, still, still, log.gravity)
     return np.asarray(np.einsum("cjkp,kp->cj", parts, log.mechanism.inertials))
-
-
-def _median(k: int, pairs: Sequence[tuple[float, float]]) -> float:
-    values = [pair[k] for pair in pairs if np.isfinite(pair[0])]
-    return float(np.median(values)) if values else np.nan
 
 
 def _delay(pairs: Sequence[tuple[np.ndarray, np.ndarray, float]]) -> tuple[float, float]:
@@ -167,9 +159,8 @@ def stamps_of(log: Log, table: str) -> Stamps:
     row = int(np.argmax(steps[worst])) + 1
     usual = every[every < GAP * step]
     where = f"{table}:{log.motions[worst].line + row} (motion {log.motions[worst].name})"
-    return Stamps(
-        step, float(usual.std() / step), float(every.max()), where, int((every >= GAP * step).sum())
-    )
+    jitter, gaps = float(usual.std() / step), int((every >= GAP * step).sum())
+    return Stamps(step, jitter, float(every.max()), where, gaps)
 
 
 def gravity_loaded(joints: Sequence[Joint]) -> list[Joint]:

@@ -66,9 +66,8 @@ def odd(log: Log, joints: Sequence[Joint], stamps: Stamps, table: str) -> Iterat
     for name in ("velocity", "command", "torque"):
         parts = [values for m in log.motions if (values := getattr(m, name)) is not None]
         still = np.ptp(np.concatenate(parts), axis=0) == 0 if parts else ()
-        if dead := [
-            j.name for j, constant in zip(joints, still, strict=False) if constant and j.fastest > SLOW[0]
-        ]:
+        stuck = (j for j, constant in zip(joints, still, strict=False) if constant)
+        if dead := [j.name for j in stuck if j.fastest > SLOW[0]]:
             what = f"the {name} of {listed(dead)} never changes though the joint moves"
             yield Finding("constant", "odd", what, table, "is the signal connected? remove the column if not")
     for motion in log.motions:
@@ -104,18 +103,14 @@ def _clocks(log: Log, joints: Sequence[Joint], table: str) -> Iterator[Finding]:
     if late:
         each = ", ".join(f"{j.name} {1e3 * j.velocity_delay[0]:.2g} ms" for j in late)
         what = f"velocities are later than the derivative of positions: {each}"
-        yield Finding(
-            "velocity_delay", "odd", what, table, "they are filtered, or of another clock: see the table"
-        )
+        remedy = "they are filtered, or of another clock: see the table"
+        yield Finding("velocity_delay", "odd", what, table, remedy)
 
 
 def _corrupt(motion: Motion, table: str) -> Iterator[Finding]:
     """Single values that are far from their neighbours, and ends with accelerations that no motion has."""
-    for name, values in (
-        ("position", motion.position),
-        ("velocity", motion.velocity),
-        ("torque", motion.torque),
-    ):
+    for name in ("position", "velocity", "torque"):
+        values = getattr(motion, name)
         if values is not None and len(rows := signals.spikes(values)):
             what = f"{len(rows)} rows of motion {motion.name} with a {name} far from their neighbours"
             where = f"{table}:{motion.line + rows[0]}"
@@ -125,7 +120,7 @@ def _corrupt(motion: Motion, table: str) -> Iterator[Finding]:
     acceleration = np.abs(np.diff(rate, axis=0) / np.diff(motion.time)[:, None])
     within = np.maximum(np.percentile(acceleration[4:-4], 99.5, axis=0), 1e-9)
     for end, rows in (("begins", acceleration[:2]), ("ends", acceleration[-2:])):
-        if np.any(rows > LAGS[1] * within) and np.any((rows > LAGS[1] * within) & (rows > FAST)):
+        if np.any((rows > LAGS[1] * within) & (rows > FAST)):
             line = motion.line + (0 if end == "begins" else len(motion.time) - 1)
             times = float(np.max(rows / within))
             what = f"motion {motion.name} {end} with {times:.2g} times the acceleration within"
@@ -148,30 +143,24 @@ def missing(log: Log, joints: Sequence[Joint], table: str) -> Iterator[Finding]:
         what = "torques have no sign: they are not assessed"
         yield Finding("unsigned", "refused", what, table, "log signed currents or torques")
     if not log.of_role("validate"):
-        yield lacks(
-            "no_validation", "no motion has the role validate: `gap` refuses the log", "withhold some", where
-        )
+        what = "no motion has the role validate: `gap` refuses the log"
+        yield lacks("no_validation", what, "withhold some", where)
     elif {m.kind for m in log.of_role("validate")} <= {m.kind for m in log.of_role("calibrate")}:
         what = "withheld motions are of the kind of the fitted ones: another use is not tested"
         yield lacks("same_kind", what, "withhold motions of another kind, such as pick and place", where)
     most = max(sum(m.same_as == name for m in motions) for name in {m.same_as for m in motions})
     if most < REPEATS:
-        what = "no motion is repeated" if most < 2 else "no motion is repeated three times"
-        yield lacks(
-            "no_repeat",
-            f"{what}: the noise follows from residuals alone",
-            "log one motion three times",
-            where,
-        )
+        what = f"no motion is repeated{' three times' if most > 1 else ''}"
+        what += ": the noise follows from residuals alone"
+        yield lacks("no_repeat", what, "log one motion three times", where)
     short = [m.name for m in motions if m.time[-1] - m.time[0] < LENGTH]
     if len(motions) < MOTIONS or len(short) > len(motions) / 2:
         what = f"{len(motions)} motions, {len(short)} of them shorter than {LENGTH:g} s"
         yield lacks("few_motions", what, f"log {MOTIONS} motions or more of 10 to 20 s")
     still = [j.name for j in joints if j.fastest <= SLOW[0]]
     if still:
-        yield lacks(
-            "resting", f"{listed(still)} never move: their friction is undetermined", "move all joints"
-        )
+        what = f"{listed(still)} never move: their friction is undetermined"
+        yield lacks("resting", what, "move all joints")
     moved = [j for j in joints if j.name not in still]
     if slow := [j.name for j in moved if j.slow < CROSSINGS]:
         what = f"{listed(slow)}: less than {CROSSINGS:g} s slower than {SLOW[1]:g} rad/s"
@@ -179,11 +168,8 @@ def missing(log: Log, joints: Sequence[Joint], table: str) -> Iterator[Finding]:
     if slack := [j.name for j in moved if j.fastest < FAST]:
         yield lacks("no_fast", f"{listed(slack)}: never faster than {FAST:g} rad/s", "add a faster motion")
     if poses := [j.name for j in gravity_loaded(joints) if j.gravity[1] < LOADS * abs(j.gravity[0])]:
-        yield lacks(
-            "one_pose",
-            f"{listed(poses)}: gravity loads them in one pose alone",
-            "move them in two poses or more",
-        )
+        what = f"{listed(poses)}: gravity loads them in one pose alone"
+        yield lacks("one_pose", what, "move them in two poses or more")
     loads = [m.loaded for m in motions]
     changes = sum(a != b for a, b in pairwise(loads))
     if changes == 0:
@@ -194,9 +180,8 @@ def missing(log: Log, joints: Sequence[Joint], table: str) -> Iterator[Finding]:
         yield lacks("load_order", what, "interleave motions with and without the payload")
     warm = warm_up(log)
     if np.isnan(warm):
-        yield lacks(
-            "no_temperature", "no temperature: warm-up is assessed by time alone", "log `temperature_degC`"
-        )
+        what = "no temperature: warm-up is assessed by time alone"
+        yield lacks("no_temperature", what, "log `temperature_degC`")
     elif warm < WARM:
         yield lacks("no_warm_up", f"the temperature varies by {warm:.2g} K", f"log {WARM:g} K of warm-up")
     if motions[0].command is None:

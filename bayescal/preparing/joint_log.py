@@ -192,11 +192,8 @@ COLUMNS = ("position", "velocity", "command", "torque", "link", "temperature")
 
 
 def _joint_record(j: Joint) -> dict[str, Any]:
-    delays = {
-        "torque": j.torque_delay,
-        "velocity": j.velocity_delay,
-        "position_after_command": j.command_delay,
-    }
+    delays = {"torque": j.torque_delay, "velocity": j.velocity_delay}
+    delays |= {"position_after_command": j.command_delay}
     return {
         "name": j.name,
         "range_deg": [_plain(np.degrees(j.lowest)), _plain(np.degrees(j.highest))],

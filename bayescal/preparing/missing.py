@@ -97,9 +97,8 @@ def _predicted(scene: Scene) -> Iterator[Finding]:
         target = dataset.targets[k]
         if target.kind == "instrument":
             what = f"only validation rows are of the instrument {target.name}: its pose, uncertain by "
-            what += (
-                f"{1e3 * place_sd(target):g} mm, is estimated from them, which hides errors that displace it"
-            )
+            what += f"{1e3 * place_sd(target):g} mm, "
+            what += "is estimated from them, which hides errors that displace it"
             yield Finding("predicted_instrument", "missing", what, TABLE, "fit some of its rows")
 
 

@@ -123,9 +123,10 @@ class Bounds:
         torque = np.fmax(RATED * m.rated, STRONGER * logged)
         assumed = ["what stands around the arm is not known: run the motions slowly first"]
         stated = None if robot is None else robot.velocities
-        speed = np.maximum(fastest, QUICK) if stated is None else STATED * stated
-        speed = np.where(np.isnan(speed), np.maximum(fastest, QUICK), speed)
-        if stated is None or np.isnan(stated).any():
+        speed = np.full(m.n, np.nan) if stated is None else STATED * stated
+        unknown = np.isnan(speed)
+        speed = np.where(unknown, np.maximum(fastest, QUICK), speed)
+        if unknown.any():
             assumed.append(f"largest speeds are not stated: those logged, or {QUICK:.3g} rad/s, are assumed")
         bounds = cls(log, step, home, low, high, speed, most, torque, tuple(assumed))
         if robot is None:
@@ -133,9 +134,8 @@ class Bounds:
             return replace(bounds, assumed=(*assumed, more))
         arm = NominalArm(robot, np.zeros(3))
         low, high = np.minimum(low, home - WIDEST), np.maximum(high, home + WIDEST)
-        return replace(
-            bounds, low=low, high=high, arm=arm, clearance=Clearance.of(robot, Tool("none", np.zeros(3)))
-        )
+        clearance = Clearance.of(robot, Tool("none", np.zeros(3)))
+        return replace(bounds, low=low, high=high, arm=arm, clearance=clearance)
 
     @property
     def middle(self) -> np.ndarray:
@@ -147,9 +147,8 @@ class Bounds:
         dq = derivative(q, self.step)
         ddq = derivative(dq, self.step)
         some = slice(None, None, max(round(0.05 / self.step), 1))
-        needed = np.max(
-            [np.abs(self._needed(q[some], dq[some], ddq[some], w)) for w in (0.0, kilograms)], axis=0
-        )
+        loads = (self._needed(q[some], dq[some], ddq[some], w) for w in (0.0, kilograms))
+        needed = np.max([np.abs(x) for x in loads], axis=0)
         checks = {
             "range": (q < self.low - 1e-9) | (q > self.high + 1e-9) | ~self._within(q),
             "largest speed": np.abs(dq) > self.speed,
@@ -169,12 +168,9 @@ class Bounds:
         if self.arm is None:
             return np.ones_like(q, bool)
         # coupled readings have limits of angles; the log may be nearer to a limit than the margin
-        angles, first, limits = (
-            self.arm.angles_of(q),
-            self.arm.angles_of(self.home[None]),
-            self.arm.robot.limits,
-        )
-        low, high = np.minimum(limits[:, 0] + MARGIN, first), np.maximum(limits[:, 1] - MARGIN, first)
+        angles, first = self.arm.angles_of(q), self.arm.angles_of(self.home[None])
+        lowest, highest = self.arm.robot.limits.T
+        low, high = np.minimum(lowest + MARGIN, first), np.maximum(highest - MARGIN, first)
         return np.asarray((angles >= low - 1e-9) & (angles <= high + 1e-9))
 
     def _needed(self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray, kilograms: float) -> np.ndarray:

@@ -71,9 +71,8 @@ def _planned(setup: Setup, options: Options) -> Dataset:
     """Contacts of the nominal arm: to calibrate with their repeats, on validation targets, and later ones."""
     for target in setup.dataset.targets:
         if KINDS[target.kind].posed:
-            raise BayescalError(
-                "images cannot be simulated", target.name, "leave cameras out, or take images"
-            )
+            remedy = "leave cameras out, or take images"
+            raise BayescalError("images cannot be simulated", target.name, remedy)
     rng = stream(options.seed, "practice")
     different = options.contacts - (GROUP - 1) * options.repeats
     pool = candidates(setup, int(SPARE * (different + options.later)), options.seed)
@@ -162,9 +161,7 @@ def _measured(
     for _ in range(PASSES):
         values, m = draws(options, model), dataset.measurements
         measured = {"readings": m.readings, "xyz": m.xyz, "length": m.length}
-        columns: dict[str, Any] = {
-            name: np.array(values) for name, values in measured.items() if values is not None
-        }
+        columns: dict[str, Any] = {k: x.copy() for k, x in measured.items() if x is not None}
         largest = 0.0
         for block in model.blocks:
             state = z[model.slices[block.target]]

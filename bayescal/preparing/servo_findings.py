@@ -87,9 +87,8 @@ def _turned(log: Log, table: str) -> Iterator[Finding]:
     usual = np.median(middles, axis=0)
     for j, name in enumerate(log.mechanism.joint_names):
         away = middles[:, j] - usual[j]
-        kinds = [
-            _whole(float(x)) if span < 0.25 * TURN else "" for x, span in zip(away, spans[:, j], strict=True)
-        ]
+        each = zip(away.tolist(), spans[:, j], strict=True)
+        kinds = [_whole(x) if span < 0.25 * TURN else "" for x, span in each]
         for turns in dict.fromkeys(filter(None, kinds)):
             which = [k for k, kind in enumerate(kinds) if kind == turns]
             motions = listed([log.motions[k].name for k in which])
@@ -142,9 +141,7 @@ def _zeros(log: Log, joints: Sequence[Joint], calibrations: Sequence[Path]) -> I
             steps = zero_shift(one, two)
             if abs(steps) > APART:
                 turns = _whole(steps * STEP)
-                what = (
-                    f"at one pose {name} reads {np.degrees(steps * STEP):+.2f} deg ({steps:+g} steps) more "
-                )
-                what += f"by {other} than by {first} (Feetech servos)" + (f": {turns}" if turns else "")
+                what = f"at one pose {name} reads {np.degrees(steps * STEP):+.2f} deg ({steps:+g} steps)"
+                what += f" more by {other} than by {first} (Feetech servos)" + (f": {turns}" if turns else "")
                 remedy = "calibrate at the same middle pose, or import each log with its own calibration"
                 yield Finding("zero", "odd", what, other, remedy)

@@ -7,6 +7,7 @@ import textwrap
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from itertools import starmap
 from pathlib import Path
 from typing import Any
 
@@ -105,9 +106,8 @@ class Draft:
 def settings_text(draft: Draft) -> str:
     """The content of dataset.yaml."""
     regions = {name: p for outline in draft.outlines.values() for name, p in outline.regions.items()}
-    plan = (
-        {"plan": plan_block(PlanSettings(regions=regions), draft.units)} if regions and draft.placed else {}
-    )
+    planned = regions and draft.placed
+    plan = {"plan": plan_block(PlanSettings(regions=regions), draft.units)} if planned else {}
     stated = {name: o.certificates for name, o in draft.outlines.items() if o.certificates}
     kinds = dict.fromkeys(KINDS[t.kind] for t in draft.targets)
     return rendered(
@@ -137,9 +137,8 @@ def _tool(draft: Draft, name: str) -> dict[str, str]:
 def _targets(draft: Draft) -> list[tuple[Artefact, dict[str, str]]]:
     """The entries of the targets of each artefact, by name."""
     artefacts = [(ARTEFACTS[name], outline.targets) for name, outline in draft.outlines.items()]
-    once = Once(
-        Counter(_of_target(t, key) for each, targets in artefacts for t in targets for key in each.certified)
-    )
+    certified = ((t, key) for each, targets in artefacts for t in targets for key in each.certified)
+    once = Once(Counter(starmap(_of_target, certified)))
 
     def entry(target: Target, artefact: Artefact) -> str:
         items = dict(target_keys(target))

@@ -172,11 +172,8 @@ def filtered(torques: Sequence[np.ndarray], step: float) -> float:
         return np.inf
     power, frequency = np.mean(spectra, axis=0), np.fft.rfftfreq(length, step)
     edges = LEAST * 2.0 ** (0.5 * np.arange(int(2 * np.log2(0.5 / step / LEAST)) + 1))
-    level = [
-        float(np.median(power[(frequency >= low) & (frequency < low * np.sqrt(2))]))
-        for low in edges
-        if np.any((frequency >= low) & (frequency < low * np.sqrt(2)))
-    ]
+    octaves = (power[(frequency >= low) & (frequency < low * np.sqrt(2))] for low in edges)
+    level = [float(np.median(part)) for part in octaves if len(part)]
     steep = [k for k in range(len(level) - 2) if level[k] > STEEP * max(level[k + 2], 1e-300)]
     return float(edges[steep[0]]) if steep else np.inf
 

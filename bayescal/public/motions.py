@@ -91,16 +91,11 @@ class MotionGapResult(Result):
     @property
     def shrinkage(self) -> DataFrame:
         """RMS of the residuals of withheld motions, N m or (servos without torques) deg, joint by joint."""
-        unit = self.record["unit"]
-        s = self.record["shrinkage"]["tracking" if unit == "deg" else "torque"]
-        keys = (f"before_rms_{unit}", f"after_rms_{unit}", f"floor_{unit}")
-        columns = [self.record["joints"], *(s[key] for key in keys)]
-        rows = [dict(zip(("joint", *keys), row, strict=True)) for row in zip(*columns, strict=True)]
-        return table(rows, "joint")
+        from bayescal.reporting.motion.sheets import shrinkage_of
 
-    @property
-    def _overview(self) -> DataFrame:
-        return self.shrinkage
+        return table(shrinkage_of(self.record)[1], "joint")
+
+    _overview = shrinkage
 
     def __repr__(self) -> str:
         names = ", ".join(self.effects or self.record["credible_set90"])
@@ -150,9 +145,7 @@ class MotionFitResult(Result):
         """Torque errors of withheld motions, N m RMS, joint by joint."""
         return table(self.record["withheld"], "joint")
 
-    @property
-    def _overview(self) -> DataFrame:
-        return self.withheld
+    _overview = withheld
 
     def __repr__(self) -> str:
         name, count = self.record["dataset"]["name"], len(self.record["parameters"])
@@ -175,8 +168,8 @@ def divided(source: Any) -> tuple[list[Any], list[Path]]:
     from bayescal.logs import is_log
 
     each = source if isinstance(source, list | tuple) else [source]
-    logs = [Path(one) for one in each if isinstance(one, str | PathLike) and is_log(Path(one))]
-    return [one for one in each if not isinstance(one, str | PathLike) or Path(one) not in logs], logs
+    logs = [one for one in each if isinstance(one, str | PathLike) and is_log(Path(one))]
+    return [one for one in each if not any(one is log for log in logs)], list(map(Path, logs))
 
 
 def diagnose_log(folder: Path, progress: Progress = silent) -> MotionGapResult:
@@ -189,8 +182,7 @@ def diagnose_log(folder: Path, progress: Progress = silent) -> MotionGapResult:
     log = read_log(folder)
     gap = replay_gap(diagnose(log, progress))
     v = gap.verdict
-    left_open = v.kind in ("unknown", "class", "named+unexplained") and v.leading.members
-    sites = (v.leading.members[-1].form.site,) if left_open else ()
+    sites = (v.leading.members[-1].form.site,) if v.left_open else ()
     return MotionGapResult(gap, plan=next_motions(log, gap.not_assessed, sites))
 
 
@@ -228,9 +220,7 @@ class MotionPlanResult(Result):
         """The motions, by `id`."""
         return table(self.record["motions"], "id")
 
-    @property
-    def _overview(self) -> DataFrame:
-        return self.motions
+    _overview = motions
 
     def __repr__(self) -> str:
         return f"<{len(self.record['motions'])} motions to log after {self.record['dataset']['name']}>"
@@ -295,11 +285,9 @@ def fitted_log(run: Any) -> MotionFitResult | MotionGapResult | None:
     from bayescal.storage.reading import read_record
 
     folder, again = Path(run), "repeat the command with this version"
-    if (folder / "gap.json").is_file():
-        return MotionGapResult(
-            folder=folder, content=read_record(folder / "gap.json", "bayescal-gap/1", again)
-        )
-    return MotionFitResult(folder=folder, content=read_record(folder / "fit.json", "bayescal-fit/1", again))
+    found = (folder / "gap.json").is_file()
+    name, kind = ("gap", MotionGapResult) if found else ("fit", MotionFitResult)
+    return kind(folder=folder, content=read_record(folder / f"{name}.json", f"bayescal-{name}/1", again))
 
 
 @dataclass(frozen=True, repr=False)

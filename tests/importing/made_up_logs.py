@@ -7,16 +7,8 @@ import numpy as np
 
 from bayescal.dataset import Dataset
 
-PER = {
-    "deg": 180 / np.pi,
-    "rad": 1.0,
-    "mrad": 1e3,
-    "m": 1.0,
-    "mm": 1e3,
-    "um": 1e6,
-    "in": 1 / 0.0254,
-    "cm": 100.0,
-}
+PER = {"deg": 180 / np.pi, "rad": 1.0, "mrad": 1e3, "m": 1.0, "mm": 1e3, "um": 1e6}
+PER |= {"in": 1 / 0.0254, "cm": 100.0}
 """How many of a unit one of SI is, written down apart from the code under test."""
 
 

@@ -6,15 +6,10 @@ import json
 from dataclasses import dataclass
 
 import numpy as np
+import pandas as pd
 
-UR = (
-    "shoulder_pan_joint",
-    "shoulder_lift_joint",
-    "elbow_joint",
-    "wrist_1_joint",
-    "wrist_2_joint",
-    "wrist_3_joint",
-)
+LINKS = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
+UR = tuple(f"{link}_joint" for link in LINKS)
 CONSTANTS = np.array([12.0, 12.0, 10.0, 5.0, 5.0, 5.0])
 """N m/A."""
 STEP, REST = 0.01, 0.8
@@ -61,13 +56,7 @@ def of_joints(name: str, values: np.ndarray, first: int = 0) -> dict[str, np.nda
 
 
 def write_csv(path, columns):
-    names = list(columns)
-    lines = [",".join(names)]
-    lines += [
-        ",".join(v if isinstance(v, str) else f"{v:.9g}" for v in row)
-        for row in zip(*columns.values(), strict=True)
-    ]
-    path.write_text("\n".join(lines) + "\n")
+    pd.DataFrame(columns).to_csv(path, index=False, float_format="%.9g")
     return path
 
 
@@ -121,13 +110,9 @@ def joint_states(s: Session, names=UR, topic="/joint_states", late=0.002, unstam
     order = [UR.index(name) for name in names]
 
     def make(types, k):
-        return types[STATE](
-            header=header(types, 0.0 if unstamped else s.time[k]),
-            name=list(names),
-            position=s.position[k, order],
-            velocity=s.velocity[k, order],
-            effort=s.current[k, order],
-        )
+        position, velocity, effort = (x[k, order] for x in (s.position, s.velocity, s.current))
+        stamp = header(types, 0.0 if unstamped else s.time[k])
+        return types[STATE](stamp, list(names), position, velocity, effort)
 
     return topic, STATE, make, s.time + late
 
@@ -138,11 +123,8 @@ def controller_states(s: Session, every=2, first=0):
 
     def make(types, k):
         def point(values):
-            empty = np.zeros(0)
-            zero = types["builtin_interfaces/msg/Duration"](sec=0, nanosec=0)
-            return types["trajectory_msgs/msg/JointTrajectoryPoint"](
-                positions=values, velocities=empty, accelerations=empty, effort=empty, time_from_start=zero
-            )
+            empty, zero = [np.zeros(0)] * 3, types["builtin_interfaces/msg/Duration"](sec=0, nanosec=0)
+            return types["trajectory_msgs/msg/JointTrajectoryPoint"](values, *empty, zero)
 
         row, ahead = rows[k], min(rows[k] + 2, len(s.time) - 1)
         actual = point(s.position[row])
@@ -175,11 +157,8 @@ def lerobot(folder, s: Session, names, values, rate=100.0, info=True, real=False
     if info:
         (folder / "meta").mkdir()
         feature = {"dtype": "float32", "shape": [len(names)], "names": list(names)}
-        content = {
-            "codebase_version": "v3.0",
-            "fps": rate,
-            "features": {"observation.state": feature, "action": feature},
-        }
+        content = {"codebase_version": "v3.0", "fps": rate}
+        content["features"] = {"observation.state": feature, "action": feature}
         (folder / "meta/info.json").write_text(json.dumps(content))
     return folder
 
@@ -193,10 +172,8 @@ def sage(folder, s: Session, number: int, names=UR, factor=1e6):
         return ",".join('"[' + ", ".join(f"{v:.7f}" for v in each) + ']"' for each in values)
 
     head = "type,timestamp,positions,velocities,torques\n"
-    state = [
-        f"StateMotor,{factor * s.time[r]:.0f},{lists(s.position[r], s.velocity[r], s.torque[r])}"
-        for r in rows
-    ]
+    signals = [lists(s.position[r], s.velocity[r], s.torque[r]) for r in rows]
+    state = [f"StateMotor,{factor * s.time[r]:.0f},{x}" for r, x in zip(rows, signals, strict=True)]
     control = [f"Control,{factor * s.time[r]:.0f},{lists(s.position[r])},,".rstrip(",") for r in rows[::4]]
     (folder / "state_motor.csv").write_text(head + "\n".join(state) + "\n")
     (folder / "control.csv").write_text("type,timestamp,positions\n" + "\n".join(control) + "\n")

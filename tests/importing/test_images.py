@@ -1,6 +1,7 @@
 """Images of a board, rendered by a homography, to a session: corners, lens and mount, and what is refused."""
 
 import shlex
+import shutil
 
 import numpy as np
 import pytest
@@ -28,10 +29,8 @@ def drawn():
 
 def checkered():
     """A checkerboard of the same squares, with a white margin of one square, px."""
-    squares = np.indices((5, 7)).sum(axis=0) % 2 * 255
-    return np.pad(np.kron(squares, np.ones((30 * PER_MM,) * 2)), 30 * PER_MM, constant_values=255).astype(
-        np.uint8
-    )
+    squares = np.kron(np.indices((5, 7)).sum(axis=0) % 2 * 255, np.ones((30 * PER_MM,) * 2))
+    return np.pad(squares, 30 * PER_MM, constant_values=255).astype(np.uint8)
 
 
 @pytest.fixture(scope="module")
@@ -94,30 +93,32 @@ def test_the_command(made, tmp_path, command):
 
 
 def test_refusals(made, tmp_path):
-    other = tmp_path / "flange"
-    other.mkdir()
-    for path in (made / "flange").iterdir():
-        (other / path.name).write_bytes(path.read_bytes())
-    (tmp_path / "flange.csv").write_text((made / "flange.csv").read_text())
+    other = shutil.copytree(made / "flange", tmp_path / "flange")
+    shutil.copy(made / "flange.csv", tmp_path)
     (other / "03.png").write_bytes(b"no image")
     with pytest.raises(BayescalError, match="not an image"):
         convert(asked(tmp_path))
     cv2.imwrite(str(other / "03.png"), np.zeros((100, 100), np.uint8))
     with pytest.raises(BayescalError, match="the others have 1280 x 720"):
         convert(asked(tmp_path))
-    with pytest.raises(BayescalError, match="another board"):
-        convert(asked(made, board="charuco:5x4:30mm:22mm"))
-    with pytest.raises(BayescalError, match="is no board"):
-        convert(asked(made, board="charuco:7x5"))
-    with pytest.raises(BayescalError, match="no such file"):
-        convert(asked(made, joints="none.csv"))
-    with pytest.raises(BayescalError, match="squares of 30 mm"):
-        write(convert(asked(made, board="charuco:7x5:25mm:18.3mm")), tmp_path / "cell")
     (tmp_path / "flange.csv").write_text("image,j1_deg\n00.png,1\n")
     with pytest.raises(BayescalError, match="j2_deg"):
         convert(asked(tmp_path))
-    with pytest.raises(BayescalError, match="is not an option of images"):
-        convert(asked(made, tool="0 0 31 mm"))
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"board": "charuco:5x4:30mm:22mm"}, "another board"),
+        ({"board": "charuco:7x5"}, "is no board"),
+        ({"board": "charuco:7x5:25mm:18.3mm"}, "squares of 30 mm"),
+        ({"joints": "none.csv"}, "no such file"),
+        ({"tool": "0 0 31 mm"}, "is not an option of images"),
+    ],
+)
+def test_refused_options(made, tmp_path, options, words):
+    with pytest.raises(BayescalError, match=words):
+        write(convert(asked(made, **options)), tmp_path / "cell")
 
 
 def test_images_that_validate(made):
@@ -127,9 +128,8 @@ def test_images_that_validate(made):
 
 def test_of_two_tags_none_is_taken(made, tmp_path):
     family = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
-    folder = tmp_path / "flange"
-    folder.mkdir()
-    (tmp_path / "flange.csv").write_text((made / "flange.csv").read_text())
+    (folder := tmp_path / "flange").mkdir()
+    shutil.copy(made / "flange.csv", tmp_path)
     for k in range(14):
         image, number = np.full((720, 1280), 255, np.uint8), int(k == 11)
         image[200:400, 300:500] = cv2.aruco.generateImageMarker(family, number, 200)

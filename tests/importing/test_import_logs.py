@@ -98,16 +98,11 @@ def test_any_unit_comes_back(tracked, tmp_path, unit):
     lines = [header, *zip(*([c.replace(".", mark) for c in column] for column in columns), strict=True)]
     log = tmp_path / "log.csv"
     log.write_text("\n".join(separator.join(line) for line in lines), encoding="utf-8")
-    got = brought(
-        tmp_path,
-        log=log,
-        map=", ".join(map_),
-        noise=f"{shown(1e-5, unit)} {unit}" if told == "length" else NOISE,
-    ).measurements
+    noise = f"{shown(1e-5, unit)} {unit}" if told == "length" else NOISE
+    got = brought(tmp_path, log=log, map=", ".join(map_), noise=noise).measurements
     for name, value in values.items():
-        np.testing.assert_allclose(
-            getattr(got, name), value, rtol=1e-5, atol=1e-6 if name == "torque" else 1e-8
-        )
+        atol = 1e-6 if name == "torque" else 1e-8
+        np.testing.assert_allclose(getattr(got, name), value, rtol=1e-5, atol=atol)
 
 
 def shown(values, unit):
@@ -119,8 +114,7 @@ def shown(values, unit):
 
 def test_instrument_and_reflector_are_found(tracked, tmp_path):
     """To what an arm that is a millimetre or two wrong lets them be."""
-    data = tracked.dataset
-    map_ = said("deg", "mm")
+    data, map_ = tracked.dataset, said("deg", "mm")
     got = brought(tmp_path, log=table(data, tmp_path / "log.csv", "deg", "mm"), map=map_)
     np.testing.assert_allclose(got.tools[0].centre, data.tools[0].centre, atol=6e-3)
     place = got.targets[0].values
@@ -136,9 +130,8 @@ def test_two_stations_and_two_reflectors(tracked, tmp_path):
     tool = (np.arange(40) % 3 == 0).astype(int)
     second = Tool("b", np.array([-0.05, 0.02, 0.1]))
     turn = rpy_matrix(np.array([0.3, -0.2, 2.0]))
-    moved = replace(
-        data, tools=(replace(data.tools[0], name="a"), second), measurements=replace(m, tool=tool)
-    )
+    tools = (replace(data.tools[0], name="a"), second)
+    moved = replace(data, tools=tools, measurements=replace(m, tool=tool))
     at_home = nominal(moved, m.readings)
     xyz = (at_home - [1.0, 2, 3]) @ turn
     xyz[where == 1] = (at_home[where == 1] + [0.5, 0, 1]) @ turn.T
@@ -158,13 +151,11 @@ def test_two_stations_and_two_reflectors(tracked, tmp_path):
 
 
 def test_a_wild_row_does_not_carry_the_frame_away(tracked, tmp_path):
-    data = tracked.dataset
-    xyz = data.measurements.xyz.copy()
+    xyz = tracked.dataset.measurements.xyz.copy()
     xyz[7] += [0.4, -0.3, 0.2]
-    wild = with_columns(data, xyz=xyz)
-    map_ = said("deg", "mm")
+    log = table(with_columns(tracked.dataset, xyz=xyz), tmp_path / "log.csv", "deg", "mm")
     with pytest.raises(BayescalError, match=r"^log.csv:9: impossible reading"):
-        brought(tmp_path, log=table(wild, tmp_path / "log.csv", "deg", "mm"), map=map_)
+        brought(tmp_path, log=log, map=said("deg", "mm"))
     assert not (tmp_path / "out").exists()
 
 
@@ -185,9 +176,8 @@ WRONG = [
 def test_a_wrong_unit_is_caught(tracked, tmp_path, angle, claimed, length, told, words, tool):
     log = table(tracked.dataset, tmp_path / "log.csv", angle, length)
     map_ = said(claimed, told)
-    with pytest.raises(
-        BayescalError, match=words + r" they agree with the nominal arm within [\d.]+ mm.*--force"
-    ):
+    words += r" they agree with the nominal arm within [\d.]+ mm.*--force"
+    with pytest.raises(BayescalError, match=words):
         brought(tmp_path, log=log, map=map_, tool=tool)
     assert not (tmp_path / "out").exists()
     got = brought(tmp_path, force=True, log=log, map=map_, tool=tool)
@@ -224,11 +214,9 @@ def test_points_of_a_tracker_paired_by_id(tracked, tmp_path):
     usual = {"log": log, "map": said("deg"), "points": points, "robot": ARM, "noise": NOISE}
     draft = convert(Request(points_map="m", pair="id", **usual))
     assert draft.notes[0] == "excluded: 3 rows of log.csv without a partner"
-    kept = np.sort(order)
-    np.testing.assert_allclose(draft.dataset.measurements.xyz, data.measurements.xyz[kept], atol=1e-7)
-    np.testing.assert_allclose(
-        draft.dataset.measurements.readings, data.measurements.readings[kept], atol=1e-9
-    )
+    kept, rows = np.sort(order), draft.dataset.measurements
+    np.testing.assert_allclose(rows.xyz, data.measurements.xyz[kept], atol=1e-7)
+    np.testing.assert_allclose(rows.readings, data.measurements.readings[kept], atol=1e-9)
     with pytest.raises(BayescalError, match=r"40 rows in log.csv, 37 in sa.txt; .*pair them by id"):
         convert(Request(points_map="m", **usual))
 
@@ -271,12 +259,9 @@ def test_robodk(tracked, tmp_path, pose):
 
 
 def test_on_the_command_line(tracked, tmp_path):
-
     log = table(tracked.dataset, tmp_path / "log.csv", "deg", "mm")
     map_ = tmp_path / "map.yaml"
-    map_.write_text(
-        "j*: A* deg\nid: Point\nx: X mm\ny: Y mm\nz: Z mm\ntarget: \"'leica'\"\n", encoding="utf-8"
-    )
+    map_.write_text("j*: A* deg\nid: Point\nx: X mm\ny: Y mm\nz: Z mm\ntarget: \"'leica'\"\n")
     words = ["import", str(log), "--map", str(map_), "--robot", ARM, "--noise", NOISE, "--out"]
     done = CliRunner().invoke(app, [*words, str(tmp_path / "out")])
     assert done.exit_code == 0, done.output

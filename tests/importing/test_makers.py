@@ -7,6 +7,7 @@ publish the layout of their exports: these tests have columns that such exports 
 """
 
 import datetime
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -49,14 +50,8 @@ def digits(values):
 
 
 def fanuc_ls(data):
-    out = [
-        "/PROG  CALIB",
-        "/ATTR",
-        'COMMENT\t\t= "calibration";',
-        "/MN",
-        "   1:J P[1] 100% FINE    ;",
-        "/POS",
-    ]
+    out = ["/PROG  CALIB", "/ATTR", 'COMMENT\t\t= "calibration";', "/MN"]
+    out += ["   1:J P[1] 100% FINE    ;", "/POS"]
     for i, q in enumerate(np.degrees(data.measurements.readings), 1):
         j = digits(q)
         out += [
@@ -71,13 +66,8 @@ def fanuc_ls(data):
             "};",
         ]
     out += ["P[99]{", "   GP1:", "\tUF : 0, UT : 1,\t\tCONFIG : 'N U T, 0, 0, 0',"]
-    out += [
-        "\tX =   450.0  mm,\tY = .0  mm,\tZ = 200.0  mm,",
-        "\tW = .0 deg,\tP = .0 deg,\tR = .0 deg",
-        "};",
-        "/END",
-    ]
-    return "\r\n".join(out)
+    out += ["\tX =   450.0  mm,\tY = .0  mm,\tZ = 200.0  mm,", "\tW = .0 deg,\tP = .0 deg,\tR = .0 deg"]
+    return "\r\n".join([*out, "};", "/END"])
 
 
 def fanuc_va(data):
@@ -85,11 +75,8 @@ def fanuc_va(data):
     for i, q in enumerate(np.degrees(data.measurements.readings), 1):
         j = digits(q)
         out += [f"    [1,{i}] =   'pose {i}'   Group: 1"]
-        out += [
-            "  " + "   ".join(f"J{k + 1} =  {j[k]} deg" for k in some) + " "
-            for some in (range(3), range(3, 6))
-        ]
-        out += [""]
+        named = [f"J{k + 1} =  {j[k]} deg" for k in range(6)]
+        out += [f"  {'   '.join(some)} " for some in (named[:3], named[3:])] + [""]
     out += [
         "    [1,41] =   '' Uninitialized",
         "    [1,42] =   'home' ",
@@ -103,10 +90,8 @@ def kuka_dat(data):
     out = ["&ACCESS RVP", "DEFDAT CALIB PUBLIC", "EXT BAS (BAS_COMMAND :IN,REAL :IN )"]
     for i, q in enumerate(np.degrees(data.measurements.readings), 1):
         joints = ",".join(f"A{k} {v:.9f}" for k, v in enumerate(q, 1))
-        out += [
-            f"DECL E6AXIS P{i}={{{joints},E1 0.0,E2 0.0}}",
-            f'DECL FDAT F{i}={{TOOL_NO 1,BASE_NO 0,POINT2[] " "}}',
-        ]
+        out.append(f"DECL E6AXIS P{i}={{{joints},E1 0.0,E2 0.0}}")
+        out.append(f'DECL FDAT F{i}={{TOOL_NO 1,BASE_NO 0,POINT2[] " "}}')
     out += ["DECL E6POS XHOME={X 450.0,Y 0.0,Z 200.0,A 0.0,B 0.0,C 180.0,S 2,T 35,E1 0.0}"]
     out += [";DECL E6AXIS OLD={A1 1.0,A2 2.0,A3 3.0,A4 4.0,A5 5.0,A6 6.0}", "ENDDAT"]
     return "\r\n".join(out)
@@ -117,18 +102,13 @@ def abb_mod(data):
     for i, q in enumerate(np.degrees(data.measurements.readings), 1):
         joints = ",".join(f"{v:.9f}" for v in q)
         out += [f"  LOCAL CONST jointtarget P{i}:=[[{joints}],[9E+09,9E+09,9E+09,9E+09,9E+09,9E+09]];"]
-    out += [
-        "  CONST robtarget p10:=[[450,0,200],[0,1,0,0],[0,-1,0,1],[9E+09,9E+09,9E+09,9E+09,9E+09,9E+09]];"
-    ]
+    away = ",".join(["9E+09"] * 6)
+    out.append(f"  CONST robtarget p10:=[[450,0,200],[0,1,0,0],[0,-1,0,1],[{away}]];")
     return "\n".join([*out, "ENDMODULE"])
 
 
-LISTED = {
-    "fanuc-ls": (fanuc_ls, "P"),
-    "fanuc-va": (fanuc_va, "PR"),
-    "kuka-dat": (kuka_dat, "P"),
-    "abb-mod": (abb_mod, "P"),
-}
+LISTED = {"fanuc-ls": (fanuc_ls, "P"), "fanuc-va": (fanuc_va, "PR")}
+LISTED |= {"kuka-dat": (kuka_dat, "P"), "abb-mod": (abb_mod, "P")}
 
 
 @pytest.mark.parametrize("name", LISTED)
@@ -145,12 +125,9 @@ def test_positions_of_controllers_with_points_of_spatial_analyzer(tracked, seen,
 
 def test_listings_without_joints_are_refused(tracked, tmp_path):
     log = tmp_path / "robot.mod"
-    log.write_text(
-        "CONST robtarget p:=[[4,0,2],[0,1,0,0],[0,-1,0,1],[9E9,9E9,9E9,9E9,9E9,9E9]];", encoding="utf-8"
-    )
-    with pytest.raises(
-        BayescalError, match=r"no joint positions .1 Cartesian positions do not state the readings"
-    ):
+    log.write_text("CONST robtarget p:=[[4,0,2],[0,1,0,0],[0,-1,0,1],[9E9,9E9,9E9,9E9,9E9,9E9]];")
+    words = r"no joint positions .1 Cartesian positions do not state the readings"
+    with pytest.raises(BayescalError, match=words):
         convert(Request(log, format="abb-mod", **USUAL))
     log.write_text(kuka_dat(tracked).replace(",A6 ", ",B6 "), encoding="utf-8")
     with pytest.raises(BayescalError, match=r"^robot.mod:4: `P1` has 5 joints, the robot has 6"):
@@ -160,17 +137,12 @@ def test_listings_without_joints_are_refused(tracked, tmp_path):
 def test_rtde_record_with_points_of_an_api_tracker(tracked, tmp_path):
     """A record every 0.5 s, separated by blanks; points with a time of day, in metres, and U95."""
     q = tracked.measurements.readings
-    names = [
-        "timestamp",
-        *(f"{k}_{j}" for k in ("target_q", "actual_q", "actual_qd", "actual_TCP_pose") for j in range(6)),
-    ]
-    lines = [" ".join(names)]
+    kinds = ("target_q", "actual_q", "actual_qd", "actual_TCP_pose")
+    lines = [" ".join(["timestamp", *(f"{k}_{j}" for k in kinds for j in range(6))])]
     start = 12345.0  # s since the controller was started
     for k in range(8 * 40):
-        row = q[k // 8]
-        lines.append(
-            " ".join(map(repr, [start + 0.5 * k, *row.tolist(), *row.tolist(), *[1e-4] * 6, *[0.1] * 6]))
-        )
+        row = [*q[k // 8].tolist() * 2, *[1e-4] * 6, *[0.1] * 6]
+        lines.append(" ".join(map(repr, [start + 0.5 * k, *row])))
     log = tmp_path / "rtde.csv"
     log.write_text("\r\n".join(lines) + "\r\n", encoding="utf-8")
     points = ["API export;;;;;", "No.;X [m];Y [m];Z [m];U95 [µm];Elapsed [s]"]
@@ -180,47 +152,30 @@ def test_rtde_record_with_points_of_an_api_tracker(tracked, tmp_path):
     points.append("Temperature: 20,1;;;;;")
     (tmp_path / "api.csv").write_bytes("\r\n".join(points).encode("cp1252"))
     map_ = "id=No., x=X, y=Y, z=Z, u=U95 / 2, time=Elapsed"
-    got = convert(
-        Request(
-            log, format="ur-rtde", points=tmp_path / "api.csv", points_map=map_, pair="time:0.3 s", robot=ARM
-        )
-    )
+    given = {"points": tmp_path / "api.csv", "points_map": map_, "pair": "time:0.3 s", "robot": ARM}
+    got = convert(Request(log, format="ur-rtde", **given))
     same(got, tracked)
-    np.testing.assert_allclose(got.dataset.measurements.u, 12.25e-6, rtol=1e-12)
-    assert got.dataset.measurements.velocity is None
-    np.testing.assert_allclose(got.dataset.measurements.time, 4.0 * np.arange(40), atol=1e-6)
-    np.testing.assert_array_equal(got.dataset.measurements.command, got.dataset.measurements.readings)
+    rows = got.dataset.measurements
+    np.testing.assert_allclose(rows.u, 12.25e-6, rtol=1e-12)
+    assert rows.velocity is None
+    np.testing.assert_allclose(rows.time, 4.0 * np.arange(40), atol=1e-6)
+    np.testing.assert_array_equal(rows.command, rows.readings)
 
 
 def test_points_in_the_columns_of_faro(tracked, tmp_path):
     """A header with units, a row of statistics, and names in two columns; joints logged by KRL's CWRITE."""
     q = np.degrees(tracked.measurements.readings)
     log = tmp_path / "krl.log"
-    log.write_text(
-        "\n".join(
-            f"point {i + 1} at 2026-11-22 10:{i:02d}:00.50 "
-            + " ".join(f"A{k} {v:.9f}" for k, v in enumerate(a, 1))
-            for i, a in enumerate(q)
-        ),
-        encoding="utf-8",
-    )
+    axes = [" ".join(f"A{k} {v:.9f}" for k, v in enumerate(a, 1)) for a in q]
+    stamped = [f"point {i + 1} at 2026-11-22 10:{i:02d}:00.50 {a}" for i, a in enumerate(axes)]
+    log.write_text("\n".join(stamped), encoding="utf-8")
     rows = ['"Feature","Reading","X (mm)","Y (mm)","Z (mm)","RMS (mm)","Samples"']
-    rows += [
-        f'"P",{i + 1},{x:.9f},{y:.9f},{z:.9f},0.0041,500'
-        for i, (x, y, z) in enumerate(1e3 * tracked.measurements.xyz)
-    ]
+    for i, xyz in enumerate(1e3 * tracked.measurements.xyz, 1):
+        rows.append(f'"P",{i},{",".join(f"{v:.9f}" for v in xyz)},0.0041,500')
     (tmp_path / "faro.csv").write_text("\n".join(rows), encoding="utf-8-sig")
     joints = ", ".join(f"j{k}=#{2 * k + 5} deg" for k in range(1, 7))
-    got = convert(
-        Request(
-            log,
-            f"id=P{{#2}}, time={{#4}} {{#5}} iso, {joints}",
-            points=tmp_path / "faro.csv",
-            points_map="id={Feature}{Reading}, x=X, y=Y, z=Z",
-            pair="id",
-            **USUAL,
-        )
-    )
+    given = {"points": tmp_path / "faro.csv", "points_map": "id={Feature}{Reading}, x=X, y=Y, z=Z"}
+    got = convert(Request(log, f"id=P{{#2}}, time={{#4}} {{#5}} iso, {joints}", pair="id", **given, **USUAL))
     same(got, tracked)
     np.testing.assert_allclose(got.dataset.measurements.time, 60.0 * np.arange(40), atol=1e-6)
 
@@ -243,10 +198,8 @@ def test_lengths_of_a_ball_bar(tracked, tmp_path):
         numbers = [*q[i], 1e3 * length[i], 20.5]
         lines.append(";".join([f"P{i + 1}", *(f"{v:.9f}".replace(".", ",") for v in numbers)]))
     (tmp_path / "log.csv").write_bytes("\n".join(lines).encode("latin-1"))
-    map_ = "id=Mesure, j*=Axe *, length=Longueur, temperature=Température"
-    got = convert(
-        Request(tmp_path / "log.csv", map_.replace("Axe *", "{Axe *}"), template=tmp_path / "template")
-    )
+    map_ = "id=Mesure, j*={Axe *}, length=Longueur, temperature=Température"
+    got = convert(Request(tmp_path / "log.csv", map_, template=tmp_path / "template"))
     rows = got.dataset.measurements
     np.testing.assert_allclose(rows.readings, data.measurements.readings, atol=1e-9)
     np.testing.assert_allclose(rows.length, length, atol=1e-9)
@@ -270,22 +223,13 @@ def book(path, sheets):
 
 def sheet_rows(data):
     start = datetime.datetime(2026, 11, 22, 10)
-    rows = [
-        ["Laser tracker session"],
-        [],
-        ["Point", "Time", *(f"A{j} [deg]" for j in range(1, 7)), "X [mm]", "Y [mm]", "Z [mm]", "Remark"],
-    ]
+    joints = [f"A{j} [deg]" for j in range(1, 7)]
+    rows = [["Laser tracker session"], [], ["Point", "Time", *joints, "X [mm]", "Y [mm]", "Z [mm]", "Remark"]]
     m = data.measurements
     for i in range(40):
         numbers = [*np.degrees(m.readings[i]), *(1e3 * m.xyz[i])]
-        rows.append(
-            [
-                m.ids[i],
-                start + datetime.timedelta(seconds=30 * i),
-                *map(float, numbers),
-                "ok" if i % 9 == 0 else None,
-            ]
-        )
+        when, remark = start + datetime.timedelta(seconds=30 * i), "ok" if i % 9 == 0 else None
+        rows.append([m.ids[i], when, *map(float, numbers), remark])
     return [*rows, ["Sum of points", 40]]
 
 
@@ -298,32 +242,24 @@ def test_a_workbook(tracked, tmp_path):
     same(got, tracked)
     np.testing.assert_allclose(got.dataset.measurements.time, 30.0 * np.arange(40), atol=1e-6)
     assert any("sheet `Data` of s.xlsx" in line for line in got.understood)
-    assert any(
-        "before the header left out: 'Laser tracker session' (line 1)" in line for line in got.understood
-    )
+    words = "before the header left out: 'Laser tracker session' (line 1)"
+    assert any(words in line for line in got.understood)
     assert convert(Request(tmp_path / "s.xlsx#Data", BOOK, **USUAL)).dataset.name.startswith("s")
 
 
 def test_workbooks_that_are_refused(tracked, tmp_path, monkeypatch):
-    two = book(tmp_path / "two.xlsx", {"A": sheet_rows(tracked)[:-1], "B": [[1]]})
-    with pytest.raises(
-        BayescalError, match=r"^two.xlsx: 2 sheets with rows; name one: `two.xlsx#A`; there are A, B"
-    ):
-        convert(Request(two, BOOK, **USUAL))
-    with pytest.raises(BayescalError, match=r"^two.xlsx: no sheet `C`; there are A, B"):
-        convert(Request(tmp_path / "two.xlsx#C", BOOK, **USUAL))
+    def refused(name, words):
+        with pytest.raises(BayescalError, match=f"^{words}"):
+            convert(Request(tmp_path / name, BOOK, **USUAL))
+
+    book(tmp_path / "two.xlsx", {"A": sheet_rows(tracked)[:-1], "B": [[1]]})
+    refused("two.xlsx", "two.xlsx: 2 sheets with rows; name one: `two.xlsx#A`; there are A, B")
+    refused("two.xlsx#C", "two.xlsx: no sheet `C`; there are A, B")
     rows = sheet_rows(tracked)[:-1]
     rows[5][8] = "=I5 + 1"
-    formula = book(tmp_path / "f.xlsx", {"A": rows})
-    with pytest.raises(
-        BayescalError, match=r"^f.xlsx:6: a formula without a value: =I5 \+ 1; open and save it"
-    ):
-        convert(Request(formula, BOOK, **USUAL))
+    book(tmp_path / "f.xlsx", {"A": rows})
+    refused("f.xlsx", r"f.xlsx:6: a formula without a value: =I5 \+ 1; open and save it")
     (tmp_path / "no.xlsx").write_text("a,b\n1,2\n", encoding="utf-8")
-    with pytest.raises(BayescalError, match=r"^no.xlsx: not a workbook"):
-        convert(Request(tmp_path / "no.xlsx", BOOK, **USUAL))
-    monkeypatch.setitem(__import__("sys").modules, "openpyxl", None)
-    with pytest.raises(
-        BayescalError, match=r"^two.xlsx: workbooks need the package openpyxl; install it: `pip"
-    ):
-        convert(Request(two, BOOK, **USUAL))
+    refused("no.xlsx", "no.xlsx: not a workbook")
+    monkeypatch.setitem(sys.modules, "openpyxl", None)
+    refused("two.xlsx", "two.xlsx: workbooks need the package openpyxl; install it: `pip")

@@ -75,9 +75,7 @@ def test_a_table_comes_back_divided_at_pauses(s, table, tmp_path):
     np.testing.assert_allclose(joined(log, "time"), s.time - s.time[0], atol=1e-6)
     assert [m.role for m in log.motions] == ["calibrate"] * 4 + ["validate"]
     assert [m.same_as for m in log.motions] == ["1", "1", "3", "4", "5"]
-    rows = [
-        len(m.time) for m in log.motions
-    ]  # 200 of each motion, 80 of each pause, which are cut in the middle
+    rows = [len(m.time) for m in log.motions]  # 200 of each, 80 of each pause, cut in the middle
     np.testing.assert_allclose(rows, [80 + 200 + 40, 280, 280, 280, 40 + 200 + 80], atol=12)
     noted(draft, "validation motions: 5 (by default the last 20 %)")
     noted(draft, "repeats of one trajectory: 1, 2")
@@ -87,9 +85,8 @@ def test_a_table_comes_back_divided_at_pauses(s, table, tmp_path):
 
 def test_a_column_divides_names_and_gives_roles(s, table, tmp_path):
     head, *rows = table.read_text().splitlines()
-    more = [
-        f"{row},{'abcdef'[m]},{'validate' if m == 2 else ''}" for row, m in zip(rows, s.motion, strict=True)
-    ]
+    ends = [f"{'abcdef'[m]},{'validate' if m == 2 else ''}" for m in s.motion]
+    more = [f"{row},{end}" for row, end in zip(rows, ends, strict=True)]
     table.write_text("\n".join([f"{head},name,role", *more]))
     said = f"{MAP}, motion=name, role=role, temperature=31 C, payload=2 kg"
     log, _ = imported(Request(table, said, robot=ARM, motions="column"), tmp_path)
@@ -131,9 +128,8 @@ def test_roles_by_a_rule(table, rule, validated):
 
 
 def test_a_record_of_rtde_gives_torque_constants_at_rest(s, tmp_path):
-    log, draft = imported(
-        Request(rtde(tmp_path / "r.csv", s), format="ur-rtde", robot=ARM, motions="pause:0.5 s"), tmp_path
-    )
+    request = Request(rtde(tmp_path / "r.csv", s), format="ur-rtde", robot=ARM, motions="pause:0.5 s")
+    log, draft = imported(request, tmp_path)
     constants = np.array(draft.settings["torque"]["constant_Nm_per_A"])
     np.testing.assert_allclose(constants[1:5], CONSTANTS[1:5], rtol=1e-3)  # they bear gravity at rest
     np.testing.assert_allclose(constants[[0, 5]], CONSTANTS[[0, 5]], rtol=0.01)
@@ -239,10 +235,8 @@ def test_without_the_package_a_bag_is_refused_with_the_remedy(monkeypatch, tmp_p
     (tmp_path / "log.mcap").write_bytes(b"")
     monkeypatch.setitem(sys.modules, "rosbags", None)
     monkeypatch.setitem(sys.modules, "rosbags.highlevel", None)
-    fails(
-        "this log needs the package rosbags; install it: `pip install bayescal[logs]`",
-        log=tmp_path / "log.mcap",
-    )
+    words = "this log needs the package rosbags; install it: `pip install bayescal[logs]`"
+    fails(words, log=tmp_path / "log.mcap")
 
 
 SO101 = """<robot name="so101"><link name="base"/>{}</robot>"""
@@ -268,20 +262,18 @@ def five(tmp_path):
 @pytest.mark.parametrize(
     ("unit", "of_rad", "words"),
     [
-        ("deg", lambda q: np.degrees(q), "are in deg, as stated"),
-        ("rad", lambda q: q, "are in rad, as stated"),
+        ("deg", np.degrees, "are in deg, as stated"),
+        ("rad", np.asarray, "are in rad, as stated"),
         (
             "normalised",
             lambda q: q / (np.pi / 2) * 100,
-            "-100 to 100 is the range of each joint in the robot file",
+            "-100 to 100 is the range of each joint in the robot",
         ),
     ],
 )
 def test_a_lerobot_data_set_in_each_unit(s, five, tmp_path, unit, of_rad, words):
     arm = s.position - s.position.mean(axis=0)
-    gripper = np.column_stack(
-        [of_rad(arm[:, 3:4]), of_rad(arm[:, :3]), np.full((len(arm), 1), 50.0), of_rad(arm[:, 4:5])]
-    )
+    gripper = np.insert(of_rad(arm[:, [3, 0, 1, 2, 4]]), 4, 50.0, axis=1)
     names = [f"{NAMES[k]}.pos" for k in (3, 0, 1, 2)] + ["gripper.pos", "wrist_roll.pos"]
     folder = lerobot(tmp_path / "set", s, names, gripper)
     log, draft = imported(Request(folder, unit, robot=str(five)), tmp_path)
@@ -302,11 +294,9 @@ def test_a_lerobot_data_set_with_its_calibration(s, five, tmp_path, unit):
     """The ranges of the servos, not the limits of the robot file, state the angles."""
     arm = (s.position - s.position.mean(axis=0))[:, :5]
     ranges = np.array([(700, 3400), (810, 3260), (905, 3109), (840, 3231), (0, 4095)])
-    entries = [{"id": k + 1, "drive_mode": 0, "homing_offset": 30 * k} for k in range(5)]
-    content = {
-        name: entry | {"range_min": int(low), "range_max": int(high)}
-        for name, entry, (low, high) in zip(NAMES, entries, ranges, strict=True)
-    }
+    keys = ("id", "drive_mode", "homing_offset", "range_min", "range_max")
+    values = [(k + 1, 0, 30 * k, *ends) for k, ends in enumerate(ranges.tolist())]
+    content = {name: dict(zip(keys, v, strict=True)) for name, v in zip(NAMES, values, strict=True)}
     (tmp_path / "c.json").write_text(json.dumps(content))
     steps = arm / (2 * np.pi) * 4096
     shown = {
@@ -344,16 +334,12 @@ def test_a_data_set_with_a_damaged_description_has_no_names(s, five, tmp_path, i
 
 def test_a_parquet_file_without_names(s, five, tmp_path):
     folder = lerobot(tmp_path / "set", s, NAMES, s.position[:, :5] - s.position[:, :5].mean(axis=0))
-    draft = convert(
-        Request(folder / "data/chunk-000/file-000.parquet", "rad", robot=str(five), table="parquet")
-    )
+    file = folder / "data/chunk-000/file-000.parquet"
+    draft = convert(Request(file, "rad", robot=str(five), table="parquet"))
     noted(draft, "the log does not name them")
     write(draft, tmp_path / "out")
-    assert sorted(p.name for p in (tmp_path / "out").iterdir() if p.name[0] != ".") == [
-        "dataset.yaml",
-        "motion.parquet",
-        "so101.urdf",
-    ]
+    written = {p.name for p in (tmp_path / "out").iterdir() if p.name[0] != "."}
+    assert written == {"dataset.yaml", "motion.parquet", "so101.urdf"}
     assert len(read_log(tmp_path / "out").motions) == 5
 
 
@@ -477,11 +463,7 @@ SWAPPED = "j1=q1 rad, j2=q0 rad, j3=q2 rad, j4=q3 rad, j5=q4 rad, j6=q5 rad"
         ),
         ("j*=q*0 rad", "j*_velocity=dq*0 degps", "velocities are in rad/s, not deg/s"),
         ("j*=q*0 rad", "j*_velocity=dq*0 / 0.0174533 radps", "velocities are in deg/s, not rad/s"),
-        (
-            SWAPPED,
-            "j*_velocity=dq*0 radps",
-            "times that of its positions and stamps: are units, stamps and joints",
-        ),
+        (SWAPPED, "j*_velocity=dq*0 radps", "times that of its positions and stamps: are units, stamps and"),
         ("j*=q*0 + 9 rad", "j*_velocity=dq*0 radps", "deg beyond its limits: are the unit and the order"),
     ],
 )
@@ -530,6 +512,4 @@ def test_repeats_are_found_by_trajectory_not_by_length(s):
     assert repeats(rows) == (1, 1, 3, 4, 5)
     scaled = s.position.copy()
     scaled[go[1]] = s.position[go[1]][0] + 1.05 * (s.position[go[1]] - s.position[go[1]][0])
-    assert repeats(
-        Rows(s.time, np.maximum(s.motion, 1), {"position": scaled}, {}, tuple("12345"), ("",) * 5)
-    ) == (1, 2, 3, 4, 5)
+    assert repeats(replace(rows, joints={"position": scaled})) == (1, 2, 3, 4, 5)

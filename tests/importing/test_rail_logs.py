@@ -55,15 +55,6 @@ def test_units_of_another_kind(folder, tmp_path, old, new, words):
 
 
 def test_formats_of_controllers_are_refused(folder, tmp_path):
-    arguments = [
-        "import",
-        folder / "log.csv",
-        "--template",
-        folder,
-        "--format",
-        "robodk",
-        "--out",
-        tmp_path / "out",
-    ]
-    found = CliRunner().invoke(app, list(map(str, arguments)))
+    given = ["--template", folder, "--format", "robodk", "--out", tmp_path / "out"]
+    found = CliRunner().invoke(app, list(map(str, ["import", folder / "log.csv", *given])))
     assert "RAIL is prismatic: logs of robodk" in str(found.exception) + found.output

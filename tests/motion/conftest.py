@@ -1,6 +1,10 @@
 import pytest
 from motion.made import write
 
+from bayescal.logs import read_log
+from bayescal.motion.estimate import estimated
+from bayescal.motion.signals import all_signals
+
 
 @pytest.fixture(scope="session")
 def null_log(tmp_path_factory):
@@ -9,14 +13,9 @@ def null_log(tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def null_parts(null_log):
-    from bayescal.logs import read_log
-    from bayescal.motion.signals import all_signals
-
     return all_signals(read_log(null_log))
 
 
 @pytest.fixture(scope="session")
 def null_estimate(null_parts):
-    from bayescal.motion.estimate import estimated
-
     return estimated(null_parts)

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import mujoco
 import numpy as np
+import pandas as pd
 import yaml
 from scipy.signal import lfilter
 
@@ -58,8 +59,8 @@ def model_of(mechanism):
         return " ".join(f"{v:.17g}" for v in np.ravel(x))
 
     def body(k):
-        frame, inertia = mechanism.place[k], mechanism.inertia[k]
-        full = [inertia[0, 0], inertia[1, 1], inertia[2, 2], inertia[0, 1], inertia[0, 2], inertia[1, 2]]
+        frame = mechanism.place[k]
+        full = mechanism.inertia[k][[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
         quat = np.zeros(4)
         mujoco.mju_mat2Quat(quat, frame[:3, :3].ravel())
         inside = body(k + 1) if k + 1 < mechanism.n else ""
@@ -97,6 +98,13 @@ def path(seed):
             dq[:, j] += a * w * np.cos(w * t + phase)
             ddq[:, j] -= a * w**2 * np.sin(w * t + phase)
     return t, q, dq, ddq
+
+
+def read_commands(path):
+    """Name, times and readings, rad, of each motion in a table of commands."""
+    table = pd.read_csv(path, dtype={"motion": str})
+    parts = table.groupby("motion", sort=False)
+    return [(n, p["t_s"].to_numpy(), np.radians(p.filter(regex="^q").to_numpy())) for n, p in parts]
 
 
 LOADS = (0, 0, 0, 0, 0.8, 0.8, 0, 0.8)
@@ -154,12 +162,9 @@ def _truth(rng):
             for m, c in ((true.mass[2], true.centre[2]), (load, centre)):
                 d = c - middle
                 about = about + m * (d @ d * np.eye(3) - np.outer(d, d))
-            whole = replace(
-                true,
-                mass=np.r_[true.mass[:2], mass],
-                centre=np.vstack([true.centre[:2], middle]),
-                inertia=np.concatenate([true.inertia[:2], about[None]]),
-            )
+            masses, centres = np.r_[true.mass[:2], mass], np.vstack([true.centre[:2], middle])
+            inertia = np.concatenate([true.inertia[:2], about[None]])
+            whole = replace(true, mass=masses, centre=centres, inertia=inertia)
             loaded[load] = model_of(whole) if load else model
         out = inverse(loaded[load], q, dq, ddq)
         return out + nominal.armature * ddq + nominal.coulomb * np.tanh(dq / 0.03) + nominal.viscous * dq

@@ -25,8 +25,7 @@ def commanded(seed, seconds):
 
 def simulated(mechanism, u, load=0.0, kp=KP, kd=KD, further=None):
     """Positions, speeds and torques (N, 3) by `mj_step`; `further(q, dq)` acts beside."""
-    spec_text = model_of(mechanism)
-    model = spec_text
+    model = model_of(mechanism)
     model.opt.timestep, model.opt.gravity[:] = STEP, (0, 0, -9.81)
     model.opt.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     model.dof_armature[:], model.dof_frictionloss[:] = mechanism.armature, mechanism.coulomb
@@ -60,7 +59,7 @@ def servo_log(mechanism, truth, stated=True, torque=True, further=None, motions=
     control = Controller("position", KP if stated else None, KD if stated else None)
     return Log(
         "servo", mechanism, tuple(out), np.array([0.0, 0.0, -9.81]), control, "motor" if torque else "",
-        True, 0.0, 0.0, 1e-4, False, {}, (), "",
+        True, 0.0, 0.0, 1e-4, False, (), "",
     )  # fmt: skip
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from bayescal.logs.types import CALIBRATE, VALIDATE
 from bayescal.motion.beside import beside, in_place_of_a_name
-from bayescal.motion.cells import UNKNOWN
+from bayescal.motion.cells import UNKNOWN, resonated
 from bayescal.motion.effects import Form
 from bayescal.motion.events import events
 from bayescal.motion.linear import joined, normal
@@ -35,9 +35,7 @@ def search_of(pool):
 
 
 def at_joint(values, j, like):
-    out = np.zeros_like(like)
-    out[:, j] = values
-    return out
+    return values[:, None] * np.eye(like.shape[1])[j]
 
 
 def best_products(pool, count=3):
@@ -66,14 +64,9 @@ def test_a_product_of_two_quantities_is_found_with_its_joint(pool):
 
 
 def test_an_oscillation_in_several_joints_is_of_what_carries_the_arm_or_of_the_tool(pool):
-    from bayescal.motion.cells import resonated
-
     def error(part):
         s = part.signals
-        sway = s.kept(resonated(s.ddq[:, :1], 2.8, s.step))[:, 0]
-        out = np.zeros_like(part.residual)
-        out[:, 0], out[:, 1] = 0.2 * sway, 0.1 * sway
-        return out
+        return s.kept(resonated(s.ddq[:, :1], 2.8, s.step)) * [0.2, 0.1, 0.0]
 
     forms, nats = best_products(with_error(pool, error))
     assert forms[0][0] == "base"
@@ -92,9 +85,8 @@ def test_events_are_found_where_they_are(pool):
         return at_joint(s.kept(pulse) * (0.25 if s.role == CALIBRATE else 0.0), 2, part.residual)
 
     changed = with_error(pool, error)
-    form, nats, columns = max(
-        events(changed.bank(pool.estimate.noise), search_of(changed).fit()), key=lambda e: e[1]
-    )
+    found = events(changed.bank(pool.estimate.noise), search_of(changed).fit())
+    form, nats, columns = max(found, key=lambda e: e[1])
     assert (form.effect, form.site) == (UNKNOWN, "joint 3")
     assert nats > 30.0
     calibrate = [p for p in changed.table.parts if p.signals.role == CALIBRATE]
@@ -149,7 +141,7 @@ def test_further_columns_change_the_normal_equations_by_a_border(pool):
     wide = pool.extended([Unlisted(form, terms, columns)])
     before = normal(pool.table, noise)
     whole, border = normal(wide.table, noise), normal(wide.table, noise, before)
-    for name in ("gram", "score", "chi2", "rows"):
+    for name in ("gram", "score", "chi2"):
         assert np.allclose(getattr(border, name), getattr(whole, name))
     one, two = (normal(wide.table.of_role(role), noise) for role in (CALIBRATE, VALIDATE))
     assert np.allclose(joined(one, two).gram, whole.gram)

@@ -6,22 +6,19 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from motion.made import RATE, write
+from motion.made import RATE, read_commands, write
 
 import bayescal as bc
 from bayescal.errors import BayescalError
 from bayescal.gap.result import VERDICTS
 from bayescal.logs import read_log
-from bayescal.logs.commands import read_commands
 from bayescal.motion.diagnose import diagnose
 
 BUMP = 0.4
 
 
 def load_friction(q, dq, ddq, tau, t, load):
-    out = np.zeros_like(q)
-    out[:, 1] = 0.04 * np.abs(tau[:, 1]) * np.tanh(dq[:, 1] / 0.03)
-    return out
+    return [0.0, 0.04, 0.0] * np.abs(tau) * np.tanh(dq / 0.03)
 
 
 def delay(q, dq, ddq, tau, t, load):
@@ -30,18 +27,13 @@ def delay(q, dq, ddq, tau, t, load):
 
 def payload(q, dq, ddq, tau, t, load):
     gravity = 0.15 * 0.2 * 9.81  # 0.2 kg at 0.15 m of the last axis, in the plane of the arm
-    out = np.zeros_like(q)
-    if load:
-        level = np.cos(q[:, 1] + q[:, 2])
-        out[:, 2] = gravity * level
-        out[:, 1] = gravity * level + 0.3 * 0.2 * 9.81 * np.cos(q[:, 1])
-    return out
+    outer = bool(load) * gravity * np.cos(q[:, 1] + q[:, 2])
+    inner = outer + bool(load) * 0.3 * 0.2 * 9.81 * np.cos(q[:, 1])
+    return np.column_stack([0.0 * outer, inner, outer])
 
 
 def bump(q, dq, ddq, tau, t, load):
-    out = np.zeros_like(q)
-    out[:, 2] = BUMP * np.exp(-0.5 * ((q[:, 2] - 0.1) / 0.15) ** 2)
-    return out
+    return [0.0, 0.0, BUMP] * np.exp(-0.5 * ((q - 0.1) / 0.15) ** 2)
 
 
 @pytest.fixture(scope="module")

@@ -1,6 +1,6 @@
 """Torques against MuJoCo's inverse dynamics, and columns against differences of the model."""
 
-from dataclasses import fields, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -47,9 +47,8 @@ def test_torques_at_rest_hold_the_weights_of_the_robot(convention):
     q, still = some(6, 2)[0], np.zeros((7, 6))
     gravity = np.array([1.0, -2.0, -9.0])
     torque = np.einsum("njkp,kp->nj", regressor(m, q, still, still, gravity), m.inertials)
-    loads = gravity_loads(
-        robot, chain_of(robot), link_angles(robot, q), gravity, np.zeros(7), np.zeros((7, 3))
-    )
+    none = np.zeros(7), np.zeros((7, 3))
+    loads = gravity_loads(robot, chain_of(robot), link_angles(robot, q), gravity, *none)
     assert torque == pytest.approx(-loads.moments[:, 1:, 2], abs=1e-9)
 
 
@@ -125,8 +124,7 @@ def test_columns_of_effects_are_derivatives_of_the_torque(null_parts, name):
             moved = replace(s, log=replace(log, gravity=gravity))
         else:
             return replace(at, armature=at.armature + size * np.eye(3)[k]).torque(s)
-        values = {f.name: getattr(at, f.name) for f in fields(at)}
-        return type(at)(**values).torque(moved)
+        return at.torque(moved)
 
     for k, (_, term, column) in enumerate(columns):
         slope = (changed(k, step) - changed(k, -step)) / (2 * step)
@@ -140,9 +138,7 @@ def test_motions_at_uneven_times_are_sampled_evenly(null_log):
     m = log.motions[0]
     keep = np.sort(np.random.default_rng(0).choice(len(m.time), 480, replace=False))
     keep[0], keep[-1] = 0, len(m.time) - 1
-    uneven = replace(
-        m, time=m.time[keep], position=m.position[keep], torque=m.torque[keep], payload=m.payload[keep]
-    )
+    uneven = replace(m, **{k: getattr(m, k)[keep] for k in ("time", "position", "torque", "payload")})
     s = all_signals(replace(log, motions=(uneven, *log.motions[1:])))[0]
     assert np.ptp(np.diff(s.time)) < 1e-9
     speed = np.interp(s.time[30:-30], even.time, even.dq[:, 1])
@@ -152,10 +148,8 @@ def test_motions_at_uneven_times_are_sampled_evenly(null_log):
 def test_a_torque_of_the_arm_also_displaces_a_position_servo(null_parts):
     s = null_parts[0]
     stiffness = np.array([1000.0, 2000.0, 500.0])
-    controller = Controller("position", stiffness, None)
-    log = replace(
-        s.log, controller=controller, motions=tuple(replace(m, command=m.position) for m in s.log.motions)
-    )
+    motions = tuple(replace(m, command=m.position) for m in s.log.motions)
+    log = replace(s.log, controller=Controller("position", stiffness, None), motions=motions)
     slow = np.sin(0.5 * (s.time - s.time[0]))
     term = Term("mass", "kg", 1.0, 1, moves=True)
     _, numbers, columns = assembled([(term, slow)], log, s.step)

@@ -34,11 +34,8 @@ def run(tmp_path_factory, null_log):
 def test_every_format_has_the_bodies_and_says_what_it_lacks(run, tmp_path, to):
     exported = bc.export(run, to)
     root = ElementTree.fromstring(exported.content)
-    masses = [
-        float(e.get("value") or e.get("mass") or e.text)
-        for e in root.iter()
-        if e.tag in ("mass", "inertial") and (e.get("mass") or e.tag == "mass")
-    ]
+    bodies = [e for e in root.iter() if e.tag == "mass" or (e.tag == "inertial" and e.get("mass"))]
+    masses = [float(e.get("value") or e.get("mass") or e.text) for e in bodies]
     fitted = bc.load(run).parameters.estimate
     assert masses == pytest.approx([fitted[f"mass of link {k}"] for k in (1, 2, 3)], rel=1e-6)
     path, beside = exported.save(tmp_path / "arm.xml")
@@ -51,11 +48,9 @@ def test_every_format_has_the_bodies_and_says_what_it_lacks(run, tmp_path, to):
 
 def test_what_a_file_lacks_has_its_size_whatever_its_sign(run):
     record = bc.load(run).record
-    negative = [
-        p | {"estimate": -abs(p["estimate"])} if p["name"].startswith("offset") else p
-        for p in record["parameters"]
-    ]
-    sizes = [-p["estimate"] for p in negative if p["name"].startswith("offset")]
+    offsets = [p for p in record["parameters"] if p["name"].startswith("offset")]
+    negative = [p | {"estimate": -abs(p["estimate"])} for p in offsets]
+    sizes = [-p["estimate"] for p in negative]
     assert export_log(run, {**record, "parameters": negative}, "mjcf").missing["offset"] == tuple(sizes)
     assert min(sizes) > 0.0
 

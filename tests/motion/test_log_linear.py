@@ -14,7 +14,7 @@ def problem(seed=0, rows=40, size=6):
     rng = np.random.default_rng(seed)
     x, y = rng.normal(size=(rows, size)), rng.normal(size=rows)
     terms = tuple(Term(f"t{k}", "1", 1.0) for k in range(size))
-    return x, y, Normal(terms, x.T @ x, x.T @ y, np.array([y @ y]), np.array([float(rows)]))
+    return x, y, Normal(terms, x.T @ x, x.T @ y, np.array([y @ y]))
 
 
 def log_evidence(x, y):

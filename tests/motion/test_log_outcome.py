@@ -8,6 +8,7 @@ import pytest
 from bayescal.motion import outcome
 from bayescal.motion.search import Hypothesis
 from bayescal.motion.settings import OUTCOME, SEARCH, VERDICT
+from bayescal.motion.signals import Signals
 from bayescal.motion.verdict import NULL, UNKNOWN, Verdict, _explained, confirmed
 
 LEFT = {"null": 3.0, "named": 1.0}
@@ -18,15 +19,12 @@ def test_the_gain_is_a_log_likelihood_ratio_and_errors_are_of_moving_rows():
     """Slow rows, with a hundred times the residual, do not count."""
     moving = np.tile([True, False, True, True], 50)
     speed = np.where(moving, 1.01, -0.99)[:, None] * OUTCOME.moving
-    part = SimpleNamespace(dq=speed, unfiltered=lambda x: x)
+    part = SimpleNamespace(moves=Signals.moves.fget(SimpleNamespace(dq=speed, unfiltered=lambda x: x)))
     sign = np.where(np.arange(200) % 3, 1.0, -1.0)
 
     def unfiltered(name, role="validate"):
-        return (
-            [(part, (np.where(moving, LEFT[name], 100.0) * sign)[:, None])]
-            if role == "validate"
-            else [(part, np.full((200, 1), 0.5))]
-        )
+        left = np.where(moving, LEFT[name], 100.0) * sign if role == "validate" else np.full(200, 0.5)
+        return [(part, left[:, None])]
 
     fits = {
         (): SimpleNamespace(values="null", chi2=lambda held: 30.0),
@@ -34,11 +32,8 @@ def test_the_gain_is_a_log_likelihood_ratio_and_errors_are_of_moving_rows():
     }
     search = SimpleNamespace(fit=lambda members=(): fits[members])
     chosen = SimpleNamespace(members=("effect",))
-    pool = SimpleNamespace(
-        unfiltered=unfiltered,
-        table=SimpleNamespace(of_role=lambda role: None),
-        estimate=SimpleNamespace(parts=[SimpleNamespace(step=OUTCOME.block / 10)]),
-    )
+    estimate = SimpleNamespace(parts=[SimpleNamespace(step=OUTCOME.block / 10)])
+    pool = SimpleNamespace(unfiltered=unfiltered, estimate=estimate)
     found = outcome.shrinkage(search, pool, SimpleNamespace(named=chosen, leading=chosen), None)
     assert found.gain == pytest.approx((30.0 - 10.0) / 2)
     assert [found.before, found.after, found.floor] == pytest.approx([3.0, 1.0, 0.5])
@@ -50,9 +45,8 @@ def test_the_length_of_a_vector_has_its_u_along_it():
     """By Monte Carlo: two amplitudes, in the units of their priors, that are correlated."""
     covariance = np.array([[0.04, 0.03], [0.03, 0.09]])
     fit = SimpleNamespace(
-        normal=SimpleNamespace(terms=[SimpleNamespace(name="x", sd=2.0), SimpleNamespace(name="y", sd=1.0)]),
-        chosen=np.arange(2), scales=np.array([1.0, 4.0]), z=np.array([3.0, 2.0]), covariance=covariance,
-    )  # fmt: skip
+        names=["x", "y"], sd=np.array([2.0, 4.0]), z=np.array([3.0, 2.0]), covariance=covariance
+    )
     size, u = outcome._length(fit, ("x", "y"))
     draws = np.random.default_rng(0).multivariate_normal(fit.z, covariance, 20_000) * [2.0, 4.0]
     assert size == pytest.approx(10.0)

@@ -103,20 +103,19 @@ def test_check_says_what_can_be_assessed(logs):
 
 
 @pytest.fixture(scope="module")
-def gaps(logs):
-    return {kind: bc.diagnose(logs[kind][0]) for kind in ("asymmetric-friction",)}
+def gap(logs):
+    return bc.diagnose(logs["asymmetric-friction"][0])
 
 
-def test_an_effect_is_named_at_its_joint(gaps, logs):
-    gap, truth = gaps["asymmetric-friction"], logs["asymmetric-friction"][1]
+def test_an_effect_is_named_at_its_joint(gap, logs):
+    truth = logs["asymmetric-friction"][1]
     assert "asymmetric-friction" in gap.effects
     a = gap.amplitudes.iloc[0]
     assert (a.effect, a.site) == ("asymmetric-friction", truth["site"])
     assert a.value == pytest.approx(truth["size"], rel=0.1)
 
 
-def test_errors_are_in_degrees_and_the_commands_are_replayed(gaps, tmp_path):
-    gap = gaps["asymmetric-friction"]
+def test_errors_are_in_degrees_and_the_commands_are_replayed(gap, tmp_path):
     r = json.loads(json.dumps(gap.record, allow_nan=False))
     assert (r["unit"], r["torque_rms_Nm"], r["shrinkage"]["torque"]) == ("deg", None, None)
     s = r["shrinkage"]["tracking"]

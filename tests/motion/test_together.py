@@ -86,9 +86,8 @@ def test_the_score_is_the_slope_of_the_least_cost(read, level):
         robot = read[0].robot
         masses = robot.masses.copy()
         masses[2] *= 1.0 + share
-        at = fitted_level(
-            Scene(replace(read[0], robot=replace(robot, masses=masses)), oriented=True), MODEL, USUAL
-        )
+        heavier = replace(read[0], robot=replace(robot, masses=masses))
+        at = fitted_level(Scene(heavier, oriented=True), MODEL, USUAL)
         scale = next(iter(at.weights.scale.values())) / next(iter(level.weights.scale.values()))
         return 0.5 * scale**2 * np.sum(at.linear.residual**2) + 0.5 * np.sum(at.z**2)
 
@@ -107,10 +106,8 @@ def test_the_stated_covariance_is_that_of_both(level):
     of_links = covariance[np.ix_(extra[:-4], extra[:-4])] * np.outer(sd[:-4], sd[:-4])
     scene = level.model.scene
     robot = replace(scene.dataset.robot, mass_covariance=of_links)
-    known = replace(
-        level, model=replace(level.model, scene=Scene(replace(scene.dataset, robot=robot), oriented=True))
-    )
-    of = stated(known).inputs
+    scene = Scene(replace(scene.dataset, robot=robot), oriented=True)
+    of = stated(replace(level, model=replace(level.model, scene=scene))).inputs
     assert np.allclose(of.posterior[:24, :24], covariance[np.ix_(extra[:-4], extra[:-4])])
     # the load, which is not shared, follows: its information here is without what the unknowns' prior adds
     load = covariance[np.ix_(extra[-4:], extra[:-4])]

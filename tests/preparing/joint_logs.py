@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -40,7 +40,7 @@ class Made:
 
     columns: dict[str, np.ndarray]
     settings: dict
-    motion: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    motion: np.ndarray
 
     def of(self, motion: int) -> np.ndarray:
         return np.flatnonzero(self.motion == motion)

@@ -54,16 +54,13 @@ def some(rows: list[dict], number: int, **cells) -> list[dict]:
 
 def planes(settings: str, rows: list[dict], *names: str) -> tuple[str, list[dict]]:
     """The session on some targets alone, without certificates of others."""
-    kept = [
-        line
-        for line in settings.splitlines()
-        if not re.match(r"  (cube|ball)\.", line) or line.split(":")[0].strip() in names
-    ]
-    kept = [
-        li
-        for li in kept
-        if not li.startswith("  - ") or set(re.findall(r"(?:cube|ball)\.[^,\]} ]+", li)) <= {*names}
-    ]
+
+    def wanted(line: str) -> bool:
+        if line.startswith("  - "):
+            return set(re.findall(r"(?:cube|ball)\.[^,\]} ]+", line)) <= {*names}
+        return not re.match(r"  (cube|ball)\.", line) or line.partition(":")[0].strip() in names
+
+    kept = filter(wanted, settings.splitlines())
     text = "\n".join(kept).replace("certificates:\ntemp", "temp")
     return text + "\n", [row for row in rows if row["target"] in names]
 
@@ -76,6 +73,7 @@ def test_the_example_has_no_findings():
     assert check(ROOT / "data" / "lrmate200ic-cube").findings == ()
 
 
+AGAIN, HELD = {"id": "again", "time_s": "1e6"}, {"role": "validate"}
 CELLS = {
     "radians": (lambda r: changed(r, JOINTS, np.radians), {"units"}, "look like radians"),
     "a joint in radians": (lambda r: changed(r, ["j2_deg"], np.radians), {"units"}, "`j2_deg` look like"),
@@ -83,18 +81,10 @@ CELLS = {
     "zero of J2": (lambda r: changed(r, ["j2_deg"], lambda v: v + 90), {"convention"}, "zero of J2 differs"),
     "zero of J5": (lambda r: changed(r, ["j5_deg"], lambda v: v - 90), {"convention"}, "zero of J5 differs"),
     "coupling": (lambda r: coupled(r), {"convention"}, "J3 is coupled to J2"),
-    "exchanged columns": (
-        lambda r: [row | {"j4_deg": row["j6_deg"], "j6_deg": row["j4_deg"]} for row in r],
-        {"convention"},
-        "the columns `j4_deg` and `j6_deg` are interchanged",
-    ),
+    "exchanged columns": (lambda r: swapped(r), {"convention"}, "`j4_deg` and `j6_deg` are interchanged"),
     "beyond a limit": (lambda r: some(r, 7, j1_deg="200"), {"limits"}, "J1 is at 200 deg"),
     "impossible row": (lambda r: turned(r, 7), {"impossible_row"}, "impossible contact"),
-    "copy of a row": (
-        lambda r: [*r, r[20] | {"id": "again", "time_s": "1e6"}],
-        {"doubled_row"},
-        "row `again` has",
-    ),
+    "copy of a row": (lambda r: [*r, r[20] | AGAIN], {"doubled_row"}, "row `again` has"),
     "clock": (lambda r: some(r, 30, time_s="0"), {"clock"}, "goes back by"),
     "no validation": (
         lambda r: [row for row in r if row["role"] != "validate"],
@@ -113,13 +103,13 @@ CELLS = {
         {"few_on_sphere"},
         "fewer than 4 contacts to validate `ball.A@1`",
     ),
-    "nothing to fit": (
-        lambda r: [row | {"role": "validate"} for row in r],
-        {"too_few"},
-        "no row has the role `calibrate`",
-    ),
+    "nothing to fit": (lambda r: [row | HELD for row in r], {"too_few"}, "no row has the role `calibrate`"),
 }
 """A change of the rows, the codes of its findings, words of one of them."""
+
+
+def swapped(rows: list[dict]) -> list[dict]:
+    return [row | {"j4_deg": row["j6_deg"], "j6_deg": row["j4_deg"]} for row in rows]
 
 
 def coupled(rows: list[dict]) -> list[dict]:

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import yaml
+from motion.made import read_commands
 
 pytest.importorskip("pinocchio")
 
@@ -14,7 +15,6 @@ from analysis.world import arm
 from analysis.world.motion.plan import waves
 from bayescal.errors import BayescalError
 from bayescal.logs import read_log
-from bayescal.logs.commands import read_commands
 from bayescal.motion.signals import derivative
 from bayescal.preparing.joint_facts import joints_of
 from bayescal.preparing.joint_log import check_log
@@ -184,17 +184,3 @@ def test_options_of_contacts_are_refused(log, result, tmp_path):
         result.save(tmp_path / "plan", ("urscript",))
     with pytest.raises(BayescalError, match="--probe-input"):
         result.save(tmp_path / "plan", probe_input="tool:0")
-
-
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("t_s,motion,q1_deg\n0,a,1\n0,a,2\n", "commands.csv:3: a cell is no number"),
-        ("t_s,motion,q1_deg\n0,a,x\n", "commands.csv:2: a cell is no number"),
-        ("t_s,q1_deg\n0,1\n", "commands.csv:1: the columns are not"),
-    ],
-)
-def test_bad_commands_are_refused_with_their_line(tmp_path, text, message):
-    (tmp_path / "commands.csv").write_text(text)
-    with pytest.raises(BayescalError, match=message):
-        read_commands(tmp_path / "commands.csv")

@@ -31,22 +31,17 @@ def export_summary(e: LogExport) -> RenderableType:
 
     rows = [(words, unit, joined(x), joined(e.mrad(unit, x))) for words, unit, x in e.left_out]
     title = Text.assemble((e.name, "bold"), f"  {e.format}: {CONTENT[e.format]}")
-    return Group(
-        title,
-        terminal(sheet_of_cells(("not in the file", "unit", "joint by joint", "mrad of position"), rows)),
-    )
+    heads = ("not in the file", "unit", "joint by joint", "mrad of position")
+    return Group(title, terminal(sheet_of_cells(heads, rows)))
 
 
 def verify_summary(v: LogVerification) -> RenderableType:
     """Torque errors of withheld motions in the simulator, joint by joint."""
-    rows = [
-        (joint, newton_metres(before), newton_metres(after), f"{difference:.1e}")
-        for joint, before, after, difference in zip(v.joints, v.nominal, v.fitted, v.difference, strict=True)
-    ]
+    errors = (map(newton_metres, x) for x in (v.nominal, v.fitted))
+    rows = list(zip(v.joints, *errors, map("{:.1e}".format, v.difference), strict=True))
     headings = ("torque residual in the simulator (N m RMS)", "nominal", "fitted", "simulator - model")
-    verdict = Text("the file is the arm that was fitted", "bold green")
-    if not v.passed:
-        verdict = Text("the file is not the arm that was fitted", "bold red")
+    no, colour = ("", "green") if v.passed else ("not ", "red")
+    verdict = Text(f"the file is {no}the arm that was fitted", f"bold {colour}")
     title = Text.assemble((v.name, "bold"), f"  {v.path} in {v.software}, {v.rows} rows of withheld motions")
     parts: list[RenderableType] = [title, verdict, terminal(sheet_of_cells(headings, rows)), ""]
     if isinstance(v.tracking, str):
@@ -60,6 +55,5 @@ def replay_sheet(joints: Sequence[str], arms: Mapping[str, Tracking]) -> Sheet:
     heads = [f"{names[a]}, {unit}" for unit in ("deg", "N m") for a in arms]
     columns = [[f"{x:.3g}" for x in np.rad2deg(of.rms)] for of in arms.values()]
     columns += [[newton_metres(x) for x in of.torque] for of in arms.values()]
-    return sheet_of_cells(
-        ("open-loop replay of the commands (RMS)", *heads), list(zip(joints, *columns, strict=True))
-    )
+    rows = list(zip(joints, *columns, strict=True))
+    return sheet_of_cells(("open-loop replay of the commands (RMS)", *heads), rows)

@@ -7,13 +7,12 @@ from pathlib import Path
 from typing import Any
 
 from rich.console import Group, RenderableType
-from rich.text import Text
 
 from bayescal.motion.calibrate import MotionFit
 from bayescal.motion.fit_settings import CALIBRATION
 from bayescal.posterior.inference import Record, save
 from bayescal.reporting.motion.record import controller, origin, shown_unit, write_arm
-from bayescal.reporting.motion.sheets import parameter_sheet, withheld_sheet
+from bayescal.reporting.motion.sheets import parameter_sheet, title, withheld_sheet
 from bayescal.reporting.page.build import write_page
 from bayescal.reporting.shared.origin import plain
 from bayescal.reporting.shared.sheet import terminal
@@ -32,19 +31,7 @@ def fit_record(fit: MotionFit) -> dict[str, Any]:
     record = {
         **origin(SCHEMA, fit.log, fit.seed),
         "model": ["inertials", "armature", "coulomb", "viscous", "offset", "alignment"],
-        "parameters": [
-            {
-                "name": p.name,
-                "unit": p.unit,
-                "nominal": p.nominal,
-                "estimate": p.estimate,
-                "u": p.u,
-                "interval95": p.interval95,
-                "prior_sd": p.prior_sd,
-                "identifiable": p.identifiable,
-            }
-            for p in fit.parameters
-        ],
+        "parameters": [{**vars(p), "identifiable": p.identifiable} for p in fit.parameters],
         "determined": fit.determined,
         "combinations": list(fit.combinations),
         "withheld": [
@@ -82,12 +69,7 @@ def _outside(fit: MotionFit) -> list[str]:
 
 def fit_summary(record: Json, verbose: bool = False) -> RenderableType:
     """Withheld errors, parameters that the log determines, combinations."""
-    roles = [m["role"] for m in record["motions"]]
-    title = Text.assemble(
-        (record["dataset"]["name"], "bold"),
-        f"  {record['robot']}  {roles.count('calibrate')} motions fitted, {roles.count('validate')} withheld",
-    )
-    parts: list[RenderableType] = [title, ""]
+    parts: list[RenderableType] = [title(record), ""]
     if record["withheld"]:
         parts += [terminal(withheld_sheet(record)), ""]
     parts += [terminal(parameter_sheet(record, verbose)), facts(_facts(record))]

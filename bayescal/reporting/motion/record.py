@@ -17,10 +17,10 @@ from bayescal.motion.effects import EFFECTS
 from bayescal.motion.result import Amplitude, MotionGap, Place
 from bayescal.motion.search import Hypothesis
 from bayescal.motion.verdict import OTHER
-from bayescal.reporting.motion.sheets import DISPLAYED
+from bayescal.reporting.motion.sheets import size_text
 from bayescal.reporting.page.build import write_page
 from bayescal.reporting.shared.origin import plain, record_of, software
-from bayescal.reporting.shared.text import listed, with_u
+from bayescal.reporting.shared.text import listed
 from bayescal.storage.files import json_text
 from bayescal.storage.folders import whole
 
@@ -53,8 +53,7 @@ def origin(schema: str, log: Log, seed: int) -> dict[str, Any]:
 
 def size_of(a: Amplitude) -> str:
     """An amplitude with its standard uncertainty and unit."""
-    unit, factor = DISPLAYED.get(a.unit, (a.unit, 1.0))
-    return f"{with_u(factor * a.value, factor * a.u)} {unit}".rstrip()
+    return size_text(a.value, a.u, a.unit)
 
 
 def motion_record(gap: MotionGap) -> dict[str, Any]:
@@ -81,8 +80,7 @@ def motion_record(gap: MotionGap) -> dict[str, Any]:
         "credible_set90": list(v.credible),
         "probability": dict(v.probability),
         "hypotheses": [
-            {"effects": list(names), "probability": p, "log_evidence": nats}
-            for names, p, nats in gap.hypotheses
+            {"effects": list(n), "probability": p, "log_evidence": nats} for n, p, nats in gap.hypotheses
         ],
         "class": _class(v.members, v.leading),
         "where": [_place(p, unit, by) for p in gap.where],
@@ -95,14 +93,11 @@ def motion_record(gap: MotionGap) -> dict[str, Any]:
         "not_assessed": [{"effect": name, "why": why} for name, why in gap.not_assessed.items()],
         "missing": dict(gap.not_assessed),
         "next": list(gap.advice),
-        "parameters": [
-            {"name": name, "deviation": value, "u": gap.u[name]} for name, value in gap.values.items()
-        ],
+        "parameters": [{"name": n, "deviation": v, "u": gap.u[n]} for n, v in gap.values.items()],
         "motions": [{"id": m.name, "role": m.role, "kind": m.kind, "rows": len(m.time)} for m in log.motions],
         "arm": dict(gap.arm.values),
         "beside": [
-            {"effect": name, "unit": unit, "of_joints": size}
-            for name, (unit, size) in gap.arm.sizes().items()
+            {"effect": name, "unit": unit, "of_joints": x} for name, (unit, x) in gap.arm.sizes().items()
         ],
         "gravity_mps2": gap.arm.gravity,
         "controller": controller(log),
@@ -134,15 +129,12 @@ def _replay(gap: MotionGap) -> dict[str, Any]:
     removed, interval = after.removed(before) if "effects" in of else (None, None)
     control, deg = gap.estimate.parts[0].log.controller, 180.0 / np.pi
     stated = control.stiffness is not None and control.stated
+    arms = {"nominal": of["nominal"], "before": before, "after": after}
     return {
-        "nominal_rms_deg": deg * of["nominal"].rms,
-        "before_rms_deg": deg * before.rms,
-        "after_rms_deg": deg * after.rms,
+        **{f"{name}_rms_deg": deg * arm.rms for name, arm in arms.items()},
         "removed": removed,
         "removed_interval95": interval,
-        "nominal_torque_rms_Nm": of["nominal"].torque,
-        "before_torque_rms_Nm": before.torque,
-        "after_torque_rms_Nm": after.torque,
+        **{f"{name}_torque_rms_Nm": arm.torque for name, arm in arms.items()},
         "simulator": "MuJoCo",
         "motions": before.motions,
         "controller": "stated" if stated else "estimated from the log",
@@ -153,10 +145,7 @@ def _named(gap: MotionGap, effect: str) -> dict[str, Any]:
     sizes = [a for a in gap.amplitudes if a.form.effect == effect]
     form = sizes[0].form
     return {
-        "effect": effect,
-        "site": form.site,
-        "driver": form.driver,
-        "setting": form.setting,
+        **vars(form),
         "probability": gap.verdict.probability[effect],
         "relevant": any(a.relevant for a in sizes),
         "text": f"{form.site}: {EFFECTS[effect].title}, {size_of(sizes[0])}",
@@ -166,10 +155,7 @@ def _named(gap: MotionGap, effect: str) -> dict[str, Any]:
 
 def _amplitude(a: Amplitude) -> dict[str, Any]:
     return {
-        "effect": a.form.effect,
-        "site": a.form.site,
-        "driver": a.form.driver,
-        "setting": a.form.setting,
+        **vars(a.form),
         "value": a.value,
         "u": a.u,
         "unit": a.unit,
@@ -203,7 +189,7 @@ def _place(p: Place, unit: str, by: np.ndarray) -> dict[str, Any]:
 
 def words(gap: MotionGap) -> list[str]:
     """The verdict in words, a line each."""
-    v = gap.verdict
+    v, (unit, by) = gap.verdict, shown_unit(gap.estimate.parts[0].log)
     out = []
     for m in v.named.members:
         a = next(a for a in gap.amplitudes if a.form is m.form)
@@ -215,28 +201,23 @@ def words(gap: MotionGap) -> list[str]:
             out.append(f"{effect.name} is certain but not relevant: the withheld error changes by < 1 %.")
     if v.kind in ("unknown", "named+unexplained") and gap.where:
         place = next((p for p in gap.where if not p.explained_by), gap.where[0])
-        further = "A further error" if out else "Unmodelled error: it"
-        unit, by = shown_unit(gap.estimate.parts[0].log)
-        words = "mN m" if unit == UNIT else "mdeg"
-        size = f"{1e3 * by[place.joint] * place.rms:.3g} {words} RMS in joint {place.joint + 1}"
-        form = place.form
-        out.append(
-            f"{further} varies with {form.driver} at {form.site} ({size}); no known effect explains it."
-        )
+        what = "A further error" if out else "Unmodelled error: it"
+        what += f" varies with {place.form.driver} at {place.form.site}"
+        size = f"{1e3 * by[place.joint] * place.rms:.3g} {'mN m' if unit == UNIT else 'mdeg'} RMS"
+        out.append(f"{what} ({size} in joint {place.joint + 1}); no known effect explains it.")
     if v.kind == "class":
         names = [f"{_member(name)} ({_sure(p)})" for name, p in v.members.items()]
         form = v.leading.members[0].form
-        out.append(
-            f"Class of causes: an error at {form.site} that varies with {form.driver}: {listed(names, 'or')}."
-        )
+        what = f"an error at {form.site} that varies with {form.driver}"
+        out.append(f"Class of causes: {what}: {listed(names, 'or')}.")
     if v.kind == "ambiguous":
         out.append(f"Ambiguous: {listed([_member(name) for name in v.credible], 'or')}.")
     if v.kind == "null":
-        largest = max((p for n, p in v.probability.items() if n not in ("null",)), default=0.0)
+        largest = max((p for n, p in v.probability.items() if n != "null"), default=0.0)
         out.append(f"No effect above noise (no other cause has a probability above {largest:.2g}).")
     if v.named.members and np.isfinite(gap.shrinkage.removed):
         low, high = gap.shrinkage.removed_interval95
-        what = "torque" if shown_unit(gap.estimate.parts[0].log)[0] == UNIT else "servo error"
+        what = "torque" if unit == UNIT else "servo error"
         out.append(
             f"On withheld motions the named effects remove {100 * gap.shrinkage.removed:.0f} % "
             f"({100 * low:.0f} to {min(100 * high, 100.0):.0f} %) of the variance of the {what} above noise."
@@ -245,12 +226,9 @@ def words(gap: MotionGap) -> list[str]:
 
 
 def _member(name: str) -> str:
-    texts = {
-        OTHER: "a cause that is not in the list",
-        "unknown": "a cause that is not in the list",
-        "null": "noise only",
-    }
-    return texts.get(name) or EFFECTS[name].title
+    if name in (OTHER, "unknown"):
+        return "a cause that is not in the list"
+    return "noise only" if name == "null" else EFFECTS[name].title
 
 
 def _sure(p: float) -> str:

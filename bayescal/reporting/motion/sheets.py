@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
+from rich.text import Text
 
 from bayescal.effects.vocabulary import UNITS, unit_label
 from bayescal.reporting.shared.sheet import Column, Sheet
@@ -22,6 +25,32 @@ LEAST = 0.01
 """Least probability of a cause that is listed."""
 
 
+def title(record: Json) -> Text:
+    """The log, the robot, and how many motions are fitted and withheld."""
+    roles = [m["role"] for m in record["motions"]]
+    counts = f"{roles.count('calibrate')} motions fitted, {roles.count('validate')} withheld"
+    return Text.assemble((record["dataset"]["name"], "bold"), f"  {record['robot']}  {counts}")
+
+
+def by_joint(record: Json, values: Json, keys: Sequence[str]) -> list[Json]:
+    """An entry for each joint, of lists of values by key."""
+    rows = zip(record["joints"], *(values[k] for k in keys), strict=True)
+    return [dict(zip(("joint", *keys), row, strict=True)) for row in rows]
+
+
+def size_text(value: float, u: float, unit: str) -> str:
+    """A value with its standard uncertainty, SI, in the unit of print."""
+    shown, factor = DISPLAYED.get(unit, (unit, 1.0))
+    return f"{with_u(factor * value, factor * u)} {shown}".rstrip()
+
+
+def shrinkage_of(record: Json) -> tuple[tuple[str, str, str], list[Json]]:
+    """Keys of the residuals of withheld motions before and after, and of noise; and these by joint."""
+    unit = record["unit"]
+    keys = (f"before_rms_{unit}", f"after_rms_{unit}", f"floor_{unit}")
+    return keys, by_joint(record, record["shrinkage"]["tracking" if unit == "deg" else "torque"], keys)
+
+
 def newton_metres(value: float | None) -> str:
     """A torque, N m, three significant digits."""
     return "-" if value is None else f"{value:.3g}"
@@ -39,22 +68,10 @@ WORDS = {"Nm": "N m", "deg": "deg"}
 
 def torque_sheet(record: Json) -> Sheet:
     """RMS of the residuals on validation motions, joint by joint: of torques, or of servos."""
-    unit, what = record["unit"], residual_of(record)
-    s, names = record["shrinkage"]["tracking" if unit == "deg" else "torque"], record["joints"]
-    keys = (f"before_rms_{unit}", f"after_rms_{unit}", f"floor_{unit}")
-    items = [
-        dict(zip(("joint", *keys), (n, *x), strict=True))
-        for n, *x in zip(names, *(s[k] for k in keys), strict=True)
-    ]
-    return Sheet(
-        (
-            Column(what, "joint"),
-            Column("model", keys[0], newton_metres),
-            Column("with the effects", keys[1], newton_metres),
-            Column("noise", keys[2], newton_metres),
-        ),
-        items,
-    )
+    keys, items = shrinkage_of(record)
+    heads = zip(("model", "with the effects", "noise"), keys, strict=True)
+    columns = (Column(head, key, newton_metres) for head, key in heads)
+    return Sheet((Column(residual_of(record), "joint"), *columns), items)
 
 
 def replay_of(record: Json) -> Json:
@@ -68,18 +85,12 @@ def tracking_sheet(record: Json) -> Sheet | None:
     s = replay_of(record)
     if "nominal_rms_deg" not in s:
         return None
-    heads = {"nominal": "nominal", "before": "model", "after": "with the effects"}
-    units = ("rms_deg",) if record["unit"] == "deg" else ("rms_deg", "torque_rms_Nm")
-    keys = [f"{arm}_{unit}" for unit in units for arm in heads]
-    items = [
-        dict(zip(("joint", *keys), (n, *x), strict=True))
-        for n, *x in zip(record["joints"], *(s[k] for k in keys), strict=True)
-    ]
-    words = {"rms_deg": "deg", "torque_rms_Nm": "N m"}
-    columns = [
-        Column(f"{heads[k.partition('_')[0]]}, {words[k.partition('_')[2]]}", k, newton_metres) for k in keys
-    ]
-    return Sheet((Column("open-loop replay in MuJoCo (RMS)", "joint"), *columns), items)
+    arms = {"nominal": "nominal", "before": "model", "after": "with the effects"}
+    units = {"rms_deg": "deg"} if record["unit"] == "deg" else {"rms_deg": "deg", "torque_rms_Nm": "N m"}
+    heads = {f"{arm}_{unit}": f"{arms[arm]}, {units[unit]}" for unit in units for arm in arms}
+    columns = (Column(head, key, newton_metres) for key, head in heads.items())
+    first = Column("open-loop replay in MuJoCo (RMS)", "joint")
+    return Sheet((first, *columns), by_joint(record, s, tuple(heads)))
 
 
 def probability_sheet(record: Json) -> Sheet:
@@ -142,10 +153,6 @@ def withheld_sheet(record: Json) -> Sheet:
 def parameter_sheet(record: Json, every: bool = True) -> Sheet:
     """Parameters with their uncertainty; without `every` those that the log determines."""
 
-    def value(p: Json) -> str:
-        unit, factor = DISPLAYED.get(p["unit"], (p["unit"], 1.0))
-        return f"{with_u(factor * p['estimate'], factor * p['u'])} {unit}".rstrip()
-
     def nominal(p: Json) -> str:
         return f"{DISPLAYED.get(p['unit'], ('', 1.0))[1] * p['nominal']:.4g}"
 
@@ -154,7 +161,7 @@ def parameter_sheet(record: Json, every: bool = True) -> Sheet:
         (
             Column("parameter", "name"),
             Column("nominal", nominal),
-            Column("estimate", value),
+            Column("estimate", lambda p: size_text(p["estimate"], p["u"], p["unit"])),
             Column("identifiable", "identifiable"),
         ),
         items,

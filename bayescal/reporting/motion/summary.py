@@ -14,13 +14,8 @@ from bayescal.storage.reading import Json
 
 def motion_summary(record: Json) -> RenderableType:
     """Verdict, places, probabilities, torque error before and after, what was not assessed: one screen."""
-    roles = [m["role"] for m in record["motions"]]
-    title = Text.assemble(
-        (record["dataset"]["name"], "bold"),
-        f"  {record['robot']}  {roles.count('calibrate')} motions fitted, {roles.count('validate')} withheld",
-    )
     style = STYLES.get(record["verdict"], "bold red")
-    parts: list[RenderableType] = [title, *(Text(line, style) for line in record["words"]), ""]
+    parts: list[RenderableType] = [sheets.title(record), *(Text(line, style) for line in record["words"]), ""]
     parts.append(terminal(sheets.torque_sheet(record)))
     if (replayed := sheets.tracking_sheet(record)) is not None:
         parts += ["", terminal(replayed)]

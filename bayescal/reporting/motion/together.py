@@ -44,21 +44,16 @@ def together_record(result: Together) -> dict[str, Any]:
         "software": software(LIBRARIES),
         "seed": result.log.seed,
         "robot": session.robot.name,
-        "shared": [
-            {
-                "name": s.name,
-                "unit": s.unit,
-                "source": s.source,
-                "alone": {"estimate": s.alone[0], "u": s.alone[1]},
-                "both": {"estimate": s.both[0], "u": s.both[1]},
-            }
-            for s in result.shared
-        ],
+        "shared": [vars(s) | {"alone": _with_u(s.alone), "both": _with_u(s.both)} for s in result.shared],
         "agreement": {"chi2": result.chi2, "dof": result.dof, "p": p},
         "fits_of_session": result.rounds,
         "warnings": _warnings(result, p),
     }
     return {key: plain(value) for key, value in record.items()}
+
+
+def _with_u(value: tuple[float, float]) -> Json:
+    return dict(zip(("estimate", "u"), value, strict=True))
 
 
 def _warnings(result: Together, p: float) -> list[str]:

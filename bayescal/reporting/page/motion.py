@@ -8,25 +8,22 @@ from bayescal.reporting.motion import sheets
 from bayescal.reporting.page.gap import VERDICTS
 from bayescal.reporting.page.section import Facts, Fault, FirstScreen, Run, Section, blocks, texts
 from bayescal.reporting.shared.text import by_reason, probability
+from bayescal.storage.reading import Json
 
 
 def first(run: Run) -> Section:
     """Verdict, effects with size and place, what to measure next."""
     record = run.record
     tone, sign, word = VERDICTS[record["verdict"]]
-    faults = [
-        Fault(
-            named["text"],
-            (
-                ("probability", probability(named["probability"])),
-                ("relevant", "yes" if named["relevant"] else "no"),
-            ),
-            named["remedy"],
-        )
-        for named in record["named"]
-    ]
+
+    def fault(named: Json) -> Fault:
+        relevant = ("relevant", "yes" if named["relevant"] else "no")
+        facts = (("probability", probability(named["probability"])), relevant)
+        return Fault(named["text"], facts, named["remedy"])
+
     return FirstScreen(
-        word, tone, sign, record["words"], len(record["words"]), fault_title="What is wrong", faults=faults,
+        word, tone, sign, record["words"], len(record["words"]), fault_title="What is wrong",
+        faults=[fault(named) for named in record["named"]],
         next=[("Write this page again, also as PDF:", f"bayescal report {shlex.quote(run.folder)} --pdf")],
         warnings=record["warnings"], notes=record["next"],
     ).section()  # fmt: skip
@@ -47,13 +44,8 @@ def replayed(run: Run) -> Section | None:
 def places(run: Run) -> Section | None:
     """Places, amplitudes and probabilities."""
     r = run.record
-    return blocks(
-        "places",
-        "Where and what",
-        sheets.where_sheet(r),
-        sheets.amplitude_sheet(r),
-        sheets.probability_sheet(r),
-    )
+    tables = (sheets.where_sheet(r), sheets.amplitude_sheet(r), sheets.probability_sheet(r))
+    return blocks("places", "Where and what", *tables)
 
 
 def not_assessed(run: Run) -> Section | None:
@@ -74,9 +66,8 @@ def fitted(run: Run) -> Section:
     word = "Withheld motions as expected" if good else "Withheld error larger than expected"
     if not ends:
         good, word = False, "No motion was withheld"
-    line = (
-        f"{record['determined']} of {len(record['parameters'])} directions of the parameters are determined."
-    )
+    total = len(record["parameters"])
+    line = f"{record['determined']} of {total} directions of the parameters are determined."
     tone, sign = ("good", "✓") if good else ("warn", "?")
     folder = shlex.quote(run.folder)
     steps = [
