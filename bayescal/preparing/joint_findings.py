@@ -46,7 +46,7 @@ LAGS = (2.0, 3.0)
 def odd(log: Log, joints: Sequence[Joint], stamps: Stamps, table: str) -> Iterator[Finding]:
     """What is probably a mistake of the recording."""
     if stamps.gaps:
-        what = f"{stamps.gaps} gaps in the stamps, the longest {stamps.longest:.3g} s"
+        what = f"{stamps.gaps} gap{'s' * (stamps.gaps > 1)} in the stamps, the longest {stamps.longest:.3g} s"
         what += f" (step {1e3 * stamps.step:.3g} ms)"
         yield Finding("gaps", "odd", what, stamps.where, "divide the motion there, or log without loss")
     if stamps.jitter > JITTER:
@@ -159,7 +159,7 @@ def missing(log: Log, joints: Sequence[Joint], table: str) -> Iterator[Finding]:
         yield lacks("few_motions", what, f"log {MOTIONS} motions or more of 10 to 20 s")
     still = [j.name for j in joints if j.fastest <= SLOW[0]]
     if still:
-        what = f"{listed(still)} never move: their friction is undetermined"
+        what = f"{listed(still)} not moved: friction undetermined"
         yield lacks("resting", what, "move all joints")
     moved = [j for j in joints if j.name not in still]
     if slow := [j.name for j in moved if j.slow < CROSSINGS]:

@@ -149,7 +149,7 @@ def test_gaps(tmp_path):
     keep[log.of(2)[300:360]] = False
     log.columns = {k: v[keep] for k, v in log.columns.items()}
     finding = of(checked(written(log, tmp_path / "log")), "gaps")
-    assert "1 gaps in the stamps, the longest 0.488 s" in finding.what
+    assert "1 gap in the stamps, the longest 0.488 s" in finding.what
     assert finding.where == f"motion.csv:{log.of(2)[300] + 2} (motion 2)"
 
 
@@ -253,7 +253,7 @@ def test_what_a_poor_log_lacks(tmp_path):
         "same_kind", "no_repeat", "few_motions", "resting", "no_fast", "one_pose", "no_loads",
         "no_temperature", "no_command",
     ]  # fmt: skip
-    assert of(check, "resting").what == "J2 never move: their friction is undetermined"
+    assert of(check, "resting").what == "J2 not moved: friction undetermined"
     assert of(check, "few_motions").what == "3 motions, 3 of them shorter than 10 s"
     assert of(check, "one_pose").what.startswith("J1, J2: gravity loads them in one pose")
     assert "no motion carries a payload" in check.not_assessed["payload-offset"]

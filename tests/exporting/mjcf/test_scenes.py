@@ -284,7 +284,7 @@ def test_of_two_arms_the_last_body_says_which(tmp_path):
 
 
 def test_the_script_beside_a_scene(tmp_path):
-    """On a vehicle, beyond the limits of the scene, which has a site and a body of our names; with a payload."""
+    """On a vehicle, beyond the limits of a scene that has a site and a body of our names; with a payload."""
     taken = '<body name="payload" pos="3 0 0"><site name="ball"/><geom size=".1" mass="1"/></body>'
     taken += '<geom name="table"'
     text = on_a_vehicle().replace('<geom name="table"', taken)
