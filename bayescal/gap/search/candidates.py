@@ -17,7 +17,7 @@ import numpy as np
 from bayescal.effects import EFFECTS, MODELS, Circumstances, Effect, Parameter, Setting, named, parameters_of
 from bayescal.effects.location import Driver, Site, words_of
 from bayescal.effects.selection import in_proportion, plain
-from bayescal.effects.vocabulary import Form
+from bayescal.effects.vocabulary import Form, same_terms
 from bayescal.gap.settings import SEARCH
 from bayescal.model.options import Part
 
@@ -233,18 +233,14 @@ def _other_forms(
     out = []
     for form in effect.forms:
         parameters = effect.at(c, form.name)
-        sites = {p.site for p in parameters if p.name not in known or not _same_motion(p, known[p.name])}
+        sites = {
+            p.site
+            for p in parameters
+            if p.name not in known or not same_terms(p.terms, known[p.name].terms, np.allclose)
+        }
         if sites:
             out.append((form, parameters, sites))
     return out
-
-
-def _same_motion(a: Parameter, b: Parameter) -> bool:
-    """Whether two parameters displace the arm in the same way."""
-    return len(a.terms) == len(b.terms) and all(
-        (s.frame, s.axis) == (t.frame, t.axis) and np.allclose(s.driver, t.driver)
-        for s, t in zip(a.terms, b.terms, strict=True)
-    )
 
 
 @dataclass(frozen=True)
