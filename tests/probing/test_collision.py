@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from cases import EXAMPLE, file_text
 from rails import rail_session
+from segments import distances
 
 from bayescal.arm.motion import NominalArm
 from bayescal.arm.shapes import FIXED, Box, Capsule, HalfSpace, ball
@@ -14,7 +15,6 @@ from bayescal.dataset import Tool, read_dataset
 from bayescal.errors import BayescalError
 from bayescal.probing.clearance import Clearance, path_free, retracted
 from bayescal.probing.scene import Scene, Solid, arm_capsules, link_radii, on_table, scene_of
-from bayescal.probing.sweep import distances
 from bayescal.robots import builtin_robots, load_robot, robot_to_yaml
 
 TOOL = Tool("ball", np.array([0.06, 0.0, 0.12]), 0.003)
