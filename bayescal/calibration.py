@@ -155,10 +155,8 @@ def fit(
     progress("estimate", len(simpler) / (len(simpler) + 1))
     level, options, told = with_widths(fitted_level(scene, full, options), scene, full, options)
     complete, faces, causes, rigid = _complete(level, options, of_causes)
-    left, draws = (
-        unexplained(complete),
-        _sampled(complete, samples, of_draws, of_sampler, progress, checkpoint),
-    )
+    left = unexplained(complete)
+    draws = _sampled(complete, samples, of_draws, of_sampler, progress, checkpoint)
     progress("predict", 0.0)
     places = np.linspace(0, len(draws.flat) - 1, min(count, len(draws.flat))).astype(int)
     kappa = draws.kappa[places]
@@ -177,20 +175,7 @@ def fit(
     expected = with_budgets(forecast(complete, z, checked, remaining.excess, of_forecast, wide.wide), basis)
     checks = (*tests.checks, *not_physical(complete, wide.limited))
     tests = replace(tests, checks=checks, determined=not rests_on_priors(expected, left))
-    results = Assessed(
-        complete,
-        left,
-        checked,
-        expected,
-        lacking,
-        seen,
-        faces,
-        tests,
-        options.prior_width,
-        rigid,
-        told,
-        options.contrary,
-    )
+    results = Assessed(complete, left, checked, expected, lacking, seen, faces, tests, options, rigid, told)
     limitations = findings(results)
     if any(f.severity == "error" or f.code in GROSS for f in limitations):
         tested = judged(dataset)

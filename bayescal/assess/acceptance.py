@@ -356,9 +356,8 @@ def conformance(
 def check_tolerance(tolerance: float) -> None:
     """Refuse a tolerance that is no positive length, m."""
     if not (np.isfinite(tolerance) and tolerance > 0):
-        raise BayescalError(
-            f"a tolerance of {1e3 * tolerance:g} mm", "--tolerance-mm", "give a positive length, in mm"
-        )
+        what = f"a tolerance of {1e3 * tolerance:g} mm"
+        raise BayescalError(what, "--tolerance-mm", "give a positive length, in mm")
 
 
 def decide(error: float, expanded: float, tolerance: float) -> str:

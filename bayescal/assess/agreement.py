@@ -87,7 +87,8 @@ def agreement(together: Estimate, effects: tuple[str, ...], options: FitOptions 
         except BayescalError as error:
             refused[session.name] = error.what
     plain = [together, *(found.plain for found in fits.values())]
-    shared = [p for p in together.model.parameters if all(p.name in _arm(found) for found in plain)]
+    arms = [{p.name for p in found.model.parameters} for found in plain]
+    shared = [p for p in together.model.parameters if all(p.name in arm for arm in arms)]
     names = tuple(p.name for p in shared)
     return Agreement(
         names,
@@ -161,10 +162,6 @@ def _possible(session: Dataset, effects: tuple[str, ...]) -> tuple[str, ...]:
     """The effects for which a session has what they need."""
     circumstances = Scene(session).circumstances()
     return tuple(e for e in effects if not MODELS[plain(e)].missing(circumstances))
-
-
-def _arm(found: Estimate) -> frozenset[str]:
-    return frozenset(p.name for p in found.model.parameters)
 
 
 def _index(found: Estimate, names: tuple[str, ...]) -> np.ndarray:

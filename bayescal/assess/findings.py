@@ -35,7 +35,7 @@ from bayescal.estimate.widths import Width, factors
 from bayescal.model import ORIENTATION
 from bayescal.model.block import ARM, Block
 from bayescal.model.model import length_blocks
-from bayescal.model.options import family
+from bayescal.model.options import USUAL, FitOptions, family
 from bayescal.predict.errors import slopes
 from bayescal.predict.forecast import Forecast, workspace
 from bayescal.predict.validation import Validation
@@ -126,10 +126,9 @@ class Assessed:
     seen: Directions
     faces: tuple[FaceCheck, ...]
     tests: Acceptance
-    prior_width: float = 1.0
+    options: FitOptions = USUAL
     rigid: Rigid = UNCHANGED
     widths: tuple[Width, ...] = ()
-    contrary: tuple[str, ...] = ()
 
 
 def findings(of: Assessed) -> tuple[Finding, ...]:
@@ -140,9 +139,8 @@ def findings(of: Assessed) -> tuple[Finding, ...]:
 
 def _tests(of: Assessed) -> Iterator[Finding]:
     for check in of.tests.failed:
-        ratio = (
-            "" if check.test in (SHARED, PLANNED) else f" (ratio {check.value:.2g}, limit {check.limit:.2g})"
-        )
+        ratio = f" (ratio {check.value:.2g}, limit {check.limit:.2g})"
+        ratio = "" if check.test in (SHARED, PLANNED) else ratio
         yield Finding(check.test, "error", check.words + ratio)
     if of.tests.causes:
         yield Finding(
@@ -194,10 +192,10 @@ def _parameters(of: Assessed) -> Iterator[Finding]:
             "no_length", "warning",
             "no certified length among the fitted targets: the size of the arm rests on its tolerances",
         )  # fmt: skip
-    limit, told = FAR * max(1.0, 1 / of.prior_width), factors(of.widths)
+    limit, told = FAR * max(1.0, 1 / of.options.prior_width), factors(of.widths)
     far = [p.name for p, at in zip(model.parameters, z, strict=False)
            if abs(at) * told.get(family(p), 1.0) > limit]  # fmt: skip
-    yield from (Finding("far_from_prior", "warning", words) for words in of.contrary)
+    yield from (Finding("far_from_prior", "warning", words) for words in of.options.contrary)
     stated = {prior.name for prior in model.scene.dataset.robot.priors}
     if unused := sorted(stated - {p.name for p in model.parameters}):
         what = f"priors of the robot file that no parameter uses: {', '.join(unused)}"
@@ -214,9 +212,8 @@ def _parameters(of: Assessed) -> Iterator[Finding]:
         yield Finding("rigid", "note", of.rigid.words)
     absent = [name for name in model.effects if not MODELS[plain(name)].in_robot_file]
     if absent:
-        yield Finding(
-            "not_in_robot_file", "note", f"robot.yaml cannot hold {', '.join(absent)}: see fit.json"
-        )  # fmt: skip
+        words = f"robot.yaml cannot hold {', '.join(absent)}: see fit.json"
+        yield Finding("not_in_robot_file", "note", words)
 
 
 def rests_on_priors(expected: Forecast, left: Unexplained) -> bool:

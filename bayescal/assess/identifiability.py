@@ -256,13 +256,10 @@ class Conditions:
         if (everywhere, other) not in self._slopes:
             payload = self.model.scene.dataset.measurements.payload
             own = np.zeros(PLANNED) if payload is None else payload[self.rows]
-            motion = elsewhere(
-                self.model,
-                self.rows,
-                self._everywhere if everywhere else self.readings[self.rows],
-                own + PAYLOAD if other == "payload" else None,
-                SECOND_TOOL if other == "tool" else None,
-            )
+            readings = self._everywhere if everywhere else self.readings[self.rows]
+            heavier = own + PAYLOAD if other == "payload" else None
+            offset = SECOND_TOOL if other == "tool" else None
+            motion = elsewhere(self.model, self.rows, readings, heavier, offset)
             slopes = point_slopes(self.model, motion, self._values)
             self._slopes[everywhere, other] = motion.points(self._values).T, slopes
         return self._slopes[everywhere, other]

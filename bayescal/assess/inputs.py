@@ -229,10 +229,8 @@ def _functions(stated: Stated) -> Iterator[Propagated]:
         own, extra = extra[:count], extra[count:]
         # of normals f: the parameters are off by -A f, the function itself by f
         by = stated.wide.covariance[:, own]
-        p = stated.wide.model.parameters[own[0]]
-        yield Propagated(
-            Input(DISCREPANCY, f"model discrepancy: {name}", "A", p.unit, 0.0, p.sd, stated.dof[name]), by
-        )
+        p, words = stated.wide.model.parameters[own[0]], f"model discrepancy: {name}"
+        yield Propagated(Input(DISCREPANCY, words, "A", p.unit, 0.0, p.sd, stated.dof[name]), by)
     if len(extra):
         yield Propagated(Input(MASSES, MASSES, "B", "1", None, None), stated.wide.covariance[:, extra])
 
@@ -333,9 +331,8 @@ def _located_priors(t: LocatedTarget, by: np.ndarray, certified: bool) -> Iterat
         if part == "diameter":
             nominal = float(t.block.kind.describe(np.zeros(len(parts)))["diameter"])
             what = f"{'certificate' if certified else 'stated'}: diameter {name}"
-            prior = replace(
-                prior, group=CERTIFICATE, name=what, value=nominal, common="diameters of the measured targets"
-            )
+            common = "diameters of the measured targets"
+            prior = replace(prior, group=CERTIFICATE, name=what, value=nominal, common=common)
         yield prior, by @ t.by_prior[:, [k]]
     for k in range(len(t.block.free), len(t.by_prior)):
         what = f"stated tool of {name}, {'xyz'[k - len(t.block.free)]}"

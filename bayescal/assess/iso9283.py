@@ -79,27 +79,22 @@ def _accuracy(basis: Basis, parts: list[RowPrediction], symbol: str, words: str)
     if not each:
         return
     size = np.concatenate([np.linalg.norm(p.error, axis=1) for _, p in each])
-    mean_square, largest, best = 0.0, 0.0, None
+    mean_square, largest, of_largest = 0.0, -1.0, 0.0
     for r, p in each:
         length = np.linalg.norm(p.error, axis=1)
         way = p.error / np.where(length > 0, length, 1.0)[:, None]
         mean_square += _variance(basis, r, p.along(way) / len(size))
         k = int(np.argmax(length))
-        if best is None or length[k] > largest:
+        if length[k] > largest:
             only = np.where(np.arange(len(way))[:, None] == k, way, 0.0)
-            largest, best = float(length[k]), _variance(basis, r, p.along(only))
-    yield Figure(
-        symbol, words, len(size), float(np.mean(size)), largest, float(np.sqrt(mean_square)),
-        None if best is None else float(np.sqrt(best)),
-    )  # fmt: skip
+            largest, of_largest = float(length[k]), _variance(basis, r, p.along(only))
+    u, u_max = np.sqrt([mean_square, of_largest]).tolist()
+    yield Figure(symbol, words, len(size), float(np.mean(size)), largest, u, u_max)
     repeats = [d for _, p in each for d in p.scatter if len(d) >= FEWEST_CYCLES]
     if repeats:
         rp = np.array([np.mean(d) + 3.0 * np.std(d, ddof=1) for d in repeats])
-        also = ", component along the normal" if symbol != "AP" else ""
-        yield Figure(
-            symbol.replace("AP", "RP"), f"pose repeatability (position){also}", len(rp), float(rp.mean()),
-            float(rp.max()),
-        )  # fmt: skip
+        words = "pose repeatability (position)" + (", component along the normal" if symbol != "AP" else "")
+        yield Figure(symbol.replace("AP", "RP"), words, len(rp), float(rp.mean()), float(rp.max()))
 
 
 def _by_pose(basis: Basis, r: RowPrediction) -> _Poses:
@@ -136,12 +131,13 @@ def _distance_accuracy(basis: Basis) -> Iterator[Figure]:
     own = [by for source, by in m.own if source.group != UNEXPLAINED]
     k = int(np.argmax(np.abs(error)))
     mean = np.sign(error) / len(error)
+    u, u_max = (
+        float(np.sqrt(sum(np.sum((way @ by) ** 2) for by in own))) for way in (mean, np.eye(len(error))[k])
+    )
+    size = np.abs(error)
     yield Figure(
-        "AD", "distance accuracy, absolute", len(error), float(np.mean(np.abs(error))),
-        float(np.abs(error[k])),
-        float(np.sqrt(sum(np.sum((mean @ by) ** 2) for by in own))),
-        float(np.sqrt(sum(np.sum(by[k] ** 2) for by in own))),
-    )  # fmt: skip
+        "AD", "distance accuracy, absolute", len(error), float(np.mean(size)), float(size[k]), u, u_max
+    )
 
 
 def _differs(basis: Basis, parts: list[RowPrediction]) -> Iterator[str]:

@@ -137,12 +137,11 @@ def judged(dataset: Dataset, effects: tuple[str, ...] = BASELINE) -> Judged | No
         return None
     stated = _fitted(model, np.zeros(model.size))
     fits = [(_fitted(_model(h, model, effects), stated.z), h) for h in hypotheses(some)]
-    every = [(best.f, h) for best, h in fits]
     gain = max(SURE, SURE_PER_ROW * len(some.measurements.ids))
     good = [(best.f, h) for best, h in fits if best.f < stated.f - gain and best.kappa < EXPLAINED]
     least = min((f for f, _ in good), default=stated.f)
     better = tuple(h for f, h in good if f < least + ALIKE)
-    unknown = dict.fromkeys(h.what for f, h in every if f < stated.f + ALIKE)
+    unknown = dict.fromkeys(h.what for best, h in fits if best.f < stated.f + ALIKE)
     return Judged(better, () if better else tuple(unknown), _scale(some, effects, model, stated))
 
 

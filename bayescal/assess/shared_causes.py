@@ -239,9 +239,8 @@ def shared(
         group = groups[k]
         mine = rows[group.rows[rejected[group.rows]]]
         if p[k] <= LEVEL and group.kind not in out and len(mine) >= FEWEST:
-            out[group.kind] = SharedCause(
-                group.kind, group.label, mine, len(group.rows), total, count, float(p[k])
-            )
+            size = len(group.rows)
+            out[group.kind] = SharedCause(group.kind, group.label, mine, size, total, count, float(p[k]))
     return tuple(out.values())[:MOST]
 
 

@@ -232,7 +232,7 @@ def named(name: str) -> tuple[Effect, Setting]:
     BayescalError
         For an effect, a setting or a form that does not exist.
     """
-    asked = Selection.read(name)
+    asked, where = Selection.read(name), f"--model {name}"
     plain, setting = asked.effect, asked.setting
     if plain not in MODELS:
         raise BayescalError(f"no effect is called `{plain}`", "--model", f"known: {', '.join(MODELS)}")
@@ -243,22 +243,19 @@ def named(name: str) -> tuple[Effect, Setting]:
         return effect, setting
     forms = ", ".join(f"{plain}@{form.name}" for form in effect.forms)
     if effect.scan is None and forms:
-        raise BayescalError(f"{plain} has no form `{setting}`", f"--model {name}", f"it has: {forms}")
+        raise BayescalError(f"{plain} has no form `{setting}`", where, f"it has: {forms}")
     if effect.scan is None:
-        raise BayescalError(f"{plain} has no setting", f"--model {name}", f"say {plain}")
+        raise BayescalError(f"{plain} has no setting", where, f"say {plain}")
     wanted = f"give the {effect.scan.what}" + (f", or one of {forms}" if forms else "")
-    values = [positive(text, f"--model {name}", wanted) for text in setting.split("/")]
+    values = [positive(text, where, wanted) for text in setting.split("/")]
     if len(values) == 1:
         return effect, values[0]
     if not effect.scan.by_site:
-        raise BayescalError(
-            f"{plain} has one setting for all sites", f"--model {name}", f"say {plain}@{values[0]:g}"
-        )
+        raise BayescalError(f"{plain} has one setting for all sites", where, f"say {plain}@{values[0]:g}")
     if len(values) != len(asked.sites):
         what = f"{plain} has {len(values)} settings; the number of sites is {len(asked.sites)}"
-        raise BayescalError(
-            what, f"--model '{name}'", "name as many sites: gear-mesh@100/50 at joint 1 and joint 5"
-        )
+        remedy = "name as many sites: gear-mesh@100/50 at joint 1 and joint 5"
+        raise BayescalError(what, f"--model '{name}'", remedy)
     return effect, tuple(zip(asked.sites, values, strict=True))
 
 

@@ -13,20 +13,16 @@ from __future__ import annotations
 
 from bayescal.effects.common import along_travel, without_slides
 from bayescal.effects.sizes import Size, length
-from bayescal.effects.vocabulary import Circumstances, Effect, Parameter
+from bayescal.effects.vocabulary import Effect
 
 SD = 1e-4  # rad
 AXES = {"about x": "rx", "about y": "ry", "roll": "rz"}
 
 
-def _parameters(c: Circumstances) -> list[Parameter]:
-    return along_travel(c, "angular-motion", AXES, 1, ("rad", SD))
-
-
 ANGULAR_MOTION = Effect(
     "angular-motion",
     "the carriage of a linear axis rolls, pitches and yaws",
-    _parameters,
+    lambda c: along_travel(c, "angular-motion", AXES, 1, ("rad", SD)),
     without_slides,
     sizes={"rad": Size("root mean square over the travel", length)},
     phrase=("the linear axis", "turns its carriage along the travel"),

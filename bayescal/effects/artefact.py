@@ -32,15 +32,11 @@ def _parameters(c: Circumstances) -> list[Parameter]:
     return out
 
 
-def _missing(c: Circumstances) -> str:
-    return "" if c.certified_values else "no certificate ties fitted targets"
-
-
 ARTEFACT = Effect(
     "artefact",
     "a certified value is in error",
     _parameters,
-    _missing,
+    lambda c: "" if c.certified_values else "no certificate ties fitted targets",
     sizes={"m": Size("error of the certified value"), "rad": Size("error of the certified value")},
     phrase=("the artefact", "has a certified value in error"),
     remedy=(

@@ -67,15 +67,11 @@ def _bent(c: Circumstances, beam: Beam, label: str) -> list[Parameter]:
     return out
 
 
-def _missing(c: Circumstances) -> str:
-    return without_slides(c) or without_masses(c)
-
-
 AXIS_BENDING = Effect(
     "axis-bending",
     "a linear axis bends under its load, by its extension",
     lambda c: _bent(c, cantilever, ""),
-    _missing,
+    lambda c: without_slides(c) or without_masses(c),
     sizes={"rad/(N m^2)": COMPLIANT, "1": FACTOR},
     phrase=("the linear axis", "bends under its load"),
     remedy=(

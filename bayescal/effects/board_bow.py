@@ -8,24 +8,14 @@ Driver: the place on the board. Prior: five times the stated flatness (assumed, 
 
 from __future__ import annotations
 
-from bayescal.effects.imaging import bow, errors, without_camera
-from bayescal.effects.sizes import Size
-from bayescal.effects.vocabulary import Circumstances, Effect, Parameter
+from bayescal.effects.imaging import beyond, bow
 
-
-def _parameters(c: Circumstances) -> list[Parameter]:
-    return errors(c, bow, "board-bow")
-
-
-BOARD_BOW = Effect(
+BOARD_BOW = beyond(
+    bow,
     "board-bow",
     "board not flat",
-    _parameters,
-    without_camera,
-    sizes={"m": Size("height of the middle")},
+    size=("m", "height of the middle"),
     phrase=("the board", "is not flat"),
     remedy="Mount the board on a stiff, flat plate, and check it with a straightedge.",
     confusable_with=("lens-distortion",),
-    in_robot_file=True,
-    beside_arm=True,
 )

@@ -8,24 +8,14 @@ least 0.2 %: a printer stretches its print by some tenths of a percent.
 
 from __future__ import annotations
 
-from bayescal.effects.imaging import errors, scale, without_camera
-from bayescal.effects.sizes import Size
-from bayescal.effects.vocabulary import Circumstances, Effect, Parameter
+from bayescal.effects.imaging import beyond, scale
 
-
-def _parameters(c: Circumstances) -> list[Parameter]:
-    return errors(c, scale, "board-scale")
-
-
-BOARD_SCALE = Effect(
+BOARD_SCALE = beyond(
+    scale,
     "board-scale",
     "size of a board in error",
-    _parameters,
-    without_camera,
-    sizes={"1": Size("relative error of the size")},
+    size=("1", "relative error of the size"),
     phrase=("the board", "has another size than stated"),
     remedy="Measure the board over several squares along both axes, and write the size of its squares.",
     confusable_with=("focal-length",),
-    in_robot_file=True,
-    beside_arm=True,
 )

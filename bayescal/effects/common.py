@@ -126,12 +126,9 @@ def at_gears(
     for j, name in enumerate(c.robot.joint_names, start=1):
         by = motion(c.robot, j, moving, side)
         if np.any(by):
-            terms, driver = turned(c.robot, j, shape(by), side), Driver(kind, j)
-            if c.robot.slides[j - 1]:
-                driver = by_reading(c.robot, j) if kind == "angle" else driver
-                unit, sd = along or prior
-            else:
-                unit, sd = prior
+            terms = turned(c.robot, j, shape(by), side)
+            driver = by_reading(c.robot, j) if kind == "angle" else Driver(kind, j)
+            unit, sd = along if along and c.robot.slides[j - 1] else prior
             out.append(Parameter(f"{effect} {name}", unit, terms, sd, **at(j, driver)))
     return out
 

@@ -9,24 +9,14 @@ error of both is distinguishable from an error of the size of the board by image
 
 from __future__ import annotations
 
-from bayescal.effects.imaging import errors, focal, without_camera
-from bayescal.effects.sizes import Size
-from bayescal.effects.vocabulary import Circumstances, Effect, Parameter
+from bayescal.effects.imaging import beyond, focal
 
-
-def _parameters(c: Circumstances) -> list[Parameter]:
-    return errors(c, focal, "focal-length")
-
-
-FOCAL_LENGTH = Effect(
+FOCAL_LENGTH = beyond(
+    focal,
     "focal-length",
     "focal length of a camera in error",
-    _parameters,
-    without_camera,
-    sizes={"px": Size("error of the focal length")},
+    size=("px", "error of the focal length"),
     phrase=("the camera", "has a focal length in error"),
     remedy="Calibrate the camera again at this focus; check autofocus and scaling of the images.",
     confusable_with=("board-scale", "lens-distortion"),
-    in_robot_file=True,
-    beside_arm=True,
 )

@@ -31,13 +31,10 @@ UNEVEN_ODDS = 0.1  # assumed: two amounts fit other errors by torque too
 
 
 def _parameters(c: Circumstances) -> list[Parameter]:
-    return by_torque(
-        c,
-        "hardening",
-        lambda torque, most: torque * np.abs(torque),
-        lambda compliance, most: CHANGE * compliance**2 / WOUND_UP,
-        "rad/(N m)^2",
-    )
+    def sd(compliance: float, most: float) -> float:
+        return CHANGE * compliance**2 / WOUND_UP
+
+    return by_torque(c, "hardening", lambda torque, most: torque * np.abs(torque), sd, "rad/(N m)^2")
 
 
 def _uneven(c: Circumstances) -> list[Parameter]:

@@ -8,24 +8,14 @@ the camera on its mount looks nearly the same where all images are taken at one 
 
 from __future__ import annotations
 
-from bayescal.effects.imaging import centre, errors, without_camera
-from bayescal.effects.sizes import Size
-from bayescal.effects.vocabulary import Circumstances, Effect, Parameter
+from bayescal.effects.imaging import beyond, centre
 
-
-def _parameters(c: Circumstances) -> list[Parameter]:
-    return errors(c, centre, "image-centre")
-
-
-IMAGE_CENTRE = Effect(
+IMAGE_CENTRE = beyond(
+    centre,
     "image-centre",
     "optical axis of a camera in error",
-    _parameters,
-    without_camera,
-    sizes={"px": Size("error of the optical axis")},
+    size=("px", "error of the optical axis"),
     phrase=("the camera", "has its optical axis elsewhere in the image"),
     remedy="Calibrate the camera again; check that images are neither cropped nor scaled.",
     confusable_with=("lens-distortion",),
-    in_robot_file=True,
-    beside_arm=True,
 )

@@ -2,103 +2,87 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from bayescal.arm.motion import IMAGE, Term
 from bayescal.effects.common import NO_CAMERA
 from bayescal.effects.location import BOARD, CAMERA, Driver, Site
-from bayescal.effects.vocabulary import Circumstances, Parameter, View
+from bayescal.effects.sizes import Size
+from bayescal.effects.vocabulary import Circumstances, Effect, Parameter, View, Where
 
 TIMES = 5.0
 """Prior of an error beyond the stated uncertainty, in units of this (assumed, as that of a certificate)."""
 LEAST_SCALE = 2e-3
 """Least prior of an error of the size of a board beyond what is stated (assumed: prints stretch by tenths
 of a percent, whatever a session states of them)."""
+
+DRIVERS = {CAMERA: Driver("image"), BOARD: Driver("board")}
+"""Of errors at a site."""
+
 Make = Callable[[View, str, float], list[Parameter]]
 
 
-def _parameter(
-    name: str, unit: str, by: np.ndarray, sd: float, site: Site, driver: str, nominal: float = 0.0
-) -> list[Parameter]:
-    """A parameter that changes both coordinates in the image by (N, 2); none without a prior."""
-    terms = tuple(Term(IMAGE, axis, by[:, k]) for k, axis in enumerate("uv") if by[:, k].any())
-    made = Parameter(name, unit, terms, sd, nominal, site=site, driver=Driver(driver))
-    return [made] if sd > 0 and terms else []
+def _parameters(
+    v: View, names: Sequence[str], unit: str, by: np.ndarray, sd: np.ndarray, site: Site,
+    nominal: np.ndarray | None = None,
+) -> list[Parameter]:  # fmt: skip
+    """Parameters that change both coordinates in the image by (N, 2, K); none without a prior or a change."""
+    where: Where = {"site": site.of(v.name) if v.several else site, "driver": DRIVERS[site]}
+    out = []
+    for k, (name, u) in enumerate(zip(names, sd.tolist(), strict=True)):
+        terms = tuple(Term(IMAGE, axis, by[:, j, k]) for j, axis in enumerate("uv") if by[:, j, k].any())
+        if u > 0 and terms:
+            stated = 0.0 if nominal is None else float(nominal[k])
+            out.append(Parameter(name, unit, terms, u, stated, **where))
+    return out
 
 
 def focal(v: View, prefix: str, times: float) -> list[Parameter]:
     """Focal lengths along both axes of the image, px."""
-    return [
-        p
-        for k, axis in enumerate("xy")
-        for p in _parameter(
-            f"{prefix} f{axis}", "px", v.by_focal[:, :, k], times * v.u_focal[k], _site(CAMERA, v), "image",
-            float(v.focal[k]),
-        )
-    ]  # fmt: skip
+    names = f"{prefix} fx", f"{prefix} fy"
+    return _parameters(v, names, "px", v.by_focal, times * v.u_focal, CAMERA, v.focal)
 
 
 def centre(v: View, prefix: str, times: float) -> list[Parameter]:
     """The optical axis in the image, px."""
-    return [
-        p
-        for k, axis in enumerate("xy")
-        for p in _parameter(
-            f"{prefix} c{axis}", "px", v.by_centre[:, :, k], times * v.u_centre[k], _site(CAMERA, v), "image",
-            float(v.centre[k]),
-        )
-    ]  # fmt: skip
+    names = f"{prefix} cx", f"{prefix} cy"
+    return _parameters(v, names, "px", v.by_centre, times * v.u_centre, CAMERA, v.centre)
 
 
 def distortion(v: View, prefix: str, times: float) -> list[Parameter]:
     """Deviations of the coefficients of the lens from their stated values."""
-    return [
-        p
-        for k, name in enumerate(v.coefficients)
-        for p in _parameter(
-            f"{prefix} {name}", "1", v.by_coefficients[:, :, k], times * v.u_coefficients[k],
-            _site(CAMERA, v), "image",
-        )
-    ]  # fmt: skip
+    names = [f"{prefix} {name}" for name in v.coefficients]
+    return _parameters(v, names, "1", v.by_coefficients, times * v.u_coefficients, CAMERA)
 
 
 def scale(v: View, prefix: str, times: float) -> list[Parameter]:
     """Relative errors of the size of the board along both of its axes."""
-    return [
-        p
-        for k, axis in enumerate("xy")
-        for p in _parameter(
-            f"{prefix} scale {axis}", "1", v.by_board[:, :, k] * v.corner[:, k, None],
-            times * v.u_scale if times == 1.0 else max(times * v.u_scale, LEAST_SCALE),
-            _site(BOARD, v), "board",
-        )
-    ]  # fmt: skip
+    u = times * v.u_scale if times == 1.0 else max(times * v.u_scale, LEAST_SCALE)
+    by = v.by_board[:, :, :2] * v.corner[:, None, :2]
+    return _parameters(v, (f"{prefix} scale x", f"{prefix} scale y"), "1", by, np.full(2, u), BOARD)
 
 
 def bow(v: View, prefix: str, times: float) -> list[Parameter]:
     """Height of the middle of the board over its edges, of a bend along each of its axes, m."""
-    return [
-        p
-        for k, axis in enumerate("xy")
-        for p in _parameter(
-            f"{prefix} bow {axis}", "m",
-            v.by_board[:, :, 2] * (1.0 - (v.corner[:, k, None] / v.half[k]) ** 2) * v.rows[:, None],
-            times * v.u_flatness, _site(BOARD, v), "board",
-        )
-    ]  # fmt: skip
-
-
-def _site(site: Site, v: View) -> Site:
-    return site.of(v.name) if v.several else site
-
-
-def errors(c: Circumstances, make: Make, effect: str) -> list[Parameter]:
-    """The parameters of an effect: errors beyond the stated uncertainty, of every view."""
-    return [p for v in c.views for p in make(v, f"{effect} {v.name}", TIMES)]
+    bent = (1.0 - (v.corner[:, None, :2] / v.half) ** 2) * v.rows[:, None, None]
+    names, u = (f"{prefix} bow x", f"{prefix} bow y"), np.full(2, times * v.u_flatness)
+    return _parameters(v, names, "m", v.by_board[:, :, 2, None] * bent, u, BOARD)
 
 
 def without_camera(c: Circumstances) -> str:
     """A message if no camera is fitted, or ""."""
     return "" if c.views else NO_CAMERA
+
+
+def beyond(
+    make: Make, name: str, summary: str, size: tuple[str, str], phrase: tuple[str, str], remedy: str,
+    confusable_with: tuple[str, ...],
+) -> Effect:  # fmt: skip
+    """An effect: errors of every view beyond the stated uncertainty; `size` is their unit and its words."""
+    return Effect(
+        name, summary, lambda c: [p for v in c.views for p in make(v, f"{name} {v.name}", TIMES)],
+        without_camera, sizes={size[0]: Size(size[1])}, phrase=phrase, remedy=remedy,
+        confusable_with=confusable_with, in_robot_file=True, beside_arm=True,
+    )  # fmt: skip

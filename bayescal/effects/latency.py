@@ -41,15 +41,11 @@ def _parameters(c: Circumstances) -> list[Parameter]:
     return out
 
 
-def _missing(c: Circumstances) -> str:
-    return (without_surface(c) if not c.views else "") or without_velocity(c)
-
-
 LATENCY = Effect(
     "latency",
     "joint readings delayed by t",
     _parameters,
-    _missing,
+    lambda c: (without_surface(c) if not c.views else "") or without_velocity(c),
     sizes={"s": Size("delay")},
     phrase=("every joint", "has delayed readings"),
     remedy=(

@@ -8,24 +8,14 @@ Driver: the place in the image. Prior: five times the stated uncertainty (assume
 
 from __future__ import annotations
 
-from bayescal.effects.imaging import distortion, errors, without_camera
-from bayescal.effects.sizes import Size
-from bayescal.effects.vocabulary import Circumstances, Effect, Parameter
+from bayescal.effects.imaging import beyond, distortion
 
-
-def _parameters(c: Circumstances) -> list[Parameter]:
-    return errors(c, distortion, "lens-distortion")
-
-
-LENS_DISTORTION = Effect(
+LENS_DISTORTION = beyond(
+    distortion,
     "lens-distortion",
     "distortion of a lens in error",
-    _parameters,
-    without_camera,
-    sizes={"1": Size("error of a coefficient")},
+    size=("1", "error of a coefficient"),
     phrase=("the camera", "has another distortion than stated"),
     remedy="Calibrate the camera again with corners up to the edges of the images.",
     confusable_with=("focal-length", "image-centre", "board-bow"),
-    in_robot_file=True,
-    beside_arm=True,
 )

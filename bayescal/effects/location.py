@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, TypedDict
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -104,33 +104,29 @@ class Coordinate:
         return f"{self.name} ({self.unit})" if self.unit else self.name
 
 
-class Form(TypedDict):
-    """Format strings of a form, for files (`words`) and reports (`text`), for the text of its coordinate."""
-
-    words: str
-    text: str
-
-
-FORMS: dict[str, Form] = {
-    "": {"words": "{}", "text": "{}"},
-    "sign": {"words": "sign of {}", "text": "sign of the {}"},
-    "past": {"words": "past {}", "text": "earlier {}"},
-    "level": {"words": "{}, levelling off", "text": "{}, levelling off"},
-    "uneven": {"words": "{}, by its sign", "text": "{}, another at each sign"},
-    "late": {"words": "{}, late", "text": "{}, followed late"},
-    "one place": {"words": "{}, one place", "text": "{}, local"},
-    "beyond": {"words": "{}, beyond one place", "text": "{} beyond a threshold"},
-    "one spot": {"words": "{}, one spot", "text": "{}, local"},
-    "one region": {"words": "{}, one region", "text": "{}, local"},
-    "own angle": {"words": "{}, by its angle", "text": "{} times a function of its angle"},
-    "other angle": {"words": "{}, by another angle", "text": "{} times a function of another angle"},
-    "and angle": {"words": "{}, and its angle", "text": "{} and angle together"},
-    "and another": {"words": "{}, times another quantity", "text": "{} times another quantity"},
-    "smooth": {"words": "{}, smoothly", "text": "{}, a smooth function of it"},
-    "waves": {"words": "{}, 3 to 20 waves a turn", "text": "{}, 3 to 20 periods per revolution"},
-    "to and fro": {"words": "{}, to and fro", "text": "{}, oscillating"},
+FORMS = {
+    "": ("{}", "{}"),
+    "sign": ("sign of {}", "sign of the {}"),
+    "past": ("past {}", "earlier {}"),
+    "level": ("{}, levelling off", "{}, levelling off"),
+    "uneven": ("{}, by its sign", "{}, another at each sign"),
+    "late": ("{}, late", "{}, followed late"),
+    "one place": ("{}, one place", "{}, local"),
+    "beyond": ("{}, beyond one place", "{} beyond a threshold"),
+    "one spot": ("{}, one spot", "{}, local"),
+    "one region": ("{}, one region", "{}, local"),
+    "own angle": ("{}, by its angle", "{} times a function of its angle"),
+    "other angle": ("{}, by another angle", "{} times a function of another angle"),
+    "and angle": ("{}, and its angle", "{} and angle together"),
+    "and another": ("{}, times another quantity", "{} times another quantity"),
+    "smooth": ("{}, smoothly", "{}, a smooth function of it"),
+    "waves": ("{}, 3 to 20 waves a turn", "{}, 3 to 20 periods per revolution"),
+    "to and fro": ("{}, to and fro", "{}, oscillating"),
 }
-"""Forms of the dependence of an error on its coordinate; "" if the form is not specified."""
+"""Forms of the dependence of an error on its coordinate; "" if the form is not specified.
+
+Format strings for files and for reports, for the text of the coordinate.
+"""
 
 
 @dataclass(frozen=True)
@@ -147,29 +143,21 @@ class Driver:
 
     def __str__(self) -> str:
         plain = KINDS[self.kind].words if self.kind in KINDS else self.kind
-        plain = f"{plain} {self.joint}" if self.joint else plain
-        turns = {0.0: "", 1.0: ", once a turn", 2.0: ", twice a turn"}
-        every = (
-            turns.get(self.order, f", {self.order:g} times a turn")
-            if self.kind != "position"
-            else self._waves
-        )
-        return FORMS[self.form]["words"].format(plain) + every
+        return self._formed(0, f"{plain} {self.joint}" if self.joint else plain, "a turn")
 
     @property
     def text(self) -> str:
         """Its name in a report: ``direction of motion of J3``."""
         plain = KINDS[self.kind].text if self.kind in KINDS else self.kind
-        plain = f"{plain} of J{self.joint}" if self.joint else plain
-        turns = {0.0: "", 1.0: ", once per revolution", 2.0: ", twice per revolution"}
-        every = turns.get(self.order, f", {self.order:g} times per revolution")
-        every = every if self.kind != "position" else self._waves
-        return FORMS[self.form]["text"].format(plain) + every
+        return self._formed(1, f"{plain} of J{self.joint}" if self.joint else plain, "per revolution")
 
-    @property
-    def _waves(self) -> str:
-        """Its order, of a position."""
-        return f", {self.order:g} times per metre" if self.order else ""
+    def _formed(self, place: int, coordinate: str, turn: str) -> str:
+        """Its form and its order beside its coordinate, by their text at a place (0: files, 1: reports)."""
+        every = {0.0: "", 1.0: f", once {turn}", 2.0: f", twice {turn}"}
+        if self.kind == "position":
+            every, turn = {0.0: ""}, "per metre"
+        order = every.get(self.order, f", {self.order:g} times {turn}")
+        return FORMS[self.form][place].format(coordinate) + order
 
     @property
     def course(self) -> Driver:

@@ -68,15 +68,11 @@ def _parameters(c: Circumstances, further: tuple[int, ...] = ()) -> list[Paramet
     return out
 
 
-def _missing(c: Circumstances) -> str:
-    return "" if c.faces else NO_PLANE
-
-
 PLANE_FORM = Effect(
     "plane-form",
     "a face is not flat",
     _parameters,
-    _missing,
+    lambda c: "" if c.faces else NO_PLANE,
     forms=(Form("raised", "raised or lowered in part", partial(_parameters, further=RAISED), ODDS),),
     sizes={"m": Size("RMS form deviation", length)},
     phrase=("every face", "has a form error"),

@@ -12,19 +12,15 @@ from __future__ import annotations
 
 from bayescal.effects.common import along_travel, without_slides
 from bayescal.effects.sizes import Size, length
-from bayescal.effects.vocabulary import Circumstances, Effect, Parameter
+from bayescal.effects.vocabulary import Effect
 
 SD = 5e-5  # m
-
-
-def _parameters(c: Circumstances) -> list[Parameter]:
-    return along_travel(c, "positioning", {"order": "tz"}, 2, ("m", SD))
 
 
 POSITIONING = Effect(
     "positioning",
     "a linear axis stands beside its reading, by its position",
-    _parameters,
+    lambda c: along_travel(c, "positioning", {"order": "tz"}, 2, ("m", SD)),
     without_slides,
     sizes={"m": Size("root mean square over the travel", length)},
     phrase=("the linear axis", "has a positioning error by its position"),

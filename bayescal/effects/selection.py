@@ -115,11 +115,9 @@ class Selection:
             return asked.of(parameters, where)
         for site in self.sites:
             if not any(replace(self, sites=(site,), drivers=()).holds(p) for p in parameters):
-                raise BayescalError(
-                    f"{self.effect} has no parameters at `{site}`",
-                    where,
-                    f"its sites are: {_sites(parameters)}",
-                )
+                sites = dict.fromkeys(str(also) for p in parameters for also in p.site.also)
+                what = f"{self.effect} has no parameters at `{site}`"
+                raise BayescalError(what, where, f"its sites are: {', '.join(sites)}")
         selected = [p for p in parameters if self.holds(p)]
         there = dict.fromkeys(driver_words(p) for p in parameters if replace(self, drivers=()).holds(p))
         if unknown := [driver for driver in self.drivers if driver not in there]:
@@ -178,7 +176,3 @@ def positive(words: str, where: str, remedy: str) -> float:
     if not 0 < value < np.inf:
         raise BayescalError(f"'{words}' is not a number above 0", where, remedy)
     return value
-
-
-def _sites(parameters: Iterable[Parameter]) -> str:
-    return ", ".join(dict.fromkeys(str(site) for p in parameters for site in p.site.also))

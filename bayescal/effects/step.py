@@ -112,19 +112,11 @@ def _displaced(
     ]
 
 
-def _middle(c: Circumstances) -> list[Parameter]:
-    return _shift(c, c.fitted[len(c.fitted) // 2] + 1.0)
-
-
-def _missing(c: Circumstances) -> str:
-    return "" if len(c.fitted) > 1 else "a step needs more than one row"
-
-
 STEP = Effect(
     "step",
     "sudden shift of the base, of a tool or of an instrument at row n",
-    lambda c: apart(c, _middle),
-    _missing,
+    lambda c: apart(c, lambda one: _shift(one, one.fitted[len(one.fitted) // 2] + 1.0)),
+    lambda c: "" if len(c.fitted) > 1 else "a step needs more than one row",
     Scan("first row after it", "from row {:.0f} on", moments, _at, True, EVENTS, beside),
     sizes={"m": Size("shift", length), "rad": Size("rotation", length)},
     alternatives=True,

@@ -13,20 +13,16 @@ from __future__ import annotations
 
 from bayescal.effects.common import along_travel, without_slides
 from bayescal.effects.sizes import Size, length
-from bayescal.effects.vocabulary import Circumstances, Effect, Parameter
+from bayescal.effects.vocabulary import Effect
 
 SD = 1e-4  # m
 AXES = {"x": "tx", "y": "ty"}
 
 
-def _parameters(c: Circumstances) -> list[Parameter]:
-    return along_travel(c, "straightness", AXES, 2, ("m", SD))
-
-
 STRAIGHTNESS = Effect(
     "straightness",
     "the carriage of a linear axis leaves its straight line",
-    _parameters,
+    lambda c: along_travel(c, "straightness", AXES, 2, ("m", SD)),
     without_slides,
     sizes={"m": Size("root mean square over the travel", length)},
     phrase=("the linear axis", "is not straight"),

@@ -18,6 +18,7 @@ the base 0.02 mm (both assumed).
 from __future__ import annotations
 
 import itertools
+from collections.abc import Callable
 from functools import partial
 
 import numpy as np
@@ -109,15 +110,22 @@ def _warming(c: Circumstances, constant: float) -> list[Parameter]:
     if all(_clock(one) is None for one in each(c)):
         what = "a time constant needs time_s that varies"
         raise BayescalError(what, f"--model thermal-drift@{constant:g}", "say thermal-drift")
-    return apart(c, lambda one: _settling(one, constant))
+
+    def course(time: np.ndarray) -> np.ndarray:
+        grown = 1.0 - np.exp(-(time - np.min(time)) / constant)
+        return 2.0 * grown / np.max(grown) - 1.0
+
+    return _by_clock(c, course)
 
 
-def _settling(c: Circumstances, constant: float) -> list[Parameter]:
-    time = _clock(c)
-    if time is None:
-        return []
-    grown = 1.0 - np.exp(-(time - np.min(time)) / constant)
-    return _drifting(c, "time", 2.0 * grown / np.max(grown) - 1.0)
+def _by_clock(c: Circumstances, course: Callable[[np.ndarray], np.ndarray]) -> list[Parameter]:
+    """The drift of every session by a function of its times (N,), s; none where these do not vary."""
+
+    def one(c: Circumstances) -> list[Parameter]:
+        time = _clock(c)
+        return [] if time is None else _drifting(c, "time", course(time))
+
+    return apart(c, one)
 
 
 def heated(share: np.ndarray, begin: float, end: float, constant: float) -> np.ndarray:
@@ -138,16 +146,12 @@ def heated(share: np.ndarray, begin: float, end: float, constant: float) -> np.n
 def _paused(c: Circumstances, begin: float, length: float, constant: float) -> list[Parameter]:
     """The drift of an arm that cools for a while, in place of the recorded course; see `PAUSES`."""
 
-    def one(c: Circumstances) -> list[Parameter]:
-        time = _clock(c)
-        if time is None:
-            return []
+    def course(time: np.ndarray) -> np.ndarray:
         share = (time - np.min(time)) / np.ptp(time)
         start, until = begin / 100.0, (begin + length) / 100.0
-        course = heated(share, start, until, constant / float(np.ptp(time)))
-        return _drifting(c, "time", _scaled(course))
+        return _scaled(heated(share, start, until, constant / float(np.ptp(time))))
 
-    return apart(c, one)
+    return _by_clock(c, course)
 
 
 def _constants(c: Circumstances) -> np.ndarray:

@@ -225,10 +225,10 @@ class Parameter:
         return replace(self, terms=()) == replace(other, terms=()) and same_terms(self.terms, other.terms)
 
 
-def same_terms(a: Sequence[Term], b: Sequence[Term]) -> bool:
-    """Whether terms displace the same axes by the same drivers."""
+def same_terms(a: Sequence[Term], b: Sequence[Term], equal: Callable[..., bool] = np.array_equal) -> bool:
+    """Whether terms displace the same axes by drivers that are `equal`."""
     return len(a) == len(b) and all(
-        (s.frame, s.axis) == (t.frame, t.axis) and np.array_equal(s.driver, t.driver)
+        (s.frame, s.axis) == (t.frame, t.axis) and equal(s.driver, t.driver)
         for s, t in zip(a, b, strict=True)
     )
 

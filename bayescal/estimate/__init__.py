@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bayescal.estimate.checks import check_enough
-from bayescal.estimate.estimate import Estimate, calibrated, estimate, fitted_level, settled
+from bayescal.estimate.estimate import Estimate, calibrated, estimate, fitted_level, settled, unfitted
 from bayescal.estimate.solver import STATED_WORTH, Weights, linearise, root, solve, unit_weights
 
 __all__ = [
@@ -18,5 +18,6 @@ __all__ = [
     "root",
     "settled",
     "solve",
+    "unfitted",
     "unit_weights",
 ]

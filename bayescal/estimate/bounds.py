@@ -40,7 +40,7 @@ from bayescal.errors import BayescalError
 from bayescal.estimate import linearise
 from bayescal.estimate.discrepancy import stated
 from bayescal.estimate.estimate import Estimate, at_solution, estimate, smallest_noise
-from bayescal.estimate.solver import add_constraints
+from bayescal.estimate.solver import add_constraints, with_variables
 from bayescal.model import ARM, Block, Model
 from bayescal.model.equilibrium import moved, standing_model, tool_points
 from bayescal.model.model import with_parameters
@@ -128,7 +128,8 @@ def bounded(found: Estimate) -> tuple[Estimate, Rigid]:
     if not negative(model.parameters, found.arm, np.ones(count)):
         return found, UNCHANGED
     covariance = stated(found).limited[:count, :count]
-    below = negative(model.parameters, found.arm, np.sqrt(np.diag(covariance)) * model.sd)
+    u = np.sqrt(np.diag(covariance)) * model.sd
+    below = negative(model.parameters, found.arm, u)
     kept = {n.parameter for n in below if n.significant}
     within = [n.parameter for n in below if not n.significant]
     together = chi2_sf(square(found, covariance, within), len(within)) if len(within) > 1 else 1.0
@@ -143,11 +144,9 @@ def bounded(found: Estimate) -> tuple[Estimate, Rigid]:
         if not more:
             break
         at_zero = tuple(dict.fromkeys((*at_zero, *more)))
-    values = np.array([p.nominal for p in model.parameters]) + found.arm
-    u = np.sqrt(np.diag(covariance)) * model.sd
     held = tuple(
-        Negative(p.name, float(v), float(own), p.unit)
-        for p, v, own in zip(model.parameters, values, u, strict=True)
+        Negative(p.name, float(p.nominal + d), float(own), p.unit)
+        for p, d, own in zip(model.parameters, found.arm, u, strict=True)
         if p.name in at_zero
     )
     return out, Rigid(held, *_changed(found, out))
@@ -189,9 +188,8 @@ def _fitted(found: Estimate, names: Sequence[str]) -> Estimate:
         )
         start = z.copy()
         start[: len(here)][here] = 0.0
-        held = estimate(
-            with_parameters(model.scene, model.effects, tight), start=start, left_out=found.rejected
-        )
+        bound = with_parameters(model.scene, model.effects, tight)
+        held = estimate(bound, start=start, left_out=found.rejected)
         z = held.z.copy()
         z[: len(here)][here] = zero[here]
         after = model.deviations(z[model.slices[ARM]])
@@ -225,18 +223,12 @@ def with_latent_readings(fitted: Estimate) -> Estimate:
     model = fitted.model
     joint, _ = model.scene.dataset.reading_noise
     if joint <= 0:
-        raise BayescalError(
-            "noise.joint_deg and noise.slide_mm are 0: the readings have no errors to estimate",
-            "--latent-joints",
-            "state noise.joint_deg in dataset.yaml, or omit the option",
-        )
-    graph = Graph()
-    slices = model.slices
-    variables = [name for name, own in slices.items() if own.stop > own.start]
-    for name in variables:
-        graph.variable(name, slices[name].stop - slices[name].start)
-    start = {name: fitted.z[slices[name]] for name in variables}
-    n = model.scene.chain.n
+        what = "noise.joint_deg and noise.slide_mm are 0: the readings have no errors to estimate"
+        remedy = "state noise.joint_deg in dataset.yaml, or omit the option"
+        raise BayescalError(what, "--latent-joints", remedy)
+    graph, n = Graph(), model.scene.chain.n
+    start = with_variables(graph, model, fitted.z)
+    variables = list(start)
     for block in model.blocks:
         scale = fitted.weights.scale[block.group]
         for k in np.flatnonzero(fitted.weights.row[block.name]):
@@ -248,11 +240,8 @@ def with_latent_readings(fitted: Estimate) -> Estimate:
     add_constraints(graph, model, variables)
     solution, iterations = graph.solve(start)
     z = np.concatenate([solution[name] for name in variables])
-    covariance = graph.covariance(variables)
-    linear = linearise(model, z, fitted.weights)
-    return replace(
-        fitted, z=z, covariance=covariance, linear=linear, iterations=fitted.iterations + iterations
-    )
+    linear, iterations = linearise(model, z, fitted.weights), fitted.iterations + iterations
+    return replace(fitted, z=z, covariance=graph.covariance(variables), linear=linear, iterations=iterations)
 
 
 def _add_contact(
@@ -288,6 +277,4 @@ def _add_contact(
 
 
 def _at(term: Term, k: int) -> Term:
-    return (
-        term if np.ndim(term.driver) == 0 else Term(term.frame, term.axis, float(np.asarray(term.driver)[k]))
-    )
+    return replace(term, driver=float(np.asarray(term.driver)[k])) if np.ndim(term.driver) else term

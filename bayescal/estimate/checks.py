@@ -57,15 +57,10 @@ def check_converged(
     step = covariance @ (linear.jacobian.T @ linear.residual + z)
     left = float(np.max(np.abs(step) / np.sqrt(np.diag(covariance)), initial=0.0))
     if not left < LARGEST_STEP:
-        how = (
-            f"{left:.2g} standard deviations short of its optimum"
-            if np.isfinite(left)
-            else "without a solution"
-        )
+        short = f"{left:.2g} standard deviations short of its optimum"
+        what = f"the fit stopped {short if np.isfinite(left) else 'without a solution'}"
         reasons = "the robot file, the units of the readings and the nominal positions of the targets"
-        raise BayescalError(
-            f"the fit stopped {how}", "dataset.yaml", f"check {'; '.join(suspects[:1]) or reasons}"
-        )
+        raise BayescalError(what, "dataset.yaml", f"check {'; '.join(suspects[:1]) or reasons}")
 
 
 def check_within_reach(model: Model, z: np.ndarray) -> None:
@@ -73,11 +68,9 @@ def check_within_reach(model: Model, z: np.ndarray) -> None:
     values = model.deviations(z[model.slices[ARM]])
     for value, p in zip(values, model.parameters, strict=True):
         if p.unit == "rad" and abs(value) > MAX_ANGLE and is_dimension(p):
-            raise BayescalError(
-                f"the fit changes {p.name} by {np.degrees(value):.0f} deg from its nominal value",
-                "robot",
-                "check offset_deg, the signs of link_from_reading and the units of the readings",
-            )
+            what = f"the fit changes {p.name} by {np.degrees(value):.0f} deg from its nominal value"
+            remedy = "check offset_deg, the signs of link_from_reading and the units of the readings"
+            raise BayescalError(what, "robot", remedy)
 
 
 def check_enough(scene: Scene) -> None:

@@ -36,7 +36,7 @@ from functools import cached_property
 import numpy as np
 
 from bayescal.arm.motion import Term
-from bayescal.effects import Circumstances, Parameter
+from bayescal.effects import Parameter
 from bayescal.effects.compliance import COMPLIANCE
 from bayescal.effects.gravity import masses
 from bayescal.estimate.estimate import Estimate
@@ -135,21 +135,12 @@ class Inputs:
         return columns, e - h @ self.mean
 
 
-def inputs(fitted: Estimate, circumstances: Circumstances | None = None) -> list[Parameter]:
-    """The errors of masses of a fitted model; none without a compliance, or without masses.
-
-    Parameters
-    ----------
-    fitted : Estimate
-    circumstances : Circumstances, optional
-        Of other rows than those of the model's scene.
-    """
+def inputs(fitted: Estimate) -> list[Parameter]:
+    """The errors of masses of a fitted model; none without a compliance, or without masses."""
     model = fitted.model
     if all(p.effect != COMPLIANCE.name for p in model.parameters):
         return []
-    if circumstances is None:
-        circumstances = model.scene.circumstances()
-    return masses(with_compliances(circumstances, fitted))
+    return masses(with_compliances(model.scene.circumstances(), fitted))
 
 
 def informed(fitted: Estimate) -> tuple[np.ndarray, np.ndarray]:
@@ -363,18 +354,9 @@ def stated(fitted: Estimate, functions: Sequence[Family] | None = None) -> State
     covariance[np.ix_(own, extra)] = -bias
     covariance[np.ix_(extra, own)] = -bias.T
     covariance[extra, extra] = 1.0
-    return Stated(
-        fitted,
-        replace(fitted, model=wide, z=z, covariance=covariance),
-        own,
-        {name: a[:, family == k] for k, name in enumerate(names)},
-        sizes,
-        white,
-        noise,
-        rows[of],
-        dof,
-        errors,
-    )
+    slopes = {name: a[:, family == k] for k, name in enumerate(names)}
+    widened = replace(fitted, model=wide, z=z, covariance=covariance)
+    return Stated(fitted, widened, own, slopes, sizes, white, noise, rows[of], dof, errors)
 
 
 def sized(functions: Sequence[Family], variances: Mapping[str, float]) -> list[Parameter]:

@@ -187,6 +187,13 @@ def at_solution(model: Model, z: np.ndarray, rejected: np.ndarray) -> Estimate:
     return Estimate(model, z, covariance, weights, linear, 0, np.unique(rejected), dof)
 
 
+def unfitted(model: Model, z: np.ndarray, covariance: np.ndarray | None = None) -> Estimate:
+    """A model at z (D,), with the stated noise, as if it were fitted; the covariance is that of the prior."""
+    weights = unit_weights(model, z)
+    linear, known = linearise(model, z, weights), np.eye(model.size) if covariance is None else covariance
+    return Estimate(model, z, known, weights, linear, 0, np.zeros(0, int), {})
+
+
 def smallest_noise(found: Estimate) -> float:
     """Smallest standard uncertainty of a fitted residual, m, of lengths."""
     w, lengths = found.weights, [b for b in found.model.blocks if b.group != ORIENTATION]
@@ -195,11 +202,8 @@ def smallest_noise(found: Estimate) -> float:
 
 def same_motion(a: Model, b: Model) -> bool:
     """Whether two models of the same rows have equal nominal angles, parameters and drivers."""
-    return (
-        np.array_equal(a.scene.q, b.scene.q)
-        and len(a.parameters) == len(b.parameters)
-        and all(p.same(q) for p, q in zip(a.parameters, b.parameters, strict=True))
-    )
+    alike = np.array_equal(a.scene.q, b.scene.q) and len(a.parameters) == len(b.parameters)
+    return alike and all(p.same(q) for p, q in zip(a.parameters, b.parameters, strict=True))
 
 
 def settled(fitted: Estimate) -> Scene:

@@ -44,13 +44,21 @@ class Family:
     parameters: tuple[Parameter, ...]
 
 
-def waves(x: np.ndarray, fitted: np.ndarray, count: int = WAVES) -> list[np.ndarray]:
-    """Cosines (N,) of 1 to `count` half periods over the fitted range of a coordinate x (N,), of size 1/k."""
+def unit_range(x: np.ndarray, fitted: np.ndarray) -> np.ndarray | None:
+    """A coordinate x (N,) from 0 to 1 over its fitted range; None where it does not vary."""
     low, high = float(np.min(x[fitted])), float(np.max(x[fitted]))
-    if not high > low:
-        return []
-    u = np.clip((x - low) / (high - low), 0.0, 1.0)
-    return [np.cos(np.pi * k * u) / k for k in range(1, count + 1)]
+    return np.clip((x - low) / (high - low), 0.0, 1.0) if high > low else None
+
+
+def cosines(x: np.ndarray, fitted: np.ndarray, count: int) -> list[np.ndarray]:
+    """Cosines (N,) of 1 to `count` half periods over the fitted range of a coordinate x (N,)."""
+    u = unit_range(x, fitted)
+    return [] if u is None else [np.cos(np.pi * k * u) for k in range(1, count + 1)]
+
+
+def waves(x: np.ndarray, fitted: np.ndarray, count: int = WAVES) -> list[np.ndarray]:
+    """`cosines` of size 1/k."""
+    return [wave / k for k, wave in enumerate(cosines(x, fitted, count), start=1)]
 
 
 def families(c: Circumstances) -> list[Family]:
@@ -72,7 +80,10 @@ def families(c: Circumstances) -> list[Family]:
         "moment of links": list(_moments(c)),
         "moment of the base": list(_leans(c)),
         **_courses(c),
-        "contact direction": list(_contact_direction(c)),
+        "contact direction": [
+            _at_contact(PROBE, Driver("contact direction"), c.touching * d)
+            for d in (lobes(c) if np.any(c.touching) else ())
+        ],
         "form of faces": [
             _at_contact(location.face(f.name), Driver("face"), share * values)
             for f in c.faces
@@ -164,16 +175,13 @@ def _frame(
                 yield _parameter(site, driver, (Term(frame, kind + axis, d),), sd)
 
 
-def _contact_direction(c: Circumstances) -> Iterator[Parameter]:
-    """Harmonics of second and third degree of the direction of contact: lobes of a probe."""
-    if not np.any(c.touching):
-        return
+def lobes(c: Circumstances) -> list[np.ndarray]:
+    """Harmonics (N,) of second and third degree of the direction of contact."""
     x, y, z = np.where(c.touching[:, None], c.approach, 0.0).T
     second = [x * y, y * z, z * x, x * x - y * y, 3 * z * z - 1.0]
     third = [x * (x * x - 3 * y * y), y * (3 * x * x - y * y), z * (x * x - y * y), x * y * z]
     third += [x * (5 * z * z - 1), y * (5 * z * z - 1), z * (5 * z * z - 3)]
-    for d in (*second, *third):
-        yield _at_contact(PROBE, Driver("contact direction"), c.touching * d)
+    return second + third
 
 
 def _at_contact(site: Site, driver: Driver, values: np.ndarray) -> Parameter:

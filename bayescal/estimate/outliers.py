@@ -173,14 +173,11 @@ class Judged:
         Each part has residuals (C, k) over the standard uncertainty of the noise, their leverage (C, k, k) at
         full weight, and the weights (C,) that they had in the fit.
         """
-        chi2, square, taken, rows, weight = [], [], [], [], []
-        for residual, leverage, own in parts:
-            chi2.append(freed(residual, leverage, own))
-            square.append(np.sum(residual**2, axis=1))
-            taken.append(np.trace(leverage, axis1=1, axis2=2))
-            rows.append(np.full(len(residual), residual.shape[1]))
-            weight.append(own)
-        return cls(*map(np.concatenate, (chi2, square, taken, rows, weight)))
+        each = []
+        for r, leverage, weight in parts:
+            square, taken = np.sum(r**2, axis=1), np.trace(leverage, axis1=1, axis2=2)
+            each.append((freed(r, leverage, weight), square, taken, np.full(len(r), r.shape[1]), weight))
+        return cls(*map(np.concatenate, zip(*each, strict=True)))
 
     @property
     def dof(self) -> float:

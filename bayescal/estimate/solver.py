@@ -122,9 +122,8 @@ def linearise(
         r, by_arm, by_target = evaluate(z[arm], z[own])
         whiten = weights.whitening(block)
         residual[mine] = r * whiten
-        np.multiply(
-            by_arm, whiten[:, None], out=jacobian[mine, arm]
-        )  # in place: of a large session each copy counts
+        # in place: of a large session each copy counts
+        np.multiply(by_arm, whiten[:, None], out=jacobian[mine, arm])
         jacobian[mine, own] = by_target * whiten[:, None]
         of_block[block.name] = mine
         at = mine.stop
@@ -170,20 +169,25 @@ def solve(
         return np.zeros(0), lambda: np.zeros((0, 0)), 0
     slices, evaluations = model.slices, evaluations or Evaluations(model)
     graph = Graph()
-    for name, own in slices.items():
-        if own.stop > own.start:
-            graph.variable(name, own.stop - own.start)
-    variables = [name for name, own in slices.items() if own.stop > own.start]
+    begin = with_variables(graph, model, start)
     for block, evaluate in zip(model.blocks, evaluations.blocks, strict=True):
         names, function = _block_function(bool(model.parameters), block, evaluate, weights.whitening(block))
         if names:  # without unknowns (nominal arm, known target) the residuals are constant
             graph.factor(names, block.residuals, function)
-    add_constraints(graph, model, variables, evaluations)
-    solution, iterations = graph.solve({name: start[slices[name]] for name in variables})
+    add_constraints(graph, model, list(begin), evaluations)
+    solution, iterations = graph.solve(begin)
     z = np.zeros(model.size)
     for name, value in solution.items():
         z[slices[name]] = value
-    return z, lambda: graph.covariance(variables), iterations
+    return z, lambda: graph.covariance(list(begin)), iterations
+
+
+def with_variables(graph: Graph, model: Model, start: np.ndarray) -> dict[str, np.ndarray]:
+    """Add the arm and all targets with unknowns to a graph; their parts of a start z (D,), by name."""
+    begin = {name: start[own] for name, own in model.slices.items() if own.stop > own.start}
+    for name, own in begin.items():
+        graph.variable(name, len(own))
+    return begin
 
 
 def _block_function(

@@ -45,22 +45,20 @@ def concluded(e: Examined, without: Decision | None) -> Verdict:
     probability = {name: min(p, _most(name, kind, d)) for name, p in probability.items()}
     named = [replace(n, probability=min(n.probability, probability[n.effect])) for n in named]
     kind = settled(kind, bool(named), probability)
+    scene, listed = e.fitted.model.scene, d.weighed[: VERDICT.listed]
     return Verdict(
         kind,
         tuple(named),
         {name: supported(p) for name, p in probability.items()},
         credible,
-        tuple(
-            Hypothetical(w.effects, supported(w.probability), w.log_evidence)
-            for w in d.weighed[: VERDICT.listed]
-        ),
+        tuple(Hypothetical(w.effects, supported(w.probability), w.log_evidence) for w in listed),
         d.footnotes,
         e.candidates.missing | dict.fromkeys(e.search.unseen, UNSEEN),
         (
             *(w.words for w in e.widths),
             *play_or_late(d.alone, e.pool, d.credible),
-            *alike(e.fitted.model.scene, d.members),
-            *cautions(e.fitted.model.scene.dataset),
+            *alike(scene, d.members),
+            *cautions(scene.dataset),
         ),
         _causes(d, probability) if kind == "class" else None,
     )

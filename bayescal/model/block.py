@@ -142,9 +142,8 @@ class Block:
         axes = np.where(self.motion.chain.slides, "tz", "rz")
         joints = [(size + j, Term(j + 1, str(axis))) for j, axis in enumerate(np.broadcast_to(axes, n))]
         terms = [*self.motion.terms, *joints]
-        turning = replace(
-            self, motion=Motion(self.motion.chain, self.motion.q, self.motion.tool, terms, size + n)
-        )
+        motion = Motion(self.motion.chain, self.motion.q, self.motion.tool, terms, size + n)
+        turning = replace(self, motion=motion)
         deviations = np.append(values, np.zeros(n))
         p = turning.seen(deviations)
         _, u, _ = self.kind.linearise(self.state(z), p)

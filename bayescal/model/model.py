@@ -8,6 +8,7 @@ Blocks whose residuals are lengths: contacts and points, not the orientations th
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -34,6 +35,7 @@ ORIENTATION = "orientation"
 
 LENGTHS = ("parallel", "distance", "diameter")
 """Certificates that state a length."""
+TURNS = ("rx", "ry", "rz")
 KNOWN_PLACE = 1e-3
 """Standard uncertainty, m, up to which the positions of two targets, or a certificate, define a length."""
 
@@ -74,10 +76,8 @@ class Model:
     @cached_property
     def names(self) -> tuple[str, ...]:
         """A name for every component of z."""
-        out = [p.name for p in self.parameters]
-        for block in self.states:
-            out += [f"{block.target} {block.kind.parts[k][0]}" for k in block.free]
-        return tuple(out)
+        states = (f"{b.target} {b.kind.parts[k][0]}" for b in self.states for k in b.free)
+        return (*(p.name for p in self.parameters), *states)
 
     @cached_property
     def block_of(self) -> Mapping[str, Block]:
@@ -110,10 +110,8 @@ class Model:
     @cached_property
     def units(self) -> tuple[str, ...]:
         """SI unit of every component of z."""
-        out = [p.unit for p in self.parameters]
-        for block in self.states:
-            out += [block.kind.parts[k][1] for k in block.free]
-        return tuple(out)
+        states = (b.kind.parts[k][1] for b in self.states for k in b.free)
+        return (*(p.unit for p in self.parameters), *states)
 
     @property
     def knows_length(self) -> bool:
@@ -146,13 +144,25 @@ class Model:
 
     def driven(self, frame: int, axis: str, count: int) -> tuple[np.ndarray, np.ndarray]:
         """Parameters (P',) with a term at one axis of a frame, and its drivers (P', count)."""
-        index, drivers = [], []
+        index, drivers = self._driven(frame, (axis,), count)
+        return index, drivers[:, 0]
+
+    def _driven(self, frame: int, axes: Sequence[str], count: int) -> tuple[np.ndarray, np.ndarray]:
+        """Parameters (P',) with terms along axes of a frame, and their drivers (P', axes, count)."""
+        index, out = [], []
         for k, p in enumerate(self.parameters):
-            here = [t.driver for t in p.terms if (t.frame, t.axis) == (frame, axis)]
-            if here:
+            if here := [t for t in p.terms if t.frame == frame and t.axis in axes]:
+                own = np.zeros((len(axes), count))
+                for t in here:
+                    own[axes.index(t.axis)] += t.driver
                 index.append(k)
-                drivers.append(np.sum([np.broadcast_to(d, count) for d in here], axis=0))
-        return np.array(index, int), np.array(drivers, float).reshape(len(index), count)
+                out.append(own)
+        return np.array(index, int), np.array(out).reshape(len(index), len(axes), count)
+
+    def _along(self, frame: int, axes: Sequence[str], rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The same with the drivers in some rows (C,) of the session."""
+        index, drivers = self._driven(frame, axes, len(self.scene.q))
+        return index, np.take(drivers, rows, axis=-1)
 
     def in_file_units(self) -> tuple[tuple[str, ...], np.ndarray]:
         """Units for files, and the factors (size,) to them from SI."""
@@ -166,63 +176,26 @@ class Model:
 
     def motion(self, rows: np.ndarray) -> Motion:
         """Motion of any rows of the session under this model's parameters."""
-        scene = self.scene
-        return Motion(
-            scene.chain, scene.q[rows], scene.tools[rows], self.terms.at(rows), len(self.parameters)
-        )
+        q, tools = self.scene.q[rows], self.scene.tools[rows]
+        return Motion(self.scene.chain, q, tools, self.terms.at(rows), len(self.parameters))
 
     def block(self, target: int, rows: np.ndarray) -> Block:
         """Any rows of one target under this model's parameters."""
-        kind = self.scene.kind(target, rows)
-        index, drivers = self.driven(CONTACT, "normal", len(self.scene.q))
-        plain = (
-            self.scene.dataset.targets[target].name,
-            self.scene.group(target),
-            rows,
-            self.motion(rows),
-            kind,
-            self.scene.sigma(rows),
-        )
-        if not self.scene.declared[target].posed:
+        scene, none = self.scene, (np.zeros(0, int), np.zeros((0, len(rows))))
+        name, kind = scene.dataset.targets[target].name, scene.kind(target, rows)
+        plain = name, scene.group(target), rows, self.motion(rows), kind, scene.sigma(rows)
+        if not scene.declared[target].posed:
+            index, drivers = self.driven(CONTACT, "normal", len(scene.q))
             return Block(*plain, index, drivers[:, rows])
-        none, turned = (
-            (np.zeros(0, int), np.zeros((0, len(rows)))),
-            self._along(TURN, ("rx", "ry", "rz"), rows),
-        )
-        return Posed(
-            *plain, *none, self.scene.tool_frames[rows], *turned, *self._along(IMAGE, ("u", "v"), rows)
-        )
-
-    def _along(self, frame: int, axes: Sequence[str], rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Parameters (P',) with terms along axes of a frame, and their drivers in rows, (P', axes, C)."""
-        found = [self.driven(frame, axis, len(self.scene.q)) for axis in axes]
-        index = np.concatenate([own for own, _ in found])
-        out = np.zeros((len(index), len(axes), len(rows)))
-        place = np.repeat(np.arange(len(axes)), [len(own) for own, _ in found])
-        out[np.arange(len(index)), place] = np.concatenate([drivers[:, rows] for _, drivers in found])
-        # of a parameter along several axes, one entry
-        once, at = np.unique(index, return_inverse=True)
-        joined = np.zeros((len(once), len(axes), len(rows)))
-        np.add.at(joined, at, out)
-        return once, joined
+        turned, image = self._along(TURN, TURNS, rows), self._along(IMAGE, ("u", "v"), rows)
+        return Posed(*plain, *none, scene.tool_frames[rows], *turned, *image)
 
     def turned(self, target: int, rows: np.ndarray) -> Turned:
         """Any rows of an instrument that read the tool's orientation too, as a block of orientations."""
-        scene = self.scene
-        index, turn = self._along(TURN, ("rx", "ry", "rz"), rows)
-        return Turned(
-            scene.dataset.targets[target].name,
-            ORIENTATION,
-            rows,
-            self.motion(rows),
-            scene.orientation(target, rows),
-            sigma(scene.dataset, len(rows)),
-            np.zeros(0, int),
-            np.zeros((0, len(rows))),
-            scene.tool_frames[rows],
-            index,
-            turn,
-        )
+        scene, none = self.scene, (np.zeros(0, int), np.zeros((0, len(rows))))
+        name, kind = scene.dataset.targets[target].name, scene.orientation(target, rows)
+        plain = name, ORIENTATION, rows, self.motion(rows), kind, sigma(scene.dataset, len(rows))
+        return Turned(*plain, *none, scene.tool_frames[rows], *self._along(TURN, TURNS, rows))
 
     def part(self, block: Block, rows: np.ndarray) -> Block:
         """Any rows of a block's target as such a block."""
@@ -277,9 +250,8 @@ def _rows(scene: Scene) -> np.ndarray:
     """The rows to fit."""
     rows = scene.rows("calibrate")
     if not len(rows):
-        raise BayescalError(
-            "no row has the role calibrate", "measurements.csv", "nothing can be fitted without such rows"
-        )
+        remedy = "nothing can be fitted without such rows"
+        raise BayescalError("no row has the role calibrate", "measurements.csv", remedy)
     return rows
 
 
@@ -325,10 +297,10 @@ def length_blocks(model: Model) -> tuple[Block, ...]:
 
 def main_group(model: Model) -> str:
     """The noise group with most lengths: reports give other noise scales in addition to its scale."""
-    count: dict[str, int] = {}
+    count = Counter[str]()
     for b in length_blocks(model):
-        count[b.group] = count.get(b.group, 0) + b.residuals
-    return max(count, key=lambda group: count[group])
+        count[b.group] += b.residuals
+    return count.most_common(1)[0][0]
 
 
 def noise_groups(model: Model) -> tuple[str, ...]:

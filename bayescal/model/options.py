@@ -36,11 +36,8 @@ class Part:
                 return cls(p.effect, p.site, p.name)
         asked = Selection.read(words).unscaled
         if len(asked.sites) != 1 or asked != Selection(asked.effect, sites=asked.sites):
-            raise BayescalError(
-                f"`{words.strip()}` is not an effect at a site, and no parameter of the model",
-                OPTION,
-                "write, for example, 'geometry at joint 4' or 'compliance J3'",
-            )
+            what = f"`{words.strip()}` is not an effect at a site, and no parameter of the model"
+            raise BayescalError(what, OPTION, "write, for example, 'geometry at joint 4' or 'compliance J3'")
         return cls(asked.effect, asked.sites[0])
 
     def __str__(self) -> str:
@@ -188,11 +185,8 @@ USUAL = FitOptions()
 def check_asked(effects: tuple[str, ...], prior_width: float) -> None:
     """Refuse priors without width, and an effect named twice."""
     if not 0 < prior_width < float("inf"):
-        raise BayescalError(
-            "a model without priors would shrink the arm to fit its contacts",
-            "--prior-width",
-            "give a number above 0",
-        )
+        what = "a model without priors would shrink the arm to fit its contacts"
+        raise BayescalError(what, "--prior-width", "give a number above 0")
     asked = {plain(name) for name in effects}
     if len(asked) < len(effects):
         remedy = "name it once; for several sites: 'backlash at joint 2 and joint 3'"

@@ -104,9 +104,8 @@ class Scene:
         if torques is None and self.loads is not None:
             torques = self.loads.torques(self.dataset.robot.slides)
         if torques is None:
-            raise BayescalError(
-                "joint_compliance_rad_per_nm without links", "robot file", "add masses under links"
-            )
+            what = "joint_compliance_rad_per_nm without links"
+            raise BayescalError(what, "robot file", "add masses under links")
         return self._rigid_angles + self.dataset.robot.compliance * torques
 
     @rowwise
@@ -256,10 +255,9 @@ class Scene:
         if velocity is None:
             return None
         still = np.zeros((len(self.q), self.chain.n + 2, 6))
-        by = reference.wrenches(self.chain, self.q, self.tools, still, self._inward)
-        return np.sum(
-            reference.by_joints(self.chain, by) @ self.dataset.robot.link_from_reading * velocity, axis=1
-        )
+        wrenches = reference.wrenches(self.chain, self.q, self.tools, still, self._inward)
+        by = reference.by_joints(self.chain, wrenches) @ self.dataset.robot.link_from_reading
+        return np.sum(by * velocity, axis=1)
 
     def _instruments(self, fitted: np.ndarray) -> tuple[tuple[str, np.ndarray], ...]:
         """Fitted instruments: name, and 1 for their rows, (N,)."""
@@ -311,12 +309,8 @@ class Scene:
         if not names:
             return None
         index = iter(range(len(names)))
-        of = shape(
-            np.array(points.coordinates),
-            np.array(points.covariance),
-            [[(next(index), points.of[k]) for k in group] for group in groups],
-        )
-        return of, names
+        places = [[(next(index), points.of[k]) for k in group] for group in groups]
+        return shape(np.array(points.coordinates), np.array(points.covariance), places), names
 
     def _certified_values(self, fitted: set[str]) -> tuple[CertifiedValue, ...]:
         """All certified values of the targets with these names."""

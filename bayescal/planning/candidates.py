@@ -192,9 +192,8 @@ def candidates(
             break
     if not any(s.have for s in fitted):
         what = f"no contact is reached: {_reasons(sum((s.dropped for s in fitted), Counter()))}"
-        raise BayescalError(
-            what, setup.dataset.name, "check the places of the targets, and the cone of the tool"
-        )
+        remedy = "check the places of the targets, and the cone of the tool"
+        raise BayescalError(what, setup.dataset.name, remedy)
     parts = [
         ("calibrate", s, *chosen(s, goal, rng))
         for s, goal in zip(fitted, goals(fitted, count), strict=True)
@@ -209,9 +208,8 @@ def candidates(
     missing = _unlocated(setup, searches) if validation else []
     for tool in sorted({min(s.hands) for s in missing}):
         of_tool = [s for s in missing if min(s.hands) == tool]
-        for s, reached in zip(
-            of_tool, located(setup, of_tool, tool, of_tool[0].hands[tool], rng), strict=True
-        ):
+        found = located(setup, of_tool, tool, of_tool[0].hands[tool], rng)
+        for s, reached in zip(of_tool, found, strict=True):
             parts.append(("validate", s, np.full(len(reached), tool), reached))
             if not len(reached):
                 warnings.append(_few(setup, s, EACH))

@@ -137,13 +137,9 @@ class _Together:
 
 def _together(items: Sequence[Contrast], index: np.ndarray) -> _Together:
     mixes = [np.eye(len(item.truth)) if item.mix is None else item.mix for item in items]
-    return _Together(
-        items[0].rivals,
-        np.concatenate([item.truth for item in items]),
-        None if all(item.mix is None for item in items) else block_diag(*mixes),
-        np.cumsum([0, *(mix.shape[1] for mix in mixes[:-1])]),
-        index,
-    )
+    truth, first = np.concatenate([i.truth for i in items]), np.cumsum([0, *(m.shape[1] for m in mixes[:-1])])
+    mix = None if all(item.mix is None for item in items) else block_diag(*mixes)
+    return _Together(items[0].rivals, truth, mix, first, index)
 
 
 def contrasts(

@@ -141,9 +141,8 @@ class Selection:
         if r > 1:
             moved = moved * np.linalg.solve(inside, moved)
             return np.where(size > 0, np.sum(moved, axis=(1, 2)), np.inf)
-        return np.where(
-            size > 0, np.einsum("crk,crk->c", moved, moved) / np.where(size > 0, size, 1.0), np.inf
-        )
+        square = np.einsum("crk,crk->c", moved, moved)
+        return np.where(size > 0, square / np.where(size > 0, size, 1.0), np.inf)
 
     def determinants(self) -> np.ndarray:
         """By how much each candidate would raise the log determinant of the information, (C,) nats."""

@@ -24,12 +24,8 @@ from bayescal.predict.targets import (
 )
 from bayescal.probing.arm import Arm
 
-CERTIFIED, VOLUME, REGION, POSES = (
-    "certified distances",
-    "volume of interest",
-    "region of the contacts",
-    "given poses",
-)
+CERTIFIED, VOLUME = "certified distances", "volume of interest"
+REGION, POSES = "region of the contacts", "given poses"
 """What distances are between."""
 POINTS = 40
 """Number of points of a volume between which distances are assessed."""
@@ -110,9 +106,8 @@ def goals(pool: Pool, linear: Linearised) -> tuple[Goal, ...]:
             raise BayescalError(what, where, "give poses at two positions or more")
     out = tuple(goal for goal in every if goal is not None)
     if not out:
-        raise BayescalError(
-            "all candidates are at a single position", pool.session.name, "enlarge the targets"
-        )
+        what = "all candidates are at a single position"
+        raise BayescalError(what, pool.session.name, "enlarge the targets")
     return out
 
 
@@ -197,16 +192,11 @@ def _at(model: Model, readings: np.ndarray) -> Model:
     scene, count = model.scene, len(readings)
     first = scene.rows("calibrate")[0]
     tools = scene.dataset.measurements.tool[scene.rows("calibrate")]
-    changed = {
-        "readings": readings, "velocity": 0.0, "payload": 0.0, "tool": np.bincount(tools).argmax()
-    }  # fmt: skip
-    rows = appended(
-        scene.dataset.measurements, np.full(count, first), changed, [f"goal {k}" for k in range(count)]
-    )
+    tool, names = np.bincount(tools).argmax(), [f"goal {k}" for k in range(count)]
+    changed = {"readings": readings, "velocity": 0.0, "payload": 0.0, "tool": tool}
+    rows = appended(scene.dataset.measurements, np.full(count, first), changed, names)
     wide = replace(scene, dataset=replace(scene.dataset, measurements=rows))
-    terms = {
-        p.name: p.terms for p in parameters_of(model.effects, wide.circumstances(wide.rows("calibrate")))
-    }
+    terms = {p.name: p.terms for p in parameters_of(model.effects, wide.circumstances())}
     parameters = tuple(replace(p, terms=terms[p.name]) for p in model.parameters)
     return Model(wide, model.effects, parameters, (), ())
 

@@ -149,9 +149,8 @@ def _stations(m: Measurements, label: np.ndarray, some: np.ndarray) -> list[np.n
     stays = some[label[some] == ""]
     by_target = some[np.argsort(m.target[some], kind="stable")]
     names = [str(name) for name in dict.fromkeys(label[by_target]) if name]
-    parts = [
-        np.concatenate([some[label[some] == name], stays[k :: len(names)]]) for k, name in enumerate(names)
-    ]
+    own = [some[label[some] == name] for name in names]
+    parts = [np.concatenate([part, stays[k :: len(names)]]) for k, part in enumerate(own)]
     out = []
     for k, part in enumerate(parts or [stays]):
         by_tool = [part[m.tool[part] == tool] for tool in np.unique(m.tool[part])]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -103,9 +104,8 @@ class PlanOptions:
                 raise BayescalError(f"`{value}` is not known", option, f"give one of {', '.join(names)}")
         for lever in self.levers:
             if lever not in LEVERS:
-                raise BayescalError(
-                    f"`{lever}` is not known", "--levers", f"give some of {', '.join(LEVERS)}"
-                )
+                remedy = f"give some of {', '.join(LEVERS)}"
+                raise BayescalError(f"`{lever}` is not known", "--levers", remedy)
         if self.contacts < 1:
             raise BayescalError(f"{self.contacts} contacts are no plan", "--contacts", "give 1 or more")
         check_asked(self.effects, 1.0)
@@ -132,9 +132,9 @@ def plan(setup: Setup, options: PlanOptions = PlanOptions(), progress: Progress 
     effects, without, pairs = options.effects, options.without, options.pairs
     of_pool, of_distances, of_gap, of_order = spawned(options.seed, 4)
     turning = TURNING if APPROACH in options.levers else 0.0
-    pool = candidates(
-        _loaded(setup, options.levers), options.candidates, of_pool, progress, turning, options.validation
-    )
+    if PAYLOAD not in options.levers or setup.dataset.robot.masses is None:
+        setup = replace(setup, payloads=())
+    pool = candidates(setup, options.candidates, of_pool, progress, turning, options.validation)
     linear = linearised(pool, effects, without=without)
     few = check_count(linear, options.contacts)
     wanted = goals(pool, linear)
@@ -146,13 +146,11 @@ def plan(setup: Setup, options: PlanOptions = PlanOptions(), progress: Progress 
     fresh = options.contacts - again
     first = {DISTANCES: fresh, GAP: 0, BOTH: fresh // 2}[options.aim]
     rng = np.random.default_rng(of_distances)
-    for_distances = (
-        select(linear, wanted, first, rng, progress=lambda part: progress("distances", part))
-        if first
-        else np.empty(0, int)
-    )
+    for_distances = np.empty(0, int)
+    if first:
+        for_distances = select(linear, wanted, first, rng, progress=partial(progress, "distances"))
     rng = np.random.default_rng(of_gap)
-    for_gap = choose(decide, fresh - first, rng, for_distances, progress=lambda part: progress("gap", part))
+    for_gap = choose(decide, fresh - first, rng, for_distances, progress=partial(progress, "gap"))
     chosen = np.concatenate([for_distances, for_gap])
     repeats = repeated(decide, chosen, rng, again)
     every = np.concatenate([chosen, repeats])
@@ -162,9 +160,8 @@ def plan(setup: Setup, options: PlanOptions = PlanOptions(), progress: Progress 
     selections = [Projection(vocabulary.columns, s) for s in by_chance]
     planned = Projection(vocabulary.columns, every)
     before = [Projection(vocabulary.columns)] if pool.measured else selections
-    separated = with_levers(
-        pool, effects, chosen, confusable(vocabulary, planned, before, pairs), rng, without
-    )
+    similar = confusable(vocabulary, planned, before, pairs)
+    separated = with_levers(pool, effects, chosen, similar, rng, without)
     curve = curves(linear, wanted, every, random)
     purpose = [DISTANCES] * len(for_distances) + [GAP] * len(for_gap) + [REPEAT] * again
     rows = np.concatenate([pool.candidates[every], pool.validation])
@@ -205,13 +202,6 @@ def plan(setup: Setup, options: PlanOptions = PlanOptions(), progress: Progress 
     )
 
 
-def _loaded(setup: Setup, levers: tuple[str, ...]) -> Setup:
-    """The setup with the payloads that it lists, if the levers permit them and masses are known."""
-    if PAYLOAD not in levers or setup.dataset.robot.masses is None:
-        return replace(setup, payloads=())
-    return setup
-
-
 def _session(pool: Pool, rows: np.ndarray, repeats: set[int]) -> Dataset:
     """The planned rows as a session, in order; both measurements of a repeated contact share its name."""
     m = taken(pool.session.measurements, rows)
@@ -220,13 +210,10 @@ def _session(pool: Pool, rows: np.ndarray, repeats: set[int]) -> Dataset:
     prefix = next(p for p in prefixes if not any(name.startswith(p) for name in measured))
     twice = [row for row in dict.fromkeys(rows.tolist()) if row in repeats]
     groups = {row: f"r{k + 1:02d}" for k, row in enumerate(twice)}
-    m = replace(
-        m,
-        ids=tuple(f"{prefix}{k + 1:0{width}d}" for k in range(len(rows))),
-        line=np.arange(len(rows)) + 2,
-        time=None if m.time is None else np.sort(m.time),
-        repeat=np.array([groups.get(row, "") for row in rows.tolist()]),
-    )
+    ids = tuple(f"{prefix}{k + 1:0{width}d}" for k in range(len(rows)))
+    time = None if m.time is None else np.sort(m.time)
+    repeat = np.array([groups.get(row, "") for row in rows.tolist()])
+    m = replace(m, ids=ids, line=np.arange(len(rows)) + 2, time=time, repeat=repeat)
     return replace(pool.session, measurements=m)
 
 

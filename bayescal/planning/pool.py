@@ -23,7 +23,7 @@ import numpy as np
 from bayescal.dataset import Box, Dataset
 from bayescal.dataset.regions import Region
 from bayescal.errors import BayescalError
-from bayescal.estimate import Estimate, Weights, linearise, unit_weights
+from bayescal.estimate import Estimate, linearise, unfitted, unit_weights
 from bayescal.estimate.checks import check_length
 from bayescal.estimate.solver import factored, solved
 from bayescal.model import ARM, Model, Scene, build
@@ -165,7 +165,6 @@ class Linearised:
         Of all rows with the role calibrate: those measured already and the candidates.
     z : np.ndarray, shape (D,)
         Where it is linearised.
-    weights : Weights
     jacobian : np.ndarray, shape (R, D)
         Of the residuals of the candidates by z, ordered by candidate.
     contact : np.ndarray, shape (R,)
@@ -180,7 +179,6 @@ class Linearised:
 
     model: Model
     z: np.ndarray
-    weights: Weights
     jacobian: np.ndarray
     contact: np.ndarray
     count: int
@@ -218,9 +216,7 @@ class Linearised:
     @cached_property
     def estimate(self) -> Estimate:
         """The base as an estimate at z, for functions that predict from one."""
-        linear = linearise(self.model, self.z, self.weights)
-        covariance = inverse(self.base)
-        return Estimate(self.model, self.z, covariance, self.weights, linear, 0, np.zeros(0, int), {})
+        return unfitted(self.model, self.z, inverse(self.base))
 
 
 def linearised(pool: Pool, effects: tuple[str, ...], without: Sequence[Part] = ()) -> Linearised:
@@ -268,8 +264,8 @@ def linearised(pool: Pool, effects: tuple[str, ...], without: Sequence[Part] = (
     measured = jacobian[~new]
     fresh, number = condensed(jacobian[new][order], contact[order])
     return Linearised(
-        model, z, weights, fresh, number, len(pool.candidates),
-        certificates.T @ certificates, measured.T @ measured, len(measured),
+        model, z, fresh, number, len(pool.candidates), certificates.T @ certificates,
+        measured.T @ measured, len(measured),
     )  # fmt: skip
 
 

@@ -20,7 +20,7 @@ from bayescal.dataset import Dataset
 from bayescal.effects import EFFECTS, Circumstances, Parameter, named
 from bayescal.effects.gravity import masses
 from bayescal.errors import BayescalError
-from bayescal.estimate import Estimate, linearise, unit_weights
+from bayescal.estimate import Estimate, unfitted
 from bayescal.estimate.families import with_compliances
 from bayescal.gap.design.blind_spots import Seat, seats
 from bayescal.gap.linear.problem import problem
@@ -65,9 +65,7 @@ class CandidateColumns:
         if len(self.candidate) == self.count:
             return chosen
         first, last = (np.searchsorted(self.candidate, chosen, side=side) for side in ("left", "right"))
-        return np.concatenate(
-            [np.empty(0, int), *(np.arange(a, b) for a, b in zip(first, last, strict=True))]
-        )
+        return np.concatenate([np.empty(0, int), *map(np.arange, first, last)])
 
 
 class Projection:
@@ -161,10 +159,7 @@ class Vocabulary:
 def nominal(session: Dataset, effects: tuple[str, ...], without: Sequence[Part] = ()) -> Estimate:
     """A model of a session's rows at the mean of its prior, with the stated noise, as if it were fitted."""
     model = build(Scene(session, oriented=True), effects, FitOptions(tuple(without)))
-    z = np.zeros(model.size)
-    weights = unit_weights(model, z)
-    linear = linearise(model, z, weights)
-    return Estimate(model, z, np.eye(model.size), weights, linear, 0, np.empty(0, int), {})
+    return unfitted(model, np.zeros(model.size))
 
 
 def vocabulary(
@@ -188,7 +183,7 @@ def vocabulary(
         If a suspect is not an effect that the candidates show.
     """
     scene, effects = fitted.model.scene, fitted.model.effects
-    c = with_compliances(scene.circumstances(scene.rows("calibrate")), fitted)
+    c = with_compliances(scene.circumstances(), fitted)
     assessed = _known(c, effects, without)
     sites: list[Seat] = []
     parameters: list[Parameter] = []
@@ -225,9 +220,8 @@ def _known(c: Circumstances, effects: tuple[str, ...], without: Sequence[Part]) 
     for effect in EFFECTS.values():
         if effect.name not in assessed.variants and wide(effect, c) and effect.scan is not None:
             lacks, values = effect.missing(c), effect.scan.values(c)
-            assessed = extended(
-                assessed, effect, [float(values[len(values) // 2]) if lacks else None], c, lacks
-            )
+            setting = float(values[len(values) // 2]) if lacks else None
+            assessed = extended(assessed, effect, [setting], c, lacks)
     return assessed
 
 

@@ -246,9 +246,8 @@ def _located(
     of = sphere[homes]
     _, probed = around(first.readings[homes], axes[homes], of, np.full(len(homes), PROBES))
     share = (probed.reason == "").reshape(-1, PROBES).mean(axis=1)
-    best = np.array(
-        [rows[np.argmax(share[rows])] for k in np.unique(of) for rows in [np.flatnonzero(of == k)]]
-    )
+    each = [np.flatnonzero(of == k) for k in np.unique(of)]
+    best = np.array([rows[np.argmax(share[rows])] for rows in each])
     best = best[share[best] * PROBES >= 2]
     if not len(best):
         return nothing

@@ -156,6 +156,9 @@ def continued(dataset: Dataset) -> Setup:
 def _setup(dataset: Dataset, notes: tuple[str, ...]) -> Setup:
     plan = dataset.plan or PlanSettings()
     _check(dataset)
+    if any(KINDS[t.kind].posed for t in dataset.targets):
+        text = "of what holds the camera or board on the flange, only a rod to it is checked for collisions"
+        notes = (*notes, text)
     setup = Setup(
         dataset=dataset,
         regions=regions_of(dataset),
@@ -168,9 +171,6 @@ def _setup(dataset: Dataset, notes: tuple[str, ...]) -> Setup:
         notes=notes,
         poses=np.array(plan.poses).reshape(len(plan.poses), dataset.robot.n),
     )
-    if any(KINDS[t.kind].posed for t in dataset.targets):
-        text = "of what holds the camera or board on the flange, only a rod to it is checked for collisions"
-        setup = replace(setup, notes=(*setup.notes, text))
     if setup.table is None and (height := table_height(setup.scene)) is not None:
         text = f"no table is stated; assumed: `plan: {{table_mm: {height * 1e3:.0f}}}`, below all targets"
         setup = replace(setup, notes=(*setup.notes, text))

@@ -83,9 +83,8 @@ class Transits:
             every = self._hands[tool[row]].place(EVERY)
             via[row] = every.ways(approach[[row - 1]], approach[[row]])[0]
         robot = self.pool.session.robot
-        words = tuple(
-            by_hand(end, robot) if way is None else "" for end, way in zip(approach, via, strict=True)
-        )
+        ends = zip(approach, via, strict=True)
+        words = tuple(by_hand(end, robot) if way is None else "" for end, way in ends)
         clear = self._clearance(rows, places, leave, via)
         return Ways(leave=tuple(leave), via=tuple(via), changes=changes, by_hand=words, clearance=clear)
 
@@ -114,9 +113,8 @@ class Transits:
                 np.minimum.at(out, of, place.clearance.closest(a, b, TOLERANCE))
             rows_here = np.array([k for k, one in enumerate(places) if one is place])
             hand = self._hands[m.tool[rows[rows_here[0]]]]
-            touched = self.pool.setup.scene.touched(
-                [self.pool.session.targets[t].name for t in m.target[rows[rows_here]]]
-            )
+            names = [self.pool.session.targets[t].name for t in m.target[rows[rows_here]]]
+            touched = self.pool.setup.scene.touched(names)
             for a, b, slack in hand.line(m.readings[rows[rows_here]], approach[rows_here]):
                 np.minimum.at(out, rows_here, place.clearance.closest(a, b, TOLERANCE, touched, slack))
         out[closed] = np.nan
@@ -130,9 +128,8 @@ class Transits:
         out = self._labels[rows]
         labelled = np.flatnonzero(out != "")
         if len(labelled):
-            out = out[
-                labelled[np.maximum(np.searchsorted(labelled, np.arange(len(rows)), side="right") - 1, 0)]
-            ]
+            before = np.searchsorted(labelled, np.arange(len(rows)), side="right") - 1
+            out = out[labelled[np.maximum(before, 0)]]
         return out
 
     def _changes(self, rows: np.ndarray, labels: np.ndarray) -> tuple[str, ...]:

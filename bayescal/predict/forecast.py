@@ -211,23 +211,20 @@ def forecast(
         return Forecast(measured, workspace, 0.0, 0.0, float(excess > 0))
     arm = drawn.model.slices[ARM]
     total = float(np.mean(np.sum(by @ drawn.covariance[arm, arm] * by, axis=1))) + 2.0 * excess**2
-    functions = {
-        name: [k for k, p in enumerate(drawn.model.parameters) if p.effect == name]
+    effect = np.array([p.effect for p in drawn.model.parameters])
+    of_functions, of_masses = (
+        float(np.mean(np.sum((by @ drawn.covariance[arm, np.flatnonzero(effect == name)]) ** 2, axis=1)))
         for name in (EFFECT, MASSES)
-    }
-    of_functions = {
-        name: float(np.mean(np.sum((by @ drawn.covariance[arm, own]) ** 2, axis=1)))
-        for name, own in functions.items()
-    }
+    )
     # C = C J'J C + C C because the prior of z is standard normal: part of the noise, part of the priors
-    known = np.setdiff1d(np.arange(arm.stop), functions[EFFECT] + functions[MASSES])
+    known = np.flatnonzero(~np.isin(effect, (EFFECT, MASSES)))
     spread = by[:, known] @ fitted.covariance[fitted.model.slices[ARM]]
     own = [k for k, p in enumerate(fitted.model.parameters) if p.effect != FORM]
     prior = float(np.mean(np.sum(spread[:, own] ** 2, axis=1)))
     total = max(total, 1e-30)
     return Forecast(
         measured, workspace, float(np.sqrt(prior)), prior / total,
-        2.0 * excess**2 / total, of_functions[EFFECT] / total, of_functions[MASSES] / total,
+        2.0 * excess**2 / total, of_functions / total, of_masses / total,
     )  # fmt: skip
 
 

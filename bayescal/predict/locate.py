@@ -205,9 +205,8 @@ def search(rows: Rows, start: np.ndarray, weight: np.ndarray | float = 1.0, besi
         r = (r * inverse_sigma).reshape(count, -1)
         slopes = dx[..., free]
         if len(rows.shifts):
-            slopes = np.concatenate(
-                [slopes, np.einsum("srkc,jkc->srcj", u[..., :3, :], rows.shifts)], axis=-1
-            )
+            of_tool = np.einsum("srkc,jkc->srcj", u[..., :3, :], rows.shifts)
+            slopes = np.concatenate([slopes, of_tool], axis=-1)
         j = (slopes * inverse_sigma[..., None]).reshape(*r.shape, len(sd)) * sd
         gradient = np.einsum("sri,sr->si", j, r) + y
         cost = 0.5 * (np.sum(r**2, axis=1) + np.sum(y**2, axis=1))

@@ -16,7 +16,7 @@ import numpy as np
 
 from bayescal.effects.tool import LOOSE
 from bayescal.errors import BayescalError
-from bayescal.estimate import Estimate, linearise, unit_weights
+from bayescal.estimate import Estimate, unfitted, unit_weights
 from bayescal.estimate.solver import factored, solved
 from bayescal.model import ARM, Block, Model, with_parameters
 from bayescal.model.scene import Scene
@@ -154,7 +154,6 @@ def slopes_of(
     by_point : np.ndarray, shape (R, 3)
         By a common shift of all ball centres in F0, m; zeros for orientations.
     """
-    model = estimate.model
     values = estimate.arm
     r, by_arm, by_target = block.linearise(values, z)
     seen = block.seen(values)
@@ -164,7 +163,7 @@ def slopes_of(
         moved = by_tool(block, values, block.points(values))
         shifts = np.einsum("rkc,jkc->rcj", u, moved).reshape(len(r), 3)
         by_target = np.column_stack([by_target, shifts * tool_sd])
-    return r, by_arm * model.sd, by_target, by_point
+    return r, by_arm * estimate.model.sd, by_target, by_point
 
 
 def centre_of(block: Block, state: np.ndarray) -> np.ndarray:
@@ -319,12 +318,8 @@ def check_located(scene: Scene) -> None:
     AmbiguousPositionError
         With the target and the distance of the two positions.
     """
-    model = with_parameters(scene, (), ())
-    z = np.zeros(model.size)
-    weights = unit_weights(model, z)
-    linear = linearise(model, z, weights)
-    nominal = Estimate(model, z, np.eye(model.size), weights, linear, 0, np.zeros(0, int), {})
-    certified = certified_diameters(scene)
+    model, certified = with_parameters(scene, (), ()), certified_diameters(scene)
+    nominal = unfitted(model, np.zeros(model.size))
     for t, rows in _located_apart(scene, model):
         block = model.block(t, rows)
         if block.residuals > block.size:

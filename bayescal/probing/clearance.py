@@ -127,9 +127,8 @@ class Clearance:
 
         They are too small by less than `tolerance`, m, or a tenth of them if that is more.
         """
-        return self._table.closest(
-            begin, end, self._compared(len(begin), touched), slack, -np.inf, tolerance
-        )[0]
+        compared = self._compared(len(begin), touched)
+        return self._table.closest(begin, end, compared, slack, -np.inf, tolerance)[0]
 
     def hidden(self, readings: np.ndarray, eye: np.ndarray, seen: np.ndarray) -> np.ndarray:
         """Whether the arm or a solid hides points from an eye, (M,).

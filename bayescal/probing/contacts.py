@@ -1,6 +1,6 @@
 """The search for contacts: readings at which a tool is at places on targets, reached without a collision.
 
-One search (`reach`) serves simulated sessions and plans. They differ in the way to a contact (`Way`): in a
+One search (`reach`) serves simulated sessions and plans. They differ in the way to a contact: in a
 simulated session the ball moves at given joint velocities (`Moving`), in a plan the tool moves straight
 from a pose off the surface, to which a free motion must lead (`Straight`).
 """
@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from typing import Protocol, Self
+from typing import Self
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -92,9 +92,8 @@ class Sites(Rows):
     @classmethod
     def at(cls, points: np.ndarray, normals: np.ndarray, axes: np.ndarray) -> Sites:
         """Places with free orientation about the axes."""
-        return cls(
-            points, normals, axes, np.full((len(points), 3, 3), np.nan), np.full(len(points), "", object)
-        )
+        turns, fault = np.full((len(points), 3, 3), np.nan), np.full(len(points), "", object)
+        return cls(points, normals, axes, turns, fault)
 
     @property
     def free(self) -> np.ndarray:
@@ -127,21 +126,9 @@ class Contacts(Rows):
         return np.flatnonzero(self.reason == "")
 
 
-class Way(Protocol):
-    """The way to a contact."""
-
-    def approach(
-        self, readings: np.ndarray, pose: np.ndarray, sites: Sites, rng: np.random.Generator
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Readings and velocities (M, n) of the approach, and why there is none, or ""."""
-
-    def collisions(self, contacts: Contacts, sites: Sites, touched: np.ndarray) -> np.ndarray:
-        """What each contact or its approach collides with, or "", (M,)."""
-
-
 def reach(
     arm: Arm,
-    way: Way,
+    way: Moving | Straight,
     half_angle: float,
     sites: Sites,
     touched: np.ndarray,
@@ -155,7 +142,9 @@ def reach(
     Parameters
     ----------
     arm : Arm
-    way : Way
+    way : Moving or Straight
+        Its `approach` gives readings and velocities (M, n) of the approach, and why there is none, or "". Its
+        `collisions` state what each contact or its approach collides with, or "", (M,).
     half_angle : float
         Greatest angle of the tool, rad, about the inward normal.
     sites : Sites
@@ -207,7 +196,7 @@ class Moving:
     def approach(
         self, readings: np.ndarray, pose: np.ndarray, sites: Sites, rng: np.random.Generator
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """See `Way`; the approach is the contact itself."""
+        """See `reach`; the approach is the contact itself."""
         n, jacobian = self.arm.robot.n, self.arm.jacobian(pose)[:, :3]
         pseudo = np.linalg.pinv(jacobian, rcond=1e-6)
         drive = (pseudo @ (SPEED * cone(-sites.normals, SLANT, rng))[..., None])[..., 0]
@@ -217,7 +206,7 @@ class Moving:
         return readings, self.arm.readings_of(drive + spin), np.where(slow, "", FAST).astype(object)
 
     def collisions(self, contacts: Contacts, sites: Sites, touched: np.ndarray) -> np.ndarray:
-        """See `Way`."""
+        """See `reach`."""
         free = self.clearance.collides(contacts.readings, touched) == 0
         rows = np.flatnonzero(free)
         hit = path_free(self.clearance, contacts.readings[rows], sites.normals[rows], touched[rows])
@@ -248,12 +237,10 @@ class Hand:
     def place(self, label: str) -> Place:
         """The place while a placement of the artefact is there; `EVERY`: all of them."""
         if label not in self._places:
-            there = [  # what is not there has no shapes, and keeps its index
-                replace(
-                    s, placement="", shapes=s.shapes if label == EVERY or s.placement in ("", label) else ()
-                )
-                for s in self.clearance.solids
-            ]
+            there = []
+            for s in self.clearance.solids:  # what is not there has no shapes, and keeps its index
+                shapes = s.shapes if label == EVERY or s.placement in ("", label) else ()
+                there.append(replace(s, placement="", shapes=shapes))
             self._places[label] = Place(self.clearance.among(there), self.anywhere, self.floor)
         return self._places[label]
 
@@ -343,7 +330,7 @@ class Straight:
     def approach(
         self, readings: np.ndarray, pose: np.ndarray, sites: Sites, rng: np.random.Generator
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """See `Way`."""
+        """See `reach`."""
         arm, goals = self.hand.arm, self.hand.arm.tool_poses(pose)
         axis = rng.normal(size=(len(pose), 3))
         axis /= np.linalg.norm(axis, axis=1)[:, None]
@@ -357,7 +344,7 @@ class Straight:
         return off, (readings - off) / seconds, reason
 
     def collisions(self, contacts: Contacts, sites: Sites, touched: np.ndarray) -> np.ndarray:
-        """See `Way`."""
+        """See `reach`."""
         out = np.full(len(contacts), "", object)
         labels = np.array([*(s.placement for s in self.hand.clearance.solids), ""], object)[touched]
         for label in set(labels):

@@ -154,40 +154,40 @@ def scene_of(
         Add the table below all solids, on which boxes stand by pedestals.
     """
     up, names = up_of(dataset), [t.name for t in dataset.targets]
-    bodies: list[tuple[str, tuple[Shape, ...], list[str]]] = []
+    labels = [name.partition("@")[2] for name in names] if regions is None else placements(names)
+    label = dict(zip(names, labels, strict=True))
+    solids, of, boards = list[Solid](), dict[str, int](), list[Solid]()
+
+    def add(name: str, shapes: tuple[Shape, ...], on: Sequence[str]) -> None:
+        """Add the solid on which some targets are."""
+        of.update(dict.fromkeys(on, len(solids)))
+        solids.append(Solid(name, shapes, label[on[-1]]))
+
     for target in dataset.targets:
         kind, planned = KINDS[target.kind], KINDS[target.kind].planned
         if kind.touched and kind.centred and planned and planned.region and planned.obstacle:
             region = planned.region(target, Session(up))
             if region is not None:
-                bodies.append((target.name, planned.obstacle(target, region), [target.name]))
+                add(target.name, planned.obstacle(target, region), [target.name])
     for artefact, faces in artefacts(dataset.targets).items():
         if (box := box_of(faces)) is not None:
-            bodies.append((artefact, (box,), [t.name for t in faces]))
-    of = {name: k for k, (_, _, on) in enumerate(bodies) for name in on}
-    of_posed: list[tuple[str, tuple[Shape, ...], list[str]]] = []
+            add(artefact, (box,), [t.name for t in faces])
     for target in dataset.targets:
         planned = KINDS[target.kind].planned
         if regions and target.name in regions and target.name not in of and planned and planned.obstacle:
+            shapes = planned.obstacle(target, regions[target.name])
             if KINDS[target.kind].posed:  # nothing touches it
-                of_posed.append((target.name, planned.obstacle(target, regions[target.name]), [target.name]))
-                continue
-            of[target.name] = len(bodies)
-            bodies.append((target.name, planned.obstacle(target, regions[target.name]), [target.name]))
-    lying = [body for body in of_posed if _lies(body[1][0], up)]
-    aloft = [body for body in of_posed if not _lies(body[1][0], up)]
-    bodies += lying
-    labels = [name.partition("@")[2] for name in names] if regions is None else placements(names)
-    label = dict(zip(names, labels, strict=True))
-    solids = [Solid(name, shapes, label[on[-1]]) for name, shapes, on in bodies]
+                boards.append(Solid(target.name, shapes, label[target.name]))
+            else:
+                add(target.name, shapes, [target.name])
+    solids += [board for board in boards if _lies(board.shapes[0], up)]
     if with_table and (solids or table is not None):
         solids = list(on_table(solids, up, table))
-    solids += [Solid(name, shapes, label[on[-1]]) for name, shapes, on in aloft]  # what carries it is unknown
+    solids += [board for board in boards if not _lies(board.shapes[0], up)]  # what carries it is unknown
     if regions is not None:
         moved = set(label.values())  # a single placement is there all the time
-        solids += [
-            replace(s, placement=s.placement if s.placement in moved else "") for s in own_solids(dataset)
-        ]
+        own = own_solids(dataset)
+        solids += [replace(s, placement=s.placement if s.placement in moved else "") for s in own]
     return Scene(tuple(solids), of)
 
 
@@ -268,9 +268,8 @@ TIP = 4.0
 of place by 1 mm, or a deflected arm, then is no collision."""
 
 PARALLEL = 1e-6  # rad, between joint axes
-ALONG = (
-    0.95  # cosine: a part of a link along the next joint axis, of which merged corners may turn it a little
-)
+ALONG = 0.95
+"""Cosine: a part of a link along the next joint axis, of which merged corners may turn it a little."""
 
 
 def arm_capsules(

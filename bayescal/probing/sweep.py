@@ -93,14 +93,6 @@ def least(kind, row, planes, a, b):
     return best - width * length
 
 
-def distances(shape: Shape, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Signed distances (K,), m, of segments from `a` to `b` (K, 3), m in F0, from a shape; see `least`."""
-    row, planes = np.zeros(15), np.zeros((0, 4))
-    numbers, planes = shape.numbers
-    row[: len(numbers)] = numbers
-    return np.array([least(shape.kind, row, planes, p, q) for p, q in zip(a, b, strict=True)])
-
-
 _jit = compiled(error_model="numpy")
 HALVINGS = 14
 """Of a motion: parts that are undecided then, 0.1 mm of a motion of 1.6 m, count as too near."""
@@ -130,13 +122,8 @@ class Pairs:
         shapes: dict[int, Shape] = {id(p.shape): p.shape for p in pairs if p.other < 0}
         number = {key: k for k, key in enumerate(shapes)}
         self.arm = arm
-        self.chain = (
-            arm.chain.base,
-            arm.chain.link,
-            np.asarray(arm.chain.d, float),
-            arm.chain.theta,
-            arm.robot.slides,
-        )
+        chain = arm.chain
+        self.chain = chain.base, chain.link, np.asarray(chain.d, float), chain.theta, arm.robot.slides
         self.capsules = (
             np.array([c.frame for c in capsules], np.int64),
             np.array([(c.a, c.b) for c in capsules], float).reshape(-1, 2, 3),

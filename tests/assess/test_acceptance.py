@@ -10,7 +10,6 @@ from chances import least, most
 from sessions import with_columns
 
 import bayescal as bc
-import bayescal.assess.shared_causes as groups_module
 import bayescal.assess.shared_causes as shared_causes_module
 from bayescal.assess.acceptance import (
     CONTRADICTED,
@@ -117,9 +116,8 @@ def test_the_limit_is_where_the_chance_is_the_level():
     tests = acceptance(SOUND, checked(np.random.default_rng(2)))
     assert all((c.value < c.limit) == c.passed for c in tests.checks)
     repeats = replace(SOUND, fitted=1.3 * SOUND.floor)
-    ours = next(
-        c for c in acceptance(repeats, checked(np.random.default_rng(2))).checks if c.test == "residuals"
-    )
+    again = acceptance(repeats, checked(np.random.default_rng(2))).checks
+    ours = next(c for c in again if c.test == "residuals")
     assert ours.limit == pytest.approx(repeats.limit(ours.level))
 
 
@@ -215,7 +213,7 @@ def test_groups_of_a_large_session_stay_affordable(session, monkeypatch):
     """Rows of all groups grow in proportion to the session, beyond `MOST_ENTRIES` too."""
     rows = np.arange(300)
     before = sum(len(g.rows) for g in groups_of(Scene(session), rows))
-    monkeypatch.setattr(groups_module, "MOST_ENTRIES", 10 * len(rows))
+    monkeypatch.setattr(shared_causes_module, "MOST_ENTRIES", 10 * len(rows))
     few = groups_of(Scene(session), rows)
     assert sum(len(g.rows) for g in few) < before / 2
     assert {g.kind for g in few} == {g.kind for g in groups_of(Scene(session), rows)}
@@ -223,9 +221,7 @@ def test_groups_of_a_large_session_stay_affordable(session, monkeypatch):
 
 def test_a_slip_is_a_stretch_of_time():
     rows = np.arange(1000)
-    windows = tuple(
-        Group("stretch of time", f"{a}", rows[a : a + 64]) for a in range(0, 960, 32)
-    )  # fmt: skip
+    windows = [Group("stretch of time", f"{a}", rows[a : a + 64]) for a in range(0, 960, 32)]
     rejected = (rows >= 411) & (rows < 470)  # 59 rows at once
     (cause,) = shared(windows, rows, rejected)
     assert len(cause.rows) >= 30

@@ -262,10 +262,8 @@ def test_inputs_with_one_estimate_of_their_size_count_once():
 def test_the_table_states_the_sensitivities_of_the_record():
     """A contribution of 2 um by an angle of 0.01 deg and by a length of 4 um."""
     m = Measurand("parameter", "x", "m", 1e-4, np.ones((1, 1)))
-    angle, length = (
-        Input(PRIOR, "angle", "B", "rad", 0.0, np.radians(0.01), np.inf),
-        Input(PRIOR, "length", "B", "m", 0.0, 4e-6, np.inf),
-    )
+    angle = Input(PRIOR, "angle", "B", "rad", 0.0, np.radians(0.01), np.inf)
+    length = Input(PRIOR, "length", "B", "m", 0.0, 4e-6, np.inf)
     each = tuple(Component(source, 2e-6, 2e-6 / source.u) for source in (angle, length))
     b = Budget(m, each, np.full(1, np.sqrt(8e-12)), ())
     components = measurand_record(b)["components"]
@@ -343,17 +341,8 @@ def test_the_command(command_fit, run, command):
     assert record["U_um"] == pytest.approx(written["U_um"], rel=2e-3)
     for name in ("schema", "measurand", "components", "u_um", "U_um", "k", "coverage"):
         assert name in written
-    for c in written["components"]:
-        assert {
-            "name",
-            "type",
-            "distribution",
-            "value",
-            "u",
-            "unit",
-            "sensitivity",
-            "contribution_um",
-        } <= c.keys()
+    keys = {"name", "type", "distribution", "value", "u", "unit", "sensitivity", "contribution_um"}
+    assert all(keys <= c.keys() for c in written["components"])
     total = sum(c["contribution_um"] ** 2 for c in written["components"]) ** 0.5
     assert total == pytest.approx(written["u_um"])
     assert written["U_um"] == pytest.approx(written["k"] * written["u_um"])

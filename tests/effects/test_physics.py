@@ -38,6 +38,12 @@ def displacements(dataset, effect, **values):
     return out
 
 
+def ball_centres(dataset, effect, **values):
+    """Ball centres (N, 3) at some values, the others as drawn."""
+    scene = Scene(dataset)
+    return points(scene.chain, scene.q, scene.tools, displacements(dataset, effect, **values))
+
+
 @pytest.fixture(scope="module")
 def dataset(cube):
     return cube(seed=1).dataset
@@ -186,10 +192,9 @@ def test_encoder_scale_turns_what_its_encoder_carries(dataset, coupling, side, j
     arm = coupled(dataset, coupling)
     angle = shown_or_between(dataset, side, joint, dataset.measurements.readings)
     expected = wrong_by(dataset, coupling, joint, 1e-3 * angle)
-    scene = Scene(arm)
-    delta = displacements(arm, "encoder-scale", **{f"encoder_scale_J{joint}": 1e-3})
-    np.testing.assert_allclose(points(scene.chain, scene.q, scene.tools, delta), expected, atol=1e-14)
-    assert np.max(np.abs(expected - scene.points)) > 1e-6
+    now = ball_centres(arm, "encoder-scale", **{f"encoder_scale_J{joint}": 1e-3})
+    np.testing.assert_allclose(now, expected, atol=1e-14)
+    assert np.max(np.abs(expected - Scene(arm).points)) > 1e-6
 
 
 @pytest.mark.parametrize("joint", [1, 2, 3, 5])
@@ -199,9 +204,7 @@ def test_backlash_goes_by_what_passes_the_gear(dataset, coupling, side, joint):
     speed = shown_or_between(dataset, side, joint, dataset.measurements.velocity)
     fast = np.abs(speed) > np.radians(0.3)
     expected = wrong_by(dataset, coupling, joint, 1e-4 * np.sign(speed))
-    scene = Scene(arm)
-    delta = displacements(arm, "backlash", **{f"backlash_J{joint}": 1e-4})
-    moved = points(scene.chain, scene.q, scene.tools, delta)
+    moved = ball_centres(arm, "backlash", **{f"backlash_J{joint}": 1e-4})
     np.testing.assert_allclose(moved[fast], expected[fast], atol=5e-7)
     assert np.count_nonzero(fast) > 10
 
@@ -226,9 +229,8 @@ def test_forms_are_the_two_sides_of_coupled_axes(dataset, effect):
 def test_coupling_is_an_error_by_the_reading_of_another_joint(dataset, of, to, coupling):
     arm = coupled(dataset, coupling)
     expected = wrong_by(dataset, coupling, to, 1e-3 * dataset.measurements.readings[:, of - 1])
-    scene = Scene(arm)
-    delta = displacements(arm, "coupling", **{f"coupling_J{of}_to_J{to}": 1e-3})
-    np.testing.assert_allclose(points(scene.chain, scene.q, scene.tools, delta), expected, atol=1e-14)
+    now = ball_centres(arm, "coupling", **{f"coupling_J{of}_to_J{to}": 1e-3})
+    np.testing.assert_allclose(now, expected, atol=1e-14)
 
 
 def test_coupling_is_with_the_two_joints_before_and_the_one_after(dataset):
@@ -265,8 +267,8 @@ def test_a_bearing_yields_across_its_axis(dataset, moments):
         across = 1e-6 * moments[:, j] * [1, 1, 0]
         turn = (pose[:, j, :3, :3] @ across[..., None])[..., 0]
         moved = turned_about(pose[:, j, :3, 3], turn, scene.points)
-        delta = displacements(dataset, "bending", **{f"bending_J{j}_bearing": 1e-6})
-        np.testing.assert_allclose(points(scene.chain, scene.q, scene.tools, delta), moved, atol=1e-9)
+        now = ball_centres(dataset, "bending", **{f"bending_J{j}_bearing": 1e-6})
+        np.testing.assert_allclose(now, moved, atol=1e-9)
 
 
 @pytest.mark.parametrize("convention", ["mdh", "dh"])
@@ -295,8 +297,7 @@ def test_a_link_bends_as_a_uniform_beam(dataset, j, near, far, convention):
         f"bending J{j} link {axis}" for axis in ("y", other)
     }
     values = {f"bending_J{j}_link_{axis}": give for axis in ("y", other)}
-    delta = displacements(dataset, "bending", **values)
-    found = points(scene.chain, scene.q, scene.tools, delta) - scene.points
+    found = ball_centres(dataset, "bending", **values) - scene.points
     found = np.einsum("cji,cj->ci", pose[:, :3, :3], found)
     # a beam sinks by F L^3 / (12 EI) more than two hinges at its middle
     sunk = give * np.sum((far - near) ** 2) / 12 * (weight - np.outer(weight @ along, along))
@@ -318,7 +319,7 @@ def test_base_compliance_lets_the_arm_sag(dataset, moments):
     assert {(frame, axis) for _, frame, axis in found} == {(0, axis) for axis in ("rx", "ry", "tx", "ty")}
     scene = Scene(dataset)
     values = {"base_compliance_x": 1e-6, "base_compliance_y": 1e-6}
-    moved = points(scene.chain, scene.q, scene.tools, displacements(dataset, "base-compliance", **values))
+    moved = ball_centres(dataset, "base-compliance", **values)
     ball, moment = scene.points, moments[:, 0]
     weight = np.stack([moment[:, 1], -moment[:, 0]], axis=1)  # towards the centre of mass, N m
     side = np.sum(ball[:, :2] * weight, axis=1)
@@ -338,12 +339,12 @@ def test_a_hinge_below_the_base_is_a_tilt_and_a_slide(dataset, moments):
         "base_compliance_slide_y": depth * yields[1],
     }
     scene = Scene(dataset)
-    moved = points(scene.chain, scene.q, scene.tools, displacements(dataset, "base-compliance", **values))
+    moved = ball_centres(dataset, "base-compliance", **values)
     hinge = np.array([0.0, 0.0, -depth])
     expected = turned_about(hinge, yields * moments[:, 0], scene.points)
     np.testing.assert_allclose(moved, expected, atol=3e-9)
     alone = {name: value for name, value in values.items() if "slide" not in name}
-    tilted = points(scene.chain, scene.q, scene.tools, displacements(dataset, "base-compliance", **alone))
+    tilted = ball_centres(dataset, "base-compliance", **alone)
     assert np.max(np.abs(moved - tilted)) > 1e-5
 
 
@@ -365,9 +366,8 @@ def test_payload_is_the_moment_of_a_kilogram_more(dataset, moments):
 def test_thermal_growth_makes_the_table_longer(dataset, convention):
     """Of either convention: all lengths of the table grow by the strain at each row's temperature."""
     dataset = replace(dataset, robot=replace(dataset.robot, convention=convention, d=dataset.robot.d + 0.01))
-    delta = displacements(dataset, "thermal-drift", thermal_drift_growth_by_temperature=1e-3)
     scene, warm = Scene(dataset), dataset.measurements.temperature
-    moved = points(scene.chain, scene.q, scene.tools, delta)
+    moved = ball_centres(dataset, "thermal-drift", thermal_drift_growth_by_temperature=1e-3)
     for row, strain in ((np.argmin(warm), -1e-3), (np.argmax(warm), 1e-3)):
         r = dataset.robot
         grown = chain_of(replace(r, a=r.a * (1 + strain), d=r.d * (1 + strain)))
@@ -404,7 +404,7 @@ def test_step_moves_the_base_from_the_middle_on(cube):
     for driver in found.values():
         np.testing.assert_array_equal(driver, np.arange(count) >= 30)
     scene = Scene(dataset)
-    moved = points(scene.chain, scene.q, scene.tools, displacements(dataset, "step", step_x=1e-3))
+    moved = ball_centres(dataset, "step", step_x=1e-3)
     np.testing.assert_allclose((moved - scene.points)[:60], 0.0, atol=1e-15)
     np.testing.assert_allclose((moved - scene.points)[60:], [[1e-3, 0, 0]] * (count - 60), atol=1e-12)
 

@@ -29,19 +29,11 @@ from bayescal.model import build, check_asked
 from bayescal.model.options import Part
 from bayescal.model.scene import Scene
 
+AT_WRIST = {"site": joint(6), "driver": Driver("angle", 1)}
 OWN = Effect(
     "cable-drag",
     "a cable that pulls the last joint round as the first one turns",
-    lambda c: [
-        Parameter(
-            "cable-drag",
-            "rad",
-            (Term(6, "rz", np.cos(c.q[:, 0])),),
-            1e-4,
-            site=joint(6),
-            driver=Driver("angle", 1),
-        )
-    ],
+    lambda c: [Parameter("cable-drag", "rad", (Term(6, "rz", np.cos(c.q[:, 0])),), 1e-4, **AT_WRIST)],
     phrase=("the last joint", "is pulled by its cable"),
     confusable_with=("coupling",),
 )
@@ -384,9 +376,8 @@ def test_a_stand_with_axes_of_its_own(session, mount):
     lever = np.cross(second, -depth * down) @ first  # of the first axis' moment, by the turn about the second
     values["base-compliance slide cross"] = lever * give[0, 1]
     np.testing.assert_allclose(yielding(dataset, values, "turned"), expected, atol=2e-8)
-    assert (
-        np.max(np.abs(expected - yielding(dataset, values | {"base-compliance cross": 0.0}, "turned"))) > 1e-6
-    )
+    straight = yielding(dataset, values | {"base-compliance cross": 0.0}, "turned")
+    assert np.max(np.abs(expected - straight)) > 1e-6
 
 
 @pytest.mark.parametrize("mount", ["wall", "wall by gravity", "slope"])
@@ -494,20 +485,16 @@ def hanging(request, tracker):
 def test_a_fit_finds_how_far_a_stand_yields(hanging):
     dataset, truth = hanging
     found = calibrated(Scene(dataset), ("geometry", "compliance", "base-compliance"))
-    names = list(found.model.names)
-    values = found.model.physical(found.z)
-    wide = {name: float(s) for name, s in zip(names, found.sd * _scale(found.model), strict=True)}
+    values = dict(zip(found.model.names, found.model.physical(found.z), strict=True))
+    wide = dict(zip(found.model.names, found.sd * _scale(found.model), strict=True))
     for axis, value in truth.items():
-        k = names.index(f"base-compliance {axis}")
-        assert abs(values[k] - value) < 4 * wide[names[k]], axis
+        name = f"base-compliance {axis}"
+        assert abs(values[name] - value) < 4 * wide[name], axis
     assert wide["base-compliance y"] < 4e-6
 
 
 def _scale(model):
-    z = np.zeros(model.size)
-    return np.array(
-        [model.physical(z + e)[k] - model.physical(z)[k] for k, e in enumerate(np.eye(model.size))]
-    )
+    return model.physical(np.ones(model.size)) - model.physical(np.zeros(model.size))
 
 
 def test_a_diagnosis_names_the_stand(hanging):

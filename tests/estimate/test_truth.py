@@ -49,28 +49,27 @@ def check_pulls(found, arm) -> None:
     assert np.max(np.abs(pull)) < 4.5, dict(zip(found.model.names, pull, strict=False))
 
 
-def check_covariance(total: float, count: int) -> None:
+def check_covariance(pairs) -> None:
+    """No parameter of these estimates (found, arm) far from the truth, and all as far as they say."""
+    for pair in pairs:
+        check_pulls(*pair)
+    total, count = sum(distance2(*pair) for pair in pairs), sum(len(f.model.parameters) for f, _ in pairs)
     low, high = chi2.ppf([SURE, 1 - SURE], count)
     assert low < total < 1.1 * high  # a tenth for the noise scale that is estimated too
 
 
 def test_cubes(cube):
-    """Twelve arms: no parameter far from the truth, and all of them as far as they say."""
-    total, count, lost, scales = 0.0, 0, 0, []
-    for seed in range(12):
-        session = cube(seed=seed)
-        found = fit(session.dataset)
-        check_pulls(found, session.arm)
-        total += distance2(found, session.arm)
-        count += len(found.model.parameters)
-        lost += len(found.rejected)
-        scales.append(found.weights.scale["contact"])
+    """Twelve arms."""
+    sessions = [cube(seed=seed) for seed in range(12)]
+    fits = [fit(session.dataset) for session in sessions]
+    for found in fits:
         # something was learnt: all but d2 and d3, a tenth of the prior or better
         told = [k for k, p in enumerate(found.model.parameters) if p.name not in ("d2", "d3")]
         assert np.max(found.sd[told]) < 0.15
         assert found.dof["contact"] == pytest.approx(120 - 38, abs=6)
-    check_covariance(total, count)
-    assert lost <= 2  # of 1440 clean contacts
+    check_covariance([(f, s.arm) for f, s in zip(fits, sessions, strict=True)])
+    assert sum(len(f.rejected) for f in fits) <= 2  # of 1440 clean contacts
+    scales = [f.weights.scale["contact"] for f in fits]
     assert np.mean(scales) == pytest.approx(1.0, abs=4 * 0.08 / np.sqrt(12))
 
 
@@ -103,35 +102,30 @@ def wrong_by(session, model) -> dict[str, float]:
 @pytest.mark.parametrize("lean", [(2.2e-4, 0.0), (0.0, -2.2e-4)], ids=["about x", "about z"])
 def test_a_wrong_paper_is_told(cube, lean):
     """A face 50 um out of parallel over the cube's side: its paper takes that, not the arm."""
-    total, count = 0.0, 0
+    pairs = []
     for seed in range(4):
         session = cube(seed=seed, lean=lean)
         found = fit(session.dataset, (*BOTH, "artefact"))
         wrong = wrong_by(session, found.model)
-        truth = SimpleNamespace(values=session.arm.values | wrong)
-        check_pulls(found, truth)
-        total += distance2(found, truth)
-        count += len(found.model.parameters)
+        pairs.append((found, SimpleNamespace(values=session.arm.values | wrong)))
         k = found.model.names.index(max(wrong, key=lambda name: abs(wrong[name])))
         assert abs(found.z[k]) > 4 * found.sd[k]
-    check_covariance(total, count)
+    check_covariance(pairs)
 
 
 def test_trackers(tracker):
-    total, count = 0.0, 0
+    pairs = []
     for seed in range(6):
         session = tracker(seed=seed)
         found = fit(session.dataset)
-        check_pulls(found, session.arm)
-        total += distance2(found, session.arm)
-        count += len(found.model.parameters)
+        pairs.append((found, session.arm))
         assert found.weights.scale["point"] == pytest.approx(1, abs=4 / np.sqrt(2 * 270))
         assert not len(found.rejected)
         frame = found.model.blocks[0].kind
         told = frame.describe(frame.sd * found.z[found.model.slices["tracker"]])["frame"]
         np.testing.assert_allclose(told, session.frame, atol=1e-3)
         assert np.max(np.abs(told - frame.frame)) > 2e-3
-    check_covariance(total, count)
+    check_covariance(pairs)
 
 
 @pytest.mark.parametrize("stated", [2.5e-6, 20e-6])
@@ -197,8 +191,7 @@ def test_known_targets(cube):
     found = fit(known_planes(session))
     assert found.model.size == len(found.model.parameters)
     assert {b.size for b in found.model.blocks} == {0}
-    check_pulls(found, session.arm)
-    check_covariance(distance2(found, session.arm), len(found.model.parameters))
+    check_covariance([(found, session.arm)])
     base = [k for k, name in enumerate(found.model.names) if name.startswith("base")]
     assert len(base) == 6
     assert np.max(found.sd[base]) < 0.02
@@ -236,15 +229,12 @@ def test_arm_as_drawn(cube):
 
 def test_noisy_readings(cube):
     """Noise of the readings, ten times that of a contact, is accounted for contact by contact."""
-    total, count = 0.0, 0
+    pairs = []
     for seed in range(4):
         session = cube(seed=seed, noise=2e-6, joint=5e-5)
-        found = fit(session.dataset)
-        check_pulls(found, session.arm)
-        total += distance2(found, session.arm)
-        count += len(found.model.parameters)
-        assert found.weights.scale["contact"] == pytest.approx(1, abs=4 * 0.08)
-    check_covariance(total, count)
+        pairs.append((fit(session.dataset), session.arm))
+        assert pairs[-1][0].weights.scale["contact"] == pytest.approx(1, abs=4 * 0.08)
+    check_covariance(pairs)
 
 
 def with_readings(model, target: int, readings: np.ndarray):
@@ -278,14 +268,12 @@ def test_readings_noise(name, cube, tracker):
     values, h = model.deviations(z[: len(model.parameters)]), 1e-6
     for k, block in enumerate(model.blocks):
         own = z[model.slices[block.target]]
-        slope = []
-        for step in h * np.eye(6):
-            sides = []
-            for side in (step, -step):
-                moved = with_readings(model, k, dataset.measurements.readings + side)
-                sides.append(moved.residual(values, own).ravel())
-            slope.append((sides[0] - sides[1]) / (2 * h))
-        slope = np.array(slope).T
+
+        def moved(step, k=k, own=own):
+            held = with_readings(model, k, dataset.measurements.readings + step)
+            return held.residual(values, own).ravel()
+
+        slope = np.stack([(moved(step) - moved(-step)) / (2 * h) for step in h * np.eye(6)], axis=1)
         found = block.by_readings(values, own, dataset.robot.link_from_reading)
         # a hundredth: of the torques that change with the readings, and no more
         np.testing.assert_allclose(found, slope, atol=0.01 * np.max(np.abs(slope)))
@@ -313,11 +301,8 @@ def test_linear_at_the_estimate(cube):
     for block in found.model.blocks:
         r = found.residuals(block)
         assert r.shape == (1, len(block.rows))
-        np.testing.assert_allclose(
-            r.ravel() * found.weights.whitening(block),
-            found.linear.residual[found.linear.of_block[block.target]],
-            atol=1e-8,
-        )
+        expected = found.linear.residual[found.linear.of_block[block.target]]
+        np.testing.assert_allclose(r.ravel() * found.weights.whitening(block), expected, atol=1e-8)
 
 
 def world_arm(dataset, truth: dict):
@@ -350,9 +335,8 @@ def in_our_gauge(model, robot, tool) -> tuple[np.ndarray, list[int]]:
     z = np.zeros(len(sd))
     for _ in range(8):
         p = motion.points(z * sd)
-        by = np.concatenate(
-            [motion.columns(z * sd, p, np.tile(e[:, None], (1, 200))) for e in np.eye(3)], axis=1
-        )
+        directions = (np.tile(e[:, None], (1, 200)) for e in np.eye(3))
+        by = np.concatenate([motion.columns(z * sd, p, e) for e in directions], axis=1)
         jacobian = np.vstack([(by.T * sd) / 1e-7, np.eye(len(sd))])  # the prior settles what points do not
         z -= np.linalg.lstsq(jacobian, np.append((p - goal).ravel() / 1e-7, z), rcond=None)[0]
     assert np.max(np.abs(motion.points(z * sd) - goal)) < 1e-6

@@ -1,5 +1,6 @@
 """Linear problems that the tests of the engine share: sessions of every kind, linearised without a fit."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -11,7 +12,7 @@ from bayescal.dataset import Dataset, Noise, Target
 from bayescal.effects import EFFECTS, Circumstances
 from bayescal.effects.gravity import masses
 from bayescal.estimate import Estimate, linearise, unit_weights
-from bayescal.gap.linear.evidence import project
+from bayescal.gap.linear.evidence import Bank, Projected, project, weigh_sets
 from bayescal.gap.linear.problem import Problem, Slopes, of_certificate
 from bayescal.gap.linear.state import State, fit_state
 from bayescal.gap.outcome.where import Scale, places
@@ -26,6 +27,11 @@ from bayescal.model.scene import Scene
 from factors.turns import turned
 
 BASELINE = ("geometry", "compliance")
+
+
+def log_bayes(p: Projected, sets: Sequence[np.ndarray]) -> np.ndarray:
+    """Log Bayes factors (len(sets), scales) of adding sets of a projected pool's columns, by prior scale."""
+    return weigh_sets(p.state, Bank(p.pool, tuple(sets), p.state.problem.count, p.state.problem.worth))
 
 
 def unsolved(

@@ -108,59 +108,63 @@ def test_rows_of_a_long_session_are_searched_twice():
     assert set(range(low, high + 1)) <= set(reached.astype(int).tolist())
 
 
+def two_tools(count, off=0.0):
+    """A session with a second reflector, stated to 1.5 mm; a role and an index for every third row."""
+    d = tracker(seed=5, count=count).dataset
+    other = replace(d.tools[0], name="other", centre=d.tools[0].centre + np.array([0, off, 0]), u=1.5e-3)
+    validate = np.arange(count) % 3 == 0
+    role = np.where(validate, "validate", "calibrate")
+    return replace(d, tools=(*d.tools, other)), role, validate.astype(int)
+
+
 @pytest.mark.parametrize("off", [2e-3, 0.0])
 def test_a_tool_of_validation_rows_keeps_its_prior(off):
     """A reflector that no fitted row uses is as uncertain in the prediction as stated, 1.5 mm."""
-    d = tracker(seed=5, count=90).dataset
-    validate = np.arange(90) % 3 == 0
-    other = replace(d.tools[0], name="other", centre=d.tools[0].centre + np.array([0, off, 0]), u=1.5e-3)
-    table = {"role": np.where(validate, "validate", "calibrate"), "tool": validate.astype(int)}
-    d = with_columns(replace(d, tools=(*d.tools, other)), **table)
+    d, role, second = two_tools(90, off)
+    d = with_columns(d, role=role, tool=second)
     errors = validation_errors(calibrated(Scene(d), MODEL))
     sd = np.sqrt(errors.noise**2 + np.sum(errors.by_parameters**2, axis=1))
     assert np.all(np.abs(errors.residual) < 1.96 * sd)
     assert np.median(sd) == pytest.approx(1.5e-3, rel=0.05)
 
 
+def said(dataset, **columns):
+    """What `check` finds missing in a session with other columns: words by code."""
+    return {f.code: f.what for f in missing(Scene(with_columns(dataset, **columns)), None, None)}
+
+
 def test_check_tells_a_tool_of_validation_rows():
-    d = tracker(seed=5, count=30).dataset
-    other = replace(d.tools[0], name="other", u=1.5e-3)
-    validate = np.arange(30) % 3 == 0
-    table = {"role": np.where(validate, "validate", "calibrate"), "tool": validate.astype(int)}
-    told = [
-        f.what for f in missing(Scene(with_columns(replace(d, tools=(*d.tools, other)), **table)), None, None)
-    ]
+    d, role, second = two_tools(30)
+    told = said(d, role=role, tool=second).values()
     assert any("only validation rows use the tool other" in what and "1.5 mm" in what for what in told)
-    both = with_columns(replace(d, tools=(*d.tools, other)), tool=validate.astype(int))
-    assert not any("tool other" in f.what for f in missing(Scene(both), None, None))
+    assert not any("tool other" in what for what in said(d, tool=second).values())
 
 
 def test_check_tells_an_instrument_of_validation_rows():
     """With its reflector, which is not fitted either; no fitted target has rows of it."""
-    d = tracker(seed=5, count=30).dataset
-    second = replace(d.targets[0], name="second", u=5e-4)
-    validate = np.arange(30) % 3 == 0
-    other = replace(d.tools[0], name="other", u=1.5e-3)
-    d = replace(d, targets=(*d.targets, second), tools=(*d.tools, other))
-    table = {"role": np.where(validate, "validate", "calibrate"), "target": validate.astype(int)}
-    told = {f.code: f.what for f in missing(Scene(with_columns(d, **table)), None, None)}
-    assert (
-        "only validation rows are of the instrument second: its pose, uncertain by 0.5 mm"
-        in told["predicted_instrument"]
-    )
+    d, role, second = two_tools(30)
+    d = replace(d, targets=(*d.targets, replace(d.targets[0], name="second", u=5e-4)))
+    told = said(d, role=role, target=second)
+    words = "only validation rows are of the instrument second: its pose, uncertain by 0.5 mm"
+    assert words in told["predicted_instrument"]
     assert "predicted_tool" not in told
-    told = {f.code for f in missing(Scene(with_columns(d, **table, tool=validate.astype(int))), None, None)}
-    assert {"predicted_tool", "predicted_instrument"} <= told
-    fitted = with_columns(d, target=validate.astype(int))
-    assert "predicted_instrument" not in {f.code for f in missing(Scene(fitted), None, None)}
+    told = said(d, role=role, target=second, tool=second)
+    assert {"predicted_tool", "predicted_instrument"} <= told.keys()
+    assert "predicted_instrument" not in said(d, target=second)
+
+
+def failing(error: Exception):
+    """A function that raises an error, whatever it is given."""
+
+    def fails(*_, **__):
+        raise error
+
+    return fails
 
 
 def test_a_level_that_cannot_be_fitted_is_left_out(monkeypatch):
     """The rest of the diagnosis is there, with the reason."""
-
-    def refused(scene, level, options):
-        raise BayescalError("the fit does not converge", str(level))
-
+    refused = failing(BayescalError("the fit does not converge"))
     monkeypatch.setattr("bayescal.gap.diagnose.fitted_level", refused)
     gap = diagnose(geared(tracker(seed=3, count=60).dataset), MODEL)
     assert [step.model for step in gap.levels] == [MODEL]
@@ -215,11 +219,7 @@ def explained(waved):
 @pytest.mark.parametrize("stage", STAGES)
 def test_a_stage_that_fails_is_left_out(stage, waved, explained, monkeypatch, tmp_path):
     """The files are there, with a sentence; a singular matrix is as bad as a fit that is refused."""
-
-    def fails(*_, **__):
-        raise np.linalg.LinAlgError("singular matrix")
-
-    monkeypatch.setattr(f"bayescal.gap.diagnose.{stage}", fails)
+    monkeypatch.setattr(f"bayescal.gap.diagnose.{stage}", failing(np.linalg.LinAlgError("singular matrix")))
     if stage != "refit":
         monkeypatch.setattr("bayescal.gap.diagnose.explain", lambda *_: explained)
     gap = diagnose(waved, MODEL)
@@ -252,11 +252,10 @@ def test_a_search_that_fails_with_compliance_is_left_out(waved, monkeypatch):
 
 
 def test_a_singular_event_is_left_out(waved, explained, monkeypatch):
-    def fails(*_):
-        raise np.linalg.LinAlgError("singular matrix")
-
     monkeypatch.setattr("bayescal.gap.diagnose.examine", lambda *_: explained.first)
-    monkeypatch.setattr("bayescal.gap.concluded.named_events", fails)
+    monkeypatch.setattr(
+        "bayescal.gap.concluded.named_events", failing(np.linalg.LinAlgError("singular matrix"))
+    )
     found = explain(Scene(waved), MODEL)
     assert "rows of sudden changes (singular matrix)" in found.lost[0]
     assert found.verdict.kind == "named"
@@ -265,12 +264,8 @@ def test_a_singular_event_is_left_out(waved, explained, monkeypatch):
 def test_files_that_fail_are_left_out(waved, explained, monkeypatch, tmp_path):
     monkeypatch.setattr("bayescal.gap.diagnose.explain", lambda *_: explained)
     gap = diagnose(waved, MODEL)
-
-    def fails(*_, **__):
-        raise RuntimeError("no canvas")
-
-    monkeypatch.setattr("bayescal.reporting.gap.record.of_gap", fails)
-    monkeypatch.setattr("bayescal.reporting.figures.process.figures_of", fails)
+    for stage in ("gap.record.of_gap", "figures.process.figures_of"):
+        monkeypatch.setattr(f"bayescal.reporting.{stage}", failing(RuntimeError("no canvas")))
     files = write_gap(gap, tmp_path / "out", gap_record(gap))
     assert files == ("gap.json", "gap.html")
     filed = json.loads((tmp_path / "out" / "gap.json").read_text(encoding="utf-8"))
@@ -297,9 +292,8 @@ def test_a_refit_keeps_what_its_names_may_not_explain(explained):
 
 def test_an_arm_of_a_diagnosis_is_as_uncertain_when_it_is_read(waved, explained, monkeypatch, tmp_path):
     sure = explained.last.decision
-    doubtful = replace(
-        explained, last=replace(explained.last, decision=replace(sure, kind="named+unexplained"))
-    )
+    last = replace(explained.last, decision=replace(sure, kind="named+unexplained"))
+    doubtful = replace(explained, last=last)
     monkeypatch.setattr("bayescal.gap.diagnose.explain", lambda *_: doubtful)
     gap = diagnose(waved, MODEL)
     assert gap.arm.least

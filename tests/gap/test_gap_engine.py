@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from gap_problems import BASELINE, Bench, of_every_kind, unsolved, with_orientations
+from gap_problems import BASELINE, Bench, log_bayes, of_every_kind, unsolved, with_orientations
 from rails import moving_session
 from scipy.integrate import quad
 from scipy.stats import chi2 as chi2_distribution
@@ -25,7 +25,6 @@ from bayescal.gap.linear.evidence import (
     TRIED,
     gain,
     integrated,
-    log_bayes,
     log_sum,
     project,
 )

@@ -57,10 +57,21 @@ def magnetised(torque, fade):
     return np.array(out)
 
 
-def named(bench, column, strength):
+def named(bench, column, strength=300.0):
+    """The decision on a session with a made-up error, and its only name."""
     decision, _ = bench.decided(bench.made_up(1, bench.visible(bench.slopes.columns([column]), strength, 1)))
     (member,) = decision.members
     return decision, member
+
+
+def turned(joint, driver):
+    """An error of a joint, by a driver (N,)."""
+    return Parameter("truth", "rad", (Term(joint, "rz", driver),), 1e-4)
+
+
+def told(decision, member):
+    """The verdict, and the effect at its site in its form."""
+    return decision.kind, member.effect, member.variant.site, member.variant.setting
 
 
 @pytest.mark.parametrize(("joint", "strength"), [(4, 300.0), (5, 100.0)])
@@ -68,9 +79,7 @@ def test_a_wind_up_that_follows_its_load_late_is_hysteresis(bench, joint, streng
     """It was hardening; without the memory it still is."""
     c = bench.circumstances
     torque = c.torques[:, joint - 1]
-    late, prompt = (
-        Parameter("truth", "rad", (Term(joint, "rz", magnetised(torque, fade)),), 1e-4) for fade in (0.5, 0.0)
-    )
+    late, prompt = (turned(joint, magnetised(torque, fade)) for fade in (0.5, 0.0))
     decision, member = named(bench, late, strength)
     assert (member.effect, member.variant.site) == ("hysteresis", f"joint {joint}")
     assert member.variant.setting.startswith("late-")
@@ -87,34 +96,22 @@ def test_a_coupling_that_levels_off_on_coupled_axes(bench):
     angle = c.readings[:, 1]
     reach = 1.2 * np.std(angle)
     turn = reach * np.arctan((angle - np.median(angle)) / reach)
-    _, member = named(bench, Parameter("truth", "rad", (Term(3, "rz", turn),), 1e-4), 150.0)
-    assert (member.effect, member.variant.site, member.variant.setting) == (
-        "coupling",
-        "joint 3",
-        "levels-off",
-    )
+    assert told(*named(bench, turned(3, turn), 150.0))[1:] == ("coupling", "joint 3", "levels-off")
 
 
 def test_an_eccentricity_with_a_part_of_the_third_order(bench):
     """A quarter of the amplitude in the third order made it an unmodelled error of the joint."""
     turn = bench.circumstances.q[:, 2]
     wave = np.sin(turn + 0.7) + 0.25 * np.sin(3.0 * turn + 2.0)
-    decision, member = named(bench, Parameter("truth", "rad", (Term(3, "rz", wave),), 1e-4), 300.0)
-    assert (decision.kind, member.effect, member.variant.site, member.variant.setting) == (
-        "named",
-        "eccentricity",
-        "joint 3",
-        "third-order",
-    )
+    decision, member = named(bench, turned(3, wave))
+    assert told(decision, member) == ("named", "eccentricity", "joint 3", "third-order")
     names = {bench.known.pool[k].name.removeprefix("eccentricity ") for k in member.variant.columns}
     assert names == {"J3 sin", "J3 cos", "third order J3 sin", "third order J3 cos"}
 
 
 def test_amplitudes_of_one_change_share_the_margin(bench):
     """A probability of 0.007 is below the stated 0.01 for one amplitude, not for each of three."""
-    end = bench.circumstances.chain.n + 1
-    moved = [Parameter("", "m", (Term(end, f"t{axis}", since(bench)),), 1e-5) for axis in "xyz"]
-    known = []
+    moved, known = slipping(bench), []
     for z in np.linspace(4e-6, 6e-6, 5):
         _, shift = measured(bench, TOOL, Driver("event"), moved, np.array([60e-6, -40e-6, z]))
         p = chi2.sf((shift[2].value / shift[2].u) ** 2, 1)
@@ -125,7 +122,7 @@ def test_amplitudes_of_one_change_share_the_margin(bench):
 
 def test_an_eccentricity_of_one_order_keeps_its_form(bench):
     turn = bench.circumstances.q[:, 2]
-    _, member = named(bench, Parameter("truth", "rad", (Term(3, "rz", np.sin(turn + 0.7)),), 1e-4), 300.0)
+    _, member = named(bench, turned(3, np.sin(turn + 0.7)))
     assert (member.effect, member.variant.setting) == ("eccentricity", None)
 
 
@@ -134,15 +131,9 @@ def test_a_stiffness_that_differs_between_the_flanks(bench):
     torque = bench.circumstances.torques[:, 4]
     usual = np.quantile(np.abs(torque[bench.circumstances.fitted]), 0.9)
     wind = np.clip(torque, -0.55 * usual, 0.25 * usual)
-    decision, member = named(bench, Parameter("truth", "rad", (Term(5, "rz", wind),), 1e-4), 300.0)
-    assert (decision.kind, member.effect, member.variant.site, member.variant.setting) == (
-        "named",
-        "hardening",
-        "joint 5",
-        "uneven",
-    )
+    assert told(*named(bench, turned(5, wind))) == ("named", "hardening", "joint 5", "uneven")
     even = np.clip(torque, -0.4 * usual, 0.4 * usual)
-    _, member = named(bench, Parameter("truth", "rad", (Term(5, "rz", even),), 1e-4), 300.0)
+    _, member = named(bench, turned(5, even))
     assert (member.effect, member.variant.setting) in {("hardening", knee) for knee in (0.3, 0.45, 0.8)}
 
 
@@ -194,8 +185,8 @@ def test_a_drift_with_a_pause_and_two_time_constants(bench):
         goal = 0.0 if 0.36 < t < 0.6 else 1.0
         state = state + (goal - state) / np.array([500.0, 4000.0]) * span * (fine[1] - fine[0])
     warm = np.interp((c.time - np.min(c.time[c.fitted])) / span, fine, course)
-    turned = [Term(j, "rz", by * warm) for j, by in ((2, 2.0), (3, -1.5), (4, 2.0), (5, 1.5))]
-    moved = Parameter("truth", "m", (Term(0, "tz", warm), Term(4, "tz", warm), *turned), 2e-5)
+    turns = [Term(j, "rz", by * warm) for j, by in ((2, 2.0), (3, -1.5), (4, 2.0), (5, 1.5))]
+    moved = Parameter("truth", "m", (Term(0, "tz", warm), Term(4, "tz", warm), *turns), 2e-5)
     decision, member = named(bench, moved, 200.0)
     assert (decision.kind, member.effect) == ("named", "thermal-drift")
     assert member.variant.setting.startswith("paused-")
@@ -230,11 +221,15 @@ def since(bench):
     return (np.arange(len(bench.circumstances.q)) >= ROW).astype(float)
 
 
+def slipping(bench):
+    """A shift of the tool along each axis of the flange."""
+    end = bench.circumstances.chain.n + 1
+    return [Parameter("", "m", (Term(end, f"t{axis}", since(bench)),), 1e-5) for axis in "xyz"]
+
+
 def test_a_stylus_that_shifts_has_its_row_and_a_vector(sudden_bench):
-    end = sudden_bench.circumstances.chain.n + 1
     truth = np.array([60e-6, -40e-6, 25e-6])
-    moved = [Parameter("", "m", (Term(end, f"t{axis}", since(sudden_bench)),), 1e-5) for axis in "xyz"]
-    event, shift = measured(sudden_bench, TOOL, Driver("event"), moved, truth)
+    event, shift = measured(sudden_bench, TOOL, Driver("event"), slipping(sudden_bench), truth)
     first, last = event.interval95
     assert first <= event.row <= last
     assert first <= ROW <= last
@@ -293,9 +288,7 @@ def test_a_rocking_base_has_a_half_angle_about_an_axis(sudden_bench):
 
 
 def test_only_significant_locations_have_a_size(sudden_bench):
-    end = sudden_bench.circumstances.chain.n + 1
-    moved = [Parameter("", "m", (Term(end, "tx", since(sudden_bench)),), 1e-5)]
-    p = sudden_bench.made_up(4, sudden_bench.slopes.columns(moved)[:, 0] * 6.0)
+    p = sudden_bench.made_up(4, sudden_bench.slopes.columns(slipping(sudden_bench))[:, 0] * 6.0)
     chosen = Search(p, sudden_bench.known).hypothesis(())
     found = sudden_bench.places(SimpleNamespace(hypothesis=chosen))
     assert (found[0].site, found[0].driver) == (TOOL, Driver("event"))
@@ -405,9 +398,8 @@ def reflectors(tracker, shared: float, seed: int, wave: float = 0.0):
         if isinstance(values, np.ndarray)
     }
     table |= {"ids": tuple(f"r{k}" for k in range(len(at))), "line": np.arange(2, len(at) + 2)}
-    m = replace(one.measurements, **table)
-    m = replace(m, tool=np.tile(np.arange(3), POSES))
-    m = replace(m, velocity=None, time=None, temperature=None, torque=None)  # fewer candidates
+    fewer = dict.fromkeys(("velocity", "time", "temperature", "torque"))  # fewer candidates
+    m = replace(one.measurements, **table | fewer | {"tool": np.tile(np.arange(3), POSES)})
     robot = replace(one.robot, reductions=np.full(6, 100.0))
     dataset = replace(one, robot=robot, tools=tools, measurements=m)
     moved = m.readings + wave * np.sin(2 * m.readings) * (np.arange(6) == 0)
@@ -449,17 +441,12 @@ def made_up(shared: float, seed: int, poses: int = 60, count: int = 3):
 
 
 def test_the_shared_variance_is_that_of_the_simulation():
-    found = []
-    for seed in range(8):
-        p, gradient, pose = made_up(2.0, seed)
-        found.append(shared_variance(fit_state(p, (), (), robust=False), gradient, pose))
-    assert np.mean(found) == pytest.approx(4.0, rel=0.15)
-    assert not any(
-        shared_variance(fit_state(p, (), (), robust=False), gradient, pose)
-        for p, gradient, pose in (made_up(0.0, seed) for seed in range(8))
-    )
-    p, gradient, pose = made_up(2.0, 0, count=1)  # nothing repeats
-    assert shared_variance(fit_state(p, (), (), robust=False), gradient, pose) == 0.0
+    def variance(p, gradient, pose):
+        return shared_variance(fit_state(p, (), (), robust=False), gradient, pose)
+
+    assert np.mean([variance(*made_up(2.0, seed)) for seed in range(8)]) == pytest.approx(4.0, rel=0.15)
+    assert not any(variance(*made_up(0.0, seed)) for seed in range(8))
+    assert variance(*made_up(2.0, 0, count=1)) == 0.0  # nothing repeats
 
 
 def test_what_a_measurement_is_worth():

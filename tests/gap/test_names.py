@@ -15,6 +15,7 @@ import bayescal as bc
 from bayescal.effects import Parameter, confusable, parameters_of
 from bayescal.effects.location import Driver, joint
 from bayescal.effects.sizes import length, magnitude, phase, propagated
+from bayescal.effects.vocabulary import same_terms
 from bayescal.gap.linear.problem import Problem
 from bayescal.gap.linear.state import fit_state
 from bayescal.gap.outcome.notes import amplitudes, increased
@@ -180,22 +181,20 @@ def test_a_wave_is_its_amplitude_and_phase():
     )
 
 
-SET_EFFECTS = ("eccentricity at joint 2", "backlash", "step@40")
+SET_EFFECTS = {"eccentricity": "eccentricity at joint 2", "backlash": "backlash", "step": "step@40"}
 
 
 @pytest.fixture(scope="module")
 def found(cube):
     """Amplitudes of a model whose parameters are set, with independent u of 0.05 prior sds."""
-    fitted = unsolved(cube(seed=1).dataset, (*BASELINE, *SET_EFFECTS), off=0.0)
+    fitted = unsolved(cube(seed=1).dataset, (*BASELINE, *SET_EFFECTS.values()), off=0.0)
     names = fitted.model.names
     z = np.zeros(len(names))
     z[names.index("eccentricity J2 sin")], z[names.index("eccentricity J2 cos")] = 3.0, -4.0
     z[names.index("backlash J3")] = -2.0
     z[names.index("step x")], z[names.index("step z")] = 6.0, 8.0
     fitted = replace(fitted, z=z, covariance=0.05**2 * np.eye(len(z)))
-    each = [
-        Named(model.partition(" ")[0].partition("@")[0], model, (), "", 1.0, 0.0) for model in SET_EFFECTS
-    ]
+    each = [Named(name, model, (), "", 1.0, 0.0) for name, model in SET_EFFECTS.items()]
     gap = SimpleNamespace(amplitudes=amplitudes(fitted, fitted.covariance, each))
     return gap, each
 
@@ -231,27 +230,20 @@ def test_every_joint_only_where_all_are_significant(found):
         own = [replace(a, significant=a.site in map(joint, joints)) for a in gap.amplitudes]
         return named(each[1], SimpleNamespace(amplitudes=own))
 
-    assert said(2, 3, 5).startswith(
-        "backlash in joints 2, 3 and 5 (each has lost motion on reversal; probability"
-    )
+    each_has = "backlash in joints 2, 3 and 5 (each has lost motion on reversal; probability"
+    assert said(2, 3, 5).startswith(each_has)
     assert said(1, 2, 3, 4, 5, 6).startswith("every joint has lost motion")
     assert said().startswith("at least one joint has lost motion")
     none = SimpleNamespace(amplitudes=[replace(a, significant=False) for a in gap.amplitudes], where=())
     assert [str(a.site) for a in stated(none, "backlash")] == ["joint 3"]
     assert lines(none)[1].endswith("deg, not significant alone")
-    places = [
+    own = [a for a in none.amplitudes if a.effect == "backlash"]
+    explained = (*3 * ("backlash",), "eccentricity", "", "")
+    none.where = [
         SimpleNamespace(site=a.site, driver=a.driver, explained_by=name, rms=rms)
-        for a, name, rms in zip(
-            [a for a in none.amplitudes if a.effect == "backlash"],
-            ["backlash", "backlash", "backlash", "eccentricity", "", ""],
-            [1.0, 3.0, 2.0, 9.0, 9.0, 9.0],
-            strict=True,
-        )
+        for a, name, rms in zip(own, explained, (1.0, 3.0, 2.0, 9.0, 9.0, 9.0), strict=True)
     ]
-    none.where = places
-    assert [str(a.site) for a in stated(none, "backlash")] == [
-        "joint 2"
-    ]  # the largest location of the effect
+    assert [str(a.site) for a in stated(none, "backlash")] == ["joint 2"]  # the largest one of the effect
 
 
 # --- What prior probabilities and shares make of made-up linear problems: which set of effects leads.
@@ -404,10 +396,7 @@ def test_every_variant_has_a_name_that_is_its_parameters(cube, baseline, scale, 
         assert [p.name for p in own] == [p.name for p in pool], name
         assert [p.centre for p in own] == [p.nominal for p in pool], name
         assert [p.sd for p in own] == pytest.approx([scale * p.sd for p in pool]), name
-        for p, q in zip(own, pool, strict=True):
-            for s, t in zip(p.terms, q.terms, strict=True):
-                assert (s.frame, s.axis) == (t.frame, t.axis)
-                assert np.array_equal(s.driver, t.driver), name
+        assert all(same_terms(p.terms, q.terms, np.array_equal) for p, q in zip(own, pool, strict=True)), name
         names.add(name)
     assert len(names) == sum(map(len, known.variants.values()))
 

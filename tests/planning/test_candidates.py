@@ -15,14 +15,14 @@ from simulated_pools import MODEL, linear, pool, pool_of
 import bayescal as bc
 from bayescal.arm.motion import NominalArm
 from bayescal.arm.transforms import rigid, rpy_matrix
-from bayescal.dataset import Box, Certificate, Dataset, Noise, Patch, PlanSettings, Target, read_dataset
+from bayescal.dataset import Box, Dataset, Noise, Patch, PlanSettings, Target, read_dataset
 from bayescal.dataset.consistency import CHANCE, planned
 from bayescal.dataset.regions import LOWEST
 from bayescal.dataset.write import write_dataset
 from bayescal.errors import BayescalError
 from bayescal.model import ARM
 from bayescal.model.scene import Scene
-from bayescal.planning.candidates import candidates, session_of
+from bayescal.planning.candidates import Possible, candidates, session_of
 from bayescal.planning.goals import CERTIFIED, POSES, REGION, VOLUME, _at, certified, goals
 from bayescal.planning.pool import Pool, Setup, linearised
 from bayescal.planning.search import EACH, TILT
@@ -144,8 +144,7 @@ def test_nothing_collides_at_contact_and_approach(candidate_pool, setup):
     touched = around.touched([setup.dataset.targets[t].name for t in m.target])
     assert clearance.distances(m.readings, touched).min() > -1e-6
     assert clearance.distances(candidate_pool.approach, touched).min() > -1e-6
-    away = clearance.distances(candidate_pool.approach, np.full(len(touched), -1))
-    assert away.min() > -1e-6  # 20 mm off nothing touches, the ball included
+    assert clearance.distances(candidate_pool.approach).min() > -1e-6  # 20 mm off, the ball included
 
 
 def test_half_of_the_candidates_carry_the_payload(candidate_pool):
@@ -189,12 +188,8 @@ def test_times_are_not_along_anything(candidate_pool):
     m = candidate_pool.session.measurements
     own = m.time[candidate_pool.candidates]
     assert np.all(np.diff(np.sort(m.time)) > 0)
-    for column in (
-        *m.readings[candidate_pool.candidates].T,
-        m.target[candidate_pool.candidates],
-        m.payload[candidate_pool.candidates],
-    ):
-        assert abs(np.corrcoef(own, column)[0, 1]) < 0.2
+    for column in (*m.readings.T, m.target, m.payload):
+        assert abs(np.corrcoef(own, column[candidate_pool.candidates])[0, 1]) < 0.2
 
 
 def test_what_is_dropped_is_counted(candidate_pool):
@@ -217,10 +212,8 @@ def test_a_target_out_of_reach_is_reported_and_the_others_have_its_share(setup):
     names = [t.name for t in dataset.targets]
     counts = Counter(names[t] for t in pool.session.measurements.target)
     assert counts == dict.fromkeys(FACES, 25)
-    assert len(pool.warnings) == 1
-    assert pool.warnings[0].startswith(
-        "no possible contacts on far: no joint angles within the limits (100%)"
-    )
+    (warning,) = pool.warnings
+    assert warning.startswith("no possible contacts on far: no joint angles within the limits (100%)")
 
 
 def test_nothing_within_reach_is_refused(setup):
@@ -289,23 +282,11 @@ def test_rows_go_on_from_those_that_were_measured():
     assert after.time[n:].min() >= m.time.max()
     assert np.isin(after.temperature[n:], m.temperature).all()
     assert np.array_equal(pool.approach[:n], m.readings)
-    again = session_of(pool.session, _one(pool), np.random.default_rng(0))
+    row = pool.candidates[:1]
+    columns = (after.role, after.target, after.tool, after.readings, after.velocity)
+    one = Possible(*(column[row] for column in columns), np.zeros(1), np.ones(1, int))
+    again = session_of(pool.session, one, np.random.default_rng(0))
     assert len(set(again.measurements.ids)) == len(again.measurements.ids)
-
-
-def _one(pool):
-    from bayescal.planning.candidates import Possible
-
-    m, row = pool.session.measurements, pool.candidates[:1]
-    return Possible(
-        m.role[row],
-        m.target[row],
-        m.tool[row],
-        m.readings[row],
-        m.velocity[row],
-        np.zeros(1),
-        np.ones(1, int),
-    )
 
 
 def test_compliances_of_the_robot_file_are_in_the_readings(setup):
@@ -501,9 +482,8 @@ def test_volume_of_interest():
     assert len(goal.slopes) > 400
     assert goal.note == ""
     assert goals(inside, linear())[1].slopes == pytest.approx(goal.slopes)
-    partly = replace(
-        p, setup=replace(p.setup, volume=Box(np.array([0.9, 0.0, 0.4]), np.array([0.5, 0.5, 0.5])))
-    )
+    edge = Box(np.array([0.9, 0.0, 0.4]), np.array([0.5, 0.5, 0.5]))
+    partly = replace(p, setup=replace(p.setup, volume=edge))
     assert "% of the volume" in goals(partly, linear())[1].note
     away = replace(p, setup=replace(p.setup, volume=Box(np.array([5.0, 0, 0]), box.size)))
     with pytest.raises(BayescalError, match="out of reach"):
@@ -522,9 +502,6 @@ def test_given_poses():
 
 def test_a_certificate_of_uncertain_value_counts():
     d = pool().session
-    wide = tuple(
-        replace(c, u_distance=1e-5) if isinstance(c, Certificate) and c.kind == "distance" else c
-        for c in d.certificates
-    )
+    wide = tuple(replace(c, u_distance=1e-5) if c.kind == "distance" else c for c in d.certificates)
     goal = certified(linearised(pool_of(replace(d, certificates=wide)), MODEL))
     assert np.sqrt(goal.fixed_variance) > 1e-5

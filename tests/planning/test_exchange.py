@@ -38,7 +38,7 @@ def toy(count: int = 8, residuals: int = 1, size: int = 3, seed: int = 0) -> Lin
     contact = np.repeat(np.arange(count), residuals)
     none = np.zeros((size, size))
     return Linearised(
-        None, np.zeros(size), None, rng.standard_normal((len(contact), size)), contact, count, none, none
+        None, np.zeros(size), rng.standard_normal((len(contact), size)), contact, count, none, none
     )
 
 

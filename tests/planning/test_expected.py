@@ -278,13 +278,10 @@ def test_lambda_equals_the_dense_noncentrality() -> None:
     strengths = of(linear, PAIRED).strengths(Projection(linear, chosen))
     for item, strength in zip(PAIRED[:3], strengths, strict=False):
         assert strength == pytest.approx(noncentrality(linear, chosen, item.truth, item.rivals), rel=1e-9)
-    single = CandidateColumns(
-        linear.design,
-        np.column_stack([linear.columns, linear.columns[:, [3, 4]] @ [0.5, 2.0]]),
-        linear.candidate,
-        linear.known_design,
-        np.column_stack([linear.known_columns, linear.known_columns[:, [3, 4]] @ [0.5, 2.0]]),
+    columns, known = (
+        np.column_stack([own, own[:, [3, 4]] @ [0.5, 2.0]]) for own in (linear.columns, linear.known_columns)
     )
+    single = replace(linear, columns=columns, known_columns=known)
     assert strengths[3] == pytest.approx(noncentrality(single, chosen, [5], [2]), rel=1e-9)
 
 

@@ -160,9 +160,7 @@ def test_the_plan_itself_is_no_measurement(folder, probed, plan, tmp_path):
 def test_what_the_urscript_logs_is_read(folder, probed, tmp_path):
     """Its text messages: the id and a list in rad."""
     m = probed.measurements
-    lines = [
-        f"{name}, [{', '.join(map(repr, q.tolist()))}]" for name, q in zip(m.ids, m.readings, strict=True)
-    ]
+    lines = [f"{name}, {q}" for name, q in zip(m.ids, m.readings.tolist(), strict=True)]
     log = tmp_path / "messages.txt"
     log.write_text("\n".join(lines) + "\n")
     draft = converted(folder, log, map="id=#1, " + ", ".join(f"j{k}=#{k + 1} rad" for k in range(1, 7)))
@@ -321,15 +319,12 @@ def test_targets_of_validation_alone_share_a_row(reported_plan):
 
 
 def test_the_least_favourable_site_is_shown(reported_plan):
-    assert next((d.effect, str(d.site)) for d in plan_sheets.least_favourable(reported_plan)) == (
-        "backlash",
-        "joint 6",
-    )
+    worst = next(iter(plan_sheets.least_favourable(reported_plan)))
+    assert (worst.effect, str(worst.site)) == ("backlash", "joint 6")
     ratios = [np.sqrt(4 / 7 * 2 / 5), 1 / 4, 1.2 / 1.4]  # backlash of two joints, bending, lobing
     assert plan_sheets.gain(reported_plan) == pytest.approx(np.prod(ratios) ** (1 / 3))
-    assert (
-        "not detectable" in {r[0]: r[1] for r in plan_sheets.detectable(reported_plan).rows}["latency, probe"]
-    )
+    smallest = {row[0]: row[1] for row in plan_sheets.detectable(reported_plan).rows}
+    assert "not detectable" in smallest["latency, probe"]
 
 
 def test_the_record_follows_the_contract(reported_plan):
@@ -358,17 +353,8 @@ def test_the_table_is_a_session_without_results(reported_plan, tmp_path):
     """In the order of probing, with columns of measurements.csv alone, and without times."""
     text = table_of_plan(reported_plan)
     header, first, *_ = text.splitlines()
-    joints = [f"j{k}_{kind}" for kind in ("deg", "degps") for k in range(1, 7)]
-    assert header.split(",") == [
-        "id",
-        "role",
-        "target",
-        "tool",
-        *joints,
-        "payload_kg",
-        "repeat",
-        "clearance_mm",
-    ]
+    joints = ",".join(f"j{k}_{kind}" for kind in ("deg", "degps") for k in range(1, 7))
+    assert header == f"id,role,target,tool,{joints},payload_kg,repeat,clearance_mm"
     assert first.startswith("p001,calibrate,cube.+z,ball,")
     (tmp_path / "session").mkdir()
     assert write_setup(reported_plan.session, tmp_path / "session") == ("dataset.yaml", "robot.yaml")
@@ -410,20 +396,16 @@ class Page(HTMLParser):
 def test_the_page_is_one_file_and_escapes_names(reported_plan):
     attack = "<script>alert(1)</script>"
     targets = tuple(replace(t, name=f"{t.name}{attack}") for t in reported_plan.session.targets)
-    hostile = replace(
-        reported_plan,
-        session=replace(reported_plan.session, name=attack, targets=targets),
-        warnings=(attack,),
-    )
+    session = replace(reported_plan.session, name=attack, targets=targets)
+    hostile = replace(reported_plan, session=session, warnings=(attack,))
     text = plan_page(hostile, b"png", [("import", f"bayescal import --plan {attack}")])
     page = Page(text)
     assert not page.open
     assert "script" not in page.tags
     assert text.count("&lt;script&gt;") > 4
     assert [a for a in page.addresses if a[0] != "#"] == ["data:image/png;base64,cG5n"]
-    assert (
-        text.index("What to do next") < text.index("<img") < text.index(">What to expect", text.index("<img"))
-    )
+    picture = text.index("<img")
+    assert text.index("What to do next") < picture < text.index(">What to expect", picture)
     assert text.count("<tr>") > 48
 
 

@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from cases import EXAMPLE, cases
+from segments import distances
 
 from analysis.planning import ways as study
 from analysis.planning.sampled import Cell, Table
@@ -28,7 +29,6 @@ from bayescal.probing.clearance import Clearance
 from bayescal.probing.contacts import LINE
 from bayescal.probing.motions import seconds_between
 from bayescal.probing.scene import Solid, placements
-from bayescal.probing.sweep import distances
 
 HALF = 0.1143  # m, of the cube's edge
 

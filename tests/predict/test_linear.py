@@ -36,11 +36,8 @@ def relocated(found, t, draws, rng, excess=0.0):
     scale = (draws.kappa / found.weights.scale["contact"])[:, :, None]
     noise = scale * t.noise * rng.standard_normal((count, 1, len(t.noise)))
     away = p - t.centre[:, None]
-    rows = Rows(
-        block.touched(values[0]),
-        p - noise * away / np.linalg.norm(away, axis=1, keepdims=True),
-        t.noise[None],
-    )
+    seen = p - noise * away / np.linalg.norm(away, axis=1, keepdims=True)
+    rows = Rows(block.touched(values[0]), seen, t.noise[None])
     at = search(rows, np.tile(t.state, (count, 1)))
     assert np.all(at.left < 0.01)
     return block.kind.centre + at.x[:, :3]
@@ -113,15 +110,13 @@ def certified_within(fitted, kind, u):
 @pytest.mark.parametrize("kind", ["distance", "diameter"])
 def test_the_uncertainty_of_a_certificate_is_part_of_its_predicted_error(fitted, kind):
     draws, u = gaussian(fitted, 0, 4000), 50e-6
-    checks = [
-        getattr(validate(found, draws.flat, draws.kappa), f"{kind}s")
-        for found in (certified_within(fitted, kind, 0.0), certified_within(fitted, kind, u))
-    ]
+    exact, unsure = (certified_within(fitted, kind, within) for within in (0.0, u))
+    checks = [getattr(validate(f, draws.flat, draws.kappa), f"{kind}s") for f in (exact, unsure)]
     for sharp, loose in zip(*checks, strict=True):
         grown = np.var(loose.predicted) - np.var(sharp.predicted)
         assert np.sqrt(grown) == pytest.approx(u, rel=0.08)
     if kind == "distance":
-        sd = [validation_errors(certified_within(fitted, kind, x)).distances.predicted_sd() for x in (0.0, u)]
+        sd = [validation_errors(f).distances.predicted_sd() for f in (exact, unsure)]
         np.testing.assert_allclose(sd[1] ** 2 - sd[0] ** 2, u**2)
 
 

@@ -138,42 +138,32 @@ def example():
     return calibrated(Scene(read_dataset(EXAMPLE)), ("geometry", "compliance"))
 
 
+def restated(found, off=(0.0, 0.0, 0.0)):
+    """The fit, of data that state one sphere elsewhere by off (3,), m, and no certified diameter."""
+    d = found.model.scene.dataset
+    targets = {t.name: t for t in d.targets}
+    ball = targets["ball.A@1"]
+    targets[ball.name] = replace(ball, values=ball.values | {"centre": np.add(ball.values["centre"], off)})
+    certificates = tuple(c for c in d.certificates if c.kind != "diameter")
+    scene = Scene(replace(d, targets=tuple(targets.values()), certificates=certificates))
+    return replace(found, model=replace(found.model, scene=scene))
+
+
 @pytest.mark.parametrize("axis", [0, 1, 2])
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
 def test_a_sphere_stated_30_mm_off_is_located(example, axis, sign):
     """With no certified diameter: distances, and what is predicted of them, are as with its true place."""
-    d = example.model.scene.dataset
-    off = sign * 0.03 * np.eye(3)[axis]
-    targets = tuple(
-        replace(t, values={**t.values, "centre": np.asarray(t.values["centre"]) + off})
-        if t.name == "ball.A@1"
-        else t
-        for t in d.targets
-    )
-    certificates = tuple(c for c in d.certificates if c.kind != "diameter")
-    moved = replace(d, targets=targets, certificates=certificates)
-    h = validation_errors(replace(example, model=replace(example.model, scene=Scene(moved)))).distances
-    known = validation_errors(
-        replace(example, model=replace(example.model, scene=Scene(replace(d, certificates=certificates))))
-    ).distances
+    h = validation_errors(restated(example, sign * 0.03 * np.eye(3)[axis])).distances
+    known = validation_errors(restated(example)).distances
     np.testing.assert_allclose(h.error, known.error, atol=0.2e-6)
     np.testing.assert_allclose(h.predicted_sd(), known.predicted_sd(), rtol=0.01)
     assert np.max(np.abs(h.error) / h.predicted_sd()) < 4
 
 
 def test_fit_locates_it_too(example):
-    d = example.model.scene.dataset
-    targets = tuple(
-        replace(t, values={**t.values, "centre": np.add(t.values["centre"], [0, 0, -0.03])})
-        if t.name == "ball.A@1"
-        else t
-        for t in d.targets
-    )
-    certificates = tuple(c for c in d.certificates if c.kind != "diameter")
-    scene = Scene(replace(d, targets=targets, certificates=certificates))
     z = np.tile(example.z, (2, 1))
     scale = np.full((2, 1), example.weights.scale["contact"])
-    found = validate(replace(example, model=replace(example.model, scene=scene)), z, scale)
+    found = validate(restated(example, (0, 0, -0.03)), z, scale)
     assert found.distance_errors.maximum < 50e-6
 
 

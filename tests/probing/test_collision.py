@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from cases import EXAMPLE, file_text
 from rails import rail_session
+from segments import distances
 
 from bayescal.arm.motion import NominalArm
 from bayescal.arm.shapes import FIXED, Box, Capsule, HalfSpace, ball
@@ -14,7 +15,6 @@ from bayescal.dataset import Tool, read_dataset
 from bayescal.errors import BayescalError
 from bayescal.probing.clearance import Clearance, path_free, retracted
 from bayescal.probing.scene import Scene, Solid, arm_capsules, link_radii, on_table, scene_of
-from bayescal.probing.sweep import distances
 from bayescal.robots import builtin_robots, load_robot, robot_to_yaml
 
 TOOL = Tool("ball", np.array([0.06, 0.0, 0.12]), 0.003)
@@ -104,9 +104,8 @@ def test_the_contact_itself_is_no_collision(session):
         wall = Solid("wall", (Box(rigid(turn, centre), np.full(3, 0.05)),))
         assert hit in why(mate(wall), np.degrees(reading), np.array([0]))
         assert bool(why(mate(wall), np.degrees(reading), np.array([0]))) == bool(hit)
-        assert (
-            why(mate(wall), np.degrees(reading)) or not deep
-        )  # but of a target that is not touched they are
+        # but of a target that is not touched they are
+        assert why(mate(wall), np.degrees(reading)) or not deep
 
 
 def test_every_answer_agrees_with_points_on_the_capsules(session):
@@ -117,31 +116,27 @@ def test_every_answer_agrees_with_points_on_the_capsules(session):
     moved = readings[rows] + rng.normal(0, 0.1, (150, 6))
     hit, far = clearance.collides(moved, touched[rows]), clearance.distances(moved, touched[rows])
     frames, part = clearance.arm.frames(moved), np.linspace(0, 1, 301)[:, None]
+
+    def along(capsule):
+        pose, line = frames[:, capsule.frame], capsule.a + part * (capsule.b - capsule.a)
+        return pose[:, None, :3, 3] + line @ np.swapaxes(pose[:, :3, :3], 1, 2)
+
     near = np.full(150, np.inf)
     placement = [s.placement for s in scene.solids]
     for capsule in clearance.capsules:
         if capsule.frame <= 1:  # the shoulder: its distance from the table does not change
             continue
-        line = capsule.a + part * (capsule.b - capsule.a)
-        points = frames[:, None, capsule.frame, :3, 3] + line @ np.swapaxes(
-            frames[:, capsule.frame, :3, :3], 1, 2
-        )
+        points = along(capsule)
         for s, solid in enumerate(scene.solids):
-            at = np.array(
-                [not p or p == placement[t] for p, t in [(solid.placement, t) for t in touched[rows]]]
-            )
+            at = np.array([solid.placement in ("", placement[t]) for t in touched[rows]])
             for k, shape in enumerate(solid.shapes):
                 own = at & ~((touched[rows] == s) & (k == 0) & capsule.probe)
                 away = shape.distance(points).min(axis=1) - capsule.radius
                 near = np.where(own, np.minimum(near, away), near)
     for a, b in clearance.self_pairs:
         first, second = clearance.capsules[a], clearance.capsules[b]
-        line = first.a + part * (first.b - first.a)
-        points = frames[:, None, first.frame, :3, 3] + line @ np.swapaxes(
-            frames[:, first.frame, :3, :3], 1, 2
-        )
         back = frames[:, second.frame]
-        local = np.einsum("mki,mij->mkj", points - back[:, None, :3, 3], back[:, :3, :3])
+        local = np.einsum("mki,mij->mkj", along(first) - back[:, None, :3, 3], back[:, :3, :3])
         near = np.minimum(near, second.distance(local).min(axis=1) - first.radius)
     assert 20 < np.sum(hit > 0) < 130
     sure = np.abs(near) > 1e-3
@@ -156,9 +151,8 @@ def test_spheres_of_another_placement_are_not_there(session):
     clearance = Clearance.of(dataset.robot, dataset.tools[0], scene.solids)
     alone = clearance.among([replace(s, placement="") for s in scene.solids])
     rows = touched == first
-    assert np.all(
-        alone.distances(readings[rows], touched[rows]) <= clearance.distances(readings[rows], touched[rows])
-    )
+    of_rows = readings[rows], touched[rows]
+    assert np.all(alone.distances(*of_rows) <= clearance.distances(*of_rows))
     late = Solid("late", (ball(clearance.arm.ball(clearance.arm.frames(readings[:1]))[0], 0.1),), "2")
     assert clearance.among([late]).collides(readings[:1])[0] == 0
     assert clearance.among([replace(late, placement="")]).collides(readings[:1])[0] > 0

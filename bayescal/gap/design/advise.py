@@ -58,7 +58,6 @@ def advise(
     fitted: Estimate,
     known: Candidates,
     pairs: Sequence[tuple[Hypothesis, Hypothesis]],
-    contacts: int = DESIGN.contacts,
     places: Places = NOWHERE,
 ) -> tuple[Advice, ...]:
     """Next measurements to distinguish each pair of hypotheses: the best intervention, or the best two.
@@ -71,8 +70,6 @@ def advise(
         Of the search.
     pairs : sequence of (Hypothesis, Hypothesis)
         Effects that both contain belong to the model.
-    contacts : int
-        New contacts.
     places : Places
         Of spheres and sockets, where they are known: `places_of`.
 
@@ -92,19 +89,18 @@ def advise(
         return ()
     interventions = possibilities(fitted, known, members, places)
     dataset = fitted.model.scene.dataset
-    contacts = min(contacts, DESIGN.images) if fitted.model.scene.in_images.all() else contacts
+    images = fitted.model.scene.in_images.all()
+    contacts = min(DESIGN.contacts, DESIGN.images) if images else DESIGN.contacts
     readings = dataset.measurements.readings
     out: list[Advice] = []
     for a, b in pairs:
-        names = [
-            " and ".join(n for n in one.names if n not in other.names) or NOTHING
-            for one, other in ((a, b), (b, a))
-        ]
+        ways = (a, b), (b, a)
+        names = [" and ".join(n for n in x.names if n not in y.names) or NOTHING for x, y in ways]
         tried: list[Advice] = []
         for intervention in interventions:
             if intervention is not interventions[0] and not intervention.differs(interventions[0], a, b):
                 continue
-            sides = [s for one, other in ((a, b), (b, a)) if (s := intervention.side(one, other)) is not None]
+            sides = [s for one, other in ways if (s := intervention.side(one, other)) is not None]
             if not sides:
                 break
             before = min(s.strength for s in sides)
@@ -143,12 +139,9 @@ def rivals(e: Examined) -> list[tuple[Hypothesis, Hypothesis]]:
     """Pairs of hypotheses that the data do not distinguish: the most probable and its alternatives."""
     named = [w for w in e.decision.weighed if not w.unmodelled]
     leader = named[0]
-    others = [
-        w
-        for w in named[1:]
-        if w.probability > VERDICT.doubt and w.hypothesis.names != leader.hypothesis.names
-    ]
-    return [(leader.hypothesis, w.hypothesis) for w in others[: VERDICT.advised]]
+    likely = [w.hypothesis for w in named[1:] if w.probability > VERDICT.doubt]
+    others = [h for h in likely if h.names != leader.hypothesis.names]
+    return [(leader.hypothesis, h) for h in others[: VERDICT.advised]]
 
 
 def undecided(e: Examined) -> tuple[Pair, ...]:
@@ -156,13 +149,8 @@ def undecided(e: Examined) -> tuple[Pair, ...]:
     d, pairs = e.decision, []
     for a, b in rivals(e):
         shared = set(a.names) & set(b.names)
-        pairs.append(
-            Pair(
-                _side(a, e.candidates, set(a.names) - shared),
-                _side(b, e.candidates, set(b.names) - shared),
-                _side(a, e.candidates, shared),
-            )
-        )
+        parts = (a, set(a.names) - shared), (b, set(b.names) - shared), (a, shared)
+        pairs.append(Pair(*(_side(h, e.candidates, own) for h, own in parts)))
     leader = next(w.hypothesis for w in d.weighed if not w.unmodelled)
     for effect in (*d.unclaimed, *d.withheld):
         h = d.hypothesis if effect in d.hypothesis.names else leader

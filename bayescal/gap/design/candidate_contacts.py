@@ -16,7 +16,7 @@ from bayescal.arm.chain import by_joints, wrenches
 from bayescal.arm.statics import Stance
 from bayescal.dataset import Dataset, Measurements
 from bayescal.dataset.append import appended
-from bayescal.effects import EFFECTS, Circumstances, Parameter, Setting, parameters_of
+from bayescal.effects import EFFECTS, Parameter, parameters_of
 from bayescal.effects.selection import in_proportion
 from bayescal.estimate import Estimate
 from bayescal.estimate.families import with_compliances
@@ -56,9 +56,8 @@ def widened(scene: Scene, rows: np.ndarray) -> tuple[Dataset, list[Intervention]
     choices: list[tuple[str, np.ndarray, Mapping[str, Any]]] = [(AGAIN, rows, late)]
     if scene.dataset.robot.masses is not None and scene.measured_torques is None:  # these would not be known
         load = DESIGN.payload + (0.0 if m.payload is None else m.payload[rows])
-        choices.append(
-            (f"the same poses with {DESIGN.payload:g} kg additional payload", rows, late | {"payload": load})
-        )
+        what = f"the same poses with {DESIGN.payload:g} kg additional payload"
+        choices.append((what, rows, late | {"payload": load}))
     if m.velocity is not None:
         ways = turns(scene, rows)
         if ways:
@@ -214,7 +213,8 @@ def possibilities(
     for effect, setting in dict.fromkeys((m.effect, m.variant.setting) for m in members):
         mine = [m.variant.columns for m in members if (m.effect, m.variant.setting) == (effect, setting)]
         columns = np.unique(np.concatenate(mine)).tolist()
-        now = _again([known.pool[k] for k in columns], _candidates(effect, setting, c))
+        own = EFFECTS[effect].at(c, setting)
+        now = _again([known.pool[k] for k in columns], [*own, *in_proportion(effect, own)])
         fresh |= dict(zip(columns, now, strict=True))
     used = np.array(sorted(fresh))
     wide = Model(scene, model.effects, (*parameters, *(fresh[k] for k in sorted(fresh))), (), ())
@@ -323,11 +323,6 @@ def _again(old: Sequence[Parameter], new: Sequence[Parameter]) -> list[Parameter
     """The same parameters with their drivers in the extended session."""
     terms = {p.name: p.terms for p in new}
     return [replace(p, terms=terms[p.name]) for p in old]
-
-
-def _candidates(name: str, setting: Setting, c: Circumstances) -> list[Parameter]:
-    parameters = EFFECTS[name].at(c, setting)
-    return [*parameters, *in_proportion(name, parameters)]
 
 
 def _poses(fitted: Estimate) -> np.ndarray:

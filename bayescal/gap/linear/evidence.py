@@ -16,7 +16,6 @@ on the way to the instrument) displaces all three alike, so that they are not th
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -284,11 +283,6 @@ def weigh_clusters(state: State, column: np.ndarray, clusters: np.ndarray) -> np
     information = np.bincount(clusters, weight * own**2)
     score = np.bincount(clusters, weight * own * state.residual[:count])
     return _factors_along(state, information[None], score[None] ** 2)[0]
-
-
-def log_bayes(p: Projected, sets: Sequence[np.ndarray]) -> np.ndarray:
-    """Log Bayes factors (len(sets), scales) of adding sets of a projected pool's columns, by prior scale."""
-    return weigh_sets(p.state, Bank(p.pool, tuple(sets), p.state.problem.count, p.state.problem.worth))
 
 
 def _factors(state: State, information: np.ndarray, score: np.ndarray) -> np.ndarray:

@@ -132,11 +132,7 @@ class Slopes:
         z = np.concatenate([fitted.z[model.slices[ARM]], -shift, fitted.z[own:]])
         scale = fitted.weights.scale
         main = scale[main_group(model)]
-        weights = replace(
-            fitted.weights,
-            row={b.name: np.ones(len(b.rows)) for b in model.blocks},
-            scale={g: s / main for g, s in scale.items()},
-        )
+        weights = replace(fitted.weights.full, scale={g: s / main for g, s in scale.items()})
         linear = linearise(wide, z, weights)
         contact, rows, first = [], [], 0
         for b in model.blocks:
@@ -156,17 +152,9 @@ class Slopes:
 
     def problem(self, z: np.ndarray, extra: Sequence[Parameter], nuisance: Sequence[Parameter]) -> Problem:
         """The problem with a pool of candidates; see `problem`."""
-        return Problem(
-            self.residual,
-            np.column_stack([self.jacobian, self.columns(nuisance)]),
-            self.columns(extra),
-            np.concatenate([z, np.zeros(len(nuisance))]),
-            self.contact,
-            self.rows,
-            self.sigma,
-            self.worth,
-            self.sharing,
-        )
+        jacobian, pool = np.column_stack([self.jacobian, self.columns(nuisance)]), self.columns(extra)
+        contacts = self.contact, self.rows, self.sigma, self.worth, self.sharing
+        return Problem(self.residual, jacobian, pool, np.append(z, np.zeros(len(nuisance))), *contacts)
 
     @property
     def gradient(self) -> np.ndarray:

@@ -17,7 +17,7 @@ import numpy as np
 from bayescal.effects import EFFECTS, MODELS, Circumstances, Effect, Parameter, Setting, named, parameters_of
 from bayescal.effects.location import Driver, Site, words_of
 from bayescal.effects.selection import in_proportion, plain
-from bayescal.effects.vocabulary import Form
+from bayescal.effects.vocabulary import Form, same_terms
 from bayescal.gap.settings import SEARCH
 from bayescal.model.options import Part
 
@@ -115,23 +115,14 @@ def with_parts(known: Candidates, name: str, parts: Sequence[Part], c: Circumsta
 
     def variant(own: Sequence[Part], weight: float) -> Variant:
         at = [k for k, p in enumerate(parameters) if any(part.holds(p) for part in own)]
-        return Variant(
-            effect.name,
-            setting,
-            tuple(part.site for part in own),
-            len(known.pool) + np.array(at, int),
-            -float(np.log(weight)),
-            tuple(dict.fromkeys((parameters[k].site, parameters[k].driver) for k in at)),
-        )
+        sites, columns = tuple(part.site for part in own), len(known.pool) + np.array(at, int)
+        places = tuple(dict.fromkeys((parameters[k].site, parameters[k].driver) for k in at))
+        return Variant(effect.name, setting, sites, columns, -float(np.log(weight)), places)
 
     variants = [variant(parts, 1 if len(parts) == 1 else 2)]
     variants += [variant([part], 2 * len(parts)) for part in parts if len(parts) > 1]
-    return replace(
-        known,
-        pool=(*known.pool, *parameters),
-        variants=known.variants | {effect.name: tuple(variants)},
-        partly=(*known.partly, effect.name),
-    )
+    pool, every = (*known.pool, *parameters), known.variants | {effect.name: tuple(variants)}
+    return replace(known, pool=pool, variants=every, partly=(*known.partly, effect.name))
 
 
 def wide(effect: Effect, c: Circumstances) -> bool:
@@ -207,19 +198,12 @@ def with_own_settings(known: Candidates, effect: Effect, own: Sequence[Single], 
     sites, several = len({site for v in usual for site, _ in v.places}), effect.scan.several
     for size in range(2, len(own) + 1):
         some, choices = own[:size], comb(sites, size) if several == 1 else comb(sites + size - 1, size)
-        shared.append(
-            Variant(
-                effect.name,
-                tuple((one.site, one.setting) for one in some),
-                tuple(one.site for one in some),
-                np.concatenate([single[one.setting, ((one.site, one.driver),)] for one in some]),
-                float(
-                    np.log(SEARCH.other_forms / (max(sites, several) - 1) / choices)
-                    - size * np.log(count / sites)
-                ),
-                tuple((one.site, one.driver) for one in some),
-            )
-        )
+        share = SEARCH.other_forms / (max(sites, several) - 1) / choices
+        settings, at = tuple((one.site, one.setting) for one in some), tuple(one.site for one in some)
+        columns = np.concatenate([single[one.setting, ((one.site, one.driver),)] for one in some])
+        log_prior = float(np.log(share) - size * np.log(count / sites))
+        places = tuple((one.site, one.driver) for one in some)
+        shared.append(Variant(effect.name, settings, at, columns, log_prior, places))
     return replace(known, variants=known.variants | {effect.name: tuple(shared)})
 
 
@@ -229,22 +213,16 @@ def _other_forms(
     """Other forms of an effect in a session, their parameters, and sites that differ from the usual form."""
     if not effect.forms:
         return []
-    known = {p.name: p for p in (effect.at(c) if usual is None else usual)}
+    known = {p.name: p.terms for p in (effect.at(c) if usual is None else usual)}
     out = []
     for form in effect.forms:
         parameters = effect.at(c, form.name)
-        sites = {p.site for p in parameters if p.name not in known or not _same_motion(p, known[p.name])}
-        if sites:
+        same = {
+            p.name for p in parameters if p.name in known and same_terms(p.terms, known[p.name], np.allclose)
+        }
+        if sites := {p.site for p in parameters if p.name not in same}:
             out.append((form, parameters, sites))
     return out
-
-
-def _same_motion(a: Parameter, b: Parameter) -> bool:
-    """Whether two parameters displace the arm in the same way."""
-    return len(a.terms) == len(b.terms) and all(
-        (s.frame, s.axis) == (t.frame, t.axis) and np.allclose(s.driver, t.driver)
-        for s, t in zip(a.terms, b.terms, strict=True)
-    )
 
 
 @dataclass(frozen=True)
@@ -261,13 +239,12 @@ class _Own:
         found: dict[tuple[Site, Driver], list[int]] = {}
         for k, p in enumerate(parameters):
             found.setdefault((p.site, p.driver.course if joined else p.driver), []).append(k)
+        drivers = [
+            dict.fromkeys((site, parameters[k].driver) for k in own) for (site, _), own in found.items()
+        ]
         return [
-            cls(
-                site,
-                first + np.array(index),
-                tuple(dict.fromkeys((site, parameters[k].driver) for k in index)),
-            )
-            for (site, _), index in found.items()
+            cls(site, first + np.array(own), tuple(places))
+            for ((site, _), own), places in zip(found.items(), drivers, strict=True)
         ]
 
 
@@ -295,7 +272,5 @@ def _alternatives(effect: Effect, value: Setting, found: Sequence[_Own], log_pri
     """An effect at its first site, or at one of the others, which share `SEARCH.other_forms` of its prior."""
     other = log_prior + float(np.log(SEARCH.other_forms / (len(found) - 1)))
     out = [Variant(effect.name, value, (one.site,), one.columns, other, one.places) for one in found]
-    return [
-        replace(out[0], sites=(), log_prior=log_prior + float(np.log(1.0 - SEARCH.other_forms))),
-        *out[1:],
-    ]
+    first = log_prior + float(np.log(1.0 - SEARCH.other_forms))
+    return [replace(out[0], sites=(), log_prior=first), *out[1:]]

@@ -18,6 +18,7 @@ from bayescal.effects.common import base_terms, by_reading, motion, tilts
 from bayescal.effects.location import BASE, PROBE, TOOL, Driver, joint, link
 from bayescal.effects.plane_form import shapes
 from bayescal.effects.step import reflectors
+from bayescal.estimate.families import lobes
 from bayescal.gap.search.makers import (
     Cell,
     at_contact,
@@ -237,12 +238,8 @@ def _region(c: Circumstances) -> Iterator[Cell]:
 def _probe(c: Circumstances) -> Iterator[Cell]:
     if not np.any(c.touching):
         return
-    x, y, z = np.where(c.touching[:, None], c.approach, 0.0).T
-    second = [x * y, y * z, z * x, x * x - y * y, 3 * z * z - 1.0]
-    third = [x * (x * x - 3 * y * y), y * (3 * x * x - y * y), z * (x * x - y * y), x * y * z]
-    third += [x * (5 * z * z - 1), y * (5 * z * z - 1), z * (5 * z * z - 3)]
     on = c.touching.astype(float)
-    yield Cell(PROBE, Driver("contact direction"), (at_contact(on, second + third),))
+    yield Cell(PROBE, Driver("contact direction"), (at_contact(on, lobes(c)),))
     if c.speed is not None:
         waves = smooth(np.where(c.touching, c.speed, 0.0), c.fitted, 2)
         yield Cell(PROBE, Driver("contact speed"), (at_contact(on, waves),) if waves else ())

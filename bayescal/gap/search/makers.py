@@ -16,6 +16,7 @@ from bayescal.arm.motion import CONTACT, TURN, Term
 from bayescal.effects import Circumstances, Parameter, location
 from bayescal.effects.common import LINK, READING, base_terms, motion, side_of, tilts, turned
 from bayescal.effects.location import ARM, BASE, PROBE, TOOL, Driver, Site, joint
+from bayescal.estimate.families import cosines
 from bayescal.gap.settings import CELLS
 from bayescal.statistics import rms
 
@@ -38,12 +39,7 @@ class Cell:
 
 def smooth(x: np.ndarray, fitted: np.ndarray, waves: int = CELLS.waves) -> list[np.ndarray]:
     """Cosines of 1 to `waves` half periods over the range of a coordinate x (N,)."""
-    mine = x[fitted]
-    low, high = float(np.min(mine)), float(np.max(mine))
-    if not high > low:
-        return []
-    u = np.clip((x - low) / (high - low), 0.0, 1.0)
-    return [np.cos(np.pi * k * u) for k in range(1, waves + 1)]
+    return cosines(x, fitted, waves)
 
 
 def at_joint(c: Circumstances, j: int, drivers: list[np.ndarray], side: str = LINK) -> tuple[Parameter, ...]:
@@ -223,13 +219,8 @@ def travel(c: Circumstances) -> Iterator[Cell]:
     states = np.empty((len(at), len(lengths) + len(widths), len(order)))
     states[..., order] = np.concatenate([fading(angles, lengths), slack(angles, widths)], axis=1)
     for j in range(1, c.robot.n + 1):
-        sets = [
-            at_joint(c, j, [s], side)
-            for (joint_of, side), own in zip(at, states, strict=True)
-            if joint_of == j
-            for s in own
-            if np.ptp(s[c.fitted]) > 0
-        ]
+        mine = [(side, s) for (k, side), own in zip(at, states, strict=True) if k == j for s in own]
+        sets = [at_joint(c, j, [s], side) for side, s in mine if np.ptp(s[c.fitted]) > 0]
         yield Cell(joint(j), Driver("travel", j), tuple(sets))
 
 

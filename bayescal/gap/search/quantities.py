@@ -12,6 +12,7 @@ from bayescal.effects import Circumstances
 from bayescal.effects.backlash import STANDSTILL
 from bayescal.effects.common import by_reading
 from bayescal.effects.location import Driver
+from bayescal.estimate.families import unit_range
 from bayescal.gap.search.makers import smooth
 from bayescal.gap.settings import RELATIVES
 from bayescal.statistics import rms
@@ -72,8 +73,5 @@ def _functions(c: Circumstances) -> Iterator[tuple[Driver, list[np.ndarray], lis
 
 def _ends(x: np.ndarray, fitted: np.ndarray) -> list[np.ndarray]:
     """Straight lines from 0 at one end of the range of a coordinate x (N,) to 1 at the other, both ways."""
-    low, high = float(np.min(x[fitted])), float(np.max(x[fitted]))
-    if not high > low:
-        return []
-    u = np.clip((x - low) / (high - low), 0.0, 1.0)
-    return [u, 1.0 - u]
+    u = unit_range(x, fitted)
+    return [] if u is None else [u, 1.0 - u]

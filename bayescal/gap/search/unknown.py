@@ -148,15 +148,12 @@ def refitted(state: State, pool: Pool, f: CellFit, start: np.ndarray | None = No
 
 def approximate_fits(state: State, pool: Pool) -> list[CellFit]:
     """Gain of every cell over a state, without fits."""
-    bayes = weigh_sets(state, pool.bank) + SCALE_PRIOR
+    bayes, p = weigh_sets(state, pool.bank) + SCALE_PRIOR, state.problem
     for i, cell in enumerate(pool.cells):
         if cell.clusters is not None:
             at = int(np.flatnonzero(pool.owner == i)[0])
-            bayes[at] = SCALE_PRIOR + weigh_clusters(
-                state,
-                pool.columns[:, pool.sets[at][0]],
-                cell.clusters[state.problem.rows[state.problem.contact]],
-            )
+            column, clusters = pool.columns[:, pool.sets[at][0]], cell.clusters[p.rows[p.contact]]
+            bayes[at] = SCALE_PRIOR + weigh_clusters(state, column, clusters)
     out = []
     for i in range(len(pool.cells)):
         own = np.flatnonzero(pool.owner == i)
@@ -198,9 +195,5 @@ def unknown(hypothesis: Hypothesis, pool: Pool, null: float) -> tuple[float, lis
 def same_place(hypothesis: Hypothesis, pool: Pool) -> np.ndarray:
     """Cells (cells,) with the site and driver of a named effect."""
     mine = {place for m in hypothesis.members for place in m.variant.places}
-    return np.array(
-        [
-            any(cell.site == site.anywhere and driver.course == cell.driver for site, driver in mine)
-            for cell in pool.cells
-        ]
-    )
+    there = {(site.anywhere, driver.course) for site, driver in mine}
+    return np.array([(cell.site, cell.driver) in there for cell in pool.cells])
