@@ -6,12 +6,6 @@ Run from the top of the project:
 
 from __future__ import annotations
 
-import os
-
-for _library in ("OMP", "OPENBLAS", "MKL", "NUMBA", "VECLIB_MAXIMUM", "NUMEXPR"):
-    os.environ.setdefault(f"{_library}_NUM_THREADS", "1")
-
-import argparse
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -19,8 +13,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from analysis.knock_out_page import right, table, update
-from analysis.records import Record, completed, stored
+from analysis.knock_out_page import MARKS, right, table
+from analysis.pages import published
+from analysis.records import Record, completed, real_arguments, real_folders
 from bayescal.dataset import Dataset, read_dataset
 from bayescal.estimate import Estimate, calibrated, estimate
 from bayescal.gap.diagnose import Explained, explain
@@ -32,8 +27,8 @@ from bayescal.model.options import FitOptions, Part
 from bayescal.model.scene import Scene
 from bayescal.predict.crossvalidation import validation_errors
 from bayescal.predict.errors import ValidationErrors, kept
+from bayescal.statistics import rms
 
-RUNS = Path(__file__).parents[1] / "runs" / "knock-out"
 UM, MM = 1e6, 1e3
 TABLE = "held out"
 """First heading of the table of validation errors in the README of a session."""
@@ -90,7 +85,7 @@ def whole(dataset: Dataset, folder: Path) -> Record:
         "footnotes": list(found.verdict.footnotes),
         "levels": [{"adds": name} | sizes(validation_errors(fitted)) for name, fitted in levels],
         "noise_um": UM * noise,
-        "validation_um": UM * _rms(after.residual[kept(after) & (after.group == after.main)]),
+        "validation_um": UM * rms(after.residual[kept(after) & (after.group == after.main)]),
         "left": None if left is None else {
             "place": f"{left.site}, {left.driver}",
             "rms_um": UM * left.rms,
@@ -182,7 +177,7 @@ def lost(known: Estimate, without: Estimate) -> tuple[float, float]:
         moved.append(apart.ravel())
         over.append((apart / (sigma * known.weights.scale[full.group])).ravel())
     moved, over = np.concatenate(moved), np.concatenate(over)
-    return float(np.sqrt(np.mean(moved**2))), float(np.sum(over**2))
+    return rms(moved), float(np.sum(over**2))
 
 
 def possible(known: Estimate, found: Explained) -> float:
@@ -201,50 +196,37 @@ def reductions(known: Estimate, found: Explained) -> Record:
         mine = fair & (before.kind == kind)
         first, last = expects(before.residual[mine], after.residual[mine], after.sd[mine])
         out[str(kind)] = {
-            "before_um": UM * _rms(before.residual[mine]),
-            "after_um": UM * _rms(after.residual[mine]),
-            "whole_um": UM * _rms(whole.residual[mine]),
+            "before_um": UM * rms(before.residual[mine]),
+            "after_um": UM * rms(after.residual[mine]),
+            "whole_um": UM * rms(whole.residual[mine]),
             "predicted_before_um": UM * first,
             "predicted_after_um": UM * last,
         }
     return out
 
 
-def _rms(values: np.ndarray) -> float:
-    return float(np.sqrt(np.mean(values**2)))
-
-
 def main(arguments: Sequence[str] | None = None) -> None:
     """Make the records that are missing, and the page of all."""
-    parser = argparse.ArgumentParser(prog="python -m analysis.knock_out", description=__doc__)
-    parser.add_argument("--real", type=Path, required=True, help="folder of sessions")
+    parser = real_arguments("knock_out", __doc__, workers=2)
     parser.add_argument("--joints", default="", help="joints to take out, comma separated [default: all]")
-    parser.add_argument("--workers", type=int, default=2, help="processes")
-    parser.add_argument("--out", type=Path, help="page to write, or whose tables to bring up to date")
-    parser.add_argument("--runs", type=Path, default=RUNS, help="folder of the records; those there are kept")
     given = parser.parse_args(arguments)
-    path = given.runs / "records.json"
-    records = stored(path)
 
-    def run(tasks: list[Task], what: str) -> None:
-        completed(records, path, {t.key: t for t in tasks}, made, given.workers, what)
+    def run(tasks: list[Task], what: str) -> list[Record]:
+        return completed(given.runs / "records.json", {t.key: t for t in tasks}, made, given.workers, what)
 
-    folders = sorted(p.parent for p in given.real.glob("*/dataset.yaml"))
+    folders = real_folders(given.real, given.sessions)
     only = {int(j) for j in given.joints.split(",") if j.strip()}
-    run([Task(f) for f in folders], "whole models")
-    out = [Task(f, what) for f in folders for what in parts_out(records[Task(f).key], only)]
-    run(out, "knock-outs")
+    models = run([Task(f) for f in folders], "whole models")
+    named = {f: tuple(r["named"]) for f, r in zip(folders, models, strict=True)}
+    out = [Task(f, what) for f, r in zip(folders, models, strict=True) for what in parts_out(r, only)]
+    parts = run(out, "knock-outs")
     again = [
-        t._replace(beside=tuple(records[Task(t.folder).key]["named"]))
-        for t in out
-        if not right(records[t.key]) and records[Task(t.folder).key]["named"]
+        t._replace(beside=named[t.folder])
+        for t, r in zip(out, parts, strict=True)
+        if not right(r) and named[t.folder]
     ]
-    run(again, "with what was named in the model")
-    wanted = [Task(f) for f in folders] + out + again
-    text = table([records[t.key] for t in wanted])
-    print(text)
-    if given.out is not None:
-        update(given.out, text)
+    beside = run(again, "with what was named in the model")
+    published(table([*models, *parts, *beside]), given.out, MARKS)
 
 
 def parts_out(model: Record, only: set[int]) -> list[str]:

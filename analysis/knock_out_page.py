@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from pathlib import Path
+from collections.abc import Callable, Iterator, Sequence
 from statistics import median
 from typing import Any
 
-from analysis.blind.card import between
+from analysis.pages import table as markdown
 from bayescal.gap.settings import SEARCH
 
-BEGIN, END = "<!-- knock-out: begin -->", "<!-- knock-out: end -->"
+MARKS = "<!-- knock-out: begin -->", "<!-- knock-out: end -->"
 SEEN = 30.0
 """Lambda from which on an effect is named more often than not."""
 MISSED = 1.02
@@ -69,8 +68,8 @@ def table(records: Sequence[Record]) -> str:
     models = [r for r in records if not r["without"]]
     again = {(r["session"], r["without"]): r for r in records if r.get("beside")}
     first = [r for r in records if r["without"] and not r["beside"]]
-    parts = [_summary(first, again), *(_knocked(first, again)), *_levels(models), *_left(models)]
-    return "\n".join(parts)
+    parts = (_summary(first, again), *_knocked(first, again), _levels(models), _left(models))
+    return "\n\n".join(parts)
 
 
 def _summary(first: Sequence[Record], again: dict[tuple[str, str], Record]) -> str:
@@ -90,7 +89,6 @@ def _summary(first: Sequence[Record], again: dict[tuple[str, str], Record]) -> s
             "- of these, with an effect on validation measurements "
             f"(error {100 * (MISSED - 1):.0f} % larger): {count(missed)};",
             _foreseen([r for r in first if right(r)]),
-            "",
         ]
     )
 
@@ -110,31 +108,25 @@ def _names(r: Record) -> str:
     return ", ".join(named) or r["verdict"]
 
 
-def _knocked(first: Sequence[Record], again: dict[tuple[str, str], Record]) -> list[str]:
-    out = []
+def _knocked(first: Sequence[Record], again: dict[tuple[str, str], Record]) -> Iterator[str]:
+    heads = ("nominal part", "largest, prior s.d.", "visible, µm (lambda)", "found", "P", "named", "before",
+             "after", "expected", "complete")  # fmt: skip
     for session in dict.fromkeys(r["session"] for r in first):
-        out += [
-            f"### {session}",
-            "",
-            "| nominal part | largest, prior s.d. | visible, µm (lambda) | found | P | named | before "
-            "| after | expected | complete |",
-            "| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |",
+        own = [r for r in first if r["session"] == session]
+        yield f"### {session}\n\n{markdown(heads, map(_row, own))}"
+        notes = [
+            f"- {r['without']}: {why(r)} (largest generic location: {r['place']})."
+            + _later(again.get((session, r["without"])))
+            for r in own
+            if not right(r)
         ]
-        notes = []
-        for r in (r for r in first if r["session"] == session):
-            out.append(_row(r))
-            later = again.get((session, r["without"]))
-            if not right(r):
-                notes.append(
-                    f"- {r['without']}: {why(r)} (largest generic location: {r['place']}).{_later(later)}"
-                )
-        out += ["", *notes, ""] if notes else [""]
-    return out
+        if notes:
+            yield "\n".join(notes)
 
 
-def _row(r: Record) -> str:
+def _row(r: Record) -> list[str]:
     held, largest = main_kind(r), r["largest"]
-    cells = [
+    return [
         r["without"],
         f"{largest['name']} {largest['prior_sds']:.1f}",
         f"{r['visible_um']:.1f} ({r['lambda']:.0f})",
@@ -146,7 +138,6 @@ def _row(r: Record) -> str:
         f"{held['predicted_before_um']:.0f} -> {held['predicted_after_um']:.0f}" if r["named"] else "-",
         f"{held['whole_um']:.0f}",
     ]
-    return f"| {' | '.join(cells)} |"
 
 
 def _later(r: Record | None) -> str:
@@ -158,22 +149,18 @@ def _later(r: Record | None) -> str:
     return f" With {', '.join(r['beside'])} in the model: {found}; {shrinks}."
 
 
-def _levels(models: Sequence[Record]) -> list[str]:
-    out = [
-        "### All model levels, validation errors, mm",
-        "",
-        "| session | model | mean | RMS | maximum | README: model | mean | RMS | maximum |",
-        "| --- | --- | --- | --- | --- | --- | --- | --- | --- |",
-    ]
+def _levels(models: Sequence[Record]) -> str:
+    sizes = ("mean", "RMS", "maximum")
+    out = []
     for r in models:
         for kind in ("planes", "points"):
             levels = [(step["adds"], step[kind]) for step in r["levels"] if kind in step]
             quoted = r["yardsticks"] if kind == "planes" or "planes" not in r["levels"][0] else []
             for k in range(max(len(levels), len(quoted)) if levels else 0):
                 cells = [f"{r['session']}, {levels[0][1]['count']} {kind}" if k == 0 else ""]
-                cells += _step(k, levels) + _quoted(k, quoted)
-                out.append(f"| {' | '.join(cells)} |")
-    return [*out, ""]
+                out.append(cells + _step(k, levels) + _quoted(k, quoted))
+    rows = markdown(("session", "model", *sizes, "README: model", *sizes), out)
+    return f"### All model levels, validation errors, mm\n\n{rows}"
 
 
 def _step(k: int, levels: list[tuple[str, Record]]) -> list[str]:
@@ -189,28 +176,16 @@ def _quoted(k: int, quoted: list[Record]) -> list[str]:
     return [quoted[k]["model"], *(f"{quoted[k][what]:.3f}" for what in ("mean", "rms", "max"))]
 
 
-def _left(models: Sequence[Record]) -> list[str]:
-    out = [
-        "### Remaining errors",
-        "",
-        "| session | verdict | noise, µm | validation, µm | largest unexplained location | µm RMS "
-        "| share | p |",
-        "| --- | --- | --- | --- | --- | --- | --- | --- |",
-    ]
+def _left(models: Sequence[Record]) -> str:
+    heads = ("session", "verdict", "noise, µm", "validation, µm", "largest unexplained location", "µm RMS",
+             "share", "p")  # fmt: skip
+    out = []
     for r in models:
         left = r["left"]
         where = ["-"] * 4 if left is None else [
             left["place"], f"{left['rms_um']:.1f}", f"{100 * left['share']:.0f} %",
             "< 0.0001" if left["family_p_value"] < 1e-4 else f"{left['family_p_value']:.4f}",
         ]  # fmt: skip
-        cells = [r["session"], r["verdict"], f"{r['noise_um']:.0f}", f"{r['validation_um']:.0f}", *where]
-        out.append(f"| {' | '.join(cells)} |")
+        out.append([r["session"], r["verdict"], f"{r['noise_um']:.0f}", f"{r['validation_um']:.0f}", *where])
     notes = [f"- {r['session']}: {note}" for r in models for note in r["footnotes"]]
-    return [*out, "", *notes]
-
-
-def update(path: Path, text: str, marks: tuple[str, str] = (BEGIN, END)) -> None:
-    """Renew the tables of a page between its marks; a page without is made of them alone."""
-    if not path.exists():
-        path.write_text("\n".join((*marks, "")), encoding="utf-8")
-    between(path, marks, text)
+    return "\n\n".join(("### Remaining errors", markdown(heads, out), "\n".join(notes)))

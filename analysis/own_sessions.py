@@ -5,11 +5,6 @@ Run from the top of the project: ``python -m analysis.own_sessions --workers 2 -
 
 from __future__ import annotations
 
-import os
-
-for _library in ("OMP", "OPENBLAS", "MKL", "NUMBA", "VECLIB_MAXIMUM", "NUMEXPR"):
-    os.environ.setdefault(f"{_library}_NUM_THREADS", "1")
-
 import argparse
 import json
 from collections.abc import Sequence
@@ -20,9 +15,9 @@ from typing import Any
 import numpy as np
 
 from analysis.blind.assessed import FLAGGED
-from analysis.blind.card import between, table
 from analysis.blind.rates import proportion
 from analysis.blind.rows import of
+from analysis.pages import published, table
 from analysis.records import on_workers
 from bayescal.dataset import Dataset
 from bayescal.errors import BayescalError
@@ -111,10 +106,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     given.runs.mkdir(parents=True, exist_ok=True)
     text = json.dumps({"seed": given.seed, "sessions": records}, indent=1)
     (given.runs / "records.json").write_text(text + "\n", encoding="utf-8")
-    told = markdown(figures(records))
-    print(told)
-    if given.page is not None:
-        between(given.page, MARKS, told)
+    published(markdown(figures(records)), given.page, MARKS)
 
 
 if __name__ == "__main__":  # worker processes import this module too

@@ -7,23 +7,16 @@ The records of `analysis.real_halves` and `analysis.real_names` are used, and ma
 
 from __future__ import annotations
 
-import os
-
-for _library in ("OMP", "OPENBLAS", "MKL", "NUMBA"):
-    os.environ.setdefault(f"{_library}_NUM_THREADS", "1")
-
-import argparse
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 from analysis import real_halves, real_names
-from analysis.knock_out_page import update
-from analysis.records import Record
+from analysis.pages import published
+from analysis.pages import table as markdown
+from analysis.records import TOP, Record, real_arguments
 
-RUNS = Path(__file__).parents[1] / "runs"
 MARKS = ("<!-- card: begin -->", "<!-- card: end -->")
 NONE = "-"
 
@@ -116,13 +109,10 @@ def card(sessions: Sequence[Record], halves: Sequence[Record]) -> str:
         Of `real_names`.
     """
     names = [s["session"] for s in sessions]
-    lines = [["figure", "target", *names, "all"], ["---"] * (len(names) + 3)]
     parts = [(s["splits"], [h for h in halves if h["session"] == s["session"]]) for s in sessions]
     parts.append(([split for s in sessions for split in s["splits"]], list(halves)))
-    for f in FIGURES:
-        values = [f.of(*part) for part in parts]
-        lines.append([f.what, f.wanted or NONE, *(_cell(f, v) for v in values)])
-    return "\n".join(f"| {' | '.join(cells)} |" for cells in lines)
+    rows = [(f.what, f.wanted or NONE, *(_cell(f, f.of(*part)) for part in parts)) for f in FIGURES]
+    return markdown(("figure", "target", *names, "all"), rows)
 
 
 def _cell(f: Figure, values: np.ndarray) -> str:
@@ -133,23 +123,16 @@ def _cell(f: Figure, values: np.ndarray) -> str:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Make the records that are missing, and print the card."""
-    parser = argparse.ArgumentParser(prog="python -m analysis.real_card", description=__doc__)
-    parser.add_argument("--real", type=Path, required=True, help="folder of sessions")
-    parser.add_argument("--sessions", nargs="*", default=(), help="names of sessions; default: all")
+    parser = real_arguments("real_card", __doc__)
     parser.add_argument("--splits", type=int, default=1, help="random splits for names, at most 4")
     parser.add_argument("--workspace", action="store_true", help="names in halves of the workspace too")
-    parser.add_argument("--workers", type=int, default=1, help="processes")
-    parser.add_argument("--out", type=Path, help="page to write, or whose table to bring up to date")
-    parser.add_argument("--runs", type=Path, default=RUNS, help="folder of the records; those there are kept")
+    parser.set_defaults(runs=TOP / "runs")
     given = parser.parse_args(arguments)
     runs, workers, sessions = given.runs, given.workers, given.sessions
     splits = real_halves.found_in(given.real, runs / real_halves.RUNS.name, workers, sessions)
     in_names = runs / real_names.RUNS.name
     halves = real_names.found_in(given.real, given.splits, in_names, workers, sessions, given.workspace)
-    text = card(splits, halves)
-    print(text)
-    if given.out is not None:
-        update(given.out, text, MARKS)
+    published(card(splits, halves), given.out, MARKS)
 
 
 if __name__ == "__main__":  # worker processes import this module too

@@ -10,12 +10,6 @@
 
 from __future__ import annotations
 
-import os
-
-for _library in ("OMP", "OPENBLAS", "MKL", "NUMBA"):
-    os.environ.setdefault(f"{_library}_NUM_THREADS", "1")
-
-import argparse
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -23,16 +17,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from analysis.knock_out_page import update
+from analysis.pages import published
+from analysis.pages import table as markdown
 from analysis.real_halves import modelled
-from analysis.records import Record, completed, stored
+from analysis.records import Record, completed, real_arguments, real_folders
 from bayescal.changes.outcome import changed
 from bayescal.dataset import Dataset, read_dataset
-from bayescal.dataset.types import Measurements
+from bayescal.dataset.append import taken
 from bayescal.estimate.families import poses
 from bayescal.model.scene import Scene
 
-RUNS = Path(__file__).parents[1] / "runs" / "real-changes"
 MARKS = ("<!-- changes: begin -->", "<!-- changes: end -->")
 RANDOM = 2
 SOCKETS, WALL = (".0", ".1"), ("wall@1", "wall@2")
@@ -55,11 +49,8 @@ class Task(NamedTuple):
 
 def part(d: Dataset, kept: np.ndarray, name: str) -> Dataset:
     """Some rows of a session, as a session with a name."""
-    m, rows = d.measurements, np.flatnonzero(kept)
-    columns = {k: v if v is None else v[rows] for k, v in vars(m).items() if k != "ids"}
-    return replace(
-        d, name=name, sha256=name, measurements=Measurements(tuple(m.ids[k] for k in rows), **columns)
-    )
+    rows = taken(d.measurements, np.flatnonzero(kept))
+    return replace(d, name=name, sha256=name, measurements=rows)
 
 
 def sockets(d: Dataset) -> Pair:
@@ -141,9 +132,9 @@ def made(task: Task) -> Record:
     }  # fmt: skip
 
 
-def tasks(real: Path) -> Iterator[Task]:
+def tasks(real: Path, sessions: Sequence[str] = ()) -> Iterator[Task]:
     """All comparisons."""
-    for folder in sorted(p.parent for p in real.glob("*/dataset.yaml")):
+    for folder in real_folders(real, sessions):
         for what in PARTS:
             if folder.name.startswith(OF.get(what, "")):
                 yield Task(folder, what)
@@ -151,37 +142,19 @@ def tasks(real: Path) -> Iterator[Task]:
 
 def table(records: Sequence[Record]) -> str:
     """The page's table, as Markdown."""
-    lines = [
-        "| session | parts | verdict | arm | P(arm same) | changed |",
-        "| --- | --- | --- | --- | --- | --- |",
-    ]
-    for r in records:
-        cells = [
-            r["session"],
-            r["what"],
-            r["verdict"],
-            r["arm"],
-            f"{r['arm_same']:.2f}",
-            "; ".join(r["named"]),
-        ]
-        lines.append(f"| {' | '.join(cells)} |")
-    return "\n".join(lines)
+    rows = (
+        (r["session"], r["what"], r["verdict"], r["arm"], f"{r['arm_same']:.2f}", "; ".join(r["named"]))
+        for r in records
+    )
+    return markdown(("session", "parts", "verdict", "arm", "P(arm same)", "changed"), rows)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Make the records that are missing, and write the table of all."""
-    parser = argparse.ArgumentParser(prog="python -m analysis.real_changes", description=__doc__)
-    parser.add_argument("--real", type=Path, required=True, help="folder of sessions")
-    parser.add_argument("--workers", type=int, default=1, help="processes")
-    parser.add_argument("--out", type=Path, help="page whose table to bring up to date")
-    parser.add_argument("--runs", type=Path, default=RUNS, help="folder of the records; those there are kept")
-    given = parser.parse_args(arguments)
-    path = given.runs / "records.json"
-    every = {t.key: t for t in tasks(given.real)}
-    text = table(completed(stored(path), path, every, made, given.workers, "comparisons"))
-    print(text)
-    if given.out is not None:
-        update(given.out, text, MARKS)
+    given = real_arguments("real_changes", __doc__).parse_args(arguments)
+    every = {t.key: t for t in tasks(given.real, given.sessions)}
+    found = completed(given.runs / "records.json", every, made, given.workers, "comparisons")
+    published(table(found), given.out, MARKS)
 
 
 if __name__ == "__main__":  # worker processes import this module too

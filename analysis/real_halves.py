@@ -10,20 +10,15 @@ residuals that the 95 % intervals hold; both by the plain covariance and by the 
 
 from __future__ import annotations
 
-import os
-
-for _library in ("OMP", "OPENBLAS", "MKL", "NUMBA"):
-    os.environ.setdefault(f"{_library}_NUM_THREADS", "1")
-
-import argparse
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from analysis.knock_out_page import update
-from analysis.records import Record, completed, stored
+from analysis.pages import published
+from analysis.pages import table as markdown
+from analysis.records import TOP, Record, completed, real_arguments, real_folders
 from bayescal.arm import chain as reference
 from bayescal.assess.agreement import difference_covariance, known_directions, shared_masses
 from bayescal.dataset import Dataset, read_dataset
@@ -39,7 +34,7 @@ from bayescal.model.scene import Scene
 from bayescal.predict.crossvalidation import inside95
 from bayescal.predict.validation import validate
 
-RUNS = Path(__file__).parents[1] / "runs" / "real-halves"
+RUNS = TOP / "runs" / "real-halves"
 MARKS = ("<!-- halves: begin -->", "<!-- halves: end -->")
 RANDOM, DRAWS = 4, 800
 KINDS = ("random", "time", "workspace")
@@ -89,15 +84,20 @@ def splits(dataset: Dataset) -> Iterator[Split]:
         yield Split(kind, (rows[one], rows[~one]))
 
 
+def with_roles(dataset: Dataset, own: np.ndarray, other: np.ndarray, as_role: str) -> Scene:
+    """A scene that fits `own` rows, with the others as `as_role`."""
+    m = dataset.measurements
+    role = np.full(len(m.role), "skip", dtype=object)
+    role[own], role[other] = "calibrate", as_role
+    return Scene(replace(dataset, measurements=replace(m, role=role.astype(str))))
+
+
 def half(
     dataset: Dataset, own: np.ndarray, other: np.ndarray, functions: Sequence[Family],
     options: FitOptions = USUAL,
 ) -> Half:  # fmt: skip
     """Fit some rows and predict others."""
-    m = dataset.measurements
-    role = np.full(len(m.role), "skip", dtype=object)
-    role[own], role[other] = "calibrate", "validate"
-    scene = Scene(replace(dataset, measurements=replace(m, role=role.astype(str))))
+    scene = with_roles(dataset, own, other, "validate")
     fitted = calibrated(scene, modelled(scene), options)
     found, left = stated(fitted, functions), unexplained(fitted)
     plain = share_inside(fitted, left.excess)
@@ -172,45 +172,29 @@ def made(folder: Path) -> Record:
 
 def found_in(real: Path, runs: Path = RUNS, workers: int = 1, sessions: Sequence[str] = ()) -> list[Record]:
     """Records of the sessions of a folder (default: all); those of `runs` are kept."""
-    folders = {p.parent.name: p.parent for p in sorted(real.glob("*/dataset.yaml"))}
-    folders = {name: folder for name, folder in folders.items() if not sessions or name in sessions}
-    path = runs / "records.json"
-    return completed(stored(path), path, folders, made, workers, "sessions")
+    folders = {folder.name: folder for folder in real_folders(real, sessions)}
+    return completed(runs / "records.json", folders, made, workers, "sessions")
 
 
 def table(records: Sequence[Record]) -> str:
     """The page's table, as Markdown."""
-    lines = [
-        "| session | halves | chi2 / dof, plain | stated (least to largest) | within 95 %, plain | stated |",
-        "| --- | --- | --- | --- | --- | --- |",
-    ]
-    return "\n".join([*lines, *(row(r, kind) for r in records for kind in KINDS)])
+    chi2, inside = ("chi2 / dof, plain", "stated (least to largest)"), ("within 95 %, plain", "stated")
+    return markdown(("session", "halves", *chi2, *inside), (row(r, kind) for r in records for kind in KINDS))
 
 
-def row(r: Record, kind: str) -> str:
-    """A line of the table."""
+def row(r: Record, kind: str) -> list[str]:
+    """The cells of a line of the table."""
     own = [f for f in r["splits"] if f["kind"] == kind]
     plain, wide = (np.array([f["chi2"][k] for f in own]) for k in (0, 1))
-    inside = [100 * np.mean([f["inside"][k] for f in own]) for k in (0, 1)]
-    return (
-        f"| {r['session']} | {kind} | {np.mean(plain):.2f} | {np.mean(wide):.2f} ({np.min(wide):.2f} to "
-        f"{np.max(wide):.2f}) | {inside[0]:.0f} % | {inside[1]:.0f} % |"
-    )
+    inside = [f"{100 * np.mean([f['inside'][k] for f in own]):.0f} %" for k in (0, 1)]
+    stated = f"{np.mean(wide):.2f} ({np.min(wide):.2f} to {np.max(wide):.2f})"
+    return [r["session"], kind, f"{np.mean(plain):.2f}", stated, *inside]
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Make the records that are missing, and write the table of all."""
-    parser = argparse.ArgumentParser(prog="python -m analysis.real_halves", description=__doc__)
-    parser.add_argument("--real", type=Path, required=True, help="folder of sessions")
-    parser.add_argument("--sessions", nargs="*", default=(), help="names of sessions; default: all")
-    parser.add_argument("--workers", type=int, default=1, help="processes")
-    parser.add_argument("--out", type=Path, help="page whose table to bring up to date")
-    parser.add_argument("--runs", type=Path, default=RUNS, help="folder of the records; those there are kept")
-    given = parser.parse_args(arguments)
-    text = table(found_in(given.real, given.runs, given.workers, given.sessions))
-    print(text)
-    if given.out is not None:
-        update(given.out, text, MARKS)
+    given = real_arguments("real_halves", __doc__).parse_args(arguments)
+    published(table(found_in(given.real, given.runs, given.workers, given.sessions)), given.out, MARKS)
 
 
 if __name__ == "__main__":  # worker processes import this module too

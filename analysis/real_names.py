@@ -10,14 +10,8 @@ names. Halves of the workspace, by the radius of the point, show intervals where
 
 from __future__ import annotations
 
-import os
-
-for _library in ("OMP", "OPENBLAS", "MKL", "NUMBA"):
-    os.environ.setdefault(f"{_library}_NUM_THREADS", "1")
-
-import argparse
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
@@ -25,9 +19,10 @@ from typing import NamedTuple
 import numpy as np
 
 from analysis.knock_out import usual
-from analysis.knock_out_page import update
-from analysis.real_halves import share_inside, splits
-from analysis.records import Record, completed, stored
+from analysis.pages import published
+from analysis.pages import table as markdown
+from analysis.real_halves import share_inside, splits, with_roles
+from analysis.records import TOP, Record, completed, real_arguments, real_folders
 from bayescal.dataset import Dataset, read_dataset
 from bayescal.errors import BayescalError
 from bayescal.estimate import Estimate
@@ -35,11 +30,10 @@ from bayescal.estimate.discrepancy import stated
 from bayescal.estimate.unexplained import unexplained
 from bayescal.gap.diagnose import doubted, explain
 from bayescal.gap.search.refit import refit
-from bayescal.model.scene import Scene
 from bayescal.predict.crossvalidation import validation_errors
 from bayescal.predict.errors import ValidationErrors, kept
 
-RUNS = Path(__file__).parents[1] / "runs" / "real-names"
+RUNS = TOP / "runs" / "real-names"
 MARKS = ("<!-- names: begin -->", "<!-- names: end -->")
 KINDS = ("random", "workspace")
 SURE = 0.95
@@ -73,14 +67,6 @@ def made(task: Task) -> Record:
         found = {"verdict": f"refused: {refused.what}", "names": []}
     of = {"session": task.folder.name, "split": task.split, "half": task.half, "kind": task.kind}
     return of | found | {"seconds": round(time.process_time() - start, 1)}
-
-
-def with_roles(dataset: Dataset, own: np.ndarray, other: np.ndarray, as_role: str) -> Scene:
-    """A scene that fits `own` rows, with the others as `as_role`."""
-    m = dataset.measurements
-    role = np.full(len(m.role), "skip", dtype=object)
-    role[own], role[other] = "calibrate", as_role
-    return Scene(replace(dataset, measurements=replace(m, role=role.astype(str))))
 
 
 def diagnosed(dataset: Dataset, own: np.ndarray, other: np.ndarray) -> Record:
@@ -119,20 +105,19 @@ def rms(held: ValidationErrors, fair: np.ndarray) -> float:
 
 def table(records: Sequence[Record]) -> str:
     """The page's tables: every half with its names, their counts, and the intervals of the other half."""
-    return "\n".join([*counts(records), "", *covered(records), "", *halves(records)])
+    return "\n\n".join((counts(records), covered(records), halves(records)))
 
 
-def covered(records: Sequence[Record]) -> Iterator[str]:
+def covered(records: Sequence[Record]) -> str:
     """Shares of the residuals of the other halves within 95 % intervals, without names and with them."""
-    yield "| halves | session | without names | with all names |"
-    yield "| --- | --- | --- | --- |"
+    rows = []
     for kind in KINDS:
         own = [r for r in records if kind_of(r) == kind and "inside" in r]
         for name in (*dict.fromkeys(r["session"] for r in own), "all"):
             inside = [r["inside"] for r in own if name in (r["session"], "all")]
             if inside:
-                before, after = 100 * np.mean(inside, axis=0)
-                yield f"| {kind} | {name} | {before:.0f} % | {after:.0f} % |"
+                rows.append((kind, name, *(f"{100 * share:.0f} %" for share in np.mean(inside, axis=0))))
+    return markdown(("halves", "session", "without names", "with all names"), rows)
 
 
 def kind_of(r: Record) -> str:
@@ -140,33 +125,33 @@ def kind_of(r: Record) -> str:
     return str(r.get("kind", KINDS[0]))
 
 
-def counts(records: Sequence[Record]) -> Iterator[str]:
+def counts(records: Sequence[Record]) -> str:
     """How many names improve the other half, and are found there."""
-    yield "| names | number | the other half improves | their effect is named there too |"
-    yield "| --- | --- | --- | --- |"
+    rows = []
     for what, above in (("probability above 0.95", True), ("all others", False)):
         own = sure(records, above)
         better = sum(improves(r, n) for r, n in own)
         again = sum(bool(found_again(r, n, records)) for r, n in own)
-        yield f"| {what} | {len(own)} | {share(better, len(own))} | {share(again, len(own))} |"
+        rows.append((what, len(own), share(better, len(own)), share(again, len(own))))
+    return markdown(("names", "number", "the other half improves", "their effect is named there too"), rows)
 
 
-def halves(records: Sequence[Record]) -> Iterator[str]:
+def halves(records: Sequence[Record]) -> str:
     """One line of every half, and one of each of its names."""
-    yield "| session, split | verdict, names | P | other half without (µm) | with | in the other half |"
-    yield "| --- | --- | --- | --- | --- | --- |"
+    rows: list[tuple[str, ...]] = []
     for r in records:
         split = r["split"] + 1 if kind_of(r) == KINDS[0] else kind_of(r) + " "
         label = f"{r['session']} {split}{'ab'[r['half']]}"
         if not r["names"]:
-            yield f"| {label} | {r['verdict']} | | | | |"
+            rows.append((label, r["verdict"], *[""] * 4))
             continue
-        whole = f"| {r['before_um']:.1f} | {r['after_um']:.1f} | |"
-        yield f"| {label} | {r['verdict']}, all names | {whole}"
+        after = f"{r['after_um']:.1f}"
+        rows.append((label, f"{r['verdict']}, all names", "", f"{r['before_um']:.1f}", after, ""))
         for n in r["names"]:
             found = ", ".join(found_again(r, n, records)) or "no"
-            sizes = f"{n['without_um']:.1f} | {r['after_um']:.1f}"
-            yield f"| | {n['name']} | {n['probability']:.2f} | {sizes} | {found} |"
+            rows.append(("", n["name"], f"{n['probability']:.2f}", f"{n['without_um']:.1f}", after, found))
+    heads = ("session, split", "verdict, names", "P", "other half without (µm)", "with", "in the other half")
+    return markdown(heads, rows)
 
 
 def improves(r: Record, name: Record) -> bool:
@@ -201,30 +186,20 @@ def found_in(
 
     `workspace`: also of its halves by the radius of the point.
     """
-    folders = sorted(p.parent for p in real.glob("*/dataset.yaml"))
-    folders = [f for f in folders if not sessions or f.name in sessions]
+    folders = real_folders(real, sessions)
     parts = [(KINDS[0], k) for k in range(count)] + [(KINDS[1], -1)] * workspace
     tasks = [Task(f, split, half, kind) for f in folders for kind, split in parts for half in (0, 1)]
-    path = runs / "records.json"
-    return completed(stored(path), path, {t.key: t for t in tasks}, made, workers, "halves")
+    return completed(runs / "records.json", {t.key: t for t in tasks}, made, workers, "halves")
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Diagnose the halves that are missing, and write the page of all."""
-    parser = argparse.ArgumentParser(prog="python -m analysis.real_names", description=__doc__)
-    parser.add_argument("--real", type=Path, required=True, help="folder of sessions")
+    parser = real_arguments("real_names", __doc__)
     parser.add_argument("--splits", type=int, default=1, help="random splits of each session, at most 4")
-    parser.add_argument("--sessions", nargs="*", default=(), help="names of sessions; default: all")
     parser.add_argument("--workspace", action="store_true", help="halves of the workspace too")
-    parser.add_argument("--workers", type=int, default=1, help="processes")
-    parser.add_argument("--out", type=Path, help="page to write, or whose tables to bring up to date")
-    parser.add_argument("--runs", type=Path, default=RUNS, help="folder of the records; those there are kept")
     given = parser.parse_args(arguments)
     found = found_in(given.real, given.splits, given.runs, given.workers, given.sessions, given.workspace)
-    text = table(found)
-    print(text)
-    if given.out is not None:
-        update(given.out, text, MARKS)
+    published(table(found), given.out, MARKS)
 
 
 if __name__ == "__main__":  # worker processes import this module too

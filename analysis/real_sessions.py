@@ -6,12 +6,6 @@ Run from the top of the project:
 
 from __future__ import annotations
 
-import os
-
-for _library in ("OMP", "OPENBLAS", "MKL", "NUMBA", "VECLIB_MAXIMUM", "NUMEXPR"):
-    os.environ.setdefault(f"{_library}_NUM_THREADS", "1")
-
-import argparse
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -21,9 +15,9 @@ from typing import NamedTuple
 import numpy as np
 
 from analysis.knock_out import usual
-from analysis.knock_out_page import update
+from analysis.pages import published
 from analysis.real_sessions_page import MARKS, table
-from analysis.records import Record, completed, stored
+from analysis.records import Record, completed, real_arguments, real_folders
 from bayescal.calibration import VALIDATION_DRAWS, fit
 from bayescal.dataset import Dataset, read_dataset
 from bayescal.effects import parameters_of
@@ -40,7 +34,6 @@ from bayescal.predict.forecast import DistanceErrors, forecast
 from bayescal.predict.validation import Validation, validate
 from factors.fixed_point import FixedPoint
 
-RUNS = Path(__file__).parents[1] / "runs" / "real-sessions"
 MM, UM = 1e3, 1e6
 NOMINAL, BASE_TOOL, WITH_FORM, NAMED = "nominal", "base+tool", "form", "named"
 BOUND_TO_ITS_SESSION = ("step",)
@@ -207,29 +200,19 @@ def scatter(found: Estimate) -> Record:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Make the records that are missing, and the page of all."""
-    parser = argparse.ArgumentParser(prog="python -m analysis.real_sessions", description=__doc__)
-    parser.add_argument("--real", type=Path, required=True, help="folder of sessions")
-    parser.add_argument("--workers", type=int, default=1, help="processes")
-    parser.add_argument("--out", type=Path, help="page to write, or whose tables to bring up to date")
-    parser.add_argument("--runs", type=Path, default=RUNS, help="folder of the records; those there are kept")
-    given = parser.parse_args(arguments)
-    path = given.runs / "records.json"
-    records = stored(path)
+    given = real_arguments("real_sessions", __doc__).parse_args(arguments)
 
     def run(tasks: list[Task], what: str) -> list[Record]:
-        return completed(records, path, {t.key: t for t in tasks}, made, given.workers, what)
+        return completed(given.runs / "records.json", {t.key: t for t in tasks}, made, given.workers, what)
 
-    folders = sorted(p.parent for p in given.real.glob("*/dataset.yaml"))
+    folders = real_folders(given.real, given.sessions)
     sessions = run([Task(f) for f in folders], "sessions")
     apart = [
         Task(f, place, tuple(r["names"]))
         for f, r in zip(folders, sessions, strict=True)
         for place in r["places"]
     ]
-    text = table(sessions, run(apart, "places"))
-    print(text)
-    if given.out is not None:
-        update(given.out, text, MARKS)
+    published(table(sessions, run(apart, "places")), given.out, MARKS)
 
 
 if __name__ == "__main__":  # worker processes import this module too

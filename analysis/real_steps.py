@@ -10,12 +10,6 @@ noncentrality lambda is the square sum of what the calibrated arm cannot absorb,
 
 from __future__ import annotations
 
-import os
-
-for _library in ("OMP", "OPENBLAS", "MKL", "NUMBA"):
-    os.environ.setdefault(f"{_library}_NUM_THREADS", "1")
-
-import argparse
 import itertools
 import time
 from collections.abc import Sequence
@@ -26,8 +20,9 @@ from typing import NamedTuple
 import numpy as np
 
 from analysis.knock_out import usual
-from analysis.knock_out_page import update
-from analysis.records import Record, completed, stored
+from analysis.pages import published
+from analysis.pages import table as markdown
+from analysis.records import Record, completed, real_arguments, real_folders
 from bayescal.arm.inverse import descend, to_frames
 from bayescal.arm.motion import NominalArm
 from bayescal.arm.transforms import rpy_matrix
@@ -41,7 +36,6 @@ from bayescal.gap.outcome.magnitude import noise_floor
 from bayescal.model.model import build
 from bayescal.model.scene import Scene
 
-RUNS = Path(__file__).parents[1] / "runs" / "real-steps"
 MARKS = ("<!-- steps: begin -->", "<!-- steps: end -->")
 SHARES, SIZES = (0.25, 0.5, 0.75), (1.0, 2.0, 4.0, 8.0)
 """Of the fitted rows, that are before the step; shifts in RMS residuals of the calibrated arm."""
@@ -158,13 +152,12 @@ def table(records: Sequence[Record]) -> str:
     ranges = [(low, high) for low, high in itertools.pairwise((0.0, *RANGES, np.inf))]
     heads = [f"lambda below {high:g}" if not low else f"{low:g} to {high:g}" for low, high in ranges[:-1]]
     heads.append(f"above {RANGES[-1]:g}")
-    lines = [f"| session | {' | '.join(heads)} | rows within the interval, median |"]
-    lines.append(f"| --- | {'--- | ' * len(ranges)}--- |")
+    rows = []
     for name in (*dict.fromkeys(r["session"] for r in records), ""):
         own = [r for r in records if name in ("", r["session"])]
         cells = [_share([r for r in own if low <= r["lambda"] < high]) for low, high in ranges]
-        lines.append(f"| {name or '**all**'} | {' | '.join(cells)} | {_width(own)} |")
-    return "\n".join(lines)
+        rows.append((name or "**all**", *cells, _width(own)))
+    return markdown(("session", *heads, "rows within the interval, median"), rows)
 
 
 def _share(records: Sequence[Record]) -> str:
@@ -182,22 +175,12 @@ def _width(records: Sequence[Record]) -> str:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Diagnose the sessions that are missing, and write the page's table."""
-    parser = argparse.ArgumentParser(prog="python -m analysis.real_steps", description=__doc__)
-    parser.add_argument("--real", type=Path, required=True, help="folder of sessions")
-    parser.add_argument("--sessions", nargs="*", default=(), help="names of sessions; default: all")
-    parser.add_argument("--workers", type=int, default=1, help="processes")
-    parser.add_argument("--out", type=Path, help="page whose table to bring up to date")
-    parser.add_argument("--runs", type=Path, default=RUNS, help="folder of the records; those there are kept")
-    given = parser.parse_args(arguments)
-    folders = sorted(p.parent for p in given.real.glob("*/dataset.yaml"))
-    folders = [f for f in folders if not given.sessions or f.name in given.sessions]
+    given = real_arguments("real_steps", __doc__).parse_args(arguments)
+    folders = real_folders(given.real, given.sessions)
     tasks = [Task(f, share, size) for f in folders for share in SHARES for size in SIZES]
-    path = given.runs / "records.json"
-    found = completed(stored(path), path, {t.key: t for t in tasks}, made, given.workers, "steps")
-    text = table(found)
-    print(text)
-    if given.out is not None:
-        update(given.out, text, MARKS)
+    every = {t.key: t for t in tasks}
+    found = completed(given.runs / "records.json", every, made, given.workers, "steps")
+    published(table(found), given.out, MARKS)
 
 
 if __name__ == "__main__":  # worker processes import this module too

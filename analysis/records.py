@@ -33,6 +33,24 @@ def arguments_of(name: str, description: str | None, seed: str) -> argparse.Argu
     return parser
 
 
+def real_arguments(name: str, description: str | None, workers: int = 1) -> argparse.ArgumentParser:
+    """The options of every study of real sessions; the folder of its records has its name."""
+    parser = argparse.ArgumentParser(prog=f"python -m analysis.{name}", description=description)
+    runs = TOP / "runs" / name.replace("_", "-")
+    parser.add_argument("--real", type=Path, required=True, help="folder of sessions")
+    parser.add_argument("--sessions", nargs="*", default=(), help="names of sessions; default: all")
+    parser.add_argument("--workers", type=int, default=workers, help="processes")
+    parser.add_argument("--out", type=Path, help="page to write, or whose tables to bring up to date")
+    parser.add_argument("--runs", type=Path, default=runs, help="folder of the records; those there are kept")
+    return parser
+
+
+def real_folders(real: Path, sessions: Sequence[str] = ()) -> list[Path]:
+    """Folders of real sessions of some names, by default of all."""
+    every = sorted(p.parent for p in real.glob("*/dataset.yaml"))
+    return [folder for folder in every if not sessions or folder.name in sessions]
+
+
 def on_workers(work: Callable[[Any], Any], tasks: Sequence[Any], workers: int, what: str) -> Iterator[Any]:
     """Results in the order of the tasks, with a count on the way."""
 
@@ -56,10 +74,10 @@ def stored(path: Path) -> dict[str, Record]:
 
 
 def completed(
-    records: dict[str, Record], path: Path, tasks: Mapping[str, Any], work: Callable[[Any], Record],
-    workers: int, what: str,
-) -> list[Record]:  # fmt: skip
-    """The records of tasks, by key; those that are missing are made, added and written one by one."""
+    path: Path, tasks: Mapping[str, Any], work: Callable[[Any], Record], workers: int, what: str
+) -> list[Record]:
+    """The records of tasks, by key, in a file; those that it lacks are made and written one by one."""
+    records = stored(path)
     missing = {key: task for key, task in tasks.items() if key not in records}
     for key, found in zip(missing, on_workers(work, list(missing.values()), workers, what), strict=True):
         records[key] = found

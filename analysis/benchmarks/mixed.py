@@ -7,14 +7,15 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from bayescal.dataset import Dataset, Measurements, Target, read_dataset
+from bayescal.dataset import Dataset, Target, read_dataset
+from bayescal.dataset.append import taken
 from bayescal.estimate import calibrated, linearise, solve, unit_weights
 from bayescal.model import ARM, Model, build
 from bayescal.model.scene import Scene
@@ -38,7 +39,7 @@ def mixed(dataset: Dataset, seed: int = 0) -> Dataset:
     old, kinds = dataset.measurements, np.array([t.kind for t in dataset.targets])
     balls = np.flatnonzero(kinds[old.target] == "sphere")
     fitted = np.concatenate([rows, balls])
-    both = _rows(old, np.concatenate([fitted, rows]))
+    both = taken(old, np.concatenate([fitted, rows]))
     count, size = len(fitted), len(rows)
     both = replace(
         both,
@@ -57,13 +58,7 @@ def part(dataset: Dataset, kind: str) -> Dataset:
     """The rows of a session on targets of one kind."""
     rows = dataset.measurements
     kinds = np.array([t.kind for t in dataset.targets])[rows.target]
-    return replace(dataset, measurements=_rows(rows, np.flatnonzero(kinds == kind)))
-
-
-def _rows(m: Measurements, at: np.ndarray) -> Measurements:
-    columns = {f.name: getattr(m, f.name) for f in fields(m) if f.name != "ids"}
-    chosen = {name: v if v is None else v[at] for name, v in columns.items()}
-    return replace(m, ids=tuple(np.array(m.ids)[at]), **chosen)
+    return replace(dataset, measurements=taken(rows, np.flatnonzero(kinds == kind)))
 
 
 def _solving(model: Model) -> tuple[Callable[[], object], Callable[[], object], int]:

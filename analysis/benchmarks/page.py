@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from analysis.blind.card import between
+from analysis.pages import between, table
 
 BEGIN, END = "<!-- measured: begin -->", "<!-- measured: end -->"
 ABSENT = "-"
@@ -18,7 +18,7 @@ def tables(record: dict[str, Any]) -> str:
         out.append(f"{record['contacts']} contacts, {record['parameters']} parameters, one core.")
         rows = [[f"`{name}`", _number(r), record["raw"][name]] for name, r in record["ratios"].items()]
         rows += [[f"`{name}`, s", _number(s), ""] for name, s in record["seconds"].items()]
-        out.append(_table(["quantity", "value", "from"], rows))
+        out.append(table(["quantity", "value", "from"], rows))
     if "growth" in record:
         runs = record["growth"]["runs"]
         rows = [
@@ -28,7 +28,7 @@ def tables(record: dict[str, Any]) -> str:
             ]
             for r in runs
         ]  # fmt: skip
-        out.append(_table(["command", "contacts", "CPU, s", "by the clock, s", "memory, MB"], rows))
+        out.append(table(["command", "contacts", "CPU, s", "by the clock, s", "memory, MB"], rows))
         slopes = [f"{name} {value:.2f}" for name, value in record["growth"]["exponents"].items()]
         if slopes:
             out.append(f"Exponents of the CPU time over the contacts, from 1000 on: {'; '.join(slopes)}.")
@@ -42,8 +42,3 @@ def update(path: Path, record: dict[str, Any]) -> None:
 
 def _number(value: float | None) -> str:
     return ABSENT if value is None else f"{value:.3g}" if value < 1000 else f"{value:.0f}"
-
-
-def _table(head: list[str], rows: list[list[str]]) -> str:
-    lines = [head, ["---"] * len(head), *rows]
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines)

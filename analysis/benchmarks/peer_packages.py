@@ -54,7 +54,7 @@ def export(problem: Problem) -> dict[str, Any]:
         "entry": np.array(entry, int)[order],
         "sd_of_entry": np.array(sd)[order],
         "index": np.array(index, int)[order],
-        **problem.walls(problem.sigma).arrays(),
+        **vars(problem.walls(problem.sigma)),
     }
 
 

@@ -5,7 +5,7 @@ A second writing of `factors.plane` and `factors.certificate`; the tests hold th
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -24,10 +24,6 @@ class Walls:
     sigma: np.ndarray  # (C,) m
     parallel: np.ndarray  # (K, 5) two faces, distance, its uncertainty (m), that of a direction (rad)
     perpendicular: np.ndarray  # (L, 3) two faces, uncertainty of their angle (rad)
-
-    def arrays(self) -> dict[str, np.ndarray]:
-        """All fields by name, for a file."""
-        return {f.name: getattr(self, f.name) for f in fields(self)}
 
 
 def place(xp: Any, walls: Walls, z: Any) -> tuple[Any, Any]:

@@ -9,12 +9,13 @@ contact with the derivatives of this contact alone, all prepared beforehand: its
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 
 import gtsam
 import numpy as np
 
+from analysis.benchmarks.clock import seconds
 from bayescal.calibration import fit
 from bayescal.dataset.append import taken
 from bayescal.dataset.types import Dataset
@@ -31,13 +32,6 @@ CONTACTS, LATER = 1000, 40
 def first(dataset: Dataset, count: int) -> Dataset:
     """The first rows of a session."""
     return replace(dataset, measurements=taken(dataset.measurements, np.arange(count)))
-
-
-def seconds(of: Callable[[], object]) -> float:
-    """Time of a call, s."""
-    begin = time.perf_counter()
-    of()
-    return time.perf_counter() - begin
 
 
 def incremental(found: Estimate, rows: range) -> Iterator[tuple[float, gtsam.ISAM2]]:

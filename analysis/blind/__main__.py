@@ -134,12 +134,13 @@ def score(
 
     Refuses if the ground truth, a session or an answer differs from what was sealed.
     """
-    from analysis.blind.card import between, terminal
     from analysis.blind.card import page as renew
+    from analysis.blind.card import terminal
     from analysis.blind.files import SCORE, write_score
     from analysis.blind.make import CHANGES, CONTACTS, IMAGES, MOTIONS
     from analysis.blind.score import figures, records
     from analysis.blind.unseal import opened
+    from analysis.pages import between
     from bayescal.storage.folders import check_free
 
     target = out or folder / "score"

@@ -14,9 +14,8 @@ from rich.text import Text
 
 from analysis.blind.files import write_score
 from analysis.blind.rows import Row, bands, by_form, by_lambda, number, rows
-from bayescal.errors import BayescalError
+from analysis.pages import between, table
 from bayescal.reporting.shared.text import FigureTable, facts
-from bayescal.storage.files import write_together
 
 BEGIN, END = "<!-- blind: begin -->", "<!-- blind: end -->"
 KINDS = {
@@ -129,27 +128,6 @@ def page(path: Path, found: Mapping[str, Any], about: Mapping[str, Any], folder:
     for name in shown:
         (path.parent / "pictures").mkdir(exist_ok=True)
         shutil.copyfile(folder / name, path.parent / "pictures" / name)
-
-
-def between(path: Path, marks: tuple[str, str], text: str) -> None:
-    """Replace the text between two marks of a page; the rest does not change.
-
-    Raises
-    ------
-    BayescalError
-        Where the page cannot be read or has no marks.
-    """
-    begin, end = marks
-    try:
-        before, rest = path.read_text(encoding="utf-8").split(begin, 1)
-        _, after = rest.split(end, 1)
-    except OSError as error:
-        raise BayescalError(error.strerror or "cannot be read", str(path)) from None
-    except ValueError:
-        raise BayescalError(
-            "the page has no marks for the tables", str(path), f"add {begin} and {end}"
-        ) from None
-    write_together({path: f"{before}{begin}\n{text}\n{end}{after}"})
 
 
 def tables(found: Mapping[str, Any], about: Mapping[str, Any], pictures: Iterable[str] = ()) -> str:
@@ -307,14 +285,3 @@ def _of_reason(found: Mapping[str, Any], title: str) -> str:
         detail = f"; {m['detail']}" if m["detail"] not in line else ""
         lines.append(f"{line} ({m['leaders']}){detail}")
     return "\n".join(lines)
-
-
-def table(headings: Iterable[str], lines: Iterable[Iterable[object]]) -> str:
-    """A Markdown table; "" without lines."""
-    body = [f"| {' | '.join(map(str, line))} |" for line in lines]
-    head = list(headings)
-    return (
-        "\n".join([f"| {' | '.join(head)} |", f"| {' | '.join('---' for _ in head)} |", *body])
-        if body
-        else ""
-    )

@@ -10,12 +10,12 @@ import numpy as np
 from rich.table import Table
 
 from analysis.blind import seal
-from analysis.blind.card import table as markdown
 from analysis.blind.folder import SEALED, answer_path, record
 from analysis.blind.rates import BANDS, ends, share
 from analysis.blind.rounds import ARMS, ROUND
 from analysis.blind.rows import of
 from analysis.blind.score import CLEAR, records
+from analysis.pages import table as markdown
 from bayescal.errors import BayescalError
 from bayescal.reporting.shared.text import FigureTable
 

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
 
-from bayescal.dataset import Dataset, Measurements, Target
+from bayescal.dataset import Dataset, Target
 from bayescal.probing.artefacts import Scenery
 from bayescal.robots import load_robot
 from bayescal.simulation import Options
@@ -76,10 +76,3 @@ def _read_by_instrument(dataset: Dataset, count: int) -> Dataset:
         noise=replace(dataset.noise, point=READ_NOISE),
         measurements=replace(m, target=target, xyz=np.full((len(target), 3), np.nan)),
     )
-
-
-def part(m: Measurements, rows: np.ndarray) -> Measurements:
-    """Some rows of the measurements."""
-    own = {f.name: getattr(m, f.name) for f in fields(Measurements)}
-    ids = tuple(m.ids[k] for k in rows)
-    return Measurements(**{k: v if v is None else v[rows] for k, v in own.items() if k != "ids"}, ids=ids)

@@ -7,9 +7,9 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from analysis.blind.card import between
 from analysis.calibration_checks.designs import DESIGNS
 from analysis.calibration_checks.figures import LEVELS
+from analysis.pages import between, table
 
 BEGIN, END = "<!-- checks: begin -->", "<!-- checks: end -->"
 Figures = Mapping[str, Mapping[str, Any]]
@@ -17,42 +17,20 @@ Figures = Mapping[str, Mapping[str, Any]]
 
 def text(found: Figures) -> str:
     """All tables."""
-    lines = [
-        *_designs(found),
-        "",
-        *_ranks(found),
-        "",
-        *_tarp(found),
-        "",
-        *_coverage(found),
-        "",
-        *_rest(found),
-    ]
-    return "\n".join(lines)
+    parts = (_designs, _ranks, _tarp, _coverage, _rest)
+    return "\n\n".join(part(found) for part in parts)
 
 
-def _table(head: str, rows: Iterator[list[str]]) -> list[str]:
-    columns = head.split(" | ")
-    out = [f"| {head} |", f"| {' | '.join('---' for _ in columns)} |"]
-    return out + [f"| {' | '.join(row)} |" for row in rows]
-
-
-def _designs(found: Figures) -> list[str]:
+def _designs(found: Figures) -> str:
     summary = {d.name: d.summary for d in DESIGNS}
     rows = (
-        [
-            name,
-            summary[name],
-            str(f["sessions"]),
-            f"{f['seeds'][0]} to {f['seeds'][1]}",
-            str(len(f["refused"])),
-        ]
+        (name, summary[name], f["sessions"], f"{f['seeds'][0]} to {f['seeds'][1]}", len(f["refused"]))
         for name, f in found.items()
     )
-    return _table("design | contacts of a session | sessions | seeds | refused", rows)
+    return table(("design", "contacts of a session", "sessions", "seeds", "refused"), rows)
 
 
-def _ranks(found: Figures) -> list[str]:
+def _ranks(found: Figures) -> str:
     rows = (
         [
             name, str(len(f["by_quantity"])), f"{f['least_ecdf_p_holm']:.2f} ({f['least']})",
@@ -61,29 +39,30 @@ def _ranks(found: Figures) -> list[str]:
         for name, f in found.items()
     )  # fmt: skip
     head = (
-        "ranks | quantities | minimum p, largest deviation | minimum p, chi-square | p, all unknowns jointly"
-    )
-    return _table(head, rows)
+        "ranks", "quantities", "minimum p, largest deviation", "minimum p, chi-square",
+        "p, all unknowns jointly",
+    )  # fmt: skip
+    return table(head, rows)
 
 
-def _tarp(found: Figures) -> list[str]:
+def _tarp(found: Figures) -> str:
     rows = (
         [name, *(_share(*t["expected_coverage"][str(level)]) for level in LEVELS), f"{t['p_value']:.2f}"]
         for name, t in ((name, f["tarp"]["plain"]) for name, f in found.items())
     )
-    return _table(f"TARP | {' | '.join(_percent(level) for level in LEVELS)} | p", rows)
+    return table(("TARP", *map(_percent, LEVELS), "p"), rows)
 
 
-def _coverage(found: Figures) -> list[str]:
+def _coverage(found: Figures) -> str:
     rows = (
         [name, quantity, *(_share(c["covered"], c["low"], c["high"]) for c in levels)]
         for name, f in found.items()
         for quantity, levels in f["coverage"].items()
     )
-    return _table(f"coverage | of | {' | '.join(_percent(level) for level in LEVELS)}", rows)
+    return table(("coverage", "of", *map(_percent, LEVELS)), rows)
 
 
-def _rest(found: Figures) -> list[str]:
+def _rest(found: Figures) -> str:
     rows = (
         [
             name, f"{f['contacts']['ks_p']:.2f}",
@@ -96,11 +75,12 @@ def _rest(found: Figures) -> list[str]:
         for name, f in found.items()
     )  # fmt: skip
     head = (
-        "sessions | KS p, validation contacts | their places, % in fifths | stated over posterior s.d.: "
-        "minimum, median, maximum | of distances: median, maximum | with a discrepancy | with an unexplained "
-        "error | contradicted | gross contacts rejected, others rejected"
-    )
-    return _table(head, rows)
+        "sessions", "KS p, validation contacts", "their places, % in fifths",
+        "stated over posterior s.d.: minimum, median, maximum", "of distances: median, maximum",
+        "with a discrepancy", "with an unexplained error", "contradicted",
+        "gross contacts rejected, others rejected",
+    )  # fmt: skip
+    return table(head, rows)
 
 
 def _percent(level: float) -> str:

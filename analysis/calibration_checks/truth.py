@@ -16,8 +16,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from analysis.calibration_checks.designs import Design, part, planned
+from analysis.calibration_checks.designs import Design, planned
 from bayescal.dataset import Dataset, Target
+from bayescal.dataset.append import taken
 from bayescal.dataset.target_kinds import KINDS
 from bayescal.effects.gravity import CENTRE_OFF, LOAD_OFF, LOAD_SHARE, MASS_SHARE
 from bayescal.effects.tool import TOOL
@@ -93,7 +94,7 @@ def simulated(design: Design, seed: int) -> Simulated:
     size = np.exp(rng.uniform(*np.log(OUTLIER), count)) * rng.choice([-1.0, 1.0], count)
     error[gross] += size
     actual = _other_masses(dataset, rng) if design.masses else dataset
-    touched = touch(world, replace(actual, measurements=part(m, contacts)), error)
+    touched = touch(world, replace(actual, measurements=taken(m, contacts)), error)
     readings = m.readings.copy()
     readings[contacts] = touched.measurements.readings
     m = replace(m, readings=readings)

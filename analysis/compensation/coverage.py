@@ -12,11 +12,6 @@ is taken out of the errors (least squares), and out of the covariance of all poi
 
 from __future__ import annotations
 
-import os
-
-for _library in ("OMP", "OPENBLAS", "MKL", "NUMBA"):
-    os.environ.setdefault(f"{_library}_NUM_THREADS", "1")
-
 import argparse
 import sys
 from collections.abc import Sequence
@@ -27,6 +22,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from analysis.compensation.session import COUNT, MOVED, stands
+from analysis.pages import table as markdown
 from analysis.world.build import Made, make
 from analysis.world.mix import recipe
 from bayescal.calibration import fit
@@ -34,6 +30,7 @@ from bayescal.compensating.position import Region, expanded
 from bayescal.dataset import read_dataset
 from bayescal.errors import BayescalError
 from bayescal.fitted.arm import FittedArm, of_fit, refitted
+from bayescal.statistics import rms
 
 UM = 1e6
 
@@ -117,33 +114,32 @@ def session(seed: int, number: int, reserved: bool) -> Checked | None:
                    made.truth["outside"] if outside else ", ".join(hidden) or "none")  # fmt: skip
 
 
-def pooled(found: Sequence[Checked], what: str) -> str:
-    """A line of the table."""
+def pooled(found: Sequence[Checked], what: str) -> tuple[object, ...]:
+    """The cells of a line of the table."""
     errors, u, within = (
         np.concatenate([getattr(c, key) for c in found]) for key in ("errors", "u", "within")
     )
-    each = np.array([c.within.mean() for c in found])
-    ratio = np.sqrt(np.mean((errors / u) ** 2))
+    lowest, sizes = min(c.within.mean() for c in found), (UM * np.median(errors), UM * np.median(u))
     return (
-        f"| {what} | {len(found)} | {within.sum()} of {len(within)} | {100 * within.mean():.1f} % | "
-        f"{100 * each.min():.0f} % | {ratio:.2f} | {UM * np.median(errors):.0f} | {UM * np.median(u):.0f} |"
-    )
+        what, len(found), f"{within.sum()} of {len(within)}", f"{100 * within.mean():.1f} %",
+        f"{100 * lowest:.0f} %", f"{rms(errors / u):.2f}", *(f"{size:.0f}" for size in sizes),
+    )  # fmt: skip
 
 
-def table(found: Sequence[Checked]) -> list[str]:
+def table(found: Sequence[Checked]) -> str:
     """Pooled figures of the sessions with a right name, of those without, and by cause."""
-    lines = [
-        "| hidden | sessions | points within U | share | lowest session | error over u (RMS) | "
-        "error (median, µm) | u (median, µm) |",
-        "| --- | --- | --- | --- | --- | --- | --- | --- |",
-    ]
+    heads = (
+        "hidden", "sessions", "points within U", "share", "lowest session", "error over u (RMS)",
+        "error (median, µm)", "u (median, µm)",
+    )  # fmt: skip
+    lines = []
     for kind in ("right name", "outside"):
         own = [c for c in found if c.kind == kind]
         if own:
             lines.append(pooled(own, f"**{kind}**"))
         for hidden in sorted({c.hidden for c in own}) if kind == "outside" else ():
             lines.append(pooled([c for c in own if c.hidden == hidden], hidden))
-    return lines
+    return markdown(heads, lines)
 
 
 def main() -> None:
@@ -165,7 +161,7 @@ def main() -> None:
             found.append(one)
             share = f"{100 * one.within.mean():.0f} % of {len(one.errors)}"
             sys.stderr.write(f"{number} {one.hidden} ({one.stage}): {share} within U\n")
-    sys.stdout.write("\n".join(table(found)) + "\n")
+    print(table(found))
 
 
 if __name__ == "__main__":

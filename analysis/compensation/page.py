@@ -8,13 +8,15 @@ from pathlib import Path
 import numpy as np
 
 from analysis.compensation.session import COUNT, Level, Session
+from analysis.pages import table
+from bayescal.statistics import rms
 
 PICTURE = "pictures/compensation.png"
 UM = 1e6
-
-
-def rms(values: np.ndarray) -> float:
-    return float(np.sqrt(np.mean(np.square(values))))
+HEADS = (
+    "session", "hidden effects", "nominal RMS", "nominal max", "compensated max, baseline model",
+    "compensated max, with effect", "predicted max: median (95 %)", "RMS over predicted",
+)  # fmt: skip
 
 
 def largest(values: np.ndarray) -> float:
@@ -57,17 +59,14 @@ def draw(sessions: Sequence[Session], path: Path) -> None:
     plt.close(figure)
 
 
-def row(session: Session) -> str:
-    """A row of the table."""
-    last = session.levels[-1]
-    first = session.levels[0]
+def row(session: Session) -> tuple[object, ...]:
+    """The cells of a row of the table."""
+    first, last = session.levels[0], session.levels[-1]
+    sizes = (rms(last.nominal), *map(largest, (last.nominal, first.left, last.left)))
     return (
-        f"| {session.number} | {', '.join(session.hidden) or '-'} | {UM * rms(last.nominal):.0f} | "
-        f"{UM * largest(last.nominal):.0f} | {UM * largest(first.left):.0f} | "
-        f"{UM * largest(last.left):.0f} | "
-        f"{UM * last.maximum[0]:.0f} ({UM * last.maximum[1]:.0f}) | "
-        f"{rms(last.left) / rms(last.sd):.2f} |"
-    )
+        session.number, ", ".join(session.hidden) or "-", *(f"{UM * size:.0f}" for size in sizes),
+        f"{UM * last.maximum[0]:.0f} ({UM * last.maximum[1]:.0f})", f"{rms(last.left) / rms(last.sd):.2f}",
+    )  # fmt: skip
 
 
 def pooled(levels: Sequence[Level]) -> str:
@@ -110,10 +109,7 @@ def write(sessions: Sequence[Session], seed: int, count: int, out: Path) -> None
         f"- A hidden effect, in the model. {pooled(named)}." if named else "",
         f"- The same without the effect in the model. {pooled(without)}." if without else "",
         "",
-        "| session | hidden effects | nominal RMS | nominal max | compensated max, baseline model | "
-        "compensated max, with effect | predicted max: median (95 %) | RMS over predicted |",
-        "| --- | --- | --- | --- | --- | --- | --- | --- |",
-        *map(row, sessions),
+        table(HEADS, map(row, sessions)),
         "",
         "Distances in µm. Nominal errors contain that of the stated TCP, which is corrected as well.",
         "",

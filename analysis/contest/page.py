@@ -7,13 +7,12 @@ import html
 import io
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 
-from analysis.blind.card import between
+from analysis.pages import table
 
 MARKS = ("<!-- contest: begin -->", "<!-- contest: end -->")
 REFERENCE = "nominal arm"
@@ -153,11 +152,9 @@ def markdown(records: Sequence[Record], said: Sequence[str]) -> str:
     """All sections as Markdown."""
     parts = []
     for head, content in sections(records, said):
-        lines = [f"- {line}" for line in content]
-        if content and isinstance(content[0], list):
-            first, *rest = content
-            lines = [f"| {' | '.join(row)} |" for row in (first, ["---"] * len(first), *rest)]
-        parts += [f"{head}:" if head else "", "\n".join(lines) or "- none"]
+        is_table = content and isinstance(content[0], list)
+        lines = table(content[0], content[1:]) if is_table else "\n".join(f"- {line}" for line in content)
+        parts += [f"{head}:" if head else "", lines or "- none"]
     return "\n\n".join(part for part in parts if part)
 
 
@@ -212,8 +209,3 @@ def standalone(records: Sequence[Record], said: Sequence[str]) -> str:
             parts.append(f'<img alt="Validation errors of all entries" src="{image}">')
     start = f'<meta charset="utf-8"><title>Calibration of robot arms</title><style>{STYLE}</style>'
     return f'<!doctype html><html lang="en"><head>{start}</head><body>{"".join(parts)}</body></html>\n'
-
-
-def update(path: Path, records: Sequence[Record], said: Sequence[str]) -> None:
-    """Renew the tables of a page between its marks."""
-    between(path, MARKS, markdown(records, said))

@@ -16,6 +16,7 @@ from analysis.contest.ours import Answer, Given, opened
 from analysis.contest.packages import tools
 from analysis.contest.score import scored
 from analysis.contest.tasks import written
+from analysis.pages import published
 from bayescal.errors import FAILURES, BayescalError, reason
 from bayescal.storage.files import json_text
 
@@ -112,8 +113,6 @@ def run(given: argparse.Namespace) -> None:
         said += declined(given.out)
         (given.out / "scores.json").write_text(json.dumps(records, indent=1) + "\n", encoding="utf-8")
         (given.out / "index.html").write_text(page.standalone(records, said), encoding="utf-8")
-        print(page.markdown(records, said))
-        if given.page is not None:
-            page.update(given.page, records, said)
+        published(page.markdown(records, said), given.page, page.MARKS)
     else:
         print("\n".join(said))

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 from statistics import median
 from typing import Any
 
 import numpy as np
 
-from analysis.blind.card import between
+from analysis.pages import table
 
 BEGIN, END = "<!-- methods: begin -->", "<!-- methods: end -->"
 Record = dict[str, Any]
@@ -50,29 +49,25 @@ def _simulated(sorts: dict[str, list[Record]]) -> str:
         return ""
     heads = [f"{sort} ({sum('methods' in r for r in own)})" for sort, own in sorts.items()]
     found = [methods_of(own) for own in sorts.values()]
-    lines = [_line("validation error, µm (sessions)", *heads, "seconds"), _line(*["---"] * (len(heads) + 2))]
+    lines = []
     for name in found[0]:
         seconds = [m["seconds"] for each in found for m in each[name]]
-        lines.append(
-            _line(name, *(pooled(f[name]) for f in found), f"{median(seconds):.2f}" if seconds else "-")
-        )
+        lines.append((name, *(pooled(f[name]) for f in found), f"{median(seconds):.2f}" if seconds else "-"))
     sds = []
     for f in found:
         values = [m["heldout"]["predicted_distance_sd_um"] for m in f.get("bayescal", ())]
         told = [v for v in values if v is not None]
         sds.append(f"{np.sqrt(np.mean(np.square(told))):.1f}" if told else "-")
-    lines.append(_line("predicted standard deviation (bayescal)", *sds, ""))
-    return "\n".join(lines)
+    lines.append(("predicted standard deviation (bayescal)", *sds, ""))
+    return table(["validation error, µm (sessions)", *heads, "seconds"], lines)
 
 
 def _real(sessions: dict[str, Record]) -> str:
     if not sessions:
         return ""
     names = [m["name"] for m in next(iter(sessions.values()))["methods"]]
-    lines = [_line("validation error, µm: mean / maximum", *sessions), _line(*["---"] * (len(sessions) + 1))]
-    for k, name in enumerate(names):
-        lines.append(_line(name, *(_cell(r["methods"][k]) for r in sessions.values())))
-    return "\n".join(lines)
+    lines = ([name, *(_cell(r["methods"][k]) for r in sessions.values())] for k, name in enumerate(names))
+    return table(["validation error, µm: mean / maximum", *sessions], lines)
 
 
 def _cell(method: Record) -> str:
@@ -82,12 +77,3 @@ def _cell(method: Record) -> str:
     out = [f"{h['points_mean_um']:.0f} / {h['points_max_um']:.0f}"] if h["points"] else []
     out += [f"planes RMS {h['planes_rms_um']:.0f}"] if h["plane_contacts"] else []
     return ", ".join(out)
-
-
-def _line(*cells: str) -> str:
-    return f"| {' | '.join(cells)} |"
-
-
-def update(path: Path, records: Sequence[Record]) -> None:
-    """Renew the tables of a page between its marks."""
-    between(path, (BEGIN, END), tables(records))

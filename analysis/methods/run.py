@@ -5,10 +5,12 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from analysis.methods import page, session
+from analysis.pages import published
 from analysis.records import arguments_of
 from bayescal.dataset import Dataset, read_dataset
 from bayescal.errors import BayescalError
@@ -21,21 +23,13 @@ NOISE, SHAPE, OUTLIERS, TRACKER = 5e-6, 20e-6, 0.03, 20e-6  # m, m, fraction, m
 Record = dict[str, Any]
 
 SORTS: dict[str, Callable[[Options, int], Dataset]] = {
-    "500 contacts": lambda layout, arm: session.touched(_as_many(layout, 500), arm, NOISE),
+    "500 contacts": lambda layout, arm: session.touched(replace(layout, contacts=500), arm, NOISE),
     "100 contacts": lambda layout, arm: session.touched(layout, arm, NOISE),
     "100, cube off by 20 µm": lambda layout, arm: session.touched(layout, arm, NOISE, shape_error=SHAPE),
     "100, 3 % outliers": lambda layout, arm: session.touched(layout, arm, NOISE, outliers=OUTLIERS),
-    "tracker": lambda layout, arm: session.tracked(_of_arm(layout, arm), TRACKER),
+    "tracker": lambda layout, arm: session.tracked(replace(layout, seed=arm), TRACKER),
 }
 """Sessions by what is particular about them: of a layout and the seed of an arm."""
-
-
-def _as_many(layout: Options, contacts: int) -> Options:
-    return Options(**{**vars(layout), "contacts": contacts})
-
-
-def _of_arm(layout: Options, arm: int) -> Options:
-    return Options(**{**vars(layout), "seed": arm})
 
 
 def simulated(layouts: int, arms: int, seed: int) -> Iterator[Record]:
@@ -77,6 +71,4 @@ def main(arguments: Sequence[str] | None = None) -> None:
     print(file=sys.stderr)
     given.out.mkdir(parents=True, exist_ok=True)
     (given.out / RAW).write_text(json.dumps(done) + "\n", encoding="utf-8")
-    print(page.tables(done))
-    if given.page is not None:
-        page.update(given.page, done)
+    published(page.tables(done), given.page, (page.BEGIN, page.END))

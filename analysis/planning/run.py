@@ -8,9 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from analysis.pages import published
 from analysis.planning import page
 from analysis.planning.session import CHOSEN, RANDOM, ground, measured
-from analysis.records import arguments_of, completed, stored
+from analysis.records import arguments_of, completed
 from bayescal.planning.expected import Random, equals_random
 
 RAW = "planning.json"
@@ -64,15 +65,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--workers", type=int, default=1, help="processes")
     given = parser.parse_args(arguments)
     raw = given.out / RAW
-    done = stored(raw)
     sizes = {f"{n} {given.candidates} {few}": (given.candidates, few, n) for few, n in SIZES}
-    plans = completed(done, raw, sizes, compared, 1, "selections")
+    plans = completed(raw, sizes, compared, 1, "selections")
     sessions = {}
     for k in range(given.sessions):
         how, count = SELECTIONS[k % len(SELECTIONS)]
         seed = 10_000 * given.seed + k
         sessions[f"{given.candidates} {how} {count} {seed}"] = (given.candidates, how, count, seed)
-    records = completed(done, raw, sessions, simulated, given.workers, "sessions")
-    print(page.tables(plans, records))
-    if given.page is not None:
-        page.update(given.page, page.tables(plans, records))
+    records = completed(raw, sessions, simulated, given.workers, "sessions")
+    published(page.tables(plans, records), given.page, (page.BEGIN, page.END))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial
 from pathlib import Path
@@ -29,7 +28,7 @@ from bayescal.simulation import Options
 from bayescal.simulation.record import distance_certificates, draws, true_targets
 from bayescal.simulation.session import plan
 from bayescal.simulation.touch import World, touch
-from bayescal.statistics import stream
+from bayescal.statistics import rms, stream
 
 MODEL = ("geometry", "compliance")
 CHOSEN, RANDOM = "chosen", "random"
@@ -89,7 +88,7 @@ def measured(on: Ground, chosen: np.ndarray, seed: int) -> tuple[float, float]:
     found = calibrated(Scene(session), MODEL)
     distances = centre_distances(found.model.scene, prepared(found).located, np.zeros((len(found.arm), 0)))
     errors = _lengths(found, rows, on.goals[1]) - _true_lengths(world, session, rows, on.goals[1])
-    return _rms(distances.error), _rms(errors)
+    return rms(distances.error), rms(errors)
 
 
 def _planned(on: Ground, chosen: np.ndarray) -> Dataset:
@@ -120,7 +119,3 @@ def _true_lengths(world: World, session: Dataset, rows: np.ndarray, goal: Goal) 
     assert goal.pairs is not None
     model = world.model(session)
     return lengths(model.motion(rows).points(world.deviations(model)), goal.pairs)
-
-
-def _rms(errors: Sequence[float] | np.ndarray) -> float:
-    return float(np.sqrt(np.mean(np.square(errors))))

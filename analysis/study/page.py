@@ -7,7 +7,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from analysis.blind.card import between
+from analysis.pages import between
+from analysis.pages import table as markdown
 from analysis.study.pictures import NAMES
 from analysis.study.session import LEVELS
 
@@ -47,31 +48,20 @@ def table(found: dict[str, Any]) -> str:
     ]
     for name, c in found["coverage"].items():
         expected = f"95 %; {_percent(c['binomial95_if_independent'])} of {c['count']} independent ones"
-        rows.append(
-            (
-                f"coverage of 95 % intervals: {name}",
-                f"{100 * c['inside']:.1f} %",
-                _percent(c["band95"]),
-                expected,
-            )
-        )
-    lines = ["| | result | 95 % band over sessions | expected |", "| --- | --- | --- | --- |"]
-    lines += [f"| {' | '.join(row)} |" for row in rows]
-    lines += ["", *_errors(found), "", _remarks(found)]
-    return "\n".join(lines)
+        inside = f"{100 * c['inside']:.1f} %"
+        rows.append((f"coverage of 95 % intervals: {name}", inside, _percent(c["band95"]), expected))
+    figures = markdown(("", "result", "95 % band over sessions", "expected"), rows)
+    return "\n\n".join((figures, _errors(found), _remarks(found)))
 
 
-def _errors(found: dict[str, Any]) -> list[str]:
-    lines = [
-        f"| maximum distance error of a session, mm | median of {found['sessions']} | minimum | maximum "
-        "| arm of Joubair and Bonev |",
-        "| --- | --- | --- | --- | --- |",
-    ]
+def _errors(found: dict[str, Any]) -> str:
+    rows = []
     for level in LEVELS:
         s, published = found["maximum_distance_mm"][level], found["published_maximum_distance_mm"].get(level)
         said = "" if published is None else f"{published:.3f}"
-        lines.append(f"| {level} | {s['median']:.3f} | {s['least']:.3f} | {s['most']:.3f} | {said} |")
-    return lines
+        rows.append((level, *(f"{s[key]:.3f}" for key in ("median", "least", "most")), said))
+    heads = ("maximum distance error of a session, mm", f"median of {found['sessions']}")
+    return markdown((*heads, "minimum", "maximum", "arm of Joubair and Bonev"), rows)
 
 
 def _remarks(found: dict[str, Any]) -> str:

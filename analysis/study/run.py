@@ -2,15 +2,10 @@
 
 from __future__ import annotations
 
-import argparse
 import json
-import sys
-from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
-from typing import Any
+from collections.abc import Sequence
 
-from analysis.records import arguments_of
+from analysis.records import arguments_of, on_workers
 from analysis.study import figures, page, pictures, session
 from bayescal.simulation import Options
 
@@ -27,15 +22,6 @@ def _one(task: Task) -> session.Record:
     return session.run(*task)
 
 
-def records(todo: Sequence[Task], workers: int) -> Iterator[session.Record]:
-    """What became of each session, in order, whatever the number of workers."""
-    if workers == 1:
-        yield from map(_one, todo)
-        return
-    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
-        yield from pool.map(_one, todo)
-
-
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the study and write what it shows."""
     parser = arguments_of("study", __doc__, "one seed, one study")
@@ -49,7 +35,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     if given.again:
         done = json.loads(raw.read_text(encoding="utf-8"))
     else:
-        done = _run(given)
+        todo = tasks(given.sessions, given.seed, given.emcee)
+        done = list(on_workers(_one, todo, given.workers, "sessions"))
         raw.write_text(json.dumps(done) + "\n", encoding="utf-8")
     found = figures.of(done)
     (given.out / "study.json").write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
@@ -57,15 +44,3 @@ def main(arguments: Sequence[str] | None = None) -> None:
     print(page.table(found))
     if given.page is not None:
         page.update(given.page, found, given.out)
-
-
-def _run(given: argparse.Namespace) -> list[dict[str, Any]]:
-    done = []
-    for record in records(tasks(given.sessions, given.seed, given.emcee), given.workers):
-        done.append(record)
-        said = record.get("refused", "")
-        print(
-            f"\r{len(done)} of {given.sessions} {said}", end="\n" if said else "", file=sys.stderr, flush=True
-        )
-    print(file=sys.stderr)
-    return done

@@ -94,18 +94,8 @@ def make(
     found = [sized(rng, maker, world, model, quiet, sigma) for maker in makers]
     acts = [(act, size) for act, size, _ in found]
     hidden = () if spared else acts
-    readings, worst = world.touch(hidden, noise + wild)
-    points = world.points(hidden, noise + wild) if isinstance(world, Tracked) else None
-    velocity = plan.velocity + np.radians(0.002) * rng.standard_normal((n, 6))
-    name = f"world-{number:03d}"
-    texts = {
-        "dataset.yaml": write.dataset_text(world, name, stated),
-        "robot.yaml": write.robot_text(),
-        "measurements.csv": write.measurements_text(
-            plan, readings, velocity if plan.says_velocity else None, points
-        ),
-        "baseline.txt": "geometry\n" if only_geometry else "geometry,compliance\n",
-    }
+    texts, worst = write.texts(rng, world, hidden, noise + wild, f"world-{number:03d}", stated)
+    texts["baseline.txt"] = "geometry\n" if only_geometry else "geometry,compliance\n"
     truth = told(world, model, found, quiet, sigma, noise)
     truth = {"world": f"{number:03d}", "schema": write.SCHEMA, "kind": kind, "seed": seed} | truth
     truth["generator"] = generator

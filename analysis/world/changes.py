@@ -236,27 +236,14 @@ def build(
         if name == "backlash":
             made[0] = change.act(made[0], 0.0)
         made[1] = change.act(made[1], size)
-        told.append(
-            {
-                "name": name,
-                "site": change.site,
-                "unit": change.unit,
-                "lambda": found,
-                "value": (size * change.value).tolist(),
-            }
-        )
+        value = (size * change.value).tolist()
+        told.append({"name": name, "site": change.site, "unit": change.unit, "lambda": found, "value": value})
     texts = {}
     for label, (world, acts) in zip(SESSIONS, made, strict=True):
-        plan, n = world.session, len(world.session.time)
+        plan = world.session
         noise = sigma * rng.standard_normal(len(plan.of_rows(plan.time))) + _wild(rng, plan)
-        readings, _ = world.touch(acts, noise)
-        points = world.points(acts, noise) if isinstance(world, Tracked) else None
-        velocity = plan.velocity + np.radians(0.002) * rng.standard_normal((n, 6))
-        texts[f"{label}/dataset.yaml"] = write.dataset_text(world, f"pair-{number:03d}-{label}", stated)
-        texts[f"{label}/robot.yaml"] = write.robot_text()
-        texts[f"{label}/measurements.csv"] = write.measurements_text(
-            plan, readings, velocity if plan.says_velocity else None, points
-        )
+        own, _ = write.texts(rng, world, acts, noise, f"pair-{number:03d}-{label}", stated)
+        texts |= {f"{label}/{name}": text for name, text in own.items()}
     truth = {
         "schema": write.SCHEMA,
         "seed": seed,

@@ -1,8 +1,8 @@
-"""The files of a world as texts, and its truth as JSON knows it."""
+"""The files of a world as texts."""
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -23,7 +23,7 @@ from analysis.world.scene import (  # fmt: skip
     pairs,
 )
 from analysis.world.session import CUBE, Session
-from analysis.world.touch import World
+from analysis.world.touch import Act, World
 from analysis.world.tracker import Tracked
 
 SCHEMA = "worlds-truth/1"
@@ -149,16 +149,23 @@ def measurements_text(
     return "\n".join([*lines, ""])
 
 
-def plain(value: Any) -> Any:
-    """Return a value as JSON knows it, to nine digits."""
-    if isinstance(value, dict):
-        return {k: plain(v) for k, v in value.items()}
-    if isinstance(value, list | tuple | np.ndarray):
-        return [plain(v) for v in value]
-    if isinstance(value, bool | np.bool_):
-        return bool(value)
-    if isinstance(value, int | np.integer):
-        return int(value)
-    if isinstance(value, float | np.floating):
-        return float(f"{value:.9g}")
-    return value
+def texts(
+    rng: np.random.Generator,
+    world: World,
+    acts: Sequence[tuple[Act, float]],
+    noise: np.ndarray,
+    name: str,
+    stated: float,
+) -> tuple[dict[str, str], float]:
+    """Return the files of a session by name, and how far contacts are off the touch (m); with its noise."""
+    plan = world.session
+    readings, worst = world.touch(acts, noise)
+    points = world.points(acts, noise) if isinstance(world, Tracked) else None
+    velocity = plan.velocity + np.radians(0.002) * rng.standard_normal((len(plan.time), 6))
+    return {
+        "dataset.yaml": dataset_text(world, name, stated),
+        "robot.yaml": robot_text(),
+        "measurements.csv": measurements_text(
+            plan, readings, velocity if plan.says_velocity else None, points
+        ),
+    }, worst

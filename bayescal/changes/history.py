@@ -271,17 +271,16 @@ def _search(g: np.ndarray, s: np.ndarray, count: int, patterns: int) -> tuple[li
     chosen: list[int] = []
     prior = float(np.log((1.0 - NONE) / NONE / (count * max(patterns, 1))))
 
-    def odds(k: int, beside: list[int]) -> float:
+    def odds(of: list[int], beside: list[int]) -> list[float]:
         left, score, _ = integrated(g, s, FREE * np.eye(len(s))[:, beside])
-        return averaged(gains(left[k : k + 1, k : k + 1], score[k : k + 1])) + prior
+        return [averaged(gains(left[k : k + 1, k : k + 1], score[k : k + 1])) + prior for k in of]
 
     while True:
         free = [k for k in range(len(s)) if k % count not in {c % count for c in chosen}]
-        left, score, _ = integrated(g, s, FREE * np.eye(len(s))[:, chosen])
         gain = np.full(len(s), -np.inf)
-        gain[free] = [averaged(gains(left[k : k + 1, k : k + 1], score[k : k + 1])) + prior for k in free]
+        gain[free] = odds(free, chosen)
         best = int(np.argmax(gain)) if free else -1
         if best < 0 or len(chosen) == MOST or gain[best] < np.log(SURE / (1.0 - SURE)):
-            gain[chosen] = [odds(k, [c for c in chosen if c != k]) for k in chosen]
+            gain[chosen] = [odds([k], [c for c in chosen if c != k])[0] for k in chosen]
             return chosen, gain
         chosen.append(best)

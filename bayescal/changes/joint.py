@@ -76,9 +76,8 @@ def tied(dataset: Dataset) -> tuple[Dataset, frozenset[str]]:
     frozenset of str
         Names of the targets that were made one.
     """
-    stated: dict[str, list[int]] = {}
-    for k, t in enumerate(dataset.targets):
-        stated.setdefault(t.name.partition(":")[2], []).append(k)
+    names = [t.name.partition(":")[2] for t in dataset.targets]
+    stated = {name: [k for k, other in enumerate(names) if other == name] for name in names}
     first, shared = list(range(len(dataset.targets))), dict[str, str]()
     for name, places in stated.items():
         one, *others = (dataset.targets[k] for k in places)
@@ -91,11 +90,11 @@ def tied(dataset: Dataset) -> tuple[Dataset, frozenset[str]]:
     originals = {s.name: s.certificates for s in dataset.sessions}
     for session, own in originals.items():
         for c in own:
-            names = tuple(shared.get(f"{session}:{t}", f"{session}:{t}") for t in c.targets)
-            key = (c.kind, names, c.distance)
+            own_names = tuple(shared.get(f"{session}:{t}", f"{session}:{t}") for t in c.targets)
+            key = (c.kind, own_names, c.distance)
             if key not in seen:  # of one target in several sessions, a certificate counts once
                 seen.add(key)
-                certificates.append(replace(c, targets=names))
+                certificates.append(replace(c, targets=own_names))
     m = dataset.measurements
     index = np.array([kept.index(f) for f in first])
     return replace(

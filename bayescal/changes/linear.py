@@ -72,7 +72,6 @@ class Evidence:
     score: np.ndarray  # (K,)
     shared: np.ndarray  # (D,) z of the shared unknowns without a change
     follow: np.ndarray  # (D, K)
-    covariance: np.ndarray  # (D, D) of these, given the changes
     names: tuple[str, ...]  # (D,) of them: parameters of the arm, targets, then effects of the list
     sd: np.ndarray  # (D,) SI of a unit of each
     centre: np.ndarray  # (D,) SI
@@ -182,7 +181,6 @@ def evidence(joint: Joint) -> Evidence:
         score,
         start,
         follow,
-        inner,
         tuple(names[k] for k in kept),
         sizes[kept],
         centres[kept],

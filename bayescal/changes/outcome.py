@@ -32,6 +32,7 @@ from bayescal.changes.search import (
     options,
     search,
     selector,
+    selectors,
 )
 from bayescal.dataset import Dataset
 from bayescal.effects import EFFECTS, Parameter
@@ -224,7 +225,7 @@ def members_of_class(found: Search, m: Member) -> tuple[Member, ...]:
 
 def posterior(e: Evidence, members: Sequence[Member]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Columns (K, k) of a set of changes, and mean (k,) and covariance (k, k) of their amplitudes."""
-    by = np.column_stack([np.zeros((len(e.columns), 0)), *(selector(e, m) for m in members)])
+    by = selectors(e, members)
     a = by.T @ e.information @ by + np.eye(by.shape[1]) / FREE**2
     scale = 1.0 / np.sqrt(np.diag(a))
     covariance = np.linalg.inv(a * np.outer(scale, scale)) * np.outer(scale, scale)
@@ -299,8 +300,8 @@ def detectable(found: Search, moves: np.ndarray) -> tuple[Detectable, ...]:
 
     def beside(item: Item | None) -> np.ndarray:
         """Information with the changes of the best set, without that of an item, integrated out."""
-        by = [FREE * selector(e, m) for m in found.best.members if joint.items[m.item] is not item]
-        return integrated(e.information, e.score, np.column_stack([np.zeros((len(e.columns), 0)), *by]))[0]
+        others = [m for m in found.best.members if joint.items[m.item] is not item]
+        return integrated(e.information, e.score, FREE * selectors(e, others))[0]
 
     usual = beside(None)
     inside = {m.item for m in found.best.members}

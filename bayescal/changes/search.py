@@ -101,6 +101,11 @@ def selector(e: Evidence, member: Member) -> np.ndarray:
     return out
 
 
+def selectors(e: Evidence, members: Sequence[Member]) -> np.ndarray:
+    """Columns (K, k) of the parameters of several members."""
+    return np.column_stack([np.zeros((len(e.columns), 0)), *(selector(e, m) for m in members)])
+
+
 def log_priors(e: Evidence, every: Sequence[Member]) -> dict[Member, float]:
     """Log of the prior share of every member among single changes."""
 

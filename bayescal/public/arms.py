@@ -308,12 +308,9 @@ class VerificationResult(Printed):
     def save(self, folder: str | PathLike[str]) -> tuple[str, ...]:
         """Write verify.json to a run folder; return the name of the file."""
         from bayescal.storage.files import json_text
-        from bayescal.storage.folders import whole
+        from bayescal.storage.folders import filled
 
-        with whole(Path(folder), "verify.json") as stage:
-            text = json_text(self.record, rows=False)
-            (stage / "verify.json").write_text(text, encoding="utf-8")
-        return ("verify.json",)
+        return filled(Path(folder), {"verify.json": json_text(self.record, rows=False)})
 
     def __repr__(self) -> str:
         most = 1e6 * self.verification.levels[-1].maximum

@@ -36,7 +36,6 @@ if TYPE_CHECKING:
 
     Source = Dataset | SimulatedSession | str | PathLike[str]
 
-OfLog = MotionFitResult | MotionGapResult | MotionPlanResult
 """Results of joint logs."""
 GAP, SETTINGS = "gap.json", "dataset.yaml"
 MOTION = ("Nm", "deg")

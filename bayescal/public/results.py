@@ -340,8 +340,7 @@ class ComparisonResult(Printed):
         """Write compare.json to a run folder; return its name."""
         from bayescal.reporting.comparison import write_comparison
 
-        write_comparison(self.data, Path(folder))
-        return ("compare.json",)
+        return write_comparison(self.data, Path(folder))
 
     def __repr__(self) -> str:
         names = ", ".join(row.method.name for row in self.data.rows)

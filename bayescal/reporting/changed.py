@@ -30,7 +30,7 @@ from bayescal.reporting.shared.text import (
     with_u,
 )
 from bayescal.storage.files import json_text
-from bayescal.storage.folders import whole
+from bayescal.storage.folders import filled
 from bayescal.storage.reading import Json
 
 CHANGED, PAGE, TABLE = "changed.json", "changed.html", "changed.csv"
@@ -42,21 +42,8 @@ SIGNS = {
 """Tone, sign and word of a verdict."""
 STYLES = {"same": "bold green", "changed": "bold red", "ambiguous": "bold yellow"}
 CELLS = (
-    "item",
-    "parameter",
-    "effect",
-    "site",
-    "kind",
-    "sessions",
-    "unit",
-    "before",
-    "after",
-    "difference",
-    "u",
-    "U",
-    "probability",
-    "class",
-    "stated",
+    *("item", "parameter", "effect", "site", "kind", "sessions", "unit", "before", "after", "difference"),
+    *("u", "U", "probability", "class", "stated"),
 )
 """Columns of the CSV file: keys of the items."""
 
@@ -176,13 +163,8 @@ def _first(record: Json) -> Section:
     keys = [("nothing changed", probability(record["probability"]["same"]), "probability")]
     keys += [("the arm is the same", probability(record["probability"]["arm_same"]), "probability")]
     if d and record["verdict"] != "same":
-        keys.append(
-            (
-                "distances change by",
-                f"{length(d['rms_um'])} µm",
-                f"RMS; at most {length(abs(d['largest_um']))} µm",
-            )
-        )
+        rms, most = length(d["rms_um"]), length(abs(d["largest_um"]))
+        keys.append(("distances change by", f"{rms} µm", f"RMS; at most {most} µm"))
     folders = [shlex.quote(name) for name in record["folders"]]
     steps = {
         "same": [("One calibration of all sessions:", f"bayescal fit {' '.join(folders)}")],
@@ -229,8 +211,5 @@ def items_csv(record: Json) -> str:
 
 def write_changed(record: Json, folder: Path) -> tuple[str, ...]:
     """Write changed.json, changed.html and changed.csv atomically; return their names."""
-    with whole(folder, CHANGED) as stage:
-        (stage / CHANGED).write_text(json_text(record, rows=False), encoding="utf-8")
-        (stage / PAGE).write_text(changed_page(record), encoding="utf-8")
-        (stage / TABLE).write_text(items_csv(record), encoding="utf-8")
-    return CHANGED, PAGE, TABLE
+    texts = {CHANGED: json_text(record, rows=False), PAGE: changed_page(record), TABLE: items_csv(record)}
+    return filled(folder, texts)

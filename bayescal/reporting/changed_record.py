@@ -11,7 +11,7 @@ from bayescal.changes.moves import Shift
 from bayescal.changes.outcome import Changed, Detectable, Difference
 from bayescal.effects import UNITS
 from bayescal.effects.vocabulary import unit_label
-from bayescal.reporting.shared.origin import origin, plain
+from bayescal.reporting.shared.origin import entry, origin, plain
 from bayescal.reporting.shared.text import UM, listed, percent, with_u
 from bayescal.storage.reading import Json
 
@@ -37,14 +37,7 @@ def changed_record(result: Changed) -> Json:
         "probability": {"same": result.same, "arm_same": result.arm_same},
         "items": [_item(x) for x in result.differences],
         "detectable": [_detectable(x) for x in result.detectable],
-        "distances": None
-        if d is None
-        else {
-            "rms_um": UM * d.rms,
-            "u_rms_um": UM * d.u_rms,
-            "largest_um": UM * d.largest,
-            "u_largest_um": UM * d.u_largest,
-        },
+        "distances": d and entry(d, "rms_um", "u_rms_um", "largest_um", "u_largest_um"),
         "poses": [_pose(x) for x in result.shifts],
         "noise_factor": list(result.noise),
         "model_errors": [{"effect": name, "variance_over_prior": x} for name, x in result.errors],
@@ -93,14 +86,10 @@ def _detectable(x: Detectable) -> dict[str, Any]:
 
 def _pose(x: Shift) -> dict[str, Any]:
     none = x.shift is None
-    shift = (
-        dict.fromkeys(("dx_um", "dy_um", "dz_um"))
-        if x.shift is None
-        else dict(zip(("dx_um", "dy_um", "dz_um"), (UM * x.shift).tolist(), strict=True))
-    )
+    shift = [None] * 3 if x.shift is None else (UM * x.shift).tolist()
     return {
         "target": x.where,
-        **shift,
+        **dict(zip(("dx_um", "dy_um", "dz_um"), shift, strict=True)),
         "length_um": None if none else UM * x.size,
         "U_um": None if none else COVERAGE * UM * x.u,
         "reason": x.reason,
@@ -220,12 +209,8 @@ def found_from(record: Json) -> list[str]:
     for label, entries in detectable_kinds(record).items():
         known = [x for x in entries if x["value"] is not None]
         if known:
-            low, high = (f(x["tcp_um"] for x in known) for f in (min, max))
-            parts.append(
-                f"{label} {low:.0f} to {high:.0f} µm"
-                if f"{low:.0f}" != f"{high:.0f}"
-                else f"{label} {low:.0f} µm"
-            )
+            ends = dict.fromkeys(f"{f(x['tcp_um'] for x in known):.0f}" for f in (min, max))
+            parts.append(f"{label} {' to '.join(ends)} µm")
     said = {x["parameter"] for x in record["items"] if x["stated"]}
     unseen = [
         x["parameter"]

@@ -17,7 +17,7 @@ from bayescal.reporting.shared.origin import entry, origin, plain
 from bayescal.reporting.shared.sheet import Column, Sheet, terminal
 from bayescal.reporting.shared.text import UM, facts, model_label, um
 from bayescal.storage.files import json_text
-from bayescal.storage.folders import whole
+from bayescal.storage.folders import filled
 
 COMPARE = "compare.json"
 SCHEMA = "bayescal-compare/1"
@@ -120,8 +120,6 @@ def _parameters(solution: Solution) -> list[dict[str, Any]]:
     return out
 
 
-def write_comparison(comparison: Comparison, folder: Path) -> None:
-    """Write compare.json atomically."""
-    record = json_text(comparison_record(comparison), rows=False)
-    with whole(folder, COMPARE) as stage:
-        (stage / COMPARE).write_text(record, encoding="utf-8")
+def write_comparison(comparison: Comparison, folder: Path) -> tuple[str, ...]:
+    """Write compare.json atomically; return its name."""
+    return filled(folder, {COMPARE: json_text(comparison_record(comparison), rows=False)})

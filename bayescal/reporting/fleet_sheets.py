@@ -46,10 +46,6 @@ def _joined(texts: list[str]) -> str | None:
     return "; ".join(texts) or None
 
 
-def _parameters(key: str) -> Callable[[Json], str | None]:
-    return lambda arm: _joined([d["parameter"] for d in stated(arm, key)])
-
-
 def arms(record: Json, links: Link | None = None) -> Sheet:
     """The arms, those with findings first."""
     detailed = links is not None

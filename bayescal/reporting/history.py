@@ -18,11 +18,11 @@ from bayescal.reporting.changed_record import COVERAGE, SMALL
 from bayescal.reporting.page import svg
 from bayescal.reporting.page.render import page
 from bayescal.reporting.page.section import Figures, FirstScreen, blocks
-from bayescal.reporting.shared.origin import plain, software
+from bayescal.reporting.shared.origin import entry, plain, software
 from bayescal.reporting.shared.sheet import Column, Sheet, csv_text, of_key, terminal
-from bayescal.reporting.shared.text import UM, facts, listed, probability, under, with_u
+from bayescal.reporting.shared.text import facts, listed, probability, under, with_u
 from bayescal.storage.files import json_text
-from bayescal.storage.folders import whole
+from bayescal.storage.folders import filled
 from bayescal.storage.reading import Json
 
 SCHEMA = "bayescal-history/1"
@@ -58,9 +58,7 @@ def history_record(result: History) -> Json:
         "limit": None
         if limit is None
         else {
-            "limit_um": UM * limit.limit,
-            "rate_um": UM * limit.rate,
-            "u_rate_um": UM * limit.u_rate,
+            **entry(limit, "limit_um", "rate_um", "u_rate_um"),
             "probability": list(QUANTILES),
             "time_after_last_run": list(limit.times),
             "date": list(limit.dates) or None,
@@ -190,13 +188,8 @@ def history_page(record: Json) -> str:
     keys = [("sessions", str(len(record["runs"])), "runs of fit or gap")]
     if record["limit"]:
         middle = record["limit"]["time_after_last_run"][1]
-        keys.append(
-            (
-                "calibrate again",
-                f"{middle:.0f} {record['time_unit']}s",
-                "after the last run, by the drift found",
-            )
-        )
+        when = f"{middle:.0f} {record['time_unit']}s"
+        keys.append(("calibrate again", when, "after the last run, by the drift found"))
     steps = [("Compare two sessions in detail:", "bayescal changed BEFORE AFTER")]
     first = FirstScreen(
         word, tone, sign, record["words"], len(record["words"]), keys, next=steps, warnings=record["notes"]
@@ -204,9 +197,7 @@ def history_page(record: Json) -> str:
     runs = Sheet(
         (
             Column("run", "folder"),
-            Column("date", "date", words=True),
-            Column("dataset", "dataset", words=True),
-            Column("command", "command", words=True),
+            *(Column(key, key, words=True) for key in ("date", "dataset", "command")),
             Column("model", lambda r: ", ".join(r["model"]), words=True),
         ),
         record["runs"],
@@ -239,8 +230,5 @@ def history_csv(record: Json) -> str:
 
 def write_history(record: Json, folder: Path) -> tuple[str, ...]:
     """Write history.json, history.html and history.csv atomically; return their names."""
-    with whole(folder, HISTORY) as stage:
-        (stage / HISTORY).write_text(json_text(record, rows=False), encoding="utf-8")
-        (stage / PAGE).write_text(history_page(record), encoding="utf-8")
-        (stage / TABLE).write_text(history_csv(record), encoding="utf-8")
-    return HISTORY, PAGE, TABLE
+    texts = {HISTORY: json_text(record, rows=False), PAGE: history_page(record), TABLE: history_csv(record)}
+    return filled(folder, texts)

@@ -13,7 +13,7 @@ import hashlib
 import json
 import os
 import shutil
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -90,6 +90,14 @@ def whole(folder: Path, marker: str) -> Iterator[Path]:
             raise BayescalError(error.strerror or "cannot be written", str(folder), OTHER_OUT) from None
         finally:
             _discard(stage)
+
+
+def filled(folder: Path, texts: Mapping[str, str]) -> tuple[str, ...]:
+    """Write a run folder of texts by name, the first of which identifies it; return the names."""
+    with whole(folder, next(iter(texts))) as stage:
+        for name, text in texts.items():
+            (stage / name).write_text(text, encoding="utf-8")
+    return tuple(texts)
 
 
 @contextmanager

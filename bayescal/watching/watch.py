@@ -96,20 +96,15 @@ class Complete:
 
 @dataclass(frozen=True)
 class Notice:
-    """A text for the person who probes; `kind` is one of `KINDS`."""
+    """A text for the person who probes; `kind` is one of those below."""
 
     kind: str
     text: str
 
 
-FAULT, WAITING, SHIFTED, ENOUGH, PLANNED, QUIET = KINDS = (
-    "fault",
-    "waiting",
-    "shifted",
-    "enough",
-    "planned",
-    "quiet",
-)
+FAULT, WAITING, SHIFTED = "fault", "waiting", "shifted"
+ENOUGH, PLANNED, QUIET = "enough", "planned", "quiet"
+"""Kinds of notices."""
 Event = Contact | Complete | Notice
 
 
@@ -191,10 +186,8 @@ class Watch:
         where = f"all on {names[0]}: it" if len(names) == 1 else "on several targets: tool, base or a joint"
         first = next(c.id for c in some)
         if not self._told.get(SHIFTED):
-            text = (
-                f"{len(some)} of the last {RECENT} contacts are odd, from {first}, {where} may have shifted"
-            )
-            yield from self._tell(SHIFTED, text)
+            text = f"{len(some)} of the last {RECENT} contacts are odd, from {first}, {where} may"
+            yield from self._tell(SHIFTED, f"{text} have shifted")
 
     def _tell(self, kind: str, text: str) -> Iterator[Notice]:
         """A notice, unless it was the last of its kind."""

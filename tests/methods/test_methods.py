@@ -9,6 +9,7 @@ import pytest
 from cases import terminal_text
 
 from analysis.methods import page, session
+from analysis.pages import between
 from bayescal.dataset import Dataset, write_dataset
 from bayescal.methods import METHODS, Comparison, compare
 from bayescal.methods.compare import predicted, validated
@@ -237,7 +238,7 @@ def test_page_pools_sessions_and_keeps_the_rest(renewed):
         record("clean", normals=None, bayescal=4.0),
         {"sort": "clean", "seed": 3, "refused": "no place"},
     ]
-    text = renewed(page, lambda path: page.update(path, done))
+    text = renewed(page, lambda path: between(path, (page.BEGIN, page.END), page.tables(done)))
     assert "clean (2)" in text
     assert "| normals | 3.0 |" in text
     assert "| bayescal | 3.5 |" in text  # root of the mean of 9 and 16

@@ -45,6 +45,15 @@ def scaled(
     )
 
 
+def of_joint(
+    log: Log, j: int, name: str, driver: str, unit: str, most: float, shape: np.ndarray, form: str = "",
+    **detail: object,
+) -> Act:  # fmt: skip
+    """Return `scaled` of a joint, with a shape (rows,)."""
+    where, shape = place(f"joint {j + 1}", driver, name), alone(log, j, shape)
+    return scaled(name, form, where, unit, most, shape, log, joint=int(j + 1), **detail)
+
+
 def payload(rng: np.random.Generator, log: Log, form: str) -> Act:
     """A mass at the tool that is not stated: of payload or gripper, or in proportion to the payload."""
     s, arm = log.session, log.arm

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from analysis.world.motion.effects import alone, place, scaled
+from analysis.world.motion.effects import alone, of_joint, place, scaled
 from analysis.world.motion.log import Act, Change, Log
 
 
@@ -14,10 +14,10 @@ def stribeck(rng: np.random.Generator, log: Log, form: str) -> Act:
     exponent = {"exponential": 1.0, "between": 1.5, "Gaussian": 2.0}[form]
     knee = float(rng.uniform(2.2, 5.0)) * arm.transition
     drop = np.tanh(dq[:, j] / arm.transition) * np.exp(-((np.abs(dq[:, j]) / knee) ** exponent))
-    where = place(f"joint {j + 1}", "speed", "stribeck")
     most = 3 * arm.coulomb[j]
-    return scaled("stribeck", form, where, "N m", most, alone(log, j, drop), log,
-                  joint=j + 1, speed_radps=knee, exponent=exponent)  # fmt: skip
+    return of_joint(
+        log, j, "stribeck", "speed", "N m", most, drop, speed_radps=knee, exponent=exponent, form=form
+    )
 
 
 def load_friction(rng: np.random.Generator, log: Log, form: str) -> Act:
@@ -29,9 +29,8 @@ def load_friction(rng: np.random.Generator, log: Log, form: str) -> Act:
         size = np.sqrt(load**2 + soft**2) - soft
     else:
         size = np.abs(log.still[:, j] if form == "gravity" else load)
-    shape = alone(log, j, size * np.tanh(log.session.dq[:, j] / log.arm.transition))
-    where = place(f"joint {j + 1}", "torque times direction", "load-friction")
-    return scaled("load-friction", form, where, "1", 0.5, shape, log, joint=j + 1)
+    return of_joint(log, j, "load-friction", "torque times direction", "1", 0.5,
+                    size * np.tanh(log.session.dq[:, j] / log.arm.transition), form=form)  # fmt: skip
 
 
 def asymmetric_friction(rng: np.random.Generator, log: Log, form: str) -> Act:
@@ -40,10 +39,9 @@ def asymmetric_friction(rng: np.random.Generator, log: Log, form: str) -> Act:
     speed = np.abs(log.session.dq[:, j])
     knee = float(rng.uniform(0.15, 0.4))
     shapes = {"viscous": speed, "saturating": speed / (1 + speed / knee), "power": speed**1.6}
-    where = place(f"joint {j + 1}", "abs speed", "asymmetric-friction")
-    shape = alone(log, j, float(rng.choice([-1, 1])) * shapes[form])
     most = 4 * log.arm.viscous[j]
-    return scaled("asymmetric-friction", form, where, "N m s/rad", most, shape, log, joint=j + 1)
+    return of_joint(log, j, "asymmetric-friction", "abs speed", "N m s/rad", most,
+                    float(rng.choice([-1, 1])) * shapes[form], form=form)  # fmt: skip
 
 
 def ripple(rng: np.random.Generator, log: Log, form: str) -> Act:
@@ -58,9 +56,8 @@ def ripple(rng: np.random.Generator, log: Log, form: str) -> Act:
     share = float(rng.uniform(0.2, 0.6)) if rng.random() < 0.6 else 0.0
     again = 1.37 if form == "two periods" else 2.0
     wave = np.sin(waves * q + phase) + share * np.sin(again * waves * q + second)
-    where = place(f"joint {j + 1}", "motor angle", "ripple")
-    return scaled("ripple", form, where, "N m", 0.5 * log.arm.rated[j], alone(log, j, wave), log,
-                  joint=j + 1, waves=waves, phase=phase, second_share=share)  # fmt: skip
+    return of_joint(log, j, "ripple", "motor angle", "N m", 0.5 * log.arm.rated[j], wave, waves=waves,
+                    phase=phase, second_share=share, form=form)  # fmt: skip
 
 
 def torque_constant(rng: np.random.Generator, log: Log, form: str) -> Act:
@@ -82,11 +79,10 @@ def torque_drift(rng: np.random.Generator, log: Log, form: str) -> Act:
     j, s = int(rng.integers(log.arm.size)), log.session
     time = (s.time - s.time[0]) / np.ptp(s.time)
     shapes = {"temperature": s.warm, "time": time, "fast at first": 1 - np.exp(-time / 0.25)}
-    shape = alone(log, j, float(rng.choice([-1, 1])) * shapes[form])
     driver = "temperature" if form == "temperature" else "time"
     unit = "N m/K" if form == "temperature" else "N m"
-    where = place(f"joint {j + 1}", driver, "torque-drift")
-    return scaled("torque-drift", form, where, unit, 0.5 * log.arm.rated[j], shape, log, joint=j + 1)
+    return of_joint(log, j, "torque-drift", driver, unit, 0.5 * log.arm.rated[j],
+                    float(rng.choice([-1, 1])) * shapes[form], form=form)  # fmt: skip
 
 
 def viscous_temperature(rng: np.random.Generator, log: Log, form: str) -> Act:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.signal import lfilter
 
-from analysis.world.motion.effects import alone, place, scaled
+from analysis.world.motion.effects import of_joint, place, scaled
 from analysis.world.motion.log import Act, Log
 
 
@@ -24,8 +24,7 @@ def cable_spring(rng: np.random.Generator, log: Log) -> Act:
     q = log.session.q[:, j] * rng.choice([-1, 1])
     taut = np.quantile(q, rng.uniform(0.5, 0.8))
     shape = np.maximum(0, q - taut) ** rng.uniform(1, 2)
-    where = place(f"joint {j + 1}", "joint angle, beyond one", "cable-spring")
-    return scaled("cable-spring", "", where, "N m", 50 * _all(log, j), alone(log, j, shape), log, joint=j + 1)
+    return of_joint(log, j, "cable-spring", "joint angle, beyond one", "N m", 50 * _all(log, j), shape)
 
 
 def hard_spot(rng: np.random.Generator, log: Log) -> Act:
@@ -34,10 +33,7 @@ def hard_spot(rng: np.random.Generator, log: Log) -> Act:
     q, dq = log.session.q[:, j], log.session.dq[:, j]
     at, wide = np.quantile(q, rng.uniform(0.15, 0.85)), rng.uniform(0.03, 0.12)
     shape = np.exp(-(((q - at) / wide) ** 2)) * np.tanh(dq / log.arm.transition)
-    where = place(f"joint {j + 1}", "joint angle, one place", "hard-spot")
-    return scaled(
-        "hard-spot", "", where, "N m", _all(log, j), alone(log, j, shape), log, joint=j + 1, at_rad=at
-    )
+    return of_joint(log, j, "hard-spot", "joint angle, one place", "N m", _all(log, j), shape, at_rad=at)
 
 
 def slips(rng: np.random.Generator, log: Log) -> Act:
@@ -49,8 +45,7 @@ def slips(rng: np.random.Generator, log: Log) -> Act:
         run = next(r for r in s.runs if r.start <= k < r.stop)
         after = slice(k, run.stop)
         shape[after] += np.exp(-(s.time[after] - s.time[k]) / rng.uniform(0.1, 0.5))
-    where = place(f"joint {j + 1}", "time, several events", "slips")
-    return scaled("slips", "", where, "N m", _all(log, j), alone(log, j, -shape), log, joint=j + 1)
+    return of_joint(log, j, "slips", "time, several events", "N m", _all(log, j), -shape)
 
 
 def stand_resonance(rng: np.random.Generator, log: Log) -> Act:
@@ -79,18 +74,8 @@ def presliding(rng: np.random.Generator, log: Log) -> Act:
         state = float(np.clip(state + s.step * v / wide * (1 - np.sign(v) * state), -1, 1))
         out[k] = state
     shape = out - np.tanh(dq / log.arm.transition)
-    where = place(f"joint {j + 1}", "displacement since the reversal", "presliding")
-    return scaled(
-        "presliding",
-        "",
-        where,
-        "N m",
-        3 * log.arm.coulomb[j],
-        alone(log, j, shape),
-        log,
-        joint=j + 1,
-        wide_rad=wide,
-    )
+    return of_joint(log, j, "presliding", "displacement since the reversal", "N m", 3 * log.arm.coulomb[j],
+                    shape, wide_rad=wide)  # fmt: skip
 
 
 def cross_friction(rng: np.random.Generator, log: Log) -> Act:
@@ -98,18 +83,8 @@ def cross_friction(rng: np.random.Generator, log: Log) -> Act:
     i, j = rng.permutation(log.arm.size)[:2]
     angle, dq = log.session.q[:, i], log.session.dq[:, j]
     shape = np.tanh(dq / log.arm.transition) * (angle - angle.mean())
-    where = place(f"joint {j + 1}", f"angle of joint {i + 1} times direction", "cross-friction")
-    return scaled(
-        "cross-friction",
-        "",
-        where,
-        "N m/rad",
-        _all(log, j),
-        alone(log, j, shape),
-        log,
-        joint=int(j + 1),
-        by=int(i + 1),
-    )
+    return of_joint(log, j, "cross-friction", f"angle of joint {i + 1} times direction", "N m/rad",
+                    _all(log, j), shape, by=int(i + 1))  # fmt: skip
 
 
 def position_friction(rng: np.random.Generator, log: Log) -> Act:
@@ -117,9 +92,8 @@ def position_friction(rng: np.random.Generator, log: Log) -> Act:
     j = _joint(rng, log)
     q, dq, phase = log.session.q[:, j], log.session.dq[:, j], rng.uniform(0, 6.28)
     shape = np.tanh(dq / log.arm.transition) * np.sin(rng.uniform(1, 5) * q + phase)
-    where = place(f"joint {j + 1}", "joint angle times direction", "position-friction")
-    return scaled(
-        "position-friction", "", where, "N m", 2 * log.arm.coulomb[j], alone(log, j, shape), log, joint=j + 1
+    return of_joint(
+        log, j, "position-friction", "joint angle times direction", "N m", 2 * log.arm.coulomb[j], shape
     )
 
 
@@ -145,8 +119,7 @@ def switching(rng: np.random.Generator, log: Log) -> Act:
     for k, v in enumerate(speed):
         state = 1.0 if v > on else 0.0 if v < off else state
         out[k] = state
-    where = place(f"joint {j + 1}", "speed, with a hysteresis", "switching")
-    return scaled("switching", "", where, "N m", _all(log, j), alone(log, j, out), log, joint=j + 1)
+    return of_joint(log, j, "switching", "speed, with a hysteresis", "N m", _all(log, j), out)
 
 
 def load_cogging(rng: np.random.Generator, log: Log) -> Act:
@@ -155,8 +128,7 @@ def load_cogging(rng: np.random.Generator, log: Log) -> Act:
     q, load = log.session.q[:, j], log.torque[:, j]
     waves, phase = float(rng.choice([log.arm.gear[j] / 2, rng.integers(12, 40)])), rng.uniform(0, 6.28)
     shape = load * np.sin(waves * q + phase)
-    where = place(f"joint {j + 1}", "torque times motor angle", "load-cogging")
-    return scaled("load-cogging", "", where, "1", 1.0, alone(log, j, shape), log, joint=j + 1, waves=waves)
+    return of_joint(log, j, "load-cogging", "torque times motor angle", "1", 1.0, shape, waves=waves)
 
 
 def thermal_offset(rng: np.random.Generator, log: Log) -> Act:
@@ -168,9 +140,8 @@ def thermal_offset(rng: np.random.Generator, log: Log) -> Act:
         keep = np.exp(-(t - last) / tau)
         state, last = keep * state + (1 - keep) * (p if t - last < 2 * s.step else 0.0), t
         out[k] = state
-    shape = alone(log, j, out / max(out.max(), 1e-12))
-    where = place(f"joint {j + 1}", "energy of the motions", "thermal-offset")
-    return scaled("thermal-offset", "", where, "N m", _all(log, j), shape, log, joint=j + 1, tau_s=tau)
+    return of_joint(log, j, "thermal-offset", "energy of the motions", "N m", _all(log, j),
+                    out / max(out.max(), 1e-12), tau_s=tau)  # fmt: skip
 
 
 MECHANICS = (

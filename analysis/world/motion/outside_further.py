@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.signal import lfilter
 
-from analysis.world.motion.effects import alone, place, scaled
+from analysis.world.motion.effects import of_joint, place, scaled
 from analysis.world.motion.log import Act, Log
 from analysis.world.motion.outside import _all, _joint
 
@@ -17,8 +17,7 @@ def spalled_bearing(rng: np.random.Generator, log: Log) -> Act:
     count = np.floor(turn).astype(int)
     strength = rng.exponential(1.0, np.ptp(count) + 1)[count - count.min()]
     shape = strength * np.exp(-((((turn - count) - 0.5) / 0.09) ** 2)) * np.tanh(log.session.dq[:, j] / 0.05)
-    where = place(f"joint {j + 1}", "motor angle, knocks", "spalled-bearing")
-    return scaled("spalled-bearing", "", where, "N m", _all(log, j), alone(log, j, shape), log, joint=j + 1)
+    return of_joint(log, j, "spalled-bearing", "motor angle, knocks", "N m", _all(log, j), shape)
 
 
 def sensor_hysteresis(rng: np.random.Generator, log: Log) -> Act:
@@ -30,8 +29,7 @@ def sensor_hysteresis(rng: np.random.Generator, log: Log) -> Act:
     for k, value in enumerate(tau):
         state = min(max(state, value - play), value + play)
         out[k] = state
-    where = place(f"joint {j + 1}", "direction of the change of torque", "sensor-hysteresis")
-    return scaled("sensor-hysteresis", "", where, "1", 5.0, alone(log, j, out - tau), log, joint=j + 1)
+    return of_joint(log, j, "sensor-hysteresis", "direction of the change of torque", "1", 5.0, out - tau)
 
 
 def stiff_grease(rng: np.random.Generator, log: Log) -> Act:
@@ -39,9 +37,8 @@ def stiff_grease(rng: np.random.Generator, log: Log) -> Act:
     j, s = _joint(rng, log), log.session
     gone = np.concatenate([np.cumsum(np.abs(s.dq[r, j])) * s.step for r in s.runs])
     shape = np.tanh(s.dq[:, j] / log.arm.transition) * np.exp(-gone / rng.uniform(0.3, 1.5))
-    where = place(f"joint {j + 1}", "way since the pause times direction", "stiff-grease")
-    return scaled(
-        "stiff-grease", "", where, "N m", 3 * log.arm.coulomb[j], alone(log, j, shape), log, joint=j + 1
+    return of_joint(
+        log, j, "stiff-grease", "way since the pause times direction", "N m", 3 * log.arm.coulomb[j], shape
     )
 
 
@@ -68,9 +65,8 @@ def dragging_brake(rng: np.random.Generator, log: Log) -> Act:
     hit = rng.permutation(len(s.runs)) < max(2, len(s.runs) // 3)
     on = np.repeat(hit, [r.stop - r.start for r in s.runs])
     shape = np.tanh(s.dq[:, j] / log.arm.transition) * on
-    where = place(f"joint {j + 1}", "direction, in some motions", "dragging-brake")
-    return scaled(
-        "dragging-brake", "", where, "N m", 3 * log.arm.coulomb[j], alone(log, j, shape), log, joint=j + 1
+    return of_joint(
+        log, j, "dragging-brake", "direction, in some motions", "N m", 3 * log.arm.coulomb[j], shape
     )
 
 
@@ -92,8 +88,7 @@ def belt_wave(rng: np.random.Generator, log: Log) -> Act:
     waves, creep = rng.uniform(5, 15), rng.uniform(0.02, 0.1)
     slip = np.cumsum(np.abs(s.dq[:, j])) * s.step * creep * waves
     shape = np.abs(np.sin(waves * s.q[:, j] / 2 + slip / 2)) ** 3
-    where = place(f"joint {j + 1}", "angle, with a phase that creeps", "belt-wave")
-    return scaled("belt-wave", "", where, "N m", _all(log, j), alone(log, j, shape), log, joint=j + 1)
+    return of_joint(log, j, "belt-wave", "angle, with a phase that creeps", "N m", _all(log, j), shape)
 
 
 FURTHER = (spalled_bearing, sensor_hysteresis, stiff_grease, sloshing, dragging_brake, supply_sag, belt_wave)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.signal import lfilter
 
-from analysis.world.motion.effects import alone, place, scaled
+from analysis.world.motion.effects import alone, of_joint, place
 from analysis.world.motion.log import Act, Change, Log
 from analysis.world.motion.outside import _all, _joint
 
@@ -60,8 +60,7 @@ def pause_offset(rng: np.random.Generator, log: Log) -> Act:
     for run in s.runs:
         if rng.random() < 0.6:
             out[run] = rng.standard_normal() * np.exp(-s.since[run] / rng.choice([3.0, 1e3]))
-    where = place(f"joint {j + 1}", "motion", "pause-offset")
-    return scaled("pause-offset", "", where, "N m", _all(log, j), alone(log, j, out), log, joint=j + 1)
+    return of_joint(log, j, "pause-offset", "motion", "N m", _all(log, j), out)
 
 
 def quantised(rng: np.random.Generator, log: Log) -> Act:
@@ -82,9 +81,9 @@ def quantised(rng: np.random.Generator, log: Log) -> Act:
 def cross_talk(rng: np.random.Generator, log: Log) -> Act:
     """A torque sensor that also feels the torque of another joint."""
     i, j = rng.permutation(log.arm.size)[:2]
-    where = place(f"joint {j + 1}", f"torque of joint {i + 1}", "cross-talk")
-    shape = alone(log, int(j), log.torque[:, i])
-    return scaled("cross-talk", "", where, "1", 0.9, shape, log, joint=int(j + 1), by=int(i + 1))
+    return of_joint(
+        log, j, "cross-talk", f"torque of joint {i + 1}", "1", 0.9, log.torque[:, i], by=int(i + 1)
+    )
 
 
 MEASUREMENT = (clock_drift, stamp_jitter, saturation, pause_offset, quantised, cross_talk)

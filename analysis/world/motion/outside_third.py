@@ -9,7 +9,7 @@ from scipy.interpolate import CubicSpline
 from scipy.signal import iirpeak, lfilter
 
 from analysis.world.motion.dynamics import PARTS, _motion, _wrench, regressor
-from analysis.world.motion.effects import alone, direction, place, scaled
+from analysis.world.motion.effects import alone, direction, of_joint, place, scaled
 from analysis.world.motion.log import GRAVITY, Act, Change, Log
 from analysis.world.motion.outside import _all, _joint
 
@@ -61,9 +61,8 @@ def gas_spring(rng: np.random.Generator, log: Log) -> Act:
     seal = rng.uniform(0.03, 0.15)
     lever, force = np.sin(q - dead) * pivot / length, 1 / (1 - rng.uniform(0.3, 0.6) * stroke)
     shape = force * (seal * np.abs(lever) * np.tanh(dq / log.arm.transition) - lever)
-    where = place(f"joint {j + 1}", "joint angle, by a lever", "gas-spring")
-    return scaled("gas-spring", "", where, "N m", 2 * _all(log, j), alone(log, j, shape), log,
-                  joint=j + 1, dead_centre_rad=dead, pivot=pivot, seal=seal)  # fmt: skip
+    return of_joint(log, j, "gas-spring", "joint angle, by a lever", "N m", 2 * _all(log, j), shape,
+                    dead_centre_rad=dead, pivot=pivot, seal=seal)  # fmt: skip
 
 
 def loose_bolts(rng: np.random.Generator, log: Log) -> Act:
@@ -75,9 +74,8 @@ def loose_bolts(rng: np.random.Generator, log: Log) -> Act:
     keep, turn = np.exp(-s.step / decay), 2 * np.pi * hertz * s.step
     bottom = [1, -2 * keep * np.cos(turn), keep**2]
     shape = np.concatenate([lfilter([0, keep * np.sin(turn)], bottom, knock[run]) for run in s.runs])
-    where = place(f"joint {j + 1}", "change of sign of the torque, ringing", "loose-bolts")
-    return scaled("loose-bolts", "", where, "N m", 2 * _all(log, j), alone(log, j, shape), log,
-                  joint=j + 1, hertz=hertz, decay_s=decay)  # fmt: skip
+    return of_joint(log, j, "loose-bolts", "change of sign of the torque, ringing", "N m", 2 * _all(log, j),
+                    shape, hertz=hertz, decay_s=decay)  # fmt: skip
 
 
 def sliding_load(rng: np.random.Generator, log: Log) -> Act:
@@ -108,19 +106,16 @@ def gear_resonance(rng: np.random.Generator, log: Log) -> Act:
         fine = np.arange(FINER * (len(rows) - 1) + 1) / FINER
         wave = np.sin(waves * CubicSpline(rows, s.q[run, j])(fine) + phase)
         parts.append(lfilter(top, bottom, wave - wave[0])[::FINER])
-    shape = alone(log, j, np.concatenate(parts))
-    where = place(f"joint {j + 1}", "motor angle, at a resonance", "gear-resonance")
-    return scaled("gear-resonance", "", where, "N m", _all(log, j), shape, log,
-                  joint=j + 1, hertz=hertz, quality=quality)  # fmt: skip
+    return of_joint(log, j, "gear-resonance", "motor angle, at a resonance", "N m", _all(log, j),
+                    np.concatenate(parts), hertz=hertz, quality=quality)  # fmt: skip
 
 
 def dead_time(rng: np.random.Generator, log: Log) -> Act:
     """An inverter whose dead time is not compensated: a step where the current changes sign."""
     j = _crossing(rng, log, log.torque)
     knee = rng.uniform(0.01, 0.04) * log.arm.rated[j]
-    shape = alone(log, j, np.tanh(log.torque[:, j] / knee))
-    where = place(f"joint {j + 1}", "sign of the torque", "dead-time")
-    act = scaled("dead-time", "", where, "N m", 0.5 * _all(log, j), shape, log, joint=j + 1, knee_Nm=knee)
+    act = of_joint(log, j, "dead-time", "sign of the torque", "N m", 0.5 * _all(log, j),
+                   np.tanh(log.torque[:, j] / knee), knee_Nm=knee)  # fmt: skip
     return replace(act, sensed=True)
 
 
@@ -129,9 +124,8 @@ def tilted_bearing(rng: np.random.Generator, log: Log) -> Act:
     j = _joint(rng, log)
     across = np.linalg.norm(moments(log)[j + 1][:, :2], axis=1)
     shape = across / np.sqrt(np.mean(across**2)) * np.tanh(log.session.dq[:, j] / log.arm.transition)
-    where = place(f"joint {j + 1}", "moment across the axis times direction", "tilted-bearing")
-    return scaled("tilted-bearing", "", where, "N m", 4 * log.arm.coulomb[j], alone(log, j, shape), log,
-                  joint=j + 1)  # fmt: skip
+    return of_joint(log, j, "tilted-bearing", "moment across the axis times direction", "N m",
+                    4 * log.arm.coulomb[j], shape)  # fmt: skip
 
 
 def soft_floor(rng: np.random.Generator, log: Log) -> Act:

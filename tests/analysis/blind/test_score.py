@@ -9,7 +9,7 @@ import pytest
 from cases import terminal_text
 from made_up_worlds import answer, at, many, null, one, pair, perfect, shrunk, silent, strange, tracked, truth
 
-from analysis.blind.card import BEGIN, END, between, page, tables, terminal
+from analysis.blind.card import BEGIN, END, page, tables, terminal
 from analysis.blind.files import MISSES as files_MISSES
 from analysis.blind.files import SCORE, write_score
 from analysis.blind.pictures import PICTURES, said_of
@@ -17,6 +17,7 @@ from analysis.blind.reasons import REASONS
 from analysis.blind.score import figures, records
 from analysis.blind.shrunk import worse_beyond_noise
 from analysis.blind.skill import base_rates, log_score, stated
+from analysis.pages import between
 from bayescal.errors import BayescalError
 
 NAMES = ("step", "lobing", "backlash", "bending")
