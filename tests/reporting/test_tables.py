@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from cases import terminal_text
+from cases import terminal_text as printed
 
 from bayescal.gap.result import VALIDATION_POINTS, Verdict
 from bayescal.reporting.figures.where import drawn_curves
@@ -20,18 +20,7 @@ from bayescal.storage.files import json_text
 
 NAMES = ("nominal", "geometry + compliance + eccentricity of joint 3 + second-harmonic of joint 5", "x" * 90)
 FIGURES = ("+1234.56", "-0.071(12)", "-1733 .. +1698", "(> 0.99)", "98.7654 %", "17.125")
-HEADINGS = (
-    "planes RMS",
-    "distances RMS",
-    "predicted 95 % interval",
-    "probability",
-    "within",
-    "maximum error",
-)
-
-
-def printed(table: FigureTable, width: int) -> str:
-    return terminal_text(table, width)
+HEADINGS = ("planes RMS", "distances RMS", "predicted 95 % interval", "probability", "within", "maximum")
 
 
 def table(names) -> FigureTable:
@@ -98,11 +87,8 @@ def test_only_significant_curves_and_an_event_once():
         where = [{"site": s, "driver": d, "family_p_value": p} for s, d, p, _ in cells]
         return [c["site"] for c in drawn_curves({"curves": curves, "where": where})]
 
-    first, again, angle = (
-        ("base", "moment", 0.0, 5),
-        ("tool", "moment", 0.0, 5),
-        ("joint 2", "angle", 1e-4, 5),
-    )
+    first, again = ("base", "moment", 0.0, 5), ("tool", "moment", 0.0, 5)
+    angle = ("joint 2", "angle", 1e-4, 5)
     chance, none = ("probe", "moment", 0.5, 5), ("joint 3", "angle", 0.0, 0)
     assert drawn(chance, first, again, none, angle) == ["base", "joint 2"]
     assert drawn(chance) == []
@@ -161,22 +147,14 @@ def test_a_number_that_is_not_finite_is_refused():
 
 def test_arrays_become_lists_with_none_for_what_is_not_finite():
     values = np.array([[1.5, np.nan], [np.inf, -2.0]])
-    assert plain({"v": values, "k": np.arange(2), "b": np.array([True]), "t": np.array(["a"])}) == {
-        "v": [[1.5, None], [None, -2.0]],
-        "k": [0, 1],
-        "b": [True],
-        "t": ["a"],
-    }
+    lists = {"v": [[1.5, None], [None, -2.0]], "k": [0, 1], "b": [True], "t": ["a"]}
+    assert plain({"v": values, "k": np.arange(2), "b": np.array([True]), "t": np.array(["a"])}) == lists
     assert {type(v) for row in plain(values) for v in row} == {float, type(None)}
     assert type(plain(np.arange(2))[0]) is int
 
 
 def test_signs_of_motion():
-    speed = 2 * STANDSTILL
-    assert _signs(np.array([[speed, -speed, 0.0], [STANDSTILL / 2, -STANDSTILL / 2, speed]])) == [
-        "+-0",
-        "00+",
-    ]
+    assert _signs(STANDSTILL * np.array([[2.0, -2.0, 0.0], [0.5, -0.5, 2.0]])) == ["+-0", "00+"]
 
 
 # --- Numbers as text.

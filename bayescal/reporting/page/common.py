@@ -103,11 +103,12 @@ def _drawings(run: Run) -> Figures:
     r = np.array(rows["residual_um"], float)
     keep = np.isfinite(r) & ~np.array(rows["rejected"], bool)
     check = np.array(rows["role"]) == "validate"
+    level = noise(run)
+    band = None if level is None else 2.0 * level
     edge = float(np.quantile(np.abs(r[keep]), CLIP)) if np.any(keep) else 1.0
-    edge = 1.15 * max(edge, 2.2 * (noise(run) or 0.0), 1e-3)
+    edge = 1.15 * max(edge, 2.2 * (level or 0.0), 1e-3)
     ends = (-edge if signed(run) else 0.0, edge)
     y_label = "residual (µm)" if signed(run) else "length of error (µm)"
-    band = None if noise(run) is None else 2.0 * (noise(run) or 0.0)
     angles = joints_of(run.record)
     units = run.record["arm"].get("units", ["deg"] * angles.shape[1])
     coordinates = [("row", np.arange(len(r)) + 1.0)]
@@ -119,11 +120,9 @@ def _drawings(run: Run) -> Figures:
     ]
 
     def drawn(label: str, x: np.ndarray) -> tuple[str, Markup]:
-        groups = [
-            svg.Dots(x[some], r[some], style)
-            for style, some in (("dot", keep & ~check), ("check", keep & check))
-        ]
-        return "", svg.scatter(groups, label, y_label, band, f"Residuals over {label}", ends)
+        kinds = (("dot", keep & ~check), ("check", keep & check))
+        groups = [svg.Dots(x[some], r[some], style) for style, some in kinds]
+        return "", svg.scatter(groups, (label, y_label), band, f"Residuals over {label}", ends)
 
     return Figures(tuple(drawn(label, x) for label, x in coordinates))
 

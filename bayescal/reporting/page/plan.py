@@ -8,7 +8,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from bayescal import __version__
 from bayescal.dataset.target_kinds import KINDS
 from bayescal.dataset.types import Target
 from bayescal.dataset.write import table_text, write_setup
@@ -57,23 +56,19 @@ def plan_page(plan: Plan, picture: bytes, commands: Sequence[tuple[str, str]] = 
         blocks("all", f"All {plan_sheets.noun(plan)}, in their order", plan_sheets.contacts(plan)),
         _inputs(plan),
     )
-    foot = [f"bayescal {__version__}"]
-    return page(plan.session.name, f"{plan.session.robot.name}; {title}", parts, foot)
+    return page(plan.session.name, f"{plan.session.robot.name}; {title}", parts)
 
 
 def _first(plan: Plan, commands: Sequence[tuple[str, str]]) -> Section:
     """Expected uncertainty, contacts, time; what to run next; warnings."""
     lines = list(plan_sheets.headline(plan)) or [plan_sheets.title(plan)]
-    keys = [(plan_sheets.noun(plan).capitalize(), str(len(plan.purpose)), plan_sheets.contacts_phrase(plan))]
-    keys += [
-        (
-            f"Motion between {plan_sheets.noun(plan)}",
-            plan_sheets.duration(plan.travel),
-            f"order: {plan.order}",
-        )
+    noun = plan_sheets.noun(plan)
+    keys = [
+        (noun.capitalize(), str(len(plan.purpose)), plan_sheets.contacts_phrase(plan)),
+        (f"Motion between {noun}", plan_sheets.duration(plan.travel), f"order: {plan.order}"),
     ]
     if more := plan_sheets.further(plan):
-        keys.append((f"{plan_sheets.FURTHER} further {plan_sheets.noun(plan)}", *more))
+        keys.append((f"{plan_sheets.FURTHER} further {noun}", *more))
     return FirstScreen(
         lines[0],
         lines=lines[1:],
@@ -146,7 +141,7 @@ def write_plan(
         File names.
     """
     from bayescal.reporting.figures.plan import draw_plan
-    from bayescal.reporting.shared.style import save_figure
+    from bayescal.reporting.shared.style import png_of
 
     later = commands(folder, plan.session.targets)
     texts = {CONTACTS: table_of_plan(plan), PLAN: json_text(plan_record(plan, later), rows=False)}
@@ -155,8 +150,9 @@ def write_plan(
     for form in formats_of(formats, probe):
         texts |= form.files(plan, probe or Probe())
     with whole(folder, PLAN) as stage:
-        save_figure(draw_plan(plan), stage / PICTURE)
-        texts[PAGE] = plan_page(plan, (stage / PICTURE).read_bytes(), tuple(later.items()))
+        picture = png_of(draw_plan(plan))
+        (stage / PICTURE).write_bytes(picture)
+        texts[PAGE] = plan_page(plan, picture, tuple(later.items()))
         for name, text in texts.items():
             (stage / name).write_text(text, encoding="utf-8", newline="")
         setup = write_setup(plan.pool.setup.dataset, stage)
