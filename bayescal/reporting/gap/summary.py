@@ -225,12 +225,8 @@ def _unshown(record: Json) -> dict[str, list[str]]:
 def _remarks(record: Json) -> Facts:
     """Effects that were not assessed (by reason), notes and warnings."""
     shown = {name for names in _unshown(record).values() for name in names}  # above, with what to record
-    missing = {
-        effect: why
-        for effect, why in record["missing"].items()
-        if effect not in shown and why not in ELSEWHERE
-    }
-    reasons = by_reason(missing)
+    lacking = {n: why for n, why in record["missing"].items() if n not in shown and why not in ELSEWHERE}
+    reasons = by_reason(lacking)
     yield from under("not assessed", (f"{', '.join(names)}: {why}" for why, names in reasons.items()), "dim")
     yield from under("note", record["notes"])
     yield from under("warning", record["warnings"], "yellow")

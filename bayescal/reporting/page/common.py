@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 from typing import Any
 
 import numpy as np
@@ -21,6 +20,7 @@ from bayescal.reporting.page.section import (
     Text,
     blocks,
     not_empty,
+    picture,
 )
 from bayescal.reporting.shared.body import joints_of, typical
 from bayescal.reporting.shared.sheet import Bar, Column, Sheet, as_is
@@ -200,10 +200,7 @@ def figures(run: Run) -> Section | None:
     """Figures of the run folder, as pictures with text alternatives."""
     if not run.figures:
         return None
-    pictures = [
-        (FIGURES[name], f"data:image/png;base64,{base64.b64encode(content).decode('ascii')}")
-        for name, content in run.figures.items()
-    ]
+    pictures = [picture(FIGURES[name], content) for name, content in run.figures.items()]
     return Section("figures", "Figures", "figures.html.j2", {"pictures": pictures})
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import shlex
 from collections.abc import Sequence
 from dataclasses import replace
@@ -17,7 +16,7 @@ from bayescal.planning.result import Plan
 from bayescal.programs.probing import Probe, formats_of
 from bayescal.reporting import plan_sheets
 from bayescal.reporting.page.render import page
-from bayescal.reporting.page.section import Facts, FirstScreen, Section, Text, blocks
+from bayescal.reporting.page.section import Facts, FirstScreen, Section, Text, blocks, picture
 from bayescal.reporting.plan_record import plan_record, table_of_plan
 from bayescal.reporting.shared.sheet import Sheet
 from bayescal.storage.files import json_text
@@ -32,13 +31,13 @@ STEPS = {
 """What each command that follows is for."""
 
 
-def plan_page(plan: Plan, picture: bytes, commands: Sequence[tuple[str, str]] = ()) -> str:
+def plan_page(plan: Plan, drawn: bytes, commands: Sequence[tuple[str, str]] = ()) -> str:
     """The page as text.
 
     Parameters
     ----------
     plan : Plan
-    picture : bytes
+    drawn : bytes
         The figure as PNG.
     commands : sequence of (str, str)
         What to run when the contacts are measured: purpose (of `STEPS`) and command.
@@ -46,7 +45,7 @@ def plan_page(plan: Plan, picture: bytes, commands: Sequence[tuple[str, str]] = 
     title = plan_sheets.title(plan)
     parts = (
         _first(plan, commands),
-        _contacts(plan, picture),
+        _contacts(plan, drawn),
         blocks("expected", "What to expect, assuming the model is correct", plan_sheets.expected(plan)),
         _detectable(plan),
         blocks("confusable", "Confusable effects", plan_sheets.confusable(plan)),
@@ -79,9 +78,9 @@ def _first(plan: Plan, commands: Sequence[tuple[str, str]]) -> Section:
     ).section()
 
 
-def _contacts(plan: Plan, picture: bytes) -> Section:
-    source = f"data:image/png;base64,{base64.b64encode(picture).decode('ascii')}"
-    parts = {"blocks": [plan_sheets.by_target(plan)], "pictures": [(plan_sheets.title(plan), source)]}
+def _contacts(plan: Plan, drawn: bytes) -> Section:
+    shown = picture(plan_sheets.title(plan), drawn)
+    parts = {"blocks": [plan_sheets.by_target(plan)], "pictures": [shown]}
     return Section("contacts", "What to probe", "plan.html.j2", parts)
 
 
@@ -150,9 +149,9 @@ def write_plan(
     for form in formats_of(formats, probe):
         texts |= form.files(plan, probe or Probe())
     with whole(folder, PLAN) as stage:
-        picture = png_of(draw_plan(plan))
-        (stage / PICTURE).write_bytes(picture)
-        texts[PAGE] = plan_page(plan, picture, tuple(later.items()))
+        drawn = png_of(draw_plan(plan))
+        (stage / PICTURE).write_bytes(drawn)
+        texts[PAGE] = plan_page(plan, drawn, tuple(later.items()))
         for name, text in texts.items():
             (stage / name).write_text(text, encoding="utf-8", newline="")
         setup = write_setup(plan.pool.setup.dataset, stage)

@@ -115,11 +115,8 @@ def page(
         packed, permitted = library
         script = asset("page.js")
         allowed = f"{permitted} {csp_hash(script.encode())}"
-    bodies = [
-        (section, Markup(templates.get_template(section.template).render(section.context)))
-        for section in sections
-        if section is not None
-    ]
+    shown = [section for section in sections if section is not None]
+    bodies = [(s, Markup(templates.get_template(s.template).render(s.context))) for s in shown]
     return templates.get_template("base.html.j2").render(
         generator=Markup(GENERATOR),
         title=title,

@@ -183,7 +183,7 @@ def rows_record(estimate: Estimate) -> dict[str, Any]:
     for role in ROLES:
         roles[scene.rows(role)] = role
     for _, _, rows, r in by_target(estimate):
-        residual[rows] = r[0] if len(r) == 1 else np.linalg.norm(r[:3], axis=0)
+        residual[rows] = r[0] if len(r) == 1 else np.linalg.norm(r, axis=0)
     record = {
         "id": list(m.ids),
         "target": [targets[t].name for t in m.target],
