@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 from cases import terminal_text as printed
 
+from bayescal.effects.location import face, joint, link
 from bayescal.gap.result import VALIDATION_POINTS, Verdict
 from bayescal.reporting.figures.where import drawn_curves
+from bayescal.reporting.fit.posterior import _labels
 from bayescal.reporting.gap.phrases import headline
 from bayescal.reporting.gap.sheets import per_vector
 from bayescal.reporting.shared.origin import STANDSTILL, _signs, entry, plain
@@ -197,3 +199,14 @@ def test_the_unit_of_a_key_is_that_of_its_value():
     assert entry(result, *fields) == {
         "rms_um": 2.0, "lengths_mm": [1.0, 2.0], "free": [1, 2], "u_um": None, "number": 3
     }  # fmt: skip
+
+
+def test_a_face_named_as_a_joint_has_no_joint():
+    """Labels of the draws are of sites, not of their names."""
+    sites = (joint(2), link(1), face("joint 2"))
+    robot = SimpleNamespace(joint_names=("a", "b"))
+    scene = SimpleNamespace(dataset=SimpleNamespace(robot=robot))
+    parameters = [SimpleNamespace(site=site, effect="e") for site in sites]
+    labels = _labels(SimpleNamespace(scene=scene, parameters=parameters, size=4))
+    assert labels["joint"] == ("parameter", ["b", "a", "", ""])
+    assert labels["effect"] == ("parameter", ["e", "e", "e", "target"])
