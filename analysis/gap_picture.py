@@ -8,7 +8,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from bayescal.gap.diagnose import diagnose
-from bayescal.reporting.figures.figures import draw, write
+from bayescal.reporting.figures.figures import draw, png
 from bayescal.reporting.gap.record import gap_record
 from bayescal.simulation import Options, simulate
 
@@ -18,4 +18,4 @@ HIDDEN = Options(effects=("geometry", "compliance", "backlash"), seed=4)
 
 if __name__ == "__main__":
     out = ROOT / "docs" / "pictures" / "gap-where.png"
-    write(draw("where", gap_record(diagnose(simulate(HIDDEN).dataset))), out)
+    out.write_bytes(png(draw("where", gap_record(diagnose(simulate(HIDDEN).dataset)))))

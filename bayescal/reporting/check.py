@@ -170,9 +170,7 @@ def _certified(kind: str, group: list[dict[str, Any]]) -> str:
 
     def span(key: str, digits: int) -> str:
         values = sorted({c[key] for c in group if key in c})
-        return (
-            " to ".join(f"{v:.{digits}g}" for v in dict.fromkeys((values[0], values[-1]))) if values else ""
-        )
+        return " to ".join(f"{v:.{digits}g}" for v in dict.fromkeys((*values[:1], *values[-1:])))
 
     units = {"u_um": "µm", "u_form_um": "µm", "u_angle_urad": "µrad"}
     u = [f"u = {text} {unit}" for key, unit in units.items() if (text := span(key, 3))]

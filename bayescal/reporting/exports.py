@@ -36,20 +36,16 @@ def compensation_summary(arm: FittedArm, done: Compensation) -> RenderableType:
     ]
     if good:
         error, u, most = (np.array([getattr(g, key) for g in good]) for key in ("error", "u", "expanded"))
-        rows.append(
-            ("nominal error", f"mean {MM * error.mean():.3f} mm, maximum {MM * error.max():.3f} mm", "")
-        )
+        text = f"mean {MM * error.mean():.3f} mm, maximum {MM * error.max():.3f} mm"
+        rows.append(("nominal error", text, ""))
         middle, high, expanded = (um2(float(x)) for x in (np.median(u), u.max(), np.median(most)))
         text = f"u of a point {middle} µm (median), {high} µm (maximum); U {expanded} µm (median, 95 %)"
         rows.append(("uncertainty", text, ""))
         outside = sum(not result.inside for result in good)
         text = "all targets are inside" if not outside else f"{outside} of {len(good)} targets are outside"
         rows.append(("probed region", text, "yellow" if outside else ""))
-    lacking = [
-        f"{target.where}: {result.reason}"
-        for target, result in zip(done.targets, done.corrected, strict=True)
-        if result.reason
-    ]
+    each = zip(done.targets, done.corrected, strict=True)
+    lacking = [f"{target.where}: {result.reason}" for target, result in each if result.reason]
     rows += [("note", note, "yellow") for note in arm.use.notes if note not in arm.use.warnings]
     rows += [*under("no solution", _some(lacking), "red"), *under("kept", _some(done.notes), "yellow")]
     return Group(facts(rows))

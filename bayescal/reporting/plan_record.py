@@ -71,7 +71,12 @@ def plan_record(plan: Plan, commands: Mapping[str, str] | None = None) -> dict[s
     names = [t.name for t in session.targets]
     mass, loaded = np.unique(payloads(session), return_counts=True)
     used, touched = np.unique(m.target, return_counts=True)
-    headline = plan.expected[0] if plan.expected else None
+    distances = [
+        entry(e, "over", "count", "distance_sd_um=u")
+        | {"distance_sd_um_random": UM * e.u_random, "shares": dict(e.shares)}
+        for e in plan.expected
+    ]
+    first = distances[0] if distances else {}
     volume = setup.volume
     record = {
         **origin(SCHEMA, setup.dataset, plan.seed, LIBRARIES),
@@ -93,16 +98,10 @@ def plan_record(plan: Plan, commands: Mapping[str, str] | None = None) -> dict[s
         "measured": plan.pool.measured,
         "volume": None if volume is None else {"centre_mm": MM * volume.centre, "size_mm": MM * volume.size},
         "expected": {
-            "over": headline.over if headline else None,
-            "distance_sd_um": UM * headline.u if headline else None,
-            "distance_sd_um_random": UM * headline.u_random if headline else None,
+            **{key: first.get(key) for key in ("over", "distance_sd_um", "distance_sd_um_random")},
             "equals_random_contacts": plan.equals_random,
             "next_distance_sd_um": UM * plan.next_u,
-            "distances": [
-                entry(e, "over", "count", "distance_sd_um=u")
-                | {"distance_sd_um_random": UM * e.u_random, "shares": dict(e.shares)}
-                for e in plan.expected
-            ],
+            "distances": distances,
             "parameters": [entry(p, "name", "unit", "u", "prior_u=prior") for p in plan.parameters],
         },
         "observability": dict(plan.observability),

@@ -101,11 +101,12 @@ def detectable(plan: Plan, every_site: bool = False) -> Sheet:
     Of an effect at several sites the site with the largest in proportion to what is plausible, unless
     `every_site`.
     """
+
+    def name(d: Detectable) -> str:
+        return d.effect if str(d.site) == d.effect else f"{d.effect}, {d.site}"
+
     columns = (
-        Column(
-            "smallest detectable amplitude",
-            lambda d: d.effect if str(d.site) == d.effect else f"{d.effect}, {d.site}",
-        ),
+        Column("smallest detectable amplitude", name),
         Column("plan", lambda d: _amplitude(d.smallest, d)),
         Column("random", lambda d: _amplitude(d.smallest_random, d)),
         Column("plausible", lambda d: size(d.plausible, d.unit)),
@@ -132,9 +133,8 @@ def gain(plan: Plan) -> float:
     for d in plan.detectable:
         if all(np.isfinite(x) and 0 < x < NEVER * d.plausible for x in (d.smallest, d.smallest_random)):
             logs.setdefault(d.effect, []).append(float(np.log(d.smallest / d.smallest_random)))
-    return (
-        float(np.exp(np.mean([np.mean(of_effect) for of_effect in logs.values()]))) if logs else float("nan")
-    )
+    means = [np.mean(of_effect) for of_effect in logs.values()]
+    return float(np.exp(np.mean(means))) if means else float("nan")
 
 
 def _amplitude(value: float, d: Detectable) -> str:
@@ -264,13 +264,12 @@ def detectability(plan: Plan) -> str:
 
 def not_separated(plan: Plan) -> tuple[str, ...]:
     """Pairs of effects that the plan does not separate, each with what would."""
+
+    def by(what: str) -> str:
+        return f"{NO_LEVER} separates them" if what == NO_LEVER else f"would be separated by {what}"
+
     return tuple(
-        f"{' from '.join(c.pair)} (detectability {strength(c.after)}); "
-        + (
-            f"{NO_LEVER} separates them"
-            if c.intervention == NO_LEVER
-            else f"would be separated by {c.intervention}"
-        )
+        f"{' from '.join(c.pair)} (detectability {strength(c.after)}); {by(c.intervention)}"
         for c in plan.confusable
         if c.intervention
     )
@@ -313,11 +312,8 @@ def plan_summary(plan: Plan) -> RenderableType:
         ("travel", travel(plan), ""),
         ("candidates", candidates(plan), "dim"),
     )
-    parts: list[RenderableType] = [
-        name,
-        *(Text(line, "" if k else "bold") for k, line in enumerate(headline(plan))),
-        "",
-    ]
+    lines = (Text(line, "" if k else "bold") for k, line in enumerate(headline(plan)))
+    parts: list[RenderableType] = [name, *lines, ""]
     if plan.expected:
         parts.append(terminal(expected(plan)))
     if more := further(plan):

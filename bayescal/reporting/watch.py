@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +12,7 @@ from rich.text import Text
 from bayescal.reporting.fit.record import fit_record, write_fit
 from bayescal.reporting.shared.origin import entry, origin, sized
 from bayescal.reporting.shared.sheet import csv_text
-from bayescal.reporting.shared.style import ACCENT, GREY, MARKED, drawing, figure, save_figure, tidy
+from bayescal.reporting.shared.style import ACCENT, GREY, MARKED, drawing, figure, png_of, tidy
 from bayescal.reporting.shared.text import UM, size, um, um2
 from bayescal.storage.files import json_text
 from bayescal.storage.reading import Json
@@ -98,10 +97,8 @@ def write_watch(
         TABLE: csv_text(KEYS, ([c[key] for key in KEYS] for c in record["contacts"])).encode(),
     }
     if pictures:
-        out = BytesIO()
         with drawing():
-            save_figure(draw(events, contacts), out)
-        more[FIGURE] = out.getvalue()
+            more[FIGURE] = png_of(draw(events, contacts))
     return write_fit(found, folder, fit_record(found), pictures, more=more)
 
 

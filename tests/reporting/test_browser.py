@@ -10,16 +10,13 @@ import axe_core_python
 import numpy as np
 import pytest
 from playwright import sync_api as playwright
-from test_gap_report import diagnosis
-from test_pages import EVIL, _renamed
+from test_pages import EVIL, record_of, renamed
 
 from bayescal.estimate import calibrated
 from bayescal.model.scene import Scene
-from bayescal.reporting.gap.record import gap_record
 from bayescal.reporting.page.build import run_page
 from bayescal.reporting.page.section import Run
-from bayescal.reporting.shared.body import arm_drawing
-from bayescal.reporting.shared.origin import rows_record
+from bayescal.reporting.shared.body import placed
 
 WIDTHS = (380, 1280)
 WAIT = 60_000
@@ -37,16 +34,14 @@ def browser(chromium):
 @pytest.fixture(scope="module")
 def record(cube):
     found = calibrated(Scene(cube(seed=1, count=80).dataset), ("geometry",))
-    own = gap_record(diagnosis(found.model.scene.dataset, "named"))
-    own |= {"rows": rows_record(found), "arm": arm_drawing(found.model.scene)}
-    return own | {"marked": "joint 3"}
+    return record_of(found, "named") | {"marked": "joint 3"}
 
 
 @pytest.fixture(scope="module")
 def pages(record, tmp_path_factory):
     """A page as a diagnosis writes it, and one in which every name of a file is markup."""
     folder = tmp_path_factory.mktemp("pages")
-    for name, content in (("plain", record), ("evil", _renamed(record, None))):
+    for name, content in (("plain", record), ("evil", renamed(record))):
         (folder / f"{name}.html").write_text(run_page(Run("gap", content, "runs/x")), encoding="utf-8")
     return folder
 
@@ -141,24 +136,15 @@ def test_the_arm_responds(opened, record):
     until(page, posed, lambda: page.locator("#scene-row").fill("7"))
     assert page.evaluate(tip) == pytest.approx(record["rows"]["point_mm"][7])
     assert record["rows"]["id"][7] in page.locator("#scene-pose").inner_text()
-    page.evaluate(
-        "document.getElementById('scene-plot').emit('plotly_hover', { points: [{ customdata: 3 }] })"
-    )
+    plot = "document.getElementById('scene-plot')"
+    page.evaluate(f"{plot}.emit('plotly_hover', {{ points: [{{ customdata: 3 }}] }})")
     assert record["rows"]["id"][3] in page.locator("#scene-pose").inner_text()
     page.locator("#scene-colour").select_option("target")
-    names = {
-        t.get("name")
-        for t in page.evaluate(
-            "document.getElementById('scene-plot').data.slice(5).map(t => ({ name: t.name }))"
-        )
-    }
-    assert names == set(record["rows"]["target"])
+    assert set(page.evaluate(f"{plot}.data.slice(5).map(t => t.name)")) == set(record["rows"]["target"])
 
 
 def test_the_arm_is_a_body(opened, record):
     """All corners of its surface are on the capsules of the record at the row; artefacts stand still."""
-    from bayescal.reporting.shared.body import placed
-
     page = opened("plain", 1280)
     drawn(page, "arm")
     page.locator("#scene-row").fill("7")

@@ -21,7 +21,7 @@ from bayescal.estimate import calibrated
 from bayescal.gap.result import VERDICTS
 from bayescal.model.scene import Scene
 from bayescal.reporting.figures import distances, parameters, process, residuals, where
-from bayescal.reporting.figures.figures import CONTENT, FILES, FIT, GAP, draw, has, png, svg
+from bayescal.reporting.figures.figures import CONTENT, FILES, FIT, GAP, draw, has, png
 from bayescal.reporting.figures.parameters import BINS, weakest
 from bayescal.reporting.fit.posterior import parameter_draws
 from bayescal.reporting.gap.record import gap_record
@@ -70,10 +70,8 @@ def lengthened(record):
     rows = rows | {"target": [names[k % 20] for k in range(len(rows["id"]))]}
     effects = ["torque-dependent stiffness of a joint", "base-compliance", "second-harmonic", "gear-mesh"]
     sets = [{"effects": effects[: k + 1], "probability": 0.2, "log_evidence": 12345.6} for k in range(4)]
-    step = {
-        **record["ladder"][-1],
-        "model": [*record["ladder"][-1]["model"], "eccentricity at joint 4 and joint 5"],
-    }
+    last = record["ladder"][-1]
+    step = last | {"model": [*last["model"], "eccentricity at joint 4 and joint 5"]}
     return record | {
         "words": [f"Ambiguous: these data do not distinguish {', '.join(names[:3])}"] * 2,
         "where": [w | {"text": PLACE, "explained_by": "second-harmonic"} for w in record["where"]] * 2,
@@ -194,12 +192,9 @@ def test_each_row_of_a_fit_is_one_mark_at_its_residual(fit):
     drawn = np.concatenate([marks(axes, style) for style in residuals.KINDS.values()])
     expected = sorted(v for v in rows["residual_um"] if v is not None)
     assert sorted(drawn[:, 1]) == pytest.approx(expected, abs=1e-6)
-    validation = [
-        v
-        for v, role in zip(rows["residual_um"], rows["role"], strict=True)
-        if v is not None and role == "validate"
-    ]
-    assert sorted(marks(axes, residuals.KINDS["validation"])[:, 1]) == pytest.approx(sorted(validation))
+    each = zip(rows["residual_um"], rows["role"], strict=True)
+    validation = sorted(v for v, role in each if v is not None and role == "validate")
+    assert sorted(marks(axes, residuals.KINDS["validation"])[:, 1]) == pytest.approx(validation)
 
 
 def test_a_point_is_one_mark_not_three(tracker):
@@ -211,9 +206,8 @@ def test_a_point_is_one_mark_not_three(tracker):
     record = gap_record(gap) | {"rows": rows_record(calibrated(Scene(dataset), ("geometry",)))}
     e = residuals.of_gap(record, "before")
     assert not e.signed
-    assert sorted(e.value) == pytest.approx(
-        sorted(np.linalg.norm(1e6 * error.reshape(-1, 3), axis=1)), abs=1e-3
-    )
+    lengths = np.linalg.norm(1e6 * error.reshape(-1, 3), axis=1)
+    assert sorted(e.value) == pytest.approx(sorted(lengths), abs=1e-3)
     axes = draw("residuals", record).axes[0]
     inside = np.sum(e.value <= residuals.edge_of(e, residuals.of_gap(record, "after")))
     assert len(marks(axes, residuals.KINDS["fitted"])) == inside
@@ -236,11 +230,8 @@ def test_the_density_of_noise_is_that_of_draws(components):
 
 
 def bars(axes):
-    return [
-        (patch.get_width(), to_hex(patch.get_facecolor()))
-        for patch in axes.patches
-        if patch.get_width() < 1e6
-    ]
+    shown = [patch for patch in axes.patches if patch.get_width() < 1e6]
+    return [(patch.get_width(), to_hex(patch.get_facecolor())) for patch in shown]
 
 
 def test_bars_are_those_of_the_record(sessions):
@@ -262,20 +253,11 @@ def test_sets_of_many_effects_are_stated_by_their_differences():
 
 def test_nothing_is_red_where_nothing_is_significant(sessions):
     """A joint was marked although no location was significant."""
-    for case in ("null", "unknown"):
-        record = sessions[case]
-        if case == "unknown":
-            unclear = [w | {"family_p_value": 0.3, "p_value": 0.1} for w in record["where"]]
-            gap = diagnosis_without_place(record, unclear)
-        else:
-            gap = record
-        figure = draw("where", gap)
-        colours = {to_hex(line.get_color()) for axes in figure.axes for line in axes.lines}
-        assert to_hex(MARKED) not in colours
-
-
-def diagnosis_without_place(record, places):
-    return record | {"where": places, "marked": None}
+    unknown = sessions["unknown"]
+    unclear = [w | {"family_p_value": 0.3, "p_value": 0.1} for w in unknown["where"]]
+    for record in (sessions["null"], unknown | {"where": unclear, "marked": None}):
+        lines = [line for axes in draw("where", record).axes for line in axes.lines]
+        assert to_hex(MARKED) not in {to_hex(line.get_color()) for line in lines}
 
 
 @pytest.mark.parametrize(
@@ -284,9 +266,7 @@ def diagnosis_without_place(record, places):
 def test_a_significant_site_is_marked_and_named(sessions, site):
     figure = draw("arm", sessions["named"] | {"marked": site})
     axes = figure.axes[0]
-    lines = {to_hex(line.get_color()) for line in axes.lines} | {
-        to_hex(line.get_markerfacecolor()) for line in axes.lines
-    }
+    lines = {to_hex(c) for line in axes.lines for c in (line.get_color(), line.get_markerfacecolor())}
     rings = {to_hex(c) for own in axes.collections for c in own.get_edgecolors()}
     assert to_hex(MARKED) in lines | rings
     assert site in [t.get_text() for t in texts(figure)]
@@ -320,22 +300,20 @@ def test_parameters_are_scaled_by_their_priors(fit):
     assert low < at < high
     axes = draw("parameters", fit).axes
     drawn = np.concatenate([marks(a, style) for a in axes for _, style in parameters.STYLES.values()])
-    own = [parameters.scaled(p)[2] for p in fit["parameters"] if p["effect"] != "target"]
+    own = [parameters.scaled(p)[2] for p in parameters.of_arm(fit)]
     assert sorted(drawn[:, 0]) == pytest.approx(sorted(own))
 
 
 def segments(axes, colour):
     """Ends (K, 2) and heights (K,) of horizontal lines of a colour in several axes."""
-    found = [
-        c.get_segments() for a in axes for c in a.collections if to_hex(c.get_color()[0]) == to_hex(colour)
-    ]
-    found = np.concatenate([s for s in found if len(s)])
+    drawn = [c for a in axes for c in a.collections if to_hex(c.get_color()[0]) == to_hex(colour)]
+    found = np.concatenate([s for c in drawn if len(s := c.get_segments())])
     return np.sort(found[:, :, 0], axis=1), found[:, 0, 1]
 
 
 def test_the_band_of_a_prior_is_two_of_its_standard_deviations(fit):
     """Beside each estimate, with its 95 % interval, in the same unit; so the legend says."""
-    own = [p for p in fit["parameters"] if p["effect"] != "target"]
+    own = parameters.of_arm(fit)
     axes = draw("parameters", fit).axes
     ends, heights = segments(axes, NOISE)
     np.testing.assert_allclose(ends, np.tile([-2.0, 2.0], (len(own), 1)))
@@ -376,22 +354,17 @@ def test_series_differ_in_grey_and_for_colour_blind_readers():
     light = [lightness(c) for c in SERIES]
     assert np.all(np.diff(light) > 12)
     assert lightness(MARKED) - lightness(INK) > 15
+    linear = np.array([to_rgb(c) for c in SERIES]) ** 2.2
     for matrix in DEFICIENCIES.values():
-        seen = np.array([np.array(matrix) @ np.array(to_rgb(c)) ** 2.2 for c in SERIES]).clip(0, 1) ** (
-            1 / 2.2
-        )
+        seen = (linear @ np.array(matrix).T).clip(0, 1) ** (1 / 2.2)
         apart = [np.linalg.norm(a - b) for k, a in enumerate(seen) for b in seen[:k]]
         assert min(apart) > 0.15
 
 
 def test_files_are_the_same_each_time_and_undated(fit):
-    once, again = (draw("levels", fit, 80) for _ in range(2))
-    text = svg(once)
-    assert text == svg(again)
-    assert png(once) == png(again)
-    assert text.startswith("<svg")
-    assert not re.search(r"dc:date|\d{4}-\d\d-\d\dT|matplotlib\.org", text.lower())
-    assert len(text) < 60_000
+    once, again = (png(draw("levels", fit, 80)) for _ in range(2))
+    assert once == again
+    assert not re.search(rb"\d{4}-\d\d-\d\dT|matplotlib|tEXt", once)
 
 
 def test_settings_of_the_user_neither_matter_nor_change(fit):
@@ -460,36 +433,26 @@ def test_plots_of_arviz_have_units(result, kind):
 
 
 def test_what_cannot_be_drawn_is_said_in_one_line(result, sessions):
-    with pytest.raises(BayescalError, match="`where` is of a diagnosis, not of a calibration"):
-        bc.plot.where(result)
-    with pytest.raises(BayescalError, match="there is no parameter `a99`"):
-        bc.plot.posterior(result, ["a99"])
-    with pytest.raises(BayescalError, match="there is no plot `violin`"):
-        bc.plot.posterior(result, kind="violin")
-    with pytest.raises(BayescalError, match="`posterior` is of a calibration"):
-        bc.plot.posterior(sessions["named"])
-    with pytest.raises(BayescalError, match="int is no result"):
-        bc.plot.levels(3)
-    with pytest.raises(BayescalError, match=r"there is no budget\.json"):
-        bc.plot.budget(result)
     old = {k: v for k, v in sessions["named"].items() if k != "rows"}
-    with pytest.raises(BayescalError, match="the record has no `rows`"):
-        bc.plot.arm(old)
-    with pytest.raises(BayescalError, match="there are no validation measurements"):
-        bc.plot.distances(sessions["empty tables"])
+    for plot, given, options, words in (
+        (bc.plot.where, result, {}, "`where` is of a diagnosis, not of a calibration"),
+        (bc.plot.posterior, result, {"names": ["a99"]}, "there is no parameter `a99`"),
+        (bc.plot.posterior, result, {"kind": "violin"}, "there is no plot `violin`"),
+        (bc.plot.posterior, sessions["named"], {}, "`posterior` is of a calibration"),
+        (bc.plot.levels, 3, {}, "int is no result"),
+        (bc.plot.budget, result, {}, r"there is no budget\.json"),
+        (bc.plot.arm, old, {}, "the record has no `rows`"),
+        (bc.plot.distances, sessions["empty tables"], {}, "there are no validation measurements"),
+    ):
+        with pytest.raises(BayescalError, match=words):
+            plot(given, **options)
 
 
 def test_a_budget_shows_its_components_the_largest_first():
     components = [{"name": f"c{k}", "type": "AB"[k % 2], "contribution_um": float(k + 1)} for k in range(15)]
     u = float(np.sqrt(sum(c["contribution_um"] ** 2 for c in components)))
-    record = {
-        "schema": "bayescal-budget/1",
-        "measurand": "a distance",
-        "components": components,
-        "u_um": u,
-        "U_um": 2 * u,
-        "k": 2.0,
-    }
+    sums = {"u_um": u, "U_um": 2 * u, "k": 2.0}
+    record = {"schema": "bayescal-budget/1", "measurand": "a distance", "components": components} | sums
     figure = bc.plot.budget(record, width_mm=80)
     assert [width for width, _ in bars(figure.axes[0])] == pytest.approx(list(range(15, 3, -1)))
     assert clashes(figure) == ([], [])
@@ -500,7 +463,6 @@ def test_every_file_of_a_run_is_a_figure():
         assert all(schema in CONTENT[name] for name in files.values())
     assert set(FILES[GAP]) == {"gap-where.png", "gap-which.png", "gap-levels.png", "gap-residuals.png"}
     assert set(bc.plot.__all__) == {*CONTENT, "posterior"}
-    assert distances.label([{"model": ["nominal"]}], 0) == "nominal"
 
 
 def test_a_second_process_draws_the_same(result, kept, monkeypatch):

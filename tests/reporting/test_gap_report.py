@@ -125,9 +125,8 @@ def test_errors_beyond_the_prediction_are_said(session, times_noise, times_limit
     size = gap.magnitude.measured[0]
     expected = times_noise * gap.magnitude.noise
     limit = max(2.0 * expected, 2.0 * size.rms)
-    size = replace(
-        size, predicted_rms=expected, rms=times_limit * limit, predicted_interval95=(0.5 * expected, limit)
-    )
+    ends = (0.5 * expected, limit)
+    size = replace(size, predicted_rms=expected, rms=times_limit * limit, predicted_interval95=ends)
     magnitude = replace(gap.magnitude, measured=(size,))
     assert said in headline(replace(gap, magnitude=magnitude))[0]
 
@@ -180,11 +179,8 @@ def test_folder_holds_all(case, session, tracker, tmp_path):
     gap = CASES[case](session, tracker(seed=1, count=40).dataset)
     with drawn(case in DRAWN):
         names = write_gap(gap, tmp_path / "run", gap_record(gap))
-    assert (
-        {p.name for p in (tmp_path / "run").glob("[!.]*")}
-        == set(names)
-        == PICTURES | {"gap.json", "gap.html"}
-    )
+    assert set(names) == PICTURES | {"gap.json", "gap.html"}
+    assert {p.name for p in (tmp_path / "run").glob("[!.]*")} == set(names)
     for name in PICTURES:
         picture = (tmp_path / "run" / name).read_bytes()
         assert picture.startswith(b"\x89PNG")
@@ -208,11 +204,9 @@ def test_foreign_folder_is_left_alone(session, tmp_path):
 
 
 def test_help_needs_no_matplotlib():
-    program = (
-        "import sys, bayescal.reporting.figures.figures; print([m for m in sys.modules if 'matplotlib' in m])"
-    )
+    program = "import sys, bayescal.reporting.figures.figures; print('matplotlib' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "[]"
+    assert done.stdout.strip() == "False"
 
 
 def test_command_hands_over_and_prints(session, tmp_path, monkeypatch):
@@ -347,10 +341,8 @@ def test_a_base_that_rocks_is_told_with_its_half_angle(causes_session):
 def test_every_cause_is_of_a_cell_of_a_session(causes_session):
     """No sentence for a location that no diagnosis finds."""
     scene = Scene(causes_session)
-    found = {
-        (x.site.kind, x.driver.kind, x.driver.form)
-        for x in cells(scene.circumstances(scene.rows("calibrate")))
-    }
+    of_session = cells(scene.circumstances(scene.rows("calibrate")))
+    found = {(x.site.kind, x.driver.kind, x.driver.form) for x in of_session}
     assert not set(CAUSES) - found
 
 
@@ -385,11 +377,8 @@ def check(record):
     assert bool(record["named"]) or not kind.startswith("named")
     assert record["effects"] == (["unknown"] if kind == "unknown" else [n["effect"] for n in record["named"]])
     if p["unknown"] >= 0.5:
-        said = any(
-            "nmodelled effect" in line or "further effect" in line or "not in the list" in line
-            for line in record["words"]
-        )
-        assert said
+        words = " ".join(record["words"])
+        assert any(text in words for text in ("nmodelled effect", "further effect", "not in the list"))
     assert kind != "unknown" or p["unknown"] >= 0.5
     assert (kind == "class") == bool(record["class"])
     for n in record["named"]:
@@ -408,16 +397,11 @@ def test_a_name_that_nothing_else_supports_is_possible(session, nats, significan
     """Validation gains within its standard error, no clear amplitude, or a refusal: no part is replaced."""
     gap = diagnosis(session, "named")
     (named_effect,) = gap.verdict.named
-    amplitude = Amplitude(
-        "backlash", joint(3), Driver("direction", 3), (), "half-width", 1e-4, 1e-5, "rad", None, significant
-    )
-    gap = replace(
-        gap,
-        amplitudes=(amplitude,),
-        levels=(*gap.levels[:-1], replace(gap.levels[-1], delta_elpd=nats, delta_elpd_se=6.0)),
-        verdict=replace(gap.verdict, named=(replace(named_effect, confirmed=confirmed),)),
-    )
-    record = gap_record(gap)
+    by, size = Driver("direction", 3), ("half-width", 1e-4, 1e-5, "rad", None, significant)
+    amplitudes = (Amplitude("backlash", joint(3), by, (), *size),)
+    levels = (*gap.levels[:-1], replace(gap.levels[-1], delta_elpd=nats, delta_elpd_se=6.0))
+    verdict = replace(gap.verdict, named=(replace(named_effect, confirmed=confirmed),))
+    record = gap_record(replace(gap, amplitudes=amplitudes, levels=levels, verdict=verdict))
     assert record["words"][0].startswith(word)
     assert record["named"][0]["possible"] == word.startswith("Possible")
 
@@ -458,17 +442,19 @@ def test_a_verdict_is_one_that_its_probabilities_support(kind, named, unknown, e
 
 
 @pytest.mark.parametrize(
-    ("unknown", "names"), [(0.03, ("hardening", "hysteresis")), (0.4, ("hardening", "hysteresis")), (0.5, ())]
+    ("least", "unknown", "names"),
+    [
+        (0.13, 0.03, ("hardening", "hysteresis")),
+        (0.13, 0.4, ("hardening", "hysteresis")),
+        (0.13, 0.5, ()),
+        (0.04, 0.03, ("hardening",)),
+    ],
 )
-def test_the_further_effect_is_stated_by_name_where_names_are_more_probable(unknown, names):
-    probability = {"latency": 0.99, "hardening": 0.33, "hysteresis": 0.13, "null": 0.0, "unknown": unknown}
+def test_the_further_effect_is_stated_by_name_where_names_are_more_probable(least, unknown, names):
+    """Improbable effects are not proposed for inspection."""
+    probability = {"latency": 0.99, "hardening": 0.33, "hysteresis": least, "null": 0.0, "unknown": unknown}
     credible = ("latency", "hardening", "hysteresis", "unknown", "null")
     assert possible(probability, credible, ("latency",)) == names
-
-
-def test_improbable_effects_are_not_proposed_for_inspection():
-    probability = {"latency": 0.99, "hardening": 0.33, "hysteresis": 0.04, "unknown": 0.03}
-    assert possible(probability, ("latency", "hardening", "hysteresis"), ("latency",)) == ("hardening",)
 
 
 def test_a_column_that_would_show_another_cause_is_in_the_headline(session):

@@ -17,6 +17,7 @@ from test_gap_report import SETS, diagnosis
 from typer.testing import CliRunner
 
 import bayescal as bc
+from bayescal.arm import chain as reference
 from bayescal.cli import app
 from bayescal.errors import BayescalError
 from bayescal.estimate import calibrated
@@ -26,7 +27,8 @@ from bayescal.reporting.page import build, compare, render
 from bayescal.reporting.page.arm import draw_arm, marked_sites
 from bayescal.reporting.page.build import run_page
 from bayescal.reporting.page.render import STILL
-from bayescal.reporting.page.section import Run, read_run
+from bayescal.reporting.page.section import FIGURES, Run, _png, read_run
+from bayescal.reporting.page.svg import ticks
 from bayescal.reporting.shared.body import arm_drawing, posed
 from bayescal.reporting.shared.origin import rows_record
 from bayescal.reporting.shared.text import length
@@ -180,7 +182,7 @@ def test_the_page_has_a_policy_and_loads_nothing(saved):
     assert "url(" not in bare
 
 
-def _renamed(record: dict, found) -> dict:
+def renamed(record: dict) -> dict:
     """The record with a name that is markup wherever a file of the user states a name."""
     out = copy.deepcopy(record)
     out["dataset"]["name"] = EVIL
@@ -195,7 +197,7 @@ def _renamed(record: dict, found) -> dict:
 
 
 def test_names_from_files_are_inert(found):
-    page = run_page(Run("gap", _renamed(record_of(found, "named"), found), EVIL))
+    page = run_page(Run("gap", renamed(record_of(found, "named")), EVIL))
     assert "alert(1)</script>" not in page
     assert "<!--" not in re.sub(r'<script type="application/gzip".*?</script>', "", page, flags=re.DOTALL)
     assert EVIL in words(page)
@@ -253,28 +255,20 @@ def test_the_labels_of_a_flat_drawing_are_within_it():
 
 def test_the_page_poses_the_arm_like_the_chain(found):
     scene = found.model.scene
-    from bayescal.arm import chain as reference
-
     expected = 1e3 * reference.frames(scene.chain, scene.q[:4])[:, :, :3, 3]
     for q, at in zip(scene.q[:4], expected, strict=True):
         assert posed(arm_drawing(scene), q)[0] == pytest.approx(at, abs=0.02)
 
 
-@pytest.mark.parametrize("text", ["", "{", '{"schema": "bayescal-fit/9"}', "[]"])
-def test_damaged_records_are_refused(tmp_path, text):
-    (tmp_path / "fit.json").write_text(text)
-    with pytest.raises(BayescalError, match=r"fit\.json"):
-        read_run(tmp_path)
-
-
-def test_a_folder_without_records_is_refused(tmp_path):
-    with pytest.raises(BayescalError, match=r"no fit\.json or gap\.json"):
+@pytest.mark.parametrize("text", ["", "{", '{"schema": "bayescal-fit/9"}', "[]", None])
+def test_damaged_and_missing_records_are_refused(tmp_path, text):
+    if text is not None:
+        (tmp_path / "fit.json").write_text(text)
+    with pytest.raises(BayescalError, match=r"no fit\.json or gap\.json" if text is None else r"fit\.json"):
         read_run(tmp_path)
 
 
 def test_ticks_are_round():
-    from bayescal.reporting.page.svg import ticks
-
     assert ticks(-1.0, 1.0) == pytest.approx([-1, -0.5, 0, 0.5, 1])
     assert len(ticks(3.0, 3.0)) == 1
     assert "-0" not in [f"{v:g}" for low in (-0.3, -0.9, -1.0) for v in ticks(low, 1.0)]
@@ -283,9 +277,8 @@ def test_ticks_are_round():
 
 def test_lengths_of_errors_have_an_axis_from_zero_with_room_for_its_ticks(found):
     record = record_of(found, "null")
-    record["rows"]["residual_um"] = [
-        None if r is None else 1e3 * abs(r) for r in record["rows"]["residual_um"]
-    ]
+    rows = record["rows"]
+    rows["residual_um"] = [r and 1e3 * abs(r) for r in rows["residual_um"]]
     page = run_page(Run("gap", record, "x"))
     drawing = re.search(r'<svg [^>]*aria-label="Residuals over J1.*?</svg>', page, re.DOTALL)[0]
     levels = re.findall(r'<text x="([.\d]+)" y="[-.\d]+" text-anchor="end">([^<]+)</text>', drawing)
@@ -319,10 +312,8 @@ def test_the_page_is_written_into_the_run_folder(own):
     after = {p.name: p.read_bytes() for p in own.iterdir() if p.is_file()}
     assert after.keys() == before.keys()
     assert after["fit.json"] == before["fit.json"]
-    assert json.loads(after[".bayescal-files.json"])["files"].keys() >= {
-        "report.html",
-        "dataset/dataset.yaml",
-    }
+    listed = json.loads(after[".bayescal-files.json"])["files"]
+    assert listed.keys() >= {"report.html", "dataset/dataset.yaml"}
     assert bc.report(own) == (own / "report.html",)  # an unchanged folder: again
 
 
@@ -369,22 +360,22 @@ def test_runs_side_by_side(runs, tmp_path):
     assert "not independent" not in text
 
 
-def test_runs_of_the_same_dataset_are_not_independent(runs, tmp_path):
+@pytest.mark.parametrize(
+    ("part", "value", "beside", "said", "unsaid"),
+    [
+        (("dataset", "sha256"), "0" * 64, "", "not independent", "different robots"),
+        (("arm", "robot"), "another", "run2", "different robots: not compared", "difference / u"),
+    ],
+)
+def test_runs_that_must_not_be_compared(runs, tmp_path, part, value, beside, said, unsaid):
+    """Of the same dataset, whose differences have another u; of other robots."""
     record = json.loads((runs / "run1" / "fit.json").read_text())
-    record["dataset"]["sha256"] = "0" * 64
+    record[part[0]][part[1]] = value
     (tmp_path / "fit.json").write_text(json.dumps(record))
-    (path,) = bc.report([tmp_path, tmp_path], tmp_path / "same.html")
-    assert "not independent" in words(path.read_text(encoding="utf-8"))
-
-
-def test_parameters_of_different_robots_are_not_compared(runs, tmp_path):
-    record = json.loads((runs / "run1" / "fit.json").read_text())
-    record["arm"]["robot"] = "another"
-    (tmp_path / "fit.json").write_text(json.dumps(record))
-    (path,) = bc.report([runs / "run2", tmp_path], tmp_path / "other.html")
+    (path,) = bc.report([runs / beside if beside else tmp_path, tmp_path], tmp_path / "both.html")
     text = words(path.read_text(encoding="utf-8"))
-    assert "different robots: not compared" in text
-    assert "difference / u" not in text
+    assert said in text
+    assert unsaid not in text
 
 
 def test_the_command(own):
@@ -409,8 +400,6 @@ def test_pdf(own, chromium):
 
 
 def test_a_link_in_a_run_folder_brings_no_file_into_the_page(tmp_path):
-    from bayescal.reporting.page.section import FIGURES, _png
-
     secret = tmp_path / "secret.png"
     secret.write_bytes(b"\x89PNG secret")
     name = next(iter(FIGURES))

@@ -7,10 +7,12 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from cases import terminal_text
+from cases import terminal_text as printed
 
+from bayescal.effects.location import face, joint, link
 from bayescal.gap.result import VALIDATION_POINTS, Verdict
 from bayescal.reporting.figures.where import drawn_curves
+from bayescal.reporting.fit.posterior import _labels
 from bayescal.reporting.gap.phrases import headline
 from bayescal.reporting.gap.sheets import per_vector
 from bayescal.reporting.shared.origin import STANDSTILL, _signs, entry, plain
@@ -20,18 +22,7 @@ from bayescal.storage.files import json_text
 
 NAMES = ("nominal", "geometry + compliance + eccentricity of joint 3 + second-harmonic of joint 5", "x" * 90)
 FIGURES = ("+1234.56", "-0.071(12)", "-1733 .. +1698", "(> 0.99)", "98.7654 %", "17.125")
-HEADINGS = (
-    "planes RMS",
-    "distances RMS",
-    "predicted 95 % interval",
-    "probability",
-    "within",
-    "maximum error",
-)
-
-
-def printed(table: FigureTable, width: int) -> str:
-    return terminal_text(table, width)
+HEADINGS = ("planes RMS", "distances RMS", "predicted 95 % interval", "probability", "within", "maximum")
 
 
 def table(names) -> FigureTable:
@@ -98,11 +89,8 @@ def test_only_significant_curves_and_an_event_once():
         where = [{"site": s, "driver": d, "family_p_value": p} for s, d, p, _ in cells]
         return [c["site"] for c in drawn_curves({"curves": curves, "where": where})]
 
-    first, again, angle = (
-        ("base", "moment", 0.0, 5),
-        ("tool", "moment", 0.0, 5),
-        ("joint 2", "angle", 1e-4, 5),
-    )
+    first, again = ("base", "moment", 0.0, 5), ("tool", "moment", 0.0, 5)
+    angle = ("joint 2", "angle", 1e-4, 5)
     chance, none = ("probe", "moment", 0.5, 5), ("joint 3", "angle", 0.0, 0)
     assert drawn(chance, first, again, none, angle) == ["base", "joint 2"]
     assert drawn(chance) == []
@@ -161,22 +149,14 @@ def test_a_number_that_is_not_finite_is_refused():
 
 def test_arrays_become_lists_with_none_for_what_is_not_finite():
     values = np.array([[1.5, np.nan], [np.inf, -2.0]])
-    assert plain({"v": values, "k": np.arange(2), "b": np.array([True]), "t": np.array(["a"])}) == {
-        "v": [[1.5, None], [None, -2.0]],
-        "k": [0, 1],
-        "b": [True],
-        "t": ["a"],
-    }
+    lists = {"v": [[1.5, None], [None, -2.0]], "k": [0, 1], "b": [True], "t": ["a"]}
+    assert plain({"v": values, "k": np.arange(2), "b": np.array([True]), "t": np.array(["a"])}) == lists
     assert {type(v) for row in plain(values) for v in row} == {float, type(None)}
     assert type(plain(np.arange(2))[0]) is int
 
 
 def test_signs_of_motion():
-    speed = 2 * STANDSTILL
-    assert _signs(np.array([[speed, -speed, 0.0], [STANDSTILL / 2, -STANDSTILL / 2, speed]])) == [
-        "+-0",
-        "00+",
-    ]
+    assert _signs(STANDSTILL * np.array([[2.0, -2.0, 0.0], [0.5, -0.5, 2.0]])) == ["+-0", "00+"]
 
 
 # --- Numbers as text.
@@ -219,3 +199,14 @@ def test_the_unit_of_a_key_is_that_of_its_value():
     assert entry(result, *fields) == {
         "rms_um": 2.0, "lengths_mm": [1.0, 2.0], "free": [1, 2], "u_um": None, "number": 3
     }  # fmt: skip
+
+
+def test_a_face_named_as_a_joint_has_no_joint():
+    """Labels of the draws are of sites, not of their names."""
+    sites = (joint(2), link(1), face("joint 2"))
+    robot = SimpleNamespace(joint_names=("a", "b"))
+    scene = SimpleNamespace(dataset=SimpleNamespace(robot=robot))
+    parameters = [SimpleNamespace(site=site, effect="e") for site in sites]
+    labels = _labels(SimpleNamespace(scene=scene, parameters=parameters, size=4))
+    assert labels["joint"] == ("parameter", ["b", "a", "", ""])
+    assert labels["effect"] == ("parameter", ["e", "e", "e", "target"])

@@ -1,4 +1,4 @@
 """Figures of records: of the contents of fit.json, gap.json and budget.json.
 
-`figures.py` lists them, and writes them as PNG and SVG. Matplotlib is imported when one is drawn.
+`figures.py` lists them, and writes them as PNG. Matplotlib is imported when one is drawn.
 """

@@ -14,7 +14,7 @@ from bayescal.reporting.figures import scales
 from bayescal.reporting.figures.scales import LANE, Row, rows_panel, upright
 from bayescal.reporting.figures.sheet import Entry, Panel
 from bayescal.reporting.shared.style import ACCENT, FAINT, GREY, INK, MARKED, MARKERS, SERIES
-from bayescal.reporting.shared.text import model_label, short
+from bayescal.reporting.shared.text import level_labels, per_residual
 from bayescal.storage.reading import Json
 
 MOST = 15
@@ -150,7 +150,8 @@ def levels_panel(record: Json) -> Panel:
     """Errors of validation measurements by model level, on a logarithmic scale."""
     levels = record["ladder"]
     keys = dict(SERIES_OF[record["schema"]])
-    if record["schema"] == "bayescal-gap/1" and record["lengths"]["of"] != "validation contacts":
+    fit = record["schema"] == "bayescal-fit/1"
+    if not fit and per_residual(record):
         del keys["heldout_rms_um"]  # per coordinate; the points are drawn by their lengths
     drawn = {key: what for key, what in keys.items() if any(step.get(key) for step in levels)}
 
@@ -158,9 +159,8 @@ def levels_panel(record: Json) -> Panel:
         parts = (f"{what} {_um(step[key])}" for key, what in drawn.items() if step[key])
         return ", ".join(parts) + " µm"
 
-    rows = [Row(label(levels, k), errors(step)) for k, step in enumerate(levels)]
+    rows = [Row(name, errors(step)) for name, step in zip(level_labels(levels), levels, strict=True)]
     values = [step[key] for step in levels for key in drawn if step[key]]
-    fit = record["schema"] == "bayescal-fit/1"
     lines = reference_lines(record) if CONTACTS in drawn.values() or not fit else []
     ends = [*values, *(value for _, value, _ in lines)]
     mean = "mean length" if fit else "RMS length"
@@ -170,8 +170,7 @@ def levels_panel(record: Json) -> Panel:
         POINTS: f"validation points ({mean})",
     }
     styles = {
-        what: {"color": SERIES[k], "marker": MARKERS[k], "ls": "", "ms": 5}
-        for k, what in enumerate((CONTACTS, DISTANCES, POINTS))
+        what: {"color": SERIES[k], "marker": MARKERS[k], "ls": "", "ms": 5} for k, what in enumerate(names)
     }
     key = [Entry(names[what], styles[what]) for what in drawn.values()]
     key += [Entry(text, style) for text, _, style in lines]
@@ -195,21 +194,12 @@ def reference_lines(record: Json) -> list[tuple[str, float, Json]]:
         noise = record["noise"]["estimated_um"]
         return [(f"estimated noise of a contact, {_um(noise)} µm", noise, NOISE)]
     noise = record["lengths"]["noise_um"]
-    what = "contact" if record["lengths"]["of"] == "validation contacts" else "point"
-    out: list[tuple[str, float, Json]] = (
-        [(f"noise of a {what}, {_um(noise)} µm", noise, NOISE)] if noise else []
-    )
+    what = "point" if per_residual(record) else "contact"
+    out: list[tuple[str, float, Json]] = []
+    if noise:
+        out.append((f"noise of a {what}, {_um(noise)} µm", noise, NOISE))
     expected = (record["shrinkage"].get("distances") or {}).get("floor_um")
     if expected:
         text = f"expected RMS of a distance for a correct model, {_um(expected)} µm"
         out.append((text, expected, {"color": SERIES[1], "ls": ":", "lw": 1.2}))
     return out
-
-
-def label(levels: Sequence[Json], k: int) -> str:
-    """A model level by what it adds to the level before."""
-    model = tuple(levels[k]["model"])
-    before = tuple(levels[k - 1]["model"]) if k else ()
-    if len(before) > 1 and model[: len(before)] == before and model != before:
-        return "+ " + " + ".join(short(name) for name in model[len(before) :])
-    return model_label(model)

@@ -1,13 +1,12 @@
 """The figures of a fit and of a diagnosis: title, panels, and the files in a run folder.
 
-PNG and SVG have the same bytes for the same record.
+A PNG has the same bytes for the same record.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from io import BytesIO, StringIO
-from pathlib import Path
+from io import BytesIO
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -27,7 +26,6 @@ if TYPE_CHECKING:
 FIT, GAP, BUDGET = "bayescal-fit/1", "bayescal-gap/1", "bayescal-budget/1"
 Content = tuple[Sequence[str], Sequence[Sequence[Panel]]]
 """Lines of the title, and panels by row."""
-AGAIN = "repeat the command with this version"
 
 
 def _where(record: Json) -> Content:
@@ -61,11 +59,8 @@ def _distances(record: Json) -> Content:
     first = distances.distances_panel(record) if record["schema"] == FIT else None
     panels = [p for p in (first, distances.reduction_panel(record)) if p is not None]
     if not panels:
-        raise BayescalError(
-            "there are no validation measurements",
-            str(record["dataset"]["name"]),
-            "add rows with role validate",
-        )
+        name = str(record["dataset"]["name"])
+        raise BayescalError("there are no validation measurements", name, "add rows with role validate")
     return ["Validation: errors before and after"], [[p] for p in panels]
 
 
@@ -115,9 +110,8 @@ def content(name: str, record: Json) -> Content:
     schema = record.get("schema", "")
     if schema not in CONTENT[name]:
         of = " or ".join(KINDS[s] for s in CONTENT[name])
-        raise BayescalError(
-            f"the figure `{name}` is of {of}, not of {KINDS.get(schema, schema)}", "bc.plot", f"give {of}"
-        )
+        what = f"the figure `{name}` is of {of}, not of {KINDS.get(schema, schema)}"
+        raise BayescalError(what, "bc.plot", f"give {of}")
     return CONTENT[name][schema](record)
 
 
@@ -148,9 +142,8 @@ def drawn(of: Content, wide: float = WIDTH, ax: Axes | None = None) -> Figure:
 def _needs(record: Json, *keys: str) -> None:
     for key in keys:
         if key not in record:
-            raise BayescalError(
-                f"the record has no `{key}`", str(record.get("dataset", {}).get("name", "")), AGAIN
-            )
+            name = str(record.get("dataset", {}).get("name", ""))
+            raise BayescalError(f"the record has no `{key}`", name, "repeat the command with this version")
 
 
 FAST = {"compress_level": 3}
@@ -165,35 +158,14 @@ def png(figure: Figure) -> bytes:
     return out.getvalue()
 
 
-def svg(figure: Figure) -> str:
-    """A figure as SVG: text as paths (each glyph once), no date, the same identifiers each time.
-
-    Without the XML declaration, to be put into a page.
-    """
-    out = StringIO()
-    with drawing():
-        figure.savefig(out, format="svg", metadata={"Date": None, "Creator": None})
-    text = out.getvalue()
-    return text[text.index("<svg") :]
-
-
 def figures_of(record: Json, draws: Draws | None = None) -> dict[str, bytes]:
     """File names of the figures of a fit or a diagnosis, and their content as PNG.
 
     With the draws of its parameters, by name, the posterior of a fit too.
     """
-    drawable = {
-        file: content(name, record) for file, name in FILES[record["schema"]].items() if has(name, record)
-    }
+    files = FILES[record["schema"]].items()
+    drawable = {file: content(name, record) for file, name in files if has(name, record)}
     if draws:
         drawable["fit-posterior.png"] = posterior_content(record, draws)
     with drawing():
         return {file: png(sheet(title, rows)) for file, (title, rows) in drawable.items()}
-
-
-def write(figure: Figure, path: Path) -> None:
-    """Write a figure as PNG or, by the ending of the path, SVG."""
-    if path.suffix == ".svg":
-        path.write_text(svg(figure), encoding="utf-8")
-    else:
-        path.write_bytes(png(figure))

@@ -53,8 +53,7 @@ def draw_plan(plan: Plan) -> Figure:
     views = parts[0].subplots(1, len(VIEWS))
     points, arm, reach, bodies = _points(plan)
     seen = np.vstack([points, arm, _ahead(reach, arm[0], points)])
-    solids = [s for s in plan.pool.setup.scene.solids if not s.carries]
-    shapes = [shape for solid in solids for shape in solid.shapes]
+    shapes = [shape for s in plan.pool.setup.scene.solids if not s.carries for shape in s.shapes]
     low, high = seen.min(axis=0), seen.max(axis=0)
     for (_, *flat), some in zip(VIEWS, bodies, strict=True):
         corners = np.vstack([*(o.polygon for o in some), *(MM * outlined(s, *flat) for s in shapes)])
@@ -84,11 +83,9 @@ def draw_plan(plan: Plan) -> Figure:
     bar.set_label("order of probing", fontsize=10, color=INK)
     bar.ax.tick_params(labelsize=9, colors=INK)
     bar.outline.set_visible(False)
-    left, right = parts[1].subplots(1, 2)
-    _targets(plan, left)
-    _curve(plan, right)
-    tidy(left)
-    tidy(right)
+    for axes, drawn in zip(parts[1].subplots(1, 2), (_targets, _curve), strict=True):
+        drawn(plan, axes)
+        tidy(axes)
     return out
 
 
@@ -115,16 +112,10 @@ def _points(plan: Plan) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[list[O
     arm = np.vstack([frames[0, :, :3, 3], nominal.ball(frames)])
     low, high = robot.limits_within(np.pi).T
     anywhere = nominal.readings_of(np.random.default_rng(0).uniform(low, high, (POSES, robot.n)))
-    body, unit = arm_drawing(scene), np.eye(3)
+    body, unit = arm_drawing(scene) | {"artefacts": []}, np.eye(3)  # solids stand for them
+    angles = of_units(body, robot.shown(scene.q[middle]))
     views = (View(unit[i], unit[j], np.cross(unit[i], unit[j])) for _, i, j in VIEWS)
-    bodies = [
-        [
-            o
-            for o in outlines(body, of_units(body, robot.shown(scene.q[middle])), view)
-            if o.kind != "artefact"
-        ]
-        for view in views
-    ]
+    bodies = [outlines(body, angles, view) for view in views]
     return MM * scene.points, MM * arm, MM * nominal.ball(nominal.frames(anywhere)), bodies
 
 
@@ -144,8 +135,7 @@ def _view(plan: Plan, axes: Any, points: np.ndarray, arm: np.ndarray, reach: np.
     number = np.arange(1, len(points) + 1)
     shown = None
     for purpose, marker in MARKERS.items():
-        mine = np.array([p == purpose for p in plan.purpose])
-        if mine.any():
+        if (mine := np.array(plan.purpose) == purpose).any():
             shown = axes.scatter(
                 *points[mine].T, c=number[mine], cmap=ORDER, vmin=1, vmax=len(points), marker=marker,
                 s=26, lw=0.4, edgecolors=INK, zorder=3,
@@ -185,9 +175,8 @@ def _targets(plan: Plan, axes: Any) -> None:
     axes.set_ylim(len(shown) - max(len(shown), 4) - 0.6, len(shown) - 0.4)
     axes.xaxis.get_major_locator().set_params(integer=True)
     axes.set_xlabel(noun(plan))
-    axes.set_title(
-        f"{noun(plan)} by target{f', {len(hidden)} targets not shown' if hidden else ''}", loc="left"
-    )
+    more = f", {len(hidden)} targets not shown" if hidden else ""
+    axes.set_title(f"{noun(plan)} by target{more}", loc="left")
     axes.legend(
         frameon=False, loc="lower right", bbox_to_anchor=(1.0, 0.98), ncols=len(FILLS), columnspacing=0.9,
         handletextpad=0.4, borderpad=0.0,
@@ -199,21 +188,20 @@ def _curve(plan: Plan, axes: Any) -> None:
     from matplotlib.ticker import LogLocator, NullLocator
 
     first = plan.expected[0] if plan.expected else None
-    drawn = [
-        (plan.curve, "o", "-", ACCENT, "optimised plan"),
-        (plan.curve_random, "s", "--", TINTS[1], "random (median)"),
-    ]
-    for points, marker, line, colour, label in drawn:
-        if len(points):
+    drawn = (
+        (plan.curve, "o-", ACCENT, "optimised plan"),
+        (plan.curve_random, "s--", TINTS[1], "random (median)"),
+    )
+    for points, style, colour, label in drawn:
+        if points:
             x, u = np.array(points, float).T
-            style = {"marker": marker, "ls": line, "color": colour, "lw": 1.6, "ms": 6, "label": label}
-            axes.plot(x, COVERAGE_FACTOR * UM * u, **style)
+            axes.plot(x, COVERAGE_FACTOR * UM * u, style, color=colour, lw=1.6, ms=6, label=label)
     if first is not None:
         here = count(plan)
         u, u_random = (COVERAGE_FACTOR * UM * value for value in (first.u, first.u_random))
         ring: dict[str, Any] = {"s": 150, "facecolors": "none", "edgecolors": INK, "lw": 1.6}
         axes.scatter(here, u, label="this plan", **ring)
-        if not len(plan.curve_random) and np.isfinite(u_random):
+        if not plan.curve_random and np.isfinite(u_random):
             axes.scatter(here, u_random, marker="s", color=TINTS[1], label="random")
     axes.set_xscale("log")
     axes.set_yscale("log")

@@ -13,7 +13,7 @@ from bayescal.reporting.figures import scales
 from bayescal.reporting.figures.scales import LANE, Row, rows_panel
 from bayescal.reporting.figures.sheet import Entry, Panel, width_of
 from bayescal.reporting.shared.style import INK, MARKED, NOISE, SERIES
-from bayescal.statistics import chi2_isf
+from bayescal.statistics import chi2_isf, rms
 from bayescal.storage.reading import Json
 
 CLIP = 0.99
@@ -194,13 +194,10 @@ def noise_density(x: np.ndarray, sd: float, components: int) -> np.ndarray:
 def targets_panel(e: Errors, edge: float) -> Panel:
     """Errors by target, those with the largest RMS first."""
     used = e.kind != "rejected"
-    rms = {
-        str(t): float(np.sqrt(np.mean(e.value[used & (e.target == t)] ** 2)))
-        for t in np.unique(e.target[used])
-    }
-    names = sorted(rms, key=lambda t: -rms[t])
+    errors = {str(t): e.value[used & (e.target == t)] for t in np.unique(e.target[used])}
+    names = sorted(errors, key=lambda t: -rms(errors[t]))
     shown = names[:MOST_TARGETS]
-    rows = [Row(t, f"RMS {rms[t]:.1f} µm, {int(np.sum(used & (e.target == t)))} measurements") for t in shown]
+    rows = [Row(t, f"RMS {rms(errors[t]):.1f} µm, {len(errors[t])} measurements") for t in shown]
     more = len(names) - len(shown)
     note = f"{more} targets with smaller errors are not shown" if more else ""
 
@@ -221,4 +218,4 @@ def rms_of(e: Errors) -> str:
     """RMS of the rows that are not rejected, as text."""
     value = e.value[e.kind != "rejected"]
     what = "" if e.signed else " error length"
-    return f"RMS{what} {np.sqrt(np.mean(value**2)):.1f} µm" if len(value) else "no measurements"
+    return f"RMS{what} {rms(value):.1f} µm" if len(value) else "no measurements"

@@ -19,7 +19,7 @@ from bayescal.reporting.figures import scales
 from bayescal.reporting.figures.scales import LANE, Row, rows_panel
 from bayescal.reporting.figures.sheet import Entry, Panel, width_of
 from bayescal.reporting.shared.style import ACCENT, FAINT, GREY, MARKED
-from bayescal.reporting.shared.text import probability, rival
+from bayescal.reporting.shared.text import per_residual, probability, rival
 from bayescal.storage.reading import Json
 
 FILLED: dict[str, Any] = {"facecolor": ACCENT, "edgecolor": ACCENT, "lw": 0.5}
@@ -90,11 +90,6 @@ def places_panel(record: Json) -> Panel:
     key = [Entry("significant", FILLED, patch=True), Entry("not significant", OPEN, patch=True)]
     label = f"RMS of the explained residuals{per_residual(record)} (µm)"
     return bars_panel(bars, title, label, "", key if bars else ())
-
-
-def per_residual(record: Json) -> str:
-    """What a figure that is not the length of an error vector is per."""
-    return "" if record["lengths"]["of"] == "validation contacts" else " per coordinate"
 
 
 def drawn_curves(record: Json) -> list[Json]:

@@ -54,10 +54,8 @@ def verdicts(compared: Agreement) -> Facts:
 
 
 def _chance(pair: Pair) -> str:
-    return (
-        f"chi-squared {pair.chi2:.4g} in {pair.directions} directions identifiable in both, "
-        f"p {pair.p_value:.2g}"
-    )
+    directions = f"{pair.directions} directions identifiable in both"
+    return f"chi-squared {pair.chi2:.4g} in {directions}, p {pair.p_value:.2g}"
 
 
 def _apart(compared: Agreement, pair: Pair) -> str:

@@ -11,7 +11,6 @@ from rich.console import Group, RenderableType
 from bayescal.assess.budget import COVERAGE, MOST_DOF, Budget, Component
 from bayescal.assess.inputs import Basis
 from bayescal.assess.measurand import PARAMETER
-from bayescal.dataset import Dataset
 from bayescal.effects import UNITS
 from bayescal.effects.vocabulary import unit_label
 from bayescal.reporting.shared.origin import entry, origin, plain, scaled
@@ -33,9 +32,8 @@ SHOWN = 1e-3
 def budget_record(budgets: Sequence[Budget], basis: Basis, seed: int) -> dict[str, Any]:
     """The content of budget.json: the first budget at the top, and all of them as a list."""
     every = [measurand_record(b) for b in budgets]
-    dataset: Dataset = basis.stated.plain.model.scene.dataset
     record = {
-        **origin(SCHEMA, dataset, seed, LIBRARIES),
+        **origin(SCHEMA, basis.stated.plain.model.scene.dataset, seed, LIBRARIES),
         **every[0],
         "unexplained_um": 1e6 * basis.excess,
         "unexplained_dof": basis.excess_dof,
@@ -99,17 +97,18 @@ def budget_csv(budgets: Sequence[Budget]) -> str:
         record = plain(measurand_record(b))
         components = record["components"]
         for name, key in (("combined standard uncertainty", "u"), ("expanded uncertainty", "U")):
-            total = {
-                "group": key,
-                "name": name,
-                "unit": record["unit"],
-                "contribution": record[key],
-                "contribution_um": record[f"{key}_um"],
-                "dof": record["effective_dof"] or None,
-                "sensitivity": record["k"] if key == "U" else None,
-                "value": record["value"],
-            }
-            components.append(total)
+            components.append(
+                {
+                    "group": key,
+                    "name": name,
+                    "unit": record["unit"],
+                    "contribution": record[key],
+                    "contribution_um": record[f"{key}_um"],
+                    "dof": record["effective_dof"] or None,
+                    "sensitivity": record["k"] if key == "U" else None,
+                    "value": record["value"],
+                }
+            )
         rows += [(b.measurand.name, *(c.get(key) for key in COLUMNS)) for c in components]
     return csv_text(("measurand", *COLUMNS), rows)
 
@@ -117,19 +116,12 @@ def budget_csv(budgets: Sequence[Budget]) -> str:
 def in_words(budget: Budget) -> str:
     """``(0.1 ± 15.2) µm, k = 2.00``: two digits of U, the value to the same decimal (JCGM 100, 7.2.6)."""
     m = budget.measurand
-    unit, factor = (
-        ("um", 1e6) if m.unit == "m" and m.kind != PARAMETER and _is_error(budget) else UNITS[m.unit]
-    )
+    error = m.value is None or abs(m.value) < 1e3 * budget.u  # then a length is in µm
+    unit, factor = ("um", 1e6) if m.unit == "m" and m.kind != PARAMETER and error else UNITS[m.unit]
     value, u = rounded(None if m.value is None else factor * m.value, factor * budget.expanded)
     of = unit_label(unit)
     text = f"U = {u} {of}" if value is None else f"({value} ± {u}) {of}"
     return f"{text.rstrip()}, k = {budget.k:.2f}"
-
-
-def _is_error(budget: Budget) -> bool:
-    """Whether the value is an error, or there is none: then lengths are in µm."""
-    value = budget.measurand.value
-    return value is None or abs(value) < 1e3 * budget.u
 
 
 def rounded(value: float | None, u: float) -> tuple[str | None, str]:
@@ -146,8 +138,7 @@ def rounded(value: float | None, u: float) -> tuple[str | None, str]:
 def budget_table(budget: Budget) -> RenderableType:
     """The components of a budget, the largest first, its sum and its expanded uncertainty."""
     m = budget.measurand
-    length = m.unit == "m"
-    unit, factor = ("um", 1e6) if length else UNITS[m.unit]
+    unit, factor = ("um", 1e6) if m.unit == "m" else UNITS[m.unit]
     ranked = sorted(budget.components, key=lambda c: -abs(c.contribution))
     shown = [c for c in ranked if c.contribution**2 >= SHOWN * budget.u**2]
     rows = [
@@ -161,8 +152,7 @@ def budget_table(budget: Budget) -> RenderableType:
         )
         for c in shown
     ]
-    small = ranked[len(shown) :]
-    if small:
+    if small := ranked[len(shown) :]:
         together = float(np.sqrt(sum(c.contribution**2 for c in small)))
         share = percent(together**2 / budget.u**2)
         rows.append((f"{len(small)} smaller components", "", "", "", two_digits(factor * together), share))

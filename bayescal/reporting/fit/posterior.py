@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from typing import Any
 
@@ -104,13 +103,10 @@ def _parameters(model: Model, z: np.ndarray, log_kappa: np.ndarray) -> Labelled:
 
 def _labels(model: Model) -> dict[str, tuple[str, list[str]]]:
     """Joint and effect of every parameter; the joint is "" where it belongs to none."""
-    names = model.scene.dataset.robot.joint_names
-    joints, effects = [], []
-    for k in range(model.size):
-        arm = model.parameters[k] if k < len(model.parameters) else None
-        match = re.fullmatch(r"(?:joint|link) (\d+)", str(arm.site)) if arm else None
-        joints.append(names[int(match[1]) - 1] if match else "")
-        effects.append(arm.effect if arm else "target")
+    names, of_targets = model.scene.dataset.robot.joint_names, model.size - len(model.parameters)
+    numbers = [p.site.number for p in model.parameters]
+    joints = [names[number - 1] if number else "" for number in numbers] + [""] * of_targets
+    effects = [p.effect for p in model.parameters] + ["target"] * of_targets
     return {"joint": ("parameter", joints), "effect": ("parameter", effects)}
 
 
@@ -123,9 +119,8 @@ def _pointwise(fit: Fit) -> Pointwise:
     most = min(most, max(MOST_OF_LARGE // max(rows * chains, 1), FEWEST_OF_LARGE))
     pick = np.linspace(0, count - 1, min(count, most)).astype(int)
     z, kappa = draws.z[:, pick].reshape(-1, size), np.exp(draws.log_kappa[:, pick])
-    return pointwise(
-        estimate, z, kappa.reshape(len(z), -1), np.random.default_rng([fit.options.seed, REPLICATED])
-    )
+    rng = np.random.default_rng([fit.options.seed, REPLICATED])
+    return pointwise(estimate, z, kappa.reshape(len(z), -1), rng)
 
 
 def _some(fit: Fit, drawn: np.ndarray, each: int) -> np.ndarray:

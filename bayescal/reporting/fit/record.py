@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +22,7 @@ from bayescal.model.model import length_blocks
 from bayescal.posterior.inference import save
 from bayescal.predict.crossvalidation import inside95, interval95
 from bayescal.predict.forecast import Forecast
-from bayescal.predict.validation import DiameterCheck, DistanceCheck, Validation
+from bayescal.predict.validation import DiameterCheck, DistanceCheck, Errors, Validation
 from bayescal.reporting.figures.process import begun
 from bayescal.reporting.fit.agreement import agreement_record, disagreement
 from bayescal.reporting.fit.budget import budget_csv, budget_record
@@ -30,7 +30,7 @@ from bayescal.reporting.fit.posterior import fit_draws, parameter_draws
 from bayescal.reporting.page.build import PAGES, write_page
 from bayescal.reporting.shared.body import arm_drawing
 from bayescal.reporting.shared.images import images_record
-from bayescal.reporting.shared.origin import entry, origin, plain, rows_record
+from bayescal.reporting.shared.origin import by_target, entry, origin, plain, rows_record
 from bayescal.reporting.shared.text import MDEG, MM, UM
 from bayescal.statistics import rms
 from bayescal.storage.files import json_text
@@ -71,7 +71,7 @@ def fit_record(fit: Fit, compared: Agreement | None = None) -> dict[str, Any]:
                 for name, share in fit.stated.parameter_shares.items()
             ],
         },
-        "residuals": _residuals(level),
+        "residuals": list(_residuals(level)),
         "images": images_record(level.estimate),
         "rejected": [fit.dataset.measurements.ids[row] for row in level.estimate.rejected],
         "identifiability": {
@@ -150,27 +150,14 @@ def _correlations(fit: Fit) -> list[dict[str, Any]]:
     return [{"a": model.names[j], "b": model.names[i], "r": round(float(r[i, j]), 4)} for i, j in pairs]
 
 
-def _residuals(level: ModelLevel) -> list[dict[str, Any]]:
-    estimate = level.estimate
-    scene, out = estimate.model.scene, []
-    for k, target in enumerate(scene.dataset.targets):
-        for role in ("calibrate", "validate"):
-            rows = scene.rows_of(k, scene.rows(role))
-            if target.name not in estimate.model.block_of or not len(rows):
-                continue
-            kept = ~np.isin(rows, estimate.rejected)
-            errors = np.linalg.norm(estimate.residuals(estimate.model.block(k, rows)), axis=0)[kept]
-            out.append(
-                {
-                    "target": target.name,
-                    "role": role,
-                    "count": len(rows),
-                    "rejected": int(np.sum(~kept)),
-                    "rms_um": UM * rms(errors) if len(errors) else None,
-                    "max_um": UM * float(np.max(errors)) if len(errors) else None,
-                }
-            )
-    return out
+def _residuals(level: ModelLevel) -> Iterator[dict[str, Any]]:
+    for target, role, rows, residuals in by_target(level.estimate):
+        kept = ~np.isin(rows, level.estimate.rejected)
+        errors = Errors(np.linalg.norm(residuals, axis=0)[kept], np.empty((0, 0)))
+        yield (
+            {"target": target, "role": role, "count": len(rows), "rejected": int(np.sum(~kept))}
+            | entry(errors, "rms_um", "max_um=maximum")
+        )
 
 
 def _forecast(forecast: Forecast) -> dict[str, Any]:

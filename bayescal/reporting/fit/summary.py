@@ -17,13 +17,7 @@ from bayescal.fitted.gate import STEPS, Use
 from bayescal.predict.crossvalidation import inside95
 from bayescal.predict.forecast import DistanceErrors
 from bayescal.predict.validation import Errors, Validation
-from bayescal.reporting.fit.sheets import (
-    ISO9283,
-    TOLERANCE,
-    distance_table,
-    parameter_table,
-    validation_table,
-)
+from bayescal.reporting.fit import sheets
 from bayescal.reporting.shared.images import images_lines
 from bayescal.reporting.shared.origin import filed_lines
 from bayescal.reporting.shared.sheet import Sheet, terminal
@@ -49,21 +43,20 @@ def fit_summary(fit: Fit, record: Json, verbose: bool = False) -> RenderableType
     v, checked = fit.final.validation, record["validation"]["distances"]
     title = Text.assemble((fit.dataset.name, "bold"), f"  {fit.dataset.robot.name}")
     use = gate.of_fit(fit)
-    parts: list[RenderableType] = [
-        title,
-        facts([*_verdict(fit.acceptance, use), *_predicted(fit), *images_lines(record)]),
-    ]
-    parts.append(facts([*_tolerance(fit.tolerance), *_next(fit, use), *_findings(fit)]))
+    result = [*_verdict(fit.acceptance, use), *_predicted(fit), *images_lines(record)]
+    steps = [*_tolerance(fit.tolerance), *_next(fit, use), *_findings(fit)]
+    parts: list[RenderableType] = [title, facts(result), facts(steps)]
     if v.planes or v.distances or v.points or v.turns:
-        parts += ["", terminal(validation_table(fit.levels))]
+        parts += ["", terminal(sheets.validation_table(fit.levels))]
     if checked:
-        parts += ["", terminal(distance_table(checked, verbose))]
+        parts += ["", terminal(sheets.distance_table(checked, verbose))]
     if verbose:
         parts += ["", *_iso9283(record["iso9283"])]
     if verbose and record["acceptance"] and record["acceptance"]["distances"]:
-        parts += ["", terminal(Sheet(TOLERANCE, record["acceptance"]["distances"]))]
+        parts += ["", terminal(Sheet(sheets.TOLERANCE, record["acceptance"]["distances"]))]
     if fit.final.estimate.model.parameters:
-        parts += ["", terminal(parameter_table(record["parameters"], record["identifiability"], verbose))]
+        table = sheets.parameter_table(record["parameters"], record["identifiability"], verbose)
+        parts += ["", terminal(table)]
     parts += ["", facts(_details(fit, record, verbose))]
     return Group(*parts)
 
@@ -72,7 +65,7 @@ def _iso9283(record: Json) -> Iterator[RenderableType]:
     """The figures of ISO 9283, and what differs from the procedure of the standard."""
     if record["figures"]:
         headings = ("ISO 9283 (validation measurements)", "number", "mean (µm)", "u", "max (µm)", "u")
-        yield terminal(Sheet(ISO9283, record["figures"]), *headings)
+        yield terminal(Sheet(sheets.ISO9283, record["figures"]), *headings)
         yield facts(under("differs", record["differs_from_norm"], "dim"))
 
 

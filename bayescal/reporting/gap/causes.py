@@ -207,11 +207,8 @@ def line(a: Amplitude, others: Sequence[Amplitude]) -> str:
 
 def lines(gap: Gap) -> list[str]:
     """All amplitudes that are stated."""
-    out: list[str] = []
-    for effect in dict.fromkeys(a.effect for a in gap.amplitudes):
-        amplitudes = stated(gap, effect)
-        out += [line(a, amplitudes) for a in amplitudes]
-    return out
+    each = [stated(gap, effect) for effect in dict.fromkeys(a.effect for a in gap.amplitudes)]
+    return [line(a, amplitudes) for amplitudes in each for a in amplitudes]
 
 
 def amplitude_records(gap: Gap) -> list[dict[str, Any]]:

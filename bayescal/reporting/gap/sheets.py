@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from bayescal.dataset.table import joint_columns
 from bayescal.effects.location import Site
-from bayescal.gap.result import MARGINS, VALIDATION_CONTACTS, VALIDATION_POINTS
+from bayescal.gap.result import MARGINS, VALIDATION_POINTS
 from bayescal.gap.settings import OUTCOME
 from bayescal.reporting.fit.sheets import level_sheet
 from bayescal.reporting.shared.origin import scaled
@@ -15,9 +15,10 @@ from bayescal.reporting.shared.text import (
     MISSING,
     NEVER,
     length,
-    level_label,
+    level_labels,
     measured,
     p_value,
+    per_residual,
     probability,
     quantity,
     reduction,
@@ -73,11 +74,6 @@ def per_vector(what: str) -> float:
 def rms_of(record: Json) -> str:
     """What RMS values of groups and locations are: for points they are per coordinate."""
     return f"RMS{per_residual(record)}"
-
-
-def per_residual(record: Json) -> str:
-    """What a figure that is not a length of points is per, to be added to its label."""
-    return "" if record["lengths"]["of"] == VALIDATION_CONTACTS else " per coordinate"
 
 
 def size_of(record: Json, place: Json) -> str:
@@ -218,10 +214,9 @@ def levels_sheet(record: Json, shown: Sequence[tuple[str, str]] = (), missing: s
         spread = "" if step["delta_elpd_se"] is None else f" ± {step['delta_elpd_se']:.0f}"
         return f"{signed(step['delta_elpd'])}{spread}" if step["delta_elpd"] else missing
 
-    models = [tuple(step["model"]) for step in record["ladder"]]
-    names = [level_label(model, before) for model, before in zip(models, [(), *models], strict=False)]
     shown = shown or (LEVELS[1:] if record["lengths"]["of"] == VALIDATION_POINTS else LEVELS)
-    return level_sheet(record["ladder"], shown, names, Column("difference of log density (nats)", gain))
+    columns = Column("difference of log density (nats)", gain)
+    return level_sheet(record["ladder"], shown, level_labels(record["ladder"]), columns)
 
 
 def improved(record: Json) -> list[Json]:

@@ -10,7 +10,6 @@ from rich.text import Text
 from bayescal.effects.common import ELSEWHERE
 from bayescal.gap.result import VALIDATION_CONTACTS, Gap, Margin
 from bayescal.reporting.gap import causes, sheets
-from bayescal.reporting.gap.sheets import first_contacts, per_vector
 from bayescal.reporting.shared.images import images_lines
 from bayescal.reporting.shared.origin import filed_lines, scaled
 from bayescal.reporting.shared.sheet import Column, Sheet, inside, terminal
@@ -22,6 +21,7 @@ from bayescal.reporting.shared.text import (
     length,
     listed,
     p_value,
+    per_residual,
     probability,
     rival,
     um,
@@ -67,7 +67,7 @@ def gap_summary(gap: Gap, record: Json) -> RenderableType:
         parts += [terminal(levels, "model: RMS (µm)", *levels.headings), ""]
     parts.append(facts(_next(record)))
     if advised := [c for advice in record["next"] for c in advice["contacts"]]:
-        parts.append(terminal(first_contacts(advised, sheets.measured_as(record, advised))))
+        parts.append(terminal(sheets.first_contacts(advised, sheets.measured_as(record, advised))))
     if record["blind_spots"]:
         blind = sheets.blind_sheet(record)
         more = f" ({BLIND} of {len(blind.items)})" if len(blind.items) > BLIND else ""
@@ -80,7 +80,7 @@ def gap_summary(gap: Gap, record: Json) -> RenderableType:
 def _size(record: Json) -> Facts:
     size, of = record["gap"], record["lengths"]
     each = "contact" if of["of"] == VALIDATION_CONTACTS else "point (length)"
-    factor, ends = per_vector(of["of"]), size["excess_um"]["interval95"]
+    factor, ends = sheets.per_vector(of["of"]), size["excess_um"]["interval95"]
     yield "validation", f"{length(of['validation_rms_um'])} µm RMS per {each} ({size['heldout']})", ""
     words = {"repeats": "repeated contacts", "fit": "the fit", "stated": "dataset.yaml"}
     source = words.get(size["noise_from"], size["noise_from"])
@@ -97,7 +97,7 @@ def _size(record: Json) -> Facts:
 
 def _measured(record: Json) -> Sheet:
     def error(x: Json, value: float) -> str:
-        return length(per_vector(x["what"]) * value)
+        return length(sheets.per_vector(x["what"]) * value)
 
     def within(x: Json) -> bool:
         low, high = x["predicted_interval95_um"]
@@ -125,7 +125,7 @@ def _where(record: Json) -> Sheet:
 
 def _largest(record: Json) -> Facts:
     for w in record["where"][:1]:
-        error = f"{length(w['rms_um'])} µm{sheets.per_residual(record)}"
+        error = f"{length(w['rms_um'])} µm{per_residual(record)}"
         text = f"{w['text']}, {error} (p {p_value(w['family_p_value'])})"
         yield "location", f"largest, not significant: {text}", "dim"
 
@@ -137,7 +137,7 @@ def _margins(gap: Gap, record: Json) -> Facts:
         groups += sorted((m for m in bins if sheets.significant(m.p_value)), key=lambda m: -m.rms)[:1]
     largest = sorted(groups, key=lambda m: -m.rms)[:MARGINS]
     if largest:
-        each = sheets.per_residual(record)
+        each = per_residual(record)
         yield "largest groups", "; ".join(f"{m.text} ({um(m.rms)} µm{each})" for m in largest), ""
 
 
@@ -201,9 +201,8 @@ def _levels(record: Json) -> Sheet:
     of = record["lengths"]["of"]
     shown = [("validation", "validation_um"), ("distances", "distance_rms_um")]
     shown += [("points", "point_length_rms_um")] if of == VALIDATION_CONTACTS else []
-    levels = [
-        {**step, "validation_um": scaled(step["heldout_rms_um"], per_vector(of))} for step in record["ladder"]
-    ]
+    factor = sheets.per_vector(of)
+    levels = [step | {"validation_um": scaled(step["heldout_rms_um"], factor)} for step in record["ladder"]]
     return sheets.levels_sheet({**record, "ladder": levels}, shown, "")
 
 
@@ -226,12 +225,8 @@ def _unshown(record: Json) -> dict[str, list[str]]:
 def _remarks(record: Json) -> Facts:
     """Effects that were not assessed (by reason), notes and warnings."""
     shown = {name for names in _unshown(record).values() for name in names}  # above, with what to record
-    missing = {
-        effect: why
-        for effect, why in record["missing"].items()
-        if effect not in shown and why not in ELSEWHERE
-    }
-    reasons = by_reason(missing)
+    lacking = {n: why for n, why in record["missing"].items() if n not in shown and why not in ELSEWHERE}
+    reasons = by_reason(lacking)
     yield from under("not assessed", (f"{', '.join(names)}: {why}" for why, names in reasons.items()), "dim")
     yield from under("note", record["notes"])
     yield from under("warning", record["warnings"], "yellow")

@@ -138,13 +138,10 @@ class _Sheet:
 def _labels(labels: Sequence[tuple[str, np.ndarray, bool]], sheet: _Sheet) -> list[str]:
     """Labels in a column at the right, in the order of height, with lines to what they name."""
     order = sorted(labels, key=lambda item: float(item[1][1]))
-    heights: list[float] = []
-    for _, point, _ in order:
-        heights.append(max(float(point[1]), heights[-1] + LINE if heights else TOP))
-    over = heights[-1] - (sheet.height - BOTTOM) if heights else 0.0
-    for k in range(len(heights) - 1, -1, -1):
-        top = sheet.height - BOTTOM if k == len(heights) - 1 else heights[k + 1] - LINE
-        heights[k] = min(heights[k], top) if over > 0 else heights[k]
+    apart = LINE * np.arange(len(order))
+    wanted = np.maximum([point[1] for _, point, _ in order], TOP)
+    heights = np.maximum.accumulate(wanted - apart) + apart  # below the label before
+    heights = np.minimum(heights, sheet.height - BOTTOM - apart[::-1])  # with room for those that follow
     out = []
     x = sheet.width - LABELS + 4
     for (words, point, hit), y in zip(order, heights, strict=True):

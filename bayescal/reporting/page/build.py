@@ -49,9 +49,8 @@ def browser() -> str:
     path = next((path for name in BROWSERS if (path := shutil.which(name))), None)
     if path is None:
         what = "no Chromium or Chrome is installed, which prints the page"
-        raise BayescalError(
-            what, "--pdf", "install it (Debian: apt install chromium), or print the HTML page"
-        )
+        remedy = "install it (Debian: apt install chromium), or print the HTML page"
+        raise BayescalError(what, "--pdf", remedy)
     return path
 
 
@@ -90,9 +89,8 @@ def pdf_of(page: str) -> bytes:
         try:
             done = subprocess.run(command, capture_output=True, timeout=SECONDS, check=False)
         except (OSError, subprocess.TimeoutExpired) as error:
-            raise BayescalError(
-                f"{program} does not print: {error}", "--pdf", "print the HTML page"
-            ) from None
+            what = f"{program} does not print: {error}"
+            raise BayescalError(what, "--pdf", "print the HTML page") from None
         if not made.is_file() or not made.read_bytes().startswith(b"%PDF"):
             last = done.stderr.decode(errors="replace").strip().splitlines()[-1:] or ["no message"]
             what = f"{program} does not print: {last[0]}"
@@ -129,8 +127,7 @@ def runs_page(runs: Sequence[Run]) -> str:
     """The page of several runs side by side, as text."""
     some = [make(runs) for make in compare.SECTIONS]
     subtitle = ", ".join(dict.fromkeys(run.name for run in runs))
-    title = f"Comparison of {len(runs)} runs"
-    return page(title, subtitle, some, (f"bayescal {__version__}",))
+    return page(f"Comparison of {len(runs)} runs", subtitle, some)
 
 
 def foot(run: Run) -> tuple[str, ...]:
@@ -190,15 +187,14 @@ def _complete(runs: Sequence[Run]) -> Iterator[None]:
 
 def _in_place(folder: Path, run: Run, pdf: bool) -> tuple[Path, ...]:
     """Write the page into the run folder: a copy of the folder with it replaces the folder."""
-    name = PAGES[run.kind]
-    names = [name]
+    names = [PAGES[run.kind]]
     with whole(folder, run.file) as stage:
         shutil.copytree(folder, stage, symlinks=True, dirs_exist_ok=True, ignore=shutil.ignore_patterns(LIST))
         with _complete([run]):
             text = run_page(run)
-        (stage / name).write_text(text, encoding="utf-8")
+        (stage / names[0]).write_text(text, encoding="utf-8")
         if pdf:
-            names.append(Path(name).with_suffix(".pdf").name)
+            names.append(Path(names[0]).with_suffix(".pdf").name)
             (stage / names[-1]).write_bytes(pdf_of(run_page(run, scripts=False)))
     return tuple(folder / n for n in names)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 from typing import Any
 
 import numpy as np
@@ -21,6 +20,7 @@ from bayescal.reporting.page.section import (
     Text,
     blocks,
     not_empty,
+    picture,
 )
 from bayescal.reporting.shared.body import joints_of, typical
 from bayescal.reporting.shared.sheet import Bar, Column, Sheet, as_is
@@ -103,11 +103,12 @@ def _drawings(run: Run) -> Figures:
     r = np.array(rows["residual_um"], float)
     keep = np.isfinite(r) & ~np.array(rows["rejected"], bool)
     check = np.array(rows["role"]) == "validate"
+    level = noise(run)
+    band = None if level is None else 2.0 * level
     edge = float(np.quantile(np.abs(r[keep]), CLIP)) if np.any(keep) else 1.0
-    edge = 1.15 * max(edge, 2.2 * (noise(run) or 0.0), 1e-3)
+    edge = 1.15 * max(edge, 2.2 * (level or 0.0), 1e-3)
     ends = (-edge if signed(run) else 0.0, edge)
     y_label = "residual (µm)" if signed(run) else "length of error (µm)"
-    band = None if noise(run) is None else 2.0 * (noise(run) or 0.0)
     angles = joints_of(run.record)
     units = run.record["arm"].get("units", ["deg"] * angles.shape[1])
     coordinates = [("row", np.arange(len(r)) + 1.0)]
@@ -119,11 +120,9 @@ def _drawings(run: Run) -> Figures:
     ]
 
     def drawn(label: str, x: np.ndarray) -> tuple[str, Markup]:
-        groups = [
-            svg.Dots(x[some], r[some], style)
-            for style, some in (("dot", keep & ~check), ("check", keep & check))
-        ]
-        return "", svg.scatter(groups, label, y_label, band, f"Residuals over {label}", ends)
+        kinds = (("dot", keep & ~check), ("check", keep & check))
+        groups = [svg.Dots(x[some], r[some], style) for style, some in kinds]
+        return "", svg.scatter(groups, (label, y_label), band, f"Residuals over {label}", ends)
 
     return Figures(tuple(drawn(label, x) for label, x in coordinates))
 
@@ -201,10 +200,7 @@ def figures(run: Run) -> Section | None:
     """Figures of the run folder, as pictures with text alternatives."""
     if not run.figures:
         return None
-    pictures = [
-        (FIGURES[name], f"data:image/png;base64,{base64.b64encode(content).decode('ascii')}")
-        for name, content in run.figures.items()
-    ]
+    pictures = [picture(FIGURES[name], content) for name, content in run.figures.items()]
     return Section("figures", "Figures", "figures.html.j2", {"pictures": pictures})
 
 

@@ -52,9 +52,7 @@ def verdicts(runs: Runs) -> Section | None:
         return run.record["verdict"]["words"] if run.kind == "fit" else "; ".join(run.record["words"])
 
     items = [(label, run.name, run.kind, verdict(run)) for label, run in labelled(runs)]
-    table = Sheet(
-        (Column("run", 0), *(Column(h, k, words=True) for k, h in enumerate(VERDICTS, start=1))), items
-    )
+    columns = (Column("run", 0), *(Column(h, k, words=True) for k, h in enumerate(VERDICTS, start=1)))
     hashes = [h for run in runs if (h := run.record["dataset"]["sha256"])]  # none of a session in memory
     same = len(set(hashes)) < len(hashes)
     note = Text(
@@ -62,7 +60,7 @@ def verdicts(runs: Runs) -> Section | None:
         "u of a difference below is too large.",
         "warning",
     )
-    return blocks("verdicts", "Verdicts", table, note if same else None)
+    return blocks("verdicts", "Verdicts", Sheet(columns, items), note if same else None)
 
 
 def distances(runs: Runs) -> Section | None:

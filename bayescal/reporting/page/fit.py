@@ -55,11 +55,8 @@ def first(run: Run) -> Section:
     tone = "bad" if against or not verdict["explains"] else "good" if good else "warn"
     reasons = sorted(verdict["reasons"], key=lambda c: c["p"] if c["p"] is not None else 1.0)
     faults = [Fault(f"not to be used: {reason}") for reason in against]
-    faults += [
-        Fault(c["words"], () if c["p"] is None else (("p", p_value(c["p"])),))
-        for c in reasons[:REASONS]
-        if c["words"] not in against
-    ]
+    told = [c for c in reasons[:REASONS] if c["words"] not in against]
+    faults += [Fault(c["words"], () if c["p"] is None else (("p", p_value(c["p"])),)) for c in told]
     warnings, notes = _warnings(record)
     return FirstScreen(
         verdict["words"][:1].upper() + verdict["words"][1:],
@@ -258,11 +255,7 @@ def outliers(run: Run) -> Section | None:
     """Rejected measurements and what they share, noise, tests."""
     record, noise = run.record, run.record["noise"]
     rejected = record["rejected"]
-    words = (
-        f"{len(rejected)} measurements were rejected: {', '.join(rejected)}"
-        if rejected
-        else "No measurement was rejected."
-    )
+    words = f"{len(rejected)} measurements were rejected: {', '.join(rejected)}"
     causes = [
         f"Rejected measurements share {c['label']}: {c['rejected']} of {c['rows_in_group']} (p {c['p']:.1g})"
         for c in record["verdict"]["shared_causes"]
@@ -274,6 +267,7 @@ def outliers(run: Run) -> Section | None:
         f"{length(noise['stated_um'])} µm{scatter}."
     )
     tests = Sheet(sheets.TESTS, record["verdict"]["tests"], "Tests of the model")
+    words = words if rejected else "No measurement was rejected."
     lines = (Text(words), *texts(causes, "warning"), Text(of_noise))
     return blocks("outliers", "Outliers, noise and tests", *lines, tests)
 

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import base64
 import shlex
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from bayescal import __version__
 from bayescal.dataset.target_kinds import KINDS
 from bayescal.dataset.types import Target
 from bayescal.dataset.write import table_text, write_setup
@@ -18,7 +16,7 @@ from bayescal.planning.result import Plan
 from bayescal.programs.probing import Probe, formats_of
 from bayescal.reporting import plan_sheets
 from bayescal.reporting.page.render import page
-from bayescal.reporting.page.section import Facts, FirstScreen, Section, Text, blocks
+from bayescal.reporting.page.section import Facts, FirstScreen, Section, Text, blocks, picture
 from bayescal.reporting.plan_record import plan_record, table_of_plan
 from bayescal.reporting.shared.sheet import Sheet
 from bayescal.storage.files import json_text
@@ -33,13 +31,13 @@ STEPS = {
 """What each command that follows is for."""
 
 
-def plan_page(plan: Plan, picture: bytes, commands: Sequence[tuple[str, str]] = ()) -> str:
+def plan_page(plan: Plan, drawn: bytes, commands: Sequence[tuple[str, str]] = ()) -> str:
     """The page as text.
 
     Parameters
     ----------
     plan : Plan
-    picture : bytes
+    drawn : bytes
         The figure as PNG.
     commands : sequence of (str, str)
         What to run when the contacts are measured: purpose (of `STEPS`) and command.
@@ -47,7 +45,7 @@ def plan_page(plan: Plan, picture: bytes, commands: Sequence[tuple[str, str]] = 
     title = plan_sheets.title(plan)
     parts = (
         _first(plan, commands),
-        _contacts(plan, picture),
+        _contacts(plan, drawn),
         blocks("expected", "What to expect, assuming the model is correct", plan_sheets.expected(plan)),
         _detectable(plan),
         blocks("confusable", "Confusable effects", plan_sheets.confusable(plan)),
@@ -57,23 +55,19 @@ def plan_page(plan: Plan, picture: bytes, commands: Sequence[tuple[str, str]] = 
         blocks("all", f"All {plan_sheets.noun(plan)}, in their order", plan_sheets.contacts(plan)),
         _inputs(plan),
     )
-    foot = [f"bayescal {__version__}"]
-    return page(plan.session.name, f"{plan.session.robot.name}; {title}", parts, foot)
+    return page(plan.session.name, f"{plan.session.robot.name}; {title}", parts)
 
 
 def _first(plan: Plan, commands: Sequence[tuple[str, str]]) -> Section:
     """Expected uncertainty, contacts, time; what to run next; warnings."""
     lines = list(plan_sheets.headline(plan)) or [plan_sheets.title(plan)]
-    keys = [(plan_sheets.noun(plan).capitalize(), str(len(plan.purpose)), plan_sheets.contacts_phrase(plan))]
-    keys += [
-        (
-            f"Motion between {plan_sheets.noun(plan)}",
-            plan_sheets.duration(plan.travel),
-            f"order: {plan.order}",
-        )
+    noun = plan_sheets.noun(plan)
+    keys = [
+        (noun.capitalize(), str(len(plan.purpose)), plan_sheets.contacts_phrase(plan)),
+        (f"Motion between {noun}", plan_sheets.duration(plan.travel), f"order: {plan.order}"),
     ]
     if more := plan_sheets.further(plan):
-        keys.append((f"{plan_sheets.FURTHER} further {plan_sheets.noun(plan)}", *more))
+        keys.append((f"{plan_sheets.FURTHER} further {noun}", *more))
     return FirstScreen(
         lines[0],
         lines=lines[1:],
@@ -84,9 +78,9 @@ def _first(plan: Plan, commands: Sequence[tuple[str, str]]) -> Section:
     ).section()
 
 
-def _contacts(plan: Plan, picture: bytes) -> Section:
-    source = f"data:image/png;base64,{base64.b64encode(picture).decode('ascii')}"
-    parts = {"blocks": [plan_sheets.by_target(plan)], "pictures": [(plan_sheets.title(plan), source)]}
+def _contacts(plan: Plan, drawn: bytes) -> Section:
+    shown = picture(plan_sheets.title(plan), drawn)
+    parts = {"blocks": [plan_sheets.by_target(plan)], "pictures": [shown]}
     return Section("contacts", "What to probe", "plan.html.j2", parts)
 
 
@@ -146,7 +140,7 @@ def write_plan(
         File names.
     """
     from bayescal.reporting.figures.plan import draw_plan
-    from bayescal.reporting.shared.style import save_figure
+    from bayescal.reporting.shared.style import png_of
 
     later = commands(folder, plan.session.targets)
     texts = {CONTACTS: table_of_plan(plan), PLAN: json_text(plan_record(plan, later), rows=False)}
@@ -155,8 +149,9 @@ def write_plan(
     for form in formats_of(formats, probe):
         texts |= form.files(plan, probe or Probe())
     with whole(folder, PLAN) as stage:
-        save_figure(draw_plan(plan), stage / PICTURE)
-        texts[PAGE] = plan_page(plan, (stage / PICTURE).read_bytes(), tuple(later.items()))
+        drawn = png_of(draw_plan(plan))
+        (stage / PICTURE).write_bytes(drawn)
+        texts[PAGE] = plan_page(plan, drawn, tuple(later.items()))
         for name, text in texts.items():
             (stage / name).write_text(text, encoding="utf-8", newline="")
         setup = write_setup(plan.pool.setup.dataset, stage)

@@ -21,6 +21,7 @@ from typing import Any
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup, escape
 
+from bayescal import __version__
 from bayescal.reporting.page.section import Section
 
 STILL = "Figures that move with the pointer need plotly: pip install 'bayescal[interactive]'."
@@ -87,7 +88,7 @@ def page(
     title: str,
     subtitle: str,
     sections: Sequence[Section | None],
-    foot: Sequence[str],
+    foot: Sequence[str] = (f"bayescal {__version__}",),
     data: Mapping[str, Any] | None = None,
     headers: Sequence[tuple[str, Mapping[str, str]]] = (),
 ) -> str:
@@ -99,7 +100,7 @@ def page(
     sections : sequence of Section
         In the order of the page, without those that are None; the first one is seen first.
     foot : sequence of str
-        Lines at the end.
+        Lines at the end; default: the version.
     data : mapping, optional
         What interactive figures draw, as JSON; without it, or without plotly, the page has no scripts.
     headers : sequence of (str, mapping), optional
@@ -114,11 +115,8 @@ def page(
         packed, permitted = library
         script = asset("page.js")
         allowed = f"{permitted} {csp_hash(script.encode())}"
-    bodies = [
-        (section, Markup(templates.get_template(section.template).render(section.context)))
-        for section in sections
-        if section is not None
-    ]
+    shown = [section for section in sections if section is not None]
+    bodies = [(s, Markup(templates.get_template(s.template).render(s.context))) for s in shown]
     return templates.get_template("base.html.j2").render(
         generator=Markup(GENERATOR),
         title=title,

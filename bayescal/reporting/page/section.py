@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -99,6 +100,11 @@ def blocks(key: str, title: str, *parts: Block | None) -> Section | None:
 def not_empty(parts: Sequence[Block | None]) -> list[Block]:
     """Blocks without those that are missing and tables without rows."""
     return [p for p in parts if p is not None and not (isinstance(p, Sheet) and not p.items)]
+
+
+def picture(text: str, content: bytes) -> tuple[str, str]:
+    """The text alternative of a PNG, and its content as a data URL."""
+    return text, f"data:image/png;base64,{base64.b64encode(content).decode('ascii')}"
 
 
 def texts(lines: Sequence[str], style: str = "") -> tuple[Text, ...]:

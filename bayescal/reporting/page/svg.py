@@ -62,56 +62,75 @@ def ticks(low: float, high: float) -> np.ndarray:
     return np.arange(first, last + 1) * step + 0.0  # -0.0 + 0.0 = 0.0
 
 
+@dataclass(frozen=True)
+class _Axes:
+    """Linear axes of a drawing: limits and labels of x and y, and the ticks of both."""
+
+    x: tuple[float, float]
+    y: tuple[float, float]
+    labels: tuple[str, str]
+    along: np.ndarray
+    levels: np.ndarray
+
+    @property
+    def left(self) -> float:
+        """Where x begins: there is room for the label of y and its ticks."""
+        return max(LEFT, 20 + CHARACTER * max(len(f"{v:g}") for v in self.levels))
+
+    def at(self, x: np.ndarray | float, y: np.ndarray | float) -> np.ndarray:
+        """Points (..., 2) in user units."""
+        (low, high), (bottom, top) = self.x, self.y
+        across = self.left + (np.asarray(x) - low) / (high - low) * (WIDTH - self.left - RIGHT)
+        down = TOP + (top - np.asarray(y)) / ((top - bottom) or 1.0) * (HEIGHT - TOP - BOTTOM)
+        return np.stack(np.broadcast_arrays(across, down), axis=-1)
+
+    def drawing(self, below: Sequence[str], data: Sequence[str], label: str, zero: str = "grid") -> Markup:
+        """SVG of data on a grid; `below` is under the grid, `zero` the class of its line at zero."""
+        low, bottom = self.x[0], self.y[0]
+        grid = []
+        for v in self.levels:
+            y = float(self.at(low, v)[1])
+            ends = np.array([[self.left, y], [WIDTH - RIGHT, y]])
+            grid.append(line(ends, zero if abs(v) < 1e-12 else "grid"))
+            grid.append(text(self.left - 5, y + 4, f"{v:g}", anchor="end"))
+        for v in self.along:
+            grid.append(text(float(self.at(v, bottom)[0]), HEIGHT - BOTTOM + 15, f"{v:g}"))
+        x_label, y_label = self.labels
+        across = text((self.left + WIDTH - RIGHT) / 2, HEIGHT - 5, x_label)
+        middle = (TOP + HEIGHT - BOTTOM) / 2
+        up = f'<g transform="translate(11 {middle:.1f}) rotate(-90)">{text(0, 0, y_label)}</g>'
+        return drawing(WIDTH, HEIGHT, [*below, *grid, *data, across, up], label)
+
+
 def scatter(
-    dots: Sequence[Dots],
-    x_label: str,
-    y_label: str,
-    band: float | None,
-    label: str,
-    ends: tuple[float, float],
+    dots: Sequence[Dots], labels: tuple[str, str], band: float | None, label: str, ends: tuple[float, float]
 ) -> Markup:
     """Residuals over a coordinate, with a band of +- `band` about zero; y between `ends`.
 
-    Points beyond the ends are drawn at them, as triangles.
+    Points beyond the ends are drawn at them, as triangles. `labels` are of x and y.
     """
     bottom, top = ends
-    levels = ticks(bottom, top)
-    left = max(LEFT, 20 + CHARACTER * max(len(f"{v:g}") for v in levels))  # room for the label of the axis
     x = np.concatenate([d.x for d in dots])
     low, high = (float(x.min()), float(x.max())) if len(x) else (0.0, 1.0)
     room = 0.03 * (high - low) or 1.0
     low, high = low - room, high + room
-
-    def at_x(v: np.ndarray | float) -> np.ndarray:
-        return left + (np.asarray(v) - low) / (high - low) * (WIDTH - left - RIGHT)
-
-    def at_y(v: np.ndarray | float) -> np.ndarray:
-        return TOP + (top - np.asarray(v)) / (top - bottom) * (HEIGHT - TOP - BOTTOM)
-
-    parts: list[str] = []
+    axes = _Axes((low, high), ends, labels, ticks(low, high), ticks(bottom, top))
+    below = []
     if band is not None:
-        upper, lower = (float(at_y(np.clip(v, bottom, top))) for v in (band, -band))
+        left, upper, lower = axes.left, *axes.at(low, np.clip([band, -band], bottom, top))[:, 1]
         size = f'width="{WIDTH - left - RIGHT:.1f}" height="{lower - upper:.1f}"'
-        parts.append(f'<rect class="band" x="{left:.1f}" y="{upper:.1f}" {size}/>')
-    for v in levels:
-        y = float(at_y(v))
-        parts.append(line(np.array([[left, y], [WIDTH - RIGHT, y]]), "zero" if abs(v) < 1e-12 else "grid"))
-        parts.append(text(left - 5, y + 4, f"{v:g}", anchor="end"))
-    for v in ticks(low, high):
-        parts.append(text(float(at_x(v)), HEIGHT - BOTTOM + 15, f"{v:g}"))
+        below.append(f'<rect class="band" x="{left:.1f}" y="{upper:.1f}" {size}/>')
+    data = []
     for d in dots:
-        inside = (d.y >= bottom) & (d.y <= top)
-        points = zip(at_x(d.x[inside]), at_y(d.y[inside]), strict=True)
+        inside, points = (d.y >= bottom) & (d.y <= top), axes.at(d.x, d.y)
         # one path of lines without length: their round ends are the dots
-        parts.append(f'<path class="{d.style}" d="{"".join(f"M{px:.1f} {py:.1f}h0" for px, py in points)}"/>')
-        for px, up in zip(at_x(d.x[~inside]), d.y[~inside] > 0, strict=True):
+        path = "".join(f"M{px:.1f} {py:.1f}h0" for px, py in points[inside])
+        data.append(f'<path class="{d.style}" d="{path}"/>')
+        for px, up in zip(points[~inside, 0], d.y[~inside] > 0, strict=True):
             py, s = (TOP, 4) if up else (HEIGHT - BOTTOM, -4)
             path = f"M{px - 4:.1f} {py + s:.1f}L{px + 4:.1f} {py + s:.1f}L{px:.1f} {py - s:.1f}Z"
-            parts.append(f'<path class="beyond" d="{path}"/>')
-    parts.append(text((left + WIDTH - RIGHT) / 2, HEIGHT - 5, x_label))
-    middle = (TOP + HEIGHT - BOTTOM) / 2
-    turned = f'<g transform="translate(11 {middle:.1f}) rotate(-90)">{text(0, 0, y_label)}</g>'
-    return drawing(WIDTH, HEIGHT, [*parts, turned], label)
+            data.append(f'<path class="beyond" d="{path}"/>')
+    return axes.drawing(below, data, label, "zero")
 
 
 def course(
@@ -124,35 +143,16 @@ def course(
     label: str,
 ) -> Markup:
     """Values (N,) over time with their expanded uncertainties, and a fitted course (x and y)."""
-    low, high = float(np.min(y - expanded)), float(np.max(y + expanded))
-    levels = ticks(low, high)
-    left = max(LEFT, 20 + CHARACTER * max(len(f"{v:.6g}") for v in levels))
+    ends = float(np.min(y - expanded)), float(np.max(y + expanded))
     first, last = float(np.min(fitted[0])), float(np.max(fitted[0]))
     room = 0.05 * (last - first) or 1.0
-
-    def at(px: np.ndarray | float, py: np.ndarray | float) -> np.ndarray:
-        share = (np.asarray(px) - first + room) / (last - first + 2 * room)
-        down = (high - np.asarray(py)) / ((high - low) or 1.0)
-        return np.stack(
-            [left + share * (WIDTH - left - RIGHT), TOP + down * (HEIGHT - TOP - BOTTOM)], axis=-1
-        )
-
-    parts = []
-    for v in levels:
-        height = float(at(first, v)[1])
-        parts.append(line(np.array([[left, height], [WIDTH - RIGHT, height]]), "grid"))
-        parts.append(text(left - 5, height + 4, f"{v:.6g}", anchor="end"))
-    for v in ticks(first, last):
-        parts.append(text(float(at(v, low)[0]), HEIGHT - BOTTOM + 15, f"{v:g}"))
-    parts.append(line(at(*fitted), "zero"))
+    axes = _Axes((first - room, last + room), ends, (x_label, y_label), ticks(first, last), ticks(*ends))
+    data = [line(axes.at(*fitted), "zero")]
     for px, py, size in zip(x, y, expanded, strict=True):
-        parts.append(line(at(np.array([px, px]), np.array([py - size, py + size])), "range"))
-        cx, cy = at(px, py)
-        parts.append(f'<circle class="estimate" cx="{cx:.1f}" cy="{cy:.1f}" r="3"/>')
-    parts.append(text((left + WIDTH - RIGHT) / 2, HEIGHT - 5, x_label))
-    middle = (TOP + HEIGHT - BOTTOM) / 2
-    parts.append(f'<g transform="translate(11 {middle:.1f}) rotate(-90)">{text(0, 0, y_label)}</g>')
-    return drawing(WIDTH, HEIGHT, parts, label)
+        data.append(line(axes.at(np.array([px, px]), np.array([py - size, py + size])), "range"))
+        cx, cy = axes.at(px, py)
+        data.append(f'<circle class="estimate" cx="{cx:.1f}" cy="{cy:.1f}" r="3"/>')
+    return axes.drawing((), data, label)
 
 
 def prior_posterior(prior: tuple[float, float], ends: tuple[float, float], estimate: float) -> Markup:

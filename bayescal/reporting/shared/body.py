@@ -120,11 +120,10 @@ def placed(arm: Json, angles: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]
     for origin, (x, y, z), angle, unit in zip(links[1:-1], axes, angles, units, strict=True):
         if unit == "mm":
             shift = shift + angle * turn @ [x, y, z]
-            out.append((turn, shift))
-            continue
-        cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-        rotation = np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
-        turn, shift = turn @ rotation, turn @ (origin - rotation @ origin) + shift
+        else:
+            cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+            rotation = np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
+            turn, shift = turn @ rotation, turn @ (origin - rotation @ origin) + shift
         out.append((turn, shift))
     return out
 

@@ -58,13 +58,9 @@ def images_sheet(record: Json) -> Sheet:
         Column("largest across the line of sight (mm)", lambda p: f"{p['max_mm']:.2g}"),
     )
     caption = "What the estimate changes in the images, without the place of camera and board"
-    return Sheet(columns, list(_parts(record)), caption)
-
-
-def _parts(record: Json) -> Iterator[dict[str, Any]]:
-    for found in record.get("images", ()):
-        for part in found["parts"]:
-            yield {**part, "target": found["target"]}
+    cameras = record.get("images", ())
+    parts = [part | {"target": found["target"]} for found in cameras for part in found["parts"]]
+    return Sheet(columns, parts, caption)
 
 
 def _rms(part: Json) -> str:

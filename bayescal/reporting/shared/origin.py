@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import platform
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from importlib.metadata import version
 from typing import Any
 
@@ -149,6 +149,18 @@ def scaled(value: Any, factor: float | None) -> Any:
 
 
 ROLES = ("calibrate", "validate")
+
+
+def by_target(estimate: Estimate) -> Iterator[tuple[str, str, np.ndarray, np.ndarray]]:
+    """Of each target of the model and each role that it has: both names, rows (R,), residuals (C, R), m."""
+    model, scene = estimate.model, estimate.model.scene
+    for k, target in enumerate(scene.dataset.targets):
+        for role in ROLES:
+            rows = scene.rows_of(k, scene.rows(role))
+            if len(rows) and target.name in model.block_of:
+                yield target.name, role, rows, estimate.residuals(model.block(k, rows))
+
+
 DIGITS = 4
 """Decimals of residuals (µm), angles (deg) and times (s)."""
 STANDSTILL = np.radians(0.03)
@@ -169,15 +181,9 @@ def rows_record(estimate: Estimate) -> dict[str, Any]:
     residual = np.full(count, np.nan)
     roles = np.full(count, "", dtype=object)
     for role in ROLES:
-        rows = scene.rows(role)
-        roles[rows] = role
-        for k, target in enumerate(targets):
-            of_target = scene.rows_of(k, rows)
-            if len(of_target) and target.name in estimate.model.block_of:
-                r = estimate.residuals(estimate.model.block(k, of_target))
-                residual[of_target] = r[0] if len(r) == 1 else np.linalg.norm(r[:3], axis=0)
-    rejected = np.zeros(count, bool)
-    rejected[estimate.rejected] = True
+        roles[scene.rows(role)] = role
+    for _, _, rows, r in by_target(estimate):
+        residual[rows] = r[0] if len(r) == 1 else np.linalg.norm(r, axis=0)
     record = {
         "id": list(m.ids),
         "target": [targets[t].name for t in m.target],
@@ -187,7 +193,7 @@ def rows_record(estimate: Estimate) -> dict[str, Any]:
         "joint" if robot.slides.any() else "angle_deg": np.round(robot.shown(scene.q), DIGITS),
         "direction": None if m.velocity is None else _signs(m.velocity),
         "residual_um": np.round(UM * residual, DIGITS),
-        "rejected": rejected,
+        "rejected": np.isin(np.arange(count), estimate.rejected),
     }
     return {key: plain(value) for key, value in record.items()}
 

@@ -145,11 +145,9 @@ def csv_text(head: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
     return out.getvalue()
 
 
-def frame(sheet: Sheet, index: str | None = None) -> DataFrame:
+def frame(sheet: Sheet, index: str) -> DataFrame:
     """A table of pandas: values, not texts, by heading; the column `index` becomes the index."""
     from pandas import DataFrame
 
     rows = [{c.heading: c.value(item) for c in sheet.columns} for item in sheet.items]
-    if not index:
-        return DataFrame(rows)
     return DataFrame(rows, columns=[c.heading for c in sheet.columns]).set_index(index)  # an empty one too

@@ -9,11 +9,10 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any, BinaryIO
+from io import BytesIO
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from matplotlib.figure import Figure
 
 INK = "#22313f"
@@ -56,8 +55,6 @@ _SETTINGS: dict[str, Any] = {
     "lines.linewidth": 1.2,
     "lines.solid_capstyle": "butt",
     "lines.markersize": 3.5,
-    "svg.hashsalt": "bayescal",
-    "svg.fonttype": "path",
 }
 TICK = {"labelsize": SIZE, "length": 2.5, "width": 0.6, "pad": 2.0, "color": GREY, "labelcolor": INK}
 """Parameters of the ticks of axes."""
@@ -85,8 +82,8 @@ def figure(width: float, height: float, title: Sequence[str]) -> Figure:
     return out
 
 
-def save_figure(figure: Figure, path: Path | BinaryIO) -> None:
-    """Write a figure as PNG, to a file or a stream.
+def png_of(figure: Figure) -> bytes:
+    """A figure as PNG.
 
     `savefig` draws a figure that has or had a layout engine twice, the first time for the layout alone. The
     same pixels come in less time from axes that are placed before and a canvas that draws once.
@@ -101,7 +98,9 @@ def save_figure(figure: Figure, path: Path | BinaryIO) -> None:
     if engine is not None:
         engine.execute(figure)
         figure.set_layout_engine("none")
-    FigureCanvasAgg(figure).print_png(path)
+    out = BytesIO()
+    FigureCanvasAgg(figure).print_png(out)
+    return out.getvalue()
 
 
 def tidy(axes: Any) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from rich.cells import cell_len
@@ -123,9 +124,8 @@ def um(value: float) -> str:
 
 def um2(value: float) -> str:
     """An uncertainty in µm with two significant digits; "-" where there is none."""
-    return (
-        f"{float(f'{UM * value:.2g}'):.{1 if abs(UM * value) < 9.95 else 0}f}" if np.isfinite(value) else "-"
-    )
+    decimals = 1 if abs(UM * value) < 9.95 else 0
+    return f"{float(f'{UM * value:.2g}'):.{decimals}f}" if np.isfinite(value) else "-"
 
 
 def amplitude(value: float, unit: str) -> tuple[float, str]:
@@ -241,12 +241,20 @@ def rival(name: str) -> str:
     return {"null": "noise only", "unknown": "unmodelled effect"}.get(name, name)
 
 
-def level_label(model: tuple[str, ...], before: tuple[str, ...]) -> str:
-    """A model level by what it adds to the one before: ``nominal``, ``geometry``, ``+ backlash``."""
-    added = model[len(before) :]
-    if len(before) > 1 and added and model[: len(before)] == before:
-        return f"+ {', '.join(map(short, added))}"
-    return model_label(model)
+def level_labels(levels: Iterable[Mapping[str, Any]]) -> list[str]:
+    """Model levels of a record by what each adds to the one before: ``nominal``, ``+ backlash``."""
+    models = [tuple(step["model"]) for step in levels]
+    return [
+        f"+ {', '.join(map(short, added))}"
+        if len(before) > 1 and model[: len(before)] == before and (added := model[len(before) :])
+        else model_label(model)
+        for before, model in zip([(), *models], models, strict=False)
+    ]
+
+
+def per_residual(record: Mapping[str, Any]) -> str:
+    """What a figure of a diagnosis that is not a length of points is per, to be added to its label."""
+    return "" if record["lengths"]["of"] == "validation contacts" else " per coordinate"
 
 
 def parameter_notes(effects: Iterable[str]) -> list[str]:
