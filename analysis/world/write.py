@@ -1,8 +1,9 @@
-"""The files of a world as texts."""
+"""The files of a world as texts, and its truth as JSON knows it."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -147,6 +148,21 @@ def measurements_text(
         cells += [f"{s.payload[k]:.1f}", f"r{s.repeat[k]:02d}" if s.repeat[k] >= 0 else ""]
         lines.append(",".join(cells))
     return "\n".join([*lines, ""])
+
+
+def plain(value: Any) -> Any:
+    """Return a value as JSON knows it, to nine digits."""
+    if isinstance(value, dict):
+        return {k: plain(v) for k, v in value.items()}
+    if isinstance(value, list | tuple | np.ndarray):
+        return [plain(v) for v in value]
+    if isinstance(value, bool | np.bool_):
+        return bool(value)
+    if isinstance(value, int | np.integer):
+        return int(value)
+    if isinstance(value, float | np.floating):
+        return float(f"{value:.9g}")
+    return value
 
 
 def texts(
