@@ -69,7 +69,7 @@ def compared(design: Design, made: Simulated, fitted: Fit) -> Record:
     known = np.isfinite(truth)
     pick = np.linspace(0, len(fitted.draws.flat) - 1, min(KEPT, len(fitted.draws.flat))).astype(int)
     plain, stated = fitted.sampled.flat[pick], fitted.draws.flat[pick]
-    rng = np.random.default_rng([fitted.seed, 0x7A29])
+    rng = np.random.default_rng([fitted.options.seed, 0x7A29])
     scales = noise_draws(fitted)
     joint = {
         name: Joint.of(truth[known], draws[:, known], rng)
@@ -78,7 +78,7 @@ def compared(design: Design, made: Simulated, fitted: Fit) -> Record:
     rejected = set(found.rejected.tolist())
     return {
         "design": design.name,
-        "seed": fitted.seed,
+        "seed": fitted.options.seed,
         "names": [n for n, k in zip(model.names, known, strict=True) if k],
         "plain": _places(truth, plain)[known].tolist(),
         "stated": _places(truth, stated)[known].tolist(),

@@ -14,6 +14,7 @@ from analysis.calibration_checks import page as check_page
 from analysis.calibration_checks import run as check_run
 from analysis.calibration_checks.designs import DESIGNS, Design
 from analysis.calibration_checks.session import Joint, independent
+from analysis.calibration_checks.session import run as checked
 from analysis.calibration_checks.truth import MODEL, simulated
 from analysis.planning import page as planning_page
 from analysis.planning import run as planning_run
@@ -388,3 +389,12 @@ def test_command(tmp_path, monkeypatch, capsys, renewed):
     assert first.strip() in text
     assert renewed(planning_page, update) == text  # all is stored
     assert capsys.readouterr().out == first
+
+
+def test_a_session_of_the_calibration_checks_is_compared_with_its_truth():
+    few = next(d for d in DESIGNS if d.name == "few")
+    record = checked(few, 4)
+    assert (record["design"], record["seed"]) == ("few", 4)
+    assert len(record["names"]) == len(record["plain"]) == len(record["stated"])
+    assert all(0.0 <= place <= 1.0 for place in record["plain"])
+    assert 0.0 < np.mean(record["plain"]) < 1.0
