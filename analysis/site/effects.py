@@ -61,7 +61,8 @@ own](../contributing.md#an-effect) is one file.
 
 def docstring(effect: Effect) -> str:
     """The docstring of the file of an effect."""
-    return inspect.cleandoc(sys.modules[effect.parameters.__module__].__doc__ or "")
+    file = sys.modules[f"bayescal.effects.{effect.name.replace('-', '_')}"]
+    return inspect.cleandoc(file.__doc__ or "")
 
 
 def body(effect: Effect) -> str:
