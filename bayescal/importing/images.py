@@ -31,6 +31,7 @@ from bayescal.importing.roles import role_note, with_roles
 from bayescal.storage.files import stem_of
 from bayescal.storage.folders import whole
 from bayescal.storage.locks import scratch
+from bayescal.storage.reading import library
 
 APPLY = ("board", "joints", "robot", "template", "readings", "name", "validate", "allow_xacro")
 """Options of images."""
@@ -113,12 +114,7 @@ def convert_images(request: Request) -> ImageDraft:
 
 def opencv() -> Any:
     """OpenCV, or the command that installs it."""
-    try:
-        import cv2
-    except ImportError:
-        remedy = "install it: `pip install bayescal[camera]`"
-        raise BayescalError("images need OpenCV", "--board", remedy) from None
-    return cv2
+    return library("cv2", "images need OpenCV", "--board", "install it: `pip install bayescal[camera]`")
 
 
 def write_images(draft: ImageDraft, folder: Path, force: bool = False) -> None:

@@ -19,7 +19,7 @@ from bayescal.importing.joint_formats import (
     UR_RTDE,
     Record,
     Stream,
-    library,
+    of_logs,
     places,
 )
 from bayescal.importing.log import read_log
@@ -145,7 +145,7 @@ def read_lerobot(
 
 def _parquet(files: Sequence[Path]) -> dict[str, np.ndarray]:
     """Columns of numbers, lists side by side, of parquet files one below the other."""
-    parquet = library("pyarrow.parquet", files[0].name)
+    parquet = of_logs("pyarrow.parquet", files[0].name)
     parts: list[dict[str, np.ndarray]] = []
     for file in files:
         try:
