@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -14,9 +15,10 @@ from bayescal.dataset.append import followed
 from bayescal.dataset.consistency import away
 from bayescal.dataset.plausibility import Suspicion, suspicion
 from bayescal.dataset.read import SETTINGS, TABLE
+from bayescal.dataset.write import write_files
 from bayescal.errors import BayescalError
 from bayescal.importing import ask
-from bayescal.importing.ask import Request, base_of, furnished
+from bayescal.importing.ask import Request, base_of, check_new, furnished
 from bayescal.importing.columns import Columns, columns_of, missing_in
 from bayescal.importing.log import read_log
 from bayescal.importing.mapping import OF_MOTIONS, Column, Map, calibrated, own_map, read_map, validation_rule
@@ -27,6 +29,7 @@ from bayescal.importing.programs import LISTINGS, format_of, read_listing, read_
 from bayescal.importing.roles import measurements, readings, role_note, with_roles
 from bayescal.importing.units import UNITS, is_unit, meant
 from bayescal.robots import only_revolute
+from bayescal.storage.folders import whole
 from bayescal.storage.locks import scratch
 
 SHOWN = 12
@@ -135,20 +138,17 @@ def _mm(point: np.ndarray | float) -> str:
 
 @dataclass(frozen=True)
 class Draft:
-    """A dataset before it is written: notes, what is wrong (or ""), and the source of its rows."""
+    """A dataset before it is written: what was read, notes, what is wrong (or ""), and its source."""
 
     dataset: Dataset
+    headline: str
     notes: tuple[str, ...]
-    wrong: str
-    log: str
-    line: np.ndarray  # (N,) int, of each row in the log
+    wrong: str = ""
+    log: str = ""  # of the rows, for messages; "" where they are of no table
+    line: np.ndarray = field(default_factory=lambda: np.zeros(0, int))  # (N,) of each row in the log
     understood: tuple[str, ...] = ()  # the columns, and the first row as it was read
     before: int = 0  # rows that were measured before those of the log
-
-    @property
-    def headline(self) -> str:
-        """What was read, in words."""
-        return f"{len(self.line)} rows of {self.dataset.robot.name} from {self.log}"
+    beside: Mapping[str, bytes] = field(default_factory=dict)  # further files by name
 
 
 def convert_contacts(request: Request) -> Draft:
@@ -198,14 +198,15 @@ def convert_contacts(request: Request) -> Draft:
         joined.check()
     turned, agree = compared(dataset, columns)
     wrong = wrong or ("" if agree else turned)
-    dataset, roles = _roles(request, dataset, "role" in columns.cells)
+    dataset, roles = roles_of(request, dataset, "role" in columns.cells)
     notes = (*notes, *located_words(dataset, loose), *filter(None, [turned if agree else ""]), roles)
     understood = (*mapped, row_words(dataset, int(columns.line[0])))
     dataset, before, notes = _continuing(request, dataset, notes)
-    return Draft(dataset, notes, wrong, columns.name, columns.line, understood, before)
+    headline = f"{columns.count} rows of {dataset.robot.name} from {columns.name}"
+    return Draft(dataset, headline, notes, wrong, columns.name, columns.line, understood, before)
 
 
-def write_contacts(draft: Draft, folder: Path, force: bool = False) -> None:
+def write_session(draft: Draft, folder: Path, force: bool = False) -> None:
     """Write a draft as a dataset folder, atomically, and check that it can be read.
 
     Parameters
@@ -230,10 +231,14 @@ def write_contacts(draft: Draft, folder: Path, force: bool = False) -> None:
             read_dataset(trial, judge=not force)
         except BayescalError as error:
             raise BayescalError(error.what, _whence(draft, error.where), error.remedy) from None
-    write_dataset(draft.dataset, folder)
+    check_new(folder)
+    with whole(folder, SETTINGS) as stage:
+        write_files(draft.dataset, stage)
+        for name, content in draft.beside.items():
+            (stage / name).write_bytes(content)
 
 
-def _roles(request: Request, dataset: Dataset, stated: bool) -> tuple[Dataset, str]:
+def roles_of(request: Request, dataset: Dataset, stated: bool) -> tuple[Dataset, str]:
     """The dataset with its validation data, by the option or the entry of the map, and a note on them."""
     rule, where = validation_rule(request.map)
     if rule and request.validate:
@@ -265,6 +270,8 @@ def _continuing(
 def _whence(draft: Draft, where: str) -> str:
     """The log's line for one of the measurements.csv that would be."""
     file, _, line = where.rpartition(":")
+    if not draft.log:
+        return where
     if file == TABLE and 0 <= (row := int(line) - 2 - draft.before) < len(draft.line):
         return f"{draft.log}:{draft.line[row]}"
     return f"{draft.log} as a dataset" if file in (SETTINGS, TABLE) else where
