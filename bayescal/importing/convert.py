@@ -15,10 +15,9 @@ from bayescal.dataset.append import followed
 from bayescal.dataset.consistency import away
 from bayescal.dataset.plausibility import Suspicion, suspicion
 from bayescal.dataset.read import SETTINGS, TABLE
-from bayescal.dataset.write import write_files
 from bayescal.errors import BayescalError
 from bayescal.importing import ask
-from bayescal.importing.ask import Request, base_of, check_new, furnished
+from bayescal.importing.ask import Request, base_of, furnished
 from bayescal.importing.columns import Columns, columns_of, missing_in
 from bayescal.importing.log import read_log
 from bayescal.importing.mapping import OF_MOTIONS, Column, Map, calibrated, own_map, read_map, validation_rule
@@ -29,7 +28,6 @@ from bayescal.importing.programs import LISTINGS, format_of, read_listing, read_
 from bayescal.importing.roles import measurements, readings, role_note, with_roles
 from bayescal.importing.units import UNITS, is_unit, meant
 from bayescal.robots import only_revolute
-from bayescal.storage.folders import whole
 from bayescal.storage.locks import scratch
 
 SHOWN = 12
@@ -231,11 +229,7 @@ def write_session(draft: Draft, folder: Path, force: bool = False) -> None:
             read_dataset(trial, judge=not force)
         except BayescalError as error:
             raise BayescalError(error.what, _whence(draft, error.where), error.remedy) from None
-    check_new(folder)
-    with whole(folder, SETTINGS) as stage:
-        write_files(draft.dataset, stage)
-        for name, content in draft.beside.items():
-            (stage / name).write_bytes(content)
+    write_dataset(draft.dataset, folder, draft.beside)
 
 
 def roles_of(request: Request, dataset: Dataset, stated: bool) -> tuple[Dataset, str]:

@@ -10,8 +10,9 @@ from typing import Any
 
 import numpy as np
 
+from bayescal.dataset.write import check_new
 from bayescal.errors import BayescalError
-from bayescal.importing.ask import MOTION_FORMATS, Request, check_new
+from bayescal.importing.ask import MOTION_FORMATS, Request
 from bayescal.importing.joint_arms import Arm, arm_of
 from bayescal.importing.joint_bags import is_bag, read_bag
 from bayescal.importing.joint_formats import AIDS, SINGLE, Record, of_logs
