@@ -20,7 +20,16 @@ from bayescal.importing import ask
 from bayescal.importing.ask import Request, base_of, furnished
 from bayescal.importing.columns import Columns, columns_of, missing_in
 from bayescal.importing.log import read_log
-from bayescal.importing.mapping import OF_MOTIONS, Column, Map, calibrated, own_map, read_map, validation_rule
+from bayescal.importing.mapping import (
+    OF_CONTACTS,
+    OF_JOINTS,
+    Column,
+    Map,
+    calibrated,
+    own_map,
+    read_map,
+    validation_rule,
+)
 from bayescal.importing.onto import files_of, measured_before, onto
 from bayescal.importing.orientations import Loose, compared
 from bayescal.importing.pair import is_measured, pair, rows_words, stacked, unfolded, with_points
@@ -274,7 +283,7 @@ def _whence(draft: Draft, where: str) -> str:
 def _refuse_motions(columns: Columns) -> None:
     """Refuse quantities that only a joint log has."""
     for key in columns.cells:
-        if key in ("motion", "kind") or key.lstrip("j0123456789") in OF_MOTIONS:
+        if key in ("motion", "kind") or key.lstrip("j0123456789") in OF_JOINTS.keys() - OF_CONTACTS:
             what = f"`{key}` is a quantity of joint logs"
             raise BayescalError(what, "--map", "remove it, or give --motions too")
 

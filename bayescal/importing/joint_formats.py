@@ -31,19 +31,6 @@ LARGEST |= {"temperature": 500.0, "payload": 1e5}
 AIDS = ("target_torque", "target_current", "temperatures")
 """Of each joint, read for constants and temperatures, not written."""
 
-MAPPED = {
-    "": "position",
-    "_velocity": "velocity",
-    "_command": "command",
-    "_link": "link",
-    "_torque": "torque",
-    "_current": "current",
-    "_target_torque": "target_torque",
-    "_target_current": "target_current",
-    "_temperature": "temperatures",
-}
-"""Quantities by the ends of the keys of a map, ``j1_velocity``."""
-
 UR_RTDE = (
     "time=timestamp counter_s, j*=actual_q_*0 rad, j*_velocity?=actual_qd_*0 radps, "
     "j*_command?=target_q_*0 rad, j*_current?=actual_current_*0 A, j*_target_torque?=target_moment_*0 Nm, "
