@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from operator import eq
 from pathlib import Path
 
@@ -37,7 +37,13 @@ UNCERTAINTY = 9
 """Significant digits of an uncertainty."""
 
 
-def write_dataset(dataset: Dataset, folder: Path | str) -> None:
+def check_new(folder: Path) -> None:
+    """Refuse a folder in which a session would be written over other files."""
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise BayescalError("the folder is there already and not empty", str(folder), "give a new one")
+
+
+def write_dataset(dataset: Dataset, folder: Path | str, beside: Mapping[str, bytes] | None = None) -> None:
     """Write dataset.yaml, measurements.csv and, unless it is a built-in one as it stands, robot.yaml.
 
     Parameters
@@ -46,6 +52,8 @@ def write_dataset(dataset: Dataset, folder: Path | str) -> None:
         What to write. Values are rounded to `DECIMALS`.
     folder : Path or str
         Made by this; may exist only if empty.
+    beside : mapping, optional
+        Further files by name.
 
     Raises
     ------
@@ -53,10 +61,11 @@ def write_dataset(dataset: Dataset, folder: Path | str) -> None:
         If the folder holds something already. Whatever fails, no half-written folder stays.
     """
     folder = Path(folder)
-    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise BayescalError("the folder is there already and not empty", str(folder), "give a new one")
+    check_new(folder)
     with whole(folder, SETTINGS) as stage:
         write_files(dataset, stage)
+        for name, content in (beside or {}).items():
+            (stage / name).write_bytes(content)
 
 
 def write_files(dataset: Dataset, folder: Path) -> None:

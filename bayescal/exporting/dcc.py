@@ -26,6 +26,7 @@ from bayescal.assess.measurand import parameter, volume
 from bayescal.errors import BayescalError
 from bayescal.exporting.xml_text import indented, rendered
 from bayescal.storage.files import Keys, check_schema, read_document
+from bayescal.storage.reading import library
 
 SCHEMA = "bayescal-certificate/1"
 Text = Annotated[str, Field(pattern=r"^\S+(\s+\S+)*$")]
@@ -216,11 +217,8 @@ def check_valid(content: str, schema: Path) -> int:
     BayescalError
         With the first reason, or if there is no such schema, or no library to read it.
     """
-    try:
-        import xmlschema
-    except ImportError:
-        remedy = "install it: pip install 'bayescal[dcc]'"
-        raise BayescalError("needs the library xmlschema", "--schema", remedy) from None
+    remedy = "install it: pip install 'bayescal[dcc]'"
+    xmlschema = library("xmlschema", "needs the library xmlschema", "--schema", remedy)
     if not schema.is_file():
         raise BayescalError("no such file", f"--schema {schema}", "give the path of dcc.xsd")
     units = schema.with_name("SI_Format.xsd")

@@ -183,7 +183,7 @@ def text_of(
     m: Mechanism, to: str, gravity: np.ndarray, stiffness: np.ndarray | None = None, damping: Any = None
 ) -> str:
     """A mechanism in a format of XML; numbers have all their digits. With a stiffness drives are servos."""
-    six = np.array([[inertia[i, j] for i, j in PAIRS] for inertia in m.inertia])
+    six = m.inertia[:, *np.transpose(PAIRS)]
     fields = {"m": m, "name": m.name, "six": six, "gravity": gravity, "kp": stiffness, "kd": damping}
     return rendered(f"log_arm.{to}.j2", **fields)
 

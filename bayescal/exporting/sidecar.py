@@ -13,7 +13,7 @@ from pydantic import BaseModel, Field, ValidationError
 
 from bayescal.errors import BayescalError
 from bayescal.storage.files import Number, Vector
-from bayescal.storage.reading import read_record
+from bayescal.storage.reading import library, read_record
 
 SCHEMA: Literal["bayescal-export/1"] = "bayescal-export/1"
 SUFFIX = ".bayescal.json"
@@ -122,11 +122,9 @@ def mujoco() -> ModuleType:
     BayescalError
         If it is not installed.
     """
-    try:
-        import mujoco as module
-    except ImportError:
-        remedy = "pip install 'bayescal[mujoco]'"
-        raise BayescalError("MuJoCo is not installed", "simulator", remedy) from None
+    library("mujoco", "MuJoCo is not installed", "simulator", "pip install 'bayescal[mujoco]'")
+    import mujoco as module
+
     module.set_mju_user_warning(lambda _: None)
     return module
 
@@ -139,9 +137,8 @@ def pinocchio() -> ModuleType:
     BayescalError
         If it is not installed.
     """
-    try:
-        import pinocchio as module
-    except ImportError:
-        remedy = "pip install 'bayescal[mujoco]' or 'bayescal[pinocchio]'"
-        raise BayescalError("neither MuJoCo nor Pinocchio is installed", "simulator", remedy) from None
+    remedy = "pip install 'bayescal[mujoco]' or 'bayescal[pinocchio]'"
+    library("pinocchio", "neither MuJoCo nor Pinocchio is installed", "simulator", remedy)
+    import pinocchio as module
+
     return module

@@ -15,7 +15,6 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from bayescal.arm.chain import chain_of
-from bayescal.errors import BayescalError
 from bayescal.exporting.geometry import (
     centre_in_frame,
     constant,
@@ -27,14 +26,13 @@ from bayescal.exporting.geometry import (
 )
 from bayescal.exporting.written import Format, Options, Written
 from bayescal.fitted.arm import FittedArm
+from bayescal.storage.reading import library
 
 
 def _write(arm: FittedArm, options: Options) -> Written:
-    try:
-        from pxr import Gf, Usd, UsdGeom, UsdPhysics
-    except ImportError:
-        remedy = "pip install 'bayescal[usd]'"
-        raise BayescalError("usd-core is not installed", "--to usd", remedy) from None
+    library("pxr", "usd-core is not installed", "--to usd", "pip install 'bayescal[usd]'")
+    from pxr import Gf, Usd, UsdGeom, UsdPhysics
+
     robot = arm.dataset.robot
     delta = constant_displacements(arm.model, arm.values, options.state)
     at_zero = zero_frames(robot, delta)

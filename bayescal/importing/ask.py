@@ -207,12 +207,6 @@ class Request:
                 raise BayescalError("the unit of the points is not stated", path.name, remedy)
 
 
-def check_new(folder: Path) -> None:
-    """Refuse a folder in which a session would be written over other files."""
-    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise BayescalError("the folder is there already and not empty", str(folder), "give a new one")
-
-
 def base_of(request: Request) -> Dataset:
     """A session of no rows: the template's (with another robot where one is named), or a bare one."""
     if (path := request.source) is not None:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +20,16 @@ from bayescal.importing import ask
 from bayescal.importing.ask import Request, base_of, furnished
 from bayescal.importing.columns import Columns, columns_of, missing_in
 from bayescal.importing.log import read_log
-from bayescal.importing.mapping import OF_MOTIONS, Column, Map, calibrated, own_map, read_map, validation_rule
+from bayescal.importing.mapping import (
+    OF_CONTACTS,
+    OF_JOINTS,
+    Column,
+    Map,
+    calibrated,
+    own_map,
+    read_map,
+    validation_rule,
+)
 from bayescal.importing.onto import files_of, measured_before, onto
 from bayescal.importing.orientations import Loose, compared
 from bayescal.importing.pair import is_measured, pair, rows_words, stacked, unfolded, with_points
@@ -135,20 +145,17 @@ def _mm(point: np.ndarray | float) -> str:
 
 @dataclass(frozen=True)
 class Draft:
-    """A dataset before it is written: notes, what is wrong (or ""), and the source of its rows."""
+    """A dataset before it is written: what was read, notes, what is wrong (or ""), and its source."""
 
     dataset: Dataset
+    headline: str
     notes: tuple[str, ...]
-    wrong: str
-    log: str
-    line: np.ndarray  # (N,) int, of each row in the log
+    wrong: str = ""
+    log: str = ""  # of the rows, for messages; "" where they are of no table
+    line: np.ndarray = field(default_factory=lambda: np.zeros(0, int))  # (N,) of each row in the log
     understood: tuple[str, ...] = ()  # the columns, and the first row as it was read
     before: int = 0  # rows that were measured before those of the log
-
-    @property
-    def headline(self) -> str:
-        """What was read, in words."""
-        return f"{len(self.line)} rows of {self.dataset.robot.name} from {self.log}"
+    beside: Mapping[str, bytes] = field(default_factory=dict)  # further files by name
 
 
 def convert_contacts(request: Request) -> Draft:
@@ -198,14 +205,15 @@ def convert_contacts(request: Request) -> Draft:
         joined.check()
     turned, agree = compared(dataset, columns)
     wrong = wrong or ("" if agree else turned)
-    dataset, roles = _roles(request, dataset, "role" in columns.cells)
+    dataset, roles = roles_of(request, dataset, "role" in columns.cells)
     notes = (*notes, *located_words(dataset, loose), *filter(None, [turned if agree else ""]), roles)
     understood = (*mapped, row_words(dataset, int(columns.line[0])))
     dataset, before, notes = _continuing(request, dataset, notes)
-    return Draft(dataset, notes, wrong, columns.name, columns.line, understood, before)
+    headline = f"{columns.count} rows of {dataset.robot.name} from {columns.name}"
+    return Draft(dataset, headline, notes, wrong, columns.name, columns.line, understood, before)
 
 
-def write_contacts(draft: Draft, folder: Path, force: bool = False) -> None:
+def write_session(draft: Draft, folder: Path, force: bool = False) -> None:
     """Write a draft as a dataset folder, atomically, and check that it can be read.
 
     Parameters
@@ -230,10 +238,10 @@ def write_contacts(draft: Draft, folder: Path, force: bool = False) -> None:
             read_dataset(trial, judge=not force)
         except BayescalError as error:
             raise BayescalError(error.what, _whence(draft, error.where), error.remedy) from None
-    write_dataset(draft.dataset, folder)
+    write_dataset(draft.dataset, folder, draft.beside)
 
 
-def _roles(request: Request, dataset: Dataset, stated: bool) -> tuple[Dataset, str]:
+def roles_of(request: Request, dataset: Dataset, stated: bool) -> tuple[Dataset, str]:
     """The dataset with its validation data, by the option or the entry of the map, and a note on them."""
     rule, where = validation_rule(request.map)
     if rule and request.validate:
@@ -265,6 +273,8 @@ def _continuing(
 def _whence(draft: Draft, where: str) -> str:
     """The log's line for one of the measurements.csv that would be."""
     file, _, line = where.rpartition(":")
+    if not draft.log:
+        return where
     if file == TABLE and 0 <= (row := int(line) - 2 - draft.before) < len(draft.line):
         return f"{draft.log}:{draft.line[row]}"
     return f"{draft.log} as a dataset" if file in (SETTINGS, TABLE) else where
@@ -273,7 +283,7 @@ def _whence(draft: Draft, where: str) -> str:
 def _refuse_motions(columns: Columns) -> None:
     """Refuse quantities that only a joint log has."""
     for key in columns.cells:
-        if key in ("motion", "kind") or key.lstrip("j0123456789") in OF_MOTIONS:
+        if key in ("motion", "kind") or key.lstrip("j0123456789") in OF_JOINTS.keys() - OF_CONTACTS:
             what = f"`{key}` is a quantity of joint logs"
             raise BayescalError(what, "--map", "remove it, or give --motions too")
 

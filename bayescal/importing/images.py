@@ -16,21 +16,18 @@ import numpy as np
 
 from bayescal.arm.chain import Robot
 from bayescal.arm.hand_eye import FEWEST_IMAGES, half_turns
-from bayescal.dataset import Dataset, Target, Tool, read_dataset, write_dataset
+from bayescal.dataset import Dataset, Target, Tool
 from bayescal.dataset.boards import Board, board_of
 from bayescal.dataset.cameras import FIXED, FLANGE, LEVER, closed_form, flange_poses
 from bayescal.dataset.cameras import images as images_of
-from bayescal.dataset.read import SETTINGS
 from bayescal.dataset.table import Table, check_groups, check_names, joint_columns, read_cells
 from bayescal.dataset.target_kinds import CAMERA
 from bayescal.dataset.types import Measurements
-from bayescal.dataset.write import write_files
 from bayescal.errors import BayescalError, listed
-from bayescal.importing.ask import Request, base_of, check_new
-from bayescal.importing.roles import role_note, with_roles
+from bayescal.importing.ask import Request, base_of
+from bayescal.importing.convert import Draft, roles_of
 from bayescal.storage.files import stem_of
-from bayescal.storage.folders import whole
-from bayescal.storage.locks import scratch
+from bayescal.storage.reading import library
 
 APPLY = ("board", "joints", "robot", "template", "readings", "name", "validate", "allow_xacro")
 """Options of images."""
@@ -58,19 +55,7 @@ class Found:
     number: np.ndarray
 
 
-@dataclass(frozen=True)
-class ImageDraft:
-    """A session before it is written, and the picture of what was found."""
-
-    dataset: Dataset
-    picture: bytes
-    headline: str
-    notes: tuple[str, ...]
-    understood: tuple[str, ...] = ()
-    wrong: str = ""
-
-
-def convert_images(request: Request) -> ImageDraft:
+def convert_images(request: Request) -> Draft:
     """Find a board in images, and join its corners with the joint readings.
 
     Raises
@@ -104,38 +89,14 @@ def convert_images(request: Request) -> ImageDraft:
         session, lens = _session(cv2, request, base, board, used, readings, size)
         words = f"numbered from the other end of the board, as the arm tells: {listed(sorted(turned), 6)}"
         notes.append(words)
-    roles = role_note(session)
-    if request.validate:
-        session, roles = with_roles(session, request.validate, "--validate")
+    session, roles = roles_of(request, session, False)
     text = f"{len(used)} images of {len(seen)}, {sum(len(f.number) for f in used)} corners, {how}"
-    return ImageDraft(session, _picture(cv2, images, used), text, (*notes, *lens, roles))
+    return Draft(session, text, (*notes, *lens, roles), beside={PICTURE: _picture(cv2, images, used)})
 
 
 def opencv() -> Any:
     """OpenCV, or the command that installs it."""
-    try:
-        import cv2
-    except ImportError:
-        remedy = "install it: `pip install bayescal[camera]`"
-        raise BayescalError("images need OpenCV", "--board", remedy) from None
-    return cv2
-
-
-def write_images(draft: ImageDraft, folder: Path, force: bool = False) -> None:
-    """Write the session and the picture of what was found; `force`: also one that cannot be.
-
-    Raises
-    ------
-    BayescalError
-        Where the session breaks the format, or its images fit no arm.
-    """
-    with scratch("bayescal-import") as place:
-        write_dataset(draft.dataset, place / "trial")
-        read_dataset(place / "trial", judge=not force)
-    check_new(folder)
-    with whole(folder, SETTINGS) as stage:
-        write_files(draft.dataset, stage)
-        (stage / PICTURE).write_bytes(draft.picture)
+    return library("cv2", "images need OpenCV", "--board", "install it: `pip install bayescal[camera]`")
 
 
 def _readings(request: Request, robot: Robot) -> Table:

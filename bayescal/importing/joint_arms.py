@@ -12,6 +12,7 @@ import numpy as np
 
 from bayescal.arm.transforms import rpy_of
 from bayescal.errors import BayescalError, listed
+from bayescal.exporting.mjcf.scene_arm import above
 from bayescal.exporting.sidecar import mujoco
 from bayescal.importing.joint_formats import DEG
 from bayescal.logs.mechanism import PAIRS
@@ -83,7 +84,7 @@ def _of_mjcf(path: Path) -> Arm:
     hinges = [j for j in range(model.njnt) if model.jnt_type[j] == mj.mjtJoint.mjJNT_HINGE]
     arms = [j for j in hinges if not GRIPPER.search(model.joint(j).name)]
     names = tuple(model.joint(j).name or f"J{k + 1}" for k, j in enumerate(arms))
-    chains = {j: _above(model, int(model.jnt_bodyid[j])) for j in arms}
+    chains = {j: above(model, int(model.jnt_bodyid[j])) for j in arms}
     apart = [b for a, b in pairwise(arms) if model.jnt_bodyid[a] not in chains[b]]
     if apart or not arms:
         what = f"the joints {listed(names, 12)} are no serial chain" if arms else "no hinge joints"
@@ -96,7 +97,7 @@ def _of_mjcf(path: Path) -> Arm:
     mj.mj_kinematics(model, data)
     mj.mj_comPos(model, data)
     carriers = [int(model.jnt_bodyid[j]) for j in arms]
-    owners = [sum(carrier in _above(model, b) for carrier in carriers) - 1 for b in range(model.nbody)]
+    owners = [sum(carrier in above(model, b) for carrier in carriers) - 1 for b in range(model.nbody)]
     bodies = [[b for b, owner in enumerate(owners) if owner == k] for k in range(len(arms))]
     entries = [_joint(model, data, arms, k, names[k], bodies[k]) for k in range(len(arms))]
     limits = np.array([model.jnt_range[j] if model.jnt_limited[j] else (-np.inf, np.inf) for j in arms])
@@ -108,15 +109,6 @@ def _of_mjcf(path: Path) -> Arm:
     settings = {"gravity_mps2": [float(f"{g:.9g}") for g in model.opt.gravity]}
     entry, name = {"joints": entries}, root.get("model") or path.stem
     return Arm(name, names, limits, np.eye(len(arms)), entry, None, settings, tuple(notes))
-
-
-def _above(model: Any, body: int) -> list[int]:
-    """A body and all that carry it."""
-    out = [body]
-    while body:
-        body = int(model.body_parentid[body])
-        out.append(body)
-    return out
 
 
 def _joint(

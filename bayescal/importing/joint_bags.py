@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from bayescal.errors import BayescalError, listed
-from bayescal.importing.joint_formats import AMPERES, MESSAGES, Message, Record, Stream, joint_order, library
+from bayescal.importing.joint_formats import AMPERES, MESSAGES, Message, Record, Stream, joint_order, of_logs
 
 SUFFIXES = (".mcap", ".db3", ".bag")
 METADATA = "metadata.yaml"
@@ -49,8 +49,8 @@ def read_bag(path: Path, joints: Sequence[str], robot: str, stated: str, topic: 
         Without the package, for a bag that cannot be read, and where no topic has the positions of all
         joints, or several have.
     """
-    reader = library("rosbags.highlevel", path.name).AnyReader
-    types = library("rosbags.typesys", path.name)
+    reader = of_logs("rosbags.highlevel", path.name).AnyReader
+    types = of_logs("rosbags.typesys", path.name)
     try:
         with reader([path], default_typestore=types.get_typestore(types.Stores.ROS2_HUMBLE)) as bag:
             return _record(bag, path.name, joints, robot, stated, topic)

@@ -10,11 +10,12 @@ from typing import Any
 
 import numpy as np
 
+from bayescal.dataset.write import check_new
 from bayescal.errors import BayescalError
-from bayescal.importing.ask import MOTION_FORMATS, Request, check_new
+from bayescal.importing.ask import MOTION_FORMATS, Request
 from bayescal.importing.joint_arms import Arm, arm_of
 from bayescal.importing.joint_bags import is_bag, read_bag
-from bayescal.importing.joint_formats import AIDS, SINGLE, Record, library
+from bayescal.importing.joint_formats import AIDS, SINGLE, Record, of_logs
 from bayescal.importing.joint_rows import Rows, divided, repeats, roles, speeds
 from bayescal.importing.joint_tables import is_lerobot, read_lerobot, read_sage, read_table, sage_folders
 from bayescal.importing.joint_torques import contradiction, one_torque
@@ -186,7 +187,7 @@ def _write(draft: MotionDraft, folder: Path) -> None:
     (folder / "dataset.yaml").write_text(head + text, encoding="utf-8", newline="")
     table = pd.DataFrame(draft.columns)
     if draft.table == "parquet":
-        library("pyarrow.parquet", "--table parquet")
+        of_logs("pyarrow.parquet", "--table parquet")
         table.to_parquet(folder / "motion.parquet", engine="pyarrow", index=False)
     else:
         content = table.round(DECIMALS).to_csv(index=False, lineterminator="\n").encode()

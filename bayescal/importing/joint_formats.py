@@ -11,13 +11,13 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from importlib import import_module
 from typing import Any
 
 import numpy as np
 
 from bayescal.errors import BayescalError, listed
 from bayescal.robots.servos import GRIPPER
+from bayescal.storage.reading import library
 
 DEG = 180 / math.pi
 
@@ -30,19 +30,6 @@ LARGEST |= {"temperature": 500.0, "payload": 1e5}
 """Larger values (SI) are corrupt (assumed: 160 turns, 160 turns/s)."""
 AIDS = ("target_torque", "target_current", "temperatures")
 """Of each joint, read for constants and temperatures, not written."""
-
-MAPPED = {
-    "": "position",
-    "_velocity": "velocity",
-    "_command": "command",
-    "_link": "link",
-    "_torque": "torque",
-    "_current": "current",
-    "_target_torque": "target_torque",
-    "_target_current": "target_current",
-    "_temperature": "temperatures",
-}
-"""Quantities by the ends of the keys of a map, ``j1_velocity``."""
 
 UR_RTDE = (
     "time=timestamp counter_s, j*=actual_q_*0 rad, j*_velocity?=actual_qd_*0 radps, "
@@ -156,14 +143,10 @@ class Record:
     notes: tuple[str, ...] = ()
 
 
-def library(name: str, file: str) -> Any:
+def of_logs(name: str, file: str) -> Any:
     """A module of the extra `logs`; what is missing is refused with the command that installs it."""
-    try:
-        return import_module(name)
-    except ImportError:
-        package = name.partition(".")[0]
-        remedy = "install it: `pip install bayescal[logs]`"
-        raise BayescalError(f"this log needs the package {package}", file, remedy) from None
+    what = f"this log needs the package {name.partition('.')[0]}"
+    return library(name, what, file, "install it: `pip install bayescal[logs]`")
 
 
 def joint_order(names: Sequence[str], robot: Sequence[str], stated: str, where: str) -> tuple[list[int], str]:

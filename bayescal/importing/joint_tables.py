@@ -11,19 +11,9 @@ import numpy as np
 
 from bayescal.errors import BayescalError, listed
 from bayescal.importing.columns import columns_of, missing_in
-from bayescal.importing.joint_formats import (
-    LEROBOT,
-    MAPPED,
-    SAGE,
-    SINGLE,
-    UR_RTDE,
-    Record,
-    Stream,
-    library,
-    places,
-)
+from bayescal.importing.joint_formats import LEROBOT, SAGE, SINGLE, UR_RTDE, Record, Stream, of_logs, places
 from bayescal.importing.log import read_log
-from bayescal.importing.mapping import Map, calibrated, read_map
+from bayescal.importing.mapping import OF_JOINTS, Map, calibrated, read_map
 from bayescal.importing.units import is_number, is_unit, unit_of
 from bayescal.robots.servos import Servo, angles
 from bayescal.storage.reading import read_json
@@ -55,10 +45,10 @@ def read_table(
     if "time" not in columns.cells:
         remedy = "map it: `time=t s`, or `time=stamp epoch_s`"
         raise BayescalError("no column holds the time", path.name, remedy)
-    joints = {name: columns.block([f"j{i + 1}{end}" for i in range(n)]) for end, name in MAPPED.items()}
+    keys = {name: [f"j{i + 1}{end}" for i in range(n)] for end, (_, name) in OF_JOINTS.items()}
+    given = {name: block for name, each in keys.items() if (block := columns.block(each)) is not None}
     words = ("motion", "role", "kind")
     single, texts = ({k: columns.cells[k] for k in of if k in columns.cells} for of in (SINGLE, words))
-    given = {k: v for k, v in joints.items() if v is not None}
     stream = Stream(path.name, columns.cells["time"], given, single, texts, columns.line)
     unused = [f"columns not used: {listed(columns.unused, 12)}"] if columns.unused else []
     notes = (*columns.notes, *unused)
@@ -145,7 +135,7 @@ def read_lerobot(
 
 def _parquet(files: Sequence[Path]) -> dict[str, np.ndarray]:
     """Columns of numbers, lists side by side, of parquet files one below the other."""
-    parquet = library("pyarrow.parquet", files[0].name)
+    parquet = of_logs("pyarrow.parquet", files[0].name)
     parts: list[dict[str, np.ndarray]] = []
     for file in files:
         try:

@@ -21,7 +21,7 @@ from typing import Any
 
 from bayescal.errors import BayescalError, listed
 from bayescal.importing.units import ALIASES, UNITS, Unit, is_number, is_unit, name_and_unit
-from bayescal.storage.reading import content_of
+from bayescal.storage.reading import content_of, library
 
 SUFFIXES = (".xlsx", ".xlsm")
 LARGEST = 2**28
@@ -134,11 +134,8 @@ def sheet_lines(path: Path) -> Lines:
     file, _, sheet = path.name.partition("#")
     book = path.with_name(file)
     content = content_of(book)
-    try:
-        import openpyxl
-    except ImportError:
-        remedy = "install it: `pip install bayescal[xlsx]`, or save the sheet as CSV"
-        raise BayescalError("workbooks need the package openpyxl", file, remedy) from None
+    remedy = "install it: `pip install bayescal[xlsx]`, or save the sheet as CSV"
+    openpyxl = library("openpyxl", "workbooks need the package openpyxl", file, remedy)
     rows, sources, name = _rows(openpyxl.load_workbook, content, sheet, file)
     kept: Rows = []
     computed = 0

@@ -124,20 +124,24 @@ DIMENSIONS = {
 }
 """What each quantity measures."""
 
-JOINT = {"": "angle", "_velocity": "rate", "_command": "angle", "_torque": "torque"}
-"""Of a joint: ``j1``, ``j1_velocity`` and so on."""
+OF_JOINTS = {
+    "": ("angle", "position"),
+    "_velocity": ("rate", "velocity"),
+    "_command": ("angle", "command"),
+    "_link": ("angle", "link"),
+    "_torque": ("torque", "torque"),
+    "_current": ("current", "current"),
+    "_target_torque": ("torque", "target_torque"),
+    "_target_current": ("current", "target_current"),
+    "_temperature": ("temperature", "temperatures"),
+}
+"""Of a joint, ``j1``, ``j1_velocity`` and so on: what is measured, and its name in joint logs."""
+
+OF_CONTACTS = ("", "_velocity", "_command", "_torque")
+"""Those that logs of contacts have too."""
 
 SLIDING = {"angle": "length", "rate": "speed", "torque": "force"}
 """What is measured of a prismatic joint in place of these."""
-
-OF_MOTIONS = {
-    "_current": "current",
-    "_link": "angle",
-    "_target_torque": "torque",
-    "_target_current": "current",
-    "_temperature": "temperature",
-}
-"""Of a joint, in logs of motions alone."""
 
 OF_UNIT = {**dict.fromkeys(("degps", "radps", "mmps"), "_velocity"), "nm": "_torque", "n": "_torque"}
 """Quantities of a joint that a key names by its unit alone, as measurements.csv does: ``j1_degps``."""
@@ -289,14 +293,14 @@ def quantity_of(key: str, n: int, where: str, slides: Slides = ()) -> tuple[str,
 def dimension_of(key: str, n: int, where: str, slides: Slides = ()) -> str:
     """What the quantity `key` measures; unknown ones and joints beyond the n-th are refused."""
     joint = re.fullmatch(r"j(\d+)(\w*)", key)
-    if joint and joint[2] in JOINT | OF_MOTIONS:
+    if joint and joint[2] in OF_JOINTS:
         if not 1 <= int(joint[1]) <= n:
             raise BayescalError(f"`{key}`, but the robot has {n} joints", where, "check --robot")
-        dimension = (JOINT | OF_MOTIONS)[joint[2]]
+        dimension = OF_JOINTS[joint[2]][0]
         return SLIDING.get(dimension, dimension) if int(joint[1]) in slides else dimension
     if key not in DIMENSIONS:
-        joints = [f"j{i + 1}{tail}" for tail in JOINT for i in range(n)]
-        what, remedy = unknown("quantity", key, [*joints[:n], *DIMENSIONS, ROTATION, *TEXTS, VALIDATE])
+        joints = [f"j{i + 1}" for i in range(n)]
+        what, remedy = unknown("quantity", key, [*joints, *DIMENSIONS, ROTATION, *TEXTS, VALIDATE])
         raise BayescalError(what, where, remedy)
     return DIMENSIONS[key]
 

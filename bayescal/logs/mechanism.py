@@ -84,14 +84,6 @@ def inertial(mass: float, centre: np.ndarray, inertia: np.ndarray) -> np.ndarray
     return np.concatenate([[mass], mass * centre, [about[i, j] for i, j in PAIRS]])
 
 
-def symmetric(six: np.ndarray) -> np.ndarray:
-    """The matrix (3, 3) of six elements as `PAIRS`."""
-    out = np.empty((3, 3))
-    for value, (i, j) in zip(six, PAIRS, strict=True):
-        out[i, j] = out[j, i] = value
-    return out
-
-
 def mechanism_of(robot: Robot) -> tuple[Mechanism, tuple[str, ...]]:
     """The mechanism of a robot of Denavit-Hartenberg rows, and what had to be assumed of it."""
     only_revolute(robot, "joint logs")
@@ -120,16 +112,17 @@ def mechanism_of(robot: Robot) -> tuple[Mechanism, tuple[str, ...]]:
         mass=masses,
         centre=np.einsum("kij,kj->ki", turn, centres) + behind[:, :3, 3],
         inertia=turn @ inertia @ np.swapaxes(turn, 1, 2),
-        armature=_or_nan(robot.armatures, n),
-        coulomb=_or_nan(robot.coulomb, n),
-        viscous=_or_nan(robot.viscous, n),
-        rated=_or_nan(robot.torques, n),
-        gear_ratio=_or_nan(robot.reductions, n),
+        armature=or_nan(robot.armatures, n),
+        coulomb=or_nan(robot.coulomb, n),
+        viscous=or_nan(robot.viscous, n),
+        rated=or_nan(robot.torques, n),
+        gear_ratio=or_nan(robot.reductions, n),
         coupling=robot.link_from_reading,
         u=Uncertain() if robot.inertias is not None else Uncertain(inertia=1.0),
         robot=robot,
     ), tuple(notes)
 
 
-def _or_nan(values: np.ndarray | None, n: int) -> np.ndarray:
+def or_nan(values: np.ndarray | None, n: int) -> np.ndarray:
+    """Values of n joints; nan where none are known."""
     return np.full(n, np.nan) if values is None else values

@@ -15,11 +15,21 @@ import numpy as np
 
 from bayescal.arm.transforms import rigid, rpy_matrix
 from bayescal.errors import BayescalError, listed
-from bayescal.logs.mechanism import TRANSITION, Mechanism, Uncertain, mechanism_of, symmetric
-from bayescal.logs.schema import SCHEMA, Arm, LogFile, MotionEntry, Payload, Uncertainty, known_keys
+from bayescal.logs.mechanism import TRANSITION, Mechanism, Uncertain, mechanism_of, or_nan
+from bayescal.logs.schema import (
+    OF_JOINTS,
+    SCHEMA,
+    Arm,
+    LogFile,
+    MotionEntry,
+    Payload,
+    Uncertainty,
+    known_keys,
+)
 from bayescal.logs.types import CALIBRATE, VALIDATE, Controller, Log, Motion
 from bayescal.robots import load_robot
-from bayescal.storage.files import Document, check_schema, in_si, read_document, si
+from bayescal.robots.schema import SIX
+from bayescal.storage.files import Document, check_schema, column_of, in_si, read_document, si
 from bayescal.storage.reading import LARGEST, content_of
 
 if TYPE_CHECKING:
@@ -145,29 +155,19 @@ def written_out(arm: Arm, name: str) -> Mechanism:
         wrong = joints[int(np.argmin(size))].name
         raise BayescalError(f"the axis of {wrong} is zero", "dataset.yaml", "write its direction")
 
-    def each(key: str) -> np.ndarray:
-        values = [getattr(j, key) for j in joints]
-        return np.array([np.nan if value is None else value for value in values], float)
-
+    columns = {field: column_of(joints, [key] * len(joints)) for key, field in OF_JOINTS.items()}
+    known = {field: or_nan(column, len(joints)) for field, column in columns.items()}
     transition = in_si("friction_transition_degps", arm.friction_transition_degps)
+    frames = [rigid(rpy_matrix(in_si("rpy_deg", j.rpy_deg)), in_si("origin_mm", j.origin_mm)) for j in joints]
     return Mechanism(
         name=name,
         joint_names=tuple(j.name for j in joints),
-        place=np.array([
-            rigid(rpy_matrix(in_si("rpy_deg", j.rpy_deg)), in_si("origin_mm", j.origin_mm)) for j in joints
-        ]),
+        place=np.array(frames),
         axis=axes / size[:, None],
-        mass=each("mass_kg"),
-        centre=1e-3 * np.array([j.centre_of_mass_mm for j in joints]),
-        inertia=np.array([symmetric(np.array(j.inertia_kgm2)) for j in joints]),
-        armature=each("armature_kgm2"),
-        coulomb=each("coulomb_Nm"),
-        viscous=each("viscous_Nms_per_rad"),
-        rated=each("rated_torque_Nm"),
-        gear_ratio=each("gear_ratio"),
         coupling=np.eye(len(joints)),
         transition=TRANSITION if transition is None else transition,
-    )  # fmt: skip
+        **known | {"inertia": known["inertia"][:, SIX]},  # type: ignore[arg-type]
+    )
 
 
 def _per_joint(values: Sequence[float] | None, mechanism: Mechanism, key: str) -> Any:

@@ -41,6 +41,19 @@ class Joint(Keys):
     """Viscous friction."""
 
 
+OF_JOINTS = {
+    "mass_kg": "mass",
+    "centre_of_mass_mm": "centre",
+    "inertia_kgm2": "inertia",
+    "gear_ratio": "gear_ratio",
+    "armature_kgm2": "armature",
+    "rated_torque_Nm": "rated",
+    "coulomb_Nm": "coulomb",
+    "viscous_Nms_per_rad": "viscous",
+}
+"""Keys of a joint, and the fields of `Mechanism` that they fill."""
+
+
 class Uncertainty(Keys):
     """Prior standard uncertainties of the nominal arm; relative, of the centre of mass in mm."""
 

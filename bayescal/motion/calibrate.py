@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bayescal.logs import Log, Mechanism
-from bayescal.logs.mechanism import PAIRS, symmetric
+from bayescal.logs.mechanism import PAIRS
 from bayescal.logs.types import CALIBRATE, SERVO, VALIDATE
 from bayescal.motion.estimate import Estimate, estimated, moved_to, of_role
 from bayescal.motion.fit_settings import CALIBRATION
@@ -23,6 +23,7 @@ from bayescal.motion.servo import with_torques
 from bayescal.motion.settings import OUTCOME
 from bayescal.motion.signals import Signals, all_signals, each, root_mean_square
 from bayescal.motion.terms import BODY, Operating, nominal
+from bayescal.robots.schema import SIX
 from bayescal.storage.stopping import Progress, silent
 
 
@@ -159,7 +160,7 @@ def fitted_mechanism(m: Mechanism, at: Operating, servo: bool) -> Mechanism:
     """The mechanism with estimated bodies, rotors and friction; of servos at their estimated stiffness."""
     mass = at.inertials[:, 0]
     centre = at.inertials[:, 1:4] / mass[:, None]
-    about = np.array([symmetric(ten[4:]) for ten in at.inertials])
+    about = at.inertials[:, 4 + SIX]
     shifted = np.array([w * (c @ c * np.eye(3) - np.outer(c, c)) for w, c in zip(mass, centre, strict=True)])
     by = at.gain if servo else 1.0
     return replace(

@@ -10,10 +10,10 @@ from scipy.linalg import solve_triangular
 
 from bayescal.arm.transforms import compiled
 from bayescal.logs import Log
-from bayescal.logs.mechanism import symmetric
 from bayescal.motion.fit_settings import CALIBRATION
 from bayescal.motion.linear import Fit
 from bayescal.motion.terms import BODY, Operating, of_body
+from bayescal.robots.schema import SIX
 
 NOT_NEGATIVE = ("armature", "coulomb", "viscous")
 SHRUNK = 40
@@ -52,7 +52,7 @@ class Possible:
 
 def pseudo_inertia(ten: np.ndarray) -> np.ndarray:
     """Matrix (4, 4) of a body's linear parameters, positive definite if there is such a body."""
-    about = symmetric(ten[4:])
+    about = ten[4 + SIX]
     out = np.empty((4, 4))
     out[:3, :3] = 0.5 * np.trace(about) * np.eye(3) - about
     out[:3, 3] = out[3, :3] = ten[1:4]

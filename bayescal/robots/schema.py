@@ -12,8 +12,8 @@ A `Robot` as the text of a robot.yaml, one joint a line.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
-from typing import Annotated, Any, Literal
+from collections.abc import Iterator
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import Field
@@ -29,25 +29,34 @@ from bayescal.storage.files import (
     Number,
     Positive,
     Vector,
+    column_of,
     in_si,
     si,
     stem_of,
 )
-from bayescal.storage.writing import Block, block_lines, flow, flow_list, number, scalar
+from bayescal.storage.writing import Block, block_lines, flow, in_file, number, row_keys, scalar
 
 SCHEMA = "bayescal-robot/1"
-JOINT_KEYS = ("alpha_deg", "a_mm", "d_mm", "offset_deg", "beta_deg")
-"""Keys of a joint that fill the field of a `Robot` of their name."""
-FROM_SI = {"mm": 1e3, "mmps": 1e3, "deg": np.rad2deg(1.0), "degps": np.rad2deg(1.0), "um_per_n": 1e6}
-"""Factors from SI to the units of the file."""
-BY_TYPE = (
-    ("limits", "limits_deg", "limits_mm"),
-    ("velocities", "max_velocity_degps", "max_velocity_mmps"),
-    ("torques", "max_torque_nm", "max_force_n"),
-)
-"""Fields of a `Robot`, and their keys for revolute and for prismatic joints."""
-OF_LOGS = {"coulomb": "coulomb_nm", "viscous": "viscous_nms_per_rad", "armatures": "armature_kgm2"}
-"""Fields of a `Robot` for joint logs, and their keys, which revolute joints have."""
+OF_JOINTS = {
+    **{stem_of(key)[0]: (key, key) for key in ("alpha_deg", "a_mm", "d_mm", "offset_deg", "beta_deg")},
+    "limits": ("limits_deg", "limits_mm"),
+    "velocities": ("max_velocity_degps", "max_velocity_mmps"),
+    "torques": ("max_torque_nm", "max_force_n"),
+    "compliance": ("", "compliance_um_per_n"),
+    "coulomb": ("coulomb_nm", ""),
+    "viscous": ("viscous_nms_per_rad", ""),
+    "armatures": ("armature_kgm2", ""),
+}
+"""Fields of a `Robot`, and the keys of revolute and of prismatic joints that fill them; "" if none does."""
+OF_LINKS = {
+    "masses": "mass_kg",
+    "centres_of_mass": "centre_of_mass_mm",
+    "radii": "radius_mm",
+    "inertias": "inertia_kgm2",
+}
+"""Fields of a `Robot`, and the keys of links that fill them."""
+SIX = np.array([[0, 3, 4], [3, 1, 5], [4, 5, 2]])
+"""Place of each element of an inertia in the six that are written."""
 SLIDING = (("type", "prismatic"),)
 REACH_MM = (20.0, 50_000.0)
 """An arm whose lengths add up to less or more was not written in mm."""
@@ -171,39 +180,35 @@ class RobotFile(Keys):
 def robot_from(document: Document) -> Robot:
     """Check a parsed robot.yaml as a whole and turn it to SI units."""
     file = document.parse(RobotFile)
-    n = len(file.joints)
+    n, joints, links = len(file.joints), file.joints, file.links or []
     for path, what, remedy in _faults(file, n):
         raise BayescalError(what, document.where(path), remedy)
-    links = file.links or []
-    table = {key.rpartition("_")[0]: in_si(key, _column(file.joints, key)) for key in JOINT_KEYS}
-    prismatic = np.array([joint.type == "prismatic" for joint in file.joints])
-    table |= {field: _by_type(file.joints, *keys) for field, *keys in BY_TYPE}
-    table |= {field: _stated(file.joints, key) for field, key in OF_LOGS.items()}
+    prismatic = np.array([joint.type == "prismatic" for joint in joints])
+    columns = {
+        field: column_of(joints, np.where(prismatic, *keys[::-1])) for field, keys in OF_JOINTS.items()
+    }
+    columns |= {field: column_of(links, [key] * len(links)) for field, key in OF_LINKS.items()}
+    if (six := columns["inertias"]) is not None:
+        columns["inertias"] = None if np.isnan(six).any() else six[:, SIX]
     coupling = np.eye(n) if file.link_from_reading is None else np.array(file.link_from_reading)
     if prismatic.any():
         unit = np.where(prismatic, si("_mm"), si("_deg"))
         coupling = coupling * unit[:, None] / unit
-    compliance = in_si("joint_compliance_rad_per_nm", file.joint_compliance_rad_per_nm)
-    along = _stated(file.joints, "compliance_um_per_n")
-    if along is not None:
-        compliance = np.where(np.isnan(along), 0.0 if compliance is None else compliance, along)
+    turning = in_si("joint_compliance_rad_per_nm", file.joint_compliance_rad_per_nm)
+    if (along := columns["compliance"]) is not None:
+        turning = np.where(np.isnan(along), 0.0 if turning is None else turning, along)
     return Robot(
         name=file.name,
         convention=file.convention,
-        joint_names=tuple(j.name for j in file.joints),
+        joint_names=tuple(j.name for j in joints),
         link_from_reading=coupling,
         prismatic=prismatic if prismatic.any() else None,
         base=_frame(file.base),
         flange=_frame(file.flange),
-        masses=in_si("mass_kg", _column(links, "mass_kg") or None),
-        centres_of_mass=in_si("centre_of_mass_mm", _column(links, "centre_of_mass_mm") or None),
-        compliance=compliance,
         reductions=in_si("reductions", file.reductions),
         coupling=file.coupling,
-        radii=_stated(links, "radius_mm"),
-        inertias=_inertias(links),
         priors=tuple(map(_prior, file.priors)),
-        **table,
+        **columns | {"compliance": turning},
     )
 
 
@@ -220,35 +225,6 @@ def _prior(entry: PriorEntry) -> Prior:
 
 def _frame(place: Place) -> np.ndarray:
     return rigid(rpy_matrix(in_si("rpy_deg", place.rpy_deg)), in_si("xyz_mm", place.xyz_mm))
-
-
-def _column(entries: Sequence[Keys], key: str) -> list[Any]:
-    return [getattr(entry, key) for entry in entries]
-
-
-def _by_type(joints: Sequence[Joint], turns: str, slides: str) -> np.ndarray | None:
-    """Values (n,) or (n, 2), SI, of a key for revolute and one for prismatic joints; None without any."""
-    keys = [slides if joint.type == "prismatic" else turns for joint in joints]
-    values = [getattr(joint, key) for joint, key in zip(joints, keys, strict=True)]
-    if all(value is None for value in values):
-        return None
-    each = zip(values, keys, strict=True)
-    return np.array([np.nan if value is None else np.multiply(value, si(key)) for value, key in each])
-
-
-def _inertias(links: Sequence[Link]) -> np.ndarray | None:
-    """Inertias (n, 3, 3) of links, None unless all state theirs."""
-    given = [link.inertia_kgm2 for link in links]
-    if not given or None in given:
-        return None
-    xx, yy, zz, xy, xz, yz = np.array(given, float).T
-    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]).transpose(2, 0, 1)
-
-
-def _stated(entries: Sequence[Keys], key: str) -> np.ndarray | None:
-    """Values (n,), SI, nan where none is stated; None if none is."""
-    values = _column(entries, key)
-    return np.array(values, float) * si(key) if any(values) else None
 
 
 def _faults(file: RobotFile, n: int) -> Iterator[tuple[tuple[str | int, ...], str, str]]:
@@ -270,9 +246,8 @@ def _faults(file: RobotFile, n: int) -> Iterator[tuple[tuple[str | int, ...], st
             yield ("joints", i), f"missing `{key}` of {joint.name}", "add it: [lower, upper]"
         elif not limits[0] < limits[1]:
             yield ("joints", i, key), f"limits of {joint.name} are not in order", "write [lower, upper]"
-        foreign = [turns if slides else along for _, turns, along in BY_TYPE]
-        foreign += OF_LOGS.values() if slides else ["compliance_um_per_n"]
-        for wrong in (key for key in foreign if getattr(joint, key) is not None):
+        foreign = [pair[not slides] for pair in OF_JOINTS.values() if pair[0] != pair[1]]
+        for wrong in (key for key in foreign if key and getattr(joint, key) is not None):
             yield ("joints", i, wrong), f"`{wrong}` of {joint.name}, which is {joint.type}", "leave it out"
         if joint.name in [j.name for j in file.joints[:i]]:
             yield ("joints", i), f"two joints are called {joint.name}", "rename one"
@@ -293,19 +268,6 @@ def _faults(file: RobotFile, n: int) -> Iterator[tuple[tuple[str | int, ...], st
         yield ("joints",), f"the arm's lengths add up to {reach:g} mm", "`a_mm` and `d_mm` are in mm"
 
 
-def _in_file(key: str, value: np.ndarray | float) -> str:
-    """A value in SI as a number, or a YAML list on one line, in the unit of its key."""
-    values = np.asarray(value) * FROM_SI.get(stem_of(key)[1], 1.0)
-    return flow_list(map(number, values)) if values.ndim else number(float(values))
-
-
-def _entries(columns: Mapping[str, np.ndarray | None], row: int) -> Iterator[tuple[str, str]]:
-    """Keys and texts of the values in a row of columns in SI, nan where there is none."""
-    for key, column in columns.items():
-        if column is not None and not np.isnan(column[row]).any():
-            yield key, _in_file(key, column[row])
-
-
 def robot_to_yaml(robot: Robot, comment: str = "") -> str:
     """Text of a robot.yaml that reads back as `robot`, to 1e-12.
 
@@ -321,22 +283,19 @@ def robot_to_yaml(robot: Robot, comment: str = "") -> str:
     str
         YAML of schema ``bayescal-robot/1``: mm, deg, kg.
     """
-    table = {key: getattr(robot, key.rpartition("_")[0]) for key in JOINT_KEYS}
-    table["beta_deg"] = np.where(robot.beta, robot.beta, np.nan)
-    slides = robot.slides
-    for name, turns, along in BY_TYPE:
-        values = getattr(robot, name)
-        if values is not None:
-            of = slides.reshape(robot.n, *(1,) * (values.ndim - 1))
-            table |= {turns: np.where(of, np.nan, values), along: np.where(of, values, np.nan)}
-    compliance = robot.compliance
-    if compliance is not None and slides.any():
-        table["compliance_um_per_n"] = np.where(slides & (compliance > 0), compliance, np.nan)
+    slides, compliance = robot.slides, robot.compliance
+    typed = [SLIDING if slide else () for slide in slides]
+    columns = {field: getattr(robot, field) for field in (*OF_JOINTS, *OF_LINKS)}
+    columns["beta"] = np.where(robot.beta, robot.beta, np.nan)
+    if compliance is not None:
+        columns["compliance"] = np.where(compliance > 0, compliance, np.nan)
         compliance = np.where(slides, 0.0, compliance)
-    table |= {key: getattr(robot, field) for field, key in OF_LOGS.items()}
-    links = {"mass_kg": robot.masses, "centre_of_mass_mm": robot.centres_of_mass, "radius_mm": robot.radii}
     if robot.inertias is not None:
-        links["inertia_kgm2"] = robot.inertias[:, [0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
+        columns["inertias"] = robot.inertias[:, [0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
+    turning, sliding = (
+        {pair[k]: columns[field] for field, pair in OF_JOINTS.items() if pair[k]} for k in (0, 1)
+    )
+    links = {key: columns[field] for field, key in OF_LINKS.items()}
     unit, shown = robot.shown(np.ones(robot.n)), robot.link_from_reading
     if slides.any():
         shown = shown * unit[:, None] / unit
@@ -347,14 +306,14 @@ def robot_to_yaml(robot: Robot, comment: str = "") -> str:
         "name": scalar(robot.name),
         "convention": robot.convention,
         "joints": [
-            flow([("name", scalar(name)), *(SLIDING if slides[i] else ()), *_entries(table, i)])
-            for i, name in enumerate(robot.joint_names)
+            flow([("name", scalar(name)), *slide, *row_keys(sliding if slide else turning, i)])
+            for i, (name, slide) in enumerate(zip(robot.joint_names, typed, strict=True))
         ],
-        "link_from_reading": [_in_file("", row) for row in shown] if coupled else None,
+        "link_from_reading": [in_file("", row) for row in shown] if coupled else None,
         "base": _place(robot.base),
         "flange": _place(robot.flange),
-        "links": None if robot.masses is None else [flow(_entries(links, i)) for i in range(robot.n)],
-        **{key: None if values is None else _in_file(key, values) for key, values in lists.items()},
+        "links": None if robot.masses is None else [flow(row_keys(links, i)) for i in range(robot.n)],
+        **{key: None if values is None else in_file(key, values) for key, values in lists.items()},
         "priors": [flow(_prior_keys(p)) for p in robot.priors],
         "coupling": robot.coupling if robot.coupling != "display" or coupled else None,
     }
@@ -373,4 +332,4 @@ def _place(frame: np.ndarray) -> str:
     """A frame in another, "" where they are the same."""
     if np.array_equal(frame, np.eye(4)):
         return ""
-    return flow(_entries({"xyz_mm": frame[None, :3, 3], "rpy_deg": rpy_of(frame[:3, :3])[None]}, 0))
+    return flow(row_keys({"xyz_mm": frame[None, :3, 3], "rpy_deg": rpy_of(frame[:3, :3])[None]}, 0))

@@ -10,6 +10,7 @@ from importlib.metadata import version
 from typing import Any
 
 from bayescal.errors import BayescalError
+from bayescal.storage.reading import library
 from bayescal.storage.tasks import Job, Lost, Queue, Work
 
 CONNECT = 10.0
@@ -30,12 +31,10 @@ class Cluster:
     """
 
     def __init__(self, address: str) -> None:
-        try:
-            from distributed import Client, KilledWorker
-            from distributed.comm.addressing import get_address_host_port
-        except ImportError:
-            remedy = "pip install 'bayescal[dask]'"
-            raise BayescalError("needs the package `distributed`", "--dask", remedy) from None
+        library("distributed", "needs the package `distributed`", "--dask", "pip install 'bayescal[dask]'")
+        from distributed import Client, KilledWorker
+        from distributed.comm.addressing import get_address_host_port
+
         logging.getLogger("distributed").setLevel(logging.CRITICAL)  # failures are reported here
         self.address, self.jobs, self._killed = address, dict[Future[Any], Job](), KilledWorker
         try:  # test the address first: a client would retry for a long time

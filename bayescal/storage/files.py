@@ -7,7 +7,7 @@ import json
 import math
 import re
 import secrets
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import lru_cache, reduce
@@ -95,6 +95,22 @@ def in_si(key: str, value: Any) -> Any:
     import numpy as np  # commands that read no numbers do without it
 
     return np.array(value, float) * si(key)
+
+
+def column_of(entries: Sequence[BaseModel], keys: Iterable[str]) -> Any:
+    """Values (n, ...), SI, of a key of each of n entries ("" for none), nan where it is not stated.
+
+    None without any.
+    """
+    import numpy as np
+
+    keys = list(keys)
+    values = [getattr(entry, key) if key else None for entry, key in zip(entries, keys, strict=True)]
+    size = next((np.shape(value) for value in values if value is not None), None)
+    if size is None:
+        return None
+    each = zip(values, keys, strict=True)
+    return np.array([np.full(size, np.nan) if v is None else np.multiply(v, si(key)) for v, key in each])
 
 
 def unknown(noun: str, key: str, keys: Iterable[str]) -> tuple[str, str]:

@@ -11,6 +11,7 @@ import re
 import stat
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from importlib import import_module
 from io import BufferedReader
 from pathlib import Path
 from typing import Any
@@ -50,6 +51,20 @@ def content_of(path: Path, largest: int = LARGEST) -> bytes:
     except (OSError, ValueError) as error:
         why = getattr(error, "strerror", None) or error
         raise BayescalError(f"cannot be read: {why}", path.name, "give a readable file") from None
+
+
+def library(name: str, what: str, where: str, remedy: str) -> Any:
+    """A module of an optional package.
+
+    Raises
+    ------
+    BayescalError
+        Of these texts, if it is not installed.
+    """
+    try:
+        return import_module(name)
+    except ImportError:
+        raise BayescalError(what, where, remedy) from None
 
 
 @contextmanager

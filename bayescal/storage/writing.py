@@ -8,7 +8,10 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator, Mapping
 
+import numpy as np
 import yaml
+
+from bayescal.storage.files import si
 
 Keys = Iterable[tuple[str, str]]
 """Keys of an entry with their values as text."""
@@ -37,6 +40,18 @@ def flow_list(texts: Iterable[str]) -> str:
 def flow(items: Keys) -> str:
     """An entry on one line."""
     return "{" + ", ".join(f"{key}: {text}" for key, text in items) + "}"
+
+
+def in_file(key: str, value: np.ndarray | float, digits: int = 14) -> str:
+    """A value in SI as `key` has it: a number, or a list on one line, in its unit."""
+    values = np.asarray(value) / si(key)
+    return flow_list(number(v, digits) for v in values) if values.ndim else number(float(values), digits)
+
+
+def row_keys(columns: Mapping[str, np.ndarray | None], row: int, digits: int = 14) -> Keys:
+    """Keys with the values of a row of their columns in SI; what is nan, or no column, is left out."""
+    given = ((key, column[row]) for key, column in columns.items() if column is not None)
+    return ((key, in_file(key, value, digits)) for key, value in given if not np.isnan(value).any())
 
 
 def block_lines(block: Block, indent: str = "") -> Iterator[str]:

@@ -1,7 +1,7 @@
 """robot.yaml: built-in, round trip, refusals."""
 
 import json
-from dataclasses import fields
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -82,6 +82,13 @@ def test_round_trip(robot, comment, tmp_path_factory):
             np.testing.assert_allclose(b, a, rtol=1e-12, atol=1e-12, err_msg=f.name)
         else:
             assert a == b, f.name
+
+
+def test_friction_that_is_stated_as_zero_is_known(tmp_path):
+    none = dict.fromkeys(("coulomb", "viscous", "armatures"), np.zeros(6))
+    again = read(tmp_path, robot_to_yaml(replace(load_robot(NAME)[0], **none)))
+    for name in none:
+        np.testing.assert_array_equal(getattr(again, name), np.zeros(6))
 
 
 def test_one_joint_a_line():
