@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from importlib.metadata import EntryPoint
 from pathlib import Path
@@ -16,14 +14,13 @@ from bayescal.effects import UNITS
 from bayescal.errors import BayescalError
 from bayescal.exporting import CERTIFICATE, FORMATS
 from bayescal.exporting.geometry import Missing, not_expressed
-from bayescal.exporting.sidecar import SCHEMA, sidecar_of
+from bayescal.exporting.sidecar import SCHEMA, digest, replace_earlier, sidecar_of
 from bayescal.exporting.written import Format, Options, Written, path_of
 from bayescal.fitted import gate
 from bayescal.fitted.arm import FittedArm
 from bayescal.fitted.unmodelled import state_row
 from bayescal.robots import only_revolute
-from bayescal.storage.files import json_text, write_together
-from bayescal.storage.reading import content_of
+from bayescal.storage.files import json_text
 
 
 def format_of(name: str) -> Format:
@@ -101,8 +98,8 @@ class Exported:
             "schema": SCHEMA,
             "format": self.format,
             "file": name,
-            "sha256": _hash(self.written.content),
-            "beside": {p.name: _hash(text) for p, text in self._beside(Path(name)).items()},
+            "sha256": digest(self.written.content),
+            "beside": {p.name: digest(text) for p, text in self._beside(Path(name)).items()},
             "dataset": {"name": dataset.name, "sha256": dataset.sha256},
             "robot": dataset.robot.name,
             "model": list(arm.effects),
@@ -123,20 +120,13 @@ class Exported:
     def save(self, path: Path) -> tuple[Path, ...]:
         """Write the file, those beside it and the sidecar; an earlier export of that name is replaced.
 
-        The sidecar is put in place first, with the hashes of the earlier files (`replaces`), and last without
-        them. If the process is killed in between, no file is without a sidecar that knows it.
-
         Raises
         ------
         BayescalError
             If one of them is the user's own file, or another file that is no unchanged earlier export.
         """
-        files = self.files(path)
-        _check_free(path, files, self.options.into)
-        sidecar = sidecar_of(path)
-        earlier = {p.name: _hash(p.read_bytes()) for p in files if p != sidecar and p.exists()}
-        record = self.in_folder(path.parent).record(path.name)
-        write_together(files, {sidecar: json_text(record | {"replaces": earlier})})
+        files, record = self.files(path), self.in_folder(path.parent).record(path.name)
+        replace_earlier(path, files, record, path_of(self.options.into)[0] if self.options.into else None)
         return tuple(files)
 
 
@@ -212,38 +202,3 @@ def _tools(arm: FittedArm, details: Mapping[str, Any]) -> list[dict[str, Any]]:
             pose = np.array(details["flange_in_tip"])
             out[-1]["centre_in_tip_mm"] = (pose[:3, :3] @ centre + factor * pose[:3, 3]).tolist()
     return out
-
-
-def _hash(content: str | bytes) -> str:
-    raw = content.encode() if isinstance(content, str) else content
-    return hashlib.sha256(raw).hexdigest()
-
-
-def _check_free(path: Path, files: Iterable[Path], into: str) -> None:
-    """Refuse to write over a file of the user: any that is not as an earlier export to `path` wrote it."""
-    to_patch, sidecar = path_of(into)[0], sidecar_of(path)
-    earlier = _earlier(sidecar, path.name)
-    for file in filter(Path.exists, files):
-        if into and to_patch.exists() and file.samefile(to_patch):
-            what = "is the file to patch itself"
-            raise BayescalError(what, str(file), "give another --out: it is not changed")
-        if file != sidecar and (
-            not file.is_file() or _hash(file.read_bytes()) not in earlier.get(file.name, ())
-        ):
-            raise BayescalError("exists and is no unchanged export", str(file), "give another --out")
-        if file == sidecar and not earlier:
-            raise BayescalError("exists and is no sidecar of an export", str(file), "give another --out")
-
-
-def _earlier(sidecar: Path, name: str) -> dict[str, set[str]]:
-    """Hashes of the files of an earlier export, by their names; none if the sidecar is of no export.
-
-    Where an export was interrupted, a file is the earlier or the new one.
-    """
-    try:
-        record = json.loads(content_of(sidecar).decode("utf-8"))
-        new = {**record.get("beside", {}), name: record["sha256"]} if record["schema"] == SCHEMA else {}
-        replaced = record.get("replaces", {})
-        return {key: {digest, *([replaced[key]] if key in replaced else [])} for key, digest in new.items()}
-    except (BayescalError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
-        return {}

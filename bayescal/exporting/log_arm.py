@@ -17,13 +17,13 @@ import numpy as np
 import yaml
 
 from bayescal.errors import BayescalError
-from bayescal.exporting.sidecar import SUFFIX
+from bayescal.exporting.sidecar import digest, replace_earlier, sidecar_of
 from bayescal.exporting.xml_text import rendered
 from bayescal.logs import Mechanism
 from bayescal.logs.mechanism import PAIRS
 from bayescal.logs.read import written_out
 from bayescal.logs.schema import Arm
-from bayescal.storage.files import json_text, write_together
+from bayescal.storage.files import json_text
 from bayescal.storage.reading import Json, decoded
 
 ARM_FILE = "arm.yaml"
@@ -105,10 +105,17 @@ class LogExport:
         }
 
     def save(self, path: Path) -> tuple[Path, ...]:
-        """Write the file and its sidecar; return their paths."""
-        beside = path.with_name(path.name + SUFFIX)
-        write_together({path: self.text, beside: json_text(self.record)})
-        return path, beside
+        """Write the file and its sidecar in place of an earlier export; return their paths.
+
+        Raises
+        ------
+        BayescalError
+            If one of them is no unchanged earlier export.
+        """
+        record = {**self.record, "file": path.name, "sha256": digest(self.text), "beside": {}}
+        files = {path: self.text, sidecar_of(path): json_text(record)}
+        replace_earlier(path, files, record)
+        return tuple(files)
 
 
 def mechanism_of_run(folder: Path, name: str) -> Mechanism:

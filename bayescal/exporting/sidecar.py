@@ -12,8 +12,8 @@ from typing import Any, Literal
 from pydantic import BaseModel, Field, ValidationError
 
 from bayescal.errors import BayescalError
-from bayescal.storage.files import Number, Vector
-from bayescal.storage.reading import library, read_record
+from bayescal.storage.files import Number, Vector, json_text, write_together
+from bayescal.storage.reading import content_of, library, read_record
 
 SCHEMA: Literal["bayescal-export/1"] = "bayescal-export/1"
 SUFFIX = ".bayescal.json"
@@ -75,6 +75,64 @@ def sidecar_of(path: Path) -> Path:
     return path.with_name(path.name + SUFFIX)
 
 
+def digest(content: str | bytes) -> str:
+    """SHA-256 of the content of a file."""
+    return sha256(content.encode() if isinstance(content, str) else content).hexdigest()
+
+
+def replace_earlier(
+    path: Path, files: Mapping[Path, str | bytes], record: Mapping[str, Any], to_patch: Path | None = None
+) -> None:
+    """Write the files of an export to `path`, its sidecar with `record` last, in place of an earlier export.
+
+    The sidecar is put in place first, with the hashes of the earlier files (`replaces`), and last without
+    them. If the process is killed in between, no file is without a sidecar that knows it.
+
+    Parameters
+    ----------
+    path : Path
+        The main file.
+    files : mapping
+        Contents of all files, the sidecar among them.
+    record : mapping
+        Of the sidecar, with `schema`, `sha256` of the main file and `beside`, the hashes of the others.
+    to_patch : Path, optional
+        The user's file that the main file is a changed copy of.
+
+    Raises
+    ------
+    BayescalError
+        If one of them is the user's own file, or another file that is no unchanged earlier export.
+    """
+    sidecar = sidecar_of(path)
+    known = _earlier(sidecar, path.name, record["schema"])
+    there = {file: file.is_file() and digest(file.read_bytes()) for file in filter(Path.exists, files)}
+    for file, found in there.items():
+        if to_patch is not None and to_patch.exists() and file.samefile(to_patch):
+            what = "is the file to patch itself"
+            raise BayescalError(what, str(file), "give another --out: it is not changed")
+        if file != sidecar and found not in known.get(file.name, ()):
+            raise BayescalError("exists and is no unchanged export", str(file), "give another --out")
+        if file == sidecar and not known:
+            raise BayescalError("exists and is no sidecar of an export", str(file), "give another --out")
+    replaced = {file.name: found for file, found in there.items() if file != sidecar}
+    write_together(files, {sidecar: json_text({**record, "replaces": replaced})})
+
+
+def _earlier(sidecar: Path, name: str, schema: str) -> dict[str, set[str]]:
+    """Hashes of the files of an earlier export, by their names; none if the sidecar is of no export.
+
+    Where an export was interrupted, a file is the earlier or the new one.
+    """
+    try:
+        record = json.loads(content_of(sidecar).decode("utf-8"))
+        new = {**record.get("beside", {}), name: record["sha256"]} if record["schema"] == schema else {}
+        replaced = record.get("replaces", {})
+        return {key: {found, *([replaced[key]] if key in replaced else [])} for key, found in new.items()}
+    except (BayescalError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        return {}
+
+
 def read_sidecar(path: Path) -> Mapping[str, Any]:
     """The sidecar of an exported file, with all entries that its format needs.
 
@@ -99,9 +157,9 @@ def read_sidecar(path: Path) -> Mapping[str, Any]:
 
 def _check_complete(path: Path, record: Mapping[str, Any]) -> None:
     """Refuse files of which one is still of the export before the one of the sidecar."""
-    for name, digest in {path.name: record["sha256"], **record["beside"]}.items():
+    for name, wanted in {path.name: record["sha256"], **record["beside"]}.items():
         file = path.parent / name
-        if not file.is_file() or sha256(file.read_bytes()).hexdigest() != digest:
+        if not file.is_file() or digest(file.read_bytes()) != wanted:
             what = f"the export was interrupted before {name} was in place"
             raise BayescalError(what, str(path), AGAIN)
 
