@@ -38,6 +38,14 @@ class Pool:
         return Bank(self.columns, self.sets, self.count, self.worth, self.jacobian)
 
     @cached_property
+    def by_number(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        """By the number m of their sets: cells (B,), and the sets (B, m) of each."""
+        number = np.bincount(self.owner, minlength=len(self.cells))
+        first = np.cumsum(number) - number
+        of = ((np.flatnonzero(number == m), m) for m in np.unique(number))
+        return [(cells, first[cells][:, None] + np.arange(m)) for cells, m in of]
+
+    @cached_property
     def log_prior(self) -> np.ndarray:
         """Log prior of every cell as an unmodelled effect, (cells,): -inf for a form of a known effect."""
         kinds = np.array([cell.site.kind for cell in self.cells])
@@ -157,14 +165,16 @@ def approximate_fits(state: State, pool: Pool) -> list[CellFit]:
                 pool.columns[:, pool.sets[at][0]],
                 cell.clusters[state.problem.rows[state.problem.contact]],
             )
-    out = []
-    for i in range(len(pool.cells)):
-        own = np.flatnonzero(pool.owner == i)
-        table = bayes[own]
-        j, k = np.unravel_index(int(np.argmax(table)), table.shape)
-        gain = float(log_sum(table) - np.log(len(own)))
-        out.append(CellFit(i, gain, int(own[j]), float(SCALES[k])))
-    return out
+    gain, best = np.empty(len(pool.cells)), np.empty((2, len(pool.cells)), int)  # set and scale
+    for cells, sets in pool.by_number:
+        table = bayes[sets].reshape(len(cells), -1)  # (B, sets x scales)
+        gain[cells] = log_sum(table, axis=1) - np.log(sets.shape[1])
+        own, best[1, cells] = np.divmod(np.argmax(table, axis=1), len(SCALES))
+        best[0, cells] = np.take_along_axis(sets, own[:, None], axis=1)[:, 0]
+    return [
+        CellFit(i, g, at, float(SCALES[k]))
+        for i, (g, (at, k)) in enumerate(zip(gain.tolist(), best.T.tolist(), strict=True))
+    ]
 
 
 def with_set(state: State, pool: Pool, at: int, scale: float, start: np.ndarray | None = None) -> State:
