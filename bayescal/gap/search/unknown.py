@@ -149,7 +149,8 @@ def cell_fits(state: State, pool: Pool) -> list[CellFit]:
 
 def refitted(state: State, pool: Pool, f: CellFit, start: np.ndarray | None = None) -> CellFit:
     """A cell with its gain by fits of its best set, scale by scale."""
-    nats = np.array([with_set(state, pool, f.best, s, start).log_evidence for s in SCALES]) + SCALE_PRIOR
+    wide = _with_columns(state, pool.columns[:, pool.sets[f.best]])
+    nats = np.array([_fitted(wide, state, s, start).log_evidence for s in SCALES]) + SCALE_PRIOR
     gain = float(log_sum(nats)) - state.log_evidence - np.log(np.sum(pool.owner == f.cell))
     return replace(f, gain=float(gain), scale=float(SCALES[int(np.argmax(nats))]))
 
@@ -179,10 +180,19 @@ def approximate_fits(state: State, pool: Pool) -> list[CellFit]:
 
 def with_set(state: State, pool: Pool, at: int, scale: float, start: np.ndarray | None = None) -> State:
     """A state with a set of columns of a pool added; its problem has no other columns than those it uses."""
+    return _fitted(_with_columns(state, pool.columns[:, pool.sets[at]]), state, scale, start)
+
+
+def _with_columns(state: State, columns: np.ndarray) -> Problem:
+    """The problem of a state with its own columns and further ones (R, k), and no others."""
     p = state.problem
-    own = pool.sets[at]
-    wide = replace(p, pool=np.column_stack([p.pool[:, state.columns], pool.columns[:, own]]))
-    scales = np.concatenate([state.scales, np.full(len(own), scale)])
+    return replace(p, pool=np.column_stack([p.pool[:, state.columns], columns]))
+
+
+def _fitted(wide: Problem, state: State, scale: float, start: np.ndarray | None) -> State:
+    """A state fitted again with the further columns of `wide`, all at one scale."""
+    further = wide.pool.shape[1] - len(state.columns)
+    scales = np.concatenate([state.scales, np.full(further, scale)])
     return fit_state(wide, np.arange(len(scales)), scales, start, state.robust)
 
 
