@@ -20,7 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import reduce
+from functools import cached_property, reduce
 from typing import Literal
 
 import numpy as np
@@ -100,7 +100,7 @@ class Robot:
         """Number of joints."""
         return len(self.joint_names)
 
-    @property
+    @cached_property
     def slides(self) -> np.ndarray:
         """Which joints are prismatic, (n,) bool."""
         return np.zeros(self.n, bool) if self.prismatic is None else self.prismatic
@@ -115,7 +115,7 @@ class Robot:
         """Units of the readings in words: ``deg``, or ``mm, deg`` in the order in which they first appear."""
         return ", ".join(dict.fromkeys(self.units))
 
-    @property
+    @cached_property
     def axes(self) -> tuple[str, ...]:
         """Axis of each joint's motion in its frame, of `transforms.AXES`: rz, or tz of a prismatic joint."""
         return tuple("tz" if slides else "rz" for slides in self.slides.tolist())

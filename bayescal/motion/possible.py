@@ -107,19 +107,19 @@ def _slices(away, middle, bodies, over, steps, bodies_by, over_by, chances):
     return away
 
 
-def draws_within(
-    fit: Fit, possible: Possible, count: int, seed: int, total: int = CALIBRATION.steps
-) -> np.ndarray:
+def draws_within(fit: Fit, possible: Possible, count: int, seed: int, total: int | None = None) -> np.ndarray:
     """Draws (chains, count, K) of the posterior of a fit within a set that holds z = 0.
 
     Elliptical slices (Murray, Adams and MacKay, AISTATS 2010): each step draws an ellipse of the normal
     distribution through the point, and shrinks it to an arc within the set. A chain begins on the line from
-    nominal to the mean; its first `CALIBRATION.burned` steps are left out.
+    nominal to the mean; its first `CALIBRATION.burned` steps are left out. There are `total` others in all
+    chains, `CALIBRATION.steps` by default.
     """
     rng, mean, size = np.random.default_rng(seed), fit.z, len(fit.z)
     limited = np.flatnonzero(np.isfinite(possible.least))
     flat = possible.by.reshape(-1, size).T
     middle = possible.pseudo + possible.by @ mean, (mean - possible.least)[limited]
+    total = CALIBRATION.steps if total is None else total
     thin = max(total // (CALIBRATION.chains * count), CALIBRATION.least_thin)
     out = np.empty((CALIBRATION.chains, count, size))
     for c in range(CALIBRATION.chains):

@@ -187,7 +187,10 @@ def _nearest(times: np.ndarray, count: int) -> np.ndarray:
 
 def _shortest(times: np.ndarray, first: int) -> list[int]:
     """The shortest path from `first` to the point after it, by times (n, n); empty if there is none."""
-    _, predecessors = dijkstra(times, indices=np.array([first]), return_predecessors=True)
+    there = np.isfinite(times) & (times > 0)
+    ends = np.append(0, np.cumsum(np.count_nonzero(there, axis=1)))
+    graph = csr_matrix((times[there], np.nonzero(there)[1], ends), times.shape)
+    _, predecessors = dijkstra(graph, indices=np.array([first]), return_predecessors=True)
     before = predecessors[0]
     path = [first + 1]
     while path[-1] != first:

@@ -1,6 +1,7 @@
 """The notebooks run from top to bottom and draw what they promise."""
 
 import runpy
+from dataclasses import replace
 
 import matplotlib
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 from cases import ROOT
 from foreign import needs
 
+from bayescal.motion import possible
 from bayescal.planning.candidates import candidates
 
 FIGURES = {
@@ -36,7 +38,8 @@ def pyplot(monkeypatch):
 
 @pytest.fixture(autouse=True)
 def small_plans(quick_search, monkeypatch):
-    """Plans of as many candidates share them."""
+    """Plans of as many candidates share them; draws of a log take few steps."""
+    monkeypatch.setattr(possible, "CALIBRATION", replace(possible.CALIBRATION, steps=40_000, burned=2_000))
     monkeypatch.setattr("bayescal.planning.search.EACH", 4)  # contacts that validate, of each sphere
     made = {}
 

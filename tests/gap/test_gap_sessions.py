@@ -9,6 +9,7 @@ import pytest
 from cases import terminal_text
 from sessions import circumstances, geared, with_columns, with_rows
 
+import bayescal as bc
 from bayescal.dataset import read_dataset, write_dataset
 from bayescal.dataset.join import joined
 from bayescal.effects import parameters_of
@@ -493,8 +494,8 @@ def test_a_part_keeps_the_setting_of_its_effect(scene):
 
 def test_what_was_taken_out_is_named_at_its_joints_and_shrinks_as_foreseen(dataset):
     without = ["geometry at joint 4", "compliance at joint 5"]
-    gap = diagnose(dataset, without=tuple(without))
-    record = json.loads(json.dumps(gap_record(gap), allow_nan=False))
+    found = bc.diagnose(dataset, without=", ".join(without))
+    gap, record = found.data, json.loads(json.dumps(found.record, allow_nan=False))
     assert record["without"] == without
     assert record["baseline"] == list(USUAL)
     assert record["verdict"] == "named"
@@ -508,6 +509,15 @@ def test_what_was_taken_out_is_named_at_its_joints_and_shrinks_as_foreseen(datas
         assert s.before > 10 * s.after
         assert s.before == pytest.approx(s.predicted_before, rel=0.15)
         assert s.after < 1.6 * s.predicted
+    # the model that is printed is the refit: without the parts that are not named
+    assert {*record["refit"]["without"]} == {*without} - {n["model"] for n in record["named"]}
+    fit = bc.fit(dataset, samples=0, **found.record["refit"])
+    told = {a["parameters"][0]: a for a in record["amplitudes"]}
+    assert "a4" in told
+    for name in {"theta4", "d4", "a4", "alpha4"} & told.keys():
+        a, row = told[name], fit.parameters.loc[name]
+        factor = 1e3 if a["unit"] == "um" else 1.0
+        assert a["value"] == pytest.approx(factor * (row.estimate - row.nominal), abs=0.1 * a["u"])
 
 
 def test_nothing_wrong_there_is_not_named():

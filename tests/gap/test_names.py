@@ -429,23 +429,6 @@ def test_fit_with_the_printed_model_is_the_refit(lagging):
     assert abs(told["value"] - abs(truth["value_deg"])) < 4 * told["u"]
 
 
-def test_a_part_that_was_left_out_is_back(lagging):
-    """The model that is printed is without the parts that are not named."""
-    words = "geometry at joint 4, compliance at joint 5"
-    session = geared(lagging.dataset)
-    gap = bc.diagnose(session, without=words)
-    named = {n["model"] for n in gap.record["named"]}
-    assert "geometry at joint 4" in named
-    assert {*gap.record["refit"]["without"]} == {"geometry at joint 4", "compliance at joint 5"} - named
-    fit = bc.fit(session, samples=0, **gap.record["refit"])
-    told = {a["parameters"][0]: a for a in gap.record["amplitudes"]}
-    assert "a4" in told
-    for name in {"theta4", "d4", "a4", "alpha4"} & told.keys():
-        a, row = told[name], fit.parameters.loc[name]
-        factor = 1e3 if a["unit"] == "um" else 1.0
-        assert a["value"] == pytest.approx(factor * (row.estimate - row.nominal), abs=0.1 * a["u"])
-
-
 def test_parts_that_are_not_named_stay_nominal():
     member = SimpleNamespace(effect="geometry", variant=SimpleNamespace(sites=(joint(4),)))
     parts = parts_of(("geometry at joint 4", "geometry at link 3", "compliance at joint 4"), BASE)

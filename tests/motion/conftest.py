@@ -1,9 +1,20 @@
+from dataclasses import replace
+
 import pytest
 from motion.made import write
 
 from bayescal.logs import read_log
+from bayescal.motion import possible
 from bayescal.motion.estimate import estimated
 from bayescal.motion.signals import all_signals
+
+
+@pytest.fixture(autouse=True, scope="session")
+def _few_steps():
+    """Draws of a fit take a fifth of the usual steps; tests of the sampler state their own."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(possible, "CALIBRATION", replace(possible.CALIBRATION, steps=40_000, burned=2_000))
+        yield
 
 
 @pytest.fixture(scope="session")

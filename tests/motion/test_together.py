@@ -19,7 +19,6 @@ from bayescal.estimate.solver import linearise
 from bayescal.logs import read_log
 from bayescal.model import USUAL
 from bayescal.model.scene import Scene
-from bayescal.motion import possible
 from bayescal.motion.together import fit_together, placed, same_arm
 from bayescal.public.together import TogetherResult
 
@@ -48,9 +47,7 @@ def level(read):
 
 @pytest.fixture(scope="module")
 def result(made):
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(possible, "CALIBRATION", replace(possible.CALIBRATION, steps=40_000))
-        return bc.fit([made[0] / "contacts", made[0] / "log"], samples=0)
+    return bc.fit([made[0] / "contacts", made[0] / "log"], samples=0)
 
 
 def joint_information(level):

@@ -72,6 +72,7 @@ class Search:
     unseen: tuple[str, ...] = ()
     bank: Bank | None = None
     hypotheses: dict[frozenset[str], Hypothesis] = field(default_factory=dict)
+    anew: dict[bytes, State] = field(default_factory=dict)  # fits of no initial row weights
 
     def prior(self, size: int) -> float:
         """Log prior of a set with this number of effects."""
@@ -90,10 +91,18 @@ class Search:
         scales = [np.full(len(m.variant.columns), m.scale) for m in members]
         at = np.concatenate([np.empty(0, int), *columns])
         by = np.concatenate([np.empty(0), *scales])
-        states = [fit_state(self.problem, at, by, start, self.robust) for start in starts]
-        state = max(states, key=lambda s: s.log_evidence)
+        state = max((self._state(at, by, start) for start in starts), key=lambda s: s.log_evidence)
         evidence = state.log_evidence + sum(m.averaging for m in members) + self.signs(state)
         return Hypothesis(tuple(members), state, evidence, self.prior(len(members)))
+
+    def _state(self, at: np.ndarray, by: np.ndarray, start: np.ndarray | None) -> State:
+        """The fit of columns `at` with scales `by`; of no initial row weights once: a search asks again."""
+        if start is not None:
+            return fit_state(self.problem, at, by, start, self.robust)
+        key = at.tobytes() + by.tobytes()
+        if key not in self.anew:
+            self.anew[key] = fit_state(self.problem, at, by, None, self.robust)
+        return self.anew[key]
 
     def signs(self, state: State) -> float:
         """Log evidence, nats, of physically positive parameters over that of any sign, each by itself.

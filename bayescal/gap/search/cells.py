@@ -250,10 +250,11 @@ def _faces(c: Circumstances) -> Iterator[Cell]:
         site = location.face(face.name)
         spots = []
         for width, end, count in CELLS.face_spots:
-            for at in itertools.product(np.linspace(-end, end, count), repeat=2):
-                spot = np.exp(-0.5 * np.sum(((face.place - at) / width) ** 2, axis=1)) * face.rows
-                if np.sum(spot[c.fitted] > 0.5) >= CELLS.fewest_on_spot:
-                    spots.append(at_contact(face.rows, [spot]))
+            at = np.linspace(-end, end, count)[:, None, None]
+            first, second = np.moveaxis(((face.place - at) / width) ** 2, -1, 0)  # (count, N) each
+            every = np.exp(-0.5 * (first[:, None] + second)).reshape(count**2, -1) * face.rows
+            seen = np.sum(every[:, c.fitted] > 0.5, axis=1) >= CELLS.fewest_on_spot
+            spots += [at_contact(face.rows, [spot]) for spot in every[seen]]
         yield Cell(site, Driver("face", form="one spot"), tuple(spots))
         form = at_contact(face.rows, [values for _, _, values in shapes(face)])
         yield Cell(site, Driver("face"), (form,), known="plane-form" in EFFECTS)

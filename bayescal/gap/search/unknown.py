@@ -38,6 +38,14 @@ class Pool:
         return Bank(self.columns, self.sets, self.count, self.worth, self.jacobian)
 
     @cached_property
+    def by_number(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        """By the number m of their sets: cells (B,), and the sets (B, m) of each."""
+        number = np.bincount(self.owner, minlength=len(self.cells))
+        first = np.cumsum(number) - number
+        of = ((np.flatnonzero(number == m), m) for m in np.unique(number))
+        return [(cells, first[cells][:, None] + np.arange(m)) for cells, m in of]
+
+    @cached_property
     def log_prior(self) -> np.ndarray:
         """Log prior of every cell as an unmodelled effect, (cells,): -inf for a form of a known effect."""
         kinds = np.array([cell.site.kind for cell in self.cells])
@@ -141,7 +149,8 @@ def cell_fits(state: State, pool: Pool) -> list[CellFit]:
 
 def refitted(state: State, pool: Pool, f: CellFit, start: np.ndarray | None = None) -> CellFit:
     """A cell with its gain by fits of its best set, scale by scale."""
-    nats = np.array([with_set(state, pool, f.best, s, start).log_evidence for s in SCALES]) + SCALE_PRIOR
+    wide = _with_columns(state, pool.columns[:, pool.sets[f.best]])
+    nats = np.array([_fitted(wide, state, s, start).log_evidence for s in SCALES]) + SCALE_PRIOR
     gain = float(log_sum(nats)) - state.log_evidence - np.log(np.sum(pool.owner == f.cell))
     return replace(f, gain=float(gain), scale=float(SCALES[int(np.argmax(nats))]))
 
@@ -154,22 +163,33 @@ def approximate_fits(state: State, pool: Pool) -> list[CellFit]:
             at = int(np.flatnonzero(pool.owner == i)[0])
             column, clusters = pool.columns[:, pool.sets[at][0]], cell.clusters[p.rows[p.contact]]
             bayes[at] = SCALE_PRIOR + weigh_clusters(state, column, clusters)
-    out = []
-    for i in range(len(pool.cells)):
-        own = np.flatnonzero(pool.owner == i)
-        table = bayes[own]
-        j, k = np.unravel_index(int(np.argmax(table)), table.shape)
-        gain = float(log_sum(table) - np.log(len(own)))
-        out.append(CellFit(i, gain, int(own[j]), float(SCALES[k])))
-    return out
+    gain, best = np.empty(len(pool.cells)), np.empty((2, len(pool.cells)), int)  # set and scale
+    for cells, sets in pool.by_number:
+        table = bayes[sets].reshape(len(cells), -1)  # (B, sets x scales)
+        gain[cells] = log_sum(table, axis=1) - np.log(sets.shape[1])
+        own, best[1, cells] = np.divmod(np.argmax(table, axis=1), len(SCALES))
+        best[0, cells] = np.take_along_axis(sets, own[:, None], axis=1)[:, 0]
+    return [
+        CellFit(i, g, at, float(SCALES[k]))
+        for i, (g, (at, k)) in enumerate(zip(gain.tolist(), best.T.tolist(), strict=True))
+    ]
 
 
 def with_set(state: State, pool: Pool, at: int, scale: float, start: np.ndarray | None = None) -> State:
     """A state with a set of columns of a pool added; its problem has no other columns than those it uses."""
+    return _fitted(_with_columns(state, pool.columns[:, pool.sets[at]]), state, scale, start)
+
+
+def _with_columns(state: State, columns: np.ndarray) -> Problem:
+    """The problem of a state with its own columns and further ones (R, k), and no others."""
     p = state.problem
-    own = pool.sets[at]
-    wide = replace(p, pool=np.column_stack([p.pool[:, state.columns], pool.columns[:, own]]))
-    scales = np.concatenate([state.scales, np.full(len(own), scale)])
+    return replace(p, pool=np.column_stack([p.pool[:, state.columns], columns]))
+
+
+def _fitted(wide: Problem, state: State, scale: float, start: np.ndarray | None) -> State:
+    """A state fitted again with the further columns of `wide`, all at one scale."""
+    further = wide.pool.shape[1] - len(state.columns)
+    scales = np.concatenate([state.scales, np.full(further, scale)])
     return fit_state(wide, np.arange(len(scales)), scales, start, state.robust)
 
 
