@@ -36,7 +36,6 @@ if TYPE_CHECKING:
 
     Source = Dataset | SimulatedSession | str | PathLike[str]
 
-"""Results of joint logs."""
 GAP, SETTINGS = "gap.json", "dataset.yaml"
 MOTION = ("Nm", "deg")
 """`unit` of the record of a joint log."""
@@ -288,9 +287,9 @@ def plan(
 
     if (folder := log_of(setup)) is not None:
         refuse(
-            "the plan of a joint log", contacts=contacts, model=names(model), after=after, order=order,
+            "the plan of a joint log", plan, contacts=contacts, model=names(model), after=after, order=order,
             seed=seed, levers=tuple(names(levers)), validation=validation, candidates=candidates,
-            allow_xacro=allow_xacro, **{"for": purpose},
+            allow_xacro=allow_xacro, purpose=purpose,
         )  # fmt: skip
         return plan_log(folder)
     where, open_ = _setup(setup, after, allow_xacro)
