@@ -150,8 +150,8 @@ def fit(
     others, logs = divided(dataset)
     if (folder := log_of(logs)) is not None and not others:
         refuse(
-            "the calibration from a joint log", fit, model=names(model), without=without, robust=robust,
-            prior_width=prior_width, remounted=remounted, allow_xacro=allow_xacro,
+            "the calibration from a joint log", fit, model=names(model), without=names(without),
+            robust=robust, prior_width=prior_width, remounted=remounted, allow_xacro=allow_xacro,
             latent_joints=latent_joints, tolerance_mm=tolerance_mm,
         )  # fmt: skip
         return fit_log(folder, samples, seed, progress)
@@ -226,7 +226,7 @@ def diagnose(
 
     if (folder := log_of(dataset)) is not None:
         refuse(
-            "the diagnosis of a joint log", diagnose, model=names(model), seed=seed, without=without,
+            "the diagnosis of a joint log", diagnose, model=names(model), seed=seed, without=names(without),
             robust=robust, prior_width=prior_width, remounted=remounted, allow_xacro=allow_xacro,
         )  # fmt: skip
         return diagnose_log(folder, progress)

@@ -365,7 +365,7 @@ class ComparisonResult(Printed):
         return f"<comparison on {self.data.dataset.name}: {names}>"
 
     def _repr_html_(self) -> str:
-        return f"<pre>{self}</pre>"
+        return f"<pre>{escape(str(self), quote=False)}</pre>"
 
 
 @dataclass(frozen=True, repr=False)
