@@ -293,12 +293,10 @@ class LogVerificationResult(Printed):
     def save(self, folder: str | PathLike[str]) -> tuple[str, ...]:
         """Write verify.json; return its name."""
         from bayescal.storage.files import json_text
-        from bayescal.storage.folders import whole
+        from bayescal.storage.folders import filled
         from bayescal.verifying.log_torque import record_of
 
-        with whole(Path(folder), "verify.json") as stage:
-            (stage / "verify.json").write_text(json_text(record_of(self.data)), encoding="utf-8")
-        return ("verify.json",)
+        return filled(Path(folder), {"verify.json": json_text(record_of(self.data))})
 
 
 def export_log(result: MotionFitResult | MotionGapResult, to: str) -> LogExportResult:

@@ -17,7 +17,7 @@ from bayescal.reporting.shared.origin import plain
 from bayescal.reporting.shared.sheet import Column, Sheet, screen, terminal
 from bayescal.reporting.shared.text import listed, under
 from bayescal.storage.files import json_text
-from bayescal.storage.folders import whole
+from bayescal.storage.folders import filled
 from bayescal.storage.reading import Json
 
 SCHEMA = "bayescal-plan/1"
@@ -104,8 +104,4 @@ def advice_of(plan: MotionPlan) -> list[str]:
 
 def write_plan(plan: MotionPlan, folder: Path, record: Json) -> tuple[str, ...]:
     """Write plan.json and the files of commands atomically; return their names."""
-    texts = {PLAN: json_text(record, rows=False), **files_of(plan)}
-    with whole(folder, PLAN) as stage:
-        for name, text in texts.items():
-            (stage / name).write_text(text, encoding="utf-8")
-    return tuple(texts)
+    return filled(folder, {PLAN: json_text(record, rows=False), **files_of(plan)})
