@@ -181,16 +181,19 @@ class MotionPlanResult(Result):
         return plan_summary(self.record)
 
     def save(
-        self, folder: str | PathLike[str], formats: Sequence[str] = (), **probing: Any
-    ) -> tuple[str, ...]:
+        self, folder: str | PathLike[str], formats: Sequence[str] = (), *,
+        probe_input: str = "", probe_force_n: float | None = None, probe_beyond_mm: float = 5.0,
+    ) -> tuple[str, ...]:  # fmt: skip
         """Write plan.json, next-motions.csv and next-motions.yaml; return their names.
 
         Programs, and options of probing, are of plans of contacts and are refused.
         """
-        from bayescal.public.planning import PlanResult
         from bayescal.reporting.motion.plan import write_plan
 
-        refuse("a plan of motions", PlanResult.save, to=tuple(formats), **probing)
+        refuse(
+            "a plan of motions", MotionPlanResult.save, formats=tuple(formats), probe_input=probe_input,
+            probe_force_n=probe_force_n, probe_beyond_mm=probe_beyond_mm,
+        )  # fmt: skip
         return write_plan(self._new(), Path(folder), self.record)
 
     @property
@@ -228,7 +231,7 @@ def refuse(what: str, of: Callable[..., Any], **options: Any) -> None:
             raise BayescalError(f"{what} has no {flag}", flag, "leave it out")
 
 
-RENAMED = {"purpose": "for"}
+RENAMED = {"purpose": "for", "formats": "to"}
 """Names of options of the command that differ from those of the function."""
 
 

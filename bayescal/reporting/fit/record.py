@@ -52,7 +52,7 @@ LEVEL = (
     "worst_distance_um=validation.distance_errors.maximum",
 )
 POINTS = ("points_mean_um=mean", "points_rms_um=rms")
-"""Fields of ``ladder``."""
+"""Fields of model levels."""
 CORRELATED = 0.3
 """Least absolute correlation of two parameters of the arm that is stored."""
 
