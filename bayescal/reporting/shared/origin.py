@@ -115,11 +115,11 @@ def plain(value: Any) -> Any:
         return {str(key): plain(inner) for key, inner in value.items()}
     if isinstance(value, list | tuple | np.ndarray):
         return [plain(inner) for inner in value]
-    if isinstance(value, Site | Driver):
-        return str(value)
     if isinstance(value, np.generic):
         value = value.item()
-    return None if isinstance(value, float) and not np.isfinite(value) else value
+    if isinstance(value, float):
+        return value if np.isfinite(value) else None
+    return str(value) if isinstance(value, Site | Driver) else value
 
 
 FACTORS = {"um": UM, "mm": MM, "mdeg": MDEG}
