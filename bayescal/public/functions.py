@@ -150,8 +150,8 @@ def fit(
     others, logs = divided(dataset)
     if (folder := log_of(logs)) is not None and not others:
         refuse(
-            "the calibration from a joint log", model=_stated(model), without=without, robust=robust,
-            prior_width=prior_width, remounted=remounted, allow_xacro=allow_xacro,
+            "the calibration from a joint log", fit, model=names(model), without=names(without),
+            robust=robust, prior_width=prior_width, remounted=remounted, allow_xacro=allow_xacro,
             latent_joints=latent_joints, tolerance_mm=tolerance_mm,
         )  # fmt: skip
         return fit_log(folder, samples, seed, progress)
@@ -226,8 +226,8 @@ def diagnose(
 
     if (folder := log_of(dataset)) is not None:
         refuse(
-            "the diagnosis of a joint log", model=_stated(model), seed=seed, without=without, robust=robust,
-            prior_width=prior_width, remounted=remounted, allow_xacro=allow_xacro,
+            "the diagnosis of a joint log", diagnose, model=names(model), seed=seed, without=names(without),
+            robust=robust, prior_width=prior_width, remounted=remounted, allow_xacro=allow_xacro,
         )  # fmt: skip
         return diagnose_log(folder, progress)
     # the sessions share a noise scale, so that their residuals are comparable
@@ -354,11 +354,6 @@ def compare(
 
     session = session_of(dataset, allow_xacro=allow_xacro)
     return ComparisonResult(run(session, names(model), seed, progress=progress))
-
-
-def _stated(model: Sequence[str] | str) -> tuple[str, ...]:
-    """The model that a call states, () of the default one."""
-    return () if names(model) == MODEL else names(model)
 
 
 def session_of(

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from inspect import signature
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from bayescal.errors import BayescalError
-from bayescal.public.results import Printed, Result, table
+from bayescal.public.results import Diagnosis, Draws, Printed, Result, table
 from bayescal.storage.reading import Json
 from bayescal.storage.stopping import Progress, silent
 
@@ -20,15 +21,20 @@ if TYPE_CHECKING:
     from bayescal.exporting.log_arm import LogExport
     from bayescal.motion.calibrate import MotionFit
     from bayescal.motion.result import MotionGap
+    from bayescal.posterior.inference import Record
     from bayescal.preparing.next_motions import MotionPlan
     from bayescal.verifying.log_torque import LogVerification
 
 
 @dataclass(frozen=True, repr=False)
-class MotionGapResult(Result):
-    """The diagnosis of a joint log; `print` shows its summary. `record` is the content of gap.json."""
+class MotionGapResult(Diagnosis):
+    """The diagnosis of a joint log; `print` shows its summary. `record` is the content of gap.json.
+
+    `effects` has the largest first; `amplitudes` has `relevant` too: whether the withheld error changes.
+    """
 
     data: MotionGap | None = None
+    _OF: ClassVar[str] = "the log "
     plan: MotionPlan | None = None  # of the motions that are to be logged next
 
     def _contents(self) -> Json:
@@ -59,16 +65,6 @@ class MotionGapResult(Result):
         return write_motion(self._new(), Path(folder), self.record, further)
 
     @property
-    def verdict(self) -> str:
-        """null, named, named+unexplained, class, unknown or ambiguous."""
-        return str(self.record["verdict"])
-
-    @property
-    def effects(self) -> tuple[str, ...]:
-        """Named effects, the largest first."""
-        return tuple(self.record["effects"])
-
-    @property
     def probability(self) -> dict[str, float]:
         """Probability of each effect, of noise only (`null`) and of a cause outside the list (`unknown`)."""
         return dict(self.record["probability"])
@@ -79,16 +75,6 @@ class MotionGapResult(Result):
         return False
 
     @property
-    def amplitudes(self) -> DataFrame:
-        """Named effects: `value`, `u` (standard uncertainty), `unit`, whether `relevant`."""
-        return table(self.record["amplitudes"])
-
-    @property
-    def where(self) -> DataFrame:
-        """Places of the error, the largest first."""
-        return table(self.record["where"])
-
-    @property
     def shrinkage(self) -> DataFrame:
         """RMS of the residuals of withheld motions, N m or (servos without torques) deg, joint by joint."""
         from bayescal.reporting.motion.sheets import shrinkage_of
@@ -97,13 +83,9 @@ class MotionGapResult(Result):
 
     _overview = shrinkage
 
-    def __repr__(self) -> str:
-        names = ", ".join(self.effects or self.record["credible_set90"])
-        return f"<diagnosis of the log {self.record['dataset']['name']}: {self.verdict}; {names}>"
-
 
 @dataclass(frozen=True, repr=False)
-class MotionFitResult(Result):
+class MotionFitResult(Draws):
     """A calibration from a joint log; `print` shows its summary. `record` is the content of fit.json."""
 
     data: MotionFit | None = None
@@ -125,15 +107,10 @@ class MotionFitResult(Result):
 
         return write_fit(self._new(), Path(folder), self.record)
 
-    def inference_data(self) -> Any:
-        """The content of posterior.nc for ArviZ: InferenceData (ArviZ 0.x) or DataTree (1.x)."""
-        from bayescal.posterior.inference import inference_data
-        from bayescal.posterior.inference import load as read
+    def _posterior(self) -> Record:
         from bayescal.reporting.motion.fit import draws_of
 
-        if self.data is None:
-            return read(self._file("posterior.nc", "repeat the fit"))
-        return inference_data(draws_of(self.data))
+        return draws_of(self._new())
 
     @property
     def parameters(self) -> DataFrame:
@@ -204,15 +181,19 @@ class MotionPlanResult(Result):
         return plan_summary(self.record)
 
     def save(
-        self, folder: str | PathLike[str], formats: Sequence[str] = (), **probing: Any
-    ) -> tuple[str, ...]:
+        self, folder: str | PathLike[str], formats: Sequence[str] = (), *,
+        probe_input: str = "", probe_force_n: float | None = None, probe_beyond_mm: float = 5.0,
+    ) -> tuple[str, ...]:  # fmt: skip
         """Write plan.json, next-motions.csv and next-motions.yaml; return their names.
 
         Programs, and options of probing, are of plans of contacts and are refused.
         """
         from bayescal.reporting.motion.plan import write_plan
 
-        refuse("a plan of motions", to=tuple(formats), **probing)
+        refuse(
+            "a plan of motions", MotionPlanResult.save, formats=tuple(formats), probe_input=probe_input,
+            probe_force_n=probe_force_n, probe_beyond_mm=probe_beyond_mm,
+        )  # fmt: skip
         return write_plan(self._new(), Path(folder), self.record)
 
     @property
@@ -242,38 +223,16 @@ def fit_log(folder: Path, samples: int, seed: int, progress: Progress = silent) 
     return MotionFitResult(calibrate(read_log(folder), samples, seed, progress))
 
 
-LOGLESS = {
-    "model": (),
-    "seed": 0,
-    "latent_joints": False,
-    "tolerance_mm": None,
-    "without": (),
-    "robust": True,
-    "prior_width": 1.0,
-    "remounted": False,
-    "allow_xacro": False,
-    "contacts": None,
-    "for": "both",
-    "after": None,
-    "levers": ("payload", "approach"),
-    "order": "sweeps",
-    "validation": True,
-    "candidates": 5000,
-    "to": (),
-    "probe_input": "",
-    "probe_force_n": None,
-    "probe_beyond_mm": 5.0,
-}
-"""Options of `fit`, `diagnose` and `plan` that a joint log does not have, with their defaults."""
-
-
-def refuse(what: str, **options: Any) -> None:
-    """Refuse options that a joint log does not have."""
+def refuse(what: str, of: Callable[..., Any], **options: Any) -> None:
+    """Refuse options that a joint log does not have, unless they are the defaults of the function `of`."""
     for name, given in options.items():
-        default = LOGLESS[name]
-        if given not in (default, ""):
-            flag = f"--{name.replace('_', '-')}"
+        if given not in (signature(of).parameters[name].default, ""):
+            flag = f"--{RENAMED.get(name, name).replace('_', '-')}"
             raise BayescalError(f"{what} has no {flag}", flag, "leave it out")
+
+
+RENAMED = {"purpose": "for", "formats": "to"}
+"""Names of options of the command that differ from those of the function."""
 
 
 def fitted_log(run: Any) -> MotionFitResult | MotionGapResult | None:
@@ -337,12 +296,10 @@ class LogVerificationResult(Printed):
     def save(self, folder: str | PathLike[str]) -> tuple[str, ...]:
         """Write verify.json; return its name."""
         from bayescal.storage.files import json_text
-        from bayescal.storage.folders import whole
+        from bayescal.storage.folders import filled
         from bayescal.verifying.log_torque import record_of
 
-        with whole(Path(folder), "verify.json") as stage:
-            (stage / "verify.json").write_text(json_text(record_of(self.data)), encoding="utf-8")
-        return ("verify.json",)
+        return filled(Path(folder), {"verify.json": json_text(record_of(self.data))})
 
 
 def export_log(result: MotionFitResult | MotionGapResult, to: str) -> LogExportResult:

@@ -36,18 +36,12 @@ if TYPE_CHECKING:
 
     Source = Dataset | SimulatedSession | str | PathLike[str]
 
-"""Results of joint logs."""
 GAP, SETTINGS = "gap.json", "dataset.yaml"
+"""Files by which a path of `after` is known."""
 MOTION = ("Nm", "deg")
 """`unit` of the record of a joint log."""
 TOGETHER = "together"
 """In its place, of a session and a log that were fitted together."""
-MOTIONS: dict[str, type[MotionFitResult] | type[MotionGapResult] | type[MotionPlanResult]] = {
-    "fit.json": MotionFitResult,
-    "gap.json": MotionGapResult,
-    "plan.json": MotionPlanResult,
-}
-"""Files by which a path of `after` is known."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -159,19 +153,18 @@ class PlanResult(Result):
         return f"<plan of {self.record['dataset']['name']}: {self.record['contacts']} contacts{size}>"
 
 
-RECORDS: dict[str, tuple[str, type[FitResult] | type[GapResult] | type[PlanResult]]] = {
-    "fit.json": ("bayescal-fit/1", FitResult),
-    "gap.json": ("bayescal-gap/1", GapResult),
-    "plan.json": ("bayescal-plan/1", PlanResult),
-}
-"""Schema and class of a result by the file that identifies its run folder."""
-
-
-def load(
-    run: str | PathLike[str],
-) -> (
+Loaded = (
     FitResult | GapResult | PlanResult | MotionFitResult | MotionGapResult | MotionPlanResult | TogetherResult
-):
+)
+RECORDS: dict[str, tuple[str, type[Loaded], type[Loaded]]] = {
+    "fit.json": ("bayescal-fit/1", FitResult, MotionFitResult),
+    "gap.json": ("bayescal-gap/1", GapResult, MotionGapResult),
+    "plan.json": ("bayescal-plan/1", PlanResult, MotionPlanResult),
+}
+"""Schema, and class of a result of contacts and of a log, by the file that identifies its run folder."""
+
+
+def load(run: str | PathLike[str]) -> Loaded:
     """Read a run folder of `fit`, `diagnose` or `plan` back.
 
     Parameters
@@ -201,14 +194,11 @@ def load(
     300.0
     """
     folder = Path(run)
-    for name, (schema, kind) in RECORDS.items():
+    for name, (schema, of_contacts, of_log) in RECORDS.items():
         if (folder / name).is_file():
             content = read_record(folder / name, schema, "repeat the command with this version")
-            if content.get("unit") == TOGETHER:
-                return TogetherResult(folder=folder, content=content)
-            if content.get("unit") in MOTION:
-                return MOTIONS[name](folder=folder, content=content)
-            return kind(folder=folder, content=content)
+            kinds: dict[Any, type[Loaded]] = dict.fromkeys(MOTION, of_log) | {TOGETHER: TogetherResult}
+            return kinds.get(content.get("unit"), of_contacts)(folder=folder, content=content)
     remedy = "give a run folder of bayescal fit, gap or plan"
     raise BayescalError(f"there is no {' or '.join(RECORDS)}", str(folder), remedy)
 
@@ -288,9 +278,9 @@ def plan(
 
     if (folder := log_of(setup)) is not None:
         refuse(
-            "the plan of a joint log", contacts=contacts, model=names(model), after=after, order=order,
+            "the plan of a joint log", plan, contacts=contacts, model=names(model), after=after, order=order,
             seed=seed, levers=tuple(names(levers)), validation=validation, candidates=candidates,
-            allow_xacro=allow_xacro, **{"for": purpose},
+            allow_xacro=allow_xacro, purpose=purpose,
         )  # fmt: skip
         return plan_log(folder)
     where, open_ = _setup(setup, after, allow_xacro)

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from bayescal.dataset import Dataset
     from bayescal.gap.result import Gap
     from bayescal.methods import Comparison
+    from bayescal.posterior.inference import Record
     from bayescal.simulation.record import Simulated
 
 WIDTH = 100
@@ -139,8 +140,23 @@ def table(entries: Iterable[Json], index: str = "", columns: str = "") -> DataFr
     return out.set_index(index) if index else out
 
 
+class Draws(Result):
+    """A result with posterior draws."""
+
+    def _posterior(self) -> Record:
+        raise NotImplementedError
+
+    def inference_data(self) -> Any:
+        """The content of posterior.nc for ArviZ: InferenceData (ArviZ 0.x) or DataTree (1.x)."""
+        from bayescal.posterior.inference import inference_data, load
+
+        if self.data is None:
+            return load(self._file("posterior.nc", "repeat the fit"))
+        return inference_data(self._posterior())
+
+
 @dataclass(frozen=True, repr=False)
-class FitResult(Result, Positioned):
+class FitResult(Draws, Positioned):
     """A calibration; `print` shows its summary. `record` is the content of fit.json."""
 
     data: Fit | None = None
@@ -170,15 +186,10 @@ class FitResult(Result, Positioned):
 
         return write_fit(self._new(), Path(folder), self.record, pictures)
 
-    def inference_data(self) -> Any:
-        """The content of posterior.nc for ArviZ: InferenceData (ArviZ 0.x) or DataTree (1.x)."""
-        from bayescal.posterior.inference import inference_data
-        from bayescal.posterior.inference import load as read
+    def _posterior(self) -> Record:
         from bayescal.reporting.fit.posterior import fit_draws
 
-        if self.data is None:
-            return read(self._file("posterior.nc", "repeat the fit"))
-        return inference_data(fit_draws(self.data))
+        return fit_draws(self._new())
 
     def draws(self, names: Sequence[str]) -> dict[str, np.ndarray]:
         """Draws (chains, draws) of parameters in the units of the record."""
@@ -241,8 +252,39 @@ def _ends(suffix: str, interval: Sequence[float]) -> Json:
     return {f"low{suffix}": interval[0], f"high{suffix}": interval[1]}
 
 
+class Diagnosis(Result):
+    """The diagnosis of a session of contacts or of a joint log."""
+
+    _OF: ClassVar[str] = ""
+    """What is diagnosed, before its name."""
+
+    @property
+    def verdict(self) -> str:
+        """The kind of verdict: null, named, named+unexplained, class, unknown or ambiguous."""
+        return str(self.record["verdict"])
+
+    @property
+    def effects(self) -> tuple[str, ...]:
+        """Names of the effects in the verdict."""
+        return tuple(self.record["effects"])
+
+    @property
+    def amplitudes(self) -> DataFrame:
+        """Named effects, site by site: `what`, `value`, `u` (standard uncertainty) and `unit`; see gap.md."""
+        return table(self.record.get("amplitudes", ()))
+
+    @property
+    def where(self) -> DataFrame:
+        """Locations of the error, largest first: site, driver, RMS, share of the excess, p-values."""
+        return table(self.record["where"])
+
+    def __repr__(self) -> str:
+        names = ", ".join(self.effects or self.record["credible_set90"])
+        return f"<diagnosis of {self._OF}{self.record['dataset']['name']}: {self.verdict}; {names}>"
+
+
 @dataclass(frozen=True, repr=False)
-class GapResult(Result, Positioned):
+class GapResult(Diagnosis, Positioned):
     """A diagnosis; `print` shows its summary. `record` is the content of gap.json."""
 
     data: Gap | None = None
@@ -270,16 +312,6 @@ class GapResult(Result, Positioned):
         return write_gap(self._new(), Path(folder), self.record, pictures)
 
     @property
-    def verdict(self) -> str:
-        """The kind of verdict: null, named, named+unexplained, class, unknown or ambiguous."""
-        return str(self.record["verdict"])
-
-    @property
-    def effects(self) -> tuple[str, ...]:
-        """Names of the effects in the verdict."""
-        return tuple(self.record["effects"])
-
-    @property
     def probability(self) -> DataFrame:
         """Probability of every effect, of the noise-only model ('null') and of an unmodelled effect."""
         ranked = sorted(self.record["probability"].items(), key=lambda item: -(item[1] or 0.0))
@@ -295,26 +327,12 @@ class GapResult(Result, Positioned):
         return open_ and self.record.get("plannable", True)
 
     @property
-    def amplitudes(self) -> DataFrame:
-        """Named effects, site by site: `what`, `value`, `u` (standard uncertainty) and `unit`; see gap.md."""
-        return table(self.record.get("amplitudes", ()))
-
-    @property
-    def where(self) -> DataFrame:
-        """Locations of the error, largest first: site, driver, `rms_um`, share of the excess, p-values."""
-        return table(self.record["where"])
-
-    @property
     def shrinkage(self) -> DataFrame:
         """Validation errors without and with the named effects in the model, in µm."""
         from pandas import DataFrame
 
         rows = {what: row for what, row in self.record["shrinkage"].items() if row}
         return DataFrame.from_dict(rows, orient="index")
-
-    def __repr__(self) -> str:
-        names = ", ".join(self.effects or self.record["credible_set90"])
-        return f"<diagnosis of {self.record['dataset']['name']}: {self.verdict}; {names}>"
 
 
 @dataclass(frozen=True, repr=False)
@@ -347,7 +365,7 @@ class ComparisonResult(Printed):
         return f"<comparison on {self.data.dataset.name}: {names}>"
 
     def _repr_html_(self) -> str:
-        return f"<pre>{self}</pre>"
+        return f"<pre>{escape(str(self), quote=False)}</pre>"
 
 
 @dataclass(frozen=True, repr=False)

@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
 
-from rich.console import Group, RenderableType
+from rich.console import RenderableType
 from rich.text import Text as Words
 
 from bayescal import __version__
@@ -16,10 +16,9 @@ from bayescal.reporting.changed_record import SMALL, detectable_kinds, named, si
 from bayescal.reporting.page.render import page
 from bayescal.reporting.page.section import FirstScreen, Section, Text, blocks, texts
 from bayescal.reporting.shared.origin import filed
-from bayescal.reporting.shared.sheet import Column, Sheet, csv_text, terminal
+from bayescal.reporting.shared.sheet import Column, Sheet, below, csv_text, screen
 from bayescal.reporting.shared.text import (
     Facts,
-    facts,
     length,
     listed,
     model_label,
@@ -148,13 +147,11 @@ def changed_summary(record: Json) -> RenderableType:
     title = Words.assemble(
         (" -> ".join(record["sessions"]), "bold"), f"  {record['robot']}  {model_label(record['model'])}"
     )
-    parts: list[RenderableType] = [title, "", Words(first, STYLES[record["verdict"]])]
-    parts += [Words(line) for line in others]
-    for sheet in (items_sheet(record), poses_sheet(record)):
-        if sheet.items:
-            parts += ["", terminal(sheet)]
-    parts += ["", facts([*_basis(record), *under("warning", record["warnings"], "yellow")])]
-    return Group(*parts)
+    basis = [*_basis(record), *under("warning", record["warnings"], "yellow")]
+    return screen(
+        *(title, "", Words(first, STYLES[record["verdict"]]), *map(Words, others)),
+        *(*below(items_sheet(record)), *below(poses_sheet(record)), "", basis),
+    )
 
 
 def _first(record: Json) -> Section:

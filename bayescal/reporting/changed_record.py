@@ -21,6 +21,9 @@ MOST = 6
 """Items that a sentence lists."""
 COVERAGE = 2.0
 """k of the expanded uncertainties."""
+ITEM = ("item=item.name", "effect=item.effect", "parameter=parameter.name", "site=item.site")
+POSE = ("dx_um", "dy_um", "dz_um", "length_um", "U_um")
+"""Fields of entries."""
 
 
 def changed_record(result: Changed) -> Json:
@@ -28,21 +31,19 @@ def changed_record(result: Changed) -> Json:
     d = result.distances
     record: dict[str, Any] = {
         **origin(SCHEMA, result.dataset, 0, LIBRARIES),
-        "model": list(result.effects),
-        "robot": result.dataset.robot.name,
+        **entry(result, "model=effects", "robot=dataset.robot.name"),
         "sessions": [s.name for s in result.sessions],
         "folders": [str(s.folder) for s in result.sessions],
-        "verdict": result.verdict,
-        "arm": result.arm,
-        "probability": {"same": result.same, "arm_same": result.arm_same},
+        **entry(result, "verdict", "arm"),
+        "probability": entry(result, "same", "arm_same"),
         "items": [_item(x) for x in result.differences],
         "detectable": [_detectable(x) for x in result.detectable],
         "distances": d and entry(d, "rms_um", "u_rms_um", "largest_um", "u_largest_um"),
         "poses": [_pose(x) for x in result.shifts],
-        "noise_factor": list(result.noise),
+        "noise_factor": result.noise,
         "model_errors": [{"effect": name, "variance_over_prior": x} for name, x in result.errors],
         "targets_compared": sorted(result.compared),
-        "warnings": list(result.warnings),
+        "warnings": result.warnings,
     }
     record["words"] = words(record)
     return {key: plain(value) for key, value in record.items()}
@@ -50,50 +51,26 @@ def changed_record(result: Changed) -> Json:
 
 def _item(x: Difference) -> dict[str, Any]:
     unit, factor = UNITS[x.parameter.unit]
-    before, after = (None if v is None else factor * v for v in (x.before, x.after))
-    return {
-        "item": x.item.name,
-        "effect": x.item.effect,
-        "parameter": x.parameter.name,
-        "site": str(x.item.site),
-        "kind": x.item.kind,
-        "unit": unit,
-        "sessions": list(x.sessions),
-        "before": before,
-        "after": after,
-        "difference": factor * x.difference,
-        "u": factor * x.u,
-        "U": COVERAGE * factor * x.u,
-        "k": COVERAGE,
-        "probability": x.probability,
-        "class": list(x.group),
-        "stated": x.stated,
-    }
+    return (
+        entry(x, *ITEM, "kind=item.kind")
+        | {"unit": unit}
+        | entry(x, "sessions")
+        | entry(x, "before", "after", "difference", "u", unit=x.parameter.unit)
+        | {"U": COVERAGE * factor * x.u, "k": COVERAGE}
+        | entry(x, "probability", "class=group", "stated")
+    )
 
 
 def _detectable(x: Detectable) -> dict[str, Any]:
-    unit, factor = UNITS[x.parameter.unit]
-    return {
-        "item": x.item.name,
-        "effect": x.item.effect,
-        "parameter": x.parameter.name,
-        "site": str(x.item.site),
-        "unit": unit,
-        "value": None if x.value is None else factor * x.value,
-        "tcp_um": None if x.tcp is None else UM * x.tcp,
-    }
+    sizes = entry(x, "value", "tcp_um", unit=x.parameter.unit)
+    return entry(x, *ITEM) | {"unit": UNITS[x.parameter.unit][0]} | sizes
 
 
 def _pose(x: Shift) -> dict[str, Any]:
-    none = x.shift is None
-    shift = [None] * 3 if x.shift is None else (UM * x.shift).tolist()
-    return {
-        "target": x.where,
-        **dict(zip(("dx_um", "dy_um", "dz_um"), shift, strict=True)),
-        "length_um": None if none else UM * x.size,
-        "U_um": None if none else COVERAGE * UM * x.u,
-        "reason": x.reason,
-    }
+    sizes: Sequence[float | None] = [None] * len(POSE)
+    if x.shift is not None:
+        sizes = [*(UM * x.shift).tolist(), UM * x.size, COVERAGE * UM * x.u]
+    return {"target": x.where, **dict(zip(POSE, sizes, strict=True)), "reason": x.reason}
 
 
 def named(item: Json) -> str:

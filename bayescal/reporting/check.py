@@ -7,13 +7,13 @@ from itertools import groupby
 from operator import itemgetter
 from typing import Any
 
-from rich.console import Group, RenderableType
+from rich.console import RenderableType
 
 from bayescal.preparing.check import Check, check_record
 from bayescal.preparing.joint_log import LogCheck, log_record
 from bayescal.preparing.missing import KINDS, Finding
-from bayescal.reporting.shared.sheet import Column, Sheet, terminal
-from bayescal.reporting.shared.text import MISSING, Facts, by_reason, facts, with_u
+from bayescal.reporting.shared.sheet import Column, Sheet, screen
+from bayescal.reporting.shared.text import MISSING, Facts, by_reason, with_u
 from bayescal.storage.reading import Json
 
 TITLES = {"refused": "refused by fit", "odd": "odd", "missing": "missing"}
@@ -27,9 +27,9 @@ def check_summary(of: Check | LogCheck) -> RenderableType:
     if isinstance(of, LogCheck):
         record = log_record(of)
         head = f"{record['dataset']}  {record['robot']['name']}"
-        return Group(head, facts(_grouped(_log_lines(of, record))), "", terminal(joint_sheet(record)))
+        return screen(head, _grouped(_log_lines(of, record)), "", joint_sheet(record))
     record = check_record(of)
-    return Group(f"{record['dataset']}  {record['robot']['name']}", facts(_grouped(_lines(of, record))))
+    return screen(f"{record['dataset']}  {record['robot']['name']}", _grouped(_lines(of, record)))
 
 
 def _lines(of: Check, record: dict[str, Any]) -> Facts:

@@ -8,14 +8,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.console import Group, RenderableType
+from rich.console import RenderableType
 from rich.text import Text
 
 from bayescal.effects import UNITS
 from bayescal.methods import Comparison, Result, Row, Solution
 from bayescal.reporting.shared.origin import entry, origin, plain
-from bayescal.reporting.shared.sheet import Column, Sheet, terminal
-from bayescal.reporting.shared.text import UM, facts, model_label, um
+from bayescal.reporting.shared.sheet import Column, Sheet, below, screen
+from bayescal.reporting.shared.text import UM, model_label, um
 from bayescal.storage.files import json_text
 from bayescal.storage.folders import filled
 
@@ -54,13 +54,10 @@ def comparison_summary(comparison: Comparison) -> RenderableType:
         Column("parameters", _of_result(attrgetter("solution.free"))),
         Column("seconds", _of_result(attrgetter("seconds")), "{:.2f}".format),
     )
-    table = terminal(Sheet(columns, comparison.rows, LOCATED, style=_style))
     notes = [(row.method.name, row.why, "dim") for row in comparison.rows if row.result is None]
     held = [(row.method.name, text, "dim") for row in comparison.rows if (text := _held(row))]
-    parts: list[RenderableType] = [title, table]
-    parts += ["", facts(notes)] if notes else []
-    parts += ["", facts(held)] if held else []
-    return Group(*parts)
+    table = Sheet(columns, comparison.rows, LOCATED, style=_style)
+    return screen(title, table, *below(notes or None), *below(held or None))
 
 
 def _of_result(value: Callable[[Result], Any]) -> Callable[[Row], Any]:
@@ -90,16 +87,13 @@ def comparison_record(comparison: Comparison) -> dict[str, Any]:
 
 def _method(row: Row) -> dict[str, Any]:
     method = entry(row.method, "name", "source", "idea")
-    if row.result is None:
+    if (r := row.result) is None:
         return {**method, "applies": False, "why": row.why}
-    r, solution = row.result, row.result.solution
     return {
         **method,
         "applies": True,
-        "seconds": r.seconds,
-        "parameter_count": solution.free,
-        "held": list(solution.held),
-        "condition": plain(solution.condition),
+        **entry(r, "seconds", "parameter_count=solution.free", "held=solution.held"),
+        **entry(r, "condition=solution.condition"),
         "heldout": {
             "plane_contacts": len(r.validation.contacts.values),
             "distances": len(r.validation.distances),
@@ -107,17 +101,18 @@ def _method(row: Row) -> dict[str, Any]:
             **{key: plain(UM * value(r)) for key, (_, value) in COLUMNS.items()},
         },
         "distances": [entry(d, "between", "certified_mm", "error_um") for d in r.validation.distances],
-        "parameters": _parameters(solution),
+        "parameters": _parameters(r.solution),
     }
 
 
 def _parameters(solution: Solution) -> list[dict[str, Any]]:
-    out = []
-    for p, deviation in zip(solution.model.parameters, solution.values, strict=True):
-        unit, factor = UNITS[p.unit]
-        nominal, value = p.nominal * factor, (p.nominal + float(deviation)) * factor
-        out.append({"name": p.name, "unit": unit, "nominal": nominal, "estimate": value})
-    return out
+    values = zip(solution.model.parameters, solution.values, strict=True)
+    return [
+        {"name": p.name, "unit": unit, "nominal": p.nominal * factor}
+        | {"estimate": (p.nominal + float(deviation)) * factor}
+        for p, deviation in values
+        for unit, factor in (UNITS[p.unit],)
+    ]
 
 
 def write_comparison(comparison: Comparison, folder: Path) -> tuple[str, ...]:

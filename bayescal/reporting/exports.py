@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from rich.console import Group, RenderableType
+from rich.console import RenderableType
 from rich.text import Text
 
 from bayescal import __version__
@@ -17,7 +17,7 @@ from bayescal.effects.tool import TOOL
 from bayescal.exporting.export import Exported
 from bayescal.fitted.arm import FittedArm
 from bayescal.reporting.shared.origin import plain
-from bayescal.reporting.shared.sheet import Column, Sheet, terminal
+from bayescal.reporting.shared.sheet import Column, Sheet, screen
 from bayescal.reporting.shared.text import MM, facts, model_label, um, um2, under
 from bayescal.verifying.gap import Gap
 from bayescal.verifying.result import Verification
@@ -48,7 +48,7 @@ def compensation_summary(arm: FittedArm, done: Compensation) -> RenderableType:
     lacking = [f"{target.where}: {result.reason}" for target, result in each if result.reason]
     rows += [("note", note, "yellow") for note in arm.use.notes if note not in arm.use.warnings]
     rows += [*under("no solution", _some(lacking), "red"), *under("kept", _some(done.notes), "yellow")]
-    return Group(facts(rows))
+    return facts(rows)
 
 
 def _some(texts: Sequence[str]) -> Sequence[str]:
@@ -71,17 +71,14 @@ def export_summary(export: Exported) -> RenderableType:
     ]
     if any(m.why.startswith("changes") for m in export.missing):
         rows.append(("state", f"that of row {m.ids[export.options.state]}{time}", ""))
-    parts: list[RenderableType] = [facts(rows)]
-    if export.missing:
-        sizes = [(missing.effect, missing) for missing in export.missing] + [("all of these", export.total)]
-        parts += ["", terminal(Sheet(MISSING_EFFECTS, sizes)), ""]
-        parts.append(facts([(missing.effect, missing.why, "dim") for missing in export.missing]))
-        parts.append(facts(_alternative(export)))
+    sizes = [(missing.effect, missing) for missing in export.missing]
+    if not sizes:
+        parts: tuple[Any, ...] = (Text("the file holds the complete model of the arm", "green"),)
     else:
-        parts.append(Text("the file holds the complete model of the arm", "green"))
-    if export.notes:
-        parts.append(facts([("note", note, "yellow") for note in export.notes]))
-    return Group(*parts)
+        table = Sheet(MISSING_EFFECTS, [*sizes, ("all of these", export.total)])
+        why = [(missing.effect, missing.why, "dim") for missing in export.missing]
+        parts = ("", table, "", why, _alternative(export))
+    return screen(rows, *parts, [("note", note, "yellow") for note in export.notes])
 
 
 MISSING_EFFECTS = (
@@ -146,9 +143,8 @@ def _measured(gap: Gap) -> dict[str, dict[str, Any]]:
 def report(v: Verification) -> RenderableType:
     """The verification in a few lines."""
     title = f"{v.path.name} in {v.software}, {len(v.levels[-1].differences)} poses of {v.arm.dataset.name}"
-    parts: list[RenderableType] = [Text(title, style="bold"), terminal(Sheet(LEVELS, v.levels))]
     if v.gap is None:
-        parts.append(Text("The session has no validation measurements: no gap is measured."))
+        measured: Any = Text("The session has no validation measurements: no gap is measured.")
     else:
         headings = (f"before ({v.gap.before_is})", "after", "run: before", "run: after")
         columns = (
@@ -156,20 +152,16 @@ def report(v: Verification) -> RenderableType:
             Column("count", "count"),
             *(Column(heading, key, "{:.3g}".format) for heading, key in zip(headings, MEASURED, strict=True)),
         )
-        items = [{"kind": kind, **errors} for kind, errors in _measured(v.gap).items()]
-        parts.append(terminal(Sheet(columns, items)))
-    if v.missing:
-        sizes = ", ".join(f"{name} ({um(size)} µm RMS)" for name, size in v.missing.items())
-        parts.append(Text(f"not in the file, and part of the gap after: {sizes}"))
-    parts += [Text(remark, style="yellow") for remark in v.arm.use.remarks]
-    worst = next((level for level in v.levels if not level.passed), None)
-    if worst is None:
-        condition = " without these effects" if v.missing else ""
-        parts.append(Text(f"passed: the simulator has the fitted arm{condition}"))
-    else:
+        measured = Sheet(columns, [{"kind": kind, **errors} for kind, errors in _measured(v.gap).items()])
+    sizes = ", ".join(f"{name} ({um(size)} µm RMS)" for name, size in v.missing.items())
+    lacking = Text(f"not in the file, and part of the gap after: {sizes}") if sizes else None
+    remarks = [Text(remark, style="yellow") for remark in v.arm.use.remarks]
+    condition = " without these effects" if v.missing else ""
+    verdict = Text(f"passed: the simulator has the fitted arm{condition}")
+    if worst := next((level for level in v.levels if not level.passed), None):
         what = f"FAILED: {worst.name} differs by up to {1e6 * worst.maximum:.3g} µm"
-        parts.append(Text(f"{what} (limit {1e6 * worst.limit:.3g} µm, RMS 1 µm)", style="red"))
-    return Group(*parts)
+        verdict = Text(f"{what} (limit {1e6 * worst.limit:.3g} µm, RMS 1 µm)", style="red")
+    return screen(Text(title, style="bold"), Sheet(LEVELS, v.levels), measured, lacking, *remarks, verdict)
 
 
 LEVELS = (

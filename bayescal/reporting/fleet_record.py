@@ -8,7 +8,7 @@ from typing import Any
 
 from bayescal.effects import UNITS
 from bayescal.fleets.compare import Difference, Model, priors
-from bayescal.reporting.shared.origin import plain, software
+from bayescal.reporting.shared.origin import entry, plain, software
 from bayescal.storage.reading import Json, read_record
 
 FLEET, SCHEMA = "fleet.json", "bayescal-fleet/1"
@@ -17,6 +17,10 @@ REPEAT = "remove the folder, and repeat bayescal fleet"
 PAGES = {"fit": "report.html", "gap": "gap.html"}
 """Page of each run folder of a session."""
 UNKNOWN = "unknown"
+LEARNT = ("stated_sd=parameter.sd", "deviation=mean", "u_deviation=u_mean", "usual_sd=usual", "sd")
+"""Fields of a parameter of ``models``."""
+SIZE = ("what", "value", "u", "unit")
+"""Keys of an amplitude."""
 
 
 def session_entry(name: str, path: Path, below: str, status: str, error: str) -> dict[str, Any]:
@@ -28,13 +32,13 @@ def session_entry(name: str, path: Path, below: str, status: str, error: str) ->
     }  # fmt: skip
 
 
-def with_fit(entry: Json, folder: Path) -> dict[str, Any]:
+def with_fit(session: Json, folder: Path) -> dict[str, Any]:
     """The session with what fit.json states."""
     record = read_record(folder / "fit.json", "bayescal-fit/1", REPEAT)
     expected = record["predicted_distance"]
     keys = ("over", "count", "predicted_rms_um", "expanded_U_um", "measured_rms_um")
     return {
-        **entry,
+        **session,
         "name": record["dataset"]["name"],
         "sha256": record["dataset"]["sha256"],
         "robot": record["arm"]["robot"],
@@ -45,34 +49,31 @@ def with_fit(entry: Json, folder: Path) -> dict[str, Any]:
     }
 
 
-def with_gap(entry: Json, folder: Path) -> dict[str, Any]:
+def with_gap(session: Json, folder: Path) -> dict[str, Any]:
     """The session with what gap.json states: an entry of ``effects`` for each named effect and site."""
     record = read_record(folder / "gap.json", "bayescal-gap/1", REPEAT)
     sizes = {(a["effect"], a["site"]): a for a in record["amplitudes"]}
     named = []
     for one in record["named"]:
         for site in one["sites"]:
-            own = sizes.get((one["effect"], site), {})
-            size = {key: own.get(key) for key in ("what", "value", "u", "unit")}
-            named.append({"effect": one["effect"], "site": site, "probability": one["probability"], **size})
+            named.append(
+                _named(one["effect"], site, one["probability"], sizes.get((one["effect"], site), {}))
+            )
     if not named and record["verdict"] in (UNKNOWN, "class"):
         members = (record["class"] or {}).get("members") or [UNKNOWN]
-        site, p = (record["class"] or {}).get("site") or "", record["probability"].get(UNKNOWN)
-        lack = dict.fromkeys(("what", "value", "u", "unit"))
-        named.append(
-            {
-                "effect": " or ".join(members),
-                "site": site,
-                "probability": p if list(members) == [UNKNOWN] else None,
-                **lack,
-            }
-        )
+        p = record["probability"].get(UNKNOWN) if list(members) == [UNKNOWN] else None
+        named.append(_named(" or ".join(members), (record["class"] or {}).get("site") or "", p, {}))
     return {
-        **entry,
+        **session,
         "gap": {"verdict": record["verdict"], "words": record["words"]},
         "effects": named,
         "probability": record["probability"],
     }
+
+
+def _named(effect: str, site: str, probability: float | None, size: Json) -> Json:
+    stated = {key: size.get(key) for key in SIZE}
+    return {"effect": effect, "site": site, "probability": probability, **stated}
 
 
 def fleet_record(
@@ -122,9 +123,9 @@ def _order(arm: Json) -> tuple[Any, ...]:
 
 
 def _difference(d: Difference) -> dict[str, Any]:
-    unit, factor = UNITS[d.parameter.unit]
-    found = {"parameter": d.parameter.name, "unit": unit, "value": d.value * factor, "u": d.u * factor}
-    return {**found, "p_value": d.p, "p_all": d.p_all, "stated": d.stated, "since": d.since or None}
+    found = {"parameter": d.parameter.name, "unit": UNITS[d.parameter.unit][0]}
+    found |= entry(d, "value", "u", unit=d.parameter.unit) | entry(d, "p_value=p", "p_all", "stated")
+    return found | {"since": d.since or None}
 
 
 def _effects(sessions: Sequence[Json]) -> list[dict[str, Any]]:
@@ -161,18 +162,11 @@ def _model(m: Model, file: str | None) -> dict[str, Any]:
     for prior in priors(m):
         p = prior.parameter
         unit, factor = UNITS[p.unit]
-        values = {
-            "stated_deviation": p.centre - p.nominal, "stated_sd": p.sd, "deviation": prior.mean,
-            "u_deviation": prior.u_mean, "usual_sd": prior.usual, "sd": prior.sd,
-        }  # fmt: skip
-        numbers = {key: factor * value for key, value in values.items()}
-        entries.append({"name": p.name, "unit": unit, **numbers, "effective_arms": prior.arms})
+        stated = {"name": p.name, "unit": unit, "stated_deviation": factor * (p.centre - p.nominal)}
+        entries.append(stated | entry(prior, *LEARNT, unit=p.unit) | {"effective_arms": prior.arms})
     gains = list(m.gains.values())
     return {
-        "robot": m.robot,
-        "arms": list(m.arms),
-        "comparisons": m.comparisons,
-        "comparisons_between_sessions": m.pairs,
+        **entry(m, "robot", "arms", "comparisons", "comparisons_between_sessions=pairs"),
         "log_score_nats": sum(gains) / len(gains) if gains else None,
         "better": sum(g > 0 for g in gains),
         "widened": None if m.learnt is None else m.learnt.factor,

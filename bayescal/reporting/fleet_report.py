@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from urllib.parse import quote
 
 from markupsafe import Markup
-from rich.console import Group, RenderableType
+from rich.console import RenderableType
 from rich.text import Text
 
 from bayescal import __version__
@@ -15,8 +15,8 @@ from bayescal.reporting.fleet_record import PAGES
 from bayescal.reporting.page.render import page
 from bayescal.reporting.page.section import FirstScreen, Section, blocks, texts
 from bayescal.reporting.page.section import Text as Paragraph
-from bayescal.reporting.shared.sheet import Sheet, terminal
-from bayescal.reporting.shared.text import facts, under
+from bayescal.reporting.shared.sheet import Sheet, below, screen
+from bayescal.reporting.shared.text import under
 from bayescal.storage.reading import Json
 
 MOST_ROWS = 20
@@ -29,11 +29,10 @@ def summary(record: Json) -> RenderableType:
     lines += under("learnt prior", map(sheets.learnt, record["models"]))
     table = sheets.arms(record)
     some = Sheet(table.columns, table.items[:MOST_ROWS], table.caption)
-    parts: list[RenderableType] = [Text(sheets.names(record), "bold"), facts(lines), ""]
-    parts += [terminal(some), ""] if some.items else []
-    if len(table.items) > MOST_ROWS:
-        parts.append(Text(f"the first {MOST_ROWS} of {len(table.items)} arms; all: fleet.html", "dim"))
-    return Group(*parts, Text(sheets.counted(record)))
+    words = f"the first {MOST_ROWS} of {len(table.items)} arms; all: fleet.html"
+    more = Text(words, "dim") if len(table.items) > MOST_ROWS else None
+    title, count = Text(sheets.names(record), "bold"), Text(sheets.counted(record))
+    return screen(title, lines, *below(some), "", more, count)
 
 
 def fleet_page(record: Json) -> str:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.console import Group, RenderableType
+from rich.console import RenderableType
 from rich.text import Text as Words
 
 from bayescal import __version__
@@ -19,8 +19,8 @@ from bayescal.reporting.page import svg
 from bayescal.reporting.page.render import page
 from bayescal.reporting.page.section import Figures, FirstScreen, blocks
 from bayescal.reporting.shared.origin import entry, plain, software
-from bayescal.reporting.shared.sheet import Column, Sheet, csv_text, of_key, terminal
-from bayescal.reporting.shared.text import facts, listed, probability, under, with_u
+from bayescal.reporting.shared.sheet import Column, Sheet, below, csv_text, of_key, screen
+from bayescal.reporting.shared.text import listed, probability, under, with_u
 from bayescal.storage.files import json_text
 from bayescal.storage.folders import filled
 from bayescal.storage.reading import Json
@@ -29,6 +29,11 @@ SCHEMA = "bayescal-history/1"
 HISTORY, PAGE, TABLE = "history.json", "history.html", "history.csv"
 FEW = 5
 """Items that a sentence lists."""
+RUN = (
+    *("folder", "command=arm.origin.command", "dataset=arm.dataset.name", "sha256=arm.dataset.sha256"),
+    *("date=dates", "time", "model=arm.effects"),
+)
+"""Fields of ``runs``."""
 YEAR = 365.25
 """Days; the rate of a trend over days is stated for a year."""
 
@@ -42,28 +47,17 @@ def history_record(result: History) -> Json:
         "serial": result.serial or None,
         "software": software(("numpy", "scipy")),
         "time_unit": result.unit,
-        "runs": [
-            {
-                "folder": e.folder,
-                "command": e.arm.origin.command,
-                "dataset": e.arm.dataset.name,
-                "sha256": e.arm.dataset.sha256,
-                "date": e.dates or None,
-                "time": e.time,
-                "model": list(e.arm.effects),
-            }
-            for e in result.entries
-        ],
+        "runs": [entry(e, *RUN) | {"date": e.dates or None} for e in result.entries],
         "parameters": [_course(c, result) for c in result.courses],
         "limit": None
         if limit is None
         else {
             **entry(limit, "limit_um", "rate_um", "u_rate_um"),
-            "probability": list(QUANTILES),
-            "time_after_last_run": list(limit.times),
-            "date": list(limit.dates) or None,
+            "probability": QUANTILES,
+            "time_after_last_run": limit.times,
+            "date": limit.dates or None,
         },
-        "notes": list(result.notes),
+        "notes": result.notes,
     }
     record["words"] = words(record)
     return {key: plain(value) for key, value in record.items()}
@@ -71,17 +65,13 @@ def history_record(result: History) -> Json:
 
 def _course(c: Course, result: History) -> dict[str, Any]:
     unit, factor = UNITS[c.parameter.unit]
-    values = [None if v is None else {"value": factor * v[0], "u": factor * v[1]} for v in c.values]
+    sizes = {"size": factor * c.size, "u": factor * c.u, "U": COVERAGE * factor * c.u}
     return {
-        "name": c.parameter.name,
-        "effect": c.parameter.effect,
-        "site": str(c.parameter.site),
+        **entry(c, "name=parameter.name", "effect=parameter.effect", "site=parameter.site"),
         "unit": unit,
-        "values": values,
+        "values": [v and {"value": factor * v[0], "u": factor * v[1]} for v in c.values],
         "change": c.kind or None,
-        "size": factor * c.size if c.kind else None,
-        "u": factor * c.u if c.kind else None,
-        "U": COVERAGE * factor * c.u if c.kind else None,
+        **(sizes if c.kind else dict.fromkeys(sizes)),
         "from_run": result.entries[c.since].folder if c.kind and c.kind != TREND else None,
         "probability": c.probability,
     }
@@ -151,10 +141,9 @@ def history_summary(record: Json) -> RenderableType:
     runs = [
         f"{r['date'] or ''} {r['folder']} ({r['command']}, {r['dataset']})".strip() for r in record["runs"]
     ]
-    parts: list[RenderableType] = [title, "", Words(first, "bold"), *map(Words, others)]
-    if found := changed(record):
-        parts += ["", terminal(course_sheet(record, found))]
-    return Group(*parts, "", facts([*under("runs", runs), *under("note", record["notes"], "yellow")]))
+    notes = [*under("runs", runs), *under("note", record["notes"], "yellow")]
+    table = below(course_sheet(record, changed(record)))
+    return screen(title, "", Words(first, "bold"), *map(Words, others), *table, "", notes)
 
 
 def _panel(p: Json, record: Json) -> tuple[str, Any]:

@@ -73,16 +73,15 @@ def plan_record(plan: Plan, commands: Mapping[str, str] | None = None) -> dict[s
     used, touched = np.unique(m.target, return_counts=True)
     distances = [
         entry(e, "over", "count", "distance_sd_um=u")
-        | {"distance_sd_um_random": UM * e.u_random, "shares": dict(e.shares)}
+        | {"distance_sd_um_random": UM * e.u_random}
+        | entry(e, "shares")
         for e in plan.expected
     ]
     first = distances[0] if distances else {}
     volume = setup.volume
     record = {
         **origin(SCHEMA, setup.dataset, plan.seed, LIBRARIES),
-        "for": plan.aim,
-        "model": plan.effects,
-        "order": plan.order,
+        **entry(plan, "for=aim", "model=effects", "order"),
         "contacts": count(plan),
         "rows": len(m.ids),
         "purposes": {p: plan.purpose.count(p) for p in (DISTANCES, GAP, REPEAT, VALIDATE)},
@@ -94,9 +93,8 @@ def plan_record(plan: Plan, commands: Mapping[str, str] | None = None) -> dict[s
         "changes": {name: text for name, text in zip(m.ids, plan.changes, strict=False) if text},
         "by_hand": {name: text for name, text in zip(m.ids, plan.by_hand, strict=False) if text},
         "candidates": len(plan.pool.candidates),
-        "dropped": dict(plan.pool.dropped),
-        "measured": plan.pool.measured,
-        "volume": None if volume is None else {"centre_mm": MM * volume.centre, "size_mm": MM * volume.size},
+        **entry(plan.pool, "dropped", "measured"),
+        "volume": volume and entry(volume, "centre_mm", "size_mm"),
         "expected": {
             **{key: first.get(key) for key in ("over", "distance_sd_um", "distance_sd_um_random")},
             "equals_random_contacts": plan.equals_random,
@@ -104,12 +102,11 @@ def plan_record(plan: Plan, commands: Mapping[str, str] | None = None) -> dict[s
             "distances": distances,
             "parameters": [entry(p, "name", "unit", "u", "prior_u=prior") for p in plan.parameters],
         },
-        "observability": dict(plan.observability),
-        "observability_random": dict(plan.observability_random),
+        **entry(plan, "observability", "observability_random"),
         "curve": _curve(plan.curve),
         "curve_random": _curve(plan.curve_random),
         "detectable": [
-            {"effect": d.effect, "site": str(d.site)} | sized(d, "smallest", "smallest_random", "plausible")
+            entry(d, "effect", "site") | sized(d, "smallest", "smallest_random", "plausible")
             for d in plan.detectable
         ],
         "confusable": [
@@ -117,9 +114,7 @@ def plan_record(plan: Plan, commands: Mapping[str, str] | None = None) -> dict[s
             | {"intervention": c.intervention or None}
             for c in plan.confusable
         ],
-        "travel_s": plan.travel,
-        "seconds": plan.seconds,
-        "warnings": plan.warnings,
+        **entry(plan, "travel_s=travel", "seconds", "warnings"),
         "commands": dict(commands or {}),
     }
     return {key: plain(value) for key, value in record.items()}

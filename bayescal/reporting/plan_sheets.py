@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Iterator
 
 import numpy as np
-from rich.console import Group, RenderableType
+from rich.console import RenderableType
 from rich.text import Text
 
 from bayescal.dataset.target_kinds import KINDS
@@ -23,8 +23,8 @@ from bayescal.planning.result import (
 )
 from bayescal.planning.separate import NO_LEVER
 from bayescal.reporting.plan_record import clearances, count, payloads
-from bayescal.reporting.shared.sheet import Column, Sheet, of_key, sheet_of_cells, terminal
-from bayescal.reporting.shared.text import NEVER, Facts, facts, percent, size, um2, under
+from bayescal.reporting.shared.sheet import Column, Sheet, below, of_key, screen, sheet_of_cells
+from bayescal.reporting.shared.text import NEVER, Facts, percent, size, um2, under
 
 PURPOSES = {DISTANCES: "distances", GAP: "gap", REPEAT: "repeats", VALIDATE: "validation"}
 """Purposes of contacts, and their heading."""
@@ -313,18 +313,15 @@ def plan_summary(plan: Plan) -> RenderableType:
         ("candidates", candidates(plan), "dim"),
     )
     lines = (Text(line, "" if k else "bold") for k, line in enumerate(headline(plan)))
-    parts: list[RenderableType] = [name, *lines, ""]
-    if plan.expected:
-        parts.append(terminal(expected(plan)))
-    if more := further(plan):
-        parts.append(facts([("next 20", f"{FURTHER} further {noun(plan)}: {more[0]} ({more[1]})", "")]))
-    parts += ["", terminal(by_target(plan)), facts(costs)]
-    if plan.detectable:
-        parts += ["", terminal(detectable(plan))]
-        if text := detectability(plan):
-            parts.append(facts([("detectable", text, "")]))
-    parts.append(facts(_limits(plan)))
-    return Group(*parts)
+    more, text = further(plan), detectability(plan) if plan.detectable else ""
+    return screen(
+        *(name, *lines, ""),
+        expected(plan),
+        [("next 20", f"{FURTHER} further {noun(plan)}: {more[0]} ({more[1]})", "")] if more else None,
+        *("", by_target(plan), costs),
+        *below(detectable(plan), [("detectable", text, "")] if text else None),
+        _limits(plan),
+    )
 
 
 def _limits(plan: Plan) -> Facts:

@@ -76,7 +76,7 @@ def watch_record(events: Sequence[Event], contacts: Sequence[Contact], asked: Wa
             | {"rejected": [e.fit.dataset.measurements.ids[k] for k in e.fit.final.estimate.rejected]}
             | {
                 "effects": [
-                    entry(s, "effect") | {"site": str(s.site)}
+                    entry(s, "effect", "site")
                     | sized(s, "smallest", "plausible") | entry(s, "distance_error_um")
                     for s in e.spots
                 ]

@@ -105,6 +105,7 @@ def test_no_name_is_an_element_of_any_page(session, tmp_path, quick_search):
         result.save(tmp_path / name, **({} if name == "plan.html" else {"pictures": False}))
         assert "<hostile" in Elements((tmp_path / name / name).read_text(encoding="utf-8")).text
         assert "<hostile" in Elements(result._repr_html_()).text
+    assert "<hostile" in Elements(bc.compare(session)._repr_html_()).text
     bc.report([tmp_path / "report.html", tmp_path / "gap.html"], tmp_path / "both.html")
     assert "<hostile" in Elements((tmp_path / "both.html").read_text(encoding="utf-8")).text
 

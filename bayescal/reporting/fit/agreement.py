@@ -5,13 +5,13 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from rich.console import Group, RenderableType
+from rich.console import RenderableType
 
 from bayescal.assess.agreement import Agreement, Pair
 from bayescal.effects import UNITS
 from bayescal.reporting.shared.origin import entry
-from bayescal.reporting.shared.sheet import Sheet, sheet_of_cells, terminal
-from bayescal.reporting.shared.text import Facts, facts, with_u, with_unit
+from bayescal.reporting.shared.sheet import Sheet, screen, sheet_of_cells
+from bayescal.reporting.shared.text import Facts, with_u, with_unit
 
 MOST = 12  # parameters shown, those that differ most
 FAR = 3.0  # standard deviations from which on a parameter is named as the one that differs
@@ -20,7 +20,7 @@ SHOWN = 4  # of those
 
 def agreement_summary(compared: Agreement) -> RenderableType:
     """Table of the shared parameters, with standard deviations in brackets, and whether sessions disagree."""
-    return Group(terminal(_table(compared)), facts(verdicts(compared)))
+    return screen(_table(compared), verdicts(compared))
 
 
 def disagreement(compared: Agreement) -> tuple[str, ...]:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from rich.console import Group, RenderableType
+from rich.console import RenderableType
 
 from bayescal.assess.budget import COVERAGE, MOST_DOF, Budget, Component
 from bayescal.assess.inputs import Basis
@@ -14,8 +14,8 @@ from bayescal.assess.measurand import PARAMETER
 from bayescal.effects import UNITS
 from bayescal.effects.vocabulary import unit_label
 from bayescal.reporting.shared.origin import entry, origin, plain, scaled
-from bayescal.reporting.shared.sheet import csv_text, sheet_of_cells, terminal
-from bayescal.reporting.shared.text import MISSING, Facts, facts, percent, size, two_digits
+from bayescal.reporting.shared.sheet import csv_text, screen, sheet_of_cells
+from bayescal.reporting.shared.text import MISSING, Facts, percent, size, two_digits
 
 SCHEMA = "bayescal-budget/1"
 LIBRARIES = ("numpy", "scipy")
@@ -158,7 +158,7 @@ def budget_table(budget: Budget) -> RenderableType:
         rows.append((f"{len(small)} smaller components", "", "", "", two_digits(factor * together), share))
     contribution = f"contribution ({unit_label(unit) or '1'})"
     headings = ("component", "type", "u", "sensitivity", contribution, "share")
-    return Group(terminal(sheet_of_cells(headings, rows)), "", facts(_sums(budget)))
+    return screen(sheet_of_cells(headings, rows), "", _sums(budget))
 
 
 def _sensitivity(budget: Budget, c: Component) -> str:

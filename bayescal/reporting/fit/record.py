@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +22,7 @@ from bayescal.model.model import length_blocks
 from bayescal.posterior.inference import save
 from bayescal.predict.crossvalidation import inside95, interval95
 from bayescal.predict.forecast import Forecast
-from bayescal.predict.validation import DiameterCheck, DistanceCheck, Errors, Validation
+from bayescal.predict.validation import DiameterCheck, DistanceCheck, Errors, RowCheck
 from bayescal.reporting.figures.process import begun
 from bayescal.reporting.fit.agreement import agreement_record, disagreement
 from bayescal.reporting.fit.budget import budget_csv, budget_record
@@ -30,13 +30,15 @@ from bayescal.reporting.fit.posterior import fit_draws, parameter_draws
 from bayescal.reporting.page.build import PAGES, write_page
 from bayescal.reporting.shared.body import arm_drawing
 from bayescal.reporting.shared.images import images_record
-from bayescal.reporting.shared.origin import by_target, entry, origin, plain, rows_record
-from bayescal.reporting.shared.text import MDEG, MM, UM
+from bayescal.reporting.shared.origin import FACTORS, by_target, entry, origin, plain, rows_record
+from bayescal.reporting.shared.text import MM, UM
 from bayescal.statistics import rms
 from bayescal.storage.files import json_text
 from bayescal.storage.folders import whole
 
 SCHEMA = "bayescal-fit/1"
+SIZES = {"mean": "mean", "rms": "rms", "max": "maximum"}
+"""Sizes of errors by what they are called in a key."""
 LIBRARIES = ("gtsam", "numpy", "scipy", "numba", "emcee", "arviz")
 NOISE = (
     *("group", "stated_um", "estimated_um=fitted", "repeats_um=repeats", "repeats_dof"),
@@ -44,6 +46,13 @@ NOISE = (
 )
 ISO9283 = ("symbol", "name=words", "count", "mean_um", "max_um=maximum", "u_mean_um=u", "u_max_um=u_max")
 """Fields of ``noise``, and of figures of ``iso9283``, where u is of the measurement, k = 1."""
+LEVEL = (
+    *("model=effects", "noise_estimated_um=unexplained.fitted", "unexplained_um=unexplained.excess"),
+    *("heldout_planes_rms_um=validation.contacts.rms", "distance_rms_um=validation.distance_errors.rms"),
+    "worst_distance_um=validation.distance_errors.maximum",
+)
+POINTS = ("points_mean_um=mean", "points_rms_um=rms")
+"""Fields of model levels."""
 CORRELATED = 0.3
 """Least absolute correlation of two parameters of the arm that is stored."""
 
@@ -56,8 +65,7 @@ def fit_record(fit: Fit, compared: Agreement | None = None) -> dict[str, Any]:
         "verdict": _verdict(fit.acceptance, fit.dataset),
         "use": gate.of_fit(fit).record(),
         "acceptance": None if fit.tolerance is None else _tolerance(fit.tolerance),
-        "model": list(level.effects),
-        "prior_width": fit.options.prior_width,
+        **entry(fit, "model=final.effects", "prior_width=options.prior_width"),
         "prior_widths": [entry(w, "family", "factor", "nats", "parameters") for w in fit.widths],
         "parameters": _parameters(fit),
         "correlations": _correlations(fit),
@@ -239,8 +247,8 @@ def _validation(fit: Fit) -> dict[str, Any]:
         "planes": planes,
         "distances": distances,
         "diameters": diameters,
-        "points": _points(nominal, calibrated),
-        "orientations": _turns(calibrated),
+        "points": _sizes(calibrated.points, calibrated.point_lengths, "um", nominal.point_lengths),
+        "orientations": _sizes(calibrated.turns, calibrated.turn_angles, "mdeg", None),
         "worst_distance_um": {
             "nominal": plain(UM * nominal.distance_errors.maximum),
             "calibrated": plain(UM * calibrated.distance_errors.maximum),
@@ -253,51 +261,30 @@ def _interval(d: DistanceCheck | DiameterCheck) -> dict[str, Any]:
     return {"predicted_interval95_um": _ends(d.predicted), "inside95": inside}
 
 
-def _points(nominal: Validation, calibrated: Validation) -> dict[str, Any]:
-    """Lengths of the residual vectors of validation points, of all targets."""
-    if not calibrated.points:
+def _sizes(checks: Sequence[RowCheck], after: Errors, unit: str, before: Errors | None) -> dict[str, Any]:
+    """Sizes of the errors of validation measurements of all targets: lengths (µm) or angles (mdeg)."""
+    if not checks:
         return {"count": 0}
-    before, after = nominal.point_lengths, calibrated.point_lengths
-    inside = [inside95(p.residuals, p.predicted).ravel() for p in calibrated.points]
+    factor, inside = FACTORS[unit], [inside95(c.residuals, c.predicted).ravel() for c in checks]
+    nominal, interval = {}, {}
+    if before is not None:
+        nominal = entry(before, f"nominal_mean_{unit}=mean", f"nominal_max_{unit}=maximum")
+        interval = {f"predicted_mean_interval95_{unit}": _ends(after.predicted.mean(axis=1))}
     return {
         "count": len(after.values),
-        **entry(before, "nominal_mean_um=mean", "nominal_max_um=maximum"),
-        **entry(after, "calibrated_mean_um=mean", "calibrated_rms_um=rms", "calibrated_max_um=maximum"),
-        "predicted_mean_um": UM * float(after.predicted.mean()),
-        "predicted_mean_interval95_um": _ends(after.predicted.mean(axis=1)),
-        "predicted_upper95_um": UM * float(np.quantile(after.predicted, 0.95)),
-        "inside95_fraction": float(np.mean(np.concatenate(inside))),
-    }
-
-
-def _turns(calibrated: Validation) -> dict[str, Any]:
-    """Angles between measured and predicted orientations of validation measurements, of all targets."""
-    if not calibrated.turns:
-        return {"count": 0}
-    angles = calibrated.turn_angles
-    inside = [inside95(t.residuals, t.predicted).ravel() for t in calibrated.turns]
-    return {
-        "count": len(angles.values),
-        **entry(
-            angles, "calibrated_mean_mdeg=mean", "calibrated_rms_mdeg=rms", "calibrated_max_mdeg=maximum"
-        ),
-        "predicted_mean_mdeg": MDEG * float(angles.predicted.mean()),
-        "predicted_upper95_mdeg": MDEG * float(np.quantile(angles.predicted, 0.95)),
+        **nominal,
+        **entry(after, *(f"calibrated_{of}_{unit}={name}" for of, name in SIZES.items())),
+        f"predicted_mean_{unit}": factor * float(after.predicted.mean()),
+        **interval,
+        f"predicted_upper95_{unit}": factor * float(np.quantile(after.predicted, 0.95)),
         "inside95_fraction": float(np.mean(np.concatenate(inside))),
     }
 
 
 def _level(level: ModelLevel) -> dict[str, Any]:
-    v = level.validation
-    distances = v.distance_errors
-    return {
-        "model": list(level.effects),
-        **entry(level.unexplained, "noise_estimated_um=fitted", "unexplained_um=excess"),
-        **entry(v.contacts, "heldout_planes_rms_um=rms"),
-        **entry(distances, "distance_rms_um=rms", "worst_distance_um=maximum"),
-        "predicted_distance_interval95_um": (UM * distances.interval95).tolist() if v.distances else None,
-        **entry(v.point_lengths, "points_mean_um=mean", "points_rms_um=rms"),
-    }
+    ends = UM * level.validation.distance_errors.interval95 if level.validation.distances else None
+    interval = {"predicted_distance_interval95_um": plain(ends)}
+    return entry(level, *LEVEL) | interval | entry(level.validation.point_lengths, *POINTS)
 
 
 def _verdict(tests: Acceptance, dataset: Dataset) -> dict[str, Any]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from rich.console import Group, RenderableType
+from rich.console import RenderableType
 from rich.text import Text
 
 from bayescal.assess.acceptance import FAIL, PASS, PLANNED, SHARED, Acceptance, Tolerance
@@ -20,7 +20,7 @@ from bayescal.predict.validation import Errors, Validation
 from bayescal.reporting.fit import sheets
 from bayescal.reporting.shared.images import images_lines
 from bayescal.reporting.shared.origin import filed_lines
-from bayescal.reporting.shared.sheet import Sheet, terminal
+from bayescal.reporting.shared.sheet import Sheet, below, screen, terminal
 from bayescal.reporting.shared.text import MDEG, MM, UM, Facts, facts, percent, um, um2, under
 from bayescal.storage.reading import Json
 
@@ -45,20 +45,21 @@ def fit_summary(fit: Fit, record: Json, verbose: bool = False) -> RenderableType
     use = gate.of_fit(fit)
     result = [*_verdict(fit.acceptance, use), *_predicted(fit), *images_lines(record)]
     steps = [*_tolerance(fit.tolerance), *_next(fit, use), *_findings(fit)]
-    parts: list[RenderableType] = [title, facts(result), facts(steps)]
-    if v.planes or v.distances or v.points or v.turns:
-        parts += ["", terminal(sheets.validation_table(fit.levels))]
-    if checked:
-        parts += ["", terminal(sheets.distance_table(checked, verbose))]
-    if verbose:
-        parts += ["", *_iso9283(record["iso9283"])]
-    if verbose and record["acceptance"] and record["acceptance"]["distances"]:
-        parts += ["", terminal(Sheet(sheets.TOLERANCE, record["acceptance"]["distances"]))]
-    if fit.final.estimate.model.parameters:
-        table = sheets.parameter_table(record["parameters"], record["identifiability"], verbose)
-        parts += ["", terminal(table)]
-    parts += ["", facts(_details(fit, record, verbose))]
-    return Group(*parts)
+    validated = v.planes or v.distances or v.points or v.turns
+    parameters = sheets.parameter_table(record["parameters"], record["identifiability"], verbose)
+    decided = record["acceptance"]["distances"] if verbose and record["acceptance"] else ()
+    return screen(
+        title,
+        result,
+        steps,
+        *below(sheets.validation_table(fit.levels) if validated else None),
+        *below(sheets.distance_table(checked, verbose)),
+        *(("", *_iso9283(record["iso9283"])) if verbose else ()),
+        *below(Sheet(sheets.TOLERANCE, decided)),
+        *below(parameters if fit.final.estimate.model.parameters else None),
+        "",
+        _details(fit, record, verbose),
+    )
 
 
 def _iso9283(record: Json) -> Iterator[RenderableType]:

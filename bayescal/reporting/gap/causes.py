@@ -220,8 +220,7 @@ def amplitude_records(gap: Gap) -> list[dict[str, Any]]:
         for a in stated(gap, effect):
             phase = (None, None) if a.phase is None else np.degrees(a.phase).tolist()
             out.append(
-                {"effect": effect, "site": str(a.site), "driver": str(a.driver)}
-                | entry(a, "parameters", "what")
+                entry(a, "effect", "site", "driver", "parameters", "what")
                 | sized(a, "value", "u")
                 | {"phase_deg": phase[0], "u_phase_deg": phase[1], "significant": a.significant}
                 | {"validation_gain_nats": nats, "validation_gain_se": se}

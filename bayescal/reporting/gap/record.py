@@ -70,16 +70,14 @@ def gap_record(gap: Gap) -> dict[str, Any]:
     verdict = gap.verdict
     record = {
         **origin(SCHEMA, gap.dataset, gap.options.seed, LIBRARIES),
-        **entry(gap, "baseline"),
-        "without": list(gap.options.omitted),
-        "prior_widths": dict(gap.options.widths),
+        **entry(gap, "baseline", "without=options.omitted", "prior_widths=options.widths"),
         "gap": _magnitude(gap.magnitude),
         "verdict": verdict.kind,
         "words": headline(gap),
         "effects": _effects(verdict),
         "named": [
             entry(n, *NAMED)
-            | {"sites": list(map(str, n.sites)), "possible": causes.possible(gap, n)}
+            | {"possible": causes.possible(gap, n)}
             | {"events": [causes.event_record(event, gap.dataset) for event in n.events]}
             for n in verdict.named
         ],
@@ -143,7 +141,8 @@ def _magnitude(m: Magnitude) -> dict[str, Any]:
 
 def _place(w: Place) -> dict[str, Any]:
     return (
-        {"site": str(w.site), "driver": str(w.driver), "text": place(w)}
+        entry(w, "site", "driver")
+        | {"text": place(w)}
         | entry(w, "rms_um", "share", "p_value", "family_p_value", "log_evidence")
         | {"explained_by": w.explained_by or None}
     )
@@ -218,11 +217,10 @@ def _side(side: Side) -> list[dict[str, Any]]:
 def _blind(b: BlindSpot) -> dict[str, Any]:
     size = sized(b, "smallest", "plausible")
     return {
-        "effect": b.effect,
-        "site": str(b.site),
+        **entry(b, "effect", "site"),
         "smallest_nameable": {"value": size["smallest"], "unit": size["unit"]},
         "plausible": {"value": size["plausible"], "unit": size["unit"]},
-        "distance_error_um": UM * b.distance_error,
+        **entry(b, "distance_error_um"),
     }
 
 
@@ -234,8 +232,7 @@ def _curve(gap: Gap, w: Place) -> dict[str, Any]:
     """
     ids, curve = gap.dataset.measurements.ids, w.curve
     return {
-        "site": str(w.site),
-        "driver": str(w.driver),
+        **entry(w, "site", "driver"),
         "text": place(w),
         "event": w.driver.kind == EVENT,
         "coordinate": curve.coordinate,

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
-from rich.console import Group, RenderableType
+from rich.console import RenderableType
 from rich.text import Text
 
 from bayescal.effects.common import ELSEWHERE
@@ -12,11 +13,10 @@ from bayescal.gap.result import VALIDATION_CONTACTS, Gap, Margin
 from bayescal.reporting.gap import causes, sheets
 from bayescal.reporting.shared.images import images_lines
 from bayescal.reporting.shared.origin import filed_lines, scaled
-from bayescal.reporting.shared.sheet import Column, Sheet, inside, terminal
+from bayescal.reporting.shared.sheet import Column, Sheet, inside, screen, terminal
 from bayescal.reporting.shared.text import (
     Facts,
     by_reason,
-    facts,
     interval,
     length,
     listed,
@@ -49,32 +49,28 @@ def gap_summary(gap: Gap, record: Json) -> RenderableType:
         f" without {', '.join(record['without'])}" if record["without"] else "",
     )
     style = STYLES.get(record["verdict"], "bold red")
-    parts: list[RenderableType] = [title, *(Text(line, style) for line in record["words"]), ""]
-    parts.append(facts([*_size(record), *images_lines(record)]))
-    if record["gap"]["measured"]:
-        parts.append(terminal(_measured(record)))
-    parts.append("")
+    parts: list[Any] = [title, *(Text(line, style) for line in record["words"]), ""]
+    parts += [[*_size(record), *images_lines(record)], _measured(record), ""]
     if nothing:
-        parts.append(facts(_largest(record)))
+        parts.append(_largest(record))
     elif record["where"]:
         headings = (f"location: {sheets.rms_of(record)} (µm)", "RMS", "share", "p", "explained by")
-        parts += [terminal(_where(record), *headings), facts(_margins(gap, record))]
-    parts += [facts(_which(record)), facts(_amplitudes(gap, record)), facts(_remedy(record)), ""]
+        parts += [terminal(_where(record), *headings), _margins(gap, record)]
+    parts += [_which(record), _amplitudes(gap, record), _remedy(record), ""]
     if gap.shrinkage and not nothing:
-        parts += [terminal(_improvements(record), *IMPROVEMENTS), facts(_not_claimed(record))]
+        parts += [terminal(_improvements(record), *IMPROVEMENTS), _not_claimed(record)]
     if record["ladder"]:
         levels = _levels(record)
         parts += [terminal(levels, "model: RMS (µm)", *levels.headings), ""]
-    parts.append(facts(_next(record)))
+    parts.append(_next(record))
     if advised := [c for advice in record["next"] for c in advice["contacts"]]:
-        parts.append(terminal(sheets.first_contacts(advised, sheets.measured_as(record, advised))))
+        parts.append(sheets.first_contacts(advised, sheets.measured_as(record, advised)))
     if record["blind_spots"]:
         blind = sheets.blind_sheet(record)
         more = f" ({BLIND} of {len(blind.items)})" if len(blind.items) > BLIND else ""
         blind = replace(blind, items=blind.items[:BLIND])
         parts.append(terminal(blind, f"may be missed{more}", "plausible", "detectable", "distance error"))
-    parts.append(facts(_remarks(record)))
-    return Group(*parts)
+    return screen(*parts, _remarks(record))
 
 
 def _size(record: Json) -> Facts:

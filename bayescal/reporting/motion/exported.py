@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from rich.console import Group, RenderableType
+from rich.console import RenderableType
 from rich.text import Text
 
 from bayescal.exporting.log_arm import LogExport
 from bayescal.motion.result import Tracking
 from bayescal.reporting.motion.sheets import newton_metres
-from bayescal.reporting.shared.sheet import Sheet, sheet_of_cells, terminal
+from bayescal.reporting.shared.sheet import Sheet, screen, sheet_of_cells, terminal
 from bayescal.verifying.log_torque import LogVerification
 
 CONTENT = {
@@ -32,7 +32,7 @@ def export_summary(e: LogExport) -> RenderableType:
     rows = [(words, unit, joined(x), joined(e.mrad(unit, x))) for words, unit, x in e.left_out]
     title = Text.assemble((e.name, "bold"), f"  {e.format}: {CONTENT[e.format]}")
     heads = ("not in the file", "unit", "joint by joint", "mrad of position")
-    return Group(title, terminal(sheet_of_cells(heads, rows)))
+    return screen(title, terminal(sheet_of_cells(heads, rows)))
 
 
 def verify_summary(v: LogVerification) -> RenderableType:
@@ -43,10 +43,10 @@ def verify_summary(v: LogVerification) -> RenderableType:
     no, colour = ("", "green") if v.passed else ("not ", "red")
     verdict = Text(f"the file is {no}the arm that was fitted", f"bold {colour}")
     title = Text.assemble((v.name, "bold"), f"  {v.path} in {v.software}, {v.rows} rows of withheld motions")
-    parts: list[RenderableType] = [title, verdict, terminal(sheet_of_cells(headings, rows)), ""]
+    parts = title, verdict, sheet_of_cells(headings, rows), ""
     if isinstance(v.tracking, str):
-        return Group(*parts, Text(f"not replayed: {v.tracking}", "dim"))
-    return Group(*parts, terminal(replay_sheet(v.joints, v.tracking)))
+        return screen(*parts, Text(f"not replayed: {v.tracking}", "dim"))
+    return screen(*parts, replay_sheet(v.joints, v.tracking))
 
 
 def replay_sheet(joints: Sequence[str], arms: Mapping[str, Tracking]) -> Sheet:

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from rich.console import Group, RenderableType
+from rich.console import RenderableType
 
 from bayescal.motion.calibrate import MotionFit
 from bayescal.motion.fit_settings import CALIBRATION
@@ -15,8 +15,8 @@ from bayescal.reporting.motion.record import controller, origin, shown_unit, wri
 from bayescal.reporting.motion.sheets import parameter_sheet, title, withheld_sheet
 from bayescal.reporting.page.build import write_page
 from bayescal.reporting.shared.origin import plain
-from bayescal.reporting.shared.sheet import terminal
-from bayescal.reporting.shared.text import Facts, facts, under
+from bayescal.reporting.shared.sheet import below, screen, terminal
+from bayescal.reporting.shared.text import Facts, under
 from bayescal.storage.files import json_text
 from bayescal.storage.folders import whole
 from bayescal.storage.reading import Json
@@ -69,11 +69,8 @@ def _outside(fit: MotionFit) -> list[str]:
 
 def fit_summary(record: Json, verbose: bool = False) -> RenderableType:
     """Withheld errors, parameters that the log determines, combinations."""
-    parts: list[RenderableType] = [title(record), ""]
-    if record["withheld"]:
-        parts += [terminal(withheld_sheet(record)), ""]
-    parts += [terminal(parameter_sheet(record, verbose)), facts(_facts(record))]
-    return Group(*parts)
+    parameters = terminal(parameter_sheet(record, verbose))
+    return screen(title(record), *below(withheld_sheet(record)), "", parameters, _facts(record))
 
 
 def _facts(record: Json) -> Facts:

@@ -7,17 +7,17 @@ from typing import Any
 
 import numpy as np
 import yaml
-from rich.console import Group, RenderableType
+from rich.console import RenderableType
 from rich.text import Text
 
 from bayescal.logs.commands import commands_text
 from bayescal.preparing.next_motions import PAUSE, MotionPlan
 from bayescal.reporting.motion.record import origin
 from bayescal.reporting.shared.origin import plain
-from bayescal.reporting.shared.sheet import Column, Sheet, terminal
-from bayescal.reporting.shared.text import facts, listed, under
+from bayescal.reporting.shared.sheet import Column, Sheet, screen, terminal
+from bayescal.reporting.shared.text import listed, under
 from bayescal.storage.files import json_text
-from bayescal.storage.folders import whole
+from bayescal.storage.folders import filled
 from bayescal.storage.reading import Json
 
 SCHEMA = "bayescal-plan/1"
@@ -89,9 +89,9 @@ def plan_summary(record: Json) -> RenderableType:
     """The motions, and what is left out."""
     title = Text.assemble((record["dataset"]["name"], "bold"), f"  {record['robot']}  motions to log next")
     if not record["motions"] and not record["left_out"]:
-        return Group(title, "The log lacks no motion.")
+        return screen(title, "The log lacks no motion.")
     rows = [*under("left out", record["left_out"]), *under("assumed", record["warnings"], "yellow")]
-    return Group(title, "", terminal(motion_sheet(record)), facts(rows))
+    return screen(title, "", terminal(motion_sheet(record)), rows)
 
 
 def advice_of(plan: MotionPlan) -> list[str]:
@@ -104,8 +104,4 @@ def advice_of(plan: MotionPlan) -> list[str]:
 
 def write_plan(plan: MotionPlan, folder: Path, record: Json) -> tuple[str, ...]:
     """Write plan.json and the files of commands atomically; return their names."""
-    texts = {PLAN: json_text(record, rows=False), **files_of(plan)}
-    with whole(folder, PLAN) as stage:
-        for name, text in texts.items():
-            (stage / name).write_text(text, encoding="utf-8")
-    return tuple(texts)
+    return filled(folder, {PLAN: json_text(record, rows=False), **files_of(plan)})

@@ -19,7 +19,7 @@ from bayescal.motion.search import Hypothesis
 from bayescal.motion.verdict import OTHER
 from bayescal.reporting.motion.sheets import size_text
 from bayescal.reporting.page.build import write_page
-from bayescal.reporting.shared.origin import plain, record_of, software
+from bayescal.reporting.shared.origin import entry, plain, record_of, software
 from bayescal.reporting.shared.text import listed
 from bayescal.storage.files import json_text
 from bayescal.storage.folders import whole
@@ -64,9 +64,7 @@ def motion_record(gap: MotionGap) -> dict[str, Any]:
         f"before_rms_{unit}": by * s.before,
         f"after_rms_{unit}": by * s.after,
         f"floor_{unit}": by * s.floor,
-        "removed": s.removed,
-        "removed_interval95": s.removed_interval95,
-        "delta_elpd": s.gain,
+        **entry(s, "removed", "removed_interval95", "delta_elpd=gain"),
     }
     servo = log.torque_kind == SERVO
     record = {
@@ -74,11 +72,10 @@ def motion_record(gap: MotionGap) -> dict[str, Any]:
         "baseline": ["inertials", "armature", "coulomb", "viscous", "offset", "alignment"],
         "verdict": v.kind,
         "words": words(gap),
-        "effects": list(v.named.names),
+        "effects": v.named.names,
         "named": [_named(gap, m.form.effect) for m in v.named.members],
         "amplitudes": [_amplitude(a) for a in gap.amplitudes],
-        "credible_set90": list(v.credible),
-        "probability": dict(v.probability),
+        **entry(v, "credible_set90=credible", "probability"),
         "hypotheses": [
             {"effects": list(n), "probability": p, "log_evidence": nats} for n, p, nats in gap.hypotheses
         ],
@@ -91,18 +88,17 @@ def motion_record(gap: MotionGap) -> dict[str, Any]:
         },
         "noise": {"lag1": gap.estimate.noise.lag1[: log.n], f"floor_{unit}": by * s.floor},
         "not_assessed": [{"effect": name, "why": why} for name, why in gap.not_assessed.items()],
-        "missing": dict(gap.not_assessed),
-        "next": list(gap.advice),
+        **entry(gap, "missing=not_assessed", "next=advice"),
         "parameters": [{"name": n, "deviation": v, "u": gap.u[n]} for n, v in gap.values.items()],
         "motions": [{"id": m.name, "role": m.role, "kind": m.kind, "rows": len(m.time)} for m in log.motions],
-        "arm": dict(gap.arm.values),
+        "arm": gap.arm.values,
         "beside": [
             {"effect": name, "unit": unit, "of_joints": x} for name, (unit, x) in gap.arm.sizes().items()
         ],
         "gravity_mps2": gap.arm.gravity,
         "controller": controller(log),
         "torque_shift_ms": 1e3 * (log.alignment + gap.arm.values.get("alignment", 0.0)),
-        "warnings": list(gap.warnings),
+        "warnings": gap.warnings,
     }
     return {key: plain(value) for key, value in record.items()}
 
@@ -156,13 +152,10 @@ def _named(gap: MotionGap, effect: str) -> dict[str, Any]:
 def _amplitude(a: Amplitude) -> dict[str, Any]:
     return {
         **vars(a.form),
-        "value": a.value,
-        "u": a.u,
-        "unit": a.unit,
+        **entry(a, "value", "u", "unit"),
         "text": size_of(a),
         "components": {name: {"value": value, "u": u} for name, (value, u) in a.components.items()},
-        "relevant": a.relevant,
-        "removed_share": a.removed,
+        **entry(a, "relevant", "removed_share=removed"),
     }
 
 
@@ -176,9 +169,7 @@ def _class(members: Mapping[str, float], leading: Hypothesis) -> dict[str, Any] 
 def _place(p: Place, unit: str, by: np.ndarray) -> dict[str, Any]:
     form = p.form
     return {
-        "site": form.site,
-        "driver": form.driver,
-        "setting": form.setting,
+        **entry(form, "site", "driver", "setting"),
         "text": f"{form.site}, {form.driver}" + (f" ({form.setting})" if form.setting else ""),
         f"rms_{unit}": by[p.joint] * p.rms,
         "of_joint": p.joint + 1,

@@ -2,30 +2,25 @@
 
 from __future__ import annotations
 
-from rich.console import Group, RenderableType
+from rich.console import RenderableType
 from rich.text import Text
 
 from bayescal.reporting.gap.summary import STYLES
 from bayescal.reporting.motion import sheets
-from bayescal.reporting.shared.sheet import terminal
-from bayescal.reporting.shared.text import Facts, by_reason, facts, probability, rival, under
+from bayescal.reporting.shared.sheet import below, screen, terminal
+from bayescal.reporting.shared.text import Facts, by_reason, probability, rival, under
 from bayescal.storage.reading import Json
 
 
 def motion_summary(record: Json) -> RenderableType:
     """Verdict, places, probabilities, torque error before and after, what was not assessed: one screen."""
     style = STYLES.get(record["verdict"], "bold red")
-    parts: list[RenderableType] = [sheets.title(record), *(Text(line, style) for line in record["words"]), ""]
-    parts.append(terminal(sheets.torque_sheet(record)))
-    if (replayed := sheets.tracking_sheet(record)) is not None:
-        parts += ["", terminal(replayed)]
-    parts.append("")
-    if record["where"] and record["verdict"] != "null":
-        parts.append(terminal(sheets.where_sheet(record)))
-    if record["amplitudes"]:
-        parts.append(terminal(sheets.amplitude_sheet(record)))
-    parts.append(facts(_facts(record)))
-    return Group(*parts)
+    torque, replayed = terminal(sheets.torque_sheet(record)), below(sheets.tracking_sheet(record))
+    places = None if record["verdict"] == "null" else sheets.where_sheet(record)
+    return screen(
+        *(sheets.title(record), *(Text(line, style) for line in record["words"]), "", torque, *replayed),
+        *("", places, sheets.amplitude_sheet(record), _facts(record)),
+    )
 
 
 def _facts(record: Json) -> Facts:

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from rich.console import Group, RenderableType
+from rich.console import RenderableType
 from rich.text import Text
 
 from bayescal.motion.together import Together
@@ -17,8 +17,8 @@ from bayescal.reporting.motion.fit import write_fit as write_log
 from bayescal.reporting.motion.record import LIBRARIES
 from bayescal.reporting.motion.sheets import together_sheet
 from bayescal.reporting.shared.origin import plain, software
-from bayescal.reporting.shared.sheet import terminal
-from bayescal.reporting.shared.text import Facts, facts, p_value, under
+from bayescal.reporting.shared.sheet import screen, terminal
+from bayescal.reporting.shared.text import Facts, p_value, under
 from bayescal.statistics import chi2_sf
 from bayescal.storage.files import json_text
 from bayescal.storage.folders import whole
@@ -71,7 +71,7 @@ def together_summary(record: Json, verbose: bool = False) -> RenderableType:
     title = Text.assemble(
         (f"{record['session']} + {record['log']['name']}", "bold"), f"  {record['robot']}  fitted together"
     )
-    return Group(title, "", terminal(together_sheet(record, verbose)), facts(_facts(record)))
+    return screen(title, "", terminal(together_sheet(record, verbose)), _facts(record))
 
 
 def _facts(record: Json) -> Facts:

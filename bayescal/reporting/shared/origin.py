@@ -5,6 +5,7 @@ from __future__ import annotations
 import platform
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from importlib.metadata import version
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,8 @@ import numpy as np
 from bayescal import __version__
 from bayescal.dataset import Dataset
 from bayescal.dataset.types import Record
+from bayescal.effects.location import Driver, Site
+from bayescal.effects.vocabulary import UNITS
 from bayescal.estimate import Estimate
 from bayescal.reporting.shared.text import MDEG, MM, UM, Facts, amplitude, under
 
@@ -104,7 +107,7 @@ def possible(
 
 
 def plain(value: Any) -> Any:
-    """The same with lists and Python numbers, None for every number that is not finite."""
+    """The same with lists, Python numbers and texts, None for every number that is not finite."""
     if isinstance(value, np.ndarray) and value.dtype.kind in "biuf":
         finite = np.isfinite(value)
         return (value if np.all(finite) else np.where(finite, value, np.array(None))).tolist()
@@ -114,24 +117,27 @@ def plain(value: Any) -> Any:
         return [plain(inner) for inner in value]
     if isinstance(value, np.generic):
         value = value.item()
-    return None if isinstance(value, float) and not np.isfinite(value) else value
+    if isinstance(value, float):
+        return value if np.isfinite(value) else None
+    return str(value) if isinstance(value, Site | Driver) else value
 
 
 FACTORS = {"um": UM, "mm": MM, "mdeg": MDEG}
 """From SI, by the unit at the end of a key."""
 
 
-def entry(result: Any, *fields: str) -> dict[str, Any]:
+def entry(result: Any, *fields: str, unit: str = "") -> dict[str, Any]:
     """An entry of a record: values of a result as JSON, each by its key.
 
     A key is the name of the attribute, with the unit of the entry behind it: ``rms_um`` is ``rms``, m, in µm;
-    or the attribute has another name: ``U_um=expanded``.
+    or the attribute is another one: ``U_um=expanded``, ``site=parameter.site``. With `unit`, the other values
+    are numbers in it (SI), and are stated in the unit of files.
     """
-    out = {}
-    for key, _, name in (field.partition("=") for field in fields):
-        stem, _, unit = key.rpartition("_")
-        factor = FACTORS.get(unit)
-        out[key] = plain(scaled(getattr(result, name or (stem if factor else key)), factor))
+    out, of_files = {}, UNITS[unit][1] if unit else None
+    for key, _, path in (field.partition("=") for field in fields):
+        stem, _, end = key.rpartition("_")
+        value = attrgetter(path or (stem if end in FACTORS else key))(result)
+        out[key] = plain(scaled(value, FACTORS.get(end, of_files)))
     return out
 
 

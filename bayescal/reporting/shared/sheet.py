@@ -8,9 +8,10 @@ from dataclasses import dataclass
 from io import StringIO
 from typing import TYPE_CHECKING, Any, ClassVar
 
+from rich.console import ConsoleRenderable, Group, RenderableType
 from rich.text import Text
 
-from bayescal.reporting.shared.text import MISSING, FigureTable, length
+from bayescal.reporting.shared.text import MISSING, FigureTable, facts, length
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -134,6 +135,29 @@ def terminal(sheet: Sheet, *headings: str) -> FigureTable:
         table.add_row(*texts, style=sheet.style(item) if sheet.style else "")
     table.caption = "" if headings else sheet.caption
     return table
+
+
+def screen(*parts: Any) -> RenderableType:
+    """What the terminal prints of a result: a `Sheet`, `Facts` or a line each, one below the other.
+
+    What is None, and tables without rows, are left out.
+    """
+    return Group(*(_printed(part) for part in parts if _holds(part)))
+
+
+def _holds(part: Any) -> bool:
+    return bool(part.items) if isinstance(part, Sheet) else part is not None
+
+
+def _printed(part: Any) -> RenderableType:
+    if isinstance(part, str | ConsoleRenderable):
+        return part
+    return terminal(part) if isinstance(part, Sheet) else facts(part)
+
+
+def below(*parts: Any) -> tuple[Any, ...]:
+    """Parts of a screen with a blank line above; nothing if the first of them is left out."""
+    return ("", *parts) if _holds(parts[0]) else ()
 
 
 def csv_text(head: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
