@@ -111,6 +111,7 @@ def computed(task: Task) -> str:
     from bayescal import __version__
     from bayescal.public.functions import diagnose, fit
     from bayescal.storage.files import json_text, write_together
+    from bayescal.storage.locks import alone
 
     def note(state: Json) -> None:
         write_together({task.folder / STATE: json_text(state)})
@@ -122,7 +123,9 @@ def computed(task: Task) -> str:
         o = task.options
         shared = {key: o[key] for key in ("without", "seed", "robust", "prior_width")}
         for command in COMMANDS:
-            if not task.there(state, command, inputs):
+            with alone(task.folder / command):  # which removes the lock of a process that was killed
+                there = task.there(state, command, inputs)
+            if not there:
                 begun = {"command": command, "inputs": inputs, "before": task.stamp(command)}
                 note(state | {"begun": begun})
                 try:

@@ -20,7 +20,7 @@ from analysis.fleet_study import put, shapes, subset
 from bayescal.errors import BayescalError
 from bayescal.exporting.robot import robot_text
 from bayescal.fitted.arm import of_fit
-from bayescal.public.fleet import Task, kept
+from bayescal.public.fleet import Task, computed, kept
 
 ARMS, ODD, OFF = 4, 3, 0.02
 """Arms of the fleet, the one that differs, and by how much its third zero does, rad: 33 times the spread."""
@@ -87,6 +87,23 @@ def test_nothing_is_lost_or_done_twice_though_a_worker_is_killed(ran):
     assert before.items() <= after.items()
     assert "5 sessions: 4 fitted, 0 kept, 1 failed" in said
     assert not list(out.rglob("*.part")) + list(out.rglob("*lock"))
+
+
+def test_a_worker_killed_behind_its_last_file_leaves_no_lock(ran, folder):
+    """Its results are there, its note and the lock are as it left them: nothing is computed."""
+    out, _, _ = ran
+    at = out / "sessions" / "arm-0"
+    state = json.loads((at / "session.json").read_text())
+    inputs = state["done"].pop("gap")
+    state["begun"] = {"command": "gap", "inputs": inputs, "before": ""}
+    (at / "session.json").write_text(json.dumps(state))
+    (at / ".gap.bayescal-lock").write_text("4194304")
+    options = {key: value for key, value in inputs.items() if key != "sha256"}
+    times = done(folder)
+    assert computed(Task(folder / "sessions" / "arm-0", at, options)) == ""
+    assert done(folder) == times
+    assert not list(at.rglob("*lock"))
+    assert json.loads((at / "session.json").read_text())["done"]["gap"] == inputs
 
 
 def test_the_table_is_right_and_a_bad_session_stands_in_it(ran):
