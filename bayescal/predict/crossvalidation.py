@@ -43,8 +43,10 @@ Folded = Callable[[Measurements, np.ndarray], np.ndarray]
 FOLDS = 10
 """Number of blocks of rows that are left out in turn (convention)."""
 REGIONS = 5
-"""Number of regions of the joints that are left out in turn (tuned on sessions of real arms: names that do
-not extrapolate fail with 5, and pass with 10 or more)."""
+"""Number of regions of the joints that are left out in turn (tuned on sessions of real arms: of 10 or 20,
+more names pass that do not extrapolate)."""
+STILL = 0.01
+"""Spread of the readings of a joint, rad or m, below which it counts less for its region (assumed)."""
 ROUNDING = 1e-9
 """Smallest share of the information on a direction that the other blocks must have."""
 
@@ -88,8 +90,7 @@ def regions(m: Measurements, rows: np.ndarray) -> np.ndarray:
     poses, inverse = np.unique(m.readings[rows], axis=0, return_inverse=True)
     if len(poses) <= REGIONS:
         return inverse
-    spread = np.std(poses, axis=0)
-    at = (poses - np.mean(poses, axis=0)) / np.where(spread > 0, spread, 1.0)
+    at = (poses - np.mean(poses, axis=0)) / np.maximum(np.std(poses, axis=0), STILL)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of a cluster that has become empty: there is one region less
         return np.asarray(kmeans2(at, REGIONS, iter=50, minit="++", seed=0)[1])[inverse]

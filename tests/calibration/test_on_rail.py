@@ -45,7 +45,7 @@ def arm(result):
 
 
 def test_the_nominal_arm_on_a_straight_rail(made, folder):
-    """The simulator's arm as drawn, on a rail without errors, is where the robot file says."""
+    """The nominal arm of the simulator, on a rail without errors, is where the robot file says."""
     body = Arm(nominal())
     level = rail.Rail((STILL,) * 2, (STILL,) * 3, 0.0, np.zeros(2), np.zeros(3))
     dataset = read_dataset(folder)

@@ -30,7 +30,7 @@ def drivers(dataset, effect):
 
 
 def displacements(dataset, effect, **values):
-    """Displacements (N, n + 2, 6) of all frames at some values, the others as drawn."""
+    """Displacements (N, n + 2, 6) of all frames at some values, the others nominal."""
     scene = Scene(dataset)
     out = np.zeros((len(scene.q), scene.chain.n + 2, 6))
     for (name, frame, axis), driver in drivers(dataset, effect).items():
@@ -39,7 +39,7 @@ def displacements(dataset, effect, **values):
 
 
 def ball_centres(dataset, effect, **values):
-    """Ball centres (N, 3) at some values, the others as drawn."""
+    """Ball centres (N, 3) at some values, the others nominal."""
     scene = Scene(dataset)
     return points(scene.chain, scene.q, scene.tools, displacements(dataset, effect, **values))
 

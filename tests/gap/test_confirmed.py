@@ -220,6 +220,21 @@ def test_a_name_must_pass_with_regions_left_out_as_with_blocks():
     assert aside.share.value == pytest.approx(0.0, abs=1e-9)
 
 
+def test_what_a_name_costs_is_of_the_blocks_whatever_it_lacks_in_regions():
+    rng = np.random.default_rng(6)
+    change, other = (20e-6 * rng.standard_normal(COUNT) for _ in range(2))
+    less, more = (replace(errors(0.0), residual=other - k * change, how=BLOCKED) for k in (0, 3))
+    one_block = [replace(e, block=np.zeros(COUNT, int)) for e in (less, more)]  # of which there is no share
+    by_region = [replace(e, how=BY_REGION) for e in (less, more)]
+
+    def refit(members):
+        return "", (one_block[len(members)], by_region[len(members)])
+
+    (aside,) = confirmed(("eccentricity",), refit, refit(())[1]).withheld
+    assert share(*by_region).missing
+    assert "makes blocks of poses and time that are left out less probable" in aside.words
+
+
 def test_gain_of_distances_heeds_their_correlation():
     """An error that two distances share by the arm's uncertainty is likely along it, and unlikely across."""
     near, far = (gain(errors(0.0), errors(0.0), errors(0.0, 20e-6, c)) for c in (20e-6, 0.0))
@@ -280,6 +295,18 @@ def test_a_region_has_the_rows_of_its_poses_in_any_order(cube):
     assert np.mean(near == own) > 0.9
     first, *others = regions(m, np.repeat([3, 8], 5))
     assert others == [first] * 4 + [1 - first] * 5
+
+
+def test_a_joint_that_stands_still_has_no_part_in_a_region(cube):
+    """Its readings differ by a resolution of the encoder, which is no other pose."""
+    d = cube(seed=1, count=150).dataset
+    m, rng = d.measurements, np.random.default_rng(3)
+    readings = m.readings.copy()
+    readings[:, 5] = 0.3
+    still = replace(m, readings=readings.copy())
+    readings[:, 5] += 2e-6 * rng.integers(-1, 2, len(readings))
+    same, jittered = (regions(of, np.arange(len(readings))) for of in (still, replace(m, readings=readings)))
+    assert len({*zip(same.tolist(), jittered.tolist(), strict=True)}) == REGIONS
 
 
 @pytest.mark.parametrize("seed", [1, 2])

@@ -143,9 +143,10 @@ def _alone(member: Any, before: Tests, less: Tests | BayescalError, more: Tests)
     """What an effect costs, and the share of its predicted change in the test that it fails."""
     if isinstance(less, BayescalError):  # the others are fitted with it only
         return Aside(member, -np.inf, UNTESTED, more[0].how)
+    cost = -gain(before[0], less[0], more[0])
     tests = [(share(a, b), b.how) for a, b in zip(less, more, strict=True)]
-    failed = next((test for test in tests if test[0].missing), tests[0])
-    return Aside(member, -gain(before[0], less[0], more[0]), *failed)
+    failed = (test for test in tests if test[0].missing and cost <= GATE.loss)  # a cost is of the first
+    return Aside(member, cost, *next(failed, tests[0]))
 
 
 def gain(before: ValidationErrors, less: ValidationErrors, more: ValidationErrors) -> float:
