@@ -226,7 +226,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         if not right(r) and named[t.folder]
     ]
     beside = run(again, "with what was named in the model")
-    published(table([*models, *parts, *beside]), given.out, MARKS)
+    published(table([*models, *parts, *beside]), given.out, MARKS, new=True)
 
 
 def parts_out(model: Record, only: set[int]) -> list[str]:

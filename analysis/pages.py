@@ -43,10 +43,10 @@ def between(path: Path, marks: Marks, text: str) -> None:
     write_together({path: f"{before}{begin}\n{text}\n{end}{after}"})
 
 
-def published(text: str, page: Path | None, marks: Marks) -> None:
-    """Print tables, and renew them in a page; one that does not exist is made of them alone."""
+def published(text: str, page: Path | None, marks: Marks, new: bool = False) -> None:
+    """Print tables, and renew them in a page; a `new` page, if it does not exist, is made of them alone."""
     print(text)
     if page is not None:
-        if not page.exists():
+        if new and not page.exists():
             page.write_text("\n".join((*marks, "")), encoding="utf-8")
         between(page, marks, text)

@@ -132,7 +132,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     splits = real_halves.found_in(given.real, runs / real_halves.RUNS.name, workers, sessions)
     in_names = runs / real_names.RUNS.name
     halves = real_names.found_in(given.real, given.splits, in_names, workers, sessions, given.workspace)
-    published(card(splits, halves), given.out, MARKS)
+    published(card(splits, halves), given.out, MARKS, new=True)
 
 
 if __name__ == "__main__":  # worker processes import this module too

@@ -154,7 +154,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     given = real_arguments("real_changes", __doc__).parse_args(arguments)
     every = {t.key: t for t in tasks(given.real, given.sessions)}
     found = completed(given.runs / "records.json", every, made, given.workers, "comparisons")
-    published(table(found), given.out, MARKS)
+    published(table(found), given.out, MARKS, new=True)
 
 
 if __name__ == "__main__":  # worker processes import this module too

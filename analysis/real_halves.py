@@ -194,7 +194,9 @@ def row(r: Record, kind: str) -> list[str]:
 def main(arguments: Sequence[str] | None = None) -> None:
     """Make the records that are missing, and write the table of all."""
     given = real_arguments("real_halves", __doc__).parse_args(arguments)
-    published(table(found_in(given.real, given.runs, given.workers, given.sessions)), given.out, MARKS)
+    published(
+        table(found_in(given.real, given.runs, given.workers, given.sessions)), given.out, MARKS, new=True
+    )
 
 
 if __name__ == "__main__":  # worker processes import this module too

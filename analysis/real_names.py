@@ -199,7 +199,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--workspace", action="store_true", help="halves of the workspace too")
     given = parser.parse_args(arguments)
     found = found_in(given.real, given.splits, given.runs, given.workers, given.sessions, given.workspace)
-    published(table(found), given.out, MARKS)
+    published(table(found), given.out, MARKS, new=True)
 
 
 if __name__ == "__main__":  # worker processes import this module too

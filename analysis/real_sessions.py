@@ -212,7 +212,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         for f, r in zip(folders, sessions, strict=True)
         for place in r["places"]
     ]
-    published(table(sessions, run(apart, "places")), given.out, MARKS)
+    published(table(sessions, run(apart, "places")), given.out, MARKS, new=True)
 
 
 if __name__ == "__main__":  # worker processes import this module too

@@ -180,7 +180,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     tasks = [Task(f, share, size) for f in folders for share in SHARES for size in SIZES]
     every = {t.key: t for t in tasks}
     found = completed(given.runs / "records.json", every, made, given.workers, "steps")
-    published(table(found), given.out, MARKS)
+    published(table(found), given.out, MARKS, new=True)
 
 
 if __name__ == "__main__":  # worker processes import this module too

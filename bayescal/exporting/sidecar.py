@@ -106,7 +106,7 @@ def replace_earlier(
     """
     sidecar = sidecar_of(path)
     known = _earlier(sidecar, path.name, record["schema"])
-    there = {file: file.is_file() and digest(file.read_bytes()) for file in filter(Path.exists, files)}
+    there = {file: "" if file == sidecar else _found(file) for file in filter(Path.exists, files)}
     for file, found in there.items():
         if to_patch is not None and to_patch.exists() and file.samefile(to_patch):
             what = "is the file to patch itself"
@@ -117,6 +117,14 @@ def replace_earlier(
             raise BayescalError("exists and is no sidecar of an export", str(file), "give another --out")
     replaced = {file.name: found for file, found in there.items() if file != sidecar}
     write_together(files, {sidecar: json_text({**record, "replaces": replaced})})
+
+
+def _found(file: Path) -> str:
+    """SHA-256 of a file, "" of what is no file or cannot be read."""
+    try:
+        return digest(file.read_bytes()) if file.is_file() else ""
+    except OSError:
+        return ""
 
 
 def _earlier(sidecar: Path, name: str, schema: str) -> dict[str, set[str]]:

@@ -90,8 +90,11 @@ def explain(
     before = errors(first.fitted)
     alone: Tests = (before if last is first else errors(last.fitted),)
     if alone[0].how != VALIDATED:
-        left = partial(_left_out, errors, last.fitted)
-        alone = attempted("cross-validation by blocks of the baseline", left, alone, lost)
+        tests = (
+            attempted(f"{how} of the baseline", partial(errors, last.fitted, how), None, lost)
+            for how in FOLDED
+        )
+        alone = tuple(test for test in tests if test is not None) or alone
 
     known: dict[tuple[Variant, ...], tuple[Estimate, Tests]] = {(): (last.fitted, alone)}
 
@@ -100,7 +103,7 @@ def explain(
         if key not in known:
             try:
                 final = refit(last.fitted, last.candidates, members, last.options)
-                known[key] = final, _left_out(errors, final)[: len(alone)]
+                known[key] = final, tuple(errors(final, test.how) for test in alone)
             except FAILURES as error:
                 raise error if isinstance(error, BayescalError) else BayescalError(reason(error)) from None
         return known[key]
@@ -110,13 +113,6 @@ def explain(
         what = "cross-validation of the refit one by one: that by blocks is stated"
         after = before if final is first.fitted else attempted(what, partial(errors, final), after, lost)
     return Explained(first, confirmed_last, promoted, before, final, after, unsure, tuple(lost))
-
-
-def _left_out(errors: Callable[[Estimate, str], ValidationErrors], fitted: Estimate) -> Tests:
-    """Validation errors, or, without validation data, those of every way to leave out blocks of rows."""
-    first, *others = FOLDED
-    errors_of = errors(fitted, first)
-    return (errors_of, *(errors(fitted, how) for how in others if errors_of.how != VALIDATED))
 
 
 def between(interval: tuple[int, int], fitted: np.ndarray) -> range:

@@ -12,7 +12,6 @@ import numpy as np
 
 from bayescal.arm.transforms import rpy_of
 from bayescal.errors import BayescalError, listed
-from bayescal.exporting.mjcf.scene_arm import above
 from bayescal.exporting.sidecar import mujoco
 from bayescal.importing.joint_formats import DEG
 from bayescal.logs.mechanism import PAIRS
@@ -75,6 +74,8 @@ def _of_mjcf(path: Path) -> Arm:
     root = parse_markup(content_of(path, LARGEST), path.name)
     if root.tag != "mujoco":
         raise BayescalError(f"<{root.tag}> is no MJCF", f"{path.name}:1", "give a model of MuJoCo, or a URDF")
+    from bayescal.exporting.mjcf.scene_arm import above  # slow to import
+
     mj = mujoco()
     try:
         model = mj.MjModel.from_xml_path(str(path))

@@ -238,10 +238,16 @@ def validation_errors(estimate: Estimate, strict: bool = True, without: str = LE
         parts = [_predicted(r, factor) for r in fitted]
     else:
         parts = left_out(estimate) if how == LEFT_OUT else blocks_left_out(estimate, FOLDED[how])
+    fold = None
+    if how in FOLDED:  # as they were left out; what was not fitted is predicted by the fit to all
+        of_fitted = _rows([p.block for p in parts])
+        of_located = _rows([r.block for r in known.rows if r.target is not None])
+        own = FOLDED[how](scene.dataset.measurements, of_fitted)
+        fold = np.concatenate([own, np.full(len(of_located), -1)])
     main = next((g for g in GROUPS if any(p.block.group == g for p in parts)), "point")
     parts += [_predicted(r, factor) for r in known.rows if r.target is not None]
     blocks_of = [p.block for p in parts]
-    at = np.concatenate([np.tile(b.rows, b.kind.rows) for b in blocks_of])
+    at = _rows(blocks_of)
     order = np.argsort(at, kind="stable")
 
     def joined(values: Sequence[np.ndarray]) -> np.ndarray:
@@ -268,8 +274,13 @@ def validation_errors(estimate: Estimate, strict: bool = True, without: str = LE
         centre_distances(scene, known.located, factor[estimate.model.slices[ARM]]),
         padded([p.own for p in parts]),
         estimate.dof,
-        FOLDED[how](scene.dataset.measurements, at[order]) if how in FOLDED else None,
+        None if fold is None else fold[order],
     )
+
+
+def _rows(blocks: Sequence[Block]) -> np.ndarray:
+    """Row of the session (R,) of each residual of some blocks, component by component."""
+    return np.concatenate([np.empty(0, int), *(np.tile(b.rows, b.kind.rows) for b in blocks)])
 
 
 def _predicted(r: RowPrediction, factor: np.ndarray) -> _Part:
@@ -334,7 +345,7 @@ def blocks_left_out(estimate: Estimate, folded: Folded = folds) -> list[_Part]:
     linear = linearise(model, estimate.z, whole)
     lengths = length_blocks(model)
     at = np.concatenate([np.arange(len(linear.residual))[linear.of_block[b.target]] for b in lengths])
-    rows = np.concatenate([np.tile(b.rows, b.kind.rows) for b in lengths])
+    rows = _rows(lengths)
     weight = np.concatenate([np.tile(estimate.weights.row[b.name], b.kind.rows) for b in lengths])
     noise = np.concatenate([1.0 / whole.whitening(b) for b in lengths])
     residual = linear.residual[at]

@@ -272,7 +272,13 @@ class LogExportResult(Printed):
         return export_summary(self.data)
 
     def save(self, path: str | PathLike[str] | None = None) -> tuple[Path, ...]:
-        """Write the file and its sidecar ``<name>.bayescal.json``; return their paths."""
+        """Write the file and its sidecar ``<name>.bayescal.json``; return their paths.
+
+        Raises
+        ------
+        BayescalError
+            If one of them is no unchanged earlier export.
+        """
         return self.data.save(Path(path or self.name))
 
 

@@ -318,3 +318,19 @@ def test_an_error_of_regions_does_not_confirm_a_name_that_fits_it(cube, seed):
         d = off(d, joint, 3e-4 * rng.standard_normal(REGIONS)[label])
     for how, lacks in ((BLOCKED, False), (BY_REGION, True)):
         assert judged_in_blocks(d, "eccentricity x8", how)[2].missing is lacks
+
+
+def test_residuals_of_one_fold_are_those_that_were_left_out_together(cube):
+    """Beside rows of a face that is not fitted, which the fit to all others predicts."""
+    d = cube(seed=1, count=150).dataset
+    m = d.measurements
+    beside = m.target == 0
+    d = replace(d, measurements=replace(m, role=np.where(beside, "validate", m.role)))
+    h = validation_errors(estimate(build(Scene(d), FULL)), without=BY_REGION)
+    assert np.array_equal(h.fold == -1, beside[h.rows])
+    label = regions(m, np.flatnonzero(~beside))
+    own = dict(zip(np.flatnonzero(~beside).tolist(), label.tolist(), strict=True))
+    assert (
+        len({(fold, own.get(row, -1)) for fold, row in zip(h.fold, h.rows.tolist(), strict=True)})
+        == 1 + REGIONS
+    )

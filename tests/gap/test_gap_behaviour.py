@@ -53,7 +53,7 @@ def names(decision):
 
 
 def test_nothing_is_named_where_there_is_nothing(bench):
-    named = [names(bench.decided(bench.made_up(seed))[0]) for seed in range(8)]
+    named = [names(bench.decided(bench.made_up(seed))[0]) for seed in range(16)]
     assert not any(named), [n for n in named if n]
 
 

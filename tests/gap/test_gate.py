@@ -118,6 +118,18 @@ def test_blocks_that_are_left_out_judge_a_refit():
     assert contradiction(before, after) == 1.0
 
 
+def test_a_share_is_a_regression_with_the_covariance_of_each_block():
+    rng = np.random.default_rng(5)
+    fold = np.arange(COUNT) % 3
+    by = 3 * NOISE * rng.standard_normal((COUNT, 4))
+    change = 2 * NOISE * rng.standard_normal(COUNT)
+    less, more = blocked(RESIDUAL + change, by, fold), blocked(RESIDUAL, by, fold)
+    covariance = NOISE**2 * np.eye(COUNT) + np.where(fold == fold[:, None], by @ by.T, 0.0)
+    weighted = np.linalg.solve(covariance, change)
+    expected = weighted @ (RESIDUAL + change) / (weighted @ change)
+    assert share(less, more).value == pytest.approx(expected, rel=1e-9)
+
+
 def test_a_direction_that_the_other_blocks_do_not_determine_is_no_evidence():
     """Large residuals along it do not decide whether the change of a name is there."""
     rng = np.random.default_rng(4)

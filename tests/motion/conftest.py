@@ -9,7 +9,7 @@ from bayescal.motion.estimate import estimated
 from bayescal.motion.signals import all_signals
 
 
-@pytest.fixture(autouse=True, scope="session")
+@pytest.fixture(autouse=True, scope="module")
 def _few_steps():
     """Draws of a fit take a fifth of the usual steps; tests of the sampler state their own."""
     with pytest.MonkeyPatch.context() as patch:

@@ -27,6 +27,7 @@ from bayescal.reporting.fit.posterior import parameter_draws
 from bayescal.reporting.gap.record import gap_record
 from bayescal.reporting.shared.origin import rows_record
 from bayescal.reporting.shared.style import FAINT, INK, MARKED, NOISE, SERIES
+from bayescal.reporting.shared.text import level_labels
 
 WIDTHS = (80, 160)
 LONG = "the upper sphere of the artefact that stands behind the column of the machine $a_1$"
@@ -300,7 +301,7 @@ def test_parameters_are_scaled_by_their_priors(fit):
     assert low < at < high
     axes = draw("parameters", fit).axes
     drawn = np.concatenate([marks(a, style) for a in axes for _, style in parameters.STYLES.values()])
-    own = [parameters.scaled(p)[2] for p in parameters.of_arm(fit)]
+    own = [parameters.scaled(p)[2] for p in fit["parameters"] if p["effect"] != "target"]
     assert sorted(drawn[:, 0]) == pytest.approx(sorted(own))
 
 
@@ -313,7 +314,7 @@ def segments(axes, colour):
 
 def test_the_band_of_a_prior_is_two_of_its_standard_deviations(fit):
     """Beside each estimate, with its 95 % interval, in the same unit; so the legend says."""
-    own = parameters.of_arm(fit)
+    own = [p for p in fit["parameters"] if p["effect"] != "target"]
     axes = draw("parameters", fit).axes
     ends, heights = segments(axes, NOISE)
     np.testing.assert_allclose(ends, np.tile([-2.0, 2.0], (len(own), 1)))
@@ -463,6 +464,7 @@ def test_every_file_of_a_run_is_a_figure():
         assert all(schema in CONTENT[name] for name in files.values())
     assert set(FILES[GAP]) == {"gap-where.png", "gap-which.png", "gap-levels.png", "gap-residuals.png"}
     assert set(bc.plot.__all__) == {*CONTENT, "posterior"}
+    assert level_labels([{"model": ["nominal"]}]) == ["nominal"]
 
 
 def test_a_second_process_draws_the_same(result, kept, monkeypatch):

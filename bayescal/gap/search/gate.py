@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from bayescal.errors import BayescalError
-from bayescal.estimate.solver import factored, halved, solved
+from bayescal.estimate.solver import factored, solved
 from bayescal.gap.outcome.magnitude import log_predictive
 from bayescal.gap.settings import GATE
 from bayescal.predict.crossvalidation import BLOCKED, BY_REGION, LEFT_OUT, VALIDATED
@@ -22,7 +22,7 @@ Tests = tuple[ValidationErrors, ...]
 Refit = Callable[[Sequence[Any]], tuple[Any, Tests]]
 """Fits some effects, and returns the fit with its validation errors."""
 LEFT = {
-    VALIDATED: ("the validation data", "validation contacts"),
+    **dict.fromkeys((VALIDATED, LEFT_OUT), ("the validation data", "validation contacts")),
     BLOCKED: ("blocks of poses and time that are left out", "contacts of blocks that are left out"),
     BY_REGION: ("regions of the joints that are left out", "contacts in joint regions that are left out"),
 }
@@ -245,8 +245,11 @@ def _whitened(h: ValidationErrors, use: np.ndarray, values: np.ndarray) -> np.nd
     for fold in _folds(h):
         mine = fold[use]
         by = h.by_parameters[use][mine] / h.noise[use][mine, None]
-        factor = np.linalg.cholesky(np.eye(len(by)) + by @ by.T)
-        out[:, mine] = halved(factor, values[:, mine].T).T
+        # (1 + B B')^-1/2 by the eigenvalues of B'B: a region may have thousands of rows
+        own, vectors = np.linalg.eigh(by.T @ by)
+        own, along = np.maximum(own, 0.0), values[:, mine] @ by @ vectors
+        shrunk = -1.0 / (np.sqrt(1.0 + own) * (1.0 + np.sqrt(1.0 + own)))
+        out[:, mine] += (along * shrunk) @ vectors.T @ by.T
     return out
 
 
