@@ -12,8 +12,6 @@ of D commute with those of the joint, so the components are exact DH errors: of 
 Hayati's beta.
 
 A robot as its drawing says it is: nominal kinematics, masses and coupling of its axes.
-
-A transform between two joints as one DH row.
 """
 
 from __future__ import annotations
@@ -43,6 +41,30 @@ class Prior:
     unit: str  # m, rad or rad/(N m)
     deviation: float  # mean, from nominal
     sd: float
+
+
+@dataclass(frozen=True)
+class Ground:
+    """The link that stands still of a chain through two arms, and what its first link weighs.
+
+    Such a chain begins at the flange of one arm, which is F0, and ends at that of the other: F0 moves, and
+    what it carries is measured. Gravity is stated in a frame of the ground, at `place` (4, 4) in the frame of
+    the link.
+    """
+
+    link: int  # behind the joint of this number, from 1
+    place: np.ndarray  # m
+    mass: float = 0.0  # kg, of the link before the first joint
+    centre: np.ndarray = field(default_factory=lambda: np.zeros(3))  # of this mass, in F0, m
+    held: float = 0.0  # kg, of what this link carries in a session
+    held_centre: np.ndarray = field(default_factory=lambda: np.zeros(3))
+
+    @property
+    def load(self) -> tuple[float, np.ndarray]:
+        """Mass before the first joint, kg, and its centre (3,) in F0, m."""
+        total = self.mass + self.held
+        moment = self.mass * self.centre + self.held * self.held_centre
+        return total, moment / total if total > 0 else moment
 
 
 @dataclass(frozen=True)
@@ -87,6 +109,7 @@ class Robot:
     viscous: np.ndarray | None = None  # (n,) N m s/rad; nan where not stated
     armatures: np.ndarray | None = None  # (n,) kg m2, rotors as seen at the joints; nan where not stated
     priors: tuple[Prior, ...] = ()  # of parameters whose usual priors do not hold for this arm
+    ground: Ground | None = None  # of a chain through two arms; None: F0 stands still
     prismatic: np.ndarray | None = None  # (n,) bool, joints that slide; None: all are revolute
     mass_covariance: np.ndarray | None = None
     # (4n, 4n) of relative errors of masses and errors of centres, m, link by link, where masses were
@@ -99,6 +122,15 @@ class Robot:
     def n(self) -> int:
         """Number of joints."""
         return len(self.joint_names)
+
+    @property
+    def two_arms(self) -> str:
+        """Which joints are of which of two arms, in words; "" of one arm."""
+        if self.ground is None:
+            return ""
+        last, names = self.ground.link, self.joint_names
+        carry = f"two arms: joints 1 to {last} ({names[0]} to {names[last - 1]}) carry what is measured"
+        return f"{carry}, {last + 1} to {self.n} ({names[last]} to {names[-1]}) the tool"
 
     @cached_property
     def slides(self) -> np.ndarray:
@@ -137,7 +169,8 @@ class Robot:
 class Chain:
     """Constants of a robot's chain: `base` (4, 4), `link` (n + 1, 4, 4), `d` (n,), m and rad.
 
-    Joints that `slides` (n,) move along their axes; `theta` (n,) is the constant angle of these.
+    Joints that `slides` (n,) move along their axes; `theta` (n,) is the constant angle of these. `ground` is
+    the link that stands still; None: F0 does.
     """
 
     base: np.ndarray
@@ -145,6 +178,7 @@ class Chain:
     d: np.ndarray
     slides: np.ndarray = field(default_factory=lambda: np.zeros(1, bool))
     theta: np.ndarray = field(default_factory=lambda: np.zeros(1))
+    ground: Ground | None = None
 
     @property
     def n(self) -> int:
@@ -167,7 +201,7 @@ def chain_of(robot: Robot) -> Chain:
         link[k] = twist @ shift @ hayati if robot.convention == "mdh" else shift @ twist @ hayati
     link[n] = link[n] @ robot.flange
     theta = np.where(robot.slides, robot.offset, 0.0)
-    return Chain(robot.base, link, robot.d, robot.slides, theta)
+    return Chain(robot.base, link, robot.d, robot.slides, theta, robot.ground)
 
 
 def link_angles(robot: Robot, readings: np.ndarray) -> np.ndarray:
@@ -321,50 +355,3 @@ def _moved(delta: np.ndarray, parts: tuple[int, ...]) -> np.ndarray:
         step[:, axis, 3] = delta[:, 2 * part + 1]
         steps.append(step)
     return reduce(np.matmul, steps)
-
-
-def split(
-    m: np.ndarray, parallel: float = np.radians(5.0)
-) -> tuple[tuple[float, float, float], tuple[float, float], tuple[float, float]]:
-    """Split a transform into ``Rz Tz`` (before), ``Rx(alpha) Tx(a) Ry(beta)``, and ``Rz Tz`` (behind).
-
-    Between near-parallel axes beta takes the place of a distance along the second axis, which there
-    is ill determined; elsewhere beta is zero (Hayati and Mirmirani 1985). Any rigid transform can be
-    split so: what stands between two joints is a row, and what it leaves to the joints beside it.
-
-    Parameters
-    ----------
-    m : np.ndarray, shape (4, 4)
-        From one joint's frame to the next, each turning about its z. m and rad.
-    parallel : float
-        Axes that differ by less count as parallel, rad.
-
-    Returns
-    -------
-    tuple
-        (alpha, a, beta), (angle, length) before, (angle, length) behind. rad and m.
-    """
-    axis = m[:3, 2]  # the second axis seen from the first
-    if np.hypot(axis[0], axis[1]) < np.sin(parallel):
-        turn = _small(np.arctan2(m[1, 3], m[0, 3])) if np.hypot(m[0, 3], m[1, 3]) > 1e-12 else 0.0
-        r, p = rotation(2, -turn) @ m[:3, :3], rotation(2, -turn) @ m[:3, 3]
-        alpha, beta = np.arctan2(-r[1, 2], r[2, 2]), np.arcsin(np.clip(r[0, 2], -1.0, 1.0))
-        remaining = rotation(1, -beta) @ rotation(0, -alpha) @ r
-        before, behind = p[2], 0.0
-    else:  # turn about the first axis until the second has no component along x: the common normal
-        turn = _small(np.arctan2(axis[0], -axis[1]))
-        r, p = rotation(2, -turn) @ m[:3, :3], rotation(2, -turn) @ m[:3, 3]
-        alpha, beta = np.arctan2(-r[1, 2], r[2, 2]), 0.0
-        remaining = rotation(0, -alpha) @ r
-        behind = -p[1] / np.sin(alpha)  # p = Tz(before) Tx(a) Rx(alpha) Tz(behind)
-        before = p[2] - np.cos(alpha) * behind
-    return (
-        (float(alpha), float(p[0]), float(beta)),
-        (float(turn), float(before)),
-        (float(np.arctan2(remaining[1, 0], remaining[0, 0])), float(behind)),
-    )
-
-
-def _small(turn: float) -> float:
-    """Of the two turns half a revolution apart the smaller: a and alpha keep their nominal signs."""
-    return float(turn - np.pi * np.round(turn / np.pi))

@@ -54,6 +54,7 @@ class Hinges:
 
     axes: np.ndarray
     origins: np.ndarray
+    ground: int = 0  # the link that stands still; 0: F0
 
     def loads(self, moment: np.ndarray, weight: np.ndarray) -> Loads:
         """Loads by the moment about F0's origin, N m, and the weight, N, beyond each frame, (C, n + 1, 3)."""
@@ -84,7 +85,10 @@ class Hinges:
         list of Loads
             Four: by the mass, and by each of the shifts, per m.
         """
-        count, of = len(self.axes), slice(0, body + 1)
+        if body < self.ground:  # on the side of F0: the joints between it and the ground carry it, reversed
+            count, of, weight = len(self.axes), slice(body + 1, self.ground + 1), -weight
+        else:
+            count, of = len(self.axes), slice(self.ground + 1 if self.ground else 0, body + 1)
         moment = np.stack([cross(centre, weight), *(cross(turn[:, :, k], weight) for k in range(3))], axis=-1)
         axes, arms = (x[:, of].reshape(count, -1, 3) for x in (self.axes, self.arms))
         pull, moments = axes @ weight[..., None], axes @ moment
@@ -92,7 +96,8 @@ class Hinges:
         out = []
         for k, weights in enumerate((pull, *3 * [np.zeros_like(pull)])):
             loads = np.zeros((2, *self.axes.shape[:-1]))
-            loads[:, :, of] = np.stack([moments[..., k], weights[..., 0]]).reshape(2, count, body + 1, 3)
+            width = of.stop - of.start
+            loads[:, :, of] = np.stack([moments[..., k], weights[..., 0]]).reshape(2, count, width, 3)
             out.append(Loads(*loads))
         return out
 
@@ -111,7 +116,21 @@ def hinges(chain: Chain, pose: np.ndarray, delta: np.ndarray | None = None) -> H
         turn, slide = delta[:, 1 : n + 1, 2, None], delta[:, 1 : n + 1, 3, None]
         axes[:, 1:, 1] = np.cos(turn) * axes[:, 1:, 1] + np.sin(turn) * axes[:, 1:, 2]
         origins[:, 1:, 1] += slide * axes[:, 1:, 0]
-    return Hinges(axes, origins)
+    return Hinges(axes, origins, 0 if chain.ground is None else chain.ground.link)
+
+
+def gravity_in_f0(
+    chain: Chain, pose: np.ndarray, gravity: np.ndarray, stance: Stance | None = None
+) -> np.ndarray:
+    """Gravity in F0, m/s2: as stated, (3,); of a chain through two arms (C, 3), by the poses of `frames`."""
+    ground = chain.ground
+    if ground is None:
+        return gravity
+    down = np.broadcast_to(ground.place[:3, :3] @ gravity, (len(pose), 3))
+    if stance is not None:
+        turns = np.where(np.arange(6) % 2 == 0, stance.yields[:, ground.link], 0.0)
+        down = displaced(down, np.where(np.arange(6) < 2, 0.0, turns))
+    return np.asarray((pose[:, ground.link, :3, :3] @ down[..., None])[..., 0])
 
 
 def gravity_loads(
@@ -135,7 +154,7 @@ def gravity_loads(
     q : np.ndarray, shape (C, n)
         Nominal link angles, rad.
     gravity : np.ndarray, shape (3,)
-        m/s2, in F0.
+        m/s2, in F0; of a chain through two arms in the frame of its ground.
     load_mass : np.ndarray, shape (C,)
         kg on the flange: tool and payload.
     load_centre : np.ndarray, shape (C, 3)
@@ -154,6 +173,7 @@ def gravity_loads(
         return Loads(*map(np.concatenate, zip(*parts, strict=True)))
     n, delta = chain.n, None if stance is None else stance.delta
     pose = frames(chain, q, delta)
+    gravity = gravity_in_f0(chain, pose, gravity, stance)
     moment, weight = np.empty((len(q), n + 1, 3)), np.empty((len(q), n + 1, 3))
     beyond = load_mass[:, None] * gravity
     pull = cross(placed(pose[:, n + 1], load_centre), beyond)  # about F0's origin
@@ -163,6 +183,12 @@ def gravity_loads(
             beyond = beyond + force
             pull = pull + cross(placed(pose[:, i], centre_of_mass(robot, chain, i, stance)), force)
         moment[:, i], weight[:, i] = pull, beyond
+    if chain.ground is not None:  # it bears all: what a joint before it carries is on the side of F0
+        mass, centre = chain.ground.load
+        held, of = mass * gravity, slice(1, chain.ground.link + 1)
+        moment[:, of] -= (pull + cross(np.broadcast_to(centre, held.shape), held))[:, None]
+        weight[:, of] -= (beyond + held)[:, None]
+        moment[:, 0] = weight[:, 0] = 0.0
     return hinges(chain, pose, delta).loads(moment, weight)
 
 

@@ -25,7 +25,7 @@ from bayescal.fitted.arm import FittedArm
 from bayescal.programs import PROGRAMS
 from bayescal.programs.text import Corrected, Format, Program, Target, line_of, rewritten
 from bayescal.programs.tools import check_stated, tool_of
-from bayescal.robots import only_revolute
+from bayescal.robots import only_one_arm, only_revolute
 from bayescal.storage.files import stem_of, unknown, write_together
 from bayescal.storage.reading import content_of
 
@@ -214,6 +214,7 @@ def compensate_file(
         raise BayescalError(f"there is no format `{name}`", "--format", f"known: {', '.join(FORMATS)}")
     robot = arm.dataset.robot
     state: dict[str, Any] = {"frame": frame or BASE, "tool": tool, "tcp": tcp, "time": time, "row": row}
+    only_one_arm(robot, "corrected targets")
     if name == TABLE:
         table = read_targets(source, robot, payload)
         corrected = compensated(arm, table.targets, **state)

@@ -125,7 +125,7 @@ def _temperature(sessions: Sequence[Dataset]) -> np.ndarray | None:
 
 RELATIVE, ABSOLUTE = 1e-8, 1e-9
 """How alike two robot files must be, SI: to the digits that files are written with."""
-NOT_THE_ARM = ("limits", "reductions", "radii", "priors")
+NOT_THE_ARM = ("limits", "reductions", "radii", "priors", "ground")
 """Fields of a robot that may be told otherwise, or not at all, of the same arm."""
 
 
@@ -142,6 +142,7 @@ def check_alike(first: Dataset, other: Dataset) -> None:
         ("noise.joint_deg", np.degrees(first.noise.joint), np.degrees(other.noise.joint)),
         ("noise.slide_mm", 1e3 * (first.noise.slide or 0.0), 1e3 * (other.noise.slide or 0.0)),
         ("noise.orientation_deg", np.degrees(turns[0]), np.degrees(turns[-1])),
+        ("held", *(_held(d.robot) for d in (first, other))),
     )
     for key, here, there in pairs:
         same = here == there if isinstance(here, str) else bool(np.all(_close(here, there)))
@@ -156,6 +157,8 @@ def arm_difference(first: Dataset, second: Dataset) -> str:
     here, there = ((d.sessions or (d,))[0].record.serials.get("arm") for d in (first, second))
     if here and there and here != there:
         return f"serial number {there}, not {here}"
+    if _stands(one) != _stands(other):
+        return "the link that stands still is another one"
     for field in fields(Robot):
         if field.name in NOT_THE_ARM:
             continue
@@ -175,6 +178,17 @@ def arm_difference(first: Dataset, second: Dataset) -> str:
             of = f" of {one.joint_names[place[0]]}" if len(here) == one.n else ""
             return f"{name}{of} {there[place]:.9g}, not {here[place]:.9g} (SI)"
     return ""
+
+
+def _stands(robot: Robot) -> int:
+    """The joint before the link that stands still; 0 of an arm that stands on F0."""
+    return 0 if robot.ground is None else robot.ground.link
+
+
+def _held(robot: Robot) -> list[float]:
+    """Mass and centre of what the first of two arms carries; zeros of one arm."""
+    ground = robot.ground
+    return [0.0] * 4 if ground is None else [ground.held, *ground.held_centre.tolist()]
 
 
 def _close(here: Any, there: Any) -> np.ndarray:

@@ -249,7 +249,7 @@ def read_settings(
         arm, robot_content = robot or load_robot(file.robot, path.parent, inside=True)
     except BayescalError as error:
         raise BayescalError(error.what, error.where or document.where(("robot",)), error.remedy) from None
-    gravity = session.gravity_of(document, file)
+    arm, gravity = session.holding(document, file, arm), session.gravity_of(document, file)
     tools = tuple(Tool(name, **session.fields_of(tool)) for name, tool in file.tools.items())
     targets = session.targets_of(document, file)
     certificates = session.certificates_of(document, file, targets)

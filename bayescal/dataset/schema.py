@@ -45,6 +45,15 @@ class ToolEntry(Keys):
     """Standard uncertainty of the orientation; 0: known; default 0.2 rad."""
 
 
+class HeldEntry(Keys):
+    """What the first arm of a chain through two arms carries: the object that is measured."""
+
+    mass_kg: Positive
+    """Its mass, with all that attaches it to the flange."""
+    centre_of_mass_mm: Vector
+    """Centre of this mass in F0."""
+
+
 class NoiseEntry(Keys):
     """Stated standard uncertainties (k = 1)."""
 
@@ -229,9 +238,11 @@ class DatasetFile(Keys):
     readings: Literal["encoder", "command"]
     """What the joint columns contain: readings of the encoders, or commanded angles."""
     gravity_mps2: Vector = (0.0, 0.0, -9.81)
-    """Gravity in F0, the base frame; [0, 0, 0]: not modelled."""
+    """Gravity in F0, the base frame (of two arms in the frame of the ground); [0, 0, 0]: not modelled."""
     tools: Annotated[dict[str, ToolEntry], Field(min_length=1)]
     """Points carried by the flange, by name; each row of measurements.csv uses one."""
+    held: HeldEntry | None = None
+    """What the flange of the first of two arms carries: mass and its centre."""
     noise: NoiseEntry = NoiseEntry()
     """Standard uncertainties (k = 1) of contacts, points and readings."""
     targets: Annotated[dict[str, Any], Field(min_length=1)] = Field(description=TARGETS)  # see `file_model`

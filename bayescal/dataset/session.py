@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -94,6 +95,20 @@ def gravity_of(document: Document, file: schema.DatasetFile) -> np.ndarray:
         where = document.where(("gravity_mps2",))
         raise BayescalError(f"gravity of {np.linalg.norm(gravity):g} m/s2", where, "on earth it is 9.81 m/s2")
     return gravity
+
+
+def holding(document: Document, file: schema.DatasetFile, robot: Robot) -> Robot:
+    """The robot with what its first flange carries; refused of an arm that stands on F0."""
+    if file.held is None:
+        return robot
+    if robot.ground is None:
+        remedy = "leave it out; a tool has `mass_kg`"
+        raise BayescalError(
+            "`held` is of two arms, and F0 of this one stands still", document.where(("held",)), remedy
+        )
+    stated = fields_of(file.held)
+    ground = replace(robot.ground, held=stated["mass"], held_centre=stated["centre_of_mass"])
+    return replace(robot, ground=ground)
 
 
 def plan_of(

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from bayescal.arm.chain import Ground
 from bayescal.dataset.artefact import artefact_text
 from bayescal.dataset.read import SETTINGS, TABLE
 from bayescal.dataset.schema import CERTIFICATES, SCHEMA, NoiseEntry, RegionEntry, ToolEntry, VolumeEntry
@@ -121,6 +122,10 @@ def _keys_of(values: Iterable[tuple[str, np.ndarray | float | str | None]]) -> K
     return ((key, _text(key, value)) for key, value in values if value is not None)
 
 
+def _held(ground: Ground) -> Keys:
+    return _keys_of((("mass_kg", ground.held), ("centre_of_mass_mm", ground.held_centre)))
+
+
 def tool_keys(tool: Tool) -> Keys:
     """The entry of a tool."""
     return ((key, text) for key, text in _keys(ToolEntry, tool) if tool.mass or key != "mass_kg")
@@ -205,6 +210,7 @@ def _settings(dataset: Dataset, robot: str) -> str:
         "readings": dataset.readings,
         "gravity_mps2": _text("gravity_mps2", dataset.gravity),
         "tools": {t.name: flow(marked(tool_keys(t), "tools", t.name)) for t in dataset.tools},
+        "held": None if not (ground := dataset.robot.ground) or not ground.held else flow(_held(ground)),
         "noise": dict(marked(stated, "noise")),
         "targets": {t.name: flow(marked(target_keys(t), "targets", t.name)) for t in dataset.targets},
         "certificates": [

@@ -299,9 +299,9 @@ class Tilt:
 
 
 def vertical(c: Circumstances) -> np.ndarray:
-    """Upwards in F0, (3,); zeros without gravity."""
+    """Upwards in F0, (3,); zeros without gravity, and where F0 moves."""
     size = float(np.linalg.norm(c.gravity))
-    return -c.gravity / size if size > 0 else np.zeros(3)
+    return -c.gravity / size if size > 0 and c.chain.ground is None else np.zeros(3)
 
 
 def first_axis(c: Circumstances) -> np.ndarray:

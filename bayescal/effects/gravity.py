@@ -23,7 +23,7 @@ import numpy as np
 
 from bayescal.arm.chain import frames, link_angles
 from bayescal.arm.motion import Term
-from bayescal.arm.statics import Loads, centre_of_mass, hinges, placed
+from bayescal.arm.statics import Loads, centre_of_mass, gravity_in_f0, hinges, placed
 from bayescal.effects.axis_bending import AXIS_BENDING
 from bayescal.effects.base_compliance import BASE_COMPLIANCE
 from bayescal.effects.bending import BENDING
@@ -85,6 +85,7 @@ def masses(c: Circumstances) -> list[Parameter]:
     delta = None if c.stance is None else c.stance.delta
     pose = frames(c.chain, link_angles(robot, c.readings), delta)
     about = hinges(c.chain, pose, delta)
+    gravity = gravity_in_f0(c.chain, pose, c.gravity, c.stance)
     out: list[Parameter] = []
 
     def add(name: str, share: float, of_body: list[Loads], off: np.ndarray) -> None:
@@ -98,9 +99,9 @@ def masses(c: Circumstances) -> list[Parameter]:
         centres = placed(pose[:, i], centre_of_mass(robot, c.chain, i, c.stance))
         turn = (pose[:, i] if robot.convention == "mdh" else pose[:, i] @ c.chain.link[i])[:, :3, :3]
         off = CENTRE_OFF + MASS_SHARE * np.abs(centre)
-        weight = np.full(len(centres), mass)[:, None] * c.gravity
+        weight = np.full(len(centres), mass)[:, None] * gravity
         add(f"link {i}", MASS_SHARE, about.by_mass(i, weight, centres, turn), off)
-    flange, weight = pose[:, n + 1], c.load_mass[:, None] * c.gravity
+    flange, weight = pose[:, n + 1], c.load_mass[:, None] * gravity
     of_load = about.by_mass(n, weight, placed(flange, c.load_centre), flange[:, :3, :3])
     add("load", LOAD_SHARE, of_load, np.full(3, LOAD_OFF))
     return out if any(p.terms for p in out) else []

@@ -21,7 +21,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from bayescal.arm.chain import frames, link_angles
-from bayescal.arm.statics import Loads, hinges, placed
+from bayescal.arm.statics import Loads, gravity_in_f0, hinges, placed
 from bayescal.effects.common import by_session, without_masses
 from bayescal.effects.gravity import deflections
 from bayescal.effects.location import TOOL, Driver
@@ -37,10 +37,9 @@ def _loads(c: Circumstances, mass: np.ndarray) -> list[Loads]:
     """Loads by a mass (N,), kg, in the centre of the load, and by its shifts along the axes of the flange."""
     delta = None if c.stance is None else c.stance.delta
     pose = frames(c.chain, link_angles(c.robot, c.readings), delta)
-    flange = pose[:, -1]
-    return hinges(c.chain, pose, delta).by_mass(
-        c.robot.n, mass[:, None] * c.gravity, placed(flange, c.load_centre), flange[:, :3, :3]
-    )
+    flange, weight = pose[:, -1], mass[:, None] * gravity_in_f0(c.chain, pose, c.gravity, c.stance)
+    centre = placed(flange, c.load_centre)
+    return hinges(c.chain, pose, delta).by_mass(c.robot.n, weight, centre, flange[:, :3, :3])
 
 
 def _parameter(c: Circumstances, name: str, unit: str, sd: float, loads: Loads) -> list[Parameter]:

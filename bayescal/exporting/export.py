@@ -19,7 +19,7 @@ from bayescal.exporting.written import Format, Options, Written, path_of
 from bayescal.fitted import gate
 from bayescal.fitted.arm import FittedArm
 from bayescal.fitted.unmodelled import state_row
-from bayescal.robots import only_revolute
+from bayescal.robots import only_one_arm, only_revolute
 from bayescal.storage.files import json_text
 
 
@@ -175,9 +175,12 @@ def export(
         raise BayescalError(what, "--readings", f"say {' or '.join(format_.readings)}")
     gate.check(arm.use, force)
     options = Options(state_row(arm.dataset, time, row), name, into, readings)
+    of = f"files patched by --into {into}" if into else f"files of the format {to}"
+    of = of if readings == "plain" else "replay scripts"
+    if ("into" if into else readings) not in format_.two_arms:
+        only_one_arm(arm.dataset.robot, of)
     if into or readings != "plain" or not format_.prismatic:
-        of = f"files patched by --into {into}" if into else f"files of the format {to}"
-        only_revolute(arm.dataset.robot, of if readings == "plain" else "replay scripts")
+        only_revolute(arm.dataset.robot, of, two_arms=True)
     written = format_.write(arm, options)
     missing, total = not_expressed(arm, format_, options.state)
     return Exported(to, format_.suffix, options, written, missing, total, arm)

@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from bayescal.arm.chain import Robot, chain_of, split
-from bayescal.arm.transforms import rpy_of
+from bayescal.arm.chain import Robot, chain_of
+from bayescal.arm.transforms import rpy_of, split
 from bayescal.dataset.table import csv_text
 from bayescal.effects import Parameter
 from bayescal.effects.common import READING, side_of
@@ -161,6 +161,7 @@ ROBOT_YAML = Format(
     _holds,
     "robot.yaml has constant geometry, scales of readings and compliances of joints",
     prismatic=True,
+    two_arms=("plain",),
 )
 """The arm as the `robot:` of a further session."""
 

@@ -12,9 +12,11 @@ the fixed joints before joint k, its origin becomes
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree as ET
 
 import numpy as np
@@ -32,11 +34,11 @@ from bayescal.exporting.geometry import (
     zero_frames,
 )
 from bayescal.exporting.same_arm import FileArm, Match, match
-from bayescal.exporting.written import Format, Options, Written, path_of
+from bayescal.exporting.written import IN_F0, Format, Options, Written, path_of
 from bayescal.exporting.xml_text import XmlText, numbers, rendered
 from bayescal.fitted.arm import FittedArm
 from bayescal.robots.markup import LARGEST, parse_markup
-from bayescal.robots.tree import MOVING, TURNING, UNLIMITED, Tree, read_tree, tip_of
+from bayescal.robots.tree import BETWEEN, MOVING, TURNING, UNLIMITED, Tree, chain_in, read_tree
 from bayescal.storage.reading import decoded
 
 CLOSE = 1e-9
@@ -62,7 +64,7 @@ def write(arm: FittedArm, options: Options) -> Written:
     delta = constant_displacements(arm.model, arm.values, options.state)
     calibrated = zero_frames(robot, delta)
     made = _patched(robot, calibrated, options.into) if options.into else _new(robot, delta, options.name)
-    file = file_arm(read_tree(parse_markup(made.text.encode(), name), name), made.tip)
+    file = file_arm(*chain_in(read_tree(parse_markup(made.text.encode(), name), name), made.tip))
     _check(arm, delta, file, made, name)
     root, signs = made.match.root, made.match.signs
     details = {
@@ -117,16 +119,25 @@ def _patched(robot: Robot, calibrated: np.ndarray, into: str) -> _File:
         remedy = "expand it: xacro arm.xacro > arm.urdf"
         raise BayescalError("a xacro file cannot be patched", str(path), remedy)
     xml = XmlText(decoded(path, LARGEST)[0], path.name)
-    tree = read_tree(xml.root, path.name)
-    tip = tip_of(tree, asked)
+    tree, tip = chain_in(stood := read_tree(xml.root, path.name), asked)
     file = file_arm(tree, tip)
     matched = match(robot, file, path.name)
     links = calibrated[:-1] @ matched.links
-    origins = np.linalg.inv(file.fixed) @ steps(links, matched.root)
+    up = {joint.name for joint in tree.above(stood.root)}
+    passed = sum(name in up for name in file.names)
+    if passed:  # the file has no origin between its first link and the first joint
+        matched = replace(matched, root=links[0] @ np.linalg.inv(file.fixed[0]))
+    between = steps(links, matched.root)
+    origins = np.linalg.inv(file.fixed) @ between
+    places = {joint.name: joint.place for joint in stood.joints.values()}
+    for k in range(passed):  # of these the origin stands behind the joint, before the next one
+        back = file.fixed[k + 1] @ np.linalg.inv(between[k + 1]) if k + 1 < passed else np.eye(4)
+        origins[k] = places[file.names[k]] @ back
     joints = {joint.get("name"): joint for joint in xml.root.findall("joint")}
     for name, t in zip(file.names, origins, strict=True):
         _place(joints[name], t)
-    return _File(xml.text, tip, matched, np.linalg.inv(links[-1] @ file.tip) @ calibrated[-1])
+    whole = asked if passed else tip
+    return _File(xml.text, whole, matched, np.linalg.inv(links[-1] @ file.tip) @ calibrated[-1])
 
 
 def _moved(text: str, before: Path, after: Path) -> str:
@@ -164,6 +175,7 @@ def _check(arm: FittedArm, delta: np.ndarray, file: FileArm, made: _File, name: 
 def _new(robot: Robot, delta: np.ndarray, name: str) -> _File:
     """A file of a robot whose frames have displacements (n + 2, 6)."""
     *poses, flange = steps(zero_frames(robot, delta))
+    links = _links(robot, delta, poses)
     signs = np.where(np.diag(robot.link_from_reading) < 0, -1.0, 1.0)
     most = {"effort": robot.torques, "velocity": robot.velocities}
     free = " and ".join(what for what, each in most.items() if each is None or np.any(np.isnan(each)))
@@ -172,18 +184,51 @@ def _new(robot: Robot, delta: np.ndarray, name: str) -> _File:
         {
             "name": joint,
             "type": "prismatic" if robot.slides[k] else "revolute",
-            "pose": poses[k],
-            "sense": f"{signs[k]:g}",
+            **links[joint],
+            "sense": f"{signs[k] * links[joint]['sense']:g}",
             **dict(zip(("lower", "upper"), robot.limits[k].tolist(), strict=True)),
             **{key: UNLIMITED if x is None or np.isnan(x[k]) else float(x[k]) for key, x in most.items()},
-            "mass": None if robot.masses is None else float(robot.masses[k]),
-            "centre": centre_in_frame(robot, delta, k),
         }
         for k, joint in enumerate(robot.joint_names)
     ]
-    text = rendered("arm.urdf.j2", name=name, remark=remark, joints=joints, flange=flange, ball=BALL)
+    ends, tip = [{"name": "flange", "parent": robot.joint_names[-1], "pose": flange}], "flange"
+    if robot.ground is not None:
+        ends += [{"name": IN_F0, "parent": robot.joint_names[0], "pose": np.linalg.inv(poses[0])}]
+        tip = f"{IN_F0}{BETWEEN}{tip}"
+    text = rendered("arm.urdf.j2", name=name, remark=remark, joints=joints, ends=ends, ball=BALL)
     here = Match(np.eye(4), np.tile(np.eye(4), (robot.n, 1, 1)), signs, (remark,) if remark else ())
-    return _File(text, "flange", here, np.eye(4))
+    return _File(text, tip, here, np.eye(4))
+
+
+def _links(robot: Robot, delta: np.ndarray, poses: Sequence[np.ndarray]) -> dict[str, dict[str, Any]]:
+    """What a new file has of each joint: parent, pose, sense of its axis, mass and centre of the link behind.
+
+    Of two arms the root is the frame in which gravity is stated. A joint on the way from there to F0 has the
+    frame that it has in the chain, with the reversed axis, and carries the link before it.
+    """
+    masses = np.zeros(robot.n) if robot.masses is None else robot.masses
+    weighed = [(float(mass), centre_in_frame(robot, delta, k)) for k, mass in enumerate(masses)]
+    ground, before = robot.ground, "base"
+    stands = 0 if ground is None else ground.link
+    root = np.eye(4) if ground is None else np.linalg.inv(ground.place)
+    out: dict[str, dict[str, Any]] = {}
+
+    def add(k: int, pose: np.ndarray, sense: float, mass: float, centre: np.ndarray) -> None:
+        nonlocal before
+        of = {"parent": before, "pose": pose, "sense": sense, "centre": centre}
+        before = robot.joint_names[k]
+        out[before] = of | {"mass": None if robot.masses is None else mass}
+
+    for k in range(stands - 1, -1, -1):
+        assert ground is not None
+        mass, centre = weighed[k - 1] if k else (ground.mass, ground.centre)
+        back = np.linalg.inv(poses[k])
+        pose = root if k == stands - 1 else np.linalg.inv(poses[k + 1])
+        add(k, pose, -1.0, mass, back[:3, :3] @ centre + back[:3, 3])
+    before = "base"
+    for k in range(stands, robot.n):
+        add(k, root @ poses[k] if k == stands else poses[k], 1.0, *weighed[k])
+    return out
 
 
 URDF = Format(
@@ -195,5 +240,6 @@ URDF = Format(
     "a URDF holds constant geometry only",
     into=True,
     prismatic=True,
+    two_arms=("plain", "into"),
 )
 """Geometry and joint zeros, for anything that reads a URDF."""

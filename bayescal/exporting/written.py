@@ -10,6 +10,9 @@ from typing import Any
 from bayescal.effects import UNITS
 from bayescal.fitted.arm import FittedArm
 
+IN_F0 = "in_f0"
+"""Name of the body, or link, of two arms whose frame is F0."""
+
 
 @dataclass(frozen=True)
 class Options:
@@ -78,6 +81,8 @@ class Format:
         How it can hold errors of the readings: 'plain' in the file, 'script' in a script beside it.
     prismatic : bool
         Whether a new file holds prismatic joints.
+    two_arms : tuple of str
+        Where it holds a chain through two arms: 'plain', in a new file, and 'into', in one of the user.
     """
 
     name: str
@@ -89,6 +94,7 @@ class Format:
     into: bool = False
     readings: tuple[str, ...] = ("plain",)
     prismatic: bool = False
+    two_arms: tuple[str, ...] = ()
 
 
 def item(arm: FittedArm, k: int, element: str, attribute: str) -> Item:

@@ -274,7 +274,8 @@ def check_record(of: Check) -> dict[str, Any]:
         "schema": "bayescal-check/1",
         "dataset": d.name,
         "sha256": d.sha256,
-        "robot": {"name": d.robot.name, "joints": d.robot.n, "masses": d.robot.masses is not None},
+        "robot": {"name": d.robot.name, "joints": d.robot.n, "masses": d.robot.masses is not None}
+        | ({"two_arms": d.robot.two_arms} if d.robot.ground else {}),
         "readings": d.readings,
         "rows": {"total": len(m.ids), **_counts(m.role)},
         "tools": {d.tools[int(k)].name: n for k, n in _counts(m.tool).items()},

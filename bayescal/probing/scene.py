@@ -333,6 +333,8 @@ def link_radii(robot: Robot) -> np.ndarray:
     if arm == 0.0:
         arm = float(lengths.sum())
     to_flange = lengths[::-1].cumsum()[::-1] - 0.5 * lengths
+    if robot.ground is not None:  # a flange at each end
+        to_flange, arm = np.minimum(to_flange, lengths.cumsum() - 0.5 * lengths), 0.5 * arm
     out = arm * (WRIST + (BASE - WRIST) * np.minimum(to_flange / max(arm, 1e-9), 1.0))
     if robot.radii is not None:
         stated = np.concatenate([robot.radii[:1], robot.radii])

@@ -131,6 +131,8 @@ def _grouped(lines: Facts) -> Facts:
 def _understood(r: dict[str, Any]) -> Iterator[tuple[str, str]]:
     masses = "with masses of the links" if r["robot"]["masses"] else "no masses of the links"
     yield "robot", f"{r['robot']['name']}, {r['robot']['joints']} joints, {masses}; readings: {r['readings']}"
+    if r["robot"].get("two_arms"):
+        yield "", r["robot"]["two_arms"]
     roles = {role: n for role, n in r["rows"].items() if role != "total"}
     yield "rows", ", ".join([str(r["rows"]["total"]), *(f"{n} {role}" for role, n in roles.items())])
     for kind, targets in _by_kind(r["targets"]):

@@ -20,6 +20,7 @@ from bayescal.robots.load import full_name as full_name
 from bayescal.robots.load import is_xacro as is_xacro
 from bayescal.robots.load import load_robot as load_robot
 from bayescal.robots.load import names as names
+from bayescal.robots.load import only_one_arm as only_one_arm
 from bayescal.robots.load import only_revolute as only_revolute
 from bayescal.robots.load import table as table
 from bayescal.robots.schema import robot_to_yaml as robot_to_yaml

@@ -63,7 +63,8 @@ def load_robot(
     ----------
     reference : str
         A built-in name (`builtin_robots`), or the path of a robot.yaml, URDF or xacro; of the latter two
-        ``arm.urdf#tool0`` says which link is the flange (the end of the longest chain where left out).
+        ``arm.urdf#tool0`` says which link is the flange (the end of the longest chain where left out), and
+        ``cell.urdf#left_tool0..right_tool0`` that F0 is the flange of a first arm.
     folder : Path, optional
         What a path is relative to; the working directory where left out.
     allow_xacro : bool
@@ -105,13 +106,28 @@ def load_robot(
     return robot_from(document), document.content
 
 
-def only_revolute(robot: Robot, what: str, remedy: str = "") -> None:
-    """Refuse a robot with prismatic joints, for what does not know them.
+def only_one_arm(robot: Robot, what: str, remedy: str = "") -> None:
+    """Refuse a chain through two arms, for what does not know them.
 
     Raises
     ------
     BayescalError
     """
+    if robot.ground is not None:
+        between = robot.joint_names[robot.ground.link - 1]
+        what = f"two arms, which stand on the link behind {between}: {what} know one arm only"
+        raise BayescalError(what, robot.name, remedy)
+
+
+def only_revolute(robot: Robot, what: str, remedy: str = "", two_arms: bool = False) -> None:
+    """Refuse a robot with prismatic joints or (unless `two_arms`) of two arms, for what does not know them.
+
+    Raises
+    ------
+    BayescalError
+    """
+    if not two_arms:
+        only_one_arm(robot, what, remedy)
     if robot.slides.any():
         name = robot.joint_names[int(np.argmax(robot.slides))]
         raise BayescalError(f"{name} is prismatic: {what} know revolute joints only", robot.name, remedy)

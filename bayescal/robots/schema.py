@@ -12,13 +12,13 @@ A `Robot` as the text of a robot.yaml, one joint a line.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import Field
 
-from bayescal.arm.chain import Coupling, Prior, Robot
+from bayescal.arm.chain import Coupling, Ground, Prior, Robot
 from bayescal.arm.transforms import rigid, rpy_matrix, rpy_of
 from bayescal.errors import BayescalError
 from bayescal.storage.files import (
@@ -123,6 +123,17 @@ class Place(Keys):
     """Roll, pitch, yaw: R = Rz(yaw) Ry(pitch) Rx(roll)."""
 
 
+class GroundEntry(Place):
+    """The link that stands still of a chain through two arms, whose F0 is the flange of the first."""
+
+    behind: Name
+    """Joint whose link stands still; the place is that of the frame of gravity in the frame of this link."""
+    mass_kg: NotNegative = 0.0
+    """Mass of the link before the first joint."""
+    centre_of_mass_mm: Vector = (0.0, 0.0, 0.0)
+    """Its centre in F0."""
+
+
 class PriorEntry(Keys):
     """Prior of a parameter: mean deviation from nominal, and standard deviation, in one unit."""
 
@@ -163,6 +174,8 @@ class RobotFile(Keys):
     """Joint angle = this matrix x readings + offset, in deg or mm: signs, coupled axes; default: identity."""
     base: Place = Place()
     """Frame of the first row in F0."""
+    ground: GroundEntry | None = None
+    """Of a chain through two arms: the link that stands still; default: F0 does."""
     flange: Place = Place()
     """Flange in the frame of the last row; only with mdh."""
     links: list[Link] | None = None
@@ -205,6 +218,7 @@ def robot_from(document: Document) -> Robot:
         prismatic=prismatic if prismatic.any() else None,
         base=_frame(file.base),
         flange=_frame(file.flange),
+        ground=None if file.ground is None else _ground(file.ground, joints),
         reductions=in_si("reductions", file.reductions),
         coupling=file.coupling,
         priors=tuple(map(_prior, file.priors)),
@@ -223,6 +237,12 @@ def _prior(entry: PriorEntry) -> Prior:
     return Prior(entry.name, PRIOR_UNITS[unit], mean, sd)
 
 
+def _ground(entry: GroundEntry, joints: list[Joint]) -> Ground:
+    link = 1 + [joint.name for joint in joints].index(entry.behind)
+    centre = in_si("centre_of_mass_mm", entry.centre_of_mass_mm)
+    return Ground(link, _frame(entry), entry.mass_kg, centre)
+
+
 def _frame(place: Place) -> np.ndarray:
     return rigid(rpy_matrix(in_si("rpy_deg", place.rpy_deg)), in_si("xyz_mm", place.xyz_mm))
 
@@ -239,6 +259,9 @@ def _faults(file: RobotFile, n: int) -> Iterator[tuple[tuple[str | int, ...], st
             yield (key,), f"`{key}` has {len(entries)} entries, the robot {n} joints", "give one a joint"
     if file.convention == "dh" and file.flange != Place():
         yield ("flange",), "standard rows end at the flange", "leave `flange` out, or use mdh rows"
+    if file.ground is not None and file.ground.behind not in [joint.name for joint in file.joints[:-1]]:
+        remedy = "name a joint before the last"
+        yield ("ground", "behind"), f"`{file.ground.behind}` is no joint between two arms", remedy
     for i, joint in enumerate(file.joints):
         slides = joint.type == "prismatic"
         key, limits = ("limits_mm", joint.limits_mm) if slides else ("limits_deg", joint.limits_deg)
@@ -312,6 +335,7 @@ def robot_to_yaml(robot: Robot, comment: str = "") -> str:
         "link_from_reading": [in_file("", row) for row in shown] if coupled else None,
         "base": _place(robot.base),
         "flange": _place(robot.flange),
+        "ground": None if robot.ground is None else flow(_ground_keys(robot.ground, robot.joint_names)),
         "links": None if robot.masses is None else [flow(row_keys(links, i)) for i in range(robot.n)],
         **{key: None if values is None else in_file(key, values) for key, values in lists.items()},
         "priors": [flow(_prior_keys(p)) for p in robot.priors],
@@ -328,8 +352,16 @@ def _prior_keys(prior: Prior) -> Iterator[tuple[str, str]]:
         yield f"{key}_{unit}", number(value / si(f"{key}_{unit}"), PRIOR_DIGITS)
 
 
+def _ground_keys(ground: Ground, joints: tuple[str, ...]) -> Iterator[tuple[str, str]]:
+    yield "behind", scalar(joints[ground.link - 1])
+    yield from _place_keys(ground.place)
+    yield from row_keys({"mass_kg": np.array([ground.mass]), "centre_of_mass_mm": ground.centre[None]}, 0)
+
+
 def _place(frame: np.ndarray) -> str:
     """A frame in another, "" where they are the same."""
-    if np.array_equal(frame, np.eye(4)):
-        return ""
-    return flow(row_keys({"xyz_mm": frame[None, :3, 3], "rpy_deg": rpy_of(frame[:3, :3])[None]}, 0))
+    return "" if np.array_equal(frame, np.eye(4)) else flow(_place_keys(frame))
+
+
+def _place_keys(frame: np.ndarray) -> Iterable[tuple[str, str]]:
+    return row_keys({"xyz_mm": frame[None, :3, 3], "rpy_deg": rpy_of(frame[:3, :3])[None]}, 0)

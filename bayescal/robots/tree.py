@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from graphlib import CycleError, TopologicalSorter
 from typing import Any
 from xml.etree import ElementTree
@@ -83,6 +83,21 @@ class Tree:
     bodies: dict[str, Body]
     joints: dict[str, Joint]
 
+    def seen_from(self, link: str) -> Tree:
+        """The same joints and bodies as a tree whose root is another link.
+
+        A joint between the two roots is passed from child to parent: in the child's frame about the reversed
+        axis, so that its reading keeps its sense, and then back along its `place`.
+        """
+        joints = dict(self.joints)
+        for joint in self.above(link):
+            inner = f"{joint.name} passed"
+            del joints[joint.child]
+            turned = replace(joint, parent=joint.child, child=inner, place=np.eye(4), axis=-joint.axis)
+            back = (inner, "fixed", inner, joint.parent, np.linalg.inv(joint.place), joint.axis, None, None)
+            joints |= {inner: turned, joint.parent: Joint(*back)}
+        return replace(self, root=link, joints=joints)
+
     def above(self, link: str) -> list[Joint]:
         """Joints from the root down to a link."""
         out = []
@@ -137,6 +152,25 @@ def read_tree(root: ElementTree.Element, file: str) -> Tree:
         what = f"the joints around `{min(error.args[1])}` form a ring"
         raise BayescalError(what, file, "a URDF is one tree") from None
     return Tree(parsed.name, file, roots[0], bodies, joints)
+
+
+BETWEEN = ".."
+"""Between the names of the links at which a chain begins and ends."""
+
+
+def chain_in(tree: Tree, asked: str) -> tuple[Tree, str]:
+    """A tree whose root is where the chain begins, and the link at its end.
+
+    `asked` is the link that carries the tool (`tip_of`), with ``first..`` before it where the chain begins at
+    another link than the root, as it does where that carries what is measured.
+    """
+    first, between, tip = asked.partition(BETWEEN)
+    if not between:
+        return tree, tip_of(tree, asked)
+    if not first or not tip or tip_of(tree, first) == tip_of(tree, tip):
+        remedy = f"write `{tree.file}#FIRST{BETWEEN}TIP` with two of its links"
+        raise BayescalError(f"`{asked}` does not name two links", tree.file, remedy)
+    return tree.seen_from(first), tip
 
 
 def tip_of(tree: Tree, asked: str) -> str:

@@ -6,11 +6,11 @@ that takes z there, by R Rz(q) R'; a prismatic one slides along it, by R Tz(q) R
 
     F0 R1 Rz(q1) R1' F1 R2 Rz(q2) ... Rz(qn) Rn' Fn  =  K0 Rz(q1) K1 Rz(q2) ... Rz(qn) Kn,
 
-with Ki = Ri' Fi R(i+1) constant. Any rigid transform is Rz(t) Tz(u) [Rx(alpha) Tx(a) Ry(beta)] Rz(t') Tz(u')
-(`arm.rows.split`). The bracket of Ki is row i + 1; t and u add to the offset and d of joint i, t' and u' to
-those of joint i + 1, with whose turn and slide they commute. K0 is the base. Of Kn the slide along the last
-axis is its d, and what is left is the flange. Where K0 or Kn is no more than a turn and a slide, base or
-flange is the identity. Signs stay those of the URDF: a row's z is the joint's axis.
+with Ki = Ri' Fi R(i+1) constant. Any rigid transform is Rz(t) Tz(u) [Rx(alpha) Tx(a) Ry(beta)] Rz(t')
+Tz(u') (`arm.transforms.split`). The bracket of Ki is row i + 1; t and u add to the offset and d of joint i,
+t' and u' to those of joint i + 1, with whose turn and slide they commute. K0 is the base. Of Kn the slide
+along the last axis is its d, and what is left is the flange. Where K0 or Kn is no more than a turn and a
+slide, base or flange is the identity. Signs stay those of the URDF: a row's z is the joint's axis.
 
 A point c of the URDF's link i, the child of joint i, is at (Rz(t) Tz(u))^-1 Ri' c of the row's link frame.
 Masses of all that hangs on a link by fixed joints, or by joints beside the chain (at zero), are its own.
@@ -19,6 +19,9 @@ The stages of a telescopic column are prismatic joints of which all but one foll
 of its reading, plus an offset). They slide along one direction, with constant transforms between them: so
 they are one joint, which slides by the sum of the multiples per reading. Masses of inner stages count to the
 outer link.
+
+A chain may begin at another link than the root, such as the flange of a first arm, which then is F0: the tree
+is seen from there (`Tree.seen_from`), and the last link on the way to the root is the ground.
 """
 
 from __future__ import annotations
@@ -27,11 +30,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from bayescal.arm.chain import Robot, split
-from bayescal.arm.transforms import rigid, rotation
+from bayescal.arm.chain import Ground, Robot
+from bayescal.arm.transforms import rigid, rotation, split
 from bayescal.errors import BayescalError
 from bayescal.robots.markup import parse_markup
-from bayescal.robots.tree import MOVING, TURNING, Joint, Tree, read_tree, tip_of
+from bayescal.robots.tree import MOVING, TURNING, Joint, Tree, chain_in, read_tree
 
 EXACT = 1e-13
 """m and rad: what is taken for rounding where a base or flange is looked at."""
@@ -53,7 +56,8 @@ def robot_from_urdf(content: bytes, file: str, tip: str = "") -> Robot:
     file : str
         Its name, for messages.
     tip : str
-        The link that tools are given in; the end of the longest chain where left out. F0 is the root link.
+        The link that tools are given in; the end of the longest chain where left out. F0 is the root link, or
+        the first of ``first..tip``: of two arms, that which carries what is measured.
 
     Raises
     ------
@@ -61,8 +65,8 @@ def robot_from_urdf(content: bytes, file: str, tip: str = "") -> Robot:
         For what is not a URDF of this disk, a chain with joints that float or follow others (but stages of a
         column), several longest chains, no limits, or lengths and angles that cannot be m and rad.
     """
-    tree = read_tree(parse_markup(content, file), file)
-    tip = tip_of(tree, tip)
+    stood = read_tree(parse_markup(content, file), file)
+    tree, tip = chain_in(stood, tip)
     tree, stages = _joined(tree, tree.above(tip))
     chain = tree.above(tip)
     for joint in chain:
@@ -97,7 +101,12 @@ def robot_from_urdf(content: bytes, file: str, tip: str = "") -> Robot:
     reach = np.abs(np.concatenate([a, d])).sum() + np.ptp(limits[prismatic], axis=1).sum()
     if not REACH[0] <= reach <= REACH[1]:
         raise BayescalError(f"the arm's lengths add up to {reach:g} m", file, "a URDF is in metres")
-    masses, centres, inertias = _lumped(tree, moving, behind)
+    masses, centres, inertias, held = _lumped(tree, moving, behind)
+    ground = None
+    up = {joint.name for joint in tree.above(stood.root)}
+    if passed := sum(joint.name in up for joint in moving):
+        ground = Ground(passed, _in_row(tree, moving, behind, stood.root)[1], *held)
+        masses[passed - 1], inertias[passed - 1] = 0.0, 0.0  # of the link that stands still
     return Robot(
         name=tree.name,
         convention="mdh",
@@ -114,6 +123,7 @@ def robot_from_urdf(content: bytes, file: str, tip: str = "") -> Robot:
         masses=masses if np.any(masses) else None,
         centres_of_mass=centres if np.any(masses) else None,
         flange=flange,
+        ground=ground,
         velocities=_most([joint.velocity for joint in moving]),
         torques=_most([joint.torque for joint in moving]),
         inertias=inertias if np.any(inertias) else None,
@@ -186,28 +196,36 @@ def _end(m: np.ndarray) -> tuple[np.ndarray, float, float]:
     return m, 0.0, 0.0
 
 
-def _lumped(tree: Tree, moving: list[Joint], behind: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Masses (n,), kg, their centres (n, 3), m, and inertias (n, 3, 3), in the rows' link frames."""
+def _in_row(tree: Tree, moving: list[Joint], behind: np.ndarray, link: str) -> tuple[int, np.ndarray]:
+    """Number of the row, from 1, that moves a link, and the link's pose (4, 4) in its frame; 0 and in F0."""
     number = {joint.name: i for i, joint in enumerate(moving)}
-    n = len(moving)
+    row, pose = 0, np.eye(4)
+    for joint in tree.above(link):
+        pose = pose @ joint.place
+        if joint.name in number:
+            row = number[joint.name] + 1
+            pose = np.linalg.inv(behind[row - 1]) @ rigid(_onto(joint.axis).T)
+    return row, pose
+
+
+def _lumped(
+    tree: Tree, moving: list[Joint], behind: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, tuple[float, np.ndarray]]:
+    """Masses (n,), kg, their centres (n, 3), m, and inertias (n, 3, 3), in the rows' link frames.
+
+    The last are mass and centre (3,), in F0, of what no joint moves: it stands, or moves with F0.
+    """
+    n = len(moving) + 1
     masses, moments, inertias = np.zeros(n), np.zeros((n, 3)), np.zeros((n, 3, 3))
     for link, body in tree.bodies.items():
-        chain = tree.above(link)
-        carriers = [k for k, joint in enumerate(chain) if joint.name in number]
-        if not carriers:
-            continue  # it stands with the base
-        place, last = np.eye(4), carriers[-1]
-        for joint in chain[last + 1 :]:
-            place = place @ joint.place
-        i = number[chain[last].name]
-        pose = np.linalg.inv(behind[i]) @ rigid(_onto(chain[last].axis).T) @ place
+        i, pose = _in_row(tree, moving, behind, link)
         centre = pose[:3, :3] @ body.centre + pose[:3, 3]
         masses[i] += body.mass
         moments[i] += body.mass * centre
         inertias[i] += pose[:3, :3] @ body.inertia @ pose[:3, :3].T + body.mass * _about(centre)
     centres = np.divide(moments, masses[:, None], out=np.zeros_like(moments), where=masses[:, None] > 0.0)
     inertias -= masses[:, None, None] * np.array([_about(centre) for centre in centres])
-    return masses, centres, inertias
+    return masses[1:], centres[1:], inertias[1:], (float(masses[0]), centres[0])
 
 
 def _about(centre: np.ndarray) -> np.ndarray:

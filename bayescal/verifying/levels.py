@@ -11,7 +11,7 @@ from bayescal.effects import MODELS
 from bayescal.effects.selection import plain
 from bayescal.exporting.mjcf.elastic import Content
 from bayescal.exporting.mjcf.format import holds
-from bayescal.exporting.mjcf.mechanism import Load, loads, names, poses
+from bayescal.exporting.mjcf.mechanism import Load, loads, places
 from bayescal.exporting.mjcf.readings import Law, bare, error, law_of, posture
 from bayescal.fitted.arm import NOMINAL, FittedArm
 from bayescal.verifying.simulator import File, Simulator
@@ -55,8 +55,7 @@ class Machine:
         """The machine in the state of another row, to which the bodies of a new file are brought."""
         content = Content(self.arm, row)
         law = law_of(content)
-        places = poses(content, bare(law) if self.file.script else law)
-        self.simulator.take(dict(zip(names(len(law.lost)), places, strict=True)))
+        self.simulator.take(places(content, bare(law) if self.file.script else law))
         return replace(self, law=law, loads=loads(content))
 
     def replayed(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

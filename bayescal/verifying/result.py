@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree as ET
@@ -24,6 +25,7 @@ from bayescal.fitted.arm import FittedArm, refitted
 from bayescal.fitted.file import open_run
 from bayescal.fitted.unmodelled import state_row
 from bayescal.robots.markup import parse_markup
+from bayescal.robots.tree import BETWEEN
 from bayescal.storage.reading import decoded
 from bayescal.verifying.gap import After, Before, Gap, in_simulator, read_reported, simulated_gap
 from bayescal.verifying.levels import Level, chosen, levels, limit, modelled
@@ -186,10 +188,17 @@ def simulators(text: str, sidecar: Mapping[str, Any], where: str) -> dict[str, P
         except BayescalError as error:
             missing = error
             continue
-        out[f"{name} {library.__version__}"] = kinematics(library, root, joints, sidecar["tip"], where)
+        ends = sidecar["tip"].split(BETWEEN)
+        *first, tip = [kinematics(library, root, joints, link, where) for link in ends]
+        out[f"{name} {library.__version__}"] = partial(_between, first[0], tip) if first else tip
     if missing is not None and not out:
         raise missing
     return out
+
+
+def _between(first: Poses, tip: Poses, angles: np.ndarray) -> np.ndarray:
+    """Poses of the tip in the frame of a chain's first link."""
+    return np.asarray(np.linalg.inv(first(angles)) @ tip(angles))
 
 
 def _in_mujoco(mj: Any, root: ET.Element, joints: list[str], tip: str, where: str) -> Poses:

@@ -17,6 +17,7 @@ from bayescal.exporting.mjcf.readings import STIFF, Joints
 from bayescal.exporting.mjcf.replay import hold_base
 from bayescal.exporting.mjcf.scene_arm import compiled
 from bayescal.exporting.sidecar import mujoco
+from bayescal.exporting.written import IN_F0
 from bayescal.fitted.arm import FittedArm
 from bayescal.robots.markup import parse_markup
 
@@ -165,7 +166,7 @@ class Simulator:
         tip : str
             Site of the tool.
         """
-        site = self._id("SITE", tip)
+        site, of_two = self._id("SITE", tip), self._id("BODY", IN_F0)
         reached, points = np.empty(readings.shape), np.empty((len(readings), 3))
         for k, posture in enumerate(postures):
             self.mj.mj_resetData(self.model, self.data)
@@ -186,6 +187,9 @@ class Simulator:
             self.mj.mj_fwdPosition(self.model, self.data)
             self.mj.mj_sensorPos(self.model, self.data)
             reached[k], points[k] = self._reached(), self.data.site_xpos[site]
+            if of_two >= 0:
+                turn, place = self.data.xmat[of_two].reshape(3, 3), self.data.xpos[of_two]
+                points[k] = (points[k] - place) @ turn
         return reached, points
 
     def _check_still(self, pose: int, speed: float) -> None:

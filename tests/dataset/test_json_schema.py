@@ -22,11 +22,12 @@ from bayescal.storage.files import stem_of
 
 ROBOTS = sorted((ROOT / "bayescal" / "robots").glob("*.yaml"))
 CHECKED = (
-    schema.DatasetFile, schema.ToolEntry, schema.NoiseEntry, schema.Loose, *map(entry_of, KINDS.values()),
+    schema.DatasetFile, schema.ToolEntry, schema.HeldEntry, schema.NoiseEntry, schema.Loose,
+    *map(entry_of, KINDS.values()),
     *CERTIFICATES.values(), schema.PlanEntry, schema.VolumeEntry, schema.RegionEntry,
     schema.RecordEntry, schema.SerialsEntry, artefact.ArtefactFile, artefact.PointEntry,
     solids.BoxEntry, solids.CylinderEntry, solids.MeshEntry,
-    of_robots.RobotFile, of_robots.Joint, of_robots.Link, of_robots.Place,
+    of_robots.RobotFile, of_robots.Joint, of_robots.Link, of_robots.Place, of_robots.GroundEntry,
 )  # fmt: skip
 
 

@@ -297,6 +297,11 @@ class Hinge:
         """Damping of the spring, N m s/rad."""
         return DAMPING * self.spring.slope if self.spring else 0.0
 
+    @property
+    def passed(self) -> Hinge:
+        """The hinge between the same bodies, of which the other one is the parent."""
+        return replace(self, axis=-self.axis)
+
     def seen(self, pose: np.ndarray, name: str = "") -> Hinge:
         """The hinge in another frame, in which its own has a pose (4, 4), and with another name."""
         axis, pos = pose[:3, :3] @ self.axis, pose[:3, :3] @ self.pos + pose[:3, 3]

@@ -17,7 +17,7 @@ from bayescal.effects import ALWAYS, Parameter
 from bayescal.exporting.geometry import carries
 from bayescal.exporting.mjcf import replay
 from bayescal.exporting.mjcf.elastic import STATE, UNHELD, Content, springless, sprung
-from bayescal.exporting.mjcf.mechanism import PARTS, loads, mechanism, merge, merge_held, names
+from bayescal.exporting.mjcf.mechanism import PARTS, loads, mechanism, merge, merge_held, names, within
 from bayescal.exporting.mjcf.readings import DAMPED, STIFF, Joints, bare, law_of, shown
 from bayescal.exporting.written import Format, Item, Options, Written, item
 from bayescal.exporting.xml_text import rendered
@@ -47,7 +47,8 @@ def mjcf(arm: FittedArm, row: int, script: bool = False) -> str:
     joints, number = arm.dataset.robot.joint_names, int(arm.dataset.measurements.tool[row])
     text = rendered(
         "arm.mjcf.j2", name=arm.dataset.robot.name, gravity=machine.gravity, machine=machine,
-        bodies=machine.within(), load=machine.loads[number],
+        bodies=within(machine.bodies, machine.flange), passed=within(machine.passed),
+        load=machine.loads[number],
     )  # fmt: skip
     root = ET.fromstring(text)
     merge_held(root, content, machine, law, Joints.of(joints))
@@ -128,7 +129,7 @@ def write(arm: FittedArm, options: Options) -> Written:
         file, bodies = patched(arm, options)
         joints = Joints(tuple(file.details["joints"].values()), np.array(file.details["signs"]))
     else:
-        file, bodies = Written(mjcf(arm, options.state, script)), names(robot.n)
+        file, bodies = Written(mjcf(arm, options.state, script)), names(robot.n, robot.ground)
         joints = Joints.of(robot.joint_names)
     more = {}
     if script:
@@ -187,5 +188,6 @@ MJCF = Format(
     readings=("plain", "script"),
     into=True,
     prismatic=True,
+    two_arms=("plain",),
 )
 """The whole arm, for MuJoCo 4."""

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 from xml.etree import ElementTree as ET
 
 import numpy as np
 
-from bayescal.arm.chain import displaced
+from bayescal.arm.chain import Ground, displaced
 from bayescal.arm.transforms import rigid, rotation
 from bayescal.dataset import Tool
 from bayescal.errors import BayescalError
@@ -24,6 +24,7 @@ from bayescal.exporting.mjcf.elastic import (
     stand_hinges,
 )
 from bayescal.exporting.mjcf.readings import Joints, Law, erring, error, parts
+from bayescal.exporting.written import IN_F0
 from bayescal.exporting.xml_text import TEMPLATES
 
 Z = np.array([0.0, 0.0, 1.0])
@@ -84,25 +85,30 @@ class Load:
 
 @dataclass(frozen=True)
 class Mechanism:
-    """Bodies in series from the base, the flange (4, 4) in the frame of the last one, and the tools."""
+    """Bodies in series from the base, the flange (4, 4) in the frame of the last one, and the tools.
+
+    Of two arms, `passed` are the bodies from the base, which is the link that stands still, to the one in F0.
+    """
 
     bodies: tuple[Body, ...]
     flange: np.ndarray
     loads: tuple[Load, ...]
     gravity: np.ndarray  # (3,) m/s2
+    passed: tuple[Body, ...] = ()
 
-    def within(self, most: int = MOST) -> list[Body]:
-        """The bodies; of one with too many hinges, one without a mass for the first of them, and itself."""
-        out = []
-        ends = [b.pose[:3, 3] for b in self.bodies[1:]] + [self.flange[:3, 3]]
-        for body, end in zip(self.bodies, ends, strict=True):
-            last = replace(body, end=end if np.linalg.norm(end) > THIN else None)
-            if len(body.hinges) > most:
-                out.append(replace(body, hinges=body.hinges[:-most], mass=0.0, centre=np.zeros(3)))
-                name, hinges = f"{body.name}_yielding", body.hinges[-most:]
-                last = replace(last, name=name, pose=np.eye(4), hinges=hinges)
-            out.append(last)
-        return out
+
+def within(bodies: Sequence[Body], flange: np.ndarray | None = None, most: int = MOST) -> list[Body]:
+    """Bodies in series; of one with too many hinges, one without a mass for the first of them, and itself."""
+    out = []
+    ends = [b.pose[:3, 3] for b in bodies[1:]] + [np.zeros(3) if flange is None else flange[:3, 3]]
+    for body, end in zip(bodies, ends, strict=bool(bodies)):
+        last = replace(body, end=end if np.linalg.norm(end) > THIN else None)
+        if len(body.hinges) > most:
+            out.append(replace(body, hinges=body.hinges[:-most], mass=0.0, centre=np.zeros(3)))
+            name, hinges = f"{body.name}_yielding", body.hinges[-most:]
+            last = replace(last, name=name, pose=np.eye(4), hinges=hinges)
+        out.append(last)
+    return out
 
 
 def mechanism(content: Content, law: Law) -> Mechanism:
@@ -135,7 +141,30 @@ def mechanism(content: Content, law: Law) -> Mechanism:
         hinges += _yielding(name, tilts.get(j), bends.get(j, ()), transform_of(delta[j + 1], (1,)))
         mass = 0.0 if robot.masses is None else float(robot.masses[j])
         bodies.append(Body(f"link{j + 1}", frame, tuple(hinges), mass, centre_in_frame(robot, delta, j)))
-    return Mechanism(tuple(bodies), flange, loads(content), scene.dataset.gravity)
+    made = Mechanism(tuple(bodies), flange, loads(content), scene.dataset.gravity)
+    return made if robot.ground is None else _on_ground(made, robot.ground)
+
+
+def _on_ground(machine: Mechanism, ground: Ground) -> Mechanism:
+    """A mechanism in series from F0, as one from the link that stands still, with a branch to each side.
+
+    The hinges of a joint on the way to F0 are passed from behind, in reversed order and about reversed axes,
+    in the frame that they had: what they move is placed in it by the inverse of the body's pose. The last
+    body is that in F0, with what it carries.
+    """
+    first, *links = machine.bodies
+    stands, passed, back = ground.link, [], np.eye(4)
+    to_f0 = first.pose @ links[0].pose
+    for j in range(stands, 0, -1):
+        body, inner = links[j - 1], links[j - 2] if j > 1 else Body("link0", np.eye(4))
+        hinges = tuple(h.passed for h in reversed(body.hinges))
+        into = np.linalg.inv(body.pose if j > 1 else to_f0)
+        centre = into[:3, :3] @ inner.centre + into[:3, 3]
+        passed.append(Body(inner.name, back, hinges, inner.mass, centre))
+        back = into
+    passed.append(Body(IN_F0, back, (), *ground.load))
+    base = Body("base", np.linalg.inv(ground.place))
+    return replace(machine, bodies=(base, *links[stands:]), passed=tuple(passed))
 
 
 def _yielding(name: str, tilt: Spring | None, bends: tuple[Hinge, ...], behind: np.ndarray) -> list[Hinge]:
@@ -157,9 +186,22 @@ def loads(content: Content) -> tuple[Load, ...]:
     return tuple(_load(content, k, tool) for k, tool in enumerate(content.arm.dataset.tools))
 
 
-def names(n: int) -> tuple[str, ...]:
-    """Names of the bodies of an arm with n joints, with the flange."""
-    return ("base", *(f"link{j}" for j in range(1, n + 1)), "flange")
+def names(n: int, ground: Ground | None = None) -> tuple[str, ...]:
+    """Names of the bodies of an arm with n joints that have the `poses` of base, links and flange."""
+    links = [f"link{j}" for j in range(n + 1)]
+    if ground is None:
+        return ("base", *links[1:], "flange")
+    return (IN_F0, IN_F0, *links[: ground.link - 1], *links[ground.link + 1 :], "flange")
+
+
+def places(content: Content, law: Law) -> dict[str, np.ndarray]:
+    """Poses (4, 4) of the bodies of a file in their parents, by name."""
+    robot, of = content.arm.model.scene.dataset.robot, poses(content, law)
+    if robot.ground is None:
+        return dict(zip(names(robot.n), of, strict=True))
+    bodies = [Body(f"link{j}", pose) for j, pose in enumerate(of[:-1])]  # the first is the base
+    made = _on_ground(Mechanism(tuple(bodies), of[-1], (), np.zeros(3)), robot.ground)
+    return {b.name: b.pose for b in (*made.bodies, *made.passed)} | {"flange": of[-1]}
 
 
 def poses(content: Content, law: Law) -> list[np.ndarray]:
@@ -224,7 +266,7 @@ def merge_held(
 
     `names` are those of the hinges in the file, if they differ.
     """
-    hinges = [h for b in mechanism.bodies for h in b.hinges if h.spring is not None]
+    hinges = [h for b in (*mechanism.bodies, *mechanism.passed) for h in b.hinges if h.spring is not None]
     springs = {h.name if names is None else names[h.name]: h.spring for h in hinges}
     loads, slides = content.arm.model.scene.loads, content.arm.dataset.robot.slides
     torques = np.zeros(1) if loads is None else np.abs(loads.torques(slides))

@@ -58,7 +58,9 @@ def play_or_late(alone: tuple[CellFit, ...], pool: Pool, credible: tuple[str, ..
 
 
 def cautions(dataset: Dataset) -> Iterator[str]:
-    """Limitations by the kind of readings."""
+    """Joints of two arms, and limitations by the kind of readings."""
+    if dataset.robot.two_arms:
+        yield dataset.robot.two_arms
     if dataset.readings == "command":
         yield (
             "the readings are commanded, not measured: servo errors are not distinguishable from backlash "

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bayescal.arm import chain as reference
+from bayescal.arm.statics import gravity_in_f0
 from bayescal.effects import Circumstances
 from bayescal.effects.backlash import STANDSTILL
 from bayescal.effects.common import by_reading
@@ -43,8 +44,9 @@ def signs(speed: np.ndarray) -> np.ndarray:
 
 def at_tool(c: Circumstances) -> np.ndarray:
     """Direction of gravity in the frame of the flange, (N, 3); 0 without gravity."""
-    down = c.gravity / max(float(np.linalg.norm(c.gravity)), 1e-300)
-    return np.asarray(reference.frames(c.chain, c.q)[:, -1, :3, :3].swapaxes(1, 2) @ down)
+    pose = reference.frames(c.chain, c.q)
+    down = gravity_in_f0(c.chain, pose, c.gravity / max(float(np.linalg.norm(c.gravity)), 1e-300))
+    return np.asarray((pose[:, -1, :3, :3].swapaxes(1, 2) @ down[..., None])[..., 0])
 
 
 def _functions(c: Circumstances) -> Iterator[tuple[Driver, list[np.ndarray], list[np.ndarray]]]:
