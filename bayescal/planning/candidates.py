@@ -22,6 +22,7 @@ from bayescal.model.scene import Scene
 from bayescal.planning.pool import POSE, Pool, Setup
 from bayescal.planning.search import EACH, Search, chosen, goals, located, tools_for, tried_once
 from bayescal.probing.contacts import TURNING, WALLED, Contacts, Hand, Rows
+from bayescal.robots import only_one_arm
 from bayescal.storage.stopping import Progress, silent
 from factors.camera import Camera
 
@@ -174,8 +175,9 @@ def candidates(
     Raises
     ------
     BayescalError
-        If no candidate is reached on any target.
+        If no candidate is reached on any target, or for two arms.
     """
+    only_one_arm(setup.dataset.robot, "plans and simulated sessions")
     rng = np.random.default_rng(seed)
     searches = _searches(setup)
     count = max(1, count // _share(setup))

@@ -31,7 +31,6 @@ from bayescal.planning.result import BOTH, DISTANCES, GAP, REPEAT, VALIDATE, Pla
 from bayescal.planning.separate import choose, confusable, detectable, repeated, with_levers
 from bayescal.planning.transit import Transits
 from bayescal.probing.contacts import TURNING
-from bayescal.robots import only_one_arm
 from bayescal.statistics import spawned
 from bayescal.storage.folders import check_unchanged
 from bayescal.storage.reading import read_record
@@ -130,7 +129,6 @@ def plan(setup: Setup, options: PlanOptions = PlanOptions(), progress: Progress 
     """
     begin = time.perf_counter()
     options.check()
-    only_one_arm(setup.dataset.robot, "plans")
     effects, without, pairs = options.effects, options.without, options.pairs
     of_pool, of_distances, of_gap, of_order = spawned(options.seed, 4)
     turning = TURNING if APPROACH in options.levers else 0.0

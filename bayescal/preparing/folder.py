@@ -16,7 +16,7 @@ from bayescal.errors import BayescalError
 from bayescal.preparing.artefacts import ARTEFACTS, JOINTS, ON_SPHERE, Room, schema_text
 from bayescal.preparing.settings import Draft, rendered, robot_template, schema_name, settings_text
 from bayescal.probing.artefacts import Sizes
-from bayescal.robots import builtin_robots, full_name, load_robot, robot_to_yaml
+from bayescal.robots import builtin_robots, full_name, load_robot, only_one_arm, robot_to_yaml
 from bayescal.storage.folders import whole
 
 
@@ -86,6 +86,7 @@ def start(
     described = robot != NEW
     reference = full_name(robot) if described else STAND_IN
     arm = arm or load_robot(reference)[0]
+    only_one_arm(arm, "set-ups of init", "write dataset.yaml as docs/two_arms.md has it")
     builtin = described and reference in builtin_robots()
     room = Room.of(arm)
     draft = Draft(

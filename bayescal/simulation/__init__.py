@@ -9,7 +9,7 @@ import numpy as np
 from bayescal.arm.chain import Robot
 from bayescal.dataset import Dataset
 from bayescal.errors import BayescalError
-from bayescal.robots import load_robot
+from bayescal.robots import load_robot, only_one_arm
 from bayescal.simulation.record import Simulated, distance_certificates, document, draws, noise, true_targets
 from bayescal.simulation.session import Options, plan
 from bayescal.simulation.touch import World, misstated, touch
@@ -50,6 +50,7 @@ def simulate(options: Options, robot: Robot | None = None) -> Simulation:
     """
     options.check()
     robot = robot or load_robot(options.robot)[0]
+    only_one_arm(robot, "simulated sessions")
     planned, scenery = plan(options, robot)
     targets = true_targets(options, scenery)
     certificates = (*planned.certificates, *distance_certificates(options, scenery, targets))

@@ -80,8 +80,13 @@ def test_formats_of_one_arm_refuse_two(run, to):
 
 
 def test_what_moves_one_arm_refuses_two(folder, run, tmp_path):
-    with pytest.raises(BayescalError, match="plans know one arm only"):
-        bc.plan(folder, 10)
+    for of, command in {
+        "plans and simulated sessions": lambda: bc.plan(folder, 10),
+        "set-ups of init": lambda: bc.init(tmp_path / "new", robot=f"{folder / 'cell.urdf'}#{CHAIN}"),
+        "simulated sessions": lambda: bc.simulate(robot=f"{folder / 'cell.urdf'}#{CHAIN}"),
+    }.items():
+        with pytest.raises(BayescalError, match=f"{of} know one arm only"):
+            command()
     (tmp_path / "targets.csv").write_text("id," + ",".join(f"j{k}_deg" for k in range(1, 13)) + "\n")
     with pytest.raises(BayescalError, match="corrected targets know one arm only"):
         bc.compensate(run[1], tmp_path / "targets.csv")
