@@ -47,6 +47,7 @@ class Face:
     rows: np.ndarray  # (N,) 1 for the rows that touch it, else 0
     place: np.ndarray  # (N, 2), 0 for the others
     u_form: float | None  # m, standard uncertainty of its form, if stated or estimated
+    certified: bool = True  # whether any certificate names it: an artefact, and not a table or a wall
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bayescal.assess.shared_causes import judged_complete
+from bayescal.assess.completed import completed
 from bayescal.effects import EFFECTS, Circumstances, Effect, Setting
 from bayescal.effects.location import Site
 from bayescal.effects.selection import Selection, driver_words, plain, shortest
@@ -61,11 +61,13 @@ def still_without(without: Sequence[Part], members: Sequence[Member]) -> tuple[P
 
 
 def refit(
-    before: Estimate, known: Candidates, members: Sequence[Member], options: FitOptions = USUAL
-) -> Estimate:
+    before: Estimate, known: Candidates, members: Sequence[Member], options: FitOptions = USUAL,
+    flat: bool = False,
+) -> Estimate:  # fmt: skip
     """Fit a baseline with some effects in addition to its own.
 
-    Outliers are judged after the model is complete: rejected rows that share a cause are fitted, as by `fit`.
+    It is completed as by `fit`: with the form of faces that are uneven beside these effects, and with
+    rejected rows that share a cause.
 
     Parameters
     ----------
@@ -76,12 +78,14 @@ def refit(
     members : sequence of Member
     options : FitOptions
         As of the baseline.
+    flat : bool
+        Without the form of uneven faces.
     """
     extra = tuple(model_name(m, known) for m in members if m.effect not in known.partly)
     scene = replace(before.model.scene, stance=None, compliances={})
     options = replace(options, without=still_without(options.without, members))
     found = calibrated(scene, (*before.model.effects, *extra), options)
-    return judged_complete(found)[0] if options.robust else found
+    return completed(found, options.robust, flat=flat).fitted
 
 
 @dataclass(frozen=True)
