@@ -20,18 +20,19 @@ from bayescal.assess.acceptance import (
     widened,
 )
 from bayescal.assess.budget import Budget, of_distances, with_budgets
+from bayescal.assess.completed import completed
 from bayescal.assess.findings import Assessed, Finding, findings, rests_on_priors
 from bayescal.assess.identifiability import Directions, Identifiability, directions, identifiability
 from bayescal.assess.inputs import Basis
 from bayescal.assess.mistakes import judged, mistaken
-from bayescal.assess.shared_causes import SharedCause, judged_complete, rejected_share
+from bayescal.assess.shared_causes import SharedCause, rejected_share
 from bayescal.assess.undetermined import Undetermined, undetermined
 from bayescal.dataset import Dataset
 from bayescal.effects import BASELINE, levels_of, parameters_of
 from bayescal.estimate import Estimate, check_enough, fitted_level
 from bayescal.estimate.bounds import UNCHANGED, Rigid, bounded, with_latent_readings
 from bayescal.estimate.discrepancy import Stated, stated
-from bayescal.estimate.unexplained import FaceCheck, Unexplained, check_faces, unexplained, with_uneven_faces
+from bayescal.estimate.unexplained import FaceCheck, Unexplained, unexplained
 from bayescal.estimate.widths import Width, with_widths
 from bayescal.model import USUAL, FitOptions
 from bayescal.model.scene import Scene
@@ -196,14 +197,12 @@ def _complete(
     level: Estimate, options: FitOptions, seed: int
 ) -> tuple[Estimate, tuple[FaceCheck, ...], tuple[SharedCause, ...], Rigid]:
     """The last level with the form of uneven faces, rejected rows that share a cause, and bounds."""
-    faces = check_faces(level)
-    if level.model.effects:
-        level = with_uneven_faces(level, faces, options.robust)
-    level, causes = judged_complete(level, seed) if options.robust else (level, ())
+    found = completed(level, options.robust, seed)
+    level = found.fitted
     if options.latent_joints:
         level = with_latent_readings(level)
     level, rigid = bounded(level)
-    return level, faces, causes, rigid
+    return level, found.faces, found.causes, rigid
 
 
 def _sampled(

@@ -5,7 +5,9 @@ P are Legendre polynomials, s and t positions on the face from -1 to 1.
 
 Degrees 2 to 4. The RMS of each degree is half that of the degree before, because form errors are mainly of
 long wavelength. Prior scale: the certificate's u_form, else 3 µm (assumed: 2 to 3 µm are typical of granite
-shop-floor surface plates). `fit` estimates the scale if the contacts show a larger form error.
+shop-floor surface plates); of a plane that no certificate names, a table or a wall, 0.1 mm (assumed: ISO
+2768-2, class K, allows 0.4 mm from peak to valley over 300 to 1000 mm). `fit` estimates the scale if the
+contacts show a larger form error.
 
 A local elevation, such as damage or dirt, also changes the mean height and the slopes of the face, which the
 certificates state. The form ``plane-form@raised`` therefore has the degrees 0 and 1 too, with the RMS of
@@ -26,7 +28,7 @@ from bayescal.effects.location import Driver
 from bayescal.effects.sizes import Size, length
 from bayescal.effects.vocabulary import Circumstances, Effect, Face, Form, Parameter, Where
 
-GRANITE = 3e-6  # m, root mean square
+GRANITE, TABLE = 3e-6, 1e-4  # m, root mean square
 DEGREES = (2, 3, 4)
 RAISED = (0, 1)
 """Degrees of the mean height and the slopes."""
@@ -59,7 +61,7 @@ def shapes(face: Face, further: tuple[int, ...] = ()) -> list[tuple[str, float, 
 def _parameters(c: Circumstances, further: tuple[int, ...] = ()) -> list[Parameter]:
     out = []
     for face in c.faces:
-        scale = GRANITE if face.u_form is None else face.u_form
+        scale = (GRANITE if face.certified else TABLE) if face.u_form is None else face.u_form
         where: Where = {"site": location.face(face.name), "driver": Driver("face")}
         for name, share, values in shapes(face, further):
             # the ball touches a raised area earlier: the residual of the arm is larger by its height

@@ -35,7 +35,7 @@ ROWS = 200
 """Rows that are tried at first; of longer sessions those beside the leading ones follow (cost)."""
 EVENTS = 3
 """Steps that a diagnosis looks for (cost)."""
-EDGE = 0.03  # share of the fitted measurements that must be before, and after, a step
+EDGE = 0.03  # share of the fitted measurements that must be before, after, and between steps
 
 
 def after(c: Circumstances, row: float) -> np.ndarray:
@@ -68,6 +68,12 @@ def beside(c: Circumstances, row: float) -> np.ndarray:
             some = fitted[max(place - near, low) : min(place + near, len(fitted) - low) + 1]
             return some[c.may_change[some]] + 1.0
     return np.empty(0)
+
+
+def long_enough(c: Circumstances, one: float, other: float) -> bool:
+    """Whether there are as many fitted rows between two steps as there must be before the first of them."""
+    between = np.sum((c.fitted + 1 >= min(one, other)) & (c.fitted + 1 < max(one, other)))
+    return bool(between >= min(_edge(session.fitted) for session in each(c)))
 
 
 def _at(c: Circumstances, row: float) -> list[Parameter]:
@@ -117,7 +123,7 @@ STEP = Effect(
     "sudden shift of the base, of a tool or of an instrument at row n",
     lambda c: apart(c, lambda one: _shift(one, one.fitted[len(one.fitted) // 2] + 1.0)),
     lambda c: "" if len(c.fitted) > 1 else "a step needs more than one row",
-    Scan("first row after it", "from row {:.0f} on", moments, _at, True, EVENTS, beside),
+    Scan("first row after it", "from row {:.0f} on", moments, _at, True, EVENTS, beside, long_enough),
     sizes={"m": Size("shift", length), "rad": Size("rotation", length)},
     alternatives=True,
     phrase=("the base", "shifted suddenly"),

@@ -47,6 +47,7 @@ class Face:
     rows: np.ndarray  # (N,) 1 for the rows that touch it, else 0
     place: np.ndarray  # (N, 2), 0 for the others
     u_form: float | None  # m, standard uncertainty of its form, if stated or estimated
+    certified: bool = True  # whether any certificate names it: an artefact, and not a table or a wall
 
 
 @dataclass(frozen=True)
@@ -240,7 +241,7 @@ class Scan:
     `values` are the plausible ones in a session, none if the setting is known; `parameters` are the effect's
     parameters at one of them. A model names a value as ``effect@value``. `beside` are further values near one
     of `values`, where those are a selection. `by_site`: each site may have its own, ``effect@value/value at
-    site and site``, and a site as many as `several`.
+    site and site``, and a site as many as `several`, of which any two are `apart`.
     """
 
     what: str  # of the setting, in words, with its unit
@@ -250,6 +251,7 @@ class Scan:
     by_site: bool = False
     several: int = 1
     beside: Callable[[Circumstances, float], np.ndarray] = lambda circumstances, value: np.empty(0)
+    apart: Callable[[Circumstances, float, float], bool] = lambda circumstances, one, other: True
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,7 @@ from bayescal.errors import FAILURES, BayescalError, Otherwise, T, attempted, re
 from bayescal.estimate import Estimate, check_enough, fitted_level
 from bayescal.estimate.bounds import UNCHANGED, bounded
 from bayescal.estimate.discrepancy import stated
+from bayescal.estimate.unexplained import FORM
 from bayescal.gap.concluded import concluded, events_of
 from bayescal.gap.design.advise import advise, rivals, undecided
 from bayescal.gap.design.blind_spots import Places, blind_spots, places_of, unseen
@@ -28,7 +29,7 @@ from bayescal.gap.examine import Examined, examine, where
 from bayescal.gap.linear.problem import Problem, without_nuisance
 from bayescal.gap.linear.state import again
 from bayescal.gap.outcome.magnitude import Level, magnitude, model_levels, noise_floor, shrinkage
-from bayescal.gap.outcome.margins import margins
+from bayescal.gap.outcome.margins import margins, residuals_in_time
 from bayescal.gap.outcome.notes import amplitudes, warnings
 from bayescal.gap.result import Advice, Amplitude, BlindSpot, Gap, Shrinkage, Verdict
 from bayescal.gap.search.beam import COMPLIANCE, Member
@@ -37,7 +38,6 @@ from bayescal.gap.search.gate import Tests, confirmed, contradiction
 from bayescal.gap.search.refit import model_name, refit, still_without
 from bayescal.gap.settings import GATE, VERDICT
 from bayescal.model import USUAL, FitOptions
-from bayescal.model.model import length_blocks
 from bayescal.model.scene import Scene
 from bayescal.predict.crossvalidation import FOLDED, LEFT_OUT, VALIDATED, validation_errors
 from bayescal.predict.errors import ValidationErrors, kept, without_rows
@@ -58,6 +58,22 @@ class Explained:
     after: ValidationErrors
     unsure: tuple[int, ...] = ()  # rows of the session that may be before an event or after it: not scored
     lost: tuple[str, ...] = ()  # what failed on the way, as sentences
+    flat: bool = False  # the form of faces is one of the names, and no part of the models beside it
+
+    @property
+    def baseline(self) -> Estimate:
+        """The baseline that the refit is compared with."""
+        return _beside(self.first, self.flat)
+
+    @property
+    def beside(self) -> Estimate:
+        """The same with compliance where that was `promoted`."""
+        return _beside(self.last, self.flat)
+
+    def refit(self, members: Sequence[Member]) -> Estimate:
+        """The baseline with some effects."""
+        e = self.last
+        return refit(e.fitted, e.candidates, members, e.options, self.flat) if members else self.beside
 
     @property
     def verdict(self) -> Verdict:
@@ -87,32 +103,54 @@ def explain(
     def errors(fitted: Estimate, without: str = LEFT_OUT) -> ValidationErrors:
         return without_rows(validation_errors(fitted, without=without), unsure)
 
-    before = errors(first.fitted)
-    alone: Tests = (before if last is first else errors(last.fitted),)
-    if alone[0].how != VALIDATED:
-        tests = (
-            attempted(f"{how} of the baseline", partial(errors, last.fitted, how), None, lost)
-            for how in FOLDED
-        )
-        alone = tuple(test for test in tests if test is not None) or alone
+    def compared(flat: bool) -> Explained:
+        """Test the names with the form of uneven faces in all models, or in none."""
+        before = errors(_beside(first, flat))
+        bare = Explained(first, last, promoted, before, _beside(last, flat), before, unsure, (), flat)
+        alone: Tests = (before if last is first else errors(bare.beside),)
+        if alone[0].how != VALIDATED:
+            tests = (
+                attempted(f"{how} of the baseline", partial(errors, bare.beside, how), None, lost)
+                for how in FOLDED
+            )
+            alone = tuple(test for test in tests if test is not None) or alone
+        known: dict[tuple[Variant, ...], tuple[Estimate, Tests]] = {(): (bare.beside, alone)}
 
-    known: dict[tuple[Variant, ...], tuple[Estimate, Tests]] = {(): (last.fitted, alone)}
+        def fitted(members: Sequence[Member]) -> tuple[Estimate, Tests]:
+            key = tuple(m.variant for m in members)
+            if key not in known:
+                try:
+                    final = bare.refit(members)
+                    known[key] = final, tuple(errors(final, test.how) for test in alone)
+                except FAILURES as error:
+                    raise (
+                        error if isinstance(error, BayescalError) else BayescalError(reason(error))
+                    ) from None
+            return known[key]
 
-    def fitted(members: Sequence[Member]) -> tuple[Estimate, Tests]:
-        key = tuple(m.variant for m in members)
-        if key not in known:
-            try:
-                final = refit(last.fitted, last.candidates, members, last.options)
-                known[key] = final, tuple(errors(final, test.how) for test in alone)
-            except FAILURES as error:
-                raise error if isinstance(error, BayescalError) else BayescalError(reason(error)) from None
-        return known[key]
+        admitted, final, after = _admitted(last, alone, fitted)
+        if after.how != VALIDATED:
+            what = "cross-validation of the refit one by one: that by blocks is stated"
+            same = final is bare.baseline
+            after = before if same else attempted(what, partial(errors, final), after, lost)
+        return replace(bare, last=admitted, final=final, after=after)
 
-    confirmed_last, final, after = _admitted(last, alone, fitted)
-    if after.how != VALIDATED:
-        what = "cross-validation of the refit one by one: that by blocks is stated"
-        after = before if final is first.fitted else attempted(what, partial(errors, final), after, lost)
-    return Explained(first, confirmed_last, promoted, before, final, after, unsure, tuple(lost))
+    found = compared(flat=_names_form(last))
+    if found.flat and not _names_form(found.last):  # the form is refused as a name: it is that of `fit`
+        bare = replace(found, flat=False)
+        final = bare.refit(found.last.decision.members)
+        found = replace(bare, before=errors(bare.baseline), final=final, after=errors(final))
+    return replace(found, lost=tuple(lost))
+
+
+def _names_form(e: Examined) -> bool:
+    """Whether the form of faces is one of the names."""
+    return any(m.effect == FORM for m in e.decision.members)
+
+
+def _beside(e: Examined, flat: bool) -> Estimate:
+    """The baseline without the form of faces, where that is a name, or with it."""
+    return e.fitted if flat else e.complete
 
 
 def between(interval: tuple[int, int], fitted: np.ndarray) -> range:
@@ -179,12 +217,12 @@ def fitted_levels(
         own = options if of_model else replace(options, without=())
         fits.append((level or ("nominal",), partial(fitted_level, scene, level, own)))
     if effects:
-        fits.append((effects, lambda: found.first.fitted))
+        fits.append((effects, lambda: found.baseline))
     if found.promoted:
-        fits.append(((*effects, COMPLIANCE), lambda: last.fitted))
+        fits.append(((*effects, COMPLIANCE), lambda: found.beside))
     for k in range(1, len(members)):
         names = (model_name(m, last.candidates) for m in members[:k])
-        further = partial(refit, last.fitted, last.candidates, members[:k], last.options)
+        further = partial(found.refit, members[:k])
         fits.append(((*last.fitted.model.effects, *names), further))
     if members:
         names = (model_name(m, last.candidates) for m in members)
@@ -193,7 +231,8 @@ def fitted_levels(
     for model, fit in fits:
         try:
             e = fit()
-            out.append(Level(model, e, _errors_of(e, found)))
+            formed = FORM in e.model.effects and FORM not in model
+            out.append(Level((*model, FORM) if formed else model, e, _errors_of(e, found)))
         except FAILURES as error:
             what = f"the model level {' + '.join(model)} is left out: it cannot be fitted"
             lost.append(f"{what} ({reason(error)})")
@@ -237,7 +276,7 @@ def diagnose(
     noise = noise_floor(final, after.main)
     progress("report", 0.8)
     of_magnitude, of_shrinkage = spawned(options.seed, 2)
-    size = magnitude(first.fitted, final, before, after, of_magnitude)
+    size = magnitude(found.baseline, final, before, after, of_magnitude)
     verdict = found.verdict
     levels, left_out = fitted_levels(scene, effects, options, found)
     lost = [*found.lost, *left_out]
@@ -253,7 +292,7 @@ def diagnose(
         final, after = arm, either("errors of the limited refit", partial(_errors_of, arm, found), after)
         levels[-1:] = [replace(level, fitted=arm, errors=after) for level in levels[-1:]]
     if decision.members:
-        keep = partial(doubted, arm, last.fitted, verdict)
+        keep = partial(doubted, arm, found.beside, verdict)
         refitted = either("the discrepancy that the names may not explain", keep, arm)
         arm, final = refitted, refitted if arm is final else final
     wide = either("the stated uncertainty of the arm, and with it the arm", lambda: stated(arm).limited, None)
@@ -271,14 +310,14 @@ def diagnose(
     if not all(n.confirmed for n in verdict.named):
         reduction = tuple(replace(s, claimed=False) for s in reduction)
     places = either("locations", partial(where, first, last, found.promoted, noise.sd), ())
-    groups = either("groups", partial(margins, first.fitted, before, noise.sd, noise.dof), {})
+    groups = either("groups", partial(margins, found.baseline, before, noise.sd, noise.dof), {})
     advice = either("what to measure next", partial(_advice, last, plain, spheres), ())
     spots = either("effects that would not be seen", partial(_unseen, last, plain, spheres), ())
     sizes: tuple[Amplitude, ...] = ()
     if verdict.named:
         sizes = either("amplitudes", lambda: amplitudes(final, of_final, verdict.named), ())
     open_pairs = either("effects that are not told from each other", partial(undecided, last), ())
-    cautions = warnings(first.fitted, final, before, after, lacking)
+    cautions = warnings(found.baseline, final, before, after, lacking)
     return Gap(
         dataset=dataset,
         baseline=effects,
@@ -291,7 +330,7 @@ def diagnose(
         levels=model_levels(levels, kept(before, after)),
         advice=advice,
         blind_spots=spots,
-        residuals=_residuals(first.fitted, final),
+        residuals=residuals_in_time(found.baseline, final),
         warnings=(
             *(f"{cause.words}: they are no outliers, and all models use them" for cause in first.causes),
             *last.options.contrary,
@@ -303,7 +342,7 @@ def diagnose(
         still_without=still_without(last.options.without, decision.members),
         undecided=open_pairs,
         arm=None if wide is None else arm,
-        calibrated=first.fitted,
+        calibrated=found.baseline,
         covariance=wide,
         rigid=rigid,
         undetermined=lacking,
@@ -342,7 +381,7 @@ def _errors_of(e: Estimate, found: Explained) -> ValidationErrors:
     """Validation errors of a level, which are known of the baseline and of the refit."""
     if e is found.final:
         return found.after
-    if e is found.first.fitted:
+    if e is found.baseline:
         return found.before
     return without_rows(validation_errors(e, strict=False), found.unsure)
 
@@ -354,19 +393,6 @@ def _confirmed(found: Explained) -> Estimate:
     if len(members) == len(d.members):
         return found.final
     try:
-        return refit(found.last.fitted, found.last.candidates, members, found.last.options)
+        return found.refit(members)
     except FAILURES:  # without the others, none of them can be fitted
-        return found.last.fitted
-
-
-def _residuals(before: Estimate, after: Estimate) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Rows of the session in the order of time, and residuals before and after at each, m."""
-    rows, old, new = [], [], []
-    for a, b in zip(length_blocks(before.model), length_blocks(after.model), strict=True):
-        rows.append(np.tile(a.rows, a.kind.rows))
-        old.append(before.residuals(a).ravel())
-        new.append(after.residuals(b).ravel())
-    at = np.concatenate(rows)
-    m = before.model.scene.dataset.measurements
-    order = np.lexsort((at, at if m.time is None else m.time[at]))
-    return at[order], np.concatenate(old)[order], np.concatenate(new)[order]
+        return found.beside

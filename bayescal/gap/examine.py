@@ -10,6 +10,7 @@ from functools import partial
 
 import numpy as np
 
+from bayescal.assess.completed import completed
 from bayescal.assess.shared_causes import SharedCause, judged_complete
 from bayescal.effects import EFFECTS, Circumstances, Parameter
 from bayescal.effects.gravity import masses
@@ -44,7 +45,7 @@ LOOSE = 10.0
 class Examined:
     """A baseline and all hypotheses that were evaluated with it."""
 
-    fitted: Estimate
+    fitted: Estimate  # with flat faces: their form is a hypothesis among others
     circumstances: Circumstances
     candidates: Candidates
     problem: Problem
@@ -54,6 +55,12 @@ class Examined:
     causes: tuple[SharedCause, ...] = ()  # of rows that the baseline rejects and that are used all the same
     options: FitOptions = USUAL  # of the fit, with the prior widths that the data told
     widths: tuple[Width, ...] = ()
+    formed: Estimate | None = None  # the same with the form of uneven faces, where there are any
+
+    @property
+    def complete(self) -> Estimate:
+        """The baseline as `fit` states it, with which refits are compared."""
+        return self.fitted if self.formed is None else self.formed
 
 
 def examine(scene: Scene, effects: tuple[str, ...], options: FitOptions, further: bool = False) -> Examined:
@@ -62,12 +69,16 @@ def examine(scene: Scene, effects: tuple[str, ...], options: FitOptions, further
     `further`: an effect was named before.
     """
     plain, options, told = _with_widths(scene, effects, options)
-    fitted, causes = judged_complete(plain) if options.robust else (plain, ())
+    whole = completed(plain, options.robust)
+    fitted, causes, formed = whole.fitted, whole.causes, None
+    if fitted.model.effects != plain.model.effects:  # the search has no form of its own
+        formed = fitted
+        fitted, causes = judged_complete(plain) if options.robust else (plain, ())
     result = _examined(fitted, causes, options, further)
     if causes and result.decision.kind == "null":  # a few true outliers that share a cause by chance
         other = _examined(plain, (), options, further)
         result = result if other.decision.kind == "null" else other
-    return replace(result, options=options, widths=told)
+    return replace(result, options=options, widths=told, formed=formed)
 
 
 def _with_widths(
@@ -101,7 +112,9 @@ def _examined(
     members = result.decision.members
     if members and ORIENTATION in fitted.weights.scale:
         # where it fails, the names are refused later, with the reason
-        final = attempted("", partial(refit, fitted, result.candidates, members, options), fitted, [])
+        final = attempted(
+            "", partial(refit, fitted, result.candidates, members, options, flat=True), fitted, []
+        )
         if not _alike(fitted, final):
             result = baseline.weighed(final)
     return result

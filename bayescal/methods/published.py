@@ -24,9 +24,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from bayescal.assess.completed import completed
 from bayescal.effects import parameters_of
 from bayescal.estimate import calibrated
-from bayescal.estimate.unexplained import check_faces, with_uneven_faces
 from bayescal.methods.solving import Rows, RowsOf, Solution, System, contacts, levenberg, linear_steps, part
 from bayescal.model import ARM, Block, Model, build, standing, with_parameters
 from bayescal.model.model import KNOWN_PLACE
@@ -182,9 +182,9 @@ def in_joints(model: Model) -> RowsOf:
 
 
 def estimated(scene: Scene, effects: tuple[str, ...]) -> Solution:
-    """The estimate of `bayescal fit`, the form of uneven faces with it."""
+    """The estimate of `bayescal fit`, with the form of uneven faces."""
     level = calibrated(scene, effects)
-    level = with_uneven_faces(level, check_faces(level))
+    level = completed(level).fitted
     values = level.model.deviations(level.z[level.model.slices[ARM]])
     return Solution(level.model, values, estimate=level, settled=True)
 

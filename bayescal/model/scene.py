@@ -268,6 +268,7 @@ class Scene:
     def _faces(self, fitted: np.ndarray) -> tuple[Face, ...]:
         d = self.dataset
         stated = {c.targets[0]: c.u_form for c in d.certificates if c.kind == "flat"}
+        certified = {name for c in d.certificates for name in c.targets}
         out: list[Face] = []
         for t in np.unique(d.measurements.target[fitted]):
             kind = self.kind(int(t), self.rows_of(int(t), fitted))
@@ -282,7 +283,7 @@ class Scene:
             # validation contacts slightly outside are evaluated at the edge: polynomials diverge beyond it
             place = np.where(touching[:, None], np.clip(place, -1.1, 1.1), 0.0)
             name = d.targets[t].name
-            out.append(Face(name, touching.astype(float), place, stated.get(name)))
+            out.append(Face(name, touching.astype(float), place, stated.get(name), name in certified))
         return tuple(out)
 
     def forms(self, entry: Certificate) -> tuple[str, str]:

@@ -14,10 +14,12 @@ from typer.testing import CliRunner
 
 from bayescal.arm.chain import chain_of, link_angles, points
 from bayescal.assess.acceptance import EXPLAINED
+from bayescal.assess.completed import completed
 from bayescal.assess.identifiability import identifiability
 from bayescal.calibration import fit
 from bayescal.cli import app
 from bayescal.dataset import Certificate, read_dataset, write_dataset
+from bayescal.effects.plane_form import GRANITE, TABLE
 from bayescal.errors import BayescalError
 from bayescal.estimate import calibrated, estimate, linearise
 from bayescal.estimate.bounds import with_latent_readings
@@ -25,6 +27,8 @@ from bayescal.estimate.checks import check_converged
 from bayescal.estimate.unexplained import check_faces, unexplained, with_uneven_faces
 from bayescal.exporting.robot import calibrated_robot
 from bayescal.gap.diagnose import diagnose
+from bayescal.gap.examine import examine
+from bayescal.gap.search.refit import refit
 from bayescal.model import ARM, build, check_asked
 from bayescal.model.options import FitOptions
 from bayescal.model.scene import Scene
@@ -249,6 +253,33 @@ def test_a_bulging_face_is_seen_and_fitted(cube):
     better = with_uneven_faces(found, [checks["cube.+y"]])
     assert better.weights.scale["contact"] < 1.3
     assert better.weights.scale["contact"] < 0.7 * found.weights.scale["contact"]
+
+
+def test_refits_of_a_diagnosis_are_completed_as_a_fit(cube):
+    """The baseline and a refit without names are the fit; the search has flat faces: the form is a name."""
+    session = bent(cube(seed=6, count=120).dataset, 60e-6)
+    found = fit(session, FULL, samples=0).final.estimate
+    assert found.model.effects == (*FULL, "plane-form")
+    e = examine(Scene(session, oriented=True), FULL, FitOptions())
+    assert e.fitted.model.effects == FULL
+    for same in (e.complete, refit(e.fitted, e.candidates, [], e.options)):
+        assert same.model.effects == found.model.effects
+        assert same.z == pytest.approx(found.z, abs=1e-4)
+    assert refit(e.fitted, e.candidates, [], e.options, flat=True).z == pytest.approx(e.fitted.z, abs=1e-4)
+    formed = completed(e.fitted)
+    assert [f.target for f in formed.faces if f.uneven] == ["cube.+y"]
+    assert completed(e.fitted, flat=True).fitted.model.effects == FULL
+
+
+def test_a_plane_without_a_certificate_may_be_a_table(cube):
+    """Its form has the prior of a table, and that of a face of an artefact the prior of granite."""
+    session = cube(seed=6, count=60).dataset
+    plain = replace(session, certificates=())
+    sds = [
+        {p.name: p.sd for p in build(Scene(d), (*FULL, "plane-form")).parameters if p.effect == "plane-form"}
+        for d in (session, plain)
+    ]
+    assert all(sds[1][name] == pytest.approx(sd * TABLE / GRANITE) for name, sd in sds[0].items())
 
 
 def test_certified_flatness_keeps_the_form_small(cube):

@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from bayescal.dataset import Dataset
 from bayescal.effects import EFFECTS, parameters_of
 from bayescal.effects.location import BASE, TOOL
 from bayescal.effects.selection import Selection
-from bayescal.effects.step import ROWS, beside, moments
+from bayescal.effects.step import ROWS, beside, long_enough, moments
 from bayescal.errors import BayescalError
 from bayescal.estimate import calibrated
 from bayescal.estimate.discrepancy import stated
@@ -20,6 +21,7 @@ from bayescal.fitted.arm import of_gap
 from bayescal.fitted.file import check_restored, read_arm, restored
 from bayescal.gap.diagnose import diagnose, doubted, explain
 from bayescal.gap.examine import examine
+from bayescal.model.options import FitOptions
 from bayescal.model.scene import Scene
 from bayescal.predict.crossvalidation import validation_errors
 from bayescal.preparing.missing import missing
@@ -68,6 +70,22 @@ def test_shifts_of_two_sites_have_their_rows_each():
     for site, row in ((BASE, 38), (TOOL, 80)):
         low, high = rows[site].interval95
         assert low <= row - 1 <= high <= low + 3, (site, rows[site])
+
+
+def test_two_shifts_are_as_far_apart_as_a_shift_is_from_the_ends():
+    """A row that is off is no pair of shifts: six displacements would explain it."""
+    events = {38: (3e-4, 0, 0), 40: (0, 3e-4, 0), 80: (0, 1e-4, 0)}
+    session = shifted(tracker(seed=3, count=110).dataset, events)
+    e = examine(Scene(geared(session), oriented=True), MODEL, FitOptions())
+    c = e.circumstances
+    assert not long_enough(c, 38.0, 40.0)
+    assert long_enough(c, 38.0, 41.0)
+    assert long_enough(c, 41.0, 38.0)
+    found = [v.setting for v in e.candidates.variants["step"] if isinstance(v.setting, tuple)]
+    assert found
+    for setting in found:
+        rows = [value for site, value in setting if site == BASE]
+        assert all(long_enough(c, a, b) for a, b in combinations(rows, 2)), rows
 
 
 def test_rows_beside_a_shift_are_no_outliers(several):

@@ -10,7 +10,6 @@ from scipy.stats import chi2
 from sessions import with_columns
 
 from bayescal.estimate import estimate
-from bayescal.gap.diagnose import _residuals
 from bayescal.gap.outcome.magnitude import (
     Level,
     _measured,
@@ -22,7 +21,7 @@ from bayescal.gap.outcome.magnitude import (
     of_distances,
     shrinkage,
 )
-from bayescal.gap.outcome.margins import holm, margins
+from bayescal.gap.outcome.margins import holm, margins, residuals_in_time
 from bayescal.model import build, with_parameters
 from bayescal.model.scene import Scene
 from bayescal.predict.crossvalidation import (
@@ -421,7 +420,7 @@ def test_residuals_are_in_the_order_of_time(cube, timed):
     count = len(dataset.measurements.ids)
     clock = np.random.default_rng(2).permutation(count).astype(float) if timed else None
     fitted = unsolved(with_columns(dataset, time=clock))
-    rows, before, after = _residuals(fitted, fitted)
+    rows, before, after = residuals_in_time(fitted, fitted)
     assert np.all(np.diff(rows if clock is None else clock[rows]) > 0)
     np.testing.assert_array_equal(before, after)
     own = {

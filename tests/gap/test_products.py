@@ -9,6 +9,7 @@ from gap_problems import Bench
 from sessions import with_columns
 
 from bayescal.arm.motion import CONTACT
+from bayescal.assess.completed import Completed
 from bayescal.effects.common import tilts
 from bayescal.effects.location import BASE, PROBE, TOOL, Driver, joint, link
 from bayescal.estimate import calibrated
@@ -136,12 +137,13 @@ def test_outliers_that_nothing_explains_are_left_out_after_all(monkeypatch, caus
         asked.append((fitted, of))
         return found[len(asked) - 1]
 
-    monkeypatch.setattr(examine, "_with_widths", lambda *_: ("plain", USUAL, ("told",)))
-    monkeypatch.setattr(examine, "judged_complete", lambda _: ("all rows", causes))
+    plain, every = (SimpleNamespace(model=SimpleNamespace(effects=("geometry",))) for _ in range(2))
+    monkeypatch.setattr(examine, "_with_widths", lambda *_: (plain, USUAL, ("told",)))
+    monkeypatch.setattr(examine, "completed", lambda *_: Completed(every, (), causes))
     monkeypatch.setattr(examine, "_examined", examined)
     result = examine.examine(None, (), replace(USUAL, robust=True))
     assert (result.decision, result.widths) == (found[which].decision, ("told",))
-    assert asked == [("all rows", causes), ("plain", ())][:calls]
+    assert asked == [(every, causes), (plain, ())][:calls]
 
 
 def test_repeated_contacts_of_a_surface_are_independent(dataset, monkeypatch):

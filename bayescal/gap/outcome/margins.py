@@ -244,3 +244,16 @@ def _approaches(scene: Scene, rows: np.ndarray) -> Iterator[tuple[str, Bin]]:
             text = f"direction of motion of J{j}"
             yield str(j), (f"{text}, positive", f"{text}, positive", v > 0)
             yield str(j), (f"{text}, negative", f"{text}, negative", v < 0)
+
+
+def residuals_in_time(before: Estimate, after: Estimate) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Rows of the session in the order of time, and residuals before and after at each, m."""
+    rows, old, new = [], [], []
+    for a, b in zip(length_blocks(before.model), length_blocks(after.model), strict=True):
+        rows.append(np.tile(a.rows, a.kind.rows))
+        old.append(before.residuals(a).ravel())
+        new.append(after.residuals(b).ravel())
+    at = np.concatenate(rows)
+    m = before.model.scene.dataset.measurements
+    order = np.lexsort((at, at if m.time is None else m.time[at]))
+    return at[order], np.concatenate(old)[order], np.concatenate(new)[order]

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bayescal.assess.shared_causes import judged_complete
+from bayescal.assess.completed import completed
 from bayescal.effects import EFFECTS, Circumstances, Effect, Setting
 from bayescal.effects.location import Site
 from bayescal.effects.selection import Selection, driver_words, plain, shortest
@@ -61,11 +61,13 @@ def still_without(without: Sequence[Part], members: Sequence[Member]) -> tuple[P
 
 
 def refit(
-    before: Estimate, known: Candidates, members: Sequence[Member], options: FitOptions = USUAL
-) -> Estimate:
+    before: Estimate, known: Candidates, members: Sequence[Member], options: FitOptions = USUAL,
+    flat: bool = False,
+) -> Estimate:  # fmt: skip
     """Fit a baseline with some effects in addition to its own.
 
-    Outliers are judged after the model is complete: rejected rows that share a cause are fitted, as by `fit`.
+    It is completed as by `fit`: with the form of faces that are uneven beside these effects, and with
+    rejected rows that share a cause.
 
     Parameters
     ----------
@@ -76,12 +78,14 @@ def refit(
     members : sequence of Member
     options : FitOptions
         As of the baseline.
+    flat : bool
+        Without the form of uneven faces.
     """
     extra = tuple(model_name(m, known) for m in members if m.effect not in known.partly)
     scene = replace(before.model.scene, stance=None, compliances={})
     options = replace(options, without=still_without(options.without, members))
     found = calibrated(scene, (*before.model.effects, *extra), options)
-    return judged_complete(found)[0] if options.robust else found
+    return completed(found, options.robust, flat=flat).fitted
 
 
 @dataclass(frozen=True)
@@ -159,6 +163,15 @@ def _screen(
     return out
 
 
+def _columns(one: Screened, effect: Effect, slopes: Slopes, c: Circumstances) -> np.ndarray:
+    """Columns (R, k) of a setting at one site, which is not always the leading one there."""
+    if one.columns is not None:
+        return one.columns
+    at = one.single.site, one.single.driver
+    own = [p for p in effect.at(c, one.single.setting) if (p.site, p.driver) == at]
+    return slopes.columns([p for p, seen in zip(own, unaliased(own, c), strict=True) if seen])
+
+
 def screening_states(p: Problem, columns: np.ndarray, scales: np.ndarray, robust: bool) -> list[State]:
     """States over which settings are screened: also with all rows, of which outliers may be the effect."""
     state = fit_state(p, columns, scales, robust=robust)
@@ -171,25 +184,31 @@ def _one_by_one(
     """The leading setting of each site, the largest gain first, each over states with those before it.
 
     `found` are the gains over the first states. A site whose gain does not exceed the logarithm of the number
-    of settings that were tried has none. A site may have as many as the scan's `several`.
+    of settings that were tried has none. A site may have as many as the scan's `several`, each `apart` from
+    the others.
     """
     assert effect.scan is not None
-    out: list[Single] = []
+    scan, out = effect.scan, list[Single]()
+
+    def apart(one: Single, other: Single) -> bool:
+        return one.site != other.site or scan.apart(c, one.setting, other.setting)
+
     values = np.unique([one.single.setting for one in found[0]])
     while len(out) < max(effect.scan.several, len({one.single.site for one in found[0]})):
         sites = [single.site for single in out]
         tried = [one for every in found for one in every]
         rest = [one for one in tried if sites.count(one.single.site) < effect.scan.several]
+        rest = [one for one in rest if all(apart(one.single, before) for before in out)]
         if not rest:
             break
         best = max(rest, key=lambda one: one.gain)
         if best.gain <= np.log(len(tried)):
             break
         out.append(best.single)
-        assert best.columns is not None
-        width, size = state.problem.pool.shape[1], best.columns.shape[1]
+        columns = _columns(best, effect, slopes, c)
+        width, size = state.problem.pool.shape[1], columns.shape[1]
         states = screening_states(
-            replace(state.problem, pool=np.column_stack([state.problem.pool, best.columns])),
+            replace(state.problem, pool=np.column_stack([state.problem.pool, columns])),
             np.append(state.columns, np.arange(width, width + size)),
             np.append(state.scales, np.full(size, best.scale)),
             state.robust,
