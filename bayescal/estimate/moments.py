@@ -22,7 +22,7 @@ LIKELY = 0.16
 """The same of each family where the residuals are larger than the noise, so that there is a discrepancy
 (assumed)."""
 AT_ONCE = 1024
-"""Poses whose columns are held in memory three times."""
+"""Residuals whose columns are held in memory three times."""
 UNSEEN = 2.0
 """Factor from variances that residuals show to those stated: the fit absorbs a part of the smooth functions
 (tuned on halves of six sessions of real arms)."""
@@ -98,13 +98,13 @@ def within_poses(h: np.ndarray, pose: np.ndarray) -> np.ndarray:
 
 
 def of_equal_size(pose: np.ndarray) -> Iterator[np.ndarray]:
-    """Residuals (poses, k) of all poses of k residuals, for every k that occurs; at most `AT_ONCE` poses."""
+    """Residuals (poses, k) of all poses of k residuals, for every k; about `AT_ONCE` at a time."""
     order, size = np.argsort(pose, kind="stable"), np.bincount(pose)
     first = np.cumsum(size) - size
     for k in np.unique(size):
-        begin = first[size == k][:, None]
-        for start in range(0, len(begin), AT_ONCE):
-            yield order[begin[start : start + AT_ONCE] + np.arange(k)]
+        begin, step = first[size == k][:, None], max(AT_ONCE // max(k, 1), 1)
+        for start in range(0, len(begin), step):
+            yield order[begin[start : start + step] + np.arange(k)]
 
 
 SMALLEST = 1e-6

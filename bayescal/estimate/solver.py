@@ -11,7 +11,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.linalg.lapack import dpotrf, dpotrs, dtrtrs
+from scipy.linalg.lapack import dpotrf, dpotrs
 
 from bayescal.model.block import ARM, Block, Constraint
 from bayescal.model.model import Model
@@ -270,15 +270,7 @@ def factored(matrix: np.ndarray) -> np.ndarray:
 
 def solved(factor: np.ndarray, right: np.ndarray) -> np.ndarray:
     """Solution x of L L' x = right, of shape (D,) or (D, K) as `right`, with the factor L of `factored`."""
-    return _finite(dpotrs(factor, right, lower=1)[0])
-
-
-def halved(factor: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Solution x of L x = right, (D, K), with the factor L of `factored`."""
-    return _finite(dtrtrs(factor, right, lower=1)[0])
-
-
-def _finite(found: np.ndarray) -> np.ndarray:
+    found = dpotrs(factor, right, lower=1)[0]
     if not np.isfinite(found).all():
         raise ValueError("the right-hand side is not finite")
     return found

@@ -41,14 +41,14 @@ def diagnose(log: Log, progress: Progress = silent) -> MotionGap:
     for k in range(NOISE.repeats):
         progress("search", 0.4 + 0.2 * k)
         search = pool.search(normal(motions, noise))
-        fit = search.fit(search.run()[0].members)
-        noise = noise_about(motions, fit)
+        noise = noise_about(motions, search.fit(search.run()[0].members))
     seen, held = normal(motions, noise), normal(pool.table.of_role(VALIDATE), noise)
     # all motions tell which effects there are; how large they are, those of role `calibrate` alone
     whole = pool.search(joined(seen, held))
     hypotheses = whole.run()
     progress("causes beside the list", 0.7)
     pool, hypotheses = beside(pool, noise, whole, hypotheses)
+    del motions, search, whole  # of the columns before: much of the memory of a long log
     seen = normal(pool.table.of_role(CALIBRATE), noise, seen)
     held = normal(pool.table.of_role(VALIDATE), noise, held)
     search = pool.search(seen)

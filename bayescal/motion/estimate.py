@@ -59,9 +59,12 @@ class Estimate:
 
     def fit(self, further: Further | None = None) -> Fit:
         """The baseline fitted to the motions of role `calibrate`, and to a further measurement."""
-        table = tabulated(of_role(self.parts, CALIBRATE), self.columns, self.residual)
-        p = normal(table, self.noise)
-        return fitted(p if further is None else further.beside(p), np.arange(len(table.terms)))
+        p = normal(self.table(), self.noise)
+        return fitted(p if further is None else further.beside(p), np.arange(len(p.terms)))
+
+    def table(self) -> Table:
+        """The columns of the baseline in the motions of role `calibrate`."""
+        return tabulated(of_role(self.parts, CALIBRATE), self.columns, self.residual)
 
     def relinearised(self, fit: Fit) -> Estimate:
         """The same, linearised at a fit."""
@@ -114,9 +117,10 @@ def estimated(parts: tuple[Signals, ...]) -> Estimate:
     first = np.sqrt(np.mean(np.concatenate([residuals(s, start) for s in each(used)]) ** 2, axis=0))
     out = Estimate(parts, start, {}, rms, white_noise(np.r_[rms, first[log.n :]]))
     for _ in range(SERVOS.rounds if log.torque_kind == SERVO else NOISE.rounds):
-        table = tabulated(used, out.columns, out.residual)
+        table = out.table()
         fit = fitted(normal(table, out.noise), np.arange(len(table.terms)))
         noise = noise_about(table, fit)
+        del table  # before the next: half the memory of a long log
         settled = np.allclose(noise.sd, out.noise.sd, rtol=SERVOS.settled)
         out = Estimate(parts, moved_to(start, parts[0], fit.values), fit.values, rms, noise)
         if log.torque_kind == SERVO and settled:

@@ -23,7 +23,7 @@ Sparse = Sequence[Mapping[int, np.ndarray]]
 
 @dataclass(frozen=True)
 class Part:
-    """Low-passed rows of one motion: residuals (M, C), and of each channel the terms it has, (M, K)."""
+    """Low-passed rows of one motion: residuals (M, C); of each channel the terms that act, (M, K)."""
 
     signals: Signals
     residual: np.ndarray
@@ -79,8 +79,11 @@ def tabulated(parts: Sequence[Signals], columns: Columns, residual: Callable[[Si
         names, numbers, values = assembled(columns(s), s.log, s.step)
         terms = tuple(names)
         weight = np.tile(s.weight, len(values) // s.log.n)
-        kept = tuple(s.kept(x * w[:, None]).astype(np.float32) for x, w in zip(values, weight.T, strict=True))
-        out.append(Part(s, s.kept(residual(s) * weight), tuple(map(np.array, numbers)), kept))
+        kept = [s.kept(x * w[:, None]).astype(np.float32) for x, w in zip(values, weight.T, strict=True)]
+        acting = [np.any(x, axis=0) for x in kept]  # many functions of time are 0 in a motion
+        chosen = tuple(np.array(k, int)[there] for k, there in zip(numbers, acting, strict=True))
+        rows = tuple(np.compress(there, x, axis=1) for x, there in zip(kept, acting, strict=True))
+        out.append(Part(s, s.kept(residual(s) * weight), chosen, rows))
     return Table(terms, tuple(out))
 
 

@@ -8,10 +8,10 @@ from itertools import chain
 
 import numpy as np
 
-from bayescal.logs.types import CALIBRATE, VALIDATE
+from bayescal.logs.types import VALIDATE
 from bayescal.motion.cells import UNKNOWN, Ranges, cells
 from bayescal.motion.effects import Form, FormColumn, Scale, columns
-from bayescal.motion.estimate import Estimate, of_role
+from bayescal.motion.estimate import Estimate
 from bayescal.motion.linear import Normal, Sparse, Table, tabulated
 from bayescal.motion.noise import Noise
 from bayescal.motion.products import Bank
@@ -47,11 +47,9 @@ class Pool:
         """The candidates beside an estimate."""
         at, parts = estimate.at, estimate.parts
         loads = [float(np.mean(s.payload[s.payload > 0.0])) for s in parts if np.any(s.payload > 0.0)]
-        baseline = tabulated(of_role(parts, CALIBRATE), estimate.columns, estimate.residual)
-        waves = waves_of(baseline, estimate.fit().values, estimate.noise)
         speed = np.sqrt(np.mean(np.concatenate([s.dq for s in parts]) ** 2, axis=0))
         friction = np.abs(at.coulomb) + speed * np.abs(at.viscous)
-        scale = Scale(estimate.rms, friction, float(np.mean(loads)) if loads else 0.0, waves)
+        scale = Scale(estimate.rms, friction, float(np.mean(loads)) if loads else 0.0, waves_of(estimate))
         ranges = Ranges(parts, at)
 
         def every(s: Signals) -> Iterable[Column]:
@@ -88,12 +86,12 @@ class Pool:
         beside = {name: values[name] for name in chain.from_iterable(self.extra.values()) if name in values}
         parts = self.table.of_role(role).parts
         for part, s in zip(parts, each([p.signals for p in parts]), strict=True):
-            left = self.estimate.residual(s).copy()
+            left = self.estimate.residual(s)
             for term, column in self._chosen(s, values.keys()):
                 if value := values.get(term.name, 0.0):
                     for j, part_of_term in by_channel(term, column):
                         left[:, j] -= value * part_of_term
-            left = s.unfiltered(left[:, : s.log.n])
+            left = s.unfiltered(left[:, : s.log.n]).copy()  # without the other channels
             if beside:
                 explained = part.residual - Table(self.table.terms, (part,)).residuals(beside)[0]
                 rows, all_rows = s.kept(s.time), s.unfiltered(s.time)

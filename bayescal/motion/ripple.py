@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
-from bayescal.motion.linear import Table
-from bayescal.motion.noise import Noise
+from bayescal.motion.estimate import Estimate
+from bayescal.motion.linear import fitted, normal
 from bayescal.motion.settings import SEARCH
 
 
@@ -22,18 +21,10 @@ class Waves:
     changing_spread: float = 0.0
 
 
-def waves_of(table: Table, values: Mapping[str, float], noise: Noise) -> Waves:
-    """Scan a grid of waves a turn, and multiples of a turn of the motor where the gear ratio is known.
-
-    Parameters
-    ----------
-    table : Table
-        Motions of role `calibrate`.
-    values : dict
-        The baseline, in SI.
-    noise : Noise
-    """
-    residuals = table.residuals(values)
+def waves_of(estimate: Estimate) -> Waves:
+    """Scan a grid of waves a turn, and multiples of a turn of the motor where the gear ratio is known."""
+    table, noise = estimate.table(), estimate.noise
+    residuals = table.residuals(fitted(normal(table, noise), np.arange(len(table.terms))).values)
     steady, changing, tried = [], [], 0
     log = table.parts[0].signals.log
     for j in range(log.n):

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cache, cached_property, lru_cache
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -48,7 +48,7 @@ class Signals:
     def weight(self) -> np.ndarray:
         """Weights (N, n) of rows in a fit, of mean square 1: of servos 0 where stiction may hold a joint."""
         if self.log.torque_kind != SERVO:
-            return np.ones_like(self.q)
+            return np.broadcast_to(1.0, self.q.shape)
         slow, fast = SERVOS.held
         weight = np.clip((np.abs(self.dq) - slow) / (fast - slow), 0.0, 1.0)
         return np.asarray(weight / np.sqrt(np.maximum(np.mean(weight**2, axis=0), SERVOS.least)))
@@ -64,21 +64,10 @@ class Signals:
         still = np.zeros_like(self.q)
         return np.array([regressor(self.log.mechanism, self.q, still, still, axis) for axis in np.eye(3)])
 
-    @cached_property
-    def _low_pass(self) -> csr_matrix:
-        """Matrix (M, N) of a windowed sinc that also leaves rows out; only where it has all its samples."""
-        half = round(SIGNALS.margin / self.step)
-        cut = min(self.band * 2.0 * self.step, SIGNALS.nyquist)
-        taps = firwin(2 * half + 1, cut)
-        first = np.arange(0, len(self.time) - 2 * half, self.every)
-        columns = first[:, None] + np.arange(2 * half + 1)
-        starts = np.arange(len(first) + 1) * len(taps)
-        shape = (len(first), len(self.time))
-        return csr_matrix((np.tile(taps, len(first)), columns.ravel(), starts), shape)
-
     def kept(self, x: np.ndarray) -> np.ndarray:
         """Samples (N, ...) low-passed, at the rows that are kept (M, ...); the ends are left out."""
-        return np.asarray(self._low_pass @ x.reshape(len(x), -1)).reshape(-1, *x.shape[1:])
+        low_pass = _low_pass(len(self.time), self.step, self.every, self.band)
+        return np.asarray(low_pass @ x.reshape(len(x), -1)).reshape(-1, *x.shape[1:])
 
     def unfiltered(self, x: np.ndarray) -> np.ndarray:
         """Samples (N, ...) between the first and the last row that is kept."""
@@ -89,6 +78,17 @@ class Signals:
     def moves(self) -> np.ndarray:
         """Whether any joint moves, at each of these samples."""
         return np.any(np.abs(self.unfiltered(self.dq)) > OUTCOME.moving, axis=1)
+
+
+@lru_cache(maxsize=16)
+def _low_pass(count: int, step: float, every: int, band: float) -> csr_matrix:
+    """Matrix (M, N) of a windowed sinc that also leaves rows out; only where it has all its samples."""
+    half = round(SIGNALS.margin / step)
+    taps = firwin(2 * half + 1, min(band * 2.0 * step, SIGNALS.nyquist))
+    first = np.arange(0, count - 2 * half, every)
+    columns = first[:, None] + np.arange(2 * half + 1)
+    starts = np.arange(len(first) + 1) * len(taps)
+    return csr_matrix((np.tile(taps, len(first)), columns.ravel(), starts), (len(first), count))
 
 
 def each(parts: Sequence[Signals]) -> Iterator[Signals]:
@@ -103,7 +103,8 @@ def each(parts: Sequence[Signals]) -> Iterator[Signals]:
 
 def root_mean_square(parts: Sequence[np.ndarray]) -> np.ndarray:
     """Of each joint (n,), over parts (N, n)."""
-    return np.asarray(np.sqrt(np.mean(np.concatenate(parts) ** 2, axis=0)))
+    rows = np.concatenate(parts)
+    return np.asarray(np.sqrt(np.mean(np.square(rows, out=rows), axis=0)))
 
 
 def low_passed(x: np.ndarray, step: float, band: float = SIGNALS.wide) -> np.ndarray:

@@ -246,7 +246,10 @@ def assembled(
             values[j].append(value)
         terms.append(term)
     rows = max((len(v[0]) for v in values if v), default=0)
-    out = [np.column_stack(v) if v else np.empty((rows, 0)) for v in values]
+    out = []
+    for v in values:
+        out.append(np.column_stack(v) if v else np.empty((rows, 0)))
+        v.clear()
     for j in range(log.n) if TRACKING in kinds(log) else ():
         if not moving[j]:
             continue

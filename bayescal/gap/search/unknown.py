@@ -84,27 +84,26 @@ def filled(
 ) -> Pool:
     """Pool of cells whose columns are computed cell by cell.
 
-    Those of a large session are made twice, and none has its sets any more when the next one is made.
+    Of a large session none has its sets any more when the next one is made.
 
     Parameters
     ----------
     make : callable
-        Makes the cells, one after another, always in the same order.
+        Makes the cells, one after another.
     columns_of : callable
         Columns (R, k) of k parameters.
     p : Problem
         The problem, of R rows.
     """
-    kept = list(make()) if len(p.residual) <= MOST_ROWS else None
-    sets, owner = _numbered([_sizes(cell) for cell in kept or make()])
-    columns = np.empty((len(p.residual), sum(map(len, sets))), order="F")
-    cells, first = list[Cell](), 0
-    for cell in kept or make():
-        every = [q for own in cell.sets for q in own]
-        columns[:, first : first + len(every)] = columns_of(every)
-        first += len(every)
-        cells.append(cell if kept else replace(cell, sets=()))
-    return Pool(tuple(cells), columns, sets, owner, p.count, p.worth, p.jacobian)
+    cells, sizes, rows = list[Cell](), list[list[int]](), len(p.residual)
+    by_column = np.empty((0, rows))
+    for cell in make():
+        further, first = columns_of([q for own in cell.sets for q in own]).T, len(by_column)
+        by_column.resize((first + len(further), rows), refcheck=False)  # grows in place
+        by_column[first:] = further
+        sizes.append(_sizes(cell))
+        cells.append(cell if rows <= MOST_ROWS else replace(cell, sets=()))
+    return Pool(tuple(cells), by_column.T, *_numbered(sizes), p.count, p.worth, p.jacobian)
 
 
 @dataclass(frozen=True)
