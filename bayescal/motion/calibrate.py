@@ -177,8 +177,7 @@ def _withheld(estimate: Estimate, fit: Fit, start: Operating, at: Operating) -> 
         return ()
 
     def rms(model: Operating, some: tuple[Signals, ...]) -> np.ndarray:
-        left = [s.unfiltered(model.measured(s) - model.shown(s))[s.moves] for s in each(some)]
-        return root_mean_square(left)
+        return root_mean_square(s.unfiltered(model.measured(s) - model.shown(s))[s.moves] for s in each(some))
 
     before, after = rms(start, parts), rms(at, parts)
     noise = rms(at, of_role(estimate.parts, CALIBRATE))

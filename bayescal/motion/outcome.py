@@ -83,7 +83,7 @@ def shrinkage(search: Search, pool: Pool, v: Verdict, held: Normal) -> Shrinkage
     """Torque error on validation motions with the baseline and with the named effects."""
     null, named = search.fit(), search.fit(v.named.members)
     before, after = moving(pool, null), moving(pool, named)
-    floor = rms([left for _, left in pool.unfiltered(search.fit(v.leading.members).values, CALIBRATE)])
+    floor = rms(left for _, left in pool.unfiltered(search.fit(v.leading.members).values, CALIBRATE))
     gain = 0.5 * (null.chi2(held) - named.chi2(held))
     share, low, high = np.nan, np.nan, np.nan
     if v.named.members:
@@ -129,8 +129,8 @@ def advice(search: Search, pool: Pool, v: Verdict) -> Iterator[str]:
         yield "log motions without the payload, in turn with loaded ones"
     if log.motions[0].temperature is None:
         yield "log the temperature of the joints"
-    speed = np.concatenate([s.dq for s in parts])
-    slow = np.mean((np.abs(speed) > 0.002) & (np.abs(speed) < OUTCOME.slow), axis=0)
+    slow = [np.sum((np.abs(s.dq) > 0.002) & (np.abs(s.dq) < OUTCOME.slow), axis=0) for s in parts]
+    slow = np.sum(slow, axis=0) / sum(len(s.dq) for s in parts)
     if np.any(slow < OUTCOME.slow_share):
         joints = ", ".join(str(j + 1) for j in np.flatnonzero(slow < OUTCOME.slow_share))
         yield f"cross the range slowly (below {OUTCOME.slow:g} rad/s) with joint {joints}"

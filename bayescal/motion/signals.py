@@ -7,7 +7,7 @@ empty band a noise model would amplify nothing.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property, lru_cache
 
@@ -101,10 +101,11 @@ def each(parts: Sequence[Signals]) -> Iterator[Signals]:
                 s.__dict__.pop(name, None)
 
 
-def root_mean_square(parts: Sequence[np.ndarray]) -> np.ndarray:
-    """Of each joint (n,), over parts (N, n)."""
-    rows = np.concatenate(parts)
-    return np.asarray(np.sqrt(np.mean(np.square(rows, out=rows), axis=0)))
+def root_mean_square(parts: Iterable[np.ndarray]) -> np.ndarray:
+    """Of each joint (n,), over parts (N, n), of which one at a time is in memory."""
+    sums = [(np.sum(np.square(part), axis=0), len(part)) for part in parts]
+    squares, counts = zip(*sums, strict=True)
+    return np.asarray(np.sqrt(np.sum(squares, axis=0) / sum(counts)))
 
 
 def low_passed(x: np.ndarray, step: float, band: float = SIGNALS.wide) -> np.ndarray:
