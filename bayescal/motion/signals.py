@@ -138,17 +138,18 @@ def smoothed(x: np.ndarray, step: float, band: float) -> np.ndarray:
     Cut-offs go from the band of the rows that are kept to `SIGNALS.wide`, and each joint has its own.
     """
     cuts = band * np.geomspace(1.0, SIGNALS.wide / SIGNALS.band, SIGNALS.cuts)
+    half = min(round(SIGNALS.margin / step), len(x) // 4)  # at the ends, which are left out, a filter differs
     impulse = np.zeros((len(x), 1))
     impulse[len(x) // 2] = 1.0
     every = [low_passed(x, step, cut) for cut in cuts]
     answers = [low_passed(impulse, step, cut) for cut in cuts]
 
     def square(y: np.ndarray) -> np.ndarray:
-        return np.sum(derivative(derivative(y, step), step) ** 2, axis=0)
+        return np.sum(derivative(derivative(y, step), step)[half : len(y) - half] ** 2, axis=0)
 
     variance = white(x) ** 2
     errors = [
-        square(every[-1] - y) / len(x) + variance * (square(h) - square(answers[-1] - h))
+        square(every[-1] - y) / (len(x) - 2 * half) + variance * (square(h) - square(answers[-1] - h))
         for y, h in zip(every, answers, strict=True)
     ]
     best = np.argmin(errors, axis=0)
