@@ -42,7 +42,7 @@ def beside(
             product, nats = free
             further.append(_unlisted(product.form, bank.columns(product), 1.0))
             members = (*base.members, Member(product.form, 1.0))
-            nats += base.log_evidence - SEARCH.form * explained
+            nats += base.log_evidence - SEARCH.instead * explained
             new.append(Hypothesis(members, nats, best.log_prior))
     for m in best.members:
         r = relative(bank, whole, best.members, m)

@@ -162,8 +162,8 @@ class Search:
                     if key not in further or new.log_evidence > further[key].log_evidence:
                         further[key] = new
             every |= further
-            top = max(h.score for h in every.values())
-            least = top - SEARCH.below_best
+            # a general function may lead until all names are found: it is in no set that is extended
+            least = max(h.score for h in every.values() if UNKNOWN not in h.names) - SEARCH.below_best
             level = [h for h in further.values() if UNKNOWN not in h.names and h.score > least]
             level = sorted(level, key=lambda h: -h.score)[: SEARCH.width]
             level = [h for h in level if h.log_evidence > SEARCH.gain]

@@ -20,7 +20,9 @@ class SignalSettings:
     """Hz, cut-off of the low-pass: control bandwidth and arm modes lie above (tuned: at 12 Hz the noise of
     positions of logs at 100 Hz, differentiated twice, gave 12 nats to an oscillation)."""
     wide: float = 20.0
-    """Hz, cut-off for positions before they are differentiated (assumed)."""
+    """Hz, largest cut-off for positions before they are differentiated; the lowest is `band` (assumed)."""
+    cuts: int = 5
+    """Cut-offs between these that are compared (cost)."""
     order: int = 4
     """Of the low-pass (convention)."""
     nyquist: float = 0.8

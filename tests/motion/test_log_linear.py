@@ -5,8 +5,13 @@ import pytest
 from scipy.signal import lfilter
 from scipy.stats import multivariate_normal
 
+from bayescal.motion.cells import UNKNOWN
+from bayescal.motion.effects import Form
 from bayescal.motion.linear import Normal, fitted, gains
 from bayescal.motion.noise import Noise, noise_of
+from bayescal.motion.search import Search
+from bayescal.motion.settings import SIGNALS
+from bayescal.motion.signals import derivative, low_passed, smoothed
 from bayescal.motion.terms import Term
 
 
@@ -116,3 +121,35 @@ def test_what_repeats_share_is_no_noise():
     some = [r + shared for r in parts]
     assert noise_of(some).sd > 3.0
     assert noise_of(some, same=["a", "a", "a", "b"]).sd == pytest.approx(1.0, rel=0.06)
+
+
+def accelerations(q):
+    return derivative(derivative(q, 0.01), 0.01)[50:-50]
+
+
+def test_positions_are_smoothed_as_their_noise_asks():
+    # two joints: slow motion, and with 15 Hz far above the noise
+    rng, t = np.random.default_rng(0), np.arange(0.0, 20.0, 0.01)
+    slow, fast = np.sin(2.0 * np.pi * 0.7 * t), 1e-3 * np.sin(2.0 * np.pi * 15.0 * t)
+    true = np.column_stack([slow, slow + fast])
+    noisy = true + 5e-6 * rng.standard_normal(true.shape)
+    found = smoothed(noisy, 0.01, SIGNALS.band)
+    assert found[:, 0] == pytest.approx(low_passed(noisy, 0.01, SIGNALS.band)[:, 0])
+    assert found[:, 1] == pytest.approx(low_passed(noisy, 0.01)[:, 1])
+    left = [np.std(accelerations(q - true)[:, 0]) for q in (found, low_passed(noisy, 0.01))]
+    assert left[0] < 0.4 * left[1]
+
+
+def test_names_are_searched_on_where_a_general_function_leads():
+    # two effects; alone each explains less than a general function, which has most of both
+    rng = np.random.default_rng(0)
+    x, y = rng.normal(size=(400, 3)), rng.normal(size=400)
+    y += x[:, 0] + x[:, 1]
+    x[:, 2] = x[:, 0] + x[:, 1] + 0.5 * x[:, 2]
+    terms = tuple(Term(name, "1", 1.0) for name in ("stribeck", "ripple", UNKNOWN))
+    p = Normal(terms, x.T @ x, x.T @ y, np.array([y @ y]))
+    forms = tuple((Form(t.name, "joint 1", "speed"), (t.name,)) for t in terms)
+    hypotheses = Search(p, forms, (), {}).run()
+    alone = {h.names: h.score for h in hypotheses if len(h.members) == 1}
+    assert alone[UNKNOWN,] > max(alone["stribeck",], alone["ripple",]) + 20.0
+    assert set(hypotheses[0].names) == {"stribeck", "ripple"}
