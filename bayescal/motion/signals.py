@@ -92,11 +92,10 @@ def _low_pass(count: int, step: float, every: int, band: float) -> csr_matrix:
 
 
 def each(parts: Sequence[Signals]) -> Iterator[Signals]:
-    """Motions one after another; of a long log each forgets the torques that it has computed."""
-    long = sum(len(s.time) for s in parts) > SIGNALS.long
+    """Motions one after another; each of a long log forgets the torques that it has computed."""
     for s in parts:
         yield s
-        if long:
+        if sum(len(motion.time) for motion in s.log.motions) > SIGNALS.long:
             for name in ("rigid", "tilted"):
                 s.__dict__.pop(name, None)
 
