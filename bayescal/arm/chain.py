@@ -130,7 +130,8 @@ class Robot:
             return ""
         last, names = self.ground.link, self.joint_names
         carry = f"two arms: joints 1 to {last} ({names[0]} to {names[last - 1]}) carry what is measured"
-        return f"{carry}, {last + 1} to {self.n} ({names[last]} to {names[-1]}) the tool"
+        tool = f"{last + 1} to {self.n} ({names[last]} to {names[-1]}) the tool"
+        return f"{carry}, {tool}; the base of the chain is the flange of the first arm"
 
     @cached_property
     def slides(self) -> np.ndarray:

@@ -217,6 +217,11 @@ def seen(
     return Seen(middle, radius, None if read is None else read[rows], pose)
 
 
+def plannable(dataset: Dataset) -> bool:
+    """Whether contacts can be chosen: with one arm, at targets whose kinds are planned."""
+    return dataset.robot.ground is None and all(kind.planned is not None for kind in kinds_of(dataset))
+
+
 def kinds_of(dataset: Dataset) -> tuple[TargetKind, ...]:
     """The declared kind of every target."""
     return tuple(KINDS[t.kind] for t in dataset.targets)

@@ -11,7 +11,8 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.linalg.lapack import dpotrf, dpotrs
+from scipy.linalg.blas import dtrmm
+from scipy.linalg.lapack import dpotrf, dpotrs, dtrtri
 
 from bayescal.model.block import ARM, Block, Constraint
 from bayescal.model.model import Model
@@ -270,7 +271,18 @@ def factored(matrix: np.ndarray) -> np.ndarray:
 
 def solved(factor: np.ndarray, right: np.ndarray) -> np.ndarray:
     """Solution x of L L' x = right, of shape (D,) or (D, K) as `right`, with the factor L of `factored`."""
-    found = dpotrs(factor, right, lower=1)[0]
+    return _finite(dpotrs(factor, right, lower=1)[0])
+
+
+def halved(factor: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """Solution x of L x = right, (D, K), with the factor L of `factored`.
+
+    A product with the inverse takes half the time for thousands of columns.
+    """
+    return _finite(dtrmm(1.0, dtrtri(factor, lower=1)[0], right, lower=1))
+
+
+def _finite(found: np.ndarray) -> np.ndarray:
     if not np.isfinite(found).all():
         raise ValueError("the right-hand side is not finite")
     return found

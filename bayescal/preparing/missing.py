@@ -14,7 +14,7 @@ from bayescal.assess.undetermined import undetermined
 from bayescal.dataset import Dataset
 from bayescal.dataset.read import SETTINGS, TABLE
 from bayescal.dataset.table import joint_columns
-from bayescal.dataset.target_kinds import kinds_of, place_sd
+from bayescal.dataset.target_kinds import kinds_of, place_sd, plannable
 from bayescal.effects import EFFECTS
 from bayescal.errors import BayescalError
 from bayescal.estimate import Estimate, check_enough, linearise, unit_weights
@@ -156,7 +156,8 @@ def _enough(scene: Scene, model: Model | None) -> Iterator[Finding]:
         )
         rows = len(scene.rows("calibrate"))
         enough = ceil((model.size + RESERVE) * rows / values)
-        remedy = f"fit {enough} rows or more in place of {rows}; `bayescal plan --after` proposes them"
+        plan = "; `bayescal plan --after` proposes them" if plannable(scene.dataset) else ""
+        remedy = f"fit {enough} rows or more in place of {rows}{plan}"
         yield Finding("few_rows", "missing", what, TABLE, remedy)
 
 

@@ -329,9 +329,7 @@ def link_radii(robot: Robot) -> np.ndarray:
     shift = np.array([_step(chain, link) for link in range(robot.n + 1)])
     lengths = np.linalg.norm(shift, axis=1)
     first = min(2, robot.n)  # links before axis 2 carry the arm and are not part of its length
-    arm = float(lengths[first:].sum())
-    if arm == 0.0:
-        arm = float(lengths.sum())
+    arm = float(lengths[first:].sum() or lengths.sum())
     to_flange = lengths[::-1].cumsum()[::-1] - 0.5 * lengths
     if robot.ground is not None:  # a flange at each end
         to_flange, arm = np.minimum(to_flange, lengths.cumsum() - 0.5 * lengths), 0.5 * arm

@@ -259,6 +259,8 @@ def _faults(file: RobotFile, n: int) -> Iterator[tuple[tuple[str | int, ...], st
             yield (key,), f"`{key}` has {len(entries)} entries, the robot {n} joints", "give one a joint"
     if file.convention == "dh" and file.flange != Place():
         yield ("flange",), "standard rows end at the flange", "leave `flange` out, or use mdh rows"
+    if file.convention == "dh" and file.ground is not None:
+        yield ("ground",), "a chain through two arms has mdh rows", "give a URDF of both, or mdh rows"
     if file.ground is not None and file.ground.behind not in [joint.name for joint in file.joints[:-1]]:
         remedy = "name a joint before the last"
         yield ("ground", "behind"), f"`{file.ground.behind}` is no joint between two arms", remedy

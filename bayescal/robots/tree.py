@@ -91,7 +91,7 @@ class Tree:
         """
         joints = dict(self.joints)
         for joint in self.above(link):
-            inner = f"{joint.name} passed"
+            inner = f"{joint.name}\0"  # no name in a file has it
             del joints[joint.child]
             turned = replace(joint, parent=joint.child, child=inner, place=np.eye(4), axis=-joint.axis)
             back = (inner, "fixed", inner, joint.parent, np.linalg.inv(joint.place), joint.axis, None, None)

@@ -6,7 +6,7 @@ from functools import cached_property
 
 import numpy as np
 import pytest
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg import cho_factor, cho_solve, solve_triangular
 from scipy.optimize import least_squares
 from scipy.stats import chi2 as chi2_distribution
 from sessions import with_columns
@@ -15,7 +15,7 @@ from bayescal.arm.statics import Stance
 from bayescal.errors import BayescalError
 from bayescal.estimate import calibrated, estimate, linearise, settled, solve, unit_weights
 from bayescal.estimate.outliers import FALSE_REJECTIONS, Judged, freed, rejected, scale, student_weights
-from bayescal.estimate.solver import factored, solved
+from bayescal.estimate.solver import factored, halved, solved
 from bayescal.model import ARM, build, standing
 from bayescal.model.options import FitOptions
 from bayescal.model.scene import Scene
@@ -403,6 +403,8 @@ def test_as_scipy(size):
     np.testing.assert_array_equal(np.tril(own), np.tril(theirs[0]))
     for b in (right, right[:, 0], right.copy(order="F")):
         np.testing.assert_array_equal(solved(own, b), cho_solve(theirs, b))
+    half = solve_triangular(theirs[0], right, lower=True)
+    np.testing.assert_allclose(halved(own, right), half, rtol=1e-10, atol=1e-10 * np.abs(half).max())
 
 
 @pytest.mark.parametrize("bad", [-1.0, np.nan, np.inf])
@@ -412,5 +414,6 @@ def test_what_has_no_factor_is_refused(bad):
     with pytest.raises((np.linalg.LinAlgError, ValueError)):
         solved(factored(matrix), np.ones(3))
     if bad != -1.0:
-        with pytest.raises(ValueError, match="not finite"):
-            solved(factored(np.eye(3)), np.full((3, 2), bad))
+        for solve in (solved, halved):
+            with pytest.raises(ValueError, match="not finite"):
+                solve(factored(np.eye(3)), np.full((3, 2), bad))

@@ -7,6 +7,7 @@ import bayescal as bc
 from analysis.world import two_arms
 from bayescal.arm.chain import chain_of, frames, link_angles
 from bayescal.dataset import read_dataset
+from bayescal.dataset.target_kinds import plannable
 from bayescal.dataset.write import write_dataset
 from bayescal.errors import BayescalError
 from bayescal.robots import load_robot
@@ -103,3 +104,22 @@ def test_one_arm_holds_nothing_in_f0(folder, tmp_path):
 
 def test_the_joints_of_both_arms_are_said(folder):
     assert "joints 1 to 6 (left_j6 to left_j1) carry what is measured" in str(bc.check(folder))
+
+
+def test_no_command_advises_a_plan_that_is_refused(folder, tmp_path):
+    assert not plannable(read_dataset(folder))
+    lines = (folder / "measurements.csv").read_text().splitlines(keepends=True)
+    for name in ("cell.urdf", "dataset.yaml"):
+        (tmp_path / name).write_text((folder / name).read_text())
+    (tmp_path / "measurements.csv").write_text("".join(lines[:40]))
+    said = " ".join(str(bc.check(tmp_path)).split())
+    assert "rows or more in place of 39" in said
+    assert "bayescal plan" not in said
+
+
+def test_the_ground_is_stated_with_rows_whose_link_frames_are_behind_their_joints(run, tmp_path):
+    bc.export(run[1], "robot.yaml").save(tmp_path / "arms.yaml")
+    lines = (tmp_path / "arms.yaml").read_text().replace("convention: mdh", "convention: dh").splitlines()
+    (tmp_path / "arms.yaml").write_text("\n".join(x for x in lines if not x.startswith("flange")))
+    with pytest.raises(BayescalError, match="two arms has mdh rows"):
+        load_robot("arms.yaml", tmp_path)

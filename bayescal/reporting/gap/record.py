@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from bayescal.arm.chain import Robot
-from bayescal.dataset.target_kinds import kinds_of
+from bayescal.dataset.target_kinds import plannable
 from bayescal.effects import UNITS
 from bayescal.errors import attempted
 from bayescal.fitted import gate
@@ -105,7 +105,7 @@ def gap_record(gap: Gap) -> dict[str, Any]:
             for number, a in enumerate(gap.advice, 1)
         ],
         "undecided": undecided_records(gap),
-        "plannable": all(kind.planned is not None for kind in kinds_of(gap.dataset)),
+        "plannable": plannable(gap.dataset),
         "blind_spots": [_blind(b) for b in gap.blind_spots],
         "curves": [_curve(gap, w) for w in gap.where[:CURVES]],
         "residuals": _residuals(gap),
