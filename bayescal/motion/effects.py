@@ -247,10 +247,13 @@ def _elasticity(s: Signals, at: Operating, scale: Scale) -> Iterator[FormColumn]
 
 
 def _backlash(s: Signals, at: Operating, scale: Scale) -> Iterator[FormColumn]:
-    side = np.tanh(at.load(s) / (FORMS.side * scale.torque))
-    by_side = ("side of the torque", "", "rad", FORMS.deflection, -side)
+    def kind(side: float) -> Kind:
+        setting = f"over {side:g} of its RMS"
+        return "side of the torque", setting, "rad", FORMS.deflection, -np.tanh(load / (side * scale.torque))
+
+    load = at.load(s)
     by_way = ("direction of motion", "", "rad", FORMS.deflection, -at.reversal(s))
-    return _of_joints("backlash", by_side, by_way, first=channel(s.log, LINK, 0))
+    return _of_joints("backlash", *map(kind, FORMS.sides), by_way, first=channel(s.log, LINK, 0))
 
 
 def _without(kind: str, why: str) -> Callable[[Log], str]:
