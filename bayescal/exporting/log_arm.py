@@ -168,7 +168,6 @@ def drives_of(record: Json, n: int) -> Drives:
     stiffness, damping = control["kp_Nm_per_rad"], np.array(control["kd_Nms_per_rad"] or np.zeros(n))
     if stiffness is not None:
         softer = each("servo-stiffness joint {} torque")
-        softer = softer + each("servo-stiffness log torque one per joint joint {}")
         damping = np.maximum(damping + np.array(stiffness) * each("tracking lag {}"), 0.0)
         stiffness = np.array(stiffness) / (1.0 + softer)
     stribeck = [(0.0, 0.1, 1.0)] * n

@@ -54,6 +54,30 @@ def beside(
     return pool.extended(list({u.form: u for u in further if u}.values())), tuple(ranked)
 
 
+def simplified(search: Search, hypotheses: tuple[Hypothesis, ...]) -> tuple[Hypothesis, ...]:
+    """The hypotheses, with the leading one without the names that an unknown cause beside them replaces.
+
+    Names are found before unknown causes are: in place of a strong one there may be several.
+    """
+    h = hypotheses[0]
+    while UNKNOWN in h.names and len(h.members) > 1:
+        fewer = [_less(search, h, m) for m in h.members if m.form.effect != UNKNOWN]
+        best = max(fewer, key=lambda f: f.score)
+        if best.score < h.score:
+            break
+        h = best
+    return hypotheses if h is hypotheses[0] else (h, *hypotheses)
+
+
+def _less(search: Search, h: Hypothesis, m: Member) -> Hypothesis:
+    """A set without one of its names."""
+    members = tuple(o for o in h.members if o is not m)
+    added = search.additions(members).get(m.form.effect)
+    evidence = h.log_evidence - added[1] if added else h.log_evidence
+    before, after = (search.prior([o.form.effect for o in of]) for of in (h.members, members))
+    return Hypothesis(members, evidence, h.log_prior + after - before)
+
+
 def in_place_of_a_name(h: Hypothesis, hypotheses: Sequence[Hypothesis]) -> Hypothesis:
     """A set with a general function, less a share of what a name in its place explains."""
     if UNKNOWN not in h.names:

@@ -8,7 +8,7 @@ from bayescal.errors import BayescalError
 from bayescal.logs import Log
 from bayescal.logs.types import CALIBRATE, VALIDATE
 from bayescal.motion import outcome
-from bayescal.motion.beside import beside
+from bayescal.motion.beside import beside, simplified
 from bayescal.motion.estimate import estimated, noise_about
 from bayescal.motion.linear import joined, normal
 from bayescal.motion.named import named_arm
@@ -51,8 +51,9 @@ def diagnose(log: Log, progress: Progress = silent) -> MotionGap:
     del motions, search, whole  # of the columns before: much of the memory of a long log
     seen = normal(pool.table.of_role(CALIBRATE), noise, seen)
     held = normal(pool.table.of_role(VALIDATE), noise, held)
-    search = pool.search(seen)
-    verdict = confirmed(decide(pool.search(joined(seen, held)), hypotheses), search, held)
+    search, whole = pool.search(seen), pool.search(joined(seen, held))
+    hypotheses = simplified(whole, hypotheses)
+    verdict = confirmed(decide(whole, hypotheses), search, held)
     progress("result", 0.8)
     named = search.fit(verdict.named.members)
     model = named_arm(estimate, search.fit(), pool.scale)

@@ -6,8 +6,8 @@ columns. An effect is named by the best of its forms, averaged over all of them.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from itertools import product, starmap
 
 import numpy as np
@@ -21,6 +21,8 @@ from bayescal.motion.signals import Signals, derivative
 from bayescal.motion.terms import ALL, BODY, LINK, TRACKING, UNITS, Operating, Term, channel, kinds, of_body
 
 TOOL, BASE, LOG = "tool", "base", "log"
+EACH = "in all joints"
+"""Setting of a form that is in all joints."""
 OF_THE_ARM = (
     *("payload", "payload-offset", "armature", "stribeck", "load-friction", "asymmetric-friction"),
     *("viscous-temperature", "base-tilt", "inertia"),
@@ -39,6 +41,11 @@ class Form:
     site: str
     driver: str
     setting: str = ""
+
+    @property
+    def of_each(self) -> bool:
+        """Whether it is in all joints, each with its own value."""
+        return self.setting.endswith(EACH)
 
     def term(self, unit: str, sd: float, channel: int = ALL, part: str = "") -> Term:
         """A term of this form."""
@@ -232,9 +239,6 @@ def _servo_stiffness(s: Signals, at: Operating, scale: Scale) -> Iterator[FormCo
         return
     softer, first = at.torque(s) / s.log.controller.stiffness, channel(s.log, TRACKING, 0)
     yield from _of_joints("servo-stiffness", ("torque", "", "1", FORMS.servo, softer), first=first)
-    form = Form("servo-stiffness", LOG, "torque", "one per joint")
-    for j in range(s.log.n):
-        yield form, form.term("1", FORMS.servo, first + j, joint(j)), softer[:, j]
 
 
 def _elasticity(s: Signals, at: Operating, scale: Scale) -> Iterator[FormColumn]:
@@ -243,10 +247,13 @@ def _elasticity(s: Signals, at: Operating, scale: Scale) -> Iterator[FormColumn]
 
 
 def _backlash(s: Signals, at: Operating, scale: Scale) -> Iterator[FormColumn]:
-    side = np.tanh(at.load(s) / (FORMS.side * scale.torque))
-    by_side = ("side of the torque", "", "rad", FORMS.deflection, -side)
+    def kind(side: float) -> Kind:
+        setting = f"over {side:g} of its RMS"
+        return "side of the torque", setting, "rad", FORMS.deflection, -np.tanh(load / (side * scale.torque))
+
+    load = at.load(s)
     by_way = ("direction of motion", "", "rad", FORMS.deflection, -at.reversal(s))
-    return _of_joints("backlash", by_side, by_way, first=channel(s.log, LINK, 0))
+    return _of_joints("backlash", *map(kind, FORMS.sides), by_way, first=channel(s.log, LINK, 0))
 
 
 def _without(kind: str, why: str) -> Callable[[Log], str]:
@@ -306,6 +313,20 @@ EFFECTS: dict[str, Effect] = {
         Effect("backlash", _backlash, "backlash", "Adjust the gear.", _without(LINK, UNSEEN), True, STICKS),
     )
 }  # fmt: skip
+
+
+def in_all_joints(forms: Mapping[Form, Sequence[str]]) -> dict[Form, tuple[str, ...]]:
+    """Forms of effects that are in all joints, each with its own value; they have the terms of the joints'.
+
+    What warms, turns or feeds all drives is one cause, and may be too weak in each joint to be seen there.
+    """
+    out: dict[Form, tuple[str, ...]] = {}
+    for form, terms in forms.items():
+        if form.effect in EFFECTS and form.site.startswith("joint ") and len(terms) == 1:
+            setting = ", ".join(x for x in (form.setting, EACH) if x)
+            every = replace(form, site=LOG, setting=setting)
+            out[every] = (*out.get(every, ()), *terms)
+    return {form: terms for form, terms in out.items() if len(terms) > 1}
 
 
 def columns(s: Signals, at: Operating, scale: Scale) -> Iterator[FormColumn]:

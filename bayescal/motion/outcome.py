@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from bayescal.logs.types import CALIBRATE
-from bayescal.motion.effects import EFFECTS
+from bayescal.motion.effects import EFFECTS, Form
 from bayescal.motion.linear import Fit, Normal, predicted
 from bayescal.motion.pool import Pool
 from bayescal.motion.result import Amplitude, Place, Shrinkage
@@ -52,14 +52,19 @@ def amplitudes(search: Search, pool: Pool, v: Verdict) -> tuple[Amplitude, ...]:
     for m in v.named.members:
         names = search.terms[m.form]
         units = {search.normal.terms[search.normal.index[name]].unit for name in names}
-        stem = m.form.term("", 0.0).name
-        parts = {n.removeprefix(stem).strip(): (fit.values[n], fit.u[n]) for n in names}
+        parts = {_part(m.form, n): (fit.values[n], fit.u[n]) for n in names}
         value, u = parts.popitem()[1] if len(parts) == 1 else _length(fit, names)
         without = search.fit([o for o in v.named.members if o is not m])
         removed = float(np.max(1.0 - after / rms(moving(pool, without))))
         unit = units.pop() if len(units) == 1 else ""
         out.append(Amplitude(m.form, value, u, unit, parts, removed >= OUTCOME.relevant, removed))
     return tuple(out)
+
+
+def _part(form: Form, term: str) -> str:
+    """The part of a form that a term is: an axis, a wave, or the joint of a form in all joints."""
+    stem = form.term("", 0.0).name
+    return term.removeprefix(stem).strip() if term.startswith(stem) else " ".join(term.split()[1:3])
 
 
 def _length(fit: Fit, names: Sequence[str]) -> tuple[float, float]:

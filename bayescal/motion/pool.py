@@ -10,7 +10,7 @@ import numpy as np
 
 from bayescal.logs.types import VALIDATE
 from bayescal.motion.cells import UNKNOWN, Ranges, cells
-from bayescal.motion.effects import Form, FormColumn, Scale, columns
+from bayescal.motion.effects import Form, FormColumn, Scale, columns, in_all_joints
 from bayescal.motion.estimate import Estimate
 from bayescal.motion.linear import Normal, Sparse, Table, tabulated
 from bayescal.motion.noise import Noise
@@ -60,7 +60,8 @@ class Pool:
         for form, term, _ in _candidates(parts[0], at, scale, ranges):
             forms.setdefault(form, []).append(term.name)
         table = tabulated(parts, every, estimate.residual)
-        return cls(estimate, scale, ranges, {f: tuple(names) for f, names in forms.items()}, table)
+        every_form = {f: tuple(names) for f, names in forms.items()}
+        return cls(estimate, scale, ranges, every_form | in_all_joints(every_form), table)
 
     def extended(self, further: Sequence[Unlisted]) -> Pool:
         """The pool with columns of further forms."""

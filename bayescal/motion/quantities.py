@@ -124,7 +124,7 @@ def _memories(s: Signals, load: np.ndarray, torque: np.ndarray, j: int) -> Itera
     for length in PRODUCTS.ways:
         yield memory("way since the reversal", presliding(s.dq[:, j], s.step, length))
         yield memory("way since the start", np.exp(-gone / length))
-    sides = np.tanh(np.column_stack([torque, load]) / FORMS.side)
+    sides = np.tanh(np.column_stack([torque, load]) / FORMS.sides[0])
     yield Argument(f"side of the torque of joint {j + 1}", s.kept(sides), j)
     for share in PRODUCTS.shares:
         yield memory("change of torque", presliding(np.gradient(torque) / s.step, s.step, share))

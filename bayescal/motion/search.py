@@ -76,13 +76,22 @@ class Search:
 
     @cached_property
     def form_priors(self) -> np.ndarray:
-        """Log prior of each form within its effect: sites, then drivers of each, then settings of these."""
-        out = np.empty(len(self.forms))
+        """Log prior of each form within its effect: sites, then drivers of each, then settings of these.
+
+        One that is in all joints has the prior of the effect at each of them.
+        """
+        further = [len(terms) - 1 if form.of_each else 0 for form, terms in self.forms]
+        out = np.log(SEARCH.again) * np.array(further, float)
         for name, chosen in self.by_effect.items():
             keys = [(f.site, f.driver, f.setting) for f in (self.forms[k][0] for k in chosen)]
             parts = [[len({k[d] for k in keys if k[:d] == key[:d]}) for d in range(3)] for key in keys]
-            out[chosen] = self.spread.get(name, 0.0) - np.sum(np.log(parts), axis=1)
+            out[chosen] += self.spread.get(name, 0.0) - np.sum(np.log(parts), axis=1)
         return out
+
+    @cached_property
+    def flexible(self) -> np.ndarray:
+        """Share of what a form explains that may belong to the form of one with fewer values."""
+        return np.array([SEARCH.form * f.of_each for f, _ in self.forms])
 
     def fit(self, members: Sequence[Member] = ()) -> Fit:
         """The baseline and the members, fitted."""
@@ -118,10 +127,17 @@ class Search:
 
     def additions(self, members: Sequence[Member]) -> dict[str, tuple[Member, float]]:
         """Of each effect the best form at a new site, and its gain over a hypothesis, nats, averaged."""
-        table = gains(self.fit(members), self.sets, SCALES)[0] + self.form_priors[:, None] + SCALE_PRIOR
+        table = gains(self.fit(members), self.sets, SCALES)[0]
+        table -= self.flexible[:, None] * np.maximum(table, 0.0)
+        table += self.form_priors[:, None] + SCALE_PRIOR
         taken, out = {(m.form.effect, m.form.site) for m in members}, {}
+        terms = {term for m in members for term in self.terms[m.form]}
         for name, chosen in self.by_effect.items():
-            new = [k for k in chosen if (name, self.forms[k][0].site) not in taken]
+            new = [
+                k
+                for k in chosen
+                if (name, self.forms[k][0].site) not in taken and terms.isdisjoint(self.forms[k][1])
+            ]
             if new and (name == UNKNOWN or self.seen[name]):
                 part = table[new]
                 i, k = np.unravel_index(int(np.argmax(part)), part.shape)

@@ -138,8 +138,8 @@ class FormSettings:
     """Of the stiffness of a position servo, relative (assumed)."""
     deflection: float = 5e-4
     """rad, of a gear by its torque (RMS), and of its backlash (assumed)."""
-    side: float = 0.05
-    """Torque over its RMS at which a gear changes sides (assumed)."""
+    sides: tuple[float, ...] = (0.05, 0.2, 0.8)
+    """Torque over its RMS over which a gear changes sides: a soft gear is like an elastic one (assumed)."""
     inertia: float = 2.0
     """Of inertial parameters, over their stated uncertainty (assumed)."""
 

@@ -32,6 +32,10 @@ def payload(q, dq, ddq, tau, t, load):
     return np.column_stack([0.0 * outer, inner, outer])
 
 
+def constants(q, dq, ddq, tau, t, load):
+    return [0.03, -0.02, 0.04] * tau
+
+
 def bump(q, dq, ddq, tau, t, load):
     return [0.0, 0.0, BUMP] * np.exp(-0.5 * ((q - 0.1) / 0.15) ** 2)
 
@@ -39,7 +43,9 @@ def bump(q, dq, ddq, tau, t, load):
 @pytest.fixture(scope="module")
 def gaps(tmp_path_factory, null_log):
     folder = tmp_path_factory.mktemp("gaps")
-    made = {f.__name__: write(folder / f.__name__, f) for f in (load_friction, delay, payload, bump)}
+    made = {
+        f.__name__: write(folder / f.__name__, f) for f in (load_friction, delay, payload, constants, bump)
+    }
     return {name: bc.diagnose(path, without=[]) for name, path in {"null": null_log, **made}.items()}
 
 
@@ -61,6 +67,18 @@ def test_an_effect_is_named_with_its_size(gaps, log, effect, site, size):
     assert a.site == site
     assert a.value == pytest.approx(size, abs=max(4 * a.u, 0.2 * size))
     assert gap.probability[effect] > 0.9
+
+
+def test_a_cause_in_all_joints_has_a_value_in_each(gaps):
+    gap = gaps["constants"]
+    assert (gap.verdict, gap.effects) == ("named", ("torque-constant",))
+    (a,) = gap.record["amplitudes"]
+    assert (a["site"], a["setting"]) == ("log", "in all joints")
+    for j, value in enumerate([0.03, -0.02, 0.04]):
+        c = a["components"][f"joint {j + 1}"]
+        assert c["value"] == pytest.approx(value, abs=4.0 * c["u"])
+        assert 0.0 < c["u"] < 0.02
+    assert "found at all joints: error of the torque constant, joint 1 " in " ".join(str(gap).split())
 
 
 def test_what_names_remove_is_said_in_percent(gaps):

@@ -52,7 +52,9 @@ def origin(schema: str, log: Log, seed: int) -> dict[str, Any]:
 
 
 def size_of(a: Amplitude) -> str:
-    """An amplitude with its standard uncertainty and unit."""
+    """An amplitude with its standard uncertainty and unit; where each joint has its own, all of them."""
+    if a.form.of_each:
+        return ", ".join(f"{name} {size_text(value, u, a.unit)}" for name, (value, u) in a.components.items())
     return size_text(a.value, a.u, a.unit)
 
 
@@ -186,7 +188,7 @@ def words(gap: MotionGap) -> list[str]:
         a = next(a for a in gap.amplitudes if a.form is m.form)
         effect = EFFECTS[m.form.effect]
         sure = _sure(v.probability[effect.name])
-        site = SITES.get(m.form.site, m.form.site)
+        site = "all joints" if m.form.of_each else SITES.get(m.form.site, m.form.site)
         out.append(f"Effect found at {site}: {effect.title}, {size_of(a)} ({sure}).")
         if not a.relevant:
             out.append(f"{effect.name} is certain but not relevant: the withheld error changes by < 1 %.")
