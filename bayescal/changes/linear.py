@@ -60,6 +60,16 @@ class Column:
 
 
 @dataclass(frozen=True)
+class Errors:
+    """A family of model errors beside the changes, at the variances that maximise the evidence."""
+
+    across: np.ndarray  # (K, k) information of changes and amplitudes
+    information: np.ndarray  # (k, k)
+    score: np.ndarray  # (k,)
+    variance: float
+
+
+@dataclass(frozen=True)
 class Evidence:
     """Information and score of all changes, with all else integrated out; changes in units of their prior.
 
@@ -77,6 +87,7 @@ class Evidence:
     centre: np.ndarray  # (D,) SI
     noise: np.ndarray  # (S,) factors on the stated noise
     variances: dict[str, float]  # of the families of model errors
+    errors: tuple[Errors, ...]  # these families
 
     @cached_property
     def places(self) -> tuple[np.ndarray, ...]:
@@ -128,20 +139,24 @@ def evidence(joint: Joint) -> Evidence:
     full = x.T @ x
     size = np.array([variances[label] for label in labels[:nuisance]])
     full[:d, :d] += prior
-    full[np.arange(d, d + nuisance), np.arange(d, d + nuisance)] += 1.0 / size
     slope = x.T @ (e * weight)
     slope[:d] += pull
     # changes have no prior here: it belongs to a hypothesis
     full[at, at] -= 1.0
     slope[at] -= found.z[at]
+    errors = np.arange(d, d + nuisance)
     changed = np.concatenate([at, np.arange(d + nuisance, len(slope))])
-    kept = np.setdiff1d(np.arange(len(slope)), changed)
+    wide = np.concatenate([changed, errors])
     origin = np.concatenate([found.z[at], np.zeros(len(slope) - d - nuisance)])
+    known = np.setdiff1d(np.arange(d), at)
+    solved = _inverse(full[np.ix_(known, known)]) @ np.column_stack([full[np.ix_(known, wide)], slope[known]])
+    beside = full[np.ix_(wide, wide)] - full[np.ix_(wide, known)] @ solved[:, :-1]
+    beside = 0.5 * (beside + beside.T)
+    along = full[np.ix_(wide, known)] @ solved[:, -1] - slope[wide] + beside[:, : len(changed)] @ origin
+    full[errors, errors] += 1.0 / size
+    kept = np.setdiff1d(np.arange(len(slope)), changed)
     inner = _inverse(full[np.ix_(kept, kept)])
-    across = full[np.ix_(kept, changed)]
-    follow = -inner @ across
-    information = full[np.ix_(changed, changed)] + across.T @ follow
-    score = -(slope[changed] + follow.T @ slope[kept]) + information @ origin
+    follow = -inner @ full[np.ix_(kept, changed)]
     model = found.model
     number = {id(i): k for k, i in enumerate(joint.items)}
     columns = tuple(
@@ -161,24 +176,24 @@ def evidence(joint: Joint) -> Evidence:
     )
     centres = np.concatenate([model.physical(np.zeros(model.size)), np.zeros(nuisance)])
     names = (*model.names, *(p.name for _, p in own), *("" for _ in smooth))
-    form = np.zeros((len(columns), len(columns)))
-    known = np.sqrt(np.maximum(start**2 - np.diag(inner), 0.0))[d - count :]  # of what is told, not its noise
-    amplitude = dict(zip(_keys([p for _, p in (*own, *smooth)]), known.tolist(), strict=True))
+    form = np.zeros(len(columns))
+    seen = np.sqrt(np.maximum(start**2 - np.diag(inner), 0.0))[d - count :]  # of what is told, not its noise
+    amplitude = dict(zip(_keys([p for _, p in (*own, *smooth)]), seen.tolist(), strict=True))
     for k in range(1, len(parts)):
         later = [i for i, c in enumerate(columns) if c.session == k]
         for i, key in zip(later, _keys([columns[i].parameter for i in later]), strict=True):
             if joint.items[columns[i].item].name in joint.scattered:
-                form[i, i] = 1.0
+                form[i] = 1.0
             elif not columns[i].parameter.unit.endswith(PER_MOMENT):
-                form[i, i] = FORM * amplitude.get(key, 0.0)
-    information, score, _ = integrated(
-        0.5 * (information + information.T), score, form[:, np.any(form, axis=0)]
-    )
+                form[i] = FORM * amplitude.get(key, 0.0)
+    by = np.diag(np.concatenate([form, np.sqrt(np.where(size > NONE, size, 0.0))]))
+    beside, along, _ = integrated(beside, along, by[:, np.any(by, axis=0)])
+    families_of = np.array(labels[:nuisance])
     return Evidence(
         joint,
         columns,
-        information,
-        score,
+        beside[: len(columns), : len(columns)],
+        along[: len(columns)],
         start,
         follow,
         tuple(names[k] for k in kept),
@@ -186,6 +201,16 @@ def evidence(joint: Joint) -> Evidence:
         centres[kept],
         np.sqrt(np.bincount(of_group, count_of * kappa**2) / np.bincount(of_group, count_of)),
         variances,
+        tuple(
+            Errors(
+                beside[: len(columns), own_columns],
+                beside[np.ix_(own_columns, own_columns)],
+                along[own_columns],
+                variances[label],
+            )
+            for label in dict.fromkeys(labels[:nuisance])
+            for own_columns in [len(columns) + np.flatnonzero(families_of == label)]
+        ),
     )
 
 

@@ -17,6 +17,7 @@ from bayescal.changes.moves import (
     tcp_slopes,
     with_poses,
 )
+from bayescal.changes.posterior import by_masses, by_sets, posterior, set_with
 from bayescal.changes.search import (
     FREE,
     LISTED,
@@ -26,7 +27,6 @@ from bayescal.changes.search import (
     SURE,
     Member,
     Search,
-    Weighed,
     averaged,
     log_priors,
     options,
@@ -223,32 +223,21 @@ def members_of_class(found: Search, m: Member) -> tuple[Member, ...]:
     return tuple(chosen) if total >= SURE and len(chosen) <= MOST else ()
 
 
-def posterior(e: Evidence, members: Sequence[Member]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Columns (K, k) of a set of changes, and mean (k,) and covariance (k, k) of their amplitudes."""
-    by = selectors(e, members)
-    a = by.T @ e.information @ by + np.eye(by.shape[1]) / FREE**2
-    scale = 1.0 / np.sqrt(np.diag(a))
-    covariance = np.linalg.inv(a * np.outer(scale, scale)) * np.outer(scale, scale)
-    return by, covariance @ (by.T @ e.score), covariance
-
-
-def _set_with(found: Search, m: Member) -> Weighed:
-    return next(w for w in found.weighed if m in w.members)
-
-
 def _differences(found: Search, m: Member, of_class: Sequence[Member], stated: bool) -> list[Difference]:
     probability = min(found.probability[m], 1.0)
     e, item = found.evidence, found.evidence.joint.items[m.item]
-    members = _set_with(found, m).members
+    members = set_with(found, m).members
     by, mean, covariance = posterior(e, members)
     first = sum(len(e.joint.items[k.item].parameters) for k in members[: members.index(m)])
+    variances = np.diag(covariance)[first : first + len(item.parameters)] + by_sets(found, m)
     shared = e.shared + e.follow @ (by @ mean)
     place = {name: k for k, name in enumerate(e.names)}
     sign = -1.0 if 0 in m.sessions else 1.0  # the first session alone has another value
     size = EFFECTS[item.effect].sizes.get(item.parameters[0].unit) if item.effect in EFFECTS else None
     out = []
-    for k, p in enumerate(item.parameters, start=first):
-        difference, u = sign * p.sd * float(mean[k]), p.sd * float(np.sqrt(covariance[k, k]))
+    for p, amplitude, variance in zip(item.parameters, mean[first:], variances, strict=False):
+        difference = sign * p.sd * float(amplitude)
+        u = float(np.hypot(p.sd * np.sqrt(variance), by_masses(e.joint, p) * difference))
         at = place.get(p.name) if p.name else None
         before = None if at is None else float(e.centre[at] + e.sd[at] * shared[at])
         after = None if before is None else before + difference
