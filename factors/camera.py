@@ -7,6 +7,7 @@ times the nominal distance from the camera over the focal length: a length acros
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -36,6 +37,7 @@ class Camera:
     scale : (C,) m per px
     sd : (6,) prior standard deviations: rotation vector (rad), translation at the pivot (m), in F0
     carried : whether the tool is the camera
+    image : (C,) number of the pose of each corner, where poses (..., 3, 4, I) are of images, not of corners
     """
 
     frame: np.ndarray
@@ -46,26 +48,37 @@ class Camera:
     scale: np.ndarray
     sd: np.ndarray
     carried: bool
+    image: np.ndarray | None = None
     rows = 2
     parts = Instrument.parts
 
-    def _placed(self, x: np.ndarray, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Corners in F0 (..., 3, C), the camera's axes (..., 3, 3, C or 1), corners in its frame."""
-        turn, shift = turned(x[..., :3]), self.pivot + x[..., 3:]
-        axes, origin = pose[..., :3, :], pose[..., 3, :]
-        if self.carried:
-            corner = self.frame[:3, :3] @ self.corner.T + (self.frame[:3, 3] - self.pivot)[:, None]
-            at = turn @ corner + shift[..., None]
-            return at, axes, np.einsum("...jkc,...jc->...kc", axes, at - origin)
-        at = np.einsum("...jkc,ck->...jc", axes, self.corner) + origin
-        camera = turn @ self.frame[:3, :3]
-        back = np.swapaxes(turn, -1, -2) @ (at - shift[..., None])
-        local = back + (self.pivot - self.frame[:3, 3])[:, None]
-        return at, camera[..., None], self.frame[:3, :3].T @ local
+    def _frames(self, x: np.ndarray, pose: np.ndarray) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
+        """Axes (..., 3, 3, I or 1) and origins (..., 3, I or 1) in F0 of the camera, and of the board."""
+        turn = turned(x[..., :3])
+        shift = self.pivot + x[..., 3:] + turn @ (self.frame[:3, 3] - self.pivot)
+        fixed, tool = (
+            ((turn @ self.frame[:3, :3])[..., None], shift[..., None]),
+            (pose[..., :3, :], pose[..., 3, :]),
+        )
+        return (tool, fixed) if self.carried else (fixed, tool)
 
     def seen(self, x: np.ndarray, pose: np.ndarray) -> np.ndarray:
         """Corners in the frame of the camera, (..., 3, C), m."""
-        return self._placed(x, pose)[2]
+        (axes, origin), (board, centre) = self._frames(x, pose)
+        turn = np.einsum("...jki,...jli->...kli", axes, board)
+        shift = np.einsum("...jki,...ji->...ki", axes, centre - origin)
+        if self.image is None:
+            return np.einsum("...klc,cl->...kc", turn, self.corner) + shift
+        # all points of the board in all images, as one product, cost less than a pose for each corner
+        points, of = self._points
+        every = np.swapaxes(turn, -1, -2) @ points.T + shift[..., None]
+        return np.take(every.reshape(*shift.shape[:-1], -1), self.image * len(points) + of, axis=-1)
+
+    @cached_property
+    def _points(self) -> tuple[np.ndarray, np.ndarray]:
+        """Different points (Q, 3) of the board, and which of them each corner is, (C,)."""
+        points, of = np.unique(self.corner, axis=0, return_inverse=True)
+        return points, of.ravel()
 
     def pixels(self, x: np.ndarray, pose: np.ndarray) -> np.ndarray:
         """Predicted pixels (..., 2, C)."""
@@ -76,7 +89,8 @@ class Camera:
         return self.scale * (self.pixels(x, pose) - self.pixel.T)
 
     def linearise(self, x: np.ndarray, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        at, axes, local = self._placed(x, pose)
+        ((axes, origin), _), local = self._frames(x, pose), self.seen(x, pose)
+        at = np.einsum("...jkc,...kc->...jc", axes, local) + origin
         depth = np.maximum(local[..., 2, :], NEAREST)
         xy = local[..., :2, :] / depth[..., None, :]
         r = self.scale * (self.lens.pixels(xy) - self.pixel.T)

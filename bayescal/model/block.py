@@ -222,7 +222,7 @@ class Posed(Oriented):
 
     @cached_property
     def images(self) -> tuple[Posed, np.ndarray]:
-        """The first row of each image, and the image of every row, (C,).
+        """The first row of each image, with a kind that takes their poses, and the image of every row, (C,).
 
         An image is successive rows in which the arm and the tool stand alike.
         """
@@ -232,20 +232,30 @@ class Posed(Oriented):
         flat = np.concatenate([x.reshape(len(x), math.prod(x.shape[1:])) for x in stands], axis=1)
         first = np.any(flat[1:] != flat[:-1], axis=1)
         first = np.concatenate([[True], first])[: len(self.rows)]
+        image = np.cumsum(first) - 1
         one = replace(
             self,
             rows=self.rows[first],
+            kind=replace(self.kind, image=image),  # type: ignore[type-var]
             motion=motion.at(first),
             frame=self.frame[first],
             turn=self.turn[..., first],
         )
-        return one, np.cumsum(first) - 1
+        return one, image
+
+    def _poses(self, values: np.ndarray) -> np.ndarray:
+        """Poses of the tool in F0, (..., 3, 4, C), at arm deviations (..., P)."""
+        return np.concatenate([self.turns(values), self.points(values)[..., None, :]], axis=-2)
 
     def seen(self, values: np.ndarray) -> np.ndarray:
-        """Poses of the tool in F0, (..., 3, 4, C), at arm deviations (..., P)."""
+        """The same, of the images."""
         one, image = self.images
-        poses = np.concatenate([one.turns(values), one.points(values)[..., None, :]], axis=-2)
-        return np.take(poses, image, axis=-1)
+        return np.take(one._poses(values), image, axis=-1)
+
+    def residual(self, values: np.ndarray, z: np.ndarray) -> np.ndarray:
+        """Residuals (..., rows, C), m, at arm deviations (..., P) and target z (..., size)."""
+        one, _ = self.images
+        return one.kind.residual(self.state(z), one._poses(values)) + self.direct(values)
 
     def columns(self, values: np.ndarray, seen: np.ndarray, u: np.ndarray) -> np.ndarray:
         """Derivatives (P, C) of `seen` along u (6, C): a force and its moment about the tool's point.
@@ -270,7 +280,8 @@ class Posed(Oriented):
 
     def direct(self, values: np.ndarray) -> np.ndarray:
         """Part of residuals from parameters that change them directly, (..., rows, C), m."""
-        return np.einsum("...k,krc->...rc", values[..., self.image_index], self.image)
+        by = self.image.reshape(len(self.image_index), -1)
+        return (values[..., self.image_index] @ by).reshape(*values.shape[:-1], *self.image.shape[1:])
 
     def add_direct(self, by_arm: np.ndarray) -> None:
         """Add the slopes of `direct` to those of the residuals (P, R) by the arm's parameters."""
