@@ -14,7 +14,7 @@ import numpy as np
 from factors.instrument import Instrument
 from factors.kind import Feature
 from factors.lens import Lens
-from factors.turns import left_jacobian, turned
+from factors.turns import left_jacobian, product, turned
 
 NEAREST = 1e-2
 """m from the camera: a point that a search puts nearer, or behind it, is seen as if it were there."""
@@ -52,27 +52,25 @@ class Camera:
     rows = 2
     parts = Instrument.parts
 
-    def _frames(self, x: np.ndarray, pose: np.ndarray) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
-        """Axes (..., 3, 3, I or 1) and origins (..., 3, I or 1) in F0 of the camera, and of the board."""
+    def _frames(self, x: np.ndarray, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Poses (..., 3, 4, I or 1) in F0 of the camera, and of the board."""
         turn = turned(x[..., :3])
         shift = self.pivot + x[..., 3:] + turn @ (self.frame[:3, 3] - self.pivot)
-        fixed, tool = (
-            ((turn @ self.frame[:3, :3])[..., None], shift[..., None]),
-            (pose[..., :3, :], pose[..., 3, :]),
-        )
-        return (tool, fixed) if self.carried else (fixed, tool)
+        fixed = np.concatenate([turn @ self.frame[:3, :3], shift[..., None]], axis=-1)[..., None]
+        return (pose, fixed) if self.carried else (fixed, pose)
 
     def seen(self, x: np.ndarray, pose: np.ndarray) -> np.ndarray:
         """Corners in the frame of the camera, (..., 3, C), m."""
-        (axes, origin), (board, centre) = self._frames(x, pose)
-        turn = np.einsum("...jki,...jli->...kli", axes, board)
-        shift = np.einsum("...jki,...ji->...ki", axes, centre - origin)
+        camera, board = self._frames(x, pose)
+        back = np.swapaxes(camera[..., :3, :], -3, -2)
+        seen = product(back, board)
+        seen[..., 3, :] -= product(back, camera[..., 3:, :])[..., 0, :]
         if self.image is None:
-            return np.einsum("...klc,cl->...kc", turn, self.corner) + shift
+            return product(seen[..., :3, :], self.corner.T[:, None])[..., 0, :] + seen[..., 3, :]
         # all points of the board in all images, as one product, cost less than a pose for each corner
         points, of = self._points
-        every = np.swapaxes(turn, -1, -2) @ points.T + shift[..., None]
-        return np.take(every.reshape(*shift.shape[:-1], -1), self.image * len(points) + of, axis=-1)
+        every = np.swapaxes(seen, -1, -2) @ np.insert(points, 3, 1.0, axis=1).T
+        return np.take(every.reshape(*every.shape[:-2], -1), self.image * len(points) + of, axis=-1)
 
     @cached_property
     def _points(self) -> tuple[np.ndarray, np.ndarray]:
@@ -89,8 +87,9 @@ class Camera:
         return self.scale * (self.pixels(x, pose) - self.pixel.T)
 
     def linearise(self, x: np.ndarray, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        ((axes, origin), _), local = self._frames(x, pose), self.seen(x, pose)
-        at = np.einsum("...jkc,...kc->...jc", axes, local) + origin
+        (camera, _), local = self._frames(x, pose), self.seen(x, pose)
+        axes = camera[..., :3, :]
+        at = product(axes, local[..., None, :])[..., 0, :] + camera[..., 3, :]
         depth = np.maximum(local[..., 2, :], NEAREST)
         xy = local[..., :2, :] / depth[..., None, :]
         r = self.scale * (self.lens.pixels(xy) - self.pixel.T)
@@ -99,7 +98,7 @@ class Camera:
         slopes = self.lens.slopes(xy) * scale
         inward = -np.sum(slopes * xy[..., None, :, :], axis=-2) * (local[..., 2, :] > NEAREST)[..., None, :]
         by = np.concatenate([slopes, inward[..., None, :]], axis=-2)
-        w = np.einsum("...jkc,...ikc->...ijc", axes, by)
+        w = product(by, np.swapaxes(axes, -3, -2))
         force = -w if self.carried else w
         lever = at - pose[..., 3, :]
         moment = np.cross(lever[..., None, :, :], force, axis=-2)

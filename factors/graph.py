@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 import gtsam
 import numpy as np
+from scipy.linalg.lapack import dgeqrf
 
 Linearised = tuple[np.ndarray, Sequence[np.ndarray]]
 Function = Callable[..., Linearised]
@@ -27,8 +28,9 @@ class Graph:
         self._graph.add(gtsam.PriorFactorVector(key, np.zeros(size), gtsam.noiseModel.Unit.Create(size)))
 
     def factor(self, names: Sequence[str], rows: int, function: Function) -> None:
-        """Add a factor of `rows` whitened residuals between variables."""
-        keys = [self._keys[name] for name in names]
+        """Add a factor of `rows` whitened residuals; of many only the QR factor is kept."""
+        keys, sizes = [self._keys[name] for name in names], [self._sizes[name] for name in names]
+        width = sum(sizes) + 1
         last = b""
         linearised: Linearised = np.zeros(0), ()
 
@@ -39,14 +41,19 @@ class Graph:
             parts = [values.atVector(key) for key in keys]
             here = b"".join([part.tobytes() for part in parts])
             if here != last:  # the solver asks for the error just where it will ask for the gradients next
-                linearised, last = function(*parts), here
+                r, slopes = function(*parts)
+                if rows > width:
+                    every = np.vstack([*(slope.T for slope in slopes), r]).T
+                    triangle = np.triu(dgeqrf(every, overwrite_a=1)[0][:width])
+                    *slopes, r = np.split(triangle, np.cumsum(sizes), axis=1)
+                linearised, last = (np.ravel(r), slopes), here
             r, slopes = linearised
             if gradients is not None:
                 for i, slope in enumerate(slopes):
                     gradients[i] = slope
             return r
 
-        self._graph.add(gtsam.CustomFactor(gtsam.noiseModel.Unit.Create(rows), keys, error))
+        self._graph.add(gtsam.CustomFactor(gtsam.noiseModel.Unit.Create(min(rows, width)), keys, error))
 
     def solve(
         self, start: Mapping[str, np.ndarray], iterations: int = 100

@@ -16,7 +16,7 @@ from bayescal.arm.transforms import common_rotation, rpy_matrix
 from bayescal.dataset import Dataset
 from factors import certificate
 from factors.kind import Kind
-from factors.turns import left_jacobian, turned
+from factors.turns import left_jacobian, product, turned
 
 ARM = "arm"
 
@@ -164,22 +164,29 @@ class Oriented(Block):
     turn_index: np.ndarray
     turn: np.ndarray
 
+    @cached_property
+    def _mounts(self) -> tuple[np.ndarray, np.ndarray]:
+        """`frame` (C, 3, 3) and `turn` (P', 3, C), of a single row where all rows are alike."""
+        alike = np.all(self.frame == self.frame[:1]) and np.all(self.turn == self.turn[..., :1])
+        last = 1 if alike else len(self.frame)
+        return self.frame[:last], self.turn[..., :last]
+
     def _vector(self, values: np.ndarray) -> np.ndarray:
-        """Rotation vector of each row's tool relative to its nominal frame, (..., C, 3), rad."""
-        return np.einsum("...k,kac->...ca", values[..., self.turn_index], self.turn)
+        """Rotation vectors of the mounts relative to the nominal ones, (..., 1 or C, 3), rad."""
+        return np.einsum("...k,kac->...ca", values[..., self.turn_index], self._mounts[1])
 
     def turns(self, values: np.ndarray) -> np.ndarray:
         """Orientations of the tool's frame in F0, (..., 3, 3, C), at arm deviations (..., P)."""
-        flange = np.moveaxis(self.motion.turns(values), -1, -3)
-        return np.moveaxis(flange @ self.frame @ turned(self._vector(values)), -3, -1)
+        mounted = self._mounts[0] @ turned(self._vector(values))
+        return product(self.motion.turns(values), np.moveaxis(mounted, -3, -1))
 
     def add_turns(self, out: np.ndarray, values: np.ndarray, turns: np.ndarray, u: np.ndarray) -> None:
         """Add rotations about u (3, C) of the tool's orientation `turns` on the flange to columns (P, C)."""
         if len(self.turn_index):
-            v = self._vector(values)
             # exp(v + dv) = exp(v) exp(J dv) with the left Jacobian of -v: a rotation in the tool's frame
-            gradient = np.einsum("ic,ijc->cj", u, turns)[:, None, :] @ left_jacobian(-v)
-            out[self.turn_index] += np.einsum("cj,kjc->kc", gradient[:, 0], self.turn)
+            by = np.moveaxis(left_jacobian(-self._vector(values)), -3, -1)
+            gradient = product(product(u[None], turns), by)
+            out[self.turn_index] += np.sum(gradient * self._mounts[1], axis=1)
 
 
 @dataclass(frozen=True)
