@@ -195,20 +195,14 @@ class Bank:
     worth: np.ndarray | None = None  # (C,) see `Problem`
     jacobian: np.ndarray | None = None
 
-    def by_worth(self, rows: np.ndarray) -> np.ndarray:
-        """Rows (R, ...) of contacts, each by what it is worth, and zeros in place of those of constraints."""
-        out = np.zeros_like(rows)
-        out[: self.count] = (
-            rows[: self.count] if self.worth is None else (rows[: self.count].T * self.worth).T
-        )
-        return out
-
     @cached_property
     def by_jacobian(self) -> tuple[np.ndarray, np.ndarray]:
         """Products (D, K) with the Jacobian, over contacts, by what each is worth, and constraints."""
         assert self.jacobian is not None
-        constraints = self.jacobian[self.count :].T @ self.columns[self.count :, :]
-        return self.by_worth(self.jacobian).T @ self.columns, constraints
+        worth, count = np.zeros(len(self.jacobian)), self.count
+        worth[:count] = 1.0 if self.worth is None else self.worth
+        constraints = self.jacobian[count:].T @ self.columns[count:, :]
+        return (self.jacobian * worth[:, None]).T @ self.columns, constraints
 
     def across(self, state: State, weight: np.ndarray) -> np.ndarray:
         """Products (D + k, K) with the design of a state, by its row weights (R,) over the noise."""

@@ -199,23 +199,26 @@ class Driven:
 
     def __init__(self, slopes: Slopes, poses: np.ndarray, parameters: Iterable[Parameter]) -> None:
         self._count, size, first = len(slopes.contact), 0, np.unique(poses, return_index=True)[1]
-        found: dict[tuple[bool, int, str], dict[int, np.ndarray]] = {}
+        found: dict[tuple[Any, ...], tuple[list[int], bytearray]] = {}
         for size, p in enumerate(parameters, start=1):
-            for t in (t for t in p.terms if t.frame != CERTIFICATE):
+            terms = [t for t in p.terms if t.frame != CERTIFICATE]
+            sites = [(t.frame, t.axis) for t in terms]
+            for k, t in enumerate(terms):
                 values = np.asarray(t.driver, float)
                 driver = p.sd * (values[slopes.rows] if values.ndim else np.full(len(poses), values))
                 alike = np.array_equal(driver[first][poses], driver)
-                own = found.setdefault((alike, t.frame, t.axis), {})
-                own[size - 1] = own.get(size - 1, 0.0) + (driver[first] if alike else driver)
+                numbers, drivers = found.setdefault(
+                    (alike, sites[:k].count(sites[k]), *sites[k]), ([], bytearray())
+                )
+                numbers.append(size - 1)
+                drivers.extend(driver[first] if alike else driver)  # grows in place
         self.shape, self._parts = (len(slopes.residual), size), []
-        while found:  # freed one after another
-            (alike, frame, axis), own = found.popitem()
-            label, slope = (
-                (poses if alike else np.arange(len(poses)))[slopes.contact],
-                slopes.along(frame, axis),
-            )
+        for (alike, _, *site), (numbers, drivers) in found.items():
+            slope = slopes.along(*site)
+            label = (poses if alike else np.arange(len(poses)))[slopes.contact]
             fold = csr_array((slope, (label, np.arange(self._count))), (np.max(label) + 1, self._count))
-            self._parts.append((np.array(list(own)), np.stack(list(own.values())), label, slope, fold))
+            every = np.frombuffer(drivers).reshape(len(numbers), -1)
+            self._parts.append((np.array(numbers), every, label, slope, fold))
 
     def __getitem__(self, part: tuple[Any, Any]) -> np.ndarray:
         """Some rows (R',) of some columns (K',), (R', K')."""

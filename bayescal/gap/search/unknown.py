@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -59,26 +59,6 @@ class Pool:
         with np.errstate(divide="ignore"):
             return np.log(weight / np.sum(weight))
 
-    @classmethod
-    def of(
-        cls, cells: Sequence[Cell], columns: np.ndarray, count: int, worth: np.ndarray | None = None
-    ) -> Pool:
-        """Pool of cells whose columns (R, K) are in the order of the cells; `count` rows are contacts."""
-        return cls(tuple(cells), columns, *_numbered(map(_sizes, cells)), count, worth)
-
-
-def _sizes(cell: Cell) -> list[int]:
-    """Number of columns of each set of a cell."""
-    return [len(own) for own in cell.sets]
-
-
-def _numbered(sizes: Iterable[Sequence[int]]) -> tuple[tuple[np.ndarray, ...], np.ndarray]:
-    """Sets of consecutive columns, and the cell (sets,) of each, by the sizes of the sets of every cell."""
-    every = [(i, size) for i, own in enumerate(sizes) for size in own]
-    ends = np.cumsum([size for _, size in every], dtype=int)
-    sets = tuple(np.arange(end - size, end) for end, (_, size) in zip(ends, every, strict=True))
-    return sets, np.array([i for i, _ in every], int)
-
 
 def filled(make: Callable[[], Iterable[Cell]], slopes: Slopes, poses: np.ndarray, p: Problem) -> Pool:
     """Pool of cells, whose columns are those of `Driven`.
@@ -99,11 +79,14 @@ def filled(make: Callable[[], Iterable[Cell]], slopes: Slopes, poses: np.ndarray
     def parameters() -> Iterator[Parameter]:
         for cell in make():
             yield from itertools.chain.from_iterable(cell.sets)
-            sizes.append(_sizes(cell))
+            sizes.append([len(own) for own in cell.sets])
             cells.append(cell if len(p.residual) <= MOST_ROWS else replace(cell, sets=()))
 
     columns = Driven(slopes, poses, parameters())
-    return Pool(tuple(cells), columns, *_numbered(sizes), p.count, p.worth, p.jacobian)
+    ends = np.cumsum(list(itertools.chain.from_iterable(sizes)), dtype=int)[:-1]
+    sets = tuple(np.split(np.arange(columns.shape[1]), ends))
+    owner = np.repeat(np.arange(len(cells)), list(map(len, sizes)))
+    return Pool(tuple(cells), columns, sets, owner, p.count, p.worth, p.jacobian)
 
 
 @dataclass(frozen=True)
