@@ -12,6 +12,9 @@ Linearised = tuple[np.ndarray, Sequence[np.ndarray]]
 Function = Callable[..., Linearised]
 """(*vectors of the factor's variables) -> whitened residual (m,), gradients [(m, size)]."""
 
+LONG = 10
+"""Residuals of a factor, in units of its unknowns, from which on it is faster with their QR factor."""
+
 
 class Graph:
     """A least-squares problem over named vectors, as a GTSAM factor graph."""
@@ -30,7 +33,7 @@ class Graph:
     def factor(self, names: Sequence[str], rows: int, function: Function) -> None:
         """Add a factor of `rows` whitened residuals; of many only the QR factor is kept."""
         keys, sizes = [self._keys[name] for name in names], [self._sizes[name] for name in names]
-        width = sum(sizes) + 1
+        width, long = sum(sizes) + 1, rows > LONG * (sum(sizes) + 1)
         last = b""
         linearised: Linearised = np.zeros(0), ()
 
@@ -42,7 +45,7 @@ class Graph:
             here = b"".join([part.tobytes() for part in parts])
             if here != last:  # the solver asks for the error just where it will ask for the gradients next
                 r, slopes = function(*parts)
-                if rows > width:
+                if long:
                     every = np.vstack([*(slope.T for slope in slopes), r]).T
                     triangle = np.triu(dgeqrf(every, overwrite_a=1)[0][:width])
                     *slopes, r = np.split(triangle, np.cumsum(sizes), axis=1)
@@ -53,7 +56,9 @@ class Graph:
                     gradients[i] = slope
             return r
 
-        self._graph.add(gtsam.CustomFactor(gtsam.noiseModel.Unit.Create(min(rows, width)), keys, error))
+        self._graph.add(
+            gtsam.CustomFactor(gtsam.noiseModel.Unit.Create(width if long else rows), keys, error)
+        )
 
     def solve(
         self, start: Mapping[str, np.ndarray], iterations: int = 100
