@@ -33,7 +33,7 @@ class Graph:
     def factor(self, names: Sequence[str], rows: int, function: Function) -> None:
         """Add a factor of `rows` whitened residuals; of many only the QR factor is kept."""
         keys, sizes = [self._keys[name] for name in names], [self._sizes[name] for name in names]
-        width, long = sum(sizes) + 1, rows > LONG * (sum(sizes) + 1)
+        long = rows > LONG * (sum(sizes) + 1)
         last = b""
         linearised: Linearised = np.zeros(0), ()
 
@@ -47,7 +47,7 @@ class Graph:
                 r, slopes = function(*parts)
                 if long:
                     every = np.vstack([*(slope.T for slope in slopes), r]).T
-                    triangle = np.triu(dgeqrf(every, overwrite_a=1)[0][:width])
+                    triangle = np.triu(dgeqrf(every, overwrite_a=1)[0][: sum(sizes) + 1])
                     *slopes, r = np.split(triangle, np.cumsum(sizes), axis=1)
                 linearised, last = (np.ravel(r), slopes), here
             r, slopes = linearised
@@ -57,7 +57,7 @@ class Graph:
             return r
 
         self._graph.add(
-            gtsam.CustomFactor(gtsam.noiseModel.Unit.Create(width if long else rows), keys, error)
+            gtsam.CustomFactor(gtsam.noiseModel.Unit.Create(sum(sizes) + 1 if long else rows), keys, error)
         )
 
     def solve(

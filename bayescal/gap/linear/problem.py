@@ -201,15 +201,11 @@ class Driven:
         self._count, size, first = len(slopes.contact), 0, np.unique(poses, return_index=True)[1]
         found: dict[tuple[Any, ...], tuple[list[int], bytearray]] = {}
         for size, p in enumerate(parameters, start=1):
-            terms = [t for t in p.terms if t.frame != CERTIFICATE]
-            sites = [(t.frame, t.axis) for t in terms]
-            for k, t in enumerate(terms):
+            for k, t in enumerate(t for t in p.terms if t.frame != CERTIFICATE):
                 values = np.asarray(t.driver, float)
                 driver = p.sd * (values[slopes.rows] if values.ndim else np.full(len(poses), values))
                 alike = np.array_equal(driver[first][poses], driver)
-                numbers, drivers = found.setdefault(
-                    (alike, sites[:k].count(sites[k]), *sites[k]), ([], bytearray())
-                )
+                numbers, drivers = found.setdefault((alike, k, t.frame, t.axis), ([], bytearray()))
                 numbers.append(size - 1)
                 drivers.extend(driver[first] if alike else driver)  # grows in place
         self.shape, self._parts = (len(slopes.residual), size), []
