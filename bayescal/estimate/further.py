@@ -11,7 +11,7 @@ from bayescal.estimate.estimate import Estimate
 from bayescal.estimate.solver import Linear, linearise
 from bayescal.model import ARM, Model, with_parameters
 
-MOST_VALUES = 500_000
+MOST_VALUES = 1_500_000
 """Values of the columns of functions computed at a time: the model of all takes several times more memory."""
 
 
