@@ -11,26 +11,23 @@ from functools import cached_property
 
 import numpy as np
 
-from factors.instrument import Instrument
-from factors.kind import Feature
+from factors.instrument import Framed
 from factors.lens import Lens
-from factors.turns import left_jacobian, product, turned
+from factors.turns import left_jacobian, product
 
 NEAREST = 1e-2
 """m from the camera: a point that a search puts nearer, or behind it, is seen as if it were there."""
 
 
 @dataclass(frozen=True)
-class Camera:
-    """Corners of a board in images; its state turns and moves what is fixed, as that of `Instrument`.
+class Camera(Framed):
+    """Corners of a board in images; its state turns and moves what is fixed, whose frame it has.
 
     Poses of the tool in F0 are (..., 3, 4, C), orientation and origin. Gradients by them are (..., 2, 6, C),
     by a shift of the tool in F0 and by a turn about its origin: that of one force along the line of sight.
 
     Parameters
     ----------
-    frame : (4, 4) nominal pose in F0 of the camera, or of the board where the camera is on the flange
-    pivot : (3,) m, in F0
     corner : (C, 3) m, in the frame of the board
     pixel : (C, 2)
     lens : of the camera
@@ -40,8 +37,6 @@ class Camera:
     image : (C,) number of the pose of each corner, where poses (..., 3, 4, I) are of images, not of corners
     """
 
-    frame: np.ndarray
-    pivot: np.ndarray
     corner: np.ndarray
     pixel: np.ndarray
     lens: Lens
@@ -50,13 +45,10 @@ class Camera:
     carried: bool
     image: np.ndarray | None = None
     rows = 2
-    parts = Instrument.parts
 
     def _frames(self, x: np.ndarray, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Poses (..., 3, 4, I or 1) in F0 of the camera, and of the board."""
-        turn = turned(x[..., :3])
-        shift = self.pivot + x[..., 3:] + turn @ (self.frame[:3, 3] - self.pivot)
-        fixed = np.concatenate([turn @ self.frame[:3, :3], shift[..., None]], axis=-1)[..., None]
+        fixed = self.placed(x)[..., None]
         return (pose, fixed) if self.carried else (fixed, pose)
 
     def seen(self, x: np.ndarray, pose: np.ndarray) -> np.ndarray:
@@ -108,14 +100,3 @@ class Camera:
         by_turn = np.einsum("...ijc,...jk->...ick", spin, left_jacobian(x[..., :3]))
         dx = np.concatenate([by_turn, np.swapaxes(own, -1, -2)], axis=-1)
         return r, np.concatenate([force, moment], axis=-2), dx
-
-    def describe(self, x: np.ndarray) -> dict[str, np.ndarray | float]:
-        return self._frame.describe(x)
-
-    def feature(self, x: np.ndarray) -> Feature:
-        return self._frame.feature(x)
-
-    @property
-    def _frame(self) -> Instrument:
-        """What is fixed, as the frame of an instrument."""
-        return Instrument(self.frame, self.pivot, self.corner, self.sd)
