@@ -287,8 +287,7 @@ class Posed(Oriented):
 
     def direct(self, values: np.ndarray) -> np.ndarray:
         """Part of residuals from parameters that change them directly, (..., rows, C), m."""
-        by = self.image.reshape(len(self.image_index), -1)
-        return (values[..., self.image_index] @ by).reshape(*values.shape[:-1], *self.image.shape[1:])
+        return np.tensordot(values[..., self.image_index], self.image, axes=1)
 
     def add_direct(self, by_arm: np.ndarray) -> None:
         """Add the slopes of `direct` to those of the residuals (P, R) by the arm's parameters."""
