@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 import gtsam
 import numpy as np
-from scipy.linalg.lapack import dgeqrf
+from scipy.linalg.lapack import dgeqrf, dpotrf
 
 Linearised = tuple[np.ndarray, Sequence[np.ndarray]]
 Function = Callable[..., Linearised]
@@ -47,7 +47,9 @@ class Graph:
                 r, slopes = function(*parts)
                 if long:
                     every = np.vstack([*(slope.T for slope in slopes), r]).T
-                    triangle = np.triu(dgeqrf(every, overwrite_a=1)[0][: sum(sizes) + 1])
+                    triangle, failed = dpotrf(every.T @ every)
+                    if failed:  # of columns without a residual, or that differ by rounding
+                        triangle = np.triu(dgeqrf(every, overwrite_a=1)[0][: sum(sizes) + 1])
                     *slopes, r = np.split(triangle, np.cumsum(sizes), axis=1)
                 linearised, last = (np.ravel(r), slopes), here
             r, slopes = linearised
