@@ -13,7 +13,7 @@ Function = Callable[..., Linearised]
 """(*vectors of the factor's variables) -> whitened residual (m,), gradients [(m, size)]."""
 
 LONG = 10
-"""Residuals of a factor, in units of its unknowns, from which on it is faster with their QR factor."""
+"""Residuals of a factor, in units of its unknowns, beyond which a triangle with the same products serves."""
 
 
 class Graph:
@@ -31,7 +31,7 @@ class Graph:
         self._graph.add(gtsam.PriorFactorVector(key, np.zeros(size), gtsam.noiseModel.Unit.Create(size)))
 
     def factor(self, names: Sequence[str], rows: int, function: Function) -> None:
-        """Add a factor of `rows` whitened residuals; of many only the QR factor is kept."""
+        """Add a factor of `rows` whitened residuals; of many only a triangle with their products is kept."""
         keys, sizes = [self._keys[name] for name in names], [self._sizes[name] for name in names]
         long = rows > LONG * (sum(sizes) + 1)
         last = b""
