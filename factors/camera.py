@@ -7,65 +7,68 @@ times the nominal distance from the camera over the focal length: a length acros
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
-from factors.instrument import Instrument
-from factors.kind import Feature
+from factors.instrument import Framed
 from factors.lens import Lens
-from factors.turns import left_jacobian, turned
+from factors.turns import left_jacobian, product
 
 NEAREST = 1e-2
 """m from the camera: a point that a search puts nearer, or behind it, is seen as if it were there."""
 
 
 @dataclass(frozen=True)
-class Camera:
-    """Corners of a board in images; its state turns and moves what is fixed, as that of `Instrument`.
+class Camera(Framed):
+    """Corners of a board in images; its state turns and moves what is fixed, whose frame it has.
 
     Poses of the tool in F0 are (..., 3, 4, C), orientation and origin. Gradients by them are (..., 2, 6, C),
     by a shift of the tool in F0 and by a turn about its origin: that of one force along the line of sight.
 
     Parameters
     ----------
-    frame : (4, 4) nominal pose in F0 of the camera, or of the board where the camera is on the flange
-    pivot : (3,) m, in F0
     corner : (C, 3) m, in the frame of the board
     pixel : (C, 2)
     lens : of the camera
     scale : (C,) m per px
     sd : (6,) prior standard deviations: rotation vector (rad), translation at the pivot (m), in F0
     carried : whether the tool is the camera
+    image : (C,) number of the pose of each corner, where poses (..., 3, 4, I) are of images, not of corners
     """
 
-    frame: np.ndarray
-    pivot: np.ndarray
     corner: np.ndarray
     pixel: np.ndarray
     lens: Lens
     scale: np.ndarray
     sd: np.ndarray
     carried: bool
+    image: np.ndarray | None = None
     rows = 2
-    parts = Instrument.parts
 
-    def _placed(self, x: np.ndarray, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Corners in F0 (..., 3, C), the camera's axes (..., 3, 3, C or 1), corners in its frame."""
-        turn, shift = turned(x[..., :3]), self.pivot + x[..., 3:]
-        axes, origin = pose[..., :3, :], pose[..., 3, :]
-        if self.carried:
-            corner = self.frame[:3, :3] @ self.corner.T + (self.frame[:3, 3] - self.pivot)[:, None]
-            at = turn @ corner + shift[..., None]
-            return at, axes, np.einsum("...jkc,...jc->...kc", axes, at - origin)
-        at = np.einsum("...jkc,ck->...jc", axes, self.corner) + origin
-        camera = turn @ self.frame[:3, :3]
-        back = np.swapaxes(turn, -1, -2) @ (at - shift[..., None])
-        local = back + (self.pivot - self.frame[:3, 3])[:, None]
-        return at, camera[..., None], self.frame[:3, :3].T @ local
+    def _frames(self, x: np.ndarray, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Poses (..., 3, 4, I or 1) in F0 of the camera, and of the board."""
+        fixed = self.placed(x)[..., None]
+        return (pose, fixed) if self.carried else (fixed, pose)
 
     def seen(self, x: np.ndarray, pose: np.ndarray) -> np.ndarray:
         """Corners in the frame of the camera, (..., 3, C), m."""
-        return self._placed(x, pose)[2]
+        camera, board = self._frames(x, pose)
+        back = np.swapaxes(camera[..., :3, :], -3, -2)
+        seen = product(back, board)
+        seen[..., 3, :] -= product(back, camera[..., 3:, :])[..., 0, :]
+        if self.image is None:
+            return product(seen[..., :3, :], self.corner.T[:, None])[..., 0, :] + seen[..., 3, :]
+        # all points of the board in all images, as one product, cost less than a pose for each corner
+        points, of = self._points
+        every = np.swapaxes(seen, -1, -2) @ np.insert(points, 3, 1.0, axis=1).T
+        return np.take(every.reshape(*every.shape[:-2], -1), self.image * len(points) + of, axis=-1)
+
+    @cached_property
+    def _points(self) -> tuple[np.ndarray, np.ndarray]:
+        """Different points (Q, 3) of the board, and which of them each corner is, (C,)."""
+        points, of = np.unique(self.corner, axis=0, return_inverse=True)
+        return points, of.ravel()
 
     def pixels(self, x: np.ndarray, pose: np.ndarray) -> np.ndarray:
         """Predicted pixels (..., 2, C)."""
@@ -76,7 +79,9 @@ class Camera:
         return self.scale * (self.pixels(x, pose) - self.pixel.T)
 
     def linearise(self, x: np.ndarray, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        at, axes, local = self._placed(x, pose)
+        (camera, _), local = self._frames(x, pose), self.seen(x, pose)
+        axes = camera[..., :3, :]
+        at = product(axes, local[..., None, :])[..., 0, :] + camera[..., 3, :]
         depth = np.maximum(local[..., 2, :], NEAREST)
         xy = local[..., :2, :] / depth[..., None, :]
         r = self.scale * (self.lens.pixels(xy) - self.pixel.T)
@@ -85,7 +90,7 @@ class Camera:
         slopes = self.lens.slopes(xy) * scale
         inward = -np.sum(slopes * xy[..., None, :, :], axis=-2) * (local[..., 2, :] > NEAREST)[..., None, :]
         by = np.concatenate([slopes, inward[..., None, :]], axis=-2)
-        w = np.einsum("...jkc,...ikc->...ijc", axes, by)
+        w = product(by, np.swapaxes(axes, -3, -2))
         force = -w if self.carried else w
         lever = at - pose[..., 3, :]
         moment = np.cross(lever[..., None, :, :], force, axis=-2)
@@ -95,14 +100,3 @@ class Camera:
         by_turn = np.einsum("...ijc,...jk->...ick", spin, left_jacobian(x[..., :3]))
         dx = np.concatenate([by_turn, np.swapaxes(own, -1, -2)], axis=-1)
         return r, np.concatenate([force, moment], axis=-2), dx
-
-    def describe(self, x: np.ndarray) -> dict[str, np.ndarray | float]:
-        return self._frame.describe(x)
-
-    def feature(self, x: np.ndarray) -> Feature:
-        return self._frame.feature(x)
-
-    @property
-    def _frame(self) -> Instrument:
-        """What is fixed, as the frame of an instrument."""
-        return Instrument(self.frame, self.pivot, self.corner, self.sd)

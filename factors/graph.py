@@ -6,10 +6,14 @@ from collections.abc import Callable, Mapping, Sequence
 
 import gtsam
 import numpy as np
+from scipy.linalg.lapack import dgeqrf, dpotrf
 
 Linearised = tuple[np.ndarray, Sequence[np.ndarray]]
 Function = Callable[..., Linearised]
 """(*vectors of the factor's variables) -> whitened residual (m,), gradients [(m, size)]."""
+
+LONG = 10
+"""Residuals of a factor, in units of its unknowns, beyond which a triangle with the same products serves."""
 
 
 class Graph:
@@ -27,8 +31,9 @@ class Graph:
         self._graph.add(gtsam.PriorFactorVector(key, np.zeros(size), gtsam.noiseModel.Unit.Create(size)))
 
     def factor(self, names: Sequence[str], rows: int, function: Function) -> None:
-        """Add a factor of `rows` whitened residuals between variables."""
-        keys = [self._keys[name] for name in names]
+        """Add a factor of `rows` whitened residuals; of many only a triangle with their products is kept."""
+        keys, sizes = [self._keys[name] for name in names], [self._sizes[name] for name in names]
+        long = rows > LONG * (sum(sizes) + 1)
         last = b""
         linearised: Linearised = np.zeros(0), ()
 
@@ -39,14 +44,23 @@ class Graph:
             parts = [values.atVector(key) for key in keys]
             here = b"".join([part.tobytes() for part in parts])
             if here != last:  # the solver asks for the error just where it will ask for the gradients next
-                linearised, last = function(*parts), here
+                r, slopes = function(*parts)
+                if long:
+                    every = np.vstack([*(slope.T for slope in slopes), r]).T
+                    triangle, failed = dpotrf(every.T @ every)
+                    if failed:  # of columns without a residual, or that differ by rounding
+                        triangle = np.triu(dgeqrf(every, overwrite_a=1)[0][: sum(sizes) + 1])
+                    *slopes, r = np.split(triangle, np.cumsum(sizes), axis=1)
+                linearised, last = (np.ravel(r), slopes), here
             r, slopes = linearised
             if gradients is not None:
                 for i, slope in enumerate(slopes):
                     gradients[i] = slope
             return r
 
-        self._graph.add(gtsam.CustomFactor(gtsam.noiseModel.Unit.Create(rows), keys, error))
+        self._graph.add(
+            gtsam.CustomFactor(gtsam.noiseModel.Unit.Create(sum(sizes) + 1 if long else rows), keys, error)
+        )
 
     def solve(
         self, start: Mapping[str, np.ndarray], iterations: int = 100

@@ -11,8 +11,8 @@ from factors.turns import cross_matrix, left_jacobian, turned
 
 
 @dataclass(frozen=True)
-class Instrument:
-    """A laser tracker, CMM or measuring arm, by its frame in F0.
+class Framed:
+    """What has a frame in F0.
 
     Its state turns and moves the frame about `pivot` (F0), a point near the measurements, so that
     the rotation does not drag the translation along.
@@ -21,16 +21,42 @@ class Instrument:
     ----------
     frame : (4, 4) nominal pose in F0
     pivot : (3,) m, in F0
-    xyz : (C, 3) what it read, in its own frame, m
-    sd : (6,) prior standard deviations: rotation vector (rad), translation at the pivot (m), in F0
     """
 
     frame: np.ndarray
     pivot: np.ndarray
+    parts = (("rx", "rad"), ("ry", "rad"), ("rz", "rad"), ("x", "m"), ("y", "m"), ("z", "m"))
+
+    def placed(self, x: np.ndarray) -> np.ndarray:
+        """Poses (..., 3, 4) of the frame in F0 at states x (..., 6)."""
+        turn = turned(x[..., :3])
+        shift = turn @ (self.frame[:3, 3] - self.pivot) + self.pivot + x[..., 3:]
+        return np.concatenate([turn @ self.frame[:3, :3], shift[..., None]], axis=-1)
+
+    def describe(self, x: np.ndarray) -> dict[str, np.ndarray | float]:
+        return {"frame": np.concatenate([self.placed(x), np.eye(4)[3:]])}
+
+    def feature(self, x: np.ndarray) -> Feature:
+        by = slopes(x)
+        arm = (turned(x[..., :3]) @ (self.frame[:3, 3] - self.pivot)[:, None])[..., 0]
+        by[..., :3, :] = np.swapaxes(-cross_matrix(arm) @ left_jacobian(x[..., :3]), -1, -2)
+        by[..., 3:, :] = np.eye(3)
+        return Feature(self.pivot + x[..., 3:] + arm, by)
+
+
+@dataclass(frozen=True)
+class Instrument(Framed):
+    """A laser tracker, CMM or measuring arm, by its frame.
+
+    Parameters
+    ----------
+    xyz : (C, 3) what it read, in its own frame, m
+    sd : (6,) prior standard deviations: rotation vector (rad), translation at the pivot (m), in F0
+    """
+
     xyz: np.ndarray
     sd: np.ndarray
     rows = 3
-    parts = (("rx", "rad"), ("ry", "rad"), ("rz", "rad"), ("x", "m"), ("y", "m"), ("z", "m"))
 
     def _apart(self, x: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Residuals, points relative to the moved pivot, turned back (..., 3, C), and that turn."""
@@ -56,17 +82,3 @@ class Instrument:
         dx[..., :3] = np.moveaxis(home @ crosses @ spin[..., None, :, :], -2, -3)
         dx[..., 3:] = -to_instrument[..., :, None, :]
         return r, u, dx
-
-    def describe(self, x: np.ndarray) -> dict[str, np.ndarray | float]:
-        turn = turned(x[:3])
-        out = np.eye(4)
-        out[:3, :3] = turn @ self.frame[:3, :3]
-        out[:3, 3] = turn @ (self.frame[:3, 3] - self.pivot) + self.pivot + x[3:]
-        return {"frame": out}
-
-    def feature(self, x: np.ndarray) -> Feature:
-        by = slopes(x)
-        arm = (turned(x[..., :3]) @ (self.frame[:3, 3] - self.pivot)[:, None])[..., 0]
-        by[..., :3, :] = np.swapaxes(-cross_matrix(arm) @ left_jacobian(x[..., :3]), -1, -2)
-        by[..., 3:, :] = np.eye(3)
-        return Feature(self.pivot + x[..., 3:] + arm, by)

@@ -38,16 +38,9 @@ class Lens:
         x, y = xy[..., 0, :], xy[..., 1, :]
         if self.model == FISHEYE:
             return xy * self._fisheye(x, y)[0][..., None, :]
-        radial, _ = self._radial(x, y)
+        factor, square = self._brown(x, y)
         _, _, p1, p2, _ = self.coefficients
-        square = x * x + y * y
-        return np.stack(
-            [
-                x * radial + 2 * p1 * x * y + p2 * (square + 2 * x * x),
-                y * radial + p1 * (square + 2 * y * y) + 2 * p2 * x * y,
-            ],
-            axis=-2,
-        )
+        return xy * factor[..., None, :] + np.array([[p2], [p1]]) * square[..., None, :]
 
     def slopes(self, xy: np.ndarray) -> np.ndarray:
         """Derivatives (..., 2, 2, C) of `distorted` by the direction."""
@@ -56,11 +49,11 @@ class Lens:
             factor, by_radius = self._fisheye(x, y)
             a, b, cross = factor + x * x * by_radius, factor + y * y * by_radius, x * y * by_radius
             return np.stack([np.stack([a, cross], -2), np.stack([cross, b], -2)], -3)
-        radial, by_square = self._radial(x, y)
-        _, _, p1, p2, _ = self.coefficients
-        a = radial + 2 * x * x * by_square + 2 * p1 * y + 6 * p2 * x
-        b = radial + 2 * y * y * by_square + 6 * p1 * y + 2 * p2 * x
-        cross = 2 * x * y * by_square + 2 * p1 * x + 2 * p2 * y
+        factor, square = self._brown(x, y)
+        k1, k2, p1, p2, k3 = self.coefficients
+        by_square = k1 + square * (2 * k2 + 3 * square * k3)
+        a, b = factor + 2 * x * (x * by_square + 2 * p2), factor + 2 * y * (y * by_square + 2 * p1)
+        cross = 2 * (x * y * by_square + p1 * x + p2 * y)
         return np.stack([np.stack([a, cross], -2), np.stack([cross, b], -2)], -3)
 
     def by_coefficients(self, xy: np.ndarray) -> np.ndarray:
@@ -89,11 +82,11 @@ class Lens:
                 break
         return xy
 
-    def _radial(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Radial factor, and its derivative by the squared radius."""
-        k1, k2, _, _, k3 = self.coefficients
+    def _brown(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Factor f and squared radius s by which a direction (x, y) becomes f (x, y) + s (p2, p1)."""
+        k1, k2, p1, p2, k3 = self.coefficients
         square = x * x + y * y
-        return 1 + square * (k1 + square * (k2 + square * k3)), k1 + square * (2 * k2 + 3 * square * k3)
+        return 1 + square * (k1 + square * (k2 + square * k3)) + 2 * (p1 * y + p2 * x), square
 
     def _fisheye(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Factor on the direction, and its derivative by the radius over the radius."""

@@ -14,6 +14,12 @@ def cross_matrix(v: np.ndarray) -> np.ndarray:
     return out - np.swapaxes(out, -1, -2)
 
 
+def product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Products (..., K, L, C) of many (..., K, 3, C) and (..., 3, L, C): `matmul` is slow for small ones."""
+    first, second, third = (a[..., :, j, None, :] * b[..., None, j, :, :] for j in range(3))
+    return np.asarray(first + second + third)
+
+
 def turned(v: np.ndarray) -> np.ndarray:
     """Rotation matrices (..., 3, 3) of rotation vectors (..., 3), rad."""
     from scipy.spatial.transform import Rotation  # slow to import, and many sessions need none

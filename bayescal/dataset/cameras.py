@@ -127,7 +127,7 @@ def camera(t: Target, middle: np.ndarray, read: np.ndarray, pose: np.ndarray, sd
     corner = points[read[:, 2].astype(int)] if len(read) else np.zeros((0, 3))
     carried = t.texts["mount"] == FLANGE
     pivot = frame[:3, 3] + frame[:3, :3] @ points.mean(axis=0) if carried else middle
-    bare = Camera(frame, pivot, corner, read[:, :2], lens, np.ones(len(read)), sd, carried)
+    bare = Camera(frame, pivot, corner, np.asfortranarray(read[:, :2]), lens, np.ones(len(read)), sd, carried)
     depth = np.maximum(bare.seen(np.zeros(6), pose)[2], NEAREST) if len(read) else np.ones(0)
     return replace(bare, scale=depth / np.mean(lens.focal))
 

@@ -11,7 +11,7 @@ from bayescal.estimate.estimate import Estimate
 from bayescal.estimate.solver import Linear, linearise
 from bayescal.model import ARM, Model, with_parameters
 
-MOST_VALUES = 500_000
+MOST_VALUES = 1_500_000
 """Values of the columns of functions computed at a time: the model of all takes several times more memory."""
 
 
@@ -28,21 +28,12 @@ def linearised_with(
     used = np.concatenate([np.tile(fitted.weights.row[b.name], b.kind.rows) for b in model.blocks]) > 0
     columns = np.empty((int(np.sum(used)), len(every)))
     at_once = max(MOST_VALUES // len(used), 1)
-    last = max(len(every) - 1, 0) // at_once * at_once
-    for start in range(0, last, at_once):
+    for start in range(0, max(len(every), 1), at_once):
         some, every[:at_once] = every[:at_once], []
-        columns[:, start : start + at_once] = columns_of(fitted, some, used)
-    linear, own, extra = widened(fitted, every)
-    columns[:, last:] = linear.jacobian[: len(used)][used][:, extra]
-    every.clear()
+        linear, own, extra = widened(fitted, some)
+        columns[:, start : start + at_once] = linear.jacobian[: len(used), extra][used]
     mine = linear.jacobian[: len(used)][used][:, own]
     return mine, columns, linear.residual[: len(used)][used], rows[used]
-
-
-def columns_of(fitted: Estimate, some: Sequence[Parameter], used: np.ndarray) -> np.ndarray:
-    """Whitened columns (R', K) of K further parameters, of the R' of all residuals that are `used`."""
-    linear, _, extra = widened(fitted, some)
-    return linear.jacobian[: len(used), extra[0] : extra[-1] + 1][used]
 
 
 def widened(fitted: Estimate, some: Sequence[Parameter]) -> tuple[Linear, np.ndarray, np.ndarray]:

@@ -61,6 +61,12 @@ def freed(residual: np.ndarray, leverage: np.ndarray, weight: np.ndarray) -> np.
     """
     if residual.shape[1] == 1:
         share, square = leverage[:, 0], residual**2
+    elif residual.shape[1] == 2:  # in closed form: of many, `eigh` takes far longer
+        (x, y), ((a, b), (_, c)) = residual.T, np.moveaxis(leverage, 0, -1)
+        size, whole = np.hypot((a - c) / 2, b), (x * x + y * y) / 2
+        apart = ((a - c) * (x * x - y * y) / 4 + b * x * y) / np.maximum(size, np.finfo(float).tiny)
+        ends = ((a + c) / 2, size), (whole, apart)
+        share, square = (np.stack([middle - half, middle + half], axis=1) for middle, half in ends)
     else:
         share, turn = np.linalg.eigh(leverage)
         square = np.einsum("cij,ci->cj", turn, residual) ** 2

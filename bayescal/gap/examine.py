@@ -178,7 +178,8 @@ class Baseline:
             known = screened(known, slopes, states, c, fitted.model.effects)
             del states  # with the columns of the first problem
             p = slopes.problem(fitted.z, known.pool, self.nuisance)
-        pool = filled(partial(cells, c), slopes.columns, p)
+        poses = np.unique(c.q[p.rows], axis=0, return_inverse=True)[1].ravel()
+        pool = filled(partial(cells, c), slopes, poses, p)
         search = Search(p, known, self.robust, self.further)
         search.run()
         return Examined(fitted, c, known, p, pool, search, decide(search, pool, arguments(c)))

@@ -16,7 +16,7 @@ from bayescal.arm.transforms import common_rotation, rpy_matrix
 from bayescal.dataset import Dataset
 from factors import certificate
 from factors.kind import Kind
-from factors.turns import left_jacobian, turned
+from factors.turns import left_jacobian, product, turned
 
 ARM = "arm"
 
@@ -164,22 +164,29 @@ class Oriented(Block):
     turn_index: np.ndarray
     turn: np.ndarray
 
+    @cached_property
+    def _mounts(self) -> tuple[np.ndarray, np.ndarray]:
+        """`frame` (C, 3, 3) and `turn` (P', 3, C), of a single row where all rows are alike."""
+        alike = np.all(self.frame == self.frame[:1]) and np.all(self.turn == self.turn[..., :1])
+        last = 1 if alike else len(self.frame)
+        return self.frame[:last], self.turn[..., :last]
+
     def _vector(self, values: np.ndarray) -> np.ndarray:
-        """Rotation vector of each row's tool relative to its nominal frame, (..., C, 3), rad."""
-        return np.einsum("...k,kac->...ca", values[..., self.turn_index], self.turn)
+        """Rotation vectors of the mounts relative to the nominal ones, (..., 1 or C, 3), rad."""
+        return np.einsum("...k,kac->...ca", values[..., self.turn_index], self._mounts[1])
 
     def turns(self, values: np.ndarray) -> np.ndarray:
         """Orientations of the tool's frame in F0, (..., 3, 3, C), at arm deviations (..., P)."""
-        flange = np.moveaxis(self.motion.turns(values), -1, -3)
-        return np.moveaxis(flange @ self.frame @ turned(self._vector(values)), -3, -1)
+        mounted = self._mounts[0] @ turned(self._vector(values))
+        return product(self.motion.turns(values), np.moveaxis(mounted, -3, -1))
 
     def add_turns(self, out: np.ndarray, values: np.ndarray, turns: np.ndarray, u: np.ndarray) -> None:
         """Add rotations about u (3, C) of the tool's orientation `turns` on the flange to columns (P, C)."""
         if len(self.turn_index):
-            v = self._vector(values)
             # exp(v + dv) = exp(v) exp(J dv) with the left Jacobian of -v: a rotation in the tool's frame
-            gradient = np.einsum("ic,ijc->cj", u, turns)[:, None, :] @ left_jacobian(-v)
-            out[self.turn_index] += np.einsum("cj,kjc->kc", gradient[:, 0], self.turn)
+            by = np.moveaxis(left_jacobian(-self._vector(values)), -3, -1)
+            gradient = product(product(u[None], turns), by)
+            out[self.turn_index] += np.sum(gradient * self._mounts[1], axis=1)
 
 
 @dataclass(frozen=True)
@@ -222,7 +229,7 @@ class Posed(Oriented):
 
     @cached_property
     def images(self) -> tuple[Posed, np.ndarray]:
-        """The first row of each image, and the image of every row, (C,).
+        """The first row of each image, with a kind that takes their poses, and the image of every row, (C,).
 
         An image is successive rows in which the arm and the tool stand alike.
         """
@@ -232,20 +239,30 @@ class Posed(Oriented):
         flat = np.concatenate([x.reshape(len(x), math.prod(x.shape[1:])) for x in stands], axis=1)
         first = np.any(flat[1:] != flat[:-1], axis=1)
         first = np.concatenate([[True], first])[: len(self.rows)]
+        image = np.cumsum(first) - 1
         one = replace(
             self,
             rows=self.rows[first],
+            kind=replace(self.kind, image=image),  # type: ignore[type-var]
             motion=motion.at(first),
             frame=self.frame[first],
             turn=self.turn[..., first],
         )
-        return one, np.cumsum(first) - 1
+        return one, image
+
+    def _poses(self, values: np.ndarray) -> np.ndarray:
+        """Poses of the tool in F0, (..., 3, 4, C), at arm deviations (..., P)."""
+        return np.concatenate([self.turns(values), self.points(values)[..., None, :]], axis=-2)
 
     def seen(self, values: np.ndarray) -> np.ndarray:
-        """Poses of the tool in F0, (..., 3, 4, C), at arm deviations (..., P)."""
+        """The same, of the images."""
         one, image = self.images
-        poses = np.concatenate([one.turns(values), one.points(values)[..., None, :]], axis=-2)
-        return np.take(poses, image, axis=-1)
+        return np.take(one._poses(values), image, axis=-1)
+
+    def residual(self, values: np.ndarray, z: np.ndarray) -> np.ndarray:
+        """Residuals (..., rows, C), m, at arm deviations (..., P) and target z (..., size)."""
+        one, _ = self.images
+        return one.kind.residual(self.state(z), one._poses(values)) + self.direct(values)
 
     def columns(self, values: np.ndarray, seen: np.ndarray, u: np.ndarray) -> np.ndarray:
         """Derivatives (P, C) of `seen` along u (6, C): a force and its moment about the tool's point.
@@ -270,7 +287,7 @@ class Posed(Oriented):
 
     def direct(self, values: np.ndarray) -> np.ndarray:
         """Part of residuals from parameters that change them directly, (..., rows, C), m."""
-        return np.einsum("...k,krc->...rc", values[..., self.image_index], self.image)
+        return np.tensordot(values[..., self.image_index], self.image, axes=1)
 
     def add_direct(self, by_arm: np.ndarray) -> None:
         """Add the slopes of `direct` to those of the residuals (P, R) by the arm's parameters."""

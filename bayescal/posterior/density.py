@@ -69,9 +69,11 @@ class Density:
         p = self._motion.points(values)
         residuals, states = [], {}
         for block, at, inverse in zip(self.blocks, self._at, self.inverse_sigma, strict=True):
-            states[block.target] = block.state(z[:, slices[block.target]])
-            seen = block.seen(values) if isinstance(block, Oriented) else p[..., at]
-            residuals.append(block.residual_of(seen, values, states[block.target]) * inverse)
+            own = z[:, slices[block.target]]
+            states[block.target] = state = block.state(own)
+            posed = isinstance(block, Oriented)
+            r = block.residual(values, own) if posed else block.residual_of(p[..., at], values, state)
+            residuals.append(r * inverse)
         return residuals, states
 
     def misfit(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

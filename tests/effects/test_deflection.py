@@ -342,7 +342,9 @@ def test_a_face_that_is_called_like_a_joint_is_a_face(given):
         if cell.site.kind == "face" else cell
         for cell in of
     ]  # fmt: skip
-    weights = [Pool.of(some, np.zeros((3, 0)), 3).log_prior for some in (of, renamed)]
+    weights = [
+        Pool(tuple(some), np.zeros((3, 0)), (), np.zeros(0, int), 3).log_prior for some in (of, renamed)
+    ]
     np.testing.assert_array_equal(*weights)
 
 

@@ -19,6 +19,7 @@ from bayescal.gap.outcome.where import Scale, places
 from bayescal.gap.search.beam import Search
 from bayescal.gap.search.candidates import Candidates, candidates, extended
 from bayescal.gap.search.cells import cells
+from bayescal.gap.search.makers import Cell
 from bayescal.gap.search.quantities import arguments
 from bayescal.gap.search.unknown import Pool
 from bayescal.gap.search.verdict import Decision, decide
@@ -84,6 +85,14 @@ def of_every_kind(dataset: Dataset) -> Dataset:
     )
 
 
+def pool_of(cells: Sequence[Cell], columns: np.ndarray, count: int) -> Pool:
+    """Pool of cells whose columns (R, K) are in the order of the cells; `count` rows are contacts."""
+    sizes = [len(own) for cell in cells for own in cell.sets]
+    sets = np.split(np.arange(sum(sizes)), np.cumsum(sizes, dtype=int)[:-1]) if sizes else ()
+    owner = np.repeat(np.arange(len(cells)), [len(cell.sets) for cell in cells])
+    return Pool(tuple(cells), columns, tuple(sets), owner, count)
+
+
 @dataclass(frozen=True)
 class Bench:
     """A session linearised once, whose residuals can be made up."""
@@ -105,7 +114,7 @@ class Bench:
             rows = step.scan.values(c)
             known = extended(known, step, [float(row) for row in rows[:: len(rows) // 24]], c)
         slopes = Slopes.of(fitted, [p for p in known.pool if of_certificate(p)])
-        pool = Pool.of(
+        pool = pool_of(
             generic,
             slopes.columns([q for cell in generic for own in cell.sets for q in own]),
             len(slopes.contact),

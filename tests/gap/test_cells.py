@@ -166,7 +166,7 @@ def test_random_errors_of_clusters_weigh_as_a_column_for_each_of_them():
     at = np.arange(rows)
     p = Problem(residual, 1e-6 * np.ones((rows, 1)), every, np.zeros(1), at, at, np.full(rows, 1e-6))
     state = fit_state(p, (), (), robust=False)
-    pool = Pool.of((), every, rows)
+    pool = Pool((), every, (), np.zeros(0, int), rows)
     wanted = weigh_sets(state, replace(pool, sets=(np.arange(count),)).bank)[0]
     found = weigh_clusters(state, column, clusters)
     np.testing.assert_allclose(found, wanted, atol=1e-4)
@@ -270,8 +270,8 @@ def test_sets_that_are_not_kept_are_made_anew(bench, kept, monkeypatch):
         monkeypatch.setattr("bayescal.gap.search.unknown.MOST_ROWS", 0)
     c, of = bench.circumstances, bench.pool
     every = list(cells(c))
-    pool = filled(partial(cells, c), bench.slopes.columns, bench.problem)
-    np.testing.assert_array_equal(pool.columns, of.columns)
+    pool = filled(partial(cells, c), bench.slopes, np.arange(len(bench.slopes.rows)), bench.problem)
+    np.testing.assert_array_equal(pool.columns[:, :], of.columns)
     assert [own.tolist() for own in pool.sets] == [own.tolist() for own in of.sets]
     np.testing.assert_array_equal(pool.owner, of.owner)
     assert all(bool(cell.sets) == kept for cell in pool.cells)

@@ -74,9 +74,11 @@ def weighed(*names, probability=0.0, score=0.0, cell=False):
         ([(("lobing",), 0.7), (("lobing", "step"), 0.16), (("lobing", "unknown"), 0.14)],
          "named+unexplained", ("lobing",)),
         ([(("unknown",), 0.6), (("lobing",), 0.4)], "unknown", ()),
-        # noise only may be a little more probable where nothing is named
-        ([(("unknown",), 0.7), ((), 0.15), (("lobing",), 0.15)], "unknown", ()),
-        ([(("unknown",), 0.7), ((), 0.25), (("lobing",), 0.05)], "null", ()),
+        # noise only must be less probable where nothing is named
+        ([(("unknown",), 0.83), ((), 0.02), (("lobing",), 0.15)], "unknown", ()),
+        ([(("unknown",), 0.8), ((), 0.05), (("lobing",), 0.15)], "null", ()),
+        ([(("lobing",), 0.7), (("step",), 0.19), (("unknown",), 0.06), ((), 0.05)], "null", ()),
+        ([(("lobing",), 0.4), (("step",), 0.35), (("latency",), 0.2), ((), 0.05)], "null", ()),
         ([(("unknown",), 0.45), ((), 0.15), (("lobing",), 0.4)], "null", ()),
         ([(("lobing", "unknown"), 0.85), ((), 0.15)], "null", ()),
         ([(("unknown",), 0.4), (("lobing",), 0.35), (("step",), 0.25)], "ambiguous", ()),

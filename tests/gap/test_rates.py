@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from chances import least, most
-from gap_problems import BASELINE, Bench, unsolved
+from gap_problems import BASELINE, Bench, pool_of, unsolved
 
 from bayescal.estimate import STATED_WORTH
 from bayescal.gap.linear.state import fit_state
@@ -14,7 +14,6 @@ from bayescal.gap.outcome.notes import amplitudes
 from bayescal.gap.outcome.where import Scale, f_test, places, places_named
 from bayescal.gap.result import Named
 from bayescal.gap.search.beam import Hypothesis, Member
-from bayescal.gap.search.unknown import Pool
 from bayescal.gap.settings import OUTCOME
 from bayescal.predict.crossvalidation import validation_errors
 
@@ -28,7 +27,7 @@ def bench(cube):
     own = Bench.of(cube(seed=7, count=60).dataset)
     of = [k for k, cell in enumerate(own.pool.cells) if cell.clusters is None][::12]
     columns = np.concatenate([own.pool.sets[s] for k in of for s in np.flatnonzero(own.pool.owner == k)])
-    few = Pool.of([own.pool.cells[k] for k in of], own.pool.columns[:, columns], own.pool.count)
+    few = pool_of([own.pool.cells[k] for k in of], own.pool.columns[:, columns], own.pool.count)
     return replace(own, pool=few)
 
 
@@ -68,7 +67,7 @@ def test_every_test_takes_its_share_of_the_margin(bench):
     pool = bench.pool
     there = bench.visible(pool.columns[:, pool.sets[0]], 50.0, seed=1)
     state = fit_state(bench.made_up(3, there), (), ())
-    twice = Pool.of((*pool.cells, *pool.cells), np.tile(pool.columns, 2), pool.count)
+    twice = pool_of((*pool.cells, *pool.cells), np.tile(pool.columns, 2), pool.count)
     one, two = (placed(bench, state, of)[0] for of in (pool, twice))
     assert one.driver == two.driver
     assert 0.0 < one.p_value < 0.5 / len(twice.sets)

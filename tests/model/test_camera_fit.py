@@ -5,7 +5,8 @@ import pytest
 from camera_sessions import FIXED, FOCAL, ON_FLANGE, camera_session
 
 from bayescal.estimate import estimate
-from bayescal.model import build
+from bayescal.model import ARM, build
+from bayescal.model.model import with_parameters
 from bayescal.model.scene import Scene
 from factors.turns import rotation_vector
 
@@ -36,3 +37,20 @@ def test_truth_is_within_the_uncertainty(mount):
     assert np.sqrt(np.mean(np.square(off))) < 1.4
     assert np.max(np.abs(off)) < 3.5
     assert count <= 2
+
+
+@pytest.mark.parametrize("effects", [(), ("geometry",)])
+@pytest.mark.parametrize("mount", FIXED)
+def test_residuals_by_images_are_those_by_rows(mount, effects):
+    scene, rng = Scene(camera_session(mount, images=6, seed=1)), np.random.default_rng(2)
+    model = build(scene, effects) if effects else with_parameters(scene, (), ())
+    (block,), z = model.blocks, 0.1 * rng.standard_normal((3, model.size))
+    values, own = model.deviations(z[:, model.slices[ARM]]), z[:, model.slices["cam"]]
+    found = block.residual(values, own)
+    for k in range(3):
+        r, by_arm, _ = block.linearise(values[k], own[k])
+        np.testing.assert_allclose(found[k].ravel(), r, atol=1e-12)
+        if effects:  # the slopes of the tool's mount, which all rows share
+            step = 1e-6 * (np.arange(len(model.parameters)) == model.names.index("on-flange rx"))
+            ends = [block.residual(values[k] + way * step, own[k]).ravel() for way in (1, -1)]
+            np.testing.assert_allclose((ends[0] - ends[1]) / 2e-6, by_arm @ (step / 1e-6), atol=1e-6)

@@ -24,6 +24,7 @@ from scipy.special import gammaln
 
 from bayescal.arm.transforms import compiled
 from bayescal.estimate import STATED_WORTH
+from bayescal.gap.linear.problem import Driven
 from bayescal.gap.linear.state import State
 from bayescal.gap.settings import LINEAR
 from bayescal.statistics import f_sf
@@ -137,7 +138,7 @@ SCALE_PRIOR = SCALE_PRIOR - np.log(np.sum(np.exp(SCALE_PRIOR)))
 NODES, _WEIGHTS = np.polynomial.hermite.hermgauss(LINEAR.noise_nodes)
 LOG_WEIGHTS = np.log(_WEIGHTS)
 """Of the quadrature over the noise."""
-MOST_VALUES = 100_000
+MOST_VALUES = 500_000
 """Values of columns of which products are computed at once: copies that stay in the processor's cache."""
 
 
@@ -188,25 +189,20 @@ class Bank:
     `jacobian` (R, D) is that of the states over which they are evaluated, if all have the same.
     """
 
-    columns: np.ndarray
+    columns: np.ndarray | Driven
     sets: tuple[np.ndarray, ...]
     count: int  # rows that are contacts
     worth: np.ndarray | None = None  # (C,) see `Problem`
     jacobian: np.ndarray | None = None
 
     @cached_property
-    def weighted(self) -> np.ndarray:
-        """Columns of the contacts (C, K), each row by the root of what it is worth."""
-        own = self.columns[: self.count]
-        return own if self.worth is None else own * np.sqrt(self.worth)[:, None]
-
-    @cached_property
     def by_jacobian(self) -> tuple[np.ndarray, np.ndarray]:
         """Products (D, K) with the Jacobian, over contacts, by what each is worth, and constraints."""
         assert self.jacobian is not None
-        own, count = self.jacobian[: self.count], self.count
-        own = own if self.worth is None else own * self.worth[:, None]
-        return own.T @ self.columns[:count], self.jacobian[count:].T @ self.columns[count:]
+        worth, count = np.zeros(len(self.jacobian)), self.count
+        worth[:count] = 1.0 if self.worth is None else self.worth
+        constraints = self.jacobian[count:].T @ self.columns[count:, :]
+        return (self.jacobian * worth[:, None]).T @ self.columns, constraints
 
     def across(self, state: State, weight: np.ndarray) -> np.ndarray:
         """Products (D + k, K) with the design of a state, by its row weights (R,) over the noise."""
@@ -215,7 +211,7 @@ class Bank:
             return (state.design * weight[:, None]).T @ self.columns
         contacts, constraints = self.by_jacobian
         left = np.flatnonzero(state.weight[: self.count] == 0)
-        gone = (p.jacobian[left] * p.base[left, None]).T @ self.columns[left]
+        gone = (p.jacobian[left] * p.base[left, None]).T @ self.columns[left, :]
         further = p.pool[:, state.columns] * (weight[:, None] * state.scales)
         own = (contacts - gone) / state.kappa**2 + constraints
         return np.concatenate([own, further.T @ self.columns])
@@ -229,21 +225,21 @@ class Bank:
         out = []
         for members in by_size.values():
             at = np.array([self.sets[i] for i in members], int).reshape(len(members), -1)
-            contacts, constraints = (
-                _products(part, at) for part in (self.weighted, self.columns[self.count :])
-            )
-            out.append((np.array(members), at, contacts, constraints))
+            out.append((np.array(members), at, *self._products(at)))
         return out
 
-
-def _products(columns: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """X'X (B, k, k) of B sets `at` (B, k) of columns (R, K)."""
-    out = np.empty((*at.shape, at.shape[1]))
-    step = max(MOST_VALUES // max(at.shape[1] * len(columns), 1), 1)
-    for first in range(0, len(at), step):
-        x = columns.T[at[first : first + step]]
-        np.matmul(x, np.swapaxes(x, 1, 2), out=out[first : first + step])
-    return out
+    def _products(self, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """X'X (B, k, k) over contacts, by what each is worth, and constraints, of B sets `at` (B, k)."""
+        contacts, constraints = (np.empty((*at.shape, at.shape[1])) for _ in range(2))
+        step = max(MOST_VALUES // max(at.shape[1] * self.columns.shape[0], 1), 1)
+        for first in range(0, len(at), step):
+            part = slice(first, first + step)
+            x = self.columns[:, at[part].ravel()].T.reshape(*at[part].shape, -1)
+            own, rest = x[..., : self.count], x[..., self.count :]
+            across = own if self.worth is None else own * self.worth
+            np.matmul(across, np.swapaxes(own, 1, 2), out=contacts[part])
+            np.matmul(rest, np.swapaxes(rest, 1, 2), out=constraints[part])
+        return contacts, constraints
 
 
 def weigh_sets(state: State, bank: Bank) -> np.ndarray:
@@ -253,12 +249,14 @@ def weigh_sets(state: State, bank: Bank) -> np.ndarray:
     weight[:count] /= state.kappa**2
     across = bank.across(state, weight)
     solved = state.covariance @ across
-    score = -(bank.columns.T @ (state.residual * weight))
+    score = -((state.residual * weight) @ bank.columns)
     left = np.flatnonzero(state.weight[:count] == 0)
+    gone, worth = bank.columns[left, :], state.problem.base[left]
     out = np.empty((len(bank.sets), len(SCALES)))
     for members, at, contacts, constraints in bank.groups:
-        gone = bank.weighted[left[:, None, None], at]  # (rows left out, B, k)
-        information = (contacts - np.einsum("rbi,rbj->bij", gone, gone)) / state.kappa**2 + constraints
+        own = gone[:, at]  # (rows left out, B, k)
+        lost = np.einsum("rbi,rbj->bij", own * worth[:, None, None], own)
+        information = (contacts - lost) / state.kappa**2 + constraints
         a, s = across.T[at], solved.T[at]
         out[members] = _factors(state, information - a @ np.swapaxes(s, 1, 2), score[at])
     return out

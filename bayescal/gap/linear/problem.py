@@ -9,11 +9,13 @@ Derivatives of every residual by every axis of every frame, of which all columns
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
+from scipy.sparse import csr_array
 
 from bayescal.arm.motion import CERTIFICATE, CONTACT, IMAGE, TURN, Term
 from bayescal.arm.transforms import AXES
@@ -163,24 +165,74 @@ class Slopes:
 
     def columns(self, parameters: Sequence[Parameter]) -> np.ndarray:
         """Columns (R, K) of parameters, each times its prior standard deviation."""
-        out = np.zeros((len(self.residual), len(parameters)), order="F")
-        count, of_lengths, at = len(self.contact), len(self.sigma), self.rows[self.contact]
+        out = Driven(self, np.arange(len(self.rows)), parameters)[:, :]
         for k, p in enumerate(parameters):
-            column = out[:count, k]
-            for term in p.terms:
-                driver = np.asarray(term.driver, float)
-                if term.frame == CERTIFICATE:
-                    out[:, k] += self.certified_values[p.name] / p.sd
-                    break
-                driver = driver if driver.ndim == 0 else driver[at]
-                if term.frame == CONTACT:
-                    column[:of_lengths] += (driver if driver.ndim == 0 else driver[:of_lengths]) / self.sigma
-                elif (term.frame, term.axis) in BESIDE:
-                    column += self.axes[:, BESIDE.index((term.frame, term.axis)) - len(BESIDE)] * driver
-                else:
-                    column += self.axes[:, 6 * term.frame + AXES.index(term.axis)] * driver
-            out[:, k] *= p.sd
+            if of_certificate(p):
+                out[:, k] += self.certified_values[p.name]
         return out
+
+    def along(self, frame: int, axis: str) -> np.ndarray:
+        """Derivatives (C,) by a displacement of an axis of a frame, or along the directions of contacts."""
+        if frame == CONTACT:
+            return np.append(1.0 / self.sigma, np.zeros(len(self.contact) - len(self.sigma)))
+        beside = (frame, axis) in BESIDE
+        at = BESIDE.index((frame, axis)) - len(BESIDE) if beside else 6 * frame + AXES.index(axis)
+        return self.axes[:, at]
+
+
+class Driven:
+    """Columns (R, K) as derivatives by sites times drivers, which are computed where they are asked for.
+
+    A driver that is equal in all contacts of a pose is kept once a pose. As an array, it has parts
+    ``[rows, columns]``, of rows in order and different columns, and products ``left @ columns``.
+
+    Parameters
+    ----------
+    slopes : Slopes
+    poses : np.ndarray, shape (contacts,)
+        Number of the pose of each contact, from 0.
+    parameters : iterable of Parameter
+        Of the columns; each is asked for once.
+    """
+
+    __array_ufunc__ = None  # so that NumPy leaves products to this class
+
+    def __init__(self, slopes: Slopes, poses: np.ndarray, parameters: Iterable[Parameter]) -> None:
+        self._count, size, first = len(slopes.contact), 0, np.unique(poses, return_index=True)[1]
+        found: dict[tuple[Any, ...], tuple[list[int], bytearray]] = {}
+        for size, p in enumerate(parameters, start=1):
+            for k, t in enumerate(t for t in p.terms if t.frame != CERTIFICATE):
+                values = np.asarray(t.driver, float)
+                driver = p.sd * (values[slopes.rows] if values.ndim else np.full(len(poses), values))
+                alike = np.array_equal(driver[first][poses], driver)
+                numbers, drivers = found.setdefault((alike, k, t.frame, t.axis), ([], bytearray()))
+                numbers.append(size - 1)
+                drivers.extend(driver[first] if alike else driver)  # grows in place
+        self.shape, self._parts = (len(slopes.residual), size), []
+        for (alike, _, *site), (numbers, drivers) in found.items():
+            slope = slopes.along(*site)
+            label = (poses if alike else np.arange(len(poses)))[slopes.contact]
+            fold = csr_array((slope, (label, np.arange(self._count))), (np.max(label) + 1, self._count))
+            every = np.frombuffer(drivers).reshape(len(numbers), -1)
+            self._parts.append((np.array(numbers), every, label, slope, fold))
+
+    def __getitem__(self, part: tuple[Any, Any]) -> np.ndarray:
+        """Some rows (R',) of some columns (K',), (R', K')."""
+        rows, columns = (np.arange(size)[own] for size, own in zip(self.shape, part, strict=True))
+        place, out = np.full(self.shape[1], -1), np.zeros((len(columns), len(rows)))
+        place[columns], rows = np.arange(len(columns)), rows[rows < self._count]
+        for numbers, drivers, label, slope, _ in self._parts:
+            own = np.flatnonzero(place[numbers] >= 0)
+            if len(own):
+                out[place[numbers[own]], : len(rows)] += drivers[own][:, label[rows]] * slope[rows]
+        return out.T
+
+    def __rmatmul__(self, left: np.ndarray) -> np.ndarray:
+        """Products (..., K) with `left` (..., R)."""
+        out = np.zeros((self.shape[1], *left.shape[:-1]))
+        for numbers, drivers, _, _, fold in self._parts:
+            out[numbers] += drivers @ (fold @ left.T[: self._count])
+        return out.T
 
 
 def of_certificate(p: Parameter) -> bool:

@@ -99,7 +99,7 @@ class _Normal:
 
     def judged(self, r: np.ndarray, weight: np.ndarray, kappa: float, factor: np.ndarray) -> Judged:
         """All contacts with their leverage in the fit."""
-        slopes, share = halved(factor, self.unit).T / kappa, weight / self.problem.base
+        slopes, share = halved(kappa * factor, self.unit).T, weight / self.problem.base
         parts = []
         for rows in self.problem.by_size:
             own = slopes[rows]

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+import itertools
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -10,7 +11,7 @@ import numpy as np
 
 from bayescal.effects import Parameter
 from bayescal.gap.linear.evidence import SCALE_PRIOR, SCALES, Bank, log_sum, weigh_clusters, weigh_sets
-from bayescal.gap.linear.problem import Problem
+from bayescal.gap.linear.problem import Driven, Problem, Slopes
 from bayescal.gap.linear.state import State, fit_state, limited
 from bayescal.gap.search.beam import Hypothesis
 from bayescal.gap.search.makers import Cell
@@ -25,7 +26,7 @@ class Pool:
     """Cells and their columns (R, K): `sets` are indices of columns, `owner` is the cell of each set."""
 
     cells: tuple[Cell, ...]
-    columns: np.ndarray
+    columns: np.ndarray | Driven
     sets: tuple[np.ndarray, ...]
     owner: np.ndarray
     count: int  # number of rows that are contacts
@@ -58,31 +59,9 @@ class Pool:
         with np.errstate(divide="ignore"):
             return np.log(weight / np.sum(weight))
 
-    @classmethod
-    def of(
-        cls, cells: Sequence[Cell], columns: np.ndarray, count: int, worth: np.ndarray | None = None
-    ) -> Pool:
-        """Pool of cells whose columns (R, K) are in the order of the cells; `count` rows are contacts."""
-        return cls(tuple(cells), columns, *_numbered(map(_sizes, cells)), count, worth)
 
-
-def _sizes(cell: Cell) -> list[int]:
-    """Number of columns of each set of a cell."""
-    return [len(own) for own in cell.sets]
-
-
-def _numbered(sizes: Iterable[Sequence[int]]) -> tuple[tuple[np.ndarray, ...], np.ndarray]:
-    """Sets of consecutive columns, and the cell (sets,) of each, by the sizes of the sets of every cell."""
-    every = [(i, size) for i, own in enumerate(sizes) for size in own]
-    ends = np.cumsum([size for _, size in every], dtype=int)
-    sets = tuple(np.arange(end - size, end) for end, (_, size) in zip(ends, every, strict=True))
-    return sets, np.array([i for i, _ in every], int)
-
-
-def filled(
-    make: Callable[[], Iterable[Cell]], columns_of: Callable[[Sequence[Parameter]], np.ndarray], p: Problem
-) -> Pool:
-    """Pool of cells whose columns are computed cell by cell.
+def filled(make: Callable[[], Iterable[Cell]], slopes: Slopes, poses: np.ndarray, p: Problem) -> Pool:
+    """Pool of cells, whose columns are those of `Driven`.
 
     Of a large session none has its sets any more when the next one is made.
 
@@ -90,20 +69,24 @@ def filled(
     ----------
     make : callable
         Makes the cells, one after another.
-    columns_of : callable
-        Columns (R, k) of k parameters.
+    slopes, poses
+        See `Driven`.
     p : Problem
         The problem, of R rows.
     """
-    cells, sizes, rows = list[Cell](), list[list[int]](), len(p.residual)
-    by_column = np.empty((0, rows))
-    for cell in make():
-        further, first = columns_of([q for own in cell.sets for q in own]).T, len(by_column)
-        by_column.resize((first + len(further), rows), refcheck=False)  # grows in place
-        by_column[first:] = further
-        sizes.append(_sizes(cell))
-        cells.append(cell if rows <= MOST_ROWS else replace(cell, sets=()))
-    return Pool(tuple(cells), by_column.T, *_numbered(sizes), p.count, p.worth, p.jacobian)
+    cells, sizes = list[Cell](), list[list[int]]()
+
+    def parameters() -> Iterator[Parameter]:
+        for cell in make():
+            yield from itertools.chain.from_iterable(cell.sets)
+            sizes.append([len(own) for own in cell.sets])
+            cells.append(cell if len(p.residual) <= MOST_ROWS else replace(cell, sets=()))
+
+    columns = Driven(slopes, poses, parameters())
+    ends = np.cumsum(list(itertools.chain.from_iterable(sizes)), dtype=int)[:-1]
+    sets = tuple(np.split(np.arange(columns.shape[1]), ends))
+    owner = np.repeat(np.arange(len(cells)), list(map(len, sizes)))
+    return Pool(tuple(cells), columns, sets, owner, p.count, p.worth, p.jacobian)
 
 
 @dataclass(frozen=True)
@@ -160,7 +143,7 @@ def approximate_fits(state: State, pool: Pool) -> list[CellFit]:
     for i, cell in enumerate(pool.cells):
         if cell.clusters is not None:
             at = int(np.flatnonzero(pool.owner == i)[0])
-            column, clusters = pool.columns[:, pool.sets[at][0]], cell.clusters[p.rows[p.contact]]
+            column, clusters = pool.columns[:, pool.sets[at]][:, 0], cell.clusters[p.rows[p.contact]]
             bayes[at] = SCALE_PRIOR + weigh_clusters(state, column, clusters)
     gain, best = np.empty(len(pool.cells)), np.empty((2, len(pool.cells)), int)  # set and scale
     for cells, sets in pool.by_number:
