@@ -263,12 +263,12 @@ def test_it_ends_when_it_is_enough(folder):
     cell, lines = folder
     put(cell, *lines[1:])
     u = complete().forecast.workspace.expanded
-    assert run(cell, enough=1.01 * u)[1][-1].kind == ENOUGH
+    assert run(cell, enough=1.01 * u, idle=60.0)[1][-1].kind == ENOUGH
     _, events = run(cell, enough=0.99 * u, idle=3.0)
     assert events[-1].kind == QUIET
     last = [e for e in events if isinstance(e, Complete)][-1]
     assert {s.effect for s in last.spots} >= {"backlash", "step"}
-    assert run(cell, planned=len(lines) - 1)[1][-1].kind == PLANNED
+    assert run(cell, planned=len(lines) - 1, idle=60.0)[1][-1].kind == PLANNED
 
 
 def test_the_command_of_a_session_without_rows_says_what_is_missing(folder):
