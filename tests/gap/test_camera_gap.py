@@ -13,7 +13,7 @@ from bayescal.dataset import read_dataset
 from bayescal.gap.diagnose import diagnose
 
 
-def answer(folder: Path, number: int, side: str, detectability: float, every: int = 6):
+def answer(folder: Path, number: int, side: str, detectability: float, every: int = 3):
     """Verdict on a session of which one corner in `every` is read, the session, and its ground truth."""
     texts, truth = build(20261, number, side, every * detectability)
     for name, text in texts.items():
@@ -31,7 +31,7 @@ def test_the_side_is_named(number, side, tmp_path):
 
 def test_a_slip_is_before_an_image_and_not_within(tmp_path):
     """As the row of the effect that a fit takes is: a headline must not state another."""
-    verdict, session, truth = answer(tmp_path, 40, "mount", 400.0, every=4)
+    verdict, session, truth = answer(tmp_path, 40, "mount", 400.0, every=2)
     (named,) = verdict.named
     (event,) = named.events
     stop = session.measurements.stop
