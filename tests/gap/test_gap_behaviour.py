@@ -5,14 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from gap_problems import Bench
-from sessions import circumstances, with_columns
+from sessions import circumstances, geared, with_columns
 
 from bayescal.arm.motion import CONTACT, Term
+from bayescal.dataset import read_dataset, write_dataset
 from bayescal.effects import EFFECTS, Parameter
 from bayescal.effects import EFFECTS as VOCABULARY
 from bayescal.effects.common import waves
 from bayescal.effects.location import Driver, face, joint
 from bayescal.effects.unsettled import remaining
+from bayescal.gap.diagnose import diagnose
 from bayescal.gap.linear.problem import without_nuisance
 from bayescal.gap.linear.state import fit_state, limited
 from bayescal.gap.outcome.where import visible
@@ -22,6 +24,7 @@ from bayescal.gap.search.candidates import ALIASED, candidates, unaliased
 from bayescal.gap.search.cells import cells
 from bayescal.gap.search.unknown import with_set
 from bayescal.gap.search.verdict import decide
+from bayescal.simulation import Options, simulate
 
 STRONG = 150.0
 """Visible strength, lambda, at which an effect should be named."""
@@ -50,7 +53,7 @@ def names(decision):
 
 
 def test_nothing_is_named_where_there_is_nothing(bench):
-    named = [names(bench.decided(bench.made_up(seed))[0]) for seed in range(10)]
+    named = [names(bench.decided(bench.made_up(seed))[0]) for seed in range(16)]
     assert not any(named), [n for n in named if n]
 
 
@@ -388,3 +391,13 @@ def test_what_remains_of_the_motion(cube):
     assert first.driver.coordinate(first.site, c).name == "remaining motion of joint 1"
     at_rest = with_columns(dataset, velocity=None, command=None)
     assert "j1_command_deg" in EFFECTS["unsettled"].missing(circumstances(at_rest))
+
+
+def test_a_session(tmp_path):
+    """From the file to the name; `test_play_is_named_and_removed` is the same of backlash."""
+    effects = ("geometry", "compliance", "unsettled")
+    session = simulate(Options(contacts=120, later=40, repeats=6, spheres=0, seed=3, effects=effects)).dataset
+    write_dataset(geared(session), tmp_path / "session")
+    gap = diagnose(read_dataset(tmp_path / "session"))
+    assert gap.verdict.kind == "named"
+    assert [n.effect for n in gap.verdict.named] == ["unsettled"]
