@@ -157,23 +157,10 @@ def test_the_result_as_text_page_and_table(crashed, tmp_path):
 
 def entry(name, probability, stated, group=(), sessions=("after",), kind="arm", **more):
     return {
-        "item": name,
-        "parameter": name,
-        "effect": "geometry",
-        "site": "joint 3",
-        "kind": kind,
-        "unit": "deg",
-        "sessions": list(sessions),
-        "before": 1.0,
-        "after": 1.01,
-        "difference": 0.01,
-        "u": 0.001,
-        "U": 0.002,
-        "k": 2.0,
-        "probability": probability,
-        "class": list(group),
-        "stated": stated,
-    } | more
+        "item": name, "parameter": name, "effect": "geometry", "site": "joint 3", "kind": kind, "unit": "deg",
+        "sessions": list(sessions), "before": 1.0, "after": 1.01, "difference": 0.01, "u": 0.001, "U": 0.002,
+        "k": 2.0, "probability": probability, "class": list(group), "stated": stated,
+    } | more  # fmt: skip
 
 
 def said(verdict, items, arm="same", same=0.0):

@@ -139,28 +139,6 @@ def test_every_heading_of_a_release_is_there_once():
 # --- `bayescal --help` answers at once: the libraries that compute are loaded by the commands that use them.
 
 HEAVY = ("numpy", "scipy", "gtsam", "matplotlib", "numba", "rich", "yaml", "emcee", "arviz", "xarray", "h5py")
-COMMANDS = (
-    "fit",
-    "fleet",
-    "gap",
-    "changed",
-    "compare",
-    "history",
-    "simulate",
-    "import",
-    "budget",
-    "export",
-    "verify",
-    "compensate",
-    "plan",
-    "watch",
-    "init",
-    "report",
-    "schema",
-    "check",
-    "robots",
-)
-
 PROGRAM = """
 import contextlib, io, sys
 from bayescal.cli import main
@@ -189,14 +167,9 @@ def test_help_loads_no_library_that_computes():
 
 def test_help_of_every_command_loads_no_library_that_computes():
     # here typer may load pydantic for itself, to convert arguments
-    assert loaded(*((name,) for name in COMMANDS)).isdisjoint({*HEAVY, "bayescal.dataset", "bayescal.robots"})
-
-
-def test_every_command_is_asked():
-    from bayescal.cli import app
-
-    named = {c.name or c.callback.__name__ for c in app.registered_commands if c.callback}
-    assert named | {g.name for g in app.registered_groups} == set(COMMANDS)
+    names = [words for name in commands() if len(words := tuple(name.split()[1:])) == 1]
+    assert {("fit",), ("schema",), ("robots",)} < {*names}
+    assert loaded(*names).isdisjoint({*HEAVY, "bayescal.dataset", "bayescal.robots"})
 
 
 def test_every_module_with_a_command_is_listed():

@@ -32,6 +32,9 @@ def test_artefacts_suit_the_arm(pair):
     assert room.cube.edge == 0.0508
     assert len(room.faces) == 4
     assert len({face[1] for face in room.faces}) == 3
+
+
+def test_a_larger_arm_has_a_larger_cube():
     assert Room.of(load_robot("mecademic-meca500")[0]).cube.edge == 0.2286
 
 

@@ -53,8 +53,9 @@ def test_positions_are_searched_once_for_an_arm(monkeypatch):
         for kept in (session.placement, session.cube_of, session._calibrating, session._later):
             kept.cache_clear()
 
+    few = LITTLE | {"contacts": 24, "later": 4, "repeats": 0, "sphere_contacts": 6}
     forget()
-    fresh = simulate(Options(**LITTLE, seed=7)).dataset
+    fresh = simulate(Options(**few, seed=7)).dataset
     searched = []
 
     def counted(module, name):
@@ -63,11 +64,11 @@ def test_positions_are_searched_once_for_an_arm(monkeypatch):
 
     counted(placement, "stream")  # once for each placement
     counted(session, "on_face")
-    simulate(Options(**LITTLE, seed=7, effects=("geometry",), noise=1e-6))
-    again = simulate(Options(**LITTLE, seed=7)).dataset
+    simulate(Options(**few, seed=7, effects=("geometry",), noise=1e-6))
+    again = simulate(Options(**few, seed=7)).dataset
     assert not searched
     np.testing.assert_array_equal(again.measurements.readings, fresh.measurements.readings)
-    other = {**LITTLE, "contacts": 40}
+    other = {**few, "contacts": 20}
     simulate(Options(**other, seed=7))
     assert set(searched) == {"on_face"}  # more or fewer contacts, the same spheres
     simulate(Options(**other, seed=8))
@@ -185,7 +186,8 @@ def test_every_effect_can_be_simulated(name, tmp_path):
     chosen = tuple(dict.fromkeys(("geometry", "compliance", name)))
     robot = robot_file("standard") if name == "gear-mesh" else Options().robot
     arm = rail_session().robot if name in ON_RAILS else None
-    s = simulate(Options(effects=chosen, robot=robot, payload=1.0, **{**LITTLE, "placements": 0}), arm)
+    few = {"contacts": 24, "later": 4, "repeats": 1, "placements": 0}
+    s = simulate(Options(effects=chosen, robot=robot, payload=1.0, **few), arm)
     assert {p["effect"] for p in s.truth["parameters"]} >= {name, "tool"}
     assert np.abs(s.world.distances(s.world.model(s.exact)) - s.shift).max() < 2e-12
 
