@@ -89,11 +89,13 @@ def check_enough(scene: Scene) -> None:
         With the required number of rows.
     """
     model = with_parameters(scene, (), ())
+    numbers = sum(b.residuals for b in model.blocks)  # of the rows; the certificates' residuals follow
+    joints = scene.dataset.robot.n
+    if numbers - model.size > joints:
+        return
     z = np.zeros(model.size)
     jacobian = linearise(model, z, unit_weights(model, z)).jacobian
-    numbers = sum(b.residuals for b in model.blocks)  # of the rows; the certificates' residuals follow
     located = _determined(jacobian)
-    joints = scene.dataset.robot.n
     left = numbers - (located - _determined(jacobian[numbers:]))
     if left > joints - 0.5:
         return
