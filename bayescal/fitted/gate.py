@@ -14,7 +14,7 @@ import numpy as np
 
 from bayescal.assess.acceptance import not_physical
 from bayescal.effects import UNITS, Parameter
-from bayescal.errors import BayescalError
+from bayescal.errors import BayescalError, listed
 from bayescal.estimate import Estimate
 from bayescal.estimate.bounds import UNCHANGED, Negative, Rigid
 from bayescal.model import ARM
@@ -160,8 +160,10 @@ def of_gap(gap: Gap) -> Use:
     assert gap.arm is not None
     assert gap.covariance is not None
     remaining = REMAINS.get(gap.verdict.kind, "")
+    without = listed([n.model for n in gap.verdict.named if not n.confirmed])
+    undecided = tuple(f"{without} would change {what}; the arm is without it" for what in gap.displaced)
     return Use(
-        of_estimate(gap.arm, gap.covariance),
+        (*of_estimate(gap.arm, gap.covariance), *undecided),
         (f"verdict of the diagnosis: {remaining}",) if remaining else (),
         gap.rigid,
         left_out(gap.verdict),

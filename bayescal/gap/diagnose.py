@@ -30,7 +30,7 @@ from bayescal.gap.linear.problem import Problem, without_nuisance
 from bayescal.gap.linear.state import again
 from bayescal.gap.outcome.magnitude import Level, magnitude, model_levels, noise_floor, shrinkage
 from bayescal.gap.outcome.margins import margins, residuals_in_time
-from bayescal.gap.outcome.notes import amplitudes, warnings
+from bayescal.gap.outcome.notes import amplitudes, displaced, warnings
 from bayescal.gap.result import Advice, Amplitude, BlindSpot, Gap, Shrinkage, Verdict
 from bayescal.gap.search.beam import COMPLIANCE, Member
 from bayescal.gap.search.candidates import Variant
@@ -344,6 +344,7 @@ def diagnose(
         arm=None if wide is None else arm,
         calibrated=found.baseline,
         covariance=wide,
+        displaced=either("what the names left out displace", lambda: displaced(arm, final, wide), ()),
         rigid=rigid,
         undetermined=lacking,
     )

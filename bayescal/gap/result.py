@@ -300,5 +300,6 @@ class Gap:
     arm: Estimate | None = None  # with the named effects that are confirmed: what an export is made of
     calibrated: Estimate | None = None  # of the baseline, before any refit
     covariance: np.ndarray | None = None  # (D, D) of its z, with the model discrepancy and errors of masses
+    displaced: tuple[str, ...] = ()  # parameters of `arm` that named effects which it is without displace
     rigid: Rigid = UNCHANGED  # parameters of `arm` that were set to rigid
     undetermined: tuple[Undetermined, ...] = ()  # of the fullest model

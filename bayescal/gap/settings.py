@@ -295,6 +295,9 @@ class OutcomeSettings:
     """Share of gross validation contacts, the same for every model (assumed)."""
     gross_width: float = 1e-2
     """Width of the uniform distribution of their residuals, m (assumed)."""
+    displaced: float = 6.0
+    """Standard uncertainties of a parameter by which a named effect that the arm is without may displace it,
+    until the arm is not to be used (assumed)."""
     apart: float = 3.0
     """Nats from which on the data favour backlash over delayed readings, or the reverse (convention)."""
     plain: float = 8.0

@@ -316,6 +316,9 @@ def test_an_effect_that_is_left_out_is_said_everywhere(tmp_path):
         assert json.loads((tmp_path / "gap" / name).read_text(encoding="utf-8"))["use"]["left_out"] == [words]
     assert words in (tmp_path / "gap" / "gap.html").read_text(encoding="utf-8")
     assert words in bc.export(tmp_path / "gap", "robot.yaml").record["notes"]
+    moved = replace(gap, displaced=("a2 by 7 mm, 148 standard uncertainties",))
+    reason = "backlash at joint 3 would change a2 by 7 mm, 148 standard uncertainties; the arm is without it"
+    assert gate.of_gap(moved).against == (*gate.of_gap(gap).against, reason)
 
 
 # --- What is not exported without --force, and why.
@@ -400,7 +403,8 @@ def test_a_diagnosis_is_judged_by_its_stated_covariance(result):
     """As a fit is: not by the narrower one of the solver."""
     found = result.data.final.estimate
     verdict = SimpleNamespace(named=(), kind="null")
-    gap = SimpleNamespace(arm=found, covariance=np.eye(found.model.size), verdict=verdict, rigid=UNCHANGED)
+    wide = np.eye(found.model.size)
+    gap = SimpleNamespace(arm=found, covariance=wide, verdict=verdict, rigid=UNCHANGED, displaced=())
     assert len(gate.of_gap(gap).against) == 1
     gap.covariance = found.covariance
     assert gate.of_gap(gap) == gate.NOTHING

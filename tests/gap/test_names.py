@@ -18,7 +18,7 @@ from bayescal.effects.sizes import length, magnitude, phase, propagated
 from bayescal.effects.vocabulary import same_terms
 from bayescal.gap.linear.problem import Problem
 from bayescal.gap.linear.state import fit_state
-from bayescal.gap.outcome.notes import amplitudes, increased
+from bayescal.gap.outcome.notes import amplitudes, displaced, increased
 from bayescal.gap.result import Named
 from bayescal.gap.search.beam import Hypothesis, Member, Search
 from bayescal.gap.search.candidates import Candidates, Variant, candidates
@@ -37,6 +37,7 @@ from bayescal.gap.search.verdict import (
     verdict_of,
     weigh,
 )
+from bayescal.model import ARM
 from bayescal.model.options import parts_of
 from bayescal.reporting.gap.causes import lines, stated
 from bayescal.reporting.gap.phrases import named
@@ -473,3 +474,21 @@ def test_an_increase_within_its_uncertainty_is_no_reason_to_drop_the_effects():
     assert told.startswith("validation errors do not decrease with the named effects (from ")
     assert "within its uncertainty" in told
     assert "do not use them" not in told
+
+
+def test_what_a_name_that_is_left_out_displaces_is_in_units_of_the_stated_uncertainty():
+    def fitted(a2, theta3, *further):
+        parameters = (SimpleNamespace(name="a2", unit="m"), SimpleNamespace(name="theta3", unit="rad"))
+        z = np.array([a2 / 1e-3, theta3 / 1e-2, *further])
+        scales = np.array([1e-3, 1e-2, *np.ones(len(further))])
+        model = SimpleNamespace(
+            parameters=parameters, names=("a2", "theta3", *("backlash" for _ in further)),
+            slices={ARM: slice(0, 2)}, sd=scales[:2], physical=lambda z: z * scales,
+        )  # fmt: skip
+        return SimpleNamespace(model=model, z=z)
+
+    arm, complete = fitted(2e-3, 0.01), fitted(-5e-3, 0.012, 3.0)
+    covariance = np.diag([0.05, 0.04]) ** 2  # u 50 um and 0.4 mrad
+    assert displaced(arm, complete, covariance) == ("a2 by -7 mm, 140 standard uncertainties",)
+    assert displaced(arm, complete, 25.0**2 * covariance) == ()
+    assert displaced(arm, arm, covariance) == displaced(arm, complete, None) == ()

@@ -11,7 +11,7 @@ import numpy as np
 
 from bayescal.assess.undetermined import Undetermined
 from bayescal.dataset import Dataset
-from bayescal.effects import EFFECTS, Driver, Parameter, Site
+from bayescal.effects import EFFECTS, UNITS, Driver, Parameter, Site
 from bayescal.effects.location import BASE
 from bayescal.effects.selection import Selection
 from bayescal.effects.sizes import DEVIATION, propagated
@@ -21,10 +21,36 @@ from bayescal.gap.result import Amplitude, Named
 from bayescal.gap.search.beam import Member
 from bayescal.gap.search.unknown import CellFit, Pool
 from bayescal.gap.settings import OUTCOME
+from bayescal.model import ARM
 from bayescal.model.scene import Scene
 from bayescal.predict.crossvalidation import LEFT_OUT
 from bayescal.predict.errors import ValidationErrors, kept
 from bayescal.statistics import chi2_sf, rms
+
+
+def displaced(arm: Estimate, complete: Estimate, covariance: np.ndarray | None) -> tuple[str, ...]:
+    """The parameter of an arm that its fit with all named effects displaces most, in words; none if little.
+
+    Parameters
+    ----------
+    arm, complete : Estimate
+        Without some of the named effects, and with all of them.
+    covariance : np.ndarray, shape (D, D), or None
+        The stated covariance of the z of `arm`.
+    """
+    if complete is arm or covariance is None:
+        return ()
+    own, parameters = arm.model.slices[ARM], arm.model.parameters
+    values = dict(zip(complete.model.names, complete.model.physical(complete.z).tolist(), strict=True))
+    before = arm.model.physical(arm.z)[own]
+    change = np.array([values.get(p.name, v) for p, v in zip(parameters, before, strict=True)]) - before
+    u = arm.model.sd * np.sqrt(np.diag(covariance)[own])
+    k = int(np.argmax(np.abs(change) / u))
+    if abs(change[k]) <= OUTCOME.displaced * u[k]:
+        return ()
+    unit, by = UNITS[parameters[k].unit]
+    ratio = abs(change[k]) / u[k]
+    return (f"{parameters[k].name} by {by * change[k]:.3g} {unit}, {ratio:.0f} standard uncertainties",)
 
 
 def play_or_late(alone: tuple[CellFit, ...], pool: Pool, credible: tuple[str, ...]) -> tuple[str, ...]:
