@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bayescal.logs.types import CALIBRATE, VALIDATE
-from bayescal.motion.beside import beside, in_place_of_a_name
+from bayescal.motion.beside import beside, in_place_of_a_name, simplified
 from bayescal.motion.cells import UNKNOWN, resonated
 from bayescal.motion.effects import Form
 from bayescal.motion.events import events
@@ -183,3 +183,39 @@ def test_a_general_function_must_explain_more_than_the_name_in_whose_place_it_is
     both = hypothesis(940.0, "payload", "torque-drift")
     less = in_place_of_a_name(beside_it, (*every, both)).log_evidence
     assert less == pytest.approx(920.0 - SEARCH.instead * 40.0)
+
+
+def test_names_that_no_longer_pay_for_their_prior_beside_an_unknown_cause_are_left_out():
+    gains = {"payload": 1.0, "ripple": 30.0}
+
+    class Gained:
+        def additions(self, members):
+            missing = set(gains) - {m.form.effect for m in members}
+            return {name: (Member(Form(name, "tool", ""), 1.0), gains[name]) for name in missing}
+
+        def prior(self, effects):
+            return -3.0 * len(effects)
+
+    def of(*names):
+        return tuple(Member(Form(name, "tool", ""), 1.0) for name in names)
+
+    whole = Hypothesis(of("payload", "ripple", UNKNOWN), 100.0, -9.0)
+    other = Hypothesis(of("payload", "ripple"), 80.0, -6.0)
+    best, *rest = simplified(Gained(), (whole, other))
+    assert (best.members, best.log_evidence, best.log_prior) == (of("ripple", UNKNOWN), 99.0, -6.0)
+    assert rest == [whole, other]
+    gains["payload"] = 4.0
+    assert simplified(Gained(), (whole, other)) == (whole, other)
+    assert simplified(Gained(), (other, whole)) == (other, whole)
+
+
+def test_a_form_in_all_joints_is_no_addition_to_one_of_its_joints(pool, null_estimate):
+    search = pool.search(normal(pool.table, null_estimate.noise))
+    every = next(f for f in search.terms if f.effect == "torque-constant" and f.of_each)
+    single = replace(every, site="joint 2", setting=every.setting.removesuffix(", in all joints"))
+    single = replace(single, setting="" if single.of_each else single.setting)
+    assert search.terms[single][0] in search.terms[every]
+    for taken in (every, single):
+        member, _ = search.additions([Member(taken, 1.0)])["torque-constant"]
+        assert not set(search.terms[member.form]) & set(search.terms[taken])
+    assert all(len(search.terms[f]) == pool.table.parts[0].signals.log.n for f in search.terms if f.of_each)
