@@ -144,9 +144,8 @@ def apart(engine, robot, mounting, effects, mass=0.0):
     ],
     ids=["joints", "bearings", "base", "links", "payload"],
 )
-@pytest.mark.parametrize(
-    ("robot", "mounting"), [*((ROBOTS[0], m) for m in DOWN), *((r, "wall") for r in ROBOTS[1:])]
-)
+@pytest.mark.parametrize("mounting", DOWN)
+@pytest.mark.parametrize("robot", ROBOTS)
 def test_an_arm_rests_where_its_springs_hold_it(robot, mounting, effects, limit, mass):
     """With errors of the table too. Bases and links turn beside their frames: with first-order slides."""
     engines = ENGINES if mounting == "wall" else ("mujoco",)

@@ -7,6 +7,7 @@ from functools import cached_property
 import numpy as np
 import pytest
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
+from scipy.linalg.lapack import dgeqrf
 from scipy.optimize import least_squares
 from scipy.stats import chi2 as chi2_distribution
 from sessions import with_columns
@@ -20,6 +21,7 @@ from bayescal.model import ARM, build, standing
 from bayescal.model.options import FitOptions
 from bayescal.model.scene import Scene
 from bayescal.simulation import Options, simulate
+from factors import graph as graphs
 
 BOTH = ("geometry", "compliance")
 
@@ -417,3 +419,36 @@ def test_what_has_no_factor_is_refused(bad):
         for solve in (solved, halved):
             with pytest.raises(ValueError, match="not finite"):
                 solve(factored(np.eye(3)), np.full((3, 2), bad))
+
+
+@pytest.mark.parametrize("rank", [4, 3])
+@pytest.mark.parametrize("rows", [20, 400])
+def test_a_factor_of_many_rows_is_solved_as_one_of_few(rows, rank, monkeypatch):
+    """By a triangle with its products: of all directions, or where one is not measured."""
+    rng, tried = np.random.default_rng(rows), []
+    x = rng.standard_normal((rows, 4))
+    x[:, rank:] = 0.0
+    y = x @ [1.0, -2.0, 0.5, 3.0] + rng.standard_normal(rows)
+    monkeypatch.setattr(graphs, "dgeqrf", lambda a, **way: tried.append(a.shape) or dgeqrf(a, **way))
+    graph = graphs.Graph()
+    for name in "ab":
+        graph.variable(name, 2)
+    graph.factor("ab", rows, lambda a, b: (x @ np.append(a, b) - y, [x[:, :2], x[:, 2:]]))
+    found, _ = graph.solve({name: np.zeros(2) for name in "ab"})
+    information = x.T @ x + np.eye(4)
+    expected = np.linalg.solve(information, x.T @ y)
+    np.testing.assert_allclose(np.append(found["a"], found["b"]), expected, rtol=1e-8, atol=1e-12)
+    np.testing.assert_allclose(graph.covariance("ab"), np.linalg.inv(information), rtol=1e-8, atol=1e-12)
+    assert bool(tried) == (rows == 400 and rank == 3)
+
+
+def test_a_pair_is_freed_as_any_set_is():
+    rng = np.random.default_rng(5)
+    r, half = rng.standard_normal((6, 2)), rng.uniform(-0.4, 0.4, (6, 2, 2))
+    leverage = half @ np.swapaxes(half, 1, 2)
+    leverage[0] = 0.3 * np.eye(2)  # both directions alike
+    weight = np.array([1.0, 1.0, 0.5, 0.0, 1.0, 0.2])
+    wide = np.zeros((6, 3, 3))
+    wide[:, :2, :2] = leverage
+    expected = freed(np.append(r, np.zeros((6, 1)), axis=1), wide, weight)
+    np.testing.assert_allclose(freed(r, leverage, weight), expected, rtol=1e-10)

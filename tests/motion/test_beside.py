@@ -219,3 +219,6 @@ def test_a_form_in_all_joints_is_no_addition_to_one_of_its_joints(pool, null_est
         member, _ = search.additions([Member(taken, 1.0)])["torque-constant"]
         assert not set(search.terms[member.form]) & set(search.terms[taken])
     assert all(len(search.terms[f]) == pool.table.parts[0].signals.log.n for f in search.terms if f.of_each)
+    place = {form: k for k, (form, _) in enumerate(search.forms)}
+    dearer = search.form_priors[place[every]] - search.form_priors[place[single]]
+    assert dearer == pytest.approx(2.0 * np.log(SEARCH.again))  # as at two further joints

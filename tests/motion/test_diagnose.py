@@ -79,6 +79,7 @@ def test_a_cause_in_all_joints_has_a_value_in_each(gaps):
         assert c["value"] == pytest.approx(value, abs=4.0 * c["u"])
         assert 0.0 < c["u"] < 0.02
     assert "found at all joints: error of the torque constant, joint 1 " in " ".join(str(gap).split())
+    assert gap.record["named"][0]["text"].startswith("all joints: error of the torque constant, joint 1 ")
 
 
 def test_what_names_remove_is_said_in_percent(gaps):

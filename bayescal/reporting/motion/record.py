@@ -13,7 +13,7 @@ from bayescal.exporting.log_arm import ARM_FILE
 from bayescal.logs import Log, Mechanism
 from bayescal.logs.types import SERVO
 from bayescal.logs.write import arm_text
-from bayescal.motion.effects import EFFECTS
+from bayescal.motion.effects import EFFECTS, Form
 from bayescal.motion.result import Amplitude, MotionGap, Place
 from bayescal.motion.search import Hypothesis
 from bayescal.motion.verdict import OTHER
@@ -49,6 +49,11 @@ def origin(schema: str, log: Log, seed: int) -> dict[str, Any]:
         "robot": log.mechanism.name,
         "joints": list(log.mechanism.joint_names),
     }
+
+
+def site_of(form: Form) -> str:
+    """The site of a form; of one with a value for each joint these."""
+    return "all joints" if form.of_each else form.site
 
 
 def size_of(a: Amplitude) -> str:
@@ -146,7 +151,7 @@ def _named(gap: MotionGap, effect: str) -> dict[str, Any]:
         **vars(form),
         "probability": gap.verdict.probability[effect],
         "relevant": any(a.relevant for a in sizes),
-        "text": f"{form.site}: {EFFECTS[effect].title}, {size_of(sizes[0])}",
+        "text": f"{site_of(form)}: {EFFECTS[effect].title}, {size_of(sizes[0])}",
         "remedy": EFFECTS[effect].remedy,
     }
 
@@ -188,8 +193,8 @@ def words(gap: MotionGap) -> list[str]:
         a = next(a for a in gap.amplitudes if a.form is m.form)
         effect = EFFECTS[m.form.effect]
         sure = _sure(v.probability[effect.name])
-        site = "all joints" if m.form.of_each else SITES.get(m.form.site, m.form.site)
-        out.append(f"Effect found at {site}: {effect.title}, {size_of(a)} ({sure}).")
+        site = site_of(m.form)
+        out.append(f"Effect found at {SITES.get(site, site)}: {effect.title}, {size_of(a)} ({sure}).")
         if not a.relevant:
             out.append(f"{effect.name} is certain but not relevant: the withheld error changes by < 1 %.")
     if v.kind in ("unknown", "named+unexplained") and gap.where:
