@@ -29,6 +29,8 @@ RANGES = ((0.0, 10.0), (10.0, 30.0), (30.0, 100.0), (100.0, float("inf")))
 """Of the detectability lambda."""
 SURE = 0.9
 """Probability from which on a false name counts."""
+ALWAYS = ("compliance", "plane-form")
+"""Effects that fits have in any case: compliance, and the form of faces that are uneven."""
 KINDS = ("null", "single", "pair", "outside")
 Record = dict[str, Any]
 
@@ -101,7 +103,7 @@ def tasks(folder: Path, out: Path, held_out: bool) -> Iterator[Task]:
     """Sessions of a set."""
     for path in sorted((folder / "truth").glob("*.json")):
         truth = json.loads(path.read_text(encoding="utf-8"))
-        alone = truth["kind"] == "single" and truth["effects"] != ["compliance"]
+        alone = truth["kind"] == "single" and truth["effects"][0] not in ALWAYS
         if alone or not held_out:
             without = truth["effects"][0] if held_out else ""
             yield Task(folder / path.stem, out / path.stem / "gap.json", without)

@@ -66,7 +66,7 @@ def concluded(e: Examined, without: Decision | None) -> Verdict:
 
 def events_of(e: Examined) -> Mapping[str, tuple[Event, ...]]:
     """Rows of the sudden changes that are named, by effect."""
-    return named_events(e.decision.hypothesis, e.pool, e.candidates.pool, e.circumstances.may_change)
+    return named_events(e.decision.hypothesis, e.pool, e.candidates.pool, e.circumstances)
 
 
 def _causes(d: Decision, probability: Mapping[str, float]) -> CauseClass:

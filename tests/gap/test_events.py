@@ -19,6 +19,7 @@ from bayescal.estimate import calibrated
 from bayescal.estimate.discrepancy import stated
 from bayescal.fitted.arm import of_gap
 from bayescal.fitted.file import check_restored, read_arm, restored
+from bayescal.gap.concluded import events_of
 from bayescal.gap.diagnose import diagnose, doubted, explain
 from bayescal.gap.examine import examine
 from bayescal.model.options import FitOptions
@@ -86,6 +87,9 @@ def test_two_shifts_are_as_far_apart_as_a_shift_is_from_the_ends():
     for setting in found:
         rows = [value for site, value in setting if site == BASE]
         assert all(long_enough(c, a, b) for a, b in combinations(rows, 2)), rows
+    told = [event.row + 1 for event in events_of(e)["step"]]
+    assert len(told) == 3
+    assert all(long_enough(c, a, b) for a, b in combinations(told, 2)), told
 
 
 def test_rows_beside_a_shift_are_no_outliers(several):

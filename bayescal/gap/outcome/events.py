@@ -10,13 +10,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from bayescal.effects import Circumstances, Parameter
+from bayescal.effects import EFFECTS, Circumstances, Parameter
 from bayescal.effects.location import BASE, Driver, Site
 from bayescal.gap.linear.evidence import SCALE_PRIOR, Bank, log_sum, weigh_sets
 from bayescal.gap.linear.problem import Problem
 from bayescal.gap.linear.state import State, fit_state
 from bayescal.gap.result import Amplitude, Event
 from bayescal.gap.search.beam import Hypothesis
+from bayescal.gap.search.candidates import Variant
 from bayescal.gap.search.cells import sets_of
 from bayescal.gap.search.unknown import CellFit, Pool
 from bayescal.gap.settings import CELLS, OUTCOME
@@ -140,11 +141,12 @@ def _changes(pool: Pool, site: Site, size: int) -> Iterator[np.ndarray]:
 
 
 def named_events(
-    h: Hypothesis, pool: Pool, parameters: Sequence[Parameter], possible: np.ndarray
+    h: Hypothesis, pool: Pool, parameters: Sequence[Parameter], c: Circumstances
 ) -> Mapping[str, tuple[Event, ...]]:
     """Rows of the sudden changes that a hypothesis names, with 95 % intervals, by effect, in its own order.
 
-    Only of effects all of whose displacements cells have too: of the base, or of a tool.
+    Only of effects all of whose displacements cells have too: of the base, or of a tool. Changes of one site
+    are as far `apart` as the effect's settings are.
 
     Parameters
     ----------
@@ -153,8 +155,7 @@ def named_events(
         Of the cells.
     parameters : sequence of Parameter
         Of the candidates, by which the hypothesis counts its columns.
-    possible : np.ndarray of bool, shape (N,)
-        Rows of the session before which there may be a change.
+    c : Circumstances
     """
     p, out = h.state.problem, dict[str, tuple[Event, ...]]()
     for m in h.members:
@@ -177,9 +178,27 @@ def named_events(
                 break
             rest = ~np.isin(h.state.columns, own)
             without = fit_state(p, h.state.columns[rest], h.state.scales[rest], h.state.weight, robust=False)
-            event, _ = _searched(without, h.state.weight, columns, same, possible)
-            out[m.effect] = (*out.get(m.effect, ()), event)
+            before = out.get(m.effect, ())
+            event, _ = _searched(without, h.state.weight, columns, same, _apart(m.variant, before, c))
+            out[m.effect] = (*before, event)
     return out
+
+
+def _apart(v: Variant, before: Sequence[Event], c: Circumstances) -> np.ndarray:
+    """Rows (N,) of the session before which the next change of a variant may be: bool.
+
+    The rows of those `before` it have been searched; of those after it the settings are known.
+    """
+    scan, possible = EFFECTS[v.effect].scan, c.may_change
+    if scan is None or not isinstance(v.setting, tuple):
+        return possible
+    (site, _), *after = v.setting[len(before) :]
+    rows = [event.row + 1.0 for event, (of, _) in zip(before, v.setting, strict=False) if of == site]
+    rows += [value for of, value in after if of == site]
+    near = [k for k in np.flatnonzero(possible) if not all(scan.apart(c, k + 1.0, row) for row in rows)]
+    possible = possible.copy()
+    possible[near] = False
+    return possible
 
 
 def _amplitudes(
