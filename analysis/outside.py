@@ -1,8 +1,9 @@
 """Causes that are not in the list of known effects: how often the diagnosis gives them a false name.
 
-``python -m analysis.outside SET --out RUNS [--held-out]`` diagnoses the sessions of a set (`SET/NNN` with
-`baseline.txt`, `SET/truth/NNN.json`) and prints a card. With `--held-out` the list lacks the effect of each
-session of one effect. `python -m analysis.made_up` makes a set of other causes.
+``python -m analysis.outside SET --out RUNS [--held-out]`` diagnoses the sessions, or joint logs, of a set
+(`SET/NNN`, sessions with `baseline.txt`, and `SET/truth/NNN.json`; or the folder of a blind check whose truth
+is open) and prints a card. With `--held-out` the list lacks the effect of each session of one effect.
+`python -m analysis.made_up` makes a set of other causes.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ for _library in ("OMP", "OPENBLAS", "MKL", "NUMBA"):
 
 import argparse
 import json
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, MutableMapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -22,7 +23,11 @@ from typing import Any, NamedTuple
 from bayescal.dataset import read_dataset
 from bayescal.effects import EFFECTS
 from bayescal.gap.diagnose import diagnose
+from bayescal.logs import is_log, read_log
+from bayescal.motion import effects as of_motions
+from bayescal.motion.diagnose import diagnose as diagnose_log
 from bayescal.reporting.gap.record import gap_record
+from bayescal.reporting.motion.record import motion_record
 from bayescal.storage.files import json_text
 
 RANGES = ((0.0, 10.0), (10.0, 30.0), (30.0, 100.0), (100.0, float("inf")))
@@ -57,23 +62,32 @@ def diagnosed(task: Task) -> None:
     """Diagnose a session and keep its record; one that is there is kept."""
     if task.out.exists():
         return
-    model = (task.folder / "baseline.txt").read_text(encoding="utf-8").strip().split(",")
-    listed = {name: EFFECTS[name] for name in EFFECTS}
-    EFFECTS._effects.pop(task.without, None)
+    every: MutableMapping[str, Any] = of_motions.EFFECTS if is_log(task.folder) else EFFECTS._effects
+    listed = dict(every)
+    every.pop(task.without, None)
     try:
-        record = gap_record(diagnose(read_dataset(task.folder), tuple(model)))
+        record = recorded(task.folder)
     finally:
-        EFFECTS._effects.clear()
-        EFFECTS._effects.update(listed)  # in the same order
+        every.clear()
+        every.update(listed)  # in the same order
     task.out.parent.mkdir(parents=True, exist_ok=True)
     task.out.write_text(json_text(record), encoding="utf-8")
+
+
+def recorded(folder: Path) -> Record:
+    """The record of a session, or of a joint log."""
+    if is_log(folder):
+        return motion_record(diagnose_log(read_log(folder)))
+    model = (folder / "baseline.txt").read_text(encoding="utf-8").strip().split(",")
+    return gap_record(diagnose(read_dataset(folder), tuple(model)))
 
 
 def answer(truth: Record, record: Record, held_out: bool) -> Answer:
     """Compare a record with the truth."""
     kind = "outside" if held_out else truth["kind"]
     true = set(truth["effects"]) if kind in ("single", "pair") else set()
-    baseline, verdict = set(record["baseline"]), record["verdict"]
+    # the baseline of a log has what some effects are errors of, under the same names
+    baseline, verdict = set(record["baseline"]) - set(of_motions.EFFECTS), record["verdict"]
     names = {n for n in record["effects"] if n != "unknown"} - baseline
     members = (record.get("class") or {}).get("members", {})
     flagged = verdict in ("unknown", "named+unexplained") or (verdict == "class" and "other" in members)
@@ -99,14 +113,25 @@ def card(answers: Iterable[Answer]) -> Iterator[str]:
                 yield f"{kind:8} {low:4.0f}-{high:<5g} {len(mine):8d} {right:6.2f} {partly:6.2f} {false:11d}"
 
 
-def tasks(folder: Path, out: Path, held_out: bool) -> Iterator[Task]:
-    """Sessions of a set."""
-    for path in sorted((folder / "truth").glob("*.json")):
-        truth = json.loads(path.read_text(encoding="utf-8"))
+def truths(folder: Path) -> dict[Path, Record]:
+    """The ground truth of each session of a set."""
+    opened = folder / "truth.json"
+    if opened.exists():
+        worlds = json.loads(opened.read_text(encoding="utf-8"))["worlds"]
+        return {folder / "worlds" / number: truth for number, truth in worlds.items()}
+    files = sorted((folder / "truth").glob("*.json"))
+    return {folder / path.stem: json.loads(path.read_text(encoding="utf-8")) for path in files}
+
+
+def tasks(every: Mapping[Path, Record], out: Path, held_out: bool) -> dict[Task, Record]:
+    """Sessions of a set that are diagnosed, with their ground truth."""
+    found = {}
+    for path, truth in every.items():
         alone = truth["kind"] == "single" and truth["effects"][0] not in ALWAYS
         if alone or not held_out:
             without = truth["effects"][0] if held_out else ""
-            yield Task(folder / path.stem, out / path.stem / "gap.json", without)
+            found[Task(path, out / path.name / "gap.json", without)] = truth
+    return found
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -117,12 +142,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--held-out", action="store_true")
     parser.add_argument("--workers", type=int, default=2)
     asked = parser.parse_args(arguments)
-    every = list(tasks(asked.set, asked.out, asked.held_out))
+    every = tasks(truths(asked.set), asked.out, asked.held_out)
     with ProcessPoolExecutor(asked.workers) as pool:
         list(pool.map(diagnosed, every))
-    truths = (json.loads((asked.set / "truth" / f"{t.folder.name}.json").read_text()) for t in every)
-    found = (json.loads(t.out.read_text()) for t in every)
-    print("\n".join(card(answer(*pair, asked.held_out) for pair in zip(truths, found, strict=True))))
+    found = (answer(truth, json.loads(t.out.read_text()), asked.held_out) for t, truth in every.items())
+    print("\n".join(card(found)))
 
 
 if __name__ == "__main__":
