@@ -113,7 +113,7 @@ def _stream(
     n = len(joints)
     order: list[int] | None = None if message.names else list(range(n))
     names: tuple[str, ...] = ()
-    how, few = "", 0
+    how, few, why = "", 0, None
     cells: dict[str, list[Any]] = {key: [] for key in message.joints}
     received: list[int] = []
     header: list[int] = []
@@ -125,16 +125,16 @@ def _stream(
             try:
                 order, how = joint_order(own, joints, stated, connection.topic)
                 names = own
-            except BayescalError:
-                if not received:
-                    raise
-                few += 1
+            except BayescalError as error:  # a gripper may publish on the topic of the arm
+                why, few = why or error, few + 1
                 continue
         received.append(stamp)
         header.append(_nanoseconds(content, message.stamp))
         for key, getters in readers.items():
             value = next((v for get in getters if (v := get(content)) is not None and len(v)), ())
             cells[key].append(np.asarray(value)[order] if len(value) > max(order or (0,)) else None)
+    if why is not None and not received:
+        raise why
     blocks = {k: np.array(v, float) for k, v in cells.items() if v and all(c is not None for c in v)}
     time, said = _clock(np.array(received), np.array(header), message.stamp)
     notes = [how, said, f"{few} messages without all joints left out" if few else ""]

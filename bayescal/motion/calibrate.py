@@ -1,9 +1,10 @@
 """The calibration of a log: inertias, rotors, friction, offsets and times with their uncertainty.
 
-The posterior of the linear model is normal; physics restricts it. A body has a positive mass and a pseudo
-inertia matrix that is positive definite, which is a convex set of the parameters in which torques are linear
-(Wensing, Kim and Slotine, IEEE RA-L 3(1), 2018); rotors and friction are not negative. The normal posterior
-is sampled within this set (`possible`), so that every draw, and their mean, is an arm that could be built.
+The posterior of mass, centre and inertia of each body is normal about its mode, where torques are linearised
+in them; physics restricts it. A body has a positive mass and a positive definite pseudo inertia matrix
+(Wensing, Kim and Slotine, IEEE RA-L 3(1), 2018): about its centre a convex set of mass and inertia. Rotors
+and friction are not negative. The normal posterior is sampled within this set (`possible`), so that every
+draw, and their mean, is an arm that could be built.
 """
 
 from __future__ import annotations
@@ -158,13 +159,10 @@ def _nominal(name: str, start: Operating, m: Mechanism) -> float:
 
 def fitted_mechanism(m: Mechanism, at: Operating, servo: bool) -> Mechanism:
     """The mechanism with estimated bodies, rotors and friction; of servos at their estimated stiffness."""
-    mass = at.inertials[:, 0]
-    centre = at.inertials[:, 1:4] / mass[:, None]
-    about = at.inertials[:, 4 + SIX]
-    shifted = np.array([w * (c @ c * np.eye(3) - np.outer(c, c)) for w, c in zip(mass, centre, strict=True)])
+    mass, centre, inertia = at.bodies[:, 0], at.bodies[:, 1:4], at.bodies[:, 4 + SIX]
     by = at.gain if servo else 1.0
     return replace(
-        m, mass=mass, centre=centre, inertia=about - shifted, armature=at.armature / by,
+        m, mass=mass, centre=centre, inertia=inertia, armature=at.armature / by,
         coulomb=at.coulomb / by, viscous=at.viscous / by,
         transition=float(np.exp(np.mean(np.log(at.transition)))),
     )  # fmt: skip

@@ -18,7 +18,19 @@ from bayescal.logs.types import SERVO
 from bayescal.motion.ripple import Waves
 from bayescal.motion.settings import FORMS
 from bayescal.motion.signals import Signals, derivative
-from bayescal.motion.terms import ALL, BODY, LINK, TRACKING, UNITS, Operating, Term, channel, kinds, of_body
+from bayescal.motion.terms import (
+    ALL,
+    BODY,
+    LINK,
+    TRACKING,
+    UNITS,
+    Operating,
+    Term,
+    channel,
+    kinds,
+    prior_of_body,
+    slopes_of,
+)
 
 TOOL, BASE, LOG = "tool", "base", "log"
 EACH = "in all joints"
@@ -226,7 +238,7 @@ def _inertia(s: Signals, at: Operating, scale: Scale) -> Iterator[FormColumn]:
     m = s.log.mechanism
     for k in range(m.n):
         form = Form("inertia", joint(k), "motion of the link")
-        by, sd = of_body(m, k)
+        by, sd = slopes_of(at.bodies[k]), prior_of_body(m, k)
         columns = s.rigid[:, :, k] @ by
         for p, name in enumerate(BODY):
             if sd[p] > 0.0:

@@ -24,7 +24,6 @@ from bayescal.motion.terms import (
     displaced,
     kinds,
     nominal,
-    of_body,
     residuals,
 )
 
@@ -80,17 +79,14 @@ def of_role(parts: Sequence[Signals], role: str) -> tuple[Signals, ...]:
 def moved_to(start: Operating, s: Signals, values: dict[str, float]) -> Operating:
     """The operating point at some deviations from nominal."""
     m = s.log.mechanism
-    inertials = start.inertials.copy()
-    for k in range(m.n):
-        delta = [values.get(f"{name} of link {k + 1}", 0.0) for name in BODY]
-        inertials[k] += of_body(m, k)[0] @ np.array(delta)
+    deltas = [[values.get(f"{name} of link {k + 1}", 0.0) for name in BODY] for k in range(m.n)]
 
     def each(name: str) -> np.ndarray:
         return np.array([values.get(f"{name} {j + 1}", 0.0) for j in range(m.n)])
 
     slower = np.exp(np.clip(each("transition") + values.get("transition", 0.0), -1.5, 1.5))
     return Operating(
-        inertials, start.armature + each("armature"), start.coulomb + each("coulomb"),
+        start.bodies + np.array(deltas), start.armature + each("armature"), start.coulomb + each("coulomb"),
         start.viscous + each("viscous"), start.offset + each("offset"), start.transition * slower,
         start.shift + values.get("alignment", 0.0), start.gain + each("constant"),
     )  # fmt: skip

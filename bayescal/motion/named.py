@@ -15,7 +15,7 @@ from bayescal.motion.estimate import Estimate, moved_to
 from bayescal.motion.linear import Fit
 from bayescal.motion.possible import Possible, constrained
 from bayescal.motion.signals import Signals, each
-from bayescal.motion.terms import ALL, BODY, LINK, TRACKING, Column, Term, kinds, nominal, of_body
+from bayescal.motion.terms import ALL, BODY, LINK, TRACKING, Column, Term, kinds, nominal
 
 HELD = ("armature", "inertia", "base-tilt")
 """Effects that masses, rotors and the direction of gravity express."""
@@ -114,13 +114,12 @@ def named_arm(estimate: Estimate, fit: Fit, scale: Scale) -> NamedArm:
     z = constrained(fit, Possible.of(fit, start, log)) * fit.sd
     values = dict(zip(fit.names, z.tolist(), strict=True))
     at = moved_to(start, estimate.parts[0], values)
-    inertials, armature, gravity = at.inertials.copy(), at.armature.copy(), log.gravity.copy()
+    bodies, armature, gravity = at.bodies.copy(), at.armature.copy(), log.gravity.copy()
     for k in range(m.n):
-        parts = [values.get(f"inertia joint {k + 1} motion of the link {name}", 0.0) for name in BODY]
-        inertials[k] += of_body(m, k)[0] @ np.array(parts)
+        bodies[k] += [values.get(f"inertia joint {k + 1} motion of the link {name}", 0.0) for name in BODY]
         armature[k] = max(armature[k] + values.get(f"armature joint {k + 1} acceleration", 0.0), 0.0)
     for axis, name in zip(np.eye(3), "xy", strict=False):
         tilt = values.get(f"base-tilt base gravity direction {name}", 0.0)
         gravity = gravity + tilt * np.cross(axis, log.gravity)
-    at = replace(at, inertials=inertials, armature=armature)
+    at = replace(at, bodies=bodies, armature=armature)
     return NamedArm(estimate, scale, fitted_mechanism(m, at, log.torque_kind == SERVO), gravity, values)

@@ -12,7 +12,7 @@ from bayescal.arm.transforms import compiled
 from bayescal.logs import Log
 from bayescal.motion.fit_settings import CALIBRATION
 from bayescal.motion.linear import Fit
-from bayescal.motion.terms import BODY, Operating, of_body
+from bayescal.motion.terms import BODY, Operating
 from bayescal.robots.schema import SIX
 
 NOT_NEGATIVE = ("armature", "coulomb", "viscous")
@@ -25,7 +25,7 @@ _jit = compiled()
 class Possible:
     """The set of deviations (K,), in prior standard deviations, of arms that could be built."""
 
-    pseudo: np.ndarray  # (n, 4, 4) of the nominal bodies
+    pseudo: np.ndarray  # (n, 4, 4) of the nominal bodies, about their centres
     by: np.ndarray  # (n, 4, 4, K)
     least: np.ndarray  # (K,) of rotors and friction, -inf of others
 
@@ -35,28 +35,27 @@ class Possible:
         n, sd, number = log.n, fit.sd, {name: k for k, name in enumerate(fit.names)}
         by, least = np.zeros((n, 4, 4, len(sd))), np.full(len(sd), -np.inf)
         for k in range(n):
-            slopes = of_body(log.mechanism, k)[0]
             for p, name in enumerate(BODY):
+                own = np.where(np.arange(len(BODY)) == p, 1.0, 0.0)
                 for term in (f"{name} of link {k + 1}", f"inertia joint {k + 1} motion of the link {name}"):
                     if (column := number.get(term)) is not None:
-                        by[k, :, :, column] = pseudo_inertia(slopes[:, p]) * sd[column]
+                        by[k, :, :, column] = pseudo_inertia(own) * sd[column]
             for stem in NOT_NEGATIVE:
                 column = number[f"{stem} {k + 1}"]
                 least[column] = -getattr(start, stem)[k] / sd[column]
-        return cls(np.array([pseudo_inertia(ten) for ten in start.inertials]), by, least)
+        return cls(np.array([pseudo_inertia(body) for body in start.bodies]), by, least)
 
     def __call__(self, z: np.ndarray) -> bool:
         """Whether an arm with these deviations could be built."""
         return bool(_allowed(self.pseudo + self.by @ z, (z - self.least)[np.isfinite(self.least)]))
 
 
-def pseudo_inertia(ten: np.ndarray) -> np.ndarray:
-    """Matrix (4, 4) of a body's linear parameters, positive definite if there is such a body."""
-    about = ten[4 + SIX]
-    out = np.empty((4, 4))
+def pseudo_inertia(body: np.ndarray) -> np.ndarray:
+    """Matrix (4, 4) of a body about its centre, positive definite if there is such a body."""
+    about = body[4 + SIX]
+    out = np.zeros((4, 4))
     out[:3, :3] = 0.5 * np.trace(about) * np.eye(3) - about
-    out[:3, 3] = out[3, :3] = ten[1:4]
-    out[3, 3] = ten[0]
+    out[3, 3] = body[0]
     return out
 
 

@@ -21,6 +21,7 @@ from bayescal.motion.fit_settings import SERVOS
 from bayescal.motion.servo import stuck
 from bayescal.motion.settings import BASELINE
 from bayescal.motion.signals import Signals, derivative, low_passed
+from bayescal.robots.schema import SIX
 
 BODY = ("mass", "centre x", "centre y", "centre z", *(f"inertia {'xyz'[i]}{'xyz'[j]}" for i, j in PAIRS))
 """Parameters of a body."""
@@ -64,7 +65,7 @@ Column = tuple[Term, np.ndarray]
 class Operating:
     """Where the model is linearised: parameters that are not linear, and those that drivers depend on."""
 
-    inertials: np.ndarray  # (n, 10), estimate of `Mechanism.inertials`
+    bodies: np.ndarray  # (n, 10), mass, centre and inertia about it, as `BODY`
     armature: np.ndarray  # (n,) kg m2
     coulomb: np.ndarray  # (n,) N m
     viscous: np.ndarray  # (n,) N m s/rad
@@ -72,6 +73,11 @@ class Operating:
     transition: np.ndarray  # (n,) rad/s
     shift: np.ndarray  # (n,) s by which torques are later than positions
     gain: np.ndarray  # (n,) measured torque over the true one
+
+    @property
+    def inertials(self) -> np.ndarray:
+        """Parameters (n, 10) in which torques are linear, as `Mechanism.inertials`."""
+        return np.array([inertial(b[0], b[1:4], b[4 + SIX]) for b in self.bodies])
 
     def load(self, s: Signals) -> np.ndarray:
         """Torque (N, n) that the gears carry: rigid bodies and payload, without rotor and friction."""
@@ -138,16 +144,17 @@ def later(s: Signals, at: Operating) -> np.ndarray:
 def nominal(log: Log, rms: np.ndarray) -> Operating:
     """The nominal model; what is not stated is 0, of friction a share of the torque."""
     m = log.mechanism
+    bodies = np.column_stack([m.mass, m.centre, m.inertia[:, *np.transpose(PAIRS)]])
     coulomb = np.where(np.isnan(m.coulomb), BASELINE.friction * rms, m.coulomb)
     return Operating(
-        m.inertials, np.nan_to_num(m.armature), coulomb, np.nan_to_num(m.viscous), np.zeros(m.n),
+        bodies, np.nan_to_num(m.armature), coulomb, np.nan_to_num(m.viscous), np.zeros(m.n),
         np.full(m.n, m.transition), np.full(m.n, log.alignment), np.ones(m.n),
     )  # fmt: skip
 
 
-def of_body(m: Mechanism, k: int) -> tuple[np.ndarray, np.ndarray]:
-    """Derivatives (10, 10) of the linear parameters by mass, centre and inertia, and prior sds (10,)."""
-    mass, centre, inertia = m.mass[k], m.centre[k], m.inertia[k]
+def slopes_of(body: np.ndarray) -> np.ndarray:
+    """Derivatives (10, 10) of the linear parameters by mass, centre and inertia, of a body (10,)."""
+    mass, centre = float(body[0]), body[1:4]
     zero, none = np.zeros(3), np.zeros((3, 3))
     by = np.zeros((10, 10))
     by[:, 0] = inertial(1.0, centre, none)
@@ -158,9 +165,15 @@ def of_body(m: Mechanism, k: int) -> tuple[np.ndarray, np.ndarray]:
         unit = none.copy()
         unit[i, j] = unit[j, i] = 1.0
         by[:, 4 + p] = inertial(0.0, zero, unit)
+    return by
+
+
+def prior_of_body(m: Mechanism, k: int) -> np.ndarray:
+    """Prior standard deviations (10,) of mass, centre and inertia of a body."""
+    mass, inertia = m.mass[k], m.inertia[k]
     size = np.maximum(np.diag(inertia), BASELINE.least_inertia * max(np.trace(inertia), 1e-12))
     of_inertia = [m.u.inertia * np.sqrt(size[i] * size[j]) for i, j in PAIRS]
-    return by, np.array([m.u.mass * mass, *[m.u.centre] * 3, *of_inertia])
+    return np.array([m.u.mass * mass, *[m.u.centre] * 3, *of_inertia])
 
 
 UNITS = ("kg", "m", "m", "m", *["kg m2"] * 6)
@@ -173,7 +186,7 @@ def baseline(s: Signals, at: Operating, rms: np.ndarray) -> Iterator[Column]:
     """
     m, log = s.log.mechanism, s.log
     for k in range(m.n):
-        by, sd = of_body(m, k)
+        by, sd = slopes_of(at.bodies[k]), prior_of_body(m, k)
         columns = at.gain[:, None] * (s.rigid[:, :, k] @ by)
         for p, name in enumerate(BODY):
             if sd[p] > 0.0:

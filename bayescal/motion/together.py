@@ -31,10 +31,11 @@ from bayescal.model import USUAL, FitOptions
 from bayescal.model.scene import Scene
 from bayescal.motion.calibrate import MotionFit, calibrated, prepared
 from bayescal.motion.dynamics import turns
+from bayescal.motion.estimate import Estimate
 from bayescal.motion.fit_settings import TOGETHER
 from bayescal.motion.linear import Fit as Linear
 from bayescal.motion.linear import Further
-from bayescal.motion.terms import BODY, of_body
+from bayescal.motion.terms import BODY, prior_of_body, slopes_of
 from bayescal.storage.stopping import Progress, silent
 
 if TYPE_CHECKING:
@@ -81,19 +82,15 @@ class Bodies:
         return tuple(f"{part} of link {k + 1}" for k in range(self.mechanism.n) for part in SHARED)
 
     @property
-    def slopes(self) -> np.ndarray:
-        """Of masses and first moments by the parameters of the log, (4n, 4n)."""
-        return block_diag(*(of_body(self.mechanism, k)[0][:4, :4] for k in range(self.mechanism.n)))
-
-    @property
     def nominal(self) -> np.ndarray:
         """Nominal masses and first moments, (n, 4)."""
         return self.mechanism.inertials[:, :4]
 
     def of(self, deviations: np.ndarray) -> np.ndarray:
-        """Masses and first moments (..., n, 4) at deviations (..., 4n) of the parameters from nominal."""
-        moved = deviations @ self.slopes.T
-        return np.asarray(self.nominal + moved.reshape(*deviations.shape[:-1], -1, 4))
+        """Masses and first moments (n, 4) at deviations (4n,) of the parameters from nominal."""
+        m, away = self.mechanism, deviations.reshape(-1, len(SHARED))
+        mass = m.mass + away[:, 0]
+        return np.column_stack([mass, mass[:, None] * (m.centre + away[:, 1:])])
 
     def on(self, dataset: Dataset, p: np.ndarray) -> Dataset:
         """The session with links of masses and first moments `p` (n, 4)."""
@@ -146,27 +143,20 @@ def fit_together(
         scene = Scene(bodies.on(dataset, p), oriented=True)
         level = fitted_level(scene, effects, options.omitting(without, scene, effects))
         information, score = informed(level)
-        to = bodies.to_session(p)
-        by, away = to @ bodies.slopes, to @ (p - bodies.nominal).ravel()
-        present = [k for k, name in enumerate(bodies.names) if name in fit.normal.index]
-        further = Further(
-            tuple(bodies.names[k] for k in present),
-            (by.T @ information @ by)[np.ix_(present, present)],
-            (by.T @ (score + information @ away))[present],
-        )
-        both = estimate.fit(further)
-        estimate = estimate.relinearised(both)
+        of_session = bodies, p, information, score
+        estimate = estimate.relinearised(estimate.fit(_further(estimate, *of_session)))
+        further = _further(estimate, *of_session)
         both = estimate.fit(further)
         z = np.array([both.values.get(name, 0.0) for name in bodies.names])
         u = np.array([both.u.get(name, np.inf) for name in bodies.names])
-        step = np.max(np.abs(np.linalg.solve(bodies.slopes, (bodies.of(z) - p).ravel())) / u)
+        step = np.max(np.abs(np.linalg.solve(_slopes(estimate), (bodies.of(z) - p).ravel())) / u)
         p = _possible(bodies, z)
         if step < TOGETHER.still:
             break
     joint = calibrated(estimate, both, samples, options.seed)
     draws = _deviations(joint, bodies)
     p = bodies.of(np.mean(draws, axis=0))
-    to = bodies.to_session(p) @ bodies.slopes
+    to = bodies.to_session(p) @ _slopes(estimate)
     final = bodies.on(dataset, p)
     robot = replace(final.robot, mass_covariance=to @ np.cov(draws.T) @ to.T)
     contacts = calibration.fit(
@@ -222,6 +212,28 @@ def placed(m: Mechanism, readings: np.ndarray) -> np.ndarray:
         step[:, :3, :3] = turn
         behind = out[:, k] = behind @ step
     return out
+
+
+def _slopes(estimate: Estimate) -> np.ndarray:
+    """Of masses and first moments by the parameters of the log, (4n, 4n)."""
+    count = len(SHARED)
+    return block_diag(*(slopes_of(body)[:count, :count] for body in estimate.at.bodies))
+
+
+def _further(
+    estimate: Estimate, bodies: Bodies, p: np.ndarray, information: np.ndarray, score: np.ndarray
+) -> Further:
+    """What a session that is linearised at `p` tells of the parameters, linearised at an estimate."""
+    m, moved, to = bodies.mechanism, estimate.moved, bodies.to_session(p)
+    z = np.array([moved.get(name, 0.0) for name in bodies.names])
+    by = to @ _slopes(estimate)
+    away = to @ (p - bodies.of(z)).ravel() + by @ z
+    present = np.flatnonzero([prior_of_body(m, k)[: len(SHARED)] > 0.0 for k in range(m.n)])
+    return Further(
+        tuple(bodies.names[k] for k in present),
+        (by.T @ information @ by)[np.ix_(present, present)],
+        (by.T @ (score + information @ away))[present],
+    )
 
 
 def _possible(bodies: Bodies, deviations: np.ndarray) -> np.ndarray:

@@ -41,7 +41,7 @@ class LogVerification:
     joints: tuple[str, ...]
     path: Path
     software: str
-    difference: np.ndarray  # largest, of rigid bodies and rotors between simulator and model
+    difference: np.ndarray  # largest, of rigid bodies, rotors and friction between simulator and model
     nominal: np.ndarray  # RMS of measured torques less those of the nominal arm in the simulator
     fitted: np.ndarray  # the same of the exported file
     rows: int  # of withheld motions; each joint counts where it moves faster than `SLIDING`
@@ -71,6 +71,9 @@ def verify_log(run: Path, path: Path) -> LogVerification:
         raise BayescalError("no motion was withheld", str(run), "fit a log with a motion of role validate")
     fitted = mechanism_of_run(run, str(record["robot"]))
     simulator, text = mujoco(), decoded(path)[0]
+    if "<mujoco" not in text:
+        what = "is no MJCF: the torques of a joint log are verified with the rotors, which other formats lack"
+        raise BayescalError(what, str(path), "export the arm with --to mjcf, and verify that file")
     try:
         model = simulator.MjModel.from_xml_string(text)
     except ValueError as error:
@@ -84,7 +87,7 @@ def verify_log(run: Path, path: Path) -> LogVerification:
         return np.array([values.get(f"{name} {j + 1}", 0.0) for j in range(log.n)])
 
     offset, gain = each("offset"), 1.0 + each("constant")
-    shift = 1e-3 * record["torque_shift_ms"]
+    shift, gravity = 1e-3 * record["torque_shift_ms"], np.array(record["gravity_mps2"])
     before: list[np.ndarray] = []
     after: list[np.ndarray] = []
     differences: list[np.ndarray] = []
@@ -92,12 +95,18 @@ def verify_log(run: Path, path: Path) -> LogVerification:
         if s.role != VALIDATE:
             continue
         measured = np.column_stack([np.interp(s.time + shift, s.time, s.torque[:, j]) for j in range(log.n)])
-        load = s.rigid[:, :, -1] @ payload_of(log.mechanism) * s.payload[:, None]
+        tilted = regressor(fitted, s.q, s.dq, s.ddq, gravity)
+        load = payload_of(log.mechanism) * s.payload[:, None, None]
         slow = np.abs(s.unfiltered(s.dq)) < SLIDING
-        for errors, arm, shown in ((before, nominal, measured), (after, model, (measured - offset) / gain)):
-            off = s.unfiltered(shown - inverse(simulator, arm, s) - load)
+        for errors, arm, shown, by in (
+            (before, nominal, measured, s.rigid),
+            (after, model, (measured - offset) / gain, tilted),
+        ):
+            off = s.unfiltered(shown - inverse(simulator, arm, s) - np.sum(by[:, :, -1] * load, axis=2))
             errors.append(np.where(slow, np.nan, off))
-        differences.append(np.max(np.abs(_without_friction(simulator, model, s) - _rigid(fitted, s)), axis=0))
+        rigid = np.einsum("njkp,kp->nj", tilted, fitted.inertials) + fitted.armature * s.ddq
+        bodies = np.max(np.abs(_without_friction(simulator, model, s) - rigid), axis=0)
+        differences.append(bodies + _friction(model, fitted, np.max(np.abs(s.dq), axis=0)))
     return LogVerification(
         name=log.name,
         joints=log.mechanism.joint_names,
@@ -146,10 +155,11 @@ def _without_friction(simulator: Any, model: Any, s: Signals) -> np.ndarray:
     return out
 
 
-def _rigid(m: Mechanism, s: Signals) -> np.ndarray:
-    """Torques (N, n) of rigid bodies and rotors in the model."""
-    by = regressor(m, s.q, s.dq, s.ddq, s.log.gravity)
-    return np.einsum("njkp,kp->nj", by, m.inertials) + m.armature * s.ddq
+def _friction(model: Any, m: Mechanism, fastest: np.ndarray) -> np.ndarray:
+    """Largest difference (n,), N m, of the friction of both up to speeds (n,), rad/s."""
+    return np.asarray(
+        np.abs(model.dof_frictionloss - m.coulomb) + np.abs(model.dof_damping - m.viscous) * fastest
+    )
 
 
 def record_of(v: LogVerification) -> Mapping[str, Any]:

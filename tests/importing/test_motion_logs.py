@@ -194,6 +194,19 @@ def test_messages_without_stamps_have_the_time_of_reception(s, tmp_path):
     np.testing.assert_allclose(draft.columns["t_s"], s.time - s.time[0], atol=1e-6)
 
 
+def test_a_gripper_may_be_the_first_to_publish(s, tmp_path):
+    topic, kind, make, times = joint_states(s)
+
+    def gripper_first(types, k):
+        own = [np.zeros(1)] * 3
+        return make(types, k) if k >= 5 else types[kind](header(types, s.time[k]), ["finger_joint"], *own)
+
+    path = bag(tmp_path / "bag", [(topic, kind, gripper_first, times)])
+    draft = convert(Request(path, robot=ARM, motions="pause:0.5 s", torque="motor"))
+    noted(draft, "5 messages without all joints left out")
+    assert len(draft.columns["t_s"]) == len(s.time) - 5
+
+
 def test_several_topics_are_chosen_from(s, tmp_path):
     path = bag(tmp_path / "bag", [joint_states(s, topic="/a"), joint_states(s, topic="/b")])
     usual = {"log": path, "motions": "pause:0.5 s", "torque": "motor"}

@@ -8,15 +8,18 @@ import pytest
 import yaml
 
 import bayescal as bc
-from bayescal.logs.mechanism import inertial
+from bayescal.logs import read_log
+from bayescal.logs.mechanism import PAIRS, inertial
 from bayescal.logs.read import written_out
 from bayescal.logs.schema import Arm
 from bayescal.logs.write import arm_text
+from bayescal.motion.calibrate import calibrate
 from bayescal.motion.linear import Normal, fitted
 from bayescal.motion.possible import NOT_NEGATIVE, Possible, draws_within, pseudo_inertia, spread
-from bayescal.motion.terms import Term, nominal
+from bayescal.motion.terms import BODY, Term, nominal
 from bayescal.public.motions import MotionFitResult
 from bayescal.reporting.motion.fit import fit_record
+from bayescal.robots.schema import SIX
 
 
 @pytest.fixture(scope="module")
@@ -58,7 +61,45 @@ def test_every_draw_could_be_built(result):
     for stem in NOT_NEGATIVE:
         assert np.min(draws[:, [k for k, n in enumerate(names) if n.startswith(stem)]]) >= 0.0
     m = data.mechanism
-    assert all(np.linalg.eigvalsh(pseudo_inertia(ten))[0] > 0 for ten in m.inertials)
+    for k, body in enumerate(bodies(dict(zip(names, draws.T, strict=True)))):
+        of_arm = np.array([m.mass[k], *m.centre[k], *(m.inertia[k][p] for p in PAIRS)])
+        assert all(np.linalg.eigvalsh(pseudo_inertia(b))[0] > 0 for b in (of_arm, *body.T[::50]))
+
+
+def bodies(values):
+    """Mass, centre and inertia of each link."""
+    return [np.array([values[f"{part} of link {k}"] for part in BODY]) for k in (1, 2, 3)]
+
+
+def test_estimates_of_bodies_are_those_of_the_arm(result):
+    m = result.data.mechanism
+    estimates = bodies({p.name: p.estimate for p in result.data.parameters})
+    assert np.array([b[0] for b in estimates]) == pytest.approx(m.mass)
+    assert np.array([b[1:4] for b in estimates]) == pytest.approx(m.centre)
+    assert np.array([b[4 + SIX] for b in estimates]) == pytest.approx(m.inertia)
+    flat = result.data.draws.reshape(-1, len(result.data.parameters))
+    for p, mean in zip(result.data.parameters, flat.mean(axis=0), strict=True):
+        assert p.estimate == pytest.approx(mean, abs=1e-9), p.name
+
+
+def test_bodies_are_found_where_centres_of_mass_are_far_from_stated_ones(tmp_path, null_log):
+    """The inertia about an origin is quadratic in the centre of mass: here by more than u of an inertia."""
+    stated = yaml.safe_load((null_log / "dataset.yaml").read_text())
+    last = stated["robot"]["joints"][2]
+    true = last["mass_kg"], last["centre_of_mass_mm"], last["inertia_kgm2"]
+    off = [60, -30, 30]
+    last["mass_kg"], last["centre_of_mass_mm"] = 1.7, [c + d for c, d in zip(true[1], off, strict=True)]
+    stated["robot"]["u"] = {"centre_of_mass_mm": 30}
+    (tmp_path / "dataset.yaml").write_text(yaml.safe_dump(stated))
+    (tmp_path / "motion.csv.gz").write_bytes((null_log / "motion.csv.gz").read_bytes())
+    fit = calibrate(read_log(tmp_path), 1000, 1)
+    assert fit.r_hat < 1.1
+    values = {p.name: (p.estimate, p.u) for p in fit.parameters}
+    share = 1.0 + 0.08 * np.random.default_rng(1000).standard_normal(3)[2]  # as `made._truth`
+    known = [true[0] * share, *(1e-3 * c for c in true[1]), *(share * np.array(true[2]))]
+    for part, value in zip(BODY, known, strict=True):
+        estimate, u = values[f"{part} of link 3"]
+        assert abs(estimate - value) < 3.5 * u, part
 
 
 def possible_of(estimate, fit):
@@ -72,7 +113,7 @@ def test_a_body_with_too_little_inertia_is_not_possible(null_estimate):
     assert possible(z)
     z[names.index("inertia zz of link 2")] = 20.0  # more than the sum of the others
     assert not possible(z)
-    z[:] = 0.0
+    z = np.zeros(len(names))
     z[names.index("coulomb 1")] = possible.least[names.index("coulomb 1")] - 1e-9
     assert not possible(z)
 
@@ -115,6 +156,7 @@ def test_draws_of_an_estimate_beyond_the_set_forget_where_they_began(null_estima
 
 def test_pseudo_inertia_is_the_second_moment_of_the_mass():
     points = np.random.default_rng(0).normal(size=(9, 3))
+    points -= points.mean(axis=0)
     ten = sum(inertial(0.5, x, np.zeros((3, 3))) for x in points)
     wide = np.column_stack([points, np.ones(9)])
     assert pseudo_inertia(ten) == pytest.approx(0.5 * wide.T @ wide)

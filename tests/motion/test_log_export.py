@@ -112,6 +112,13 @@ def test_another_arm_is_not_the_one_that_was_fitted(run, tmp_path):
     result = bc.verify(run, wrong)
     assert not result.passed
     assert "the file is not the arm that was fitted" in str(result)
+    for what, factor in (("damping", 1.2), ("frictionloss", 0.8)):
+        size = text.split(f'{what}="')[1].split('"')[0]
+        wrong.write_text(text.replace(f'{what}="{size}"', f'{what}="{factor * float(size)}"', 1))
+        assert not bc.verify(run, wrong).passed
+    wrong.write_text(bc.export(run, "urdf").content)
+    with pytest.raises(BayescalError, match="is no MJCF"):
+        bc.verify(run, wrong)
     wrong.write_text("<mujoco><worldbody/></mujoco>")
     with pytest.raises(BayescalError, match="has 0 joints, the log 3"):
         bc.verify(run, wrong)
@@ -199,3 +206,14 @@ def test_other_formats_and_options_are_refused(run):
         bc.export(run, "kuka")
     with pytest.raises(BayescalError, match="leave other options out"):
         bc.export(run, "mjcf", with_="backlash")
+
+
+def test_an_arm_whose_base_is_tilted_is_verified_with_its_gravity(run, tmp_path):
+    tilted = Path(shutil.copytree(run, tmp_path / "tilted"))
+    record = json.loads((tilted / "fit.json").read_text())
+    record["gravity_mps2"] = [0.3, -0.2, -9.8]
+    (tilted / "fit.json").write_text(json.dumps(record))
+    (tmp_path / "arm.xml").write_text(bc.export(tilted, "mjcf").content)
+    assert bc.verify(tilted, tmp_path / "arm.xml").passed
+    (tmp_path / "arm.xml").write_text(bc.export(run, "mjcf").content)
+    assert not bc.verify(tilted, tmp_path / "arm.xml").passed
