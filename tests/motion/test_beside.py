@@ -1,21 +1,24 @@
 """Causes that are in no list: products of quantities, relatives of names, and events."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from bayescal.logs.types import CALIBRATE, VALIDATE
-from bayescal.motion.beside import beside, in_place_of_a_name, simplified
+from bayescal.motion.beside import _free, beside, in_place_of_a_name, simplified
 from bayescal.motion.cells import UNKNOWN, resonated
-from bayescal.motion.effects import Form
+from bayescal.motion.effects import EFFECTS, Form
 from bayescal.motion.events import events
 from bayescal.motion.linear import joined, normal
 from bayescal.motion.noise import noise_of
 from bayescal.motion.pool import Pool, Unlisted
+from bayescal.motion.products import Product
 from bayescal.motion.relatives import relative
+from bayescal.motion.ripple import Waves
 from bayescal.motion.search import Hypothesis, Member
-from bayescal.motion.settings import SEARCH
+from bayescal.motion.settings import PRODUCTS, SEARCH
 
 
 @pytest.fixture(scope="module")
@@ -222,3 +225,38 @@ def test_a_form_in_all_joints_is_no_addition_to_one_of_its_joints(pool, null_est
     place = {form: k for k, (form, _) in enumerate(search.forms)}
     dearer = search.form_priors[place[every]] - search.form_priors[place[single]]
     assert dearer == pytest.approx(2.0 * np.log(SEARCH.again))  # as at two further joints
+
+
+def test_free_relatives_of_a_name_are_weighed_among_those_of_its_joint():
+    """Products of other joints, or with another response, change nothing; the same ones twice neither."""
+    kinds = [(0, PRODUCTS.responses), (0, PRODUCTS.with_memory), (1, PRODUCTS.responses), (None, ("",))]
+    bank = SimpleNamespace(first=[SimpleNamespace(joint=j, times=times) for j, times in kinds])
+
+    def product(site, argument, driver):
+        return Product(Form(UNKNOWN, site, driver), "", argument, (0,), (False,))
+
+    own = [(product("joint 1", 0, "a"), 3.0), (product("joint 1", 0, "b"), 5.0)]
+    others = [(product(f"joint {k}", i, "c"), 9.0) for k, i in ((1, 1), (1, 2), (2, 2), (2, 0))]
+    member = Member(Form("ripple", "joint 1", "motor angle"), 1.0)
+    best, nats = _free(bank, member, own)
+    assert best.form.driver == "b"
+    for gains in (own + others, 2 * own, others + own):
+        found, same = _free(bank, member, gains)
+        assert found.form == best.form
+        assert same == pytest.approx(nats)
+    assert _free(bank, member, others) is None
+
+
+def test_no_harmonic_of_a_ripple_is_expected_to_be_larger_than_the_first(pool):
+    """Nor a ripple larger than the friction that it is a part of."""
+    s = pool.table.parts[0].signals
+    scale = replace(pool.scale, waves=Waves(((0, 30.0), (2, 50.0))))
+    forms = {}
+    for form, term, column in EFFECTS["ripple"].forms(s, pool.estimate.at, scale):
+        rate = np.std(np.diff(column)) / np.std(column)
+        forms.setdefault(form, []).append((rate, term.sd, term.channel))
+    assert len(forms) >= 4
+    for terms in forms.values():
+        rates, sds, channels = map(np.array, zip(*sorted(terms), strict=True))
+        assert np.all(np.diff(sds) <= 0.0)
+        assert np.all(np.linalg.norm(sds[rates < 1.2 * rates[0]]) <= scale.friction[channels[0]])

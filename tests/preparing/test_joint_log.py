@@ -66,7 +66,9 @@ def test_a_delay_of_torque_is_found_and_stated(tmp_path, delay):
     assert f"{'later' if delay > 0 else 'earlier'} than positions" in finding.what
     for joint in check.joints:
         assert joint.torque_delay[0] == pytest.approx(delay, abs=2 * joint.torque_delay[1])
-    stated = written(made(delay=(delay, delay)), tmp_path / "stated", clock={"alignment_ms": -1e3 * delay})
+    advised = float(finding.remedy.split("`alignment_ms: ")[1].split("`")[0])  # following it ends it
+    assert advised == pytest.approx(-1e3 * delay, abs=0.5)
+    stated = written(made(delay=(delay, delay)), tmp_path / "stated", clock={"alignment_ms": advised})
     assert "delay" not in codes(checked(stated))
 
 
@@ -304,3 +306,11 @@ def test_the_command_prints_both_forms(good):
     assert repr(result) == "<check of two joints: no findings>"
     assert list(result.joints.index) == ["J1", "J2"]
     assert list(result.findings.columns) == ["code", "kind", "what", "where", "remedy"]
+
+
+@pytest.mark.parametrize("count", [8, 60])
+def test_the_u_of_a_median_is_its_scatter(count):
+    rng = np.random.default_rng(count)
+    found = np.array([signals.middle(rng.normal(3.0, 0.2, count)) for _ in range(300)])
+    pulls = (found[:, 0] - 3.0) / found[:, 1]
+    assert np.sqrt(np.median(pulls**2)) / 0.6745 == pytest.approx(1.0, abs=0.3)
