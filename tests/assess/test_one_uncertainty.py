@@ -148,6 +148,10 @@ def test_what_is_printed_stored_and_decided_with_is_one_number(fitted, run):
     first = budget(fitted.basis, headline(fitted.basis))
     by_name = {b["measurand"]: b for b in budgets["budgets"]}
     assert len(by_name) == len(budgets["budgets"]) >= 5
+    for b in by_name.values():  # independent components: shares of the variance, which is their sum
+        shares = np.array([[c["share"], (c["contribution"] / b["u"]) ** 2] for c in b["components"]])
+        assert shares[:, 0] == pytest.approx(shares[:, 1])
+        assert np.sum(shares[:, 0]) == pytest.approx(1.0)
     assert lead["expanded_U_um"] == pytest.approx(budgets["U_um"]) == pytest.approx(1e6 * first.expanded)
     for told in lead["all"]:
         (of,) = [b for n, b in by_name.items() if f"({told['count']} distances)" in n]

@@ -15,10 +15,10 @@ from bayescal.motion.linear import joined, normal
 from bayescal.motion.noise import noise_of
 from bayescal.motion.pool import Pool, Unlisted
 from bayescal.motion.products import Product
-from bayescal.motion.relatives import relative
+from bayescal.motion.relatives import Relative, relative
 from bayescal.motion.ripple import Waves
 from bayescal.motion.search import Hypothesis, Member
-from bayescal.motion.settings import PRODUCTS, SEARCH
+from bayescal.motion.settings import PRODUCTS, RELATIVES, SEARCH
 
 
 @pytest.fixture(scope="module")
@@ -260,3 +260,23 @@ def test_no_harmonic_of_a_ripple_is_expected_to_be_larger_than_the_first(pool):
         rates, sds, channels = map(np.array, zip(*sorted(terms), strict=True))
         assert np.all(np.diff(sds) <= 0.0)
         assert np.all(np.linalg.norm(sds[rates < 1.2 * rates[0]]) <= scale.friction[channels[0]])
+
+
+@pytest.mark.parametrize("replaces", [True, False])
+def test_a_relative_is_fitted_as_it_was_weighed(pool, monkeypatch, replaces):
+    """In place of a name as large as that, beside it as a share of it."""
+    search = search_of(pool)
+    member = Member(next(f for f, _ in search.forms if f.site == "joint 2"), 1.0)
+    form = replace(member.form, effect=UNKNOWN, driver="made up")
+    columns = [{1: np.ones((len(p.residual), 1), np.float32)} for p in pool.table.parts]
+    other = Hypothesis((Member(Form(UNKNOWN, "joint 1", "time"), 1.0),), -50.0, 0.0)
+    monkeypatch.setattr("bayescal.motion.beside.relative", lambda *_: Relative(form, 3.0, columns, replaces))
+    monkeypatch.setattr("bayescal.motion.beside._unknown", lambda *_: (other, None, []))
+    best = Hypothesis((member,), 20.0, -1.0)
+    wide, hypotheses = beside(pool, pool.estimate.noise, search, (best, Hypothesis((), 0.0, 0.0)))
+    (name,) = wide.extra[form]
+    (sd,) = [t.sd for t in wide.table.terms if t.name == name]
+    assert sd == (1.0 if replaces else RELATIVES.share)
+    (own,) = [h for h in hypotheses if form in [m.form for m in h.members]]
+    assert (member in own.members) == (not replaces)
+    assert (own.log_evidence, own.log_prior) == (best.log_evidence + 3.0, best.log_prior)

@@ -10,7 +10,7 @@ from motion.servo_logs import KD, KP, another, servo_log
 
 from bayescal.exporting.log_arm import text_of
 from bayescal.logs import read_log
-from bayescal.motion.controller import law_of
+from bayescal.motion.controller import Law, law_of
 from bayescal.motion.dynamics import payload_of, regressor
 from bayescal.motion.result import Tracking
 from bayescal.motion.signals import all_signals
@@ -108,3 +108,13 @@ def test_the_record_of_a_replay_has_each_arm_under_its_name(log, named):
         assert record["removed"] == pytest.approx(1.0 - errors["effects"].sum() / errors["model"].sum())
     else:
         assert record["removed"] is None
+
+
+def test_a_law_of_true_torques_gives_the_measured_ones_over_their_gain():
+    """One in stated N m is of true torques already."""
+    rng = np.random.default_rng(0)
+    terms, motion, gain = rng.uniform(1.0, 2.0, (4, 3)), rng.normal(size=(4, 7, 3)), np.array([1.1, 0.9, 1.3])
+    measured = Law(*terms, stated=False)
+    assert measured.over(gain).torque(*motion) == pytest.approx(measured.torque(*motion) / gain)
+    stated = replace(measured, stated=True)
+    assert stated.over(gain).torque(*motion) == pytest.approx(stated.torque(*motion))

@@ -1,6 +1,7 @@
 """The check of joint logs: each mistake of a recording is a finding, what is missing has a remedy."""
 
 import json
+from types import SimpleNamespace
 
 import foreign
 import numpy as np
@@ -15,7 +16,7 @@ from bayescal.cli.commands import app
 from bayescal.errors import BayescalError
 from bayescal.logs import read_log
 from bayescal.motion.effects import EFFECTS
-from bayescal.preparing import signals
+from bayescal.preparing import joint_findings, signals
 from bayescal.preparing.joint_facts import gravity_torques
 
 
@@ -314,3 +315,19 @@ def test_the_u_of_a_median_is_its_scatter(count):
     found = np.array([signals.middle(rng.normal(3.0, 0.2, count)) for _ in range(300)])
     pulls = (found[:, 0] - 3.0) / found[:, 1]
     assert np.sqrt(np.median(pulls**2)) / 0.6745 == pytest.approx(1.0, abs=0.3)
+
+
+@pytest.mark.parametrize("loose", [1e-4, 2e-2])
+def test_a_delay_of_all_joints_is_as_sure_as_that_of_the_surest(monkeypatch, loose):
+    """A joint that tells little of it makes it neither less sure nor another one."""
+    monkeypatch.setattr(joint_findings, "clock_drift", lambda *_: (0.0, 1.0))
+    log = SimpleNamespace(alignment=0.0, u_alignment=1e-4, motions=[SimpleNamespace(time=np.zeros(2))])
+    joints = [
+        SimpleNamespace(name=f"J{k}", torque_delay=delay, velocity_delay=(0.0, 1.0))
+        for k, delay in enumerate([(5e-3, 1e-4), (5e-3 + loose, loose)])
+    ]
+    found = {f.code: f.what for f in joint_findings._clocks(log, joints, "motions.csv")}
+    weights = np.array([1e-4, loose]) ** -2
+    mean = (weights @ [5e-3, 5e-3 + loose]) / weights.sum()
+    assert f"{1e3 * mean:.2f} ms (u 0.10) later" in found["delay"]
+    assert "joint_delay" not in found
