@@ -20,7 +20,7 @@ from bayescal.changes.moves import distance_slopes, drawn
 from bayescal.changes.search import FREE, NONE, SURE, averaged, gains
 from bayescal.dataset.join import arm_difference
 from bayescal.effects import Parameter
-from bayescal.errors import BayescalError
+from bayescal.errors import BayescalError, listed
 from bayescal.estimate.shifts import likelihood
 from bayescal.fitted.arm import FittedArm
 from bayescal.fitted.file import ARM_FILE, read_arm
@@ -133,11 +133,15 @@ def history(
         u = float(np.sqrt(covariance[at, at]))
         courses.append(Course(last[name], values, kind, float(mean[at]), u, probability, since))
     drifts = [i for i, k in enumerate(chosen) if k // len(names) < trends]
-    when = None
-    if limit is not None and drifts:
-        which = [names[chosen[i] % len(names)] for i in drifts]
-        when = _limit(limit, entries[-1], which, mean[drifts], covariance[np.ix_(drifts, drifts)], unit)
-    arm = entries[-1].arm
+    arm, when = entries[-1].arm, None
+    known = {p.name for p in arm.model.parameters}
+    of = {i: names[chosen[i] % len(names)] for i in drifts}
+    at_end = [i for i in drifts if of[i] in known]
+    if limit is not None and (lost := [of[i] for i in drifts if i not in at_end]):
+        notes.append(f"the last run does not have {listed(lost)}: the limit is without this drift")
+    if limit is not None and at_end:
+        which, spread = [of[i] for i in at_end], covariance[np.ix_(at_end, at_end)]
+        when = _limit(limit, entries[-1], which, mean[at_end], spread, unit)
     serial = arm.dataset.record.serials.get("arm") or ""
     return History(arm.dataset.robot.name, serial, unit, entries, tuple(courses), when, tuple(notes))
 

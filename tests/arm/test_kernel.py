@@ -109,6 +109,23 @@ def test_points_and_columns(lrmate, program, count):
         np.testing.assert_allclose(found, columns_reference(motion, values, u), atol=1e-12, rtol=0)
 
 
+@pytest.mark.parametrize("varies", [False, True])
+def test_any_site_alone_beside_slides_of_the_tool(lrmate, varies):
+    """No site is exact only because another one needs the general path."""
+    n, rng = lrmate.n, np.random.default_rng(3)
+    slides = [Term(n + 1, axis) for axis in ("tx", "ty", "tz")]
+    q, tool = rng.uniform(-3, 3, (4, n)), rng.uniform(-0.1, 0.1, (4, 3))
+    for frame in range(n + 2):
+        for axis in AXES:
+            site = Term(frame, axis, rng.standard_normal(4)) if varies else Term(frame, axis)
+            motion = Motion(chain_of(lrmate), q, tool, list(enumerate([site, *slides])), 4)
+            values = 2e-2 * rng.standard_normal((1, 4))
+            found, u = motion.points(values), rng.standard_normal((3, 4))
+            np.testing.assert_allclose(found, points_reference(motion, values), atol=1e-12, err_msg=f"{site}")
+            columns = motion.columns(values[0], found[0], u)
+            np.testing.assert_allclose(columns, columns_reference(motion, values[0], u), atol=1e-12)
+
+
 @pytest.mark.parametrize("program", PROGRAMS)
 @pytest.mark.parametrize("convention", ["mdh", "dh"])
 def test_seven_joints_any_table(program, convention):

@@ -35,6 +35,7 @@ from bayescal.model.options import FitOptions
 from bayescal.model.scene import Scene
 from bayescal.predict.errors import lengths, slopes
 from bayescal.predict.forecast import workspace
+from bayescal.public.budgets import _as_written
 from bayescal.reporting.fit.budget import in_words
 from bayescal.reporting.fit.record import fit_record, write_fit
 from bayescal.reporting.fit.summary import fit_summary
@@ -120,6 +121,21 @@ def test_the_volume_is_decided_with_its_own_u(fitted):
         assert at(u * (1 - share)) == OPEN
 
 
+def test_an_error_of_each_point_is_in_a_distance_twice(fitted):
+    """In the variance of a budget, as in the draws of a forecast (tests/predict)."""
+    excess = 80e-6
+    plain, wide = (budget(b, volume(b)) for b in (replace(fitted.basis, excess=e) for e in (0.0, excess)))
+    assert wide.u**2 - plain.u**2 == pytest.approx(2.0 * excess**2)
+
+
+def test_a_run_folder_states_the_unexplained_error_of_its_fit(fitted, run):
+    """Read back with its degrees of freedom, in metres."""
+    assert fitted.basis.excess > 0.0
+    again = _as_written(replace(fitted.basis, excess=0.0, excess_dof=1.0), run)
+    assert again.excess == pytest.approx(fitted.basis.excess)
+    assert again.excess_dof == pytest.approx(fitted.basis.excess_dof)
+
+
 def test_what_is_printed_stored_and_decided_with_is_one_number(fitted, run):
     record = json.loads((run / "fit.json").read_text())
     budgets = json.loads((run / "budget.json").read_text())
@@ -132,6 +148,10 @@ def test_what_is_printed_stored_and_decided_with_is_one_number(fitted, run):
     first = budget(fitted.basis, headline(fitted.basis))
     by_name = {b["measurand"]: b for b in budgets["budgets"]}
     assert len(by_name) == len(budgets["budgets"]) >= 5
+    for b in by_name.values():  # independent components: shares of the variance, which is their sum
+        shares = np.array([[c["share"], (c["contribution"] / b["u"]) ** 2] for c in b["components"]])
+        assert shares[:, 0] == pytest.approx(shares[:, 1])
+        assert np.sum(shares[:, 0]) == pytest.approx(1.0)
     assert lead["expanded_U_um"] == pytest.approx(budgets["U_um"]) == pytest.approx(1e6 * first.expanded)
     for told in lead["all"]:
         (of,) = [b for n, b in by_name.items() if f"({told['count']} distances)" in n]

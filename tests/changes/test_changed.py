@@ -17,7 +17,8 @@ from bayescal.dataset.join import joined
 from bayescal.errors import BayescalError
 from bayescal.programs.text import Target
 from bayescal.public.changes import ChangedResult
-from bayescal.reporting.changed_record import words
+from bayescal.reporting.changed_record import sized, words
+from bayescal.reporting.shared.text import with_u
 
 ARM = {"effects": "geometry", "later": 4, "repeats": 0, "spheres": 0, "arm_seed": 3}
 SHIFT = 4e-4
@@ -190,3 +191,15 @@ def test_the_words_of_a_verdict():
     base = entry("base", 1.0, True, kind="setup", site="base")
     assert said("changed", [base])[1] == "The arm itself did not change (probability > 99 %)."
     assert "Possible: zero of joint 3 (theta3) (40 %)" in said("ambiguous", [entry("theta3", 0.4, False)])[0]
+
+
+@pytest.mark.parametrize(
+    ("change", "u"), [((0.3, 0.4), (0.01, 0.05)), ((0.5, 0.0, 0.0), (0.02, 0.3, 0.3)), ((0.2,), (0.01,))]
+)
+def test_the_length_of_a_change_has_the_u_along_it(change, u):
+    """That of the derivatives of the length, in the unit of print."""
+    entries = [{"unit": "mm", "difference": d, "u": s} for d, s in zip(change, u, strict=True)]
+    steps = 1e-6 * np.eye(len(change))
+    slopes = [(np.linalg.norm(change + h) - np.linalg.norm(change - h)) / 2e-6 for h in steps]
+    length = np.linalg.norm(np.array(slopes) * u)
+    assert sized(entries) == f"{with_u(1e3 * np.linalg.norm(change), 1e3 * length)} µm"

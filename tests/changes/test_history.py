@@ -7,10 +7,11 @@ import pytest
 
 import bayescal as bc
 from bayescal.changes import history as module
-from bayescal.changes.history import _reduced, _search
+from bayescal.changes.history import STEP, TREND, _reduced, _search
 from bayescal.dataset.join import arm_difference
 from bayescal.errors import BayescalError
 from bayescal.fitted.file import read_arm
+from bayescal.reporting.history import size
 
 ARM = {"effects": "geometry", "contacts": 70, "later": 2, "repeats": 0, "spheres": 0, "arm_seed": 3}
 DATES = ("2025-01-01", "2025-02-10", "2025-12-31")
@@ -118,6 +119,36 @@ def test_the_time_to_a_limit_by_a_drift(runs):
     assert twice.times[1] == pytest.approx(2 * found.times[1])
 
 
+def test_a_drift_that_the_last_run_does_not_have_is_not_in_the_time_to_the_limit(runs, monkeypatch):
+    """Of runs of different models; what both have drifts as if the other were none."""
+    entries = module._read(runs, lambda *_: None)
+    arm = entries[-1].arm
+    kept = [k for k, p in enumerate(arm.model.parameters) if p.name != "theta3"]
+    model = replace(arm.model, parameters=tuple(arm.model.parameters[k] for k in kept))
+    square = np.ix_(kept, kept)
+    fewer = replace(
+        arm,
+        model=model,
+        values=arm.values[kept],
+        covariance=arm.covariance[square],
+        solved=arm.solved[square],
+    )
+    several = [*entries[:-1], replace(entries[-1], arm=fewer)]
+    names = [p.name for p in arm.model.parameters]
+    monkeypatch.setattr(module, "_read", lambda *_: several)
+
+    def limit(*drifting):
+        chosen = [names.index(name) for name in drifting]  # of the first pattern, the trend
+        monkeypatch.setattr(module, "_search", lambda g, s, *_: (chosen, np.zeros(len(s))))
+        return module.history(runs, limit=1e-4)
+
+    both, alone = limit("theta2", "theta3"), limit("theta2")
+    assert any("does not have theta3" in note for note in both.notes)
+    assert not any("does not have" in note for note in alone.notes)
+    assert len(both.limit.times) == len(alone.limit.times) == 3
+    assert limit("theta3").limit is None
+
+
 def test_runs_of_another_arm_and_folders_without_runs_are_refused(runs, tmp_path):
     with pytest.raises(BayescalError, match="no run folders"):
         bc.history(tmp_path)
@@ -132,3 +163,13 @@ def test_runs_of_another_arm_and_folders_without_runs_are_refused(runs, tmp_path
 
 def test_names_with_numbers_are_in_their_order():
     assert sorted(["run-10", "run-9", "run-1"], key=module._natural) == ["run-1", "run-9", "run-10"]
+
+
+@pytest.mark.parametrize(
+    ("unit", "change", "words"),
+    [("day", TREND, "365(37) µm per year"), ("session", TREND, "1.00(10) µm per session"),
+     ("day", STEP, "1.00(10) µm")],
+)  # fmt: skip
+def test_a_trend_is_told_per_year_or_session(unit, change, words):
+    p = {"unit": "mm", "change": change, "size": 1e-3, "u": 1e-4}
+    assert size(p, {"time_unit": unit}) == words

@@ -382,3 +382,32 @@ def test_a_paused_drift_covers_the_session(cube, pause):
     assert (np.min(term.driver), np.max(term.driver)) == (-1.0, 1.0)
     assert np.any(np.diff(term.driver) < 0)
     assert np.any(np.diff(term.driver) > 0)
+
+
+def test_a_load_is_added_to_the_tool_that_carries_it(cube):
+    """Of two tools the heavier one is no load: what differs in the rows of a tool is."""
+    dataset = cube(seed=2, count=30).dataset
+    m, count = dataset.measurements, len(dataset.measurements.ids)
+    second = np.arange(count) % 3 == 0
+    tools = (dataset.tools[0], replace(dataset.tools[0], name="other"))
+    payload = np.where(np.arange(count) % 2, 1.5, 0.0)
+
+    def drivers(more, payload):
+        own = (tools[0], replace(tools[1], mass=tools[0].mass + more))
+        c = circumstances(
+            replace(dataset, tools=own, measurements=replace(m, tool=second * 1, payload=payload))
+        )
+        return [
+            np.asarray(t.driver)
+            for p in parameters_of(("payload@added",), c)
+            if p.effect == "payload"
+            for t in p.terms
+        ]
+
+    light, heavy = drivers(0.0, payload), drivers(3.0, payload)
+    assert len(light) == len(heavy) > 0
+    for a, b in zip(light, heavy, strict=True):
+        assert not np.any(b[payload == 0.0])
+        np.testing.assert_allclose(a[~second], b[~second], rtol=1e-9, atol=1e-15)
+    with pytest.raises(BayescalError):
+        drivers(3.0, np.zeros(count))

@@ -188,6 +188,19 @@ def test_nothing_is_told_by_few_nats(tracker):
     more = widths.widths(replace(plain, z=6.0 * plain.z), plain.covariance)
     assert sum(w.nats for w in more) > TOLD
     assert isinstance(more[0], Width)
+    # each factor is the root mean square of what it may be
+    places = {}
+    for k, p in enumerate(plain.model.parameters):
+        places.setdefault(family(p), []).append(k)
+    places.pop("", None)
+    free = [list(places).index(w.family) for w in more]
+    spread = Spread.of(
+        replace(plain, z=6.0 * plain.z), plain.covariance, [np.array(o) for o in places.values()]
+    )
+    middle, sd = spread.best(free)[0][free], np.sqrt(spread.uncertainty(spread.best(free)[0], free))
+    drawn = np.exp(middle + sd * np.random.default_rng(0).standard_normal((40_000, len(free))))
+    np.testing.assert_allclose([w.factor for w in more], np.sqrt(np.mean(drawn**2, axis=0)), rtol=0.03)
+    assert np.max(sd) > 0.1
     assert len(widths.widths(pushed, plain.covariance)) <= len(more)
 
 

@@ -42,7 +42,17 @@ def standard(name="universal-robots-ur5e"):
     )  # fmt: skip
 
 
+def two_tools(name="franka-panda"):
+    """A session whose last row is with the second tool, which weighs more and hangs elsewhere."""
+    session = session_of(name)
+    tool, m = session.tools[0], session.measurements
+    heavy = replace(tool, name="heavy", mass=tool.mass + 2.0, centre_of_mass=tool.centre_of_mass + 0.07)
+    rows = replace(m, tool=np.arange(len(m.ids)) % 2 ^ len(m.ids) % 2)
+    return replace(session, tools=(tool, heavy), measurements=rows)
+
+
 ARMS = {
+    "two tools": lambda: fake(two_tools(), ("geometry",), scale=3.0),
     "mdh": lambda: fake(session_of("franka-panda"), ("geometry",), scale=3.0),
     "mdh, coupled": lambda: fake(session_of("fanuc-lrmate200ic"), ("geometry",), scale=3.0),
     "dh": lambda: fake(with_robot(session_of("universal-robots-ur5e"), standard()), ("geometry",), scale=3.0),

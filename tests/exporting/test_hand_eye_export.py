@@ -10,19 +10,22 @@ import yaml
 from camera_sessions import FIXED, FOCAL, ON_FLANGE, camera_session
 from scipy.spatial.transform import Rotation
 
+from bayescal.arm.transforms import rpy_of
 from bayescal.errors import BayescalError
 from bayescal.estimate import estimate
 from bayescal.exporting.export import export
+from bayescal.exporting.hand_eye import hand_eyes
 from bayescal.fitted.arm import of_estimate
 from bayescal.model import build
 from bayescal.model.scene import Scene
+from factors.turns import rotation_vector
 
 
 @pytest.fixture(scope="module", params=["flange", "fixed"])
 def exported(request):
     found = estimate(build(Scene(camera_session(request.param, images=25)), ("geometry",)))
     arm = of_estimate(found, found.covariance)
-    return request.param, export(arm, "hand-eye", force=True), arm
+    return request.param, export(arm, "hand-eye", force=True), arm, found
 
 
 def off(matrix, true):
@@ -33,7 +36,7 @@ def off(matrix, true):
 
 
 def test_truth_is_within_the_covariance(exported):
-    mount, written, arm = exported
+    mount, written, arm, _ = exported
     (camera,) = json.loads(written.written.beside[".opencv.json"])["cameras"]
     for name, true in (("on_flange", ON_FLANGE), ("fixed", FIXED[mount])):
         error, covariance = off(camera[name]["matrix"], true), np.array(camera[name]["covariance"])
@@ -46,6 +49,55 @@ def test_truth_is_within_the_covariance(exported):
     target = arm.dataset.targets[0]
     np.testing.assert_allclose(focal, [lens[f"{target.name} f{axis}"] for axis in "xy"], rtol=1e-12)
     assert np.all(np.abs(focal - [target.values["fx"], target.values["fy"]]) > 1e-3)
+
+
+def test_the_covariance_on_the_flange_follows_from_differences(exported):
+    arm = exported[2]
+    tool = [p.name.split()[0] == "on-flange" for p in arm.model.parameters]
+    values = arm.values.copy()
+    values[tool] = [0.3, -0.5, 0.7, 0.1, 0.2, -0.1]
+
+    def held(by):
+        return hand_eyes(replace(arm, values=values + by))[0].on_flange
+
+    steps = 1e-6 * np.eye(len(values))
+    by = np.array([off(held(-s).pose, held(s).pose) / 2e-6 for s in steps]).T
+    found = held(0.0).covariance
+    np.testing.assert_allclose(found, by @ arm.covariance @ by.T, rtol=1e-5, atol=1e-6 * np.max(found))
+
+
+def test_the_covariance_of_the_fixed_frame_is_that_of_the_fit(exported):
+    """Of the unknowns of the target in it, by differences of the frame."""
+    *_, arm, found = exported
+    (block,), (here,) = arm.model.states, hand_eyes(arm)
+    z, part = found.z[found.model.slices[block.target]], found.model.slices[block.target]
+    ends = [[block.kind.describe(block.state(z + s))["frame"] for s in h * np.eye(6)] for h in (-1e-6, 1e-6)]
+    by = np.array([off(a, b) / 2e-6 for a, b in zip(*ends, strict=True)]).T
+    expected = by @ found.covariance[part, part] @ by.T
+    size = np.sqrt(np.diag(expected))
+    np.testing.assert_allclose(
+        here.fixed.covariance / np.outer(size, size), expected / np.outer(size, size), atol=0.03
+    )
+
+
+def test_the_fixed_frame_does_not_depend_on_where_it_was_stated(exported):
+    """Stated elsewhere, turned and moved, its deviation from there makes up for it; the priors are wide."""
+    arm = replace(exported[2], covariance=np.zeros_like(exported[2].covariance))  # bow is of the stated place
+    (here,), (block,) = hand_eyes(arm), arm.model.states
+    placed = here.fixed.pose
+    away = Rotation.from_rotvec([0.6, -0.4, 0.8]).as_matrix()
+    stated = {"rpy": rpy_of(away.T @ placed[:3, :3]), "xyz": placed[:3, 3] + [0.1, -0.05, 0.02]}
+    (target,) = arm.dataset.targets
+    moved = replace(target, values=dict(target.values) | stated)
+    model = build(Scene(replace(arm.dataset, targets=(moved,))), arm.effects)
+    kind = model.states[0].kind
+    state = np.append(rotation_vector(away), np.zeros(3))
+    state[3:] = placed[:3, 3] - kind.placed(state)[:, 3]
+    (there,) = hand_eyes(replace(arm, model=model, states={block.target: state}))
+    np.testing.assert_allclose(there.fixed.pose, placed, atol=1e-9)
+    size = np.sqrt(np.diag(here.fixed.covariance))
+    apart = (there.fixed.covariance - here.fixed.covariance) / np.outer(size, size)
+    np.testing.assert_allclose(apart, 0.0, atol=1e-3)
 
 
 def test_names_are_texts_in_files_and_no_program(exported):
@@ -62,7 +114,7 @@ def test_names_are_texts_in_files_and_no_program(exported):
 
 
 def test_files_of_ros(exported, tmp_path):
-    mount, written, _ = exported
+    mount, written, *_ = exported
     yaml_file, launch, matrices, sidecar = written.save(tmp_path / "cell.yaml")
     calibration = yaml.safe_load(yaml_file.read_text())
     kind = "eye_in_hand" if mount == "flange" else "eye_on_base"

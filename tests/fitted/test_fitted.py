@@ -395,6 +395,8 @@ def test_priors_that_decide(result):
     prior = np.eye(found.model.size)
     (reason,) = gate.of_estimate(found, prior)
     assert reason.startswith("the fit is not identified: distances between TCP positions keep 100 %")
+    for share, words in ((0.99 * gate.REDUCED, 0), (1.01 * gate.REDUCED, 1)):  # of every prior sd
+        assert len(gate.of_estimate(found, share**2 * prior)) == words
     bare = replace(found.model, constraints=())
     assert gate.of_estimate(replace(found, model=bare), prior)[0].startswith("no certified length was fitted")
 

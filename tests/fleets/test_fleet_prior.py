@@ -12,6 +12,7 @@ from bayescal.estimate.shifts import shifts
 from bayescal.fleets.compare import Member, models_of, priors
 from bayescal.fleets.likelihood import Likelihood, likelihood_of
 from bayescal.fleets.prior import SPREAD, Arms, learn, left_out, log_score, widened
+from bayescal.reporting.fleet_record import _effects
 
 K = 5
 PARAMETERS = tuple(
@@ -55,6 +56,15 @@ def test_many_arms_that_are_known_give_their_mean_and_scale(rng):
     assert found.spread[2] > 2.0 * sd[2]
     assert found.dof == pytest.approx(np.full(K, 400.0), rel=0.2)
     assert found.u_mean[[0, 4]] == pytest.approx(sd[[0, 4]] / 20.0, rel=0.2)
+
+
+def test_the_spread_of_few_arms_is_that_of_their_model():
+    """In the mean over fleets of four arms that are known; the scale is a most probable one."""
+    square = []
+    for seed in range(40):
+        t = 0.5 * np.random.default_rng(seed).standard_normal((4, K))
+        square.append(learn(Arms(np.tile(1e6 * np.eye(K), (4, 1, 1)), 1e6 * t)).spread ** 2)
+    assert np.mean(square) == pytest.approx(0.25, rel=0.15)
 
 
 def test_few_arms_that_tell_nothing_keep_the_stated_prior():
@@ -199,3 +209,25 @@ def test_the_likelihood_is_that_of_the_rows_whatever_prior_the_fit_had(rng):
     assert [p.sd for p in found.parameters] == pytest.approx([2e-3, 2e-3])  # without the width of the data
     assert found.information == pytest.approx(kept / 4.0, rel=1e-6)
     assert found.score == pytest.approx(pulled / 2.0, rel=1e-6)
+
+
+def test_effects_of_a_fleet_do_not_depend_on_the_order_of_its_sessions():
+    """An arm counts once, by the session in which an effect is most probable."""
+
+    def session(arm, p, value):
+        named = [{"effect": "backlash", "site": "joint 3", "value": value, "unit": "urad"}] if value else []
+        return {
+            "robot": "r",
+            "arm": arm,
+            "gap": {"verdict": "named"},
+            "probability": {"backlash": p},
+            "effects": named,
+        }
+
+    sessions = [session("a", 0.9, 50.0), session("a", 0.2, None), session("b", 0.1, None)]
+    sessions += [session("c", 0.95, 80.0), session("c", 0.99, 70.0)]
+    for order in (sessions, sessions[::-1], [sessions[k] for k in (3, 1, 4, 0, 2)]):
+        (found,) = _effects(order)
+        assert set(found["arms"]) == {"a", "c"}
+        assert (found["of"], found["values"]) == (3, [50.0, 80.0])
+        assert found["expected_arms"] == pytest.approx(0.9 + 0.1 + 0.99)

@@ -18,10 +18,10 @@ from bayescal.gap.linear.state import fit_state
 from bayescal.gap.search import makers
 from bayescal.gap.search.beam import Search
 from bayescal.gap.search.candidates import candidates
-from bayescal.gap.search.cells import cells, sets_of
+from bayescal.gap.search.cells import _activity, _waits, cells, sets_of
 from bayescal.gap.search.refit import model_name
 from bayescal.gap.search.unknown import Pool, filled, unknown
-from bayescal.gap.settings import SEARCH
+from bayescal.gap.settings import CELLS, SEARCH
 
 
 @pytest.fixture(scope="module")
@@ -499,3 +499,17 @@ def test_the_chosen_variant_of_an_effect_fits_best_by_itself(tracker, strength):
     every = [evidence(v, k) for v in variants for k in near]
     assert chosen == pytest.approx(max(every))
     assert chosen <= found.log_evidence + 1e-9 <= float(np.logaddexp.reduce(every)) + 0.1
+
+
+def test_motion_is_forgotten_with_its_time_constant(dataset):
+    """Against a sum over all rows before."""
+    c = circumstances(dataset)
+    rng = np.random.default_rng(0)
+    time = np.cumsum(rng.uniform(20.0, 400.0, len(c.q)))
+    way = np.abs(np.diff(c.readings, axis=0, prepend=c.readings[:1])).sum(axis=1)
+    for constant, found in zip(CELLS.warm, _activity(c, time), strict=True):
+        since = time[:, None] - time[None]
+        expected = np.where(since >= 0.0, np.exp(-np.maximum(since, 0.0) / constant), 0.0) @ way
+        np.testing.assert_allclose(found, expected, rtol=1e-9)
+    (ranks,) = _waits(c, time)
+    assert np.array_equal(np.argsort(ranks[1:]), np.argsort(np.diff(time)))

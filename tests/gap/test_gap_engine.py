@@ -10,6 +10,7 @@ from scipy.integrate import quad
 from scipy.stats import chi2 as chi2_distribution
 from scipy.stats import multivariate_normal
 
+from bayescal.arm.motion import CONTACT
 from bayescal.arm.statics import Stance, gravity_loads
 from bayescal.effects import EFFECTS, parameters_of
 from bayescal.effects import gravity as mass_errors
@@ -33,6 +34,7 @@ from bayescal.gap.linear.state import fit_state
 from bayescal.gap.search.candidates import candidates
 from bayescal.gap.search.refit import model_name, screened
 from bayescal.model import ARM, ORIENTATION, Turned, with_parameters
+from bayescal.model.model import length_blocks
 from bayescal.model.scene import Scene
 
 
@@ -97,6 +99,20 @@ def test_columns_are_those_of_a_model_that_has_the_parameters(kinds, session, mi
     np.testing.assert_allclose(found.residual, linear.residual, rtol=1e-9, atol=1e-9)
     kept = np.r_[0:own, last : wide.size]
     np.testing.assert_allclose(found.jacobian, linear.jacobian[:, kept], rtol=1e-9, atol=1e-9)
+
+
+def test_lengths_are_in_metres_whatever_the_scales_of_the_noise(mixed, tracker):
+    """As the model has them; so is the slope by a displacement along the direction of a contact."""
+    for dataset in (mixed, with_orientations(tracker(seed=3).dataset)):
+        fitted = unsolved(dataset)
+        scales = {g: 3.0 - k for k, g in enumerate(fitted.weights.scale)}
+        found = Slopes.of(replace(fitted, weights=replace(fitted.weights, scale=scales)))
+        model, count = fitted.model, len(found.sigma)
+        values = model.deviations(fitted.z[model.slices[ARM]])
+        blocks = [(b, fitted.z[model.slices[b.target]]) for b in length_blocks(model)]
+        metres = np.concatenate([b.residual(values, z).ravel() for b, z in blocks])
+        np.testing.assert_allclose(found.residual[:count] * found.sigma, metres, rtol=0, atol=1e-12)
+        np.testing.assert_allclose(found.along(CONTACT, "normal")[:count] * found.sigma, 1.0)
 
 
 def test_columns_of_orientations_are_differences(tracker):

@@ -205,6 +205,13 @@ def test_report_says_all(tmp_path):
     record = json.loads((tmp_path / "run" / "compare.json").read_text())
     assert record == json.loads(json.dumps(comparison_record(comparison)))
     assert [m["name"] for m in record["methods"]] == [m.name for m in METHODS]
+    for method in (m for m in record["methods"] if m["applies"]):  # each size is that of its name
+        errors, of = [d["error_um"] for d in method["distances"]], method["heldout"]
+        if errors:
+            assert of["distances_rms_um"] == pytest.approx(np.sqrt(np.mean(np.square(errors))))
+            assert of["distances_max_um"] == pytest.approx(np.max(np.abs(errors)))
+        if of["points"]:
+            assert of["points_mean_um"] < of["points_max_um"]
     ours = record["methods"][-1]
     assert set(COLUMNS) <= set(ours["heldout"])
     assert ours["heldout"]["predicted_distance_sd_um"] > 0

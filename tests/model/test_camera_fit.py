@@ -1,13 +1,17 @@
 """A fit to a simulated camera session finds hand-eye, what is fixed, and the arm within their uncertainty."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from camera_sessions import FIXED, FOCAL, ON_FLANGE, camera_session
 
+from bayescal.effects import imaging
 from bayescal.estimate import estimate
 from bayescal.model import ARM, build
 from bayescal.model.model import with_parameters
 from bayescal.model.scene import Scene
+from bayescal.model.views import view
 from factors.turns import rotation_vector
 
 
@@ -54,3 +58,50 @@ def test_residuals_by_images_are_those_by_rows(mount, effects):
             step = 1e-6 * (np.arange(len(model.parameters)) == model.names.index("on-flange rx"))
             ends = [block.residual(values[k] + way * step, own[k]).ravel() for way in (1, -1)]
             np.testing.assert_allclose((ends[0] - ends[1]) / 2e-6, by_arm @ (step / 1e-6), atol=1e-6)
+
+
+@pytest.mark.parametrize("mount", FIXED)
+def test_errors_of_a_lens_and_a_board_are_differences_of_the_images(mount):
+    """Of another lens, a board that is larger about its middle, and one that is bent up there."""
+    scene = Scene(camera_session(mount, images=4, seed=3))
+    rows = np.arange(len(scene.q))
+    pose, target, none = scene.nominal(0, rows), scene.dataset.targets[0], np.zeros(6)
+    kind = scene.kind(0, rows)
+    kind = replace(kind, pixel=kind.pixels(none, pose).T)  # as at nominal geometry
+    seen = view(target, kind, rows, pose, len(rows))
+    lens, corner, ends = kind.lens, kind.corner, (kind.corner.min(axis=0), kind.corner.max(axis=0))
+    middle, half = 0.5 * (ends[0] + ends[1]), 0.5 * (ends[1] - ends[0])
+    local = corner - middle
+
+    def of_lens(field, k):
+        return lambda h: replace(
+            kind, lens=replace(lens, **{field: getattr(lens, field) + h * one(field, k)})
+        )
+
+    def one(field, k):
+        return np.eye(len(getattr(lens, field)))[k]
+
+    def of_board(by):
+        return lambda h: replace(kind, corner=corner + h * by)
+
+    names = ((imaging.focal, "focal"), (imaging.centre, "centre"), (imaging.distortion, "coefficients"))
+    made = [(make, [of_lens(field, k) for k in range(len(getattr(lens, field)))]) for make, field in names]
+    made.append((imaging.scale, [of_board(local * np.eye(3)[k]) for k in range(2)]))
+    bent = [(1.0 - (local[:, k] / half[k]) ** 2)[:, None] * np.eye(3)[2] for k in range(2)]
+    made.append((imaging.bow, [of_board(b) for b in bent]))
+    for make, changed in made:
+        usual, wide = make(seen, "p", 1.0), make(seen, "p", 3.0)
+        assert len(usual) == len(changed)
+        for p, q, other in zip(usual, wide, changed, strict=True):
+            found = {t.axis: np.asarray(t.driver) for t in p.terms}
+            ends = [other(h).residual(none, pose) for h in (1e-6, -1e-6)]
+            expected = (ends[0] - ends[1]) / 2e-6
+            size = np.max(np.abs(expected))
+            for row, axis in enumerate("uv"):
+                np.testing.assert_allclose(
+                    found.get(axis, 0.0 * expected[row]) / size,
+                    expected[row] / size,
+                    atol=1e-6,
+                    err_msg=p.name,
+                )
+            assert q.sd == pytest.approx(3.0 * p.sd)

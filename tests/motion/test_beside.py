@@ -1,21 +1,24 @@
 """Causes that are in no list: products of quantities, relatives of names, and events."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from bayescal.logs.types import CALIBRATE, VALIDATE
-from bayescal.motion.beside import beside, in_place_of_a_name, simplified
+from bayescal.motion.beside import _free, beside, in_place_of_a_name, simplified
 from bayescal.motion.cells import UNKNOWN, resonated
-from bayescal.motion.effects import Form
+from bayescal.motion.effects import EFFECTS, Form
 from bayescal.motion.events import events
 from bayescal.motion.linear import joined, normal
 from bayescal.motion.noise import noise_of
 from bayescal.motion.pool import Pool, Unlisted
-from bayescal.motion.relatives import relative
+from bayescal.motion.products import Product
+from bayescal.motion.relatives import Relative, relative
+from bayescal.motion.ripple import Waves
 from bayescal.motion.search import Hypothesis, Member
-from bayescal.motion.settings import SEARCH
+from bayescal.motion.settings import PRODUCTS, RELATIVES, SEARCH
 
 
 @pytest.fixture(scope="module")
@@ -222,3 +225,58 @@ def test_a_form_in_all_joints_is_no_addition_to_one_of_its_joints(pool, null_est
     place = {form: k for k, (form, _) in enumerate(search.forms)}
     dearer = search.form_priors[place[every]] - search.form_priors[place[single]]
     assert dearer == pytest.approx(2.0 * np.log(SEARCH.again))  # as at two further joints
+
+
+def test_free_relatives_of_a_name_are_weighed_among_those_of_its_joint():
+    """Products of other joints, or with another response, change nothing; the same ones twice neither."""
+    kinds = [(0, PRODUCTS.responses), (0, PRODUCTS.with_memory), (1, PRODUCTS.responses), (None, ("",))]
+    bank = SimpleNamespace(first=[SimpleNamespace(joint=j, times=times) for j, times in kinds])
+
+    def product(site, argument, driver):
+        return Product(Form(UNKNOWN, site, driver), "", argument, (0,), (False,))
+
+    own = [(product("joint 1", 0, "a"), 3.0), (product("joint 1", 0, "b"), 5.0)]
+    others = [(product(f"joint {k}", i, "c"), 9.0) for k, i in ((1, 1), (1, 2), (2, 2), (2, 0))]
+    member = Member(Form("ripple", "joint 1", "motor angle"), 1.0)
+    best, nats = _free(bank, member, own)
+    assert best.form.driver == "b"
+    for gains in (own + others, 2 * own, others + own):
+        found, same = _free(bank, member, gains)
+        assert found.form == best.form
+        assert same == pytest.approx(nats)
+    assert _free(bank, member, others) is None
+
+
+def test_no_harmonic_of_a_ripple_is_expected_to_be_larger_than_the_first(pool):
+    """Nor a ripple larger than the friction that it is a part of."""
+    s = pool.table.parts[0].signals
+    scale = replace(pool.scale, waves=Waves(((0, 30.0), (2, 50.0))))
+    forms = {}
+    for form, term, column in EFFECTS["ripple"].forms(s, pool.estimate.at, scale):
+        rate = np.std(np.diff(column)) / np.std(column)
+        forms.setdefault(form, []).append((rate, term.sd, term.channel))
+    assert len(forms) >= 4
+    for terms in forms.values():
+        rates, sds, channels = map(np.array, zip(*sorted(terms), strict=True))
+        assert np.all(np.diff(sds) <= 0.0)
+        assert np.all(np.linalg.norm(sds[rates < 1.2 * rates[0]]) <= scale.friction[channels[0]])
+
+
+@pytest.mark.parametrize("replaces", [True, False])
+def test_a_relative_is_fitted_as_it_was_weighed(pool, monkeypatch, replaces):
+    """In place of a name as large as that, beside it as a share of it."""
+    search = search_of(pool)
+    member = Member(next(f for f, _ in search.forms if f.site == "joint 2"), 1.0)
+    form = replace(member.form, effect=UNKNOWN, driver="made up")
+    columns = [{1: np.ones((len(p.residual), 1), np.float32)} for p in pool.table.parts]
+    other = Hypothesis((Member(Form(UNKNOWN, "joint 1", "time"), 1.0),), -50.0, 0.0)
+    monkeypatch.setattr("bayescal.motion.beside.relative", lambda *_: Relative(form, 3.0, columns, replaces))
+    monkeypatch.setattr("bayescal.motion.beside._unknown", lambda *_: (other, None, []))
+    best = Hypothesis((member,), 20.0, -1.0)
+    wide, hypotheses = beside(pool, pool.estimate.noise, search, (best, Hypothesis((), 0.0, 0.0)))
+    (name,) = wide.extra[form]
+    (sd,) = [t.sd for t in wide.table.terms if t.name == name]
+    assert sd == (1.0 if replaces else RELATIVES.share)
+    (own,) = [h for h in hypotheses if form in [m.form for m in h.members]]
+    assert (member in own.members) == (not replaces)
+    assert (own.log_evidence, own.log_prior) == (best.log_evidence + 3.0, best.log_prior)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from motion.made import inverse, model_of
 
-from bayescal.arm.chain import chain_of, link_angles
+from bayescal.arm.chain import chain_of, frames, link_angles
 from bayescal.arm.statics import gravity_loads
 from bayescal.logs import read_log
 from bayescal.logs.mechanism import inertial, mechanism_of
@@ -50,6 +50,33 @@ def test_torques_at_rest_hold_the_weights_of_the_robot(convention):
     none = np.zeros(7), np.zeros((7, 3))
     loads = gravity_loads(robot, chain_of(robot), link_angles(robot, q), gravity, *none)
     assert torque == pytest.approx(-loads.moments[:, 1:, 2], abs=1e-9)
+
+
+@pytest.mark.parametrize("convention", ["mdh", "dh"])
+def test_energies_are_those_of_the_links_of_the_robot(convention):
+    """By differences of their frames; inertias have any axes in the frame that the file states them in."""
+    root = np.random.default_rng(5).normal(size=(6, 3, 3))
+    nominal_robot = load_robot("universal-robots-ur5e")[0]
+    robot = replace(
+        nominal_robot, convention=convention, flange=np.eye(4), inertias=0.1 * root @ root.swapaxes(1, 2)
+    )
+    m, _ = mechanism_of(robot)
+    q, dq, still = some(6, 3)[0], some(6, 3)[1], np.zeros((7, 6))
+    momentum = np.einsum("njkp,kp->nj", regressor(m, q, still, dq, np.zeros(3)), m.inertials)
+    chain = chain_of(robot)
+
+    def links(t):
+        joints = frames(chain, link_angles(robot, q + t * dq))[:, 1:-1]
+        return joints if convention == "mdh" else joints @ chain.link[1:]
+
+    now, rate = links(0.0), (links(1e-6) - links(-1e-6)) / 2e-6
+    spin = now[..., :3, :3].swapaxes(-1, -2) @ rate[..., :3, :3]
+    turn = np.stack([spin[..., 2, 1], spin[..., 0, 2], spin[..., 1, 0]], axis=-1)
+    speed = np.einsum("nkij,kj->nki", rate[..., :3, :3], robot.centres_of_mass) + rate[..., :3, 3]
+    twice = np.einsum("k,nki->n", robot.masses, speed**2) + np.einsum(
+        "nki,kij,nkj->n", turn, robot.inertias, turn
+    )
+    assert np.sum(momentum * dq, axis=1) == pytest.approx(twice, rel=1e-6)
 
 
 def test_assumed_inertias_are_those_of_links_of_their_length():

@@ -13,7 +13,7 @@ from motion.made import RATE, inverse, write
 
 import bayescal as bc
 from bayescal.errors import BayescalError
-from bayescal.exporting.log_arm import FORMATS, drives_of, export_log
+from bayescal.exporting.log_arm import FORMATS, LogExport, drives_of, export_log
 from bayescal.exporting.sidecar import mujoco
 from bayescal.logs.read import written_out
 from bayescal.logs.schema import Arm
@@ -217,3 +217,18 @@ def test_an_arm_whose_base_is_tilted_is_verified_with_its_gravity(run, tmp_path)
     assert bc.verify(tilted, tmp_path / "arm.xml").passed
     (tmp_path / "arm.xml").write_text(bc.export(run, "mjcf").content)
     assert not bc.verify(tilted, tmp_path / "arm.xml").passed
+
+
+def test_errors_of_position_are_the_torques_over_the_stiffness():
+    """In mrad, of what is left out and has a torque; the stored entries have them too."""
+    missing, effect = {"offset": (1.0, 0.5)}, {"effect": "ripple", "unit": "N m", "of_joints": [0.2, 0.1]}
+    angle = {"effect": "delay", "unit": "s", "of_joints": [1.0, 1.0]}
+    stiffness = np.array([500.0, 250.0])
+    out = LogExport("mjcf", "arm", "", missing, (effect, angle), {}, stiffness)
+    parts = out.record["not_expressed"]
+    assert len(parts) == 3
+    for part in parts[:2]:
+        radians = np.array(part["of_joints"]) / stiffness
+        assert part["mrad"] == pytest.approx(1e3 * radians)
+    assert parts[2]["mrad"] is None
+    assert replace(out, stiffness=None).record["not_expressed"][0]["mrad"] is None

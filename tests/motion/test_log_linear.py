@@ -7,12 +7,13 @@ from scipy.stats import multivariate_normal
 
 from bayescal.motion.cells import UNKNOWN
 from bayescal.motion.effects import Form
-from bayescal.motion.linear import Normal, fitted, gains
+from bayescal.motion.linear import Further, Normal, fitted, gains
 from bayescal.motion.noise import Noise, noise_of
 from bayescal.motion.search import Search
 from bayescal.motion.settings import SIGNALS
-from bayescal.motion.signals import derivative, low_passed, smoothed
+from bayescal.motion.signals import derivative, low_passed, smoothed, white
 from bayescal.motion.terms import Term
+from bayescal.motion.together import _moved
 
 
 def problem(seed=0, rows=40, size=6):
@@ -36,6 +37,40 @@ def test_a_fit_is_the_posterior_mean():
     assert list(f.u.values()) == pytest.approx(np.sqrt(np.diag(covariance)) * [1.0, 0.5, 2.0])
     left = y - wide @ (covariance @ wide.T @ y)
     assert f.chi2() == pytest.approx(left @ left)
+
+
+def test_a_fit_with_another_measurement_is_that_of_the_rows_of_both():
+    """Information and score of the other are in SI, whatever the units of the terms."""
+    (x, y, p), size = problem(2, rows=60), 6
+    sd = 10.0 ** np.linspace(-3.0, 2.0, size)
+    terms = tuple(Term(t.name, "1", s) for t, s in zip(p.terms, sd, strict=True))
+    own, other = slice(0, 35), slice(35, 60)
+    chosen = [4, 1, 2]  # that the other tells of, in its order
+    y[other] -= x[other] @ np.where(np.isin(np.arange(size), chosen), 0.0, 1.0)
+    x[np.ix_(np.arange(35, 60), np.setdiff1d(np.arange(size), chosen))] = 0.0
+    per = x[other] / sd  # by values in SI
+    information, score = (per.T @ per)[np.ix_(chosen, chosen)], (per.T @ y[other])[chosen]
+    alone = Normal(terms, x[own].T @ x[own], x[own].T @ y[own], np.array([y[own] @ y[own]]))
+    both = Further(tuple(terms[k].name for k in chosen), information, score).beside(alone)
+    assert both.gram == pytest.approx(x.T @ x)
+    assert both.score == pytest.approx(x.T @ y)
+
+
+def test_the_change_by_another_measurement_is_compared_with_what_it_may_be():
+    """Its covariance is that before less that after; directions of which it tells nothing do not count."""
+    _, _, p = problem(3)
+    names = ("t1", "t3", "t4")
+    root = 30.0 * np.random.default_rng(4).normal(size=(3, 3))
+    for told in (root, root * [[1.0, 0.0, 1.0]] * [1.0, 0.0, 1.0]):
+        further = Further(names, told @ told.T, np.array([3.0, -2.0, 1.0]) @ told.T)
+        alone, both = (fitted(q, range(6)) for q in (p, further.beside(p)))
+        at = np.ix_([1, 3, 4], [1, 3, 4])
+        change = (both.vector - alone.vector)[[1, 3, 4]]
+        spread = alone.covariance[at] - both.covariance[at]
+        values = np.linalg.eigvalsh(spread)
+        chi2, dof = _moved(alone, both, names)
+        assert dof == np.sum(values > 1e-9 * values[-1])
+        assert chi2 == pytest.approx(change @ np.linalg.pinv(spread, rcond=1e-9) @ change)
 
 
 def test_gains_are_ratios_of_evidences():
@@ -125,6 +160,12 @@ def test_what_repeats_share_is_no_noise():
 
 def accelerations(q):
     return derivative(derivative(q, 0.01), 0.01)[50:-50]
+
+
+def test_noise_of_positions_is_seen_beside_their_motion():
+    t = np.arange(4000.0)[:, None] / 200.0
+    noise = np.random.default_rng(0).normal(size=(len(t), 2)) * [1e-5, 3e-4]
+    assert white(np.sin(2.0 * t) + noise) == pytest.approx([1e-5, 3e-4], rel=0.1)
 
 
 def test_positions_are_smoothed_as_their_noise_asks():

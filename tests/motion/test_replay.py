@@ -1,6 +1,7 @@
 """Open-loop replays: a log that MuJoCo made with an arm is followed by that arm, and by no other."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import mujoco
 import numpy as np
@@ -9,9 +10,11 @@ from motion.servo_logs import KD, KP, another, servo_log
 
 from bayescal.exporting.log_arm import text_of
 from bayescal.logs import read_log
-from bayescal.motion.controller import law_of
+from bayescal.motion.controller import Law, law_of
 from bayescal.motion.dynamics import payload_of, regressor
+from bayescal.motion.result import Tracking
 from bayescal.motion.signals import all_signals
+from bayescal.reporting.motion.record import _replay
 from bayescal.verifying.log_replay import Arm, _driven, replayed
 
 
@@ -55,6 +58,11 @@ def test_what_cannot_be_replayed_is_said(log, arms):
     forward = tuple(replace(s, torque=s.torque + 20.0 * s.ddq) for s in parts)  # feed-forward
     bare = replace(log, controller=replace(log.controller, stiffness=None))
     assert "is no function of command and position" in law_of(bare, forward)
+    # of a part that follows neither, its share of the variance is said
+    wave = [np.sin(37.0 * s.time)[:, None] * np.std(s.torque, axis=0) for s in parts]
+    noisy = tuple(replace(s, torque=s.torque + 1.2 * w) for s, w in zip(parts, wave, strict=True))
+    share = 100.0 * 0.72 / 1.72
+    assert float(law_of(bare, noisy).split(": ")[1].split()[0]) == pytest.approx(share, abs=8.0)
     weak = replace(log, controller=replace(log.controller, stiffness=KP / 100.0, damping=0.01 * KD))
     assert "the replay is not a measure" in of(weak, true=arms[1])
 
@@ -80,3 +88,33 @@ def test_payloads_are_carried(log, arms):
     by = regressor(arms[1], s.q[50:51], still, still, log.gravity)[0]
     wanted = np.einsum("jkp,kp->j", by, arms[1].inertials) + by[:, -1] @ payload_of(arms[1], 1.5)
     assert data.qfrc_bias == pytest.approx(wanted, abs=1e-9)
+
+
+@pytest.mark.parametrize("named", [True, False])
+def test_the_record_of_a_replay_has_each_arm_under_its_name(log, named):
+    """Before is the model without the effects, and what they remove is of its errors."""
+    rng = np.random.default_rng(0)
+    names = ("nominal", "model", "effects") if named else ("nominal", "model")
+    errors = {name: 0.1**k * rng.uniform(1.0, 2.0, (40, 3)) for k, name in enumerate(names)}
+    arms = {
+        name: Tracking(np.sqrt(np.mean(e, axis=0)), np.mean(e, axis=0), e, 4) for name, e in errors.items()
+    }
+    estimate = SimpleNamespace(parts=[SimpleNamespace(log=log)])
+    record = _replay(SimpleNamespace(tracking=arms, estimate=estimate))
+    for key, name in (("nominal", "nominal"), ("before", "model"), ("after", names[-1])):
+        assert record[f"{key}_rms_deg"] == pytest.approx(np.degrees(arms[name].rms))
+        assert record[f"{key}_torque_rms_Nm"] == pytest.approx(arms[name].torque)
+    if named:
+        assert record["removed"] == pytest.approx(1.0 - errors["effects"].sum() / errors["model"].sum())
+    else:
+        assert record["removed"] is None
+
+
+def test_a_law_of_true_torques_gives_the_measured_ones_over_their_gain():
+    """One in stated N m is of true torques already."""
+    rng = np.random.default_rng(0)
+    terms, motion, gain = rng.uniform(1.0, 2.0, (4, 3)), rng.normal(size=(4, 7, 3)), np.array([1.1, 0.9, 1.3])
+    measured = Law(*terms, stated=False)
+    assert measured.over(gain).torque(*motion) == pytest.approx(measured.torque(*motion) / gain)
+    stated = replace(measured, stated=True)
+    assert stated.over(gain).torque(*motion) == pytest.approx(stated.torque(*motion))

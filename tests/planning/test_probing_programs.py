@@ -6,6 +6,7 @@ The interpreters and the cell share no code with the package. None of this is a 
 import json
 import re
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -19,6 +20,7 @@ from bayescal.dataset.append import taken
 from bayescal.importing import Request, convert
 from bayescal.programs.motions import guarded
 from bayescal.programs.probing import FORMATS, Probe
+from bayescal.public.planning import PlanResult
 from bayescal.reporting.page.plan import write_plan
 
 ERROR = {"a": [0, 2e-4, 5e-4, -3e-4, 0, 0], "offset": [0, 1e-3, -8e-4, 5e-4, -6e-4, 0]}
@@ -169,3 +171,13 @@ def test_a_log_becomes_a_calibration(cube, tmp_path):
     fitted = bc.fit(draft.dataset, model="geometry", samples=0)
     rms = [r["rms_um"] for r in fitted.record["residuals"]]
     assert np.sqrt(np.mean(np.square(rms))) < 15  # 40 µm of a cycle, evenly distributed: 12 µm
+
+
+def test_a_saved_plan_has_the_probe_that_was_asked_for(monkeypatch, tmp_path):
+    """Of lengths in mm; without any it is that of the programs themselves."""
+    seen = []
+    monkeypatch.setattr("bayescal.reporting.page.plan.write_plan", lambda *given: seen.append(given[2:]))
+    result = PlanResult(SimpleNamespace())
+    result.save(tmp_path, "urscript,csv", probe_force_n=12.0, probe_beyond_mm=8.0)
+    result.save(tmp_path)
+    assert seen == [(("urscript", "csv"), Probe("", 12.0, 8e-3)), ((), Probe())]

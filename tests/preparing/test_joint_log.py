@@ -1,6 +1,7 @@
 """The check of joint logs: each mistake of a recording is a finding, what is missing has a remedy."""
 
 import json
+from types import SimpleNamespace
 
 import foreign
 import numpy as np
@@ -15,7 +16,7 @@ from bayescal.cli.commands import app
 from bayescal.errors import BayescalError
 from bayescal.logs import read_log
 from bayescal.motion.effects import EFFECTS
-from bayescal.preparing import signals
+from bayescal.preparing import joint_findings, signals
 from bayescal.preparing.joint_facts import gravity_torques
 
 
@@ -66,7 +67,9 @@ def test_a_delay_of_torque_is_found_and_stated(tmp_path, delay):
     assert f"{'later' if delay > 0 else 'earlier'} than positions" in finding.what
     for joint in check.joints:
         assert joint.torque_delay[0] == pytest.approx(delay, abs=2 * joint.torque_delay[1])
-    stated = written(made(delay=(delay, delay)), tmp_path / "stated", clock={"alignment_ms": -1e3 * delay})
+    advised = float(finding.remedy.split("`alignment_ms: ")[1].split("`")[0])  # following it ends it
+    assert advised == pytest.approx(-1e3 * delay, abs=0.5)
+    stated = written(made(delay=(delay, delay)), tmp_path / "stated", clock={"alignment_ms": advised})
     assert "delay" not in codes(checked(stated))
 
 
@@ -304,3 +307,27 @@ def test_the_command_prints_both_forms(good):
     assert repr(result) == "<check of two joints: no findings>"
     assert list(result.joints.index) == ["J1", "J2"]
     assert list(result.findings.columns) == ["code", "kind", "what", "where", "remedy"]
+
+
+@pytest.mark.parametrize("count", [8, 60])
+def test_the_u_of_a_median_is_its_scatter(count):
+    rng = np.random.default_rng(count)
+    found = np.array([signals.middle(rng.normal(3.0, 0.2, count)) for _ in range(300)])
+    pulls = (found[:, 0] - 3.0) / found[:, 1]
+    assert np.sqrt(np.median(pulls**2)) / 0.6745 == pytest.approx(1.0, abs=0.3)
+
+
+@pytest.mark.parametrize("loose", [1e-4, 2e-2])
+def test_a_delay_of_all_joints_is_as_sure_as_that_of_the_surest(monkeypatch, loose):
+    """A joint that tells little of it makes it neither less sure nor another one."""
+    monkeypatch.setattr(joint_findings, "clock_drift", lambda *_: (0.0, 1.0))
+    log = SimpleNamespace(alignment=0.0, u_alignment=1e-4, motions=[SimpleNamespace(time=np.zeros(2))])
+    joints = [
+        SimpleNamespace(name=f"J{k}", torque_delay=delay, velocity_delay=(0.0, 1.0))
+        for k, delay in enumerate([(5e-3, 1e-4), (5e-3 + loose, loose)])
+    ]
+    found = {f.code: f.what for f in joint_findings._clocks(log, joints, "motions.csv")}
+    weights = np.array([1e-4, loose]) ** -2
+    mean = (weights @ [5e-3, 5e-3 + loose]) / weights.sum()
+    assert f"{1e3 * mean:.2f} ms (u 0.10) later" in found["delay"]
+    assert "joint_delay" not in found

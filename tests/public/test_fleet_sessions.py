@@ -9,6 +9,7 @@ import sys
 import time
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -20,7 +21,7 @@ from analysis.fleet_study import put, shapes, subset
 from bayescal.errors import BayescalError
 from bayescal.exporting.robot import robot_text
 from bayescal.fitted.arm import of_fit
-from bayescal.public.fleet import Task, computed, kept
+from bayescal.public.fleet import Task, _entries, computed, kept
 
 ARMS, ODD, OFF = 4, 3, 0.02
 """Arms of the fleet, the one that differs, and by how much its third zero does, rad: 33 times the spread."""
@@ -213,3 +214,20 @@ def test_a_folder_of_others_is_refused(folder, tmp_path):
     assert not (tmp_path / "sessions" / "arm-0" / "session.json").exists()
     with pytest.raises(BayescalError, match="no session"):
         bc.fleet([], tmp_path / "out")
+
+
+@pytest.mark.parametrize("dated", [True, False])
+def test_sessions_are_in_the_order_of_their_dates(monkeypatch, tmp_path, dated):
+    """Whatever they are called; as they were given where one states no date."""
+    dates = {"b": "2025-03-01", "a": "2025-07-01", "c": "2024-11-30", "d": "2025-05-05" if dated else None}
+
+    def with_fit(entry, folder):
+        name = entry["session"]
+        return {**entry, "sha256": name, "date": dates[name], "serial": "7", "fit": {"words": "made up"}}
+
+    monkeypatch.setattr("bayescal.reporting.fleet_record.with_fit", with_fit)
+    state = {"failed": None, "done": {"fit": {}}}
+    tasks = {n: SimpleNamespace(dataset=n, folder=tmp_path / n, state=lambda: state) for n in dates}
+    done = dict.fromkeys(dates, "fitted")
+    entries = _entries(tasks, dict.fromkeys(dates, ""), done, lambda e: e["serial"], tmp_path)
+    assert [e["session"] for e in entries] == (["c", "b", "d", "a"] if dated else list(dates))

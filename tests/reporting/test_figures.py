@@ -478,3 +478,19 @@ def test_a_second_process_draws_the_same(result, kept, monkeypatch):
             pictures = there()
     assert pictures == {path.name: path.read_bytes() for path in kept[0].glob("*.png")}
     assert len(pictures) == 5
+
+
+def test_distances_that_are_shown_have_the_largest_errors_of_either_sign():
+    def distance(k):
+        error = (-1) ** k * (10.0 + k)
+        return {
+            "between": ["a", f"t{k}."], "certified_mm": 100.0, "nominal_error_um": 0.0, "inside95": True,
+            "calibrated_error_um": error, "predicted_interval95_um": [-20.0, 20.0],
+        }  # fmt: skip
+
+    axes = Figure().subplots()
+    distances.distances_panel(
+        {"validation": {"distances": [distance(k) for k in range(distances.MOST + 8)]}}
+    ).draw(axes, 90.0)
+    said = " ".join(text.get_text() for text in axes.texts)
+    assert [k for k in range(distances.MOST + 8) if f"t{k}." in said] == list(range(8, distances.MOST + 8))

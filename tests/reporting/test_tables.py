@@ -9,12 +9,19 @@ import numpy as np
 import pytest
 from cases import terminal_text as printed
 
+from bayescal.assess.agreement import Agreement, Pair
 from bayescal.effects.location import face, joint, link
 from bayescal.gap.result import VALIDATION_POINTS, Verdict
 from bayescal.reporting.figures.where import drawn_curves
+from bayescal.reporting.fit.agreement import _table, agreement_record
 from bayescal.reporting.fit.posterior import _labels
+from bayescal.reporting.fit.sheets import MOST_DISTANCES, distance_table
 from bayescal.reporting.gap.phrases import headline
-from bayescal.reporting.gap.sheets import per_vector
+from bayescal.reporting.gap.sheets import _detectable, per_vector
+from bayescal.reporting.motion.exported import replay_sheet
+from bayescal.reporting.plan_record import clearances
+from bayescal.reporting.plan_sheets import further
+from bayescal.reporting.plan_sheets import headline as plan_headline
 from bayescal.reporting.shared.origin import STANDSTILL, _signs, entry, plain
 from bayescal.reporting.shared.sheet import Column, Sheet, frame, terminal
 from bayescal.reporting.shared.text import FigureTable, parameter_notes, size, with_u
@@ -210,3 +217,80 @@ def test_a_face_named_as_a_joint_has_no_joint():
     labels = _labels(SimpleNamespace(scene=scene, parameters=parameters, size=4))
     assert labels["joint"] == ("parameter", ["b", "a", "", ""])
     assert labels["effect"] == ("parameter", ["e", "e", "e", "target"])
+
+
+def test_what_further_contacts_give_is_the_ratio_of_the_two_u_that_are_said():
+    goal = SimpleNamespace(u=10e-6, count=3, over="volume of interest")
+    measurements, nothing = SimpleNamespace(target=np.zeros(1, int)), SimpleNamespace(kind="plane")
+    session = SimpleNamespace(measurements=measurements, targets=[nothing])
+    plan = SimpleNamespace(expected=[goal], next_u=8e-6, equals_random=np.inf, session=session)
+    (now, less), said = further(plan), next(plan_headline(plan))
+    numbers = [float(text.split("U = ")[1].split()[0]) for text in (said, now)]
+    assert numbers == [20.0, 16.0]
+    assert less == f"{100 * (1 - numbers[1] / numbers[0]):.1f} % less"
+
+
+def test_errors_of_a_replay_are_below_their_arm_and_unit():
+    rng = np.random.default_rng(0)
+    arms = {
+        name: SimpleNamespace(rms=rng.uniform(size=2), torque=rng.uniform(size=2))
+        for name in ("nominal", "model", "effects")
+    }
+    found = frame(replay_sheet(("a", "b"), arms), "open-loop replay of the commands (RMS)")
+    words = {"nominal": "nominal", "model": "fitted", "effects": "with the effects"}
+    for name, of in arms.items():
+        assert found[f"{words[name]}, deg"].astype(float).tolist() == pytest.approx(
+            np.degrees(of.rms), rel=6e-3
+        )
+        assert found[f"{words[name]}, N m"].astype(float).tolist() == pytest.approx(of.torque, rel=6e-2)
+
+
+def test_estimates_of_sessions_are_below_their_session():
+    """In the table as in the record, in the unit of the parameter."""
+    rng = np.random.default_rng(1)
+    said = {name: (rng.uniform(1.0, 2.0, 2), rng.uniform(0.1, 0.2, 2)) for name in ("first", "second")}
+    together = rng.uniform(3.0, 4.0, 2), np.array([0.05, 0.06])
+    pair = Pair(("first", "second"), np.array([1.0, -4.0]), 17.0, 2, 0.5)
+    compared = Agreement(("a2", "theta2"), ("m", "rad"), together, said, (pair,), {})
+    found, record = frame(_table(compared), "parameter by session"), agreement_record(compared)
+    for k, factor in enumerate((1e3, 180.0 / np.pi)):
+        row, entry_ = found.iloc[k], record["parameters"][k]
+        for name, (value, sd) in {**said, "together": together}.items():
+            assert row[name] == with_u(factor * value[k], factor * sd[k])
+            of = entry_["together"] if name == "together" else entry_["alone"][name]
+            assert (of["estimate"], of["sd"]) == pytest.approx((factor * value[k], factor * sd[k]))
+        assert row["difference / u"] == f"{abs(pair.apart[k]):.1f}"
+    assert record["pairs"][0]["apart_sd"] == {"a2": 1.0, "theta2": -4.0}
+
+
+def test_of_an_effect_the_most_harmful_place_is_told():
+    """Blind spots are in the order of their harm."""
+
+    def spot(effect, site, value):
+        sizes = {"smallest_nameable": {"value": value, "unit": "urad"}, "plausible": {"value": 30.0}}
+        return {"effect": effect, "site": site, **sizes}
+
+    spots = [
+        spot("backlash", "joint 2", 50.0),
+        spot("lobing", "probe", 1e9),
+        spot("backlash", "joint 5", 9.0),
+    ]
+    assert _detectable({"blind_spots": spots}) == {
+        "backlash": "50 µrad, joint 2", "lobing": "not detectable, the probe"
+    }  # fmt: skip
+
+
+def test_the_distances_in_the_terminal_have_the_largest_errors_of_either_sign():
+    every = [{"number": k, "calibrated_error_um": (-1) ** k * (k + 1.0)} for k in range(MOST_DISTANCES + 6)]
+    shown = [d["number"] for d in distance_table(every, False).items]
+    assert shown == list(range(6, MOST_DISTANCES + 6))
+    assert list(distance_table(every, True).items) == every
+
+
+def test_no_clearance_is_stated_larger_than_it_is():
+    true = np.array([0.01234, 5e-5, 0.1, 0.00999, np.nan])
+    text = clearances(SimpleNamespace(clearance=true, purpose=("", "") * 2))
+    assert text[-1] == ""
+    off = 1e3 * true[:-1] - np.array(text[:-1], float)
+    assert np.all((off > -1e-9) & (off < 0.1))
+    assert clearances(SimpleNamespace(clearance=np.zeros(0), purpose=("a", "b"))) == ["", ""]

@@ -6,12 +6,14 @@ import shutil
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
 import bayescal as bc
 from bayescal.cli import app
 from bayescal.errors import BayescalError
+from bayescal.verifying.gap import read_reported
 
 
 @pytest.fixture(scope="module")
@@ -212,3 +214,25 @@ def test_formats_without_a_simulator_are_refused(run):
     bc.export(run / "fit", "robot.yaml").save(run / "arm.yaml")
     with pytest.raises(BayescalError, match=re.escape("format robot.yaml; bayescal verifies mjcf and urdf")):
         bc.verify(run / "fit", run / "arm.yaml")
+
+
+def test_errors_that_a_fit_reports_are_those_of_all_its_measurements(tmp_path):
+    """However they are shared out to targets; distances count once each."""
+    rng, sizes = np.random.default_rng(0), (3, 40, 7)
+    before, after = rng.normal(0.0, 90.0, 50), rng.normal(0.0, 20.0, 50) * np.linspace(1.0, 4.0, 50)
+
+    def rms(x):
+        return float(np.sqrt(np.mean(x**2)))
+
+    ends = np.cumsum(sizes)[:-1]
+    planes = [
+        {"count": len(b), "nominal_rms_um": rms(b), "calibrated_rms_um": rms(a), "role": "validate"}
+        for b, a in zip(np.split(before, ends), np.split(after, ends), strict=True)
+    ]
+    pairs = zip(before[:6], after[:6], strict=True)
+    distances = [{"nominal_error_um": b, "calibrated_error_um": a} for b, a in pairs]
+    record = {"validation": {"planes": planes, "distances": distances}}
+    (tmp_path / "fit.json").write_text(json.dumps(record))
+    found = read_reported(tmp_path).rms
+    assert found["planes"] == pytest.approx((1e-6 * rms(before), 1e-6 * rms(after)))
+    assert found["distances"] == pytest.approx((1e-6 * rms(before[:6]), 1e-6 * rms(after[:6])))

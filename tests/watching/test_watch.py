@@ -191,9 +191,14 @@ def test_a_wider_model_error_makes_a_contact_less_odd():
     estimate = update.followed(
         estimate, with_rows(complete().dataset, np.arange(51)), MODEL, before.options, ()
     )
-    (_, u, p), (_, wide, q) = (update.judged(estimate, 50, factor) for factor in (1.0, 5.0))
-    assert wide > u
-    assert q > p
+    judged = [update.judged(estimate, 50, factor) for factor in (1.0, 2.0, 5.0)]
+    residual, u, p = map(np.array, zip(*judged, strict=True))
+    assert np.ptp(residual) == 0.0
+    assert np.all(np.diff(p) > 0.0)
+    # the factor is on the standard uncertainty of the prediction: the noise stays
+    variance = np.diff(u**2)
+    assert np.all(variance > 0.0)
+    assert variance[1] / variance[0] == pytest.approx((25.0 - 4.0) / (4.0 - 1.0))
 
 
 def events_of(cell, lines, first=40):
