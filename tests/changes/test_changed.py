@@ -190,3 +190,14 @@ def test_the_words_of_a_verdict():
     base = entry("base", 1.0, True, kind="setup", site="base")
     assert said("changed", [base])[1] == "The arm itself did not change (probability > 99 %)."
     assert "Possible: zero of joint 3 (theta3) (40 %)" in said("ambiguous", [entry("theta3", 0.4, False)])[0]
+
+
+def test_lost_motion_that_was_repaired_became_smaller():
+    worn, repaired = (
+        bc.simulate(contacts=250, seed=seed, **ARM | {"effects": effects}).dataset
+        for seed, effects in ((3, "geometry, backlash"), (13, "geometry"))
+    )
+    found = changed([worn, repaired], ("geometry",))
+    sizes = [d for d in found.differences if d.item.effect == "backlash"]
+    assert len(sizes) > 1
+    assert all(d.before > abs(d.after) and d.difference < 0 for d in sizes)
