@@ -241,7 +241,8 @@ def _differences(found: Search, m: Member, of_class: Sequence[Member], stated: b
         at = place.get(p.name) if p.name else None
         before = None if at is None else float(e.centre[at] + e.sd[at] * shared[at])
         after = None if before is None else before + difference
-        if size is not None and size.value is magnitude and (after or difference) < 0:
+        larger = difference if before is None or after is None else max(before, after, key=abs)
+        if size is not None and size.value is magnitude and larger < 0:
             # the effect defines the sign, not the parameter
             before, after = (None if v is None else -v for v in (before, after))
             difference = -difference

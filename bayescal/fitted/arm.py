@@ -137,7 +137,7 @@ class Poses:
         squares = np.sum(self.errors_by(by)[..., len(self.arm.values) :] ** 2, axis=1)
         names = np.array([p.name for p in self.errors], str)
         parts = {name: squares[:, names == name].sum(axis=1) for name in dict.fromkeys(names.tolist())}
-        return self.arm.beyond.dof_of(total, parts)
+        return self.arm.beyond.dof_of(total, parts, by[..., : len(self.arm.values)])
 
 
 def slopes_of(motion: Motion, values: np.ndarray) -> np.ndarray:

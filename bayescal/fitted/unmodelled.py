@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 
 from bayescal.assess.budget import MOST_DOF
-from bayescal.assess.inputs import Basis
+from bayescal.assess.inputs import NOISE, READINGS, Basis
 from bayescal.dataset import Dataset, Measurements
 from bayescal.dataset.append import appended
 from bayescal.effects import Parameter
@@ -57,6 +57,9 @@ class Unmodelled:
         m, standard deviation of the error of each coordinate, and its effective degrees of freedom.
     noise : mapping
         Of the groups of measurements: their noise, with the excess, over the stated one.
+    by_noise : mapping
+        Of the groups of noise: the covariance (P, P), SI, that it gives to the arm's parameters, and the
+        effective degrees of freedom of its variance.
     """
 
     shifts: np.ndarray
@@ -66,6 +69,7 @@ class Unmodelled:
     excess: float = 0.0
     excess_dof: float = inf
     noise: Mapping[str, float] = field(default_factory=dict)
+    by_noise: Mapping[str, tuple[np.ndarray, float]] = field(default_factory=dict)
 
     @classmethod
     def of(cls, basis: Basis) -> Unmodelled:
@@ -75,14 +79,22 @@ class Unmodelled:
         names = stated.families
         biases = [np.sqrt(stated.variances[name]) * stated.slopes[name] for name in names]
         by = np.concatenate([*biases, stated.inputs.slopes @ stated.inputs.mixing], axis=1)
+        to_arm = stated.plain.model.sd[:, None] * stated.limit[arm]
+        by_noise: dict[str, tuple[np.ndarray, float]] = {}
+        for p in basis.propagated:
+            if p.input.group in (NOISE, READINGS):  # of one estimated variance, by `scale`
+                own = to_arm @ p.by[stated.own]
+                before, _ = by_noise.get(p.input.scale, (0.0, 0.0))
+                by_noise[p.input.scale] = (before + own @ own.T, p.input.dof)
         return cls(
-            stated.plain.model.sd[:, None] * (stated.limit @ by)[arm],
+            to_arm @ by,
             {name: stated.variances[name] for name in names},
             {name: stated.dof[name] for name in names},
             stated.inputs.mixing if stated.inputs.names else no_masses(),
             basis.excess,
             basis.excess_dof,
             {group: float(k * np.sqrt(stated.white)) for group, k in stated.plain.weights.scale.items()},
+            by_noise,
         )
 
     @classmethod
@@ -103,6 +115,10 @@ class Unmodelled:
             1e-6 * of_discrepancy.get("unexplained_um", 0.0),
             inf if dof is None else float(dof),
             {group: float(scale) for group, scale in record.get("noise_scale", {}).items()},
+            {
+                group: (np.array(of["covariance_si"], float).reshape(parameters, -1), float(of["dof"]))
+                for group, of in record.get("by_noise", {}).items()
+            },
         )
 
     def record(self) -> dict[str, Any]:
@@ -120,6 +136,10 @@ class Unmodelled:
                 "unexplained_dof": None if np.isinf(self.excess_dof) else self.excess_dof,
             },
             "noise_scale": dict(self.noise),
+            "by_noise": {
+                group: {"dof": dof, "covariance_si": covariance.tolist()}
+                for group, (covariance, dof) in self.by_noise.items()
+            },
         }
 
     def without(self, covariance: np.ndarray) -> np.ndarray:
@@ -159,12 +179,17 @@ class Unmodelled:
             return self.noise[block.group] * block.sigma
         return np.hypot(block.sigma, self.excess)
 
-    def dof_of(self, total: np.ndarray, parts: Mapping[str, np.ndarray]) -> np.ndarray:
+    def dof_of(
+        self, total: np.ndarray, parts: Mapping[str, np.ndarray], by_parameters: np.ndarray
+    ) -> np.ndarray:
         """Effective degrees of freedom (C,) of the variances `total` of C points (Welch and Satterthwaite).
 
-        `parts` (C,) are the variances by family; the parameters and stated masses have none of their own.
+        `parts` (C,) are the variances by family; those by noise follow from the derivatives of the points by
+        the parameters, (C, 3, P). Certificates, priors and stated masses are known.
         """
         below = np.full(len(total), (3.0 * self.excess**2) ** 2 / self.excess_dof)
+        for covariance, dof in self.by_noise.values():
+            below += np.einsum("cip,pq,ciq->c", by_parameters, covariance, by_parameters) ** 2 / dof
         for name in parts.keys() & self.dof.keys():
             below += parts[name] ** 2 / self.dof[name]
         few = below > total**2 / MOST_DOF

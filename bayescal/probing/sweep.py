@@ -290,13 +290,14 @@ def _closest(
                     best = upper
                     nearest[m] = p
                 need = _needed(best, floor, tolerance)
-                if lower - off < need and (upper - off >= need or lower < floor):
+                final = level + 1 == HALVINGS
+                if lower - off < need and (upper - off >= need or lower < floor or final):
                     lower = least(kind, row, planes, placed[a, 0], placed[a, 1]) - gap
                     if lower < best:
                         best = lower
                         nearest[m] = p
                         need = _needed(best, floor, tolerance)
-                if lower - off >= need or level + 1 == HALVINGS:
+                if lower - off >= need or final:
                     smallest[m] = min(smallest[m], lower - off)
                 else:
                     undecided[level + 1, number[level + 1]] = p

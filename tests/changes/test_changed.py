@@ -203,3 +203,14 @@ def test_the_length_of_a_change_has_the_u_along_it(change, u):
     slopes = [(np.linalg.norm(change + h) - np.linalg.norm(change - h)) / 2e-6 for h in steps]
     length = np.linalg.norm(np.array(slopes) * u)
     assert sized(entries) == f"{with_u(1e3 * np.linalg.norm(change), 1e3 * length)} µm"
+
+
+def test_lost_motion_that_was_repaired_became_smaller():
+    worn, repaired = (
+        bc.simulate(contacts=250, seed=seed, **ARM | {"effects": effects}).dataset
+        for seed, effects in ((3, "geometry, backlash"), (13, "geometry"))
+    )
+    found = changed([worn, repaired], ("geometry",))
+    sizes = [d for d in found.differences if d.item.effect == "backlash"]
+    assert len(sizes) > 1
+    assert all(d.before > abs(d.after) and d.difference < 0 for d in sizes)

@@ -107,6 +107,18 @@ def test_one_uncertainty_for_budgets_positions_and_compensations(fitted, arm, re
     assert [own.inside for own in done] == there.inside.tolist()
 
 
+def test_noise_of_few_measurements_widens_the_length_that_errors_do_not_exceed(tmp_path):
+    fitted = bc.fit(bc.simulate(contacts=45, later=8, repeats=0, spheres=3, placements=2, seed=3), samples=0)
+    fitted.save(tmp_path / "run", pictures=False)
+    q = np.radians([10.0, 20.0, -30.0, 40.0, 50.0, 60.0])
+    budget = bc.budget(fitted, point=np.degrees(q))
+    assert budget.record["effective_dof"] < 60
+    for found in (fitted, bc.load(tmp_path / "run")):
+        at = found.position(q, force=True)
+        assert 1e3 * at.u[0] == pytest.approx(budget.u, rel=1e-4)
+        assert 1e3 * at.U[0] == pytest.approx(budget.U, rel=1e-4)
+
+
 def test_a_length_that_errors_do_not_exceed():
     """Of isotropic, flat and single errors, and with a variance that was estimated from few values."""
     rng = np.random.default_rng(1)

@@ -406,3 +406,14 @@ def test_an_arm_that_moves_on_a_rail():
     np.testing.assert_allclose(found, least, rtol=0.1)  # a tenth of the distance, from below
     assert np.all(found <= np.array(least) + 1e-9)
     assert list(clearance.hits(begin, end, 0.0) > 0) == [True, False]
+
+
+def test_joints_that_may_be_off_take_no_more_than_they_move_the_arm():
+    """More than the tolerance, so that no halving of the motion decides; on the line to a contact."""
+    clearance = mate(cube(0.45, 0.0, 0.15))
+    begin = np.radians([[23.0723509, 30.7131419, 13.3607223, 45.193579, -93.335965, 107.2603985]])
+    end = np.radians([[23.82, 32.99, 14.87, 44.79, -95.68, 107.62]])
+    slack = np.radians([[0.005, 0.078, 0.071, 0.017, 0.048, 0.046]])
+    touched = np.zeros(1, int)
+    sure, off = (clearance.closest(begin, end, 1e-3, touched, s) for s in (None, slack))
+    assert 0.0 <= sure[0] - off[0] < 1.5 * slack.sum()  # m: no point is 1.5 m from an axis
