@@ -332,6 +332,8 @@ def write_together(
 ) -> None:
     """Write files: first all of them under temporary names beside their places, then each is put in place.
 
+    A folder that does not exist is created.
+
     Parameters
     ----------
     files : mapping
@@ -350,6 +352,7 @@ def write_together(
         remove_leftovers(path.absolute())
     try:
         for (path, content), part in zip(every, staged, strict=True):  # noqa: B007  (named in the error)
+            part.parent.mkdir(parents=True, exist_ok=True)
             write_synchronised(part, content.encode("utf-8") if isinstance(content, str) else content)
         for (path, _), part in zip(every, staged, strict=True):
             part.replace(path)
