@@ -17,6 +17,9 @@ LOADS = 0.1
 """Of the largest torque of gravity of a joint: standard deviation over the poses that counts as two poses."""
 SHARE = 0.01
 """Of the largest torque of gravity of any joint: what makes a joint one that gravity loads."""
+MOST = 0.2
+"""Of the largest change of gravity's torque of any joint: it tells unit and sign of a torque, whatever masses
+and payload are (assumed)."""
 POSES = 1000
 """At which torques of gravity are computed."""
 GAP, JITTER = 3.0, 0.05
@@ -38,6 +41,7 @@ class Joint:
     rest: float  # fraction of rows
     slow: float  # s at `SLOW` speeds
     gravity: tuple[float, float]  # N m, mean and standard deviation over the poses
+    torque_gain: float  # measured torque over that of the nominal masses; nan if gravity changes little
     torque_delays: np.ndarray  # (M,), of torque behind what accelerations and friction predict, by motion
     torque_delay: tuple[float, float]  # of all motions
     velocity_delay: tuple[float, float]  # of velocity behind the derivative of position
@@ -68,6 +72,8 @@ def joints_of(log: Log) -> tuple[Joint, ...]:
     steps = [np.gradient(m.time) for m in log.motions]
     position = np.concatenate([m.position for m in log.motions])
     gravity = gravity_torques(log, position[:: max(len(position) // POSES, 1)])
+    change = np.where(gravity.std(axis=0) > LOADS * abs(gravity.mean(axis=0)), gravity.std(axis=0), 0.0)
+    gains = _torque_gains(log, even, change > MOST * change.max())
     torques = [m.torque for m in log.motions if m.torque is not None]
     raw = float(np.median(np.concatenate([np.diff(m.time) for m in log.motions])))
     nothing = (np.nan, np.nan)
@@ -99,6 +105,7 @@ def joints_of(log: Log) -> tuple[Joint, ...]:
                 rest=float(np.mean(speed <= SLOW[0])),
                 slow=float(np.concatenate(steps)[slow].sum()),
                 gravity=(float(gravity[:, j].mean()), float(gravity[:, j].std())),
+                torque_gain=float(gains[j]),
                 torque_delays=np.array(late),
                 torque_delay=(value, float(np.hypot(u, SYSTEMATIC))),
                 velocity_delay=_delay(pairs) if moves else nothing,
@@ -119,6 +126,23 @@ def gravity_torques(log: Log, position: np.ndarray) -> np.ndarray:
     still = np.zeros_like(position)
     parts = regressor(log.mechanism, position, still, still, log.gravity)
     return np.asarray(np.einsum("cjkp,kp->cj", parts, log.mechanism.inertials))
+
+
+def _torque_gains(log: Log, even: Sequence[signals.Uniform], joints: np.ndarray) -> np.ndarray:
+    """Measured torques over those of the nominal masses, of some joints, beside friction and offset; (n,)."""
+    out = np.full(log.n, np.nan)
+    if log.motions[0].torque is None or not joints.any():
+        return out
+    every = max(sum(len(e.position) for e in even) // POSES, 1)
+    moved = [(e.position, e.velocity, np.gradient(e.velocity, e.step, axis=0), e.torque) for e in even]
+    q, v, a, torque = (np.concatenate(x)[::every] for x in zip(*moved, strict=True))
+    parts = regressor(log.mechanism, q, v, a, log.gravity)
+    nominal = np.einsum("cjkp,kp->cj", parts, log.mechanism.inertials)
+    for j in np.flatnonzero(joints):
+        speed = v[:, j]
+        drivers = np.column_stack([nominal[:, j], np.tanh(speed / SLOW[1]), speed, np.ones(len(speed))])
+        out[j] = np.linalg.lstsq(drivers, torque[:, j], rcond=None)[0][0]
+    return out
 
 
 def _delay(pairs: Sequence[tuple[np.ndarray, np.ndarray, float]]) -> tuple[float, float]:

@@ -39,6 +39,8 @@ SHORTEST = 0.5e-3
 """s: a shorter delay does not matter."""
 GAINS = (0.9, 1.1)
 """Measured velocity over the derivative of the position: beyond, a unit or a filter is wrong."""
+SCALES = (0.2, 5.0)
+"""Measured torque over that of the nominal masses: beyond, a unit, a gear or the sign is wrong (assumed)."""
 LAGS = (2.0, 3.0)
 """Rows for which a value is held, and acceleration at the end of a motion over that within, that are odd."""
 
@@ -53,6 +55,11 @@ def odd(log: Log, joints: Sequence[Joint], stamps: Stamps, table: str) -> Iterat
         what = f"steps scatter by {100 * stamps.jitter:.2g} % of {1e3 * stamps.step:.3g} ms: stamps count"
         yield Finding("jitter", "odd", what, table, "log the time of measurement, not that of arrival")
     yield from _clocks(log, joints, table)
+    if wrong := [j for j in joints if j.torque_gain < SCALES[0] or j.torque_gain > SCALES[1]]:
+        each = ", ".join(f"{j.name} {j.torque_gain:.3g}" for j in wrong)
+        what = f"torques over those of the nominal masses: {each} (1 expected)"
+        remedy = "check unit (N m), sign and gear ratio of the torques, and the masses of the robot"
+        yield Finding("torque_scale", "odd", what, table, remedy)
     for joint in joints:
         if np.isfinite(joint.clipped):
             what = f"the torque of {joint.name} is limited at {joint.clipped:.4g} N m, a row there is none"

@@ -123,6 +123,15 @@ def test_velocities_in_another_unit(tmp_path):
     assert check.joints[0].velocity_gain == pytest.approx(0.5, abs=0.02)
 
 
+@pytest.mark.parametrize("factor", [1000.0, 0.01, -1.0])
+def test_torques_in_another_unit_of_another_sign_or_before_the_gear(tmp_path, factor):
+    log = made()
+    log.columns["torque1_Nm"] *= factor
+    check = checked(written(log, tmp_path / "log"))
+    assert 0.5 < check.joints[0].torque_gain / factor < 2.0  # the rotors are no part of the masses
+    assert f"J1 {check.joints[0].torque_gain:.3g} (1 expected)" in of(check, "torque_scale").what
+
+
 def test_positions_behind_commands(tmp_path):
     servo = {"kind": "position", "kp_Nm_per_rad": [100, 100]}
     check = checked(written(made(lag=0.05), tmp_path / "log", controller=servo))
