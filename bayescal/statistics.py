@@ -91,3 +91,20 @@ def stream(seed: int, *names: str) -> np.random.Generator:
     """An independent generator for each name, so that draws of one part do not change those of another."""
     words = [int.from_bytes(name.encode(), "little") for name in names]
     return np.random.default_rng(np.random.SeedSequence([seed, *words]))
+
+
+def balanced_normals(
+    rng: np.random.Generator, count: int, size: int, beside: np.ndarray | None = None
+) -> np.ndarray:
+    """Standard normal draws (count, size) whose own mean is 0 and whose own covariance is one.
+
+    Standard deviations of what is linear in them then have no scatter. They are not correlated with the
+    columns of `beside` (count, K). Where there are too few draws for that, they are plain ones.
+    """
+    x = rng.standard_normal((count, size))
+    others = np.ones((count, 1)) if beside is None else np.column_stack([np.ones(count), beside])
+    if count < 2 * (size + others.shape[1]):
+        return x
+    basis = np.linalg.qr(others)[0]
+    x -= basis @ (basis.T @ x)
+    return x @ np.linalg.inv(np.linalg.cholesky(x.T @ x / count)).T

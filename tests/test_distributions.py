@@ -48,3 +48,16 @@ def test_hypergeometric():
     sizes, total, count = np.array([1, 4, 30, 95, 99]), 12, 100
     theirs = np.array([stats.hypergeom.logsf(np.arange(-1, total), count, s, total) for s in sizes])
     np.testing.assert_allclose(d.hypergeometric_log_sf(sizes, total, count), theirs, rtol=1e-7, atol=1e-10)
+
+
+@pytest.mark.parametrize("size", [1, 7])
+def test_balanced_draws_have_their_moments(size):
+    beside = np.random.default_rng(3).standard_normal((60, 4)) @ np.ones((4, 4)) + 5.0  # of rank 1
+    x = d.balanced_normals(np.random.default_rng(2), 60, size, beside)
+    assert x.mean(axis=0) == pytest.approx(np.zeros(size), abs=1e-12)
+    np.testing.assert_allclose(x.T @ x / 60, np.eye(size), atol=1e-12)
+    np.testing.assert_allclose(x.T @ (beside - beside.mean(axis=0)), 0.0, atol=1e-10)
+    plain = np.random.default_rng(2).standard_normal((60, size))
+    assert np.corrcoef(x[:, 0], plain[:, 0])[0, 1] > 0.8
+    few = d.balanced_normals(np.random.default_rng(2), 10, 7, beside[:10])
+    np.testing.assert_array_equal(few, np.random.default_rng(2).standard_normal((10, 7)))

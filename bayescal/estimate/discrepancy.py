@@ -55,6 +55,7 @@ from bayescal.estimate.moments import (
 from bayescal.estimate.solver import root
 from bayescal.estimate.unexplained import Unexplained, unexplained
 from bayescal.model import ARM
+from bayescal.statistics import balanced_normals
 
 MASSES = "masses"
 """Name of the errors of masses among the families of a stated uncertainty."""
@@ -262,7 +263,7 @@ class Stated:
         them least (optimal transport of normal distributions), and the functions' biases are added.
         """
         plain, size = root(self.plain.covariance), len(self.wide.z) - len(self.own)
-        functions = rng.standard_normal((len(z), size))
+        functions = balanced_normals(rng, len(z), size, z)
         extra = np.setdiff1d(np.arange(len(self.wide.z)), self.own)
         across = self.wide.covariance[np.ix_(self.own, extra)]
         target = self.covariance - across @ across.T

@@ -17,6 +17,7 @@ from scipy.linalg import eigh
 
 from bayescal.estimate import STATED_WORTH, Estimate, linearise
 from bayescal.posterior.density import Density
+from bayescal.statistics import balanced_normals
 
 BINS = 2001
 REACH = 9.0
@@ -152,15 +153,26 @@ class Linearised:
 
     def draw(self, count: int, rng: Random, spread: float = 1.0) -> np.ndarray:
         """Independent points (count, D + G); `spread` is a factor on the standard deviation of parameters."""
-        log_kappa = np.stack([s.draw(count, rng) for s in self.scales], axis=1)
-        away = rng.standard_normal(size=(count, len(self.centre)))
+        return self._points(
+            self._log_kappa(count, rng), spread * rng.standard_normal((count, self.centre.size))
+        )
+
+    def balanced(self, count: int, rng: np.random.Generator) -> np.ndarray:
+        """Points (count, D + G) as of `draw`, from `balanced_normals`."""
+        return self._points(self._log_kappa(count, rng), balanced_normals(rng, count, len(self.centre)))
+
+    def _log_kappa(self, count: int, rng: Random) -> np.ndarray:
+        return np.stack([s.draw(count, rng) for s in self.scales], axis=1)
+
+    def _points(self, log_kappa: np.ndarray, away: np.ndarray) -> np.ndarray:
+        """Points (N, D + G) from scales (N, G) and deviations (N, D) over their standard deviations."""
         if len(self.scales) == 1:
             mean, precision = self.scales[0].given(log_kappa[:, 0])
-            z = (mean + spread * away / np.sqrt(precision)) @ self.scales[0].basis.T
+            z = (mean + away / np.sqrt(precision)) @ self.scales[0].basis.T
         else:
             z = np.concatenate([
-                self._drawn(log_kappa[k : k + CHUNK], spread * away[k : k + CHUNK])
-                for k in range(0, count, CHUNK)
+                self._drawn(log_kappa[k : k + CHUNK], away[k : k + CHUNK])
+                for k in range(0, len(away), CHUNK)
             ])  # fmt: skip
         return np.column_stack([self.centre + z, log_kappa])
 
@@ -253,7 +265,7 @@ def approximate(estimate: Estimate, seed: int, count: int) -> tuple[np.ndarray, 
 
 
 def _linearised(density: Density, seed: int, count: int) -> np.ndarray:
-    return Linearised.of(density).draw(count, np.random.default_rng(seed))
+    return Linearised.of(density).balanced(count, np.random.default_rng(seed))
 
 
 def gaussian(estimate: Estimate, seed: int, count: int = 4000) -> Draws:

@@ -394,8 +394,8 @@ def test_draws_have_the_covariance_that_is_stated(sick):
     drawn = sick.draws(z, np.random.default_rng(0))
     got = np.cov(drawn.T) / np.sqrt(np.outer(*2 * (np.diag(sick.wide.covariance),)))
     want = sick.wide.covariance / np.sqrt(np.outer(*2 * (np.diag(sick.wide.covariance),)))
-    assert np.max(np.abs(got - want)) < 0.12
-    np.testing.assert_allclose(np.std(sick.reported(drawn), axis=0), sick.sd, rtol=0.1)
+    assert np.max(np.abs(got - want)) < 0.05
+    np.testing.assert_allclose(np.std(sick.reported(drawn), axis=0), sick.sd, rtol=0.01)
 
 
 def test_no_parameter_is_less_certain_than_its_prior(sick):
