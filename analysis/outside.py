@@ -36,6 +36,8 @@ SURE = 0.9
 """Probability from which on a false name counts."""
 ALWAYS = ("compliance", "plane-form")
 """Effects that fits have in any case: compliance, and the form of faces that are uneven."""
+SHARES = ("right", "partly", "located")
+"""Of an `Answer`, those of which the card has the share."""
 KINDS = ("null", "single", "pair", "outside")
 Record = dict[str, Any]
 
@@ -54,6 +56,7 @@ class Answer(NamedTuple):
     kind: str  # of KINDS; "outside" also where the list lacks the effect
     detectability: float
     right: bool
+    located: bool | None  # whether the first location is one of the truth; None where that has none
     partly: bool  # right, or only true names, or a class of at most four with a true one
     false: int  # names of `SURE` or more that are not true
 
@@ -95,22 +98,29 @@ def answer(truth: Record, record: Record, held_out: bool) -> Answer:
     classed = verdict == "class" and len(members) <= 4 and bool(true & set(members))
     sure = {n for n, p in record["probability"].items() if p >= SURE} - {"null", "unknown"} - baseline
     partly = right or classed or (verdict.startswith("named") and bool(names) and names <= true)
-    return Answer(kind, truth["lambda"]["value"], right, partly, len(sure - true))
+    there = {site for w in truth.get("where", ()) for site in (w["site"], *w.get("also", ()))}
+    first = record["where"][0]["site"] if record.get("where") else ""
+    # "cube" and "cube." stand for all that begins so: "cube.+x"
+    located = any(f"{first}.".startswith(f"{site.rstrip('.')}.") for site in there) if there else None
+    return Answer(kind, truth["lambda"]["value"], right, located, partly, len(sure - true))
 
 
 def card(answers: Iterable[Answer]) -> Iterator[str]:
     """Lines of a table by kind and detectability."""
     answers = list(answers)
-    yield f"{'kind':8} {'lambda':>10} {'sessions':>8} {'right':>6} {'partly':>6} {'false names':>11}"
+    yield f"{'kind':8} {'lambda':>10} sessions  right partly located false names"
     for kind in KINDS:
         for low, high in RANGES:
             mine = [a for a in answers if a.kind == kind and low <= a.detectability < high]
             if mine:
-                right, partly = (
-                    sum(x) / len(mine) for x in zip(*((a.right, a.partly) for a in mine), strict=True)
-                )
-                false = sum(a.false for a in mine)
-                yield f"{kind:8} {low:4.0f}-{high:<5g} {len(mine):8d} {right:6.2f} {partly:6.2f} {false:11d}"
+                right, partly, located = (_share(getattr(a, x) for a in mine) for x in SHARES)
+                of = f"{kind:8} {low:4.0f}-{high:<5g} {len(mine):8d} {right:>6} {partly:>6} {located:>7}"
+                yield f"{of} {sum(a.false for a in mine):11d}"
+
+
+def _share(hits: Iterable[bool | None]) -> str:
+    known = [hit for hit in hits if hit is not None]
+    return f"{sum(known) / len(known):.2f}" if known else "-"
 
 
 def truths(folder: Path) -> dict[Path, Record]:

@@ -154,7 +154,7 @@ class Linearised:
     def draw(self, count: int, rng: Random, spread: float = 1.0) -> np.ndarray:
         """Independent points (count, D + G); `spread` is a factor on the standard deviation of parameters."""
         return self._points(
-            self._log_kappa(count, rng), spread * rng.standard_normal((count, self.centre.size))
+            self._log_kappa(count, rng), spread * rng.standard_normal((count, len(self.centre)))
         )
 
     def balanced(self, count: int, rng: np.random.Generator) -> np.ndarray:

@@ -352,7 +352,8 @@ def write_together(
         remove_leftovers(path.absolute())
     try:
         for (path, content), part in zip(every, staged, strict=True):  # noqa: B007  (named in the error)
-            part.parent.mkdir(parents=True, exist_ok=True)
+            if not part.parent.exists():  # what is there and no folder is said when it is written to
+                part.parent.mkdir(parents=True, exist_ok=True)
             write_synchronised(part, content.encode("utf-8") if isinstance(content, str) else content)
         for (path, _), part in zip(every, staged, strict=True):
             part.replace(path)

@@ -77,13 +77,31 @@ def test_sessions_of_one_effect_are_held_out(tmp_path, blind):
     assert [t.without for t in tasks(found, tmp_path, False)] == [""] * 4
 
 
+@pytest.mark.parametrize(
+    ("site", "located"),
+    [
+        ("joint 1", True),
+        ("joint 10", False),
+        ("cube.+x", True),
+        ("cube", True),
+        ("cubes", False),
+        ("", False),
+    ],
+)
+def test_the_first_location_is_one_of_the_truth(site, located):
+    of = truth("single", "step") | {"where": [{"site": "joint 1"}, {"site": "face", "also": ["cube."]}]}
+    record = NAMED | {"where": [{"site": site}, {"site": "joint 1"}] if site else []}
+    assert answer(of, record, False).located is located
+    assert answer(truth("null"), record, False).located is None
+
+
 def test_the_card_counts_by_kind_and_detectability():
     every = [answer(truth("single", "step", detectability=x), NAMED, False) for x in (31.0, 99.0, 101.0)]
     every.append(answer(truth("single", "lobing"), NAMED, False))
     rows = [line.split() for line in list(card(every))[1:]]
     assert rows == [
-        ["single", "30-100", "3", "0.67", "0.67", "1"],
-        ["single", "100-inf", "1", "1.00", "1.00", "0"],
+        ["single", "30-100", "3", "0.67", "0.67", "-", "1"],
+        ["single", "100-inf", "1", "1.00", "1.00", "-", "0"],
     ]
 
 

@@ -263,8 +263,8 @@ def test_files_are_written_together_and_never_over_those_of_a_user(arm, tmp_path
     (tmp_path / "new.urdf").write_text("mine")
     with pytest.raises(BayescalError, match="is no unchanged export"):
         out.save(tmp_path / "new.urdf")
-    with pytest.raises(BayescalError, match="give another --out"):
-        out.save(tmp_path / "arm.urdf" / "new.urdf")  # not a folder
+    with pytest.raises(BayescalError, match="Not a directory"):
+        out.save(tmp_path / "arm.urdf" / "new.urdf")
     assert {p.name for p in tmp_path.iterdir()} == {"arm.urdf", "new.urdf", "new.urdf.bayescal.json"}
     assert all(file.exists() for file in out.save(tmp_path / "made" / "here" / "new.urdf"))
 
