@@ -111,6 +111,7 @@ class Robot:
     priors: tuple[Prior, ...] = ()  # of parameters whose usual priors do not hold for this arm
     ground: Ground | None = None  # of a chain through two arms; None: F0 stands still
     prismatic: np.ndarray | None = None  # (n,) bool, joints that slide; None: all are revolute
+    endless: np.ndarray | None = None  # (n,) bool, joints that turn without end; `limits` are then +- a turn
     mass_covariance: np.ndarray | None = None
     # (4n, 4n) of relative errors of masses and errors of centres, m, link by link, where masses were
     # estimated together with other measurements; None: see `effects.gravity`

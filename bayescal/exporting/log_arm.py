@@ -18,11 +18,13 @@ import yaml
 
 from bayescal.errors import BayescalError
 from bayescal.exporting.sidecar import digest, replace_earlier, sidecar_of
+from bayescal.exporting.urdf import most_of
 from bayescal.exporting.xml_text import rendered
 from bayescal.logs import Mechanism
 from bayescal.logs.mechanism import PAIRS
 from bayescal.logs.read import written_out
 from bayescal.logs.schema import Arm
+from bayescal.robots.tree import UNLIMITED
 from bayescal.storage.files import json_text
 from bayescal.storage.reading import Json, decoded
 
@@ -190,7 +192,10 @@ def text_of(
 ) -> str:
     """A mechanism in a format of XML; numbers have all their digits. With a stiffness drives are servos."""
     six = m.inertia[:, *np.transpose(PAIRS)]
+    limits = [None if np.isnan(both).any() else both.tolist() for both in m.limits]
+    most, remark = most_of(m.rated, m.fastest)
     fields = {"m": m, "name": m.name, "six": six, "gravity": gravity, "kp": stiffness, "kd": damping}
+    fields |= {"limits": limits, "most": most, "unlimited": UNLIMITED, "remark": remark}
     return rendered(f"log_arm.{to}.j2", **fields)
 
 

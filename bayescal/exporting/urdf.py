@@ -37,6 +37,7 @@ from bayescal.exporting.same_arm import FileArm, Match, match
 from bayescal.exporting.written import IN_F0, Format, Options, Written, path_of
 from bayescal.exporting.xml_text import XmlText, numbers, rendered
 from bayescal.fitted.arm import FittedArm
+from bayescal.logs.mechanism import or_nan
 from bayescal.robots.markup import LARGEST, parse_markup
 from bayescal.robots.tree import BETWEEN, MOVING, TURNING, UNLIMITED, Tree, chain_in, read_tree
 from bayescal.storage.reading import decoded
@@ -177,9 +178,7 @@ def _new(robot: Robot, delta: np.ndarray, name: str) -> _File:
     *poses, flange = steps(zero_frames(robot, delta))
     links = _links(robot, delta, poses)
     signs = np.where(np.diag(robot.link_from_reading) < 0, -1.0, 1.0)
-    most = {"effort": robot.torques, "velocity": robot.velocities}
-    free = " and ".join(what for what, each in most.items() if each is None or np.any(np.isnan(each)))
-    remark = f"{free} of {UNLIMITED:g}: not stated by the robot; a URDF must have a number" if free else ""
+    most, remark = most_of(*(or_nan(x, robot.n) for x in (robot.torques, robot.velocities)))
     joints = [
         {
             "name": joint,
@@ -187,7 +186,7 @@ def _new(robot: Robot, delta: np.ndarray, name: str) -> _File:
             **links[joint],
             "sense": f"{signs[k] * links[joint]['sense']:g}",
             **dict(zip(("lower", "upper"), robot.limits[k].tolist(), strict=True)),
-            **{key: UNLIMITED if x is None or np.isnan(x[k]) else float(x[k]) for key, x in most.items()},
+            **{key: float(x[k]) for key, x in most.items()},
         }
         for k, joint in enumerate(robot.joint_names)
     ]
@@ -198,6 +197,17 @@ def _new(robot: Robot, delta: np.ndarray, name: str) -> _File:
     text = rendered("arm.urdf.j2", name=name, remark=remark, joints=joints, ends=ends, ball=BALL)
     here = Match(np.eye(4), np.tile(np.eye(4), (robot.n, 1, 1)), signs, (remark,) if remark else ())
     return _File(text, tip, here, np.eye(4))
+
+
+def most_of(effort: np.ndarray, velocity: np.ndarray) -> tuple[dict[str, np.ndarray], str]:
+    """Largest torques and speeds (n,) of joints as a URDF must have them, and a remark where it is not true.
+
+    Those that are not known (nan) become `UNLIMITED`.
+    """
+    most = {"effort": effort, "velocity": velocity}
+    free = " and ".join(what for what, each in most.items() if np.any(np.isnan(each)))
+    remark = f"{free} of {UNLIMITED:g}: not stated by the robot; a URDF must have a number" if free else ""
+    return {key: np.where(np.isnan(each), UNLIMITED, each) for key, each in most.items()}, remark
 
 
 def _links(robot: Robot, delta: np.ndarray, poses: Sequence[np.ndarray]) -> dict[str, dict[str, Any]]:

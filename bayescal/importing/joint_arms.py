@@ -14,7 +14,7 @@ from bayescal.arm.transforms import rpy_of
 from bayescal.errors import BayescalError, listed
 from bayescal.exporting.sidecar import mujoco
 from bayescal.importing.joint_formats import DEG
-from bayescal.logs.mechanism import PAIRS
+from bayescal.logs.mechanism import PAIRS, bounds_of
 from bayescal.robots import builtin_robots, full_name, load_robot, only_revolute
 from bayescal.robots.markup import LARGEST, parse_markup
 from bayescal.robots.servos import GRIPPER
@@ -61,12 +61,14 @@ def arm_of(reference: str, allow_xacro: bool) -> Arm:
     only_revolute(robot, "joint logs")
     coupling = robot.link_from_reading
     signed = coupling * np.sign(np.diag(coupling))[:, None]
+    bounds = bounds_of(robot)
+    limits = np.where(np.isnan(bounds), (-np.inf, np.inf), bounds)
     if full_name(reference) in builtin_robots() and not Path(reference).is_file():
-        return Arm(robot.name, robot.joint_names, robot.limits, signed, full_name(reference))
+        return Arm(robot.name, robot.joint_names, limits, signed, full_name(reference))
     markup = Path(file).suffix.lower() in (".urdf", ".xacro")
     name = f"{Path(file).stem}.urdf" if markup else "robot.yaml"
     entry = name + mark + tip if markup else name
-    return Arm(robot.name, robot.joint_names, robot.limits, signed, entry, (name, content))
+    return Arm(robot.name, robot.joint_names, limits, signed, entry, (name, content))
 
 
 def _of_mjcf(path: Path) -> Arm:
@@ -139,6 +141,8 @@ def _joint(
         "coulomb_Nm": float(model.dof_frictionloss[of]),
         "viscous_Nms_per_rad": float(np.ravel(model.dof_damping[of])[0]),
     }
+    if model.jnt_limited[joint]:
+        values["limits_deg"] = DEG * model.jnt_range[joint]
     known = {key: v for key, v in values.items() if np.ndim(v) or key == "mass_kg" or v}
     return {"name": name} | {key: _rounded(value) for key, value in known.items()}
 

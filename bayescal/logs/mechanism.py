@@ -48,12 +48,14 @@ class Mechanism:
     viscous: np.ndarray  # (n,) N m s/rad; nan where not known
     rated: np.ndarray  # (n,) N m; nan where not known
     gear_ratio: np.ndarray  # (n,); nan where not known
+    limits: np.ndarray  # (n, 2) rad; nan where not known, or none
+    fastest: np.ndarray  # (n,) rad/s, largest speeds; nan where not known
     coupling: np.ndarray  # (n, n)
     transition: float = TRANSITION  # rad/s
     payload_centre: np.ndarray = field(default_factory=lambda: np.zeros(3))  # m, in the last body's frame
     payload_gyration: float = 0.0  # m
     u: Uncertain = Uncertain()
-    robot: Robot | None = None  # of which it is, with limits and shape; None where dataset.yaml has the arm
+    robot: Robot | None = None  # of which it is, with its shape; None where dataset.yaml has the arm
 
     @property
     def n(self) -> int:
@@ -117,12 +119,19 @@ def mechanism_of(robot: Robot) -> tuple[Mechanism, tuple[str, ...]]:
         viscous=or_nan(robot.viscous, n),
         rated=or_nan(robot.torques, n),
         gear_ratio=or_nan(robot.reductions, n),
+        limits=bounds_of(robot),
+        fastest=or_nan(robot.velocities, n),
         coupling=robot.link_from_reading,
         u=Uncertain() if robot.inertias is not None else Uncertain(inertia=1.0),
         robot=robot,
     ), tuple(notes)
 
 
-def or_nan(values: np.ndarray | None, n: int) -> np.ndarray:
-    """Values of n joints; nan where none are known."""
-    return np.full(n, np.nan) if values is None else values
+def bounds_of(robot: Robot) -> np.ndarray:
+    """Limits (n, 2), rad; nan of joints that turn without end."""
+    return robot.limits if robot.endless is None else np.where(robot.endless[:, None], np.nan, robot.limits)
+
+
+def or_nan(values: np.ndarray | None, *shape: int) -> np.ndarray:
+    """Values of joints; nan where none are known."""
+    return np.full(shape, np.nan) if values is None else values

@@ -156,7 +156,12 @@ def written_out(arm: Arm, name: str) -> Mechanism:
         raise BayescalError(f"the axis of {wrong} is zero", "dataset.yaml", "write its direction")
 
     columns = {field: column_of(joints, [key] * len(joints)) for key, field in OF_JOINTS.items()}
-    known = {field: or_nan(column, len(joints)) for field, column in columns.items()}
+    shapes = {"limits": (len(joints), 2)}
+    known = {f: or_nan(column, *shapes.get(f, (len(joints),))) for f, column in columns.items()}
+    turned = np.flatnonzero(known["limits"][:, 0] >= known["limits"][:, 1])
+    if len(turned):
+        what = f"limits of {joints[turned[0]].name} are not in order"
+        raise BayescalError(what, "dataset.yaml", "write [lower, upper]")
     transition = in_si("friction_transition_degps", arm.friction_transition_degps)
     frames = [rigid(rpy_matrix(in_si("rpy_deg", j.rpy_deg)), in_si("origin_mm", j.origin_mm)) for j in joints]
     return Mechanism(

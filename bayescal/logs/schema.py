@@ -39,6 +39,10 @@ class Joint(Keys):
     """Coulomb friction."""
     viscous_Nms_per_rad: NotNegative | None = None
     """Viscous friction."""
+    limits_deg: tuple[Number, Number] | None = None
+    """[lower, upper] position; left out of a joint that turns without end."""
+    max_velocity_degps: Positive | None = None
+    """Largest speed."""
 
 
 OF_JOINTS = {
@@ -50,6 +54,8 @@ OF_JOINTS = {
     "rated_torque_Nm": "rated",
     "coulomb_Nm": "coulomb",
     "viscous_Nms_per_rad": "viscous",
+    "limits_deg": "limits",
+    "max_velocity_degps": "fastest",
 }
 """Keys of a joint, and the fields of `Mechanism` that they fill."""
 

@@ -122,15 +122,13 @@ class Bounds:
         logged = np.abs(np.concatenate(torques)).max(axis=0) if torques else np.full(m.n, np.inf)
         torque = np.fmax(RATED * m.rated, STRONGER * logged)
         assumed = ["what stands around the arm is not known: run the motions slowly first"]
-        stated = None if robot is None else robot.velocities
-        speed = np.full(m.n, np.nan) if stated is None else STATED * stated
-        unknown = np.isnan(speed)
-        speed = np.where(unknown, np.maximum(fastest, QUICK), speed)
+        unknown = np.isnan(m.fastest)
+        speed = np.where(unknown, np.maximum(fastest, QUICK), STATED * m.fastest)
         if unknown.any():
             assumed.append(f"largest speeds are not stated: those logged, or {QUICK:.3g} rad/s, are assumed")
         bounds = cls(log, step, home, low, high, speed, most, torque, tuple(assumed))
         if robot is None:
-            more = "the robot has no limits and no geometry: motions stay within the range of the log"
+            more = "dataset.yaml has no shape of the arm: motions stay within the range of the log"
             return replace(bounds, assumed=(*assumed, more))
         arm = NominalArm(robot, np.zeros(3))
         low, high = np.minimum(low, home - WIDEST), np.maximum(high, home + WIDEST)

@@ -60,8 +60,7 @@ def _whole(angle: float) -> str:
 
 def _jumps(log: Log, motion: Motion, table: str) -> Iterator[Finding]:
     """Steps from one row to the next that no joint makes, and that are not taken back in the row behind."""
-    stated = None if log.mechanism.robot is None else log.mechanism.robot.velocities
-    fastest = np.full(log.n, FASTEST) if stated is None else np.where(np.isnan(stated), FASTEST, 2.0 * stated)
+    fastest = np.where(np.isnan(log.mechanism.fastest), FASTEST, 2.0 * log.mechanism.fastest)
     change = np.diff(motion.position, axis=0)
     beyond = np.abs(change) > np.maximum(fastest * np.diff(motion.time)[:, None], SMALLEST)
     spikes = signals.spikes(motion.position)

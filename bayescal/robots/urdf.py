@@ -80,6 +80,7 @@ def robot_from_urdf(content: bytes, file: str, tip: str = "") -> Robot:
         raise BayescalError(what, tree.file, "choose another tip")
     n = len(moving)
     prismatic = np.array([joint.kind not in TURNING for joint in moving])
+    endless = np.array([joint.kind == "continuous" for joint in moving])
     ratio = np.array([stages.get(joint.name, 1.0) for joint in moving])
     limits = np.array([_limits(joint, tree.file) for joint in moving])
     between = _between(chain)
@@ -119,6 +120,7 @@ def robot_from_urdf(content: bytes, file: str, tip: str = "") -> Robot:
         limits=np.abs(ratio)[:, None] * limits,
         link_from_reading=np.diag(ratio),
         prismatic=prismatic if prismatic.any() else None,
+        endless=endless if endless.any() else None,
         base=base,
         masses=masses if np.any(masses) else None,
         centres_of_mass=centres if np.any(masses) else None,

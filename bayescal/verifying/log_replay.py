@@ -126,6 +126,7 @@ def _driven(simulator: Any, text: str, law: Law, s: Signals) -> Any:
         body.explicitinertial, body.ipos = True, np.zeros(3)
     for j, joint in enumerate(spec.joints):
         joint.name = joint.name or f"joint {j + 1}"
+        joint.limited = simulator.mjtLimited.mjLIMITED_FALSE  # a machine may stand at the limits of its file
         drive = spec.add_actuator(target=joint.name, trntype=simulator.mjtTrn.mjTRN_JOINT)
         drive.gainprm[0], drive.biastype = law.stiffness[j], simulator.mjtBias.mjBIAS_AFFINE
         drive.biasprm[:3] = law.bias[j], -law.stiffness[j], -law.damping[j]

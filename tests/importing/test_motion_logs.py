@@ -272,6 +272,23 @@ def five(tmp_path):
     return path
 
 
+def test_a_joint_that_turns_without_end_has_no_limits(s, five, tmp_path):
+    """Three turns of the first joint; the others are limited."""
+    five.write_text(five.read_text().replace("revolute", "continuous", 1))
+    position = s.position[:, :5] - s.position[:, :5].mean(axis=0)
+    position[:, 0] += 6 * np.pi
+    columns = {"t": s.time} | of_joints("q", position)
+    request = {"map": "time=t s, j*=q*0 rad", "robot": str(five), "motions": "pause:0.5 s"}
+    log, draft = imported(Request(write_csv(tmp_path / "log.csv", columns), **request), tmp_path)
+    assert not draft.wrong
+    bounds = np.tile([-np.pi / 2, np.pi / 2], (5, 1))
+    bounds[0] = np.nan
+    np.testing.assert_allclose(log.mechanism.limits, bounds, atol=1e-6)
+    columns["q1"] = columns["q1"] + 6 * np.pi
+    other = convert(Request(write_csv(tmp_path / "log.csv", columns), **request))
+    assert "J2 moves from" in other.wrong
+
+
 @pytest.mark.parametrize(
     ("unit", "of_rad", "words"),
     [
@@ -361,7 +378,7 @@ MJCF = """<mujoco model="two"><compiler angle="degree"/><option gravity="0 0 -9.
 <body name="a" pos="0.1 0 0.2"><joint name="j1" axis="0 1 0.2" pos="0 0 0.05" range="-180 180" armature="0.3"
 damping="2" frictionloss="1.5"/>
 <inertial mass="3" pos="0.1 0.02 0.2" quat="0.8 0.3 0 0" diaginertia="0.1 0.2 0.25"/>
-<body name="b" pos="0 0 0.4" quat="0.7 0 0.7 0"><joint name="j2" axis="0 1 0" range="-180 180"/>
+<body name="b" pos="0 0 0.4" quat="0.7 0 0.7 0"><joint name="j2" axis="0 1 0"/>
 <inertial mass="2" pos="0 0.03 0.15" diaginertia="0.05 0.04 0.02"/>
 <body name="tool" pos="0 0 0.3" quat="0.9 0 0 0.3">
 <inertial mass="0.7" pos="0.02 0 0.05" diaginertia="0.003 0.002 0.004"/>
@@ -383,6 +400,7 @@ def test_an_mjcf_model_is_written_out_with_its_dynamics(s, tmp_path):
     assert log.mechanism.joint_names == ("j1", "j2")
     np.testing.assert_allclose(log.mechanism.armature, [0.3, np.nan])
     np.testing.assert_allclose(log.mechanism.coulomb, [1.5, np.nan])
+    np.testing.assert_allclose(log.mechanism.limits, [[-np.pi, np.pi], [np.nan, np.nan]])
     model = mujoco.MjModel.from_xml_string(MJCF)
     data = mujoco.MjData(model)
     rng = np.random.default_rng(0)

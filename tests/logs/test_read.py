@@ -54,6 +54,7 @@ def test_units_and_roles(log):
 REFUSED = [
     ("dataset.yaml", "bayescal-motion/1", "bayescal-motion/9", r"dataset.yaml:1: schema .* another version"),
     ("dataset.yaml", "name: A", "name: A\n      axis: [0, 0, 0]", "the axis of A is zero"),
+    ("dataset.yaml", "name: A", "name: A\n      limits_deg: [9, -9]", "limits of A are not in order"),
     ("dataset.yaml", "mass_kg: 4", "mass_kg: -4", r"dataset.yaml:\d+: "),
     ("dataset.yaml", r"  - \{id: 8.*\n", "", "motion `8` of the table is not in `motions`"),
     ("dataset.yaml", "id: 8,", "id: 9,", "motion `8` of the table is not in `motions`"),

@@ -9,14 +9,17 @@ from xml.etree import ElementTree
 import numpy as np
 import pandas as pd
 import pytest
+import yaml
 from motion.made import RATE, inverse, write
 
 import bayescal as bc
 from bayescal.errors import BayescalError
-from bayescal.exporting.log_arm import FORMATS, LogExport, drives_of, export_log
+from bayescal.exporting.log_arm import FORMATS, LogExport, drives_of, export_log, text_of
 from bayescal.exporting.sidecar import mujoco
 from bayescal.logs.read import written_out
 from bayescal.logs.schema import Arm
+from bayescal.logs.write import arm_text
+from bayescal.robots.urdf import robot_from_urdf
 from bayescal.verifying.log_torque import COPY
 
 JOINT = {"name": "J", "origin_mm": [0, 0, 0], "mass_kg": 1, "centre_of_mass_mm": [0, 0, 0]}
@@ -44,6 +47,45 @@ def test_every_format_has_the_bodies_and_says_what_it_lacks(run, tmp_path, to):
     assert "offsets of the torque" in missing
     assert "not in the file" in str(exported)
     assert path.read_text() == exported.content
+
+
+LIMITED = {"name": "K", "limits_deg": [-100, 120], "max_velocity_degps": 90, "rated_torque_Nm": 40}
+
+
+def test_joints_keep_their_limits_and_those_without_turn_without_end(tmp_path):
+    """As URDF, SDF and MJCF, and in arm.yaml."""
+    joints = [JOINT, JOINT | LIMITED | {"origin_mm": [0, 0, 300], "rpy_deg": [90, 0, 0]}]
+    m = written_out(Arm.model_validate({"joints": joints}), "two")
+    m = replace(m, **dict.fromkeys(("armature", "coulomb", "viscous"), np.zeros(2)))
+    again = written_out(Arm.model_validate(yaml.safe_load(arm_text(m))), "two")
+    assert again.limits == pytest.approx(m.limits, nan_ok=True)
+    assert again.fastest == pytest.approx(m.fastest, nan_ok=True)
+    low, high = np.radians(LIMITED["limits_deg"])
+    texts = {to: text_of(m, to, np.zeros(3)) for to in ("urdf", "sdf", "mjcf")}
+    robot = robot_from_urdf(texts["urdf"].encode(), "two.urdf")
+    assert list(robot.endless) == [True, False]
+    assert robot.limits[1] == pytest.approx([low, high])
+    assert robot.velocities == pytest.approx([np.nan, np.pi / 2], nan_ok=True)
+    assert robot.torques == pytest.approx([np.nan, 40.0], nan_ok=True)
+    assert "not stated by the robot" in texts["urdf"]
+    first, second = ElementTree.fromstring(texts["sdf"]).iterfind("model/joint[axis]")
+    assert [first.get("type"), second.get("type")] == ["continuous", "revolute"]
+    assert first.find("axis/limit") is None
+    limit = {e.tag: float(e.text) for e in second.find("axis/limit")}
+    assert limit == pytest.approx({"lower": low, "upper": high, "effort": 40.0, "velocity": np.pi / 2})
+    model = mujoco().MjModel.from_xml_string(texts["mjcf"])
+    assert list(model.jnt_limited) == [False, True]
+    assert model.jnt_range[1] == pytest.approx([low, high])
+
+
+def test_a_machine_may_stand_at_the_limits_of_its_file(run, tmp_path):
+    """Torques of a verification are those of bodies and drives alone."""
+    within = {"A": "-0.1 0.1", "B": "-0.1 0.1", "C": "-0.1 0.1"}
+    text = bc.export(run, "mjcf").content
+    for name, both in within.items():
+        text = text.replace(f'joint name="{name}"', f'joint name="{name}" limited="true" range="{both}"')
+    (tmp_path / "arm.xml").write_text(text)
+    assert bc.verify(run, tmp_path / "arm.xml").passed
 
 
 def test_an_export_replaces_an_export_and_no_file_of_the_user(run, tmp_path):
