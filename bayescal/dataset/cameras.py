@@ -17,7 +17,7 @@ from bayescal.arm import hand_eye
 from bayescal.arm.chain import chain_of, frames, link_angles
 from bayescal.arm.transforms import rigid, rpy_matrix, rpy_of
 from bayescal.dataset.boards import Board, board_of
-from bayescal.dataset.types import Dataset, Target
+from bayescal.dataset.types import Dataset, Target, Tool
 from bayescal.errors import BayescalError
 from factors.camera import NEAREST, Camera
 from factors.lens import NAMES, Lens
@@ -286,10 +286,20 @@ def prepared(dataset: Dataset, target: int, table: Table, document: Document) ->
         raise BayescalError(what, where, remedy)
     _check_arm(dataset, target, used, found, where)
     k = int(m.tool[used[0]])
-    tool = dataset.tools[k]
-    if tool.u is None and tool.u_angle is None:
-        placed = replace(tool, centre=found.on_flange[:, 3], rpy=rpy_of(found.on_flange[:, :3]))
-        dataset = replace(dataset, tools=_replaced(dataset.tools, k, placed))
+    return placed(dataset, target, None if is_stated(dataset.tools[k]) else k, found)
+
+
+def is_stated(of: Target | Tool) -> bool:
+    """Whether a place is stated with an uncertainty."""
+    return of.u is not None or of.u_angle is not None
+
+
+def placed(dataset: Dataset, target: int, tool: int | None, found: hand_eye.HandEye) -> Dataset:
+    """The session with a target, and a tool if one is given, at the places that a hand-eye has."""
+    if tool is not None:
+        on = replace(dataset.tools[tool], centre=found.on_flange[:, 3], rpy=rpy_of(found.on_flange[:, :3]))
+        dataset = replace(dataset, tools=_replaced(dataset.tools, tool, on))
+    t = dataset.targets[target]
     values = t.values | {"xyz": found.fixed[:, 3], "rpy": rpy_of(found.fixed[:, :3])}
     return replace(dataset, targets=_replaced(dataset.targets, target, replace(t, values=values)))
 

@@ -18,7 +18,7 @@ from bayescal.errors import BayescalError
 from bayescal.model import block
 from bayescal.model.cached import posed_rowwise, rowwise, unposed
 from bayescal.model.statements import STATED, u_of
-from bayescal.model.views import blur_of, views_of
+from bayescal.model.views import as_seen, blur_of, views_of
 from factors.certificate import RELATIONS, ordered
 from factors.instrument import Instrument
 from factors.kind import Kind
@@ -142,6 +142,12 @@ class Scene:
     def turning(self) -> np.ndarray:
         """Which rows depend on how the tool stands on the flange, (N,)."""
         return self.posed | self.in_images
+
+    @unposed
+    def as_seen(self) -> Scene:
+        """The scene whose cameras and boards are where the images tell: slopes of views are taken there."""
+        dataset = as_seen(self.dataset)
+        return self if dataset is self.dataset else replace(self, dataset=dataset)
 
     @unposed
     def in_images(self) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""What cameras see, as the effects of cameras and boards need it: slopes at nominal geometry."""
+"""What cameras see, as the effects of cameras and boards need it: slopes where camera and board are seen."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bayescal.dataset import Dataset, Target
-from bayescal.dataset.cameras import blur, board, stated
+from bayescal.dataset.cameras import blur, board, closed_form, is_stated, placed, stated
 from bayescal.dataset.target_kinds import KINDS
 from bayescal.effects import View
 from factors.camera import NEAREST, Camera
@@ -35,14 +35,28 @@ def _pixel(dataset: Dataset) -> np.ndarray:
     return np.full(len(m.target), np.nan) if m.pixel is None else m.pixel[:, 0]
 
 
+def as_seen(dataset: Dataset) -> Dataset:
+    """The session with cameras, boards and tools where the images tell, also where they are stated with u."""
+    m, out = dataset.measurements, dataset
+    for target, t in enumerate(dataset.targets):
+        rows = np.flatnonzero(m.target == target)
+        if not KINDS[t.kind].posed or not len(rows):
+            continue
+        k = int(np.bincount(m.tool[rows]).argmax())
+        if is_stated(t) or is_stated(dataset.tools[k]):
+            found = closed_form(dataset, target, rows[m.tool[rows] == k], m.readings)[2]
+            out = out if found is None or not found.determined else placed(out, target, k, found)
+    return out
+
+
 def views_of(scene: Scene, fitted: np.ndarray) -> tuple[View, ...]:
-    """What the cameras of fitted rows see, at nominal geometry."""
-    d, target = scene.dataset, scene.dataset.measurements.target
+    """What the cameras of fitted rows see, where the images tell that camera and board are."""
+    at, target = scene.as_seen, scene.dataset.measurements.target
     views = tuple(
-        view(d.targets[t], kind, rows, scene.nominal(t, rows), len(target))
+        view(at.dataset.targets[t], replace(found, scale=kind.scale), rows, at.nominal(t, rows), len(target))
         for t in np.unique(target[fitted]).tolist()
         for rows in (np.flatnonzero(target == t),)
-        if isinstance(kind := scene.kind(t, rows), Camera)
+        if isinstance(kind := scene.kind(t, rows), Camera) and isinstance(found := at.kind(t, rows), Camera)
     )
     return tuple(replace(v, several=True) for v in views) if len(views) > 1 else views
 
@@ -57,7 +71,7 @@ def view(t: Target, kind: Camera, rows: np.ndarray, pose: np.ndarray, count: int
         Of all its rows.
     rows : np.ndarray of int, shape (C,)
     pose : np.ndarray, shape (3, 4, C)
-        Nominal poses of its tool in these rows.
+        Poses of its tool in these rows.
     count : int
         N rows of the session.
     """

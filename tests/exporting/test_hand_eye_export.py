@@ -131,3 +131,28 @@ def test_a_session_without_a_camera(cube):
     found = estimate(build(Scene(cube(seed=1).dataset), ("joint",)))
     with pytest.raises(BayescalError, match="no camera"):
         export(of_estimate(found, found.covariance), "hand-eye", force=True)
+
+
+@pytest.mark.parametrize("mount", ["flange", "fixed"])
+def test_a_scaled_board_is_seen_where_it_is_and_not_where_it_is_stated(mount):
+    """Places stated 0.2 rad off, within their u: the same size of the board, and the same covariance."""
+    session = camera_session(mount, images=15, scale=1.002)
+    (target,), (tool,) = session.targets, session.tools
+
+    def fitted(turn):
+        turned = rpy_of(Rotation.from_rotvec(turn).as_matrix() @ FIXED[mount][:3, :3])
+        on = rpy_of(ON_FLANGE[:3, :3] @ Rotation.from_rotvec(turn[::-1]).as_matrix())
+        own = {"rpy": turned, "xyz": FIXED[mount][:3, 3], "u_scale": 2e-3}
+        stated = replace(target, values=target.values | own, u=0.05, u_angle=0.2)
+        placed = replace(tool, rpy=on, u=0.05, u_angle=0.2)
+        scene = Scene(replace(session, targets=(stated,), tools=(placed,)))
+        found = estimate(build(scene, ("geometry",)))
+        arm = of_estimate(found, found.covariance)
+        k = [p.name for p in arm.model.parameters].index("cam scale x")
+        held = hand_eyes(arm)[0].on_flange.covariance
+        return arm.values[k], np.sqrt(arm.covariance[k, k]), np.sqrt(np.diag(held))
+
+    (near, u, held), (far, u_far, held_far) = fitted(np.zeros(3)), fitted(np.array([0.12, -0.1, 0.124]))
+    assert far == pytest.approx(near, abs=0.02 * u)
+    assert u_far == pytest.approx(u, rel=0.002)
+    np.testing.assert_allclose(held_far, held, rtol=0.005)
