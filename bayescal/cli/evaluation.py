@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shlex
 from pathlib import Path
+from typing import Any
 
 import typer
 
@@ -105,40 +106,26 @@ def fit(
 )
 def gap(
     datasets: list[Path] = typer.Argument(metavar="DATASET..."),
-    model: str = "geometry,compliance",
-    without: str = "",
-    seed: int = 0,
     out: Path | None = None,
-    robust: bool = True,
-    prior_width: float = 1.0,
-    remounted: bool = False,
     pictures: bool = True,
-    allow_xacro: bool = False,
+    **options: Any,
 ) -> None:
     """Diagnose the difference between model and machine: size, location, effect, improvement.
 
     Parameters
     ----------
-    datasets, model, without, seed, out, robust, prior_width, remounted, allow_xacro
+    datasets, model, without, seed, out, robust, prior_width, remounted
         As of `fit`.
     pictures
         Write gap-where.png, -which, -levels and -residuals.
+    allow_xacro
+        As of `fit`.
     """
     from bayescal.public.functions import diagnose
     from bayescal.public.results import drawing_beside
 
     with run_folder(out, datasets, "gap") as folder, drawing_beside(pictures), progress() as notify:
-        result = diagnose(
-            datasets,
-            model,
-            seed,
-            without=without,
-            robust=robust,
-            prior_width=prior_width,
-            remounted=remounted,
-            allow_xacro=allow_xacro,
-            progress=notify,
-        )
+        result = diagnose(datasets, progress=notify, **options)
         notify("write", 0.0)
         written = result.save(folder, pictures)
     show(result.report(), folder, written)
@@ -151,13 +138,7 @@ def gap(
     "bayescal compare data/lrmate200ic-cube",
     "bayescal compare cell --model geometry --out runs/cell-geometry",
 )
-def compare(
-    dataset: Path = typer.Argument(),
-    model: str = "geometry,compliance",
-    seed: int = 0,
-    out: Path | None = None,
-    allow_xacro: bool = False,
-) -> None:
+def compare(dataset: Path = typer.Argument(), out: Path | None = None, **options: Any) -> None:
     """Calibrate by several published methods, and compare their errors on the same validation data.
 
     Parameters
@@ -170,7 +151,7 @@ def compare(
     from bayescal.public.functions import compare as run
 
     with run_folder(out, [dataset], "compare") as folder, progress("compare") as notify:
-        result = run(dataset, model, seed, allow_xacro=allow_xacro, progress=notify)
+        result = run(dataset, progress=notify, **options)
         written = result.save(folder)
     show(result.report(), folder, written)
 
@@ -189,13 +170,12 @@ def plan(
     validation: bool = True,
     order: str = "sweeps",
     candidates: int = 5000,
-    seed: int = 0,
     to: list[str] | None = None,
     probe_input: str = "",
     probe_force_n: float | None = None,
     probe_beyond_mm: float = 5.0,
     out: Path | None = None,
-    allow_xacro: bool = False,
+    **options: Any,
 ) -> None:
     """Choose the contacts to measure, and predict the uncertainty that they give; of a joint log, motions.
 
@@ -204,8 +184,6 @@ def plan(
     setup
         Dataset folder; its dataset.yaml states robot, tools, targets and noise. Rows are ignored. Of a joint
         log the motions are planned that it lacks.
-    seed, out, allow_xacro
-        As of `fit`.
     contacts
         Contacts, or images, to calibrate with, repeats included [default: 200; of cameras 33 images].
     for_
@@ -225,6 +203,8 @@ def plan(
         sweeps (each visits all targets), shortest, or random.
     candidates
         Possible contacts among which is chosen.
+    seed
+        As of `fit`.
     to
         For the controller: a probing program (urscript, fanuc, kuka, abb; none has been run on a controller)
         or a table (csv, robodk, poses); repeatable.
@@ -235,6 +215,8 @@ def plan(
         Change of the force at the tool, N, that is a contact, in place of an input (UR).
     probe_beyond_mm
         How far beyond the expected surface a program searches before it stops.
+    out, allow_xacro
+        As of `fit`.
     """
     from bayescal.programs.probing import Probe, formats_of
     from bayescal.public.planning import plan as work
@@ -251,9 +233,8 @@ def plan(
             order=order,
             validation=validation,
             candidates=candidates,
-            seed=seed,
-            allow_xacro=allow_xacro,
             progress=notify,
+            **options,
         )
         notify("write", 0.0)
         written = result.save(
@@ -269,15 +250,12 @@ def plan(
 @command("bayescal watch cell --plan runs/cell-plan", "bayescal watch cell --enough-um 60 --idle-s 300")
 def watch(
     dataset: Path = typer.Argument(metavar="DATASET"),
-    model: str = "geometry,compliance",
     enough_um: float | None = None,
     plan: Path | None = None,
     idle_s: float = 600.0,
-    seed: int = 0,
     out: Path | None = None,
-    robust: bool = True,
-    prior_width: float = 1.0,
     pictures: bool = True,
+    **options: Any,
 ) -> None:
     """Watch a session while it is measured: judge each contact, state U so far, and say when it is enough.
 
@@ -288,7 +266,7 @@ def watch(
     ----------
     dataset
         Dataset folder of the session; its measurements.csv may not exist yet.
-    model, seed, robust, prior_width
+    model
         As of `fit`.
     enough_um
         End when U of a distance in the probed workspace is not larger than this, µm.
@@ -296,8 +274,12 @@ def watch(
         Run folder of bayescal plan: end when its contacts are measured, or when its U is reached.
     idle_s
         End after this time without a new row, s.
+    seed
+        As of `fit`.
     out
         Run folder to write [default: runs/<dataset>-fit].
+    robust, prior_width
+        As of `fit`.
     pictures
         Write watch.png and the figures of fit.
     """
@@ -309,14 +291,11 @@ def watch(
     with run_folder(out, [dataset], "fit") as folder:
         result = run(
             dataset,
-            model,
             enough_um=enough_um,
             plan=plan,
             idle_s=idle_s,
-            seed=seed,
-            robust=robust,
-            prior_width=prior_width,
             say=lambda event: terminal.print(words(event), soft_wrap=True),
+            **options,
         )
         written = result.save(folder, pictures)
     show(result.report(), folder, written)

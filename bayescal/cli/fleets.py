@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import typer
 
@@ -19,13 +20,8 @@ def fleet(
     arm: str = "",
     workers: int | None = None,
     dask: str | None = None,
-    model: str = "geometry,compliance",
-    without: str = "",
-    seed: int = 0,
     out: Path = Path("runs/fleet"),
-    robust: bool = True,
-    prior_width: float = 1.0,
-    allow_xacro: bool = False,
+    **options: Any,
 ) -> None:
     """Fit and diagnose many sessions, compare their arms, and learn the prior of a further arm.
 
@@ -42,28 +38,18 @@ def fleet(
     dask
         Use the workers of this Dask scheduler instead, tcp://HOST:PORT (bayescal[dask]); they must see the
         same folders.
-    model, without, seed, robust, prior_width, allow_xacro
+    model, without, seed
         As of `fit`.
     out
         Folder of the fleet. The same command computes what is missing in it, and what has another dataset or
         other options.
+    robust, prior_width, allow_xacro
+        As of `fit`.
     """
     from bayescal.public.fleet import fleet as run
 
     with progress("fit") as notify:
         result = run(
-            sessions,
-            out,
-            model,
-            arm=arm,
-            workers=workers,
-            dask=dask,
-            without=without,
-            seed=seed,
-            robust=robust,
-            prior_width=prior_width,
-            allow_xacro=allow_xacro,
-            progress=notify,
-            say=notify.say,
+            sessions, out, arm=arm, workers=workers, dask=dask, progress=notify, say=notify.say, **options
         )
     show(result.report(), out, result.written)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import typer
 
@@ -18,10 +19,8 @@ def changed(
     datasets: list[Path] = typer.Argument(metavar="BEFORE AFTER [MORE]..."),
     model: str = "geometry,compliance",
     at: Path | None = typer.Option(None, metavar="TARGETS"),
-    remounted: bool = False,
-    robust: bool = True,
     out: Path | None = None,
-    allow_xacro: bool = False,
+    **options: Any,
 ) -> None:
     """What changed between sessions of one arm: parameters and effects, by how much, and what it does.
 
@@ -40,15 +39,7 @@ def changed(
     from bayescal.public.changes import changed as run
 
     with run_folder(out, datasets, "changed") as folder, progress() as notify:
-        result = run(
-            datasets,
-            model,
-            at=at,
-            remounted=remounted,
-            robust=robust,
-            allow_xacro=allow_xacro,
-            progress=notify,
-        )
+        result = run(datasets, model, at=at, progress=notify, **options)
         notify("write", 0.0)
         written = result.save(folder)
     show(result.report(), folder, written)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from math import radians
 from pathlib import Path
+from typing import Any
 
 import typer
 
@@ -190,17 +191,16 @@ def compensate(
     tool: str | None = None,
     tcp: str = typer.Option("", metavar="X,Y,Z,RX,RY,RZ"),
     payload_kg: float = typer.Option(0.0, min=0.0),
-    with_: str = "",
-    without: str = "",
     at_time_s: float | None = None,
     at_row: str | None = None,
     force: bool = False,
+    **options: Any,
 ) -> None:
     """Correct targets or a robot program for all fitted effects of an arm.
 
     Parameters
     ----------
-    run, with_, without
+    run
         As of `export`.
     targets
         CSV with x_mm, y_mm, z_mm, rx_deg, ry_deg, rz_deg or j1_deg ...; or a robot program: URScript, FANUC
@@ -218,6 +218,8 @@ def compensate(
         the flange. A negative X: --tcp=-1,2,...
     payload_kg
         Additional payload, where the table states none.
+    with_, without
+        As of `export`.
     at_time_s
         Time of the session whose state of the arm holds (drift, step).
     at_row
@@ -236,7 +238,7 @@ def compensate(
         frame_of_tool = [*(1e-3 * mm for mm in numbers[:3]), *map(radians, numbers[3:])]
     result = work(
         run, targets, format=format_, frame=frame, tool=tool, tcp=frame_of_tool, payload_kg=payload_kg,
-        with_=with_, without=without, at_time=at_time_s, at_row=at_row, force=force,
+        at_time=at_time_s, at_row=at_row, force=force, **options,
     )  # fmt: skip
     show(result.report(), out.parent, result.save(out))
 

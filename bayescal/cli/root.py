@@ -8,7 +8,7 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, get_type_hints
 
 import typer
 from typer.models import ParameterInfo
@@ -52,8 +52,8 @@ PARAMETER = re.compile(r"^(\w+(?:, \w+)*)\n((?: +.*\n?)+)", re.MULTILINE)
 """Parameters in a docstring, and their description."""
 AS_OF = re.compile(r"As of `(\w+)`\.")
 """The description of parameters that another command has too."""
-_described: dict[str, dict[str, str]] = {}
-"""Help of the options of each command, by the names of its function and its parameters."""
+_options: dict[str, dict[str, inspect.Parameter]] = {}
+"""Options of each command, by the names of its function and its parameters."""
 
 
 def command(*examples: str, name: str | None = None, **renamed: str) -> Callable[..., Callable[..., None]]:
@@ -61,6 +61,8 @@ def command(*examples: str, name: str | None = None, **renamed: str) -> Callable
 
     A parameter is the option of its name. What its name, its type and its default do not state (that it is
     an argument, its metavar, limits) is stated by `typer.Argument` or `typer.Option` in place of the default.
+    Options are in the order of the docstring. Those "As of `fit`." that the function does not declare have
+    type and default of `fit`; it receives them as ``**options``.
 
     Parameters
     ----------
@@ -72,25 +74,38 @@ def command(*examples: str, name: str | None = None, **renamed: str) -> Callable
 
     def registered(function: Callable[..., None]) -> Callable[..., None]:
         summary, _, section = (inspect.getdoc(function) or "").partition("\n\nParameters\n----------\n")
-        described = _described[function.__name__] = {}
+        hints = get_type_hints(function)
+        own = {
+            p.name: p.replace(kind=p.KEYWORD_ONLY, annotation=hints[p.name])
+            for p in inspect.signature(function).parameters.values()
+            if p.kind is not p.VAR_KEYWORD
+        }
+        described: dict[str, inspect.Parameter] = {}
         for names, text in PARAMETER.findall(section):
             other = AS_OF.fullmatch(text.strip())
-            for parameter in names.split(", "):
-                described[parameter] = _described[other[1]][parameter] if other else " ".join(text.split())
-        stated = [p for p in inspect.signature(function).parameters.values() if p.default is not p.empty]
-        function.__defaults__ = tuple(_option(p, described.get(p.name)) for p in stated)
+            for key in names.split(", "):
+                first = _options[other[1]][key] if other else own[key]
+                words = first.default.help if other else " ".join(text.split())
+                described[key] = _option(own.get(key, first), words)
+        _options[function.__name__] = described
+        others = [_option(p) for key, p in own.items() if key not in described]
+        signature = inspect.Signature([*others, *described.values()])
+        function.__signature__ = signature  # type: ignore[attr-defined]
+        function.__annotations__ = {key: p.annotation for key, p in signature.parameters.items()}
         return app.command(name, help=summary, **ending(*examples, **renamed))(function)
 
     return registered
 
 
-def _option(parameter: inspect.Parameter, text: str | None) -> ParameterInfo:
-    """An option by its name and default, or what the default states of it, with its help."""
+def _option(parameter: inspect.Parameter, text: str = "") -> inspect.Parameter:
+    """A parameter as an option: by its name and default, or what the default states of it, with its help."""
     option, flag = parameter.default, f"--{parameter.name.rstrip('_').replace('_', '-')}"
+    if option is parameter.empty:  # typer's context
+        return parameter
     if not isinstance(option, ParameterInfo):
         option = typer.Option(option, f"{flag}/--no-{flag[2:]}" if option is True else flag)
     option.help = text or option.help
-    return option
+    return parameter.replace(default=option)
 
 
 def _version(wanted: bool) -> None:

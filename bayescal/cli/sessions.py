@@ -255,13 +255,15 @@ def simulate(
         Fraction of gross outliers.
     payload_kg
         Additional payload for half of the plane contacts.
+    seed
+        As of `fit`.
     arm_seed
         Seed of the arm, to simulate several sessions of the same arm [default: --seed].
     name
         Name of the session [default: name of the folder].
     setup
         Practice on a set-up of bayescal init: its robot, tools, targets and noise are simulated.
-    seed, allow_xacro
+    allow_xacro
         As of `fit`.
     """
     import math
