@@ -25,11 +25,10 @@ from analysis.world.size import modest
 from analysis.world.touch import SOLVED, Act, World
 from bayescal.dataset import read_dataset
 from bayescal.fitted.arm import of_fit
-from bayescal.fleets.compare import Member, models_of
-from bayescal.fleets.likelihood import read_likelihood
+from bayescal.fleets.compare import Member, models_of, read_likelihood
 from bayescal.public.fleet import fleet
 from bayescal.public.fleet_results import robot_text
-from bayescal.reporting.fleet_sheets import counted, findings, learnt
+from bayescal.reporting.fleet_report import counted, findings, learnt
 from bayescal.statistics import rms
 
 ARMS, SPREAD = 12, 0.3

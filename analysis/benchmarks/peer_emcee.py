@@ -13,7 +13,7 @@ import numpy as np
 
 from analysis.benchmarks.effective import Turn
 from bayescal.posterior import Density
-from bayescal.posterior.ensemble import Evolution, Independence
+from bayescal.posterior.checkpoint import Evolution, Independence
 from bayescal.posterior.linearised import Linearised
 
 THIN = 10  # of the stretch move's steps one is kept: its chains are long

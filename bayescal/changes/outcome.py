@@ -17,7 +17,6 @@ from bayescal.changes.moves import (
     tcp_slopes,
     with_poses,
 )
-from bayescal.changes.posterior import by_masses, by_sets, posterior, set_with
 from bayescal.changes.search import (
     FREE,
     LISTED,
@@ -28,11 +27,15 @@ from bayescal.changes.search import (
     Member,
     Search,
     averaged,
+    by_masses,
+    by_sets,
     log_priors,
     options,
+    posterior,
     search,
     selector,
     selectors,
+    set_with,
 )
 from bayescal.dataset import Dataset
 from bayescal.effects import EFFECTS, Parameter

@@ -1,4 +1,4 @@
-"""The command for many sessions: `fleet`."""
+"""Commands for several sessions: `fleet`, `changed`, `history`."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 import typer
 
 from bayescal.cli.progress import progress
-from bayescal.cli.root import command, show
+from bayescal.cli.root import command, run_folder, show
 
 
 @command(
@@ -53,3 +53,66 @@ def fleet(
             sessions, out, arm=arm, workers=workers, dask=dask, progress=notify, say=notify.say, **options
         )
     show(result.report(), out, result.written)
+
+
+@command(
+    "bayescal changed monday friday",
+    "bayescal changed before-crash after-crash after-repair --at targets.csv --remounted",
+)
+def changed(
+    datasets: list[Path] = typer.Argument(metavar="BEFORE AFTER [MORE]..."),
+    model: str = "geometry,compliance",
+    at: Path | None = typer.Option(None, metavar="TARGETS"),
+    out: Path | None = None,
+    **options: Any,
+) -> None:
+    """What changed between sessions of one arm: parameters and effects, by how much, and what it does.
+
+    Parameters
+    ----------
+    datasets
+        Dataset folders of one arm in the order of time. Targets of the same name and description are
+        compared.
+    model
+        Effects that all sessions have, separated by commas.
+    at
+        Table of targets, as `compensate` reads it: the displacement of the TCP there.
+    remounted, robust, out, allow_xacro
+        As of `fit`.
+    """
+    from bayescal.public.changes import changed as run
+
+    with run_folder(out, datasets, "changed") as folder, progress() as notify:
+        result = run(datasets, model, at=at, progress=notify, **options)
+        notify("write", 0.0)
+        written = result.save(folder)
+    show(result.report(), folder, written)
+
+
+@command("bayescal history runs/arm-7", "bayescal history runs/arm-7 --limit-mm 0.1")
+def history(
+    folder: Path = typer.Argument(metavar="ARM"),
+    order: str = "",
+    limit_mm: float | None = typer.Option(None, min=0.0),
+    out: Path | None = None,
+) -> None:
+    """The parameters of an arm over its sessions: trends, steps, and when to calibrate again.
+
+    Parameters
+    ----------
+    folder
+        Folder with run folders of fit or gap of one arm.
+    order
+        Names of the run folders in the order of time, separated by commas [default: by the dates that the
+        datasets record, or by the names of the run folders].
+    limit_mm
+        RMS error of distances at which the arm is to be calibrated again: when the drift reaches it.
+    out
+        As of `fit`.
+    """
+    from bayescal.public.changes import history as run
+
+    with run_folder(out, [folder], "history") as target, progress("read") as notify:
+        result = run(folder, order=order, limit_mm=limit_mm, progress=notify)
+        written = result.save(target)
+    show(result.report(), target, written)

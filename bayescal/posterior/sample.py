@@ -23,9 +23,8 @@ from scipy.special import ndtri
 
 from bayescal.errors import BayescalError
 from bayescal.estimate import Estimate
-from bayescal.posterior.checkpoint import Checkpoint, Results
+from bayescal.posterior.checkpoint import Checkpoint, Ensemble, Evolution, Independence, Results
 from bayescal.posterior.density import Density
-from bayescal.posterior.ensemble import Ensemble, Evolution, Independence
 from bayescal.posterior.linearised import CHAINS, Convergence, Draws, Linearised, scale_names
 
 TAILS = (0.05, 0.95)

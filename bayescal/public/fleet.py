@@ -204,8 +204,7 @@ def fleet(
         For no session, two of one name, a folder with other files, or a cluster that cannot be reached.
     """
     from bayescal.storage.locks import alone
-    from bayescal.storage.tasks import Lost
-    from bayescal.storage.workers import results
+    from bayescal.storage.workers import Lost, results
 
     folder, options = Path(out), {
         "model": list(names(model)), "without": list(names(without)), "seed": seed, "robust": robust,
@@ -374,8 +373,7 @@ def _written(entries: list[Json], options: Json, folder: Path) -> FleetResult:
 
 
 def _members(entries: Sequence[Json], folder: Path, model: Sequence[str]) -> Iterator[Member]:
-    from bayescal.fleets.compare import Member
-    from bayescal.fleets.likelihood import read_likelihood
+    from bayescal.fleets.compare import Member, read_likelihood
 
     for e in entries:
         if e["arm"] is not None:

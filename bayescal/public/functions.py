@@ -13,6 +13,7 @@ from bayescal.public.arms import names
 from bayescal.public.motions import (
     MotionFitResult,
     MotionGapResult,
+    TogetherResult,
     diagnose_log,
     divided,
     fit_log,
@@ -20,7 +21,6 @@ from bayescal.public.motions import (
     refuse,
 )
 from bayescal.public.results import ComparisonResult, FitResult, GapResult, SimulatedSession
-from bayescal.public.together import TogetherResult
 from bayescal.storage.stopping import Progress, silent
 
 if TYPE_CHECKING:

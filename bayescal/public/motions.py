@@ -1,4 +1,4 @@
-"""Results of joint logs."""
+"""Results of joint logs, also of those that were fitted together with a session of contacts."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from bayescal.errors import BayescalError
-from bayescal.public.results import Diagnosis, Draws, Printed, Result, table
+from bayescal.public.results import Diagnosis, Draws, FitResult, Printed, Result, table
 from bayescal.storage.reading import Json
 from bayescal.storage.stopping import Progress, silent
 
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from bayescal.exporting.log_arm import LogExport
     from bayescal.motion.calibrate import MotionFit
     from bayescal.motion.result import MotionGap
+    from bayescal.motion.together import Together
     from bayescal.posterior.inference import Record
     from bayescal.preparing.next_motions import MotionPlan
     from bayescal.verifying.log_torque import LogVerification
@@ -49,7 +50,7 @@ class MotionGapResult(Diagnosis):
 
     def report(self) -> RenderableType:
         """The summary, to be printed by a `rich.console.Console`."""
-        from bayescal.reporting.motion.summary import motion_summary
+        from bayescal.reporting.motion.sheets import motion_summary
 
         return motion_summary(self.record)
 
@@ -322,3 +323,63 @@ def verify_log(run: Path, file: Path) -> LogVerificationResult:
     from bayescal.verifying.log_torque import verify_log as work
 
     return LogVerificationResult(work(run, file))
+
+
+@dataclass(frozen=True, repr=False)
+class TogetherResult(Result):
+    """A session of contacts and a joint log, fitted together; `print` shows what each gains by the other.
+
+    `record` is the content of fit.json.
+    """
+
+    data: Together | None = None
+
+    def _contents(self) -> Json:
+        from bayescal.reporting.motion.together import together_record
+
+        return together_record(self._new())
+
+    def report(self, verbose: bool = False) -> RenderableType:
+        """The summary, to be printed by a `rich.console.Console`; `verbose` adds all masses and centres."""
+        from bayescal.reporting.motion.together import together_summary
+
+        return together_summary(self.record, verbose)
+
+    def save(self, folder: str | PathLike[str], pictures: bool = True) -> tuple[str, ...]:
+        """Write fit.json, and the run folders `contacts` and `log`; return their names."""
+        from bayescal.reporting.motion.together import write_together
+
+        return write_together(self._new(), Path(folder), self.record, pictures)
+
+    @property
+    def contacts(self) -> FitResult:
+        """The calibration by the contacts, with the masses of both."""
+        return FitResult(self.data.contacts) if self.data else FitResult(**self._part("contacts"))
+
+    @property
+    def log(self) -> MotionFitResult:
+        """The calibration by the joint log, with the masses of both."""
+        return MotionFitResult(self.data.log) if self.data else MotionFitResult(**self._part("log"))
+
+    def _part(self, name: str) -> dict[str, Any]:
+        from bayescal.storage.reading import read_record
+
+        path = self._file(f"{name}/fit.json", "repeat the fit")
+        return {"folder": path.parent, "content": read_record(path, "bayescal-fit/1", "repeat the fit")}
+
+    @property
+    def shared(self) -> DataFrame:
+        """Parameters, by name: estimate and u, SI, by one measurement alone and by both."""
+        entries = (
+            {"name": p["name"], "unit": p["unit"], "source": p["source"]}
+            | {f"{key}_{of}": p[of][key] for of in ("alone", "both") for key in ("estimate", "u")}
+            for p in self.record["shared"]
+        )
+        return table(entries, "name")
+
+    @property
+    def _overview(self) -> DataFrame:
+        return self.shared
+
+    def __repr__(self) -> str:
+        return f"<{self.record['session']} and the log {self.record['log']['name']}, fitted together>"

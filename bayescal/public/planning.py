@@ -16,12 +16,12 @@ from bayescal.public.motions import (
     MotionFitResult,
     MotionGapResult,
     MotionPlanResult,
+    TogetherResult,
     log_of,
     plan_log,
     refuse,
 )
 from bayescal.public.results import FitResult, GapResult, Result, SimulatedSession, table
-from bayescal.public.together import TogetherResult
 from bayescal.storage.reading import Json, read_record
 from bayescal.storage.stopping import Progress, silent
 

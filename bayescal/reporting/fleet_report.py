@@ -1,8 +1,9 @@
-"""A fleet in the terminal, and its page."""
+"""A fleet, from its record: tables and sentences, for the terminal and for its page."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import Any
 from urllib.parse import quote
 
 from markupsafe import Markup
@@ -10,14 +11,188 @@ from rich.console import RenderableType
 from rich.text import Text
 
 from bayescal import __version__
-from bayescal.reporting import fleet_sheets as sheets
+from bayescal.effects.vocabulary import unit_label
 from bayescal.reporting.fleet_record import PAGES
 from bayescal.reporting.page.render import page
 from bayescal.reporting.page.section import FirstScreen, Section, blocks, texts
 from bayescal.reporting.page.section import Text as Paragraph
-from bayescal.reporting.shared.sheet import Sheet, below, screen
-from bayescal.reporting.shared.text import under
+from bayescal.reporting.shared.sheet import Column, Sheet, as_is, below, screen
+from bayescal.reporting.shared.text import (
+    MISSING,
+    length,
+    listed,
+    measured,
+    p_value,
+    percent,
+    quantity,
+    rival,
+    signed,
+    two_digits,
+    uncertainty,
+    under,
+    with_u,
+    with_unit,
+)
 from bayescal.storage.reading import Json
+
+Link = Callable[[Json], Any]
+
+
+def at_site(effect: Json) -> str:
+    """An effect with its site."""
+    return f"{rival(effect['effect'])} at {effect['site']}" if effect["site"] else rival(effect["effect"])
+
+
+def difference(d: Json) -> str:
+    """A difference with its probability over all comparisons."""
+    return f"{d['parameter']} by {measured(d['value'], d['u'], d['unit'])}, p {p_value(d['p_all'])}"
+
+
+def stated(arm: Json, key: str) -> list[Json]:
+    """The differences of an arm, or its changes, that are stated."""
+    return [d for d in arm[key] if d["stated"]]
+
+
+def _joined(texts: list[str]) -> str | None:
+    return "; ".join(texts) or None
+
+
+def arms(record: Json, links: Link | None = None) -> Sheet:
+    """The arms, those with findings first."""
+    detailed = links is not None
+    words = difference if detailed else lambda d: str(d["parameter"])
+    columns = [
+        Column("arm", "arm"),
+        Column("sessions", lambda arm: len(arm["sessions"])),
+        Column("U = k u (µm)", "expanded_U_um", uncertainty),
+        Column("measured RMS (µm)", "measured_rms_um", length),
+        Column("effects", lambda arm: _joined([at_site(e) for e in arm["effects"]]), words=True),
+        Column("differs in", lambda arm: _joined([words(d) for d in stated(arm, "differs")]), words=True),
+        Column("changed", lambda arm: _joined([words(d) for d in stated(arm, "changed")]), words=True),
+        Column("log score (nats)", "log_score_nats", signed),
+    ]
+    if links is not None:
+        columns.append(Column("runs", links, as_is, words=True))
+    return Sheet(
+        tuple(columns), record["arms"],
+        "log score: of an arm, left out, under the distribution of the others, against the stated prior",
+    )  # fmt: skip
+
+
+def effects(record: Json) -> Sheet:
+    """Effects by site, and the arms that share them."""
+    columns = (
+        Column("effect", at_site),
+        Column("arms", lambda e: f"{len(e['arms'])} of {e['of']}"),
+        Column("expected", "expected_arms", "{:.1f}".format),
+        Column("values", _range, words=True),
+        Column("named for", lambda e: ", ".join(e["arms"]), words=True),
+    )
+    caption = "expected: sum over all arms of the probability of the effect, at any site"
+    return Sheet(columns, record["effects"], caption)
+
+
+def _range(e: Json) -> str | None:
+    if e["values"] is None:
+        return None
+    low, high = (quantity(v, "") for v in e["values"])
+    return f"{low if low == high else f'{low} to {high}'} {unit_label(e['unit'])}".rstrip()
+
+
+def sessions(record: Json, links: Link | None = None) -> Sheet:
+    """Every session, those that failed first, with their reason."""
+    columns = [
+        Column("session", "session"),
+        Column("arm", "arm", words=True),
+        Column("status", "status", words=True),
+        Column("U = k u (µm)", lambda s: s["fit"] and s["fit"]["expanded_U_um"], uncertainty),
+        Column("diagnosis", lambda s: s["gap"] and "; ".join(s["gap"]["words"][:1]), words=True),
+        Column("error", "error", words=True),
+    ]
+    if links is not None:
+        columns.append(Column("runs", links, as_is, words=True))
+    failed_first = sorted(record["sessions"], key=lambda s: s["status"] != "failed")
+    return Sheet(tuple(columns), failed_first, shown=40)
+
+
+def parameters(model: Json) -> Sheet:
+    """The learnt prior of each parameter beside the stated one; deviations from nominal."""
+    columns = (
+        Column("parameter", lambda p: with_unit(p["name"], p["unit"])),
+        Column("stated mean", "stated_deviation", two_digits),
+        Column("stated sd", "stated_sd", two_digits),
+        Column("mean (u)", lambda p: with_u(p["deviation"], p["u_deviation"])),
+        Column("sd of usual arms", "usual_sd", two_digits),
+        Column("learnt sd", "sd", two_digits),
+        Column("of stated", lambda p: p["sd"] / p["stated_sd"], percent_of),
+        Column("effective arms", "effective_arms", "{:.1f}".format),
+    )
+    caption = (
+        "deviations from nominal; learnt sd: of a further arm, with u of the mean and the arms that differ; "
+        "effective arms: number that the sd of usual arms is worth"
+    )
+    return Sheet(columns, model["parameters"], caption)
+
+
+def percent_of(ratio: float) -> str:
+    """A ratio in per cent, also above 100."""
+    return f"{100 * ratio:.0f} %" if ratio >= 0.01 else percent(ratio)
+
+
+def findings(record: Json) -> list[tuple[str, list[str]]]:
+    """What was found, in sentences below headings."""
+    shared = [
+        f"{at_site(e)}: {len(e['arms'])} of {e['of']} arms ({', '.join(e['arms'])})"
+        + (f", {_range(e)}" if e["values"] else "")
+        for e in record["effects"]
+        if len(e["arms"]) > 1
+    ]
+    alone = [f"{e['arms'][0]}: {at_site(e)}" for e in record["effects"] if len(e["arms"]) == 1]
+    of = {m["robot"]: m for m in record["models"]}
+    unlike = [
+        f"{a['arm']} differs from the others in {difference(d)} ({of[a['robot']]['comparisons']} comparisons)"
+        for a in record["arms"]
+        for d in stated(a, "differs")
+    ]
+    changed = [
+        f"{a['arm']} changed before session {d['since']} in {difference(d)} "
+        f"({of[a['robot']]['comparisons_between_sessions']} comparisons)"
+        for a in record["arms"]
+        for d in stated(a, "changed")
+    ]
+    failed = [f"{s['session']}: {s['error']}" for s in record["sessions"] if s["error"]]
+    return [
+        ("shared effects", shared), ("effects", alone), ("outliers", unlike), ("changed", changed),
+        ("failed", failed),
+    ]  # fmt: skip
+
+
+def learnt(model: Json) -> str:
+    """What the learnt prior of a model gains, in a sentence."""
+    count = len(model["arms"])
+    if not model["parameters"]:
+        return f"{model['robot']}: not learnt of {count} {'arm' if count == 1 else 'arms'}, it needs three"
+    ratio = sorted(p["sd"] / p["stated_sd"] for p in model["parameters"])[len(model["parameters"]) // 2]
+    wide = f"; widened {model['widened']:.2g} times by arms left out" if model["widened"] > 1.005 else ""
+    return (
+        f"{model['robot']}: {len(model['parameters'])} parameters of {count} arms, sd {percent_of(ratio)} of "
+        f"the stated one (median); arms left out: {model['log_score_nats']:+.0f} nats against the stated "
+        f"prior in the mean, {model['better']} of {count} better{wide}"
+    )
+
+
+def counted(record: Json) -> str:
+    """The number of sessions by status."""
+    c = record["count"]
+    return f"{c['sessions']} sessions: {c['fitted']} fitted, {c['kept']} kept, {c['failed']} failed"
+
+
+def names(record: Json) -> str:
+    """Robots and number of arms."""
+    each = [f"{len(m['arms'])} {'arm' if len(m['arms']) == 1 else 'arms'} of {m['robot']}"
+            for m in record["models"]]  # fmt: skip
+    return listed(each) if each else MISSING
+
 
 MOST_ROWS = 20
 """Arms that the terminal lists."""
@@ -25,13 +200,13 @@ MOST_ROWS = 20
 
 def summary(record: Json) -> RenderableType:
     """What was found, the arms, those with findings first, and how many sessions were fitted."""
-    lines = [row for heading, found in sheets.findings(record) for row in under(heading, found)]
-    lines += under("learnt prior", map(sheets.learnt, record["models"]))
-    table = sheets.arms(record)
+    lines = [row for heading, found in findings(record) for row in under(heading, found)]
+    lines += under("learnt prior", map(learnt, record["models"]))
+    table = arms(record)
     some = Sheet(table.columns, table.items[:MOST_ROWS], table.caption)
     words = f"the first {MOST_ROWS} of {len(table.items)} arms; all: fleet.html"
     more = Text(words, "dim") if len(table.items) > MOST_ROWS else None
-    title, count = Text(sheets.names(record), "bold"), Text(sheets.counted(record))
+    title, count = Text(names(record), "bold"), Text(counted(record))
     return screen(title, lines, *below(some), "", more, count)
 
 
@@ -51,21 +226,21 @@ def fleet_page(record: Json) -> str:
         each = [(name, of_session(by_name[name])) for name in arm["sessions"]]
         return Markup("<br>").join(Markup("{}: {}").format(name, links or "") for name, links in each)
 
-    found = sheets.findings(record)
+    found = findings(record)
     sections: list[Section | None] = [
         _first(record, found),
-        blocks("arms", "Arms, those with findings first", sheets.arms(record, of_arm)),
-        blocks("effects", "Effects", sheets.effects(record)),
+        blocks("arms", "Arms, those with findings first", arms(record, of_arm)),
+        blocks("effects", "Effects", effects(record)),
     ]
     for k, model in enumerate(record["models"]):
-        note = Paragraph(sheets.learnt(model))
+        note = Paragraph(learnt(model))
         name = "" if len(record["models"]) == 1 else f" of {model['robot']}"
-        sections.append(blocks(f"prior-{k}", f"Learnt prior{name}", note, sheets.parameters(model)))
-    sections.append(blocks("sessions", "Sessions", sheets.sessions(record, of_session)))
+        sections.append(blocks(f"prior-{k}", f"Learnt prior{name}", note, parameters(model)))
+    sections.append(blocks("sessions", "Sessions", sessions(record, of_session)))
     sections.append(blocks("meaning", "What the figures mean", *texts(MEANING)))
     title = f"Fleet of {len(record['arms'])} arms"
-    subtitle = f"{sheets.names(record)}; model: {', '.join(record['inputs']['model'])}"
-    return page(title, subtitle, sections, (f"bayescal {__version__}; {sheets.counted(record)}",))
+    subtitle = f"{names(record)}; model: {', '.join(record['inputs']['model'])}"
+    return page(title, subtitle, sections, (f"bayescal {__version__}; {counted(record)}",))
 
 
 MEANING = (
@@ -89,10 +264,10 @@ def _first(record: Json, found: Sequence[tuple[str, list[str]]]) -> Section:
     unusual = len({a["arm"] for a in record["arms"] if _found(a)})
     word = clean if not words else f"{unusual} of {len(record['arms'])} arms have findings"
     keys = [
-        ("Sessions", str(count["sessions"]), sheets.counted(record).partition(": ")[2]),
+        ("Sessions", str(count["sessions"]), counted(record).partition(": ")[2]),
         ("Shared effects", str(len(of.get("shared effects", ()))), "named for two arms or more"),
-        ("Outliers", str(sum(bool(sheets.stated(a, "differs")) for a in record["arms"])), "arms that differ"),
-        ("Changed", str(sum(bool(sheets.stated(a, "changed")) for a in record["arms"])), "between sessions"),
+        ("Outliers", str(sum(bool(stated(a, "differs")) for a in record["arms"])), "arms that differ"),
+        ("Changed", str(sum(bool(stated(a, "changed")) for a in record["arms"])), "between sessions"),
     ]
     robots = [m["file"] for m in record["models"] if m["file"]]
     steps = [(f"Use the learnt prior for the next arm: put {f} beside its dataset.yaml", f"robot: {f}")
@@ -108,4 +283,4 @@ def _first(record: Json, found: Sequence[tuple[str, list[str]]]) -> Section:
 
 
 def _found(arm: Json) -> bool:
-    return bool(arm["effects"] or sheets.stated(arm, "differs") or sheets.stated(arm, "changed"))
+    return bool(arm["effects"] or stated(arm, "differs") or stated(arm, "changed"))

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import bayescal as bc
-from bayescal.changes import posterior
+from bayescal.changes import search as posterior
 from bayescal.changes.linear import LEAST, Errors
 from bayescal.changes.search import FREE, Member, Search, Weighed
 from bayescal.effects.compliance import COMPLIANCE

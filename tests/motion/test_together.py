@@ -20,7 +20,7 @@ from bayescal.logs import read_log
 from bayescal.model import USUAL
 from bayescal.model.scene import Scene
 from bayescal.motion.together import fit_together, placed, same_arm
-from bayescal.public.together import TogetherResult
+from bayescal.public.motions import TogetherResult
 
 MODEL = ("geometry", "compliance")
 

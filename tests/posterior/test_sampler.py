@@ -19,7 +19,7 @@ from bayescal.model.scene import Scene
 from bayescal.posterior import Density, gaussian
 from bayescal.posterior import density as density_module
 from bayescal.posterior import sample as sampling
-from bayescal.posterior.ensemble import Evolution, Independence
+from bayescal.posterior.checkpoint import Evolution, Independence
 from bayescal.posterior.inference import Record, arviz, inference_data, load, save
 from bayescal.posterior.linearised import Linearised
 from bayescal.posterior.sample import convergence, sample

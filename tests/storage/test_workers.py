@@ -16,8 +16,7 @@ from tiny_work import COUNT, SQUARES, Tiny, squares, tiny, until
 
 from bayescal.errors import BayescalError
 from bayescal.storage.stopping import Stopped
-from bayescal.storage.tasks import Lost
-from bayescal.storage.workers import DEPTH, KILLS, results
+from bayescal.storage.workers import DEPTH, KILLS, Lost, results
 
 
 def children() -> list:

@@ -1,15 +1,17 @@
-"""Tables of a joint log, of the entries of its record."""
+"""Tables of a joint log, of the entries of its record, and the terminal summary of its diagnosis."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
 import numpy as np
+from rich.console import RenderableType
 from rich.text import Text
 
 from bayescal.effects.vocabulary import UNITS, unit_label
-from bayescal.reporting.shared.sheet import Column, Sheet
-from bayescal.reporting.shared.text import probability, rival, share, with_u
+from bayescal.reporting.gap.summary import STYLES
+from bayescal.reporting.shared.sheet import Column, Sheet, below, screen, terminal
+from bayescal.reporting.shared.text import Facts, by_reason, probability, rival, share, under, with_u
 from bayescal.storage.reading import Json
 
 DISPLAYED = {
@@ -194,3 +196,27 @@ def together_sheet(record: Json, every: bool = False) -> Sheet:
         ),
         items,
     )
+
+
+def motion_summary(record: Json) -> RenderableType:
+    """Verdict, places, probabilities, torque error before and after, what was not assessed: one screen."""
+    style = STYLES.get(record["verdict"], "bold red")
+    torque, replayed = terminal(torque_sheet(record)), below(tracking_sheet(record))
+    places = None if record["verdict"] == "null" else where_sheet(record)
+    return screen(
+        *(title(record), *(Text(line, style) for line in record["words"]), "", torque, *replayed),
+        *("", places, amplitude_sheet(record), _facts(record)),
+    )
+
+
+def _facts(record: Json) -> Facts:
+    ranked = sorted(record["probability"].items(), key=lambda item: -item[1])
+    yield "probability", ", ".join(f"{rival(n)} {probability(p)}" for n, p in ranked if p >= LEAST), ""
+    noise = ", ".join(f"{x:.2g}" for x in record["noise"]["lag1"])
+    yield "noise", f"correlation of neighbouring rows, joint by joint: {noise}", "dim"
+    for why, names in by_reason(record["missing"]).items():
+        yield "not assessed", f"{', '.join(names)}: {why}", "dim"
+    if reason := replay_of(record).get("not_assessed"):
+        yield "not replayed", reason, "dim"
+    yield from under("measure next", record["next"])
+    yield from under("warning", record["warnings"], "yellow")
