@@ -31,7 +31,8 @@ from analysis.blind.further import ERROR, Continued, Open, Rows, planned, probed
 from analysis.blind.make import Notify
 from analysis.blind.run import Answered, known, run
 from bayescal.errors import BayescalError
-from bayescal.storage.workers import Lost, results
+from bayescal.storage.tasks import Lost
+from bayescal.storage.workers import results
 
 ROUND = "round-2"
 ARMS = ("chosen", "random")

@@ -25,7 +25,8 @@ from analysis.blind.folder import (
 from analysis.blind.make import Notify
 from bayescal.errors import BayescalError
 from bayescal.storage.locks import scratch
-from bayescal.storage.workers import Lost, results
+from bayescal.storage.tasks import Lost
+from bayescal.storage.workers import results
 
 LONG = ("curves", "residuals", "rows", "arm")
 """Keys of gap.json that hold data of figures and are not part of an answer."""

@@ -204,7 +204,8 @@ def fleet(
         For no session, two of one name, a folder with other files, or a cluster that cannot be reached.
     """
     from bayescal.storage.locks import alone
-    from bayescal.storage.workers import Lost, results
+    from bayescal.storage.tasks import Lost
+    from bayescal.storage.workers import results
 
     folder, options = Path(out), {
         "model": list(names(model)), "without": list(names(without)), "seed": seed, "robust": robust,

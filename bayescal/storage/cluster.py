@@ -11,7 +11,7 @@ from typing import Any
 
 from bayescal.errors import BayescalError
 from bayescal.storage.reading import library
-from bayescal.storage.workers import Job, Lost, Queue, Work
+from bayescal.storage.tasks import Job, Lost, Queue, Work
 
 CONNECT = 10.0
 """Seconds to wait for the scheduler."""
@@ -59,7 +59,7 @@ class Cluster:
             raise BayescalError(f"a worker lacks {PACKAGE}", self.address, INSTALL) from None
 
     def fill(self, work: Work, queue: Queue) -> None:
-        """See `workers.Crew`.
+        """See `tasks.Crew`.
 
         Raises
         ------
@@ -83,7 +83,7 @@ class Cluster:
             raise self._gone() from None
 
     def done(self, queue: Queue) -> Iterator[tuple[int, Any]]:
-        """See `workers.Crew`.
+        """See `tasks.Crew`.
 
         Raises
         ------
@@ -109,9 +109,9 @@ class Cluster:
         return BayescalError("the Dask scheduler was lost", self.address, AGAIN)
 
     def close(self) -> None:
-        """See `workers.Crew`."""
+        """See `tasks.Crew`."""
         self._executor.shutdown(wait=False)
         self._client.close(timeout=CONNECT)
 
     def kill(self) -> None:
-        """See `workers.Crew`; `close` cancels its jobs without waiting."""
+        """See `tasks.Crew`; `close` cancels its jobs without waiting."""

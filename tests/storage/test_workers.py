@@ -16,7 +16,8 @@ from tiny_work import COUNT, SQUARES, Tiny, squares, tiny, until
 
 from bayescal.errors import BayescalError
 from bayescal.storage.stopping import Stopped
-from bayescal.storage.workers import DEPTH, KILLS, Lost, results
+from bayescal.storage.tasks import Lost
+from bayescal.storage.workers import DEPTH, KILLS, results
 
 
 def children() -> list:
