@@ -48,6 +48,8 @@ LEFT_OUT: Mapping[str, tuple[str, str]] = {
     "transition": ("the smooth reversal of friction", "N m below the transition speed"),
 }
 """Parameters that a format may not hold: words, and what their size is."""
+OF_SERVOS = "deg"
+"""Unit of the residuals of position servos without torques, whose stiffness is an estimate."""
 OF_THE_LINKS = ("payload", "payload-offset", "inertia", "base-tilt")
 """Effects that are none of the drives."""
 
@@ -122,6 +124,9 @@ class LogExport:
 
 def mechanism_of_run(folder: Path, name: str) -> Mechanism:
     """The mechanism that a calibration from a log has written."""
+    if not (folder / ARM_FILE).is_file():
+        what = f"the run has no {ARM_FILE}: the joints of its arm are coupled, which no format of it holds"
+        raise BayescalError(what, str(folder), "fit.json or gap.json of the run has all values")
     content = yaml.safe_load(decoded(folder / ARM_FILE)[0])
     return written_out(Arm.model_validate(content), name)
 
@@ -154,10 +159,10 @@ def export_log(folder: Path, record: Json, to: str) -> LogExport:
 
 
 def values_of(record: Json) -> dict[str, float]:
-    """Values of the parameters of a calibration, or of the model of a diagnosis with the named effects."""
+    """Deviations from nominal of a calibration, or of the model of a diagnosis with the named effects."""
     if "arm" in record:
         return dict(record["arm"])
-    return {p["name"]: p["estimate"] for p in record["parameters"]}
+    return {p["name"]: p["estimate"] - p["nominal"] for p in record["parameters"]}
 
 
 def drives_of(record: Json, n: int) -> Drives:
@@ -169,6 +174,8 @@ def drives_of(record: Json, n: int) -> Drives:
 
     stiffness, damping = control["kp_Nm_per_rad"], np.array(control["kd_Nms_per_rad"] or np.zeros(n))
     if stiffness is not None:
+        if record["unit"] == OF_SERVOS:  # the arm is in true torques, of which these are `constant` larger
+            stiffness = np.array(stiffness) / (1.0 + each("constant {}"))
         softer = each("servo-stiffness joint {} torque")
         damping = np.maximum(damping + np.array(stiffness) * each("tracking lag {}"), 0.0)
         stiffness = np.array(stiffness) / (1.0 + softer)

@@ -87,9 +87,13 @@ def inertial(mass: float, centre: np.ndarray, inertia: np.ndarray) -> np.ndarray
 
 
 def mechanism_of(robot: Robot) -> tuple[Mechanism, tuple[str, ...]]:
-    """The mechanism of a robot of Denavit-Hartenberg rows, and what had to be assumed of it."""
+    """The mechanism of a robot of Denavit-Hartenberg rows, and what had to be assumed of it.
+
+    A joint whose reading has the opposite sense of its row turns about the reversed axis.
+    """
     only_revolute(robot, "joint logs")
     chain, n = chain_of(robot), robot.n
+    sense = np.where(np.diag(robot.link_from_reading) < 0.0, -1.0, 1.0)
     turned = zip(robot.offset, robot.d, strict=True)
     place = chain.link[:-1] @ np.array([rigid(rotation(2, a), np.array([0.0, 0.0, d])) for a, d in turned])
     place[0] = chain.base @ place[0]
@@ -110,7 +114,7 @@ def mechanism_of(robot: Robot) -> tuple[Mechanism, tuple[str, ...]]:
         name=robot.name,
         joint_names=robot.joint_names,
         place=place,
-        axis=np.tile([0.0, 0.0, 1.0], (n, 1)),
+        axis=np.outer(sense, [0.0, 0.0, 1.0]),
         mass=masses,
         centre=np.einsum("kij,kj->ki", turn, centres) + behind[:, :3, 3],
         inertia=turn @ inertia @ np.swapaxes(turn, 1, 2),
@@ -121,7 +125,7 @@ def mechanism_of(robot: Robot) -> tuple[Mechanism, tuple[str, ...]]:
         gear_ratio=or_nan(robot.reductions, n),
         limits=bounds_of(robot),
         fastest=or_nan(robot.velocities, n),
-        coupling=robot.link_from_reading,
+        coupling=sense[:, None] * robot.link_from_reading,
         u=Uncertain() if robot.inertias is not None else Uncertain(inertia=1.0),
         robot=robot,
     ), tuple(notes)

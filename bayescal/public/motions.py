@@ -240,7 +240,11 @@ def fitted_log(run: Any) -> MotionFitResult | MotionGapResult | None:
     """The calibration or diagnosis of a joint log that a result or run folder is; None of others."""
     if isinstance(run, MotionFitResult | MotionGapResult):
         return run
-    if not isinstance(run, str | PathLike) or not (Path(run) / "arm.yaml").is_file():
+    if not isinstance(run, str | PathLike):
+        return None
+    from bayescal.logs import is_log
+
+    if not (Path(run) / "arm.yaml").is_file() and not is_log(Path(run) / "dataset"):
         return None
     from bayescal.storage.reading import read_record
 

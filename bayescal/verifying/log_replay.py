@@ -53,6 +53,8 @@ def replayed(
         All motions.
     arms : mapping of str to Arm
     """
+    if log.mechanism.coupled:
+        return "the joints are coupled, which the file of an arm cannot hold"
     law = law_of(log, parts)
     if isinstance(law, str):
         return law
@@ -70,7 +72,7 @@ def replayed(
                 return f"motion {s.name} of the {name} arm ends {what} the log: the replay is not a measure"
             moving = np.any(np.abs(s.unfiltered(s.dq)) > OUTCOME.moving, axis=1)
             position.append(s.unfiltered(q - s.q)[moving])
-            torque.append(s.unfiltered(applied * arm.gain + arm.offset - s.torque)[moving])
+            torque.append(s.unfiltered(applied * arm.gain + arm.offset - _measured(s, arm.late))[moving])
             count = max(round(len(position[-1]) * s.step / OUTCOME.block), 1)
             blocks += [np.mean(part**2, axis=0) for part in np.array_split(position[-1], count)]
         out[name] = Tracking(rms(position), rms(torque), np.array(blocks), len(held))
@@ -84,8 +86,7 @@ def rms(parts: Sequence[np.ndarray]) -> np.ndarray:
 
 def _motion(simulator: Any, arm: Arm, law: Law, s: Signals) -> tuple[np.ndarray, np.ndarray]:
     """Positions and torques (N, n) of a simulated motion."""
-    assert s.command is not None
-    commands = np.column_stack([np.interp(s.time - arm.late, s.time, u) for u in s.command.T])
+    commands = _commands(s, arm.late)
     s = replace(s, command=commands)
     model = _driven(simulator, arm.text, law, s)
     last = s
@@ -101,6 +102,21 @@ def _motion(simulator: Any, arm: Arm, law: Law, s: Signals) -> tuple[np.ndarray,
         if arm.further is None or change < CONTROLLER.settled * error:
             break
     return q, law.torque(commands, _speed(s), q, dq) + drives
+
+
+def _commands(s: Signals, late: float) -> np.ndarray:
+    """Commands (N, n), rad, that were given so many seconds before each row."""
+    assert s.command is not None
+    return np.column_stack([np.interp(s.time - late, s.time, u) for u in s.command.T])
+
+
+def _measured(s: Signals, late: float) -> np.ndarray:
+    """Measured torques (N, n), N m; of position servos those by the commands on which they act."""
+    if s.log.torque_kind != SERVO:
+        return s.torque
+    assert s.log.controller.stiffness is not None
+    assert s.command is not None
+    return s.torque + s.log.controller.stiffness * (_commands(s, late) - s.command)
 
 
 def _along(s: Signals, q: np.ndarray, dq: np.ndarray) -> Signals:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +23,7 @@ from bayescal.motion.pool import Pool
 from bayescal.motion.result import Tracking
 from bayescal.motion.servo import with_torques
 from bayescal.motion.signals import Signals, all_signals
+from bayescal.motion.terms import nominal as at_nominal
 from bayescal.storage.reading import decoded, read_record
 from bayescal.verifying.log_replay import Arm, arm_in_file, nominal_arm, replayed, rms
 
@@ -89,20 +90,20 @@ def verify_log(run: Path, path: Path) -> LogVerification:
         return np.array([values.get(f"{name} {j + 1}", 0.0) for j in range(log.n)])
 
     offset, gain = each("offset"), 1.0 + each("constant")
-    shift, gravity = 1e-3 * record["torque_shift_ms"], np.array(record["gravity_mps2"])
+    gravity, start = np.array(record["gravity_mps2"]), at_nominal(log, np.ones(log.n))
+    at = replace(start, shift=np.full(log.n, 1e-3 * record["torque_shift_ms"]))
     before: list[np.ndarray] = []
     after: list[np.ndarray] = []
     differences: list[np.ndarray] = []
     for s in parts:
         if s.role != VALIDATE:
             continue
-        measured = np.column_stack([np.interp(s.time + shift, s.time, s.torque[:, j]) for j in range(log.n)])
         tilted = regressor(fitted, s.q, s.dq, s.ddq, gravity)
         load = payload_of(log.mechanism) * s.payload[:, None, None]
         slow = np.abs(s.unfiltered(s.dq)) < SLIDING
         for errors, arm, shown, by in (
-            (before, nominal, measured, s.rigid),
-            (after, model, (measured - offset) / gain, tilted),
+            (before, nominal, start.measured(s), s.rigid),
+            (after, model, (at.measured(s) - offset) / gain, tilted),
         ):
             off = s.unfiltered(shown - inverse(simulator, arm, s) - np.sum(by[:, :, -1] * load, axis=2))
             errors.append(np.where(slow, np.nan, off))

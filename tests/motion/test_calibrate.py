@@ -8,6 +8,7 @@ import pytest
 import yaml
 
 import bayescal as bc
+from bayescal.errors import BayescalError
 from bayescal.logs import read_log
 from bayescal.logs.mechanism import PAIRS, inertial
 from bayescal.logs.read import written_out
@@ -191,3 +192,5 @@ def test_a_log_without_withheld_motions_or_with_coupled_joints_is_saved(result, 
     page = (tmp_path / "run" / "report.html").read_text(encoding="utf-8")
     assert "No motion was withheld" in page
     assert "as expected" not in page
+    with pytest.raises(BayescalError, match="the joints of its arm are coupled"):
+        bc.export(tmp_path / "run", "mjcf")

@@ -102,6 +102,20 @@ def test_power_does_not_depend_on_the_coupling(null_log):
     assert power == pytest.approx(joints)
 
 
+@pytest.mark.parametrize("name", ["robotstudio-so101", "fanuc-lrmate200ic"])
+def test_a_reading_of_the_opposite_sense_turns_about_the_reversed_axis(name):
+    """The same torques as with the signs in the coupling; such an arm is not coupled."""
+    robot, _ = load_robot(name)
+    m, _ = mechanism_of(robot)
+    assert m.coupled == (name == "fanuc-lrmate200ic")
+    plain = replace(m, axis=np.tile([0.0, 0.0, 1.0], (m.n, 1)), coupling=robot.link_from_reading)
+    assert np.any(m.axis != plain.axis)
+    q, dq, ddq = some(m.n)
+    gravity = np.array([1.0, 2.0, -9.81])
+    torques = [np.einsum("njkp,kp->nj", regressor(x, q, dq, ddq, gravity), x.inertials) for x in (m, plain)]
+    assert torques[0] == pytest.approx(torques[1], abs=1e-10)
+
+
 def test_a_payload_is_a_body_of_its_mass(null_log):
     m = read_log(null_log).mechanism
     assert payload_of(m, 2.0) == pytest.approx(inertial(2.0, m.payload_centre, 2.0 * 0.03**2 * np.eye(3)))

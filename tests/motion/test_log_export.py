@@ -212,6 +212,7 @@ def test_named_effects_are_in_the_file_or_stated(gap):
 def test_the_budget_of_bam_is_the_torque_of_the_effects():
     """Duclusaud et al., ICRA 2025: base + Stribeck + load, of which the model has the same columns."""
     record = {
+        "unit": "deg",
         "controller": {"kind": "position", "kp_Nm_per_rad": [100.0], "kd_Nms_per_rad": None},
         "arm": {
             "stribeck joint 1 low speed 0.12 rad/s, power 2": 0.3,

@@ -55,6 +55,8 @@ def test_gains_that_are_not_stated_follow_from_the_torques(log, arms):
 def test_what_cannot_be_replayed_is_said(log, arms):
     parts, silent = all_signals(log), tuple(replace(m, command=None) for m in log.motions)
     assert "no commands" in law_of(replace(log, motions=silent), parts)
+    turned = replace(log.mechanism, coupling=np.array([[1.0, 0, 0], [0, 1, 0], [0, 1, 1]]))
+    assert "are coupled" in replayed(mujoco, replace(log, mechanism=turned), parts, {})
     forward = tuple(replace(s, torque=s.torque + 20.0 * s.ddq) for s in parts)  # feed-forward
     bare = replace(log, controller=replace(log.controller, stiffness=None))
     assert "is no function of command and position" in law_of(bare, forward)

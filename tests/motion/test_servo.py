@@ -1,7 +1,11 @@
 """Logs of position servos without torques: friction with memory, stiffness by sag, verdicts in degrees."""
 
 import json
+import re
+import shutil
 from dataclasses import replace
+from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -51,7 +55,7 @@ def test_a_joint_without_friction_follows():
 def logs(tmp_path_factory):
     folder = tmp_path_factory.mktemp("servos")
     made = {}
-    for kind, number in (("asymmetric-friction", 3), ("cable", 6)):
+    for kind, number in (("asymmetric-friction", 3), ("cable", 6), ("null", 1)):
         settings, columns, truth = make(7, number, kind, 6, 9.0, 25.0)
         made[kind] = write(folder / kind, settings, columns), truth
     return made
@@ -100,6 +104,27 @@ def test_check_says_what_can_be_assessed(logs):
     assert "alike to viscous friction" in data.not_assessed["delay"]
     assert "stiction" in data.not_assessed["backlash"]
     assert data.not_assessed["torque-constant"] == "no torques are logged"
+
+
+def test_the_arm_of_a_calibration_is_verified_with_its_servos(logs, tmp_path):
+    """Commands act later by the estimated delay; friction, rotors and stiffness are of one scale."""
+    folder = Path(shutil.copytree(logs["null"][0], tmp_path / "log"))
+    text = (folder / "dataset.yaml").read_text()
+    (folder / "dataset.yaml").write_text(re.sub(r"kp_Nm_per_rad: \[.*?\]", "P_coefficient: 16", text))
+    bc.fit(folder, samples=0).save(tmp_path / "run")
+    file, _ = bc.export(tmp_path / "run", "mjcf").save(tmp_path / "arm.xml")
+    result, fitted = bc.verify(tmp_path / "run", file).data, bc.load(tmp_path / "run")
+    stiffness = np.array(fitted.record["controller"]["kp_Nm_per_rad"])
+    gain = 1.0 + np.array([fitted.parameters.estimate[f"constant {k + 1}"] for k in range(5)])
+    assert np.max(np.abs(gain - 1.0)) > 0.01
+    drives = ElementTree.fromstring(file.read_text()).iter("position")
+    assert [float(drive.get("kp")) for drive in drives] == pytest.approx(stiffness / gain, rel=1e-6)
+    withheld = np.radians([w["rms_deg"] for w in fitted.record["withheld"]])
+    assert result.fitted == pytest.approx(withheld * stiffness / gain, rel=0.5)
+    assert np.all(result.fitted < 0.3 * result.nominal)
+    model, nominal = result.tracking["model"], result.tracking["nominal"]
+    assert np.all(model.rms < 0.2 * nominal.rms)
+    assert np.all(model.torque < 0.3 * nominal.torque)
 
 
 @pytest.fixture(scope="module")
