@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from scipy.special import logsumexp
 
 from bayescal.changes.joint import Joint
 from bayescal.changes.linear import LEAST, PER_MOMENT, Evidence, integrated
@@ -139,8 +140,7 @@ def gains(information: np.ndarray, score: np.ndarray) -> np.ndarray:
 
 def averaged(gain: np.ndarray) -> float:
     """Log of the mean over factors."""
-    most = float(np.max(gain))
-    return most + float(np.log(np.mean(np.exp(gain - most))))
+    return float(logsumexp(gain) - np.log(len(gain)))
 
 
 def search(e: Evidence) -> Search:

@@ -26,6 +26,7 @@ from bayescal.fitted.gate import NOTHING, Use
 from bayescal.fitted.unmodelled import Circumstance, Unmodelled, posed_rows
 from bayescal.model import ARM, USUAL, FitOptions, Model
 from bayescal.model.equilibrium import standing_model
+from bayescal.predict.errors import by_points
 
 if TYPE_CHECKING:
     from bayescal.assess.inputs import Basis
@@ -145,8 +146,7 @@ def slopes_of(motion: Motion, values: np.ndarray) -> np.ndarray:
     p = motion.points(values)
     if not p.shape[1]:
         return np.zeros((0, 3, len(values)))
-    ways = np.repeat(np.eye(3)[:, :, None], p.shape[1], axis=2)
-    return np.stack([motion.columns(values, p, np.ascontiguousarray(u)) for u in ways], axis=1).T
+    return np.transpose(by_points(motion, values, p), (2, 0, 1))
 
 
 @dataclass(frozen=True)

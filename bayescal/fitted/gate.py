@@ -18,6 +18,7 @@ from bayescal.errors import BayescalError, listed
 from bayescal.estimate import Estimate
 from bayescal.estimate.bounds import UNCHANGED, Negative, Rigid
 from bayescal.model import ARM
+from bayescal.predict.errors import lengths, slopes
 
 if TYPE_CHECKING:
     from bayescal.calibration import Fit
@@ -204,20 +205,11 @@ def _left_of_prior(estimate: Estimate, covariance: np.ndarray) -> float:
     rows = np.concatenate([b.rows for b in model.states])
     if not len(model.parameters) or len(rows) < 2:
         return 0.0
-    one, other = np.random.default_rng(0).integers(0, len(rows), (2, PAIRS))
+    pairs = np.random.default_rng(0).integers(0, len(rows), (2, PAIRS)).T
     motion = model.motion(rows)
-    p = motion.points(estimate.arm)
-    apart = p[:, one] - p[:, other]
-    length = np.linalg.norm(apart, axis=0)
-    used = length > 0
-    by = np.zeros((len(model.parameters), int(np.sum(used))))
-    for axis, u in enumerate(np.eye(3)):
-        columns = motion.columns(estimate.arm, p, np.repeat(u[:, None], len(rows), axis=1))
-        by += (columns[:, one[used]] - columns[:, other[used]]) * (apart[axis] / np.maximum(length, 1e-9))[
-            used
-        ]
-    by = by * model.sd[:, None]
-    variance = np.einsum("pk,pq,qk->k", by, covariance[arm, arm], by, optimize=True)
+    pairs = pairs[lengths(motion.points(estimate.arm), pairs) > 0]
+    by = slopes(model, motion, estimate.arm, pairs)
+    variance = np.sum(by @ covariance[arm, arm] * by, axis=1)
     # rows of a single position have no distance: nothing is known of any
     return float(np.sqrt(np.sum(variance) / np.sum(by**2))) if np.any(by) else 1.0
 

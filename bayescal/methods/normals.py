@@ -15,6 +15,7 @@ import numpy as np
 from bayescal.methods.published import Method, is_plane
 from bayescal.methods.solving import Rows, RowsOf, part
 from bayescal.model import Block, Model
+from bayescal.predict.errors import by_points
 from factors.plane import Plane
 
 DEALS = 4
@@ -64,10 +65,7 @@ class Dealt:
 def points(block: Block, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Ball centres (C, 3), m, and their gradients by the arm's deviations (C, 3, P)."""
     p = block.motion.points(values)
-    columns = [
-        block.motion.columns(values, p, np.repeat(axis[:, None], p.shape[1], axis=1)) for axis in np.eye(3)
-    ]
-    return p.T, np.moveaxis(np.array(columns), (0, 1, 2), (1, 2, 0))
+    return p.T, np.transpose(by_points(block.motion, values, p), (2, 0, 1))
 
 
 def in_normals(model: Model) -> RowsOf:

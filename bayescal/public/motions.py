@@ -272,7 +272,7 @@ class LogExportResult(Printed):
 
     def report(self) -> RenderableType:
         """The summary, to be printed by a `rich.console.Console`."""
-        from bayescal.reporting.motion.exported import export_summary
+        from bayescal.reporting.motion.fit import export_summary
 
         return export_summary(self.data)
 
@@ -300,7 +300,7 @@ class LogVerificationResult(Printed):
 
     def report(self) -> RenderableType:
         """The summary, to be printed by a `rich.console.Console`."""
-        from bayescal.reporting.motion.exported import verify_summary
+        from bayescal.reporting.motion.fit import verify_summary
 
         return verify_summary(self.data)
 
@@ -339,19 +339,19 @@ class TogetherResult(Result):
     data: Together | None = None
 
     def _contents(self) -> Json:
-        from bayescal.reporting.motion.together import together_record
+        from bayescal.reporting.motion.fit import together_record
 
         return together_record(self._new())
 
     def report(self, verbose: bool = False) -> RenderableType:
         """The summary, to be printed by a `rich.console.Console`; `verbose` adds all masses and centres."""
-        from bayescal.reporting.motion.together import together_summary
+        from bayescal.reporting.motion.fit import together_summary
 
         return together_summary(self.record, verbose)
 
     def save(self, folder: str | PathLike[str], pictures: bool = True) -> tuple[str, ...]:
         """Write fit.json, and the run folders `contacts` and `log`; return their names."""
-        from bayescal.reporting.motion.together import write_together
+        from bayescal.reporting.motion.fit import write_together
 
         return write_together(self._new(), Path(folder), self.record, pictures)
 

@@ -13,8 +13,7 @@ from rich.text import Text as Words
 from bayescal import __version__
 from bayescal.effects.vocabulary import unit_label
 from bayescal.reporting.changed_record import SMALL, detectable_kinds, named, since, small
-from bayescal.reporting.page.render import page
-from bayescal.reporting.page.section import FirstScreen, Section, Text, blocks, texts
+from bayescal.reporting.page.section import FirstScreen, Section, Text, blocks, page, texts
 from bayescal.reporting.shared.origin import filed
 from bayescal.reporting.shared.sheet import Column, Sheet, below, csv_text, screen
 from bayescal.reporting.shared.text import (
@@ -98,12 +97,8 @@ def detectable_sheet(record: Json) -> Sheet:
         Column("smallest change", least),
         Column("TCP (µm RMS)", "tcp_um", length),
     )
-    return Sheet(
-        columns,
-        items,
-        "Found with a probability of 90 %. Without a value: not visible in these sessions.",
-        12,
-    )
+    caption = "Found with a probability of 90 %. Without a value: not visible in these sessions."
+    return Sheet(columns, items, caption, 12)
 
 
 def poses_sheet(record: Json) -> Sheet:
@@ -115,11 +110,8 @@ def poses_sheet(record: Json) -> Sheet:
         Column("U (µm)", "U_um", length),
         Column("note", "reason", words=True),
     )
-    return Sheet(
-        columns,
-        record["poses"],
-        "Displacement of the TCP in F0 since the first session, without that of the base.",
-    )
+    caption = "Displacement of the TCP in F0 since the first session, without that of the base."
+    return Sheet(columns, record["poses"], caption)
 
 
 def _basis(record: Json) -> Facts:
@@ -131,14 +123,9 @@ def _basis(record: Json) -> Facts:
     if record["model_errors"]:
         names = listed(x["effect"] for x in record["model_errors"])
         yield "model errors", f"of all sessions alike, not a change: {names} (bayescal gap judges them)", ""
-    compared = record["targets_compared"]
-    yield (
-        "compared",
-        f"{len(compared)} targets of the same name and description"
-        if compared
-        else "no target is in two sessions",
-        "",
-    )
+    count = len(record["targets_compared"])
+    words = f"{count} targets of the same name and description" if count else "no target is in two sessions"
+    yield "compared", words, ""
 
 
 def changed_summary(record: Json) -> RenderableType:

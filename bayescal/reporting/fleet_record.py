@@ -53,12 +53,11 @@ def with_gap(session: Json, folder: Path) -> dict[str, Any]:
     """The session with what gap.json states: an entry of ``effects`` for each named effect and site."""
     record = read_record(folder / "gap.json", "bayescal-gap/1", REPEAT)
     sizes = {(a["effect"], a["site"]): a for a in record["amplitudes"]}
-    named = []
-    for one in record["named"]:
-        for site in one["sites"]:
-            named.append(
-                _named(one["effect"], site, one["probability"], sizes.get((one["effect"], site), {}))
-            )
+    named = [
+        _named(one["effect"], site, one["probability"], sizes.get((one["effect"], site), {}))
+        for one in record["named"]
+        for site in one["sites"]
+    ]
     if not named and record["verdict"] in (UNKNOWN, "class"):
         members = (record["class"] or {}).get("members") or [UNKNOWN]
         p = record["probability"].get(UNKNOWN) if list(members) == [UNKNOWN] else None

@@ -16,11 +16,10 @@ from bayescal.effects import UNITS
 from bayescal.effects.vocabulary import unit_label
 from bayescal.reporting.changed_record import COVERAGE, SMALL
 from bayescal.reporting.page import svg
-from bayescal.reporting.page.render import page
-from bayescal.reporting.page.section import Figures, FirstScreen, blocks
+from bayescal.reporting.page.section import Figures, FirstScreen, blocks, page
 from bayescal.reporting.shared.origin import entry, plain, software
 from bayescal.reporting.shared.sheet import Column, Sheet, below, csv_text, of_key, screen
-from bayescal.reporting.shared.text import listed, probability, under, with_u
+from bayescal.reporting.shared.text import listed, probability, under, with_u, with_unit
 from bayescal.storage.files import json_text
 from bayescal.storage.folders import filled
 from bayescal.storage.reading import Json
@@ -85,10 +84,10 @@ def changed(record: Json) -> list[Json]:
 def size(p: Json, record: Json) -> str:
     """A trend or a step with its u."""
     unit, factor = SMALL.get(p["unit"], (unit_label(p["unit"]), 1.0))
-    rate = p["change"] == TREND
-    factor *= YEAR if rate and record["time_unit"] == DAY else 1.0
-    per = {True: f" per {'year' if record['time_unit'] == DAY else 'session'}", False: ""}[rate]
-    return f"{with_u(factor * p['size'], factor * p['u'])} {unit}{per}"
+    if p["change"] == TREND:
+        factor, per = (YEAR * factor, "year") if record["time_unit"] == DAY else (factor, "session")
+        unit = f"{unit} per {per}"
+    return f"{with_u(factor * p['size'], factor * p['u'])} {unit}"
 
 
 def words(record: Json) -> list[str]:
@@ -123,10 +122,7 @@ def course_sheet(record: Json, some: Sequence[Json]) -> Sheet:
     runs = [r["date"] or r["folder"] for r in record["runs"]]
     shown = range(len(runs)) if len(runs) <= FEW else (0, len(runs) - 1)
     columns = (
-        Column(
-            "parameter",
-            lambda p: f"{p['name']} ({unit_label(p['unit'])})" if unit_label(p["unit"]) else p["name"],
-        ),
+        Column("parameter", lambda p: with_unit(p["name"], p["unit"])),
         *(Column(runs[k], of_key(_value, k)) for k in shown),
         Column("change", lambda p: size(p, record) if p["change"] else None, words=True),
         Column("P", "probability", probability),
@@ -162,10 +158,10 @@ def _panel(p: Json, record: Json) -> tuple[str, Any]:
         middle = 0.5 * (time[since - 1] + time[since])
         when = np.array([time[0], middle, middle, time[-1]])
         line = start + p["size"] * np.array([0.0, 0.0, 1.0, 1.0])
-    unit = unit_label(p["unit"])
-    label = f"time ({record['time_unit']}s)"
+    labels = f"time ({record['time_unit']}s)", unit_label(p["unit"])
+    values = time[has], value, COVERAGE * u
     return f"{p['name']}: {size(p, record)}", svg.course(
-        time[has], value, COVERAGE * u, (when, line), label, unit, f"{p['name']} over time"
+        values, (when, line), labels, f"{p['name']} over time"
     )
 
 

@@ -23,11 +23,11 @@ from bayescal.errors import BayescalError
 from bayescal.estimate import calibrated
 from bayescal.model.scene import Scene
 from bayescal.reporting.gap.record import gap_record
-from bayescal.reporting.page import build, compare, render
+from bayescal.reporting.page import build, compare
+from bayescal.reporting.page import section as render
 from bayescal.reporting.page.arm import draw_arm, marked_sites
 from bayescal.reporting.page.build import run_page
-from bayescal.reporting.page.render import STILL
-from bayescal.reporting.page.section import FIGURES, Run, _png, read_run
+from bayescal.reporting.page.section import FIGURES, STILL, Run, _png, read_run
 from bayescal.reporting.page.svg import ticks
 from bayescal.reporting.shared.body import arm_drawing, posed
 from bayescal.reporting.shared.origin import rows_record

@@ -18,7 +18,7 @@ from bayescal.reporting.fit.posterior import _labels
 from bayescal.reporting.fit.sheets import MOST_DISTANCES, distance_table
 from bayescal.reporting.gap.phrases import headline
 from bayescal.reporting.gap.sheets import _detectable, per_vector
-from bayescal.reporting.motion.exported import replay_sheet
+from bayescal.reporting.motion.fit import replay_sheet
 from bayescal.reporting.plan_record import clearances
 from bayescal.reporting.plan_sheets import further
 from bayescal.reporting.plan_sheets import headline as plan_headline

@@ -1,25 +1,42 @@
-"""fit.json of a joint log: record, terminal, folder."""
+"""fit.json of a joint log, and of a session and a log that were fitted together: record, terminal, folder.
+
+What is printed of an exported arm of a joint log, and of its verification.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from rich.console import RenderableType
+from rich.text import Text
 
+from bayescal.exporting.log_arm import LogExport
 from bayescal.motion.calibrate import MotionFit
 from bayescal.motion.fit_settings import CALIBRATION
+from bayescal.motion.result import Tracking
+from bayescal.motion.together import Together
 from bayescal.posterior.inference import Record, save
-from bayescal.reporting.motion.record import controller, origin, shown_unit, write_arm
-from bayescal.reporting.motion.sheets import parameter_sheet, title, withheld_sheet
+from bayescal.reporting.fit import record as contacts
+from bayescal.reporting.motion.record import LIBRARIES, controller, origin, shown_unit, write_arm
+from bayescal.reporting.motion.sheets import (
+    newton_metres,
+    parameter_sheet,
+    title,
+    together_sheet,
+    withheld_sheet,
+)
 from bayescal.reporting.page.build import write_page
-from bayescal.reporting.shared.origin import plain
-from bayescal.reporting.shared.sheet import below, screen, terminal
-from bayescal.reporting.shared.text import Facts, under
+from bayescal.reporting.shared.origin import plain, software
+from bayescal.reporting.shared.sheet import Sheet, below, screen, sheet_of_cells, terminal
+from bayescal.reporting.shared.text import Facts, p_value, under
+from bayescal.statistics import chi2_sf
 from bayescal.storage.files import json_text
 from bayescal.storage.folders import whole
 from bayescal.storage.reading import Json
+from bayescal.verifying.log_torque import LogVerification
 
 SCHEMA = "bayescal-fit/1"
 FIT, POSTERIOR = "fit.json", "posterior.nc"
@@ -105,3 +122,118 @@ def write_fit(
         (stage / FIT).write_text(json_text(contents, rows=False), encoding="utf-8")
         save(draws_of(fit), stage / POSTERIOR)
         return FIT, write_page(stage, shown or folder), POSTERIOR, *write_arm(fit.mechanism, fit.log, stage)
+
+
+CONTACTS, LOG = "contacts", "log"
+"""Run folders of the two, in that of both."""
+UNIT = "together"
+"""In place of the unit of a record."""
+UNLIKELY = 0.01
+"""P of the change of the masses, below which the two contradict each other (convention)."""
+
+
+def together_record(result: Together) -> dict[str, Any]:
+    """The contents of fit.json."""
+    log, session = result.log.log, result.contacts.dataset
+    p = float(chi2_sf(result.chi2, result.dof)) if result.dof else 1.0
+    record = {
+        "schema": SCHEMA,
+        "unit": UNIT,
+        "session": session.name,
+        "log": {"name": log.name, "sha256": log.digest},
+        "software": software(LIBRARIES),
+        "seed": result.log.seed,
+        "robot": session.robot.name,
+        "shared": [vars(s) | {"alone": _with_u(s.alone), "both": _with_u(s.both)} for s in result.shared],
+        "agreement": {"chi2": result.chi2, "dof": result.dof, "p": p},
+        "fits_of_session": result.rounds,
+        "warnings": _warnings(result, p),
+    }
+    return {key: plain(value) for key, value in record.items()}
+
+
+def _with_u(value: tuple[float, float]) -> Json:
+    return dict(zip(("estimate", "u"), value, strict=True))
+
+
+def _warnings(result: Together, p: float) -> list[str]:
+    out = [f"{CONTACTS}: {text}" for text in result.contacts.warnings]
+    if p < UNLIKELY:
+        out.append(
+            f"the session and the log contradict each other in the masses (P {p_value(p)}): another tool, "
+            "payload or model; fit them one by one"
+        )
+    return out
+
+
+def together_summary(record: Json, verbose: bool = False) -> RenderableType:
+    """Parameters by one alone and by both."""
+    title = Text.assemble(
+        (f"{record['session']} + {record['log']['name']}", "bold"), f"  {record['robot']}  fitted together"
+    )
+    return screen(title, "", terminal(together_sheet(record, verbose)), _shared(record))
+
+
+def _shared(record: Json) -> Facts:
+    a = record["agreement"]
+    words = f"chi-square {a['chi2']:.3g} of {a['dof']} directions of the masses that both determine"
+    yield "agreement", f"{words} (P {p_value(a['p'])})", ""
+    yield "", f"{CONTACTS}/ and {LOG}/ are the run folders of the two", "dim"
+    yield from under("warning", record["warnings"], "yellow")
+
+
+def write_together(
+    result: Together, folder: Path, contents: Mapping[str, Any], pictures: bool
+) -> tuple[str, ...]:
+    """Write fit.json and the run folders of both atomically; return the names."""
+    with whole(folder, FIT) as stage:
+        (stage / FIT).write_text(json_text(contents, rows=False), encoding="utf-8")
+        of_both = contacts.fit_record(result.contacts)
+        contacts.write_fit(result.contacts, stage / CONTACTS, of_both, pictures, folder / CONTACTS)
+        write_fit(result.log, stage / LOG, fit_record(result.log), folder / LOG)
+        return FIT, CONTACTS, LOG
+
+
+CONTENT = {
+    "mjcf": "bodies, friction, rotors, drives",
+    "urdf": "bodies, friction",
+    "sdf": "bodies, friction",
+    "bam": "friction and rotors of the drives; kt, R and actuator are those of the motor, to be added",
+}
+"""What the file of a format holds."""
+
+
+def export_summary(e: LogExport) -> RenderableType:
+    """The parts of the model that the file does not hold, with their size."""
+
+    def joined(values: Sequence[float] | None) -> str:
+        return "-" if values is None else " ".join(newton_metres(abs(x)) for x in values)
+
+    rows = [(words, unit, joined(x), joined(e.mrad(unit, x))) for words, unit, x in e.left_out]
+    title = Text.assemble((e.name, "bold"), f"  {e.format}: {CONTENT[e.format]}")
+    heads = ("not in the file", "unit", "joint by joint", "mrad of position")
+    return screen(title, terminal(sheet_of_cells(heads, rows)))
+
+
+def verify_summary(v: LogVerification) -> RenderableType:
+    """Torque errors of withheld motions in the simulator, joint by joint."""
+    errors = (map(newton_metres, x) for x in (v.nominal, v.fitted))
+    rows = list(zip(v.joints, *errors, map("{:.1e}".format, v.difference), strict=True))
+    headings = ("torque residual in the simulator (N m RMS)", "nominal", "fitted", "simulator - model")
+    no, colour = ("", "green") if v.passed else ("not ", "red")
+    verdict = Text(f"the file is {no}the arm that was fitted", f"bold {colour}")
+    title = Text.assemble((v.name, "bold"), f"  {v.path} in {v.software}, {v.rows} rows of withheld motions")
+    parts = title, verdict, sheet_of_cells(headings, rows), ""
+    if isinstance(v.tracking, str):
+        return screen(*parts, Text(f"not replayed: {v.tracking}", "dim"))
+    return screen(*parts, replay_sheet(v.joints, v.tracking))
+
+
+def replay_sheet(joints: Sequence[str], arms: Mapping[str, Tracking]) -> Sheet:
+    """Errors of withheld motions that the simulator moves by the logged commands alone, joint by joint."""
+    names = {"nominal": "nominal", "model": "fitted", "effects": "with the effects"}
+    heads = [f"{names[a]}, {unit}" for unit in ("deg", "N m") for a in arms]
+    columns = [[f"{x:.3g}" for x in np.rad2deg(of.rms)] for of in arms.values()]
+    columns += [[newton_metres(x) for x in of.torque] for of in arms.values()]
+    rows = list(zip(joints, *columns, strict=True))
+    return sheet_of_cells(("open-loop replay of the commands (RMS)", *heads), rows)

@@ -72,17 +72,15 @@ def files_of(plan: MotionPlan) -> dict[str, str]:
 
 def motion_sheet(record: Json) -> Sheet:
     """The motions that are to be logged."""
-    return Sheet(
-        (
-            Column("motion", "id"),
-            Column("from (s)", "from_s", lambda x: f"{x:.0f}"),
-            Column("to (s)", "to_s", lambda x: f"{x:.0f}"),
-            Column("payload", "loaded", lambda x: "yes" if x else "no"),
-            Column("times", "times"),
-            Column("for", "words", words=True),
-        ),
-        record["motions"],
+    columns = (
+        Column("motion", "id"),
+        Column("from (s)", "from_s", lambda x: f"{x:.0f}"),
+        Column("to (s)", "to_s", lambda x: f"{x:.0f}"),
+        Column("payload", "loaded", lambda x: "yes" if x else "no"),
+        Column("times", "times"),
+        Column("for", "words", words=True),
     )
+    return Sheet(columns, record["motions"])
 
 
 def plan_summary(record: Json) -> RenderableType:

@@ -106,31 +106,27 @@ def probability_sheet(record: Json) -> Sheet:
 
 def where_sheet(record: Json) -> Sheet:
     """Places, the largest first."""
-    return Sheet(
-        (
-            Column("place", "text"),
-            Column(f"{WORDS[record['unit']]} RMS", f"rms_{record['unit']}", newton_metres),
-            Column("in joint", "of_joint"),
-            Column("evidence (nats)", "log_evidence", lambda x: f"{x:.1f}"),
-            Column("explained by", "explained_by"),
-        ),
-        record["where"],
+    columns = (
+        Column("place", "text"),
+        Column(f"{WORDS[record['unit']]} RMS", f"rms_{record['unit']}", newton_metres),
+        Column("in joint", "of_joint"),
+        Column("evidence (nats)", "log_evidence", lambda x: f"{x:.1f}"),
+        Column("explained by", "explained_by"),
     )
+    return Sheet(columns, record["where"])
 
 
 def amplitude_sheet(record: Json) -> Sheet:
     """Amplitudes of the named effects."""
-    return Sheet(
-        (
-            Column("effect", "effect"),
-            Column("place", "site", words=True),
-            Column("size", "text"),
-            Column("setting", "setting", words=True),
-            Column("withheld error removed", "removed_share", share),
-            Column("relevant", "relevant", lambda x: "yes" if x else "no"),
-        ),
-        record["amplitudes"],
+    columns = (
+        Column("effect", "effect"),
+        Column("place", "site", words=True),
+        Column("size", "text"),
+        Column("setting", "setting", words=True),
+        Column("withheld error removed", "removed_share", share),
+        Column("relevant", "relevant", lambda x: "yes" if x else "no"),
     )
+    return Sheet(columns, record["amplitudes"])
 
 
 def withheld_sheet(record: Json) -> Sheet:
@@ -140,16 +136,14 @@ def withheld_sheet(record: Json) -> Sheet:
     def interval(ends: list[float]) -> str:
         return " .. ".join(map(newton_metres, ends))
 
-    return Sheet(
-        (
-            Column(residual_of(record), "joint"),
-            Column("nominal", f"nominal_rms_{unit}", newton_metres),
-            Column("fitted", f"rms_{unit}", newton_metres),
-            Column("expected", f"expected_rms_{unit}", newton_metres),
-            Column("95 %", f"expected_interval95_{unit}", interval),
-        ),
-        record["withheld"],
+    columns = (
+        Column(residual_of(record), "joint"),
+        Column("nominal", f"nominal_rms_{unit}", newton_metres),
+        Column("fitted", f"rms_{unit}", newton_metres),
+        Column("expected", f"expected_rms_{unit}", newton_metres),
+        Column("95 %", f"expected_interval95_{unit}", interval),
     )
+    return Sheet(columns, record["withheld"])
 
 
 def parameter_sheet(record: Json, every: bool = True) -> Sheet:
@@ -159,15 +153,13 @@ def parameter_sheet(record: Json, every: bool = True) -> Sheet:
         return f"{DISPLAYED.get(p['unit'], ('', 1.0))[1] * p['nominal']:.4g}"
 
     items = [p for p in record["parameters"] if every or p["identifiable"] == "yes"]
-    return Sheet(
-        (
-            Column("parameter", "name"),
-            Column("nominal", nominal),
-            Column("estimate", lambda p: size_text(p["estimate"], p["u"], p["unit"])),
-            Column("identifiable", "identifiable"),
-        ),
-        items,
+    columns = (
+        Column("parameter", "name"),
+        Column("nominal", nominal),
+        Column("estimate", lambda p: size_text(p["estimate"], p["u"], p["unit"])),
+        Column("identifiable", "identifiable"),
     )
+    return Sheet(columns, items)
 
 
 CHANGED = 0.97
@@ -186,16 +178,14 @@ def together_sheet(record: Json, every: bool = False) -> Sheet:
         return float(p["both"]["u"] / p["alone"]["u"])
 
     items = [p for p in record["shared"] if every or p["source"] == "session" or ratio(p) < CHANGED]
-    return Sheet(
-        (
-            Column("parameter", "name"),
-            Column("of the", "source"),
-            Column("alone", lambda p: size(p, "alone")),
-            Column("both", lambda p: size(p, "both")),
-            Column("u ratio", lambda p: f"{ratio(p):.2f}"),
-        ),
-        items,
+    columns = (
+        Column("parameter", "name"),
+        Column("of the", "source"),
+        Column("alone", lambda p: size(p, "alone")),
+        Column("both", lambda p: size(p, "both")),
+        Column("u ratio", lambda p: f"{ratio(p):.2f}"),
     )
+    return Sheet(columns, items)
 
 
 def motion_summary(record: Json) -> RenderableType:

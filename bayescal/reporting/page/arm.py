@@ -74,7 +74,11 @@ def draw_arm(run: Run, *, contacts: bool = False) -> Markup | None:
         return o.kind == "arm" and (o.joint in links or (o.joint == 0 and "base" in kinds))
 
     parts = [
-        svg.polygon(sheet.at(o.polygon), f"{o.kind} shade{min(int(3 * o.shade), 2)}" + " marked" * marked(o))
+        svg.line(
+            sheet.at(o.polygon),
+            f"{o.kind} shade{min(int(3 * o.shade), 2)}" + " marked" * marked(o),
+            "polygon",
+        )
         for o in shown
     ]
     parts.append(svg.line(line, "arm axis"))

@@ -16,8 +16,7 @@ from bayescal import __version__
 from bayescal.errors import BayescalError
 from bayescal.reporting.page import compare, fit, gap, motion
 from bayescal.reporting.page.common import interactive
-from bayescal.reporting.page.render import GENERATOR, page
-from bayescal.reporting.page.section import Run, read_run
+from bayescal.reporting.page.section import GENERATOR, Run, page, read_run
 from bayescal.reporting.shared.origin import filed
 from bayescal.storage.files import write_together
 from bayescal.storage.folders import LIST, whole

@@ -121,7 +121,7 @@ def _drawings(run: Run) -> Figures:
 
     def drawn(label: str, x: np.ndarray) -> tuple[str, Markup]:
         kinds = (("dot", keep & ~check), ("check", keep & check))
-        groups = [svg.Dots(x[some], r[some], style) for style, some in kinds]
+        groups = [(style, x[some], r[some]) for style, some in kinds]
         return "", svg.scatter(groups, (label, y_label), band, f"Residuals over {label}", ends)
 
     return Figures(tuple(drawn(label, x) for label, x in coordinates))

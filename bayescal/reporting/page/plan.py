@@ -15,8 +15,7 @@ from bayescal.importing.onto import PLAN as CONTACTS
 from bayescal.planning.result import Plan
 from bayescal.programs.probing import Probe, formats_of
 from bayescal.reporting import plan_sheets
-from bayescal.reporting.page.render import page
-from bayescal.reporting.page.section import Facts, FirstScreen, Section, Text, blocks, picture
+from bayescal.reporting.page.section import Facts, FirstScreen, Section, Text, blocks, page, picture
 from bayescal.reporting.plan_record import plan_record, table_of_plan
 from bayescal.reporting.shared.sheet import Sheet
 from bayescal.storage.files import json_text

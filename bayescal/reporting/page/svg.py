@@ -19,13 +19,8 @@ CHARACTER = 6.4
 """Width of a character, about."""
 
 
-@dataclass(frozen=True)
-class Dots:
-    """Points of a scatter plot, and their class."""
-
-    x: np.ndarray
-    y: np.ndarray
-    style: str = "dot"
+Dots = tuple[str, np.ndarray, np.ndarray]
+"""Points of a scatter plot: their class, x and y."""
 
 
 def drawing(width: float, height: float, parts: Sequence[str], label: str) -> Markup:
@@ -44,11 +39,6 @@ def line(points: np.ndarray, style: str, shape: str = "polyline") -> str:
     """A polyline through points (N, 2), or another shape of points."""
     path = " ".join(f"{x:.1f},{y:.1f}" for x, y in points)
     return f'<{shape} class="{style}" points="{path}"/>'
-
-
-def polygon(points: np.ndarray, style: str) -> str:
-    """A closed shape with corners (N, 2)."""
-    return line(points, style, "polygon")
 
 
 def ticks(low: float, high: float) -> np.ndarray:
@@ -110,7 +100,7 @@ def scatter(
     Points beyond the ends are drawn at them, as triangles. `labels` are of x and y.
     """
     bottom, top = ends
-    x = np.concatenate([d.x for d in dots])
+    x = np.concatenate([across for _, across, _ in dots])
     low, high = (float(x.min()), float(x.max())) if len(x) else (0.0, 1.0)
     room = 0.03 * (high - low) or 1.0
     low, high = low - room, high + room
@@ -121,32 +111,30 @@ def scatter(
         size = f'width="{WIDTH - left - RIGHT:.1f}" height="{lower - upper:.1f}"'
         below.append(f'<rect class="band" x="{left:.1f}" y="{upper:.1f}" {size}/>')
     data = []
-    for d in dots:
-        inside, points = (d.y >= bottom) & (d.y <= top), axes.at(d.x, d.y)
+    for style, across, up in dots:
+        inside, points = (up >= bottom) & (up <= top), axes.at(across, up)
         # one path of lines without length: their round ends are the dots
         path = "".join(f"M{px:.1f} {py:.1f}h0" for px, py in points[inside])
-        data.append(f'<path class="{d.style}" d="{path}"/>')
-        for px, up in zip(points[~inside, 0], d.y[~inside] > 0, strict=True):
-            py, s = (TOP, 4) if up else (HEIGHT - BOTTOM, -4)
+        data.append(f'<path class="{style}" d="{path}"/>')
+        for px, above in zip(points[~inside, 0], up[~inside] > 0, strict=True):
+            py, s = (TOP, 4) if above else (HEIGHT - BOTTOM, -4)
             path = f"M{px - 4:.1f} {py + s:.1f}L{px + 4:.1f} {py + s:.1f}L{px:.1f} {py - s:.1f}Z"
             data.append(f'<path class="beyond" d="{path}"/>')
     return axes.drawing(below, data, label, "zero")
 
 
 def course(
-    x: np.ndarray,
-    y: np.ndarray,
-    expanded: np.ndarray,
-    fitted: tuple[np.ndarray, np.ndarray],
-    x_label: str,
-    y_label: str,
-    label: str,
+    values: Sequence[np.ndarray], fitted: Sequence[np.ndarray], labels: tuple[str, str], label: str
 ) -> Markup:
-    """Values (N,) over time with their expanded uncertainties, and a fitted course (x and y)."""
+    """Values over time with their expanded uncertainties (x, y and U, (N,) each), and a fitted course (x, y).
+
+    `labels` are of x and y.
+    """
+    x, y, expanded = values
     ends = float(np.min(y - expanded)), float(np.max(y + expanded))
     first, last = float(np.min(fitted[0])), float(np.max(fitted[0]))
     room = 0.05 * (last - first) or 1.0
-    axes = _Axes((first - room, last + room), ends, (x_label, y_label), ticks(first, last), ticks(*ends))
+    axes = _Axes((first - room, last + room), ends, labels, ticks(first, last), ticks(*ends))
     data = [line(axes.at(*fitted), "zero")]
     for px, py, size in zip(x, y, expanded, strict=True):
         data.append(line(axes.at(np.array([px, px]), np.array([py - size, py + size])), "range"))
