@@ -23,9 +23,9 @@ from bayescal.dataset.read import no_rows
 from bayescal.errors import BayescalError
 from bayescal.planning import order as orders
 from bayescal.planning.candidates import candidates
+from bayescal.planning.order import Transits
 from bayescal.planning.pool import Setup
 from bayescal.planning.setup import continued
-from bayescal.planning.transit import Transits
 from bayescal.probing.clearance import Clearance
 from bayescal.probing.scene import held_by
 from bayescal.robots import load_robot

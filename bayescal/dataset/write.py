@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from operator import eq
 from pathlib import Path
 
@@ -44,7 +44,7 @@ def check_new(folder: Path) -> None:
         raise BayescalError("the folder is there already and not empty", str(folder), "give a new one")
 
 
-def write_dataset(dataset: Dataset, folder: Path | str, beside: Mapping[str, bytes] | None = None) -> None:
+def write_dataset(dataset: Dataset, folder: Path | str) -> None:
     """Write dataset.yaml, measurements.csv and, unless it is a built-in one as it stands, robot.yaml.
 
     Parameters
@@ -53,8 +53,6 @@ def write_dataset(dataset: Dataset, folder: Path | str, beside: Mapping[str, byt
         What to write. Values are rounded to `DECIMALS`.
     folder : Path or str
         Made by this; may exist only if empty.
-    beside : mapping, optional
-        Further files by name.
 
     Raises
     ------
@@ -65,8 +63,6 @@ def write_dataset(dataset: Dataset, folder: Path | str, beside: Mapping[str, byt
     check_new(folder)
     with whole(folder, SETTINGS) as stage:
         write_files(dataset, stage)
-        for name, content in (beside or {}).items():
-            (stage / name).write_bytes(content)
 
 
 def write_files(dataset: Dataset, folder: Path) -> None:

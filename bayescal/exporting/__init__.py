@@ -10,7 +10,7 @@ FORMATS = {
     "mjcf": "bayescal.exporting.mjcf.format:MJCF",
     "ur-yaml": "bayescal.exporting.ur_yaml:UR_YAML",
     "dh-csv": "bayescal.exporting.robot:DH_CSV",
-    "joint-zeros": "bayescal.exporting.joint_zeros:JOINT_ZEROS",
+    "joint-zeros": "bayescal.exporting.offsets:JOINT_ZEROS",
     "lerobot": "bayescal.exporting.offsets:FEETECH",
     "lerobot-dynamixel": "bayescal.exporting.offsets:DYNAMIXEL",
     "ros2-control": "bayescal.exporting.offsets:ROS2_CONTROL",

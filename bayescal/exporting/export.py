@@ -14,13 +14,12 @@ from bayescal.effects import UNITS
 from bayescal.errors import BayescalError
 from bayescal.exporting import CERTIFICATE, FORMATS
 from bayescal.exporting.geometry import Missing, not_expressed
-from bayescal.exporting.sidecar import SCHEMA, digest, replace_earlier, sidecar_of
+from bayescal.exporting.sidecar import SCHEMA, digest, replace_earlier
 from bayescal.exporting.written import Format, Options, Written, path_of
 from bayescal.fitted import gate
 from bayescal.fitted.arm import FittedArm
 from bayescal.fitted.unmodelled import state_row
 from bayescal.robots import only_one_arm, only_revolute
-from bayescal.storage.files import json_text
 
 
 def format_of(name: str) -> Format:
@@ -73,20 +72,6 @@ class Exported:
                 where = f"the centre of tool {tool['name']} is at {place} mm in it"
                 yield f"{details['tip']} is not the flange: {where}"
 
-    def in_folder(self, folder: Path) -> Exported:
-        """The same with the content that the file has in a folder."""
-        if self.written.placed is None:
-            return self
-        return replace(self, written=replace(self.written, content=self.written.placed(folder), placed=None))
-
-    def files(self, path: Path) -> dict[Path, str | bytes]:
-        """All files with their content, the sidecar last, for a main file at `path`."""
-        here = self.in_folder(path.parent)
-        beside = self._beside(path)
-        if path in beside:
-            raise BayescalError("a further file would have this name", str(path), "give another --out")
-        return {path: here.written.content, **beside, sidecar_of(path): json_text(here.record(path.name))}
-
     def _beside(self, path: Path) -> dict[Path, str | bytes]:
         return {path.with_name(path.stem + suffix): text for suffix, text in self.written.beside.items()}
 
@@ -125,9 +110,14 @@ class Exported:
         BayescalError
             If one of them is the user's own file, or another file that is no unchanged earlier export.
         """
-        files, record = self.files(path), self.in_folder(path.parent).record(path.name)
-        replace_earlier(path, files, record, path_of(self.options.into)[0] if self.options.into else None)
-        return tuple(files)
+        written, beside = self.written, self._beside(path)
+        if path in beside:
+            raise BayescalError("a further file would have this name", str(path), "give another --out")
+        if written.placed is not None:
+            written = replace(written, content=written.placed(path.parent))
+        record = replace(self, written=written).record(path.name)
+        patched = path_of(self.options.into)[0] if self.options.into else None
+        return replace_earlier(path, {path: written.content, **beside}, record, patched)
 
 
 def export(

@@ -17,6 +17,7 @@ from bayescal.arm.transforms import rigid
 from bayescal.dataset.cameras import FLANGE, board, lens_of
 from bayescal.errors import BayescalError
 from bayescal.exporting.written import Format, Options, Written, item
+from bayescal.exporting.xml_text import rendered
 from bayescal.fitted.arm import FittedArm
 from bayescal.storage.writing import scalar
 from factors.camera import Camera
@@ -136,42 +137,23 @@ def _easy_handeye(h: HandEye) -> str:
     """A calibration as easy_handeye2 stores it; of several cameras the first."""
     t, seen = (h.on_flange, h.fixed) if h.mount == FLANGE else (h.fixed, h.on_flange)
     u = np.sqrt(np.diag(t.covariance))
-    return "\n".join(
-        [
-            f"# u: {1e3 * np.max(u[3:]):.3g} mm, {np.degrees(np.max(u[:3])):.2g} deg, the largest of each",
-            "parameters:",
-            f"  name: {scalar(h.target)}",
-            f"  calibration_type: {'eye_in_hand' if h.mount == FLANGE else 'eye_on_base'}",
-            f"  robot_base_frame: {BASE}",
-            f"  robot_effector_frame: {END}",
-            f"  tracking_base_frame: {scalar(t.child)}",
-            f"  tracking_marker_frame: {scalar(seen.child)}",
-            "  freehand_robot_movement: true",
-            "  move_group_namespace: /",
-            "  move_group: manipulator",
-            "transform:",
-            "  translation:",
-            *(f"    {axis}: {v!r}" for axis, v in zip("xyz", t.pose[:3, 3].tolist(), strict=True)),
-            "  rotation:",
-            *(f"    {axis}: {v!r}" for axis, v in zip("xyzw", t.quaternion.tolist(), strict=True)),
-            "",
-        ]
-    )
+    return rendered(
+        "hand_eye.yaml.j2", name=scalar(h.target), in_hand=h.mount == FLANGE, base=BASE, end=END,
+        tracked=scalar(t.child), seen=scalar(seen.child), shift=t.pose[:3, 3].tolist(),
+        turn=t.quaternion.tolist(), u_shift=1e3 * np.max(u[3:]), u_turn=np.degrees(np.max(u[:3])),
+    )  # fmt: skip
 
 
 def _launch(found: list[HandEye]) -> str:
     """Static transforms of all cameras and boards, as a launch file of ROS 2."""
-    lines = ["from launch import LaunchDescription", "from launch_ros.actions import Node", "", ""]
-    lines += ["def generate_launch_description():", "    return LaunchDescription(["]
+    nodes = []
     for t in (t for h in found for t in (h.on_flange, h.fixed)):
-        names = ("x", "y", "z", "qx", "qy", "qz", "qw")
         values = [*t.pose[:3, 3].tolist(), *t.quaternion.tolist()]
-        given = [f"'--{name}', '{v!r}'" for name, v in zip(names, values, strict=True)]
+        options = dict(zip(("x", "y", "z", "qx", "qy", "qz", "qw"), map(repr, values), strict=True))
+        options |= {"frame-id": t.parent, "child-frame-id": t.child}
         # the name of a target is any text: a launch file is a program
-        given += [f"'--frame-id', {t.parent!r}", f"'--child-frame-id', {t.child!r}"]
-        node = "package='tf2_ros', executable='static_transform_publisher'"
-        lines.append(f"        Node({node}, arguments=[{', '.join(given)}]),")
-    return "\n".join([*lines, "    ])", ""])
+        nodes.append([repr(text) for name, value in options.items() for text in (f"--{name}", value)])
+    return rendered("hand_eye.launch.py.j2", nodes=nodes)
 
 
 def _opencv(arm: FittedArm, found: list[HandEye]) -> str:
@@ -211,12 +193,7 @@ def _holds(arm: FittedArm, k: int) -> bool:
 
 
 HAND_EYE = Format(
-    "hand-eye",
-    ".yaml",
-    "hand-eye transforms with covariance: easy_handeye2, ROS static transforms, OpenCV",
-    _write,
-    _holds,
-    "a hand-eye transform holds nothing of the arm itself",
-    prismatic=True,
+    ".yaml", _write, _holds, "a hand-eye transform holds nothing of the arm itself", prismatic=True
 )
-"""Where cameras and boards are, for programs that take the arm as nominal or as calibrated."""
+"""Where cameras and boards are, for programs that take the arm as nominal or as calibrated: with covariance
+for easy_handeye2, as ROS static transforms, for OpenCV."""

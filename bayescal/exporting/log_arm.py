@@ -17,7 +17,7 @@ import numpy as np
 import yaml
 
 from bayescal.errors import BayescalError
-from bayescal.exporting.sidecar import digest, replace_earlier, sidecar_of
+from bayescal.exporting.sidecar import digest, replace_earlier
 from bayescal.exporting.urdf import most_of
 from bayescal.exporting.xml_text import rendered
 from bayescal.logs import Mechanism
@@ -117,9 +117,7 @@ class LogExport:
             If one of them is no unchanged earlier export.
         """
         record = {**self.record, "file": path.name, "sha256": digest(self.text), "beside": {}}
-        files = {path: self.text, sidecar_of(path): json_text(record)}
-        replace_earlier(path, files, record)
-        return tuple(files)
+        return replace_earlier(path, {path: self.text}, record)
 
 
 def mechanism_of_run(folder: Path, name: str) -> Mechanism:

@@ -1,4 +1,7 @@
-"""Corrections of the joint zeros in the files of controllers that have one offset for each joint.
+"""Corrections of the joint zeros: as a table, and in the files of controllers with one offset for each joint.
+
+The true reading of a joint is what the controller shows plus its correction. Of coupled axes, corrections of
+the links are converted to those of the readings.
 
 LeRobot: a calibration of servos (JSON) states `homing_offset` in steps, 4096 a turn. Feetech servos show
 ``actual - homing_offset``, Dynamixel X ``actual + homing_offset``: the correction is subtracted from the
@@ -16,13 +19,71 @@ from pathlib import Path
 
 import numpy as np
 
+from bayescal.arm.transforms import AXES
+from bayescal.dataset.table import csv_text
 from bayescal.errors import BayescalError
-from bayescal.exporting.joint_zeros import LIMITS, TURN, holds, items, undetermined, zeros
-from bayescal.exporting.written import Format, Options, Written
+from bayescal.exporting.geometry import at_state, constant
+from bayescal.exporting.written import Format, Item, Options, Written, item
 from bayescal.exporting.xml_text import indented, rendered
 from bayescal.fitted.arm import FittedArm
 from bayescal.robots.servos import STEPS, of_joints, read_calibration
 from bayescal.storage.reading import read_json
+
+TURN = 2.0 * np.pi  # rad
+LIMITS = "a controller's offsets hold the zeros of the joints only"
+
+
+def zeros(arm: FittedArm, state: int) -> tuple[np.ndarray, np.ndarray]:
+    """Corrections (n,) of the readings, rad, and their covariance (n, n)."""
+    robot = arm.dataset.robot
+    by = np.zeros((robot.n, len(arm.values)))
+    for k, p in enumerate(arm.model.parameters):
+        for t in at_state(p, state).terms if holds(arm, k) else ():
+            by[t.frame - 1, k] += float(t.driver)
+    by = np.linalg.solve(robot.link_from_reading, by)
+    return by @ arm.values, by @ arm.covariance @ by.T
+
+
+def holds(arm: FittedArm, k: int) -> bool:
+    """Whether a parameter turns joints about their axes, and does nothing else."""
+    p, n = arm.model.parameters[k], arm.model.scene.chain.n
+    return constant(p) and all(t.axis == AXES[0] and 1 <= t.frame <= n for t in p.terms)
+
+
+def items(arm: FittedArm, element: str, attribute: str) -> list[Item]:
+    """The parameters in a file of offsets; `element` has the name of the joint in place of ``{}``."""
+    names, parameters = arm.dataset.robot.joint_names, arm.model.parameters
+    return [
+        item(arm, k, element.format(names[p.terms[0].frame - 1]), attribute)
+        for k, p in enumerate(parameters)
+        if holds(arm, k)
+    ]
+
+
+def undetermined(arm: FittedArm, covariance: np.ndarray) -> list[str]:
+    """A note on the joints whose zeros, of covariance (n, n), are not identifiable."""
+    variances = zip(arm.dataset.robot.joint_names, np.diag(covariance), strict=True)
+    named = [name for name, variance in variances if variance <= 0.0]
+    return [f"the zero of {', '.join(named)} is not identifiable and has no correction"] if named else []
+
+
+def _table(arm: FittedArm, options: Options) -> Written:
+    robot = arm.dataset.robot
+    correction, covariance = zeros(arm, options.state)
+    u = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    rows = (
+        [name, *(repr(float(x)) for x in (np.degrees(c), np.degrees(sd), c, sd)), round(c / TURN * STEPS)]
+        for name, c, sd in zip(robot.joint_names, correction.tolist(), u.tolist(), strict=True)
+    )
+    header = ["joint", "correction_deg", "u_deg", "correction_rad", "u_rad", f"correction_ticks_{STEPS}"]
+    sign = "true reading = reading shown + correction; see docs/export.md for the sign of an offset"
+    notes = [*undetermined(arm, covariance), sign]
+    return Written(csv_text(header, rows), items(arm, "row of the joint", "correction"), notes=notes)
+
+
+JOINT_ZEROS = Format(".csv", _table, holds, LIMITS)
+"""Offsets of the joints for a controller, as in the files of LeRobot or TALOS."""
+
 
 LARGEST_OFFSET = 2047
 """Steps: what a Feetech servo stores of `homing_offset`, beside its sign."""
@@ -73,17 +134,7 @@ def _ros2_control(arm: FittedArm, options: Options) -> Written:
     return Written('<?xml version="1.0"?>\n' + indented(text), found, notes=notes)
 
 
-FEETECH, DYNAMIXEL = (
-    Format(
-        name, ".json", f"LeRobot calibration of {servos}", partial(_lerobot, sign), holds, LIMITS, into=True
-    )
-    for name, servos, sign in (
-        ("lerobot", "Feetech servos (SO-100, SO-101)", -1),
-        ("lerobot-dynamixel", "Dynamixel servos (Koch)", 1),
-    )
-)
-"""The present calibration, with new offsets."""
-ROS2_CONTROL = Format(
-    "ros2-control", ".xml", "offsets of the joints in ros2_control", _ros2_control, holds, LIMITS
-)
+FEETECH, DYNAMIXEL = (Format(".json", partial(_lerobot, sign), holds, LIMITS, into=True) for sign in (-1, 1))
+"""The present calibration of LeRobot with new offsets: Feetech servos (SO-100, SO-101), Dynamixel (Koch)."""
+ROS2_CONTROL = Format(".xml", _ros2_control, holds, LIMITS)
 """Transmissions with the corrections of the joint zeros."""

@@ -73,12 +73,10 @@ def _joint_of(element: str) -> str:
 
 
 PAL = Format(
-    "pal",
     ".yaml",
-    "differences of joint origins, master_calibration.yaml of PAL robots",
     _write,
     lambda arm, k: constant(arm.model.parameters[k]),
     "master_calibration.yaml has constant geometry only",
     into=True,
 )
-"""Of the robot's URDF, which is given as the file of the user."""
+"""Differences of joint origins from those of the robot's URDF, which is given as the file of the user."""

@@ -25,7 +25,7 @@ from bayescal.robots import robot_to_yaml
 from bayescal.storage.files import json_text
 
 
-def calibrated_robot(model: Model, values: np.ndarray, name: str = "", state: int | None = None) -> Robot:
+def calibrated_robot(model: Model, values: np.ndarray, state: int | None = None) -> Robot:
     """The robot of a fitted arm: DH rows, Hayati's beta, scales and compliances; the tool is no part of it.
 
     Between two joints' Rz Tz stands a constant transform, displaced by the fit. It is split anew into Rx Tx
@@ -37,8 +37,6 @@ def calibrated_robot(model: Model, values: np.ndarray, name: str = "", state: in
     model : Model
     values : np.ndarray, shape (P,)
         Deviations of its parameters from nominal, SI.
-    name : str
-        Of the robot; default: that of the nominal robot with ``-calibrated``.
     state : int, optional
         Row of the session whose state (time, temperature, events) holds; without it, what changes during the
         session is left out.
@@ -57,7 +55,7 @@ def calibrated_robot(model: Model, values: np.ndarray, name: str = "", state: in
     out = _displaced_rows(robot, constant_displacements(model, values, state))
     return replace(
         out,
-        name=name or f"{robot.name}-calibrated",
+        name=f"{robot.name}-calibrated",
         link_from_reading=coupling,
         # a negative estimate is not physical: such a joint is rigid
         compliance=np.maximum(compliance, 0.0) if np.any(compliance > 0) else None,
@@ -154,9 +152,7 @@ def _holds(arm: FittedArm, k: int) -> bool:
 
 
 ROBOT_YAML = Format(
-    "robot.yaml",
     ".yaml",
-    "robot.yaml of bayescal: rows, base, scales, compliances of the joints",
     _write,
     _holds,
     "robot.yaml has constant geometry, scales of readings and compliances of joints",
@@ -247,11 +243,9 @@ def _csv(robot: Robot, values: Mapping[tuple[str, str], tuple[float, float]]) ->
 
 
 DH_CSV = Format(
-    "dh-csv",
     ".csv",
-    "DH rows with u as CSV, and with the full covariance as JSON",
     _write_table,
     ROBOT_YAML.holds,
     "a DH table has constant geometry, scales of readings and compliances of joints",
 )
-"""The calibrated table for any other program."""
+"""The calibrated table for any other program: rows with u as CSV, with the full covariance as JSON."""

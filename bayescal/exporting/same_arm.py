@@ -11,6 +11,7 @@ before its frames are compared: the new calibration replaces the earlier one.
 from __future__ import annotations
 
 import itertools
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -88,12 +89,15 @@ def match(robot: Robot, file: FileArm, name: str) -> Match:
     BayescalError
         With the first difference, if they are not the same arm.
     """
-    _check_names(robot, file, name)
+    if len(file.names) != robot.n:
+        what = f"{len(file.names)} joints turn before the tip, the arm {robot.name} has {robot.n}"
+        raise BayescalError(what, name, "name the link that carries the tool, as in arm.urdf#tool0")
     with_flange = zero_frames(robot)
     ours = with_flange[:-1]
     p, a = _lines(ours, np.tile([0.0, 0.0, 1.0], (robot.n, 1)))
     r, b = _lines(file.frames, file.axes)
-    _check_pairs(robot, file, name, _pairs(p, a), _pairs(r, b))
+    for what in _differences(robot, file, _pairs(p, a), _pairs(r, b)):
+        raise BayescalError(what, name, "give the file of this arm")
     root = _alignment(p, a, r, b)
     least = _off(p, a, r, b, root)[2]
     here = np.eye(4) if _off(p, a, r, b, np.eye(4))[2] <= least + EXACT else root
@@ -208,20 +212,24 @@ def _calibrated(robot: Robot, file: FileArm, zeros: np.ndarray, name: str) -> tu
     return (f"{name} is calibrated already, with {difference}: this calibration replaces the earlier one",)
 
 
-def _check_names(robot: Robot, file: FileArm, name: str) -> None:
-    """Refuse another number of joints, and names of joints in another order; names may all be different."""
-    if len(file.names) != robot.n:
-        what = f"{len(file.names)} joints turn before the tip, the arm {robot.name} has {robot.n}"
-        raise BayescalError(what, name, "name the link that carries the tool, as in arm.urdf#tool0")
+def _differences(robot: Robot, file: FileArm, ours: np.ndarray, theirs: np.ndarray) -> Iterator[str]:
+    """What tells two arms apart: kinds and order of joints, and `_pairs` of the axes.
+
+    Names of the joints may all be different.
+    """
     for k in np.flatnonzero(file.slides != robot.slides).tolist():
-        kinds = {True: "prismatic", False: "revolute"}
-        what = f"joint {file.names[k]} is {kinds[bool(file.slides[k])]}, in the arm {robot.name} it is not"
-        raise BayescalError(what, name, "give the file of this arm")
+        kind = "prismatic" if file.slides[k] else "revolute"
+        yield f"joint {file.names[k]} is {kind}, in the arm {robot.name} it is not"
     if set(file.names) & set(robot.joint_names):
-        for k, (theirs, ours) in enumerate(zip(file.names, robot.joint_names, strict=True), start=1):
-            if theirs != ours:
-                what = f"joint {k} is called {theirs}, in the arm {robot.name} it is {ours}"
-                raise BayescalError(what, name, "give the file of this arm")
+        for k, (other, name) in enumerate(zip(file.names, robot.joint_names, strict=True), start=1):
+            if other != name:
+                yield f"joint {k} is called {other}, in the arm {robot.name} it is {name}"
+    for k, (here, there) in enumerate(zip(ours, theirs, strict=True)):
+        axes, arm = f"the axes of {file.names[k]} and {file.names[k + 1]}", f"in the arm {robot.name}"
+        if abs(here[0] - there[0]) > ANGLE:
+            yield f"{axes} differ by {np.degrees(there[0]):.2f} deg, {arm} by {np.degrees(here[0]):.2f} deg"
+        if abs(here[1] - there[1]) > LENGTH:
+            yield f"the distance of {axes} is {1e3 * there[1]:.2f} mm, {arm} {1e3 * here[1]:.2f} mm"
 
 
 def _shortest(p: np.ndarray, a: np.ndarray, i: np.ndarray, j: np.ndarray) -> np.ndarray:
@@ -240,17 +248,6 @@ def _pairs(p: np.ndarray, a: np.ndarray) -> np.ndarray:
     sine = np.linalg.norm(np.cross(a[:-1], a[1:]), axis=1)
     angle = np.arctan2(sine, np.abs(np.sum(a[:-1] * a[1:], axis=1)))
     return np.column_stack([angle, np.linalg.norm(_shortest(p, a, before, before + 1), axis=1)])
-
-
-def _check_pairs(robot: Robot, file: FileArm, name: str, ours: np.ndarray, theirs: np.ndarray) -> None:
-    for k, (our_pair, other) in enumerate(zip(ours, theirs, strict=True)):
-        axes = f"of {file.names[k]} and {file.names[k + 1]}"
-        if abs(our_pair[0] - other[0]) > ANGLE:
-            what = f"the axes {axes} differ by {np.degrees(other[0]):.2f} deg, in the arm {robot.name} by "
-            raise BayescalError(f"{what}{np.degrees(our_pair[0]):.2f} deg", name, "give the file of this arm")
-        if abs(our_pair[1] - other[1]) > LENGTH:
-            what = f"the distance of the axes {axes} is {1e3 * other[1]:.2f} mm, in the arm {robot.name} "
-            raise BayescalError(f"{what}{1e3 * our_pair[1]:.2f} mm", name, "give the file of this arm")
 
 
 def _off(

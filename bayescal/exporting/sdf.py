@@ -87,13 +87,5 @@ def _limits(robot: Robot, hinge: Hinge) -> dict[str, float]:
     return dict(zip(("lower", "upper"), hinge.limits, strict=True)) | stated
 
 
-SDF = Format(
-    "sdf",
-    ".sdf",
-    "SDF model: geometry, springs of joints, bearings and stand",
-    _write,
-    _holds,
-    "SDF has constant geometry and linear springs",
-    prismatic=True,
-)
-"""For Gazebo and Drake."""
+SDF = Format(".sdf", _write, _holds, "SDF has constant geometry and linear springs", prismatic=True)
+"""Geometry, springs of joints, bearings and stand, for Gazebo and Drake."""

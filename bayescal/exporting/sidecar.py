@@ -6,7 +6,6 @@ import json
 from collections.abc import Mapping
 from hashlib import sha256
 from pathlib import Path
-from types import ModuleType
 from typing import Any, Literal
 
 from pydantic import BaseModel, Field, ValidationError
@@ -81,9 +80,9 @@ def digest(content: str | bytes) -> str:
 
 
 def replace_earlier(
-    path: Path, files: Mapping[Path, str | bytes], record: Mapping[str, Any], to_patch: Path | None = None
-) -> None:
-    """Write the files of an export to `path`, its sidecar with `record` last, in place of an earlier export.
+    path: Path, content: Mapping[Path, str | bytes], record: Mapping[str, Any], to_patch: Path | None = None
+) -> tuple[Path, ...]:
+    """Write an export to `path`, its sidecar with `record` last, in place of an earlier one; all their paths.
 
     The sidecar is put in place first, with the hashes of the earlier files (`replaces`), and last without
     them. If the process is killed in between, no file is without a sidecar that knows it.
@@ -92,8 +91,8 @@ def replace_earlier(
     ----------
     path : Path
         The main file.
-    files : mapping
-        Contents of all files, the sidecar among them.
+    content : mapping
+        Of all files but the sidecar.
     record : mapping
         Of the sidecar, with `schema`, `sha256` of the main file and `beside`, the hashes of the others.
     to_patch : Path, optional
@@ -105,6 +104,7 @@ def replace_earlier(
         If one of them is the user's own file, or another file that is no unchanged earlier export.
     """
     sidecar = sidecar_of(path)
+    files = {**content, sidecar: json_text(record)}
     known = _earlier(sidecar, path.name, record["schema"])
     there = {file: "" if file == sidecar else _found(file) for file in filter(Path.exists, files)}
     for file, found in there.items():
@@ -117,6 +117,7 @@ def replace_earlier(
             raise BayescalError("exists and is no sidecar of an export", str(file), "give another --out")
     replaced = {file.name: found for file, found in there.items() if file != sidecar}
     write_together(files, {sidecar: json_text({**record, "replaces": replaced})})
+    return tuple(files)
 
 
 def _found(file: Path) -> str:
@@ -180,7 +181,7 @@ def _entries(record: Mapping[str, Any]) -> type[_Sidecar]:
     return _Placed if placed else _Sidecar
 
 
-def mujoco() -> ModuleType:
+def mujoco() -> Any:
     """The module of MuJoCo. Its warnings are not written to a file of the working folder.
 
     Raises
@@ -188,14 +189,13 @@ def mujoco() -> ModuleType:
     BayescalError
         If it is not installed.
     """
-    library("mujoco", "MuJoCo is not installed", "simulator", "pip install 'bayescal[mujoco]'")
-    import mujoco as module
-
+    remedy = "pip install 'bayescal[mujoco]'"
+    module = library("mujoco", "MuJoCo is not installed", "simulator", remedy)
     module.set_mju_user_warning(lambda _: None)
     return module
 
 
-def pinocchio() -> ModuleType:
+def pinocchio() -> Any:
     """The module of Pinocchio.
 
     Raises
@@ -204,7 +204,4 @@ def pinocchio() -> ModuleType:
         If it is not installed.
     """
     remedy = "pip install 'bayescal[mujoco]' or 'bayescal[pinocchio]'"
-    library("pinocchio", "neither MuJoCo nor Pinocchio is installed", "simulator", remedy)
-    import pinocchio as module
-
-    return module
+    return library("pinocchio", "neither MuJoCo nor Pinocchio is installed", "simulator", remedy)

@@ -93,12 +93,10 @@ def _read(into: str) -> tuple[FileArm, str, str]:
 
 
 UR_YAML = Format(
-    "ur-yaml",
     ".yaml",
-    "calibration of ur_robot_driver, new or with the hash and frames of a given one",
     _write,
     lambda arm, k: constant(arm.model.parameters[k]),
     "the calibration of ur_description holds constant geometry only",
     into=True,
 )
-"""kinematics_params of ur_description."""
+"""kinematics_params of ur_description, new or with the hash and frames of a given file."""

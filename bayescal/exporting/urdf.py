@@ -24,15 +24,7 @@ import numpy as np
 from bayescal.arm.chain import Robot, chain_of, frames, link_angles
 from bayescal.arm.transforms import rpy_of
 from bayescal.errors import BayescalError
-from bayescal.exporting.geometry import (
-    centre_in_frame,
-    constant,
-    constant_displacements,
-    coupled,
-    items,
-    steps,
-    zero_frames,
-)
+from bayescal.exporting import geometry
 from bayescal.exporting.same_arm import FileArm, Match, match
 from bayescal.exporting.written import IN_F0, Format, Options, Written, path_of
 from bayescal.exporting.xml_text import XmlText, numbers, rendered
@@ -62,8 +54,8 @@ def write(arm: FittedArm, options: Options) -> Written:
     """The URDF of an arm in one state."""
     robot, into = arm.dataset.robot, path_of(options.into)[0]
     name = into.name or options.name
-    delta = constant_displacements(arm.model, arm.values, options.state)
-    calibrated = zero_frames(robot, delta)
+    delta = geometry.constant_displacements(arm.model, arm.values, options.state)
+    calibrated = geometry.zero_frames(robot, delta)
     made = _patched(robot, calibrated, options.into) if options.into else _new(robot, delta, options.name)
     file = file_arm(*chain_in(read_tree(parse_markup(made.text.encode(), name), name), made.tip))
     _check(arm, delta, file, made, name)
@@ -79,9 +71,9 @@ def write(arm: FittedArm, options: Options) -> Written:
     }
     return Written(
         made.text,
-        items(arm, [(f"joint[@name='{name}']/origin", "xyz, rpy") for name in file.names]),
+        geometry.items(arm, [(f"joint[@name='{name}']/origin", "xyz, rpy") for name in file.names]),
         details=details,
-        notes=(*made.match.notes, *coupled(np.array(details["joint_from_reading"]))),
+        notes=(*made.match.notes, *geometry.coupled(np.array(details["joint_from_reading"]))),
         placed=partial(_moved, made.text, into.parent) if options.into else None,
     )
 
@@ -128,7 +120,7 @@ def _patched(robot: Robot, calibrated: np.ndarray, into: str) -> _File:
     passed = sum(name in up for name in file.names)
     if passed:  # the file has no origin between its first link and the first joint
         matched = replace(matched, root=links[0] @ np.linalg.inv(file.fixed[0]))
-    between = steps(links, matched.root)
+    between = geometry.steps(links, matched.root)
     origins = np.linalg.inv(file.fixed) @ between
     places = {joint.name: joint.place for joint in stood.joints.values()}
     for k in range(passed):  # of these the origin stands behind the joint, before the next one
@@ -175,7 +167,7 @@ def _check(arm: FittedArm, delta: np.ndarray, file: FileArm, made: _File, name: 
 
 def _new(robot: Robot, delta: np.ndarray, name: str) -> _File:
     """A file of a robot whose frames have displacements (n + 2, 6)."""
-    *poses, flange = steps(zero_frames(robot, delta))
+    *poses, flange = geometry.steps(geometry.zero_frames(robot, delta))
     links = _links(robot, delta, poses)
     signs = np.where(np.diag(robot.link_from_reading) < 0, -1.0, 1.0)
     most, remark = most_of(*(or_nan(x, robot.n) for x in (robot.torques, robot.velocities)))
@@ -217,7 +209,7 @@ def _links(robot: Robot, delta: np.ndarray, poses: Sequence[np.ndarray]) -> dict
     frame that it has in the chain, with the reversed axis, and carries the link before it.
     """
     masses = np.zeros(robot.n) if robot.masses is None else robot.masses
-    weighed = [(float(mass), centre_in_frame(robot, delta, k)) for k, mass in enumerate(masses)]
+    weighed = [(float(mass), geometry.centre_in_frame(robot, delta, k)) for k, mass in enumerate(masses)]
     ground, before = robot.ground, "base"
     stands = 0 if ground is None else ground.link
     root = np.eye(4) if ground is None else np.linalg.inv(ground.place)
@@ -242,14 +234,12 @@ def _links(robot: Robot, delta: np.ndarray, poses: Sequence[np.ndarray]) -> dict
 
 
 URDF = Format(
-    "urdf",
     ".urdf",
-    "URDF, new or patched in place: origins of the joints",
     write,
-    lambda arm, k: constant(arm.model.parameters[k]),
+    lambda arm, k: geometry.constant(arm.model.parameters[k]),
     "a URDF holds constant geometry only",
     into=True,
     prismatic=True,
     two_arms=("plain", "into"),
 )
-"""Geometry and joint zeros, for anything that reads a URDF."""
+"""Geometry and joint zeros, new or patched in place, for anything that reads a URDF."""

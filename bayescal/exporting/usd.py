@@ -15,15 +15,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from bayescal.arm.chain import chain_of
-from bayescal.exporting.geometry import (
-    centre_in_frame,
-    constant,
-    constant_displacements,
-    coupled,
-    items,
-    steps,
-    zero_frames,
-)
+from bayescal.exporting import geometry
 from bayescal.exporting.written import Format, Options, Written
 from bayescal.fitted.arm import FittedArm
 from bayescal.storage.reading import library
@@ -34,8 +26,8 @@ def _write(arm: FittedArm, options: Options) -> Written:
     from pxr import Gf, Usd, UsdGeom, UsdPhysics
 
     robot = arm.dataset.robot
-    delta = constant_displacements(arm.model, arm.values, options.state)
-    at_zero = zero_frames(robot, delta)
+    delta = geometry.constant_displacements(arm.model, arm.values, options.state)
+    at_zero = geometry.zero_frames(robot, delta)
     stage = Usd.Stage.CreateInMemory()
     UsdGeom.SetStageMetersPerUnit(stage, 1.0)
     UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.z)
@@ -67,7 +59,7 @@ def _write(arm: FittedArm, options: Options) -> Written:
         out.CreateLocalRot1Attr(Gf.Quatf(1.0))
         return out
 
-    between, sign = steps(at_zero), np.sign(np.diag(robot.link_from_reading))
+    between, sign = geometry.steps(at_zero), np.sign(np.diag(robot.link_from_reading))
     bounds = np.sort(sign[:, None] * robot.limits, axis=1)
     limits = np.where(robot.slides[:, None], bounds, np.degrees(bounds)).tolist()  # m, deg
     for k, name in enumerate(joints):
@@ -80,7 +72,7 @@ def _write(arm: FittedArm, options: Options) -> Written:
     joined(UsdPhysics.FixedJoint, fixed, paths[-2], paths[-1], between[-1])
     joined(UsdPhysics.FixedJoint, mount, "", paths[0], np.eye(4))
     shapes = "bodies have no shapes: add meshes and colliders to the links"
-    notes = [*coupled(robot.link_from_reading), shapes]
+    notes = [*geometry.coupled(robot.link_from_reading), shapes]
     if robot.masses is None:
         notes.append("the masses of the links are not known: bodies have none")
     elif robot.inertias is None:
@@ -88,7 +80,7 @@ def _write(arm: FittedArm, options: Options) -> Written:
     places = [(f"/{top}/{name}", "physics:localPos0, physics:localRot0") for name in (*joints, fixed)]
     return Written(
         stage.GetRootLayer().ExportToString(),
-        items(arm, places),
+        geometry.items(arm, places),
         notes=notes,
         details={
             "joint_from_reading": robot.link_from_reading.tolist(),
@@ -102,7 +94,7 @@ def _mass(body: Any, gf: Any, arm: FittedArm, delta: np.ndarray, k: int) -> None
     robot = arm.dataset.robot
     assert robot.masses is not None
     body.CreateMassAttr(float(robot.masses[k]))
-    body.CreateCenterOfMassAttr(gf.Vec3f(*centre_in_frame(robot, delta, k).tolist()))
+    body.CreateCenterOfMassAttr(gf.Vec3f(*geometry.centre_in_frame(robot, delta, k).tolist()))
     if robot.inertias is None:
         return
     turn = np.eye(3) if robot.convention == "mdh" else chain_of(robot).link[k + 1][:3, :3]
@@ -132,12 +124,10 @@ def identifiers(names: Iterable[str], taken: Iterable[str] = ()) -> list[str]:
 
 
 USD = Format(
-    "usd",
     ".usda",
-    "USD stage: an articulation of UsdPhysics with the calibrated geometry",
     _write,
-    lambda arm, k: constant(arm.model.parameters[k]),
+    lambda arm, k: geometry.constant(arm.model.parameters[k]),
     "joints of USD have constant frames and do not yield",
     prismatic=True,
 )
-"""For Isaac Sim, and whatever reads UsdPhysics."""
+"""An articulation with the calibrated geometry, for Isaac Sim and whatever reads UsdPhysics."""

@@ -67,7 +67,7 @@ class Format:
 
     Parameters
     ----------
-    name, suffix, summary : str
+    suffix : str
     write : callable
         The file of an arm.
     holds : callable
@@ -85,9 +85,7 @@ class Format:
         Where it holds a chain through two arms: 'plain', in a new file, and 'into', in one of the user.
     """
 
-    name: str
     suffix: str
-    summary: str
     write: Callable[[FittedArm, Options], Written]
     holds: Callable[[FittedArm, int], bool]
     limits: str

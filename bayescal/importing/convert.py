@@ -10,26 +10,18 @@ from pathlib import Path
 import numpy as np
 
 from bayescal.arm.chain import Robot
-from bayescal.dataset import Dataset, read_dataset, write_dataset
+from bayescal.dataset import Dataset, read_dataset
 from bayescal.dataset.append import followed
 from bayescal.dataset.consistency import away
 from bayescal.dataset.plausibility import Suspicion, suspicion
 from bayescal.dataset.read import SETTINGS, TABLE
+from bayescal.dataset.write import check_new, write_files
 from bayescal.errors import BayescalError
-from bayescal.importing import ask
+from bayescal.importing import ask, mapping
 from bayescal.importing.ask import Request, base_of, furnished
 from bayescal.importing.columns import Columns, columns_of, missing_in
 from bayescal.importing.log import read_log
-from bayescal.importing.mapping import (
-    OF_CONTACTS,
-    OF_JOINTS,
-    Column,
-    Map,
-    calibrated,
-    own_map,
-    read_map,
-    validation_rule,
-)
+from bayescal.importing.mapping import OF_CONTACTS, OF_JOINTS, Column, Map
 from bayescal.importing.onto import files_of, measured_before, onto
 from bayescal.importing.orientations import Loose, compared
 from bayescal.importing.pair import is_measured, pair, rows_words, stacked, unfolded, with_points
@@ -37,7 +29,7 @@ from bayescal.importing.programs import LISTINGS, format_of, read_listing, read_
 from bayescal.importing.roles import measurements, readings, role_note, with_roles
 from bayescal.importing.units import UNITS, is_unit, meant
 from bayescal.robots import only_revolute
-from bayescal.storage.locks import scratch
+from bayescal.storage.folders import whole
 
 SHOWN = 12
 """Unused columns in a message."""
@@ -231,19 +223,20 @@ def write_session(draft: Draft, folder: Path, force: bool = False) -> None:
     """
     if draft.wrong and not force:
         raise BayescalError(draft.wrong, draft.log, "correct the map, or write the dataset with --force")
-    with scratch("bayescal-import") as folder_of_trial:
-        trial = folder_of_trial / "trial"
-        write_dataset(draft.dataset, trial)
+    check_new(folder)
+    with whole(folder, SETTINGS) as stage:
+        write_files(draft.dataset, stage)
         try:
-            read_dataset(trial, judge=not force)
+            read_dataset(stage, judge=not force)
         except BayescalError as error:
             raise BayescalError(error.what, _whence(draft, error.where), error.remedy) from None
-    write_dataset(draft.dataset, folder, draft.beside)
+        for name, content in draft.beside.items():
+            (stage / name).write_bytes(content)
 
 
 def roles_of(request: Request, dataset: Dataset, stated: bool) -> tuple[Dataset, str]:
     """The dataset with its validation data, by the option or the entry of the map, and a note on them."""
-    rule, where = validation_rule(request.map)
+    rule, where = mapping.validation_rule(request.map)
     if rule and request.validate:
         raise BayescalError("`validate` is stated by the map already", "--validate", "remove one of the two")
     if request.validate:
@@ -319,11 +312,11 @@ def _columns(request: Request, robot: Robot) -> Read:
             notes.append(f"{rows_words(count)} of {log.name} excluded: not measured (0, 0, 0)")
     elif request.format == "csv" and not request.map:
         log = read_log(request.log, headed=True)
-        columns = columns_of(log, own_map(log.header, n, log.name, slides), request.decimal)
+        columns = columns_of(log, mapping.own_map(log.header, n, log.name, slides), request.decimal)
     else:
-        map_: Map = read_map(ask.FORMATS[request.format], n, formal=True)
-        map_ = {**map_, **read_map(request.map, n, slides=slides)}
-        map_ = calibrated(map_, servos) if servos else map_
+        map_: Map = mapping.read_map(ask.FORMATS[request.format], n, formal=True)
+        map_ = {**map_, **mapping.read_map(request.map, n, slides=slides)}
+        map_ = mapping.calibrated(map_, servos) if servos else map_
         if request.format == "probing":
             columns = columns_of(read_records(request.log, n), map_)
         elif request.format in LISTINGS:
@@ -352,7 +345,7 @@ def _points(request: Request, path: Path, said: str, n: int) -> Columns:
     if is_unit(said.strip()):
         log = read_log(path)
         return columns_of(log, ask.points_map(log, said.strip()), request.decimal)
-    return _mapped(path, read_map(said, n), request.decimal)
+    return _mapped(path, mapping.read_map(said, n), request.decimal)
 
 
 def _mapped(path: Path, map_: Map, decimal: str) -> Columns:

@@ -74,7 +74,7 @@ def _record(bag: Any, name: str, joints: Sequence[str], robot: str, stated: str,
     seen = {c.topic for c in bag.connections if c.msgtype in MESSAGES}
     if lost := sorted({c.msgtype for c in bag.connections if "State" in c.msgtype and c.topic not in seen}):
         notes.append(f"messages that are not read: {listed(lost)}")
-    full = [s for s in streams if "position" in s[1].joints and topic in ("", s[1].name)]
+    full = [s for s in streams if "position" in s[1].cells and topic in ("", s[1].name)]
     if topic and not full:
         remedy = f"topics with joint states: {listed(sorted(s[1].name for s in streams)) or 'none'}"
         raise BayescalError(f"no joint positions on `{topic}`", name, remedy)
@@ -90,18 +90,18 @@ def _record(bag: Any, name: str, joints: Sequence[str], robot: str, stated: str,
     kind, rows, said = (usual if len(usual) == 1 else first)[0]
     notes = [f"rows of {rows.name} ({kind})", *said, *notes]
     torque = MESSAGES[kind].torque
-    if kind.endswith("JointState") and AMPERES.search(robot.lower()) and "torque" in rows.joints:
-        renamed = {"current" if k == "torque" else k: v for k, v in rows.joints.items()}
-        rows, torque = replace(rows, joints=renamed), "current"
+    if kind.endswith("JointState") and AMPERES.search(robot.lower()) and "torque" in rows.cells:
+        renamed = {"current" if k == "torque" else k: v for k, v in rows.cells.items()}
+        rows, torque = replace(rows, cells=renamed), "current"
         what = "efforts of a UR are motor currents, A, as its driver writes them"
         notes.append(f"{what}; --torque motor if in N m")
-    have = {*rows.joints}
+    have = {*rows.cells}
     others = []
     for other_kind, other, _ in streams:
-        new = {k: v for k, v in other.joints.items() if k not in have and k != "position"}
+        new = {k: v for k, v in other.cells.items() if k not in have and k != "position"}
         if other is not rows and new and other.name != rows.name:
             have |= new.keys()
-            others.append(replace(other, joints=new))
+            others.append(replace(other, cells=new))
             notes.append(f"{', '.join(new)} of {other.name} ({other_kind}), interpolated")
     return Record(name, rows, tuple(others), torque=torque, clock="session", notes=tuple(notes))
 

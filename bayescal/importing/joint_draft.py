@@ -23,7 +23,6 @@ from bayescal.logs import SCHEMA, read_log
 from bayescal.logs.read import PER_JOINT
 from bayescal.storage.files import si
 from bayescal.storage.folders import whole
-from bayescal.storage.locks import scratch
 
 TABLES = ("csv", "parquet")
 DECIMALS = 7
@@ -109,7 +108,7 @@ def convert_motions(request: Request) -> MotionDraft:
     records = _records(request, format_, arm)
     rows, notes = divided(records, request.motions)
     role, words = roles(rows, request.validate)
-    velocity = speeds(rows.time, rows.joints["position"], rows.motion)
+    velocity = speeds(rows.time, rows.cells["position"], rows.motion)
     rows, torque, said = one_torque(rows, velocity, records[0].torque, request.torque)
     same = repeats(rows)
     groups = {k: [rows.ids[i] for i, s in enumerate(same) if s == k] for k in dict.fromkeys(same)}
@@ -168,13 +167,9 @@ def write_motions(draft: MotionDraft, folder: Path, force: bool = False) -> None
     if draft.wrong and not force:
         raise BayescalError(draft.wrong, draft.log, "correct the map, or write the log with --force")
     check_new(folder)
-    with scratch("bayescal-import") as trial:
-        _write(draft, trial)
-        read_log(trial)
-        files = {path.name: path.read_bytes() for path in trial.iterdir()}
     with whole(folder, "dataset.yaml") as stage:
-        for name, content in files.items():
-            (stage / name).write_bytes(content)
+        _write(draft, stage)
+        read_log(stage)
 
 
 def _write(draft: MotionDraft, folder: Path) -> None:
@@ -226,17 +221,17 @@ def _records(request: Request, format_: str, arm: Arm) -> list[Record]:
 
 def _temperature(rows: Rows) -> tuple[Rows, tuple[str, ...]]:
     """The rows without aids, with one temperature a row."""
-    joints = {k: v for k, v in rows.joints.items() if k not in AIDS}
-    each = rows.joints.get("temperatures")
-    if each is None or "temperature" in rows.single:
-        return replace(rows, joints=joints), ()
-    mean = {**rows.single, "temperature": each.mean(axis=1)}
-    return replace(rows, joints=joints, single=mean), ("the temperature is the mean of those of the joints",)
+    cells = {k: v for k, v in rows.cells.items() if k not in AIDS}
+    each = rows.cells.get("temperatures")
+    if each is None or "temperature" in cells:
+        return replace(rows, cells=cells), ()
+    cells["temperature"] = each.mean(axis=1)
+    return replace(rows, cells=cells), ("the temperature is the mean of those of the joints",)
 
 
 def _motion(rows: Rows, k: int, role: str, same: int) -> dict[str, Any]:
     own = rows.of(k + 1)
-    payload = float(np.median(rows.single["payload"][own])) if "payload" in rows.single else 0.0
+    payload = float(np.median(rows.cells["payload"][own])) if "payload" in rows.cells else 0.0
     names = (str(rows.ids[k]), role, str(rows.kinds[k]), str(rows.ids[same - 1]))
     out = dict(zip(("id", "role", "kind", "same_as"), names, strict=True))
     return {key: value for key, value in out.items() if value} | {"payload_kg": float(f"{payload:.6g}")}
@@ -250,6 +245,6 @@ def _columns(rows: Rows, role: Sequence[str]) -> dict[str, np.ndarray]:
         "role": np.array(role)[rows.motion - 1],
     }
     for name, form in PER_JOINT.items():
-        for j, values in enumerate(rows.joints[name].T if name in rows.joints else (), 1):
+        for j, values in enumerate(rows.cells[name].T if name in rows.cells else (), 1):
             out[form.format(j)] = values * (1.0 / si(form))
-    return out | {column: rows.single[k] for k, column in SINGLE.items() if k in rows.single}
+    return out | {column: rows.cells[k] for k, column in SINGLE.items() if k in rows.cells}

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -30,6 +30,9 @@ LARGEST |= {"temperature": 500.0, "payload": 1e5}
 """Larger values (SI) are corrupt (assumed: 160 turns, 160 turns/s)."""
 AIDS = ("target_torque", "target_current", "temperatures")
 """Of each joint, read for constants and temperatures, not written."""
+TEXTS = ("motion", "role", "kind")
+OTHERS = (*SINGLE, *TEXTS)
+"""What a row may have beside the joints: texts, and all of it."""
 
 UR_RTDE = (
     "time=timestamp counter_s, j*=actual_q_*0 rad, j*_velocity?=actual_qd_*0 radps, "
@@ -107,16 +110,14 @@ SERIAL = (
 
 @dataclass(frozen=True)
 class Stream:
-    """Samples of one clock in SI: `time` (N,) s; `joints` (N, n) and `single` (N,) by quantity; `texts` (N,).
+    """Samples of one clock in SI: `time` (N,) s; `cells` by quantity, (N, n) of joints, else (N,), and texts.
 
     `line` (N,) is that of a text file, else the number of the sample. `held`: a value holds until the next.
     """
 
     name: str
     time: np.ndarray
-    joints: Mapping[str, np.ndarray]
-    single: Mapping[str, np.ndarray] = field(default_factory=dict)
-    texts: Mapping[str, np.ndarray] = field(default_factory=dict)
+    cells: Mapping[str, np.ndarray]
     line: np.ndarray | None = None
     held: bool = False
 

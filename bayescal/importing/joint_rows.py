@@ -10,7 +10,7 @@ from fnmatch import fnmatchcase
 import numpy as np
 
 from bayescal.errors import BayescalError, listed
-from bayescal.importing.joint_formats import LARGEST, Record, Stream
+from bayescal.importing.joint_formats import LARGEST, TEXTS, Record, Stream
 from bayescal.importing.roles import Rule
 from bayescal.preparing import signals
 
@@ -34,15 +34,14 @@ SAMPLES = 400
 
 @dataclass(frozen=True)
 class Rows:
-    """N rows of all motions in SI: `time` (N,) s, increasing; `motion` (N,) from 1; quantities by name.
+    """N rows of all motions in SI: `time` (N,) s, increasing; `motion` (N,) from 1; `cells` as of a stream.
 
     `ids` and `kinds` are those of the motions, and `roles` if a column states them, else ().
     """
 
     time: np.ndarray
     motion: np.ndarray
-    joints: Mapping[str, np.ndarray]
-    single: Mapping[str, np.ndarray]
+    cells: Mapping[str, np.ndarray]
     ids: tuple[str, ...]
     kinds: tuple[str, ...]
     roles: tuple[str, ...] = ()
@@ -70,8 +69,8 @@ def on_one_clock(record: Record) -> tuple[Stream, tuple[str, ...]]:
         if lost := int((~inside).sum()):
             notes.append(f"{lost} rows of {rows.name} outside the time of {other.name} left out")
         rows = _take(rows, inside)
-        more = {k: _at(rows.time, clean, v) for k, v in clean.joints.items()}
-        rows = replace(rows, joints={**rows.joints, **more})
+        more = {k: _at(rows.time, clean, v) for k, v in clean.cells.items()}
+        rows = replace(rows, cells={**rows.cells, **more})
     if len(rows.time) < 2:
         raise BayescalError("fewer than two rows", record.name, "check the file")
     return rows, tuple(notes)
@@ -85,26 +84,23 @@ def _at(time: np.ndarray, stream: Stream, values: np.ndarray) -> np.ndarray:
 
 
 def _take(stream: Stream, rows: np.ndarray) -> Stream:
-    joints, single, texts = (
-        {k: v[rows] for k, v in of.items()} for of in (stream.joints, stream.single, stream.texts)
-    )
-    return Stream(stream.name, stream.time[rows], joints, single, texts, stream.lines[rows], stream.held)
+    cells = {k: v[rows] for k, v in stream.cells.items()}
+    return replace(stream, time=stream.time[rows], cells=cells, line=stream.lines[rows])
 
 
 def _clean(stream: Stream) -> tuple[Stream, list[str]]:
     """A stream without empty quantities, corrupt or incomplete rows, and stamps that do not increase."""
     notes = []
-    every = {**stream.joints, **stream.single}
-    empty = [k for k, v in every.items() if np.isnan(v).all()]
+    numbers = {k: v for k, v in stream.cells.items() if k not in TEXTS}
+    empty = [k for k, v in numbers.items() if np.isnan(v).all()]
     if "position" in empty or len(stream.time) == 0:
         raise BayescalError("no joint positions", stream.name, "check the map")
     if empty:
         notes.append(f"{stream.name}: no value of {', '.join(empty)}")
-    joints = {k: v for k, v in stream.joints.items() if k not in empty}
-    single = {k: v for k, v in stream.single.items() if k not in empty}
-    stream = replace(stream, joints=joints, single=single)
+    stream = replace(stream, cells={k: v for k, v in stream.cells.items() if k not in empty})
     bad, why = ~np.isfinite(stream.time), ""
-    for key, values in (joints | single).items():
+    for key in [k for k in numbers if k not in empty]:
+        values = numbers[key]
         wrong = ~(np.abs(values) <= LARGEST[key])
         row = wrong.reshape(len(wrong), -1).any(axis=1)
         if row.any() and not why:
@@ -162,26 +158,22 @@ def divided(records: Sequence[Record], rule: str) -> tuple[Rows, tuple[str, ...]
         stream, more = on_one_clock(each)
         streams.append(stream)
         notes += [*each.notes, *more]
-    have = [set(s.joints) | set(s.single) | set(s.texts) for s in streams]
-    for stream, own in zip(streams, have, strict=True):
-        if lost := have[0] ^ own:
+    for stream in streams:
+        if lost := streams[0].cells.keys() ^ stream.cells.keys():
             what = f"`{min(lost)}` is not in all records"
             raise BayescalError(what, stream.name, "import those with the same columns, or map fewer")
     time = _one_time(streams, records, notes)
-    joined, single, texts = (
-        {k: np.concatenate([getattr(s, of)[k] for s in streams]) for k in getattr(streams[0], of)}
-        for of in ("joints", "single", "texts")
-    )
+    cells = {k: np.concatenate([s.cells[k] for s in streams]) for k in streams[0].cells}
     record = np.repeat(np.arange(len(streams)), [len(s.time) for s in streams])
-    name, _, length = (rule or ("column" if "motion" in texts else "files")).partition(":")
+    name, _, length = (rule or ("column" if "motion" in cells else "files")).partition(":")
     pause = re.fullmatch(r"\s*([\d.]+)\s*s?\s*", length)
-    if name == "column" and "motion" in texts and not length:
-        labels = np.array([f"{r}/{m}" for r, m in zip(record, texts["motion"], strict=True)])
+    if name == "column" and "motion" in cells and not length:
+        labels = np.array([f"{r}/{m}" for r, m in zip(record, cells["motion"], strict=True)])
         words = "a motion for each value of the column"
     elif name == "files" and not length:
         labels, words = record.astype(str), "each file, bag or episode is a motion"
     elif name == "pause" and pause and float(pause[1]) > 0:
-        labels, words = _pauses(time, joined["position"], record, float(pause[1]))
+        labels, words = _pauses(time, cells["position"], record, float(pause[1]))
     else:
         what = "no column holds `motion`" if name == "column" else f"'{rule}' is not a rule for motions"
         raise BayescalError(what, "--motions", "write files, pause:2 s, or column (with `motion` mapped)")
@@ -193,12 +185,12 @@ def divided(records: Sequence[Record], rule: str) -> tuple[Rows, tuple[str, ...]
         remedy = "give a folder of several files, or divide it: `--motions pause:2 s`"
         raise BayescalError(what, records[0].name, remedy)
     motion = np.repeat(np.arange(1, len(edge) + 1), np.diff(np.r_[edge, len(time)]))
-    labelled = name == "column" and len(set(texts["motion"][edge])) == len(edge)
-    ids = tuple(texts["motion"][edge] if labelled else map(str, range(1, len(edge) + 1)))
-    kinds = tuple(texts["kind"][edge]) if "kind" in texts else tuple(records[r].kind for r in record[edge])
-    rows = Rows(time, motion, joined, single, ids, kinds)
+    labelled = name == "column" and len(set(cells["motion"][edge])) == len(edge)
+    ids = tuple(cells["motion"][edge] if labelled else map(str, range(1, len(edge) + 1)))
+    kinds = tuple(cells["kind"][edge]) if "kind" in cells else tuple(records[r].kind for r in record[edge])
+    rows = Rows(time, motion, cells, ids, kinds)
     notes.append(f"{len(edge)} motions: {words}")
-    return (replace(rows, roles=_stated(rows, texts["role"])) if "role" in texts else rows), tuple(notes)
+    return (replace(rows, roles=_stated(rows, cells["role"])) if "role" in cells else rows), tuple(notes)
 
 
 def _stated(rows: Rows, role: np.ndarray) -> tuple[str, ...]:
@@ -311,7 +303,7 @@ def repeats(rows: Rows) -> tuple[int, ...]:
     Two trajectories are the same where they last equally long, from the first to the last row that moves, and
     differ by at most `SAME` (RMS over all joints, after a shift in time of a few samples).
     """
-    values = rows.joints.get("command", rows.joints["position"])
+    values = rows.cells.get("command", rows.cells["position"])
     velocity = speeds(rows.time, values, rows.motion)
     curves: list[Curve | None] = []
     for k in range(1, len(rows.ids) + 1):

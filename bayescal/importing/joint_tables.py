@@ -11,7 +11,7 @@ import numpy as np
 
 from bayescal.errors import BayescalError, listed
 from bayescal.importing.columns import columns_of, missing_in
-from bayescal.importing.joint_formats import LEROBOT, SAGE, SINGLE, UR_RTDE, Record, Stream, of_logs, places
+from bayescal.importing.joint_formats import LEROBOT, OTHERS, SAGE, UR_RTDE, Record, Stream, of_logs, places
 from bayescal.importing.log import read_log
 from bayescal.importing.mapping import OF_JOINTS, Map, calibrated, read_map
 from bayescal.importing.units import is_number, is_unit, unit_of
@@ -46,10 +46,9 @@ def read_table(
         remedy = "map it: `time=t s`, or `time=stamp epoch_s`"
         raise BayescalError("no column holds the time", path.name, remedy)
     keys = {name: [f"j{i + 1}{end}" for i in range(n)] for end, (_, name) in OF_JOINTS.items()}
-    given = {name: block for name, each in keys.items() if (block := columns.block(each)) is not None}
-    words = ("motion", "role", "kind")
-    single, texts = ({k: columns.cells[k] for k in of if k in columns.cells} for of in (SINGLE, words))
-    stream = Stream(path.name, columns.cells["time"], given, single, texts, columns.line)
+    cells = {name: block for name, each in keys.items() if (block := columns.block(each)) is not None}
+    cells |= {k: columns.cells[k] for k in OTHERS if k in columns.cells}
+    stream = Stream(path.name, columns.cells["time"], cells, columns.line)
     unused = [f"columns not used: {listed(columns.unused, 12)}"] if columns.unused else []
     notes = (*columns.notes, *unused)
     kind = path.stem.rstrip("0123456789-_. ")

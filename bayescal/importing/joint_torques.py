@@ -36,19 +36,19 @@ def one_torque(
     if kind not in ("", *KINDS):
         remedy = f"write motor, sensor, or {STATE} (N m/A of each joint)"
         raise BayescalError(f"`{kind}` is no kind of torque", "--torque", remedy)
-    joints = dict(rows.joints)
-    given = [k for k in ("torque", "current") if k in joints]
+    cells = dict(rows.cells)
+    given = [k for k in ("torque", "current") if k in cells]
     if not given:
         if stated:
             what = "the log has neither torques nor currents"
             raise BayescalError(what, "--torque", "remove it, or map them")
-        if "command" in joints:
+        if "command" in cells:
             return rows, {}, ("no torques: commands are those of position servos (assumed), by their errors",)
         return rows, {}, ("no torques and no commands: the log cannot be diagnosed",)
-    name = "torque" if "torque" in joints and kind != "current" else given[-1]
-    values = joints[name]
+    name = "torque" if "torque" in cells and kind != "current" else given[-1]
+    values = cells[name]
     for other in given:
-        del joints[other]
+        del cells[other]
     notes = [f"{other} is not used, {name} is" for other in given if other != name]
     current = kind == "current" or (name == "current" and kind == "")
     kind = kind or ("current" if current else known or "motor")
@@ -66,8 +66,8 @@ def one_torque(
         values = values * np.array(said.pop("constant_Nm_per_A")) if current else values
         said |= {"sign": "none", "kind": "motor" if current else kind}
         notes.append("no torque is negative though joints move both ways: no sign, torque is not assessed")
-    joints["magnitude" if unsigned else "current" if current else "torque"] = values
-    return replace(rows, joints=joints), said, tuple(notes)
+    cells["magnitude" if unsigned else "current" if current else "torque"] = values
+    return replace(rows, cells=cells), said, tuple(notes)
 
 
 def torque_constants(rows: Rows, velocity: np.ndarray, numbers: str) -> tuple[list[float], str]:
@@ -82,7 +82,7 @@ def torque_constants(rows: Rows, velocity: np.ndarray, numbers: str) -> tuple[li
             what = f"'{numbers.strip()}' is not {n} positive numbers"
             raise BayescalError(what, "--torque", "write N m/A of each joint")
         return constants, "as stated"
-    torque, current = rows.joints.get("target_torque"), rows.joints.get("target_current")
+    torque, current = rows.cells.get("target_torque"), rows.cells.get("target_current")
     if torque is None or current is None:
         remedy = f"state them, N m/A at the joints: {STATE}; if they are in N m: --torque motor"
         raise BayescalError("currents without torque constants", "--torque", remedy)
@@ -127,7 +127,7 @@ def _in_motion(torque: np.ndarray, current: np.ndarray, velocity: np.ndarray) ->
 
 def contradiction(rows: Rows, velocity: np.ndarray, arm: Arm) -> str:
     """What contradicts the stated units or joints, in words; "" if nothing does."""
-    position, stated = rows.joints["position"], rows.joints.get("velocity")
+    position, stated = rows.cells["position"], rows.cells.get("velocity")
     if stated is not None:
         slopes = []
         for v, s in zip(velocity.T, stated.T, strict=True):

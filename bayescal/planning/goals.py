@@ -13,15 +13,8 @@ from bayescal.effects import parameters_of
 from bayescal.errors import BayescalError
 from bayescal.model import ARM, Model
 from bayescal.planning.pool import Linearised, Pool
+from bayescal.predict import targets
 from bayescal.predict.errors import evenly, far_pairs, slopes
-from bayescal.predict.targets import (
-    centre_of,
-    certified_diameters,
-    linearised_target,
-    noise_of,
-    unknown_tool,
-    with_diameter,
-)
 from bayescal.probing.arm import Arm
 
 CERTIFIED, VOLUME = "certified distances", "volume of interest"
@@ -152,17 +145,17 @@ def _centre(linear: Linearised, target: int) -> tuple[np.ndarray, np.ndarray, np
         state = np.zeros((len(block.kind.sd), block.size))
         state[block.free, np.arange(block.size)] = block.sd
         by[:, part] = state[:3]
-        return centre_of(block, block.state(linear.z[part])), by, np.zeros((3, 3))
+        return targets.centre_of(block, block.state(linear.z[part])), by, np.zeros((3, 3))
     rows, apart = (scene.rows_of(target, scene.rows(role)) for role in ("validate", "locate"))
     rows = apart if len(apart) and not kind.located else rows
     if not len(rows):
         return None
     block = model.block(target, rows)
-    if (u := certified_diameters(scene).get(name)) is not None:
-        block = with_diameter(block, u)
+    if (u := targets.certified_diameters(scene).get(name)) is not None:
+        block = targets.with_diameter(block, u)
     z = np.zeros(block.size)
-    noise = noise_of(linear.estimate, block, z)
-    t = linearised_target(linear.estimate, block, z, noise, tool_sd=unknown_tool(scene, rows))
+    noise = targets.noise_of(linear.estimate, block, z)
+    t = targets.linearised_target(linear.estimate, block, z, noise, tool_sd=targets.unknown_tool(scene, rows))
     to_centre = t.to_state[:3]
     by[:, model.slices[ARM]] = to_centre @ t.by_arm
     scatter = to_centre @ t.scatter

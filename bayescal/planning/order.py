@@ -1,24 +1,34 @@
-"""Orders of probing: interleaved sweeps over all targets, the shortest, random; and the time of travel.
+"""Orders of probing, the time of travel, and the motions between contacts.
 
 If faces were probed one after the other, a drift would look like a displacement of the faces. By default
 every sweep therefore visits all targets, on a short path. Contacts on an artefact with several placements
 (``ball.A@1``, ``ball.A@2``) are together, and so are equal payloads in a sweep: in each it changes once.
 Contacts that validate are in the middle of the session and at its end.
+
+Controllers move between approaches by joint angles, all joints at the same time. Such a motion from one face
+of an artefact to another usually passes through it: it is checked, and passes other points where it must.
+Where a tool, the placement of an artefact or the payload is changed, the arm first goes to a raised pose, far
+from all solids, and waits there.
 """
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 
+from bayescal.arm.chain import Robot
 from bayescal.dataset import Measurements
 from bayescal.dataset.append import taken
 from bayescal.planning.pool import Pool
+from bayescal.planning.result import Ways
 from bayescal.probing.clearance import RETRACT
-from bayescal.probing.contacts import SPEED
-from bayescal.probing.motions import seconds_between
+from bayescal.probing.contacts import EVERY, SPEED, Hand
+from bayescal.probing.motions import RAISED, TOLERANCE, Place, seconds_between
 from bayescal.probing.scene import placements
 
 SWEEPS, SHORTEST, RANDOM = "sweeps", "shortest", "random"
@@ -49,7 +59,7 @@ def ordered(
     different sweeps. A sweep is divided by payload, and each part is a short path: nearest neighbour, then
     exchanges of two connections. The random order keeps the placements of an artefact apart, no more.
 
-    Motions between rows that are `blocked` (`transit.Transits.blocked`) are avoided where that saves time.
+    Motions between rows that are `blocked` (`Transits.blocked`) are avoided where that saves time.
     """
     rows = np.asarray(rows, int)
     m, approach = taken(pool.session.measurements, rows), pool.approach[rows]
@@ -80,7 +90,7 @@ def travel(pool: Pool, rows: np.ndarray, *passed: Sequence[np.ndarray | None]) -
     """Time, s, of the motion between contacts in the given order, with approach and retract.
 
     `passed` (each M of (K, n)), rad, are the readings that are passed before each row one after the other
-    (`leave` and `via` of `transit.Ways`).
+    (`leave` and `via` of `Ways`).
     """
     approach, m = pool.approach[rows], pool.session.measurements
     points = []
@@ -199,3 +209,175 @@ def _validating(
         if halves and len(joined := np.concatenate(halves)):
             group.append(joined)
     return middle, end
+
+
+WAITING = 60  # raised poses that are tried where the arm waits, those of the shortest way first
+HARD = 6  # of them to which a way past other configurations is searched
+
+
+@dataclass(frozen=True)
+class Transits:
+    """Motions between the approaches of rows of a pool."""
+
+    pool: Pool
+
+    @cached_property
+    def _labels(self) -> np.ndarray:
+        """Placement of each row, (N,)."""
+        session = self.pool.session
+        labels = np.array(placements([t.name for t in session.targets]), object)
+        return labels[session.measurements.target]
+
+    @cached_property
+    def _hands(self) -> list[Hand]:
+        setup = self.pool.setup
+        every = range(len(setup.dataset.tools))
+        return [Hand.of(setup.dataset, k, setup.scene, setup.cone, setup.clearance) for k in every]
+
+    def blocked(self, begin: np.ndarray, end: np.ndarray) -> np.ndarray:
+        """Which straight motions between the approaches of rows (M,) collide, (M,).
+
+        None where tool or artefact is changed on the way: the arm stops there.
+        """
+        out, approach = np.zeros(len(begin), bool), self.pool.approach
+        tool = self.pool.session.measurements.tool
+        a, b = self._labels[begin], self._labels[end]
+        label = np.where(b == "", a, b)
+        moved = (tool[begin] == tool[end]) & ((a == "") | (b == "") | (a == b))
+        for k, name in sorted(
+            {(int(tool[e]), str(n)) for e, n in zip(end[moved], label[moved], strict=True)}
+        ):
+            some = moved & (tool[end] == k) & (label == name)
+            out[some] = ~self._hands[k].place(name).free(approach[begin[some]], approach[end[some]])
+        return out
+
+    def ways(self, rows: np.ndarray) -> Ways:
+        """The motions to rows (M,) in the order of probing, with the stops where something is changed."""
+        approach, labels = self.pool.approach[rows], self._placed(rows)
+        tool = self.pool.session.measurements.tool[rows]
+        changes = self._changes(rows, labels)
+        stops = np.array([k == 0 or bool(text) for k, text in enumerate(changes)])
+        none = np.empty((0, approach.shape[1]))
+        leave: list[np.ndarray | None] = [none] * len(rows)
+        via: list[np.ndarray | None] = [none] * len(rows)
+        places = [self._hands[t].place(str(n)) for t, n in zip(tool, labels, strict=True)]
+        for k in np.flatnonzero(stops):
+            before = None if k == 0 else (places[k - 1], approach[k - 1])
+            leave[k], via[k] = stopped(before, (places[k], approach[k]))
+        for place in dict.fromkeys(places):
+            some = np.array([k for k, one in enumerate(places) if one is place and not stops[k]], int)
+            for k, way in zip(some, place.ways(approach[some - 1], approach[some]), strict=True):
+                via[k] = way
+        for row in [k for k, way in enumerate(via) if way is None and not stops[k]]:
+            # among more solids, where a way to each contact is known
+            every = self._hands[tool[row]].place(EVERY)
+            via[row] = every.ways(approach[[row - 1]], approach[[row]])[0]
+        robot = self.pool.session.robot
+        ends = zip(approach, via, strict=True)
+        words = tuple(by_hand(end, robot) if way is None else "" for end, way in ends)
+        clear = self._clearance(rows, places, leave, via)
+        return Ways(leave=tuple(leave), via=tuple(via), changes=changes, by_hand=words, clearance=clear)
+
+    def _clearance(
+        self,
+        rows: np.ndarray,
+        places: Sequence[Place],
+        leave: Sequence[np.ndarray | None],
+        via: Sequence[np.ndarray | None],
+    ) -> np.ndarray:
+        """Smallest clearance (M,), m, of all motions of each row; nan where a part is by hand."""
+        approach, m = self.pool.approach[rows], self.pool.session.measurements
+        motions: dict[Place, list[tuple[int, np.ndarray, np.ndarray]]] = {place: [] for place in places}
+        out, closed = np.full(len(rows), np.inf), []
+        for k, (up, down) in enumerate(zip(leave, via, strict=True)):
+            if up is None or down is None:
+                closed.append(k)
+                continue
+            if k and len(up):
+                motions[places[k - 1]] += [(k, a, b) for a, b in pairwise([approach[k - 1], *up])]
+            begin = up[-1:] if len(up) else approach[max(k - 1, 0)][None]
+            motions[places[k]] += [(k, a, b) for a, b in pairwise([*begin, *down, approach[k]])]
+        for place, some in motions.items():
+            if some:
+                of, a, b = (np.array(part) for part in zip(*some, strict=True))
+                np.minimum.at(out, of, place.clearance.closest(a, b, TOLERANCE))
+            rows_here = np.array([k for k, one in enumerate(places) if one is place])
+            hand = self._hands[m.tool[rows[rows_here[0]]]]
+            names = [self.pool.session.targets[t].name for t in m.target[rows[rows_here]]]
+            touched = self.pool.setup.scene.touched(names)
+            for a, b, slack in hand.line(m.readings[rows[rows_here]], approach[rows_here]):
+                np.minimum.at(out, rows_here, place.clearance.closest(a, b, TOLERANCE, touched, slack))
+        out[closed] = np.nan
+        return out
+
+    def _placed(self, rows: np.ndarray) -> np.ndarray:
+        """Placement of the artefact while each of rows (M,) is probed, (M,).
+
+        It stays where it is until a row needs another, and is there from the beginning.
+        """
+        out = self._labels[rows]
+        labelled = np.flatnonzero(out != "")
+        if len(labelled):
+            before = np.searchsorted(labelled, np.arange(len(rows)), side="right") - 1
+            out = out[labelled[np.maximum(before, 0)]]
+        return out
+
+    def _changes(self, rows: np.ndarray, labels: np.ndarray) -> tuple[str, ...]:
+        """What the person has to do before each of rows (M,), or ""."""
+        session = self.pool.session
+        m = session.measurements
+        payload = np.zeros(len(rows)) if m.payload is None else m.payload[rows]
+        names = [session.tools[k].name for k in m.tool[rows]]
+        several = {"tool": len(set(names)) > 1, "placement": len(set(labels)) > 1}
+        out = []
+        for k, (name, label, load) in enumerate(zip(names, labels, payload, strict=True)):
+            parts = []
+            if several["tool"] and (k == 0 or name != names[k - 1]):
+                parts.append(f"mount tool {name}")
+            if several["placement"] and (k == 0 or label != labels[k - 1]):
+                parts.append(f"move the artefact to placement {label}")
+            if load != (payload[k - 1] if k else 0.0):
+                parts.append(f"attach {load:g} kg to the tool" if load else "remove the payload")
+            out.append("; ".join(parts))
+        return tuple(out)
+
+
+def stopped(
+    before: tuple[Place, np.ndarray] | None, after: tuple[Place, np.ndarray]
+) -> tuple[np.ndarray | None, np.ndarray | None]:
+    """Ways (K, n) from an approach (n,) to a raised pose where the arm waits, and from there to another.
+
+    The last of the first is where it waits. At the start of a session (`before` is None) it is the only. None
+    for both if there is no such way.
+    """
+    place, end = after
+    raised = place.hubs
+    if before is not None and before[0] is not place:
+        away = np.minimum(before[0].away(raised), RAISED)
+        raised = raised[away >= 0.5 * away.max(initial=0.0)]
+    begin = end if before is None else before[1]
+    order = np.argsort(seconds_between(begin, raised) + seconds_between(raised, end), kind="stable")
+    best = raised[order[:WAITING]]
+    direct = place.free(best, np.broadcast_to(end, best.shape))
+    if before is not None:
+        direct[direct] = before[0].free(np.broadcast_to(begin, best[direct].shape), best[direct])
+    for wait in [*best[direct][:1], *best[:HARD]]:
+        down = place.ways(wait[None], end[None])[0]
+        up = wait[None][:0] if before is None else before[0].ways(begin[None], wait[None])[0]
+        if down is not None and up is not None:
+            return np.concatenate([up, wait[None]]), down
+    return None, None
+
+
+def by_hand(end: np.ndarray, robot: Robot) -> str:
+    """How the arm is jogged manually to readings (n,), rad, to which no free way is known."""
+    joints = [f"J{k} {angle:.1f}" for k, angle in enumerate(robot.shown(end), 1)]
+    if robot.slides.any():
+        each = ", ".join(f"{joint} {unit}" for joint, unit in zip(joints, robot.units, strict=True))
+        return f"jog manually: first raise the tool above all that stands there; then to {each}"
+    first, *others = joints
+    return (
+        "jog manually from where the arm stands: first raise the tool above all that stands there (J2, J3); "
+        f"then {first} deg; then the wrist, {', '.join(others[2:]) or first} deg; at last lower the arm to "
+        f"{', '.join(others[:2]) or first} deg"
+    )

@@ -29,7 +29,6 @@ from bayescal.planning.pool import Pool, Setup, check_count, linearised
 from bayescal.planning.projection import Projection, nominal
 from bayescal.planning.result import BOTH, DISTANCES, GAP, REPEAT, VALIDATE, Plan
 from bayescal.planning.separate import choose, confusable, detectable, repeated, with_levers
-from bayescal.planning.transit import Transits
 from bayescal.probing.contacts import TURNING
 from bayescal.statistics import spawned
 from bayescal.storage.folders import check_unchanged
@@ -167,7 +166,7 @@ def plan(setup: Setup, options: PlanOptions = PlanOptions(), progress: Progress 
     rows = np.concatenate([pool.candidates[every], pool.validation])
     purpose += [VALIDATE] * len(pool.validation)
     progress("order", 0.0)
-    moves = Transits(pool)
+    moves = orders.Transits(pool)
     visit = orders.ordered(pool, rows, options.order, np.random.default_rng(of_order), moves.blocked)
     progress("motions", 0.5)
     rows = rows[visit]

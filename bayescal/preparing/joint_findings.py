@@ -1,27 +1,23 @@
-"""Findings on a joint log: what is probably a mistake of the recording, and what it lacks."""
+"""Findings on a joint log: what is probably a mistake of the recording, and what it lacks.
+
+Of servos: jumps of positions, zeros that differ, and sag of the joints at rest.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 
 from bayescal.errors import listed
 from bayescal.logs import Log, Motion
 from bayescal.motion.servo import is_servo
-from bayescal.preparing import signals
-from bayescal.preparing.joint_facts import (
-    JITTER,
-    LOADS,
-    SLOW,
-    Joint,
-    Stamps,
-    clock_drift,
-    gravity_loaded,
-    warm_up,
-)
+from bayescal.preparing import joint_facts, signals
+from bayescal.preparing.joint_facts import LOADS, SLOW, Joint, Stamps, gravity_loaded
 from bayescal.preparing.missing import Finding
+from bayescal.robots.servos import STEP, STEPS, of_joints, read_calibration, zero_shift
 
 CROSSINGS = 2.0
 """s in all at `SLOW` speeds that show it (assumed)."""
@@ -51,7 +47,7 @@ def odd(log: Log, joints: Sequence[Joint], stamps: Stamps, table: str) -> Iterat
         what = f"{stamps.gaps} gap{'s' * (stamps.gaps > 1)} in the stamps, the longest {stamps.longest:.3g} s"
         what += f" (step {1e3 * stamps.step:.3g} ms)"
         yield Finding("gaps", "odd", what, stamps.where, "divide the motion there, or log without loss")
-    if stamps.jitter > JITTER:
+    if stamps.jitter > joint_facts.JITTER:
         what = f"steps scatter by {100 * stamps.jitter:.2g} % of {1e3 * stamps.step:.3g} ms: stamps count"
         yield Finding("jitter", "odd", what, table, "log the time of measurement, not that of arrival")
     yield from _clocks(log, joints, table)
@@ -100,7 +96,7 @@ def _clocks(log: Log, joints: Sequence[Joint], table: str) -> Iterator[Finding]:
             each = ", ".join(f"{joints[k].name} {1e3 * joints[k].torque_delay[0]:.2g} ms" for k in apart)
             what = f"the delay of torque differs by joint: {each}, all {1e3 * mean:.2g} ms"
             yield Finding("joint_delay", "odd", what, table, "one alignment does not hold for all joints")
-    slope, u_slope = clock_drift(log, joints)
+    slope, u_slope = joint_facts.clock_drift(log, joints)
     span = np.ptp([m.time.mean() for m in log.motions])
     if abs(slope) > DRIFTS * u_slope and abs(slope) * span > SHORTEST:
         what = f"the delay of torques changes by {1e6 * slope:.2g} µs/s (u {1e6 * u_slope:.1g}), "
@@ -185,7 +181,7 @@ def missing(log: Log, joints: Sequence[Joint], table: str) -> Iterator[Finding]:
     elif changes == 1:
         what = "loaded motions come in one block: drift and payload are alike"
         yield lacks("load_order", what, "interleave motions with and without the payload")
-    warm = warm_up(log)
+    warm = joint_facts.warm_up(log)
     if np.isnan(warm):
         what = "no temperature: warm-up is assessed by time alone"
         yield lacks("no_temperature", what, "log `temperature_degC`")
@@ -193,3 +189,135 @@ def missing(log: Log, joints: Sequence[Joint], table: str) -> Iterator[Finding]:
         yield lacks("no_warm_up", f"the temperature varies by {warm:.2g} K", f"log {WARM:g} K of warm-up")
     if motions[0].command is None:
         yield lacks("no_command", "no commands: tracking is not assessed", "log `command1_deg` ...")
+
+
+TURN = 2.0 * np.pi
+FASTEST = 15.0
+"""rad/s: largest speed where the robot states none (assumed: twice that of a servo)."""
+SMALLEST = np.radians(5.0)
+"""A jump that is smaller is not one: reading noise over a short step."""
+SAGS = np.radians(0.5)
+"""Distance from the command at rest: six steps of a servo, as much as its backlash (assumed)."""
+RESTING = 0.5
+"""s at rest in all, without which no sag is stated."""
+NEAR = np.radians(10.0)
+"""How far a shift between motions may be from half a turn or a turn."""
+APART = 30
+"""Steps by which the zeros of two calibrations may differ: repeatability of the pose by hand (assumed)."""
+
+
+def servo_odd(
+    log: Log, joints: Sequence[Joint], table: str, calibrations: Sequence[Path]
+) -> Iterator[Finding]:
+    """What is probably a mistake of servos, or of their calibrations.
+
+    Parameters
+    ----------
+    log : Log
+    joints : sequence of Joint
+    table : str
+        File of the rows, for places.
+    calibrations : sequence of Path
+        Calibrations of LeRobot: that of the log, and others that are compared with it.
+    """
+    for motion in log.motions:
+        yield from _jumps(log, motion, table)
+    yield from _turned(log, table)
+    yield from _sag(log, joints, table)
+    yield from _zeros(log, joints, calibrations)
+
+
+def _whole(angle: float) -> str:
+    """In words which part of a turn an angle is; "" if it is none."""
+    for turns, words in ((0.5, "half a turn"), (1.0, "a whole turn")):
+        if abs(abs(angle) - turns * TURN) < NEAR:
+            return words
+    return ""
+
+
+def _jumps(log: Log, motion: Motion, table: str) -> Iterator[Finding]:
+    """Steps from one row to the next that no joint makes, and that are not taken back in the row behind."""
+    fastest = np.where(np.isnan(log.mechanism.fastest), FASTEST, 2.0 * log.mechanism.fastest)
+    change = np.diff(motion.position, axis=0)
+    beyond = np.abs(change) > np.maximum(fastest * np.diff(motion.time)[:, None], SMALLEST)
+    spikes = signals.spikes(motion.position)
+    beyond[[row + k for row in spikes for k in (-1, 0) if 0 <= row + k < len(beyond)]] = False
+    rows = np.flatnonzero(beyond.any(axis=1))
+    if len(rows) == 0:
+        return
+    j = int(np.argmax(np.abs(change[rows[0]]) * beyond[rows[0]]))
+    size = float(change[rows[0], j])
+    turns = _whole(size)
+    name = log.mechanism.joint_names[j]
+    what = f"{name} jumps by {np.degrees(size):.1f} deg in one row of motion {motion.name}"
+    what += f" ({len(rows)} such rows)" if len(rows) > 1 else ""
+    what += f": {turns}" if turns else ""
+    remedy = f"its reading wraps at {STEPS} steps: turn it back" if turns else "divide the motion there"
+    yield Finding("jump", "odd", what, f"{table}:{motion.line + int(rows[0]) + 1}", remedy)
+
+
+def _turned(log: Log, table: str) -> Iterator[Finding]:
+    """Motions whose readings are half a turn, or a turn, from those of the others."""
+    middles = np.array([np.median(m.position, axis=0) for m in log.motions])
+    spans = np.array([np.ptp(m.position, axis=0) for m in log.motions])
+    usual = np.median(middles, axis=0)
+    for j, name in enumerate(log.mechanism.joint_names):
+        away = middles[:, j] - usual[j]
+        each = zip(away.tolist(), spans[:, j], strict=True)
+        kinds = [_whole(x) if span < 0.25 * TURN else "" for x, span in each]
+        for turns in dict.fromkeys(filter(None, kinds)):
+            which = [k for k, kind in enumerate(kinds) if kind == turns]
+            motions = listed([log.motions[k].name for k in which])
+            what = f"{name} is {turns} from its other motions in {motions}: zero of another calibration?"
+            where = f"{table}:{log.motions[which[0]].line}"
+            remedy = "give motions of one calibration, or import the others with their own (--calibration)"
+            yield Finding("turned", "odd", what, where, remedy)
+
+
+def _sag(log: Log, joints: Sequence[Joint], table: str) -> Iterator[Finding]:
+    """Joints that rest away from their commands, gravity loads them or not."""
+    if log.motions[0].command is None:
+        return
+    seconds, off = np.zeros(log.n), [np.empty(0)] * log.n
+    for m in log.motions:
+        assert m.command is not None
+        still = np.abs(signals.speeds(m.time, m.position)) <= SLOW[0]
+        still &= np.abs(signals.speeds(m.time, m.command)) <= SLOW[0]
+        seconds += (still * np.gradient(m.time)[:, None]).sum(axis=0)
+        away = m.position - m.command
+        off = [np.concatenate([old, away[still[:, j], j]]) for j, old in enumerate(off)]
+    loaded = {joint.name for joint in gravity_loaded(joints)}
+    for joint, values, rested in zip(joints, off, seconds.tolist(), strict=True):
+        if rested < RESTING or abs(mean := float(values.mean())) < SAGS:
+            continue
+        low, high = np.degrees(np.percentile(values, (5, 95)))
+        what = f"{joint.name} rests {np.degrees(mean):.2f} deg from its command ({low:.2f} to {high:.2f} in "
+        what += f"{rested:.0f} s at rest)"
+        if joint.name in loaded:
+            what += f": it sags, gravity loads it with {joint.gravity[0]:.2g} N m on average"
+        remedy = "use positions as readings, not commands; a larger gain of the servo reduces it"
+        yield Finding("sag", "odd", what, table, remedy)
+
+
+def _zeros(log: Log, joints: Sequence[Joint], calibrations: Sequence[Path]) -> Iterator[Finding]:
+    """Differences of the zeros of calibrations, and readings beyond the range of the first one."""
+    names = log.mechanism.joint_names
+    known = [(path.name, of_joints(read_calibration(path), names, path.name)) for path in calibrations]
+    if not known:
+        return
+    first, servos = known[0]
+    for joint, servo in zip(joints, servos, strict=True):
+        half = 0.5 * (servo.range_max - servo.range_min) * STEP
+        beyond = max(joint.highest, -joint.lowest) - half
+        if beyond > NEAR:
+            what = f"{joint.name} is up to {np.degrees(beyond):.1f} deg beyond its range in the calibration"
+            yield Finding("range", "odd", what, first, "is it the calibration of this log?")
+    for other, theirs in known[1:]:
+        for name, one, two in zip(names, servos, theirs, strict=True):
+            steps = zero_shift(one, two)
+            if abs(steps) > APART:
+                turns = _whole(steps * STEP)
+                what = f"at one pose {name} reads {np.degrees(steps * STEP):+.2f} deg ({steps:+g} steps)"
+                what += f" more by {other} than by {first} (Feetech servos)" + (f": {turns}" if turns else "")
+                remedy = "calibrate at the same middle pose, or import each log with its own calibration"
+                yield Finding("zero", "odd", what, other, remedy)

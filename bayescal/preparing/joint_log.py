@@ -14,20 +14,10 @@ from bayescal.logs import Log, read_log
 from bayescal.logs.read import TABLES
 from bayescal.motion.effects import EFFECTS
 from bayescal.motion.servo import is_servo, with_torques
-from bayescal.preparing.joint_facts import (
-    LOADS,
-    SLOW,
-    Joint,
-    Stamps,
-    clock_drift,
-    gravity_loaded,
-    joints_of,
-    stamps_of,
-    warm_up,
-)
-from bayescal.preparing.joint_findings import CROSSINGS, WARM, missing, odd
+from bayescal.preparing import joint_facts
+from bayescal.preparing.joint_facts import LOADS, SLOW, Joint, Stamps, gravity_loaded, warm_up
+from bayescal.preparing.joint_findings import CROSSINGS, WARM, missing, odd, servo_odd
 from bayescal.preparing.missing import KINDS, Finding
-from bayescal.preparing.servo_findings import servo_odd
 
 
 @dataclass(frozen=True)
@@ -76,7 +66,7 @@ def check_log(folder: Path, calibrations: Sequence[Path] = ()) -> LogCheck:
     """
     log = read_log(folder)
     table = next(name for name in TABLES if (folder / name).exists())
-    joints, stamps = joints_of(log), stamps_of(log, table)
+    joints, stamps = joint_facts.joints_of(log), joint_facts.stamps_of(log, table)
     servos = servo_odd(log, joints, table, calibrations)
     findings = [*odd(log, joints, stamps, table), *servos, *missing(log, joints, table)]
     why = not_assessed(log, joints)
@@ -161,7 +151,7 @@ def log_record(of: LogCheck) -> dict[str, Any]:
         | {"duration_s": _plain(m.time[-1] - m.time[0]), "payload_kg": _plain(np.median(m.payload))}
         for m in log.motions
     ]
-    stamps, (drift, u_drift) = of.stamps, clock_drift(log, of.joints)
+    stamps, (drift, u_drift) = of.stamps, joint_facts.clock_drift(log, of.joints)
     return {
         "schema": "bayescal-motion-check/1",
         "dataset": log.name,

@@ -207,7 +207,7 @@ class Clearance:
 RETRACT = 0.02
 """m: how far the ball is retracted; touch probes are backed off by 2 to 25 mm before the next approach."""
 
-STOPS = 2  # points that are checked on the path
+STOPS = 2  # points that are checked on the path, at equal distances behind the contact
 FIRM = 30.0
 """Weight of the path against the orientation of the tool: near a singularity the orientation gives way."""
 
@@ -217,14 +217,9 @@ near a singularity of the wrist moved the ball by up to 9 mm off its path."""
 
 
 def path_free(
-    clearance: Clearance,
-    readings: np.ndarray,
-    normals: np.ndarray,
-    touched: np.ndarray | None = None,
-    length: float = RETRACT,
-    stops: int = STOPS,
+    clearance: Clearance, readings: np.ndarray, normals: np.ndarray, touched: np.ndarray | None = None
 ) -> np.ndarray:
-    """Check the retract from contacts, which is also their approach.
+    """Check the retract from contacts, which is also their approach, at `STOPS` points of it.
 
     Parameters
     ----------
@@ -235,10 +230,6 @@ def path_free(
         Outward unit normals of the surface, in F0.
     touched : np.ndarray of int, shape (M,), optional
         As for `Clearance.collides`.
-    length : float
-        Of the path, m.
-    stops : int
-        Number of points that are checked, at equal distances; the contact itself is not one of them.
 
     Returns
     -------
@@ -248,8 +239,8 @@ def path_free(
     out = np.zeros(len(readings), int)
     retracting = np.array(readings, float)
     arm = clearance.arm
-    for _ in range(stops):
-        retracting = retracted(arm, retracting, length / stops * normals)
+    for _ in range(STOPS):
+        retracting = retracted(arm, retracting, RETRACT / STOPS * normals)
         angles = arm.angles_of(retracting)
         within = np.all((angles >= arm.robot.limits[:, 0]) & (angles <= arm.robot.limits[:, 1]), axis=1)
         out[(out == 0) & ~within] = -1

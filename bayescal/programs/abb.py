@@ -173,5 +173,5 @@ ABB = Format(
     "ABB RAPID: robtarget and jointtarget values",
     _pose,
     after_line(r"^[ \t]*MODULE\b", "  ! "),
-    dialect=Dialect("ABB RAPID: SearchL, readings in a log", {r"([A-Za-z]\w*)": ("{}", "{}")}, "diProbe"),
+    dialect=Dialect({r"([A-Za-z]\w*)": ("{}", "{}")}, "diProbe"),
 )

@@ -131,7 +131,6 @@ FANUC = Format(
     _pose,
     _remarked,
     dialect=Dialect(
-        "FANUC LS: SKIP CONDITION, readings in position registers",
         {r"(\d+)": ("DI[{}]=ON", "DI[{}]=OFF"), r"tool:(\d+)": ("RI[{}]=ON", "RI[{}]=OFF")},
         "1",
         unsafe=r"[\];:\"]",

@@ -158,7 +158,6 @@ KUKA = Format(
     _pose,
     after_line(r"^[ \t]*(?:GLOBAL\s+)?(?:DEF|DEFFCT|DEFDAT)\b", "; "),
     dialect=Dialect(
-        "KUKA KRL: interrupt, readings in the data list",
         {
             r"(\d+)": ("$IN[{}]==TRUE", "$IN[{}]==FALSE"),
             r"measure:(\d+)": ("$MEAS_PULSE[{}]==TRUE", "$MEAS_PULSE[{}]==FALSE"),

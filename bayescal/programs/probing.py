@@ -92,8 +92,8 @@ class PlanFormat:
 
     Attributes
     ----------
-    name, summary : str
-        In options, and what is in it.
+    name : str
+        In options.
     files : callable
         Texts of a plan by the names of their files in the run folder; only programs depend on the probe.
     check : callable
@@ -102,7 +102,6 @@ class PlanFormat:
 
     name: str
     files: Callable[[Plan, Probe], Mapping[str, str]]
-    summary: str
     check: Callable[[Probe], object] = lambda probe: None
 
 
@@ -216,22 +215,20 @@ def over_travel(late: float) -> float:
     return late + SPEED**2 / (2 * RAMP)
 
 
-def _table(name: str, text: Callable[[Plan], str], summary: str, file: str = "") -> PlanFormat:
-    return PlanFormat(name, lambda plan, probe: {file or f"plan-{name}.csv": text(plan)}, summary)
+def _table(name: str, text: Callable[[Plan], str], file: str) -> PlanFormat:
+    return PlanFormat(name, lambda plan, probe: {file: text(plan)})
 
 
 def _program(form: Format, dialect: Dialect) -> PlanFormat:
     writer = Writer(form, dialect)
-    return PlanFormat(form.name, partial(written, writer), dialect.summary, writer.trigger)
+    return PlanFormat(form.name, partial(written, writer), writer.trigger)
 
 
-READINGS = "CSV of readings in deg, as the controller shows them"
-POSES = "CSV of nominal poses of the tool's frame in F0, with the readings"
 EVERY = (
-    _table("csv", readings_table, READINGS, "plan-joints.csv"),
+    _table("csv", readings_table, "plan-joints.csv"),
     *(_program(form, form.dialect) for form in PROGRAMS.values() if form.dialect is not None),
-    _table("robodk", robodk_table, "RoboDK CSV: joints in deg in the first columns"),
-    _table("poses", poses_table, POSES),
+    _table("robodk", robodk_table, "plan-robodk.csv"),
+    _table("poses", poses_table, "plan-poses.csv"),
 )
 FORMATS: dict[str, PlanFormat] = {form.name: form for form in EVERY}
 """Formats by their names."""

@@ -130,8 +130,6 @@ class Dialect:
 
     Attributes
     ----------
-    summary : str
-        What is in a program.
     triggers : mapping of str to (str, str)
         Forms of ``--probe-input`` as patterns, and what is true of an input while the probe is pressed, and
         while it is not.
@@ -143,7 +141,6 @@ class Dialect:
         Characters that end a text or are not allowed in it.
     """
 
-    summary: str
     triggers: Mapping[str, tuple[str, str]]
     first: str
     force: str = ""

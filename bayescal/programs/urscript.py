@@ -57,7 +57,6 @@ class Text:
     code: Code
     joints: re.Pattern[str]
     values: dict[str, re.Match[str]]  # of names that are assigned once, in numbers
-    written: Counter[str]  # how often each name is assigned
 
     @classmethod
     def of(cls, text: str, n: int) -> Text:
@@ -72,7 +71,7 @@ class Text:
             and (value := CARTESIAN.match(code, match.end()) or joints.match(code, match.end()))
             and written[match.group(1)] == 1
         }
-        return cls(code, joints, values, written)
+        return cls(code, joints, values)
 
     def value(self, low: int, high: int) -> re.Match[str] | None:
         """The numbers of an argument: written out, or of its name; None where it is computed."""
@@ -170,7 +169,6 @@ URSCRIPT = Format(
     "URScript: p[...] and joint lists of movej, movel, movep, movec, servoj, servoc",
     remarked=after_line(r"^\s*def\b.*:", "  # "),
     dialect=Dialect(
-        "URScript (UR): guarded motions until the probe triggers, and a log line for each contact",
         {
             r"(\d+)": ("get_standard_digital_in({})", ""),
             r"tool:(\d+)": ("get_tool_digital_in({})", ""),

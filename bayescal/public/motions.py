@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from bayescal.motion.together import Together
     from bayescal.posterior.inference import Record
     from bayescal.preparing.next_motions import MotionPlan
-    from bayescal.verifying.log_torque import LogVerification
+    from bayescal.verifying.log import LogVerification
 
 
 @dataclass(frozen=True, repr=False)
@@ -155,7 +155,7 @@ def diagnose_log(folder: Path, progress: Progress = silent) -> MotionGapResult:
     from bayescal.logs import read_log
     from bayescal.motion.diagnose import diagnose
     from bayescal.preparing.next_motions import next_motions
-    from bayescal.verifying.log_replay import replay_gap
+    from bayescal.verifying.log import replay_gap
 
     log = read_log(folder)
     gap = replay_gap(diagnose(log, progress))
@@ -308,7 +308,7 @@ class LogVerificationResult(Printed):
         """Write verify.json; return its name."""
         from bayescal.storage.files import json_text
         from bayescal.storage.folders import filled
-        from bayescal.verifying.log_torque import record_of
+        from bayescal.verifying.log import record_of
 
         return filled(Path(folder), {"verify.json": json_text(record_of(self.data))})
 
@@ -324,7 +324,7 @@ def export_log(result: MotionFitResult | MotionGapResult, to: str) -> LogExportR
 
 def verify_log(run: Path, file: Path) -> LogVerificationResult:
     """Load an exported arm of a joint log in MuJoCo; see `bayescal.verify`."""
-    from bayescal.verifying.log_torque import verify_log as work
+    from bayescal.verifying.log import verify_log as work
 
     return LogVerificationResult(work(run, file))
 

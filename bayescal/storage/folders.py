@@ -96,7 +96,7 @@ def filled(folder: Path, texts: Mapping[str, str]) -> tuple[str, ...]:
     """Write a run folder of texts by name, the first of which identifies it; return the names."""
     with whole(folder, next(iter(texts))) as stage:
         for name, text in texts.items():
-            (stage / name).write_text(text, encoding="utf-8")
+            (stage / name).write_text(text, encoding="utf-8", newline="")
     return tuple(texts)
 
 

@@ -24,8 +24,7 @@ def write(arm, options):
 
 
 MADE_UP = Format(
-    "made-up", ".txt", "zeros", write,
-    lambda arm, k: constant(arm.model.parameters[k]), "holds constants only",
+    ".txt", write, lambda arm, k: constant(arm.model.parameters[k]), "holds constants only"
 )
 '''
 

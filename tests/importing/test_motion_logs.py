@@ -539,8 +539,8 @@ def test_repeats_are_found_by_trajectory_not_by_length(s):
     go = [np.flatnonzero(s.motion == k) for k in (1, 2, 3)]
     shifted = s.position.copy()
     shifted[go[1][3:]] = s.position[go[1][:-3]]  # the second begins three samples later
-    rows = Rows(s.time, np.maximum(s.motion, 1), {"position": shifted}, {}, tuple("12345"), ("",) * 5)
+    rows = Rows(s.time, np.maximum(s.motion, 1), {"position": shifted}, tuple("12345"), ("",) * 5)
     assert repeats(rows) == (1, 1, 3, 4, 5)
     scaled = s.position.copy()
     scaled[go[1]] = s.position[go[1]][0] + 1.05 * (s.position[go[1]] - s.position[go[1]][0])
-    assert repeats(replace(rows, joints={"position": scaled})) == (1, 2, 3, 4, 5)
+    assert repeats(replace(rows, cells={"position": scaled})) == (1, 2, 3, 4, 5)

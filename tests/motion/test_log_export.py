@@ -20,7 +20,7 @@ from bayescal.logs.read import written_out
 from bayescal.logs.schema import Arm
 from bayescal.logs.write import arm_text
 from bayescal.robots.urdf import robot_from_urdf
-from bayescal.verifying.log_torque import COPY
+from bayescal.verifying.log import COPY
 
 JOINT = {"name": "J", "origin_mm": [0, 0, 0], "mass_kg": 1, "centre_of_mass_mm": [0, 0, 0]}
 JOINT |= {"inertia_kgm2": [1, 1, 1, 0, 0, 0]}

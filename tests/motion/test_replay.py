@@ -15,7 +15,7 @@ from bayescal.motion.dynamics import payload_of, regressor
 from bayescal.motion.result import Tracking
 from bayescal.motion.signals import all_signals
 from bayescal.reporting.motion.record import _replay
-from bayescal.verifying.log_replay import Arm, _driven, replayed
+from bayescal.verifying.log import Arm, _driven, replayed
 
 
 @pytest.fixture(scope="module")

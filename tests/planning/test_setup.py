@@ -22,9 +22,9 @@ from bayescal.errors import BayescalError
 from bayescal.model.scene import Scene
 from bayescal.planning import order as orders
 from bayescal.planning.candidates import candidates
+from bayescal.planning.order import Transits
 from bayescal.planning.pool import CLEAR
 from bayescal.planning.setup import EDGE, connected, continued, read_setup, regions_of
-from bayescal.planning.transit import Transits
 from bayescal.probing.clearance import Clearance
 from bayescal.probing.contacts import LINE
 from bayescal.probing.motions import seconds_between
@@ -291,7 +291,7 @@ def test_ways_around_are_free(pool, ordered):
 
 def test_no_way_is_said(pool, ordered, monkeypatch):
     """An approach inside of the cube cannot be left."""
-    monkeypatch.setattr("bayescal.planning.transit.WAITING", 2)  # each is searched in vain
+    monkeypatch.setattr("bayescal.planning.order.WAITING", 2)  # each is searched in vain
     monkeypatch.setattr("bayescal.probing.motions.CHAINED", ((100, 20),))
     inside = pool.approach.copy()
     row = int(pool.candidates[0])

@@ -187,7 +187,7 @@ def test_the_ball_is_retracted_along_the_normal(session):
     assert np.percentile(np.degrees(np.arccos(np.clip((turned - 1) / 2, -1, 1))), 90) < 1.0
 
 
-def test_a_lid_above_the_contact_blocks_the_way():
+def test_a_lid_above_the_contact_blocks_the_way(monkeypatch):
     """Free at the contact, not on the way: and free with a shorter one. Limits are limits on the way too."""
     free = mate()
     arm, reading = free.arm, np.radians([[0.0, 20, -40, 0, 30, 0]])
@@ -197,9 +197,11 @@ def test_a_lid_above_the_contact_blocks_the_way():
     gap = 0.04 - next(c.radius for c in free.capsules if c.name == "link 5") + 0.04  # to the lid, m
     assert under.collides(reading)[0] == 0
     normal = UP[None]
-    assert words(under, path_free(under, reading, normal, length=1.2 * gap)[0]).endswith("and lid")
-    assert path_free(under, reading, normal, length=0.8 * gap)[0] == 0
     assert path_free(free, reading, normal)[0] == 0
+    monkeypatch.setattr("bayescal.probing.clearance.RETRACT", 1.2 * gap)
+    assert words(under, path_free(under, reading, normal)[0]).endswith("and lid")
+    monkeypatch.setattr("bayescal.probing.clearance.RETRACT", 0.8 * gap)
+    assert path_free(under, reading, normal)[0] == 0
     angles = arm.angles_of(reading)[0]
     tight = np.stack([angles - 1e-3, angles + 1e-3], axis=1)
     stiff = replace(free, arm=replace(arm, robot=replace(arm.robot, limits=tight)))

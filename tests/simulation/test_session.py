@@ -144,7 +144,7 @@ def test_no_contact_and_no_retract_collides(robot):
     away /= np.linalg.norm(away, axis=1)[:, None]
     normals = [d.targets[i].values.get("normal", r) for i, r in zip(m.target, away, strict=True)]
     assert not clearance.collides(m.readings, touched).any()
-    assert not path_free(clearance, m.readings, np.array(normals), touched, 0.02, 2).any()
+    assert not path_free(clearance, m.readings, np.array(normals), touched).any()
 
 
 def test_the_payload_hangs_on_half_of_the_plane_contacts():

@@ -179,9 +179,7 @@ def _place(p: Parameter, joints: Sequence[str], bodies: Sequence[str]) -> tuple[
 
 
 MJCF = Format(
-    "mjcf",
     ".xml",
-    "MuJoCo: geometry, springs of joints, bearings and stand, errors of the readings, lost motion",
     write,
     holds,
     "MuJoCo has no such element",
@@ -190,4 +188,4 @@ MJCF = Format(
     prismatic=True,
     two_arms=("plain",),
 )
-"""The whole arm, for MuJoCo 4."""
+"""The whole arm, for MuJoCo 4: geometry, springs, errors of the readings, lost motion."""

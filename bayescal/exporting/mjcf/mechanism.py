@@ -14,15 +14,8 @@ from bayescal.arm.transforms import rigid, rotation
 from bayescal.dataset import Tool
 from bayescal.errors import BayescalError
 from bayescal.exporting.geometry import centre_in_frame, transform_of
-from bayescal.exporting.mjcf.elastic import (
-    Content,
-    Hinge,
-    Spring,
-    bearings,
-    joint_springs,
-    link_hinges,
-    stand_hinges,
-)
+from bayescal.exporting.mjcf import elastic
+from bayescal.exporting.mjcf.elastic import Content, Hinge, Spring
 from bayescal.exporting.mjcf.readings import Joints, Law, erring, error, parts
 from bayescal.exporting.written import IN_F0
 from bayescal.exporting.xml_text import TEMPLATES
@@ -124,11 +117,11 @@ def mechanism(content: Content, law: Law) -> Mechanism:
     """
     scene = content.arm.model.scene
     robot, chain, delta = scene.dataset.robot, scene.chain, content.constants()
-    springs, tilts = joint_springs(content), bearings(content)
-    bends, wrong = link_hinges(content), erring(law)
+    springs, tilts = elastic.joint_springs(content), elastic.bearings(content)
+    bends, wrong = elastic.link_hinges(content), erring(law)
     foot, *places, flange = poses(content, law)
     shift = chain.base[:3, 3] - foot[:3, 3]  # hinges of the stand are relative to the nominal base, in F0
-    stand = (replace(h, pos=shift + h.pos) for h in stand_hinges(content))
+    stand = (replace(h, pos=shift + h.pos) for h in elastic.stand_hinges(content))
     bodies = [Body("base", foot, tuple(h.seen(rigid(foot[:3, :3].T)) for h in stand))]
     for j, (name, frame) in enumerate(zip(robot.joint_names, places, strict=True)):
         low, high = sorted((np.sign(robot.link_from_reading[j, j]) * robot.limits[j]).tolist())

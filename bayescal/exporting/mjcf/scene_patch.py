@@ -16,19 +16,11 @@ from scipy.spatial.transform import Rotation
 
 from bayescal.arm.transforms import rigid
 from bayescal.errors import BayescalError
+from bayescal.exporting.mjcf import scene_arm
 from bayescal.exporting.mjcf.elastic import Content
 from bayescal.exporting.mjcf.mechanism import MOST, PARTS, Body, Mechanism, elements, mechanism, merge_held
 from bayescal.exporting.mjcf.readings import Joints, Law, bare, law_of
-from bayescal.exporting.mjcf.scene_arm import (
-    FoundArm,
-    compiled,
-    find_arm,
-    model_of,
-    moved,
-    read_scene,
-    skeleton,
-    spec_of,
-)
+from bayescal.exporting.mjcf.scene_arm import FoundArm
 from bayescal.exporting.mjcf.scene_parts import check, with_keyframes, with_unique_names, without_earlier
 from bayescal.exporting.same_arm import ANGLE, Match, smallest_turn
 from bayescal.exporting.sidecar import mujoco
@@ -98,8 +90,8 @@ def patched(arm: FittedArm, options: Options) -> tuple[Written, tuple[str, ...]]
         If the file cannot be patched, or is of another arm.
     """
     path, tip = path_of(options.into)
-    file = read_scene(path)
-    before = compiled(file.xml.text, path.parent, path.name)
+    file = scene_arm.read_scene(path)
+    before = scene_arm.compiled(file.xml.text, path.parent, path.name)
     gone = without_earlier(file.root)
     scene = _scene(arm, options, file.root, tip, before)
     notes = [f"{name} stands in place of its <include>" for name in file.included]
@@ -109,7 +101,7 @@ def patched(arm: FittedArm, options: Options) -> tuple[Written, tuple[str, ...]]
     others = with_unique_names(file.xml, model, names, path.name)
     with_keyframes(file, before, gone, scene.law, scene.joints, others.get("joint", {}))
     text = file.xml.text
-    after = compiled(text, path.parent, path.name)
+    after = scene_arm.compiled(text, path.parent, path.name)
     check(scene.arm, scene.where, scene.machine, model, after, others.get("body", {}), path.name)
     notes += [
         f"the file has a {kind} {name}: that of the arm is called {new}"
@@ -127,16 +119,16 @@ def patched(arm: FittedArm, options: Options) -> tuple[Written, tuple[str, ...]]
         "renamed": others,
     }
     notes += [*scene.where.notes, *_carried(model, scene.arm)]
-    written = Written(text, notes=notes, details=details, placed=partial(moved, text, path.parent))
+    written = Written(text, notes=notes, details=details, placed=partial(scene_arm.moved, text, path.parent))
     return written, (links[0], *links, others.get("body", {}).get("flange", "flange"))
 
 
 def _scene(arm: FittedArm, options: Options, root: ET.Element, tip: str, before: Any) -> Scene:
     """The arm in a tree; `before` is the compiled file."""
     (path, _), robot = path_of(options.into), arm.dataset.robot
-    spec = spec_of(skeleton(root), path.parent, path.name)
-    model = model_of(spec, path.name)
-    in_file = find_arm(root, spec, model, robot, tip, path.name)
+    spec = scene_arm.spec_of(scene_arm.skeleton(root), path.parent, path.name)
+    model = scene_arm.model_of(spec, path.name)
+    in_file = scene_arm.find_arm(root, spec, model, robot, tip, path.name)
     content = Content(arm, options.state)
     law = law_of(content)
     return Scene(

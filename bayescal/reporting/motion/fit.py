@@ -36,7 +36,7 @@ from bayescal.statistics import chi2_sf
 from bayescal.storage.files import json_text
 from bayescal.storage.folders import whole
 from bayescal.storage.reading import Json
-from bayescal.verifying.log_torque import LogVerification
+from bayescal.verifying.log import LogVerification
 
 SCHEMA = "bayescal-fit/1"
 FIT, POSTERIOR = "fit.json", "posterior.nc"
