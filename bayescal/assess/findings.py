@@ -22,7 +22,7 @@ import numpy as np
 from bayescal.assess.acceptance import PLANNED, SHARED, Acceptance
 from bayescal.assess.identifiability import Directions, in_words
 from bayescal.assess.undetermined import Undetermined
-from bayescal.dataset.consistency import contradictions
+from bayescal.dataset.consistency import contradictions, copies
 from bayescal.effects import MODELS
 from bayescal.effects.selection import plain
 from bayescal.effects.sizes import micrometres
@@ -167,6 +167,8 @@ def _residuals(of: Assessed) -> Iterator[Finding]:
         )  # fmt: skip
     for wrong in contradictions(found.model.scene.dataset):
         yield Finding("certified_length", "error", f"{wrong.what}; {wrong.remedy}")
+    if words := copies(found.model.scene.dataset):
+        yield Finding("doubled_row", "warning", words)
     count = sum(len(b.rows) for b in found.model.states)
     if len(found.rejected) > MANY_REJECTED * count:
         yield Finding(

@@ -123,7 +123,8 @@ def cells(target: Corrected, robot: Robot, verdict: str) -> list[str]:
         return [*[""] * robot.n, "", "", target.reason, "", "", "", verdict]
     readings = [f"{x:.{DEGREES}f}" for x in robot.shown(target.readings)]
     inside = "true" if target.inside else "false"
-    errors = [f"{1e3 * target.error:.5f}", str(target.solutions), f"{1e3 * target.expanded:.5f}", verdict]
+    count = "" if target.solutions is None else str(target.solutions)
+    errors = [f"{1e3 * target.error:.5f}", count, f"{1e3 * target.expanded:.5f}", verdict]
     return [*readings, f"{1e3 * target.u:.5f}", inside, "", *errors]
 
 

@@ -128,7 +128,8 @@ def _nominal(
             if readings is None and not target.strict:
                 readings = nearest(nominal, candidates, references)
         if readings is not None:
-            out.append(Corrected(nominal=readings, solutions=len(candidates)))
+            count = None if target.pose is None else len(candidates)
+            out.append(Corrected(nominal=readings, solutions=count))
             before = readings
         elif target.admits is not None and nearest(nominal, candidates, session) is not None:
             out.append(Corrected("no solution has the configuration that is stated there"))

@@ -229,6 +229,35 @@ def planned(dataset: Dataset) -> Planned | None:
     return Planned(planned_rows, float(chance[k]), float(np.max(r[planned_rows])))
 
 
+def doubled(dataset: Dataset) -> list[tuple[int, int]]:
+    """Rows with all values of an earlier row and no `repeat` or `stop` in common: (row, the earlier one).
+
+    Targets of joined sessions are compared by the names that the sessions give them.
+    """
+    m = dataset.measurements
+    names = [t.name.removeprefix(f"{t.session}:") for t in dataset.targets]
+    target = np.array([names.index(name) for name in names])[m.target]
+    more = (target, m.tool, m.xyz, m.rpy, m.length, m.pixel, m.payload)
+    blocks = [m.readings, *(b.reshape(len(m.ids), -1) for b in more if b is not None)]
+    keys = np.nan_to_num(np.column_stack(blocks), nan=-1e9)
+    first = dict[bytes, int]()
+    pairs = [(row, first.setdefault(key.tobytes(), row)) for row, key in enumerate(keys)]
+    labels = [s for s in (m.stop, m.repeat) if s is not None]
+    return [(k, one) for k, one in pairs if one != k and not any(s[k] and s[k] == s[one] for s in labels)]
+
+
+def copies(dataset: Dataset) -> str:
+    """What speaks against independent rows, as a sentence; "" where no row is a copy."""
+    if not (pairs := doubled(dataset)):
+        return ""
+    ids, (row, one) = dataset.measurements.ids, pairs[0]
+    rows = f"{len(pairs)} of {len(ids)} rows have" if len(pairs) > 1 else "1 row has"
+    return (
+        f"{rows} the values of another row to the last digit (`{ids[row]}` those of `{ids[one]}`): "
+        "a copy counts as a further measurement, so that uncertainties are too small; remove copies"
+    )
+
+
 FELT = 1.0
 """RMS, N m, from which on the computed torque of a joint states a sign (assumed)."""
 OPPOSED = -0.8

@@ -11,7 +11,7 @@ import numpy as np
 
 from bayescal.assess.mistakes import hidden, judged, mistaken, model_of
 from bayescal.dataset import Certificate, Dataset, consistency, plausibility
-from bayescal.dataset.consistency import contradictions, nominal, planned
+from bayescal.dataset.consistency import contradictions, doubled, nominal, planned
 from bayescal.dataset.plausibility import explanation
 from bayescal.dataset.read import read_parts
 from bayescal.dataset.table import Table
@@ -106,16 +106,7 @@ def _lengths(dataset: Dataset, document: Document) -> Iterator[Finding]:
 def _doubled(dataset: Dataset, table: Table) -> Iterator[Finding]:
     """Rows with the readings of another row of the same target, that no repeat and no standstill explains."""
     m = dataset.measurements
-    blocks = [m.readings, m.target[:, None], m.tool[:, None]]
-    blocks += [b.reshape(len(m.ids), -1) for b in (m.xyz, m.rpy, m.length, m.payload) if b is not None]
-    keys = np.nan_to_num(np.column_stack(blocks), nan=-1e9)
-    first: dict[bytes, int] = {}
-    pairs = []
-    for row, key in enumerate(keys):
-        one = first.setdefault(key.tobytes(), row)
-        if one != row and not any(s is not None and s[row] and s[row] == s[one] for s in (m.stop, m.repeat)):
-            pairs.append((row, one))
-    if pairs:
+    if pairs := doubled(dataset):
         row, one = pairs[0]
         more = f" ({len(pairs) - 1} more rows repeat another)" if len(pairs) > 1 else ""
         what = f"row `{m.ids[row]}` has the values of row `{m.ids[one]}`{more}"

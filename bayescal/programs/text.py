@@ -70,7 +70,7 @@ class Corrected:
     readings: np.ndarray | None = None  # (n,) rad, that put the tool there
     pose: np.ndarray | None = None  # (4, 4) in the frame of the targets: where the nominal model has these
     nominal: np.ndarray | None = None  # (n,) rad, of the nominal model
-    solutions: int = 0  # of the nominal model, up to whole turns; 0 where the readings were given
+    solutions: int | None = None  # of the nominal model, up to whole turns; None where readings were given
     u: float = np.nan  # m: standard uncertainty of the TCP, length of the vector
     error: float = np.nan  # m: of the TCP at the nominal readings
     inside: bool = False  # the region that the session has probed

@@ -80,6 +80,7 @@ def test_nominal_readings_are_kept_under_another_name(arm, session, tmp_path):
     assert float(rows[0]["j1_nominal_deg"]) == pytest.approx(q[0, 0])
     assert abs(float(rows[0]["j1_deg"]) - q[0, 0]) > 1e-6
     assert done.targets[0].payload == 0.5
+    assert rows[0]["solutions"] == ""  # none was searched
 
 
 @pytest.mark.parametrize(

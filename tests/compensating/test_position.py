@@ -282,7 +282,7 @@ def test_nominal_readings_stand_for_their_nominal_pose(solved_arm, session):
     for a, b, q in zip(by_pose, by_joints, readings, strict=True):
         np.testing.assert_allclose(a.nominal, q, atol=1e-6)
         np.testing.assert_allclose(a.readings, b.readings, atol=1e-6)
-    assert [own.solutions for own in by_joints] == [0] * 4
+    assert [own.solutions for own in by_joints] == [None] * 4
 
 
 def test_the_nearest_of_all_solutions_is_taken(solved_arm, session):

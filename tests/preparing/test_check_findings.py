@@ -13,6 +13,8 @@ from typer.testing import CliRunner
 
 import bayescal as bc
 from bayescal.dataset import read_dataset
+from bayescal.dataset.consistency import copies
+from bayescal.dataset.join import joined
 from bayescal.errors import BayescalError
 from bayescal.preparing.check import check, check_record
 
@@ -241,3 +243,28 @@ def test_command_line_and_api(tmp_path, good):
     assert result.record == record
     assert list(result.findings["code"]) == ["no_repeats"]
     assert "1 missing" in repr(result)
+
+
+def test_a_fit_of_copied_rows_says_so(tmp_path, good):
+    """`check` finds copies; who does not run it must read of them all the same."""
+    settings, rows = good
+    copied = [
+        row | {"id": f"z{row['id']}"} for row in rows if row["role"] == "calibrate" and not row["repeat"]
+    ]
+    found(tmp_path, settings, [*rows, *copied])
+    result = bc.fit(tmp_path, samples=0)
+    words = [f.text for f in result.data.findings if f.code == "doubled_row"]
+    assert len(words) == 1
+    assert f"{len(copied)} of {len(rows) + len(copied)} rows have the values of another row" in words[0]
+    assert copies(read_dataset(tmp_path)) == words[0]
+
+
+def test_rows_of_two_sessions_with_the_same_digits_are_copies(tmp_path, good):
+    """Another name makes another SHA-256, not another measurement."""
+    sessions = []
+    for name in ("one", "two"):
+        (tmp_path / name).mkdir()
+        found(tmp_path / name, good[0].replace("name: ", f"name: {name}-"), good[1])
+        sessions.append(read_dataset(tmp_path / name))
+    assert copies(sessions[0]) == ""
+    assert copies(joined(sessions)).startswith(f"{len(good[1])} of {2 * len(good[1])} rows")

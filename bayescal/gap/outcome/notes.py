@@ -11,6 +11,7 @@ import numpy as np
 
 from bayescal.assess.undetermined import Undetermined
 from bayescal.dataset import Dataset
+from bayescal.dataset.consistency import copies
 from bayescal.effects import EFFECTS, UNITS, Driver, Parameter, Site
 from bayescal.effects.location import BASE
 from bayescal.effects.selection import Selection
@@ -175,6 +176,8 @@ def warnings(
     if count := len(after.rejected):
         was = "rows were excluded as outliers" if count > 1 else "row was excluded as an outlier"
         out.append(f"{count} calibration {was}")
+    if words := copies(before.model.scene.dataset):
+        out.append(words)
     out += [u.words for u in lacking if u.matters]
     if not before.model.knows_length:
         out.append(
