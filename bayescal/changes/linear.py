@@ -31,7 +31,7 @@ from bayescal.effects.common import within
 from bayescal.errors import BayescalError
 from bayescal.estimate import STATED_WORTH
 from bayescal.estimate.families import families
-from bayescal.estimate.further import linearised_with
+from bayescal.estimate.further import linearised_with, scales_of
 from bayescal.model import ARM
 
 ITERATIONS, ENOUGH = 40, 1e-2
@@ -115,7 +115,6 @@ def evidence(joint: Joint) -> Evidence:
     target = joint.dataset.measurements.target[rows]
     of_group, group = np.unique(np.stack([session, target]), axis=1, return_inverse=True)
     of_group, group = of_group[0], group.ravel()
-    count_of = np.bincount(group)
     d, linear = j.shape[1], found.linear
     certified = slice(sum(b.residuals for b in found.model.blocks), None)
     held = linear.jacobian[certified]
@@ -134,6 +133,7 @@ def evidence(joint: Joint) -> Evidence:
     used = np.flatnonzero(np.array([bool(label) for label in labels]))
     told = np.array([label for label in labels if label], dtype=object)
     kappa, variances = _variances(j, g[:, used], e, group, of_group, prior, pull, told)
+    noise = kappa[group] * scales_of(found)  # residuals are whitened by the scales of the joint fit
     weight = 1.0 / kappa[group]
     x = np.column_stack([j, g]) * weight[:, None]
     full = x.T @ x
@@ -199,7 +199,7 @@ def evidence(joint: Joint) -> Evidence:
         tuple(names[k] for k in kept),
         sizes[kept],
         centres[kept],
-        np.sqrt(np.bincount(of_group, count_of * kappa**2) / np.bincount(of_group, count_of)),
+        np.sqrt(np.bincount(session, noise**2) / np.bincount(session)),
         variances,
         tuple(
             Errors(

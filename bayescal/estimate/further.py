@@ -25,7 +25,7 @@ def linearised_with(
     model = fitted.model
     # all columns of the same pass: those of fewer parameters differ in rounding
     rows = np.concatenate([np.tile(b.rows, b.kind.rows) for b in model.blocks])
-    used = np.concatenate([np.tile(fitted.weights.row[b.name], b.kind.rows) for b in model.blocks]) > 0
+    used = _used(fitted)
     columns = np.empty((int(np.sum(used)), len(every)))
     at_once = max(MOST_VALUES // len(used), 1)
     for start in range(0, max(len(every), 1), at_once):
@@ -34,6 +34,18 @@ def linearised_with(
         columns[:, start : start + at_once] = linear.jacobian[: len(used), extra][used]
     mine = linear.jacobian[: len(used)][used][:, own]
     return mine, columns, linear.residual[: len(used)][used], rows[used]
+
+
+def scales_of(fitted: Estimate) -> np.ndarray:
+    """Factor on the stated noise by which each residual of `linearised_with` is whitened."""
+    scale = fitted.weights.scale
+    return np.concatenate([np.full(b.residuals, scale[b.group]) for b in fitted.model.blocks])[_used(fitted)]
+
+
+def _used(fitted: Estimate) -> np.ndarray:
+    """Whether each residual of the blocks is one of a row that is no outlier."""
+    row = fitted.weights.row
+    return np.concatenate([np.tile(row[b.name], b.kind.rows) for b in fitted.model.blocks]) > 0
 
 
 def widened(fitted: Estimate, some: Sequence[Parameter]) -> tuple[Linear, np.ndarray, np.ndarray]:

@@ -74,6 +74,13 @@ def test_gains_are_those_of_each_prior_width():
     assert averaged(gains(g, s)) == pytest.approx(np.log(np.mean(np.exp(expected))))
 
 
+def test_noise_is_a_factor_on_the_stated_one(sessions):
+    """Without the model errors, which the scale of the joint fit contains."""
+    d = bc.simulate(contacts=270, seed=5, **{**ARM, "effects": "geometry, backlash"}).dataset
+    found = changed([rows_of(d, np.arange(k, 270, 2), name) for k, name in enumerate("AB")], ("geometry",))
+    assert found.noise == pytest.approx((1.0, 1.0), abs=0.12)
+
+
 def test_nothing_changed_between_sessions_of_one_arm(sessions):
     found = changed(sessions[:2], ("geometry",))
     assert (found.verdict, found.arm) == ("same", "same")
