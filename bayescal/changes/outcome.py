@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -133,14 +133,18 @@ def changed(
     BayescalError
         If they are not of one arm, or the model cannot be fitted.
     """
-    progress("estimate", 0.0)
-    *others, last = sessions
-    extended, reasons = with_poses(last, targets)
-    joint = prepared([*others, extended], effects, remounted, robust)
-    progress("evidence", 0.0)
-    e = evidence(joint)
-    progress("search", 0.0)
-    found = search(e)
+    orders = [tuple(sessions)]
+    if len(sessions) == 2:  # errors that all sessions have are those of the first: each of two may be it
+        orders.append((sessions[1], sessions[0]))
+    every = []
+    for number, (*others, last) in enumerate(orders):
+        progress("estimate", number / len(orders))
+        extended, reasons = with_poses(last, targets)
+        joint = prepared([*others, extended], effects, remounted, robust)
+        every.append((search(evidence(joint)), reasons))
+    back = max(range(len(every)), key=lambda k: every[k][0].log_evidence)
+    found, reasons = every[back]
+    e, joint = found.evidence, found.evidence.joint
     arm_same = sum(w.probability for w in found.weighed if not any(_of_arm(joint, m) for m in w.members))
     classes = {m: members_of_class(found, m) for m in found.best.members}
     of_class = {m: group for group in reversed(classes.values()) for m in group}
@@ -162,6 +166,13 @@ def changed(
         joint, [(p, used) for i, used in zip(joint.items, moved, strict=True) for p in i.parameters]
     )
     effect, shifts = _moved(found, moves, len(targets), reasons)
+    noise = e.noise.tolist()
+    if back:
+        differences = [_reversed(d, joint.names[0]) for d in differences]
+        effect = effect and replace(effect, largest=-effect.largest)
+        shifts = tuple(replace(s, shift=None if s.shift is None else -s.shift) for s in shifts)
+        noise = noise[::-1]
+    of_time = every[0][0].evidence.joint.dataset
     warnings = []
     if remounted:
         warnings.append(
@@ -176,9 +187,9 @@ def changed(
             "no target is in two sessions: the base is not compared, nor the zero of the first joint"
         )
     return Changed(
-        joint.dataset,
+        of_time,
         effects,
-        joint.dataset.sessions,
+        of_time.sessions,
         verdict,
         arm,
         found.same,
@@ -187,11 +198,16 @@ def changed(
         detectable(found, moves),
         effect,
         shifts,
-        tuple(e.noise.tolist()),
+        tuple(noise),
         _errors(e),
         joint.placed,
         tuple(warnings),
     )
+
+
+def _reversed(d: Difference, last: str) -> Difference:
+    """A difference in the order of time, of two sessions that were compared in the other order."""
+    return replace(d, sessions=(last,), before=d.after, after=d.before, difference=-d.difference)
 
 
 def _of_arm(joint: Joint, m: Member) -> bool:

@@ -76,6 +76,11 @@ class Search:
         """The most probable set."""
         return self.weighed[0]
 
+    @property
+    def log_evidence(self) -> float:
+        """Log evidence of all sets together, over that of no change."""
+        return float(np.logaddexp.reduce([w.score for w in self.weighed]))
+
     @cached_property
     def same(self) -> float:
         """Probability that nothing changed."""

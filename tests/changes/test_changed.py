@@ -81,6 +81,29 @@ def test_noise_is_a_factor_on_the_stated_one(sessions):
     assert found.noise == pytest.approx((1.0, 1.0), abs=0.12)
 
 
+def test_two_sessions_in_the_other_order_have_the_same_changes_reversed():
+    """An arm that is worn in the first session is no less different from the other."""
+    arm = {**ARM, "contacts": 160, "seed": 5}
+    new, worn = (
+        replace(bc.simulate(**{**arm, "effects": effects}).dataset, name=name, sha256=name)
+        for name, effects in (("new", "geometry"), ("worn", "geometry, backlash"))
+    )
+    there, back = changed([new, worn], ("geometry",)), changed([worn, new], ("geometry",))
+    assert there.verdict == back.verdict == "changed"
+    assert there.same == pytest.approx(back.same, rel=1e-6)
+    assert [s.name for s in back.sessions] == ["worn", "new"]
+    assert back.noise == pytest.approx(there.noise[::-1])
+    assert there.distances.largest == pytest.approx(-back.distances.largest)
+    pairs = list(zip(there.differences, back.differences, strict=True))
+    for one, other in pairs:
+        assert one.item.name == other.item.name
+        assert one.difference == pytest.approx(-other.difference)
+        assert one.u == pytest.approx(other.u)
+        assert (one.before, one.after) == (other.after, other.before)
+        assert (one.sessions, other.sessions) == (("worn",), ("new",))
+    assert any(one.item.effect == "backlash" and one.stated for one, _ in pairs)
+
+
 def test_nothing_changed_between_sessions_of_one_arm(sessions):
     found = changed(sessions[:2], ("geometry",))
     assert (found.verdict, found.arm) == ("same", "same")
