@@ -109,9 +109,9 @@ def _blocks(x: np.ndarray, pool: Pool) -> np.ndarray:
 
 
 def _removed(before: np.ndarray, after: np.ndarray) -> float:
-    """Share of the excess variance, in units of the noise (B, n), that is removed."""
+    """Share of the excess variance, in units of the noise (B, n), that is removed, at most all of it."""
     excess = float(np.sum(np.mean(before, axis=0) - 1.0))
-    return float(np.sum(np.mean(before - after, axis=0))) / excess if excess > 0.0 else np.nan
+    return min(float(np.sum(np.mean(before - after, axis=0))) / excess, 1.0) if excess > 0.0 else np.nan
 
 
 def not_assessed(search: Search, pool: Pool) -> dict[str, str]:

@@ -41,6 +41,15 @@ def test_the_gain_is_a_log_likelihood_ratio_and_errors_are_of_moving_rows():
     assert found.removed_interval95 == pytest.approx([found.removed] * 2)
 
 
+def test_no_more_than_the_excess_is_removed():
+    """What is left may by chance be below the noise."""
+    before, after = np.full((4, 2), 3.0), np.full((4, 2), 0.5)
+    assert outcome._removed(before, after) == 1.0
+    assert outcome._removed(before, 2.0 * after) == pytest.approx(1.0)
+    assert outcome._removed(before, 4.0 * after) == pytest.approx(0.5)
+    assert np.isnan(outcome._removed(after, after))
+
+
 def test_the_length_of_a_vector_has_its_u_along_it():
     """By Monte Carlo: two amplitudes, in the units of their priors, that are correlated."""
     covariance = np.array([[0.04, 0.03], [0.03, 0.09]])

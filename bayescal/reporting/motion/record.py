@@ -218,7 +218,7 @@ def words(gap: MotionGap) -> list[str]:
         what = "torque" if unit == UNIT else "servo error"
         out.append(
             f"On withheld motions the named effects remove {100 * gap.shrinkage.removed:.0f} % "
-            f"({100 * low:.0f} to {min(100 * high, 100.0):.0f} %) of the variance of the {what} above noise."
+            f"({100 * low:.0f} to {100 * high:.0f} %) of the variance of the {what} above noise."
         )
     return out
 
