@@ -14,7 +14,7 @@ from bayescal.arm.transforms import rpy_of
 from bayescal.errors import BayescalError, listed
 from bayescal.exporting.sidecar import mujoco
 from bayescal.importing.joint_formats import DEG
-from bayescal.logs.mechanism import PAIRS, bounds_of
+from bayescal.logs.mechanism import PAIRS, TURNING_PART, bounds_of
 from bayescal.robots import builtin_robots, full_name, load_robot, only_revolute
 from bayescal.robots.markup import LARGEST, parse_markup
 from bayescal.robots.servos import GRIPPER
@@ -58,7 +58,7 @@ def arm_of(reference: str, allow_xacro: bool) -> Arm:
     if Path(file).suffix.lower() in MJCF:
         return _of_mjcf(Path(file))
     robot, content = load_robot(full_name(reference), allow_xacro=allow_xacro)
-    only_revolute(robot, "joint logs")
+    only_revolute(robot, "joint logs", TURNING_PART)
     coupling = robot.link_from_reading
     signed = coupling * np.sign(np.diag(coupling))[:, None]
     bounds = bounds_of(robot)

@@ -184,6 +184,8 @@ Slides = Collection[int]
 """Numbers of joints, from 1."""
 
 
+PRODUCT = re.compile(r"\s\*\s(?![^{}]*\})")
+"""A product in a text for all joints: not within a name in braces."""
 OF_SERVOS = re.compile(r"j(\d+)(_command|_link)?")
 
 
@@ -306,8 +308,14 @@ def dimension_of(key: str, n: int, where: str, slides: Slides = ()) -> str:
 
 
 def _of_joint(text: str, joint: int) -> str:
-    """A text for a joint: ``*`` is its number, ``*0`` its number counted from 0."""
-    return text.replace("*0", str(joint - 1)).replace("*", str(joint))
+    """A text for a joint: ``*`` is its number, ``*0`` its number counted from 0.
+
+    A ``*`` between blanks multiplies, if the number stands elsewhere in the text.
+    """
+    parts = PRODUCT.split(text)
+    if all("*" not in part for part in parts):
+        parts = [text]
+    return " * ".join(p.replace("*0", str(joint - 1)).replace("*", str(joint)) for p in parts)
 
 
 def _entries(text: str) -> list[tuple[str, str, str]]:

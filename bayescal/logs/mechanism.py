@@ -12,6 +12,8 @@ from bayescal.robots import only_revolute
 
 TRANSITION = 0.03
 """rad/s: speed scale of the reversal of friction where none is stated (assumed)."""
+TURNING_PART = "of a URDF name the part that turns, `arm.urdf#FIRST..TIP`; what slides must rest"
+"""What to do where a joint of an arm slides."""
 RADIUS_OF_GYRATION = 0.3
 """Of a link about its centre, over the distance to the next joint, where no inertia is stated (assumed)."""
 
@@ -91,7 +93,7 @@ def mechanism_of(robot: Robot) -> tuple[Mechanism, tuple[str, ...]]:
 
     A joint whose reading has the opposite sense of its row turns about the reversed axis.
     """
-    only_revolute(robot, "joint logs")
+    only_revolute(robot, "joint logs", TURNING_PART)
     chain, n = chain_of(robot), robot.n
     sense = np.where(np.diag(robot.link_from_reading) < 0.0, -1.0, 1.0)
     turned = zip(robot.offset, robot.d, strict=True)

@@ -471,6 +471,20 @@ def test_units_of_current(s, tmp_path, unit, factor):
     np.testing.assert_allclose(draft.columns["current2_A"], s.current[:, 1], rtol=1e-7)
 
 
+@pytest.mark.parametrize("text", ["dq* * 6 degps", "6 * {dq*} degps", "{rate *} * 6 degps", "{rate *} degps"])
+def test_values_of_all_joints_are_multiplied(s, tmp_path, text):
+    """As rpm; the number of a joint is beside the sign of a product."""
+    factor = 6.0 if "6" in text else 1.0
+    rates = np.degrees(s.velocity) / factor
+    columns = {"t": s.time} | of_joints("q", s.position, 1)
+    columns |= of_joints("rate " if "rate" in text else "dq", rates, 1)
+    path = write_csv(tmp_path / "log.csv", columns)
+    draft = convert(
+        Request(path, f"time=t s, j*=q* rad, j*_velocity={text}", robot=ARM, motions="pause:0.5 s")
+    )
+    np.testing.assert_allclose(draft.columns["dq2_degps"], np.degrees(s.velocity[:, 1]), atol=1e-5)
+
+
 def test_unsigned_currents_are_magnitudes(s, tmp_path):
     unsigned = replace(s, current=np.abs(s.current))
     path = rtde(tmp_path / "r.csv", unsigned)
