@@ -21,7 +21,7 @@ import numpy as np
 
 from bayescal.arm.transforms import AXES
 from bayescal.dataset.table import csv_text
-from bayescal.errors import BayescalError
+from bayescal.errors import BayescalError, listed
 from bayescal.exporting.geometry import at_state, constant
 from bayescal.exporting.written import Format, Item, Options, Written, item
 from bayescal.exporting.xml_text import indented, rendered
@@ -116,6 +116,12 @@ def _lerobot(sign: int, arm: FittedArm, options: Options) -> Written:
         "the ranges are as they were: the arm stops that much earlier or later",
         "LeRobot divides a turn by 4095: its degrees stay too large by 0.024 %",
     ]
+    inverted = [servo.name for servo in servos if servo.drive_mode and sign < 0]
+    if inverted:
+        what = (
+            f"{listed(inverted)}: drive_mode 1 does not invert LeRobot's degrees, of which the file is; where"
+        )
+        notes.append(f"{what} values are normalised, change these offsets by as much to the other side")
     text = json.dumps(content, indent=4) + "\n"
     details = {"remainder_deg": remainder}
     return Written(text, items(arm, "{}", "homing_offset"), notes=notes, details=details)

@@ -64,6 +64,22 @@ def test_lerobot(arm, tmp_path, to, sign):
     assert json.loads(sidecar.read_text())["not_expressed"][0]["effect"] == "joint"
 
 
+def test_an_inverted_servo_is_that_of_degrees(arm, tmp_path):
+    """LeRobot inverts normalised values of Feetech servos, not degrees; Dynamixel servos invert themselves."""
+    values = calibration(arm)
+    name = arm.dataset.robot.joint_names[2]
+    plain = {}
+    for mode in (0, 1):
+        values[name]["drive_mode"] = mode
+        (tmp_path / "c.json").write_text(json.dumps(values))
+        for to in ("lerobot", "lerobot-dynamixel"):
+            out = export(arm, to, into=str(tmp_path / "c.json"))
+            said = any("drive_mode 1" in note and name in note for note in out.notes)
+            assert said == (mode == 1 and to == "lerobot")
+            offset = json.loads(out.written.content)[name]["homing_offset"]
+            assert plain.setdefault(to, offset) == offset
+
+
 @pytest.mark.parametrize(("sign", "end"), [(1, -2047), (-1, 2047)])
 def test_an_offset_stays_within_half_a_turn(arm, tmp_path, sign, end):
     """Beyond what a servo stores it goes on from the other end; exactly half a turn it does not store."""
