@@ -65,7 +65,7 @@ def test_lerobot(arm, tmp_path, to, sign):
 
 
 def test_an_inverted_servo_is_that_of_degrees(arm, tmp_path):
-    """LeRobot inverts normalised values of Feetech servos, not degrees; Dynamixel servos invert themselves."""
+    """LeRobot inverts normalised values of Feetech servos, not degrees; Dynamixel ones invert themselves."""
     values = calibration(arm)
     name = arm.dataset.robot.joint_names[2]
     plain = {}
