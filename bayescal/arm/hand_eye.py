@@ -24,6 +24,8 @@ PASSES = 8
 SAME_AXIS = 0.999
 """Second singular value over the first from which on rotations have one common axis or none (assumed)."""
 FEWEST_IMAGES = 3
+LEVER = 0.3
+"""m: arm of a turn where an image is judged by a length."""
 CLEAR = 0.2
 """rad: angles that differ by more are equally bad (assumed)."""
 FLIPPED = np.radians(5.0)
@@ -213,6 +215,16 @@ class HandEye:
     off: np.ndarray
     turned: np.ndarray
     determined: bool
+
+    @property
+    def away(self) -> np.ndarray:
+        """How far each image is off, turned included, (I,), m."""
+        return np.hypot(self.off, LEVER * self.turned)
+
+    @property
+    def misfit(self) -> float:
+        """How far most images are off, m."""
+        return float(np.median(self.away))
 
 
 def half_turns(flange: np.ndarray, seen: np.ndarray) -> np.ndarray:

@@ -45,8 +45,6 @@ FEWEST_IMAGES = 4
 """Images from which a hand-eye is judged."""
 DECISIONS = 4
 """Passes in which the arm decides between two poses of a flat board."""
-LEVER = 0.3
-"""m: arm of a turn where an image is judged by a length."""
 MISFIT = 0.05
 """m: by which most images must fit the arm."""
 
@@ -251,8 +249,7 @@ def misfit(dataset: Dataset, target: int, rows: np.ndarray, readings: np.ndarray
     """How far the images of some rows (C,) are off, m, with camera and board at their best; 0 if unknown."""
     seen, good, found = closed_form(dataset, target, rows, readings)
     off = np.zeros(len(seen.poses))
-    if found is not None and np.sum(good) >= FEWEST_IMAGES:
-        off[good] = np.hypot(found.off, LEVER * found.turned)
+    off[good] = found.away if found is not None and np.sum(good) >= FEWEST_IMAGES else 0.0
     return off[seen.image]
 
 
@@ -322,8 +319,7 @@ def _check_rows(t: Target, rows: np.ndarray, pixel: np.ndarray, table: Table) ->
         f"`point` is {{point}}, but the board of `{t.name}` has points 0 to {count - 1}",
         "check `board`, or the numbers of the corners",
     )
-    size = np.asarray(t.values["size"], float)
-    if not np.isnan(size).any():
+    if not np.isnan(size := np.asarray(t.values["size"], float)).any():
         refuse(
             np.any((read[:, :2] < -1) | (read[:, :2] > size), axis=1),
             f"a corner at ({{u_px}}, {{v_px}}) px, but images of `{t.name}` have "
@@ -354,33 +350,45 @@ def _check_board(t: Target, seen: Images, where: str) -> None:
 def _check_arm(dataset: Dataset, target: int, rows: np.ndarray, found: hand_eye.HandEye, where: str) -> None:
     """Refuse the other mount, and a board of another size."""
     t, m = dataset.targets[target], dataset.measurements
-    off = float(np.median(np.hypot(found.off, LEVER * found.turned)))
+    off = found.misfit
     if off > MISFIT:
         other = FIXED if t.texts["mount"] == FLANGE else FLANGE
         turned = replace(t, texts=dict(t.texts) | {"mount": other})
         session = replace(dataset, targets=_replaced(dataset.targets, target, turned))
         swapped = closed_form(session, target, rows, m.readings)[2]
         assert swapped is not None
-        then = float(np.median(np.hypot(swapped.off, LEVER * swapped.turned)))
-        if then < off / 3:
-            what = f"the images of `{t.name}` are {1e3 * off:.0f} mm off; {1e3 * then:.1f} mm if its mount is"
+        if swapped.misfit < off / 3:
+            both = f"{1e3 * off:.0f} mm off; {1e3 * swapped.misfit:.1f} mm"
+            what = f"the images of `{t.name}` are {both} if its mount is"
             raise BayescalError(f"{what} `{other}`", where, f"write `mount: {other}`")
     factor = board_factor(dataset, target, rows)
     if abs(factor - 1.0) > OTHER_SIZE:
+        flange, poses, _ = _poses_of(dataset, target, rows)
+        if off > MISFIT and hand_eye.hand_eye(flange, poses * [1.0, 1.0, 1.0, factor]).misfit > off / 3:
+            what = f"images of `{t.name}` are {1e3 * off:.0f} mm off the arm with a board of any size"
+            remedy = "check which image belongs to which joint readings, and the robot"
+            raise BayescalError(what, where, remedy)
         size = 1e3 * board(t).size
         like = f" (squares of {factor * size:.2g} mm, not {size:g} mm)" if size else ""
         what = f"the board of `{t.name}` looks {factor:.3f} times as large as stated{like}"
         raise BayescalError(what, where, "measure the board, and write its size")
 
 
+def _poses_of(
+    dataset: Dataset, target: int, rows: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, hand_eye.HandEye | None]:
+    """Poses (I, 3, 4) of the flange, of what it carries in what is fixed, and the hand-eye of both."""
+    seen, good, found = closed_form(dataset, target, rows, dataset.measurements.readings)
+    poses, carried = seen.poses[good], dataset.targets[target].texts["mount"] == FLANGE
+    flange = flange_poses(dataset, dataset.measurements.readings[seen.first[good]])
+    return flange, hand_eye.inverse(poses) if carried else poses, found
+
+
 def board_factor(dataset: Dataset, target: int, rows: np.ndarray) -> float:
     """Size of the board over its stated one, as the motions of the arm tell; 1 where they do not."""
-    seen, good, found = closed_form(dataset, target, rows, dataset.measurements.readings)
+    flange, poses, found = _poses_of(dataset, target, rows)
     if found is None:
         return 1.0
-    carried = dataset.targets[target].texts["mount"] == FLANGE
-    poses = hand_eye.inverse(seen.poses[good]) if carried else seen.poses[good]
-    flange = flange_poses(dataset, dataset.measurements.readings[seen.first[good]])
     # F_R x + f = Z_R (s q) + z, in which distances in the images are to the scale s of the board
     turned = poses[:, :, 3] @ found.fixed[:, :3].T
     near = (found.off <= 3 * np.median(found.off) + 1e-9).astype(float)[:, None]

@@ -18,7 +18,7 @@ from bayescal.arm.chain import Robot
 from bayescal.arm.hand_eye import FEWEST_IMAGES, half_turns
 from bayescal.dataset import Dataset, Target, Tool
 from bayescal.dataset.boards import Board, board_of
-from bayescal.dataset.cameras import FIXED, FLANGE, LEVER, closed_form, flange_poses
+from bayescal.dataset.cameras import FIXED, FLANGE, closed_form, flange_poses
 from bayescal.dataset.cameras import images as images_of
 from bayescal.dataset.table import Table, check_groups, check_names, joint_columns, read_cells
 from bayescal.dataset.target_kinds import CAMERA
@@ -62,7 +62,7 @@ def convert_images(request: Request) -> Draft:
     ------
     BayescalError
         Without OpenCV; for an image that cannot be read or has another size, a board that is not found,
-        markers of another board, and images without joint readings.
+        markers of another board, and joint readings without an image.
     """
     cv2 = opencv()
     try:
@@ -83,6 +83,8 @@ def convert_images(request: Request) -> Draft:
         raise BayescalError(what, str(request.log), remedy)
     left = sorted({f.name for f in seen} - {f.name for f in used})
     notes = [f"board not found in: {listed(left, 6)}"] if left else []
+    if unread := sorted({p.name for p in _files(request.log)} - {p.name for p in images.values()}):
+        notes.append(f"without joint readings, not used: {listed(unread, 6)}")
     session, lens = _session(cv2, request, base, board, used, readings, size)
     if request.board.startswith("checkerboard") and (turned := _turned(session)):
         used = [replace(f, pixel=f.pixel[::-1]) if f.name in turned else f for f in used]
@@ -91,7 +93,12 @@ def convert_images(request: Request) -> Draft:
         notes.append(words)
     session, roles = roles_of(request, session, False)
     text = f"{len(used)} images of {len(seen)}, {sum(len(f.number) for f in used)} corners, {how}"
-    return Draft(session, text, (*notes, *lens, roles), beside={PICTURE: _picture(cv2, images, used)})
+    rows = {name: k for k, name in enumerate(readings.cells["image"])}
+    line = readings.line[np.repeat([rows[f.name] for f in used], [len(f.number) for f in used])]
+    return Draft(
+        session, text, (*notes, *lens, roles), log=readings.name, line=line,
+        beside={PICTURE: _picture(cv2, images, used)},
+    )  # fmt: skip
 
 
 def opencv() -> Any:
@@ -127,7 +134,7 @@ def _images(folder: Path, readings: Table) -> dict[str, Path]:
     """Files of the images by their names in the table, in its order."""
     if not folder.is_dir():
         raise BayescalError("no such folder of images", str(folder), "give the folder")
-    there = {p.name: p for p in sorted(folder.iterdir()) if p.suffix.lower() in KINDS}
+    there = {p.name: p for p in _files(folder)}
     by_stem = {p.stem: p for p in there.values()}
     out: dict[str, Path] = {}
     for row, name in enumerate(readings.cells["image"]):
@@ -138,6 +145,11 @@ def _images(folder: Path, readings: Table) -> dict[str, Path]:
             raise readings.error(row, f"image `{name}` is given twice", "keep one row")
         out[name] = path
     return out
+
+
+def _files(folder: Path) -> list[Path]:
+    """Files of images in a folder, by name."""
+    return sorted(p for p in folder.iterdir() if p.suffix.lower() in KINDS)
 
 
 def _grey(cv2: Any, path: Path) -> np.ndarray:
@@ -314,7 +326,7 @@ def _turned(d: Dataset) -> set[str]:
 def _misfit(d: Dataset) -> float:
     """How far most images are off the nominal arm, m."""
     found = closed_form(d, 0, np.arange(len(d.measurements.ids)), d.measurements.readings)[2]
-    return np.inf if found is None else float(np.median(np.hypot(found.off, LEVER * found.turned)))
+    return np.inf if found is None else found.misfit
 
 
 def _calibrated(

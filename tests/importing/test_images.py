@@ -106,6 +106,34 @@ def test_refusals(made, tmp_path):
         convert(asked(tmp_path))
 
 
+def renamed(made, tmp_path, names):
+    """The request for images whose readings have other names, by number."""
+    shutil.copytree(made / "flange", tmp_path / "flange")
+    head, *rows = (made / "flange.csv").read_text().splitlines()
+    lines = [f"{k:02d}.png,{row.partition(',')[2]}" for k, row in zip(names, rows, strict=True)]
+    (tmp_path / "flange.csv").write_text("\n".join([head, *lines, ""]))
+    return asked(tmp_path)
+
+
+def test_images_at_other_readings_are_not_a_board_of_another_size(made, tmp_path):
+    with pytest.raises(BayescalError, match="which image belongs to which joint readings"):
+        write(convert(renamed(made, tmp_path, [13, *range(13)])), tmp_path / "cell")
+
+
+def test_an_image_at_other_readings_is_told_with_its_line(made, tmp_path):
+    request = renamed(made, tmp_path, [0, 1, 2, 4, 3, *range(5, 14)])
+    with pytest.raises(BayescalError, match=r"^flange.csv:[56]: impossible reading"):
+        write(convert(request), tmp_path / "cell")
+
+
+def test_images_without_readings_are_named(made, tmp_path):
+    shutil.copytree(made / "flange", tmp_path / "flange")
+    shutil.copy(made / "flange.csv", tmp_path)
+    assert not any("without joint readings" in note for note in convert(asked(tmp_path)).notes)
+    shutil.copy(tmp_path / "flange" / "00.png", tmp_path / "flange" / "more.png")
+    assert "without joint readings, not used: more.png" in convert(asked(tmp_path)).notes
+
+
 @pytest.mark.parametrize(
     ("options", "words"),
     [
