@@ -103,36 +103,34 @@ def evidence(joint: Joint) -> Evidence:
     found, c, parts = joint.found, joint.circumstances, joint.sessions
     fixed = [i for i in joint.items if i.kind in ("arm", "setup")]
     free = [i for i in joint.items if i.kind not in ("arm", "setup")]
-    base = replace(c, sessions=())
-    effects = found.model.effects
-    own = [(e.name, p) for e, ps in listed(base, effects) for p in ps]
+    model = found.model
+    own = [(e.name, p) for e, ps in listed(replace(c, sessions=()), model.effects) for p in ps]
     smooth = [(f.name, p) for f in families(c) for p in f.parameters]
-    more = [within(p, s) for s in parts[1:] for i in free for p in i.parameters]
-    every = [p for _, p in own] + [p for _, p in smooth] + more
-    j, g, e, rows = linearised_with(found, list(every))
-    nuisance = len(own) + len(smooth)
+    # smooth changes have no variance: few sessions have one, and their columns are most of all
+    more = [
+        (f"change: {i.effect}" if i.kind == "effect" else "", within(p, s))
+        for s in parts[1:]
+        for i in free
+        for p in i.parameters
+    ]
+    labels, errors_of = [label for label, _ in (*own, *smooth, *more)], [p for _, p in (*own, *smooth)]
+    j, g, e, rows = linearised_with(found, [*errors_of, *(p for _, p in more)])
+    nuisance = len(errors_of)
     session = np.argmax([s.rows[rows] for s in parts], axis=0)
     target = joint.dataset.measurements.target[rows]
     of_group, group = np.unique(np.stack([session, target]), axis=1, return_inverse=True)
     of_group, group = of_group[0], group.ravel()
     d, linear = j.shape[1], found.linear
-    certified = slice(sum(b.residuals for b in found.model.blocks), None)
+    certified = slice(sum(b.residuals for b in model.blocks), None)
     held = linear.jacobian[certified]
     prior = held.T @ held + np.eye(d)  # of certificates and priors, and the gradient of both
     pull = held.T @ linear.residual[certified] + found.z
-    arm = found.model.slices[ARM].stop
+    arm = model.slices[ARM].stop
     count = len(changes(fixed, parts))
     at = np.arange(arm - count, arm)
-    labels = [label for label, _ in (*own, *smooth)] + [
-        f"change: {i.effect}" if i.kind == "effect" else ""
-        for _ in parts[1:]
-        for i in free
-        for _ in i.parameters
-    ]
-    # smooth changes have no variance: few sessions have one, and their columns are most of all
-    used = np.flatnonzero(np.array([bool(label) for label in labels]))
-    told = np.array([label for label in labels if label], dtype=object)
-    kappa, variances = _variances(j, g[:, used], e, group, of_group, prior, pull, told)
+    told = np.array(labels, dtype=object)
+    used = told != ""
+    kappa, variances = _variances(j, g[:, used], e, group, of_group, prior, pull, told[used])
     noise = kappa[group] * scales_of(found)  # residuals are whitened by the scales of the joint fit
     weight = 1.0 / kappa[group]
     x = np.column_stack([j, g]) * weight[:, None]
@@ -157,7 +155,6 @@ def evidence(joint: Joint) -> Evidence:
     kept = np.setdiff1d(np.arange(len(slope)), changed)
     inner = _inverse(full[np.ix_(kept, kept)])
     follow = -inner @ full[np.ix_(kept, changed)]
-    model = found.model
     number = {id(i): k for k, i in enumerate(joint.items)}
     columns = tuple(
         Column(number[id(i)], k, p)
@@ -168,17 +165,13 @@ def evidence(joint: Joint) -> Evidence:
     )
     z = np.concatenate([found.z, np.zeros(nuisance)])[kept]
     start = z - inner @ slope[kept] - follow @ origin
-    sizes = np.concatenate(
-        [
-            model.physical(np.ones(model.size)) - model.physical(np.zeros(model.size)),
-            [p.sd for _, p in (*own, *smooth)],
-        ]
-    )
-    centres = np.concatenate([model.physical(np.zeros(model.size)), np.zeros(nuisance)])
+    centre = model.physical(np.zeros(model.size))
+    sizes = np.append(model.physical(np.ones(model.size)) - centre, [p.sd for p in errors_of])
+    centres = np.append(centre, np.zeros(nuisance))
     names = (*model.names, *(p.name for _, p in own), *("" for _ in smooth))
     form = np.zeros(len(columns))
     seen = np.sqrt(np.maximum(start**2 - np.diag(inner), 0.0))[d - count :]  # of what is told, not its noise
-    amplitude = dict(zip(_keys([p for _, p in (*own, *smooth)]), seen.tolist(), strict=True))
+    amplitude = dict(zip(_keys(errors_of), seen.tolist(), strict=True))
     for k in range(1, len(parts)):
         later = [i for i, c in enumerate(columns) if c.session == k]
         for i, key in zip(later, _keys([columns[i].parameter for i in later]), strict=True):

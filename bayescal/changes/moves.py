@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
 from bayescal.arm.inverse import nearest, solutions
 from bayescal.changes.joint import Joint
 from bayescal.dataset import Dataset
-from bayescal.dataset.join import stacked
-from bayescal.dataset.types import Measurements
+from bayescal.dataset.append import appended
 from bayescal.effects import Parameter
 from bayescal.errors import BayescalError
 from bayescal.estimate.further import model_with
@@ -128,18 +126,12 @@ def with_poses(dataset: Dataset, targets: Sequence[Target]) -> tuple[Dataset, li
             kept.append(target)
     if not kept:
         return dataset, reasons
-    columns: dict[str, Any] = {k: v for k, v in vars(m).items() if v is not None and k != "ids"}
-    columns = {k: np.repeat(v[-1:], len(kept), axis=0) for k, v in columns.items()}
     still = np.zeros(dataset.robot.n)
-    given = {
-        "readings": readings,
-        "tool": tools,
-        "payload": [t.payload for t in kept],
-        "velocity": [still if t.velocity is None else t.velocity for t in kept],
-        "repeat": [""] * len(kept),
-        "stop": [""] * len(kept),
-        "role": [AT] * len(kept),
-    }
-    columns |= {k: np.array(v) for k, v in given.items() if k in columns}
-    extra = Measurements(tuple(f"{AT} {k}" for k in range(1, len(kept) + 1)), **columns)
-    return replace(dataset, measurements=Measurements(**stacked([m, extra])[0])), reasons
+    velocity = [still if t.velocity is None else t.velocity for t in kept]
+    given = {"readings": readings, "tool": tools, "velocity": velocity, "repeat": "", "stop": ""}
+    if m.payload is not None:
+        given["payload"] = [t.payload for t in kept]
+    ids = [f"{AT} {k}" for k in range(1, len(kept) + 1)]
+    longer = appended(m, np.full(len(kept), len(m.ids) - 1), given, ids)
+    role = np.append(m.role, [AT] * len(kept))
+    return replace(dataset, measurements=replace(longer, role=role)), reasons

@@ -97,11 +97,6 @@ class Changed:
     compared: frozenset[str]  # targets in more than one session
     warnings: tuple[str, ...]
 
-    @property
-    def stated(self) -> tuple[Difference, ...]:
-        """Differences that are named, alone or in a class."""
-        return tuple(d for d in self.differences if d.stated)
-
 
 def changed(
     sessions: Sequence[Dataset],

@@ -17,12 +17,12 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.special import logsumexp
 
 from bayescal.changes.joint import Joint
 from bayescal.changes.linear import LEAST, PER_MOMENT, Evidence, integrated
 from bayescal.effects import Parameter, confusable
 from bayescal.effects.gravity import masses
+from bayescal.gap.linear.evidence import log_sum
 from bayescal.gap.settings import VERDICT
 
 SCALES = np.array([1 / 300, 0.01, 1 / 30, 0.1, 0.3, 1.0, 3.0, 10.0])
@@ -145,7 +145,7 @@ def gains(information: np.ndarray, score: np.ndarray) -> np.ndarray:
 
 def averaged(gain: np.ndarray) -> float:
     """Log of the mean over factors."""
-    return float(logsumexp(gain) - np.log(len(gain)))
+    return float(log_sum(gain) - np.log(len(gain)))
 
 
 def search(e: Evidence) -> Search:

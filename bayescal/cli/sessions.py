@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import typer
 
@@ -160,34 +159,12 @@ def import_(
     allow_xacro
         As of `fit`.
     """
+    options = dict(locals())
     from bayescal.importing import Request, convert, write
 
-    request = Request(
-        log=log,
-        map=map_,
-        format=format_,
-        robot=robot,
-        points=points,
-        points_map=points_map or "",
-        pair=pair,
-        template=template,
-        plan=plan,
-        tool=tcp,
-        noise=noise,
-        readings=readings,
-        name=name,
-        validate=validate,
-        decimal=decimal,
-        allow_xacro=allow_xacro,
-        motions=motions,
-        joints=joints,
-        board=board,
-        torque=torque,
-        topic=topic,
-        table=table,
-        calibration=calibration,
-    )
-    draft = convert(request)
+    del options["out"], options["force"]  # the others are fields of the request
+    options |= {"tool": options.pop("tcp"), "points_map": points_map or ""}
+    draft = convert(Request(**{name.rstrip("_"): value for name, value in options.items()}))
     write(draft, out, force)
     typer.echo(draft.headline)
     failed = [f"WRITTEN DESPITE A FAILED CHECK: {draft.wrong}"] if draft.wrong else []
@@ -266,33 +243,23 @@ def simulate(
     allow_xacro
         As of `fit`.
     """
+    given = dict(locals())
     import math
 
+    from bayescal.public.functions import PRACTICE
     from bayescal.public.functions import simulate as run
     from bayescal.simulation.record import TRUTH
     from bayescal.storage.folders import claimed
 
     with claimed(out, TRUTH):
-        options: dict[str, Any] = {
-            "name": name or out.resolve().name,
-            "error_scale": error_scale,
-            "contacts": contacts,
-            "later": later,
-            "repeats": repeats,
-            "arm_seed": arm_seed,
-        }
+        options = {key: given[key] for key in PRACTICE} | {"name": name or out.resolve().name}
         if setup is not None:
             _check_given(context)
         else:
-            options |= {
-                "spheres": spheres,
-                "placements": placements,
-                "sphere_contacts": sphere_contacts,
-                "noise": noise_um * 1e-6,
-                "joint_noise": math.radians(joint_noise_deg),
-                "outliers": outliers,
-                "payload": payload_kg,
-            }
+            of_artefact = ("spheres", "placements", "sphere_contacts", "outliers")
+            options |= {key: given[key] for key in of_artefact}
+            options |= {"noise": noise_um * 1e-6, "joint_noise": math.radians(joint_noise_deg)}
+            options["payload"] = payload_kg
         session = run(robot, effects, seed=seed, allow_xacro=allow_xacro, setup=setup, **options)
         session.save(out)
     typer.echo(str(session))

@@ -229,7 +229,7 @@ def check_groups(header: list[str], where: str, groups: Iterable[tuple[str, ...]
 
 
 def csv_text(header: Iterable[str], rows: Iterable[Iterable[object]], newline: str = "\n") -> str:
-    """A CSV table as text."""
+    """A CSV table as text; None is an empty cell."""
     out = io.StringIO()
     writer = csv.writer(out, lineterminator=newline)
     writer.writerow(header)

@@ -260,6 +260,8 @@ def _named(sessions: Sequence[str | PathLike[str]]) -> dict[str, Path]:
 
 def _arms(arm: str, sessions: Sequence[str]) -> Callable[[Json], str | None]:
     """The arm of a session, by a table, a regular expression, or what its dataset states."""
+    if not arm:
+        return lambda entry: entry["serial"] or entry["name"]
     if arm.lower().endswith(".csv"):
         rows = list(csv.DictReader(decoded(Path(arm))[0].splitlines()))
         if not rows or not {"session", "arm"} <= rows[0].keys():
@@ -267,26 +269,20 @@ def _arms(arm: str, sessions: Sequence[str]) -> Callable[[Json], str | None]:
                 "no columns session and arm", arm, "write a table with the header session,arm"
             )
         by_name = {row["session"]: row["arm"] for row in rows}
-        if lacking := [name for name in sessions if not by_name.get(name)]:
-            raise BayescalError(f"no arm of {listed(lacking)}", arm, "add a row for each session")
-        return lambda entry: by_name[entry["session"]]
-    if arm:
+        lacks, where, remedy = "no arm of", arm, "add a row for each session"
+    else:
         try:
             pattern = re.compile(arm)
         except re.error as error:
             what = f"no regular expression: {error}"
             raise BayescalError(what, "--arm", "for example 'arm-(\\d+)'") from None
-        if lacking := [name for name in sessions if not pattern.search(name)]:
-            what = f"`{arm}` is not in the name of {listed(lacking)}"
-            raise BayescalError(what, "--arm", "give a regular expression that all names contain")
-
-        def matched(entry: Json) -> str:
-            found = pattern.search(entry["session"])
-            assert found is not None
-            return found[1] if pattern.groups and found[1] else found[0]
-
-        return matched
-    return lambda entry: entry["serial"] or entry["name"]
+        matches = {name: found for name in sessions if (found := pattern.search(name))}
+        by_name = {name: (pattern.groups and found[1]) or found[0] for name, found in matches.items()}
+        lacks, where = f"`{arm}` is not in the name of", "--arm"
+        remedy = "give a regular expression that all names contain"
+    if lacking := [name for name in sessions if not by_name.get(name)]:
+        raise BayescalError(f"{lacks} {listed(lacking)}", where, remedy)
+    return lambda entry: by_name[entry["session"]]
 
 
 def _check(folder: Path) -> None:

@@ -11,11 +11,12 @@ from rich.console import RenderableType
 from rich.text import Text as Words
 
 from bayescal import __version__
+from bayescal.dataset.table import csv_text
 from bayescal.effects.vocabulary import unit_label
 from bayescal.reporting.changed_record import SMALL, detectable_kinds, named, since, small
 from bayescal.reporting.page.section import FirstScreen, Section, Text, blocks, page, texts
 from bayescal.reporting.shared.origin import filed
-from bayescal.reporting.shared.sheet import Column, Sheet, below, csv_text, screen
+from bayescal.reporting.shared.sheet import Column, Sheet, below, screen
 from bayescal.reporting.shared.text import (
     Facts,
     length,

@@ -139,15 +139,10 @@ def words(record: Json) -> list[str]:
             + (f" Possible: {listed(names, 'or')}." if names else "")
         )
     else:
-        done: set[str] = set()
-        for entries in stated:
-            x = entries[0]
-            group = tuple(sorted(x["class"])) or (x["item"],)
-            if ", ".join(group) in done:
-                continue
-            done.add(", ".join(group))
+        groups = dict.fromkeys(tuple(sorted(e[0]["class"])) or (e[0]["item"],) for e in stated)
+        for group in groups:
             members = [e for e in stated if e[0]["item"] in group]
-            sizes = [f"{named(e[0])} by {sized(e)}" for e in members]
+            sizes, x = [f"{named(e[0])} by {sized(e)}" for e in members], members[0][0]
             when = since(x["sessions"], record["sessions"])
             if len(members) > 1:
                 out.append(f"Changed {when}: {listed(sizes, 'or')}; these sessions do not tell which.")
@@ -155,7 +150,7 @@ def words(record: Json) -> list[str]:
                 out.append(f"Changed {when}: {sizes[0]} (probability {percent(x['probability'])}).")
         if more := len(out) - MOST:
             out = [*out[:MOST], f"{more} more, in the table."] if more > 1 else out
-        if len(done) >= OTHER_ARM:
+        if len(groups) >= OTHER_ARM:
             out.append("So much differs that these may be different arms.")
         if all(x[0]["kind"] == "setup" for x in stated):
             out.append(

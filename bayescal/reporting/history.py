@@ -12,13 +12,14 @@ from rich.text import Text as Words
 
 from bayescal import __version__
 from bayescal.changes.history import DAY, QUANTILES, TREND, Course, History
+from bayescal.dataset.table import csv_text
 from bayescal.effects import UNITS
 from bayescal.effects.vocabulary import unit_label
 from bayescal.reporting.changed_record import COVERAGE, SMALL
 from bayescal.reporting.page import svg
 from bayescal.reporting.page.section import Figures, FirstScreen, blocks, page
 from bayescal.reporting.shared.origin import entry, plain, software
-from bayescal.reporting.shared.sheet import Column, Sheet, below, csv_text, of_key, screen
+from bayescal.reporting.shared.sheet import Column, Sheet, below, of_key, screen
 from bayescal.reporting.shared.text import listed, probability, under, with_u, with_unit
 from bayescal.storage.files import json_text
 from bayescal.storage.folders import filled

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from rich.text import Text
 
+from bayescal.dataset.table import csv_text
 from bayescal.reporting.fit.record import fit_record, write_fit
 from bayescal.reporting.shared.origin import entry, origin, sized
-from bayescal.reporting.shared.sheet import csv_text
 from bayescal.reporting.shared.style import ACCENT, GREY, MARKED, drawing, figure, png_of, tidy
 from bayescal.reporting.shared.text import UM, size, um, um2
 from bayescal.storage.files import json_text
@@ -50,7 +50,9 @@ def _contact(c: Contact) -> Text:
 
 def _complete(e: Complete) -> str:
     rejected = len(e.fit.final.estimate.rejected)
-    parts = [f"fit of {e.rows} rows ({e.seconds:.1f} s): U of a distance {um(e.U)} µm (k = {e.k:.2g})"]
+    parts = [
+        f"fit of {e.rows} rows ({e.seconds:.1f} s): U of a distance {um(e.U)} µm (k = {e.distance.k:.2g})"
+    ]
     if rejected:
         parts.append(f"{rejected} rejected")
     if e.spots:
@@ -72,7 +74,7 @@ def watch_record(events: Sequence[Event], contacts: Sequence[Contact], asked: Wa
         "odd_below": ODD,
         "contacts": [entry(c, *KEYS) for c in contacts],
         "fits": [
-            entry(e, "rows", "U_um", "k", "seconds", "largest_change_u=moved")
+            entry(e, "rows", "U_um", "k=distance.k", "seconds", "largest_change_u=moved")
             | {"rejected": [e.fit.dataset.measurements.ids[k] for k in e.fit.final.estimate.rejected]}
             | {
                 "effects": [

@@ -20,6 +20,7 @@ from bayescal.gap.linear.state import fit_state
 from bayescal.gap.result import BlindSpot
 from bayescal.gap.search.candidates import candidates
 from bayescal.model import USUAL, FitOptions
+from bayescal.predict.forecast import DistanceErrors
 from bayescal.watching import rows, update
 from bayescal.watching.update import Contact
 
@@ -79,19 +80,14 @@ class Complete:
         return len(self.fit.dataset.measurements.ids)
 
     @property
-    def u(self) -> float:
-        """Standard uncertainty of a distance in the probed workspace, m."""
-        return self.fit.forecast.workspace.u
+    def distance(self) -> DistanceErrors:
+        """A distance in the probed workspace."""
+        return self.fit.forecast.workspace
 
     @property
     def U(self) -> float:
-        """The expanded uncertainty, m."""
-        return self.fit.forecast.workspace.expanded
-
-    @property
-    def k(self) -> float:
-        """The coverage factor of it."""
-        return self.fit.forecast.workspace.k
+        """Its expanded uncertainty, m."""
+        return self.distance.expanded
 
 
 @dataclass(frozen=True)
@@ -157,7 +153,7 @@ class Watch:
         """New contacts, judged by all others; odd ones are set aside, the most improbable first."""
         assert self.estimate is not None
         assert self.last is not None
-        wider, left = max(self.last.u / self._u_then, 1.0), list(new)
+        wider, left = max(self.last.distance.u / self._u_then, 1.0), list(new)
         while left:
             found = []
             for c in left:
@@ -171,7 +167,7 @@ class Watch:
                 self.odd.add(worst.row)
                 model, z = self.estimate.model, self.estimate.z
                 self.estimate = update.refined(model, z, self.odd, self.estimate)
-        U = self.last.k * wider * update.distance_u(self.estimate)
+        U = self.last.distance.k * wider * update.distance_u(self.estimate)
         for c in new:
             self.contacts[c.row] = replace(self.contacts[c.row], U=U)
         return [self.contacts[c.row] for c in new]
@@ -218,11 +214,9 @@ class Watch:
         self.estimate = update.begun(level, self.options.effects, self._options)
         self._u_then = update.distance_u(self.estimate)
         yield self.last
-        if self.options.enough >= self.last.U:
-            yield Notice(
-                ENOUGH,
-                f"U of a distance is {1e6 * self.last.U:.3g} µm, the aim {1e6 * self.options.enough:.3g} µm",
-            )
+        if (enough := self.options.enough) >= self.last.U:
+            text = f"U of a distance is {1e6 * self.last.U:.3g} µm, the aim {1e6 * enough:.3g} µm"
+            yield Notice(ENOUGH, text)
 
     def due(self, quiet: float) -> bool:
         """Whether a complete fit is due, `quiet` seconds after the last row."""

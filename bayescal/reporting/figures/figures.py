@@ -100,11 +100,6 @@ FILES: dict[str, dict[str, str]] = {
 """Files in a run folder by schema, and the figure that each holds; `fit-posterior.png` needs draws too."""
 
 
-def has(name: str, record: Json) -> bool:
-    """Whether a record holds what a figure is of: there may be no validation measurement."""
-    return name != "distances" or distances.measured(record)
-
-
 def content(name: str, record: Json) -> Content:
     """Title and panels of a figure of `CONTENT`."""
     schema = record.get("schema", "")
@@ -164,7 +159,8 @@ def figures_of(record: Json, draws: Draws | None = None) -> dict[str, bytes]:
     With the draws of its parameters, by name, the posterior of a fit too.
     """
     files = FILES[record["schema"]].items()
-    drawable = {file: content(name, record) for file, name in files if has(name, record)}
+    checked = distances.measured(record)  # there may be no validation measurement
+    drawable = {file: content(name, record) for file, name in files if checked or name != "distances"}
     if draws:
         drawable["fit-posterior.png"] = posterior_content(record, draws)
     with drawing():

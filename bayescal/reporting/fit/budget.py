@@ -11,10 +11,11 @@ from rich.console import RenderableType
 from bayescal.assess.budget import COVERAGE, MOST_DOF, Budget, Component
 from bayescal.assess.inputs import Basis
 from bayescal.assess.measurand import PARAMETER
+from bayescal.dataset.table import csv_text
 from bayescal.effects import UNITS
 from bayescal.effects.vocabulary import unit_label
 from bayescal.reporting.shared.origin import entry, origin, plain, scaled
-from bayescal.reporting.shared.sheet import csv_text, screen, sheet_of_cells
+from bayescal.reporting.shared.sheet import screen, sheet_of_cells
 from bayescal.reporting.shared.text import MISSING, Facts, percent, size, two_digits
 
 SCHEMA = "bayescal-budget/1"

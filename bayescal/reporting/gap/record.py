@@ -249,13 +249,11 @@ def _mark(gap: Gap) -> str | None:
     """The site that a drawing of the arm marks: of a named effect, else a location that is significant."""
     if gap.verdict.kind == "null":
         return None
-    for n in gap.verdict.named:
-        if n.sites:
-            return str(n.sites[0])
+    stated = [n.sites[0] for n in gap.verdict.named if n.sites]
     clear = [w for w in gap.where if w.family_p_value < OUTCOME.significant]
-    named = [w for w in clear if w.explained_by] if gap.verdict.named else []
-    others = [w for w in clear if not w.explained_by]
-    return next((str(w.site) for w in (*named, *others)), None)
+    named = [w.site for w in clear if w.explained_by] if gap.verdict.named else []
+    others = [w.site for w in clear if not w.explained_by]
+    return next(map(str, (*stated, *named, *others)), None)
 
 
 def _residuals(gap: Gap) -> dict[str, Any]:

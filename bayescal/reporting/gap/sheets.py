@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from bayescal.dataset.table import joint_columns
+from bayescal.dataset.table import csv_text, joint_columns
 from bayescal.effects.location import Site
 from bayescal.gap.result import MARGINS, VALIDATION_POINTS
 from bayescal.gap.settings import OUTCOME
 from bayescal.reporting.fit.sheets import level_sheet
 from bayescal.reporting.shared.origin import scaled
-from bayescal.reporting.shared.sheet import Bar, Column, Sheet, as_is, bar_of, csv_text, of_key
+from bayescal.reporting.shared.sheet import Bar, Column, Sheet, as_is, bar_of, of_key
 from bayescal.reporting.shared.text import (
     MISSING,
     NEVER,

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from io import StringIO
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from rich.console import ConsoleRenderable, Group, RenderableType
@@ -158,15 +156,6 @@ def _printed(part: Any) -> RenderableType:
 def below(*parts: Any) -> tuple[Any, ...]:
     """Parts of a screen with a blank line above; nothing if the first of them is left out."""
     return ("", *parts) if _holds(parts[0]) else ()
-
-
-def csv_text(head: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
-    """A table as CSV; None is an empty cell."""
-    out = StringIO()
-    writer = csv.writer(out, lineterminator="\n")
-    writer.writerow(head)
-    writer.writerows(rows)
-    return out.getvalue()
 
 
 def frame(sheet: Sheet, index: str) -> DataFrame:
