@@ -22,7 +22,7 @@ from bayescal.importing.orientations import Loose
 from bayescal.importing.roles import names, points
 from bayescal.importing.rotations import stated_rotation
 from bayescal.importing.units import UNITS, is_number, quantity, unit_of
-from bayescal.robots import load_robot
+from bayescal.robots import full_name, load_robot
 from bayescal.robots.servos import Servo, of_joints, read_calibration
 
 LISTED = "id=id, j*=J* deg"
@@ -209,16 +209,17 @@ class Request:
 
 def base_of(request: Request) -> Dataset:
     """A session of no rows: the template's (with another robot where one is named), or a bare one."""
+    reference = full_name(request.robot)
     if (path := request.source) is not None:
         expanded = expanded_robot(path) if request.allow_xacro else None
         base, _, _ = read_settings(path / SETTINGS if path.is_dir() else path, expanded)
         if request.robot:
-            robot, _ = load_robot(request.robot, allow_xacro=request.allow_xacro)
-            base = replace(base, robot=robot, robot_reference=request.robot)
+            robot, _ = load_robot(reference, allow_xacro=request.allow_xacro)
+            base = replace(base, robot=robot, robot_reference=reference)
     else:
-        robot, _ = load_robot(request.robot, allow_xacro=request.allow_xacro)
+        robot, _ = load_robot(reference, allow_xacro=request.allow_xacro)
         base = Dataset(
-            request.log.stem, request.log.parent, robot, request.robot, request.readings, UPRIGHT, (),
+            request.log.stem, request.log.parent, robot, reference, request.readings, UPRIGHT, (),
             Noise(), (), (), no_rows(robot.n),
         )  # fmt: skip
     noise = base.noise

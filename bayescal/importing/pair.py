@@ -23,9 +23,12 @@ OWN = ("tool", "target")
 
 def distinct(columns: Columns) -> Columns:
     """The rows with ids of their own: those of one id get the name of their tool, or target, or a number."""
-    if "id" not in columns.cells:
+    if "id" in columns.cells:
+        ids = columns.cells["id"].tolist()
+    elif len(np.unique(columns.line)) < columns.count:
+        ids = [f"r{line}" for line in columns.line]
+    else:
         return columns
-    ids = columns.cells["id"].tolist()
     for key in OWN:
         often = Counter(ids)
         if key in columns.cells and max(often.values()) > 1:

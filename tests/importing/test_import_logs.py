@@ -19,6 +19,7 @@ from bayescal.dataset import Tool, read_dataset, write_dataset
 from bayescal.dataset.consistency import nominal
 from bayescal.errors import BayescalError
 from bayescal.importing import Request, convert, write
+from bayescal.importing.ask import base_of
 from bayescal.importing.columns import columns_of, missing_in
 from bayescal.importing.log import read_log
 from bayescal.importing.mapping import read_map
@@ -148,6 +149,15 @@ def test_two_stations_and_two_reflectors(tracked, tmp_path):
     place = {t.name: t.values["xyz"] for t in got.targets}
     np.testing.assert_allclose(place["s0"], [1, 2, 3], atol=1e-6)
     np.testing.assert_allclose(place["s1"], [-0.5, 0, -1], atol=1e-6)
+
+
+def test_a_part_of_the_name_of_a_robot_is_enough(tmp_path):
+    """As `import --help` has it, also in place of a template's robot; the dataset has the full name."""
+    rows = ["1,2,3,4,5,6,7,8,9", "2,3,4,5,6,7,8,9,10"]
+    (tmp_path / "log.csv").write_text("\n".join(["A1,A2,A3,A4,A5,A6,X,Y,Z", *rows]))
+    request = Request(tmp_path / "log.csv", "j*=A* deg, x=X mm, y=Y mm, z=Z mm", robot="ur5e")
+    base = base_of(request)
+    assert (base.robot_reference, base.robot.name) == ("universal-robots-ur5e",) * 2
 
 
 def test_a_wild_row_does_not_carry_the_frame_away(tracked, tmp_path):

@@ -180,6 +180,10 @@ def test_two_reflectors_in_one_row(tracked, tmp_path, reflectors):
     assert rows.ids[:2] == ("p0.a", "p0.b")
     assert "p5.b" not in rows.ids
     both_are_found(got, centres, seen, 79)
+    bare = convert(Request(log, ", ".join(["j*=A* deg", *points]), **USUAL))
+    assert bare.dataset.measurements.ids[:2] == ("r2.a", "r2.b")  # of a log without ids the lines
+    write(bare, tmp_path / "out")
+    assert read_dataset(tmp_path / "out").measurements.ids == bare.dataset.measurements.ids
 
 
 @pytest.mark.parametrize("files", [1, 2])
