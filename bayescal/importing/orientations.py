@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bayescal.arm.chain import Robot, chain_of, frames, link_angles
 from bayescal.arm.hand_eye import angle
 from bayescal.arm.transforms import FAR, common_rotation, rigid_alignment, rpy_matrix, rpy_of
 from bayescal.dataset import Dataset, Target
+from bayescal.dataset.cameras import flange_poses
 from bayescal.errors import BayescalError, listed
 from bayescal.importing.columns import Columns, first
 from bayescal.importing.rotations import CONVENTIONS, matrices, not_rotations, roll_pitch_yaw
@@ -24,16 +24,11 @@ GENTLE = 1e-6
 """Weight, against all points', that keeps a reflector at the flange where nothing tells its place."""
 
 
-def flanges(robot: Robot, readings: np.ndarray) -> np.ndarray:
-    """Nominal poses of the flange in F0, (N, 4, 4), of readings (N, n), rad."""
-    return frames(chain_of(robot), link_angles(robot, readings))[:, -1]
-
-
 @dataclass(frozen=True)
 class Sightings:
     """N rows that instruments saw: nominal flanges, points, and which instrument and tool each is of."""
 
-    flange: np.ndarray  # (N, 4, 4) in F0
+    flange: np.ndarray  # (N, 3, 4) in F0
     seen: np.ndarray  # (N, 3) m, in the instrument's own frame
     station: np.ndarray  # (N,) int
     tool: np.ndarray  # (N,) int
@@ -191,7 +186,7 @@ def _angles(dataset: Dataset, turns: np.ndarray) -> np.ndarray:
     rows = dataset.measurements
     placed = np.array([t.values.get("rpy") is not None for t in dataset.targets])
     usable = np.flatnonzero(np.isfinite(turns).all(axis=(1, 2)) & placed[rows.target])
-    flange = flanges(dataset.robot, rows.readings)[:, :3, :3]
+    flange = flange_poses(dataset, rows.readings)[:, :, :3]
     off = np.full(len(rows.ids), np.nan)
     for tool in np.unique(rows.tool[usable]):
         mine = usable[rows.tool[usable] == tool]
@@ -238,7 +233,7 @@ class Loose:
         mine &= np.isfinite(rows.xyz).all(axis=1)
         used, station = np.unique(rows.target[mine], return_inverse=True)
         stated = np.array([t.name not in self.tools for t in dataset.tools])
-        flange = flanges(dataset.robot, rows.readings[mine])
+        flange = flange_poses(dataset, rows.readings[mine])
         sightings = Sightings(flange, rows.xyz[mine], station.ravel(), rows.tool[mine])
         frames, centres = fit(sightings, np.array([t.centre for t in dataset.tools]), stated)
         targets = list(dataset.targets)

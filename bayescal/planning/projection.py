@@ -93,10 +93,6 @@ class Projection:
         self.error = np.ascontiguousarray(linear.columns.T - absorbed.T @ linear.design.T)
         self.variance = np.sum((linear.design @ self.covariance) * linear.design, axis=1)
 
-    def variance_of_candidates(self) -> np.ndarray:
-        """Sum of the variances of each candidate's residuals, (candidates,)."""
-        return np.bincount(self.linear.candidate, self.variance, self.linear.count)
-
     def change(self, candidate: int, sign: float) -> None:
         """Choose a candidate (1), also once more, or drop (-1) one that was chosen."""
         for row in self.linear.residuals([candidate]).tolist():

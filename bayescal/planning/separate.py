@@ -235,7 +235,8 @@ def _next(
     """The best of the candidates that are `free`: by the variance of its prediction, or by the objective."""
     candidates = np.flatnonzero(free)
     if undetermined:
-        return int(candidates[np.argmax(p.variance_of_candidates()[candidates])])
+        each = np.bincount(p.linear.candidate, p.variance, p.linear.count)  # sums over residuals
+        return int(candidates[np.argmax(each[candidates])])
     if len(candidates) > TRIED:
         candidates = np.sort(rng.choice(candidates, TRIED, replace=False))
     return int(candidates[np.argmax(contrasts.changed(p, candidates, 1.0))])

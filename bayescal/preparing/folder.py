@@ -89,8 +89,6 @@ class Draft:
         A tool that suits the robot: its values stand where none are known yet.
     placed : bool
         Whether the places of the targets are reached by the robot; False: to be filled in.
-    schema : str
-        Name of the file beside dataset.yaml that describes it to editors.
     """
 
     name: str
@@ -100,7 +98,6 @@ class Draft:
     tool_centre: np.ndarray | None
     example: Tool
     placed: bool
-    schema: str
 
     @property
     def tools(self) -> tuple[str, ...]:
@@ -208,16 +205,6 @@ def _of_certificate(certificate: Certificate, key: str) -> str:
     return f"{certificate.kind}-{stem}" if stem.startswith("u_") else f"{certificate.kind}-{pair}"
 
 
-def schema_name(path: Path) -> str:
-    """The file beside a YAML file that describes it to editors."""
-    return f".{path.stem}.schema.json"
-
-
-def robot_template(schema: str) -> str:
-    """A robot.yaml with six joints whose values are to be filled in; no value is assumed."""
-    return rendered("robot.yaml.j2", schema=schema, joints=JOINTS, models=robot_schema)
-
-
 def columns_of(draft: Draft) -> dict[str, tuple[str, ...]]:
     """Columns of measurements.csv by key of `COLUMNS`.
 
@@ -236,7 +223,7 @@ def columns_of(draft: Draft) -> dict[str, tuple[str, ...]]:
     return {key: columns for key, columns in wanted.items() if columns}
 
 
-README = "README.md"
+README, SCHEMA_OF_ROBOT = "README.md", ".robot.schema.json"
 NEW = "new"
 """Robot that is not described yet: a robot.yaml to be filled in is written."""
 STAND_IN = "fanuc-lrmate200ic"
@@ -295,7 +282,6 @@ def start(
         tool_centre=tool,
         example=Sizes.of(arm).tool,
         placed=described,
-        schema=schema_name(Path(SETTINGS)),
     )
     columns, chosen = columns_of(draft), [ARTEFACTS[each] for each in artefacts]
     known = {"columns": columns, "meaning": COLUMNS, "on_sphere": ON_SPHERE}
@@ -303,11 +289,11 @@ def start(
         SETTINGS: settings_text(draft),
         TABLE: ",".join(chain(*columns.values())) + "\n",
         README: rendered("README.md.j2", folder=folder.name, draft=draft, artefacts=chosen, **known),
-        schema_name(Path(SETTINGS)): schema_text("dataset"),
+        ".dataset.schema.json": schema_text("dataset"),
     }
     if not builtin:
-        schema = schema_name(Path(ROBOT))
-        line = f"yaml-language-server: $schema={schema}\n{arm.name}, from {Path(reference).name}"
-        files[ROBOT] = robot_to_yaml(arm, line) if described else robot_template(schema)
-        files[schema] = schema_text("robot")
+        line = f"yaml-language-server: $schema={SCHEMA_OF_ROBOT}\n{arm.name}, from {Path(reference).name}"
+        new = rendered("robot.yaml.j2", joints=JOINTS, models=robot_schema)  # no value is assumed
+        files[ROBOT] = robot_to_yaml(arm, line) if described else new
+        files[SCHEMA_OF_ROBOT] = schema_text("robot")
     return tuple(file for file in filled(folder, files) if not file.startswith("."))

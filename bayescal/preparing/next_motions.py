@@ -23,6 +23,8 @@ from bayescal.preparing.joint_facts import SLOW, gravity_torques, joints_of
 from bayescal.preparing.joint_findings import FAST, LENGTH, REPEATS, missing
 from bayescal.probing.clearance import Clearance
 
+SECONDS = 2.0 * LENGTH
+"""Of each motion (assumed)."""
 EASE = 2.5
 """s, in which a motion leaves its pose and returns to it (assumed)."""
 SLOWEST = 0.9 * SLOW[1]
@@ -61,22 +63,16 @@ class Planned:
     """A motion that is to be logged: readings (N, n), rad, at the rate of the log."""
 
     name: str
-    kind: str
-    role: str
-    purpose: str
-    effects: tuple[str, ...]  # that it makes assessable
+    purpose: Purpose
     position: np.ndarray
-    same_as: str = ""
-    loaded: bool = False
-    times: int = 1  # that it is to be run
+    same_as: str
+    loaded: bool
 
 
 @dataclass(frozen=True)
 class MotionPlan:
     """Motions that are to be logged next, one after the other with a pause; `left_out` says what is not."""
 
-    log: Log
-    step: float  # s
     motions: tuple[Planned, ...]
     left_out: tuple[str, ...]
     bounds: Bounds
@@ -84,10 +80,10 @@ class MotionPlan:
     @property
     def timed(self) -> Iterator[tuple[Planned, np.ndarray]]:
         """Every motion, with its times (N,), s."""
-        start = 0.0
+        start, step = 0.0, self.bounds.step
         for m in self.motions:
-            yield m, start + self.step * np.arange(len(m.position))
-            start += self.step * len(m.position) + PAUSE
+            yield m, start + step * np.arange(len(m.position))
+            start += step * len(m.position) + PAUSE
 
 
 @dataclass(frozen=True)
@@ -250,12 +246,11 @@ class Purpose:
     kind: str
     words: str
     codes: frozenset[str]
-    effects: tuple[str, ...]
+    effects: tuple[str, ...]  # that it makes assessable
     shape: Shape
-    seconds: float = 2.0 * LENGTH
     copies: int = 1
     loaded: tuple[bool, ...] = (False,)
-    times: int = 1
+    times: int = 1  # that each copy is to be run
     role: str = "calibrate"
 
 
@@ -309,7 +304,7 @@ def next_motions(log: Log, effects: Collection[str] = (), sites: Sequence[str] =
     codes = {f.code for f in missing(log, joints_of(log), "")}
     if codes & {"no_torque", "unsigned"}:
         why = "without torques with a sign no motion tells more: log them first"
-        return MotionPlan(log, bounds.step, (), (why,), bounds)
+        return MotionPlan((), (why,), bounds)
     asked = [p for p in PURPOSES if p.codes & codes or set(p.effects) & set(effects)]
     for site in sites:
         if site.startswith("joint "):
@@ -327,10 +322,9 @@ def next_motions(log: Log, effects: Collection[str] = (), sites: Sequence[str] =
             continue
         names = [p.name if p.copies == 1 else f"{p.name}-{k + 1}" for k in range(p.copies)]
         motions += [
-            Planned(name, p.kind, p.role, p.words, p.effects, position, names[0] if k else "",
-                    p.loaded[k % len(p.loaded)], p.times)
+            Planned(name, p, position, names[0] if k else "", p.loaded[k % len(p.loaded)])
             for k, name in enumerate(names)
-        ]  # fmt: skip
+        ]
     if "no_fast" in codes:
         every = [derivative(m.position, bounds.step) for m in motions]
         fastest = np.max(np.abs(np.concatenate([*every, np.zeros((1, log.n))])), axis=0)
@@ -340,7 +334,7 @@ def next_motions(log: Log, effects: Collection[str] = (), sites: Sequence[str] =
         left_out.append("joints that never moved: give a robot file with their limits")
     if "no_temperature" in codes and any(p.name == "warm-up" for p in asked):
         left_out.append("log `temperature_degC`: warm-up is assessed by time alone without it")
-    return MotionPlan(log, bounds.step, tuple(motions), tuple(left_out), bounds)
+    return MotionPlan(tuple(motions), tuple(left_out), bounds)
 
 
 def _alone(joint: int) -> Purpose:
@@ -358,7 +352,7 @@ def _alone(joint: int) -> Purpose:
 def _fitted(b: Bounds, p: Purpose, number: int, kilograms: float) -> tuple[np.ndarray | None, str]:
     """A motion that keeps all bounds, as large as possible; None, and what no motion keeps."""
     rng, why = np.random.default_rng(number), ""
-    t = np.arange(0.0, p.seconds, b.step)
+    t = np.arange(0.0, SECONDS, b.step)
     x = np.clip(np.minimum(t, t[-1] - t) / EASE, 0.0, 1.0)[:, None]
     eased = x**3 * (10.0 - 15.0 * x + 6.0 * x**2)
     size = np.ones(len(b.home))

@@ -185,7 +185,6 @@ def _common(writer: Writer, plan: Plan, probe: Probe) -> dict[str, Any]:
     out: dict[str, Any] = {
         "name": writer.plain(session.name),
         "count": len(m.ids),
-        "rows": len(m.ids),
         "tcp": "; ".join(f"{name}{c} mm" for name, c in zip(names, centres, strict=True)),
         "tcp_numbers": ",".join(f"{1e3 * x:.4f}" for x in tool.centre),
         "mass": f"{max(tool.mass, 0.001):g}",
@@ -206,27 +205,19 @@ def _common(writer: Writer, plan: Plan, probe: Probe) -> dict[str, Any]:
     }
     for cycle in (2, 8, 12):  # ms
         late = SPEED * 1e-3 * cycle
-        out |= {f"late{cycle}": f"{1e3 * late:.2g}", f"over{cycle}": f"{1e3 * over_travel(late):.2g}"}
+        over = late + SPEED**2 / (2 * RAMP)  # from the contact to standstill
+        out |= {f"late{cycle}": f"{1e3 * late:.2g}", f"over{cycle}": f"{1e3 * over:.2g}"}
     return out
-
-
-def over_travel(late: float) -> float:
-    """Way from the contact to standstill, m: `late`, m, before the stop begins, and v2/(2 a)."""
-    return late + SPEED**2 / (2 * RAMP)
 
 
 def _table(name: str, text: Callable[[Plan], str], file: str) -> PlanFormat:
     return PlanFormat(name, lambda plan, probe: {file: text(plan)})
 
 
-def _program(form: Format, dialect: Dialect) -> PlanFormat:
-    writer = Writer(form, dialect)
-    return PlanFormat(form.name, partial(written, writer), writer.trigger)
-
-
+WRITERS = [Writer(form, form.dialect) for form in PROGRAMS.values() if form.dialect is not None]
 EVERY = (
     _table("csv", readings_table, "plan-joints.csv"),
-    *(_program(form, form.dialect) for form in PROGRAMS.values() if form.dialect is not None),
+    *(PlanFormat(writer.form.name, partial(written, writer), writer.trigger) for writer in WRITERS),
     _table("robodk", robodk_table, "plan-robodk.csv"),
     _table("poses", poses_table, "plan-poses.csv"),
 )

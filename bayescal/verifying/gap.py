@@ -63,11 +63,6 @@ class Measured:
         return np.concatenate(out)
 
 
-def validation_rows(arm: FittedArm) -> np.ndarray:
-    """Rows that no fit used."""
-    return arm.model.scene.rows("validate", "locate")
-
-
 def measured(arm: FittedArm, rows: np.ndarray, points: np.ndarray, noise: Mapping[str, float]) -> Measured:
     """Errors of validation measurements, for TCP positions (C, 3), m, of a simulator in these rows.
 
@@ -203,7 +198,7 @@ def simulated_gap(arm: FittedArm, before: Before, after: After, reported: Report
     reported : Reported
         By the run.
     """
-    rows = validation_rows(arm)
+    rows = arm.model.scene.rows("validate", "locate")
     if not len(rows):
         return None
     earlier = before_estimate(arm, reported.baseline)

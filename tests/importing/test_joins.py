@@ -12,10 +12,10 @@ from sessions import with_columns
 
 from bayescal.arm.transforms import rpy_matrix
 from bayescal.dataset import read_dataset, write_dataset
+from bayescal.dataset.cameras import flange_poses
 from bayescal.dataset.consistency import nominal
 from bayescal.errors import BayescalError
 from bayescal.importing import Request, convert, write
-from bayescal.importing.orientations import flanges
 from bayescal.importing.roles import stops_of, with_roles
 from bayescal.model.scene import Scene
 
@@ -244,7 +244,7 @@ def posed(tracker):
     session = tracker(seed=3, count=40)
     data = session.dataset
     tool = rpy_matrix(np.array([0.2, -0.4, 1.0]))
-    flange = flanges(data.robot, data.measurements.readings)[:, :3, :3]
+    flange = flange_poses(data, data.measurements.readings)[:, :3, :3]
     return data, session.frame[:3, :3].T @ flange @ tool
 
 
@@ -460,7 +460,7 @@ def motion_capture(data, path, hidden=(), mirrored=()):
     place = {"plate": np.array([0.05, 0.02, 0.04]), "wand": np.array([-0.03, 0.08, 0.1])}
     q = data.measurements.readings
     rows = []
-    for i, flange in enumerate(flanges(data.robot, q)):
+    for i, flange in enumerate(flange_poses(data, q)):
         body = "wand" if i % 2 else "plate"
         flip = Rotation.from_rotvec(np.radians(50) * np.array([0.6, 0.8, 0.0]) * (i in mirrored))
         quat = (flip * Rotation.from_matrix(flange[:3, :3]) * turns[body]).as_quat()

@@ -99,9 +99,9 @@ def test_planned_motions_keep_limits_speeds_and_clearance(log, result):
         angles = plan.bounds.arm.angles_of(m.position)
         assert np.all(angles >= robot.limits[:, 0] + MARGIN - 1e-9)
         assert np.all(angles <= robot.limits[:, 1] - MARGIN + 1e-9)
-        dq = derivative(m.position, plan.step)
+        dq = derivative(m.position, plan.bounds.step)
         assert np.all(np.abs(dq) <= plan.bounds.speed)
-        assert np.all(np.abs(derivative(dq, plan.step)) <= plan.bounds.acceleration)
+        assert np.all(np.abs(derivative(dq, plan.bounds.step)) <= plan.bounds.acceleration)
         assert not plan.bounds.clearance.collides(m.position[::20]).any()
         if m.name == "slow":
             assert np.abs(dq).max() < 1.5 * SLOW[1]
@@ -133,11 +133,12 @@ def test_a_log_that_lacks_a_quick_motion_gets_one(log):
     assert max(j.fastest for j in joints_of(slower)) < FAST
     plan = next_motions(slower)
     fast = next(m for m in plan.motions if m.name == "fast")
-    assert np.all(np.abs(derivative(fast.position, plan.step)).max(axis=0) > FAST)
+    assert np.all(np.abs(derivative(fast.position, plan.bounds.step)).max(axis=0) > FAST)
 
 
 def test_a_cause_that_is_left_open_moves_its_joint_alone(log):
-    alone = next(m for m in next_motions(read_log(log), (), ("joint 5", "tool")).motions if m.kind == "alone")
+    motions = next_motions(read_log(log), (), ("joint 5", "tool")).motions
+    alone = next(m for m in motions if m.purpose.kind == "alone")
     moved = np.ptp(alone.position, axis=0)
     assert moved[4] > 0.3
     assert np.all(np.delete(moved, 4) == 0.0)

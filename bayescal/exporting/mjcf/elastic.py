@@ -56,17 +56,13 @@ class Content:
     @cached_property
     def valued(self) -> tuple[tuple[Parameter, float], ...]:
         """Parameters and their deviations from nominal, SI."""
-        out: list[tuple[Parameter, float]] = []
+        scene, out = self.arm.model.scene, list[tuple[Parameter, float]]()
+        sessions = scene.circumstances(np.zeros(0, int)).sessions if scene.dataset.sessions else ()
+        others = tuple(f"{s.name}:" for s in sessions if not s.rows[self.row])
         for p, value in zip(self.arm.model.parameters, self.arm.values.tolist(), strict=True):
-            if self._applies(p):
+            if not p.name.startswith(others):
                 out += [(part, value * part.centre) for part in p.stands_for] or [(p, value)]
         return tuple(out)
-
-    def _applies(self, p: Parameter) -> bool:
-        sessions = self.arm.model.scene.dataset.sessions
-        rows = self.arm.model.scene.circumstances(np.zeros(0, int)).sessions if sessions else ()
-        other = [s.name for s in rows if not s.rows[self.row]]
-        return not any(p.name.startswith(f"{name}:") for name in other)
 
     def driven(self, *kinds: str) -> Iterator[tuple[Parameter, float]]:
         """Parameters with a driver of some kinds, and their values; none of a form in `UNHELD`."""

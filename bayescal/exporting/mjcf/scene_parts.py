@@ -1,7 +1,7 @@
 """What is done around the edits of a user's file.
 
-Parts of an earlier export are taken out before; after, added parts get names that the file does not have, its
-keyframes the positions of more joints, and the compiled file is compared with the arm and the file as it was.
+Parts of an earlier export are taken out before; after, added parts get names that the file does not have, and
+its keyframes the positions of more joints.
 """
 
 from __future__ import annotations
@@ -14,63 +14,11 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 
-from bayescal.arm.transforms import rigid, rotation
 from bayescal.errors import BayescalError
-from bayescal.exporting.mjcf.mechanism import PARTS, Mechanism
+from bayescal.exporting.mjcf.mechanism import PARTS
 from bayescal.exporting.mjcf.readings import Joints, Law, posture
-from bayescal.exporting.mjcf.scene_arm import FoundArm, SceneFile, compiled
-from bayescal.exporting.same_arm import Match
-from bayescal.exporting.sidecar import mujoco
+from bayescal.exporting.mjcf.scene_arm import SceneFile, compiled
 from bayescal.exporting.xml_text import XmlText, numbers
-
-CLOSE = 1e-9
-"""m: difference of the written file's kinematics from the arm's at which it is not handed out."""
-
-
-def check(
-    arm_in_file: FoundArm,
-    where: Match,
-    machine: Mechanism,
-    before: Any,
-    after: Any,
-    names: Mapping[str, str],
-    file: str,
-) -> None:
-    """Compare the compiled file with the arm's kinematics, and its other bodies with the file as it was.
-
-    Raises
-    ------
-    BayescalError
-        If they differ: nothing is written.
-    """
-    mj = mujoco()
-    data, rng = mj.MjData(after), np.random.default_rng(0)
-    off = 0.0
-    for turns in (np.zeros(len(arm_in_file.ids)), *rng.uniform(-np.pi, np.pi, (3, len(arm_in_file.ids)))):
-        data.qpos[:] = after.qpos0
-        angles = iter(turns.tolist())
-        pose = np.eye(4)
-        for body in machine.bodies:
-            turn = next(angles) if body.name.startswith("link") else 0.0
-            pose = pose @ body.pose @ rigid(rotation(2, turn))
-        for name, sign, turn in zip(arm_in_file.file.names, where.signs, turns, strict=True):
-            data.joint(name).qpos[0] = sign * turn
-        mj.mj_kinematics(after, data)
-        flange = data.body(names.get("flange", "flange"))
-        theirs = where.root @ rigid(flange.xmat.reshape(3, 3), flange.xpos)
-        off = max(off, float(np.max(np.abs(theirs - pose @ machine.flange))))
-    arm = {before.body(b).name for b in arm_in_file.ids}
-    others = [before.body(b).name for b in range(1, before.nbody) if before.body(b).name not in arm | {""}]
-    same = after.ngeom == before.ngeom and all(
-        np.allclose(getattr(before.body(name), key), getattr(after.body(name), key), rtol=1e-9, atol=1e-12)
-        for name in others
-        for key in ("mass", "inertia", "pos", "ipos")
-    )
-    if not (off < CLOSE and same):
-        moves = f"moves by {off:.1e} m (or rad) from the calibrated geometry"
-        what = f"the written file {moves if same else 'changes other bodies'}"
-        raise BayescalError(what, file, "this is a defect of bayescal; nothing is written")
-
 
 POSE = ("pos", "quat")
 

@@ -14,14 +14,14 @@ from xml.etree import ElementTree as ET
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from bayescal.arm.transforms import rigid
+from bayescal.arm.transforms import rigid, rotation
 from bayescal.errors import BayescalError
 from bayescal.exporting.mjcf import scene_arm
 from bayescal.exporting.mjcf.elastic import Content
 from bayescal.exporting.mjcf.mechanism import MOST, PARTS, Body, Mechanism, elements, mechanism, merge_held
 from bayescal.exporting.mjcf.readings import Joints, Law, bare, law_of
 from bayescal.exporting.mjcf.scene_arm import FoundArm
-from bayescal.exporting.mjcf.scene_parts import check, with_keyframes, with_unique_names, without_earlier
+from bayescal.exporting.mjcf.scene_parts import with_keyframes, with_unique_names, without_earlier
 from bayescal.exporting.same_arm import ANGLE, Match, smallest_turn
 from bayescal.exporting.sidecar import mujoco
 from bayescal.exporting.written import Options, Written, path_of
@@ -34,14 +34,16 @@ TURNED = ("quat", "axisangle", "xyaxes", "zaxis", "euler")
 """Attributes for an orientation; a quaternion takes the place of any."""
 SAME = 1e-12
 """m and rad: a pose that differs by less is left as it is written."""
+CLOSE = 1e-9
+"""m: difference of the written file's kinematics from the arm's at which it is not handed out."""
 
 
 @dataclass(frozen=True)
 class Scene:
     """A user's file that is edited: its tree, its arm, and the fitted arm that takes its place.
 
-    `spec` and `model` are of the file as it was, without the parts of an earlier export. `where` is the match
-    of the arms, `names` those of the file's joints by those of the robot.
+    `spec` and `model` are of the file as it was, without the parts of an earlier export. `names` are those of
+    the file's joints by those of the robot.
     """
 
     name: str
@@ -49,7 +51,6 @@ class Scene:
     spec: Any
     model: Any
     arm: FoundArm
-    where: Match
     content: Content
     law: Law
     names: Mapping[str, str]
@@ -62,7 +63,7 @@ class Scene:
     @property
     def joints(self) -> Joints:
         """Joints of the arm in the file."""
-        return Joints(tuple(self.names.values()), self.where.signs)
+        return Joints(tuple(self.names.values()), self.arm.where.signs)
 
     @property
     def yields(self) -> bool:
@@ -102,7 +103,8 @@ def patched(arm: FittedArm, options: Options) -> tuple[Written, tuple[str, ...]]
     with_keyframes(file, before, gone, scene.law, scene.joints, others.get("joint", {}))
     text = file.xml.text
     after = scene_arm.compiled(text, path.parent, path.name)
-    check(scene.arm, scene.where, scene.machine, model, after, others.get("body", {}), path.name)
+    flange = others.get("body", {}).get("flange", "flange")
+    _check(scene, after, flange)
     notes += [
         f"the file has a {kind} {name}: that of the arm is called {new}"
         for kind, each in others.items()
@@ -113,14 +115,14 @@ def patched(arm: FittedArm, options: Options) -> tuple[Written, tuple[str, ...]]
         "into": path.name,
         "tip": links[-1],
         "joints": scene.names,
-        "joint_from_reading": (scene.where.signs[:, None] * arm.dataset.robot.link_from_reading).tolist(),
-        "signs": scene.where.signs.tolist(),
-        "root_in_f0": scene.where.root.tolist(),
+        "joint_from_reading": (scene.arm.where.signs[:, None] * arm.dataset.robot.link_from_reading).tolist(),
+        "signs": scene.arm.where.signs.tolist(),
+        "root_in_f0": scene.arm.where.root.tolist(),
         "renamed": others,
     }
-    notes += [*scene.where.notes, *_carried(model, scene.arm)]
+    notes += [*scene.arm.where.notes, *_carried(model, scene.arm)]
     written = Written(text, notes=notes, details=details, placed=partial(scene_arm.moved, text, path.parent))
-    return written, (links[0], *links, others.get("body", {}).get("flange", "flange"))
+    return written, (links[0], *links, flange)
 
 
 def _scene(arm: FittedArm, options: Options, root: ET.Element, tip: str, before: Any) -> Scene:
@@ -128,7 +130,8 @@ def _scene(arm: FittedArm, options: Options, root: ET.Element, tip: str, before:
     (path, _), robot = path_of(options.into), arm.dataset.robot
     spec = scene_arm.spec_of(scene_arm.skeleton(root), path.parent, path.name)
     model = scene_arm.model_of(spec, path.name)
-    in_file = scene_arm.find_arm(root, spec, model, robot, tip, path.name)
+    found = scene_arm.find_arm(root, spec, model, robot, tip, path.name)
+    in_file = replace(found, where=_upright(found.where, before.opt.gravity, arm.dataset.gravity))
     content = Content(arm, options.state)
     law = law_of(content)
     return Scene(
@@ -137,7 +140,6 @@ def _scene(arm: FittedArm, options: Options, root: ET.Element, tip: str, before:
         spec,
         model,
         in_file,
-        _upright(in_file.where, before.opt.gravity, arm.dataset.gravity),
         content,
         bare(law) if options.readings == "script" else law,
         dict(zip(robot.joint_names, in_file.file.names, strict=True)),
@@ -157,7 +159,7 @@ def _upright(where: Match, theirs: np.ndarray, ours: np.ndarray) -> Match:
 def _poses(scene: Scene) -> list[str]:
     """Calibrated poses of the bodies, as the file writes them: at the references of their joints."""
     arm, links = scene.arm, list[np.ndarray]()
-    pose = np.linalg.inv(scene.where.root)
+    pose = np.linalg.inv(scene.arm.where.root)
     for body in scene.machine.bodies:
         pose = pose @ body.pose
         if body.hinges and body.name.startswith("link") and body.hinges[0].spring is None:
@@ -165,7 +167,7 @@ def _poses(scene: Scene) -> list[str]:
     before = np.eye(4)
     for k, body_element in enumerate(arm.bodies):
         anchor = rigid(None, arm.anchors[k])
-        here = links[k] @ scene.where.links[k] @ np.linalg.inv(anchor)
+        here = links[k] @ scene.arm.where.links[k] @ np.linalg.inv(anchor)
         turn = rigid(Rotation.from_rotvec(arm.references[k] * arm.file.axes[k]).as_matrix())
         local = np.linalg.inv(before @ arm.steps[k]) @ here @ anchor @ turn @ np.linalg.inv(anchor)
         _place(body_element, local, arm.written[k])
@@ -196,7 +198,7 @@ def _links(scene: Scene) -> list[str]:
     for k, body_element in enumerate(arm.bodies):
         parts = [b for b in bodies if b.name.partition("_")[0] == f"link{k + 1}"]
         heavy = parts[-1].mass > 0
-        to_file = np.linalg.inv(scene.where.links[k] @ np.linalg.inv(rigid(None, arm.anchors[k])))
+        to_file = np.linalg.inv(scene.arm.where.links[k] @ np.linalg.inv(rigid(None, arm.anchors[k])))
         if weighed and scene.model.body_gravcomp[arm.ids[k]] != (not heavy):
             body_element.set("gravcomp", "0" if heavy else "1")
             lifted += [body_element.get("name", "")] if heavy else []
@@ -260,7 +262,7 @@ def _stand(scene: Scene) -> list[str]:
     around.remove(top)
     stand = ET.Element("body", name="stand", gravcomp="1")
     stand.extend(elements(PARTS.inertial((0, 0, 0), 1, 0.01)))
-    to_parent = np.linalg.inv(scene.where.root @ arm.steps[0]) @ base.pose
+    to_parent = np.linalg.inv(scene.arm.where.root @ arm.steps[0]) @ base.pose
     for h in base.hinges:
         stand.extend(elements(PARTS.hinge(h.seen(to_parent))))
     stand.append(top)
@@ -271,7 +273,7 @@ def _stand(scene: Scene) -> list[str]:
 def _flange(scene: Scene) -> list[str]:
     """A body for the flange on the last body of the arm, with the tips of the tools; if it yields, a tool."""
     arm, machine = scene.arm, scene.machine
-    last = scene.where.links[-1] @ np.linalg.inv(rigid(None, arm.anchors[-1]))
+    last = scene.arm.where.links[-1] @ np.linalg.inv(rigid(None, arm.anchors[-1]))
     place = _place_of(np.linalg.inv(last) @ machine.flange)
     flange = ET.SubElement(arm.bodies[-1], "body", {"name": "flange", **place})
     flange.extend(elements(PARTS.tips(machine.loads)))
@@ -343,6 +345,45 @@ GEOMETRY = (_poses, _flange)
 """Edits for a rigid arm."""
 ELASTIC = (_explicit_masses, _integrator, _links, _stand, _held)
 """Further ones for an arm with springs or errors of its readings."""
+
+
+def _check(scene: Scene, after: Any, flange: str) -> None:
+    """Compare the compiled file with the arm's kinematics, and its other bodies with the file as it was.
+
+    `flange` is the name of its body.
+
+    Raises
+    ------
+    BayescalError
+        If they differ: nothing is written.
+    """
+    mj, before, ids, where = mujoco(), scene.model, scene.arm.ids, scene.arm.where
+    data, rng = mj.MjData(after), np.random.default_rng(0)
+    off = 0.0
+    for turns in (np.zeros(len(ids)), *rng.uniform(-np.pi, np.pi, (3, len(ids)))):
+        data.qpos[:] = after.qpos0
+        angles = iter(turns.tolist())
+        pose = np.eye(4)
+        for body in scene.machine.bodies:
+            turn = next(angles) if body.name.startswith("link") else 0.0
+            pose = pose @ body.pose @ rigid(rotation(2, turn))
+        for name, sign, turn in zip(scene.joints.names, where.signs, turns, strict=True):
+            data.joint(name).qpos[0] = sign * turn
+        mj.mj_kinematics(after, data)
+        tip = data.body(flange)
+        theirs = where.root @ rigid(tip.xmat.reshape(3, 3), tip.xpos)
+        off = max(off, float(np.max(np.abs(theirs - pose @ scene.machine.flange))))
+    arm = {before.body(b).name for b in ids}
+    others = [before.body(b).name for b in range(1, before.nbody) if before.body(b).name not in arm | {""}]
+    same = after.ngeom == before.ngeom and all(
+        np.allclose(getattr(before.body(name), key), getattr(after.body(name), key), rtol=1e-9, atol=1e-12)
+        for name in others
+        for key in ("mass", "inertia", "pos", "ipos")
+    )
+    if not (off < CLOSE and same):
+        moves = f"moves by {off:.1e} m (or rad) from the calibrated geometry"
+        what = f"the written file {moves if same else 'changes other bodies'}"
+        raise BayescalError(what, scene.name, "this is a defect of bayescal; nothing is written")
 
 
 def _carried(model: Any, arm: FoundArm) -> list[str]:

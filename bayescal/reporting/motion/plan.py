@@ -29,9 +29,9 @@ PLAN, COMMANDS, PURPOSES = "plan.json", "next-motions.csv", "next-motions.yaml"
 def motions_of(plan: MotionPlan) -> list[dict[str, Any]]:
     """The motions as entries of a record."""
     return [
-        {"id": m.name, "kind": m.kind, "role": m.role, "same_as": m.same_as or m.name, "loaded": m.loaded,
-         "times": m.times, "from_s": round(float(time[0]), 6), "to_s": round(float(time[-1]), 6),
-         "for": list(m.effects), "words": m.purpose}
+        {"id": m.name, "kind": m.purpose.kind, "role": m.purpose.role, "same_as": m.same_as or m.name,
+         "loaded": m.loaded, "times": m.purpose.times, "from_s": round(float(time[0]), 6),
+         "to_s": round(float(time[-1]), 6), "for": list(m.purpose.effects), "words": m.purpose.words}
         for m, time in plan.timed
     ]  # fmt: skip
 
@@ -48,8 +48,8 @@ def plan_record(plan: MotionPlan) -> dict[str, Any]:
     }
     bounds = {key: [round(x, 3) if np.isfinite(x) else None for x in v.tolist()] for key, v in sizes.items()}
     record = {
-        **origin(SCHEMA, plan.log, 0),
-        "rate_hz": round(1.0 / plan.step, 6),
+        **origin(SCHEMA, b.log, 0),
+        "rate_hz": round(1.0 / b.step, 6),
         "pause_s": PAUSE,
         "first_pose_deg": np.degrees(b.home),
         "bounds": {**bounds, "clear_of_itself": b.clearance is not None},
