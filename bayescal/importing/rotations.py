@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -22,36 +23,25 @@ LOOSE = 1e-3
 
 @dataclass(frozen=True)
 class Convention:
-    """`count` numbers a row, angles or not; the rotation matrices (N, 3, 3) of numbers (N, count); words."""
+    """`count` numbers a row, angles or not; the rotations, or matrices, of numbers (N, count); words."""
 
     count: int
     angles: bool
-    matrices: Callable[[np.ndarray], np.ndarray]
+    rotations: Callable[[np.ndarray], Rotation | np.ndarray]
     words: str
 
 
-def _euler(sequence: str) -> Callable[[np.ndarray], np.ndarray]:
-    return lambda values: Rotation.from_euler(sequence, values).as_matrix()
-
-
-def _quaternions(order: tuple[int, ...]) -> Callable[[np.ndarray], np.ndarray]:
-    return lambda values: Rotation.from_quat(values[:, list(order)]).as_matrix()
-
-
-def _turned(values: np.ndarray) -> np.ndarray:
-    return np.asarray(Rotation.from_rotvec(values).as_matrix())
-
-
+REAL_FIRST = partial(Rotation.from_quat, scalar_first=True)
 CONVENTIONS: dict[str, Convention] = {
     "rpy": Convention(3, True, rpy_matrix, "R = Rz(third) Ry(second) Rx(first)"),
     "wpr": Convention(3, True, rpy_matrix, "FANUC W P R: R = Rz(R) Ry(P) Rx(W)"),
-    "abc": Convention(3, True, _euler("ZYX"), "KUKA A B C: R = Rz(A) Ry(B) Rx(C)"),
-    "zyx": Convention(3, True, _euler("ZYX"), "R = Rz(first) Ry(second) Rx(third)"),
-    "xyz": Convention(3, True, _euler("XYZ"), "Stäubli Rx Ry Rz: R = Rx Ry Rz"),
-    "oat": Convention(3, True, _euler("ZYZ"), "Kawasaki O A T: R = Rz(O) Ry(A) Rz(T)"),
-    "rotvec": Convention(3, True, _turned, "Universal Robots: rotation vector"),
-    "wxyz": Convention(4, False, _quaternions((1, 2, 3, 0)), "quaternion, real part first (ABB q1 ... q4)"),
-    "xyzw": Convention(4, False, _quaternions((0, 1, 2, 3)), "quaternion, real part last (ROS)"),
+    "abc": Convention(3, True, partial(Rotation.from_euler, "ZYX"), "KUKA A B C: R = Rz(A) Ry(B) Rx(C)"),
+    "zyx": Convention(3, True, partial(Rotation.from_euler, "ZYX"), "R = Rz(first) Ry(second) Rx(third)"),
+    "xyz": Convention(3, True, partial(Rotation.from_euler, "XYZ"), "Stäubli Rx Ry Rz: R = Rx Ry Rz"),
+    "oat": Convention(3, True, partial(Rotation.from_euler, "ZYZ"), "Kawasaki O A T: R = Rz(O) Ry(A) Rz(T)"),
+    "rotvec": Convention(3, True, Rotation.from_rotvec, "Universal Robots: rotation vector"),
+    "wxyz": Convention(4, False, REAL_FIRST, "quaternion, real part first (ABB q1 ... q4)"),
+    "xyzw": Convention(4, False, Rotation.from_quat, "quaternion, real part last (ROS)"),
     "matrix": Convention(9, False, lambda v: v.reshape(-1, 3, 3), "rotation matrix, row by row"),
     "matrix-columns": Convention(
         9, False, lambda v: v.reshape(-1, 3, 3).transpose(0, 2, 1), "rotation matrix, column by column"
@@ -76,7 +66,8 @@ def matrices(values: np.ndarray, name: str) -> np.ndarray:
     given = np.isfinite(values).all(axis=1)
     out = np.full((len(values), 3, 3), np.nan)
     if given.any():
-        u, _, vt = np.linalg.svd(CONVENTIONS[name].matrices(values[given]))
+        turns = CONVENTIONS[name].rotations(values[given])
+        u, _, vt = np.linalg.svd(turns.as_matrix() if isinstance(turns, Rotation) else turns)
         out[given] = u @ vt  # the nearest rotation, of rounded numbers
     return out
 

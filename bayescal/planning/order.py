@@ -66,10 +66,11 @@ def ordered(
     label = np.array(placements([t.name for t in pool.session.targets]), object)[m.target]
     stations = _stations(m, label, np.flatnonzero(m.role != "validate"))
     sweeps = -(-ORDERS[order] // max(len(stations), 1))
+    mass = np.zeros(len(rows)) if m.payload is None else m.payload  # the lightest comes first
     visits = [visit for station in stations for visit in _dealt(rows, m, station, sweeps, rng)]
     legs = []
     for k, visit in enumerate(visits):
-        loads = [visit] if order == RANDOM else _by_payload(m, visit)
+        loads = [visit] if order == RANDOM else [visit[mass[visit] == kg] for kg in np.unique(mass[visit])]
         legs.append(loads[:: -1 if k % 2 else 1])
     half = (len(legs) + 1) // 2
     middle, end = _validating(m, label, np.flatnonzero(m.role == "validate"))
@@ -184,13 +185,6 @@ def _dealt(
         out[(sweep_of[row] + apart[seen[row] % count]) % count].append(int(position))
         seen[row] += 1
     return [np.array(positions, int) for positions in out if positions]
-
-
-def _by_payload(m: Measurements, some: np.ndarray) -> list[np.ndarray]:
-    """Positions `some` with each payload, the lightest first."""
-    if m.payload is None:
-        return [some]
-    return [some[m.payload[some] == kg] for kg in np.unique(m.payload[some])]
 
 
 def _validating(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -78,9 +78,6 @@ def check_log(folder: Path, calibrations: Sequence[Path] = ()) -> LogCheck:
 STEADY = 1.0
 """K: a temperature that varies less shows no drift (assumed: ten times the noise of a thermometer)."""
 
-Needs = Callable[[Log, Sequence[Joint]], str]
-"""What the motions of a log lack for an effect, with how to record it; "" if nothing."""
-
 
 def not_assessed(log: Log, joints: Sequence[Joint]) -> dict[str, str]:
     """Effects that a diagnosis cannot assess, and why: by columns of the log, or by what motions excite."""
@@ -92,55 +89,33 @@ def not_assessed(log: Log, joints: Sequence[Joint]) -> dict[str, str]:
     if log.motions[0].torque is None:
         why = "no torques with a sign: log them" if log.torque_kind else "no torques: log torques or currents"
         return dict.fromkeys(EFFECTS, why)
-    reasons = {
-        name: effect.lacks(log) or (EXCITED[name](log, joints) if name in EXCITED else "")
-        for name, effect in EFFECTS.items()
-    }
+    unexcited = _unexcited(log, joints)
+    reasons = {name: effect.lacks(log) or unexcited.get(name, "") for name, effect in EFFECTS.items()}
     return {name: why for name, why in reasons.items() if why}
 
 
-def _slow(log: Log, joints: Sequence[Joint]) -> str:
-    slow = any(j.slow >= CROSSINGS for j in joints)
-    return "" if slow else f"speeds below {SLOW[1]:g} rad/s are too few: reverse slowly"
-
-
-def _moved(log: Log, joints: Sequence[Joint]) -> str:
-    return "" if any(j.fastest > SLOW[1] for j in joints) else "no joint moves: log motions"
-
-
-def _poses(log: Log, joints: Sequence[Joint]) -> str:
-    varied = any(j.gravity[1] >= LOADS * abs(j.gravity[0]) for j in gravity_loaded(joints))
-    return "" if varied else "gravity loads the joints in one pose: move them in two or more"
-
-
-def _constant(log: Log, joints: Sequence[Joint]) -> str:
+def _unexcited(log: Log, joints: Sequence[Joint]) -> dict[str, str]:
+    """What the motions lack for some effects, with how to record it; "" if nothing."""
+    loaded, warm = gravity_loaded(joints), warm_up(log)
+    varied = any(j.gravity[1] >= LOADS * abs(j.gravity[0]) for j in loaded)
+    poses = "" if varied else "gravity loads the joints in one pose: move them in two or more"
+    moved = "" if any(j.fastest > SLOW[1] for j in joints) else "no joint moves: log motions"
+    few = f"speeds below {SLOW[1]:g} rad/s are too few: reverse slowly"
+    constant = "" if any(m.loaded for m in log.motions) else poses
     if log.torque_kind == "sensor":
-        return "torques are those of a sensor: it has no torque constant"
-    return "" if any(m.loaded for m in log.motions) else _poses(log, joints)
-
-
-def _warm(log: Log, joints: Sequence[Joint]) -> str:
-    warm = warm_up(log)
-    known = np.isnan(warm) or warm >= STEADY
-    return "" if known else f"the temperature varies by {warm:.2g} K: log {WARM:g} K of warm-up"
-
-
-def _level(log: Log, joints: Sequence[Joint]) -> str:
-    return "" if len(gravity_loaded(joints)) > 1 else "gravity loads fewer than two joints"
-
-
-EXCITED: dict[str, Needs] = {
-    "inertia": _moved,
-    "armature": _moved,
-    "asymmetric-friction": _moved,
-    "stribeck": _slow,
-    "load-friction": _poses,
-    "torque-constant": _constant,
-    "torque-drift": _warm,
-    "viscous-temperature": _warm,
-    "base-tilt": _level,
-}
-"""What motions must excite, by effect."""
+        constant = "torques are those of a sensor: it has no torque constant"
+    steady = f"the temperature varies by {warm:.2g} K: log {WARM:g} K of warm-up" if warm < STEADY else ""
+    return {
+        "inertia": moved,
+        "armature": moved,
+        "asymmetric-friction": moved,
+        "stribeck": "" if any(j.slow >= CROSSINGS for j in joints) else few,
+        "load-friction": poses,
+        "torque-constant": constant,
+        "torque-drift": steady,
+        "viscous-temperature": steady,
+        "base-tilt": "" if len(loaded) > 1 else "gravity loads fewer than two joints",
+    }
 
 
 def log_record(of: LogCheck) -> dict[str, Any]:

@@ -55,13 +55,10 @@ def motions(plan: Plan) -> Iterator[Motion]:
     """
     readings = plan.session.measurements.readings
     for row, (away, contact) in enumerate(zip(plan.approach, readings, strict=True)):
-        leave = plan.leave[row] if plan.leave else None
-        if leave is not None and len(leave):
-            for point in leave[:-1]:
-                yield Motion(row, PASS, point)
-            yield Motion(row, STOP, leave[-1])
-        way = plan.via[row] if plan.via else None
-        for point in () if way is None else way:
+        leave = _points(plan.leave, row)
+        for k, point in enumerate(leave, start=1):
+            yield Motion(row, STOP if k == len(leave) else PASS, point)
+        for point in _points(plan.via, row):
             yield Motion(row, PASS, point)
         if np.array_equal(away, contact):
             yield Motion(row, MEASURE, contact)
@@ -69,6 +66,12 @@ def motions(plan: Plan) -> Iterator[Motion]:
             yield Motion(row, APPROACH, away)
             yield Motion(row, CONTACT, contact)
             yield Motion(row, RETRACT, away)
+
+
+def _points(ways: Sequence[np.ndarray | None], row: int) -> Sequence[np.ndarray]:
+    """Readings that are passed on a way of a row; none where it is not known."""
+    points = ways[row] if ways else None
+    return () if points is None else tuple(points)
 
 
 @dataclass(frozen=True)
@@ -175,8 +178,7 @@ def steps(plan: Plan, guard: Guarded) -> Iterator[Step]:
             yield Step(STOP, k + 1, texts | {"text": text})
         row = k
         change = plan.changes[k] if plan.changes else ""
-        leave = plan.leave[k] if plan.leave else None
-        if first and change and (leave is None or not len(leave)):
+        if first and change and not _points(plan.leave, k):
             yield Step(STOP, k + 1, texts | {"text": change})
         if first and plan.by_hand and plan.by_hand[k]:  # no collision-free path from the contact before
             yield Step(STOP, k + 1, texts | {"text": plan.by_hand[k]})

@@ -311,13 +311,11 @@ def link_hinges(content: Content) -> Mapping[int, tuple[Hinge, ...]]:
     compliances = {p.name: value for p, value in content.driven("bending moment") if value}
     for j, name in enumerate(content.arm.dataset.robot.joint_names):
         two = ends(chain, j + 1)
-        hinges = [
+        out[j] = tuple(
             Hinge(axis, way, two.mean(axis=0), _positive(compliances[label], label))
             for axis, way in across(two).items()
             if (label := f"{BENDING.name} {name} link {axis}") in compliances
-        ]
-        if hinges:
-            out[j] = tuple(hinges)
+        )
     return out
 
 

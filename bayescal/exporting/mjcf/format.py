@@ -79,12 +79,9 @@ def replay_table(
     """
     law, dataset = law_of(content), content.arm.dataset
     tool = dataset.tools[int(dataset.measurements.tool[content.row])].name
-    probe = dict.fromkeys((*PROBE.values(), "ball_radius_m"), 0.0)
-    for p, value in content.valued:
-        if p.name in PROBE:
-            probe[PROBE[p.name]] = value
-        elif p.name == f"ball-radius {tool}":
-            probe["ball_radius_m"] = value
+    values = {p.name: value for p, value in content.valued}
+    probe = {key: values.get(name, 0.0) for name, key in PROBE.items()}
+    probe["ball_radius_m"] = values.get(f"ball-radius {tool}", 0.0)
     return {
         "joints": list(joints.names),
         "signs": joints.signs.tolist(),

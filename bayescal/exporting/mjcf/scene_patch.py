@@ -1,11 +1,11 @@
 """A user's MJCF file with the fitted arm in it: a list of edits, each of which changes the tree.
 
-An edit takes the `Scene` and returns what a user should know of it.
+An edit takes the `Scene`, and returns what a user should know of it, if anything.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Any
@@ -97,7 +97,7 @@ def patched(arm: FittedArm, options: Options) -> tuple[Written, tuple[str, ...]]
     scene = _scene(arm, options, file.root, tip, before)
     notes = [f"{name} stands in place of its <include>" for name in file.included]
     for edit in (*GEOMETRY, *(ELASTIC if scene.yields else ())):
-        notes += edit(scene)
+        notes += edit(scene) or []
     model, names = scene.model, scene.arm.file.names
     others = with_unique_names(file.xml, model, names, path.name)
     with_keyframes(file, before, gone, scene.law, scene.joints, others.get("joint", {}))
@@ -156,7 +156,7 @@ def _upright(where: Match, theirs: np.ndarray, ours: np.ndarray) -> Match:
     return replace(where, root=turn @ where.root)
 
 
-def _poses(scene: Scene) -> list[str]:
+def _poses(scene: Scene) -> None:
     """Calibrated poses of the bodies, as the file writes them: at the references of their joints."""
     arm, links = scene.arm, list[np.ndarray]()
     pose = np.linalg.inv(scene.arm.where.root)
@@ -172,7 +172,6 @@ def _poses(scene: Scene) -> list[str]:
         local = np.linalg.inv(before @ arm.steps[k]) @ here @ anchor @ turn @ np.linalg.inv(anchor)
         _place(body_element, local, arm.written[k])
         before = here
-    return []
 
 
 def _place(element: ET.Element, pose: np.ndarray, before: np.ndarray) -> None:
@@ -248,11 +247,11 @@ def _inertial(element: ET.Element, body: Body, to_file: np.ndarray, model: Any, 
     inertial.set("pos", numbers(to_file[:3, :3] @ body.centre + to_file[:3, 3]))
 
 
-def _stand(scene: Scene) -> list[str]:
+def _stand(scene: Scene) -> None:
     """A body for the hinges of the stand, around the first link: what carries the arm does not load them."""
     arm, base = scene.arm, scene.machine.bodies[0]
     if not base.hinges:
-        return []
+        return
     parent = {child: e for e in scene.root.iter() for child in e}
     top = arm.bodies[0]
     if parent[arm.joints[0]] is not top:  # in a body before it
@@ -267,10 +266,9 @@ def _stand(scene: Scene) -> list[str]:
         stand.extend(elements(PARTS.hinge(h.seen(to_parent))))
     stand.append(top)
     around.insert(place_of_top, stand)
-    return []
 
 
-def _flange(scene: Scene) -> list[str]:
+def _flange(scene: Scene) -> None:
     """A body for the flange on the last body of the arm, with the tips of the tools; if it yields, a tool."""
     arm, machine = scene.arm, scene.machine
     last = scene.arm.where.links[-1] @ np.linalg.inv(rigid(None, arm.anchors[-1]))
@@ -282,7 +280,6 @@ def _flange(scene: Scene) -> list[str]:
         row = scene.content.row
         number_ = int(scene.content.arm.dataset.measurements.tool[row])
         flange.extend(elements(PARTS.tool(machine.loads[number_])))
-    return []
 
 
 def _integrator(scene: Scene) -> list[str]:
@@ -330,7 +327,7 @@ def _parts_of(body: ET.Element) -> Iterator[ET.Element]:
             yield from _parts_of(e)
 
 
-def _held(scene: Scene) -> list[str]:
+def _held(scene: Scene) -> None:
     """Defaults of all added parts, and what holds their hinges."""
     top = scene.root.find("default")
     (ET.SubElement(scene.root, "default") if top is None else top).extend(elements(PARTS.defaults(False)))
@@ -338,12 +335,12 @@ def _held(scene: Scene) -> list[str]:
     merge_held(scene.root, scene.content, scene.machine, scene.law, scene.joints, renamed)
     for part in [e for tag in ("tendon", "equality") for e in scene.root.findall(tag)[:1] if not len(e)]:
         scene.root.remove(part)  # an earlier export had parts there
-    return []
 
 
-GEOMETRY = (_poses, _flange)
+Edit = Callable[[Scene], list[str] | None]
+GEOMETRY: tuple[Edit, ...] = (_poses, _flange)
 """Edits for a rigid arm."""
-ELASTIC = (_explicit_masses, _integrator, _links, _stand, _held)
+ELASTIC: tuple[Edit, ...] = (_explicit_masses, _integrator, _links, _stand, _held)
 """Further ones for an arm with springs or errors of its readings."""
 
 
