@@ -194,8 +194,6 @@ class XmlText:
 
 def with_attributes(tag: bytes, before: Mapping[str, str], now: Mapping[str, str]) -> bytes:
     """A start tag (or an empty element) with changed attributes; further ones are added last."""
-    if before == now:
-        return tag
     out, done = b"", 0
     for match in ATTRIBUTE.finditer(tag):
         key = match[2].decode()

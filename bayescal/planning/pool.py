@@ -291,8 +291,6 @@ def condensed(columns: np.ndarray, candidate: np.ndarray) -> tuple[np.ndarray, n
     """
     begin = np.flatnonzero(np.diff(candidate, prepend=-1))
     end = np.append(begin[1:], len(candidate))
-    if not np.any(end - begin > POSE):
-        return columns, candidate
     parts, numbers = [], []
     for a, b in zip(begin, end, strict=True):
         rows = columns[a:b]

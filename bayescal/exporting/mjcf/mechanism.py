@@ -189,12 +189,8 @@ def names(n: int, ground: Ground | None = None) -> tuple[str, ...]:
 
 def places(content: Content, law: Law) -> dict[str, np.ndarray]:
     """Poses (4, 4) of the bodies of a file in their parents, by name."""
-    robot, of = content.arm.model.scene.dataset.robot, poses(content, law)
-    if robot.ground is None:
-        return dict(zip(names(robot.n), of, strict=True))
-    bodies = [Body(f"link{j}", pose) for j, pose in enumerate(of[:-1])]  # the first is the base
-    made = _on_ground(Mechanism(tuple(bodies), of[-1], (), np.zeros(3)), robot.ground)
-    return {b.name: b.pose for b in (*made.bodies, *made.passed)} | {"flange": of[-1]}
+    machine = mechanism(content, law)
+    return {b.name: b.pose for b in (*machine.bodies, *machine.passed)} | {"flange": machine.flange}
 
 
 def poses(content: Content, law: Law) -> list[np.ndarray]:
