@@ -191,7 +191,7 @@ def command(monkeypatch, capsys):
     """The command line in this process: exit code, output and error text for its arguments."""
     from bayescal.cli import main
 
-    monkeypatch.setattr("bayescal.cli.progress.EVERY", 3600.0)  # no lines of progress on a busy machine
+    monkeypatch.setattr("bayescal.cli.root.EVERY", 3600.0)  # no lines of progress on a busy machine
 
     def run(*arguments):
         monkeypatch.setattr("sys.argv", ["bayescal", *map(str, arguments)])

@@ -71,7 +71,7 @@ def make(
     a single file; its SHA-256 is printed and stored in every session. An interrupted run continues.
     """
     from analysis.blind.make import make as run
-    from bayescal.cli.progress import progress
+    from bayescal.cli.root import progress
     from bayescal.storage.locks import alone
 
     with alone(out), keeping(lambda: KEPT), progress("worlds") as notify:
@@ -96,7 +96,7 @@ def run(folder: Folder, workers: Workers = 1, dask: Dask = None, rounds: Rounds 
     from analysis.blind.rounds import second_round
     from analysis.blind.run import known
     from analysis.blind.run import run as answer
-    from bayescal.cli.progress import progress
+    from bayescal.cli.root import progress
     from bayescal.storage.locks import alone
 
     if rounds > 1 and not of_contacts(folder):

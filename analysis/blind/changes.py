@@ -36,7 +36,7 @@ def answer(folder: Path) -> dict[str, Any]:
     from bayescal.changes.outcome import changed
     from bayescal.dataset import read_dataset
     from bayescal.effects import BASELINE
-    from bayescal.reporting.changed_record import changed_record
+    from bayescal.reporting.changed import changed_record
 
     return {"gap": changed_record(changed([read_dataset(folder / s) for s in PAIR], BASELINE))}
 

@@ -8,8 +8,7 @@ from typing import Any
 
 import typer
 
-from bayescal.cli.progress import progress
-from bayescal.cli.root import command, run_folder, show
+from bayescal.cli.root import command, progress, run_folder, show
 from bayescal.errors import BayescalError
 
 

@@ -7,8 +7,7 @@ from typing import Any
 
 import typer
 
-from bayescal.cli.progress import progress
-from bayescal.cli.root import command, run_folder, show
+from bayescal.cli.root import command, progress, run_folder, show
 
 
 @command(

@@ -8,8 +8,7 @@ from typing import Any
 
 import typer
 
-from bayescal.cli.progress import progress
-from bayescal.cli.root import check_format, command, print_as, said, show
+from bayescal.cli.root import check_format, command, print_as, progress, said, show
 from bayescal.errors import BayescalError
 from bayescal.exporting import CERTIFICATE, FORMATS
 

@@ -31,7 +31,7 @@ class ChangedResult(Result):
     data: Changed | None = None
 
     def _contents(self) -> Json:
-        from bayescal.reporting.changed_record import changed_record
+        from bayescal.reporting.changed import changed_record
 
         return changed_record(self._new())
 

@@ -1,23 +1,28 @@
-"""What changed, as text of the terminal, as a page, as CSV, and its run folder."""
+"""What changed between sessions: changed.json, text of the terminal, page, CSV, and their run folder."""
 
 from __future__ import annotations
 
 import shlex
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 from rich.console import RenderableType
 from rich.text import Text as Words
 
 from bayescal import __version__
+from bayescal.changes.moves import Shift
+from bayescal.changes.outcome import Changed, Detectable, Difference
 from bayescal.dataset.table import csv_text
+from bayescal.effects import UNITS
 from bayescal.effects.vocabulary import unit_label
-from bayescal.reporting.changed_record import SMALL, detectable_kinds, named, since, small
 from bayescal.reporting.page.section import FirstScreen, Section, Text, blocks, page, texts
-from bayescal.reporting.shared.origin import filed
+from bayescal.reporting.shared.origin import entry, filed, origin, plain
 from bayescal.reporting.shared.sheet import Column, Sheet, below, screen
 from bayescal.reporting.shared.text import (
+    UM,
     Facts,
     length,
     listed,
@@ -31,6 +36,200 @@ from bayescal.reporting.shared.text import (
 from bayescal.storage.files import json_text
 from bayescal.storage.folders import filled
 from bayescal.storage.reading import Json
+
+SCHEMA = "bayescal-changed/1"
+LIBRARIES = ("gtsam", "numpy", "scipy", "numba")
+MOST = 6
+"""Items that a sentence lists."""
+COVERAGE = 2.0
+"""k of the expanded uncertainties."""
+ITEM = ("item=item.name", "effect=item.effect", "parameter=parameter.name", "site=item.site")
+POSE = ("dx_um", "dy_um", "dz_um", "length_um", "U_um")
+"""Fields of entries."""
+
+
+def changed_record(result: Changed) -> Json:
+    """The content of changed.json."""
+    d = result.distances
+    record: dict[str, Any] = {
+        **origin(SCHEMA, result.dataset, 0, LIBRARIES),
+        **entry(result, "model=effects", "robot=dataset.robot.name"),
+        "sessions": [s.name for s in result.sessions],
+        "folders": [str(s.folder) for s in result.sessions],
+        **entry(result, "verdict", "arm"),
+        "probability": entry(result, "same", "arm_same"),
+        "items": [_item(x) for x in result.differences],
+        "detectable": [_detectable(x) for x in result.detectable],
+        "distances": d and entry(d, "rms_um", "u_rms_um", "largest_um", "u_largest_um"),
+        "poses": [_pose(x) for x in result.shifts],
+        "noise_factor": result.noise,
+        "model_errors": [{"effect": name, "variance_over_prior": x} for name, x in result.errors],
+        "targets_compared": sorted(result.compared),
+        "warnings": result.warnings,
+    }
+    record["words"] = words(record)
+    return {key: plain(value) for key, value in record.items()}
+
+
+def _item(x: Difference) -> dict[str, Any]:
+    unit, factor = UNITS[x.parameter.unit]
+    return (
+        entry(x, *ITEM, "kind=item.kind")
+        | {"unit": unit}
+        | entry(x, "sessions")
+        | entry(x, "before", "after", "difference", "u", unit=x.parameter.unit)
+        | {"U": COVERAGE * factor * x.u, "k": COVERAGE}
+        | entry(x, "probability", "class=group", "stated")
+    )
+
+
+def _detectable(x: Detectable) -> dict[str, Any]:
+    sizes = entry(x, "value", "tcp_um", unit=x.parameter.unit)
+    return entry(x, *ITEM) | {"unit": UNITS[x.parameter.unit][0]} | sizes
+
+
+def _pose(x: Shift) -> dict[str, Any]:
+    sizes: Sequence[float | None] = [None] * len(POSE)
+    if x.shift is not None:
+        sizes = [*(UM * x.shift).tolist(), UM * x.size, COVERAGE * UM * x.u]
+    return {"target": x.where, **dict(zip(POSE, sizes, strict=True)), "reason": x.reason}
+
+
+def named(item: Json) -> str:
+    """An item as text: ``zero of joint 2 (theta2)``, ``compliance J3``, ``base against the targets``."""
+    name, site, kind = item["item"], item["site"], item["kind"]
+    if kind == "unknown":
+        return f"an unmodelled error of {site} ({name.partition(' at ')[0]})"
+    if kind == "setup":
+        if site == "base":
+            return "base against the targets"
+        return f"{name} on the flange" if site == "tool" else f"target {name}"
+    if item["unit"] == "deg" and kind == "arm" and site.startswith("joint"):
+        return f"zero of {site} ({name})"
+    return f"{name} of {site}" if kind == "arm" and site not in name else name
+
+
+def by_item(items: Sequence[Json]) -> list[list[Json]]:
+    """Entries of items by the item and its sessions, in order."""
+    out: dict[tuple[str, str], list[Json]] = {}
+    for x in items:
+        out.setdefault((x["item"], ", ".join(x["sessions"])), []).append(x)
+    return list(out.values())
+
+
+SMALL = {"deg": ("mdeg", 1e3), "mm": ("µm", 1e3)}
+"""Units of differences, in print, and the factors to them."""
+
+
+def small(x: Json) -> tuple[float, float, str]:
+    """Difference and u of an entry in a unit for print, and that unit."""
+    unit, factor = SMALL.get(x["unit"], (unit_label(x["unit"]), 1.0))
+    return factor * x["difference"], factor * x["u"], unit
+
+
+def sized(entries: Sequence[Json]) -> str:
+    """The difference of an item as text; the length of a vector."""
+    if len(entries) > 1 and len({x["unit"] for x in entries}) > 1:
+        return ", ".join(
+            sized([x for x in entries if x["unit"] == unit])
+            for unit in dict.fromkeys(x["unit"] for x in entries)
+        )
+    values = np.array([small(x)[:2] for x in entries])
+    size, u, unit = float(values[0, 0]), float(values[0, 1]), small(entries[0])[2]
+    if len(entries) > 1:
+        size = float(np.linalg.norm(values[:, 0]))
+        u = float(np.linalg.norm(values[:, 0] * values[:, 1])) / max(size, np.finfo(float).tiny)
+    return f"{with_u(size, u)} {unit}".rstrip()
+
+
+OTHER_ARM = 9
+"""Changes from which on the sessions may be of different arms (assumed)."""
+
+
+def words(record: Json) -> list[str]:
+    """The conclusion in sentences, the verdict first."""
+    same = percent(record["probability"]["same"])
+    stated = by_item([x for x in record["items"] if x["stated"]])
+    open_ = by_item([x for x in record["items"] if not x["stated"]])
+    out = []
+    if record["verdict"] == "same":
+        out.append(f"No change was found. That nothing changed has a probability of {same}.")
+    elif record["verdict"] == "ambiguous":
+        names = [f"{named(x[0])} ({percent(x[0]['probability'])})" for x in (*stated, *open_)[:MOST]]
+        out.append(
+            f"Not decided. That nothing changed has a probability of {same}."
+            + (f" Possible: {listed(names, 'or')}." if names else "")
+        )
+    else:
+        groups = dict.fromkeys(tuple(sorted(e[0]["class"])) or (e[0]["item"],) for e in stated)
+        for group in groups:
+            members = [e for e in stated if e[0]["item"] in group]
+            sizes, x = [f"{named(e[0])} by {sized(e)}" for e in members], members[0][0]
+            when = since(x["sessions"], record["sessions"])
+            if len(members) > 1:
+                out.append(f"Changed {when}: {listed(sizes, 'or')}; these sessions do not tell which.")
+            else:
+                out.append(f"Changed {when}: {sizes[0]} (probability {percent(x['probability'])}).")
+        if more := len(out) - MOST:
+            out = [*out[:MOST], f"{more} more, in the table."] if more > 1 else out
+        if len(groups) >= OTHER_ARM:
+            out.append("So much differs that these may be different arms.")
+        if all(x[0]["kind"] == "setup" for x in stated):
+            out.append(
+                f"The arm itself did not change (probability {percent(record['probability']['arm_same'])})."
+                if record["arm"] == "same"
+                else "Whether the arm itself changed is not decided."
+            )
+    moves = record["distances"]
+    if moves and record["verdict"] != "same":
+        rms, largest = f"{with_u(moves['rms_um'], moves['u_rms_um'])} µm", abs(moves["largest_um"])
+        out.append(
+            f"Distances between the poses of these sessions change by {rms} RMS, at most {largest:.0f} µm."
+        )
+    out += found_from(record)
+    return out
+
+
+def since(sessions: Sequence[str], every: Sequence[str]) -> str:
+    """When something changed, in words."""
+    if len(sessions) == 1 and sessions[0] != every[-1]:
+        return f"in {sessions[0]} alone"
+    return f"from {sessions[0]} on"
+
+
+def found_from(record: Json) -> list[str]:
+    """What would have been found, in a sentence for each kind of parameter."""
+    parts = []
+    for label, entries in detectable_kinds(record).items():
+        known = [x for x in entries if x["value"] is not None]
+        if known:
+            ends = dict.fromkeys(f"{f(x['tcp_um'] for x in known):.0f}" for f in (min, max))
+            parts.append(f"{label} {' to '.join(ends)} µm")
+    said = {x["parameter"] for x in record["items"] if x["stated"]}
+    unseen = [
+        x["parameter"]
+        for own in detectable_kinds(record).values()
+        for x in own
+        if x["value"] is None and x["parameter"] not in said
+    ]
+    out = [f"A change would have been found (9 times in 10) if it moved the TCP by: {'; '.join(parts)}."]
+    if unseen:
+        shown = [*unseen[:MOST], *(["others"] if unseen[MOST:] else [])]
+        out.append(f"Not visible in these sessions: {listed(shown)}.")
+    return out if parts else out[1:]
+
+
+def detectable_kinds(record: Json) -> dict[str, list[Json]]:
+    """Entries of `detectable` by kind, of the model's parameters and the tool."""
+    out: dict[str, list[Json]] = {}
+    for x in record["detectable"]:
+        if x["effect"] in record["model"] or x["site"] == "tool" or x["item"].startswith("theta"):
+            kind = {"deg": "joint zeros" if x["site"].startswith("joint") else "twists", "mm": "lengths"}.get(
+                x["unit"], x["effect"]
+            )
+            out.setdefault("tool" if x["site"] == "tool" else kind, []).append(x)
+    return out
+
 
 CHANGED, PAGE, TABLE = "changed.json", "changed.html", "changed.csv"
 SIGNS = {

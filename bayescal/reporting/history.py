@@ -15,7 +15,7 @@ from bayescal.changes.history import DAY, QUANTILES, TREND, Course, History
 from bayescal.dataset.table import csv_text
 from bayescal.effects import UNITS
 from bayescal.effects.vocabulary import unit_label
-from bayescal.reporting.changed_record import COVERAGE, SMALL
+from bayescal.reporting.changed import COVERAGE, SMALL
 from bayescal.reporting.page import svg
 from bayescal.reporting.page.section import Figures, FirstScreen, blocks, page
 from bayescal.reporting.shared.origin import entry, plain, software

@@ -17,7 +17,7 @@ from bayescal.dataset.join import joined
 from bayescal.errors import BayescalError
 from bayescal.programs.text import Target
 from bayescal.public.changes import ChangedResult
-from bayescal.reporting.changed_record import sized, words
+from bayescal.reporting.changed import sized, words
 from bayescal.reporting.shared.text import with_u
 
 ARM = {"effects": "geometry", "later": 4, "repeats": 0, "spheres": 0, "arm_seed": 3}

@@ -23,9 +23,8 @@ import pytest
 from click.testing import CliRunner
 from test_documented_commands import commands
 
-from bayescal.cli import progress as module
-from bayescal.cli.progress import progress
-from bayescal.cli.root import PARAMETER
+from bayescal.cli import root as module
+from bayescal.cli.root import PARAMETER, progress
 
 CALLED = {
     "budget": ("bayescal.public.budgets.budget",),

@@ -29,8 +29,15 @@ from bayescal.reporting.fit.budget import budget_csv, budget_record
 from bayescal.reporting.fit.posterior import fit_draws, parameter_draws
 from bayescal.reporting.page.build import PAGES, write_page
 from bayescal.reporting.shared.body import arm_drawing
-from bayescal.reporting.shared.images import images_record
-from bayescal.reporting.shared.origin import FACTORS, by_target, entry, origin, plain, rows_record
+from bayescal.reporting.shared.origin import (
+    FACTORS,
+    by_target,
+    entry,
+    images_record,
+    origin,
+    plain,
+    rows_record,
+)
 from bayescal.reporting.shared.text import MM, UM
 from bayescal.statistics import rms
 from bayescal.storage.files import json_text

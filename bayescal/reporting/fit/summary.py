@@ -18,8 +18,7 @@ from bayescal.predict.crossvalidation import inside95
 from bayescal.predict.forecast import DistanceErrors
 from bayescal.predict.validation import Errors, Validation
 from bayescal.reporting.fit import sheets
-from bayescal.reporting.shared.images import images_lines
-from bayescal.reporting.shared.origin import filed_lines
+from bayescal.reporting.shared.origin import filed_lines, images_lines
 from bayescal.reporting.shared.sheet import Sheet, below, screen, terminal
 from bayescal.reporting.shared.text import MDEG, MM, UM, Facts, facts, percent, um, um2, under
 from bayescal.storage.reading import Json

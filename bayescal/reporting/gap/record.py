@@ -36,8 +36,7 @@ from bayescal.reporting.gap.phrases import class_record, headline, place, unshow
 from bayescal.reporting.gap.sheets import per_vector, table_of_contacts
 from bayescal.reporting.page.build import write_page
 from bayescal.reporting.shared.body import arm_drawing
-from bayescal.reporting.shared.images import images_record
-from bayescal.reporting.shared.origin import entry, origin, plain, rows_record, scaled, sized
+from bayescal.reporting.shared.origin import entry, images_record, origin, plain, rows_record, scaled, sized
 from bayescal.reporting.shared.text import UM
 from bayescal.storage.files import json_text
 from bayescal.storage.folders import whole

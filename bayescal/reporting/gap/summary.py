@@ -11,8 +11,7 @@ from rich.text import Text
 from bayescal.effects.common import ELSEWHERE
 from bayescal.gap.result import VALIDATION_CONTACTS, Gap, Margin
 from bayescal.reporting.gap import causes, sheets
-from bayescal.reporting.shared.images import images_lines
-from bayescal.reporting.shared.origin import filed_lines, scaled
+from bayescal.reporting.shared.origin import filed_lines, images_lines, scaled
 from bayescal.reporting.shared.sheet import Column, Sheet, inside, screen, terminal
 from bayescal.reporting.shared.text import (
     Facts,

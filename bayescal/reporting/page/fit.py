@@ -23,7 +23,7 @@ from bayescal.reporting.page.section import (
     blocks,
     texts,
 )
-from bayescal.reporting.shared.images import images_keys, images_sheet
+from bayescal.reporting.shared.origin import images_keys, images_sheet
 from bayescal.reporting.shared.sheet import Column, Sheet, as_is
 from bayescal.reporting.shared.text import (
     MISSING,

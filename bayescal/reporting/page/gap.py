@@ -11,8 +11,7 @@ from bayescal.reporting.gap import sheets
 from bayescal.reporting.page import common
 from bayescal.reporting.page.arm import draw_arm, marked_sites
 from bayescal.reporting.page.section import Fault, FirstScreen, Run, Section, Text, blocks, texts
-from bayescal.reporting.shared.images import images_keys, images_sheet
-from bayescal.reporting.shared.origin import possible
+from bayescal.reporting.shared.origin import images_keys, images_sheet, possible
 from bayescal.reporting.shared.sheet import Sheet
 from bayescal.reporting.shared.text import MISSING, interval, length, probability, rival, share
 from bayescal.storage.reading import Json

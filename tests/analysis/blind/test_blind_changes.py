@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import bayescal.changes.outcome
-import bayescal.reporting.changed_record
+import bayescal.reporting.changed
 from analysis.blind import changes
 from analysis.blind.folder import DATASET, PAIR
 from analysis.blind.make import CHANGES, Drawn, built, make
@@ -87,7 +87,7 @@ def test_a_pair_has_two_datasets_and_a_change_of_the_drawn_size(monkeypatch):
 
     monkeypatch.setattr(bayescal.changes.outcome, "changed", compared)
     monkeypatch.setattr(
-        bayescal.reporting.changed_record, "changed_record", lambda found: {"verdict": found, "rows": [1]}
+        bayescal.reporting.changed, "changed_record", lambda found: {"verdict": found, "rows": [1]}
     )
     found = answered(Task("000", texts))
     assert found["gap"] == {"verdict": "found"}
