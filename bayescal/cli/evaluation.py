@@ -37,7 +37,7 @@ def fit(
     ----------
     datasets
         Dataset folder with dataset.yaml, measurements.csv and the robot. Several sessions of the same arm are
-        evaluated together, and one of them may be a joint log of it.
+        evaluated together; of `fit` one of them may be a joint log of it.
     model
         Effects of the calibrated model, separated by commas, each at all its sites or 'at joint 3'.
     samples

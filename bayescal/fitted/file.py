@@ -37,6 +37,8 @@ from bayescal.storage.reading import read_record
 
 SCHEMA = "bayescal-arm/1"
 ARM_FILE, COPY = "arm.json", "dataset"
+OF_LOG = "arm.yaml"
+"""The arm in a run folder of a joint log."""
 ROUNDING = 1e-6
 """Of a covariance over its standard deviations: beyond, it was changed by hand."""
 
@@ -126,6 +128,9 @@ def read_arm(folder: Path) -> FittedArm:
     path = folder / ARM_FILE
     repeat = "repeat bayescal fit or gap with this version"
     if not path.is_file():
+        if (folder / OF_LOG).is_file():
+            remedy = "export and verify take it; other commands need the run of a session"
+            raise BayescalError("is the run of a joint log", str(folder), remedy)
         within = next((str(below) for below in sorted(folder.glob("*")) if (below / ARM_FILE).is_file()), "")
         remedy = f"give {within}" if within else f"give a run folder of fit or gap, or {repeat}"
         raise BayescalError(f"there is no {ARM_FILE}", str(folder), remedy)

@@ -137,7 +137,12 @@ def log_of(source: Any) -> Path | None:
         return None
     if others or len(logs) > 1:
         what = "several folders, among them a joint log"
-        raise BayescalError(what, str(logs[0]), "give one joint log at a time")
+        remedy = (
+            "give the log alone; only `fit` takes it beside a session"
+            if others
+            else "give one joint log at a time"
+        )
+        raise BayescalError(what, str(logs[0]), remedy)
     return logs[0]
 
 

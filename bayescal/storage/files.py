@@ -261,6 +261,15 @@ def _check_size(events: Iterable[yaml.Event], name: str) -> None:
             raise BayescalError(what, f"{name}:{line}", "check brackets and indents")
 
 
+OF_SCHEMAS = {
+    "bayescal-motion": "a joint log",
+    "bayescal-dataset": "a session",
+    "bayescal-robot": "a robot",
+    "bayescal-artefact": "an artefact",
+}
+"""What files of a schema hold."""
+
+
 def check_schema(document: Document, schema: str) -> None:
     """Refuse a document whose ``schema`` is missing or another than `schema`."""
     given = document.data.get("schema")
@@ -269,6 +278,10 @@ def check_schema(document: Document, schema: str) -> None:
     family = schema.partition("/")[0]
     if not isinstance(given, str):
         raise BayescalError("missing key `schema`", document.where(()), f"add `schema: {schema}`")
+    if of := OF_SCHEMAS.get(given.partition("/")[0] if not given.startswith(family) else ""):
+        raise BayescalError(
+            f"schema `{given}` is that of {of}", document.where(("schema",)), f"expected is `{schema}`"
+        )
     what = f"schema `{given}` is " + ("of another version" if given.startswith(family) else "not known here")
     raise BayescalError(what, document.where(("schema",)), f"this version reads `{schema}`")
 

@@ -157,3 +157,7 @@ def test_options_of_contacts_are_refused(null_log):
         bc.diagnose(null_log, "geometry")
     with pytest.raises(BayescalError, match="one joint log at a time"):
         bc.diagnose([null_log, null_log])
+    with pytest.raises(BayescalError, match="only `fit` takes it beside a session"):
+        bc.diagnose([null_log, null_log.parent])
+    with pytest.raises(BayescalError, match="is that of a joint log"):
+        bc.compare(null_log)

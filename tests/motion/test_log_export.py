@@ -247,6 +247,8 @@ def test_a_diagnosis_is_verified_with_its_arm(gap, tmp_path):
 def test_other_formats_and_options_are_refused(run):
     with pytest.raises(BayescalError, match="cannot be written as kuka"):
         bc.export(run, "kuka")
+    with pytest.raises(BayescalError, match="is the run of a joint log"):
+        bc.budget(run)
     with pytest.raises(BayescalError, match="leave other options out"):
         bc.export(run, "mjcf", with_="backlash")
 
