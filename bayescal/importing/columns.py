@@ -199,7 +199,7 @@ def _unit_of(log: Log, key: str, column: Column, used: Expression) -> Unit:
                 what = f"`{key}` is stated in {column.unit.name}, but `{head}` of the file is in {unit.name}"
                 raise BayescalError(what, log.name, "correct the map, or the header")
         return column.unit
-    dimension = column.dimension or dimension_of(_base(key), 99, log.name)
+    dimension = column.dimension or dimension_of(_base(key), ("deg",) * 99, log.name)
     units = {unit for _, unit in headed}
     if len(units) == 1 and (unit := units.pop()) is not None:
         return unit_of(unit.name, dimension, f"{log.name}: `{key}`")

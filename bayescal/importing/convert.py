@@ -302,7 +302,6 @@ def _columns(request: Request, robot: Robot) -> Read:
     centres: dict[str, np.ndarray] = {}
     notes: list[str] = []
     n, servos = robot.n, request.servos(robot.joint_names)
-    slides = (np.flatnonzero(robot.slides) + 1).tolist()
     if request.format != "csv" or servos:
         only_revolute(robot, f"logs of {request.format}", "import a table, with a map")
     if request.format == "robodk" and not request.map:
@@ -312,10 +311,10 @@ def _columns(request: Request, robot: Robot) -> Read:
             notes.append(f"{rows_words(count)} of {log.name} excluded: not measured (0, 0, 0)")
     elif request.format == "csv" and not request.map:
         log = read_log(request.log, headed=True)
-        columns = columns_of(log, mapping.own_map(log.header, n, log.name, slides), request.decimal)
+        columns = columns_of(log, mapping.own_map(log.header, robot.units, log.name), request.decimal)
     else:
-        map_: Map = mapping.read_map(ask.FORMATS[request.format], n, formal=True)
-        map_ = {**map_, **mapping.read_map(request.map, n, slides=slides)}
+        map_: Map = mapping.read_map(ask.FORMATS[request.format], robot.units, formal=True)
+        map_ = {**map_, **mapping.read_map(request.map, robot.units)}
         map_ = mapping.calibrated(map_, servos) if servos else map_
         if request.format == "probing":
             columns = columns_of(read_records(request.log, n), map_)
@@ -324,7 +323,7 @@ def _columns(request: Request, robot: Robot) -> Read:
         else:
             columns = _mapped(request.log, map_, request.decimal)
     mapped = [mapping_words(columns)]
-    files = [_points(request, path, said, n) for path, said in request.files] if request.points else []
+    files = [_points(request, path, said, robot) for path, said in request.files] if request.points else []
     mapped += [mapping_words(points) for points in files]
     parts = []
     for points in sorted(files, key=is_measured):  # conditions first: they are those of all measurements
@@ -340,12 +339,12 @@ def _columns(request: Request, robot: Robot) -> Read:
     return columns, centres, tuple(notes), tuple(words for part in mapped for words in part)
 
 
-def _points(request: Request, path: Path, said: str, n: int) -> Columns:
+def _points(request: Request, path: Path, said: str, robot: Robot) -> Columns:
     """A file beside the log; its map may be the unit of its points alone."""
     if is_unit(said.strip()):
         log = read_log(path)
         return columns_of(log, ask.points_map(log, said.strip()), request.decimal)
-    return _mapped(path, mapping.read_map(said, n), request.decimal)
+    return _mapped(path, mapping.read_map(said, robot.units), request.decimal)
 
 
 def _mapped(path: Path, map_: Map, decimal: str) -> Columns:

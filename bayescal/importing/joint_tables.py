@@ -39,7 +39,8 @@ def read_table(
         As `columns_of`; without the time or the positions of all joints.
     """
     formal = UR_RTDE if format_ == "ur-rtde" else ""
-    entries: Map = read_map(formal, n, formal=True) | read_map(map_, n)
+    units = ("deg",) * n
+    entries: Map = read_map(formal, units, formal=True) | read_map(map_, units)
     entries = calibrated(entries, servos) if servos else entries
     columns = columns_of(read_log(path, missing=missing_in(entries), cut=True), entries, decimal)
     if "time" not in columns.cells:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import re
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
@@ -180,8 +180,6 @@ class Column:
 
 
 Map = Mapping[str, Column]
-Slides = Collection[int]
-"""Numbers of joints, from 1."""
 
 
 PRODUCT = re.compile(r"\s\*\s(?![^{}]*\})")
@@ -208,7 +206,7 @@ def calibrated(map_: Map, servos: Sequence[Servo]) -> Map:
     return out
 
 
-def read_map(text: str, n: int, formal: bool = False, slides: Slides = ()) -> dict[str, Column]:
+def read_map(text: str, units: Sequence[str], formal: bool = False) -> dict[str, Column]:
     """Read what the columns hold.
 
     Parameters
@@ -217,12 +215,10 @@ def read_map(text: str, n: int, formal: bool = False, slides: Slides = ()) -> di
         ``j1=A1 deg, x=X mm, id=Point, target='cube.+x'``, or the path of a YAML file with such entries
         (``j1: A1 deg``). ``j*=A* deg`` stands for all joints; ``*0`` counts them from 0. A text in quotes
         holds for all rows. The unit may be in the key instead: ``x_mm=X``.
-    n : int
-        Number of joints.
+    units : sequence of str
+        Of the joints: mm of prismatic ones, else deg.
     formal : bool
         The map of a format: keys that end in ``?`` are optional.
-    slides : collection of int
-        Numbers, from 1, of the prismatic joints.
 
     Raises
     ------
@@ -235,21 +231,21 @@ def read_map(text: str, n: int, formal: bool = False, slides: Slides = ()) -> di
             continue
         optional = formal and key.endswith("?")
         key = key.rstrip("?") if optional else key
-        for joint in range(1, n + 1) if key.startswith("j*") else (0,):
+        for joint in range(1, len(units) + 1) if key.startswith("j*") else (0,):
             name, said = (_of_joint(t, joint) if joint else t for t in (key, value))
             base, sign, tool = name.partition("@")
-            quantity, unit = quantity_of(base, n, where, slides)
+            quantity, unit = quantity_of(base, units, where)
             if sign and (quantity not in OF_REFLECTOR or not tool):
                 what = f"`{name}` is not a quantity of a reflector"
                 raise BayescalError(what, where, f"those are {', '.join(OF_REFLECTOR)}, as in x@A")
             quantity += sign + tool
             if quantity in out:
                 raise BayescalError(f"`{quantity}` is given twice", where, "keep a single entry")
-            out[quantity] = _column(quantity, said, unit, optional, where, n, slides)
+            out[quantity] = _column(quantity, Column(said, unit, optional=optional, where=where), units)
     return out
 
 
-def own_map(header: Sequence[str], n: int, where: str, slides: Slides = ()) -> dict[str, Column]:
+def own_map(header: Sequence[str], units: Sequence[str], where: str) -> dict[str, Column]:
     """The map of a table with columns of measurements.csv, whose units are in their names.
 
     Raises
@@ -257,7 +253,7 @@ def own_map(header: Sequence[str], n: int, where: str, slides: Slides = ()) -> d
     BayescalError
         For a column that measurements.csv does not have.
     """
-    every = known_columns(["mm" if j in slides else "deg" for j in range(1, n + 1)])
+    every = known_columns(units)
     out: dict[str, Column] = {}
     for name in header:
         if name == CLEARANCE:
@@ -265,7 +261,7 @@ def own_map(header: Sequence[str], n: int, where: str, slides: Slides = ()) -> d
         if name not in every:
             what, remedy = unknown("column", name, every)
             raise BayescalError(what, f"{where}:1", f"{remedy}, or state the columns by --map")
-        quantity, unit = quantity_of(name, n, where, slides)
+        quantity, unit = quantity_of(name, units, where)
         out[quantity] = Column(name, unit, where=where)
     return out
 
@@ -278,7 +274,7 @@ def validation_rule(text: str) -> tuple[str, str]:
     return rules[0] if rules else ("", "")
 
 
-def quantity_of(key: str, n: int, where: str, slides: Slides = ()) -> tuple[str, Unit | None]:
+def quantity_of(key: str, units: Sequence[str], where: str) -> tuple[str, Unit | None]:
     """The quantity that a key names, and the unit in its name: ``x_mm``, ``j1_degps``; None without one."""
     if key in TEXTS or key == ROTATION:
         return key, None
@@ -287,21 +283,21 @@ def quantity_of(key: str, n: int, where: str, slides: Slides = ()) -> tuple[str,
     name = name if name in UNITS else name.upper()
     if suffix and name in UNITS and key not in DIMENSIONS:
         quantity = stem + (OF_UNIT.get(suffix, "") if re.fullmatch(r"j\d+", stem) else "")
-        return quantity, unit_of(name, dimension_of(quantity, n, where, slides), where)
-    dimension_of(key, n, where, slides)
+        return quantity, unit_of(name, dimension_of(quantity, units, where), where)
+    dimension_of(key, units, where)
     return key, None
 
 
-def dimension_of(key: str, n: int, where: str, slides: Slides = ()) -> str:
-    """What the quantity `key` measures; unknown ones and joints beyond the n-th are refused."""
+def dimension_of(key: str, units: Sequence[str], where: str) -> str:
+    """What the quantity `key` measures; unknown ones and joints without a unit are refused."""
     joint = re.fullmatch(r"j(\d+)(\w*)", key)
     if joint and joint[2] in OF_JOINTS:
-        if not 1 <= int(joint[1]) <= n:
-            raise BayescalError(f"`{key}`, but the robot has {n} joints", where, "check --robot")
+        if not 1 <= int(joint[1]) <= len(units):
+            raise BayescalError(f"`{key}`, but the robot has {len(units)} joints", where, "check --robot")
         dimension = OF_JOINTS[joint[2]][0]
-        return SLIDING.get(dimension, dimension) if int(joint[1]) in slides else dimension
+        return SLIDING.get(dimension, dimension) if units[int(joint[1]) - 1] == "mm" else dimension
     if key not in DIMENSIONS:
-        joints = [f"j{i + 1}" for i in range(n)]
+        joints = [f"j{i + 1}" for i in range(len(units))]
         what, remedy = unknown("quantity", key, [*joints, *DIMENSIONS, ROTATION, *TEXTS, VALIDATE])
         raise BayescalError(what, where, remedy)
     return DIMENSIONS[key]
@@ -346,24 +342,23 @@ def _of_text(text: str) -> list[tuple[str, str, str]]:
     return out
 
 
-def _column(
-    key: str, said: str, unit: Unit | None, optional: bool, where: str, n: int, slides: Slides
-) -> Column:
-    """One entry; texts have no unit."""
-    key = key.partition("@")[0]
-    entry = Column(said, unit, optional=optional, where=where)
+def _column(key: str, entry: Column, units: Sequence[str]) -> Column:
+    """An entry whose name is all that it says, with what this states; texts have no unit."""
+    key, said, where = key.partition("@")[0], entry.name, entry.where
     if key == ROTATION:
         return _rotation(entry)
     if key in TEXTS:
         quoted = re.fullmatch(r"""(['"])(.+)\1""", said)
         return replace(entry, name=quoted[2], constant=True) if quoted else entry
-    dimension = dimension_of(key, n, where, slides)
+    dimension = dimension_of(key, units, where)
     entry = replace(entry, dimension=dimension)
     name, _, last = said.rpartition(" ")
     name = name.strip()
-    if key == "time" and unit is None and name and last in STAMPS:
+    if entry.unit is not None or not name:
+        return entry
+    if key == "time" and last in STAMPS:
         return replace(entry, name=name, unit=UNITS["s"], stamp=last)
-    if unit is not None or not name or name[-1] in "+-*/(" or not re.fullmatch(r"[a-zA-Z/°µμ.*]{1,8}", last):
+    if name[-1] in "+-*/(" or not re.fullmatch(r"[a-zA-Z/°µμ.*]{1,8}", last):
         return entry
     if not is_unit(last):
         remedy = f"give one of {listed(dimension)}; a name with spaces is enclosed in braces: {{{said}}}"

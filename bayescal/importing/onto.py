@@ -122,9 +122,8 @@ def onto(log: Columns, plan: Path, targets: Sequence[Target], robot: Robot) -> J
         For ids that are not in the plan, are given twice or contradict it, and for a log without the joint
         readings of contacts or in which nothing was measured.
     """
-    n, slides = robot.n, (np.flatnonzero(robot.slides) + 1).tolist()
     table = read_log(plan, headed=True)
-    planned = columns_of(table, own_map(table.header, n, table.name, slides))
+    planned = columns_of(table, own_map(table.header, robot.units, table.name))
     by_order = "id" not in log.cells
     if by_order:
         log = _in_order(log, planned)
@@ -136,7 +135,7 @@ def onto(log: Columns, plan: Path, targets: Sequence[Target], robot: Robot) -> J
         if key in log.cells and key in planned.cells:
             _check_same(log, planned, key)
     reads = _reads(planned.cells["target"], targets)
-    deviation, state, commanded = _deviations(log, planned, reads, n)
+    deviation, state, commanded = _deviations(log, planned, reads, robot.n)
     ids = log.cells["id"]
     notes += unmade(dict(zip(ids.tolist(), state.tolist(), strict=True)))
     made = np.where(reads == "", deviation >= UNTOUCHED, _given(log, reads)) & np.isfinite(deviation)
@@ -148,7 +147,7 @@ def onto(log: Columns, plan: Path, targets: Sequence[Target], robot: Robot) -> J
 
     def mm(limit: float) -> str:
         """The same limit of prismatic joints, if there are any."""
-        return f" ({1e3 * limit:.2g} mm)" if slides else ""
+        return f" ({1e3 * limit:.2g} mm)" if robot.slides.any() else ""
 
     far, near = made & (deviation > FAR), made & (deviation < NEAR) & (reads == "")
     count = made.sum()

@@ -317,11 +317,13 @@ def test_a_tracker_and_its_reflector_are_found(name, tmp_path):
 @pytest.mark.parametrize(("text", "words"), cases("import_map_refusals"))
 def test_maps(text, words):
     with pytest.raises(BayescalError, match=words):
-        read_map(text, 6)
+        read_map(text, ("deg",) * 6)
 
 
 def test_a_map_with_everything():
-    got = read_map("j*=Joint * deg, j2_velocity=v2 deg/s, j1_torque=#9 Nm, id=Point, target='cube.+x'", 2)
+    got = read_map(
+        "j*=Joint * deg, j2_velocity=v2 deg/s, j1_torque=#9 Nm, id=Point, target='cube.+x'", ("deg",) * 2
+    )
     assert (got["j2"].name, got["j2"].unit) == ("Joint 2", UNITS["deg"])
     assert got["j2_velocity"].unit is UNITS["degps"]
     assert got["j1_torque"].name == "#9"
@@ -349,7 +351,7 @@ def test_quantities():
 def test_logs(tmp_path, text, map_, words):
     (tmp_path / "log.csv").write_text(text, encoding="utf-8")
     with pytest.raises(BayescalError, match=words):
-        columns_of(read_log(tmp_path / "log.csv"), read_map(map_, 6))
+        columns_of(read_log(tmp_path / "log.csv"), read_map(map_, ("deg",) * 6))
 
 
 @pytest.mark.parametrize(("said", "words"), cases("import_request_refusals"))
@@ -384,7 +386,7 @@ def test_which_columns_are_points(tmp_path, row, columns):
 
 def read(tmp_path, text, map_, decimal="", encoding="utf-8"):
     (tmp_path / "log.csv").write_bytes(text if isinstance(text, bytes) else text.encode(encoding))
-    said = read_map(map_, 2)
+    said = read_map(map_, ("deg",) * 2)
     return columns_of(read_log(tmp_path / "log.csv", missing=missing_in(said)), said, decimal)
 
 
