@@ -241,9 +241,10 @@ def _pauses(
         rows = np.flatnonzero(record == k)
         edges = np.flatnonzero(np.diff(np.r_[0, rest[rows].astype(int), 0]))
         for begin, end in zip(edges[::2], edges[1::2], strict=True):
-            long = time[rows[end - 1]] - time[rows[begin]] > pause
-            if long and begin > 0 and end < len(rows):
-                label[rows[(begin + end) // 2] :] += 1
+            first, last = time[rows[begin]], time[rows[end - 1]]
+            if last - first > pause and begin > 0 and end < len(rows):
+                # by time: rows may lack in the middle of it
+                label[rows[np.searchsorted(time[rows], 0.5 * (first + last))] :] += 1
         label[rows[-1] + 1 :] += 1
     words = f"cut where all joints are slower than {MOVING:g} rad/s for {pause:g} s or longer"
     return label.astype(str), words

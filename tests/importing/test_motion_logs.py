@@ -4,6 +4,7 @@ import json
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
 from motion_logs import (
     CONSTANTS,
@@ -483,6 +484,20 @@ def test_values_of_all_joints_are_multiplied(s, tmp_path, text):
         Request(path, f"time=t s, j*=q* rad, j*_velocity={text}", robot=ARM, motions="pause:0.5 s")
     )
     np.testing.assert_allclose(draft.columns["dq2_degps"], np.degrees(s.velocity[:, 1]), atol=1e-5)
+
+
+def test_a_pause_without_rows_is_where_motions_are_divided(s, tmp_path):
+    """A logger that stops shortly before each motion ends, and begins with the next one."""
+    near = np.ones(len(s.time), bool)
+    for row in np.flatnonzero(np.diff(s.motion) > 0):
+        near[row - 72 : row - 30] = False
+    columns = {"t": s.time[near]} | of_joints("q", s.position[near])
+    path = write_csv(tmp_path / "log.csv", columns)
+    draft = convert(Request(path, "time=t s, j*=q*0 rad", robot=ARM, motions="pause:0.4 s"))
+    found = pd.DataFrame(draft.columns).groupby("motion", sort=False)["t_s"]
+    steps = found.apply(lambda t: t.diff().max())
+    assert len(steps) == 5
+    assert steps[1:-1].max() < 0.02
 
 
 def test_unsigned_currents_are_magnitudes(s, tmp_path):
