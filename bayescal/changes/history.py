@@ -221,11 +221,10 @@ def _ordered(
         raise BayescalError(
             "a history needs the runs of two sessions", str(folder), "fit the other sessions too"
         )
-    start = date.fromisoformat(kept[0].dates).toordinal() if unit == DAY else 0
-    times = [
-        date.fromisoformat(e.dates).toordinal() - start if unit == DAY else k for k, e in enumerate(kept)
-    ]
-    return tuple(replace(e, time=float(t)) for e, t in zip(kept, times, strict=True)), unit, notes
+    times = list(range(len(kept)))
+    if unit == DAY:
+        times = [date.fromisoformat(e.dates).toordinal() for e in kept]
+    return tuple(replace(e, time=float(t - times[0])) for e, t in zip(kept, times, strict=True)), unit, notes
 
 
 def _natural(name: str) -> list[tuple[int, str]]:

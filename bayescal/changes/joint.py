@@ -14,7 +14,7 @@ import numpy as np
 
 from bayescal.arm.motion import CERTIFICATE, Term
 from bayescal.arm.transforms import AXES
-from bayescal.dataset import Dataset
+from bayescal.dataset import Certificate, Dataset
 from bayescal.dataset.join import joined
 from bayescal.effects import EFFECTS, Circumstances, Parameter, Session, parameters_of
 from bayescal.effects.common import within
@@ -86,21 +86,17 @@ def tied(dataset: Dataset) -> tuple[Dataset, frozenset[str]]:
             shared |= {dataset.targets[k].name: name for k in places}
     kept = sorted(set(first))
     targets = tuple(replace(t, name=shared.get(t.name, t.name)) for k in kept for t in [dataset.targets[k]])
-    certificates, seen = [], set()
-    originals = {s.name: s.certificates for s in dataset.sessions}
-    for session, own in originals.items():
-        for c in own:
-            own_names = tuple(shared.get(f"{session}:{t}", f"{session}:{t}") for t in c.targets)
-            key = (c.kind, own_names, c.distance)
-            if key not in seen:  # of one target in several sessions, a certificate counts once
-                seen.add(key)
-                certificates.append(replace(c, targets=own_names))
+    certificates: dict[tuple[object, ...], Certificate] = {}
+    for session in dataset.sessions:
+        for c in session.certificates:  # of one target in several sessions, one counts once
+            names_of = tuple(shared.get(f"{session.name}:{t}", f"{session.name}:{t}") for t in c.targets)
+            certificates.setdefault((c.kind, names_of, c.distance), replace(c, targets=names_of))
     m = dataset.measurements
     index = np.array([kept.index(f) for f in first])
     return replace(
         dataset,
         targets=targets,
-        certificates=tuple(certificates),
+        certificates=tuple(certificates.values()),
         measurements=replace(m, target=index[m.target]),
     ), frozenset(shared.values())
 
@@ -200,13 +196,8 @@ def _of_model(
     for (name, effect), own in grouped.items():
         if own[0].site == BASE and own[0].driver.kind != "moment":
             continue
-        yield Item(
-            name,
-            effect,
-            own[0].site,
-            "arm" if own[0].site.kind in NUMBERED else "setup",
-            tuple(map(_change, own)),
-        )
+        kind = "arm" if own[0].site.kind in NUMBERED else "setup"
+        yield Item(name, effect, own[0].site, kind, tuple(map(_change, own)))
     of = next((p.effect for p in shared if p.site.kind == "joint" and p.unit == "rad"), "")
     for j, axis in enumerate(c.robot.axes, start=1):
         if (j, axis) not in constant:

@@ -201,43 +201,40 @@ def progress(first: str = "estimate") -> Iterator[_Bar | _Lines]:
     first : str
         The stage shown first.
     """
-    with bar(first) if sys.stderr.isatty() else lines(first) as shown:
-        yield shown
+    if sys.stderr.isatty():
+        bar = _Bar(first)
+        with bar.shown:
+            yield bar
+        return
+    lines = _Lines(first)
+    thread = Thread(target=lines.watch, daemon=True)
+    thread.start()
+    try:
+        yield lines
+    finally:
+        lines.ended.set()
+        thread.join()
 
 
-@dataclass
 class _Bar:
-    """A bar of rich."""
+    """A bar of rich, removed at the end."""
 
-    update: Callable[[str, float], None]
-    say: Callable[[str], None]
+    def __init__(self, first: str) -> None:
+        from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+        from bayescal.public.results import console
+
+        self.terminal = console(stderr=True)
+        columns = TextColumn("{task.description:>9}", markup=False), BarColumn(), TimeRemainingColumn()
+        self.shown = Progress(*columns, console=self.terminal, transient=True)
+        self.task = self.shown.add_task(first, total=1.0)
 
     def __call__(self, stage: str, fraction: float) -> None:
-        self.update(stage, fraction)
+        self.shown.update(self.task, description=stage, completed=fraction)
 
-
-@contextmanager
-def bar(first: str) -> Iterator[_Bar]:
-    """A progress bar, removed at the end."""
-    from rich.progress import BarColumn, TextColumn, TimeRemainingColumn
-    from rich.progress import Progress as Rich
-
-    from bayescal.public.results import console
-
-    terminal = console(stderr=True)
-    with Rich(
-        TextColumn("{task.description:>9}", markup=False),
-        BarColumn(),
-        TimeRemainingColumn(),
-        console=terminal,
-        transient=True,
-    ) as shown:
-        task = shown.add_task(first, total=1.0)
-
-        def update(stage: str, fraction: float) -> None:
-            shown.update(task, description=stage, completed=fraction)
-
-        yield _Bar(update, lambda text: terminal.print(text, soft_wrap=True))
+    def say(self, text: str) -> None:
+        """Print a line."""
+        self.terminal.print(text, soft_wrap=True)
 
 
 @dataclass
@@ -268,16 +265,3 @@ class _Lines:
     def elapsed(self) -> float:
         """Seconds since the begin."""
         return time.monotonic() - self.begin
-
-
-@contextmanager
-def lines(first: str) -> Iterator[_Lines]:
-    """Lines on the error stream, from a thread of their own."""
-    shown = _Lines(first)
-    thread = Thread(target=shown.watch, daemon=True)
-    thread.start()
-    try:
-        yield shown
-    finally:
-        shown.ended.set()
-        thread.join()

@@ -28,19 +28,8 @@ CHUNK = 256
 Random = np.random.Generator | np.random.RandomState
 
 
-@dataclass(frozen=True)
-class Quadratic:
-    """Half a chi-squared about the estimate: information (D, D), gradient (D,)."""
-
-    information: np.ndarray
-    gradient: np.ndarray
-
-    def scaled(self, factor: float) -> Quadratic:
-        """Multiplied by a factor."""
-        return Quadratic(factor * self.information, factor * self.gradient)
-
-    def __add__(self, other: Quadratic) -> Quadratic:
-        return Quadratic(self.information + other.information, self.gradient + other.gradient)
+Quadratic = tuple[np.ndarray, np.ndarray]
+"""Half a chi-squared about the estimate: information (D, D), gradient (D,)."""
 
 
 @dataclass(frozen=True)
@@ -74,9 +63,9 @@ class Scale:
         kappa : float
             Estimated scale, about which the grid lies.
         """
-        eigenvalues, basis = eigh(own.information, rest.information)
+        eigenvalues, basis = eigh(own[0], rest[0])
         eigenvalues = np.maximum(eigenvalues, 0.0)
-        pull, push = basis.T @ own.gradient, basis.T @ rest.gradient
+        pull, push = basis.T @ own[1], basis.T @ rest[1]
         spread = 1.0 / np.sqrt(2.0 * max(count - len(basis) + STATED_WORTH, 4.0))
         edges = np.log(kappa) + REACH * spread * np.linspace(-1.0, 1.0, BINS + 1)
         middle = 0.5 * (edges[1:] + edges[:-1])
@@ -133,22 +122,19 @@ class Linearised:
             at = [unit.of_block[b.name] for b in model.blocks if b.group == group]
             j = np.concatenate([unit.jacobian[s] for s in at])
             r = np.concatenate([unit.residual[s] for s in at])
-            own.append(Quadratic(j.T @ j, j.T @ r))
+            own.append((j.T @ j, j.T @ r))
             chi2.append(float(r @ r))
         first = sum(s.stop - s.start for s in unit.of_block.values())
         j, r = unit.jacobian[first:], unit.residual[first:]
-        rest = Quadratic(np.eye(model.size) + j.T @ j, estimate.z + j.T @ r)
-        at_estimate = [q.scaled(k**-2) for q, k in zip(own, density.kappa, strict=True)]
+        rest = np.eye(model.size) + j.T @ j, estimate.z + j.T @ r
+        at_estimate = [(k**-2 * a, k**-2 * b) for (a, b), k in zip(own, density.kappa, strict=True)]
         scales = []
         for k, q in enumerate(own):
-            others = sum((o for h, o in enumerate(at_estimate) if h != k), rest)
-            scales.append(Scale.of(q, chi2[k], float(density.count[k]), others, float(density.kappa[k])))
+            others = [o for h, o in enumerate(at_estimate) if h != k]
+            beside = sum((a for a, _ in others), rest[0]), sum((b for _, b in others), rest[1])
+            scales.append(Scale.of(q, chi2[k], float(density.count[k]), beside, float(density.kappa[k])))
         return cls(
-            estimate.z,
-            tuple(scales),
-            np.array([q.information for q in own]),
-            np.array([q.gradient for q in own]),
-            rest,
+            estimate.z, tuple(scales), np.array([a for a, _ in own]), np.array([b for _, b in own]), rest
         )
 
     def draw(self, count: int, rng: Random, spread: float = 1.0) -> np.ndarray:
@@ -193,8 +179,8 @@ class Linearised:
     def _given(self, log_kappa: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Means (W, D) and Cholesky factors (W, D, D) of the information, given the scales (W, G)."""
         inverse_square = np.exp(-2.0 * log_kappa)
-        information = self.rest.information + np.tensordot(inverse_square, self.information, axes=1)
-        gradient = self.rest.gradient + inverse_square @ self.gradient
+        information = self.rest[0] + np.tensordot(inverse_square, self.information, axes=1)
+        gradient = self.rest[1] + inverse_square @ self.gradient
         mean = -np.linalg.solve(information, gradient[..., None])[..., 0]
         return mean, np.linalg.cholesky(information)
 

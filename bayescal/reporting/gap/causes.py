@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -16,93 +15,86 @@ from bayescal.gap.result import Amplitude, Event, Gap, Named, Place
 from bayescal.reporting.shared.origin import entry, sized
 from bayescal.reporting.shared.text import measured, with_u
 
-
-@dataclass(frozen=True)
-class Cause:
-    """What happens, with `{site}` and `{joint}`, and what to inspect or correct."""
-
-    words: str
-    remedy: str
-
-
 PLAIN = 0.05
 """Largest p-value, corrected for all locations, of a location that is stated as a finding (convention)."""
 LOG = "Look at the log at this row: "
 KEPT = " Until then, keep the rows before and after it in sessions of their own."
 CAUSES = {
-    ("base", "base moment", "sign"): Cause(
+    ("base", "base moment", "sign"): (
         "the base rocks with the sign of the base moment",
         "Tighten the base bolts to the stated torque, and look for clearance below the mounting plate: it "
         "rests on one edge or the other, by the side on which the arm reaches out. Shim it, then repeat the "
         "session.",
     ),
-    ("base", "time", "to and fro"): Cause(
+    ("base", "time", "to and fro"): (
         "the base sways during the session",
         "Look for what tilts the stand in this rhythm: traffic, a machine, a door, air conditioning. Anchor "
         "the stand.",
     ),
-    ("tool", "event", ""): Cause(
+    ("tool", "event", ""): (
         "the tool shifted",
         f"{LOG}a stylus that was changed, mounted anew or struck. Tighten it and qualify the probe again. "
         "The rows from there on can be those of another tool: name it in the column `tool` and in "
         "dataset.yaml.",
     ),
-    ("probe", "event", ""): Cause(
+    ("probe", "event", ""): (
         "the pre-travel of the probe changed",
         f"{LOG}a stylus or a trigger force that was changed. Tighten the stylus and qualify the "
         f"probe again.{KEPT}",
     ),
-    ("joint", "event", ""): Cause(
+    ("joint", "event", ""): (
         "the zero of {site} changed",
         f"{LOG}a collision, an emergency stop, a restart. Check the brake, the belt and the encoder of "
         f"the joint, and set its zero again.{KEPT}",
     ),
-    ("face", "event", ""): Cause(
-        "{site} shifted", f"{LOG}an artefact that was struck or clamped anew. Fasten it.{KEPT}"
+    ("face", "event", ""): (
+        "{site} shifted",
+        f"{LOG}an artefact that was struck or clamped anew. Fasten it.{KEPT}",
     ),
-    ("joint", "torque", "past"): Cause(
+    ("joint", "torque", "past"): (
         "{site} creeps after a change of load",
         "Wait after a change of load or a long motion before measuring. Check the grease and the "
         "wear of the gear.",
     ),
-    ("joint", "travel", ""): Cause(
+    ("joint", "travel", ""): (
         "{site} has lost motion that depends on its earlier travel",
         "Check the preload of the gear and the belt tension. Until then, approach accurate points "
         "from one direction and from the same distance.",
     ),
-    ("joint", "angle", "beyond"): Cause(
+    ("joint", "angle", "beyond"): (
         "something acts on {site} beyond an angle of {joint}",
         "Look for a cable or a hose that is taut there, and for a stop or a cover that touches.",
     ),
-    ("joint", "angle", "one place"): Cause(
+    ("joint", "angle", "one place"): (
         "{site} has a local error within its revolution",
         "Check the gear at this angle for a damaged tooth or dirt, and the encoder disc for a mark.",
     ),
-    ("joint", "torque", "own angle"): Cause(
+    ("joint", "torque", "own angle"): (
         "the stiffness of {site} depends on its angle",
         "Check the reduction for a flexspline or a gear that is clamped out of round, and for worn teeth.",
     ),
-    ("joint", "torque", "other angle"): Cause(
+    ("joint", "torque", "other angle"): (
         "the stiffness of {site} depends on the angle of another joint",
         "Check what both joints load: a shared gear train, a counterbalance, a cable or a hose.",
     ),
-    ("joint", "reading", ""): Cause(
+    ("joint", "reading", ""): (
         "{site} has an error that is drawn anew at every reading",
         "Check the encoder and its cable, the coupling of its shaft, and whether the joint has come to rest.",
     ),
-    ("probe", "workspace", "one region"): Cause(
+    ("probe", "workspace", "one region"): (
         "the probe has an error in one region of the workspace",
         "Look for a probe cable that is caught or taut there.",
     ),
-    ("face", "face", "one spot"): Cause(
-        "{site} has an error at one spot", "Clean the spot, and look for a dent or a burr."
+    ("face", "face", "one spot"): (
+        "{site} has an error at one spot",
+        "Clean the spot, and look for a dent or a burr.",
     ),
 }
-"""By kind of site, kind of driver and its form."""
+"""By kind of site, kind of driver and its form: what happens, with `{site}`, `{joint}`; what to inspect."""
 
 
-def cause(where: Place) -> Cause | None:
-    """The cause that a significant unmodelled location shows, or None."""
+def cause(where: Place) -> tuple[str, str] | None:
+    """The cause that a significant unmodelled location shows, as of `CAUSES`, or None."""
     if where.explained_by or not where.family_p_value < PLAIN:
         return None
     return CAUSES.get((where.site.kind, where.driver.kind, where.driver.form))
@@ -113,7 +105,7 @@ def sentence(where: Place, dataset: Dataset) -> str:
     happens = cause(where)
     if happens is None:
         return ""
-    text = happens.words.format(site=where.site.text, joint=f"J{where.driver.joint}")
+    text = happens[0].format(site=where.site.text, joint=f"J{where.driver.joint}")
     if where.event is not None:
         text += f" at {when(where.event, dataset)}"
     shown = [a for a in where.amplitudes if any(b.significant for b in where.amplitudes if b.unit == a.unit)]
@@ -154,7 +146,7 @@ def records(where: Place, dataset: Dataset) -> dict:
     shown = cause(where)
     if shown is None:
         return {}
-    out: dict = {"words": sentence(where, dataset), "remedy": shown.remedy}
+    out: dict = {"words": sentence(where, dataset), "remedy": shown[1]}
     if where.event is not None:
         out["event"] = event_record(where.event, dataset)
     sizes = [entry(a, "what") | sized(a, "value", "u") | entry(a, "significant") for a in where.amplitudes]
