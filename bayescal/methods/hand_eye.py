@@ -72,11 +72,10 @@ def _solve(scene: Scene, effects: tuple[str, ...], solver: str) -> Solution:
         found, m = on_flange(scene, target, solver), scene.dataset.measurements
         tool = scene.dataset.tools[int(m.tool[block.rows[0]])]
         turn = rotation_vector(scene.tool_frames[block.rows[0]].T @ found[:, :3])
-        off = {"x": 0, "y": 1, "z": 2}
-        for axis, k in off.items():
-            for name, value in ((axis, found[k, 3] - tool.centre[k]), (f"r{axis}", turn[k])):
-                if f"{tool.name} {name}" in named:
-                    values[named[f"{tool.name} {name}"]] = value
+        off = zip(("x", "y", "z", "rx", "ry", "rz"), (*(found[:, 3] - tool.centre), *turn), strict=True)
+        for axis, value in off:
+            if (name := f"{tool.name} {axis}") in named:
+                values[named[name]] = value
     held = tuple(p.name for p, v in zip(model.parameters, values, strict=True) if v == 0.0)
     return Solution(model, values, held, settled=True)
 

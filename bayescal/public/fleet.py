@@ -8,6 +8,7 @@ import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing, suppress
 from dataclasses import dataclass
+from functools import partial
 from hashlib import sha256
 from os import PathLike
 from pathlib import Path
@@ -120,20 +121,15 @@ def computed(task: Task) -> str:
         dataset = _read(task)
         inputs, state = task.inputs(dataset.sha256), task.state()
         task.folder.mkdir(parents=True, exist_ok=True)
-        o = task.options
-        shared = {key: o[key] for key in ("without", "seed", "robust", "prior_width")}
-        for command in COMMANDS:
+        runs: dict[str, Any] = {"fit": partial(fit, samples=0), "gap": diagnose}
+        for command, run in runs.items():
             with alone(task.folder / command):  # which removes the lock of a process that was killed
                 there = task.there(state, command, inputs)
             if not there:
                 begun = {"command": command, "inputs": inputs, "before": task.stamp(command)}
                 note(state | {"begun": begun})
                 try:
-                    result: Any = (
-                        fit(dataset, o["model"], 0, **shared)
-                        if command == "fit"
-                        else diagnose(dataset, o["model"], **shared)
-                    )
+                    result = run(dataset, **task.options)
                 except Exception as error:
                     failed = {"inputs": {**inputs, "version": __version__}, "error": _line(error)}
                     note(state | {"failed": failed})

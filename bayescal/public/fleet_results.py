@@ -54,10 +54,7 @@ class FleetResult(Printed):
     @cached_property
     def csv(self) -> str:
         """The sessions as CSV: the content of fleet.csv."""
-        from bayescal.dataset.table import csv_text
-
-        frame = self.sessions.reset_index()
-        return csv_text(list(frame.columns), frame.astype(object).where(frame.notna(), None).values.tolist())
+        return str(self.sessions.to_csv(lineterminator="\n"))
 
     @property
     def written(self) -> tuple[str, ...]:

@@ -24,7 +24,6 @@ from bayescal.public.results import ComparisonResult, FitResult, GapResult, Simu
 from bayescal.storage.stopping import Progress, silent
 
 if TYPE_CHECKING:
-    from bayescal.assess.agreement import Agreement
     from bayescal.dataset import Dataset
 
     Source = Dataset | SimulatedSession | str | PathLike[str]
@@ -238,11 +237,12 @@ def diagnose(
         return GapResult(diagnosis)
     progress("compare", 0.0)
     lost, of_all = list[str](), diagnosis.options
-
-    def compare() -> Agreement | None:
-        return agreement(calibrated(Scene(session), effects, of_all), effects, of_all)
-
-    compared = attempted("the agreement of the sessions", compare, None, lost)
+    compared = attempted(
+        "the agreement of the sessions",
+        lambda: agreement(calibrated(Scene(session), effects, of_all), effects, of_all),
+        None,
+        lost,
+    )
     return GapResult(replace(diagnosis, warnings=(*diagnosis.warnings, *lost)), compared)
 
 

@@ -386,9 +386,7 @@ class TogetherResult(Result):
         )
         return table(entries, "name")
 
-    @property
-    def _overview(self) -> DataFrame:
-        return self.shared
+    _overview = shared
 
     def __repr__(self) -> str:
         return f"<{self.record['session']} and the log {self.record['log']['name']}, fitted together>"

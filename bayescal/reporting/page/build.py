@@ -8,8 +8,7 @@ from __future__ import annotations
 import os
 import shutil
 import subprocess
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from pathlib import Path
 
 from bayescal import __version__
@@ -163,39 +162,34 @@ def write_report(folders: Sequence[Path], out: Path | None, pdf: bool) -> tuple[
     if out is None:
         return _in_place(folders[0], runs[0], pdf)
     _check_replaceable(out, pdf)
-    with _complete(runs):
-        text = run_page(runs[0]) if len(runs) == 1 else runs_page(runs)
-        plain = run_page(runs[0], scripts=False) if len(runs) == 1 else text
+    files = _files(runs, out, pdf)
     out.parent.mkdir(parents=True, exist_ok=True)
-    files: dict[Path, str | bytes] = {out: text}
-    if pdf:
-        files[out.with_suffix(".pdf")] = pdf_of(plain)
     write_together(files)
     return tuple(files)
 
 
-@contextmanager
-def _complete(runs: Sequence[Run]) -> Iterator[None]:
-    """Refuse records with entries that are missing or of another kind, which a list of files did not show."""
+def _files(runs: Sequence[Run], out: Path, pdf: bool) -> dict[Path, bytes]:
+    """The page of a run, or of several, and where asked the PDF of it, by their paths.
+
+    Records with entries that are missing or of another kind, which a list of files did not show, are refused.
+    """
     try:
-        yield
+        text = run_page(runs[0]) if len(runs) == 1 else runs_page(runs)
+        plain = run_page(runs[0], scripts=False) if pdf and len(runs) == 1 else text
     except (LookupError, TypeError, ValueError, AttributeError, ArithmeticError) as error:
         where = ", ".join(run.folder for run in runs)
         raise BayescalError(f"incomplete record: {error!r}", where, "repeat the command") from error
+    return {out: text.encode()} | ({out.with_suffix(".pdf"): pdf_of(plain)} if pdf else {})
 
 
 def _in_place(folder: Path, run: Run, pdf: bool) -> tuple[Path, ...]:
     """Write the page into the run folder: a copy of the folder with it replaces the folder."""
-    names = [PAGES[run.kind]]
     with whole(folder, run.file) as stage:
         shutil.copytree(folder, stage, symlinks=True, dirs_exist_ok=True, ignore=shutil.ignore_patterns(LIST))
-        with _complete([run]):
-            text = run_page(run)
-        (stage / names[0]).write_text(text, encoding="utf-8")
-        if pdf:
-            names.append(Path(names[0]).with_suffix(".pdf").name)
-            (stage / names[-1]).write_bytes(pdf_of(run_page(run, scripts=False)))
-    return tuple(folder / n for n in names)
+        files = _files([run], stage / PAGES[run.kind], pdf)
+        for path, content in files.items():
+            path.write_bytes(content)
+    return tuple(folder / path.name for path in files)
 
 
 def _check_replaceable(path: Path, pdf: bool) -> None:
