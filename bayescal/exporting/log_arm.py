@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -48,6 +48,8 @@ LEFT_OUT: Mapping[str, tuple[str, str]] = {
     "transition": ("the smooth reversal of friction", "N m below the transition speed"),
 }
 """Parameters that a format may not hold: words, and what their size is."""
+LEAST_MASS, LEAST_SIZE = 1e-9, 0.03
+"""kg, m: of links without mass, which simulators refuse."""
 OF_SERVOS = "deg"
 """Unit of the residuals of position servos without torques, whose stiffness is an estimate."""
 OF_THE_LINKS = ("payload", "payload-offset", "inertia", "base-tilt")
@@ -196,6 +198,11 @@ def text_of(
     m: Mechanism, to: str, gravity: np.ndarray, stiffness: np.ndarray | None = None, damping: Any = None
 ) -> str:
     """A mechanism in a format of XML; numbers have all their digits. With a stiffness drives are servos."""
+    bare = ~(m.mass > 0.0)
+    m = replace(
+        m, mass=np.where(bare, LEAST_MASS, m.mass),
+        inertia=np.where(bare[:, None, None], LEAST_MASS * LEAST_SIZE**2 * np.eye(3), m.inertia),
+    )  # fmt: skip
     six = m.inertia[:, *np.transpose(PAIRS)]
     limits = [None if np.isnan(both).any() else both.tolist() for both in m.limits]
     most, remark = most_of(m.rated, m.fastest)

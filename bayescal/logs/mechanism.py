@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from bayescal.arm.chain import Robot, chain_of
 from bayescal.arm.transforms import rigid, rotation
+from bayescal.errors import listed
 from bayescal.robots import only_revolute
 
 TRANSITION = 0.03
 """rad/s: speed scale of the reversal of friction where none is stated (assumed)."""
+THINNEST = 1e-4
+"""Second moment of a link along one of its axes over the largest one: a link is no thinner (assumed)."""
+SHORTEST = 0.02
+"""m, of a link whose inertia is not stated (assumed)."""
 TURNING_PART = "of a URDF name the part that turns, `arm.urdf#FIRST..TIP`; what slides must rest"
 """What to do where a joint of an arm slides."""
 RADIUS_OF_GYRATION = 0.3
@@ -131,6 +136,38 @@ def mechanism_of(robot: Robot) -> tuple[Mechanism, tuple[str, ...]]:
         u=Uncertain() if robot.inertias is not None else Uncertain(inertia=1.0),
         robot=robot,
     ), tuple(notes)
+
+
+def with_bodies(m: Mechanism) -> tuple[Mechanism, tuple[str, ...]]:
+    """A mechanism of which every link with a mass is a body that there can be, and what was assumed of it.
+
+    The second moments of a body are not negative: no moment of inertia is larger than the sum of the others.
+    """
+    inertia, assumed, changed = m.inertia.copy(), [], []
+    after = np.linalg.norm(np.roll(m.place[:, :3, 3], -1, axis=0), axis=1)
+    after[-1] = 0.0
+    for k, (mass, centre) in enumerate(zip(m.mass, m.centre, strict=True)):
+        if not mass > 0.0:
+            continue
+        moments, axes = np.linalg.eigh(0.5 * np.trace(inertia[k]) * np.eye(3) - inertia[k])
+        if np.max(moments) <= 0.0:
+            length = max(after[k], float(np.linalg.norm(centre)), SHORTEST)
+            inertia[k] = mass * (RADIUS_OF_GYRATION * length) ** 2 * np.eye(3)
+            assumed.append(m.joint_names[k])
+        elif np.min(moments) < THINNEST * np.max(moments):
+            second = (axes * np.maximum(moments, THINNEST * np.max(moments))) @ axes.T
+            inertia[k] = np.trace(second) * np.eye(3) - second
+            changed.append(m.joint_names[k])
+    notes = []
+    if assumed:
+        notes.append(
+            f"no inertia is stated of {listed(assumed)}: that of a rod of the link's length is assumed"
+        )
+    if changed:
+        notes.append(
+            f"no body has the inertia that is stated of {listed(changed)}: the nearest one is assumed"
+        )
+    return replace(m, inertia=inertia) if notes else m, tuple(notes)
 
 
 def bounds_of(robot: Robot) -> np.ndarray:

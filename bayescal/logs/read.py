@@ -15,7 +15,7 @@ import numpy as np
 
 from bayescal.arm.transforms import rigid, rpy_matrix
 from bayescal.errors import BayescalError, listed
-from bayescal.logs.mechanism import TRANSITION, Mechanism, Uncertain, mechanism_of, or_nan
+from bayescal.logs.mechanism import TRANSITION, Mechanism, Uncertain, mechanism_of, or_nan, with_bodies
 from bayescal.logs.schema import (
     OF_JOINTS,
     SCHEMA,
@@ -138,6 +138,8 @@ def _mechanism(file: LogFile, document: Document, folder: Path) -> tuple[Mechani
     if np.isnan(mechanism.mass).any():
         remedy = "give a robot with `mass_kg`, `centre_of_mass_mm` and `inertia_kgm2` of each link"
         raise BayescalError("the robot states no masses", document.where(("robot",)), remedy)
+    mechanism, more = with_bodies(mechanism)
+    notes = (*notes, *more)
     if u is not None:
         prior = Uncertain(u.mass, 1e-3 * u.centre_of_mass_mm, u.inertia, u.armature, u.friction_transition)
         mechanism = replace(mechanism, u=prior)

@@ -25,7 +25,7 @@ _jit = compiled()
 class Possible:
     """The set of deviations (K,), in prior standard deviations, of arms that could be built."""
 
-    pseudo: np.ndarray  # (n, 4, 4) of the nominal bodies, about their centres
+    pseudo: np.ndarray  # (n, 4, 4) of the nominal bodies, about their centres; any of links without mass
     by: np.ndarray  # (n, 4, 4, K)
     least: np.ndarray  # (K,) of rotors and friction, -inf of others
 
@@ -43,7 +43,8 @@ class Possible:
             for stem in NOT_NEGATIVE:
                 column = number[f"{stem} {k + 1}"]
                 least[column] = -getattr(start, stem)[k] / sd[column]
-        return cls(np.array([pseudo_inertia(body) for body in start.bodies]), by, least)
+        bodies = [pseudo_inertia(body) if body[0] > 0.0 else np.eye(4) for body in start.bodies]
+        return cls(np.array(bodies), by, least)
 
     def __call__(self, z: np.ndarray) -> bool:
         """Whether an arm with these deviations could be built."""

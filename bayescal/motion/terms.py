@@ -169,8 +169,10 @@ def slopes_of(body: np.ndarray) -> np.ndarray:
 
 
 def prior_of_body(m: Mechanism, k: int) -> np.ndarray:
-    """Prior standard deviations (10,) of mass, centre and inertia of a body."""
+    """Prior standard deviations (10,) of mass, centre and inertia of a body; 0 of a link without mass."""
     mass, inertia = m.mass[k], m.inertia[k]
+    if not mass > 0.0:
+        return np.zeros(len(BODY))
     size = np.maximum(np.diag(inertia), BASELINE.least_inertia * max(np.trace(inertia), 1e-12))
     of_inertia = [m.u.inertia * np.sqrt(size[i] * size[j]) for i, j in PAIRS]
     return np.array([m.u.mass * mass, *[m.u.centre] * 3, *of_inertia])

@@ -94,16 +94,22 @@ class Bodies:
 
     def on(self, dataset: Dataset, p: np.ndarray) -> Dataset:
         """The session with links of masses and first moments `p` (n, 4)."""
-        centres = np.einsum("kij,kj->ki", self.turn, p[:, 1:] / p[:, :1]) + self.shift
+        centres = np.einsum("kij,kj->ki", self.turn, p[:, 1:] / _masses(p)[:, None]) + self.shift
         return replace(dataset, robot=replace(dataset.robot, masses=p[:, 0], centres_of_mass=centres))
 
     def to_session(self, p: np.ndarray) -> np.ndarray:
         """Slopes (4n, 4n) of relative masses and centres, m, in the session's frames, by `p` about `p`."""
         parts = np.zeros((len(p), 4, 4))
-        parts[:, 0, 0] = 1.0 / p[:, 0]
-        parts[:, 1:, 0] = -np.einsum("kij,kj->ki", self.turn, p[:, 1:]) / p[:, :1] ** 2
-        parts[:, 1:, 1:] = self.turn / p[:, :1, None]
+        mass = _masses(p)
+        parts[:, 0, 0] = 1.0 / mass
+        parts[:, 1:, 0] = -np.einsum("kij,kj->ki", self.turn, p[:, 1:]) / mass[:, None] ** 2
+        parts[:, 1:, 1:] = self.turn / mass[:, None, None]
         return block_diag(*parts)
+
+
+def _masses(p: np.ndarray) -> np.ndarray:
+    """Masses (n,) by which moments are divided: those of links without mass are 0, whatever divides them."""
+    return np.where(p[:, 0] > 0.0, p[:, 0], 1.0)
 
 
 def fit_together(

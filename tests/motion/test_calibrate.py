@@ -1,7 +1,9 @@
 """Calibration from a log: draws of arms that could be built, truth within the intervals."""
 
 import json
+import shutil
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,7 +12,7 @@ import yaml
 import bayescal as bc
 from bayescal.errors import BayescalError
 from bayescal.logs import read_log
-from bayescal.logs.mechanism import PAIRS, inertial
+from bayescal.logs.mechanism import PAIRS, inertial, with_bodies
 from bayescal.logs.read import written_out
 from bayescal.logs.schema import Arm
 from bayescal.logs.write import arm_text
@@ -153,6 +155,54 @@ def test_draws_of_an_estimate_beyond_the_set_forget_where_they_began(null_estima
     j = names.index("coulomb 1")  # determined by the log, and nothing to do with the inertia of link 2
     assert draws[..., j].mean() == pytest.approx(beyond.z[j], abs=0.3 * np.sqrt(fit.covariance[j, j]))
     assert draws[..., j].std() == pytest.approx(np.sqrt(fit.covariance[j, j]), rel=0.15)
+
+
+def test_an_inertia_that_no_body_has_does_not_hold_the_fit_at_nominal(null_log, tmp_path):
+    """One moment is larger than the sum of the others, as in many a URDF; MuJoCo refuses it."""
+    folder = Path(shutil.copytree(null_log, tmp_path / "log"))
+    text = (folder / "dataset.yaml").read_text()
+    assert "[0.02, 0.1, 0.1, 0, 0, 0]" in text
+    (folder / "dataset.yaml").write_text(
+        text.replace("[0.02, 0.1, 0.1, 0, 0, 0]", "[0.02, 0.1, 0.13, 0, 0, 0]")
+    )
+    fit = bc.fit(folder, samples=0)
+    assert any("no body has the inertia that is stated of B" in text for text in fit.warnings)
+    assert np.all(fit.withheld.rms_Nm[1:] < 0.5 * fit.withheld.nominal_rms_Nm[1:])
+    assert fit.parameters.estimate["mass of link 2"] != pytest.approx(5.0, rel=1e-6)
+    fit.save(tmp_path / "run")
+    file, _ = bc.export(tmp_path / "run", "mjcf").save(tmp_path / "arm.xml")
+    assert bc.verify(tmp_path / "run", file).passed
+
+
+def test_a_link_without_mass_has_no_parameters(null_log, tmp_path):
+    """Two joints of one body: the link between them carries nothing, and the others are fitted."""
+    folder = Path(shutil.copytree(null_log, tmp_path / "log"))
+    text = (folder / "dataset.yaml").read_text()
+    empty = text.replace("mass_kg: 4", "mass_kg: 0").replace(
+        "[0.03, 0.03, 0.02, 0, 0, 0]", "[0, 0, 0, 0, 0, 0]"
+    )
+    assert empty.count("mass_kg: 0") == 1
+    (folder / "dataset.yaml").write_text(empty)
+    fit = bc.fit(folder, samples=0)
+    assert not any(name.endswith("of link 1") for name in fit.parameters.index)
+    assert np.all(fit.withheld.rms_Nm[1:] < 0.5 * fit.withheld.nominal_rms_Nm[1:])
+    fit.save(tmp_path / "run")
+    file, _ = bc.export(tmp_path / "run", "mjcf").save(tmp_path / "arm.xml")
+    assert bc.verify(tmp_path / "run", file).passed
+
+
+def test_every_link_is_a_body_that_there_can_be(null_log):
+    m = read_log(null_log).mechanism
+    assert with_bodies(m) == (m, ())
+    inertia = m.inertia.copy()
+    inertia[0], inertia[1] = np.diag([0.0, 0.4, 0.4]), 0.0  # a rod of no thickness, and nothing stated
+    found, notes = with_bodies(replace(m, inertia=inertia))
+    for body in found.inertia:
+        assert np.all(np.linalg.eigvalsh(0.5 * np.trace(body) * np.eye(3) - body) > 0.0)
+    assert found.inertia[0] == pytest.approx(inertia[0], abs=1e-4)
+    assert np.array_equal(found.inertia[2], m.inertia[2])
+    assert found.inertia[1] == pytest.approx(m.mass[1] * (0.3 * 0.3) ** 2 * np.eye(3))  # 300 mm to joint C
+    assert ["A" in notes[1], "B" in notes[0]] == [True, True]
 
 
 def test_pseudo_inertia_is_the_second_moment_of_the_mass():
