@@ -10,26 +10,21 @@ import typer
 
 from bayescal.cli.root import command, progress, run_folder, show
 from bayescal.errors import BayescalError
+from bayescal.public import functions, planning, watching
 
 
 @command(
-    "bayescal fit cell", "bayescal fit monday tuesday --model geometry,compliance,backlash --tolerance-mm 0.1"
+    "bayescal fit cell",
+    "bayescal fit monday tuesday --model geometry,compliance,backlash --tolerance-mm 0.1",
+    calls=functions.fit,
 )
 def fit(
     datasets: list[Path] = typer.Argument(metavar="DATASET..."),
-    model: str = "geometry,compliance",
     samples: int = typer.Option(5000, min=0),
-    without: str = "",
-    seed: int = 0,
     out: Path | None = None,
-    robust: bool = True,
-    prior_width: float = 1.0,
-    latent_joints: bool = False,
-    remounted: bool = False,
-    allow_xacro: bool = False,
-    tolerance_mm: float | None = None,
     pictures: bool = True,
     verbose: bool = typer.Option(False, "--verbose", "-v"),
+    **options: Any,
 ) -> None:
     """Calibrate an arm: its parameters with uncertainty, and the expected distance error in its workspace.
 
@@ -67,31 +62,17 @@ def fit(
     verbose
         Print all distances, all parameters, weak directions and the sampler.
     """
-    from bayescal.public.functions import fit as run
     from bayescal.public.results import drawing_beside
     from bayescal.storage.locks import CHECKPOINT, checkpoint_of, remove
 
     with run_folder(out, datasets, "fit") as folder, drawing_beside(pictures), progress() as notify:
-        result = run(
-            datasets,
-            model,
-            samples,
-            seed,
-            robust=robust,
-            prior_width=prior_width,
-            latent_joints=latent_joints,
-            remounted=remounted,
-            tolerance_mm=tolerance_mm,
-            without=without,
-            allow_xacro=allow_xacro,
-            progress=notify,
-            checkpoint=checkpoint_of(folder),
-            say=notify.say,
-        )
+        kept = checkpoint_of(folder)
+        options |= {"samples": samples, "progress": notify, "checkpoint": kept, "say": notify.say}
+        result = functions.fit(datasets, **options)
         notify("write", 0.0)
         written = result.save(folder, pictures)
         if samples:
-            remove(checkpoint_of(folder), CHECKPOINT)
+            remove(kept, CHECKPOINT)
     show(result.report(verbose), folder, written)
     of_contacts = getattr(result, "contacts", result)
     draws = getattr(of_contacts.data, "draws", None) if of_contacts.record.get("unit") is None else None
@@ -120,11 +101,10 @@ def gap(
     allow_xacro
         As of `fit`.
     """
-    from bayescal.public.functions import diagnose
     from bayescal.public.results import drawing_beside
 
     with run_folder(out, datasets, "gap") as folder, drawing_beside(pictures), progress() as notify:
-        result = diagnose(datasets, progress=notify, **options)
+        result = functions.diagnose(datasets, progress=notify, **options)
         notify("write", 0.0)
         written = result.save(folder, pictures)
     show(result.report(), folder, written)
@@ -147,10 +127,8 @@ def compare(dataset: Path = typer.Argument(), out: Path | None = None, **options
     model, seed, out, allow_xacro
         As of `fit`.
     """
-    from bayescal.public.functions import compare as run
-
     with run_folder(out, [dataset], "compare") as folder, progress("compare") as notify:
-        result = run(dataset, progress=notify, **options)
+        result = functions.compare(dataset, progress=notify, **options)
         written = result.save(folder)
     show(result.report(), folder, written)
 
@@ -158,17 +136,12 @@ def compare(dataset: Path = typer.Argument(), out: Path | None = None, **options
 @command(
     "bayescal plan cell --contacts 100 --to urscript",
     "bayescal plan cell --after runs/cell-gap --for gap --contacts 60",
+    calls=planning.plan,
 )
 def plan(
     setup: Path = typer.Argument(metavar="SETUP"),
-    contacts: int | None = None,
     for_: str = "both",
     after: Path | None = None,
-    levers: str = "payload,approach",
-    model: str = "",
-    validation: bool = True,
-    order: str = "sweeps",
-    candidates: int = 5000,
     to: list[str] | None = None,
     probe_input: str = "",
     probe_force_n: float | None = None,
@@ -218,23 +191,10 @@ def plan(
         As of `fit`.
     """
     from bayescal.programs.probing import Probe, formats_of
-    from bayescal.public.planning import plan as work
 
     formats = formats_of(to or [], Probe(probe_input, probe_force_n, 1e-3 * probe_beyond_mm))
     with run_folder(out, [setup], "plan") as folder, progress("candidates") as notify:
-        result = work(
-            setup,
-            contacts,
-            for_,
-            model,
-            after=after,
-            levers=levers,
-            order=order,
-            validation=validation,
-            candidates=candidates,
-            progress=notify,
-            **options,
-        )
+        result = planning.plan(setup, purpose=for_, after=after, progress=notify, **options)
         notify("write", 0.0)
         written = result.save(
             folder,
@@ -246,12 +206,14 @@ def plan(
     show(result.report(), folder, written)
 
 
-@command("bayescal watch cell --plan runs/cell-plan", "bayescal watch cell --enough-um 60 --idle-s 300")
+@command(
+    "bayescal watch cell --plan runs/cell-plan",
+    "bayescal watch cell --enough-um 60 --idle-s 300",
+    calls=watching.watch,
+)
 def watch(
     dataset: Path = typer.Argument(metavar="DATASET"),
-    enough_um: float | None = None,
     plan: Path | None = None,
-    idle_s: float = 600.0,
     out: Path | None = None,
     pictures: bool = True,
     **options: Any,
@@ -283,18 +245,10 @@ def watch(
         Write watch.png and the figures of fit.
     """
     from bayescal.public.results import console
-    from bayescal.public.watching import watch as run
-    from bayescal.public.watching import words
 
     terminal = console()
     with run_folder(out, [dataset], "fit") as folder:
-        result = run(
-            dataset,
-            enough_um=enough_um,
-            plan=plan,
-            idle_s=idle_s,
-            say=lambda event: terminal.print(words(event), soft_wrap=True),
-            **options,
-        )
+        options |= {"say": lambda event: terminal.print(watching.words(event), soft_wrap=True)}
+        result = watching.watch(dataset, plan=plan, **options)
         written = result.save(folder, pictures)
     show(result.report(), folder, written)

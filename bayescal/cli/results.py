@@ -11,6 +11,7 @@ import typer
 from bayescal.cli.root import check_format, command, print_as, progress, said, show
 from bayescal.errors import BayescalError
 from bayescal.exporting import CERTIFICATE, FORMATS
+from bayescal.public import arms
 
 
 @command(
@@ -118,14 +119,12 @@ def export(
     force
         Export in spite of reasons against it.
     """
-    from bayescal.public.arms import ExportResult
-    from bayescal.public.arms import export as work
     from bayescal.public.budgets import CertificateResult
     from bayescal.public.budgets import certificate as certify
     from bayescal.public.motions import LogExportResult
     from bayescal.public.results import console
 
-    result: CertificateResult | ExportResult | LogExportResult
+    result: CertificateResult | arms.ExportResult | LogExportResult
     if to == CERTIFICATE:
         if into or with_ or without or at_time_s is not None or at_row or readings != "plain":
             what = "a certificate states the arm as it was fitted"
@@ -135,7 +134,7 @@ def export(
         if certificate or schema:
             what = f"{to} has no administrative data"
             raise BayescalError(what, "--certificate", "use it with --to dcc")
-        result = work(
+        result = arms.export(
             run, to, into=into, with_=with_, without=without, readings=readings, at_time=at_time_s,
             at_row=at_row or None, force=force,
         )  # fmt: skip
@@ -164,12 +163,11 @@ def verify(
     out
         Run folder to write [default: runs/<file>-verify].
     """
-    from bayescal.public.arms import verify as verified
     from bayescal.storage.folders import claimed
 
     folder = out or Path("runs") / f"{file.stem}-verify"
     with claimed(folder, "verify.json"), progress() as notify:
-        result = verified(run, file, progress=notify)
+        result = arms.verify(run, file, progress=notify)
         written = result.save(folder)
     show(result.report(), folder, written)
     if not result.passed:
@@ -179,6 +177,7 @@ def verify(
 @command(
     "bayescal compensate runs/cell-fit targets.csv --out corrected.csv",
     "bayescal compensate runs/cell-fit weld.ls --out weld-corrected.ls --payload-kg 2.5",
+    calls=arms.compensate,
     at_time="at-time-s",
 )
 def compensate(
@@ -186,13 +185,9 @@ def compensate(
     targets: Path = typer.Argument(metavar="TARGETS"),
     out: Path = typer.Option(),
     format_: str = "",
-    frame: str | None = None,
-    tool: str | None = None,
     tcp: str = typer.Option("", metavar="X,Y,Z,RX,RY,RZ"),
     payload_kg: float = typer.Option(0.0, min=0.0),
     at_time_s: float | None = None,
-    at_row: str | None = None,
-    force: bool = False,
     **options: Any,
 ) -> None:
     """Correct targets or a robot program for all fitted effects of an arm.
@@ -226,19 +221,14 @@ def compensate(
     force
         Compensate in spite of reasons against the arm.
     """
-    from bayescal.public.arms import check_out
-    from bayescal.public.arms import compensate as work
-
-    check_out(out, targets)
+    arms.check_out(out, targets)
     frame_of_tool = None  # x, y, z in m, and roll, pitch, yaw in rad
     if tcp:
         remedy = "give X,Y,Z,RX,RY,RZ in mm and deg, with commas"
         numbers = _numbers(tcp, "--tcp", f"`{tcp}` is not six numbers", remedy, 6)
         frame_of_tool = [*(1e-3 * mm for mm in numbers[:3]), *map(radians, numbers[3:])]
-    result = work(
-        run, targets, format=format_, frame=frame, tool=tool, tcp=frame_of_tool, payload_kg=payload_kg,
-        at_time=at_time_s, at_row=at_row, force=force, **options,
-    )  # fmt: skip
+    options |= {"format": format_, "tcp": frame_of_tool, "payload_kg": payload_kg, "at_time": at_time_s}
+    result = arms.compensate(run, targets, **options)
     show(result.report(), out.parent, result.save(out))
 
 

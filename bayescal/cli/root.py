@@ -58,22 +58,28 @@ PARAMETER = re.compile(r"^(\w+(?:, \w+)*)\n((?: +.*\n?)+)", re.MULTILINE)
 """Parameters in a docstring, and their description."""
 AS_OF = re.compile(r"As of `(\w+)`\.")
 """The description of parameters that another command has too."""
+KINDS = {"bool": bool, "int": int, "float": float, "int | None": int | None, "float | None": float | None}
+"""Types of options by the annotations of public functions; others are texts."""
 _options: dict[str, dict[str, inspect.Parameter]] = {}
 """Options of each command, by the names of its function and its parameters."""
 
 
-def command(*examples: str, name: str | None = None, **renamed: str) -> Callable[..., Callable[..., None]]:
+def command(
+    *examples: str, calls: Callable[..., Any] | None = None, name: str | None = None, **renamed: str
+) -> Callable[..., Callable[..., None]]:
     """Register a function as a command: its parameters are the options, its docstring has their help.
 
     A parameter is the option of its name. What its name, its type and its default do not state (that it is
     an argument, its metavar, limits) is stated by `typer.Argument` or `typer.Option` in place of the default.
-    Options are in the order of the docstring. Those "As of `fit`." that the function does not declare have
-    type and default of `fit`; it receives them as ``**options``.
+    Options are in the order of the docstring. Those that the function does not declare it receives as
+    ``**options``: of "As of `fit`." with type and default of `fit`, of others as of the public function.
 
     Parameters
     ----------
     *examples, **renamed
         As of `ending`.
+    calls : callable, optional
+        The public function that the command calls.
     name : str, optional
         Name of the command, if it is not that of the function.
     """
@@ -86,13 +92,16 @@ def command(*examples: str, name: str | None = None, **renamed: str) -> Callable
             for p in inspect.signature(function).parameters.values()
             if p.kind is not p.VAR_KEYWORD
         }
+        public = inspect.signature(calls).parameters if calls else {}
         described: dict[str, inspect.Parameter] = {}
         for names, text in PARAMETER.findall(section):
             other = AS_OF.fullmatch(text.strip())
             for key in names.split(", "):
-                first = _options[other[1]][key] if other else own[key]
-                words = first.default.help if other else " ".join(text.split())
-                described[key] = _option(own.get(key, first), words)
+                if other:
+                    first = _options[other[1]][key]
+                    described[key] = _option(own.get(key, first), first.default.help)
+                else:
+                    described[key] = _option(own.get(key) or _of_public(public[key]), " ".join(text.split()))
         _options[function.__name__] = described
         others = [_option(p) for key, p in own.items() if key not in described]
         signature = inspect.Signature([*others, *described.values()])
@@ -112,6 +121,12 @@ def _option(parameter: inspect.Parameter, text: str = "") -> inspect.Parameter:
         option = typer.Option(option, f"{flag}/--no-{flag[2:]}" if option is True else flag)
     option.help = text or option.help
     return parameter.replace(default=option)
+
+
+def _of_public(p: inspect.Parameter) -> inspect.Parameter:
+    """A parameter of a public function as that of a command; a sequence of names is a text with commas."""
+    default = ",".join(p.default) if isinstance(p.default, tuple) else p.default
+    return p.replace(kind=p.KEYWORD_ONLY, annotation=KINDS.get(p.annotation, str), default=default)
 
 
 def _version(wanted: bool) -> None:

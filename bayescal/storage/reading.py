@@ -14,11 +14,12 @@ from contextlib import contextmanager
 from importlib import import_module
 from io import BufferedReader
 from pathlib import Path
-from typing import Any
-
-from pydantic_core import ErrorDetails
+from typing import TYPE_CHECKING, Any
 
 from bayescal.errors import BayescalError, shown
+
+if TYPE_CHECKING:
+    from pydantic_core import ErrorDetails
 
 LARGEST = 2**29
 """Bytes of a table, a log or a record: some million rows."""
