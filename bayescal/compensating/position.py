@@ -17,6 +17,7 @@ from scipy.optimize import nnls
 
 from bayescal.arm.transforms import rigid
 from bayescal.assess.budget import COVERAGE
+from bayescal.dataset.target_kinds import KINDS
 from bayescal.effects import Parameter
 from bayescal.errors import BayescalError
 from bayescal.fitted.arm import FittedArm, Poses
@@ -148,8 +149,9 @@ def frame_of(arm: FittedArm, name: str) -> Frame:
     if name not in names:
         raise BayescalError("there is no such target", where, f"known: {', '.join([BASE, *names])}")
     if name not in arm.states:
-        fitted = ", ".join([BASE, *arm.states])
-        raise BayescalError("the fit did not locate this target", where, f"give one of: {fitted}")
+        form = {t.name: KINDS[t.kind].form for t in dataset.targets}
+        framed = ", ".join([BASE, *(n for n in arm.states if form[n] == "point")])
+        raise BayescalError("the fit did not locate this target", where, f"give one of: {framed}")
     index, m = names.index(name), dataset.measurements
     rows = np.flatnonzero((m.target == index) & (m.role == "calibrate") & ~np.isin(m.ids, arm.rejected))
     errors = arm.beyond.errors(arm.model, arm.values)

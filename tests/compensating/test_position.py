@@ -411,6 +411,10 @@ def test_frame_of_an_instrument(tracker):
 
 
 def test_a_plane_has_no_frame(solved_arm):
+    states = {name: state for name, state in solved_arm.states.items() if name != "cube.-y"}
+    with pytest.raises(BayescalError, match="did not locate this target") as caught:
+        frame_of(replace(solved_arm, states=states), "cube.-y")
+    assert caught.value.remedy == "give one of: base"  # of the faces none
     with pytest.raises(BayescalError, match="a plane has no frame"):
         frame_of(solved_arm, "cube.+z")
 
