@@ -227,6 +227,8 @@ class Circumstance:
         m, count = dataset.measurements, len(readings)
         if not np.all(np.isfinite(payload_kg)):
             raise BayescalError("is not a finite number", "--payload-kg", "give a number of kg")
+        if np.any(np.asarray(payload_kg) < 0):
+            raise BayescalError("is negative", "--payload-kg", "give a mass of 0 or more")
         way = np.zeros(readings.shape) if direction is None else np.asarray(direction, float)
         columns: dict[str, Any] = {
             "readings": readings, "command": readings, "velocity": np.broadcast_to(way, readings.shape),

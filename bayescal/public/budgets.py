@@ -137,6 +137,10 @@ def budget(
     if (distance is not None) + bool(parameter) + (point is not None) > 1:
         what = "more than one measurand is asked for"
         raise BayescalError(what, "budget", "give one of a distance, a parameter and a point")
+    if point is None and (tool is not None or payload_kg):
+        option = "--payload-kg" if tool is None else "--tool"
+        what = "it belongs to a point, and none is given"
+        raise BayescalError(what, option, "give --point-deg, or leave it out")
     arm, basis, seed = stated(run)
     if distance is not None:
         if len(distance) != 2:
