@@ -24,14 +24,14 @@ from bayescal.estimate.discrepancy import stated
 from bayescal.estimate.unexplained import FORM
 from bayescal.gap.concluded import concluded, events_of
 from bayescal.gap.design.advise import advise, rivals, undecided
-from bayescal.gap.design.blind_spots import Places, blind_spots, places_of, unseen
+from bayescal.gap.design.blind_spots import blind_spots, unseen
 from bayescal.gap.examine import Examined, examine, where
 from bayescal.gap.linear.problem import Problem, without_nuisance
 from bayescal.gap.linear.state import again
 from bayescal.gap.outcome.magnitude import Level, magnitude, model_levels, noise_floor, shrinkage
 from bayescal.gap.outcome.margins import margins, residuals_in_time
 from bayescal.gap.outcome.notes import amplitudes, displaced, warnings
-from bayescal.gap.result import Advice, Amplitude, BlindSpot, Gap, Shrinkage, Verdict
+from bayescal.gap.result import Advice, BlindSpot, Gap, Shrinkage, Verdict
 from bayescal.gap.search.beam import COMPLIANCE, Member
 from bayescal.gap.search.candidates import Variant
 from bayescal.gap.search.gate import Tests, confirmed, contradiction
@@ -285,7 +285,6 @@ def diagnose(
         return attempted(what, compute, otherwise, lost)
 
     plain = without_nuisance(last.problem, last.fitted.model.size)
-    spheres = places_of(last.fitted)
     free = either("the refit with the confirmed names alone", partial(_confirmed, found), final)
     arm, rigid = either("limits of compliances", partial(bounded, free), (free, UNCHANGED))
     if rigid.parameters and free is final and decision.members:  # one arm in all that follows
@@ -311,11 +310,9 @@ def diagnose(
         reduction = tuple(replace(s, claimed=False) for s in reduction)
     places = either("locations", partial(where, first, last, found.promoted, noise.sd), ())
     groups = either("groups", partial(margins, found.baseline, before, noise.sd, noise.dof), {})
-    advice = either("what to measure next", partial(_advice, last, plain, spheres), ())
-    spots = either("effects that would not be seen", partial(_unseen, last, plain, spheres), ())
-    sizes: tuple[Amplitude, ...] = ()
-    if verdict.named:
-        sizes = either("amplitudes", lambda: amplitudes(final, of_final, verdict.named), ())
+    advice = either("what to measure next", partial(_advice, last, plain), ())
+    spots = either("effects that would not be seen", partial(_unseen, last, plain), ())
+    sizes = either("amplitudes", lambda: amplitudes(final, of_final, verdict.named), ())
     open_pairs = either("effects that are not told from each other", partial(undecided, last), ())
     cautions = warnings(found.baseline, final, before, after, lacking)
     return Gap(
@@ -362,20 +359,20 @@ def doubted(refitted: Estimate, baseline: Estimate, verdict: Verdict) -> Estimat
     return replace(refitted, least={f: share * v for f, v in stated(baseline).variances.items() if v > 0})
 
 
-def _advice(last: Examined, plain: Problem, spheres: Places) -> tuple[Advice, ...]:
+def _advice(last: Examined, plain: Problem) -> tuple[Advice, ...]:
     """What to measure next, by pairs of hypotheses without nuisance parameters."""
     pairs = [
         (replace(a, state=again(a.state, plain)), replace(b, state=again(b.state, plain)))
         for a, b in rivals(last)
     ]
-    return advise(last.fitted, last.candidates, pairs, places=spheres)
+    return advise(last.fitted, last.candidates, pairs)
 
 
-def _unseen(last: Examined, plain: Problem, spheres: Places) -> tuple[BlindSpot, ...]:
+def _unseen(last: Examined, plain: Problem) -> tuple[BlindSpot, ...]:
     """Effects that the session would not show."""
     named = tuple(m.effect for m in last.decision.members)
     chosen = again(last.decision.hypothesis.state, plain)
-    return unseen(blind_spots(last.fitted, last.candidates, plain, chosen, named, spheres))
+    return unseen(blind_spots(last.fitted, last.candidates, chosen, named))
 
 
 def _errors_of(e: Estimate, found: Explained) -> ValidationErrors:

@@ -1,6 +1,6 @@
 """Relatives of a named effect: what it predicts, times a function of any other quantity of the log.
 
-As for contacts (`bayescal.gap.search.relatives`): a *modulated* relative is the prediction of the name and,
+As for contacts (`bayescal.gap.search.verdict`): a *modulated* relative is the prediction of the name and,
 in addition, this prediction times smooth functions of another quantity; a *replaced* one is the prediction
 times a positive function, without the name. A name is only as sure as the data exclude both.
 """

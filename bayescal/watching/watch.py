@@ -272,4 +272,4 @@ def _spots(found: Fit) -> tuple[BlindSpot, ...]:
     c = with_compliances(scene.circumstances(scene.rows("calibrate")), fitted)
     known = candidates(c, effects, found.options.without)
     p = problem(fitted, known.pool, tuple(masses(c)) if scene.moments is not None else ())
-    return blind_spots(fitted, known, p, fit_state(p, (), ()))
+    return blind_spots(fitted, known, fit_state(p, (), ()))

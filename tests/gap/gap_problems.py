@@ -90,7 +90,7 @@ def pool_of(cells: Sequence[Cell], columns: np.ndarray, count: int) -> Pool:
     sizes = [len(own) for cell in cells for own in cell.sets]
     sets = np.split(np.arange(sum(sizes)), np.cumsum(sizes, dtype=int)[:-1]) if sizes else ()
     owner = np.repeat(np.arange(len(cells)), [len(cell.sets) for cell in cells])
-    return Pool(tuple(cells), columns, tuple(sets), owner, count)
+    return Pool(columns, tuple(sets), count, cells=tuple(cells), owner=owner)
 
 
 @dataclass(frozen=True)

@@ -167,8 +167,8 @@ def test_random_errors_of_clusters_weigh_as_a_column_for_each_of_them():
     at = np.arange(rows)
     p = Problem(residual, 1e-6 * np.ones((rows, 1)), every, np.zeros(1), at, at, np.full(rows, 1e-6))
     state = fit_state(p, (), (), robust=False)
-    pool = Pool((), every, (), np.zeros(0, int), rows)
-    wanted = weigh_sets(state, replace(pool, sets=(np.arange(count),)).bank)[0]
+    pool = Pool(every, (), rows, cells=(), owner=np.zeros(0, int))
+    wanted = weigh_sets(state, replace(pool, sets=(np.arange(count),)))[0]
     found = weigh_clusters(state, column, clusters)
     np.testing.assert_allclose(found, wanted, atol=1e-4)
     assert np.max(found) > 3

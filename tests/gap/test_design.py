@@ -140,7 +140,7 @@ def certified(fitted: Estimate) -> np.ndarray:
 def linear(s: Session, columns) -> np.ndarray:
     used = np.array(columns)
     seen = project(s.state, s.problem.pool[:, used])
-    return distances(s.fitted, [s.known.pool[k] for k in used], s.state, used, seen)
+    return distances(s.fitted, [s.known.pool[k] for k in used], used, seen)
 
 
 @pytest.mark.parametrize(
@@ -186,7 +186,7 @@ def test_without_spheres_distances_between_points_are_told(cubes):
 
 def test_the_smallest_amplitude_that_is_named():
     s = spheres()
-    spots = blind_spots(s.fitted, s.known, s.problem, s.state, ("lobing",))
+    spots = blind_spots(s.fitted, s.known, s.state, ("lobing",))
     assert {b.effect for b in spots} == set(s.known.variants) - {"lobing"}
     assert len(spots) == len({b.effect for b in spots})
     errors = [b.distance_error for b in spots]
@@ -217,8 +217,8 @@ def test_what_is_named_no_longer_hides_and_absorbs():
         if "compliance" in s.known.variants
         else s.hypothesis(("bending", ""))
     )
-    free = {b.effect: b for b in blind_spots(s.fitted, s.known, s.problem, s.state)}
-    beside = {b.effect: b for b in blind_spots(s.fitted, s.known, s.problem, h.state, h.names)}
+    free = {b.effect: b for b in blind_spots(s.fitted, s.known, s.state)}
+    beside = {b.effect: b for b in blind_spots(s.fitted, s.known, h.state, h.names)}
     assert "bending" not in beside
     alike = [n for n in beside if (beside[n].site, beside[n].unit) == (free[n].site, free[n].unit)]
     assert len(alike) > 3
@@ -357,7 +357,7 @@ def test_turning_leaves_the_ball_where_it_is(cubes):
 
 def test_points_of_an_instrument_are_judged_too(tracker):
     s = Session(tracker(seed=2, count=60).dataset)
-    spots = blind_spots(s.fitted, s.known, s.problem, s.state)
+    spots = blind_spots(s.fitted, s.known, s.state)
     assert spots
     assert all(b.distance_error >= 0 for b in spots)
     a, b = s.hypothesis(("bending", "link 2")), s.hypothesis(("encoder-scale", "joint 2"))

@@ -24,9 +24,9 @@ from bayescal.gap.search.beam import Hypothesis, Member, Search
 from bayescal.gap.search.candidates import Candidates, Variant, candidates
 from bayescal.gap.search.makers import Cell
 from bayescal.gap.search.refit import model_name, still_without
-from bayescal.gap.search.relatives import Related
 from bayescal.gap.search.unknown import CellFit, Pool
 from bayescal.gap.search.verdict import (
+    Related,
     Weighed,
     contradicted,
     credible_set,
@@ -327,7 +327,7 @@ def test_a_cell_that_fits_a_little_better_is_no_better_explanation(place, form, 
         p = problem(named, both[:, 0])
         search = search_of(p, place)
         search.run()
-        pool = Pool((cell,), both, (np.array([0]),), np.array([0]), ROWS)
+        pool = Pool(both, (np.array([0]),), ROWS, cells=(cell,), owner=np.array([0]))
         found, alone = weigh(search, pool)
         null = search.hypotheses[frozenset()]
         gain = first(search).log_evidence - null.log_evidence
@@ -355,7 +355,7 @@ def decided(columns, contribution, cell):
     search = search_of(problem(columns, contribution))
     search.run()
     shape = Cell(joint(3), Driver("angle", 3), ((),))
-    return decide(search, Pool((shape,), cell, (np.array([0]),), np.array([0]), ROWS))
+    return decide(search, Pool(cell, (np.array([0]),), ROWS, cells=(shape,), owner=np.array([0])))
 
 
 @pytest.mark.parametrize(("what", "kind", "names"), [("all", "unknown", 0), ("rest", "named+unexplained", 1)])

@@ -14,7 +14,6 @@ import numpy as np
 
 from bayescal.dataset import Dataset
 from bayescal.estimate import Estimate
-from bayescal.gap.design.blind_spots import NOWHERE, Places
 from bayescal.gap.design.candidate_contacts import AGAIN, PairSide, Possible, possibilities
 from bayescal.gap.examine import Examined
 from bayescal.gap.result import Advice, NextContact, Pair, Side, Suspect
@@ -55,10 +54,7 @@ def choose(
 
 
 def advise(
-    fitted: Estimate,
-    known: Candidates,
-    pairs: Sequence[tuple[Hypothesis, Hypothesis]],
-    places: Places = NOWHERE,
+    fitted: Estimate, known: Candidates, pairs: Sequence[tuple[Hypothesis, Hypothesis]]
 ) -> tuple[Advice, ...]:
     """Next measurements to distinguish each pair of hypotheses: the best intervention, or the best two.
 
@@ -70,8 +66,6 @@ def advise(
         Of the search.
     pairs : sequence of (Hypothesis, Hypothesis)
         Effects that both contain belong to the model.
-    places : Places
-        Of spheres and sockets, where they are known: `places_of`.
 
     Returns
     -------
@@ -87,7 +81,7 @@ def advise(
     members = [m for pair in pairs for h in pair for m in h.members]
     if not members:
         return ()
-    interventions = possibilities(fitted, known, members, places)
+    interventions = possibilities(fitted, known, members)
     dataset = fitted.model.scene.dataset
     images = fitted.model.scene.in_images.all()
     contacts = min(DESIGN.contacts, DESIGN.images) if images else DESIGN.contacts

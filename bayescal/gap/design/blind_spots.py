@@ -6,28 +6,23 @@ The calibration absorbs z = Cov J'x of it, which displaces every located centre.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from types import MappingProxyType
 
 import numpy as np
 
 from bayescal.effects import Parameter, Site
 from bayescal.estimate import Estimate
 from bayescal.gap.linear.evidence import Projected, project
-from bayescal.gap.linear.problem import Problem
 from bayescal.gap.linear.state import State
 from bayescal.gap.result import BlindSpot
 from bayescal.gap.search.candidates import Candidates
 from bayescal.gap.settings import DESIGN
 from bayescal.model import ARM, Block, Model
 from bayescal.model.scene import Scene
+from bayescal.predict.errors import by_points
 from bayescal.predict.locate import Rows, locate
 from bayescal.predict.targets import centre_of, certified_diameters, with_diameter
-
-Places = Mapping[int, np.ndarray]
-"""Parts of z of targets that were not fitted, by their number, at the fitted arm."""
-NOWHERE: Places = MappingProxyType({})
 
 
 @dataclass(frozen=True)
@@ -56,28 +51,20 @@ def seats(known: Candidates, named: Sequence[str] = ()) -> list[Seat]:
 
 
 def blind_spots(
-    fitted: Estimate,
-    known: Candidates,
-    p: Problem,
-    state: State,
-    named: tuple[str, ...] = (),
-    places: Places = NOWHERE,
+    fitted: Estimate, known: Candidates, state: State, named: tuple[str, ...] = ()
 ) -> tuple[BlindSpot, ...]:
     """Detectability of every effect that is neither in the model nor named, largest distance error first.
 
     Parameters
     ----------
     fitted : Estimate
-        The baseline, as `p` was linearised at.
+        The baseline, as the problem of `state` was linearised at.
     known : Candidates
-        Their pool is that of `p`.
-    p : Problem
+        Their pool is that of the problem.
     state : State
         Baseline and named effects, with weights and noise.
     named : tuple of str
         Effects that are not assessed.
-    places : Places
-        Of spheres and sockets, where they are known: `places_of`.
 
     Returns
     -------
@@ -99,10 +86,10 @@ def blind_spots(
         return ()
     free = state.columns[state.columns < len(known.pool)]
     used = np.union1d(np.concatenate([s.columns for s in judged]), free)
-    seen = project(state, p.pool[:, used])
+    seen = project(state, state.problem.pool[:, used])
     raw = np.sum(seen.weighted**2, axis=0)
     strength = np.maximum(raw - np.sum(seen.across * seen.solved, axis=0), DESIGN.rounding * raw)
-    moved = distances(fitted, [known.pool[k] for k in used], state, used, seen, places)
+    moved = distances(fitted, [known.pool[k] for k in used], used, seen)
     harm = np.mean(moved**2, axis=0) if len(moved) else np.full(len(used), np.nan)
     best: dict[str, tuple[tuple[bool, float], BlindSpot]] = {}
     for s in judged:
@@ -125,14 +112,7 @@ def unseen(spots: Iterable[BlindSpot]) -> tuple[BlindSpot, ...]:
     return tuple(b for b in spots if b.smallest > b.plausible)
 
 
-def distances(
-    fitted: Estimate,
-    extra: Sequence[Parameter],
-    state: State,
-    used: np.ndarray,
-    seen: Projected,
-    places: Places = NOWHERE,
-) -> np.ndarray:
+def distances(fitted: Estimate, extra: Sequence[Parameter], used: np.ndarray, seen: Projected) -> np.ndarray:
     """Errors of distances (Q, K), m, by one prior standard deviation of each of K unmodelled candidates.
 
     Parameters
@@ -140,14 +120,10 @@ def distances(
     fitted : Estimate
     extra : sequence of Parameter
         The candidates.
-    state : State
-        The fitted state, including named columns.
     used : np.ndarray, shape (K,)
         Indices of the candidates in the pool, ascending.
     seen : Projected
-        Their columns, projected by the state.
-    places : Places
-        As for `blind_spots`.
+        Their columns, projected by a state, which includes named columns.
 
     Returns
     -------
@@ -155,7 +131,7 @@ def distances(
         Of certified distances between centres; where there are none, of distances between points of the
         session; (0, K) where there is neither.
     """
-    model = fitted.model
+    model, state = fitted.model, seen.state
     wide = Model(model.scene, model.effects, (*model.parameters, *extra), (), ())
     arm_size, size, count = len(model.parameters), len(fitted.z), len(used)
     values = np.append(model.deviations(fitted.z[model.slices[ARM]]), np.zeros(count))
@@ -170,8 +146,7 @@ def distances(
     centres: dict[str, tuple[np.ndarray, np.ndarray]] = {}
     pairs = certified_distances(model.scene)
     for name in dict.fromkeys(name for pair in pairs for name in pair):
-        centre = _centre(fitted, wide, name, values, off, seen.solved, places)
-        if centre is not None:
+        if (centre := _centre(fitted, wide, name, values, off, seen.solved)) is not None:
             centres[name] = centre
     ends = [(centres[a], centres[b]) for a, b in pairs if a in centres and b in centres]
     if not ends:
@@ -187,17 +162,8 @@ def certified_distances(scene: Scene) -> list[tuple[str, ...]]:
     return [c.targets for c in scene.dataset.certificates if c.kind == "distance"]
 
 
-def places_of(fitted: Estimate) -> Places:
-    """Places of the validation spheres and sockets of all certified distances, for `located`."""
-    model = fitted.model
-    names = {name for pair in certified_distances(model.scene) for name in pair} - set(model.block_of)
-    index = [k for k, t in enumerate(model.scene.dataset.targets) if t.name in names]
-    blocks = ((k, located(fitted, model, k, fitted.arm)) for k in index)
-    return {k: of[1] for k, of in blocks if of is not None}
-
-
 def located(
-    fitted: Estimate, wide: Model, target: int, values: np.ndarray, places: Places = NOWHERE
+    fitted: Estimate, wide: Model, target: int, values: np.ndarray
 ) -> tuple[Block, np.ndarray] | None:
     """A validation sphere or socket as a block of its own contacts, and its part of z at the solution.
 
@@ -213,17 +179,14 @@ def located(
         return None
     if (u := certified_diameters(scene).get(block.target)) is not None:
         block = with_diameter(block, u)
-    if target in places:
-        return block, places[target]
     sigma = np.tile(block.sigma, (block.kind.rows, 1))
     location, _ = locate(block.target, Rows(block.kind, block.motion.points(values), sigma))
     return block, location.x[0, block.free] / block.sd
 
 
 def _centre(
-    fitted: Estimate, wide: Model, name: str, values: np.ndarray, off: np.ndarray, solved: np.ndarray,
-    places: Places,
-) -> tuple[np.ndarray, np.ndarray] | None:  # fmt: skip
+    fitted: Estimate, wide: Model, name: str, values: np.ndarray, off: np.ndarray, solved: np.ndarray
+) -> tuple[np.ndarray, np.ndarray] | None:
     """Centre of a target (3,) and its errors (3, K), m, for errors `off` (P + K, K) of the arm."""
     model = fitted.model
     if name in model.block_of:
@@ -233,11 +196,10 @@ def _centre(
         shift = np.zeros((len(block.kind.sd), solved.shape[1]))
         shift[block.free] = solved[part] * block.sd[:, None]
         return centre_of(block, block.state(fitted.z[part])), shift[:3]
-    index = next(k for k, t in enumerate(model.scene.dataset.targets) if t.name == name)
-    block_and_z = located(fitted, wide, index, values, places)
-    if block_and_z is None:
+    found = located(fitted, wide, model.scene.index[name], values)
+    if found is None:
         return None
-    block, z = block_and_z
+    block, z = found
     _, by_arm, by_own = block.linearise(values, z)
     sigma = np.tile(block.sigma, block.kind.rows)[:, None]
     slopes, errors = by_own / sigma, (by_arm @ off) / sigma
@@ -254,8 +216,7 @@ def _points(
     rows = np.sort(rng.permutation(rows)[: DESIGN.points])
     motion = wide.motion(rows)
     p = motion.points(values)
-    by = [motion.columns(values, p, np.repeat(np.eye(3)[[k]].T, len(rows), axis=1)) for k in range(3)]
-    shift = np.stack([b.T @ off for b in by], axis=1)  # (points, 3, K)
+    shift = np.stack([by.T @ off for by in by_points(motion, values, p)], axis=1)  # (points, 3, K)
     a, b = np.triu_indices(len(rows), 1)
     far = np.flatnonzero(np.linalg.norm(p[:, a] - p[:, b], axis=0) >= DESIGN.apart)
     chosen = rng.permutation(far)[: DESIGN.pairs]

@@ -20,7 +20,7 @@ from bayescal.effects import EFFECTS, Parameter, parameters_of
 from bayescal.effects.selection import in_proportion
 from bayescal.estimate import Estimate
 from bayescal.estimate.families import with_compliances
-from bayescal.gap.design.blind_spots import NOWHERE, Places, located
+from bayescal.gap.design.blind_spots import located
 from bayescal.gap.linear.evidence import project
 from bayescal.gap.search.beam import Hypothesis, Member
 from bayescal.gap.search.candidates import Candidates
@@ -200,9 +200,7 @@ class Possible:
         return any(np.max(np.abs(d), initial=0.0) > DESIGN.changed for d in changed)
 
 
-def possibilities(
-    fitted: Estimate, known: Candidates, members: Sequence[Member], places: Places = NOWHERE
-) -> list[Possible]:
+def possibilities(fitted: Estimate, known: Candidates, members: Sequence[Member]) -> list[Possible]:
     """All interventions, linearised at the estimate; the first is `AGAIN`."""
     model = fitted.model
     dataset, interventions = widened(model.scene, _poses(fitted))
@@ -222,7 +220,7 @@ def possibilities(
     main = main_group(model)
     return [
         *(_linear(fitted, wide, values, intervention, used, main) for intervention in interventions),
-        *_spheres(fitted, wide, values, used, main, places),
+        *_spheres(fitted, wide, values, used, main),
     ]
 
 
@@ -263,14 +261,13 @@ def _linear(
 
 
 def _spheres(
-    fitted: Estimate, wide: Model, values: np.ndarray, used: np.ndarray, main: str, places: Places
+    fitted: Estimate, wide: Model, values: np.ndarray, used: np.ndarray, main: str
 ) -> list[Possible]:
     """The validation contacts on spheres whose distances are certified, if any."""
     model, scene = fitted.model, fitted.model.scene
     certified = [c for c in scene.dataset.certificates if c.kind == "distance"]
     names = {name for c in certified for name in c.targets} - set(model.block_of)
-    index = {t.name: k for k, t in enumerate(scene.dataset.targets) if t.name in names}
-    tried = ((name, located(fitted, wide, k, values, places)) for name, k in index.items())
+    tried = ((name, located(fitted, wide, k, values)) for name, k in scene.index.items() if name in names)
     blocks = {name: of for name, of in tried if of is not None}
     if not blocks:
         return []

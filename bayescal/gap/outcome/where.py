@@ -112,13 +112,8 @@ def visible(state: State, contribution: np.ndarray) -> np.ndarray:
 
 def unabsorbed(state: State, contribution: np.ndarray) -> np.ndarray:
     """Part of a whitened contribution (R,) not absorbed by the state, of lengths and orientations (C,)."""
-    count = state.problem.count
-    whiten = np.sqrt(state.weight)
-    whiten[:count] /= state.kappa
-    design = state.design * whiten[:, None]
-    weighted = contribution * whiten
-    left = contribution - state.design @ (state.covariance @ (design.T @ weighted))
-    return left[:count]
+    absorbed = state.design @ project(state, contribution[:, None]).solved[:, 0]
+    return (contribution - absorbed)[: state.problem.count]
 
 
 def _place(of: Contribution, without: State, with_it: State, tests: int, scale: Scale) -> Place:

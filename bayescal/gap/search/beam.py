@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from scipy.special import log_ndtr
@@ -70,7 +71,6 @@ class Search:
     robust: bool = True
     further: bool = False  # an effect was named before: every effect named now is a further one
     unseen: tuple[str, ...] = ()
-    bank: Bank | None = None
     hypotheses: dict[frozenset[str], Hypothesis] = field(default_factory=dict)
     anew: dict[bytes, State] = field(default_factory=dict)  # fits of no initial row weights
 
@@ -92,6 +92,10 @@ class Search:
         at = np.concatenate([np.empty(0, int), *columns])
         by = np.concatenate([np.empty(0), *scales])
         state = max((self._state(at, by, start) for start in starts), key=lambda s: s.log_evidence)
+        return self._of(members, state)
+
+    def _of(self, members: Sequence[Member], state: State) -> Hypothesis:
+        """The hypothesis of a set of effects and its fit."""
         evidence = state.log_evidence + sum(m.averaging for m in members) + self.signs(state)
         return Hypothesis(tuple(members), state, evidence, self.prior(len(members)))
 
@@ -119,7 +123,7 @@ class Search:
 
     def additions(self, state: State, without: Sequence[str]) -> dict[str, Scored]:
         """The gain of each effect not in `without` that is added to a state."""
-        bayes = weigh_sets(state, self._bank())
+        bayes = weigh_sets(state, self._bank)
         out, first = {}, 0
         for name, own in self.candidates.variants.items():
             table = bayes[first : first + len(own)] + np.array([v.log_prior for v in own])[:, None]
@@ -137,13 +141,12 @@ class Search:
             out[name] = Scored(Member(own[i], float(SCALES[k]), gain - best), gain, others)
         return out
 
+    @cached_property
     def _bank(self) -> Bank:
-        """All variants of all candidates, in order."""
-        if self.bank is None:
-            sets = [v.columns for own in self.candidates.variants.values() for v in own]
-            p = self.problem
-            self.bank = Bank(p.pool, tuple(sets), p.count, p.worth, p.jacobian)
-        return self.bank
+        """All variants of all candidates, in order; from `run` on they are those that are detectable."""
+        sets = [v.columns for own in self.candidates.variants.values() for v in own]
+        p = self.problem
+        return Bank(p.pool, tuple(sets), p.count, p.worth, p.jacobian)
 
     def allowed(self, names: Sequence[str]) -> bool:
         """Whether a set contains all effects that its effects require, where these are candidates."""
@@ -184,32 +187,26 @@ class Search:
         The gains of `additions` hold for the noise and the row weights without the effect: for a large effect
         they misjudge how well a variant fits what is left.
         """
-        start = best.state.weight
-        last = best.members[-1]
-        fits: dict[tuple[Variant, float], tuple[Member, State]] = {}  # of each variant and scale once
-        self._fit(fits, base, (last, *others), start)
-        lead = max(fits.values(), key=lambda pair: _weight(*pair))[0]
-        at = int(np.argmin(np.abs(np.log(SCALES / lead.scale))))
-        near = [replace(lead, scale=float(SCALES[k])) for k in (at - 1, at + 1) if 0 <= k < len(SCALES)]
-        self._fit(fits, base, near, start)
-        member, state = max(fits.values(), key=lambda pair: _weight(*pair))
-        total = float(log_sum(np.array([_weight(*pair) for pair in fits.values()])))
-        chosen = replace(member, averaging=total - state.log_evidence)
-        members = (*base.members, chosen)
-        evidence = state.log_evidence + sum(m.averaging for m in members) + self.signs(state)
-        return Hypothesis(members, state, evidence, self.prior(len(members)))
+        fits = dict[Member, State]()
 
-    def _fit(
-        self,
-        fits: dict[tuple[Variant, float], tuple[Member, State]],
-        base: Hypothesis,
-        members: Sequence[Member],
-        start: np.ndarray,
-    ) -> None:
-        """Add to `fits`, by variant and scale, those of a hypothesis with each of these members that lack."""
-        for m in members:
-            if (key := (m.variant, m.scale)) not in fits:
-                fits[key] = (m, self.hypothesis((*base.members, m), (None, start)).state)
+        def fit(members: Sequence[Member]) -> None:
+            for m in members:
+                if m not in fits:
+                    fits[m] = self.hypothesis((*base.members, m), (None, best.state.weight)).state
+
+        def weight(m: Member) -> float:
+            """Log evidence of a variant and scale, with their prior within the effect."""
+            at = int(np.argmin(np.abs(np.log(SCALES / m.scale))))
+            return fits[m].log_evidence + m.variant.log_prior + float(SCALE_PRIOR[at])
+
+        fit((replace(best.members[-1], averaging=0.0), *others))
+        lead = max(fits, key=weight)
+        at = int(np.argmin(np.abs(np.log(SCALES / lead.scale))))
+        fit([replace(lead, scale=float(SCALES[k])) for k in (at - 1, at + 1) if 0 <= k < len(SCALES)])
+        member = max(fits, key=weight)
+        total = float(log_sum(np.array([weight(m) for m in fits])))
+        chosen = replace(member, averaging=total - fits[member].log_evidence)
+        return self._of((*base.members, chosen), fits[member])
 
     def _leave_out_unseen(self, state: State) -> None:
         """Effects that are not detectable at any plausible amplitude are not candidates."""
@@ -224,7 +221,7 @@ class Search:
         }
         self.unseen = tuple(name for name, size in most.items() if size * SCALES[-1] ** 2 < SEARCH.detectable)
         kept = {n: v for n, v in self.candidates.variants.items() if n not in self.unseen}
-        self.candidates, self.bank = replace(self.candidates, variants=kept), None
+        self.candidates = replace(self.candidates, variants=kept)
 
     def run(self) -> None:
         """Search sets of growing size with a beam."""
@@ -240,9 +237,3 @@ class Search:
             level = [h for h in level if h.score > top - SEARCH.below_best]
             if not level:
                 break
-
-
-def _weight(member: Member, state: State) -> float:
-    """Log evidence of a variant and scale, with their prior within the effect."""
-    at = int(np.argmin(np.abs(np.log(SCALES / member.scale))))
-    return state.log_evidence + member.variant.log_prior + float(SCALE_PRIOR[at])

@@ -239,12 +239,9 @@ class _Own:
         found: dict[tuple[Site, Driver], list[int]] = {}
         for k, p in enumerate(parameters):
             found.setdefault((p.site, p.driver.course if joined else p.driver), []).append(k)
-        drivers = [
-            dict.fromkeys((site, parameters[k].driver) for k in own) for (site, _), own in found.items()
-        ]
         return [
-            cls(site, first + np.array(own), tuple(places))
-            for ((site, _), own), places in zip(found.items(), drivers, strict=True)
+            cls(site, first + np.array(own), tuple(dict.fromkeys((site, parameters[k].driver) for k in own)))
+            for (site, _), own in found.items()
         ]
 
 

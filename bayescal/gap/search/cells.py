@@ -20,23 +20,17 @@ from bayescal.effects.plane_form import shapes
 from bayescal.effects.step import reflectors
 from bayescal.estimate.families import lobes
 from bayescal.gap.search.makers import (
+    FURTHER,
     Cell,
     at_contact,
     at_joint,
-    between_orders,
     measured,
     movers,
     moves,
     passes,
-    rocking,
-    scatter,
     sides_of,
     smooth,
-    torque_and_angle,
-    travel,
-    two_angles,
 )
-from bayescal.gap.search.products import by_any, pointing, products, remembering
 from bayescal.gap.search.quantities import at_tool, signs
 from bayescal.gap.settings import CELLS
 from bayescal.statistics import rms
@@ -260,9 +254,5 @@ def _faces(c: Circumstances) -> Iterator[Cell]:
         yield Cell(site, Driver("face"), (form,), known="plane-form" in EFFECTS)
 
 
-MAKERS = (
-    _joints, _bending, _time, _sway, _hanging, _around, _probe, _region, _faces,
-    torque_and_angle, two_angles, between_orders, rocking, travel, scatter,
-    products, by_any, remembering, pointing,
-)  # fmt: skip
+MAKERS = (_joints, _bending, _time, _sway, _hanging, _around, _probe, _region, _faces, *FURTHER)
 """Functions that list the cells of a session, in the order of the cells."""

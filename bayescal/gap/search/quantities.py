@@ -13,8 +13,7 @@ from bayescal.effects import Circumstances
 from bayescal.effects.backlash import STANDSTILL
 from bayescal.effects.common import by_reading
 from bayescal.effects.location import Driver
-from bayescal.estimate.families import unit_range
-from bayescal.gap.search.makers import smooth
+from bayescal.estimate.families import cosines, unit_range
 from bayescal.gap.settings import RELATIVES
 from bayescal.statistics import rms
 
@@ -53,21 +52,21 @@ def _functions(c: Circumstances) -> Iterator[tuple[Driver, list[np.ndarray], lis
     fitted, waves = c.fitted, RELATIVES.waves
     for j in range(1, c.robot.n + 1):
         angle = c.readings[:, j - 1]
-        yield by_reading(c.robot, j), smooth(angle, fitted, waves), _ends(angle, fitted)
+        yield by_reading(c.robot, j), cosines(angle, fitted, waves), _ends(angle, fitted)
         if c.torques is not None and np.ptp(c.torques[fitted, j - 1]) > 1e-3:
             load = c.torques[:, j - 1] / rms(c.torques[fitted, j - 1])
-            yield Driver("torque", j), smooth(load, fitted, waves), [np.abs(load), *_ends(load, fitted)]
+            yield Driver("torque", j), cosines(load, fitted, waves), [np.abs(load), *_ends(load, fitted)]
         if c.velocity is not None and np.any(c.velocity[fitted, j - 1]):
             speed, way = np.abs(c.velocity[:, j - 1]), signs(c.velocity[:, j - 1])
             yield Driver("direction", j), [way], [(1.0 + way) / 2, (1.0 - way) / 2]
-            yield Driver("joint speed", j), smooth(speed, fitted, 2), [speed / rms(speed[fitted])]
+            yield Driver("joint speed", j), cosines(speed, fitted, 2), [speed / rms(speed[fitted])]
     clock = np.arange(len(c.q), dtype=float) if c.time is None else c.time
-    yield Driver("time"), smooth(clock, fitted, waves), _ends(clock, fitted)
+    yield Driver("time"), cosines(clock, fitted, waves), _ends(clock, fitted)
     if c.temperature is not None:
-        yield Driver("temperature"), smooth(c.temperature, fitted, 2), _ends(c.temperature, fitted)
+        yield Driver("temperature"), cosines(c.temperature, fitted, 2), _ends(c.temperature, fitted)
     place = reference.points(c.chain, c.q, c.tool_centres[c.tool])
     ends = [f for x in place.T for f in _ends(x, fitted)]
-    yield Driver("workspace"), [f for x in place.T for f in smooth(x, fitted, 1)], ends
+    yield Driver("workspace"), [f for x in place.T for f in cosines(x, fitted, 1)], ends
     if np.any(c.touching):
         normal = list(np.where(c.touching[:, None], c.approach, 0.0).T)
         yield Driver("contact direction"), normal, [f for x in normal for f in _ends(x, fitted)]

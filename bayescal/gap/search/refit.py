@@ -7,12 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import compress
 
 import numpy as np
 
 from bayescal.assess.completed import completed
 from bayescal.effects import EFFECTS, Circumstances, Effect, Setting
-from bayescal.effects.location import Site
 from bayescal.effects.selection import Selection, driver_words, plain, shortest
 from bayescal.estimate import Estimate, calibrated
 from bayescal.gap.linear.evidence import SCALE_PRIOR, SCALES, Bank, log_sum, weigh_sets
@@ -95,7 +95,6 @@ class Screened:
     single: Single
     gain: float  # averaged over scales
     scale: float  # the best one
-    columns: np.ndarray | None  # (R, k); only of the leading setting of each site
 
 
 def screened(
@@ -138,7 +137,7 @@ def _screen(
     effect: Effect, values: np.ndarray, slopes: Slopes, states: Sequence[State], c: Circumstances
 ) -> list[list[Screened]]:
     """Settings of a scan at every site, by each driver, over each of several states."""
-    out, leading = [list[Screened]() for _ in states], [dict[Site, int]() for _ in states]
+    out = [list[Screened]() for _ in states]
     for first in range(0, len(values), SEARCH.chunk):
         chunk = [float(value) for value in values[first : first + SEARCH.chunk]]
         every = [(value, p) for value in chunk for p in effect.at(c, value)]
@@ -149,27 +148,17 @@ def _screen(
                 own.setdefault(Single(value, q.site, q.driver), []).append(k)
         p, sets = states[0].problem, tuple(map(np.array, own.values()))
         bank = Bank(columns, sets, p.count, p.worth, p.jacobian)
-        for state, found, of_site in zip(states, out, leading, strict=True):
+        for state, found in zip(states, out, strict=True):
             nats = weigh_sets(state, bank) + SCALE_PRIOR
             gains, scales = log_sum(nats, axis=1).tolist(), SCALES[np.argmax(nats, axis=1)].tolist()
-            for (single, at), gain, scale in zip(own.items(), gains, scales, strict=True):
-                before = of_site.get(single.site)
-                leads = before is None or gain > found[before].gain
-                if leads and before is not None:
-                    found[before] = replace(found[before], columns=None)
-                if leads:
-                    of_site[single.site] = len(found)
-                found.append(Screened(single, gain, scale, columns[:, at] if leads else None))
+            found += map(Screened, own, gains, scales)
     return out
 
 
-def _columns(one: Screened, effect: Effect, slopes: Slopes, c: Circumstances) -> np.ndarray:
-    """Columns (R, k) of a setting at one site, which is not always the leading one there."""
-    if one.columns is not None:
-        return one.columns
-    at = one.single.site, one.single.driver
-    own = [p for p in effect.at(c, one.single.setting) if (p.site, p.driver) == at]
-    return slopes.columns([p for p, seen in zip(own, unaliased(own, c), strict=True) if seen])
+def _columns(one: Single, effect: Effect, slopes: Slopes, c: Circumstances) -> np.ndarray:
+    """Columns (R, k) of a setting at one site."""
+    own = [p for p in effect.at(c, one.setting) if (p.site, p.driver) == (one.site, one.driver)]
+    return slopes.columns(list(compress(own, unaliased(own, c))))
 
 
 def screening_states(p: Problem, columns: np.ndarray, scales: np.ndarray, robust: bool) -> list[State]:
@@ -205,7 +194,7 @@ def _one_by_one(
         if best.gain <= np.log(len(tried)):
             break
         out.append(best.single)
-        columns = _columns(best, effect, slopes, c)
+        columns = _columns(best.single, effect, slopes, c)
         width, size = state.problem.pool.shape[1], columns.shape[1]
         states = screening_states(
             replace(state.problem, pool=np.column_stack([state.problem.pool, columns])),

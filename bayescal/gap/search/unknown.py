@@ -21,22 +21,12 @@ MOST_ROWS = 3000
 """Rows up to which the sets of cells are kept: their drivers take as much memory as the columns."""
 
 
-@dataclass(frozen=True)
-class Pool:
+@dataclass(frozen=True, kw_only=True)
+class Pool(Bank):
     """Cells and their columns (R, K): `sets` are indices of columns, `owner` is the cell of each set."""
 
     cells: tuple[Cell, ...]
-    columns: np.ndarray | Driven
-    sets: tuple[np.ndarray, ...]
     owner: np.ndarray
-    count: int  # number of rows that are contacts
-    worth: np.ndarray | None = None  # (C,) see `Problem`
-    jacobian: np.ndarray | None = None  # (R, D) of the problem
-
-    @cached_property
-    def bank(self) -> Bank:
-        """The sets, prepared for the evaluation of their evidence."""
-        return Bank(self.columns, self.sets, self.count, self.worth, self.jacobian)
 
     @cached_property
     def by_number(self) -> list[tuple[np.ndarray, np.ndarray]]:
@@ -86,7 +76,7 @@ def filled(make: Callable[[], Iterable[Cell]], slopes: Slopes, poses: np.ndarray
     ends = np.cumsum(list(itertools.chain.from_iterable(sizes)), dtype=int)[:-1]
     sets = tuple(np.split(np.arange(columns.shape[1]), ends))
     owner = np.repeat(np.arange(len(cells)), list(map(len, sizes)))
-    return Pool(tuple(cells), columns, sets, owner, p.count, p.worth, p.jacobian)
+    return Pool(columns, sets, p.count, p.worth, p.jacobian, cells=tuple(cells), owner=owner)
 
 
 @dataclass(frozen=True)
@@ -139,7 +129,7 @@ def refitted(state: State, pool: Pool, f: CellFit, start: np.ndarray | None = No
 
 def approximate_fits(state: State, pool: Pool) -> list[CellFit]:
     """Gain of every cell over a state, without fits."""
-    bayes, p = weigh_sets(state, pool.bank) + SCALE_PRIOR, state.problem
+    bayes, p = weigh_sets(state, pool) + SCALE_PRIOR, state.problem
     for i, cell in enumerate(pool.cells):
         if cell.clusters is not None:
             at = int(np.flatnonzero(pool.owner == i)[0])
