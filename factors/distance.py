@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from factors.kind import Feature, direction, point
+from factors.kind import Centred, direction
 
 
 @dataclass(frozen=True)
-class Distance:
+class Distance(Centred):
     """A pivot from which a length is kept or read.
 
     Parameters
@@ -20,24 +20,14 @@ class Distance:
     sd : (3,) prior standard deviations of the pivot, m
     """
 
-    centre: np.ndarray
     length: np.ndarray
     sd: np.ndarray
     rows = 1
-    parts = (("x", "m"), ("y", "m"), ("z", "m"))
 
     def residual(self, x: np.ndarray, p: np.ndarray) -> np.ndarray:
-        out = p - (self.centre + x)[..., None]
-        return (np.linalg.norm(out, axis=-2) - self.length)[..., None, :]
+        return (np.linalg.norm(self.apart(x, p), axis=-2) - self.length)[..., None, :]
 
     def linearise(self, x: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        out = p - (self.centre + x)[..., None]
-        u, length = direction(out, axis=-2)
+        u, length = direction(self.apart(x, p), axis=-2)
         r = length[..., 0, :] - self.length
         return r[..., None, :], u[..., None, :, :], -np.swapaxes(u, -1, -2)[..., None, :, :]
-
-    def describe(self, x: np.ndarray) -> dict[str, np.ndarray | float]:
-        return {"centre": self.centre + x}
-
-    def feature(self, x: np.ndarray) -> Feature:
-        return point(self.centre, x)

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from factors.kind import Feature, point
+from factors.kind import Centred
 
 
 @dataclass(frozen=True)
-class FixedPoint:
+class FixedPoint(Centred):
     """A point that the ball centre returns to.
 
     Parameters
@@ -19,13 +19,11 @@ class FixedPoint:
     sd : (3,) prior standard deviations, m
     """
 
-    centre: np.ndarray
     sd: np.ndarray
     rows = 3
-    parts = (("x", "m"), ("y", "m"), ("z", "m"))
 
     def residual(self, x: np.ndarray, p: np.ndarray) -> np.ndarray:
-        return p - (self.centre + x)[..., None]
+        return self.apart(x, p)
 
     def linearise(self, x: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         r = self.residual(x, p)
@@ -33,9 +31,3 @@ class FixedPoint:
         u = np.broadcast_to(np.eye(3)[:, :, None], (*r.shape[:-2], 3, 3, count))
         dx = np.broadcast_to(-np.eye(3)[:, None, :], (*r.shape[:-2], 3, count, 3))
         return r, u, dx
-
-    def describe(self, x: np.ndarray) -> dict[str, np.ndarray | float]:
-        return {"centre": self.centre + x}
-
-    def feature(self, x: np.ndarray) -> Feature:
-        return point(self.centre, x)

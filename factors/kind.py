@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Protocol, cast
+from typing import ClassVar, Protocol, cast
 
 import numpy as np
 
@@ -115,8 +115,21 @@ def slopes(x: np.ndarray) -> np.ndarray:
     return np.zeros((*x.shape, 3))
 
 
-def point(centre: np.ndarray, x: np.ndarray) -> Feature:
-    """A point whose displacement, m, leads the state."""
-    by = slopes(x)
-    by[..., :3, :] = np.eye(3)
-    return Feature(centre + x[..., :3], by)
+@dataclass(frozen=True)
+class Centred:
+    """What has a centre (3,) in F0, nominal, m, whose displacement leads the state."""
+
+    centre: np.ndarray
+    parts: ClassVar[tuple[tuple[str, str], ...]] = (("x", "m"), ("y", "m"), ("z", "m"))
+
+    def apart(self, x: np.ndarray, p: np.ndarray) -> np.ndarray:
+        """The points p (..., 3, C) from the centre."""
+        return p - (self.centre + x[..., :3])[..., None]
+
+    def describe(self, x: np.ndarray) -> dict[str, np.ndarray | float]:
+        return {"centre": self.centre + x[:3]}
+
+    def feature(self, x: np.ndarray) -> Feature:
+        by = slopes(x)
+        by[..., :3, :] = np.eye(3)
+        return Feature(self.centre + x[..., :3], by)

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from factors.kind import Feature, direction, point
+from factors.kind import Centred, direction
 
 
 @dataclass(frozen=True)
-class Sphere:
+class Sphere(Centred):
     """A datum sphere, by its centre and diameter.
 
     Parameters
@@ -21,22 +21,18 @@ class Sphere:
     sd : (4,) prior standard deviations of the centre and of the diameter, m
     """
 
-    centre: np.ndarray
     diameter: float
     radius: np.ndarray
     sd: np.ndarray
     rows = 1
-    parts = (("x", "m"), ("y", "m"), ("z", "m"), ("diameter", "m"))
-
-    def _apart(self, x: np.ndarray, p: np.ndarray) -> np.ndarray:
-        return p - (self.centre + x[..., :3])[..., None]
+    parts = (*Centred.parts, ("diameter", "m"))
 
     def residual(self, x: np.ndarray, p: np.ndarray) -> np.ndarray:
-        length = np.linalg.norm(self._apart(x, p), axis=-2)
+        length = np.linalg.norm(self.apart(x, p), axis=-2)
         return (length - (0.5 * (self.diameter + x[..., 3, None]) + self.radius))[..., None, :]
 
     def linearise(self, x: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        u, length = direction(self._apart(x, p), axis=-2)
+        u, length = direction(self.apart(x, p), axis=-2)
         r = length[..., 0, :] - (0.5 * (self.diameter + x[..., 3, None]) + self.radius)
         dx = np.empty((*r.shape, 4))
         dx[..., :3] = -np.swapaxes(u, -1, -2)
@@ -44,7 +40,4 @@ class Sphere:
         return r[..., None, :], u[..., None, :, :], dx[..., None, :, :]
 
     def describe(self, x: np.ndarray) -> dict[str, np.ndarray | float]:
-        return {"centre": self.centre + x[:3], "diameter": float(self.diameter + x[3])}
-
-    def feature(self, x: np.ndarray) -> Feature:
-        return point(self.centre, x)
+        return super().describe(x) | {"diameter": float(self.diameter + x[3])}

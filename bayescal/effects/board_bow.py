@@ -8,10 +8,10 @@ Driver: the place on the board. Prior: five times the stated flatness (assumed, 
 
 from __future__ import annotations
 
-from bayescal.effects.imaging import beyond, bow
+from bayescal.effects.imaging import beyond
 
 BOARD_BOW = beyond(
-    bow,
+    "bow",
     "board-bow",
     "board not flat",
     size=("m", "height of the middle"),

@@ -8,14 +8,15 @@ least 0.2 %: a printer stretches its print by some tenths of a percent.
 
 from __future__ import annotations
 
-from bayescal.effects.imaging import beyond, scale
+from bayescal.effects.imaging import LEAST_SCALE, beyond
 
 BOARD_SCALE = beyond(
-    scale,
+    "scale",
     "board-scale",
     "size of a board in error",
     size=("1", "relative error of the size"),
     phrase=("the board", "has another size than stated"),
     remedy="Measure the board over several squares along both axes, and write the size of its squares.",
     confusable_with=("focal-length",),
+    least=LEAST_SCALE,
 )

@@ -7,13 +7,13 @@ of 0 is not fitted.
 
 from __future__ import annotations
 
-from bayescal.effects.imaging import bow, centre, distortion, focal, scale
+from bayescal.effects.imaging import of_view
 from bayescal.effects.vocabulary import Circumstances, Effect, Parameter
 
 
 def _parameters(c: Circumstances) -> list[Parameter]:
-    parts = (focal, centre, distortion, scale, bow)
-    return [p for v in c.views for make in parts for p in make(v, v.name, 1.0)]
+    kinds = ("focal", "centre", "distortion", "scale", "bow")
+    return [p for v in c.views for kind in kinds for p in of_view(v, kind, v.name)]
 
 
 CAMERA = Effect(

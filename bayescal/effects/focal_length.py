@@ -9,10 +9,10 @@ error of both is distinguishable from an error of the size of the board by image
 
 from __future__ import annotations
 
-from bayescal.effects.imaging import beyond, focal
+from bayescal.effects.imaging import beyond
 
 FOCAL_LENGTH = beyond(
-    focal,
+    "focal",
     "focal-length",
     "focal length of a camera in error",
     size=("px", "error of the focal length"),

@@ -8,10 +8,10 @@ the camera on its mount looks nearly the same where all images are taken at one 
 
 from __future__ import annotations
 
-from bayescal.effects.imaging import beyond, centre
+from bayescal.effects.imaging import beyond
 
 IMAGE_CENTRE = beyond(
-    centre,
+    "centre",
     "image-centre",
     "optical axis of a camera in error",
     size=("px", "error of the optical axis"),

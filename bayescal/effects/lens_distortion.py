@@ -8,10 +8,10 @@ Driver: the place in the image. Prior: five times the stated uncertainty (assume
 
 from __future__ import annotations
 
-from bayescal.effects.imaging import beyond, distortion
+from bayescal.effects.imaging import beyond
 
 LENS_DISTORTION = beyond(
-    distortion,
+    "distortion",
     "lens-distortion",
     "distortion of a lens in error",
     size=("1", "error of a coefficient"),

@@ -62,28 +62,28 @@ class CertifiedValue:
 
 
 @dataclass(frozen=True)
-class View:
-    """What a fitted camera sees: changes of its residuals, m, by a unit of what may be in error; 0 elsewhere.
+class ImageErrors:
+    """K quantities of a camera or its board that may be in error."""
 
-    Coefficients K of the lens and points of the board as in `factors`. Uncertainties are standard ones.
-    """
+    names: tuple[str, ...]
+    unit: str
+    by: np.ndarray  # (N, 2, K) change of the view's residuals, m, by a unit of each; 0 elsewhere
+    u: np.ndarray  # (K,) standard uncertainties
+    nominal: np.ndarray | None = None  # (K,); None: 0
+    of_board: bool = False
+
+
+@dataclass(frozen=True)
+class View:
+    """What a fitted camera sees: its rows, and what may be in error of its lens and its board."""
 
     name: str
     rows: np.ndarray  # (N,) 1 for its rows, else 0
-    by_focal: np.ndarray  # (N, 2, 2) m/px, residual and focal length
-    by_centre: np.ndarray  # (N, 2, 2) m/px
-    by_coefficients: np.ndarray  # (N, 2, K) m
-    coefficients: tuple[str, ...]
-    by_board: np.ndarray  # (N, 2, 3) by a shift of the point in the frame of the board
-    corner: np.ndarray  # (N, 3) m, of the point from the middle of the board
-    half: np.ndarray  # (2,) m, half the size of the board
-    focal: np.ndarray  # (2,) px
-    centre: np.ndarray  # (2,) px
-    u_focal: np.ndarray  # (2,) px
-    u_centre: np.ndarray  # (2,) px
-    u_coefficients: np.ndarray  # (K,)
-    u_scale: float
-    u_flatness: float  # m
+    focal: ImageErrors  # focal lengths along both axes of the image, px
+    centre: ImageErrors  # the optical axis in the image, px
+    distortion: ImageErrors  # deviations of the coefficients of the lens
+    scale: ImageErrors  # relative errors of the size of the board along both of its axes
+    bow: ImageErrors  # height of the middle of the board over its edges, of a bend along each axis, m
     several: bool = False  # there are other views
 
 

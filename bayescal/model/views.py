@@ -11,6 +11,7 @@ from bayescal.dataset import Dataset, Target
 from bayescal.dataset.cameras import blur, board, closed_form, is_stated, placed, stated
 from bayescal.dataset.target_kinds import KINDS
 from bayescal.effects import View
+from bayescal.effects.vocabulary import ImageErrors
 from factors.camera import NEAREST, Camera
 from factors.lens import NAMES
 
@@ -96,27 +97,17 @@ def view(t: Target, kind: Camera, rows: np.ndarray, pose: np.ndarray, count: int
     by_camera = np.concatenate([slopes, inward], axis=1)  # (2, 3, C) by a shift in the camera's frame
     axes = np.moveaxis(pose[:, :3], -1, 0)
     to_camera = np.swapaxes(axes, 1, 2) @ kind.frame[:3, :3] if kind.carried else kind.frame[:3, :3].T @ axes
-    by_board = np.einsum("ikc,ckj->ijc", by_camera, to_camera)
+    board_slopes = spread(np.einsum("ikc,ckj->ijc", by_camera, to_camera))
     middle = 0.5 * (points.max(axis=0) + points.min(axis=0))
-    corner = np.zeros((count, 3))
-    corner[rows] = kind.corner - middle
-    every = np.zeros(count)
-    every[rows] = 1.0
+    corner, every = np.zeros((count, 1, 2)), np.zeros(count)
+    corner[rows, 0], every[rows] = (kind.corner - middle)[:, :2], 1.0
+    half = np.maximum(0.5 * np.ptp(points, axis=0)[:2], 1e-3)
+    by_scale, by_bow = board_slopes[..., :2] * corner, board_slopes[..., 2:] * (1.0 - (corner / half) ** 2)
     return View(
-        t.name,
-        every,
-        spread(focal),
-        spread(centre),
-        spread(coefficients),
-        NAMES[lens.model],
-        spread(by_board),
-        corner,
-        np.maximum(0.5 * np.ptp(points, axis=0)[:2], 1e-3),
-        lens.focal,
-        lens.centre,
-        own.focal,
-        own.centre,
-        own.coefficients,
-        own.scale,
-        own.flatness,
-    )
+        t.name, every,
+        ImageErrors(("fx", "fy"), "px", spread(focal), own.focal, lens.focal),
+        ImageErrors(("cx", "cy"), "px", spread(centre), own.centre, lens.centre),
+        ImageErrors(NAMES[lens.model], "1", spread(coefficients), own.coefficients),
+        ImageErrors(("scale x", "scale y"), "1", by_scale, np.full(2, own.scale), of_board=True),
+        ImageErrors(("bow x", "bow y"), "m", by_bow, np.full(2, own.flatness), of_board=True),
+    )  # fmt: skip

@@ -1,24 +1,31 @@
-"""Causes beside the list: general products, and relatives of the names of the best set."""
+"""Causes beside the list: general products, events, and relatives of the names of the best set.
+
+Events are no function of the motion: torques that change at once and come back. A relative is what a name
+predicts, times a function of any other quantity of the log. As for contacts (`bayescal.gap.search.verdict`) a
+*modulated* relative is the prediction of the name and, in addition, this prediction times smooth functions of
+the quantity; a *replaced* one is the prediction times a positive function, without the name.
+"""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.signal import correlate
 from scipy.special import logsumexp
 
 from bayescal.motion.cells import UNKNOWN
 from bayescal.motion.effects import Form, joint
-from bayescal.motion.events import events
-from bayescal.motion.linear import Sparse
+from bayescal.motion.linear import Fit, Sparse, predicted
 from bayescal.motion.noise import Noise
 from bayescal.motion.pool import Pool, Unlisted
-from bayescal.motion.products import Bank, Gains, Product
-from bayescal.motion.relatives import relative
-from bayescal.motion.search import Hypothesis, Member, Search
-from bayescal.motion.settings import PRODUCTS, RELATIVES, SEARCH
+from bayescal.motion.products import Bank, Dots, Gains, Product, averaged, consecutive
+from bayescal.motion.quantities import Argument
+from bayescal.motion.search import SCALE_PRIOR, SCALES, Hypothesis, Member, Search
+from bayescal.motion.settings import EVENTS, PRODUCTS, RELATIVES, SEARCH
+from bayescal.motion.signals import Signals, root_mean_square
 
 
 def beside(
@@ -149,3 +156,129 @@ def _unlisted(form: Form, columns: Sparse, sd: float) -> Unlisted:
     count = next(iter(columns[0].values())).shape[1]
     terms = tuple(form.term("1", sd, part=f"function {k + 1}") for k in range(count))
     return Unlisted(form, terms, columns)
+
+
+Found = tuple[Form, float, Sparse]
+"""A form, its evidence, nats, and its columns."""
+
+
+@dataclass(frozen=True)
+class _Event:
+    gain: float  # nats
+    motion: int
+    row: int  # at which it begins
+    pulse: np.ndarray  # rows of it
+
+
+def events(bank: Bank, fit: Fit) -> Iterator[Found]:
+    """Torques of each joint that change at once and come back, where these explain what a fit leaves."""
+    order, n = bank.noise.order, len(bank.size)
+    every = bank.table.residuals(fit.values)
+    left = [[bank.noise.whitened(r[:, j], j) for j in range(n)] for r in every]
+    tried = np.log(len(EVENTS.constants) * sum(map(len, every)))
+    pulses = [_pulse(bank.table.parts[0].signals, constant) for constant in EVENTS.constants]
+    for j in range(n):
+        candidates = []
+        for pulse in pulses:
+            shape = bank.noise.whitened(np.r_[np.zeros(order), pulse], j)[order:] * bank.size[j]
+            for p, residual in enumerate(left):
+                if len(shape) > len(residual[j]) - order:
+                    continue
+                score = correlate(residual[j][order:], shape, "valid")
+                gain = _averaged(score**2, float(shape @ shape)) - tried
+                rows = np.flatnonzero(gain > 0.0).tolist()
+                candidates += [_Event(float(gain[k]), p, k + order, pulse) for k in rows]
+        chosen: list[_Event] = []
+        for c in sorted(candidates, key=lambda c: -c.gain):
+            apart = all(
+                c.motion != o.motion or abs(c.row - o.row) > max(len(c.pulse), len(o.pulse)) for o in chosen
+            )
+            if apart and len(chosen) < EVENTS.most:
+                chosen.append(c)
+        if chosen:
+            form = Form(UNKNOWN, joint(j), "time, single events", f"{len(chosen)} of them")
+            columns = [np.zeros((len(part.residual), len(chosen))) for part in bank.table.parts]
+            for k, event in enumerate(chosen):
+                end = event.row + len(event.pulse)
+                columns[event.motion][event.row : end, k] = event.pulse * bank.size[j]
+            yield form, sum(c.gain for c in chosen), [{j: x} for x in columns]
+
+
+def _pulse(s: Signals, constant: float) -> np.ndarray:
+    """A torque that changes at once and comes back with a time constant, as rows that are kept show it."""
+    since = s.time - s.time[len(s.time) // 3]
+    rows = s.kept(np.where(since < 0.0, 0.0, np.exp(-np.maximum(since, 0.0) / constant)))
+    first = int(np.argmax(np.abs(rows) > EVENTS.visible))
+    return rows[first : first + round(EVENTS.length * constant / (s.step * s.every)) + 2]
+
+
+def _averaged(square: np.ndarray, size: float) -> np.ndarray:
+    """Log Bayes factors of single columns by their squared scores and information, averaged over scales."""
+    by = SCALES**2 * size
+    nats = 0.5 * square[..., None] * SCALES**2 / (1.0 + by) - 0.5 * np.log1p(by)
+    return np.asarray(logsumexp(nats + SCALE_PRIOR, axis=-1))
+
+
+@dataclass(frozen=True)
+class Relative:
+    """A relative of a member of a hypothesis, with its columns."""
+
+    form: Form
+    gain: float  # nats over the hypothesis with the name, averaged over all quantities
+    columns: Sparse
+    replaces: bool  # whether the name is left out
+
+
+def relative(bank: Bank, search: Search, members: Sequence[Member], member: Member) -> Relative:
+    """The strongest relative of a member, with the evidence of all of its relatives."""
+    fit, rest = search.fit(members), search.fit([m for m in members if m is not member])
+    rows = predicted(bank.table, fit, search.terms[member.form])
+    size = root_mean_square(rows)
+    live = np.flatnonzero(size > RELATIVES.least * np.max(size))
+    given, share = bank.first, RELATIVES.share
+
+    def modulations(p: np.ndarray, of_motion: Sequence[Argument]) -> list[np.ndarray]:
+        return [p[:, :, None] * (share * a.functions[:, None]) for a in of_motion]
+
+    def replacements(p: np.ndarray, of_motion: Sequence[Argument]) -> list[np.ndarray]:
+        return [p[:, :, None], *(p[:, :, None] * f[:, None, None] for a in of_motion for f in _factors(a))]
+
+    origin = [k for k, a in enumerate(given) for _ in _factors(a)]
+    modulated = _nats(bank, fit, live, rows, modulations)
+    replaced = _nats(bank, rest, live, rows, replacements)
+    replaced = replaced[1:] - replaced[0] + np.log(RELATIVES.replaced / len(origin))
+    modulated += np.log(RELATIVES.modulated / len(given))
+    i = int(np.argmax(replaced))
+    instead = bool(replaced[i] > np.max(modulated))
+    k = origin[i] if instead else int(np.argmax(modulated))
+    form = replace(member.form, effect=UNKNOWN, driver=f"{member.form.driver} times {given[k].name}")
+    columns = []
+    for p, (_, _, of_motion) in zip(rows, bank.motions(), strict=True):
+        by = _factors(of_motion[k])[i % 2][:, None] if instead else of_motion[k].functions
+        columns.append({c: (p[:, c, None] * by).astype(np.float32) for c in live.tolist()})
+    # a part of what a name explains may belong to its form
+    forgiven = SEARCH.form * max(fit.log_evidence - rest.log_evidence, 0.0)
+    gain = float(logsumexp(np.r_[modulated, replaced])) - forgiven
+    return Relative(form, gain, columns, instead)
+
+
+def _factors(a: Argument) -> list[np.ndarray]:
+    """Positive functions (M,) of a quantity: from 0 at one end of its range to 1 at the other, both ways."""
+    f = a.functions[:, 0]
+    return [(1.0 + f) / 2.0, (1.0 - f) / 2.0]
+
+
+def _nats(
+    bank: Bank, fit: Fit, channels: np.ndarray, rows: Sequence[np.ndarray],
+    columns: Callable[[np.ndarray, Sequence[Argument]], list[np.ndarray]],
+) -> np.ndarray:  # fmt: skip
+    """Log Bayes factors of sets beside a fit; `columns` has each (M, C, k), of the prediction of a motion."""
+    dots: dict[int, Dots] = {}
+    sets: tuple[np.ndarray, ...] = ()
+    for p, (part, _, given) in zip(rows, bank.motions(), strict=True):
+        every = columns(p, given)
+        sets = consecutive([x.shape[2] for x in every])
+        wide = np.concatenate(every, axis=2)
+        for c in channels.tolist():
+            bank.count(dots, part, fit, c, wide[:, c], sets, into=0)
+    return averaged(fit, dots[0], sets)

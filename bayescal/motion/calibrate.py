@@ -14,12 +14,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bayescal.logs import Log, Mechanism
-from bayescal.logs.mechanism import PAIRS
 from bayescal.logs.types import CALIBRATE, SERVO, VALIDATE
 from bayescal.motion.estimate import Estimate, estimated, moved_to, of_role
 from bayescal.motion.fit_settings import CALIBRATION
 from bayescal.motion.linear import Fit, tabulated
-from bayescal.motion.possible import Possible, draws_within, spread
+from bayescal.motion.possible import NOT_NEGATIVE, Possible, draws_within, spread
 from bayescal.motion.servo import with_torques
 from bayescal.motion.settings import OUTCOME
 from bayescal.motion.signals import Signals, all_signals, each, root_mean_square
@@ -116,7 +115,8 @@ def calibrated(
     log = estimate.parts[0].log
     start = nominal(log, estimate.rms)
     names = fit.names
-    base = np.array([_nominal(name, start, log.mechanism) for name in names])
+    stated = _nominal(start)
+    base = np.array([stated.get(name, 0.0) for name in names])
     progress("sample", 0.3)
     count = max(samples, CALIBRATION.fewest) // CALIBRATION.chains
     z = draws_within(fit, Possible.of(fit, start, log), count, seed)
@@ -144,17 +144,12 @@ def calibrated(
     )
 
 
-def _nominal(name: str, start: Operating, m: Mechanism) -> float:
-    """Nominal value of a parameter."""
-    stem, _, number = name.rpartition(" ")
-    if stem.endswith(" of link"):
-        k, part = int(number) - 1, stem.removesuffix(" of link")
-        values = [m.mass[k], *m.centre[k], *(m.inertia[k][pair] for pair in PAIRS)]
-        return float(values[BODY.index(part)])
-    each = {"armature": start.armature, "coulomb": start.coulomb, "viscous": start.viscous}
-    if stem in each:
-        return float(each[stem][int(number) - 1])
-    return float(start.shift[0]) if name == "alignment" else 0.0
+def _nominal(start: Operating) -> dict[str, float]:
+    """Nominal values of parameters, by name; those of others are 0."""
+    joints = range(len(start.bodies))
+    out = {f"{part} of link {k + 1}": start.bodies[k, p] for k in joints for p, part in enumerate(BODY)}
+    out |= {f"{stem} {k + 1}": getattr(start, stem)[k] for stem in NOT_NEGATIVE for k in joints}
+    return out | {"alignment": start.shift[0]}
 
 
 def fitted_mechanism(m: Mechanism, at: Operating, servo: bool) -> Mechanism:

@@ -1,23 +1,27 @@
-"""The diagnosis of a log: which effects explain what the baseline leaves."""
+"""The diagnosis of a log: which effects explain what the baseline leaves, where, and how errors shrink."""
 
 from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from bayescal.errors import BayescalError
 from bayescal.logs import Log
 from bayescal.logs.types import CALIBRATE, VALIDATE
-from bayescal.motion import outcome
 from bayescal.motion.beside import beside, simplified
+from bayescal.motion.effects import EFFECTS, Form
 from bayescal.motion.estimate import estimated, noise_about
-from bayescal.motion.linear import joined, normal
+from bayescal.motion.linear import Fit, Normal, joined, normal, predicted
 from bayescal.motion.named import named_arm
 from bayescal.motion.pool import Pool
-from bayescal.motion.result import MotionGap
+from bayescal.motion.result import Amplitude, MotionGap, Place, Shrinkage
+from bayescal.motion.search import Member, Search
 from bayescal.motion.servo import with_torques
-from bayescal.motion.settings import NOISE, VERDICT
+from bayescal.motion.settings import NOISE, OUTCOME, SEARCH, VERDICT
 from bayescal.motion.signals import all_signals
-from bayescal.motion.verdict import confirmed, decide
+from bayescal.motion.signals import root_mean_square as rms
+from bayescal.motion.verdict import Verdict, confirmed, decide
 from bayescal.storage.stopping import Progress, silent
 
 
@@ -63,15 +67,142 @@ def diagnose(log: Log, progress: Progress = silent) -> MotionGap:
     return MotionGap(
         estimate=estimate,
         verdict=verdict,
-        where=outcome.places(search, pool, verdict),
-        amplitudes=outcome.amplitudes(search, pool, verdict),
-        shrinkage=outcome.shrinkage(search, pool, verdict, held),
+        where=places(search, pool, verdict),
+        amplitudes=amplitudes(search, pool, verdict),
+        shrinkage=shrinkage(search, pool, verdict, held),
         hypotheses=tuple((h.names, float(w), h.log_evidence) for h, w in ranked),
-        not_assessed=outcome.not_assessed(search, pool),
-        advice=tuple(outcome.advice(search, pool, verdict)),
+        not_assessed=not_assessed(search, pool),
+        advice=tuple(advice(pool, verdict)),
         values=named.values,
         u=named.u,
         warnings=log.notes,
         model=model,
         arm=named_arm(estimate, named, pool.scale) if verdict.named.members else model,
     )
+
+
+def places(search: Search, pool: Pool, v: Verdict) -> tuple[Place, ...]:
+    """Sites of the leading set, the largest first, and further cells."""
+    out = []
+    fit = search.fit(v.leading.members)
+    for m in v.leading.members:
+        others = [o for o in v.leading.members if o is not m]
+        nats = fit.log_evidence - search.fit(others).log_evidence
+        effect = m.form.effect if m.form.effect in v.named.names else ""
+        out.append(_place(search, pool, fit, m, nats, effect))
+    out.sort(key=lambda place: -place.nats)
+    taken = {place.form.site for place in out}
+    for form, nats in search.cells(v.leading.members)[: OUTCOME.places]:
+        if form.site not in taken and nats > SEARCH.gain:
+            member = Member(form, 1.0)
+            wide = search.fit((*v.leading.members, member))
+            out.append(_place(search, pool, wide, member, nats, ""))
+            taken.add(form.site)
+    return tuple(out)
+
+
+def _place(search: Search, pool: Pool, fit: Fit, m: Member, nats: float, explained_by: str) -> Place:
+    """The place of a member, and the torque that it explains."""
+    explained = predicted(pool.table.of_role(CALIBRATE), fit, search.terms[m.form])
+    size = rms(explained)[: len(pool.scale.torque)]
+    j = int(np.argmax(size / pool.scale.torque))
+    return Place(m.form, nats, float(size[j]), j, explained_by)
+
+
+def amplitudes(search: Search, pool: Pool, v: Verdict) -> tuple[Amplitude, ...]:
+    """Amplitudes of the named effects, and whether they matter on withheld motions."""
+    fit, out = search.fit(v.named.members), []
+    after = rms(moving(pool, fit))
+    for m in v.named.members:
+        names = search.terms[m.form]
+        units = {search.normal.terms[search.normal.index[name]].unit for name in names}
+        parts = {_part(m.form, n): (fit.values[n], fit.u[n]) for n in names}
+        value, u = parts.popitem()[1] if len(parts) == 1 else _length(fit, names)
+        without = search.fit([o for o in v.named.members if o is not m])
+        removed = float(np.max(1.0 - after / rms(moving(pool, without))))
+        unit = units.pop() if len(units) == 1 else ""
+        out.append(Amplitude(m.form, value, u, unit, parts, removed >= OUTCOME.relevant, removed))
+    return tuple(out)
+
+
+def _part(form: Form, term: str) -> str:
+    """The part of a form that a term is: an axis, a wave, or the joint of a form in all joints."""
+    stem = form.term("", 0.0).name
+    return term.removeprefix(stem).strip() if term.startswith(stem) else " ".join(term.split()[1:3])
+
+
+def _length(fit: Fit, names: Sequence[str]) -> tuple[float, float]:
+    """Length of a vector of terms of one unit, and its standard uncertainty along the vector."""
+    terms = fit.names
+    at = [terms.index(name) for name in names]
+    sd = fit.sd[at]
+    vector = fit.z[at] * sd
+    covariance = fit.covariance[np.ix_(at, at)] * np.outer(sd, sd)
+    size = float(np.linalg.norm(vector))
+    along = vector / max(size, 1e-300)
+    return size, float(np.sqrt(along @ covariance @ along))
+
+
+def moving(pool: Pool, fit: Fit) -> list[np.ndarray]:
+    """What a fit leaves of the torques of validation motions while the arm moves, N m, each (N, n)."""
+    return [left[s.moves] for s, left in pool.unfiltered(fit.values)]
+
+
+def shrinkage(search: Search, pool: Pool, v: Verdict, held: Normal) -> Shrinkage:
+    """Torque error on validation motions with the baseline and with the named effects."""
+    null, named = search.fit(), search.fit(v.named.members)
+    before, after = moving(pool, null), moving(pool, named)
+    floor = rms(left for _, left in pool.unfiltered(search.fit(v.leading.members).values, CALIBRATE))
+    gain = 0.5 * (null.chi2(held) - named.chi2(held))
+    share, low, high = np.nan, np.nan, np.nan
+    if v.named.members:
+        first, last = (np.concatenate([_blocks(x, pool) for x in of]) / floor**2 for of in (before, after))
+        share = _removed(first, last)
+        picked = np.random.default_rng(0).integers(0, len(first), (OUTCOME.draws, len(first)))
+        draws = [_removed(first[k], last[k]) for k in picked]
+        if np.any(np.isfinite(draws)):
+            low, high = map(float, np.nanquantile(draws, (0.025, 0.975)))
+    return Shrinkage(rms(before), rms(after), floor, share, (low, high), gain)
+
+
+def _blocks(x: np.ndarray, pool: Pool) -> np.ndarray:
+    """Mean squares (B, n) of blocks of residuals (N, n) that are long against their correlation."""
+    size = max(round(OUTCOME.block / pool.estimate.parts[0].step), 1)
+    count = max(len(x) // size, 1)
+    return np.array([np.mean(part**2, axis=0) for part in np.array_split(x, count)])
+
+
+def _removed(before: np.ndarray, after: np.ndarray) -> float:
+    """Share of the excess variance, in units of the noise (B, n), that is removed, at most all of it."""
+    excess = float(np.sum(np.mean(before, axis=0) - 1.0))
+    return min(float(np.sum(np.mean(before - after, axis=0))) / excess, 1.0) if excess > 0.0 else np.nan
+
+
+def not_assessed(search: Search, pool: Pool) -> dict[str, str]:
+    """Effects that this log does not show, and why."""
+    log = pool.estimate.parts[0].log
+    out = {name: why for name, effect in EFFECTS.items() if (why := effect.lacks(log))}
+    unseen = "not detectable in these motions at any plausible amplitude"
+    out |= {name: unseen for name in EFFECTS if name not in out and not search.seen.get(name, False)}
+    return out
+
+
+def advice(pool: Pool, v: Verdict) -> Iterator[str]:
+    """What to log next."""
+    parts, log = pool.estimate.parts, pool.estimate.parts[0].log
+    if len({s.same_as for s in parts}) == len(parts):
+        yield "repeat one motion three times: the noise is then known without the model"
+    if not any(m.loaded for m in log.motions):
+        yield "log motions with a known payload, in turn with unloaded ones"
+    elif all(m.loaded for m in log.motions):
+        yield "log motions without the payload, in turn with loaded ones"
+    if log.motions[0].temperature is None:
+        yield "log the temperature of the joints"
+    slow = [np.sum((np.abs(s.dq) > 0.002) & (np.abs(s.dq) < OUTCOME.slow), axis=0) for s in parts]
+    slow = np.sum(slow, axis=0) / sum(len(s.dq) for s in parts)
+    if np.any(slow < OUTCOME.slow_share):
+        joints = ", ".join(str(j + 1) for j in np.flatnonzero(slow < OUTCOME.slow_share))
+        yield f"cross the range slowly (below {OUTCOME.slow:g} rad/s) with joint {joints}"
+    if v.left_open:
+        form = v.leading.members[-1].form
+        yield f"vary {form.driver} at {form.site} alone, with the other joints still"

@@ -6,16 +6,10 @@ import numpy as np
 
 from bayescal.logs import Mechanism
 from bayescal.logs.mechanism import PAIRS, inertial
+from factors.turns import cross_matrix
 
 PARAMETERS = 10
 """Of a body: mass, first moment (3), inertia about its frame's origin (6)."""
-
-
-def skew(v: np.ndarray) -> np.ndarray:
-    """Matrices (..., 3, 3) of cross products with vectors (..., 3)."""
-    out = np.zeros((*v.shape, 3))
-    out[..., 0, 1], out[..., 0, 2], out[..., 1, 2] = -v[..., 2], v[..., 1], -v[..., 0]
-    return out - np.swapaxes(out, -1, -2)
 
 
 def _times_inertia(v: np.ndarray) -> np.ndarray:
@@ -30,7 +24,7 @@ def _times_inertia(v: np.ndarray) -> np.ndarray:
 
 def turns(m: Mechanism, q: np.ndarray) -> np.ndarray:
     """Rotations (n, N, 3, 3) of every body in the one before it, at joint angles (N, n)."""
-    cross = skew(m.axis)[:, None]
+    cross = cross_matrix(m.axis)[:, None]
     sine, cosine = np.sin(q.T)[..., None, None], np.cos(q.T)[..., None, None]
     return m.place[:, None, :3, :3] @ (np.eye(3) + sine * cross + (1.0 - cosine) * (cross @ cross))
 
@@ -71,19 +65,24 @@ def regressor(
         turning = turning + np.cross(rate, spin) + m.axis[k] * ddq[:, k, None]
         rate = rate + spin
         force, moment = np.zeros((2, count, 3, PARAMETERS))
-        wheel = skew(rate)
+        wheel = cross_matrix(rate)
         force[:, :, 0] = pull
-        force[:, :, 1:4] = skew(turning) + wheel @ wheel
-        moment[:, :, 1:4] = -skew(pull)
+        force[:, :, 1:4] = cross_matrix(turning) + wheel @ wheel
+        moment[:, :, 1:4] = -cross_matrix(pull)
         moment[:, :, 4:] = _times_inertia(turning) + wheel @ _times_inertia(rate)
         for j in range(k, -1, -1):
             out[:, j, k] = np.einsum("i,nip->np", m.axis[j], moment)
             if j:
                 force = turn[j] @ force
-                moment = turn[j] @ moment + skew(m.place[j, :3, 3]) @ force
+                moment = turn[j] @ moment + cross_matrix(m.place[j, :3, 3]) @ force
     return np.einsum("ji,njkp->nikp", m.coupling, out)
 
 
-def payload_of(m: Mechanism, mass: float = 1.0) -> np.ndarray:
-    """Inertial parameters (10,) that a payload adds to the last body."""
-    return inertial(mass, m.payload_centre, mass * m.payload_gyration**2 * np.eye(3))
+def payload_of(m: Mechanism) -> np.ndarray:
+    """Inertial parameters (10,) that a payload of 1 kg adds to the last body."""
+    return inertial(1.0, m.payload_centre, m.payload_gyration**2 * np.eye(3))
+
+
+def carried(by: np.ndarray, inertials: np.ndarray, m: Mechanism, payload: np.ndarray) -> np.ndarray:
+    """Torques (N, n) of bodies with `inertials` (n, 10) and of a payload (N,), kg, by their `regressor`."""
+    return np.einsum("njkp,kp->nj", by, inertials) + by[:, :, -1] @ payload_of(m) * payload[:, None]

@@ -15,7 +15,7 @@ import numpy as np
 from bayescal.logs import Log
 from bayescal.logs.mechanism import inertial
 from bayescal.logs.types import SERVO
-from bayescal.motion.ripple import Waves
+from bayescal.motion.dynamics import carried, payload_of
 from bayescal.motion.settings import FORMS
 from bayescal.motion.signals import Signals, derivative
 from bayescal.motion.terms import (
@@ -69,6 +69,16 @@ FormColumn = tuple[Form, Term, np.ndarray]
 
 
 @dataclass(frozen=True)
+class Waves:
+    """Joints, from 0, and waves a turn that explain most, with the logs of their shares of all tried."""
+
+    steady: tuple[tuple[int, float], ...] = ()  # of one phase
+    spread: float = 0.0
+    changing: tuple[tuple[int, float], ...] = ()  # whose phase differs from piece to piece of the motions
+    changing_spread: float = 0.0
+
+
+@dataclass(frozen=True)
 class Scale:
     """Sizes of a log on which priors of effects depend."""
 
@@ -101,10 +111,9 @@ def joint(j: int) -> str:
 
 
 def _payload(s: Signals, at: Operating, scale: Scale) -> Iterator[FormColumn]:
-    form, m = Form("payload", TOOL, "mass"), s.log.mechanism
-    unit = inertial(1.0, m.payload_centre, m.payload_gyration**2 * np.eye(3))
-    on = (s.payload > 0.0)[:, None]
-    yield form, form.term("kg", FORMS.payload * scale.loaded), (s.rigid[:, :, -1] @ unit) * on
+    form, on = Form("payload", TOOL, "mass"), (s.payload > 0.0)[:, None]
+    column = (s.rigid[:, :, -1] @ payload_of(s.log.mechanism)) * on
+    yield form, form.term("kg", FORMS.payload * scale.loaded), column
 
 
 def _payload_offset(s: Signals, at: Operating, scale: Scale) -> Iterator[FormColumn]:
@@ -225,12 +234,11 @@ def _delay(s: Signals, at: Operating, scale: Scale) -> Iterator[FormColumn]:
 
 
 def _base_tilt(s: Signals, at: Operating, scale: Scale) -> Iterator[FormColumn]:
-    form, m = Form("base-tilt", BASE, "gravity direction"), s.log.mechanism
-    load = inertial(1.0, m.payload_centre, np.zeros((3, 3)))
+    form = Form("base-tilt", BASE, "gravity direction")
     for k, name in enumerate("xy"):
         turned = np.cross(np.eye(3)[k], s.log.gravity)
         by = np.einsum("a,anjkp->njkp", turned, s.tilted)
-        column = np.einsum("njkp,kp->nj", by, at.inertials) + by[:, :, -1] @ load * s.payload[:, None]
+        column = carried(by, at.inertials, s.log.mechanism, s.payload)
         yield form, form.term("rad", FORMS.tilt, part=name), column
 
 

@@ -10,14 +10,13 @@ import numpy as np
 
 from bayescal.logs.types import VALIDATE
 from bayescal.motion.cells import UNKNOWN, Ranges, cells
-from bayescal.motion.effects import Form, FormColumn, Scale, columns, in_all_joints
+from bayescal.motion.effects import Form, FormColumn, Scale, Waves, columns, in_all_joints
 from bayescal.motion.estimate import Estimate
-from bayescal.motion.linear import Normal, Sparse, Table, tabulated
+from bayescal.motion.linear import Normal, Sparse, Table, fitted, normal, tabulated
 from bayescal.motion.noise import Noise
 from bayescal.motion.products import Bank
-from bayescal.motion.ripple import waves_of
 from bayescal.motion.search import Search
-from bayescal.motion.settings import CELLS
+from bayescal.motion.settings import CELLS, SEARCH
 from bayescal.motion.signals import Signals, each
 from bayescal.motion.terms import Column, Operating, Term, by_channel
 
@@ -112,3 +111,39 @@ class Pool:
 def _candidates(s: Signals, at: Operating, scale: Scale, ranges: Ranges) -> Iterable[FormColumn]:
     """Columns of effects and cells."""
     return chain(columns(s, at, scale), cells(s, at, scale, ranges))
+
+
+def waves_of(estimate: Estimate) -> Waves:
+    """Scan a grid of waves a turn, and multiples of a turn of the motor where the gear ratio is known."""
+    table, noise = estimate.table(), estimate.noise
+    residuals = table.residuals(fitted(normal(table, noise), np.arange(len(table.terms))).values)
+    steady, changing, tried = [], [], 0
+    log = table.parts[0].signals.log
+    for j in range(log.n):
+        turned = float(np.ptp(np.concatenate([p.signals.q[:, j] for p in table.parts])))
+        low, high, part = SEARCH.waves
+        waves = np.arange(low, high, max(part * 2.0 * np.pi / max(turned, 1e-3), part))
+        gear = log.mechanism.gear_ratio[j]
+        if not np.isnan(gear):
+            of_motor = np.array(SEARCH.of_motor) * abs(gear)
+            waves = np.unique(np.r_[waves, of_motor[of_motor > high]])
+        score, size, loose = np.zeros(len(waves), complex), np.zeros(len(waves)), np.zeros(len(waves))
+        for p, r in zip(table.parts, residuals, strict=True):
+            x = noise.whitened(p.signals.kept(np.exp(1j * p.signals.q[:, j : j + 1] * waves)), j)
+            y = noise.whitened(r[:, j], j)
+            for rows in np.array_split(np.arange(len(y)), SEARCH.pieces):
+                along, square = x[rows].conj().T @ y[rows], np.sum(np.abs(x[rows]) ** 2, axis=0)
+                score += along
+                size += square
+                loose += np.abs(along) ** 2 / np.maximum(square, 1.0)
+        strength = np.abs(score) ** 2 / np.maximum(size, 1.0)
+        steady += [(j, float(waves[k])) for k in _peaks(strength, SEARCH.ripples)]
+        changing += [(j, float(waves[k])) for k in _peaks(loose, SEARCH.changing)]
+        tried += len(waves)
+    shares = [float(np.log(max(len(chosen), 1) / tried)) for chosen in (steady, changing)]
+    return Waves(tuple(steady), shares[0], tuple(changing), shares[1])
+
+
+def _peaks(x: np.ndarray, count: int) -> list[int]:
+    """The largest local maxima."""
+    return [k for k in np.argsort(-x).tolist() if x[k] == np.max(x[max(k - 2, 0) : k + 3])][:count]

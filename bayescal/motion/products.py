@@ -11,11 +11,10 @@ import numpy as np
 from scipy.special import logsumexp
 
 from bayescal.motion.cells import UNKNOWN, Ranges
-from bayescal.motion.effects import BASE, LOG, TOOL, Form, joint
+from bayescal.motion.effects import BASE, LOG, TOOL, Form, Waves, joint
 from bayescal.motion.linear import Fit, Part, Sparse, Table, added
 from bayescal.motion.noise import Noise
 from bayescal.motion.quantities import Argument, Kept, quantities, responses
-from bayescal.motion.ripple import Waves
 from bayescal.motion.search import SCALE_PRIOR, SCALES
 from bayescal.motion.settings import FORMS, SIGNALS
 from bayescal.motion.signals import each

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.signal import lfilter
 
 from bayescal.motion.cells import Ranges, presliding, resonated, smooth
-from bayescal.motion.ripple import Waves
+from bayescal.motion.effects import Waves
 from bayescal.motion.settings import FORMS, PRODUCTS, SEARCH
 from bayescal.motion.signals import Signals
 from bayescal.motion.terms import Operating

@@ -15,7 +15,7 @@ from bayescal.arm.transforms import compiled
 from bayescal.errors import BayescalError, listed
 from bayescal.logs import Log
 from bayescal.logs.types import CALIBRATE, SERVO, Controller
-from bayescal.motion.dynamics import payload_of, regressor
+from bayescal.motion.dynamics import carried, regressor
 from bayescal.motion.fit_settings import SERVOS
 
 SUBSTEPS = 8
@@ -65,8 +65,7 @@ def _stiffness(log: Log) -> tuple[np.ndarray, tuple[str, ...]]:
         assert m.command is not None
         still, speed = np.zeros_like(m.position), np.gradient(m.command, m.time, axis=0)
         by = regressor(log.mechanism, m.position, still, still, log.gravity)
-        load = np.einsum("njkp,kp->nj", by, log.mechanism.inertials)
-        load += (by[:, :, -1] @ payload_of(log.mechanism)) * m.payload[:, None]
+        load = carried(by, log.mechanism.inertials, log.mechanism, m.payload)
         errors.append(m.command - m.position)
         columns.append(np.stack([load, speed, np.tanh(speed / SERVOS.speed), np.ones_like(speed)], axis=2))
     e, x = np.concatenate(errors), np.concatenate(columns)

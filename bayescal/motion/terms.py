@@ -16,7 +16,7 @@ from scipy.interpolate import CubicSpline
 from bayescal.logs import Log, Mechanism
 from bayescal.logs.mechanism import PAIRS, inertial
 from bayescal.logs.types import SERVO
-from bayescal.motion.dynamics import payload_of
+from bayescal.motion.dynamics import carried
 from bayescal.motion.fit_settings import SERVOS
 from bayescal.motion.servo import stuck
 from bayescal.motion.settings import BASELINE
@@ -81,9 +81,7 @@ class Operating:
 
     def load(self, s: Signals) -> np.ndarray:
         """Torque (N, n) that the gears carry: rigid bodies and payload, without rotor and friction."""
-        m = s.log.mechanism
-        arm = np.einsum("njkp,kp->nj", s.rigid, self.inertials)
-        return arm + s.rigid[:, :, -1] @ payload_of(m) * s.payload[:, None]
+        return carried(s.rigid, self.inertials, s.log.mechanism, s.payload)
 
     def reversal(self, s: Signals) -> np.ndarray:
         """Direction of motion (N, n), -1 to 1; of a servo the error that friction holds, over its largest."""

@@ -343,7 +343,8 @@ def test_a_face_that_is_called_like_a_joint_is_a_face(given):
         for cell in of
     ]  # fmt: skip
     weights = [
-        Pool(tuple(some), np.zeros((3, 0)), (), np.zeros(0, int), 3).log_prior for some in (of, renamed)
+        Pool(np.zeros((3, 0)), (), 3, cells=tuple(some), owner=np.zeros(0, int)).log_prior
+        for some in (of, renamed)
     ]
     np.testing.assert_array_equal(*weights)
 

@@ -84,13 +84,13 @@ def test_errors_of_a_lens_and_a_board_are_differences_of_the_images(mount):
     def of_board(by):
         return lambda h: replace(kind, corner=corner + h * by)
 
-    names = ((imaging.focal, "focal"), (imaging.centre, "centre"), (imaging.distortion, "coefficients"))
+    names = (("focal", "focal"), ("centre", "centre"), ("distortion", "coefficients"))
     made = [(make, [of_lens(field, k) for k in range(len(getattr(lens, field)))]) for make, field in names]
-    made.append((imaging.scale, [of_board(local * np.eye(3)[k]) for k in range(2)]))
+    made.append(("scale", [of_board(local * np.eye(3)[k]) for k in range(2)]))
     bent = [(1.0 - (local[:, k] / half[k]) ** 2)[:, None] * np.eye(3)[2] for k in range(2)]
-    made.append((imaging.bow, [of_board(b) for b in bent]))
+    made.append(("bow", [of_board(b) for b in bent]))
     for make, changed in made:
-        usual, wide = make(seen, "p", 1.0), make(seen, "p", 3.0)
+        usual, wide = (imaging.of_view(seen, make, "p", times) for times in (1.0, 3.0))
         assert len(usual) == len(changed)
         for p, q, other in zip(usual, wide, changed, strict=True):
             found = {t.axis: np.asarray(t.driver) for t in p.terms}

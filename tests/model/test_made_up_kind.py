@@ -25,7 +25,7 @@ from bayescal.model import ARM, Model, build
 from bayescal.model.scene import Scene
 from bayescal.posterior import gaussian
 from bayescal.predict.validation import validate
-from factors.kind import Feature, point
+from factors.kind import Feature
 
 EFFECTS = ("geometry", "compliance")
 
@@ -52,7 +52,7 @@ class Nest:
         return {"centre": self.at + x}
 
     def feature(self, x) -> Feature:
-        return point(self.at, x)
+        return Feature(self.at + x, np.broadcast_to(np.eye(3), (*x.shape, 3)))
 
 
 NEST = TargetKind(

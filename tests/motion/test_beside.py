@@ -7,16 +7,13 @@ import numpy as np
 import pytest
 
 from bayescal.logs.types import CALIBRATE, VALIDATE
-from bayescal.motion.beside import _free, beside, in_place_of_a_name, simplified
+from bayescal.motion.beside import Relative, _free, beside, events, in_place_of_a_name, relative, simplified
 from bayescal.motion.cells import UNKNOWN, resonated
-from bayescal.motion.effects import EFFECTS, Form
-from bayescal.motion.events import events
+from bayescal.motion.effects import EFFECTS, Form, Waves
 from bayescal.motion.linear import joined, normal
 from bayescal.motion.noise import noise_of
 from bayescal.motion.pool import Pool, Unlisted
 from bayescal.motion.products import Product
-from bayescal.motion.relatives import Relative, relative
-from bayescal.motion.ripple import Waves
 from bayescal.motion.search import Hypothesis, Member
 from bayescal.motion.settings import PRODUCTS, RELATIVES, SEARCH
 

@@ -118,7 +118,7 @@ def test_a_reading_of_the_opposite_sense_turns_about_the_reversed_axis(name):
 
 def test_a_payload_is_a_body_of_its_mass(null_log):
     m = read_log(null_log).mechanism
-    assert payload_of(m, 2.0) == pytest.approx(inertial(2.0, m.payload_centre, 2.0 * 0.03**2 * np.eye(3)))
+    assert payload_of(m) == pytest.approx(inertial(1.0, m.payload_centre, 0.03**2 * np.eye(3)))
 
 
 def test_every_column_of_the_baseline_is_the_derivative_of_the_torque(null_parts):

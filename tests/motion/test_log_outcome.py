@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from bayescal.motion import outcome
+from bayescal.motion import diagnose as outcome
 from bayescal.motion.search import Hypothesis
 from bayescal.motion.settings import OUTCOME, SEARCH, VERDICT
 from bayescal.motion.signals import Signals

@@ -88,7 +88,7 @@ def test_payloads_are_carried(log, arms):
     mujoco.mj_forward(model, data)
     still = np.zeros((1, 3))
     by = regressor(arms[1], s.q[50:51], still, still, log.gravity)[0]
-    wanted = np.einsum("jkp,kp->j", by, arms[1].inertials) + by[:, -1] @ payload_of(arms[1], 1.5)
+    wanted = np.einsum("jkp,kp->j", by, arms[1].inertials) + 1.5 * by[:, -1] @ payload_of(arms[1])
     assert data.qfrc_bias == pytest.approx(wanted, abs=1e-9)
 
 
