@@ -44,16 +44,6 @@ class Shift:
     covariance: np.ndarray | None = None
     reason: str = ""
 
-    @property
-    def size(self) -> float:
-        """Length, m."""
-        return 0.0 if self.shift is None else float(np.linalg.norm(self.shift))
-
-    @property
-    def u(self) -> float:
-        """Standard uncertainty of the vector, m."""
-        return 0.0 if self.covariance is None else float(np.sqrt(np.trace(self.covariance)))
-
 
 def tcp_slopes(joint: Joint, parameters: Sequence[tuple[Parameter, bool]]) -> np.ndarray:
     """Displacements (K, 3, N), m, of the TCP in all rows by a prior standard deviation of parameters.

@@ -22,7 +22,7 @@ from bayescal.predict.errors import lengths, slopes
 
 if TYPE_CHECKING:
     from bayescal.calibration import Fit
-    from bayescal.gap.result import Gap, Verdict
+    from bayescal.gap.result import Gap
 
 REDUCED = 0.5
 """Uncertainty of distances between TCPs, as a share of that of the prior, above which the fit is taken
@@ -161,20 +161,15 @@ def of_gap(gap: Gap) -> Use:
     assert gap.arm is not None
     assert gap.covariance is not None
     remaining = REMAINS.get(gap.verdict.kind, "")
-    without = listed([n.model for n in gap.verdict.named if not n.confirmed])
-    undecided = tuple(f"{without} would change {what}; the arm is without it" for what in gap.displaced)
+    without = [n.model for n in gap.verdict.named if not n.confirmed]
+    undecided = [f"{listed(without)} would change {what}; the arm is without it" for what in gap.displaced]
+    why = "is named, but the validation data do not confirm it: the arm is without it"
     return Use(
         (*of_estimate(gap.arm, gap.covariance), *undecided),
         (f"verdict of the diagnosis: {remaining}",) if remaining else (),
         gap.rigid,
-        left_out(gap.verdict),
+        tuple(f"{model} {why}" for model in without),
     )
-
-
-def left_out(verdict: Verdict) -> tuple[str, ...]:
-    """Named effects that the arm of a diagnosis is without, and why."""
-    why = "is named, but the validation data do not confirm it: the arm is without it"
-    return tuple(f"{n.model} {why}" for n in verdict.named if not n.confirmed)
 
 
 def not_gained(gains: Sequence[tuple[str, float]]) -> tuple[str, ...]:

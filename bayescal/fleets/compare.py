@@ -39,15 +39,10 @@ class Likelihood:
     information: np.ndarray  # (K, K)
     score: np.ndarray  # (K,)
 
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the parameters."""
-        return tuple(p.name for p in self.parameters)
-
     def among(self, names: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
         """Information (M, M) and score (M,) of other parameters: 0 of those that it does not have."""
-        own = [k for k, name in enumerate(self.names) if name in names]
-        at = [names.index(self.names[k]) for k in own]
+        own = [k for k, p in enumerate(self.parameters) if p.name in names]
+        at = [names.index(self.parameters[k].name) for k in own]
         information, score = np.zeros((len(names), len(names))), np.zeros(len(names))
         information[np.ix_(at, at)], score[at] = self.information[np.ix_(own, own)], self.score[own]
         return information, score

@@ -90,8 +90,9 @@ def _detectable(x: Detectable) -> dict[str, Any]:
 
 def _pose(x: Shift) -> dict[str, Any]:
     sizes: Sequence[float | None] = [None] * len(POSE)
-    if x.shift is not None:
-        sizes = [*(UM * x.shift).tolist(), UM * x.size, COVERAGE * UM * x.u]
+    if x.shift is not None and x.covariance is not None:
+        u = float(np.sqrt(np.trace(x.covariance)))
+        sizes = [*(UM * x.shift).tolist(), UM * float(np.linalg.norm(x.shift)), COVERAGE * UM * u]
     return {"target": x.where, **dict(zip(POSE, sizes, strict=True)), "reason": x.reason}
 
 

@@ -80,17 +80,6 @@ def followed(written: Written, folder: Path, ended: bool = False) -> Written:
     return replace(before, dataset=dataset, content=content, fault="", again=again)
 
 
-def whole(written: Written, folder: Path) -> Dataset:
-    """The rows so far as a session that is read and checked like any other.
-
-    Raises
-    ------
-    BayescalError
-        As `read_dataset`.
-    """
-    return read_dataset(folder, rows=written.content)
-
-
 def placed_by_rows(dataset: Dataset) -> bool:
     """Whether all rows together say where targets are, as those of cameras: every row changes the model."""
     return any(KINDS[t.kind].prepared is not None for t in dataset.targets)

@@ -9,6 +9,7 @@ from math import inf, nan
 from pathlib import Path
 
 from bayescal.calibration import Fit, fit
+from bayescal.dataset.read import read_dataset
 from bayescal.effects import BASELINE
 from bayescal.effects.gravity import masses
 from bayescal.errors import BayescalError, attempted
@@ -200,7 +201,7 @@ class Watch:
         """Fit all rows so far completely, as `bayescal fit` does, if they are enough."""
         begin = time.perf_counter()
         try:
-            dataset = rows.whole(self.written, self.folder)
+            dataset = read_dataset(self.folder, rows=self.written.content)
             found = fit(dataset, self.options.effects, self.options.fit, samples=0)
         except BayescalError as error:
             yield from self._tell(WAITING, str(error))
