@@ -19,7 +19,7 @@ from bayescal.reporting.page.section import Run
 from bayescal.reporting.shared.body import placed
 
 WIDTHS = (380, 1280)
-WAIT = 60_000
+WAIT = 180_000
 """ms; a machine that is shared may be slow."""
 
 
