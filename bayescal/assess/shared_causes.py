@@ -235,13 +235,22 @@ def shared(
         if np.min(p) > 20 * LEVEL:
             return ()
     out: dict[str, SharedCause] = {}
+    told = np.empty(0, int)  # rejected measurements of the causes so far
     for k in np.argsort(own, kind="stable"):
         group = groups[k]
-        mine = rows[group.rows[rejected[group.rows]]]
-        if p[k] <= LEVEL and group.kind not in out and len(mine) >= FEWEST:
-            size = len(group.rows)
-            out[group.kind] = SharedCause(group.kind, group.label, mine, size, total, count, float(p[k]))
-    return tuple(out.values())[:MOST]
+        mine, size = group.rows[rejected[group.rows]], len(group.rows)
+        if p[k] > LEVEL or group.kind in out or len(mine) < FEWEST or len(out) == MOST:
+            continue
+        # the same measurements in other words, or further ones, which are not there by chance
+        more = np.setdiff1d(mine, told)
+        if len(told) and len(more):
+            others = size - len(mine) + len(more), total - len(told), count - len(told)
+            chance = np.exp(hypergeometric_log_sf(np.array(others[:1]), *others[1:])[0, len(more)])
+            if len(kinds) * np.sum(of_kind == of_kind[k]) * chance > LEVEL:
+                continue
+        told = np.union1d(told, mine)
+        out[group.kind] = SharedCause(group.kind, group.label, rows[mine], size, total, count, float(p[k]))
+    return tuple(out.values())
 
 
 def _incidence(groups: Sequence[np.ndarray], count: int) -> csr_array:

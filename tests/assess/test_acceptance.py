@@ -197,6 +197,23 @@ def test_rejections_in_a_group_name_it(groups, kind):
     assert all(np.all(rejected[c.rows]) for c in causes)
 
 
+def test_a_true_outlier_in_a_wider_group_of_the_same_rows_stays_one():
+    """Fifteen late rows of a face are off; two outliers on that face, and three elsewhere, have no part in it."""
+    rows = np.arange(600)
+    late, face = Group("slip", "from row 585 on", rows[585:]), Group("target", "face", rows[450:])
+    other = Group("target", "other face", rows[:450])
+    outliers = [20, 180, 400, 460, 500]
+    rejected = np.isin(rows, [*rows[585:], *outliers])
+    causes = shared([late, face, other], rows, rejected)
+    assert [c.label for c in causes] == [late.label]
+    assert not np.intersect1d(causes[0].rows, outliers).size
+    # more of that face than by chance: a second cause, and in other words the first
+    many = rejected | np.isin(rows, rows[460:520:4])
+    assert [c.label for c in shared([late, face, other], rows, many)] == [late.label, face.label]
+    again = shared([late, replace(late, kind="role"), other], rows, rejected)
+    assert {c.kind for c in again} == {"slip", "role"}
+
+
 def test_permutations_in_parts_give_the_same_probabilities(groups, monkeypatch):
     rejected = np.isin(np.arange(300), np.arange(40, 300, 13))
     whole = shared(*groups, rejected)
