@@ -13,9 +13,12 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from bayescal.arm.motion import TURN
 from bayescal.arm.transforms import rigid
 from bayescal.dataset.cameras import FLANGE, board, lens_of
+from bayescal.effects.tool import TOOL
 from bayescal.errors import BayescalError
+from bayescal.exporting.geometry import STATE
 from bayescal.exporting.written import Format, Options, Written, item
 from bayescal.exporting.xml_text import rendered
 from bayescal.fitted.arm import FittedArm
@@ -24,6 +27,7 @@ from factors.camera import Camera
 from factors.lens import FISHEYE
 from factors.turns import left_jacobian, turned
 
+TURNS_SHIFTS = ("rx", "ry", "rz", "tx", "ty", "tz")
 BASE, END = "base_link", "tool0"
 """Frames of ROS: the arm's F0 and its flange. Camera and board have the names of target and tool."""
 
@@ -54,9 +58,13 @@ class HandEye:
     fixed: Transform
 
 
-def hand_eyes(arm: FittedArm) -> list[HandEye]:
-    """The transforms of every fitted camera of a session, one for each tool that it has."""
+def hand_eyes(arm: FittedArm, state: int = -1) -> list[HandEye]:
+    """The transforms of every fitted camera of a session, one for each tool that it has.
+
+    What shifted during the session is where it is in the row `state`, by default the last one.
+    """
     model, m = arm.model, arm.dataset.measurements
+    state = state % len(m.ids)
     out = []
     for block in model.states:
         if not isinstance(block.kind, Camera):
@@ -67,25 +75,35 @@ def hand_eyes(arm: FittedArm) -> list[HandEye]:
         for k in np.unique(m.tool[block.rows]).tolist():
             tool = arm.dataset.tools[k]
             names = (camera, seen) if t.texts["mount"] == FLANGE else (seen, camera)
-            held, fixed = _on_flange(arm, k, names[0]), _fixed(arm, block.target, names[1])
+            held, fixed = _on_flange(arm, k, names[0], state), _fixed(arm, block.target, names[1], state)
             out.append(HandEye(t.name, tool.name, t.texts["mount"], held, fixed))
     return out
 
 
-def _on_flange(arm: FittedArm, tool: int, child: str) -> Transform:
+def _shifts(arm: FittedArm, row: int, where: tuple[int, ...], steady: bool) -> np.ndarray:
+    """Turns and shifts (6, P) of frames by the parameters in a row; `steady`: also what never changes."""
+    by, count = np.zeros((6, len(arm.values))), len(arm.model.scene.q)
+    for k, p in enumerate(arm.model.parameters):
+        if p.driver.kind in STATE or (steady and p.effect == TOOL.name):
+            for t in (t for t in p.terms if t.frame in where):
+                by[TURNS_SHIFTS.index(t.axis), k] += float(np.broadcast_to(t.driver, count)[row])
+    return by
+
+
+def _on_flange(arm: FittedArm, tool: int, child: str, state: int) -> Transform:
     """The tool on the flange: its parameters are those of the arm."""
-    of, parameters = arm.dataset.tools[tool], arm.model.parameters
-    row = int(np.flatnonzero(arm.dataset.measurements.tool == tool)[0])
-    names = [f"{of.name} {axis}" for axis in ("rx", "ry", "rz", "x", "y", "z")]
-    by = np.array([[p.name == name for p in parameters] for name in names], float)
+    of = arm.dataset.tools[tool]
+    rows = np.flatnonzero(arm.dataset.measurements.tool == tool)
+    row = int(rows[max(int(np.searchsorted(rows, state, "right")) - 1, 0)])
+    by = _shifts(arm, row, (arm.model.scene.chain.n + 1, TURN), steady=True)
     values = by @ arm.values
     axes = arm.model.scene.tool_frames[row] @ turned(values[:3])
     by[:3] = left_jacobian(-values[:3]) @ by[:3]
     return Transform(END, child, rigid(axes, of.centre + values[3:]), by @ arm.covariance @ by.T)
 
 
-def _fixed(arm: FittedArm, target: str, child: str) -> Transform:
-    """What is fixed, in F0, with the uncertainty of the arm and of the images."""
+def _fixed(arm: FittedArm, target: str, child: str, state_row: int) -> Transform:
+    """What is fixed, in the base as it stands in a row, with the uncertainty of the arm and of the images."""
     block = arm.model.block_of[target]
     state = arm.states[target]
     frame = np.asarray(block.kind.describe(state)["frame"])
@@ -97,17 +115,26 @@ def _fixed(arm: FittedArm, target: str, child: str) -> Transform:
     by = -own @ by_own.T @ (by_arm * weight[:, None])
     spread = np.zeros((len(state), block.size))
     spread[block.free] = np.diag(block.sd)
-    covariance = spread @ (own + by @ arm.covariance @ by.T) @ spread.T
     # from a turn about the pivot in F0 to one about the frame's own axes, and to a shift of its origin
     pose = block.kind.feature(state)  # type: ignore[attr-defined]
     jacobian = np.zeros((6, 6))
     jacobian[:3, :3] = frame[:3, :3].T @ left_jacobian(state[:3])
     jacobian[3:] = pose.by_place.T
-    return Transform(BASE, child, frame, jacobian @ covariance @ jacobian.T)
+    # a shift of the base moves what is fixed to the other side
+    base = _shifts(arm, state_row, (0,), steady=False)
+    shift = base @ arm.values
+    back = np.linalg.inv(rigid(turned(shift[:3]), shift[3:]))
+    lever = np.cross(np.eye(3), frame[:3, 3])  # of a turn of the base, on the origin
+    by_base = np.vstack([-frame[:3, :3].T @ base[:3], -base[3:] - lever.T @ base[:3]])
+    by_base[3:] = back[:3, :3] @ by_base[3:]
+    jacobian[3:] = back[:3, :3] @ jacobian[3:]
+    by = jacobian @ spread @ by + by_base
+    own = jacobian @ spread @ own @ spread.T @ jacobian.T
+    return Transform(BASE, child, back @ frame, own + by @ arm.covariance @ by.T)
 
 
 def _write(arm: FittedArm, options: Options) -> Written:
-    found = hand_eyes(arm)
+    found = hand_eyes(arm, options.state)
     if not found:
         remedy = "fit a session that has a target of kind camera"
         raise BayescalError("the session has no camera", "--to hand-eye", remedy)
@@ -188,8 +215,10 @@ EXTRA = ("focal-length ", "image-centre ", "lens-distortion ")
 
 
 def _holds(arm: FittedArm, k: int) -> bool:
-    """Whether a parameter is in the file: all that are of no robot file."""
-    return any(t.frame < 0 for t in arm.model.parameters[k].terms)
+    """Whether a parameter is in the file: all that are of no robot file, and shifts of what they place."""
+    p, ends = arm.model.parameters[k], (0, arm.model.scene.chain.n + 1)
+    shifted = p.driver.kind in STATE and all(t.frame in ends for t in p.terms)
+    return shifted or any(t.frame < 0 for t in p.terms)
 
 
 HAND_EYE = Format(

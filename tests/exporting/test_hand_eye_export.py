@@ -7,16 +7,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import yaml
-from camera_sessions import FIXED, FOCAL, ON_FLANGE, camera_session
+from camera_sessions import BOARD, CENTRE, FIXED, FOCAL, ON_FLANGE, camera_session, pose
 from scipy.spatial.transform import Rotation
 
+from bayescal.arm.chain import chain_of, frames, link_angles
 from bayescal.arm.transforms import rpy_of
 from bayescal.errors import BayescalError
 from bayescal.estimate import estimate
 from bayescal.exporting.export import export
 from bayescal.exporting.hand_eye import hand_eyes
 from bayescal.fitted.arm import of_estimate
-from bayescal.model import build
+from bayescal.model import USUAL, build
 from bayescal.model.scene import Scene
 from factors.turns import rotation_vector
 
@@ -131,6 +132,47 @@ def test_a_session_without_a_camera(cube):
     found = estimate(build(Scene(cube(seed=1).dataset), ("joint",)))
     with pytest.raises(BayescalError, match="no camera"):
         export(of_estimate(found, found.covariance), "hand-eye", force=True)
+
+
+def shifted(mount, row, held, base):
+    """A session in which what is on the flange, and the base, are shifted by poses from a row on."""
+    session = camera_session(mount, images=30, noise=0.1)
+    m, chain = session.measurements, chain_of(session.robot)
+    tool = base @ frames(chain, link_angles(session.robot, m.readings))[:, -1] @ ON_FLANGE @ held
+    seen = np.linalg.inv(tool) @ FIXED[mount] if mount == "flange" else np.linalg.inv(FIXED[mount]) @ tool
+    corner = BOARD[m.pixel[:, 2].astype(int)]
+    at = np.einsum("nij,nj->ni", seen[:, :3, :3], corner) + seen[:, :3, 3]
+    noise = 0.1 * np.random.default_rng(1).standard_normal((len(at), 2))
+    pixel = m.pixel.copy()
+    pixel[row:, :2] = (at[:, :2] / at[:, 2:] * FOCAL + CENTRE + noise)[row:]
+    return replace(session, measurements=replace(m, pixel=pixel))
+
+
+@pytest.mark.parametrize("mount", ["flange", "fixed"])
+@pytest.mark.parametrize("site", ["tool", "base"])
+def test_what_slipped_is_where_it_is_at_the_end(mount, site):
+    """What is on the flange, or the base, is shifted from the 11th image on; before it at the first row."""
+    slip = pose(np.degrees([2e-4, -3e-4, 2.5e-4]), [2e-4, -1.5e-4, 2e-4])
+    still, row = np.eye(4), 10 * len(BOARD)
+    moved = (slip, still) if site == "tool" else (still, slip)
+    scene = Scene(shifted(mount, row, *moved))
+    wide = replace(USUAL, prior_width=10.0)  # the shift is large against its usual prior
+    found = estimate(build(scene, ("geometry", f"step@{row + 1} at {site}"), wide))
+    arm = of_estimate(found, found.covariance)
+    after = ON_FLANGE @ moved[0], np.linalg.inv(moved[1]) @ FIXED[mount]
+    truth = {-1: after, 0: (ON_FLANGE, FIXED[mount])}
+    ends = {}
+    for state, true in truth.items():
+        (both,) = hand_eyes(arm, state)
+        ends[state] = both.on_flange, both.fixed
+        for here, there in zip(ends[state], true, strict=True):
+            error = off(here.pose, there)
+            assert error @ np.linalg.solve(here.covariance, error) < 25
+    which = int(site == "base")  # of what is on the flange, and what is fixed
+    difference = off(ends[0][which].pose, ends[-1][which].pose) - off(truth[0][which], truth[-1][which])
+    assert np.all(np.abs(difference[3:]) < 1e-4), difference  # of a slip of 0.3 mm; turns by their u above
+    (left,) = (x for x in export(arm, "hand-eye", force=True).missing if x.effect == "step")
+    assert "the file has one state" in left.why
 
 
 @pytest.mark.parametrize("mount", ["flange", "fixed"])
