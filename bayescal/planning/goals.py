@@ -150,9 +150,7 @@ def _centre(linear: Linearised, target: int) -> tuple[np.ndarray, np.ndarray, np
     rows = apart if len(apart) and not kind.located else rows
     if not len(rows):
         return None
-    block = model.block(target, rows)
-    if (u := targets.certified_diameters(scene).get(name)) is not None:
-        block = targets.with_diameter(block, u)
+    block = targets.as_certified(scene, model.block(target, rows))
     z = np.zeros(block.size)
     noise = targets.noise_of(linear.estimate, block, z)
     t = targets.linearised_target(linear.estimate, block, z, noise, tool_sd=targets.unknown_tool(scene, rows))

@@ -69,9 +69,7 @@ class LocatedTarget:
         return out
 
 
-def located_target(
-    estimate: Estimate, block: Block, u_diameter: float | None = None, strict: bool = True
-) -> LocatedTarget:
+def located_target(estimate: Estimate, block: Block, strict: bool = True) -> LocatedTarget:
     """Locate a target, and its tool where no fitted row used that tool.
 
     Parameters
@@ -79,8 +77,6 @@ def located_target(
     estimate : Estimate
     block : Block
         The rows of the target that locate it.
-    u_diameter : float, optional
-        Standard uncertainty of the nominal diameter of a target, m; None: the prior of the dataset.
     strict : bool
         As for `locate`.
 
@@ -90,8 +86,6 @@ def located_target(
         If the target cannot be located from these rows.
     """
     model = estimate.model
-    if u_diameter is not None:
-        block = with_diameter(block, u_diameter)
     tool_sd = unknown_tool(model.scene, block.rows)
     values = estimate.arm
     p, kind = block.seen(values), block.touched(values)
@@ -171,10 +165,10 @@ def centre_of(block: Block, state: np.ndarray) -> np.ndarray:
     return np.asarray(block.kind.describe(state)["centre"], float)
 
 
-def with_diameter(block: Block, u: float) -> Block:
-    """A block whose diameter has the standard uncertainty u, m; unchanged for a kind without a diameter."""
-    parts = [name for name, _ in block.kind.parts]
-    if "diameter" not in parts:
+def as_certified(scene: Scene, block: Block) -> Block:
+    """A block whose diameter has the standard uncertainty of its certificate; unchanged without one."""
+    parts, u = [name for name, _ in block.kind.parts], certified_diameters(scene).get(block.target)
+    if u is None or "diameter" not in parts:
         return block
     sd = np.array(block.kind.sd, float)
     sd[parts.index("diameter")] = u
@@ -297,13 +291,13 @@ def prepared(estimate: Estimate, loose: bool = False, strict: bool = True) -> Pr
         if t not in by:
             out.append(predicted_rows(estimate, model.block(t, own)))
             continue
-        u, block = certified.get(name), model.block(t, own)
+        block = model.block(t, own)
         apart = block if np.array_equal(by[t], own) else model.block(t, by[t])
-        located[name] = located_target(estimate, apart, u, strict)
+        located[name] = located_target(estimate, as_certified(scene, apart), strict)
         if not scene.declared[t].located:
             out.append(predicted_rows(estimate, block, located[name]))
         elif loose:
-            free[name] = located[name] if u is None else located_target(estimate, block, None, strict)
+            free[name] = located_target(estimate, block, strict) if name in certified else located[name]
     return Prepared(tuple(out), located, free)
 
 
@@ -318,14 +312,14 @@ def check_located(scene: Scene) -> None:
     AmbiguousPositionError
         With the target and the distance of the two positions.
     """
-    model, certified = with_parameters(scene, (), ()), certified_diameters(scene)
+    model = with_parameters(scene, (), ())
     nominal = unfitted(model, np.zeros(model.size))
     for t, rows in _located_apart(scene, model):
         block = model.block(t, rows)
         if block.residuals > block.size:
             continue
         try:
-            located_target(nominal, block, certified.get(scene.dataset.targets[t].name))
+            located_target(nominal, as_certified(scene, block))
         except AmbiguousPositionError:
             raise
         except BayescalError:  # a search that does not converge with the nominal arm may do so when fitted

@@ -18,7 +18,7 @@ from bayescal.model import Block
 from bayescal.model.scene import Scene
 from bayescal.predict.errors import USUAL
 from bayescal.predict.locate import Rows, locate
-from bayescal.predict.targets import centre_of, certified_diameters, unknown_tool, with_diameter
+from bayescal.predict.targets import as_certified, centre_of, unknown_tool
 from bayescal.storage.reading import read_json
 from bayescal.verifying.levels import Machine
 from bayescal.verifying.simulator import File
@@ -72,7 +72,7 @@ def measured(arm: FittedArm, rows: np.ndarray, points: np.ndarray, noise: Mappin
     scene, m = arm.model.scene, arm.dataset.measurements
     where = np.full(len(m.ids), -1)
     where[rows] = np.arange(len(rows))
-    certified, centres, residuals = certified_diameters(scene), {}, []
+    centres, residuals = {}, []
     for t, target in enumerate(arm.dataset.targets):
         rows_of_target = scene.rows_of(t, scene.rows("validate"))
         if not len(rows_of_target) or unknown_tool(scene, rows_of_target):
@@ -81,8 +81,7 @@ def measured(arm: FittedArm, rows: np.ndarray, points: np.ndarray, noise: Mappin
         if state is None:
             apart = scene.rows_of(t, scene.rows("locate"))
             of = rows_of_target if scene.declared[t].located or not len(apart) else apart
-            u = certified.get(target.name)
-            near = arm.model.block(t, of) if u is None else with_diameter(arm.model.block(t, of), u)
+            near = as_certified(scene, arm.model.block(t, of))
             state = _located(near, arm, points[where[of]].T, noise.get(near.group, 1.0))
             if scene.declared[t].centred:
                 centres[target.name] = centre_of(near, state)

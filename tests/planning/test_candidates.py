@@ -27,7 +27,7 @@ from bayescal.planning.goals import CERTIFIED, POSES, REGION, VOLUME, _at, certi
 from bayescal.planning.pool import Pool, Setup, linearised
 from bayescal.planning.search import EACH, TILT
 from bayescal.planning.setup import continued, read_setup
-from bayescal.predict.targets import certified_diameters, located_target
+from bayescal.predict.targets import as_certified, located_target
 from bayescal.probing.arm import Arm
 from bayescal.probing.clearance import RETRACT, Clearance
 from bayescal.probing.contacts import FASTEST
@@ -388,13 +388,10 @@ def centres(found, names, z) -> dict[str, np.ndarray]:
     """Centres of spheres located anew for an arm z."""
     scene = found.model.scene
     index = {t.name: k for k, t in enumerate(scene.dataset.targets)}
-    known = certified_diameters(scene)
     at = replace(found.estimate, z=z)
     rows = scene.rows("validate")
-    return {
-        n: located_target(at, at.model.block(index[n], scene.rows_of(index[n], rows)), known[n]).centre
-        for n in names
-    }
+    blocks = (at.model.block(index[n], scene.rows_of(index[n], rows)) for n in names)
+    return {b.target: located_target(at, as_certified(scene, b)).centre for b in blocks}
 
 
 def test_certified_distances_follow_from_the_contacts_on_the_spheres():

@@ -22,7 +22,7 @@ from bayescal.model import ARM, Block, Model
 from bayescal.model.scene import Scene
 from bayescal.predict.errors import by_points
 from bayescal.predict.locate import Rows, locate
-from bayescal.predict.targets import centre_of, certified_diameters, with_diameter
+from bayescal.predict.targets import as_certified, centre_of
 
 
 @dataclass(frozen=True)
@@ -177,8 +177,7 @@ def located(
     block = wide.block(target, rows)
     if not scene.declared[target].centred or not np.all(block.kind.sd[:3] > 0):
         return None
-    if (u := certified_diameters(scene).get(block.target)) is not None:
-        block = with_diameter(block, u)
+    block = as_certified(scene, block)
     sigma = np.tile(block.sigma, (block.kind.rows, 1))
     location, _ = locate(block.target, Rows(block.kind, block.motion.points(values), sigma))
     return block, location.x[0, block.free] / block.sd
