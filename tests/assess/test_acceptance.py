@@ -198,7 +198,7 @@ def test_rejections_in_a_group_name_it(groups, kind):
 
 
 def test_a_true_outlier_in_a_wider_group_of_the_same_rows_stays_one():
-    """Fifteen late rows of a face are off; two outliers on that face, and three elsewhere, have no part in it."""
+    """Fifteen late rows of a face are off; two outliers on it and three elsewhere have no part in it."""
     rows = np.arange(600)
     late, face = Group("slip", "from row 585 on", rows[585:]), Group("target", "face", rows[450:])
     other = Group("target", "other face", rows[:450])
