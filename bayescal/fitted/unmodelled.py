@@ -276,6 +276,10 @@ def _source(
         raise BayescalError("the session records no time_s", "", "choose a row instead")
     order = np.argsort(recorded, kind="stable")
     times = np.broadcast_to(np.asarray(time, float), (count,))
+    least, most = min(float(np.min(recorded)), 0.0), float(np.max(recorded))
+    if np.any((times < least) | (times > most)):
+        what = "is no time of the session: what changes with time is not known there"
+        raise BayescalError(what, "--at-time-s", f"give {least:g} to {most:.6g} s")
     return order[np.maximum(np.searchsorted(recorded[order], times, side="right") - 1, 0)]
 
 

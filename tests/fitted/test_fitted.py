@@ -95,6 +95,9 @@ def test_state_of_a_time_and_of_a_row(session):
     m, q = session.measurements, session.measurements.readings[[0]]
     early, late = arm.at(q, row=0).points, arm.at(q).points
     np.testing.assert_allclose(arm.at(q, time=m.time[0]).points, early, rtol=0, atol=1e-12)
+    for beyond in (-1.0, m.time[-1] + 1.0):  # neither an extrapolation nor the nearest row
+        with pytest.raises(BayescalError, match="--at-time-s: is no time of the session"):
+            arm.at(q, time=beyond)
     np.testing.assert_allclose(arm.at(q, row=m.ids[0]).points, early, rtol=0, atol=1e-15)
     assert np.linalg.norm(early - late) > 1e-6
     with pytest.raises(BayescalError, match="there is no row `x`"):
