@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -59,7 +60,13 @@ def build(
 
 
 def make(
-    seed: int, number: int, *, spared: bool = False, generator: int = GENERATORS[-1], reserved: bool = False
+    seed: int,
+    number: int,
+    *,
+    spared: bool = False,
+    generator: int = GENERATORS[-1],
+    reserved: bool = False,
+    given: Sequence[Maker] = (),
 ) -> Made:
     """Make a simulated test session.
 
@@ -75,9 +82,11 @@ def make(
         Version of the generator, one of `mix.GENERATORS`.
     reserved : bool
         Also draw the reserved causes not in the list of known effects.
+    given : sequence of Maker
+        What is hidden, instead of what `mix.recipe` draws.
     """
     rng = np.random.default_rng([seed, 0, number])
-    kind, makers = recipe(seed, number, generator, reserved=reserved)
+    kind, makers = ("given", list(given)) if given else recipe(seed, number, generator, reserved=reserved)
     only_geometry = any(FIRST_OF.get(maker, maker) is joints.compliance for maker in makers)
     body, things = arm.Arm(arm.draw(rng)), scene.draw(rng)
     what = stage(seed, number, generator, makers)
