@@ -37,6 +37,13 @@ def entry(tmp_path, monkeypatch):
     monkeypatch.setitem(FORMATS, "made-up", "made_up_format:MADE_UP")
 
 
+def test_the_help_lists_every_format(command):
+    """First: a process makes the help once, with the formats of that time."""
+    _, text, _ = command("export", "--help")
+    words = "".join(text.replace("│", " ").split())  # lines end at hyphens of names
+    assert f"Format:{','.join(FORMATS)},dcc." in words
+
+
 def test_a_file_and_an_entry_are_a_format(entry, tmp_path):
     arm = fake(session_of(), ("geometry", "compliance"))
     path, sidecar = export(arm, "made-up", force=True, name="cell").save(tmp_path / "arm.txt")
@@ -62,9 +69,3 @@ def test_the_command_takes_it(entry, tmp_path, monkeypatch, command):
 def test_without_its_entry_there_is_no_such_format():
     with pytest.raises(BayescalError, match="there is no format `made-up`"):
         export(fake(session_of(), ("geometry",)), "made-up", force=True)
-
-
-def test_the_help_lists_every_format(command):
-    _, text, _ = command("export", "--help")
-    words = "".join(text.replace("│", " ").split())  # lines end at hyphens of names
-    assert f"Format:{','.join(FORMATS)},dcc." in words
