@@ -25,8 +25,7 @@ from bayescal.model import build
 from bayescal.model.equilibrium import standing_model
 from bayescal.model.scene import Scene
 from bayescal.simulation import Options, simulate
-from bayescal.verifying.levels import TOGETHER, TOGETHER_RMS, Machine, limit, modelled
-from bayescal.verifying.simulator import File
+from bayescal.verifying.simulator import TOGETHER, TOGETHER_RMS, File, Machine, limit, modelled
 
 ROBOTS = ("fanuc-lrmate200ic", "universal-robots-ur5e", "franka-panda")
 BASE = ("geometry", "compliance")

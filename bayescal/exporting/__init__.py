@@ -14,7 +14,7 @@ FORMATS = {
     "lerobot": "bayescal.exporting.offsets:FEETECH",
     "lerobot-dynamixel": "bayescal.exporting.offsets:DYNAMIXEL",
     "ros2-control": "bayescal.exporting.offsets:ROS2_CONTROL",
-    "pal": "bayescal.exporting.pal:PAL",
+    "pal": "bayescal.exporting.urdf:PAL",
     "usd": "bayescal.exporting.usd:USD",
     "hand-eye": "bayescal.exporting.hand_eye:HAND_EYE",
 }

@@ -20,8 +20,7 @@ from bayescal.importing.mapping import Column, Map
 from bayescal.importing.onto import files_of
 from bayescal.importing.orientations import Loose
 from bayescal.importing.roles import names, points
-from bayescal.importing.rotations import stated_rotation
-from bayescal.importing.units import UNITS, is_number, quantity, unit_of
+from bayescal.importing.units import UNITS, is_number, quantity, stated_rotation, unit_of
 from bayescal.robots import full_name, load_robot
 from bayescal.robots.servos import Servo, of_joints, read_calibration
 

@@ -12,8 +12,7 @@ import numpy as np
 from bayescal.errors import BayescalError
 from bayescal.importing.log import Log
 from bayescal.importing.mapping import LONG, STAMPS, TEXTS, Column, Map, dimension_of
-from bayescal.importing.rotations import CONVENTIONS
-from bayescal.importing.units import Expression, Unit, is_number, listed, parse, place, unit_of
+from bayescal.importing.units import CONVENTIONS, Expression, Unit, is_number, listed, parse, place, unit_of
 
 DECIMALS = ("", "comma")
 """How numbers with a comma are stated to be meant; "" finds it."""

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from bayescal.errors import BayescalError, listed
-from bayescal.importing.joint_arms import Arm
 from bayescal.importing.joint_formats import DEG
 from bayescal.importing.joint_rows import MOVING, Rows
 
@@ -125,7 +124,7 @@ def _in_motion(torque: np.ndarray, current: np.ndarray, velocity: np.ndarray) ->
     return float(1 / slope) if slope > 0 and u < U_CONSTANT * slope / 2 else np.nan
 
 
-def contradiction(rows: Rows, velocity: np.ndarray, arm: Arm) -> str:
+def contradiction(rows: Rows, velocity: np.ndarray, coupling: np.ndarray, limits: np.ndarray) -> str:
     """What contradicts the stated units or joints, in words; "" if nothing does."""
     position, stated = rows.cells["position"], rows.cells.get("velocity")
     if stated is not None:
@@ -140,8 +139,8 @@ def contradiction(rows: Rows, velocity: np.ndarray, arm: Arm) -> str:
             hints = [text for factor, text in words.items() if SLOPE[0] < ratio / factor < SLOPE[1]]
             what = f"the velocity of J{wrong[0] + 1} is {ratio:.3g} times that of its positions and stamps"
             return f"{what}: {hints[0] if hints else 'are units, stamps and joints right?'}"
-    links = position @ arm.coupling.T
-    low, high = arm.limits.T
+    links = position @ coupling.T
+    low, high = limits.T
     over = np.maximum(low - links.min(axis=0), links.max(axis=0) - high)
     if over.max() > BEYOND:
         j = int(np.argmax(over))

@@ -11,8 +11,7 @@ from pathlib import Path
 
 from bayescal.dataset.table import CLEARANCE, known_columns
 from bayescal.errors import BayescalError
-from bayescal.importing.rotations import CONVENTIONS
-from bayescal.importing.units import ALIASES, UNITS, Unit, is_unit, listed, unit_of
+from bayescal.importing.units import ALIASES, CONVENTIONS, UNITS, Unit, is_unit, listed, unit_of
 from bayescal.robots.servos import STEP, Servo
 from bayescal.storage.files import read_document, stem_of, unknown
 

@@ -12,7 +12,7 @@ from bayescal.dataset import Dataset, Target
 from bayescal.dataset.cameras import flange_poses
 from bayescal.errors import BayescalError, listed
 from bayescal.importing.columns import Columns, first
-from bayescal.importing.rotations import CONVENTIONS, matrices, not_rotations, roll_pitch_yaw
+from bayescal.importing.units import CONVENTIONS, matrices, not_rotations, roll_pitch_yaw
 
 PASSES = 20
 """Turns of frames and TCP positions; what is left then is far below an arm's errors."""

@@ -20,8 +20,7 @@ from bayescal.predict.errors import USUAL
 from bayescal.predict.locate import Rows, locate
 from bayescal.predict.targets import as_certified, centre_of, unknown_tool
 from bayescal.storage.reading import read_json
-from bayescal.verifying.levels import Machine
-from bayescal.verifying.simulator import File
+from bayescal.verifying.simulator import File, Machine
 
 
 @dataclass(frozen=True)

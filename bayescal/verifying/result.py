@@ -28,8 +28,7 @@ from bayescal.robots.markup import parse_markup
 from bayescal.robots.tree import BETWEEN
 from bayescal.storage.reading import decoded
 from bayescal.verifying.gap import After, Before, Gap, in_simulator, read_reported, simulated_gap
-from bayescal.verifying.levels import Level, chosen, levels, limit, modelled
-from bayescal.verifying.simulator import File
+from bayescal.verifying.simulator import File, Level, chosen, levels, limit, modelled
 
 Notify = Callable[[str, float], None]
 Compared = tuple[tuple[Level, ...], Before, After, str]

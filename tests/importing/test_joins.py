@@ -273,7 +273,7 @@ MADE = {
 
 @pytest.mark.parametrize("words", MADE)
 def test_angles(words):
-    from bayescal.importing.rotations import matrices
+    from bayescal.importing.units import matrices
 
     angles = np.random.default_rng(1).uniform(-1.5, 1.5, (5, 3))
     made = [MADE[words](*row) for row in angles]

@@ -22,8 +22,7 @@ from bayescal.exporting.geometry import zero_frames
 from bayescal.exporting.mjcf.format import mjcf
 from bayescal.model import with_parameters
 from bayescal.simulation import Options, simulate
-from bayescal.verifying.levels import Machine, limit, modelled
-from bayescal.verifying.simulator import File
+from bayescal.verifying.simulator import File, Machine, limit, modelled
 
 SCENE = DATA / "ur5e_scene.xml"
 EVERY = (*BASE, "base-compliance", "hysteresis", "coupling", "eccentricity", "backlash")

@@ -21,8 +21,7 @@ from bayescal.exporting.mjcf.elastic import CLOSE, Content, spring_of
 from bayescal.exporting.mjcf.format import replay_table
 from bayescal.exporting.mjcf.readings import Joints
 from bayescal.exporting.mjcf.replay import Replay, Simulated
-from bayescal.verifying.levels import limit
-from bayescal.verifying.simulator import File
+from bayescal.verifying.simulator import File, limit
 
 SCENE = DATA / "ur5e_scene.xml"
 SCENE_TEXT = SCENE.read_text()
