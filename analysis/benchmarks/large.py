@@ -12,8 +12,7 @@ import numpy as np
 
 from bayescal.dataset import Dataset
 from bayescal.dataset.types import Measurements
-from bayescal.simulation import READING, Options, simulate
-from bayescal.simulation.touch import touch
+from bayescal.simulation import READING, Options, simulate, touch
 
 SEED_CONTACTS = 100
 """Different contacts on faces of the small session."""

@@ -25,9 +25,8 @@ from bayescal.effects.tool import TOOL
 from bayescal.estimate import STATED_WORTH, linearise, unit_weights
 from bayescal.model import ARM, Model, build
 from bayescal.model.scene import Scene
-from bayescal.simulation import Options
+from bayescal.simulation import Options, World, state_of, touch
 from bayescal.simulation.record import OUTLIER, distance_certificates, true_targets
-from bayescal.simulation.touch import World, state_of, touch
 from factors.plane import Plane
 
 MODEL = ("geometry", "compliance")

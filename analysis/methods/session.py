@@ -13,10 +13,9 @@ from bayescal.arm.chain import frames
 from bayescal.arm.transforms import rigid, rpy_matrix
 from bayescal.dataset import Certificate, Dataset, Noise, Target
 from bayescal.robots import load_robot
-from bayescal.simulation import Options
+from bayescal.simulation import Options, World, touch
 from bayescal.simulation.record import draws
 from bayescal.simulation.session import plan
-from bayescal.simulation.touch import World, touch
 from bayescal.statistics import stream
 
 TURN, SHIFT = (2e-3, -1e-3, 1.5e-3), (0.8e-3, -0.5e-3, 0.6e-3)  # rad, m: how the cube was put down

@@ -12,7 +12,7 @@ from analysis.pages import published
 from analysis.planning import page
 from analysis.planning.session import CHOSEN, RANDOM, ground, measured
 from analysis.records import arguments_of, completed
-from bayescal.planning.expected import Random, equals_random
+from bayescal.planning.result import Random, equals_random
 
 RAW = "planning.json"
 SIZES = ((40, 120), (100, 300), (200, 600))

@@ -16,18 +16,17 @@ from bayescal.estimate import Estimate, calibrated
 from bayescal.model import Scene
 from bayescal.planning.candidates import candidates
 from bayescal.planning.exchange import select
-from bayescal.planning.expected import Random, u_of
 from bayescal.planning.goals import Goal, goals
 from bayescal.planning.pool import Linearised, Pool, linearised
+from bayescal.planning.result import Random, u_of
 from bayescal.planning.setup import read_setup
 from bayescal.predict.errors import centre_distances, lengths
 from bayescal.predict.targets import prepared
 from bayescal.probing.artefacts import Scenery
 from bayescal.robots import load_robot
-from bayescal.simulation import Options
+from bayescal.simulation import Options, World, touch
 from bayescal.simulation.record import distance_certificates, draws, true_targets
 from bayescal.simulation.session import plan
-from bayescal.simulation.touch import World, touch
 from bayescal.statistics import rms, stream
 
 MODEL = ("geometry", "compliance")

@@ -20,10 +20,10 @@ from bayescal.gap.result import Pair, Side, Suspect
 from bayescal.model import check_asked
 from bayescal.model.options import Part
 from bayescal.planning import order as orders
+from bayescal.planning import result
 from bayescal.planning.candidates import COUNT, candidates
 from bayescal.planning.contrasts import contrasts
 from bayescal.planning.exchange import observability_of, select
-from bayescal.planning.expected import Random, curves, expected, parameters
 from bayescal.planning.goals import goals
 from bayescal.planning.pool import Pool, Setup, check_count, linearised
 from bayescal.planning.projection import Projection, nominal
@@ -139,7 +139,7 @@ def plan(setup: Setup, options: PlanOptions = PlanOptions(), progress: Progress 
     wanted = goals(pool, linear)
     decide = contrasts(pool, nominal(pool.session, effects, without), pairs, without, options.probability)
     vocabulary = decide.vocabulary
-    random = Random(pool, options.seed)
+    random = result.Random(pool, options.seed)
 
     again = 0 if options.aim == DISTANCES else min(REPEATS, int(SHARE * options.contacts))
     fresh = options.contacts - again
@@ -161,7 +161,7 @@ def plan(setup: Setup, options: PlanOptions = PlanOptions(), progress: Progress 
     before = [Projection(vocabulary.columns)] if pool.measured else selections
     similar = confusable(vocabulary, planned, before, pairs)
     separated = with_levers(pool, effects, chosen, similar, rng, without)
-    curve = curves(linear, wanted, every, random)
+    curve = result.curves(linear, wanted, every, random)
     purpose = [DISTANCES] * len(for_distances) + [GAP] * len(for_gap) + [REPEAT] * again
     rows = np.concatenate([pool.candidates[every], pool.validation])
     purpose += [VALIDATE] * len(pool.validation)
@@ -179,8 +179,8 @@ def plan(setup: Setup, options: PlanOptions = PlanOptions(), progress: Progress 
         purpose=tuple(purpose[k] for k in visit),
         approach=pool.approach[rows],
         effects=effects,
-        expected=expected(linear, wanted, every, random),
-        parameters=parameters(linear, every),
+        expected=result.expected(linear, wanted, every, random),
+        parameters=result.parameters(linear, every),
         observability=observability_of(linear, every),
         observability_random=_median([observability_of(linear, s) for s in by_chance]),
         detectable=detectable(vocabulary, planned, selections),

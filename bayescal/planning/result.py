@@ -1,15 +1,22 @@
-"""Result of planning: the contacts in the order of probing, and what can be expected of them."""
+"""Result of planning: the contacts in the order of probing, and what can be expected of them.
+
+Expected are the uncertainty of distances and parameters, assuming the model is correct.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
 from bayescal.dataset import Dataset
 from bayescal.effects import Site
-from bayescal.planning.pool import Pool
+from bayescal.model import ARM
+from bayescal.planning.exchange import Selection, grow, mean_variance, root_of, shrink
+from bayescal.planning.goals import Goal
+from bayescal.planning.pool import Linearised, Pool
 
 DISTANCES, GAP, REPEAT, VALIDATE = "distances", "gap", "repeat", "validate"
 """Purposes of a contact."""
@@ -177,3 +184,136 @@ class Plan(Ways, Curves):
     aim: str = BOTH
     order: str = "sweeps"
     seed: int = 0
+
+
+TIMES = 15
+"""Random selections of which the median counts."""
+FURTHER = 20
+"""Further contacts whose benefit is reported."""
+PARTS = (0.4, 0.55, 0.7, 0.85, 1.0, 1.25, 1.6, 2.0)
+"""Points of the curve, relative to the number of contacts of a plan."""
+FEWEST = 8
+"""Smallest number of random contacts that a plan is compared with."""
+STEPS = 14
+"""Numbers of random contacts at which their uncertainty is computed, to interpolate between them."""
+
+
+@dataclass(frozen=True)
+class Random:
+    """Random selections as an operator would make them: equally many contacts on every target, no payload.
+
+    Candidates with a payload are used only where a target has too few others.
+    """
+
+    pool: Pool
+    seed: int = 0
+
+    @cached_property
+    def _of_target(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Candidates of each target: without and with a payload."""
+        m, rows = self.pool.session.measurements, self.pool.candidates
+        loaded = np.zeros(len(rows), bool) if m.payload is None else m.payload[rows] > 0
+        target = m.target[rows]
+        return [
+            (np.flatnonzero((target == t) & ~loaded), np.flatnonzero((target == t) & loaded))
+            for t in np.unique(target)
+        ]
+
+    def selections(self, count: int, times: int) -> list[np.ndarray]:
+        """Random candidates (count,), `times` selections; larger ones contain the smaller ones."""
+        return [self._selection(count, np.random.default_rng([self.seed, k])) for k in range(times)]
+
+    def _selection(self, count: int, rng: np.random.Generator) -> np.ndarray:
+        order = [np.concatenate([rng.permutation(part) for part in parts]) for parts in self._of_target]
+        # in turns over the targets, in random order, until enough are chosen
+        turn = np.concatenate([np.arange(len(candidates)) for candidates in order])
+        begin = np.concatenate([np.full(len(candidates), rng.random()) for candidates in order])
+        return np.asarray(np.concatenate(order)[np.lexsort((begin, turn))[:count]])
+
+    def u(self, linear: Linearised, goal: Goal, count: int) -> float:
+        """Median u, m, of a goal after random selections."""
+        return float(np.median([u_of(linear, goal, chosen) for chosen in self.selections(count, TIMES)]))
+
+
+def u_of(linear: Linearised, goal: Goal, chosen: Sequence[int] | np.ndarray) -> float:
+    """Standard uncertainty, m, of the distances of a goal after a selection: root mean square over them."""
+    return float(np.sqrt(mean_variance(goal.slopes, linear.covariance(chosen)) + goal.fixed_variance))
+
+
+def expected(
+    linear: Linearised, goals: Sequence[Goal], chosen: Sequence[int] | np.ndarray, random: Random
+) -> tuple[ExpectedDistances, ...]:
+    """Expected uncertainty of the distances of every goal, with its origins.
+
+    Notes
+    -----
+    The covariance of z is C = C (I + Jc'Jc + J'J) C, because the bracket is its inverse. The variance of a
+    distance with slopes s is the sum of s'CCs (prior), of s'C Jc'Jc Cs (certificates) and of s'C J'J Cs
+    (noise of all fitted contacts). The variance of the certified values that the distances are compared with
+    is added to the second part; that of locating their ends is `probing`.
+    """
+    covariance = linear.covariance(chosen)
+    noise = linear.measured + linear.selected(chosen)
+    out = []
+    for goal in goals:
+        by = goal.slopes @ covariance
+        parts = {
+            "noise": np.mean(np.sum(by @ noise * by, axis=1)),
+            "certificate": np.mean(np.sum(by @ linear.certificates * by, axis=1)) + np.mean(goal.certificate),
+            "probing": np.mean(goal.probing),
+            "prior": np.mean(np.sum(by**2, axis=1)),
+        }
+        total = float(sum(parts.values()))
+        shares = {name: float(part / total) for name, part in parts.items()}
+        by_chance = random.u(linear, goal, len(chosen))
+        out.append(ExpectedDistances(goal.over, len(goal.slopes), float(np.sqrt(total)), by_chance, shares))
+    return tuple(out)
+
+
+def parameters(linear: Linearised, chosen: Sequence[int] | np.ndarray) -> tuple[ExpectedParameter, ...]:
+    """Expected standard uncertainty of every parameter of the arm, in a file's unit."""
+    model = linear.model
+    units, factors = model.in_file_units()
+    arm = model.slices[ARM]
+    sd = np.sqrt(np.diag(linear.covariance(chosen))[arm]) * model.sd * factors[arm]
+    prior = model.sd * factors[arm]
+    return tuple(
+        ExpectedParameter(p.name, units[k], float(sd[k]), float(prior[k]))
+        for k, p in enumerate(model.parameters)
+    )
+
+
+def curves(
+    linear: Linearised, goals: Sequence[Goal], chosen: Sequence[int] | np.ndarray, random: Random
+) -> Curves:
+    """Uncertainty by the number of contacts, of plans like the chosen one and of random selections."""
+    count, first = len(chosen), goals[0]
+    counts = sorted({round(part * count) for part in PARTS})
+    counts = [n for n in counts if max(FEWEST, linear.model.size - linear.residuals) < n <= linear.count]
+    root = root_of(goals, linear.covariance(chosen))
+    u = {count: u_of(linear, first, chosen)}
+    fewer = Selection(linear, chosen, root)
+    for n in sorted((n for n in counts if n < count), reverse=True):
+        shrink(fewer, n)
+        u[n] = u_of(linear, first, fewer.chosen)
+    more = Selection(linear, chosen, root)
+    further = min(count + FURTHER, count + int(np.sum(more.free)))
+    for n in sorted({*(n for n in counts if n > count), further}):
+        grow(more, n, Selection.gains)
+        u[n] = u_of(linear, first, more.chosen)
+    plan = tuple((n, u[n]) for n in sorted({*counts, count}))
+    by_chance = tuple((n, random.u(linear, first, n)) for n, _ in plan if n <= linear.count)
+    equal = equals_random(linear, first, u[count], random)
+    return Curves(curve=plan, curve_random=by_chance, equals_random=equal, next_u=u[further])
+
+
+def equals_random(linear: Linearised, goal: Goal, u: float, random: Random) -> float:
+    """Number of random contacts with the median uncertainty `u`, m, of a goal; infinite above the pool.
+
+    Interpolated between logarithms; never below `FEWEST`.
+    """
+    counts = np.unique(np.geomspace(FEWEST, linear.count, STEPS).astype(int))
+    uncertainty = np.array([random.u(linear, goal, int(n)) for n in counts])
+    if u < uncertainty[-1]:
+        return float("inf")
+    return float(np.exp(np.interp(-np.log(u), -np.log(uncertainty), np.log(counts))))

@@ -14,7 +14,7 @@ import numpy as np
 from bayescal.errors import listed
 from bayescal.logs import Log, Motion
 from bayescal.motion.servo import is_servo
-from bayescal.preparing import joint_facts, signals
+from bayescal.preparing import joint_facts
 from bayescal.preparing.joint_facts import LOADS, SLOW, Joint, Stamps, gravity_loaded
 from bayescal.preparing.missing import Finding
 from bayescal.robots.servos import STEP, STEPS, of_joints, read_calibration, zero_shift
@@ -114,7 +114,7 @@ def _corrupt(motion: Motion, table: str) -> Iterator[Finding]:
     """Single values that are far from their neighbours, and ends with accelerations that no motion has."""
     for name in ("position", "velocity", "torque"):
         values = getattr(motion, name)
-        if values is not None and len(rows := signals.spikes(values)):
+        if values is not None and len(rows := joint_facts.spikes(values)):
             what = f"{len(rows)} rows of motion {motion.name} with a {name} far from their neighbours"
             where = f"{table}:{motion.line + rows[0]}"
             yield Finding("spikes", "odd", what, where, "remove these rows: they are corrupt")
@@ -240,7 +240,7 @@ def _jumps(log: Log, motion: Motion, table: str) -> Iterator[Finding]:
     fastest = np.where(np.isnan(log.mechanism.fastest), FASTEST, 2.0 * log.mechanism.fastest)
     change = np.diff(motion.position, axis=0)
     beyond = np.abs(change) > np.maximum(fastest * np.diff(motion.time)[:, None], SMALLEST)
-    spikes = signals.spikes(motion.position)
+    spikes = joint_facts.spikes(motion.position)
     beyond[[row + k for row in spikes for k in (-1, 0) if 0 <= row + k < len(beyond)]] = False
     rows = np.flatnonzero(beyond.any(axis=1))
     if len(rows) == 0:
@@ -281,8 +281,8 @@ def _sag(log: Log, joints: Sequence[Joint], table: str) -> Iterator[Finding]:
     seconds, off = np.zeros(log.n), [np.empty(0)] * log.n
     for m in log.motions:
         assert m.command is not None
-        still = np.abs(signals.speeds(m.time, m.position)) <= SLOW[0]
-        still &= np.abs(signals.speeds(m.time, m.command)) <= SLOW[0]
+        still = np.abs(joint_facts.speeds(m.time, m.position)) <= SLOW[0]
+        still &= np.abs(joint_facts.speeds(m.time, m.command)) <= SLOW[0]
         seconds += (still * np.gradient(m.time)[:, None]).sum(axis=0)
         away = m.position - m.command
         off = [np.concatenate([old, away[still[:, j], j]]) for j, old in enumerate(off)]

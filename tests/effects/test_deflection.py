@@ -23,8 +23,7 @@ from bayescal.gap.search.unknown import Pool
 from bayescal.model import build
 from bayescal.model.options import FitOptions, Part
 from bayescal.model.scene import Scene
-from bayescal.simulation import Options, simulate
-from bayescal.simulation.touch import World
+from bayescal.simulation import Options, World, simulate
 
 YIELDING = ("geometry", "compliance", "bending", "base-compliance")
 MORE = 0.4  # kg

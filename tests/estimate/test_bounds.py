@@ -26,8 +26,7 @@ from bayescal.model import build
 from bayescal.model.options import FitOptions
 from bayescal.model.scene import Scene
 from bayescal.posterior import approximate
-from bayescal.simulation import Options, simulate
-from bayescal.simulation.touch import touch
+from bayescal.simulation import Options, simulate, touch
 
 MODEL = ("geometry", "compliance")
 

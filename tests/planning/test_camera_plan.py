@@ -17,11 +17,11 @@ from bayescal.dataset.types import PlanSettings
 from bayescal.errors import BayescalError
 from bayescal.planning.candidates import candidates, usual_count
 from bayescal.planning.exchange import select
-from bayescal.planning.expected import Random
 from bayescal.planning.goals import goals
 from bayescal.planning.order import Transits, ordered
 from bayescal.planning.plan import PlanOptions, plan
 from bayescal.planning.pool import condensed, linearised
+from bayescal.planning.result import Random
 from bayescal.planning.setup import continued
 from bayescal.preparing.practice import practice
 from bayescal.probing.clearance import Clearance

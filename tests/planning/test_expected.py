@@ -20,11 +20,11 @@ from bayescal.gap.settings import DESIGN
 from bayescal.model.options import parts_of
 from bayescal.planning.contrasts import Contrast, Contrasts, contrasts, of_effects
 from bayescal.planning.exchange import select
-from bayescal.planning.expected import Random, curves, equals_random, expected, parameters, u_of
 from bayescal.planning.goals import goals
 from bayescal.planning.plan import continuation, continued
 from bayescal.planning.pool import linearised
 from bayescal.planning.projection import CandidateColumns, Projection, Vocabulary
+from bayescal.planning.result import Random, curves, equals_random, expected, parameters, u_of
 from bayescal.planning.separate import (
     NO_LEVER,
     SEPARATED,

@@ -24,7 +24,7 @@ from bayescal.reporting.figures.plan import draw_plan
 from bayescal.reporting.page.plan import plan_page, write_plan
 from bayescal.reporting.plan_record import plan_record, table_of_plan
 from bayescal.reporting.plan_sheets import plan_summary
-from bayescal.simulation.touch import touch
+from bayescal.simulation import touch
 
 
 @pytest.fixture(scope="module")

@@ -16,7 +16,7 @@ from bayescal.cli.commands import app
 from bayescal.errors import BayescalError
 from bayescal.logs import read_log
 from bayescal.motion.effects import EFFECTS
-from bayescal.preparing import joint_facts, joint_findings, signals
+from bayescal.preparing import joint_facts, joint_findings
 from bayescal.preparing.joint_facts import gravity_torques
 
 
@@ -190,9 +190,9 @@ def test_a_corrupt_value_beyond_any_arm_is_refused_and_a_spike_is_found(tmp_path
 def test_steps_are_no_spikes():
     rng = np.random.default_rng(0)
     step = (np.arange(1000) > 700)[:, None] + 1e-3 * rng.standard_normal((1000, 1))
-    assert len(signals.spikes(step)) == 0
+    assert len(joint_facts.spikes(step)) == 0
     step[500] += 0.5
-    assert signals.spikes(step).tolist() == [500]
+    assert joint_facts.spikes(step).tolist() == [500]
 
 
 def test_bad_ends_of_motions(tmp_path):
@@ -321,7 +321,7 @@ def test_the_command_prints_both_forms(good):
 @pytest.mark.parametrize("count", [8, 60])
 def test_the_u_of_a_median_is_its_scatter(count):
     rng = np.random.default_rng(count)
-    found = np.array([signals.middle(rng.normal(3.0, 0.2, count)) for _ in range(300)])
+    found = np.array([joint_facts.middle(rng.normal(3.0, 0.2, count)) for _ in range(300)])
     pulls = (found[:, 0] - 3.0) / found[:, 1]
     assert np.sqrt(np.median(pulls**2)) / 0.6745 == pytest.approx(1.0, abs=0.3)
 

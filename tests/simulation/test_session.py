@@ -26,10 +26,9 @@ from bayescal.probing.artefacts import layout
 from bayescal.probing.clearance import Clearance, path_free
 from bayescal.probing.scene import scene_of
 from bayescal.robots import load_robot
-from bayescal.simulation import Options, simulate
+from bayescal.simulation import Options, simulate, touch
 from bayescal.simulation.record import summary, write
 from bayescal.simulation.session import LARGEST_SCALE
-from bayescal.simulation.touch import touch
 
 
 def test_counts():
