@@ -23,7 +23,7 @@ from bayescal.model.scene import Scene
 from bayescal.planning.candidates import candidates
 from bayescal.planning.pool import Setup
 from bayescal.simulation.record import Simulated, draws, heading, key_of, parameters_record
-from bayescal.simulation.session import GROUP, Options
+from bayescal.simulation.session import GROUP, Options, grouped
 from bayescal.statistics import stream
 
 SPARE = 1.3
@@ -81,13 +81,9 @@ def _planned(setup: Setup, options: Options) -> Dataset:
         what = f"{len(rows)} different contacts are reached, {different + options.later} are asked for"
         remedy = "give fewer --contacts or --later, or enlarge the regions of the targets"
         raise BayescalError(what, setup.dataset.name, remedy)
-    times = np.ones(different, int)
-    times[rng.choice(different, options.repeats, replace=False)] = GROUP
+    fitted, repeat = grouped(different, options.repeats, rng)
     later, rows = rows[: options.later], rng.permutation(rows[options.later : options.later + different])
-    fitted = np.repeat(rows, times)
-    label = np.where(times > 1, np.cumsum(times > 1), 0)
-    repeat = [f"r{k:02d}" if k else "" for k in np.repeat(label, times)]
-    order = np.concatenate([fitted, pool.validation, later])
+    order = np.concatenate([rows[fitted], pool.validation, later])
     m = taken(pool.session.measurements, order)
     count = len(order)
     role = np.where(np.arange(count) < len(fitted), "calibrate", "validate")

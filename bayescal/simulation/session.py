@@ -192,11 +192,17 @@ def _calibrating(arm: Arm, count: int, repeats: int, seed: int) -> Visit:
     rng = stream(seed, "faces")
     different = count - (GROUP - 1) * repeats
     target, contacts = _shuffled(arm, different, rng)
+    rows, groups = grouped(different, repeats, rng)
+    return Visit("calibrate", contacts[rows], target[rows], groups)
+
+
+def grouped(different: int, repeats: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """Numbers (N,) of contacts, some of them made `GROUP` times in a row, and the names of their groups, or ""."""
     times = np.ones(different, int)
     times[rng.choice(different, repeats, replace=False)] = GROUP
     names = np.array([f"r{k:02d}" if k else "" for k in np.where(times > 1, np.cumsum(times > 1), 0)])
     rows = np.repeat(np.arange(different), times)
-    return Visit("calibrate", contacts[rows], target[rows], names[rows])
+    return rows, names[rows]
 
 
 @lru_cache(maxsize=64)
