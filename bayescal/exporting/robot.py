@@ -11,7 +11,7 @@ from bayescal.arm.chain import Robot, chain_of
 from bayescal.arm.transforms import rpy_of, split
 from bayescal.dataset.table import csv_text
 from bayescal.effects import Parameter
-from bayescal.effects.common import READING, side_of
+from bayescal.effects.common import READING, SIDES, side_of
 from bayescal.effects.compliance import COMPLIANCE
 from bayescal.effects.encoder_scale import ENCODER_SCALE
 from bayescal.effects.geometry import PARALLEL
@@ -43,7 +43,7 @@ def calibrated_robot(model: Model, values: np.ndarray, state: int | None = None)
     """
     robot = model.scene.dataset.robot
     coupling = robot.link_from_reading.copy()
-    side = scale_side(model)
+    side = side_in(model, ENCODER_SCALE.name)
     for value, p in zip(values, model.parameters, strict=True):
         if is_scale(p):
             joint = p.site.number - 1
@@ -95,10 +95,10 @@ def is_scale(p: Parameter) -> bool:
     return p.effect in (ENCODER_SCALE.name, JOINT.name) and p.unit == "1"
 
 
-def scale_side(model: Model) -> str:
-    """The side of coupled axes on which the model has the encoders."""
-    asked = [s.setting for s in map(Selection.read, model.effects) if s.effect == ENCODER_SCALE.name]
-    return asked[0] if asked and asked[0] else side_of(model.scene.dataset.robot)
+def side_in(model: Model, effect: str) -> str:
+    """The side of coupled axes on which the model has an effect of the gears."""
+    asked = next((s.setting for s in map(Selection.read, model.effects) if s.effect == effect), None)
+    return asked if asked in SIDES else side_of(model.scene.dataset.robot)
 
 
 def _displaced_rows(robot: Robot, delta: np.ndarray) -> Robot:

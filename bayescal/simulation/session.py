@@ -197,7 +197,7 @@ def _calibrating(arm: Arm, count: int, repeats: int, seed: int) -> Visit:
 
 
 def grouped(different: int, repeats: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """Numbers (N,) of contacts, some of them made `GROUP` times in a row, and the names of their groups, or ""."""
+    """Numbers (N,) of contacts, some made `GROUP` times in a row, and the names of their groups, or ""."""
     times = np.ones(different, int)
     times[rng.choice(different, repeats, replace=False)] = GROUP
     names = np.array([f"r{k:02d}" if k else "" for k in np.where(times > 1, np.cumsum(times > 1), 0)])

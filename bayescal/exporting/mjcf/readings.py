@@ -24,10 +24,10 @@ import numpy as np
 
 from bayescal.effects import named
 from bayescal.effects.backlash import BACKLASH, STANDSTILL
-from bayescal.effects.common import READING, SIDES, side_of
-from bayescal.effects.selection import Selection
+from bayescal.effects.common import READING
 from bayescal.errors import BayescalError
 from bayescal.exporting.mjcf.elastic import Content
+from bayescal.exporting.robot import side_in
 
 STIFF, DAMPED = 1e10, 1e6
 """Stiffness, N m/rad, and damping, N m s/rad, of servos and tendons: under 100 N m they yield by 1e-8 rad."""
@@ -95,7 +95,7 @@ class Law:
 
 def law_of(content: Content) -> Law:
     """The law of an arm."""
-    robot = content.arm.model.scene.dataset.robot
+    robot, side = content.arm.model.scene.dataset.robot, side_in(content.arm.model, BACKLASH.name)
     lost = np.zeros(robot.n)
     for p, value in content.driven("direction"):
         lost[p.site.number - 1] -= value
@@ -105,18 +105,13 @@ def law_of(content: Content) -> Law:
         robot.offset,
         _waves(content),
         lost,
-        np.linalg.inv(robot.link_from_reading) if _side(content) == READING else np.eye(robot.n),
+        np.linalg.inv(robot.link_from_reading) if side == READING else np.eye(robot.n),
     )
 
 
 def bare(law: Law) -> Law:
     """The law without errors."""
     return replace(law, exact=law.nominal, waves=(), lost=0.0 * law.lost)
-
-
-def _side(content: Content) -> str:
-    asked = [s.setting for s in map(Selection.read, content.arm.effects) if s.effect == BACKLASH.name]
-    return asked[0] if asked and asked[0] in SIDES else side_of(content.arm.model.scene.dataset.robot)
 
 
 def _linear(content: Content) -> np.ndarray:
