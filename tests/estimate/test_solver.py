@@ -381,6 +381,9 @@ def test_scenes_of_several_poses_share_only_what_is_equal(cube, sag):
     moved, fresh = scene.posed_at(stance, {"compliance J2": 1e-6}), Scene(dataset, stance, True)
     for name in names:
         a, b = getattr(moved, name), getattr(fresh, name)
+        if name == "as_seen":  # a scene; of a session without images its own
+            assert a.dataset is b.dataset is dataset
+            continue
         np.testing.assert_equal(*(vars(x) if name in ("chain", "loads") else x for x in (a, b)), name)
     a, b = moved.circumstances(rows), fresh.circumstances(rows)
     np.testing.assert_array_equal(a.moments, b.moments)

@@ -115,11 +115,13 @@ main()
 
 
 FIT = """
+import functools
 import bayescal.public.functions as functions
 from bayescal.storage import stopping
 from bayescal.cli import main
 stopping.PATIENCE = 60.0  # on a busy machine the main thread may need more than a second
 plain = functions.fit
+@functools.wraps(plain)  # the command has its options from the signature
 def fit(*given, **options):
     print("ready", flush=True)
     return plain(*given, **options)
