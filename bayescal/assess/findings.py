@@ -24,6 +24,7 @@ from bayescal.assess.identifiability import Directions, in_words
 from bayescal.assess.undetermined import Undetermined
 from bayescal.dataset.consistency import contradictions, copies
 from bayescal.effects import MODELS
+from bayescal.effects.geometry import GEOMETRY
 from bayescal.effects.selection import plain
 from bayescal.effects.sizes import micrometres
 from bayescal.estimate import Estimate
@@ -101,6 +102,9 @@ FAR = 4.0
 """Prior standard deviations from nominal from which on a parameter is told."""
 PRIOR_DECIDES = 0.5
 """Share of the predicted distance variance from which on it rests on the tolerances."""
+ONE_SCALE, DETERMINED = 0.25, 0.5
+"""Share of the squared deviations of lengths that one factor on all of them may leave, and the share of its
+prior standard deviation below which the uncertainty of such a length is (conventions)."""
 FAR_BEYOND = 3.0
 """Times the error of validation contacts from which on a distance error is one that they do not show."""
 
@@ -195,8 +199,8 @@ def _parameters(of: Assessed) -> Iterator[Finding]:
             "no certified length among the fitted targets: the size of the arm rests on its tolerances",
         )  # fmt: skip
     limit, told = FAR * max(1.0, 1 / of.options.prior_width), factors(of.widths)
-    far = [p.name for p, at in zip(model.parameters, z, strict=False)
-           if abs(at) * told.get(family(p), 1.0) > limit]  # fmt: skip
+    wider = np.array([told.get(family(p), 1.0) for p in model.parameters])
+    far = [p.name for p, at in zip(model.parameters, z[: len(wider)] * wider, strict=True) if abs(at) > limit]
     yield from (Finding("far_from_prior", "warning", words) for words in of.options.contrary)
     stated = {prior.name for prior in model.scene.dataset.robot.priors}
     if unused := sorted(stated - {p.name for p in model.parameters}):
@@ -208,6 +212,12 @@ def _parameters(of: Assessed) -> Iterator[Finding]:
             f"{', '.join(far)}: more than {FAR:.0f} prior standard deviations from nominal; "
             "check the robot file",
         )  # fmt: skip
+    if factor := _one_factor(of.found, wider):
+        yield Finding(
+            "one_scale", "warning",
+            f"the lengths of the links are {factor:.4f} times nominal, all of them: check the robot file and "
+            "certified lengths (board, spheres, scale of an instrument); validation by them does not show it",
+        )  # fmt: skip
     for width in of.widths:
         yield Finding("prior_width", "note", width.words)
     if of.rigid.words:
@@ -216,6 +226,22 @@ def _parameters(of: Assessed) -> Iterator[Finding]:
     if absent:
         words = f"robot.yaml cannot hold {', '.join(absent)}: see fit.json"
         yield Finding("not_in_robot_file", "note", words)
+
+
+def _one_factor(found: Estimate, wider: np.ndarray) -> float | None:
+    """The one factor on nominal lengths of links that explains how far they are from nominal, or None.
+
+    `wider` (P,) are the factors on stated prior standard deviations.
+    """
+    every = zip(found.model.parameters, found.z, found.sd, wider, strict=False)
+    lengths = [(z * by, p.nominal * by / p.sd) for p, z, u, by in every
+               if p.effect == GEOMETRY.name and p.unit == "m" and p.nominal and u < DETERMINED]  # fmt: skip
+    if len(lengths) < 2:
+        return None
+    size, nominal = np.array(lengths).T
+    scale = size @ nominal / (nominal @ nominal)
+    before, after = size @ size, float(np.sum((size - scale * nominal) ** 2))
+    return 1 + scale if before - after > FAR**2 and after < ONE_SCALE * before else None
 
 
 def rests_on_priors(expected: Forecast, left: Unexplained) -> bool:
