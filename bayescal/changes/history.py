@@ -200,6 +200,8 @@ def _ordered(
     notes: list[str] = []
     if order:
         chosen, unit = [by_name[name] for name in order], SESSION
+        if out := [name for name in by_name if name not in order]:
+            notes.append(f"--order does not name {', '.join(out)}: left out")
     elif all(e.dates for e in entries):
         chosen, unit = sorted(entries, key=lambda e: (e.dates, _natural(e.folder))), DAY
     else:

@@ -104,6 +104,9 @@ def test_an_order_is_a_time(runs):
     record = bc.history(runs, order="run-2,run-0,run-1").record
     assert [r["folder"] for r in record["runs"]] == ["run-2", "run-0", "run-1"]
     assert [r["time"] for r in record["runs"]] == [0, 1, 2]
+    assert not [note for note in record["notes"] if "left out" in note]
+    record = bc.history(runs, order="run-2,run-0").record
+    assert "--order does not name run-1: left out" in record["notes"]
     with pytest.raises(BayescalError, match="no run folder `run-9`"):
         bc.history(runs, order=["run-9"])
 
