@@ -152,7 +152,8 @@ def prepared(
     for _ in range(POSES):
         c = replace(scene.circumstances(scene.rows("calibrate")), sessions=())
         shared = parameters_of(effects, c)
-        items = list(_of_model(c, shared, dataset, placed))
+        compared = [p for p in shared if _sessions(p, parts, c.fitted) != 1]
+        items = list(_of_model(c, compared, dataset, placed))
         model = with_parameters(scene, effects, (*shared, *changes(items, parts)))
         start = np.array([known.get(name, 0.0) for name in model.names])
         found = estimate(model, robust, start if known else None, rejected)
@@ -176,6 +177,12 @@ def prepared(
 def changes(items: Sequence[Item], parts: Sequence[Session]) -> list[Parameter]:
     """Parameters of changes, session after session without the first."""
     return [within(p, s) for s in parts[1:] for item in items for p in item.parameters]
+
+
+def _sessions(p: Parameter, parts: Sequence[Session], fitted: np.ndarray) -> int:
+    """Number of sessions in whose fitted rows a parameter acts: of one alone it is no change."""
+    acts = np.any([np.broadcast_to(t.driver, parts[0].rows.shape) != 0 for t in p.terms], axis=0)
+    return sum(bool(np.any((acts & s.rows)[fitted])) for s in parts)
 
 
 def _change(p: Parameter, sd: float = 0.0) -> Parameter:

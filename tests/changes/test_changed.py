@@ -249,3 +249,12 @@ def test_lost_motion_that_was_repaired_became_smaller():
     sizes = [d for d in found.differences if d.item.effect == "backlash"]
     assert len(sizes) > 1
     assert all(d.before > abs(d.after) and d.difference < 0 for d in sizes)
+
+
+def test_the_tool_of_one_session_alone_has_no_change(sessions):
+    """A tool that was remounted is measured in one session: there is nothing to compare it with."""
+    a, b, _ = sessions
+    result = changed([a, b], ("geometry",), remounted=True)
+    effects = {d.item.effect for d in result.detectable}
+    assert "geometry" in effects
+    assert "tool" not in effects
