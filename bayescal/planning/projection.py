@@ -26,7 +26,7 @@ from bayescal.gap.design.blind_spots import Seat, seats
 from bayescal.gap.linear.problem import problem
 from bayescal.gap.result import Side, Suspect
 from bayescal.gap.search.beam import COMPLIANCE
-from bayescal.gap.search.candidates import Candidates, candidates, extended, wide
+from bayescal.gap.search.candidates import unscreened
 from bayescal.model import Scene, build
 from bayescal.model.options import FitOptions, Part
 from bayescal.planning.pool import Pool, condensed
@@ -180,7 +180,7 @@ def vocabulary(
     """
     scene, effects = fitted.model.scene, fitted.model.effects
     c = with_compliances(scene.circumstances(), fitted)
-    assessed = _known(c, effects, without)
+    assessed = unscreened(c, effects, without)
     sites: list[Seat] = []
     parameters: list[Parameter] = []
     for seat in seats(assessed):
@@ -208,17 +208,6 @@ def vocabulary(
         p.jacobian[others], p.pool[others],
     )  # fmt: skip
     return Vocabulary(tuple(sites), tuple(parameters), settings, columns)
-
-
-def _known(c: Circumstances, effects: tuple[str, ...], without: Sequence[Part]) -> Candidates:
-    """The candidates of a diagnosis; of a scan that it screens by residuals, one setting."""
-    assessed = candidates(c, effects, without)
-    for effect in EFFECTS.values():
-        if effect.name not in assessed.variants and wide(effect, c) and effect.scan is not None:
-            lacks, values = effect.missing(c), effect.scan.values(c)
-            setting = float(values[len(values) // 2]) if lacks else None
-            assessed = extended(assessed, effect, [setting], c, lacks)
-    return assessed
 
 
 def _is(one: Suspect, p: Parameter) -> bool:

@@ -19,7 +19,7 @@ from bayescal.gap.design.blind_spots import blind_spots, unseen
 from bayescal.gap.linear.problem import problem
 from bayescal.gap.linear.state import fit_state
 from bayescal.gap.result import BlindSpot
-from bayescal.gap.search.candidates import candidates
+from bayescal.gap.search.candidates import unscreened
 from bayescal.model import USUAL, FitOptions
 from bayescal.predict.forecast import DistanceErrors
 from bayescal.watching import rows, update
@@ -271,6 +271,6 @@ def _spots(found: Fit) -> tuple[BlindSpot, ...]:
     fitted, effects = found.final.estimate, found.final.effects
     scene = fitted.model.scene
     c = with_compliances(scene.circumstances(scene.rows("calibrate")), fitted)
-    known = candidates(c, effects, found.options.without)
+    known = unscreened(c, effects, found.options.without)
     p = problem(fitted, known.pool, tuple(masses(c)) if scene.moments is not None else ())
     return blind_spots(fitted, known, fit_state(p, (), ()))

@@ -272,7 +272,7 @@ def test_it_ends_when_it_is_enough(folder):
     _, events = run(cell, enough=0.99 * u, idle=3.0)
     assert events[-1].kind == QUIET
     last = [e for e in events if isinstance(e, Complete)][-1]
-    assert {s.effect for s in last.spots} >= {"backlash", "step"}
+    assert {s.effect for s in last.spots} >= {"backlash", "step", "gear-mesh"}
     assert run(cell, planned=len(lines) - 1, idle=60.0)[1][-1].kind == PLANNED
 
 

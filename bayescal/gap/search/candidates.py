@@ -108,6 +108,17 @@ def candidates(
     return out
 
 
+def unscreened(c: Circumstances, effects: tuple[str, ...], without: Sequence[Part] = ()) -> Candidates:
+    """The candidates of a diagnosis; of a scan that it screens by residuals, one setting."""
+    assessed = candidates(c, effects, without)
+    for effect in EFFECTS.values():
+        if effect.name not in assessed.variants and wide(effect, c) and effect.scan is not None:
+            lacks, values = effect.missing(c), effect.scan.values(c)
+            setting = float(values[len(values) // 2]) if lacks else None
+            assessed = extended(assessed, effect, [setting], c, lacks)
+    return assessed
+
+
 def with_parts(known: Candidates, name: str, parts: Sequence[Part], c: Circumstances) -> Candidates:
     """Candidates with parts of an effect that the baseline lacks: each part alone, and all together."""
     effect, setting = named(name)
