@@ -1,7 +1,7 @@
-"""A robot description with springs where it yields, as MuJoCo and Pinocchio hold it: rigid bodies and hinges.
+"""A robot description with springs where it yields, as MuJoCo holds it: rigid bodies and hinges.
 
 Only the robot file's table, masses, tool and mounting are read, nothing of the model of bayescal. A hinge of
-stiffness k turns by the moment about its own axis over k. Both engines do their own kinematics and statics.
+stiffness k turns by the moment about its own axis over k. It does its own kinematics and statics.
 """
 
 from __future__ import annotations
@@ -170,40 +170,7 @@ class MuJoCoArm:
         return out
 
 
-class PinocchioArm:
-    """The arm in Pinocchio, a joint a hinge."""
-
-    def __init__(self, chain: list[tuple[np.ndarray, Part | None]], gravity: np.ndarray) -> None:
-        import pinocchio
-
-        self.engine, self.model, self.hinges, last = pinocchio, pinocchio.Model(), [], 0
-        self.model.gravity.linear = gravity
-        for place, part in chain:
-            at = pinocchio.SE3(place)
-            if isinstance(part, Hinge):
-                joint = pinocchio.JointModelRevoluteUnaligned(part.axis)
-                last = self.model.addJoint(last, joint, at, f"hinge {len(self.hinges)}")
-                self.hinges.append(part)
-            elif isinstance(part, Mass):
-                own = pinocchio.Inertia(part.kilograms, np.zeros(3), np.zeros((3, 3)))
-                self.model.appendBodyToJoint(last, own, at)
-            else:
-                self.last, self.place = last, at
-        self.data = self.model.createData()
-
-    def gravity(self, q: np.ndarray) -> np.ndarray:
-        """Gravity's moments on all hinges, N m."""
-        self.engine.forwardKinematics(self.model, self.data, q)
-        return -self.engine.computeGeneralizedGravity(self.model, self.data, q)
-
-    def check(self, rest: np.ndarray) -> None:
-        """Pinocchio knows no springs."""
-
-    def flange(self) -> np.ndarray:
-        return (self.data.oMi[self.last] * self.place).homogeneous
-
-
-def tool_points(arm: MuJoCoArm | PinocchioArm, links: np.ndarray, tool: np.ndarray) -> np.ndarray:
+def tool_points(arm: MuJoCoArm, links: np.ndarray, tool: np.ndarray) -> np.ndarray:
     """TCP positions (N, 3), m, at motor angles (N, n), rad, of the links; every spring is in equilibrium."""
     give = np.array([h.give for h in arm.hinges])
     motor = np.array([h.motor for h in arm.hinges])

@@ -13,12 +13,12 @@ from numba.core import caching
 from test_pinocchio import robots
 
 from analysis.benchmarks.reference import columns_reference, points_reference
-from bayescal.arm.chain import Robot, chain_of, frames, link_angles, points, wrenches
+from bayescal.arm.chain import chain_of, frames, link_angles, points, wrenches
 from bayescal.arm.kernel import MAX_ANGLE, WIDTH, _cos, _sin
 from bayescal.arm.motion import CERTIFICATE, CONTACT, Motion, Term
 from bayescal.arm.transforms import AXES, rigid, rotation, rpy_matrix, rpy_of
 
-COUNTS = (1, 127, 128, 129, 500)
+COUNTS = (1, WIDTH, WIDTH + 1)
 
 
 def lean(n, count, rng):
@@ -126,47 +126,6 @@ def test_any_site_alone_beside_slides_of_the_tool(lrmate, varies):
             np.testing.assert_allclose(columns, columns_reference(motion, values[0], u), atol=1e-12)
 
 
-@pytest.mark.parametrize("program", PROGRAMS)
-@pytest.mark.parametrize("convention", ["mdh", "dh"])
-def test_seven_joints_any_table(program, convention):
-    robot = _seven(convention)
-    motion, rng = motion_of(robot, program, 60)
-    values = 5e-3 * rng.standard_normal((2, 2, motion.size))
-    np.testing.assert_allclose(motion.points(values), points_reference(motion, values), atol=1e-12, rtol=0)
-    u = rng.standard_normal((3, 60))
-    found = motion.columns(values[0, 0], motion.points(values[0, 0]), u)
-    np.testing.assert_allclose(found, columns_reference(motion, values[0, 0], u), atol=1e-12, rtol=0)
-
-
-def _seven(convention):
-    rng = np.random.default_rng(7)
-    return Robot(
-        "seven", convention, tuple("ABCDEFG"), rng.uniform(-3, 3, 7), rng.uniform(-0.5, 0.5, 7),
-        rng.uniform(-0.5, 0.5, 7), np.zeros(7), 0.1 * rng.standard_normal(7), np.zeros((7, 2)), np.eye(7),
-    )  # fmt: skip
-
-
-@pytest.mark.parametrize("program", PROGRAMS)
-def test_columns_are_slopes(lrmate, program):
-    """The kernel's own two passes agree, whatever the reference says."""
-    motion, rng = motion_of(lrmate, program, 40)
-    values, u, h = 5e-3 * rng.standard_normal(motion.size), rng.standard_normal((3, 40)), 1e-5
-    found = motion.columns(values, motion.points(values), u)
-    step = h * np.eye(motion.size)
-    slope = (motion.points(values + step) - motion.points(values - step)) / (2 * h)
-    np.testing.assert_allclose(found, np.sum(slope * u, axis=1), atol=1e-8)
-
-
-def test_padding_is_not_seen(lrmate):
-    """A row's answer does not depend on the rows beside it."""
-    motion, rng = motion_of(lrmate, everywhere, WIDTH + 3)
-    values = 5e-3 * rng.standard_normal(motion.size)
-    last = slice(WIDTH + 1, WIDTH + 2)
-    terms = [(k, replace(t, driver=np.asarray(t.driver)[last])) for k, t in motion.terms]
-    alone = Motion(motion.chain, motion.q[last], motion.tool[last], terms, motion.size)
-    np.testing.assert_allclose(alone.points(values), motion.points(values)[:, last], atol=1e-15)
-
-
 def test_series():
     for angle in np.linspace(-MAX_ANGLE, MAX_ANGLE, 201):
         assert _sin(angle) == pytest.approx(np.sin(angle), abs=1.1e-13)
@@ -174,9 +133,7 @@ def test_series():
         assert _sin(angle / 3) == pytest.approx(np.sin(angle / 3), abs=2e-17, rel=3e-16)
 
 
-@pytest.mark.parametrize(
-    ("frame", "axis"), [(f, axis) for f in (0, 1, 3, 6, 7) for axis in ("rz", "rx", "ry")]
-)
+@pytest.mark.parametrize(("frame", "axis"), [(f, axis) for f in (0, 3, 7) for axis in ("rz", "rx", "ry")])
 def test_largest_angle(lrmate, frame, axis):
     """The series hold up to their bound, with levers of less than a metre."""
     count = 300
@@ -198,14 +155,6 @@ def test_constant_angles_have_no_bound(lrmate):
     motion = Motion(chain_of(lrmate), np.zeros((2, 6)), np.tile([0.06, 0, 0.12], (2, 1)), terms, len(terms))
     values = np.full(len(terms), 0.7)
     np.testing.assert_allclose(motion.points(values), points_reference(motion, values), atol=1e-14)
-
-
-def test_columns_beside_many_walkers(lrmate):
-    """Walkers do not leak into each other."""
-    motion, rng = motion_of(lrmate, shared, 200)
-    walkers = 5e-3 * rng.standard_normal((7, motion.size))
-    alone = np.stack([motion.points(w) for w in walkers])
-    np.testing.assert_array_equal(motion.points(walkers), alone)
 
 
 def test_no_rows(lrmate):
@@ -290,21 +239,6 @@ def test_wrenches_are_slopes(robot, seed):
     slope = (points(chain, q, tool, delta + step) - points(chain, q, tool, delta - step)) / (2 * h)
     found = wrenches(chain, q, tool, delta, u).reshape(2, -1)
     np.testing.assert_allclose(found, np.sum(slope * u, axis=-1).T, atol=2e-9)
-
-
-@pytest.mark.parametrize("convention", ["mdh", "dh"])
-def test_displacements_are_dh_errors(lrmate, convention):
-    """A wrong theta, d, alpha or a in the table moves the ball as its displacement does, exactly."""
-    robot = replace(lrmate, convention=convention)
-    rng = np.random.default_rng(0)
-    q, tool = rng.uniform(-3, 3, (5, 6)), np.array([0.06, 0.01, 0.12])
-    theta, d, alpha, a = 0.05 * rng.standard_normal((4, 6))
-    wrong = replace(robot, d=robot.d + d, alpha=robot.alpha + alpha, a=robot.a + a)
-    delta = np.zeros((5, 8, 6))
-    at = slice(0, 6) if convention == "mdh" else slice(1, 7)
-    delta[:, 1:7, 0], delta[:, 1:7, 1], delta[:, at, 2], delta[:, at, 3] = theta, d, alpha, a
-    found = points(chain_of(robot), q, tool, delta)
-    np.testing.assert_allclose(found, points(chain_of(wrong), q + theta, tool), atol=1e-14)
 
 
 @given(robots(), st.integers(0, 2**32 - 1))

@@ -159,6 +159,7 @@ def test_loads_are_the_slopes_of_potential_energy_by_every_displacement(lrmate, 
     robot = replace(lrmate, convention=convention)
     rng = np.random.default_rng(4)
     built, yields = 0.02 * rng.standard_normal((2, 1, 8, 6))
+    built[:, 0] = 0.0
     yields[:, [0, 7]] = 0.0
     if convention == "mdh":  # a turn of the next row turns the hinges about y, but not the link's own mass
         built[..., 2:] = 0.0
@@ -181,31 +182,12 @@ def test_loads_are_the_slopes_of_potential_energy_by_every_displacement(lrmate, 
             out -= mass * gravity @ where[:3]
         return out
 
-    for frame in range(1, 7):
+    for frame in range(7):
         for k, axis in enumerate("xyz"):
             for kind, loads in (("r", found.moments), ("t", found.weights)):
                 at = AXES.index(f"{kind}{axis}")
                 slope = (energy(frame, at, h) - energy(frame, at, -h)) / (2 * h)
                 assert loads[0, frame, k] == pytest.approx(-slope, abs=1e-7), (frame, kind, axis)
-
-
-def test_lrmate(lrmate):
-    rng = np.random.default_rng(1)
-    assert lrmate.convention == "mdh"
-    assert lrmate.link_from_reading[2, 1] == -1.0  # coupled
-    check_kinematics(lrmate, rng.uniform(-3, 3, (50, 6)), np.array([0.06, 0.0, 0.12]))
-    check_statics(lrmate, rng.uniform(-3, 3, (50, 6)), np.array([0, 0, -9.81]))
-
-
-def test_lrmate_at_zero(lrmate):
-    model, flange = pinocchio_of(lrmate)
-    data = model.createData()
-    pin.forwardKinematics(model, data, lrmate.offset)
-    pose = data.oMi[6] * flange
-    ours = frames(chain_of(lrmate), link_angles(lrmate, np.zeros((1, 6))))[0, -1]
-    for found in (pose.homogeneous, ours):
-        np.testing.assert_allclose(found[:3, 3], [0.475, 0.0, 0.375], atol=1e-15)
-        np.testing.assert_allclose(found[:3, 2], [1, 0, 0], atol=1e-15)
 
 
 def test_lrmate_against_the_published_table():
@@ -222,32 +204,3 @@ def test_lrmate_against_the_published_table():
             pose = pose * screw("x", np.radians(alpha), a / 1e3) * screw("z", np.radians(theta), d / 1e3)
         ours = frames(chain_of(robot), link_angles(robot, np.radians(degrees)[None]))[0, -1]
         np.testing.assert_allclose(ours, pose.homogeneous, atol=1e-14)
-
-
-@pytest.mark.parametrize("convention", ["mdh", "dh"])
-def test_moments_are_the_slopes_of_potential_energy(lrmate, convention):
-    """Turn all that a frame carries by a little about each of its axes: the energy says the moment."""
-    robot = replace(lrmate, convention=convention)
-    rng = np.random.default_rng(3)
-    q, gravity, h = rng.uniform(-3, 3, (4, 6)), np.array([0.5, 1.0, -9.7]), 1e-5
-    model, _ = pinocchio_of(robot)
-    data = model.createData()
-    ours = moments_of(robot, q, gravity)
-    for k, angles in enumerate(q):
-        pin.forwardKinematics(model, data, angles)
-        bodies = zip(model.inertias, data.oMi, strict=True)
-        masses = [(body.mass, pose.act(body.lever)) for body, pose in bodies]
-        for frame in range(7):
-            if frame:
-                at = data.oMi[frame] * pin.SE3(np.eye(3), np.array([0, 0, robot.d[frame - 1]]))
-            else:
-                at = pin.SE3(robot.base)
-            beyond = masses[max(frame, 1) :]
-            for axis in range(3):
-
-                def energy(angle, at=at, axis=axis, beyond=beyond):
-                    turn = at * pin.SE3(pin.exp3(angle * np.eye(3)[axis]), np.zeros(3)) * at.inverse()
-                    return -sum(m * gravity @ turn.act(x) for m, x in beyond)
-
-                slope = (energy(h) - energy(-h)) / (2 * h)
-                assert ours[k, frame, axis] == pytest.approx(-slope, abs=1e-8)

@@ -50,9 +50,10 @@ def test_the_chain_is_the_product_of_the_rows(kinds, convention):
     np.testing.assert_allclose(found, [by_rows(robot, r) for r in readings], atol=1e-13)
 
 
+@pytest.mark.parametrize("convention", ["mdh", "dh"])
 @pytest.mark.parametrize("kinds", KINDS)
-def test_kernel_wrenches_and_differences_agree(kinds):
-    robot, rng = robot_of(kinds), np.random.default_rng(2)
+def test_kernel_wrenches_and_differences_agree(kinds, convention):
+    robot, rng = robot_of(kinds, convention), np.random.default_rng(2)
     chain, n, count = chain_of(robot), robot.n, 150  # more than a block of the kernel
     q = link_angles(robot, rng.uniform(-1, 1, (count, n)))
     tool, u = 0.1 * rng.normal(size=(count, 3)), rng.normal(size=(3, count))

@@ -1,13 +1,11 @@
 """Prismatic joints in robot files: units, refusals, columns of a URDF against Pinocchio and MuJoCo."""
 
-import mujoco
 import numpy as np
 import pinocchio as pin
 import pytest
-from urdf_texts import arm, joint, link, robot
+from urdf_texts import joint, link, robot
 
 from bayescal.arm.chain import chain_of, frames, link_angles
-from bayescal.arm.statics import gravity_loads
 from bayescal.errors import BayescalError
 from bayescal.logs.mechanism import mechanism_of
 from bayescal.robots import load_robot, only_revolute, robot_to_yaml
@@ -113,22 +111,3 @@ def test_a_telescopic_column_is_one_joint(tmp_path):
 def test_followers_that_are_no_stages(tmp_path, text):
     with pytest.raises(BayescalError, match="joint `stage` follows another joint"):
         read(tmp_path, text, "arm.urdf")
-
-
-@pytest.mark.parametrize("slides", [(1,), (2, 4)])
-def test_gravity_along_a_prismatic_joint_as_in_mujoco(tmp_path, slides):
-    text = arm(3, 4, "skew", slides)
-    found = read(tmp_path, text, "arm.urdf")
-    compiler = '<mujoco><compiler fusestatic="false" discardvisual="false"/></mujoco></robot>'
-    model = mujoco.MjModel.from_xml_string(text.replace("</robot>", compiler))
-    data = mujoco.MjData(model)
-    readings = np.random.default_rng(0).uniform(-1, 1, (4, 4))
-    q, none = link_angles(found, readings), np.zeros(4)
-    loads = gravity_loads(found, chain_of(found), q, model.opt.gravity, none, np.zeros((4, 3)))
-    held = loads.torques(found.slides)
-    for at, force in zip(readings, held, strict=True):
-        data.qpos[:] = at
-        mujoco.mj_forward(model, data)
-        np.testing.assert_allclose(force, -data.qfrc_bias, atol=1e-9)
-        tip = model.body("tip").id
-        np.testing.assert_allclose(flange(found, at)[0, :3, 3], data.xpos[tip], atol=1e-12)

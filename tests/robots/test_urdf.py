@@ -32,17 +32,14 @@ def moments(found, readings) -> np.ndarray:
 
 
 @pytest.mark.parametrize("style", ["skew", "square", "parallel"])
-@pytest.mark.parametrize(
-    ("n", "slides"), [(1, ()), (2, ()), (6, ()), (7, ()), (1, (1,)), (7, (1,)), (4, (3,)), (5, (1, 2, 5))]
-)
-@pytest.mark.parametrize("seed", [1, 2])
-def test_moves_and_hangs_as_pinocchio_says(tmp_path, seed, n, slides, style):
-    text = arm(seed, n, style, slides)
+@pytest.mark.parametrize(("n", "slides"), [(1, ()), (7, ()), (1, (1,)), (5, (1, 2, 5))])
+def test_moves_and_hangs_as_pinocchio_says(tmp_path, n, slides, style):
+    text = arm(1, n, style, slides)
     found = read(tmp_path, text, "arm.urdf#tip")
     model = pin.buildModelFromXML(text)
     model.gravity.linear = GRAVITY
     data = model.createData()
-    readings = np.random.default_rng(seed).uniform(-3, 3, (20, n))
+    readings = np.random.default_rng(1).uniform(-3, 3, (5, n))
     poses, held = ours(found, readings), moments(found, readings)
     for k, q in enumerate(readings):
         pin.framesForwardKinematics(model, data, q)
