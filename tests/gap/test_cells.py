@@ -260,8 +260,11 @@ def test_every_cell_of_a_joint_that_does_not_move_has_columns(dataset):
     c = circumstances(dataset)
     still = np.where(np.arange(6) == 3, 0.2, c.readings)
     found = list(cells(replace(c, q=still, readings=still)))
-    assert all(own for cell in found for own in cell.sets)
-    assert not [q for q in found if q.driver in (Driver("travel", 4), Driver("angle", 4, form="waves"))]
+    alone = cells(replace(c, fitted=c.fitted[:1]))
+    assert all(own for cell in (*found, *alone) for own in cell.sets)
+    none = (Driver("travel", 4), Driver("angle", 4, form="waves"))
+    assert not [q for q in found if q.driver in none]
+    assert not [q for q in found if str(q.site) == "joint 4" and q.driver == Driver("angle", 4)]
 
 
 def test_drivers_that_are_alike_in_a_pose_are_kept_once(bench):
