@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -17,7 +17,7 @@ from bayescal.gap.outcome.notes import alike, cautions, play_or_late
 from bayescal.gap.result import OTHER, CauseClass, Event, Hypothetical, Named, Verdict
 from bayescal.gap.search.beam import COMPLIANCE, Member
 from bayescal.gap.search.refit import model_name
-from bayescal.gap.search.verdict import Decision
+from bayescal.gap.search.verdict import Decision, Weighed
 from bayescal.gap.settings import VERDICT
 
 UNSEEN = "not detectable with these contacts at any plausible amplitude"
@@ -45,13 +45,13 @@ def concluded(e: Examined, without: Decision | None) -> Verdict:
     probability = {name: min(p, _most(name, kind, d)) for name, p in probability.items()}
     named = [replace(n, probability=min(n.probability, probability[n.effect])) for n in named]
     kind = settled(kind, bool(named), probability)
-    scene, listed = e.fitted.model.scene, d.weighed[: VERDICT.listed]
+    scene = e.fitted.model.scene
     return Verdict(
         kind,
         tuple(named),
         {name: supported(p) for name, p in probability.items()},
         credible,
-        tuple(Hypothetical(w.effects, supported(w.probability), w.log_evidence) for w in listed),
+        hypotheticals(d.weighed)[: VERDICT.listed],
         d.footnotes,
         e.candidates.missing | dict.fromkeys(e.search.unseen, UNSEEN),
         (
@@ -61,6 +61,23 @@ def concluded(e: Examined, without: Decision | None) -> Verdict:
             *cautions(scene.dataset),
         ),
         _causes(d, probability) if kind == "class" else None,
+    )
+
+
+def hypotheticals(weighed: Sequence[Weighed]) -> tuple[Hypothetical, ...]:
+    """Sets of effects, the most probable first, each once, with the log evidence of its most probable form.
+
+    An unmodelled effect beside a set, and one in place of an effect of another set, may be of the same set.
+    """
+    best: dict[frozenset[str], Weighed] = {}
+    probability: dict[frozenset[str], float] = {}
+    for w in weighed:
+        effects = frozenset(w.effects)
+        best.setdefault(effects, w)
+        probability[effects] = probability.get(effects, 0.0) + w.probability
+    ranked = sorted(best, key=lambda effects: -probability[effects])
+    return tuple(
+        Hypothetical(best[n].effects, supported(probability[n]), best[n].log_evidence) for n in ranked
     )
 
 

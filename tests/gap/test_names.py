@@ -13,12 +13,13 @@ from sessions import circumstances, geared
 
 import bayescal as bc
 from bayescal.effects import Parameter, confusable, parameters_of
-from bayescal.effects.location import Driver, joint
+from bayescal.effects.location import Driver, Site, joint
 from bayescal.effects.sizes import length, magnitude, phase, propagated
 from bayescal.effects.vocabulary import same_terms
+from bayescal.gap.concluded import hypotheticals
 from bayescal.gap.linear.problem import Problem
 from bayescal.gap.linear.state import fit_state
-from bayescal.gap.outcome.notes import amplitudes, displaced, increased
+from bayescal.gap.outcome.notes import amplitudes, displaced, increased, play_or_late
 from bayescal.gap.result import Named
 from bayescal.gap.search.beam import Hypothesis, Member, Search
 from bayescal.gap.search.candidates import Candidates, Variant, candidates
@@ -104,6 +105,38 @@ def test_a_relative_of_a_name_is_an_unmodelled_effect_in_its_place():
     p = probabilities([related, plain, other], ["lobing", "step"])
     assert (p["lobing"], p["step"], p["unknown"]) == pytest.approx((0.3, 0.9, 0.7))
     assert verdict_of([related, plain, other], p) == ("class", ("step",))
+
+
+def test_a_set_of_effects_is_listed_once():
+    """A cell beside noise only, and a relative in place of an effect, both are an unmodelled effect alone."""
+    plain = weighed("lobing", probability=0.2)
+    related = replace(
+        plain, probability=0.3, related=Related(plain.hypothesis.members[0], Driver("torque", 2), 9.0)
+    )
+    cell = replace(weighed(probability=0.5, cell=True), log_evidence=40.0)
+    found = hypotheticals([cell, related, plain])
+    assert [h.effects for h in found] == [("unknown",), ("lobing",)]
+    assert [h.probability for h in found] == pytest.approx([0.8, 0.2])
+    assert found[0].log_evidence == 40.0
+
+
+@pytest.mark.parametrize(
+    ("credible", "elsewhere", "noted"),
+    [
+        (("unknown",), 0.0, True),
+        (("unknown",), 98.0, False),
+        (("backlash", "unknown"), 98.0, True),
+        ((), 0.0, False),
+    ],
+)
+def test_an_unmodelled_effect_elsewhere_is_not_called_backlash(credible, elsewhere, noted):
+    """The note stated backlash of joint 1 where another location explains more."""
+    sign, speed, other = Driver("direction", 1), Driver("joint speed", 1), Driver("time")
+    sites = (Site("joint", 1), Site("joint", 1), Site("probe"))
+    cells = [SimpleNamespace(site=s, driver=d) for s, d in zip(sites, (sign, speed, other), strict=True)]
+    alone = tuple(CellFit(k, gain, k, 1.0) for k, gain in enumerate((90.0, 10.0, elsewhere)))
+    note = play_or_late(alone, SimpleNamespace(cells=cells), credible)
+    assert bool(note) == noted
 
 
 def test_the_credible_set_holds_nine_tenths_and_what_is_confusable_close_behind():

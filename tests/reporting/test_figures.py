@@ -273,6 +273,34 @@ def test_a_significant_site_is_marked_and_named(sessions, site):
     assert site in [t.get_text() for t in texts(figure)]
 
 
+def test_the_site_of_every_named_effect_is_marked(sessions):
+    """The figure marked the first alone, its page all."""
+    amplitudes = [{"site": f"joint {k}", "significant": k < 6} for k in (4, 5, 6)]
+    record = sessions["named"] | {"amplitudes": amplitudes}
+    figure = draw("arm", record)
+    assert "joint 4, joint 5" in [t.get_text() for t in texts(figure)]
+    assert sum(to_hex(line.get_color()) == to_hex(MARKED) for line in figure.axes[0].lines) == 2
+
+
+def test_a_diagnosis_without_a_refit_has_no_residuals_before_it(sessions):
+    for kind in ("null", "unknown", "named"):
+        shown = " ".join(t.get_text() for t in texts(draw("arm", sessions[kind])))
+        assert ("before the refit" in shown) == (kind == "named")
+
+
+def test_a_long_label_of_an_axis_has_room(result):
+    """The second line of 'compliance J4 (µrad/(N m))' below a pair was outside of the figure."""
+    figure = bc.plot.posterior(result, ["compliance J4", "compliance J5", "ball x"])
+    assert clashes(figure) == ([], [])
+
+
+def test_the_log_evidence_of_a_set_is_that_of_the_page(sessions):
+    """It was rounded to '-0 nats'."""
+    sets = [{"effects": ["latency"], "probability": 0.5, "log_evidence": -0.46}]
+    shown = [t.get_text() for t in texts(draw("which", sessions["null"] | {"hypotheses": sets}))]
+    assert "0.50  (−0.5 nats)" in shown
+
+
 def test_signs_point_up_for_positive_residuals(fit):
     error = (e := residuals.of_fit(fit)).value
     axes = draw("arm", fit).axes[0]

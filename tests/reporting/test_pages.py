@@ -103,6 +103,29 @@ def test_every_verdict_has_a_page(found, kind):
         assert "bayescal fit runs/x/dataset --model" in text
 
 
+def test_the_next_step_of_a_possible_effect_is_no_repair(found):
+    """'Measure more before a part is replaced' stood above 'Repair the machine as described above'."""
+    record = record_of(found, "named")
+    assert "Repair the machine" in words(run_page(Run("gap", record, "runs/x")))
+    record["named"] = [n | {"possible": True} for n in record["named"]]
+    text = words(run_page(Run("gap", record, "runs/x")))
+    assert "Measure more before a part is replaced" in text
+    assert "Repair the machine" not in text
+    assert "Measure more, and diagnose again" in text
+
+
+def test_an_arm_is_not_said_to_be_marked_at_a_face(found):
+    record = record_of(found, "named") | {"amplitudes": [], "marked": "cube.+y"}
+    assert "Marked:" not in words(run_page(Run("gap", record, "runs/x")))
+    assert "Marked: joint 3" in words(run_page(Run("gap", record | {"marked": "joint 3"}, "runs/x")))
+
+
+def test_notes_of_parameters_keep_the_case_of_u(saved):
+    """'u includes ...' became 'U includes ...', which is the expanded uncertainty."""
+    page = (saved[0] / "report.html").read_text(encoding="utf-8")
+    assert "value(u): standard uncertainty u in units of the last digits; band: prior" in page
+
+
 def test_without_plotly_a_page_has_still_figures_and_no_scripts(found, monkeypatch):
     run = Run("gap", record_of(found, "named"), "runs/x")
     assert STILL not in words(run_page(run))

@@ -58,15 +58,19 @@ def play_or_late(alone: tuple[CellFit, ...], pool: Pool, credible: tuple[str, ..
     """Backlash or readings that were not settled: which of the two the data favour.
 
     Backlash follows the sign of the speed of a joint. The error of a reading that was not settled, or of a
-    commanded position that the joint has not reached, follows the speed itself.
+    commanded position that the joint has not reached, follows the speed itself. An unmodelled effect is
+    either only if no other location explains more.
     """
-    if not any(name == "unknown" or (name in EFFECTS and EFFECTS[name].directed) for name in credible):
-        return ()
     gain = {(pool.cells[f.cell].site, pool.cells[f.cell].driver): f.gain for f in alone}
+    least = OUTCOME.plain
+    if not any(name in EFFECTS and EFFECTS[name].directed for name in credible):
+        if "unknown" not in credible:
+            return ()
+        least = max(least, max(gain.values(), default=0.0) - OUTCOME.apart)
     out = []
     for (site, driver), by_sign in gain.items():
         by_speed = gain.get((site, Driver("joint speed", driver.joint)))
-        if driver.kind != "direction" or by_speed is None or max(by_sign, by_speed) < OUTCOME.plain:
+        if driver.kind != "direction" or by_speed is None or max(by_sign, by_speed) < least:
             continue
         apart = by_sign - by_speed
         if apart > OUTCOME.apart:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from bayescal.reporting.figures.residuals import Errors, of_fit, of_gap
 from bayescal.reporting.figures.sheet import Entry, Panel
+from bayescal.reporting.figures.where import significant
 from bayescal.reporting.shared.body import View, fill, joints_of, of_units, outlines, posed, typical
 from bayescal.reporting.shared.style import ACCENT, GREY, INK, MARKED, SERIES
 from bayescal.storage.reading import Json
@@ -40,27 +42,38 @@ def arm_panel(record: Json) -> Panel:
     diagnosis = record["schema"] == "bayescal-gap/1"
     e = of_gap(record, "before") if diagnosis else of_fit(record)
     edge = max(float(np.quantile(np.abs(e.value), LARGE)), 1e-3) if len(e.value) else 1.0
-    marked = record.get("marked")
+    marked = marked_sites(record) if diagnosis else []
     what = f"{_um(edge)} µm or more"
     sign = {"ls": "", "ms": LARGEST**0.5}
     signs = SIGNS if e.signed else LENGTHS
     key = [Entry(f"{text}{what}", {"marker": marker, "color": c, **sign}) for text, marker, c, _ in signs]
     if marked:
-        key.append(Entry(marked, {"color": MARKED, "lw": 3.5}))
+        key.append(Entry(", ".join(marked), {"color": MARKED, "lw": 3.5}))
 
     def draw(axes: Any, inner: float) -> None:
-        site = None
+        sites: list[Site] = []
         if marked:
             from bayescal.effects.location import Site  # slow to import, and seldom needed
 
-            site = Site.read(marked)
-        _draw(axes, record, e, edge, site)
+            sites = [Site.read(name) for name in marked]
+        _draw(axes, record, e, edge, sites)
 
-    title = f"Nominal arm, contacts with their residuals{' before the refit' if diagnosis else ''}"
+    title = f"Nominal arm, contacts with their residuals{' before the refit' if record.get('named') else ''}"
     return Panel(draw, lambda inner: 0.85 * inner + FLOOR, title, key=key)
 
 
-def _draw(axes: Any, record: Json, e: Errors, edge: float, site: Site | None) -> None:
+def marked_sites(record: Json) -> list[str]:
+    """Sites that drawings of a diagnosis mark: of the errors that are significant; none where nothing is."""
+    if record["verdict"] == "null":
+        return []
+    sites = [a["site"] for a in record["amplitudes"] if a["significant"]]
+    sites = sites or [site for site in [record.get("marked")] if site]
+    if record["verdict"] == "named+unexplained":
+        sites += [w["site"] for w in record["where"] if not w["explained_by"] and significant(w)][:1]
+    return list(dict.fromkeys(sites))
+
+
+def _draw(axes: Any, record: Json, e: Errors, edge: float, sites: Sequence[Site]) -> None:
     points, readings = np.array(record["rows"]["point_mm"], float), joints_of(record)
     row = e.row[typical(readings[e.row])] if len(e.row) else 0
     angles = of_units(record["arm"], readings[row])
@@ -72,10 +85,10 @@ def _draw(axes: Any, record: Json, e: Errors, edge: float, site: Site | None) ->
     axes.plot(*drawn.T, zorder=2, **(WIDE | ({"lw": 0.8} if bodies else {})))
     axes.plot(*drawn[0], marker="s", ms=7, color=GREY, zorder=2)
     for k, stroke in enumerate(VIEW.seen(strokes), start=1):
-        mine = site is not None and site.kind == "joint" and site.number == k
+        mine = any(site.kind == "joint" and site.number == k for site in sites)
         colour, thick = (MARKED, 4.5) if mine else (ACCENT, 2.2)
         axes.plot(*stroke.T, color=colour, lw=thick, zorder=3 + mine)
-    if site:
+    for site in sites:
         _mark(axes, site, drawn, flat, e.target)
     area = SMALLEST + (LARGEST - SMALLEST) * np.minimum(np.abs(e.value) / edge, 1.0)
     for _, marker, colour, chosen in SIGNS if e.signed else LENGTHS:

@@ -133,7 +133,7 @@ class Panel:
     note: str = ""
     key: Sequence[Entry] = field(default=())
     share: float = 1.0
-    inset: float = 1.0
+    inset: float = 2.5
 
     def tall(self, inner: float) -> float:
         """Height of axes of a width, mm."""
@@ -201,11 +201,11 @@ def _settle(axes: Any, panel: Panel, top: float) -> None:
 
 def _tall(panel: Panel, room: float) -> float:
     """Height of a panel with all its text, mm, in `room` mm."""
-    lines = sum(len(wrapped(text, room)) for text in (panel.note, panel.x) if text)
+    inner = room - max(TICKS if panel.y else 0.0, panel.inset) - panel.inset
+    lines = sum(len(wrapped(text, wide)) for text, wide in ((panel.note, room), (panel.x, inner)) if text)
     key, columns = _columns(panel, room)
     title = len(wrapped(panel.title, room, bold=True)) if panel.title else 0
     above = line() * (-(-len(key) // columns) + title)
-    inner = room - (TICKS if panel.y else panel.inset + 2.0)
     return panel.tall(inner) + above + lines * line() + AXIS + 2 * PAD
 
 

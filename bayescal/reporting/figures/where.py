@@ -19,7 +19,7 @@ from bayescal.reporting.figures import scales
 from bayescal.reporting.figures.scales import LANE, Row, rows_panel
 from bayescal.reporting.figures.sheet import Entry, Panel, width_of
 from bayescal.reporting.shared.style import ACCENT, FAINT, GREY, MARKED
-from bayescal.reporting.shared.text import per_residual, probability, rival
+from bayescal.reporting.shared.text import per_residual, probability, rival, signed
 from bayescal.storage.reading import Json
 
 FILLED: dict[str, Any] = {"facecolor": ACCENT, "edgecolor": ACCENT, "lw": 0.5}
@@ -210,9 +210,11 @@ def effects_panel(record: Json) -> Panel:
 def sets_panel(record: Json) -> Panel:
     """Sets of effects, the most probable first, with their log evidence."""
     sets = record["hypotheses"][:MOST_SETS]
+    nats = [signed(h["log_evidence"], 1).replace("-", "−") for h in sets]
+    labels = set_labels([h["effects"] for h in sets])
     bars = [
-        Bar(text, h["probability"], f"{probability(h['probability'])}  ({h['log_evidence']:+.0f} nats)", OPEN)
-        for text, h in zip(set_labels([h["effects"] for h in sets]), sets, strict=True)
+        Bar(text, h["probability"], f"{probability(h['probability'])}  ({n} nats)", OPEN)
+        for text, h, n in zip(labels, sets, nats, strict=True)
     ]
     label = "probability (log evidence relative to noise only)"
     return bars_panel(bars, "Sets of effects, the most probable first", label, end=1.0)

@@ -196,6 +196,7 @@ def _margin(record: Json, key: str) -> Sheet:
         Column("p", "p_value", p_value),
     )
     before = ", before the refit" if record["named"] else ""
+    before += ", corrected for their leverage in the fit"
     each = ": the largest groups of each joint" if key == "joint" else ""
     return Sheet(columns, groups, f"Residuals by {key}{before}{each}", 8)
 

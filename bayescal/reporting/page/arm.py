@@ -9,7 +9,7 @@ import numpy as np
 from markupsafe import Markup, escape
 
 from bayescal.effects.location import Site
-from bayescal.reporting.gap.sheets import marked as significant
+from bayescal.reporting.figures.arm import marked_sites as figure_sites
 from bayescal.reporting.page import svg
 from bayescal.reporting.page.section import Run
 from bayescal.reporting.shared.body import Outline, View, joints_of, of_units, outlines, posed, typical
@@ -24,19 +24,13 @@ LABELS = 74.0
 """Width at the right that labels take."""
 LINE, TOP, BOTTOM = 15.0, 12.0, 6.0
 """Least distance of two labels, and of the first and the last from the edges."""
+DRAWN = ("joint", "link", "base", "tool", "probe")
+"""Kinds of sites that a drawing without contacts can mark."""
 
 
 def marked_sites(run: Run) -> tuple[Site, ...]:
     """Sites of the errors that are significant; none where nothing is."""
-    record = run.record
-    if run.kind != "gap" or record["verdict"] == "null":
-        return ()
-    sites = [a["site"] for a in record["amplitudes"] if a["significant"]]
-    sites += [record["marked"]] if record.get("marked") and not sites else []
-    if record["verdict"] == "named+unexplained":
-        clear = (w for w in record["where"] if not w["explained_by"] and significant(w))
-        sites += [w["site"] for w in clear][:1]
-    return tuple(Site.read(site) for site in dict.fromkeys(sites))
+    return tuple(map(Site.read, figure_sites(run.record))) if run.kind == "gap" else ()
 
 
 def numbers(sites: Sequence[Site], kind: str) -> list[int]:

@@ -197,7 +197,7 @@ def parameters(run: Run) -> Section | None:
         "band: prior, two standard deviations; line and dot: 95 % interval and estimate, clipped at "
         "±3 prior standard deviations",
     )
-    caption = ". ".join(note[:1].upper() + note[1:] for note in notes)
+    caption = "; ".join(notes)
     weak = [f"Weakly identifiable: {d['words']}" for d in run.record["identifiability"]["weak_directions"]]
     return blocks(
         "parameters",

@@ -9,7 +9,7 @@ from bayescal.effects import EFFECTS
 from bayescal.gap.result import OTHER, VALIDATION_POINTS
 from bayescal.reporting.gap import sheets
 from bayescal.reporting.page import common
-from bayescal.reporting.page.arm import draw_arm, marked_sites
+from bayescal.reporting.page.arm import DRAWN, draw_arm, marked_sites
 from bayescal.reporting.page.section import Fault, FirstScreen, Run, Section, Text, blocks, texts
 from bayescal.reporting.shared.origin import images_keys, images_sheet, possible
 from bayescal.reporting.shared.sheet import Sheet
@@ -45,7 +45,7 @@ def first(run: Run) -> Section:
         tone, sign, word = "warn", "?", "No effect found"
     if record["words"][0].startswith("Possible effect"):
         tone, sign, word = "warn", "?", "Possible effect"
-    sites = marked_sites(run)
+    sites = [s for s in marked_sites(run) if s.kind in DRAWN]
     return FirstScreen(
         word,
         tone,
@@ -159,8 +159,14 @@ def _next(run: Run) -> list[tuple[str, str]]:
         model = shlex.quote(record["refit"]["model"])
         less = record["refit"]["without"]
         without = f" --without {shlex.quote(','.join(less))}" if less else ""
-        repair = "Repair the machine as described above and measure again; or keep the effects in the model:"
-        words = "Fit with the effects that are found:" if record["class"] else repair
+        if record["class"]:
+            words = "Fit with the effects that are found:"
+        elif any(named.get("possible") for named in record["named"]):
+            words = "Measure more, and diagnose again; to fit with the possible effects:"
+        else:
+            words = (
+                "Repair the machine as described above and measure again; or keep the effects in the model:"
+            )
         out.append((words, f"bayescal fit {dataset} --model {model}{without}"))
     if sheets.unexplained(record):
         out.append(("Inspect the location that is marked, correct it, and measure again.", ""))
