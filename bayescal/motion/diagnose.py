@@ -12,7 +12,7 @@ from bayescal.logs.types import CALIBRATE, VALIDATE
 from bayescal.motion.beside import beside, simplified
 from bayescal.motion.effects import EFFECTS, Form
 from bayescal.motion.estimate import estimated, noise_about
-from bayescal.motion.linear import Fit, Normal, joined, normal, predicted
+from bayescal.motion.linear import Fit, Normal, joined, normal
 from bayescal.motion.named import named_arm
 from bayescal.motion.pool import Pool
 from bayescal.motion.result import Amplitude, MotionGap, Place, Shrinkage
@@ -21,6 +21,7 @@ from bayescal.motion.servo import with_torques
 from bayescal.motion.settings import NOISE, OUTCOME, SEARCH, VERDICT
 from bayescal.motion.signals import all_signals
 from bayescal.motion.signals import root_mean_square as rms
+from bayescal.motion.terms import kinds
 from bayescal.motion.verdict import Verdict, confirmed, decide
 from bayescal.storage.stopping import Progress, silent
 
@@ -86,27 +87,32 @@ def places(search: Search, pool: Pool, v: Verdict) -> tuple[Place, ...]:
     out = []
     fit = search.fit(v.leading.members)
     for m in v.leading.members:
-        others = [o for o in v.leading.members if o is not m]
-        nats = fit.log_evidence - search.fit(others).log_evidence
+        without = search.fit([o for o in v.leading.members if o is not m])
         effect = m.form.effect if m.form.effect in v.named.names else ""
-        out.append(_place(search, pool, fit, m, nats, effect))
+        out.append(_place(pool, without, fit, m.form, fit.log_evidence - without.log_evidence, effect))
     out.sort(key=lambda place: -place.nats)
     taken = {place.form.site for place in out}
     for form, nats in search.cells(v.leading.members)[: OUTCOME.places]:
         if form.site not in taken and nats > SEARCH.gain:
-            member = Member(form, 1.0)
-            wide = search.fit((*v.leading.members, member))
-            out.append(_place(search, pool, wide, member, nats, ""))
+            wide = search.fit((*v.leading.members, Member(form, 1.0)))
+            out.append(_place(pool, fit, wide, form, nats, ""))
             taken.add(form.site)
     return tuple(out)
 
 
-def _place(search: Search, pool: Pool, fit: Fit, m: Member, nats: float, explained_by: str) -> Place:
-    """The place of a member, and the torque that it explains."""
-    explained = predicted(pool.table.of_role(CALIBRATE), fit, search.terms[m.form])
-    size = rms(explained)[: len(pool.scale.torque)]
-    j = int(np.argmax(size / pool.scale.torque))
-    return Place(m.form, nats, float(size[j]), j, explained_by)
+def _place(pool: Pool, without: Fit, fit: Fit, form: Form, nats: float, explained_by: str) -> Place:
+    """The place of a form, and by how much it changes the residuals of a fit without it.
+
+    What other parameters would take of it is no part of that. The kind of residuals is the one that it
+    changes most, in units of the noise.
+    """
+    table, log = pool.table.of_role(CALIBRATE), pool.estimate.parts[0].log
+    left = zip(table.residuals(without.values), table.residuals(fit.values), strict=True)
+    size = rms(before - after for before, after in left)
+    kind = int(np.argmax(size / pool.estimate.noise.sd)) // log.n
+    size = size[kind * log.n :][: log.n]
+    j = int(np.argmax(size / pool.scale.torque if kind == 0 else size))
+    return Place(form, nats, kinds(log)[kind], float(size[j]), j, explained_by)
 
 
 def amplitudes(search: Search, pool: Pool, v: Verdict) -> tuple[Amplitude, ...]:

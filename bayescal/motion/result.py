@@ -20,7 +20,8 @@ class Place:
 
     form: Form
     nats: float  # that the leading set loses without it; of others, gain over noise only
-    rms: float  # N m, of the torque that it explains in its largest joint, in calibration motions
+    kind: str  # of the residuals in which it is shown, see `bayescal.motion.terms`
+    rms: float  # N m or rad, by which it changes what is left of calibration motions, in its largest joint
     joint: int  # of that, from 0
     explained_by: str  # the named effect, or ""
 

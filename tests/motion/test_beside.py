@@ -9,6 +9,7 @@ import pytest
 from bayescal.logs.types import CALIBRATE, VALIDATE
 from bayescal.motion.beside import Relative, _free, beside, events, in_place_of_a_name, relative, simplified
 from bayescal.motion.cells import UNKNOWN, resonated
+from bayescal.motion.diagnose import _place
 from bayescal.motion.effects import EFFECTS, Form, Waves
 from bayescal.motion.linear import joined, normal
 from bayescal.motion.noise import noise_of
@@ -16,6 +17,8 @@ from bayescal.motion.pool import Pool, Unlisted
 from bayescal.motion.products import Product
 from bayescal.motion.search import Hypothesis, Member
 from bayescal.motion.settings import PRODUCTS, RELATIVES, SEARCH
+from bayescal.motion.signals import root_mean_square
+from bayescal.motion.terms import TORQUE
 
 
 @pytest.fixture(scope="module")
@@ -50,6 +53,19 @@ def test_in_a_null_log_general_functions_gain_little(pool):
     nats = np.array([value for _, value in gains])
     assert len(nats) > 500
     assert np.log(np.mean(np.exp(nats))) < 1.0
+
+
+def test_the_size_of_a_place_is_by_how_much_the_residuals_change(pool):
+    """An error of masses that the model has too: what its parameters explain without it is not its size."""
+    search, table = search_of(pool), pool.table.of_role(CALIBRATE)
+    without = search.fit()
+    left = root_mean_square(table.residuals(without.values))
+    forms = [form for form in search.terms if form.effect in ("inertia", "payload", "viscous", "armature")]
+    assert forms
+    for form in forms:
+        place = _place(pool, without, search.fit((Member(form, 1.0),)), form, 0.0, "")
+        assert place.rms < 0.5 * left[place.joint]
+        assert place.kind == TORQUE
 
 
 def test_a_product_of_two_quantities_is_found_with_its_joint(pool):

@@ -16,6 +16,7 @@ from bayescal.logs.write import arm_text
 from bayescal.motion.effects import EFFECTS, Form
 from bayescal.motion.result import Amplitude, MotionGap, Place
 from bayescal.motion.search import Hypothesis
+from bayescal.motion.terms import TORQUE
 from bayescal.motion.verdict import OTHER
 from bayescal.reporting.motion.sheets import size_text
 from bayescal.reporting.page.build import write_page
@@ -178,11 +179,16 @@ def _place(p: Place, unit: str, by: np.ndarray) -> dict[str, Any]:
     return {
         **entry(form, "site", "driver", "setting"),
         "text": f"{form.site}, {form.driver}" + (f" ({form.setting})" if form.setting else ""),
-        f"rms_{unit}": by[p.joint] * p.rms,
+        **{f"rms_{unit}": None, **dict([place_rms(p, unit, by)])},
         "of_joint": p.joint + 1,
         "log_evidence": p.nats,
         "explained_by": p.explained_by or None,
     }
+
+
+def place_rms(p: Place, unit: str, by: np.ndarray) -> tuple[str, float]:
+    """The key of the size of a place, and the size: of torques in `unit`, of angles in degrees."""
+    return (f"rms_{unit}", by[p.joint] * p.rms) if p.kind == TORQUE else ("rms_deg", np.rad2deg(p.rms))
 
 
 def words(gap: MotionGap) -> list[str]:
@@ -201,8 +207,9 @@ def words(gap: MotionGap) -> list[str]:
         place = next((p for p in gap.where if not p.explained_by), gap.where[0])
         what = "A further error" if out else "Unmodelled error: it"
         what += f" varies with {place.form.driver} at {place.form.site}"
-        size = f"{1e3 * by[place.joint] * place.rms:.3g} {'mN m' if unit == UNIT else 'mdeg'} RMS"
-        out.append(f"{what} ({size} in joint {place.joint + 1}); no known effect explains it.")
+        key, size = place_rms(place, unit, by)
+        shown = f"{1e3 * size:.3g} {'mdeg' if key == 'rms_deg' else 'mN m'} RMS in joint {place.joint + 1}"
+        out.append(f"{what} ({shown}); no known effect explains it.")
     if v.kind == "class":
         names = [f"{_member(name)} ({_sure(p)})" for name, p in v.members.items()]
         form = v.leading.members[0].form

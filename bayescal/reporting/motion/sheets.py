@@ -104,11 +104,17 @@ def probability_sheet(record: Json) -> Sheet:
     )
 
 
+def place_size(place: Json) -> str:
+    """The size of a place with its unit."""
+    sizes = ((place.get(f"rms_{unit}"), word) for unit, word in WORDS.items())
+    return next(f"{size:.3g} {word}" for size, word in sizes if size is not None)
+
+
 def where_sheet(record: Json) -> Sheet:
     """Places, the largest first."""
     columns = (
         Column("place", "text"),
-        Column(f"{WORDS[record['unit']]} RMS", f"rms_{record['unit']}", newton_metres),
+        Column("RMS", place_size),
         Column("in joint", "of_joint"),
         Column("evidence (nats)", "log_evidence", lambda x: f"{x:.1f}"),
         Column("explained by", "explained_by"),
