@@ -16,7 +16,8 @@ from bayescal.effects.selection import plain as without_setting
 from bayescal.effects.tool import TOOL
 from bayescal.exporting.export import Exported
 from bayescal.fitted.arm import FittedArm
-from bayescal.reporting.shared.origin import plain
+from bayescal.reporting.gap.sheets import per_vector
+from bayescal.reporting.shared.origin import plain, scaled
 from bayescal.reporting.shared.sheet import Column, Sheet, screen
 from bayescal.reporting.shared.text import MM, facts, model_label, um, um2, under
 from bayescal.verifying.gap import Gap
@@ -131,7 +132,10 @@ MEASURED = ("before_rms_um", "after_rms_um", "predicted_before_rms_um", "predict
 
 
 def _measured(gap: Gap) -> dict[str, dict[str, Any]]:
-    """Number and RMS errors of each kind: before and after, measured and predicted by the run."""
+    """Number and RMS errors of each kind: before and after, measured and predicted by the run.
+
+    Those of points are of their coordinates.
+    """
     errors = {kind: (gap.before[kind], gap.after[kind], *gap.predicted[kind]) for kind in gap.after}
     return {
         kind: {"count": gap.count[kind]}
@@ -152,7 +156,10 @@ def report(v: Verification) -> RenderableType:
             Column("count", "count"),
             *(Column(heading, key, "{:.3g}".format) for heading, key in zip(headings, MEASURED, strict=True)),
         )
-        measured = Sheet(columns, [{"kind": kind, **errors} for kind, errors in _measured(v.gap).items()])
+        measured = Sheet(columns, [
+            {"kind": kind} | errors | {key: scaled(errors[key], per_vector(kind)) for key in MEASURED}
+            for kind, errors in _measured(v.gap).items()
+        ])  # fmt: skip
     sizes = ", ".join(f"{name} ({um(size)} µm RMS)" for name, size in v.missing.items())
     lacking = Text(f"not in the file, and part of the gap after: {sizes}") if sizes else None
     remarks = [Text(remark, style="yellow") for remark in v.arm.use.remarks]

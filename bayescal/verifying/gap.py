@@ -110,7 +110,7 @@ def _distances(arm: FittedArm, centres: Mapping[str, np.ndarray]) -> np.ndarray:
 
 KINDS = ("planes", "points", "distances")
 RECORDS = ("gap.json", "fit.json")
-LEVEL = {"planes": "heldout_rms_um", "distances": "distance_rms_um"}
+LEVEL = {"planes": "heldout_rms_um", "points": "point_rms_um", "distances": "distance_rms_um"}
 BEFORE_AFTER = {
     "planes": ("nominal_rms_um", "calibrated_rms_um"),
     "distances": ("nominal_error_um", "calibrated_error_um"),
@@ -148,7 +148,7 @@ def read_reported(run: Path) -> Reported:
 
 
 def _rms(record: Mapping[str, Any], kind: str) -> tuple[float, float]:
-    """RMS errors before and after, m, as the run reports them for its own model."""
+    """RMS errors before and after, m, as the run reports them for its own model; of points per coordinate."""
     shrinkage = record.get("shrinkage", {}).get(kind)
     if shrinkage:
         return 1e-6 * shrinkage["before_rms_um"], 1e-6 * shrinkage["after_rms_um"]
@@ -156,6 +156,10 @@ def _rms(record: Mapping[str, Any], kind: str) -> tuple[float, float]:
         if level["model"] == record.get("baseline") and kind in LEVEL:
             rms = 1e-6 * (level.get(LEVEL[kind]) or float("nan"))
             return rms, rms if record.get("effects") == [] else float("nan")
+    if kind == "points" and record.get("ladder") and "points_rms_um" in record["ladder"][0]:
+        lengths = [record["ladder"][k]["points_rms_um"] for k in (0, -1)]  # nominal, and the arm
+        before, after = (1e-6 * (x or float("nan")) / 3**0.5 for x in lengths)
+        return before, after
     every = record.get("validation", {}).get(kind) if kind in BEFORE_AFTER else None
     every = [p for p in every or () if p.get("role", "validate") == "validate"]
     if not every:

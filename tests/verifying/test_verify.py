@@ -4,10 +4,12 @@ import json
 import re
 import shutil
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from sessions import tracker
 from typer.testing import CliRunner
 
 import bayescal as bc
@@ -236,3 +238,19 @@ def test_errors_that_a_fit_reports_are_those_of_all_its_measurements(tmp_path):
     found = read_reported(tmp_path).rms
     assert found["planes"] == pytest.approx((1e-6 * rms(before), 1e-6 * rms(after)))
     assert found["distances"] == pytest.approx((1e-6 * rms(before[:6]), 1e-6 * rms(after[:6])))
+
+
+def test_errors_of_points_are_the_lengths_that_the_run_states(tmp_path):
+    """As in the summary of the fit: of the error vector, not of its coordinates."""
+    session = tracker().dataset
+    role = np.where(np.arange(len(session.measurements.ids)) % 5, "calibrate", "validate")
+    found = bc.fit(replace(session, measurements=replace(session.measurements, role=role)), samples=0)
+    found.save(tmp_path / "fit", False)
+    bc.export(tmp_path / "fit", "mjcf", force=True).save(tmp_path / "arm.xml")
+    result = bc.verify(tmp_path / "fit", tmp_path / "arm.xml")
+    points = result.record["measured"]["points"]
+    stated = [level["points_rms_um"] for level in found.record["ladder"]]
+    for key, length in (("before_rms_um", stated[0]), ("after_rms_um", stated[-1])):
+        assert 3**0.5 * points[key] == pytest.approx(length, rel=1e-3)
+        assert points[f"predicted_{key}"] == pytest.approx(points[key], rel=1e-3)
+        assert f"{length:.3g}" in str(result)

@@ -192,8 +192,10 @@ def joint_springs(content: Content) -> Mapping[int, Spring]:
         slope = np.gradient(bent[j], torque)
         count = int(np.argmax(slope <= LEAST * slope[0])) if np.any(slope <= LEAST * slope[0]) else STEPS
         if slope[0] <= 0 or BEYOND * torque[count - 1] < largest[j]:
-            what = f"{name} turns against its torque: its fitted compliance is not positive"
-            raise BayescalError(what, "export", "no simulator has such a spring; leave it out with --without")
+            parts = [p.name for p, _ in content.driven("torque") if p.site.number == j + 1]
+            what = f"{name} turns against its torque, as fitted: {' + '.join(parts)}"
+            remedy = f"no simulator has such a spring; leave a part out: --without '{parts[-1]}'"
+            raise BayescalError(what, "export", remedy)
         out[j] = spring_of(torque[:count], bent[j][:count])
     return out
 

@@ -262,6 +262,10 @@ def test_leading_backlash_and_negative_compliance_are_refused():
         mjcf(leading, 0)
     off, _ = differences(leading, POSES, File.new(leading, 0, script=True))
     assert np.max(off) < 2e-8
+    of_two = drawn("universal-robots-ur5e", (*BASE, "hysteresis"))
+    hysteresis = np.array([p.effect == "hysteresis" for p in of_two.model.parameters])
+    with pytest.raises(BayescalError, match=r"J2 \+ hysteresis J2; .*--without 'hysteresis J2'"):
+        mjcf(of_two.valued(np.where(hysteresis, -100.0 * np.abs(of_two.values), of_two.values)), 0)
     with pytest.raises(BayescalError, match="J2 turns against its torque"):
         mjcf(arm.valued(np.where(compliance, -arm.values, arm.values)), 0)
 
