@@ -32,7 +32,7 @@ from bayescal.estimate.bounds import UNCHANGED, Rigid
 from bayescal.estimate.outliers import LEAST_SPARE, detectable
 from bayescal.estimate.solver import by_group
 from bayescal.estimate.unexplained import FaceCheck, Unexplained
-from bayescal.estimate.widths import Width, factors
+from bayescal.estimate.widths import Width, factors, sentences
 from bayescal.model import ORIENTATION
 from bayescal.model.block import ARM, Block
 from bayescal.model.model import length_blocks
@@ -218,8 +218,8 @@ def _parameters(of: Assessed) -> Iterator[Finding]:
             f"the lengths of the links are {factor:.4f} times nominal, all of them: check the robot file and "
             "certified lengths (board, spheres, scale of an instrument); validation by them does not show it",
         )  # fmt: skip
-    for width in of.widths:
-        yield Finding("prior_width", "note", width.words)
+    for words in sentences(of.widths):
+        yield Finding("prior_width", "note", words)
     if of.rigid.words:
         yield Finding("rigid", "note", of.rigid.words)
     absent = [name for name in model.effects if not MODELS[plain(name)].in_robot_file]

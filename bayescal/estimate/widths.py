@@ -12,6 +12,12 @@ and of the discrepancy:
 for every S, as the estimator is the same. log s_f has a normal hyperprior. The factors are used only where
 they gain `TOLD` nats together: the stated priors stay otherwise. No width is reduced, as data that could tell
 it leave little to the prior.
+
+Parameters that are many prior standard deviations off are cheaper to fit by larger noise, and N then hides
+their widths. Where the residuals are much larger than the stated noise, fits with all widths times one of
+`COMMON` are therefore compared first, by the evidence of the measurements with the noise of each fit. The
+most probable one tells the widths of the families, S in units of its priors; they are used if their fit is
+more probable still.
 """
 
 from __future__ import annotations
@@ -26,6 +32,7 @@ from bayescal.errors import FAILURES
 from bayescal.estimate.discrepancy import stated
 from bayescal.estimate.estimate import Estimate, fitted_level
 from bayescal.estimate.shifts import likelihood, shifts
+from bayescal.estimate.solver import STATED_WORTH
 from bayescal.model.block import ARM
 from bayescal.model.options import FitOptions, family
 from bayescal.model.scene import Scene
@@ -37,6 +44,9 @@ SPREAD = float(np.log(3.0))
 """Standard deviation of the logarithm of a factor, a priori: a factor of three is usual (assumed)."""
 LARGEST = 30.0
 """Largest factor: beyond it a value of the robot file is wrong, or a unit."""
+COMMON, LARGE = (3.0, 10.0, 30.0), 3.0
+"""Factors on the widths of all families, which are compared where the residuals are more than `LARGE` times
+the stated noise (conventions)."""
 SMALLEST = 1e-9
 """Share of the largest variance of a direction below which the estimate says nothing of it."""
 
@@ -68,13 +78,18 @@ class Spread:
     by_family: tuple[np.ndarray, ...]  # (P, P) each: W W' of the members
 
     @classmethod
-    def of(cls, found: Estimate, covariance: np.ndarray, members: Sequence[np.ndarray]) -> Spread:
-        """Of an estimate with its stated covariance (D, D); `members` are the places of each family."""
+    def of(
+        cls, found: Estimate, covariance: np.ndarray, members: Sequence[np.ndarray], wide: float = 1.0
+    ) -> Spread:
+        """Of an estimate with its stated covariance (D, D); `members` are the places of each family.
+
+        `wide` is the factor on the stated widths of all families that the estimate has.
+        """
         arm, c = found.model.slices[ARM], found.covariance
         by = (np.eye(len(c)) - c)[arm]
         others = np.setdiff1d(np.arange(len(c)), np.concatenate([np.zeros(0, int), *members]))
         noise = (covariance - c @ c)[arm, arm] + by[:, others] @ by[:, others].T
-        parts = [by[:, own] @ by[:, own].T for own in members]
+        parts = [by[:, own] @ by[:, own].T / wide**2 for own in members]
         # in units of the estimate's spread under the stated priors, in the directions that it has
         values, vectors = np.linalg.eigh(noise + sum(parts))
         kept = values > SMALLEST * values[-1]
@@ -107,22 +122,21 @@ class Spread:
         return found.x, float(found.fun)
 
 
-def widths(found: Estimate, covariance: np.ndarray) -> tuple[Width, ...]:
-    """The families whose values tell a wider prior than the estimate has; none usually.
+def widths(found: Estimate, covariance: np.ndarray, wide: float = 1.0) -> tuple[Width, ...]:
+    """The families whose values tell a wider prior than the stated one; none usually.
 
     Parameters
     ----------
     found : Estimate
     covariance : np.ndarray, shape (D, D)
         Stated covariance of its unknowns, z, at least that of the solver.
+    wide : float
+        Factor on the stated widths of all families that the estimate has.
     """
-    families: dict[str, list[int]] = {}
-    for k, p in enumerate(found.model.parameters):
-        if name := family(p):
-            families.setdefault(name, []).append(k)
+    families = families_of(found)
     if not families:
         return ()
-    spread = Spread.of(found, covariance, [np.array(own) for own in families.values()])
+    spread = Spread.of(found, covariance, [np.array(own) for own in families.values()], wide)
     free, (factors, loss) = list(range(len(families))), spread.best(range(len(families)))
     if spread.loss(np.zeros(len(families)))[0] - loss < TOLD:
         return ()
@@ -140,9 +154,74 @@ def widths(found: Estimate, covariance: np.ndarray) -> tuple[Width, ...]:
     )
 
 
-def with_widths(
-    found: Estimate, scene: Scene, effects: tuple[str, ...], options: FitOptions
-) -> tuple[Estimate, FitOptions, tuple[Width, ...]]:
+def families_of(found: Estimate) -> dict[str, list[int]]:
+    """The places of the parameters of each family of a fitted model."""
+    families: dict[str, list[int]] = {}
+    for k, p in enumerate(found.model.parameters):
+        if name := family(p):
+            families.setdefault(name, []).append(k)
+    return families
+
+
+def log_evidence(found: Estimate, left_out: np.ndarray) -> float:
+    """Log density of the measurements under a model, at the estimated noise (Laplace), less a constant.
+
+    Parameters
+    ----------
+    found : Estimate
+    left_out : np.ndarray of int
+        Rows of the session that do not count, in all estimates that are compared.
+    """
+    weights, ends = found.weights, [part.stop for part in found.linear.of_block.values()]
+    constraints = found.linear.residual[max(ends, default=0) :]
+    out = 0.5 * np.linalg.slogdet(found.covariance)[1] - 0.5 * (found.z @ found.z + constraints @ constraints)
+    for block in found.model.blocks:
+        kept, scale = ~np.isin(block.rows, left_out), weights.scale[block.group]
+        sigma = scale * weights.sigma[block.name].reshape(block.kind.rows, -1)
+        white = (found.residuals(block) / sigma)[:, kept]
+        out -= 0.5 * np.sum(white**2) + white.size * np.log(scale)
+    out -= STATED_WORTH * sum(np.log(k) + 0.5 / k**2 for k in weights.scale.values())
+    return float(out)
+
+
+Widened = tuple[Estimate, FitOptions, tuple[Width, ...]]
+"""A fit with wider priors, its options, and the widths."""
+
+
+def _by_noise(found: Estimate, scene: Scene, effects: tuple[str, ...], options: FitOptions) -> Widened | None:
+    """The fit with wider priors that larger noise hides; None where the stated ones are as probable."""
+    families = families_of(found)
+    if not families or max(found.weights.scale.values(), default=1.0) < LARGE:
+        return None
+
+    def fitted(told: Mapping[str, float]) -> tuple[Estimate, FitOptions] | None:
+        wider = replace(options, widths=told)
+        try:
+            return fitted_level(scene, effects, wider), wider
+        except FAILURES:  # no length is known, or the solution is out of reach
+            return None
+
+    tried = ((by, fitted(dict.fromkeys(families, by))) for by in COMMON)
+    fits = {by: fit for by, fit in tried if fit is not None}
+    left_out = np.unique(np.concatenate([found.rejected, *(f.rejected for f, _ in fits.values())]))
+    before = log_evidence(found, left_out)
+    gains = {by: log_evidence(f, left_out) - before - 0.5 * (np.log(by) / SPREAD) ** 2
+             for by, (f, _) in fits.items()}  # fmt: skip
+    by = max(gains, key=gains.__getitem__, default=1.0)
+    if gains.get(by, 0.0) < TOLD:
+        return None
+    common, wider = fits[by]
+    own = widths(common, stated(common).covariance, by)
+    if own and (fit := fitted(factors(own))):
+        paid = sum(np.log(w.factor) ** 2 for w in own) / (2.0 * SPREAD**2)
+        if log_evidence(fit[0], left_out) - before - paid > gains[by]:
+            return *fit, own
+    names = common.model.parameters
+    told = (Width(name, by, gains[by], tuple(names[k].name for k in at)) for name, at in families.items())
+    return common, wider, tuple(told)
+
+
+def with_widths(found: Estimate, scene: Scene, effects: tuple[str, ...], options: FitOptions) -> Widened:
     """An estimate under the stated priors, or where its values tell wider ones, the fit under those.
 
     Priors of the robot file that contradict the data are not used; see `doubted`.
@@ -159,6 +238,9 @@ def with_widths(
     if names := doubted(found, scene, effects, options):
         options = replace(options, doubted=names)
         found = fitted_level(scene, effects, options)
+    widened = _by_noise(found, scene, effects, options)
+    if widened is not None:
+        return widened
     if not widths(found, found.covariance):  # the stated covariance is wider, and takes longer
         return found, options, ()
     told = widths(found, stated(found).covariance)
@@ -174,6 +256,14 @@ def with_widths(
 def factors(told: Sequence[Width]) -> Mapping[str, float]:
     """Factors of prior standard deviations by family."""
     return {w.family: w.factor for w in told}
+
+
+def sentences(told: Sequence[Width]) -> tuple[str, ...]:
+    """The widths as sentences, one for all families if they have a common factor."""
+    if len({(w.factor, w.nats) for w in told}) != 1:
+        return tuple(w.words for w in told)
+    every = ", ".join(w.family for w in told)
+    return (replace(told[0], family=every).words,)
 
 
 FAR, MOST = 4.0, 6

@@ -11,6 +11,7 @@ import numpy as np
 from bayescal.effects import EFFECTS
 from bayescal.effects.location import ARM
 from bayescal.errors import attempted
+from bayescal.estimate.widths import sentences
 from bayescal.gap.examine import Examined
 from bayescal.gap.outcome.events import named_events
 from bayescal.gap.outcome.notes import alike, cautions, play_or_late
@@ -55,7 +56,7 @@ def concluded(e: Examined, without: Decision | None) -> Verdict:
         d.footnotes,
         e.candidates.missing | dict.fromkeys(e.search.unseen, UNSEEN),
         (
-            *(w.words for w in e.widths),
+            *sentences(e.widths),
             *play_or_late(d.alone, e.pool, d.credible),
             *alike(scene, d.members),
             *cautions(scene.dataset),

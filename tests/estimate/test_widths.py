@@ -77,6 +77,55 @@ def test_priors_that_are_too_wide_stay(tracker):
     assert not found
 
 
+def test_widths_that_larger_noise_hides(tracker):
+    """An arm twelve times as far from nominal as stated is fitted by larger noise, which hides the widths."""
+    session = tracker(seed=0, count=40, noise=1e-4, spread=12.0)
+    plain, wide, options, found = told(session)
+    assert plain.weights.scale["point"] > 10
+    assert np.max(np.abs(pulls(plain, session))) > 10
+    assert wide.weights.scale["point"] == pytest.approx(1.0, abs=0.2)
+    assert np.max(np.abs(pulls(wide, session))) < 4
+    assert options.widths == {w.family: w.factor for w in found}
+    assert {round(w.factor) for w in found} != {10}  # the families have factors of their own
+
+
+def test_one_joint_that_larger_noise_hides(tracker):
+    """A zero that is 2.5 deg off: 22 times its prior."""
+    session = tracker(seed=1, count=40, noise=5e-4)
+    table = session.dataset.measurements
+    off = np.radians(2.5) * (np.arange(6) == 3)
+    session.dataset = replace(session.dataset, measurements=replace(table, readings=table.readings - off))
+    scene = Scene(session.dataset, oriented=True)
+    plain = fitted_level(scene, MODEL, USUAL)
+    wide, _, (only,) = with_widths(plain, scene, MODEL, USUAL)
+    assert only.family == "geometry angles of joints"
+    k = wide.model.names.index("theta4")
+    true = abs(session.arm.values["theta4"] - off[3])
+    errors = [abs(abs(f.arm[k]) - true) / (stated(f).sd[k] * f.model.sd[k]) for f in (plain, wide)]
+    assert errors[0] > 10
+    assert errors[1] < 3
+
+
+def test_large_residuals_alone_widen_nothing(tracker):
+    """Noise ten times as large as stated has no width."""
+    session = tracker(seed=0, count=40, noise=1e-4)
+    stated_noise = replace(session.dataset, noise=replace(session.dataset.noise, point=1e-5))
+    scene = Scene(stated_noise, oriented=True)
+    plain = fitted_level(scene, MODEL, USUAL)
+    assert plain.weights.scale["point"] > widths.LARGE
+    same, options, found = with_widths(plain, scene, MODEL, USUAL)
+    assert same is plain
+    assert (options, found) == (USUAL, ())
+
+
+def test_a_common_factor_is_one_sentence():
+    told_widths = [Width(name, 10.0, 42.0, ("a2",)) for name in ("lengths of links", "angles of links")]
+    (sentence,) = widths.sentences(told_widths)
+    assert sentence.startswith("the lengths of links, angles of links are larger")
+    assert len(widths.sentences([told_widths[0], replace(told_widths[1], factor=3.0)])) == 2
+    assert widths.sentences(()) == ()
+
+
 @pytest.fixture
 def spread():
     """Of an estimate of six parameters in two families, one of which has two members."""
