@@ -211,4 +211,5 @@ def advice(pool: Pool, v: Verdict) -> Iterator[str]:
         yield f"cross the range slowly (below {OUTCOME.slow:g} rad/s) with joint {joints}"
     if v.left_open:
         form = v.leading.members[-1].form
-        yield f"vary {form.driver} at {form.site} alone, with the other joints still"
+        alone = f"vary {form.driver} at {form.site} alone, with the other joints still"
+        yield alone if form.site.startswith("joint ") else f"log motions between which {form.driver} differs"
