@@ -47,6 +47,21 @@ def test_what_the_record_says_of_the_torque(result):
     assert [w for w in fit_record(worse)["warnings"] if w.startswith(f"{first.joint}: the error")]
 
 
+def test_a_parameter_far_from_its_prior_is_told(result):
+    """Its estimate is pulled by the prior. On either side of nominal, and no other parameter."""
+    fit = result.data
+    assert not any("prior standard deviations" in text for text in result.record["warnings"])
+    k = next(k for k, p in enumerate(fit.parameters) if p.name == "alignment")
+    for sign in (1, -1):
+        p = fit.parameters[k]
+        far = replace(p, estimate=p.nominal + sign * 4.1 * p.prior_sd)
+        parameters = (*fit.parameters[:k], far, *fit.parameters[k + 1 :])
+        (text,) = [
+            t for t in fit_record(replace(fit, parameters=parameters))["warnings"] if "prior standard" in t
+        ]
+        assert text.startswith("alignment: more than 4")
+
+
 def test_known_parameters_are_within_their_uncertainty(result):
     p = result.parameters
     for name in ("armature 1", "coulomb 2", "viscous 3"):

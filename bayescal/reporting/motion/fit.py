@@ -13,6 +13,7 @@ import numpy as np
 from rich.console import RenderableType
 from rich.text import Text
 
+from bayescal.assess.findings import FAR
 from bayescal.exporting.log_arm import LogExport
 from bayescal.motion.calibrate import MotionFit
 from bayescal.motion.fit_settings import CALIBRATION
@@ -67,16 +68,19 @@ def fit_record(fit: MotionFit) -> dict[str, Any]:
         "torque_shift_ms": 1e3 * fit.shift,
         "draws": fit.draws.shape[0] * fit.draws.shape[1],
         "motions": [{"id": m.name, "role": m.role, "kind": m.kind} for m in fit.log.motions],
-        "warnings": [*fit.log.notes, *_outside(fit)],
+        "warnings": [*fit.log.notes, *_warnings_of(fit)],
     }
     return {key: plain(value) for key, value in record.items()}
 
 
-def _outside(fit: MotionFit) -> list[str]:
-    """Joints whose withheld error is beyond what is expected."""
+def _warnings_of(fit: MotionFit) -> list[str]:
+    """Parameters far from their priors, withheld errors beyond what is expected, and what is missing."""
     joints = [w.joint for w in fit.withheld if w.fitted > w.interval95[1]]
     text = "the error on withheld motions is larger than expected: bayescal gap looks for the cause"
     out = [f"{', '.join(joints)}: {text}"] if joints else []
+    if far := [p.name for p in fit.parameters if abs(p.estimate - p.nominal) > FAR * p.prior_sd]:
+        text = f"more than {FAR:.0f} prior standard deviations from nominal, which pulls the estimate"
+        out.append(f"{', '.join(far)}: {text}; correct what dataset.yaml and the robot file state, or its u")
     if fit.r_hat > CALIBRATION.r_hat:
         out.append(f"the sampler did not converge: R-hat {fit.r_hat:.2f}, ask for more --samples")
     if fit.mechanism.coupled:
