@@ -209,8 +209,8 @@ def _parameters(of: Assessed) -> Iterator[Finding]:
     if far:
         yield Finding(
             "far_from_nominal", "warning",
-            f"{', '.join(far)}: more than {FAR:.0f} prior standard deviations from nominal; "
-            "check the robot file",
+            f"{', '.join(far)}: more than {FAR:.0f} prior standard deviations"
+            f"{' (before widening)' if told else ''} from nominal; check the robot file",
         )  # fmt: skip
     if factor := _one_factor(of.found, wider):
         yield Finding(

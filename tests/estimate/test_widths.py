@@ -204,7 +204,8 @@ def test_far_from_nominal_is_by_the_stated_priors(far):
     assert beyond
     assert not np.any(np.abs(z[: len(model.parameters)]) > 4)
     (finding,) = [f for f in far.findings if f.code == "far_from_nominal"]
-    assert finding.text.startswith(", ".join(beyond) + ":")
+    words = "more than 4 prior standard deviations (before widening) from nominal"
+    assert finding.text.startswith(f"{', '.join(beyond)}: {words}")
 
 
 def test_an_arm_keeps_its_widths(far, tmp_path):

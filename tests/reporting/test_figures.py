@@ -276,9 +276,11 @@ def test_a_significant_site_is_marked_and_named(sessions, site):
 def test_the_site_of_every_named_effect_is_marked(sessions):
     """The figure marked the first alone, its page all."""
     amplitudes = [{"site": f"joint {k}", "significant": k < 6} for k in (4, 5, 6)]
-    record = sessions["named"] | {"amplitudes": amplitudes}
+    record = sessions["named"] | {"amplitudes": [*amplitudes, {"site": "arm", "significant": True}]}
     figure = draw("arm", record)
-    assert "joint 4, joint 5" in [t.get_text() for t in texts(figure)]
+    assert "joint 4, joint 5, arm" in [t.get_text() for t in texts(figure)]
+    rings = {to_hex(c) for own in figure.axes[0].collections for c in own.get_edgecolors()}
+    assert to_hex(MARKED) not in rings  # about every contact, they hid the residuals
     assert sum(to_hex(line.get_color()) == to_hex(MARKED) for line in figure.axes[0].lines) == 2
 
 

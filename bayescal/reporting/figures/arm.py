@@ -89,7 +89,7 @@ def _draw(axes: Any, record: Json, e: Errors, edge: float, sites: Sequence[Site]
         colour, thick = (MARKED, 4.5) if mine else (ACCENT, 2.2)
         axes.plot(*stroke.T, color=colour, lw=thick, zorder=3 + mine)
     for site in sites:
-        _mark(axes, site, drawn, flat, e.target)
+        _mark(axes, site, drawn, flat, e.target, alone=len(sites) == 1)
     area = SMALLEST + (LARGEST - SMALLEST) * np.minimum(np.abs(e.value) / edge, 1.0)
     for _, marker, colour, chosen in SIGNS if e.signed else LENGTHS:
         which = chosen(e.value)
@@ -103,15 +103,17 @@ MANY = 1500
 """Contacts from which on their signs are an image in an SVG."""
 
 
-def _mark(axes: Any, site: Site, drawn: np.ndarray, flat: np.ndarray, targets: np.ndarray) -> None:
-    """Mark a site: a link, the base, the stylus, or the contacts of a target."""
+def _mark(
+    axes: Any, site: Site, drawn: np.ndarray, flat: np.ndarray, targets: np.ndarray, alone: bool
+) -> None:
+    """Mark a site: a link, the base, the stylus, contacts of a target; all contacts for others `alone`."""
     if site.kind == "link":
         axes.plot(*drawn[site.number : site.number + 2].T, color=MARKED, lw=4.5, zorder=3)
     elif site.kind == "base":
         axes.plot(*drawn[0], marker="s", ms=10, color=MARKED, zorder=3)
     elif site.kind in ("tool", "probe"):
         axes.plot(*drawn[-2:].T, color=MARKED, lw=4.5, zorder=3)
-    elif site.kind != "joint":
+    elif site.kind != "joint" and (alone or np.any(targets == str(site))):
         mine = flat[targets == str(site)] if np.any(targets == str(site)) else flat
         axes.scatter(*mine.T, s=30, facecolors="none", edgecolors=MARKED, lw=0.6, zorder=6)
 

@@ -96,7 +96,9 @@ def reduction_panel(record: Json) -> Panel | None:
     title, *texts = REDUCTION[record["schema"]]
     key = [Entry(text, style) for text, style in zip(texts, SIGNS, strict=True)]
     rows = [Row(label, text) for label, text, *_ in items]
-    return rows_panel(rows, lanes, title, "RMS error (µm)", "", key)
+    points = record["schema"] == "bayescal-fit/1" and record["validation"]["points"]["count"]
+    x = "RMS error, of points the mean error length (µm)" if points else "RMS error (µm)"
+    return rows_panel(rows, lanes, title, x, "", key)
 
 
 Item = tuple[str, str, float, float, float | None]

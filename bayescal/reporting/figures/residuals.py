@@ -165,7 +165,8 @@ def length95(components: int) -> float:
 
 def spread_panel(e: Errors, edge: float) -> Panel:
     """Distribution of the errors, and of the noise alone."""
-    noise = Entry(f"noise, {e.noise:.1f} µm", {"color": INK, "lw": 1.2})
+    each = "" if e.signed else " per coordinate"
+    noise = Entry(f"noise, {e.noise:.1f} µm{each}", {"color": INK, "lw": 1.2})
     key = [noise] if np.isfinite(e.noise) else []
 
     def draw(axes: Any, inner: float) -> None:

@@ -21,7 +21,7 @@ from bayescal.motion.verdict import OTHER
 from bayescal.reporting.motion.sheets import size_text
 from bayescal.reporting.page.build import write_page
 from bayescal.reporting.shared.origin import entry, plain, record_of, software
-from bayescal.reporting.shared.text import listed
+from bayescal.reporting.shared.text import listed, probability
 from bayescal.storage.files import json_text
 from bayescal.storage.folders import whole
 
@@ -237,7 +237,7 @@ def _member(name: str) -> str:
 
 
 def _sure(p: float) -> str:
-    return "P > .99" if p > 0.99 else f"P {p:.2f}"
+    return f"probability {probability(p)}"
 
 
 def write_motion(
