@@ -98,9 +98,13 @@ def match(robot: Robot, file: FileArm, name: str) -> Match:
     r, b = _lines(file.frames, file.axes)
     for what in _differences(robot, file, _pairs(p, a), _pairs(r, b)):
         raise BayescalError(what, name, "give the file of this arm")
-    root = _alignment(p, a, r, b)
+    by_reading = a * np.sign(np.diag(robot.link_from_reading))[:, None]
+    root = _alignment(p, by_reading, r, b)
     least = _off(p, a, r, b, root)[2]
-    here = np.eye(4) if _off(p, a, r, b, np.eye(4))[2] <= least + EXACT else root
+    here, in_f0 = root, np.eye(4)
+    opposite = [np.sum(_senses(by_reading, b, way) < 0) for way in (in_f0, root)]
+    if _off(p, a, r, b, in_f0)[2] <= least + EXACT and opposite[0] <= opposite[1]:
+        here = in_f0
     angle, length, _ = _off(p, a, r, b, here)
     if least > ROUNDED and np.max(_off(p, a, r, b, _placed(root))[1]) <= LENGTH:
         here = _placed(root)
@@ -117,7 +121,7 @@ def match(robot: Robot, file: FileArm, name: str) -> Match:
         )
         raise BayescalError(what, name, f"give the file of this arm ({robot.name}), with the same zeros")
     links = np.linalg.inv(ours) @ here @ frames
-    signs = np.sign(np.einsum("ki,ki->k", a, _lines(frames, file.axes)[1] @ here[:3, :3].T))
+    signs = _senses(a, _lines(frames, file.axes)[1], here)
     for k in range(robot.n):
         links[k, :2, 3] = 0.0
         turn = smallest_turn(links[k, :3, :3] @ file.axes[k], np.array([0.0, 0.0, signs[k]]))
@@ -127,6 +131,11 @@ def match(robot: Robot, file: FileArm, name: str) -> Match:
     if notes and abs(slide) <= LENGTH:
         links[-1, 2, 3] -= slide
     return Match(here, links, signs, notes)
+
+
+def _senses(a: np.ndarray, b: np.ndarray, root: np.ndarray) -> np.ndarray:
+    """Senses (n,) of the file's axes along those of the arm: 1, or -1 if opposite."""
+    return np.sign(np.einsum("ki,ki->k", a, b @ root[:3, :3].T))
 
 
 def _lines(frames: np.ndarray, axes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -272,8 +281,8 @@ def _alignment(p: np.ndarray, a: np.ndarray, r: np.ndarray, b: np.ndarray) -> np
         u, _, v = np.linalg.svd(a.T @ flipped + ours.T @ theirs)
         rotation = u @ np.diag([1.0, 1.0, np.linalg.det(u @ v)]) @ v
         off = np.sum((a - flipped @ rotation.T) ** 2) + np.sum((ours - theirs @ rotation.T) ** 2)
-        # of equal ones the smallest turn: symmetric arms fit in several ways
-        off += EXACT**2 * (3.0 - np.trace(rotation))
+        # symmetric arms fit in several ways: of equal ones the fewest opposite senses, then the smallest turn
+        off += EXACT**2 * (3.0 - np.trace(rotation) + 5.0 * signs.count(-1.0))
         if off < best:
             best, turn = off, rotation
     across = np.eye(3) - a[:, :, None] * a[:, None, :]

@@ -109,6 +109,21 @@ def test_other_frames_senses_and_coupling(arm, tmp_path):
     np.testing.assert_allclose(np.array(record["root_in_f0"])[:3, 3], [0, 0, -0.33], atol=1e-12)
 
 
+@pytest.mark.parametrize("turn", [0, 90, 180, 30])
+def test_a_symmetric_arm_keeps_the_senses_of_its_readings(tmp_path, turn):
+    """At zero readings an iiwa is the same when turned by 180 deg, with opposite senses of three axes."""
+    arm = fake(session_of(robot="kuka-iiwa7"), ("geometry",))
+    text = export(arm, "urdf").written.content
+    links = [e.get("name") for e in ET.fromstring(text).iter("link")]
+    stand = joint("stand", "cell", links[0], "fixed", xyz=(0.2, 0, 0.7), rpy=(0, 0, np.radians(turn)))
+    into = saved(
+        tmp_path, text.replace("</robot>", f"{link('cell')}{stand}</robot>"), f"cell.urdf#{links[-1]}"
+    )
+    out = export(arm, "urdf", into=into)
+    np.testing.assert_array_equal(out.record("a")["joint_from_reading"], np.eye(7))
+    check_moves(arm, out, links[-1])
+
+
 def calibrated_file(tmp_path, degrees, seed=5):
     """The file of the LR Mate with an earlier calibration, of which a zero is off by some degrees."""
     into = saved(tmp_path)
