@@ -192,7 +192,8 @@ def tip_of(tree: Tree, asked: str) -> str:
     length = {tip: (sum(j.kind != "fixed" for j in chain), len(chain)) for tip, chain in chains.items()}
     best = [tip for tip in tips if length[tip] == max(length.values())]
     if len(best) > 1:
-        remedy = f"write `robot: {tree.file}#{best[0]}`, or another link, to say where the tool is mounted"
+        shared = [j.child for j in chains[best[0]] if all(j in chains[tip] for tip in best[1:])]
+        remedy = f"name the link that carries the tool, as in {tree.file}#{[best[0], *shared][-1]}"
         raise BayescalError(f"several chains are the longest; they end at {listed(best)}", tree.file, remedy)
     return best[0]
 

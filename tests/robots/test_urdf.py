@@ -98,6 +98,7 @@ def test_fingers_beside_the_chain_weigh(tmp_path):
 BOMB = '<!DOCTYPE robot [<!ENTITY a "ha"><!ENTITY b "&a;&a;">]><robot name="&b;"/>'
 OUTSIDE = '<!DOCTYPE robot SYSTEM "http://127.0.0.1/evil.dtd"><robot name="x"/>'
 SECOND = "".join(link(name) + joint(name[0], "hand", name, "fixed") for name in ("left", "right"))
+FINGERS = SECOND.replace('"hand"', '"tool0"')
 FOLLOWS = PLAIN.replace("</joint></robot>", '<mimic joint="turn"/></joint></robot>')
 SPOILT = [
     (BOMB, "DOCTYPE or entities"),
@@ -124,7 +125,11 @@ SPOILT = [
     (plus(link("hand")), "several links are called `hand`"),
     (plus(link("loose")), "links with no joint above: base, loose"),
     (plus(link("a"), link("b"), joint("x", "a", "b"), joint("y", "b", "a")), "joints around `a` form a ring"),
-    (plus(SECOND), r"they end at left, right, tool0; write `robot: arm.urdf#left`"),
+    (plus(FINGERS), "they end at left, right; .* as in arm.urdf#tool0$"),
+    (
+        plus(SECOND),
+        r"they end at left, right, tool0; name the link that carries the tool, as in arm.urdf#hand",
+    ),
     (robot(link("base")), "no joint moves between `base` and `base`"),
 ]
 
