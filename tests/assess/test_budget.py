@@ -16,7 +16,7 @@ from sessions import geared, with_columns
 
 import bayescal as bc
 from bayescal.assess.budget import COVERAGE, Budget, Component, budget
-from bayescal.assess.inputs import CERTIFICATE, MASSES, NOISE, PRIOR, READINGS, Basis, Input
+from bayescal.assess.inputs import CERTIFICATE, MASSES, NOISE, PRIOR, PROBING, READINGS, Basis, Input
 from bayescal.assess.measurand import Measurand, certified_distances, distance, parameter, readings, volume
 from bayescal.calibration import fit
 from bayescal.estimate import calibrated, estimate
@@ -273,6 +273,13 @@ def test_the_table_states_the_sensitivities_of_the_record():
         assert any(line.startswith(name) and words in line for line in lines), lines
 
 
+def test_the_table_states_the_share_of_each_variance():
+    """3 and 4 um are 36 and 64 % of 25 um^2."""
+    text = terminal_text(budget_table(of_size([(3e-6, 8), (4e-6, 9)])), 120)
+    shares = dict(re.findall(r"^(n\d) .* (\d+) %$", text, re.MULTILINE))
+    assert shares == {"n0": "36", "n1": "64"}
+
+
 def test_a_payload_is_part_of_the_point_that_is_asked_for(run):
     """Of an arm that yields."""
     bare, loaded = (bc.budget(run, point=COMMAND_READINGS, payload_kg=kg) for kg in (0.0, 5.0))
@@ -293,6 +300,8 @@ def test_readings_of_an_instrument(tracker):
     b = budget(found.basis, m)
     assert b.u == pytest.approx(np.sqrt(np.mean(np.var(read.errors, axis=0))), rel=0.05)
     np.testing.assert_allclose(b.spread, np.std(read.errors, axis=0), rtol=0.2)
+    noise = [c.input.u for c in b.components if c.input.group == PROBING and c.input.unit == "m"]
+    assert noise == pytest.approx([found.final.unexplained.fitted], rel=0.3)  # of one coordinate
 
 
 # --- `bayescal budget` on run folders: the numbers of the fit, without a new fit.

@@ -18,14 +18,14 @@ from hypothesis import strategies as st
 from typer.testing import CliRunner
 
 from bayescal.effects import EFFECTS
-from bayescal.effects.location import BASE, TOOL, Driver, joint
+from bayescal.effects.location import BASE, TOOL, Driver, Site, joint
 from bayescal.errors import BayescalError
 from bayescal.gap.concluded import settled
 from bayescal.gap.result import OTHER, VERDICTS, Amplitude, CauseClass, Event, Gap, Named, Verdict
 from bayescal.gap.search.cells import cells
 from bayescal.model.options import FitOptions
 from bayescal.model.scene import Scene
-from bayescal.reporting.gap.causes import CAUSES
+from bayescal.reporting.gap.causes import CAUSES, sentence
 from bayescal.reporting.gap.phrases import headline
 from bayescal.reporting.gap.record import gap_record, write_gap
 from bayescal.reporting.gap.summary import gap_summary
@@ -336,6 +336,20 @@ def test_a_base_that_rocks_is_told_with_its_half_angle(causes_session):
     flat = " ".join(printed(replace(gap, where=where)).split())
     assert f"The base rocks with the sign of the base moment ({what} 0.02292(57) deg)" in flat
     assert "clearance below the mounting plate" in flat
+
+
+@pytest.mark.parametrize("key", CAUSES, ids=", ".join)
+def test_every_cause_is_a_sentence_with_its_site_and_joint(causes_session, key):
+    site, driver, form = key
+    gap = diagnosis(causes_session, "unknown")
+    shown = replace(
+        gap.where[0], site=Site(site, 2), driver=Driver(driver, 3, form=form), family_p_value=1e-9,
+        explained_by="", amplitudes=(), event=None,
+    )  # fmt: skip
+    said, template = sentence(shown, causes_session), CAUSES[key][0]
+    assert not set("{}") & set(said)
+    assert (shown.site.text in said) == ("{site}" in template)
+    assert ("J3" in said) == ("{joint}" in template)
 
 
 def test_every_cause_is_of_a_cell_of_a_session(causes_session):

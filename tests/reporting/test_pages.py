@@ -21,6 +21,7 @@ from bayescal.arm import chain as reference
 from bayescal.cli import app
 from bayescal.errors import BayescalError
 from bayescal.estimate import calibrated
+from bayescal.gap.result import OTHER
 from bayescal.model.scene import Scene
 from bayescal.reporting.gap.record import gap_record
 from bayescal.reporting.page import build, compare
@@ -101,6 +102,19 @@ def test_every_verdict_has_a_page(found, kind):
     if "named" in kind:
         assert "Adjust the belt tension" in text
         assert "bayescal fit runs/x/dataset --model" in text
+
+
+def test_the_page_states_what_an_unmodelled_error_does_and_the_members_of_a_class(found):
+    record = record_of(found, "unknown")
+    place = next(w for w in record["where"] if not w["explained_by"])
+    place["words"] = "the tool shifted at row 12 by 40 µm"
+    assert "what happens the tool shifted at row 12 by 40 µm" in words(run_page(Run("gap", record, "x")))
+    record = record_of(found, "class")
+    record["class"]["members"] = {"backlash": 0.6, "hysteresis": 0.2, OTHER: 0.2}
+    text = words(run_page(Run("gap", record, "x")))
+    for name in ("hysteresis", "unmodelled effect"):
+        assert f"possibly {name}" in text
+    assert f"possibly {OTHER}" not in text
 
 
 def test_the_next_step_of_a_possible_effect_is_no_repair(found):
