@@ -33,7 +33,7 @@ from bayescal.estimate import Estimate, check_enough, fitted_level
 from bayescal.estimate.bounds import UNCHANGED, Rigid, bounded, with_latent_readings
 from bayescal.estimate.discrepancy import Stated, stated
 from bayescal.estimate.unexplained import FaceCheck, Unexplained, unexplained
-from bayescal.estimate.widths import Width, with_widths
+from bayescal.estimate.widths import Width, simpler_level, with_widths
 from bayescal.model import USUAL, FitOptions
 from bayescal.model.scene import Scene
 from bayescal.posterior import Draws, approximate, gaussian
@@ -146,15 +146,15 @@ def fit(
     of_draws, of_sampler, of_causes, of_noise, of_forecast, of_discrepancy = spawned(options.seed, 6)
     count = predicted_draws(dataset)
     *simpler, full = levels_of(effects)
+    progress("estimate", 0.0)
+    level, options, told = with_widths(fitted_level(scene, full, options), scene, full, options)
     levels: list[ModelLevel] = []
-    for k, step in enumerate(simpler):
+    for k, step in enumerate(simpler, 1):
         progress("estimate", k / (len(simpler) + 1))
-        estimated = fitted_level(scene, step, options)
+        estimated = simpler_level(scene, step, options)
         left, (z, kappa) = unexplained(estimated), approximate(estimated, of_draws, count)
         checked = validate(estimated, z, kappa, left.excess, of_noise, strict=False)
         levels.append(ModelLevel(estimated.model.effects or NOMINAL, estimated, left, checked))
-    progress("estimate", len(simpler) / (len(simpler) + 1))
-    level, options, told = with_widths(fitted_level(scene, full, options), scene, full, options)
     complete, faces, causes, rigid = _complete(level, options, of_causes)
     left = unexplained(complete)
     draws = _sampled(complete, samples, of_draws, of_sampler, progress, checkpoint)

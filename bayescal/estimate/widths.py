@@ -253,6 +253,24 @@ def with_widths(found: Estimate, scene: Scene, effects: tuple[str, ...], options
         return found, options, ()
 
 
+def simpler_level(scene: Scene, effects: tuple[str, ...], options: FitOptions) -> Estimate:
+    """A simpler level of a model, with the widths that the model told, or the stated ones if it needs these.
+
+    Parameters
+    ----------
+    scene : Scene
+    effects : tuple of str
+    options : FitOptions
+        Of the fit of the model, with its widths.
+    """
+    try:
+        return fitted_level(scene, effects, options)
+    except FAILURES:
+        if not options.widths:
+            raise
+        return fitted_level(scene, effects, replace(options, widths={}))
+
+
 def factors(told: Sequence[Width]) -> Mapping[str, float]:
     """Factors of prior standard deviations by family."""
     return {w.family: w.factor for w in told}

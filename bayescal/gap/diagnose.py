@@ -18,10 +18,11 @@ from bayescal.assess.undetermined import undetermined
 from bayescal.dataset import Dataset
 from bayescal.effects import BASELINE, levels_of
 from bayescal.errors import FAILURES, BayescalError, Otherwise, T, attempted, reason
-from bayescal.estimate import Estimate, check_enough, fitted_level
+from bayescal.estimate import Estimate, check_enough
 from bayescal.estimate.bounds import UNCHANGED, bounded
 from bayescal.estimate.discrepancy import stated
 from bayescal.estimate.unexplained import FORM
+from bayescal.estimate.widths import simpler_level
 from bayescal.gap.concluded import concluded, events_of
 from bayescal.gap.design.advise import advise, rivals, undecided
 from bayescal.gap.design.blind_spots import blind_spots, unseen
@@ -215,7 +216,7 @@ def fitted_levels(
     for level in levels_of(effects)[:-1] or [()]:
         of_model = effects[: len(level)] == level  # a simpler model has all of its parameters
         own = options if of_model else replace(options, without=())
-        fits.append((level or ("nominal",), partial(fitted_level, scene, level, own)))
+        fits.append((level or ("nominal",), partial(simpler_level, scene, level, own)))
     if effects:
         fits.append((effects, lambda: found.baseline))
     if found.promoted:
@@ -278,7 +279,7 @@ def diagnose(
     of_magnitude, of_shrinkage = spawned(options.seed, 2)
     size = magnitude(found.baseline, final, before, after, of_magnitude)
     verdict = found.verdict
-    levels, left_out = fitted_levels(scene, effects, options, found)
+    levels, left_out = fitted_levels(scene, effects, last.options, found)
     lost = [*found.lost, *left_out]
 
     def either(what: str, compute: Callable[[], T], otherwise: Otherwise) -> T | Otherwise:

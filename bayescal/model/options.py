@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-from bayescal.effects import Parameter, Site, parameters_of
+from bayescal.effects import MODELS, Parameter, Site, parameters_of
 from bayescal.effects.location import ARM as ARM_SITE
 from bayescal.effects.location import NUMBERED
 from bayescal.effects.selection import Selection, plain
@@ -102,11 +102,13 @@ QUANTITIES = {"m": " lengths", "rad": " angles"}
 def family(p: Parameter) -> str:
     """Parameters whose prior widths have the same source: of one effect and unit, at joints or at links.
 
-    "" of all others, at the base or of a tool: their widths are stated by the session, or assumed loose.
+    "" of all others, at the base or of a tool: their widths are stated by the session, or assumed loose. The
+    simpler model of an effect has its families.
     """
     if p.site.kind not in NUMBERED:
         return ""
-    return f"{p.effect}{QUANTITIES.get(p.unit, '')} of {p.site.kind}s"
+    whole = next((name for name, e in MODELS.items() if e.simpler and e.simpler == p.effect), p.effect)
+    return f"{whole}{QUANTITIES.get(p.unit, '')} of {p.site.kind}s"
 
 
 @dataclass(frozen=True)

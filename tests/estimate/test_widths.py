@@ -208,6 +208,28 @@ def test_far_from_nominal_is_by_the_stated_priors(far):
     assert finding.text.startswith(f"{', '.join(beyond)}: {words}")
 
 
+def test_levels_have_the_same_widths(far, monkeypatch):
+    """Errors of levels differ by their parameters, not by their priors."""
+    final = dict(zip(far.final.estimate.model.names, far.final.estimate.model.sd, strict=False))
+    for level in far.levels[1:]:
+        model = level.estimate.model
+        own = dict(zip(model.names, model.sd, strict=False))
+        assert own == pytest.approx(own | {name: final[name] for name in own if name in final})
+    scene, usable = Scene(far.dataset, oriented=True), fitted_level
+
+    def narrow(scene, effects, options):
+        if options.widths:
+            raise BayescalError("no length is known", "dataset.yaml", "certify a distance")
+        return usable(scene, effects, options)
+
+    monkeypatch.setattr(widths, "fitted_level", narrow)
+    plain = widths.simpler_level(scene, ("geometry",), far.options)
+    assert np.max(plain.model.sd) < max(final.values())
+    monkeypatch.setattr(widths, "fitted_level", lambda *_: narrow(scene, (), far.options))
+    with pytest.raises(BayescalError, match="no length"):
+        widths.simpler_level(scene, ("geometry",), USUAL)
+
+
 def test_an_arm_keeps_its_widths(far, tmp_path):
     arm = of_fit(far)
     write_arm(arm, tmp_path)
