@@ -183,6 +183,8 @@ def divided(records: Sequence[Record], rule: str) -> tuple[Rows, tuple[str, ...]
     if len(edge) < 2:
         what = "a single motion: a log needs two or more, one of them to validate"
         remedy = "give a folder of several files, or divide it: `--motions pause:2 s`"
+        if name == "pause":
+            remedy = "between motions no pause is as long: state a shorter one, or map a column `motion`"
         raise BayescalError(what, records[0].name, remedy)
     motion = np.repeat(np.arange(1, len(edge) + 1), np.diff(np.r_[edge, len(time)]))
     labelled = name == "column" and len(set(cells["motion"][edge])) == len(edge)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,6 +13,11 @@ from bayescal.logs.mechanism import Mechanism
 CALIBRATE, VALIDATE = "calibrate", "validate"
 SERVO = "servo"
 """Kind of torques that are errors of position servos, times their stiffness."""
+
+
+ONE_VALUE, MOVING = 0.5, 0.1
+"""Fraction of the rows of a moving joint with one and the same torque: its signal has too few digits, or is
+dead; and a joint moves where it is faster than this fraction of its 95th percentile (conventions)."""
 
 
 @dataclass(frozen=True)
@@ -75,3 +81,33 @@ class Log:
     def of_role(self, role: str) -> tuple[Motion, ...]:
         """The motions of a role."""
         return tuple(m for m in self.motions if m.role == role)
+
+    @property
+    def coarse(self) -> Mapping[str, float]:
+        """Joints with one and the same torque in most rows in which they move, and the fraction of these.
+
+        What such a torque tells of masses, centres of mass and friction is wrong.
+        """
+        parts = [m for m in self.motions if m.torque is not None and len(m.time) > 1]
+        if not parts or self.torque_kind == SERVO:
+            return {}
+        torque = np.concatenate([m.torque for m in parts if m.torque is not None])
+        speed = np.abs(np.concatenate([np.gradient(m.position, m.time, axis=0) for m in parts]))
+        out = {}
+        for name, t, v in zip(self.mechanism.joint_names, torque.T, speed.T, strict=True):
+            moves = v > max(MOVING * float(np.quantile(v, 0.95)), np.finfo(float).tiny)
+            share = np.unique(t[moves], return_counts=True)[1].max() / moves.sum() if moves.any() else 0.0
+            if share > ONE_VALUE:
+                out[name] = float(share)
+        return out
+
+    @property
+    def limits(self) -> tuple[str, ...]:
+        """What limits all results of this log, as text: assumptions, and torques that tell nothing."""
+        if not self.coarse:
+            return self.notes
+        each = ", ".join(f"{name} {100 * share:.0f} %" for name, share in self.coarse.items())
+        what = (
+            f"one and the same torque in most rows in which the joint moves: {each}; masses, centres of mass "
+        )
+        return (*self.notes, what + "and friction that follow from it are wrong: log it with more digits")

@@ -76,7 +76,7 @@ def diagnose(log: Log, progress: Progress = silent) -> MotionGap:
         advice=tuple(advice(pool, verdict)),
         values=named.values,
         u=named.u,
-        warnings=log.notes,
+        warnings=log.limits,
         model=model,
         arm=named_arm(estimate, named, pool.scale) if verdict.named.members else model,
     )

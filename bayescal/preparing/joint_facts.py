@@ -151,9 +151,22 @@ def cutoff(driver: np.ndarray, signal: np.ndarray, step: float) -> tuple[float, 
         return np.nan, np.nan
     trusted = trusted[: int(np.argmax(np.diff(trusted) > 3)) + 1] if np.any(np.diff(trusted) > 3) else trusted
     gain = np.abs(both[trusted]) / power[trusted]
-    low = float(np.median(gain[: max(len(gain) // 8, 2)]))
+    low = _at_rest(frequency[trusted], gain)
     fallen = np.flatnonzero(gain < np.sqrt(0.5) * low)
     return low, float(frequency[trusted[fallen[0]]]) if len(fallen) else np.inf
+
+
+def _at_rest(frequency: np.ndarray, gain: np.ndarray) -> float:
+    """Gain at frequency zero, from gains (K,) at the lowest frequencies (K,), Hz.
+
+    1 / gain^2 of a filter is linear in the squared frequency while its gain is not much lower than that at
+    rest. The median of all low frequencies takes a filter that begins below them for a unit.
+    """
+    steady = np.flatnonzero(gain < np.sqrt(0.5) * np.max(gain[:2]))
+    count = max(min(len(gain) // 8, int(steady[0]) if len(steady) else len(gain)), 3)
+    at, inverse = frequency[:count] ** 2, gain[:count] ** -2.0
+    slope, level = np.polyfit(at, inverse, 1)
+    return float(level**-0.5) if slope > 0 and level > 0 else float(np.median(gain[: max(count, 2)]))
 
 
 def filtered(torques: Sequence[np.ndarray], step: float) -> float:
@@ -308,7 +321,7 @@ def joints_of(log: Log) -> tuple[Joint, ...]:
                 torque_gain=float(gains[j]),
                 torque_delays=np.array(late),
                 torque_delay=(value, float(np.hypot(u, SYSTEMATIC))),
-                velocity_delay=_delay(pairs) if moves else nothing,
+                velocity_delay=_delay(pairs, high) if moves else nothing,
                 velocity_cutoff=high,
                 velocity_gain=low,
                 command_delay=_delay(commands) if moves else nothing,
@@ -345,10 +358,16 @@ def _torque_gains(log: Log, even: Sequence[Uniform], joints: np.ndarray) -> np.n
     return out
 
 
-def _delay(pairs: Sequence[tuple[np.ndarray, np.ndarray, float]]) -> tuple[float, float]:
-    """Delay of the signals (N,) of all motions behind their drivers (N,), and its u by their scatter."""
-    each = [delay(driver[:, None], signal, step, WIDE) for driver, signal, step in pairs]
-    return middle(each)
+def _delay(
+    pairs: Sequence[tuple[np.ndarray, np.ndarray, float]], cutoff: float = np.inf
+) -> tuple[float, float]:
+    """Delay of the signals (N,) of all motions behind their drivers (N,), and its u by their scatter.
+
+    A filter delays what it passes, up to its `cutoff`, Hz; beyond, only noise is alike in both.
+    """
+    high = min(WIDE[1], cutoff) if np.isfinite(cutoff) else WIDE[1]
+    band = min(WIDE[0], high / 3), high
+    return middle([delay(driver[:, None], signal, step, band) for driver, signal, step in pairs])
 
 
 def clock_drift(log: Log, joints: Sequence[Joint]) -> tuple[float, float]:

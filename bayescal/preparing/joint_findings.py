@@ -33,8 +33,9 @@ DRIFTS = 4.0
 """Standard uncertainties of a drift, by few motions."""
 SHORTEST = 0.5e-3
 """s: a shorter delay does not matter."""
-GAINS = (0.9, 1.1)
-"""Measured velocity over the derivative of the position: beyond, a unit or a filter is wrong."""
+GAINS, FILTERED = (0.9, 1.1), (0.6, 1.6)
+"""Measured velocity over the derivative of the position: beyond, a unit is wrong; of a filtered one, whose
+gain at rest is extrapolated."""
 SCALES = (0.2, 5.0)
 """Measured torque over that of the nominal masses: beyond, a unit, a gear or the sign is wrong (assumed)."""
 LAGS = (2.0, 3.0)
@@ -63,7 +64,8 @@ def odd(log: Log, joints: Sequence[Joint], stamps: Stamps, table: str) -> Iterat
         if joint.held > LAGS[0]:
             what = f"positions of {joint.name} are held for {joint.held:.2g} rows: their rate is lower"
             yield Finding("held", "odd", what, table, "log at the rate of the controller, with its stamps")
-        if np.isfinite(joint.velocity_gain) and not GAINS[0] < joint.velocity_gain < GAINS[1]:
+        low, high = FILTERED if np.isfinite(joint.velocity_cutoff) else GAINS
+        if np.isfinite(joint.velocity_gain) and not low < joint.velocity_gain < high:
             what = f"the velocity of {joint.name} is {joint.velocity_gain:.3g} times that of its positions"
             yield Finding("velocity", "odd", what, table, "check the unit of `dq..._degps`, and the stamps")
     for name in ("velocity", "command", "torque"):
@@ -73,6 +75,11 @@ def odd(log: Log, joints: Sequence[Joint], stamps: Stamps, table: str) -> Iterat
         if dead := [j.name for j in stuck if j.fastest > SLOW[0]]:
             what = f"the {name} of {listed(dead)} never changes though the joint moves"
             yield Finding("constant", "odd", what, table, "is the signal connected? remove the column if not")
+    for name, share in log.coarse.items():
+        if share < 1.0:
+            rows = f"{100 * share:.0f} % of the rows in which it moves"
+            what = f"the torque of {name} is one and the same in {rows}"
+            yield Finding("coarse", "odd", what, table, "log it with more digits, or leave this joint out")
     for motion in log.motions:
         yield from _corrupt(motion, table)
 
@@ -104,7 +111,7 @@ def _clocks(log: Log, joints: Sequence[Joint], table: str) -> Iterator[Finding]:
         yield Finding("clock_drift", "odd", what, table, "take torque and position from one message or clock")
     late = [j for j in joints if abs(j.velocity_delay[0]) > max(CERTAIN * j.velocity_delay[1], SHORTEST)]
     if late:
-        each = ", ".join(f"{j.name} {1e3 * j.velocity_delay[0]:.2g} ms" for j in late)
+        each = ", ".join(f"{j.name} {1e3 * j.velocity_delay[0]:.3g} ms" for j in late)
         what = f"velocities are later than the derivative of positions: {each}"
         remedy = "they are filtered, or of another clock: see the table"
         yield Finding("velocity_delay", "odd", what, table, remedy)

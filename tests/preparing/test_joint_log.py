@@ -110,11 +110,16 @@ def first_order(cutoff):
     return filtered
 
 
-def test_filtered_velocities(tmp_path):
-    check = checked(written(made(velocity=first_order(2.0)), tmp_path / "log"))
-    finding = of(check, "velocity_delay")
-    assert "J1" in finding.what
-    assert check.joints[0].velocity_delay[0] > 0.03  # about 1 / (2 pi 2 Hz) = 80 ms at low frequency
+@pytest.mark.parametrize("cutoff", [0.5, 0.8, 2.0])
+def test_filtered_velocities(tmp_path, cutoff):
+    """A filter that begins below the lowest frequencies of the motions is no wrong unit."""
+    check = checked(written(made(velocity=first_order(cutoff)), tmp_path / "log"))
+    assert "J1" in of(check, "velocity_delay").what
+    assert "velocity" not in codes(check)
+    for joint in check.joints:
+        assert joint.velocity_delay[0] == pytest.approx(1 / (2 * np.pi * cutoff), rel=0.35)
+        assert joint.velocity_gain == pytest.approx(1, abs=0.35)
+        assert joint.velocity_cutoff == pytest.approx(cutoff, rel=1.1)
 
 
 def test_velocities_in_another_unit(tmp_path):
@@ -340,3 +345,26 @@ def test_a_delay_of_all_joints_is_as_sure_as_that_of_the_surest(monkeypatch, loo
     mean = (weights @ [5e-3, 5e-3 + loose]) / weights.sum()
     assert f"{1e3 * mean:.2f} ms (u 0.10) later" in found["delay"]
     assert "joint_delay" not in found
+
+
+def test_a_torque_of_too_few_digits(tmp_path):
+    """Currents of small drives are zero in most rows: what follows from them is wrong, and is said to be."""
+    log = made()
+    coarse = 2.5 * np.max(np.abs(log.columns["torque2_Nm"]))
+    log.columns["torque2_Nm"] = coarse * np.round(log.columns["torque2_Nm"] / coarse)
+    log.columns["torque2_Nm"][::50] = coarse
+    check = checked(written(log, tmp_path / "log"))
+    finding = of(check, "coarse")
+    assert "J2" in finding.what
+    assert "J1" not in finding.what
+    read = read_log(tmp_path / "log")
+    assert list(read.coarse) == ["J2"]
+    assert "one and the same torque" in read.limits[-1]
+    assert "J2" in read.limits[-1]
+
+
+def test_a_torque_with_all_digits_is_no_finding(tmp_path):
+    folder = written(made(), tmp_path / "log")
+    assert "coarse" not in codes(checked(folder))
+    read = read_log(folder)
+    assert read.limits == read.notes
