@@ -34,13 +34,10 @@ LACKING = {
 """Effects that a session has no data for."""
 
 
-def models(session):
-    """Effects of the models of a session."""
-    there = [name for name in EFFECTS if name not in LACKING[session]]
-    return {"tool": ()} | {name: (name,) for name in there} | {"all": tuple(there)}
-
-
-ALL_MODELS = {session: models(session) for session in LACKING}
+SESSIONS = {
+    session: tuple(name for name in EFFECTS if name not in lacks) for session, lacks in LACKING.items()
+}
+"""Effects of a session: each parameter is judged beside all others."""
 
 
 def two_tools(session):
@@ -66,12 +63,12 @@ def sessions(cube, tracker):
 
 @pytest.fixture(
     scope="module",
-    params=[(session, name) for session in LACKING for name in ALL_MODELS[session]],
-    ids="-".join,
+    params=[*((session, effects) for session, effects in SESSIONS.items()), ("planes", ())],
+    ids=[*SESSIONS, "tool alone"],
 )
 def model(request, sessions):
-    session, name = request.param
-    return build(Scene(sessions[session]), ALL_MODELS[session][name])
+    session, effects = request.param
+    return build(Scene(sessions[session]), effects)
 
 
 @pytest.mark.parametrize("session", ["points", "camera", "rail"])
@@ -93,6 +90,16 @@ def test_parameters(model):
         assert p.centre > 0 if p.positive else p.centre == p.nominal
         assert p.terms
         assert p.fault(len(model.scene.q)) == ""
+
+
+@pytest.mark.parametrize("session", SESSIONS)
+def test_an_effect_alone_has_the_parameters_that_it_has_beside_others(sessions, session):
+    c = circumstances(sessions[session])
+    every = {p.name for p in parameters_of(SESSIONS[session], c)}
+    for name in SESSIONS[session]:
+        own = [p for p in parameters_of((name,), c) if p.effect == name]
+        assert own
+        assert {p.name for p in own} <= every
 
 
 def test_drivers(model):

@@ -51,6 +51,8 @@ def test_a_registered_effect_is_in_models_and_diagnoses(own, cube):
     model = build(scene, ("geometry", own.name))
     assert [p.name for p in model.parameters if p.effect == own.name] == ["cable-drag"]
     assert own.name in MODELS
+    assert own.name in effects.names()
+    assert effects.describe(own.name) == own.summary
     found = candidates(circumstances(scene.dataset), ("geometry", "compliance"))
     assert [v.effect for v in found.variants[own.name]] == [own.name]
     assert confusable("coupling", own.name)

@@ -360,20 +360,19 @@ def test_bounds_hold_on_random_motions(rail):
     rng = np.random.default_rng(1)
     limits = setup.dataset.robot.limits
     begin = check.arm.readings_of(rng.uniform(*(0.7 * limits.T), (400, len(limits))))
-    begin = begin[check.distances(begin) > 0.005]
+    begin = begin[check.distances(begin) > 0.005][:30]
     end = begin + rng.normal(0, 0.8, begin.shape)
-    floor, number = 0.005, 40
+    floor = 0.005
     free = check.hits(begin, end, floor) == 0
     bound = check.closest(begin, end, 1e-3)
-    sampled = np.array([cell.motion(a, b) for a, b in zip(begin[:number], end[:number], strict=True)])
-    free, bound = free[:number], bound[:number]
-    assert 5 < free.sum() < number - 5
+    sampled = np.array([cell.motion(a, b) for a, b in zip(begin, end, strict=True)])
+    assert 5 < free.sum() < len(free) - 5
     assert sampled[free].min() > floor - 1e-6
     assert sampled[~free].max() < floor + 1e-3
     near = sampled < 0.05  # the sampler does not look farther
     assert np.all(bound[near] <= sampled[near] + 1e-6)
     near &= sampled > (-0.04 if rail else -np.inf)  # an axis inside a box has no depth in the samples
-    assert near.sum() > 15
+    assert near.sum() > 10
     assert np.all(sampled[near] - bound[near] < np.maximum(1.2e-3, 0.12 * np.abs(sampled[near])))
 
 

@@ -166,23 +166,6 @@ def test_moves_leave_a_normal_as_it_is(size, kind):
     assert np.all(np.abs(chain.var(axis=(0, 1)) - 1.0) < 6.0 * error * np.sqrt(2))
 
 
-def test_agrees_with_a_long_plain_run(few):
-    """Means and sds are those of a run of differential evolution alone, as far as that is long enough."""
-    ours = sample(few, 3000, seed=1)
-    assert ours.converged, ours.complaint
-    density = Density(few)
-    walkers = 2 * (density.size + 1)
-    plain = emcee.EnsembleSampler(walkers, density.size, density, moves=emcee.moves.DEMove(), vectorize=True)
-    plain._random.seed(3)
-    start = Linearised.of(density).draw(walkers, np.random.RandomState(4))
-    plain.run_mcmc(start, 1500)
-    chain = plain.get_chain(discard=500, thin=5, flat=True)
-    mean, sd = chain[:, :-1].mean(axis=0), chain[:, :-1].std(axis=0)
-    assert np.max(np.abs(ours.flat.mean(axis=0) - mean) / sd) < 0.25
-    assert np.max(np.abs(ours.flat.std(axis=0) / sd - 1.0)) < 0.15
-    assert np.log(ours.kappa).mean() == pytest.approx(chain[:, -1].mean(), abs=0.25 * chain[:, -1].std())
-
-
 def test_agrees_with_weighted_independent_draws(few):
     """Means and sds of all components, from importance weights that hardly differ."""
     density = Density(few)
@@ -372,21 +355,9 @@ def test_prior_is_as_wide_as_stated(records):
     assert np.asarray(data["prior"]["noise_scale"]).mean() == pytest.approx(1.108, abs=0.04)
 
 
-def test_a_picture_of_what_was_predicted(records):
-    """Every observed variable has its predictions."""
-    import matplotlib
-
-    matplotlib.use("Agg", force=True)
-    assert set(records["compliance"]["observed_data"].data_vars) <= set(
-        records["compliance"]["posterior_predictive"].data_vars
-    )
-    if hasattr(az, "plot_ppc"):
-        az.plot_ppc(records["compliance"], num_pp_samples=5, var_names=["residual_um"])
-    else:
-        az.plot_ppc_dist(
-            records["compliance"], num_samples=5, var_names=["residual_um"], backend="matplotlib"
-        )
-    matplotlib.pyplot.close("all")
+def test_every_observed_variable_has_its_predictions(records):
+    data = records["compliance"]
+    assert set(data["observed_data"].data_vars) <= set(data["posterior_predictive"].data_vars)
 
 
 def test_many_validation_rows_have_fewer_draws(monkeypatch):

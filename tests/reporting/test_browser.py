@@ -18,7 +18,7 @@ from bayescal.reporting.page.build import run_page
 from bayescal.reporting.page.section import Run
 from bayescal.reporting.shared.body import placed
 
-WIDTHS = (380, 1280)
+NARROW, WIDE = 380, 1280
 WAIT = 180_000
 """ms; a machine that is shared may be slow."""
 
@@ -113,16 +113,15 @@ def drag(page, place: str) -> None:
     page.mouse.move(1, 1)  # a contact under the pointer poses the arm too
 
 
-@pytest.mark.parametrize("width", WIDTHS)
-def test_fits_the_width(opened, width):
-    page = opened("evil", width)  # with names without blanks
+def test_fits_the_width(opened):
+    page = opened("evil", NARROW)  # with names without blanks
     drawn(page, "residuals")
-    assert page.evaluate("document.documentElement.scrollWidth") <= width
+    assert page.evaluate("document.documentElement.scrollWidth") <= NARROW
     assert page.title() == EVIL
 
 
 def test_the_arm_responds(opened, record):
-    page = opened("plain", 1280)
+    page = opened("plain", WIDE)
     drawn(page, "arm")
     times = page.evaluate("Object.assign({}, document.documentElement.dataset)")
     assert int(times["ready"]) < int(times["library"])  # a page to be read does not wait for plotly.js
@@ -145,7 +144,7 @@ def test_the_arm_responds(opened, record):
 
 def test_the_arm_is_a_body(opened, record):
     """All corners of its surface are on the capsules of the record at the row; artefacts stand still."""
-    page = opened("plain", 1280)
+    page = opened("plain", WIDE)
     drawn(page, "arm")
     page.locator("#scene-row").fill("7")
     plot = "document.getElementById('scene-plot').data"
@@ -167,7 +166,7 @@ def test_the_arm_is_a_body(opened, record):
 
 
 def test_figures_are_those_of_the_record(opened, record):
-    page = opened("plain", 1280)
+    page = opened("plain", WIDE)
     drawn(page, "residuals")
     data = page.evaluate("document.getElementById('residual-plot').data.map(t => [t.customdata, t.y])")
     got = {k: y for rows, values in data for k, y in zip(rows, values, strict=True)}
@@ -179,11 +178,12 @@ def test_figures_are_those_of_the_record(opened, record):
 
 
 @pytest.mark.parametrize(
-    ("width", "scheme"), [(WIDTHS[0], "light"), (WIDTHS[1], "light"), (WIDTHS[1], "dark")]
+    ("name", "width", "scheme"),
+    [("evil", NARROW, "light"), ("plain", WIDE, "light"), ("plain", WIDE, "dark")],
 )
-def test_accessible(opened, width, scheme):
+def test_accessible(opened, name, width, scheme):
     """Contrast too, in both schemes."""
-    page = opened("plain", width, scheme=scheme)
+    page = opened(name, width, scheme=scheme)
     drawn(page, "residuals")
     dark = page.evaluate("getComputedStyle(document.body).backgroundColor") == "rgb(20, 25, 30)"
     assert dark == (scheme == "dark")
@@ -198,14 +198,14 @@ def test_accessible(opened, width, scheme):
 
 
 def test_without_scripts_the_drawings_stay(opened):
-    page = opened("plain", 1280, scripts=False)
+    page = opened("plain", WIDE, scripts=False)
     assert page.locator("#arm figure.static svg").is_visible()
     assert page.locator("#residuals .figures svg").first.is_visible()
     assert not page.locator(".interactive").first.is_visible()
 
 
 def test_print_has_the_drawings(opened):
-    page = opened("plain", 1280)
+    page = opened("plain", WIDE)
     drawn(page, "arm")
     page.emulate_media(media="print")
     try:
@@ -216,7 +216,7 @@ def test_print_has_the_drawings(opened):
 
 
 def test_names_from_files_are_inert(opened):
-    page = opened("evil", 1280)
+    page = opened("evil", WIDE)
     drawn(page, "arm")
     page.locator("#scene-colour").select_option("target")
     drawn(page, "residuals")

@@ -26,9 +26,9 @@ def test_a_part_of_the_name_is_enough(part):
     assert full_name(part) == ARMS[part]
 
 
-def test_artefacts_suit_the_arm(pair):
+def test_artefacts_suit_the_arm():
     """Five joints reach four faces of a small cube; two of the faces are opposite, for the scale."""
-    room = Room.of(pair[0])
+    room = Room.of(load_robot("koch-v1-1")[0])
     assert room.cube.edge == 0.0508
     assert len(room.faces) == 4
     assert len({face[1] for face in room.faces}) == 3
