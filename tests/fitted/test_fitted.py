@@ -35,7 +35,7 @@ from bayescal.simulation import Options, simulate
 
 MOVING = tuple(
     e for e in ("compliance", "hardening", "bending", "base-compliance", "payload", "eccentricity",
-                "second-harmonic", "gear-mesh@50", "backlash", "unsettled", "hysteresis", "encoder-scale",
+                "second-harmonic", "gear-mesh@50", "backlash", "hysteresis", "encoder-scale",
                 "coupling", "thermal-drift", "step")
 )  # fmt: skip
 ON_RAILS = ("straightness", "angular-motion", "positioning", "axis-bending")
@@ -47,16 +47,15 @@ def session():
     return simulate(options).dataset
 
 
-@pytest.mark.parametrize("effect", [*MOVING, *ON_RAILS])
-def test_rows_of_the_session_are_where_the_model_has_them(session, effect):
+@pytest.mark.parametrize("effects", [MOVING, ("compliance", *ON_RAILS), ("compliance", "unsettled")])
+def test_rows_of_the_session_are_where_the_model_has_them(session, effects):
     """Also as new poses: the drivers of a pose are those of the row that it repeats."""
-    session = moving_session() if effect in ON_RAILS else session
-    effects = ("geometry", "compliance", effect) if effect != "compliance" else ("geometry", effect)
-    arm = fake(session, effects)
+    session = moving_session() if effects[-1] in ON_RAILS else session
+    arm = fake(session, ("geometry", *effects))
     rows, m = np.arange(0, len(session.measurements.ids), 19), session.measurements
     expected = arm.model.motion(rows).points(arm.values).T
     np.testing.assert_allclose(arm.at_rows(rows).points, expected, rtol=0, atol=1e-12)
-    if effect == "unsettled":
+    if "unsettled" in effects:
         return  # the arm is at rest in a pose
     for row, own in zip(rows, expected, strict=True):
         pose = arm.at(m.readings[[row]], payload_kg=m.payload[row], direction=m.velocity[row], row=int(row))
@@ -123,7 +122,9 @@ def test_every_moving_effect_is_tested():
     """A new effect joins the list, or moves no frame of the arm."""
     resting = {"lobing", "latency", "plane-form", "artefact", "ball-radius"}
     resting |= {"focal-length", "image-centre", "lens-distortion", "board-scale", "board-bow"}
-    assert {e.partition("@")[0] for e in (*MOVING, *ON_RAILS)} | resting | {"geometry"} == set(EFFECTS)
+    assert {e.partition("@")[0] for e in (*MOVING, *ON_RAILS, "unsettled")} | resting | {"geometry"} == set(
+        EFFECTS
+    )
 
 
 def test_round_trip_of_the_run_folder(session, tmp_path):

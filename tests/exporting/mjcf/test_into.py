@@ -177,13 +177,12 @@ def random_scene(robot, rng) -> str:
     return ET.tostring(root, encoding="unicode")
 
 
-@pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize(
     "robot", ["fanuc-lrmate200ic", "universal-robots-ur5e", "franka-panda", "unimation-puma560"]
 )
-def test_an_arm_in_any_frames(tmp_path, robot, seed):
+def test_an_arm_in_any_frames(tmp_path, robot):
     arm = drawn(robot, EFFECTS)
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(2)
     text = random_scene(arm.dataset.robot, rng)
     (tmp_path / "scene.xml").write_text(text)
     mujoco.MjModel.from_xml_string(text)
