@@ -14,7 +14,6 @@ import bayescal.assess.shared_causes as shared_causes_module
 from bayescal.assess.acceptance import (
     CONTRADICTED,
     EXPLAINED,
-    FAIL,
     FALSE_REJECTIONS,
     LEVEL,
     OPEN,
@@ -22,7 +21,6 @@ from bayescal.assess.acceptance import (
     UNVERIFIED,
     acceptance,
     conformance,
-    decide,
     widened,
 )
 from bayescal.assess.mistakes import DIFFERENT, hidden, judged, mistaken
@@ -271,14 +269,6 @@ def test_rows_that_share_a_cause_stay_in_the_fit_and_outliers_do_not(session, cl
 
 def test_shared_causes_need_rejected_rows(clean):
     assert not shared_causes(replace(clean.final.estimate, rejected=np.empty(0, int)))
-
-
-@pytest.mark.parametrize(
-    ("error", "expanded", "decision"),
-    [(5.0, 4.0, PASS), (-6.0, 4.0, PASS), (6.1, 4.0, OPEN), (13.9, 4.0, OPEN), (-14.1, 4.0, FAIL)],
-)
-def test_the_rule_of_iso_14253(error, expanded, decision):
-    assert decide(error, expanded, 10.0) == decision
 
 
 def test_a_tolerance_is_decided(session, clean):

@@ -36,7 +36,6 @@ from bayescal.model.scene import Scene
 from bayescal.predict.errors import lengths, slopes
 from bayescal.predict.forecast import workspace
 from bayescal.public.budgets import _as_written
-from bayescal.reporting.fit.budget import in_words
 from bayescal.reporting.fit.record import fit_record, write_fit
 from bayescal.reporting.fit.summary import fit_summary
 from bayescal.reporting.shared.text import um2
@@ -92,17 +91,6 @@ def test_decisions_change_at_the_error_plus_and_minus_u_and_nowhere_else(fitted)
             elif e < u:
                 assert at(1e-3 * share * u) == OPEN
     assert max(apart) > 1.2  # k = 2 would be seen
-
-
-@pytest.mark.parametrize("error", [0.0, -40e-6, 90e-6])
-def test_the_probability_of_conformance_is_by_u_of_the_budget(fitted, error):
-    d = replace(fitted.final.validation.distances[0], error=error)
-    of = fitted.basis
-    b = budget(of, distance(of, d.between))
-    one = replace(fitted.final.validation, distances=(d,))
-    told = conformance(6e-5, fitted.forecast, one, fitted.acceptance, {d.between: b}).distances[0]
-    low, high = (student.cdf((end - error) / b.u, b.dof) for end in (-6e-5, 6e-5))
-    assert told.probability == pytest.approx(high - low, abs=1e-3)
 
 
 def test_the_volume_is_decided_with_its_own_u(fitted):
@@ -180,16 +168,6 @@ def test_what_is_printed_stored_and_decided_with_is_one_number(fitted, run):
         if pair is not None:
             assert b["U_um"] == pytest.approx(pair["U_um"])
             assert b["k"] == pytest.approx(pair["k"])
-
-
-def test_the_certificate_states_the_same_u(fitted):
-    from bayescal.exporting.dcc import in_digits
-
-    for pair, b in fitted.budgets.items():
-        u, _ = expanded(fitted, pair)
-        assert b.expanded == pytest.approx(u, rel=1e-5)
-        assert in_digits(b.measurand.value, b.expanded)[1] == in_digits(b.measurand.value, u)[1]
-        assert f"k = {b.k:.2f}" in in_words(b)
 
 
 def test_a_parameter_is_as_identifiable_as_its_stated_u_says(fitted, run):

@@ -112,22 +112,6 @@ def test_levers() -> None:
     assert payload is None or not np.any(payload)
 
 
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        ({"aim": "gaps"}, "--for"),
-        ({"levers": ("speed",)}, "--levers"),
-        ({"order": "faces"}, "--order"),
-        ({"contacts": 0}, "--contacts"),
-        ({"contacts": 20}, "unknowns"),
-    ],
-)
-def test_refusals(options: dict[str, object], words: str) -> None:
-    """Options that are not possible, and fewer contacts than unknowns, are refused."""
-    with pytest.raises(BayescalError, match=words):
-        plan(example(), PlanOptions(**{"candidates": 100, **options}))  # type: ignore[arg-type]
-
-
 # --- `bayescal plan` and `bc.plan`: a folder that comes back, the same plan by seed, one-line refusals.
 
 SMALL = {"contacts": 60, "candidates": 200}

@@ -19,7 +19,6 @@ from typer.testing import CliRunner
 
 from bayescal.effects import EFFECTS
 from bayescal.effects.location import BASE, TOOL, Driver, Site, joint
-from bayescal.errors import BayescalError
 from bayescal.gap.concluded import settled
 from bayescal.gap.result import OTHER, VERDICTS, Amplitude, CauseClass, Event, Gap, Named, Verdict
 from bayescal.gap.search.cells import cells
@@ -195,14 +194,6 @@ def test_without_pictures_and_into_an_earlier_result(session, tmp_path):
     assert json.loads((tmp_path / "run" / "gap.json").read_text())["verdict"] == "null"
 
 
-def test_foreign_folder_is_left_alone(session, tmp_path):
-    (tmp_path / "thesis.txt").write_text("mine")
-    gap = diagnosis(session)
-    with pytest.raises(BayescalError, match=r"did not write: thesis\.txt"):
-        write_gap(gap, tmp_path, gap_record(gap))
-    assert [p.name for p in tmp_path.iterdir()] == ["thesis.txt"]
-
-
 def test_help_needs_no_matplotlib():
     program = "import sys, bayescal.reporting.figures.figures; print('matplotlib' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
@@ -252,21 +243,6 @@ def test_an_undecided_diagnosis_prints_the_command_that_plans_what_decides(sessi
     asked = plan.make_context("plan", arguments).params
     assert (asked["setup"], asked["after"], asked["for_"]) == (EXAMPLE, out, "gap")
     assert (out / "gap.json").is_file()
-
-
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (["nowhere"], "no such folder"),
-        ([str(EXAMPLE), "--model", "geometry,elasticity"], "no effect is called"),
-    ],
-)
-def test_bad_input_is_one_line(arguments, words, tmp_path, command):
-    code, _, errors = command("gap", *arguments, "--out", tmp_path / "out")
-    assert code == 1
-    assert words in errors
-    assert len(errors.strip().splitlines()) == 1
-    assert not (tmp_path / "out").exists()
 
 
 def test_command_leaves_a_foreign_folder_alone(tmp_path, command):
