@@ -269,8 +269,9 @@ def _beyond_limits(robot: Robot, readings: np.ndarray, table: Table) -> tuple[Ba
     row = int(np.argmax(bad))
     joint = int(np.argmax(beyond[row]))
     unit, at, (low, high) = robot.units[joint], robot.shown(angle[row]), robot.shown(robot.limits.T)[:, joint]
-    what = f"{robot.joint_names[joint]} is at {at[joint]:.6g} {unit}, "
-    what += f"its limits are {low:g} to {high:g} {unit}"
+    coupled = int(np.count_nonzero(robot.link_from_reading[joint]) > 1)
+    what = f"{robot.joint_names[joint]} is at {at[joint]:.6g} {unit}"
+    what += " by its row of link_from_reading" * coupled + f", its limits are {low:g} to {high:g} {unit}"
     many = bool(bad.mean() > MANY)
     often = "many rows are: were degrees converted twice, or signs or coupling changed?"
     return table.error(row, what, often if many else "check the reading, or the robot's limits"), many
