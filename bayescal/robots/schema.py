@@ -78,7 +78,7 @@ class Joint(Keys):
     offset_deg: Number
     """Joint angle at the reading zero; the constant angle of a prismatic joint."""
     limits_deg: tuple[Number, Number] | None = None
-    """[lower, upper] reading, of coupled axes by their row of `link_from_reading`; revolute joints need it."""
+    """[lower, upper] reading, of coupled axes by their row of `link_from_reading`; needed if revolute."""
     limits_mm: tuple[Number, Number] | None = None
     """[lower, upper] reading of a prismatic joint."""
     beta_deg: Number = 0.0
