@@ -204,6 +204,9 @@ BEYOND = np.deg2rad(10)
 MANY = 0.3
 """Share of rows beyond a limit from which on the readings as a whole are wrong."""
 
+LINES = 20
+"""Lines of impossible rows that are listed, beside the first."""
+
 LEVER = 0.3
 """m: arm of an angle's uncertainty when a target's place is judged."""
 
@@ -332,5 +335,7 @@ def _impossible(
     row = int(np.argmax(away))
     others = "point of the other readings" if which == "reading" else "surface fitted to the other contacts"
     what = f"impossible {which}: {1e3 * away[row]:.0f} mm from the {others} on `{target.name}`"
-    more = f" ({bad.sum() - 1} more rows are as far off)" if bad.sum() > 1 else ""
+    others_off = table.line[part[bad & (away < away[row])]]
+    lines = ", ".join(map(str, others_off[:LINES])) + ", ..." * (len(others_off) > LINES)
+    more = f"; {len(others_off)} more rows are too far off: lines {lines}" if len(others_off) else ""
     return table.error(part[row], what + more, "check target, tool and joint readings, or leave the row out")

@@ -1,15 +1,18 @@
 """Impossible contacts, misplaced targets and unit mistakes; and honest data that must pass."""
 
 from dataclasses import replace
+from functools import partial
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from sessions import with_columns
 from tiny_dataset import SETTINGS, TABLE, write
 
-from bayescal.dataset import read_dataset
+from bayescal.dataset import Target, plausibility, read_dataset
 from bayescal.dataset.consistency import contradictions
 from bayescal.dataset.plausibility import suspicion
+from bayescal.dataset.table import Table
 from bayescal.errors import BayescalError
 
 RNG = np.random.default_rng(7)
@@ -186,3 +189,16 @@ def test_a_number_near_the_largest_is_no_overflow(cube):
     readings[2, 0] = -1e308
     with np.errstate(over="raise"):
         assert suspicion(with_columns(data, readings=readings)) is None
+
+
+@pytest.mark.parametrize(("count", "words"), [(1, "lines 5"), (3, "lines 5, 7, 9"), (25, "41, 43, ...")])
+def test_all_rows_that_are_too_far_off_are_listed(count, words):
+    away = np.full(60, 0.001)
+    away[0], away[1 : 2 * count : 2] = 0.09, 0.06
+    target, line = Target("tracker", "instrument", {}), 4 + np.arange(60)
+    rows = SimpleNamespace(name="log.csv", line=line)
+    table = SimpleNamespace(line=line, error=partial(Table.error, rows))
+    problem = plausibility._impossible(target, away, np.full(60, 0.05), np.arange(60), table, None)
+    assert str(problem).startswith("log.csv:4: impossible reading: 90 mm")
+    assert f"; {count} more rows are too far off: " in str(problem)
+    assert words in str(problem)
