@@ -58,6 +58,14 @@ def test_the_session_has_a_discrepancy(arm, readings):
     assert np.max(np.abs(np.log(alone / with_all))) > 0.2
 
 
+def test_a_point_whose_error_is_unexplained_has_the_degrees_of_freedom_of_that(arm):
+    """And where half of the variance is known, four times as many (JCGM 100, G.4.1)."""
+    beyond = replace(arm.beyond, excess=5e-5, excess_dof=7.0, by_noise={})
+    alone, bare = 3.0 * 5e-5**2, np.zeros((1, 3, len(arm.values)))
+    assert beyond.dof_of(np.array([alone]), {}, bare) == pytest.approx(7.0)
+    assert beyond.dof_of(np.array([2.0 * alone]), {}, bare) == pytest.approx(28.0)
+
+
 @pytest.mark.parametrize(
     ("session", "frame"), [("fitted", "base"), ("fitted", "tracker"), ("noisy", "tracker")]
 )

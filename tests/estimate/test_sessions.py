@@ -6,6 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 from scipy.optimize import least_squares
+from scipy.stats import chi2
 from sessions import with_columns
 
 from bayescal.assess.agreement import agreement, difference_covariance, known_directions, pair
@@ -295,6 +296,8 @@ def test_planes_of_one_session_and_points_of_another_are_one_arm(cube, tracker):
     compared = agreement(found, BOTH)
     assert not compared.pairs[0].disagree
     assert compared.pairs[0].directions > 15
+    two = compared.pairs[0]
+    assert two.p_value == pytest.approx(chi2.sf(two.chi2, two.directions), rel=1e-6)
     score = [
         (value - planes.arm.values[name]) / sd
         for name, value, sd in zip(compared.names, *compared.together, strict=True)

@@ -295,6 +295,7 @@ def test_a_plan_without_some_figures_prints(reported_plan):
     assert record["expected"]["distance_sd_um"] is None
     assert record["expected"]["equals_random_contacts"] is None
     assert "nan" not in plan_page(bare, b"")
+    assert "few contacts on cube.+z" in plan_page(replace(bare, warnings=("few contacts on cube.+z",)), b"")
     draw_plan(bare)
     never = replace(reported_plan, equals_random=np.inf)
     assert "No number of the candidates" in shown(never)
