@@ -167,7 +167,8 @@ def report(v: Verification) -> RenderableType:
     verdict = Text(f"passed: the simulator has the fitted arm{condition}")
     if worst := next((level for level in v.levels if not level.passed), None):
         what = f"FAILED: {worst.name} differs by up to {1e6 * worst.maximum:.3g} µm"
-        verdict = Text(f"{what} (limit {1e6 * worst.limit:.3g} µm, RMS 1 µm)", style="red")
+        load = f"; it carries {v.carried:.3g} kg beside the tool of the session" if v.carried > 1e-6 else ""
+        verdict = Text(f"{what} (limit {1e6 * worst.limit:.3g} µm, RMS 1 µm){load}", style="red")
     return screen(Text(title, style="bold"), Sheet(LEVELS, v.levels), measured, lacking, *remarks, verdict)
 
 

@@ -47,6 +47,7 @@ class Verification:
     levels: tuple[Level, ...]
     gap: Gap | None
     missing: Mapping[str, float]  # RMS, m, of each effect that is not in the file
+    carried: float = 0.0  # kg on the last body of a user's file, besides the tool
 
     @property
     def passed(self) -> bool:
@@ -79,7 +80,8 @@ def verify(run: Path, path: Path, notify: Notify = lambda stage, share: None) ->
     gap = simulated_gap(arm, before, after, reported)
     sizes = {e["effect"]: e["rms_um"] for e in sidecar["not_expressed"]}
     missing = {name: 1e-6 * size for name, size in sizes.items() if size}
-    return Verification(arm, path, sidecar["format"], state, software, compared, gap, missing)
+    carried = float(sidecar.get("carried_kg", 0.0))
+    return Verification(arm, path, sidecar["format"], state, software, compared, gap, missing, carried)
 
 
 def _mjcf(

@@ -64,6 +64,9 @@ def test_command_writes_a_record_and_fails_for_another_arm(run, tmp_path):
     assert found.exit_code == 1
     assert "FAILED: + compliance differs by up to 1 µm" in found.output
     assert json.loads((out / "verify.json").read_text())["passed"] is False
+    beside_it = tmp_path / "wrong.xml.bayescal.json"
+    beside_it.write_text(json.dumps(json.loads(beside_it.read_text()) | {"carried_kg": 1.25}))
+    assert "it carries 1.25 kg beside the tool" in " ".join(CliRunner().invoke(app, arguments).output.split())
 
 
 def test_missing_simulator_is_one_line_with_the_extra(run, monkeypatch):

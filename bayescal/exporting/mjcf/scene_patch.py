@@ -119,8 +119,11 @@ def patched(arm: FittedArm, options: Options) -> tuple[Written, tuple[str, ...]]
         "signs": scene.arm.where.signs.tolist(),
         "root_in_f0": scene.arm.where.root.tolist(),
         "renamed": others,
+        "carried_kg": (carried := _carried(model, scene.arm)),
     }
-    notes += [*scene.arm.where.notes, *_carried(model, scene.arm)]
+    notes += scene.arm.where.notes
+    if carried > 1e-6:
+        notes += [f"the file has {carried:.3g} kg on the last body, in addition to the tool of the session"]
     written = Written(text, notes=notes, details=details, placed=partial(scene_arm.moved, text, path.parent))
     return written, (links[0], *links, flange)
 
@@ -383,10 +386,7 @@ def _check(scene: Scene, after: Any, flange: str) -> None:
         raise BayescalError(what, scene.name, "this is a defect of bayescal; nothing is written")
 
 
-def _carried(model: Any, arm: FoundArm) -> list[str]:
-    """Masses on the last body of the file, besides the tool."""
+def _carried(model: Any, arm: FoundArm) -> float:
+    """Mass, kg, on the last body of the file, besides the tool."""
     last = arm.ids[-1]
-    more = float(model.body_subtreemass[last] - model.body_mass[last])
-    if more <= 1e-6:
-        return []
-    return [f"the file has {more:.3g} kg on the last body, in addition to the tool of the session"]
+    return float(model.body_subtreemass[last] - model.body_mass[last])

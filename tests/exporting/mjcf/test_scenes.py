@@ -234,6 +234,16 @@ def test_masses_of_geoms_stay(tmp_path):
     assert 'inertiafromgeom="true"' in alone
 
 
+def test_the_mass_of_a_gripper_is_told(tmp_path):
+    gripper = '<body name="gripper"><inertial mass="2" pos="0 0 .1" diaginertia="1 1 1"/></body>'
+    site = '<site name="attachment_site"'
+    arm = drawn("universal-robots-ur5e", ELASTIC)
+    path = save(tmp_path, changed((site, f"{gripper}{site}")))
+    out = export(arm, "mjcf", into=f"{path}", force=True)
+    assert out.record("a")["carried_kg"] == pytest.approx(2.0)
+    assert "the file has 2 kg on the last body, in addition to the tool of the session" in out.notes
+
+
 def test_frames_around_bodies(tmp_path):
     frame = '<frame pos="0 0 .1" euler="0 0 1.2">'
     body = '<body name="shoulder_link" pos="0 0 0.063" axisangle="0 0 1 -1.2">'
