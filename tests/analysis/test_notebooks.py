@@ -39,7 +39,7 @@ def pyplot(monkeypatch):
 @pytest.fixture(autouse=True)
 def small_plans(quick_search, monkeypatch):
     """Plans of as many candidates share them; draws of a log take few steps."""
-    monkeypatch.setattr(possible, "CALIBRATION", replace(possible.CALIBRATION, steps=40_000, burned=2_000))
+    monkeypatch.setattr(possible, "CALIBRATION", replace(possible.CALIBRATION, steps=10_000, burned=1_000))
     monkeypatch.setattr("bayescal.planning.search.EACH", 4)  # contacts that validate, of each sphere
     made = {}
 
@@ -60,7 +60,7 @@ NOTEBOOKS = [
 @pytest.mark.parametrize("path", NOTEBOOKS)
 def test_notebook(path, pyplot, monkeypatch, capsys):
     monkeypatch.chdir(path.parent)  # where a notebook's kernel starts
-    few = {"SAMPLES": 250, "CONTACTS": 120, "CANDIDATES": 220, "ARMS": 1, "MOTIONS": 5}
+    few = {"SAMPLES": 250, "CONTACTS": 120, "CANDIDATES": 220, "ARMS": 1, "MOTIONS": 4}
     for name, value in few.items():
         monkeypatch.setenv(f"BAYESCAL_NOTEBOOK_{name}", str(value))
     left = runpy.run_path(str(path))

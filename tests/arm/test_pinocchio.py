@@ -196,6 +196,7 @@ def test_lrmate_against_the_published_table():
     from bayescal.robots import load_robot
 
     robot, _ = load_robot("fanuc-lrmate200ic")
+    assert robot.masses.sum() == pytest.approx(21.25)
     rng = np.random.default_rng(2)
     for degrees in rng.uniform(-180, 180, (100, 6)):
         j1, j2, j3, j4, j5, j6 = degrees

@@ -18,7 +18,7 @@ from bayescal.assess.completed import completed
 from bayescal.assess.identifiability import identifiability
 from bayescal.calibration import fit
 from bayescal.cli import app
-from bayescal.dataset import Certificate, read_dataset, write_dataset
+from bayescal.dataset import Certificate, read_dataset
 from bayescal.effects.plane_form import GRANITE, TABLE
 from bayescal.errors import BayescalError
 from bayescal.estimate import calibrated, estimate, linearise
@@ -322,13 +322,6 @@ def test_excess_over_repeats_is_told(cube):
     assert left.excess > 2 * left.repeats
     clean = unexplained(estimate(build(Scene(session), FULL)))
     assert clean.excess == 0.0
-
-
-def test_round_trip_through_a_folder_changes_nothing(cube, tmp_path):
-    session = cube(seed=8, count=120).dataset
-    write_dataset(session, tmp_path / "s")
-    first, second = (fit(d, FULL, samples=0) for d in (session, read_dataset(tmp_path / "s")))
-    np.testing.assert_allclose(first.final.estimate.z, second.final.estimate.z, atol=2e-3)
 
 
 @foreign.needs()

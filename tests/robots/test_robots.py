@@ -11,24 +11,13 @@ from hypothesis import strategies as st
 from typer.testing import CliRunner
 
 import bayescal as bc
-from bayescal.arm.chain import Robot, chain_of, frames, link_angles
+from bayescal.arm.chain import Robot
 from bayescal.arm.transforms import rigid, rpy_matrix
 from bayescal.cli import app
 from bayescal.errors import BayescalError
 from bayescal.robots import builtin_robots, load_robot, robot_to_yaml
 
 NAME = "fanuc-lrmate200ic"
-
-
-def test_builtin_flange_at_zero():
-    robot, content = load_robot(NAME)
-    assert NAME in builtin_robots()
-    assert content.startswith(b"# FANUC")
-    flange = frames(chain_of(robot), link_angles(robot, np.zeros((1, 6))))[0, -1]
-    np.testing.assert_allclose(flange[:3, 3], [0.475, 0, 0.375], atol=1e-15)
-    np.testing.assert_allclose(flange[:3, 2], [1, 0, 0], atol=1e-15)
-    assert robot.masses.sum() == pytest.approx(21.25)
-    assert robot.reductions is None
 
 
 def read(tmp_path, text: str) -> Robot:

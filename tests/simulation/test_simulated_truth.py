@@ -68,12 +68,6 @@ def test_contacts_hold(options):
     assert np.abs(gaps(s, s.dataset.measurements.readings) - s.shift).max() < 3e-9  # readings end at 1e-7 deg
 
 
-def test_the_project_s_own_model_agrees():
-    s = little(noise=0.0)
-    assert np.abs(s.world.distances(s.world.model(s.dataset))).max() < 3e-9
-    assert np.sqrt(np.mean(s.world.distances(s.world.model(s.dataset)) ** 2)) < 1e-9
-
-
 @pytest.mark.parametrize(
     ("name", "effects"), [("standard", ("geometry", "compliance")), ("seven", ("geometry",))]
 )

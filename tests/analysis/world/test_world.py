@@ -70,6 +70,7 @@ def test_its_folder_does_not_tell(made):
         assert word not in text.replace("compliance", "") or word == "compliance"
 
 
+@pytest.mark.parametrize("made", [WORLDS[1], WORLDS[3]], indirect=True)
 def test_seed_and_number_are_all(made):
     """The same world again, whichever others are made before it."""
     folder, number, truth = made
