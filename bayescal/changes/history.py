@@ -139,6 +139,8 @@ def history(
     at_end = [i for i in drifts if of[i] in known]
     if limit is not None and (lost := [of[i] for i in drifts if i not in at_end]):
         notes.append(f"the last run does not have {listed(lost)}: the limit is without this drift")
+    if limit is not None and not drifts:
+        notes.append("no parameter drifts: no time follows at which the limit is reached")
     if limit is not None and at_end:
         which, spread = [of[i] for i in at_end], covariance[np.ix_(at_end, at_end)]
         when = _limit(limit, entries[-1], which, mean[at_end], spread, unit)

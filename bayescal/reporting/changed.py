@@ -24,6 +24,7 @@ from bayescal.reporting.shared.sheet import Column, Sheet, below, screen
 from bayescal.reporting.shared.text import (
     UM,
     Facts,
+    as_precise,
     length,
     listed,
     model_label,
@@ -250,14 +251,15 @@ CELLS = (
 def absolute(x: Json, key: str) -> str | None:
     """A value of an item with as many decimals as its difference; None where only the difference is known."""
     value = x[key]
-    return value if value is None else f"{with_u(value, x['u']).partition('(')[0]} {unit_label(x['unit'])}"
+    return value if value is None else f"{with_u(value, x['U']).partition('(')[0]} {unit_label(x['unit'])}"
 
 
 def difference(x: Json) -> str:
-    """The difference of an entry with its expanded uncertainty."""
+    """The difference of an entry with its expanded uncertainty, two digits of it and as many of the value."""
     value, u, unit = small(x)
-    decimals = len(with_u(value, u).partition("(")[0].partition(".")[2])
-    return f"{value:+.{decimals}f} ± {two_digits(2.0 * u)} {unit}".rstrip()
+    number = with_u(value, 2.0 * u).partition("(")[0]
+    sign = "+" * (value > 0 and float(number) != 0)
+    return f"{sign}{number} ± {as_precise(float(f'{2.0 * u:.2g}'), number)} {unit}".rstrip()
 
 
 def entry_name(x: Json, several: Mapping[str, int]) -> str:

@@ -17,7 +17,7 @@ from bayescal.dataset.join import joined
 from bayescal.errors import BayescalError
 from bayescal.programs.text import Target
 from bayescal.public.changes import ChangedResult
-from bayescal.reporting.changed import sized, words
+from bayescal.reporting.changed import difference, sized, words
 from bayescal.reporting.shared.text import with_u
 
 ARM = {"effects": "geometry", "later": 4, "repeats": 0, "spheres": 0, "arm_seed": 3}
@@ -258,3 +258,16 @@ def test_the_tool_of_one_session_alone_has_no_change(sessions):
     effects = {d.item.effect for d in result.detectable}
     assert "geometry" in effects
     assert "tool" not in effects
+
+
+@pytest.mark.parametrize(
+    ("value", "u", "text"),
+    [
+        (1.1009, 0.0075, "+1101 ± 15 µm"),
+        (0.0387, 0.001, "+38.7 ± 2.0 µm"),
+        (-2.0, 0.08, "-2000 ± 160 µm"),
+        (0.00001, 0.001, "0.0 ± 2.0 µm"),
+    ],
+)
+def test_a_difference_has_the_decimals_of_its_expanded_uncertainty(value, u, text):
+    assert difference({"difference": value, "u": u, "unit": "mm"}) == text

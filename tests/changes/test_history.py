@@ -87,6 +87,7 @@ def test_a_step_is_found_in_the_order_of_the_dates(runs, tmp_path):
     record = result.record
     assert [r["date"] for r in record["runs"]] == list(DATES)
     assert (record["serial"], record["time_unit"], record["limit"]) == ("7", "day", None)
+    assert any("no time follows at which the limit" in note for note in record["notes"])
     (step,) = [p for p in record["parameters"] if p["change"]]
     assert (step["name"], step["change"], step["from_run"]) == ("theta4", "step", "run-1")
     assert step["size"] == pytest.approx(np.degrees(5e-4), abs=2 * step["U"])

@@ -267,7 +267,7 @@ def test_runs_without_certified_centres_are_compared_too(found):
 def test_the_budget_is_shown_where_the_folder_has_one(found):
     part = {
         "name": "certificate", "type": "B", "distribution": "normal", "value": 0.0, "u": 3.0, "unit": "um",
-        "sensitivity": 1.0, "contribution": 3e-3, "contribution_um": 3.0,
+        "sensitivity": 1.2, "sensitivity_unit": "mm/deg", "contribution": 3e-3, "contribution_um": 3.0,
     }  # fmt: skip
     budget = {
         "measurand": "a distance of 150 mm", "kind": "distance", "components": [part], "text": "U = 6.0 µm",
@@ -275,7 +275,7 @@ def test_the_budget_is_shown_where_the_folder_has_one(found):
     }  # fmt: skip
     text = words(run_page(Run("gap", record_of(found, "null"), "x", {"budgets": [budget]})))
     assert "Uncertainty budget" in text
-    assert "certificate" in text
+    assert "certificate 100 % 3 B normal 3 µm 1.2 mm/deg" in text
     assert "Uncertainty budget" not in words(run_page(Run("gap", record_of(found, "null"), "x")))
 
 

@@ -183,6 +183,13 @@ def _components(one: Json) -> Sheet:
         number = MISSING if c["u"] is None else two_digits(c["u"])
         return f"{number} {unit_label(c['unit'] or '1')}".rstrip()
 
+    def sensitivity(c: Json) -> str | None:
+        if c["sensitivity"] is None:
+            return None
+        of, _, per = c["sensitivity_unit"].partition("/")
+        unit = f"{unit_label(of)}/{unit_label(per)}".removesuffix("/") if per else ""
+        return f"{two_digits(c['sensitivity'])} {unit}".rstrip()
+
     columns = (
         Column("component", "name"),
         Column("share of the variance", part, as_is),
@@ -190,7 +197,7 @@ def _components(one: Json) -> Sheet:
         Column("type", lambda c: c["type"] or None, words=True),
         Column("distribution", lambda c: c["distribution"] or None, words=True),
         Column("u", u),
-        Column("sensitivity", "sensitivity", two_digits),
+        Column("sensitivity", sensitivity),
     )
     ranked = sorted(one["components"], key=lambda c: -abs(c["contribution"]))
     return Sheet(columns, ranked, f"Components of: {one['measurand']}", 10)
