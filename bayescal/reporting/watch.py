@@ -42,7 +42,7 @@ def _contact(c: Contact) -> Text:
     if not np.isfinite(c.p_value):
         return out.append("" if c.role == "calibrate" else f" {c.role}", style="dim")
     out.append(f" {um(c.residual):>7} µm (u {um2(c.u)})", style="bold red" if c.odd else "")
-    out.append(f"   U {um(c.U)} µm", style="dim")
+    out.append(f"   U {um2(c.U)} µm", style="dim")
     if c.odd:
         out.append(f"   ODD: by chance {c.p_value:.1g}; set aside, measure it again", style="bold red")
     return out
@@ -51,7 +51,7 @@ def _contact(c: Contact) -> Text:
 def _complete(e: Complete) -> str:
     rejected = len(e.fit.final.estimate.rejected)
     parts = [
-        f"fit of {e.rows} rows ({e.seconds:.1f} s): U of a distance {um(e.U)} µm (k = {e.distance.k:.2g})"
+        f"fit of {e.rows} rows ({e.seconds:.1f} s): U of a distance {um2(e.U)} µm (k = {e.distance.k:.2g})"
     ]
     if rejected:
         parts.append(f"{rejected} rejected")
@@ -108,7 +108,7 @@ def draw(events: Sequence[Event], contacts: Sequence[Contact]) -> Any:
     """Above, U over the contacts; below, each residual in its standard uncertainties, odd ones marked."""
     fits = [e for e in events if isinstance(e, Complete)]
     last = fits[-1]
-    out = figure(9, 6, [f"{last.fit.dataset.name}: U of a distance {um(last.U)} µm after {last.rows} rows"])
+    out = figure(9, 6, [f"{last.fit.dataset.name}: U of a distance {um2(last.U)} µm after {last.rows} rows"])
     top, low = out.subplots(2, 1, sharex=True, height_ratios=(2, 1))
     judged = [c for c in contacts if np.isfinite(c.p_value)]
     row = np.array([c.row + 1 for c in judged], float)

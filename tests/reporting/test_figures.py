@@ -109,7 +109,8 @@ def test_no_text_overlaps_or_is_cut_off(fit, sessions, width):
     faults = []
     for case, record in records.items():
         for name, of in CONTENT.items():
-            if record["schema"] in of and (name != "distances" or distances.measured(record)):
+            checked = {"distances": distances.measured(record), "levels": distances.levelled(record)}
+            if record["schema"] in of and checked.get(name, True):
                 over, outside = clashes(draw(name, record, width))
                 faults += [(case, name, pair) for pair in over] + [(case, name, text) for text in outside]
     assert faults == []
@@ -474,6 +475,7 @@ def test_what_cannot_be_drawn_is_said_in_one_line(result, sessions):
         (bc.plot.budget, result, {}, r"there is no budget\.json"),
         (bc.plot.arm, old, {}, "the record has no `rows`"),
         (bc.plot.distances, sessions["empty tables"], {}, "there are no validation measurements"),
+        (bc.plot.levels, sessions["empty tables"], {}, "there are no validation measurements"),
     ):
         with pytest.raises(BayescalError, match=words):
             plot(given, **options)

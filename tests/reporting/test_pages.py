@@ -23,6 +23,7 @@ from bayescal.errors import BayescalError
 from bayescal.estimate import calibrated
 from bayescal.gap.result import OTHER
 from bayescal.model.scene import Scene
+from bayescal.reporting.figures.figures import figures_of
 from bayescal.reporting.gap.record import gap_record
 from bayescal.reporting.page import build, compare
 from bayescal.reporting.page import section as render
@@ -126,6 +127,16 @@ def test_the_next_step_of_a_possible_effect_is_no_repair(found):
     assert "Measure more before a part is replaced" in text
     assert "Repair the machine" not in text
     assert "Measure more, and diagnose again" in text
+
+
+def test_levels_without_validation_measurements_are_not_shown(saved):
+    """A figure had an axis from -0.04 to 0.04 µm and no value, the table no column."""
+    record = json.loads((saved[0] / "fit.json").read_text())
+    assert "fit-levels.png" in figures_of(record)
+    keys = [key for key in record["ladder"][0] if key != "model"]
+    record["ladder"] = [step | dict.fromkeys(keys) for step in record["ladder"]]
+    assert "fit-levels.png" not in figures_of(record)
+    assert "Model levels" not in words(run_page(Run("fit", record, "x")))
 
 
 def test_an_arm_is_not_said_to_be_marked_at_a_face(found):

@@ -148,6 +148,11 @@ SERIES_OF: dict[str, dict[str, str]] = {
 """Keys of a level by schema, and what they are errors of."""
 
 
+def levelled(record: Json) -> bool:
+    """Whether any model level has an error of validation measurements."""
+    return any(step.get(key) for step in record["ladder"] for key in SERIES_OF[record["schema"]])
+
+
 def levels_panel(record: Json) -> Panel:
     """Errors of validation measurements by model level, on a logarithmic scale."""
     levels = record["ladder"]

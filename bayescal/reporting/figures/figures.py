@@ -58,10 +58,19 @@ def _residuals_gap(record: Json) -> Content:
 def _distances(record: Json) -> Content:
     first = distances.distances_panel(record) if record["schema"] == FIT else None
     panels = [p for p in (first, distances.reduction_panel(record)) if p is not None]
-    if not panels:
+    _validated(record, bool(panels))
+    return ["Validation: errors before and after"], [[p] for p in panels]
+
+
+def _levels(record: Json) -> Content:
+    _validated(record, distances.levelled(record))
+    return ["Validation error of the model levels"], [[distances.levels_panel(record)]]
+
+
+def _validated(record: Json, some: bool) -> None:
+    if not some:
         name = str(record["dataset"]["name"])
         raise BayescalError("there are no validation measurements", name, "add rows with role validate")
-    return ["Validation: errors before and after"], [[p] for p in panels]
 
 
 def _arm(record: Json) -> Content:
@@ -80,9 +89,8 @@ def posterior_content(record: Json, draws: Draws, names: Sequence[str] = ()) -> 
     return [title], parameters.posterior_rows(record, draws, names)
 
 
-LEVELS = _one("Validation error of the model levels", lambda record: [distances.levels_panel(record)])
 CONTENT: dict[str, dict[str, Callable[[Json], Content]]] = {
-    "levels": {FIT: LEVELS, GAP: LEVELS},
+    "levels": {FIT: _levels, GAP: _levels},
     "distances": {FIT: _distances, GAP: _distances},
     "residuals": {FIT: _residuals_fit, GAP: _residuals_gap},
     "parameters": {FIT: _one("Parameters: estimate against prior", parameters.parameter_panels)},
@@ -159,8 +167,9 @@ def figures_of(record: Json, draws: Draws | None = None) -> dict[str, bytes]:
     With the draws of its parameters, by name, the posterior of a fit too.
     """
     files = FILES[record["schema"]].items()
-    checked = distances.measured(record)  # there may be no validation measurement
-    drawable = {file: content(name, record) for file, name in files if checked or name != "distances"}
+    # there may be no validation measurement
+    checked = {"distances": distances.measured(record), "levels": distances.levelled(record)}
+    drawable = {file: content(name, record) for file, name in files if checked.get(name, True)}
     if draws:
         drawable["fit-posterior.png"] = posterior_content(record, draws)
     with drawing():

@@ -10,6 +10,7 @@ import numpy as np
 from markupsafe import Markup
 
 from bayescal.fitted.gate import STEPS
+from bayescal.reporting.figures.distances import levelled
 from bayescal.reporting.fit import sheets
 from bayescal.reporting.page import common, svg
 from bayescal.reporting.page.section import (
@@ -152,6 +153,8 @@ def levels(run: Run) -> Section | None:
         ("points RMS (length)", "points_rms_um"),
         ("mean", "points_mean_um"),
     )
+    if not levelled(run.record):
+        return None
     names = [model_label(step["model"]) for step in run.record["ladder"]]
     return blocks("levels", "Model levels", sheets.level_sheet(run.record["ladder"], columns, names))
 
