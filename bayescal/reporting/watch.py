@@ -134,5 +134,5 @@ def outcome(record: Json) -> str:
     """The end of a session that was watched, in a line."""
     judged = [c for c in record["contacts"] if c["p_value"] is not None]
     odd = [c["id"] for c in judged if c["odd"]]
-    text = f"{len(record['contacts'])} rows watched, {len(judged)} of them as they came"
+    text = f"{len(record['contacts'])} rows watched, {len(judged)} of them judged by the others"
     return text + (f"; odd: {', '.join(odd)}" if odd else "; none odd")
