@@ -52,7 +52,7 @@ def test_positions_are_searched_once_for_an_arm(monkeypatch):
         for kept in (session.placement, session.cube_of, session._calibrating, session._later):
             kept.cache_clear()
 
-    few = LITTLE | {"contacts": 24, "later": 4, "repeats": 0, "sphere_contacts": 6}
+    few = LITTLE | {"contacts": 24, "later": 4, "repeats": 0, "spheres": 2, "sphere_contacts": 6}
     forget()
     fresh = simulate(Options(**few, seed=7)).dataset
     searched = []
