@@ -134,6 +134,7 @@ def test_a_log_that_lacks_a_quick_motion_gets_one(log):
     plan = next_motions(slower)
     fast = next(m for m in plan.motions if m.name == "fast")
     assert np.all(np.abs(derivative(fast.position, plan.bounds.step)).max(axis=0) > FAST)
+    assert not any("is faster than" in text for text in plan.left_out)
 
 
 def test_a_cause_that_is_left_open_moves_its_joint_alone(log):
