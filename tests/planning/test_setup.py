@@ -113,7 +113,7 @@ def test_a_face_without_an_extent_is_refused_and_can_be_stated(example):
     patch = Patch(np.array([0.3357, 0.02, 0.1]), np.array([0.2, 0.1]))
     region = regions_of(replace(dataset, plan=PlanSettings(regions={"cube.-x": patch})))["cube.-x"]
     assert np.allclose(region.centre, patch.centre)
-    beside = replace(patch, centre=patch.centre + [0.01, 0.0, 0.0])  # stated in front of the face
+    beside = replace(patch, centre=np.add(patch.centre, [0.01, 0.0, 0.0]))  # stated in front of the face
     dataset_of = replace(dataset, plan=PlanSettings(regions={"cube.-x": beside}))
     assert np.allclose(regions_of(dataset_of)["cube.-x"].centre, patch.centre)
     assert np.allclose(np.abs(region.half), [[0, 0.1, 0], [0, 0, 0.05]])  # width along y, height along z

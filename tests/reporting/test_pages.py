@@ -301,6 +301,13 @@ def test_the_labels_of_a_flat_drawing_are_within_it():
     assert np.all(np.diff(labels) > 14)
 
 
+def test_the_label_of_a_drawing_is_escaped_once(found):
+    record = record_of(found, "null")
+    record["arm"]["robot"] = 'A&B "1"'
+    label = html.unescape(re.search(r'aria-label="([^"]*)"', str(draw_arm(Run("gap", record, "x"))))[1])
+    assert label.startswith('The arm A&B "1" in a typical pose')
+
+
 def test_the_page_poses_the_arm_like_the_chain(found):
     scene = found.model.scene
     expected = 1e3 * reference.frames(scene.chain, scene.q[:4])[:, :, :3, 3]

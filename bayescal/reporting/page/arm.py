@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from markupsafe import Markup, escape
+from markupsafe import Markup
 
 from bayescal.effects.location import Site
 from bayescal.reporting.figures.arm import marked_sites as figure_sites
@@ -99,7 +99,7 @@ def draw_arm(run: Run, *, contacts: bool = False) -> Markup | None:
     labels += [("base", line[0], True)] if "base" in kinds else []
     parts += _labels(labels, sheet)
     named = ", ".join(s.text for s in sites)
-    words = f"The arm {escape(arm['robot'])} in a typical pose" + (f"; marked: {named}" if named else "")
+    words = f"The arm {arm['robot']} in a typical pose" + (f"; marked: {named}" if named else "")
     return svg.drawing(sheet.width, sheet.height, parts, words)
 
 
