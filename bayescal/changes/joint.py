@@ -21,11 +21,13 @@ from bayescal.effects.common import within
 from bayescal.effects.location import ARM as WHOLE
 from bayescal.effects.location import BASE, NUMBERED, TOOL, Site, face, joint
 from bayescal.effects.vocabulary import Effect
-from bayescal.errors import BayescalError
-from bayescal.estimate import Estimate, estimate
+from bayescal.errors import FAILURES, BayescalError
+from bayescal.estimate import Estimate, calibrated, estimate
 from bayescal.estimate.estimate import settled
 from bayescal.estimate.families import families, with_compliances
+from bayescal.estimate.widths import with_widths
 from bayescal.model import with_parameters
+from bayescal.model.options import FitOptions
 from bayescal.model.scene import Scene
 
 ZERO = {"rz": ("theta", "rad", 2e-3), "tz": ("d", "m", 1e-3)}
@@ -149,12 +151,13 @@ def prepared(
         if t.name in placed and sum(k in own for own in fitted) > 1
     )
     scene, known, rejected = Scene(dataset, oriented=True), dict[str, float](), None
+    options = _told(scene, effects, FitOptions(robust=robust))
     for _ in range(POSES):
         c = replace(scene.circumstances(scene.rows("calibrate")), sessions=())
         shared = parameters_of(effects, c)
         compared = [p for p in shared if _sessions(p, parts, c.fitted) != 1]
         items = list(_of_model(c, compared, dataset, placed))
-        model = with_parameters(scene, effects, (*shared, *changes(items, parts)))
+        model = with_parameters(scene, effects, (*map(options.wider, shared), *changes(items, parts)))
         start = np.array([known.get(name, 0.0) for name in model.names])
         found = estimate(model, robust, start if known else None, rejected)
         known, rejected = dict(zip(model.names, found.z.tolist(), strict=True)), found.rejected
@@ -172,6 +175,17 @@ def prepared(
         if k in own and np.mean(out[s.rows & (m.target == k) & (m.role == "calibrate")]) > SCATTERED
     }
     return Joint(dataset, parts, found, c, tuple(items), placed, placed & scattered)
+
+
+def _told(scene: Scene, effects: tuple[str, ...], options: FitOptions) -> FitOptions:
+    """Options with the prior widths that a fit of all sessions tells; those of changes stay.
+
+    What the parameters of the arm may not explain is a model error, which differs where poses do.
+    """
+    try:
+        return with_widths(calibrated(scene, effects, options), scene, effects, options)[1]
+    except FAILURES:  # without changes the sessions may not be fitted together
+        return options
 
 
 def changes(items: Sequence[Item], parts: Sequence[Session]) -> list[Parameter]:

@@ -6,10 +6,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
+from sessions import tracker
 
 import bayescal as bc
 from bayescal.changes import linear
-from bayescal.changes.joint import tied
+from bayescal.changes.joint import prepared, tied
 from bayescal.changes.moves import AT
 from bayescal.changes.outcome import changed
 from bayescal.changes.search import SCALES, Member, averaged, gains, options
@@ -271,3 +272,19 @@ def test_the_tool_of_one_session_alone_has_no_change(sessions):
 )
 def test_a_difference_has_the_decimals_of_its_expanded_uncertainty(value, u, text):
     assert difference({"difference": value, "u": u, "unit": "mm"}) == text
+
+
+def test_an_arm_far_from_nominal_is_no_change(monkeypatch):
+    """Its widths are told by both sessions; with the stated ones its residuals are many times the noise."""
+    one, model = tracker(seed=0, count=80, noise=1e-4, spread=12.0).dataset, ("geometry", "compliance")
+    parts = [rows_of(one, np.flatnonzero(np.arange(80) % 2 == k), name) for k, name in enumerate("AB")]
+    found = prepared(parts, model).found
+    assert max(found.weights.scale.values()) < 1.5
+    (theta3,) = (p for p in found.model.parameters if p.name == "theta3" and p.effect == "geometry")
+    assert theta3.sd > 3 * 2e-3
+    # a change has the stated prior
+    assert max(p.sd for p in found.model.parameters if p.effect == "change" and p.unit == "rad") < theta3.sd
+    monkeypatch.setattr(
+        "bayescal.changes.joint.with_widths", lambda found, scene, effects, options: (found, options)
+    )
+    assert max(prepared(parts, model).found.weights.scale.values()) > 3
