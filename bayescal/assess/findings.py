@@ -266,11 +266,12 @@ def _false_comfort(of: Assessed) -> Iterator[Finding]:
         )  # fmt: skip
     residuals = [p.residuals for p in of.checked.planes]
     contact = rms(np.concatenate(residuals)) if residuals else left.fitted
+    those = "those of validation contacts" if residuals else "they"
     distance = max(lead.u, expected.workspace.u)
     if distance > FAR_BEYOND * contact:
         yield Finding(
             "contrast", "warning",
-            f"small residuals do not prove this calibration: they are {1e6 * contact:.0f} µm "
+            f"small residuals do not prove this calibration: {those} are {1e6 * contact:.0f} µm "
             f"RMS, yet the predicted distance error is {1e6 * distance:.0f} µm",
         )  # fmt: skip
     if lead.measured is not None and lead.measured > lead.interval[1] and of.tests.explains:

@@ -22,6 +22,7 @@ from bayescal.reporting.motion.fit import replay_sheet
 from bayescal.reporting.plan_record import clearances
 from bayescal.reporting.plan_sheets import further
 from bayescal.reporting.plan_sheets import headline as plan_headline
+from bayescal.reporting.shared import origin
 from bayescal.reporting.shared.origin import STANDSTILL, _signs, entry, plain
 from bayescal.reporting.shared.sheet import Column, Sheet, frame, terminal
 from bayescal.reporting.shared.text import FigureTable, parameter_notes, size, with_u
@@ -80,11 +81,21 @@ def test_two_digits_of_the_uncertainty(value, u, text):
 
 
 def test_the_length_of_points_is_that_of_their_vectors():
-    errors = np.random.default_rng(0).standard_normal((3, 40))
-    rms = float(np.sqrt(np.mean(errors**2)))
-    lengths = np.linalg.norm(errors, axis=0)
-    assert per_vector(VALIDATION_POINTS) * rms == pytest.approx(np.sqrt(np.mean(lengths**2)))
-    assert per_vector("planes") == per_vector("distances") == 1.0
+    """Corners in images have two coordinates: their lengths were stated sqrt(3/2) times too large."""
+    for count in (2, 3):
+        errors = np.random.default_rng(0).standard_normal((count, 40))
+        rms = float(np.sqrt(np.mean(errors**2)))
+        lengths = np.linalg.norm(errors, axis=0)
+        assert per_vector(VALIDATION_POINTS, count) * rms == pytest.approx(np.sqrt(np.mean(lengths**2)))
+    assert per_vector("planes", 3) == per_vector("distances", 3) == 1.0
+
+
+@pytest.mark.parametrize(("fitted", "count"), [((1, 2), 2), ((3,), 3), ((1,), 3)])
+def test_the_coordinates_of_points_are_those_of_the_fitted_rows(fitted, count, monkeypatch):
+    """Points that validate contacts are those of an instrument."""
+    blocks = [SimpleNamespace(kind=SimpleNamespace(rows=rows)) for rows in fitted]
+    monkeypatch.setattr(origin, "length_blocks", lambda model: blocks)
+    assert origin.components_of(None) == count
 
 
 def test_only_significant_curves_and_an_event_once():

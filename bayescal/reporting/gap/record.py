@@ -36,7 +36,16 @@ from bayescal.reporting.gap.phrases import class_record, headline, place, unshow
 from bayescal.reporting.gap.sheets import per_vector, table_of_contacts
 from bayescal.reporting.page.build import write_page
 from bayescal.reporting.shared.body import arm_drawing
-from bayescal.reporting.shared.origin import entry, images_record, origin, plain, rows_record, scaled, sized
+from bayescal.reporting.shared.origin import (
+    components_of,
+    entry,
+    images_record,
+    origin,
+    plain,
+    rows_record,
+    scaled,
+    sized,
+)
 from bayescal.reporting.shared.text import UM
 from bayescal.storage.files import json_text
 from bayescal.storage.folders import whole
@@ -95,7 +104,7 @@ def gap_record(gap: Gap) -> dict[str, Any]:
         "images": images_record(gap.arm or gap.calibrated),
         "ladder": [
             entry(step, *STEP)
-            | {"point_length_rms_um": UM * per_vector("points") * step.point_rms}
+            | {"point_length_rms_um": UM * per_vector("points", _components(gap)) * step.point_rms}
             | entry(step, "delta_elpd", "delta_elpd_se")
             for step in gap.levels
         ],
@@ -147,6 +156,10 @@ def _place(w: Place) -> dict[str, Any]:
     )
 
 
+def _components(gap: Gap) -> int:
+    return components_of(gap.calibrated.model) if gap.calibrated else 3
+
+
 def _lengths(gap: Gap) -> dict[str, Any]:
     """The errors as the summary states them: of points, the length of the error vector.
 
@@ -156,11 +169,13 @@ def _lengths(gap: Gap) -> dict[str, Any]:
     what = VALIDATION_CONTACTS if VALIDATION_CONTACTS in kinds else VALIDATION_POINTS
     sizes = entry(gap.magnitude, "validation_rms_um", "noise_um", "excess_um")
     shrunk = {s.what: entry(s, *SHRUNK) for s in gap.shrinkage}
+    count = _components(gap)
     return {
         "of": what,
-        **{key: scaled(size, per_vector(what)) for key, size in sizes.items()},
+        "components": count,
+        **{key: scaled(size, per_vector(what, count)) for key, size in sizes.items()},
         "shrinkage": {
-            kind: {key: scaled(size, per_vector(kind)) for key, size in errors.items()}
+            kind: {key: scaled(size, per_vector(kind, count)) for key, size in errors.items()}
             for kind, errors in shrunk.items()
         },
     }

@@ -63,12 +63,18 @@ def unexplained(record: Json) -> Json | None:
     return next((w for w in record["where"] if not w["explained_by"]), None)
 
 
-def per_vector(what: str) -> float:
+def per_vector(what: str, components: int) -> float:
     """Factor from the RMS of the residuals of a kind of measurement to the RMS of the lengths of its errors.
 
-    The residuals of a point are its three coordinates, that of a contact or a distance is a length.
+    The residuals of a point are its coordinates, `components` of them: three, two of a corner in an image.
+    That of a contact or a distance is a length.
     """
-    return 3**0.5 if what in ("points", VALIDATION_POINTS) else 1.0
+    return components**0.5 if what in ("points", VALIDATION_POINTS) else 1.0
+
+
+def components(record: Json) -> int:
+    """Coordinates of the points of a diagnosis; three in records of earlier versions, which lack it."""
+    return int(record["lengths"].get("components", 3))
 
 
 def rms_of(record: Json) -> str:
@@ -222,9 +228,13 @@ def levels_sheet(record: Json, shown: Sequence[tuple[str, str]] = (), missing: s
 
 def improved(record: Json) -> list[Json]:
     """Entries of `shrinkage` by `what`, where errors of points are lengths."""
+    count = components(record)
     return [
         {"what": what}
-        | {key: scaled(value, per_vector(what)) if key.endswith("_um") else value for key, value in s.items()}
+        | {
+            key: scaled(value, per_vector(what, count)) if key.endswith("_um") else value
+            for key, value in s.items()
+        }
         for what, s in record["shrinkage"].items()
         if s
     ]

@@ -75,7 +75,7 @@ def gap_summary(gap: Gap, record: Json) -> RenderableType:
 def _size(record: Json) -> Facts:
     size, of = record["gap"], record["lengths"]
     each = "contact" if of["of"] == VALIDATION_CONTACTS else "point (length)"
-    factor, ends = sheets.per_vector(of["of"]), size["excess_um"]["interval95"]
+    factor, ends = sheets.per_vector(of["of"], sheets.components(record)), size["excess_um"]["interval95"]
     yield "validation", f"{length(of['validation_rms_um'])} µm RMS per {each} ({size['heldout']})", ""
     words = {"repeats": "repeated contacts", "fit": "the fit", "stated": "dataset.yaml"}
     source = words.get(size["noise_from"], size["noise_from"])
@@ -92,7 +92,7 @@ def _size(record: Json) -> Facts:
 
 def _measured(record: Json) -> Sheet:
     def error(x: Json, value: float) -> str:
-        return length(sheets.per_vector(x["what"]) * value)
+        return length(sheets.per_vector(x["what"], sheets.components(record)) * value)
 
     def within(x: Json) -> bool:
         low, high = x["predicted_interval95_um"]
@@ -196,7 +196,7 @@ def _levels(record: Json) -> Sheet:
     of = record["lengths"]["of"]
     shown = [("validation", "validation_um"), ("distances", "distance_rms_um")]
     shown += [("points", "point_length_rms_um")] if of == VALIDATION_CONTACTS else []
-    factor = sheets.per_vector(of)
+    factor = sheets.per_vector(of, sheets.components(record))
     levels = [step | {"validation_um": scaled(step["heldout_rms_um"], factor)} for step in record["ladder"]]
     return sheets.levels_sheet({**record, "ladder": levels}, shown, "")
 

@@ -143,8 +143,9 @@ def _keys(record: Json) -> Iterator[tuple[str, str, str]]:
     of, ends = record["lengths"], record["gap"]["excess_um"]["interval95"]
     kind = "point (length)" if of["of"] == VALIDATION_POINTS else "contact"
     excess = f"{length(of['excess_um'])} µm" if ends[0] or record["verdict"] != "null" else "none"
+    factor = sheets.per_vector(of["of"], sheets.components(record))
     detail = (
-        f"95 %: {interval(ends, sheets.per_vector(of['of']))} µm per {kind}; validation RMS "
+        f"95 %: {interval(ends, factor)} µm per {kind}; validation RMS "
         f"{length(of['validation_rms_um'])} µm, noise {length(of['noise_um'])} µm"
     )
     yield "Excess above noise", excess, detail

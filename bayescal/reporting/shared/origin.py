@@ -20,6 +20,8 @@ from bayescal.dataset.types import Record
 from bayescal.effects.location import Driver, Site
 from bayescal.effects.vocabulary import UNITS
 from bayescal.estimate import Estimate
+from bayescal.model import Model
+from bayescal.model.model import length_blocks
 from bayescal.reporting.shared.sheet import Column, Sheet
 from bayescal.reporting.shared.text import MDEG, MM, UM, Facts, amplitude, under, with_u
 from bayescal.storage.reading import Json
@@ -161,6 +163,12 @@ def scaled(value: Any, factor: float | None) -> Any:
 
 
 ROLES = ("calibrate", "validate")
+
+
+def components_of(model: Model) -> int:
+    """Coordinates of the points of a session by its fitted rows: two of corners in images, else three."""
+    most = max((b.kind.rows for b in length_blocks(model)), default=1)
+    return most if most > 1 else 3  # points that validate contacts are those of an instrument
 
 
 def by_target(estimate: Estimate) -> Iterator[tuple[str, str, np.ndarray, np.ndarray]]:
