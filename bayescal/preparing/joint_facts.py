@@ -228,8 +228,6 @@ SLOW = (0.01, 0.05)
 """rad/s: speeds below the second show how friction depends on speed; below the first a joint is at rest."""
 LOADS = 0.1
 """Of the largest torque of gravity of a joint: standard deviation over the poses that counts as two poses."""
-SHARE = 0.01
-"""Of the largest torque of gravity of any joint: what makes a joint one that gravity loads."""
 MOST = 0.2
 """Of the largest change of gravity's torque of any joint: it tells unit and sign of a torque, whatever masses
 and payload are (assumed)."""
@@ -370,22 +368,6 @@ def _delay(
     return middle([delay(driver[:, None], signal, step, band) for driver, signal, step in pairs])
 
 
-def clock_drift(log: Log, joints: Sequence[Joint]) -> tuple[float, float]:
-    """Change of the delay of torques with time, s/s, and its u; nan with fewer than four motions.
-
-    By least squares on the medians over the joints of each motion, without the delay of each joint.
-    """
-    late = np.array([j.torque_delays for j in joints if np.isfinite(j.torque_delays).all()])
-    if len(late) == 0 or late.shape[1] < 4:
-        return np.nan, np.nan
-    values = np.median(late - np.median(late, axis=1, keepdims=True), axis=0)
-    time = np.array([m.time.mean() for m in log.motions])
-    time -= time.mean()
-    slope = float(time @ values / (time @ time))
-    rest = values - values.mean() - slope * time
-    return slope, float(np.sqrt(rest @ rest / (len(time) - 2) / (time @ time)))
-
-
 def _held(motions: Sequence[Motion], velocity: Sequence[np.ndarray], j: int) -> float:
     fast = [np.abs(v[:, j]) > max(0.3 * np.abs(v[:, j]).max(), SLOW[1]) for v in velocity]
     values = [held(m.position[:, j], go) for m, go in zip(motions, fast, strict=True)]
@@ -404,15 +386,3 @@ def stamps_of(log: Log, table: str) -> Stamps:
     where = f"{table}:{log.motions[worst].line + row} (motion {log.motions[worst].name})"
     jitter, gaps = float(usual.std() / step), int((every >= GAP * step).sum())
     return Stamps(step, jitter, float(every.max()), where, gaps)
-
-
-def gravity_loaded(joints: Sequence[Joint]) -> list[Joint]:
-    """Joints that gravity loads."""
-    most = max(abs(j.gravity[0]) + j.gravity[1] for j in joints)
-    return [j for j in joints if abs(j.gravity[0]) + j.gravity[1] > SHARE * most]
-
-
-def warm_up(log: Log) -> float:
-    """Range of the temperature, K; nan without one."""
-    values = [m.temperature for m in log.motions if m.temperature is not None]
-    return float(np.ptp(np.concatenate(values))) if values else np.nan

@@ -15,7 +15,7 @@ from bayescal.errors import listed
 from bayescal.logs import Log, Motion
 from bayescal.motion.servo import is_servo
 from bayescal.preparing import joint_facts
-from bayescal.preparing.joint_facts import LOADS, SLOW, Joint, Stamps, gravity_loaded
+from bayescal.preparing.joint_facts import LOADS, SLOW, Joint, Stamps
 from bayescal.preparing.missing import Finding
 from bayescal.robots.servos import STEP, STEPS, of_joints, read_calibration, zero_shift
 
@@ -38,8 +38,38 @@ GAINS, FILTERED = (0.9, 1.1), (0.6, 1.6)
 gain at rest is extrapolated."""
 SCALES = (0.2, 5.0)
 """Measured torque over that of the nominal masses: beyond, a unit, a gear or the sign is wrong (assumed)."""
+SHARE = 0.01
+"""Of the largest torque of gravity of any joint: what makes a joint one that gravity loads."""
 LAGS = (2.0, 3.0)
 """Rows for which a value is held, and acceleration at the end of a motion over that within, that are odd."""
+
+
+def clock_drift(log: Log, joints: Sequence[Joint]) -> tuple[float, float]:
+    """Change of the delay of torques with time, s/s, and its u; nan with fewer than four motions.
+
+    By least squares on the medians over the joints of each motion, without the delay of each joint.
+    """
+    late = np.array([j.torque_delays for j in joints if np.isfinite(j.torque_delays).all()])
+    if len(late) == 0 or late.shape[1] < 4:
+        return np.nan, np.nan
+    values = np.median(late - np.median(late, axis=1, keepdims=True), axis=0)
+    time = np.array([m.time.mean() for m in log.motions])
+    time -= time.mean()
+    slope = float(time @ values / (time @ time))
+    rest = values - values.mean() - slope * time
+    return slope, float(np.sqrt(rest @ rest / (len(time) - 2) / (time @ time)))
+
+
+def gravity_loaded(joints: Sequence[Joint]) -> list[Joint]:
+    """Joints that gravity loads."""
+    most = max(abs(j.gravity[0]) + j.gravity[1] for j in joints)
+    return [j for j in joints if abs(j.gravity[0]) + j.gravity[1] > SHARE * most]
+
+
+def warm_up(log: Log) -> float:
+    """Range of the temperature, K; nan without one."""
+    values = [m.temperature for m in log.motions if m.temperature is not None]
+    return float(np.ptp(np.concatenate(values))) if values else np.nan
 
 
 def odd(log: Log, joints: Sequence[Joint], stamps: Stamps, table: str) -> Iterator[Finding]:
@@ -103,7 +133,7 @@ def _clocks(log: Log, joints: Sequence[Joint], table: str) -> Iterator[Finding]:
             each = ", ".join(f"{joints[k].name} {1e3 * joints[k].torque_delay[0]:.2g} ms" for k in apart)
             what = f"the delay of torque differs by joint: {each}, all {1e3 * mean:.2g} ms"
             yield Finding("joint_delay", "odd", what, table, "one alignment does not hold for all joints")
-    slope, u_slope = joint_facts.clock_drift(log, joints)
+    slope, u_slope = clock_drift(log, joints)
     span = np.ptp([m.time.mean() for m in log.motions])
     if abs(slope) > DRIFTS * u_slope and abs(slope) * span > SHORTEST:
         what = f"the delay of torques changes by {1e6 * slope:.2g} µs/s (u {1e6 * u_slope:.1g}), "
@@ -188,7 +218,7 @@ def missing(log: Log, joints: Sequence[Joint], table: str) -> Iterator[Finding]:
     elif changes == 1:
         what = "loaded motions come in one block: drift and payload are alike"
         yield lacks("load_order", what, "interleave motions with and without the payload")
-    warm = joint_facts.warm_up(log)
+    warm = warm_up(log)
     if np.isnan(warm):
         what = "no temperature: warm-up is assessed by time alone"
         yield lacks("no_temperature", what, "log `temperature_degC`")

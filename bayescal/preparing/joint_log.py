@@ -15,8 +15,17 @@ from bayescal.logs.read import TABLES
 from bayescal.motion.effects import EFFECTS
 from bayescal.motion.servo import is_servo, with_torques
 from bayescal.preparing import joint_facts
-from bayescal.preparing.joint_facts import LOADS, SLOW, Joint, Stamps, gravity_loaded, warm_up
-from bayescal.preparing.joint_findings import CROSSINGS, WARM, missing, odd, servo_odd
+from bayescal.preparing.joint_facts import LOADS, SLOW, Joint, Stamps
+from bayescal.preparing.joint_findings import (
+    CROSSINGS,
+    WARM,
+    clock_drift,
+    gravity_loaded,
+    missing,
+    odd,
+    servo_odd,
+    warm_up,
+)
 from bayescal.preparing.missing import KINDS, Finding
 
 
@@ -126,7 +135,7 @@ def log_record(of: LogCheck) -> dict[str, Any]:
         | {"duration_s": _plain(m.time[-1] - m.time[0]), "payload_kg": _plain(np.median(m.payload))}
         for m in log.motions
     ]
-    stamps, (drift, u_drift) = of.stamps, joint_facts.clock_drift(log, of.joints)
+    stamps, (drift, u_drift) = of.stamps, clock_drift(log, of.joints)
     return {
         "schema": "bayescal-motion-check/1",
         "dataset": log.name,

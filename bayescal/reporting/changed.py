@@ -85,8 +85,8 @@ def _item(x: Difference) -> dict[str, Any]:
 
 
 def _detectable(x: Detectable) -> dict[str, Any]:
-    sizes = entry(x, "value", "tcp_um", unit=x.parameter.unit)
-    return entry(x, *ITEM) | {"unit": UNITS[x.parameter.unit][0]} | sizes
+    unit = x.parameter.unit
+    return entry(x, *ITEM) | {"unit": UNITS[unit][0]} | entry(x, "value", "tcp_um", unit=unit)
 
 
 def _pose(x: Shift) -> dict[str, Any]:
@@ -188,23 +188,20 @@ def words(record: Json) -> list[str]:
         out.append(
             f"Distances between the poses of these sessions change by {rms} RMS, at most {largest:.0f} µm."
         )
-    out += found_from(record)
-    return out
+    return out + found_from(record)
 
 
 def since(sessions: Sequence[str], every: Sequence[str]) -> str:
     """When something changed, in words."""
-    if len(sessions) == 1 and sessions[0] != every[-1]:
-        return f"in {sessions[0]} alone"
-    return f"from {sessions[0]} on"
+    alone = len(sessions) == 1 and sessions[0] != every[-1]
+    return f"in {sessions[0]} alone" if alone else f"from {sessions[0]} on"
 
 
 def found_from(record: Json) -> list[str]:
     """What would have been found, in a sentence for each kind of parameter."""
     parts = []
     for label, entries in detectable_kinds(record).items():
-        known = [x for x in entries if x["value"] is not None]
-        if known:
+        if known := [x for x in entries if x["value"] is not None]:
             ends = dict.fromkeys(f"{f(x['tcp_um'] for x in known):.0f}" for f in (min, max))
             parts.append(f"{label} {' to '.join(ends)} µm")
     said = {x["parameter"] for x in record["items"] if x["stated"]}

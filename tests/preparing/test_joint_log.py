@@ -334,7 +334,7 @@ def test_the_u_of_a_median_is_its_scatter(count):
 @pytest.mark.parametrize("loose", [1e-4, 2e-2])
 def test_a_delay_of_all_joints_is_as_sure_as_that_of_the_surest(monkeypatch, loose):
     """A joint that tells little of it makes it neither less sure nor another one."""
-    monkeypatch.setattr(joint_facts, "clock_drift", lambda *_: (0.0, 1.0))
+    monkeypatch.setattr(joint_findings, "clock_drift", lambda *_: (0.0, 1.0))
     log = SimpleNamespace(alignment=0.0, u_alignment=1e-4, motions=[SimpleNamespace(time=np.zeros(2))])
     joints = [
         SimpleNamespace(name=f"J{k}", torque_delay=delay, velocity_delay=(0.0, 1.0))
