@@ -448,6 +448,18 @@ def test_the_further_effect_is_stated_by_name_where_names_are_more_probable(leas
     assert possible(probability, credible, ("latency",)) == names
 
 
+def test_an_improbable_member_of_a_class_is_not_in_its_headline(session):
+    gap = diagnosis(session, "class")
+    members = {"backlash": 0.5, "hysteresis": 0.049, "unsettled": 0.05, OTHER: 0.4}
+    causes = replace(gap.verdict.causes, members=members)
+    record = gap_record(replace(gap, verdict=replace(gap.verdict, causes=causes)))
+    assert record["class"]["members"].keys() == members.keys()
+    (line,) = [w for w in record["words"] if w.startswith("Class of causes")]
+    for name, said in (("backlash", True), ("hysteresis", False), ("unsettled", True)):
+        assert (f"{name} (probability" in line) == said
+    assert "a cause not in the list of known effects (probability 0.40)" in line
+
+
 def test_a_column_that_would_show_another_cause_is_in_the_headline(session):
     """And in what to measure next; without an effect there is nothing that it could explain."""
     reasons = {

@@ -110,12 +110,17 @@ def unshown(verdict: Verdict) -> dict[str, list[str]]:
     return out
 
 
+LIKELY = 0.05
+"""Probability from which on a member of a class is listed (convention)."""
+
+
 def _class(causes: CauseClass) -> str:
     """A class as text: ``Class of causes: an error at joint 3 that varies with ...``."""
     site, by = together(causes.sites), listed(driver.text for driver in causes.drivers)
     each = [
         f"{'a cause not in the list of known effects' if n == OTHER else n} (probability {probability(p)})"
         for n, p in causes.members.items()
+        if p >= LIKELY
     ]
     return f"Class of causes: an error at {site} that varies with {by}: {' or '.join(each)}"
 

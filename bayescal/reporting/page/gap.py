@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator, Sequence
 from bayescal.effects import EFFECTS
 from bayescal.gap.result import OTHER, VALIDATION_POINTS
 from bayescal.reporting.gap import sheets
+from bayescal.reporting.gap.phrases import LIKELY
 from bayescal.reporting.page import common
 from bayescal.reporting.page.arm import DRAWN, draw_arm, marked_sites
 from bayescal.reporting.page.section import Fault, FirstScreen, Run, Section, Text, blocks, texts
@@ -17,8 +18,6 @@ from bayescal.reporting.shared.text import MISSING, interval, length, probabilit
 from bayescal.storage.reading import Json
 
 FIRST = "Measure more before a part is replaced."
-LIKELY = 0.05
-"""Probability from which on a member of a class is listed (convention)."""
 VERDICTS = {
     "null": ("good", "✓", "No effect above noise"),
     "named": ("bad", "✗", "Effect found"),
