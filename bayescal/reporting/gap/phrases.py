@@ -95,6 +95,8 @@ def headline(gap: Gap) -> list[str]:
         lines += [f"Largest location: {place(largest)}"] if largest else []
     if verdict.kind == "named+unexplained":
         lines += [f"Also: a further effect, {there}", *_cause(where, gap)]
+    if verdict.kind == "named":
+        lines += _beyond(gap)
     lacking = [f"{listed(effects)} (no {columns})" for columns, effects in unshown(verdict).items()]
     if lacking:
         lines.append(f"Not excluded, because the session lacks a column: {', '.join(lacking)}")
@@ -178,6 +180,22 @@ def _nothing(gap: Gap) -> str:
     if null >= max(verdict.probability.values()):
         return "No effect above noise: the model explains these data"
     return f"No effect found: noise only is possible (probability {probability(null)})"
+
+
+def _beyond(gap: Gap) -> list[str]:
+    """Validation errors that stay larger than the model with the named effects predicts, as a sentence.
+
+    Its interval is that of the baseline, in proportion to what both predict.
+    """
+    out = []
+    for s in gap.shrinkage:
+        kind = "contacts" if s.what == "planes" else s.what
+        for x in (x for x in gap.magnitude.measured if x.what.endswith(kind)):
+            high = x.predicted_interval95[1]
+            if x.rms > high and s.after > s.predicted * high / x.predicted_rms:
+                out.append(f"{x.what} ({um(s.after)} µm RMS, {um(s.predicted)} expected)")
+    more = "larger than the model with it predicts: another form of the effect, or a further cause"
+    return [f"But errors of {listed(out)} stay {more}"] if out else []
 
 
 def _noisy(gap: Gap) -> list[str]:
