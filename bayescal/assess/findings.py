@@ -24,7 +24,6 @@ from bayescal.assess.identifiability import Directions, in_words
 from bayescal.assess.undetermined import Undetermined
 from bayescal.dataset.consistency import contradictions, copies
 from bayescal.effects import MODELS
-from bayescal.effects.geometry import GEOMETRY
 from bayescal.effects.selection import plain
 from bayescal.effects.sizes import micrometres
 from bayescal.estimate import Estimate
@@ -234,8 +233,8 @@ def _one_factor(found: Estimate, wider: np.ndarray) -> float | None:
     `wider` (P,) are the factors on stated prior standard deviations.
     """
     every = zip(found.model.parameters, found.z, found.sd, wider, strict=False)
-    lengths = [(z * by, p.nominal * by / p.sd) for p, z, u, by in every
-               if p.effect == GEOMETRY.name and p.unit == "m" and p.nominal and u < DETERMINED]  # fmt: skip
+    lengths = [(z * by, p.nominal * by / p.sd) for p, z, u, by in every  # others than lengths are nominally 0
+               if p.unit == "m" and p.nominal and u < DETERMINED]  # fmt: skip
     if len(lengths) < 2:
         return None
     size, nominal = np.array(lengths).T
