@@ -194,7 +194,7 @@ def _beyond(gap: Gap) -> list[str]:
             high = x.predicted_interval95[1]
             if x.rms > high and s.after > s.predicted * high / x.predicted_rms:
                 out.append(f"{x.what} ({um(s.after)} µm RMS, {um(s.predicted)} expected)")
-    more = "larger than the model with it predicts: another form of the effect, or a further cause"
+    more = "larger than predicted with the named effects: another form of one, or a further cause"
     return [f"But errors of {listed(out)} stay {more}"] if out else []
 
 
