@@ -104,9 +104,10 @@ class Log:
     @property
     def limits(self) -> tuple[str, ...]:
         """What limits all results of this log, as text: assumptions, and torques that tell nothing."""
-        if not self.coarse:
+        coarse = self.coarse
+        if not coarse:
             return self.notes
-        each = ", ".join(f"{name} {100 * share:.0f} %" for name, share in self.coarse.items())
+        each = ", ".join(f"{name} {100 * share:.0f} %" for name, share in coarse.items())
         what = (
             f"one and the same torque in most rows in which the joint moves: {each}; masses, centres of mass "
         )

@@ -17,7 +17,7 @@ from bayescal.effects.tool import TOOL
 from bayescal.exporting.export import Exported
 from bayescal.fitted.arm import FittedArm
 from bayescal.reporting.gap.sheets import per_vector
-from bayescal.reporting.shared.origin import components_of, plain, scaled
+from bayescal.reporting.shared.origin import plain, scaled
 from bayescal.reporting.shared.sheet import Column, Sheet, screen
 from bayescal.reporting.shared.text import MM, facts, model_label, um, um2, under
 from bayescal.verifying.gap import Gap
@@ -147,9 +147,8 @@ def _measured(gap: Gap) -> dict[str, dict[str, Any]]:
 def report(v: Verification) -> RenderableType:
     """The verification in a few lines."""
     title = f"{v.path.name} in {v.software}, {len(v.levels[-1].differences)} poses of {v.arm.dataset.name}"
-    count = components_of(v.arm.model)
     if v.gap is None:
-        measured: Any = Text("The session has no validation measurements: no gap is measured.")
+        measured: Any = Text("The session has no validation measurements of positions: no gap is measured.")
     else:
         headings = (f"before ({v.gap.before_is})", "after", "run: before", "run: after")
         columns = (
@@ -158,7 +157,7 @@ def report(v: Verification) -> RenderableType:
             *(Column(heading, key, "{:.3g}".format) for heading, key in zip(headings, MEASURED, strict=True)),
         )
         measured = Sheet(columns, [
-            {"kind": kind} | errors | {key: scaled(errors[key], per_vector(kind, count)) for key in MEASURED}
+            {"kind": kind} | errors | {key: scaled(errors[key], per_vector(kind, 3)) for key in MEASURED}
             for kind, errors in _measured(v.gap).items()
         ])  # fmt: skip
     sizes = ", ".join(f"{name} ({um(size)} µm RMS)" for name, size in v.missing.items())

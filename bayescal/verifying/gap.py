@@ -15,6 +15,7 @@ from bayescal.estimate.outliers import rejected, scale
 from bayescal.exporting.mjcf.elastic import STATE
 from bayescal.fitted.arm import FittedArm, Origin, of_estimate
 from bayescal.model import Block
+from bayescal.model.block import Oriented
 from bayescal.model.scene import Scene
 from bayescal.predict.errors import USUAL
 from bayescal.predict.locate import Rows, locate
@@ -66,7 +67,7 @@ def measured(arm: FittedArm, rows: np.ndarray, points: np.ndarray, noise: Mappin
     """Errors of validation measurements, for TCP positions (C, 3), m, of a simulator in these rows.
 
     A target that was not fitted is located from its own rows, with these points. Effects of the probe are
-    those of the arm's model. Rows whose tool no fitted row used are left out.
+    those of the arm's model. Rows whose tool no fitted row used are left out, and images.
     """
     scene, m = arm.model.scene, arm.dataset.measurements
     where = np.full(len(m.ids), -1)
@@ -77,6 +78,8 @@ def measured(arm: FittedArm, rows: np.ndarray, points: np.ndarray, noise: Mappin
         if not len(rows_of_target) or unknown_tool(scene, rows_of_target):
             continue
         block, state = arm.model.block(t, rows_of_target), arm.states.get(target.name)
+        if isinstance(block, Oriented):
+            continue
         if state is None:
             apart = scene.rows_of(t, scene.rows("locate"))
             of = rows_of_target if scene.declared[t].located or not len(apart) else apart
@@ -190,7 +193,7 @@ After = Callable[[np.ndarray], np.ndarray]
 
 
 def simulated_gap(arm: FittedArm, before: Before, after: After, reported: Reported) -> Gap | None:
-    """Replay the validation measurements; None if the session has none.
+    """Replay the validation measurements; None if the session has none of positions.
 
     Parameters
     ----------
@@ -210,6 +213,8 @@ def simulated_gap(arm: FittedArm, before: Before, after: After, reported: Report
     now = measured(arm, rows, after(rows), {})
     without = np.intersect1d(then.gross, now.gross)
     kinds = [k for k in KINDS if np.isfinite(now.rms(k, without))]
+    if not kinds:
+        return None
     count = {k: sum(len(r.rows) for r in now.residuals if r.kind == k) for k in kinds}
     count |= {"distances": len(now.distance)} if "distances" in kinds else {}
     return Gap(

@@ -460,18 +460,24 @@ def test_an_improbable_member_of_a_class_is_not_in_its_headline(session):
     assert "a cause not in the list of known effects (probability 0.40)" in line
 
 
+@pytest.mark.parametrize(
+    ("kind", "what", "shown"),
+    [("distances", "sphere distances", "(8.0 µm RMS, 4.0 expected)"),
+     ("points", "validation points", "(13.9 µm RMS, 6.9 expected)")],
+)  # fmt: skip
 @pytest.mark.parametrize(("rms", "after", "said"), [(8.0, 8.0, True), (8.0, 5.9, False), (5.9, 8.0, False)])
-def test_errors_that_a_named_effect_leaves_are_in_the_headline(session, rms, after, said):
-    """Beyond the interval that is predicted, before and after: 4 um, at most 6 um."""
+def test_errors_that_a_named_effect_leaves_are_in_the_headline(
+    session, rms, after, said, kind, what, shown
+):  # fmt: skip
+    """Beyond the interval that is predicted, before and after: 4 um, at most 6 um; of points as lengths."""
     gap = diagnosis(session, "named")
     size = replace(
-        gap.magnitude.measured[0], what="sphere distances", rms=1e-6 * rms, predicted_rms=4e-6,
+        gap.magnitude.measured[0], what=what, rms=1e-6 * rms, predicted_rms=4e-6,
         predicted_interval95=(2e-6, 6e-6),
     )  # fmt: skip
-    less = next(s for s in gap.shrinkage if s.what == "distances")
-    less = replace(less, after=1e-6 * after, predicted=4e-6)
+    less = replace(gap.shrinkage[0], what=kind, after=1e-6 * after, predicted=4e-6)
     words = headline(replace(gap, magnitude=replace(gap.magnitude, measured=(size,)), shrinkage=(less,)))
-    line = "But errors of sphere distances (8.0 µm RMS, 4.0 expected) stay larger"
+    line = f"But errors of {what} {shown} stay larger"
     assert any(w.startswith(line) for w in words) == said
 
 

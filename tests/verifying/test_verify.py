@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from camera_sessions import camera_session
 from sessions import tracker
 from typer.testing import CliRunner
 
@@ -257,3 +258,13 @@ def test_errors_of_points_are_the_lengths_that_the_run_states(tmp_path):
         assert 3**0.5 * points[key] == pytest.approx(length, rel=1e-3)
         assert points[f"predicted_{key}"] == pytest.approx(points[key], rel=1e-3)
         assert f"{length:.3g}" in str(result)
+
+
+def test_images_are_not_replayed(tmp_path):
+    """They ended in a traceback: a simulator's TCP position is no pose of the board."""
+    bc.fit(camera_session(images=14, validate=4), samples=0).save(tmp_path / "fit", False)
+    bc.export(tmp_path / "fit", "mjcf", force=True).save(tmp_path / "arm.xml")
+    result = bc.verify(tmp_path / "fit", tmp_path / "arm.xml")
+    assert result.record["measured"] is None
+    assert "no validation measurements of positions" in str(result)
+    assert "passed" in str(result)

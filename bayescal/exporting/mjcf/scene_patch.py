@@ -111,6 +111,7 @@ def patched(arm: FittedArm, options: Options) -> tuple[Written, tuple[str, ...]]
         for name, new in each.items()
     ]
     links = [model.body(b).name for b in scene.arm.ids]
+    carried = _carried(model, scene.arm)
     details = {
         "into": path.name,
         "tip": links[-1],
@@ -119,7 +120,7 @@ def patched(arm: FittedArm, options: Options) -> tuple[Written, tuple[str, ...]]
         "signs": scene.arm.where.signs.tolist(),
         "root_in_f0": scene.arm.where.root.tolist(),
         "renamed": others,
-        "carried_kg": (carried := _carried(model, scene.arm)),
+        "carried_kg": carried,
     }
     notes += scene.arm.where.notes
     if carried > 1e-6:

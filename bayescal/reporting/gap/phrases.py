@@ -16,6 +16,8 @@ from bayescal.gap.result import OTHER, VALIDATION_POINTS, CauseClass, Gap, Named
 from bayescal.gap.settings import OUTCOME, VERDICT
 from bayescal.model.block import posed
 from bayescal.reporting.gap.causes import PLAIN, possible, sentence, sites, when
+from bayescal.reporting.gap.sheets import per_vector
+from bayescal.reporting.shared.origin import components_of
 from bayescal.reporting.shared.text import listed, probability, rival, um
 
 NO_PLACE = "at no single location"
@@ -182,6 +184,11 @@ def _nothing(gap: Gap) -> str:
     return f"No effect found: noise only is possible (probability {probability(null)})"
 
 
+def components(gap: Gap) -> int:
+    """Coordinates of the points of a diagnosis."""
+    return components_of(gap.calibrated.model) if gap.calibrated else 3
+
+
 def _beyond(gap: Gap) -> list[str]:
     """Validation errors that stay larger than the model with the named effects predicts, as a sentence.
 
@@ -193,7 +200,8 @@ def _beyond(gap: Gap) -> list[str]:
         for x in (x for x in gap.magnitude.measured if x.what.endswith(kind)):
             high = x.predicted_interval95[1]
             if x.rms > high and s.after > s.predicted * high / x.predicted_rms:
-                out.append(f"{x.what} ({um(s.after)} µm RMS, {um(s.predicted)} expected)")
+                factor = per_vector(x.what, components(gap))  # as the tables state them
+                out.append(f"{x.what} ({um(factor * s.after)} µm RMS, {um(factor * s.predicted)} expected)")
     more = "larger than predicted with the named effects: another form of one, or a further cause"
     return [f"But errors of {listed(out)} stay {more}"] if out else []
 

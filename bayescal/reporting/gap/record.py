@@ -32,20 +32,11 @@ from bayescal.gap.settings import OUTCOME
 from bayescal.model.scene import Scene
 from bayescal.reporting.figures.process import begun
 from bayescal.reporting.gap import causes
-from bayescal.reporting.gap.phrases import class_record, headline, place, unshown, warnings
+from bayescal.reporting.gap.phrases import class_record, components, headline, place, unshown, warnings
 from bayescal.reporting.gap.sheets import per_vector, table_of_contacts
 from bayescal.reporting.page.build import write_page
 from bayescal.reporting.shared.body import arm_drawing
-from bayescal.reporting.shared.origin import (
-    components_of,
-    entry,
-    images_record,
-    origin,
-    plain,
-    rows_record,
-    scaled,
-    sized,
-)
+from bayescal.reporting.shared.origin import entry, images_record, origin, plain, rows_record, scaled, sized
 from bayescal.reporting.shared.text import UM
 from bayescal.storage.files import json_text
 from bayescal.storage.folders import whole
@@ -104,7 +95,7 @@ def gap_record(gap: Gap) -> dict[str, Any]:
         "images": images_record(gap.arm or gap.calibrated),
         "ladder": [
             entry(step, *STEP)
-            | {"point_length_rms_um": UM * per_vector("points", _components(gap)) * step.point_rms}
+            | {"point_length_rms_um": UM * per_vector("points", components(gap)) * step.point_rms}
             | entry(step, "delta_elpd", "delta_elpd_se")
             for step in gap.levels
         ],
@@ -156,10 +147,6 @@ def _place(w: Place) -> dict[str, Any]:
     )
 
 
-def _components(gap: Gap) -> int:
-    return components_of(gap.calibrated.model) if gap.calibrated else 3
-
-
 def _lengths(gap: Gap) -> dict[str, Any]:
     """The errors as the summary states them: of points, the length of the error vector.
 
@@ -169,7 +156,7 @@ def _lengths(gap: Gap) -> dict[str, Any]:
     what = VALIDATION_CONTACTS if VALIDATION_CONTACTS in kinds else VALIDATION_POINTS
     sizes = entry(gap.magnitude, "validation_rms_um", "noise_um", "excess_um")
     shrunk = {s.what: entry(s, *SHRUNK) for s in gap.shrinkage}
-    count = _components(gap)
+    count = components(gap)
     return {
         "of": what,
         "components": count,

@@ -175,11 +175,11 @@ def _class(members: Mapping[str, float], leading: Hypothesis) -> dict[str, Any] 
 
 
 def _place(p: Place, unit: str, by: np.ndarray) -> dict[str, Any]:
-    form = p.form
+    form, (key, size) = p.form, place_rms(p, unit, by)
     return {
         **entry(form, "site", "driver", "setting"),
         "text": f"{form.site}, {form.driver}" + (f" ({form.setting})" if form.setting else ""),
-        **{f"rms_{unit}": None, **dict([place_rms(p, unit, by)])},
+        **{f"rms_{unit}": None, key: size},
         "of_joint": p.joint + 1,
         "log_evidence": p.nats,
         "explained_by": p.explained_by or None,

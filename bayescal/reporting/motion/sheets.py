@@ -107,7 +107,7 @@ def probability_sheet(record: Json) -> Sheet:
 def place_size(place: Json) -> str:
     """The size of a place with its unit."""
     sizes = ((place.get(f"rms_{unit}"), word) for unit, word in WORDS.items())
-    return next(f"{size:.3g} {word}" for size, word in sizes if size is not None)
+    return next((f"{size:.3g} {word}" for size, word in sizes if size is not None), "-")
 
 
 def where_sheet(record: Json) -> Sheet:
