@@ -128,10 +128,20 @@ def decided(
     order = np.argsort(image, kind="stable")
     corner, xy, image = corner[order], xy[order], image[order]
     other = refined(start, corner, xy, image)
+    open_ = (angle(other, poses) > FLIPPED) & as_good(other, poses, corner, xy, image)
+    return np.where(open_[:, None, None], other, poses)
+
+
+def as_good(
+    other: np.ndarray, poses: np.ndarray, corner: np.ndarray, xy: np.ndarray, image: np.ndarray
+) -> np.ndarray:
+    """Which images (I,) agree with other poses (I, 3, 4) too; points as in `board_poses`.
+
+    The pose of a blurred image is poor where the board is seen frontally; its corners are not.
+    """
     count = np.bincount(image)
     misfit, own = (np.bincount(image, off(p, corner, xy, image)) / count for p in (other, poses))
-    open_ = (angle(other, poses) > FLIPPED) & (misfit < AS_GOOD**2 * np.maximum(own, np.median(own)))
-    return np.where(open_[:, None, None], other, poses)
+    return np.asarray(misfit < AS_GOOD**2 * np.maximum(own, np.median(own)))
 
 
 def off(poses: np.ndarray, corner: np.ndarray, xy: np.ndarray, image: np.ndarray) -> np.ndarray:
@@ -225,6 +235,11 @@ class HandEye:
     def misfit(self) -> float:
         """How far most images are off, m."""
         return float(np.median(self.away))
+
+    def predicted(self, flange: np.ndarray, inverted: bool) -> np.ndarray:
+        """Poses (I, 3, 4) of what is carried in the frame of what is fixed, at poses of the flange."""
+        own = product(inverse(self.fixed), product(flange, self.on_flange))
+        return inverse(own) if inverted else own
 
 
 def half_turns(flange: np.ndarray, seen: np.ndarray) -> np.ndarray:

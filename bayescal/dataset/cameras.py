@@ -144,6 +144,7 @@ class Images:
     poses: np.ndarray  # (I, 3, 4) of the board in the frame of the camera; nan where unknown
     misfit: np.ndarray  # (I,) RMS of the corners from that pose, over the width of the board in the image
     scatter: np.ndarray  # (I,) px, about that pose: by the median, so that a single corner does not matter
+    off: np.ndarray  # (I,) m, from where the arm puts the board; 0 where the corners agree with the arm
 
 
 def images(dataset: Dataset, target: int, rows: np.ndarray) -> Images:
@@ -166,7 +167,7 @@ def images(dataset: Dataset, target: int, rows: np.ndarray) -> Images:
     )
     first = np.full(len(poses), -1)
     first[image[::-1]] = rows[::-1]
-    return Images(image, first, poses, misfit, scatter)
+    return Images(image, first, poses, misfit, scatter, np.zeros(len(poses)))
 
 
 @lru_cache(maxsize=8)
@@ -229,14 +230,15 @@ def closed_form(
     image = (np.cumsum(good) - 1)[seen.image[some]]
     found = solved(poses)
     for _ in range(DECISIONS):
-        own = hand_eye.product(hand_eye.inverse(found.fixed), hand_eye.product(flange, found.on_flange))
-        told = hand_eye.decided(poses, hand_eye.inverse(own) if carried else own, corner, xy, image)
+        told = hand_eye.decided(poses, found.predicted(flange, carried), corner, xy, image)
         if np.all(told == poses):
             break
         poses, found = told, solved(told)
-    every = seen.poses.copy()
+    every, off = seen.poses.copy(), np.zeros(len(good))
     every[good] = poses
-    return replace(seen, poses=every), good, found
+    agrees = hand_eye.as_good(found.predicted(flange, carried), poses, corner, xy, image)
+    off[good] = np.where(agrees, 0.0, found.away)
+    return replace(seen, poses=every, off=off), good, found
 
 
 def _directions(t: Target, pixel: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -247,10 +249,8 @@ def _directions(t: Target, pixel: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def misfit(dataset: Dataset, target: int, rows: np.ndarray, readings: np.ndarray) -> np.ndarray:
     """How far the images of some rows (C,) are off, m, with camera and board at their best; 0 if unknown."""
-    seen, good, found = closed_form(dataset, target, rows, readings)
-    off = np.zeros(len(seen.poses))
-    off[good] = found.away if found is not None and np.sum(good) >= FEWEST_IMAGES else 0.0
-    return off[seen.image]
+    seen, good, _ = closed_form(dataset, target, rows, readings)
+    return seen.off[seen.image] * bool(np.sum(good) >= FEWEST_IMAGES)
 
 
 def prepared(dataset: Dataset, target: int, table: Table, document: Document) -> Dataset:

@@ -7,6 +7,7 @@ import pytest
 from camera_sessions import BOARD, FIXED, ON_FLANGE, SIZE, camera_session
 
 from bayescal.dataset import read_dataset, write_dataset
+from bayescal.dataset.cameras import closed_form, misfit
 from bayescal.errors import BayescalError
 
 
@@ -113,3 +114,19 @@ def test_an_empty_cell(tmp_path):
     path.write_text("\n".join(lines) + "\n")
     with pytest.raises(BayescalError, match="u_px"):
         read_dataset(folder)
+
+
+def test_a_blurred_image_agrees_with_the_arm_where_its_own_pose_is_poor():
+    """The pose of the board by such an image alone is mm off the arm's, while no corner is."""
+    sharp = camera_session("fixed", noise=0.1)
+    m = sharp.measurements
+    rows = np.arange(len(m.readings))
+    of = closed_form(sharp, 0, rows, m.readings)[0].image
+    pixel, readings = m.pixel.copy(), m.readings.copy()
+    pixel[of == 18, :2] += 2.0 * np.random.default_rng(0).standard_normal((np.sum(of == 18), 2))
+    readings[of == 7, 2] += 0.1
+    off = replace(sharp, measurements=replace(m, pixel=pixel, readings=readings))
+    assert closed_form(off, 0, rows, readings)[2].away[18] > 0.01
+    distance = misfit(off, 0, rows, readings)
+    assert distance[of == 18].max() == 0.0
+    assert distance[of == 7].min() > 0.05
