@@ -28,6 +28,7 @@ from bayescal.reporting.gap.causes import CAUSES, sentence
 from bayescal.reporting.gap.phrases import headline
 from bayescal.reporting.gap.record import gap_record, write_gap
 from bayescal.reporting.gap.summary import gap_summary
+from bayescal.reporting.page.gap import verdict_of
 from bayescal.reporting.shared.origin import possible
 
 PICTURES = {"gap-where.png", "gap-which.png", "gap-levels.png", "gap-residuals.png"}
@@ -395,6 +396,18 @@ def test_a_name_that_nothing_else_supports_is_possible(session, nats, significan
     record = gap_record(replace(gap, amplitudes=amplitudes, levels=levels, verdict=verdict))
     assert record["words"][0].startswith(word)
     assert record["named"][0]["possible"] == word.startswith("Possible")
+
+
+@pytest.mark.parametrize(
+    ("p", "word"), [(0.9, "Effect found"), (0.89, "Probable effect")]
+)
+def test_a_name_below_nine_tenths_is_probable(session, p, word):
+    gap = diagnosis(session, "named")
+    (one,) = gap.verdict.named
+    verdict = replace(gap.verdict, named=(replace(one, probability=p),))
+    record = gap_record(replace(gap, verdict=verdict))
+    assert record["words"][0].startswith(f"{word}: joint 3")
+    assert verdict_of(record)[2] == word
 
 
 @pytest.fixture(scope="module")

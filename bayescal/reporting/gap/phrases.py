@@ -18,7 +18,7 @@ from bayescal.model.block import posed
 from bayescal.reporting.gap.causes import PLAIN, possible, sentence, sites, when
 from bayescal.reporting.gap.sheets import per_vector
 from bayescal.reporting.shared.origin import components_of
-from bayescal.reporting.shared.text import listed, probability, rival, um
+from bayescal.reporting.shared.text import SURE, listed, probability, rival, um
 
 NO_PLACE = "at no single location"
 COLUMN = re.compile(r"\b(?:j1_\w+(?: \.\.\.)?|time_s|temperature_c)")
@@ -83,8 +83,8 @@ def headline(gap: Gap) -> list[str]:
     if verdict.causes:  # the largest part of the error
         lines += [_class(verdict.causes), f"To distinguish them: {_separates(gap)}"]
     for n in sure:
-        word = "Possible effect" if possible(gap, n) else f"{'Also' if lines else 'Effect'} found"
-        lines.append(f"{word}: {named(n, gap)}")
+        word = "Probable effect" if n.probability < SURE else f"{'Also' if lines else 'Effect'} found"
+        lines.append(f"{'Possible effect' if possible(gap, n) else word}: {named(n, gap)}")
     if verdict.kind == "unknown":
         p = probability(verdict.probability["unknown"])
         lines += [

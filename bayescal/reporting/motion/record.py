@@ -21,7 +21,7 @@ from bayescal.motion.verdict import OTHER
 from bayescal.reporting.motion.sheets import size_text
 from bayescal.reporting.page.build import write_page
 from bayescal.reporting.shared.origin import entry, plain, record_of, software
-from bayescal.reporting.shared.text import listed, probability
+from bayescal.reporting.shared.text import SURE, listed, probability
 from bayescal.storage.files import json_text
 from bayescal.storage.folders import whole
 
@@ -198,11 +198,11 @@ def words(gap: MotionGap) -> list[str]:
     for m in v.named.members:
         a = next(a for a in gap.amplitudes if a.form is m.form)
         effect = EFFECTS[m.form.effect]
-        sure = _sure(v.probability[effect.name])
-        site = site_of(m.form)
-        out.append(f"Effect found at {SITES.get(site, site)}: {effect.title}, {size_of(a)} ({sure}).")
+        p = v.probability[effect.name]
+        site, word = site_of(m.form), "Effect found" if p >= SURE else "Probable effect"
+        out.append(f"{word} at {SITES.get(site, site)}: {effect.title}, {size_of(a)} ({_sure(p)}).")
         if not a.relevant:
-            out.append(f"{effect.name} is certain but not relevant: the withheld error changes by < 1 %.")
+            out.append(f"{effect.name} is not relevant: the withheld error changes by < 1 %.")
     if v.kind in ("unknown", "named+unexplained") and gap.where:
         place = next((p for p in gap.where if not p.explained_by), gap.where[0])
         what = "A further error" if out else "Unmodelled error: it"

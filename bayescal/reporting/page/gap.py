@@ -14,7 +14,7 @@ from bayescal.reporting.page.arm import DRAWN, draw_arm, marked_sites
 from bayescal.reporting.page.section import Fault, FirstScreen, Run, Section, Text, blocks, texts
 from bayescal.reporting.shared.origin import images_keys, images_sheet, possible
 from bayescal.reporting.shared.sheet import Sheet
-from bayescal.reporting.shared.text import MISSING, interval, length, probability, rival, share
+from bayescal.reporting.shared.text import MISSING, SURE, interval, length, probability, rival, share
 from bayescal.storage.reading import Json
 
 FIRST = "Measure more before a part is replaced."
@@ -31,19 +31,23 @@ UNKNOWN = (
     "No known effect explains the error. Inspect the location first: bolts, cables and hoses "
     "that pull, covers that touch, the mounting. Then measure the contacts that are proposed."
 )
+DOUBTFUL = ("No effect found", "Possible effect", "Probable effect")
+"""First words of a headline that are less certain than its verdict."""
 LINES = 3
 """Lines of the verdict that are seen at once; the effects of all follow with their sizes."""
 DISTANCES = "sphere distances"
 
 
+def verdict_of(record: Json) -> tuple[str, str, str]:
+    """Tone, sign and word of a diagnosis, no more certain than its headline."""
+    doubtful = (word for word in DOUBTFUL if record["words"][0].startswith(word))
+    return next((("warn", "?", word) for word in doubtful), VERDICTS[record["verdict"]])
+
+
 def first(run: Run) -> Section:
     """Verdict, distance error before and after, effects with size and location, remedies, next commands."""
     record = run.record
-    tone, sign, word = VERDICTS[record["verdict"]]
-    if record["verdict"] == "null" and record["words"][0].startswith("No effect found"):
-        tone, sign, word = "warn", "?", "No effect found"
-    if record["words"][0].startswith("Possible effect"):
-        tone, sign, word = "warn", "?", "Possible effect"
+    tone, sign, word = verdict_of(record)
     sites = [s for s in marked_sites(run) if s.kind in DRAWN]
     return FirstScreen(
         word,
@@ -80,9 +84,9 @@ def _faults(record: Json) -> list[Fault]:
             ("share of the excess", sheets.share_of(record, named["effect"])),
         ]
         name = named["effect"] + ("" if named["confirmed"] else " (validation data do not confirm it)")
-        doubtful = named.get("possible", False)
-        advice = FIRST if doubtful or record["class"] else _remedy(named["effect"])
-        out.append(Fault(f"possibly {name}" if doubtful else name, _stated(facts), advice))
+        doubt = _doubt(named)
+        advice = FIRST if doubt or record["class"] else _remedy(named["effect"])
+        out.append(Fault(f"{doubt}{name}", _stated(facts), advice))
     if record["verdict"] in sheets.UNMODELLED and not may_be:
         where = sheets.unexplained(record)
         p = record["probability"].get(sheets.OTHER)
@@ -105,6 +109,13 @@ def _faults(record: Json) -> list[Fault]:
         facts = [("probability", probability(record["probability"].get(name) or 0.0))]
         out.append(Fault(f"possibly {rival(name)}", _stated(facts), remedy))
     return out
+
+
+def _doubt(named: Json) -> str:
+    """Word before a name that is not certain; "" of one that is."""
+    if named.get("possible"):
+        return "possibly "
+    return "probably " if named["probability"] < SURE else ""
 
 
 def _further(record: Json) -> tuple[str, ...]:
@@ -161,8 +172,8 @@ def _next(run: Run) -> list[tuple[str, str]]:
         without = f" --without {shlex.quote(','.join(less))}" if less else ""
         if record["class"]:
             words = "Fit with the effects that are found:"
-        elif any(named.get("possible") for named in record["named"]):
-            words = "Measure more, and diagnose again; to fit with the possible effects:"
+        elif any(map(_doubt, record["named"])):
+            words = "Measure more, and diagnose again; to fit with the effects that are named:"
         else:
             words = (
                 "Repair the machine as described above and measure again; or keep the effects in the model:"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import shlex
 
 from bayescal.reporting.motion import sheets
-from bayescal.reporting.page.gap import VERDICTS
+from bayescal.reporting.page.gap import verdict_of
 from bayescal.reporting.page.section import Facts, Fault, FirstScreen, Run, Section, blocks, texts
 from bayescal.reporting.shared.text import by_reason, probability
 from bayescal.storage.reading import Json
@@ -14,7 +14,7 @@ from bayescal.storage.reading import Json
 def first(run: Run) -> Section:
     """Verdict, effects with size and place, what to measure next."""
     record = run.record
-    tone, sign, word = VERDICTS[record["verdict"]]
+    tone, sign, word = verdict_of(record)
 
     def fault(named: Json) -> Fault:
         relevant = ("relevant", "yes" if named["relevant"] else "no")

@@ -96,6 +96,8 @@ LABELS: dict[tuple[str, ...], str] = {("nominal",): "nominal", ("joint",): "join
 """Model levels that the names of their effects do not describe."""
 NEVER = 1000.0
 """Ratio to the plausible amplitude from which on an effect is not detectable at any amplitude."""
+SURE = 0.9
+"""Probability from which on a named effect is found; below, it is probable (convention)."""
 FEW_SITES = 2
 """Sites of an effect that its label names."""
 
