@@ -253,6 +253,30 @@ def tracker(seed: int = 0, count: int = 100, noise: float = 10e-6, spread: float
     return SimpleNamespace(dataset=dataset, arm=arm, frame=true)
 
 
+def reflectors(shared: float, seed: int, wave: float = 0.0, stops: int = 20, noise: float = 10e-6) -> Dataset:
+    """Three reflectors on the flange at every stop of a nominal arm, and an error `shared`, m, of each stop.
+
+    Joint 1 turns by `wave`, rad, times the sine of twice its reading.
+    """
+    one = tracker(seed, stops, noise).dataset
+    rng = np.random.default_rng(seed)
+    offsets = np.array([[0.0, 0.0, 0.0], [0.05, 0.0, 0.0], [0.0, 0.05, 0.01]])
+    tools = tuple(
+        replace(TOOL, name=f"reflector {k}", centre=TOOL.centre + off) for k, off in enumerate(offsets)
+    )
+    at = np.repeat(np.arange(stops), 3)
+    fewer = dict.fromkeys(("velocity", "time", "temperature", "torque"))  # fewer candidates
+    one = with_columns(with_rows(one, at, tuple(f"r{k}" for k in range(len(at)))), **fewer)
+    robot = replace(one.robot, reductions=np.full(6, 100.0))
+    dataset = with_columns(replace(one, robot=robot, tools=tools), tool=np.tile(np.arange(3), stops))
+    q = dataset.measurements.readings
+    true = with_columns(dataset, readings=q + wave * np.sin(2 * q) * (np.arange(6) == 0))
+    points = Scene(true).points + shared * rng.standard_normal((stops, 3))[at]
+    frame = dataset.targets[0].values
+    read = (points - frame["xyz"]) @ rpy_matrix(np.asarray(frame["rpy"]))
+    return with_columns(dataset, xyz=read + noise * rng.standard_normal(read.shape))
+
+
 @cache
 def simulated(**options: object) -> Simulation:
     """A session by the simulator of bayescal, made once for the same options."""

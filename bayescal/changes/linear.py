@@ -7,7 +7,8 @@ with a noise scale of each session (MacKay 1992, Neural Computation 4, 415). d a
 
     log L(x) = s'x - x'Gx/2,    G = X'MX,  s = -X'M (e - X x0),  M = (K + [J G] P [J G]')^-1
 
-with the noise K and the prior covariance P. For x = B a, a ~ N(0, T) the evidence over no change is
+with the covariance K of the residuals (noise, and what the measurements of a stop share) and that of the
+prior, P. For x = B a, a ~ N(0, T) the evidence over no change is
 
     (s'B (T^-1 + B'GB)^-1 B's - log det(1 + T B'GB)) / 2.
 
@@ -21,11 +22,13 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from scipy.linalg.lapack import dpotrf, dpotri
 
 from bayescal.changes.joint import Joint, changes, listed
+from bayescal.changes.stops import Covariance, Stops, displacements
 from bayescal.effects import Parameter
 from bayescal.effects.common import within
 from bayescal.errors import BayescalError
@@ -86,6 +89,7 @@ class Evidence:
     sd: np.ndarray  # (D,) SI of a unit of each
     centre: np.ndarray  # (D,) SI
     noise: np.ndarray  # (S,) factors on the stated noise
+    of_stops: np.ndarray  # (S,) RMS error that measurements of one stop share, over their noise
     variances: dict[str, float]  # of the families of model errors
     errors: tuple[Errors, ...]  # these families
 
@@ -114,7 +118,9 @@ def evidence(joint: Joint) -> Evidence:
         for p in i.parameters
     ]
     labels, errors_of = [label for label, _ in (*own, *smooth, *more)], [p for _, p in (*own, *smooth)]
-    j, g, e, rows = linearised_with(found, [*errors_of, *(p for _, p in more)])
+    at_stop = displacements(c.robot.n)
+    j, g, e, rows = linearised_with(found, [*errors_of, *(p for _, p in more), *at_stop])
+    g, by_stop = g[:, : -len(at_stop)], g[:, -len(at_stop) :]
     nuisance = len(errors_of)
     session = np.argmax([s.rows[rows] for s in parts], axis=0)
     target = joint.dataset.measurements.target[rows]
@@ -130,14 +136,16 @@ def evidence(joint: Joint) -> Evidence:
     at = np.arange(arm - count, arm)
     told = np.array(labels, dtype=object)
     used = told != ""
-    kappa, variances = _variances(j, g[:, used], e, group, of_group, prior, pull, told[used])
-    noise = kappa[group] * scales_of(found)  # residuals are whitened by the scales of the joint fit
-    weight = 1.0 / kappa[group]
-    x = np.column_stack([j, g]) * weight[:, None]
-    full = x.T @ x
+    stops = Stops.of(joint.dataset.measurements, rows, session, by_stop)
+    noise, variances = _variances(j, g[:, used], e, group, of_group, prior, pull, told[used], stops)
+    x = np.column_stack([j, g])
+    weighted = noise.weighted(x)
+    full = weighted.T @ x
+    full = 0.5 * (full + full.T)
+    scale = noise.kappa * scales_of(found)  # residuals are whitened by the scales of the joint fit
     size = np.array([variances[label] for label in labels[:nuisance]])
     full[:d, :d] += prior
-    slope = x.T @ (e * weight)
+    slope = weighted.T @ e
     slope[:d] += pull
     # changes have no prior here: it belongs to a hypothesis
     full[at, at] -= 1.0
@@ -192,7 +200,8 @@ def evidence(joint: Joint) -> Evidence:
         tuple(names[k] for k in kept),
         sizes[kept],
         centres[kept],
-        np.sqrt(np.bincount(session, noise**2) / np.bincount(session)),
+        np.sqrt(np.bincount(session, scale**2) / np.bincount(session)),
+        noise.share,
         variances,
         tuple(
             Errors(
@@ -255,43 +264,55 @@ def _variances(
     prior: np.ndarray,
     pull: np.ndarray,
     labels: np.ndarray,
-) -> tuple[np.ndarray, dict[str, float]]:
-    """Noise scale of each group of residuals, and variance of each family, that maximise the evidence.
+    stops: Stops,
+) -> tuple[Covariance, dict[str, float]]:
+    """Covariance of the residuals, and variance of each family, that maximise the evidence.
 
-    `group` (R,) is that of each residual, `session` the session of each group. The unknowns of the model
-    keep their prior, as a quadratic form with the gradient `pull`.
+    `group` (R,) is that of each residual, each with a noise scale, `session` the session of each group. The
+    unknowns of the model keep their prior, as a quadratic form with the gradient `pull`.
     """
     d, names = j.shape[1], list(dict.fromkeys(labels))
     member = [np.flatnonzero(labels == name) + d for name in names]
     every = np.column_stack([j, g])
     kappa, size = np.ones(len(session)), np.full(len(names), FIRST)
-    count = np.bincount(group, minlength=len(session))
+    # errors of stops from above: enough families explain any error of a few stops
+    noise = Covariance(stops, kappa[group], np.where(stops.shared(int(session.max()) + 1), 1.0, NONE))
     for _ in range(ITERATIONS):
         # families without a variance take no part
         active = [k for k in range(len(names)) if size[k] > LEAST]
         x = every[:, np.concatenate([np.arange(d), *(member[k] for k in active)]).astype(int)]
-        weight = 1.0 / kappa[group] ** 2
-        a, b = (x * weight[:, None]).T @ x, x.T @ (weight * e)
+        weighted = noise.weighted(x)
+        a, b = weighted.T @ x, weighted.T @ e
         a[:d, :d] += prior
         b[:d] += pull
         own = np.repeat(size[active], [len(member[k]) for k in active])
         a[np.arange(d, len(b)), np.arange(d, len(b))] += 1.0 / own
         covariance = _inverse(a)
         u, variance = -covariance @ b, np.diag(covariance)
-        before, start = np.concatenate([np.log(kappa), np.log(size)]), d
+        before, start = np.concatenate([np.log(kappa), np.log(size), np.log(noise.size.ravel())]), d
         for k in active:
             m = slice(start, start + len(member[k]))
             start = m.stop
             known = max(len(member[k]) - float(np.sum(variance[m])) / size[k], 1e-9)
-            # the update of MacKay; where nothing is known the variance tends to the smallest
-            size[k] = max((float(u[m] @ u[m]) + 1e-3 * LEAST) / (known + 1e-3), LEAST)
-        left = e + x @ u
-        square = np.bincount(group, left**2, len(session))
-        dof = count - np.bincount(group, weight * np.sum((x @ covariance) * x, axis=1), len(session))
+            size[k] = _updated(float(u[m] @ u[m]), known)
+        left = noise.weighted((e + x @ u)[:, None])[:, 0]
+        shared = np.where(noise.size > LEAST, _updated(*noise.sizes(left, weighted, covariance)), noise.size)
+        scale = noise.kappa**2
+        square = np.bincount(group, (scale * left) ** 2, len(session))
+        spent = scale * (noise.diagonal - np.sum((weighted @ covariance) * weighted, axis=1))
+        dof = np.bincount(group, spent, len(session))
         for k in range(int(session.max()) + 1):
             of = session == k
             mean = (np.sum(square[of]) + STATED_WORTH) / (max(np.sum(dof[of]), 1.0) + STATED_WORTH)
             kappa[of] = np.sqrt((square[of] + ALIKE * mean) / (np.maximum(dof[of], 0.0) + ALIKE))
-        if np.max(np.abs(np.concatenate([np.log(kappa), np.log(size)]) - before)) < ENOUGH:
+        shared = np.where(shared > LEAST, shared, NONE)
+        noise = Covariance(stops, kappa[group], shared)
+        after = np.concatenate([np.log(kappa), np.log(size), np.log(shared.ravel())])
+        if np.max(np.abs(after - before)) < ENOUGH:
             break
-    return kappa, dict(zip(names, np.where(size > LEAST, size, NONE).tolist(), strict=True))
+    return noise, dict(zip(names, np.where(size > LEAST, size, NONE).tolist(), strict=True))
+
+
+def _updated(square: Any, known: Any) -> Any:
+    """The update of MacKay of a variance; where nothing is known it tends to the smallest."""
+    return np.maximum((square + 1e-3 * LEAST) / (known + 1e-3), LEAST)

@@ -93,6 +93,7 @@ class Changed:
     distances: DistanceChange | None
     shifts: tuple[Shift, ...]
     noise: tuple[float, ...]
+    of_stops: tuple[float, ...]  # RMS error that measurements of one stop share, over the noise
     errors: tuple[tuple[str, float], ...]  # of all sessions alike: effect, share of its prior variance
     compared: frozenset[str]  # targets in more than one session
     warnings: tuple[str, ...]
@@ -161,12 +162,12 @@ def changed(
         joint, [(p, used) for i, used in zip(joint.items, moved, strict=True) for p in i.parameters]
     )
     effect, shifts = _moved(found, moves, len(targets), reasons)
-    noise = e.noise.tolist()
+    noise, of_stops = e.noise.tolist(), e.of_stops.tolist()
     if back:
         differences = [_reversed(d, joint.names[0]) for d in differences]
         effect = effect and replace(effect, largest=-effect.largest)
         shifts = tuple(replace(s, shift=None if s.shift is None else -s.shift) for s in shifts)
-        noise = noise[::-1]
+        noise, of_stops = noise[::-1], of_stops[::-1]
     of_time = every[0][0].evidence.joint.dataset
     warnings = []
     if remounted:
@@ -194,6 +195,7 @@ def changed(
         effect,
         shifts,
         tuple(noise),
+        tuple(of_stops),
         _errors(e),
         joint.placed,
         tuple(warnings),

@@ -64,6 +64,7 @@ def changed_record(result: Changed) -> Json:
         "distances": d and entry(d, "rms_um", "u_rms_um", "largest_um", "u_largest_um"),
         "poses": [_pose(x) for x in result.shifts],
         "noise_factor": result.noise,
+        "stop_error_factor": result.of_stops,
         "model_errors": [{"effect": name, "variance_over_prior": x} for name, x in result.errors],
         "targets_compared": sorted(result.compared),
         "warnings": result.warnings,
@@ -131,11 +132,8 @@ def small(x: Json) -> tuple[float, float, str]:
 
 def sized(entries: Sequence[Json]) -> str:
     """The difference of an item as text; the length of a vector."""
-    if len(entries) > 1 and len({x["unit"] for x in entries}) > 1:
-        return ", ".join(
-            sized([x for x in entries if x["unit"] == unit])
-            for unit in dict.fromkeys(x["unit"] for x in entries)
-        )
+    if len(units := dict.fromkeys(x["unit"] for x in entries)) > 1:
+        return ", ".join(sized([x for x in entries if x["unit"] == unit]) for unit in units)
     values = np.array([small(x)[:2] for x in entries])
     size, u, unit = float(values[0, 0]), float(values[0, 1]), small(entries[0])[2]
     if len(entries) > 1:
@@ -320,12 +318,14 @@ def _basis(record: Json) -> Facts:
     if others and record["verdict"] != "same":
         yield "also possible", ", ".join(f"{name} ({percent(p)})" for name, p in others.items()), ""
     yield "noise", f"{noise} times the stated noise", ""
+    if max(record["stop_error_factor"]) >= 1.0:
+        shared = listed(f"{x:.1f}" for x in record["stop_error_factor"])
+        yield "stops", f"measurements of one stop share an error of {shared} times this noise", ""
     if record["model_errors"]:
         names = listed(x["effect"] for x in record["model_errors"])
-        yield "model errors", f"of all sessions alike, not a change: {names} (bayescal gap judges them)", ""
+        yield "model errors", f"possible, of all sessions alike, no change: {names} (see bayescal gap)", ""
     count = len(record["targets_compared"])
-    words = f"{count} targets of the same name and description" if count else "no target is in two sessions"
-    yield "compared", words, ""
+    yield "compared", f"{count or 'no'} target{'s' * (count != 1)} of the same name and description", ""
 
 
 def changed_summary(record: Json) -> RenderableType:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from gap_problems import Bench
 from scipy.stats import chi2
-from sessions import circumstances, with_columns
+from sessions import circumstances, reflectors, with_columns
 
 from bayescal.arm.motion import CONTACT, Term
 from bayescal.arm.transforms import rpy_matrix
@@ -379,49 +379,19 @@ def test_alternatives_share_a_part_of_the_prior(steps_bench):
 
 # --- Measurements of one pose that share an error: three reflectors are not three independent measurements.
 
-NOISE, POSES = 10e-6, 20
-
-
-def reflectors(tracker, shared: float, seed: int, wave: float = 0.0):
-    """Three reflectors on the flange at every stop of a nominal arm, and an error of each stop."""
-    one = tracker(seed=seed, count=POSES, noise=NOISE).dataset
-    rng = np.random.default_rng(seed)
-    own = one.tools[0]
-    offsets = np.array([[0.0, 0.0, 0.0], [0.05, 0.0, 0.0], [0.0, 0.05, 0.01]])
-    tools = tuple(
-        replace(own, name=f"reflector {k}", centre=own.centre + off) for k, off in enumerate(offsets)
-    )
-    at = np.repeat(np.arange(POSES), 3)
-    table = {
-        name: np.asarray(values)[at]
-        for name, values in vars(one.measurements).items()
-        if isinstance(values, np.ndarray)
-    }
-    table |= {"ids": tuple(f"r{k}" for k in range(len(at))), "line": np.arange(2, len(at) + 2)}
-    fewer = dict.fromkeys(("velocity", "time", "temperature", "torque"))  # fewer candidates
-    m = replace(one.measurements, **table | fewer | {"tool": np.tile(np.arange(3), POSES)})
-    robot = replace(one.robot, reductions=np.full(6, 100.0))
-    dataset = replace(one, robot=robot, tools=tools, measurements=m)
-    moved = m.readings + wave * np.sin(2 * m.readings) * (np.arange(6) == 0)
-    true = replace(dataset, measurements=replace(m, readings=moved))
-    points = Scene(true).points + shared * rng.standard_normal((POSES, 3))[at]
-    frame = dataset.targets[0].values
-    read = (points - frame["xyz"]) @ rpy_matrix(np.asarray(frame["rpy"]))
-    return replace(dataset, measurements=replace(m, xyz=read + NOISE * rng.standard_normal(read.shape)))
-
 
 @pytest.mark.parametrize("shared", [0.0, 60e-6])
-def test_three_reflectors_at_a_few_stops_do_not_make_sure_names(shared, tracker):
+def test_three_reflectors_at_a_few_stops_do_not_make_sure_names(shared):
     """The error is one of the stops; for three independent measurements it would be several sure names."""
-    scene = Scene(reflectors(tracker, shared, 2))
+    scene = Scene(reflectors(shared, 2))
     found = examine(scene, ("geometry",), FitOptions()).decision
     assert found.kind == "null"
     assert all(p < 0.5 for name, p in found.probability.items() if name != "null")
 
 
-def test_an_effect_that_the_reflectors_of_a_stop_show_alike_is_no_shared_error(tracker):
+def test_an_effect_that_the_reflectors_of_a_stop_show_alike_is_no_shared_error():
     """Twice a turn of J1: before it is named, all reflectors of a stop are off by the same."""
-    found = examine(Scene(reflectors(tracker, 0.0, 2, wave=4e-4)), ("geometry",), FitOptions())
+    found = examine(Scene(reflectors(0.0, 2, wave=4e-4)), ("geometry",), FitOptions())
     assert (found.decision.kind, found.decision.hypothesis.names) == ("named", ("second-harmonic",))
     assert found.problem.worth is None
 
