@@ -108,7 +108,12 @@ def evidence(joint: Joint) -> Evidence:
     fixed = [i for i in joint.items if i.kind in ("arm", "setup")]
     free = [i for i in joint.items if i.kind not in ("arm", "setup")]
     model = found.model
-    own = [(e.name, p) for e, ps in listed(replace(c, sessions=()), model.effects) for p in ps]
+    # an error that the model lacks is none at the joint fit, not the prior's mean
+    own = [
+        (effect.name, replace(p, mean=None, positive=False))
+        for effect, parameters in listed(replace(c, sessions=()), model.effects)
+        for p in parameters
+    ]
     smooth = [(f.name, p) for f in families(c) for p in f.parameters]
     # smooth changes have no variance: few sessions have one, and their columns are most of all
     more = [

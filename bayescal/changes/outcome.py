@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bayescal.changes.joint import Item, Joint, prepared
-from bayescal.changes.linear import Evidence, evidence, integrated
+from bayescal.changes.linear import evidence, integrated
 from bayescal.changes.moves import (
     DistanceChange,
     Shift,
@@ -36,6 +36,7 @@ from bayescal.changes.search import (
     selector,
     selectors,
     set_with,
+    told,
 )
 from bayescal.dataset import Dataset
 from bayescal.effects import EFFECTS, Parameter
@@ -196,7 +197,7 @@ def changed(
         shifts,
         tuple(noise),
         tuple(of_stops),
-        _errors(e),
+        _errors(found),
         joint.placed,
         tuple(warnings),
     )
@@ -354,8 +355,10 @@ def _least(information: float, prior: float) -> float | None:
     return high + POWER / float(np.sqrt(information))
 
 
-def _errors(e: Evidence) -> tuple[tuple[str, float], ...]:
-    """Errors that the model lacks, of all sessions alike, largest variance first."""
-    return tuple(
-        sorted(((n, v) for n, v in e.variances.items() if n in EFFECTS and v > 0.1), key=lambda x: -x[1])
-    )
+def _errors(found: Search) -> tuple[tuple[str, float], ...]:
+    """Errors that the model lacks, of all sessions alike, that these tell; largest variance first."""
+    variances, odds = found.evidence.variances, told(found)
+    # any of the families may be it by chance
+    least = float(np.log(SURE / (1.0 - SURE) * max(len(odds), 1)))
+    sure = [(name, variances[name]) for name, o in odds.items() if name in EFFECTS and o >= least]
+    return tuple(sorted(sure, key=lambda x: -x[1]))

@@ -19,7 +19,7 @@ from functools import cached_property
 import numpy as np
 
 from bayescal.changes.joint import Joint
-from bayescal.changes.linear import LEAST, PER_MOMENT, Evidence, integrated
+from bayescal.changes.linear import LEAST, PER_MOMENT, Errors, Evidence, integrated
 from bayescal.effects import Parameter, confusable
 from bayescal.effects.gravity import masses
 from bayescal.gap.linear.evidence import log_sum
@@ -236,19 +236,39 @@ def _by_errors(e: Evidence, by: np.ndarray, mean: np.ndarray, covariance: np.nda
     """What the unknown variances of model errors add to the covariance (k, k) of a set."""
     out = np.zeros_like(covariance)
     for f in e.errors:
-        across = by.T @ f.across
-        slopes = covariance @ across
-        values, vectors = np.linalg.eigh(f.information - across.T @ slopes)
-        score, slopes = vectors.T @ (f.score - across.T @ mean), slopes @ vectors
-        step = (np.geomspace(LEAST, max(1.0, f.variance), VALUES) - f.variance)[:, None]
-        odds = np.maximum(1.0 + step * values, np.finfo(float).tiny)
-        share = step / odds  # of each direction in the covariance of the amplitudes of the errors
-        gain = 0.5 * np.sum(score**2 * share - np.log(odds), axis=1)
+        variances = np.geomspace(LEAST, max(1.0, f.variance), VALUES)
+        gain, share, score, slopes = _at_variances(f, variances, by, mean, covariance)
         weight = np.exp(gain - np.max(gain))
         weight /= np.sum(weight)
         shifts = (share * score) @ slopes.T
         out += (slopes * np.maximum(weight @ share, 0.0)) @ slopes.T + (shifts.T * weight) @ shifts
     return out
+
+
+def _at_variances(
+    f: Errors, variances: np.ndarray, by: np.ndarray, mean: np.ndarray, covariance: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Log evidence (V,) of variances of a family over that of its own, beside a set of changes.
+
+    And of each direction of its k errors: its share (V, k) in their covariance, its score (k,), and the
+    slopes (m, k) of the changes by it.
+    """
+    across = by.T @ f.across
+    slopes = covariance @ across
+    values, vectors = np.linalg.eigh(f.information - across.T @ slopes)
+    score, slopes = vectors.T @ (f.score - across.T @ mean), slopes @ vectors
+    step = (variances - f.variance)[:, None]
+    odds = np.maximum(1.0 + step * values, np.finfo(float).tiny)
+    share = step / odds
+    return 0.5 * np.sum(score**2 * share - np.log(odds), axis=1), share, score, slopes
+
+
+def told(found: Search) -> Mapping[str, float]:
+    """Log odds of each family of model errors, that it has its variance rather than none."""
+    e = found.evidence
+    given = posterior(e, found.best.members)
+    gains_of = [-float(_at_variances(f, np.array([LEAST]), *given)[0][0]) for f in e.errors]
+    return dict(zip(e.variances, gains_of, strict=False))
 
 
 def set_with(found: Search, m: Member) -> Weighed:

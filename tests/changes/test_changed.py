@@ -118,6 +118,18 @@ def test_nothing_changed_between_sessions_of_one_arm(sessions):
     assert 0 < known[0].value < SHIFT
 
 
+def test_model_errors_are_those_that_the_sessions_tell():
+    """An error of which the prior's mean is not zero, as of a spring, is none where there is none."""
+
+    def errors(effects):
+        d = bc.simulate(contacts=180, seed=5, **{**ARM, "effects": effects}).dataset
+        parts = [rows_of(d, np.arange(k, 180, 2), name) for k, name in enumerate("AB")]
+        return dict(changed(parts, ("geometry", "compliance")).errors)
+
+    assert errors("geometry, compliance") == {}
+    assert set(errors("geometry, compliance, eccentricity")) == {"eccentricity"}
+
+
 def test_a_joint_zero_that_shifted_is_named_with_its_u(crashed):
     assert (crashed.verdict, crashed.arm) == ("changed", "changed")
     (d,) = stated(crashed)
@@ -247,7 +259,7 @@ def test_lost_motion_that_was_repaired_became_smaller():
         for seed, effects in ((3, "geometry, backlash"), (13, "geometry"))
     )
     found = changed([worn, repaired], ("geometry",))
-    sizes = [d for d in found.differences if d.item.effect == "backlash"]
+    sizes = [d for d in stated(found) if d.item.effect == "backlash"]
     assert len(sizes) > 1
     assert all(d.before > abs(d.after) and d.difference < 0 for d in sizes)
 
