@@ -43,7 +43,7 @@ INDICES = {
 
 OVER = {
     "volume of interest": "distances in the volume of interest",
-    "region of the contacts": "distances in the region of the contacts",
+    "region of the contacts": "distances in the region of the {}",
     "given poses": "distances between the given poses",
 }
 """Goals whose name is not that of their distances."""
@@ -54,7 +54,7 @@ def expected(plan: Plan) -> Sheet:
     stated = dict.fromkeys(origin for e in plan.expected for origin in e.shares)
     origins = [*(o for o in SHARES if o in stated), *(o for o in stated if o not in SHARES)]
     columns = (
-        Column("expected U (µm, k = 2)", lambda e: f"{e.count} {over(e)}"),
+        Column("expected U (µm, k = 2)", lambda e: f"{e.count} {over(plan, e)}"),
         Column("plan", lambda e: um2(COVERAGE_FACTOR * e.u)),
         Column("random", lambda e: um2(COVERAGE_FACTOR * e.u_random)),
         *(Column(origin, of_key(lambda e, name: e.shares.get(name), origin), percent) for origin in origins),
@@ -62,9 +62,9 @@ def expected(plan: Plan) -> Sheet:
     return Sheet(columns, plan.expected)
 
 
-def over(e: ExpectedDistances) -> str:
+def over(plan: Plan, e: ExpectedDistances) -> str:
     """The distances of a goal."""
-    return OVER.get(e.over, e.over)
+    return OVER.get(e.over, e.over).format({"images": "poses"}.get(noun(plan), noun(plan)))
 
 
 def noun(plan: Plan) -> str:
@@ -214,7 +214,7 @@ def title(plan: Plan) -> str:
 def headline(plan: Plan) -> Iterator[str]:
     """The expected U of the first goal, and the random contacts that give the same."""
     for e in plan.expected[:1]:
-        yield f"Expected U = {um2(COVERAGE_FACTOR * e.u)} µm (k = 2) of {e.count} {over(e)}, {IF_RIGHT}"
+        yield f"Expected U = {um2(COVERAGE_FACTOR * e.u)} µm (k = 2) of {e.count} {over(plan, e)}, {IF_RIGHT}"
         if np.isfinite(plan.equals_random):
             yield f"Equivalent to about {two_digits(plan.equals_random)} random {noun(plan)}"
         else:
@@ -317,7 +317,7 @@ def plan_summary(plan: Plan) -> RenderableType:
     return screen(
         *(name, *lines, ""),
         expected(plan),
-        [("next 20", f"{FURTHER} further {noun(plan)}: {more[0]} ({more[1]})", "")] if more else None,
+        [("further", f"{FURTHER} {noun(plan)} more: {more[0]} ({more[1]})", "")] if more else None,
         *("", by_target(plan), costs),
         *below(detectable(plan), [("detectable", text, "")] if text else None),
         _limits(plan),

@@ -26,6 +26,7 @@ from bayescal.planning.setup import continued
 from bayescal.preparing.practice import practice
 from bayescal.probing.clearance import Clearance
 from bayescal.probing.scene import Solid, held_by
+from bayescal.public.planning import PlanResult
 from bayescal.reporting.plan_record import table_of_plan
 from bayescal.reporting.plan_sheets import title
 from bayescal.simulation import Options
@@ -120,6 +121,10 @@ def test_plan_has_a_row_for_each_image():
     assert len(made.approach) == len(made.purpose) == 8
     assert title(made).startswith("plan of 8 images for distances")
     assert usual_count(setup()) == 33
+    said = " ".join(str(PlanResult(made)).split())
+    assert "distances in the region of the poses" in said
+    assert "20 images more: U = " in said
+    assert "contacts" not in said.partition("detectable")[0]
 
 
 def test_refusals():
