@@ -194,11 +194,12 @@ def plan(
 
     formats = formats_of(to or [], Probe(probe_input, probe_force_n, 1e-3 * probe_beyond_mm))
     with run_folder(out, [setup], "plan") as folder, progress("candidates") as notify:
-        result = planning.plan(setup, purpose=for_, after=after, progress=notify, **options)
+        names = [form.name for form in formats]
+        result = planning.plan(setup, purpose=for_, after=after, to=names, progress=notify, **options)
         notify("write", 0.0)
         written = result.save(
             folder,
-            [form.name for form in formats],
+            names,
             probe_input=probe_input,
             probe_force_n=probe_force_n,
             probe_beyond_mm=probe_beyond_mm,

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
+from bayescal.arm.chain import Robot
 from bayescal.errors import BayescalError
 from bayescal.planning.result import Plan
 from bayescal.probing.contacts import SPEED
@@ -98,11 +99,14 @@ class PlanFormat:
         Texts of a plan by the names of their files in the run folder; only programs depend on the probe.
     check : callable
         Refuses a probe that the format cannot use, before a plan is made.
+    moves : callable
+        Refuses an arm that the format cannot move, before a plan is made.
     """
 
     name: str
     files: Callable[[Plan, Probe], Mapping[str, str]]
     check: Callable[[Probe], object] = lambda probe: None
+    moves: Callable[[Robot], None] = lambda robot: None
 
 
 @dataclass(frozen=True)
@@ -115,6 +119,19 @@ class Writer:
     def plain(self, text: str) -> str:
         """A text that does not end its string or comment."""
         return re.sub(self.dialect.unsafe, "'", " ".join(text.split()))
+
+    def moves(self, robot: Robot) -> None:
+        """Refuse an arm that the controller does not move.
+
+        Raises
+        ------
+        BayescalError
+            For an arm that does not have six joints, or has prismatic ones.
+        """
+        only_revolute(robot, f"programs of {self.form.name}", "write motions as a table")
+        if robot.n != JOINTS:
+            what = f"programs of the format {self.form.name} are for arms of {JOINTS} joints"
+            raise BayescalError(f"{what}; {robot.name} has {robot.n}", "--to", "choose another format")
 
     def trigger(self, probe: Probe) -> tuple[str, str]:
         """What is true while the probe is pressed, and while it is not.
@@ -147,11 +164,7 @@ def written(writer: Writer, plan: Plan, probe: Probe) -> dict[str, str]:
     BayescalError
         For an arm that does not have six joints, or a probe that the controller does not have.
     """
-    only_revolute(plan.session.robot, f"programs of {writer.form.name}", "write motions as a table")
-    n = plan.session.robot.n
-    if n != JOINTS:
-        what = f"programs of the format {writer.form.name} are for arms of {JOINTS} joints"
-        raise BayescalError(f"{what}; {plan.session.robot.name} has {n}", "--to", "choose another format")
+    writer.moves(plan.session.robot)
     positions: list[dict[str, Any]] = []
 
     def listed(readings: np.ndarray) -> dict[str, Any]:
@@ -217,7 +230,7 @@ def _table(name: str, text: Callable[[Plan], str], file: str) -> PlanFormat:
 WRITERS = [Writer(form, form.dialect) for form in PROGRAMS.values() if form.dialect is not None]
 EVERY = (
     _table("csv", readings_table, "plan-joints.csv"),
-    *(PlanFormat(writer.form.name, partial(written, writer), writer.trigger) for writer in WRITERS),
+    *(PlanFormat(writer.form.name, partial(written, writer), writer.trigger, writer.moves) for writer in WRITERS),
     _table("robodk", robodk_table, "plan-robodk.csv"),
     _table("poses", poses_table, "plan-poses.csv"),
 )

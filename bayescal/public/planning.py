@@ -215,6 +215,7 @@ def plan(
     validation: bool = True,
     candidates: int = 5000,
     seed: int = 0,
+    to: Sequence[str] | str = (),
     allow_xacro: bool = False,
     progress: Progress = silent,
 ) -> PlanResult | MotionPlanResult:
@@ -246,6 +247,8 @@ def plan(
         Possible contacts among which is chosen.
     seed : int
         The same seed gives the same plan.
+    to : sequence of str, or str
+        Formats that `save` is to write: an arm that they do not know is refused before the plan is made.
     allow_xacro : bool
         As of `read_dataset`.
     progress : callable
@@ -259,7 +262,8 @@ def plan(
     Raises
     ------
     BayescalError
-        If nothing can be reached, too few contacts are asked for, or `after` is another session.
+        If nothing can be reached, too few contacts are asked for, `after` is another session, or a format does
+        not know the arm.
 
     Examples
     --------
@@ -275,6 +279,7 @@ def plan(
     from bayescal.planning.candidates import usual_count
     from bayescal.planning.plan import PlanOptions
     from bayescal.planning.plan import plan as run
+    from bayescal.programs.probing import formats_of
 
     if (folder := log_of(setup)) is not None:
         refuse(
@@ -284,6 +289,8 @@ def plan(
         )  # fmt: skip
         return plan_log(folder)
     where, open_ = _setup(setup, after, allow_xacro)
+    for form in formats_of(names(to)):
+        form.moves(where.dataset.robot)
     effects = names(model) or (open_.effects if open_ else MODEL)
     options = PlanOptions(
         usual_count(where) if contacts is None else contacts,

@@ -416,6 +416,14 @@ def test_an_arm_without_six_joints_has_no_urscript(exported_plan):
         text_of(replace(exported_plan, session=short), "urscript")
 
 
+def test_an_arm_that_a_format_does_not_know_is_refused_before_the_plan(exported_plan, monkeypatch):
+    session = exported_plan.session
+    short = replace(session, robot=replace(session.robot, joint_names=("J1", "J2")))
+    monkeypatch.setattr("bayescal.planning.plan.plan", lambda *_: pytest.fail("a plan was made"))
+    with pytest.raises(BayescalError, match="arms of 6 joints"):
+        bc.plan(short, to=("csv", "kuka"))
+
+
 def test_formats_are_written_beside_the_plan(exported_plan, tmp_path):
     names = write_plan(exported_plan, tmp_path / "run", ("poses", "csv", "poses"))
     assert {"plan-poses.csv", "plan-joints.csv"} <= set(names)
