@@ -162,7 +162,7 @@ def changed(
     moves = tcp_slopes(
         joint, [(p, used) for i, used in zip(joint.items, moved, strict=True) for p in i.parameters]
     )
-    effect, shifts = _moved(found, moves, len(targets), reasons)
+    effect, shifts = _moved(found, moves, [t.id for t in targets], reasons)
     noise, of_stops = e.noise.tolist(), e.of_stops.tolist()
     if back:
         differences = [_reversed(d, joint.names[0]) for d in differences]
@@ -270,7 +270,7 @@ def _differences(found: Search, m: Member, of_class: Sequence[Member], stated: b
 
 
 def _moved(
-    found: Search, moves: np.ndarray, given: int, reasons: Sequence[str]
+    found: Search, moves: np.ndarray, ids: Sequence[str], reasons: Sequence[str]
 ) -> tuple[DistanceChange | None, tuple[Shift, ...]]:
     """What the best set does to distances, and at given poses; base and targets are not part of it."""
     e, joint = found.evidence, found.evidence.joint
@@ -287,13 +287,13 @@ def _moved(
     mean, covariance = mean[kept], covariance[np.ix_(kept, kept)]
     count = moves.shape[2]
     shifts = []
-    rows = iter(range(count - (given - sum(map(bool, reasons))), count))
-    for k, reason in enumerate(reasons, start=1):
+    rows = iter(range(count - (len(ids) - sum(map(bool, reasons))), count))
+    for k, (name, reason) in enumerate(zip(ids, reasons, strict=True), start=1):
         if reason:
-            shifts.append(Shift(f"{k}", reason=reason))
+            shifts.append(Shift(name or f"{k}", reason=reason))
             continue
         own = by[:, :, next(rows)]
-        shifts.append(Shift(f"{k}", own.T @ mean, own.T @ covariance @ own))
+        shifts.append(Shift(name or f"{k}", own.T @ mean, own.T @ covariance @ own))
     if not len(by):
         return None, tuple(shifts)
     fitted = joint.circumstances.fitted

@@ -41,6 +41,7 @@ class TargetTable:
     rows: tuple[tuple[str, ...], ...]
     targets: tuple[Target, ...]
     newline: str
+    kept: tuple[str, ...]  # columns that state nothing of a target
 
 
 def is_target_table(text: str) -> bool:
@@ -61,7 +62,7 @@ def read_targets(path: Path, robot: Robot, payload_kg: float = 0.0) -> TargetTab
     table = read_cells(path, lambda header, where: _check_header(header, where, robot.units))
     count = len(table.line)
     xyz, rpy = table.block(XYZ, True), table.block(RPY, True)
-    payload, tools = table.optional("payload_kg", True), table.texts("tool")
+    payload, tools, ids = table.optional("payload_kg", True), table.texts("tool"), table.texts("id")
     if payload is not None:
         table.first(payload < 0, "`payload_kg` is {payload_kg}", "give a mass of 0 or more")
     given: dict[str, Sequence[Any] | np.ndarray | None] = {
@@ -73,6 +74,7 @@ def read_targets(path: Path, robot: Robot, payload_kg: float = 0.0) -> TargetTab
         given["pose"] = [rigid(r, p) for r, p in zip(rpy_matrix(rpy), xyz, strict=True)]
     if tools is not None:
         given["tool"] = [str(tool) or None for tool in tools]
+    given["id"] = None if ids is None else ids.tolist()
     columns = {name: column for name, column in given.items() if column is not None}
     targets = tuple(
         Target(f"{table.name}:{line}", **{name: column[k] for name, column in columns.items()})
@@ -80,13 +82,19 @@ def read_targets(path: Path, robot: Robot, payload_kg: float = 0.0) -> TargetTab
     )
     rows = tuple(zip(*table.cells.values(), strict=True))
     newline = "\r\n" if b"\r\n" in table.content else "\n"
-    return TargetTable(tuple(table.cells), rows, targets, newline)
+    kept = tuple(c for c in table.cells if c not in ("id", *_stated(robot.units)))
+    return TargetTable(tuple(table.cells), rows, targets, newline, kept)
+
+
+def _stated(units: Sequence[str]) -> tuple[str, ...]:
+    """Columns that state something of a target."""
+    return (*XYZ, *RPY, *joint_columns("deg", units), *joint_columns("degps", units), "payload_kg", "tool")
 
 
 def _check_header(header: list[str], where: str, units: Sequence[str]) -> None:
     check_names(header, where)
     joints, speeds = joint_columns("deg", units), joint_columns("degps", units)
-    columns = [*XYZ, *RPY, *joints, *speeds, "payload_kg", "tool"]
+    columns = _stated(units)
     stems = {stem_of(c)[0] for c in columns}
     written = {*OUTPUT, *(nominal(c) for c in joints)}
     for column in header:

@@ -230,7 +230,10 @@ def _table(name: str, text: Callable[[Plan], str], file: str) -> PlanFormat:
 WRITERS = [Writer(form, form.dialect) for form in PROGRAMS.values() if form.dialect is not None]
 EVERY = (
     _table("csv", readings_table, "plan-joints.csv"),
-    *(PlanFormat(writer.form.name, partial(written, writer), writer.trigger, writer.moves) for writer in WRITERS),
+    *(
+        PlanFormat(writer.form.name, partial(written, writer), writer.trigger, writer.moves)
+        for writer in WRITERS
+    ),
     _table("robodk", robodk_table, "plan-robodk.csv"),
     _table("poses", poses_table, "plan-poses.csv"),
 )

@@ -32,6 +32,8 @@ class Target:
     ----------
     where : str
         For messages: the line, and the name of the position if it has one.
+    id : str
+        Of the row of a table; "" where it has none.
     pose : np.ndarray, shape (4, 4), optional
         Of the tool's frame in the frame of the targets, m.
     readings : np.ndarray, shape (n,), optional
@@ -58,6 +60,7 @@ class Target:
     velocity: np.ndarray | None = None
     payload: float = 0.0
     tool: str | None = None
+    id: str = ""
     admits: Callable[[np.ndarray], bool] | None = None
     strict: bool = True
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -89,7 +89,7 @@ def changed(
     model : sequence of str, or str
         Effects that all sessions have; see `fit`.
     at : path, optional
-        A table of targets, as `compensate` reads it: the displacement of the TCP there.
+        A table of targets, as `compensate` reads it: the displacement of the TCP there, by its column `id`.
     remounted : bool
         The tools were remounted between the sessions: each has its own.
     robust : bool
@@ -116,13 +116,17 @@ def changed(
 
     read = [session_of(d, allow_xacro=allow_xacro) for d in datasets]
     targets: Sequence[Target] = ()
-    if at is not None:
+    unused: Sequence[str] = ()
+    if at is not None and read:
         from bayescal.compensating.compensation import read_targets
 
-        targets = read_targets(Path(at), read[-1].robot).targets if read else ()
-    return ChangedResult(
-        run(read, names(model), remounted=remounted, robust=robust, targets=targets, progress=progress)
-    )
+        given = read_targets(Path(at), read[-1].robot)
+        targets, unused = given.targets, given.kept
+    found = run(read, names(model), remounted=remounted, robust=robust, targets=targets, progress=progress)
+    if unused:
+        said = f"{at}: `{'`, `'.join(unused)}` states nothing of a target and was not used"
+        found = replace(found, warnings=(*found.warnings, said))
+    return ChangedResult(found)
 
 
 @dataclass(frozen=True, repr=False)

@@ -262,8 +262,8 @@ def plan(
     Raises
     ------
     BayescalError
-        If nothing can be reached, too few contacts are asked for, `after` is another session, or a format does
-        not know the arm.
+        If nothing can be reached, too few contacts are asked for, `after` is another session, or a format
+        does not know the arm.
 
     Examples
     --------

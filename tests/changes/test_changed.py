@@ -58,7 +58,8 @@ def crashed(sessions):
     """What changed where a joint zero shifted before the second session, and at two given poses."""
     a, b, _ = sessions
     far = np.eye(4) + 1e3 * np.eye(4, k=3)
-    targets = [Target("t:2", readings=b.measurements.readings[0], payload=0.0), Target("t:3", pose=far)]
+    first = b.measurements.readings[0]
+    targets = [Target("t:2", readings=first, payload=0.0, id="grasp"), Target("t:3", pose=far)]
     return changed([a, shifted(b)], ("geometry",), targets=targets)
 
 
@@ -175,6 +176,22 @@ def test_poses_are_rows_that_are_not_fitted(crashed):
     assert 0 < np.trace(near.covariance) ** 0.5 < np.linalg.norm(near.shift) < 1e-3
     assert np.linalg.norm(near.shift) > 1e-5
     assert (far.shift, far.reason) == (None, "the nominal arm does not reach it")
+    assert (near.where, far.where) == ("grasp", "2")
+
+
+def test_ids_of_a_table_name_its_poses_and_columns_without_use_are_said(crashed, monkeypatch, tmp_path):
+    read = []
+
+    def found(*_, targets, **__):
+        read.extend(targets)
+        return crashed
+
+    monkeypatch.setattr("bayescal.changes.outcome.changed", found)
+    joints = ",".join(f"j{k}_deg" for k in range(1, 7))
+    (tmp_path / "at.csv").write_text(f"id,{joints},fixture\ngrasp,0,0,0,0,0,0,left\n")
+    result = bc.changed(crashed.sessions, "geometry", at=tmp_path / "at.csv")
+    assert [t.id for t in read] == ["grasp"]
+    assert "at.csv: `fixture` states nothing of a target" in result.record["warnings"][-1]
 
 
 def test_sessions_of_other_arms_and_single_ones_are_refused(sessions):
