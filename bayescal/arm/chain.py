@@ -111,7 +111,7 @@ class Robot:
     priors: tuple[Prior, ...] = ()  # of parameters whose usual priors do not hold for this arm
     ground: Ground | None = None  # of a chain through two arms; None: F0 stands still
     prismatic: np.ndarray | None = None  # (n,) bool, joints that slide; None: all are revolute
-    endless: np.ndarray | None = None  # (n,) bool, joints that turn without end; `limits` are then +- a turn
+    endless: np.ndarray | None = None  # (n,) bool, joints that turn without end; `limits` bound plans
     mass_covariance: np.ndarray | None = None
     # (4n, 4n) of relative errors of masses and errors of centres, m, link by link, where masses were
     # estimated together with other measurements; None: see `effects.gravity`
@@ -138,6 +138,11 @@ class Robot:
     def slides(self) -> np.ndarray:
         """Which joints are prismatic, (n,) bool."""
         return np.zeros(self.n, bool) if self.prismatic is None else self.prismatic
+
+    @property
+    def unlimited(self) -> np.ndarray:
+        """Whether each joint turns without end, (n,)."""
+        return np.zeros(self.n, bool) if self.endless is None else self.endless
 
     @property
     def units(self) -> tuple[str, ...]:

@@ -80,11 +80,10 @@ def _limits(robot: Robot, hinge: Hinge) -> dict[str, float]:
     """Limits of a joint; of one without a stated effort or velocity SDF has none."""
     if hinge.spring is not None:
         return {"lower": -1.0, "upper": 1.0}
-    assert hinge.limits is not None, "a joint that is commanded"
     j = robot.joint_names.index(hinge.name)
     most = {"effort": robot.torques, "velocity": robot.velocities}
     stated = {key: float(x[j]) for key, x in most.items() if x is not None and not np.isnan(x[j])}
-    return dict(zip(("lower", "upper"), hinge.limits, strict=True)) | stated
+    return dict(zip(("lower", "upper"), hinge.limits or (), strict=False)) | stated
 
 
 SDF = Format(".sdf", _write, _holds, "SDF has constant geometry and linear springs", prismatic=True)

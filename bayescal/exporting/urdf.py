@@ -181,7 +181,7 @@ def _new(robot: Robot, delta: np.ndarray, name: str) -> _File:
     joints = [
         {
             "name": joint,
-            "type": "prismatic" if robot.slides[k] else "revolute",
+            "type": "prismatic" if robot.slides[k] else "continuous" if robot.unlimited[k] else "revolute",
             **links[joint],
             "sense": f"{signs[k] * links[joint]['sense']:g}",
             **dict(zip(("lower", "upper"), robot.limits[k].tolist(), strict=True)),

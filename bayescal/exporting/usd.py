@@ -67,8 +67,9 @@ def _write(arm: FittedArm, options: Options) -> Written:
         joint = joined(kind, name, paths[k], paths[k + 1], between[k])
         joint.GetPrim().SetDisplayName(robot.joint_names[k])
         joint.CreateAxisAttr(UsdPhysics.Tokens.z)
-        joint.CreateLowerLimitAttr(limits[k][0])
-        joint.CreateUpperLimitAttr(limits[k][1])
+        if not robot.unlimited[k]:  # a joint without these turns without end
+            joint.CreateLowerLimitAttr(limits[k][0])
+            joint.CreateUpperLimitAttr(limits[k][1])
     joined(UsdPhysics.FixedJoint, fixed, paths[-2], paths[-1], between[-1])
     joined(UsdPhysics.FixedJoint, mount, "", paths[0], np.eye(4))
     shapes = "bodies have no shapes: add meshes and colliders to the links"

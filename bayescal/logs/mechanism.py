@@ -172,7 +172,7 @@ def with_bodies(m: Mechanism) -> tuple[Mechanism, tuple[str, ...]]:
 
 def bounds_of(robot: Robot) -> np.ndarray:
     """Limits (n, 2), rad; nan of joints that turn without end."""
-    return robot.limits if robot.endless is None else np.where(robot.endless[:, None], np.nan, robot.limits)
+    return np.where(robot.unlimited[:, None], np.nan, robot.limits)
 
 
 def or_nan(values: np.ndarray | None, *shape: int) -> np.ndarray:

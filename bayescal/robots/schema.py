@@ -57,7 +57,7 @@ OF_LINKS = {
 """Fields of a `Robot`, and the keys of links that fill them."""
 SIX = np.array([[0, 3, 4], [3, 1, 5], [4, 5, 2]])
 """Place of each element of an inertia in the six that are written."""
-SLIDING = (("type", "prismatic"),)
+SLIDING, ENDLESS = (("type", "prismatic"),), (("continuous", "true"),)
 REACH_MM = (20.0, 50_000.0)
 """An arm whose lengths add up to less or more was not written in mm."""
 
@@ -79,6 +79,8 @@ class Joint(Keys):
     """Joint angle at the reading zero; the constant angle of a prismatic joint."""
     limits_deg: tuple[Number, Number] | None = None
     """[lower, upper] reading, of coupled axes by their row of `link_from_reading`; needed if revolute."""
+    continuous: bool = False
+    """It turns without end, and exports have no limits of it; `limits_deg` bound what is planned."""
     limits_mm: tuple[Number, Number] | None = None
     """[lower, upper] reading of a prismatic joint."""
     beta_deg: Number = 0.0
@@ -207,6 +209,7 @@ def robot_from(document: Document) -> Robot:
     if prismatic.any():
         unit = np.where(prismatic, si("_mm"), si("_deg"))
         coupling = coupling * unit[:, None] / unit
+    endless = np.array([joint.continuous for joint in joints])
     turning = in_si("joint_compliance_rad_per_nm", file.joint_compliance_rad_per_nm)
     if (along := columns["compliance"]) is not None:
         turning = np.where(np.isnan(along), 0.0 if turning is None else turning, along)
@@ -216,6 +219,7 @@ def robot_from(document: Document) -> Robot:
         joint_names=tuple(j.name for j in joints),
         link_from_reading=coupling,
         prismatic=prismatic if prismatic.any() else None,
+        endless=endless if endless.any() else None,
         base=_frame(file.base),
         flange=_frame(file.flange),
         ground=None if file.ground is None else _ground(file.ground, joints),
@@ -271,6 +275,8 @@ def _faults(file: RobotFile, n: int) -> Iterator[tuple[tuple[str | int, ...], st
             yield ("joints", i), f"missing `{key}` of {joint.name}", "add it: [lower, upper]"
         elif not limits[0] < limits[1]:
             yield ("joints", i, key), f"limits of {joint.name} are not in order", "write [lower, upper]"
+        if slides and joint.continuous:
+            yield ("joints", i, "continuous"), f"{joint.name} slides: it does not turn", "leave it out"
         foreign = [pair[not slides] for pair in OF_JOINTS.values() if pair[0] != pair[1]]
         for wrong in (key for key in foreign if key and getattr(joint, key) is not None):
             yield ("joints", i, wrong), f"`{wrong}` of {joint.name}, which is {joint.type}", "leave it out"
@@ -309,7 +315,10 @@ def robot_to_yaml(robot: Robot, comment: str = "") -> str:
         YAML of schema ``bayescal-robot/1``: mm, deg, kg.
     """
     slides, compliance = robot.slides, robot.compliance
-    typed = [SLIDING if slide else () for slide in slides]
+    typed = [
+        SLIDING if slide else ENDLESS if endless else ()
+        for slide, endless in zip(slides, robot.unlimited, strict=True)
+    ]
     columns = {field: getattr(robot, field) for field in (*OF_JOINTS, *OF_LINKS)}
     columns["beta"] = np.where(robot.beta, robot.beta, np.nan)
     if compliance is not None:
@@ -331,8 +340,8 @@ def robot_to_yaml(robot: Robot, comment: str = "") -> str:
         "name": scalar(robot.name),
         "convention": robot.convention,
         "joints": [
-            flow([("name", scalar(name)), *slide, *row_keys(sliding if slide else turning, i)])
-            for i, (name, slide) in enumerate(zip(robot.joint_names, typed, strict=True))
+            flow([("name", scalar(name)), *kind, *row_keys(sliding if slides[i] else turning, i)])
+            for i, (name, kind) in enumerate(zip(robot.joint_names, typed, strict=True))
         ],
         "link_from_reading": [in_file("", row) for row in shown] if coupled else None,
         "base": _place(robot.base),

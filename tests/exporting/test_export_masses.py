@@ -27,6 +27,7 @@ from bayescal.model import ARM, build
 from bayescal.model.scene import Scene
 from bayescal.robots import load_robot
 from bayescal.robots.schema import robot_to_yaml
+from bayescal.robots.urdf import robot_from_urdf
 
 HALF = 0.5 * np.pi
 
@@ -485,3 +486,25 @@ def test_through_the_files(tmp_path):
     write_dataset(measured(arm, robot_of("arm.yaml", tmp_path), np.eye(6)), tmp_path / "next")
     z, _ = corrections(read_dataset(tmp_path / "next"), ("geometry", "compliance"))
     assert max(abs(value) for value in z.values()) < 0.1
+
+
+def test_a_joint_that_turns_without_end_has_no_limits_in_the_files(tmp_path):
+    """Nor in the robot.yaml between fit and export; its limits remain those of plans."""
+    session = session_of("franka-panda")
+    endless = np.arange(session.robot.n) == 4
+    name = session.robot.joint_names[4]
+    arm = fake(with_robot(session, replace(session.robot, endless=endless)), ("geometry", "compliance"))
+    (tmp_path / "robot.yaml").write_text(robot_to_yaml(arm.dataset.robot))
+    again = load_robot(str(tmp_path / "robot.yaml"))[0]
+    assert again.unlimited.tolist() == endless.tolist()
+    assert again.limits == pytest.approx(arm.dataset.robot.limits)
+    texts = {to: export(arm, to, force=True).written.content for to in ("urdf", "sdf", "mjcf")}
+    for to in ("urdf", "sdf"):
+        joints = ET.fromstring(texts[to]).iter("joint")
+        (joint,) = (j for j in joints if j.get("type") == "continuous")
+        assert joint.get("name") == name
+        assert "lower" not in ET.tostring(joint, "unicode")
+    assert robot_from_urdf(texts["urdf"].encode(), "arm.urdf").unlimited.tolist() == endless.tolist()
+    model = mujoco.MjModel.from_xml_string(texts["mjcf"])
+    limited = [bool(model.jnt_limited[model.joint(n).id]) for n in session.robot.joint_names]
+    assert limited == (~endless).tolist()

@@ -61,6 +61,7 @@ REFUSED = (
     ("max_force_n: 200", "max_torque_nm: 200", "`max_torque_nm` of Z, which is prismatic"),
     ("max_force_n: 200", "coulomb_nm: 1", "`coulomb_nm` of Z, which is prismatic"),
     ("type: prismatic", "type: screw", "prismatic"),
+    ("type: prismatic", "type: prismatic, continuous: true", "Z slides: it does not turn"),
 )
 
 

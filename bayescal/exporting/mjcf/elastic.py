@@ -278,8 +278,8 @@ def bearings(content: Content) -> Mapping[int, Spring]:
 class Hinge:
     """A hinge: unit axis and a point of it (3,), m, in the frame of what it carries, at zero.
 
-    Without a spring it is a joint that the readings command, with limits, rad. A spring has its zero at
-    `reference`, rad. One that `slides` moves along its axis: m and N in place of rad and N m.
+    Without a spring it is a joint that the readings command, with limits, rad, if it has any. A spring has
+    its zero at `reference`, rad. One that `slides` moves along its axis: m and N in place of rad and N m.
     """
 
     name: str

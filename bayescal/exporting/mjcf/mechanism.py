@@ -126,7 +126,8 @@ def mechanism(content: Content, law: Law) -> Mechanism:
     for j, (name, frame) in enumerate(zip(robot.joint_names, places, strict=True)):
         low, high = sorted((np.sign(robot.link_from_reading[j, j]) * robot.limits[j]).tolist())
         slides = bool(robot.slides[j])
-        hinges = [Hinge(name, Z, 0.0 * Z, limits=(low, high), slides=slides)]
+        limits = None if robot.unlimited[j] else (low, high)
+        hinges = [Hinge(name, Z, 0.0 * Z, limits=limits, slides=slides)]
         if wrong[j]:
             hinges.append(Hinge(error(name), Z, 0.0 * Z, slides=slides))
         if j in springs:
