@@ -298,6 +298,13 @@ def test_an_unmodelled_location_says_what_happens_and_what_to_inspect(causes_ses
     assert "another tool" in place["remedy"]
 
 
+def test_no_share_of_an_excess_that_validation_does_not_show(session):
+    gap = diagnosis(session, "named")
+    assert gap_record(gap)["where"][0]["share"] is not None
+    none = replace(gap, magnitude=replace(gap.magnitude, excess=0.0))
+    assert {w["share"] for w in gap_record(none)["where"]} == {None}
+
+
 @pytest.mark.parametrize("place", [{"family_p_value": 0.2}, {"explained_by": "step"}])
 def test_no_cause_of_a_location_that_is_not_significant_or_has_a_name(causes_session, place):
     gap = shifted(causes_session, **place)

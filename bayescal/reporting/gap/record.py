@@ -88,7 +88,7 @@ def gap_record(gap: Gap) -> dict[str, Any]:
         "class": class_record(gap),
         "not_excluded": unshown(verdict),
         **entry(verdict, "footnotes", "missing", "notes"),
-        "where": [_place(w) | causes.records(w, gap.dataset) for w in gap.where],
+        "where": [_place(w, gap.magnitude.excess) | causes.records(w, gap.dataset) for w in gap.where],
         "where_marginal": {key: [entry(m, *GROUP) for m in gap.margins.get(key, ())] for key in MARGINS},
         "shrinkage": dict.fromkeys(MEASURES) | {s.what: entry(s, *SHRINKAGE) for s in gap.shrinkage},
         "lengths": _lengths(gap),
@@ -138,11 +138,13 @@ def _magnitude(m: Magnitude) -> dict[str, Any]:
     )
 
 
-def _place(w: Place) -> dict[str, Any]:
+def _place(w: Place, excess: float) -> dict[str, Any]:
+    """A location; its share is of the excess of the fitted contacts, and none where validation shows none."""
     return (
         entry(w, "site", "driver")
         | {"text": place(w)}
         | entry(w, "rms_um", "share", "p_value", "family_p_value", "log_evidence")
+        | ({} if excess > 0 else {"share": None})
         | {"explained_by": w.explained_by or None}
     )
 
