@@ -93,6 +93,7 @@ def _linear(local: np.ndarray, xy: np.ndarray, image: np.ndarray, flat: bool) ->
     )
     values, vectors = np.linalg.eigh(_sums(np.einsum("rki,rkj->rij", rows, rows), image))
     h = vectors[:, :, 0].reshape(len(count), 3, -1)
+    h[values[:, 1] <= IN_LINE * values[:, -1]] = np.nan
     to_xy = np.zeros((len(count), 3, 3))
     to_xy[:, 0, 0] = to_xy[:, 1, 1] = spread
     to_xy[:, :2, 2], to_xy[:, 2, 2] = mean, 1.0
@@ -102,9 +103,7 @@ def _linear(local: np.ndarray, xy: np.ndarray, image: np.ndarray, flat: bool) ->
     first = h[:, :, :-1]
     if flat:
         first = np.concatenate([first, np.cross(first[..., 0], first[..., 1])[..., None]], axis=-1)
-    out = np.concatenate([_nearest_rotation(first), h[:, :, -1:]], axis=-1)
-    out[values[:, 1] <= IN_LINE * values[:, -1]] = np.nan
-    return out
+    return np.concatenate([_nearest_rotation(first), h[:, :, -1:]], axis=-1)
 
 
 def _nearest_rotation(matrix: np.ndarray) -> np.ndarray:

@@ -1,5 +1,7 @@
 """Closed forms for cameras: exact without noise, and hardly moved by a bad image."""
 
+import warnings
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -54,6 +56,9 @@ def test_poses_of_a_board(depth):
     np.testing.assert_allclose(board_poses(corner[order], xy[order], image[order]), true, atol=1e-9)
     xy[5] += 0.05  # a corner that is taken for another
     np.testing.assert_allclose(board_poses(corner, xy, image)[0], true[0], atol=5e-3)
+    with warnings.catch_warnings(action="error"):
+        once = np.where((image == 0)[:, None], 0.0, xy)  # all corners of an image at one place
+        assert np.isnan(board_poses(corner, once, image)[0]).all()
     few = (image > 0) | (np.arange(len(image)) < 3)
     assert np.isnan(board_poses(corner[few], xy[few], image[few])[0]).all()
 

@@ -1,5 +1,6 @@
 """Hysteresis with a memory and a coupling that levels off: forms written down without the effects."""
 
+import warnings
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -27,6 +28,7 @@ from bayescal.gap.outcome.events import sizes
 from bayescal.gap.outcome.notes import alike
 from bayescal.gap.search.beam import Search
 from bayescal.gap.search.candidates import Candidates, extended
+from bayescal.gap.search.makers import remembering
 from bayescal.gap.search.refit import model_name
 from bayescal.gap.search.unknown import cell_fits, with_set
 from bayescal.model.options import FitOptions
@@ -375,6 +377,14 @@ def test_alternatives_share_a_part_of_the_prior(steps_bench):
     own = [v for v in variants if v.setting == variants[0].setting]
     assert [v.site for v in own] == ["", "tool"]
     assert np.exp(own[1].log_prior - own[0].log_prior) == pytest.approx(3 / 7)
+
+
+def test_a_base_under_a_constant_moment_does_not_move_in_its_clearance(tracker):
+    d = tracker(seed=1, count=20).dataset
+    c = circumstances(with_columns(d, readings=np.repeat(d.measurements.readings[:1], 20, axis=0)))
+    with warnings.catch_warnings(action="error"):
+        (by_moment, *_) = remembering(c)
+    assert by_moment.sets == ()
 
 
 # --- Measurements of one pose that share an error: three reflectors are not three independent measurements.

@@ -328,7 +328,7 @@ def _each_axis(c: Circumstances, site: Site, functions: Functions) -> Iterator[t
 def remembering(c: Circumstances) -> Iterator[Cell]:
     """A base on clearance, and a tool that earlier contacts have pushed aside."""
     order, sets = measured(c), list[tuple[Parameter, ...]]()
-    for by in tilts(c):
+    for by in (t for t in tilts(c) if np.ptp(t.moment[c.fitted]) > 0):
         mine = by.moment[order] - np.median(by.moment[c.fitted])
         state = np.empty((len(CELLS.clearance), len(order)))
         state[:, order] = slack(mine, np.array(CELLS.clearance) * np.std(by.moment[c.fitted]))
