@@ -323,7 +323,7 @@ def _basis(record: Json) -> Facts:
         yield "stops", f"measurements of one stop share an error of {shared} times this noise", ""
     if record["model_errors"]:
         names = listed(x["effect"] for x in record["model_errors"])
-        yield "model errors", f"possible, of all sessions alike, no change: {names} (see bayescal gap)", ""
+        yield "model errors", f"of all sessions alike, not a change: {names} (bayescal gap judges them)", ""
     count = len(record["targets_compared"])
     yield "compared", f"{count or 'no'} target{'s' * (count != 1)} of the same name and description", ""
 
