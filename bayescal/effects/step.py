@@ -13,13 +13,15 @@ several sessions, each has a step in its middle, or only the session with the gi
 Other sites are alternatives to the base. ``step@212 at tool``: a reflector slips in its nest, with the same
 prior, and turns where its orientation is read. A stylus that is mounted anew is none: its pre-travel changes
 too (assumed). Of several reflectors, all are ``tool``, and each is ``tool of NAME``. ``step@212 at NAME``:
-one of several instruments shifts. Its parameters are those of a shift of the base in its rows only. Where all
-rows are of one instrument, that is a step of the base.
+the instrument of that name shifts, and turns about its own place. An instrument that stands far from the base
+thereby shifts its points by far more than a base that turns as much. The only instrument within 0.5 m of the
+base, as one whose coordinates were aligned with the base, is no other site than the base.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
@@ -35,6 +37,8 @@ ROWS = 200
 """Rows that are tried at first; of longer sessions those beside the leading ones follow (cost)."""
 EVENTS = 3
 """Steps that a diagnosis looks for (cost)."""
+NEAR = 0.5
+"""m: within it, turns about an instrument and about the base differ by no more than the prior of a shift."""
 EDGE = 0.03  # share of the fitted measurements that must be before, after, and between steps
 
 
@@ -76,6 +80,13 @@ def long_enough(c: Circumstances, one: float, other: float) -> bool:
     return bool(between >= min(_edge(session.fitted) for session in each(c)))
 
 
+def _apart(c: Circumstances, one: tuple[Site, float], other: tuple[Site, float]) -> bool:
+    """Whether two steps, each a site and a row, are two events; the only instrument is the base."""
+    only = [face(name) for name, rows, _ in c.instruments if np.all(rows[c.fitted] > 0.0)]
+    one_site = len({BASE if site in only else site for site, _ in (one, other)}) == 1
+    return not one_site or long_enough(c, one[1], other[1])
+
+
 def _at(c: Circumstances, row: float) -> list[Parameter]:
     if not c.sessions:
         return _shift(c, row)
@@ -93,10 +104,19 @@ def _shift(c: Circumstances, row: float) -> list[Parameter]:
     for name, site, used in tools:
         axes = {end: SHIFTS} | ({TURN: TURNS} if set(used) & set(c.turned_tools) else {})
         out += _displaced(name, site, since * np.isin(c.tool, used), axes)
-    for name, rows in c.instruments:
-        if 0 < np.sum(rows[c.fitted]) < len(c.fitted):
-            out += _displaced(f"step {name}", face(name), since * rows, {0: (*SHIFTS, *TURNS)})
+    for name, rows, place in c.instruments:
+        if np.sum(rows[c.fitted]) < len(c.fitted) or np.linalg.norm(place) > NEAR:
+            shift = _displaced(f"step {name}", face(name), since * rows, {0: (*SHIFTS, *TURNS)})
+            out += [replace(p, terms=_about(p.terms[0], place)) for p in shift]
     return out
+
+
+def _about(term: Term, place: np.ndarray) -> tuple[Term, ...]:
+    """Terms of a displacement of the base whose turns are about a place, (3,) m, to first order."""
+    if term.axis not in TURNS:
+        return (term,)
+    back = -np.cross(np.eye(3)[TURNS.index(term.axis)], place)
+    return (term, *(Term(0, axis, by * term.driver) for axis, by in zip(SHIFTS, back, strict=True) if by))
 
 
 def reflectors(c: Circumstances) -> tuple[int, ...]:
@@ -123,7 +143,7 @@ STEP = Effect(
     "sudden shift of the base, of a tool or of an instrument at row n",
     lambda c: apart(c, lambda one: _shift(one, one.fitted[len(one.fitted) // 2] + 1.0)),
     lambda c: "" if len(c.fitted) > 1 else "a step needs more than one row",
-    Scan("first row after it", "from row {:.0f} on", moments, _at, True, EVENTS, beside, long_enough),
+    Scan("first row after it", "from row {:.0f} on", moments, _at, True, EVENTS, beside, _apart),
     sizes={"m": Size("shift", length), "rad": Size("rotation", length)},
     alternatives=True,
     phrase=("the base", "shifted suddenly"),

@@ -136,7 +136,8 @@ class Circumstances:
     faces: tuple[Face, ...] = ()
     certified_values: tuple[CertifiedValue, ...] = ()
     sessions: tuple[Session, ...] = ()  # if several are fitted together
-    instruments: tuple[tuple[str, np.ndarray], ...] = ()  # fitted: name, 1 for its rows (N,)
+    instruments: tuple[tuple[str, np.ndarray, np.ndarray], ...] = ()
+    """Fitted instruments: name, 1 for its rows (N,), nominal place in F0 (3,), m."""
     views: tuple[View, ...] = ()  # of fitted cameras
     turned_tools: tuple[int, ...] = ()  # tools whose orientation fitted measurements read
     tool_u_angle: tuple[float | None, ...] = ()  # rad, stated uncertainty of each tool's orientation
@@ -241,7 +242,7 @@ class Scan:
     `values` are the plausible ones in a session, none if the setting is known; `parameters` are the effect's
     parameters at one of them. A model names a value as ``effect@value``. `beside` are further values near one
     of `values`, where those are a selection. `by_site`: each site may have its own, ``effect@value/value at
-    site and site``, and a site as many as `several`, of which any two are `apart`.
+    site and site``, and a site as many as `several`. Any two, each a site and a value, are `apart`.
     """
 
     what: str  # of the setting, in words, with its unit
@@ -251,7 +252,9 @@ class Scan:
     by_site: bool = False
     several: int = 1
     beside: Callable[[Circumstances, float], np.ndarray] = lambda circumstances, value: np.empty(0)
-    apart: Callable[[Circumstances, float, float], bool] = lambda circumstances, one, other: True
+    apart: Callable[[Circumstances, tuple[Site, float], tuple[Site, float]], bool] = lambda c, one, other: (
+        True
+    )
 
 
 @dataclass(frozen=True)

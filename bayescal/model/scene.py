@@ -265,11 +265,14 @@ class Scene:
         by = reference.by_joints(self.chain, wrenches) @ self.dataset.robot.link_from_reading
         return np.sum(by * velocity, axis=1)
 
-    def _instruments(self, fitted: np.ndarray) -> tuple[tuple[str, np.ndarray], ...]:
-        """Fitted instruments: name, and 1 for their rows, (N,)."""
+    def _instruments(self, fitted: np.ndarray) -> tuple[tuple[str, np.ndarray, np.ndarray], ...]:
+        """Fitted instruments: name, 1 for their rows (N,), and nominal place in F0 (3,), m."""
         d, target = self.dataset, self.dataset.measurements.target
         instruments = [t for t in np.unique(target[fitted]).tolist() if self.declared[t].of_instrument]
-        return tuple((d.targets[t].name, (target == t).astype(float)) for t in instruments)
+        return tuple(
+            (d.targets[t].name, (target == t).astype(float), np.asarray(d.targets[t].values["xyz"]))
+            for t in instruments
+        )
 
     def _faces(self, fitted: np.ndarray) -> tuple[Face, ...]:
         d = self.dataset

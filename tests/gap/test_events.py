@@ -11,7 +11,7 @@ from sessions import geared, tracker, with_columns
 from bayescal.arm.transforms import rpy_matrix
 from bayescal.dataset import Dataset
 from bayescal.effects import EFFECTS, parameters_of
-from bayescal.effects.location import BASE, TOOL
+from bayescal.effects.location import BASE, TOOL, face
 from bayescal.effects.selection import Selection
 from bayescal.effects.step import ROWS, beside, long_enough, moments
 from bayescal.errors import BayescalError
@@ -47,9 +47,24 @@ def several():
     return diagnose(geared(session), MODEL)
 
 
+def test_an_instrument_that_turned_is_named():
+    """As a shift of the base it was too far for its prior, and further shifts were named beside it."""
+    session, row, angle = tracker(seed=3, count=110).dataset, 60, 4e-4
+    xyz = session.measurements.xyz.copy()
+    xyz[row - 1 :] @= rpy_matrix(np.array([0.0, 0.0, angle]))  # what it reads turns back
+    gap = diagnose(geared(with_columns(session, xyz=xyz)), MODEL)
+    (named,) = gap.verdict.named
+    assert (named.effect, [str(site) for site in named.sites]) == ("step", ["tracker"])
+    low, high = named.events[0].interval95
+    assert low <= row - 1 <= high
+    (turn,) = [a for a in gap.amplitudes if a.effect == "step" and a.unit == "rad"]
+    assert abs(turn.value) == pytest.approx(angle, rel=0.15)
+
+
 def test_two_shifts_are_found_at_their_rows(several):
     (named,) = several.verdict.named
-    assert (several.verdict.kind, named.effect, named.sites) == ("named", "step", (BASE, BASE))
+    assert (several.verdict.kind, named.effect) == ("named", "step")
+    assert set(named.sites) <= {BASE, face("tracker")}  # small shifts do not tell the centre of a rotation
     first, second = sorted(named.events, key=lambda event: event.row)
     for event, row in ((first, 38), (second, 80)):
         low, high = event.interval95
@@ -85,7 +100,7 @@ def test_two_shifts_are_as_far_apart_as_a_shift_is_from_the_ends():
     found = [v.setting for v in e.candidates.variants["step"] if isinstance(v.setting, tuple)]
     assert found
     for setting in found:
-        rows = [value for site, value in setting if site == BASE]
+        rows = [value for site, value in setting if site in (BASE, face("tracker"))]
         assert all(long_enough(c, a, b) for a, b in combinations(rows, 2)), rows
     told = [event.row + 1 for event in events_of(e)["step"]]
     assert len(told) == 3

@@ -11,7 +11,7 @@ from scipy.stats import chi2
 from sessions import circumstances, reflectors, with_columns
 
 from bayescal.arm.motion import CONTACT, Term
-from bayescal.arm.transforms import rpy_matrix
+from bayescal.arm.transforms import rigid, rpy_matrix
 from bayescal.dataset import Target
 from bayescal.effects import EFFECTS, Parameter, parameters_of
 from bayescal.effects.common import base_terms, lagging, successions, tilts
@@ -352,6 +352,28 @@ def test_one_of_two_instruments_shifted(tracker):
     assert names == {f"step radar {axis}" for axis in ("x", "y", "z", "rx", "ry", "rz")}
 
 
+def test_a_step_of_an_instrument_turns_it_about_its_own_place(tracker):
+    d = tracker(seed=3, count=40).dataset
+    c = circumstances(d)
+    p = next(p for p in EFFECTS["step"].at(c, 20.0) if p.name == "step tracker rz")
+    axes = {(term.frame, term.axis): np.broadcast_to(term.driver, 40) for term in p.terms}
+    frame = rigid(rpy_matrix(d.targets[0].values["rpy"]), d.targets[0].values["xyz"])
+    points = d.measurements.xyz @ frame[:3, :3].T + frame[:3, 3]
+    shift = np.column_stack([axes[0, axis] for axis in ("tx", "ty", "tz") if (0, axis) in axes])
+    moved = axes[0, "rz"][:, None] * np.cross([0.0, 0.0, 1.0], points)[:, :2] + shift
+    about = np.cross([0.0, 0.0, 1.0], points - d.targets[0].values["xyz"])[:, :2]
+    np.testing.assert_allclose(moved[19:], about[19:], atol=1e-12)
+    np.testing.assert_allclose(moved[:19], 0.0)
+
+
+@pytest.mark.parametrize("place", [(2.0, 0.3, 0.5), (0.0, 0.0, 0.0)])
+def test_the_only_instrument_is_a_site_of_its_own_far_from_the_base(tracker, place):
+    d = tracker(seed=3, count=40).dataset
+    d = replace(d, targets=(replace(d.targets[0], values=d.targets[0].values | {"xyz": np.array(place)}),))
+    sites = {str(p.site) for p in EFFECTS["step"].at(circumstances(d), 20.0)}
+    assert sites == {"base", "tool"} | ({"tracker"} if any(place) else set())
+
+
 def test_without_a_site_a_step_is_of_the_base(steps_bench, cube):
     c = steps_bench.circumstances
     for name, sites in (("step@60", {BASE}), ("step@60 at tool", {TOOL}), ("step", {BASE})):
@@ -366,7 +388,7 @@ def test_each_of_several_reflectors_and_all_of_them(tracker):
     d = replace(d, tools=tools, measurements=replace(d.measurements, tool=np.arange(60) % 2))
     sites = [str(p.site) for p in EFFECTS["step"].at(circumstances(d), 30.0)]
     name = d.tools[0].name
-    assert list(dict.fromkeys(sites)) == ["base", "tool", f"tool of {name}", "tool of upper"]
+    assert list(dict.fromkeys(sites)) == ["base", "tool", f"tool of {name}", "tool of upper", "tracker"]
 
 
 def test_alternatives_share_a_part_of_the_prior(steps_bench):
@@ -375,8 +397,9 @@ def test_alternatives_share_a_part_of_the_prior(steps_bench):
     variants = extended(Candidates((), {}, {}), step, rows, c).variants["step"]
     assert sum(np.exp(v.log_prior) for v in variants) == pytest.approx(1.0)
     own = [v for v in variants if v.setting == variants[0].setting]
-    assert [v.site for v in own] == ["", "tool"]
-    assert np.exp(own[1].log_prior - own[0].log_prior) == pytest.approx(3 / 7)
+    assert [v.site for v in own] == ["", "tool", "tracker"]
+    for v in own[1:]:
+        assert np.exp(v.log_prior - own[0].log_prior) == pytest.approx(3 / 14)
 
 
 def test_a_base_under_a_constant_moment_does_not_move_in_its_clearance(tracker):

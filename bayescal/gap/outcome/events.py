@@ -27,6 +27,8 @@ EVENT, ROCKING = Driver("event"), Driver("base moment", form="sign")
 UNKNOWN = "unknown"
 TAIL = 0.025
 """Probability on either side of a 95 % interval (convention)."""
+EQUAL = 1e-6
+"""Of the largest displacement: up to it two changes displace alike (rounding)."""
 SAME = 1e-6
 """Nats, up to which rows are equally probable: a contact that is left out does not distinguish its row from
 the next. The first of them is told."""
@@ -132,12 +134,19 @@ def _searched(
     return Event(int(near[most]), interval), columns[:, sets[most]]
 
 
-def _changes(pool: Pool, site: Site, size: int) -> Iterator[np.ndarray]:
-    """Columns (R, size) of all sudden changes of a site that cells have."""
+def _changes(pool: Pool, of: np.ndarray, p: Problem) -> Iterator[np.ndarray]:
+    """Columns (R, k) like those of a sudden change, from the rows on from which cells have one.
+
+    A cell's displacements are combined to those of the change: turns of the base to those of an instrument.
+    """
+    since, count = _since(p, of), p.count
     for columns, owner in zip(pool.sets, pool.owner, strict=True):
-        cell = pool.cells[owner]
-        if (cell.site, cell.driver, len(columns)) == (site.anywhere, EVENT, size):
-            yield pool.columns[:, columns]
+        if pool.cells[owner].driver == EVENT and len(columns) == of.shape[1]:
+            cell = pool.columns[:, columns]
+            here = _from(since, cell, p)[:count]
+            combined = np.linalg.lstsq(here, of[:count], rcond=None)[0]
+            if np.allclose(here @ combined, of[:count], rtol=0.0, atol=EQUAL * np.max(np.abs(of))):
+                yield cell @ combined
 
 
 def named_events(
@@ -145,8 +154,8 @@ def named_events(
 ) -> Mapping[str, tuple[Event, ...]]:
     """Rows of the sudden changes that a hypothesis names, with 95 % intervals, by effect, in its own order.
 
-    Only of effects all of whose displacements cells have too: of the base, or of a tool. Changes of one site
-    are as far `apart` as the effect's settings are.
+    Only of effects all of whose displacements cells have too: of the base, of a tool, of the only
+    instrument. Changes of one site are as far `apart` as the effect's settings are.
 
     Parameters
     ----------
@@ -165,14 +174,9 @@ def named_events(
         of_columns = [parameters[k].site for k in m.variant.columns]
         sizes = [of_columns.count(site) // sites.count(site) for site in sites]
         parts = np.split(m.variant.columns, np.cumsum(sizes)[:-1])
-        for own, site in zip(parts, sites, strict=True):
+        for own in parts:
             columns = p.pool[:, own]
-            since, moved = _since(p, columns), np.any(columns[: p.count] != 0.0, axis=1)
-            same = [
-                x
-                for x in _changes(pool, site, len(own))
-                if np.array_equal(np.any(_from(since, x, p)[: p.count] != 0.0, axis=1), moved)
-            ]
+            same = list(_changes(pool, columns, p))
             if not same:
                 out.pop(m.effect, None)
                 break
@@ -193,9 +197,8 @@ def _apart(v: Variant, before: Sequence[Event], c: Circumstances) -> np.ndarray:
     if scan is None or not isinstance(v.setting, tuple):
         return possible
     (site, _), *after = v.setting[len(before) :]
-    rows = [event.row + 1.0 for event, (of, _) in zip(before, v.setting, strict=False) if of == site]
-    rows += [value for of, value in after if of == site]
-    near = [k for k in np.flatnonzero(possible) if not all(scan.apart(c, k + 1.0, row) for row in rows)]
+    others = [(of, event.row + 1.0) for event, (of, _) in zip(before, v.setting, strict=False)] + after
+    near = [k for k in np.flatnonzero(possible) if not all(scan.apart(c, (site, k + 1.0), o) for o in others)]
     possible = possible.copy()
     possible[near] = False
     return possible

@@ -13,7 +13,7 @@ from bayescal.assess.undetermined import Undetermined
 from bayescal.dataset import Dataset
 from bayescal.dataset.consistency import copies
 from bayescal.effects import EFFECTS, UNITS, Driver, Parameter, Site
-from bayescal.effects.location import BASE
+from bayescal.effects.location import BASE, face
 from bayescal.effects.selection import Selection
 from bayescal.effects.sizes import DEVIATION, propagated
 from bayescal.estimate import Estimate
@@ -100,13 +100,15 @@ def cautions(dataset: Dataset) -> Iterator[str]:
 
 
 def alike(scene: Scene, members: Sequence[Member]) -> Iterator[str]:
-    """What the data do not distinguish from a named shift of the base."""
+    """What the data do not distinguish from a named shift of the base or of the only instrument."""
     d = scene.dataset
-    kinds = [d.targets[t].kind for t in np.unique(d.measurements.target[scene.rows("calibrate")])]
-    places = [place for m in members for place in m.variant.places]
-    shifted = any(site.anywhere == BASE and driver.kind == "event" for site, driver in places)
-    if shifted and kinds == ["instrument"]:
-        yield "the base or the instrument shifted: with one instrument they are not distinguishable"
+    used = [d.targets[t] for t in np.unique(d.measurements.target[scene.rows("calibrate")])]
+    sites = {s.anywhere for m in members for s, driver in m.variant.places if driver.kind == "event"}
+    if [t.kind for t in used] == ["instrument"] and sites & {BASE, face(used[0].name)}:
+        yield (
+            "the base or the instrument shifted: with one instrument they are distinguishable only by the "
+            "centre of a rotation"
+        )
 
 
 def _rms(values: np.ndarray) -> float:

@@ -180,7 +180,7 @@ def _one_by_one(
     scan, out = effect.scan, list[Single]()
 
     def apart(one: Single, other: Single) -> bool:
-        return one.site != other.site or scan.apart(c, one.setting, other.setting)
+        return scan.apart(c, (one.site, one.setting), (other.site, other.setting))
 
     values = np.unique([one.single.setting for one in found[0]])
     while len(out) < max(effect.scan.several, len({one.single.site for one in found[0]})):
