@@ -298,6 +298,15 @@ def test_an_unmodelled_location_says_what_happens_and_what_to_inspect(causes_ses
     assert "another tool" in place["remedy"]
 
 
+def test_an_effect_that_may_be_missed_is_not_listed_as_not_assessed_too(session):
+    gap = diagnosis(session, "named")
+    spot = gap.blind_spots[0].effect
+    missing = {spot: "not detectable", "latency": "not detectable"}
+    text = " ".join(printed(replace(gap, verdict=replace(gap.verdict, missing=missing))).split())
+    assert "latency: not detectable" in text
+    assert text.count(f"{spot},") == 1
+
+
 def test_no_share_of_an_excess_that_validation_does_not_show(session):
     gap = diagnosis(session, "named")
     assert gap_record(gap)["where"][0]["share"] is not None
@@ -405,9 +414,7 @@ def test_a_name_that_nothing_else_supports_is_possible(session, nats, significan
     assert record["named"][0]["possible"] == word.startswith("Possible")
 
 
-@pytest.mark.parametrize(
-    ("p", "word"), [(0.9, "Effect found"), (0.89, "Probable effect")]
-)
+@pytest.mark.parametrize(("p", "word"), [(0.9, "Effect found"), (0.89, "Probable effect")])
 def test_a_name_below_nine_tenths_is_probable(session, p, word):
     gap = diagnosis(session, "named")
     (one,) = gap.verdict.named

@@ -19,7 +19,7 @@ from bayescal.reporting.figures import scales
 from bayescal.reporting.figures.scales import LANE, Row, rows_panel
 from bayescal.reporting.figures.sheet import Entry, Panel, width_of
 from bayescal.reporting.shared.style import ACCENT, FAINT, GREY, MARKED
-from bayescal.reporting.shared.text import per_residual, probability, rival, signed
+from bayescal.reporting.shared.text import not_assessed, per_residual, probability, rival, signed
 from bayescal.storage.reading import Json
 
 FILLED: dict[str, Any] = {"facecolor": ACCENT, "edgecolor": ACCENT, "lw": 0.5}
@@ -200,7 +200,7 @@ def effects_panel(record: Json) -> Panel:
     ranked = sorted(record["probability"].items(), key=lambda item: -(item[1] or 0.0))
     shown = [(n, p or 0.0) for n, p in ranked if n in always or (p or 0.0) >= LEAST][:MOST_EFFECTS]
     bars = [Bar(rival(n), p, probability(p), FILLED if n in inside else OPEN, n in inside) for n, p in shown]
-    missing = ", ".join(record["missing"])
+    missing = ", ".join(not_assessed(record))
     key = [Entry("in the 90 % set", FILLED, patch=True), Entry("not in it", OPEN, patch=True)]
     note = f"not assessed: {missing}" if missing else ""
     label = "probability (effects may be present together)"

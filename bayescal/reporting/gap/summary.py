@@ -19,6 +19,7 @@ from bayescal.reporting.shared.text import (
     interval,
     length,
     listed,
+    not_assessed,
     p_value,
     per_residual,
     probability,
@@ -220,7 +221,7 @@ def _unshown(record: Json) -> dict[str, list[str]]:
 def _remarks(record: Json) -> Facts:
     """Effects that were not assessed (by reason), notes and warnings."""
     shown = {name for names in _unshown(record).values() for name in names}  # above, with what to record
-    lacking = {n: why for n, why in record["missing"].items() if n not in shown and why not in ELSEWHERE}
+    lacking = {n: why for n, why in not_assessed(record).items() if n not in shown and why not in ELSEWHERE}
     reasons = by_reason(lacking)
     yield from under("not assessed", (f"{', '.join(names)}: {why}" for why, names in reasons.items()), "dim")
     yield from under("note", record["notes"])

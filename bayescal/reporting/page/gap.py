@@ -14,7 +14,16 @@ from bayescal.reporting.page.arm import DRAWN, draw_arm, marked_sites
 from bayescal.reporting.page.section import Fault, FirstScreen, Run, Section, Text, blocks, texts
 from bayescal.reporting.shared.origin import images_keys, images_sheet, possible
 from bayescal.reporting.shared.sheet import Sheet
-from bayescal.reporting.shared.text import MISSING, SURE, interval, length, probability, rival, share
+from bayescal.reporting.shared.text import (
+    MISSING,
+    SURE,
+    interval,
+    length,
+    not_assessed,
+    probability,
+    rival,
+    share,
+)
 from bayescal.storage.reading import Json
 
 FIRST = "Measure more before a part is replaced."
@@ -206,7 +215,9 @@ def effects(run: Run) -> Section | None:
         sheets.effects_sheet(record),
         *texts([*record["footnotes"], *record["notes"]], "quiet"),
         Sheet(sheets.HYPOTHESES, record["hypotheses"], caption, 6),
-        Sheet(sheets.NOT_ASSESSED, tuple(record["missing"].items()), "Effects that these data cannot show"),
+        Sheet(
+            sheets.NOT_ASSESSED, tuple(not_assessed(record).items()), "Effects that these data cannot show"
+        ),
     )
 
 

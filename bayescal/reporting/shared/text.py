@@ -230,6 +230,12 @@ def listed(names: Iterable[str], last: str = "and") -> str:
     return f"{', '.join(some)} {last} {final}" if some else final
 
 
+def not_assessed(record: Mapping[str, Any]) -> dict[str, str]:
+    """Effects that were not assessed, with the reason; without those that are listed as missed."""
+    spots = {spot["effect"] for spot in record["blind_spots"]}
+    return {name: why for name, why in record["missing"].items() if name not in spots}
+
+
 def by_reason(missing: Mapping[str, str]) -> dict[str, list[str]]:
     """Names by the reason that each of them has."""
     out: dict[str, list[str]] = {}
