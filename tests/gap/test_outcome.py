@@ -1,6 +1,7 @@
 """The ladder's gains, and margins that find where the residuals stand out."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -22,6 +23,7 @@ from bayescal.gap.outcome.magnitude import (
     shrinkage,
 )
 from bayescal.gap.outcome.margins import holm, margins, residuals_in_time
+from bayescal.gap.search.verdict import Decision
 from bayescal.model import build, with_parameters
 from bayescal.model.scene import Scene
 from bayescal.predict.crossvalidation import (
@@ -427,3 +429,12 @@ def test_residuals_are_in_the_order_of_time(cube, timed):
         int(r): v for b in fitted.model.blocks for r, v in zip(b.rows, fitted.residuals(b)[0], strict=True)
     }
     np.testing.assert_array_equal(before, [own[int(r)] for r in rows])
+
+
+def test_an_effect_loses_what_the_best_set_without_it_lacks():
+    """The best set without an effect, wherever it stands in the list."""
+    sets = [(("a", "b"), 9.0), (("a",), 7.0), (("b",), 2.0), (("c",), 5.0), ((), 0.0)]
+    found = SimpleNamespace(weighed=[SimpleNamespace(effects=e, score=s) for e, s in sets])
+    assert Decision.lost(found, "a") == 9.0 - 5.0
+    assert Decision.lost(found, "b") == 9.0 - 7.0
+    assert Decision.lost(SimpleNamespace(weighed=found.weighed[:2]), "a") == np.inf

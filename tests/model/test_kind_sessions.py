@@ -281,3 +281,11 @@ def test_orientations_in_radians_are_refused(posed, tmp_path, factor):
     write_dataset(wrong, tmp_path / "poses")
     with pytest.raises(BayescalError, match="orientation"):
         read_dataset(tmp_path / "poses")
+
+
+def test_tools_whose_orientation_matters_are_those_whose_orientation_is_read(posed):
+    m, fitted = posed.dataset.measurements, Scene(posed.dataset).rows("calibrate")
+    read = {int(m.tool[k]) for k in fitted if np.isfinite(m.rpy[k]).all()}
+    assert {1, 2} == read < set(m.tool[fitted].tolist())
+    assert set(Scene(posed.dataset, oriented=True).circumstances().turned_tools) == read
+    assert not Scene(posed.dataset).circumstances().turned_tools  # orientations are told from points

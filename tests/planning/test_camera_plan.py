@@ -15,7 +15,7 @@ from bayescal.arm.transforms import rpy_matrix
 from bayescal.dataset import write_dataset
 from bayescal.dataset.types import PlanSettings
 from bayescal.errors import BayescalError
-from bayescal.planning.candidates import candidates, usual_count
+from bayescal.planning.candidates import Possible, candidates, session_of, usual_count
 from bayescal.planning.exchange import select
 from bayescal.planning.goals import goals
 from bayescal.planning.order import Transits, ordered
@@ -199,3 +199,23 @@ def test_motions_between_images_are_free_by_fine_sampling(mount):
     assert found["motions"] >= 7
     assert found["nearest_mm"] > 5.0
     assert found["overstated_mm"] < 0.1
+
+
+@pytest.mark.parametrize("velocity", [False, True])
+def test_corners_of_an_image_are_of_one_stop(velocity):
+    """Of images that are possible, behind measured rows with velocities or without."""
+    d = camera_session("flange", images=6, velocity=velocity)
+    points, rng = np.array([4, 2, 4]), np.random.default_rng(0)
+    readings = d.measurements.readings[:1] + 0.1 * rng.standard_normal((3, 6))
+    target = np.zeros(3, int)
+    possible = Possible(
+        np.full(3, "calibrate"), target, target, readings, rng.standard_normal((3, 6)), np.zeros(3), points
+    )
+    made = session_of(d, possible, rng).measurements
+    new = slice(len(d.measurements.ids), None)
+    stop, of = made.stop[new], np.repeat(np.arange(3), points)
+    assert "" not in stop
+    assert len({*stop}) == len({*zip(stop, of, strict=True)}) == 3
+    assert (made.velocity is not None) == velocity
+    if velocity:
+        assert made.velocity[new] == pytest.approx(possible.velocity[of])

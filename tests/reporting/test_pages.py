@@ -463,3 +463,18 @@ def test_a_link_in_a_run_folder_brings_no_file_into_the_page(tmp_path):
     assert _png(tmp_path / name) == b""
     (tmp_path / "other.png").write_bytes(b"no picture")
     assert _png(tmp_path / "other.png") == b""
+
+
+def test_effects_of_several_runs_are_in_the_order_of_their_largest_probability():
+    """Whichever run has it; those that no run holds for possible are left out."""
+    runs = [
+        Run("gap", {"probability": p, "amplitudes": []}, folder)
+        for folder, p in (
+            ("x", {"backlash": 0.9, "lobing": 0.3, "payload": 0.001}),
+            ("y", {"backlash": 0.1, "lobing": None, "bending": 0.5, "payload": 0.002}),
+        )
+    ]
+    text = str(compare.effects(runs))
+    places = [text.index(name) for name in ("backlash", "bending", "lobing")]
+    assert places == sorted(places)
+    assert "payload" not in text
