@@ -23,7 +23,7 @@ from bayescal.assess.acceptance import PLANNED, SHARED, Acceptance
 from bayescal.assess.identifiability import Directions, in_words
 from bayescal.assess.undetermined import Undetermined
 from bayescal.dataset.consistency import contradictions, copies
-from bayescal.effects import MODELS
+from bayescal.effects import BASELINE, MODELS
 from bayescal.effects.selection import plain
 from bayescal.effects.sizes import micrometres
 from bayescal.estimate import Estimate
@@ -221,6 +221,10 @@ def _parameters(of: Assessed) -> Iterator[Finding]:
         yield Finding("prior_width", "note", words)
     if of.rigid.words:
         yield Finding("rigid", "note", of.rigid.words)
+    own, circumstances = {plain(name) for name in model.effects}, model.scene.circumstances()
+    for effect in (MODELS[name] for name in BASELINE if name not in own):
+        if lacks := effect.missing(circumstances):
+            yield Finding("not_modelled", "note", f"the model has no {effect.name}: {lacks}")
     absent = [name for name in model.effects if not MODELS[plain(name)].in_robot_file]
     if absent:
         words = f"robot.yaml cannot hold {', '.join(absent)}: see fit.json"

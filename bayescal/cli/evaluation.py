@@ -34,7 +34,8 @@ def fit(
         Dataset folder with dataset.yaml, measurements.csv and the robot. Several sessions of the same arm are
         evaluated together; of `fit` one of them may be a joint log of it.
     model
-        Effects of the calibrated model, separated by commas, each at all its sites or 'at joint 3'.
+        Effects of the calibrated model, separated by commas, each at all its sites or 'at joint 3' [default:
+        geometry,compliance; geometry if the robot file states no masses].
     samples
         Effective draws of every parameter; 0: Gaussian approximation.
     without

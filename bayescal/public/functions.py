@@ -71,7 +71,7 @@ def read_dataset(folder: str | PathLike[str], allow_xacro: bool = False) -> Data
 
 def fit(
     dataset: Source | Sequence[Source],
-    model: Sequence[str] | str = MODEL,
+    model: Sequence[str] | str = (),
     samples: int = 5000,
     seed: int = 0,
     *,
@@ -94,7 +94,8 @@ def fit(
         Several are sessions of one arm and are fitted together; one of them may be a joint log of it.
     model : sequence of str, or str
         Names of effects, comma separated if in one string; see `bayescal.effects.names`. A name may state a
-        setting, sites and priors: 'backlash at joint 3', 'step@212', 'hysteresis at joint 2 x4'.
+        setting, sites and priors: 'backlash at joint 3', 'step@212', 'hysteresis at joint 2 x4'. By default
+        'geometry,compliance', or 'geometry' if the session lacks what compliance needs.
     samples : int
         Effective posterior draws of every parameter; 0: Gaussian approximation.
     seed : int
@@ -154,7 +155,8 @@ def fit(
             latent_joints=latent_joints, tolerance_mm=tolerance_mm,
         )  # fmt: skip
         return fit_log(folder, samples, seed, progress)
-    effects, session = names(model), session_of(others, remounted, True, allow_xacro)
+    session = session_of(others, remounted, True, allow_xacro)
+    effects = names(model) or usual_model(session)
     tolerance = None if tolerance_mm is None else 1e-3 * tolerance_mm
     options = FitOptions((), robust, prior_width, seed, latent_joints, tolerance)
     kept = None if checkpoint is None else Checkpoint(Path(checkpoint), say)
@@ -179,7 +181,7 @@ def fit(
 
 def diagnose(
     dataset: Source | Sequence[Source],
-    model: Sequence[str] | str = MODEL,
+    model: Sequence[str] | str = (),
     seed: int = 0,
     *,
     without: Sequence[str] | str = (),
@@ -230,7 +232,8 @@ def diagnose(
         )  # fmt: skip
         return diagnose_log(folder, progress)
     # the sessions share a noise scale, so that their residuals are comparable
-    effects, session = names(model), session_of(dataset, remounted, False, allow_xacro)
+    session = session_of(dataset, remounted, False, allow_xacro)
+    effects = names(model) or usual_model(session)
     options = FitOptions(robust=robust, prior_width=prior_width, seed=seed)
     diagnosis = run(session, effects, options, without=names(without), progress=progress)
     if not session.sessions:
@@ -320,7 +323,7 @@ def simulate(
 
 def compare(
     dataset: Source,
-    model: Sequence[str] | str = MODEL,
+    model: Sequence[str] | str = (),
     seed: int = 0,
     *,
     allow_xacro: bool = False,
@@ -353,7 +356,15 @@ def compare(
     from bayescal.methods import compare as run
 
     session = session_of(dataset, allow_xacro=allow_xacro)
-    return ComparisonResult(run(session, names(model), seed, progress=progress))
+    return ComparisonResult(run(session, names(model) or usual_model(session), seed, progress=progress))
+
+
+def usual_model(session: Dataset) -> tuple[str, ...]:
+    """The effects of `MODEL` for which a session has what they need."""
+    from bayescal.effects import possible
+    from bayescal.model.scene import Scene
+
+    return possible(MODEL, Scene(session).circumstances()) or MODEL
 
 
 def session_of(

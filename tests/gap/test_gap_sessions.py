@@ -276,7 +276,7 @@ def test_an_upright_joint_that_is_found_to_lean(few):
         ("nothing", ["--model", "geometry,compliance,step@soon"], "'soon' is not a number"),
         ("velocity", ["--model", "geometry,compliance,backlash"], "no j1_degps"),
         ("contacts", [], "no row has the role calibrate"),
-        ("masses", [], "compliance cannot be judged"),
+        ("masses", ["--model", "geometry,compliance"], "compliance cannot be judged"),
         ("nothing", ["--out", "HERE"], "the folder contains the result of another command"),
         ("nothing", ["--without", "geometry"], "`geometry` is not an effect at a site"),
         (

@@ -5,6 +5,7 @@ from __future__ import annotations
 import doctest
 import subprocess
 import sys
+from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 
@@ -175,3 +176,16 @@ def test_a_diagnosis_is_undecided_with_open_pairs_or_an_unexplained_error() -> N
     assert [gap(v).undecided for v in ("null", "named", "ambiguous", "unknown")] == [False, False, True, True]
     assert gap("named", [{"a": [], "b": [], "common": []}]).undecided
     assert not gap("unknown", plannable=False).undecided  # `plan` refuses cameras
+
+
+def test_without_masses_the_default_model_is_geometry_and_says_so(tracker):
+    """Half of the built-in robots state no masses: the default model was refused, a stated one still is."""
+    d = tracker(seed=3, count=40).dataset
+    light = replace(d, robot=replace(d.robot, masses=None, centres_of_mass=None, compliance=None))
+    result = bc.fit(light, samples=0)
+    assert set(result.parameters["effect"]) <= {"geometry", "tool", "target"}
+    (said,) = [f for f in result.data.findings if f.code == "not_modelled"]
+    assert "mass_kg" in said.text
+    assert not any(f.code == "not_modelled" for f in bc.fit(d, samples=0).data.findings)
+    with pytest.raises(bc.BayescalError, match="compliance cannot be judged"):
+        bc.fit(light, "geometry,compliance", samples=0)
