@@ -97,7 +97,7 @@ for k, (key, colour, label) in enumerate(bars):
     axes.bar(places, shrinkage[key] / shrinkage["floor_Nm"], 0.25, color=colour, label=label)
 axes.set_xticks(range(len(shrinkage)), shrinkage.index)
 axes.set(ylabel="torque error / noise", title="withheld motions")
-axes.legend(frameon=False)
+axes.legend(frameon=False, loc="upper left", bbox_to_anchor=(1, 1))
 plt.show()
 
 # %% [markdown]

@@ -291,6 +291,9 @@ def _no_loads(log: Log) -> str:
     return "" if any(m.loaded for m in log.motions) else "no motion carries a payload"
 
 
+SIMULATE, INSPECT = "Simulate the arm with it.", "Simulate the arm with it, or inspect the gear."
+"""Remedies of what is no fault of a part."""
+
 EFFECTS: dict[str, Effect] = {
     e.name: e
     for e in (
@@ -303,10 +306,10 @@ EFFECTS: dict[str, Effect] = {
             "Measure where it is, or state what was found.", _no_loads,
         ),
         Effect("armature", _armature, "error of the rotor's inertia", "Use what was found.", positive=True),
-        Effect("stribeck", _stribeck, "friction that rises at low speed", "Use it in slow motions."),
-        Effect("load-friction", _load_friction, "friction that grows with load", "Use it.", positive=True),
-        Effect("asymmetric-friction", _asymmetric, "viscous friction that differs by direction", "Use it."),
-        Effect("ripple", _ripple, "torque that ripples with the motor angle", "Use it, or inspect the gear."),
+        Effect("stribeck", _stribeck, "friction that rises at low speed", SIMULATE),
+        Effect("load-friction", _load_friction, "friction that grows with load", SIMULATE, positive=True),
+        Effect("asymmetric-friction", _asymmetric, "viscous friction that differs by direction", SIMULATE),
+        Effect("ripple", _ripple, "torque that ripples with the motor angle", INSPECT),
         Effect(
             "torque-constant", _torque_constant, "error of the torque constant",
             "Use the ratio that was found.", of_servo=NO_TORQUE,
@@ -329,7 +332,7 @@ EFFECTS: dict[str, Effect] = {
             "servo-stiffness", _servo_stiffness, "another stiffness of the servo", "Use what was found.",
             _no_stiffness,
         ),
-        Effect("elasticity", _elasticity, "elastic gear", "Use it.", _without(LINK, UNSEEN), True),
+        Effect("elasticity", _elasticity, "elastic gear", SIMULATE, _without(LINK, UNSEEN), True),
         Effect("backlash", _backlash, "backlash", "Adjust the gear.", _without(LINK, UNSEEN), True, STICKS),
     )
 }  # fmt: skip

@@ -25,7 +25,7 @@ from bayescal.gap.result import OTHER
 from bayescal.model.scene import Scene
 from bayescal.reporting.figures.figures import figures_of
 from bayescal.reporting.gap.record import gap_record
-from bayescal.reporting.page import build, compare
+from bayescal.reporting.page import build, compare, motion
 from bayescal.reporting.page import section as render
 from bayescal.reporting.page.arm import draw_arm, marked_sites
 from bayescal.reporting.page.build import run_page
@@ -478,3 +478,12 @@ def test_effects_of_several_runs_are_in_the_order_of_their_largest_probability()
     places = [text.index(name) for name in ("backlash", "bending", "lobing")]
     assert places == sorted(places)
     assert "payload" not in text
+
+
+@pytest.mark.parametrize("sure", [0.56, 0.97])
+def test_the_page_of_a_log_advises_to_measure_where_a_name_is_only_probable(sure):
+    named = {"probability": sure, "relevant": True, "text": "joint 2: backlash", "remedy": "Adjust the gear."}
+    record = {"words": ["An effect."], "verdict": "named", "named": [named], "next": [], "warnings": []}
+    text = words(str(motion.first(Run("motion", record, "run"))))
+    assert ("Adjust the gear." in text) == (sure > 0.9)
+    assert ("probably joint 2: backlash" in text) == ("Measure more before" in text) == (sure < 0.9)

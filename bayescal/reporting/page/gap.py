@@ -93,7 +93,7 @@ def _faults(record: Json) -> list[Fault]:
             ("share of the excess", sheets.share_of(record, named["effect"])),
         ]
         name = named["effect"] + ("" if named["confirmed"] else " (validation data do not confirm it)")
-        doubt = _doubt(named)
+        doubt = doubt_of(named)
         advice = FIRST if doubt or record["class"] else _remedy(named["effect"])
         out.append(Fault(f"{doubt}{name}", _stated(facts), advice))
     if record["verdict"] in sheets.UNMODELLED and not may_be:
@@ -120,7 +120,7 @@ def _faults(record: Json) -> list[Fault]:
     return out
 
 
-def _doubt(named: Json) -> str:
+def doubt_of(named: Json) -> str:
     """Word before a name that is not certain; "" of one that is."""
     if named.get("possible"):
         return "possibly "
@@ -181,7 +181,7 @@ def _next(run: Run) -> list[tuple[str, str]]:
         without = f" --without {shlex.quote(','.join(less))}" if less else ""
         if record["class"]:
             words = "Fit with the effects that are found:"
-        elif any(map(_doubt, record["named"])):
+        elif any(map(doubt_of, record["named"])):
             words = "Measure more, and diagnose again; to fit with the effects that are named:"
         else:
             words = (

@@ -5,7 +5,7 @@ from __future__ import annotations
 import shlex
 
 from bayescal.reporting.motion import sheets
-from bayescal.reporting.page.gap import verdict_of
+from bayescal.reporting.page.gap import FIRST, doubt_of, verdict_of
 from bayescal.reporting.page.section import Facts, Fault, FirstScreen, Run, Section, blocks, texts
 from bayescal.reporting.shared.text import by_reason, probability
 from bayescal.storage.reading import Json
@@ -19,7 +19,9 @@ def first(run: Run) -> Section:
     def fault(named: Json) -> Fault:
         relevant = ("relevant", "yes" if named["relevant"] else "no")
         facts = (("probability", probability(named["probability"])), relevant)
-        return Fault(named["text"], facts, named["remedy"])
+        doubt = doubt_of(named)
+        advice = FIRST if doubt or record["verdict"] == "class" else named["remedy"]
+        return Fault(f"{doubt}{named['text']}", facts, advice)
 
     return FirstScreen(
         word, tone, sign, record["words"], len(record["words"]), fault_title="What is wrong",
