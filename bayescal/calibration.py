@@ -25,7 +25,7 @@ from bayescal.assess.findings import Assessed, Finding, findings, rests_on_prior
 from bayescal.assess.identifiability import Directions, Identifiability, directions, identifiability
 from bayescal.assess.inputs import Basis
 from bayescal.assess.mistakes import judged, mistaken
-from bayescal.assess.shared_causes import SharedCause, rejected_share
+from bayescal.assess.shared_causes import SharedCause, judged_complete, rejected_share
 from bayescal.assess.undetermined import Undetermined, undetermined
 from bayescal.dataset import Dataset
 from bayescal.effects import BASELINE, levels_of, parameters_of
@@ -152,6 +152,8 @@ def fit(
     for k, step in enumerate(simpler, 1):
         progress("estimate", k / (len(simpler) + 1))
         estimated = simpler_level(scene, step, options)
+        if options.robust:  # as a fit with this model alone
+            estimated, _ = judged_complete(estimated, of_causes)
         left, (z, kappa) = unexplained(estimated), approximate(estimated, of_draws, count)
         checked = validate(estimated, z, kappa, left.excess, of_noise, strict=False)
         levels.append(ModelLevel(estimated.model.effects or NOMINAL, estimated, left, checked))

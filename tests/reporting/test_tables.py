@@ -15,7 +15,7 @@ from bayescal.gap.result import VALIDATION_POINTS, Verdict
 from bayescal.reporting.figures.where import drawn_curves
 from bayescal.reporting.fit.agreement import _table, agreement_record
 from bayescal.reporting.fit.posterior import _labels
-from bayescal.reporting.fit.sheets import MOST_DISTANCES, distance_table
+from bayescal.reporting.fit.sheets import MOST_DISTANCES, VALIDATION, distance_table
 from bayescal.reporting.gap.phrases import headline
 from bayescal.reporting.gap.sheets import _detectable, per_vector
 from bayescal.reporting.motion.fit import replay_sheet
@@ -305,3 +305,9 @@ def test_no_clearance_is_stated_larger_than_it_is():
     off = 1e3 * true[:-1] - np.array(text[:-1], float)
     assert np.all((off > -1e-9) & (off < 0.1))
     assert clearances(SimpleNamespace(clearance=np.zeros(0), purpose=("a", "b"))) == ["", ""]
+
+
+def test_angles_of_tables_have_no_exponent():
+    """0.34 deg was printed as 3.4e+02 mdeg."""
+    (text,) = (text for kind, _, _, text in VALIDATION if kind == "turns")
+    assert [text(np.radians(angle)) for angle in (0.338, 0.0171)] == ["340", "17"]

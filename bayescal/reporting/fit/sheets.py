@@ -28,6 +28,7 @@ from bayescal.reporting.shared.text import (
     parameter_notes,
     percent,
     signed,
+    two_digits,
     um,
     uncertainty,
 )
@@ -135,7 +136,7 @@ VALIDATION = (
     ("points", "points RMS", "point_lengths.rms", um),
     ("points", "mean", "point_lengths.mean", um),
     ("points", "maximum", "point_lengths.maximum", um),
-    ("turns", "angles mean (mdeg)", "turn_angles.mean", lambda mean: f"{MDEG * mean:.2g}"),
+    ("turns", "angles mean (mdeg)", "turn_angles.mean", lambda mean: two_digits(MDEG * mean)),
 )
 """Kinds of validation measurement, and of each the heading, the attribute and the text of a column."""
 

@@ -20,7 +20,7 @@ from bayescal.predict.validation import Errors, Validation
 from bayescal.reporting.fit import sheets
 from bayescal.reporting.shared.origin import filed_lines, images_lines
 from bayescal.reporting.shared.sheet import Sheet, below, screen, terminal
-from bayescal.reporting.shared.text import MDEG, MM, UM, Facts, facts, percent, um, um2, under
+from bayescal.reporting.shared.text import MDEG, MM, UM, Facts, facts, percent, two_digits, um, um2, under
 from bayescal.storage.reading import Json
 
 MOST_REASONS = 4
@@ -126,8 +126,8 @@ def _measured(nominal: Validation, v: Validation) -> list[str]:
         out.append(change("contact", nominal.contacts, v.contacts))
     if v.turns:
         angles = v.turn_angles
-        maximum, mean = MDEG * angles.maximum, MDEG * angles.mean
-        out.append(f"orientation error maximum {maximum:.2g} mdeg, mean {mean:.2g} mdeg")
+        maximum, mean = (two_digits(MDEG * angle) for angle in (angles.maximum, angles.mean))
+        out.append(f"orientation error maximum {maximum} mdeg, mean {mean} mdeg")
     return out or ["none: no measurements with role validate"]
 
 
