@@ -507,7 +507,7 @@ def test_every_parameter_of_the_arm_has_its_uncertainty(fits):
 
 
 def test_a_simpler_level_is_the_fit_with_its_model_alone(tracker):
-    """It left out the rows before an event as outliers, which a fit of that model keeps: they share a cause."""
+    """It left out the rows before an event, which a fit of that model keeps: they share a cause."""
     d = tracker(seed=3, count=110).dataset
     xyz = d.measurements.xyz + np.where(np.arange(110) >= 74, 3e-3, 0.0)[:, None] * [1.0, 0.0, 0.0]
     d = with_columns(d, xyz=xyz, role=np.where(np.arange(110) % 4 == 3, "validate", "calibrate"))
