@@ -206,6 +206,8 @@ MANY = 0.3
 
 LINES = 20
 """Lines of impossible rows that are listed, beside the first."""
+SYSTEMATIC = 0.1
+"""Share of impossible rows of a target from which on they are no gross errors of single rows (convention)."""
 
 LEVER = 0.3
 """m: arm of an angle's uncertainty when a target's place is judged."""
@@ -330,7 +332,7 @@ def _impossible(
     which = "reading" if KINDS[target.kind].of_instrument else "contact"
     if bad.mean() > 0.5:
         what = f"most {which}s of `{target.name}` disagree with the arm by {1e3 * np.median(away):.0f} mm"
-        remedy = "check the target, the tool and the units"
+        remedy = "check the robot (its type, signs and zeros), the target, the tool and the units"
         return BayescalError(what, document.where(("targets", target.name)), remedy)
     row = int(np.argmax(away))
     others = "point of the other readings" if which == "reading" else "surface fitted to the other contacts"
@@ -338,4 +340,7 @@ def _impossible(
     others_off = table.line[part[bad & (away < away[row])]]
     lines = ", ".join(map(str, others_off[:LINES])) + ", ..." * (len(others_off) > LINES)
     more = f"; {len(others_off)} more rows are too far off: lines {lines}" if len(others_off) else ""
-    return table.error(part[row], what + more, "check target, tool and joint readings, or leave the row out")
+    remedy = "check target, tool and joint readings, or leave the row out"
+    if bad.mean() > SYSTEMATIC:
+        remedy = "check the robot (its type, signs and zeros), target, tool and joint readings"
+    return table.error(part[row], what + more, remedy)

@@ -202,3 +202,5 @@ def test_all_rows_that_are_too_far_off_are_listed(count, words):
     assert str(problem).startswith("log.csv:4: impossible reading: 90 mm")
     assert f"; {count} more rows are too far off: " in str(problem)
     assert words in str(problem)
+    assert ("leave the row out" in str(problem)) == (count < 6)
+    assert ("the robot" in str(problem)) == (count >= 6)  # a wrong type of arm is off in many rows
