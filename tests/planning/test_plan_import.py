@@ -273,7 +273,7 @@ def test_the_summary_states_cost_and_gain(reported_plan):
     text = shown(reported_plan)
     assert "Expected U = 9.8 µm (k = 2) of 15 certified distances, assuming the model is correct" in text
     assert "Equivalent to about 460 random contacts" in text
-    assert "20 further contacts: U = 9.6 µm (2.0 % less)" in text
+    assert "20 contacts more: U = 9.6 µm (2.0 % less)" in text
     assert "200 distances in the volume of interest" in text
     assert re.search(r"15 certified distances +9\.8 +14 +21 % +4 % +72 % +3 %", text)
     assert "16 distances, 20 gap, 4 repeats, 8 validation" in text
