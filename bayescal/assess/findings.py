@@ -18,6 +18,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from scipy.special import gammaln
 
 from bayescal.assess.acceptance import PLANNED, SHARED, Acceptance
 from bayescal.assess.identifiability import Directions, in_words
@@ -104,6 +105,9 @@ PRIOR_DECIDES = 0.5
 ONE_SCALE, DETERMINED = 0.25, 0.5
 """Share of the squared deviations of lengths that one factor on all of them may leave, and the share of its
 prior standard deviation below which the uncertainty of such a length is (conventions)."""
+NOISY, UNEVEN = 4.0, 10.0
+"""Degrees of freedom of the prior of a target's noise, and the log Bayes factor from which on it is told that
+the noise differs between targets (assumed)."""
 FAR_BEYOND = 3.0
 """Times the error of validation contacts from which on a distance error is one that they do not show."""
 
@@ -136,7 +140,8 @@ class Assessed:
 
 def findings(of: Assessed) -> tuple[Finding, ...]:
     """All limitations, the most severe first; none for a good session."""
-    every = [*_tests(of), *_residuals(of), *_parameters(of), *_false_comfort(of), *_gross_errors(of)]
+    kinds = (_tests, _residuals, _noises, _parameters, _false_comfort, _gross_errors)
+    every = [finding for kind in kinds for finding in kind(of)]
     return tuple(sorted(every, key=lambda f: SEVERITIES.index(f.severity)))
 
 
@@ -185,6 +190,41 @@ def _residuals(of: Assessed) -> Iterator[Finding]:
             f"planes that are not flat, or arm errors that look so: {', '.join(uneven)}; "
             "their form is fitted together with the arm",
         )  # fmt: skip
+
+
+def differing(count: np.ndarray, chi2: np.ndarray) -> float:
+    """Log Bayes factor of a noise of each target over one noise for all.
+
+    Parameters
+    ----------
+    count, chi2 : np.ndarray, shape (T,)
+        Residuals on each target, and the sum of their squares over the noise of all. The variance of a target
+        over that of all has an inverse gamma distribution.
+    """
+    nu = NOISY
+    own = gammaln((nu + count) / 2) - gammaln(nu / 2) + nu / 2 * np.log(nu / 2) + chi2 / 2
+    return float(np.sum(own - (nu + count) / 2 * np.log((nu + chi2) / 2)))
+
+
+def _noises(of: Assessed) -> Iterator[Finding]:
+    """Noise groups with targets whose residuals are of another size than those of the others."""
+    linear, row = of.found.linear, of.found.weights.row
+    for blocks in by_group(of.found.model).values():
+        squares = dict[str, list[float]]()
+        for b in blocks:
+            keep = np.tile(row[b.name] > 0, b.kind.rows)
+            squares.setdefault(b.target, []).extend(linear.residual[linear.of_block[b.name]][keep] ** 2)
+        squares = {target: own for target, own in squares.items() if own}
+        count, chi2 = (np.array([f(own) for own in squares.values()]) for f in (len, sum))
+        level = np.sum(chi2) / max(np.sum(count), 1)
+        if level > 0 and differing(count, chi2 / level) > UNEVEN:
+            ratio = np.sqrt(chi2 / count / level)
+            most, least = (f"{list(squares)[k]} {ratio[k]:.2g}" for k in (np.argmax(ratio), np.argmin(ratio)))
+            yield Finding(
+                "noise_differs", "note",
+                f"residuals differ between targets ({most}, {least} times their RMS), one noise is taken for "
+                "all: a surface that is rough, dirty or not firm, or an error of the arm there",
+            )  # fmt: skip
 
 
 def _parameters(of: Assessed) -> Iterator[Finding]:

@@ -7,12 +7,13 @@ import foreign
 import numpy as np
 import pytest
 from cases import terminal_text
-from scipy.stats import norm
+from scipy.integrate import quad
+from scipy.stats import invgamma, norm
 from sessions import with_columns
 
 from bayescal.assess.acceptance import EXPLAINED, not_physical
 from bayescal.assess.budget import usual
-from bayescal.assess.findings import Assessed, findings
+from bayescal.assess.findings import Assessed, differing, findings
 from bayescal.assess.identifiability import BARELY, directions
 from bayescal.calibration import VALIDATION_DRAWS, fit
 from bayescal.dataset import read_dataset
@@ -58,6 +59,33 @@ def scaled(session, factor):
     """The session with a wrong certified distance: every length of the arm follows it."""
     first, *others = session.certificates
     return replace(session, certificates=(replace(first, distance=factor * first.distance), *others))
+
+
+def rough(session, amount):
+    """The session with noise of an amount, m, on +y."""
+    scene = Scene(session)
+    face = next(f for f in scene.circumstances(scene.rows("calibrate")).faces if f.name == "cube.+y")
+    more = amount * np.random.default_rng(4).standard_normal(len(face.rows)) * face.rows
+    readings = session.measurements.readings.copy()
+    readings[:, 0] += more / scene.points[:, 0]
+    return with_columns(session, readings=readings)
+
+
+def test_residuals_that_differ_between_targets_are_said_by_name(fits, cube):
+    """Noise of +y four times that of the other faces; and no such words of even noise."""
+    found = fit(rough(cube(seed=6, count=200).dataset, 20e-6), FULL, samples=0)
+    (said_,) = (f.text for f in found.findings if f.code == "noise_differs")
+    assert said_.startswith("residuals differ between targets (cube.+y 1.")
+    assert not [f for f in fits["good"].findings if f.code == "noise_differs"]
+
+
+def test_evidence_of_differing_noise_is_the_integral_over_the_noise_of_each_target():
+    count, chi2, prior = np.array([40.0, 60.0]), np.array([20.0, 80.0]), invgamma(2.0, scale=2.0)
+    each = [
+        quad(lambda v, n=n, s=s: v ** (-n / 2) * np.exp(0.5 * s * (1 - 1 / v)) * prior.pdf(v), 0.01, 30.0)[0]
+        for n, s in zip(count, chi2, strict=True)
+    ]
+    assert differing(count, chi2) == pytest.approx(np.sum(np.log(each)), abs=1e-6)
 
 
 CASES = {

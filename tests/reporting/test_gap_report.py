@@ -131,6 +131,23 @@ def test_errors_beyond_the_prediction_are_said(session, times_noise, times_limit
     assert said in headline(replace(gap, magnitude=magnitude))[0]
 
 
+def test_a_null_that_another_hypothesis_exceeds_is_undecided(session):
+    gap = diagnosis(session, "null")
+    verdict = replace(gap.verdict, probability=dict(gap.verdict.probability) | {"null": 0.22, "unknown": 0.3})
+    undecided = replace(gap, verdict=verdict)
+    assert (
+        headline(undecided)[0] == "Undecided: noise only has probability 0.22, and no effect is established"
+    )
+    assert verdict_of(gap_record(undecided))[2] == "Undecided"
+
+
+def test_no_location_is_stated_that_is_not_significant(session):
+    gap = diagnosis(session, "unknown")
+    (clear,) = (line for line in headline(gap) if "at joint 3, direction" in line)
+    unclear = replace(gap, where=tuple(replace(w, family_p_value=0.2) for w in gap.where))
+    assert clear.replace("joint 3, direction of motion of J3", "no single location") in headline(unclear)
+
+
 @pytest.mark.parametrize("kind", VERDICTS)
 def test_summary_is_one_screen_that_names_the_verdict(session, kind):
     text = printed(diagnosis(session, kind))

@@ -119,7 +119,7 @@ def test_only_significant_curves_and_an_event_once():
     [
         (5e-6, 0.2, "explains these data"),
         (9e-6, 0.2, "validation points are larger"),
-        (5e-6, 0.7, "noise only is possible (probability 0.25)"),
+        (5e-6, 0.7, "noise only has probability 0.25"),
     ],
 )
 def test_the_headline_is_that_of_the_table(rms, unknown, words):

@@ -78,7 +78,7 @@ CAUSES = {
         "Check what both joints load: a shared gear train, a counterbalance, a cable or a hose.",
     ),
     ("joint", "reading", ""): (
-        "{site} has an error that is drawn anew at every reading",
+        "{site} has an error that is drawn anew at every reading, or the noise differs between targets",
         "Check the encoder and its cable, the coupling of its shaft, and whether the joint has come to rest.",
     ),
     ("probe", "workspace", "one region"): (

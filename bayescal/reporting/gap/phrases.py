@@ -70,7 +70,8 @@ def headline(gap: Gap) -> list[str]:
     """The verdict: a line for each effect, or the alternatives, or that there is none."""
     verdict = gap.verdict
     where = unexplained(gap)
-    there = f"at {place(where)}" if where else NO_PLACE
+    clear = where is not None and where.family_p_value <= OUTCOME.significant
+    there = f"at {place(where)}" if where and clear else NO_PLACE
     likely = [
         f"More likely than not, but not named: {rival(n)} (probability {probability(verdict.probability[n])})"
         for n in unnamed(verdict)
@@ -181,7 +182,7 @@ def _nothing(gap: Gap) -> str:
     null = verdict.probability["null"]
     if null >= max(verdict.probability.values()):
         return "No effect above noise: the model explains these data"
-    return f"No effect found: noise only is possible (probability {probability(null)})"
+    return f"Undecided: noise only has probability {probability(null)}, and no effect is established"
 
 
 def components(gap: Gap) -> int:
