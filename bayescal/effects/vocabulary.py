@@ -252,9 +252,7 @@ class Scan:
     by_site: bool = False
     several: int = 1
     beside: Callable[[Circumstances, float], np.ndarray] = lambda circumstances, value: np.empty(0)
-    apart: Callable[[Circumstances, tuple[Site, float], tuple[Site, float]], bool] = lambda c, one, other: (
-        True
-    )
+    apart: Callable[[Circumstances, tuple[Site, float], tuple[Site, float]], bool] = lambda *_: True
 
 
 @dataclass(frozen=True)
