@@ -204,7 +204,7 @@ def fleet(
     from bayescal.storage.workers import results
 
     folder, options = Path(out), {
-        "model": list(names(model)), "without": list(names(without)), "seed": seed, "robust": robust,
+        "model": list(names(model) or MODEL), "without": list(names(without)), "seed": seed, "robust": robust,
         "prior_width": prior_width,
     }  # fmt: skip
     named = _named(sessions)
