@@ -79,7 +79,8 @@ CAUSES = {
     ),
     ("joint", "reading", ""): (
         "{site} has an error that is drawn anew at every reading, or the noise differs between targets",
-        "Check the encoder and its cable, the coupling of its shaft, and whether the joint has come to rest.",
+        "Compare the residuals of the targets. If they are alike, check the encoder and its cable, "
+        "the coupling of its shaft, and whether the joint has come to rest.",
     ),
     ("probe", "workspace", "one region"): (
         "the probe has an error in one region of the workspace",

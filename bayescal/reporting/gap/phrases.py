@@ -70,8 +70,7 @@ def headline(gap: Gap) -> list[str]:
     """The verdict: a line for each effect, or the alternatives, or that there is none."""
     verdict = gap.verdict
     where = unexplained(gap)
-    clear = where is not None and where.family_p_value <= OUTCOME.significant
-    there = f"at {place(where)}" if where and clear else NO_PLACE
+    there = f"at {place(where)}" if where and where.family_p_value < PLAIN else NO_PLACE
     likely = [
         f"More likely than not, but not named: {rival(n)} (probability {probability(verdict.probability[n])})"
         for n in unnamed(verdict)
