@@ -1,8 +1,8 @@
 """The estimate: Levenberg-Marquardt on the factor graph, outliers, noise, covariance."""
 
-from bayescal.estimate.checks import check_enough as check_enough
 from bayescal.estimate.estimate import Estimate as Estimate
 from bayescal.estimate.estimate import calibrated as calibrated
+from bayescal.estimate.estimate import check_enough as check_enough
 from bayescal.estimate.estimate import estimate as estimate
 from bayescal.estimate.estimate import fitted_level as fitted_level
 from bayescal.estimate.estimate import settled as settled

@@ -17,7 +17,7 @@ from scipy.optimize import least_squares
 
 from bayescal.errors import BayescalError
 from bayescal.estimate import Estimate
-from bayescal.estimate.checks import check_within_reach
+from bayescal.estimate.estimate import check_within_reach
 from bayescal.model import ARM, Block, Model
 from bayescal.statistics import rms
 

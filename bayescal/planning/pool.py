@@ -24,7 +24,7 @@ from bayescal.dataset import Box, Dataset
 from bayescal.dataset.regions import Region
 from bayescal.errors import BayescalError
 from bayescal.estimate import Estimate, linearise, unfitted, unit_weights
-from bayescal.estimate.checks import check_length
+from bayescal.estimate.estimate import check_length
 from bayescal.estimate.solver import factored, solved
 from bayescal.model import ARM, Model, Scene, build
 from bayescal.model.options import FitOptions, Part

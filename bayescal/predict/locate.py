@@ -14,7 +14,7 @@ import numpy as np
 
 from bayescal.arm.transforms import rigid_alignment
 from bayescal.errors import BayescalError
-from bayescal.estimate.checks import LARGEST_STEP
+from bayescal.estimate.estimate import LARGEST_STEP
 from bayescal.estimate.outliers import rejected, scale, student_weights
 from factors.cylinder import Cylinder
 from factors.distance import Distance

@@ -149,7 +149,7 @@ def budget(
     elif parameter:
         measurand = measurands.parameter(basis, parameter)
     elif point is not None:
-        from bayescal.fitted.point import point as pointed
+        from bayescal.compensating.position import point as pointed
 
         shown = np.asarray(point, float)
         n = arm.dataset.robot.n

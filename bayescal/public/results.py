@@ -171,7 +171,7 @@ class FitResult(Draws, Positioned):
         """The summary, to be printed by a `rich.console.Console`; `verbose` adds details."""
         from rich.console import Group
 
-        from bayescal.reporting.fit.agreement import agreement_summary
+        from bayescal.reporting.fit.sheets import agreement_summary
         from bayescal.reporting.fit.summary import fit_summary
 
         summary = fit_summary(self._new(), self.record, verbose)
@@ -298,7 +298,7 @@ class GapResult(Diagnosis, Positioned):
         """The summary, to be printed by a `rich.console.Console`."""
         from rich.console import Group
 
-        from bayescal.reporting.fit.agreement import verdicts
+        from bayescal.reporting.fit.sheets import verdicts
         from bayescal.reporting.gap.summary import gap_summary
         from bayescal.reporting.shared.text import facts
 

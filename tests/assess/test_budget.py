@@ -19,11 +19,11 @@ from bayescal.assess.budget import COVERAGE, Budget, Component, budget
 from bayescal.assess.inputs import CERTIFICATE, MASSES, NOISE, PRIOR, PROBING, READINGS, Basis, Input
 from bayescal.assess.measurand import Measurand, certified_distances, distance, parameter, readings, volume
 from bayescal.calibration import fit
+from bayescal.compensating.position import lost_motion, point
 from bayescal.estimate import calibrated, estimate
 from bayescal.estimate.discrepancy import stated
 from bayescal.fitted.arm import of_fit
 from bayescal.fitted.file import open_run, restored
-from bayescal.fitted.point import lost_motion, point
 from bayescal.model import with_parameters
 from bayescal.model.options import FitOptions
 from bayescal.model.scene import Scene

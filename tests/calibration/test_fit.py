@@ -23,7 +23,7 @@ from bayescal.effects.plane_form import GRANITE, TABLE
 from bayescal.errors import BayescalError
 from bayescal.estimate import calibrated, estimate, linearise
 from bayescal.estimate.bounds import with_latent_readings
-from bayescal.estimate.checks import check_converged
+from bayescal.estimate.estimate import check_converged
 from bayescal.estimate.unexplained import check_faces, unexplained, with_uneven_faces
 from bayescal.exporting.robot import calibrated_robot
 from bayescal.gap.diagnose import diagnose

@@ -13,9 +13,8 @@ from bayescal.assess.agreement import Agreement, Pair
 from bayescal.effects.location import face, joint, link
 from bayescal.gap.result import VALIDATION_POINTS, Verdict
 from bayescal.reporting.figures.where import drawn_curves
-from bayescal.reporting.fit.agreement import _table, agreement_record
 from bayescal.reporting.fit.posterior import _labels
-from bayescal.reporting.fit.sheets import MOST_DISTANCES, VALIDATION, distance_table
+from bayescal.reporting.fit.sheets import MOST_DISTANCES, VALIDATION, _table, agreement_record, distance_table
 from bayescal.reporting.gap.phrases import headline
 from bayescal.reporting.gap.sheets import _detectable, per_vector
 from bayescal.reporting.motion.fit import replay_sheet

@@ -18,7 +18,7 @@ from bayescal.model import ARM
 from bayescal.model.cached import continued
 from bayescal.model.model import with_parameters
 from bayescal.model.scene import Scene
-from bayescal.watching import rows, update
+from bayescal.watching import update
 from bayescal.watching.update import Contact
 from bayescal.watching.watch import (
     ENOUGH,
@@ -29,6 +29,8 @@ from bayescal.watching.watch import (
     Notice,
     Watch,
     WatchOptions,
+    begun,
+    followed,
     watched,
 )
 
@@ -61,10 +63,10 @@ def shifted_line(line, joint, by):
 
 def test_rows_are_those_of_the_whole_table(folder):
     cell, lines = folder
-    written = rows.begun(cell)
+    written = begun(cell)
     for some in (lines[1:2], [], lines[2:30], lines[30:]):
         put(cell, *some)
-        written = rows.followed(written, cell)
+        written = followed(written, cell)
         assert written.fault == ""
     whole, read = read_dataset(cell).measurements, written.dataset.measurements
     for f in fields(whole):
@@ -77,33 +79,33 @@ def test_rows_are_those_of_the_whole_table(folder):
 def test_a_line_counts_when_it_ends(folder):
     cell, lines = folder
     put(cell, lines[1], lines[2][:25])
-    written = rows.followed(rows.begun(cell), cell)
+    written = followed(begun(cell), cell)
     assert len(written.dataset.measurements.ids) == 1
     put(cell, lines[2][25:])
-    assert len(rows.followed(written, cell).dataset.measurements.ids) == 2
+    assert len(followed(written, cell).dataset.measurements.ids) == 2
 
 
 def test_a_faulty_line_is_stated_with_its_line_and_read_when_it_is_corrected(folder):
     cell, lines = folder
     put(cell, *lines[1:4])
-    written = rows.followed(rows.begun(cell), cell)
+    written = followed(begun(cell), cell)
     put(cell, "nonsense\n")
-    faulty = rows.followed(written, cell)
+    faulty = followed(written, cell)
     assert f"{TABLE}:5: 1 cells" in faulty.fault
     assert len(faulty.dataset.measurements.ids) == 3
     (cell / TABLE).write_text("".join(lines[:6]))
-    right = rows.followed(faulty, cell)
+    right = followed(faulty, cell)
     assert (right.fault, right.again, len(right.dataset.measurements.ids)) == ("", False, 5)
     put(cell, lines[3])
-    assert f"{TABLE}:7: id" in rows.followed(right, cell).fault
+    assert f"{TABLE}:7: id" in followed(right, cell).fault
 
 
 def test_rows_that_were_changed_are_read_again(folder):
     cell, lines = folder
     put(cell, *lines[1:9])
-    written = rows.followed(rows.begun(cell), cell)
+    written = followed(begun(cell), cell)
     (cell / TABLE).write_text("".join([lines[0], *lines[3:8]]))
-    again = rows.followed(written, cell)
+    again = followed(written, cell)
     assert again.again
     assert again.dataset.measurements.ids == read_dataset(cell).measurements.ids
 
@@ -328,7 +330,7 @@ def test_a_table_that_leads_elsewhere_is_not_read(folder, tmp_path):
     (tmp_path / "other.csv").write_text("".join(lines))
     (cell / TABLE).unlink()
     (cell / TABLE).symlink_to(tmp_path / "other.csv")
-    written = rows.followed(rows.begun(cell), cell)
+    written = followed(begun(cell), cell)
     assert "outside the dataset folder" in written.fault
     assert not written.dataset.measurements.ids
 

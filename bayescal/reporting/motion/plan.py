@@ -10,7 +10,7 @@ import yaml
 from rich.console import RenderableType
 from rich.text import Text
 
-from bayescal.logs.commands import commands_text
+from bayescal.logs.write import commands_text
 from bayescal.preparing.next_motions import PAUSE, MotionPlan
 from bayescal.reporting.motion.record import origin
 from bayescal.reporting.shared.origin import plain

@@ -15,7 +15,7 @@ from bayescal import calibration
 from bayescal.dataset import read_dataset
 from bayescal.dataset.consistency import contradictions
 from bayescal.errors import BayescalError
-from bayescal.estimate.checks import check_converged
+from bayescal.estimate.estimate import check_converged
 from bayescal.model.scene import Scene
 from bayescal.predict.locate import AmbiguousPositionError
 from bayescal.predict.targets import check_located
