@@ -5,6 +5,9 @@ most over-represented is compared with the same of rejections dealt to the rows 
 within one group is hypergeometric (Fisher's exact test); the permutation corrects for the number of groups
 of a kind and for what they have in common (Westfall and Young 1993, min-P).
 
+The measurements of one stop of the arm (corners of an image, reflectors on a flange) are wrong together. They
+are one piece of evidence: one rejected row of each stop, drawn at random, is tested.
+
 Groups of rows that may share a cause: target, tool, direction of motion, pose, period of time, slip.
 """
 
@@ -17,6 +20,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bayescal.estimate import Estimate, estimate
+from bayescal.estimate.families import stops_of
 from bayescal.model.block import ARM, Block
 from bayescal.model.scene import Scene
 from bayescal.statistics import chi2_sf, hypergeometric_log_sf
@@ -25,7 +29,7 @@ if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
 SHORTEST = 4
-"""Rows of the shortest stretch of time, and of the smallest neighbourhood of a pose."""
+"""Stops of the shortest stretch of time, and of the smallest neighbourhood of a pose."""
 COARSEST = 8
 """A joint's range is looked at in parts of 1/8, 1/4 and 1/2 of its rows."""
 SLIPS = 400
@@ -48,8 +52,11 @@ class Group:
 
 def groups_of(scene: Scene, rows: np.ndarray) -> tuple[Group, ...]:
     """All groups of some rows of a session that hold some, but not all, of them."""
-    every = (*_named(scene, rows), *_directions(scene, rows), *_ranges(scene, rows),
-             *_neighbourhoods(scene, rows), *_stretches(scene, rows), *_slips(scene, rows))  # fmt: skip
+    stops = stops_of(scene, rows)
+    least = SHORTEST * max(round(len(rows) / (np.max(stops, initial=0) + 1)), 1)  # rows
+    every = (*_named(scene, rows), *_directions(scene, rows), *_ranges(scene, rows, least),
+             *_neighbourhoods(scene, rows, least), *_stretches(scene, rows, least),
+             *_slips(scene, rows, stops, least))  # fmt: skip
     return tuple(g for g in every if 0 < len(g.rows) < len(rows))
 
 
@@ -79,24 +86,24 @@ def _directions(scene: Scene, rows: np.ndarray) -> Iterator[Group]:
             yield Group("direction of motion", f"{way} motion of {name}", np.flatnonzero(sign * v > 0))
 
 
-def _ranges(scene: Scene, rows: np.ndarray) -> Iterator[Group]:
+def _ranges(scene: Scene, rows: np.ndarray, least: int) -> Iterator[Group]:
     readings, robot = scene.dataset.measurements.readings[rows], scene.dataset.robot
     for name, unit, q in zip(robot.joint_names, robot.units, robot.shown(readings).T, strict=True):
         order = np.argsort(q, kind="stable")
-        for start, stop in _windows(len(rows), max(len(rows) // COARSEST, SHORTEST)):
+        for start, stop in _windows(len(rows), max(len(rows) // COARSEST, least)):
             part = order[start:stop]
             label = f"{name} from {q[part[0]]:.0f} to {q[part[-1]]:.0f} {unit}"
             yield Group("joint range", label, np.sort(part))
 
 
-def _neighbourhoods(scene: Scene, rows: np.ndarray) -> Iterator[Group]:
+def _neighbourhoods(scene: Scene, rows: np.ndarray, least: int) -> Iterator[Group]:
     from scipy.spatial import cKDTree  # slow to import, and without many outliers not needed
 
     m = scene.dataset.measurements
     readings = m.readings[rows]
     # each joint by its own spread: a wrist turns further than a shoulder
     at = readings / np.maximum(np.std(readings, axis=0), 1e-6)
-    tree, size = cKDTree(at), SHORTEST
+    tree, size = cKDTree(at), least
     centres = np.unique(np.linspace(0, len(rows) - 1, min(len(rows), _affordable(CENTRES, rows))).astype(int))
     while size <= len(rows) // 4:
         near = np.asarray(tree.query(at[centres], k=size)[1])
@@ -105,26 +112,27 @@ def _neighbourhoods(scene: Scene, rows: np.ndarray) -> Iterator[Group]:
         size *= 2
 
 
-def _stretches(scene: Scene, rows: np.ndarray) -> Iterator[Group]:
+def _stretches(scene: Scene, rows: np.ndarray, least: int) -> Iterator[Group]:
     m = scene.dataset.measurements
     order = np.argsort(rows if m.time is None else m.time[rows], kind="stable")
-    for start, stop in _windows(len(rows), SHORTEST):
+    for start, stop in _windows(len(rows), least):
         part = order[start:stop]
         label = f"rows {m.ids[rows[part[0]]]} to {m.ids[rows[part[-1]]]}"
         yield Group("stretch of time", label, np.sort(part))
 
 
-def _slips(scene: Scene, rows: np.ndarray) -> Iterator[Group]:
-    """All rows of a tool or a target from one row on, and all before: what a slip of it separates."""
+def _slips(scene: Scene, rows: np.ndarray, stops: np.ndarray, least: int) -> Iterator[Group]:
+    """All rows of a tool or a target from the first of a stop on, and all before: what its slip separates."""
     d, m = scene.dataset, scene.dataset.measurements
     time = rows if m.time is None else m.time[rows]
     for kind, of, names in (("tool", m.tool, d.tools), ("target", m.target, d.targets)):
         for k in np.unique(of[rows]):
             own = np.flatnonzero(of[rows] == k)
             own = own[np.argsort(time[own], kind="stable")]
-            possible = max(len(own) - 2 * SHORTEST + 1, 0)
-            at = np.linspace(SHORTEST, len(own) - SHORTEST, min(possible, _affordable(SLIPS, rows)))
-            for first in np.unique(at.astype(int)):
+            begins = np.flatnonzero(np.diff(stops[own])) + 1
+            begins = begins[(begins >= least) & (begins <= len(own) - least)]
+            some = np.linspace(0, len(begins) - 1, min(len(begins), _affordable(SLIPS, rows)))
+            for first in begins[some.astype(int)]:
                 row, name = m.ids[rows[own[first]]], names[k].name
                 yield Group("slip", f"{kind} {name} from row {row} on", np.sort(own[first:]))
                 yield Group("slip", f"{kind} {name} before row {row}", np.sort(own[:first]))
@@ -150,7 +158,7 @@ PERMUTATIONS = 2000
 FIRST = 200
 """Permutations at a time, after each of which a session that is far from `LEVEL` is let go."""
 FEWEST = 3
-"""Rejected measurements from which on they can be said to share anything."""
+"""Stops with rejected measurements from which on these can be said to share anything."""
 MOST_VALUES = 4_000_000
 """Counts, of groups by permutations, that are held at a time."""
 MOST = 3
@@ -192,11 +200,16 @@ def shared_causes(found: Estimate, seed: int = 0) -> tuple[SharedCause, ...]:
     if np.sum(rejected) < FEWEST:
         return ()
     order = np.argsort(rows)
-    return shared(groups_of(found.model.scene, rows[order]), rows[order], rejected[order], seed)
+    rows, rejected, scene = rows[order], rejected[order], found.model.scene
+    return shared(groups_of(scene, rows), rows, rejected, seed, stops_of(scene, rows))
 
 
 def shared(
-    groups: Sequence[Group], rows: np.ndarray, rejected: np.ndarray, seed: int = 0
+    groups: Sequence[Group],
+    rows: np.ndarray,
+    rejected: np.ndarray,
+    seed: int = 0,
+    stops: np.ndarray | None = None,
 ) -> tuple[SharedCause, ...]:
     """Test of rejected measurements against groups of rows.
 
@@ -208,8 +221,13 @@ def shared(
     rejected : np.ndarray of bool, shape (N,)
     seed : int
         Of the permutations.
+    stops : np.ndarray of int, shape (N,), optional
+        Number of the stop of each row, from 0. Without it each row is of its own.
     """
-    total, count = int(np.sum(rejected)), len(rows)
+    rng, count = np.random.default_rng(seed), len(rows)
+    deal = _Deal(np.arange(count) if stops is None else stops, rng)
+    tested = deal.one_of_each(np.flatnonzero(rejected))
+    total = len(tested)
     if total < FEWEST or total == count or not groups:
         return ()
     members = _incidence([g.rows for g in groups], count)
@@ -221,13 +239,13 @@ def shared(
         return table[of_size[:, None], (members @ _incidence(flagged, count).T).toarray()]
 
     kinds, of_kind = np.unique([g.kind for g in groups], return_inverse=True)
-    own = log_p([np.flatnonzero(rejected)])[:, 0]
+    own = log_p([tested])[:, 0]
     at_once = max(min(FIRST, MOST_VALUES // len(groups)), 1)
-    rng, least = np.random.default_rng(seed), np.empty((len(kinds), 0))
+    least = np.empty((len(kinds), 0))
     while least.shape[1] < PERMUTATIONS:
         for start in range(0, FIRST, at_once):
             many = range(start, min(start + at_once, FIRST))
-            dealt = log_p([np.argpartition(rng.random(count), total - 1)[:total] for _ in many])
+            dealt = log_p([deal.rows(total) for _ in many])
             dealt = np.stack([dealt[of_kind == k].min(axis=0) for k in range(len(kinds))])
             least = np.append(least, dealt, axis=1)
         # groups of one kind overlap (minimum over them); kinds share the level (Bonferroni)
@@ -238,7 +256,7 @@ def shared(
     told = np.empty(0, int)  # rejected measurements of the causes so far
     for k in np.argsort(own, kind="stable"):
         group = groups[k]
-        mine, size = group.rows[rejected[group.rows]], len(group.rows)
+        mine, size = np.intersect1d(group.rows, tested), len(group.rows)
         if p[k] > LEVEL or group.kind in out or len(mine) < FEWEST or len(out) == MOST:
             continue
         # the same measurements in other words, or further ones, which are not there by chance
@@ -249,8 +267,30 @@ def shared(
             if len(kinds) * np.sum(of_kind == of_kind[k]) * chance > LEVEL:
                 continue
         told = np.union1d(told, mine)
-        out[group.kind] = SharedCause(group.kind, group.label, rows[mine], size, total, count, float(p[k]))
+        every = rows[group.rows[rejected[group.rows]]]
+        numbers = size, int(np.sum(rejected)), count, float(p[k])
+        out[group.kind] = SharedCause(group.kind, group.label, every, *numbers)
     return tuple(out.values())
+
+
+class _Deal:
+    """Rejections of one row a stop, of `stops` (N,), dealt at random."""
+
+    def __init__(self, stops: np.ndarray, rng: np.random.Generator) -> None:
+        self.stops, self.rng = stops, rng
+        self.order, self.size = np.argsort(stops, kind="stable"), np.bincount(stops)
+        self.first = np.cumsum(self.size) - self.size
+
+    def one_of_each(self, rows: np.ndarray) -> np.ndarray:
+        """One of the rows of each stop, of these rows (K,), in order."""
+        some = rows if np.all(self.size == 1) else self.rng.permutation(rows)
+        return np.sort(some[np.unique(self.stops[some], return_index=True)[1]])
+
+    def rows(self, total: int) -> np.ndarray:
+        """A row of each of so many stops."""
+        stops = np.argpartition(self.rng.random(len(self.size)), total - 1)[:total]
+        within = 0 if np.all(self.size == 1) else self.rng.random(total) * self.size[stops]
+        return np.asarray(self.order[self.first[stops] + np.asarray(within, int)])
 
 
 def _incidence(groups: Sequence[np.ndarray], count: int) -> csr_array:

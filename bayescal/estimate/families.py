@@ -25,6 +25,7 @@ from bayescal.effects.location import BASE, PROBE, TOOL, Driver, Site, joint, li
 from bayescal.effects.plane_form import shapes
 from bayescal.estimate.estimate import Estimate
 from bayescal.model import Model
+from bayescal.model.scene import Scene
 
 EFFECT = "discrepancy"
 """Effect of the parameters of a discrepancy; no model or vocabulary has one of this name."""
@@ -204,6 +205,17 @@ def poses(m: Measurements, rows: np.ndarray) -> np.ndarray:
     joined = coo_array((np.ones(len(at)), (at, label)), shape=(size, size))
     found = connected_components(joined, directed=False)[1][: len(rows)]
     return np.unique(found, return_inverse=True)[1]
+
+
+def stops_of(scene: Scene, rows: np.ndarray) -> np.ndarray:
+    """Number (R,) of the stop of each of `rows` (R,), from 0: that of its pose, of a contact its own.
+
+    Repeated contacts come one after another: what they share is no error of one measurement.
+    """
+    m = scene.dataset.measurements
+    touching = np.array([kind.touched for kind in scene.declared])[m.target[rows]]
+    own = len(rows) + np.arange(len(rows))
+    return np.unique(np.where(touching, own, poses(m, rows)), return_inverse=True)[1]
 
 
 def _labels(m: Measurements, rows: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
