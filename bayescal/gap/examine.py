@@ -145,11 +145,9 @@ class Baseline:
         if self.causes:
             rows = np.concatenate([cause.rows for cause in self.causes])
             slopes = replace(slopes, sharing=np.isin(slopes.rows, rows))
-        poses = families.poses(fitted.model.scene.dataset.measurements, slopes.rows)
-        at = slopes.contact[: len(slopes.sigma)]
-        # repeated contacts of a surface come one after another: what they share is lack of fit
-        touching = self.circumstances.touching[slopes.rows[at]]
-        poses = np.where(touching, len(poses) + at, poses[at])
+        slopes = replace(slopes, stop=families.stops_of(fitted.model.scene, slopes.rows))
+        assert slopes.stop is not None
+        poses = slopes.stop[slopes.contact[: len(slopes.sigma)]]
 
         def worth_by(variance: float) -> np.ndarray:
             return worth(variance, slopes.contact, len(slopes.sigma), slopes.gradient, poses)

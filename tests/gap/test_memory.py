@@ -18,6 +18,7 @@ from bayescal.effects.common import base_terms, lagging, successions, tilts
 from bayescal.effects.location import BASE, PROBE, TOOL, Driver, joint
 from bayescal.effects.vocabulary import Session
 from bayescal.estimate import calibrated
+from bayescal.estimate.outliers import limit
 from bayescal.exporting.mjcf.format import holds
 from bayescal.gap.examine import examine
 from bayescal.gap.linear.evidence import Bank, shared_variance, weigh_sets, worth
@@ -486,6 +487,24 @@ def test_evidence_of_rows_that_are_worth_half_is_that_of_half_as_many():
     robust = fit_state(twice, (), ())
     assert robust.gross == 0
     assert robust.log_evidence == pytest.approx(fit_state(once, (), ()).log_evidence)
+
+
+def test_a_stop_that_is_wrong_as_a_whole_is_one_outlier():
+    """A column that explains one stop gains less than by its three contacts, and no other differs."""
+    p, _, pose = made_up(0.0, 0)
+    push = 30.0 * np.random.default_rng(1).standard_normal(len(p.residual)) * (pose == 20)
+    p = replace(p, residual=p.residual + push, pool=push[:, None])
+    stops = replace(p, stop=pose[::3])
+    lost = np.flatnonzero(stops.stop == 20)
+    assert p.excluded(lost[:1]) == stops.excluded(lost[:1])
+    assert stops.excluded(np.append(lost, 7)) == pytest.approx(
+        stops.excluded(lost) + p.excluded(np.array([7])), rel=1e-12
+    )
+    assert -0.5 * limit(np.full(180, 9))[0] == pytest.approx(stops.excluded(lost))
+    alone, together = (
+        fit_state(q, (0,), np.ones(1)).log_evidence - fit_state(q, (), ()).log_evidence for q in (p, stops)
+    )
+    assert alone > together + 10
 
 
 # --- Rows that share a cause are no outliers of a diagnosis: it has to explain them.

@@ -34,8 +34,9 @@ class Problem:
     is where the problem was linearised; the prior mean is 0. `contact` (C,) numbers the contact of each of
     the first C rows; the three rows of a point are used or excluded together. `worth` (C,) is the number of
     independent residuals that each is worth; 1 if not given. `sharing` (contacts,) are those that are no
-    outliers of any hypothesis, because they share a cause. The first L of these rows are
-    lengths, the others orientations, each with its own contact number. Columns and evidence use both;
+    outliers of any hypothesis, because they share a cause. `stop` (contacts,) numbers the stop of each, from
+    0; without it each is alone. The first L of these rows are lengths, the others orientations, each with its
+    own contact number. Columns and evidence use both;
     results in metres are of lengths only.
     """
 
@@ -48,6 +49,7 @@ class Problem:
     sigma: np.ndarray  # (L,) m, stated noise of each of the first L rows
     worth: np.ndarray | None = None
     sharing: np.ndarray | None = None
+    stop: np.ndarray | None = None
 
     @cached_property
     def base(self) -> np.ndarray:
@@ -85,6 +87,25 @@ class Problem:
         size = np.bincount(self.contact)
         return -0.5 * limit(size) * np.bincount(self.contact, self.base[: self.count]) / size
 
+    @cached_property
+    def gross_stops(self) -> np.ndarray:
+        """Log density (stops,) of a stop that is wrong as a whole: one measurement of all its rows."""
+        assert self.stop is not None
+        rows = np.bincount(self.stop[self.contact])
+        out = np.empty(len(rows))
+        out[self.stop] = -0.5 * limit(rows[self.stop])  # at the level of as many as there are contacts
+        return out
+
+    def excluded(self, lost: np.ndarray) -> float:
+        """Log density of excluded contacts (K,): each by itself, or those of a stop together.
+
+        Where `worth` is given, all contacts of a stop are worth about one measurement as they are.
+        """
+        if self.stop is None or self.worth is not None:
+            return float(np.sum(self.gross[lost]))
+        alone = np.bincount(self.stop[lost], self.gross[lost], len(self.gross_stops))
+        return float(np.sum(np.maximum(alone, self.gross_stops)[np.unique(self.stop[lost])]))
+
 
 def without_nuisance(p: Problem, size: int) -> Problem:
     """The same problem with the first `size` columns of its Jacobian: the model's own parameters."""
@@ -120,6 +141,7 @@ class Slopes:
     sigma: np.ndarray  # (L,) m
     worth: np.ndarray | None = None  # (C,) see `Problem`
     sharing: np.ndarray | None = None  # (contacts,)
+    stop: np.ndarray | None = None  # (contacts,)
 
     @classmethod
     def of(cls, fitted: Estimate, certified_values: Sequence[Parameter] = ()) -> Slopes:
@@ -155,7 +177,7 @@ class Slopes:
     def problem(self, z: np.ndarray, extra: Sequence[Parameter], nuisance: Sequence[Parameter]) -> Problem:
         """The problem with a pool of candidates; see `problem`."""
         jacobian, pool = np.column_stack([self.jacobian, self.columns(nuisance)]), self.columns(extra)
-        contacts = self.contact, self.rows, self.sigma, self.worth, self.sharing
+        contacts = self.contact, self.rows, self.sigma, self.worth, self.sharing, self.stop
         return Problem(self.residual, jacobian, pool, np.append(z, np.zeros(len(nuisance))), *contacts)
 
     @property

@@ -157,7 +157,7 @@ def fit_state(
         - 0.5 * (chi2 + STATED_WORTH) / kappa**2
         - 0.5 * (r[count:] @ r[count:] + z @ z)
         - float(np.sum(np.log(np.diag(factor))))
-        + float(np.sum(p.gross[lost]))
+        + p.excluded(lost)
         - 0.5 * np.log(2.0 * (kept - effective_dof + STATED_WORTH))
     )
     return State(p, columns, scales, weight, kappa, r, step, covariance, effective_dof, log_evidence, robust)
