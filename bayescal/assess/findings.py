@@ -21,6 +21,7 @@ import numpy as np
 from scipy.special import gammaln
 
 from bayescal.assess.acceptance import PLANNED, SHARED, Acceptance
+from bayescal.assess.board_points import displaced
 from bayescal.assess.identifiability import Directions, in_words
 from bayescal.assess.undetermined import Undetermined
 from bayescal.dataset.consistency import contradictions, copies
@@ -140,7 +141,7 @@ class Assessed:
 
 def findings(of: Assessed) -> tuple[Finding, ...]:
     """All limitations, the most severe first; none for a good session."""
-    kinds = (_tests, _residuals, _noises, _parameters, _false_comfort, _gross_errors)
+    kinds = (_tests, _residuals, _noises, _boards, _parameters, _false_comfort, _gross_errors)
     every = [finding for kind in kinds for finding in kind(of)]
     return tuple(sorted(every, key=lambda f: SEVERITIES.index(f.severity)))
 
@@ -225,6 +226,11 @@ def _noises(of: Assessed) -> Iterator[Finding]:
                 f"residuals differ between targets ({most}, {least} times their RMS), one noise is taken for "
                 "all: a surface that is rough, dirty or not firm, or an error of the arm there",
             )  # fmt: skip
+
+
+def _boards(of: Assessed) -> Iterator[Finding]:
+    for board in displaced(of.found):
+        yield Finding("points_differ", "warning", board.words)
 
 
 def _parameters(of: Assessed) -> Iterator[Finding]:

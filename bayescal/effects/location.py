@@ -113,6 +113,8 @@ FORMS = {
     "late": ("{}, late", "{}, followed late"),
     "one place": ("{}, one place", "{}, local"),
     "beyond": ("{}, beyond one place", "{} beyond a threshold"),
+    "heights": ("{}, height of each point", "height of each of its points"),
+    "places": ("{}, place of each point", "place of each of its points"),
     "one spot": ("{}, one spot", "{}, local"),
     "one region": ("{}, one region", "{}, local"),
     "own angle": ("{}, by its angle", "{} times a function of its angle"),

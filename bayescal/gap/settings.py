@@ -88,6 +88,8 @@ class CellSettings:
     """Half periods of a smooth function over the range of its coordinate (assumed)."""
     length: float = 1e-5
     """Prior standard deviation of a cell's shape, m (assumed; averaged over `LINEAR.scales`)."""
+    point: float = 1e-4
+    """Standard deviation of a point of a board from its place, m (assumed)."""
     angle: float = 1e-4
     """Prior standard deviation of a cell's shape, rad (assumed; averaged over `LINEAR.scales`)."""
     bump_widths: tuple[float, ...] = (0.04, 0.1)
@@ -157,6 +159,7 @@ class UnknownSettings:
             "tool": 0.1,
             "probe": 0.2,
             "arm": 0.05,
+            "board": 0.1,
         }
     )
     """Prior probability of the site of an unknown effect, by the first word of the site (assumed)."""

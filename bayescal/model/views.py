@@ -99,7 +99,8 @@ def view(t: Target, kind: Camera, rows: np.ndarray, pose: np.ndarray, count: int
     to_camera = np.swapaxes(axes, 1, 2) @ kind.frame[:3, :3] if kind.carried else kind.frame[:3, :3].T @ axes
     board_slopes = spread(np.einsum("ikc,ckj->ijc", by_camera, to_camera))
     middle = 0.5 * (points.max(axis=0) + points.min(axis=0))
-    corner, every = np.zeros((count, 1, 2)), np.zeros(count)
+    corner, every, number = np.zeros((count, 1, 2)), np.zeros(count), np.zeros(count, int)
+    number[rows] = np.argmin(np.linalg.norm(kind.corner[:, None] - points, axis=2), axis=1)
     corner[rows, 0], every[rows] = (kind.corner - middle)[:, :2], 1.0
     half = np.maximum(0.5 * np.ptp(points, axis=0)[:2], 1e-3)
     by_scale, by_bow = board_slopes[..., :2] * corner, board_slopes[..., 2:] * (1.0 - (corner / half) ** 2)
@@ -110,4 +111,5 @@ def view(t: Target, kind: Camera, rows: np.ndarray, pose: np.ndarray, count: int
         ImageErrors(NAMES[lens.model], "1", spread(coefficients), own.coefficients),
         ImageErrors(("scale x", "scale y"), "1", by_scale, np.full(2, own.scale), of_board=True),
         ImageErrors(("bow x", "bow y"), "m", by_bow, np.full(2, own.flatness), of_board=True),
+        number, board_slopes,
     )  # fmt: skip

@@ -9,6 +9,7 @@ from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 
+from bayescal.assess import board_points
 from bayescal.assess.undetermined import Undetermined
 from bayescal.dataset import Dataset
 from bayescal.dataset.consistency import copies
@@ -182,6 +183,7 @@ def warnings(
     if count := len(after.rejected):
         was = "rows were excluded as outliers" if count > 1 else "row was excluded as an outlier"
         out.append(f"{count} calibration {was}")
+    out += [board.words for board in board_points.displaced(before)]
     if words := copies(before.model.scene.dataset):
         out.append(words)
     out += [u.words for u in lacking if u.matters]

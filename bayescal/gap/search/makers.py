@@ -17,10 +17,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bayescal.arm.motion import CONTACT, TURN, Term
+from bayescal.arm.motion import CONTACT, IMAGE, TURN, Term
 from bayescal.effects import Circumstances, Parameter, location
 from bayescal.effects.common import LINK, READING, base_terms, by_reading, motion, side_of, tilts, turned
-from bayescal.effects.location import ARM, BASE, PROBE, TOOL, Driver, Site, joint, link
+from bayescal.effects.location import ARM, BASE, BOARD, PROBE, TOOL, Driver, Site, joint, link
 from bayescal.estimate.families import cosines
 from bayescal.gap.search.quantities import arguments, at_tool, signs
 from bayescal.gap.settings import CELLS
@@ -246,6 +246,16 @@ def scatter(c: Circumstances) -> Iterator[Cell]:
         yield Cell(ARM, Driver("pose"), (moved,), clusters=_repeated(c, c.readings))
 
 
+def of_points(c: Circumstances) -> Iterator[Cell]:
+    """Errors of a board that are drawn anew for each of its points: across its plane, and within it."""
+    for v in c.views:
+        site = BOARD.of(v.name) if v.several else BOARD
+        for axis, form in ((2, "heights"), (0, "places"), (1, "places")):
+            moved = tuple(Term(IMAGE, way, v.shift[:, k, axis]) for k, way in enumerate("uv"))
+            error = Parameter("", "m", moved, CELLS.point)
+            yield Cell(site, Driver("board", form=form), ((error,),), clusters=v.point)
+
+
 def _repeated(c: Circumstances, readings: np.ndarray) -> np.ndarray:
     """Numbers (N,), equal for rows with equal readings (N, ...) and for repetitions of one contact."""
     out = np.unique(np.round(readings, 8), axis=0, return_inverse=True)[1].ravel()
@@ -361,6 +371,6 @@ def pointing(c: Circumstances) -> Iterator[Cell]:
 
 FURTHER = (
     torque_and_angle, two_angles, between_orders, rocking, travel, scatter,
-    with_another, by_any, remembering, pointing,
+    with_another, by_any, remembering, pointing, of_points,
 )  # fmt: skip
 """Functions that list the cells of a session, in the order of the cells."""

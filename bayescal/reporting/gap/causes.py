@@ -86,6 +86,15 @@ CAUSES = {
         "the probe has an error in one region of the workspace",
         "Look for a probe cable that is caught or taut there.",
     ),
+    ("board", "board", "heights"): (
+        "the points of {site} are not in one plane, in another form than a bow",
+        "Mount the board on a stiff, flat plate, and check it with a straightedge.",
+    ),
+    ("board", "board", "places"): (
+        "the points of {site} are not where its pattern has them",
+        "Measure the board over several squares along both axes and both diagonals, and print it again "
+        "without scaling, or use a better one.",
+    ),
     ("face", "face", "one spot"): (
         "{site} has an error at one spot",
         "Clean the spot, and look for a dent or a burr.",
