@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from itertools import chain, combinations, product
+from itertools import chain, combinations, product, repeat
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from bayescal.arm.chain import Robot
 from bayescal.dataset import consistency
 from bayescal.dataset.consistency import FEWEST, LENGTH_UNITS, OFF, away, contacts, nominal
 from bayescal.dataset.contacts import Contacts, residual, settled
+from bayescal.dataset.image_changes import changes as image_changes
 from bayescal.dataset.table import Table
 from bayescal.dataset.target_kinds import KINDS, angle_sd, place_sd
 from bayescal.dataset.types import Dataset, Target
@@ -135,6 +136,15 @@ def _lengths(dataset: Dataset) -> Iterator[Other]:
 
 ZEROS = (90.0, -90.0, 180.0)
 """deg: differences of the zero of a joint between conventions."""
+TEETH = tuple(5.0 * k for k in range(-6, 7) if k)
+"""deg: differences of a zero between which that of a horn on another tooth is searched."""
+CLOSER, HALVED = 0.8, 5
+"""Share of the misfit below which a zero is searched more narrowly, and how often the step is halved."""
+IMAGES_OFF = 0.005
+"""m: images are placed by themselves, and are off by less where nothing is wrong (assumed)."""
+TOOTH = "mount the joint as the robot file has it (the horn of a servo, a belt), or correct `offset_deg`"
+REMEDY = "check the robot (its type, signs and zeros)"
+IMAGES = f"{REMEDY}, which image belongs to which joint readings, and the calibration of the camera"
 TABLE = "measurements.csv"
 ROBOT = "correct `link_from_reading` or `offset_deg` in the robot file, or the column"
 LEFT = 0.05
@@ -152,9 +162,11 @@ def explanation(dataset: Dataset, document: Document) -> BayescalError | None:
         return None
     stated = away(dataset, rows.readings)
     explanations = []
-    for what, place, remedy, concerned, other in chain(_joint_changes(dataset), _tool_changes(dataset)):
+    nominally = chain(_joint_changes(dataset), _zeros(dataset, stated), _tool_changes(dataset))
+    every = chain(zip(nominally, repeat(SUSPECT)), zip(image_changes(dataset), repeat(IMAGES_OFF)))
+    for (what, place, remedy, concerned, other), least in every:
         before = float(np.median(stated[concerned]))
-        if before > SUSPECT and (after := _typical(other, concerned)) < min(before / FALLS, LEFT):
+        if before > least and (after := _typical(other, concerned)) < min(before / FALLS, LEFT):
             explanations.append((after, before, what, place, remedy))
     if not explanations:
         return None
@@ -186,6 +198,25 @@ def _joint_changes(dataset: Dataset) -> Iterator[Change]:
         unit = dataset.robot.units[a]
         what = f"the columns `j{a + 1}_{unit}` and `j{b + 1}_{unit}` are interchanged"
         yield change(what, [a, b], q[:, [b, a]], "exchange their headings")
+
+
+def _zeros(dataset: Dataset, stated: np.ndarray) -> Iterator[Change]:
+    """A difference of the zero of each joint that turns, where rows are off by `stated` (N,), m."""
+    q, robot = dataset.measurements.readings, dataset.robot
+    every, before = np.ones(len(q), bool), float(np.median(stated))
+    for k in np.flatnonzero(~robot.slides).tolist() if before > SUSPECT else ():
+
+        def moved(zero: float, k: int = k) -> Dataset:
+            return _with_readings(dataset, [k], q[:, [k]] + np.radians(zero))
+
+        misfit = {zero: _typical(moved(zero), every) for zero in TEETH}
+        zero, step = min(misfit, key=misfit.__getitem__), TEETH[-1] - TEETH[-2]
+        for _ in range(HALVED if misfit[zero] < CLOSER * before else 0):
+            step /= 2
+            misfit |= {at: _typical(moved(at), every) for at in (zero - step, zero + step)}
+            zero = min(misfit, key=misfit.__getitem__)
+        what = f"the zero of {robot.joint_names[k]} differs by about {zero:.0f} deg"
+        yield what, f"j{k + 1}_{robot.units[k]}", TOOTH, every, moved(zero)
 
 
 def _tool_changes(dataset: Dataset) -> Iterator[Change]:
@@ -329,18 +360,23 @@ def _impossible(
     bad = away > limit
     if not bad.any():
         return None
-    which = "reading" if KINDS[target.kind].of_instrument else "contact"
+    seen = KINDS[target.kind].posed
+    which = "image" if seen else "reading" if KINDS[target.kind].of_instrument else "contact"
     if bad.mean() > 0.5:
         what = f"most {which}s of `{target.name}` disagree with the arm by {1e3 * np.median(away):.0f} mm"
-        remedy = "check the robot (its type, signs and zeros), the target, the tool and the units"
+        remedy = IMAGES if seen else f"{REMEDY}, the target, the tool and the units"
         return BayescalError(what, document.where(("targets", target.name)), remedy)
     row = int(np.argmax(away))
-    others = "point of the other readings" if which == "reading" else "surface fitted to the other contacts"
-    what = f"impossible {which}: {1e3 * away[row]:.0f} mm from the {others} on `{target.name}`"
+    others = {
+        "image": "where the other images put the board of",
+        "reading": "the point of the other readings on",
+        "contact": "the surface fitted to the other contacts on",
+    }[which]
+    what = f"impossible {which}: {1e3 * away[row]:.0f} mm from {others} `{target.name}`"
     others_off = table.line[part[bad & (away < away[row])]]
     lines = ", ".join(map(str, others_off[:LINES])) + ", ..." * (len(others_off) > LINES)
     more = f"; {len(others_off)} more rows are too far off: lines {lines}" if len(others_off) else ""
     remedy = "check target, tool and joint readings, or leave the row out"
     if bad.mean() > SYSTEMATIC:
-        remedy = "check the robot (its type, signs and zeros), target, tool and joint readings"
+        remedy = IMAGES if seen else f"{REMEDY}, target, tool and joint readings"
     return table.error(part[row], what + more, remedy)

@@ -116,13 +116,13 @@ def renamed(made, tmp_path, names):
 
 
 def test_images_at_other_readings_are_not_a_board_of_another_size(made, tmp_path):
-    with pytest.raises(BayescalError, match="which image belongs to which joint readings"):
+    with pytest.raises(BayescalError, match="images of `camera` fit the joint readings of the image"):
         write(convert(renamed(made, tmp_path, [13, *range(13)])), tmp_path / "cell")
 
 
 def test_an_image_at_other_readings_is_told_with_its_line(made, tmp_path):
     request = renamed(made, tmp_path, [0, 1, 2, 4, 3, *range(5, 14)])
-    with pytest.raises(BayescalError, match=r"^flange.csv:[56]: impossible reading"):
+    with pytest.raises(BayescalError, match=r"^flange.csv:[56]: impossible image"):
         write(convert(request), tmp_path / "cell")
 
 

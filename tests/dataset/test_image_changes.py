@@ -1,0 +1,80 @@
+"""What is wrong with all images of a session, or with a joint, is said by the one change that explains it."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from camera_sessions import FIXED, camera_session
+from sessions import with_columns
+
+from bayescal.dataset.cameras import closed_form
+from bayescal.dataset.image_changes import _pixels
+from bayescal.dataset.plausibility import explanation
+from bayescal.errors import BayescalError
+
+DOCUMENT = SimpleNamespace(where="dataset.yaml: {}".format)
+CORNERS = 24
+
+
+@pytest.fixture(scope="module", params=FIXED)
+def session(request):
+    return camera_session(request.param, images=24, seed=3, placed=False)
+
+
+@pytest.fixture(scope="module")
+def fixed():
+    return camera_session("fixed", images=24, seed=3, placed=False)
+
+
+def said(session) -> BayescalError:
+    found = explanation(session, DOCUMENT)
+    assert found is not None
+    return found
+
+
+def with_lens(session, factor):
+    (t,) = session.targets
+    values = t.values | {key: factor * t.values[key] for key in ("fx", "fy", "cx", "cy")}
+    return replace(session, targets=(replace(t, values=values),))
+
+
+@pytest.mark.parametrize("factor", [1.5, 0.5])
+def test_a_calibration_of_another_resolution(fixed, factor):
+    problem = said(with_lens(fixed, factor))
+    assert f"the calibration of `cam` is of images {factor:g} times as large as these" in problem.what
+    assert problem.remedy.startswith(f"divide fx_px, fy_px, cx_px and cy_px by {factor:g}")
+
+
+def test_readings_of_the_image_before(session):
+    readings = session.measurements.readings.copy()
+    half = 14 * CORNERS
+    readings[half:] = np.roll(readings[half:], CORNERS, axis=0)
+    problem = said(with_columns(session, readings=readings))
+    assert "images of `cam` fit the joint readings of the image after" in problem.what
+
+
+def test_lines_that_are_exposed_one_after_another(session):
+    session = with_columns(session, velocity=2 * session.measurements.velocity)
+    m, rows = session.measurements, np.arange(len(session.measurements.readings))
+    found = closed_form(session, 0, rows, m.readings)[2]
+    at = m.readings + 3e-5 * m.pixel[:, 1:2] * m.velocity
+    pixel = m.pixel.copy()
+    pixel[:, :2] += _pixels(session, 0, rows, at, found) - _pixels(session, 0, rows, m.readings, found)
+    problem = said(with_columns(session, pixel=pixel))
+    assert "exposed line by line while the arm moved (rolling shutter, about 30 µs a line)" in problem.what
+    assert "with the arm at rest" in problem.remedy
+    without = with_columns(session, pixel=pixel, velocity=None)
+    assert explanation(without, DOCUMENT) is None
+
+
+def test_a_horn_on_another_tooth(session):
+    readings = session.measurements.readings.copy()
+    readings[:, 4] += np.radians(14.4)
+    problem = said(with_columns(session, readings=readings))
+    assert problem.where == "measurements.csv: `j5_deg`"
+    assert "the zero of J5 differs by about -14 deg" in problem.what
+
+
+def test_a_session_without_mistakes_has_no_explanation(session):
+    assert explanation(session, DOCUMENT) is None
