@@ -27,9 +27,12 @@ import numpy as np
 from bayescal.assess.completed import completed
 from bayescal.effects import parameters_of
 from bayescal.estimate import calibrated
+from bayescal.estimate.bounds import bounded
+from bayescal.estimate.widths import with_widths
 from bayescal.methods.solving import Rows, RowsOf, Solution, System, contacts, levenberg, linear_steps, part
 from bayescal.model import ARM, Block, Model, build, standing, with_parameters
 from bayescal.model.model import KNOWN_PLACE
+from bayescal.model.options import USUAL
 from bayescal.model.scene import Scene
 from factors.plane import Plane
 
@@ -182,9 +185,9 @@ def in_joints(model: Model) -> RowsOf:
 
 
 def estimated(scene: Scene, effects: tuple[str, ...]) -> Solution:
-    """The estimate of `bayescal fit`, with the form of uneven faces."""
-    level = calibrated(scene, effects)
-    level = completed(level).fitted
+    """The estimate of `bayescal fit`: prior widths that the data tell, form of uneven faces, bounds."""
+    level = with_widths(calibrated(scene, effects), scene, effects, USUAL)[0]
+    level = bounded(completed(level).fitted)[0]
     values = level.model.deviations(level.z[level.model.slices[ARM]])
     return Solution(level.model, values, estimate=level, settled=True)
 

@@ -15,6 +15,7 @@ from bayescal.arm.motion import Motion, Term
 from bayescal.arm.transforms import common_rotation, rpy_matrix
 from bayescal.dataset import Dataset
 from factors import certificate
+from factors.camera import Camera
 from factors.kind import Kind
 from factors.turns import left_jacobian, product, turned
 
@@ -279,6 +280,11 @@ class Posed(Oriented):
     def by_point(self, state: np.ndarray, seen: np.ndarray) -> np.ndarray:
         """Derivatives (rows, 3, C) of the residuals by a shift of the tool in F0."""
         return self.kind.linearise(state, seen)[1][:, :3]
+
+    def touched(self, values: np.ndarray) -> Kind:
+        """The kind with its pixels where the parameters of lens and board have them, at deviations (P,)."""
+        assert isinstance(self.kind, Camera)
+        return replace(self.kind, pixel=self.kind.pixel - (self.direct(values) / self.kind.scale).T)
 
     @property
     def has_direct(self) -> bool:

@@ -34,7 +34,8 @@ COLUMNS: dict[str, tuple[str, Callable[[Result], float]]] = {
     "distances_rms_um": ("distances RMS", attrgetter("validation.distance_errors.rms")),
     "distances_max_um": ("maximum", attrgetter("validation.distance_errors.maximum")),
     "predicted_distance_sd_um": ("predicted u", attrgetter("distance_sd")),
-    "points_mean_um": ("points mean", attrgetter("validation.point_lengths.mean")),
+    "points_rms_um": ("points RMS", attrgetter("validation.point_lengths.rms")),
+    "points_mean_um": ("mean", attrgetter("validation.point_lengths.mean")),
     "points_max_um": ("maximum", attrgetter("validation.point_lengths.maximum")),
 }
 """Key, heading and value, m, of what is compared."""

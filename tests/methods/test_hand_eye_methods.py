@@ -1,9 +1,12 @@
 """The solvers of OpenCV on a session of a camera, beside the estimate."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from camera_sessions import ON_FLANGE, camera_session
 
+from bayescal.calibration import fit
 from bayescal.methods.compare import compare
 from bayescal.methods.hand_eye import SOLVERS, on_flange
 from bayescal.model.scene import Scene
@@ -20,7 +23,12 @@ def test_a_solver_finds_the_hand_eye(mount, solver):
 
 def test_they_are_compared():
     zeros = np.array([0.0, 1e-3, -2e-3, 1.5e-3, 1e-3, 0.0])
-    rows = compare(camera_session(images=25, arm=zeros, validate=5), ("geometry",)).rows
+    session = camera_session(images=25, arm=zeros, validate=5)
+    (t,) = session.targets  # errors of the lens are parameters of the model
+    session = replace(session, targets=(replace(t, values=t.values | {"fx": t.values["fx"] + 3.0}),))
+    rows = compare(session, ("geometry",)).rows
     error = {r.method.name: r.result.validation.point_lengths.rms for r in rows if r.result}
+    fitted = fit(session, ("geometry",), samples=0).final.validation.point_lengths
+    assert error["bayescal"] == pytest.approx(fitted.rms, rel=1e-3)
     solved = [error[f"hand-eye {s.capitalize()}"] for s in SOLVERS]
     assert error["bayescal"] < 0.5 * min(solved)
