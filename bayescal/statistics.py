@@ -20,6 +20,12 @@ def rms(x: np.ndarray) -> float:
     return float(np.sqrt(np.mean(x**2)))
 
 
+def decimals_of(u: float) -> int:
+    """Decimals with which a positive uncertainty has two significant digits; below zero before the point."""
+    decimals = 1 - int(np.floor(np.log10(u)))
+    return 1 - int(np.floor(np.log10(round(u, decimals))))  # 0.0996 has become 0.10
+
+
 def chi2_sf(x: Values, dof: Values) -> Any:
     """Probability that chi-square exceeds x."""
     return np.where(np.asarray(dof) > 0, special.chdtrc(dof, np.maximum(x, 0.0)), np.nan)

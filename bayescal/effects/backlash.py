@@ -25,6 +25,7 @@ from bayescal.effects.common import (
     at,
     at_gears,
     motion,
+    sense,
     side_of,
     sides,
     turned,
@@ -38,20 +39,14 @@ from bayescal.effects.sizes import Size, magnitude
 from bayescal.effects.vocabulary import Circumstances, Effect, Form, Parameter
 
 SD, ALONG_SD = 8e-5, 3e-5  # rad; m, of a prismatic joint
-STANDSTILL = np.radians(0.03)  # rad/s, m/s: below it, a joint may rest anywhere within its lost motion
 
 FRICTIONS = (0.3, 0.6)  # shares of the usual torque (assumed)
 CHANGES = 0.03  # share of the usual torque within which the flank changes (assumed)
 
 
-def _sign(speed: np.ndarray) -> np.ndarray:
-    """Direction of motion (N,), smooth below `STANDSTILL`."""
-    return speed / np.hypot(speed, STANDSTILL)
-
-
 def _parameters(c: Circumstances, side: str) -> list[Parameter]:
     assert c.velocity is not None
-    return at_gears(c, "backlash", c.velocity, side, ("rad", SD), "direction", _sign, ("m", ALONG_SD))
+    return at_gears(c, "backlash", c.velocity, side, ("rad", SD), "direction", sense, ("m", ALONG_SD))
 
 
 def _held(share: float) -> Form:
@@ -63,7 +58,7 @@ def _held(share: float) -> Form:
         out, side = [], side_of(c.robot)
         for j, name, _, torque in loaded(c):
             speed = motion(c.robot, j, c.velocity, side)
-            push = share * speed / np.hypot(speed, STANDSTILL) - torque / usual(c, torque)
+            push = share * sense(speed) - torque / usual(c, torque)
             terms = turned(c.robot, j, np.tanh(push / CHANGES), side)
             unit, sd = ("m", ALONG_SD) if c.robot.slides[j - 1] else ("rad", SD)
             out.append(Parameter(f"backlash {name}", unit, terms, sd, **at(j, Driver("flank", j))))

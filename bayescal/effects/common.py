@@ -30,6 +30,15 @@ On the reading side it turns all links that the reading moves, and its driver is
 """
 
 
+STANDSTILL = np.radians(0.03)
+"""rad/s, m/s: below it, a joint may rest anywhere within its lost motion, and has no direction of motion."""
+
+
+def sense(speed: np.ndarray) -> np.ndarray:
+    """Directions of motion, -1 to 1, of joints with speeds of any shape, rad/s; near 0 at standstill."""
+    return speed / np.hypot(speed, STANDSTILL)
+
+
 def side_of(robot: Robot) -> str:
     """The side of encoders and gears in the robot file; without coupled axes both sides are equal."""
     return LINK if robot.coupling == "display" else READING

@@ -25,6 +25,7 @@ from bayescal.assess.iso9283 import Iso9283, iso9283
 from bayescal.assess.measurand import parameter, volume
 from bayescal.errors import BayescalError
 from bayescal.exporting.xml_text import indented, rendered
+from bayescal.statistics import decimals_of
 from bayescal.storage.files import Keys, check_schema, read_document
 from bayescal.storage.reading import library
 
@@ -195,8 +196,7 @@ def in_digits(value: float, u: float) -> tuple[str, str]:
     """A value and its expanded uncertainty: two significant digits of U, the value to the same decimal."""
     if not (np.isfinite(u) and u > 0):
         return f"{value:.9g}", "0"
-    decimals = 1 - int(np.floor(np.log10(u)))
-    decimals = max(1 - int(np.floor(np.log10(round(u, decimals)))), 0)
+    decimals = max(decimals_of(u), 0)
     return f"{round(value, decimals) + 0.0:.{decimals}f}", f"{u:.{decimals}f}"
 
 

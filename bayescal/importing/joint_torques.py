@@ -10,6 +10,7 @@ import numpy as np
 from bayescal.errors import BayescalError, listed
 from bayescal.importing.joint_formats import DEG
 from bayescal.importing.joint_rows import MOVING, Rows
+from bayescal.statistics import rms
 
 KINDS = ("motor", "current", "sensor")
 U_CONSTANT = 0.1
@@ -88,7 +89,7 @@ def torque_constants(rows: Rows, velocity: np.ndarray, numbers: str) -> tuple[li
     rest = (np.abs(velocity) < MOVING).all(axis=1)
     out = np.full(n, np.nan)
     held = torque[rest] if rest.sum() > 1 else np.zeros((1, n))
-    bears = [j for j in range(n) if _rms(held[:, j]) > BORNE * np.abs(torque[:, j]).max() > 0]
+    bears = [j for j in range(n) if rms(held[:, j]) > BORNE * np.abs(torque[:, j]).max() > 0]
     for j in bears:
         m, i = torque[rest, j], current[rest, j]
         out[j] = m @ i / max(i @ i, 1e-30)
@@ -105,10 +106,6 @@ def torque_constants(rows: Rows, velocity: np.ndarray, numbers: str) -> tuple[li
     return [float(f"{c:.4g}") for c in out], how
 
 
-def _rms(values: np.ndarray) -> float:
-    return float(np.sqrt(np.mean(values**2)))
-
-
 def _in_motion(torque: np.ndarray, current: np.ndarray, velocity: np.ndarray) -> float:
     """Torque constant, N m/A, of current = torque / constant + friction in motion; nan if undetermined."""
     go = np.abs(velocity) > MOVING
@@ -117,10 +114,10 @@ def _in_motion(torque: np.ndarray, current: np.ndarray, velocity: np.ndarray) ->
     friction = np.column_stack([np.ones(go.sum()), np.sign(velocity[go]), velocity[go]])
     both = np.column_stack([torque[go], current[go]])
     m, i = (both - friction @ np.linalg.lstsq(friction, both, rcond=None)[0]).T
-    if _rms(m) < BORNE * _rms(torque[go]):
+    if rms(m) < BORNE * rms(torque[go]):
         return np.nan
     slope = m @ i / (m @ m)
-    u = _rms(i - slope * m) / np.sqrt(m @ m)
+    u = rms(i - slope * m) / np.sqrt(m @ m)
     return float(1 / slope) if slope > 0 and u < U_CONSTANT * slope / 2 else np.nan
 
 

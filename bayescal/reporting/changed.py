@@ -39,7 +39,6 @@ from bayescal.storage.folders import filled
 from bayescal.storage.reading import Json
 
 SCHEMA = "bayescal-changed/1"
-LIBRARIES = ("gtsam", "numpy", "scipy", "numba")
 MOST = 6
 """Items that a sentence lists."""
 COVERAGE = 2.0
@@ -53,7 +52,7 @@ def changed_record(result: Changed) -> Json:
     """The content of changed.json."""
     d = result.distances
     record: dict[str, Any] = {
-        **origin(SCHEMA, result.dataset, 0, LIBRARIES),
+        **origin(SCHEMA, result.dataset, 0),
         **entry(result, "model=effects", "robot=dataset.robot.name"),
         "sessions": [s.name for s in result.sessions],
         "folders": [str(s.folder) for s in result.sessions],

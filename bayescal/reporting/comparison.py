@@ -21,7 +21,6 @@ from bayescal.storage.folders import filled
 
 COMPARE = "compare.json"
 SCHEMA = "bayescal-compare/1"
-LIBRARIES = ("gtsam", "numpy", "scipy", "numba")
 
 LOCATED = (
     "targets are located by the stated noise; fit estimates the noise of each model: its nominal differs"
@@ -80,7 +79,7 @@ def _held(row: Row) -> str:
 def comparison_record(comparison: Comparison) -> dict[str, Any]:
     """The content of compare.json."""
     return {
-        **origin(SCHEMA, comparison.dataset, comparison.seed, LIBRARIES),
+        **origin(SCHEMA, comparison.dataset, comparison.seed),
         "model": list(comparison.effects),
         "methods": [_method(row) for row in comparison.rows],
     }

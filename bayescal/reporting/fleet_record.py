@@ -8,11 +8,10 @@ from typing import Any
 
 from bayescal.effects import UNITS
 from bayescal.fleets.compare import Difference, Model, priors
-from bayescal.reporting.shared.origin import entry, plain, software
+from bayescal.reporting.shared.origin import LIBRARIES, entry, plain, software
 from bayescal.storage.reading import Json, read_record
 
 FLEET, SCHEMA = "fleet.json", "bayescal-fleet/1"
-LIBRARIES = ("gtsam", "numpy", "scipy", "numba")
 REPEAT = "remove the folder, and repeat bayescal fleet"
 PAGES = {"fit": "report.html", "gap": "gap.html"}
 """Page of each run folder of a session."""

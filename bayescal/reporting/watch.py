@@ -20,7 +20,6 @@ from bayescal.watching.update import ODD, Contact
 from bayescal.watching.watch import SHIFTED, Complete, Event, Notice, WatchOptions
 
 SCHEMA = "bayescal-watch/1"
-LIBRARIES = ("gtsam", "numpy", "scipy", "numba")
 RECORD, TABLE, FIGURE = "watch.json", "watch.csv", "watch.png"
 FIRST = 3
 """Effects that the contacts would not show yet, named in a line."""
@@ -68,7 +67,7 @@ def watch_record(events: Sequence[Event], contacts: Sequence[Contact], asked: Wa
     """The content of watch.json."""
     fits = [e for e in events if isinstance(e, Complete)]
     return {
-        **origin(SCHEMA, fits[-1].fit.dataset, asked.fit.seed, LIBRARIES),
+        **origin(SCHEMA, fits[-1].fit.dataset, asked.fit.seed),
         "model": list(asked.effects),
         "aim": entry(asked, "U_um=enough", "planned"),
         "odd_below": ODD,

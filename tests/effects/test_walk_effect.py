@@ -80,7 +80,6 @@ ALLOWED = {
     "assess/identifiability.py": "a second tool of a session has unknowns of its own",
     "gap/search/beam.py": "many effects act through the compliance: it is named before them",
     "gap/search/cells.py": "generic cells have the shapes and the transitions of known effects",
-    "gap/search/quantities.py": "the direction of a joint changes as it does for backlash",
     "motion/together.py": "the masses of a log act on a session through the compliance",
     "motion/effects.py": "the list of effects of joint logs, some with the same names",
     "predict/targets.py": "a tool that no fitted row used has the prior of a tool",

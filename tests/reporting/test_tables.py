@@ -10,6 +10,7 @@ import pytest
 from cases import terminal_text as printed
 
 from bayescal.assess.agreement import Agreement, Pair
+from bayescal.effects.common import STANDSTILL
 from bayescal.effects.location import face, joint, link
 from bayescal.gap.result import VALIDATION_POINTS, Verdict
 from bayescal.reporting.figures.where import drawn_curves
@@ -22,7 +23,7 @@ from bayescal.reporting.plan_record import clearances
 from bayescal.reporting.plan_sheets import further
 from bayescal.reporting.plan_sheets import headline as plan_headline
 from bayescal.reporting.shared import origin
-from bayescal.reporting.shared.origin import STANDSTILL, _signs, entry, plain
+from bayescal.reporting.shared.origin import _signs, entry, plain
 from bayescal.reporting.shared.sheet import Column, Sheet, frame, terminal
 from bayescal.reporting.shared.text import FigureTable, parameter_notes, size, with_u
 from bayescal.storage.files import json_text

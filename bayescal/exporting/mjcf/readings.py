@@ -23,8 +23,8 @@ from typing import Any
 import numpy as np
 
 from bayescal.effects import named
-from bayescal.effects.backlash import BACKLASH, STANDSTILL
-from bayescal.effects.common import READING
+from bayescal.effects.backlash import BACKLASH
+from bayescal.effects.common import READING, sense
 from bayescal.errors import BayescalError
 from bayescal.exporting.mjcf.elastic import Content
 from bayescal.exporting.robot import side_in
@@ -85,8 +85,7 @@ class Law:
 
         Below `STANDSTILL` a gear rests within its lost motion, as in the model.
         """
-        speed = velocity @ self.nominal.T @ self.geared.T
-        return speed / np.hypot(speed, STANDSTILL)
+        return sense(velocity @ self.nominal.T @ self.geared.T)
 
     def lag(self, sense: np.ndarray) -> np.ndarray:
         """Angles (C, n) of links by the lost motion, rad, for the places (C, n) of gears in it."""

@@ -14,7 +14,7 @@ import numpy as np
 from bayescal.arm import chain as reference
 from bayescal.arm.motion import Term
 from bayescal.effects import EFFECTS, Circumstances, Parameter, location
-from bayescal.effects.common import base_terms, by_reading, motion, tilts
+from bayescal.effects.common import base_terms, by_reading, motion, sense, tilts
 from bayescal.effects.location import BASE, PROBE, TOOL, Driver, joint, link
 from bayescal.effects.plane_form import shapes
 from bayescal.effects.step import reflectors
@@ -31,7 +31,7 @@ from bayescal.gap.search.makers import (
     sides_of,
     smooth,
 )
-from bayescal.gap.search.quantities import at_tool, signs
+from bayescal.gap.search.quantities import at_tool
 from bayescal.gap.settings import CELLS
 from bayescal.statistics import rms
 
@@ -71,7 +71,7 @@ def _joints(c: Circumstances) -> Iterator[Cell]:
         if c.velocity is not None:
             speeds = [(side, motion(c.robot, j, c.velocity, side)) for side in sides_of(c, j)]
             speeds = [(side, speed) for side, speed in speeds if np.any(speed[c.fitted])]
-            play = [at_joint(c, j, [signs(v)], side) for side, v in speeds]
+            play = [at_joint(c, j, [sense(v)], side) for side, v in speeds]
             yield Cell(site, Driver("direction", j), tuple(play), known="backlash" in EFFECTS)
             late = [at_joint(c, j, [v / rms(v[c.fitted])], side) for side, v in speeds]
             yield Cell(site, Driver("joint speed", j), tuple(late))

@@ -19,10 +19,20 @@ import numpy as np
 
 from bayescal.arm.motion import CONTACT, IMAGE, TURN, Term
 from bayescal.effects import Circumstances, Parameter, location
-from bayescal.effects.common import LINK, READING, base_terms, by_reading, motion, side_of, tilts, turned
+from bayescal.effects.common import (
+    LINK,
+    READING,
+    base_terms,
+    by_reading,
+    motion,
+    sense,
+    side_of,
+    tilts,
+    turned,
+)
 from bayescal.effects.location import ARM, BASE, BOARD, PROBE, TOOL, Driver, Site, joint, link
 from bayescal.estimate.families import cosines
-from bayescal.gap.search.quantities import arguments, at_tool, signs
+from bayescal.gap.search.quantities import arguments, at_tool
 from bayescal.gap.settings import CELLS
 from bayescal.statistics import rms
 
@@ -298,7 +308,7 @@ def _own(c: Circumstances, j: int) -> dict[Driver, list[Functions]]:
         if c.velocity is not None:
             speed = motion(c.robot, j, c.velocity, side)
             if np.any(speed[c.fitted]):
-                out.setdefault(Driver("direction", j), []).append([signs(speed)])
+                out.setdefault(Driver("direction", j), []).append([sense(speed)])
                 out.setdefault(Driver("joint speed", j), []).append([speed / rms(speed[c.fitted])])
     if c.torques is not None and np.ptp(c.torques[c.fitted, j - 1]) > 1e-3:
         out[Driver("torque", j)] = [smooth(c.torques[:, j - 1], c.fitted, CELLS.pair_waves)]

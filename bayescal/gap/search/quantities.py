@@ -10,8 +10,7 @@ import numpy as np
 from bayescal.arm import chain as reference
 from bayescal.arm.statics import gravity_in_f0
 from bayescal.effects import Circumstances
-from bayescal.effects.backlash import STANDSTILL
-from bayescal.effects.common import by_reading
+from bayescal.effects.common import by_reading, sense
 from bayescal.effects.location import Driver
 from bayescal.estimate.families import cosines, unit_range
 from bayescal.gap.settings import RELATIVES
@@ -36,11 +35,6 @@ def arguments(c: Circumstances) -> tuple[Argument, ...]:
     )
 
 
-def signs(speed: np.ndarray) -> np.ndarray:
-    """Direction of motion (N,), -1 to 1, of a joint with a speed (N,), rad/s; near 0 at standstill."""
-    return speed / np.hypot(speed, STANDSTILL)
-
-
 def at_tool(c: Circumstances) -> np.ndarray:
     """Direction of gravity in the frame of the flange, (N, 3); 0 without gravity."""
     pose = reference.frames(c.chain, c.q)
@@ -57,7 +51,7 @@ def _functions(c: Circumstances) -> Iterator[tuple[Driver, list[np.ndarray], lis
             load = c.torques[:, j - 1] / rms(c.torques[fitted, j - 1])
             yield Driver("torque", j), cosines(load, fitted, waves), [np.abs(load), *_ends(load, fitted)]
         if c.velocity is not None and np.any(c.velocity[fitted, j - 1]):
-            speed, way = np.abs(c.velocity[:, j - 1]), signs(c.velocity[:, j - 1])
+            speed, way = np.abs(c.velocity[:, j - 1]), sense(c.velocity[:, j - 1])
             yield Driver("direction", j), [way], [(1.0 + way) / 2, (1.0 - way) / 2]
             yield Driver("joint speed", j), cosines(speed, fitted, 2), [speed / rms(speed[fitted])]
     clock = np.arange(len(c.q), dtype=float) if c.time is None else c.time

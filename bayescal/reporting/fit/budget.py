@@ -17,6 +17,7 @@ from bayescal.effects.vocabulary import unit_label
 from bayescal.reporting.shared.origin import entry, origin, plain, scaled
 from bayescal.reporting.shared.sheet import screen, sheet_of_cells
 from bayescal.reporting.shared.text import MISSING, Facts, percent, size, two_digits
+from bayescal.statistics import decimals_of
 
 SCHEMA = "bayescal-budget/1"
 LIBRARIES = ("numpy", "scipy")
@@ -129,8 +130,7 @@ def rounded(value: float | None, u: float) -> tuple[str | None, str]:
     """A value and its uncertainty as text: two significant digits of u."""
     if not (np.isfinite(u) and u > 0):
         return (None if value is None else f"{value:.9g}"), f"{u:.2g}"
-    decimals = 1 - int(np.floor(np.log10(u)))
-    decimals = 1 - int(np.floor(np.log10(round(u, decimals))))  # 0.0996 has become 0.10
+    decimals = decimals_of(u)
     digits = max(decimals, 0)
     first = None if value is None else f"{round(value, decimals) + 0.0:.{digits}f}"
     return first, f"{round(u, decimals):.{digits}f}"

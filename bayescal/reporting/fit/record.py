@@ -31,6 +31,7 @@ from bayescal.reporting.page.build import PAGES, write_page
 from bayescal.reporting.shared.body import arm_drawing
 from bayescal.reporting.shared.origin import (
     FACTORS,
+    LIBRARIES,
     by_target,
     entry,
     images_record,
@@ -46,7 +47,6 @@ from bayescal.storage.folders import whole
 SCHEMA = "bayescal-fit/1"
 SIZES = {"mean": "mean", "rms": "rms", "max": "maximum"}
 """Sizes of errors by what they are called in a key."""
-LIBRARIES = ("gtsam", "numpy", "scipy", "numba", "emcee", "arviz")
 NOISE = (
     *("group", "stated_um", "estimated_um=fitted", "repeats_um=repeats", "repeats_dof"),
     *("unexplained_um=excess", "unexplained_p_value=p_value"),
@@ -68,7 +68,7 @@ def fit_record(fit: Fit, compared: Agreement | None = None) -> dict[str, Any]:
     """The content of fit.json; `compared` is what the sessions of a joint fit say each by itself."""
     level, figures = fit.final, iso9283(fit.basis)
     record = {
-        **origin(SCHEMA, fit.dataset, fit.options.seed, LIBRARIES),
+        **origin(SCHEMA, fit.dataset, fit.options.seed, (*LIBRARIES, "emcee", "arviz")),
         "verdict": _verdict(fit.acceptance, fit.dataset),
         "use": gate.of_fit(fit).record(),
         "acceptance": None if fit.tolerance is None else _tolerance(fit.tolerance),

@@ -42,7 +42,6 @@ from bayescal.storage.files import json_text
 from bayescal.storage.folders import whole
 
 SCHEMA = "bayescal-gap/1"
-LIBRARIES = ("gtsam", "numpy", "scipy", "numba")
 MEASURES = ("planes", "distances")
 """Keys of ``shrinkage`` that are always present, null where nothing was measured."""
 EVENT = "event"
@@ -68,7 +67,7 @@ def gap_record(gap: Gap) -> dict[str, Any]:
     """The contents of gap.json; a value that is not finite is null."""
     verdict = gap.verdict
     record = {
-        **origin(SCHEMA, gap.dataset, gap.options.seed, LIBRARIES),
+        **origin(SCHEMA, gap.dataset, gap.options.seed),
         **entry(gap, "baseline", "without=options.omitted", "prior_widths=options.widths"),
         "gap": _magnitude(gap.magnitude),
         "verdict": verdict.kind,

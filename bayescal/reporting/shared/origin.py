@@ -17,6 +17,7 @@ from bayescal import __version__
 from bayescal.assess.images import images
 from bayescal.dataset import Dataset
 from bayescal.dataset.types import Record
+from bayescal.effects.common import STANDSTILL
 from bayescal.effects.location import Driver, Site
 from bayescal.effects.vocabulary import UNITS
 from bayescal.estimate import Estimate
@@ -26,11 +27,13 @@ from bayescal.reporting.shared.sheet import Column, Sheet
 from bayescal.reporting.shared.text import MDEG, MM, UM, Facts, amplitude, under, with_u
 from bayescal.storage.reading import Json
 
+LIBRARIES = ("gtsam", "numpy", "scipy", "numba")
+"""Of which most results state the versions."""
 SERIALS = ("arm", "probe", "artefact", "instrument")
 NOT_STATED = "not stated"
 
 
-def origin(schema: str, dataset: Dataset, seed: int, libraries: Iterable[str]) -> dict[str, Any]:
+def origin(schema: str, dataset: Dataset, seed: int, libraries: Iterable[str] = LIBRARIES) -> dict[str, Any]:
     """Schema, dataset (and each of several sessions) with its hash, its record, all software, seed."""
     named: dict[str, Any] = entry(dataset, "name", "sha256")
     if dataset.sessions:
@@ -183,8 +186,6 @@ def by_target(estimate: Estimate) -> Iterator[tuple[str, str, np.ndarray, np.nda
 
 DIGITS = 4
 """Decimals of residuals (µm), angles (deg) and times (s)."""
-STANDSTILL = np.radians(0.03)
-"""Joint speed, rad/s, below which a joint has no direction of motion; as for `backlash`."""
 
 
 def rows_record(estimate: Estimate) -> dict[str, Any]:

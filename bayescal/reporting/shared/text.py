@@ -15,6 +15,7 @@ from bayescal.effects import UNITS
 from bayescal.effects.location import words_of
 from bayescal.effects.selection import Selection
 from bayescal.effects.vocabulary import unit_label
+from bayescal.statistics import decimals_of
 
 GAP = 2
 """Blanks between columns."""
@@ -185,8 +186,7 @@ def with_u(value: float, u: float) -> str:
     """A value with its standard uncertainty, two digits of it: ``0.0244(10)``, ``12.3(1.4)``."""
     if not (np.isfinite(u) and u > 0):
         return f"{value + 0.0:.9g}"
-    decimals = 1 - int(np.floor(np.log10(u)))
-    decimals = 1 - int(np.floor(np.log10(round(u, decimals))))  # 0.0996 has become 0.10
+    decimals = decimals_of(u)
     value = round(value, decimals) + 0.0  # no -0
     if decimals <= 0:
         return f"{value:.0f}({round(u, decimals):.0f})"
