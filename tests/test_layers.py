@@ -31,7 +31,7 @@ BREACHES = [
     ("analysis.world.build", "bayescal.arm.chain", "world"),
     ("bayescal.model.model", "pinocchio", "pinocchio"),
     ("bayescal.model.model", "mujoco", "mujoco"),
-    ("bayescal.storage.workers", "distributed", "dask"),
+    ("bayescal.storage.folders", "distributed", "dask"),
     ("bayescal.cli.evaluation", "bayescal.calibration", "commands"),
 ]
 """An import that is not there, and the contract that forbids it."""

@@ -16,8 +16,7 @@ from analysis.blind import seal
 from analysis.blind.folder import PLAN, SEAL, TRUTH, WORLDS, name_of, parsed, read, record, write
 from bayescal.errors import BayescalError
 from bayescal.storage.folders import check_free, whole
-from bayescal.storage.tasks import Lost
-from bayescal.storage.workers import results
+from bayescal.storage.workers import Lost, results
 
 SEEDS = 2**48
 """Number of possible seeds."""

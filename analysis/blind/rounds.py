@@ -31,8 +31,7 @@ from analysis.blind.further import ERROR, Continued, Open, Rows, planned, probed
 from analysis.blind.make import Notify
 from analysis.blind.run import Answered, known, run
 from bayescal.errors import BayescalError
-from bayescal.storage.tasks import Lost
-from bayescal.storage.workers import results
+from bayescal.storage.workers import Lost, results
 
 ROUND = "round-2"
 ARMS = ("chosen", "random")

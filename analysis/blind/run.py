@@ -25,8 +25,7 @@ from analysis.blind.folder import (
 from analysis.blind.make import Notify
 from bayescal.errors import BayescalError
 from bayescal.storage.locks import scratch
-from bayescal.storage.tasks import Lost
-from bayescal.storage.workers import results
+from bayescal.storage.workers import Lost, results
 
 LONG = ("curves", "residuals", "rows", "arm")
 """Keys of gap.json that hold data of figures and are not part of an answer."""

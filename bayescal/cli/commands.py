@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 # they register their commands; what others describe "as of `fit`" stands in the first
-from bayescal.cli import evaluation, fleets, results, sessions  # noqa: F401
+from bayescal.cli import evaluation, results, sessions  # noqa: F401
 from bayescal.cli.root import app
 
 __all__ = ["app"]

@@ -200,8 +200,7 @@ def fleet(
         For no session, two of one name, a folder with other files, or a cluster that cannot be reached.
     """
     from bayescal.storage.locks import alone
-    from bayescal.storage.tasks import Lost
-    from bayescal.storage.workers import results
+    from bayescal.storage.workers import Lost, results
 
     folder, options = Path(out), {
         "model": list(names(model) or MODEL), "without": list(names(without)), "seed": seed, "robust": robust,

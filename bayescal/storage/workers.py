@@ -1,19 +1,89 @@
-"""Independent tasks on worker processes, local or on a Dask cluster; lost tasks are repeated."""
+"""Independent tasks on worker processes, local or on a Dask cluster; lost tasks are repeated.
+
+Only this module imports `distributed`.
+"""
 
 from __future__ import annotations
 
+import logging
 import os
 import signal
+import socket
+from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator
-from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, ProcessPoolExecutor, wait
+from concurrent.futures import (
+    FIRST_COMPLETED,
+    BrokenExecutor,
+    CancelledError,
+    Future,
+    ProcessPoolExecutor,
+    wait,
+)
 from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from importlib.metadata import version
 from multiprocessing import get_context, parent_process
 from multiprocessing.process import BaseProcess
 from threading import Thread
-from typing import Any
+from typing import Any, Protocol
 
+from bayescal.errors import BayescalError
+from bayescal.storage.reading import library
 from bayescal.storage.stopping import Stopped
-from bayescal.storage.tasks import Crew, Job, Lost, Queue, Work
+
+Work = Callable[[Any], Any]
+
+
+@dataclass(frozen=True)
+class Lost:
+    """The result of a task that killed its workers, with the reason as text."""
+
+    words: str
+
+
+@dataclass
+class Job:
+    """A task, its index, and the number of processes that it killed."""
+
+    index: int
+    task: Any
+    kills: int = 0
+
+
+class Queue:
+    """Jobs to be done: returned ones first, then new ones, which are generated on demand."""
+
+    def __init__(self, tasks: Iterable[Any]) -> None:
+        self._fresh = (Job(k, task) for k, task in enumerate(tasks))
+        self._back: deque[Job] = deque()
+
+    def take(self) -> Job | None:
+        """The next, or None."""
+        return self._back.popleft() if self._back else next(self._fresh, None)
+
+    def put_back(self, jobs: Iterable[Job]) -> None:
+        """Return jobs to the queue, in their order."""
+        self._back.extendleft(reversed(list(jobs)))
+
+
+class Crew(Protocol):
+    """Executor of jobs: a local process, or a cluster."""
+
+    jobs: dict[Future[Any], Job]
+    """Under way, in the order in which they were handed over."""
+
+    def fill(self, work: Work, queue: Queue) -> None:
+        """Submit jobs up to the capacity."""
+
+    def done(self, queue: Queue) -> Iterator[tuple[int, Any]]:
+        """Return finished jobs; jobs that were lost with a worker are queued again."""
+
+    def close(self) -> None:
+        """Cancel running jobs."""
+
+    def kill(self) -> None:
+        """End running jobs: this process is stopped."""
+
 
 KILLS = 3
 """Number of killed processes after which a task is abandoned."""
@@ -111,8 +181,8 @@ def results(
     queue = Queue(tasks)
     with ExitStack() as stack:
         crews: list[Crew] = []
-        for make in _crews(workers, dask):
-            crews.append(make())
+        for _ in range(workers if dask is None else 1):
+            crews.append(Process() if dask is None else Cluster(dask))
             stack.callback(crews[-1].close)
         while True:
             for crew in crews:
@@ -128,14 +198,6 @@ def results(
                 raise
             for crew in crews:
                 yield from crew.done(queue)
-
-
-def _crews(workers: int, dask: str | None) -> list[Callable[[], Crew]]:
-    if dask is None:
-        return [Process] * workers
-    from bayescal.storage.cluster import Cluster
-
-    return [lambda: Cluster(dask)]
 
 
 def _broken(future: Future[Any]) -> bool:
@@ -166,3 +228,107 @@ def _settle() -> None:
 def _leave_with(parent: BaseProcess) -> None:
     parent.join()
     os._exit(1)
+
+
+CONNECT = 10.0
+"""Seconds to wait for the scheduler."""
+PATIENCE = 30.0
+"""Seconds to wait for a worker to connect, or to reconnect."""
+MISSING = "a scheduler and workers are started with `dask scheduler` and `dask worker ADDRESS --nthreads 1`"
+AGAIN = "the same command continues where it stopped"
+PACKAGE = "bayescal"
+INSTALL = "install the same bayescal for its scheduler and workers"
+
+
+class Cluster:
+    """All workers of a cluster, with one job for each of their current threads.
+
+    No worker then has a waiting job: Dask counts the death of a worker against all of its jobs. Dask itself
+    gives lost jobs to other workers, until too many workers died.
+    """
+
+    def __init__(self, address: str) -> None:
+        library("distributed", "needs the package `distributed`", "--dask", "pip install 'bayescal[dask]'")
+        from distributed import Client, KilledWorker
+        from distributed.comm.addressing import get_address_host_port
+
+        logging.getLogger("distributed").setLevel(logging.CRITICAL)  # failures are reported here
+        self.address, self.jobs, self._killed = address, dict[Future[Any], Job](), KilledWorker
+        try:  # test the address first: a client would retry for a long time
+            socket.create_connection(get_address_host_port(address), CONNECT).close()
+            self._client = Client(address, timeout=CONNECT, set_as_default=False)
+        except (OSError, ValueError) as error:
+            words = str(error).partition("\n")[0] or "no answer"
+            raise BayescalError(f"no Dask scheduler there: {words}", address, MISSING) from None
+        self._executor = self._client.get_executor(pure=False)
+        try:
+            self._check()
+        except BayescalError:
+            self.close()
+            raise
+
+    def _check(self) -> None:
+        """Raise an error for workers without the package: a failed import would end them like a crash."""
+        self._threads()
+        try:
+            self._client.run(version, PACKAGE)
+        except ImportError:
+            raise BayescalError(f"a worker lacks {PACKAGE}", self.address, INSTALL) from None
+
+    def fill(self, work: Work, queue: Queue) -> None:
+        """See `Crew`.
+
+        Raises
+        ------
+        BayescalError
+                If there is no worker, or the scheduler was lost.
+        """
+        room = self._threads() - len(self.jobs)
+        for _ in range(room):
+            if (job := queue.take()) is None:
+                return
+            self.jobs[self._executor.submit(work, job.task)] = job
+
+    def _threads(self) -> int:
+        try:
+            if not self._client.nthreads():
+                self._client.wait_for_workers(1, timeout=PATIENCE)
+            return sum(self._client.nthreads().values())
+        except TimeoutError:
+            raise BayescalError("has no workers", self.address, f"{MISSING}; {AGAIN}") from None
+        except OSError:
+            raise self._gone() from None
+
+    def done(self, queue: Queue) -> Iterator[tuple[int, Any]]:
+        """See `Crew`.
+
+        Raises
+        ------
+        BayescalError
+            Where the scheduler was lost, or lacks the package.
+        """
+        for future in [future for future in self.jobs if future.done()]:
+            yield self.jobs.pop(future).index, self._result(future)
+
+    def _result(self, future: Future[Any]) -> Any:
+        try:
+            return future.result()
+        except self._killed as error:
+            return Lost(f"the workers of this task were killed, {error.allowed_failures + 1} of them")
+        except CancelledError:
+            raise self._gone() from None
+        except (ImportError, RuntimeError) as error:
+            if isinstance(error, RuntimeError) and "deserialization" not in str(error):
+                raise
+            raise BayescalError("the cluster cannot load the work", self.address, INSTALL) from error
+
+    def _gone(self) -> BayescalError:
+        return BayescalError("the Dask scheduler was lost", self.address, AGAIN)
+
+    def close(self) -> None:
+        """See `Crew`."""
+        self._executor.shutdown(wait=False)
+        self._client.close(timeout=CONNECT)
+
+    def kill(self) -> None:
+        """See `Crew`; `close` cancels its jobs without waiting."""

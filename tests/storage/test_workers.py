@@ -16,8 +16,7 @@ from tiny_work import COUNT, SQUARES, Tiny, squares, tiny, until
 
 from bayescal.errors import BayescalError
 from bayescal.storage.stopping import Stopped
-from bayescal.storage.tasks import Lost
-from bayescal.storage.workers import DEPTH, KILLS, results
+from bayescal.storage.workers import DEPTH, KILLS, Lost, results
 
 
 def children() -> list:
@@ -149,6 +148,6 @@ def test_what_work_raises_on_dask_is_raised(cluster):
 
 
 def test_workers_without_the_package_are_refused(cluster, monkeypatch):
-    monkeypatch.setattr("bayescal.storage.cluster.PACKAGE", "bayescal-of-elsewhere")
+    monkeypatch.setattr("bayescal.storage.workers.PACKAGE", "bayescal-of-elsewhere")
     with pytest.raises(BayescalError, match="a worker lacks bayescal-of-elsewhere; install"):
         list(results(tiny_work.refuse, [3], dask=cluster.scheduler_address))

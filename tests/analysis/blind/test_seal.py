@@ -15,7 +15,7 @@ from analysis.blind.run import run
 from analysis.blind.unseal import opened
 from bayescal.errors import BayescalError
 from bayescal.storage.folders import LIST
-from bayescal.storage.tasks import Lost
+from bayescal.storage.workers import Lost
 
 WORLDS, SEED = 3, 5
 pytestmark = pytest.mark.usefixtures("_no_pinocchio_needed")
