@@ -12,7 +12,6 @@ import numpy as np
 from rich.console import RenderableType
 from rich.text import Text as Words
 
-from bayescal import __version__
 from bayescal.changes.moves import Shift
 from bayescal.changes.outcome import Changed, Detectable, Difference
 from bayescal.dataset.table import csv_text
@@ -378,9 +377,7 @@ def changed_page(record: Json) -> str:
         ),
     ]
     subtitle = f"{listed(record['sessions'])}, {record['robot']}; model: {', '.join(record['model'])}"
-    return page(
-        "Changes between sessions", subtitle, sections, (f"bayescal {__version__}",), headers=filed(record)
-    )
+    return page("Changes between sessions", subtitle, sections, headers=filed(record))
 
 
 def items_csv(record: Json) -> str:

@@ -10,7 +10,6 @@ import numpy as np
 from rich.console import RenderableType
 from rich.text import Text as Words
 
-from bayescal import __version__
 from bayescal.changes.history import DAY, QUANTILES, TREND, Course, History
 from bayescal.dataset.table import csv_text
 from bayescal.effects import UNITS
@@ -200,7 +199,7 @@ def history_page(record: Json) -> str:
         blocks("runs", "Runs", runs),
     ]
     subtitle = f"{record['robot']} {record['serial'] or ''}: {listed(r['folder'] for r in record['runs'])}"
-    return page("History", subtitle, sections, (f"bayescal {__version__}",))
+    return page("History", subtitle, sections)
 
 
 def history_csv(record: Json) -> str:
