@@ -322,6 +322,13 @@ def validating(dataset: Dataset, every: int) -> Dataset:
     return with_columns(dataset, role=np.where(rows % every == 0, "validate", "calibrate"))
 
 
+def kept_back(dataset: Dataset, count: int) -> Dataset:
+    """The session with the last `count` rows kept for validation."""
+    role = dataset.measurements.role.copy()
+    role[-count:] = "validate"
+    return with_columns(dataset, role=role)
+
+
 def misread(dataset: Dataset, joint: int, error: np.ndarray | float, rows: object = slice(None)) -> Dataset:
     """The session with readings of a joint (from 1) wrong by an error, rad, in some rows."""
     readings = dataset.measurements.readings.copy()

@@ -3,6 +3,7 @@
 import mujoco
 import numpy as np
 import pytest
+from urdf_texts import words
 
 from bayescal.arm.chain import chain_of, frames, link_angles
 from bayescal.arm.statics import Loads, centre_of_mass, gravity_in_f0, gravity_loads, hinges, placed
@@ -13,20 +14,16 @@ GRAVITY = np.array([0.3, -0.5, -9.7])
 CHAIN = "l_tool..r_tool"
 
 
-def numbers(values):
-    return " ".join(repr(float(v)) for v in values)
-
-
 def link(rng, name):
-    origin = f'<origin xyz="{numbers(rng.normal(0, 0.1, 3))}" rpy="{numbers(rng.normal(0, 1, 3))}"/>'
+    origin = f'<origin xyz="{words(rng.normal(0, 0.1, 3))}" rpy="{words(rng.normal(0, 1, 3))}"/>'
     inertia = '<inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/>'
     mass = f'<mass value="{rng.uniform(0.5, 5.0)}"/>'
     return f'<link name="{name}"><inertial>{origin}{mass}{inertia}</inertial></link>'
 
 
 def joint(rng, name, kind, parent, child):
-    origin = f'<origin xyz="{numbers(rng.normal(0, 0.3, 3))}" rpy="{numbers(rng.normal(0, 1, 3))}"/>'
-    axis = f'<axis xyz="{numbers(rng.normal(0, 1, 3))}"/>'
+    origin = f'<origin xyz="{words(rng.normal(0, 0.3, 3))}" rpy="{words(rng.normal(0, 1, 3))}"/>'
+    axis = f'<axis xyz="{words(rng.normal(0, 1, 3))}"/>'
     more = f'{axis}<limit lower="-2" upper="2" effort="9" velocity="1"/>'
     return (
         f'<joint name="{name}" type="{kind}">{origin}<parent link="{parent}"/><child link="{child}"/>'

@@ -10,6 +10,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from export_arms import fake, robot_of, session_of, with_robot
+from urdf_texts import words
 
 from analysis.benchmarks.reference import points_reference
 from bayescal import effects
@@ -259,10 +260,6 @@ def quat(matrix: np.ndarray) -> str:
     out = np.zeros(4)
     mujoco.mju_mat2Quat(out, matrix[:3, :3].ravel())
     return " ".join(map(repr, out.tolist()))
-
-
-def words(values) -> str:
-    return " ".join(repr(float(v)) for v in values)
 
 
 def resting(text: str, angles: dict[str, float], gravity: np.ndarray) -> np.ndarray:

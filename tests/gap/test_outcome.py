@@ -8,7 +8,7 @@ import pytest
 from gap_problems import unsolved
 from made_up_errors import NOISE, held
 from scipy.stats import chi2
-from sessions import with_columns
+from sessions import kept_back, with_columns
 
 from bayescal.estimate import estimate
 from bayescal.gap.outcome.magnitude import (
@@ -35,12 +35,6 @@ from bayescal.predict.crossvalidation import (
 from bayescal.predict.errors import CentreDistances
 
 FULL = ("geometry", "compliance")
-
-
-def kept_back(dataset, count):
-    role = dataset.measurements.role.copy()
-    role[-count:] = "validate"
-    return with_columns(dataset, role=role)
 
 
 @pytest.fixture(scope="module")

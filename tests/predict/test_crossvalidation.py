@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from sessions import with_columns
+from sessions import kept_back, with_columns
 
 from bayescal.dataset import Certificate, Target
 from bayescal.estimate import calibrated, estimate, solve
@@ -20,13 +20,6 @@ from bayescal.predict.validation import validate
 FULL = ("geometry", "compliance")
 BALLS = {"ball.A@1": (0.45, -0.2, 0.2), "ball.B@1": (0.35, 0.2, 0.25)}
 DIAMETER, BALL = 25.4e-3, 3e-3
-
-
-def with_held_out(dataset, count):
-    """The last `count` rows kept back."""
-    role = dataset.measurements.role.copy()
-    role[-count:] = "validate"
-    return with_columns(dataset, role=role)
 
 
 def reached(arm, readings, goals):
@@ -119,7 +112,7 @@ def test_predicted_sd_is_the_error_that_is_made(cube):
     scores, contacts = [], []
     for seed in range(7):
         session = cube(seed=seed, count=110)
-        data = with_spheres(session.arm, with_held_out(session.dataset, 20), 5e-6, seed)
+        data = with_spheres(session.arm, kept_back(session.dataset, 20), 5e-6, seed)
         h = validation_errors(estimate(build(Scene(data), FULL)))
         scores.append(h.distances.error / h.distances.predicted_sd())
         contacts.append(h.residual / h.sd)

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from cases import DATA, cases
 from scipy.spatial.transform import Rotation
+from urdf_texts import words
 
 from analysis.simulators import BASE, CASES, differences, drawn, patched
 from bayescal.arm.motion import Term
@@ -111,10 +112,6 @@ def test_a_tip_that_fewer_joints_turn_is_refused():
 # --- Scenes of arms with arbitrary frames, axes, references and orientations: the patched arm is the model.
 
 EFFECTS = (*BASE, "base-compliance", "coupling", "backlash")
-
-
-def words(values) -> str:
-    return " ".join(repr(float(v)) for v in values)
 
 
 def turned(rng, rotation: np.ndarray, degrees: bool) -> dict[str, str]:
