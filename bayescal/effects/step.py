@@ -148,7 +148,7 @@ STEP = Effect(
     alternatives=True,
     phrase=("the base", "shifted suddenly"),
     remedy=(
-        "Look at the log at the row of the event: a collision, a changed stylus, a displaced stand, "
+        "Look at the log at the row of the event: a collision, a changed tool, a displaced stand, "
         "an emergency stop. Fasten the base, the tool or the instrument, and measure again from "
         "there."
     ),

@@ -276,6 +276,7 @@ def check_record(of: Check) -> dict[str, Any]:
             "contact_mm": _scaled(d.noise.contact, 1e3),
             "point_mm": _scaled(d.noise.point, 1e3),
             "joint_deg": float(np.degrees(d.noise.joint)),
+            "pixel_px": d.noise.pixel,
         },
         "repeats": _groups(m.repeat),
         "stops": _groups(m.stop),

@@ -11,6 +11,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import typer
+from camera_sessions import camera_session
 from cases import EXAMPLE, cases, drawn, terminal_text
 from gap_diagnoses import SETS, bare, diagnosis, plane, seven
 from hypothesis import given, settings
@@ -114,9 +115,9 @@ HEADLINES = {
     ("times_noise", "times_limit", "said"),
     [
         (1.0, 0.9, "No effect above noise"),
-        (100.0, 0.9, "No effect found: with these contacts the model is too uncertain to show any"),
+        (100.0, 0.9, "No effect found: with these measurements the model is too uncertain to show any"),
         (1.0, 1.1, "No effect found, but errors of validation contacts are larger than the model predicts"),
-        (100.0, 1.1, "than the model predicts; these contacts do not show why"),
+        (100.0, 1.1, "than the model predicts; these measurements do not show why"),
     ],
 )
 def test_errors_beyond_the_prediction_are_said(session, times_noise, times_limit, said):
@@ -304,7 +305,7 @@ def test_an_unmodelled_location_says_what_happens_and_what_to_inspect(causes_ses
     )
     flat = " ".join(printed(gap).split())
     assert f"T{says[1:]}" in flat
-    assert "inspect Look at the log at this row: a stylus" in flat
+    assert "inspect Look at the log at this row: a tool (stylus" in flat
     place = gap_record(gap)["where"][0]
     assert place["words"] == says
     assert place["event"] == {"row": 13, "id": name, "interval95": [12, 14]}
@@ -364,10 +365,11 @@ def test_every_cause_is_a_sentence_with_its_site_and_joint(causes_session, key):
 
 
 def test_every_cause_is_of_a_cell_of_a_session(causes_session):
-    """No sentence for a location that no diagnosis finds."""
-    scene = Scene(causes_session)
-    of_session = cells(scene.circumstances(scene.rows("calibrate")))
-    found = {(x.site.kind, x.driver.kind, x.driver.form) for x in of_session}
+    """No sentence for a location that no diagnosis finds, of contacts or of images."""
+    found = set()
+    for scene in map(Scene, (causes_session, camera_session(images=8, seed=1))):
+        of_session = cells(scene.circumstances(scene.rows("calibrate")))
+        found |= {(x.site.kind, x.driver.kind, x.driver.form) for x in of_session}
     assert not set(CAUSES) - found
 
 
@@ -428,7 +430,7 @@ def test_a_name_that_nothing_else_supports_is_possible(session, nats, significan
     verdict = replace(gap.verdict, named=(replace(named_effect, confirmed=confirmed),))
     record = gap_record(replace(gap, amplitudes=amplitudes, levels=levels, verdict=verdict))
     assert record["words"][0].startswith(word)
-    assert record["named"][0]["possible"] == word.startswith("Possible")
+    assert record["named"][0]["possible"] == word.startswith("Possible") == (", but " in record["words"][0])
 
 
 @pytest.mark.parametrize(("p", "word"), [(0.9, "Effect found"), (0.89, "Probable effect")])

@@ -118,6 +118,16 @@ def test_the_page_states_what_an_unmodelled_error_does_and_the_members_of_a_clas
     assert f"possibly {OTHER}" not in text
 
 
+def test_a_camera_session_is_exported_as_a_hand_eye_too(saved):
+    record = json.loads((saved[0] / "fit.json").read_text())
+    record["use"] |= {"next": "use"}
+    hand_eye = "bayescal export x --to hand-eye"
+    assert hand_eye not in words(run_page(Run("fit", record, "x")))
+    part = {"side": "arm", "rms_px": 1.0, "u_px": 0.1, "max_px": 2.0, "max_mm": 1.0}
+    record["images"] = [{"target": "board", "images": 20, "corners": 480, "noise_px": 0.2, "parts": [part]}]
+    assert hand_eye in words(run_page(Run("fit", record, "x")))
+
+
 def test_the_next_step_of_a_possible_effect_is_no_repair(found):
     """'Measure more before a part is replaced' stood above 'Repair the machine as described above'."""
     record = record_of(found, "named")

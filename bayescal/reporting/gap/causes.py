@@ -33,7 +33,8 @@ CAUSES = {
     ),
     ("tool", "event", ""): (
         "the tool shifted",
-        f"{LOG}a stylus that was changed, mounted anew or struck. Tighten it and qualify the probe again. "
+        f"{LOG}a tool (stylus, reflector, camera) that was changed, mounted anew or struck. Tighten it, and "
+        "qualify a probe again. "
         "The rows from there on can be those of another tool: name it in the column `tool` and in "
         "dataset.yaml.",
     ),
@@ -230,11 +231,15 @@ def amplitude_records(gap: Gap) -> list[dict[str, Any]]:
     return out
 
 
-def possible(gap: Gap, named: Named) -> bool:
-    """Whether a named effect is only possible: validation gains nothing, or no amplitude is significant."""
+def possible(gap: Gap, named: Named) -> str:
+    """Why a named effect is only possible: by validation, or without a significant amplitude; else ""."""
     nats, se = _gains(gap).get(named.effect, (np.nan, np.nan))
     clear = [a.significant for a in gap.amplitudes if a.effect == named.effect]
-    return not named.confirmed or nats <= se or not any(clear or [True])
+    if not named.confirmed:
+        return "the validation measurements do not confirm it"
+    if nats <= se:
+        return "the validation measurements gain nothing by it"
+    return "" if any(clear or [True]) else "no amplitude of it is significant"
 
 
 def _gains(gap: Gap) -> dict[str, tuple[float, float]]:

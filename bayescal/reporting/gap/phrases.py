@@ -84,7 +84,10 @@ def headline(gap: Gap) -> list[str]:
         lines += [_class(verdict.causes), f"To distinguish them: {_separates(gap)}"]
     for n in sure:
         word = "Probable effect" if n.probability < SURE else f"{'Also' if lines else 'Effect'} found"
-        lines.append(f"{'Possible effect' if possible(gap, n) else word}: {named(n, gap)}")
+        doubt = possible(gap, n)
+        lines.append(
+            f"Possible effect: {named(n, gap)}, but {doubt}" if doubt else f"{word}: {named(n, gap)}"
+        )
     if verdict.kind == "unknown":
         p = probability(verdict.probability["unknown"])
         lines += [
@@ -135,7 +138,7 @@ def _separates(gap: Gap) -> str:
     assert causes is not None
     if gap.advice:
         return gap.advice[0].what
-    return f"contacts at the same poses with other values of {listed(d.text for d in causes.drivers)}"
+    return f"measurements at the same poses with other values of {listed(d.text for d in causes.drivers)}"
 
 
 def class_record(gap: Gap) -> dict[str, Any] | None:
@@ -170,14 +173,14 @@ def _nothing(gap: Gap) -> str:
     loose = bool(size) and size[0].predicted_rms > OUTCOME.loose * gap.magnitude.noise
     odd = [x.what for x in gap.magnitude.measured if x.rms > x.predicted_interval95[1]]
     if odd:
-        why = "; these contacts do not show why" if loose else ""
+        why = "; these measurements do not show why" if loose else ""
         return f"No effect found, but errors of {listed(odd)} are larger than the model predicts{why}"
     if loose:
-        return "No effect found: with these contacts the model is too uncertain to show any"
+        return "No effect found: with these measurements the model is too uncertain to show any"
     unknown = sum(u.combinations for u in gap.undetermined if u.matters)
     if gap.arm is not None and unknown > MOST * len(gap.arm.model.parameters):
         of = f"{unknown} of {len(gap.arm.model.parameters)} combinations of parameters"
-        return f"No effect found, but {of} are not identifiable: these contacts show little of the arm"
+        return f"No effect found, but {of} are not identifiable: these measurements show little of the arm"
     null = verdict.probability["null"]
     if null >= max(verdict.probability.values()):
         return "No effect above noise: the model explains these data"

@@ -75,7 +75,7 @@ def gap_record(gap: Gap) -> dict[str, Any]:
         "effects": _effects(verdict),
         "named": [
             entry(n, *NAMED)
-            | {"possible": causes.possible(gap, n)}
+            | {"possible": bool(causes.possible(gap, n))}
             | {"events": [causes.event_record(event, gap.dataset) for event in n.events]}
             for n in verdict.named
         ],

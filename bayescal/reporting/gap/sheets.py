@@ -275,7 +275,7 @@ def blind_sheet(record: Json) -> Sheet:
         Column("detectable from", _least),
         Column("distance error if undetected", error, as_is),
     )
-    caption = "Blind spots: effects whose plausible amplitude these contacts would not show"
+    caption = "Blind spots: effects whose plausible amplitude these measurements would not show"
     return Sheet(columns, spots, caption, 8)
 
 

@@ -80,7 +80,7 @@ def scene(run: Run) -> Section | None:
     if not run.drawable:
         return None
     drawing = draw_arm(run, contacts=True)
-    return Section("arm", "Arm and contacts", "scene.html.j2", {"drawing": drawing})
+    return Section("arm", "Arm and measurements", "scene.html.j2", {"drawing": drawing})
 
 
 def residuals(run: Run, *tables: Block | None) -> Section | None:

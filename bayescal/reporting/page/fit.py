@@ -138,8 +138,11 @@ def _next(run: Run) -> list[tuple[str, str]]:
         return [(words, f"bayescal gap {run.datasets}")]
     if use["next"] != "use":
         return [(words, "")]
+    export = f"bayescal export {folder} --to"
+    cameras = [("Export where camera and board are.", f"{export} hand-eye")]
     return [
-        (words, f"bayescal export {folder} --to urdf"),
+        (words, f"{export} urdf"),
+        *(cameras if run.record.get("images") else []),
         ("Check whether effects remain that the model lacks.", f"bayescal gap {folder}/dataset"),
     ]
 

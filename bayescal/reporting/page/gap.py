@@ -38,7 +38,7 @@ VERDICTS = {
 """Tone, sign and word of each verdict."""
 UNKNOWN = (
     "No known effect explains the error. Inspect the location first: bolts, cables and hoses "
-    "that pull, covers that touch, the mounting. Then measure the contacts that are proposed."
+    "that pull, covers that touch, the mounting. Then measure what is proposed."
 )
 DOUBTFUL = ("No effect found", "Undecided", "Possible effect", "Probable effect")
 """First words of a headline that are less certain than its verdict."""
@@ -231,7 +231,7 @@ def advice(run: Run) -> Section | None:
     """What to measure next."""
     caption = "Further measurements; detectability: noncentrality before and after"
     table = Sheet(sheets.ADVICE, run.record["next"], caption)
-    nothing = None if run.record["next"] else Text("No further contacts are proposed.")
+    nothing = None if run.record["next"] else Text("No further measurements are proposed.")
     return blocks("next", "What to measure next", table, nothing)
 
 
