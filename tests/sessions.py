@@ -253,6 +253,16 @@ def tracker(seed: int = 0, count: int = 100, noise: float = 10e-6, spread: float
     return SimpleNamespace(dataset=dataset, arm=arm, frame=true)
 
 
+def rough(session, amount):
+    """The session with noise of an amount, m, on +y."""
+    scene = Scene(session)
+    face = next(f for f in scene.circumstances(scene.rows("calibrate")).faces if f.name == "cube.+y")
+    more = amount * np.random.default_rng(4).standard_normal(len(face.rows)) * face.rows
+    readings = session.measurements.readings.copy()
+    readings[:, 0] += more / scene.points[:, 0]
+    return with_columns(session, readings=readings)
+
+
 def reflectors(shared: float, seed: int, wave: float = 0.0, stops: int = 20, noise: float = 10e-6) -> Dataset:
     """Three reflectors on the flange at every stop of a nominal arm, and an error `shared`, m, of each stop.
 

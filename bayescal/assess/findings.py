@@ -207,6 +207,12 @@ def differing(count: np.ndarray, chi2: np.ndarray) -> float:
     return float(np.sum(own - (nu + count) / 2 * np.log((nu + chi2) / 2)))
 
 
+def noise_ratios(count: np.ndarray, chi2: np.ndarray) -> np.ndarray:
+    """Noise (T,) of each target over one noise for all, of mean logarithm 0; see `differing`."""
+    log = 0.5 * np.log((NOISY + chi2) / (NOISY + count))
+    return np.asarray(np.exp(log - np.average(log, weights=count)))
+
+
 def _noises(of: Assessed) -> Iterator[Finding]:
     """Noise groups with targets whose residuals are of another size than those of the others."""
     linear, row = of.found.linear, of.found.weights.row

@@ -5,12 +5,14 @@ Locations of the named effects, as shares of the excess variance of the baseline
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 
 from bayescal.assess.completed import completed
+from bayescal.assess.findings import differing, noise_ratios
 from bayescal.assess.shared_causes import SharedCause, judged_complete
 from bayescal.effects import EFFECTS, Circumstances, Parameter
 from bayescal.effects.gravity import masses
@@ -152,8 +154,9 @@ class Baseline:
         def worth_by(variance: float) -> np.ndarray:
             return worth(variance, slopes.contact, len(slopes.sigma), slopes.gradient, poses)
 
-        def searched(variance: float) -> Examined:
-            return self._searched(replace(slopes, worth=worth_by(variance) if variance else None))
+        def searched(variance: float, ratio: np.ndarray | None = None) -> Examined:
+            own = slopes if ratio is None else slopes.with_noise(ratio)
+            return self._searched(replace(own, worth=worth_by(variance) if variance else None))
 
         bare = fit_state(slopes.problem(fitted.z, (), self.nuisance), (), (), robust=self.robust)
         variance = shared_variance(bare, slopes.gradient, poses)
@@ -165,6 +168,18 @@ class Baseline:
             if variance > before - LINEAR.settled:
                 break
             result = searched(variance)
+        targets = [f"{b.group} {b.target}" for b in fitted.model.blocks for _ in b.rows]
+        best, one = result.decision.total, result
+        # what an effect explains is no noise; what noise explains is no effect
+        for state in (_leading(one), one.search.hypotheses[frozenset()].state):
+            noises = _noises(state, targets)
+            if noises is None:
+                break
+            other = searched(variance, noises.ratio)
+            if other.decision.total - noises.cost > best:
+                notes = (*other.decision.footnotes, noises.words)
+                best = other.decision.total - noises.cost
+                result = replace(other, decision=replace(other.decision, footnotes=notes))
         return replace(result, causes=self.causes)
 
     def _searched(self, slopes: Slopes) -> Examined:
@@ -181,6 +196,42 @@ class Baseline:
         search = Search(p, known, self.robust, self.further)
         search.run()
         return Examined(fitted, c, known, p, pool, search, decide(search, pool, arguments(c)))
+
+
+@dataclass(frozen=True)
+class Noises:
+    """A noise of each target in place of one for all."""
+
+    ratio: np.ndarray  # (contacts,) over one noise for all
+    cost: float  # nats that the choice of the ratios gains at no evidence
+    words: str
+
+
+def _noises(state: State, target: Sequence[str]) -> Noises | None:
+    """The noise of each target, where what a hypothesis leaves shows that they differ.
+
+    Parameters
+    ----------
+    state : State
+    target : sequence of str, length contacts
+    """
+    p = state.problem
+    names, label = np.unique(target, return_inverse=True)
+    weight = state.weight[: p.count]
+    count = np.bincount(label[p.contact], weight, len(names))
+    chi2 = np.bincount(label[p.contact], weight * state.residual[: p.count] ** 2, len(names))
+    scaled = chi2 * (np.sum(count) / max(float(np.sum(chi2)), 1e-300))
+    own = count > 0
+    nats = differing(count[own], scaled[own])
+    if nats <= LINEAR.uneven:
+        return None
+    ratio = np.ones(len(names))
+    ratio[own] = noise_ratios(count[own], scaled[own])
+    gained = 0.5 * float(np.sum(scaled * (1.0 - ratio**-2.0)))
+    most = int(np.argmax(ratio))
+    name, size = names[most].partition(" ")[2], f"{ratio[most]:.2g} times the mean"
+    words = f"noise differs between targets ({name}: {size}): each is weighed by its own"
+    return Noises(ratio[label], gained - nats, words)
 
 
 def _leading(found: Examined) -> State:

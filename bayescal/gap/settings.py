@@ -33,6 +33,8 @@ class LinearSettings:
     """Decrease of the shared variance from which on the search is repeated (cost)."""
     independent: float = 0.9
     """Mean worth of a residual from which on a shared error is not considered (cost)."""
+    uneven: float = 5.0
+    """Nats for a noise of each target from which on the search is repeated with these (cost)."""
     dependent: float = 0.05
     """Share of the largest singular value below which directions of one pose are dependent (assumed)."""
 

@@ -9,7 +9,7 @@ import pytest
 from cases import terminal_text
 from scipy.integrate import quad
 from scipy.stats import invgamma, norm
-from sessions import with_columns
+from sessions import rough, with_columns
 
 from bayescal.assess.acceptance import EXPLAINED, not_physical
 from bayescal.assess.budget import usual
@@ -59,16 +59,6 @@ def scaled(session, factor):
     """The session with a wrong certified distance: every length of the arm follows it."""
     first, *others = session.certificates
     return replace(session, certificates=(replace(first, distance=factor * first.distance), *others))
-
-
-def rough(session, amount):
-    """The session with noise of an amount, m, on +y."""
-    scene = Scene(session)
-    face = next(f for f in scene.circumstances(scene.rows("calibrate")).faces if f.name == "cube.+y")
-    more = amount * np.random.default_rng(4).standard_normal(len(face.rows)) * face.rows
-    readings = session.measurements.readings.copy()
-    readings[:, 0] += more / scene.points[:, 0]
-    return with_columns(session, readings=readings)
 
 
 def test_residuals_that_differ_between_targets_are_said_by_name(fits, cube):

@@ -7,7 +7,7 @@ import foreign
 import numpy as np
 import pytest
 from cases import terminal_text
-from sessions import circumstances, geared, with_columns, with_rows
+from sessions import circumstances, geared, rough, with_columns, with_rows
 
 import bayescal as bc
 from bayescal.dataset import read_dataset, write_dataset
@@ -111,6 +111,15 @@ def test_nothing_there_is_said(quiet):
         ("geometry", "compliance"),
     ]
     assert "explains these data" in printed(gap)
+
+
+def test_noise_of_one_face_is_no_effect(quiet):
+    """It was an error of joint 1 at each new reading, with probability 0.99."""
+    gap = diagnose(rough(quiet, 25e-6))
+    assert gap.verdict.kind == "null"
+    assert gap.verdict.probability["unknown"] < 0.5
+    (words,) = (note for note in gap.verdict.footnotes if "noise differs" in note)
+    assert words.startswith("noise differs between targets (cube.+y: 2.")
 
 
 def test_play_is_named_and_removed(loud, tmp_path, command):

@@ -536,6 +536,20 @@ def test_a_slipped_reflector_is_found_with_its_row_and_not_deleted(slipped):
     assert abs(member.variant.setting - (FIRST + 1)) <= 2  # a scan of 48 rows
 
 
+def test_a_noise_of_each_target_weighs_as_rows_that_state_it(tracker):
+    """The same problem as one whose table states that noise."""
+    d = tracker(seed=5, count=COUNT).dataset
+    fitted = calibrated(Scene(d), BASELINE, FitOptions(robust=False))
+    slopes, ratio = Slopes.of(fitted), np.where(np.arange(COUNT) % 2, 3.0, 0.5)
+    (name,) = fitted.weights.sigma
+    stated = {name: fitted.weights.sigma[name] * np.tile(ratio, 3)}
+    asked = Slopes.of(replace(fitted, weights=replace(fitted.weights, sigma=stated)))
+    found = slopes.with_noise(ratio)
+    assert not np.allclose(found.residual, slopes.residual)
+    for name in ("residual", "jacobian", "axes", "sigma"):
+        np.testing.assert_allclose(getattr(found, name), getattr(asked, name), rtol=1e-9, atol=1e-12)
+
+
 def test_contacts_that_share_a_cause_are_outliers_of_no_hypothesis(tracker):
     """Five rows are gross. Of these, the one that shares a cause is kept."""
     d = tracker(seed=5, count=COUNT).dataset

@@ -174,6 +174,19 @@ class Slopes:
             np.concatenate([weights.sigma[b.name] * weights.scale[b.group] for b in length_blocks(model)]),
         )
 
+    def with_noise(self, ratio: np.ndarray) -> Slopes:
+        """The same with the noise of each contact times a ratio (contacts,)."""
+        by = ratio[self.contact]
+        rows = np.append(1.0 / by, np.ones(len(self.residual) - len(by)))
+        return replace(
+            self,
+            residual=self.residual * rows,
+            jacobian=self.jacobian * rows[:, None],
+            axes=np.asfortranarray(self.axes / by[:, None]),
+            certified_values={name: x * rows for name, x in self.certified_values.items()},
+            sigma=self.sigma * by[: len(self.sigma)],
+        )
+
     def problem(self, z: np.ndarray, extra: Sequence[Parameter], nuisance: Sequence[Parameter]) -> Problem:
         """The problem with a pool of candidates; see `problem`."""
         jacobian, pool = np.column_stack([self.jacobian, self.columns(nuisance)]), self.columns(extra)

@@ -158,6 +158,11 @@ class Decision:
         """The named effects."""
         return self.hypothesis.members
 
+    @property
+    def total(self) -> float:
+        """Log evidence, nats, of the measurements under all hypotheses."""
+        return float(log_sum(np.array([w.score for w in self.weighed])))
+
     def lost(self, effect: str) -> float:
         """Log evidence, nats, that the best set loses without an effect."""
         rest = max((w.score for w in self.weighed if effect not in w.effects), default=-np.inf)
