@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.signal import correlate
-from scipy.special import logsumexp
+from scipy.special import gammaln, logsumexp
 
 from bayescal.motion.cells import UNKNOWN
 from bayescal.motion.effects import Form, joint
@@ -24,7 +24,7 @@ from bayescal.motion.pool import Pool, Unlisted
 from bayescal.motion.products import Bank, Dots, Gains, Product, averaged, consecutive
 from bayescal.motion.quantities import Argument
 from bayescal.motion.search import SCALE_PRIOR, SCALES, Hypothesis, Member, Search
-from bayescal.motion.settings import EVENTS, PRODUCTS, RELATIVES, SEARCH
+from bayescal.motion.settings import EVENTS, NOISE, PRODUCTS, RELATIVES, SEARCH
 from bayescal.motion.signals import Signals, root_mean_square
 
 
@@ -64,16 +64,18 @@ def beside(
 def simplified(search: Search, hypotheses: tuple[Hypothesis, ...]) -> tuple[Hypothesis, ...]:
     """The hypotheses, with the leading one without the names that an unknown cause beside them replaces.
 
+    Its general functions have the scale that explains most.
+
     Names are found before unknown causes are: in place of a strong one there may be several.
     """
-    h = hypotheses[0]
+    first = h = search.scaled(hypotheses[0])
     while UNKNOWN in h.names and len(h.members) > 1:
         fewer = [_less(search, h, m) for m in h.members if m.form.effect != UNKNOWN]
         best = max(fewer, key=lambda f: f.score)
         if best.score < h.score:
             break
         h = best
-    return hypotheses if h is hypotheses[0] else (h, *hypotheses)
+    return (h, *hypotheses[1:]) if h is first else (h, first, *hypotheses[1:])
 
 
 def _less(search: Search, h: Hypothesis, m: Member) -> Hypothesis:
@@ -174,7 +176,12 @@ def events(bank: Bank, fit: Fit) -> Iterator[Found]:
     """Torques of each joint that change at once and come back, where these explain what a fit leaves."""
     order, n = bank.noise.order, len(bank.size)
     every = bank.table.residuals(fit.values)
-    left = [[bank.noise.whitened(r[:, j], j) for j in range(n)] for r in every]
+    pairs = list(zip(bank.table.parts, every, strict=True))
+    left = [[part.whitened(bank.noise, r[:, j], j) for j in range(n)] for part, r in pairs]
+    counted = [
+        np.column_stack(e)[part.weight[:, :n] > NOISE.there] for e, (part, _) in zip(left, pairs, strict=True)
+    ]
+    nats = surprise(np.concatenate(counted))
     tried = np.log(len(EVENTS.constants) * sum(map(len, every)))
     pulses = [_pulse(bank.table.parts[0].signals, constant) for constant in EVENTS.constants]
     for j in range(n):
@@ -184,8 +191,11 @@ def events(bank: Bank, fit: Fit) -> Iterator[Found]:
             for p, residual in enumerate(left):
                 if len(shape) > len(residual[j]) - order:
                     continue
-                score = correlate(residual[j][order:], shape, "valid")
-                gain = _averaged(score**2, float(shape @ shape)) - tried
+                e, ones = residual[j][order:], np.ones(len(shape))
+                gain = _averaged(correlate(e, shape, "valid") ** 2, float(shape @ shape))
+                # rows that noise with such tails has now and then are no event
+                gain *= correlate(nats(e), ones, "valid") / correlate(0.5 * e**2 + 1e-9, ones, "valid")
+                gain -= tried
                 rows = np.flatnonzero(gain > 0.0).tolist()
                 candidates += [_Event(float(gain[k]), p, k + order, pulse) for k in rows]
         chosen: list[_Event] = []
@@ -195,13 +205,34 @@ def events(bank: Bank, fit: Fit) -> Iterator[Found]:
             )
             if apart and len(chosen) < EVENTS.most:
                 chosen.append(c)
-        if chosen:
+        # a single row that is off is a wrong reading
+        if chosen and (len(chosen) > 1 or len(chosen[0].pulse) > len(pulses[0])):
             form = Form(UNKNOWN, joint(j), "time, single events", f"{len(chosen)} of them")
             columns = [np.zeros((len(part.residual), len(chosen))) for part in bank.table.parts]
             for k, event in enumerate(chosen):
                 end = event.row + len(event.pulse)
-                columns[event.motion][event.row : end, k] = event.pulse * bank.size[j]
+                weight = bank.table.parts[event.motion].weight[event.row : end, j]
+                columns[event.motion][event.row : end, k] = weight * event.pulse * bank.size[j]
             yield form, sum(c.gain for c in chosen), [{j: x} for x in columns]
+
+
+def surprise(white: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+    """Nats by which whitened rows are less dense than 0, by Student's t with the tails of all rows.
+
+    Those of a normal density, e^2 / 2, are not exceeded.
+    """
+    variance = float(np.mean(white**2))
+
+    def density(e: np.ndarray, nu: float) -> np.ndarray:
+        scaled = np.log1p(e**2 / (variance * (nu - 2.0)))
+        return np.asarray(0.5 * (nu + 1.0) * scaled)
+
+    def whole(nu: float) -> float:
+        level = gammaln((nu + 1.0) / 2.0) - gammaln(nu / 2.0) - 0.5 * np.log(nu - 2.0)
+        return float(np.sum(level - density(white, nu)))
+
+    best = max(EVENTS.tails, key=whole)
+    return lambda e: np.minimum(density(e, best), 0.5 * e**2)
 
 
 def _pulse(s: Signals, constant: float) -> np.ndarray:

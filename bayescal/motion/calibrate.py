@@ -21,7 +21,7 @@ from bayescal.motion.linear import Fit, tabulated
 from bayescal.motion.possible import NOT_NEGATIVE, Possible, draws_within, spread
 from bayescal.motion.servo import with_torques
 from bayescal.motion.settings import OUTCOME
-from bayescal.motion.signals import Signals, all_signals, each, root_mean_square
+from bayescal.motion.signals import Signals, all_signals, each, root_mean_square, where_moving
 from bayescal.motion.terms import BODY, Operating, nominal
 from bayescal.robots.schema import SIX
 from bayescal.storage.stopping import Progress, silent
@@ -62,6 +62,7 @@ class MotionFit:
     """A calibration from a joint log."""
 
     log: Log
+    limits: tuple[str, ...]  # of the log, as sentences
     parameters: tuple[Parameter, ...]
     draws: np.ndarray  # (chains, draws, K) of the parameters
     withheld: tuple[Withheld, ...]
@@ -131,6 +132,7 @@ def calibrated(
     at = moved_to(start, estimate.parts[0], deviations)
     return MotionFit(
         log=log,
+        limits=estimate.limits,
         parameters=shown,
         draws=values,
         withheld=_withheld(estimate, fit, start, at),
@@ -170,7 +172,8 @@ def _withheld(estimate: Estimate, fit: Fit, start: Operating, at: Operating) -> 
         return ()
 
     def rms(model: Operating, some: tuple[Signals, ...]) -> np.ndarray:
-        return root_mean_square(s.unfiltered(model.measured(s) - model.shown(s))[s.moves] for s in each(some))
+        left = ((s.unfiltered(model.measured(s) - model.shown(s)), s) for s in each(some))
+        return root_mean_square(where_moving(x, s) for x, s in left)
 
     before, after = rms(start, parts), rms(at, parts)
     noise = rms(at, of_role(estimate.parts, CALIBRATE))

@@ -50,7 +50,7 @@ class Ranges:
         self.load, self.usual_load = bounds(loads), usual(loads)
         self.usual_speed = usual([s.dq for s in parts])
         self.usual_acceleration = usual([s.ddq for s in parts])
-        self.usual_power = float(np.mean(powers))
+        self.usual_power = max(float(np.mean(powers)), 1e-9)
         every = len(parts) * SEARCH.pieces
         self.count = min(every, SEARCH.most_pieces)
         numbers = np.arange(every).reshape(len(parts), -1) * self.count // every

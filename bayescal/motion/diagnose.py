@@ -19,7 +19,7 @@ from bayescal.motion.result import Amplitude, MotionGap, Place, Shrinkage
 from bayescal.motion.search import Member, Search
 from bayescal.motion.servo import with_torques
 from bayescal.motion.settings import NOISE, OUTCOME, SEARCH, VERDICT
-from bayescal.motion.signals import all_signals
+from bayescal.motion.signals import all_signals, where_moving
 from bayescal.motion.signals import root_mean_square as rms
 from bayescal.motion.terms import kinds
 from bayescal.motion.verdict import Verdict, confirmed, decide
@@ -68,7 +68,7 @@ def diagnose(log: Log, progress: Progress = silent) -> MotionGap:
     return MotionGap(
         estimate=estimate,
         verdict=verdict,
-        where=places(search, pool, verdict),
+        where=places(search, whole, pool, verdict),
         amplitudes=amplitudes(search, pool, verdict),
         shrinkage=shrinkage(search, pool, verdict, held),
         hypotheses=tuple((h.names, float(w), h.log_evidence) for h, w in ranked),
@@ -76,26 +76,27 @@ def diagnose(log: Log, progress: Progress = silent) -> MotionGap:
         advice=tuple(advice(pool, verdict)),
         values=named.values,
         u=named.u,
-        warnings=log.limits,
+        warnings=estimate.limits,
         model=model,
         arm=named_arm(estimate, named, pool.scale) if verdict.named.members else model,
     )
 
 
-def places(search: Search, pool: Pool, v: Verdict) -> tuple[Place, ...]:
-    """Sites of the leading set, the largest first, and further cells."""
+def places(search: Search, whole: Search, pool: Pool, v: Verdict) -> tuple[Place, ...]:
+    """Sites of the leading set, the largest first, and further cells; `whole` is of all motions."""
     out = []
-    fit = search.fit(v.leading.members)
+    fit, nats = search.fit(v.leading.members), whole.fit(v.leading.members).log_evidence
     for m in v.leading.members:
-        without = search.fit([o for o in v.leading.members if o is not m])
+        others = [o for o in v.leading.members if o is not m]
         effect = m.form.effect if m.form.effect in v.named.names else ""
-        out.append(_place(pool, without, fit, m.form, fit.log_evidence - without.log_evidence, effect))
+        lost = nats - whole.fit(others).log_evidence
+        out.append(_place(pool, search.fit(others), fit, m.form, lost, effect))
     out.sort(key=lambda place: -place.nats)
     taken = {place.form.site for place in out}
-    for form, nats in search.cells(v.leading.members)[: OUTCOME.places]:
-        if form.site not in taken and nats > SEARCH.gain:
+    for form, gain in whole.cells(v.leading.members)[: OUTCOME.places]:
+        if form.site not in taken and gain > SEARCH.gain:
             wide = search.fit((*v.leading.members, Member(form, 1.0)))
-            out.append(_place(pool, fit, wide, form, nats, ""))
+            out.append(_place(pool, fit, wide, form, gain, ""))
             taken.add(form.site)
     return tuple(out)
 
@@ -150,15 +151,16 @@ def _length(fit: Fit, names: Sequence[str]) -> tuple[float, float]:
 
 
 def moving(pool: Pool, fit: Fit) -> list[np.ndarray]:
-    """What a fit leaves of the torques of validation motions while the arm moves, N m, each (N, n)."""
-    return [left[s.moves] for s, left in pool.unfiltered(fit.values)]
+    """What a fit leaves of the torques of validation motions, N m, each (N, n), NaN of joints at rest."""
+    return [where_moving(left, s) for s, left in pool.unfiltered(fit.values)]
 
 
 def shrinkage(search: Search, pool: Pool, v: Verdict, held: Normal) -> Shrinkage:
     """Torque error on validation motions with the baseline and with the named effects."""
     null, named = search.fit(), search.fit(v.named.members)
     before, after = moving(pool, null), moving(pool, named)
-    floor = rms(left for _, left in pool.unfiltered(search.fit(v.leading.members).values, CALIBRATE))
+    leading = search.fit(v.leading.members)
+    floor = rms(where_moving(left, s) for s, left in pool.unfiltered(leading.values, CALIBRATE))
     gain = 0.5 * (null.chi2(held) - named.chi2(held))
     share, low, high = np.nan, np.nan, np.nan
     if v.named.members:
@@ -175,13 +177,14 @@ def _blocks(x: np.ndarray, pool: Pool) -> np.ndarray:
     """Mean squares (B, n) of blocks of residuals (N, n) that are long against their correlation."""
     size = max(round(OUTCOME.block / pool.estimate.parts[0].step), 1)
     count = max(len(x) // size, 1)
-    return np.array([np.mean(part**2, axis=0) for part in np.array_split(x, count)])
+    masked = np.ma.masked_invalid(x) ** 2
+    return np.array([part.mean(axis=0).filled(np.nan) for part in np.array_split(masked, count)])
 
 
 def _removed(before: np.ndarray, after: np.ndarray) -> float:
     """Share of the excess variance, in units of the noise (B, n), that is removed, at most all of it."""
-    excess = float(np.sum(np.mean(before, axis=0) - 1.0))
-    return min(float(np.sum(np.mean(before - after, axis=0))) / excess, 1.0) if excess > 0.0 else np.nan
+    over, gone = (np.ma.masked_invalid(x).mean(axis=0).filled(0.0) for x in (before - 1.0, before - after))
+    return min(float(np.sum(gone) / np.sum(over)), 1.0) if np.sum(over) > 0.0 else np.nan
 
 
 def not_assessed(search: Search, pool: Pool) -> dict[str, str]:

@@ -257,7 +257,7 @@ def _servo_stiffness(s: Signals, at: Operating, scale: Scale) -> Iterator[FormCo
     if s.log.torque_kind == SERVO:
         yield from _of_joints("servo-stiffness", ("torque", "", "1", FORMS.servo, at.load(s)))
         return
-    softer, first = at.torque(s) / s.log.controller.stiffness, channel(s.log, TRACKING, 0)
+    softer, first = at.driven(s) / s.log.controller.stiffness, channel(s.log, TRACKING, 0)
     yield from _of_joints("servo-stiffness", ("torque", "", "1", FORMS.servo, softer), first=first)
 
 
@@ -306,7 +306,7 @@ EFFECTS: dict[str, Effect] = {
             "Measure where it is, or state what was found.", _no_loads,
         ),
         Effect("armature", _armature, "error of the rotor's inertia", "Use what was found.", positive=True),
-        Effect("stribeck", _stribeck, "friction that rises at low speed", SIMULATE),
+        Effect("stribeck", _stribeck, "friction that rises at low speed", SIMULATE, positive=True),
         Effect("load-friction", _load_friction, "friction that grows with load", SIMULATE, positive=True),
         Effect("asymmetric-friction", _asymmetric, "viscous friction that differs by direction", SIMULATE),
         Effect("ripple", _ripple, "torque that ripples with the motor angle", INSPECT),

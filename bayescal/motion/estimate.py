@@ -11,7 +11,7 @@ from bayescal.logs.types import CALIBRATE, SERVO
 from bayescal.motion.fit_settings import SERVOS
 from bayescal.motion.linear import Fit, Further, Table, fitted, normal, tabulated
 from bayescal.motion.noise import Noise, noise_of, white_noise
-from bayescal.motion.settings import NOISE
+from bayescal.motion.settings import NOISE, SIGNALS
 from bayescal.motion.signals import Signals, each
 from bayescal.motion.terms import (
     BODY,
@@ -38,6 +38,17 @@ class Estimate:
     rms: np.ndarray  # (n,) N m, of the measured torques
     noise: Noise
 
+    @property
+    def limits(self) -> tuple[str, ...]:
+        """What limits the log, as sentences."""
+        log, stuck = self.parts[0].log, self.parts[0].stuck
+        if log.torque_kind == SERVO or stuck is None:
+            return log.limits
+        share = 1.0 - float(np.mean(np.concatenate([s.weight for s in self.parts])))
+        strong = ", with those about reversals; uncertainties are doubled for it" if stuck else ""
+        held = f"stiction holds joints at rest: {share:.0%} of their rows are left out{strong}"
+        return (*log.limits, held.replace("%", " %"))
+
     def columns(self, s: Signals) -> Iterable[Column]:
         """Columns of the baseline, linearised at the estimate."""
         return baseline(s, self.at, self.rms)
@@ -53,7 +64,7 @@ class Estimate:
                     if term.moves:
                         moving[:, j] += self.moved[term.name] * value
         for j in range(s.log.n) if TRACKING in kinds(s.log) else ():
-            out[:, channel(s.log, TRACKING, j)] += displaced(s.log, s.step, moving[:, j], j)
+            out[:, channel(s.log, TRACKING, j)] += displaced(s, s.step, s.weight[:, j] * moving[:, j], j)
         return out
 
     def fit(self, further: Further | None = None) -> Fit:
@@ -95,13 +106,15 @@ def moved_to(start: Operating, s: Signals, values: dict[str, float]) -> Operatin
 def noise_about(table: Table, fit: Fit) -> Noise:
     """The noise of what a fit leaves of the residuals of a table's motions.
 
-    Of servos repeats do not tell it, which have the same stops; what a model of stiction lacks is noise too.
+    Of servos repeats do not tell it, which have the same stops. What a model of strong stiction lacks is
+    noise too.
     """
     parts = [part.signals for part in table.parts]
     servo = parts[0].log.torque_kind == SERVO
     same = () if servo else tuple(s.same_as for s in parts)
-    noise = noise_of(table.residuals(fit.values), fit.followed(table), same)
-    return noise.wider(SERVOS.noise) if servo else noise
+    weights = [part.weight for part in table.parts]
+    noise = noise_of(table.residuals(fit.values), fit.followed(table), same, weights)
+    return noise.wider(SERVOS.noise) if servo or parts[0].stuck else noise
 
 
 def estimated(parts: tuple[Signals, ...]) -> Estimate:
@@ -112,13 +125,33 @@ def estimated(parts: tuple[Signals, ...]) -> Estimate:
     start = nominal(log, rms)
     first = np.sqrt(np.mean(np.concatenate([residuals(s, start) for s in each(used)]) ** 2, axis=0))
     out = Estimate(parts, start, {}, rms, white_noise(np.r_[rms, first[log.n :]]))
-    for _ in range(SERVOS.rounds if log.torque_kind == SERVO else NOISE.rounds):
+    for k in range(SERVOS.rounds if log.torque_kind == SERVO else NOISE.rounds):
         table = out.table()
         fit = fitted(normal(table, out.noise), np.arange(len(table.terms)))
         noise = noise_about(table, fit)
         del table  # before the next: half the memory of a long log
         settled = np.allclose(noise.sd, out.noise.sd, rtol=SERVOS.settled)
-        out = Estimate(parts, moved_to(start, parts[0], fit.values), fit.values, rms, noise)
+        at = moved_to(start, parts[0], fit.values)
+        if k == NOISE.held and log.torque_kind != SERVO:
+            stuck = _stuck(used, at, noise)
+            parts = tuple(s.with_stiction(stuck) for s in parts)
+        out = Estimate(parts, at, fit.values, rms, noise)
         if log.torque_kind == SERVO and settled:
             break
     return out
+
+
+def _stuck(parts: Sequence[Signals], at: Operating, noise: Noise) -> float | None:
+    """Time about rest in which stiction holds joints, s, or None: by the torques of joints at rest."""
+    square, count = 0.0, 0
+    for s in each(parts):
+        rests, n = s.rests, s.log.n
+        sd = noise.sd[:n] / SERVOS.noise  # it is wider where stiction is strong
+        rests &= sd > 0.0  # of a joint that never moves it is not known
+        square += float(np.sum((s.kept(residuals(s, at)[:, :n]) / np.maximum(sd, 1e-300))[rests] ** 2))
+        count += int(np.sum(rests))
+    some, strong = NOISE.stiction
+    chance = 1.0 + NOISE.sure * np.sqrt(2.0 * NOISE.correlated / max(count, 1))
+    if count < NOISE.few or square < count * max(some, chance):
+        return None
+    return SIGNALS.stuck if square > count * strong else 0.0

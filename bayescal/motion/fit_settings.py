@@ -106,8 +106,6 @@ class ServoSettings:
     """Relative change of the noise at which these end (cost)."""
     held: tuple[float, float] = (0.03, 0.08)
     """rad/s, speed of a joint up to which rows do not count, and from which on they count fully (assumed)."""
-    least: float = 0.05
-    """Share of rows that count, below which the rest is not weighted up (assumed)."""
     narrow: float = 2e-4
     """rad, least error that friction holds (cost)."""
 

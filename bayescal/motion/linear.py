@@ -8,11 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
 
 from bayescal.motion.noise import Noise
+from bayescal.motion.settings import NOISE
 from bayescal.motion.signals import Signals, each
 from bayescal.motion.terms import Column, Term, assembled
 
@@ -23,12 +25,25 @@ Sparse = Sequence[Mapping[int, np.ndarray]]
 
 @dataclass(frozen=True)
 class Part:
-    """Low-passed rows of one motion: residuals (M, C); of each channel the terms that act, (M, K)."""
+    """Low-passed rows of one motion: residuals (M, C); of each channel the terms that act, (M, K).
+
+    Both have the weights (M, C) of the rows.
+    """
 
     signals: Signals
+    weight: np.ndarray
     residual: np.ndarray
     numbers: tuple[np.ndarray, ...]
     columns: tuple[np.ndarray, ...]  # single precision: a log of an hour has 10^8 values
+
+    @cached_property
+    def missing(self) -> tuple[np.ndarray, ...]:
+        """Rows of each channel in which its joint rests."""
+        return tuple(np.flatnonzero(w < NOISE.there) for w in self.weight.T)
+
+    def whitened(self, noise: Noise, x: np.ndarray, channel: int) -> np.ndarray:
+        """Rows (M, ...) of a channel without their predictable part, in units of the noise."""
+        return noise.without(noise.whitened(x, channel), self.missing[channel], channel)
 
 
 @dataclass(frozen=True)
@@ -76,14 +91,14 @@ def tabulated(parts: Sequence[Signals], columns: Columns, residual: Callable[[Si
     out: list[Part] = []
     terms: tuple[Term, ...] = ()
     for s in each(parts):
-        names, numbers, values = assembled(columns(s), s.log, s.step)
+        names, numbers, values = assembled(columns(s), s)
         terms = tuple(names)
         weight = np.tile(s.weight, len(values) // s.log.n)
         kept = [s.kept(x * w[:, None]).astype(np.float32) for x, w in zip(values, weight.T, strict=True)]
         acting = [np.any(x, axis=0) for x in kept]  # many functions of time are 0 in a motion
         chosen = tuple(np.array(k, int)[there] for k, there in zip(numbers, acting, strict=True))
         rows = tuple(np.compress(there, x, axis=1) for x, there in zip(kept, acting, strict=True))
-        out.append(Part(s, s.kept(residual(s) * weight), chosen, rows))
+        out.append(Part(s, s.kept(weight), s.kept(residual(s) * weight), chosen, rows))
     return Table(terms, tuple(out))
 
 
@@ -141,8 +156,8 @@ def normal(table: Table, noise: Noise, before: Normal | None = None) -> Normal:
             new = chosen >= first
             if not np.any(new):
                 continue
-            white = noise.whitened(x, j) * sd[chosen]
-            y = noise.whitened(part.residual[:, j], j)
+            white = part.whitened(noise, x, j) * sd[chosen]
+            y = part.whitened(noise, part.residual[:, j], j)
             border = white[:, new].T @ white
             gram[np.ix_(chosen[new], chosen)] += border
             gram[np.ix_(chosen[~new], chosen[new])] += border[:, ~new].T

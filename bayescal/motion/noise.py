@@ -11,7 +11,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.linalg import solve_toeplitz, toeplitz
+from scipy.linalg import cho_solve_banded, cholesky_banded, solve_toeplitz, toeplitz
+from scipy.sparse import csr_array
 
 from bayescal.motion.settings import NOISE
 
@@ -43,6 +44,36 @@ class Noise:
             parts.append(band[: len(rows) - order, : len(rows)] @ rows)
         return np.concatenate(parts)
 
+    def without(self, white: np.ndarray, missing: np.ndarray, joint: int) -> np.ndarray:
+        """Whitened rows (M, ...) without what the values of some rows (k,) would change: they are missing.
+
+        Each such row has a free value, which is projected out: the likelihood of the others is exact.
+        """
+        if not len(missing):
+            return white
+        order = self.order
+        first = min(order, len(white))
+        low, lag = np.broadcast_arrays(missing[:, None], np.arange(order + 1))
+        row, value = low + lag, np.broadcast_to(self.filters[joint], low.shape)
+        late = (row >= first) & (row < len(white))
+        early = missing[missing < first]
+        starts = self.starts[joint][:first, early]
+        column = np.broadcast_to(np.arange(len(missing))[:, None], low.shape)
+        entries = (
+            np.r_[value[late], starts.ravel()],
+            (
+                np.r_[row[late], np.repeat(np.arange(first), len(early))],
+                np.r_[column[late], np.tile(np.arange(len(early)), first)],
+            ),
+        )
+        free = csr_array(entries, shape=(len(white), len(missing)))
+        gram = (free.T @ free).tocoo()
+        below = gram.row >= gram.col
+        band = np.zeros((order + 1, len(missing)))
+        band[(gram.row - gram.col)[below], gram.col[below]] = gram.data[below]
+        solved = cho_solve_banded((cholesky_banded(band, lower=True), True), free.T @ white)
+        return np.asarray(white - free @ solved)
+
     @cached_property
     def _bands(self) -> np.ndarray:
         """The filters as matrices (n, BLOCK, BLOCK + p): their products take a third of the time of sums."""
@@ -57,7 +88,10 @@ class Noise:
 
 
 def noise_of(
-    residuals: Sequence[np.ndarray], followed: Iterable[Sequence[np.ndarray]] = (), same: Sequence[str] = ()
+    residuals: Sequence[np.ndarray],
+    followed: Iterable[Sequence[np.ndarray]] = (),
+    same: Sequence[str] = (),
+    weights: Sequence[np.ndarray] = (),
 ) -> Noise:
     """Noise of residuals (M, n) of several motions, by the Yule-Walker equations.
 
@@ -76,22 +110,29 @@ def noise_of(
         Of each motion and channel X L (M, k), where L L' = C; none if nothing was fitted.
     same : sequence of str
         The motion that each repeats.
+    weights : sequence of np.ndarray
+        Of the rows of each motion (M, n), by which residuals and `followed` are multiplied; 1 if not given.
     """
-    parts = [r - np.mean(r, axis=0) for r in residuals]
-    count = sum(map(len, parts))
-    covariance = _autocovariance(parts) / count
-    for followers in followed:
-        apart = [x - np.mean(x, axis=0) for x in followers]
-        covariance += np.array([np.sum(_autocovariance([x]), axis=0) for x in apart]) / count
+    weights = weights or [np.ones_like(r) for r in residuals]
+    parts = [_apart(r, w) for r, w in zip(residuals, weights, strict=True)]
+    count = np.maximum(sum(np.sum(w**2, axis=0) for w in weights), 1.0)
+    # of the pairs of rows that are there, as many as if all were
+    pairs, every = (_autocovariance(x) for x in (weights, [np.ones_like(w) for w in weights]))
+    there = count[:, None] * np.maximum(pairs, 1e-9) / np.maximum(pairs[:, :1], 1e-9)
+    there = there * np.maximum(every[:, :1], 1.0) / np.maximum(every, 1.0)
+    covariance = _autocovariance(parts) / there
+    for followers, w in zip(followed, weights, strict=False):
+        for j, x in enumerate(followers):
+            covariance[j] += np.sum(_autocovariance([_apart(x, w[:, j : j + 1])]), axis=0) / there[j]
     differences = _differences(parts, same)
     if differences:
-        rows = sum(map(len, differences))
-        repeated = _autocovariance(differences) / rows
-        share = repeated / repeated[:, :1]
+        share = sum(map(len, differences)) / sum(map(len, parts))
+        rows, repeated = share * count, _autocovariance(differences) / (share * there)
+        share = repeated / np.maximum(repeated[:, :1], 1e-300)
         # a variance of correlated rows has as many degrees of freedom as there are independent rows
         independent = rows / np.maximum(2.0 * np.sum(share, axis=1) - 1.0, 1.0)
         clearly = np.maximum(np.log(NOISE.smaller), NOISE.sure * np.sqrt(2.0 / independent))
-        smaller = np.log(covariance[:, 0] / repeated[:, 0]) > clearly
+        smaller = covariance[:, 0] > repeated[:, 0] * np.exp(clearly)
         covariance = np.where(smaller[:, None], repeated, covariance)
     # the mean of correlated noise over a motion has its density at frequency 0 over the rows as variance
     about = covariance
@@ -101,12 +142,22 @@ def noise_of(
     return Noise(*_filters(covariance), np.sqrt(covariance[:, 0]), covariance[:, 1] / covariance[:, 0])
 
 
+def _apart(x: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """Weighted rows (M, n) about their mean."""
+    mean = np.sum(weight * x, axis=0) / np.maximum(np.sum(weight**2, axis=0), 1e-9)
+    return np.asarray(x - weight * mean)
+
+
 def _filters(covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Filters (n, p + 1), and (n, p, p) of the first rows, for noise of autocovariances (n, p + 1)."""
     n, order = len(covariance), covariance.shape[1] - 1
     filters, starts = np.empty((n, order + 1)), np.empty((n, order, order))
     for j, own in enumerate(covariance):
-        ridged = own + np.r_[NOISE.ridge * own[0], np.zeros(order)]
+        if not own[0] > 0.0:  # of a joint that never moves no row counts
+            own = np.eye(order + 1)[0]
+        # with rows missing a matrix of covariances may have negative eigenvalues
+        ridge = NOISE.ridge * own[0] - min(float(np.linalg.eigvalsh(toeplitz(own))[0]), 0.0)
+        ridged = own + np.r_[ridge, np.zeros(order)]
         by = solve_toeplitz(ridged[:-1], own[1:])
         filters[j] = np.r_[1.0, -by] / np.sqrt(max(ridged[0] - by @ own[1:], 1e-300))
         starts[j] = np.linalg.inv(np.linalg.cholesky(toeplitz(ridged[:-1])))

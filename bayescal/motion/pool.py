@@ -129,8 +129,10 @@ def waves_of(estimate: Estimate) -> Waves:
             waves = np.unique(np.r_[waves, of_motor[of_motor > high]])
         score, size, loose = np.zeros(len(waves), complex), np.zeros(len(waves)), np.zeros(len(waves))
         for p, r in zip(table.parts, residuals, strict=True):
-            x = noise.whitened(p.signals.kept(np.exp(1j * p.signals.q[:, j : j + 1] * waves)), j)
-            y = noise.whitened(r[:, j], j)
+            s = p.signals
+            x = np.exp(1j * s.q[:, j : j + 1] * waves) * s.weight[:, j : j + 1]
+            x = p.whitened(noise, s.kept(x), j)
+            y = p.whitened(noise, r[:, j], j)
             for rows in np.array_split(np.arange(len(y)), SEARCH.pieces):
                 along, square = x[rows].conj().T @ y[rows], np.sum(np.abs(x[rows]) ** 2, axis=0)
                 score += along

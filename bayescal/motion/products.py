@@ -131,11 +131,12 @@ class Bank:
             for j in range(len(self.size)):
                 by = responses(k, j)
                 x = np.column_stack([by[name][:, None] * given[i].functions for i, name in self.kinds])
-                self.count(out, part, fit, j, self.size[j] * x, sets)
+                weight = part.weight[:, j, None]  # of every kind of residuals
+                self.count(out, part, fit, j, self.size[j] * weight * x, sets)
                 if LINK in kinds(log):
-                    self.count(out, part, fit, channel(log, LINK, j), FORMS.deflection * x, sets)
+                    self.count(out, part, fit, channel(log, LINK, j), FORMS.deflection * weight * x, sets)
                 if TRACKING in kinds(log):
-                    moved = displaced(log, s.step * s.every, self.size[j] * x, j)
+                    moved = weight * displaced(s, s.step * s.every, self.size[j] * weight * x, j)
                     self.count(out, part, fit, channel(log, TRACKING, j), moved, sets)
         return out
 
@@ -144,10 +145,10 @@ class Bank:
         into: int | None = None,
     ) -> None:  # fmt: skip
         """Add products of columns (M, P) of a channel in one motion to those of the channel, or of `into`."""
-        white = self.noise.whitened(x, c)
+        white = part.whitened(self.noise, x, c)
         blocks = [white[:, k[0] : k[-1] + 1].T @ white[:, k[0] : k[-1] + 1] for k in sets]
         cross = self._whitened(part, c, fit.chosen).T @ white
-        score = self.noise.whitened(part.residual[:, c], c) @ white
+        score = part.whitened(self.noise, part.residual[:, c], c) @ white
         key = c if into is None else into
         if key in out:
             before = out[key]
@@ -161,7 +162,7 @@ class Bank:
         x = np.zeros((len(part.residual), len(chosen)))
         there = [k for k, number in enumerate(chosen) if number in place]
         x[:, there] = part.columns[c][:, [place[chosen[k]] for k in there]]
-        return self.noise.whitened(x, c) * np.array([self.table.terms[k].sd for k in chosen])
+        return part.whitened(self.noise, x, c) * np.array([self.table.terms[k].sd for k in chosen])
 
     def _site(self, a: Argument, nats: np.ndarray) -> str:
         """Of an error in several joints: an oscillation is of what carries the arm or what it carries."""
@@ -181,11 +182,11 @@ class Bank:
                 values = size * responses(k, j)[p.response][:, None] * given[p.argument].functions
                 channels = {channel(s.log, p.kind, j): values}
                 if p.moves[i]:
-                    moved = displaced(s.log, s.step * s.every, values, j)
+                    moved = displaced(s, s.step * s.every, part.weight[:, j, None] * values, j)
                     channels[channel(s.log, TRACKING, j)] = moved
                 for c, x in channels.items():
                     of_motion[c] = np.zeros((len(x), count * len(p.joints)), np.float32)
-                    of_motion[c][:, i * count : (i + 1) * count] = x
+                    of_motion[c][:, i * count : (i + 1) * count] = part.weight[:, c, None] * x
             out.append(of_motion)
         return out
 

@@ -43,7 +43,6 @@ class Kept:
     ddq: np.ndarray
     load: np.ndarray
     way: np.ndarray  # (M, n) direction of motion
-    weight: np.ndarray  # (M, n) of the rows
 
 
 def quantities(s: Signals, at: Operating, r: Ranges, waves: Waves) -> tuple[Kept, tuple[Argument, ...]]:
@@ -51,7 +50,7 @@ def quantities(s: Signals, at: Operating, r: Ranges, waves: Waves) -> tuple[Kept
     load, torque = at.load(s), at.torque(s)
     k = Kept(
         s.kept(s.q), s.kept(s.dq) / r.usual_speed, s.kept(s.ddq) / r.usual_acceleration,
-        s.kept(load) / r.usual_load, s.kept(at.reversal(s)), s.kept(s.weight),
+        s.kept(load) / r.usual_load, s.kept(at.reversal(s)),
     )  # fmt: skip
     return k, tuple(_arguments(s, load, torque, r, k, waves))
 
@@ -59,7 +58,7 @@ def quantities(s: Signals, at: Operating, r: Ranges, waves: Waves) -> tuple[Kept
 def responses(k: Kept, j: int) -> dict[str, np.ndarray]:
     """What an error at a joint may be in proportion to, (M,) each."""
     load, way = k.load[:, j], k.way[:, j]
-    out = {
+    return {
         "": np.ones(len(load)),
         "direction": way,
         "torque": load,
@@ -67,7 +66,6 @@ def responses(k: Kept, j: int) -> dict[str, np.ndarray]:
         "speed": k.dq[:, j],
         "acceleration": k.ddq[:, j],
     }
-    return {name: k.weight[:, j] * x for name, x in out.items()}
 
 
 def _arguments(

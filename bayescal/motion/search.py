@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -102,6 +102,16 @@ class Search:
             numbers += [index[name] for name in terms[m.form]]
             scales += [m.scale] * len(terms[m.form])
         return fitted(self.normal, numbers, np.array(scales))
+
+    def scaled(self, h: Hypothesis) -> Hypothesis:
+        """A hypothesis with forms beside the search at the scales that explain most."""
+        members = list(h.members)
+        for k, m in enumerate(members):
+            if m.form in self.extra:
+                every = [replace(m, scale=float(s)) for s in SCALES]
+                fits = [self.fit([*members[:k], o, *members[k + 1 :]]).log_evidence for o in every]
+                members[k] = every[int(np.argmax(fits))]
+        return replace(h, members=tuple(members))
 
     @cached_property
     def seen(self) -> dict[str, bool]:

@@ -37,6 +37,13 @@ class SignalSettings:
     """Hz, highest rate that is kept (cost)."""
     coarse: float = 0.01
     """rad/s, noise of differentiated positions from which on velocities are used (assumed)."""
+    held: tuple[float, float] = (0.01, 0.03)
+    """rad/s, speed of a joint up to which rows do not count, and from which on they count fully (assumed)."""
+    stuck: float = 0.05
+    """s, before and after such a speed, in which rows count as little, where stiction is strong: speeds are
+    smooth, and a joint that sticks for a moment seems to reverse at once (half a period of `band`)."""
+    resting: float = 0.9
+    """Share of the samples of a row at rest in a row that is one (assumed)."""
     rest: float = 2e-3
     """rad, of a motion, up to which a joint is taken to rest: what holds it is not its friction (assumed)."""
     long: int = 60_000
@@ -90,6 +97,17 @@ class NoiseSettings:
     """Standard uncertainties of the logarithm of that variance by which it must be smaller (assumed)."""
     rounds: int = 4
     """Iterations of noise and estimate (cost)."""
+    held: int = 1
+    """Iteration after which joints at rest are looked at (cost)."""
+    stiction: tuple[float, float] = (1.5, 10.0)
+    """Mean square of the residuals of joints at rest, over that of the noise, from which on they do not
+    count, and from which on rows about reversals do not either, and noise is wider (tuned)."""
+    few: int = 30
+    """Rows at rest that this takes at least (assumed)."""
+    correlated: float = 5.0
+    """Rows that are worth an independent one in this test (assumed)."""
+    there: float = 0.5
+    """Weight of a row below which it is a missing one (assumed)."""
 
 
 @dataclass(frozen=True)
@@ -224,6 +242,8 @@ class EventSettings:
     """s, in which a torque comes back after an event (assumed)."""
     length: float = 3.0
     """Length of a pulse, over its time constant (assumed)."""
+    tails: tuple[float, ...] = (3.0, 4.0, 5.0, 6.0, 8.0, 12.0, 20.0, 40.0, 1000.0)
+    """Degrees of freedom of noise with tails (assumed)."""
     most: int = 12
     """Events at a joint (cost)."""
     visible: float = 0.02

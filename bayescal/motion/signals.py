@@ -8,11 +8,12 @@ empty band a noise model would amplify nothing.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, cached_property, lru_cache
 
 import numpy as np
 from scipy.interpolate import CubicSpline
+from scipy.ndimage import minimum_filter1d
 from scipy.signal import butter, firwin, sosfiltfilt
 from scipy.sparse import csr_matrix
 
@@ -43,15 +44,29 @@ class Signals:
     payload: np.ndarray  # (N,) kg
     every: int  # samples per row that is kept
     band: float = SIGNALS.band  # Hz, of the rows that are kept
+    stuck: float | None = SIGNALS.stuck  # s about rest in which stiction holds a joint; None: it does not
 
     @cached_property
     def weight(self) -> np.ndarray:
-        """Weights (N, n) of rows in a fit, of mean square 1: of servos 0 where stiction may hold a joint."""
-        if self.log.torque_kind != SERVO:
-            return np.broadcast_to(1.0, self.q.shape)
-        slow, fast = SERVOS.held
+        """Weights (N, n) of rows in a fit, 0 to 1: 0 where stiction holds a joint with any torque."""
+        if self.stuck is None:
+            return np.ones_like(self.q)
+        slow, fast = SERVOS.held if self.log.torque_kind == SERVO else SIGNALS.held
         weight = np.clip((np.abs(self.dq) - slow) / (fast - slow), 0.0, 1.0)
-        return np.asarray(weight / np.sqrt(np.maximum(np.mean(weight**2, axis=0), SERVOS.least)))
+        return np.asarray(minimum_filter1d(weight, 2 * round(self.stuck / self.step) + 1, axis=0))
+
+    @property
+    def rests(self) -> np.ndarray:
+        """Whether each joint rests (M, n), in and about the rows that are kept."""
+        slow = np.abs(self.dq) < SIGNALS.held[0]
+        long = minimum_filter1d(slow.astype(float), 2 * round(SIGNALS.stuck / self.step) + 1, axis=0)
+        return np.asarray(self.kept(long) > SIGNALS.resting)
+
+    def with_stiction(self, stuck: float | None) -> Signals:
+        """The same with other rows that stiction holds."""
+        out = replace(self, stuck=stuck)
+        out.__dict__.update({k: v for k, v in self.__dict__.items() if k in ("rigid", "tilted")})
+        return out
 
     @cached_property
     def rigid(self) -> np.ndarray:
@@ -76,8 +91,15 @@ class Signals:
 
     @property
     def moves(self) -> np.ndarray:
-        """Whether any joint moves, at each of these samples."""
-        return np.any(np.abs(self.unfiltered(self.dq)) > OUTCOME.moving, axis=1)
+        """Whether each joint moves (N, n), at each of these samples; of servos whether any does.
+
+        Of a joint that rests in all motions of the role too; all samples if no joint moves in any.
+        """
+        moves = np.abs(self.unfiltered(self.dq)) > OUTCOME.moving
+        turned = [np.ptp(m.position, axis=0) > SIGNALS.rest for m in self.log.of_role(self.role)]
+        still = ~np.any(turned, axis=0) | (self.log.torque_kind == SERVO)
+        some = np.any(moves, axis=1, keepdims=True) | ~np.any(turned)
+        return moves | (some & still)
 
 
 @lru_cache(maxsize=16)
@@ -101,10 +123,15 @@ def each(parts: Sequence[Signals]) -> Iterator[Signals]:
 
 
 def root_mean_square(parts: Iterable[np.ndarray]) -> np.ndarray:
-    """Of each joint (n,), over parts (N, n), of which one at a time is in memory."""
-    sums = [(np.sum(np.square(part), axis=0), len(part)) for part in parts]
+    """Of each joint (n,), over parts (N, n) without NaN, of which one at a time is in memory."""
+    sums = [(np.nansum(np.square(part), axis=0), np.sum(np.isfinite(part), axis=0)) for part in parts]
     squares, counts = zip(*sums, strict=True)
-    return np.asarray(np.sqrt(np.sum(squares, axis=0) / sum(counts)))
+    return np.asarray(np.sqrt(np.sum(squares, axis=0) / np.maximum(np.sum(counts, axis=0), 1)))
+
+
+def where_moving(left: np.ndarray, s: Signals) -> np.ndarray:
+    """Samples (N, n) of a motion, NaN where the joint rests: stiction may hold it with any torque."""
+    return np.where(s.moves, left, np.nan)
 
 
 def low_passed(x: np.ndarray, step: float, band: float = SIGNALS.wide) -> np.ndarray:
@@ -199,6 +226,7 @@ def signals_of(log: Log, motion: Motion, first: float, cold: float) -> Signals:
         motion.name, motion.role, motion.same_as, log, step, time - first, q, dq, derivative(dq, step),
         torque, sampled(motion.command), sampled(motion.link), warm,
         np.interp(time, motion.time, motion.payload), max(int(rows), 1), band,
+        0.0 if log.torque_kind == SERVO else SIGNALS.stuck,
     )  # fmt: skip
 
 

@@ -114,6 +114,10 @@ class Operating:
         friction = self.coulomb * self.reversal(s) + self.viscous * s.dq
         return self.load(s) + self.armature * s.ddq + friction
 
+    def driven(self, s: Signals) -> np.ndarray:
+        """Torque of the servos (N, n): of the model, and as measured where stiction may hold a joint."""
+        return s.weight * self.torque(s) + (1.0 - s.weight) * (self.measured(s) - self.offset) / self.gain
+
     def shown(self, s: Signals) -> np.ndarray:
         """What a sensor of this torque shows (N, n)."""
         if s.log.torque_kind == SERVO:  # friction and rotors are of the same scale as the stiffness
@@ -210,15 +214,16 @@ def baseline(s: Signals, at: Operating, rms: np.ndarray) -> Iterator[Column]:
     if not servo:
         yield Term("transition", "1", m.u.transition), slopes
     yield Term("alignment", "s", log.u_alignment), later(s, at)
+    driven = at.driven(s) if TRACKING in kinds(log) else None
     for kind in kinds(log)[1:]:
         for j in range(m.n):
             number = channel(log, kind, j)
             yield Term(f"{kind} offset {j + 1}", "rad", BASELINE.angle, number), np.ones(len(way))
             yield Term(f"{kind} lag {j + 1}", "s", BASELINE.lag, number), s.dq[:, j]
-            if kind == TRACKING and log.controller.stiffness is not None:
+            if kind == TRACKING and log.controller.stiffness is not None and driven is not None:
                 yield Term(f"{kind} lag squared {j + 1}", "s2", BASELINE.lag**2, number), s.ddq[:, j]
                 # above its bandwidth a servo does not answer as its stiffness says
-                asked = at.torque(s)[:, j] / log.controller.stiffness[j]
+                asked = driven[:, j] / log.controller.stiffness[j]
                 fast = asked - low_passed(asked, s.step, BASELINE.servo)
                 rate = derivative(asked, s.step)
                 yield Term(f"{kind} fast torque {j + 1}", "1", 1.0, number), fast
@@ -235,18 +240,17 @@ def residuals(s: Signals, at: Operating) -> np.ndarray:
             # by the torque of the model: the noise of a measured torque is in the residual too
             damping = s.log.controller.damping
             damped = 0.0 if damping is None else damping * s.dq
-            out.append(s.command - s.q - (at.torque(s) + damped) / s.log.controller.stiffness)
+            out.append(s.command - s.q - (at.driven(s) + damped) / s.log.controller.stiffness)
         else:
             assert s.link is not None
             out.append(s.link - s.q)
     return np.column_stack(out)
 
 
-def assembled(
-    columns: Iterable[Column], log: Log, step: float
-) -> tuple[list[Term], list[list[int]], list[np.ndarray]]:
+def assembled(columns: Iterable[Column], s: Signals) -> tuple[list[Term], list[list[int]], list[np.ndarray]]:
     """Terms, and for each channel the numbers of those that it has and their columns (N, K)."""
     terms: list[Term] = []
+    log = s.log
     count = len(kinds(log)) * log.n
     numbers: list[list[int]] = [[] for _ in range(count)]
     values: list[list[np.ndarray]] = [[] for _ in range(count)]
@@ -268,7 +272,7 @@ def assembled(
             continue
         t = channel(log, TRACKING, j)
         numbers[t] = [*(numbers[j][k] for k in moving[j]), *numbers[t]]
-        out[t] = np.hstack([displaced(log, step, out[j][:, moving[j]], j), out[t]])
+        out[t] = np.hstack([displaced(s, s.step, s.weight[:, j, None] * out[j][:, moving[j]], j), out[t]])
     return terms, numbers, out
 
 
@@ -278,10 +282,10 @@ def by_channel(term: Term, column: np.ndarray) -> Iterator[tuple[int, np.ndarray
     yield from ((j, column[:, j] if column.ndim == 2 else column) for j in joints)
 
 
-def displaced(log: Log, step: float, torque: np.ndarray, j: int) -> np.ndarray:
+def displaced(s: Signals, step: float, torque: np.ndarray, j: int) -> np.ndarray:
     """Displacement of the position servo of a joint by torques of the arm (N, ...), rad.
 
     A servo moves under a torque as its stiffness says, within its bandwidth.
     """
-    assert log.controller.stiffness is not None
-    return low_passed(torque, step, BASELINE.servo) / log.controller.stiffness[j]
+    assert s.log.controller.stiffness is not None
+    return low_passed(torque, step, BASELINE.servo) / s.log.controller.stiffness[j]

@@ -5,9 +5,19 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.stats import t as student_t
 
 from bayescal.logs.types import CALIBRATE, VALIDATE
-from bayescal.motion.beside import Relative, _free, beside, events, in_place_of_a_name, relative, simplified
+from bayescal.motion.beside import (
+    Relative,
+    _free,
+    beside,
+    events,
+    in_place_of_a_name,
+    relative,
+    simplified,
+    surprise,
+)
 from bayescal.motion.cells import UNKNOWN, resonated
 from bayescal.motion.diagnose import _place
 from bayescal.motion.effects import EFFECTS, Form, Waves
@@ -201,10 +211,21 @@ def test_a_general_function_must_explain_more_than_the_name_in_whose_place_it_is
     assert less == pytest.approx(920.0 - SEARCH.instead * 40.0)
 
 
+def test_a_row_that_is_far_off_is_as_surprising_as_the_tails_of_all_rows_make_it():
+    rng = np.random.default_rng(3)
+    normal, heavy = rng.standard_normal(20_000), student_t(4).rvs(20_000, random_state=rng) / np.sqrt(2.0)
+    far = np.array([0.1, 8.0])
+    assert surprise(normal)(far) == pytest.approx(0.5 * far**2, rel=0.1)
+    assert surprise(heavy)(far)[1] == pytest.approx(-2.5 * -np.log1p(8.0**2 / 2.0), rel=0.1)
+
+
 def test_names_that_no_longer_pay_for_their_prior_beside_an_unknown_cause_are_left_out():
     gains = {"payload": 1.0, "ripple": 30.0}
 
     class Gained:
+        def scaled(self, h):
+            return h
+
         def additions(self, members):
             missing = set(gains) - {m.form.effect for m in members}
             return {name: (Member(Form(name, "tool", ""), 1.0), gains[name]) for name in missing}

@@ -192,13 +192,17 @@ def test_a_torque_of_the_arm_also_displaces_a_position_servo(null_parts):
     motions = tuple(replace(m, command=m.position) for m in s.log.motions)
     log = replace(s.log, controller=Controller("position", stiffness, None), motions=motions)
     slow = np.sin(0.5 * (s.time - s.time[0]))
+    tracked = replace(s, log=log, stuck=None)
     term = Term("mass", "kg", 1.0, 1, moves=True)
-    _, numbers, columns = assembled([(term, slow)], log, s.step)
+    _, numbers, columns = assembled([(term, slow)], tracked)
     assert [len(k) for k in numbers] == [0, 1, 0, 0, 1, 0]
     inner = slice(40, -40)
     assert columns[4][inner, 0] == pytest.approx(slow[inner] / 2000.0, abs=1e-6)
-    sensor = assembled([(Term("offset", "N m", 1.0, 1), slow)], log, s.step)
+    sensor = assembled([(Term("offset", "N m", 1.0, 1), slow)], tracked)
     assert [len(k) for k in sensor[1]] == [0, 1, 0, 0, 0, 0]
-    every = assembled([(Term("mass", "kg", 1.0, moves=True), np.tile(slow[:, None], 3))], log, s.step)
+    every = assembled([(Term("mass", "kg", 1.0, moves=True), np.tile(slow[:, None], 3))], tracked)
     assert [len(k) for k in every[1]] == [1] * 6
-    assert [len(k) for k in assembled([(term, slow)], s.log, s.step)[1]] == [0, 1, 0]
+    assert [len(k) for k in assembled([(term, slow)], s)[1]] == [0, 1, 0]
+    held = replace(tracked, stuck=0.1)
+    of_moving = assembled([(term, slow * held.weight[:, 1])], tracked)[2][4]
+    assert assembled([(term, slow)], held)[2][4] == pytest.approx(of_moving)

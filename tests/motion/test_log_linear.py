@@ -113,6 +113,30 @@ def density(noise: Noise) -> float:
     return float(np.sum(noise.filters[0]) ** -2.0)
 
 
+def test_missing_rows_leave_the_likelihood_of_the_others():
+    """As the covariance of the rows that are there says; of all rows it follows from the whitening itself."""
+    rng = np.random.default_rng(1)
+    parts = [lfilter([1.0], [1.0, -0.8], rng.standard_normal((400, 1)), axis=0) for _ in range(5)]
+    noise, x = noise_of(parts), rng.standard_normal((60, 3))
+    every = noise.whitened(np.eye(60), 0)
+    covariance = np.linalg.inv(every.T @ every)
+    missing = np.r_[0, 1, 5, 20:35, 59]
+    there = np.setdiff1d(np.arange(60), missing)
+    white = noise.without(noise.whitened(x, 0), missing, 0)
+    expected = x[there].T @ np.linalg.solve(covariance[np.ix_(there, there)], x[there])
+    assert white.T @ white == pytest.approx(expected)
+
+
+def test_noise_of_rows_that_are_there_is_that_of_all():
+    """Rows of weight 0 are no small residuals."""
+    rng = np.random.default_rng(2)
+    parts = [lfilter([1.0], [1.0, -0.8], rng.standard_normal((2000, 1)), axis=0) for _ in range(5)]
+    weights = [np.repeat(rng.random((40, 1)) < 0.6, 50, axis=0).astype(float) for _ in parts]
+    found = noise_of([w * x for w, x in zip(weights, parts, strict=True)], weights=weights)
+    assert found.sd == pytest.approx(noise_of(parts).sd, rel=0.05)
+    assert found.lag1 == pytest.approx(noise_of(parts).lag1, abs=0.02)
+
+
 def test_what_a_fit_follows_of_slow_noise_is_added():
     # 12 waves of the time follow much of slow noise: by degrees of freedom alone it would seem far less
     rows, true = 250, (1.0 + np.exp(-0.1)) / (1.0 - np.exp(-0.1))

@@ -19,7 +19,10 @@ def test_the_gain_is_a_log_likelihood_ratio_and_errors_are_of_moving_rows():
     """Slow rows, with a hundred times the residual, do not count."""
     moving = np.tile([True, False, True, True], 50)
     speed = np.where(moving, 1.01, -0.99)[:, None] * OUTCOME.moving
-    part = SimpleNamespace(moves=Signals.moves.fget(SimpleNamespace(dq=speed, unfiltered=lambda x: x)))
+    turned = SimpleNamespace(position=np.arange(2.0)[:, None])
+    log = SimpleNamespace(of_role=lambda role: [turned], torque_kind="torque")
+    s = SimpleNamespace(dq=speed, unfiltered=lambda x: x, log=log, role="validate")
+    part = SimpleNamespace(moves=Signals.moves.fget(s))
     sign = np.where(np.arange(200) % 3, 1.0, -1.0)
 
     def unfiltered(name, role="validate"):

@@ -13,12 +13,13 @@ from scipy.special import logsumexp
 from bayescal.errors import BayescalError
 from bayescal.logs import read_log
 from bayescal.logs.types import CALIBRATE
+from bayescal.motion.diagnose import diagnose
 from bayescal.motion.effects import EFFECTS
 from bayescal.motion.estimate import estimated
 from bayescal.motion.linear import gains, normal
 from bayescal.motion.noise import noise_of, white_noise
 from bayescal.motion.pool import Pool
-from bayescal.motion.settings import SEARCH
+from bayescal.motion.settings import SEARCH, SIGNALS
 from bayescal.motion.signals import all_signals, derivative, signals_of
 from bayescal.preparing.joint_log import check_log
 
@@ -111,6 +112,65 @@ def test_friction_of_a_joint_at_rest_stays_at_its_prior(tmp_path, monkeypatch):
         assert fit.u[name] > 0.9 * sd[name]
     assert fit.u["coulomb 1"] < 0.1 * sd["coulomb 1"]
     assert "resting" in {f.code for f in check_log(folder).findings}
+
+
+def pausing(seed):
+    """The sums of sines of `made.path`, which rest for a second twice."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(0.0, made.SECONDS, 1.0 / made.RATE)
+    slope = np.full_like(t, 1.0)
+    for rest in (2.5, 5.5):
+        u = np.clip((np.abs(t - rest) - 0.5) / 0.5, 0.0, 1.0)
+        slope *= u**3 * (10.0 - 15.0 * u + 6.0 * u**2)
+    rate = np.gradient(slope, t)
+    s = np.cumsum(slope) / made.RATE
+    q, dq, ddq = np.zeros((3, len(t), 3))
+    for j in range(3):
+        for w in rng.uniform(0.6, 5.0, 4):
+            a, phase = rng.uniform(0.1, 0.5) / w**0.7, rng.uniform(0, 6.28)
+            q[:, j] += a * np.sin(w * s + phase)
+            dq[:, j] += a * w * np.cos(w * s + phase) * slope
+            ddq[:, j] += a * w * (np.cos(w * s + phase) * rate - w * np.sin(w * s + phase) * slope**2)
+    return t, q, dq, ddq
+
+
+def stiction(q, dq, ddq, tau, t, load):
+    """Each rest holds each joint with a torque of its own, up to the friction."""
+    still = np.all(np.abs(dq) < 1e-9, axis=1)
+    number = np.cumsum(np.diff(still.astype(int), prepend=0) == 1)
+    own = np.random.default_rng(int(1e3 * t[0])).uniform(-1.0, 1.0, (number[-1] + 1, 3))
+    return np.where(still[:, None], own[number] * [3.0, 3.0, 1.5], 0.0)
+
+
+def test_torques_of_stiction_are_no_effect(tmp_path, monkeypatch):
+    """Rows at rest are left out where torques are far from the model there, and count where they are not."""
+    monkeypatch.setattr(made, "path", pausing)
+    free, held = (
+        estimated(all_signals(read_log(write(tmp_path / name, extra))))
+        for name, extra in (("free", None), ("held", stiction))
+    )
+    assert (free.parts[0].stuck, held.parts[0].stuck) == (None, SIGNALS.stuck)
+    assert free.limits == free.parts[0].log.limits
+    assert held.limits[-1].startswith("stiction holds joints at rest: ")
+    assert held.at.coulomb == pytest.approx(free.at.coulomb, rel=0.02)
+    assert best_gain(Pool.of(held), held.noise) < 5.0
+    every = replace(held, parts=tuple(s.with_stiction(None) for s in held.parts))
+    assert best_gain(Pool.of(every), free.noise) > 50.0
+
+
+def test_a_log_in_which_no_joint_moves_has_errors_of_all_rows(tmp_path, monkeypatch):
+    """Its torques are those of gravity, and its noise is that of the torques."""
+    whole = made.path
+
+    def resting(seed):
+        t, q, dq, ddq = whole(seed)
+        return t, np.broadcast_to(q[0], q.shape), 0.0 * dq, 0.0 * ddq
+
+    monkeypatch.setattr(made, "path", resting)
+    found = diagnose(read_log(write(tmp_path / "log")))
+    assert found.verdict.kind == "null"
+    assert found.shrinkage.before == pytest.approx(found.shrinkage.floor, rel=0.5)
+    assert found.shrinkage.before == pytest.approx(0.8 * made.SIGMA / np.sqrt(1.0 - 0.6**2), rel=0.6)
 
 
 def test_a_last_row_that_is_cut_off_is_refused_with_its_line(null_log, tmp_path):

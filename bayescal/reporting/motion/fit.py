@@ -68,7 +68,7 @@ def fit_record(fit: MotionFit) -> dict[str, Any]:
         "torque_shift_ms": 1e3 * fit.shift,
         "draws": fit.draws.shape[0] * fit.draws.shape[1],
         "motions": [{"id": m.name, "role": m.role, "kind": m.kind} for m in fit.log.motions],
-        "warnings": [*fit.log.limits, *_warnings_of(fit)],
+        "warnings": [*fit.limits, *_warnings_of(fit)],
     }
     return {key: plain(value) for key, value in record.items()}
 
