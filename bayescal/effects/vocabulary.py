@@ -138,8 +138,7 @@ class Circumstances:
     faces: tuple[Face, ...] = ()
     certified_values: tuple[CertifiedValue, ...] = ()
     sessions: tuple[Session, ...] = ()  # if several are fitted together
-    instruments: tuple[tuple[str, np.ndarray, np.ndarray], ...] = ()
-    """Fitted instruments: name, 1 for its rows (N,), nominal place in F0 (3,), m."""
+    instruments: tuple[tuple[str, np.ndarray, np.ndarray], ...] = ()  # name, rows (N,), place in F0 (3,)
     views: tuple[View, ...] = ()  # of fitted cameras
     turned_tools: tuple[int, ...] = ()  # tools whose orientation fitted measurements read
     tool_u_angle: tuple[float | None, ...] = ()  # rad, stated uncertainty of each tool's orientation
@@ -185,7 +184,6 @@ class Parameter:
 
     The terms are driven by value - nominal, so that nominal values displace nothing. The prior's mean is the
     nominal value by default. A positive value has a normal prior too: a negative estimate is reported.
-
     A common factor of others, `stands_for`, displaces each by the factor times its prior mean.
     """
 
