@@ -23,6 +23,7 @@ from bayescal.errors import BayescalError
 from bayescal.estimate.bounds import UNCHANGED
 from bayescal.fitted import gate
 from bayescal.predict.crossvalidation import inside95
+from bayescal.public.results import SimulatedSession
 from bayescal.robots import load_robot, names
 
 CONTACTS = (80, 150, 300)
@@ -52,7 +53,7 @@ def weighed(robot: str) -> bool:
     return load_robot(robot)[0].masses is not None
 
 
-def simulated(robot: str, truth: str, seed: int) -> bc.SimulatedSession:
+def simulated(robot: str, truth: str, seed: int) -> SimulatedSession:
     """A session; its size, noise and outliers follow from the seed."""
     effects = TRUTH[truth] if weighed(robot) else "geometry"
     return bc.simulate(
@@ -67,7 +68,7 @@ def distances(fit: Fit) -> tuple[list[float], list[bool]]:
     return [d.error for d in each], [bool(inside95(d.error, d.predicted)) for d in each]
 
 
-def count(into: Counts, session: bc.SimulatedSession) -> str:
+def count(into: Counts, session: SimulatedSession) -> str:
     """Fit a session and add its result; return a line about it."""
     model = "geometry, compliance" if session.dataset.robot.masses is not None else "geometry"
     found = bc.fit(session, model, samples=0).data

@@ -20,7 +20,7 @@ import numpy as np
 from bayescal.errors import BayescalError
 from bayescal.logs import Log, read_log
 from bayescal.logs.types import CALIBRATE
-from bayescal.motion.calibrate import _nominal
+from bayescal.motion.calibrate import nominal_values
 from bayescal.motion.estimate import estimated
 from bayescal.motion.signals import all_signals
 from bayescal.motion.terms import nominal
@@ -49,10 +49,10 @@ def fitted(log: Log, first: int) -> Half:
     motions = tuple(replace(m, role=CALIBRATE) for m in log.motions[first::2])
     estimate = estimated(all_signals(replace(log, motions=motions)))
     fit = estimate.fit()
-    start = nominal(log, estimate.rms)
+    start = nominal_values(nominal(log, estimate.rms))
     terms = fit.normal.terms
     sd = np.array([t.sd for t in terms])
-    values = np.array([fit.values[t.name] + _nominal(t.name, start, log.mechanism) for t in terms])
+    values = np.array([fit.values[t.name] + start.get(t.name, 0.0) for t in terms])
     data = fit.normal.gram / np.outer(sd, sd)
     return Half(tuple(t.name for t in terms), values, data, np.diag(1.0 / sd**2))
 

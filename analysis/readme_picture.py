@@ -12,6 +12,7 @@ import matplotlib
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.figure import Figure
 
 from bayescal.calibration import Fit, fit
 from bayescal.dataset import read_dataset
@@ -21,7 +22,7 @@ LABELS = ("nominal", "joint\noffsets", "geometry", "geometry\n+ compliance")
 COLOURS = ("#9aa5b1", "#8fb0c9", "#5b8db8", "#1b4f72")
 
 
-def draw(result: Fit) -> plt.Figure:
+def draw(result: Fit) -> Figure:
     """Errors in mm on the left, the calibrated ones with their predicted intervals in µm on the right."""
     figure, (left, right) = plt.subplots(
         1, 2, figsize=(9.5, 3.6), width_ratios=(1, 1.7), constrained_layout=True

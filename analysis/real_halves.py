@@ -24,8 +24,8 @@ from bayescal.assess.agreement import difference_covariance, known_directions, s
 from bayescal.dataset import Dataset, read_dataset
 from bayescal.effects import BASELINE, MODELS
 from bayescal.estimate import Estimate, calibrated, root
-from bayescal.estimate.discrepancy import Stated, families, stated
-from bayescal.estimate.families import Family, poses
+from bayescal.estimate.discrepancy import Stated, stated
+from bayescal.estimate.families import Family, families, poses
 from bayescal.estimate.unexplained import unexplained
 from bayescal.estimate.widths import with_widths
 from bayescal.model import USUAL, FitOptions

@@ -76,7 +76,7 @@ def log(folder: Path, rng: np.random.Generator, shape: arm.Shape) -> None:
     for k in range(len(KINDS)):
         q, dq, ddq = paths[max(k - 2, 0)](t)
         link = [x @ arm.LINK_FROM_READING.T for x in (q, dq, ddq)]
-        torque = regressor(chain_of(shape), *link, GRAVITY) @ parameters @ arm.LINK_FROM_READING
+        torque = regressor(chain_of(shape), *link, gravity=GRAVITY) @ parameters @ arm.LINK_FROM_READING
         torque += ARMATURE * ddq + COULOMB * friction[0] * np.tanh(dq / 0.03) + VISCOUS * friction[1] * dq
         torque += disturbance.sampled(rng, levels, [slice(0, len(t))], 1.0 / RATE)
         shown = np.degrees(q) + 3e-4 * rng.standard_normal(q.shape)

@@ -153,8 +153,8 @@ ax.legend()
 plt.show()
 
 needed = {}
-for noise, both in every.items():
-    for how, curve in zip(("chosen", "random"), both, strict=True):
+for noise, curves in every.items():
+    for how, curve in zip(("chosen", "random"), curves, strict=True):
         enough = [n for n, value in zip(COUNTS, curve, strict=True) if value <= TOLERANCE]
         needed[noise, how] = enough[0] if enough else None
         text = f"{enough[0]} contacts or fewer" if enough else f"more than {COUNTS[-1]} contacts"

@@ -116,7 +116,7 @@ def calibrated(
     log = estimate.parts[0].log
     start = nominal(log, estimate.rms)
     names = fit.names
-    stated = _nominal(start)
+    stated = nominal_values(start)
     base = np.array([stated.get(name, 0.0) for name in names])
     progress("sample", 0.3)
     count = max(samples, CALIBRATION.fewest) // CALIBRATION.chains
@@ -146,7 +146,7 @@ def calibrated(
     )
 
 
-def _nominal(start: Operating) -> dict[str, float]:
+def nominal_values(start: Operating) -> dict[str, float]:
     """Nominal values of parameters, by name; those of others are 0."""
     joints = range(len(start.bodies))
     out = {f"{part} of link {k + 1}": start.bodies[k, p] for k in joints for p, part in enumerate(BODY)}

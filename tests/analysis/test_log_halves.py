@@ -2,8 +2,10 @@
 
 import numpy as np
 import pytest
+from motion.made import write
 
-from analysis.log_halves import Half, compared
+from analysis.log_halves import Half, compared, fitted
+from bayescal.logs import read_log
 
 NAMES = ("coulomb 1", "mass of link 2", "viscous 1", "offset 1", "armature 1", "x")
 
@@ -29,3 +31,12 @@ def test_chi_square_is_that_of_halves_that_agree_within_their_u(excess, ratio):
     assert {dof for _, dof, _ in results} == {5}
     assert np.mean([chi2 / dof for chi2, dof, _ in results]) == pytest.approx(ratio, rel=0.12)
     assert set(results[0][2]) == {"coulomb", "mass", "viscous", "offset", "armature"}
+
+
+def test_halves_of_a_log_are_fitted(tmp_path):
+    log = read_log(write(tmp_path / "log"))
+    one, other = (fitted(log, first) for first in (0, 1))
+    chi2, dof, kinds = compared(one, other)
+    assert one.names == other.names
+    assert {"viscous", "coulomb"} <= set(kinds)
+    assert 0.3 < chi2 / dof < 3.0
