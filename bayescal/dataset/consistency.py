@@ -258,6 +258,51 @@ def copies(dataset: Dataset) -> str:
     )
 
 
+STEPS = sorted([m * 10.0**-k for k in range(7) for m in (1, 2, 5)] + [360.0 / 2**k for k in range(10, 33)])
+"""deg: steps of readings: of displays and files, and of encoders in whole counts of a turn (assumed)."""
+VALUES = 20
+"""Different readings of a joint from which on they state a step."""
+NEAR_STEP = 0.02
+"""Of a step: the rounding of its last digit."""
+SEEN_STEP = 0.5
+"""Of the stated noise of measurements, from which on rounded readings are told."""
+
+
+def step_of(readings: np.ndarray) -> float:
+    """The largest of `STEPS`, deg, of which readings (N,), deg, are multiples; 0 where they state none."""
+    values = np.unique(readings)
+    if len(values) < VALUES:
+        return 0.0
+    parts = ((values / step, step) for step in reversed(STEPS))
+    return next((step for part, step in parts if np.max(np.abs(part - np.rint(part))) < NEAR_STEP), 0.0)
+
+
+def rounded(dataset: Dataset) -> str:
+    """Readings of too few digits for the stated noise, as a sentence; "" where they are fine enough."""
+    m, robot = dataset.measurements, dataset.robot
+    step = np.array(
+        [
+            0.0 if slides else step_of(np.degrees(q))
+            for slides, q in zip(robot.slides, m.readings.T, strict=True)
+        ]
+    )
+    u = np.where(step > np.sqrt(12.0) * np.degrees(dataset.noise.joint), step / np.sqrt(12.0), 0.0)
+    stated = [n for n in (dataset.noise.contact, dataset.noise.point) if n]
+    if not np.any(u) or not stated:
+        return ""
+    moved = [
+        nominal(dataset, m.readings + row) - nominal(dataset, m.readings) for row in np.diag(np.radians(u))
+    ]
+    size = float(np.sqrt(np.mean(np.sum(np.square(moved), axis=0))))
+    if size < SEEN_STEP * min(stated):
+        return ""
+    return (
+        f"readings have steps of up to {np.max(step):.4g} deg: {1e6 * size:.2g} µm at the tool, beside a "
+        f"stated noise of {1e6 * min(stated):.2g} µm; log more digits, or state "
+        f"`noise.joint_deg: {np.max(u):.2g}`"
+    )
+
+
 FELT = 1.0
 """RMS, N m, from which on the computed torque of a joint states a sign (assumed)."""
 OPPOSED = -0.8

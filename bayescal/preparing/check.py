@@ -11,7 +11,7 @@ import numpy as np
 
 from bayescal.assess.mistakes import hidden, judged, mistaken, model_of
 from bayescal.dataset import Certificate, Dataset, consistency, plausibility
-from bayescal.dataset.consistency import contradictions, doubled, nominal, planned
+from bayescal.dataset.consistency import contradictions, doubled, nominal, planned, rounded
 from bayescal.dataset.plausibility import explanation
 from bayescal.dataset.read import read_parts
 from bayescal.dataset.table import Table
@@ -40,6 +40,8 @@ def odd(dataset: Dataset, table: Table, document: Document) -> Iterator[Finding]
     yield from _names(dataset, document)
     yield from _lengths(dataset, document)
     yield from _doubled(dataset, table)
+    if coarse := rounded(dataset):
+        yield Finding("rounded_readings", "odd", coarse, table.name, "u of every result is too small")
     yield from _clock(dataset, table)
     convention = explanation(dataset, document)
     refused = list(_refused(dataset, table, document))

@@ -87,6 +87,11 @@ CELLS = {
     "beyond a limit": (lambda r: some(r, 7, j1_deg="200"), {"limits"}, "J1 is at 200 deg"),
     "impossible row": (lambda r: turned(r, 7), {"impossible_row"}, "impossible contact"),
     "copy of a row": (lambda r: [*r, r[20] | AGAIN], {"doubled_row"}, "row `again` has"),
+    "few digits": (
+        lambda r: changed(r, JOINTS, lambda v: np.round(v, 2)),
+        {"rounded_readings"},
+        "steps of up to 0.01 deg",
+    ),
     "clock": (lambda r: some(r, 30, time_s="0"), {"clock"}, "goes back by"),
     "no validation": (
         lambda r: [row for row in r if row["role"] != "validate"],

@@ -12,7 +12,7 @@ import numpy as np
 from bayescal.assess import board_points
 from bayescal.assess.undetermined import Undetermined
 from bayescal.dataset import Dataset
-from bayescal.dataset.consistency import copies
+from bayescal.dataset.consistency import copies, rounded
 from bayescal.effects import EFFECTS, UNITS, Driver, Parameter, Site
 from bayescal.effects.location import BASE, face
 from bayescal.effects.selection import Selection
@@ -184,8 +184,7 @@ def warnings(
         was = "rows were excluded as outliers" if count > 1 else "row was excluded as an outlier"
         out.append(f"{count} calibration {was}")
     out += [board.words for board in board_points.displaced(before)]
-    if words := copies(before.model.scene.dataset):
-        out.append(words)
+    out += [words for state in (copies, rounded) if (words := state(before.model.scene.dataset))]
     out += [u.words for u in lacking if u.matters]
     if not before.model.knows_length:
         out.append(
