@@ -174,7 +174,7 @@ class Baseline:
         for state in (_leading(one), one.search.hypotheses[frozenset()].state):
             noises = _noises(state, targets)
             if noises is None:
-                break
+                continue
             other = searched(variance, noises.ratio)
             if other.decision.total - noises.cost > best:
                 notes = (*other.decision.footnotes, noises.words)
