@@ -2,6 +2,8 @@
 
 torque = stiffness (u - q) + ahead du - damping dq + bias, of each joint. A delay of the command is alike to a
 smaller `ahead`, to first order. A controller with feed-forward torques is not of this form, and is refused.
+Damping is of the speed in some controllers (`ahead` is 0), of its error in others (`ahead` is the damping):
+measured torques tell which.
 """
 
 from __future__ import annotations
@@ -40,33 +42,67 @@ class Law:
 TERMS = ("stiffness", "ahead", "damping", "bias")
 
 
+def with_controller(parts: tuple[Signals, ...]) -> tuple[Signals, ...]:
+    """Signals with a log whose stated controller acts as the measured torques say.
+
+    Where they are no function of commands and positions the controller is not complete.
+    """
+    log = parts[0].log
+    control = log.controller
+    measured = log.torque_kind not in (SERVO, "sensor")  # a sensor behind the gear does not show the drive
+    if control.stiffness is None or not measured or any(m.command is None for m in log.motions):
+        return parts
+    gains, left = _fitted(parts)
+    damping = np.zeros(log.n) if control.damping is None else control.damping
+    acts = damping > 0.0
+    of_errors = bool(np.any(acts)) and float(np.median(gains[1][acts] / damping[acts])) > CONTROLLER.ahead
+    complete = bool(np.max(left) <= CONTROLLER.unexplained)
+    control = replace(control, ahead=damping if of_errors else 0.0 * damping, complete=complete)
+    notes = log.notes
+    if control.kind == "position" and not complete:
+        notes += (f"tracking errors are not assessed: {_further(log, left)}, as with feed-forward",)
+    log = replace(log, controller=control, notes=notes)
+    return tuple(replace(s, log=log) for s in parts)
+
+
 def law_of(log: Log, parts: tuple[Signals, ...]) -> Law | str:
     """The controller, or in words why it does not follow from the log."""
     if any(m.command is None for m in log.motions):
         return "no commands are logged: there is nothing to replay"
     control, none = log.controller, np.zeros(log.n)
-    if control.stiffness is not None:
+    if control.stiffness is not None and control.complete:
         damping = none if control.damping is None else control.damping
         ahead = damping if control.kind == "torque" else none
+        ahead = ahead if control.ahead is None else control.ahead
         return Law(control.stiffness, damping, ahead, none, log.torque_kind != SERVO)
+    gains, left = _fitted(parts)
+    if np.max(left) > CONTROLLER.unexplained or np.min(gains[0]) <= 0.0:
+        if np.min(gains[0]) <= 0.0:
+            left = np.where(np.arange(log.n) == np.argmin(gains[0]), left, 0.0)
+        why = f"the controller does not follow from the log: {_further(log, left)}"
+        return why if control.stiffness is not None else f"{why}; state `kp_Nm_per_rad` and `kd_Nms_per_rad`"
+    return Law(gains[0], gains[2], gains[1], gains[3], False)
+
+
+def _further(log: Log, left: np.ndarray) -> str:
+    """What a controller leaves of the torques, in words, by shares (n,) of their variances."""
+    worst = int(np.argmax(left))
+    share, name = f"{100 * min(left[worst], 1.0):.0f} %", log.mechanism.joint_names[worst]
+    return f"{share} of the variance of the torque of {name} is no function of command and position"
+
+
+def _fitted(parts: tuple[Signals, ...]) -> tuple[np.ndarray, np.ndarray]:
+    """Gains (4, n), as `TERMS`, and the share (n,) of the variance of withheld torques that they leave."""
     fitted = _rows(tuple(s for s in parts if s.role == CALIBRATE))
-    held = _rows(tuple(s for s in parts if s.role == VALIDATE))
-    gains = np.empty((len(TERMS), log.n))
-    left = np.empty(log.n)
-    for j in range(log.n):
+    held = _rows(tuple(s for s in parts if s.role == VALIDATE) or parts)
+    gains = np.empty((len(TERMS), fitted.shape[1]))
+    left = np.empty(fitted.shape[1])
+    for j in range(len(left)):
         x, y = fitted[:, j, :-1], fitted[:, j, -1]
         gains[:, j] = np.linalg.lstsq(x, y, rcond=None)[0]
         off = held[:, j, -1] - held[:, j, :-1] @ gains[:, j]
         left[j] = np.var(off) / max(np.var(held[:, j, -1]), 1e-300)
-    worst = int(np.argmax(left))
-    if left[worst] > CONTROLLER.unexplained or np.min(gains[0]) <= 0.0:
-        worst = int(np.argmin(gains[0])) if np.min(gains[0]) <= 0.0 else worst
-        return (
-            f"the controller does not follow from the log: {100 * min(left[worst], 1.0):.0f} % of the "
-            f"variance of the torque of {log.mechanism.joint_names[worst]} is no function of command and "
-            "position; state `kp_Nm_per_rad` and `kd_Nms_per_rad`"
-        )
-    return Law(gains[0], gains[2], gains[1], gains[3], False)
+    return gains, left
 
 
 def _rows(parts: tuple[Signals, ...]) -> np.ndarray:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bayescal.logs.types import CALIBRATE, SERVO
+from bayescal.motion.controller import with_controller
 from bayescal.motion.fit_settings import SERVOS
 from bayescal.motion.linear import Fit, Further, Table, fitted, normal, tabulated
 from bayescal.motion.noise import Noise, noise_of, white_noise
@@ -119,6 +120,7 @@ def noise_about(table: Table, fit: Fit) -> Noise:
 
 def estimated(parts: tuple[Signals, ...]) -> Estimate:
     """Estimate the baseline and its noise."""
+    parts = with_controller(parts)
     used = of_role(parts, CALIBRATE)
     log = parts[0].log
     rms = np.sqrt(np.mean(np.concatenate([s.torque**2 for s in used]), axis=0))

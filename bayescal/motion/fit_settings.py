@@ -68,6 +68,8 @@ class ControllerSettings:
 
     unexplained: float = 0.05
     """Share of the variance of withheld torques that a controller may leave unexplained (assumed)."""
+    ahead: float = 0.5
+    """Gain of the commanded speed over the stated damping, above which that acts on errors of speed."""
     step: float = 1e-3
     """s, longest step of a simulation (cost)."""
     turn: float = 0.2

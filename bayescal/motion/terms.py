@@ -34,7 +34,8 @@ behind the gear less position of the motor, rad. A joint has a channel of each k
 
 def kinds(log: Log) -> tuple[str, ...]:
     """The kinds of residuals of a log."""
-    servo = log.controller.kind == "position" and log.controller.stiffness is not None
+    control = log.controller
+    servo = control.kind == "position" and control.stiffness is not None and control.complete
     servo = servo and log.torque_kind != SERVO
     tracked = servo and all(m.command is not None for m in log.motions)
     linked = not log.link_side and all(m.link is not None for m in log.motions)
@@ -238,13 +239,21 @@ def residuals(s: Signals, at: Operating) -> np.ndarray:
             assert s.command is not None
             assert s.log.controller.stiffness is not None
             # by the torque of the model: the noise of a measured torque is in the residual too
-            damping = s.log.controller.damping
-            damped = 0.0 if damping is None else damping * s.dq
-            out.append(s.command - s.q - (at.driven(s) + damped) / s.log.controller.stiffness)
+            out.append(s.command - s.q - (at.driven(s) + damped(s)) / s.log.controller.stiffness)
         else:
             assert s.link is not None
             out.append(s.link - s.q)
     return np.column_stack(out)
+
+
+def damped(s: Signals) -> np.ndarray:
+    """Torque (N, n) by which a servo brakes: by the speed, or by the speed beyond that of the command."""
+    control, out = s.log.controller, np.zeros_like(s.dq)
+    if control.damping is not None:
+        out += control.damping * s.dq
+    if control.ahead is not None and s.command is not None:
+        out -= control.ahead * derivative(s.command, s.step)
+    return out
 
 
 def assembled(columns: Iterable[Column], s: Signals) -> tuple[list[Term], list[list[int]], list[np.ndarray]]:

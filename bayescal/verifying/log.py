@@ -19,7 +19,7 @@ from bayescal.exporting.log_arm import mechanism_of_run, text_of, values_of
 from bayescal.exporting.sidecar import mujoco
 from bayescal.logs import Log, Mechanism, read_log
 from bayescal.logs.types import SERVO, VALIDATE
-from bayescal.motion.controller import Law, law_of
+from bayescal.motion.controller import Law, law_of, with_controller
 from bayescal.motion.dynamics import payload_of, regressor
 from bayescal.motion.effects import Scale
 from bayescal.motion.estimate import estimated
@@ -276,7 +276,8 @@ def verify_log(run: Path, path: Path) -> LogVerification:
     nominal = simulator.MjModel.from_xml_string(nominal_arm(log).text)
     for arm in (model, nominal):
         arm.jnt_limited[:] = 0  # a machine may stand at the limits of its file
-    values, parts = values_of(record), all_signals(log)
+    values, parts = values_of(record), with_controller(all_signals(log))
+    log = parts[0].log
 
     def each(name: str) -> np.ndarray:
         return np.array([values.get(f"{name} {j + 1}", 0.0) for j in range(log.n)])
