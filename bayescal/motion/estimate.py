@@ -108,13 +108,20 @@ def noise_about(table: Table, fit: Fit) -> Noise:
     """The noise of what a fit leaves of the residuals of a table's motions.
 
     Of servos repeats do not tell it, which have the same stops. What a model of strong stiction lacks is
-    noise too.
+    noise too. No servo moves as exactly as its stiffness says.
     """
     parts = [part.signals for part in table.parts]
-    servo = parts[0].log.torque_kind == SERVO
+    log = parts[0].log
+    servo = log.torque_kind == SERVO
     same = () if servo else tuple(s.same_as for s in parts)
     weights = [part.weight for part in table.parts]
     noise = noise_of(table.residuals(fit.values), fit.followed(table), same, weights)
+    if TRACKING in kinds(log):
+        assert log.controller.stiffness is not None
+        rms = np.sqrt(np.mean(np.concatenate([s.torque**2 for s in parts]), axis=0))
+        first, least = channel(log, TRACKING, 0), np.zeros_like(noise.sd)
+        least[first : first + log.n] = NOISE.tracking * rms / log.controller.stiffness
+        noise = noise.wider(np.maximum(least / noise.sd, 1.0))
     return noise.wider(SERVOS.noise) if servo or parts[0].stuck else noise
 
 

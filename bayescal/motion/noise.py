@@ -82,9 +82,11 @@ class Noise:
             out[:, row, row : row + self.order + 1] = self.filters[:, ::-1]
         return out
 
-    def wider(self, factor: float) -> Noise:
-        """The same noise, larger by a factor."""
-        return replace(self, filters=self.filters / factor, starts=self.starts / factor, sd=self.sd * factor)
+    def wider(self, factor: float | np.ndarray) -> Noise:
+        """The same noise, larger by a factor, or by one of each channel (n,)."""
+        each = np.broadcast_to(factor, self.sd.shape)
+        filters, starts = self.filters / each[:, None], self.starts / each[:, None, None]
+        return replace(self, filters=filters, starts=starts, sd=self.sd * each)
 
 
 def noise_of(

@@ -89,6 +89,9 @@ class NoiseSettings:
     frequency 0 was 0.68 of the true one with none, 0.87 with two)."""
     ridge: float = 0.01
     """Share of the variance added as white noise: nothing is amplified in an empty band (tuned)."""
+    tracking: float = 0.005
+    """Least noise of a servo's error over that which its torques ask for: no servo is linear more exactly
+    (assumed)."""
     repeats: int = 2
     """Searches after each of which noise is estimated again from what the best hypothesis leaves (cost)."""
     smaller: float = 1.5

@@ -208,12 +208,12 @@ def baseline(s: Signals, at: Operating, rms: np.ndarray) -> Iterator[Column]:
         yield Term(f"viscous {j + 1}", "N m s/rad", sd, j, True), gain[j] * s.dq[:, j]
         yield Term(f"offset {j + 1}", "N m", BASELINE.offset * scale[j], j), np.ones(len(way))
         if not servo:
-            yield Term(f"transition {j + 1}", "1", BASELINE.transition, j), slopes[:, j]
+            yield Term(f"transition {j + 1}", "1", BASELINE.transition, j, True), slopes[:, j]
         if log.u_constant:
             shown = at.load(s) if servo else at.torque(s)
             yield Term(f"constant {j + 1}", "1", log.u_constant, j), shown[:, j]
     if not servo:
-        yield Term("transition", "1", m.u.transition), slopes
+        yield Term("transition", "1", m.u.transition, moves=True), slopes
     yield Term("alignment", "s", log.u_alignment), later(s, at)
     driven = at.driven(s) if TRACKING in kinds(log) else None
     for kind in kinds(log)[1:]:
