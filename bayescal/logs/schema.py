@@ -131,7 +131,7 @@ class Control(Keys):
     kp_Nm_per_rad: list[Positive] | None = None
     """Torque per error of position, one per joint."""
     kd_Nms_per_rad: list[NotNegative] | None = None
-    """Torque per error of speed, one per joint."""
+    """Torque per speed, or per error of speed (measured torques tell which), one per joint."""
 
 
 class Clock(Keys):

@@ -10,10 +10,11 @@ from motion.servo_logs import KD, KP, another, servo_log
 
 from bayescal.exporting.log_arm import text_of
 from bayescal.logs import read_log
-from bayescal.motion.controller import Law, law_of
+from bayescal.motion.controller import Law, law_of, with_controller
 from bayescal.motion.dynamics import payload_of, regressor
 from bayescal.motion.result import Tracking
-from bayescal.motion.signals import all_signals
+from bayescal.motion.signals import all_signals, derivative
+from bayescal.motion.terms import TRACKING, kinds
 from bayescal.reporting.motion.record import _replay
 from bayescal.verifying.log import Arm, _driven, replayed
 
@@ -67,6 +68,39 @@ def test_what_cannot_be_replayed_is_said(log, arms):
     assert float(law_of(bare, noisy).split(": ")[1].split()[0]) == pytest.approx(share, abs=8.0)
     weak = replace(log, controller=replace(log.controller, stiffness=KP / 100.0, damping=0.01 * KD))
     assert "the replay is not a measure" in of(weak, true=arms[1])
+
+
+def of_errors(s):
+    """The commands of a controller of the same torques that brakes by the error of speed."""
+    decay, late = np.exp(-s.step * KP / KD), s.torque / KP
+    left = np.zeros_like(late)
+    for k in range(1, len(late)):
+        left[k] = decay * left[k - 1] + (1.0 - decay) * 0.5 * (late[k] + late[k - 1])
+    return replace(s, command=s.q + left)
+
+
+@pytest.mark.parametrize(
+    ("change", "ahead", "complete"),
+    [
+        (lambda s: s, 0.0, True),
+        (of_errors, 1.0, True),
+        (lambda s: replace(s, torque=s.torque + 20.0 * s.ddq), 0.0, False),
+    ],
+    ids=["damping of the speed", "damping of its error", "feed-forward"],
+)
+def test_torques_tell_how_a_stated_controller_acts(log, change, ahead, complete):
+    stated = replace(log, controller=replace(log.controller, kind="position"))
+    parts = with_controller(tuple(change(s) for s in all_signals(stated)))
+    control = parts[0].log.controller
+    assert control.complete == complete
+    assert (TRACKING in kinds(parts[0].log)) == complete
+    assert any("tracking errors are not assessed" in note for note in parts[0].log.notes) != complete
+    if complete:
+        assert control.ahead == pytest.approx(ahead * KD)
+        law = law_of(parts[0].log, parts)
+        for s in parts:
+            off = law.torque(s.command, derivative(s.command, s.step), s.q, s.dq) - s.torque
+            assert np.std(off[50:-50]) < 0.03 * np.std(s.torque)
 
 
 def test_torque_beside_the_file_is_that_of_a_heavier_arm(log, arms):
