@@ -169,17 +169,17 @@ class Baseline:
                 break
             result = searched(variance)
         targets = [f"{b.group} {b.target}" for b in fitted.model.blocks for _ in b.rows]
-        best, one = result.decision.total, result
+        one = result
         # what an effect explains is no noise; what noise explains is no effect
         for state in (_leading(one), one.search.hypotheses[frozenset()].state):
             noises = _noises(state, targets)
             if noises is None:
                 continue
             other = searched(variance, noises.ratio)
-            if other.decision.total - noises.cost > best:
+            if other.decision.total - noises.cost > one.decision.total:
                 notes = (*other.decision.footnotes, noises.words)
-                best = other.decision.total - noises.cost
                 result = replace(other, decision=replace(other.decision, footnotes=notes))
+                break
         return replace(result, causes=self.causes)
 
     def _searched(self, slopes: Slopes) -> Examined:
