@@ -16,6 +16,7 @@ from bayescal.logs import Log
 from bayescal.logs.types import CALIBRATE, SERVO, VALIDATE
 from bayescal.motion.fit_settings import CONTROLLER
 from bayescal.motion.signals import Signals, derivative, low_passed
+from bayescal.motion.terms import nominal
 
 
 @dataclass(frozen=True)
@@ -54,15 +55,31 @@ def with_controller(parts: tuple[Signals, ...]) -> tuple[Signals, ...]:
         return parts
     gains, left = _fitted(parts)
     damping = np.zeros(log.n) if control.damping is None else control.damping
-    acts = damping > 0.0
-    of_errors = bool(np.any(acts)) and float(np.median(gains[1][acts] / damping[acts])) > CONTROLLER.ahead
-    complete = bool(np.max(left) <= CONTROLLER.unexplained)
+    acts = (damping > 0.0) & (gains[2] > 0.0)
+    of_errors = bool(np.any(acts)) and float(np.median(gains[1][acts] / gains[2][acts])) > CONTROLLER.ahead
+    complete = bool(np.max(left) <= CONTROLLER.further) and _beside_gains(parts) <= CONTROLLER.beside
     control = replace(control, ahead=damping if of_errors else 0.0 * damping, complete=complete)
     notes = log.notes
     if control.kind == "position" and not complete:
-        notes += (f"tracking errors are not assessed: {_further(log, left)}, as with feed-forward",)
+        what = "the stated gains do not give the measured torques: there is feed-forward or an integral"
+        notes += (f"tracking errors are not assessed: {what}",)
     log = replace(log, controller=control, notes=notes)
-    return tuple(replace(s, log=log) for s in parts)
+    return tuple(s.changed(log=log) for s in parts)
+
+
+def _beside_gains(parts: tuple[Signals, ...]) -> float:
+    """Share of the nominal torques of links and rotors beside the gains, median of the joints.
+
+    1 with feed-forward, and of slow motions with an integral; near 0 of gains alone, whose errors carry them.
+    """
+    used = tuple(s for s in parts if s.role == CALIBRATE)
+    rows, model = _rows(used), nominal(used[0].log, np.ones(used[0].log.n))
+    asked = np.concatenate([s.unfiltered(model.load(s) + model.armature * s.ddq) for s in used])
+    shares = [
+        np.linalg.lstsq(np.column_stack([own[:, :-1], load]), own[:, -1], rcond=None)[0][-1]
+        for own, load in zip(rows.transpose(1, 0, 2), asked.T, strict=True)
+    ]
+    return float(np.median(shares))
 
 
 def law_of(log: Log, parts: tuple[Signals, ...]) -> Law | str:

@@ -143,7 +143,7 @@ def estimated(parts: tuple[Signals, ...]) -> Estimate:
         at = moved_to(start, parts[0], fit.values)
         if k == NOISE.held and log.torque_kind != SERVO:
             stuck = _stuck(used, at, noise)
-            parts = tuple(s.with_stiction(stuck) for s in parts)
+            parts = tuple(s.changed(stuck=stuck) for s in parts)
         out = Estimate(parts, at, fit.values, rms, noise)
         if log.torque_kind == SERVO and settled:
             break

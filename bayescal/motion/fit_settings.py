@@ -68,8 +68,14 @@ class ControllerSettings:
 
     unexplained: float = 0.05
     """Share of the variance of withheld torques that a controller may leave unexplained (assumed)."""
+    further: float = 0.2
+    """The same share, above which a stated controller has a further part: servos of a finite bandwidth leave
+    up to 0.13 (tuned)."""
+    beside: float = 0.5
+    """Share of the torques of links and rotors beside the gains, above which a controller has a further part:
+    1.00 in two logs with feed-forward, up to 0.28 in six without (tuned)."""
     ahead: float = 0.5
-    """Gain of the commanded speed over the stated damping, above which that acts on errors of speed."""
+    """Gain of the commanded speed over that of the speed, above which damping acts on errors of speed."""
     step: float = 1e-3
     """s, longest step of a simulation (cost)."""
     turn: float = 0.2

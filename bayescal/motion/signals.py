@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property, lru_cache
+from typing import Any
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -62,9 +63,9 @@ class Signals:
         long = minimum_filter1d(slow.astype(float), 2 * round(SIGNALS.stuck / self.step) + 1, axis=0)
         return np.asarray(self.kept(long) > SIGNALS.resting)
 
-    def with_stiction(self, stuck: float | None) -> Signals:
-        """The same with other rows that stiction holds."""
-        out = replace(self, stuck=stuck)
+    def changed(self, **values: Any) -> Signals:
+        """The same with another log of one mechanism, or other rows that stiction holds."""
+        out = replace(self, **values)
         out.__dict__.update({k: v for k, v in self.__dict__.items() if k in ("rigid", "tilted")})
         return out
 

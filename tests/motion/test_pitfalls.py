@@ -154,7 +154,7 @@ def test_torques_of_stiction_are_no_effect(tmp_path, monkeypatch):
     assert held.limits[-1].startswith("stiction holds joints at rest: ")
     assert held.at.coulomb == pytest.approx(free.at.coulomb, rel=0.02)
     assert best_gain(Pool.of(held), held.noise) < 5.0
-    every = replace(held, parts=tuple(s.with_stiction(None) for s in held.parts))
+    every = replace(held, parts=tuple(s.changed(stuck=None) for s in held.parts))
     assert best_gain(Pool.of(every), free.noise) > 50.0
 
 
