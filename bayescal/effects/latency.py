@@ -3,8 +3,8 @@ r"""Latency: the joints are read a time t after the contact, while the arm moves
 Formula: $`\delta_n = t \, v_n`$; v is the speed of the ball towards the surface.
 
 Driver: the speed of the ball towards the surface, m/s. Prior: 2 ms, from trigger delays of 1 to 2 ms. A
-negative value is a delay that the controller overcompensates. If all contacts have the same speed, latency
-is not distinguishable from the ball's radius.
+negative value is of readings that are older than the contact: they lag. If all contacts have the same speed,
+latency is not distinguishable from the ball's radius.
 
 Images of an arm that moves: t is the time by which the readings are later than the image.
 """
@@ -16,7 +16,7 @@ import numpy as np
 from bayescal.arm.motion import CONTACT, Term
 from bayescal.effects.common import without_surface, without_velocity
 from bayescal.effects.location import CAMERA, PROBE, Driver
-from bayescal.effects.sizes import Size
+from bayescal.effects.sizes import LATER, Size
 from bayescal.effects.vocabulary import Circumstances, Effect, Parameter
 
 SD = 2e-3  # s
@@ -43,11 +43,11 @@ def _parameters(c: Circumstances) -> list[Parameter]:
 
 LATENCY = Effect(
     "latency",
-    "joint readings delayed by t",
+    "joint readings later than the contact by t, or older (t < 0)",
     _parameters,
     lambda c: (without_surface(c) if not c.views else "") or without_velocity(c),
-    sizes={"s": Size("delay")},
-    phrase=("every joint", "has delayed readings"),
+    sizes={"s": Size(LATER)},
+    phrase=("every joint", "has readings of another time than the contact"),
     remedy=(
         "Probe more slowly, latch the joint readings by hardware at the trigger, or correct the delay "
         "in the controller. Probing at two speeds shows the delay."

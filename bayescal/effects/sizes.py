@@ -69,6 +69,14 @@ def propagated(
     return value, float(np.sqrt(max(gradient @ covariance @ gradient, 0.0)))
 
 
+def of_sign(what: str, value: float) -> tuple[str, float]:
+    """An amplitude in words, and its value there: without a sign where words state it."""
+    return (OPPOSITE[what], -value) if what in OPPOSITE and value < 0.0 else (what, value)
+
+
+LATER, OLDER = "readings later than the measurement by", "readings older than the measurement by"
+OPPOSITE = {LATER: OLDER}
+"""Words of a negative amplitude, by those of a positive one: 'late' has two meanings."""
 DEVIATION = Size("deviation")
 WAVE = Size("amplitude", length, phase)
 COMPLIANT = Size("compliance")

@@ -12,15 +12,15 @@ from scipy.optimize import brentq
 from sessions import circumstances, geared
 
 import bayescal as bc
-from bayescal.effects import Parameter, confusable, parameters_of
-from bayescal.effects.location import Driver, Site, joint
+from bayescal.effects import EFFECTS, Parameter, confusable, parameters_of
+from bayescal.effects.location import PROBE, Driver, Site, joint
 from bayescal.effects.sizes import length, magnitude, phase, propagated
 from bayescal.effects.vocabulary import same_terms
 from bayescal.gap.concluded import hypotheticals
 from bayescal.gap.linear.problem import Problem
 from bayescal.gap.linear.state import fit_state
 from bayescal.gap.outcome.notes import amplitudes, displaced, increased, play_or_late
-from bayescal.gap.result import Named
+from bayescal.gap.result import Amplitude, Named
 from bayescal.gap.search.beam import Hypothesis, Member, Search
 from bayescal.gap.search.candidates import Candidates, Variant, candidates
 from bayescal.gap.search.makers import Cell
@@ -40,8 +40,9 @@ from bayescal.gap.search.verdict import (
 )
 from bayescal.model import ARM
 from bayescal.model.options import parts_of
-from bayescal.reporting.gap.causes import lines, stated
+from bayescal.reporting.gap.causes import line, lines, stated
 from bayescal.reporting.gap.phrases import named
+from bayescal.reporting.gap.sheets import amplitude_of
 
 ALIKE = ("hardening", "hysteresis")
 
@@ -215,6 +216,17 @@ def test_a_wave_is_its_amplitude_and_phase():
     np.testing.assert_allclose(
         a * np.sin(t) + b * np.cos(t), length(np.array([a, b]))[0] * np.sin(t + phase(np.array([a, b]))[0])
     )
+
+
+@pytest.mark.parametrize(("value", "words"), [(-0.0432, "older"), (0.0432, "later")])
+def test_late_readings_are_stated_as_older_or_later_than_the_measurement(value, words):
+    size = EFFECTS["latency"].sizes["s"].what
+    a = Amplitude(
+        "latency", PROBE, Driver("contact speed"), ("latency",), size, value, 0.016, "s", None, True
+    )
+    assert line(a, [a]) == f"latency of the probe: readings {words} than the measurement by 43(16) ms"
+    record = {"what": size, "value": 1e3 * value, "u": 16.0, "unit": "ms", "significant": True}
+    assert amplitude_of(record) == f"readings {words} than the measurement by 43(16) ms"
 
 
 SET_EFFECTS = {"eccentricity": "eccentricity at joint 2", "backlash": "backlash", "step": "step@40"}

@@ -229,7 +229,7 @@ def parameter_table(parameters: Sequence[Json], identifiability: Json, every: bo
     """Parameters with standard uncertainties; with `every` those of the targets too."""
     shown = [p for p in parameters if every or p["effect"] not in NOT_ARM]
     columns = parameter_columns(identifiability)
-    notes = "\n".join(parameter_notes(p["effect"] for p in parameters))
+    notes = "\n".join(parameter_notes([p["effect"] for p in parameters]))
 
     def style(p: Any) -> str:
         return "yellow" if columns[-1].value(p) == "no" else ""

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from bayescal.dataset import Dataset
 from bayescal.effects.location import Site
-from bayescal.effects.sizes import DEVIATION
+from bayescal.effects.sizes import DEVIATION, of_sign
 from bayescal.effects.vocabulary import unit_label
 from bayescal.gap.result import Amplitude, Event, Gap, Named, Place
 from bayescal.reporting.shared.origin import entry, sized
@@ -202,7 +203,9 @@ def line(a: Amplitude, others: Sequence[Amplitude]) -> str:
         by = f" ({a.driver.text})"
     elif len(same) > 1 or a.what == DEVIATION.what:
         by = f" ({', '.join(a.parameters)})"
-    text = f"{a.effect} of {short(a.site)}: {a.what} {measured(**sized(a, 'value', 'u'))}{by}"
+    what, value = of_sign(a.what, a.value)
+    size = measured(**sized(replace(a, value=value), "value", "u"))
+    text = f"{a.effect} of {short(a.site)}: {what} {size}{by}"
     if a.phase is not None:
         text += f", phase {with_u(*np.degrees(a.phase))} deg"
     return text if a.significant else f"{text}, not significant alone"

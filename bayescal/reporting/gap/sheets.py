@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 from bayescal.dataset.table import csv_text, joint_columns
 from bayescal.effects.location import Site
+from bayescal.effects.sizes import of_sign
 from bayescal.gap.result import MARGINS, VALIDATION_POINTS
 from bayescal.gap.settings import OUTCOME
 from bayescal.reporting.fit.sheets import level_sheet
@@ -89,7 +90,8 @@ def size_of(record: Json, place: Json) -> str:
 
 def amplitude_of(a: Json) -> str:
     """An amplitude with u and unit."""
-    text = f"{a['what']} {measured(a['value'], a['u'], a['unit'])}"
+    what, value = of_sign(a["what"], a["value"])
+    text = f"{what} {measured(value, a['u'], a['unit'])}"
     return text if a["significant"] else f"{text}, not significant alone"
 
 

@@ -199,7 +199,7 @@ def parameters(run: Run) -> Section | None:
     of_arm = [p for p in run.record["parameters"] if p["effect"] not in sheets.NOT_ARM]
     other = [p for p in run.record["parameters"] if p["effect"] in sheets.NOT_ARM]
     notes = (
-        *parameter_notes(p["effect"] for p in of_arm),
+        *parameter_notes([p["effect"] for p in of_arm]),
         "band: prior, two standard deviations; line and dot: 95 % interval and estimate, clipped at "
         "±3 prior standard deviations",
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -11,9 +11,10 @@ from rich.console import Console, ConsoleOptions, RenderableType, RenderResult
 from rich.table import Column, Table
 from rich.text import Text
 
-from bayescal.effects import UNITS
+from bayescal.effects import EFFECTS, UNITS
 from bayescal.effects.location import words_of
 from bayescal.effects.selection import Selection
+from bayescal.effects.sizes import OPPOSITE
 from bayescal.effects.vocabulary import unit_label
 from bayescal.statistics import decimals_of
 
@@ -265,11 +266,15 @@ def per_residual(record: Mapping[str, Any]) -> str:
     return "" if record["lengths"]["of"] == "validation contacts" else " per coordinate"
 
 
-def parameter_notes(effects: Iterable[str]) -> list[str]:
+def parameter_notes(effects: Collection[str]) -> list[str]:
     """Notes to a table of parameters of some effects: how u is written, and what it contains."""
     notes = ["value(u): standard uncertainty u in units of the last digits"]
     if "compliance" in effects:
         notes.append("u includes the uncertainty of the stated masses, not of measured torques")
+    for name in dict.fromkeys(effects):
+        sizes = EFFECTS[name].sizes.values() if name in EFFECTS else ()
+        signed = [size.what for size in sizes if size.what in OPPOSITE]
+        notes += [f"{name} above 0: {what} it; below 0: {OPPOSITE[what]} it" for what in signed]
     return notes
 
 
