@@ -19,7 +19,7 @@ from bayescal.effects.vocabulary import same_terms
 from bayescal.gap.concluded import hypotheticals
 from bayescal.gap.linear.problem import Problem
 from bayescal.gap.linear.state import fit_state
-from bayescal.gap.outcome.notes import amplitudes, displaced, increased, play_or_late
+from bayescal.gap.outcome.notes import amplitudes, displaced, increased, phase_shown, play_or_late
 from bayescal.gap.result import Amplitude, Named
 from bayescal.gap.search.beam import Hypothesis, Member, Search
 from bayescal.gap.search.candidates import Candidates, Variant, candidates
@@ -218,6 +218,25 @@ def test_a_wave_is_its_amplitude_and_phase():
     )
 
 
+@pytest.mark.parametrize(
+    ("rows", "offset"), [(np.eye(2), -np.pi / 2), (np.diag([1.0, -1.0]), 0.7), ([[1, 0], [1, -1]], 0.7)]
+)
+@pytest.mark.parametrize("order", [1.0, 2.0, 50.0])
+def test_the_phase_of_a_wave_is_of_the_reading(rows, offset, order):
+    a, b = -0.3, 0.4
+    law, offsets, slides = np.asarray(rows, float), np.array([0, offset]), np.zeros(2, bool)
+    robot = SimpleNamespace(link_from_reading=law, offset=offsets, slides=slides)
+    x, c = np.array([a, b]), 1e-4 * np.eye(2)
+    shown, u = phase_shown(phase, x, c, Driver("angle", 2, order), robot)
+    readings = np.column_stack([np.linspace(-1, 2, 40), np.linspace(-3, 3, 40)])
+    link = (readings @ law.T)[:, 1]
+    turns = order * (link + offset)
+    sense = -1.0 if not law[1, 0] and law[1, 1] < 0 else 1.0
+    further = sense * (a * np.sin(turns) + b * np.cos(turns))
+    np.testing.assert_allclose(0.5 * np.sin(order * sense * link + shown), further, atol=1e-9)
+    assert u == pytest.approx(0.02)
+
+
 @pytest.mark.parametrize(("value", "words"), [(-0.0432, "older"), (0.0432, "later")])
 def test_late_readings_are_stated_as_older_or_later_than_the_measurement(value, words):
     size = EFFECTS["latency"].sizes["s"].what
@@ -252,7 +271,8 @@ def test_values_of_parameters_that_are_set(found):
     own = {(a.effect, str(a.site), a.unit): a for a in gap.amplitudes}
     wave = own["eccentricity", "joint 2", "rad"]
     assert (wave.value, wave.u) == pytest.approx((5e-4, 5e-6))
-    assert wave.phase == pytest.approx((np.arctan2(-4.0, 3.0), 0.01))
+    by_reading = np.arctan2(-4.0, 3.0) - np.pi / 2  # theta2 is -90 deg
+    assert wave.phase == pytest.approx((by_reading, 0.01))
     lag = own["backlash", "joint 3", "rad"]
     assert (lag.value, lag.u, lag.significant) == (pytest.approx(1.6e-4), pytest.approx(4e-6), True)
     shift = own["step", "base", "m"]
@@ -264,7 +284,7 @@ def test_values_of_parameters_that_are_set(found):
 def test_only_what_is_significant_is_told(found):
     gap, each = found
     assert lines(gap) == [
-        "eccentricity of J2: amplitude 0.02865(29) deg, phase -53.13(57) deg",
+        "eccentricity of J2: amplitude 0.02865(29) deg, phase -143.13(57) deg",
         "backlash of J3: half-width 0.00917(23) deg",
         "step of the base: shift 500.0(2.5) µm",
     ]

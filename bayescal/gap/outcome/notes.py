@@ -5,10 +5,11 @@ Amplitudes of the named effects, with standard uncertainty, from the parameters 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 
 import numpy as np
 
+from bayescal.arm.chain import Robot
 from bayescal.assess import board_points
 from bayescal.assess.undetermined import Undetermined
 from bayescal.dataset import Dataset
@@ -16,7 +17,7 @@ from bayescal.dataset.consistency import copies, rounded
 from bayescal.effects import EFFECTS, UNITS, Driver, Parameter, Site
 from bayescal.effects.location import BASE, face
 from bayescal.effects.selection import Selection
-from bayescal.effects.sizes import DEVIATION, propagated
+from bayescal.effects.sizes import DEVIATION, Value, propagated
 from bayescal.estimate import Estimate
 from bayescal.gap.outcome.magnitude import difference, log_predictive, stated_noise
 from bayescal.gap.result import Amplitude, Named
@@ -217,7 +218,7 @@ def _of(final: Estimate, covariance: np.ndarray, asked: Selection) -> Iterable[A
     count = len(model.parameters)
     values = model.deviations(final.z[:count])
     covariance = covariance[:count, :count] * np.outer(model.sd, model.sd)
-    effect = EFFECTS[asked.effect]
+    effect, robot = EFFECTS[asked.effect], model.scene.dataset.robot
     groups = list(_groups(model.parameters, asked.among(model.parameters)))
     for key, index in groups:
         site, driver, unit = key
@@ -237,9 +238,25 @@ def _of(final: Estimate, covariance: np.ndarray, asked: Selection) -> Iterable[A
             value,
             u,
             unit,
-            None if size.phase is None or len(x) != 2 else propagated(size.phase, x, c),
+            None if size.phase is None or len(x) != 2 else phase_shown(size.phase, x, c, driver, robot),
             p * len(groups) < OUTCOME.significant,
         )
+
+
+def phase_shown(
+    of: Callable[[np.ndarray], Value], x: np.ndarray, c: np.ndarray, driver: Driver, robot: Robot
+) -> tuple[float, float]:
+    """Phase of a wave by the reading that the controller shows, with u, rad; its parameters are by the link.
+
+    Where the joint turns with the reading, these differ by its offset; where it turns against it, by the sign
+    of both the angle and its error too. Of coupled joints the angle follows the signs and the coupling.
+    """
+    phi, u = propagated(of, x, c)
+    row, k = robot.link_from_reading[driver.joint - 1], driver.joint - 1
+    offset = 0.0 if robot.slides[k] else robot.offset[k]
+    against = row[k] < 0 and not np.any(np.delete(row, k))
+    shown = (-1.0 if against else 1.0) * (phi + driver.order * offset)
+    return float(np.angle(np.exp(1j * shown))), u
 
 
 def _groups(
