@@ -24,7 +24,7 @@ from bayescal.model.scene import Scene
 
 MOST_ROWS = 200
 """Rows that a hypothesis is judged by: evenly from all."""
-STEPS, SCALES = 6, 8
+STEPS, SCALES = 20, 8
 """Gauss-Newton steps at most, and passes for the scale of the noise in each."""
 CLOSED = 1.0
 """Change of F at which the steps end."""
@@ -137,6 +137,9 @@ def judged(dataset: Dataset, effects: tuple[str, ...] = BASELINE) -> Judged | No
         return None
     stated = _fitted(model, np.zeros(model.size))
     fits = [(_fitted(_model(h, model, effects), stated.z), h) for h in hypotheses(some)]
+    nearest = min((best for best, _ in fits), key=lambda best: best.f, default=stated)
+    if nearest.f < stated.f - SURE and nearest.z.shape == stated.z.shape:  # it may only have had more steps
+        stated = min(stated, _fitted(model, nearest.z), key=lambda best: best.f)
     gain = max(SURE, SURE_PER_ROW * len(some.measurements.ids))
     good = [(best.f, h) for best, h in fits if best.f < stated.f - gain and best.kappa < EXPLAINED]
     least = min((f for f, _ in good), default=stated.f)

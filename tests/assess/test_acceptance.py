@@ -10,6 +10,7 @@ from chances import least, most
 from sessions import with_columns
 
 import bayescal as bc
+import bayescal.assess.mistakes as mistakes_module
 import bayescal.assess.shared_causes as shared_causes_module
 from bayescal.assess.acceptance import (
     CONTRADICTED,
@@ -370,6 +371,14 @@ def test_without_gravity_a_mass_centre_is_not_shown(good):
     found = judged(replace(good, gravity=np.zeros(3)))
     assert found.unknown == ("`centre_of_mass_mm` of `ball`",)
     assert "`centre_of_mass_mm` of `ball`" in next(hidden(found))
+
+
+def test_a_fit_that_has_not_converged_is_no_mistake(good, monkeypatch):
+    """A hypothesis continues from where the session as stated ended: it may gain by its steps alone."""
+    monkeypatch.setattr(mistakes_module, "STEPS", 3)
+    robot = good.robot
+    far = replace(good, robot=replace(robot, a=robot.a + 3e-3, offset=robot.offset + 0.01))
+    assert judged(far).better == ()
 
 
 def test_without_certified_lengths_there_is_no_factor(good):
