@@ -161,7 +161,7 @@ def acceptance(
         Check(SHARED, len(c.rows) / c.rejected, c.size / c.count, c.p_value, LEVEL_SHARED, c.words)
         for c in causes
     ]
-    if dataset is not None and (unmade := planned(dataset)) is not None:
+    if dataset is not None and (unmade := planned(dataset)) and unmade.certain:
         words = unmade.words(dataset)
         checks.insert(0, Check(PLANNED, len(unmade.rows), 0.0, unmade.chance, CHANCE, words))
     validated = bool(checked.planes or checked.distances or checked.points or checked.turns)

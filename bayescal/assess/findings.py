@@ -24,7 +24,7 @@ from bayescal.assess.acceptance import PLANNED, SHARED, Acceptance
 from bayescal.assess.board_points import displaced
 from bayescal.assess.identifiability import Directions, in_words
 from bayescal.assess.undetermined import Undetermined
-from bayescal.dataset.consistency import contradictions, copies, rounded
+from bayescal.dataset.consistency import contradictions, copies, planned, rounded
 from bayescal.effects import BASELINE, MODELS
 from bayescal.effects.selection import plain
 from bayescal.effects.sizes import micrometres
@@ -178,6 +178,8 @@ def _residuals(of: Assessed) -> Iterator[Finding]:
         yield Finding("certified_length", "error", f"{wrong.what}; {wrong.remedy}")
     if words := copies(found.model.scene.dataset):
         yield Finding("doubled_row", "warning", words)
+    if (few := planned(found.model.scene.dataset)) and not few.certain:
+        yield Finding("planned_pose", "warning", few.words(found.model.scene.dataset))
     if words := rounded(found.model.scene.dataset):
         yield Finding("rounded_readings", "warning", words)
     count = sum(len(b.rows) for b in found.model.states)

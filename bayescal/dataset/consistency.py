@@ -173,6 +173,8 @@ SHARE = 0.02
 """Of the stated noise, below which errors are counted."""
 NOISE = 1e-6
 """m: of a session that states none (assumed)."""
+SEVERAL = 3
+"""Contacts from which on they were certainly not made: fewer occur by chance in some of many sessions."""
 SLOPE = float(np.sqrt(2 / np.pi))
 
 
@@ -184,15 +186,23 @@ class Planned:
     chance: float
     error: float
 
+    @property
+    def certain(self) -> bool:
+        """Whether these are more than chance, or the form of an error, may explain."""
+        return len(self.rows) >= SEVERAL
+
     def words(self, dataset: Dataset, most: int = 4) -> str:
         """In words, with the first ids."""
         ids = [dataset.measurements.ids[k] for k in self.rows[:most]]
         more = ", ..." if len(self.rows) > most else ""
-        error = f"{1e9 * self.error:.1g} nm" if self.error > 1e-10 else "less than 0.1 nm"
+        error = f"{float(f'{1e9 * self.error:.1g}'):.9g} nm" if self.error > 1e-10 else "less than 0.1 nm"
         contacts = "1 contact has" if len(self.rows) == 1 else f"{len(self.rows)} contacts have"
+        made = "such a contact was not made"
+        if not self.certain:
+            made = f"perhaps not made (chance of such measured contacts {self.chance:.1g})"
         return (
             f"{contacts} the readings of a plan ({', '.join(ids)}{more}): the nominal arm touches the "
-            f"nominal target within {error}; such a contact was not made"
+            f"nominal target within {error}; {made}"
         )
 
 

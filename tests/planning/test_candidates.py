@@ -355,14 +355,26 @@ def test_measured_contacts_are_not(measured, spread):
     assert false <= 3  # 0.3 expected
 
 
+def test_fewer_than_three_are_a_warning_with_their_chance(measured):
+    """Among many sessions, two contacts are within nanometres of nominal in one of them."""
+    dataset = mixed(measured, [17, 30])
+    result = bc.fit(dataset, model="geometry", samples=0)
+    assert not result.record["verdict"]["words"].startswith("no calibration")
+    (said,) = [w for w in result.record["warnings"] if "readings of a plan" in w]
+    assert "perhaps not made (chance of such measured contacts" in said
+    assert "not made: " not in str(result)
+    error = replace(planned(dataset), error=2e-8)
+    assert "within 20 nm" in error.words(dataset)
+
+
 def test_check_and_fit_say_it(measured, tmp_path, command):
-    dataset = mixed(measured, [17])
+    dataset = mixed(measured, [17, 30, 40])
     write_dataset(dataset, tmp_path / "cell")
     code, said, _ = command("check", tmp_path / "cell", "--json")
     assert code == 0
     (found,) = [f for f in json.loads(said)["findings"] if f["code"] == "planned_pose"]
     name = dataset.measurements.ids[17]
-    assert f"1 contact has the readings of a plan ({name})" in found["what"]
+    assert f"3 contacts have the readings of a plan ({name}, " in found["what"]
     assert found["where"].startswith("measurements.csv:19")
     result = bc.fit(tmp_path / "cell", model="geometry", samples=0)
     verdict = result.record["verdict"]
