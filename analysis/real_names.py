@@ -28,7 +28,8 @@ from bayescal.errors import BayescalError
 from bayescal.estimate import Estimate
 from bayescal.estimate.discrepancy import stated
 from bayescal.estimate.unexplained import unexplained
-from bayescal.gap.diagnose import doubted, explain
+from bayescal.gap.concluded import doubted
+from bayescal.gap.diagnose import explain
 from bayescal.gap.search.refit import refit
 from bayescal.predict.crossvalidation import validation_errors
 from bayescal.predict.errors import ValidationErrors, kept

@@ -21,7 +21,7 @@ from bayescal.assess.acceptance import (
 )
 from bayescal.assess.budget import Budget, of_distances, with_budgets
 from bayescal.assess.completed import completed
-from bayescal.assess.findings import Assessed, Finding, findings, rests_on_priors
+from bayescal.assess.findings import SEVERITIES, Assessed, Finding, findings, rests_on_priors
 from bayescal.assess.identifiability import Directions, Identifiability, directions, identifiability
 from bayescal.assess.inputs import Basis
 from bayescal.assess.mistakes import judged, mistaken
@@ -38,7 +38,7 @@ from bayescal.model import USUAL, FitOptions
 from bayescal.model.scene import Scene
 from bayescal.posterior import Draws, approximate, gaussian
 from bayescal.predict.forecast import Forecast, forecast
-from bayescal.predict.targets import Prepared, check_located, prepared
+from bayescal.predict.targets import Prepared, check_located, leaving_out, prepared
 from bayescal.predict.validation import Validation, validate
 from bayescal.statistics import spawned
 from bayescal.storage.stopping import Progress, silent
@@ -136,6 +136,20 @@ def fit(
     BayescalError
         If the session cannot be fitted, or the model has no such part, with the reason.
     """
+
+    def compute(some: Dataset) -> Fit:
+        return _fit(some, effects, options, without, samples, progress, checkpoint)
+
+    found, left = leaving_out(dataset, compute)
+    every = (*found.findings, *(Finding("not_located", "warning", words) for words in left.values()))
+    return replace(found, findings=tuple(sorted(every, key=lambda f: SEVERITIES.index(f.severity))))
+
+
+def _fit(
+    dataset: Dataset, effects: tuple[str, ...], options: FitOptions, without: Sequence[str], samples: int,
+    progress: Progress, checkpoint: Checkpoint | None,
+) -> Fit:  # fmt: skip
+    """A calibration of a session whose validation targets can all be located."""
     scene = Scene(dataset, oriented=True)
     options = replace(options.omitting(without, scene, effects), widths={})
     if options.tolerance is not None:

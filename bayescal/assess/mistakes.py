@@ -135,11 +135,11 @@ def judged(dataset: Dataset, effects: tuple[str, ...] = BASELINE) -> Judged | No
     model, _ = model_of(Scene(some), effects)
     if model is None or not model.size:
         return None
-    stated = _fitted(model, np.zeros(model.size))
-    fits = [(_fitted(_model(h, model, effects), stated.z), h) for h in hypotheses(some)]
+    stated = fitted(model, np.zeros(model.size))
+    fits = [(fitted(_model(h, model, effects), stated.z), h) for h in hypotheses(some)]
     nearest = min((best for best, _ in fits), key=lambda best: best.f, default=stated)
     if nearest.f < stated.f - SURE and nearest.z.shape == stated.z.shape:  # it may only have had more steps
-        stated = min(stated, _fitted(model, nearest.z), key=lambda best: best.f)
+        stated = min(stated, fitted(model, nearest.z), key=lambda best: best.f)
     gain = max(SURE, SURE_PER_ROW * len(some.measurements.ids))
     good = [(best.f, h) for best, h in fits if best.f < stated.f - gain and best.kappa < EXPLAINED]
     least = min((f for f, _ in good), default=stated.f)
@@ -255,7 +255,7 @@ class _Best:
     kappa: float
 
 
-def _fitted(model: Model, z: np.ndarray) -> _Best:
+def fitted(model: Model, z: np.ndarray) -> _Best:
     """The best point of a model from a start z (D,)."""
     weights, count = unit_weights(model, z), sum(b.residuals for b in model.blocks)
     best, before = _Best(np.inf, z, 1.0), np.inf

@@ -11,6 +11,8 @@ import numpy as np
 from bayescal.effects import EFFECTS
 from bayescal.effects.location import ARM
 from bayescal.errors import attempted
+from bayescal.estimate import Estimate
+from bayescal.estimate.discrepancy import stated
 from bayescal.estimate.widths import sentences
 from bayescal.gap.examine import Examined
 from bayescal.gap.outcome.events import named_events
@@ -140,3 +142,15 @@ def _named(member: Member, d: Decision, e: Examined) -> Named:
 def supported(probability: float) -> float:
     """A probability within the limits that blind checks support."""
     return float(np.clip(probability, 1.0 - VERDICT.stated, VERDICT.stated))
+
+
+def doubted(refitted: Estimate, baseline: Estimate, verdict: Verdict) -> Estimate:
+    """A refit whose stated uncertainty keeps what its names may not explain of the baseline's discrepancy.
+
+    The names were chosen by the residuals that show the discrepancy: they leave less of it there than
+    elsewhere. Beside an unmodelled effect all of it is kept, and else the share of the probability that a
+    name is wrong.
+    """
+    share = 1.0 - min((n.probability for n in verdict.named), default=0.0)
+    share = share if verdict.kind == "named" else 1.0
+    return replace(refitted, least={f: share * v for f, v in stated(baseline).variances.items() if v > 0})

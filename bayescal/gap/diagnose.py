@@ -23,7 +23,7 @@ from bayescal.estimate.bounds import UNCHANGED, bounded
 from bayescal.estimate.discrepancy import stated
 from bayescal.estimate.unexplained import FORM
 from bayescal.estimate.widths import simpler_level
-from bayescal.gap.concluded import concluded, events_of
+from bayescal.gap.concluded import concluded, doubted, events_of
 from bayescal.gap.design.advise import advise, rivals, undecided
 from bayescal.gap.design.blind_spots import blind_spots, unseen
 from bayescal.gap.examine import Examined, examine, where
@@ -42,7 +42,7 @@ from bayescal.model import USUAL, FitOptions
 from bayescal.model.scene import Scene
 from bayescal.predict.crossvalidation import FOLDED, LEFT_OUT, VALIDATED, validation_errors
 from bayescal.predict.errors import ValidationErrors, kept, without_rows
-from bayescal.predict.targets import check_located
+from bayescal.predict.targets import check_located, leaving_out
 from bayescal.statistics import spawned
 from bayescal.storage.stopping import Progress, silent
 
@@ -267,6 +267,18 @@ def diagnose(
     BayescalError
         If the session cannot be fitted, or the model has no such part, with the reason.
     """
+    found, left = leaving_out(dataset, lambda some: _diagnosed(some, effects, options, without, progress))
+    return replace(found, unlocated=tuple(left), warnings=(*left.values(), *found.warnings))
+
+
+def _diagnosed(
+    dataset: Dataset,
+    effects: tuple[str, ...],
+    options: FitOptions,
+    without: Sequence[str],
+    progress: Progress,
+) -> Gap:
+    """The diagnosis of a session whose validation targets can all be located."""
     scene = Scene(dataset, oriented=True)
     options = options.omitting(without, scene, effects)
     check_enough(scene)
@@ -346,18 +358,6 @@ def diagnose(
         rigid=rigid,
         undetermined=lacking,
     )
-
-
-def doubted(refitted: Estimate, baseline: Estimate, verdict: Verdict) -> Estimate:
-    """A refit whose stated uncertainty keeps what its names may not explain of the baseline's discrepancy.
-
-    The names were chosen by the residuals that show the discrepancy: they leave less of it there than
-    elsewhere. Beside an unmodelled effect all of it is kept, and else the share of the probability that a
-    name is wrong.
-    """
-    share = 1.0 - min((n.probability for n in verdict.named), default=0.0)
-    share = share if verdict.kind == "named" else 1.0
-    return replace(refitted, least={f: share * v for f, v in stated(baseline).variances.items() if v > 0})
 
 
 def _advice(last: Examined, plain: Problem) -> tuple[Advice, ...]:

@@ -303,3 +303,4 @@ class Gap:
     displaced: tuple[str, ...] = ()  # parameters of `arm` that named effects which it is without displace
     rigid: Rigid = UNCHANGED  # parameters of `arm` that were set to rigid
     undetermined: tuple[Undetermined, ...] = ()  # of the fullest model
+    unlocated: tuple[str, ...] = ()  # validation targets that cannot be located: left out

@@ -103,7 +103,16 @@ SUSPICIOUS = 2.0
 """Least-squares residual over the noise, from which on slipped contacts are searched for."""
 
 
-class AmbiguousPositionError(BayescalError):
+class UnlocatedError(BayescalError):
+    """A target, by its name, cannot be located from its rows."""
+
+    def __init__(self, target: str, why: str) -> None:
+        remedy = "state its position and u_mm more accurately, or measure it from more directions"
+        super().__init__(f"target {target} cannot be located from its rows: {why}", "dataset.yaml", remedy)
+        self.target = target
+
+
+class AmbiguousPositionError(UnlocatedError):
     """Two positions of a target explain its rows equally well."""
 
 
@@ -250,7 +259,7 @@ def locate(name: str, rows: Rows, strict: bool = True) -> tuple[States, np.ndarr
 
     Raises
     ------
-    BayescalError
+    UnlocatedError
         If the search does not converge.
     AmbiguousPositionError
         If another position explains the rows equally well.
@@ -306,19 +315,15 @@ def _apart(kind: Kind, at: States, x: np.ndarray) -> np.ndarray:
 
 def _check(name: str, found: States, chosen: States, kind: Kind, strict: bool) -> None:
     """Raise an error where the search did not converge, or another position is nearly as probable."""
-    failed = f"target {name} cannot be located from its rows"
-    remedy = "state its position and u_mm more accurately, or measure it from more directions"
     if not chosen.left[0] < LARGEST_STEP:
-        what = f"{failed}: the search from {len(found.x)} starts did not reach an optimum"
-        raise BayescalError(what, "dataset.yaml", remedy)
+        raise UnlocatedError(name, f"the search from {len(found.x)} starts did not reach an optimum")
     distance = _apart(kind, chosen, found.x)
     rival = (found.left < LARGEST_STEP) & (found.cost < chosen.cost + RIVAL) & (distance > APART)
     if strict and np.any(rival):
         other = int(np.argmax(rival))
         lengths = np.array([unit == "m" for _, unit in kind.parts])
         apart = 1e3 * float(np.linalg.norm((found.x[other] - chosen.x[0])[lengths]))
-        what = f"{failed}: two places {apart:.3g} mm apart explain them equally well"
-        raise AmbiguousPositionError(what, "dataset.yaml", remedy)
+        raise AmbiguousPositionError(name, f"two places {apart:.3g} mm apart explain them equally well")
 
 
 def robust_rows(rows: Rows, start: np.ndarray) -> np.ndarray:

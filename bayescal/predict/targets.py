@@ -9,18 +9,21 @@ Residuals of rows that were not fitted, and their slopes by the unknowns.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 
+from bayescal.dataset import Dataset
 from bayescal.effects.tool import LOOSE
-from bayescal.errors import BayescalError
 from bayescal.estimate import Estimate, unfitted, unit_weights
 from bayescal.estimate.solver import factored, solved
 from bayescal.model import ARM, Block, Model, with_parameters
 from bayescal.model.scene import Scene
-from bayescal.predict.locate import NO_SHIFTS, AmbiguousPositionError, Rows, locate
+from bayescal.predict.locate import NO_SHIFTS, AmbiguousPositionError, Rows, UnlocatedError, locate
+
+Result = TypeVar("Result")
 
 
 @dataclass(frozen=True, eq=False)
@@ -301,6 +304,40 @@ def prepared(estimate: Estimate, loose: bool = False, strict: bool = True) -> Pr
     return Prepared(tuple(out), located, free)
 
 
+def leaving_out(dataset: Dataset, compute: Callable[[Dataset], Result]) -> tuple[Result, dict[str, str]]:
+    """A result without the validation targets that cannot be located, and why, by target.
+
+    Only the fitted arm shows most of these: the result is then computed again. Their rows get the role
+    `locate`, which a target without validation rows does not use; numbers of rows are kept.
+
+    Raises
+    ------
+    UnlocatedError
+        If the target is needed: other rows are fitted to it, or it remains after that.
+    """
+    left: dict[str, str] = {}
+    while True:
+        try:
+            return compute(dataset), left
+        except UnlocatedError as error:
+            m = dataset.measurements
+            own = m.target == [t.name for t in dataset.targets].index(error.target)
+            if error.target in left or np.any(m.role[own] == "calibrate"):
+                raise
+            left[error.target] = f"{error.what}: it validates nothing; {error.remedy}"
+            dataset = replace(dataset, measurements=replace(m, role=np.where(own, "locate", m.role)))
+
+
+def unlocated(estimate: Estimate) -> Iterator[UnlocatedError]:
+    """Validation targets that cannot be located with the arm of an estimate, as errors."""
+    scene, model = estimate.model.scene, estimate.model
+    for t, rows in _located_apart(scene, model):
+        try:
+            located_target(estimate, as_certified(scene, model.block(t, rows)))
+        except UnlocatedError as error:
+            yield error
+
+
 def check_located(scene: Scene) -> None:
     """Refuse targets whose rows leave two positions equally probable for any arm, before the arm is fitted.
 
@@ -322,7 +359,7 @@ def check_located(scene: Scene) -> None:
             located_target(nominal, as_certified(scene, block))
         except AmbiguousPositionError:
             raise
-        except BayescalError:  # a search that does not converge with the nominal arm may do so when fitted
+        except UnlocatedError:  # a search that does not converge with the nominal arm may do so when fitted
             continue
 
 

@@ -10,6 +10,7 @@ from typing import Literal
 import numpy as np
 
 from bayescal.assess.identifiability import identifiability
+from bayescal.assess.mistakes import fitted
 from bayescal.assess.undetermined import undetermined
 from bayescal.dataset import Dataset
 from bayescal.dataset.read import SETTINGS, TABLE
@@ -17,13 +18,13 @@ from bayescal.dataset.table import joint_columns
 from bayescal.dataset.target_kinds import kinds_of, place_sd, plannable
 from bayescal.effects import EFFECTS
 from bayescal.errors import BayescalError
-from bayescal.estimate import Estimate, check_enough, linearise, unit_weights
+from bayescal.estimate import Estimate, check_enough, linearise, unfitted, unit_weights
 from bayescal.gap.search.candidates import Candidates
 from bayescal.model import ARM
 from bayescal.model.model import Model
 from bayescal.model.scene import Scene
 from bayescal.planning.pool import RESERVE
-from bayescal.predict.targets import check_located, tool_u
+from bayescal.predict.targets import tool_u, unlocated
 
 Kind = Literal["refused", "odd", "missing"]
 KINDS: tuple[Kind, ...] = ("refused", "odd", "missing")
@@ -74,6 +75,9 @@ def missing(
     yield from _faces(dataset)
     if posed and model is not None:
         yield from _undetermined(model)
+        for lost in unlocated(unfitted(model, fitted(model, np.zeros(model.size)).z)):
+            what = f"{lost.what}: it validates nothing"
+            yield Finding("not_located", "missing", what, lost.where, lost.remedy)
     lacking = () if tests is None else [name for name in tests.missing if name in EFFECTS]
     if dataset.measurements.velocity is None and any(EFFECTS[name].directed for name in lacking):
         what = "no joint velocities: backlash and other errors by direction of motion cannot be assessed"
@@ -144,10 +148,6 @@ def _enough(scene: Scene, model: Model | None) -> Iterator[Finding]:
     except BayescalError as error:
         yield Finding.of(error, "too_few")
         return
-    try:
-        check_located(scene)
-    except BayescalError as error:
-        yield Finding.of(error, "not_located")
     values = sum(block.residuals for block in model.blocks)
     if values < model.size + RESERVE:
         what = (

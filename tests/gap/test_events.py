@@ -19,8 +19,8 @@ from bayescal.estimate import calibrated
 from bayescal.estimate.discrepancy import stated
 from bayescal.fitted.arm import of_gap
 from bayescal.fitted.file import check_restored, read_arm, restored
-from bayescal.gap.concluded import events_of
-from bayescal.gap.diagnose import diagnose, doubted, explain
+from bayescal.gap.concluded import doubted, events_of
+from bayescal.gap.diagnose import diagnose, explain
 from bayescal.gap.examine import examine
 from bayescal.model.options import FitOptions
 from bayescal.model.scene import Scene

@@ -170,7 +170,8 @@ def located(
     A certified diameter is fixed. None if it was touched by a tool that was not fitted, or has no contact.
     """
     scene = fitted.model.scene
-    rows = scene.rows_of(target, scene.rows("validate", "locate"))
+    validated = scene.rows_of(target, scene.rows("validate"))  # without any, its rows may not locate it
+    rows = scene.rows_of(target, scene.rows("validate", "locate")) if len(validated) else validated
     m = scene.dataset.measurements
     if not len(rows) or not np.isin(m.tool[rows], m.tool[scene.rows("calibrate")]).all():
         return None

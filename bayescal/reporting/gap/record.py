@@ -109,6 +109,7 @@ def gap_record(gap: Gap) -> dict[str, Any]:
         "residuals": _residuals(gap),
         "arm": arm_drawing(Scene(gap.dataset)),
         "marked": _mark(gap),
+        "not_located": list(gap.unlocated),
         "warnings": list(warnings(gap)),
     }
     if gap.arm is not None:
