@@ -21,7 +21,7 @@ from typer.testing import CliRunner
 from bayescal.effects import EFFECTS
 from bayescal.effects.location import BASE, TOOL, Driver, Site, joint
 from bayescal.gap.concluded import settled
-from bayescal.gap.result import OTHER, VERDICTS, Amplitude, CauseClass, Event, Gap, Named, Verdict
+from bayescal.gap.result import OTHER, VERDICTS, Amplitude, CauseClass, Event, Gap, Named, Shrinkage, Verdict
 from bayescal.gap.search.cells import cells
 from bayescal.model.options import FitOptions
 from bayescal.model.scene import Scene
@@ -431,6 +431,16 @@ def test_a_name_that_nothing_else_supports_is_possible(session, nats, significan
     record = gap_record(replace(gap, amplitudes=amplitudes, levels=levels, verdict=verdict))
     assert record["words"][0].startswith(word)
     assert record["named"][0]["possible"] == word.startswith("Possible") == (", but " in record["words"][0])
+
+
+@pytest.mark.parametrize("low", [-0.2, 0.4])
+def test_an_insignificant_gain_is_stated_with_what_improves_all_the_same(session, low):
+    gap = diagnosis(session, "named")
+    levels = (*gap.levels[:-1], replace(gap.levels[-1], delta_elpd=1.0, delta_elpd_se=6.0))
+    fall = Shrinkage("distances", 6, 90e-6, 49e-6, 27e-6, 0.8, (low, 1.0), 50e-6, 27e-6, True)
+    said = gap_record(replace(gap, levels=levels, shrinkage=(fall,)))["words"][0]
+    assert "not significant (+1.0 ± 6.0 nats)" in said
+    assert ("although errors of distances fall significantly" in said) == (low > 0)
 
 
 @pytest.mark.parametrize(("p", "word"), [(0.9, "Effect found"), (0.89, "Probable effect")])

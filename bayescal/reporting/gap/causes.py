@@ -14,7 +14,7 @@ from bayescal.effects.sizes import DEVIATION, of_sign
 from bayescal.effects.vocabulary import unit_label
 from bayescal.gap.result import Amplitude, Event, Gap, Named, Place
 from bayescal.reporting.shared.origin import entry, sized
-from bayescal.reporting.shared.text import measured, with_u
+from bayescal.reporting.shared.text import listed, measured, with_u
 
 PLAIN = 0.05
 """Largest p-value, corrected for all locations, of a location that is stated as a finding (convention)."""
@@ -241,8 +241,19 @@ def possible(gap: Gap, named: Named) -> str:
     if not named.confirmed:
         return "the validation measurements do not confirm it"
     if nats <= se:
-        return "the validation measurements gain nothing by it"
+        return _little(nats, se, gap)
     return "" if any(clear or [True]) else "no amplitude of it is significant"
+
+
+def _little(nats: float, se: float, gap: Gap) -> str:
+    """That a gain of validation measurements is within its standard error, and what improves all the same."""
+    size = f"{nats:+.1f} ± {se:.1f} nats"
+    said = f"the gain of single validation measurements by it is not significant ({size})"
+    kinds = {"planes": "contacts"}
+    fall = [kinds.get(s.what, s.what) for s in gap.shrinkage if s.claimed and s.removed_interval95[0] > 0]
+    return (
+        f"{said}, although errors of {listed(fall)} fall significantly by all named effects" if fall else said
+    )
 
 
 def _gains(gap: Gap) -> dict[str, tuple[float, float]]:
