@@ -43,6 +43,7 @@ LEVEL = 0.01
 """Chance that a correct model fails any of the tests (that of shared causes has a level of its own)."""
 EXPLAINED = "calibrated; model explains validation data"
 CONTRADICTED = "model does not explain the machine: run bayescal gap"
+DOUBTED = "calibrated; but errors are larger than noise and model predict: run bayescal gap"
 UNVERIFIED = "not verified: no validation measurements"
 UNDETERMINED = "not determined by these measurements: the prediction rests on priors"
 NOT_MADE = "no calibration: contacts of a plan that were not made"
@@ -56,6 +57,8 @@ CAUSE = "the model lacks an effect, or masses are wrong: run bayescal gap"
 """What a value that is significantly negative comes from, and what to do."""
 NAMED = 2
 """Negative values that the sentence names, the most significant first."""
+KNOWN = 1.05
+"""Factor by which a noise may exceed that stated before a fit that passes all tests says so (assumed)."""
 FEWEST_DISTANCES = 3
 """Distances whose mean error is tested."""
 FALSE_REJECTIONS = 0.01
@@ -90,6 +93,7 @@ class Acceptance:
     validated: bool  # there are validation measurements
     rejected: float = 0.0  # share of the fitted measurements
     determined: bool = True  # the predicted distance error rests on rows, not on priors
+    doubts: tuple[Check, ...] = ()  # what no test shows that allows for a poor statement of the noise
 
     @property
     def failed(self) -> tuple[Check, ...]:
@@ -105,7 +109,9 @@ class Acceptance:
             return CONTRADICTED
         if not self.determined:
             return UNDETERMINED
-        return EXPLAINED if self.validated else UNVERIFIED
+        if not self.validated:
+            return UNVERIFIED
+        return DOUBTED if self.doubts else EXPLAINED
 
     @property
     def unmade(self) -> str:
@@ -120,7 +126,7 @@ class Acceptance:
     @property
     def usable(self) -> bool:
         """Whether validation measurements agree with a model that the rows determine."""
-        return self.explains and self.determined and self.validated
+        return self.explains and self.determined and self.validated and not self.doubts
 
 
 @dataclass(frozen=True)
@@ -165,7 +171,27 @@ def acceptance(
         words = unmade.words(dataset)
         checks.insert(0, Check(PLANNED, len(unmade.rows), 0.0, unmade.chance, CHANCE, words))
     validated = bool(checked.planes or checked.distances or checked.points or checked.turns)
-    return Acceptance(tuple(checks), tuple(causes), validated, rejected)
+    doubts = tuple(d for d in _doubts(left, checked, None if causes else rejected) if not d.passed)
+    return Acceptance(tuple(checks), tuple(causes), validated, rejected, doubts=doubts)
+
+
+def _doubts(left: Unexplained, checked: Validation, rejected: float | None) -> Iterator[Check]:
+    """Tests beyond those of a correct model: the stated noise at its word, and every target alone.
+
+    Half of the level is that of the noise, half that of all targets.
+    """
+    if left.repeats is None:
+        ratio, limit = left.fitted / left.stated, KNOWN * np.sqrt(chi2_isf(LEVEL / 2, left.dof) / left.dof)
+        p = float(chi2_sf(left.dof * (ratio / KNOWN) ** 2, left.dof))
+        yield Check("noise", ratio, float(limit), p, LEVEL / 2, left.words)
+    empty = replace(checked, planes=(), points=(), turns=())
+    alone = [(p, replace(empty, planes=(p,))) for p in checked.planes]
+    alone += [(p, replace(empty, points=(p,))) for p in checked.points]
+    for part, of_target in alone if len(alone) > 1 else ():
+        for test, r, predicted in _sets(of_target, rejected):
+            found = _chi_square("target", f"{test} on {part.target}", r, predicted, 1e6, "µm")
+            level = LEVEL / 2 / len(alone)
+            yield Check(found.test, found.value, found.limit(level), found.p_value, level, found.words)
 
 
 def not_physical(found: Estimate, covariance: np.ndarray) -> tuple[Check, ...]:
@@ -208,9 +234,7 @@ def widened(left: Unexplained, checked: Validation, tests: Acceptance) -> Unexpl
 
 
 def _noise(left: Unexplained) -> _Figure:
-    of = "the stated noise" if left.repeats is None else "the scatter of repeated contacts"
-    words = f"residuals of {1e6 * left.fitted:.1f} µm against {of}, {1e6 * left.floor:.1f} µm"
-    return _Figure("residuals", left.fitted / left.floor, left.p_value, left.limit, words)
+    return _Figure("residuals", left.fitted / left.floor, left.p_value, left.limit, left.words)
 
 
 def _validation(checked: Validation, rejected: float | None) -> Iterator[_Figure]:

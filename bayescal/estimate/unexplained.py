@@ -57,6 +57,12 @@ class Unexplained:
         difference = max(self.fitted**2 - self.floor**2, 0.0)
         return max(difference**2 / (self.fitted**4 / self.dof + of_floor), 1.0)
 
+    @property
+    def words(self) -> str:
+        """The residuals and the noise that they are compared with."""
+        of = "the stated noise" if self.repeats is None else "the scatter of repeated contacts"
+        return f"residuals of {1e6 * self.fitted:.1f} µm against {of}, {1e6 * self.floor:.1f} µm"
+
     def limit(self, chance: float) -> float:
         """Ratio of residuals to noise that noise alone exceeds with probability `chance`."""
         if self.repeats is None:

@@ -39,7 +39,7 @@ MEASURE = ("directions", "prior", "no_length", "contrast", "not_identifiable")
 STEPS = {
     "gap": "find the cause in the machine",
     "samples": "repeat with another --seed or with --samples 0; the posterior is not converged",
-    "measure": "measure what the warnings say is missing; then fit again",
+    "measure": "measure more in other poses (bayescal plan --after), as the warnings say; then fit again",
     "validate": "add measurements with role validate, best on spheres at certified distances; then fit again",
     "use": "use robot.yaml of the run folder, or export the arm",
 }
@@ -144,7 +144,7 @@ def of_fit(fit: Fit) -> Use:
     step = next(
         key
         for key, here in (
-            ("gap", not tests.explains),
+            ("gap", not tests.explains or bool(tests.doubts)),
             ("samples", bool(sampler)),
             ("measure", bool(reasons)),
             ("validate", not tests.validated),

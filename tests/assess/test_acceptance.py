@@ -14,6 +14,7 @@ import bayescal.assess.mistakes as mistakes_module
 import bayescal.assess.shared_causes as shared_causes_module
 from bayescal.assess.acceptance import (
     CONTRADICTED,
+    DOUBTED,
     EXPLAINED,
     FALSE_REJECTIONS,
     LEVEL,
@@ -266,6 +267,30 @@ def test_rows_that_share_a_cause_stay_in_the_fit_and_outliers_do_not(session, cl
     assert event.final.unexplained.excess > 2 * clean.final.unexplained.excess
     assert event.forecast.workspace.rms > 2 * clean.forecast.workspace.rms
     assert any(f.code == "shared_cause" and f.severity == "error" for f in event.findings)
+
+
+def checked_targets(*sizes):
+    """Validation of targets with eight contacts each, whose errors are these sizes of the predicted ones."""
+    rng = np.random.default_rng(0)
+    signs = np.resize([1.0, -1.0], 8)
+    drawn = [1e-5 * rng.standard_normal((2000, 8)) for _ in sizes]
+    rows = (RowCheck(f"face {k}", 1e-5 * sizes[k] * signs, d) for k, d in enumerate(drawn))
+    return Validation(FULL, tuple(rows), (), (), ())
+
+
+def test_a_noise_above_the_stated_and_a_target_outside_are_doubts():
+    """The tests allow for 1.4 times the stated noise, and for one target among many."""
+    few = replace(SOUND, repeats=None, repeats_dof=0)
+    even = checked_targets(*[0.7] * 10)
+    assert acceptance(few, even).verdict == EXPLAINED
+    assert acceptance(replace(few, fitted=1.08 * few.stated), even).verdict == EXPLAINED
+    noisy = acceptance(replace(few, fitted=1.3 * few.stated), even)
+    assert (noisy.verdict, noisy.explains, noisy.usable) == (DOUBTED, True, False)
+    assert [d.words for d in noisy.doubts] == ["residuals of 6.5 µm against the stated noise, 5.0 µm"]
+    odd = acceptance(few, checked_targets(*[0.6] * 9, 1.9))
+    assert odd.verdict == DOUBTED
+    (target,) = odd.doubts
+    assert target.words.startswith("contacts on face 9 of validation measurements: RMS error 19.0 µm")
 
 
 def test_shared_causes_need_rejected_rows(clean):

@@ -20,6 +20,7 @@ from typer.testing import CliRunner
 
 from bayescal.effects import EFFECTS
 from bayescal.effects.location import BASE, TOOL, Driver, Site, joint
+from bayescal.estimate import calibrated
 from bayescal.gap.concluded import settled
 from bayescal.gap.result import OTHER, VERDICTS, Amplitude, CauseClass, Event, Gap, Named, Shrinkage, Verdict
 from bayescal.gap.search.cells import cells
@@ -130,6 +131,25 @@ def test_errors_beyond_the_prediction_are_said(session, times_noise, times_limit
     size = replace(size, predicted_rms=expected, rms=times_limit * limit, predicted_interval95=ends)
     magnitude = replace(gap.magnitude, measured=(size,))
     assert said in headline(replace(gap, magnitude=magnitude))[0]
+
+
+def test_residuals_that_a_fit_calls_unexplained_are_no_noise(session):
+    """Fit: "model does not explain the machine"; gap: "the model explains these data"."""
+    gap = diagnosis(session, "null")
+    noisy = replace(session, noise=replace(session.noise, contact=0.1 * session.noise.contact))
+    words = headline(replace(gap, calibrated=calibrated(Scene(noisy), ("geometry",))))
+    assert words[0] == "No effect found"
+    assert words[1].startswith("But the fit leaves residuals of ")
+
+
+def test_a_null_that_is_not_the_likeliest_is_undecided_where_errors_are_large_too(session):
+    gap = diagnosis(session, "null")
+    size = replace(gap.magnitude.measured[0], rms=1e-4)
+    verdict = replace(gap.verdict, probability={"null": 0.2, "unknown": 0.3})
+    magnitude = replace(gap.magnitude, measured=(size,))
+    (words, *_) = headline(replace(gap, verdict=verdict, magnitude=magnitude))
+    assert words.startswith("Undecided: noise only has probability 0.20")
+    assert words.endswith("errors of validation contacts are larger than the model predicts")
 
 
 def test_a_null_that_another_hypothesis_exceeds_is_undecided(session):

@@ -301,6 +301,7 @@ def _verdict(tests: Acceptance, dataset: Dataset) -> dict[str, Any]:
         "words": tests.verdict,
         **entry(tests, "explains", "validated", "determined"),
         "reasons": [entry(c, *check) for c in tests.failed],
+        "doubts": [entry(c, *check) for c in tests.doubts],
         "tests": [entry(c, *check) for c in tests.checks],
         "shared_causes": [
             entry(cause, "kind", "label")

@@ -81,6 +81,8 @@ def _verdict(tests: Acceptance, use: Use) -> Facts:
             causes.append(cause)
     for words in [*(c.words for c in causes), *failed][:MOST_REASONS]:
         yield "", words, "red"
+    for doubt in () if tests.failed else tests.doubts[:MOST_REASONS]:
+        yield "", doubt.words, "yellow"
 
 
 def _predicted(fit: Fit) -> Facts:
@@ -146,10 +148,10 @@ def _next(fit: Fit, use: Use) -> Facts:
     if use.against:
         reasons.append("robot.yaml says so; export, compensate and certificates need --force")
     yield from under("not to be used", reasons, "red")
-    words = STEPS[use.next]
-    if use.next == "gap":
-        words = f"bayescal gap {' '.join(str(d.folder) for d in (fit.dataset.sessions or (fit.dataset,)))}"
-    yield "next", words, "bold"
+    gap = f"bayescal gap {' '.join(str(d.folder) for d in (fit.dataset.sessions or (fit.dataset,)))}"
+    yield "next", gap if use.next == "gap" else STEPS[use.next], "bold"
+    if use.next == "use":
+        yield "", f"{gap}  (effects that validation does not show)", ""
 
 
 def _findings(fit: Fit) -> Facts:

@@ -11,6 +11,7 @@ import numpy as np
 
 from bayescal.effects import EFFECTS
 from bayescal.effects.location import Site
+from bayescal.estimate.unexplained import unexplained as left_by
 from bayescal.fitted import gate
 from bayescal.gap.result import OTHER, VALIDATION_POINTS, CauseClass, Gap, Named, Place, Verdict
 from bayescal.gap.settings import OUTCOME, VERDICT
@@ -169,22 +170,30 @@ def unnamed(verdict: Verdict) -> tuple[str, ...]:
 def _nothing(gap: Gap) -> str:
     """The headline of a diagnosis that names no effect and sees no unmodelled one."""
     verdict = gap.verdict
+    null = verdict.probability["null"]
+    found, likeliest = "No effect found", null >= max(verdict.probability.values())
+    if not likeliest:
+        found = f"Undecided: noise only has probability {probability(null)}, and no effect is established"
     size = gap.magnitude.measured[:1]
     loose = bool(size) and size[0].predicted_rms > OUTCOME.loose * gap.magnitude.noise
     odd = [x.what for x in gap.magnitude.measured if x.rms > x.predicted_interval95[1]]
     if odd:
         why = "; these measurements do not show why" if loose else ""
-        return f"No effect found, but errors of {listed(odd)} are larger than the model predicts{why}"
+        return f"{found}, but errors of {listed(odd)} are larger than the model predicts{why}"
     if loose:
-        return "No effect found: with these measurements the model is too uncertain to show any"
+        return f"{found}: with these measurements the model is too uncertain to show any"
     unknown = sum(u.combinations for u in gap.undetermined if u.matters)
     if gap.arm is not None and unknown > MOST * len(gap.arm.model.parameters):
         of = f"{unknown} of {len(gap.arm.model.parameters)} combinations of parameters"
-        return f"No effect found, but {of} are not identifiable: these measurements show little of the arm"
-    null = verdict.probability["null"]
-    if null >= max(verdict.probability.values()):
-        return "No effect above noise: the model explains these data"
-    return f"Undecided: noise only has probability {probability(null)}, and no effect is established"
+        return f"{found}, but {of} are not identifiable: these measurements show little of the arm"
+    explains = likeliest and not unexplained_of(gap)
+    return "No effect above noise: the model explains these data" if explains else found
+
+
+def unexplained_of(gap: Gap) -> str:
+    """Residuals of the baseline that its noise does not explain, as a fit states them; "" where it does."""
+    left = left_by(gap.calibrated) if gap.calibrated else None
+    return left.words if left and left.excess else ""
 
 
 def components(gap: Gap) -> int:
@@ -211,6 +220,8 @@ def _beyond(gap: Gap) -> list[str]:
 
 def _noisy(gap: Gap) -> list[str]:
     """Noise that is larger than stated, as a sentence: an error without any pattern is called noise."""
+    if left := unexplained_of(gap):
+        return [f"But the fit leaves {left}: noise above that, or a cause without a pattern"]
     m, stated = gap.magnitude, gap.dataset.noise
     points = [x.what for x in m.measured[:1]] == [VALIDATION_POINTS]
     expected = stated.point if points else stated.contact

@@ -78,6 +78,11 @@ def components(record: Json) -> int:
     return int(record["lengths"].get("components", 3))
 
 
+def exceeds(record: Json) -> bool:
+    """Whether the validation errors alone exceed the noise; an effect may show in the fitted ones only."""
+    return bool(record["gap"]["excess_um"]["interval95"][0])
+
+
 def rms_of(record: Json) -> str:
     """What RMS values of groups and locations are: for points they are per coordinate."""
     return f"RMS{per_residual(record)}"

@@ -85,10 +85,10 @@ def _size(record: Json) -> Facts:
     excess = f"{length(of['excess_um'])} µm"
     if None in ends:
         yield "excess", f"{excess}; no interval: the validation measurements have one pose", "bold"
-    elif ends[0] == 0 and record["verdict"] == "null":
-        yield "excess", f"none above noise; at most {length(factor * ends[1])} µm (95 %)", ""
-    else:
+    elif sheets.exceeds(record):
         yield "excess", f"{excess}, {interval(ends, factor)} (95 %)", "bold"
+    else:
+        yield "excess", f"not significant; at most {length(factor * ends[1])} µm (95 %)", ""
 
 
 def _measured(record: Json) -> Sheet:

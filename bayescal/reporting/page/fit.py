@@ -51,12 +51,13 @@ REASONS = 4
 def first(run: Run) -> Section:
     """Verdict, distance error with U, failed tests, next command."""
     record, verdict = run.record, run.record["verdict"]
-    good = verdict["explains"] and verdict["validated"] and verdict["determined"]
+    doubts = verdict.get("doubts", ())  # records of earlier versions have none
+    good = verdict["explains"] and verdict["validated"] and verdict["determined"] and not doubts
     against = record["use"]["against"]
     tone = "bad" if against or not verdict["explains"] else "good" if good else "warn"
     reasons = sorted(verdict["reasons"], key=lambda c: c["p"] if c["p"] is not None else 1.0)
     faults = [Fault(f"not to be used: {reason}") for reason in against]
-    told = [c for c in reasons[:REASONS] if c["words"] not in against]
+    told = [c for c in (reasons or doubts)[:REASONS] if c["words"] not in against]
     faults += [Fault(c["words"], () if c["p"] is None else (("p", p_value(c["p"])),)) for c in told]
     warnings, notes = _warnings(record)
     return FirstScreen(
@@ -86,6 +87,8 @@ def _why(run: Run) -> str:
     verdict = run.record["verdict"]
     if verdict["explains"] and not verdict["determined"]:
         return "Too few or too similar measurements: the arm is known little better than before. Add more."
+    if verdict["explains"] and verdict["validated"]:
+        return "The tests allow for a noise that is stated too small: by its value, an effect may be missing."
     if verdict["explains"]:
         return "No independent measurements check the calibration: the errors below are predictions."
     return (

@@ -161,7 +161,7 @@ def _keys(record: Json) -> Iterator[tuple[str, str, str]]:
         yield "Distance error", "not measured", "no certified distances in the validation data"
     of, ends = record["lengths"], record["gap"]["excess_um"]["interval95"]
     kind = "point (length)" if of["of"] == VALIDATION_POINTS else "contact"
-    excess = f"{length(of['excess_um'])} µm" if ends[0] or record["verdict"] != "null" else "none"
+    excess = f"{length(of['excess_um'])} µm" if sheets.exceeds(record) else "not significant"
     factor = sheets.per_vector(of["of"], sheets.components(record))
     detail = (
         f"95 %: {interval(ends, factor)} µm per {kind}; validation RMS "
