@@ -157,7 +157,8 @@ def _paused(c: Circumstances, begin: float, length: float, constant: float) -> l
 def _constants(c: Circumstances) -> np.ndarray:
     clocks = [time for one in each(c) if (time := _clock(one)) is not None]
     span = max((float(np.ptp(time)) for time in clocks), default=0.0)
-    return np.unique(np.clip(span * np.array(SHARES), FASTEST, SLOWEST)) if span > 0 else np.empty(0)
+    tried = np.unique(np.clip(span * np.array(SHARES), FASTEST, SLOWEST)) if span > 0 else np.empty(0)
+    return np.array([float(f"{constant:.3g}") for constant in tried])  # finer steps are not distinguishable
 
 
 def _missing(c: Circumstances) -> str:
@@ -170,7 +171,12 @@ THERMAL_DRIFT = Effect(
     "lengths, base and joint zeros drift with temperature or time",
     lambda c: apart(c, _parameters),
     _missing,
-    Scan("time constant of the warm-up, s", "warm-up time constant {:.0f} s", _constants, _warming),
+    Scan(
+        "time constant of the warm-up, s",
+        "warm-up time constant about {:.0f} s (u not determined)",
+        _constants,
+        _warming,
+    ),
     whole=True,
     sizes={
         "1": Size("half of the change of lengths, relative"),

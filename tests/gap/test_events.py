@@ -210,6 +210,12 @@ def test_a_level_that_cannot_be_fitted_is_left_out(monkeypatch):
     assert all("does not converge" in w for w in lost)
 
 
+def test_time_constants_have_three_digits():
+    c = Scene(tracker(seed=3, count=110).dataset).circumstances(np.arange(110))
+    time = np.linspace(0.0, 1925.64, 110)  # four times that are 7702.56 s
+    assert EFFECTS["thermal-drift"].scan.values(replace(c, time=time))[-1] == 7700.0
+
+
 def test_an_arm_warms_up_within_hours():
     """A session of two days has no time constant of days."""
     c = Scene(tracker(seed=3, count=110).dataset).circumstances(np.arange(110))
