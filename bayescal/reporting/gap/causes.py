@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from bayescal.dataset import Dataset
-from bayescal.effects.location import Site
+from bayescal.effects.location import BASE, Site
 from bayescal.effects.sizes import DEVIATION, of_sign
 from bayescal.effects.vocabulary import unit_label
 from bayescal.gap.result import Amplitude, Event, Gap, Named, Place
@@ -18,6 +18,8 @@ from bayescal.reporting.shared.text import listed, measured, with_u
 
 PLAIN = 0.05
 """Largest p-value, corrected for all locations, of a location that is stated as a finding (convention)."""
+MOSTLY = 0.75
+"""Share of the square of an error in a region that one target has, from which on it may be the cause."""
 LOG = "Look at the log at this row: "
 KEPT = " Until then, keep the rows before and after it in sessions of their own."
 CAUSES = {
@@ -28,7 +30,7 @@ CAUSES = {
         "session.",
     ),
     ("base", "time", "to and fro"): (
-        "the base sways during the session",
+        "{site} sways during the session",
         "Look for what tilts the stand in this rhythm: traffic, a machine, a door, air conditioning. Anchor "
         "the stand.",
     ),
@@ -112,12 +114,36 @@ def cause(where: Place) -> tuple[str, str] | None:
     return CAUSES.get((where.site.kind, where.driver.kind, where.driver.form))
 
 
+def site_text(where: Place, dataset: Dataset, article: str = "") -> str:
+    """The site of a location in words; with a single instrument the base is not distinguishable from it."""
+    used = [dataset.targets[k].kind for k in _fitted_targets(dataset)]
+    if where.site.kind == BASE.kind and used == ["instrument"]:
+        return f"{article}base or {article}instrument"
+    return where.site.text if article else str(where.site)
+
+
+def _fitted_targets(dataset: Dataset) -> list[int]:
+    m = dataset.measurements
+    return np.unique(m.target[m.role == "calibrate"]).tolist()
+
+
+def mostly(where: Place, dataset: Dataset) -> str:
+    """The target that has nearly all of an error in one region of the workspace, or ""."""
+    if where.driver.form != "one region" or len(_fitted_targets(dataset)) < 2:
+        return ""
+    square = np.bincount(dataset.measurements.target[where.curve.rows], where.curve.fitted**2)
+    most = int(np.argmax(square))
+    return dataset.targets[most].name if square[most] > MOSTLY * np.sum(square) else ""
+
+
 def sentence(where: Place, dataset: Dataset) -> str:
     """What happens, when, and by how much: ``the tool shifted at row 212 by (10.0(4), ...) µm``; or ""."""
     happens = cause(where)
     if happens is None:
         return ""
-    text = happens[0].format(site=where.site.text, joint=f"J{where.driver.joint}")
+    text = happens[0].format(site=site_text(where, dataset, "the "), joint=f"J{where.driver.joint}")
+    if target := mostly(where, dataset):
+        text += f"; nearly all of it is on {target}: its place or a certified value may be in error instead"
     if where.event is not None:
         text += f" at {when(where.event, dataset)}"
     shown = [a for a in where.amplitudes if any(b.significant for b in where.amplitudes if b.unit == a.unit)]
@@ -158,7 +184,9 @@ def records(where: Place, dataset: Dataset) -> dict:
     shown = cause(where)
     if shown is None:
         return {}
-    out: dict = {"words": sentence(where, dataset), "remedy": shown[1]}
+    target = mostly(where, dataset)
+    remedy = f"Check {target} and what is certified of it. {shown[1]}" if target else shown[1]
+    out: dict = {"words": sentence(where, dataset), "remedy": remedy}
     if where.event is not None:
         out["event"] = event_record(where.event, dataset)
     sizes = [entry(a, "what") | sized(a, "value", "u") | entry(a, "significant") for a in where.amplitudes]

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from bayescal.dataset import Dataset
 from bayescal.effects import EFFECTS
 from bayescal.effects.location import Site
 from bayescal.estimate.unexplained import unexplained as left_by
@@ -16,7 +17,7 @@ from bayescal.fitted import gate
 from bayescal.gap.result import OTHER, VALIDATION_POINTS, CauseClass, Gap, Named, Place, Verdict
 from bayescal.gap.settings import OUTCOME, VERDICT
 from bayescal.model.block import posed
-from bayescal.reporting.gap.causes import PLAIN, possible, sentence, sites, when
+from bayescal.reporting.gap.causes import PLAIN, possible, sentence, site_text, sites, when
 from bayescal.reporting.gap.sheets import per_vector
 from bayescal.reporting.shared.origin import components_of
 from bayescal.reporting.shared.text import SURE, listed, probability, rival, um
@@ -28,9 +29,9 @@ MOST = 0.5
 """Share of the parameters that is not identifiable from which on a null verdict means only: too few poses."""
 
 
-def place(where: Place) -> str:
+def place(where: Place, dataset: Dataset) -> str:
     """A location as text: site and dependence."""
-    return f"{where.site}, {where.driver.text}"
+    return f"{site_text(where, dataset)}, {where.driver.text}"
 
 
 def named(effect: Named, gap: Gap) -> str:
@@ -71,7 +72,7 @@ def headline(gap: Gap) -> list[str]:
     """The verdict: a line for each effect, or the alternatives, or that there is none."""
     verdict = gap.verdict
     where = unexplained(gap)
-    there = f"at {place(where)}" if where and where.family_p_value < PLAIN else NO_PLACE
+    there = f"at {place(where, gap.dataset)}" if where and where.family_p_value < PLAIN else NO_PLACE
     likely = [
         f"More likely than not, but not named: {rival(n)} (probability {probability(verdict.probability[n])})"
         for n in unnamed(verdict)
@@ -98,7 +99,7 @@ def headline(gap: Gap) -> list[str]:
     if verdict.kind == "ambiguous":
         largest = next((w for w in gap.where if w.family_p_value < PLAIN), None)
         lines.append("Ambiguous: these data do not distinguish the effects of the 90 % set")
-        lines += [f"Largest location: {place(largest)}"] if largest else []
+        lines += [f"Largest location: {place(largest, gap.dataset)}"] if largest else []
     if verdict.kind == "named+unexplained":
         lines += [f"Also: a further effect, {there}", *_cause(where, gap)]
     if verdict.kind == "named":

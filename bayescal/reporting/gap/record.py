@@ -87,7 +87,7 @@ def gap_record(gap: Gap) -> dict[str, Any]:
         "class": class_record(gap),
         "not_excluded": unshown(verdict),
         **entry(verdict, "footnotes", "missing", "notes"),
-        "where": [_place(w, gap.magnitude.excess) | causes.records(w, gap.dataset) for w in gap.where],
+        "where": [_place(w, gap) | causes.records(w, gap.dataset) for w in gap.where],
         "where_marginal": {key: [entry(m, *GROUP) for m in gap.margins.get(key, ())] for key in MARGINS},
         "shrinkage": dict.fromkeys(MEASURES) | {s.what: entry(s, *SHRINKAGE) for s in gap.shrinkage},
         "lengths": _lengths(gap),
@@ -138,13 +138,13 @@ def _magnitude(m: Magnitude) -> dict[str, Any]:
     )
 
 
-def _place(w: Place, excess: float) -> dict[str, Any]:
+def _place(w: Place, gap: Gap) -> dict[str, Any]:
     """A location; its share is of the excess of the fitted contacts, and none where validation shows none."""
     return (
         entry(w, "site", "driver")
-        | {"text": place(w)}
+        | {"text": place(w, gap.dataset)}
         | entry(w, "rms_um", "share", "p_value", "family_p_value", "log_evidence")
-        | ({} if excess > 0 else {"share": None})
+        | ({} if gap.magnitude.excess > 0 else {"share": None})
         | {"explained_by": w.explained_by or None}
     )
 
@@ -236,7 +236,7 @@ def _curve(gap: Gap, w: Place) -> dict[str, Any]:
     ids, curve = gap.dataset.measurements.ids, w.curve
     return {
         **entry(w, "site", "driver"),
-        "text": place(w),
+        "text": place(w, gap.dataset),
         "event": w.driver.kind == EVENT,
         "coordinate": curve.coordinate,
         "lever": None if curve.lever is None else np.round(curve.lever, LEVER_DIGITS),
