@@ -19,19 +19,32 @@ from hypothesis import strategies as st
 from typer.testing import CliRunner
 
 from bayescal.effects import EFFECTS
-from bayescal.effects.location import BASE, TOOL, Driver, Site, joint
+from bayescal.effects.location import BASE, PROBE, TOOL, Driver, Site, joint
 from bayescal.estimate import calibrated
 from bayescal.gap.concluded import settled
-from bayescal.gap.result import OTHER, VERDICTS, Amplitude, CauseClass, Event, Gap, Named, Shrinkage, Verdict
+from bayescal.gap.result import (
+    OTHER,
+    VERDICTS,
+    Amplitude,
+    CauseClass,
+    Curve,
+    Event,
+    Gap,
+    Named,
+    Shrinkage,
+    Verdict,
+)
 from bayescal.gap.search.cells import cells
 from bayescal.model.options import FitOptions
 from bayescal.model.scene import Scene
 from bayescal.reporting.gap.causes import CAUSES, sentence
-from bayescal.reporting.gap.phrases import headline
+from bayescal.reporting.gap.phrases import headline, place
 from bayescal.reporting.gap.record import gap_record, write_gap
+from bayescal.reporting.gap.sheets import improved, pair_of, where_sheet, worse
 from bayescal.reporting.gap.summary import gap_summary
 from bayescal.reporting.page.gap import verdict_of
 from bayescal.reporting.shared.origin import possible
+from bayescal.reporting.shared.text import reduction
 
 PICTURES = {"gap-where.png", "gap-which.png", "gap-levels.png", "gap-residuals.png"}
 
@@ -451,6 +464,66 @@ def test_a_name_that_nothing_else_supports_is_possible(session, nats, significan
     record = gap_record(replace(gap, amplitudes=amplitudes, levels=levels, verdict=verdict))
     assert record["words"][0].startswith(word)
     assert record["named"][0]["possible"] == word.startswith("Possible") == (", but " in record["words"][0])
+
+
+def of_targets(kinds, target):
+    named = tuple(SimpleNamespace(name=f"{kind} {k}", kind=kind) for k, kind in enumerate(kinds))
+    target = np.asarray(target)
+    measurements = SimpleNamespace(target=target, role=np.full(len(target), "calibrate"))
+    return SimpleNamespace(targets=named, measurements=measurements)
+
+
+@pytest.mark.parametrize(
+    ("kinds", "text"),
+    [
+        (("instrument",), "base or instrument, time"), (("instrument", "instrument"), "base, time"),
+        (("sphere",), "base, time"),
+    ],
+)  # fmt: skip
+def test_a_single_instrument_is_not_distinguishable_from_the_base(session, kinds, text):
+    where = replace(diagnosis(session, "unknown").where[0], site=BASE, driver=Driver("time"))
+    assert place(where, of_targets(kinds, np.arange(8) % len(kinds))) == text
+
+
+@pytest.mark.parametrize(("other", "said"), [(0.1, True), (1.0, False)])
+def test_an_error_in_a_region_that_one_target_has_is_of_the_target_or_the_probe(session, other, said):
+    dataset = of_targets(("sphere", "sphere"), np.arange(8) // 4)
+    fitted = np.where(np.arange(8) < 4, 1.0, other)
+    curve = Curve("", np.arange(8.0), fitted, fitted, np.arange(8))
+    where = replace(diagnosis(session, "unknown").where[0], explained_by="", family_p_value=1e-6, curve=curve)
+    where = replace(where, site=PROBE, driver=Driver("workspace", form="one region"))
+    assert ("nearly all of it is on sphere 0" in sentence(where, dataset)) == said
+
+
+def test_a_location_is_listed_once_and_its_share_only_where_it_is_significant(session):
+    record = gap_record(diagnosis(session, "named"))
+    first, second = record["where"][:2]
+    small = second | {"family_p_value": 0.6}
+    sheet = where_sheet(record | {"where": [first, small, {**first, "rms_um": 1.0}]})
+    assert sheet.items == [first, small]
+    assert [sheet.columns[2].value(w) is None for w in sheet.items] == [False, True]
+
+
+def test_advice_beside_names_is_of_a_further_effect(session):
+    pair = ["noise only", "second-harmonic"]
+    named, null = (gap_record(diagnosis(session, kind)) for kind in ("named", "null"))
+    assert pair_of(named, pair) == ["no further effect", "second-harmonic"]
+    assert pair_of(null, pair) == pair
+
+
+@pytest.mark.parametrize(("after", "advised"), [(31.0, True), (60.0, False)])
+def test_no_advice_to_fit_with_effects_that_make_distances_worse(session, after, advised):
+    record = gap_record(diagnosis(session, "named"))
+    distances = record["shrinkage"]["distances"] | {"after_rms_um": after}
+    size = {"what": "sphere distances", "predicted_interval95_um": [10.0, 45.0], "predicted_rms_um": 30.0}
+    record |= {"shrinkage": record["shrinkage"] | {"distances": distances}, "gap": {"measured": [size]}}
+    assert worse(record) == ([] if advised else ["distances"])
+
+
+def test_kinds_and_shares_of_a_reduction(session):
+    assert [s["what"] for s in improved(gap_record(diagnosis(session, "named")))] == ["contacts", "distances"]
+    assert reduction(1.0, (0.996, 1.0), True) == ("> 99 %", "> 99 %")
+    assert reduction(0.8, (0.4, 1.0), True) == ("80 %", "40 to 100 %")
 
 
 @pytest.mark.parametrize("low", [-0.2, 0.4])

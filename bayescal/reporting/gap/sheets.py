@@ -176,21 +176,36 @@ ADVICE = (
 """Of entries of a record: `hypotheses`, `next`."""
 
 
+def places_of(record: Json) -> list[Json]:
+    """Locations, each once: functions of one quantity about several axes are one location, by the largest."""
+    first: dict[str, Json] = {}
+    for w in record["where"]:
+        first.setdefault(w["text"], w)
+    return list(first.values())
+
+
+def pair_of(record: Json, names: Sequence[str]) -> list[str]:
+    """Hypotheses that an advice distinguishes; beside names, none of either is no further effect."""
+    none = "no further effect" if record["named"] else rival(NULL)
+    return [none if name in (NULL, rival(NULL)) else rival(name) for name in names]
+
+
 def where_sheet(record: Json) -> Sheet:
     """Locations of the error, the largest first."""
-    excess = any((w["share"] or 0.0) > 0.0 for w in record["where"])
+    places = places_of(record)
+    excess = any((w["share"] or 0.0) > 0.0 for w in places)
     excess = excess and record["verdict"] != NULL  # no share of nothing is stated
     columns = (
         Column("location and dependence", "text"),
-        Column(f"{rms_of(record)} (µm)", bar_of(record["where"], "rms_um", marked), as_is),
-        Column("share of the excess", lambda w: w["share"] if excess else None, share),
+        Column(f"{rms_of(record)} (µm)", bar_of(places, "rms_um", marked), as_is),
+        Column("share of the excess", lambda w: w["share"] if excess and marked(w) else None, share),
         Column("p", "family_p_value", p_value),
         Column("explained by", lambda w: w["explained_by"] or None, words=True),
     )
     caption = (
         "Residuals explained by a location; coloured: significant (p below 0.01, corrected for their number)"
     )
-    return Sheet(columns, record["where"], caption, 8)
+    return Sheet(columns, places, caption, 8)
 
 
 def margin_sheets(record: Json) -> tuple[Sheet, ...]:
@@ -233,11 +248,15 @@ def levels_sheet(record: Json, shown: Sequence[tuple[str, str]] = (), missing: s
     return level_sheet(record["ladder"], shown, level_labels(record["ladder"]), columns)
 
 
+MEASURED = {"planes": "contacts"}
+"""Kinds of validation measurement in words: surfaces of any kind are touched, not planes alone."""
+
+
 def improved(record: Json) -> list[Json]:
     """Entries of `shrinkage` by `what`, where errors of points are lengths."""
     count = components(record)
     return [
-        {"what": what}
+        {"what": MEASURED.get(what, what)}
         | {
             key: scaled(value, per_vector(what, count)) if key.endswith("_um") else value
             for key, value in s.items()
@@ -245,6 +264,22 @@ def improved(record: Json) -> list[Json]:
         for what, s in record["shrinkage"].items()
         if s
     ]
+
+
+def worse(record: Json) -> list[str]:
+    """Kinds of errors that are larger with the named effects, and outside the interval that these predict.
+
+    The interval is that of the baseline, in proportion to what both predict.
+    """
+    limits = {
+        m["what"]: m["predicted_interval95_um"][1] / m["predicted_rms_um"] for m in record["gap"]["measured"]
+    }
+    out = []
+    for s in improved(record):
+        limit = next((x for what, x in limits.items() if what.endswith(s["what"])), float("inf"))
+        if s["after_rms_um"] > max(s["before_rms_um"], limit * s["predicted_rms_um"]):
+            out.append(s["what"])
+    return out
 
 
 def improvements(record: Json) -> Sheet:

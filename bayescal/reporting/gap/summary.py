@@ -112,7 +112,7 @@ def _measured(record: Json) -> Sheet:
 
 def _where(record: Json) -> Sheet:
     """The largest locations; a further effect has one that no named effect explains."""
-    every = record["where"]
+    every = sheets.places_of(record)
     shown = every[:PLACES]
     if record["verdict"] == "named+unexplained" and all(w["explained_by"] for w in shown):
         shown = [*shown[:-1], *[w for w in every[PLACES - 1 :] if not w["explained_by"]][:1]]
@@ -123,7 +123,8 @@ def _largest(record: Json) -> Facts:
     for w in record["where"][:1]:
         error = f"{length(w['rms_um'])} µm{per_residual(record)}"
         text = f"{w['text']}, {error} (p {p_value(w['family_p_value'])})"
-        yield "location", f"largest, not significant: {text}", "dim"
+        small = "no effect is established" if sheets.marked(w) else "not significant"
+        yield "location", f"largest, {small}: {text}", "dim"
 
 
 def _margins(gap: Gap, record: Json) -> Facts:
@@ -207,7 +208,7 @@ def _next(record: Json) -> Facts:
         count = len(a["contacts"])
         noun = sheets.measured_as(record, a["contacts"])
         more = f", {count} {noun}{'s' if count > 1 else ''} in next.csv" if count else ""
-        what = f"{listed(map(rival, a['separates']), 'from')}: {a['what']}{more}"
+        what = f"{listed(sheets.pair_of(record, a['separates']), 'from')}: {a['what']}{more}"
         detectability = f"(detectability {a['lambda_before']:.0f} to {a['lambda_after']:.0f})"
         yield "" if k else "measure next", f"to distinguish {what} {detectability}", ""
     for k, (columns, effects) in enumerate(_unshown(record).items(), start=len(record["next"])):

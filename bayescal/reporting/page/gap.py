@@ -19,6 +19,7 @@ from bayescal.reporting.shared.text import (
     SURE,
     interval,
     length,
+    listed,
     not_assessed,
     probability,
     rival,
@@ -187,7 +188,12 @@ def _next(run: Run) -> list[tuple[str, str]]:
             words = (
                 "Repair the machine as described above and measure again; or keep the effects in the model:"
             )
-        out.append((words, f"bayescal fit {dataset} --model {model}{without}"))
+        larger = sheets.worse(record)
+        if larger:
+            what = f"with the effects that are named, errors of {listed(larger)} are larger"
+            out.append((f"Measure more, and diagnose again: {what}.", ""))
+        else:
+            out.append((words, f"bayescal fit {dataset} --model {model}{without}"))
     if sheets.unexplained(record):
         out.append(("Inspect the location that is marked, correct it, and measure again.", ""))
     open_ = record["verdict"] in ("ambiguous", "class", *sheets.UNMODELLED) or record["undecided"]
@@ -230,7 +236,8 @@ def levels(run: Run) -> Section | None:
 def advice(run: Run) -> Section | None:
     """What to measure next."""
     caption = "Further measurements; detectability: noncentrality before and after"
-    table = Sheet(sheets.ADVICE, run.record["next"], caption)
+    pairs = [a | {"separates": sheets.pair_of(run.record, a["separates"])} for a in run.record["next"]]
+    table = Sheet(sheets.ADVICE, pairs, caption)
     nothing = None if run.record["next"] else Text("No further measurements are proposed.")
     return blocks("next", "What to measure next", table, nothing)
 

@@ -166,6 +166,10 @@ def signed(value: float | np.ndarray, decimals: int = 0) -> str:
     return unsigned_zero(f"{value:+.{decimals}f}")
 
 
+NEARLY, MOST = 0.99, "> 99 %"
+"""Share from which on it is stated as more than that."""
+
+
 def reduction(
     removed: float | None, ends: tuple[float | None, float | None] | None, claimed: bool
 ) -> tuple[str, str]:
@@ -180,7 +184,9 @@ def reduction(
         return f"{100 * removed:.0f} %", "-"
     if low <= 0.0:
         return "not determined", "-"
-    return f"{100 * removed:.0f} %", f"{100 * low:.0f} to {100 * high:.0f} %"
+    if low > NEARLY:
+        return MOST, MOST
+    return MOST if removed > NEARLY else f"{100 * removed:.0f} %", f"{100 * low:.0f} to {100 * high:.0f} %"
 
 
 def with_u(value: float, u: float) -> str:
