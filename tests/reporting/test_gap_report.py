@@ -492,7 +492,7 @@ def test_an_error_in_a_region_that_one_target_has_is_of_the_target_or_the_probe(
     curve = Curve("", np.arange(8.0), fitted, fitted, np.arange(8))
     where = replace(diagnosis(session, "unknown").where[0], explained_by="", family_p_value=1e-6, curve=curve)
     where = replace(where, site=PROBE, driver=Driver("workspace", form="one region"))
-    assert ("nearly all of it is on sphere 0" in sentence(where, dataset)) == said
+    assert ("most of it is on sphere 0" in sentence(where, dataset)) == said
 
 
 def test_a_location_is_listed_once_and_its_share_only_where_it_is_significant(session):

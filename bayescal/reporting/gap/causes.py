@@ -18,8 +18,8 @@ from bayescal.reporting.shared.text import listed, measured, with_u
 
 PLAIN = 0.05
 """Largest p-value, corrected for all locations, of a location that is stated as a finding (convention)."""
-MOSTLY = 0.75
-"""Share of the square of an error in a region that one target has, from which on it may be the cause."""
+MOSTLY = 0.5
+"""Share of the square of an error in a region, above which the target that has it is named (convention)."""
 LOG = "Look at the log at this row: "
 KEPT = " Until then, keep the rows before and after it in sessions of their own."
 CAUSES = {
@@ -128,7 +128,7 @@ def _fitted_targets(dataset: Dataset) -> list[int]:
 
 
 def mostly(where: Place, dataset: Dataset) -> str:
-    """The target that has nearly all of an error in one region of the workspace, or ""."""
+    """The target that has most of an error in one region of the workspace, or ""."""
     if where.driver.form != "one region" or len(_fitted_targets(dataset)) < 2:
         return ""
     square = np.bincount(dataset.measurements.target[where.curve.rows], where.curve.fitted**2)
@@ -143,7 +143,7 @@ def sentence(where: Place, dataset: Dataset) -> str:
         return ""
     text = happens[0].format(site=site_text(where, dataset, "the "), joint=f"J{where.driver.joint}")
     if target := mostly(where, dataset):
-        text += f"; nearly all of it is on {target}: its place or a certified value may be in error instead"
+        text += f"; most of it is on {target}: its place or a certified value may be in error instead"
     if where.event is not None:
         text += f" at {when(where.event, dataset)}"
     shown = [a for a in where.amplitudes if any(b.significant for b in where.amplitudes if b.unit == a.unit)]
