@@ -140,7 +140,7 @@ class Clock(Keys):
     kind: Literal["stamps", "index"] = "stamps"
     """`index`: no stamps were logged; `t_s` was made from the rate."""
     alignment_ms: Number = 0.0
-    """Time of the torque after that of the position in one row."""
+    """By how much the torque in a row is later than the position: positive if it lags."""
     u_alignment_ms: Positive = 0.3
     """Its standard uncertainty."""
 

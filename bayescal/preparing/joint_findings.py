@@ -121,12 +121,12 @@ def _clocks(log: Log, joints: Sequence[Joint], table: str) -> Iterator[Finding]:
         _, values, u = (np.array(column) for column in zip(*known, strict=True))
         mean = float(np.sum(values / u**2) / np.sum(1 / u**2))
         u_mean = float(u.min())  # what is missing in the drivers is alike for all joints
-        off = mean + log.alignment
+        off = mean - log.alignment
         if abs(off) > max(CERTAIN * float(np.hypot(u_mean, log.u_alignment)), SHORTEST):
             order = "later" if mean > 0 else "earlier"
             what = f"torques are {1e3 * abs(mean):.2f} ms (u {1e3 * u_mean:.2f}) {order} than positions; "
-            what += f"stated is {0.0 - 1e3 * log.alignment:.2g} ms (u {1e3 * log.u_alignment:.2g})"
-            remedy = f"two clocks? state `alignment_ms: {-1e3 * mean:.2f}`; else `delay` is assessed"
+            what += f"stated is {1e3 * log.alignment:.4g} ms (u {1e3 * log.u_alignment:.2g})"
+            remedy = f"two clocks? state `alignment_ms: {1e3 * mean:.2f}`; else `delay` is assessed"
             yield Finding("delay", "odd", what, table, remedy)
         apart = [k for k, v, s in known if abs(v - mean) > max(CERTAIN * np.hypot(s, u_mean), SHORTEST)]
         if apart:

@@ -86,10 +86,10 @@ def inverse(model, q, dq, ddq, gravity=(0, 0, -9.81)):
     return out
 
 
-def path(seed):
-    """Sums of sines: time (N,), position, speed, acceleration (N, 3)."""
+def path(seed, late=0.0):
+    """Sums of sines: time (N,), and position, speed, acceleration (N, 3) `late` s before."""
     rng = np.random.default_rng(seed)
-    t = np.arange(0.0, SECONDS, 1.0 / RATE)
+    t = np.arange(0.0, SECONDS, 1.0 / RATE) - late
     q, dq, ddq = np.zeros((3, len(t), 3))
     for j in range(3):
         for w in rng.uniform(0.6, 5.0, 4):
@@ -97,7 +97,7 @@ def path(seed):
             q[:, j] += a * np.sin(w * t + phase)
             dq[:, j] += a * w * np.cos(w * t + phase)
             ddq[:, j] -= a * w**2 * np.sin(w * t + phase)
-    return t, q, dq, ddq
+    return t + late, q, dq, ddq
 
 
 def read_commands(path):
@@ -110,8 +110,11 @@ def read_commands(path):
 LOADS = (0, 0, 0, 0, 0.8, 0.8, 0, 0.8)
 
 
-def write(folder, extra=None, loads=LOADS, seed=0):
-    """A log of eight motions, the first twice; `extra(q, dq, ddq, tau, t, load)` is added to the torque."""
+def write(folder, extra=None, loads=LOADS, seed=0, late=0.0):
+    """A log of eight motions, the first twice; `extra(q, dq, ddq, tau, t, load)` is added to the torque.
+
+    Torques are those of `late` s before.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     rng = np.random.default_rng(1000 + seed)
     roles = ["calibrate"] * 6 + ["validate"] * 2
@@ -130,8 +133,9 @@ def write(folder, extra=None, loads=LOADS, seed=0):
     truth = _truth(rng)
     clock = 0.0
     for k, load in enumerate(loads):
-        t, q, dq, ddq = path(100 * seed + (0 if k < 2 else k))
-        tau = truth(q, dq, ddq, load)
+        of = 100 * seed + (0 if k < 2 else k)
+        t, q, dq, ddq = path(of)
+        tau = truth(*path(of, late)[1:], load)
         if extra is not None:
             tau = tau + extra(q, dq, ddq, tau, t + clock, load)
         noise = lfilter([1.0], [1.0, -0.6], rng.standard_normal((len(t), 3)) * 0.8, axis=0) * SIGMA

@@ -57,6 +57,24 @@ def test_of_a_null_log_nothing_is_named(gaps):
     assert gap.shrinkage.before_rms_Nm.to_list() == gap.shrinkage.after_rms_Nm.to_list()
 
 
+def test_the_alignment_that_check_advises_makes_a_late_log_a_null_log(tmp_path):
+    """Torques that are 10 ms later than positions: `check`, `fit` and `gap` give it one sign."""
+    folder = write(tmp_path / "late", late=0.01)
+    (finding,) = [f for f in bc.check(folder).data.findings if f.code == "delay"]
+    assert "later than positions" in finding.what
+    advised = float(finding.remedy.split("`alignment_ms: ")[1].split("`")[0])
+    file = folder / "dataset.yaml"
+    file.write_text(file.read_text() + f"clock: {{alignment_ms: {advised}}}\n")
+    assert "delay" not in [f.code for f in bc.check(folder).data.findings]
+    assert "delay" not in bc.diagnose(folder, without=[]).effects
+    file.write_text(file.read_text().replace(f"{advised}", "-10"))
+    (finding,) = [f for f in bc.check(folder).data.findings if f.code == "delay"]
+    assert "stated is -10 ms" in finding.what
+    gap = bc.diagnose(folder, without=[])
+    assert gap.effects == ("delay",)
+    assert gap.amplitudes.iloc[0].value == pytest.approx(0.02, abs=1e-3)
+
+
 @pytest.mark.parametrize(
     ("log", "effect", "site", "size"), [("delay", "delay", "log", 0.006), ("payload", "payload", "tool", 0.2)]
 )

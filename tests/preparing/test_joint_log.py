@@ -68,7 +68,7 @@ def test_a_delay_of_torque_is_found_and_stated(tmp_path, delay):
     for joint in check.joints:
         assert joint.torque_delay[0] == pytest.approx(delay, abs=2 * joint.torque_delay[1])
     advised = float(finding.remedy.split("`alignment_ms: ")[1].split("`")[0])  # following it ends it
-    assert advised == pytest.approx(-1e3 * delay, abs=0.5)
+    assert advised == pytest.approx(1e3 * delay, abs=0.5)
     stated = written(made(delay=(delay, delay)), tmp_path / "stated", clock={"alignment_ms": advised})
     assert "delay" not in codes(checked(stated))
 
