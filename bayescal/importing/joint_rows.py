@@ -12,7 +12,7 @@ import numpy as np
 from bayescal.errors import BayescalError, listed
 from bayescal.importing.joint_formats import LARGEST, TEXTS, Record, Stream
 from bayescal.importing.roles import Rule
-from bayescal.preparing import joint_facts
+from bayescal.preparing import joint_signals
 
 BETWEEN = 1.0
 """s put between records whose clocks begin anew: the true time is not known."""
@@ -229,7 +229,7 @@ def speeds(time: np.ndarray, position: np.ndarray, motion: np.ndarray) -> np.nda
     out = np.zeros_like(position)
     for k in np.flatnonzero(np.bincount(motion) > 1):
         rows = motion == k
-        out[rows] = joint_facts.speeds(time[rows], position[rows])
+        out[rows] = joint_signals.speeds(time[rows], position[rows])
     return out
 
 

@@ -7,22 +7,15 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from scipy.ndimage import uniform_filter1d
 from scipy.signal import butter, coherence, csd, sosfiltfilt, welch
 
 from bayescal.logs import Log, Motion
 from bayescal.motion.dynamics import regressor
+from bayescal.preparing.joint_delays import torque_delays
+from bayescal.preparing.joint_signals import Uniform, speeds, uniform
 
-STEP = 4e-3
-"""s, of signals that are compared: far below the periods of `WIDE`."""
-SMOOTH = 0.1
-"""s, over which speeds are averaged."""
-BAND = (0.3, 8.0)
-"""Hz, in which torques and accelerations are compared: below, other torques; above, noise (assumed)."""
 WIDE = (0.3, 20.0)
 """Hz, in which velocities, positions and commands are compared."""
-REVERSAL = 0.03
-"""rad/s: scale of the reversal of friction among the drivers of a torque (assumed)."""
 EDGE = 30
 """Rows at either end that filters disturb."""
 STEPS = 4
@@ -41,59 +34,6 @@ OUT = 0.02
 """Of the range of a signal: a smaller deviation is noise, or a fast motion (assumed)."""
 CLIPPED = (5, 0.001)
 """Rows, and fraction of them, at the largest value of a torque that is limited."""
-
-
-def speeds(time: np.ndarray, position: np.ndarray) -> np.ndarray:
-    """Velocities (N, n), rad/s, from positions (N, n) and stamps (N,), averaged over `SMOOTH`."""
-    wide = max(round(float(SMOOTH / np.median(np.diff(time)))), 1)
-    return np.asarray(uniform_filter1d(np.gradient(position, time, axis=0), wide, axis=0, mode="nearest"))
-
-
-@dataclass(frozen=True)
-class Uniform:
-    """A motion at equal steps, its median one: arrays (N, n), None where not measured."""
-
-    step: float
-    position: np.ndarray
-    velocity: np.ndarray
-    measured: np.ndarray | None
-    torque: np.ndarray | None
-    command: np.ndarray | None
-
-
-def uniform(motion: Motion) -> Uniform:
-    """A motion at equal steps; `velocity` is that of the positions where none is measured.
-
-    Of a faster log, means of as many rows as make `STEP`: the same for all signals, so that delays are kept.
-    """
-    raw = float(np.median(np.diff(motion.time)))
-    grid = np.arange(motion.time[0], motion.time[-1] + raw / 2, raw)
-    every = max(round(STEP / raw), 1)
-
-    def at(values: np.ndarray | None) -> np.ndarray | None:
-        if values is None:
-            return None
-        even = np.column_stack([np.interp(grid, motion.time, column) for column in values.T])
-        return even if every == 1 else np.asarray(uniform_filter1d(even, every, axis=0)[::every])
-
-    position = at(motion.position)
-    assert position is not None
-    step, measured = raw * every, at(motion.velocity)
-    velocity = np.gradient(position, step, axis=0) if measured is None else measured
-    return Uniform(step, position, velocity, measured, at(motion.torque), at(motion.command))
-
-
-def torque_drivers(of: Uniform, joint: int) -> np.ndarray:
-    """Columns (N, k) in which the torque of a joint is about linear, without masses of the arm.
-
-    Accelerations and products of velocities of all joints, friction, sines and cosines of angles and of their
-    sums from the second joint on, in which gravity acts.
-    """
-    v, q = of.velocity, of.position
-    sums = np.cumsum(q[:, 1:], axis=1)
-    angles = [f(each) for each in (q, sums) for f in (np.cos, np.sin)]
-    friction = [np.tanh(v[:, [joint]] / REVERSAL), v[:, [joint]]]
-    return np.column_stack([np.gradient(v, of.step, axis=0), *friction, v[:, [joint]] * v, *angles])
 
 
 def delay(columns: np.ndarray, signal: np.ndarray, step: float, band: tuple[float, float]) -> float:
@@ -236,10 +176,6 @@ POSES = 1000
 GAP, JITTER = 3.0, 0.05
 """Times the median step; relative standard deviation of steps."""
 
-SYSTEMATIC = 0.6e-3
-"""s: u of the delay of a torque for what its drivers lack. With it, deviations of joints are one u (RMS) in
-eight simulated logs of another author whose delays are known."""
-
 
 @dataclass(frozen=True)
 class Joint:
@@ -253,8 +189,8 @@ class Joint:
     slow: float  # s at `SLOW` speeds
     gravity: tuple[float, float]  # N m, mean and standard deviation over the poses
     torque_gain: float  # measured torque over that of the nominal masses; nan if gravity changes little
-    torque_delays: np.ndarray  # (M,), of torque behind what accelerations and friction predict, by motion
-    torque_delay: tuple[float, float]  # of all motions
+    torque_delay: tuple[float, float]  # of torque behind what positions predict
+    torque_delays: np.ndarray  # (3, P), time, delay and weight of pieces of the motions, see `Delays`
     velocity_delay: tuple[float, float]  # of velocity behind the derivative of position
     velocity_cutoff: float  # Hz; inf if unfiltered as far as can be seen
     velocity_gain: float
@@ -287,7 +223,7 @@ def joints_of(log: Log) -> tuple[Joint, ...]:
     gains = _torque_gains(log, even, change > MOST * change.max())
     torques = [m.torque for m in log.motions if m.torque is not None]
     raw = float(np.median(np.concatenate([np.diff(m.time) for m in log.motions])))
-    nothing = (np.nan, np.nan)
+    nothing, delays = (np.nan, np.nan), torque_delays(log, even)
     out = []
     for j, name in enumerate(log.mechanism.joint_names):
         speed = np.abs(np.concatenate([v[:, j] for v in velocity]))
@@ -299,13 +235,6 @@ def joints_of(log: Log) -> tuple[Joint, ...]:
         moves = bool((speed > SLOW[0]).any())
         transfer = [pair for p in pairs if moves and np.isfinite((pair := cutoff(*p))[0])]
         low, high = (float(x) for x in np.median(transfer, axis=0)) if transfer else nothing
-        late = [
-            delay(torque_drivers(e, j), e.torque[:, j], e.step, BAND)
-            if moves and e.torque is not None
-            else np.nan
-            for e in even
-        ]
-        value, u = middle(late)
         errors = [c - p for c, p, _ in commands]
         out.append(
             Joint(
@@ -317,8 +246,8 @@ def joints_of(log: Log) -> tuple[Joint, ...]:
                 slow=float(np.concatenate(steps)[slow].sum()),
                 gravity=(float(gravity[:, j].mean()), float(gravity[:, j].std())),
                 torque_gain=float(gains[j]),
-                torque_delays=np.array(late),
-                torque_delay=(value, float(np.hypot(u, SYSTEMATIC))),
+                torque_delay=(delays[j].value, delays[j].u),
+                torque_delays=delays[j].pieces,
                 velocity_delay=_delay(pairs, high) if moves else nothing,
                 velocity_cutoff=high,
                 velocity_gain=low,

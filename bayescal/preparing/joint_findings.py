@@ -16,6 +16,7 @@ from bayescal.logs import Log, Motion
 from bayescal.motion.servo import is_servo
 from bayescal.preparing import joint_facts
 from bayescal.preparing.joint_facts import LOADS, SLOW, Joint, Stamps
+from bayescal.preparing.joint_signals import speeds
 from bayescal.preparing.missing import Finding
 from bayescal.robots.servos import STEP, STEPS, of_joints, read_calibration, zero_shift
 
@@ -45,19 +46,21 @@ LAGS = (2.0, 3.0)
 
 
 def clock_drift(log: Log, joints: Sequence[Joint]) -> tuple[float, float]:
-    """Change of the delay of torques with time, s/s, and its u; nan with fewer than four motions.
+    """Change of the delay of torques with time, s/s, and its u; nan with fewer than four pieces of motions.
 
-    By least squares on the medians over the joints of each motion, without the delay of each joint.
+    By least squares on the delays of all joints, each less its mean.
     """
-    late = np.array([j.torque_delays for j in joints if np.isfinite(j.torque_delays).all()])
-    if len(late) == 0 or late.shape[1] < 4:
+    late = [j.torque_delays for j in joints if j.torque_delays.shape[1] >= 4 and j.torque_delays[2].any()]
+    if not late:
         return np.nan, np.nan
-    values = np.median(late - np.median(late, axis=1, keepdims=True), axis=0)
-    time = np.array([m.time.mean() for m in log.motions])
-    time -= time.mean()
-    slope = float(time @ values / (time @ time))
-    rest = values - values.mean() - slope * time
-    return slope, float(np.sqrt(rest @ rest / (len(time) - 2) / (time @ time)))
+    time, weight = late[0][0], np.sum([w for _, _, w in late], axis=0)
+    values = np.sum([w * (v - w @ v / w.sum()) for _, v, w in late], axis=0) / np.maximum(weight, 1e-300)
+    time = time - weight @ time / weight.sum()
+    known = weight @ time**2
+    slope = float(weight * time @ values / known)
+    rest = values - weight @ values / weight.sum() - slope * time
+    free = max(int(np.count_nonzero(weight)) - 2, 1)
+    return slope, float(np.sqrt(weight @ rest**2 / free / known))
 
 
 def gravity_loaded(joints: Sequence[Joint]) -> list[Joint]:
@@ -119,19 +122,22 @@ def _clocks(log: Log, joints: Sequence[Joint], table: str) -> Iterator[Finding]:
     known = [(k, *j.torque_delay) for k, j in enumerate(joints) if np.isfinite(j.torque_delay).all()]
     if known:
         _, values, u = (np.array(column) for column in zip(*known, strict=True))
-        mean = float(np.sum(values / u**2) / np.sum(1 / u**2))
         u_mean = float(u.min())  # what is missing in the drivers is alike for all joints
-        off = mean - log.alignment
-        if abs(off) > max(CERTAIN * float(np.hypot(u_mean, log.u_alignment)), SHORTEST):
-            order = "later" if mean > 0 else "earlier"
-            what = f"torques are {1e3 * abs(mean):.2f} ms (u {1e3 * u_mean:.2f}) {order} than positions; "
+        order = np.argsort(values)
+        half = np.searchsorted(np.cumsum(u[order] ** -2.0), 0.5 * np.sum(u**-2.0))
+        off = np.abs(values - values[order][half])  # from the weighted median: one joint may differ
+        away = off > np.maximum(CERTAIN * np.hypot(u, u_mean), SHORTEST)
+        mean = float(np.sum((values / u**2)[~away]) / np.sum(u[~away] ** -2))
+        beyond = abs(mean - log.alignment)
+        if beyond > max(CERTAIN * float(np.hypot(u_mean, log.u_alignment)), SHORTEST):
+            way = "later" if mean > 0 else "earlier"
+            what = f"torques are {1e3 * abs(mean):.2f} ms (u {1e3 * u_mean:.2f}) {way} than positions; "
             what += f"stated is {1e3 * log.alignment:.4g} ms (u {1e3 * log.u_alignment:.2g})"
             remedy = f"two clocks? state `alignment_ms: {1e3 * mean:.2f}`; else `delay` is assessed"
             yield Finding("delay", "odd", what, table, remedy)
-        apart = [k for k, v, s in known if abs(v - mean) > max(CERTAIN * np.hypot(s, u_mean), SHORTEST)]
-        if apart:
-            each = ", ".join(f"{joints[k].name} {1e3 * joints[k].torque_delay[0]:.2g} ms" for k in apart)
-            what = f"the delay of torque differs by joint: {each}, all {1e3 * mean:.2g} ms"
+        if away.any():
+            late = [f"{joints[known[k][0]].name} {1e3 * values[k]:.2g} ms" for k in np.flatnonzero(away)]
+            what = f"the delay of torque differs by joint: {', '.join(late)}; the others {1e3 * mean:.2g} ms"
             yield Finding("joint_delay", "odd", what, table, "one alignment does not hold for all joints")
     slope, u_slope = clock_drift(log, joints)
     span = np.ptp([m.time.mean() for m in log.motions])
@@ -139,9 +145,9 @@ def _clocks(log: Log, joints: Sequence[Joint], table: str) -> Iterator[Finding]:
         what = f"the delay of torques changes by {1e6 * slope:.2g} µs/s (u {1e6 * u_slope:.1g}), "
         what += f"{1e3 * slope * span:.2g} ms over the log: two clocks of different rates"
         yield Finding("clock_drift", "odd", what, table, "take torque and position from one message or clock")
-    late = [j for j in joints if abs(j.velocity_delay[0]) > max(CERTAIN * j.velocity_delay[1], SHORTEST)]
-    if late:
-        each = ", ".join(f"{j.name} {1e3 * j.velocity_delay[0]:.3g} ms" for j in late)
+    lag = [j for j in joints if abs(j.velocity_delay[0]) > max(CERTAIN * j.velocity_delay[1], SHORTEST)]
+    if lag:
+        each = ", ".join(f"{j.name} {1e3 * j.velocity_delay[0]:.3g} ms" for j in lag)
         what = f"velocities are later than the derivative of positions: {each}"
         remedy = "they are filtered, or of another clock: see the table"
         yield Finding("velocity_delay", "odd", what, table, remedy)
@@ -318,8 +324,8 @@ def _sag(log: Log, joints: Sequence[Joint], table: str) -> Iterator[Finding]:
     seconds, off = np.zeros(log.n), [np.empty(0)] * log.n
     for m in log.motions:
         assert m.command is not None
-        still = np.abs(joint_facts.speeds(m.time, m.position)) <= SLOW[0]
-        still &= np.abs(joint_facts.speeds(m.time, m.command)) <= SLOW[0]
+        still = np.abs(speeds(m.time, m.position)) <= SLOW[0]
+        still &= np.abs(speeds(m.time, m.command)) <= SLOW[0]
         seconds += (still * np.gradient(m.time)[:, None]).sum(axis=0)
         away = m.position - m.command
         off = [np.concatenate([old, away[still[:, j], j]]) for j, old in enumerate(off)]

@@ -101,7 +101,7 @@ def joint_sheet(record: Json) -> Sheet:
             Column("torque filtered / Hz", "torque_filtered_above_Hz", "{:.2g}".format),
         ),
         record["joints"],
-        "late: torque behind acceleration and friction, velocity behind the derivative of position, position "
+        "late: torque behind what positions predict, velocity behind the derivative of position, position "
         "behind command; in brackets u of the last digits",
     )
 

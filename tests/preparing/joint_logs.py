@@ -34,6 +34,24 @@ def sines(seed: int, time: np.ndarray, amplitude: float = 0.8) -> np.ndarray:
     return amplitude * window * out
 
 
+def planar(q: np.ndarray, v: np.ndarray, a: np.ndarray, weight: float) -> tuple[np.ndarray, np.ndarray]:
+    """Torques of two links of 0.4 m in a vertical plane; `weight`, N m, is of the second by its lever."""
+    coupled = 0.4 * weight / GRAVITY
+    cosine, sine = np.cos(q[:, 1]), np.sin(q[:, 1])
+    pull = weight * np.cos(q.sum(axis=1))
+    second = coupled * (cosine * a[:, 0] + sine * v[:, 0] ** 2) + pull
+    first = cosine * (2 * a[:, 0] + a[:, 1]) - sine * (2 * v[:, 0] * v[:, 1] + v[:, 1] ** 2)
+    return coupled * first + pull + 20.0 * np.cos(q[:, 0]), second
+
+
+def presliding(q: np.ndarray, bristles: float) -> np.ndarray:
+    """Friction over its largest, by Dahl: it approaches the direction of motion over a way."""
+    out = np.zeros_like(q)
+    for k, step in enumerate(np.diff(q, axis=0), 1):
+        out[k] = np.sign(step) + (out[k - 1] - np.sign(step)) * np.exp(-np.abs(step) / bristles)
+    return out
+
+
 @dataclass
 class Made:
     """Rows by column, in the units of motion.csv, and the settings: what a test changes."""
@@ -55,8 +73,12 @@ def made(
     motions: int = 7,
     trajectory: Callable[[int, np.ndarray], np.ndarray] = sines,
     stamps: Callable[[np.ndarray], np.ndarray] = lambda time: time,
+    bristles: float = 0.0,
 ) -> Made:
-    """A log: `delay` of each torque, `lag` of positions behind commands, s; `velocity` from the true one."""
+    """A log: `delay` of each torque, `lag` of positions behind commands, s; `velocity` from the true one.
+
+    `bristles`, rad, is the way over which friction reverses (Dahl); at 0 it is a function of speed.
+    """
     rng = np.random.default_rng(3)
     parts = []
     for k in range(motions):
@@ -67,14 +89,15 @@ def made(
             q = trajectory(seed, fine)
             v = np.gradient(q, 1e-3, axis=0)
             a = np.gradient(v, 1e-3, axis=0)
-            return tuple(np.column_stack([np.interp(t, fine, c) for c in x.T]) for x in (q, v, a))
+            way = presliding(q, bristles) if bristles else np.tanh(v / 0.03)
+            return tuple(np.column_stack([np.interp(t, fine, c) for c in x.T]) for x in (q, v, a, way))
 
-        q, v, _ = at(time)
+        q, v, *_ = at(time)
         tau = []
         for j in range(2):
-            dq, dv, da = at(time - delay[j])
-            arm = (20.0 * np.cos(dq[:, 0]), 0)[j] + 3.0 * np.cos(dq.sum(axis=1)) * (1 + LOADS[k])
-            tau.append((2.0, 0.6)[j] * da[:, j] + arm + 2.0 * np.tanh(dv[:, j] / 0.03) + 1.5 * dv[:, j])
+            dq, dv, da, way = at(time - delay[j])
+            arm = planar(dq, dv, da, 3.0 * (1 + LOADS[k]))[j]
+            tau.append((2.0, 0.6)[j] * da[:, j] + arm + 2.0 * way[:, j] + 1.5 * dv[:, j])
         tau = np.column_stack(tau) + 0.05 * rng.standard_normal(q.shape)
         command = at(time + lag)[0]
         seen = v if velocity is None else velocity(time, v)

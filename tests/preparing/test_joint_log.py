@@ -17,6 +17,7 @@ from bayescal.errors import BayescalError
 from bayescal.logs import read_log
 from bayescal.motion.effects import EFFECTS
 from bayescal.preparing import joint_facts, joint_findings
+from bayescal.preparing.joint_delays import mean as weighted_mean
 from bayescal.preparing.joint_facts import gravity_torques
 
 
@@ -73,9 +74,32 @@ def test_a_delay_of_torque_is_found_and_stated(tmp_path, delay):
     assert "delay" not in codes(checked(stated))
 
 
-def test_delays_that_differ_by_joint(tmp_path):
+@pytest.mark.parametrize("delay", [0.0, 0.01])
+def test_friction_that_reverses_over_a_way_is_no_delay(tmp_path, delay):
+    """From all rows torques seem 10 ms later: friction follows a reversal over a way."""
+    check = checked(written(made(delay=(delay, delay), bristles=5e-3), tmp_path / "log"))
+    assert codes(check) == ["delay"] * bool(delay)
+    for joint in check.joints:
+        assert joint.torque_delay[0] == pytest.approx(delay, abs=2.5 * joint.torque_delay[1])
+        assert joint.torque_delay[1] < 1e-3
+
+
+def test_a_joint_of_another_delay_is_named_and_the_others_are_not(tmp_path):
     finding = of(checked(written(made(delay=(0.0, 0.015)), tmp_path / "log")), "joint_delay")
-    assert "differs by joint" in finding.what
+    assert "differs by joint: J" in finding.what
+    log = SimpleNamespace(alignment=0.0, u_alignment=3e-4, motions=[SimpleNamespace(time=np.zeros(2))])
+    joints = [
+        SimpleNamespace(
+            name=f"J{k}",
+            torque_delay=(delay, 5e-4),
+            velocity_delay=(0.0, 1.0),
+            torque_delays=np.empty((3, 0)),
+        )
+        for k, delay in enumerate([8e-3, 1e-4, -1e-4, 0.0], 1)
+    ]
+    found = list(joint_findings._clocks(log, joints, "motions.csv"))
+    assert [f.code for f in found] == ["joint_delay"]
+    assert found[0].what == "the delay of torque differs by joint: J1 8 ms; the others 0 ms"
 
 
 def test_two_clocks_of_different_rates(tmp_path):
@@ -133,7 +157,7 @@ def test_torques_in_another_unit_of_another_sign_or_before_the_gear(tmp_path, fa
     log = made()
     log.columns["torque1_Nm"] *= factor
     check = checked(written(log, tmp_path / "log"))
-    assert 0.5 < check.joints[0].torque_gain / factor < 2.0  # the rotors are no part of the masses
+    assert 0.5 < check.joints[0].torque_gain / factor < 3.0  # the rotors are no part of the masses
     assert f"J1 {check.joints[0].torque_gain:.3g} (1 expected)" in of(check, "torque_scale").what
 
 
@@ -329,6 +353,15 @@ def test_the_u_of_a_median_is_its_scatter(count):
     found = np.array([joint_facts.middle(rng.normal(3.0, 0.2, count)) for _ in range(300)])
     pulls = (found[:, 0] - 3.0) / found[:, 1]
     assert np.sqrt(np.median(pulls**2)) / 0.6745 == pytest.approx(1.0, abs=0.3)
+
+
+@pytest.mark.parametrize("count", [8, 60])
+def test_the_u_of_a_weighted_mean_is_its_scatter(count):
+    rng = np.random.default_rng(count)
+    weight = rng.uniform(0.5, 2.0, count)
+    found = np.array([weighted_mean(3.0 + rng.normal(0, weight**-0.5), weight) for _ in range(300)])
+    pulls = (found[:, 0] - 3.0) / found[:, 1]
+    assert np.sqrt(np.mean(pulls**2)) == pytest.approx(1.0, abs=0.12)
 
 
 @pytest.mark.parametrize("loose", [1e-4, 2e-2])
