@@ -228,9 +228,7 @@ def _delay(s: Signals, at: Operating, scale: Scale) -> Iterator[FormColumn]:
     later = -derivative(at.measured(s), s.step)
     form = Form("delay", LOG, "rate of torque")
     yield form, form.term("s", FORMS.delay), later
-    form = Form("delay", LOG, "rate of torque", "one per joint")
-    for j in range(s.log.n):
-        yield form, form.term("s", FORMS.delay, j, joint(j)), later[:, j]
+    yield from _of_joints("delay", ("rate of torque", "", "s", FORMS.delay, later))
 
 
 def _base_tilt(s: Signals, at: Operating, scale: Scale) -> Iterator[FormColumn]:
@@ -323,7 +321,7 @@ EFFECTS: dict[str, Effect] = {
             "Warm up before a log.",
         ),
         Effect(
-            "delay", _delay, "delay of the torque", "Shift the stamps by it.",
+            "delay", _delay, "delay of the torque", "Shift the times of the torque by it; of all joints alike, state `alignment_ms`.",
             of_servo="a delay of the commands is alike to viscous friction: both are in the lag of the servo",
         ),
         Effect("base-tilt", _base_tilt, "tilt of the base", "Level the base, or state its tilt."),

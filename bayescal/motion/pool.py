@@ -17,7 +17,7 @@ from bayescal.motion.noise import Noise
 from bayescal.motion.products import Bank
 from bayescal.motion.search import Search
 from bayescal.motion.settings import CELLS, SEARCH
-from bayescal.motion.signals import Signals, each
+from bayescal.motion.signals import Signals, each, low_passed
 from bayescal.motion.terms import Column, Operating, Term, by_channel
 
 
@@ -82,16 +82,21 @@ class Pool:
     def unfiltered(
         self, values: Mapping[str, float], role: str = VALIDATE
     ) -> Iterator[tuple[Signals, np.ndarray]]:
-        """Motions of a role, with what values of terms leave of their torques (N, n), N m."""
+        """Motions of a role, with what values of terms leave of their torques (N, n), N m.
+
+        A delay shifts the torque, and not its noise: by low-passed torques.
+        """
         beside = {name: values[name] for name in chain.from_iterable(self.extra.values()) if name in values}
         parts = self.table.of_role(role).parts
         for part, s in zip(parts, each([p.signals for p in parts]), strict=True):
-            left = self.estimate.residual(s)
-            for term, column in self._chosen(s, values.keys()):
+            smooth, at = s.changed(torque=low_passed(s.torque, s.step, s.band)), self.estimate.at
+            left = self.estimate.residual(smooth)
+            for term, column in self._chosen(smooth, values.keys()):
                 if value := values.get(term.name, 0.0):
                     for j, part_of_term in by_channel(term, column):
                         left[:, j] -= value * part_of_term
-            left = s.unfiltered(left[:, : s.log.n]).copy()  # without the other channels
+            # without the other channels
+            left = s.unfiltered(left[:, : s.log.n] + at.measured(s) - at.measured(smooth))
             if beside:
                 explained = part.residual - Table(self.table.terms, (part,)).residuals(beside)[0]
                 rows, all_rows = s.kept(s.time), s.unfiltered(s.time)

@@ -64,7 +64,7 @@ class Signals:
         return np.asarray(self.kept(long) > SIGNALS.resting)
 
     def changed(self, **values: Any) -> Signals:
-        """The same with another log of one mechanism, or other rows that stiction holds."""
+        """The same with another log of one mechanism, other torques, or other rows that stiction holds."""
         out = replace(self, **values)
         out.__dict__.update({k: v for k, v in self.__dict__.items() if k in ("rigid", "tilted")})
         return out

@@ -113,7 +113,7 @@ LOADS = (0, 0, 0, 0, 0.8, 0.8, 0, 0.8)
 def write(folder, extra=None, loads=LOADS, seed=0, late=0.0):
     """A log of eight motions, the first twice; `extra(q, dq, ddq, tau, t, load)` is added to the torque.
 
-    Torques are those of `late` s before.
+    Torques are those of `late` s before, of all joints or of each.
     """
     folder.mkdir(parents=True, exist_ok=True)
     rng = np.random.default_rng(1000 + seed)
@@ -135,7 +135,9 @@ def write(folder, extra=None, loads=LOADS, seed=0, late=0.0):
     for k, load in enumerate(loads):
         of = 100 * seed + (0 if k < 2 else k)
         t, q, dq, ddq = path(of)
-        tau = truth(*path(of, late)[1:], load)
+        tau = truth(q, dq, ddq, load)
+        for j in np.flatnonzero(np.broadcast_to(late, 3)):
+            tau[:, j] = truth(*path(of, np.broadcast_to(late, 3)[j])[1:], load)[:, j]
         if extra is not None:
             tau = tau + extra(q, dq, ddq, tau, t + clock, load)
         noise = lfilter([1.0], [1.0, -0.6], rng.standard_normal((len(t), 3)) * 0.8, axis=0) * SIGMA

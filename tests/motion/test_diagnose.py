@@ -75,6 +75,25 @@ def test_the_alignment_that_check_advises_makes_a_late_log_a_null_log(tmp_path):
     assert gap.amplitudes.iloc[0].value == pytest.approx(0.02, abs=1e-3)
 
 
+@pytest.mark.parametrize("stated", [0.0, -8.0])
+def test_a_delay_of_one_joint_is_at_that_joint(tmp_path, stated):
+    """Where the stated clock is wrong too, each joint has its own; what remains is no larger than before."""
+    folder = write(tmp_path / "late", late=(0.0, 0.008, 0.0))
+    file = folder / "dataset.yaml"
+    file.write_text(file.read_text() + f"clock: {{alignment_ms: {stated}}}\n")
+    gap = bc.diagnose(folder, without=[])
+    assert gap.effects == ("delay",)
+    a = gap.amplitudes.iloc[0]
+    if stated:
+        assert a.site == "log"
+        sizes = [p["value"] for p in gap.record["amplitudes"][0]["components"].values()]
+        assert sizes == pytest.approx([0.008, 0.016, 0.008], abs=1e-3)
+        assert "joint 2 1" in gap.record["words"][0]
+    else:
+        assert (a.site, a.value) == ("joint 2", pytest.approx(0.008, abs=1e-3))
+    assert (gap.shrinkage.after_rms_Nm < 1.02 * gap.shrinkage.before_rms_Nm).all()
+
+
 @pytest.mark.parametrize(
     ("log", "effect", "site", "size"), [("delay", "delay", "log", 0.006), ("payload", "payload", "tool", 0.2)]
 )
