@@ -119,17 +119,24 @@ def _place(pool: Pool, without: Fit, fit: Fit, form: Form, nats: float, explaine
 def amplitudes(search: Search, pool: Pool, v: Verdict) -> tuple[Amplitude, ...]:
     """Amplitudes of the named effects, and whether they matter on withheld motions."""
     fit, out = search.fit(v.named.members), []
-    after = rms(moving(pool, fit))
+    after = _withheld(pool, fit)
     for m in v.named.members:
         names = search.terms[m.form]
         units = {search.normal.terms[search.normal.index[name]].unit for name in names}
         parts = {_part(m.form, n): (fit.values[n], fit.u[n]) for n in names}
         value, u = parts.popitem()[1] if len(parts) == 1 else _length(fit, names)
         without = search.fit([o for o in v.named.members if o is not m])
-        removed = float(np.max(1.0 - after / rms(moving(pool, without))))
+        before = _withheld(pool, without)
+        removed = float(np.max(1.0 - after / np.where(before > 0.0, before, np.inf)))
         unit = units.pop() if len(units) == 1 else ""
         out.append(Amplitude(m.form, value, u, unit, parts, removed >= OUTCOME.relevant, removed))
     return tuple(out)
+
+
+def _withheld(pool: Pool, fit: Fit) -> np.ndarray:
+    """RMS (C,) of what a fit leaves of validation motions, by channel: an effect matters where it shows."""
+    n, beside = pool.estimate.parts[0].log.n, pool.table.of_role(VALIDATE).residuals(fit.values)
+    return np.concatenate([rms(moving(pool, fit)), rms(left[:, n:] for left in beside)])
 
 
 def _part(form: Form, term: str) -> str:

@@ -321,7 +321,8 @@ EFFECTS: dict[str, Effect] = {
             "Warm up before a log.",
         ),
         Effect(
-            "delay", _delay, "delay of the torque", "Shift the times of the torque by it; of all joints alike, state `alignment_ms`.",
+            "delay", _delay, "delay of the torque",
+            "Shift the times of the torque by it; of all joints alike, state `alignment_ms`.",
             of_servo="a delay of the commands is alike to viscous friction: both are in the lag of the servo",
         ),
         Effect("base-tilt", _base_tilt, "tilt of the base", "Level the base, or state its tilt."),

@@ -5,6 +5,7 @@ import re
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
 from motion.made import RATE, read_commands, write
 
@@ -92,6 +93,21 @@ def test_a_delay_of_one_joint_is_at_that_joint(tmp_path, stated):
     else:
         assert (a.site, a.value) == ("joint 2", pytest.approx(0.008, abs=1e-3))
     assert (gap.shrinkage.after_rms_Nm < 1.02 * gap.shrinkage.before_rms_Nm).all()
+
+
+def test_backlash_is_relevant_where_link_encoders_show_it(tmp_path):
+    """It changes no torque."""
+    folder = write(tmp_path / "loose")
+    rows = pd.read_csv(folder / "motion.csv.gz")
+    rng = np.random.default_rng(0)
+    for j in (1, 2, 3):
+        rows[f"link{j}_deg"] = rows[f"q{j}_deg"] + 3e-3 * rng.standard_normal(len(rows))
+    rows["link2_deg"] -= 0.08 * np.tanh(np.gradient(rows["q2_deg"]) * RATE / 2.0)
+    rows.to_csv(folder / "motion.csv.gz", index=False)
+    gap = bc.diagnose(folder, without=[])
+    assert (gap.effects, gap.amplitudes.site[0]) == (("backlash",), "joint 2")
+    assert gap.amplitudes.relevant.all()
+    assert "not relevant" not in " ".join(gap.record["words"])
 
 
 @pytest.mark.parametrize(
