@@ -118,17 +118,20 @@ def calibrated(
     names = fit.names
     stated = nominal_values(start)
     base = np.array([stated.get(name, 0.0) for name in names])
+    possible = Possible.of(fit, start, log)
     progress("sample", 0.3)
     count = max(samples, CALIBRATION.fewest) // CALIBRATION.chains
-    z = draws_within(fit, Possible.of(fit, start, log), count, seed)
-    values = base + z * fit.sd
+    z = draws_within(fit, possible, count, seed)
+    if (r_hat := spread(z)) > CALIBRATION.r_hat:
+        z = draws_within(fit, possible, count, seed, CALIBRATION.further * CALIBRATION.steps)
+        r_hat = spread(z)
+    deviations = dict(zip(names, (z.mean(axis=(0, 1)) * fit.sd).tolist(), strict=True))
+    values, base, units, sd = _speeds(base + z * fit.sd, base, fit, start)
     flat = values.reshape(-1, len(names))
-    mean = flat.mean(axis=0)
     low, high = np.quantile(flat, (0.025, 0.975), axis=0)
-    rows = zip(fit.normal.terms, base, mean, flat.std(axis=0), low, high, strict=True)
-    shown = tuple(Parameter(t.name, t.unit, b, m, u, (lo, hi), t.sd) for t, b, m, u, lo, hi in rows)
+    rows = zip(names, units, base, flat.mean(axis=0), flat.std(axis=0), low, high, sd, strict=True)
+    shown = tuple(Parameter(n, unit, b, m, u, (lo, hi), s) for n, unit, b, m, u, lo, hi, s in rows)
     progress("withheld", 0.8)
-    deviations = dict(zip(names, (mean - base).tolist(), strict=True))
     at = moved_to(start, estimate.parts[0], deviations)
     return MotionFit(
         log=log,
@@ -142,8 +145,33 @@ def calibrated(
         shift=float(at.shift[0]),
         lag1=estimate.noise.lag1[: log.n],
         seed=seed,
-        r_hat=spread(values),
+        r_hat=r_hat,
     )
+
+
+def _speeds(
+    values: np.ndarray, base: np.ndarray, fit: Fit, start: Operating
+) -> tuple[np.ndarray, np.ndarray, list[str], np.ndarray]:
+    """Draws (chains, S, K), nominal values (K,), units and prior sds (K,) with transitions as speeds, rad/s.
+
+    The fit has the logarithms of their ratios to the nominal ones: of all joints, and of each beside.
+    """
+    values, base, sd, names = values.copy(), base.copy(), fit.sd.copy(), fit.names
+    units = [t.unit for t in fit.normal.terms]
+    every = names.index("transition") if "transition" in names else None
+    common = 0.0 if every is None else values[..., every].copy()
+    for k, name in enumerate(names):
+        stem, _, joint = name.partition(" ")
+        if stem == "transition":
+            nominal_speed = float(start.transition[int(joint or 1) - 1])
+            beside = values[..., k] if joint else 0.0
+            sd[k] = nominal_speed * np.hypot(fit.sd[k], fit.sd[every] if joint and every is not None else 0.0)
+            values[..., k], base[k], units[k] = (
+                nominal_speed * np.exp(common + beside),
+                nominal_speed,
+                "rad/s",
+            )
+    return values, base, units, sd
 
 
 def nominal_values(start: Operating) -> dict[str, float]:

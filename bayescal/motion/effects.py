@@ -99,6 +99,7 @@ class Effect:
     needs: Callable[[Log], str] = field(default=lambda log: "")  # why it is not assessed; "" where it is
     positive: bool = False
     of_servo: str = ""  # why it is not assessed by the errors of servos alone
+    at_speed: bool = False  # whether the torque of one unit is `at_speed`
 
     def lacks(self, log: Log) -> str:
         """Why it is not assessed in a log; "" where it is."""
@@ -160,11 +161,20 @@ def _load_friction(s: Signals, at: Operating, scale: Scale) -> Iterator[FormColu
     return _of_joints("load-friction", plain, square)
 
 
+SATURATES = "that saturates"
+"""Setting of a form that grows less and less with speed."""
+
+
+def at_speed(setting: str, speed: np.ndarray) -> np.ndarray:
+    """Torque per unit of a form of viscous friction, at speeds of any shape, rad/s."""
+    fast = np.abs(speed)
+    return fast / (1.0 + fast / FORMS.saturation) if setting.startswith(SATURATES) else fast
+
+
 def _asymmetric(s: Signals, at: Operating, scale: Scale) -> Iterator[FormColumn]:
-    sd, fast = FORMS.asymmetric * np.maximum(at.viscous, 0.5 * scale.friction), np.abs(s.dq)
-    plain = ("abs speed", "", "N m s/rad", sd, fast)
-    saturating = ("abs speed", "that saturates", "N m s/rad", sd, fast / (1.0 + fast / FORMS.saturation))
-    return _of_joints("asymmetric-friction", plain, saturating)
+    sd = FORMS.asymmetric * np.maximum(at.viscous, 0.5 * scale.friction)
+    of = [("abs speed", x, "N m s/rad", sd, at_speed(x, s.dq)) for x in ("", SATURATES)]
+    return _of_joints("asymmetric-friction", *of)
 
 
 def _ripple(s: Signals, at: Operating, scale: Scale) -> Iterator[FormColumn]:
@@ -306,7 +316,10 @@ EFFECTS: dict[str, Effect] = {
         Effect("armature", _armature, "error of the rotor's inertia", "Use what was found.", positive=True),
         Effect("stribeck", _stribeck, "friction that rises at low speed", SIMULATE, positive=True),
         Effect("load-friction", _load_friction, "friction that grows with load", SIMULATE, positive=True),
-        Effect("asymmetric-friction", _asymmetric, "viscous friction that differs by direction", SIMULATE),
+        Effect(
+            "asymmetric-friction", _asymmetric, "viscous friction that differs by direction", SIMULATE,
+            at_speed=True,
+        ),
         Effect("ripple", _ripple, "torque that ripples with the motor angle", INSPECT),
         Effect(
             "torque-constant", _torque_constant, "error of the torque constant",

@@ -19,6 +19,8 @@ class CalibrationSettings:
     """Draws at least: intervals need them (assumed)."""
     steps: int = 200_000
     """Of the sampler in all, without the first of each chain (cost)."""
+    further: int = 8
+    """Times as many steps where chains disagree after the first (cost)."""
     least_thin: int = 10
     """Steps per draw, at least: many draws need more steps (cost)."""
     burned: int = 5_000
@@ -26,7 +28,7 @@ class CalibrationSettings:
     at_once: int = 4_000
     """Steps that are prepared at once (cost: memory)."""
     r_hat: float = 1.1
-    """Of the draws, from which on the fit warns (convention)."""
+    """Of the draws, from which on chains disagree, and the fit warns where they still do (convention)."""
     for_mean: int = 50_000
     """Steps of the sampler where their mean alone is needed (cost)."""
     few: int = 100

@@ -4,6 +4,7 @@ import json
 import shutil
 from dataclasses import replace
 from pathlib import Path
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -16,12 +17,15 @@ from bayescal.logs.mechanism import PAIRS, inertial, with_bodies
 from bayescal.logs.read import written_out
 from bayescal.logs.schema import Arm
 from bayescal.logs.write import arm_text
+from bayescal.motion import calibrate as calibration
 from bayescal.motion.calibrate import calibrate
+from bayescal.motion.fit_settings import CALIBRATION
 from bayescal.motion.linear import Normal, fitted
 from bayescal.motion.possible import NOT_NEGATIVE, Possible, draws_within, pseudo_inertia, spread
 from bayescal.motion.terms import BODY, Term, nominal
 from bayescal.public.motions import MotionFitResult
 from bayescal.reporting.motion.fit import fit_record
+from bayescal.reporting.motion.sheets import size_text
 from bayescal.robots.schema import SIX
 
 
@@ -70,6 +74,31 @@ def test_known_parameters_are_within_their_uncertainty(result):
     assert p.identifiable["inertia xx of link 1"] == "no"
     assert p.u["inertia xx of link 1"] == pytest.approx(p.prior_sd["inertia xx of link 1"], rel=0.15)
     assert 0 < result.record["determined"] < len(p)
+
+
+def test_the_reversal_of_friction_is_a_speed(result):
+    """The logarithm of its ratio to the nominal one may be below -1; a speed is positive."""
+    p, draws = result.parameters, result.data.draws
+    names = list(p.index)
+    for name in ("transition", "transition 1", "transition 2", "transition 3"):
+        assert p.unit[name] == "rad/s"
+        assert np.min(draws[..., names.index(name)]) > 0.0
+        assert p.nominal[name] == pytest.approx(np.deg2rad(1.719))
+        assert p.estimate[name] == pytest.approx(0.03, abs=max(3.5 * p.u[name], 2e-3))
+    joints = [p.estimate[f"transition {j}"] for j in (1, 2, 3)]
+    assert result.data.mechanism.transition == pytest.approx(np.exp(np.mean(np.log(joints))), rel=0.02)
+    assert size_text(0.03, 0.001, "rad/s") == "1.719(57) deg/s"
+
+
+def test_chains_that_disagree_are_sampled_longer_and_then_stated(null_estimate, monkeypatch):
+    monkeypatch.setattr(calibration, "draws_within", spy := Mock(wraps=calibration.draws_within))
+    monkeypatch.setattr(calibration, "spread", Mock(side_effect=[3.0, 1.0]))
+    fit = calibration.calibrated(null_estimate, null_estimate.fit(), 0, 0)
+    longer = CALIBRATION.further * CALIBRATION.steps
+    assert [call.args[4:] for call in spy.call_args_list] == [(), (longer,)]
+    assert not any("chains" in text for text in fit_record(fit)["warnings"])
+    assert any("chains" in text for text in fit_record(replace(fit, r_hat=1.2))["warnings"])
+    assert not any("--samples" in text for text in fit_record(replace(fit, r_hat=1.2))["warnings"])
 
 
 def test_every_draw_could_be_built(result):

@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 
 from bayescal.motion import diagnose as outcome
+from bayescal.motion.effects import SATURATES, Form
 from bayescal.motion.search import Hypothesis
 from bayescal.motion.settings import OUTCOME, SEARCH, VERDICT
 from bayescal.motion.signals import Signals
 from bayescal.motion.verdict import NULL, UNKNOWN, Verdict, _explained, confirmed
+from bayescal.reporting.motion import record
 
 LEFT = {"null": 3.0, "named": 1.0}
 """N m, residuals while the arm moves, of the baseline and with the named effect."""
@@ -100,3 +102,23 @@ def test_a_name_stays_while_withheld_motions_gain_what_it_predicts(nats):
     assert refused.probability == pytest.approx(
         stated | {"backlash": VERDICT.not_admitted, takes: stated[takes] + lost}
     )
+
+
+@pytest.mark.parametrize(("setting", "torque"), [("", 0.4 * 2.0), (SATURATES, 0.4 * 2.0 / 5.0)])
+def test_friction_by_speed_states_its_form_and_its_torque(setting, torque):
+    """At the RMS speed of the joint while it moves, 2 rad/s; it saturates above 0.5 rad/s."""
+    speed = np.tile([2.0, -2.0, 0.0], 20)[:, None]
+    log = SimpleNamespace(of_role=lambda role: [], torque_kind="motor")
+    s = SimpleNamespace(dq=speed, unfiltered=lambda x: x, moves=np.abs(speed) > OUTCOME.moving, log=log)
+    gap = SimpleNamespace(estimate=SimpleNamespace(parts=[s]))
+    form = Form("asymmetric-friction", "joint 1", "abs speed", setting)
+    text = record._at_speed(gap, SimpleNamespace(form=form, value=0.4, u=0.01))
+    assert text.startswith(f" {setting}: " if setting else ": ")
+    assert float(text.partition(": ")[2].partition("(")[0]) == pytest.approx(torque)
+    assert text.endswith(" N m at 2 rad/s")
+    other = SimpleNamespace(form=Form("payload", "tool", "mass"), value=1.0, u=0.1)
+    assert record._at_speed(gap, other) == ""
+
+
+def test_no_share_is_all():
+    assert [record._per_cent(x) for x in (1.0, 0.996, 0.85)] == ["more than 99 %"] * 2 + ["85 %"]

@@ -82,7 +82,7 @@ def _warnings_of(fit: MotionFit) -> list[str]:
         text = f"more than {FAR:.0f} prior standard deviations from nominal, which pulls the estimate"
         out.append(f"{', '.join(far)}: {text}; correct what dataset.yaml and the robot file state, or its u")
     if fit.r_hat > CALIBRATION.r_hat:
-        out.append(f"the sampler did not converge: R-hat {fit.r_hat:.2f}, ask for more --samples")
+        out.append(f"chains of the sampler disagree (R-hat {fit.r_hat:.2f}): u of parameters may be wrong")
     if fit.mechanism.coupled:
         out.append("the joints are coupled, which arm.yaml cannot hold: it is not written")
     return out
@@ -102,7 +102,12 @@ def _facts(record: Json) -> Facts:
     if record["unit"] == "deg":
         yield "commands", f"acted on after {record['torque_shift_ms']:.0f} ms, beside viscous friction", "dim"
     else:
-        yield "torque", f"{record['torque_shift_ms']:.2f} ms later than the positions", "dim"
+        shift = record["torque_shift_ms"]
+        yield (
+            "torque",
+            f"{abs(shift):.2f} ms {'later' if shift >= 0 else 'earlier'} than the positions",
+            "dim",
+        )
     yield from under("warning", record["warnings"], "yellow")
 
 

@@ -13,9 +13,10 @@ from bayescal.exporting.log_arm import ARM_FILE
 from bayescal.logs import Log, Mechanism
 from bayescal.logs.types import SERVO
 from bayescal.logs.write import arm_text
-from bayescal.motion.effects import EFFECTS, Form
+from bayescal.motion.effects import EFFECTS, Form, at_speed
 from bayescal.motion.result import Amplitude, MotionGap, Place
 from bayescal.motion.search import Hypothesis
+from bayescal.motion.signals import root_mean_square, where_moving
 from bayescal.motion.terms import TORQUE
 from bayescal.motion.verdict import OTHER
 from bayescal.reporting.motion.sheets import size_text
@@ -34,6 +35,8 @@ MOST_COPIED = 100_000_000
 """Bytes of a log that is copied into its run folder."""
 
 
+MOST_REMOVED = 0.99
+"""Share of a variance that is stated as a number: no model removes all."""
 SITES = {"tool": "the tool", "base": "the base", "log": "the log"}
 """Sites other than joints in words."""
 
@@ -200,7 +203,8 @@ def words(gap: MotionGap) -> list[str]:
         effect = EFFECTS[m.form.effect]
         p = v.probability[effect.name]
         site, word = site_of(m.form), "Effect found" if p >= SURE else "Probable effect"
-        out.append(f"{word} at {SITES.get(site, site)}: {effect.title}, {size_of(a)} ({_sure(p)}).")
+        what = f"{effect.title}, {size_of(a)}{_at_speed(gap, a)}"
+        out.append(f"{word} at {SITES.get(site, site)}: {what} ({_sure(p)}).")
         if not a.relevant:
             out.append(f"{effect.name} is not relevant: the withheld error changes by < 1 %.")
     if v.kind in ("unknown", "named+unexplained") and gap.where:
@@ -223,11 +227,26 @@ def words(gap: MotionGap) -> list[str]:
     if v.named.members and np.isfinite(gap.shrinkage.removed):
         low, high = gap.shrinkage.removed_interval95
         what = "torque" if unit == UNIT else "servo error"
-        out.append(
-            f"On withheld motions the named effects remove {100 * gap.shrinkage.removed:.0f} % "
-            f"({100 * low:.0f} to {100 * high:.0f} %) of the variance of the {what} above noise."
-        )
+        some = _per_cent(gap.shrinkage.removed)
+        some += "" if _per_cent(low) == some else f" ({100 * low:.0f} to {100 * high:.0f} %)"
+        some += f" of the variance of the {what} above noise"
+        out.append(f"On withheld motions the named effects remove {some}.")
     return out
+
+
+def _at_speed(gap: MotionGap, a: Amplitude) -> str:
+    """Of friction by speed: its form, and its torque at the RMS speed of its joint; "" of others."""
+    if not EFFECTS[a.form.effect].at_speed or not a.form.site.startswith("joint "):
+        return ""
+    j = int(a.form.site.split()[1]) - 1
+    speed = float(root_mean_square(where_moving(s.unfiltered(s.dq), s) for s in gap.estimate.parts)[j])
+    torque = float(at_speed(a.form.setting, np.array(speed)))
+    what = f" {a.form.setting}" if a.form.setting else ""
+    return f"{what}: {size_text(a.value * torque, a.u * torque, 'N m')} at {speed:.2g} rad/s"
+
+
+def _per_cent(x: float) -> str:
+    return "more than 99 %" if x > MOST_REMOVED else f"{100 * x:.0f} %"
 
 
 def _member(name: str) -> str:
