@@ -29,6 +29,9 @@ class CalibrationSettings:
     """Steps that are prepared at once (cost: memory)."""
     r_hat: float = 1.1
     """Of the draws, from which on chains disagree, and the fit warns where they still do (convention)."""
+    worse: float = 1.1
+    """Withheld error over that of the nominal arm, from which on a fit is worse (assumed: of an arm that
+    is nominal it is 1.02 at most)."""
     for_mean: int = 50_000
     """Steps of the sampler where their mean alone is needed (cost)."""
     few: int = 100

@@ -9,6 +9,7 @@ from unittest.mock import Mock
 import numpy as np
 import pytest
 import yaml
+from cases import terminal_text
 
 import bayescal as bc
 from bayescal.errors import BayescalError
@@ -24,7 +25,7 @@ from bayescal.motion.linear import Normal, fitted
 from bayescal.motion.possible import NOT_NEGATIVE, Possible, draws_within, pseudo_inertia, spread
 from bayescal.motion.terms import BODY, Term, nominal
 from bayescal.public.motions import MotionFitResult
-from bayescal.reporting.motion.fit import fit_record
+from bayescal.reporting.motion.fit import fit_record, fit_summary
 from bayescal.reporting.motion.sheets import size_text
 from bayescal.robots.schema import SIX
 
@@ -45,10 +46,27 @@ def test_what_the_record_says_of_the_torque(result):
     fit = result.data
     assert fit.shift != 0.0
     assert result.record["torque_shift_ms"] == pytest.approx(1e3 * fit.shift)
-    assert not any("larger than expected" in text for text in result.record["warnings"])
+    assert result.record["words"] == []
     first, *others = fit.withheld
-    worse = replace(fit, withheld=(replace(first, fitted=1.01 * first.interval95[1]), *others))
-    assert [w for w in fit_record(worse)["warnings"] if w.startswith(f"{first.joint}: the error")]
+    large = replace(first, fitted=1.01 * first.interval95[1])
+    (text,) = fit_record(replace(fit, withheld=(large, *others)))["words"]
+    assert "more error than is expected" in text
+    assert f"({first.joint} {large.fitted:.3g} for {first.expected:.3g} N m)" in text
+
+
+def test_a_fit_that_predicts_worse_than_the_nominal_arm_says_so_first(result):
+    fit = result.data
+    first, *others = fit.withheld
+    record = fit_record(replace(fit, withheld=(replace(first, nominal=0.85 * first.fitted), *others)))
+    (text,) = record["words"]
+    assert text.startswith("the fit does not explain the torque of withheld motions: more error than the nom")
+    assert f"({first.joint} " in text
+    assert record["warnings"][0] == text
+    shown = terminal_text(fit_summary(record)).splitlines()
+    assert shown[1].startswith("The fit does not explain the torque")
+    assert sum("does not explain" in line for line in shown) == 1
+    close = fit_record(replace(fit, withheld=(replace(first, nominal=0.95 * first.fitted), *others)))
+    assert close["words"] == []
 
 
 def test_a_parameter_far_from_its_prior_is_told(result):

@@ -68,16 +68,32 @@ def fit_record(fit: MotionFit) -> dict[str, Any]:
         "torque_shift_ms": 1e3 * fit.shift,
         "draws": fit.draws.shape[0] * fit.draws.shape[1],
         "motions": [{"id": m.name, "role": m.role, "kind": m.kind} for m in fit.log.motions],
-        "warnings": [*fit.limits, *_warnings_of(fit)],
+        "words": (words := doubts(fit)),
+        "warnings": [*words, *fit.limits, *_warnings_of(fit)],
     }
     return {key: plain(value) for key, value in record.items()}
 
 
+def doubts(fit: MotionFit) -> list[str]:
+    """Joints whose withheld errors the fit does not explain, and those that it predicts worse than no fit."""
+    (unit, by), out = shown_unit(fit.log), []
+    errors = list(zip(fit.withheld, by, strict=False))
+    what, word = ("servo error", "deg") if unit == "deg" else ("torque", "N m")
+    beyond = [(w, x, w.expected) for w, x in errors if w.fitted > w.interval95[1]]
+    worse = [(w, x, w.nominal) for w, x in errors if w.fitted > CALIBRATION.worse * w.nominal]
+    for which, than in ((beyond, "is expected"), (worse, "the nominal arm does")):
+        if which:
+            each = ", ".join(f"{w.joint} {x * w.fitted:.3g} for {x * of:.3g} {word}" for w, x, of in which)
+            out.append(
+                f"the fit does not explain the {what} of withheld motions: more error than {than} ({each}); "
+                "bayescal gap looks for the cause"
+            )
+    return out
+
+
 def _warnings_of(fit: MotionFit) -> list[str]:
-    """Parameters far from their priors, withheld errors beyond what is expected, and what is missing."""
-    joints = [w.joint for w in fit.withheld if w.fitted > w.interval95[1]]
-    text = "the error on withheld motions is larger than expected: bayescal gap looks for the cause"
-    out = [f"{', '.join(joints)}: {text}"] if joints else []
+    """Parameters far from their priors, chains that disagree, and what is not written."""
+    out = []
     if far := [p.name for p in fit.parameters if abs(p.estimate - p.nominal) > FAR * p.prior_sd]:
         text = f"more than {FAR:.0f} prior standard deviations from nominal, which pulls the estimate"
         out.append(f"{', '.join(far)}: {text}; correct what dataset.yaml and the robot file state, or its u")
@@ -90,8 +106,9 @@ def _warnings_of(fit: MotionFit) -> list[str]:
 
 def fit_summary(record: Json, verbose: bool = False) -> RenderableType:
     """Withheld errors, parameters that the log determines, combinations."""
+    words = (Text(f"{line[0].upper()}{line[1:]}.", "bold red") for line in record["words"])
     parameters = terminal(parameter_sheet(record, verbose))
-    return screen(title(record), *below(withheld_sheet(record)), "", parameters, _facts(record))
+    return screen(title(record), *words, *below(withheld_sheet(record)), "", parameters, _facts(record))
 
 
 def _facts(record: Json) -> Facts:
@@ -108,7 +125,7 @@ def _facts(record: Json) -> Facts:
             f"{abs(shift):.2f} ms {'later' if shift >= 0 else 'earlier'} than the positions",
             "dim",
         )
-    yield from under("warning", record["warnings"], "yellow")
+    yield from under("warning", [x for x in record["warnings"] if x not in record["words"]], "yellow")
 
 
 def draws_of(fit: MotionFit) -> Record:
