@@ -14,6 +14,7 @@ from bayescal.motion.effects import EFFECTS, Form
 from bayescal.motion.estimate import estimated, noise_about
 from bayescal.motion.linear import Fit, Normal, joined, normal
 from bayescal.motion.named import named_arm
+from bayescal.motion.next_logs import to_do
 from bayescal.motion.pool import Pool
 from bayescal.motion.result import Amplitude, MotionGap, Place, Shrinkage
 from bayescal.motion.search import Member, Search
@@ -220,6 +221,4 @@ def advice(pool: Pool, v: Verdict) -> Iterator[str]:
         joints = ", ".join(str(j + 1) for j in np.flatnonzero(slow < OUTCOME.slow_share))
         yield f"cross the range slowly (below {OUTCOME.slow:g} rad/s) with joint {joints}"
     if v.left_open:
-        form = v.leading.members[-1].form
-        alone = f"vary {form.driver} at {form.site} alone, with the other joints still"
-        yield alone if form.site.startswith("joint ") else f"log motions between which {form.driver} differs"
+        yield to_do(v.leading.members[-1].form)
