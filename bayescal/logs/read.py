@@ -99,7 +99,6 @@ def read_log(folder: Path) -> Log:
         raise BayescalError("no motion has the role calibrate", document.where(("motions",)), "set one")
     gravity = file.gravity_mps2 or getattr(file.robot, "gravity_mps2", None)
     control = file.controller
-    _per_joint(file.noise.torque_Nm, mechanism, "torque_Nm")  # refused if of another length
     own = folder / file.robot.partition("#")[0] if isinstance(file.robot, str) else folder
     digest = hashlib.sha256(document.content + content + robot).hexdigest()
     return Log(
@@ -121,6 +120,7 @@ def read_log(folder: Path) -> Log:
         notes=(*notes, *assumed, *_not_read("keys of dataset.yaml", ignored), *_not_read("columns", further)),
         digest=digest,
         files=tuple(filter(Path.is_file, (folder / "dataset.yaml", folder / name, own))),
+        noise=_per_joint(file.noise.torque_Nm, mechanism, "torque_Nm"),
     )
 
 

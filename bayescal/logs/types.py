@@ -76,6 +76,7 @@ class Log:
     notes: tuple[str, ...]  # what was assumed
     digest: str  # SHA-256 of the files
     files: tuple[Path, ...] = ()  # that were read
+    noise: np.ndarray | None = None  # (n,) N m, stated standard deviations of the torques
 
     @property
     def n(self) -> int:

@@ -35,8 +35,8 @@ TO_DO = (
     ("torque", "log one motion of {who} from other poses, in which gravity loads it more and less"),
     (".*", "move {who} alone at constant speed, in both directions"),
 )
-"""Words in the name of a quantity, a regular expression, and what a person does; the first counts. `who` is the
-joint of the error, `other` another one whose angle it depends on."""
+"""Words in the name of a quantity, a regular expression, and what a person does; the first counts. `who` is
+the joint of the error, `other` another one whose angle it depends on."""
 
 
 def to_do(form: Form) -> str:

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
+from cases import terminal_text
 from motion.made import RATE, read_commands, write
 
 import bayescal as bc
@@ -14,6 +15,7 @@ from bayescal.errors import BayescalError
 from bayescal.gap.result import VERDICTS
 from bayescal.logs import read_log
 from bayescal.motion.diagnose import diagnose
+from bayescal.reporting.motion.sheets import beyond_stated, motion_summary
 
 BUMP = 0.4
 
@@ -93,6 +95,20 @@ def test_a_delay_of_one_joint_is_at_that_joint(tmp_path, stated):
     else:
         assert (a.site, a.value) == ("joint 2", pytest.approx(0.008, abs=1e-3))
     assert (gap.shrinkage.after_rms_Nm < 1.02 * gap.shrinkage.before_rms_Nm).all()
+
+
+def test_residuals_far_beyond_the_stated_noise_are_stated(gaps):
+    """What is expected of a residual has noise, and what the model lacks."""
+    record = gaps["null"].record
+    assert record["noise"]["stated_Nm"] == pytest.approx([0.08, 0.08, 0.04])
+    shown = terminal_text(motion_summary(record))
+    assert "expected" in "".join(shown.splitlines()[3:7])
+    assert "times the stated noise" not in shown
+    low = record | {"noise": record["noise"] | {"stated_Nm": [0.08, 0.02, 0.04]}}
+    (text,) = beyond_stated(low)
+    assert text == f"B {record['noise']['floor_Nm'][1]:.3g} for 0.02"
+    assert "more than 2 times the stated noise: B" in terminal_text(motion_summary(low))
+    assert beyond_stated(record | {"noise": record["noise"] | {"stated_Nm": None}}) == []
 
 
 def test_backlash_is_relevant_where_link_encoders_show_it(tmp_path):

@@ -97,7 +97,11 @@ def motion_record(gap: MotionGap) -> dict[str, Any]:
             "torque": None if servo else own,
             "tracking": {**own, "replay": _replay(gap)} if servo else _replay(gap),
         },
-        "noise": {"lag1": gap.estimate.noise.lag1[: log.n], f"floor_{unit}": by * s.floor},
+        "noise": {
+            "lag1": gap.estimate.noise.lag1[: log.n],
+            f"floor_{unit}": by * s.floor,
+            "stated_Nm": None if servo else log.noise,
+        },
         "not_assessed": [{"effect": name, "why": why} for name, why in gap.not_assessed.items()],
         **entry(gap, "missing=not_assessed", "next=advice"),
         "parameters": [{"name": n, "deviation": v, "u": gap.u[n]} for n, v in gap.values.items()],

@@ -48,10 +48,21 @@ def size_text(value: float, u: float, unit: str) -> str:
 
 
 def shrinkage_of(record: Json) -> tuple[tuple[str, str, str], list[Json]]:
-    """Keys of the residuals of withheld motions before and after, and of noise; and these by joint."""
+    """Keys of the residuals of withheld motions before and after, and as expected; and these by joint."""
     unit = record["unit"]
     keys = (f"before_rms_{unit}", f"after_rms_{unit}", f"floor_{unit}")
     return keys, by_joint(record, record["shrinkage"]["tracking" if unit == "deg" else "torque"], keys)
+
+
+TIMES = 2.0
+"""Residual of fitted motions over the stated noise, from which on the model lacks something (assumed)."""
+
+
+def beyond_stated(record: Json) -> list[str]:
+    """Joints whose residuals are far beyond the stated noise of their torques, with both."""
+    stated = record["noise"].get("stated_Nm") or ()
+    each = zip(record["joints"], record["noise"].get("floor_Nm", ()), stated, strict=False)
+    return [f"{name} {x:.3g} for {sd:.3g}" for name, x, sd in each if x > TIMES * sd]
 
 
 def newton_metres(value: float | None) -> str:
@@ -72,7 +83,7 @@ WORDS = {"Nm": "N m", "deg": "deg"}
 def torque_sheet(record: Json) -> Sheet:
     """RMS of the residuals on validation motions, joint by joint: of torques, or of servos."""
     keys, items = shrinkage_of(record)
-    heads = zip(("model", "with the effects", "noise"), keys, strict=True)
+    heads = zip(("model", "with the effects", "expected"), keys, strict=True)
     columns = (Column(head, key, newton_metres) for head, key in heads)
     return Sheet((Column(residual_of(record), "joint"), *columns), items)
 
@@ -211,6 +222,9 @@ def _facts(record: Json) -> Facts:
     yield "probability", ", ".join(f"{rival(n)} {probability(p)}" for n, p in ranked if p >= LEAST), ""
     noise = ", ".join(f"{x:.2g}" for x in record["noise"]["lag1"])
     yield "noise", f"correlation of neighbouring rows, joint by joint: {noise}", "dim"
+    yield "expected", "residual of fitted motions: noise, and what the model of friction lacks", "dim"
+    if each := beyond_stated(record):
+        yield "", f"more than {TIMES:g} times the stated noise: {', '.join(each)} N m", "yellow"
     for why, names in by_reason(record["missing"]).items():
         yield "not assessed", f"{', '.join(names)}: {why}", "dim"
     if reason := replay_of(record).get("not_assessed"):
