@@ -88,6 +88,7 @@ def cells(s: Signals, at: Operating, scale: Scale, r: Ranges) -> Iterator[FormCo
         yield from cell(j, "time times direction", [direction * f for f in times])
         yield from cell(j, "time times torque", [torque / scale.torque[j] * f for f in times])
         yield from cell(j, "time within a motion", pieces)
+        yield from cell(j, "direction times time within a motion", [direction * f for f in pieces])
         yield from cell(j, "motion", offsets)
         if r.loaded:
             on = (s.payload > 0.0).astype(float)

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from cases import terminal_text
-from motion.made import RATE, read_commands, write
+from motion.made import RATE, SECONDS, read_commands, write
 
 import bayescal as bc
 from bayescal.errors import BayescalError
@@ -95,6 +95,20 @@ def test_a_delay_of_one_joint_is_at_that_joint(tmp_path, stated):
     else:
         assert (a.site, a.value) == ("joint 2", pytest.approx(0.008, abs=1e-3))
     assert (gap.shrinkage.after_rms_Nm < 1.02 * gap.shrinkage.before_rms_Nm).all()
+
+
+def brake(q, dq, ddq, tau, t, load):
+    """Drag of joint B from 3 to 6 s of three motions."""
+    motion, since = np.divmod(t, SECONDS + 1.0)
+    on = np.isin(motion, (2, 5, 7)) & (since > 3.0) & (since < 6.0)
+    return on[:, None] * [0.0, 1.0, 0.0] * np.tanh(dq / 0.03)
+
+
+def test_a_drag_that_comes_and_goes_varies_with_time_and_direction(tmp_path):
+    """It was a function of direction and of the angle of another joint."""
+    gap = bc.diagnose(write(tmp_path / "brake", brake), without=[])
+    assert gap.verdict in ("unknown", "named+unexplained")
+    assert "direction times time within a motion at joint 2" in " ".join(gap.record["words"])
 
 
 def test_residuals_far_beyond_the_stated_noise_are_stated(gaps):
