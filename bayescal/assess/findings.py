@@ -265,7 +265,7 @@ def _parameters(of: Assessed) -> Iterator[Finding]:
         yield Finding(
             "far_from_nominal", "warning",
             f"{', '.join(far)}: more than {FAR:.0f} prior standard deviations"
-            f"{' (before widening)' if told else ''} from nominal; check the robot file",
+            f"{' (before widening)' if told else ''} from nominal; check what is stated of them",
         )  # fmt: skip
     if factor := _one_factor(of.found, wider):
         yield Finding(

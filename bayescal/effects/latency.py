@@ -43,14 +43,14 @@ def _parameters(c: Circumstances) -> list[Parameter]:
 
 LATENCY = Effect(
     "latency",
-    "joint readings later than the contact by t, or older (t < 0)",
+    "joint readings later than the measurement by t, or older (t < 0)",
     _parameters,
     lambda c: (without_surface(c) if not c.views else "") or without_velocity(c),
     sizes={"s": Size(LATER)},
-    phrase=("every joint", "has readings of another time than the contact"),
+    phrase=("every joint", "has readings of another time than the measurement"),
     remedy=(
-        "Probe more slowly, latch the joint readings by hardware at the trigger, or correct the delay "
-        "in the controller. Probing at two speeds shows the delay."
+        "Measure more slowly or at rest, latch the joint readings by hardware at the trigger, or correct the "
+        "delay in the controller. Measurements at two speeds show the delay."
     ),
     confusable_with=("unsettled",),
     directed=True,

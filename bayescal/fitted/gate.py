@@ -40,7 +40,8 @@ STEPS = {
     "gap": "find the cause in the machine",
     "samples": "repeat with another --seed or with --samples 0; the posterior is not converged",
     "measure": "measure more in other poses (bayescal plan --after), as the warnings say; then fit again",
-    "validate": "add measurements with role validate, best on spheres at certified distances; then fit again",
+    "scale": "check certified lengths and the size of the board: by these, all links are longer or shorter",
+    "validate": "add measurements with role validate, best of certified distances; then fit again",
     "use": "use robot.yaml of the run folder, or export the arm",
 }
 """What to do after a fit."""
@@ -147,13 +148,15 @@ def of_fit(fit: Fit) -> Use:
             ("gap", not tests.explains or bool(tests.doubts)),
             ("samples", bool(sampler)),
             ("measure", bool(reasons)),
+            ("scale", "one_scale" in codes),
             ("validate", not tests.validated),
             ("measure", not codes.isdisjoint(MEASURE)),
             ("use", True),
         )
         if here
     )
-    return Use((*sampler, *reasons), verdict, fit.rigid, next=step)
+    scale = tuple(f.text for f in fit.findings if f.code == "one_scale")
+    return Use((*sampler, *reasons), (*verdict, *scale), fit.rigid, next=step)
 
 
 def of_gap(gap: Gap) -> Use:

@@ -26,6 +26,7 @@ LOCATED = (
     "targets are located by the stated noise; fit estimates the noise of each model: its nominal differs"
 )
 """Why the errors of the nominal arm are not those of a fit."""
+NO_ERRORS = "no validation measurements, so no errors: withhold some rows (role `validate`)"
 
 
 COLUMNS: dict[str, tuple[str, Callable[[Result], float]]] = {
@@ -56,7 +57,7 @@ def comparison_summary(comparison: Comparison) -> RenderableType:
     )
     notes = [(row.method.name, row.why, "dim") for row in comparison.rows if row.result is None]
     held = [(row.method.name, text, "dim") for row in comparison.rows if (text := _held(row))]
-    table = Sheet(columns, comparison.rows, LOCATED, style=_style)
+    table = Sheet(columns, comparison.rows, LOCATED if shown else NO_ERRORS, style=_style)
     return screen(title, table, *below(notes or None), *below(held or None))
 
 

@@ -17,6 +17,7 @@ from bayescal.assess.findings import Assessed, differing, findings
 from bayescal.assess.identifiability import BARELY, directions
 from bayescal.calibration import VALIDATION_DRAWS, fit
 from bayescal.dataset import read_dataset
+from bayescal.fitted.gate import of_fit
 from bayescal.model import build
 from bayescal.model.options import FitOptions
 from bayescal.model.scene import Scene
@@ -246,3 +247,10 @@ def test_loose_tolerances_on_three_planes_are_seen_through():
     assert lead.measured > 0.6e-3
     assert lead.interval[0] < lead.measured < lead.interval[1]
     assert found.forecast.workspace.rms > 10e-3
+
+
+def test_a_factor_of_all_lengths_is_checked_first_and_goes_with_the_arm(fits):
+    use = of_fit(fits["scaled"])
+    assert use.next == "scale"
+    assert any(WORDS["scale"] in words for words in use.warnings)
+    assert of_fit(fits["good"]).next == "validate"
