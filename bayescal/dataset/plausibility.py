@@ -373,9 +373,13 @@ def _impossible(
         "contact": "the surface fitted to the other contacts on",
     }[which]
     what = f"impossible {which}: {1e3 * away[row]:.0f} mm from {others} `{target.name}`"
-    others_off = table.line[part[bad & (away < away[row])]]
-    lines = ", ".join(map(str, others_off[:LINES])) + ", ..." * (len(others_off) > LINES)
-    more = f"; {len(others_off)} more rows are too far off: lines {lines}" if len(others_off) else ""
+    others_off = part[bad & (away < away[row])]
+    images = seen and "stop" in table.cells
+    names = list(
+        dict.fromkeys(map(str, np.asarray(table.cells["stop"] if images else table.line)[others_off]))
+    )
+    named = f"{'images' if images else 'lines'} {', '.join(names[:LINES])}" + ", ..." * (len(names) > LINES)
+    more = f"; {len(others_off)} more rows are too far off: {named}" if len(others_off) else ""
     remedy = "check target, tool and joint readings, or leave the row out"
     if bad.mean() > SYSTEMATIC:
         remedy = IMAGES if seen else f"{REMEDY}, target, tool and joint readings"

@@ -191,6 +191,19 @@ def test_a_number_near_the_largest_is_no_overflow(cube):
         assert suspicion(with_columns(data, readings=readings)) is None
 
 
+def test_images_that_are_too_far_off_are_named():
+    away = np.full(60, 0.001)
+    away[:30] = 0.06
+    away[7] = 0.09
+    line, stops = 4 + np.arange(60), [f"img{k // 10}" for k in range(60)]
+    rows = SimpleNamespace(name="log.csv", line=line)
+    table = SimpleNamespace(line=line, cells={"stop": stops}, error=partial(Table.error, rows))
+    problem = plausibility._impossible(
+        Target("cam", "camera", {}), away, np.full(60, 0.05), np.arange(60), table, None
+    )
+    assert "; 29 more rows are too far off: images img0, img1, img2; " in str(problem)
+
+
 @pytest.mark.parametrize(("count", "words"), [(1, "lines 5"), (3, "lines 5, 7, 9"), (25, "41, 43, ...")])
 def test_all_rows_that_are_too_far_off_are_listed(count, words):
     away = np.full(60, 0.001)
