@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bayescal.effects import View
+from bayescal.errors import listed
 from bayescal.estimate import Estimate
 
 TOLD = 10.0
@@ -21,8 +22,23 @@ SIZES = 1e-4 * 2.0 ** np.arange(-3, 7)
 """Standard deviations of the points from their places that are tried, m (assumed)."""
 LARGE = 5.0
 """Times the RMS of the other points from which on a point is told by itself (convention)."""
+SHOWN = 6
+"""Blurred images that are named."""
 ACROSS = 2.0
 """Ratio of the RMS across the plane of a board to that within it, from which on it is called not flat."""
+
+
+def blurred(found: Estimate) -> str:
+    """The images that are blurred, as a sentence; "" where none is."""
+    scene = found.model.scene
+    stop, factor = scene.dataset.measurements.stop, scene.blur
+    rows = np.flatnonzero(factor > 1.0)
+    if stop is None or not len(rows):
+        return ""
+    names, first = np.unique(stop[rows], return_index=True)
+    each = [f"{name} {factor[rows[k]]:.2g} times" for name, k in zip(names, first, strict=True)]
+    shown = listed(each[:SHOWN]) + ", ..." * (len(each) > SHOWN)
+    return f"noise of blurred images over that of the others: {shown}; they count by their own"
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ import numpy as np
 from scipy.special import gammaln
 
 from bayescal.assess.acceptance import PLANNED, SHARED, Acceptance
-from bayescal.assess.board_points import displaced
+from bayescal.assess.board_points import blurred, displaced
 from bayescal.assess.identifiability import Directions, in_words
 from bayescal.assess.undetermined import Undetermined
 from bayescal.dataset.consistency import contradictions, copies, planned, rounded
@@ -241,6 +241,8 @@ def _noises(of: Assessed) -> Iterator[Finding]:
 def _boards(of: Assessed) -> Iterator[Finding]:
     for board in displaced(of.found):
         yield Finding("points_differ", "warning", board.words)
+    if words := blurred(of.found):
+        yield Finding("blurred", "note", words)
 
 
 def _parameters(of: Assessed) -> Iterator[Finding]:

@@ -96,7 +96,8 @@ BENDING = Effect(
     phrase=("every link", "has transverse (bending) compliance"),
     remedy=(
         "Check the bolts of the joint bearing and of the link, and the firm seat of the flanges; a "
-        "worn cross-roller bearing tilts. If all are tight, keep the effect in the model."
+        "worn cross-roller bearing tilts. Of the last links: the bracket of the tool or camera bends alike. "
+        "If all are tight, keep the effect in the model."
     ),
     confusable_with=("coupling", "axis-bending"),
     requires=("compliance",),

@@ -1,11 +1,13 @@
 """Points of a board that are off in all images, in fits of sessions whose other errors are noise."""
 
+import re
+
 import camera_sessions
 import numpy as np
 import pytest
 from camera_sessions import BOARD, camera_session
 
-from bayescal.assess.board_points import displaced
+from bayescal.assess.board_points import blurred, displaced
 from bayescal.effects import Circumstances
 from bayescal.estimate import estimate
 from bayescal.gap.search.makers import of_points
@@ -42,6 +44,16 @@ def test_a_wavy_board_is_not_flat(monkeypatch):
 @pytest.mark.parametrize("seed", [5, 6, 7])
 def test_noise_and_a_corner_that_is_wrong_once_are_no_error_of_the_board(monkeypatch, seed):
     assert not displaced(fitted(monkeypatch, BOARD, seed, spoilt=(30,)))
+
+
+def test_blurred_images_are_named():
+    session = camera_session(images=16, seed=5, velocity=False)
+    sharp = estimate(build(Scene(session), ("geometry",)))
+    image = slice(4 * len(BOARD), 5 * len(BOARD))
+    session.measurements.pixel[image, :2] += np.random.default_rng(3).normal(0.0, 2.0, (len(BOARD), 2))
+    words = blurred(estimate(build(Scene(session), ("geometry",))))
+    assert blurred(sharp) == ""
+    assert re.search(rf": {session.measurements.stop[image.start]} \d+(\.\d)? times; ", words)
 
 
 def test_cells_of_a_board_are_random_errors_of_its_points():

@@ -185,6 +185,7 @@ def warnings(
         was = "rows were excluded as outliers" if count > 1 else "row was excluded as an outlier"
         out.append(f"{count} calibration {was}")
     out += [board.words for board in board_points.displaced(before)]
+    out += [words for words in [board_points.blurred(before)] if words]
     out += [words for state in (copies, rounded) if (words := state(before.model.scene.dataset))]
     out += [u.words for u in lacking if u.matters]
     if not before.model.knows_length:
