@@ -38,7 +38,7 @@ def blurred(found: Estimate) -> str:
     names, first = np.unique(stop[rows], return_index=True)
     each = [f"{name} {factor[rows[k]]:.2g} times" for name, k in zip(names, first, strict=True)]
     shown = listed(each[:SHOWN]) + ", ..." * (len(each) > SHOWN)
-    return f"noise of blurred images over that of the others: {shown}; they count by their own"
+    return f"noise of blurred images over that of the others: {shown}; each is weighted by its own"
 
 
 @dataclass(frozen=True)

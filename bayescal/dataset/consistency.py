@@ -290,19 +290,14 @@ def step_of(readings: np.ndarray) -> float:
 def rounded(dataset: Dataset) -> str:
     """Readings of too few digits for the stated noise, as a sentence; "" where they are fine enough."""
     m, robot = dataset.measurements, dataset.robot
-    step = np.array(
-        [
-            0.0 if slides else step_of(np.degrees(q))
-            for slides, q in zip(robot.slides, m.readings.T, strict=True)
-        ]
-    )
+    each = zip(robot.slides, np.degrees(m.readings).T, strict=True)
+    step = np.array([0.0 if slides else step_of(q) for slides, q in each])
     u = np.where(step > np.sqrt(12.0) * np.degrees(dataset.noise.joint), step / np.sqrt(12.0), 0.0)
     stated = [n for n in (dataset.noise.contact, dataset.noise.point) if n]
     if not np.any(u) or not stated:
         return ""
-    moved = [
-        nominal(dataset, m.readings + row) - nominal(dataset, m.readings) for row in np.diag(np.radians(u))
-    ]
+    at = nominal(dataset, m.readings)
+    moved = [nominal(dataset, m.readings + row) - at for row in np.diag(np.radians(u))]
     size = float(np.sqrt(np.mean(np.sum(np.square(moved), axis=0))))
     if size < SEEN_STEP * min(stated):
         return ""

@@ -169,14 +169,13 @@ class Baseline:
                 break
             result = searched(variance)
         targets = [f"{b.group} {b.target}" for b in fitted.model.blocks for _ in b.rows]
-        one = result
         # what an effect explains is no noise; what noise explains is no effect
-        for state in (_leading(one), one.search.hypotheses[frozenset()].state):
+        for state in (_leading(result), result.search.hypotheses[frozenset()].state):
             noises = _noises(state, targets)
             if noises is None:
                 continue
             other = searched(variance, noises.ratio)
-            if other.decision.total - noises.cost > one.decision.total:
+            if other.decision.total - noises.cost > result.decision.total:
                 notes = (*other.decision.footnotes, noises.words)
                 result = replace(other, decision=replace(other.decision, footnotes=notes))
                 break

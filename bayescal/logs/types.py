@@ -52,9 +52,7 @@ class Controller:
     stiffness: np.ndarray | None  # (n,) N m/rad
     damping: np.ndarray | None  # (n,) N m s/rad
     stated: bool = True  # False where the stiffness follows from the log
-    ahead: np.ndarray | None = (
-        None  # (n,) N m s/rad, of the commanded speed: the damping if it acts on errors of speed
-    )
+    ahead: np.ndarray | None = None  # (n,) N m s/rad, of the commanded speed; None where torques do not tell
     complete: bool = True  # False where measured torques have a further part, such as feed-forward
 
 

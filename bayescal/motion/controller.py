@@ -15,7 +15,8 @@ import numpy as np
 from bayescal.logs import Log
 from bayescal.logs.types import CALIBRATE, SERVO, VALIDATE
 from bayescal.motion.fit_settings import CONTROLLER
-from bayescal.motion.signals import Signals, derivative, low_passed
+from bayescal.motion.settings import SIGNALS
+from bayescal.motion.signals import Signals, derivative, each, low_passed
 from bayescal.motion.terms import nominal
 
 
@@ -53,11 +54,15 @@ def with_controller(parts: tuple[Signals, ...]) -> tuple[Signals, ...]:
     measured = log.torque_kind not in (SERVO, "sensor")  # a sensor behind the gear does not show the drive
     if control.stiffness is None or not measured or any(m.command is None for m in log.motions):
         return parts
+    moves = np.any([np.ptp(m.position, axis=0) > SIGNALS.rest for m in log.motions], axis=0)
+    if not np.any(moves):  # the torque of a joint at rest tells nothing of its gains
+        return parts
     gains, left = _fitted(parts)
     damping = np.zeros(log.n) if control.damping is None else control.damping
-    acts = (damping > 0.0) & (gains[2] > 0.0)
+    acts = moves & (damping > 0.0) & (gains[2] > 0.0)
     of_errors = bool(np.any(acts)) and float(np.median(gains[1][acts] / gains[2][acts])) > CONTROLLER.ahead
-    complete = bool(np.max(left) <= CONTROLLER.further) and _beside_gains(parts) <= CONTROLLER.beside
+    complete = bool(np.median(left[moves]) <= CONTROLLER.further)
+    complete = complete and float(np.median(_beside_gains(parts)[moves])) <= CONTROLLER.beside
     control = replace(control, ahead=damping if of_errors else 0.0 * damping, complete=complete)
     notes = log.notes
     if control.kind == "position" and not complete:
@@ -67,19 +72,19 @@ def with_controller(parts: tuple[Signals, ...]) -> tuple[Signals, ...]:
     return tuple(s.changed(log=log) for s in parts)
 
 
-def _beside_gains(parts: tuple[Signals, ...]) -> float:
-    """Share of the nominal torques of links and rotors beside the gains, median of the joints.
+def _beside_gains(parts: tuple[Signals, ...]) -> np.ndarray:
+    """Share (n,) of the nominal torques of links and rotors that stands beside the gains.
 
     1 with feed-forward, and of slow motions with an integral; near 0 of gains alone, whose errors carry them.
     """
     used = tuple(s for s in parts if s.role == CALIBRATE)
     rows, model = _rows(used), nominal(used[0].log, np.ones(used[0].log.n))
-    asked = np.concatenate([s.unfiltered(model.load(s) + model.armature * s.ddq) for s in used])
+    asked = np.concatenate([s.unfiltered(model.load(s) + model.armature * s.ddq) for s in each(used)])
     shares = [
         np.linalg.lstsq(np.column_stack([own[:, :-1], load]), own[:, -1], rcond=None)[0][-1]
         for own, load in zip(rows.transpose(1, 0, 2), asked.T, strict=True)
     ]
-    return float(np.median(shares))
+    return np.array(shares)
 
 
 def law_of(log: Log, parts: tuple[Signals, ...]) -> Law | str:
@@ -128,6 +133,6 @@ def _rows(parts: tuple[Signals, ...]) -> np.ndarray:
     for s in parts:
         assert s.command is not None
         u = low_passed(s.command, s.step)
-        each = (u - s.q, derivative(u, s.step), -s.dq, np.ones_like(u), low_passed(s.torque, s.step))
-        out.append(s.unfiltered(np.stack(each, axis=2)))
+        columns = (u - s.q, derivative(u, s.step), -s.dq, np.ones_like(u), low_passed(s.torque, s.step))
+        out.append(s.unfiltered(np.stack(columns, axis=2)))
     return np.concatenate(out)

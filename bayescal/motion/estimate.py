@@ -121,7 +121,8 @@ def noise_about(table: Table, fit: Fit) -> Noise:
         rms = np.sqrt(np.mean(np.concatenate([s.torque**2 for s in parts]), axis=0))
         first, least = channel(log, TRACKING, 0), np.zeros_like(noise.sd)
         least[first : first + log.n] = NOISE.tracking * rms / log.controller.stiffness
-        noise = noise.wider(np.maximum(least / noise.sd, 1.0))
+        sd = np.where(noise.sd > 0.0, noise.sd, np.inf)  # of a joint that never moves it is not known
+        noise = noise.wider(np.maximum(least / sd, 1.0))
     return noise.wider(SERVOS.noise) if servo or parts[0].stuck else noise
 
 

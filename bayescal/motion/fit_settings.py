@@ -74,8 +74,8 @@ class ControllerSettings:
     unexplained: float = 0.05
     """Share of the variance of withheld torques that a controller may leave unexplained (assumed)."""
     further: float = 0.2
-    """The same share, above which a stated controller has a further part: servos of a finite bandwidth leave
-    up to 0.13 (tuned)."""
+    """The same share, median of the joints that move, above which a stated controller has a further part:
+    servos of a finite bandwidth leave up to 0.13 in single joints (tuned)."""
     beside: float = 0.5
     """Share of the torques of links and rotors beside the gains, above which a controller has a further part:
     1.00 in two logs with feed-forward, up to 0.28 in six without (tuned)."""

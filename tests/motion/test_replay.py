@@ -118,6 +118,30 @@ def test_torques_tell_how_a_stated_controller_acts(log, change, ahead, complete)
             assert np.std(off[50:-50]) < 0.03 * np.std(s.torque)
 
 
+def test_a_joint_that_rests_tells_nothing_of_the_controller(log):
+    """Its torque is noise, and no function of command and position."""
+    rng = np.random.default_rng(5)
+
+    def held(s):
+        q, u, torque = s.q.copy(), s.command.copy(), s.torque.copy()
+        q[:, 1:], u[:, 1:], torque[:, 1:] = 0.3, 0.3, rng.standard_normal((len(q), 2))
+        return replace(s, q=q, command=u, torque=torque)
+
+    motions = []
+    for m in log.motions:
+        position, command = m.position.copy(), m.command.copy()
+        position[:, 1:] = command[:, 1:] = 0.3
+        motions.append(replace(m, position=position, command=command))
+    resting = replace(log, motions=tuple(motions))
+    parts = tuple(replace(held(s), log=resting) for s in all_signals(log))
+    control = with_controller(parts)[0].log.controller
+    assert control.complete
+    assert control.ahead == pytest.approx(0.0 * KD)
+    rests = tuple(replace(m, position=0.0 * m.position) for m in log.motions)
+    parts = tuple(replace(s, log=replace(log, motions=rests)) for s in parts)
+    assert with_controller(parts) is parts
+
+
 def test_torque_beside_the_file_is_that_of_a_heavier_arm(log, arms):
     """The viscous friction of one joint in the file, or beside it along the motion of the simulation."""
     less = replace(arms[1], viscous=arms[1].viscous - [0.0, 2.0, 0.0])

@@ -97,7 +97,7 @@ def made(
         for j in range(2):
             dq, dv, da, way = at(time - delay[j])
             arm = planar(dq, dv, da, 3.0 * (1 + LOADS[k]))[j]
-            tau.append((2.0, 0.6)[j] * da[:, j] + arm + 2.0 * way[:, j] + 1.5 * dv[:, j])
+            tau.append((1.0, 0.6)[j] * da[:, j] + arm + 2.0 * way[:, j] + 1.5 * dv[:, j])
         tau = np.column_stack(tau) + 0.05 * rng.standard_normal(q.shape)
         command = at(time + lag)[0]
         seen = v if velocity is None else velocity(time, v)

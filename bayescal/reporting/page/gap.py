@@ -203,8 +203,7 @@ def _next(run: Run) -> list[tuple[str, str]]:
         what, count = ("Take the images", "") if images else ("Measure the contacts", " --contacts 60")
         command = f"bayescal plan {dataset} --after {shlex.quote(run.folder)} --for gap{count}"
         out.append((f"{what} that decide between the explanations.", command))
-    excess = (record["gap"]["excess_um"]["interval95"] or [None])[0]
-    if record["verdict"] == "null" and not excess:
+    if record["verdict"] == "null" and not sheets.exceeds(record):
         out.insert(0, ("Calibrate with the model as it is.", f"bayescal fit {dataset}"))
     return out or [("Inspect the location that is marked, and measure again.", "")]
 
