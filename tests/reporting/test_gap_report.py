@@ -42,7 +42,9 @@ from bayescal.reporting.gap.phrases import headline, place
 from bayescal.reporting.gap.record import gap_record, write_gap
 from bayescal.reporting.gap.sheets import improved, pair_of, where_sheet, worse
 from bayescal.reporting.gap.summary import gap_summary
+from bayescal.reporting.page.build import run_page
 from bayescal.reporting.page.gap import verdict_of
+from bayescal.reporting.page.section import Run
 from bayescal.reporting.shared.origin import possible
 from bayescal.reporting.shared.text import reduction
 
@@ -518,6 +520,16 @@ def test_no_advice_to_fit_with_effects_that_make_distances_worse(session, after,
     size = {"what": "sphere distances", "predicted_interval95_um": [10.0, 45.0], "predicted_rms_um": 30.0}
     record |= {"shrinkage": record["shrinkage"] | {"distances": distances}, "gap": {"measured": [size]}}
     assert worse(record) == ([] if advised else ["distances"])
+
+
+@pytest.mark.parametrize(("low", "advised"), [(0.0, True), (3.0, False)])
+def test_a_model_is_used_as_it_is_only_without_a_significant_excess(session, low, advised):
+    record = gap_record(diagnosis(session, "null"))
+    excess = record["gap"]["excess_um"] | {"interval95": [low, 9.0]}
+    record |= {"gap": record["gap"] | {"excess_um": excess}}
+    said = run_page(Run("gap", record, "runs/x"))
+    assert ("Calibrate with the model as it is" in said) == advised
+    assert ("Find what makes errors larger than the noise" in said) != advised
 
 
 def test_kinds_and_shares_of_a_reduction(session):

@@ -203,8 +203,10 @@ def _next(run: Run) -> list[tuple[str, str]]:
         what, count = ("Take the images", "") if images else ("Measure the contacts", " --contacts 60")
         command = f"bayescal plan {dataset} --after {shlex.quote(run.folder)} --for gap{count}"
         out.append((f"{what} that decide between the explanations.", command))
-    if record["verdict"] == "null" and not sheets.exceeds(record):
-        out.insert(0, ("Calibrate with the model as it is.", f"bayescal fit {dataset}"))
+    if record["verdict"] == "null":
+        as_it_is = ("Calibrate with the model as it is.", f"bayescal fit {dataset}")
+        first = ("Find what makes errors larger than the noise, and measure again.", "")
+        out.insert(0, first if sheets.exceeds(record) else as_it_is)
     return out or [("Inspect the location that is marked, and measure again.", "")]
 
 
