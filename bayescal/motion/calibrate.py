@@ -209,8 +209,7 @@ def _withheld(estimate: Estimate, fit: Fit, start: Operating, at: Operating) -> 
     covariance = fit.covariance * np.outer(fit.sd, fit.sd)
     extra = np.zeros(log.n)
     for p in table.parts:
-        for j in range(log.n):
-            x, chosen = p.columns[j], p.numbers[j]
+        for j, (chosen, x) in zip(range(log.n), p.channels, strict=False):
             extra[j] += np.mean(np.einsum("ij,jk,ik->i", x, covariance[np.ix_(chosen, chosen)], x))
     expected = np.sqrt(noise**2 + extra / len(parts))
     # half the variance of an RMS of N correlated rows is 1 / (2 N / correlation length)

@@ -34,7 +34,17 @@ class Part:
     weight: np.ndarray
     residual: np.ndarray
     numbers: tuple[np.ndarray, ...]
-    columns: tuple[np.ndarray, ...]  # single precision: a log of an hour has 10^8 values
+    blocks: tuple[tuple[np.ndarray, ...], ...]  # of columns; single precision: an hour of log has 10^8 values
+
+    def of(self, channel: int) -> tuple[np.ndarray, np.ndarray]:
+        """Numbers (K,) of the terms that act in a channel, and their columns (M, K)."""
+        blocks = self.blocks[channel]
+        return self.numbers[channel], blocks[0] if len(blocks) == 1 else np.hstack(blocks)
+
+    @property
+    def channels(self) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+        """The same of each channel."""
+        return map(self.of, range(len(self.numbers)))
 
     @cached_property
     def missing(self) -> tuple[np.ndarray, ...]:
@@ -62,21 +72,19 @@ class Table:
         starts = np.cumsum([len(self.terms), *(len(terms) for terms, _ in further)])
         parts = []
         for m, part in enumerate(self.parts):
-            numbers, values = list(part.numbers), list(part.columns)
+            numbers, values = list(part.numbers), list(part.blocks)
             for (terms, columns), first in zip(further, starts.tolist(), strict=False):
                 for c, x in columns[m].items():
                     numbers[c] = np.r_[numbers[c], first + np.arange(len(terms))].astype(int)
-                    values[c] = np.hstack([values[c], x.astype(np.float32)])
-            parts.append(replace(part, numbers=tuple(numbers), columns=tuple(values)))
+                    values[c] = (*values[c], x.astype(np.float32))
+            parts.append(replace(part, numbers=tuple(numbers), blocks=tuple(values)))
         return Table((*self.terms, *(t for terms, _ in further for t in terms)), tuple(parts))
 
     def residuals(self, values: Mapping[str, float]) -> list[np.ndarray]:
         """What values of terms leave of the residuals (M, C), by motion."""
         vector = np.array([values.get(term.name, 0.0) for term in self.terms])
         return [
-            part.residual
-            - np.column_stack([x @ vector[k] for k, x in zip(part.numbers, part.columns, strict=True)])
-            for part in self.parts
+            part.residual - np.column_stack([x @ vector[k] for k, x in part.channels]) for part in self.parts
         ]
 
 
@@ -97,7 +105,7 @@ def tabulated(parts: Sequence[Signals], columns: Columns, residual: Callable[[Si
         kept = [s.kept(x * w[:, None]).astype(np.float32) for x, w in zip(values, weight.T, strict=True)]
         acting = [np.any(x, axis=0) for x in kept]  # many functions of time are 0 in a motion
         chosen = tuple(np.array(k, int)[there] for k, there in zip(numbers, acting, strict=True))
-        rows = tuple(np.compress(there, x, axis=1) for x, there in zip(kept, acting, strict=True))
+        rows = tuple((np.compress(there, x, axis=1),) for x, there in zip(kept, acting, strict=True))
         out.append(Part(s, s.kept(weight), s.kept(residual(s) * weight), chosen, rows))
     return Table(terms, tuple(out))
 
@@ -152,7 +160,7 @@ def normal(table: Table, noise: Noise, before: Normal | None = None) -> Normal:
         first, chi2 = len(before.terms), before.chi2
         gram[:first, :first], score[:first] = before.gram, before.score
     for part in table.parts:
-        for j, (chosen, x) in enumerate(zip(part.numbers, part.columns, strict=True)):
+        for j, (chosen, x) in enumerate(part.channels):
             new = chosen >= first
             if not np.any(new):
                 continue
@@ -222,7 +230,7 @@ class Fit:
         place[self.chosen] = np.arange(len(self.chosen))
         for part in table.parts:
             out = []
-            for numbers, x in zip(part.numbers, part.columns, strict=True):
+            for numbers, x in part.channels:
                 own = size[numbers] > 0.0
                 rows = np.zeros((len(self.chosen), len(x)))
                 rows[place[numbers[own]]] = (x[:, own] * size[numbers[own]]).T

@@ -136,7 +136,9 @@ class Bank:
                 if LINK in kinds(log):
                     self.count(out, part, fit, channel(log, LINK, j), FORMS.deflection * weight * x, sets)
                 if TRACKING in kinds(log):
-                    moved = weight * displaced(s, s.step * s.every, self.size[j] * weight * x, j)
+                    moved, there = np.zeros_like(x), np.any(x, axis=0)
+                    torque = self.size[j] * weight * x[:, there]
+                    moved[:, there] = weight * displaced(s, s.step * s.every, torque, j)
                     self.count(out, part, fit, channel(log, TRACKING, j), moved, sets)
         return out
 
@@ -145,23 +147,27 @@ class Bank:
         into: int | None = None,
     ) -> None:  # fmt: skip
         """Add products of columns (M, P) of a channel in one motion to those of the channel, or of `into`."""
-        white = part.whitened(self.noise, x, c)
-        blocks = [white[:, k[0] : k[-1] + 1].T @ white[:, k[0] : k[-1] + 1] for k in sets]
-        cross = self._whitened(part, c, fit.chosen).T @ white
-        score = part.whitened(self.noise, part.residual[:, c], c) @ white
-        key = c if into is None else into
-        if key in out:
-            before = out[key]
-            blocks = [a + b for a, b in zip(before[0], blocks, strict=True)]
-            cross, score = before[1] + cross, before[2] + score
-        out[key] = blocks, cross, score
+        key, sizes = c if into is None else into, list(map(len, sets))
+        if key not in out:
+            nothing = np.zeros((len(fit.chosen), x.shape[1])), np.zeros(x.shape[1])
+            out[key] = [np.zeros((size, size)) for size in sizes], *nothing
+        blocks, cross, score = out[key]
+        there = np.flatnonzero(np.any(x, axis=0))  # many functions of time are 0 in a motion
+        white = part.whitened(self.noise, x[:, there], c)
+        cross[:, there] += self._whitened(part, c, fit.chosen).T @ white
+        score[there] += part.whitened(self.noise, part.residual[:, c], c) @ white
+        bounds = np.searchsorted(there, np.cumsum([0, *sizes]))
+        for block, k, low, high in zip(blocks, sets, bounds[:-1], bounds[1:], strict=True):
+            acting = there[low:high] - k[0]
+            block[acting[:, None], acting] += white[:, low:high].T @ white[:, low:high]
 
     def _whitened(self, part: Part, c: int, chosen: Sequence[int] | np.ndarray) -> np.ndarray:
         """Whitened columns of some terms in a channel of a motion, in units of prior standard deviations."""
-        place = {number: k for k, number in enumerate(part.numbers[c].tolist())}
+        numbers, columns = part.of(c)
+        place = {number: k for k, number in enumerate(numbers.tolist())}
         x = np.zeros((len(part.residual), len(chosen)))
         there = [k for k, number in enumerate(chosen) if number in place]
-        x[:, there] = part.columns[c][:, [place[chosen[k]] for k in there]]
+        x[:, there] = columns[:, [place[chosen[k]] for k in there]]
         return part.whitened(self.noise, x, c) * np.array([self.table.terms[k].sd for k in chosen])
 
     def _site(self, a: Argument, nats: np.ndarray) -> str:

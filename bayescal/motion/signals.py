@@ -66,13 +66,18 @@ class Signals:
     def changed(self, **values: Any) -> Signals:
         """The same with another log of one mechanism, other torques, or other rows that stiction holds."""
         out = replace(self, **values)
-        out.__dict__.update({k: v for k, v in self.__dict__.items() if k in ("rigid", "tilted")})
+        out.__dict__.update({k: v for k, v in self.__dict__.items() if k in ("rigid", "tilted", "loads")})
         return out
 
     @cached_property
     def rigid(self) -> np.ndarray:
         """Torques (N, n, n, 10) by the inertial parameters of the bodies."""
         return regressor(self.log.mechanism, self.q, self.dq, self.ddq, self.log.gravity)
+
+    @cached_property
+    def loads(self) -> dict[bytes, np.ndarray]:
+        """Torques (N, n) that the gears carry, of the last inertial parameters for which they were asked."""
+        return {}
 
     @cached_property
     def tilted(self) -> np.ndarray:

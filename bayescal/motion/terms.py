@@ -82,7 +82,12 @@ class Operating:
 
     def load(self, s: Signals) -> np.ndarray:
         """Torque (N, n) that the gears carry: rigid bodies and payload, without rotor and friction."""
-        return carried(s.rigid, self.inertials, s.log.mechanism, s.payload)
+        inertials = self.inertials
+        key = inertials.tobytes()
+        if key not in s.loads:  # a long log forgets its regressors, not these
+            s.loads.clear()
+            s.loads[key] = carried(s.rigid, inertials, s.log.mechanism, s.payload)
+        return s.loads[key]
 
     def reversal(self, s: Signals) -> np.ndarray:
         """Direction of motion (N, n), -1 to 1; of a servo the error that friction holds, over its largest."""

@@ -176,7 +176,8 @@ def test_further_columns_change_the_normal_equations_by_a_border(pool):
     (_, left), (_, plain) = (next(iter(wide.unfiltered(values))) for values in ({names[0]: 3.0}, {}))
     part = wide.table.of_role(VALIDATE).parts[0]
     k = [t.name for t in wide.table.terms].index(names[0])
-    column = part.columns[0][:, part.numbers[0].tolist().index(k)]
+    numbers, columns = part.of(0)
+    column = columns[:, numbers.tolist().index(k)]
     s = part.signals
     rows = np.searchsorted(s.unfiltered(s.time), s.kept(s.time) - 0.5 * s.step)
     assert (plain - left)[rows, 0] == pytest.approx(3.0 * column, abs=0.02)
