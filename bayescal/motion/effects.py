@@ -76,6 +76,8 @@ class Waves:
     spread: float = 0.0
     changing: tuple[tuple[int, float], ...] = ()  # whose phase differs from piece to piece of the motions
     changing_spread: float = 0.0
+    in_proportion: tuple[tuple[int, float, str], ...] = ()  # to a response of the joint, with its name
+    in_proportion_spread: float = 0.0
 
 
 @dataclass(frozen=True)

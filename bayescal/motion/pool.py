@@ -8,6 +8,7 @@ from itertools import chain
 
 import numpy as np
 
+from bayescal.logs import Log
 from bayescal.logs.types import VALIDATE
 from bayescal.motion.cells import UNKNOWN, Ranges, cells
 from bayescal.motion.effects import Form, FormColumn, Scale, Waves, columns, in_all_joints
@@ -15,6 +16,7 @@ from bayescal.motion.estimate import Estimate
 from bayescal.motion.linear import Normal, Sparse, Table, fitted, normal, tabulated
 from bayescal.motion.noise import Noise
 from bayescal.motion.products import Bank
+from bayescal.motion.quantities import kept_signals, responses
 from bayescal.motion.search import Search
 from bayescal.motion.settings import CELLS, SEARCH
 from bayescal.motion.signals import Signals, each, low_passed
@@ -48,8 +50,9 @@ class Pool:
         loads = [float(np.mean(s.payload[s.payload > 0.0])) for s in parts if np.any(s.payload > 0.0)]
         speed = np.sqrt(np.mean(np.concatenate([s.dq for s in parts]) ** 2, axis=0))
         friction = np.abs(at.coulomb) + speed * np.abs(at.viscous)
-        scale = Scale(estimate.rms, friction, float(np.mean(loads)) if loads else 0.0, waves_of(estimate))
         ranges = Ranges(parts, at)
+        waves = waves_of(estimate, ranges)
+        scale = Scale(estimate.rms, friction, float(np.mean(loads)) if loads else 0.0, waves)
 
         def every(s: Signals) -> Iterable[Column]:
             yield from estimate.columns(s)
@@ -118,37 +121,53 @@ def _candidates(s: Signals, at: Operating, scale: Scale, ranges: Ranges) -> Iter
     return chain(columns(s, at, scale), cells(s, at, scale, ranges))
 
 
-def waves_of(estimate: Estimate) -> Waves:
+def waves_of(estimate: Estimate, ranges: Ranges) -> Waves:
     """Scan a grid of waves a turn, and multiples of a turn of the motor where the gear ratio is known."""
     table, noise = estimate.table(), estimate.noise
     residuals = table.residuals(fitted(normal(table, noise), np.arange(len(table.terms))).values)
-    steady, changing, tried = [], [], 0
+    kinds = ("", *SEARCH.in_proportion)
+    steady, changing, in_proportion, tried = [], [], [], 0
     log = table.parts[0].signals.log
+    kept = [kept_signals(p.signals, estimate.at, ranges) for p in table.parts]
     for j in range(log.n):
-        turned = float(np.ptp(np.concatenate([p.signals.q[:, j] for p in table.parts])))
-        low, high, part = SEARCH.waves
-        waves = np.arange(low, high, max(part * 2.0 * np.pi / max(turned, 1e-3), part))
-        gear = log.mechanism.gear_ratio[j]
-        if not np.isnan(gear):
-            of_motor = np.array(SEARCH.of_motor) * abs(gear)
-            waves = np.unique(np.r_[waves, of_motor[of_motor > high]])
-        score, size, loose = np.zeros(len(waves), complex), np.zeros(len(waves)), np.zeros(len(waves))
-        for p, r in zip(table.parts, residuals, strict=True):
-            s = p.signals
-            x = np.exp(1j * s.q[:, j : j + 1] * waves) * s.weight[:, j : j + 1]
-            x = p.whitened(noise, s.kept(x), j)
+        waves = _grid(log, j, float(np.ptp(np.concatenate([k.q[:, j] for k in kept]))))
+        score, size = np.zeros((len(kinds), len(waves)), complex), np.zeros((len(kinds), len(waves)))
+        loose = np.zeros(len(waves))
+        for p, r, k in zip(table.parts, residuals, kept, strict=True):
+            s, by = p.signals, responses(k, j)
+            x = s.kept(np.exp(1j * s.q[:, j : j + 1] * waves) * s.weight[:, j : j + 1])
             y = p.whitened(noise, r[:, j], j)
-            for rows in np.array_split(np.arange(len(y)), SEARCH.pieces):
-                along, square = x[rows].conj().T @ y[rows], np.sum(np.abs(x[rows]) ** 2, axis=0)
-                score += along
-                size += square
-                loose += np.abs(along) ** 2 / np.maximum(square, 1.0)
+            for i, kind in enumerate(kinds):
+                white = p.whitened(noise, x * by[kind][:, None], j)
+                for rows in np.array_split(np.arange(len(y)), SEARCH.pieces if not kind else 1):
+                    along, square = white[rows].conj().T @ y[rows], np.sum(np.abs(white[rows]) ** 2, axis=0)
+                    score[i] += along
+                    size[i] += square
+                    loose += np.abs(along) ** 2 / np.maximum(square, 1.0) if not kind else 0.0
         strength = np.abs(score) ** 2 / np.maximum(size, 1.0)
-        steady += [(j, float(waves[k])) for k in _peaks(strength, SEARCH.ripples)]
+        steady += [(j, float(waves[k])) for k in _peaks(strength[0], SEARCH.ripples)]
         changing += [(j, float(waves[k])) for k in _peaks(loose, SEARCH.changing)]
+        best = zip(SEARCH.in_proportion, strength[1:], strict=True)
+        in_proportion += [(j, float(waves[k]), kind) for kind, x in best for k in _peaks(x, 1)]
         tried += len(waves)
-    shares = [float(np.log(max(len(chosen), 1) / tried)) for chosen in (steady, changing)]
-    return Waves(tuple(steady), shares[0], tuple(changing), shares[1])
+
+    def share(chosen: Sequence[object], of: int) -> float:
+        return float(np.log(max(len(chosen), 1) / of))
+
+    responding = share(in_proportion, tried * len(SEARCH.in_proportion))
+    both = share(steady, tried), tuple(changing), share(changing, tried)
+    return Waves(tuple(steady), *both, tuple(in_proportion), responding)
+
+
+def _grid(log: Log, j: int, turned: float) -> np.ndarray:
+    """Waves a turn that are tried at a joint which turned by an angle, rad."""
+    low, high, part = SEARCH.waves
+    waves = np.arange(low, high, max(part * 2.0 * np.pi / max(turned, 1e-3), part))
+    gear = log.mechanism.gear_ratio[j]
+    if np.isnan(gear):
+        return waves
+    of_motor = np.array(SEARCH.of_motor) * abs(gear)
+    return np.unique(np.r_[waves, of_motor[of_motor > high]])
 
 
 def _peaks(x: np.ndarray, count: int) -> list[int]:

@@ -47,12 +47,16 @@ class Kept:
 
 def quantities(s: Signals, at: Operating, r: Ranges, waves: Waves) -> tuple[Kept, tuple[Argument, ...]]:
     """Signals of a motion that errors are in proportion to, and quantities that they may depend on."""
-    load, torque = at.load(s), at.torque(s)
-    k = Kept(
+    k = kept_signals(s, at, r)
+    return k, tuple(_arguments(s, at.load(s), at.torque(s), r, k, waves))
+
+
+def kept_signals(s: Signals, at: Operating, r: Ranges) -> Kept:
+    """Signals of a motion that errors are in proportion to."""
+    return Kept(
         s.kept(s.q), s.kept(s.dq) / r.usual_speed, s.kept(s.ddq) / r.usual_acceleration,
-        s.kept(load) / r.usual_load, s.kept(at.reversal(s)),
+        s.kept(at.load(s)) / r.usual_load, s.kept(at.reversal(s)),
     )  # fmt: skip
-    return k, tuple(_arguments(s, load, torque, r, k, waves))
 
 
 def responses(k: Kept, j: int) -> dict[str, np.ndarray]:
@@ -109,6 +113,11 @@ def _arguments(
             functions[rows, 2 * piece], functions[rows, 2 * piece + 1] = wave[rows].real, wave[rows].imag
         name = f"angle of joint {j + 1}, {number:.3g} waves a turn whose phase changes"
         yield Argument(name, functions, j, ("",), only=j, log_prior=waves.changing_spread)
+    for j, number, kind in waves.in_proportion:
+        wave = s.kept(np.exp(1j * number * s.q[:, j]))
+        name = f"angle of joint {j + 1}, {number:.3g} waves a turn"
+        both = np.column_stack([wave.real, wave.imag])
+        yield Argument(name, both, j, (kind,), only=j, log_prior=waves.in_proportion_spread)
 
 
 def _memories(s: Signals, load: np.ndarray, torque: np.ndarray, j: int) -> Iterator[Argument]:

@@ -319,6 +319,8 @@ class SearchSettings:
     """Of all motions (cost)."""
     changing: int = 2
     """Waves of each joint whose phase may differ, that become general functions (cost)."""
+    in_proportion: tuple[str, ...] = ("direction", "torque")
+    """Responses to which a wave may be in proportion: the best wave of each is a general function (cost)."""
     ripples: int = 4
     """Of each joint that become candidates (cost)."""
 

@@ -100,6 +100,24 @@ def test_an_oscillation_in_several_joints_is_of_what_carries_the_arm_or_of_the_t
     assert nats > 30.0
 
 
+def test_a_wave_in_proportion_to_a_response_is_found_and_explained(null_estimate):
+    j, number = 1, 41.0
+
+    def with_wave(s):
+        extra = np.zeros_like(s.torque)
+        extra[:, j] = 0.5 * np.sign(s.dq[:, j]) * np.sin(number * s.q[:, j] + 0.7)
+        return s.changed(torque=s.torque + extra)
+
+    estimate = replace(null_estimate, parts=tuple(map(with_wave, null_estimate.parts)))
+    pool = Pool.of(estimate)
+    found = {kind: waves for k, waves, kind in pool.scale.waves.in_proportion if k == j}
+    assert found["direction"] == pytest.approx(number, abs=0.5)
+    ((site, driver),), nats = best_products(pool, 1)
+    assert site == "joint 2"
+    assert driver == f"direction times angle of joint 2, {found['direction']:.3g} waves a turn"
+    assert nats > 50.0
+
+
 def test_events_are_found_where_they_are(pool):
     where = {}
 
