@@ -26,6 +26,8 @@ DISPLAYED = {
 """Unit in memory -> unit in print and factor to it; others are printed as they are."""
 LEAST = 0.01
 """Least probability of a cause that is listed."""
+EXPECTED = "residual of fitted motions: noise, and what the model of friction lacks"
+"""What the column `expected` of withheld motions is."""
 
 
 def title(record: Json) -> Text:
@@ -222,7 +224,7 @@ def _facts(record: Json) -> Facts:
     yield "probability", ", ".join(f"{rival(n)} {probability(p)}" for n, p in ranked if p >= LEAST), ""
     noise = ", ".join(f"{x:.2g}" for x in record["noise"]["lag1"])
     yield "noise", f"correlation of neighbouring rows, joint by joint: {noise}", "dim"
-    yield "expected", "residual of fitted motions: noise, and what the model of friction lacks", "dim"
+    yield "expected", EXPECTED, "dim"
     if each := beyond_stated(record):
         yield "", f"more than {TIMES:g} times the stated noise: {', '.join(each)} N m", "yellow"
     for why, names in by_reason(record["missing"]).items():

@@ -33,7 +33,8 @@ def first(run: Run) -> Section:
 
 def torque(run: Run) -> Section | None:
     """Torque residuals of withheld motions."""
-    return blocks("torque", "Withheld motions", sheets.torque_sheet(run.record))
+    expected = texts([f"expected: {sheets.EXPECTED}"], "quiet")
+    return blocks("torque", "Withheld motions", sheets.torque_sheet(run.record), *expected)
 
 
 def replayed(run: Run) -> Section | None:
@@ -51,9 +52,9 @@ def places(run: Run) -> Section | None:
 
 
 def not_assessed(run: Run) -> Section | None:
-    """Effects of which the log does not tell, and what to log next."""
+    """Effects of which the log does not tell."""
     reasons = tuple((", ".join(names), why) for why, names in by_reason(run.record["missing"]).items())
-    return blocks("limits", "Not assessed", Facts(reasons) if reasons else None, *texts(run.record["next"]))
+    return blocks("limits", "Not assessed", Facts(reasons) if reasons else None)
 
 
 SECTIONS = (first, torque, replayed, places, not_assessed)
