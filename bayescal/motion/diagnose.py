@@ -16,7 +16,7 @@ from bayescal.motion.linear import Fit, Normal, joined, normal
 from bayescal.motion.named import named_arm
 from bayescal.motion.next_logs import to_do
 from bayescal.motion.pool import Pool
-from bayescal.motion.result import Amplitude, MotionGap, Place, Shrinkage
+from bayescal.motion.result import Amplitude, Course, MotionGap, Place, Shrinkage
 from bayescal.motion.search import Member, Search
 from bayescal.motion.servo import with_torques
 from bayescal.motion.settings import NOISE, OUTCOME, SEARCH, VERDICT
@@ -178,7 +178,12 @@ def shrinkage(search: Search, pool: Pool, v: Verdict, held: Normal) -> Shrinkage
         draws = [_removed(first[k], last[k]) for k in picked]
         if np.any(np.isfinite(draws)):
             low, high = map(float, np.nanquantile(draws, (0.025, 0.975)))
-    return Shrinkage(rms(before), rms(after), floor, share, (low, high), gain)
+    k = int(np.argmax([np.nanmean((x / floor) ** 2) for x in before]))
+    parts = [s for s in pool.estimate.parts if s.role == VALIDATE]
+    rows = slice(None, None, max(len(before[k]) // OUTCOME.drawn, 1))
+    time = parts[k].unfiltered(parts[k].time)[rows] - parts[k].time[0]
+    course = Course(parts[k].name, time, before[k][rows], after[k][rows])
+    return Shrinkage(rms(before), rms(after), floor, share, (low, high), gain, course)
 
 
 def _blocks(x: np.ndarray, pool: Pool) -> np.ndarray:

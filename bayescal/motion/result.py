@@ -40,6 +40,16 @@ class Amplitude:
 
 
 @dataclass(frozen=True)
+class Course:
+    """Torque residuals of the withheld motion with most error, N m, at some of its rows; NaN at rest."""
+
+    motion: str
+    time: np.ndarray  # (R,) s since the motion began
+    before: np.ndarray  # (R, n)
+    after: np.ndarray
+
+
+@dataclass(frozen=True)
 class Shrinkage:
     """RMS of the torque residuals on moving rows of validation motions, N m, by joint (n,)."""
 
@@ -49,6 +59,7 @@ class Shrinkage:
     removed: float  # share of the excess variance, over all joints in units of the noise; nan without excess
     removed_interval95: tuple[float, float]
     gain: float  # log predictive density of the validation motions, nats, over the baseline
+    course: Course
 
 
 @dataclass(frozen=True)

@@ -329,6 +329,8 @@ class SearchSettings:
 class OutcomeSettings:
     """Place, size and reduction of an error."""
 
+    drawn: int = 400
+    """Rows of a motion whose residuals are drawn (cost)."""
     places: int = 6
     """Further cells that are looked at for places (cost)."""
     moving: float = 0.005

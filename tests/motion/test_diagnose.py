@@ -219,6 +219,15 @@ def test_a_run_folder_is_read_back(gaps, tmp_path):
     assert "ms" in str(gap)
     page = (tmp_path / "run" / "gap.html").read_text(encoding="utf-8")
     assert "delay of the torque" in page
+    # residuals of the withheld motion with most error, as they are drawn; withheld motions are alike
+    w, s = gap.record["withheld"], gap.record["shrinkage"]["torque"]
+    drawn = re.findall(r'<path class="(dot|check)" d="([^"]*)"', page)
+    assert [style for style, _ in drawn] == ["dot", "check"] * 3
+    for key in ("before", "after"):
+        left = np.array(w[f"{key}_Nm"], float)
+        assert left.shape == (3, len(w["time_s"]))
+        rms = np.sqrt(np.nanmean(left**2, axis=1))
+        assert rms == pytest.approx(s[f"{key}_rms_Nm"], rel=0.15)
 
 
 def test_a_log_without_signed_torques_is_not_assessed(null_log):

@@ -97,6 +97,11 @@ def motion_record(gap: MotionGap) -> dict[str, Any]:
             "torque": None if servo else own,
             "tracking": {**own, "replay": _replay(gap)} if servo else _replay(gap),
         },
+        "withheld": {
+            **entry(s.course, "motion", "time_s=time"),
+            f"before_{unit}": (by * s.course.before).T,
+            f"after_{unit}": (by * s.course.after).T,
+        },
         "noise": {
             "lag1": gap.estimate.noise.lag1[: log.n],
             f"floor_{unit}": by * s.floor,

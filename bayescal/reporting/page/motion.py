@@ -4,11 +4,28 @@ from __future__ import annotations
 
 import shlex
 
+import numpy as np
+
 from bayescal.reporting.motion import sheets
+from bayescal.reporting.page import svg
+from bayescal.reporting.page.common import CLIP
 from bayescal.reporting.page.gap import FIRST, doubt_of, verdict_of
-from bayescal.reporting.page.section import Facts, Fault, FirstScreen, Run, Section, blocks, texts
+from bayescal.reporting.page.section import (
+    Facts,
+    Fault,
+    Figures,
+    FirstScreen,
+    Run,
+    Section,
+    Text,
+    blocks,
+    texts,
+)  # fmt: skip
 from bayescal.reporting.shared.text import by_reason, probability
 from bayescal.storage.reading import Json
+
+KINDS = (("before", "dot", "Blue: model"), ("after", "check", "orange: with the effects"))
+"""Residuals that are drawn: key, class of the style sheet, words."""
 
 
 def first(run: Run) -> Section:
@@ -33,8 +50,27 @@ def first(run: Run) -> Section:
 
 def torque(run: Run) -> Section | None:
     """Torque residuals of withheld motions."""
+    record = run.record
     expected = texts([f"expected: {sheets.EXPECTED}"], "quiet")
-    return blocks("torque", "Withheld motions", sheets.torque_sheet(run.record), *expected)
+    return blocks("torque", "Withheld motions", sheets.torque_sheet(record), *expected, *_course(record))
+
+
+def _course(record: Json) -> tuple[Figures, Text] | tuple[()]:
+    """Drawings of the residuals in the withheld motion with most error, joint by joint."""
+    if "withheld" not in record:  # of an earlier version
+        return ()
+    w, unit, kinds = record["withheld"], record["unit"], KINDS if record["named"] else KINDS[:1]
+    time, drawings = np.array(w["time_s"]), []
+    for j, (name, floor) in enumerate(zip(record["joints"], record["noise"][f"floor_{unit}"], strict=True)):
+        left = [np.array(w[f"{key}_{unit}"][j], float) for key, _, _ in kinds]
+        there = np.isfinite(left[0])  # it is not at rest
+        dots = [(style, time[there], x[there]) for (_, style, _), x in zip(kinds, left, strict=True)]
+        edge = max(2.5 * floor, 1.05 * float(np.nanquantile(np.abs(left), CLIP)))
+        labels = "time (s)", f"{name} ({sheets.WORDS[unit]})"
+        drawings.append(("", svg.scatter(dots, labels, 2.0 * floor, f"Residuals of {name}", (-edge, edge))))
+    words = "; ".join(text for _, _, text in kinds)
+    legend = f"Motion {w['motion']}. {words}; triangles: off scale. Grey band: twice the expected residual."
+    return Figures(tuple(drawings)), Text(legend, "quiet")
 
 
 def replayed(run: Run) -> Section | None:
