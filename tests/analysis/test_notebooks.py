@@ -9,7 +9,7 @@ import pytest
 from cases import ROOT
 from foreign import needs
 
-from bayescal.motion import possible
+from bayescal.motion import calibrate, possible
 from bayescal.planning.candidates import candidates
 
 FIGURES = {
@@ -39,7 +39,9 @@ def pyplot(monkeypatch):
 @pytest.fixture(autouse=True)
 def small_plans(quick_search, monkeypatch):
     """Plans of as many candidates share them; draws of a log take few steps."""
-    monkeypatch.setattr(possible, "CALIBRATION", replace(possible.CALIBRATION, steps=10_000, burned=1_000))
+    few = replace(possible.CALIBRATION, steps=10_000, burned=1_000)
+    for module in (calibrate, possible):
+        monkeypatch.setattr(module, "CALIBRATION", few)
     monkeypatch.setattr("bayescal.planning.search.EACH", 4)  # contacts that validate, of each sphere
     made = {}
 

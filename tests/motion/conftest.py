@@ -4,7 +4,7 @@ import pytest
 from motion.made import write
 
 from bayescal.logs import read_log
-from bayescal.motion import possible
+from bayescal.motion import calibrate, possible
 from bayescal.motion.estimate import estimated
 from bayescal.motion.signals import all_signals
 
@@ -13,7 +13,9 @@ from bayescal.motion.signals import all_signals
 def _few_steps():
     """Draws of a fit take a fifth of the usual steps; tests of the sampler state their own."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(possible, "CALIBRATION", replace(possible.CALIBRATION, steps=40_000, burned=2_000))
+        few = replace(possible.CALIBRATION, steps=40_000, burned=2_000)
+        for module in (calibrate, possible):
+            patch.setattr(module, "CALIBRATION", few)
         yield
 
 

@@ -20,7 +20,6 @@ from bayescal.logs.schema import Arm
 from bayescal.logs.write import arm_text
 from bayescal.motion import calibrate as calibration
 from bayescal.motion.calibrate import calibrate
-from bayescal.motion.fit_settings import CALIBRATION
 from bayescal.motion.linear import Normal, fitted
 from bayescal.motion.possible import NOT_NEGATIVE, Possible, draws_within, pseudo_inertia, spread
 from bayescal.motion.terms import BODY, Term, nominal
@@ -112,7 +111,7 @@ def test_chains_that_disagree_are_sampled_longer_and_then_stated(null_estimate, 
     monkeypatch.setattr(calibration, "draws_within", spy := Mock(wraps=calibration.draws_within))
     monkeypatch.setattr(calibration, "spread", Mock(side_effect=[3.0, 1.0]))
     fit = calibration.calibrated(null_estimate, null_estimate.fit(), 0, 0)
-    longer = CALIBRATION.further * CALIBRATION.steps
+    longer = calibration.CALIBRATION.further * calibration.CALIBRATION.steps
     assert [call.args[4:] for call in spy.call_args_list] == [(), (longer,)]
     assert not any("chains" in text for text in fit_record(fit)["warnings"])
     assert any("chains" in text for text in fit_record(replace(fit, r_hat=1.2))["warnings"])

@@ -118,7 +118,7 @@ def test_a_validation_target_that_cannot_be_located_is_left_out(tmp_path):
     session = read_dataset(tmp_path)
     words = "target ball.A cannot be located from its rows: two places"
     assert any(f.code == "not_located" and f.kind == "missing" for f in check(tmp_path).findings)
-    fitted = calibration.fit(session, samples=0)
+    fitted = calibration.fit(session, ("joint",), samples=0)
     (found,) = [f for f in fitted.findings if f.code == "not_located"]
     assert found.text.startswith(words)
     assert "it validates nothing" in found.text
