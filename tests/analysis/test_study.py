@@ -31,8 +31,8 @@ SEEDS = range(20, 24)
 
 @pytest.fixture(scope="module")
 def records() -> list[session.Record]:
-    """Four sessions of 150 contacts."""
-    small = {"contacts": 150, "later": 40, "repeats": 5, "placements": 2}
+    """Four sessions of 120 contacts."""
+    small = {"contacts": 120, "later": 24, "repeats": 4, "placements": 1}
     return [session.run(Options(seed=seed, **small)) for seed in SEEDS]
 
 

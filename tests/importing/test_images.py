@@ -39,16 +39,16 @@ def made(tmp_path_factory):
     return rendered(tmp_path_factory.mktemp("images"), drawn(), FIXED)
 
 
-def rendered(place, board, mounts, margin=0.0):
+def rendered(place, board, mounts, margin=0.0, images=14):
     """Images of a board whose pattern starts `margin` (m) behind its upper left corner."""
     matrix = np.array([[FOCAL[0], 0, CENTRE[0]], [0, FOCAL[1], CENTRE[1]], [0, 0, 1]])
     edge = 0.5e-3 / PER_MM - margin
     to_board = np.array([[1e-3 / PER_MM, 0, edge], [0, 1e-3 / PER_MM, edge], [0, 0, 1]])
     for mount in mounts:
-        session = camera_session(mount, images=14, velocity=False)
+        session = camera_session(mount, images=images, velocity=False)
         m, folder = session.measurements, place / mount
         folder.mkdir()
-        readings = m.readings[:: len(m.ids) // 14]
+        readings = m.readings[:: len(m.ids) // images]
         tool = frames(chain_of(session.robot), link_angles(session.robot, readings))[:, -1] @ ON_FLANGE
         lines = [",".join(["image", *joint_columns("deg", session.robot.units)])]
         for k, (q, t) in enumerate(zip(readings, tool, strict=True)):
@@ -167,9 +167,9 @@ def test_of_two_tags_none_is_taken(made, tmp_path):
 
 
 def test_a_checkerboard_is_numbered_from_one_end_in_all_images(tmp_path):
-    place = rendered(tmp_path, checkered(), ["flange"], margin=0.03)
+    place = rendered(tmp_path, checkered(), ["flange"], margin=0.03, images=7)
     draft = convert(asked(place, board="checkerboard:6x4:30mm"))
-    truth = camera_session("flange", images=14, velocity=False, noise=0.0).measurements
+    truth = camera_session("flange", images=7, velocity=False, noise=0.0).measurements
     pixel = {(s, int(k)): uv for s, (*uv, k) in zip(truth.stop, truth.pixel, strict=True)}
     m, ends = draft.dataset.measurements, []
     for s, (*uv, k) in zip(m.stop, m.pixel, strict=True):

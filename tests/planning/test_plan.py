@@ -105,7 +105,7 @@ def test_for_distances_is_more_accurate(planned_example: Plan) -> None:
 def test_levers() -> None:
     """Without its lever no contact has a payload; a volume that is partly out of reach is noted."""
     setup = replace(example(), volume=Box(np.array([0.9, 0.0, 0.4]), np.full(3, 0.5)))
-    one = plan(setup, PlanOptions(60, GAP, ("geometry",), ("approach",), candidates=300))
+    one = plan(setup, PlanOptions(60, GAP, ("geometry",), ("approach",), candidates=150))
     assert one.expected[1].over == "volume of interest"
     assert any("of the volume of interest" in w for w in one.warnings)
     payload = one.session.measurements.payload
