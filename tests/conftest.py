@@ -218,14 +218,27 @@ IDLE = {
 """Settings of Dask with which a cluster without work takes 1 % of a core, not 9 %."""
 
 
-@pytest.fixture(scope="session")
-def cluster():
-    """Two worker processes of Dask on this machine, one thread each."""
+def local_cluster(workers: int, processes: bool):
+    """A cluster of Dask on this machine, whose workers have one thread each."""
     import dask
     import distributed
 
     with (
         dask.config.set(IDLE),
-        distributed.LocalCluster(2, threads_per_worker=1, processes=True, dashboard_address=None) as found,
+        distributed.LocalCluster(
+            workers, threads_per_worker=1, processes=processes, protocol="tcp://", dashboard_address=None
+        ) as found,
     ):
         yield found
+
+
+@pytest.fixture(scope="session")
+def cluster():
+    """Two worker processes of Dask."""
+    yield from local_cluster(2, True)
+
+
+@pytest.fixture
+def thread_of_dask():
+    """A worker of Dask in this process, which has imported all; tasks are sent to it all the same."""
+    yield from local_cluster(1, False)

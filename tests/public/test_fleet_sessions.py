@@ -129,14 +129,14 @@ def test_the_table_is_right_and_a_bad_session_stands_in_it(ran):
     assert (out / "sessions" / "arm-0" / "fit" / "report.html").is_file()
 
 
-def test_a_second_call_computes_what_is_missing_or_changed_on_dask(ran, folder, cluster):
+def test_a_second_call_computes_what_is_missing_or_changed_on_dask(ran, folder, thread_of_dask):
     out, _, _ = ran
     before = done(folder)
     settings = folder / "sessions" / "arm-1" / "dataset.yaml"
     settings.write_text(settings.read_text() + "# a comment\n")
     shutil.rmtree(out / "sessions" / "arm-2" / "gap")
     lines = []
-    result = bc.fleet([folder / "sessions"], out, dask=cluster.scheduler_address, say=lines.append)
+    result = bc.fleet([folder / "sessions"], out, dask=thread_of_dask.scheduler_address, say=lines.append)
     assert result.record["count"] == {"sessions": 5, "fitted": 2, "kept": 2, "failed": 1}
     assert lines[0] == f"2 of 5 sessions are kept from an earlier run in {out}"
     changed = {path.split("/sessions/")[1] for path, time in done(folder).items() if before.get(path) != time}

@@ -104,7 +104,7 @@ def hears_ctrl_c():
     signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
-def test_interrupted_and_resumed_on_dask_the_seal_is_the_same(made, ran, cluster, tmp_path):
+def test_interrupted_and_resumed_on_dask_the_seal_is_the_same(made, ran, thread_of_dask, tmp_path):
     folder = Path(shutil.copytree(made[0], tmp_path / "blind"))
     line = [sys.executable, "-m", "analysis.blind", "run", str(folder)]
     process = subprocess.Popen(
@@ -120,7 +120,7 @@ def test_interrupted_and_resumed_on_dask_the_seal_is_the_same(made, ran, cluster
     first = sorted((folder / "answers").glob("*"))
     assert len(first) == 1
     before = first[0].stat().st_mtime_ns
-    found = run(folder, dask=cluster.scheduler_address)
+    found = run(folder, dask=thread_of_dask.scheduler_address)
     assert found.sha256 == seal.of_text((ran[0] / "answers.json").read_text())
     assert first[0].stat().st_mtime_ns == before
 
