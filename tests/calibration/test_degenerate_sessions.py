@@ -10,6 +10,7 @@ from cases import terminal_text
 from sessions import geared, with_columns, with_rows
 from typer.testing import CliRunner
 
+import bayescal as bc
 from bayescal import calibration
 from bayescal.arm.motion import NominalArm
 from bayescal.assess.budget import budget
@@ -431,13 +432,10 @@ def test_record_and_table_tell_how_the_sessions_agree(together):
 
 
 def test_sessions_of_two_arms_are_flagged(folders):
-    out = folders / "mixed"
-    done = run("fit", folders / "may", folders / "twin", *QUICK, "--out", out)
-    assert done.exit_code == 0, done.output
-    record = json.loads((out / "fit.json").read_text())
-    assert record["agreement"]["pairs"][0]["disagree"]
-    assert "may and twin disagree" in " ".join(done.output.split())
-    assert any("may and twin disagree" in warning for warning in record["warnings"])
+    result = bc.fit([folders / "may", folders / "twin"], samples=0)
+    assert result.record["agreement"]["pairs"][0]["disagree"]
+    assert "may and twin disagree" in " ".join(str(result).split())
+    assert any("may and twin disagree" in warning for warning in result.record["warnings"])
 
 
 def test_another_drawing_is_refused_and_nothing_written(folders, tmp_path):
@@ -459,9 +457,7 @@ def test_gap_takes_several_sessions(folders):
     assert "may and june: chi-squared" in done.output
 
 
-def test_the_joint_level_of_two_sessions_is_compared(folders, tmp_path):
+def test_the_joint_level_of_two_sessions_is_compared(folders):
     """`joint` is a level and no cause, and still a model whose sessions are compared."""
-    out = tmp_path / "run"
-    done = run("fit", folders / "may", folders / "june", "--model", "joint", *QUICK, "--out", out)
-    assert done.exit_code == 0, done.output
-    assert json.loads((out / "fit.json").read_text())["agreement"]["pairs"]
+    found = bc.fit([folders / "may", folders / "june"], "joint", samples=0)
+    assert found.record["agreement"]["pairs"]

@@ -23,9 +23,9 @@ OPTIONS = {"effective": 60, "seed": 3, "max_steps": 8}
 
 
 @pytest.fixture(scope="module")
-def fitted(cube):
+def fitted(tracker):
     """Of few parameters: the size of an ensemble, and so its cost, grows with their square."""
-    return estimate(build(Scene(cube(seed=5, count=24).dataset), ("joint",)))
+    return estimate(build(Scene(tracker(seed=5, count=12).dataset), ("joint",)))
 
 
 @pytest.fixture(scope="module", autouse=True)
