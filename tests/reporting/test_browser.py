@@ -135,13 +135,10 @@ def test_names_from_files_are_inert(opened):
     assert "<script>" in legend
 
 
-@pytest.mark.parametrize(
-    ("name", "width", "scheme"),
-    [("evil", NARROW, "light"), ("plain", NARROW, "dark"), ("plain", WIDE, "light")],
-)
-def test_accessible(opened, name, width, scheme):
-    """Contrast too, in both schemes."""
-    page = opened(name, width, scheme)
+@pytest.mark.parametrize(("name", "scheme"), [("evil", "light"), ("plain", "dark")])
+def test_accessible(opened, name, scheme):
+    """Contrast too, in both schemes; a wide page has the same elements in the same colours."""
+    page = opened(name, NARROW, scheme)
     drawn(page, "residuals")
     dark = page.evaluate("getComputedStyle(document.body).backgroundColor") == "rgb(20, 25, 30)"
     assert dark == (scheme == "dark")
