@@ -111,9 +111,9 @@ def until(page, expression: str, act) -> None:
 def drag(page, place: str) -> None:
     """Drag the mouse over a part of the page, then take it away."""
     box = page.locator(place).bounding_box()
-    page.mouse.move(box["x"] + 300, box["y"] + 150)
+    page.mouse.move(box["x"] + 120, box["y"] + 150)
     page.mouse.down()
-    page.mouse.move(box["x"] + 420, box["y"] + 190, steps=4)
+    page.mouse.move(box["x"] + 240, box["y"] + 190, steps=4)
     page.mouse.up()
     page.mouse.move(1, 1)  # a contact under the pointer poses the arm too
 
@@ -153,7 +153,7 @@ def test_accessible(opened, name, scheme):
 
 
 def test_the_arm_responds(opened, record):
-    page = opened("plain", WIDE)
+    page = opened("plain", NARROW)
     drawn(page, "arm")
     times = page.evaluate("Object.assign({}, document.documentElement.dataset)")
     assert int(times["ready"]) < int(times["library"])  # a page to be read does not wait for plotly.js
@@ -176,7 +176,7 @@ def test_the_arm_responds(opened, record):
 
 def test_the_arm_is_a_body(opened, record):
     """All corners of its surface are on the capsules of the record at the row; artefacts stand still."""
-    page = opened("plain", WIDE)
+    page = opened("plain", NARROW)
     drawn(page, "arm")
     page.locator("#scene-row").fill("7")
     plot = "document.getElementById('scene-plot').data"
@@ -198,7 +198,7 @@ def test_the_arm_is_a_body(opened, record):
 
 
 def test_figures_are_those_of_the_record(opened, record):
-    page = opened("plain", WIDE)
+    page = opened("plain", NARROW)
     drawn(page, "residuals")
     data = page.evaluate("document.getElementById('residual-plot').data.map(t => [t.customdata, t.y])")
     got = {k: y for rows, values in data for k, y in zip(rows, values, strict=True)}
@@ -210,7 +210,7 @@ def test_figures_are_those_of_the_record(opened, record):
 
 
 def test_print_has_the_drawings(opened):
-    page = opened("plain", WIDE)
+    page = opened("plain", NARROW)
     drawn(page, "arm")
     page.emulate_media(media="print")
     try:
