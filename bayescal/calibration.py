@@ -47,8 +47,8 @@ if TYPE_CHECKING:
     from bayescal.posterior.checkpoint import Checkpoint  # and emcee with it
 
 VALIDATION_DRAWS = 2000
-MOST_PREDICTED, FEWEST_VALIDATION_DRAWS = 4_000_000, 400
-"""Predictions of single validation measurements, beyond which there are fewer draws of each: 2000 rows."""
+MOST_PREDICTED, FEWEST_VALIDATION_DRAWS = 1_000_000, 400
+"""Predictions of single validation measurements, beyond which there are fewer draws of each: 500 rows (cost)."""
 NOMINAL = ("nominal",)
 
 GROSS = ("many_rejected", "not_flat", "far_from_nominal", "negative")
