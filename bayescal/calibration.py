@@ -48,7 +48,7 @@ if TYPE_CHECKING:
 
 VALIDATION_DRAWS = 2000
 MOST_PREDICTED, FEWEST_VALIDATION_DRAWS = 1_000_000, 400
-"""Predictions of single validation measurements, beyond which there are fewer draws of each: 500 rows (cost)."""
+"""Predictions of single validation measurements, beyond which each has fewer draws: 500 rows (cost)."""
 NOMINAL = ("nominal",)
 
 GROSS = ("many_rejected", "not_flat", "far_from_nominal", "negative")

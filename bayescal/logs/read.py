@@ -26,11 +26,11 @@ from bayescal.logs.schema import (
     Uncertainty,
     known_keys,
 )
-from bayescal.logs.types import CALIBRATE, VALIDATE, Controller, Log, Motion
+from bayescal.logs.types import CALIBRATE, FEWEST_ROWS, VALIDATE, Controller, Log, Motion
 from bayescal.robots import load_robot
 from bayescal.robots.schema import SIX
 from bayescal.storage.files import Document, check_schema, column_of, in_si, read_document, si
-from bayescal.storage.reading import LARGEST, content_of
+from bayescal.storage.reading import LARGEST, check_inside, content_of
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -51,8 +51,6 @@ PER_JOINT = {
 MEASURED = ("time", "position", "velocity", "command", "torque", "link", "temperature", "payload")
 """Quantities of a `Motion`."""
 PLAIN = ("t_s", "motion", "role", "temperature_degC", "payload_kg")
-FEWEST_ROWS = 20
-"""Rows of a motion: fewer have no derivatives."""
 VALIDATED = 5
 """One motion of so many is withheld, if the file does not state roles (assumed)."""
 LIMITS = {"position": 1e3, "velocity": 1e3, "command": 1e3, "link": 1e3, "torque": 1e6, "current": 1e5}
@@ -85,7 +83,8 @@ def read_log(folder: Path) -> Log:
     document = read_document(folder / "dataset.yaml")
     check_schema(document, SCHEMA)
     known, ignored = known_keys(document.data, LogFile)
-    file = replace(document, data=known).parse(LogFile)
+    stated = replace(document, data=known).parse(LogFile)
+    file, written = _with_arm(stated, folder)
     mechanism, notes, robot = _mechanism(file, document, folder)
     table, content, name = _table(folder)
     further = [str(c) for c in table.columns if c not in known_columns(mechanism.n)]
@@ -99,8 +98,8 @@ def read_log(folder: Path) -> Log:
         raise BayescalError("no motion has the role calibrate", document.where(("motions",)), "set one")
     gravity = file.gravity_mps2 or getattr(file.robot, "gravity_mps2", None)
     control = file.controller
-    own = folder / file.robot.partition("#")[0] if isinstance(file.robot, str) else folder
-    digest = hashlib.sha256(document.content + content + robot).hexdigest()
+    own = folder / stated.robot.partition("#")[0] if isinstance(stated.robot, str) else folder
+    digest = hashlib.sha256(document.content + content + written + robot).hexdigest()
     return Log(
         name=file.name,
         mechanism=mechanism,
@@ -122,6 +121,18 @@ def read_log(folder: Path) -> Log:
         files=tuple(filter(Path.is_file, (folder / "dataset.yaml", folder / name, own))),
         noise=_per_joint(file.noise.torque_Nm, mechanism, "torque_Nm"),
     )
+
+
+def _with_arm(file: LogFile, folder: Path) -> tuple[LogFile, bytes]:
+    """dataset.yaml with the arm of a file that writes out its joints as dataset.yaml may, and its content."""
+    if isinstance(file.robot, Arm) or Path(file.robot).suffix.lower() not in (".yaml", ".yml"):
+        return file, b""
+    check_inside(folder / file.robot, folder, f"robot `{file.robot}`")
+    document = read_document(folder / file.robot)
+    if "schema" in document.data or "joints" not in document.data:
+        return file, b""
+    known, _ = known_keys(document.data, Arm)
+    return file.model_copy(update={"robot": replace(document, data=known).parse(Arm)}), document.content
 
 
 def _mechanism(file: LogFile, document: Document, folder: Path) -> tuple[Mechanism, tuple[str, ...], bytes]:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
+from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -18,6 +20,12 @@ SERVO = "servo"
 ONE_VALUE, MOVING = 0.5, 0.1
 """Fraction of the rows of a moving joint with one and the same torque: its signal has too few digits, or is
 dead; and a joint moves where it is faster than this fraction of its 95th percentile (conventions)."""
+LOST_STEPS, LOST = 3.0, 0.05
+"""Steps, and s, without rows, over which nothing is interpolated: half a period of 10 Hz (assumed)."""
+FEWEST_ROWS = 20
+"""Rows of a motion: fewer have no derivatives."""
+SHORTEST = 1.0
+"""s of a part of a motion that is of use: its ends are lost to filters (assumed)."""
 
 
 @dataclass(frozen=True)
@@ -42,6 +50,24 @@ class Motion:
     def loaded(self) -> bool:
         """Whether it carries a payload."""
         return bool(np.any(self.payload > 0.0))
+
+    @property
+    def divided(self) -> tuple[Motion, ...]:
+        """Its parts between rows that are missing, without those that are too short; itself if none are."""
+        steps = np.diff(self.time)
+        lost = np.flatnonzero(steps > max(LOST_STEPS * float(np.median(steps)), LOST)) + 1
+        if not len(lost):
+            return (self,)
+        parts = [slice(a, b) for a, b in pairwise((0, *lost.tolist(), len(self.time)))]
+        parts = [p for p in parts if self.time[p.stop - 1] - self.time[p.start] >= SHORTEST]
+        parts = [p for p in parts if p.stop - p.start >= FEWEST_ROWS]
+        columns = {f.name for f in fields(self)} - {"name", "role", "kind", "same_as", "line"}
+        out = []
+        for k, rows in enumerate(parts, 1):
+            own: dict[str, Any] = {c: None if (x := getattr(self, c)) is None else x[rows] for c in columns}
+            name = f"{self.name} ({k})"
+            out.append(replace(self, name=name, same_as=name, line=self.line + rows.start, **own))
+        return tuple(out)
 
 
 @dataclass(frozen=True)
@@ -84,6 +110,17 @@ class Log:
     def of_role(self, role: str) -> tuple[Motion, ...]:
         """The motions of a role."""
         return tuple(m for m in self.motions if m.role == role)
+
+    @property
+    def divided(self) -> Log:
+        """The log with motions divided where rows are missing."""
+        parts = {m.name: m.divided for m in self.motions}
+        if all(len(p) == 1 and p[0].name == name for name, p in parts.items()):
+            return self
+        kept = tuple(p for m in self.motions for p in parts[m.name])
+        missing = [name for name, p in parts.items() if [m.name for m in p] != [name]]
+        said = f"rows are missing in motion {', '.join(missing)}: it is divided there, not interpolated"
+        return replace(self, motions=kept, notes=(*self.notes, said))
 
     @property
     def coarse(self) -> Mapping[str, float]:

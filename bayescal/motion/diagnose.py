@@ -178,12 +178,19 @@ def shrinkage(search: Search, pool: Pool, v: Verdict, held: Normal) -> Shrinkage
         draws = [_removed(first[k], last[k]) for k in picked]
         if np.any(np.isfinite(draws)):
             low, high = map(float, np.nanquantile(draws, (0.025, 0.975)))
+    return Shrinkage(
+        rms(before), rms(after), floor, share, (low, high), gain, course(pool, floor, before, after)
+    )
+
+
+def course(
+    pool: Pool, floor: np.ndarray, before: Sequence[np.ndarray], after: Sequence[np.ndarray]
+) -> Course:
+    """What is left in the validation motion with most error, at some of its rows."""
     k = int(np.argmax([np.nanmean((x / floor) ** 2) for x in before]))
-    parts = [s for s in pool.estimate.parts if s.role == VALIDATE]
+    s = [s for s in pool.estimate.parts if s.role == VALIDATE][k]
     rows = slice(None, None, max(len(before[k]) // OUTCOME.drawn, 1))
-    time = parts[k].unfiltered(parts[k].time)[rows] - parts[k].time[0]
-    course = Course(parts[k].name, time, before[k][rows], after[k][rows])
-    return Shrinkage(rms(before), rms(after), floor, share, (low, high), gain, course)
+    return Course(s.name, s.unfiltered(s.time)[rows] - s.time[0], before[k][rows], after[k][rows])
 
 
 def _blocks(x: np.ndarray, pool: Pool) -> np.ndarray:

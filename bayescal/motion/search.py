@@ -133,7 +133,9 @@ class Search:
         further += np.log(SEARCH.again) * (len(effects) - len(set(effects)))
         if UNKNOWN in effects:
             return float(np.log(SEARCH.unknown) + further + (np.log(SEARCH.beside / count) if named else 0.0))
-        return float(np.log(SEARCH.single / count if named else SEARCH.null) + further)
+        if not named:
+            return float(np.log(SEARCH.null)) + SEARCH.tolerance
+        return float(np.log(SEARCH.single / count) + further)
 
     def additions(self, members: Sequence[Member]) -> dict[str, tuple[Member, float]]:
         """Of each effect the best form at a new site, and its gain over a hypothesis, nats, averaged."""

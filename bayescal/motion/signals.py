@@ -18,8 +18,9 @@ from scipy.ndimage import minimum_filter1d
 from scipy.signal import butter, firwin, sosfiltfilt
 from scipy.sparse import csr_matrix
 
+from bayescal.errors import BayescalError
 from bayescal.logs import Log, Motion
-from bayescal.logs.types import SERVO
+from bayescal.logs.types import SERVO, SHORTEST
 from bayescal.motion.dynamics import regressor
 from bayescal.motion.fit_settings import SERVOS
 from bayescal.motion.settings import OUTCOME, SIGNALS
@@ -237,7 +238,17 @@ def signals_of(log: Log, motion: Motion, first: float, cold: float) -> Signals:
 
 
 def all_signals(log: Log) -> tuple[Signals, ...]:
-    """Every motion of a log."""
+    """Every motion of a log, divided where rows are missing.
+
+    Raises
+    ------
+    BayescalError
+        If no part of the motions of a role is long enough.
+    """
+    whole, log = log, log.divided
+    if lost := {m.role for m in whole.motions} - {m.role for m in log.motions}:
+        what = f"rows are missing in all motions of role {', '.join(sorted(lost))}"
+        raise BayescalError(what, log.name, f"log {SHORTEST:g} s or more without loss")
     first = log.motions[0]
     cold = 0.0 if first.temperature is None else float(np.median(first.temperature[: SIGNALS.cold_rows]))
     return tuple(signals_of(log, motion, float(first.time[0]), cold) for motion in log.motions)

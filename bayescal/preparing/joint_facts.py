@@ -87,9 +87,9 @@ def cutoff(driver: np.ndarray, signal: np.ndarray, step: float) -> tuple[float, 
     _, power = welch(driver, fs=1 / step, nperseg=length)
     _, common = coherence(driver, signal, fs=1 / step, nperseg=length)
     trusted = np.flatnonzero((common > COHERENT) & (frequency > 0))
+    trusted = trusted[: int(np.argmax(np.diff(trusted) > 3)) + 1] if np.any(np.diff(trusted) > 3) else trusted
     if len(trusted) < 3:
         return np.nan, np.nan
-    trusted = trusted[: int(np.argmax(np.diff(trusted) > 3)) + 1] if np.any(np.diff(trusted) > 3) else trusted
     gain = np.abs(both[trusted]) / power[trusted]
     low = _at_rest(frequency[trusted], gain)
     fallen = np.flatnonzero(gain < np.sqrt(0.5) * low)

@@ -80,7 +80,7 @@ def odd(log: Log, joints: Sequence[Joint], stamps: Stamps, table: str) -> Iterat
     if stamps.gaps:
         what = f"{stamps.gaps} gap{'s' * (stamps.gaps > 1)} in the stamps, the longest {stamps.longest:.3g} s"
         what += f" (step {1e3 * stamps.step:.3g} ms)"
-        yield Finding("gaps", "odd", what, stamps.where, "divide the motion there, or log without loss")
+        yield Finding("gaps", "odd", what, stamps.where, "log without loss; motions are divided there")
     if stamps.jitter > joint_facts.JITTER:
         what = f"steps scatter by {100 * stamps.jitter:.2g} % of {1e3 * stamps.step:.3g} ms: stamps count"
         yield Finding("jitter", "odd", what, table, "log the time of measurement, not that of arrival")

@@ -12,6 +12,7 @@ from rich.console import RenderableType
 from bayescal.preparing.check import Check, check_record
 from bayescal.preparing.joint_log import LogCheck, log_record
 from bayescal.preparing.missing import KINDS, Finding
+from bayescal.reporting.motion.sheets import headed
 from bayescal.reporting.shared.sheet import Column, Sheet, screen
 from bayescal.reporting.shared.text import MISSING, Facts, by_reason, with_u
 from bayescal.storage.reading import Json
@@ -26,7 +27,7 @@ def check_summary(of: Check | LogCheck) -> RenderableType:
     """What is understood, what can be assessed, and all findings."""
     if isinstance(of, LogCheck):
         record = log_record(of)
-        head = f"{record['dataset']}  {record['robot']['name']}"
+        head = headed(record["dataset"], record["robot"]["name"], "")
         return screen(head, _grouped(_log_lines(of, record)), "", joint_sheet(record))
     record = check_record(of)
     return screen(f"{record['dataset']}  {record['robot']['name']}", _grouped(_lines(of, record)))

@@ -24,6 +24,7 @@ def test_the_gain_is_a_log_likelihood_ratio_and_errors_are_of_moving_rows():
     turned = SimpleNamespace(position=np.arange(2.0)[:, None])
     log = SimpleNamespace(of_role=lambda role: [turned], torque_kind="torque")
     s = SimpleNamespace(dq=speed, unfiltered=lambda x: x, log=log, role="validate")
+    s.name, s.time, s.step = "last", np.arange(200.0) + 7.0, OUTCOME.block / 10
     part = SimpleNamespace(moves=Signals.moves.fget(s))
     sign = np.where(np.arange(200) % 3, 1.0, -1.0)
 
@@ -37,13 +38,16 @@ def test_the_gain_is_a_log_likelihood_ratio_and_errors_are_of_moving_rows():
     }
     search = SimpleNamespace(fit=lambda members=(): fits[members])
     chosen = SimpleNamespace(members=("effect",))
-    estimate = SimpleNamespace(parts=[SimpleNamespace(step=OUTCOME.block / 10)])
+    estimate = SimpleNamespace(parts=[s])
     pool = SimpleNamespace(unfiltered=unfiltered, estimate=estimate)
     found = outcome.shrinkage(search, pool, SimpleNamespace(named=chosen, leading=chosen), None)
     assert found.gain == pytest.approx((30.0 - 10.0) / 2)
     assert [found.before, found.after, found.floor] == pytest.approx([3.0, 1.0, 0.5])
     assert found.removed == pytest.approx((9.0 - 1.0) / (9.0 - 0.25))
     assert found.removed_interval95 == pytest.approx([found.removed] * 2)
+    assert (found.course.motion, found.course.time[1]) == ("last", 1.0)
+    assert np.nanmax(np.abs(found.course.before), axis=0) == pytest.approx([3.0])
+    assert np.isnan(found.course.after[~moving]).all()
 
 
 def test_no_more_than_the_excess_is_removed():

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import yaml
 from motion import made
 from motion.made import write
 from scipy.signal import butter, lfilter, sosfiltfilt
@@ -193,3 +194,36 @@ def test_what_is_beyond_the_band_of_the_drives_is_not_made_a_name(null_parts):
     assert beyond < 0.02
     for name in ("elasticity", "backlash"):
         assert "second encoders" in EFFECTS[name].needs(s.log)
+
+
+def test_nothing_is_interpolated_where_rows_are_missing(null_log, null_estimate):
+    log = read_log(null_log)
+    kept = np.abs(log.motions[2].time - log.motions[2].time.mean()) > 0.5
+    columns = ("time", "position", "torque", "payload")
+    lossy = replace(log.motions[2], **{c: getattr(log.motions[2], c)[kept] for c in columns})
+    log = replace(log, motions=(*log.motions[:2], lossy, *log.motions[3:]))
+    estimate = estimated(all_signals(log))
+    assert [s.name for s in estimate.parts] == ["1", "2", "3 (1)", "3 (2)", "4", "5", "6", "7", "8"]
+    assert estimate.parts[3].log.motions[3].line == lossy.line + int(np.argmax(np.diff(lossy.time))) + 1
+    assert estimate.noise.sd == pytest.approx(null_estimate.noise.sd, rel=0.1)
+    assert any("rows are missing in motion 3" in said for said in estimate.limits)
+    # of a role of which no part is long enough nothing can be said
+    short = replace(lossy, role="validate", **{c: getattr(lossy, c)[::40] for c in columns})
+    short = replace(short, time=short.time + np.arange(len(short.time)) // 2)
+    with pytest.raises(BayescalError, match="rows are missing in all motions of role validate"):
+        all_signals(replace(log, motions=(*log.motions[:6], short)))
+
+
+def test_the_arm_may_be_written_out_in_a_file_of_its_own(null_log, tmp_path):
+    within = yaml.safe_load((null_log / "dataset.yaml").read_text())
+    (tmp_path / "robot.yaml").write_text(yaml.safe_dump(within["robot"]))
+    (tmp_path / "dataset.yaml").write_text(yaml.safe_dump(within | {"robot": "robot.yaml"}))
+    table = next(null_log.glob("motion.csv*"))
+    (tmp_path / table.name).write_bytes(table.read_bytes())
+    first, second = read_log(null_log), read_log(tmp_path)
+    assert np.array_equal(first.mechanism.inertials, second.mechanism.inertials)
+    assert first.mechanism.u == second.mechanism.u
+    assert tmp_path / "robot.yaml" in second.files
+    (tmp_path / "robot.yaml").write_text(yaml.safe_dump(within["robot"] | {"u": {"mass": 0.3}}))
+    assert read_log(tmp_path).digest != second.digest
+    assert read_log(tmp_path).mechanism.u.mass == 0.3

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import yaml
 from rich.console import RenderableType
-from rich.text import Text
 
 from bayescal.logs.write import commands_text
 from bayescal.preparing.next_motions import PAUSE, MotionPlan
 from bayescal.reporting.motion.record import origin
+from bayescal.reporting.motion.sheets import headed
 from bayescal.reporting.shared.origin import plain
 from bayescal.reporting.shared.sheet import Column, Sheet, screen, terminal
 from bayescal.reporting.shared.text import listed, under
@@ -85,7 +85,7 @@ def motion_sheet(record: Json) -> Sheet:
 
 def plan_summary(record: Json) -> RenderableType:
     """The motions, and what is left out."""
-    title = Text.assemble((record["dataset"]["name"], "bold"), f"  {record['robot']}  motions to log next")
+    title = headed(record["dataset"]["name"], record["robot"], "motions to log next")
     if not record["motions"] and not record["left_out"]:
         return screen(title, "The log lacks no motion.")
     rows = [*under("left out", record["left_out"]), *under("assumed", record["warnings"], "yellow")]

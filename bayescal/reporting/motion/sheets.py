@@ -34,7 +34,12 @@ def title(record: Json) -> Text:
     """The log, the robot, and how many motions are fitted and withheld."""
     roles = [m["role"] for m in record["motions"]]
     counts = f"{roles.count('calibrate')} motions fitted, {roles.count('validate')} withheld"
-    return Text.assemble((record["dataset"]["name"], "bold"), f"  {record['robot']}  {counts}")
+    return headed(record["dataset"]["name"], record["robot"], counts)
+
+
+def headed(name: str, robot: str, what: str) -> Text:
+    """A heading of a log: its name, the robot where it has another one, and what follows."""
+    return Text.assemble((name, "bold"), "  ".join(("", *([robot] * (robot != name)), what)))
 
 
 def by_joint(record: Json, values: Json, keys: Sequence[str]) -> list[Json]:
