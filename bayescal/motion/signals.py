@@ -52,7 +52,7 @@ class Signals:
     def weight(self) -> np.ndarray:
         """Weights (N, n) of rows in a fit, 0 to 1: 0 where stiction holds a joint with any torque."""
         if self.stuck is None:
-            return np.ones_like(self.q)
+            return np.broadcast_to(1.0, self.q.shape)
         slow, fast = SERVOS.held if self.log.torque_kind == SERVO else SIGNALS.held
         weight = np.clip((np.abs(self.dq) - slow) / (fast - slow), 0.0, 1.0)
         return np.asarray(minimum_filter1d(weight, 2 * round(self.stuck / self.step) + 1, axis=0))
