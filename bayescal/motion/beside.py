@@ -269,10 +269,10 @@ def relative(bank: Bank, search: Search, members: Sequence[Member], member: Memb
     given, share = bank.first, RELATIVES.share
 
     def modulations(p: np.ndarray, of_motion: Sequence[Argument]) -> list[np.ndarray]:
-        return [p[:, :, None] * (share * a.functions[:, None]) for a in of_motion]
+        return [p * (share * a.functions) for a in of_motion]
 
     def replacements(p: np.ndarray, of_motion: Sequence[Argument]) -> list[np.ndarray]:
-        return [p[:, :, None], *(p[:, :, None] * f[:, None, None] for a in of_motion for f in _factors(a))]
+        return [p, *(p * f[:, None] for a in of_motion for f in _factors(a))]
 
     origin = [k for k, a in enumerate(given) for _ in _factors(a)]
     modulated = _nats(bank, fit, live, rows, modulations)
@@ -303,13 +303,12 @@ def _nats(
     bank: Bank, fit: Fit, channels: np.ndarray, rows: Sequence[np.ndarray],
     columns: Callable[[np.ndarray, Sequence[Argument]], list[np.ndarray]],
 ) -> np.ndarray:  # fmt: skip
-    """Log Bayes factors of sets beside a fit; `columns` has each (M, C, k), of the prediction of a motion."""
+    """Log Bayes factors of sets beside a fit; `columns` has them (M, k), of a prediction (M, 1)."""
     dots: dict[int, Dots] = {}
     sets: tuple[np.ndarray, ...] = ()
     for p, (part, _, given) in zip(rows, bank.motions(), strict=True):
-        every = columns(p, given)
-        sets = consecutive([x.shape[2] for x in every])
-        wide = np.concatenate(every, axis=2)
         for c in channels.tolist():
-            bank.count(dots, part, fit, c, wide[:, c], sets, into=0)
+            every = columns(p[:, c, None], given)
+            sets = consecutive([x.shape[1] for x in every])
+            bank.count(dots, part, fit, c, np.hstack(every), sets, into=0)
     return averaged(fit, dots[0], sets)
