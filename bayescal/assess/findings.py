@@ -338,8 +338,8 @@ def _false_comfort(of: Assessed) -> Iterator[Finding]:
     if lead.measured is not None and lead.measured > lead.interval[1] and of.tests.explains:
         yield Finding(
             "distances", "warning",
-            f"distances between {lead.over}: RMS error {1e6 * lead.measured:.0f} µm, above the predicted "
-            f"95 % interval ({1e6 * lead.interval[1]:.0f} µm): run bayescal gap",
+            f"distances between {lead.over}: RMS error {1e6 * lead.measured:.3g} µm, above the predicted "
+            f"95 % interval ({1e6 * lead.interval[1]:.3g} µm): run bayescal gap",
         )  # fmt: skip
 
 

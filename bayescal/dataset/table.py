@@ -6,17 +6,21 @@ import csv
 import io
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
+from bayescal.arm.transforms import rpy_of
 from bayescal.errors import BayescalError, shown
 from bayescal.storage.files import outside, range_of, si, stem_of, unknown
 from bayescal.storage.reading import decoded, text_of
+from factors.turns import cross_matrix
 
 XYZ = ("x_mm", "y_mm", "z_mm")
 RPY = ("rx_deg", "ry_deg", "rz_deg")
+QUATERNION = ("qw", "qx", "qy", "qz")
 PIXEL = ("u_px", "v_px", "point")
 LABELS = ("stop", "repeat")
 """Columns of texts that need not be there."""
@@ -29,6 +33,8 @@ EMPTY: Mapping[str, float | str] = {
 }
 """What an empty cell stands for, by the field of `Measurements`; no cell of another field is empty."""
 
+UNIT_LENGTH = 1e-3
+"""Deviation of the length of a quaternion from 1, up to which it is rounding (assumed)."""
 LONGEST_CELL = 200
 """Characters of a cell."""
 
@@ -52,6 +58,10 @@ COLUMNS = {
     "rx_deg": "roll of the tool frame in the instrument's frame, deg: the row is then a full pose",
     "ry_deg": "pitch of the tool frame, deg",
     "rz_deg": "yaw of the tool frame, deg: R = Rz(rz) Ry(ry) Rx(rx)",
+    "qw": "in place of `rx_deg` ...: the same rotation as a unit quaternion, w of it",
+    "qx": "x of the quaternion",
+    "qy": "y of the quaternion",
+    "qz": "z of the quaternion",
     "u_px": "column of a corner of a board in an image, px from the centre of the first pixel",
     "v_px": "row of the corner, px",
     "point": "number of the corner on its board, from 0",
@@ -152,7 +162,29 @@ def table_of(content: bytes, name: str, units: Sequence[str], left_out: int = 0)
     `cells_of`.
     """
     text = text_of(content, name)
-    return cells_of(text, name, content, lambda header, where: check_columns(header, where, units), left_out)
+    check = partial(check_columns, units=units)
+    return _with_angles(cells_of(text, name, content, check, left_out))
+
+
+def _with_angles(table: Table) -> Table:
+    """The table with `RPY` in place of quaternions; empty cells stay empty."""
+    quaternions = table.block(QUATERNION, needed=False)
+    if quaternions is None:
+        return table
+    there = ~np.isnan(quaternions).all(axis=1)
+    size = np.linalg.norm(np.where(there[:, None], quaternions, 0.5), axis=1)
+    table.first(np.isnan(size), "the quaternion is not complete", "fill in qw, qx, qy and qz, or none")
+    wrong = np.abs(size - 1.0) > UNIT_LENGTH
+    if wrong.any():
+        row = int(np.argmax(wrong))
+        what = f"the quaternion has the length {size[row]:.4g}, not 1"
+        raise table.error(row, what, "check the columns: qw is the real part")
+    w, cross = quaternions[there, :1, None], cross_matrix(quaternions[there, 1:])
+    turns = [rpy_of(m) for m in np.eye(3) + 2.0 * (w * cross + cross @ cross)]
+    angles = np.full((len(there), 3), "", object)
+    angles[there] = [[repr(x) for x in row] for row in np.degrees(turns).reshape(-1, 3).tolist()]
+    kept = {name: cells for name, cells in table.cells.items() if name not in QUATERNION}
+    return replace(table, cells=kept | dict(zip(RPY, map(tuple, angles.T), strict=True)))
 
 
 def read_cells(path: Path, check_header: Callable[[list[str], str], None]) -> Table:
@@ -193,7 +225,9 @@ def cells_of(
     for cells, line in zip(rows, lines, strict=True):
         if len(cells) != len(header):
             what = f"{len(cells)} cells, the header has {len(header)}"
-            raise BayescalError(what, f"{name}:{line}", "one cell a column; the decimal mark is a dot")
+            remedy = "one cell a column; the decimal mark is a dot"
+            remedy = "remove the comment" if cells[0].lstrip().startswith("#") else remedy
+            raise BayescalError(what, f"{name}:{line}", remedy)
     if len(rows) == 1:
         raise BayescalError("no rows below the header", f"{name}:{lines[0]}", "add rows")
     columns = (tuple(map(str.strip, column)) for column in zip(*rows[1:], strict=True))
@@ -262,4 +296,7 @@ def check_columns(header: list[str], where: str, units: Sequence[str]) -> None:
             span = f"the robot has {n} joints: {joints[0]} to {joints[-1]}"
             remedy = span if column in joints else "add it"
             raise BayescalError(f"column `{column}` is missing", where, remedy)
-    check_groups(header, where, (*(joint_columns(kind, units) for kind in tuple(JOINT)[1:]), XYZ, RPY, PIXEL))
+    groups = (*(joint_columns(kind, units) for kind in tuple(JOINT)[1:]), XYZ, RPY, QUATERNION, PIXEL)
+    check_groups(header, where, groups)
+    if QUATERNION[0] in header and RPY[0] in header:
+        raise BayescalError(f"both `{QUATERNION[0]}` and `{RPY[0]}` are given", where, "keep one of them")

@@ -37,7 +37,7 @@ ARTEFACT = Effect(
     "a certified value is in error",
     _parameters,
     lambda c: "" if c.certified_values else "no certificate ties fitted targets",
-    sizes={"m": Size("error of the certified value"), "rad": Size("error of the certified value")},
+    sizes={"m": Size("true less certified value"), "rad": Size("true less certified value")},
     phrase=("the artefact", "has a certified value in error"),
     remedy=(
         "Check that the certificate belongs to this artefact and its values are entered correctly. "

@@ -28,7 +28,7 @@ ENCODER_SCALE = Effect(
     "encoder-scale",
     "joint k turns by more or less than its reading says",
     lambda c: _parameters(c, side_of(c.robot)),
-    sizes={"1": Size("relative error of the angle")},
+    sizes={"1": Size("relative error of the reading")},
     phrase=("every joint", "has an encoder scale error"),
     remedy=(
         "Check the gear ratio and the encoder resolution in the controller, and the teeth and tension "

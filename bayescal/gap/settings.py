@@ -147,6 +147,7 @@ class CellSettings:
     """Share of a tool's displacement that remains after each contact (assumed)."""
     fewest: int = 12
     """Contacts that a defect or a sudden change must move (assumed)."""
+    few: int = 3  # contacts of its site that must be before a sudden change, and after it (assumed)
 
 
 @dataclass(frozen=True)

@@ -514,3 +514,21 @@ def test_motion_is_forgotten_with_its_time_constant(dataset):
         np.testing.assert_allclose(found, expected, rtol=1e-9)
     (ranks,) = _waits(c, time)
     assert np.array_equal(np.argsort(ranks[1:]), np.argsort(np.diff(time)))
+
+
+def test_a_face_shifts_only_where_contacts_of_it_are_before(bench):
+    """Without any before it, a shift is a constant: an error of a certified value."""
+    c = bench.circumstances
+    face = c.faces[0]
+    late = face.rows * (np.arange(len(c.q)) >= c.fitted[len(c.fitted) // 2])
+    event = Driver("event")
+
+    def moments(rows):
+        faces = (replace(face, rows=rows), *c.faces[1:])
+        (cell,) = (
+            q for q in cells(replace(c, faces=faces)) if q.site.name == face.name and q.driver == event
+        )
+        return [np.asarray(p.terms[0].driver) != 0.0 for (p, *_) in cell.sets]
+
+    assert len(moments(late)) < len(moments(face.rows))
+    assert all((late[c.fitted] > 0).sum() - m[c.fitted].sum() >= CELLS.few for m in moments(late))

@@ -451,8 +451,8 @@ def check(record):
     ("nats", "significant", "confirmed", "word"),
     [
         (40.0, True, True, "Effect found: "), (1.0, True, True, "Possible effect: "),
-        (float("nan"), True, True, "Effect found: "), (40.0, False, True, "Possible effect: "),
-        (40.0, True, False, "Possible effect: "),
+        (float("nan"), True, True, "Effect found: "), (40.0, False, True, "Effect found: "),
+        (17.0, False, True, "Possible effect: "), (40.0, True, False, "Possible effect: "),
     ],
 )  # fmt: skip
 def test_a_name_that_nothing_else_supports_is_possible(session, nats, significant, confirmed, word):

@@ -173,7 +173,7 @@ def warnings(
     if last is not first:
         out += increased(first, last)
     if first.how == LEFT_OUT:
-        out.append("too few validation measurements: leave-one-out cross-validation is used instead")
+        out.append("no or too few validation measurements: leave-one-out cross-validation is used instead")
     if gross := len(np.unique(first.rows[~fair])):
         every = len(np.unique(first.rows))
         was = "were" if gross > 1 else "was"

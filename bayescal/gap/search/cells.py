@@ -22,6 +22,7 @@ from bayescal.estimate.families import lobes
 from bayescal.gap.search.makers import (
     FURTHER,
     Cell,
+    Mover,
     at_contact,
     at_joint,
     measured,
@@ -148,9 +149,22 @@ def _time(c: Circumstances) -> Iterator[Cell]:
             courses = [smooth(clock, c.fitted, 3 if site == BASE else CELLS.waves) for clock in of]
             sets = (tuple(p for w in waves for p in move(w)) for waves in courses if waves for move in ways)
             yield Cell(site, Driver(name), tuple(sets))
-        steps = [tuple(move((order >= c.fitted[k]).astype(float))) for move in ways for k in at]
+        steps = [
+            tuple(move((order >= c.fitted[k]).astype(float))) for move in ways for k in _within(c, move, at)
+        ]
         known = "step" in EFFECTS and (site == BASE or (site == TOOL and bool(reflectors(c))))
         yield Cell(site, Driver("event"), tuple(steps), known=known)
+
+
+def _within(c: Circumstances, move: Mover, at: np.ndarray) -> np.ndarray:
+    """Places among the fitted rows with enough contacts before and after that a change there would move.
+
+    Without any before it, a change is a constant: an error of a certified value.
+    """
+    driven = [np.asarray(t.driver) for p in move(np.ones(len(c.q))) for t in p.terms]
+    moved = np.cumsum(np.any(np.not_equal(driven, 0.0), axis=0)[c.fitted])
+    before = np.concatenate([[0], moved])[at]
+    return at[(before >= CELLS.few) & (moved[-1] - before >= CELLS.few)]
 
 
 def _waits(c: Circumstances, time: np.ndarray) -> Iterator[np.ndarray]:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from bayescal.dataset import Dataset
-from bayescal.effects.location import BASE, Site
+from bayescal.effects.location import ARTEFACT, BASE, Site
 from bayescal.effects.sizes import DEVIATION, of_sign
 from bayescal.effects.vocabulary import unit_label
 from bayescal.gap.result import Amplitude, Event, Gap, Named, Place
@@ -229,8 +229,8 @@ def line(a: Amplitude, others: Sequence[Amplitude]) -> str:
     by = ""
     if len({o.driver for o in same}) > 1:
         by = f" ({a.driver.text})"
-    elif len(same) > 1 or a.what == DEVIATION.what:
-        by = f" ({', '.join(a.parameters)})"
+    elif len(same) > 1 or a.what == DEVIATION.what or a.site == ARTEFACT:
+        by = f" ({', '.join(p.removeprefix(f'{a.effect} ') for p in a.parameters)})"
     what, value = of_sign(a.what, a.value)
     size = measured(**sized(replace(a, value=value), "value", "u"))
     text = f"{a.effect} of {short(a.site)}: {what} {size}{by}"
@@ -262,6 +262,10 @@ def amplitude_records(gap: Gap) -> list[dict[str, Any]]:
     return out
 
 
+GAIN = 3.0
+"""Standard errors of a gain of validation measurements from which on it confirms a name (convention)."""
+
+
 def possible(gap: Gap, named: Named) -> str:
     """Why a named effect is only possible: by validation, or without a significant amplitude; else ""."""
     nats, se = _gains(gap).get(named.effect, (np.nan, np.nan))
@@ -270,7 +274,8 @@ def possible(gap: Gap, named: Named) -> str:
         return "the validation measurements do not confirm it"
     if nats <= se:
         return _little(nats, se, gap)
-    return "" if any(clear or [True]) else "no amplitude of it is significant"
+    # of several amplitudes none may be significant alone, and all together are
+    return "" if any(clear or [True]) or nats > GAIN * se else "no amplitude of it is significant"
 
 
 def _little(nats: float, se: float, gap: Gap) -> str:

@@ -131,7 +131,8 @@ def _class(causes: CauseClass) -> str:
         for n, p in causes.members.items()
         if p >= LIKELY
     ]
-    return f"Class of causes: an error at {site} that varies with {by}: {' or '.join(each)}"
+    what = "Class of causes" if len(each) > 1 else "Cause"
+    return f"{what}: an error at {site} that varies with {by}: {' or '.join(each)}"
 
 
 def _separates(gap: Gap) -> str:
