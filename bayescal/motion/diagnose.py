@@ -187,7 +187,8 @@ def course(
     pool: Pool, floor: np.ndarray, before: Sequence[np.ndarray], after: Sequence[np.ndarray]
 ) -> Course:
     """What is left in the validation motion with most error, at some of its rows."""
-    k = int(np.argmax([np.nanmean((x / floor) ** 2) for x in before]))
+    size = np.where(floor > 0.0, floor, np.inf)  # of a joint that never moves it is not known
+    k = int(np.argmax([np.nansum((x / size) ** 2) / len(x) for x in before]))
     s = [s for s in pool.estimate.parts if s.role == VALIDATE][k]
     rows = slice(None, None, max(len(before[k]) // OUTCOME.drawn, 1))
     return Course(s.name, s.unfiltered(s.time)[rows] - s.time[0], before[k][rows], after[k][rows])

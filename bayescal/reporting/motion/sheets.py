@@ -39,7 +39,8 @@ def title(record: Json) -> Text:
 
 def headed(name: str, robot: str, what: str) -> Text:
     """A heading of a log: its name, the robot where it has another one, and what follows."""
-    return Text.assemble((name, "bold"), "  ".join(("", *([robot] * (robot != name)), what)))
+    further = (robot if robot != name else "", what)
+    return Text.assemble((name, "bold"), *(f"  {text}" for text in further if text))
 
 
 def by_joint(record: Json, values: Json, keys: Sequence[str]) -> list[Json]:

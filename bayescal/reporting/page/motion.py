@@ -64,6 +64,8 @@ def _course(record: Json) -> tuple[Figures, Text] | tuple[()]:
     for j, (name, floor) in enumerate(zip(record["joints"], record["noise"][f"floor_{unit}"], strict=True)):
         left = [np.array(w[f"{key}_{unit}"][j], float) for key, _, _ in kinds]
         there = np.isfinite(left[0])  # it is not at rest
+        if not there.any():
+            continue
         dots = [(style, time[there], x[there]) for (_, style, _), x in zip(kinds, left, strict=True)]
         edge = max(2.5 * floor, 1.05 * float(np.nanquantile(np.abs(left), CLIP)))
         labels = "time (s)", f"{name} ({sheets.WORDS[unit]})"
