@@ -75,7 +75,8 @@ def check_log(folder: Path, calibrations: Sequence[Path] = ()) -> LogCheck:
     """
     log = read_log(folder)
     table = next(name for name in TABLES if (folder / name).exists())
-    joints, stamps = joint_facts.joints_of(log.divided), joint_facts.stamps_of(log, table)
+    parts = log.divided if log.divided.motions else log  # `fit` and `gap` refuse one without any
+    joints, stamps = joint_facts.joints_of(parts), joint_facts.stamps_of(log, table)
     servos = servo_odd(log, joints, table, calibrations)
     findings = [*odd(log, joints, stamps, table), *servos, *missing(log, joints, table)]
     why = not_assessed(log, joints)

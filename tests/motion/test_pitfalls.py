@@ -4,6 +4,7 @@ import gzip
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
 import yaml
 from motion import made
@@ -227,3 +228,14 @@ def test_the_arm_may_be_written_out_in_a_file_of_its_own(null_log, tmp_path):
     (tmp_path / "robot.yaml").write_text(yaml.safe_dump(within["robot"] | {"u": {"mass": 0.3}}))
     assert read_log(tmp_path).digest != second.digest
     assert read_log(tmp_path).mechanism.u.mass == 0.3
+
+
+def test_a_log_in_which_rows_are_missing_everywhere_is_checked_and_refused(null_log, tmp_path):
+    (tmp_path / "dataset.yaml").write_bytes((null_log / "dataset.yaml").read_bytes())
+    (name,) = [path.name for path in null_log.glob("motion.csv*")]
+    table = pd.read_csv(null_log / name)
+    table["t_s"] += 0.2 * (np.arange(len(table)) // 50)
+    table.to_csv(tmp_path / name, index=False)
+    assert "gaps" in [f.code for f in check_log(tmp_path).findings]
+    with pytest.raises(BayescalError, match="rows are missing in all motions of role calibrate, validate"):
+        all_signals(read_log(tmp_path))

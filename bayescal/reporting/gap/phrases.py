@@ -83,7 +83,11 @@ def headline(gap: Gap) -> list[str]:
     sure = [n for n in verdict.named if n.effect not in members]
     lines = []
     if verdict.causes:  # the largest part of the error
-        lines += [_class(verdict.causes), f"To distinguish them: {_separates(gap)}"]
+        several = sum(p >= LIKELY for p in verdict.causes.members.values()) > 1
+        lines += [
+            _class(verdict.causes),
+            f"To {'distinguish them' if several else 'find it'}: {_separates(gap)}",
+        ]
     for n in sure:
         word = "Probable effect" if n.probability < SURE else f"{'Also' if lines else 'Effect'} found"
         doubt = possible(gap, n)

@@ -20,7 +20,7 @@ from bayescal.reporting.page.section import (
     Text,
     blocks,
     texts,
-)  # fmt: skip
+)
 from bayescal.reporting.shared.text import by_reason, probability
 from bayescal.storage.reading import Json
 
