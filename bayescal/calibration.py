@@ -10,17 +10,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bayescal.assess.acceptance import (
-    Acceptance,
-    Tolerance,
-    acceptance,
-    check_tolerance,
-    conformance,
-    not_physical,
-    widened,
-)
+from bayescal.assess.acceptance import Acceptance, acceptance, discrepancy, not_physical, widened
 from bayescal.assess.budget import Budget, of_distances, with_budgets
 from bayescal.assess.completed import completed
+from bayescal.assess.conformance import Tolerance, check_tolerance, conformance
 from bayescal.assess.findings import SEVERITIES, Assessed, Finding, findings, rests_on_priors
 from bayescal.assess.identifiability import Directions, Identifiability, directions, identifiability
 from bayescal.assess.inputs import Basis
@@ -191,7 +184,8 @@ def _fit(
     basis = _basis(wide, remaining.excess, checked, located)
     expected = with_budgets(forecast(complete, z, checked, remaining.excess, of_forecast, wide.wide), basis)
     checks = (*tests.checks, *not_physical(complete, wide.limited))
-    tests = replace(tests, checks=checks, determined=not rests_on_priors(expected, left))
+    doubts = (*tests.doubts, *discrepancy(wide))
+    tests = replace(tests, checks=checks, doubts=doubts, determined=not rests_on_priors(expected, left))
     results = Assessed(complete, left, checked, expected, lacking, seen, faces, tests, options, rigid, told)
     limitations = findings(results)
     if any(f.severity == "error" or f.code in GROSS for f in limitations):

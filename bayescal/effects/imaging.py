@@ -6,7 +6,7 @@ import numpy as np
 
 from bayescal.arm.motion import IMAGE, Term
 from bayescal.effects.common import NO_CAMERA
-from bayescal.effects.location import BOARD, CAMERA, Driver
+from bayescal.effects.location import BOARD, CAMERA, Driver, Site
 from bayescal.effects.sizes import Size
 from bayescal.effects.vocabulary import Circumstances, Effect, ImageErrors, Parameter, View, Where
 
@@ -20,6 +20,11 @@ DRIVERS = {CAMERA: Driver("image"), BOARD: Driver("board")}
 """Of errors at a site."""
 
 
+def at_view(v: View, site: Site) -> Site:
+    """The camera or the board of a view, by name where there are several."""
+    return site.of(v.name) if v.several else site
+
+
 def of_view(v: View, kind: str, prefix: str, times: float = 1.0, least: float = 0.0) -> list[Parameter]:
     """Errors of a kind, a field of `View`; none without a prior or a change in the image.
 
@@ -27,7 +32,7 @@ def of_view(v: View, kind: str, prefix: str, times: float = 1.0, least: float = 
     """
     e: ImageErrors = getattr(v, kind)
     site = BOARD if e.of_board else CAMERA
-    where: Where = {"site": site.of(v.name) if v.several else site, "driver": DRIVERS[site]}
+    where: Where = {"site": at_view(v, site), "driver": DRIVERS[site]}
     nominal = np.zeros(len(e.u)) if e.nominal is None else e.nominal
     out = []
     for k, (name, sd) in enumerate(zip(e.names, np.maximum(times * e.u, least).tolist(), strict=True)):

@@ -121,6 +121,7 @@ FORMS = {
     "other angle": ("{}, by another angle", "{} times a function of another angle"),
     "and angle": ("{}, and its angle", "{} and angle together"),
     "and another": ("{}, times another quantity", "{} times another quantity"),
+    "in the image": ("{}, by place in the image", "{} times the place in the image"),
     "smooth": ("{}, smoothly", "{}, a smooth function of it"),
     "waves": ("{}, 3 to 20 waves a turn", "{}, 3 to 20 periods per revolution"),
     "to and fro": ("{}, to and fro", "{}, oscillating"),

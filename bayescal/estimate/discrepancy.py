@@ -218,6 +218,7 @@ class Stated:
     noise_rows: np.ndarray  # (M,) a row of the session of each of these errors
     dof: Mapping[str, float]  # effective degrees of freedom of the variances
     inputs: Inputs  # errors of masses: the last parameters of the wide model's arm, mixed to unit variance
+    chance: Mapping[str, float]  # that noise shows as much of a family
 
     @property
     def families(self) -> tuple[str, ...]:
@@ -328,7 +329,7 @@ def stated(fitted: Estimate, functions: Sequence[Family] | None = None) -> State
     # in place: of a large session the columns are the largest array
     h, left = errors.without(g[:, : len(family)], g[:, len(family) :], e)
     level = LIKELY if unexplained(fitted).excess else CHANCE / max(len(names), 1)
-    shown = variances(h, left, pose, family, len(e) - float(np.sum(by * j)) - errors.dof, level)
+    shown, chance = variances(h, left, pose, family, len(e) - float(np.sum(by * j)) - errors.dof, level)
     explained = float(np.einsum("rk,rk->k", h, h) @ shown[family]) / len(h) if len(family) else 0.0
     white = 1.0 - min(explained, 1.0 - LEAST_WHITE)
     size = np.maximum(UNSEEN * shown, [fitted.least.get(name, 0.0) for name in names])
@@ -357,7 +358,8 @@ def stated(fitted: Estimate, functions: Sequence[Family] | None = None) -> State
     covariance[extra, extra] = 1.0
     slopes = {name: a[:, family == k] for k, name in enumerate(names)}
     widened = replace(fitted, model=wide, z=z, covariance=covariance)
-    return Stated(fitted, widened, own, slopes, sizes, white, noise, rows[of], dof, errors)
+    return Stated(fitted, widened, own, slopes, sizes, white, noise, rows[of], dof, errors,
+                  dict(zip(names, chance.tolist(), strict=True)))  # fmt: skip
 
 
 def sized(functions: Sequence[Family], variances: Mapping[str, float]) -> list[Parameter]:

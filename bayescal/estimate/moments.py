@@ -30,8 +30,8 @@ UNSEEN = 2.0
 
 def variances(
     h: np.ndarray, e: np.ndarray, pose: np.ndarray, family: np.ndarray, dof: float, level: float
-) -> np.ndarray:
-    """Variances (F,) that the residuals show of F families.
+) -> tuple[np.ndarray, np.ndarray]:
+    """Variances (F,) that the residuals show of F families, and the chance of each under noise, (F,).
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ def variances(
     count = int(family.max()) + 1 if len(family) else 0
     out = np.zeros(count)
     if not count or dof <= 0:
-        return out
+        return out, np.ones(count)
     nu, products, score = len(e) / dof, np.zeros((h.shape[1],) * 2), np.zeros(h.shape[1])
     for at in of_equal_size(pose):
         own = np.sum(h[at] * e[at][..., None], axis=1)  # of each pose
@@ -71,7 +71,7 @@ def variances(
         values, vectors = np.linalg.eigh((member @ expected @ member.T)[np.ix_(kept, kept)])
         root = np.sqrt(np.maximum(values, 1e-12 * values[-1]))
         out[kept] = nnls(root[:, None] * vectors.T, (vectors.T @ q[kept]) / root)[0]
-    return out
+    return out, p
 
 
 def degrees_of_freedom(h: np.ndarray) -> float:

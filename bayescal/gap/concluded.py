@@ -17,6 +17,7 @@ from bayescal.estimate.widths import sentences
 from bayescal.gap.examine import Examined
 from bayescal.gap.outcome.events import named_events
 from bayescal.gap.outcome.notes import alike, cautions, play_or_late
+from bayescal.gap.outcome.where import neighbours
 from bayescal.gap.result import OTHER, CauseClass, Event, Hypothetical, Named, Verdict
 from bayescal.gap.search.beam import COMPLIANCE, Member
 from bayescal.gap.search.refit import model_name
@@ -135,7 +136,7 @@ def _named(member: Member, d: Decision, e: Examined) -> Named:
     setting = EFFECTS[v.effect].words(v.setting)
     return Named(
         v.effect, model_name(member, e.candidates), v.sites, setting, supported(d.probability[v.effect]),
-        d.lost(v.effect), v.effect not in d.unclaimed,
+        d.lost(v.effect), v.effect not in d.unclaimed, neighbours=neighbours(member, d.hypothesis, e.pool),
     )  # fmt: skip
 
 

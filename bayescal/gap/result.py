@@ -131,6 +131,7 @@ class Named:
     log_evidence: float  # nats, relative to the same set without it
     confirmed: bool = True  # False where it makes the validation data less probable
     events: tuple[Event, ...] = ()  # of sudden changes
+    neighbours: tuple[Site, ...] = ()  # where an error would look the same
 
     @property
     def site(self) -> str:

@@ -88,12 +88,14 @@ class CellSettings:
 
     waves: int = 4
     """Half periods of a smooth function over the range of its coordinate (assumed)."""
-    length: float = 1e-5
-    """Prior standard deviation of a cell's shape, m (assumed; averaged over `LINEAR.scales`)."""
-    point: float = 1e-4
-    """Standard deviation of a point of a board from its place, m (assumed)."""
-    angle: float = 1e-4
-    """Prior standard deviation of a cell's shape, rad (assumed; averaged over `LINEAR.scales`)."""
+    # prior standard deviations of the shape of a cell (assumed; averaged over `LINEAR.scales`):
+    length: float = 1e-5  # m
+    point: float = 1e-4  # of a point of a board from its place, m
+    angle: float = 1e-4  # rad
+    pixels: float = 1.0  # of a displacement in an image or an error of a lens, px
+    late: float = 2e-3  # of a clock, s
+    image_waves: int = 2
+    """Half periods of a displacement over each side of an image (assumed)."""
     bump_widths: tuple[float, ...] = (0.04, 0.1)
     """Standard widths of a defect at one angle of a joint, rad (assumed)."""
     moments: int = 16
@@ -132,6 +134,8 @@ class CellSettings:
     """Width of lost motion that persists from contact to contact, degrees (assumed)."""
     knees: tuple[float, ...] = (0.02, 0.1, 0.3)
     """Width of a base's transition between two positions, as a share of its usual moment (assumed)."""
+    settled: tuple[float, ...] = (0.05, 0.15, 0.4)
+    """Time constants of a lens that warms up, as shares of a session (assumed)."""
     warm: tuple[float, ...] = (300.0, 1500.0)
     """Time constants after which a motion is forgotten by what it warms, s (assumed)."""
     flip: float = 0.1
@@ -162,6 +166,7 @@ class UnknownSettings:
             "tool": 0.1,
             "probe": 0.2,
             "arm": 0.05,
+            "camera": 0.1,
             "board": 0.1,
         }
     )
@@ -341,52 +346,14 @@ class OutcomeSettings:
     """Extent of the contacts along a base axis, m, below which the workspace is not halved (assumed)."""
     gathered: float = 0.25
     """Share of rejected contacts in a bin from which on they are not regarded as slips (assumed)."""
+    free: float = 100.0
+    """Scale of the prior of a generic cell that may be as large as the data want (assumed)."""
     absorbed: float = 0.05
     """Share of the mean of a bin that the fit must not absorb, for a test of the mean (assumed)."""
     fewest_dof: float = 5.0
     """Degrees of freedom of a fit from which on its residuals are used to estimate the noise (assumed)."""
     normals: int = 2_000_000
     """Maximum number of normal draws for a posterior predictive (cost)."""
-
-
-@dataclass(frozen=True)
-class DesignSettings:
-    """Advice and blind spots: candidate contacts and their detectability."""
-
-    contacts: int = 40
-    """Number of new contacts in an advice."""
-    images: int = 12
-    """The same of images."""
-    better: float = 1.2
-    """Factor of an intervention over the lambda of the repeated poses, required for advice (assumed)."""
-    least: float = 2.0
-    """Lambda that the best intervention must reach to be advised (assumed)."""
-    poses: int = 120
-    """Maximum number of poses of the session from which new contacts are chosen (cost)."""
-    payload: float = 2.0
-    """Mass added by the intervention with a payload, kg."""
-    faster: float = 4.0
-    """Factor on the recorded velocities in the intervention with faster contacts."""
-    turning: float = 4.0
-    """Factor on the recorded velocities in the intervention that rotates about the stylus tip."""
-    still: float = 1e-6
-    """Share of a requested rotation below which an arm cannot rotate about its stylus tip (rounding)."""
-    least_u: float = 1e-7
-    """Smallest standard uncertainty of a certified distance, m (rounding)."""
-    roughly: float = 1e-3
-    """Prior standard deviation of a located centre, m: smaller than the dataset's, for rounding."""
-    changed: float = 1e-9
-    """Smallest relevant change of a whitened column (rounding)."""
-    named: float = 50.0
-    """Detectability lambda from which on an effect is nearly always named (assumed)."""
-    rounding: float = 1e-11
-    """Share of the square of a column below which its projection is rounding error."""
-    pairs: int = 200
-    """Pairs of points that replace certified distances (cost)."""
-    apart: float = 50e-3
-    """Least distance of such a pair, m (assumed)."""
-    points: int = 64
-    """Contacts among which such pairs are drawn (cost)."""
 
 
 LINEAR: Final = LinearSettings()
@@ -397,4 +364,3 @@ RELATIVES: Final = RelativeSettings()
 VERDICT: Final = VerdictSettings()
 GATE: Final = GateSettings()
 OUTCOME: Final = OutcomeSettings()
-DESIGN: Final = DesignSettings()

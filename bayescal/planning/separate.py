@@ -19,8 +19,8 @@ import numpy as np
 from bayescal.dataset.append import taken
 from bayescal.estimate import Estimate
 from bayescal.gap.design.candidate_contacts import widened
+from bayescal.gap.design.settings import DESIGN
 from bayescal.gap.result import Pair, Side, Suspect
-from bayescal.gap.settings import DESIGN
 from bayescal.model import Scene
 from bayescal.model.options import Part
 from bayescal.planning.contrasts import Contrast, Contrasts, beside, contrasts

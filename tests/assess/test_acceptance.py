@@ -18,13 +18,12 @@ from bayescal.assess.acceptance import (
     EXPLAINED,
     FALSE_REJECTIONS,
     LEVEL,
-    OPEN,
-    PASS,
     UNVERIFIED,
     acceptance,
-    conformance,
+    discrepancy,
     widened,
 )
+from bayescal.assess.conformance import OPEN, PASS, conformance
 from bayescal.assess.mistakes import DIFFERENT, hidden, judged, mistaken
 from bayescal.assess.shared_causes import LEVEL as LEVEL_SHARED
 from bayescal.assess.shared_causes import Group, SharedCause, _windows, groups_of, shared, shared_causes
@@ -291,6 +290,15 @@ def test_a_noise_above_the_stated_and_a_target_outside_are_doubts():
     assert odd.verdict == DOUBTED
     (target,) = odd.doubts
     assert target.words.startswith("contacts on face 9 of validation measurements: RMS error 19.0 µm")
+
+
+def test_residuals_that_vary_with_a_quantity_are_a_doubt_and_noise_is_none(clean):
+    (found,) = discrepancy(SimpleNamespace(chance={"time of the tool": 4e-4, "torque of joints": 1e-9}))
+    assert (found.passed, found.p_value) == (False, 1e-9)
+    assert "torque of joints" in found.words
+    assert discrepancy(SimpleNamespace(chance={"time of the tool": 6e-4, "torque of joints": 0.5})) == ()
+    assert discrepancy(SimpleNamespace(chance={})) == ()
+    assert not clean.acceptance.doubts
 
 
 def test_shared_causes_need_rejected_rows(clean):

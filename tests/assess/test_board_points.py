@@ -10,7 +10,7 @@ from camera_sessions import BOARD, camera_session
 from bayescal.assess.board_points import blurred, displaced
 from bayescal.effects import Circumstances
 from bayescal.estimate import estimate
-from bayescal.gap.search.makers import of_points
+from bayescal.gap.search.image_cells import of_points
 from bayescal.model import build
 from bayescal.model.scene import Scene
 

@@ -19,8 +19,8 @@ from scipy.stats import ncf
 from scipy.stats import t as student
 from sessions import with_columns
 
-from bayescal.assess.acceptance import FAIL, OPEN, PASS, conformance
 from bayescal.assess.budget import budget, headline
+from bayescal.assess.conformance import FAIL, OPEN, PASS, conformance
 from bayescal.assess.findings import reliability
 from bayescal.assess.identifiability import directions
 from bayescal.assess.inputs import UNEXPLAINED, Basis

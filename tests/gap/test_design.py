@@ -27,13 +27,13 @@ from bayescal.gap.design.candidate_contacts import (
     widened,
 )
 from bayescal.gap.design.candidate_contacts import _poses as poses_of
+from bayescal.gap.design.settings import DESIGN
 from bayescal.gap.linear.evidence import project
 from bayescal.gap.linear.problem import problem
 from bayescal.gap.linear.state import fit_state
 from bayescal.gap.result import Advice
 from bayescal.gap.search.beam import Member, Search
 from bayescal.gap.search.candidates import candidates
-from bayescal.gap.settings import DESIGN
 from bayescal.model import ARM, Model, build
 from bayescal.model.scene import Scene
 from bayescal.reporting.gap.record import contact_records
@@ -319,7 +319,7 @@ def large(h):
     return replace(h, state=replace(h.state, step=step))
 
 
-def test_more_load_tells_a_bent_link_and_turning_tells_play(cubes):
+def test_more_load_tells_a_bent_link_and_turning_tells_play(cubes, monkeypatch):
     bent, scaled = cubes.hypothesis(("bending", "link 2")), cubes.hypothesis(("encoder-scale", "joint 2"))
     play, wave = (
         large(cubes.hypothesis(("backlash", "joint 4"))),
@@ -340,6 +340,10 @@ def test_more_load_tells_a_bent_link_and_turning_tells_play(cubes):
     assert advising.advise(cubes.fitted, cubes.known, [(small[0], small[1])]) == ()
     assert advising.advise(cubes.fitted, cubes.known, []) == ()
     assert advising.advise(cubes.fitted, cubes.known, [(none, none)]) == ()
+    most = max(a.lambda_after - a.lambda_before for a in found)
+    assert most + 0.1 < max(a.lambda_after for a in found)
+    monkeypatch.setattr(advising, "DESIGN", replace(DESIGN, least=most + 0.1))
+    assert advising.advise(cubes.fitted, cubes.known, [(bent, scaled), (play, wave), (wave, none)]) == ()
 
 
 def test_turning_leaves_the_ball_where_it_is(cubes):

@@ -12,11 +12,11 @@ from simulated_pools import MODEL, gap_pool, linear, mixed, nominal, pool, pool_
 from bayescal.errors import BayescalError
 from bayescal.estimate import root
 from bayescal.gap.design.advise import undecided
+from bayescal.gap.design.settings import DESIGN
 from bayescal.gap.linear.problem import problem
 from bayescal.gap.result import Pair, Suspect
 from bayescal.gap.search.beam import Member, Search
 from bayescal.gap.search.candidates import candidates
-from bayescal.gap.settings import DESIGN
 from bayescal.model.options import parts_of
 from bayescal.planning.contrasts import Contrast, Contrasts, contrasts, of_effects
 from bayescal.planning.exchange import select

@@ -15,12 +15,13 @@ import numpy as np
 from bayescal.dataset import Dataset
 from bayescal.estimate import Estimate
 from bayescal.gap.design.candidate_contacts import AGAIN, PairSide, Possible, possibilities
+from bayescal.gap.design.settings import DESIGN
 from bayescal.gap.examine import Examined
 from bayescal.gap.result import Advice, NextContact, Pair, Side, Suspect
 from bayescal.gap.search.beam import Hypothesis
 from bayescal.gap.search.candidates import Candidates
 from bayescal.gap.search.refit import model_name
-from bayescal.gap.settings import DESIGN, VERDICT
+from bayescal.gap.settings import VERDICT
 
 NOTHING = "noise only"
 
@@ -70,8 +71,8 @@ def advise(
     Returns
     -------
     tuple of Advice
-        The same poses again where no intervention is much better; none for a pair for which no intervention
-        reaches the lambda `DESIGN.least`.
+        The same poses again where no intervention is much better; none for a pair to whose lambda no
+        intervention adds `DESIGN.least`.
 
     Notes
     -----
@@ -103,7 +104,7 @@ def advise(
             poses = tuple(tuple(pose) for pose in readings[intervention.pose[order]].tolist())
             pair = names[0], names[1]
             tried.append(Advice(pair, intervention.what, poses, before, after, contacts_of))
-        if max((t.lambda_after for t in tried), default=0.0) < DESIGN.least:
+        if max((t.lambda_after - t.lambda_before for t in tried), default=0.0) < DESIGN.least:
             continue
         better = [t for t in tried[1:] if t.lambda_after > DESIGN.better * tried[0].lambda_after]
         better.sort(key=lambda t: -t.lambda_after)

@@ -13,11 +13,11 @@ import numpy as np
 
 from bayescal.effects import Parameter, Site
 from bayescal.estimate import Estimate
+from bayescal.gap.design.settings import DESIGN
 from bayescal.gap.linear.evidence import Projected, project
 from bayescal.gap.linear.state import State
 from bayescal.gap.result import BlindSpot
 from bayescal.gap.search.candidates import Candidates
-from bayescal.gap.settings import DESIGN
 from bayescal.model import ARM, Block, Model
 from bayescal.model.scene import Scene
 from bayescal.predict.errors import by_points

@@ -21,10 +21,10 @@ from bayescal.effects.selection import in_proportion
 from bayescal.estimate import Estimate
 from bayescal.estimate.families import with_compliances
 from bayescal.gap.design.blind_spots import located
+from bayescal.gap.design.settings import DESIGN
 from bayescal.gap.linear.evidence import project
 from bayescal.gap.search.beam import Hypothesis, Member
 from bayescal.gap.search.candidates import Candidates
-from bayescal.gap.settings import DESIGN
 from bayescal.model import ARM, Block, Model
 from bayescal.model.model import length_blocks, main_group
 from bayescal.model.scene import Scene

@@ -8,16 +8,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bayescal.effects import Circumstances, Parameter
-from bayescal.effects.location import ARM, Driver, Site, face
+from bayescal.effects.location import ARM, TOOL, Driver, Site, face
 from bayescal.estimate import STATED_WORTH
 from bayescal.gap.linear.evidence import project
 from bayescal.gap.linear.problem import without_nuisance
 from bayescal.gap.linear.state import State, fit_state
 from bayescal.gap.outcome.events import cell_parameters, sizes
 from bayescal.gap.result import Curve, Place
-from bayescal.gap.search.beam import Hypothesis
+from bayescal.gap.search.beam import Hypothesis, Member
 from bayescal.gap.search.unknown import CellFit, Pool, gains, with_set
-from bayescal.gap.settings import OUTCOME
+from bayescal.gap.settings import OUTCOME, SEARCH
 from bayescal.statistics import f_sf, rms
 
 
@@ -114,6 +114,32 @@ def unabsorbed(state: State, contribution: np.ndarray) -> np.ndarray:
     """Part of a whitened contribution (R,) not absorbed by the state, of lengths and orientations (C,)."""
     absorbed = state.design @ project(state, contribution[:, None]).solved[:, 0]
     return (contribution - absorbed)[: state.problem.count]
+
+
+NEIGHBOURS = {"bending moment": (TOOL.kind, "gravity direction")}
+"""Site and driver of an error like one of the last two links, by the driver of that: what a mount yields."""
+
+
+def neighbours(member: Member, hypothesis: Hypothesis, pool: Pool) -> tuple[Site, ...]:
+    """Sites beside that of a named effect at which an error would look the same.
+
+    There a generic cell leaves less of what the effect predicts than the noise hides.
+    """
+    places, state = member.variant.places, hypothesis.state
+    last = max((cell.site.number for cell in pool.cells), default=0)
+    like = {NEIGHBOURS.get(driver.kind) for _, driver in places}
+    if len(like) != 1 or None in like or any(site.number < last - 1 for site, _ in places):
+        return ()
+    own = np.isin(state.columns, member.variant.columns)
+    predicted = state.problem.pool[:, state.columns[own]] @ state.amplitudes[own]
+    bare = fit_state(state.problem, state.columns[~own], state.scales[~own], state.weight, robust=False)
+    found = []
+    for k, cell in enumerate(pool.cells):
+        if (cell.site.kind, cell.driver.kind) in like:
+            for at in np.flatnonzero(pool.owner == k):
+                left = unabsorbed(with_set(bare, pool, int(at), OUTCOME.free), predicted)
+                found += [cell.site] if np.sum(left**2) < SEARCH.detectable else []
+    return tuple(dict.fromkeys(found))
 
 
 def _place(of: Contribution, without: State, with_it: State, tests: int, scale: Scale) -> Place:

@@ -12,15 +12,18 @@ from collections.abc import Iterator
 import numpy as np
 
 from bayescal.arm import chain as reference
-from bayescal.arm.motion import Term
+from bayescal.arm.motion import TURN, Term
 from bayescal.effects import EFFECTS, Circumstances, Parameter, location
 from bayescal.effects.common import base_terms, by_reading, motion, sense, tilts
-from bayescal.effects.location import BASE, PROBE, TOOL, Driver, joint, link
+from bayescal.effects.location import BASE, CAMERA, PROBE, TOOL, Driver, joint, link
 from bayescal.effects.plane_form import shapes
 from bayescal.effects.step import reflectors
 from bayescal.estimate.families import lobes
+from bayescal.gap.search.image_cells import IMAGES
 from bayescal.gap.search.makers import (
     FURTHER,
+    SHIFTS,
+    TURNS,
     Cell,
     Mover,
     at_contact,
@@ -147,6 +150,8 @@ def _time(c: Circumstances) -> Iterator[Cell]:
     for site, ways in movers(c).items():
         for name, of in clocks.items():
             courses = [smooth(clock, c.fitted, 3 if site == BASE else CELLS.waves) for clock in of]
+            if site.kind == CAMERA.kind and name == "time":
+                courses += _settling(of[0], c.fitted)
             sets = (tuple(p for w in waves for p in move(w)) for waves in courses if waves for move in ways)
             yield Cell(site, Driver(name), tuple(sets))
         steps = [
@@ -154,6 +159,13 @@ def _time(c: Circumstances) -> Iterator[Cell]:
         ]
         known = "step" in EFFECTS and (site == BASE or (site == TOOL and bool(reflectors(c))))
         yield Cell(site, Driver("event"), tuple(steps), known=known)
+
+
+def _settling(clock: np.ndarray, fitted: np.ndarray) -> list[list[np.ndarray]]:
+    """Exponential functions of a clock (N,), each by itself: what warms up, as a focus."""
+    span = float(np.ptp(clock[fitted]))
+    since = (clock - clock[fitted].min()) / span if span > 0 else clock
+    return [[np.exp(-since / share)] for share in CELLS.settled if span > 0]
 
 
 def _within(c: Circumstances, move: Mover, at: np.ndarray) -> np.ndarray:
@@ -200,7 +212,22 @@ def _hanging(c: Circumstances) -> Iterator[Cell]:
     moves = movers(c)[TOOL][0]
     sets = [[q for p in of for q in moves(p)] for of in (parts, *([p] for p in flips))]
     sets += map(list, zip(*(moves(p) for p in (*parts, *squares[:5])), strict=True))  # squares sum to 1
+    sets += list(_mount(c)) if c.turned_tools else []
     yield Cell(TOOL, Driver("gravity direction"), tuple(map(tuple, sets)))
+
+
+def _mount(c: Circumstances) -> Iterator[list[Parameter]]:
+    """A mount that yields alike in all directions to the weight of what it holds, at any place: it turns by
+    r x g, and shifts by g times a factor; together, or without the shift.
+    """  # noqa: D205
+    down, frame = at_tool(c), c.chain.n + 1
+    turned = [
+        Parameter("", "rad", tuple(Term(TURN, a, t) for a, t in zip(TURNS, of.T, strict=True)), CELLS.angle)
+        for of in (np.cross(place, down) for place in np.eye(3))
+    ]
+    shifted = tuple(Term(frame, a, d) for a, d in zip(SHIFTS, down.T, strict=True))
+    yield [*turned, Parameter("", "m", shifted, CELLS.length)]
+    yield turned
 
 
 def _around(c: Circumstances) -> Iterator[Cell]:
@@ -268,5 +295,5 @@ def _faces(c: Circumstances) -> Iterator[Cell]:
         yield Cell(site, Driver("face"), (form,), known="plane-form" in EFFECTS)
 
 
-MAKERS = (_joints, _bending, _time, _sway, _hanging, _around, _probe, _region, _faces, *FURTHER)
+MAKERS = (_joints, _bending, _time, _sway, _hanging, _around, _probe, _region, _faces, *FURTHER, *IMAGES)
 """Functions that list the cells of a session, in the order of the cells."""

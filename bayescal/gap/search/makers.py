@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bayescal.arm.motion import CONTACT, IMAGE, TURN, Term
-from bayescal.effects import Circumstances, Parameter, location
+from bayescal.effects import Circumstances, Parameter, View, location
 from bayescal.effects.common import (
     LINK,
     READING,
@@ -30,7 +30,8 @@ from bayescal.effects.common import (
     tilts,
     turned,
 )
-from bayescal.effects.location import ARM, BASE, BOARD, PROBE, TOOL, Driver, Site, joint, link
+from bayescal.effects.imaging import at_view
+from bayescal.effects.location import ARM, BASE, CAMERA, PROBE, TOOL, Driver, Site, joint, link
 from bayescal.estimate.families import cosines
 from bayescal.gap.search.quantities import arguments, at_tool
 from bayescal.gap.settings import CELLS
@@ -124,7 +125,23 @@ def movers(c: Circumstances) -> dict[Site, tuple[Mover, ...]]:
     if np.any(c.touching):
         out[PROBE] = (contact(c.touching.astype(float)),)
     out |= {location.face(face.name): (contact(face.rows),) for face in c.faces}
+    out |= {at_view(v, CAMERA): (_lens(v),) for v in c.views}
     return out
+
+
+def _lens(v: View) -> Mover:
+    """Errors of the focal lengths and the optical axis of a view."""
+    every = [(e, k) for e in (v.focal, v.centre) for k in range(e.by.shape[2])]
+
+    def move(d: np.ndarray) -> list[Parameter]:
+        return [Parameter("", e.unit, shifts(e.by[:, :, k] * d[:, None]), CELLS.pixels) for e, k in every]
+
+    return move
+
+
+def shifts(lengths: np.ndarray) -> tuple[Term, ...]:
+    """Terms that move corners in the image by lengths (N, 2), m."""
+    return tuple(Term(IMAGE, way, lengths[:, k]) for k, way in enumerate("uv") if lengths[:, k].any())
 
 
 def torque_and_angle(c: Circumstances) -> Iterator[Cell]:
@@ -256,16 +273,6 @@ def scatter(c: Circumstances) -> Iterator[Cell]:
         yield Cell(ARM, Driver("pose"), (moved,), clusters=_repeated(c, c.readings))
 
 
-def of_points(c: Circumstances) -> Iterator[Cell]:
-    """Errors of a board that are drawn anew for each of its points: across its plane, and within it."""
-    for v in c.views:
-        site = BOARD.of(v.name) if v.several else BOARD
-        for axis, form in ((2, "heights"), (0, "places"), (1, "places")):
-            moved = tuple(Term(IMAGE, way, v.shift[:, k, axis]) for k, way in enumerate("uv"))
-            error = Parameter("", "m", moved, CELLS.point)
-            yield Cell(site, Driver("board", form=form), ((error,),), clusters=v.point)
-
-
 def _repeated(c: Circumstances, readings: np.ndarray) -> np.ndarray:
     """Numbers (N,), equal for rows with equal readings (N, ...) and for repetitions of one contact."""
     out = np.unique(np.round(readings, 8), axis=0, return_inverse=True)[1].ravel()
@@ -316,7 +323,7 @@ def _own(c: Circumstances, j: int) -> dict[Driver, list[Functions]]:
 
 
 def by_any(c: Circumstances) -> Iterator[Cell]:
-    """Links, base and tool that move along one of their axes by any quantity, and links by two."""
+    """Links, base, tool and lens that change along one of their axes by any quantity, and links by two."""
     given = [a for a in arguments(c) if a.driver.kind != "contact direction"]
     weight = CELLS.paired / max(len(given), 1)
     clock = [f for a in given if a.driver.kind == "time" for f in a.functions.T]
@@ -331,7 +338,7 @@ def by_any(c: Circumstances) -> Iterator[Cell]:
                 for axis in ("rx", "ry")
             ]
             yield Cell(link(j), a.driver, tuple(sets), weight=weight)
-        for site in (BASE, TOOL):
+        for site in (BASE, TOOL, *(at_view(v, CAMERA) for v in c.views)):
             yield Cell(site, a.driver, tuple(_each_axis(c, site, list(a.functions.T))), weight=weight)
     smoothest = smooth(measured(c).argsort().astype(float), c.fitted, CELLS.rough_waves)
     for site in (BASE, TOOL):
@@ -381,6 +388,6 @@ def pointing(c: Circumstances) -> Iterator[Cell]:
 
 FURTHER = (
     torque_and_angle, two_angles, between_orders, rocking, travel, scatter,
-    with_another, by_any, remembering, pointing, of_points,
+    with_another, by_any, remembering, pointing,
 )  # fmt: skip
 """Functions that list the cells of a session, in the order of the cells."""

@@ -11,8 +11,8 @@ import numpy as np
 from rich.console import RenderableType
 from rich.text import Text
 
-from bayescal.assess.acceptance import FAIL, PASS
 from bayescal.assess.agreement import Agreement, Pair
+from bayescal.assess.conformance import FAIL, PASS
 from bayescal.calibration import ModelLevel
 from bayescal.effects import UNITS
 from bayescal.effects.vocabulary import unit_label

@@ -8,7 +8,8 @@ import numpy as np
 from rich.console import RenderableType
 from rich.text import Text
 
-from bayescal.assess.acceptance import FAIL, PASS, PLANNED, SHARED, Acceptance, Tolerance
+from bayescal.assess.acceptance import PLANNED, SHARED, Acceptance
+from bayescal.assess.conformance import FAIL, PASS, Tolerance
 from bayescal.assess.shared_causes import SharedCause
 from bayescal.calibration import Fit
 from bayescal.estimate.discrepancy import MASSES

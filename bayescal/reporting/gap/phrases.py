@@ -45,6 +45,8 @@ def named(effect: Named, gap: Gap) -> str:
     if effect.sites or (who.startswith("every ") and not everywhere):
         named_sites = tuple(dict.fromkeys(effect.sites)) or clear
         who = together(named_sites) if named_sites else who.replace("every", "at least one")
+    if effect.neighbours:
+        who += f" or {together(effect.neighbours)} (these data do not distinguish them)"
     setting = effect.setting
     if effect.events:
         setting = listed(f"from {when(event, gap.dataset)} on" for event in effect.events)

@@ -75,6 +75,7 @@ def gap_record(gap: Gap) -> dict[str, Any]:
         "effects": _effects(verdict),
         "named": [
             entry(n, *NAMED)
+            | {"neighbours": list(map(str, n.neighbours))}
             | {"possible": bool(causes.possible(gap, n))}
             | {"events": [causes.event_record(event, gap.dataset) for event in n.events]}
             for n in verdict.named
