@@ -25,6 +25,13 @@ def at_view(v: View, site: Site) -> Site:
     return site.of(v.name) if v.several else site
 
 
+def late_images(c: Circumstances, v: View, by: np.ndarray | float = 1.0) -> tuple[Term, ...]:
+    """Terms of readings later than the images of a view, in proportion to `by` (N,)."""
+    assert c.velocity is not None
+    rates = (c.velocity @ c.robot.link_from_reading.T).T * v.rows * by
+    return tuple(Term(j, c.robot.axes[j - 1], -rate) for j, rate in enumerate(rates, start=1) if rate.any())
+
+
 def of_view(v: View, kind: str, prefix: str, times: float = 1.0, least: float = 0.0) -> list[Parameter]:
     """Errors of a kind, a field of `View`; none without a prior or a change in the image.
 

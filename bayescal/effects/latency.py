@@ -15,10 +15,10 @@ import numpy as np
 
 from bayescal.arm.motion import CONTACT, Term
 from bayescal.effects.common import without_surface, without_velocity
-from bayescal.effects.imaging import at_view
+from bayescal.effects.imaging import at_view, late_images
 from bayescal.effects.location import CAMERA, PROBE, Driver
 from bayescal.effects.sizes import LATER, Size
-from bayescal.effects.vocabulary import Circumstances, Effect, Parameter, View
+from bayescal.effects.vocabulary import Circumstances, Effect, Parameter
 
 SD = 2e-3  # s
 CLOCK_SD = 20e-3  # s, of images: exposure, transfer and the clocks of two computers (assumed)
@@ -36,13 +36,6 @@ def _parameters(c: Circumstances) -> list[Parameter]:
         clock = Parameter(f"latency {v.name}", "s", turns, CLOCK_SD, site=site, driver=Driver("clock"))
         out += [clock] if turns else []
     return out
-
-
-def late_images(c: Circumstances, v: View, by: np.ndarray | float = 1.0) -> tuple[Term, ...]:
-    """Terms of readings later than the images of a view, in proportion to `by` (N,)."""
-    assert c.velocity is not None
-    rates = (c.velocity @ c.robot.link_from_reading.T).T * v.rows * by
-    return tuple(Term(j, c.robot.axes[j - 1], -rate) for j, rate in enumerate(rates, start=1) if rate.any())
 
 
 LATENCY = Effect(

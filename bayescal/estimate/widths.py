@@ -22,7 +22,7 @@ more probable still.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -33,7 +33,7 @@ from bayescal.estimate.discrepancy import stated
 from bayescal.estimate.estimate import Estimate, fitted_level
 from bayescal.estimate.solver import STATED_WORTH
 from bayescal.model.block import ARM
-from bayescal.model.options import FitOptions, family
+from bayescal.model.options import STATED, FitOptions, family
 from bayescal.model.scene import Scene
 
 TOLD, LEAST = 4.0, 1.0
@@ -78,17 +78,19 @@ class Spread:
 
     @classmethod
     def of(
-        cls, found: Estimate, covariance: np.ndarray, members: Sequence[np.ndarray], wide: float = 1.0
-    ) -> Spread:
+        cls, found: Estimate, covariance: np.ndarray, members: Sequence[np.ndarray],
+        wide: Sequence[float] | None = None,
+    ) -> Spread:  # fmt: skip
         """Of an estimate with its stated covariance (D, D); `members` are the places of each family.
 
-        `wide` is the factor on the stated widths of all families that the estimate has.
+        `wide` are the factors on their stated widths that the estimate has, 1 by default.
         """
         arm, c = found.model.slices[ARM], found.covariance
         by = (np.eye(len(c)) - c)[arm]
         others = np.setdiff1d(np.arange(len(c)), np.concatenate([np.zeros(0, int), *members]))
         noise = (covariance - c @ c)[arm, arm] + by[:, others] @ by[:, others].T
-        parts = [by[:, own] @ by[:, own].T / wide**2 for own in members]
+        wide = wide or [1.0] * len(members)
+        parts = [by[:, own] @ by[:, own].T / w**2 for own, w in zip(members, wide, strict=True)]
         # in units of the estimate's spread under the stated priors, in the directions that it has
         values, vectors = np.linalg.eigh(noise + sum(parts))
         kept = values > SMALLEST * values[-1]
@@ -121,7 +123,10 @@ class Spread:
         return found.x, float(found.fun)
 
 
-def widths(found: Estimate, covariance: np.ndarray, wide: float = 1.0) -> tuple[Width, ...]:
+def widths(
+    found: Estimate, covariance: np.ndarray, wide: Mapping[str, float] | None = None,
+    among: Collection[str] | None = None,
+) -> tuple[Width, ...]:  # fmt: skip
     """The families whose values tell a wider prior than the stated one; none usually.
 
     Parameters
@@ -129,14 +134,18 @@ def widths(found: Estimate, covariance: np.ndarray, wide: float = 1.0) -> tuple[
     found : Estimate
     covariance : np.ndarray, shape (D, D)
         Stated covariance of its unknowns, z, at least that of the solver.
-    wide : float
-        Factor on the stated widths of all families that the estimate has.
+    wide : mapping, optional
+        Factors on the stated widths of families that the estimate has.
+    among : collection of str, optional
+        Families that may be wider; by default all.
     """
     families = families_of(found)
-    if not families:
+    free = [k for k, name in enumerate(families) if among is None or name in among]
+    if not free:
         return ()
-    spread = Spread.of(found, covariance, [np.array(own) for own in families.values()], wide)
-    free, (factors, loss) = list(range(len(families))), spread.best(range(len(families)))
+    has = [(wide or {}).get(name, 1.0) for name in families]
+    spread = Spread.of(found, covariance, [np.array(own) for own in families.values()], has)
+    factors, loss = spread.best(free)
     if spread.loss(np.zeros(len(families)))[0] - loss < TOLD:
         return ()
     gains = {k: spread.best([f for f in free if f != k])[1] - loss for k in free}
@@ -210,7 +219,7 @@ def _by_noise(found: Estimate, scene: Scene, effects: tuple[str, ...], options: 
     if gains.get(by, 0.0) < TOLD:
         return None
     common, wider = fits[by]
-    own = widths(common, stated(common).covariance, by)
+    own = widths(common, stated(common).covariance, dict.fromkeys(families, by))
     if own and (fit := fitted(factors(own))):
         paid = sum(np.log(w.factor) ** 2 for w in own) / (2.0 * SPREAD**2)
         if log_evidence(fit[0], left_out) - before - paid > gains[by]:
@@ -240,16 +249,33 @@ def with_widths(found: Estimate, scene: Scene, effects: tuple[str, ...], options
     widened = _by_noise(found, scene, effects, options)
     if widened is not None:
         return widened
-    if not widths(found, found.covariance):  # the stated covariance is wider, and takes longer
+    likely = widths(found, found.covariance)
+    if not likely:  # the stated covariance is wider, and takes longer
         return found, options, ()
     told = widths(found, stated(found).covariance)
-    if not told:
-        return found, options, ()
-    wider = replace(options, widths=factors(told))
     try:
-        return fitted_level(scene, effects, wider), wider, told
+        told = told or _without_its_errors(likely, scene, effects, options)
+        if told:
+            wider = replace(options, widths=factors(told))
+            return fitted_level(scene, effects, wider), wider, told
     except FAILURES:  # no length is known, or the solution is out of reach: the stated priors hold
-        return found, options, ()
+        pass
+    return found, options, ()
+
+
+def _without_its_errors(
+    likely: Sequence[Width], scene: Scene, effects: tuple[str, ...], options: FitOptions
+) -> tuple[Width, ...]:
+    """Widths of what a session states of cameras and boards, by the covariance of the fit that has them.
+
+    A wrong focal length biases the arm, and its errors look like a discrepancy that hides its evidence. The
+    fit with its width has none of these.
+    """
+    among = {w.family: w.factor for w in likely if w.family in STATED.values()}
+    if not among:
+        return ()
+    wider = fitted_level(scene, effects, replace(options, widths=among))
+    return widths(wider, stated(wider).covariance, among, among)
 
 
 def simpler_level(scene: Scene, effects: tuple[str, ...], options: FitOptions) -> Estimate:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-from bayescal.effects import MODELS, Parameter, Site, parameters_of
+from bayescal.effects import ALWAYS, MODELS, Parameter, Site, parameters_of
 from bayescal.effects.location import ARM as ARM_SITE
 from bayescal.effects.location import NUMBERED
 from bayescal.effects.selection import Selection, plain
@@ -97,16 +97,23 @@ def kept(parameters: Sequence[Parameter], without: Sequence[Part]) -> tuple[Para
 
 QUANTITIES = {"m": " lengths", "rad": " angles"}
 """What parameters of a family are, by their unit."""
+STATED = {
+    ("camera", "px"): "errors of focal lengths and optical axis",
+    ("camera", "1"): "errors of distortion",
+    ("board", "1"): "errors of the size of boards",
+    ("board", "m"): "errors of the flatness of boards",
+}
+"""Families of what a session states of cameras and boards, by site and unit."""
 
 
 def family(p: Parameter) -> str:
     """Parameters whose prior widths have the same source: of one effect and unit, at joints or at links.
 
-    "" of all others, at the base or of a tool: their widths are stated by the session, or assumed loose. The
-    simpler model of an effect has its families.
+    What a session states of a camera or board with u is one too. "" of all others, at the base or of a tool:
+    their widths are assumed loose. The simpler model of an effect has its families.
     """
     if p.site.kind not in NUMBERED:
-        return ""
+        return STATED.get((p.site.kind, p.unit), "") if p.effect in ALWAYS else ""
     whole = next((name for name, e in MODELS.items() if e.simpler and e.simpler == p.effect), p.effect)
     return f"{whole}{QUANTITIES.get(p.unit, '')} of {p.site.kind}s"
 

@@ -13,11 +13,10 @@ import numpy as np
 
 from bayescal.arm.motion import IMAGE, Term
 from bayescal.effects import Circumstances, Parameter, View
-from bayescal.effects.imaging import at_view
-from bayescal.effects.latency import late_images
+from bayescal.effects.imaging import at_view, late_images
 from bayescal.effects.location import BOARD, CAMERA, Driver
 from bayescal.estimate.families import cosines
-from bayescal.gap.search.makers import Cell, shifts
+from bayescal.gap.search.makers import Cell, repeated, shifts
 from bayescal.gap.search.quantities import arguments
 from bayescal.gap.settings import CELLS
 
@@ -51,6 +50,18 @@ def of_images(c: Circumstances) -> Iterator[Cell]:
                 yield Cell(site, Driver("clock", form=form), tuple(clocks))
 
 
+def of_each_image(c: Circumstances) -> Iterator[Cell]:
+    """Errors that are drawn anew for each image: shifts along its sides, and the time of its readings."""
+    for v in c.views:
+        site, images = at_view(v, CAMERA), repeated(c, c.readings)
+        for k in range(2):
+            moved = Parameter("", "px", shifts(v.centre.by[:, :, k]), CELLS.pixels)
+            yield Cell(site, Driver("pose", form="uv"[k]), ((moved,),), clusters=images)
+        if c.velocity is not None and (late := late_images(c, v)):
+            clock = Parameter("", "s", late, CELLS.late)
+            yield Cell(site, Driver("clock", form="anew"), ((clock,),), clusters=images)
+
+
 def of_points(c: Circumstances) -> Iterator[Cell]:
     """Errors of a board that are drawn anew for each of its points: across its plane, and within it."""
     for v in c.views:
@@ -65,5 +76,5 @@ def _place(v: View) -> np.ndarray:
     return np.divide(focal, centre, out=np.zeros_like(focal), where=centre != 0)
 
 
-IMAGES = (of_points, of_images)
+IMAGES = (of_points, of_images, of_each_image)
 """Functions that list the cells of cameras and boards, in the order of the cells."""

@@ -266,14 +266,14 @@ def scatter(c: Circumstances) -> Iterator[Cell]:
     That of a pose is the lack of fit, whatever its location: more scatter than that of repeated contacts.
     """
     for j in range(1, c.robot.n + 1):
-        clusters = _repeated(c, c.readings[:, j - 1])
+        clusters = repeated(c, c.readings[:, j - 1])
         yield Cell(joint(j), Driver("reading", j), (at_joint(c, j, [np.ones(len(c.q))]),), clusters=clusters)
     if np.any(c.touching):
         moved = at_contact(c.touching.astype(float), [np.ones(len(c.q))])
-        yield Cell(ARM, Driver("pose"), (moved,), clusters=_repeated(c, c.readings))
+        yield Cell(ARM, Driver("pose"), (moved,), clusters=repeated(c, c.readings))
 
 
-def _repeated(c: Circumstances, readings: np.ndarray) -> np.ndarray:
+def repeated(c: Circumstances, readings: np.ndarray) -> np.ndarray:
     """Numbers (N,), equal for rows with equal readings (N, ...) and for repetitions of one contact."""
     out = np.unique(np.round(readings, 8), axis=0, return_inverse=True)[1].ravel()
     if c.repeat is not None:
