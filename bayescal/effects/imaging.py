@@ -32,6 +32,27 @@ def late_images(c: Circumstances, v: View, by: np.ndarray | float = 1.0) -> tupl
     return tuple(Term(j, c.robot.axes[j - 1], -rate) for j, rate in enumerate(rates, start=1) if rate.any())
 
 
+def reading_errors(c: Circumstances, sd: np.ndarray, image: np.ndarray) -> list[Parameter]:
+    """An error of each reading of each image, which its corners share: nuisance parameters.
+
+    Parameters
+    ----------
+    c : Circumstances
+    sd : np.ndarray, shape (n,)
+        Standard uncertainty of a reading of each joint, rad or m.
+    image : np.ndarray, shape (N,)
+        Number of the image of each row; rows without one have -1.
+    """
+    out = []
+    for one in np.unique(image[image >= 0]):
+        rows = (image == one).astype(float)
+        for k in np.flatnonzero(sd > 0):
+            by = [(j, x) for j, x in enumerate(c.robot.link_from_reading[:, k].tolist(), start=1) if x]
+            terms = tuple(Term(j, c.robot.axes[j - 1], x * rows) for j, x in by)
+            out.append(Parameter(f"reading {k + 1} of image {one}", "", terms, float(sd[k])))
+    return out
+
+
 def of_view(v: View, kind: str, prefix: str, times: float = 1.0, least: float = 0.0) -> list[Parameter]:
     """Errors of a kind, a field of `View`; none without a prior or a change in the image.
 

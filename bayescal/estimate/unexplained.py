@@ -19,16 +19,23 @@ from bayescal.effects import parameters_of
 from bayescal.effects.plane_form import PLANE_FORM, shapes
 from bayescal.effects.selection import plain
 from bayescal.estimate import Estimate, estimate
+from bayescal.estimate.families import poses
 from bayescal.estimate.outliers import MEDIAN_WORTH, rejected
-from bayescal.model import with_parameters
+from bayescal.model import Block, with_parameters
 from bayescal.model.scene import Scene
 from bayescal.statistics import chi2_isf, chi2_sf, f_isf, f_sf, rms
+from factors.camera import Camera
 
 FEWEST_REPEATS = 5  # degrees of freedom that are sufficient to estimate the noise
 FINEST = 1e-9  # m: a smaller scatter of repeats means that the resolution is coarser than the noise
 P_VALUE = 1e-2
-GROUPS = ("contact", "point", "pixel")
+POSE = 6
+"""Unknowns of the pose of an image."""
+CONTACT, IMAGE = "contact", "pixel"
+GROUPS = (CONTACT, "point", IMAGE)
 """Kinds of noise group; that of a session is the first of those that it has."""
+AGAIN = {CONTACT: "repeated contacts", "point": "repeated points", IMAGE: "corners within images"}
+"""What tells the noise of a group."""
 STATED_FACTOR = 1.4  # without repeats: the true noise may be larger than the stated noise by this factor
 
 
@@ -60,7 +67,7 @@ class Unexplained:
     @property
     def words(self) -> str:
         """The residuals and the noise that they are compared with."""
-        of = "the stated noise" if self.repeats is None else "the scatter of repeated contacts"
+        of = "the stated noise" if self.repeats is None else f"the scatter of {AGAIN[self.group]}"
         return f"residuals of {1e6 * self.fitted:.1f} µm against {of}, {1e6 * self.floor:.1f} µm"
 
     def limit(self, chance: float) -> float:
@@ -91,6 +98,42 @@ def repeat_scatter(scene: Scene, fitted: Estimate) -> tuple[float | None, int]:
     return scatter([np.asarray(values) for values in groups.values() if len(values) > 1])
 
 
+def sharp_of(scene: Scene, b: Block) -> np.ndarray:
+    """Residuals (R,) of a block that are not of blurred images."""
+    return np.tile(scene.blur[b.rows] == 1.0, b.kind.rows)
+
+
+def within_images(fitted: Estimate) -> tuple[float | None, int]:
+    """Standard deviation of corners about the best pose of their image, m, and its degrees of freedom.
+
+    Errors of the arm move an image as a whole. That of its readings, as stated, belongs to the noise. Of
+    sharp images, without outliers; None without any.
+    """
+    scene, model, square, dof, readings = fitted.model.scene, fitted.model, 0.0, 0, [0.0]
+    for b in model.blocks:
+        if b.name not in model.slices or b.size < POSE or not isinstance(b.kind, Camera):
+            continue
+        mine, whiten = fitted.linear.of_block[b.name], fitted.weights.full.whitening(b)
+        slopes = fitted.linear.jacobian[mine, model.slices[b.name]] / whiten[:, None]
+        every, sharp = np.column_stack([fitted.residuals(b).ravel(), slopes]), sharp_of(scene, b)
+        kept = np.tile(fitted.weights.row[b.name] > 0, b.kind.rows) & sharp
+        of_readings = fitted.weights.sigma[b.name] ** 2 - np.tile(b.sigma**2, b.kind.rows)
+        readings.append(float(np.mean(of_readings[sharp])))
+        image = np.tile(poses(scene.dataset.measurements, b.rows), b.kind.rows)
+        for one in np.unique(image[kept]):
+            at = np.flatnonzero(kept & (image == one))
+            r, by = every[at, 0], every[at, 1:]
+            if len(r) > POSE:
+                square += float(np.sum((r - by @ np.linalg.lstsq(by, r)[0]) ** 2))
+                dof += len(r) - POSE
+    return (float(np.sqrt(square / dof + max(readings))), dof) if dof >= FEWEST_REPEATS else (None, dof)
+
+
+def noise_again(fitted: Estimate, group: str) -> tuple[float | None, int]:
+    """Noise of a group, m, from what a session measures again, and its degrees of freedom; see `AGAIN`."""
+    return within_images(fitted) if group == IMAGE else repeat_scatter(fitted.model.scene, fitted)
+
+
 def scatter(groups: Sequence[np.ndarray]) -> tuple[float | None, int]:
     """Standard deviation of repeated values about the mean of their group, and its degrees of freedom.
 
@@ -116,11 +159,12 @@ def unexplained(fitted: Estimate) -> Unexplained:
     kind_of = {name: name.partition(" of ")[0] for name in scales}  # sessions may have groups of their own
     group = next((g for g in GROUPS if g in kind_of.values()), GROUPS[0])
     blocks = [b for b in fitted.model.blocks if kind_of[b.group] == group]
-    stated = rms(np.concatenate([fitted.weights.sigma[b.name] for b in blocks]))
-    left = rms(np.concatenate([scales[b.group] * fitted.weights.sigma[b.name] for b in blocks]))
+    sigma = [fitted.weights.sigma[b.name][sharp_of(scene, b)] for b in blocks]
+    stated = rms(np.concatenate(sigma))
+    left = rms(np.concatenate([scales[b.group] * own for b, own in zip(blocks, sigma, strict=True)]))
     scale = left / stated
     dof = max(sum(fitted.dof[name] for name, kind in kind_of.items() if kind == group), 1.0)
-    repeats, repeats_dof = repeat_scatter(scene, fitted)
+    repeats, repeats_dof = noise_again(fitted, group)
     if repeats is None:
         floor, p = stated, float(chi2_sf(dof * (scale / STATED_FACTOR) ** 2, dof))
     else:

@@ -16,6 +16,7 @@ from bayescal.assess.findings import differing, noise_ratios
 from bayescal.assess.shared_causes import SharedCause, judged_complete
 from bayescal.effects import EFFECTS, Circumstances, Parameter
 from bayescal.effects.gravity import masses
+from bayescal.effects.imaging import reading_errors
 from bayescal.effects.selection import plain as plain_name
 from bayescal.errors import attempted
 from bayescal.estimate import Estimate, calibrated, families
@@ -100,6 +101,20 @@ def _with_widths(
     return calibrated(scene, effects, options), options, told
 
 
+MOST_READINGS = 600
+"""Errors of readings of images that are unknowns of the search; beyond, each corner has its own (cost)."""
+
+
+def _of_readings(fitted: Estimate, c: Circumstances) -> tuple[Parameter, ...]:
+    """Errors of the stated readings, which the corners of an image share; none without images."""
+    scene = fitted.model.scene
+    u, share = scene.dataset.reading_noise
+    image, rows = np.full(len(c.q), -1), c.fitted[scene.in_images[c.fitted]]
+    image[rows] = families.poses(scene.dataset.measurements, rows)
+    errors = len(np.unique(image[rows])) * np.count_nonzero(u * share)
+    return tuple(reading_errors(c, u * share, image)) if 0 < errors <= MOST_READINGS else ()
+
+
 def _examined(
     fitted: Estimate, causes: tuple[SharedCause, ...], options: FitOptions, further: bool
 ) -> Examined:
@@ -108,8 +123,9 @@ def _examined(
     effects = fitted.model.effects
     c = with_compliances(settled.circumstances(settled.rows("calibrate")), fitted)
     nuisance = tuple(masses(c)) if COMPLIANCE in effects else ()
+    nuisance += (readings := _of_readings(fitted, c))
     known = candidates(c, effects, options.without)
-    baseline = Baseline(fitted, c, known, nuisance, options.robust, further, causes)
+    baseline = Baseline(fitted, c, known, nuisance, options.robust, further, causes, bool(readings))
     result = baseline.weighed(fitted)
     members = result.decision.members
     if members and ORIENTATION in fitted.weights.scale:
@@ -133,6 +149,7 @@ class Baseline:
     robust: bool
     further: bool
     causes: tuple[SharedCause, ...]
+    shared_readings: bool = False  # errors of the readings of images are nuisances, not noise of each corner
 
     def weighed(self, noise: Estimate) -> Examined:
         """Evaluate all effects that the fit lacks; `noise` has the noise ratio of orientations to lengths."""
@@ -147,6 +164,8 @@ class Baseline:
         if self.causes:
             rows = np.concatenate([cause.rows for cause in self.causes])
             slopes = replace(slopes, sharing=np.isin(slopes.rows, rows))
+        if self.shared_readings:
+            slopes = slopes.with_noise(_without_readings(fitted))
         slopes = replace(slopes, stop=families.stops_of(fitted.model.scene, slopes.rows))
         assert slopes.stop is not None
         poses = slopes.stop[slopes.contact[: len(slopes.sigma)]]
@@ -195,6 +214,16 @@ class Baseline:
         search = Search(p, known, self.robust, self.further)
         search.run()
         return Examined(fitted, c, known, p, pool, search, decide(search, pool, arguments(c)))
+
+
+def _without_readings(fitted: Estimate) -> np.ndarray:
+    """Noise of the corners over that with the stated errors of readings, (contacts,); 1 of other rows."""
+    scene, weights, out = fitted.model.scene, fitted.weights, []
+    for b in fitted.model.blocks:
+        whole = weights.sigma[b.name].reshape(b.kind.rows, -1)
+        ratio = b.sigma / np.sqrt(np.mean(whole**2, axis=0))
+        out.append(np.where(scene.in_images[b.rows], ratio, 1.0))
+    return np.concatenate(out)
 
 
 @dataclass(frozen=True)

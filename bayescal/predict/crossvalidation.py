@@ -1,9 +1,9 @@
 """Validation errors of one estimate and their predicted uncertainty, propagated linearly.
 
 Contacts of fitted targets are compared with the fit. Where the session has too few validation data, each
-fitted contact is left out in turn, in closed form (leave-one-out cross-validation). A target that was not
-fitted (a sphere, an instrument) is first located from its own rows. Only lengths are validated: an
-orientation that a row measures together with its point is used in the fit and is never left out.
+fitted contact, or each image, is left out in turn, in closed form (leave-one-out cross-validation). A target
+that was not fitted (a sphere, an instrument) is first located from its own rows. Only lengths are validated:
+an orientation that a row measures together with its point is used in the fit and is never left out.
 
 A test of a name needs more: neighbours share errors. For it, fitted measurements are left out in `folds`, and
 in `regions` of the joints.
@@ -195,10 +195,13 @@ def independent_distances(d: CentreDistances) -> float:
 
 
 VALIDATED, LEFT_OUT = "validation measurements", "leave-one-out cross-validation"
+IMAGES_LEFT_OUT = "leave-one-out cross-validation by images"
 BLOCKED, BY_REGION = "blocked cross-validation", "cross-validation by regions of the joints"
 """How validation errors were obtained."""
 FOLDED: dict[str, Folded] = {BLOCKED: folds, BY_REGION: regions}
-"""The blocks of rows that are left out together."""
+"""The blocks of rows that are left out together, in tests of names."""
+TOGETHER: dict[str, Folded] = FOLDED | {IMAGES_LEFT_OUT: poses}
+"""The same, with those of validation errors: the corners of an image share the errors of its pose."""
 FEWEST = 8
 """Number of validation data of fitted targets below which leave-one-out cross-validation is used instead."""
 
@@ -234,15 +237,17 @@ def validation_errors(estimate: Estimate, strict: bool = True, without: str = LE
     known, factor = prepared(estimate, strict=strict), root(estimate.covariance)
     fitted = [r for r in known.rows if r.target is None]
     how = VALIDATED if sum(len(r.block.rows) for r in fitted) >= FEWEST else without
+    if how == LEFT_OUT and len(scene.in_images) and scene.in_images[scene.rows("calibrate")].all():
+        how = IMAGES_LEFT_OUT
     if how == VALIDATED:
         parts = [_predicted(r, factor) for r in fitted]
     else:
-        parts = left_out(estimate) if how == LEFT_OUT else blocks_left_out(estimate, FOLDED[how])
+        parts = left_out(estimate) if how == LEFT_OUT else blocks_left_out(estimate, TOGETHER[how])
     fold = None
-    if how in FOLDED:  # as they were left out; what was not fitted is predicted by the fit to all
+    if how in TOGETHER:  # as they were left out; what was not fitted is predicted by the fit to all
         of_fitted = _rows([p.block for p in parts])
         of_located = _rows([r.block for r in known.rows if r.target is not None])
-        own = FOLDED[how](scene.dataset.measurements, of_fitted)
+        own = TOGETHER[how](scene.dataset.measurements, of_fitted)
         fold = np.concatenate([own, np.full(len(of_located), -1)])
     main = next((g for g in GROUPS if any(p.block.group == g for p in parts)), "point")
     parts += [_predicted(r, factor) for r in known.rows if r.target is not None]

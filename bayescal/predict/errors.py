@@ -107,7 +107,7 @@ class Joint:
 class ValidationErrors:
     """R residuals of validation contacts, three for a point, in the order of rows, and the distances."""
 
-    how: str  # VALIDATED, LEFT_OUT, BLOCKED or BY_REGION
+    how: str  # VALIDATED, LEFT_OUT, IMAGES_LEFT_OUT, BLOCKED or BY_REGION
     main: str  # noise group that the gap is compared with: the first of `GROUPS` that is fitted
     residual: np.ndarray  # (R,) m
     noise: np.ndarray  # (R,) m, of one residual, by the noise scale of the fit

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bayescal.estimate import STATED_WORTH, Estimate
-from bayescal.estimate.unexplained import P_VALUE, STATED_FACTOR, repeat_scatter
+from bayescal.estimate.unexplained import CONTACT, IMAGE, P_VALUE, STATED_FACTOR, noise_again, sharp_of
 from bayescal.gap.result import VALIDATION_CONTACTS, VALIDATION_POINTS, Magnitude, Measured, Shrinkage, Step
 from bayescal.gap.settings import OUTCOME
 from bayescal.predict.crossvalidation import (
@@ -34,7 +34,7 @@ class NoiseFloor:
 
     sd: float
     dof: float
-    source: str  # "repeats", "fit" or "stated"
+    source: str  # "repeats", "images", "fit" or "stated"
 
     @property
     def interval95(self) -> tuple[float, float]:
@@ -48,8 +48,9 @@ class NoiseFloor:
 
 
 def stated_noise(fitted: Estimate, group: str) -> float:
-    """Root mean square of the stated noise of a group's residuals, m."""
-    sigma = [fitted.weights.sigma[b.name] for b in fitted.model.blocks if b.group == group]
+    """Root mean square of the stated noise of a group's residuals, m, without blurred images."""
+    scene, own = fitted.model.scene, [b for b in fitted.model.blocks if b.group == group]
+    sigma = [fitted.weights.sigma[b.name][sharp_of(scene, b)] for b in own]
     return rms(np.concatenate(sigma))
 
 
@@ -65,10 +66,10 @@ def noise_floor(final: Estimate, group: str) -> NoiseFloor:
     group : str
         Kind of noise group.
     """
-    if group == "contact":
-        repeats, count = repeat_scatter(final.model.scene, final)
+    if group in (CONTACT, IMAGE):
+        repeats, count = noise_again(final, group)
         if repeats is not None:
-            return NoiseFloor(repeats, float(count), "repeats")
+            return NoiseFloor(repeats, float(count), "images" if group == IMAGE else "repeats")
     stated, scale, dof = stated_noise(final, group), final.weights.scale[group], final.dof[group]
     if dof < OUTCOME.fewest_dof or chi2_sf(dof * (scale / STATED_FACTOR) ** 2, dof) < P_VALUE:
         return NoiseFloor(stated, STATED_WORTH, "stated")

@@ -26,7 +26,7 @@ from bayescal.gap.search.unknown import CellFit, Pool
 from bayescal.gap.settings import OUTCOME
 from bayescal.model import ARM
 from bayescal.model.scene import Scene
-from bayescal.predict.crossvalidation import LEFT_OUT
+from bayescal.predict.crossvalidation import IMAGES_LEFT_OUT, LEFT_OUT
 from bayescal.predict.errors import ValidationErrors, kept
 from bayescal.statistics import chi2_sf, rms
 
@@ -172,8 +172,8 @@ def warnings(
         )
     if last is not first:
         out += increased(first, last)
-    if first.how == LEFT_OUT:
-        out.append("no or too few validation measurements: leave-one-out cross-validation is used instead")
+    if first.how in (LEFT_OUT, IMAGES_LEFT_OUT):
+        out.append(f"no or too few validation measurements: {first.how} is used instead")
     if gross := len(np.unique(first.rows[~fair])):
         every = len(np.unique(first.rows))
         was = "were" if gross > 1 else "was"

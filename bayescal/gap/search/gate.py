@@ -13,7 +13,7 @@ from bayescal.errors import BayescalError
 from bayescal.estimate.solver import factored, solved
 from bayescal.gap.outcome.magnitude import log_predictive
 from bayescal.gap.settings import GATE
-from bayescal.predict.crossvalidation import BLOCKED, BY_REGION, LEFT_OUT, VALIDATED
+from bayescal.predict.crossvalidation import BLOCKED, BY_REGION, IMAGES_LEFT_OUT, LEFT_OUT, VALIDATED
 from bayescal.predict.errors import CentreDistances, ValidationErrors
 from bayescal.statistics import chi2_sf, f_sf
 
@@ -23,6 +23,7 @@ Refit = Callable[[Sequence[Any]], tuple[Any, Tests]]
 """Fits some effects, and returns the fit with its validation errors."""
 LEFT = {
     **dict.fromkeys((VALIDATED, LEFT_OUT), ("the validation data", "validation contacts")),
+    IMAGES_LEFT_OUT: ("images that are left out", "corners of images that are left out"),
     BLOCKED: ("blocks of poses and time that are left out", "contacts of blocks that are left out"),
     BY_REGION: ("regions of the joints that are left out", "contacts in joint regions that are left out"),
 }

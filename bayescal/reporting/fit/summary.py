@@ -13,6 +13,7 @@ from bayescal.assess.conformance import FAIL, PASS, Tolerance
 from bayescal.assess.shared_causes import SharedCause
 from bayescal.calibration import Fit
 from bayescal.estimate.discrepancy import MASSES
+from bayescal.estimate.unexplained import AGAIN
 from bayescal.fitted import gate
 from bayescal.fitted.gate import STEPS, Use
 from bayescal.predict.crossvalidation import inside95
@@ -172,7 +173,7 @@ def _details(fit: Fit, record: Json, verbose: bool) -> Facts:
     repeats = ""
     if scatter.repeats is not None:
         dof = f"{scatter.repeats_dof} d.o.f."
-        repeats = f", repeated {scatter.group}s {UM * scatter.repeats:.1f} µm ({dof})"
+        repeats = f", {AGAIN[scatter.group]} {UM * scatter.repeats:.1f} µm ({dof})"
     what = "residual s.d." if scatter.group == "contact" else "single-point residual s.d."
     if any(b.group == scatter.group and b.kind.rows > 1 for b in model.states):
         what += " per coordinate"

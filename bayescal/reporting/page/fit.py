@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 from markupsafe import Markup
 
+from bayescal.estimate.unexplained import AGAIN
 from bayescal.fitted.gate import STEPS
 from bayescal.reporting.figures.distances import levelled
 from bayescal.reporting.fit import sheets
@@ -270,7 +271,7 @@ def outliers(run: Run) -> Section | None:
         for c in record["verdict"]["shared_causes"]
     ]
     repeats = noise["repeats_um"]
-    scatter = "" if repeats is None else f", repeated {noise['group']}s {length(repeats)} µm"
+    scatter = "" if repeats is None else f", {AGAIN[noise['group']]} {length(repeats)} µm"
     of_noise = (
         f"Noise: residual standard deviation {length(noise['estimated_um'])} µm, stated "
         f"{length(noise['stated_um'])} µm{scatter}."
