@@ -23,6 +23,7 @@ from bayescal.estimate import Estimate, estimate
 from bayescal.estimate.families import stops_of
 from bayescal.model.block import ARM, Block
 from bayescal.model.scene import Scene
+from bayescal.predict.targets import noise_of
 from bayescal.statistics import chi2_sf, hypergeometric_log_sf
 
 if TYPE_CHECKING:
@@ -335,7 +336,7 @@ def _tail(found: Estimate, block: Block) -> np.ndarray:
     r, by_arm, by_target = block.linearise(model.deviations(found.z[arm]), found.z[own])
     slopes = np.zeros((len(r), model.size))
     slopes[:, arm], slopes[:, own] = by_arm * model.sd, by_target
-    noise = found.weights.scale[block.group] * np.tile(block.sigma, block.kind.rows)
-    variance = noise**2 + np.einsum("rd,de,re->r", slopes, found.covariance, slopes, optimize=True)
+    noise = noise_of(found, block, found.z[own])
+    variance = noise**2 + np.einsum("rd,de,re->r", slopes, found.spread, slopes, optimize=True)
     square = (r**2 / variance).reshape(block.kind.rows, -1)
     return np.asarray(chi2_sf(np.sum(square, axis=0), block.kind.rows))

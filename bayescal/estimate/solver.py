@@ -6,7 +6,7 @@ Cholesky factors of small matrices are those of LAPACK itself: SciPy prepares a 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -28,6 +28,7 @@ class Weights:
     sigma: Mapping[str, np.ndarray]
     row: Mapping[str, np.ndarray]
     scale: Mapping[str, float]  # by noise group
+    shared: Mapping[str, np.ndarray] = field(default_factory=dict)  # (R, n) of images: errors of readings
 
     @property
     def full(self) -> Weights:
@@ -43,7 +44,7 @@ class Weights:
 def unit_weights(model: Model, z: np.ndarray) -> Weights:
     """Full weight for every contact, at its stated noise, plus reading noise through the Jacobian at z."""
     joint, share = model.scene.dataset.reading_noise
-    sigma = {}
+    sigma, shared = {}, {}
     for block in model.blocks:
         own = np.tile(block.sigma, block.kind.rows)
         if joint > 0:
@@ -51,9 +52,11 @@ def unit_weights(model: Model, z: np.ndarray) -> Weights:
             slices = model.slices
             by = block.by_readings(model.deviations(z[slices[ARM]]), z[slices[block.target]], coupling)
             own = np.sqrt(own**2 + joint**2 * np.sum(by**2, axis=1))
+            if model.scene.in_images[block.rows].all():
+                shared[block.name] = joint * by / own[:, None]
         sigma[block.name] = own
     row = {block.name: np.ones(len(block.rows)) for block in model.blocks}
-    return Weights(sigma, row, {block.group: 1.0 for block in model.blocks})
+    return Weights(sigma, row, {block.group: 1.0 for block in model.blocks}, shared)
 
 
 @dataclass(frozen=True)
@@ -243,16 +246,38 @@ def by_group(model: Model) -> dict[str, list[Block]]:
 def rescaled_weights(
     model: Model, weights: Weights, linear: Linear, covariance: np.ndarray
 ) -> tuple[Weights, dict[str, float]]:
-    """Noise scales estimated from the residuals, and their degrees of freedom."""
+    """Noise scales estimated from the residuals, and their degrees of freedom.
+
+    With H the leverage and V the correlation of the noise, H V of the degrees of freedom are taken by the
+    fit: more than H where the corners of an image share errors of its readings.
+    """
     leverage = np.einsum("ij,jk,ik->i", linear.jacobian, covariance, linear.jacobian, optimize=True)
-    scale, dof = {}, {}
+    scale, dof, shared = {}, {}, by_shared(model, weights, linear)
     for group, blocks in by_group(model).items():
         at = [linear.of_block[b.name] for b in blocks]
         chi2 = sum(float(np.sum(linear.residual[s] ** 2)) for s in at) * weights.scale[group] ** 2
         count = sum(float(np.sum(weights.row[b.name])) * b.kind.rows for b in blocks)
-        dof[group] = max(count - sum(float(np.sum(leverage[s])) for s in at), 0.0)
+        taken = sum(float(np.sum(leverage[s])) for s in at)
+        for b in (b for b in blocks if b.name in shared):
+            taken += float(np.sum(shared[b.name] * (covariance @ shared[b.name])))
+            taken -= float(leverage[linear.of_block[b.name]] @ np.sum(weights.shared[b.name] ** 2, axis=1))
+        dof[group] = max(count - taken, 0.0)
         scale[group] = float(np.sqrt((STATED_WORTH + chi2) / (STATED_WORTH + dof[group])))
     return replace(weights, scale=scale), dof
+
+
+def by_shared(model: Model, weights: Weights, linear: Linear) -> dict[str, np.ndarray]:
+    """Scores (D, M) of the unknowns by standard errors of the readings of images, by block; see `Weights`."""
+    out = {}
+    for b in model.blocks:
+        if b.name in weights.shared:
+            by, shared = linear.jacobian[linear.of_block[b.name]], weights.shared[b.name]
+            shared = shared * np.tile(weights.row[b.name] > 0, b.kind.rows)[:, None]
+            readings = model.scene.dataset.measurements.readings[b.rows]
+            image = np.tile(np.unique(readings, axis=0, return_inverse=True)[1].ravel(), b.kind.rows)
+            each = [by[image == one].T @ shared[image == one] for one in np.unique(image)]
+            out[b.name] = np.concatenate(each, axis=1)
+    return out
 
 
 def factored(matrix: np.ndarray) -> np.ndarray:

@@ -35,7 +35,7 @@ from bayescal.model import ARM, Block
 from bayescal.model.model import length_blocks
 from bayescal.model.scene import Scene
 from bayescal.predict.errors import CentreDistances, ValidationErrors, centre_distances
-from bayescal.predict.targets import RowPrediction, prepared
+from bayescal.predict.targets import RowPrediction, by_readings, prepared
 from bayescal.statistics import t_ppf
 
 Folded = Callable[[Measurements, np.ndarray], np.ndarray]
@@ -234,7 +234,7 @@ def validation_errors(estimate: Estimate, strict: bool = True, without: str = LE
         If a target cannot be located from its rows.
     """
     scene = estimate.model.scene
-    known, factor = prepared(estimate, strict=strict), root(estimate.covariance)
+    known, factor = prepared(estimate, strict=strict), root(estimate.spread)
     fitted = [r for r in known.rows if r.target is None]
     how = VALIDATED if sum(len(r.block.rows) for r in fitted) >= FEWEST else without
     if how == LEFT_OUT and len(scene.in_images) and scene.in_images[scene.rows("calibrate")].all():
@@ -280,6 +280,7 @@ def validation_errors(estimate: Estimate, strict: bool = True, without: str = LE
         padded([p.own for p in parts]),
         estimate.dof,
         None if fold is None else fold[order],
+        padded([by_readings(estimate, b) for b in blocks_of]) if scene.in_images.any() else None,
     )
 
 

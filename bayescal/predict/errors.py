@@ -121,6 +121,7 @@ class ValidationErrors:
     own: np.ndarray | None = None  # (R, K) m2, `noise` of each with the K residuals of its row; None: alone
     dof: Mapping[str, float] = field(default_factory=dict)  # of the noise scale of each group; else known
     fold: np.ndarray | None = None  # (R,) block of a blocked cross-validation; None: one fit predicts all
+    by_readings: np.ndarray | None = None  # (R, n) m, part of `noise` that the rows of an image share
 
     @property
     def sd(self) -> np.ndarray:
@@ -170,7 +171,7 @@ def without_rows(held: ValidationErrors, rows: Sequence[int]) -> ValidationError
     """The same errors without the residuals of some rows of the session."""
     use = ~np.isin(held.rows, rows)
     names = ("residual", "noise", "by_parameters", "rows", "kind", "group", "target", "block", "own", "fold")
-    arrays = ((name, getattr(held, name)) for name in names)
+    arrays = ((name, getattr(held, name)) for name in (*names, "by_readings"))
     return held if use.all() else replace(held, **{k: v[use] for k, v in arrays if v is not None})
 
 

@@ -186,6 +186,18 @@ def noise_of(estimate: Estimate, block: Block, z: np.ndarray) -> np.ndarray:
     return 1.0 / replace(unit_weights(sub, z), scale=scale).whitening(block)
 
 
+def by_readings(estimate: Estimate, block: Block) -> np.ndarray:
+    """Residuals (R, n) of images by standard errors of their readings, m; (R, 0) of other rows."""
+    scene, model = estimate.model.scene, estimate.model
+    joint, share = scene.dataset.reading_noise
+    if not joint or not scene.in_images[block.rows].all() or block.target not in model.slices:
+        return np.zeros((block.residuals, 0))
+    arm, state = (estimate.z[model.slices[name]] for name in (ARM, block.target))
+    scale = estimate.weights.scale[block.group]
+    by = block.by_readings(model.deviations(arm), state, scene.dataset.robot.link_from_reading * share)
+    return scale * joint * np.asarray(by)
+
+
 def unknown_tool(scene: Scene, rows: np.ndarray) -> float:
     """Prior standard deviation of the tool centre, m; 0 if the arm has it, or it is known or not unique."""
     used = np.unique(scene.dataset.measurements.tool[rows])

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from bayescal.estimate import Estimate
+from bayescal.estimate.families import poses
 from bayescal.model import ARM, Block, Model
 from bayescal.model.model import noise_groups
 from bayescal.predict.crossvalidation import interval95
@@ -21,6 +22,7 @@ from bayescal.predict.targets import (
     LocatedTarget,
     Prepared,
     RowPrediction,
+    by_readings,
     certified_diameters,
     predicted_rows,
     prepared,
@@ -184,12 +186,24 @@ class _Draws:
         """Residuals (S, rows, C) at the estimate of rows simulated with the parameters of each draw."""
         out = -self.away @ r.by_z.T
         if r.target is None:
-            out += self.noise(r.block.group, r.noise)
+            out += self._of_fitted(r)
         else:
             off, noise = self.located(r.target)
             out -= off @ r.by_target.T
             out += noise if r.own else self._of_others(r)
         return out.reshape(len(out), *r.in_rows.shape)
+
+    def _of_fitted(self, r: RowPrediction) -> np.ndarray:
+        """Noise (S, R) of rows of a fitted target; errors of its readings are common to an image."""
+        by = by_readings(self.estimate, r.block)
+        if not by.size:
+            return self.noise(r.block.group, r.noise)
+        out = self.noise(r.block.group, np.sqrt(np.maximum(r.noise**2 - np.sum(by**2, axis=1), 0.0)))
+        m, scale = self.estimate.model.scene.dataset.measurements, self.scale(r.block.group)
+        image = np.tile(poses(m, r.block.rows), r.block.kind.rows)
+        for one in np.unique(image):
+            out[:, image == one] += scale * (self.normal(by.shape[1]) @ by[image == one].T)
+        return out
 
     def _of_others(self, r: RowPrediction) -> np.ndarray:
         """Noise and unexplained error (S, R) of rows that did not locate their target."""

@@ -142,6 +142,12 @@ def _contacts(
     count = int(np.clip(OUTCOME.normals // len(residual), 100, 2000))
     scale = noise.draws(rng)[:count] / noise.sd
     simulated = rng.standard_normal((count, by.shape[1])) @ by.T
+    if held.by_readings is not None:
+        by = held.by_readings[mine] * factor
+        own = np.sqrt(np.maximum(own**2 - np.sum(by**2, axis=1), 0.0))
+        for one in np.unique(held.block[mine]):
+            image = held.block[mine] == one
+            simulated[:, image] += scale[:, None] * (rng.standard_normal((count, by.shape[1])) @ by[image].T)
     simulated += scale[:, None] * own * rng.standard_normal((count, len(own)))
     contacts = len(np.unique(held.rows[mine]))
     return _measured(what, contacts, residual, np.sqrt(np.mean(simulated**2, axis=1)))

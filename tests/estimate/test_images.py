@@ -1,0 +1,120 @@
+"""Noise of images: what corners of one image share, and what each has of its own."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from camera_sessions import BOARD, camera_session
+from sessions import with_columns
+
+from bayescal.calibration import fit
+from bayescal.dataset import Noise
+from bayescal.estimate import estimate
+from bayescal.estimate.estimate import calibrated, fitted_level
+from bayescal.estimate.unexplained import noise_again, unexplained
+from bayescal.estimate.widths import with_widths
+from bayescal.gap.examine import examine
+from bayescal.model import build
+from bayescal.model.options import USUAL
+from bayescal.model.scene import Scene
+from bayescal.predict.crossvalidation import IMAGES_LEFT_OUT, validation_errors
+from bayescal.predict.validation import validate
+
+STEP = np.radians(0.03)
+"""Standard error of the readings of an image, rad: 0.2 mm at the board, 0.3 px."""
+
+
+def misread(session, seed):
+    """The session with an error of each reading, the same for all corners of an image, as it is stated."""
+    m, n = session.measurements, session.robot.n
+    error = STEP * np.random.default_rng(seed).standard_normal((len(m.ids) // len(BOARD), n))
+    noise = Noise(pixel=session.noise.pixel, joint=float(STEP))
+    return replace(
+        with_columns(session, readings=m.readings + np.repeat(error, len(BOARD), axis=0)), noise=noise
+    )
+
+
+def images_of(seed, images=20, **how):
+    return camera_session(images=images, seed=seed, velocity=False, **how)
+
+
+def test_corners_within_images_tell_the_noise_whatever_the_arm_does():
+    arm = [0.0, 2e-3, -2e-3, 1e-3, 3e-3, 0.0]
+    spoilt = replace(images_of(1, noise=0.3, arm=arm), noise=Noise(pixel=0.2))
+    nominal = estimate(build(Scene(spoilt), ()))
+    (block,) = nominal.model.blocks
+    scatter, dof = noise_again(nominal, "pixel")
+    assert scatter / np.mean(block.kind.scale) == pytest.approx(0.3, rel=0.08)
+    assert dof == 2 * len(block.rows) - 6 * 20
+    left = unexplained(nominal)
+    assert left.excess > 3 * scatter
+    assert "corners within images" in left.words
+
+
+def test_the_noise_within_images_has_the_stated_errors_of_readings_and_no_blurred_image():
+    session = misread(images_of(2), 2)
+    blurred = slice(0, len(BOARD))
+    session.measurements.pixel[blurred, :2] += np.random.default_rng(1).normal(0.0, 2.0, (len(BOARD), 2))
+    found = calibrated(Scene(session), ("geometry",))
+    (block,) = found.model.blocks
+    stated = np.sqrt(np.mean(found.weights.sigma[block.name].reshape(2, -1)[:, len(BOARD) :] ** 2))
+    assert stated > 1.5 * np.mean(block.sigma[len(BOARD) :])
+    assert noise_again(found, "pixel")[0] == pytest.approx(stated, rel=0.08)
+    assert unexplained(found).stated == pytest.approx(stated)
+
+
+def test_errors_that_images_share_take_as_many_degrees_of_freedom_as_they_have():
+    """Seven unknowns and more follow the errors of twelve images: the noise seemed a fifth smaller."""
+    scale = [
+        calibrated(Scene(misread(images_of(seed, images=12), seed)), ("geometry",)).weights.scale["pixel"]
+        for seed in range(6)
+    ]
+    assert np.mean(scale) == pytest.approx(1.0, abs=0.1)
+
+
+def test_readings_with_errors_are_no_effect_and_validation_images_are_as_expected():
+    session = misread(images_of(4, images=26, validate=6), 4)
+    found = examine(Scene(session, oriented=True), ("geometry", "compliance"), USUAL)
+    assert found.decision.kind == "null"
+    assert found.problem.jacobian.shape[1] >= 20 * session.robot.n
+    checked = validate(found.fitted, np.tile(found.fitted.z, (400, 1)), np.full((400, 1), 1.0))
+    (points,) = checked.points
+    one = points.predicted[:, 0, : len(BOARD)]
+    assert np.mean(np.corrcoef(one.T)) > 0.4  # of the corners of an image
+    assert abs(np.mean(np.corrcoef(one[:, 0], points.predicted[:, 0, -1])[0, 1])) < 0.2
+    told = [fit(misread(images_of(k, 26, validate=6), k), ("geometry",), samples=0) for k in (12, 13, 14)]
+    assert [f.acceptance.failed for f in told] == [()] * 3
+
+
+def test_an_image_is_left_out_as_a_whole():
+    session = misread(images_of(5), 5)
+    scene = Scene(session, oriented=True)
+    held = validation_errors(calibrated(scene, ("geometry",)))
+    assert held.how == IMAGES_LEFT_OUT
+    assert len(np.unique(held.fold)) == 20
+    without = with_columns(
+        session, role=np.where(np.arange(len(session.measurements.ids)) < len(BOARD), "validate", "calibrate")
+    )
+    there = calibrated(Scene(without, oriented=True), ("geometry",))
+    rows = np.arange(len(BOARD))
+    (block,) = there.model.blocks
+    wanted = there.residuals(there.model.block(there.model.scene.index[block.target], rows)).ravel()
+    own = np.concatenate([held.residual[(held.rows == k)] for k in rows]).reshape(-1, 2).T.ravel()
+    assert np.sqrt(np.mean((own - wanted) ** 2)) < 0.1 * np.sqrt(np.mean(wanted**2))
+
+
+def test_a_wrong_lens_is_told_by_its_family_and_not_by_the_arm():
+    """A focal length 6 u off: the arm took it, and its errors hid the evidence."""
+    session = images_of(6, images=24)
+    (target,) = session.targets
+    values = dict(target.values) | {
+        "fx": target.values["fx"] + 6.0,
+        "fy": target.values["fy"] + 6.0,
+        "u_focal": 1.0,
+    }
+    session = replace(session, targets=(replace(target, values=values),))
+    scene = Scene(session, oriented=True)
+    found, _, told = with_widths(fitted_level(scene, ("geometry",), USUAL), scene, ("geometry",), USUAL)
+    assert [w.family for w in told] == ["errors of focal lengths and optical axis"]
+    (fx,) = (v for v, p in zip(found.arm, found.model.parameters, strict=True) if p.name == "cam fx")
+    assert fx == pytest.approx(-6.0, abs=1.5)
