@@ -99,8 +99,14 @@ def repeat_scatter(scene: Scene, fitted: Estimate) -> tuple[float | None, int]:
 
 
 def sharp_of(scene: Scene, b: Block) -> np.ndarray:
-    """Residuals (R,) of a block that are not of blurred images."""
+    """Residuals (R,) of a camera that are not of blurred images."""
     return np.tile(scene.blur[b.rows] == 1.0, b.kind.rows)
+
+
+def sharp(fitted: Estimate, b: Block) -> np.ndarray:
+    """Stated noise (R',) of the residuals of a block, m, without blurred images."""
+    sigma = fitted.weights.sigma[b.name]
+    return sigma[sharp_of(fitted.model.scene, b)] if b.group.startswith(IMAGE) else sigma
 
 
 def within_images(fitted: Estimate) -> tuple[float | None, int]:
@@ -115,10 +121,10 @@ def within_images(fitted: Estimate) -> tuple[float | None, int]:
             continue
         mine, whiten = fitted.linear.of_block[b.name], fitted.weights.full.whitening(b)
         slopes = fitted.linear.jacobian[mine, model.slices[b.name]] / whiten[:, None]
-        every, sharp = np.column_stack([fitted.residuals(b).ravel(), slopes]), sharp_of(scene, b)
-        kept = np.tile(fitted.weights.row[b.name] > 0, b.kind.rows) & sharp
+        every, clear = np.column_stack([fitted.residuals(b).ravel(), slopes]), sharp_of(scene, b)
+        kept = np.tile(fitted.weights.row[b.name] > 0, b.kind.rows) & clear
         of_readings = fitted.weights.sigma[b.name] ** 2 - np.tile(b.sigma**2, b.kind.rows)
-        readings.append(float(np.mean(of_readings[sharp])))
+        readings.append(float(np.mean(of_readings[clear])))
         image = np.tile(poses(scene.dataset.measurements, b.rows), b.kind.rows)
         for one in np.unique(image[kept]):
             at = np.flatnonzero(kept & (image == one))
@@ -159,7 +165,7 @@ def unexplained(fitted: Estimate) -> Unexplained:
     kind_of = {name: name.partition(" of ")[0] for name in scales}  # sessions may have groups of their own
     group = next((g for g in GROUPS if g in kind_of.values()), GROUPS[0])
     blocks = [b for b in fitted.model.blocks if kind_of[b.group] == group]
-    sigma = [fitted.weights.sigma[b.name][sharp_of(scene, b)] for b in blocks]
+    sigma = [sharp(fitted, b) for b in blocks]
     stated = rms(np.concatenate(sigma))
     left = rms(np.concatenate([scales[b.group] * own for b, own in zip(blocks, sigma, strict=True)]))
     scale = left / stated

@@ -237,7 +237,8 @@ def validation_errors(estimate: Estimate, strict: bool = True, without: str = LE
     known, factor = prepared(estimate, strict=strict), root(estimate.spread)
     fitted = [r for r in known.rows if r.target is None]
     how = VALIDATED if sum(len(r.block.rows) for r in fitted) >= FEWEST else without
-    if how == LEFT_OUT and len(scene.in_images) and scene.in_images[scene.rows("calibrate")].all():
+    in_images = scene.in_images[scene.rows("calibrate")]
+    if how == LEFT_OUT and len(in_images) and in_images.all():
         how = IMAGES_LEFT_OUT
     if how == VALIDATED:
         parts = [_predicted(r, factor) for r in fitted]

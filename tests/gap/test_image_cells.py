@@ -55,7 +55,9 @@ def rippled(session):
 
 
 @pytest.mark.parametrize(
-    ("moved", "driver"), [(refocused, "time"), (rolling, "clock"), (rippled, "image")], ids=lambda x: str(x)
+    ("moved", "driver"),
+    [(refocused, "time"), (rolling, "clock"), (rippled, "image")],
+    ids=lambda x: getattr(x, "__name__", x),
 )
 def test_what_a_lens_or_its_clock_does_is_unmodelled_at_the_camera(session, bench, moved, driver):
     p = bench.problem

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bayescal.estimate import STATED_WORTH, Estimate
-from bayescal.estimate.unexplained import CONTACT, IMAGE, P_VALUE, STATED_FACTOR, noise_again, sharp_of
+from bayescal.estimate.unexplained import CONTACT, IMAGE, P_VALUE, STATED_FACTOR, noise_again, sharp
 from bayescal.gap.result import VALIDATION_CONTACTS, VALIDATION_POINTS, Magnitude, Measured, Shrinkage, Step
 from bayescal.gap.settings import OUTCOME
 from bayescal.predict.crossvalidation import (
@@ -49,9 +49,7 @@ class NoiseFloor:
 
 def stated_noise(fitted: Estimate, group: str) -> float:
     """Root mean square of the stated noise of a group's residuals, m, without blurred images."""
-    scene, own = fitted.model.scene, [b for b in fitted.model.blocks if b.group == group]
-    sigma = [fitted.weights.sigma[b.name][sharp_of(scene, b)] for b in own]
-    return rms(np.concatenate(sigma))
+    return rms(np.concatenate([sharp(fitted, b) for b in fitted.model.blocks if b.group == group]))
 
 
 def noise_floor(final: Estimate, group: str) -> NoiseFloor:
