@@ -160,7 +160,6 @@ def scatter(groups: Sequence[np.ndarray]) -> tuple[float | None, int]:
 
 def unexplained(fitted: Estimate) -> Unexplained:
     """Compare the residuals of a fit with the noise of one contact."""
-    scene = fitted.model.scene
     scales = fitted.weights.scale
     kind_of = {name: name.partition(" of ")[0] for name in scales}  # sessions may have groups of their own
     group = next((g for g in GROUPS if g in kind_of.values()), GROUPS[0])
