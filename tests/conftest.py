@@ -1,9 +1,13 @@
 """The gate: examples, skips, data of others, compiled code; and fixtures that all tests share."""
 
+import os
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before NumPy is loaded, as in a command: threads wait
+
 import gc
 import inspect
-import os
 import shutil
+import sys
 from functools import wraps
 
 import numpy as np
@@ -40,6 +44,9 @@ def pytest_configure(config):
     # compiled once for all workers and for the processes that tests start, also of copies of the package
     if hasattr(config, "cache"):
         os.environ.setdefault("NUMBA_CACHE_DIR", str(config.cache.mkdir("numba")))
+    # and so is the code of Python, whatever the environment says: a fifth of the time of a command
+    os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+    sys.dont_write_bytecode = False
 
 
 def pytest_collection_modifyitems(items):
