@@ -275,10 +275,8 @@ def reflectors(shared: float, seed: int, wave: float = 0.0, stops: int = 20, noi
         replace(TOOL, name=f"reflector {k}", centre=TOOL.centre + off) for k, off in enumerate(offsets)
     )
     at = np.repeat(np.arange(stops), 3)
-    fewer = dict.fromkeys(("velocity", "time", "temperature", "torque"))  # fewer candidates
-    one = with_columns(with_rows(one, at, tuple(f"r{k}" for k in range(len(at)))), **fewer)
-    robot = replace(one.robot, reductions=np.full(6, 100.0))
-    dataset = with_columns(replace(one, robot=robot, tools=tools), tool=np.tile(np.arange(3), stops))
+    one = plain(with_rows(one, at, tuple(f"r{k}" for k in range(len(at)))))
+    dataset = with_columns(replace(one, tools=tools), tool=np.tile(np.arange(3), stops))
     q = dataset.measurements.readings
     true = with_columns(dataset, readings=q + wave * np.sin(2 * q) * (np.arange(6) == 0))
     points = Scene(true).points + shared * rng.standard_normal((stops, 3))[at]
@@ -324,6 +322,12 @@ def with_rows(dataset: Dataset, rows: np.ndarray, ids: tuple[str, ...] = ()) -> 
 def geared(dataset: Dataset) -> Dataset:
     """The session of a robot whose gear ratios are known: a diagnosis scans none."""
     return replace(dataset, robot=replace(dataset.robot, reductions=np.full(dataset.robot.n, 100.0)))
+
+
+def plain(dataset: Dataset) -> Dataset:
+    """The same, with no columns of time, motion and temperature: a diagnosis has fewest candidates."""
+    absent = dict.fromkeys(("velocity", "command", "torque", "time", "temperature"))
+    return with_columns(geared(dataset), **absent)
 
 
 def validating(dataset: Dataset, every: int) -> Dataset:

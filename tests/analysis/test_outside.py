@@ -3,7 +3,7 @@
 import json
 
 import pytest
-from sessions import geared
+from sessions import plain
 
 from analysis.made_up import CAUSES, LAMBDAS, made
 from analysis.outside import Task, answer, card, diagnosed, main, tasks, truths
@@ -106,7 +106,7 @@ def test_the_card_counts_by_kind_and_detectability():
 
 
 def test_a_made_up_cause_is_visible_and_in_no_list(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("analysis.outside.read_dataset", lambda folder: geared(read_dataset(folder)))
+    monkeypatch.setattr("analysis.outside.read_dataset", lambda folder: plain(read_dataset(folder)))
     (tmp_path / "truth").mkdir()
     number = list(CAUSES).index("sagging-flange") * len(LAMBDAS) + 1
     made(tmp_path, 3, number)

@@ -7,7 +7,7 @@ from pathlib import Path
 import foreign
 import numpy as np
 import pytest
-from sessions import geared, with_columns, with_rows
+from sessions import geared, plain, with_columns, with_rows
 
 from analysis import (
     knock_out,
@@ -181,8 +181,8 @@ README = """# A session
 def knock_out_run(tmp_path_factory, renewed):
     """One simulated session through the command, and the page that it writes."""
     folder = tmp_path_factory.mktemp("knock-out")
-    options = Options(contacts=120, later=40, repeats=0, spheres=2, placements=2, seed=4)
-    write_dataset(geared(simulate(options).dataset), folder / "real" / "session")
+    options = Options(contacts=80, later=30, repeats=0, spheres=2, placements=2, seed=4)
+    write_dataset(plain(simulate(options).dataset), folder / "real" / "session")
     (folder / "real" / "session" / "README.md").write_text(README, encoding="utf-8")
     renewed(knock_out_page.MARKS, lambda _: knock_out.main(knock_out_arguments(folder)), folder)
     return folder
@@ -213,7 +213,7 @@ def test_the_page_has_what_was_found(knock_out_run):
     text = (knock_out_run / "page.md").read_text(encoding="utf-8")
     assert "all parts: 2 of 2 named" in text
     assert "| geometry at joint 4 | " in text
-    assert "| session, 40 planes | nominal |" in text
+    assert "| session, 30 planes | nominal |" in text
 
 
 def test_an_interrupted_run_goes_on(knock_out_run, monkeypatch):
@@ -286,7 +286,7 @@ def test_a_joint_of_a_real_arm():
     """Of every third row, and without a scan of gear ratios."""
     session = read_dataset(foreign.REAL / "panda-ball-socket-3")
     every_third = with_rows(session, np.arange(0, len(session.measurements.ids), 3))
-    found = knock_out.knocked(geared(every_third), "geometry at joint 4")
+    found = knock_out.knocked(plain(every_third), "geometry at joint 4")
     assert found["named"][0].items() >= {"effect": "geometry", "site": "joint 4"}.items()
     held = found["validation"]["points"]
     assert held["before_um"] > 4 * held["whole_um"]

@@ -12,7 +12,7 @@ import pytest
 from cases import cases, terminal_text
 from scipy.stats import chi2
 from scipy.stats import t as student
-from sessions import geared, with_columns
+from sessions import plain, with_columns
 
 import bayescal as bc
 from bayescal.assess.budget import COVERAGE, Budget, Component, budget
@@ -418,7 +418,7 @@ def test_covariance_of_a_point_is_that_of_the_arm(command_fit):
 
 def test_a_diagnosis_has_budgets_too(tmp_path):
     session = bc.simulate(effects="geometry", **(OPTIONS | {"spheres": 0}))
-    gap = bc.diagnose(geared(session.dataset), model="geometry")
+    gap = bc.diagnose(plain(session.dataset), model="geometry")
     gap.save(tmp_path / "gap", pictures=False)
     found = bc.budget(tmp_path / "gap", parameter="a2")
     k = gap.data.arm.model.names.index("a2")

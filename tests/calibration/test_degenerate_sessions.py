@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from cases import terminal_text
-from sessions import geared, with_columns, with_rows
+from sessions import plain, with_columns, with_rows
 from typer.testing import CliRunner
 
 import bayescal as bc
@@ -387,7 +387,7 @@ def folders(tmp_path_factory):
     top = tmp_path_factory.mktemp("sessions")
     for name, seed, arm in (("may", 1, 1), ("june", 2, 1), ("twin", 3, 7)):
         made = simulate(Options(name=name, seed=seed, arm_seed=arm, **LITTLE)).dataset
-        write_dataset(geared(made), top / name)
+        write_dataset(plain(made), top / name)
     return top
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from cases import cases
 from scipy.spatial.transform import Rotation
-from sessions import circumstances, geared, with_columns
+from sessions import circumstances, plain, with_columns
 
 from bayescal import effects
 from bayescal.arm.chain import frames, link_angles, points
@@ -501,6 +501,6 @@ def _scale(model):
 
 def test_a_diagnosis_names_the_stand(hanging):
     dataset, _ = hanging
-    gap = diagnose(geared(dataset))
+    gap = diagnose(plain(dataset))
     assert "base-compliance" in [n.effect for n in gap.verdict.named], gap.verdict
     assert "bending" not in [n.effect for n in gap.verdict.named]

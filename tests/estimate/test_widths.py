@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import approx_fprime
 from scipy.stats import multivariate_normal
-from sessions import geared
+from sessions import plain
 
 from bayescal.calibration import fit
 from bayescal.effects import parameters_of
@@ -278,7 +278,7 @@ def test_nothing_is_told_by_few_nats(tracker):
 
 def test_a_diagnosis_has_the_widths_of_a_fit(far, tracker):
     """Its baseline is the fit of the same model; the note and gap.json state them."""
-    gap = diagnose(geared(tracker(seed=8, count=40, spread=3.0).dataset), MODEL)
+    gap = diagnose(plain(tracker(seed=8, count=40, spread=3.0).dataset), MODEL)
     assert gap.options.widths == pytest.approx(dict(far.options.widths))
     np.testing.assert_allclose(gap.calibrated.model.sd, far.final.estimate.model.sd)
     record = gap_record(gap)

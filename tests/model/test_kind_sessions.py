@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from kind_sessions import POINT, TURN, bar, cone, of_pieces, pin, sphere, tracker
 from scipy.stats import chi2
-from sessions import with_columns
+from sessions import plain, with_columns
 
 from bayescal.arm.transforms import rpy_of
 from bayescal.calibration import fit
@@ -253,7 +253,7 @@ def test_what_only_turns_the_tool_is_named_by_orientations(cube, monkeypatch):
     m = dataset.measurements
     readings = m.readings.copy()
     readings[:, 5] -= 1e-3 * np.sin(readings[:, 5] + 0.7)
-    off = with_columns(dataset, readings=readings)
+    off = with_columns(plain(dataset), readings=readings)
     found = diagnose(off)
     assert found.verdict.kind == "named"
     assert [(n.effect, n.site) for n in found.verdict.named] == [("eccentricity", "joint 6")]

@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from cases import ROOT
-from sessions import geared
+from sessions import plain
 
 import bayescal as bc
 
@@ -156,7 +156,7 @@ def test_what_is_no_dataset_or_no_result_is_refused(tmp_path):
 
 
 def test_a_diagnosis_comes_back(session, tmp_path):
-    gap = bc.diagnose(geared(session.dataset), "geometry")
+    gap = bc.diagnose(plain(session.dataset), "geometry")
     assert gap.effects
     gap.save(tmp_path / "gap", pictures=False)
     saved = bc.load(tmp_path / "gap")
