@@ -33,8 +33,8 @@ def stated(result):
 @pytest.fixture(scope="module")
 def sessions():
     """Three sessions on one cube that was not touched: parts of one."""
-    d = bc.simulate(contacts=270, seed=5, **ARM).dataset
-    return tuple(rows_of(d, np.arange(k, 270, 3), name) for k, name in enumerate("ABC"))
+    d = bc.simulate(contacts=180, seed=5, **ARM).dataset
+    return tuple(rows_of(d, np.arange(k, 180, 3), name) for k, name in enumerate("ABC"))
 
 
 def rows_of(d, rows, name):
@@ -83,8 +83,8 @@ def test_gains_are_those_of_each_prior_width():
 
 def test_noise_is_a_factor_on_the_stated_one(sessions):
     """Without the model errors, which the scale of the joint fit contains."""
-    d = bc.simulate(contacts=270, seed=5, **{**ARM, "effects": "geometry, backlash"}).dataset
-    found = changed([rows_of(d, np.arange(k, 270, 2), name) for k, name in enumerate("AB")], ("geometry",))
+    d = bc.simulate(contacts=180, seed=5, **{**ARM, "effects": "geometry, backlash"}).dataset
+    found = changed([rows_of(d, np.arange(k, 180, 2), name) for k, name in enumerate("AB")], ("geometry",))
     assert found.noise == pytest.approx((1.0, 1.0), abs=0.12)
 
 
@@ -154,7 +154,7 @@ def test_a_session_that_alone_differs_is_found_among_three(sessions):
 
 
 def test_a_cube_that_was_placed_anew_is_not_a_change_of_the_arm(sessions):
-    other = bc.simulate(name="B", contacts=90, seed=6, **ARM).dataset
+    other = bc.simulate(name="B", contacts=60, seed=6, **ARM).dataset
     found = changed([sessions[0], other], ("geometry",))
     assert (found.verdict, found.arm) == ("changed", "same")
     assert {d.item.name for d in stated(found)} == {"base"}
@@ -272,7 +272,7 @@ def test_the_length_of_a_change_has_the_u_along_it(change, u):
 
 def test_lost_motion_that_was_repaired_became_smaller():
     worn, repaired = (
-        bc.simulate(contacts=250, seed=seed, **ARM | {"effects": effects}).dataset
+        bc.simulate(contacts=150, seed=seed, **ARM | {"effects": effects}).dataset
         for seed, effects in ((3, "geometry, backlash"), (13, "geometry"))
     )
     found = changed([worn, repaired], ("geometry",))

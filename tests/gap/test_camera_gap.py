@@ -13,9 +13,9 @@ from bayescal.dataset import read_dataset
 from bayescal.gap.diagnose import diagnose
 
 
-def answer(folder: Path, number: int, side: str, detectability: float, every: int = 3):
-    """Verdict on a session of which one corner in `every` is read, the session, and its ground truth."""
-    texts, truth = build(20261, number, side, every * detectability)
+def answer(folder: Path, number: int, side: str, detectability: float, every: int = 5):
+    """Verdict on 30 images of which one corner in `every` is read, the session, and its ground truth."""
+    texts, truth = build(20261, number, side, every * detectability, 30)
     for name, text in texts.items():
         (folder / name).write_text(text)
     session = read_dataset(folder)
@@ -31,7 +31,7 @@ def test_the_side_is_named(number, side, tmp_path):
 
 def test_a_slip_is_before_an_image_and_not_within(tmp_path):
     """As the row of the effect that a fit takes is: a headline must not state another."""
-    verdict, session, truth = answer(tmp_path, 40, "mount", 400.0, every=2)
+    verdict, session, truth = answer(tmp_path, 40, "mount", 400.0, every=4)
     (named,) = verdict.named
     (event,) = named.events
     stop = session.measurements.stop

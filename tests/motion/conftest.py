@@ -11,9 +11,9 @@ from bayescal.motion.signals import all_signals
 
 @pytest.fixture(autouse=True, scope="module")
 def _few_steps():
-    """Draws of a fit take a fifth of the usual steps; tests of the sampler state their own."""
+    """Draws of a fit take a twentieth of the usual steps; tests of the sampler state their own."""
     with pytest.MonkeyPatch.context() as patch:
-        few = replace(possible.CALIBRATION, steps=40_000, burned=2_000)
+        few = replace(possible.CALIBRATION, steps=10_000, burned=1_000)
         for module in (calibrate, possible):
             patch.setattr(module, "CALIBRATION", few)
         yield
