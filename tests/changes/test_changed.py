@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
-from sessions import tracker
+from sessions import misread, tracker, with_rows
 
 import bayescal as bc
 from bayescal.changes import linear
@@ -38,19 +38,12 @@ def sessions():
 
 
 def rows_of(d, rows, name):
-    columns = {k: v if v is None else v[rows] for k, v in vars(d.measurements).items() if k != "ids"}
-    m = replace(d.measurements, ids=tuple(d.measurements.ids[k] for k in rows), **columns)
-    return replace(d, name=name, sha256=name, measurements=m)
+    return replace(with_rows(d, rows), name=name, sha256=name)
 
 
-def shifted(session, joint=3, by=SHIFT):
+def shifted(session, joint=4, by=SHIFT):
     """A session whose joint reads more than before: its zero has another value."""
-    m = session.measurements
-    return replace(
-        session,
-        sha256=f"{session.sha256}{by}",
-        measurements=replace(m, readings=m.readings + by * np.eye(6)[joint]),
-    )
+    return replace(misread(session, joint, by), sha256=f"{session.sha256}{by}")
 
 
 @pytest.fixture(scope="module")
