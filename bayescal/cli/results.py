@@ -121,10 +121,9 @@ def export(
     """
     from bayescal.public.budgets import CertificateResult
     from bayescal.public.budgets import certificate as certify
-    from bayescal.public.motions import LogExportResult
     from bayescal.public.results import console
 
-    result: CertificateResult | arms.ExportResult | LogExportResult
+    result: CertificateResult | arms.ExportResult
     if to == CERTIFICATE:
         if into or with_ or without or at_time_s is not None or at_row or readings != "plain":
             what = "a certificate states the arm as it was fitted"

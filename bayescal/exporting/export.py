@@ -58,6 +58,16 @@ class Exported:
     arm: FittedArm
 
     @property
+    def content(self) -> str | bytes:
+        """The content of the file."""
+        return self.written.content
+
+    @property
+    def robot(self) -> str:
+        """The name of the robot."""
+        return self.arm.dataset.robot.name
+
+    @property
     def notes(self) -> tuple[str, ...]:
         """What a user should know of this file."""
         forced = (f"exported with --force: {reason}" for reason in self.arm.use.against)

@@ -72,8 +72,8 @@ class LogExport:
     """A written arm, and what is not in it: of each part the size of every joint."""
 
     format: str
-    name: str
-    text: str
+    robot: str
+    content: str
     missing: Mapping[str, tuple[float, ...]]  # N m
     effects: tuple[Json, ...]  # that are not in it, with their RMS in the log
     origin: Mapping[str, Any]
@@ -97,9 +97,8 @@ class LogExport:
         """Of the file."""
         return FORMATS[self.format].suffix
 
-    @property
-    def record(self) -> dict[str, Any]:
-        """The content of the sidecar."""
+    def record(self, name: str) -> dict[str, Any]:
+        """The content of the sidecar of a file called `name`."""
         return {
             "schema": SCHEMA,
             "format": self.format,
@@ -108,6 +107,9 @@ class LogExport:
                 {"part": words, "unit": unit, "of_joints": list(sizes), "mrad": self.mrad(unit, sizes)}
                 for words, unit, sizes in self.left_out
             ],
+            "file": name,
+            "sha256": digest(self.content),
+            "beside": {},
         }
 
     def save(self, path: Path) -> tuple[Path, ...]:
@@ -118,8 +120,7 @@ class LogExport:
         BayescalError
             If one of them is no unchanged earlier export.
         """
-        record = {**self.record, "file": path.name, "sha256": digest(self.text), "beside": {}}
-        return replace_earlier(path, {path: self.text}, record)
+        return replace_earlier(path, {path: self.content}, self.record(path.name))
 
 
 def mechanism_of_run(folder: Path, name: str) -> Mechanism:

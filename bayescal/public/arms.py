@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bayescal.errors import BayescalError
-from bayescal.public.motions import LogExportResult, LogVerificationResult, export_log, fitted_log, verify_log
+from bayescal.public.motions import fitted_log
 from bayescal.public.positions import arm_of
 from bayescal.public.results import FitResult, GapResult, Printed
 from bayescal.storage.stopping import Progress, silent
@@ -19,26 +19,26 @@ if TYPE_CHECKING:
     from rich.console import RenderableType
 
     from bayescal.compensating.compensation import Compensation
-    from bayescal.exporting.export import Exported
+    from bayescal.exporting.log_arm import LogExport
     from bayescal.fitted.arm import FittedArm
-    from bayescal.verifying.result import Verification
+    from bayescal.verifying.log import LogVerification
 
 
 @dataclass(frozen=True, repr=False)
 class ExportResult(Printed):
     """An exported arm; `print` shows what the file cannot hold. `data` is the complete result, in SI."""
 
-    data: Exported
+    data: Any  # Exported, LogExport
 
     @property
     def content(self) -> str | bytes:
         """The content of the file."""
-        return self.data.written.content
+        return self.data.content
 
     @property
     def name(self) -> str:
         """Default name of the file: that of the robot."""
-        return f"{self.data.arm.dataset.robot.name}-calibrated{self.data.suffix}"
+        return f"{self.data.robot}-calibrated{self.data.suffix}"
 
     @property
     def record(self) -> dict[str, Any]:
@@ -56,7 +56,20 @@ class ExportResult(Printed):
         return self.data.save(Path(path or self.name))
 
     def __repr__(self) -> str:
-        return f"<{self.data.format} of {self.data.arm.dataset.robot.name}>"
+        return f"<{self.data.format} of {self.data.robot}>"
+
+
+@dataclass(frozen=True, repr=False)
+class LogExportResult(ExportResult):
+    """The exported arm of a joint log."""
+
+    data: LogExport
+
+    def report(self) -> RenderableType:
+        """The summary, to be printed by a `rich.console.Console`."""
+        from bayescal.reporting.motion.fit import export_summary
+
+        return export_summary(self.data)
 
 
 def export(
@@ -70,7 +83,7 @@ def export(
     at_time: float | None = None,
     at_row: str | None = None,
     force: bool = False,
-) -> ExportResult | LogExportResult:
+) -> ExportResult:
     """Export the arm of a calibration or a diagnosis: robot.yaml, URDF, SDF, ...
 
     Parameters
@@ -116,13 +129,16 @@ def export(
     """
     from bayescal.exporting.export import export as work
     from bayescal.exporting.export import format_of
+    from bayescal.exporting.log_arm import export_log
 
     if (log := fitted_log(run)) is not None:
         if into or with_ or without or at_time is not None or at_row or readings != "plain":
             raise BayescalError(
                 "the arm of a joint log is a new file", f"--to {to}", "leave other options out"
             )
-        return export_log(log, to)
+        if log.folder is None:
+            raise BayescalError("the result is not saved", "export", "save it, and export its run folder")
+        return LogExportResult(export_log(log.folder, log.record, to))
     format_of(to)  # before a session is fitted again
     arm = arm_of(run, names(with_), names(without))
     name = f"{arm.dataset.robot.name}-calibrated"
@@ -283,44 +299,67 @@ def check_out(out: Path, targets: Path) -> None:
 
 @dataclass(frozen=True, repr=False)
 class VerificationResult(Printed):
-    """An exported file in its simulator."""
+    """An exported file in its simulator. `data` is the complete result, in SI."""
 
-    verification: Verification
+    data: Any  # Verification, LogVerification
 
     @property
     def passed(self) -> bool:
         """Whether the simulator has the fitted arm, within the limits of its effects."""
-        return self.verification.passed
+        return self.data.passed
 
     @property
     def record(self) -> dict[str, Any]:
         """The content of verify.json."""
         from bayescal.reporting.exports import record
 
-        return record(self.verification)
+        return record(self.data)
 
     def report(self) -> RenderableType:
         """The text that `bayescal verify` prints, for rich."""
         from bayescal.reporting.exports import report
 
-        return report(self.verification)
+        return report(self.data)
 
     def save(self, folder: str | PathLike[str]) -> tuple[str, ...]:
         """Write verify.json to a run folder; return the name of the file."""
         from bayescal.storage.files import json_text
         from bayescal.storage.folders import filled
 
-        return filled(Path(folder), {"verify.json": json_text(self.record, rows=False)})
+        return filled(Path(folder), {"verify.json": json_text(self.record)})
 
     def __repr__(self) -> str:
-        most = 1e6 * self.verification.levels[-1].maximum
+        most = 1e6 * self.data.levels[-1].maximum
         verdict = "passed" if self.passed else "failed"
-        return f"<verification of {self.verification.path.name}: {verdict}, {most:.2g} µm at most>"
+        return f"<verification of {self.data.path.name}: {verdict}, {most:.2g} µm at most>"
+
+
+@dataclass(frozen=True, repr=False)
+class LogVerificationResult(VerificationResult):
+    """The arm of a joint log in MuJoCo; `print` shows torque errors of withheld motions."""
+
+    data: LogVerification
+
+    @property
+    def record(self) -> dict[str, Any]:
+        """The content of verify.json."""
+        from bayescal.verifying.log import record_of
+
+        return record_of(self.data)
+
+    def report(self) -> RenderableType:
+        """The text that `bayescal verify` prints, for rich."""
+        from bayescal.reporting.motion.fit import verify_summary
+
+        return verify_summary(self.data)
+
+    def __repr__(self) -> str:
+        return f"<verification of {self.data.path.name}: {'passed' if self.passed else 'failed'}>"
 
 
 def verify(
     run: str | PathLike[str], file: str | PathLike[str], *, progress: Progress = silent
-) -> VerificationResult | LogVerificationResult:
+) -> VerificationResult:
     """Load an exported arm in its simulator, and compare it with the fitted arm and with the measurements.
 
     Parameters
@@ -344,8 +383,9 @@ def verify(
     >>> result.passed  # doctest: +SKIP
     True
     """
+    from bayescal.verifying.log import verify_log
     from bayescal.verifying.result import verify as verified
 
     if fitted_log(run) is not None:
-        return verify_log(Path(run), Path(file))
+        return LogVerificationResult(verify_log(Path(run), Path(file)))
     return VerificationResult(verified(Path(run), Path(file), progress))

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from bayescal.errors import BayescalError
-from bayescal.public.results import Diagnosis, Draws, FitResult, Printed, Result, table
+from bayescal.public.results import Diagnosis, Draws, FitResult, Result, table
 from bayescal.storage.reading import Json
 from bayescal.storage.stopping import Progress, silent
 
@@ -18,13 +18,11 @@ if TYPE_CHECKING:
     from pandas import DataFrame
     from rich.console import RenderableType
 
-    from bayescal.exporting.log_arm import LogExport
     from bayescal.motion.calibrate import MotionFit
     from bayescal.motion.result import MotionGap
     from bayescal.motion.together import Together
     from bayescal.posterior.inference import Record
     from bayescal.preparing.next_motions import MotionPlan
-    from bayescal.verifying.log import LogVerification
 
 
 @dataclass(frozen=True, repr=False)
@@ -257,81 +255,6 @@ def fitted_log(run: Any) -> MotionFitResult | MotionGapResult | None:
     found = (folder / "gap.json").is_file()
     name, kind = ("gap", MotionGapResult) if found else ("fit", MotionFitResult)
     return kind(folder=folder, content=read_record(folder / f"{name}.json", f"bayescal-{name}/1", again))
-
-
-@dataclass(frozen=True, repr=False)
-class LogExportResult(Printed):
-    """The exported arm of a joint log; `print` shows what the file cannot hold."""
-
-    data: LogExport
-
-    @property
-    def content(self) -> str:
-        """The content of the file."""
-        return self.data.text
-
-    @property
-    def name(self) -> str:
-        """Default name of the file: that of the robot."""
-        return f"{self.data.name}-calibrated{self.data.suffix}"
-
-    def report(self) -> RenderableType:
-        """The summary, to be printed by a `rich.console.Console`."""
-        from bayescal.reporting.motion.fit import export_summary
-
-        return export_summary(self.data)
-
-    def save(self, path: str | PathLike[str] | None = None) -> tuple[Path, ...]:
-        """Write the file and its sidecar ``<name>.bayescal.json``; return their paths.
-
-        Raises
-        ------
-        BayescalError
-            If one of them is no unchanged earlier export.
-        """
-        return self.data.save(Path(path or self.name))
-
-
-@dataclass(frozen=True, repr=False)
-class LogVerificationResult(Printed):
-    """The arm of a joint log in MuJoCo; `print` shows torque errors of withheld motions."""
-
-    data: LogVerification
-
-    @property
-    def passed(self) -> bool:
-        """Whether the file is the arm that was fitted."""
-        return self.data.passed
-
-    def report(self) -> RenderableType:
-        """The summary, to be printed by a `rich.console.Console`."""
-        from bayescal.reporting.motion.fit import verify_summary
-
-        return verify_summary(self.data)
-
-    def save(self, folder: str | PathLike[str]) -> tuple[str, ...]:
-        """Write verify.json; return its name."""
-        from bayescal.storage.files import json_text
-        from bayescal.storage.folders import filled
-        from bayescal.verifying.log import record_of
-
-        return filled(Path(folder), {"verify.json": json_text(record_of(self.data))})
-
-
-def export_log(result: MotionFitResult | MotionGapResult, to: str) -> LogExportResult:
-    """Export the arm of a joint log; see `bayescal.export`."""
-    from bayescal.exporting.log_arm import export_log as work
-
-    if result.folder is None:
-        raise BayescalError("the result is not saved", "export", "save it, and export its run folder")
-    return LogExportResult(work(result.folder, result.record, to))
-
-
-def verify_log(run: Path, file: Path) -> LogVerificationResult:
-    """Load an exported arm of a joint log in MuJoCo; see `bayescal.verify`."""
-    from bayescal.verifying.log import verify_log as work
-
-    return LogVerificationResult(work(run, file))
 
 
 @dataclass(frozen=True, repr=False)

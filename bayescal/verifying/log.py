@@ -358,7 +358,7 @@ def _friction(model: Any, m: Mechanism, fastest: np.ndarray) -> np.ndarray:
     )
 
 
-def record_of(v: LogVerification) -> Mapping[str, Any]:
+def record_of(v: LogVerification) -> dict[str, Any]:
     """The content of verify.json."""
     rows = zip(v.joints, v.difference, v.nominal, v.fitted, strict=True)
     tracked = {} if isinstance(v.tracking, str) else v.tracking

@@ -203,7 +203,7 @@ def test_named_effects_are_in_the_file_or_stated(gap):
     beside = {e["effect"]: e for e in record["beside"]}["load-friction"]
     assert beside["of_joints"][1] > 10.0 * max(beside["of_joints"][0], beside["of_joints"][2], 1e-9)
     for to, stated in (("mjcf", True), ("urdf", True), ("sdf", True), ("bam", False)):
-        parts = {p["part"]: p for p in bc.export(gap, to).data.record["not_expressed"]}
+        parts = {p["part"]: p for p in bc.export(gap, to).record["not_expressed"]}
         assert ("load-friction" in parts) == stated
         if stated:
             assert parts["load-friction"]["of_joints"] == pytest.approx(beside["of_joints"])
@@ -270,10 +270,10 @@ def test_errors_of_position_are_the_torques_over_the_stiffness():
     angle = {"effect": "delay", "unit": "s", "of_joints": [1.0, 1.0]}
     stiffness = np.array([500.0, 250.0])
     out = LogExport("mjcf", "arm", "", missing, (effect, angle), {}, stiffness)
-    parts = out.record["not_expressed"]
+    parts = out.record("")["not_expressed"]
     assert len(parts) == 3
     for part in parts[:2]:
         radians = np.array(part["of_joints"]) / stiffness
         assert part["mrad"] == pytest.approx(1e3 * radians)
     assert parts[2]["mrad"] is None
-    assert replace(out, stiffness=None).record["not_expressed"][0]["mrad"] is None
+    assert replace(out, stiffness=None).record("")["not_expressed"][0]["mrad"] is None

@@ -236,7 +236,7 @@ def export_summary(e: LogExport) -> RenderableType:
         return "-" if values is None else " ".join(newton_metres(abs(x)) for x in values)
 
     rows = [(words, unit, joined(x), joined(e.mrad(unit, x))) for words, unit, x in e.left_out]
-    title = Text.assemble((e.name, "bold"), f"  {e.format}: {CONTENT[e.format]}")
+    title = Text.assemble((e.robot, "bold"), f"  {e.format}: {CONTENT[e.format]}")
     heads = ("not in the file", "unit", "joint by joint", "mrad of position")
     return screen(title, terminal(sheet_of_cells(heads, rows)))
 
