@@ -54,24 +54,18 @@ __all__ = [
     "watch",
 ]
 
-_FROM = dict.fromkeys(("compare", "diagnose", "fit", "read_dataset", "simulate"), "bayescal.public.functions")
-_FROM |= {
-    "budget": "bayescal.public.budgets",
-    "changed": "bayescal.public.changes",
-    "history": "bayescal.public.changes",
-    "compensate": "bayescal.public.arms",
-    "check": "bayescal.public.starting",
-    "init": "bayescal.public.starting",
-    "schema": "bayescal.public.starting",
-    "export": "bayescal.public.arms",
-    "fleet": "bayescal.public.fleet",
-    "load": "bayescal.public.planning",
-    "plan": "bayescal.public.planning",
-    "report": "bayescal.public.starting",
-    "verify": "bayescal.public.arms",
-    "watch": "bayescal.public.watching",
-    "BayescalError": "bayescal.errors",
+_PUBLIC = {
+    "arms": "compensate export verify",
+    "budgets": "budget",
+    "changes": "changed history",
+    "fleet": "fleet",
+    "functions": "compare diagnose fit read_dataset simulate",
+    "planning": "load plan",
+    "starting": "check init report schema",
+    "watching": "watch",
 }
+_FROM = {name: f"bayescal.public.{module}" for module, names in _PUBLIC.items() for name in names.split()}
+_FROM["BayescalError"] = "bayescal.errors"
 _MODULES = {"effects": "bayescal.effects", "plot": "bayescal.public.plot", "robots": "bayescal.robots"}
 
 

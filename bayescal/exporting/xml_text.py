@@ -11,17 +11,16 @@ import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 from xml.etree import ElementTree as ET
 from xml.parsers import expat
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from scipy.spatial.transform import Rotation
 
 from bayescal.arm.transforms import rpy_of
 from bayescal.robots.markup import parse_markup
+from bayescal.storage.templates import templates_beside
 
 ATTRIBUTE = re.compile(rb"""(\s+)([^\s=/>"']+)(\s*=\s*)("[^"]*"|'[^']*')""")
 TAG = re.compile(rb"""<(?:[^>"']|"[^"]*"|'[^']*')*>""")
@@ -40,22 +39,18 @@ def numbers(values: Iterable[float] | np.ndarray) -> str:
     return " ".join(map(number, np.asarray(values, float).tolist()))
 
 
-TEMPLATES = Environment(
-    loader=FileSystemLoader(Path(__file__).parent / "templates"),
+TEMPLATES = templates_beside(
+    __file__,
+    {
+        "number": number,
+        "numbers": numbers,
+        "xyz": lambda pose: numbers(pose[:3, 3]),
+        "rpy": lambda pose: numbers(rpy_of(pose[:3, :3])),
+        "quat": lambda pose: numbers(Rotation.from_matrix(pose[:3, :3]).as_quat()[[3, 0, 1, 2]]),
+    },
     autoescape=True,
-    undefined=StrictUndefined,
-    trim_blocks=True,
-    lstrip_blocks=True,
-    keep_trailing_newline=True,
 )
 """Templates of new files; values are escaped."""
-TEMPLATES.filters |= {
-    "number": number,
-    "numbers": numbers,
-    "xyz": lambda pose: numbers(pose[:3, 3]),
-    "rpy": lambda pose: numbers(rpy_of(pose[:3, :3])),
-    "quat": lambda pose: numbers(Rotation.from_matrix(pose[:3, :3]).as_quat()[[3, 0, 1, 2]]),
-}
 
 
 def rendered(template: str, **fields: object) -> str:

@@ -29,29 +29,13 @@ from bayescal.robots import builtin_robots, full_name, load_robot, only_one_arm,
 from bayescal.robots import schema as robot_schema
 from bayescal.storage.files import FILL_IN, stem_of
 from bayescal.storage.folders import filled
+from bayescal.storage.templates import templates_beside
 from bayescal.storage.writing import block_lines, flow, scalar
 
-TEMPLATES = Path(__file__).parent / "templates"
 WIDTH = 110
 """Characters of a line of a comment."""
 NOISE = {"contact": ("contact_mm", "0.005"), "point": ("point_mm", "0.020")}
 """Key of the noise of each kind of residual, and an example of its value."""
-
-
-def rendered(template: str, **values: Any) -> str:
-    """The text of a template, which describes keys by the fields of their models."""
-    from jinja2 import Environment, FileSystemLoader, StrictUndefined
-
-    environment = Environment(
-        loader=FileSystemLoader(TEMPLATES),
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-    )
-    filters = {"comment": _comment, "about": _about, "listed": _listed, "scalar": scalar}
-    environment.filters.update(filters, has_unit=lambda key: bool(stem_of(key)[1]))
-    return environment.get_template(template).render(fill=FILL_IN, **values)
 
 
 def _comment(text: str, indent: int = 0) -> str:
@@ -67,6 +51,24 @@ def _about(fields: Mapping[str, Any], key: str, indent: int = 0) -> str:
 def _listed(fields: Mapping[str, Any], key: str, label: str = "") -> str:
     """A key, or a label in its place, and its description as a comment."""
     return _comment(f"  {label or key}: {fields[key].description}")
+
+
+TEMPLATES = templates_beside(
+    __file__,
+    {
+        "comment": _comment,
+        "about": _about,
+        "listed": _listed,
+        "scalar": scalar,
+        "has_unit": lambda key: bool(stem_of(key)[1]),
+    },
+)
+"""They describe keys by the fields of their models."""
+
+
+def rendered(template: str, **values: Any) -> str:
+    """The text of a template."""
+    return TEMPLATES.get_template(template).render(fill=FILL_IN, **values)
 
 
 @dataclass(frozen=True)

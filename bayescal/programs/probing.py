@@ -12,11 +12,9 @@ import textwrap
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from bayescal.arm.chain import Robot
 from bayescal.errors import BayescalError
@@ -26,23 +24,26 @@ from bayescal.programs import PROGRAMS
 from bayescal.programs.motions import AHEAD, guarded, poses_table, readings_table, robodk_table, steps
 from bayescal.programs.text import Dialect, Format, digits
 from bayescal.robots import only_revolute
+from bayescal.storage.templates import templates_beside
 
-TEMPLATES = Environment(
-    loader=FileSystemLoader(Path(__file__).parent / "templates"),
-    variable_start_string="<<",
-    variable_end_string=">>",
-    block_start_string="<%",
-    block_end_string="%>",
-    undefined=StrictUndefined,
-    trim_blocks=True,
-    lstrip_blocks=True,
-    keep_trailing_newline=True,
-)
-"""Templates of probing programs: statements of the controllers have braces."""
-TEMPLATES.filters |= {
-    "wrapped": textwrap.wrap,
-    "numbered": lambda text: "".join(f"{k:4d}:  {line} ;\n" for k, line in enumerate(text.splitlines(), 1)),
+BRACED = {
+    "variable_start_string": "<<",
+    "variable_end_string": ">>",
+    "block_start_string": "<%",
+    "block_end_string": "%>",
 }
+"""Syntax of the templates: statements of the controllers have braces."""
+TEMPLATES = templates_beside(
+    __file__,
+    {
+        "wrapped": textwrap.wrap,
+        "numbered": lambda text: "".join(
+            f"{k:4d}:  {line} ;\n" for k, line in enumerate(text.splitlines(), 1)
+        ),
+    },
+    **BRACED,
+)
+"""Templates of probing programs."""
 JOINTS = 6
 """Joints of the arms that these controllers move."""
 NEAR = 50e-3

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from bayescal.errors import BayescalError
 from bayescal.public.results import Diagnosis, Draws, FitResult, Result, table
-from bayescal.storage.reading import Json
+from bayescal.storage.reading import Json, read_record, run_record
 from bayescal.storage.stopping import Progress, silent
 
 if TYPE_CHECKING:
@@ -249,12 +249,8 @@ def fitted_log(run: Any) -> MotionFitResult | MotionGapResult | None:
 
     if not (Path(run) / "arm.yaml").is_file() and not is_log(Path(run) / "dataset"):
         return None
-    from bayescal.storage.reading import read_record
-
-    folder, again = Path(run), "repeat the command with this version"
-    found = (folder / "gap.json").is_file()
-    name, kind = ("gap", MotionGapResult) if found else ("fit", MotionFitResult)
-    return kind(folder=folder, content=read_record(folder / f"{name}.json", f"bayescal-{name}/1", again))
+    kind, content = run_record(Path(run), "gap", "fit")
+    return (MotionGapResult if kind == "gap" else MotionFitResult)(folder=Path(run), content=content)
 
 
 @dataclass(frozen=True, repr=False)
@@ -294,8 +290,6 @@ class TogetherResult(Result):
         return MotionFitResult(self.data.log) if self.data else MotionFitResult(**self._part("log"))
 
     def _part(self, name: str) -> dict[str, Any]:
-        from bayescal.storage.reading import read_record
-
         path = self._file(f"{name}/fit.json", "repeat the fit")
         return {"folder": path.parent, "content": read_record(path, "bayescal-fit/1", "repeat the fit")}
 

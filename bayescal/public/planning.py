@@ -22,7 +22,7 @@ from bayescal.public.motions import (
     refuse,
 )
 from bayescal.public.results import FitResult, GapResult, Result, SimulatedSession, table
-from bayescal.storage.reading import Json, read_record
+from bayescal.storage.reading import Json, run_record
 from bayescal.storage.stopping import Progress, silent
 
 if TYPE_CHECKING:
@@ -156,12 +156,12 @@ class PlanResult(Result):
 Loaded = (
     FitResult | GapResult | PlanResult | MotionFitResult | MotionGapResult | MotionPlanResult | TogetherResult
 )
-RECORDS: dict[str, tuple[str, type[Loaded], type[Loaded]]] = {
-    "fit.json": ("bayescal-fit/1", FitResult, MotionFitResult),
-    "gap.json": ("bayescal-gap/1", GapResult, MotionGapResult),
-    "plan.json": ("bayescal-plan/1", PlanResult, MotionPlanResult),
+RESULTS: dict[str, tuple[type[Loaded], type[Loaded]]] = {
+    "fit": (FitResult, MotionFitResult),
+    "gap": (GapResult, MotionGapResult),
+    "plan": (PlanResult, MotionPlanResult),
 }
-"""Schema, and class of a result of contacts and of a log, by the file that identifies its run folder."""
+"""Class of a result of contacts and of a log, by the command that wrote its run folder."""
 
 
 def load(run: str | PathLike[str]) -> Loaded:
@@ -194,13 +194,10 @@ def load(run: str | PathLike[str]) -> Loaded:
     300.0
     """
     folder = Path(run)
-    for name, (schema, of_contacts, of_log) in RECORDS.items():
-        if (folder / name).is_file():
-            content = read_record(folder / name, schema, "repeat the command with this version")
-            kinds: dict[Any, type[Loaded]] = dict.fromkeys(MOTION, of_log) | {TOGETHER: TogetherResult}
-            return kinds.get(content.get("unit"), of_contacts)(folder=folder, content=content)
-    remedy = "give a run folder of bayescal fit, gap or plan"
-    raise BayescalError(f"there is no {' or '.join(RECORDS)}", str(folder), remedy)
+    kind, content = run_record(folder, *RESULTS)
+    of_contacts, of_log = RESULTS[kind]
+    kinds: dict[Any, type[Loaded]] = dict.fromkeys(MOTION, of_log) | {TOGETHER: TogetherResult}
+    return kinds.get(content.get("unit"), of_contacts)(folder=folder, content=content)
 
 
 def plan(

@@ -171,6 +171,24 @@ def read_record(path: Path, schema: str, remedy: str) -> dict[str, Any]:
     return record
 
 
+def run_record(folder: Path, *kinds: str) -> tuple[str, dict[str, Any]]:
+    """Which of some kinds of run a folder is, `fit` with fit.json and so on, and its record.
+
+    Raises
+    ------
+    BayescalError
+        As `read_record`, and of a folder without such a record.
+    """
+    kind = next((kind for kind in kinds if (folder / f"{kind}.json").is_file()), None)
+    if kind is None:
+        *some, last = kinds
+        remedy = f"give a run folder of bayescal {', '.join(some)} or {last}"
+        names = " or ".join(f"{kind}.json" for kind in kinds)
+        raise BayescalError(f"there is no {names}", str(folder), remedy)
+    path, schema = folder / f"{kind}.json", f"bayescal-{kind}/1"
+    return kind, read_record(path, schema, "repeat the command with this version")
+
+
 def _refuse(constant: str) -> float:
     raise ValueError(f"{constant} is not a finite number")
 

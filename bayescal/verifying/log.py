@@ -31,7 +31,7 @@ from bayescal.motion.servo import with_torques
 from bayescal.motion.settings import OUTCOME
 from bayescal.motion.signals import Signals, all_signals, derivative, low_passed
 from bayescal.motion.terms import nominal as at_nominal
-from bayescal.storage.reading import decoded, read_record
+from bayescal.storage.reading import decoded, run_record
 
 Further = Callable[[Signals], tuple[np.ndarray, np.ndarray]]
 """Torques (N, n), N m, that act on the joints of a motion beside the file of the arm, and of the drives."""
@@ -219,7 +219,7 @@ def arm_in_file(arm: NamedArm, text: str = "") -> Arm:
     return Arm(text, arm.further, arm.gain, arm.offset, late)
 
 
-FITTED, NAMED, COPY = "fit.json", "gap.json", "dataset"
+COPY = "dataset"
 SLIDING = 0.1
 """rad/s of a joint, below which a simulator's friction holds it and no motion determines the torque."""
 ALIKE = 1e-6
@@ -257,8 +257,7 @@ def verify_log(run: Path, path: Path) -> LogVerification:
     if not (run / COPY).is_dir():
         what = "the run folder has no copy of its log, which was too large"
         raise BayescalError(what, str(run), "fit a part of it, and verify by that")
-    name, schema = (NAMED, "bayescal-gap/1") if (run / NAMED).is_file() else (FITTED, "bayescal-fit/1")
-    record = read_record(run / name, schema, "repeat the command with this version")
+    _, record = run_record(run, "gap", "fit")
     log = with_torques(read_log(run / COPY))
     if not log.of_role(VALIDATE):
         raise BayescalError("no motion was withheld", str(run), "fit a log with a motion of role validate")

@@ -15,19 +15,19 @@ import re
 import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cache, lru_cache
+from functools import lru_cache
 from importlib.resources import files
 from pathlib import Path
 from typing import Any, ClassVar
 
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup, escape
 
 from bayescal import __version__
 from bayescal.errors import BayescalError
 from bayescal.reporting.shared.sheet import Sheet
 from bayescal.storage.folders import check_unchanged
-from bayescal.storage.reading import Json, read_record
+from bayescal.storage.reading import Json, read_record, run_record
+from bayescal.storage.templates import templates_beside
 
 
 @dataclass(frozen=True)
@@ -125,8 +125,6 @@ def texts(lines: Sequence[str], style: str = "") -> tuple[Text, ...]:
     return tuple(Text(line, style) for line in lines)
 
 
-SCHEMAS = {"fit.json": "bayescal-fit/1", "gap.json": "bayescal-gap/1"}
-"""Record that identifies a run -> its schema."""
 MOTION = ("Nm", "deg")
 """`unit` of the record of a joint log."""
 TOGETHER = "together"
@@ -212,17 +210,12 @@ def read_run(folder: Path, shown: str = "") -> Run:
     BayescalError
         If the folder has no such record, one of another version, or one that was changed after the run.
     """
-    there = [record for record in SCHEMAS if (folder / record).is_file()]
-    if not there:
-        what = f"there is no {' or '.join(SCHEMAS)}"
-        raise BayescalError(what, str(folder), "give a run folder of bayescal fit or gap")
-    again = "repeat the command with this version"
-    name, *_ = there
-    budget = read_record(folder / BUDGET, BUDGET_SCHEMA, again) if (folder / BUDGET).is_file() else None
+    kind, record = run_record(folder, "fit", "gap")
+    budget = None
+    if (folder / BUDGET).is_file():
+        budget = read_record(folder / BUDGET, BUDGET_SCHEMA, "repeat the command with this version")
     figures = {file: content for file in FIGURES if (content := _png(folder / file))}
-    record = read_record(folder / name, SCHEMAS[name], again)
-    check_unchanged(folder, (name, *([BUDGET] if budget else [])))
-    kind = name.removesuffix(".json")
+    check_unchanged(folder, (f"{kind}.json", *([BUDGET] if budget else [])))
     if record.get("unit") == TOGETHER:
         what, each = "a session and a log were fitted together", f"give {folder}/contacts or {folder}/log"
         raise BayescalError(what, str(folder), f"each has its page: {each}")
@@ -265,26 +258,16 @@ def csp_hash(source: bytes) -> str:
 
 GENERATOR = '<meta name="generator" content="bayescal">'
 """In the head of every page: a file with it may be replaced."""
-TEMPLATES = Path(__file__).parent / "templates"
-
-
-@cache
-def environment() -> Environment:
-    """The templates of pages; values are escaped."""
-    made = Environment(
-        loader=FileSystemLoader(TEMPLATES),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    made.filters["coded"] = coded
-    return made
 
 
 def coded(text: Any) -> Markup:
     """A text, escaped, with what is between backticks as code."""
     return Markup(re.sub("`([^`]+)`", r"<code>\1</code>", str(escape(text))))
+
+
+ASSETS = Path(__file__).parent / "templates"
+TEMPLATES = templates_beside(__file__, {"coded": coded}, autoescape=True, keep_trailing_newline=False)
+"""Templates of pages; values are escaped."""
 
 
 def script_json(value: Any) -> Markup:
@@ -297,7 +280,7 @@ def script_json(value: Any) -> Markup:
 
 def asset(name: str) -> str:
     """The text of a file beside the templates."""
-    return (TEMPLATES / name).read_text(encoding="utf-8")
+    return (ASSETS / name).read_text(encoding="utf-8")
 
 
 def page(
@@ -322,7 +305,6 @@ def page(
     headers : sequence of (str, mapping), optional
         What a filed report states below its title: a heading or "", names and values.
     """
-    templates = environment()
     packed, allowed, script = "", "'none'", ""
     library = None if data is None else plotly()
     if library is None:
@@ -332,8 +314,8 @@ def page(
         script = asset("page.js")
         allowed = f"{permitted} {csp_hash(script.encode())}"
     shown = [section for section in sections if section is not None]
-    bodies = [(s, Markup(templates.get_template(s.template).render(s.context))) for s in shown]
-    return templates.get_template("base.html.j2").render(
+    bodies = [(s, Markup(TEMPLATES.get_template(s.template).render(s.context))) for s in shown]
+    return TEMPLATES.get_template("base.html.j2").render(
         generator=Markup(GENERATOR),
         title=title,
         subtitle=subtitle,
