@@ -45,7 +45,7 @@ LAGS = (2.0, 3.0)
 """Rows for which a value is held, and acceleration at the end of a motion over that within, that are odd."""
 
 
-def clock_drift(log: Log, joints: Sequence[Joint]) -> tuple[float, float]:
+def clock_drift(joints: Sequence[Joint]) -> tuple[float, float]:
     """Change of the delay of torques with time, s/s, and its u; nan with fewer than four pieces of motions.
 
     By least squares on the delays of all joints, each less its mean.
@@ -139,7 +139,7 @@ def _clocks(log: Log, joints: Sequence[Joint], table: str) -> Iterator[Finding]:
             late = [f"{joints[known[k][0]].name} {1e3 * values[k]:.2g} ms" for k in np.flatnonzero(away)]
             what = f"the delay of torque differs by joint: {', '.join(late)}; the others {1e3 * mean:.2g} ms"
             yield Finding("joint_delay", "odd", what, table, "one alignment does not hold for all joints")
-    slope, u_slope = clock_drift(log, joints)
+    slope, u_slope = clock_drift(joints)
     span = np.ptp([m.time.mean() for m in log.motions])
     if abs(slope) > DRIFTS * u_slope and abs(slope) * span > SHORTEST:
         what = f"the delay of torques changes by {1e6 * slope:.2g} µs/s (u {1e6 * u_slope:.1g}), "

@@ -136,7 +136,7 @@ def log_record(of: LogCheck) -> dict[str, Any]:
         | {"duration_s": _plain(m.time[-1] - m.time[0]), "payload_kg": _plain(np.median(m.payload))}
         for m in log.motions
     ]
-    stamps, (drift, u_drift) = of.stamps, clock_drift(log, of.joints)
+    stamps, (drift, u_drift) = of.stamps, clock_drift(of.joints)
     return {
         "schema": "bayescal-motion-check/1",
         "dataset": log.name,

@@ -215,7 +215,7 @@ def _fast(b: Bounds, rng: np.random.Generator, t: np.ndarray) -> np.ndarray:
     return np.asarray(b.middle + travel * np.sin(angle))
 
 
-def _legs(b: Bounds, poses: np.ndarray, t: np.ndarray) -> np.ndarray:
+def _legs(poses: np.ndarray, t: np.ndarray) -> np.ndarray:
     """From pose to pose (P, n), each way a polynomial of degree five, with a rest in each."""
     each = t[-1] / (len(poses) - 1)
     leg = np.minimum((t / each).astype(int), len(poses) - 2)
@@ -230,12 +230,12 @@ def _poses(b: Bounds, rng: np.random.Generator, t: np.ndarray) -> np.ndarray:
     apart = np.sum(((torque[:, None] - torque[None]) / np.maximum(size, 0.01 * size.max())) ** 2, axis=2)
     one, two = b.poses[list(np.unravel_index(np.argmax(apart), apart.shape))]
     small = _waves(b, rng, t, (0.2, 0.4), 0.25 * b.speed, np.full(len(b.home), 0.1), np.zeros(len(b.home)))
-    return _legs(b, np.array([b.home, one, one, two, two, b.home]), t) + small
+    return _legs(np.array([b.home, one, one, two, two, b.home]), t) + small
 
 
 def _pick(b: Bounds, rng: np.random.Generator, t: np.ndarray) -> np.ndarray:
     some = b.poses[rng.integers(0, len(b.poses), 4)]
-    return _legs(b, np.array([b.home, *some, b.home]), t)
+    return _legs(np.array([b.home, *some, b.home]), t)
 
 
 @dataclass(frozen=True)

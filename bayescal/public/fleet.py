@@ -230,7 +230,7 @@ def fleet(
                     say(f"{todo[index]}: {error}")
                 progress(f"{before + k} of {len(tasks)}", (before + k) / len(tasks))
         progress("compare", 1.0)
-        entries = _entries(tasks, errors, done, arm_of, folder)
+        entries = _entries(tasks, errors, done, arm_of)
         return _written(entries, options, folder)
 
 
@@ -311,7 +311,7 @@ def _is_own(path: Path, schema: str) -> bool:
 
 def _entries(
     tasks: Mapping[str, Task], errors: Mapping[str, str], done: Mapping[str, str],
-    arm_of: Callable[[Json], str | None], folder: Path,
+    arm_of: Callable[[Json], str | None],
 ) -> list[Json]:  # fmt: skip
     """The sessions with what their run folders state, in the order of time within an arm."""
     from bayescal.reporting.fleet_record import session_entry, with_fit, with_gap

@@ -234,5 +234,5 @@ def test_sessions_are_in_the_order_of_their_dates(monkeypatch, tmp_path, dated):
     state = {"failed": None, "done": {"fit": {}}}
     tasks = {n: SimpleNamespace(dataset=n, folder=tmp_path / n, state=lambda: state) for n in dates}
     done = dict.fromkeys(dates, "fitted")
-    entries = _entries(tasks, dict.fromkeys(dates, ""), done, lambda e: e["serial"], tmp_path)
+    entries = _entries(tasks, dict.fromkeys(dates, ""), done, lambda e: e["serial"])
     assert [e["session"] for e in entries] == (["c", "b", "d", "a"] if dated else list(dates))

@@ -523,6 +523,6 @@ def test_distances_that_are_shown_have_the_largest_errors_of_either_sign():
     axes = Figure().subplots()
     distances.distances_panel(
         {"validation": {"distances": [distance(k) for k in range(distances.MOST + 8)]}}
-    ).draw(axes, 90.0)
+    ).draw(axes)
     said = " ".join(text.get_text() for text in axes.texts)
     assert [k for k in range(distances.MOST + 8) if f"t{k}." in said] == list(range(8, distances.MOST + 8))

@@ -50,7 +50,7 @@ def arm_panel(record: Json) -> Panel:
     if marked:
         key.append(Entry(", ".join(marked), {"color": MARKED, "lw": 3.5}))
 
-    def draw(axes: Any, inner: float) -> None:
+    def draw(axes: Any) -> None:
         sites: list[Site] = []
         if marked:
             from bayescal.effects.location import Site  # slow to import, and seldom needed

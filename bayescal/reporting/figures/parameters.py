@@ -114,7 +114,7 @@ def marginal_panel(p: Json, draws: np.ndarray, first: bool) -> Panel:
         Entry("95 % interval", INTERVAL),
     )
 
-    def draw(axes: Any, inner: float) -> None:
+    def draw(axes: Any) -> None:
         flat = draws.ravel()
         # one polygon: a rectangle for every bin takes a quarter of the time of the figure
         heights = axes.hist(flat, BINS, density=True, color=ACCENT, alpha=0.45, histtype="stepfilled")[0]
@@ -136,7 +136,7 @@ def marginal_panel(p: Json, draws: np.ndarray, first: bool) -> Panel:
 def pair_panel(a: Json, b: Json, r: float, draws: Draws) -> Panel:
     """Draws of two parameters."""
 
-    def draw(axes: Any, inner: float) -> None:
+    def draw(axes: Any) -> None:
         x, y = draws[a["name"]].ravel(), draws[b["name"]].ravel()
         some = np.linspace(0, len(x) - 1, min(len(x), POINTS)).astype(int)
         axes.plot(x[some], y[some], ls="", marker="o", ms=1.4, mew=0, color=ACCENT, alpha=0.5)

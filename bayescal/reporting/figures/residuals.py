@@ -126,7 +126,7 @@ def time_panel(e: Errors, edge: float, title: str, share: float) -> Panel:
     beyond = int(np.sum(np.abs(e.value) > edge))
     note = f"{beyond} measurements are off scale and marked at the edge" if beyond else ""
 
-    def draw(axes: Any, inner: float) -> None:
+    def draw(axes: Any) -> None:
         _band(axes, e, across=False)
         for kind in kinds:
             mine = (e.kind == kind) & (np.abs(e.value) <= edge)
@@ -169,7 +169,7 @@ def spread_panel(e: Errors, edge: float) -> Panel:
     noise = Entry(f"noise, {e.noise:.1f} µm{each}", {"color": INK, "lw": 1.2})
     key = [noise] if np.isfinite(e.noise) else []
 
-    def draw(axes: Any, inner: float) -> None:
+    def draw(axes: Any) -> None:
         low = -edge if e.signed else 0.0
         value = e.value[e.kind != "rejected"]
         bins = np.linspace(low, edge, BINS).tolist()

@@ -75,8 +75,8 @@ def rows_panel(
     def height(inner: float) -> float:
         return sum(_lines(row, inner).tall + LANE + SPACE for row in rows) or 5.0
 
-    def draw(axes: Any, inner: float) -> None:
-        top, middles = 0.0, []
+    def draw(axes: Any) -> None:
+        inner, top, middles = width_of(axes), 0.0, []
         for row in rows:
             lines = _lines(row, inner)
             _write(axes, lines.label, 0, top, row.strong)

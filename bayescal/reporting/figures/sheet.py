@@ -112,7 +112,7 @@ class Panel:
     Attributes
     ----------
     draw : callable
-        Draws the data into axes of a given width, mm.
+        Draws the data into axes, whose width is `width_of`.
     height : float or callable
         Height of the axes, mm, or a function of their width.
     title, x, y, note : str
@@ -125,7 +125,7 @@ class Panel:
         Least room beside the axes, mm: half a tick label.
     """
 
-    draw: Callable[[Any, float], None]
+    draw: Callable[[Any], None]
     height: Height
     title: str = ""
     x: str = ""
@@ -248,7 +248,7 @@ def _draw(axes: Any, panel: Panel) -> None:
     axes.clear()
     axes.tick_params(**TICK)  # ticks are made when the figure is drawn, perhaps under other settings
     inner = width_of(axes)
-    panel.draw(axes, inner)
+    panel.draw(axes)
     axes.set_xlabel("\n".join(wrapped(panel.x, inner)))
     axes.set_ylabel("\n".join(wrapped(panel.y, panel.tall(inner) + TALLER)))
 
@@ -263,7 +263,7 @@ def into(axes: Any, panel: Panel) -> Figure:
     """Draw a panel into the user's axes, with title and legend of Matplotlib; return their figure."""
     figure: Any = axes.get_figure(root=True)
     inner = width_of(axes)
-    panel.draw(axes, inner)
+    panel.draw(axes)
     axes.set_title("\n".join(wrapped(panel.title, inner)), loc="left", fontsize=SIZE, color=GREY)
     axes.set_xlabel(panel.x)
     axes.set_ylabel(panel.y)

@@ -115,7 +115,7 @@ def curve_panel(curve: Json) -> Panel:
     )
     draw = _displaced if displaced else _residuals
     x = "contact" if not curve["coordinate"] else curve["coordinate"].replace("degC", "°C")
-    return Panel(lambda axes, inner: draw(axes, curve), HEIGHT, curve["text"], x, y, key=key)
+    return Panel(lambda axes: draw(axes, curve), HEIGHT, curve["text"], x, y, key=key)
 
 
 def displacement(curve: Json) -> str:
