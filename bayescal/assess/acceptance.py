@@ -17,6 +17,7 @@ from bayescal.assess.shared_causes import LEVEL as LEVEL_SHARED
 from bayescal.assess.shared_causes import SharedCause
 from bayescal.dataset import Dataset
 from bayescal.dataset.consistency import CHANCE, planned
+from bayescal.errors import listed
 from bayescal.estimate import Estimate
 from bayescal.estimate.bounds import CHANCE as RIGID
 from bayescal.estimate.bounds import negative, square
@@ -215,8 +216,7 @@ def not_physical(found: Estimate, covariance: np.ndarray) -> tuple[Check, ...]:
             return ()
         value, limit = np.sqrt([of_all / len(below), chi2_isf(level, len(below)) / len(below)]).tolist()
         how = "negative together beyond their u, which is not physical"
-    what = ", ".join(f"{n.parameter} {n.figures}" for n in clear[:NAMED])
-    what += f" and {len(clear) - NAMED} more" if len(clear) > NAMED else ""
+    what = listed((f"{n.parameter} {n.figures}" for n in clear), NAMED)
     return (Check(NOT_PHYSICAL, value, limit, p, level, f"{how}: {what}; {CAUSE}"),)
 
 

@@ -26,6 +26,7 @@ from bayescal.assess.identifiability import (
     simplified,
 )
 from bayescal.effects.sizes import micrometres
+from bayescal.errors import listed
 from bayescal.estimate import Estimate
 
 STILL = np.radians(15.0)
@@ -188,8 +189,7 @@ def _cause(
 
 
 def _listed(parameters: tuple[str, ...], combinations: int) -> str:
-    more = f" and {len(parameters) - NAMED} more" if len(parameters) > NAMED else ""
-    which = ", ".join(parameters[:NAMED]) + more
+    which = listed(parameters, NAMED)
     singly = combinations == len(parameters)
     return f"{which} are not identifiable" if singly else f"combinations of {which} are not identifiable"
 

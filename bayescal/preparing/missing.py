@@ -17,7 +17,7 @@ from bayescal.dataset.read import SETTINGS, TABLE
 from bayescal.dataset.table import joint_columns
 from bayescal.dataset.target_kinds import kinds_of, place_sd, plannable
 from bayescal.effects import EFFECTS
-from bayescal.errors import BayescalError
+from bayescal.errors import BayescalError, listed
 from bayescal.estimate import Estimate, check_enough, linearise, unfitted, unit_weights
 from bayescal.gap.search.candidates import Candidates
 from bayescal.model import ARM
@@ -58,6 +58,8 @@ class Finding:
 
 
 PARALLEL = 0.995  # cosine, 6 deg, of normals of faces that count as parallel
+SHOWN = 4
+"""Targets that a finding names."""
 LOCATES = 4
 """Contacts that locate a sphere of unknown centre and known diameter, with one to spare."""
 
@@ -117,9 +119,9 @@ def _roles(dataset: Dataset) -> Iterator[Finding]:
     for k, target in enumerate(dataset.targets):
         of_target = validate[m.target == k]
         if kinds_of(dataset)[k].located and 0 < len(of_target) < LOCATES and of_target.all():
-            few.append(target.name)
+            few.append(f"`{target.name}`")
     if few:
-        what = f"fewer than {LOCATES} contacts to validate {_some(few)}: they do not locate it"
+        what = f"fewer than {LOCATES} contacts to validate {listed(few, SHOWN)}: they do not locate it"
         yield Finding("few_on_sphere", "missing", what, TABLE, f"measure {LOCATES} or more on each sphere")
     labels = [s[s != ""] for s in (m.repeat, m.stop) if s is not None]
     if not any(len(set(names)) < len(names) for names in labels):
@@ -131,9 +133,9 @@ def _roles(dataset: Dataset) -> Iterator[Finding]:
 def _unused(dataset: Dataset) -> Iterator[Finding]:
     """Targets that no row measures."""
     m = dataset.measurements
-    idle = [t.name for k, t in enumerate(dataset.targets) if not np.any(m.target == k)]
+    idle = [f"`{t.name}`" for k, t in enumerate(dataset.targets) if not np.any(m.target == k)]
     if idle:
-        what = f"no row measures {_some(idle)}"
+        what = f"no row measures {listed(idle, SHOWN)}"
         yield Finding("unused_target", "missing", what, SETTINGS, "remove the targets, or measure them")
 
 
@@ -195,8 +197,3 @@ def _undetermined(model: Model) -> Iterator[Finding]:
     for u in undetermined(nominal, identifiability(nominal)):
         if (u.matters or u.hidden) and u.changes != ("length",):  # see `_scale`
             yield Finding("not_identifiable", "missing", u.cause, TABLE, u.remedy)
-
-
-def _some(names: list[str], most: int = 4) -> str:
-    more = f" and {len(names) - most} more" if len(names) > most else ""
-    return ", ".join(f"`{name}`" for name in names[:most]) + more

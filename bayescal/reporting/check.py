@@ -9,6 +9,7 @@ from typing import Any
 
 from rich.console import RenderableType
 
+from bayescal.errors import listed
 from bayescal.preparing.check import Check, check_record
 from bayescal.preparing.joint_log import LogCheck, log_record
 from bayescal.preparing.missing import KINDS, Finding
@@ -138,8 +139,7 @@ def _understood(r: dict[str, Any]) -> Iterator[tuple[str, str]]:
     yield "rows", ", ".join([str(r["rows"]["total"]), *(f"{n} {role}" for role, n in roles.items())])
     for kind, targets in _by_kind(r["targets"]):
         names = [f"{t['name']} ({_counts(t['rows'])})" for t in targets]
-        more = f" and {len(names) - MOST} more" if len(names) > MOST else ""
-        yield "targets", f"{len(names)} {kind}: {', '.join(names[:MOST])}{more}"
+        yield "targets", f"{len(names)} {kind}: {listed(names, MOST)}"
     yield "tools", ", ".join(f"{name} ({n} measurements)" for name, n in r["tools"].items())
     for kind, certificates in _by_kind(r["certificates"]):
         yield "certificates", _certified(kind, certificates)
