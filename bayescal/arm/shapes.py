@@ -1,14 +1,15 @@
-"""Shapes of an arm and of what stands around it: frozen types, and the distance of points from each.
+"""Shapes of an arm and of what stands around it.
 
 A shape is solid and convex. Distances are in m, signed: negative inside. The arm consists of capsules, which
 move with its frames (`probing.scene.arm_capsules`); what stands around it consists of all shapes, in F0.
-`kind` and `numbers` state a shape to the compiled distances (`probing.sweep`): numbers, and planes (F, 4).
+`kind` and `numbers` state a shape to the compiled distances from it (`probing.sweep.point`): numbers, and
+planes (F, 4).
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property, reduce
+from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
@@ -42,12 +43,6 @@ class Capsule:
 
     kind: ClassVar[int] = BALLS
 
-    def distance(self, points: np.ndarray) -> np.ndarray:
-        """Signed distances (...) of points (..., 3) in the capsule's frame, m."""
-        along = self.b - self.a
-        part = np.clip((points - self.a) @ along / max(float(along @ along), 1e-30), 0.0, 1.0)
-        return length(points - self.a - part[..., None] * along) - self.radius
-
     @property
     def numbers(self) -> Numbers:
         """Ends and radius."""
@@ -71,12 +66,6 @@ class Box:
     half: np.ndarray
 
     kind: ClassVar[int] = BOX
-
-    def distance(self, points: np.ndarray) -> np.ndarray:
-        """Signed distances (...) of points (..., 3) in F0, m."""
-        beyond = np.abs((points - self.pose[:3, 3]) @ self.pose[:3, :3]) - self.half
-        outside = length(np.maximum(beyond, 0.0))
-        return outside + np.minimum(reduce(np.maximum, np.moveaxis(beyond, -1, 0)), 0.0)
 
     @property
     def numbers(self) -> Numbers:
@@ -102,10 +91,6 @@ class HalfSpace:
 
     kind: ClassVar[int] = HALF_SPACE
 
-    def distance(self, points: np.ndarray) -> np.ndarray:
-        """Signed distances (...) of points (..., 3) in F0, m."""
-        return points @ self.normal - self.offset
-
     @property
     def numbers(self) -> Numbers:
         """Normal and offset."""
@@ -126,14 +111,6 @@ class Cylinder:
     radius: float
 
     kind: ClassVar[int] = CYLINDER
-
-    def distance(self, points: np.ndarray) -> np.ndarray:
-        """Signed distances (...) of points (..., 3) in F0, m."""
-        away = points - self.centre
-        along = away @ self.axis
-        over, beside = np.abs(along) - self.half, length(away - along[..., None] * self.axis) - self.radius
-        outside = np.hypot(np.maximum(over, 0.0), np.maximum(beside, 0.0))
-        return np.asarray(outside + np.minimum(np.maximum(over, beside), 0.0))
 
     @property
     def numbers(self) -> Numbers:
@@ -179,10 +156,6 @@ class Hull:
         every = np.unique(np.round(every[size > SHARP] / size[size > SHARP, None], 9), axis=0)
         every /= length(every)[:, None]
         return np.column_stack([every, (every @ self.points[hull.vertices].T).max(axis=1)])
-
-    def distance(self, points: np.ndarray) -> np.ndarray:
-        """Signed distances (...) of points (..., 3) in F0, m, or less."""
-        return np.asarray((points @ self.planes[:, :3].T - self.planes[:, 3]).max(axis=-1))
 
     @property
     def numbers(self) -> Numbers:

@@ -17,7 +17,7 @@ from bayescal.arm.motion import NominalArm
 from bayescal.arm.shapes import Capsule
 from bayescal.dataset.types import Tool
 from bayescal.probing.scene import Solid, arm_capsules
-from bayescal.probing.sweep import Pair, Pairs
+from bayescal.probing.sweep import Pair, Pairs, signed_distances
 
 ALWAYS = 0.5
 """Links that overlap in more than this share of random configurations are neighbours whose capsules are wider
@@ -152,12 +152,12 @@ class Clearance:
         out = np.zeros(len(readings), bool)
         for solid in self.solids:
             for shape in solid.shapes:
-                out |= np.any(shape.distance(at) < 0.0, axis=1)
+                out |= np.any(signed_distances(shape, at) < 0.0, axis=1)
         frames = self.arm.frames(readings)
         for capsule in self.capsules:
             if capsule.frame <= self.arm.robot.n:
                 turn, shift = frames[:, capsule.frame, :3, :3], frames[:, capsule.frame, :3, 3]
-                out |= np.any(capsule.distance((at - shift[:, None]) @ turn) < 0.0, axis=1)
+                out |= np.any(signed_distances(capsule, (at - shift[:, None]) @ turn) < 0.0, axis=1)
         return out
 
     def _compared(self, count: int, touched: np.ndarray | None) -> np.ndarray:
@@ -188,7 +188,7 @@ class Clearance:
         capsule = self.capsules[pair.capsule]
         frames = self.arm.frames(self._sample)[:, capsule.frame]
         starts = frames[:, :3, :3] @ capsule.a + frames[:, :3, 3]
-        within = bool(np.all(pair.shape.distance(starts) < capsule.radius))
+        within = bool(np.all(signed_distances(pair.shape, starts) < capsule.radius))
         return within or bool(np.ptp(self._anywhere(pair)) < STILL)
 
     def _anywhere(self, pair: Pair) -> np.ndarray:

@@ -24,12 +24,12 @@ from bayescal.arm.motion import NominalArm
 from bayescal.arm.shapes import BALLS, BOX, CYLINDER, HALF_SPACE, Capsule, Shape
 from bayescal.arm.transforms import compiled
 
-_exact_jit = compiled(error_model="numpy")
+_jit = compiled(error_model="numpy")
 GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
 STEPS = 30  # of the search: the minimum is enclosed to 6e-7 of the segment
 
 
-@_exact_jit
+@_jit
 def point(kind, row, planes, x, y, z):
     """Signed distance, m, of a point from a shape of `kind` with the numbers `row` (see `shapes`)."""
     if kind == BALLS:
@@ -63,7 +63,22 @@ def point(kind, row, planes, x, y, z):
     return most
 
 
-@_exact_jit
+@_jit
+def _points(kind, row, planes, at):
+    """Signed distances (N,), m, of points `at` (N, 3) from a shape."""
+    out = np.empty(len(at))
+    for k in range(len(at)):
+        out[k] = point(kind, row, planes, at[k, 0], at[k, 1], at[k, 2])
+    return out
+
+
+def signed_distances(shape: Shape, points: np.ndarray) -> np.ndarray:
+    """Distances (...), m, of points (..., 3) from a shape, in its frame; of a hull, or less."""
+    at = np.ascontiguousarray(points, float).reshape(-1, 3)
+    return np.asarray(_points(shape.kind, *shape.numbers, at).reshape(points.shape[:-1]))
+
+
+@_jit
 def least(kind, row, planes, a, b):
     """Least signed distance, m, of a segment from `a` to `b` (3,), or less: by 6e-7 of its length."""
     x, y, z = a[0], a[1], a[2]
@@ -93,7 +108,6 @@ def least(kind, row, planes, a, b):
     return best - width * length
 
 
-_jit = compiled(error_model="numpy")
 HALVINGS = 14
 """Of a motion: parts that are undecided then, 0.1 mm of a motion of 1.6 m, count as too near."""
 SHARE = 0.1

@@ -26,6 +26,7 @@ from bayescal.planning.setup import continued
 from bayescal.preparing.practice import practice
 from bayescal.probing.clearance import Clearance
 from bayescal.probing.scene import Solid, held_by
+from bayescal.probing.sweep import signed_distances
 from bayescal.public.planning import PlanResult
 from bayescal.reporting.plan_record import table_of_plan
 from bayescal.reporting.plan_sheets import title
@@ -150,13 +151,13 @@ def test_capsules_contain_the_carried_board():
     rng = np.random.default_rng(0)
     low, high = BOARD.min(axis=0), BOARD.max(axis=0)
     points = rng.uniform(low, high, (4000, 3))
-    near = np.min([c.distance(points) for c in held], axis=0)
+    near = np.min([signed_distances(c, points) for c in held], axis=0)
     assert near.max() <= 1e-9
     # and little more: a square and the thickness of the plate around it, and the radius
     beyond = 0.05 + max(c.radius for c in held)
     off = rng.uniform(low - 0.3, high + 0.3, (4000, 3))
     away = np.linalg.norm(np.maximum(np.maximum(low - off, off - high), 0.0), axis=1)
-    assert np.all(np.min([c.distance(off[away > beyond]) for c in held], axis=0) > 0)
+    assert np.all(np.min([signed_distances(c, off[away > beyond]) for c in held], axis=0) > 0)
     (camera,) = held_by(setup("flange").dataset, 0)
     assert camera.radius == 0.04
 

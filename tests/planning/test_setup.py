@@ -29,6 +29,7 @@ from bayescal.probing.clearance import Clearance
 from bayescal.probing.contacts import LINE
 from bayescal.probing.motions import seconds_between
 from bayescal.probing.scene import Solid, placements
+from bayescal.probing.sweep import signed_distances
 
 HALF = 0.1143  # m, of the cube's edge
 
@@ -197,7 +198,7 @@ def test_the_table_is_the_stated_one_or_below_all_targets(example):
     stated = continued(replace(dataset, plan=PlanSettings(table=-0.33)))
     assert heights(stated) == [-0.33]
     below = np.array([[0.45, 0.0, -0.2]])  # the cube stands on a pedestal: no arm passes under it
-    assert min(shape.distance(below)[0] for shape in stated.scene.solids[0].shapes) < 0
+    assert min(signed_distances(shape, below)[0] for shape in stated.scene.solids[0].shapes) < 0
     assert not stated.notes
     still = continued(replace(dataset, gravity=np.zeros(3)))
     assert heights(still) == heights(assumed)
@@ -215,11 +216,11 @@ def test_what_is_probed_is_an_obstacle(example):
     assert {solid.placement for solid in around.solids} == {""}  # a single placement stays
     wall, region = around.solids[around.of["cube.-x"]].shapes[0], setup.regions["cube.-x"]
     corners = region.centre + np.array([[1, 1], [1, -1], [-1, 0.3]]) @ region.half
-    assert np.allclose(wall.distance(corners), 0, atol=1e-12)
-    assert np.allclose(wall.distance(corners - 0.02 * np.eye(3)[0]), 0.02)
+    assert np.allclose(signed_distances(wall, corners), 0, atol=1e-12)
+    assert np.allclose(signed_distances(wall, corners - 0.02 * np.eye(3)[0]), 0.02)
     assert np.allclose(np.linalg.det(wall.pose[:3, :3]), 1)
     post = around.solids[around.of["seat"]].shapes[0]
-    assert 0 < post.distance(seat.values["centre"]) < 0.02
+    assert 0 < signed_distances(post, seat.values["centre"]) < 0.02
 
 
 # --- Motions between contacts: collisions are seen, ways around them are free, and orders avoid them.
@@ -395,7 +396,7 @@ def test_solids_by_their_points():
     angle, high = rng.uniform(0, 2 * np.pi, 40_000), rng.uniform(-0.3, 0.3, 40_000)
     size = 0.1 * np.sqrt(rng.uniform(0, 1, 40_000))
     inside = rod.centre + np.stack([size * np.cos(angle), size * np.sin(angle), high], axis=1) @ turn.T
-    assert rod.distance(inside).max() < 1e-12
+    assert signed_distances(rod, inside).max() < 1e-12
     for start in a[:20]:
         cloud = np.linalg.norm(inside - start, axis=1).min()
         assert distances(rod, start[None], start[None])[0] == pytest.approx(cloud, abs=0.02)
@@ -455,7 +456,7 @@ def test_the_sampler_sees_an_overlap():
     assert cell.motion(np.array([0.0]), np.array([1.5])) < -0.03
     assert cell.motion(np.array([0.0]), np.array([0.6])) > 0.05
     solid = Solid("wall", (Box(rigid(None, wall[2]), wall[3]),))
-    assert solid.shapes[0].distance(tip) > 0.5
+    assert signed_distances(solid.shapes[0], tip) > 0.5
 
 
 def test_what_a_person_does_before_a_row_is_said_at_each_change():

@@ -15,6 +15,7 @@ from bayescal.dataset import Tool, read_dataset
 from bayescal.errors import BayescalError
 from bayescal.probing.clearance import Clearance, path_free, retracted
 from bayescal.probing.scene import Scene, Solid, arm_capsules, link_radii, on_table, scene_of
+from bayescal.probing.sweep import signed_distances
 from bayescal.robots import builtin_robots, load_robot, robot_to_yaml
 
 TOOL = Tool("ball", np.array([0.06, 0.0, 0.12]), 0.003)
@@ -131,13 +132,13 @@ def test_every_answer_agrees_with_points_on_the_capsules(session):
             at = np.array([solid.placement in ("", placement[t]) for t in touched[rows]])
             for k, shape in enumerate(solid.shapes):
                 own = at & ~((touched[rows] == s) & (k == 0) & capsule.probe)
-                away = shape.distance(points).min(axis=1) - capsule.radius
+                away = signed_distances(shape, points).min(axis=1) - capsule.radius
                 near = np.where(own, np.minimum(near, away), near)
     for a, b in clearance.self_pairs:
         first, second = clearance.capsules[a], clearance.capsules[b]
         back = frames[:, second.frame]
         local = np.einsum("mki,mij->mkj", along(first) - back[:, None, :3, 3], back[:, :3, :3])
-        near = np.minimum(near, second.distance(local).min(axis=1) - first.radius)
+        near = np.minimum(near, signed_distances(second, local).min(axis=1) - first.radius)
     assert 20 < np.sum(hit > 0) < 130
     sure = np.abs(near) > 1e-3
     assert np.array_equal((hit > 0)[sure], (near < 0)[sure])
@@ -260,7 +261,7 @@ def test_distances_by_many_points(kind):
             "capsule": capsule(*rng.uniform(-1, 1, (2, 3)), 0.1),
             "half space": HalfSpace(rpy_matrix(rng.uniform(-3, 3, 3))[0], -0.5),
         }[kind]
-        near = float(other.distance(a + part * (b - a)).min()) - first.radius
+        near = float(signed_distances(other, a + part * (b - a)).min()) - first.radius
         found = distance(first, other)
         if near > 0:  # a deep overlap has a distance of its own, to leave the other
             assert found == pytest.approx(near, abs=2e-6 + 2e-3 * np.linalg.norm(b - a) ** 2 / 8)
