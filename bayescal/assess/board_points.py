@@ -41,6 +41,24 @@ def blurred(found: Estimate) -> str:
     return f"noise of blurred images over that of the others: {shown}; each is weighted by its own"
 
 
+def lost_images(found: Estimate) -> str:
+    """The images of which most corners are outliers, as a sentence; "" where none is."""
+    m, each = found.model.scene.dataset.measurements, []
+    views = {v.name for v in found.model.scene.circumstances(found.model.scene.rows("calibrate")).views}
+    for b in found.model.blocks:
+        if b.target not in views or m.stop is None:
+            continue
+        image, of = np.unique(m.stop[b.rows], return_inverse=True)
+        count, lost = np.bincount(of), np.bincount(of, found.weights.row[b.name] == 0)
+        each += [f"{image[k]} ({lost[k]:.0f} of {count[k]})" for k in np.flatnonzero(2 * lost > count)]
+    if not each:
+        return ""
+    return (
+        f"most corners are rejected as outliers in images {listed(each, SHOWN)}: look at the size of these "
+        "images, the numbers of their corners and their joint readings (bayescal check)"
+    )
+
+
 @dataclass(frozen=True)
 class Displaced:
     """What a board's points are off in all images."""

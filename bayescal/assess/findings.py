@@ -21,11 +21,12 @@ import numpy as np
 from scipy.special import gammaln
 
 from bayescal.assess.acceptance import PLANNED, SHARED, Acceptance
-from bayescal.assess.board_points import blurred, displaced
+from bayescal.assess.board_points import blurred, displaced, lost_images
 from bayescal.assess.identifiability import Directions, in_words
 from bayescal.assess.undetermined import Undetermined
 from bayescal.dataset.consistency import contradictions, copies, planned, rounded
 from bayescal.effects import BASELINE, MODELS
+from bayescal.effects.location import CAMERA
 from bayescal.effects.selection import plain
 from bayescal.effects.sizes import micrometres
 from bayescal.estimate import Estimate
@@ -241,6 +242,8 @@ def _noises(of: Assessed) -> Iterator[Finding]:
 def _boards(of: Assessed) -> Iterator[Finding]:
     for board in displaced(of.found):
         yield Finding("points_differ", "warning", board.words)
+    if words := lost_images(of.found):
+        yield Finding("lost_images", "warning", words)
     if words := blurred(of.found):
         yield Finding("blurred", "note", words)
 
@@ -257,7 +260,10 @@ def _parameters(of: Assessed) -> Iterator[Finding]:
         )  # fmt: skip
     limit, told = FAR * max(1.0, 1 / of.options.prior_width), factors(of.widths)
     wider = np.array([told.get(family(p), 1.0) for p in model.parameters])
-    far = [p.name for p, at in zip(model.parameters, z[: len(wider)] * wider, strict=True) if abs(at) > limit]
+    every = zip(model.parameters, z[: len(wider)] * wider, strict=True)
+    beyond = [p for p, at in every if abs(at) > limit]
+    far = [p.name for p in beyond]
+    lens = any(p.site.kind == CAMERA.kind and p.effect == CAMERA.kind for p in beyond)
     yield from (Finding("far_from_prior", "warning", words) for words in of.options.contrary)
     stated = {prior.name for prior in model.scene.dataset.robot.priors}
     if unused := sorted(stated - {p.name for p in model.parameters}):
@@ -267,7 +273,8 @@ def _parameters(of: Assessed) -> Iterator[Finding]:
         yield Finding(
             "far_from_nominal", "warning",
             f"{', '.join(far)}: more than {FAR:.0f} prior standard deviations"
-            f"{' (before widening)' if told else ''} from nominal; check what is stated of them",
+            f"{' (before widening)' if told else ''} from nominal; check what is stated of them"
+            f"{': is the calibration of the camera of images of this size and crop?' if lens else ''}",
         )  # fmt: skip
     if factor := _one_factor(of.found, wider):
         yield Finding(

@@ -289,6 +289,8 @@ def check(
 ) -> None:
     """Check a dataset or a joint log without fitting it: what is understood, missing, and what looks wrong.
 
+    Ends with exit code 1 if `fit` would refuse it.
+
     Parameters
     ----------
     dataset
@@ -303,7 +305,10 @@ def check(
     from bayescal.public.starting import check as run
 
     check_format(to, ("table", "json"))
-    print_as("json" if json else to, run(dataset, calibration=calibration, allow_xacro=allow_xacro))
+    result = run(dataset, calibration=calibration, allow_xacro=allow_xacro)
+    print_as("json" if json else to, result)
+    if any(f.kind == "refused" for f in result.data.findings):
+        raise typer.Exit(1)
 
 
 @command("bayescal robots", "bayescal robots ur10 --to json")

@@ -65,3 +65,11 @@ def board_of(text: str) -> Board:
     y, x = np.mgrid[0:rows, 0:columns]
     points = side * np.column_stack([x.ravel() + first, y.ravel() + first, np.zeros(rows * columns)])
     return Board(points, 1, kind, (across, down), side, marker)
+
+
+def transposed(text: str) -> str:
+    """The board with columns and rows interchanged; "" of one that is none, or the same."""
+    kind, _, rest = text.partition(":")
+    squares, _, sizes = rest.partition(":")
+    across, by, down = squares.partition("x")
+    return f"{kind}:{down}x{across}:{sizes}" if by and across != down else ""

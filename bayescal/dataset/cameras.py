@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import TYPE_CHECKING, TypeVar
+from typing import TypeVar
 
 import numpy as np
 
@@ -22,10 +22,6 @@ from bayescal.errors import BayescalError
 from factors.camera import NEAREST, Camera
 from factors.lens import NAMES, Lens
 
-if TYPE_CHECKING:
-    from bayescal.dataset.table import Table
-    from bayescal.storage.files import Document
-
 T = TypeVar("T")
 FLANGE, FIXED = "flange", "fixed"
 PIXEL = 0.2
@@ -35,18 +31,16 @@ USUAL = {"focal": 2e-3, "centre": 3.0, "k": 1e-2, "p": 1e-3, "scale": 1e-3, "fla
 px; of the coefficients of the distortion; of the scale of a printed board, relative; of its flatness, m."""
 FOREIGN = 0.02
 """Share of the width of a board in an image: RMS misfit from which on corners are not of it (assumed)."""
-OTHER_SIZE = 0.04
-"""Relative error of the size of a board that no print has (assumed)."""
 MEDIAN = 2.0 * np.log(2.0)
 """Median of the square of a normal vector in the plane, in its variance."""
 BLURRED, FEWEST_SHARP = 2.0, 8
 """Scatter of an image over that of most, from which on it is blurred, and its fewest corners (assumed)."""
-FEWEST_IMAGES = 4
-"""Images from which a hand-eye is judged."""
+LENS_PASSES, LENS_STEP = 5, 0.1
+"""Of Gauss-Newton, and of differences in u."""
+WILD = 3.0
+"""Times the median distance at which a corner has half its weight."""
 DECISIONS = 4
 """Passes in which the arm decides between two poses of a flat board."""
-MISFIT = 0.05
-"""m: by which most images must fit the arm."""
 
 
 def lens_of(t: Target) -> Lens:
@@ -247,45 +241,6 @@ def _directions(t: Target, pixel: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return corner, lens_of(t).directions(np.ascontiguousarray(pixel[:, :2].T, float)).T
 
 
-def misfit(dataset: Dataset, target: int, rows: np.ndarray, readings: np.ndarray) -> np.ndarray:
-    """How far the images of some rows (C,) are off, m, with camera and board at their best; 0 if unknown."""
-    seen, good, _ = closed_form(dataset, target, rows, readings)
-    return seen.off[seen.image] * bool(np.sum(good) >= FEWEST_IMAGES)
-
-
-def prepared(dataset: Dataset, target: int, table: Table, document: Document) -> Dataset:
-    """The session with a camera and its board placed by its rows, or what is wrong with these.
-
-    Raises
-    ------
-    BayescalError
-        With the line, for corners that are not of the board or of the image; for a board of another size,
-        mirrored or numbered otherwise; and where neither the rows nor dataset.yaml say where things are.
-    """
-    t, m = dataset.targets[target], dataset.measurements
-    rows = np.flatnonzero(m.target == target)
-    where = document.where(("targets", t.name))
-    if not len(rows):
-        return dataset
-    assert m.pixel is not None
-    _check_rows(t, rows, m.pixel, table)
-    rough = not (np.isnan(t.values["xyz"]).any() or np.isnan(t.values["rpy"]).any())
-    if t.u is not None and rough:
-        return dataset
-    used = rows[m.tool[rows] == np.bincount(m.tool[rows]).argmax()]
-    seen, _, found = closed_form(dataset, target, used, m.readings)
-    _check_board(t, seen, where)
-    if found is None or not found.determined:
-        if rough:
-            return dataset
-        what = f"the images of `{t.name}` do not tell where camera and board are"
-        remedy = "add images with the flange turned about two axes, or `xyz_mm` and `rpy_deg`"
-        raise BayescalError(what, where, remedy)
-    _check_arm(dataset, target, used, found, where)
-    k = int(m.tool[used[0]])
-    return placed(dataset, target, None if is_stated(dataset.tools[k]) else k, found)
-
-
 def is_stated(of: Target | Tool) -> bool:
     """Whether a place is stated with an uncertainty."""
     return of.u is not None or of.u_angle is not None
@@ -305,94 +260,66 @@ def _replaced(items: tuple[T, ...], k: int, item: T) -> tuple[T, ...]:
     return (*items[:k], item, *items[k + 1 :])
 
 
-def _check_rows(t: Target, rows: np.ndarray, pixel: np.ndarray, table: Table) -> None:
-    count, read = len(board(t).points), pixel[rows]
+def lens_names(lens: Lens) -> tuple[str, ...]:
+    """Of the numbers of a lens."""
+    return "fx", "fy", "cx", "cy", *NAMES[lens.model]
 
-    def refuse(bad: np.ndarray, what: str, remedy: str) -> None:
-        mask = np.zeros(len(table.line), bool)
-        mask[rows] = bad
-        table.first(mask, what, remedy)
 
-    number = read[:, 2]
-    refuse(
-        (number != np.round(number)) | (number < 0) | (number >= count),
-        f"`point` is {{point}}, but the board of `{t.name}` has points 0 to {count - 1}",
-        "check `board`, or the numbers of the corners",
-    )
-    if not np.isnan(size := np.asarray(t.values["size"], float)).any():
-        refuse(
-            np.any((read[:, :2] < -1) | (read[:, :2] > size), axis=1),
-            f"a corner at ({{u_px}}, {{v_px}}) px, but images of `{t.name}` have "
-            f"{size[0]:g} x {size[1]:g} px",
-            "the calibration of the camera is of another resolution: give that of these images",
+def lens_numbers(lens: Lens) -> np.ndarray:
+    """Focal lengths, centre, px, and coefficients (K,)."""
+    return np.concatenate([lens.focal, lens.centre, lens.coefficients])
+
+
+def with_lens(dataset: Dataset, target: int, values: np.ndarray) -> Dataset:
+    """The session with other numbers (K,) of the lens of a camera."""
+    t, targets = dataset.targets[target], list(dataset.targets)
+    new = dict(zip(("fx", "fy", "cx", "cy"), values[:4].tolist(), strict=True)) | {"distortion": values[4:]}
+    targets[target] = replace(t, values=t.values | new)
+    return replace(dataset, targets=tuple(targets))
+
+
+def best_lens(
+    dataset: Dataset, target: int, rows: np.ndarray, readings: np.ndarray, width: float
+) -> np.ndarray | None:
+    """Numbers (K,) of the lens that agrees best with the arm at readings (N, n); None without a hand-eye.
+
+    Their prior is normal, with `width` times the stated u. A lens that is stated roughly puts the board
+    centimetres from where the arm has it, image by image. Hand-eye and lens follow in turn: Gauss-Newton in
+    the deviations over u, with derivatives by differences, Cauchy weights of corners, and an image as one
+    measurement, because what the nominal arm is off is common to its corners.
+    """
+    u = stated(dataset.targets[target])
+    start = lens_numbers(lens_of(dataset.targets[target]))
+    sd = width * np.concatenate([u.focal, u.centre, u.coefficients])
+    z, free = np.zeros(len(sd)), np.flatnonzero(sd)
+
+    def off(at: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+        return pixels_off(with_lens(dataset, target, start + sd * at), target, rows, readings)
+
+    for _ in range(LENS_PASSES):
+        if (now := off(z)) is None:
+            return None
+        ahead = [off(z + LENS_STEP * np.eye(len(sd))[k]) for k in free]
+        slopes = np.stack(
+            [np.zeros_like(now[0]) if one is None else (one[0] - now[0]) / LENS_STEP for one in ahead]
         )
+        size = np.linalg.norm(now[0], axis=1)
+        usual = max(float(np.median(size)), 1e-6)
+        weight = 1.0 / (1.0 + (size / (WILD * usual)) ** 2) / np.bincount(now[1])[now[1]] / usual**2
+        normal = np.einsum("kci,lci,c->kl", slopes, slopes, weight) + np.eye(len(free))
+        z[free] -= np.linalg.solve(normal, np.einsum("kci,ci,c->k", slopes, now[0], weight) + z[free])
+    return np.asarray(start + sd * z)
 
 
-def _check_board(t: Target, seen: Images, where: str) -> None:
-    some = np.isfinite(seen.poses).all(axis=(1, 2))
-    if not some.any():
-        return
-    if np.mean(seen.misfit[some] < FOREIGN) < 0.5:
-        off = 100 * float(np.median(seen.misfit[some]))
-        what = f"the corners that `{t.name}` saw fit its board in few images (by {off:.0f} % of its width)"
-        remedy = (
-            "check the number of squares, the order of the corners, and the resolution of the calibration"
-        )
-        raise BayescalError(what, where, remedy)
-    front = board(t).front
-    good = some & (seen.misfit < FOREIGN)
-    if front and np.mean(front * seen.poses[good, 2, 2] < 0) > 0.5:
-        what = f"`{t.name}` sees its board from behind: the image or the order of its corners is mirrored"
-        remedy = "number corners row by row from the upper left, as docs/cameras.md says"
-        raise BayescalError(what, where, remedy)
-
-
-def _check_arm(dataset: Dataset, target: int, rows: np.ndarray, found: hand_eye.HandEye, where: str) -> None:
-    """Refuse the other mount, and a board of another size."""
+def pixels_off(
+    dataset: Dataset, target: int, rows: np.ndarray, readings: np.ndarray
+) -> tuple[np.ndarray, np.ndarray] | None:
+    """Corners (C, 2) less where the hand-eye has them, px, and their images (C,)."""
     t, m = dataset.targets[target], dataset.measurements
-    off = found.misfit
-    if off > MISFIT:
-        other = FIXED if t.texts["mount"] == FLANGE else FLANGE
-        turned = replace(t, texts=dict(t.texts) | {"mount": other})
-        session = replace(dataset, targets=_replaced(dataset.targets, target, turned))
-        swapped = closed_form(session, target, rows, m.readings)[2]
-        assert swapped is not None
-        if swapped.misfit < off / 3:
-            both = f"{1e3 * off:.0f} mm off; {1e3 * swapped.misfit:.1f} mm"
-            what = f"the images of `{t.name}` are {both} if its mount is"
-            raise BayescalError(f"{what} `{other}`", where, f"write `mount: {other}`")
-    factor = board_factor(dataset, target, rows)
-    if abs(factor - 1.0) > OTHER_SIZE:
-        flange, poses, _ = _poses_of(dataset, target, rows)
-        if off > MISFIT and hand_eye.hand_eye(flange, poses * [1.0, 1.0, 1.0, factor]).misfit > off / 3:
-            return  # nor with one of another size: `plausibility` says what may be wrong
-        size = 1e3 * board(t).size
-        like = f" (squares of {factor * size:.2g} mm, not {size:g} mm)" if size else ""
-        what = f"the board of `{t.name}` looks {factor:.3f} times as large as stated{like}"
-        raise BayescalError(what, where, "measure the board, and write its size")
-
-
-def _poses_of(
-    dataset: Dataset, target: int, rows: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, hand_eye.HandEye | None]:
-    """Poses (I, 3, 4) of the flange, of what it carries in what is fixed, and the hand-eye of both."""
-    seen, good, found = closed_form(dataset, target, rows, dataset.measurements.readings)
-    poses, carried = seen.poses[good], dataset.targets[target].texts["mount"] == FLANGE
-    flange = flange_poses(dataset, dataset.measurements.readings[seen.first[good]])
-    return flange, hand_eye.inverse(poses) if carried else poses, found
-
-
-def board_factor(dataset: Dataset, target: int, rows: np.ndarray) -> float:
-    """Size of the board over its stated one, as the motions of the arm tell; 1 where they do not."""
-    flange, poses, found = _poses_of(dataset, target, rows)
-    if found is None:
-        return 1.0
-    # F_R x + f = Z_R (s q) + z, in which distances in the images are to the scale s of the board
-    turned = poses[:, :, 3] @ found.fixed[:, :3].T
-    near = (found.off <= 3 * np.median(found.off) + 1e-9).astype(float)[:, None]
-    fixed = np.broadcast_to(-np.eye(3), (len(flange), 3, 3))
-    rows_of = np.concatenate([flange[:, :, :3], fixed, -turned[:, :, None]], axis=2)
-    design = (rows_of * near[:, None]).reshape(-1, 7)
-    if np.linalg.cond(design) > 1e4:
-        return 1.0
-    return float(np.linalg.lstsq(design, (-flange[:, :, 3] * near).ravel(), rcond=None)[0][6])
+    seen, _, found = closed_form(dataset, target, rows, readings)
+    if found is None or m.pixel is None:
+        return None
+    poses = found.predicted(flange_poses(dataset, readings[seen.first]), t.texts["mount"] == FLANGE)
+    corner = board(t).points[m.pixel[rows, 2].astype(int)]
+    at = np.einsum("cij,cj->ci", poses[seen.image, :, :3], corner) + poses[seen.image, :, 3]
+    return m.pixel[rows, :2] - lens_of(t).pixels((at[:, :2] / at[:, 2:]).T).T, seen.image

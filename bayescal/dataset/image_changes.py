@@ -8,17 +8,34 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from itertools import chain
 
 import numpy as np
 
 from bayescal.arm.hand_eye import HandEye
-from bayescal.dataset.cameras import FLANGE, board, closed_form, flange_poses, lens_of
+from bayescal.dataset.cameras import (
+    FLANGE,
+    best_lens,
+    board,
+    closed_form,
+    flange_poses,
+    lens_names,
+    lens_numbers,
+    lens_of,
+    pixels_off,
+    stated,
+    with_lens,
+)
 from bayescal.dataset.types import Dataset
 
 RESOLUTIONS = (1.25, 4 / 3, 1.5, 1.6, 2.0, 2.25, 8 / 3, 3.0, 4.0, 6.0)
 """Ratios of the sizes of usual images."""
 LINES = (1e-5, 2e-5, 3e-5, 5e-5, 8e-5)
 """s: times from one line of an image to the next that are tried."""
+FALLS = 3.0
+"""By which another lens must reduce how far corners are from where the arm has them (assumed)."""
+WIDE, OTHER = 30.0, 8.0
+"""Times the stated u of a lens: within which another is searched, from which on it is another (assumed)."""
 OFF, FEWEST = 0.02, 3
 """m: an image that is off by more may be of other joint readings; and the fewest such images."""
 STEP = 1e-3
@@ -35,7 +52,9 @@ def changes(dataset: Dataset) -> Iterator[Change]:
         rows = np.flatnonzero(m.target == k)
         if t.kind == "camera" and len(rows):
             where, every = ("targets", t.name), m.target == k
-            for what, remedy, other in (*_resolutions(dataset, k, rows), *_shutters(dataset, k, rows)):
+            for what, remedy, other in chain(
+                _resolutions(dataset, k, rows), _other_lens(dataset, k, rows), _shutters(dataset, k, rows)
+            ):
                 yield what, where, remedy, every, other
             for what, remedy, concerned, other in _neighbours(dataset, k, rows):
                 yield what, where, remedy, concerned, other
@@ -58,6 +77,32 @@ def _resolutions(dataset: Dataset, target: int, rows: np.ndarray) -> Iterator[tu
             f"divide fx_px, fy_px, cx_px and cy_px by {factor:.3g}, or calibrate with images of this size"
         )
         yield what, remedy, other
+
+
+def _other_lens(dataset: Dataset, target: int, rows: np.ndarray) -> Iterator[tuple[str, str, Dataset]]:
+    """A lens with focal lengths or an optical axis far from those stated, as of images that were cropped."""
+    t, readings = dataset.targets[target], dataset.measurements.readings
+    values = best_lens(dataset, target, rows, readings, WIDE)
+    if values is None:
+        return
+    other = with_lens(dataset, target, values)
+    before, after = (pixels_off(of, target, rows, readings) for of in (dataset, other))
+    if before is None or after is None or _usual(after[0]) > _usual(before[0]) / FALLS:
+        return  # images that cannot be placed are not off
+    start, u = lens_numbers(lens_of(t)), np.concatenate([stated(t).focal, stated(t).centre])
+    far = [k for k in range(4) if u[k] and abs(values[k] - start[k]) > OTHER * u[k]]
+    if far and np.all(values[:2] > 0):
+        name = lens_names(lens_of(t))
+        each = [f"{name[k]} {values[k]:.0f} px, stated {start[k]:.0f} (u {u[k]:.2g})" for k in far]
+        what = (
+            f"the images of `{t.name}` were taken with another lens or part of the sensor: {', '.join(each)}"
+        )
+        remedy = "calibrate the camera with images of this size and crop, at this focus"
+        yield what, remedy, other
+
+
+def _usual(off: np.ndarray) -> float:
+    return float(np.median(np.linalg.norm(off, axis=1)))
 
 
 def _shutters(dataset: Dataset, target: int, rows: np.ndarray) -> Iterator[tuple[str, str, Dataset]]:

@@ -10,12 +10,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import chain, combinations, product, repeat
 
 import numpy as np
 
 from bayescal.arm.chain import Robot
-from bayescal.dataset import consistency
+from bayescal.dataset import consistency, one_image
 from bayescal.dataset.consistency import FEWEST, LENGTH_UNITS, OFF, away, contacts, nominal
 from bayescal.dataset.contacts import Contacts, residual, settled
 from bayescal.dataset.image_changes import changes as image_changes
@@ -235,8 +236,8 @@ BEYOND = np.deg2rad(10)
 MANY = 0.3
 """Share of rows beyond a limit from which on the readings as a whole are wrong."""
 
-LINES = 20
-"""Lines of impossible rows that are listed, beside the first."""
+LINES, IMAGES_NAMED = 20, 3
+"""Lines, or images, of impossible rows that are listed, beside the first."""
 SYSTEMATIC = 0.1
 """Share of impossible rows of a target from which on they are no gross errors of single rows (convention)."""
 
@@ -283,8 +284,10 @@ def problems(dataset: Dataset, table: Table, document: Document) -> Iterator[Bay
                 yield misplaced
                 continue
             off = settled(mine)
-        if (impossible := _impossible(target, off, limit[part], part, table, document)) is not None:
-            yield impossible
+        of_image = partial(one_image.impossible, dataset) if KINDS[target.kind].posed else None
+        wrong_row = _impossible(target, off, limit[part], part, table, document, of_image)
+        if wrong_row is not None:
+            yield wrong_row
     for wrong in consistency.contradictions(dataset):
         if wrong.impossible:
             where = document.where(wrong.place)
@@ -354,7 +357,13 @@ def _misplaced(contacts: Contacts, away: np.ndarray, document: Document) -> Baye
 
 
 def _impossible(
-    target: Target, away: np.ndarray, limit: np.ndarray, part: np.ndarray, table: Table, document: Document
+    target: Target,
+    away: np.ndarray,
+    limit: np.ndarray,
+    part: np.ndarray,
+    table: Table,
+    document: Document,
+    of_image: Callable[[int], tuple[str, bool, str]] | None = None,
 ) -> BayescalError | None:
     """A row that disagrees with most of its target's rows, or a target on which none agree."""
     bad = away > limit
@@ -378,9 +387,13 @@ def _impossible(
     names = list(
         dict.fromkeys(map(str, np.asarray(table.cells["stop"] if images else table.line)[others_off]))
     )
-    named = f"{'images' if images else 'lines'} {', '.join(names[:LINES])}" + ", ..." * (len(names) > LINES)
+    few = IMAGES_NAMED if images else LINES
+    named = f"{'images' if images else 'lines'} {', '.join(names[:few])}" + ", ..." * (len(names) > few)
     more = f"; {len(others_off)} more rows are too far off: {named}" if len(others_off) else ""
-    remedy = "check target, tool and joint readings, or leave the row out"
-    if bad.mean() > SYSTEMATIC:
+    remedy, explained = "check target, tool and joint readings, or leave the row out", False
+    if of_image is not None:
+        said, explained, remedy = of_image(part[row])
+        what += said
+    if bad.mean() > SYSTEMATIC and not explained:
         remedy = IMAGES if seen else f"{REMEDY}, target, tool and joint readings"
     return table.error(part[row], what + more, remedy)

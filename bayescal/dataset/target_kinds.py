@@ -15,7 +15,7 @@ from pydantic import AfterValidator, Field
 from pydantic_core import PydanticCustomError
 
 from bayescal.arm.transforms import rigid, rpy_matrix
-from bayescal.dataset import cameras, regions, viewpoints
+from bayescal.dataset import cameras, image_checks, regions, viewpoints
 from bayescal.dataset.boards import board_of
 from bayescal.dataset.regions import Probing, vector
 from bayescal.dataset.types import Dataset, Target
@@ -370,8 +370,8 @@ KINDS: dict[str, TargetKind] = {
             metric=True,
             placed=False,
             posed=True,
-            misfit=cameras.misfit,
-            prepared=cameras.prepared,
+            misfit=image_checks.misfit,
+            prepared=image_checks.prepared,
             planned=Probing(
                 viewpoints.region,
                 obstacle=viewpoints.obstacle,

@@ -12,9 +12,11 @@ import numpy as np
 from bayescal.assess.mistakes import hidden, judged, mistaken, model_of
 from bayescal.dataset import Certificate, Dataset, consistency, plausibility
 from bayescal.dataset.consistency import contradictions, doubled, nominal, planned, rounded
+from bayescal.dataset.one_image import CHECK_IMAGE, odd_images
 from bayescal.dataset.plausibility import explanation
 from bayescal.dataset.read import read_parts
 from bayescal.dataset.table import Table
+from bayescal.dataset.target_kinds import KINDS as KINDS_OF_TARGET
 from bayescal.effects import BASELINE, EFFECTS, Circumstances
 from bayescal.effects.selection import plain
 from bayescal.errors import BayescalError
@@ -53,6 +55,18 @@ def odd(dataset: Dataset, table: Table, document: Document) -> Iterator[Finding]
     if not refused:
         yield from _diameters(dataset, document)
         yield from _planned(dataset, table)
+        yield from _images(dataset, table)
+
+
+def _images(dataset: Dataset, table: Table) -> Iterator[Finding]:
+    """Images whose corners do not fit the board."""
+    for k, target in enumerate(dataset.targets):
+        for image in odd_images(dataset, k) if KINDS_OF_TARGET[target.kind].posed else ():
+            what = f"the corners of image {image.name} are {100 * image.misfit:.2g} % of the width of the "
+            what += f"board off, in most images {100 * image.usual:.1g} %"
+            remedy = image.remedy or CHECK_IMAGE
+            place = place_of(dataset, table, int(image.rows[0]))
+            yield Finding("odd_image", "odd", f"{what}; {image.what}".rstrip("; "), place, remedy)
 
 
 def _refused(dataset: Dataset, table: Table, document: Document) -> Iterator[Finding]:

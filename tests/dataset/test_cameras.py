@@ -7,7 +7,8 @@ import pytest
 from camera_sessions import BOARD, FIXED, ON_FLANGE, SIZE, camera_session
 
 from bayescal.dataset import read_dataset, write_dataset
-from bayescal.dataset.cameras import closed_form, misfit
+from bayescal.dataset.cameras import closed_form
+from bayescal.dataset.image_checks import misfit
 from bayescal.errors import BayescalError
 
 
