@@ -21,6 +21,7 @@ from bayescal.estimate import STATED_WORTH, Estimate
 from bayescal.estimate.discrepancy import Stated
 from bayescal.estimate.families import poses
 from bayescal.model import ARM, ORIENTATION, Block, Scene
+from bayescal.predict.forecast import certified_sizes
 from bayescal.predict.targets import LocatedTarget, Prepared, centre_of, certified_diameters, prepared
 from bayescal.statistics import rms
 
@@ -209,14 +210,16 @@ def certificate_input(entry: Certificate, unit: str, u: float) -> Input:
 
 
 def _priors(found: Estimate) -> Iterator[Propagated]:
-    """The prior value of every unknown."""
+    """The prior value of every unknown; the stated size of a board is a certificate."""
     model = found.model
+    certified = certified_sizes(model.scene.dataset)
     sd = np.concatenate([model.sd, *(b.sd for b in model.states)])
     centre = np.concatenate([[p.centre for p in model.parameters], *(0.0 * b.sd for b in model.states)])
     for k, name in enumerate(model.names):
+        group, words = (CERTIFICATE, "certificate") if name in certified else (PRIOR, "prior value")
         stated = Input(
-            PRIOR, f"prior value of {name}", "B", model.units[k], float(centre[k]), float(sd[k]),
-            common="other prior values",
+            group, f"{words} of {name}", "B", model.units[k], float(centre[k]), float(sd[k]),
+            common="certificates of the distances" if name in certified else "other prior values",
         )  # fmt: skip
         yield Propagated(stated, found.covariance[:, [k]])
 

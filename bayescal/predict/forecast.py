@@ -16,6 +16,7 @@ import numpy as np
 
 from bayescal.arm.chain import Robot
 from bayescal.arm.motion import Motion, NominalArm, Term
+from bayescal.dataset import Dataset
 from bayescal.dataset.append import taken
 from bayescal.effects import parameters_of, possible
 from bayescal.estimate import Estimate
@@ -158,9 +159,9 @@ class Forecast:
     """Predicted distance errors, and the shares of their variance.
 
     Of the variance predicted over the workspace, `prior_share` is from the prior (manufacturing tolerances
-    that the data did not reduce), `discrepancy_share` from the model discrepancy, `masses_share` from errors
-    of the stated masses, `unexplained_share` from errors of single points that neither noise nor parameters
-    explain. The rest is from measurement noise.
+    that the data did not reduce; the stated u of the size of a board is none), `discrepancy_share` from the
+    model discrepancy, `masses_share` from errors of the stated masses, `unexplained_share` from errors of
+    single points that neither noise nor parameters explain. The rest is from measurement noise.
     `prior_rms` (m) is the square root of the first part.
     """
 
@@ -219,13 +220,20 @@ def forecast(
     # C = C J'J C + C C because the prior of z is standard normal: part of the noise, part of the priors
     known = np.flatnonzero(~np.isin(effect, (EFFECT, MASSES)))
     spread = by[:, known] @ fitted.covariance[fitted.model.slices[ARM]]
-    own = [k for k, p in enumerate(fitted.model.parameters) if p.effect != FORM]
+    certified = certified_sizes(fitted.model.scene.dataset)
+    own = [k for k, p in enumerate(fitted.model.parameters) if p.effect != FORM and p.name not in certified]
     prior = float(np.mean(np.sum(spread[:, own] ** 2, axis=1)))
     total = max(total, 1e-30)
     return Forecast(
         measured, workspace, float(np.sqrt(prior)), prior / total,
         2.0 * excess**2 / total, of_functions / total, of_masses / total,
     )  # fmt: skip
+
+
+def certified_sizes(dataset: Dataset) -> frozenset[str]:
+    """Parameters of the sizes of boards whose u is stated: certified lengths, and no priors of an arm."""
+    stated = (t.name for t in dataset.targets if not np.isnan(t.values.get("u_scale", np.nan)).any())
+    return frozenset(f"{name} scale {axis}" for name in stated for axis in "xy")
 
 
 def _certified(checked: Validation) -> DistanceErrors | None:
