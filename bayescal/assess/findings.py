@@ -163,10 +163,13 @@ def _residuals(of: Assessed) -> Iterator[Finding]:
     found, left = of.found, of.left
     if left.excess:
         noise = "of repeated contacts" if left.repeats is not None else "stated"
+        sizes = f"residuals {1e6 * left.fitted:.1f} µm, noise {noise} {1e6 * left.floor:.1f} µm"
+        if left.fitted <= left.floor:
+            sizes = f"by validation errors, not by residuals of the fit: {sizes}"
         yield Finding(
             "unexplained", "warning",
             f"{1e6 * left.excess:.1f} µm per coordinate unexplained, added to every predicted point "
-            f"(residuals {1e6 * left.fitted:.1f} µm, noise {noise} {1e6 * left.floor:.1f} µm)",
+            f"({sizes})",
         )  # fmt: skip
     scale = max(s for group, s in found.weights.scale.items() if group != ORIENTATION)
     if scale > WILD_SCALE and left.fitted > WILD_SIZE:
@@ -323,8 +326,8 @@ def _false_comfort(of: Assessed) -> Iterator[Finding]:
     if len(of.seen.missing):
         yield Finding(
             "directions", "warning",
-            f"too few directions are probed: {in_words(of.seen)}, "
-            "and errors across rest on other poses and on the priors",
+            f"too few directions are {'seen' if of.seen.images else 'probed'}: {in_words(of.seen)}, "
+            f"and errors {'along it' if of.seen.images else 'across'} rest on other poses and on the priors",
         )  # fmt: skip
     if rests_on_priors(expected, left):
         yield Finding(

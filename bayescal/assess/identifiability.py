@@ -309,6 +309,7 @@ class Directions:
 
     axes: np.ndarray  # (3, 3) rows: unit vectors in F0, the best-seen first
     share: np.ndarray  # (3,) of the best-seen one's amplitude
+    images: bool = False  # all are of images, which see what is across the line of sight
 
     @property
     def missing(self) -> np.ndarray:
@@ -318,19 +319,22 @@ class Directions:
 
 def directions(model: Model) -> Directions:
     """Principal axes of the directions in which a model's fitted residuals see the ball."""
-    seen = []
+    seen, images = [], []
     for block in model.states:
+        images.append(model.scene.in_images[block.rows].all())
         u = model.scene.looks(model.scene.index[block.target], block.rows)
         seen.append(np.moveaxis(u, 1, 2).reshape(-1, 3))
     # at least three rows, so that the thin decomposition has all three axes; memory linear in the rows
     _, share, axes = np.linalg.svd(np.concatenate([*seen, np.zeros((3, 3))]), full_matrices=False)
-    return Directions(axes, share / max(share[0], 1e-30))
+    return Directions(axes, share / max(share[0], 1e-30), bool(images) and all(images))
 
 
 def in_words(seen: Directions) -> str:
     """What is missing, by the names of F0's axes: ``hardly a row looks along (0.71, 0.00, 0.71)``; or ""."""
     if not len(seen.missing):
         return ""
+    if seen.images:
+        return f"all images are taken along about {_name(seen.axes[-1])} of the base"
     if len(seen.missing) == 1:
         return f"hardly a row looks along {_name(seen.missing[0])} of the base"
     return f"all measurements look along {_name(seen.axes[0])} of the base"

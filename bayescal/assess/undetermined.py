@@ -37,6 +37,8 @@ REDUNDANT = 0.01
 """Displacement of any measurement by a prior standard deviation, in units of its noise, that is none."""
 HIDDEN = 0.3
 """Displacement, in units of the noise, below which what is not determined has no effect."""
+IMAGE_VALUES = 6
+"""Values of an image: the position and the orientation of the board in it."""
 NAMED = 6
 """Parameters that a sentence names."""
 
@@ -47,7 +49,8 @@ def _poses(session: Conditions) -> str:
     if still := _still(session):
         return f"{still} hardly moved"
     count = len(np.unique(session.readings[session.rows], axis=0))
-    if count * session.values_per_row < session.model.size:
+    of_image = session.model.scene.in_images[session.rows].all()  # the place of the board in it
+    if count * (IMAGE_VALUES if of_image else session.values_per_row) < session.model.size:
         several = f"{count} different poses cannot determine {session.model.size} unknowns"
         return several if count > 1 else "all measurements have one pose"
     return "the poses are too much alike"
@@ -63,6 +66,11 @@ def _look(session: Conditions) -> str:
     return in_words(directions(session.model)) or "each target is seen along few directions"
 
 
+def _sides(session: Conditions) -> str:
+    images = session.model.scene.in_images[session.rows].all()
+    return "take images from other sides" if images else "probe planes in three directions, or spheres"
+
+
 def _tool(session: Conditions) -> str:
     if session.lever < ON_AXIS:
         return f"the TCP is on the axis of {session.model.scene.dataset.robot.joint_names[-1]}"
@@ -71,7 +79,7 @@ def _tool(session: Conditions) -> str:
 
 CHANGES: dict[str, tuple[Callable[[Conditions], str], Callable[[Conditions], str]]] = {
     "poses": (_poses, lambda s: f"measure in poses over most of the range of {_still(s) or 'every joint'}"),
-    "directions": (_look, lambda s: "probe planes in three directions, or spheres"),
+    "directions": (_look, _sides),
     "length": (
         lambda s: "certified lengths are too uncertain" if s.model.knows_length else "no length is certified",
         lambda s: "state a certified distance between fitted targets",

@@ -436,7 +436,11 @@ def test_nothing_without_validation_rows(cycled):
 def model_of(normals: np.ndarray) -> SimpleNamespace:
     """A stand-in for a model whose rows look along given directions (N, 3)."""
     block = SimpleNamespace(target="face", rows=np.arange(len(normals)))
-    scene = SimpleNamespace(index={"face": 0}, looks=lambda target, rows: normals.T[None][:, :, rows])
+    scene = SimpleNamespace(
+        index={"face": 0},
+        in_images=np.zeros(len(normals), bool),
+        looks=lambda target, rows: normals.T[None][:, :, rows],
+    )
     return SimpleNamespace(states=(block,), scene=scene)
 
 

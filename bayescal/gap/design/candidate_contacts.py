@@ -71,7 +71,8 @@ def widened(scene: Scene, rows: np.ndarray) -> tuple[Dataset, list[Intervention]
         mixed = {"time": time}
         if m.temperature is not None:
             mixed["temperature"] = np.interp(time, m.time, m.temperature)
-        choices.append(("the same poses in random order of the faces, from a cold start", rows, mixed))
+        of = "" if scene.in_images[rows].all() else " of the faces"
+        choices.append((f"the same poses in random order{of}, from a cold start", rows, mixed))
     count, rows_of, interventions = len(m.role), [], []
     for what, source, _ in choices:
         rows_of.append(count + np.arange(len(source)))

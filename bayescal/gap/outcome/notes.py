@@ -13,6 +13,7 @@ from bayescal.arm.chain import Robot
 from bayescal.assess import board_points
 from bayescal.assess.undetermined import Undetermined
 from bayescal.dataset import Dataset
+from bayescal.dataset.cameras import FIXED
 from bayescal.dataset.consistency import copies, rounded
 from bayescal.effects import EFFECTS, UNITS, Driver, Parameter, Site
 from bayescal.effects.location import BASE, face
@@ -106,6 +107,9 @@ def alike(scene: Scene, members: Sequence[Member]) -> Iterator[str]:
     d = scene.dataset
     used = [d.targets[t] for t in np.unique(d.measurements.target[scene.rows("calibrate")])]
     sites = {s.anywhere for m in members for s, driver in m.variant.places if driver.kind == "event"}
+    if [t.kind for t in used] == ["camera"] and BASE in sites:
+        fixed = "fixed camera" if used[0].texts["mount"] == FIXED else "board"
+        yield f"the base or the {fixed} moved: images of one {fixed} do not distinguish them"
     if [t.kind for t in used] == ["instrument"] and sites & {BASE, face(used[0].name)}:
         yield (
             "the base or the instrument shifted: with one instrument they are distinguishable only by the "

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from bayescal.dataset import Dataset
+from bayescal.dataset.cameras import FIXED
 from bayescal.effects.location import ARTEFACT, BASE, Site
 from bayescal.effects.sizes import DEVIATION, of_sign
 from bayescal.effects.vocabulary import unit_label
@@ -115,11 +116,29 @@ def cause(where: Place) -> tuple[str, str] | None:
 
 
 def site_text(where: Place, dataset: Dataset, article: str = "") -> str:
-    """The site of a location in words; with a single instrument the base is not distinguishable from it."""
-    used = [dataset.targets[k].kind for k in _fitted_targets(dataset)]
-    if where.site.kind == BASE.kind and used == ["instrument"]:
-        return f"{article}base or {article}instrument"
+    """The site of a location in words, and what is not distinguishable from it."""
+    if where.site.kind == BASE.kind and (also := beside_base(dataset, [where.driver.kind])):
+        return f"{article}base or {article}{also}"
     return where.site.text if article else str(where.site)
+
+
+MOVES = frozenset({"event", "time", "temperature", "count"})
+"""Drivers of errors by which the base, and what is fixed beside it, move alike."""
+
+
+def beside_base(dataset: Dataset, drivers: Sequence[str]) -> str:
+    """What is not distinguishable from the base, by kinds of drivers: an instrument, a camera or a board.
+
+    Of a single camera or board that is fixed, the base is distinguishable only by errors that follow the arm.
+    """
+    used = [dataset.targets[k] for k in _fitted_targets(dataset)]
+    if len(used) != 1:
+        return ""
+    if used[0].kind == "instrument":
+        return "instrument"
+    if used[0].kind == "camera" and drivers and set(drivers) <= MOVES:
+        return "fixed camera" if used[0].texts.get("mount") == FIXED else "board"
+    return ""
 
 
 def _fitted_targets(dataset: Dataset) -> list[int]:
@@ -151,16 +170,28 @@ def sentence(where: Place, dataset: Dataset) -> str:
 
 
 def when(event: Event, dataset: Dataset) -> str:
-    """The row of an event as text: ``row 212 (c0211; rows 210 to 214 at 95 %)``."""
+    """The row of an event as text: ``row 212 (c0211; rows 210 to 214 at 95 %)``; of images, the image."""
     first, last = event.interval95
+    if image := image_of(event.row, dataset):
+        ends = [image_of(k, dataset) for k in (first, last)]
+        beside = f"; {ends[0]} to {ends[1]} at 95 %" if ends[0] != ends[1] else ""
+        return f"image {image} (row {event.row + 1}{beside})"
     beside = f"; rows {first + 1} to {last + 1} at 95 %" if last > first else ""
     return f"row {event.row + 1} ({dataset.measurements.ids[event.row]}{beside})"
+
+
+def image_of(row: int, dataset: Dataset) -> str:
+    """The name of the image that a row is of; "" of others, and of images without names."""
+    m = dataset.measurements
+    of_image = m.stop is not None and m.pixel is not None and not np.isnan(m.pixel[row, 0])
+    return str(m.stop[row]) if of_image and m.stop is not None else ""
 
 
 def event_record(event: Event, dataset: Dataset) -> dict[str, Any]:
     """The row of an event, its id, and its 95 % interval, as an entry of gap.json; rows count from 1."""
     interval = [row + 1 for row in event.interval95]
-    return {"row": event.row + 1, "id": dataset.measurements.ids[event.row], "interval95": interval}
+    image = {"image": name} if (name := image_of(event.row, dataset)) else {}
+    return {"row": event.row + 1, "id": dataset.measurements.ids[event.row], "interval95": interval} | image
 
 
 def _sizes(amplitudes: list[Amplitude]) -> list[str]:

@@ -11,13 +11,13 @@ import numpy as np
 
 from bayescal.dataset import Dataset
 from bayescal.effects import EFFECTS
-from bayescal.effects.location import Site
+from bayescal.effects.location import BASE, Site
 from bayescal.estimate.unexplained import unexplained as left_by
 from bayescal.fitted import gate
 from bayescal.gap.result import OTHER, VALIDATION_POINTS, CauseClass, Gap, Named, Place, Verdict
 from bayescal.gap.settings import OUTCOME, VERDICT
 from bayescal.model.block import posed
-from bayescal.reporting.gap.causes import PLAIN, possible, sentence, site_text, sites, when
+from bayescal.reporting.gap.causes import PLAIN, beside_base, possible, sentence, site_text, sites, when
 from bayescal.reporting.gap.sheets import per_vector
 from bayescal.reporting.shared.origin import components_of
 from bayescal.reporting.shared.text import SURE, listed, probability, rival, um
@@ -45,6 +45,11 @@ def named(effect: Named, gap: Gap) -> str:
     if effect.sites or (who.startswith("every ") and not everywhere):
         named_sites = tuple(dict.fromkeys(effect.sites)) or clear
         who = together(named_sites) if named_sites else who.replace("every", "at least one")
+    drivers = [
+        w.driver.kind for w in gap.where if w.explained_by == effect.effect and w.site.kind == BASE.kind
+    ]
+    if (also := beside_base(gap.dataset, drivers)) and BASE.kind in {s.kind for s in named_sites}:
+        who += f" or the {also} (these data do not distinguish them)"
     if effect.neighbours:
         who += f" or {together(effect.neighbours)} (these data do not distinguish them)"
     setting = effect.setting
@@ -87,7 +92,7 @@ def headline(gap: Gap) -> list[str]:
     if verdict.causes:  # the largest part of the error
         several = sum(p >= LIKELY for p in verdict.causes.members.values()) > 1
         lines += [
-            _class(verdict.causes),
+            _class(verdict.causes, gap),
             f"To {'distinguish them' if several else 'find it'}: {_separates(gap)}",
         ]
     for n in sure:
@@ -125,11 +130,13 @@ def unshown(verdict: Verdict) -> dict[str, list[str]]:
     return out
 
 
+MASS, LOADED = "mass", "another known mass on the flange"
+"""Kind of driver whose values are not those of a column, and what changes it."""
 LIKELY = 0.05
 """Probability from which on a member of a class is listed (convention)."""
 
 
-def _class(causes: CauseClass) -> str:
+def _class(causes: CauseClass, gap: Gap) -> str:
     """A class as text: ``Class of causes: an error at joint 3 that varies with ...``."""
     site, by = together(causes.sites), listed(driver.text for driver in causes.drivers)
     each = [
@@ -138,7 +145,12 @@ def _class(causes: CauseClass) -> str:
         if p >= LIKELY
     ]
     what = "Class of causes" if len(each) > 1 else "Cause"
-    return f"{what}: an error at {site} that varies with {by}: {' or '.join(each)}"
+    also = beside_base(gap.dataset, [driver.kind for driver in causes.drivers])
+    if also and {s.kind for s in causes.sites} == {BASE.kind}:
+        site += f" or the {also} (these data do not distinguish them)"
+    events = [e for n in gap.verdict.named if n.effect in causes.members for e in n.events]
+    since = f", from {listed(when(e, gap.dataset) for e in events)} on" if events else ""
+    return f"{what}: an error at {site} that varies with {by}{since}: {' or '.join(each)}"
 
 
 def _separates(gap: Gap) -> str:
@@ -147,7 +159,8 @@ def _separates(gap: Gap) -> str:
     assert causes is not None
     if gap.advice:
         return gap.advice[0].what
-    return f"measurements at the same poses with other values of {listed(d.text for d in causes.drivers)}"
+    others = (LOADED if d.kind == MASS else f"other values of {d.text}" for d in causes.drivers)
+    return f"measurements at the same poses with {listed(others)}"
 
 
 def class_record(gap: Gap) -> dict[str, Any] | None:

@@ -368,7 +368,9 @@ def table_of_contacts(contacts: Sequence[Json]) -> str:
 def measured_as(record: Json, contacts: Sequence[Json]) -> str:
     """Whether contacts that are advised are images of a camera, or contacts."""
     cameras = {found["target"] for found in record.get("images", ())}
-    return "image" if contacts and all(c["target"] in cameras for c in contacts) else "contact"
+    if not contacts:  # as those of the session
+        return "image" if cameras else "contact"
+    return "image" if all(c["target"] in cameras for c in contacts) else "contact"
 
 
 def first_contacts(contacts: Sequence[Json], noun: str = "contact") -> Sheet:
