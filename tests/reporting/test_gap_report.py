@@ -676,3 +676,28 @@ def test_noise_above_the_stated_one_is_in_the_headline_of_a_null(session, factor
     words = gap_record(replace(gap, magnitude=size))["words"]
     assert any("larger than stated" in line for line in words[1:]) == says
     assert words[0] == gap_record(gap)["words"][0]
+
+
+@pytest.mark.parametrize(
+    ("probability", "value", "nats", "word", "proof"),
+    [
+        (0.995, 1e-4, 1.0, "Effect found by the calibration rows alone: ", "amplitude 10 u"),
+        (0.95, 1e-4, 1.0, "Possible effect: ", ""),
+        (0.995, 3e-5, 1.0, "Possible effect: ", ""),
+        (0.95, 3e-5, 20.0, "Effect found: ", "log density +20 ± 6 nats"),
+    ],
+)
+def test_an_effect_that_calibration_rows_establish_is_found(session, probability, value, nats, word, proof):
+    """Few validation rows show no gain, or no change of RMS: what establishes the effect is stated."""
+    gap = diagnosis(session, "named")
+    (named_effect,) = gap.verdict.named
+    amplitude = Amplitude(
+        "backlash", joint(3), Driver("direction", 3), (), "half", value, 1e-5, "rad", None, True
+    )
+    levels = (*gap.levels[:-1], replace(gap.levels[-1], delta_elpd=nats, delta_elpd_se=6.0))
+    verdict = replace(gap.verdict, named=(replace(named_effect, probability=probability, confirmed=True),))
+    record = gap_record(replace(gap, amplitudes=(amplitude,), levels=levels, verdict=verdict))
+    assert record["words"][0].startswith(word)
+    established = record["named"][0]["established"]
+    assert proof in established
+    assert bool(proof) == bool(established)

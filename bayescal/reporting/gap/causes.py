@@ -309,6 +309,24 @@ def possible(gap: Gap, named: Named) -> str:
     return "" if any(clear or [True]) or nats > GAIN * se else "no amplitude of it is significant"
 
 
+PROVEN, TIMES_U = 0.99, 4.0
+"""Probability of a name, and amplitude over its u, from which on the calibration rows establish it alone
+(assumed)."""
+
+
+def established(gap: Gap, named: Named) -> str:
+    """What establishes a named effect where few validation rows show no change of RMS; "" if nothing."""
+    if not named.confirmed:
+        return ""
+    nats, se = _gains(gap).get(named.effect, (np.nan, np.nan))
+    if nats > GAIN * se:
+        return f"log density {nats:+.0f} ± {se:.0f} nats"
+    times = max((abs(a.value) / a.u for a in gap.amplitudes if a.effect == named.effect and a.u), default=0.0)
+    if named.probability >= PROVEN and times > TIMES_U:
+        return f"amplitude {times:.0f} u"
+    return ""
+
+
 def _little(nats: float, se: float, gap: Gap) -> str:
     """That a gain of validation measurements is within its standard error, and what improves all the same."""
     size = f"{nats:+.1f} ± {se:.1f} nats"

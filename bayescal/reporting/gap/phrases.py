@@ -17,7 +17,16 @@ from bayescal.fitted import gate
 from bayescal.gap.result import OTHER, VALIDATION_POINTS, CauseClass, Gap, Named, Place, Verdict
 from bayescal.gap.settings import OUTCOME, VERDICT
 from bayescal.model.block import posed
-from bayescal.reporting.gap.causes import PLAIN, beside_base, possible, sentence, site_text, sites, when
+from bayescal.reporting.gap.causes import (
+    PLAIN,
+    beside_base,
+    established,
+    possible,
+    sentence,
+    site_text,
+    sites,
+    when,
+)
 from bayescal.reporting.gap.sheets import per_vector
 from bayescal.reporting.shared.origin import components_of
 from bayescal.reporting.shared.text import SURE, listed, probability, rival, um
@@ -98,9 +107,12 @@ def headline(gap: Gap) -> list[str]:
     for n in sure:
         word = "Probable effect" if n.probability < SURE else f"{'Also' if lines else 'Effect'} found"
         doubt = possible(gap, n)
-        lines.append(
-            f"Possible effect: {named(n, gap)}, but {doubt}" if doubt else f"{word}: {named(n, gap)}"
-        )
+        if doubt:
+            proof = established(gap, n)
+            word = "Effect found by the calibration rows alone" if proof else "Possible effect"
+            lines.append(f"{word}: {named(n, gap)}{f'; {proof}' if proof else ''}, but {doubt}")
+        else:
+            lines.append(f"{word}: {named(n, gap)}")
     if verdict.kind == "unknown":
         p = probability(verdict.probability["unknown"])
         lines += [

@@ -76,7 +76,7 @@ def gap_record(gap: Gap) -> dict[str, Any]:
         "named": [
             entry(n, *NAMED)
             | {"neighbours": list(map(str, n.neighbours))}
-            | {"possible": bool(causes.possible(gap, n))}
+            | {"possible": bool(causes.possible(gap, n)), "established": causes.established(gap, n)}
             | {"events": [causes.event_record(event, gap.dataset) for event in n.events]}
             for n in verdict.named
         ],

@@ -198,7 +198,9 @@ def _not_claimed(record: Json) -> Facts:
                 if s["predicted_rms_um"] >= before
                 else f"{length(before)} µm before, {length(after)} µm after: not significant"
             )
-            yield "", f"{s['what']}: {why}; no improvement is claimed", "yellow"
+            shown = [f"{n['effect']}: {n['established']}" for n in record["named"] if n.get("established")]
+            claim = f"established by {listed(shown)}" if shown else "no improvement is claimed"
+            yield "", f"{s['what']}: {why}; {claim}", "yellow"
 
 
 def _levels(record: Json) -> Sheet:
