@@ -160,6 +160,30 @@ def _record(h: HandEye) -> dict[str, object]:
     }
 
 
+def hand_eye_records(arm: FittedArm) -> list[dict[str, object]]:
+    """The transforms of every camera as entries of files: mm, quaternion x, y, z, w, u in mm and deg.
+
+    Their u are of the axes of the parent (of shifts), and of turns about the frame's own axes.
+    """
+    return [
+        {"target": h.target, "tool": h.tool, "mount": h.mount}
+        | {key: _entry(t) for key, t in (("on_flange", h.on_flange), ("fixed", h.fixed))}
+        for h in hand_eyes(arm)
+    ]
+
+
+def _entry(t: Transform) -> dict[str, object]:
+    u = np.sqrt(np.diag(t.covariance))
+    return {
+        "parent": t.parent,
+        "child": t.child,
+        "translation_mm": (1e3 * t.pose[:3, 3]).tolist(),
+        "quaternion_xyzw": t.quaternion.tolist(),
+        "u_translation_mm": (1e3 * u[3:]).tolist(),
+        "u_rotation_deg": np.degrees(u[:3]).tolist(),
+    }
+
+
 def _easy_handeye(h: HandEye) -> str:
     """A calibration as easy_handeye2 stores it; of several cameras the first."""
     t, seen = (h.on_flange, h.fixed) if h.mount == FLANGE else (h.fixed, h.on_flange)

@@ -10,7 +10,7 @@ covariance must be that of arm.json.
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -108,12 +108,12 @@ def _joining(dataset: Dataset) -> tuple[bool, bool]:
     return own_noise, [t.name for t in usual.tools] != [t.name for t in dataset.tools]
 
 
-def write_arm(arm: FittedArm, folder: Path) -> tuple[str, str]:
-    """Write arm.json and the copy of the dataset to a run folder; return their names."""
+def write_arm(arm: FittedArm, folder: Path, more: Mapping[str, Any] | None = None) -> tuple[str, str]:
+    """Write arm.json, with `more` entries, and the copy of the dataset to a run folder; return names."""
     for name, session in _folders(arm.dataset).items():
         (folder / name).mkdir(parents=True)
         write_files(session, folder / name)
-    (folder / ARM_FILE).write_text(json_text(arm_record(arm)), encoding="utf-8")
+    (folder / ARM_FILE).write_text(json_text({**arm_record(arm), **(more or {})}), encoding="utf-8")
     return ARM_FILE, COPY
 
 

@@ -108,7 +108,7 @@ def view(t: Target, kind: Camera, rows: np.ndarray, pose: np.ndarray, count: int
         t.name, every,
         ImageErrors(("fx", "fy"), "px", spread(focal), own.focal, lens.focal),
         ImageErrors(("cx", "cy"), "px", spread(centre), own.centre, lens.centre),
-        ImageErrors(NAMES[lens.model], "1", spread(coefficients), own.coefficients),
+        ImageErrors(NAMES[lens.model], "1", spread(coefficients), own.coefficients, lens.coefficients),
         ImageErrors(("scale x", "scale y"), "1", by_scale, np.full(2, own.scale), of_board=True),
         ImageErrors(("bow x", "bow y"), "m", by_bow, np.full(2, own.flatness), of_board=True),
         number, board_slopes,

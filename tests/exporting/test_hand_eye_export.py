@@ -10,13 +10,14 @@ import yaml
 from camera_sessions import BOARD, CENTRE, FIXED, FOCAL, ON_FLANGE, camera_session, pose
 from scipy.spatial.transform import Rotation
 
+import bayescal as bc
 from bayescal.arm.chain import chain_of, frames, link_angles
 from bayescal.arm.transforms import rpy_of
 from bayescal.errors import BayescalError
 from bayescal.estimate import estimate
 from bayescal.exporting.export import export
 from bayescal.exporting.hand_eye import hand_eyes
-from bayescal.fitted.arm import of_estimate
+from bayescal.fitted.arm import of_estimate, of_fit
 from bayescal.model import USUAL, build
 from bayescal.model.scene import Scene
 from factors.turns import rotation_vector
@@ -198,3 +199,25 @@ def test_a_scaled_board_is_seen_where_it_is_and_not_where_it_is_stated(mount):
     assert far == pytest.approx(near, abs=0.02 * u)
     assert u_far == pytest.approx(u, rel=0.002)
     np.testing.assert_allclose(held_far, held, rtol=0.005)
+
+
+def test_a_fit_states_the_transforms_and_the_lens_itself(tmp_path):
+    session = camera_session(images=12)
+    (t,) = session.targets
+    lens = t.values | {"distortion": np.array([-0.001, 0.0, 0.0, 0.0, 0.0])}
+    fit = bc.fit(replace(session, targets=(replace(t, values=lens),)), "geometry", samples=0)
+    (stated,) = fit.record["hand_eye"]
+    (transform,) = hand_eyes(of_fit(fit.data))
+    np.testing.assert_allclose(stated["on_flange"]["translation_mm"], 1e3 * transform.on_flange.pose[:3, 3])
+    turn = Rotation.from_quat(stated["fixed"]["quaternion_xyzw"]).as_matrix()
+    np.testing.assert_allclose(turn, transform.fixed.pose[:3, :3], atol=1e-12)
+    u = np.sqrt(np.diag(transform.on_flange.covariance))
+    np.testing.assert_allclose(stated["on_flange"]["u_translation_mm"], 1e3 * u[3:])
+    assert stated["on_flange"]["parent"] == "tool0"
+    (k1,) = [p for p in fit.record["parameters"] if p["name"] == "cam k1"]
+    assert k1["nominal"] == pytest.approx(-0.001)
+    assert "hand-eye" in str(fit)
+    fit.save(tmp_path / "run", pictures=False)
+    assert json.loads((tmp_path / "run" / "arm.json").read_text())["hand_eye"] == json.loads(
+        json.dumps(fit.record["hand_eye"])
+    )

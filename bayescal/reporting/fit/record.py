@@ -15,6 +15,7 @@ from bayescal.assess.conformance import Tolerance
 from bayescal.assess.iso9283 import iso9283
 from bayescal.calibration import Fit, ModelLevel
 from bayescal.dataset import Dataset
+from bayescal.exporting.hand_eye import hand_eye_records
 from bayescal.exporting.robot import robot_text
 from bayescal.fitted import gate
 from bayescal.fitted.arm import of_fit
@@ -89,6 +90,7 @@ def fit_record(fit: Fit, compared: Agreement | None = None) -> dict[str, Any]:
         },
         "residuals": list(_residuals(level)),
         "images": images_record(level.estimate),
+        "hand_eye": hand_eye_records(of_fit(fit)),
         "rejected": [fit.dataset.measurements.ids[row] for row in level.estimate.rejected],
         "identifiability": {
             **entry(fit.identifiability, "singular_values"),
@@ -370,7 +372,7 @@ def write_fit(
         for name, text in texts.items():
             (stage / name).write_text(text, encoding="utf-8")
         save(fit_draws(fit), stage / posterior)
-        write_arm(arm, stage)
+        write_arm(arm, stage, {"hand_eye": contents["hand_eye"]})
         figures = {**drawn(), **(more or {})}
         for name, content in figures.items():
             (stage / name).write_bytes(content)

@@ -20,7 +20,7 @@ from bayescal.predict.crossvalidation import inside95
 from bayescal.predict.forecast import DistanceErrors
 from bayescal.predict.validation import Errors, Validation
 from bayescal.reporting.fit import sheets
-from bayescal.reporting.shared.origin import filed_lines, images_lines
+from bayescal.reporting.shared.origin import filed_lines, hand_eye_lines, images_lines
 from bayescal.reporting.shared.sheet import Sheet, below, screen, terminal
 from bayescal.reporting.shared.text import MDEG, MM, UM, Facts, facts, percent, two_digits, um, um2, under
 from bayescal.storage.reading import Json
@@ -44,7 +44,12 @@ def fit_summary(fit: Fit, record: Json, verbose: bool = False) -> RenderableType
     v, checked = fit.final.validation, record["validation"]["distances"]
     title = Text.assemble((fit.dataset.name, "bold"), f"  {fit.dataset.robot.name}")
     use = gate.of_fit(fit)
-    result = [*_verdict(fit.acceptance, use), *_predicted(fit), *images_lines(record)]
+    result = [
+        *_verdict(fit.acceptance, use),
+        *_predicted(fit),
+        *images_lines(record),
+        *hand_eye_lines(record),
+    ]
     steps = [*_tolerance(fit.tolerance), *_next(fit, use), *_findings(fit)]
     validated = v.planes or v.distances or v.points or v.turns
     parameters = sheets.parameter_table(record["parameters"], record["identifiability"], verbose)

@@ -13,6 +13,7 @@ from bayescal.arm.chain import Robot
 from bayescal.dataset.target_kinds import plannable
 from bayescal.effects import UNITS
 from bayescal.errors import attempted
+from bayescal.exporting.hand_eye import hand_eye_records
 from bayescal.fitted import gate
 from bayescal.fitted.arm import of_gap
 from bayescal.fitted.file import write_arm
@@ -299,7 +300,8 @@ def write_gap(gap: Gap, folder: Path, contents: Mapping[str, Any], pictures: boo
     with whole(folder, GAP) as stage:
         drawn = begun(contents) if pictures else dict
         if arm is not None:
-            names += write_arm(arm, stage)
+            hand_eye = attempted("hand-eye transforms", partial(hand_eye_records, arm), [], lost)
+            names += write_arm(arm, stage, {"hand_eye": hand_eye})
         if advised := [c for advice in contents["next"] for c in advice["contacts"]]:
             (stage / NEXT).write_text(table_of_contacts(advised), encoding="utf-8")
             names.append(NEXT)

@@ -245,6 +245,16 @@ def images_lines(record: Json) -> Facts:
         yield "" if k else "in the images", several + "; ".join(words), ""
 
 
+def hand_eye_lines(record: Json) -> Facts:
+    """A line for each camera: what is on the flange, in the frame of the flange, with the largest u."""
+    for k, found in enumerate(record.get("hand_eye", ())):
+        t = found["on_flange"]
+        at = ", ".join(f"{x:.3f}" for x in t["translation_mm"])
+        turn = ", ".join(f"{x:.6f}" for x in t["quaternion_xyzw"])
+        u = f"u {max(t['u_translation_mm']):.2g} mm, {max(t['u_rotation_deg']):.2g} deg"
+        yield "" if k else "hand-eye", f"{t['child']} in {t['parent']}: {at} mm; x y z w {turn}; {u}", ""
+
+
 def images_keys(record: Json) -> Iterator[tuple[str, str, str]]:
     """The same as key figures of a page: a name, the largest part, and the others."""
     for target, first, *others in _words(record):
