@@ -145,10 +145,8 @@ def _words(parameters: Sequence[Parameter], v: np.ndarray, size: float, weak: np
                 return f"only the combination {kept} is identifiable"
             both = f"{parameters[i].name} and {parameters[j].name}"
             return f"the combination {kept} is identifiable, {both} singly weakly"
-    changes = [
-        f"{parameters[k].name} by {v[k] * parameters[k].sd * units[k][1]:+.2g} {unit_label(units[k][0])}"
-        for k in shown
-    ]
+    sizes = [f"{v[k] * parameters[k].sd * units[k][1]:+.2g} {unit_label(units[k][0])}" for k in shown]
+    changes = [f"{parameters[k].name} by {size.rstrip()}" for k, size in zip(shown, sizes, strict=True)]
     return f"a common change of {', '.join(changes[:-1])} and {changes[-1]} is {state} identifiable"
 
 

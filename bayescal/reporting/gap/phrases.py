@@ -54,10 +54,7 @@ def named(effect: Named, gap: Gap) -> str:
     if effect.sites or (who.startswith("every ") and not everywhere):
         named_sites = tuple(dict.fromkeys(effect.sites)) or clear
         who = together(named_sites) if named_sites else who.replace("every", "at least one")
-    drivers = [
-        w.driver.kind for w in gap.where if w.explained_by == effect.effect and w.site.kind == BASE.kind
-    ]
-    if (also := beside_base(gap.dataset, drivers)) and BASE.kind in {s.kind for s in named_sites}:
+    if BASE.kind in {site.kind for site in named_sites} and (also := _beside_base(effect, gap)):
         who += f" or the {also} (these data do not distinguish them)"
     if effect.neighbours:
         who += f" or {together(effect.neighbours)} (these data do not distinguish them)"
@@ -69,6 +66,12 @@ def named(effect: Named, gap: Gap) -> str:
     if len(named_sites) > 1:
         return f"{effect.effect} in {who} (each {words}; {p})"
     return f"{who} {words} ({effect.effect}, {p})"
+
+
+def _beside_base(effect: Named, gap: Gap) -> str:
+    """What is not distinguishable from the base that an effect acts at; "" if nothing."""
+    own = [w for w in gap.where if w.explained_by == effect.effect and w.site.kind == BASE.kind]
+    return beside_base(gap.dataset, [w.driver.kind for w in own])
 
 
 def together(each: Sequence[Site]) -> str:

@@ -170,7 +170,7 @@ HYPOTHESES = (
 ADVICE = (
     Column("separates", lambda a: " and ".join(map(rival, a["separates"]))),
     Column("measure", "what", words=True),
-    Column("contacts in next.csv", lambda a: len(a["contacts"]) or None),
+    Column("rows in next.csv", lambda a: len(a["contacts"]) or None),
     Column("detectability", lambda a: f"{a['lambda_before']:.0f} to {a['lambda_after']:.0f}"),
 )
 """Of entries of a record: `hypotheses`, `next`."""
