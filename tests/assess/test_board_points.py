@@ -1,13 +1,14 @@
 """Points of a board that are off in all images, in fits of sessions whose other errors are noise."""
 
 import re
+from dataclasses import replace
 
 import camera_sessions
 import numpy as np
 import pytest
 from camera_sessions import BOARD, camera_session
 
-from bayescal.assess.board_points import blurred, displaced
+from bayescal.assess.board_points import blurred, displaced, lost_images
 from bayescal.effects import Circumstances
 from bayescal.estimate import estimate
 from bayescal.gap.search.image_cells import of_points
@@ -63,3 +64,13 @@ def test_cells_of_a_board_are_random_errors_of_its_points():
     for cell in made:
         assert np.array_equal(cell.clusters, session.measurements.pixel[:, 2])
         assert cell.driver.text.endswith("of each of its points")
+
+
+def test_an_image_of_which_most_corners_are_rejected_is_named():
+    session = camera_session(images=16, seed=2)
+    pixel = session.measurements.pixel.copy()
+    rows = np.flatnonzero(session.measurements.stop == "i5")
+    assert lost_images(estimate(build(Scene(session), ("geometry",)))) == ""
+    pixel[rows, :2] += 15.0  # another part of the sensor
+    spoilt = replace(session, measurements=replace(session.measurements, pixel=pixel))
+    assert "i5 (24 of 24)" in lost_images(estimate(build(Scene(spoilt), ("geometry",))))
