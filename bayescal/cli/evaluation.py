@@ -110,7 +110,7 @@ def gap(
         written = result.save(folder, pictures)
     show(result.report(), folder, written)
     if result.undecided and len(datasets) == 1:
-        count = [] if result.record["images"] else ["--contacts", "60"]
+        count = [] if result.record.get("images") else ["--contacts", "60"]
         words = shlex.join([str(datasets[0]), "--after", str(folder), "--for", "gap", *count])
         typer.echo(f"to discriminate  bayescal plan {words}")
 
