@@ -174,7 +174,7 @@ def calibrated(scene: Scene, effects: tuple[str, ...], options: FitOptions = USU
         found = estimate(model, options.robust, start, rejected)
     if step < MOVES * noise:
         return found
-    what = f"gravity moves the arm by {1e6 * step:.3g} µm from fit to fit, after {FITS} fits at its pose"
+    what = f"deflections by gravity still change by {1e6 * step:.3g} µm between fits, after {FITS} of them"
     raise BayescalError(what, "compliance", "check masses (kg), payload (kg) and gravity (m/s2)")
 
 

@@ -200,7 +200,7 @@ def test_an_arm_that_falls_is_refused(loaded):
 
 def test_fits_that_do_not_come_to_rest_are_refused(loaded, monkeypatch):
     monkeypatch.setattr(sys.modules["bayescal.estimate.estimate"], "FITS", 2)
-    with pytest.raises(BayescalError, match="from fit to fit, after 2 fits"):
+    with pytest.raises(BayescalError, match="between fits, after 2 of them"):
         calibrated(Scene(loaded.dataset), ("geometry", "compliance"))
 
 

@@ -1,15 +1,19 @@
 """Noise of images: what corners of one image share, and what each has of its own."""
 
 from dataclasses import replace
+from importlib import import_module
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from camera_sessions import BOARD, camera_session
 from sessions import with_columns
 
+from bayescal.assess.shared_causes import _validation_rows
 from bayescal.calibration import fit
 from bayescal.dataset import Noise
 from bayescal.estimate import estimate
+from bayescal.estimate.discrepancy import stated
 from bayescal.estimate.estimate import calibrated, fitted_level
 from bayescal.estimate.unexplained import noise_again, unexplained
 from bayescal.estimate.widths import with_widths
@@ -20,6 +24,7 @@ from bayescal.model.scene import Scene
 from bayescal.predict.crossvalidation import IMAGES_LEFT_OUT, validation_errors
 from bayescal.predict.validation import validate
 
+module = import_module("bayescal.estimate.widths")
 STEP = np.radians(0.03)
 """Standard error of the readings of an image, rad: 0.2 mm at the board, 0.3 px."""
 
@@ -86,6 +91,13 @@ def test_readings_with_errors_are_no_effect_and_validation_images_are_as_expecte
     assert [f.acceptance.failed for f in told] == [()] * 3
 
 
+def test_validation_images_with_errors_of_readings_are_no_outliers():
+    for seed in (13, 16):
+        session = misread(images_of(seed, images=26, validate=6), seed)
+        rows, off = _validation_rows(calibrated(Scene(session, oriented=True), ("geometry",)))
+        assert (len(rows), np.sum(off)) == (6 * len(BOARD), 0)
+
+
 def test_an_image_is_left_out_as_a_whole():
     session = misread(images_of(5), 5)
     scene = Scene(session, oriented=True)
@@ -103,18 +115,34 @@ def test_an_image_is_left_out_as_a_whole():
     assert np.sqrt(np.mean((own - wanted) ** 2)) < 0.1 * np.sqrt(np.mean(wanted**2))
 
 
-def test_a_wrong_lens_is_told_by_its_family_and_not_by_the_arm():
-    """A focal length 6 u off: the arm took it, and its errors hid the evidence."""
+def wrong_lens(off):
+    """A session whose focal lengths are off by so many px, stated with u 1 px."""
     session = images_of(6, images=24)
     (target,) = session.targets
-    values = dict(target.values) | {
-        "fx": target.values["fx"] + 6.0,
-        "fy": target.values["fy"] + 6.0,
-        "u_focal": 1.0,
-    }
-    session = replace(session, targets=(replace(target, values=values),))
-    scene = Scene(session, oriented=True)
-    found, _, told = with_widths(fitted_level(scene, ("geometry",), USUAL), scene, ("geometry",), USUAL)
-    assert [w.family for w in told] == ["errors of focal lengths and optical axis"]
-    (fx,) = (v for v, p in zip(found.arm, found.model.parameters, strict=True) if p.name == "cam fx")
-    assert fx == pytest.approx(-6.0, abs=1.5)
+    wrong = {key: target.values[key] + off for key in ("fx", "fy")}
+    values = dict(target.values) | wrong | {"u_focal": 1.0}
+    return Scene(replace(session, targets=(replace(target, values=values),)), oriented=True)
+
+
+def test_a_wrong_lens_is_told_by_its_family_and_not_by_the_arm(monkeypatch):
+    """A focal length 6 u off; and where its own errors hide it, by the fit that has its width."""
+    scene = wrong_lens(6.0)
+
+    def told():
+        plain = fitted_level(scene, ("geometry",), USUAL)
+        found, _, widths = with_widths(plain, scene, ("geometry",), USUAL)
+        (fx,) = (v for v, p in zip(found.arm, found.model.parameters, strict=True) if p.name == "cam fx")
+        return [w.family for w in widths], fx
+
+    for hidden in (False, True):
+        if hidden:
+            monkeypatch.setattr(module, "stated", lambda found: SimpleNamespace(covariance=spoilt(found)))
+        families, fx = told()
+        assert families == ["errors of focal lengths and optical axis"]
+        assert fx == pytest.approx(-6.0, abs=1.5)
+
+
+def spoilt(found):
+    """The stated covariance, much wider where the lens has its stated width."""
+    (sd,) = (p.sd for p in found.model.parameters if p.name == "cam fx")
+    return (1.0 if sd > 1.0 else 400.0) * stated(found).covariance
