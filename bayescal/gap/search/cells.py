@@ -217,9 +217,10 @@ def _hanging(c: Circumstances) -> Iterator[Cell]:
 
 
 def _mount(c: Circumstances) -> Iterator[list[Parameter]]:
-    """A mount that yields alike in all directions to the weight of what it holds, at any place: it turns by
-    r x g, and shifts by g times a factor; together, or without the shift.
-    """  # noqa: D205
+    """A mount that bends under the weight of what it holds, at any place and alike in all directions.
+
+    It turns by r x g, and shifts by g times a factor; together, or without the shift.
+    """
     down, frame = at_tool(c), c.chain.n + 1
     turned = [
         Parameter("", "rad", tuple(Term(TURN, a, t) for a, t in zip(TURNS, of.T, strict=True)), CELLS.angle)
