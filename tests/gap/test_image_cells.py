@@ -10,6 +10,7 @@ from bayescal.effects.location import CAMERA, TOOL, Driver
 from bayescal.gap.outcome.where import neighbours
 from bayescal.gap.search.beam import Member, Search
 from bayescal.gap.search.makers import movers
+from bayescal.reporting.gap.causes import cause
 
 NOISE = 0.2  # px
 
@@ -70,6 +71,7 @@ def test_what_a_lens_or_its_clock_does_is_unmodelled_at_the_camera(session, benc
     assert decision.probability["unknown"] > 0.9
     first = bench.places(decision)[0]
     assert (first.site, first.driver.kind) == (CAMERA, driver)
+    assert cause(first) is not None
 
 
 def test_a_lens_is_a_site_of_sessions_with_a_camera_alone(session, bench, cube):

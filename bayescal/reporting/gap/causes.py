@@ -100,6 +100,28 @@ CAUSES = {
         "Measure the board over several squares along both axes and both diagonals, and print it again "
         "without scaling, or use a better one.",
     ),
+    **dict.fromkeys(
+        [("camera", driver, "") for driver in ("time", "temperature", "activity", "count")],
+        (
+            "the images of {site} grow, shrink or shift during the session",
+            "Fix the focus, switch off autofocus and stabilisation, and let the camera warm up before the "
+            "session. Check that its mount does not sag.",
+        ),
+    ),
+    ("camera", "event", ""): (
+        "the images of {site} changed",
+        f"{LOG}a focus, a zoom or a crop that was changed, or a camera that was struck. Calibrate the "
+        f"camera again.{KEPT}",
+    ),
+    ("camera", "image", ""): (
+        "corners are off by their place in the image, in another form than the model of the lens",
+        "Calibrate the camera again with corners up to the edges, and with a model of distortion that "
+        "fits. Look for a glass or a cover before the lens.",
+    ),
+    ("camera", "clock", "in the image"): (
+        "images of a moving arm are off by the row or column of the corner",
+        "Take images at rest, or with a global shutter.",
+    ),
     ("face", "face", "one spot"): (
         "{site} has an error at one spot",
         "Clean the spot, and look for a dent or a burr.",
