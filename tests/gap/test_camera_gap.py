@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from sessions import with_rows
+from sessions import with_columns, with_rows
 
 pytest.importorskip("pinocchio")
 
@@ -41,5 +41,13 @@ def test_a_slip_is_before_an_image_and_not_within(tmp_path):
 
 
 def test_nothing_is_named_where_nothing_is_hidden(tmp_path):
-    verdict, _, _ = answer(tmp_path, 2, "null", 0.0)
+    verdict, session, _ = answer(tmp_path, 2, "null", 0.0)
     assert verdict.kind == "null"
+    assert not any("image" in note for note in verdict.notes)
+    # shifts of the images that each has anew are no effect, and are told
+    image = np.unique(session.measurements.stop, return_inverse=True)[1]
+    pixel = session.measurements.pixel.copy()
+    pixel[:, :2] += np.random.default_rng(1).normal(0.0, 0.5, (image.max() + 1, 2))[image]
+    verdict = diagnose(with_columns(session, pixel=pixel)).verdict
+    assert verdict.kind == "null"
+    assert any("every image has an error of its own" in note for note in verdict.notes)
