@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
+from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,9 @@ from bayescal.logs.mechanism import Mechanism
 CALIBRATE, VALIDATE = "calibrate", "validate"
 SERVO = "servo"
 """Kind of torques that are errors of position servos, times their stiffness."""
+TORQUE, TRACKING, LINK = "torque", "tracking", "link"
+"""Kinds of residuals: torque, N m; command less position beyond what the torque explains, rad; position
+behind the gear less position of the motor, rad. A joint has a channel of each kind that a log has."""
 
 
 ONE_VALUE, MOVING = 0.5, 0.1
@@ -106,6 +110,16 @@ class Log:
     def n(self) -> int:
         """Number of joints."""
         return self.mechanism.n
+
+    @cached_property
+    def kinds(self) -> tuple[str, ...]:
+        """The kinds of residuals of this log."""
+        control = self.controller
+        servo = control.kind == "position" and control.stiffness is not None and control.complete
+        servo = servo and self.torque_kind != SERVO
+        tracked = servo and all(m.command is not None for m in self.motions)
+        linked = not self.link_side and all(m.link is not None for m in self.motions)
+        return (TORQUE, *([TRACKING] if tracked else []), *([LINK] if linked else []))
 
     def of_role(self, role: str) -> tuple[Motion, ...]:
         """The motions of a role."""

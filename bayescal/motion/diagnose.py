@@ -22,7 +22,6 @@ from bayescal.motion.servo import with_torques
 from bayescal.motion.settings import NOISE, OUTCOME, SEARCH, VERDICT
 from bayescal.motion.signals import all_signals, where_moving
 from bayescal.motion.signals import root_mean_square as rms
-from bayescal.motion.terms import kinds
 from bayescal.motion.verdict import Verdict, confirmed, decide
 from bayescal.storage.stopping import Progress, silent
 
@@ -114,7 +113,7 @@ def _place(pool: Pool, without: Fit, fit: Fit, form: Form, nats: float, explaine
     kind = int(np.argmax(size / pool.estimate.noise.sd)) // log.n
     size = size[kind * log.n :][: log.n]
     j = int(np.argmax(size / pool.scale.torque if kind == 0 else size))
-    return Place(form, nats, kinds(log)[kind], float(size[j]), j, explained_by)
+    return Place(form, nats, log.kinds[kind], float(size[j]), j, explained_by)
 
 
 def amplitudes(search: Search, pool: Pool, v: Verdict) -> tuple[Amplitude, ...]:

@@ -14,23 +14,11 @@ import numpy as np
 
 from bayescal.logs import Log
 from bayescal.logs.mechanism import inertial
-from bayescal.logs.types import SERVO
+from bayescal.logs.types import LINK, SERVO, TRACKING
 from bayescal.motion.dynamics import carried, payload_of
 from bayescal.motion.settings import FORMS
 from bayescal.motion.signals import Signals, derivative
-from bayescal.motion.terms import (
-    ALL,
-    BODY,
-    LINK,
-    TRACKING,
-    UNITS,
-    Operating,
-    Term,
-    channel,
-    kinds,
-    prior_of_body,
-    slopes_of,
-)
+from bayescal.motion.terms import ALL, BODY, UNITS, Operating, Term, channel, prior_of_body, slopes_of
 
 TOOL, BASE, LOG = "tool", "base", "log"
 EACH = "in all joints"
@@ -288,13 +276,13 @@ def _backlash(s: Signals, at: Operating, scale: Scale) -> Iterator[FormColumn]:
 
 def _without(kind: str, why: str) -> Callable[[Log], str]:
     """Why an effect is not assessed in logs without a kind of residuals."""
-    return lambda log: "" if kind in kinds(log) else why
+    return lambda log: "" if kind in log.kinds else why
 
 
 def _no_stiffness(log: Log) -> str:
     stated = log.torque_kind == SERVO and log.controller.stated
     none = "no position servo with a stated stiffness and commands"
-    return "" if stated or TRACKING in kinds(log) else none
+    return "" if stated or TRACKING in log.kinds else none
 
 
 def _no_loads(log: Log) -> str:

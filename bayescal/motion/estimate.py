@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bayescal.logs.types import CALIBRATE, SERVO
+from bayescal.logs.types import CALIBRATE, SERVO, TRACKING
 from bayescal.motion.controller import with_controller
 from bayescal.motion.fit_settings import SERVOS
 from bayescal.motion.linear import Fit, Further, Table, fitted, normal, tabulated
@@ -16,14 +16,12 @@ from bayescal.motion.settings import NOISE, SIGNALS
 from bayescal.motion.signals import Signals, each
 from bayescal.motion.terms import (
     BODY,
-    TRACKING,
     Column,
     Operating,
     baseline,
     by_channel,
     channel,
     displaced,
-    kinds,
     nominal,
     residuals,
 )
@@ -59,12 +57,12 @@ class Estimate:
         out = residuals(s, self.at)
         moving = np.zeros_like(s.torque)
         for term, column in self.columns(s):
-            if term.name in self.moved and not term.name.startswith(tuple(kinds(s.log)[1:])):
+            if term.name in self.moved and not term.name.startswith(tuple(s.log.kinds[1:])):
                 for j, value in by_channel(term, column):
                     out[:, j] += self.moved[term.name] * value
                     if term.moves:
                         moving[:, j] += self.moved[term.name] * value
-        for j in range(s.log.n) if TRACKING in kinds(s.log) else ():
+        for j in range(s.log.n) if TRACKING in s.log.kinds else ():
             out[:, channel(s.log, TRACKING, j)] += displaced(s, s.step, s.weight[:, j] * moving[:, j], j)
         return out
 
@@ -116,7 +114,7 @@ def noise_about(table: Table, fit: Fit) -> Noise:
     same = () if servo else tuple(s.same_as for s in parts)
     weights = [part.weight for part in table.parts]
     noise = noise_of(table.residuals(fit.values), fit.followed(table), same, weights)
-    if TRACKING in kinds(log):
+    if TRACKING in log.kinds:
         assert log.controller.stiffness is not None
         rms = np.sqrt(np.mean(np.concatenate([s.torque**2 for s in parts]), axis=0))
         first, least = channel(log, TRACKING, 0), np.zeros_like(noise.sd)

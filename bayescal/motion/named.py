@@ -8,14 +8,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bayescal.logs import Log, Mechanism
-from bayescal.logs.types import CALIBRATE, SERVO
+from bayescal.logs.types import CALIBRATE, LINK, SERVO, TRACKING
 from bayescal.motion.calibrate import fitted_mechanism
 from bayescal.motion.effects import EFFECTS, Scale
 from bayescal.motion.estimate import Estimate, moved_to
 from bayescal.motion.linear import Fit
 from bayescal.motion.possible import Possible, constrained
 from bayescal.motion.signals import Signals, each
-from bayescal.motion.terms import ALL, BODY, LINK, TRACKING, Column, Term, kinds, nominal
+from bayescal.motion.terms import ALL, BODY, Column, Term, nominal
 
 HELD = ("armature", "inertia", "base-tilt")
 """Effects that masses, rotors and the direction of gravity express."""
@@ -51,7 +51,7 @@ class NamedArm:
         so is an offset of torques that follow from positions.
         """
         log, acts, drives = s.log, np.zeros_like(s.q), np.zeros_like(s.q)
-        tracked = TRACKING in kinds(log)
+        tracked = TRACKING in log.kinds
         if tracked:
             baseline = (c for c in self.estimate.columns(s) if c[0].name.startswith(TRACKING))
             drives -= sum(self._torque(s, *c) for c in baseline)
@@ -98,7 +98,7 @@ class NamedArm:
 
 def kind_of(log: Log, term: Term) -> str:
     """The kind of residuals of a term."""
-    return kinds(log)[0 if term.channel == ALL else term.channel // log.n]
+    return log.kinds[0 if term.channel == ALL else term.channel // log.n]
 
 
 def effect_of(term: str) -> str:

@@ -10,6 +10,7 @@ from functools import cached_property
 import numpy as np
 from scipy.special import logsumexp
 
+from bayescal.logs.types import LINK, TORQUE, TRACKING
 from bayescal.motion.cells import UNKNOWN, Ranges
 from bayescal.motion.effects import BASE, LOG, TOOL, Form, Waves, joint
 from bayescal.motion.linear import Fit, Part, Sparse, Table, added
@@ -18,7 +19,7 @@ from bayescal.motion.quantities import Argument, Kept, quantities, responses
 from bayescal.motion.search import SCALE_PRIOR, SCALES
 from bayescal.motion.settings import FORMS, SIGNALS
 from bayescal.motion.signals import each
-from bayescal.motion.terms import LINK, TORQUE, TRACKING, Operating, channel, displaced, kinds
+from bayescal.motion.terms import Operating, channel, displaced
 
 MOVES, BEHIND = "a torque of the arm", "an angle behind the gear"
 """Settings of a product: under its torque a servo moves, so that it is no error of the torques' measurement;
@@ -92,9 +93,9 @@ class Bank:
         for j in range(n):
             odds = [0.0 if self.first[k].only in (None, j) else -np.inf for k, _ in self.kinds]
             nats[j] = averaged(fit, dots[j], sets) + odds
-            if LINK in kinds(log):
+            if LINK in log.kinds:
                 behind[j] = averaged(fit, dots[channel(log, LINK, j)], sets) + odds
-            if TRACKING in kinds(log):
+            if TRACKING in log.kinds:
                 (blocks, cross, score), (more, with_more, at_more) = dots[j], dots[channel(log, TRACKING, j)]
                 both = [x + y for x, y in zip(blocks, more, strict=True)], cross + with_more, score + at_more
                 beside = averaged(fit, both, sets) + odds
@@ -108,7 +109,7 @@ class Bank:
                 moved = (bool(moves[j, i]),)
                 form = Form(UNKNOWN, joint(j), driver, MOVES if moved[0] else "")
                 out.append((Product(form, name, k, (j,), moved), value))
-                if LINK in kinds(log):
+                if LINK in log.kinds:
                     value = float(behind[j, i]) + a.log_prior
                     form = Form(UNKNOWN, joint(j), driver, BEHIND)
                     out.append((Product(form, name, k, (j,), (False,), LINK), value))
@@ -133,9 +134,9 @@ class Bank:
                 x = np.column_stack([by[name][:, None] * given[i].functions for i, name in self.kinds])
                 weight = part.weight[:, j, None]  # of every kind of residuals
                 self.count(out, part, fit, j, self.size[j] * weight * x, sets)
-                if LINK in kinds(log):
+                if LINK in log.kinds:
                     self.count(out, part, fit, channel(log, LINK, j), FORMS.deflection * weight * x, sets)
-                if TRACKING in kinds(log):
+                if TRACKING in log.kinds:
                     moved, there = np.zeros_like(x), np.any(x, axis=0)
                     torque = self.size[j] * weight * x[:, there]
                     moved[:, there] = weight * displaced(s, s.step * s.every, torque, j)

@@ -15,7 +15,7 @@ from scipy.interpolate import CubicSpline
 
 from bayescal.logs import Log, Mechanism
 from bayescal.logs.mechanism import PAIRS, inertial
-from bayescal.logs.types import SERVO
+from bayescal.logs.types import SERVO, TRACKING
 from bayescal.motion.dynamics import carried
 from bayescal.motion.fit_settings import SERVOS
 from bayescal.motion.servo import stuck
@@ -27,24 +27,11 @@ BODY = ("mass", "centre x", "centre y", "centre z", *(f"inertia {'xyz'[i]}{'xyz'
 """Parameters of a body."""
 ALL = -1
 """In place of a channel: a term of the torques of all joints."""
-TORQUE, TRACKING, LINK = "torque", "tracking", "link"
-"""Kinds of residuals: torque, N m; command less position beyond what the torque explains, rad; position
-behind the gear less position of the motor, rad. A joint has a channel of each kind that a log has."""
-
-
-def kinds(log: Log) -> tuple[str, ...]:
-    """The kinds of residuals of a log."""
-    control = log.controller
-    servo = control.kind == "position" and control.stiffness is not None and control.complete
-    servo = servo and log.torque_kind != SERVO
-    tracked = servo and all(m.command is not None for m in log.motions)
-    linked = not log.link_side and all(m.link is not None for m in log.motions)
-    return (TORQUE, *([TRACKING] if tracked else []), *([LINK] if linked else []))
 
 
 def channel(log: Log, kind: str, j: int) -> int:
     """Number of the channel of a joint, from 0."""
-    return kinds(log).index(kind) * log.n + j
+    return log.kinds.index(kind) * log.n + j
 
 
 @dataclass(frozen=True)
@@ -220,8 +207,8 @@ def baseline(s: Signals, at: Operating, rms: np.ndarray) -> Iterator[Column]:
     if not servo:
         yield Term("transition", "1", m.u.transition, moves=True), slopes
     yield Term("alignment", "s", log.u_alignment), later(s, at)
-    driven = at.driven(s) if TRACKING in kinds(log) else None
-    for kind in kinds(log)[1:]:
+    driven = at.driven(s) if TRACKING in log.kinds else None
+    for kind in log.kinds[1:]:
         for j in range(m.n):
             number = channel(log, kind, j)
             yield Term(f"{kind} offset {j + 1}", "rad", BASELINE.angle, number), np.ones(len(way))
@@ -239,7 +226,7 @@ def baseline(s: Signals, at: Operating, rms: np.ndarray) -> Iterator[Column]:
 def residuals(s: Signals, at: Operating) -> np.ndarray:
     """Residuals (N, C) of all channels: torques less those of the model; tracking; links."""
     out = [at.measured(s) - at.shown(s)]
-    for kind in kinds(s.log)[1:]:
+    for kind in s.log.kinds[1:]:
         if kind == TRACKING:
             assert s.command is not None
             assert s.log.controller.stiffness is not None
@@ -265,7 +252,7 @@ def assembled(columns: Iterable[Column], s: Signals) -> tuple[list[Term], list[l
     """Terms, and for each channel the numbers of those that it has and their columns (N, K)."""
     terms: list[Term] = []
     log = s.log
-    count = len(kinds(log)) * log.n
+    count = len(log.kinds) * log.n
     numbers: list[list[int]] = [[] for _ in range(count)]
     values: list[list[np.ndarray]] = [[] for _ in range(count)]
     moving: list[list[int]] = [[] for _ in range(count)]  # which of them displace a servo
@@ -281,7 +268,7 @@ def assembled(columns: Iterable[Column], s: Signals) -> tuple[list[Term], list[l
     for v in values:
         out.append(np.column_stack(v) if v else np.empty((rows, 0)))
         v.clear()
-    for j in range(log.n) if TRACKING in kinds(log) else ():
+    for j in range(log.n) if TRACKING in log.kinds else ():
         if not moving[j]:
             continue
         t = channel(log, TRACKING, j)

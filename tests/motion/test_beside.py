@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.stats import t as student_t
 
-from bayescal.logs.types import CALIBRATE, VALIDATE
+from bayescal.logs.types import CALIBRATE, TORQUE, VALIDATE
 from bayescal.motion.beside import (
     Relative,
     _free,
@@ -28,7 +28,6 @@ from bayescal.motion.products import Product
 from bayescal.motion.search import Hypothesis, Member
 from bayescal.motion.settings import PRODUCTS, RELATIVES, SEARCH
 from bayescal.motion.signals import root_mean_square
-from bayescal.motion.terms import TORQUE
 
 
 @pytest.fixture(scope="module")

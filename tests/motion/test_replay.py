@@ -10,11 +10,12 @@ from motion.servo_logs import KD, KP, another, servo_log
 
 from bayescal.exporting.log_arm import text_of
 from bayescal.logs import read_log
+from bayescal.logs.types import TRACKING
 from bayescal.motion.controller import Law, law_of, with_controller
 from bayescal.motion.dynamics import payload_of, regressor
 from bayescal.motion.result import Tracking
 from bayescal.motion.signals import all_signals, derivative
-from bayescal.motion.terms import TRACKING, kinds, nominal
+from bayescal.motion.terms import nominal
 from bayescal.reporting.motion.record import _replay
 from bayescal.verifying.log import Arm, _driven, replayed
 
@@ -108,7 +109,7 @@ def test_torques_tell_how_a_stated_controller_acts(log, change, ahead, complete)
     parts = with_controller(tuple(change(s) for s in all_signals(stated)))
     control = parts[0].log.controller
     assert control.complete == complete
-    assert (TRACKING in kinds(parts[0].log)) == complete
+    assert (TRACKING in parts[0].log.kinds) == complete
     assert any("tracking errors are not assessed" in note for note in parts[0].log.notes) != complete
     assert control.ahead == pytest.approx(ahead * KD, abs=1e-9)
     if change in (of_errors, same):

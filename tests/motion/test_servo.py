@@ -14,11 +14,10 @@ import bayescal as bc
 from analysis.world.motion.servos import make, write
 from bayescal.errors import BayescalError
 from bayescal.logs import read_log
-from bayescal.logs.types import SERVO
+from bayescal.logs.types import SERVO, TORQUE
 from bayescal.motion.fit_settings import SERVOS
 from bayescal.motion.servo import is_servo, stuck, with_torques
 from bayescal.motion.signals import all_signals
-from bayescal.motion.terms import TORQUE, kinds
 
 
 def held(u, load=0.0, stiffness=10.0, friction=1.0):
@@ -67,7 +66,7 @@ def test_the_error_of_a_servo_is_its_torque(logs):
     servo = with_torques(log)
     m = servo.motions[0]
     assert m.torque == pytest.approx((m.command - m.position) * servo.controller.stiffness)
-    assert (servo.torque_kind, kinds(servo)) == (SERVO, (TORQUE,))
+    assert (servo.torque_kind, servo.kinds) == (SERVO, (TORQUE,))
     assert with_torques(servo) is servo
     assert all_signals(servo)[0].band == SERVOS.band
 

@@ -11,13 +11,12 @@ import numpy as np
 from bayescal.dataset.types import Record
 from bayescal.exporting.log_arm import ARM_FILE
 from bayescal.logs import Log, Mechanism
-from bayescal.logs.types import SERVO
+from bayescal.logs.types import SERVO, TORQUE
 from bayescal.logs.write import arm_text
 from bayescal.motion.effects import EFFECTS, Form, at_speed
 from bayescal.motion.result import Amplitude, MotionGap, Place
 from bayescal.motion.search import Hypothesis
 from bayescal.motion.signals import root_mean_square, where_moving
-from bayescal.motion.terms import TORQUE
 from bayescal.motion.verdict import OTHER
 from bayescal.reporting.motion.sheets import size_text
 from bayescal.reporting.page.build import write_page
