@@ -113,8 +113,21 @@ def column_of(entries: Sequence[BaseModel], keys: Iterable[str]) -> Any:
     return np.array([np.full(size, np.nan) if v is None else np.multiply(v, si(key)) for v, key in each])
 
 
+UNREAD = (
+    dict.fromkeys(("u_x_mm", "u_y_mm", "u_z_mm"), "state the largest of the three as `u_mm`")
+    | dict.fromkeys(("levelled", "u_level_rad"), "leave it out: the fit estimates the orientation")
+    | dict.fromkeys(
+        ("base_tilt_x_rad", "base_tilt_y_rad", "base_tilt_u_rad"),
+        "leave it out: `gap` tells a base that tilts from the other rows",
+    )
+)
+"""Keys and columns of the format that are not read, and what to do instead."""
+
+
 def unknown(noun: str, key: str, keys: Iterable[str]) -> tuple[str, str]:
     """Error and remedy for an unknown key or column."""
+    if key in UNREAD:
+        return f"{noun} `{key}` is not supported", UNREAD[key]
     keys = list(keys)
     stem, unit = stem_of(key)
     same = [k for k in keys if stem_of(k)[0] == stem and stem_of(k)[1]]
