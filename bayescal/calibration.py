@@ -25,7 +25,6 @@ from bayescal.effects import BASELINE, levels_of, parameters_of
 from bayescal.estimate import Estimate, check_enough, fitted_level
 from bayescal.estimate.bounds import UNCHANGED, Rigid, bounded, with_latent_readings
 from bayescal.estimate.discrepancy import Stated, stated
-from bayescal.estimate.solver import root
 from bayescal.estimate.unexplained import FaceCheck, Unexplained, unexplained
 from bayescal.estimate.widths import Width, simpler_level, with_widths
 from bayescal.model import USUAL, FitOptions
@@ -171,7 +170,7 @@ def _fit(
     progress("predict", 0.0)
     places = np.linspace(0, len(draws.flat) - 1, min(count, len(draws.flat))).astype(int)
     kappa = draws.kappa[places]
-    plain = spread_out(draws.flat[places], complete, of_noise)
+    plain = draws.flat[places]
     checked = validate(complete, plain, kappa, left.excess, of_noise, strict=True)
     tests = acceptance(left, checked, causes, rejected_share(complete), dataset)
     progress("predict", 0.2)
@@ -228,14 +227,6 @@ def _sampled(
 
     progress("sample", 0.0)
     return sample(complete, samples, of_sampler, partial(progress, "sample"), checkpoint=checkpoint)
-
-
-def spread_out(z: np.ndarray, complete: Estimate, seed: int) -> np.ndarray:
-    """Draws (S, D) with the errors of readings that the corners of images share: see `Estimate.spread`."""
-    more = complete.spread - complete.covariance
-    if not more.any():
-        return z
-    return z + np.random.default_rng(seed).standard_normal(z.shape) @ root(more).T
 
 
 def _restated(

@@ -13,7 +13,7 @@ import numpy as np
 
 from bayescal.effects import EFFECTS, Parameter
 from bayescal.effects.location import BOARD, CAMERA
-from bayescal.estimate import Estimate
+from bayescal.estimate import Estimate, linearise
 from bayescal.model import ARM
 from bayescal.model.block import Posed
 from factors.camera import Camera
@@ -70,7 +70,10 @@ def _of(estimate: Estimate, block: Posed, kind: Camera) -> Images:
     both = np.tile(kept, kind.rows)
     scale, whitening = np.tile(kind.scale, kind.rows), estimate.weights.whitening(block)[both]
     mine = estimate.linear.of_block[block.name]
-    jacobian, in_px, count = estimate.linear.jacobian[mine][both], scale[both], int(np.sum(kept))
+    linear = estimate.linear
+    if estimate.weights.shared:  # of the corners themselves, whatever they share
+        linear = linearise(model, estimate.z, estimate.weights.apart)
+    jacobian, in_px, count = linear.jacobian[mine][both], scale[both], int(np.sum(kept))
     arm = model.slices[ARM]
     names = [side(p) for p in model.parameters]
     free = np.array([p.effect == PLACE for p in model.parameters], bool)

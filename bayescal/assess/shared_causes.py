@@ -337,6 +337,6 @@ def _tail(found: Estimate, block: Block) -> np.ndarray:
     slopes = np.zeros((len(r), model.size))
     slopes[:, arm], slopes[:, own] = by_arm * model.sd, by_target
     noise = noise_of(found, block, found.z[own])
-    variance = noise**2 + np.einsum("rd,de,re->r", slopes, found.spread, slopes, optimize=True)
+    variance = noise**2 + np.einsum("rd,de,re->r", slopes, found.covariance, slopes, optimize=True)
     square = (r**2 / variance).reshape(block.kind.rows, -1)
     return np.asarray(chi2_sf(np.sum(square, axis=0), block.kind.rows))

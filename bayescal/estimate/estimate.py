@@ -30,7 +30,6 @@ from bayescal.estimate.solver import (
     Evaluations,
     Linear,
     Weights,
-    by_shared,
     linearise,
     rescaled_weights,
     solve,
@@ -111,15 +110,6 @@ class Estimate:
     def sd(self) -> np.ndarray:
         """Posterior standard deviations of z, (D,)."""
         return np.sqrt(np.diag(self.covariance))
-
-    @property
-    def spread(self) -> np.ndarray:
-        """Covariance (D, D) of z by which other measurements are predicted.
-
-        That of the solver, and where corners of an image share errors of its readings, what these add to it.
-        """
-        by = [self.covariance @ s for s in by_shared(self.model, self.weights, self.linear).values()]
-        return np.asarray(sum((b @ b.T for b in by), start=self.covariance))
 
     @property
     def from_free(self) -> np.ndarray:

@@ -14,6 +14,7 @@ import numpy as np
 from scipy.linalg.blas import dtrmm
 from scipy.linalg.lapack import dpotrf, dpotrs, dtrtri
 
+from bayescal.estimate.correlated import Decorrelation, Shared
 from bayescal.model.block import ARM, Block, Constraint
 from bayescal.model.model import Model
 
@@ -28,17 +29,31 @@ class Weights:
     sigma: Mapping[str, np.ndarray]
     row: Mapping[str, np.ndarray]
     scale: Mapping[str, float]  # by noise group
-    shared: Mapping[str, np.ndarray] = field(default_factory=dict)  # (R, n) of images: errors of readings
+    shared: Mapping[str, Shared] = field(default_factory=dict)  # of images: errors of readings
 
     @property
     def full(self) -> Weights:
-        """The same with full weight for every row."""
-        return replace(self, row={name: np.ones_like(row) for name, row in self.row.items()})
+        """The same with full weight for every row; those that had none share no noise."""
+        shared = {
+            name: s.without(np.tile(self.row[name] == 0, len(s.by) // max(len(self.row[name]), 1)))
+            for name, s in self.shared.items()
+        }
+        return replace(self, row={name: np.ones_like(row) for name, row in self.row.items()}, shared=shared)
+
+    @property
+    def apart(self) -> Weights:
+        """The same with independent noise of every row."""
+        return replace(self, shared={}) if self.shared else self
 
     def whitening(self, block: Block) -> np.ndarray:
-        """Factors (R,) that whiten a block's residuals."""
+        """Factors (R,) on a block's residuals, over the noise of each."""
         row = np.tile(self.row[block.name], block.kind.rows)
         return np.sqrt(row) / (self.sigma[block.name] * self.scale[block.group])
+
+    def decorrelation(self, block: Block) -> Decorrelation | None:
+        """What whitens a block's residuals over the noise of each; None where they are independent."""
+        shared = self.shared.get(block.name)
+        return None if shared is None else shared.decorrelated(np.tile(self.row[block.name], block.kind.rows))
 
 
 def unit_weights(model: Model, z: np.ndarray) -> Weights:
@@ -53,7 +68,9 @@ def unit_weights(model: Model, z: np.ndarray) -> Weights:
             by = block.by_readings(model.deviations(z[slices[ARM]]), z[slices[block.target]], coupling)
             own = np.sqrt(own**2 + joint**2 * np.sum(by**2, axis=1))
             if model.scene.in_images[block.rows].all():
-                shared[block.name] = joint * by / own[:, None]
+                readings = model.scene.dataset.measurements.readings[block.rows]
+                image = np.unique(readings, axis=0, return_inverse=True)[1].ravel()
+                shared[block.name] = Shared(joint * by / own[:, None], np.tile(image, block.kind.rows))
         sigma[block.name] = own
     row = {block.name: np.ones(len(block.rows)) for block in model.blocks}
     return Weights(sigma, row, {block.group: 1.0 for block in model.blocks}, shared)
@@ -124,11 +141,13 @@ def linearise(
     for block, evaluate in zip(model.blocks, evaluations.blocks, strict=True):
         own, mine = model.slices[block.target], slice(at, at + block.residuals)
         r, by_arm, by_target = evaluate(z[arm], z[own])
-        whiten = weights.whitening(block)
+        whiten, apart = weights.whitening(block), weights.decorrelation(block)
         residual[mine] = r * whiten
         # in place: of a large session each copy counts
         np.multiply(by_arm, whiten[:, None], out=jacobian[mine, arm])
         jacobian[mine, own] = by_target * whiten[:, None]
+        if apart is not None:
+            residual[mine], jacobian[mine] = apart.white(residual[mine]), apart.white(jacobian[mine])
         of_block[block.name] = mine
         at = mine.stop
     for constraint, evaluate in zip(model.constraints, evaluations.constraints, strict=True):
@@ -175,7 +194,7 @@ def solve(
     graph = Graph()
     begin = with_variables(graph, model, start)
     for block, evaluate in zip(model.blocks, evaluations.blocks, strict=True):
-        names, function = _block_function(bool(model.parameters), block, evaluate, weights.whitening(block))
+        names, function = _block_function(bool(model.parameters), block, evaluate, weights)
         if names:  # without unknowns (nominal arm, known target) the residuals are constant
             graph.factor(names, block.residuals, function)
     add_constraints(graph, model, list(begin), evaluations)
@@ -195,16 +214,17 @@ def with_variables(graph: Graph, model: Model, start: np.ndarray) -> dict[str, n
 
 
 def _block_function(
-    arms: bool, block: Block, evaluate: Callable[..., Any], whiten: np.ndarray
+    arms: bool, block: Block, evaluate: Callable[..., Any], weights: Weights
 ) -> tuple[list[str], Function]:
     """The variables of a block's stacked contacts, and their whitened residuals as a function of these."""
-    across, used = whiten[:, None], (arms, bool(block.size))
+    whiten, apart, used = weights.whitening(block), weights.decorrelation(block), (arms, bool(block.size))
+    across, white = whiten[:, None], apart.white if apart is not None else np.asarray
 
     def function(*parts: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
         arm = parts[0] if arms else np.zeros(0)
         own = parts[-1] if block.size else np.zeros(0)
         r, *slopes = evaluate(arm, own)
-        return r * whiten, [slope * across for slope, use in zip(slopes, used, strict=True) if use]
+        return white(r * whiten), [white(by * across) for by, use in zip(slopes, used, strict=True) if use]
 
     return [name for name, use in zip((ARM, block.target), used, strict=True) if use], function
 
@@ -246,38 +266,16 @@ def by_group(model: Model) -> dict[str, list[Block]]:
 def rescaled_weights(
     model: Model, weights: Weights, linear: Linear, covariance: np.ndarray
 ) -> tuple[Weights, dict[str, float]]:
-    """Noise scales estimated from the residuals, and their degrees of freedom.
-
-    With H the leverage and V the correlation of the noise, H V of the degrees of freedom are taken by the
-    fit: more than H where the corners of an image share errors of its readings.
-    """
+    """Noise scales estimated from the residuals, and their degrees of freedom."""
     leverage = np.einsum("ij,jk,ik->i", linear.jacobian, covariance, linear.jacobian, optimize=True)
-    scale, dof, shared = {}, {}, by_shared(model, weights, linear)
+    scale, dof = {}, {}
     for group, blocks in by_group(model).items():
         at = [linear.of_block[b.name] for b in blocks]
         chi2 = sum(float(np.sum(linear.residual[s] ** 2)) for s in at) * weights.scale[group] ** 2
         count = sum(float(np.sum(weights.row[b.name])) * b.kind.rows for b in blocks)
-        taken = sum(float(np.sum(leverage[s])) for s in at)
-        for b in (b for b in blocks if b.name in shared):
-            taken += float(np.sum(shared[b.name] * (covariance @ shared[b.name])))
-            taken -= float(leverage[linear.of_block[b.name]] @ np.sum(weights.shared[b.name] ** 2, axis=1))
-        dof[group] = max(count - taken, 0.0)
+        dof[group] = max(count - sum(float(np.sum(leverage[s])) for s in at), 0.0)
         scale[group] = float(np.sqrt((STATED_WORTH + chi2) / (STATED_WORTH + dof[group])))
     return replace(weights, scale=scale), dof
-
-
-def by_shared(model: Model, weights: Weights, linear: Linear) -> dict[str, np.ndarray]:
-    """Scores (D, M) of the unknowns by standard errors of the readings of images, by block; see `Weights`."""
-    out = {}
-    for b in model.blocks:
-        if b.name in weights.shared:
-            by, shared = linear.jacobian[linear.of_block[b.name]], weights.shared[b.name]
-            shared = shared * np.tile(weights.row[b.name] > 0, b.kind.rows)[:, None]
-            readings = model.scene.dataset.measurements.readings[b.rows]
-            image = np.tile(np.unique(readings, axis=0, return_inverse=True)[1].ravel(), b.kind.rows)
-            each = [by[image == one].T @ shared[image == one] for one in np.unique(image)]
-            out[b.name] = np.concatenate(each, axis=1)
-    return out
 
 
 def factored(matrix: np.ndarray) -> np.ndarray:

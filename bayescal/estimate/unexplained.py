@@ -119,8 +119,7 @@ def within_images(fitted: Estimate) -> tuple[float | None, int]:
     for b in model.blocks:
         if b.name not in model.slices or b.size < POSE or not isinstance(b.kind, Camera):
             continue
-        mine, whiten = fitted.linear.of_block[b.name], fitted.weights.full.whitening(b)
-        slopes = fitted.linear.jacobian[mine, model.slices[b.name]] / whiten[:, None]
+        slopes = b.linearise(fitted.arm, fitted.z[model.slices[b.name]])[2]
         every, clear = np.column_stack([fitted.residuals(b).ravel(), slopes]), sharp_of(scene, b)
         kept = np.tile(fitted.weights.row[b.name] > 0, b.kind.rows) & clear
         of_readings = fitted.weights.sigma[b.name] ** 2 - np.tile(b.sigma**2, b.kind.rows)

@@ -186,8 +186,11 @@ def log_evidence(found: Estimate, left_out: np.ndarray) -> float:
     out = 0.5 * np.linalg.slogdet(found.covariance)[1] - 0.5 * (found.z @ found.z + constraints @ constraints)
     for block in found.model.blocks:
         kept, scale = ~np.isin(block.rows, left_out), weights.scale[block.group]
-        sigma = scale * weights.sigma[block.name].reshape(block.kind.rows, -1)
-        white = (found.residuals(block) / sigma)[:, kept]
+        kept = np.tile(kept, block.kind.rows)
+        white = (found.residuals(block).ravel() / (scale * weights.sigma[block.name]))[kept]
+        if block.name in weights.shared:
+            apart = weights.shared[block.name][kept].decorrelated()
+            white, out = apart.white(white), out + apart.log_det
         out -= 0.5 * np.sum(white**2) + white.size * np.log(scale)
     out -= STATED_WORTH * sum(np.log(k) + 0.5 / k**2 for k in weights.scale.values())
     return float(out)

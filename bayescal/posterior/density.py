@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bayescal.estimate import STATED_WORTH, Estimate
+from bayescal.estimate.correlated import Decorrelation
 from bayescal.model import ARM
 from bayescal.model.block import Oriented
 from bayescal.model.model import noise_groups
@@ -40,11 +41,13 @@ class Density:
         self.kappa = np.array([estimate.weights.scale[g] for g in self.groups])  # (G,) the estimate's
         member = np.array([[b.group == g for g in self.groups] for b in self.blocks], float)
         self.member = member.reshape(len(self.blocks), len(self.groups))  # 1 where a block is of a group
-        self.inverse_sigma, numbers = [], []
+        self.inverse_sigma, self.apart, numbers = [], list[Decorrelation | None](), []
         for b, full in zip(self.blocks, model.blocks, strict=True):
             row = np.tile(estimate.weights.row[b.name], full.kind.rows)
             inverse = np.sqrt(row) / estimate.weights.sigma[b.name]
             self.inverse_sigma.append(inverse[row > 0].reshape(full.kind.rows, -1))
+            shared = estimate.weights.shared.get(b.name)
+            self.apart.append(None if shared is None else shared[row > 0].decorrelated())
             numbers.append(float(np.sum(row)))
         self.count = np.array(numbers) @ self.member  # (G,) residuals
 
@@ -61,6 +64,8 @@ class Density:
 
     def whitened(self, z: np.ndarray) -> tuple[list[np.ndarray], dict[str, np.ndarray]]:
         """Residuals of every block at z (W, D), in stated standard uncertainties, and all target states.
+
+        As they are: what rows share is not taken out.
 
         Shape for a block: (W, rows of its kind, contacts that were not rejected).
         """
@@ -83,7 +88,9 @@ class Density:
         """
         residuals, states = self.whitened(z)
         contacts = np.zeros((len(z), len(self.groups)))
-        for r, member in zip(residuals, self.member, strict=True):
+        for r, member, apart in zip(residuals, self.member, self.apart, strict=True):
+            if apart is not None:
+                r = apart.white(r.reshape(len(r), -1).T).T[:, None]
             contacts += np.einsum("wkc,wkc->w", r, r)[:, None] * member
         values = self.model.deviations(z[:, self.model.slices[ARM]])
         rest = np.einsum("wd,wd->w", z, z)

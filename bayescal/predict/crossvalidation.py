@@ -234,7 +234,7 @@ def validation_errors(estimate: Estimate, strict: bool = True, without: str = LE
         If a target cannot be located from its rows.
     """
     scene = estimate.model.scene
-    known, factor = prepared(estimate, strict=strict), root(estimate.spread)
+    known, factor = prepared(estimate, strict=strict), root(estimate.covariance)
     fitted = [r for r in known.rows if r.target is None]
     how = VALIDATED if sum(len(r.block.rows) for r in fitted) >= FEWEST else without
     in_images = scene.in_images[scene.rows("calibrate")]
@@ -322,7 +322,7 @@ def left_out(estimate: Estimate) -> list[_Part]:
     orientation that a row measures together with its point stays in the fit.
     """
     model = estimate.model
-    whole = estimate.weights.full
+    whole = estimate.weights.full.apart
     linear = linearise(model, estimate.z, whole)
     factor, out = root(estimate.covariance), []
     for b in length_blocks(model):
@@ -354,7 +354,6 @@ def blocks_left_out(estimate: Estimate, folded: Folded = folds) -> list[_Part]:
     at = np.concatenate([np.arange(len(linear.residual))[linear.of_block[b.target]] for b in lengths])
     rows = _rows(lengths)
     weight = np.concatenate([np.tile(estimate.weights.row[b.name], b.kind.rows) for b in lengths])
-    noise = np.concatenate([1.0 / whole.whitening(b) for b in lengths])
     residual = linear.residual[at]
     by = linear.jacobian[at] @ root(estimate.covariance)
     spread = np.empty_like(by)
@@ -362,10 +361,12 @@ def blocks_left_out(estimate: Estimate, folded: Folded = folds) -> list[_Part]:
     for mine, moved, own in without_fold(residual.copy(), by, weight, fold):
         residual[mine], spread[mine] = moved, own
     ends = np.cumsum([b.residuals for b in lengths])
-    return [
-        _part(b, residual[own] * noise[own], noise[own], spread[own] * noise[own, None])
-        for b, own in zip(lengths, np.split(np.arange(len(rows)), ends[:-1]), strict=True)
-    ]
+    out = []
+    for b, own in zip(lengths, np.split(np.arange(len(rows)), ends[:-1]), strict=True):
+        noise, apart = 1.0 / whole.whitening(b), whole.decorrelation(b)
+        r, by = (x[own] if apart is None else apart.coloured(x[own]) for x in (residual, spread))
+        out.append(_part(b, r * noise, noise, by * noise[:, None]))
+    return out
 
 
 TAILS = (0.025, 0.975)

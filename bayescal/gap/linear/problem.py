@@ -156,7 +156,7 @@ class Slopes:
         z = np.concatenate([fitted.z[model.slices[ARM]], -shift, fitted.z[own:]])
         scale = fitted.weights.scale
         main = scale[main_group(model)]
-        weights = replace(fitted.weights.full, scale={g: s / main for g, s in scale.items()})
+        weights = replace(fitted.weights.full.apart, scale={g: s / main for g, s in scale.items()})
         linear = linearise(wide, z, weights)
         contact, rows, first = [], [], 0
         for b in model.blocks:

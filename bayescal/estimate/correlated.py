@@ -1,0 +1,80 @@
+"""Noise that rows share: the corners of an image have the errors of its readings in common.
+
+Over the standard uncertainty of each row, the covariance of the noise of an image is D + S S', with S (R, n)
+the standard errors of n readings and D diagonal, 1 - |S|^2. What whitens it is symmetric: each whitened
+residual is nearly that of its row, so that outliers stay rows. With Q = D^-1/2 S, and Q' Q = V L V',
+
+    (I + Q Q')^-1/2 D^-1/2 = (I - U (1 - (1 + L)^-1/2) U') D^-1/2,  U = Q V L^-1/2.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
+
+LEAST = 1e-12
+"""Variance of a common error, in units of the noise, below which there is none (rounding)."""
+
+
+@dataclass(frozen=True)
+class Shared:
+    """Standard errors that the residuals (R,) of a block share, over the noise of each."""
+
+    by: np.ndarray  # (R, n)
+    image: np.ndarray  # (R,) int, from 0: residuals with the same number share all n errors
+
+    def without(self, rows: np.ndarray) -> Shared:
+        """The same with the residuals `rows` (R,), bool, having noise of their own alone."""
+        return replace(self, by=np.where(rows[:, None], 0.0, self.by))
+
+    def __getitem__(self, kept: np.ndarray) -> Shared:
+        """The part of some residuals (R,), bool."""
+        return Shared(self.by[kept], self.image[kept])
+
+    def decorrelated(self, row: np.ndarray | float = 1.0) -> Decorrelation:
+        """What whitens residuals with weights `row` (R,), over the noise of each."""
+        from scipy.sparse import csr_array  # slow to import, and few sessions need it
+
+        alone = 1.0 / np.sqrt(1.0 - np.sum(self.by**2, axis=1))
+        q = self.by * (alone * np.sqrt(row))[:, None]
+        count, n = int(self.image.max(initial=-1)) + 1, q.shape[1]
+        gram = np.zeros((count, n, n))
+        np.add.at(gram, self.image, q[:, :, None] * q[:, None])
+        size, turn = np.linalg.eigh(gram)
+        across = turn * np.where(size > LEAST, 1.0 / np.sqrt(np.maximum(size, LEAST)), 0.0)[:, None]
+        basis = np.einsum("ri,rij->rj", q, across[self.image])
+        place = (n * self.image[:, None] + np.arange(n)).ravel()
+        ends = n * np.arange(len(q) + 1)
+        return Decorrelation(
+            alone, csr_array((basis.ravel(), place, ends), (len(q), n * count)), np.maximum(size, 0.0).ravel()
+        )
+
+
+@dataclass(frozen=True)
+class Decorrelation:
+    """A symmetric factor that whitens residuals (R,), or columns (R, K), of unit noise."""
+
+    alone: np.ndarray  # (R,)
+    basis: csr_array  # (R, M)
+    size: np.ndarray  # (M,)
+
+    def white(self, x: np.ndarray) -> np.ndarray:
+        """Residuals or columns with independent unit noise."""
+        return self._moved((x.T * self.alone).T, 1.0 / np.sqrt(1.0 + self.size) - 1.0)
+
+    def coloured(self, x: np.ndarray) -> np.ndarray:
+        """The inverse of `white`."""
+        return (self._moved(x, np.sqrt(1.0 + self.size) - 1.0).T / self.alone).T
+
+    @property
+    def log_det(self) -> float:
+        """Logarithm of the determinant of `white`."""
+        return float(np.sum(np.log(self.alone)) - 0.5 * np.sum(np.log1p(self.size)))
+
+    def _moved(self, x: np.ndarray, by: np.ndarray) -> np.ndarray:
+        return np.asarray(x + self.basis @ ((self.basis.T @ x).T * by).T)
