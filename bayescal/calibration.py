@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bayescal.assess.acceptance import Acceptance, acceptance, discrepancy, not_physical, widened
+from bayescal.assess.acceptance import Acceptance, acceptance, anew, discrepancy, not_physical, widened
 from bayescal.assess.budget import Budget, of_distances, with_budgets
 from bayescal.assess.completed import completed
 from bayescal.assess.conformance import Tolerance, check_tolerance, conformance
@@ -25,6 +25,7 @@ from bayescal.effects import BASELINE, levels_of, parameters_of
 from bayescal.estimate import Estimate, check_enough, fitted_level
 from bayescal.estimate.bounds import UNCHANGED, Rigid, bounded, with_latent_readings
 from bayescal.estimate.discrepancy import Stated, stated
+from bayescal.estimate.scatter import scatter_of, with_scatter
 from bayescal.estimate.unexplained import FaceCheck, Unexplained, unexplained
 from bayescal.estimate.widths import Width, simpler_level, with_widths
 from bayescal.model import USUAL, FitOptions
@@ -154,7 +155,11 @@ def _fit(
     count = predicted_draws(dataset)
     *simpler, full = levels_of(effects)
     progress("estimate", 0.0)
+    as_stated = options
     level, options, told = with_widths(fitted_level(scene, full, options), scene, full, options)
+    if scatter := scatter_of(level):
+        scene = with_scatter(scene, scatter)
+        level, options, told = with_widths(fitted_level(scene, full, as_stated), scene, full, as_stated)
     levels: list[ModelLevel] = []
     for k, step in enumerate(simpler, 1):
         progress("estimate", k / (len(simpler) + 1))
@@ -185,7 +190,7 @@ def _fit(
     basis = _basis(wide, remaining.excess, checked, located)
     expected = with_budgets(forecast(complete, z, checked, remaining.excess, of_forecast, wide.wide), basis)
     checks = (*tests.checks, *not_physical(complete, wide.limited))
-    doubts = (*tests.doubts, *discrepancy(wide))
+    doubts = (*tests.doubts, *anew(scatter), *discrepancy(wide))
     tests = replace(tests, checks=checks, doubts=doubts, determined=not rests_on_priors(expected, left))
     results = Assessed(complete, left, checked, expected, lacking, seen, faces, tests, options, rigid, told)
     limitations = findings(results)

@@ -22,6 +22,7 @@ from bayescal.estimate import Estimate
 from bayescal.estimate.bounds import CHANCE as RIGID
 from bayescal.estimate.bounds import negative, square
 from bayescal.estimate.discrepancy import Stated
+from bayescal.estimate.scatter import LEAST, Scatter
 from bayescal.estimate.unexplained import Unexplained
 from bayescal.predict.validation import DistanceCheck, RowCheck, Validation
 from bayescal.statistics import chi2_isf, chi2_sf, poisson_sf, rms
@@ -182,6 +183,17 @@ def _doubts(left: Unexplained, checked: Validation, rejected: float | None) -> I
             found = _chi_square("target", f"{test} on {part.target}", r, predicted, 1e6, "µm")
             level = LEVEL / 2 / len(alone)
             yield Check(found.test, found.value, found.limit(level), found.p_value, level, found.words)
+
+
+def anew(scatter: Scatter | None) -> tuple[Check, ...]:
+    """The errors that every image has anew, where they are larger than those that are stated of its readings.
+
+    The uncertainty allows for them; poses that do not repeat, the camera or an effect may be the cause.
+    """
+    if scatter is None or not scatter.beyond:
+        return ()
+    chance, level = np.exp(-np.array([scatter.nats, LEAST])).tolist()
+    return (Check("images", scatter.nats, LEAST, chance, level, f"{scatter.words}; U allows for it"),)
 
 
 def discrepancy(wide: Stated) -> tuple[Check, ...]:

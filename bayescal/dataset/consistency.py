@@ -287,11 +287,15 @@ def step_of(readings: np.ndarray) -> float:
     return next((step for part, step in parts if np.max(np.abs(part - np.rint(part))) < NEAR_STEP), 0.0)
 
 
+def steps(dataset: Dataset) -> np.ndarray:
+    """Step (n,) in which the readings of each joint are written, deg; 0 where it is none, or of a slide."""
+    each = zip(dataset.robot.slides, np.degrees(dataset.measurements.readings).T, strict=True)
+    return np.array([0.0 if slides else step_of(q) for slides, q in each])
+
+
 def rounded(dataset: Dataset) -> str:
     """Readings of too few digits for the stated noise, as a sentence; "" where they are fine enough."""
-    m, robot = dataset.measurements, dataset.robot
-    each = zip(robot.slides, np.degrees(m.readings).T, strict=True)
-    step = np.array([0.0 if slides else step_of(q) for slides, q in each])
+    m, step = dataset.measurements, steps(dataset)
     u = np.where(step > np.sqrt(12.0) * np.degrees(dataset.noise.joint), step / np.sqrt(12.0), 0.0)
     stated = [n for n in (dataset.noise.contact, dataset.noise.point) if n]
     if not np.any(u) or not stated:

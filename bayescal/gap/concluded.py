@@ -9,14 +9,13 @@ from functools import partial
 import numpy as np
 
 from bayescal.effects import EFFECTS
-from bayescal.effects.location import ARM, BOARD, Site
+from bayescal.effects.location import ARM
 from bayescal.errors import attempted
 from bayescal.estimate import Estimate
 from bayescal.estimate.discrepancy import stated
+from bayescal.estimate.scatter import Scatter
 from bayescal.estimate.widths import sentences
 from bayescal.gap.examine import Examined
-from bayescal.gap.linear.evidence import SCALE_PRIOR, log_sum, weigh_clusters
-from bayescal.gap.linear.state import fit_state
 from bayescal.gap.outcome.events import named_events
 from bayescal.gap.outcome.notes import alike, cautions, play_or_late
 from bayescal.gap.outcome.where import neighbours
@@ -24,7 +23,7 @@ from bayescal.gap.result import OTHER, CauseClass, Event, Hypothetical, Named, V
 from bayescal.gap.search.beam import COMPLIANCE, Member
 from bayescal.gap.search.refit import model_name
 from bayescal.gap.search.verdict import Decision, Weighed
-from bayescal.gap.settings import OUTCOME, VERDICT
+from bayescal.gap.settings import VERDICT
 
 UNSEEN = "not detectable with these contacts at any plausible amplitude"
 
@@ -64,38 +63,19 @@ def concluded(e: Examined, without: Decision | None) -> Verdict:
             *sentences(e.widths),
             *play_or_late(d.alone, e.pool, d.credible),
             *alike(scene, d.members),
-            *new_in_each_image(e),
+            *new_in_each_image(e.scatter),
             *cautions(scene.dataset),
         ),
         _causes(d, probability) if kind == "class" else None,
     )
 
 
-def new_in_each_image(e: Examined) -> tuple[str, ...]:
-    """Where an error may be that all corners of an image share and that every image has anew; () without one.
-
-    The search counts it as scatter of the poses: without it, that of the corners would be worth far more.
-    """
-    scene, p, h = e.fitted.model.scene, e.problem, e.decision.hypothesis.state
-    if p.worth is None or not scene.in_images[p.rows].all():
+def new_in_each_image(scatter: Scatter | None) -> tuple[str, ...]:
+    """What errors that every image has anew may be, and that they are no effect; () without any."""
+    if scatter is None:
         return ()
-    state = fit_state(replace(p, worth=None), h.columns, h.scales, h.weight, h.robust)
-    nats: dict[Site, float] = {}
-    for owner, own in zip(e.pool.owner.tolist(), e.pool.sets, strict=True):
-        cell = e.pool.cells[owner]
-        if cell.clusters is None or cell.site.kind == BOARD.kind:
-            continue
-        by = weigh_clusters(state, e.pool.columns[:, own][:, 0], cell.clusters[p.rows[p.contact]])
-        nats[cell.site] = max(nats.get(cell.site, -np.inf), float(log_sum(by + SCALE_PRIOR)))
-    most = max(nats.values(), default=-np.inf)
-    if most < OUTCOME.plain:
-        return ()
-    sites = [site.text for site in sorted(nats, key=lambda s: -nats[s]) if nats[site] > most - OUTCOME.apart]
-    return (
-        f"every image has an error of its own, which its corners share ({most:.0f} nats, at "
-        f"{' or '.join(sites)}): poses that do not repeat, a trigger that varies or an image stabiliser. It "
-        "counts as scatter and not as an effect",
-    )
+    causes = "poses that do not repeat, a trigger that varies or an image stabiliser"
+    return (f"{scatter.words}: {causes}. It counts as scatter and not as an effect",)
 
 
 def hypotheticals(weighed: Sequence[Weighed]) -> tuple[Hypothetical, ...]:

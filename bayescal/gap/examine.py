@@ -21,6 +21,7 @@ from bayescal.effects.selection import plain as plain_name
 from bayescal.errors import attempted
 from bayescal.estimate import Estimate, calibrated, families
 from bayescal.estimate.families import with_compliances
+from bayescal.estimate.scatter import Scatter, scatter_of, with_scatter
 from bayescal.estimate.widths import Width, with_widths
 from bayescal.gap.linear.evidence import shared_variance, worth
 from bayescal.gap.linear.problem import Problem, Slopes, of_certificate
@@ -59,6 +60,7 @@ class Examined:
     options: FitOptions = USUAL  # of the fit, with the prior widths that the data told
     widths: tuple[Width, ...] = ()
     formed: Estimate | None = None  # the same with the form of uneven faces, where there are any
+    scatter: Scatter | None = None  # errors that every image has anew, and that no effect explains
 
     @property
     def complete(self) -> Estimate:
@@ -69,9 +71,31 @@ class Examined:
 def examine(scene: Scene, effects: tuple[str, ...], options: FitOptions, further: bool = False) -> Examined:
     """Fit a baseline at the deflected pose of the arm, and evaluate all effects that it lacks.
 
-    `further`: an effect was named before.
+    Errors that every image has anew are scatter only where no effect explains what the images share.
+
+    Parameters
+    ----------
+    scene : Scene
+    effects : tuple of str
+        The baseline.
+    options : FitOptions
+    further : bool
+        An effect was named before.
     """
-    plain, options, told = _with_widths(scene, effects, options)
+    base = _with_widths(scene, effects, options)
+    scatter = scatter_of(base[0])
+    if scatter is not None and not scatter.beyond:
+        base = _with_widths(with_scatter(scene, scatter), effects, options)
+    found = _of_baseline(base, further)
+    if scatter is None or not scatter.beyond or found.decision.kind != "null":
+        return found
+    base = _with_widths(with_scatter(scene, scatter), effects, options)
+    return replace(_of_baseline(base, further), scatter=scatter)
+
+
+def _of_baseline(base: tuple[Estimate, FitOptions, tuple[Width, ...]], further: bool) -> Examined:
+    """Evaluate all effects that a baseline lacks, as `fit` states it."""
+    plain, options, told = base
     whole = completed(plain, options.robust)
     fitted, causes, formed = whole.fitted, whole.causes, None
     if fitted.model.effects != plain.model.effects:  # the search has no form of its own

@@ -118,7 +118,7 @@ UNREAD = (
     | dict.fromkeys(("levelled", "u_level_rad"), "leave it out: the fit estimates the orientation")
     | dict.fromkeys(
         ("base_tilt_x_rad", "base_tilt_y_rad", "base_tilt_u_rad"),
-        "leave it out: `gap` tells a base that tilts from the other rows",
+        "leave it out: `gap` finds a base that tilts from the other rows",
     )
 )
 """Keys and columns of the format that are not read, and what to do instead."""

@@ -1,0 +1,143 @@
+"""Errors that every image has anew: those of its readings, told by what its corners share.
+
+Poses of an arm do not repeat, readings are written in steps, triggers vary, and lenses are stabilised. Such
+an error moves all corners of an image, as errors of the readings do. Their standard uncertainty is that of
+most evidence, with all unknowns of the fit integrated out (empirical Bayes, at its linearisation).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from bayescal.dataset.consistency import step_of, steps
+from bayescal.estimate.correlated import Shared
+from bayescal.estimate.estimate import Estimate
+from bayescal.estimate.solver import STATED_WORTH, Evaluations, factored, linearise, solved
+from bayescal.model.scene import Scene
+from bayescal.statistics import rms
+
+RATIOS = np.geomspace(0.05, 50.0, 16)
+"""Errors of an image over the noise of a corner that are tried (assumed: hardly an arm repeats a pose better,
+and a model with larger ones fits nothing)."""
+LEAST = 5.0
+"""Nats of evidence from which on the stated errors of the readings are too small (convention)."""
+ROUNDS = 20
+"""Steps of the noise of the corners, at most."""
+
+
+@dataclass(frozen=True)
+class Scatter:
+    """Standard uncertainty of the readings of images, and its evidence beyond what is known of it.
+
+    In rad; in m of an arm that only slides.
+    """
+
+    u: float
+    known: float  # stated, with the steps in which the readings are written
+    nats: float
+    unit: str = "rad"
+
+    @property
+    def words(self) -> str:
+        """The uncertainty, beside what is known of it."""
+        by, unit = (np.degrees(1.0), "deg") if self.unit == "rad" else (1e3, "mm")
+        return (
+            f"every image has an error of its own, as of readings with an uncertainty of {by * self.u:.2g} "
+            f"{unit} ({by * self.known:.2g} stated)"
+        )
+
+    @property
+    def beyond(self) -> bool:
+        """Whether the images show more than what is known."""
+        return self.nats > LEAST
+
+
+def scatter_of(found: Estimate) -> Scatter | None:
+    """The errors of the readings of images beyond the stated ones; None where a fit shows none."""
+    scene, blocks = found.model.scene, found.model.blocks
+    if not blocks or not all(scene.in_images[b.rows].all() for b in blocks):
+        return None
+    stated, share = scene.dataset.reading_noise
+    slices, coupling = found.model.slices, scene.dataset.robot.link_from_reading * share
+    by = {b.name: b.by_readings(found.arm, found.z[slices[b.target]], coupling) for b in blocks}
+    noise = rms(np.concatenate([found.weights.scale[b.group] * b.sigma for b in blocks]))
+    unit = noise / max(rms(np.concatenate([np.linalg.norm(x, axis=1) for x in by.values()])), 1e-300)
+    known = float(np.hypot(stated, _step(scene) / np.sqrt(12.0)))
+    evidence = partial(_log_evidence, found, by, Evaluations(found.model))
+    tried = np.append(known, unit * RATIOS[unit * RATIOS > known])
+    nats, plain = np.array([evidence(u) for u in tried]), evidence(stated)
+    best = int(np.argmax(nats))
+    u, most = float(tried[best]), float(nats[best])
+    if 1 < best < len(tried) - 1:  # the first is not of the series
+        near = slice(best - 1, best + 2)
+        u = float(np.exp(_top(np.log(tried[near]), nats[near])))
+        most = evidence(u)
+    if most - nats[0] > LEAST:
+        return Scatter(u, known, most - float(nats[0]), "m" if scene.dataset.robot.slides.all() else "rad")
+    return Scatter(known, known, 0.0) if nats[0] - plain > LEAST else None
+
+
+def _step(scene: Scene) -> float:
+    """Step of the readings as written, rad: of each joint, or of all together where there are few values."""
+    revolute = np.degrees(scene.dataset.measurements.readings[:, ~scene.dataset.robot.slides])
+    each = steps(scene.dataset)
+    return float(np.radians(rms(each[each > 0]) if np.any(each) else step_of(revolute.ravel())))
+
+
+def _top(x: np.ndarray, y: np.ndarray) -> float:
+    """Where the parabola through three points (3,), of which the middle one is the highest, is highest."""
+    a, b, _ = np.polyfit(x - x[1], y, 2)
+    return float(x[1] - b / (2.0 * a))
+
+
+def with_scatter(scene: Scene, scatter: Scatter) -> Scene:
+    """The scene whose readings have these errors; those of prismatic joints in the stated proportion."""
+    noise, (stated, share) = scene.dataset.noise, scene.dataset.reading_noise
+    slides = scene.dataset.robot.slides
+    if slides.all():
+        noise = replace(noise, slide=scatter.u)
+    else:
+        slide = scatter.u * float(np.max(share[slides])) if stated and slides.any() else noise.slide
+        noise = replace(noise, joint=scatter.u, slide=slide)
+    return Scene(replace(scene.dataset, noise=noise), oriented=True)
+
+
+def _log_evidence(found: Estimate, by: Mapping[str, np.ndarray], evaluations: Evaluations, u: float) -> float:
+    """Log evidence of a standard uncertainty of the readings, at the most probable noise of the corners.
+
+    `by` are the slopes (R, n) of the residuals of each block by the readings.
+    """
+    model, row, out = found.model, found.weights.row, 0.0
+    sigma, shared, count = dict[str, np.ndarray](), dict[str, Shared](), 0
+    for b in model.blocks:
+        own = np.hypot(np.tile(b.sigma, b.kind.rows), u * np.linalg.norm(by[b.name], axis=1))
+        readings = model.scene.dataset.measurements.readings[b.rows]
+        image = np.unique(readings, axis=0, return_inverse=True)[1].ravel()
+        sigma[b.name] = own
+        shared[b.name] = Shared(u * by[b.name] / own[:, None], np.tile(image, b.kind.rows))
+        kept = np.tile(row[b.name] > 0, b.kind.rows)
+        out += shared[b.name][kept].decorrelated().log_det - float(np.sum(np.log(own[kept])))
+        count += int(np.sum(kept))
+    weights = replace(
+        found.weights, sigma=sigma, shared=shared, scale=dict.fromkeys(found.weights.scale, 1.0)
+    )
+    linear, z = linearise(model, found.z, weights, evaluations), found.z
+    ends = max(part.stop for part in linear.of_block.values())
+    (j, fixed), (r, other) = ((x[:ends], x[ends:]) for x in (linear.jacobian, linear.residual))
+    gram, score, scale = j.T @ j, j.T @ r, 1.0
+    prior, push = fixed.T @ fixed + np.eye(len(z)), fixed.T @ other + z
+    for _ in range(ROUNDS):
+        factor = factored(gram / scale + prior)
+        step = -solved(factor, score / scale + push)
+        chi2 = float(r @ r + 2.0 * score @ step + step @ gram @ step)
+        taken = float(np.trace(solved(factor, gram))) / scale
+        before, scale = scale, (STATED_WORTH + chi2) / (STATED_WORTH + count - taken)
+        if abs(np.log(scale / before)) < 1e-6:
+            break
+    rest = float(other @ other + z @ z + 2.0 * push @ step + step @ prior @ step)
+    out -= 0.5 * (chi2 / scale + count * float(np.log(scale)) + rest) + float(np.sum(np.log(np.diag(factor))))
+    return out - 0.5 * STATED_WORTH * (float(np.log(scale)) + 1.0 / scale)

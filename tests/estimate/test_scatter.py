@@ -1,0 +1,71 @@
+"""Errors that every image has anew are told by what its corners share."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from camera_sessions import camera_session
+from sessions import with_columns
+from test_image_noise import STEP, misread
+
+from bayescal.assess.acceptance import DOUBTED, anew
+from bayescal.calibration import fit
+from bayescal.dataset import Noise
+from bayescal.estimate.estimate import calibrated
+from bayescal.estimate.scatter import scatter_of, with_scatter
+from bayescal.model.scene import Scene
+
+
+def images(seed, **how):
+    return camera_session(images=20, seed=seed, velocity=False, **how)
+
+
+def unstated(session):
+    return replace(session, noise=Noise(pixel=session.noise.pixel))
+
+
+def told(session):
+    return scatter_of(calibrated(Scene(session, oriented=True), ("geometry",)))
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_errors_of_readings_that_are_not_stated_are_found_and_then_known(seed):
+    exact = images(seed)
+    session = misread(exact, seed)
+    found = told(unstated(session))
+    size = np.sqrt(np.mean((session.measurements.readings - exact.measurements.readings) ** 2))
+    assert size == pytest.approx(STEP, rel=0.2)
+    assert found.u == pytest.approx(size, rel=0.25)  # 20 images of 6 readings, less what the geometry takes
+    assert found.beyond
+    assert f"{np.degrees(found.u):.2g} deg (0 stated)" in anew(found)[0].words
+    assert told(session) is None
+    again = with_scatter(Scene(unstated(session), oriented=True), found)
+    assert again.dataset.reading_noise[0] == found.u
+    assert told(again.dataset) is None
+
+
+def test_exact_readings_and_wrong_noise_of_corners_are_no_errors_of_images():
+    session = images(3, noise=0.4)
+    assert told(session) is None
+    assert told(replace(session, noise=Noise(pixel=0.2))) is None
+
+
+def test_steps_in_which_readings_are_written_are_known():
+    session, step = images(4), np.radians(0.05)
+    found = told(with_columns(session, readings=step * np.rint(session.measurements.readings / step)))
+    assert found.u == found.known == pytest.approx(step / np.sqrt(12.0))
+    assert not found.beyond
+    assert anew(found) == anew(None) == ()
+
+
+def test_a_fit_weighs_images_by_them_and_says_so():
+    """The stated uncertainty holds the truth, which is the nominal arm."""
+    session = unstated(misread(images(5, validate=4), 5))
+    found = fit(session, ("geometry",), samples=0)
+    assert found.acceptance.verdict == DOUBTED
+    assert found.acceptance.doubts[0].test == "images"
+    assert found.final.estimate.weights.scale["pixel"] == pytest.approx(1.0, abs=0.1)
+    assert found.dataset is session
+    arm = found.final.estimate.model.slices["arm"]
+    off = found.final.estimate.z[arm] / np.sqrt(np.diag(found.stated.limited)[arm])
+    assert np.mean(np.abs(off) < 1.96) > 0.85
