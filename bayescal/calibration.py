@@ -25,9 +25,9 @@ from bayescal.effects import BASELINE, levels_of, parameters_of
 from bayescal.estimate import Estimate, check_enough, fitted_level
 from bayescal.estimate.bounds import UNCHANGED, Rigid, bounded, with_latent_readings
 from bayescal.estimate.discrepancy import Stated, stated
-from bayescal.estimate.scatter import scatter_of, with_scatter
+from bayescal.estimate.scatter import scattered
 from bayescal.estimate.unexplained import FaceCheck, Unexplained, unexplained
-from bayescal.estimate.widths import Width, simpler_level, with_widths
+from bayescal.estimate.widths import Widened, Width, simpler_level, with_widths
 from bayescal.model import USUAL, FitOptions
 from bayescal.model.scene import Scene
 from bayescal.posterior import Draws, approximate, gaussian
@@ -155,11 +155,11 @@ def _fit(
     count = predicted_draws(dataset)
     *simpler, full = levels_of(effects)
     progress("estimate", 0.0)
-    as_stated = options
-    level, options, told = with_widths(fitted_level(scene, full, options), scene, full, options)
-    if scatter := scatter_of(level):
-        scene = with_scatter(scene, scatter)
-        level, options, told = with_widths(fitted_level(scene, full, as_stated), scene, full, as_stated)
+
+    def fitted(some: Scene, as_stated: FitOptions = options) -> Widened:
+        return with_widths(fitted_level(some, full, as_stated), some, full, as_stated)
+
+    scene, (level, options, told), scatter = scattered(scene, fitted)
     levels: list[ModelLevel] = []
     for k, step in enumerate(simpler, 1):
         progress("estimate", k / (len(simpler) + 1))

@@ -7,7 +7,7 @@ most evidence, with all unknowns of the fit integrated out (empirical Bayes, at 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -17,6 +17,7 @@ from bayescal.dataset.consistency import step_of, steps
 from bayescal.estimate.correlated import Shared
 from bayescal.estimate.estimate import Estimate
 from bayescal.estimate.solver import STATED_WORTH, Evaluations, factored, linearise, solved
+from bayescal.estimate.widths import Widened
 from bayescal.model.scene import Scene
 from bayescal.statistics import rms
 
@@ -25,6 +26,8 @@ RATIOS = np.geomspace(0.05, 50.0, 16)
 and a model with larger ones fits nothing)."""
 LEAST = 5.0
 """Nats of evidence from which on the stated errors of the readings are too small (convention)."""
+FITS = 4
+"""Fits with larger errors, at most (cost)."""
 ROUNDS = 20
 """Steps of the noise of the corners, at most."""
 
@@ -104,6 +107,34 @@ def with_scatter(scene: Scene, scatter: Scatter) -> Scene:
         slide = scatter.u * float(np.max(share[slides])) if stated and slides.any() else noise.slide
         noise = replace(noise, joint=scatter.u, slide=slide)
     return Scene(replace(scene.dataset, noise=noise), oriented=True)
+
+
+def scattered(
+    scene: Scene, fitted: Callable[[Scene], Widened], known: bool = False
+) -> tuple[Scene, Widened, Scatter | None]:
+    """A fit that weighs images by the errors that each has anew, the scene with these, and the errors.
+
+    Of images that seemed wrong as a whole fewer are left out from fit to fit, and the errors are the larger.
+
+    Parameters
+    ----------
+    scene : Scene
+    fitted : callable
+        Fits a scene.
+    known : bool
+        Weigh images by what is known of their readings alone.
+    """
+    base = fitted(scene)
+    found = scatter_of(base[0])
+    more = found if found is None or not (known and found.beyond) else None
+    for _ in range(FITS):
+        if more is None or found is None:
+            break
+        found = replace(found, u=more.u, nats=found.nats + more.nats * (more is not found))
+        scene = with_scatter(scene, more)
+        base = fitted(scene)
+        more = scatter_of(base[0]) if found.beyond else None
+    return scene, base, found
 
 
 def _log_evidence(found: Estimate, by: Mapping[str, np.ndarray], evaluations: Evaluations, u: float) -> float:

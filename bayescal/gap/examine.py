@@ -21,7 +21,7 @@ from bayescal.effects.selection import plain as plain_name
 from bayescal.errors import attempted
 from bayescal.estimate import Estimate, calibrated, families
 from bayescal.estimate.families import with_compliances
-from bayescal.estimate.scatter import Scatter, scatter_of, with_scatter
+from bayescal.estimate.scatter import Scatter, scattered
 from bayescal.estimate.widths import Width, with_widths
 from bayescal.gap.linear.evidence import shared_variance, worth
 from bayescal.gap.linear.problem import Problem, Slopes, of_certificate
@@ -82,15 +82,15 @@ def examine(scene: Scene, effects: tuple[str, ...], options: FitOptions, further
     further : bool
         An effect was named before.
     """
-    base = _with_widths(scene, effects, options)
-    scatter = scatter_of(base[0])
-    if scatter is not None and not scatter.beyond:
-        base = _with_widths(with_scatter(scene, scatter), effects, options)
+    fitted = partial(_with_widths, effects=effects, options=options)
+    _, base, scatter = scattered(scene, fitted, known=True)
     found = _of_baseline(base, further)
     if scatter is None or not scatter.beyond or found.decision.kind != "null":
         return found
-    base = _with_widths(with_scatter(scene, scatter), effects, options)
-    return replace(_of_baseline(base, further), scatter=scatter)
+    _, base, scatter = scattered(scene, fitted)
+    weighed = _of_baseline(base, further)
+    # errors of another form than those of readings leave what looks like an effect
+    return replace(weighed if weighed.decision.kind == "null" else found, scatter=scatter)
 
 
 def _of_baseline(base: tuple[Estimate, FitOptions, tuple[Width, ...]], further: bool) -> Examined:
