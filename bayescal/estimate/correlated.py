@@ -28,6 +28,12 @@ class Shared:
     by: np.ndarray  # (R, n)
     image: np.ndarray  # (R,) int, from 0: residuals with the same number share all n errors
 
+    @classmethod
+    def of(cls, by: np.ndarray, readings: np.ndarray) -> Shared:
+        """Errors `by` (k C, n) of C rows of k residuals; rows with equal readings (C, n) share them."""
+        image = np.unique(readings, axis=0, return_inverse=True)[1].ravel()
+        return cls(by, np.tile(image, len(by) // max(len(image), 1)))
+
     def without(self, rows: np.ndarray) -> Shared:
         """The same with the residuals `rows` (R,), bool, having noise of their own alone."""
         return replace(self, by=np.where(rows[:, None], 0.0, self.by))
@@ -43,8 +49,9 @@ class Shared:
         alone = 1.0 / np.sqrt(1.0 - np.sum(self.by**2, axis=1))
         q = self.by * (alone * np.sqrt(row))[:, None]
         count, n = int(self.image.max(initial=-1)) + 1, q.shape[1]
-        gram = np.zeros((count, n, n))
-        np.add.at(gram, self.image, q[:, :, None] * q[:, None])
+        gram = np.empty((count, n, n))
+        for i, j in np.ndindex(n, n):  # `np.add.at` takes several times longer
+            gram[:, i, j] = np.bincount(self.image, q[:, i] * q[:, j], count)
         size, turn = np.linalg.eigh(gram)
         across = turn * np.where(size > LEAST, 1.0 / np.sqrt(np.maximum(size, LEAST)), 0.0)[:, None]
         basis = np.einsum("ri,rij->rj", q, across[self.image])

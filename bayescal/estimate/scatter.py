@@ -21,7 +21,7 @@ from bayescal.estimate.widths import Widened
 from bayescal.model.scene import Scene
 from bayescal.statistics import rms
 
-RATIOS = np.geomspace(0.05, 50.0, 16)
+RATIOS = np.geomspace(0.05, 50.0, 12)
 """Errors of an image over the noise of a corner that are tried (assumed: hardly an arm repeats a pose better,
 and a model with larger ones fits nothing)."""
 LEAST = 5.0
@@ -66,9 +66,15 @@ def scatter_of(found: Estimate) -> Scatter | None:
         return None
     stated, share = scene.dataset.reading_noise
     slices, coupling = found.model.slices, scene.dataset.robot.link_from_reading * share
-    by = {b.name: b.by_readings(found.arm, found.z[slices[b.target]], coupling) for b in blocks}
+    by = {
+        b.name: Shared.of(
+            b.by_readings(found.arm, found.z[slices[b.target]], coupling),
+            scene.dataset.measurements.readings[b.rows],
+        )
+        for b in blocks
+    }
     noise = rms(np.concatenate([found.weights.scale[b.group] * b.sigma for b in blocks]))
-    unit = noise / max(rms(np.concatenate([np.linalg.norm(x, axis=1) for x in by.values()])), 1e-300)
+    unit = noise / max(rms(np.concatenate([np.linalg.norm(x.by, axis=1) for x in by.values()])), 1e-300)
     known = float(np.hypot(stated, _step(scene) / np.sqrt(12.0)))
     evidence = partial(_log_evidence, found, by, Evaluations(found.model))
     tried = np.append(known, unit * RATIOS[unit * RATIOS > known])
@@ -137,19 +143,17 @@ def scattered(
     return scene, base, found
 
 
-def _log_evidence(found: Estimate, by: Mapping[str, np.ndarray], evaluations: Evaluations, u: float) -> float:
+def _log_evidence(found: Estimate, by: Mapping[str, Shared], evaluations: Evaluations, u: float) -> float:
     """Log evidence of a standard uncertainty of the readings, at the most probable noise of the corners.
 
-    `by` are the slopes (R, n) of the residuals of each block by the readings.
+    `by` are the slopes of the residuals of each block by the readings.
     """
     model, row, out = found.model, found.weights.row, 0.0
     sigma, shared, count = dict[str, np.ndarray](), dict[str, Shared](), 0
     for b in model.blocks:
-        own = np.hypot(np.tile(b.sigma, b.kind.rows), u * np.linalg.norm(by[b.name], axis=1))
-        readings = model.scene.dataset.measurements.readings[b.rows]
-        image = np.unique(readings, axis=0, return_inverse=True)[1].ravel()
-        sigma[b.name] = own
-        shared[b.name] = Shared(u * by[b.name] / own[:, None], np.tile(image, b.kind.rows))
+        each = by[b.name]
+        sigma[b.name] = own = np.hypot(np.tile(b.sigma, b.kind.rows), u * np.linalg.norm(each.by, axis=1))
+        shared[b.name] = replace(each, by=u * each.by / own[:, None])
         kept = np.tile(row[b.name] > 0, b.kind.rows)
         out += shared[b.name][kept].decorrelated().log_det - float(np.sum(np.log(own[kept])))
         count += int(np.sum(kept))

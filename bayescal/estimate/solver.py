@@ -69,8 +69,7 @@ def unit_weights(model: Model, z: np.ndarray) -> Weights:
             own = np.sqrt(own**2 + joint**2 * np.sum(by**2, axis=1))
             if model.scene.in_images[block.rows].all():
                 readings = model.scene.dataset.measurements.readings[block.rows]
-                image = np.unique(readings, axis=0, return_inverse=True)[1].ravel()
-                shared[block.name] = Shared(joint * by / own[:, None], np.tile(image, block.kind.rows))
+                shared[block.name] = Shared.of(joint * by / own[:, None], readings)
         sigma[block.name] = own
     row = {block.name: np.ones(len(block.rows)) for block in model.blocks}
     return Weights(sigma, row, {block.group: 1.0 for block in model.blocks}, shared)
