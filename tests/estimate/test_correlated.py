@@ -1,13 +1,17 @@
 """Errors that the corners of an image share, against dense covariances."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from camera_sessions import camera_session
 from test_image_noise import misread
 
-from bayescal.estimate import linearise
+from bayescal.assess.images import images
+from bayescal.estimate import STATED_WORTH, linearise
 from bayescal.estimate.correlated import Shared
 from bayescal.estimate.estimate import calibrated
+from bayescal.estimate.widths import log_evidence
 from bayescal.model.scene import Scene
 from bayescal.posterior.density import Density
 
@@ -43,9 +47,13 @@ def test_rows_without_shared_errors_are_as_they_were(shared):
     assert shared[~out].decorrelated().white(np.eye(21)) == pytest.approx(turned[:21, :21])
 
 
-def test_a_fit_is_generalised_least_squares_and_the_posterior_has_its_density():
-    """The most probable parameters, their covariance and the chi-square, by a dense covariance."""
-    found = calibrated(Scene(misread(camera_session(images=12, seed=3, velocity=False), 3)), ("geometry",))
+@pytest.fixture(scope="module")
+def found():
+    return calibrated(Scene(misread(camera_session(images=12, seed=3, velocity=False), 3)), ("geometry",))
+
+
+def test_a_fit_is_generalised_least_squares_and_the_posterior_has_its_density(found):
+    """The most probable parameters, their covariance, chi-square and evidence, by a dense covariance."""
     ((name, shared),) = found.weights.shared.items()
     (block,) = found.model.blocks
     row = np.tile(found.weights.row[name], block.kind.rows)
@@ -57,3 +65,15 @@ def test_a_fit_is_generalised_least_squares_and_the_posterior_has_its_density():
     assert found.covariance @ information == pytest.approx(np.eye(found.model.size), abs=1e-6)
     whole = (apart.residual @ weight @ apart.residual) * found.weights.scale[block.group] ** 2
     assert Density(found).misfit(found.z[None])[0][0, 0] == pytest.approx(whole, rel=1e-9)
+    kept, scale = row > 0, found.weights.scale[block.group]
+    log_det = np.linalg.slogdet(dense(shared)[np.ix_(kept, kept)])[1] + 2 * np.sum(kept) * np.log(scale)
+    expected = 0.5 * np.linalg.slogdet(found.covariance)[1] - 0.5 * (found.z @ found.z + log_det)
+    expected -= 0.5 * whole / scale**2 + STATED_WORTH * (np.log(scale) + 0.5 / scale**2)
+    assert log_evidence(found, found.rejected) == pytest.approx(expected)
+
+
+def test_what_a_side_changes_in_the_images_is_of_the_corners_themselves(found):
+    apart = found.weights.apart
+    alone = replace(found, weights=apart, linear=linearise(found.model, found.z, apart))
+    (one,), (other,) = images(found), images(alone)
+    assert one == other
