@@ -190,7 +190,9 @@ def _fit(
     basis = _basis(wide, remaining.excess, checked, located)
     expected = with_budgets(forecast(complete, z, checked, remaining.excess, of_forecast, wide.wide), basis)
     checks = (*tests.checks, *not_physical(complete, wide.limited))
-    doubts = (*tests.doubts, *anew(scatter), *discrepancy(wide))
+    doubts = (*tests.doubts, *discrepancy(wide))
+    if (own := anew(scatter, complete)) is not None:
+        checks, doubts = ((*checks, own), doubts) if own.value > own.limit else (checks, (own, *doubts))
     tests = replace(tests, checks=checks, doubts=doubts, determined=not rests_on_priors(expected, left))
     results = Assessed(complete, left, checked, expected, lacking, seen, faces, tests, options, rigid, told)
     limitations = findings(results)

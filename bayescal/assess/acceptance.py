@@ -41,6 +41,8 @@ SHARED = "shared_cause"
 """The test of what rejected measurements share."""
 NOT_PHYSICAL = "negative"
 """The test of positive parameters: it fails only."""
+ANEW = 3.0
+"""Errors of an image, over the noise of a corner, that may be poses which do not repeat (assumed)."""
 CAUSE = "the model lacks an effect, or masses are wrong: run bayescal gap"
 """What a value that is significantly negative comes from, and what to do."""
 NAMED = 2
@@ -185,15 +187,21 @@ def _doubts(left: Unexplained, checked: Validation, rejected: float | None) -> I
             yield Check(found.test, found.value, found.limit(level), found.p_value, level, found.words)
 
 
-def anew(scatter: Scatter | None) -> tuple[Check, ...]:
-    """The errors that every image has anew, where they are larger than those that are stated of its readings.
+def anew(scatter: Scatter | None, complete: Estimate) -> Check | None:
+    """The errors that every image has anew, where they are larger than those that are known of its readings.
 
-    The uncertainty allows for them; poses that do not repeat, the camera or an effect may be the cause.
+    Up to `ANEW` times the noise of the corners the uncertainty allows for them: poses that do not repeat, the
+    camera or an effect may be the cause. A model whose images have larger ones does not explain them.
     """
     if scatter is None or not scatter.beyond:
-        return ()
+        return None
+    share = np.concatenate([np.sum(s.by**2, axis=1) for s in complete.weights.shared.values()])
+    ratio = float(np.sqrt(np.mean(share / (1.0 - share))))
+    words = f"{scatter.words}: {ratio:.2g} times the noise of the corners"
+    if ratio <= ANEW:
+        words += "; U allows for it"
     chance, level = np.exp(-np.array([scatter.nats, LEAST])).tolist()
-    return (Check("images", scatter.nats, LEAST, chance, level, f"{scatter.words}; U allows for it"),)
+    return Check("images", ratio, ANEW, chance, level, words)
 
 
 def discrepancy(wide: Stated) -> tuple[Check, ...]:

@@ -153,7 +153,9 @@ def calibrated(scene: Scene, effects: tuple[str, ...], options: FitOptions = USU
         model, before, values = build(settled(found), effects, options), found.model, found.arm
         now = by_name(model, values, before)
         step, noise = moved(tool_points(before, values), tool_points(model, now)), smallest_noise(found)
-        if same_motion(before, model) or step < max(STILL, AT_REST * noise):
+        # a moment that is zero where the arm is nominal has a compliance where it stands
+        rests = step < max(STILL, AT_REST * noise) and model.names == before.names
+        if same_motion(before, model) or rests:
             return replace(found, model=model, linear=linearise(model, found.z, found.weights))
         if acts(model.parameters):
             there, secants = secants.next(model.scene, before.scene.compliances)

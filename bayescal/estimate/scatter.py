@@ -26,6 +26,8 @@ RATIOS = np.geomspace(0.05, 50.0, 12)
 and a model with larger ones fits nothing)."""
 LEAST = 5.0
 """Nats of evidence from which on the stated errors of the readings are too small (convention)."""
+NONE = 0.01
+"""Share of the errors below which what is known of them is left out of the words (convention)."""
 FITS = 4
 """Fits with larger errors, at most (cost)."""
 ROUNDS = 20
@@ -48,9 +50,10 @@ class Scatter:
     def words(self) -> str:
         """The uncertainty, beside what is known of it."""
         by, unit = (np.degrees(1.0), "deg") if self.unit == "rad" else (1e3, "mm")
+        known = f"{by * self.known:.2g} known" if self.known > NONE * self.u else "none known"
         return (
             f"every image has an error of its own, as of readings with an uncertainty of {by * self.u:.2g} "
-            f"{unit} ({by * self.known:.2g} stated)"
+            f"{unit} ({known})"
         )
 
     @property

@@ -29,11 +29,11 @@ STEP = np.radians(0.03)
 """Standard error of the readings of an image, rad: 0.2 mm at the board, 0.3 px."""
 
 
-def misread(session, seed):
+def misread(session, seed, step=STEP):
     """The session with an error of each reading, the same for all corners of an image, as it is stated."""
     m, n = session.measurements, session.robot.n
-    error = STEP * np.random.default_rng(seed).standard_normal((len(m.ids) // len(BOARD), n))
-    noise = Noise(pixel=session.noise.pixel, joint=float(STEP))
+    error = step * np.random.default_rng(seed).standard_normal((len(m.ids) // len(BOARD), n))
+    noise = Noise(pixel=session.noise.pixel, joint=float(step))
     return replace(
         with_columns(session, readings=m.readings + np.repeat(error, len(BOARD), axis=0)), noise=noise
     )

@@ -8,7 +8,7 @@ from camera_sessions import camera_session
 from sessions import with_columns
 from test_image_noise import STEP, misread
 
-from bayescal.assess.acceptance import DOUBTED, anew
+from bayescal.assess.acceptance import CONTRADICTED, DOUBTED, anew
 from bayescal.calibration import fit
 from bayescal.dataset import Noise
 from bayescal.estimate.estimate import calibrated
@@ -37,7 +37,7 @@ def test_errors_of_readings_that_are_not_stated_are_found_and_then_known(seed):
     assert size == pytest.approx(STEP, rel=0.2)
     assert found.u == pytest.approx(size, rel=0.25)  # 20 images of 6 readings, less what the geometry takes
     assert found.beyond
-    assert f"{np.degrees(found.u):.2g} deg (0 stated)" in anew(found)[0].words
+    assert f"{np.degrees(found.u):.2g} deg (none known)" in found.words
     assert told(session) is None
     again = with_scatter(Scene(unstated(session), oriented=True), found)
     assert again.dataset.reading_noise[0] == found.u
@@ -55,15 +55,17 @@ def test_steps_in_which_readings_are_written_are_known():
     found = told(with_columns(session, readings=step * np.rint(session.measurements.readings / step)))
     assert found.u == found.known == pytest.approx(step / np.sqrt(12.0))
     assert not found.beyond
-    assert anew(found) == anew(None) == ()
+    assert anew(found, None) is anew(None, None) is None
 
 
-def test_a_fit_weighs_images_by_them_and_says_so():
+@pytest.mark.parametrize(("step", "verdict"), [(STEP / 4, DOUBTED), (STEP, CONTRADICTED)])
+def test_a_fit_weighs_images_by_them_and_says_so(step, verdict):
     """The stated uncertainty holds the truth, which is the nominal arm."""
-    session = unstated(misread(images(5, validate=4), 5))
+    session = unstated(misread(images(5, validate=4), 5, step))
     found = fit(session, ("geometry",), samples=0)
-    assert found.acceptance.verdict == DOUBTED
-    assert found.acceptance.doubts[0].test == "images"
+    tests = found.acceptance
+    assert tests.verdict == verdict
+    assert [check.test for check in (*tests.failed, *tests.doubts)] == ["images"]
     assert found.final.estimate.weights.scale["pixel"] == pytest.approx(1.0, abs=0.1)
     assert found.dataset is session
     arm = found.final.estimate.model.slices["arm"]
