@@ -20,6 +20,8 @@ SUFFIXES = (".mcap", ".db3", ".bag")
 METADATA = "metadata.yaml"
 NEAR = 1.0
 """s: the stamps of a header are this near to the time of reception, or the two are not of one clock."""
+OFTEN = 0.2
+"""Of the messages of a topic: a publisher with fewer gives the rows only if no other has more (assumed)."""
 
 
 def is_bag(path: Path) -> bool:
@@ -66,9 +68,11 @@ def _record(bag: Any, name: str, joints: Sequence[str], robot: str, stated: str,
     streams: list[tuple[str, Stream, tuple[str, ...]]] = []
     notes, why = [], []
     for kind, message in MESSAGES.items():
-        for connection in (c for c in bag.connections if c.msgtype == kind and c.msgcount):
+        of_kind = [c for c in bag.connections if c.msgtype == kind and c.msgcount]
+        for topic_ in dict.fromkeys(c.topic for c in of_kind):
+            connections = [c for c in of_kind if c.topic == topic_]
             try:
-                streams.append((kind, *_stream(bag, connection, message, joints, stated)))
+                streams.append((kind, *_stream(bag, connections, message, joints, stated)))
             except BayescalError as error:
                 why.append(str(error))
     seen = {c.topic for c in bag.connections if c.msgtype in MESSAGES}
@@ -107,38 +111,51 @@ def _record(bag: Any, name: str, joints: Sequence[str], robot: str, stated: str,
 
 
 def _stream(
-    bag: Any, connection: Any, message: Message, joints: Sequence[str], stated: str
+    bag: Any, connections: Sequence[Any], message: Message, joints: Sequence[str], stated: str
 ) -> tuple[Stream, tuple[str, ...]]:
-    """All messages of a topic that have all joints."""
-    n = len(joints)
-    order: list[int] | None = None if message.names else list(range(n))
-    names: tuple[str, ...] = ()
-    how, few, why = "", 0, None
-    cells: dict[str, list[Any]] = {key: [] for key in message.joints}
-    received: list[int] = []
-    header: list[int] = []
+    """The messages of a topic that have all joints, of one publisher.
+
+    Messages of one publisher have the same names in one order, the same frame and the same quantities.
+    """
+    topic, kind = connections[0].topic, connections[0].msgtype
+    orders: dict[tuple[str, ...], tuple[list[int], str] | None] = {(): (list(range(len(joints))), "")}
+    few, why = 0, None
     readers = {key: [_getter(path) for path in paths] for key, paths in message.joints.items()}
-    name_of = _getter(message.names) if message.names else None
-    for _, stamp, raw in bag.messages(connections=[connection]):
-        content = bag.deserialize(raw, connection.msgtype)
-        if name_of is not None and (own := tuple(name_of(content))) != names:
+    name_of, frame_of = _getter(message.names), _getter("header.frame_id")
+    layouts: dict[tuple[Any, ...], list[tuple[int, int, list[np.ndarray]]]] = {}
+    for _, stamp, raw in bag.messages(connections=connections):
+        content = bag.deserialize(raw, kind)
+        names = tuple(name_of(content)) if message.names else ()
+        if names not in orders:
             try:
-                order, how = joint_order(own, joints, stated, connection.topic)
-                names = own
+                orders[names] = joint_order(names, joints, stated, topic)
             except BayescalError as error:  # a gripper may publish on the topic of the arm
-                why, few = why or error, few + 1
-                continue
-        received.append(stamp)
-        header.append(_nanoseconds(content, message.stamp))
+                orders[names], why = None, why or error
+        if (found := orders[names]) is None:
+            few += 1
+            continue
+        order, there = found[0], {}
         for key, getters in readers.items():
             value = next((v for get in getters if (v := get(content)) is not None and len(v)), ())
-            cells[key].append(np.asarray(value)[order] if len(value) > max(order or (0,)) else None)
-    if why is not None and not received:
+            if len(value) > max(order):
+                there[key] = np.asarray(value)[order]
+        layout = (tuple(there), names, frame_of(content))
+        sample = (stamp, _nanoseconds(content, message.stamp), [*there.values()])
+        layouts.setdefault(layout, []).append(sample)
+    if why is not None and not layouts:
         raise why
-    blocks = {k: np.array(v, float) for k, v in cells.items() if v and all(c is not None for c in v)}
+    count = sum(map(len, layouts.values()))
+    often = [key for key, samples in layouts.items() if len(samples) >= OFTEN * count]
+    chosen = max(often or layouts, key=lambda key: (len(key[0]), len(layouts[key])))
+    received, header, values = zip(*layouts[chosen], strict=True)
+    blocks = {k: np.array(v, float) for k, v in zip(chosen[0], zip(*values, strict=True), strict=True)}
     time, said = _clock(np.array(received), np.array(header), message.stamp)
-    notes = [how, said, f"{few} messages without all joints left out" if few else ""]
-    return Stream(connection.topic, time, blocks), tuple(filter(None, notes))
+    found = orders[chosen[1]]
+    notes = [found[1] if found else "", said, f"{few} messages without all joints left out" if few else ""]
+    if others := count - len(received):
+        what = "other names, frames or quantities: those of another publisher (assumed)"
+        notes.append(f"{others} of {count} messages of {topic} left out, with {what}")
+    return Stream(topic, time, blocks), tuple(filter(None, notes))
 
 
 def _getter(path: str) -> Callable[[Any], Any]:

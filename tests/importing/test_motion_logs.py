@@ -208,6 +208,35 @@ def test_a_gripper_may_be_the_first_to_publish(s, tmp_path):
     assert len(draft.columns["t_s"]) == len(s.time) - 5
 
 
+@pytest.mark.parametrize(("late", "empty"), [(0, True), (8, False)])
+def test_a_second_publisher_of_the_same_joints_is_left_out(s, tmp_path, late, empty):
+    """Its positions are late or its efforts are missing; rows of both were one log of torques and jumps."""
+    topic, kind, make, times = joint_states(s, names=sorted(UR))
+    other = joint_states(s, names=UR)[2]
+
+    def both(types, k):
+        row, second = divmod(k, 2)
+        if not second or row % 2:
+            return make(types, row)
+        message = other(types, max(row - late, 0))
+        message.header = header(types, s.time[row] + 0.003)
+        message.effort = np.zeros(0) if empty else 0.0 * message.effort
+        return message
+
+    stamps = np.column_stack([times, times + 0.003]).ravel()
+    keep = np.ones(len(stamps), bool)
+    keep[3::4] = False  # of every second row the second publisher has none
+    rows = np.flatnonzero(keep)
+    messages = (topic, kind, lambda types, k: both(types, int(rows[k])), stamps[keep])
+    draft = convert(
+        Request(bag(tmp_path / "bag", [messages]), robot=ARM, motions="pause:0.5 s", torque="motor")
+    )
+    others = (len(s.time) + 1) // 2
+    noted(draft, f"{others} of {len(rows)} messages of /joint_states left out")
+    np.testing.assert_allclose(draft.columns["q1_deg"], np.degrees(s.position[:, 0]), atol=1e-9)
+    np.testing.assert_allclose(draft.columns["torque1_Nm"], s.current[:, 0], atol=1e-9)
+
+
 def test_several_topics_are_chosen_from(s, tmp_path):
     path = bag(tmp_path / "bag", [joint_states(s, topic="/a"), joint_states(s, topic="/b")])
     usual = {"log": path, "motions": "pause:0.5 s", "torque": "motor"}
