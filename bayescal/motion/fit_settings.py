@@ -109,6 +109,9 @@ class ServoSettings:
     """rad/s, of the reversal of friction where the stiffness is estimated (assumed)."""
     sag: float = 0.2
     """Error by gravity, over what the estimate of the stiffness leaves, at which it counts (assumed)."""
+    loaded: float = 2.0
+    """Load by gravity over its u, standard deviations along the log, at which it counts (assumed: the
+    stiffness is then known within 50 %, as one of the others would be)."""
     noise: float = 2.0
     """Factor on the noise, for what a model of stiction lacks (tuned)."""
     gain: float = 0.05

@@ -59,21 +59,30 @@ def with_torques(log: Log) -> Log:
 
 
 def _stiffness(log: Log) -> tuple[np.ndarray, tuple[str, ...]]:
-    """Stiffness (n,) by which gravity makes servos sag, N m/rad, and a note; of others it is the median."""
-    errors, columns = [], []
+    """Stiffness (n,) by which gravity makes servos sag, N m/rad, and a note; of others it is the median.
+
+    The load by gravity counts where it varies by more than the u of masses and centres makes of it.
+    """
+    errors, columns, doubts = [], [], []
+    body = log.mechanism.inertials[:, :4]
+    centre = np.eye(4)[1:, None] * (log.mechanism.u.centre * body[:, :1])
+    u = np.concatenate([[log.mechanism.u.mass * body], centre])  # of mass, and of each coordinate
     for m in (m for m in log.motions if m.role == CALIBRATE):
         assert m.command is not None
         still, speed = np.zeros_like(m.position), np.gradient(m.command, m.time, axis=0)
         by = regressor(log.mechanism, m.position, still, still, log.gravity)
         load = carried(by, log.mechanism.inertials, log.mechanism, m.payload)
         errors.append(m.command - m.position)
+        doubts.append(np.einsum("njkp,dkp->njdk", by[..., :4], u).reshape(*load.shape, -1))
         columns.append(np.stack([load, speed, np.tanh(speed / SERVOS.speed), np.ones_like(speed)], axis=2))
     e, x = np.concatenate(errors), np.concatenate(columns)
+    doubt = np.sqrt(np.sum(np.var(np.concatenate(doubts), axis=0), axis=1))
+    loaded = np.std(x[:, :, 0], axis=0) > SERVOS.loaded * doubt
     known = np.full(log.n, np.nan)
     for j in range(log.n):
         gains, *_ = np.linalg.lstsq(x[:, j], e[:, j], rcond=None)
         moves = abs(gains[0]) * np.std(x[:, j, 0])
-        if gains[0] > 0.0 and moves > SERVOS.sag * np.std(e[:, j] - x[:, j] @ gains):
+        if loaded[j] and gains[0] > 0.0 and moves > SERVOS.sag * np.std(e[:, j] - x[:, j] @ gains):
             known[j] = 1.0 / gains[0]
     if np.all(np.isnan(known)):
         what = "the stiffness of the servos does not follow from the log: no joint sags by gravity"
@@ -81,7 +90,7 @@ def _stiffness(log: Log) -> tuple[np.ndarray, tuple[str, ...]]:
     names = [name for name, value in zip(log.mechanism.joint_names, known, strict=True) if np.isnan(value)]
     stiffness = np.where(np.isnan(known), np.nanmedian(known), known)
     text = ", ".join(f"{value:.3g}" for value in stiffness)
-    rest = f"; of {listed(names)}, which gravity does not load, the median is assumed" if names else ""
+    rest = f"; of {listed(names)}, which gravity does not load enough, the median is assumed" if names else ""
     return stiffness, (f"stiffness of the servos by gravity on the stated masses: {text} N m/rad{rest}",)
 
 

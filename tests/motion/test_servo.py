@@ -15,6 +15,7 @@ from analysis.world.motion.servos import make, write
 from bayescal.errors import BayescalError
 from bayescal.logs import read_log
 from bayescal.logs.types import SERVO, TORQUE
+from bayescal.motion.dynamics import carried, regressor
 from bayescal.motion.fit_settings import SERVOS
 from bayescal.motion.servo import is_servo, stuck, with_torques
 from bayescal.motion.signals import all_signals
@@ -79,6 +80,24 @@ def test_a_stiffness_that_is_not_stated_follows_from_the_sag(logs):
     assert stiffness[0] == pytest.approx(np.median(stiffness[1:4]), rel=0.3)  # gravity does not load it
     assert "by gravity on the stated masses" in bare.notes[-1]
     assert not bare.controller.stated
+
+
+def test_a_load_by_gravity_within_its_uncertainty_gives_no_stiffness(logs):
+    """The roll of a SO-101 had 0.35 N m/rad in place of 17, and errors of 78 deg."""
+    log = read_log(logs["cable"][0])
+    bare = replace(log, controller=replace(log.controller, stiffness=None))
+    usual = with_torques(bare).controller.stiffness
+    m = log.mechanism
+
+    def sags(motion):
+        """The last joint seems to sag by its load of some mN m, as a spring of 0.3 N m/rad."""
+        still = np.zeros_like(motion.position)
+        by = regressor(m, motion.position, still, still, log.gravity)
+        error = carried(by, m.inertials, m, motion.payload)[:, -1] / 0.3
+        return replace(motion, command=motion.command + np.eye(m.n)[-1] * error[:, None])
+
+    by_chance = replace(bare, motions=tuple(map(sags, bare.motions)))
+    assert with_torques(by_chance).controller.stiffness == pytest.approx(usual, rel=0.05)
 
 
 def test_logs_that_tell_no_torque_are_refused(logs):
