@@ -5,6 +5,7 @@ Of the messages of `MESSAGES`; their definitions are those in the bag, or where 
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import reduce
@@ -14,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from bayescal.errors import BayescalError, listed
-from bayescal.importing.joint_formats import AMPERES, MESSAGES, Message, Record, Stream, joint_order, of_logs
+from bayescal.importing.joint_formats import EFFORTS, MESSAGES, Message, Record, Stream, joint_order, of_logs
 
 SUFFIXES = (".mcap", ".db3", ".bag")
 METADATA = "metadata.yaml"
@@ -29,7 +30,9 @@ def is_bag(path: Path) -> bool:
     return path.suffix in SUFFIXES if path.is_file() else (path / METADATA).is_file()
 
 
-def read_bag(path: Path, joints: Sequence[str], robot: str, stated: str, topic: str) -> Record:
+def read_bag(
+    path: Path, joints: Sequence[str], robot: str, stated: str, topic: str, effort: str = ""
+) -> Record:
     """The joint states of a bag.
 
     Parameters
@@ -44,6 +47,8 @@ def read_bag(path: Path, joints: Sequence[str], robot: str, stated: str, topic: 
         As of `joint_order`.
     topic : str
         Of the rows; "" for the only one.
+    effort : str
+        Stated kind of its torques; "" for that of the robot's driver.
 
     Raises
     ------
@@ -55,7 +60,7 @@ def read_bag(path: Path, joints: Sequence[str], robot: str, stated: str, topic: 
     types = of_logs("rosbags.typesys", path.name)
     try:
         with reader([path], default_typestore=types.get_typestore(types.Stores.ROS2_HUMBLE)) as bag:
-            return _record(bag, path.name, joints, robot, stated, topic)
+            return _record(bag, path.name, joints, robot if not effort else "", stated, topic)
     except BayescalError:
         raise
     except Exception as error:  # rosbags fails in any way at parts that are damaged
@@ -94,11 +99,11 @@ def _record(bag: Any, name: str, joints: Sequence[str], robot: str, stated: str,
     kind, rows, said = (usual if len(usual) == 1 else first)[0]
     notes = [f"rows of {rows.name} ({kind})", *said, *notes]
     torque = MESSAGES[kind].torque
-    if kind.endswith("JointState") and AMPERES.search(robot.lower()) and "torque" in rows.cells:
-        renamed = {"current" if k == "torque" else k: v for k, v in rows.cells.items()}
-        rows, torque = replace(rows, cells=renamed), "current"
-        what = "efforts of a UR are motor currents, A, as its driver writes them"
-        notes.append(f"{what}; --torque motor if in N m")
+    if kind.endswith("JointState") and "torque" in rows.cells:
+        usual_of = [e for e in EFFORTS if re.search(e[0], robot.lower())]
+        if usual_of:
+            _, torque, words = usual_of[0]
+            notes.append(f"efforts of {words}, as its driver writes them")
     have = {*rows.cells}
     others = []
     for other_kind, other, _ in streams:

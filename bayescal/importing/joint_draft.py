@@ -348,7 +348,8 @@ def _records(request: Request, format_: str, arm: Arm) -> list[Record]:
         if not bags:
             remedy = "give the folder of a bag, or a .mcap, .db3 or .bag file"
             raise BayescalError("not a bag", path.name, remedy)
-        return [read_bag(bag, arm.joint_names, robot, request.joints, request.topic) for bag in bags]
+        stated = (request.joints, request.topic, request.torque)
+        return [read_bag(bag, arm.joint_names, robot, *stated) for bag in bags]
     files = sorted(p for p in path.iterdir() if p.suffix in (".csv", ".txt")) if path.is_dir() else [path]
     if not files:
         remedy = "give a folder of .csv files, bags, or a data set"

@@ -28,6 +28,8 @@ LARGEST = {"position": 1e3, "velocity": 1e3, "command": 1e3, "link": 1e3, "torqu
 LARGEST |= {"current": 1e4, "target_torque": 1e5, "target_current": 1e4, "temperatures": 500.0}
 LARGEST |= {"temperature": 500.0, "payload": 1e5}
 """Larger values (SI) are corrupt (assumed: 160 turns, 160 turns/s)."""
+MEASURED = ("velocity", "command", "torque", "current", "target_torque", "target_current")
+"""Where all of them are zero, a driver does not measure them."""
 AIDS = ("target_torque", "target_current", "temperatures")
 """Of each joint, read for constants and temperatures, not written."""
 TEXTS = ("motion", "role", "kind")
@@ -36,7 +38,8 @@ OTHERS = (*SINGLE, *TEXTS)
 
 UR_RTDE = (
     "time=timestamp counter_s, j*=actual_q_*0 rad, j*_velocity?=actual_qd_*0 radps, "
-    "j*_command?=target_q_*0 rad, j*_current?=actual_current_*0 A, j*_target_torque?=target_moment_*0 Nm, "
+    "j*_command?=target_q_*0 rad, j*_current?=actual_current_*0 A, "
+    "j*_torque?=actual_current_as_torque_*0 Nm, j*_target_torque?=target_moment_*0 Nm, "
     "j*_target_current?=target_current_*0 A, j*_temperature?=joint_temperatures_*0 C, payload?=payload kg"
 )
 """The map of a record of RTDE; `target_moment` and `target_current` give the torque constants."""
@@ -87,8 +90,12 @@ MESSAGES = {
     ),
 }
 """By type, the first that has all positions gives the rows."""
-AMPERES = re.compile(r"universal|(?<![a-z])ur\d+e?(?![a-z0-9])")
-"""Robots whose ROS driver writes motor currents, A, into `effort` by default (its manual)."""
+EFFORTS = (
+    (r"universal|(?<![a-z])ur\d+e?(?![a-z0-9])", "current", "a UR are motor currents, A"),
+    (r"franka|panda|(?<![a-z])(fr3|fer)(?![a-z])", "sensor", "a Franka are those of its torque sensors"),
+    (r"iiwa|(?<![a-z])lbr", "sensor", "an iiwa are those of its torque sensors"),
+)
+"""What the ROS driver of a robot, by its name, writes into `effort` by default (manuals of the drivers)."""
 
 LEROBOT = {
     "position": "observation.state",

@@ -10,7 +10,7 @@ from fnmatch import fnmatchcase
 import numpy as np
 
 from bayescal.errors import BayescalError, listed
-from bayescal.importing.joint_formats import LARGEST, TEXTS, Record, Stream
+from bayescal.importing.joint_formats import LARGEST, MEASURED, TEXTS, Record, Stream
 from bayescal.importing.roles import Rule
 from bayescal.preparing import joint_signals
 
@@ -92,11 +92,12 @@ def _clean(stream: Stream) -> tuple[Stream, list[str]]:
     """A stream without empty quantities, corrupt or incomplete rows, and stamps that do not increase."""
     notes = []
     numbers = {k: v for k, v in stream.cells.items() if k not in TEXTS}
-    empty = [k for k, v in numbers.items() if np.isnan(v).all()]
+    still = [k for k, v in numbers.items() if k in MEASURED and not np.nan_to_num(v).any()]
+    empty = [k for k, v in numbers.items() if k in still or np.isnan(v).all()]
     if "position" in empty or len(stream.time) == 0:
         raise BayescalError("no joint positions", stream.name, "check the map")
     if empty:
-        notes.append(f"{stream.name}: no value of {', '.join(empty)}")
+        notes.append(f"{stream.name}: no value of {', '.join(empty)} (none, or only zeros)")
     stream = replace(stream, cells={k: v for k, v in stream.cells.items() if k not in empty})
     bad, why = ~np.isfinite(stream.time), ""
     for key in [k for k in numbers if k not in empty]:

@@ -54,7 +54,7 @@ def read_table(
     notes = (*columns.notes, *unused)
     kind = path.stem.rstrip("0123456789-_. ")
     clock = "session" if columns.clock in ("UTC", "local", "counter", "day") else "record"
-    return Record(path.name, stream, kind=kind, torque="current" if formal else "", clock=clock, notes=notes)
+    return Record(path.name, stream, kind=kind, clock=clock, notes=notes)
 
 
 def is_lerobot(path: Path) -> bool:
@@ -123,13 +123,13 @@ def read_lerobot(
         what = f"stamps are the number of the frame / {rate:g} Hz"
         notes.append(f"{what}: they show no jitter of the recording")
     task = table.get("task_index", np.zeros(len(time)))
-    torque, clock = "current" if "current" in blocks else "", "frame" if made else "record"
+    clock = "frame" if made else "record"
     out: list[Record] = []
     for number in dict.fromkeys(episode.tolist()):
         rows = np.flatnonzero(episode == number)
         stream = Stream(f"episode {number}", time[rows], {k: v[rows] for k, v in blocks.items()})
         kind = f"task {int(task[rows[0]])}"
-        out.append(Record(stream.name, stream, (), kind, torque, clock, () if out else tuple(notes)))
+        out.append(Record(stream.name, stream, (), kind, "", clock, () if out else tuple(notes)))
     return out
 
 

@@ -50,11 +50,14 @@ def one_torque(
     for other in given:
         del cells[other]
     notes = [f"{other} is not used, {name} is" for other in given if other != name]
-    current = kind == "current" or (name == "current" and kind == "")
+    if name == "current" and kind in ("motor", "sensor"):
+        what = f"the log has currents, A, and no torques of a {kind}"
+        raise BayescalError(what, "--torque", f"state their constants: {STATE}, or map torques, N m")
+    current = kind == "current" or (kind == "" and "current" in (name, known))
     kind = kind or ("current" if current else known or "motor")
     said: dict[str, Any] = {"kind": kind, "referred_to": "joint", "sign": "joint"}
     if current:
-        constants, how = torque_constants(rows, velocity, numbers)
+        constants, how = torque_constants(rows, velocity, numbers, name)
         said |= {"constant_Nm_per_A": constants, "u_constant": U_CONSTANT}
         each = ", ".join(f"{c:g}" for c in constants)
         notes.append(f"torque constants {how}: {each} N m/A, u 10 % (assumed)")
@@ -70,8 +73,11 @@ def one_torque(
     return replace(rows, cells=cells), said, tuple(notes)
 
 
-def torque_constants(rows: Rows, velocity: np.ndarray, numbers: str) -> tuple[list[float], str]:
-    """Torque constants (n,), N m/A at the joints, stated or from targets of torque and current; how."""
+def torque_constants(rows: Rows, velocity: np.ndarray, numbers: str, name: str) -> tuple[list[float], str]:
+    """Torque constants (n,), N m/A at the joints, stated or from targets of torque and current; how.
+
+    `name`, "current" or "torque", is that of the currents: efforts are currents by convention alone.
+    """
     n = velocity.shape[1]
     if numbers.strip():
         try:
@@ -84,8 +90,11 @@ def torque_constants(rows: Rows, velocity: np.ndarray, numbers: str) -> tuple[li
         return constants, "as stated"
     torque, current = rows.cells.get("target_torque"), rows.cells.get("target_current")
     if torque is None or current is None:
-        remedy = f"state them, N m/A at the joints: {STATE}; if they are in N m: --torque motor"
-        raise BayescalError("currents without torque constants", "--torque", remedy)
+        what, remedy = "currents without torque constants", f"state them, N m/A at the joints: {STATE}"
+        if name == "torque":
+            what += ": efforts of this arm are currents, A, as its driver writes them"
+            remedy += "; if they are in N m: --torque motor"
+        raise BayescalError(what, "--torque", remedy)
     rest = (np.abs(velocity) < MOVING).all(axis=1)
     out = np.full(n, np.nan)
     held = torque[rest] if rest.sum() > 1 else np.zeros((1, n))
