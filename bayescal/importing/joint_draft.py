@@ -286,6 +286,7 @@ def convert_motions(request: Request) -> MotionDraft:
     )
     columns = _columns(rows, role)
     wrong = contradiction(rows, velocity, arm.coupling, arm.limits)
+    wrong = wrong or next((r.wrong for r in records if r.wrong), "")
     return MotionDraft(settings, columns, arm.file, notes, wrong, request.log.name, request.table)
 
 

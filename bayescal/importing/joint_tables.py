@@ -12,6 +12,7 @@ import numpy as np
 from bayescal.errors import BayescalError, listed
 from bayescal.importing.columns import columns_of, missing_in
 from bayescal.importing.joint_formats import LEROBOT, OTHERS, SAGE, UR_RTDE, Record, Stream, of_logs, places
+from bayescal.importing.joint_torques import NORMALISED, misread
 from bayescal.importing.log import read_log
 from bayescal.importing.mapping import OF_JOINTS, Map, calibrated, read_map
 from bayescal.importing.units import is_number, is_unit, unit_of
@@ -20,8 +21,6 @@ from bayescal.storage.reading import read_json
 
 INFO = "meta/info.json"
 STATES, CONTROL, EVENTS, JOINTS = "state_motor.csv", "control.csv", "event.csv", "joint_list.txt"
-NORMALISED = "normalised"
-"""Unit of LeRobot's values from -100 to 100, the range of the joint as it was calibrated."""
 OF_FRAME = 1e-3
 """s: stamps that are the number of the frame over the rate within this, as LeRobot writes them (float32)."""
 MICROSECONDS = 1.0
@@ -54,7 +53,9 @@ def read_table(
     notes = (*columns.notes, *unused)
     kind = path.stem.rstrip("0123456789-_. ")
     clock = "session" if columns.clock in ("UTC", "local", "counter", "day") else "record"
-    return Record(path.name, stream, kind=kind, clock=clock, notes=notes)
+    unit = columns.unit("j1")
+    wrong = misread(cells["position"] / unit.scale, unit.name) if unit and "position" in cells else ""
+    return Record(path.name, stream, kind=kind, clock=clock, notes=notes, wrong=wrong)
 
 
 def is_lerobot(path: Path) -> bool:
@@ -102,6 +103,7 @@ def read_lerobot(
     width = table[LEROBOT["position"]].shape[1]
     order, how = places(_names(info, width), width, joints, stated, path.name)
     notes = [how, _units(table, unit, order, servos)]
+    wrong = misread(table[LEROBOT["position"]][:, order], unit)
     there = {q: c for q, c in LEROBOT.items() if c in table}
     blocks = {q: table[c][:, order] for q, c in there.items() if table[c].shape[1] > max(order)}
     if left := [c for q, c in there.items() if q not in blocks]:
@@ -129,7 +131,7 @@ def read_lerobot(
         rows = np.flatnonzero(episode == number)
         stream = Stream(f"episode {number}", time[rows], {k: v[rows] for k, v in blocks.items()})
         kind = f"task {int(task[rows[0]])}"
-        out.append(Record(stream.name, stream, (), kind, "", clock, () if out else tuple(notes)))
+        out.append(Record(stream.name, stream, (), kind, "", clock, () if out else tuple(notes), wrong))
     return out
 
 

@@ -25,6 +25,16 @@ BEYOND = 0.2
 """rad: a joint is not so far beyond its limits, or units or joints are wrong (assumed)."""
 LEAST = 0.035
 """rad: where no joint moves further, angles are probably in another unit."""
+FULL = 2 * np.pi
+"""Numbers of angles that are not larger are rad."""
+NORMALISED = "normalised"
+"""Unit of LeRobot's values from -100 to 100, the range of the joint as it was calibrated."""
+TURN = 360 / 4096
+"""deg, a step of a servo."""
+ALIKE = 0.005
+"""Relative difference of steps that are the same (a turn of 4095 steps in place of 4096, rounding)."""
+EVEN = 0.1
+"""Of a step: changes that are multiples of it are no further off (assumed: rounding to float32)."""
 STATE = '`--torque "current: 11.4 11.4 9.9 ..."`'
 
 
@@ -156,3 +166,36 @@ def contradiction(rows: Rows, velocity: np.ndarray, coupling: np.ndarray, limits
     if 0 < (most := float(np.ptp(position, axis=0).max())) < LEAST:
         return f"no joint moves more than {DEG * most:.2g} deg: are angles in rad stated as deg?"
     return ""
+
+
+def misread(values: np.ndarray, unit: str) -> str:
+    """What contradicts the unit of angles (N, n), as they are written, in words; "" if nothing does.
+
+    Numbers of at most 2 pi are rad. Servos have as many steps a turn as each other: in deg they are alike, and
+    differ in normalised values, where each joint has its own range.
+    """
+    most = float(np.nanmax(np.abs(values), initial=0.0))
+    if unit == "deg" and 0 < most < FULL:
+        return f"no angle is beyond {most:.2g} deg: are angles in rad stated as deg?"
+    steps = [step for column in values.T if (step := _step(column)) > 0]
+    if len(steps) < 2 or unit not in ("deg", NORMALISED):
+        return ""
+    alike = max(steps) < (1 + ALIKE) * min(steps)
+    if unit == "deg" and not alike and min(steps) >= 200 / 4096 and most <= 100:
+        text = f"{min(steps):.3g} to {max(steps):.3g}"
+        return f"steps of the joints differ, {text} deg: are normalised values (-100 to 100) stated as deg?"
+    if unit == NORMALISED and alike and abs(steps[0] / TURN - 1) < ALIKE:
+        return f"all joints have steps of {steps[0]:.3g}, 4096 a turn of 360: are deg stated as {unit}?"
+    return ""
+
+
+def _step(column: np.ndarray) -> float:
+    """The step of which all changes (N - 1,) of a column are multiples; 0 if there is none."""
+    changes = np.abs(np.diff(column))
+    changes = changes[changes > 1e-6 * max(float(np.nanmax(np.abs(column))), 1e-9)]
+    if len(changes) < FEW:
+        return 0.0
+    small = changes[changes < 1.5 * changes.min()]
+    step = float(np.mean(small))
+    parts = changes[changes < 20.5 * step] / step
+    return step if np.abs(parts - np.round(parts)).max() < EVEN and len(small) >= FEW // 5 else 0.0

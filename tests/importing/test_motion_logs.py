@@ -28,6 +28,7 @@ from bayescal.errors import BayescalError
 from bayescal.importing import Request, convert, write
 from bayescal.importing.joint_formats import joint_order
 from bayescal.importing.joint_rows import Rows, repeats
+from bayescal.importing.joint_torques import misread
 from bayescal.logs import read_log
 from bayescal.motion.dynamics import regressor
 
@@ -398,6 +399,20 @@ def test_a_lerobot_data_set_with_its_calibration(s, five, tmp_path, unit):
     draft = convert(Request(folder, unit, robot=str(five), calibration=tmp_path / "c.json"))
     found = np.column_stack([draft.columns[f"q{k + 1}_deg"] for k in range(5)])
     np.testing.assert_allclose(found, np.degrees(arm[s.motion > 0]), atol=2e-4)  # float32 of 4000 steps
+
+
+def test_angles_in_another_unit_than_stated_are_seen_by_their_steps():
+    ranges = np.array([2532.0, 2400.0, 2199.0, 2351.0, 3840.0])
+    time = np.linspace(0, 30, 900)[:, None]
+    steps = np.round(0.4 * ranges * np.sin(time * [0.3, 0.4, 0.5, 0.6, 0.7]))
+    degrees, normalised = 360 / 4096 * steps, 200 / ranges * steps
+    assert misread(degrees, "deg") == misread(360 / 4095 * steps, "deg") == ""
+    assert misread(normalised, "normalised") == misread(np.radians(degrees), "rad") == ""
+    assert "are normalised values" in misread(normalised.astype("float32").astype(float), "deg")
+    assert "are deg stated as normalised" in misread(degrees.astype("float32").astype(float), "normalised")
+    assert "are angles in rad stated as deg" in misread(np.radians(degrees), "deg")
+    geared = np.round(degrees / (0.001 * np.arange(1, 6))) * (0.001 * np.arange(1, 6))
+    assert misread(geared, "deg") == ""  # fine encoders behind different gears
 
 
 def test_lerobot_without_unit_or_beyond_its_range_is_refused(s, five, tmp_path):
