@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 
 import typer
@@ -170,7 +171,7 @@ def import_(
     failed = [f"WRITTEN DESPITE A FAILED CHECK: {draft.wrong}"] if draft.wrong else []
     for note in (*draft.understood, *draft.notes, *failed):
         typer.echo(note)
-    typer.echo(f"written to {out}")
+    typer.echo(f"written to {out}; next: bayescal check {shlex.quote(str(out))}")
 
 
 @command(

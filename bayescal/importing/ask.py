@@ -199,6 +199,10 @@ class Request:
         if self.format == "csv" and not self.map and self.plan is None:
             columns = ", ".join(header_of(self.log)) or "#1, #2, ... (without names)"
             remedy = f'write --map "j*=A* deg, x=X mm, ..."; the columns are {columns}'
+            if "actual_q_0" in columns:
+                remedy = (
+                    "a record of RTDE is read by `--format ur-rtde`, with `--motions pause:2s` as a joint log"
+                )
             raise BayescalError("the contents and units of the columns are not stated", self.log.name, remedy)
         for path, said in self.files if self.points else ():
             if not said:
@@ -255,7 +259,8 @@ def furnished(
         return base, Loose()
     if points(columns) is None:
         what = "no points, and no template with targets"
-        raise BayescalError(what, columns.name, "map x, y, z, give --points FILE or a --template")
+        remedy = "map x, y, z, give --points FILE or a --template; of a joint log state --motions"
+        raise BayescalError(what, columns.name, remedy)
     if base.noise.point is None and "u" not in columns.cells:
         remedy = 'state the standard uncertainty of a coordinate, `--noise "0.03 mm"`, or map `u`'
         raise BayescalError("the uncertainty of the instrument is not stated", "--noise", remedy)
