@@ -116,7 +116,10 @@ def columns_of(log: Log, map_: Map, decimal: str = "") -> Columns:
             cells[key] = unit.scale * numbers.finite(key, used[key][0]) + unit.offset
             said[key] = replace(column, unit=unit)
             if key == "time" and np.nanmax(cells[key], initial=0.0) > LONG:
+                kinds = [kind for kind in STAMPS if kind.startswith("epoch")]
+                alone = not used[key][0].tree and f"epoch_{unit.name}" in kinds
                 remedy = f"write `time={column.name} epoch_{unit.name}`"
+                remedy = remedy if alone else f"map the column alone, as one of {', '.join(kinds)}"
                 raise BayescalError("the times are longer than three years: since 1970?", log.name, remedy)
     taken = {i for expressions in used.values() for e in expressions for i in e.columns}
     names = log.header or tuple(f"#{i + 1}" for i in range(log.width))

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from functools import reduce
 from pathlib import Path
@@ -148,6 +149,10 @@ def _stream(
         sample = (stamp, _nanoseconds(content, message.stamp), [*there.values()])
         layouts.setdefault(layout, []).append(sample)
     if why is not None and not layouts:
+        with suppress(BayescalError):
+            joint_order([name for names in orders for name in names], joints, stated, topic)
+            what = f"several publishers have parts of the {len(joints)} joints, none has all"
+            why = BayescalError(what, topic, "record a topic that has all of them in each message")
         raise why
     count = sum(map(len, layouts.values()))
     often = [key for key, samples in layouts.items() if len(samples) >= OFTEN * count]

@@ -173,7 +173,7 @@ APPLY = {
     "rosbag": ("joints", "topic"),
     "lerobot": ("joints", "map", "calibration"),
     "sage": ("joints",),
-    "csv": ("map", "decimal", "calibration"),
+    "csv": ("map", "decimal", "calibration", "joints"),
     "ur-rtde": ("map", "decimal"),
 }
 """Options of each format, beside `COMMON`."""
@@ -359,7 +359,10 @@ def _records(request: Request, format_: str, arm: Arm) -> list[Record]:
         what = "the contents and units of the columns are not stated"
         example = "time=t s, j*=q* rad, j*_velocity=dq* radps, j*_command=qd* rad, j*_torque=tau* Nm"
         raise BayescalError(what, path.name, f'write --map "{example}"')
-    return [read_table(file, request.map, format_, request.decimal, arm.n, servos) for file in files]
+    names = [name.strip() for name in request.joints.split(",")] if request.joints else arm.joint_names
+    if len(names) != arm.n:
+        raise BayescalError(f"{len(names)} joints, the robot has {arm.n}", "--joints", "name them all")
+    return [read_table(file, request.map, format_, request.decimal, names, servos) for file in files]
 
 
 def _temperature(rows: Rows) -> tuple[Rows, tuple[str, ...]]:

@@ -139,8 +139,8 @@ class Record:
     """A file, bag or episode: the rows, streams with further quantities, and in words what was read.
 
     `kind` of the motion, where known; `torque` as in dataset.yaml, "" if unknown; `clock`: stamps from the
-    `session` (rows of several records have one), of the `record`, or made of the `frame` number; `wrong`: what
-    contradicts the stated unit of angles.
+    `session` (rows of several records have one), of the `record`, or made of the `frame` number;
+    `wrong`: what contradicts the stated unit of angles.
     """
 
     name: str

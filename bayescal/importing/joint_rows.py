@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
@@ -159,6 +160,8 @@ def divided(records: Sequence[Record], rule: str) -> tuple[Rows, tuple[str, ...]
         stream, more = on_one_clock(each)
         streams.append(stream)
         notes += [*each.notes, *more]
+    times = Counter(notes)
+    notes = [f"{note} (of {k} records)" if k > 1 else note for note, k in times.items()]
     for stream in streams:
         if lost := streams[0].cells.keys() ^ stream.cells.keys():
             what = f"`{min(lost)}` is not in all records"
@@ -169,8 +172,13 @@ def divided(records: Sequence[Record], rule: str) -> tuple[Rows, tuple[str, ...]
     name, _, length = (rule or ("column" if "motion" in cells else "files")).partition(":")
     pause = re.fullmatch(r"\s*([\d.]+)\s*s?\s*", length)
     if name == "column" and "motion" in cells and not length:
+        own, kept, words = _named(cells["motion"], time, cells["position"], record)
+        cells, time, record = (
+            {k: v[kept] for k, v in (cells | {"motion": own}).items()},
+            time[kept],
+            record[kept],
+        )
         labels = np.array([f"{r}/{m}" for r, m in zip(record, cells["motion"], strict=True)])
-        words = "a motion for each value of the column"
     elif name == "files" and not length:
         labels, words = record.astype(str), "each file, bag or episode is a motion"
     elif name == "pause" and pause and float(pause[1]) > 0:
@@ -179,8 +187,6 @@ def divided(records: Sequence[Record], rule: str) -> tuple[Rows, tuple[str, ...]
         what = "no column holds `motion`" if name == "column" else f"'{rule}' is not a rule for motions"
         raise BayescalError(what, "--motions", "write files, pause:2 s, or column (with `motion` mapped)")
     edge = np.flatnonzero(np.r_[True, labels[1:] != labels[:-1]])
-    if len(set(labels[edge])) < len(edge):
-        raise BayescalError("rows of one motion are not together", "--motions", "give each motion one name")
     if len(edge) < 2:
         what = "a single motion: a log needs two or more, one of them to validate"
         remedy = "give a folder of several files, or divide it: `--motions pause:2 s`"
@@ -232,6 +238,35 @@ def speeds(time: np.ndarray, position: np.ndarray, motion: np.ndarray) -> np.nda
         rows = motion == k
         out[rows] = joint_signals.speeds(time[rows], position[rows])
     return out
+
+
+def _named(
+    names: np.ndarray, time: np.ndarray, position: np.ndarray, record: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, str]:
+    """Names (N,) of motions, rows (N,) of them, and how: a name that returns is another motion.
+
+    A name that returns and under which no joint ever moves, as `rest`, is none.
+    """
+    words = "a motion for each value of the column"
+    run = np.cumsum(np.r_[0, (names[1:] != names[:-1]) | (np.diff(record) > 0)])
+    first = np.flatnonzero(np.r_[True, np.diff(run) > 0])
+    each = names[first]
+    again = {
+        n
+        for r in set(record[first])
+        if (of := each[record[first] == r].tolist())
+        for n in of
+        if of.count(n) > 1
+    }
+    if not again:
+        return names, np.ones(len(names), bool), words
+    moves = (np.abs(speeds(time, position, run)) > MOVING).any(axis=1)
+    still = [n for n in sorted(again) if not moves[names == n].any()]
+    kept = ~np.isin(names, still)
+    own = [f"{n}-{k}" if (k := 1 + int((each[:i] == n).sum())) > 1 else str(n) for i, n in enumerate(each)]
+    words += ", and for each time that it returns"
+    words += f"; {(~kept).sum()} rows of {listed(still)}, in which no joint moves, left out" if still else ""
+    return np.array(own)[run], kept, words
 
 
 def _pauses(

@@ -28,9 +28,9 @@ MICROSECONDS = 1.0
 
 
 def read_table(
-    path: Path, map_: str, format_: str, decimal: str, n: int, servos: Sequence[Servo] = ()
+    path: Path, map_: str, format_: str, decimal: str, joints: Sequence[str], servos: Sequence[Servo] = ()
 ) -> Record:
-    """A text file or workbook by its map, or a record of RTDE.
+    """A text file or workbook by its map, or a record of RTDE; `joints` are their names, for ``*name``.
 
     Raises
     ------
@@ -38,8 +38,9 @@ def read_table(
         As `columns_of`; without the time or the positions of all joints.
     """
     formal = UR_RTDE if format_ == "ur-rtde" else ""
+    n = len(joints)
     units = ("deg",) * n
-    entries: Map = read_map(formal, units, formal=True) | read_map(map_, units)
+    entries: Map = read_map(formal, units, formal=True) | read_map(map_, units, names=joints)
     entries = calibrated(entries, servos) if servos else entries
     columns = columns_of(read_log(path, missing=missing_in(entries), cut=True), entries, decimal)
     if "time" not in columns.cells:

@@ -171,8 +171,8 @@ def contradiction(rows: Rows, velocity: np.ndarray, coupling: np.ndarray, limits
 def misread(values: np.ndarray, unit: str) -> str:
     """What contradicts the unit of angles (N, n), as they are written, in words; "" if nothing does.
 
-    Numbers of at most 2 pi are rad. Servos have as many steps a turn as each other: in deg they are alike, and
-    differ in normalised values, where each joint has its own range.
+    Numbers of at most 2 pi are rad. The steps of servos are those of one turn: in deg they are alike, and in
+    normalised values, where each joint has its own range, they differ.
     """
     most = float(np.nanmax(np.abs(values), initial=0.0))
     if unit == "deg" and 0 < most < FULL:

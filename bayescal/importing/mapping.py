@@ -111,6 +111,7 @@ STAMPS: dict[str, Stamp] = {
     "epoch_s": _counted("UTC"),
     "epoch_ms": _counted("UTC", 1e3),
     "epoch_us": _counted("UTC", 1e6),
+    "epoch_ns": _counted("UTC", 1e9),
 }
 """Kinds of time stamps by the word that states them."""
 
@@ -144,6 +145,9 @@ SLIDING = {"angle": "length", "rate": "speed", "torque": "force"}
 
 OF_UNIT = {**dict.fromkeys(("degps", "radps", "mmps"), "_velocity"), "nm": "_torque", "n": "_torque"}
 """Quantities of a joint that a key names by its unit alone, as measurements.csv does: ``j1_degps``."""
+
+PER_CENT = ("%", "pct", "percent", "permille")
+"""Units of torques relative to the rated ones, which differ by joint."""
 
 VALIDATE = "validate"
 """The entry of a map that is not a column: the rule for validation measurements."""
@@ -205,19 +209,23 @@ def calibrated(map_: Map, servos: Sequence[Servo]) -> Map:
     return out
 
 
-def read_map(text: str, units: Sequence[str], formal: bool = False) -> dict[str, Column]:
+def read_map(
+    text: str, units: Sequence[str], formal: bool = False, names: Sequence[str] = ()
+) -> dict[str, Column]:
     """Read what the columns hold.
 
     Parameters
     ----------
     text : str
         ``j1=A1 deg, x=X mm, id=Point, target='cube.+x'``, or the path of a YAML file with such entries
-        (``j1: A1 deg``). ``j*=A* deg`` stands for all joints; ``*0`` counts them from 0. A text in quotes
-        holds for all rows. The unit may be in the key instead: ``x_mm=X``.
+        (``j1: A1 deg``). ``j*=A* deg`` stands for all joints; ``*0`` counts them from 0, ``*name`` is one of
+        `names`. A text in quotes holds for all rows. The unit may be in the key instead: ``x_mm=X``.
     units : sequence of str
         Of the joints: mm of prismatic ones, else deg.
     formal : bool
         The map of a format: keys that end in ``?`` are optional.
+    names : sequence of str
+        Of the joints, for ``*name``; () if they are not known.
 
     Raises
     ------
@@ -231,7 +239,7 @@ def read_map(text: str, units: Sequence[str], formal: bool = False) -> dict[str,
         optional = formal and key.endswith("?")
         key = key.rstrip("?") if optional else key
         for joint in range(1, len(units) + 1) if key.startswith("j*") else (0,):
-            name, said = (_of_joint(t, joint) if joint else t for t in (key, value))
+            name, said = (_of_joint(t, joint, names) if joint else t for t in (key, value))
             base, sign, tool = name.partition("@")
             quantity, unit = quantity_of(base, units, where)
             if sign and (quantity not in OF_REFLECTOR or not tool):
@@ -302,11 +310,13 @@ def dimension_of(key: str, units: Sequence[str], where: str) -> str:
     return DIMENSIONS[key]
 
 
-def _of_joint(text: str, joint: int) -> str:
-    """A text for a joint: ``*`` is its number, ``*0`` its number counted from 0.
+def _of_joint(text: str, joint: int, names: Sequence[str]) -> str:
+    """A text for a joint: ``*`` is its number, ``*0`` its number counted from 0, ``*name`` its name.
 
     A ``*`` between blanks multiplies, if the number stands elsewhere in the text.
     """
+    if joint <= len(names):
+        text = text.replace("*name", names[joint - 1])
     parts = PRODUCT.split(text)
     if all("*" not in part for part in parts):
         parts = [text]
@@ -357,10 +367,13 @@ def _column(key: str, entry: Column, units: Sequence[str]) -> Column:
         return entry
     if key == "time" and last in STAMPS:
         return replace(entry, name=name, unit=UNITS["s"], stamp=last)
-    if name[-1] in "+-*/(" or not re.fullmatch(r"[a-zA-Z/°µμ.*]{1,8}", last):
+    if name[-1] in "+-*/(" or not re.fullmatch(r"[a-zA-Z/°µμ.*%]{1,8}", last):
         return entry
     if not is_unit(last):
         remedy = f"give one of {listed(dimension)}; a name with spaces is enclosed in braces: {{{said}}}"
+        if dimension == "torque" and last.lower() in PER_CENT:
+            each = f"{key}={{{name}}} * 1.5 Nm"
+            remedy = f"multiply by the rated torque of each joint: for 150 N m write `{each}`"
         raise BayescalError(f"unknown unit `{last}`", where, remedy)
     return replace(entry, name=name, unit=unit_of(last, dimension, where))
 

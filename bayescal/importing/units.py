@@ -43,13 +43,13 @@ UNITS: dict[str, Unit] = {
     **_units("length", mm=1e-3, m=1.0, cm=1e-2, um=1e-6, **{"in": 0.0254}),
     **_units("angle", deg=_DEG, rad=1.0, mrad=1e-3),
     "steps": Unit("steps", "angle", STEP, -STEP * STEPS / 2),
-    **_units("rate", degps=_DEG, radps=1.0),
+    **_units("rate", degps=_DEG, radps=1.0, rpm=6 * _DEG),
     **_units("speed", mmps=1e-3, mps=1.0),
     **_units("force", N=1.0),
     **_units("torque", Nm=1.0, mNm=1e-3, Ncm=1e-2),
     **_units("current", A=1.0, mA=1e-3),
     **_units("mass", kg=1.0, g=1e-3, lb=0.45359237),
-    **_units("time", s=1.0, ms=1e-3, min=60.0, h=3600.0),
+    **_units("time", s=1.0, ms=1e-3, us=1e-6, ns=1e-9, min=60.0, h=3600.0),
     "C": Unit("C", "temperature", 1.0),
     "K": Unit("K", "temperature", 1.0, -273.15),
     "F": Unit("F", "temperature", 5 / 9, -160 / 9),
@@ -71,6 +71,8 @@ SPELLINGS = {
     "F": ("°F",),
     "s": ("sec", "seconds"),
     "ms": ("msec",),
+    "us": ("µs", "μs"),
+    "rpm": ("1/min", "r/min"),
 }
 ALIASES = {spelling: name for name, spellings in SPELLINGS.items() for spelling in spellings}
 """Other spellings. ``nm`` is a torque, as in the dataset: nanometres do not occur in logs."""

@@ -31,10 +31,10 @@ DEG = constants.degree
 DIMENSIONS = {
     "length": {"mm": 1e-3, "m": 1.0, "cm": 1e-2, "um": constants.micron, "in": constants.inch},
     "angle": {"deg": DEG, "rad": 1.0, "mrad": 1e-3},
-    "rate": {"degps": DEG, "radps": 1.0},
+    "rate": {"degps": DEG, "radps": 1.0, "rpm": constants.pi / 30},
     "torque": {"Nm": 1.0, "mNm": 1e-3, "Ncm": 1e-2},
     "mass": {"kg": 1.0, "g": 1e-3, "lb": constants.pound},
-    "time": {"s": 1.0, "ms": 1e-3, "min": constants.minute, "h": constants.hour},
+    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": constants.minute, "h": constants.hour},
     "temperature": {"C": 1.0, "K": 1.0, "F": 5 / 9},
 }
 """Of each dimension, its units in SI."""

@@ -98,6 +98,51 @@ def test_a_column_divides_names_and_gives_roles(s, table, tmp_path):
     assert all(m.loaded and m.temperature[0] == 31 for m in log.motions)
 
 
+def test_a_name_that_returns_is_another_motion_and_rest_is_none(s, table, tmp_path):
+    head, *rows = table.read_text().splitlines()
+    moves = np.abs(s.velocity).max(axis=1) > 1e-3
+    begins = moves & np.r_[True, ~moves[:-1]]
+    number = np.cumsum(begins) * moves
+    ends = [("rest", "wave", "wave", "c", "d", "e")[k] for k in number]
+    table.write_text("\n".join([f"{head},name", *(f"{r},{e}" for r, e in zip(rows, ends, strict=True))]))
+    draft = convert(Request(table, f"{MAP}, motion=name", robot=ARM, motions="column"))
+    assert [m["id"] for m in draft.settings["motions"]] == ["wave", "wave-2", "c", "d", "e"]
+    noted(draft, "rows of rest, in which no joint moves, left out")
+    assert len(draft.columns["t_s"]) == moves.sum()
+
+
+@pytest.mark.parametrize(
+    ("name", "factor", "unit"),
+    [("ns", 1e9, "epoch_ns"), ("us", 1e6, "us"), ("us", 1e6, "µs"), ("s", 1.0, "s"), ("ms", 1e3, "ms")],
+)
+def test_stamps_in_each_unit_and_columns_by_the_names_of_the_joints(s, tmp_path, name, factor, unit):
+    start = 1763650000.0 if unit.startswith("epoch") else 0.0
+    columns = {name: np.char.mod("%d", np.round((start + s.time) * factor).astype("int64"))}
+    columns = columns if factor > 1 else {name: s.time}
+    columns |= {f"/joint_states/{n}/position": v for n, v in zip(UR, s.position.T, strict=True)}
+    columns |= {
+        f"/joint_states/{n}/velocity": v for n, v in zip(UR, (s.velocity / (np.pi / 30)).T, strict=True)
+    }
+    path = write_csv(tmp_path / "log.csv", columns)
+    said = f"time={name} {unit}, j*={{/joint_states/*name/position}} rad"
+    said += ", j*_velocity={/joint_states/*name/velocity} rpm"
+    draft = convert(Request(path, said, robot=ARM, motions="pause:0.5 s", joints=",".join(UR)))
+    np.testing.assert_allclose(draft.columns["t_s"], s.time - s.time[0], atol=1e-6)
+    np.testing.assert_allclose(draft.columns["q3_deg"], np.degrees(s.position[:, 2]), atol=1e-6)
+    np.testing.assert_allclose(draft.columns["dq3_degps"], np.degrees(s.velocity[:, 2]), atol=1e-5)
+    assert not draft.wrong
+
+
+def test_per_cent_of_the_rated_torque_is_refused_with_the_expression(table):
+    said = MAP.replace("tau*0 Nm", "tau*0 %")
+    fails("for 150 N m write `j1_torque={tau0} * 1.5 Nm`", log=table, map=said, motions="pause:0.5 s")
+
+
+def test_stamps_since_1970_in_an_expression_are_refused_with_what_works(table):
+    said = MAP.replace("t s", "t + 1763650000 s")
+    fails("map the column alone, as one of epoch_s", log=table, map=said, motions="pause:0.5 s")
+
+
 def test_files_are_motions_and_the_last_kind_validates(s, tmp_path):
     folder = tmp_path / "in"
     folder.mkdir()
@@ -266,6 +311,18 @@ def test_a_second_publisher_of_the_same_joints_is_left_out(s, tmp_path, late, em
     noted(draft, f"{others} of {len(rows)} messages of /joint_states left out")
     np.testing.assert_allclose(draft.columns["q1_deg"], np.degrees(s.position[:, 0]), atol=1e-9)
     np.testing.assert_allclose(draft.columns["torque1_Nm"], s.current[:, 0], atol=1e-9)
+
+
+def test_publishers_of_parts_of_the_arm_are_told_from_a_wrong_name(s, tmp_path):
+    topic, kind, _, times = joint_states(s)
+
+    def halves(types, k):
+        row, part = k // 2, slice(0, 3) if k % 2 else slice(3, 6)
+        values = (s.position[row, part], s.velocity[row, part], s.current[row, part])
+        return types[kind](header(types, s.time[row]), list(UR[part]), *values)
+
+    path = bag(tmp_path / "bag", [(topic, kind, halves, np.repeat(times, 2))])
+    fails("several publishers have parts of the 6 joints", log=path, motions="pause:0.5 s")
 
 
 def test_several_topics_are_chosen_from(s, tmp_path):
