@@ -11,7 +11,7 @@ import numpy as np
 
 from bayescal.errors import BayescalError
 from bayescal.importing.log import Log
-from bayescal.importing.mapping import LONG, STAMPS, TEXTS, Column, Map, dimension_of
+from bayescal.importing.mapping import COUNTED, LONG, STAMPS, TEXTS, Column, Map, dimension_of
 from bayescal.importing.units import CONVENTIONS, Expression, Unit, is_number, listed, parse, place, unit_of
 
 DECIMALS = ("", "comma")
@@ -96,7 +96,9 @@ def columns_of(log: Log, map_: Map, decimal: str = "") -> Columns:
     """
     map_ = {k: c for k, c in map_.items() if not c.optional or _is_there(c, k, log.header, log.width)}
     used = {k: _used(c, k, log.header, log.width, f"{log.name}: `{k}`") for k, c in map_.items()}
-    numeric = {i for k, c in map_.items() if not _is_text(k, c) for e in used[k] for i in e.columns}
+    numeric = {
+        i for k, c in map_.items() if _is_sum(c) or not _is_text(k, c) for e in used[k] for i in e.columns
+    }
     numbers = _Numbers(log, _mark(log, numeric, decimal))
     cells: dict[str, np.ndarray] = {}
     said = dict(map_)
@@ -110,7 +112,8 @@ def columns_of(log: Log, map_: Map, decimal: str = "") -> Columns:
             for i, part in enumerate(used[key]):
                 cells[f"{base}{i}{sign}{tool}"] = scale * numbers.value(key, part)
         elif column.stamp:
-            cells[key], clock = _stamped(log, key, column, used[key])
+            numbered = [*map(repr, numbers.finite(key, used[key][0]).tolist())] if _is_sum(column) else None
+            cells[key], clock = _stamped(log, key, column, numbered or _filled(log, column, used[key]))
         else:
             unit = _unit_of(log, key, column, used[key][0])
             cells[key] = unit.scale * numbers.finite(key, used[key][0]) + unit.offset
@@ -139,13 +142,18 @@ def _is_there(column: Column, key: str, header: Sequence[str], width: int) -> bo
         return False
 
 
+def _is_sum(column: Column) -> bool:
+    """Whether a time stamp is a number by an expression: ``{sec} + {nanosec} / 1e9``."""
+    return column.stamp in COUNTED and bool(re.search(r"[-+*/]", re.sub(r"\{[^{}]*\}", "", column.name)))
+
+
 def _is_text(key: str, column: Column) -> bool:
     return _base(key) in TEXTS or bool(column.stamp)
 
 
 def _used(column: Column, key: str, header: Sequence[str], width: int, where: str) -> list[Expression]:
     """The columns that an entry of a map needs."""
-    if _is_text(key, column):
+    if _is_text(key, column) and not _is_sum(column):
         several = column.constant or "{" in column.name
         names = re.findall(r"\{([^{}]+)\}", column.name) if several else [column.name]
         return [Expression(name, (place(name, header, width, where),)) for name in names]
@@ -174,11 +182,11 @@ def _filled(log: Log, column: Column, used: Sequence[Expression]) -> list[str]:
     return out
 
 
-def _stamped(log: Log, key: str, column: Column, used: Sequence[Expression]) -> tuple[np.ndarray, str]:
-    """Seconds (N,) of time stamps, nan where the cell is empty, and their clock."""
+def _stamped(log: Log, key: str, column: Column, stamps: Sequence[str]) -> tuple[np.ndarray, str]:
+    """Seconds (N,) of time stamps (N,), nan where the cell is empty, and their clock."""
     seconds, clock, before = np.full(len(log.rows), np.nan), "", -np.inf
-    for row, text in enumerate(_filled(log, column, used)):
-        if not (cell := text.strip()):
+    for row, text in enumerate(stamps):
+        if (cell := text.strip()) in ("", "nan"):
             continue
         try:
             seconds[row], clock_of = STAMPS[column.stamp](cell, before)
@@ -271,7 +279,9 @@ class _Numbers:
         if not is_number(text):
             where = f"{self.log.name}:{self.log.line[row]}"
             remedy = "correct the cell or remove the row"
-            if "," in text or "'" in text or " " in text:
+            if "[" in cell:
+                remedy = "write a column for each number of a list"
+            elif "," in text or "'" in text or " " in text:
                 remedy = "write numbers without separators of thousands"
             raise BayescalError(f"`{key}` is not a number: '{cell}'", where, remedy)
         return float(text)

@@ -285,7 +285,7 @@ def convert_motions(request: Request) -> MotionDraft:
         *([] if "gravity_mps2" in settings else ["gravity acts along -z of the base (assumed)"]),
     )
     columns = _columns(rows, role)
-    wrong = contradiction(rows, velocity, arm.coupling, arm.limits)
+    wrong = contradiction(rows, arm.coupling, arm.limits)
     wrong = wrong or next((r.wrong for r in records if r.wrong), "")
     return MotionDraft(settings, columns, arm.file, notes, wrong, request.log.name, request.table)
 
@@ -351,7 +351,7 @@ def _records(request: Request, format_: str, arm: Arm) -> list[Record]:
             raise BayescalError("not a bag", path.name, remedy)
         stated = (request.joints, request.topic, request.torque)
         return [read_bag(bag, arm.joint_names, robot, *stated) for bag in bags]
-    files = sorted(p for p in path.iterdir() if p.suffix in (".csv", ".txt")) if path.is_dir() else [path]
+    files = (sorted(path.glob("*.csv")) or sorted(path.glob("*.txt"))) if path.is_dir() else [path]
     if not files:
         remedy = "give a folder of .csv files, bags, or a data set"
         raise BayescalError("no log in the folder", path.name, remedy)

@@ -111,6 +111,7 @@ SAGE = {"position": "positions", "velocity": "velocities", "torque": "torques"}
 SERIAL = (
     ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3"),
     ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll"),
+    ("rotation", "pitch", "elbow", "wrist_pitch", "wrist_roll"),
 )
 """Joints of Universal Robots and of the SO-100/101, from the base on; logs often order them otherwise."""
 
@@ -195,6 +196,7 @@ def joint_order(names: Sequence[str], robot: Sequence[str], stated: str, where: 
         ([plain[p] for r in robot if (p := _plain(r)) in plain], "by name"),
         *(([m for s in serial for m in _ending(arms, s)], "from the base on") for serial in SERIAL),
         ([numbered[k] for k in range(1, n + 1) if k in numbered and len(arms) == n], "by number"),
+        ([numbered[k] for k in range(n) if k in numbered and len(arms) == n], "by number, from 0"),
     ]
     for order, how in orders:
         if len(order) == n:
@@ -208,9 +210,12 @@ def _plain(name: str) -> str:
 
 
 def _ending(names: Sequence[str], name: str) -> list[str]:
-    """The only name that is `name` with any prefix, and the word joint behind it or not."""
-    ending = [n for n in names if n.lower().removesuffix(".pos").removesuffix("_joint").endswith(name)]
-    return ending if len(ending) == 1 else []
+    """The only name that is `name`, or `name` with any prefix, and the word joint behind it or not."""
+    bare = {n: n.lower().removesuffix(".pos").removesuffix("_joint") for n in names}
+    for ending in ([n for n in names if bare[n] == name], [n for n in names if bare[n].endswith(name)]):
+        if len(ending) == 1:
+            return ending
+    return []
 
 
 def places(

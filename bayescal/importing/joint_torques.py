@@ -21,6 +21,8 @@ FEW = 50
 """Rows in motion that give a constant."""
 SLOPE = (0.8, 1.25)
 """Measured velocity over that of the positions: beyond, units or columns are wrong."""
+SPAN = 0.2
+"""s, of the changes that are compared with stated velocities (assumed: more than bursts of messages)."""
 BEYOND = 0.2
 """rad: a joint is not so far beyond its limits, or units or joints are wrong (assumed)."""
 LEAST = 0.035
@@ -140,14 +142,11 @@ def _in_motion(torque: np.ndarray, current: np.ndarray, velocity: np.ndarray) ->
     return float(1 / slope) if slope > 0 and u < U_CONSTANT * slope / 2 else np.nan
 
 
-def contradiction(rows: Rows, velocity: np.ndarray, coupling: np.ndarray, limits: np.ndarray) -> str:
+def contradiction(rows: Rows, coupling: np.ndarray, limits: np.ndarray) -> str:
     """What contradicts the stated units or joints, in words; "" if nothing does."""
     position, stated = rows.cells["position"], rows.cells.get("velocity")
     if stated is not None:
-        slopes = []
-        for v, s in zip(velocity.T, stated.T, strict=True):
-            go = np.abs(v) > max(10 * MOVING, 0.3 * np.abs(v).max())
-            slopes.append(float(s[go] @ v[go] / (v[go] @ v[go])) if go.sum() > 10 else 1.0)
+        slopes = _slopes(rows, position, stated)
         wrong = [j for j, slope in enumerate(slopes) if not SLOPE[0] < slope < SLOPE[1]]
         if wrong:
             ratio = slopes[wrong[0]]
@@ -166,6 +165,23 @@ def contradiction(rows: Rows, velocity: np.ndarray, coupling: np.ndarray, limits
     if 0 < (most := float(np.ptp(position, axis=0).max())) < LEAST:
         return f"no joint moves more than {DEG * most:.2g} deg: are angles in rad stated as deg?"
     return ""
+
+
+def _slopes(rows: Rows, position: np.ndarray, stated: np.ndarray) -> list[float]:
+    """Stated velocities (N, n) over those of the positions, by joint; 1 of joints that do not move.
+
+    Of changes over `SPAN`, so that stamps may scatter, as those of reception do.
+    """
+    step = np.diff(rows.time)
+    wide = max(round(SPAN / float(np.median(step))), 1)
+    turned = np.cumsum(np.vstack([0 * stated[:1], 0.5 * (stated[1:] + stated[:-1]) * step[:, None]]), axis=0)
+    same = rows.motion[wide:] == rows.motion[:-wide]
+    moved, told = ((x[wide:] - x[:-wide])[same] for x in (position, turned))
+    out = []
+    for m, t in zip(moved.T, told.T, strict=True):
+        go = np.abs(m) > max(10 * MOVING * SPAN, 0.3 * np.abs(m).max(initial=0.0))
+        out.append(float(t[go] @ m[go] / (m[go] @ m[go])) if go.sum() > 10 else 1.0)
+    return out
 
 
 def misread(values: np.ndarray, unit: str) -> str:

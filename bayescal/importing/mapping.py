@@ -114,6 +114,8 @@ STAMPS: dict[str, Stamp] = {
     "epoch_ns": _counted("UTC", 1e9),
 }
 """Kinds of time stamps by the word that states them."""
+COUNTED = tuple(kind for kind in STAMPS if kind.startswith(("epoch", "counter")))
+"""Those that are numbers."""
 
 DIMENSIONS = {
     **dict.fromkeys(("x", "y", "z", "length", "u"), "length"),

@@ -184,6 +184,7 @@ def place(name: str, header: Sequence[str], width: int, where: str) -> int:
         raise BayescalError(what, where, "columns are numbered from 1")
     indices = [i for i, cell in enumerate(header) if cell == name]
     indices = indices or [i for i, cell in enumerate(header) if name_and_unit(cell)[0] == name]
+    indices = indices or [i for i, cell in enumerate(header) if cell == name.lstrip("% ")]  # of a comment
     if len(indices) == 1:
         return indices[0]
     if indices:

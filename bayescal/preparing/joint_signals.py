@@ -16,9 +16,11 @@ SMOOTH = 0.1
 
 
 def speeds(time: np.ndarray, position: np.ndarray) -> np.ndarray:
-    """Velocities (N, n), rad/s, from positions (N, n) and stamps (N,), averaged over `SMOOTH`."""
+    """Velocities (N, n), rad/s, from positions (N, n) and stamps (N,), over `SMOOTH`: stamps may scatter."""
     wide = max(round(float(SMOOTH / np.median(np.diff(time)))), 1)
-    return np.asarray(uniform_filter1d(np.gradient(position, time, axis=0), wide, axis=0, mode="nearest"))
+    turned, took = np.gradient(position, axis=0), np.gradient(time)[:, None]
+    both = [np.asarray(uniform_filter1d(x, wide, axis=0, mode="nearest")) for x in (turned, took)]
+    return both[0] / both[1]
 
 
 @dataclass(frozen=True)

@@ -133,6 +133,18 @@ def test_stamps_in_each_unit_and_columns_by_the_names_of_the_joints(s, tmp_path,
     assert not draft.wrong
 
 
+def test_seconds_and_nanoseconds_in_two_columns(s, tmp_path):
+    time = np.round((s.time + 1763650000.2) * 1e3).astype("int64")
+    columns = {"stamp.sec": time // 1000, "stamp.nanosec": time % 1000 * 10**6} | of_joints("q", s.position)
+    path = write_csv(tmp_path / "log.csv", {k: v.astype(str) if "st" in k else v for k, v in columns.items()})
+    said = "time=stamp.sec + stamp.nanosec/1e9 epoch_s, j*=q*0 rad"
+    draft = convert(Request(path, said, robot=ARM, motions="pause:0.5 s"))
+    np.testing.assert_allclose(draft.columns["t_s"], s.time - s.time[0], atol=1e-6)
+    (tmp_path / "README.txt").write_text("of the recordings")
+    write_csv(tmp_path / "other.csv", {k: v.astype(str) if "st" in k else v for k, v in columns.items()})
+    assert len(convert(Request(tmp_path, said, robot=ARM)).settings["motions"]) == 2
+
+
 def test_per_cent_of_the_rated_torque_is_refused_with_the_expression(table):
     said = MAP.replace("tau*0 Nm", "tau*0 %")
     fails("for 150 N m write `j1_torque={tau0} * 1.5 Nm`", log=table, map=said, motions="pause:0.5 s")
@@ -271,6 +283,26 @@ def test_messages_without_stamps_have_the_time_of_reception(s, tmp_path):
     np.testing.assert_allclose(draft.columns["t_s"], s.time - s.time[0], atol=1e-6)
 
 
+def test_stamps_of_reception_may_scatter(s, tmp_path):
+    """Messages in bursts: neither pauses nor a velocity that is right are lost."""
+    topic, kind, _, times = joint_states(s, unstamped=True)
+    rng = np.random.default_rng(2)
+    rested = s.position + rng.normal(0, 2e-5, s.position.shape)
+    late = np.maximum.accumulate(times + np.where(rng.random(len(times)) < 0.05, 0.03, 0.0))
+    late += 1e-4 * np.arange(len(late)) % 5e-4
+    noisy = joint_states(replace(s, position=rested), unstamped=True)[2]
+    draft = convert(
+        Request(
+            bag(tmp_path / "b", [(topic, kind, noisy, late)]),
+            robot=ARM,
+            motions="pause:0.5 s",
+            torque="motor",
+        )
+    )
+    assert len(draft.settings["motions"]) == 5
+    assert not draft.wrong
+
+
 def test_a_gripper_may_be_the_first_to_publish(s, tmp_path):
     topic, kind, make, times = joint_states(s)
 
@@ -311,6 +343,13 @@ def test_a_second_publisher_of_the_same_joints_is_left_out(s, tmp_path, late, em
     noted(draft, f"{others} of {len(rows)} messages of /joint_states left out")
     np.testing.assert_allclose(draft.columns["q1_deg"], np.degrees(s.position[:, 0]), atol=1e-9)
     np.testing.assert_allclose(draft.columns["torque1_Nm"], s.current[:, 0], atol=1e-9)
+
+
+def test_names_of_other_descriptions_of_an_arm():
+    so101 = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll")
+    names = ("Jaw", "Rotation", "Pitch", "Elbow", "Wrist_Pitch", "Wrist_Roll")
+    assert joint_order(names, so101, "", "")[0] == [1, 2, 3, 4, 5]
+    assert joint_order(("joint_1", "joint_0", "gripper"), ("a", "b"), "", "")[0] == [1, 0]
 
 
 def test_publishers_of_parts_of_the_arm_are_told_from_a_wrong_name(s, tmp_path):
