@@ -26,6 +26,8 @@ from bayescal.preparing.joint_findings import (
     servo_odd,
     warm_up,
 )
+from bayescal.preparing.joint_order import interchanged
+from bayescal.preparing.joint_signals import uniform
 from bayescal.preparing.missing import KINDS, Finding
 
 
@@ -79,6 +81,9 @@ def check_log(folder: Path, calibrations: Sequence[Path] = ()) -> LogCheck:
     joints, stamps = joint_facts.joints_of(parts), joint_facts.stamps_of(log, table)
     servos = servo_odd(log, joints, table, calibrations)
     findings = [*odd(log, joints, stamps, table), *servos, *missing(log, joints, table)]
+    if which := interchanged(parts, [uniform(m) for m in parts.motions]):
+        what = f"{which} are interchanged: so the torques agree with the nominal arm, as they are they do not"
+        findings.insert(0, Finding("order", "odd", what, table, "correct the map, or state `--joints`"))
     why = not_assessed(log, joints)
     assessed = tuple(name for name in EFFECTS if name not in why)
     order = sorted(findings, key=lambda f: KINDS.index(f.kind))

@@ -161,6 +161,16 @@ def test_torques_in_another_unit_of_another_sign_or_before_the_gear(tmp_path, fa
     assert f"J1 {check.joints[0].torque_gain:.3g} (1 expected)" in of(check, "torque_scale").what
 
 
+@pytest.mark.parametrize("names", [("q", "dq", "torque"), ("q", "dq")])
+def test_joints_that_are_interchanged(tmp_path, names):
+    log = made()
+    for key in [k for k in log.columns if k.startswith(tuple(f"{name}1_" for name in names))]:
+        other = key.replace("1_", "2_", 1)
+        log.columns[key], log.columns[other] = log.columns[other], log.columns[key]
+    words = "the columns of J1 and J2" if "torque" in names else "the positions of J1 and J2"
+    assert of(checked(written(log, tmp_path / "log")), "order").what.startswith(words)
+
+
 def test_positions_behind_commands(tmp_path):
     servo = {"kind": "position", "kp_Nm_per_rad": [100, 100]}
     check = checked(written(made(lag=0.05), tmp_path / "log", controller=servo))
