@@ -8,7 +8,7 @@ from typing import Any
 
 import typer
 
-from bayescal.cli.root import command, progress, run_folder, show
+from bayescal.cli.root import command, progress, run_folder, said, show
 from bayescal.errors import BayescalError
 from bayescal.public import functions, planning, watching
 
@@ -63,7 +63,8 @@ def fit(
     verbose
         Print all distances, all parameters, weak directions and the sampler.
     """
-    from bayescal.public.results import drawing_beside
+    from bayescal.public.motions import MotionFitResult
+    from bayescal.public.results import console, drawing_beside
     from bayescal.storage.locks import CHECKPOINT, checkpoint_of, remove
 
     with run_folder(out, datasets, "fit") as folder, drawing_beside(pictures), progress() as notify:
@@ -75,6 +76,8 @@ def fit(
         if samples:
             remove(kept, CHECKPOINT)
     show(result.report(verbose), folder, written)
+    if isinstance(result, MotionFitResult):
+        said(console(), "next", f"bayescal gap {shlex.quote(str(datasets[0]))}")
     of_contacts = getattr(result, "contacts", result)
     draws = getattr(of_contacts.data, "draws", None) if of_contacts.record.get("unit") is None else None
     if draws is not None and not draws.converged:

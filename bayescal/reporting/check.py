@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from itertools import groupby
 from operator import itemgetter
+from shlex import quote
 from typing import Any
 
 from rich.console import RenderableType
@@ -79,6 +80,8 @@ def _log_lines(of: LogCheck, record: Json) -> Facts:
         yield "assumed", text, "dim"
     yield from _assessed(record)
     yield from _found(of.findings)
+    if record["assessed"]:
+        yield "next", f"bayescal fit {quote(str(of.log.files[0].parent))}", "bold"
 
 
 def joint_sheet(record: Json) -> Sheet:

@@ -346,6 +346,7 @@ def test_the_command_prints_both_forms(good):
     table = CliRunner().invoke(get_command(app), ["check", str(good)], env={"COLUMNS": "160"})
     assert table.exit_code == 0
     assert "assessable" in table.output
+    assert f"bayescal fit {good}" in table.output.replace("\n", "")
     assert "J2" in table.output
     record = json.loads(CliRunner().invoke(get_command(app), ["check", str(good), "--to", "json"]).output)
     assert record["schema"] == "bayescal-motion-check/1"
