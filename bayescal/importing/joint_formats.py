@@ -202,7 +202,10 @@ def joint_order(names: Sequence[str], robot: Sequence[str], stated: str, where: 
         if len(order) == n:
             return [list(names).index(name) for name in order], f"joints {how}: {', '.join(order)}"
     what = f"the joints {listed(names, 12)} do not match those of the robot ({listed(robot, 12)})"
-    raise BayescalError(what, where, "state them in the order of the robot: `--joints NAME,NAME,...`")
+    remedy = "state them in the order of the robot: `--joints NAME,NAME,...`"
+    if finger := next(filter(GRIPPER.search, robot), ""):
+        remedy = f"`{finger}` is no joint of an arm: end it at the link before, `--robot FILE.urdf#LINK`"
+    raise BayescalError(what, where, remedy)
 
 
 def _plain(name: str) -> str:

@@ -350,6 +350,8 @@ def test_names_of_other_descriptions_of_an_arm():
     names = ("Jaw", "Rotation", "Pitch", "Elbow", "Wrist_Pitch", "Wrist_Roll")
     assert joint_order(names, so101, "", "")[0] == [1, 2, 3, 4, 5]
     assert joint_order(("joint_1", "joint_0", "gripper"), ("a", "b"), "", "")[0] == [1, 0]
+    with pytest.raises(BayescalError, match="`gripper` is no joint of an arm"):
+        joint_order(("pan.pos", "gripper.pos"), ("pan", "gripper"), "", "")
 
 
 def test_publishers_of_parts_of_the_arm_are_told_from_a_wrong_name(s, tmp_path):
