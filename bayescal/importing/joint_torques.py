@@ -21,6 +21,8 @@ FEW = 50
 """Rows in motion that give a constant."""
 SLOPE = (0.8, 1.25)
 """Measured velocity over that of the positions: beyond, units or columns are wrong."""
+STEPS = (5e-5, 0.5)
+"""s, between rows: beyond, times are in another unit (assumed: logs have 2 Hz to 20 kHz)."""
 SPAN = 0.2
 """s, of the changes that are compared with stated velocities (assumed: more than bursts of messages)."""
 BEYOND = 0.2
@@ -145,6 +147,9 @@ def _in_motion(torque: np.ndarray, current: np.ndarray, velocity: np.ndarray) ->
 def contradiction(rows: Rows, coupling: np.ndarray, limits: np.ndarray) -> str:
     """What contradicts the stated units or joints, in words; "" if nothing does."""
     position, stated = rows.cells["position"], rows.cells.get("velocity")
+    step = float(np.median(np.diff(rows.time)))
+    if not STEPS[0] < step < STEPS[1]:
+        return f"a row each {step:.3g} s: is the unit of time right?"
     if stated is not None:
         slopes = _slopes(rows, position, stated)
         wrong = [j for j, slope in enumerate(slopes) if not SLOPE[0] < slope < SLOPE[1]]

@@ -90,6 +90,8 @@ def torque_delays(log: Log, even: Sequence[Uniform]) -> tuple[Delays, ...]:
     if any(e.torque is None for e in even):
         return (nothing,) * log.n
     pieces = _pieces(log, even)
+    if not pieces:  # of too few rows
+        return (nothing,) * log.n
     every = [_delay(pieces, j, slides=False) for j in range(log.n)]
     sliding = [_delay(pieces, j, slides=True) for j in range(log.n)]
     known = [

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from bayescal.errors import BayescalError
+from bayescal.errors import BayescalError, listed
 from bayescal.logs import Log, read_log
 from bayescal.logs.read import TABLES
 from bayescal.motion.effects import EFFECTS
@@ -26,7 +26,7 @@ from bayescal.preparing.joint_findings import (
     servo_odd,
     warm_up,
 )
-from bayescal.preparing.joint_order import interchanged
+from bayescal.preparing.joint_order import interchanged, reversed_torques
 from bayescal.preparing.joint_signals import uniform
 from bayescal.preparing.missing import KINDS, Finding
 
@@ -81,7 +81,12 @@ def check_log(folder: Path, calibrations: Sequence[Path] = ()) -> LogCheck:
     joints, stamps = joint_facts.joints_of(parts), joint_facts.stamps_of(log, table)
     servos = servo_odd(log, joints, table, calibrations)
     findings = [*odd(log, joints, stamps, table), *servos, *missing(log, joints, table)]
-    if which := interchanged(parts, [uniform(m) for m in parts.motions]):
+    even = [uniform(m) for m in parts.motions]
+    if names := reversed_torques(parts, even):
+        what = f"by the torques of {listed(names)} friction drives the motion"
+        remedy = "their sign is reversed: change it, as `j1_torque=-tau1 Nm` in the map of an import"
+        findings.insert(0, Finding("torque_sign", "odd", what, table, remedy))
+    elif which := interchanged(parts, even):
         what = f"{which} are interchanged: so the torques agree with the nominal arm, as they are they do not"
         findings.insert(0, Finding("order", "odd", what, table, "correct the map, or state `--joints`"))
     why = not_assessed(log, joints)

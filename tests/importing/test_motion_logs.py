@@ -499,6 +499,16 @@ def test_a_lerobot_data_set_with_its_calibration(s, five, tmp_path, unit):
     np.testing.assert_allclose(found, np.degrees(arm[s.motion > 0]), atol=2e-4)  # float32 of 4000 steps
 
 
+@pytest.mark.parametrize("said", ["t * 1000 s", "t us"])
+def test_times_in_another_unit_are_seen(table, tmp_path, said):
+    folder = tmp_path / "in"
+    folder.mkdir()
+    for name in "ab":
+        (folder / f"{name}.csv").write_text(table.read_text())
+    map_ = f"time={said}, j*=q*0 rad, j*_torque=tau*0 Nm"
+    assert "is the unit of time right?" in convert(Request(folder, map_, robot=ARM)).wrong
+
+
 def test_angles_in_another_unit_than_stated_are_seen_by_their_steps():
     ranges = np.array([2532.0, 2400.0, 2199.0, 2351.0, 3840.0])
     time = np.linspace(0, 30, 900)[:, None]

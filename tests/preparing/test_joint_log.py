@@ -171,6 +171,20 @@ def test_joints_that_are_interchanged(tmp_path, names):
     assert of(checked(written(log, tmp_path / "log")), "order").what.startswith(words)
 
 
+def test_a_torque_of_the_opposite_sense_at_one_joint(tmp_path):
+    log = made()
+    log.columns["torque2_Nm"] *= -1.0
+    assert (
+        "the torques of J2 friction drives" in of(checked(written(log, tmp_path / "log")), "torque_sign").what
+    )
+
+
+def test_a_log_of_few_rows_has_no_delays(tmp_path):
+    log = made()
+    log.columns["t_s"] = 1e3 * log.columns["t_s"]
+    assert not np.isfinite(checked(written(log, tmp_path / "log")).joints[0].torque_delay).any()
+
+
 def test_positions_behind_commands(tmp_path):
     servo = {"kind": "position", "kp_Nm_per_rad": [100, 100]}
     check = checked(written(made(lag=0.05), tmp_path / "log", controller=servo))
