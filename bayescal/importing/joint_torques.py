@@ -23,6 +23,8 @@ SLOPE = (0.8, 1.25)
 """Measured velocity over that of the positions: beyond, units or columns are wrong."""
 STEPS = (5e-5, 0.5)
 """s, between rows: beyond, times are in another unit (assumed: logs have 2 Hz to 20 kHz)."""
+FOLLOWS = (0.2, 5.0)
+"""Change of the command over that of the position: beyond, a unit or joint is wrong (0.95 to 1 in 60 logs)."""
 SPAN = 0.2
 """s, of the changes that are compared with stated velocities (assumed: more than bursts of messages)."""
 BEYOND = 0.2
@@ -151,7 +153,9 @@ def contradiction(rows: Rows, coupling: np.ndarray, limits: np.ndarray) -> str:
     if not STEPS[0] < step < STEPS[1]:
         return f"a row each {step:.3g} s: is the unit of time right?"
     if stated is not None:
-        slopes = _slopes(rows, position, stated)
+        took = np.diff(rows.time)[:, None]
+        turned = np.cumsum(np.vstack([0 * stated[:1], 0.5 * (stated[1:] + stated[:-1]) * took]), axis=0)
+        slopes = _slopes(rows, turned)
         wrong = [j for j, slope in enumerate(slopes) if not SLOPE[0] < slope < SLOPE[1]]
         if wrong:
             ratio = slopes[wrong[0]]
@@ -159,6 +163,10 @@ def contradiction(rows: Rows, coupling: np.ndarray, limits: np.ndarray) -> str:
             hints = [text for factor, text in words.items() if SLOPE[0] < ratio / factor < SLOPE[1]]
             what = f"the velocity of J{wrong[0] + 1} is {ratio:.3g} times that of its positions and stamps"
             return f"{what}: {hints[0] if hints else 'are units, stamps and joints right?'}"
+    for j, slope in enumerate(_slopes(rows, rows.cells["command"]) if "command" in rows.cells else ()):
+        if not FOLLOWS[0] < slope < FOLLOWS[1]:
+            what = f"the command of J{j + 1} changes {slope:.3g} times as much as its position"
+            return f"{what}: are unit and joint of the commands right?"
     links = position @ coupling.T
     low, high = limits.T
     over = np.maximum(low - links.min(axis=0), links.max(axis=0) - high)
@@ -172,14 +180,12 @@ def contradiction(rows: Rows, coupling: np.ndarray, limits: np.ndarray) -> str:
     return ""
 
 
-def _slopes(rows: Rows, position: np.ndarray, stated: np.ndarray) -> list[float]:
-    """Stated velocities (N, n) over those of the positions, by joint; 1 of joints that do not move.
+def _slopes(rows: Rows, turned: np.ndarray) -> list[float]:
+    """Changes of other angles (N, n) over those of the positions, by joint; 1 of joints that do not move.
 
     Of changes over `SPAN`, so that stamps may scatter, as those of reception do.
     """
-    step = np.diff(rows.time)
-    wide = max(round(SPAN / float(np.median(step))), 1)
-    turned = np.cumsum(np.vstack([0 * stated[:1], 0.5 * (stated[1:] + stated[:-1]) * step[:, None]]), axis=0)
+    wide, position = max(round(SPAN / float(np.median(np.diff(rows.time)))), 1), rows.cells["position"]
     same = rows.motion[wide:] == rows.motion[:-wide]
     moved, told = ((x[wide:] - x[:-wide])[same] for x in (position, turned))
     out = []

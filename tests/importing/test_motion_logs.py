@@ -499,6 +499,12 @@ def test_a_lerobot_data_set_with_its_calibration(s, five, tmp_path, unit):
     np.testing.assert_allclose(found, np.degrees(arm[s.motion > 0]), atol=2e-4)  # float32 of 4000 steps
 
 
+@pytest.mark.parametrize("said", ["q*0 deg", "dq*0 / 10 rad"])
+def test_commands_in_another_unit_are_seen(table, said):
+    draft = convert(Request(table, f"{MAP}, j*_command={said}", robot=ARM, motions="pause:0.5 s"))
+    assert "are unit and joint of the commands right?" in draft.wrong
+
+
 @pytest.mark.parametrize("said", ["t * 1000 s", "t us"])
 def test_times_in_another_unit_are_seen(table, tmp_path, said):
     folder = tmp_path / "in"
