@@ -22,6 +22,8 @@ SUFFIXES = (".mcap", ".db3", ".bag")
 METADATA = "metadata.yaml"
 NEAR = 1.0
 """s: the stamps of a header are this near to the time of reception, or the two are not of one clock."""
+COMMANDS = re.compile(r"command|desired|target|reference|goal|leader")
+"""Topics, beside others, whose joint states are what the arm shall do (Isaac Sim, drivers, leader arms)."""
 OFTEN = 0.2
 """Of the messages of a topic: a publisher with fewer gives the rows only if no other has more (assumed)."""
 
@@ -75,10 +77,17 @@ def _record(bag: Any, name: str, joints: Sequence[str], robot: str, stated: str,
     notes, why = [], []
     for kind, message in MESSAGES.items():
         of_kind = [c for c in bag.connections if c.msgtype == kind and c.msgcount]
-        for topic_ in dict.fromkeys(c.topic for c in of_kind):
+        topics = dict.fromkeys(c.topic for c in of_kind)
+        commands = {t for t in topics if kind.endswith("JointState") and t != topic and COMMANDS.search(t)}
+        commands = set() if len(commands) == len(topics) else commands
+        for topic_ in topics:
             connections = [c for c in of_kind if c.topic == topic_]
             try:
-                streams.append((kind, *_stream(bag, connections, message, joints, stated)))
+                stream, said = _stream(bag, connections, message, joints, stated)
+                if topic_ in commands:
+                    told = stream.cells.get("position")
+                    stream = replace(stream, cells={} if told is None else {"command": told})
+                streams.append((kind, stream, said))
             except BayescalError as error:
                 why.append(str(error))
     seen = {c.topic for c in bag.connections if c.msgtype in MESSAGES}

@@ -24,7 +24,7 @@ SLOPE = (0.8, 1.25)
 STEPS = (5e-5, 0.5)
 """s, between rows: beyond, times are in another unit (assumed: logs have 2 Hz to 20 kHz)."""
 FOLLOWS = (0.2, 5.0)
-"""Change of the command over that of the position: beyond, a unit or joint is wrong (0.95 to 1 in 60 logs)."""
+"""Change of the command over that of the position: beyond, a unit or joint is wrong (60 logs: 0.95 to 1)."""
 SPAN = 0.2
 """s, of the changes that are compared with stated velocities (assumed: more than bursts of messages)."""
 BEYOND = 0.2

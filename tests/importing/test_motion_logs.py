@@ -354,6 +354,20 @@ def test_names_of_other_descriptions_of_an_arm():
         joint_order(("pan.pos", "gripper.pos"), ("pan", "gripper"), "", "")
 
 
+def test_joint_states_of_a_topic_of_commands_are_commands(s, tmp_path):
+    ahead = replace(s, position=s.position + 0.01)
+    topics = [joint_states(ahead, topic="/isaac_joint_commands"), joint_states(s, topic="/arm_states")]
+    usual = {"robot": ARM, "motions": "pause:0.5 s", "torque": "motor"}
+    path = bag(tmp_path / "bag", topics)
+    draft = convert(Request(path, **usual))
+    np.testing.assert_allclose(draft.columns["q2_deg"], np.degrees(s.position[:, 1]), atol=1e-9)
+    np.testing.assert_allclose(draft.columns["command2_deg"], np.degrees(ahead.position[:, 1]), atol=1e-9)
+    assert (
+        "rows of /isaac_joint_commands"
+        in convert(Request(path, topic="/isaac_joint_commands", **usual)).notes[0]
+    )
+
+
 def test_publishers_of_parts_of_the_arm_are_told_from_a_wrong_name(s, tmp_path):
     topic, kind, _, times = joint_states(s)
 
