@@ -89,7 +89,7 @@ def _why(run: Run) -> str:
     if verdict["explains"] and not verdict["determined"]:
         return "Too few or too similar measurements: the arm is known little better than before. Add more."
     if verdict["explains"] and verdict["validated"]:
-        return "The tests allow for a noise that is stated too small: by its value, an effect may be missing."
+        return "U allows for these errors: noise or readings are worse than stated, or an effect is missing."
     if verdict["explains"]:
         return "No independent measurements check the calibration: the errors below are predictions."
     return (
