@@ -1,11 +1,17 @@
-"""Compliances that a next fit takes, from those that earlier fits took and found."""
+"""Fits at the pose where the fitted arm stands: compliances of the next fit, and parameters of its model."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from sessions import tracker
 
-from bayescal.estimate.estimate import Secants
+from bayescal.dataset import Noise
+from bayescal.effects import BASELINE
+from bayescal.estimate.estimate import Secants, calibrated, estimate
+from bayescal.model import build
+from bayescal.model.scene import Scene
 
 
 def taken(matrix, shift, starts, scale=(1.0, 1.0)):
@@ -32,3 +38,16 @@ def test_units_have_no_part_in_what_two_fits_tell():
     starts = [np.array([0.0, 0.0]), np.array([1.0, 0.5])]
     plain = taken(matrix, shift, starts)
     assert taken(matrix, shift, starts, (1e-6, 10.0)) == pytest.approx(plain)
+
+
+def test_a_moment_that_is_zero_at_the_nominal_pose_has_a_compliance_where_the_arm_stands():
+    """With so much noise no fit after the first moves the arm: its model has a parameter less."""
+    session = tracker(seed=1, count=60).dataset
+    on_axis = np.array(session.robot.centres_of_mass)
+    on_axis[-1, :2] = 0.0
+    robot = replace(session.robot, centres_of_mass=on_axis)
+    tools = tuple(replace(t, centre_of_mass=np.array([0.0, 0.0, 0.06])) for t in session.tools)
+    session = replace(session, robot=robot, tools=tools, noise=Noise(point=0.3))
+    first = estimate(build(Scene(session), BASELINE))
+    assert "compliance J6" not in first.model.names
+    assert "compliance J6" in calibrated(Scene(session), BASELINE).model.names
