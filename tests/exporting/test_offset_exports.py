@@ -9,8 +9,10 @@ import pytest
 import yaml
 from export_arms import fake, session_of
 from test_urdf_export import LRMATE, POINT, expected, tip_points
+from urdf_texts import words
 
 from bayescal.arm.chain import chain_of, frames, link_angles
+from bayescal.arm.transforms import rotation, rpy_matrix, rpy_of
 from bayescal.errors import BayescalError
 from bayescal.exporting.export import export
 
@@ -137,3 +139,19 @@ def test_pal(tmp_path):
     found = tip_points(ET.tostring(root, "unicode"), "tool0", out.written.details, readings, POINT)
     np.testing.assert_allclose(found, expected(arm, POINT), atol=1e-9)
     assert out.missing[0].effect == "compliance"
+
+
+@pytest.mark.parametrize("half", [np.pi, -np.pi])
+def test_differences_of_pal_are_small_where_an_origin_is_turned_by_half_a_turn(tmp_path, half):
+    """As an angle it is at either end of the range: the calibrated one may be at the other end."""
+    arm, root = fake(session_of(), ("geometry",)), ET.fromstring(LRMATE)
+    origins = {joint.get("name"): joint.find("origin") for joint in root.iter("joint")}
+    behind = np.array([float(x) for x in origins["to_tool"].get("rpy").split()])
+    origins["joint_6"].set("rpy", words([0.0, 0.0, half]))
+    next(j for j in root.iter("joint") if j.get("name") == "joint_6").find("axis").set("xyz", "1 0 0")
+    origins["to_tool"].set("rpy", words(rpy_of(rotation(2, -half) @ rpy_matrix(behind))))
+    (tmp_path / "arm.urdf").write_text(ET.tostring(root, "unicode"))
+    out = export(arm, "pal", into=str(tmp_path / "arm.urdf#tool0"))
+    entries = yaml.safe_load(out.written.content)["robot_state_publisher"]["geometric_calibration"]
+    assert abs(entries["joint_6_dyaw"]) > 1e-6
+    assert max(map(abs, entries.values())) < 0.05

@@ -251,13 +251,16 @@ def test_drift_is_written_at_a_state_and_its_change_is_told():
     assert at_time.written.content == outs[0].written.content
 
 
-def test_sizes_of_what_is_missing():
-    """By effect: the distance of the TCP positions from those without it."""
+@pytest.mark.parametrize("outliers", [0, 5])
+def test_sizes_of_what_is_missing(outliers):
+    """By effect: the distance of the TCP positions from those without it, where the rows are no outliers."""
     arm = fake(session_of(), ("geometry", "compliance", "backlash", "lobing"))
+    ids = arm.dataset.measurements.ids
+    arm = replace(arm, rejected=ids[::7][:outliers])
     out = export(arm, "urdf", name="arm")
     missing = {m.effect: m for m in out.missing}
     assert missing.keys() == {"compliance", "backlash", "lobing"}
-    rows = np.arange(len(arm.dataset.measurements.ids))
+    rows = np.array([k for k, name in enumerate(ids) if name not in arm.rejected])
     rigid = np.where([p.effect == "backlash" for p in arm.model.parameters], 0, arm.values)
     full = arm.model.motion(rows).points(arm.values)
     off = np.linalg.norm(full - arm.model.motion(rows).points(rigid), axis=0)

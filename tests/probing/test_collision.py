@@ -209,6 +209,22 @@ def test_a_lid_above_the_contact_blocks_the_way(monkeypatch):
     assert path_free(stiff, reading, normal)[0] == -1
 
 
+def test_the_way_ends_at_the_limit_towards_which_a_joint_moves():
+    """At the lower limit as at the upper one, and at no limit that the joint moves away from."""
+    free, reading = mate(), np.radians([[0.0, 20, -40, 0, 30, 0]])
+    arm = free.arm
+    begin, end = (arm.angles_of(q)[0] for q in (reading, retracted(arm, reading, 0.02 * UP[None])))
+    moved = np.flatnonzero(np.abs(end - begin) > 5e-3)
+    assert {*np.sign(end - begin)[moved]} == {-1.0, 1.0}
+    for joint in moved:
+        for side, sign in enumerate((-1.0, 1.0)):
+            limits = np.tile([-10.0, 10.0], (arm.robot.n, 1))
+            limits[joint, side] = begin[joint] + sign * 1e-3
+            near = replace(free, arm=replace(arm, robot=replace(arm.robot, limits=limits)))
+            blocked = sign * (end - begin)[joint] > 0
+            assert path_free(near, reading, UP[None])[0] == (-1 if blocked else 0)
+
+
 # --- Distances of capsules by hand, and against those of many points of their axes.
 
 

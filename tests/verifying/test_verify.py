@@ -17,6 +17,7 @@ import bayescal as bc
 from bayescal.cli import app
 from bayescal.errors import BayescalError
 from bayescal.verifying.gap import read_reported
+from bayescal.verifying.simulator import Level
 
 
 @pytest.fixture(scope="module")
@@ -68,6 +69,21 @@ def test_command_writes_a_record_and_fails_for_another_arm(run, tmp_path):
     beside_it = tmp_path / "wrong.xml.bayescal.json"
     beside_it.write_text(json.dumps(json.loads(beside_it.read_text()) | {"carried_kg": 1.25}))
     assert "it carries 1.25 kg beside the tool" in " ".join(CliRunner().invoke(app, arguments).output.split())
+
+
+@pytest.mark.parametrize(
+    ("off", "passed"),
+    [
+        ([0.0] * 99 + [2.9e-6], True),
+        ([0.0] * 99 + [3.1e-6], False),  # one pose is beyond the limit
+        ([1.1e-6] * 100, False),  # none is, and all together are off
+        ([-0.9e-6, 0.9e-6] * 50, True),
+    ],
+)
+def test_a_level_passes_within_both_of_its_limits(off, passed):
+    level = Level("geometry", np.abs(off), 3e-6)
+    assert level.passed == passed
+    assert level.rms == pytest.approx(np.linalg.norm(off) / 10.0)
 
 
 def test_missing_simulator_is_one_line_with_the_extra(run, monkeypatch):
