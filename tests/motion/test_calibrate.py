@@ -20,8 +20,10 @@ from bayescal.logs.schema import Arm
 from bayescal.logs.write import arm_text
 from bayescal.motion import calibrate as calibration
 from bayescal.motion.calibrate import calibrate
-from bayescal.motion.linear import Normal, fitted
+from bayescal.motion.estimate import of_role
+from bayescal.motion.linear import Normal, fitted, tabulated
 from bayescal.motion.possible import NOT_NEGATIVE, Possible, draws_within, pseudo_inertia, spread
+from bayescal.motion.signals import where_moving
 from bayescal.motion.terms import BODY, Term, nominal
 from bayescal.public.motions import MotionFitResult
 from bayescal.reporting.motion.fit import fit_record, fit_summary
@@ -38,6 +40,24 @@ def test_withheld_errors_are_as_expected(result):
     low, high = np.array(result.withheld.expected_interval95_Nm.to_list()).T
     assert np.all((low < result.withheld.rms_Nm) & (result.withheld.rms_Nm < high))
     assert np.all(result.withheld.nominal_rms_Nm.iloc[1:] > 2.0 * result.withheld.rms_Nm.iloc[1:])
+
+
+def test_expected_errors_are_noise_and_what_uncertain_parameters_add(null_estimate):
+    """In the mean over the withheld motions: more of them change the interval alone."""
+    fit, at = null_estimate.fit(), null_estimate.at
+    fitted_rows, held = (of_role(null_estimate.parts, role) for role in ("calibrate", "validate"))
+    left = [where_moving(s.unfiltered(at.measured(s) - at.shown(s)), s) for s in fitted_rows]
+    noise = np.sqrt(np.nanmean(np.concatenate(left) ** 2, axis=0))
+    table = tabulated(held, null_estimate.columns, null_estimate.residual)
+    added = [[np.mean(np.sum(x**2, axis=1)) for x in channels[:3]] for channels in fit.followed(table)]
+    expected = np.sqrt(noise**2 + np.mean(added, axis=0))
+    widths = []
+    for times in (1, 2):
+        more = replace(null_estimate, parts=(*fitted_rows, *held * times))
+        found = calibration._withheld(more, fit, at, at)
+        assert [w.expected for w in found] == pytest.approx(expected, rel=1e-6)
+        widths.append(np.array([np.ptp(w.interval95) / w.expected for w in found]))
+    assert widths[0] / widths[1] == pytest.approx(np.full(3, np.sqrt(2.0)))
 
 
 def test_what_the_record_says_of_the_torque(result):

@@ -12,8 +12,9 @@ from bayescal.logs import read_log
 from bayescal.logs.mechanism import inertial, mechanism_of
 from bayescal.logs.types import Controller
 from bayescal.motion.dynamics import payload_of, regressor
-from bayescal.motion.effects import EFFECTS, Scale
+from bayescal.motion.effects import EFFECTS, Scale, warming
 from bayescal.motion.estimate import moved_to
+from bayescal.motion.settings import FORMS
 from bayescal.motion.signals import all_signals
 from bayescal.motion.terms import ALL, Term, assembled, baseline, nominal
 from bayescal.robots import load_robot
@@ -37,6 +38,17 @@ def test_a_robot_of_dh_rows_is_the_same_arm():
     q, dq, ddq = some(6, 1)
     torque = np.einsum("njkp,kp->nj", regressor(m, q, dq, ddq, np.array([0, 0, -9.81])), m.inertials)
     assert torque == pytest.approx(inverse(model_of(m), q, dq, ddq), abs=1e-9)
+
+
+def test_an_arm_warms_up_through_all_motions_of_a_log(null_log):
+    """By time alone: a body of one time constant, since the log began, however it is divided into motions."""
+    log = read_log(null_log)
+    time = np.concatenate([m.time for m in log.motions]) - log.motions[0].time[0]
+    by_time = [[w.rise for w in warming(s) if w.driver == "time"] for s in all_signals(log)]
+    for share, rises in zip(FORMS.warm_up, zip(*by_time, strict=True), strict=True):
+        expected = 1.0 - np.exp(-time / (share * time[-1]))
+        assert np.concatenate(rises) == pytest.approx(expected, abs=1e-9)
+        assert np.all(np.diff(np.concatenate(rises)) > 0.0)
 
 
 @pytest.mark.parametrize("convention", ["mdh", "dh"])

@@ -135,8 +135,11 @@ def test_the_arm_of_a_calibration_is_verified_with_its_servos(logs, tmp_path):
     stiffness = np.array(fitted.record["controller"]["kp_Nm_per_rad"])
     gain = 1.0 + np.array([fitted.parameters.estimate[f"constant {k + 1}"] for k in range(5)])
     assert np.max(np.abs(gain - 1.0)) > 0.01
-    drives = ElementTree.fromstring(file.read_text()).iter("position")
-    assert [float(drive.get("kp")) for drive in drives] == pytest.approx(stiffness / gain, rel=1e-6)
+    root = ElementTree.fromstring(file.read_text())
+    assert [float(x.get("kp")) for x in root.iter("position")] == pytest.approx(stiffness / gain, rel=1e-6)
+    for name, key in {"coulomb": "frictionloss", "viscous": "damping", "armature": "armature"}.items():
+        estimate = np.array([fitted.parameters.estimate[f"{name} {k + 1}"] for k in range(5)])
+        assert [float(x.get(key)) for x in root.iter("joint")] == pytest.approx(estimate / gain, rel=1e-6)
     withheld = np.radians([w["rms_deg"] for w in fitted.record["withheld"]])
     assert result.fitted == pytest.approx(withheld * stiffness / gain, rel=0.5)
     assert np.all(result.fitted < 0.3 * result.nominal)
