@@ -11,14 +11,14 @@ from sessions import misread, tracker, with_rows
 import bayescal as bc
 from bayescal.changes import linear
 from bayescal.changes.joint import prepared, tied
-from bayescal.changes.moves import AT
+from bayescal.changes.moves import AT, Shift
 from bayescal.changes.outcome import changed
 from bayescal.changes.search import SCALES, Member, averaged, gains, options
 from bayescal.dataset.join import joined
 from bayescal.errors import BayescalError
 from bayescal.programs.text import Target
 from bayescal.public.changes import ChangedResult
-from bayescal.reporting.changed import difference, sized, words
+from bayescal.reporting.changed import _pose, difference, sized, words
 from bayescal.reporting.shared.text import with_u
 
 ARM = {"effects": "geometry", "later": 4, "repeats": 0, "spheres": 0, "arm_seed": 3}
@@ -261,6 +261,18 @@ def test_the_length_of_a_change_has_the_u_along_it(change, u):
     slopes = [(np.linalg.norm(change + h) - np.linalg.norm(change - h)) / 2e-6 for h in steps]
     length = np.linalg.norm(np.array(slopes) * u)
     assert sized(entries) == f"{with_u(1e3 * np.linalg.norm(change), 1e3 * length)} µm"
+
+
+def test_the_expanded_uncertainty_of_a_displacement_is_that_of_its_vector():
+    """Twice the root mean square length of its errors, along whatever axes they are."""
+    rng = np.random.default_rng(0)
+    turn, _ = np.linalg.qr(rng.standard_normal((3, 3)))
+    for u in ([3e-5, 0.0, 0.0], [2e-5, 2e-5, 2e-5], [1e-5, 2e-5, 4e-5]):
+        along = turn * u
+        errors = along @ rng.standard_normal((3, 20_000))
+        pose = _pose(Shift("1", np.array([1e-3, 2e-3, 2e-3]), along @ along.T))
+        assert pose["length_um"] == pytest.approx(3000.0)
+        assert pose["U_um"] == pytest.approx(2e6 * np.sqrt(np.mean(np.sum(errors**2, axis=0))), rel=0.03)
 
 
 def test_lost_motion_that_was_repaired_became_smaller():

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.stats import multivariate_normal
+from scipy.stats import multivariate_normal, norm
 
 from bayescal.effects import UNITS, Parameter
 from bayescal.effects.location import TOOL, joint
@@ -158,6 +158,20 @@ def test_an_arm_that_changed_is_told_and_counts_as_it_is_now(rng):
     assert found.pairs == 2 * K
     (now,) = models_of([*sessions[2:5], sessions[0], replace(sessions[5], session="arm 1")])
     assert [p.mean for p in priors(found)] == pytest.approx([p.mean for p in priors(now)], rel=1e-3, abs=1e-6)
+
+
+def test_p_is_two_sided_and_of_all_comparisons(rng):
+    """Of a change by the normal distribution of its ratio, of an outlier with heavier tails than that."""
+    t = 0.3 * rng.standard_normal((5, K)) + 2.0 * np.eye(5)
+    again = [member(rng, f"arm {k}", t[k] + 0.1 * rng.standard_normal(K), "again") for k in range(5)]
+    (found,) = models_of([*(member(rng, f"arm {k}", t[k]) for k in range(5)), *again])
+    assert len(found.changed) >= 5
+    for d in found.changed:
+        assert d.p == pytest.approx(2.0 * norm.sf(abs(d.value / d.u)), rel=1e-6)
+        assert d.p_all == pytest.approx(min(1.0, found.pairs * d.p), rel=1e-6)
+    for d in found.unlike:
+        assert d.p > 2.0 * norm.sf(abs(d.value / d.u))
+        assert d.p_all == pytest.approx(min(1.0, found.comparisons * d.p), rel=1e-6)
 
 
 def test_two_arms_or_other_nominal_values_are_no_fleet(rng):

@@ -408,13 +408,15 @@ def test_a_repeat_is_the_contact_of_the_session(dataset):
     assert "payload_kg" not in table[0]
 
 
-def test_a_changed_condition_is_no_repeat(dataset):
-    gap, _ = advised(dataset, "more payload", -dataset.measurements.velocity[[2, 7, 11, 30]], np.full(4, 2.0))
+@pytest.mark.parametrize("payload", [2.0, 0.75, 1.2345, 0.0, 12.5])
+def test_a_changed_condition_is_no_repeat(dataset, payload):
+    velocity = -dataset.measurements.velocity[[2, 7, 11, 30]]
+    gap, _ = advised(dataset, "more payload", velocity, np.full(4, payload))
     contacts = contact_records(gap.advice[0], 1, gap.dataset.robot)
     table = list(csv.DictReader(io.StringIO(table_of_contacts(contacts))))
     assert {t["repeat_of"] for t in table} == {""}
-    assert {t["payload_kg"] for t in table} == {"2"}
-    assert json.loads(json.dumps(contacts[0]))["payload_kg"] == 2.0
+    assert [float(t["payload_kg"]) for t in table] == [payload] * 3
+    assert json.loads(json.dumps(contacts[0]))["payload_kg"] == payload
     assert len(first_contacts(contacts).rows) == 3
 
 

@@ -40,9 +40,10 @@ from bayescal.gap.search.verdict import (
 )
 from bayescal.model import ARM
 from bayescal.model.options import parts_of
-from bayescal.reporting.gap.causes import line, lines, stated
+from bayescal.reporting.gap.causes import amplitude_records, line, lines, stated
 from bayescal.reporting.gap.phrases import named
 from bayescal.reporting.gap.sheets import amplitude_of
+from bayescal.reporting.shared.text import measured
 
 ALIKE = ("hardening", "hysteresis")
 
@@ -289,6 +290,18 @@ def test_only_what_is_significant_is_told(found):
         "step of the base: shift 500.0(2.5) µm",
     ]
     assert named(each[1], gap).startswith("joint 3 has lost motion on reversal (backlash,")
+
+
+def test_entries_of_amplitudes_have_the_numbers_of_their_lines(found):
+    """In the units of their keys: gap.json beside the terminal."""
+    gap = SimpleNamespace(amplitudes=found[0].amplitudes, levels=(), verdict=SimpleNamespace(named=()))
+    said, entries = lines(gap), amplitude_records(gap)
+    assert len(said) == len(entries)
+    for text, a in zip(said, entries, strict=True):
+        assert f"{a['what']} {measured(a['value'], a['u'], a['unit'])}" in text
+        assert ("phase" in text) == (a["phase_deg"] is not None)
+        if "phase" in text:
+            assert f"phase {measured(a['phase_deg'], a['u_phase_deg'], 'deg')}" in text
 
 
 def test_every_joint_only_where_all_are_significant(found):

@@ -15,8 +15,9 @@ import bayescal as bc
 from bayescal.dataset import read_dataset
 from bayescal.dataset.consistency import copies
 from bayescal.dataset.join import joined
+from bayescal.dataset.read import read_parts
 from bayescal.errors import BayescalError
-from bayescal.preparing.check import check, check_record
+from bayescal.preparing.check import check, check_record, odd
 
 JOINTS = [f"j{k}_deg" for k in range(1, 7)]
 
@@ -31,13 +32,17 @@ def good(tmp_path_factory):
 
 
 def found(folder: Path, settings: str, rows: list[dict]) -> list:
+    write(folder, settings, rows)
+    return list(check(folder).findings)
+
+
+def write(folder: Path, settings: str, rows: list[dict]) -> None:
     (folder / "dataset.yaml").write_text(settings)
     text = io.StringIO()
     writer = csv.DictWriter(text, rows[0], lineterminator="\n")
     writer.writeheader()
     writer.writerows(rows)
     (folder / "measurements.csv").write_text(text.getvalue())
-    return list(check(folder).findings)
 
 
 def changed(rows: list[dict], columns, change, which=lambda row: True) -> list[dict]:
@@ -188,6 +193,17 @@ def test_one_configuration(tmp_path, good):
     (poses, *_) = [f for f in findings if f.code == "not_identifiable"]
     assert "the poses are too much alike" in poses.what
     assert poses.remedy.startswith("measure in poses over most of the range of every joint")
+
+
+def test_the_diameter_that_contacts_show_is_that_of_the_sphere_without_the_ball(tmp_path, good):
+    """Near the true 50.8 mm, by what the nominal arm is off; a ball of radius r takes 2 r from it."""
+    wrong, shown = good[0].replace("diameter_mm: 50.8}", "diameter_mm: 120}", 1), []
+    for radius in (3, 5.5):
+        write(tmp_path, wrong.replace("ball_radius_mm: 3", f"ball_radius_mm: {radius}"), good[1])
+        (what,) = (f.what for f in odd(*read_parts(tmp_path)) if f.code == "diameter")
+        shown.append(float(what.rpartition(" ")[2]))
+    assert shown[0] == pytest.approx(50.8, abs=3.0)
+    assert shown[0] - shown[1] == pytest.approx(5.0, abs=0.11)
 
 
 def test_where_is_the_line_and_the_id(tmp_path, good):

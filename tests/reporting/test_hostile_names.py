@@ -12,6 +12,7 @@ from typer.testing import CliRunner
 import bayescal as bc
 from bayescal.cli.commands import app
 from bayescal.dataset import Record, write_dataset
+from bayescal.reporting.fleet_report import fleet_page
 
 HOSTILE = (
     "[/]", "[bold]x[/bold]", "[link=http://a]y", ":smile:",
@@ -108,6 +109,43 @@ def test_no_name_is_an_element_of_any_page(session, tmp_path, quick_search):
     assert "<hostile" in Elements(bc.compare(session)._repr_html_()).text
     bc.report([tmp_path / "report.html", tmp_path / "gap.html"], tmp_path / "both.html")
     assert "<hostile" in Elements((tmp_path / "both.html").read_text(encoding="utf-8")).text
+
+
+def test_no_name_is_an_element_of_the_page_of_a_fleet():
+    """Of arms, sessions, robots, targets, files, with their links; nor what a session fails with."""
+    texts, number = cycle(HOSTILE), count()
+
+    def named() -> str:
+        return f"{next(texts)} {next(number)}<hostile y>"
+
+    arms, sessions, robot = [named() for _ in HOSTILE], [named() for _ in HOSTILE], named()
+    found = {"parameter": named(), "value": 1.0, "u": 0.1, "unit": "mm", "p_all": 0.01, "stated": True}
+    effects = [{"effect": "backlash", "site": named()}]
+    record = {
+        "arms": [
+            {"arm": arm, "robot": robot, "sessions": [s], "expanded_U_um": 50.0, "measured_rms_um": 20.0,
+             "effects": effects, "differs": [found], "changed": [found | {"since": s}], "log_score_nats": 1.0}
+            for arm, s in zip(arms, sessions, strict=True)
+        ],
+        "effects": [
+            effects[0]
+            | {"arms": arms, "of": len(arms), "expected_arms": 1.0, "values": [1.0, 2.0], "unit": "deg"}
+        ],
+        "sessions": [
+            {"session": s, "arm": arm, "status": "fitted", "fit": {"expanded_U_um": 50.0}, "error": named(),
+             "gap": {"words": [named()]}, "folder": f"sessions/{s}"}
+            for arm, s in zip(arms, sessions, strict=True)
+        ],
+        "models": [
+            {"robot": robot, "arms": arms, "parameters": [], "file": named(), "comparisons": 10,
+             "comparisons_between_sessions": 5}
+        ],
+        "count": {"sessions": len(arms), "fitted": len(arms), "kept": 0, "failed": 0},
+        "inputs": {"model": [named()]},
+    }  # fmt: skip
+    text = Elements(fleet_page(record)).text
+    for name in (*arms, *sessions, robot, found["parameter"]):
+        assert name in text
 
 
 def test_a_console_with_markup_prints_a_table_of_hostile_names(session):

@@ -223,6 +223,22 @@ def test_fit_writes_its_page(saved):
     assert again == page  # a page is a function of what the folder holds
 
 
+def test_the_error_of_contacts_is_that_of_all_contacts_whatever_their_face(saved):
+    """As of one face with the contacts of all: faces count by their contacts, not alike."""
+    record = json.loads((saved[0] / "fit.json").read_text())
+    face = record["validation"]["planes"][0]
+    sizes = {"nominal_rms_um": np.array([900.0, 100.0]), "calibrated_rms_um": np.array([30.0, 2.0])}
+    count = np.array([4, 36])
+    faces = [
+        face | {"count": int(n)} | {key: float(x[k]) for key, x in sizes.items()} for k, n in enumerate(count)
+    ]
+    before, after = (length(np.sqrt(np.mean(np.repeat(x, count) ** 2))) for x in sizes.values())
+    record["validation"]["planes"] = faces
+    text = words(run_page(Run("fit", record, "x")))
+    assert f"Contact error, nominal → calibrated {before} → {after} µm RMS" in text
+    assert "40 validation contacts" in text
+
+
 def test_figures_that_the_page_does_not_draw_are_embedded(saved):
     page = (saved[0] / "report.html").read_text(encoding="utf-8")
     pictures = re.findall(r'<img src="data:image/png;base64,([^"]+)" alt="[^"]{20,}">', page)
