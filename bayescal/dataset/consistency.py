@@ -26,6 +26,7 @@ from bayescal.dataset.table import Table, joint_columns
 from bayescal.dataset.target_kinds import KINDS, LOOSE
 from bayescal.dataset.types import Dataset, Target
 from bayescal.errors import BayescalError
+from bayescal.statistics import decimals_of
 from bayescal.storage.files import Document
 
 OFF = 0.05
@@ -305,10 +306,11 @@ def rounded(dataset: Dataset) -> str:
     size = float(np.sqrt(np.mean(np.sum(np.square(moved), axis=0))))
     if size < SEEN_STEP * min(stated):
         return ""
+    digits = decimals_of(float(np.max(u)))  # two, and not less than u: what is advised must be enough
     return (
         f"readings have steps of up to {np.max(step):.4g} deg: {1e6 * size:.2g} µm at the tool, beside a "
         f"stated noise of {1e6 * min(stated):.2g} µm; log more digits, or state "
-        f"`noise.joint_deg: {np.max(u):.2g}`"
+        f"`noise.joint_deg: {np.ceil(np.max(u) * 10.0**digits) / 10.0**digits:g}`"
     )
 
 
