@@ -208,6 +208,10 @@ def test_the_smallest_amplitude_that_is_named():
         strength = np.sum(left**2)
         if strength > 1e-8 * np.sum(x**2):
             assert (spot.smallest / spot.plausible) ** 2 * strength == pytest.approx(DESIGN.named, rel=1e-3)
+        # the error of distances where all parameters of the site are drawn from their priors
+        drawn = np.random.default_rng(0).standard_normal((4000, len(site.columns)))
+        off = drawn @ linear(s, site.columns).T
+        assert spot.distance_error == pytest.approx(np.sqrt(np.mean(off**2)), rel=0.05)
 
 
 def test_what_is_named_no_longer_hides_and_absorbs():

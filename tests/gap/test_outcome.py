@@ -13,6 +13,7 @@ from sessions import kept_back, with_columns
 from bayescal.estimate import estimate
 from bayescal.gap.outcome.magnitude import (
     Level,
+    NoiseFloor,
     _measured,
     difference,
     expects,
@@ -398,6 +399,18 @@ def test_the_floor_is_that_of_the_refitted_model():
 
 
 # --- The RMS to expect of a correct model, as a diagnosis states it.
+
+
+@pytest.mark.parametrize("dof", [3.0, 12.0, 400.0])
+def test_the_interval_of_the_noise_covers_it_in_95_of_100_sessions(dof):
+    """As often above it as below; draws of it, by which the excess has its interval, are within as often."""
+    estimates = NOISE * np.sqrt(np.random.default_rng(1).chisquare(dof, 4000) / dof)
+    low, high = np.array([NoiseFloor(sd, dof, "repeats").interval95 for sd in estimates]).T
+    assert np.mean(low > NOISE) == pytest.approx(0.025, abs=0.008)
+    assert np.mean(high < NOISE) == pytest.approx(0.025, abs=0.008)
+    own = NoiseFloor(NOISE, dof, "repeats")
+    drawn, (low, high) = own.draws(np.random.default_rng(2)), own.interval95
+    assert np.mean((drawn > low) & (drawn < high)) == pytest.approx(0.95, abs=0.015)
 
 
 def test_the_expected_rms_is_that_of_a_fit():
