@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 import doctest
+import inspect
 import subprocess
 import sys
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
 import pytest
-from cases import ROOT
+from cases import EXAMPLE, ROOT
 from sessions import plain
 
 import bayescal as bc
+from bayescal.fitted.gate import NOTHING
 
 DOCUMENTED = (
     "bayescal",
@@ -189,3 +192,104 @@ def test_without_masses_the_default_model_is_geometry_and_says_so(tracker):
     assert not any(f.code == "not_modelled" for f in bc.fit(d, samples=0).data.findings)
     with pytest.raises(bc.BayescalError, match="compliance cannot be judged"):
         bc.fit(light, "geometry,compliance", samples=0)
+
+
+# --- Every option of a public function reaches what computes, with its value and in its unit.
+
+
+class Called(Exception):
+    """In place of the work of a function: the arguments with which it was called."""
+
+
+def spied(path, call):
+    """Arguments, by name, with which `call` calls the function at a path."""
+    module, _, name = path.rpartition(".")
+    signature = inspect.signature(getattr(import_module(module), name))
+
+    def stop(*given, **named):
+        found = signature.bind(*given, **named)
+        found.apply_defaults()
+        raise Called(found.arguments)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(path, stop)
+        with pytest.raises(Called) as caught:
+            call()
+    return caught.value.args[0]
+
+
+def attributes(of, *names):
+    return tuple(getattr(of, name) for name in names)
+
+
+USE = ("robust", "prior_width", "seed")
+
+
+@pytest.mark.parametrize(("latent", "seed"), [(True, 7), (False, 8)])
+def test_options_of_a_calibration_and_of_a_diagnosis_arrive(latent, seed):
+    session = bc.read_dataset(EXAMPLE)
+    usual = {"robust": False, "prior_width": 2.5, "seed": seed, "without": "compliance J3, d4"}
+    own = {"latent_joints": latent, "tolerance_mm": 0.25, "samples": 11}
+    got = spied("bayescal.calibration.fit", lambda: bc.fit(session, "geometry, step", **own, **usual))
+    assert attributes(got["options"], *USE, "latent_joints") == (False, 2.5, seed, latent)
+    assert got["options"].tolerance == pytest.approx(0.25e-3)
+    assert (got["effects"], got["samples"]) == (("geometry", "step"), 11)
+    assert got["without"] == ("compliance J3", "d4")
+    got = spied("bayescal.gap.diagnose.diagnose", lambda: bc.diagnose(session, ["geometry"], **usual))
+    assert attributes(got["options"], *USE) == (False, 2.5, seed)
+    assert (got["effects"], got["without"]) == (("geometry",), ("compliance J3", "d4"))
+
+
+@pytest.mark.parametrize(("remounted", "robust"), [(True, False), (False, True), (True, True)])
+def test_options_of_changes_arrive(tmp_path, remounted, robust):
+    session = bc.read_dataset(EXAMPLE)
+    (tmp_path / "at.csv").write_text("id,j1_deg,j2_deg,j3_deg,j4_deg,j5_deg,j6_deg\ngrasp,0,10,-20,0,30,0\n")
+    options = {"remounted": remounted, "robust": robust, "at": tmp_path / "at.csv"}
+    got = spied(
+        "bayescal.changes.outcome.changed",
+        lambda: bc.changed([session, session], "geometry, step", **options),
+    )
+    assert (got["remounted"], got["robust"]) == (remounted, robust)
+    assert got["effects"] == ("geometry", "step")
+    assert [t.id for t in got["targets"]] == ["grasp"]
+
+
+def test_options_of_a_history_arrive(tmp_path):
+    got = spied("bayescal.changes.history.history", lambda: bc.history(tmp_path, order="b, a", limit_mm=0.25))
+    assert (got["folder"], got["order"]) == (tmp_path, ("b", "a"))
+    assert got["limit"] == pytest.approx(0.25e-3)
+
+
+@pytest.mark.parametrize("validation", [True, False])
+def test_options_of_a_plan_arrive(validation):
+    options = {"purpose": "gap", "levers": "payload", "order": "random", "candidates": 123, "seed": 9}
+    options |= {"model": "geometry", "validation": validation}
+    session = bc.read_dataset(EXAMPLE)
+    got = spied("bayescal.planning.plan.plan", lambda: bc.plan(session, 77, **options))["options"]
+    names = ("contacts", "aim", "effects", "levers", "order", "candidates", "seed", "validation")
+    wanted = 77, "gap", ("geometry",), ("payload",), "random", 123, 9, validation
+    assert attributes(got, *names) == wanted
+
+
+def test_options_of_what_uses_an_arm_arrive(monkeypatch):
+    asked = []
+    arm = SimpleNamespace(use=NOTHING, dataset=SimpleNamespace(robot=SimpleNamespace(name="arm")))
+    monkeypatch.setattr("bayescal.public.arms.arm_of", lambda *given: asked.append(given) or arm)
+    state = {"with_": "backlash, step", "without": "compliance", "at_time": 3.5, "at_row": "c7"}
+    got = spied(
+        "bayescal.compensating.compensation.compensate_file",
+        lambda: bc.compensate(
+            "run", "a.src", format="kuka", frame="cube", tool="ball", tcp=[0.1, 0.2, 0.3, 1.0, 2.0, 3.0],
+            payload_kg=1.5, **state,
+        ),
+    )  # fmt: skip
+    keys = ("format_", "frame", "tool", "payload", "time", "row")
+    assert [got[key] for key in keys] == ["kuka", "cube", "ball", 1.5, 3.5, "c7"]
+    assert got["tcp"].tolist() == [0.1, 0.2, 0.3, 1.0, 2.0, 3.0]
+    got = spied(
+        "bayescal.exporting.export.export",
+        lambda: bc.export(Path("run"), "mjcf", into="a.xml", readings="script", force=True, **state),
+    )
+    keys = ("to", "into", "readings", "time", "row", "force")
+    assert [got[key] for key in keys] == ["mjcf", "a.xml", "script", 3.5, "c7", True]
+    assert asked == [("run", ("backlash", "step"), ("compliance",)), (Path("run"), *asked[0][1:])]
