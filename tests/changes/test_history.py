@@ -91,6 +91,7 @@ def test_a_step_is_found_in_the_order_of_the_dates(runs, tmp_path):
     (step,) = [p for p in record["parameters"] if p["change"]]
     assert (step["name"], step["change"], step["from_run"]) == ("theta4", "step", "run-1")
     assert step["size"] == pytest.approx(np.degrees(5e-4), abs=2 * step["U"])
+    assert step["U"] == pytest.approx(2.0 * step["u"])
     assert result.save(tmp_path / "out") == ("history.json", "history.html", "history.csv")
     assert "<svg" in (tmp_path / "out" / "history.html").read_text()
     assert (

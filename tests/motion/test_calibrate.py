@@ -23,6 +23,7 @@ from bayescal.motion.calibrate import calibrate
 from bayescal.motion.estimate import of_role
 from bayescal.motion.linear import Normal, fitted, tabulated
 from bayescal.motion.possible import NOT_NEGATIVE, Possible, draws_within, pseudo_inertia, spread
+from bayescal.motion.settings import BASELINE
 from bayescal.motion.signals import where_moving
 from bayescal.motion.terms import BODY, Term, nominal
 from bayescal.public.motions import MotionFitResult
@@ -122,6 +123,10 @@ def test_the_reversal_of_friction_is_a_speed(result):
         assert np.min(draws[..., names.index(name)]) > 0.0
         assert p.nominal[name] == pytest.approx(np.deg2rad(1.719))
         assert p.estimate[name] == pytest.approx(0.03, abs=max(3.5 * p.u[name], 2e-3))
+    log = result.data.log
+    every, own = log.mechanism.u.transition, np.hypot(log.mechanism.u.transition, BASELINE.transition)
+    for name, share in (("transition", every), ("transition 2", own)):  # the logarithm of a speed
+        assert p.prior_sd[name] == pytest.approx(share * p.nominal[name])
     joints = [p.estimate[f"transition {j}"] for j in (1, 2, 3)]
     assert result.data.mechanism.transition == pytest.approx(np.exp(np.mean(np.log(joints))), rel=0.02)
     assert size_text(0.03, 0.001, "rad/s") == "1.719(57) deg/s"

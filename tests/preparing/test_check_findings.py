@@ -18,6 +18,7 @@ from bayescal.dataset.join import joined
 from bayescal.dataset.read import read_parts
 from bayescal.errors import BayescalError
 from bayescal.preparing.check import check, check_record, odd
+from bayescal.preparing.missing import _roles
 
 JOINTS = [f"j{k}_deg" for k in range(1, 7)]
 
@@ -145,6 +146,21 @@ def test_rows(tmp_path, good, name):
     assert {f.code for f in findings} == codes, findings
     assert any(re.search(re.escape(words), f.what) for f in findings)
     assert all(f.remedy and f.where.startswith(("measurements.csv", "dataset.yaml")) for f in findings)
+
+
+def test_as_many_contacts_as_a_finding_asks_for_locate_a_sphere(tmp_path, good):
+    """What is advised, and no more, ends the finding."""
+    on_it = [row["id"] for row in good[1] if row["target"] == "ball.A@1"]
+
+    def said(count: int) -> list[str]:
+        rows = [row for row in good[1] if row["id"] not in on_it[count:]]
+        write(tmp_path, good[0], rows)
+        return [f.remedy for f in _roles(read_parts(tmp_path)[0]) if f.code == "few_on_sphere"]
+
+    (remedy,) = said(3)
+    asked = int(re.search(r"measure (\d+) or more", remedy)[1])
+    assert asked > 3
+    assert said(asked) == []
 
 
 KEYS = cases("check_findings")

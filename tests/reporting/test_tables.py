@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from types import SimpleNamespace
 
 import numpy as np
@@ -11,16 +12,23 @@ from cases import terminal_text as printed
 
 from bayescal.assess.agreement import Agreement, Pair
 from bayescal.effects.common import STANDSTILL
-from bayescal.effects.location import face, joint, link
+from bayescal.effects.location import PROBE, face, joint, link
+from bayescal.fitted.gate import NOTHING
 from bayescal.gap.result import VALIDATION_POINTS, Verdict
+from bayescal.planning.result import Detectable
+from bayescal.reporting.exports import compensation_summary
 from bayescal.reporting.figures.where import drawn_curves
 from bayescal.reporting.fit.posterior import _labels
 from bayescal.reporting.fit.sheets import MOST_DISTANCES, VALIDATION, _table, agreement_record, distance_table
+from bayescal.reporting.fleet_report import parameters
 from bayescal.reporting.gap.phrases import headline
 from bayescal.reporting.gap.sheets import _detectable, per_vector
+from bayescal.reporting.gap.summary import _measured
 from bayescal.reporting.motion.fit import replay_sheet
+from bayescal.reporting.page.common import _largest
+from bayescal.reporting.page.svg import prior_posterior
 from bayescal.reporting.plan_record import clearances
-from bayescal.reporting.plan_sheets import further
+from bayescal.reporting.plan_sheets import further, gain, least_favourable, travel
 from bayescal.reporting.plan_sheets import headline as plan_headline
 from bayescal.reporting.shared import origin
 from bayescal.reporting.shared.origin import _signs, entry, plain
@@ -240,6 +248,88 @@ def test_what_further_contacts_give_is_the_ratio_of_the_two_u_that_are_said():
     numbers = [float(text.split("U = ")[1].split()[0]) for text in (said, now)]
     assert numbers == [20.0, 16.0]
     assert less == f"{100 * (1 - numbers[1] / numbers[0]):.1f} % less"
+
+
+def test_the_arm_waits_for_what_is_changed_after_the_beginning():
+    measurements, targets = SimpleNamespace(target=np.zeros(1, int)), [SimpleNamespace(kind="plane")]
+    session, clearance = SimpleNamespace(measurements=measurements, targets=targets), np.array([np.nan, 0.02])
+    for changes, said in (
+        (("mount ball", "", ""), ""),
+        (("mount ball", "", "attach 2 kg", "mount b"), "twice"),
+    ):
+        plan = SimpleNamespace(
+            session=session, clearance=clearance, changes=changes, travel=100.0, order="sweeps"
+        )
+        assert (f"waits {said} for a change" in travel(plan)) if said else ("waits" not in travel(plan))
+        assert "clearance 20.0 mm or more" in travel(plan)
+
+
+def test_amplitudes_of_a_plan_are_those_of_random_contacts_times_what_is_said():
+    """Each effect counts once; of its sites the table has that at which least is seen."""
+    sizes = [(joint(1), 1e-5, 2e-5), (joint(2), 4e-5, 8e-5), (joint(3), 2e-5, 4e-5)]
+    each = [Detectable("backlash", site, "rad", own, random, 1e-4) for site, own, random in sizes]
+    each.append(Detectable("lobing", PROBE, "m", 3e-6, 3e-6, 1e-6))
+    plan = SimpleNamespace(detectable=tuple(each))
+    assert gain(plan) == pytest.approx(np.sqrt(0.5))
+    assert [(d.effect, d.site) for d in least_favourable(plan)] == [("backlash", joint(2)), ("lobing", PROBE)]
+
+
+def test_the_learnt_sd_of_a_fleet_is_stated_of_the_stated_one():
+    entries = [
+        {"name": "theta2", "unit": "deg", "stated_deviation": 0.0, "stated_sd": 0.1, "deviation": 0.02,
+         "u_deviation": 0.01, "usual_sd": 0.03, "sd": 0.05, "effective_arms": 4.0}
+    ]  # fmt: skip
+    row = frame(parameters({"parameters": entries}), "parameter").iloc[0]
+    assert row["of stated"] == pytest.approx(row["learnt sd"] / row["stated sd"])
+
+
+def test_targets_without_solution_are_neither_inside_nor_outside():
+    def result(reason="", inside=True, size=1.0):
+        sizes = {"error": 1e-3 * size, "u": 1e-5 * size, "expanded": 2e-5 * size}
+        return SimpleNamespace(reason=reason, inside=inside, **sizes)
+
+    lost = result("out of reach", inside=False, size=np.nan)
+    corrected = [result(), result(inside=False, size=4.0), result(), lost]
+    targets = [SimpleNamespace(where=f"a.csv:{k}") for k in range(2, 6)]
+    done = {"warning": "", "source": "a.csv", "frame": "base", "notes": (), "targets": targets}
+    robot = SimpleNamespace(robot=SimpleNamespace(name="arm"))
+    arm = SimpleNamespace(dataset=robot, effects=("geometry",), use=NOTHING)
+    text = printed(compensation_summary(arm, SimpleNamespace(corrected=corrected, **done)), 150)
+    for said in (
+        "4 targets", "mean 2.000 mm, maximum 4.000 mm", "u of a point 10 µm (median), 40 µm (maximum)",
+        "U 20 µm (median, 95 %)", "1 of 3 targets are outside", "a.csv:5: out of reach",
+    ):  # fmt: skip
+        assert said in text
+
+
+def test_a_drawn_parameter_is_where_it_is_beside_its_prior():
+    """Zero to 2.5 prior standard deviations on either side, in proportion; the band ends at two."""
+
+    def drawn(estimate):
+        text = str(prior_posterior((1.0, 0.5), (0.0, 2.0), estimate))
+        low, width = re.search(r'class="band" x="([-\d.]+)" y="2" width="([-\d.]+)"', text).groups()
+        return float(re.search(r'cx="([-\d.]+)"', text)[1]), float(low), float(low) + float(width)
+
+    middle, low, high = drawn(1.0)
+    assert (low + high) / 2 == pytest.approx(middle, abs=0.1)
+    for sds in (-2.5, -2.0, -0.5, 1.0, 2.0, 2.5):
+        assert drawn(1.0 + 0.5 * sds)[0] - middle == pytest.approx(sds * (high - middle) / 2.0, abs=0.15)
+
+
+def test_a_measured_error_is_within_where_it_is_between_the_ends():
+    sizes = {"what": "validation contacts", "count": 9, "predicted_rms_um": 5.0}
+    sizes |= {"predicted_interval95_um": [3.0, 7.0]}
+    every = [sizes | {"rms_um": rms} for rms in (2.9, 3.0, 5.0, 7.0, 7.1)]
+    rows = _measured({"gap": {"measured": every}, "lengths": {"components": 3}}).rows
+    assert [str(row[-1]) for row in rows] == ["outside", "within", "within", "within", "outside"]
+
+
+def test_the_largest_residuals_are_those_of_either_sign_and_unknown_ones_are_last():
+    residuals = [4.0, None, -30.0, 10.0, -0.5]
+    rows = {"id": list("abcde"), "residual_um": residuals, "rejected": [False] * 5, "time_s": None}
+    rows |= {key: [""] * 5 for key in ("target", "role", "direction")}
+    sheet = _largest(SimpleNamespace(rows=rows, refitted=False))
+    assert [row[0] for row in sheet.rows] == list("cdaeb")
 
 
 def test_errors_of_a_replay_are_below_their_arm_and_unit():

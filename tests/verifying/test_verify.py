@@ -15,9 +15,10 @@ from typer.testing import CliRunner
 
 import bayescal as bc
 from bayescal.cli import app
+from bayescal.effects import EFFECTS
 from bayescal.errors import BayescalError
 from bayescal.verifying.gap import read_reported
-from bayescal.verifying.simulator import Level
+from bayescal.verifying.simulator import TOGETHER, Level, limit
 
 
 @pytest.fixture(scope="module")
@@ -84,6 +85,14 @@ def test_a_level_passes_within_both_of_its_limits(off, passed):
     level = Level("geometry", np.abs(off), 3e-6)
     assert level.passed == passed
     assert level.rms == pytest.approx(np.linalg.norm(off) / 10.0)
+
+
+def test_no_model_has_a_wider_limit_than_all_together():
+    every = [name for name, effect in EFFECTS.items() if effect.simulated_within]
+    assert len(every) > 10
+    for names in ([], *([name] for name in every), every):
+        least = max((EFFECTS[name].simulated_within for name in names), default=0.0)
+        assert min(least, TOGETHER) <= limit(names) <= TOGETHER
 
 
 def test_missing_simulator_is_one_line_with_the_extra(run, monkeypatch):
