@@ -27,6 +27,7 @@ from bayescal.fitted.file import open_run, restored
 from bayescal.model import with_parameters
 from bayescal.model.options import FitOptions
 from bayescal.model.scene import Scene
+from bayescal.reporting.figures.where import budget_panel
 from bayescal.reporting.fit.budget import budget_table, measurand_record
 from bayescal.simulation import Options, simulate
 
@@ -278,6 +279,24 @@ def test_the_table_states_the_share_of_each_variance():
     text = terminal_text(budget_table(of_size([(3e-6, 8), (4e-6, 9)])), 120)
     shares = dict(re.findall(r"^(n\d) .* (\d+) %$", text, re.MULTILINE))
     assert shares == {"n0": "36", "n1": "64"}
+
+
+def test_components_that_are_not_shown_are_stated_together():
+    """Their variances add; on the figure, too, the shares of all are 100 %."""
+    small = 5e-7
+    b = of_size([(8e-6, 9), *[(small / 3, 9)] * 9, (6e-6, 9)])
+    text = terminal_text(budget_table(b), 120)
+    said = re.search(r"^9 smaller components +(\S+) ", text, re.MULTILINE)
+    assert float(said[1]) == pytest.approx(1e6 * small)
+    drawn = [bar.text for bar in bars_of(measurand_record(of_size([(8e-6, 9), (6e-6, 9)])))]
+    assert drawn == ["8 µm, 64 %", "6 µm, 36 %"]
+
+
+def bars_of(record):
+    """The bars of a figure of a budget, by their rows."""
+    with pytest.MonkeyPatch.context() as m:
+        m.setattr("bayescal.reporting.figures.where.bars_panel", lambda bars, *_: bars)
+        return budget_panel(record)
 
 
 def test_a_payload_is_part_of_the_point_that_is_asked_for(run):

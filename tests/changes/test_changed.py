@@ -18,7 +18,7 @@ from bayescal.dataset.join import joined
 from bayescal.errors import BayescalError
 from bayescal.programs.text import Target
 from bayescal.public.changes import ChangedResult
-from bayescal.reporting.changed import _pose, difference, sized, words
+from bayescal.reporting.changed import _pose, difference, found_from, sized, words
 from bayescal.reporting.shared.text import with_u
 
 ARM = {"effects": "geometry", "later": 4, "repeats": 0, "spheres": 0, "arm_seed": 3}
@@ -249,6 +249,24 @@ def test_the_words_of_a_verdict():
     base = entry("base", 1.0, True, kind="setup", site="base")
     assert said("changed", [base])[1] == "The arm itself did not change (probability > 99 %)."
     assert "Possible: zero of joint 3 (theta3) (40 %)" in said("ambiguous", [entry("theta3", 0.4, False)])[0]
+
+
+def test_what_would_have_been_found_is_a_range_of_what_is_visible():
+    """Of each kind of parameters, from the least to the most; invisible ones have no size, and are named."""
+
+    def found(**tcp):
+        each = [
+            {"item": name, "parameter": name, "effect": "geometry", "site": f"joint {k}", "unit": "deg",
+             "value": um and 1e-3, "tcp_um": um}
+            for k, (name, um) in enumerate(tcp.items(), 1)
+        ]  # fmt: skip
+        return found_from({"detectable": each, "items": [], "model": ["geometry"]})
+
+    seen, unseen = found(theta1=7.0, theta2=3.0, theta3=None, theta4=5.0)
+    assert seen.endswith("moved the TCP by: joint zeros 3 to 7 µm.")
+    assert unseen == "Not visible in these sessions: theta3."
+    assert found(theta1=4.0)[0].endswith("joint zeros 4 µm.")
+    assert found(theta1=None) == ["Not visible in these sessions: theta1."]
 
 
 @pytest.mark.parametrize(

@@ -60,6 +60,12 @@ def test_of_a_null_log_nothing_is_named(gaps):
     assert gap.shrinkage.before_rms_Nm.to_list() == gap.shrinkage.after_rms_Nm.to_list()
 
 
+def test_the_shift_of_torques_is_that_of_the_baseline(gaps, null_estimate):
+    shift = null_estimate.at.shift[0]
+    assert shift != 0.0
+    assert gaps["null"].record["torque_shift_ms"] == pytest.approx(1e3 * shift, rel=0.05)
+
+
 def test_the_alignment_that_check_advises_makes_a_late_log_a_null_log(tmp_path):
     """Torques that are 10 ms later than positions: `check`, `fit` and `gap` give it one sign."""
     folder = write(tmp_path / "late", late=0.01)

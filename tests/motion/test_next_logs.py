@@ -2,11 +2,14 @@
 
 import re
 
+import numpy as np
 import pytest
 
 from bayescal.motion.cells import UNKNOWN, Ranges, cells
 from bayescal.motion.effects import Form, Scale
 from bayescal.motion.next_logs import TO_DO, to_do
+from bayescal.preparing.next_motions import Bounds, MotionPlan
+from bayescal.reporting.motion.plan import plan_record
 
 
 @pytest.mark.parametrize(
@@ -39,3 +42,15 @@ def test_every_general_function_has_a_line_of_its_own(null_estimate):
     assert len(forms) > 20
     parts = [part for part, _ in TO_DO[:-1]]
     assert [f.driver for f in forms if not any(re.search(rf"\b{p}\b", f.driver) for p in parts)] == []
+
+
+def test_the_bounds_of_a_plan_are_stated_in_degrees(null_estimate):
+    """And torques in N m."""
+    bounds = Bounds.of(null_estimate.parts[0].log)
+    stated = plan_record(MotionPlan((), (), bounds))["bounds"]
+    for key, value in {"lowest_deg": bounds.low, "highest_deg": bounds.high, "speed_degps": bounds.speed,
+                       "acceleration_degps2": bounds.acceleration}.items():  # fmt: skip
+        assert np.radians(np.array(stated[key], float)) == pytest.approx(value, abs=1e-5), key
+    assert [x for x in stated["torque_Nm"] if x] == pytest.approx(
+        bounds.torque[np.isfinite(bounds.torque)], abs=1e-3
+    )

@@ -16,6 +16,7 @@ from bayescal.effects.location import PROBE, face, joint, link
 from bayescal.fitted.gate import NOTHING
 from bayescal.gap.result import VALIDATION_POINTS, Verdict
 from bayescal.planning.result import Detectable
+from bayescal.reporting.check import joint_sheet
 from bayescal.reporting.exports import compensation_summary
 from bayescal.reporting.figures.where import drawn_curves
 from bayescal.reporting.fit.posterior import _labels
@@ -252,7 +253,10 @@ def test_what_further_contacts_give_is_the_ratio_of_the_two_u_that_are_said():
 
 def test_the_arm_waits_for_what_is_changed_after_the_beginning():
     measurements, targets = SimpleNamespace(target=np.zeros(1, int)), [SimpleNamespace(kind="plane")]
-    session, clearance = SimpleNamespace(measurements=measurements, targets=targets), np.array([np.nan, 0.02])
+    session, clearance = (
+        SimpleNamespace(measurements=measurements, targets=targets),
+        np.array([0.05, np.nan, 0.02]),
+    )
     for changes, said in (
         (("mount ball", "", ""), ""),
         (("mount ball", "", "attach 2 kg", "mount b"), "twice"),
@@ -402,3 +406,15 @@ def test_angles_of_tables_have_no_exponent():
     """0.34 deg was printed as 3.4e+02 mdeg."""
     (text,) = (text for kind, _, _, text in VALIDATION if kind == "turns")
     assert [text(np.radians(angle)) for angle in (0.338, 0.0171)] == ["340", "17"]
+
+
+def test_joints_of_a_log_are_in_the_units_of_their_headings():
+    delays = {key: {"value": None, "u": None} for key in ("torque", "velocity", "position_after_command")}
+    j = {"name": "J1", "range_deg": [-90.0, 45.0], "fastest_rad_per_s": 1.5, "at_rest": 0.25, "slow_s": 3.0,
+         "delay_ms": delays, "tracking_rms_deg": 0.02, "velocity_cutoff_Hz": 40.0,
+         "torque_filtered_above_Hz": 60.0}  # fmt: skip
+    sheet = joint_sheet({"joints": [j]})
+    cells = {c.heading: c.cell(j) for c in sheet.columns}
+    assert cells["at rest / %"] == "25"
+    assert cells["range / deg"] == "-90 to 45"
+    assert cells["fastest / rad/s"] == "1.50"

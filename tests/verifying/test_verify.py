@@ -48,6 +48,11 @@ def test_simulator_has_the_fitted_arm_and_its_gap(run):
     assert result.passed
     assert list(record["max_difference_um"]) == ["nominal", "geometry", "+ compliance"]
     assert record["max_difference_um"]["+ compliance"] < 0.02
+    for level in result.data.levels:
+        squares = [x**2 for x in level.differences]
+        numbers = (max(squares) ** 0.5, (sum(squares) / len(squares)) ** 0.5)
+        stated = [record[f"{key}_difference_um"][level.name] for key in ("max", "rms")]
+        assert stated == pytest.approx([1e6 * x for x in numbers])
     for kind in ("planes", "distances"):
         found = record["measured"][kind]
         assert found["after_rms_um"] == pytest.approx(found["predicted_after_rms_um"], rel=0.05)
