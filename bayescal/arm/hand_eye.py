@@ -165,22 +165,32 @@ def refined(poses: np.ndarray, local: np.ndarray, xy: np.ndarray, image: np.ndar
         return poses
     some = good[image]
     local, xy, number = local[some], xy[some], (np.cumsum(good) - 1)[image[some]]
-    now = poses[good]
+    now, count = poses[good], np.bincount(number)
+    # as many places in every image, so that its equations are one product; those left over weigh nothing
+    shape = len(count), int(np.max(count))
+    first = shape[1] * np.arange(len(count)) + count - np.cumsum(count)
+    place = np.arange(len(number)) + first[number]
+    point, seen, weight = np.zeros((*shape, 3)), np.zeros((*shape, 2)), np.zeros(shape)
+    point.reshape(-1, 3)[place], seen.reshape(-1, 2)[place] = local, xy
+    by = np.zeros((*shape, 2, 7))  # derivatives by shift and turn, and what is off
     for _ in range(PASSES):
-        turned = np.einsum("rij,rj->ri", now[number, :, :3], local)
-        at = turned + now[number, :, 3]
-        depth = np.maximum(at[:, 2:], 1e-3)
-        off = at[:, :2] / depth - xy
-        size = np.linalg.norm(off, axis=1)
-        weight = 1.0 / (1.0 + (size / (3.0 * float(np.median(size)) + 1e-12)) ** 2)
-        by = np.zeros((len(at), 2, 3))
-        by[:, 0, 0] = by[:, 1, 1] = 1.0 / depth[:, 0]
-        by[:, :, 2] = -at[:, :2] / depth**2
-        j = np.concatenate([by, np.cross(turned[:, None], by)], axis=2)
-        normal = _sums(np.einsum("rki,rkj,r->rij", j, j, weight), number)
-        normal += 1e-12 * np.trace(normal, axis1=1, axis2=2)[:, None, None] * np.eye(6)
-        right = _sums(np.einsum("rki,rk,r->ri", j, off, weight), number)
-        step = np.linalg.solve(normal, right[..., None])[..., 0]
+        turned = point @ np.swapaxes(now[..., :3], 1, 2)
+        near = 1.0 / np.maximum(turned[..., 2:] + now[:, None, 2:, 3], 1e-3)
+        at = (turned[..., :2] + now[:, None, :2, 3]) * near
+        x, y, z = np.moveaxis(turned, -1, 0)
+        by[..., 0, 0] = by[..., 1, 1] = near[..., 0]
+        by[..., 2] = -at * near
+        by[..., 3] = y[..., None] * by[..., 2] - z[..., None] * by[..., 1]
+        by[..., 4] = z[..., None] * by[..., 0] - x[..., None] * by[..., 2]
+        by[..., 5] = x[..., None] * by[..., 1] - y[..., None] * by[..., 0]
+        by[..., 6] = at - seen
+        size = np.hypot(by[..., 0, 6], by[..., 1, 6]).ravel()[place]
+        weight.ravel()[place] = 1.0 / (1.0 + (size / (3.0 * float(np.median(size)) + 1e-12)) ** 2)
+        rows = by.reshape(len(now), -1, 7)
+        normal = np.swapaxes((by[..., :6] * weight[..., None, None]).reshape(len(now), -1, 6), 1, 2) @ rows
+        own = normal[..., :6]
+        own += 1e-12 * np.trace(own, axis1=1, axis2=2)[:, None, None] * np.eye(6)
+        step = np.linalg.solve(own, normal[..., 6:])[..., 0]
         now[..., 3] -= step[:, :3]
         now[..., :3] = _turned(-step[:, 3:]) @ now[..., :3]
     out = poses.copy()

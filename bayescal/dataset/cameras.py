@@ -35,8 +35,8 @@ MEDIAN = 2.0 * np.log(2.0)
 """Median of the square of a normal vector in the plane, in its variance."""
 BLURRED, FEWEST_SHARP = 2.0, 8
 """Scatter of an image over that of most, from which on it is blurred, and its fewest corners (assumed)."""
-LENS_PASSES, LENS_STEP = 5, 0.1
-"""Of Gauss-Newton, and of differences in u."""
+LENS_PASSES, LENS_STEP, LENS_RESTS = 5, 0.1, 1e-3
+"""Of Gauss-Newton, of differences in u, and change in u of a lens that rests: the next is a hundredth."""
 WILD = 3.0
 """Times the median distance at which a corner has half its weight."""
 DECISIONS = 4
@@ -164,7 +164,7 @@ def images(dataset: Dataset, target: int, rows: np.ndarray) -> Images:
     return Images(image, first, poses, misfit, scatter, np.zeros(len(poses)))
 
 
-@lru_cache(maxsize=8)
+@lru_cache(maxsize=32)  # a lens and its derivatives, with joint readings that are tried in turn
 def _poses(
     read: bytes, image: bytes, model: str, numbers: bytes, points: bytes
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -307,7 +307,10 @@ def best_lens(
         usual = max(float(np.median(size)), 1e-6)
         weight = 1.0 / (1.0 + (size / (WILD * usual)) ** 2) / np.bincount(now[1])[now[1]] / usual**2
         normal = np.einsum("kci,lci,c->kl", slopes, slopes, weight) + np.eye(len(free))
-        z[free] -= np.linalg.solve(normal, np.einsum("kci,ci,c->k", slopes, now[0], weight) + z[free])
+        step = np.linalg.solve(normal, np.einsum("kci,ci,c->k", slopes, now[0], weight) + z[free])
+        z[free] -= step
+        if np.max(np.abs(step)) < LENS_RESTS:
+            break
     return np.asarray(start + sd * z)
 
 
