@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -149,7 +150,12 @@ def nominal(log: Log, rms: np.ndarray) -> Operating:
 
 def slopes_of(body: np.ndarray) -> np.ndarray:
     """Derivatives (10, 10) of the linear parameters by mass, centre and inertia, of a body (10,)."""
-    mass, centre = float(body[0]), body[1:4]
+    return _slopes(float(body[0]), tuple(body[1:4].tolist()))
+
+
+@lru_cache(maxsize=256)  # the same of every motion
+def _slopes(mass: float, at: tuple[float, ...]) -> np.ndarray:
+    centre = np.array(at)
     zero, none = np.zeros(3), np.zeros((3, 3))
     by = np.zeros((10, 10))
     by[:, 0] = inertial(1.0, centre, none)
