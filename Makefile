@@ -16,13 +16,17 @@ export OPENBLAS_NUM_THREADS ?= 1
 # tests start many processes, each with hundreds of modules that would be compiled anew
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: fit test test-all fuzz lint bench benchmark study calibration-checks own-sessions knock-out blind docs package-check clean
+.PHONY: fit test notebooks test-all fuzz lint bench benchmark study calibration-checks own-sessions knock-out blind docs package-check clean
 
 fit: $(VENV)/.run
 	$(BIN)/bayescal fit data/lrmate200ic-cube --samples 5000 --out $(OUT)/lrmate200ic-cube-fit
 
 test: $(VENV)/.test
 	$(BIN)/python -m pytest --numprocesses 2 --dist worksteal $(TESTS)
+
+# the long notebooks and examples, from top to bottom; the suite runs the others
+notebooks: $(VENV)/.test
+	$(BIN)/python -m pytest -m notebook tests/analysis/test_notebooks.py
 
 # `make test` on every supported Python that the machine has, each with an environment of its own
 test-all:

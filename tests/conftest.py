@@ -41,6 +41,7 @@ gc.disable()  # until all tests are collected: nothing of them is garbage
 
 def pytest_configure(config):
     config.addinivalue_line("markers", "foreign(path): needs a file or folder in `shared/` beside the clone")
+    config.addinivalue_line("markers", "notebook: a long one, which `make notebooks` runs")
     # compiled once for all workers and for the processes that tests start, also of copies of the package
     if hasattr(config, "cache"):
         os.environ.setdefault("NUMBA_CACHE_DIR", str(config.cache.mkdir("numba")))

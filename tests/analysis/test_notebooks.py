@@ -1,7 +1,10 @@
 """The notebooks run from top to bottom and draw what they promise."""
 
+import ast
+import inspect
 import runpy
 from dataclasses import replace
+from types import ModuleType
 
 import matplotlib
 import numpy as np
@@ -54,13 +57,42 @@ def small_plans(quick_search, monkeypatch):
     monkeypatch.setattr("bayescal.planning.plan.candidates", once)
 
 
-NOTEBOOKS = [
-    pytest.param(path, id=path.stem, marks=[needs()] if path.stem == "real_arm" else [])
-    for path in sorted((ROOT / "analysis" / "notebooks").glob("*.py"))
-]
+LONG = {"first_gap", "first_log", "first_plan", "lost_motion", "plan"}
+LONG |= {"published_arm", "real_arm", "sessions"}
+"""They take two seconds or more, of what other tests hold: `make notebooks` runs them."""
 
 
-@pytest.mark.parametrize("path", NOTEBOOKS)
+def paths(*folders: str, every: bool = False):
+    """Each notebook or example, as a parameter with its marks."""
+    for path in sorted(p for folder in folders for p in (ROOT / "analysis" / folder).glob("*.py")):
+        marks = [] if every or path.stem not in LONG else [pytest.mark.notebook]
+        yield pytest.param(path, id=path.stem, marks=marks + [needs()] * (path.stem == "real_arm"))
+
+
+@pytest.mark.parametrize("path", [*paths("notebooks", "examples", every=True)])
+def test_what_it_calls_exists(path):
+    """Imports, names of what is imported, and keywords of its functions."""
+    tree, names = ast.parse(path.read_text(encoding="utf-8")), {}
+
+    def value(node):
+        if isinstance(node, ast.Name):
+            return names.get(node.id)
+        of = value(node.value) if isinstance(node, ast.Attribute) else None
+        return getattr(of, node.attr) if isinstance(of, ModuleType | type) else None
+
+    for node in tree.body:
+        if isinstance(node, ast.Import | ast.ImportFrom):
+            exec(compile(ast.Module([node], []), path, "exec"), names)
+    calls = [(value(c.func), c.keywords) for c in ast.walk(tree) if isinstance(c, ast.Call)]
+    assert any(inspect.isroutine(function) for function, _ in calls)
+    for function, keywords in calls:
+        if inspect.isfunction(function):
+            known = inspect.signature(function).parameters
+            every = any(p.kind is p.VAR_KEYWORD for p in known.values())
+            assert every or {k.arg for k in keywords if k.arg} <= set(known), function
+
+
+@pytest.mark.parametrize("path", [*paths("notebooks")])
 def test_notebook(path, pyplot, monkeypatch, capsys):
     monkeypatch.chdir(path.parent)  # where a notebook's kernel starts
     few = {"SAMPLES": 250, "CONTACTS": 120, "CANDIDATES": 220, "ARMS": 1, "MOTIONS": 4}
@@ -77,7 +109,7 @@ def test_notebook(path, pyplot, monkeypatch, capsys):
     CHECKS[path.stem](left, capsys.readouterr().out)
 
 
-@pytest.mark.parametrize("path", sorted((ROOT / "analysis" / "examples").glob("*.py")), ids=lambda p: p.stem)
+@pytest.mark.parametrize("path", [*paths("examples")])
 def test_example(path, pyplot, monkeypatch):
     """Every example of the gallery has one figure, with a label of its values."""
     monkeypatch.chdir(path.parent)
