@@ -42,7 +42,7 @@ class Scatter:
     """
 
     u: float
-    known: float  # stated, with the steps in which the readings are written
+    known: float  # stated, or that of the steps in which the readings are written
     nats: float
     unit: str = "rad"
 
@@ -78,7 +78,7 @@ def scatter_of(found: Estimate) -> Scatter | None:
     }
     noise = rms(np.concatenate([found.weights.scale[b.group] * b.sigma for b in blocks]))
     unit = noise / max(rms(np.concatenate([np.linalg.norm(x.by, axis=1) for x in by.values()])), 1e-300)
-    known = float(np.hypot(stated, _step(scene) / np.sqrt(12.0)))
+    known = max(stated, _step(scene) / float(np.sqrt(12.0)))  # what is stated is often that of the steps
     evidence = partial(_log_evidence, found, by, Evaluations(found.model))
     tried = np.append(known, unit * RATIOS[unit * RATIOS > known])
     nats, plain = np.array([evidence(u) for u in tried]), evidence(stated)
@@ -123,7 +123,7 @@ def scattered(
 ) -> tuple[Scene, Widened, Scatter | None]:
     """A fit that weighs images by the errors that each has anew, the scene with these, and the errors.
 
-    Of images that seemed wrong as a whole fewer are left out from fit to fit, and the errors are the larger.
+    A fit with too small errors takes part of them for errors of the arm; they are told again after each fit.
 
     Parameters
     ----------
@@ -135,13 +135,13 @@ def scattered(
     """
     base = fitted(scene)
     found = scatter_of(base[0])
-    more = found if found is None or not (known and found.beyond) else None
+    more = None if known and found is not None and found.beyond else found
     for _ in range(FITS):
         if more is None or found is None:
             break
-        found = replace(found, u=more.u, nats=found.nats + more.nats * (more is not found))
         scene = with_scatter(scene, more)
         base = fitted(scene)
+        found = replace(found, u=more.u)
         more = scatter_of(base[0]) if found.beyond else None
     return scene, base, found
 

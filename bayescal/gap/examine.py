@@ -82,7 +82,10 @@ def examine(scene: Scene, effects: tuple[str, ...], options: FitOptions, further
     further : bool
         An effect was named before.
     """
-    fitted = partial(_with_widths, effects=effects, options=options)
+
+    def fitted(some: Scene) -> tuple[Estimate, FitOptions, tuple[Width, ...]]:
+        return _with_widths(some, effects, options)
+
     _, base, scatter = scattered(scene, fitted, known=True)
     found = _of_baseline(base, further)
     if scatter is None or not scatter.beyond or found.decision.kind != "null":

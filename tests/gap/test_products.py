@@ -138,10 +138,9 @@ def test_outliers_that_nothing_explains_are_left_out_after_all(monkeypatch, caus
         return found[len(asked) - 1]
 
     plain, every = (SimpleNamespace(model=SimpleNamespace(effects=("geometry",))) for _ in range(2))
-    monkeypatch.setattr(examine, "_with_widths", lambda *_: (plain, USUAL, ("told",)))
     monkeypatch.setattr(examine, "completed", lambda *_: Completed(every, (), causes))
     monkeypatch.setattr(examine, "_examined", examined)
-    result = examine.examine(None, (), replace(USUAL, robust=True))
+    result = examine._of_baseline((plain, replace(USUAL, robust=True), ("told",)), False)
     assert (result.decision, result.widths) == (found[which].decision, ("told",))
     assert asked == [(every, causes), (plain, ())][:calls]
 
