@@ -13,7 +13,6 @@ from bayescal.effects.location import ARM
 from bayescal.errors import attempted
 from bayescal.estimate import Estimate
 from bayescal.estimate.discrepancy import stated
-from bayescal.estimate.scatter import Scatter
 from bayescal.estimate.widths import sentences
 from bayescal.gap.examine import Examined
 from bayescal.gap.outcome.events import named_events
@@ -63,19 +62,10 @@ def concluded(e: Examined, without: Decision | None) -> Verdict:
             *sentences(e.widths),
             *play_or_late(d.alone, e.pool, d.credible),
             *alike(scene, d.members),
-            *new_in_each_image(e.scatter),
             *cautions(scene.dataset),
         ),
         _causes(d, probability) if kind == "class" else None,
     )
-
-
-def new_in_each_image(scatter: Scatter | None) -> tuple[str, ...]:
-    """What errors that every image has anew may be, and that they are no effect; () without any."""
-    if scatter is None:
-        return ()
-    causes = "poses that do not repeat, a trigger that varies or an image stabiliser"
-    return (f"{scatter.words}: {causes}. It counts as scatter and not as an effect",)
 
 
 def hypotheticals(weighed: Sequence[Weighed]) -> tuple[Hypothetical, ...]:

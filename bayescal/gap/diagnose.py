@@ -357,6 +357,7 @@ def _diagnosed(
         displaced=either("what the names left out displace", lambda: displaced(arm, final, wide), ()),
         rigid=rigid,
         undetermined=lacking,
+        scatter=last.scatter,
     )
 
 

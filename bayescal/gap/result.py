@@ -17,6 +17,7 @@ from bayescal.effects.location import Driver, Site, words_of
 from bayescal.effects.selection import Selection
 from bayescal.estimate import Estimate
 from bayescal.estimate.bounds import UNCHANGED, Rigid
+from bayescal.estimate.scatter import Scatter
 from bayescal.model.options import FitOptions, Part
 
 VALIDATION_CONTACTS, VALIDATION_POINTS = "validation contacts", "validation points"
@@ -304,4 +305,5 @@ class Gap:
     displaced: tuple[str, ...] = ()  # parameters of `arm` that named effects which it is without displace
     rigid: Rigid = UNCHANGED  # parameters of `arm` that were set to rigid
     undetermined: tuple[Undetermined, ...] = ()  # of the fullest model
+    scatter: Scatter | None = None  # errors that every image has anew, and that no effect explains
     unlocated: tuple[str, ...] = ()  # validation targets that cannot be located: left out

@@ -17,8 +17,6 @@ ROWS = 400
 FACTOR = 4.0
 """Product of the factors by which the residuals of the joints fall, at least. Of 80 logs in the right order
 it is 1.2 at most, of interchanged joints of a UR5e 60 and 160, of two links 6."""
-
-
 DRIVES = 0.2
 """Share of the torque of a joint (RMS) by friction that drives its motion, at which its sign is wrong: 0.9
 where it is; in 80 logs where it is not, friction resists the motion."""

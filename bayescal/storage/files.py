@@ -113,14 +113,8 @@ def column_of(entries: Sequence[BaseModel], keys: Iterable[str]) -> Any:
     return np.array([np.full(size, np.nan) if v is None else np.multiply(v, si(key)) for v, key in each])
 
 
-UNREAD = (
-    dict.fromkeys(("u_x_mm", "u_y_mm", "u_z_mm"), "state the largest of the three as `u_mm`")
-    | dict.fromkeys(("levelled", "u_level_rad"), "leave it out: the fit estimates the orientation")
-    | dict.fromkeys(
-        ("base_tilt_x_rad", "base_tilt_y_rad", "base_tilt_u_rad"),
-        "leave it out: `gap` finds a base that tilts from the other rows",
-    )
-)
+UNREAD = {f"u_{axis}_mm": "state the largest of the three as `u_mm`" for axis in "xyz"}
+UNREAD |= dict.fromkeys(("levelled", "u_level_rad", *(f"base_tilt_{of}_rad" for of in "xyu")), "leave it out")
 """Keys and columns of the format that are not read, and what to do instead."""
 
 

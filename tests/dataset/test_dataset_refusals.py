@@ -45,6 +45,7 @@ SPOILT_TABLE += [
     ("temperature_c", "temperature_k", 1, "write `temperature_c`"),
     ("temperature_c", "temprature_c", 1, "is it `temperature_c`"),
     ("temperature_c", "colour", 1, "unknown column `colour`"),
+    ("temperature_c", "u_x_mm", 1, "column `u_x_mm` is not supported"),
     ("temperature_c", "", 1, "has no name"),
     ("target,tool", "aim,tool", 1, "unknown column `aim`"),
     ("role,target", "role,stop", 1, "`target` is missing"),

@@ -222,7 +222,7 @@ def _nothing(gap: Gap) -> str:
     if gap.arm is not None and unknown > MOST * len(gap.arm.model.parameters):
         of = f"{unknown} of {len(gap.arm.model.parameters)} combinations of parameters"
         return f"{found}, but {of} are not identifiable: these measurements show little of the arm"
-    explains = likeliest and not unexplained_of(gap)
+    explains = likeliest and not unexplained_of(gap) and gap.scatter is None
     return "No effect above noise: the model explains these data" if explains else found
 
 
@@ -256,6 +256,9 @@ def _beyond(gap: Gap) -> list[str]:
 
 def _noisy(gap: Gap) -> list[str]:
     """Noise that is larger than stated, as a sentence: an error without any pattern is called noise."""
+    if gap.scatter is not None:
+        causes = "poses that do not repeat, a trigger that varies or an image stabiliser"
+        return [f"But {gap.scatter.words}: {causes}; it counts as scatter, not as an effect"]
     if left := unexplained_of(gap):
         return [f"But the fit leaves {left}: noise above that, or a cause without a pattern"]
     m, stated = gap.magnitude, gap.dataset.noise
