@@ -141,6 +141,7 @@ def test_the_headline_is_that_of_the_table(rms, unknown, words):
         undetermined=(),
         arm=None,
         calibrated=None,
+        scatter=None,
         magnitude=SimpleNamespace(noise=5e-6, noise_interval95=(4e-6, 6e-6), measured=(measured,)),
         dataset=SimpleNamespace(noise=SimpleNamespace(contact=None, point=5e-6)),
     )
