@@ -16,6 +16,7 @@ from bayescal.motion.settings import NOISE, SIGNALS
 from bayescal.motion.signals import Signals, each
 from bayescal.motion.terms import (
     BODY,
+    FORM,
     Column,
     Operating,
     baseline,
@@ -78,7 +79,8 @@ class Estimate:
     def relinearised(self, fit: Fit) -> Estimate:
         """The same, linearised at a fit."""
         start = nominal(self.parts[0].log, self.rms)
-        return replace(self, at=moved_to(start, self.parts[0], fit.values), moved=fit.values)
+        moved = {name: value for name, value in fit.values.items() if not name.startswith(FORM)}
+        return replace(self, at=moved_to(start, self.parts[0], moved), moved=moved)
 
 
 def of_role(parts: Sequence[Signals], role: str) -> tuple[Signals, ...]:
@@ -135,7 +137,8 @@ def estimated(parts: tuple[Signals, ...]) -> Estimate:
     out = Estimate(parts, start, {}, rms, white_noise(np.r_[rms, first[log.n :]]))
     for k in range(SERVOS.rounds if log.torque_kind == SERVO else NOISE.rounds):
         table = out.table()
-        fit = fitted(normal(table, out.noise), np.arange(len(table.terms)))
+        moves = [k for k, term in enumerate(table.terms) if not term.name.startswith(FORM)]
+        fit = fitted(normal(table, out.noise), moves)
         noise = noise_about(table, fit)
         del table  # before the next: half the memory of a long log
         settled = np.allclose(noise.sd, out.noise.sd, rtol=SERVOS.settled)

@@ -44,6 +44,9 @@ class SignalSettings:
     smooth, and a joint that sticks for a moment seems to reverse at once (half a period of `band`)."""
     resting: float = 0.9
     """Share of the samples of a row at rest in a row that is one (assumed)."""
+    still: tuple[float, float] = (2.0, 4.0)
+    """RMS of the speeds of a joint over `stuck`, over their noise, up to which it rests, and from which on it
+    moves (assumed)."""
     rest: float = 2e-3
     """rad, of a motion, up to which a joint is taken to rest: what holds it is not its friction (assumed)."""
     long: int = 60_000
@@ -65,6 +68,10 @@ class BaselineSettings:
     """rad/s2, of a rotor that is not stated, at the scale of torques (assumed)."""
     transition: float = 0.15
     """Of the speed scale of the reversal of friction of one joint beside a common one, relative (assumed)."""
+    reversal: float = 0.1
+    """Of the form of that reversal of one joint beside a common one (assumed)."""
+    reversals: float = 0.5
+    """Of the common form: one that is linear up to a speed has 0.6 (assumed)."""
     angle: float = 0.01
     """Of an offset of tracking or of a second encoder, rad (assumed)."""
     lag: float = 0.01

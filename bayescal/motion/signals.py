@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 from scipy.interpolate import CubicSpline
-from scipy.ndimage import minimum_filter1d
+from scipy.ndimage import minimum_filter1d, uniform_filter1d
 from scipy.signal import butter, firwin, sosfiltfilt
 from scipy.sparse import csr_matrix
 
@@ -164,8 +164,10 @@ def white(x: np.ndarray) -> np.ndarray:
     return np.median(np.abs(np.diff(x, 4, axis=0)), axis=0) / (0.6745 * np.sqrt(70.0))
 
 
-def smoothed(x: np.ndarray, step: float, band: float) -> np.ndarray:
+def smoothed(x: np.ndarray, step: float, band: float) -> tuple[np.ndarray, np.ndarray]:
     """Positions (N, n) low-passed at the cut-off with the least expected error of their accelerations.
+
+    With the standard deviation (n,) of the noise of their derivatives.
 
     Noise of positions grows with the square of the frequency in accelerations, which are the drivers of
     inertias. A lower cut-off loses motion: of the mean square of what it takes away, the part beyond that of
@@ -188,7 +190,16 @@ def smoothed(x: np.ndarray, step: float, band: float) -> np.ndarray:
         for y, h in zip(every, answers, strict=True)
     ]
     best = np.argmin(errors, axis=0)
-    return np.column_stack([every[k][:, j] for j, k in enumerate(best)])
+    noise = np.array([np.sum(derivative(h, step) ** 2) for h in answers])[best]
+    return np.column_stack([every[k][:, j] for j, k in enumerate(best)]), np.sqrt(variance * noise)
+
+
+def moving(dq: np.ndarray, noise: np.ndarray, step: float) -> np.ndarray:
+    """Share (N, n) of speeds that is motion, 0 to 1: 0 where for a time they are no more than noise (n,)."""
+    low, high = SIGNALS.still
+    about = uniform_filter1d(dq**2, 2 * round(SIGNALS.stuck / step) + 1, axis=0)
+    ratio = np.sqrt(np.maximum(about, 0.0)) / np.maximum(noise, 1e-12)  # sums that run leave less than 0
+    return np.asarray(np.clip((ratio - low) / (high - low), 0.0, 1.0))
 
 
 def signals_of(log: Log, motion: Motion, first: float, cold: float) -> Signals:
@@ -217,14 +228,15 @@ def signals_of(log: Log, motion: Motion, first: float, cold: float) -> Signals:
     position, velocity = sampled(motion.position), sampled(motion.velocity)
     assert position is not None
     band = SERVOS.band if log.torque_kind == SERVO else SIGNALS.band
-    q = smoothed(position, step, band)
+    q, noise = smoothed(position, step, band)
     dq = derivative(q, step)
     if velocity is not None:
         # velocities of a controller may be filtered: they serve where positions are too coarse
         coarse = white(position) * 2.0 * np.pi * SIGNALS.band > SIGNALS.coarse
         dq = np.where(coarse, low_passed(velocity, step), dq)
+        noise = np.where(coarse, white(velocity) * np.sqrt(2.0 * SIGNALS.wide * step), noise)
     # of a joint at rest the noise of its position would be the driver of its friction
-    dq = np.where(np.ptp(q, axis=0) > SIGNALS.rest, dq, 0.0)
+    dq = np.where(np.ptp(q, axis=0) > SIGNALS.rest, dq * moving(dq, noise, step), 0.0)
     torque = sampled(motion.torque)
     assert torque is not None
     rows = float(1.0 / (step * SIGNALS.rate * band))

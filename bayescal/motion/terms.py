@@ -26,6 +26,9 @@ from bayescal.robots.schema import SIX
 
 BODY = ("mass", "centre x", "centre y", "centre z", *(f"inertia {'xyz'[i]}{'xyz'[j]}" for i, j in PAIRS))
 """Parameters of a body."""
+FORM = "reversal form"
+"""Of the reversal of friction, which no law gives: t - c t (1 - t2), where t is a hyperbolic tangent. Where a
+model is linearised it is 0: with the speed of the reversal, which says nearly as much, steps went astray."""
 ALL = -1
 """In place of a channel: a term of the torques of all joints."""
 
@@ -196,7 +199,8 @@ def baseline(s: Signals, at: Operating, rms: np.ndarray) -> Iterator[Column]:
                 yield Term(f"{name} of link {k + 1}", UNITS[p], sd[p], moves=True), columns[:, :, p]
     way, friction, servo = at.reversal(s), at.by_friction(s), log.torque_kind == SERVO
     gain = np.ones(m.n) if servo else at.gain
-    slopes = -gain * at.coulomb * (1.0 - way**2) * s.dq / at.transition
+    turning = -gain * at.coulomb * (1.0 - way**2)
+    slopes, forms = turning * s.dq / at.transition, turning * way
     scale = np.where(np.isnan(m.rated), rms, np.minimum(m.rated, 3.0 * rms))
     for j in range(m.n):
         stated, sd = m.u.armature * m.armature[j], BASELINE.friction * scale[j]
@@ -207,11 +211,13 @@ def baseline(s: Signals, at: Operating, rms: np.ndarray) -> Iterator[Column]:
         yield Term(f"offset {j + 1}", "N m", BASELINE.offset * scale[j], j), np.ones(len(way))
         if not servo:
             yield Term(f"transition {j + 1}", "1", BASELINE.transition, j, True), slopes[:, j]
+            yield Term(f"{FORM} {j + 1}", "1", BASELINE.reversal, j, True), forms[:, j]
         if log.u_constant:
             shown = at.load(s) if servo else at.torque(s)
             yield Term(f"constant {j + 1}", "1", log.u_constant, j), shown[:, j]
     if not servo:
         yield Term("transition", "1", m.u.transition, moves=True), slopes
+        yield Term(FORM, "1", BASELINE.reversals, moves=True), forms
     yield Term("alignment", "s", log.u_alignment), later(s, at)
     driven = at.driven(s) if TRACKING in log.kinds else None
     for kind in log.kinds[1:]:

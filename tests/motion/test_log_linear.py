@@ -11,7 +11,7 @@ from bayescal.motion.linear import Further, Normal, fitted, gains
 from bayescal.motion.noise import Noise, noise_of
 from bayescal.motion.search import Search
 from bayescal.motion.settings import SIGNALS
-from bayescal.motion.signals import derivative, low_passed, smoothed, white
+from bayescal.motion.signals import derivative, low_passed, moving, smoothed, white
 from bayescal.motion.terms import Term
 from bayescal.motion.together import _moved
 
@@ -198,11 +198,27 @@ def test_positions_are_smoothed_as_their_noise_asks():
     slow, fast = np.sin(2.0 * np.pi * 0.7 * t), 1e-3 * np.sin(2.0 * np.pi * 15.0 * t)
     true = np.column_stack([slow, slow + fast])
     noisy = true + 5e-6 * rng.standard_normal(true.shape)
-    found = smoothed(noisy, 0.01, SIGNALS.band)
+    found, _ = smoothed(noisy, 0.01, SIGNALS.band)
     assert found[:, 0] == pytest.approx(low_passed(noisy, 0.01, SIGNALS.band)[:, 0])
     assert found[:, 1] == pytest.approx(low_passed(noisy, 0.01)[:, 1])
     left = [np.std(accelerations(q - true)[:, 0]) for q in (found, low_passed(noisy, 0.01))]
     assert left[0] < 0.4 * left[1]
+
+
+def test_a_joint_at_rest_has_no_direction():
+    # its noise is that of its positions; a reversal on the way, and slow motion, are motion
+    rng, t = np.random.default_rng(0), np.arange(0.0, 12.0, 0.008)
+    angle = np.where(t < 6.0, 0.3 * (1.0 - np.cos(np.pi * t)), 0.0)  # two turns back, then rest
+    true = np.column_stack([angle, 0.02 * t])
+    q, noise = smoothed(true + 2e-5 * rng.standard_normal(true.shape), 0.008, SIGNALS.band)
+    speeds, at = derivative(q, 0.008), (t > 1.0) & (t < 11.0)
+    error = speeds - np.column_stack([0.3 * np.pi * np.sin(np.pi * t) * (t < 6.0), np.full(len(t), 0.02)])
+    away = at & (np.abs(t - 6.0) > 0.5)
+    assert np.std(error[away], axis=0) == pytest.approx(noise, rel=0.2)
+    share = moving(speeds, noise, 0.008)
+    assert np.mean(share[at & (t > 6.2), 0]) < 0.02
+    assert np.all(share[at & (t < 5.9), 0] == 1.0)
+    assert np.all(share[at, 1] == 1.0)
 
 
 def test_names_are_searched_on_where_a_general_function_leads():

@@ -21,7 +21,7 @@ from bayescal.motion.estimate import estimated
 from bayescal.motion.linear import gains, normal
 from bayescal.motion.noise import noise_of, white_noise
 from bayescal.motion.pool import Pool
-from bayescal.motion.settings import SEARCH, SIGNALS
+from bayescal.motion.settings import BASELINE, SEARCH, SIGNALS
 from bayescal.motion.signals import all_signals, derivative, signals_of
 from bayescal.preparing.joint_log import check_log
 
@@ -36,6 +36,12 @@ def other_transition(q, dq, ddq, tau, t, load):
     """Friction reverses over 0.042 rad/s, where the nominal arm says 0.03."""
     coulomb = np.array([3.0, 3.0, 1.5])
     return coulomb * (np.tanh(dq / 0.042) - np.tanh(dq / 0.03))
+
+
+def linear_reversal(q, dq, ddq, tau, t, load):
+    """Friction that grows in proportion to the speed up to 0.04 rad/s, where the model has a tangent."""
+    coulomb = np.array([3.0, 3.0, 1.5])
+    return coulomb * (np.clip(dq / 0.04, -1.0, 1.0) - np.tanh(dq / 0.03))
 
 
 def best_gain(pool, noise):
@@ -79,6 +85,16 @@ def test_another_transition_speed_of_friction_is_estimated(tmp_path):
     estimate = estimated(all_signals(read_log(write(tmp_path / "log", other_transition))))
     assert estimate.at.transition == pytest.approx(0.042, rel=0.12)
     assert best_gain(Pool.of(estimate), estimate.noise) < 5.0
+
+
+def test_another_form_of_the_reversal_of_friction_is_no_effect(tmp_path, monkeypatch):
+    parts = all_signals(read_log(write(tmp_path / "log", linear_reversal)))
+    estimate = estimated(parts)
+    assert best_gain(Pool.of(estimate), estimate.noise) < 10.0
+    for name in ("reversal", "reversals"):
+        monkeypatch.setitem(vars(BASELINE), name, 1e-6)
+    estimate = estimated(parts)
+    assert best_gain(Pool.of(estimate), estimate.noise) > 100.0
 
 
 def test_stamps_count_and_not_row_numbers(null_log):
