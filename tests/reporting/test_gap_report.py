@@ -149,6 +149,17 @@ def test_errors_beyond_the_prediction_are_said(session, times_noise, times_limit
     assert said in headline(replace(gap, magnitude=magnitude))[0]
 
 
+def test_an_effect_that_is_found_is_not_ambiguous(session):
+    gap = diagnosis(session, "named")
+    explained = tuple(replace(w, explained_by="backlash") for w in gap.where)
+    both = replace(gap, verdict=replace(gap.verdict, kind="ambiguous"), where=explained)
+    assert headline(both)[0].startswith("Effect found: joint 3")
+    assert headline(both)[1] == (
+        "Beside it, these data do not distinguish the further effects of the 90 % set"
+    )
+    assert not [line for line in headline(both) if line.startswith("Largest location")]
+
+
 def test_residuals_that_a_fit_calls_unexplained_are_no_noise(session):
     """Fit: "model does not explain the machine"; gap: "the model explains these data"."""
     gap = diagnosis(session, "null")

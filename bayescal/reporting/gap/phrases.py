@@ -123,9 +123,12 @@ def headline(gap: Gap) -> list[str]:
             *_cause(where, gap),
         ]
     if verdict.kind == "ambiguous":
-        largest = next((w for w in gap.where if w.family_p_value < PLAIN), None)
-        lines.append("Ambiguous: these data do not distinguish the effects of the 90 % set")
-        lines += [f"Largest location: {place(largest, gap.dataset)}"] if largest else []
+        beside = "Beside it, these data do not distinguish the further effects of the 90 % set"
+        lines.append(
+            beside if sure else "Ambiguous: these data do not distinguish the effects of the 90 % set"
+        )
+        shown = where is not None and where.family_p_value < PLAIN
+        lines += [f"Largest location: {place(where, gap.dataset)}"] if where and shown else []
     if verdict.kind == "named+unexplained":
         lines += [f"Also: a further effect, {there}", *_cause(where, gap)]
     if verdict.kind == "named":
