@@ -149,6 +149,17 @@ def test_errors_beyond_the_prediction_are_said(session, times_noise, times_limit
     assert said in headline(replace(gap, magnitude=magnitude))[0]
 
 
+def test_a_prior_width_in_a_model_is_explained(session):
+    size = ("half-width", 1e-4, 1e-5, "rad", None, True)
+    amplitude = Amplitude("backlash", joint(3), Driver("direction", 3), (), *size)
+    gap = replace(diagnosis(session, "named"), amplitudes=(amplitude,))
+    plain, wide = (("geometry", f"backlash at joint 3{width}") for width in ("", " x0.25"))
+    said = printed(replace(gap, refit=wide))
+    assert "--model 'geometry,backlash at joint 3 x0.25'" in said
+    assert "x0.25: prior widths, over the usual ones" in said
+    assert "prior widths" not in printed(replace(gap, refit=plain))
+
+
 def test_an_effect_that_is_found_is_not_ambiguous(session):
     gap = diagnosis(session, "named")
     explained = tuple(replace(w, explained_by="backlash") for w in gap.where)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from typing import Any
 
@@ -159,6 +160,10 @@ def _which(record: Json) -> Facts:
     yield from under("footnote", record["footnotes"], "dim")
 
 
+WIDTH = re.compile(r" (x[\d.]+)")
+"""A factor on the prior widths of an effect, in the form of ``--model``."""
+
+
 def _amplitudes(gap: Gap, record: Json) -> Facts:
     """Amplitudes of the named effects, and the model that has them."""
     yield from under("amplitude", causes.lines(gap), "bold")
@@ -166,6 +171,8 @@ def _amplitudes(gap: Gap, record: Json) -> Facts:
         refit = record["refit"]
         without = f" --without '{','.join(refit['without'])}'" if refit["without"] else ""
         yield "refit", f"--model '{refit['model']}'{without}", ""
+        if widths := dict.fromkeys(WIDTH.findall(refit["model"])):
+            yield "", f"{listed(widths)}: prior widths, over the usual ones", "dim"
 
 
 def _remedy(record: Json) -> Facts:
