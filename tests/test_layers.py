@@ -19,7 +19,7 @@ CONTRACTS = {
 BREACHES = [
     ("bayescal.arm.chain", "bayescal.model", "floors"),
     ("bayescal.estimate.estimate", "bayescal.cli", "floors"),
-    ("bayescal.effects.tool", "bayescal.dataset", "floors"),
+    ("bayescal.effects.geometry", "bayescal.dataset", "floors"),
     ("bayescal.nowhere", "bayescal.errors", "floors"),
     ("factors.kind", "bayescal.errors", "factors"),
     ("bayescal.arm.statics", "factors.kind", "arm"),

@@ -1,14 +1,17 @@
-"""A page for each effect, from its file: formula, driver, prior with source, remedy, signature."""
+"""A page for each effect, from its docstring: formula, driver, prior with source, remedy, signature."""
 
 from __future__ import annotations
 
+import ast
 import inspect
 import re
-import sys
 from collections import Counter
+from functools import cache
+from itertools import pairwise
+from pathlib import Path
 
 from analysis.site import signatures
-from bayescal.effects import EFFECTS, UNITS, Effect, Parameter
+from bayescal.effects import EFFECTS, UNITS, Effect, Parameter, vocabulary
 
 FORMULA = re.compile(r"^Formula: \$`(.*?)`\$[;.]?\s*", re.MULTILINE)
 SYMBOLS = (
@@ -51,7 +54,7 @@ INDEX = """# Effects
 
 The known effects. `--model` accepts every name, in `fit`, `gap` and `simulate --effects`; a diagnosis
 may name each. The priors state what is plausible on small arms, with their source. [An effect of your
-own](../contributing.md#an-effect) is one file.
+own](../contributing.md#an-effect) is one definition.
 
 | effect | | not assessed if |
 | --- | --- | --- |
@@ -59,21 +62,32 @@ own](../contributing.md#an-effect) is one file.
 """
 
 
+@cache
+def _docstrings() -> dict[str, str]:
+    """The docstring below each definition in the modules of effects, by the name of its constant."""
+    out = {}
+    for file in Path(vocabulary.__file__).parent.glob("*.py"):
+        for node, below in pairwise(ast.parse(file.read_text(encoding="utf-8")).body):
+            match node, below:
+                case ast.Assign([ast.Name(name)]), ast.Expr(ast.Constant(str(text))):
+                    out[name] = inspect.cleandoc(text)
+    return out
+
+
 def docstring(effect: Effect) -> str:
-    """The docstring of the file of an effect."""
-    file = sys.modules[f"bayescal.effects.{effect.name.replace('-', '_')}"]
-    return inspect.cleandoc(file.__doc__ or "")
+    """The docstring below the definition of an effect."""
+    return _docstrings()[effect.name.replace("-", "_").upper()]
 
 
 def body(effect: Effect) -> str:
-    """The text of the file of an effect as Markdown, with its formula in a fence."""
+    """The text of an effect as Markdown, with its formula in a fence."""
     text = docstring(effect).partition("\n\n")[2]
     text = text.replace("``", "`")
     return FORMULA.sub(lambda m: f"```math\n{m[1]}\n```\n\n", text, count=1)
 
 
 def lead(effect: Effect) -> str:
-    """The first sentence of the file of an effect, after its name."""
+    """The first sentence of an effect, after its name."""
     first = " ".join(docstring(effect).partition("\n\n")[0].split())
     text = first.partition(": ")[2] or first
     return text[0].upper() + text[1:].rstrip(".")

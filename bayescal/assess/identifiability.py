@@ -16,7 +16,7 @@ import numpy as np
 
 from bayescal.dataset.target_kinds import KINDS
 from bayescal.effects import UNITS, Parameter
-from bayescal.effects.tool import TOOL
+from bayescal.effects.geometry import TOOL
 from bayescal.effects.vocabulary import unit_label
 from bayescal.estimate import Estimate
 from bayescal.estimate.unexplained import FORM

@@ -1,4 +1,4 @@
-"""The known effects: one file per effect, each a table of terms (site x driver) with prior scales."""
+"""The known effects: each a table of terms (site x driver) with prior scales; similar ones share a file."""
 
 from __future__ import annotations
 
@@ -9,44 +9,30 @@ from dataclasses import replace
 
 from bayescal.arm.chain import Prior
 from bayescal.arm.motion import CERTIFICATE, CONTACT, TURN, Term
-from bayescal.effects.angular_motion import ANGULAR_MOTION
-from bayescal.effects.artefact import ARTEFACT
-from bayescal.effects.axis_bending import AXIS_BENDING
-from bayescal.effects.backlash import BACKLASH
-from bayescal.effects.ball_radius import BALL_RADIUS
-from bayescal.effects.base_compliance import BASE_COMPLIANCE
-from bayescal.effects.bending import BENDING
-from bayescal.effects.board_bow import BOARD_BOW
-from bayescal.effects.board_scale import BOARD_SCALE
-from bayescal.effects.camera import CAMERA
-from bayescal.effects.compliance import COMPLIANCE
-from bayescal.effects.coupling import COUPLING
-from bayescal.effects.eccentricity import ECCENTRICITY
-from bayescal.effects.encoder_scale import ENCODER_SCALE
-from bayescal.effects.focal_length import FOCAL_LENGTH
-from bayescal.effects.gear_mesh import GEAR_MESH
-from bayescal.effects.geometry import GEOMETRY
-from bayescal.effects.gravity import compliances
-from bayescal.effects.hardening import HARDENING
-from bayescal.effects.hysteresis import HYSTERESIS
-from bayescal.effects.image_centre import IMAGE_CENTRE
-from bayescal.effects.joint import JOINT
-from bayescal.effects.latency import LATENCY
-from bayescal.effects.lens_distortion import LENS_DISTORTION
-from bayescal.effects.lobing import LOBING
+from bayescal.effects.bending import AXIS_BENDING, BENDING
+from bayescal.effects.compliance import BASE_COMPLIANCE, COMPLIANCE, HARDENING
+from bayescal.effects.geometry import GEOMETRY, JOINT, TOOL
+from bayescal.effects.gravity import PAYLOAD, compliances
+from bayescal.effects.imaging import (
+    BOARD_BOW,
+    BOARD_SCALE,
+    CAMERA,
+    FOCAL_LENGTH,
+    IMAGE_CENTRE,
+    LENS_DISTORTION,
+)
 from bayescal.effects.location import Driver, Site
-from bayescal.effects.payload import PAYLOAD
+from bayescal.effects.lost_motion import BACKLASH, HYSTERESIS
 from bayescal.effects.plane_form import PLANE_FORM
-from bayescal.effects.positioning import POSITIONING
+from bayescal.effects.probe import ARTEFACT, BALL_RADIUS, LOBING
+from bayescal.effects.readings import COUPLING, ECCENTRICITY, ENCODER_SCALE, GEAR_MESH, SECOND_HARMONIC
 from bayescal.effects.registry import Vocabulary
-from bayescal.effects.second_harmonic import SECOND_HARMONIC
 from bayescal.effects.selection import Selection, positive
 from bayescal.effects.sizes import Size
 from bayescal.effects.step import STEP
-from bayescal.effects.straightness import STRAIGHTNESS
 from bayescal.effects.thermal_drift import THERMAL_DRIFT
-from bayescal.effects.tool import TOOL
-from bayescal.effects.unsettled import UNSETTLED
+from bayescal.effects.timing import LATENCY, UNSETTLED
+from bayescal.effects.travel import ANGULAR_MOTION, POSITIONING, STRAIGHTNESS
 from bayescal.effects.vocabulary import (
     UNITS,
     CertifiedValue,

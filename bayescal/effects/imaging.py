@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from bayescal.arm.motion import IMAGE, Term
+from bayescal.effects import location
 from bayescal.effects.common import NO_CAMERA
-from bayescal.effects.location import BOARD, CAMERA, Driver, Site
+from bayescal.effects.location import BOARD, Driver, Site
 from bayescal.effects.sizes import Size
 from bayescal.effects.vocabulary import Circumstances, Effect, ImageErrors, Parameter, View, Where
 
@@ -16,7 +17,7 @@ LEAST_SCALE = 2e-3
 """Least prior of an error of the size of a board beyond what is stated (assumed: prints stretch by tenths
 of a percent, whatever a session states of them)."""
 
-DRIVERS = {CAMERA: Driver("image"), BOARD: Driver("board")}
+DRIVERS = {location.CAMERA: Driver("image"), BOARD: Driver("board")}
 """Of errors at a site."""
 
 
@@ -59,7 +60,7 @@ def of_view(v: View, kind: str, prefix: str, times: float = 1.0, least: float = 
     Their prior is `times` the stated uncertainty, and at least `least`.
     """
     e: ImageErrors = getattr(v, kind)
-    site = BOARD if e.of_board else CAMERA
+    site = BOARD if e.of_board else location.CAMERA
     where: Where = {"site": at_view(v, site), "driver": DRIVERS[site]}
     nominal = np.zeros(len(e.u)) if e.nominal is None else e.nominal
     out = []
@@ -86,3 +87,115 @@ def beyond(
         without_camera, sizes={size[0]: Size(size[1])}, phrase=phrase, remedy=remedy,
         confusable_with=confusable_with, in_robot_file=True, beside_arm=True,
     )  # fmt: skip
+
+
+def _camera(c: Circumstances) -> list[Parameter]:
+    kinds = ("focal", "centre", "distortion", "scale", "bow")
+    return [p for v in c.views for kind in kinds for p in of_view(v, kind, v.name)]
+
+
+CAMERA = Effect(
+    "camera",
+    "lens of a camera, size and flatness of its board, within their stated uncertainty",
+    _camera,
+    remedy="Calibrate the camera again, and measure the board.",
+    in_robot_file=True,
+)
+"""Camera: what a session states of a camera and its board, within the stated uncertainty.
+
+Part of every model, as the tool: focal lengths, optical axis and distortion of the lens; scale and bow of the
+board. What an effect such as `focal-length` names is an error beyond it. A value with a stated uncertainty
+of 0 is not fitted.
+"""
+
+
+FOCAL_LENGTH = beyond(
+    "focal",
+    "focal-length",
+    "focal length of a camera in error",
+    size=("px", "error of the focal length"),
+    phrase=("the camera", "has a focal length in error"),
+    remedy="Calibrate the camera again at this focus; check autofocus and scaling of the images.",
+    confusable_with=("board-scale", "lens-distortion"),
+)
+r"""Focal length: those of a camera are in error by more than stated.
+
+Formula: $`\delta u = x_x \, x_d, \; \delta v = x_y \, y_d`$; (x_d, y_d) is the distorted direction, in
+focal lengths.
+
+Driver: the place in the image. Prior: five times the stated uncertainty (assumed, `imaging.TIMES`). A common
+error of both is distinguishable from an error of the size of the board by images at several distances.
+"""
+
+
+IMAGE_CENTRE = beyond(
+    "centre",
+    "image-centre",
+    "optical axis of a camera in error",
+    size=("px", "error of the optical axis"),
+    phrase=("the camera", "has its optical axis elsewhere in the image"),
+    remedy="Calibrate the camera again; check that images are neither cropped nor scaled.",
+    confusable_with=("lens-distortion",),
+)
+r"""Image centre: the optical axis meets the image elsewhere than stated.
+
+Formula: $`\delta u = x_x, \; \delta v = x_y`$.
+
+Driver: constant in the image. Prior: five times the stated uncertainty (assumed, `imaging.TIMES`). A turn of
+the camera on its mount looks nearly the same where all images are taken at one distance.
+"""
+
+
+LENS_DISTORTION = beyond(
+    "distortion",
+    "lens-distortion",
+    "distortion of a lens in error",
+    size=("1", "error of a coefficient"),
+    phrase=("the camera", "has another distortion than stated"),
+    remedy="Calibrate the camera again with corners up to the edges of the images.",
+    confusable_with=("focal-length", "image-centre", "board-bow"),
+)
+r"""Distortion: coefficients of a lens are in error by more than stated.
+
+Formula: $`\delta u = f_x \sum_k x_k \, \partial x_d / \partial k`$; v alike, with the coefficients k of
+the model of the lens (`factors.lens`).
+
+Driver: the place in the image. Prior: five times the stated uncertainty (assumed, `imaging.TIMES`).
+"""
+
+
+BOARD_SCALE = beyond(
+    "scale",
+    "board-scale",
+    "size of a board in error",
+    size=("1", "relative error of the size"),
+    phrase=("the board", "has another size than stated"),
+    remedy="Measure the board over several squares along both axes, and write the size of its squares.",
+    confusable_with=("focal-length",),
+    least=LEAST_SCALE,
+)
+r"""Board scale: a board is larger or smaller than stated, along each of its axes.
+
+Formula: $`\delta p = (x_x \, a, x_y \, b, 0)`$ of a point (a, b) of the board, from its middle.
+
+Driver: the place on the board. Prior: five times the stated uncertainty (assumed, `imaging.TIMES`), at
+least 0.2 %: a printer stretches its print by some tenths of a percent.
+"""
+
+
+BOARD_BOW = beyond(
+    "bow",
+    "board-bow",
+    "board not flat",
+    size=("m", "height of the middle"),
+    phrase=("the board", "is not flat"),
+    remedy="Mount the board on a stiff, flat plate, and check it with a straightedge.",
+    confusable_with=("lens-distortion",),
+)
+r"""Board bow: a board is bent along its axes.
+
+Formula: $`\delta p = (0, 0, x_x (1 - (a / A)^2) + x_y (1 - (b / B)^2))`$ of a point (a, b) of a board of the
+half size (A, B), from its middle.
+
+Driver: the place on the board. Prior: five times the stated flatness (assumed, `imaging.TIMES`).
+"""

@@ -1,18 +1,4 @@
-r"""Plane form: form error of faces, as Legendre polynomials of the position on the face.
-
-Formula: $`\delta_n = -\sum_{2 \le i+j \le 4} x_{ij} \, P_i(s) \, P_j(t)`$;
-P are Legendre polynomials, s and t positions on the face from -1 to 1.
-
-Degrees 2 to 4. The RMS of each degree is half that of the degree before, because form errors are mainly of
-long wavelength. Prior scale: the certificate's u_form, else 3 µm (assumed: 2 to 3 µm are typical of granite
-shop-floor surface plates); of a plane that no certificate names, a table or a wall, 0.1 mm (assumed: ISO
-2768-2, class K, allows 0.4 mm from peak to valley over 300 to 1000 mm). `fit` estimates the scale if the
-contacts show a larger form error.
-
-A local elevation, such as damage or dirt, also changes the mean height and the slopes of the face, which the
-certificates state. The form ``plane-form@raised`` therefore has the degrees 0 and 1 too, with the RMS of
-degree 2; without it they would be taken for an error of a certified value.
-"""
+"""Form of the faces of artefacts."""
 
 from __future__ import annotations
 
@@ -84,3 +70,18 @@ PLANE_FORM = Effect(
     ),
     in_robot_file=True,
 )
+r"""Plane form: form error of faces, as Legendre polynomials of the position on the face.
+
+Formula: $`\delta_n = -\sum_{2 \le i+j \le 4} x_{ij} \, P_i(s) \, P_j(t)`$;
+P are Legendre polynomials, s and t positions on the face from -1 to 1.
+
+Degrees 2 to 4. The RMS of each degree is half that of the degree before, because form errors are mainly of
+long wavelength. Prior scale: the certificate's u_form, else 3 µm (assumed: 2 to 3 µm are typical of granite
+shop-floor surface plates); of a plane that no certificate names, a table or a wall, 0.1 mm (assumed: ISO
+2768-2, class K, allows 0.4 mm from peak to valley over 300 to 1000 mm). `fit` estimates the scale if the
+contacts show a larger form error.
+
+A local elevation, such as damage or dirt, also changes the mean height and the slopes of the face, which the
+certificates state. The form ``plane-form@raised`` therefore has the degrees 0 and 1 too, with the RMS of
+degree 2; without it they would be taken for an error of a certified value.
+"""

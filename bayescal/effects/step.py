@@ -1,22 +1,4 @@
-r"""Step: a sudden shift of the base, of a tool or of an instrument at a row n.
-
-Formula: $`\delta_a(i) = x_a \; \mathrm{if} \; i \ge n, \; \mathrm{else} \; 0`$;
-for each of the six axes a of the base, or of another site.
-
-Driver: 0 before a row and 1 from this row on, for each of the six displacements of the base. The model is not
-linear in the row. It is given, as ``step@212`` for the 212th row of the session; the default is the middle of
-the fitted data, which are in the order of time. A diagnosis scans all rows. Several steps are
-``step@40/212 at base and base``. A step ends with its session: of
-several sessions, each has a step in its middle, or only the session with the given row has one. Prior:
-0.05 mm and 0.1 mrad (assumed: 0.05 mm at half a metre; an operator would notice a larger shift).
-
-Other sites are alternatives to the base. ``step@212 at tool``: a reflector slips in its nest, with the same
-prior, and turns where its orientation is read. A stylus that is mounted anew is none: its pre-travel changes
-too (assumed). Of several reflectors, all are ``tool``, and each is ``tool of NAME``. ``step@212 at NAME``:
-the instrument of that name shifts, and turns about its own place. An instrument that stands far from the base
-thereby shifts its points by far more than a base that turns as much. The only instrument within 0.5 m of the
-base, as one whose coordinates were aligned with the base, is no other site than the base.
-"""
+"""Events: something changes at once, between two rows."""
 
 from __future__ import annotations
 
@@ -156,3 +138,22 @@ STEP = Effect(
     side="mount",
     of_session=True,
 )
+r"""Step: a sudden shift of the base, of a tool or of an instrument at a row n.
+
+Formula: $`\delta_a(i) = x_a \; \mathrm{if} \; i \ge n, \; \mathrm{else} \; 0`$;
+for each of the six axes a of the base, or of another site.
+
+Driver: 0 before a row and 1 from this row on, for each of the six displacements of the base. The model is not
+linear in the row. It is given, as ``step@212`` for the 212th row of the session; the default is the middle of
+the fitted data, which are in the order of time. A diagnosis scans all rows. Several steps are
+``step@40/212 at base and base``. A step ends with its session: of
+several sessions, each has a step in its middle, or only the session with the given row has one. Prior:
+0.05 mm and 0.1 mrad (assumed: 0.05 mm at half a metre; an operator would notice a larger shift).
+
+Other sites are alternatives to the base. ``step@212 at tool``: a reflector slips in its nest, with the same
+prior, and turns where its orientation is read. A stylus that is mounted anew is none: its pre-travel changes
+too (assumed). Of several reflectors, all are ``tool``, and each is ``tool of NAME``. ``step@212 at NAME``:
+the instrument of that name shifts, and turns about its own place. An instrument that stands far from the base
+thereby shifts its points by far more than a base that turns as much. The only instrument within 0.5 m of the
+base, as one whose coordinates were aligned with the base, is no other site than the base.
+"""

@@ -1,19 +1,4 @@
-r"""Thermal drift: the lengths of the arm grow as it warms up, and its joint zeros drift.
-
-Formula: $`a_k \to a_k (1 + g f), \; d_k \to d_k (1 + g f), \; \rho_{z,k} = x_k f, \; \delta_0 = b f`$;
-f goes from -1 to 1 with temperature or time.
-
-Driver: the temperature, or the time if none is recorded (an artefact's temperature does not count), or the
-order of the rows if neither is, scaled to -1 to 1 over the session. One parameter scales all lengths of the
-arm by the same factor. Each joint zero has its own drift. The base drifts along three axes; its rotation
-about the first axis is that of the first zero. Values are half of the change over the session. An arm may
-also warm up with a time constant, which is scanned or given: ``thermal-drift@600`` for ten minutes. Of
-several sessions, each has its own drift. An arm that rests or moves slowly for a while cools down meanwhile:
-``thermal-drift@paused-40-15-1500`` warms up with 1500 s, but its motors are off from 40 % of the session on,
-for 15 % of it. Prior: zeros 0.05 mrad, from drifts of 0.06 to 0.13 mrad over a
-session (an ABB IRB 120 measured with a laser tracker); growth 5e-5, as of aluminium (23e-6 1/K) over 4 K, and
-the base 0.02 mm (both assumed).
-"""
+"""Drift with time or temperature."""
 
 from __future__ import annotations
 
@@ -199,3 +184,19 @@ THERMAL_DRIFT = Effect(
     ),
     of_session=True,
 )
+r"""Thermal drift: the lengths of the arm grow as it warms up, and its joint zeros drift.
+
+Formula: $`a_k \to a_k (1 + g f), \; d_k \to d_k (1 + g f), \; \rho_{z,k} = x_k f, \; \delta_0 = b f`$;
+f goes from -1 to 1 with temperature or time.
+
+Driver: the temperature, or the time if none is recorded (an artefact's temperature does not count), or the
+order of the rows if neither is, scaled to -1 to 1 over the session. One parameter scales all lengths of the
+arm by the same factor. Each joint zero has its own drift. The base drifts along three axes; its rotation
+about the first axis is that of the first zero. Values are half of the change over the session. An arm may
+also warm up with a time constant, which is scanned or given: ``thermal-drift@600`` for ten minutes. Of
+several sessions, each has its own drift. An arm that rests or moves slowly for a while cools down meanwhile:
+``thermal-drift@paused-40-15-1500`` warms up with 1500 s, but its motors are off from 40 % of the session on,
+for 15 % of it. Prior: zeros 0.05 mrad, from drifts of 0.06 to 0.13 mrad over a
+session (an ABB IRB 120 measured with a laser tracker); growth 5e-5, as of aluminium (23e-6 1/K) over 4 K, and
+the base 0.02 mm (both assumed).
+"""

@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from bayescal.arm.motion import TURN
 from bayescal.arm.transforms import rigid
 from bayescal.dataset.cameras import FLANGE, board, lens_of
-from bayescal.effects.tool import TOOL
+from bayescal.effects.geometry import TOOL
 from bayescal.errors import BayescalError
 from bayescal.exporting.geometry import STATE
 from bayescal.exporting.written import Format, Options, Written, item

@@ -13,9 +13,8 @@ from bayescal.dataset.table import csv_text
 from bayescal.effects import Parameter
 from bayescal.effects.common import READING, SIDES, side_of
 from bayescal.effects.compliance import COMPLIANCE
-from bayescal.effects.encoder_scale import ENCODER_SCALE
-from bayescal.effects.geometry import PARALLEL
-from bayescal.effects.joint import JOINT
+from bayescal.effects.geometry import JOINT, PARALLEL
+from bayescal.effects.readings import ENCODER_SCALE
 from bayescal.effects.selection import Selection
 from bayescal.exporting.geometry import constant, constant_displacements, items, transform_of
 from bayescal.exporting.written import Format, Item, Options, Written, item

@@ -16,7 +16,7 @@ from typing import TypeVar
 import numpy as np
 
 from bayescal.dataset import Dataset
-from bayescal.effects.tool import LOOSE
+from bayescal.effects.geometry import LOOSE
 from bayescal.estimate import Estimate, unfitted, unit_weights
 from bayescal.estimate.solver import factored, solved
 from bayescal.model import ARM, Block, Model, with_parameters

@@ -12,8 +12,8 @@ from rich.text import Text
 
 from bayescal import __version__
 from bayescal.compensating.compensation import Compensation
+from bayescal.effects.geometry import TOOL
 from bayescal.effects.selection import plain as without_setting
-from bayescal.effects.tool import TOOL
 from bayescal.exporting.export import Exported
 from bayescal.fitted.arm import FittedArm
 from bayescal.reporting.gap.sheets import per_vector

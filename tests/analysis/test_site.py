@@ -91,7 +91,7 @@ def test_a_link_to_nowhere_is_reported():
 @pytest.mark.parametrize("name", EFFECTS)
 def test_every_effect_states_formula_prior_and_remedy(name):
     text = effects.body(EFFECTS[name])
-    assert "```math" in text, "add a line 'Formula: $`...`$.' to the docstring of its file"
+    assert "```math" in text, "add a line 'Formula: $`...`$.' to its docstring"
     assert re.search(r"[Pp]rior", text)
     assert EFFECTS[name].remedy
 

@@ -11,7 +11,7 @@ from sessions import circumstances
 from bayescal.arm.chain import chain_of, link_angles, points
 from bayescal.dataset import Target
 from bayescal.effects import EFFECTS
-from bayescal.effects.axis_bending import cantilever, supported
+from bayescal.effects.bending import cantilever, supported
 from bayescal.effects.common import ORDERS
 from bayescal.model import build
 from bayescal.model.equilibrium import standing

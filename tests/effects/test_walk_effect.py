@@ -1,4 +1,4 @@
-"""An effect is one file and one entry: a made-up one is added, and no other file names an effect."""
+"""An effect is one definition and one entry: a made-up one is added, and no other file names an effect."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from bayescal.effects import MODELS, tool
+from bayescal.effects import ALWAYS, MODELS, location
 
 ROOT = Path(__file__).parents[2]
 FILE = '''
@@ -82,7 +82,6 @@ ALLOWED = {
     "gap/search/cells.py": "generic cells have the shapes and the transitions of known effects",
     "motion/together.py": "the masses of a log act on a session through the compliance",
     "motion/effects.py": "the list of effects of joint logs, some with the same names",
-    "predict/targets.py": "a tool that no fitted row used has the prior of a tool",
     "programs/tools.py": "a program corrects tools with the geometry of the arm",
     "planning/plan.py": "a plan states which stiffnesses a session determines",
     "reporting/exports.py": "the parameters of the tool belong to every model",
@@ -95,8 +94,8 @@ ALLOWED = {
 
 
 def own_words(path: Path) -> set[str]:
-    """Effects that a module names: in a text that is no docstring, or by an import of an effect's module."""
-    files = {name.replace("-", "_") for name in (*MODELS, tool.TOOL.name)}
+    """Effects that a module names: in a text that is no docstring, or by an import of the effect."""
+    constants = {name.replace("-", "_").upper() for name in (*MODELS, *ALWAYS)}
     tree = ast.parse(path.read_text(encoding="utf-8"))
     docstrings = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
     found = set()
@@ -104,7 +103,8 @@ def own_words(path: Path) -> set[str]:
         if isinstance(node, ast.Constant) and id(node) not in docstrings and isinstance(node.value, str):
             found |= {node.value} & (set(MODELS) - WORDS)
         if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("bayescal.effects."):
-            found |= {str(node.module).rpartition(".")[2]} & files
+            names = set() if node.module == location.__name__ else {alias.name for alias in node.names}
+            found |= names & constants
     return found
 
 
@@ -123,7 +123,7 @@ def test_no_other_module_names_an_effect():
     ("text", "words"),
     [
         ("NAMES = ('backlash', 'x')", {"backlash"}),
-        ("from bayescal.effects.gear_mesh import GEAR_MESH", {"gear_mesh"}),
+        ("from bayescal.effects.readings import GEAR_MESH", {"GEAR_MESH"}),
         ("'''backlash'''\nfrom bayescal.effects.common import sides\nX = 'step'", set()),
     ],
 )

@@ -12,7 +12,7 @@ from sessions import plain, with_columns
 from bayescal.arm.transforms import rpy_of
 from bayescal.calibration import fit
 from bayescal.dataset import Certificate, read_dataset, write_dataset
-from bayescal.effects.tool import LOOSE_ANGLE
+from bayescal.effects.geometry import LOOSE_ANGLE
 from bayescal.errors import BayescalError
 from bayescal.estimate import calibrated, estimate
 from bayescal.estimate.bounds import with_latent_readings

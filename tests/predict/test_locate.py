@@ -10,7 +10,7 @@ from sessions import with_columns
 
 from bayescal.arm.transforms import rigid, rpy_matrix
 from bayescal.dataset import Dataset, Tool, read_dataset
-from bayescal.effects.tool import LOOSE as tool_LOOSE
+from bayescal.effects.geometry import LOOSE as tool_LOOSE
 from bayescal.errors import BayescalError
 from bayescal.estimate import Estimate, calibrated, estimate
 from bayescal.model import ARM, build

@@ -23,8 +23,8 @@ from typing import Any
 import numpy as np
 
 from bayescal.effects import named
-from bayescal.effects.backlash import BACKLASH
 from bayescal.effects.common import READING, sense
+from bayescal.effects.lost_motion import BACKLASH
 from bayescal.errors import BayescalError
 from bayescal.exporting.mjcf.elastic import Content
 from bayescal.exporting.robot import side_in

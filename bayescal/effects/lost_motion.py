@@ -1,0 +1,167 @@
+"""Errors by the direction from which a joint comes: backlash of gears, hysteresis of what is elastic."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+
+from bayescal.effects.common import (
+    at,
+    at_gears,
+    lagging,
+    motion,
+    sense,
+    side_of,
+    sides,
+    turned,
+    usual,
+    without_torques,
+    without_velocity,
+)
+from bayescal.effects.compliance import by_torque, loaded
+from bayescal.effects.location import Driver
+from bayescal.effects.sizes import Size, magnitude
+from bayescal.effects.vocabulary import Circumstances, Effect, Form, Parameter, Scan
+
+BACKLASH_SD, ALONG_SD = 8e-5, 3e-5  # rad; m, of a prismatic joint
+
+FRICTIONS = (0.3, 0.6)  # shares of the usual torque (assumed)
+CHANGES = 0.03  # share of the usual torque within which the flank changes (assumed)
+
+
+def _backlash(c: Circumstances, side: str) -> list[Parameter]:
+    assert c.velocity is not None
+    return at_gears(
+        c, "backlash", c.velocity, side, ("rad", BACKLASH_SD), "direction", sense, ("m", ALONG_SD)
+    )
+
+
+def _held(share: float) -> Form:
+    """The form with a friction of a share of the usual torque."""
+
+    def parameters(c: Circumstances) -> list[Parameter]:
+        if without_torques(c) or c.velocity is None:
+            return []
+        out, side = [], side_of(c.robot)
+        for j, name, _, torque in loaded(c):
+            speed = motion(c.robot, j, c.velocity, side)
+            push = share * sense(speed) - torque / usual(c, torque)
+            terms = turned(c.robot, j, np.tanh(push / CHANGES), side)
+            unit, sd = ("m", ALONG_SD) if c.robot.slides[j - 1] else ("rad", BACKLASH_SD)
+            out.append(Parameter(f"backlash {name}", unit, terms, sd, **at(j, Driver("flank", j))))
+        return out
+
+    words = f"where gravity torques above {share:.0%} of the usual torque hold the joint on one flank"
+    return Form(f"held-{100 * share:.0f}", words, parameters)
+
+
+BACKLASH = Effect(
+    "backlash",
+    "lost motion on reversal of joint k, half-width b",
+    lambda c: _backlash(c, side_of(c.robot)),
+    without_velocity,
+    sizes=dict.fromkeys(("rad", "m"), Size("half-width", magnitude)),
+    phrase=("every joint", "has lost motion on reversal"),
+    remedy=(
+        "Adjust the belt tension or the preload of the gear, and check keys, couplings and worn "
+        "teeth. Until then, approach accurate points from one direction."
+    ),
+    confusable_with=("unsettled",),
+    forms=(*sides(_backlash), *map(_held, FRICTIONS)),
+    directed=True,
+    simulated_within=2e-6,
+)
+r"""Backlash: lost motion in a gear. The link lags its motor by the half-width in either direction of motion.
+
+Formula: $`\rho_{z,k} = b_k \, \frac{\omega_k}{\sqrt{\omega_k^2 + \omega_0^2}}`$;
+b is the half-width, ω the speed, ω0 = 0.03 deg/s.
+
+Driver: the sign of the velocity at the gear (`common.side_of`). For coupled axes this is the velocity between
+the two links, unless the robot file states that a linkage couples them. The other side is a separate form,
+which a diagnosis compares: ``backlash@reading`` acts with the displayed readings on all links that they move,
+``backlash@link`` acts between the links. Below 0.03 deg/s (assumed) the sign goes smoothly to zero. A
+negative value is a lag, a positive value a lead. Prior: 0.08 mrad, from half-widths of 0.003 to 0.16 mrad
+(an ABB IRB 120 measured with a laser tracker; J4 and J6 had the largest); along a prismatic joint 0.03 mm
+(assumed: a rack and pinion), and ω is its speed, ω0 = 0.5 mm/s.
+
+A loaded joint does not always follow its motion. Friction of the link presses the teeth against the flank of
+the motion, gravity against that of its torque, and the larger one decides: ``backlash@held-30`` has a
+friction of 30 % of the joint's usual torque (the 90th percentile over the contacts). With little friction
+this is `hysteresis`, with much it is the usual form.
+"""
+
+
+HYSTERESIS_SD = 5e-5  # rad; m of a prismatic joint (assumed)
+SHARES = np.array([0.02, 0.06, 0.12])
+CHANGE = 0.2  # share of the usual torque within which a late change takes place (tuned)
+LAGS = (0.2, 0.6)  # shares of the usual torque over which it is followed (tuned)
+
+
+def _at(c: Circumstances, share: float) -> list[Parameter]:
+    return by_torque(
+        c,
+        "hysteresis",
+        lambda torque, most: np.tanh(torque / (share * most)),
+        lambda *_: HYSTERESIS_SD,
+        form="sign",
+    )
+
+
+def _hysteresis(c: Circumstances) -> list[Parameter]:
+    return _at(c, float(SHARES[1]))
+
+
+def _late(c: Circumstances, lag: float) -> list[Parameter]:
+    def followed(torque: np.ndarray, most: float) -> np.ndarray:
+        return lagging(c, np.tanh(torque / (CHANGE * most)), torque, lag * most)
+
+    return by_torque(c, "hysteresis", followed, lambda *_: HYSTERESIS_SD, form="late")
+
+
+HYSTERESIS = Effect(
+    "hysteresis",
+    "torque-reversal hysteresis of joint k",
+    _hysteresis,
+    without_torques,
+    Scan(
+        "share of the usual torque within which it changes",
+        "changing flanks within {:.0%} of the usual torque",
+        lambda c: SHARES,
+        _at,
+    ),
+    sizes=dict.fromkeys(("rad", "m"), Size("half-width", magnitude)),
+    phrase=("every joint", "has torque-reversal hysteresis"),
+    remedy=(
+        "Check the preload and wear of the gear, and the belt tension: the load presses the teeth on "
+        "either flank. Check the counterbalance spring. Until then, use poses in which the torque "
+        "keeps its sign."
+    ),
+    confusable_with=("hardening",),
+    requires=("compliance",),
+    forms=tuple(
+        Form(
+            f"late-{100 * lag:.0f}",
+            f"followed late, over {lag:.0%} of the usual torque",
+            partial(_late, lag=lag),
+        )
+        for lag in LAGS
+    ),
+    simulated_within=5e-7,
+)
+r"""Hysteresis: gravity torque presses the gear of a joint against one or the other tooth flank.
+
+Formula: $`\rho_{z,k} = w_k \tanh \frac{\tau_k}{s \, T_k}`$;
+w is the half-width, T the usual torque, s the share.
+
+Driver: a smooth sign, tanh of the gravity torque divided by a small share of the joint's usual torque (the
+90th percentile over the contacts): at small torques the gear is between the flanks. The share is scanned:
+``hysteresis@0.02`` changes flanks within 2 %. Prior: 0.05 mrad, within the half-widths of 0.003 to 0.16 mrad
+that approaches from two sides show (an ABB IRB 120 measured with a laser tracker; the same distance of the
+flanks under gravity is assumed). A change over a larger share of the torque is `hardening`.
+
+``hysteresis@late-20`` and ``hysteresis@late-60`` have a memory: the change over 20 % of the usual torque is
+followed late, with a lag that fades over 20 or 60 % of the usual torque (a first-order lag along the path of
+the torque from contact to contact, as in Dahl's model of friction). Without a memory this curve is
+`hardening`.
+"""
