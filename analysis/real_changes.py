@@ -23,7 +23,7 @@ from analysis.real_halves import modelled
 from analysis.records import Record, completed, real_arguments, real_folders
 from bayescal.changes.outcome import changed
 from bayescal.dataset import Dataset, read_dataset
-from bayescal.dataset.append import taken
+from bayescal.dataset.write import taken
 from bayescal.estimate.families import poses
 from bayescal.model.scene import Scene
 

@@ -12,13 +12,12 @@ import numpy as np
 
 from bayescal.assess.acceptance import Acceptance, acceptance, anew, discrepancy, not_physical, widened
 from bayescal.assess.budget import Budget, of_distances, with_budgets
-from bayescal.assess.completed import completed
 from bayescal.assess.conformance import Tolerance, check_tolerance, conformance
 from bayescal.assess.findings import SEVERITIES, Assessed, Finding, findings, rests_on_priors
 from bayescal.assess.identifiability import Directions, Identifiability, directions, identifiability
 from bayescal.assess.inputs import Basis
 from bayescal.assess.mistakes import judged, mistaken
-from bayescal.assess.shared_causes import SharedCause, judged_complete, rejected_share
+from bayescal.assess.shared_causes import SharedCause, completed, judged_complete, rejected_share
 from bayescal.assess.undetermined import Undetermined, undetermined
 from bayescal.dataset import Dataset
 from bayescal.effects import BASELINE, levels_of, parameters_of

@@ -15,7 +15,7 @@ from rich.console import Console
 from rich.table import Table
 
 from bayescal.dataset import Dataset, Target, read_dataset
-from bayescal.dataset.append import taken
+from bayescal.dataset.write import taken
 from bayescal.estimate import calibrated, linearise, solve, unit_weights
 from bayescal.model import ARM, Model, build
 from bayescal.model.scene import Scene

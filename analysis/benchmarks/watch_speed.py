@@ -17,8 +17,8 @@ import numpy as np
 
 from analysis.benchmarks.clock import seconds
 from bayescal.calibration import fit
-from bayescal.dataset.append import taken
 from bayescal.dataset.types import Dataset
+from bayescal.dataset.write import taken
 from bayescal.effects import BASELINE
 from bayescal.estimate import Estimate, calibrated
 from bayescal.model import ARM

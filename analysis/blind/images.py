@@ -49,7 +49,7 @@ def answer(folder: Path) -> dict[str, Any]:
     """
     from bayescal.dataset import read_dataset
     from bayescal.gap.diagnose import diagnose
-    from bayescal.methods.hand_eye import SOLVERS, on_flange
+    from bayescal.methods.published import SOLVERS, on_flange
     from bayescal.model.scene import Scene
     from bayescal.reporting.gap.record import gap_record
 

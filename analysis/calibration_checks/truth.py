@@ -18,8 +18,8 @@ import numpy as np
 
 from analysis.calibration_checks.designs import Design, planned
 from bayescal.dataset import Dataset, Target
-from bayescal.dataset.append import taken
 from bayescal.dataset.target_kinds import KINDS
+from bayescal.dataset.write import taken
 from bayescal.effects.geometry import TOOL
 from bayescal.effects.gravity import CENTRE_OFF, LOAD_OFF, LOAD_SHARE, MASS_SHARE
 from bayescal.estimate import STATED_WORTH, linearise, unit_weights
@@ -27,7 +27,7 @@ from bayescal.model import ARM, Model, build
 from bayescal.model.scene import Scene
 from bayescal.simulation import Options, World, state_of, touch
 from bayescal.simulation.record import OUTLIER, distance_certificates, true_targets
-from factors.plane import Plane
+from factors.surfaces import Plane
 
 MODEL = ("geometry", "compliance")
 SPREAD = {"m": 1e-3, "rad": 2e-3}

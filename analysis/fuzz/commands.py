@@ -148,7 +148,7 @@ def _ur_yaml() -> bytes:
     """The calibration that ur_calibration writes: d and a of the nominal arm."""
     from bayescal.arm.transforms import rpy_of
     from bayescal.exporting.geometry import steps, zero_frames
-    from bayescal.exporting.ur_yaml import KEYS, LINKS
+    from bayescal.exporting.offsets import KEYS, LINKS
     from bayescal.robots import load_robot
 
     frames = zero_frames(load_robot(UR)[0])

@@ -32,8 +32,8 @@ import numpy as np
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullFormatter
 
 import bayescal as bc
-from bayescal.dataset.append import taken
 from bayescal.dataset.types import Box
+from bayescal.dataset.write import taken
 from bayescal.planning.candidates import candidates
 from bayescal.planning.exchange import mean_variance, select
 from bayescal.planning.goals import goals

@@ -10,8 +10,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from bayescal.dataset import Dataset
-from bayescal.dataset.append import appended, taken
-from bayescal.dataset.write import write_files
+from bayescal.dataset.write import appended, taken, write_files
 from bayescal.estimate import Estimate, calibrated
 from bayescal.model import Scene
 from bayescal.planning.candidates import candidates

@@ -21,8 +21,8 @@ import numpy as np
 from scipy.special import gammaln
 
 from bayescal.assess.acceptance import PLANNED, SHARED, Acceptance
-from bayescal.assess.board_points import blurred, displaced, lost_images
 from bayescal.assess.identifiability import Directions, in_words
+from bayescal.assess.images import blurred, displaced, lost_images
 from bayescal.assess.undetermined import Undetermined
 from bayescal.dataset.consistency import contradictions, copies, planned, rounded
 from bayescal.effects import BASELINE, MODELS

@@ -2,6 +2,13 @@
 
 The part of a side is what its estimated parameters change in the images, less what another place of the
 camera and of the board would change: hand-eye and place are estimated anew without it.
+
+Points of a board that are not where the board is stated to have them, in all images.
+
+The residuals of one point are compared between images: an error of the board displaces it alike in each,
+along the axes of the board. Bayes factor of such displacements, normal with one variance for all points,
+over none; what the fit absorbs is neglected. A point of which most measurements are outliers is judged with
+these.
 """
 
 from __future__ import annotations
@@ -11,8 +18,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bayescal.effects import EFFECTS, Parameter
+from bayescal.effects import EFFECTS, Parameter, View
 from bayescal.effects.location import BOARD, CAMERA
+from bayescal.errors import listed
 from bayescal.estimate import Estimate, linearise
 from bayescal.model import ARM
 from bayescal.model.block import Posed
@@ -99,3 +107,119 @@ def _of(estimate: Estimate, block: Posed, kind: Camera) -> Images:
     stated = float(np.median(block.sigma / kind.scale))  # few images are blurred
     noise = stated * estimate.weights.scale[block.group]
     return Images(block.target, len(np.unique(block.images[1][kept])), count, noise, tuple(parts))
+
+
+TOLD = 10.0
+"""Log Bayes factor from which on it is told (assumed)."""
+SIZES = 1e-4 * 2.0 ** np.arange(-3, 7)
+"""Standard deviations of the points from their places that are tried, m (assumed)."""
+LARGE = 5.0
+"""Times the RMS of the other points from which on a point is told by itself (convention)."""
+SHOWN = 6
+"""Blurred images that are named."""
+ACROSS = 2.0
+"""Ratio of the RMS across the plane of a board to that within it, from which on it is called not flat."""
+
+
+def blurred(found: Estimate) -> str:
+    """The images that are blurred, as a sentence; "" where none is."""
+    scene = found.model.scene
+    stop, factor = scene.dataset.measurements.stop, scene.blur
+    rows = np.flatnonzero(factor > 1.0)
+    if stop is None or not len(rows):
+        return ""
+    names, first = np.unique(stop[rows], return_index=True)
+    each = [f"{name} {factor[rows[k]]:.2g} times" for name, k in zip(names, first, strict=True)]
+    shown = listed(each[:SHOWN]) + ", ..." * (len(each) > SHOWN)
+    return f"noise of blurred images over that of the others: {shown}; each is weighted by its own"
+
+
+def lost_images(found: Estimate) -> str:
+    """The images of which most corners are outliers, as a sentence; "" where none is."""
+    m, each = found.model.scene.dataset.measurements, []
+    views = {v.name for v in found.model.scene.circumstances(found.model.scene.rows("calibrate")).views}
+    for b in found.model.blocks:
+        if b.target not in views or m.stop is None:
+            continue
+        image, of = np.unique(m.stop[b.rows], return_inverse=True)
+        count, lost = np.bincount(of), np.bincount(of, found.weights.row[b.name] == 0)
+        each += [f"{image[k]} ({lost[k]:.0f} of {count[k]})" for k in np.flatnonzero(2 * lost > count)]
+    if not each:
+        return ""
+    return (
+        f"most corners are rejected as outliers in images {listed(each, SHOWN)}: look at the size of these "
+        "images, the numbers of their corners and their joint readings (bayescal check)"
+    )
+
+
+@dataclass(frozen=True)
+class Displaced:
+    """What a board's points are off in all images."""
+
+    target: str
+    point: np.ndarray  # (Q,) their numbers
+    shift: np.ndarray  # (Q, 3) m, along the axes of the board
+    count: np.ndarray  # (Q,) images of each
+    outliers: np.ndarray  # (Q,) measurements of each that the fit rejects
+
+    @property
+    def words(self) -> str:
+        """A sentence about one point, or about all of them."""
+        size = np.linalg.norm(self.shift, axis=1)
+        k = int(np.argmax(size))
+        others = float(np.sqrt(np.mean(np.delete(size, k) ** 2))) if len(size) > 1 else 0.0
+        if size[k] > LARGE * others:
+            lost = (
+                f" ({self.outliers[k]} of its {self.count[k]} rows are outliers)" if self.outliers[k] else ""
+            )
+            return (
+                f"point {self.point[k]} of the board of `{self.target}` is {1e3 * size[k]:.2g} mm from its "
+                f"place in all images{lost}: a misprint, dirt, or a corner that the detector confuses; leave "
+                "out the rows of this point, or use another board"
+            )
+        parts = self.shift[:, :2], self.shift[:, 2:]
+        within, across = (float(np.sqrt(np.mean(np.sum(part**2, axis=1)))) for part in parts)
+        flat = "the board is not flat" if across > ACROSS * within else "its pattern is not as stated"
+        return (
+            f"points of the board of `{self.target}` are {1e3 * np.hypot(within, across):.2g} mm RMS from "
+            f"their places in all images ({1e3 * within:.2g} mm within its plane, {1e3 * across:.2g} mm "
+            f"across), most point {self.point[k]}: {flat}, and the noise of the fit contains this; measure "
+            "or replace the board"
+        )
+
+
+def displaced(found: Estimate) -> tuple[Displaced, ...]:
+    """Boards of fitted cameras with points that are off in all images."""
+    scene = found.model.scene
+    views = {v.name: v for v in scene.circumstances(scene.rows("calibrate")).views}
+    of_target: dict[str, list[tuple[np.ndarray, ...]]] = {}
+    for b in found.model.blocks:
+        if b.target in views:
+            kept, residual = found.weights.row[b.name] > 0, found.residuals(b).T
+            sigma = b.sigma * found.weights.scale[b.group]
+            of_target.setdefault(b.target, []).append((b.rows, residual, sigma, kept))
+    joined = ((name, map(np.concatenate, zip(*own, strict=True))) for name, own in of_target.items())
+    every = (_of_board(views[name], *own) for name, own in joined)
+    return tuple(one for one in every if one is not None)
+
+
+def _of_board(
+    view: View, rows: np.ndarray, residual: np.ndarray, sigma: np.ndarray, kept: np.ndarray
+) -> Displaced | None:
+    """The points of a board by residuals (C, 2), m, of rows (C,) with noise (C,), m."""
+    number, of = np.unique(view.point[rows], return_inverse=True)
+    count, lost = np.bincount(of), np.bincount(of, ~kept)
+    used = kept | (2 * lost > count)[of]
+    by, r = view.shift[rows] / sigma[:, None, None], residual / sigma[:, None]
+    information, score = np.zeros((len(number), 3, 3)), np.zeros((len(number), 3))
+    np.add.at(information, of[used], np.einsum("cki,ckj->cij", by[used], by[used]))
+    np.add.at(score, of[used], -np.einsum("cki,ck->ci", by[used], r[used]))
+    nats, shift = np.empty(len(SIZES)), np.empty((len(SIZES), *score.shape))
+    for k, sd in enumerate(SIZES):
+        own = information + np.eye(3) / sd**2
+        shift[k] = np.linalg.solve(own, score[..., None])[..., 0]
+        nats[k] = 0.5 * np.sum(score * shift[k]) - 0.5 * np.sum(np.linalg.slogdet(own * sd**2)[1])
+    best = int(np.argmax(nats))
+    if nats[best] - np.log(len(SIZES)) < TOLD:
+        return None
+    return Displaced(view.name, number, shift[best], count, lost.astype(int))

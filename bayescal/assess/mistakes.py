@@ -14,8 +14,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bayescal.dataset import Certificate, Dataset
-from bayescal.dataset.append import taken
 from bayescal.dataset.target_kinds import kinds_of
+from bayescal.dataset.write import taken
 from bayescal.effects import BASELINE, parameters_of, possible
 from bayescal.estimate import linearise, unit_weights
 from bayescal.model.block import Turned

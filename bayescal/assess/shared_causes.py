@@ -9,6 +9,10 @@ The measurements of one stop of the arm (corners of an image, reflectors on a fl
 are one piece of evidence: one rejected row of each stop, drawn at random, is tested.
 
 Groups of rows that may share a cause: target, tool, direction of motion, pose, period of time, slip.
+
+The last level of a fit, complete: the form of uneven faces, and the rejected rows that share a cause.
+
+`fit`, the baseline of `gap` and its refits are completed by the same rule, and differ in effects alone.
 """
 
 from __future__ import annotations
@@ -21,6 +25,7 @@ import numpy as np
 
 from bayescal.estimate import Estimate, estimate
 from bayescal.estimate.families import stops_of
+from bayescal.estimate.unexplained import FaceCheck, check_faces, with_uneven_faces
 from bayescal.model.block import ARM, Block
 from bayescal.model.scene import Scene
 from bayescal.predict.targets import noise_of
@@ -28,6 +33,7 @@ from bayescal.statistics import chi2_sf, hypergeometric_log_sf
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
+
 
 SHORTEST = 4
 """Stops of the shortest stretch of time, and of the smallest neighbourhood of a pose."""
@@ -340,3 +346,33 @@ def _tail(found: Estimate, block: Block) -> np.ndarray:
     variance = noise**2 + np.einsum("rd,de,re->r", slopes, found.covariance, slopes, optimize=True)
     square = (r**2 / variance).reshape(block.kind.rows, -1)
     return np.asarray(chi2_sf(np.sum(square, axis=0), block.kind.rows))
+
+
+@dataclass(frozen=True)
+class Completed:
+    """A fit with what it decided about faces and rows."""
+
+    fitted: Estimate
+    faces: tuple[FaceCheck, ...]  # tests of the forms, before any was added
+    causes: tuple[SharedCause, ...]  # of rows that the level rejects and that are used all the same
+
+
+def completed(level: Estimate, robust: bool = True, seed: int = 0, *, flat: bool = False) -> Completed:
+    """Fit the form of uneven faces, then judge the outliers.
+
+    Parameters
+    ----------
+    level : Estimate
+        As `calibrated` returns it.
+    robust : bool
+        Reject outliers. Those that share a cause are fitted.
+    seed : int
+        Of the permutations that the test of shared causes uses.
+    flat : bool
+        Faces stay flat, as those of a level without effects do.
+    """
+    faces = check_faces(level)
+    if level.model.effects and not flat:
+        level = with_uneven_faces(level, faces, robust)
+    level, causes = judged_complete(level, seed) if robust else (level, ())
+    return Completed(level, faces, causes)

@@ -10,7 +10,7 @@ import numpy as np
 from bayescal.arm.inverse import nearest, solutions
 from bayescal.changes.joint import Joint
 from bayescal.dataset import Dataset
-from bayescal.dataset.append import appended
+from bayescal.dataset.write import appended
 from bayescal.effects import Parameter
 from bayescal.errors import BayescalError
 from bayescal.estimate.further import model_with

@@ -20,9 +20,18 @@ from bayescal.arm.transforms import rigid_alignment, rpy_matrix
 from bayescal.dataset.target_kinds import KINDS, Seen, angle_sd, place_sd
 from bayescal.dataset.types import Dataset, Patch, Target
 from bayescal.errors import BayescalError
-from factors.certificate import FORMS, LENGTHS, RELATIONS, ordered
+from factors.certificate import (
+    FORMS,
+    LENGTHS,
+    RELATIONS,
+    Relation,
+    aligned,
+    apart,
+    off_plane,
+    ordered,
+    square,
+)
 from factors.kind import Feature
-from factors.relation import Relation, aligned, apart, off_plane, square
 
 ARM_ERROR = 0.01
 """m: what an arm may nominally be wrong by; a smaller misfit weighs in full."""

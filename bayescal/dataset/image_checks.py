@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bayescal.arm import hand_eye
-from bayescal.dataset.boards import transposed
 from bayescal.dataset.cameras import (
     FIXED,
     FLANGE,
@@ -20,6 +19,7 @@ from bayescal.dataset.cameras import (
     flange_poses,
     is_stated,
     placed,
+    transposed,
     with_lens,
 )
 from bayescal.dataset.types import Dataset, Target

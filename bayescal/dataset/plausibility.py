@@ -16,10 +16,9 @@ from itertools import chain, combinations, product, repeat
 import numpy as np
 
 from bayescal.arm.chain import Robot
-from bayescal.dataset import consistency, one_image
+from bayescal.dataset import consistency, image_changes
 from bayescal.dataset.consistency import FEWEST, LENGTH_UNITS, OFF, away, contacts, nominal
 from bayescal.dataset.contacts import Contacts, residual, settled
-from bayescal.dataset.image_changes import changes as image_changes
 from bayescal.dataset.table import Table
 from bayescal.dataset.target_kinds import KINDS, angle_sd, place_sd
 from bayescal.dataset.types import Dataset, Target
@@ -164,7 +163,7 @@ def explanation(dataset: Dataset, document: Document) -> BayescalError | None:
     stated = away(dataset, rows.readings)
     explanations = []
     nominally = chain(_joint_changes(dataset), _zeros(dataset, stated), _tool_changes(dataset))
-    every = chain(zip(nominally, repeat(SUSPECT)), zip(image_changes(dataset), repeat(IMAGES_OFF)))
+    every = chain(zip(nominally, repeat(SUSPECT)), zip(image_changes.changes(dataset), repeat(IMAGES_OFF)))
     for (what, place, remedy, concerned, other), least in every:
         before = float(np.median(stated[concerned]))
         if before > least and (after := _typical(other, concerned)) < min(before / FALLS, LEFT):
@@ -284,7 +283,7 @@ def problems(dataset: Dataset, table: Table, document: Document) -> Iterator[Bay
                 yield misplaced
                 continue
             off = settled(mine)
-        of_image = partial(one_image.impossible, dataset) if KINDS[target.kind].posed else None
+        of_image = partial(image_changes.impossible, dataset) if KINDS[target.kind].posed else None
         wrong_row = _impossible(target, off, limit[part], part, table, document, of_image)
         if wrong_row is not None:
             yield wrong_row

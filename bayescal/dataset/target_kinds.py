@@ -16,18 +16,15 @@ from pydantic_core import PydanticCustomError
 
 from bayescal.arm.transforms import rigid, rpy_matrix
 from bayescal.dataset import cameras, image_checks, regions, viewpoints
-from bayescal.dataset.boards import board_of
+from bayescal.dataset.cameras import board_of
 from bayescal.dataset.regions import Probing, vector
 from bayescal.dataset.types import Dataset, Target
 from bayescal.storage.files import NotNegative, Number, Positive, Vector
 from factors.camera import Camera
-from factors.cylinder import Cylinder
-from factors.distance import Distance
-from factors.fixed_point import FixedPoint
 from factors.instrument import Instrument
 from factors.kind import Kind
-from factors.plane import Plane
-from factors.sphere import Sphere
+from factors.pivots import Distance, FixedPoint
+from factors.surfaces import Cylinder, Plane, Sphere
 
 if TYPE_CHECKING:
     from bayescal.dataset.table import Table

@@ -158,7 +158,7 @@ LENS_DISTORTION = beyond(
 r"""Distortion: coefficients of a lens are in error by more than stated.
 
 Formula: $`\delta u = f_x \sum_k x_k \, \partial x_d / \partial k`$; v alike, with the coefficients k of
-the model of the lens (`factors.lens`).
+the model of the lens (`factors.camera`).
 
 Driver: the place in the image. Prior: five times the stated uncertainty (assumed, `imaging.TIMES`).
 """

@@ -6,9 +6,9 @@ A format is one file, which defines a `written.Format`, and one entry here.
 FORMATS = {
     "robot.yaml": "bayescal.exporting.robot:ROBOT_YAML",
     "urdf": "bayescal.exporting.urdf:URDF",
-    "sdf": "bayescal.exporting.sdf:SDF",
+    "sdf": "bayescal.exporting.urdf:SDF",
     "mjcf": "bayescal.exporting.mjcf.format:MJCF",
-    "ur-yaml": "bayescal.exporting.ur_yaml:UR_YAML",
+    "ur-yaml": "bayescal.exporting.offsets:UR_YAML",
     "dh-csv": "bayescal.exporting.robot:DH_CSV",
     "joint-zeros": "bayescal.exporting.offsets:JOINT_ZEROS",
     "lerobot": "bayescal.exporting.offsets:FEETECH",

@@ -20,8 +20,8 @@ from pydantic import Field, ValidationError
 
 from bayescal import __version__
 from bayescal.assess.budget import COVERAGE, Budget, budget, of_distances
+from bayescal.assess.conformance import Iso9283, iso9283
 from bayescal.assess.inputs import Basis
-from bayescal.assess.iso9283 import Iso9283, iso9283
 from bayescal.assess.measurand import parameter, volume
 from bayescal.errors import BayescalError
 from bayescal.exporting.xml_text import indented, rendered

@@ -23,8 +23,7 @@ from bayescal.exporting.written import Format, Options, Written, item
 from bayescal.exporting.xml_text import rendered
 from bayescal.fitted.arm import FittedArm
 from bayescal.storage.writing import scalar
-from factors.camera import Camera
-from factors.lens import FISHEYE
+from factors.camera import FISHEYE, Camera
 from factors.turns import left_jacobian, turned
 
 TURNS_SHIFTS = ("rx", "ry", "rz", "tx", "ty", "tz")

@@ -19,8 +19,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from bayescal.arm.transforms import rpy_of
-from bayescal.robots.markup import parse_markup
-from bayescal.storage.templates import templates_beside
+from bayescal.robots.urdf import parse_markup
+from bayescal.storage.writing import templates_beside
 
 ATTRIBUTE = re.compile(rb"""(\s+)([^\s=/>"']+)(\s*=\s*)("[^"]*"|'[^']*')""")
 TAG = re.compile(rb"""<(?:[^>"']|"[^"]*"|'[^']*')*>""")
@@ -83,7 +83,7 @@ class XmlText:
     Raises
     ------
     BayescalError
-        As `robots.markup.parse_markup`.
+        As `robots.urdf.parse_markup`.
     """
 
     def __init__(self, text: str, name: str) -> None:

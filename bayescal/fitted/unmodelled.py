@@ -26,7 +26,7 @@ import numpy as np
 from bayescal.assess.budget import MOST_DOF
 from bayescal.assess.inputs import NOISE, READINGS, Basis
 from bayescal.dataset import Dataset, Measurements
-from bayescal.dataset.append import appended
+from bayescal.dataset.write import appended
 from bayescal.effects import Parameter
 from bayescal.effects.gravity import masses
 from bayescal.errors import BayescalError

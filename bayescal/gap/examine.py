@@ -11,9 +11,8 @@ from functools import partial
 
 import numpy as np
 
-from bayescal.assess.completed import completed
 from bayescal.assess.findings import differing, noise_ratios
-from bayescal.assess.shared_causes import SharedCause, judged_complete
+from bayescal.assess.shared_causes import SharedCause, completed, judged_complete
 from bayescal.effects import EFFECTS, Circumstances, Parameter
 from bayescal.effects.gravity import masses
 from bayescal.effects.imaging import reading_errors

@@ -11,11 +11,10 @@ import numpy as np
 
 from bayescal.arm.chain import Robot
 from bayescal.dataset import Dataset, read_dataset
-from bayescal.dataset.append import followed
 from bayescal.dataset.consistency import away
 from bayescal.dataset.plausibility import Suspicion, suspicion
 from bayescal.dataset.read import SETTINGS, TABLE
-from bayescal.dataset.write import check_new, write_files
+from bayescal.dataset.write import check_new, followed, write_files
 from bayescal.errors import BayescalError
 from bayescal.importing import ask, mapping
 from bayescal.importing.ask import Request, base_of, furnished

@@ -17,8 +17,7 @@ import numpy as np
 from bayescal.arm.chain import Robot
 from bayescal.arm.hand_eye import FEWEST_IMAGES, half_turns
 from bayescal.dataset import Dataset, Target, Tool
-from bayescal.dataset.boards import Board, board_of
-from bayescal.dataset.cameras import FIXED, FLANGE, closed_form, flange_poses
+from bayescal.dataset.cameras import FIXED, FLANGE, Board, board_of, closed_form, flange_poses
 from bayescal.dataset.cameras import images as images_of
 from bayescal.dataset.table import Table, check_groups, check_names, joint_columns, read_cells
 from bayescal.dataset.target_kinds import CAMERA

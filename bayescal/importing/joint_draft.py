@@ -28,8 +28,8 @@ from bayescal.logs import SCHEMA, read_log
 from bayescal.logs.mechanism import PAIRS, TURNING_PART, bounds_of
 from bayescal.logs.read import PER_JOINT
 from bayescal.robots import builtin_robots, full_name, load_robot, only_revolute
-from bayescal.robots.markup import LARGEST, parse_markup
 from bayescal.robots.servos import GRIPPER
+from bayescal.robots.urdf import LARGEST, parse_markup
 from bayescal.storage.files import si
 from bayescal.storage.folders import whole
 from bayescal.storage.reading import content_of

@@ -13,7 +13,7 @@ import numpy as np
 from bayescal.errors import BayescalError, listed
 from bayescal.importing.joint_formats import LARGEST, MEASURED, TEXTS, Record, Stream
 from bayescal.importing.roles import Rule
-from bayescal.preparing import joint_signals
+from bayescal.preparing import joint_delays
 
 BETWEEN = 1.0
 """s put between records whose clocks begin anew: the true time is not known."""
@@ -236,7 +236,7 @@ def speeds(time: np.ndarray, position: np.ndarray, motion: np.ndarray) -> np.nda
     out = np.zeros_like(position)
     for k in np.flatnonzero(np.bincount(motion) > 1):
         rows = motion == k
-        out[rows] = joint_signals.speeds(time[rows], position[rows])
+        out[rows] = joint_delays.speeds(time[rows], position[rows])
     return out
 
 

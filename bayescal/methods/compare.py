@@ -17,9 +17,17 @@ from bayescal.effects import BASELINE
 from bayescal.errors import BayescalError
 from bayescal.estimate import Estimate, check_enough, linearise, unit_weights
 from bayescal.estimate.unexplained import unexplained
-from bayescal.methods import hand_eye
 from bayescal.methods.normals import NORMALS
-from bayescal.methods.published import INVERSE, LINEAR, NOMINAL, OPEN_LOOP, OURS, PLANES, Method
+from bayescal.methods.published import (
+    CAMERA_METHODS,
+    INVERSE,
+    LINEAR,
+    NOMINAL,
+    OPEN_LOOP,
+    OURS,
+    PLANES,
+    Method,
+)
 from bayescal.methods.solving import Solution
 from bayescal.model import ARM, Model, build, check_asked, with_parameters
 from bayescal.model.scene import Scene
@@ -101,7 +109,7 @@ def compare(
     model = build(scene, effects)
     validated(NOMINAL.solve(scene, effects))  # compiles what is compiled: no method pays for it
     cameras = any(kind.posed for kind in scene.declared)
-    methods = methods or (*METHODS, *(hand_eye.METHODS if cameras else ()))
+    methods = methods or (*METHODS, *(CAMERA_METHODS if cameras else ()))
     rows = []
     for k, method in enumerate(methods):
         progress(method.name, k / len(methods))

@@ -11,7 +11,7 @@ import numpy as np
 
 from bayescal.arm.statics import Stance
 from bayescal.dataset import Dataset
-from bayescal.dataset.append import taken
+from bayescal.dataset.write import taken
 
 if TYPE_CHECKING:
     from bayescal.model.scene import Scene

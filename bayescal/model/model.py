@@ -25,10 +25,9 @@ from bayescal.model.options import USUAL, FitOptions, kept
 from bayescal.model.scene import Scene
 from bayescal.model.statements import POINTS, u_of
 from factors import certificate
-from factors.cylinder import Cylinder
 from factors.kind import Kind
 from factors.points import certified_points
-from factors.sphere import Sphere
+from factors.surfaces import Cylinder, Sphere
 
 ORIENTATION = "orientation"
 """Noise group of all orientations."""

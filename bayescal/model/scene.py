@@ -20,11 +20,10 @@ from bayescal.model.cached import posed_rowwise, rowwise, unposed
 from bayescal.model.statements import STATED, u_of
 from bayescal.model.views import as_seen, blur_of, views_of
 from factors.certificate import RELATIONS, ordered
-from factors.instrument import Instrument
+from factors.instrument import Instrument, Orientation
 from factors.kind import Kind
-from factors.orientation import Orientation
-from factors.plane import Plane
 from factors.points import Shape, shape
+from factors.surfaces import Plane
 
 
 @dataclass(frozen=True)

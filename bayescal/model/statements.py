@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from bayescal.dataset import Certificate
-from factors.relation import Relation, aligned, apart, between_faces, off_plane, square
+from factors.certificate import Relation, aligned, apart, between_faces, off_plane, square
 
 STATED: dict[str, dict[Relation, tuple[tuple[str, str], ...]]] = {
     "parallel": {

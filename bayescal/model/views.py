@@ -12,8 +12,7 @@ from bayescal.dataset.cameras import blur, board, closed_form, is_stated, placed
 from bayescal.dataset.target_kinds import KINDS
 from bayescal.effects import View
 from bayescal.effects.vocabulary import ImageErrors
-from factors.camera import NEAREST, Camera
-from factors.lens import NAMES
+from factors.camera import NAMES, NEAREST, Camera
 
 if TYPE_CHECKING:
     from bayescal.model.scene import Scene

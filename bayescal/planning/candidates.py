@@ -13,9 +13,9 @@ import numpy as np
 from bayescal.arm.chain import link_angles
 from bayescal.arm.transforms import rpy_matrix, rpy_of
 from bayescal.dataset import Dataset, Measurements, Target
-from bayescal.dataset.append import followed
 from bayescal.dataset.join import column
 from bayescal.dataset.target_kinds import KINDS
+from bayescal.dataset.write import followed
 from bayescal.errors import BayescalError
 from bayescal.model.block import tool_frames
 from bayescal.model.scene import Scene

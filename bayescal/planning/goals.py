@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bayescal.arm.inverse import descend, to_points
-from bayescal.dataset.append import appended
 from bayescal.dataset.types import Box
+from bayescal.dataset.write import appended
 from bayescal.effects import parameters_of
 from bayescal.errors import BayescalError
 from bayescal.model import ARM, Model

@@ -23,7 +23,7 @@ import numpy as np
 
 from bayescal.arm.chain import Robot
 from bayescal.dataset import Measurements
-from bayescal.dataset.append import taken
+from bayescal.dataset.write import taken
 from bayescal.planning.pool import Pool
 from bayescal.planning.result import Ways
 from bayescal.probing.clearance import RETRACT

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from bayescal.dataset import Dataset
-from bayescal.dataset.append import taken
+from bayescal.dataset.write import taken
 from bayescal.effects import BASELINE, UNITS
 from bayescal.effects.compliance import COMPLIANCE
 from bayescal.errors import BayescalError

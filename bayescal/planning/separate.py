@@ -16,7 +16,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from bayescal.dataset.append import taken
+from bayescal.dataset.write import taken
 from bayescal.estimate import Estimate
 from bayescal.gap.design.candidate_contacts import widened
 from bayescal.gap.design.settings import DESIGN

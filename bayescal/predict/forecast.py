@@ -17,7 +17,7 @@ import numpy as np
 from bayescal.arm.chain import Robot
 from bayescal.arm.motion import Motion, NominalArm, Term
 from bayescal.dataset import Dataset
-from bayescal.dataset.append import taken
+from bayescal.dataset.write import taken
 from bayescal.effects import parameters_of, possible
 from bayescal.estimate import Estimate
 from bayescal.estimate.discrepancy import MASSES

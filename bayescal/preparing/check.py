@@ -12,7 +12,7 @@ import numpy as np
 from bayescal.assess.mistakes import hidden, judged, mistaken, model_of
 from bayescal.dataset import Certificate, Dataset, consistency, plausibility
 from bayescal.dataset.consistency import contradictions, doubled, nominal, planned, rounded
-from bayescal.dataset.one_image import CHECK_IMAGE, odd_images
+from bayescal.dataset.image_changes import CHECK_IMAGE, odd_images
 from bayescal.dataset.plausibility import explanation
 from bayescal.dataset.read import read_parts
 from bayescal.dataset.table import Table

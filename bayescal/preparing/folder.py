@@ -29,8 +29,7 @@ from bayescal.robots import builtin_robots, full_name, load_robot, only_one_arm,
 from bayescal.robots import schema as robot_schema
 from bayescal.storage.files import FILL_IN, stem_of
 from bayescal.storage.folders import filled
-from bayescal.storage.templates import templates_beside
-from bayescal.storage.writing import block_lines, flow, scalar
+from bayescal.storage.writing import block_lines, flow, scalar, templates_beside
 
 WIDTH = 110
 """Characters of a line of a comment."""

@@ -11,8 +11,7 @@ from scipy.signal import butter, coherence, csd, sosfiltfilt, welch
 
 from bayescal.logs import Log, Motion
 from bayescal.motion.dynamics import regressor
-from bayescal.preparing.joint_delays import torque_delays
-from bayescal.preparing.joint_signals import Uniform, speeds, uniform
+from bayescal.preparing.joint_delays import Uniform, speeds, torque_delays, uniform
 
 WIDE = (0.3, 20.0)
 """Hz, in which velocities, positions and commands are compared."""

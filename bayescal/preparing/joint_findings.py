@@ -15,8 +15,8 @@ from bayescal.errors import listed
 from bayescal.logs import Log, Motion
 from bayescal.motion.servo import is_servo
 from bayescal.preparing import joint_facts
+from bayescal.preparing.joint_delays import speeds
 from bayescal.preparing.joint_facts import LOADS, SLOW, Joint, Stamps
-from bayescal.preparing.joint_signals import speeds
 from bayescal.preparing.missing import Finding
 from bayescal.robots.servos import STEP, STEPS, of_joints, read_calibration, zero_shift
 

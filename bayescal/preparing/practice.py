@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 
 from bayescal.dataset import Dataset
-from bayescal.dataset.append import taken
 from bayescal.dataset.target_kinds import KINDS
+from bayescal.dataset.write import taken
 from bayescal.effects import parameters_of
 from bayescal.errors import BayescalError
 from bayescal.model import ARM, Model, equilibrium, with_parameters

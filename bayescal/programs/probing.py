@@ -24,7 +24,7 @@ from bayescal.programs import PROGRAMS
 from bayescal.programs.motions import AHEAD, guarded, poses_table, readings_table, robodk_table, steps
 from bayescal.programs.text import Dialect, Format, digits
 from bayescal.robots import only_revolute
-from bayescal.storage.templates import templates_beside
+from bayescal.storage.writing import templates_beside
 
 BRACED = {
     "variable_start_string": "<<",

@@ -37,7 +37,7 @@ class MotionGapResult(Diagnosis):
     plan: MotionPlan | None = None  # of the motions that are to be logged next
 
     def _contents(self) -> Json:
-        from bayescal.reporting.motion.plan import advice_of, motions_of
+        from bayescal.reporting.motion.fit import advice_of, motions_of
         from bayescal.reporting.motion.record import motion_record
 
         record = motion_record(self._new())
@@ -57,7 +57,7 @@ class MotionGapResult(Diagnosis):
 
         Returns the names of what was written. The page draws its figures itself.
         """
-        from bayescal.reporting.motion.plan import files_of
+        from bayescal.reporting.motion.fit import files_of
         from bayescal.reporting.motion.record import write_motion
 
         further = {} if self.plan is None else files_of(self.plan)
@@ -174,13 +174,13 @@ class MotionPlanResult(Result):
     data: MotionPlan | None = None
 
     def _contents(self) -> Json:
-        from bayescal.reporting.motion.plan import plan_record
+        from bayescal.reporting.motion.fit import plan_record
 
         return plan_record(self._new())
 
     def report(self) -> RenderableType:
         """The summary, to be printed by a `rich.console.Console`."""
-        from bayescal.reporting.motion.plan import plan_summary
+        from bayescal.reporting.motion.fit import plan_summary
 
         return plan_summary(self.record)
 
@@ -192,7 +192,7 @@ class MotionPlanResult(Result):
 
         Programs, and options of probing, are of plans of contacts and are refused.
         """
-        from bayescal.reporting.motion.plan import write_plan
+        from bayescal.reporting.motion.fit import write_plan
 
         refuse(
             "a plan of motions", MotionPlanResult.save, formats=tuple(formats), probe_input=probe_input,

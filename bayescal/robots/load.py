@@ -23,9 +23,8 @@ import numpy as np
 
 from bayescal.arm.chain import Robot, chain_of, frames
 from bayescal.errors import BayescalError
-from bayescal.robots.markup import LARGEST, refuse_network
 from bayescal.robots.schema import SCHEMA, robot_from
-from bayescal.robots.urdf import robot_from_urdf
+from bayescal.robots.urdf import LARGEST, refuse_network, robot_from_urdf
 from bayescal.storage.files import check_schema, read_document
 from bayescal.storage.reading import check_inside, decoded
 

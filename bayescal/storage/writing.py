@@ -1,15 +1,20 @@
 """YAML that is written: numbers and texts, entries on one line, and keys with a value or a block below each.
 
 Values are texts already: what is between a key and the end of its line.
+
+Text that is written from templates of Jinja, in the folder `templates` beside a module.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import yaml
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from bayescal.storage.files import si
 
@@ -64,3 +69,12 @@ def block_lines(block: Block, indent: str = "") -> Iterator[str]:
             yield from (key, *block_lines(value, f"{indent}  "))
         elif value:
             yield from (key, *(f"{indent}  - {entry}" for entry in value))
+
+
+def templates_beside(module: str, filters: Mapping[str, Callable[..., Any]], **syntax: Any) -> Environment:
+    """The templates beside the file of a module; `syntax` as of `jinja2.Environment`."""
+    usual = {"trim_blocks": True, "lstrip_blocks": True, "keep_trailing_newline": True}
+    loader = FileSystemLoader(Path(module).parent / "templates")
+    out = Environment(loader=loader, undefined=StrictUndefined, **usual | syntax)
+    out.filters |= filters
+    return out

@@ -24,8 +24,8 @@ from bayescal.exporting.sidecar import AGAIN, mujoco, pinocchio, read_sidecar, s
 from bayescal.fitted.arm import FittedArm, refitted
 from bayescal.fitted.file import open_run
 from bayescal.fitted.unmodelled import state_row
-from bayescal.robots.markup import parse_markup
 from bayescal.robots.tree import BETWEEN
+from bayescal.robots.urdf import parse_markup
 from bayescal.storage.reading import decoded
 from bayescal.verifying.gap import After, Before, Gap, in_simulator, read_reported, simulated_gap
 from bayescal.verifying.simulator import File, Level, chosen, levels, limit, modelled

@@ -22,7 +22,7 @@ from bayescal.exporting.mjcf.scene_arm import compiled
 from bayescal.exporting.sidecar import mujoco
 from bayescal.exporting.written import IN_F0
 from bayescal.fitted.arm import NOMINAL, FittedArm
-from bayescal.robots.markup import parse_markup
+from bayescal.robots.urdf import parse_markup
 
 RAMP = 120
 """Steps, with the time step of the file, of the motion before a pose."""

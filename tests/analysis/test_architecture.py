@@ -34,7 +34,7 @@ def test_lines_with_code_are_counted():
     [
         ("bayescal.arm.chain", "arm"),
         ("bayescal.errors", "errors"),
-        ("factors.plane", "factors"),
+        ("factors.surfaces", "factors"),
         ("bayescal", "bayescal"),
     ],
 )

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from camera_sessions import BOARD, camera_session
 
-from bayescal.assess.board_points import blurred, displaced, lost_images
+from bayescal.assess.images import blurred, displaced, lost_images
 from bayescal.effects import Circumstances
 from bayescal.estimate import estimate
 from bayescal.gap.search.image_cells import of_points

@@ -20,11 +20,10 @@ from scipy.stats import t as student
 from sessions import with_columns
 
 from bayescal.assess.budget import budget, headline
-from bayescal.assess.conformance import FAIL, OPEN, PASS, conformance
+from bayescal.assess.conformance import FAIL, OPEN, PASS, conformance, iso9283
 from bayescal.assess.findings import reliability
 from bayescal.assess.identifiability import directions
 from bayescal.assess.inputs import UNEXPLAINED, Basis
-from bayescal.assess.iso9283 import iso9283
 from bayescal.assess.measurand import certified_distances, distance, distances, volume
 from bayescal.calibration import fit
 from bayescal.estimate import calibrated
@@ -392,7 +391,7 @@ def test_u_of_mean_and_maximum_by_draws(cycled, simulated_fit, monkeypatch):
     # some longer and some shorter, with errors in common as of a ball that ends two of them
     shared = (m.own[0][0], 1e-6 * rng.standard_normal((len(m.values), 2)))
     m = replace(m, values=tuple(abs(v) * (-1) ** k for k, v in enumerate(m.values)), own=(*m.own, shared))
-    monkeypatch.setattr("bayescal.assess.iso9283.distances", lambda *given: m)
+    monkeypatch.setattr("bayescal.assess.conformance.distances", lambda *given: m)
     (figure,) = (f for f in iso9283(basis).figures if f.symbol == "AD")
     own = [by for source, by in m.own if source.group != UNEXPLAINED]
     off = sum(1e-4 * rng.standard_normal((4000, by.shape[1])) @ by.T for by in own)

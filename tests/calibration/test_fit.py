@@ -14,8 +14,8 @@ from typer.testing import CliRunner
 
 from bayescal.arm.chain import chain_of, link_angles, points
 from bayescal.assess.acceptance import EXPLAINED
-from bayescal.assess.completed import completed
 from bayescal.assess.identifiability import identifiability
+from bayescal.assess.shared_causes import completed
 from bayescal.calibration import fit
 from bayescal.cli import app
 from bayescal.dataset import Certificate, read_dataset

@@ -13,7 +13,7 @@ from bayescal.arm.motion import NominalArm
 from bayescal.arm.transforms import rigid, rpy_matrix
 from bayescal.compensating.position import Frame, Region, expanded, frame_of, positions
 from bayescal.compensating.solve import compensated
-from bayescal.dataset.append import taken
+from bayescal.dataset.write import taken
 from bayescal.errors import BayescalError
 from bayescal.fitted.arm import of_fit
 from bayescal.fitted.gate import Use

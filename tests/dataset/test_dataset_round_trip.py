@@ -12,9 +12,9 @@ from sessions import with_columns
 from tiny_dataset import SETTINGS, TABLE, write
 
 from bayescal.dataset import Dataset, Record, Target, Tool, read_dataset, write_dataset
-from bayescal.dataset.append import followed, taken
 from bayescal.dataset.join import PAUSE, joined
 from bayescal.dataset.types import ROLES, Certificate, Measurements, Noise, Points
+from bayescal.dataset.write import followed, taken
 from bayescal.errors import BayescalError
 from bayescal.model.scene import Scene
 from bayescal.robots import load_robot

@@ -9,8 +9,8 @@ from camera_sessions import SIZE, camera_session
 from sessions import with_columns
 
 from bayescal.dataset import read_dataset, write_dataset
+from bayescal.dataset.image_changes import impossible, odd_images
 from bayescal.dataset.image_checks import misfit
-from bayescal.dataset.one_image import impossible, odd_images
 from bayescal.dataset.plausibility import explanation
 from bayescal.errors import BayescalError
 

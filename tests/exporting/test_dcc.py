@@ -9,7 +9,7 @@ import pytest
 from cases import DATA, cases, file_text
 
 import bayescal as bc
-from bayescal.assess.iso9283 import iso9283
+from bayescal.assess.conformance import iso9283
 from bayescal.exporting.dcc import DCC, SI, dcc, in_digits, read_entries
 
 OURS = DATA / "dcc" / "dcc.xsd"

@@ -7,16 +7,11 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from factors.camera import Camera
-from factors.cylinder import Cylinder
-from factors.distance import Distance
-from factors.fixed_point import FixedPoint
-from factors.instrument import Instrument
+from factors.camera import FISHEYE, PINHOLE, Camera, Lens
+from factors.instrument import Instrument, Orientation
 from factors.kind import Kind, dot, tangents, tilted
-from factors.lens import FISHEYE, PINHOLE, Lens
-from factors.orientation import Orientation
-from factors.plane import Plane
-from factors.sphere import Sphere
+from factors.pivots import Distance, FixedPoint
+from factors.surfaces import Cylinder, Plane, Sphere
 from factors.turns import inverse_left_jacobian, left_jacobian, rotation_vector, turned
 
 COUNT = 40

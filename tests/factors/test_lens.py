@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from camera_sessions import pose
 
-from factors.camera import Camera
-from factors.lens import FISHEYE, PINHOLE, Lens
+from factors.camera import FISHEYE, PINHOLE, Camera, Lens
 
 FOCAL, CENTRE = np.array([910.0, 905.0]), np.array([645.0, 355.0])
 LENSES = [

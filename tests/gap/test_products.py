@@ -9,7 +9,7 @@ from gap_problems import Bench
 from sessions import with_columns
 
 from bayescal.arm.motion import CONTACT
-from bayescal.assess.completed import Completed
+from bayescal.assess.shared_causes import Completed
 from bayescal.effects.common import tilts
 from bayescal.effects.location import BASE, PROBE, TOOL, Driver, joint, link
 from bayescal.estimate import calibrated

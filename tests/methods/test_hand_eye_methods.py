@@ -8,7 +8,7 @@ from camera_sessions import ON_FLANGE, camera_session
 
 from bayescal.calibration import fit
 from bayescal.methods.compare import compare
-from bayescal.methods.hand_eye import SOLVERS, on_flange
+from bayescal.methods.published import SOLVERS, on_flange
 from bayescal.model.scene import Scene
 
 pytest.importorskip("cv2")

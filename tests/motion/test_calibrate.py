@@ -16,8 +16,7 @@ from bayescal.errors import BayescalError
 from bayescal.logs import read_log
 from bayescal.logs.mechanism import PAIRS, inertial, with_bodies
 from bayescal.logs.read import written_out
-from bayescal.logs.schema import Arm
-from bayescal.logs.write import arm_text
+from bayescal.logs.schema import Arm, arm_text
 from bayescal.motion import calibrate as calibration
 from bayescal.motion.calibrate import calibrate
 from bayescal.motion.estimate import of_role

@@ -17,8 +17,7 @@ from bayescal.errors import BayescalError
 from bayescal.exporting.log_arm import FORMATS, LogExport, drives_of, export_log, text_of
 from bayescal.exporting.sidecar import mujoco
 from bayescal.logs.read import written_out
-from bayescal.logs.schema import Arm
-from bayescal.logs.write import arm_text
+from bayescal.logs.schema import Arm, arm_text
 from bayescal.robots.urdf import robot_from_urdf
 from bayescal.verifying.log import COPY
 

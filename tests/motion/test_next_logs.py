@@ -9,7 +9,7 @@ from bayescal.motion.cells import UNKNOWN, Ranges, cells
 from bayescal.motion.effects import Form, Scale
 from bayescal.motion.next_logs import TO_DO, to_do
 from bayescal.preparing.next_motions import Bounds, MotionPlan
-from bayescal.reporting.motion.plan import plan_record
+from bayescal.reporting.motion.fit import plan_record
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ import pytest
 from simulated_pools import MODEL, every, linear, mixed, pool, pool_of
 
 from bayescal.dataset import Measurements, Noise
-from bayescal.dataset.append import taken
+from bayescal.dataset.write import taken
 from bayescal.errors import BayescalError
 from bayescal.estimate import linearise, unit_weights
 from bayescal.model import ARM, Scene, build

@@ -16,7 +16,7 @@ from probing_cell import cell_of, on_planes
 from urscript_interpreter import Program
 
 import bayescal as bc
-from bayescal.dataset.append import taken
+from bayescal.dataset.write import taken
 from bayescal.importing import Request, convert
 from bayescal.programs.motions import guarded
 from bayescal.programs.probing import FORMATS, Probe

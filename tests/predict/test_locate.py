@@ -31,11 +31,9 @@ from bayescal.predict.forecast import forecast
 from bayescal.predict.locate import Rows, States, _check, locate, robust_rows, search
 from bayescal.predict.targets import unknown_tool
 from bayescal.predict.validation import Validation, validate
-from factors.cylinder import Cylinder
-from factors.distance import Distance
-from factors.fixed_point import FixedPoint
 from factors.instrument import Instrument
-from factors.sphere import Sphere
+from factors.pivots import Distance, FixedPoint
+from factors.surfaces import Cylinder, Sphere
 
 CENTRE, DIAMETER, RADIUS = np.array([0.4, -0.1, 0.2]), 50.8e-3, 3e-3
 

@@ -19,7 +19,7 @@ from bayescal.motion.signals import derivative
 from bayescal.preparing.joint_facts import joints_of
 from bayescal.preparing.joint_log import check_log
 from bayescal.preparing.next_motions import FAST, MARGIN, SLOW, Bounds, next_motions
-from bayescal.reporting.motion.plan import COMMANDS, PURPOSES, files_of
+from bayescal.reporting.motion.fit import COMMANDS, PURPOSES, files_of
 
 
 def quick(rng):

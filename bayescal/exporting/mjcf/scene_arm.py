@@ -23,7 +23,7 @@ from bayescal.errors import BayescalError, listed
 from bayescal.exporting.same_arm import FileArm, Match, match
 from bayescal.exporting.sidecar import mujoco
 from bayescal.exporting.xml_text import XmlText
-from bayescal.robots.markup import LARGEST, refuse_network
+from bayescal.robots.urdf import LARGEST, refuse_network
 from bayescal.storage.reading import decoded
 
 

@@ -15,7 +15,7 @@ from scipy.linalg import block_diag, solve_triangular
 from bayescal.arm.chain import by_joints, wrenches
 from bayescal.arm.statics import Stance
 from bayescal.dataset import Dataset, Measurements
-from bayescal.dataset.append import appended
+from bayescal.dataset.write import appended
 from bayescal.effects import EFFECTS, Parameter, parameters_of
 from bayescal.effects.selection import in_proportion
 from bayescal.estimate import Estimate

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 import numpy as np
 
 from bayescal.arm.chain import Robot
-from bayescal.assess import board_points
+from bayescal.assess import images
 from bayescal.assess.undetermined import Undetermined
 from bayescal.dataset import Dataset
 from bayescal.dataset.cameras import FIXED
@@ -188,8 +188,8 @@ def warnings(
     if count := len(after.rejected):
         was = "rows were excluded as outliers" if count > 1 else "row was excluded as an outlier"
         out.append(f"{count} calibration {was}")
-    out += [board.words for board in board_points.displaced(before)]
-    out += [words for words in [board_points.blurred(before)] if words]
+    out += [board.words for board in images.displaced(before)]
+    out += [words for words in [images.blurred(before)] if words]
     out += [words for state in (copies, rounded) if (words := state(before.model.scene.dataset))]
     out += [u.words for u in lacking if u.matters]
     if not before.model.knows_length:

@@ -11,7 +11,7 @@ from itertools import compress
 
 import numpy as np
 
-from bayescal.assess.completed import completed
+from bayescal.assess.shared_causes import completed
 from bayescal.effects import EFFECTS, Circumstances, Effect, Setting
 from bayescal.effects.selection import Selection, driver_words, plain, shortest
 from bayescal.estimate import Estimate, calibrated

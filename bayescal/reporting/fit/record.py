@@ -11,8 +11,7 @@ import numpy as np
 from bayescal.assess.acceptance import Acceptance
 from bayescal.assess.agreement import Agreement
 from bayescal.assess.budget import COVERAGE, usual
-from bayescal.assess.conformance import Tolerance
-from bayescal.assess.iso9283 import iso9283
+from bayescal.assess.conformance import Tolerance, iso9283
 from bayescal.calibration import Fit, ModelLevel
 from bayescal.dataset import Dataset
 from bayescal.exporting.hand_eye import hand_eye_records

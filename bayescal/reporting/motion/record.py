@@ -11,8 +11,8 @@ import numpy as np
 from bayescal.dataset.types import Record
 from bayescal.exporting.log_arm import ARM_FILE
 from bayescal.logs import Log, Mechanism
+from bayescal.logs.schema import arm_text
 from bayescal.logs.types import SERVO, TORQUE
-from bayescal.logs.write import arm_text
 from bayescal.motion.effects import EFFECTS, Form, at_speed
 from bayescal.motion.result import Amplitude, MotionGap, Place
 from bayescal.motion.search import Hypothesis

@@ -27,7 +27,7 @@ from bayescal.errors import BayescalError
 from bayescal.reporting.shared.sheet import Sheet
 from bayescal.storage.folders import check_unchanged
 from bayescal.storage.reading import Json, read_record, run_record
-from bayescal.storage.templates import templates_beside
+from bayescal.storage.writing import templates_beside
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ import pytest
 from analysis.fuzz.commands import command
 from bayescal.compensating.compensation import compensate_file
 from bayescal.errors import BayescalError
-from bayescal.exporting import ur_yaml
+from bayescal.exporting import offsets
 from bayescal.exporting.mjcf.scene_arm import read_scene
 from bayescal.fitted.file import read_arm
 from bayescal.importing import log
@@ -97,7 +97,7 @@ def test_text_around_a_scene_is_kept_whatever_it_says(tmp_path):
     [
         ("kinematics: " + "[" * 20_000, "more than 30 levels"),
         ("kinematics:\n" + "".join(
-            f"  {link}: {{x: .nan, y: 0, z: 0, roll: 0, pitch: 0, yaw: nan}}\n" for link in ur_yaml.LINKS
+            f"  {link}: {{x: .nan, y: 0, z: 0, roll: 0, pitch: 0, yaw: nan}}\n" for link in offsets.LINKS
         ) + "  hash: a\n", "no calibration of ur_robot_driver"),
     ],
     ids=["levels", "nan"],
@@ -105,7 +105,7 @@ def test_text_around_a_scene_is_kept_whatever_it_says(tmp_path):
 def test_a_calibration_of_a_ur_that_is_refused(tmp_path, text, words):
     (tmp_path / "mine.yaml").write_text(text)
     with pytest.raises(BayescalError, match=words):
-        ur_yaml._read(str(tmp_path / "mine.yaml"))
+        offsets._read(str(tmp_path / "mine.yaml"))
 
 
 @pytest.mark.parametrize("name", [LIST, "fit.json"])
