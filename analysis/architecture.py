@@ -55,7 +55,7 @@ def code_lines(source: str) -> int:
 
 
 def room_of(module: str) -> str:
-    """The room of a module: `arm` of `bayescal.arm.chain`, `factors` of `factors.surfaces`."""
+    """The room of a module: `arm` of `bayescal.arm.chain`, `factors` of `factors.contacts`."""
     package, _, inside = module.partition(".")
     return inside.partition(".")[0] if package == "bayescal" and inside else package
 

@@ -32,7 +32,7 @@ from bayescal.posterior import gaussian
 from bayescal.predict.crossvalidation import inside95
 from bayescal.predict.forecast import DistanceErrors, forecast
 from bayescal.predict.validation import Validation, validate
-from factors.pivots import FixedPoint
+from factors.contacts import FixedPoint
 
 MM, UM = 1e3, 1e6
 NOMINAL, BASE_TOOL, WITH_FORM, NAMED = "nominal", "base+tool", "form", "named"

@@ -17,8 +17,8 @@ from collections.abc import Callable
 
 import numpy as np
 
+from factors.contacts import Cylinder, Sphere
 from factors.kind import Feature, Kind, direction, feature, tangents
-from factors.surfaces import Cylinder, Sphere
 
 Values = tuple[np.ndarray, tuple[np.ndarray | None, ...]]
 Relation = Callable[[Feature, Feature], Callable[[Feature, Feature], Values]]

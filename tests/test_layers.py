@@ -25,7 +25,7 @@ BREACHES = [
     ("bayescal.arm.statics", "factors.kind", "arm"),
     ("bayescal.effects.geometry", "gtsam", "arm"),
     ("bayescal.estimate.estimate", "gtsam", "graph"),
-    ("factors.surfaces", "gtsam", "graph"),
+    ("factors.contacts", "gtsam", "graph"),
     ("bayescal.model.model", "arviz", "sampler"),
     ("bayescal.estimate.estimate", "emcee", "sampler"),
     ("analysis.world.build", "bayescal.arm.chain", "world"),

@@ -14,7 +14,7 @@ from bayescal.dataset import Dataset, read_dataset
 from bayescal.estimate import Estimate, Weights, estimate, unit_weights
 from bayescal.model import Block, Model, build
 from bayescal.model.scene import Scene
-from factors.surfaces import Plane
+from factors.contacts import Plane
 
 EFFECTS = ("geometry", "compliance")
 MOST = 500  # contacts

@@ -1,6 +1,6 @@
 """Faces, their certificates and contacts on plain arrays: what the peers share, in NumPy or in JAX.
 
-A second writing of `factors.surfaces` and `factors.certificate`; the tests hold the two together.
+A second writing of `factors.contacts` and `factors.certificate`; the tests hold the two together.
 """
 
 from __future__ import annotations

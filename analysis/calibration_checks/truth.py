@@ -27,7 +27,7 @@ from bayescal.model import ARM, Model, build
 from bayescal.model.scene import Scene
 from bayescal.simulation import Options, World, state_of, touch
 from bayescal.simulation.record import OUTLIER, distance_certificates, true_targets
-from factors.surfaces import Plane
+from factors.contacts import Plane
 
 MODEL = ("geometry", "compliance")
 SPREAD = {"m": 1e-3, "rad": 2e-3}

@@ -21,10 +21,9 @@ from bayescal.dataset.regions import Probing, vector
 from bayescal.dataset.types import Dataset, Target
 from bayescal.storage.files import NotNegative, Number, Positive, Vector
 from factors.camera import Camera
+from factors.contacts import Cylinder, Distance, FixedPoint, Plane, Sphere
 from factors.instrument import Instrument
 from factors.kind import Kind
-from factors.pivots import Distance, FixedPoint
-from factors.surfaces import Cylinder, Plane, Sphere
 
 if TYPE_CHECKING:
     from bayescal.dataset.table import Table

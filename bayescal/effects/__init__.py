@@ -25,14 +25,21 @@ from bayescal.effects.location import Driver, Site
 from bayescal.effects.lost_motion import BACKLASH, HYSTERESIS
 from bayescal.effects.plane_form import PLANE_FORM
 from bayescal.effects.probe import ARTEFACT, BALL_RADIUS, LOBING
-from bayescal.effects.readings import COUPLING, ECCENTRICITY, ENCODER_SCALE, GEAR_MESH, SECOND_HARMONIC
-from bayescal.effects.registry import Vocabulary
-from bayescal.effects.selection import Selection, positive
+from bayescal.effects.readings import (
+    ANGULAR_MOTION,
+    COUPLING,
+    ECCENTRICITY,
+    ENCODER_SCALE,
+    GEAR_MESH,
+    POSITIONING,
+    SECOND_HARMONIC,
+    STRAIGHTNESS,
+)
+from bayescal.effects.selection import Selection, Vocabulary, positive
 from bayescal.effects.sizes import Size
 from bayescal.effects.step import STEP
 from bayescal.effects.thermal_drift import THERMAL_DRIFT
 from bayescal.effects.timing import LATENCY, UNSETTLED
-from bayescal.effects.travel import ANGULAR_MOTION, POSITIONING, STRAIGHTNESS
 from bayescal.effects.vocabulary import (
     UNITS,
     CertifiedValue,

@@ -16,7 +16,7 @@ from bayescal.methods.published import Method, is_plane
 from bayescal.methods.solving import Rows, RowsOf, part
 from bayescal.model import Block, Model
 from bayescal.predict.errors import by_points
-from factors.surfaces import Plane
+from factors.contacts import Plane
 
 DEALS = 4
 """How many times the contacts of a face are dealt out to triplets, each time from other thirds."""

@@ -44,7 +44,7 @@ from bayescal.model.model import KNOWN_PLACE
 from bayescal.model.options import USUAL
 from bayescal.model.scene import Scene
 from factors.camera import Camera
-from factors.surfaces import Plane
+from factors.contacts import Plane
 from factors.turns import rotation_vector
 
 

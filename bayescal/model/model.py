@@ -22,12 +22,12 @@ from bayescal.effects import UNITS, Parameter, parameters_of
 from bayescal.errors import BayescalError
 from bayescal.model.block import ARM, Block, Constraint, Posed, Turned, sigma
 from bayescal.model.options import USUAL, FitOptions, kept
+from bayescal.model.parts import POINTS, u_of
 from bayescal.model.scene import Scene
-from bayescal.model.statements import POINTS, u_of
 from factors import certificate
+from factors.contacts import Cylinder, Sphere
 from factors.kind import Kind
 from factors.points import certified_points
-from factors.surfaces import Cylinder, Sphere
 
 ORIENTATION = "orientation"
 """Noise group of all orientations."""

@@ -16,14 +16,12 @@ from bayescal.dataset.target_kinds import TargetKind, kinds_of, seen
 from bayescal.effects import CertifiedValue, Circumstances, Face, Session
 from bayescal.errors import BayescalError
 from bayescal.model import block
-from bayescal.model.cached import posed_rowwise, rowwise, unposed
-from bayescal.model.statements import STATED, u_of
-from bayescal.model.views import as_seen, blur_of, views_of
+from bayescal.model.parts import STATED, as_seen, blur_of, posed_rowwise, rowwise, u_of, unposed, views_of
 from factors.certificate import RELATIONS, ordered
+from factors.contacts import Plane
 from factors.instrument import Instrument, Orientation
 from factors.kind import Kind
 from factors.points import Shape, shape
-from factors.surfaces import Plane
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from bayescal.model import ARM, Model
 from bayescal.planning.pool import Linearised, Pool
 from bayescal.predict import targets
 from bayescal.predict.errors import evenly, far_pairs, slopes
-from bayescal.probing.arm import Arm
+from bayescal.probing.motions import Arm
 
 CERTIFIED, VOLUME = "certified distances", "volume of interest"
 REGION, POSES = "region of the contacts", "given poses"

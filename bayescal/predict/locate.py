@@ -16,10 +16,9 @@ from bayescal.arm.transforms import rigid_alignment
 from bayescal.errors import BayescalError
 from bayescal.estimate.estimate import LARGEST_STEP
 from bayescal.estimate.outliers import rejected, scale, student_weights
+from factors.contacts import Cylinder, Distance, Sphere
 from factors.instrument import Instrument
 from factors.kind import Kind
-from factors.pivots import Distance
-from factors.surfaces import Cylinder, Sphere
 from factors.turns import rotation_vector
 
 

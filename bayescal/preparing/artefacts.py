@@ -19,8 +19,8 @@ from bayescal.dataset import Certificate, Patch, Target
 from bayescal.dataset.artefact import ArtefactFile
 from bayescal.dataset.schema import file_model
 from bayescal.errors import BayescalError
-from bayescal.probing.arm import Arm
 from bayescal.probing.artefacts import LARGE, U_ANGLE, U_DISTANCE, U_SPHERE, Cube, Scenery, Sizes
+from bayescal.probing.motions import Arm
 from bayescal.probing.placement import cube_of, placement
 from bayescal.robots.schema import RobotFile
 from bayescal.storage.files import Keys, stem_of

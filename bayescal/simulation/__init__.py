@@ -20,7 +20,7 @@ from bayescal.robots import load_robot, only_one_arm
 from bayescal.simulation.record import Simulated, distance_certificates, document, draws, noise, true_targets
 from bayescal.simulation.session import Options, plan
 from bayescal.statistics import stream
-from factors.surfaces import Plane
+from factors.contacts import Plane
 
 __all__ = ["Options", "Simulation", "World", "misstated", "simulate", "state_of", "touch"]
 

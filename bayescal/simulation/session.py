@@ -13,9 +13,9 @@ from bayescal.dataset import Certificate, Dataset, Measurements, Noise
 from bayescal.effects import BASELINE, EFFECTS
 from bayescal.effects.selection import plain
 from bayescal.errors import BayescalError
-from bayescal.probing.arm import Arm
 from bayescal.probing.artefacts import U_ANGLE, U_DISTANCE, U_SPHERE, Scenery, Sizes, sphere_names
 from bayescal.probing.contacts import Contacts
+from bayescal.probing.motions import Arm
 from bayescal.probing.placement import among, cube_of, on_face, placement
 from bayescal.robots import builtin_robots
 from bayescal.statistics import stream

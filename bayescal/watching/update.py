@@ -25,10 +25,10 @@ from bayescal.effects.selection import plain
 from bayescal.estimate import STATED_WORTH, Estimate, estimate, unit_weights
 from bayescal.estimate.solver import Evaluations, factored, linearise, rescaled_weights, solved
 from bayescal.model import ARM, FitOptions, Model
-from bayescal.model.cached import continued
 from bayescal.model.equilibrium import by_name, standing
 from bayescal.model.model import length_blocks, with_parameters
 from bayescal.model.options import kept
+from bayescal.model.parts import continued
 from bayescal.model.scene import Scene
 from bayescal.predict.errors import slopes
 from bayescal.predict.forecast import workspace

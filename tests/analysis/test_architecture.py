@@ -34,7 +34,7 @@ def test_lines_with_code_are_counted():
     [
         ("bayescal.arm.chain", "arm"),
         ("bayescal.errors", "errors"),
-        ("factors.surfaces", "factors"),
+        ("factors.contacts", "factors"),
         ("bayescal", "bayescal"),
     ],
 )

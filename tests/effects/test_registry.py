@@ -15,7 +15,7 @@ from sessions import circumstances, plain, with_columns
 from bayescal import effects
 from bayescal.arm.chain import frames, link_angles, points
 from bayescal.arm.transforms import AXES, rigid, rpy_matrix
-from bayescal.effects import EFFECTS, MODELS, Effect, Parameter, Term, confusable, parameters_of, registry
+from bayescal.effects import EFFECTS, MODELS, Effect, Parameter, Term, confusable, parameters_of, selection
 from bayescal.effects.gravity import compliances
 from bayescal.effects.location import Driver, face, joint, link
 from bayescal.effects.selection import Selection, shortest
@@ -127,8 +127,8 @@ def offered(monkeypatch, tmp_path, source, *names):
         calls.append(group)
         return [EntryPoint(name, f"{module}:{name}", group) for name in names]
 
-    monkeypatch.setattr(registry, "entry_points", found)
-    return registry.Vocabulary(EFFECTS.values(), ("tool",)), calls
+    monkeypatch.setattr(selection, "entry_points", found)
+    return selection.Vocabulary(EFFECTS.values(), ("tool",)), calls
 
 
 OFFER = """

@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 
 from factors.certificate import Certificate, diameter, join
+from factors.contacts import Cylinder, Distance, FixedPoint, Plane, Sphere
 from factors.instrument import Instrument
 from factors.kind import tangents
-from factors.pivots import Distance, FixedPoint
-from factors.surfaces import Cylinder, Plane, Sphere
 from factors.turns import turned as rotation
 
 U_ANGLE, U_DISTANCE, SIDE = 1.2e-5, 3e-6, 0.2286

@@ -8,10 +8,9 @@ import pytest
 from scipy.stats import chi2
 
 from factors.camera import FISHEYE, PINHOLE, Camera, Lens
+from factors.contacts import Cylinder, Distance, FixedPoint, Plane, Sphere
 from factors.instrument import Instrument, Orientation
 from factors.kind import Kind, dot, tangents, tilted
-from factors.pivots import Distance, FixedPoint
-from factors.surfaces import Cylinder, Plane, Sphere
 from factors.turns import inverse_left_jacobian, left_jacobian, rotation_vector, turned
 
 COUNT = 40

@@ -8,8 +8,7 @@ import numpy as np
 from bayescal.arm.chain import chain_of, frames
 from bayescal.arm.transforms import rigid, rpy_matrix, rpy_of
 from bayescal.dataset import Measurements, Noise, Target, Tool
-from factors.pivots import Distance, FixedPoint
-from factors.surfaces import Cylinder, Sphere
+from factors.contacts import Cylinder, Distance, FixedPoint, Sphere
 from factors.turns import turned
 
 MIDDLE = np.array([0.45, 0.0, 0.3])

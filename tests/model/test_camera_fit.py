@@ -10,8 +10,8 @@ from bayescal.effects import imaging
 from bayescal.estimate import estimate
 from bayescal.model import ARM, build
 from bayescal.model.model import with_parameters
+from bayescal.model.parts import view
 from bayescal.model.scene import Scene
-from bayescal.model.views import view
 from factors.turns import rotation_vector
 
 

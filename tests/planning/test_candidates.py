@@ -28,9 +28,9 @@ from bayescal.planning.pool import Pool, Setup, linearised
 from bayescal.planning.search import EACH, TILT
 from bayescal.planning.setup import continued, read_setup
 from bayescal.predict.targets import as_certified, located_target
-from bayescal.probing.arm import Arm
 from bayescal.probing.clearance import RETRACT, Clearance
 from bayescal.probing.contacts import FASTEST
+from bayescal.probing.motions import Arm
 
 KG = 2.0
 

@@ -31,9 +31,8 @@ from bayescal.predict.forecast import forecast
 from bayescal.predict.locate import Rows, States, _check, locate, robust_rows, search
 from bayescal.predict.targets import unknown_tool
 from bayescal.predict.validation import Validation, validate
+from factors.contacts import Cylinder, Distance, FixedPoint, Sphere
 from factors.instrument import Instrument
-from factors.pivots import Distance, FixedPoint
-from factors.surfaces import Cylinder, Sphere
 
 CENTRE, DIAMETER, RADIUS = np.array([0.4, -0.1, 0.2]), 50.8e-3, 3e-3
 

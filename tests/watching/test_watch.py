@@ -15,8 +15,8 @@ from bayescal.dataset import read_dataset
 from bayescal.dataset.write import write_dataset
 from bayescal.errors import BayescalError
 from bayescal.model import ARM
-from bayescal.model.cached import continued
 from bayescal.model.model import with_parameters
+from bayescal.model.parts import continued
 from bayescal.model.scene import Scene
 from bayescal.watching import update
 from bayescal.watching.update import Contact

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bayescal.errors import BayescalError
-from bayescal.reporting.figures import arm, distances, parameters, residuals, where
+from bayescal.reporting.figures import distances, parameters, residuals, where
 from bayescal.reporting.figures.parameters import Draws
 from bayescal.reporting.figures.sheet import WIDTH, Panel, into, sheet
 from bayescal.reporting.shared.style import DPI, drawing
@@ -29,7 +29,7 @@ Content = tuple[Sequence[str], Sequence[Sequence[Panel]]]
 
 
 def _where(record: Json) -> Content:
-    rows = [[where.places_panel(record), *([arm.arm_panel(record)] if "rows" in record else [])]]
+    rows = [[where.places_panel(record), *([residuals.arm_panel(record)] if "rows" in record else [])]]
     curves = [where.curve_panel(curve) for curve in where.drawn_curves(record)]
     return record["words"], [*rows, *([curves] if curves else [])]
 
@@ -75,7 +75,7 @@ def _validated(record: Json, some: bool) -> None:
 
 def _arm(record: Json) -> Content:
     _needs(record, "rows", "arm")
-    return [str(record["arm"]["robot"])], [[arm.arm_panel(record)]]
+    return [str(record["arm"]["robot"])], [[residuals.arm_panel(record)]]
 
 
 def _one(title: str, panels: Callable[[Json], list[Panel]]) -> Callable[[Json], Content]:

@@ -9,7 +9,7 @@ import numpy as np
 from markupsafe import Markup
 
 from bayescal.effects.location import Site
-from bayescal.reporting.figures.arm import marked_sites as figure_sites
+from bayescal.reporting.figures.residuals import marked_sites as figure_sites
 from bayescal.reporting.page import svg
 from bayescal.reporting.page.section import Run
 from bayescal.reporting.shared.body import Outline, View, joints_of, of_units, outlines, posed, typical
