@@ -10,13 +10,15 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import yaml
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from bayescal.storage.files import si
+
+if TYPE_CHECKING:
+    from jinja2 import Environment
 
 Keys = Iterable[tuple[str, str]]
 """Keys of an entry with their values as text."""
@@ -73,6 +75,8 @@ def block_lines(block: Block, indent: str = "") -> Iterator[str]:
 
 def templates_beside(module: str, filters: Mapping[str, Callable[..., Any]], **syntax: Any) -> Environment:
     """The templates beside the file of a module; `syntax` as of `jinja2.Environment`."""
+    from jinja2 import Environment, FileSystemLoader, StrictUndefined  # slow to import
+
     usual = {"trim_blocks": True, "lstrip_blocks": True, "keep_trailing_newline": True}
     loader = FileSystemLoader(Path(module).parent / "templates")
     out = Environment(loader=loader, undefined=StrictUndefined, **usual | syntax)

@@ -35,8 +35,8 @@ BLIND = 4
 MARGINS = 3
 ADVICE = 3
 LEAST_PROBABILITY = 0.01
-NOISE_FROM = {"repeats": "repeated contacts", "fit": "the fit", "stated": "dataset.yaml"}
-NOISE_FROM |= {"images": "corners within images"}
+NOISE_FROM = {"repeats": "repeated contacts", "images": "corners within images"}
+NOISE_FROM |= {"fit": "the fit", "stated": "dataset.yaml"}
 STYLES = {"null": "bold green", "named": "bold", "ambiguous": "bold yellow", "class": "bold yellow"}
 
 
@@ -81,13 +81,7 @@ def _size(record: Json) -> Facts:
     each = "contact" if of["of"] == VALIDATION_CONTACTS else "point (length)"
     factor, ends = sheets.per_vector(of["of"], sheets.components(record)), size["excess_um"]["interval95"]
     yield "validation", f"{length(of['validation_rms_um'])} µm RMS per {each} ({size['heldout']})", ""
-    words = {
-        "repeats": "repeated contacts",
-        "images": "corners within images",
-        "fit": "the fit",
-        "stated": "dataset.yaml",
-    }
-    source = words.get(size["noise_from"], size["noise_from"])
+    source = NOISE_FROM.get(size["noise_from"], size["noise_from"])
     noise = f"{length(of['noise_um'])} µm per {each}, {interval(size['noise_interval95_um'], factor)}"
     yield "noise", f"{noise} (95 %, from {source})", ""
     excess = f"{length(of['excess_um'])} µm"
