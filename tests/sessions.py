@@ -5,6 +5,7 @@ angle more where two axes should be parallel, joints that turn by torque times c
 slightly turned.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from functools import cache
 from pathlib import Path
@@ -253,14 +254,22 @@ def tracker(seed: int = 0, count: int = 100, noise: float = 10e-6, spread: float
     return SimpleNamespace(dataset=dataset, arm=arm, frame=true)
 
 
-def rough(session, amount):
-    """The session with noise of an amount, m, on +y."""
+def raised(session: Dataset, by: Callable) -> Dataset:
+    """The session whose contacts on +y are off by by(face) (N,), m, along its normal."""
     scene = Scene(session)
     face = next(f for f in scene.circumstances(scene.rows("calibrate")).faces if f.name == "cube.+y")
-    more = amount * np.random.default_rng(4).standard_normal(len(face.rows)) * face.rows
-    readings = session.measurements.readings.copy()
-    readings[:, 0] += more / scene.points[:, 0]
-    return with_columns(session, readings=readings)
+    # turning J1 moves a contact on +y along the normal by its x
+    return misread(session, 1, by(face) * face.rows / scene.points[:, 0])
+
+
+def rough(session: Dataset, amount: float) -> Dataset:
+    """The session with noise of an amount, m, on +y."""
+    return raised(session, lambda face: amount * np.random.default_rng(4).standard_normal(len(face.rows)))
+
+
+def bulging(session: Dataset, amount: float) -> Dataset:
+    """The session with +y bulging by an amount, m."""
+    return raised(session, lambda face: amount * (1 - np.sum(face.place**2, axis=1)))
 
 
 def reflectors(shared: float, seed: int, wave: float = 0.0, stops: int = 20, noise: float = 10e-6) -> Dataset:
@@ -319,6 +328,13 @@ def with_rows(dataset: Dataset, rows: np.ndarray, ids: tuple[str, ...] = ()) -> 
     return replace(dataset, measurements=Measurements(**columns))
 
 
+def of_targets(dataset: Dataset, *names: str) -> Dataset:
+    """A session without rows, with some of its targets and their certificates."""
+    targets = tuple(t for t in dataset.targets if t.name in names)
+    certificates = tuple(c for c in dataset.certificates if {*c.targets} <= {*names})
+    return replace(dataset, targets=targets, certificates=certificates)
+
+
 def geared(dataset: Dataset) -> Dataset:
     """The session of a robot whose gear ratios are known: a diagnosis scans none."""
     return replace(dataset, robot=replace(dataset.robot, reductions=np.full(dataset.robot.n, 100.0)))
@@ -328,6 +344,12 @@ def plain(dataset: Dataset) -> Dataset:
     """The same, with no columns of time, motion and temperature: a diagnosis has fewest candidates."""
     absent = dict.fromkeys(("velocity", "command", "torque", "time", "temperature"))
     return with_columns(geared(dataset), **absent)
+
+
+def wavy(dataset: Dataset) -> Dataset:
+    """The session with a wave of joint 5 that no geometry absorbs."""
+    wave = 1e-3 * np.sin(2 * dataset.measurements.readings[:, 4])
+    return with_columns(misread(geared(dataset), 5, wave), command=None)
 
 
 def validating(dataset: Dataset, every: int) -> Dataset:

@@ -7,7 +7,7 @@ from pathlib import Path
 import foreign
 import numpy as np
 import pytest
-from sessions import geared, plain, with_columns, with_rows
+from sessions import misread, plain, wavy, with_rows
 
 from analysis import (
     knock_out,
@@ -121,11 +121,9 @@ def test_a_place_apart_is_predicted_by_the_others(run):
 
 def test_a_place_apart_is_not_fitted(sockets):
     """With the place's readings spoilt, the other places' model stays: what is spoilt shows in full."""
-    m = sockets.measurements
-    there = m.target >= 4
-    readings = m.readings.copy()
-    readings[there, 0] += np.radians(1.0) * np.random.default_rng(0).choice([-1, 1], there.sum())
-    spoilt = with_columns(sockets, readings=readings)
+    there = sockets.measurements.target >= 4
+    signs = np.random.default_rng(0).choice([-1, 1], there.sum())
+    spoilt = misread(sockets, 1, np.radians(1.0) * signs, there)
     clean, bad = (real_sessions.unseen(d, "far", ())["levels"][-1] for d in (sockets, spoilt))
     assert bad["mean_mm"] > 5.0
     assert clean["mean_mm"] < 0.2
@@ -367,16 +365,12 @@ def test_records_that_are_there_are_used(tmp_path, capsys):
 
 
 @pytest.fixture(scope="module")
-def wavy(tracker):
-    """A session of points with a wave of joint 5 that no geometry absorbs."""
-    d = geared(tracker(seed=3, count=80).dataset)
-    readings = d.measurements.readings.copy()
-    readings[:, 4] += 1e-3 * np.sin(2 * readings[:, 4])
-    return with_columns(d, readings=readings, command=None)
+def waved(tracker):
+    return wavy(tracker(seed=3, count=80).dataset)
 
 
-def test_a_half_is_diagnosed_alone_and_predicts_the_other(wavy, monkeypatch):
-    monkeypatch.setattr(real_names, "read_dataset", lambda folder: wavy)
+def test_a_half_is_diagnosed_alone_and_predicts_the_other(waved, monkeypatch):
+    monkeypatch.setattr(real_names, "read_dataset", lambda _: waved)
     found = real_names.made(real_names.Task(Path("arm"), 0, 0))
     (name,) = found["names"]
     assert (found["session"], name["effect"]) == ("arm", "second-harmonic")
@@ -385,21 +379,21 @@ def test_a_half_is_diagnosed_alone_and_predicts_the_other(wavy, monkeypatch):
     assert 0.9 <= found["inside"][1] <= 1.0
 
 
-def test_the_stated_uncertainty_of_a_half_holds_for_the_other(wavy):
-    (one, other) = next(real_halves.splits(wavy)).halves
-    functions = real_halves.families(Scene(wavy).circumstances(np.concatenate([one, other])))
-    found = real_halves.half(wavy, one, other, functions)
+def test_the_stated_uncertainty_of_a_half_holds_for_the_other(waved):
+    (one, other) = next(real_halves.splits(waved)).halves
+    functions = real_halves.families(Scene(waved).circumstances(np.concatenate([one, other])))
+    found = real_halves.half(waved, one, other, functions)
     assert 0.9 <= found.inside[1] <= 1.0
 
 
 # --- Steps added to sessions.
 
 
-def test_a_shifted_base_is_seen_by_an_instrument_and_in_the_readings(wavy, sockets):
+def test_a_shifted_base_is_seen_by_an_instrument_and_in_the_readings(waved, sockets):
     """Both are the same displacement of the arm's points in its frame."""
     by = np.array([3e-4, -2e-4, 5e-4])
-    (t,), row = wavy.targets, 40
-    moved = real_steps.shifted(wavy, row, by).measurements.xyz - wavy.measurements.xyz
+    (t,), row = waved.targets, 40
+    moved = real_steps.shifted(waved, row, by).measurements.xyz - waved.measurements.xyz
     np.testing.assert_allclose(moved[:row], 0.0)
     np.testing.assert_allclose(
         moved[row:] @ rpy_matrix(t.values["rpy"]).T, by + np.zeros((40, 3)), atol=1e-12
@@ -424,11 +418,11 @@ def test_a_step_is_within_the_rows_of_a_target(sockets):
     assert np.linalg.norm(real_steps.direction(sockets, row, 0.5)) == pytest.approx(1.0)
 
 
-def test_detectability_of_a_step(wavy):
+def test_detectability_of_a_step(waved):
     """Of a small shift it is quadratic in its size; the geometry absorbs a part of it."""
-    plain = calibrated(Scene(wavy), ("geometry",))
+    plain = calibrated(Scene(waved), ("geometry",))
     by = np.array([0.0, 0.0, 2e-5])
-    once, twice = (real_steps.detectability(plain, real_steps.shifted(wavy, 40, k * by)) for k in (1, 2))
+    once, twice = (real_steps.detectability(plain, real_steps.shifted(waved, 40, k * by)) for k in (1, 2))
     assert twice == pytest.approx(4.0 * once, rel=0.02)
     whole = 40 * (by[2] / (plain.weights.scale["point"] * 1e-5)) ** 2
     assert 0.1 * whole < once < 0.5 * whole  # no more than one half: the mean is the instrument's

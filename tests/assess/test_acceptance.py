@@ -7,7 +7,7 @@ import foreign
 import numpy as np
 import pytest
 from chances import least, most
-from sessions import with_columns
+from sessions import misread, with_columns
 
 import bayescal as bc
 import bayescal.assess.mistakes as mistakes_module
@@ -244,18 +244,11 @@ def test_a_slip_is_a_stretch_of_time():
     assert cause.p_value < 1e-3
 
 
-def slipped(session, rows, angle):
-    """The session with joint 3 read wrong by an angle, rad, in some rows."""
-    readings = session.measurements.readings.copy()
-    readings[rows, 2] += angle
-    return with_columns(session, readings=readings)
-
-
 def test_rows_that_share_a_cause_stay_in_the_fit_and_outliers_do_not(session, clean):
     calibrate = np.flatnonzero(session.measurements.role == "calibrate")
     stretch, alone = np.arange(125, 145), calibrate[[5, 60, 180, 220]]
-    outliers = fit(slipped(session, alone, 1e-3), FULL, samples=0)
-    event = fit(slipped(session, stretch, 1e-3), FULL, samples=0)
+    outliers = fit(misread(session, 3, 1e-3, alone), FULL, samples=0)
+    event = fit(misread(session, 3, 1e-3, stretch), FULL, samples=0)
     assert clean.acceptance.verdict == EXPLAINED
     assert len(set(alone) & set(outliers.final.estimate.rejected)) >= 3  # one touches across its slip
     assert outliers.acceptance.explains

@@ -12,7 +12,7 @@ import pytest
 from cases import cases, terminal_text
 from scipy.stats import chi2
 from scipy.stats import t as student
-from sessions import plain, with_columns
+from sessions import plain, validating, with_columns
 
 import bayescal as bc
 from bayescal.assess.budget import COVERAGE, Budget, Component, budget
@@ -308,10 +308,7 @@ def test_a_payload_is_part_of_the_point_that_is_asked_for(run):
 
 def test_readings_of_an_instrument(tracker):
     """Distances between validation readings, as the forecast draws them."""
-    dataset = tracker(1, 90).dataset
-    role = np.where(np.arange(90) % 3 == 0, "validate", "calibrate")
-    dataset = with_columns(dataset, role=role)
-    found = fit(dataset, ("geometry",), samples=0)
+    found = fit(validating(tracker(1, 90).dataset, 3), ("geometry",), samples=0)
     m = readings(found.basis)
     read = found.forecast.checked[0]
     assert read.over == "readings of the instrument"

@@ -9,7 +9,7 @@ import pytest
 from cases import terminal_text
 from scipy.integrate import quad
 from scipy.stats import invgamma, norm
-from sessions import rough, with_columns
+from sessions import bulging, rough, validating, with_columns
 
 from bayescal.assess.acceptance import EXPLAINED, not_physical
 from bayescal.assess.budget import usual
@@ -44,16 +44,6 @@ def on_faces(session, *names):
     touched = np.array([t.name for t in session.targets])[m.target]
     role = np.where(np.isin(touched, names), "calibrate", "validate")
     return with_columns(session, role=role)
-
-
-def bulging(session, amount):
-    """The session with +y bulging by an amount, m: its readings moved by joint 1."""
-    scene = Scene(session)
-    face = next(f for f in scene.circumstances(scene.rows("calibrate")).faces if f.name == "cube.+y")
-    m = session.measurements
-    readings = m.readings.copy()
-    readings[:, 0] += amount * (1 - np.sum(face.place**2, axis=1)) * face.rows / scene.points[:, 0]
-    return with_columns(session, readings=readings)
 
 
 def scaled(session, factor):
@@ -186,10 +176,7 @@ def test_the_record_has_the_figures(fits):
 
 
 def test_an_instrument_kept_back_measures_the_distances(tracker):
-    session = tracker(seed=2, count=90).dataset
-    role = np.where(np.arange(90) % 3 == 0, "validate", "calibrate")
-    session = with_columns(session, role=role)
-    found = fit(session, FULL, samples=0)
+    found = fit(validating(tracker(seed=2, count=90).dataset, 3), FULL, samples=0)
     lead = found.forecast.lead
     assert lead.over == "readings of the instrument"
     assert lead.interval[0] < lead.measured < lead.interval[1]

@@ -9,7 +9,7 @@ import foreign
 import numpy as np
 import pytest
 from cases import EXAMPLE, ROOT, terminal_text
-from sessions import with_columns
+from sessions import bulging, validating, with_columns
 from typer.testing import CliRunner
 
 from bayescal.arm.chain import chain_of, link_angles, points
@@ -230,23 +230,11 @@ def test_words_for_what_is_not_identifiable(cube):
     assert known.singular_values[0] ** 2 <= np.linalg.eigvalsh(information)[-1]
 
 
-def bent(session, amount):
-    """The session with a face that bulges: its contacts moved along the face's normal, as seen by joint 1."""
-    scene = Scene(session)
-    face = next(f for f in scene.circumstances(scene.rows("calibrate")).faces if f.name == "cube.+y")
-    m = session.measurements
-    bulge = amount * (1 - np.sum(face.place**2, axis=1)) * face.rows
-    lever = scene.points[:, 0]  # turning J1 moves a contact on +y along the normal by its x
-    readings = m.readings.copy()
-    readings[:, 0] += bulge / lever
-    return with_columns(session, readings=readings)
-
-
 def test_a_bulging_face_is_seen_and_fitted(cube):
     clean = cube(seed=6, count=200).dataset
     flat = check_faces(estimate(build(Scene(clean), FULL)))
     assert not any(f.uneven for f in flat)
-    session = bent(clean, 60e-6)
+    session = bulging(clean, 60e-6)
     found = estimate(build(Scene(session), FULL))
     checks = {f.target: f for f in check_faces(found)}
     assert checks["cube.+y"].uneven
@@ -257,7 +245,7 @@ def test_a_bulging_face_is_seen_and_fitted(cube):
 
 def test_refits_of_a_diagnosis_are_completed_as_a_fit(cube):
     """The baseline and a refit without names are the fit; the search has flat faces: the form is a name."""
-    session = bent(cube(seed=6, count=120).dataset, 60e-6)
+    session = bulging(cube(seed=6, count=120).dataset, 60e-6)
     found = fit(session, FULL, samples=0).final.estimate
     assert found.model.effects == (*FULL, "plane-form")
     e = examine(Scene(session, oriented=True), FULL, FitOptions())
@@ -358,9 +346,7 @@ SCALES = np.array([1e-4, -8e-5, 1.2e-4, 6e-5, -1e-4, 5e-5])
 @pytest.fixture(scope="module")
 def split(cube):
     """Contacts of an arm with errors, a quarter of them validation measurements."""
-    dataset = cube(seed=11, count=160).dataset
-    role = np.where(np.arange(160) % 4 == 0, "validate", "calibrate")
-    return with_columns(dataset, role=role)
+    return validating(cube(seed=11, count=160).dataset, 4)
 
 
 @pytest.fixture(scope="module")
@@ -450,18 +436,13 @@ def printed(found, width: int, verbose: bool = False) -> str:
     return terminal_text(fit_summary(found, fit_record(found), verbose), width)
 
 
-def validating(session, every: int = 4):
-    role = np.where(np.arange(len(session.measurements.ids)) % every == 0, "validate", "calibrate")
-    return with_columns(session, role=role)
-
-
 @pytest.fixture(scope="module")
 def fits(cube, tracker):
     made = {
         "faces": fit(
-            validating(cube(seed=6, count=160).dataset), FULL, FitOptions(tolerance=2e-5), samples=0
+            validating(cube(seed=6, count=160).dataset, 4), FULL, FitOptions(tolerance=2e-5), samples=0
         ),
-        "tracker": fit(validating(tracker(seed=2, count=90).dataset), FULL, samples=0),
+        "tracker": fit(validating(tracker(seed=2, count=90).dataset, 4), FULL, samples=0),
         "long names": fit(
             cube(seed=6, count=120).dataset, (*FULL, "eccentricity", "second-harmonic"), samples=0
         ),

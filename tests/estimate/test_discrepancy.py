@@ -6,7 +6,7 @@ from importlib import import_module
 import numpy as np
 import pytest
 from chances import least, most
-from sessions import with_columns
+from sessions import misread
 
 import bayescal.estimate.moments as size_module
 from bayescal.assess.agreement import pair
@@ -343,10 +343,7 @@ def clean(cube):
 def bent(cube, seed=4):
     """A session whose first link turns by a function of the two next readings that no model has."""
     made = cube(seed=seed).dataset
-    m = made.measurements
-    readings = m.readings.copy()
-    readings[:, 0] += 1e-3 * np.sin(readings[:, 1] + readings[:, 2])
-    return with_columns(made, readings=readings)
+    return misread(made, 1, 1e-3 * np.sin(made.measurements.readings[:, 1:3].sum(axis=1)))
 
 
 @pytest.fixture(scope="module")
@@ -382,10 +379,7 @@ def test_an_effect_that_no_model_has_widens_the_parameters_that_it_biases(clean,
 def test_residuals_above_the_noise_lower_the_gate(cube):
     """A family is then found that the gate alone would miss, in a session of 150 rows."""
     made = cube(seed=4).dataset
-    m = made.measurements
-    readings = m.readings.copy()
-    readings[:, 1] += 1e-3 * np.cos(1.5 * readings[:, 1])
-    scene = Scene(with_columns(made, readings=readings))
+    scene = Scene(misread(made, 2, 1e-3 * np.cos(1.5 * made.measurements.readings[:, 1])))
     found = stated(calibrated(scene, FULL))
     assert found.families
     loud = replace(scene.dataset, noise=replace(scene.dataset.noise, contact=1e-4))
@@ -418,9 +412,7 @@ def test_functions_of_the_whole_session_serve_its_parts(cube):
 def test_a_family_explains_what_the_residual_variance_loses(tracker, seed):
     """The share that is no noise: of the functions by their variance, over all residuals, three a pose."""
     made = tracker(seed, 60).dataset
-    readings = made.measurements.readings.copy()
-    readings[:, 1] += 1e-4 * np.cos(3 * readings[:, 1])
-    scene = Scene(replace(made, measurements=replace(made.measurements, readings=readings)))
+    scene = Scene(misread(made, 2, 1e-4 * np.cos(3 * made.measurements.readings[:, 1])))
     found = stated(calibrated(scene, FULL))
     j, (block,) = (
         linearise(found.wide.model, found.wide.z, found.wide.weights).jacobian,

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from sessions import with_columns
+from sessions import misread
 
 from bayescal.errors import BayescalError
 from bayescal.estimate import estimate
@@ -255,17 +255,9 @@ def judged_in_blocks(dataset, name, how=BLOCKED):
     return single, gain(less, less, more), share(less, more)
 
 
-def off(dataset, joint, error):
-    """The session with an error (N,), rad, of a joint (from 1)."""
-    m = dataset.measurements
-    readings = m.readings.copy()
-    readings[:, joint - 1] += error
-    return with_columns(dataset, readings=readings)
-
-
 def test_an_error_of_a_joint_is_confirmed(cube):
     d = cube(seed=1, count=150).dataset
-    wave = off(d, 4, 1e-3 * np.sin(d.measurements.readings[:, 3]))
+    wave = misread(d, 4, 1e-3 * np.sin(d.measurements.readings[:, 3]))
     _, nats, shown = judged_in_blocks(wave, "eccentricity at joint 4 x8")
     assert nats > 100
     assert shown.value == pytest.approx(1.0, abs=4 * shown.u)
@@ -276,7 +268,7 @@ def test_errors_that_neighbours_share_do_not_confirm_a_name(cube):
     """Joints that change their zeros every 25 rows: left out one by one, rows do not contradict a step."""
     d, rng = cube(seed=1, count=150).dataset, np.random.default_rng(1)
     for joint in range(1, 7):
-        d = off(d, joint, np.repeat(3e-4 * rng.standard_normal(6), 25))
+        d = misread(d, joint, np.repeat(3e-4 * rng.standard_normal(6), 25))
     single, nats, shown = judged_in_blocks(d, "step@80 x8")
     assert single > -0.5
     assert nats < -GATE.loss
@@ -315,7 +307,7 @@ def test_an_error_of_regions_does_not_confirm_a_name_that_fits_it(cube, seed):
     d, rng = cube(seed=1, count=150).dataset, np.random.default_rng(seed)
     label = regions(d.measurements, np.arange(len(d.measurements.readings)))
     for joint in range(1, 7):
-        d = off(d, joint, 3e-4 * rng.standard_normal(REGIONS)[label])
+        d = misread(d, joint, 3e-4 * rng.standard_normal(REGIONS)[label])
     for how, lacks in ((BLOCKED, False), (BY_REGION, True)):
         assert judged_in_blocks(d, "eccentricity x8", how)[2].missing is lacks
 

@@ -6,7 +6,7 @@ from itertools import combinations
 
 import numpy as np
 import pytest
-from sessions import geared, tracker, with_columns
+from sessions import geared, tracker, validating, wavy, with_columns
 
 from bayescal.arm.transforms import rpy_matrix
 from bayescal.dataset import Dataset
@@ -229,11 +229,7 @@ def test_an_arm_warms_up_within_hours():
 @pytest.fixture(scope="module")
 def waved():
     """A session with a second harmonic of joint 5, and rows that validate."""
-    d = geared(tracker(seed=3, count=80).dataset)
-    readings = d.measurements.readings.copy()
-    readings[:, 4] += 1e-3 * np.sin(2 * readings[:, 4])
-    role = np.where(np.arange(80) % 4 == 0, "validate", "calibrate")
-    return with_columns(d, readings=readings, command=None, role=role)
+    return validating(wavy(tracker(seed=3, count=80).dataset), 4)
 
 
 STAGES = {

@@ -7,7 +7,7 @@ import foreign
 import numpy as np
 import pytest
 from cases import terminal_text
-from sessions import circumstances, geared, plain, rough, with_columns, with_rows
+from sessions import circumstances, geared, of_targets, plain, rough, with_columns, with_rows
 
 import bayescal as bc
 from bayescal.dataset import read_dataset, write_dataset
@@ -178,11 +178,8 @@ def test_worlds_of_another_author(world):
 
 
 def without_spheres(dataset):
-    balls = {t.name for t in dataset.targets if t.kind == "sphere"}
-    left = with_rows(dataset, np.flatnonzero(~on_spheres(dataset)))
-    targets = tuple(t for t in dataset.targets if t.name not in balls)
-    certificates = tuple(c for c in dataset.certificates if not set(c.targets) & balls)
-    return replace(left, targets=targets, certificates=certificates)
+    others = (t.name for t in dataset.targets if t.kind != "sphere")
+    return of_targets(with_rows(dataset, np.flatnonzero(~on_spheres(dataset))), *others)
 
 
 def on_spheres(dataset):

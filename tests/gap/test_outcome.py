@@ -8,7 +8,7 @@ import pytest
 from gap_problems import unsolved
 from made_up_errors import NOISE, held
 from scipy.stats import chi2
-from sessions import kept_back, with_columns
+from sessions import kept_back, misread, with_columns
 
 from bayescal.estimate import estimate
 from bayescal.gap.outcome.magnitude import (
@@ -113,18 +113,11 @@ def test_clean_sessions_have_no_deviant_bin(cube):
     assert min(smallest) > 1e-4
 
 
-def shifted(dataset, rows, by):
-    """Readings of some rows a little wrong: joint 1 turned, which moves the ball sideways."""
-    readings = dataset.measurements.readings.copy()
-    readings[rows, 0] += by
-    return with_columns(dataset, readings=readings)
-
-
 def test_margins_find_a_wrong_face(cube):
     """Contacts of one face that scatter."""
     d = cube(seed=6, count=300).dataset
     wrong = np.flatnonzero(d.measurements.target == 1)
-    d = shifted(d, wrong, 5e-5 * np.random.default_rng(0).standard_normal(len(wrong)))
+    d = misread(d, 1, 5e-5 * np.random.default_rng(0).standard_normal(len(wrong)), wrong)
     found = estimate(build(Scene(d), FULL))
     bins = margins(found, validation_errors(found))
     name = d.targets[1].name
@@ -139,14 +132,14 @@ def test_margins_find_a_wrong_face(cube):
 def test_margins_find_a_moment_and_a_rare_direction(cube):
     d = cube(seed=7, count=300).dataset
     late = np.arange(270, 300)
-    bins = _bins(shifted(d, late, 6e-5))
+    bins = _bins(misread(d, 1, 6e-5, late))
     assert min(bins["time"], key=lambda m: m.p_value).label.startswith("44 to")
     assert min(m.p_value for m in bins["time"]) < 1e-6
     velocity = np.abs(d.measurements.velocity)
     rare = np.arange(10, 300, 24)
     velocity[rare, 2] *= -1
     d = with_columns(d, velocity=velocity)
-    bins = _bins(shifted(d, rare, 4e-4))  # rejected as outliers, one and all
+    bins = _bins(misread(d, 1, 4e-4, rare))  # rejected as outliers, one and all
     worst = min(bins["direction"], key=lambda m: m.p_value)
     assert worst.label == "direction of motion of J3, negative"
     assert worst.p_value < 1e-6

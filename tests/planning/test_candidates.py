@@ -9,7 +9,7 @@ import pytest
 from cases import EXAMPLE
 from made_up_plans import made_up_plan
 from probing_cell import on_planes
-from sessions import with_columns
+from sessions import of_targets, with_columns
 from simulated_pools import MODEL, linear, pool, pool_of
 
 import bayescal as bc
@@ -35,20 +35,13 @@ from bayescal.probing.motions import Arm
 KG = 2.0
 
 
-def small(dataset: Dataset, *names: str) -> Dataset:
-    """A session with some of its targets, without rows."""
-    targets = tuple(t for t in dataset.targets if t.name in names)
-    certificates = tuple(c for c in dataset.certificates if {*c.targets} <= {*names})
-    return replace(dataset, targets=targets, certificates=certificates)
-
-
 FACES = ("cube.+y", "cube.-y", "cube.-x", "cube.+z")
 SPHERES = ("ball.A@1", "ball.B@1", "ball.C@1")
 
 
 @pytest.fixture(scope="module")
 def setup() -> Setup:
-    dataset = small(read_setup(EXAMPLE).dataset, *FACES, *SPHERES)
+    dataset = of_targets(read_setup(EXAMPLE).dataset, *FACES, *SPHERES)
     return continued(replace(dataset, plan=PlanSettings(payloads=(KG,))))
 
 
@@ -113,7 +106,7 @@ def test_the_tool_is_within_its_cone(candidate_pool, setup):
     assert cosine.min() > np.cos(setup.cone) - 1e-6
     assert cosine.min() < np.cos(0.8 * setup.cone)  # and directions vary over it
     narrow = replace(setup, cone=np.radians(20.0))
-    own = candidates(replace(narrow, dataset=small(setup.dataset, *FACES)), 60, seed=1)
+    own = candidates(replace(narrow, dataset=of_targets(setup.dataset, *FACES)), 60, seed=1)
     cosine = np.sum(Scene(own.session).flange[:, :, 2] * -normals(own), axis=1)
     assert cosine.min() > np.cos(narrow.cone) - 1e-6
 
@@ -176,7 +169,7 @@ def test_a_sphere_is_located_in_one_configuration(candidate_pool, setup):
 
 
 def test_the_seed_decides(setup):
-    own = continued(small(setup.dataset, "cube.+z", "cube.+y", "cube.-y", "cube.-x", "ball.B@1"))
+    own = continued(of_targets(setup.dataset, "cube.+z", "cube.+y", "cube.-y", "cube.-x", "ball.B@1"))
     first, again, other = (candidates(own, 40, seed=s) for s in (3, 3, 4))
     readings = [p.session.measurements.readings for p in (first, again, other)]
     assert np.array_equal(readings[0], readings[1])
@@ -207,7 +200,7 @@ def unreachable(dataset: Dataset) -> Dataset:
 
 
 def test_a_target_out_of_reach_is_reported_and_the_others_have_its_share(setup):
-    dataset = unreachable(small(setup.dataset, "cube.+z", "cube.+y", "cube.-y", "cube.-x"))
+    dataset = unreachable(of_targets(setup.dataset, "cube.+z", "cube.+y", "cube.-y", "cube.-x"))
     pool = candidates(continued(dataset), 100, seed=0)
     names = [t.name for t in dataset.targets]
     counts = Counter(names[t] for t in pool.session.measurements.target)
@@ -217,7 +210,7 @@ def test_a_target_out_of_reach_is_reported_and_the_others_have_its_share(setup):
 
 
 def test_nothing_within_reach_is_refused(setup):
-    dataset = unreachable(small(setup.dataset))
+    dataset = unreachable(of_targets(setup.dataset))
     with pytest.raises(BayescalError, match="no contact is reached: no joint angles"):
         candidates(continued(dataset), 50, seed=0)
 
@@ -245,7 +238,7 @@ def test_other_kinds_of_target(setup, name):
         volume=Box(np.array([0.45, 0.0, 0.3]), np.array([0.3, 0.4, 0.3])),
         regions={"pin": pin} if name == "pin" else {},
     )
-    dataset = replace(small(setup.dataset), targets=(KINDS[name],), plan=settings)
+    dataset = replace(of_targets(setup.dataset), targets=(KINDS[name],), plan=settings)
     dataset = replace(dataset, noise=replace(dataset.noise, point=1e-5))
     pool = candidates(continued(dataset), 60, seed=2)
     m, points = pool.session.measurements, Scene(pool.session).points
@@ -292,7 +285,7 @@ def test_rows_go_on_from_those_that_were_measured():
 def test_compliances_of_the_robot_file_are_in_the_readings(setup):
     """The nominal arm of a calibrated robot file sags: readings make up for it, with the payload."""
     robot = replace(setup.dataset.robot, compliance=np.array([0, 1e-4, 2e-4, 1e-3, 1e-3, 1e-3]))
-    dataset = replace(small(setup.dataset, *FACES), robot=robot, plan=PlanSettings(payloads=(KG,)))
+    dataset = replace(of_targets(setup.dataset, *FACES), robot=robot, plan=PlanSettings(payloads=(KG,)))
     pool = candidates(continued(dataset), 40, seed=0)
     assert misses(pool).max() < 1e-8
     rigid_arm = replace(pool.session, robot=replace(robot, compliance=None))

@@ -13,7 +13,7 @@ import pandas as pd
 import pytest
 from cases import EXAMPLE, cases
 from made_up_plans import made_up_plan
-from sessions import with_columns
+from sessions import of_targets, with_columns
 
 import bayescal as bc
 from bayescal.arm.motion import NominalArm
@@ -40,11 +40,8 @@ from bayescal.reporting.page.plan import write_plan
 def example() -> Setup:
     """The set-up of the example, with the first placement of its spheres, and a mass of 2 kg."""
     dataset = read_setup(EXAMPLE).dataset
-    targets = tuple(t for t in dataset.targets if t.name.partition("@")[2] in ("", "1"))
-    names = {t.name for t in targets}
-    certificates = tuple(c for c in dataset.certificates if names.issuperset(c.targets))
-    setup = continued(replace(dataset, targets=targets, certificates=certificates))
-    return replace(setup, payloads=(2.0,))
+    names = (t.name for t in dataset.targets if t.name.partition("@")[2] in ("", "1"))
+    return replace(continued(of_targets(dataset, *names)), payloads=(2.0,))
 
 
 @pytest.fixture(scope="module")

@@ -120,6 +120,20 @@ def test_predicted_sd_is_the_error_that_is_made(cube):
     assert np.sqrt(np.mean(np.concatenate(contacts) ** 2)) == pytest.approx(1.0, abs=0.15)
 
 
+def refitted_without(found, dataset, rows):
+    """The fit to the session of which some rows are only predicted, at the same noise scale."""
+    role = dataset.measurements.role.copy()
+    role[rows] = "validate"
+    model = build(Scene(with_columns(dataset, role=role)), FULL)
+    sigma, counts = {}, {}
+    for b, old in zip(model.blocks, found.model.blocks, strict=True):
+        keep = np.isin(old.rows, b.rows)
+        sigma[b.target] = found.weights.sigma[b.target][np.tile(keep, old.kind.rows)]
+        counts[b.target] = found.weights.row[b.target][keep]
+    z, covariance, _ = solve(model, replace(found.weights, sigma=sigma, row=counts), found.z)
+    return replace(found, model=model, z=z, covariance=covariance())
+
+
 @pytest.mark.parametrize("maker", ["cube", "tracker"])
 def test_leaving_out_is_refitting_without(maker, request):
     """At the same noise scale, since that is what the closed form holds fixed."""
@@ -129,20 +143,9 @@ def test_leaving_out_is_refitting_without(maker, request):
     assert h.how == LEFT_OUT
     assert h.main == ("contact" if maker == "cube" else "point")
     for row in (0, 17, 41):
-        role = session.dataset.measurements.role.copy()
-        role[row] = "validate"
-        left = with_columns(session.dataset, role=role)
-        model = build(Scene(left), FULL)
-        weights = found.weights
-        sigma, counts = {}, {}
-        for b, old in zip(model.blocks, found.model.blocks, strict=True):
-            keep = np.isin(old.rows, b.rows)
-            sigma[b.target] = weights.sigma[b.target][np.tile(keep, old.kind.rows)]
-            counts[b.target] = weights.row[b.target][keep]
-        z, covariance, _ = solve(model, replace(weights, sigma=sigma, row=counts), found.z)
-        again = replace(found, model=model, z=z, covariance=covariance())
+        again = refitted_without(found, session.dataset, row)
         target = int(session.dataset.measurements.target[row])
-        block = model.block(target, np.array([row]))
+        block = again.model.block(target, np.array([row]))
         # the pivot of a surface moves with its rows: only what a contact itself leaves can be compared
         expected = again.residuals(block)[:, 0]
         mine = h.rows == row
@@ -160,19 +163,9 @@ def test_leaving_out_a_block_is_refitting_without_it(maker, request):
     fold = h.fold == 3
     rows = np.unique(h.rows[fold])
     assert 3 <= len(rows) <= 9
-    role = session.dataset.measurements.role.copy()
-    role[rows] = "validate"
-    left = with_columns(session.dataset, role=role)
-    model = build(Scene(left), FULL)
-    sigma, counts = {}, {}
-    for b, old in zip(model.blocks, found.model.blocks, strict=True):
-        keep = np.isin(old.rows, b.rows)
-        sigma[b.target] = found.weights.sigma[b.target][np.tile(keep, old.kind.rows)]
-        counts[b.target] = found.weights.row[b.target][keep]
-    z, covariance, _ = solve(model, replace(found.weights, sigma=sigma, row=counts), found.z)
-    again = replace(found, model=model, z=z, covariance=covariance())
+    again = refitted_without(found, session.dataset, rows)
     for t in np.unique(session.dataset.measurements.target[rows]):
-        block = model.block(int(t), rows[session.dataset.measurements.target[rows] == t])
+        block = again.model.block(int(t), rows[session.dataset.measurements.target[rows] == t])
         new = predicted_rows(again, block)
         # the pivot of a surface moves with its rows: only what contacts leave can be compared
         mine = np.concatenate([np.flatnonzero(fold & (h.rows == r)) for r in block.rows])

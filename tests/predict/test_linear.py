@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from sessions import with_columns
+from sessions import misread, with_columns
 from test_crossvalidation import FULL, with_spheres
 
 from bayescal.estimate import estimate
@@ -125,8 +125,6 @@ def test_a_slipped_row_has_no_part_in_where_its_sphere_is(fitted):
     data = fitted.model.scene.dataset
     name = data.targets[-1].name
     rows = np.flatnonzero(data.measurements.target == len(data.targets) - 1)
-    readings = data.measurements.readings.copy()
-    readings[rows[3], 1] += 3e-3
-    scene = Scene(with_columns(data, readings=readings))
+    scene = Scene(misread(data, 2, 3e-3, rows[3]))
     t = prepared(replace(fitted, model=replace(fitted.model, scene=scene))).located[name]
     assert np.flatnonzero(~t.gain.any(axis=0)).tolist() == [3]

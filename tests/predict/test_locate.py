@@ -35,6 +35,12 @@ from factors.contacts import Cylinder, Distance, FixedPoint, Sphere
 from factors.instrument import Instrument
 
 CENTRE, DIAMETER, RADIUS = np.array([0.4, -0.1, 0.2]), 50.8e-3, 3e-3
+LOOSE = np.array([0.05, 0.05, 0.05, 1e-3])
+
+
+def ball(centre, sd=LOOSE, count=11):
+    """A sphere of so many contacts, stated at a centre (3,)."""
+    return Sphere(np.asarray(centre, float), DIAMETER, np.full(count, RADIUS), sd)
 
 
 def contacts(rng, count, noise, diameter=DIAMETER):
@@ -48,7 +54,7 @@ def contacts(rng, count, noise, diameter=DIAMETER):
 
 def test_sphere_is_found_with_the_spread_that_it_has():
     rng = np.random.default_rng(0)
-    kind = Sphere(CENTRE, DIAMETER, np.full(12, RADIUS), np.array([0.05, 0.05, 0.05, 1e-3]))
+    kind = ball(CENTRE, count=12)
     sigma, errors, spreads = 5e-6, [], []
     for _ in range(60):
         true, p = contacts(rng, 12, sigma)
@@ -67,7 +73,7 @@ def test_certified_diameter_sharpens_the_centre():
     noise = 5e-6 * rng.standard_normal((500, 1, 12)) * (p - CENTRE[:, None]) / (DIAMETER / 2 + RADIUS)
     spread = {}
     for u in (1e-3, 1e-6):
-        kind = Sphere(CENTRE, DIAMETER, np.full(12, RADIUS), np.array([0.05, 0.05, 0.05, u]))
+        kind = ball(CENTRE, np.array([0.05, 0.05, 0.05, u]), 12)
         drawn = search(Rows(kind, p - noise, np.full((1, 12), 5e-6)), np.zeros((500, 4)))
         spread[u] = drawn.x[:, 2].std()
     assert spread[1e-6] < 0.7 * spread[1e-3]
@@ -93,7 +99,7 @@ def test_instrument_and_reflector_are_found_together():
 
 def test_a_slipped_contact_does_not_help_to_find():
     rng = np.random.default_rng(3)
-    kind = Sphere(CENTRE, DIAMETER, np.full(12, RADIUS), np.array([0.05, 0.05, 0.05, 1e-3]))
+    kind = ball(CENTRE, count=12)
     _, p = contacts(rng, 12, 5e-6)
     clean = robust_rows(Rows(kind, p, np.full((1, 12), 5e-6)), np.zeros((1, 4)))
     p[:, 4] += 0.4e-3 * (p[:, 4] - CENTRE) / np.linalg.norm(p[:, 4] - CENTRE)
@@ -111,8 +117,7 @@ def test_known_target_stays_where_it_is():
 
 # --- Targets whose stated place is far off: located all the same, or refused by name.
 
-LOCATE_STARTS_DIAMETER, LOCATE_STARTS_RADIUS, SIGMA = 50.8e-3, 3e-3, 5e-6
-LOOSE = np.array([0.05, 0.05, 0.05, 1e-3])
+SIGMA = 5e-6
 TRUE = np.array([0.4, -0.1, 0.2])
 
 
@@ -120,7 +125,7 @@ def touched(directions, noise=0.0, rng=None):
     """Ball centres (3, C) that touch the true sphere from some directions (3, C)."""
     u = directions / np.linalg.norm(directions, axis=0)
     off = noise * rng.standard_normal(u.shape[1]) if noise else 0.0
-    return TRUE[:, None] + u * (LOCATE_STARTS_DIAMETER / 2 + LOCATE_STARTS_RADIUS + off)
+    return TRUE[:, None] + u * (DIAMETER / 2 + RADIUS + off)
 
 
 def from_above(rng, count=11, low=0.0):
@@ -169,7 +174,7 @@ def test_any_start_leads_to_the_same_place(seed):
     """Spheres stated up to 50 mm off, touched from above, with an unknown diameter."""
     rng = np.random.default_rng(seed)
     stated = TRUE + 0.05 * rng.uniform(-1, 1, 3)
-    kind = Sphere(stated, LOCATE_STARTS_DIAMETER, np.full(11, LOCATE_STARTS_RADIUS), LOOSE)
+    kind = ball(stated)
     at, keep = locate("ball", Rows(kind, touched(from_above(rng), SIGMA, rng), np.full((1, 11), SIGMA)))
     assert keep.sum() >= 10
     sd = LOOSE * np.sqrt(np.diag(np.linalg.inv(at.information[0])))
@@ -181,10 +186,10 @@ def test_two_mirrored_places_are_refused_by_name():
     """Contacts round one circle do not say on which side of it the centre lies; a close enough place does."""
     turn = np.linspace(0, 2 * np.pi, 12, endpoint=False)
     ring = np.stack([np.cos(turn), np.sin(turn), np.full(12, 0.6)])
-    p, height = touched(ring), 0.6 / np.hypot(1, 0.6) * (LOCATE_STARTS_DIAMETER / 2 + LOCATE_STARTS_RADIUS)
+    p, height = touched(ring), 0.6 / np.hypot(1, 0.6) * (DIAMETER / 2 + RADIUS)
     stated = np.add(TRUE, [0, 0, height])  # in the plane of the circle
     sharp = np.append(LOOSE[:3], 1e-6)
-    kind = Sphere(stated, LOCATE_STARTS_DIAMETER, np.full(12, LOCATE_STARTS_RADIUS), sharp)
+    kind = ball(stated, sharp, 12)
     with pytest.raises(BayescalError, match=r"ball\.A@1.* two places .*u_mm"):
         locate("ball.A@1", Rows(kind, p, np.full((1, 12), SIGMA)))
     # a model level that only serves for comparison takes one of the two
@@ -199,7 +204,7 @@ def test_two_mirrored_places_are_refused_by_name():
 
 def test_what_does_not_converge_is_refused_by_name(monkeypatch):
     rng = np.random.default_rng(3)
-    kind = Sphere(TRUE + 0.04, LOCATE_STARTS_DIAMETER, np.full(11, LOCATE_STARTS_RADIUS), LOOSE)
+    kind = ball(TRUE + 0.04)
     monkeypatch.setattr("bayescal.predict.locate.ITERATIONS", 1)
     monkeypatch.setattr("bayescal.predict.locate.starts", lambda kind, p: np.zeros((1, 4)))
     with pytest.raises(BayescalError, match=r"target ball\.B@2 .*did not reach an optimum.*; state its pos"):
@@ -210,9 +215,7 @@ def test_a_slip_and_a_wrong_place_at_once():
     rng = np.random.default_rng(5)
     p = touched(from_above(rng), SIGMA, rng)
     p[:, 4] += 0.5e-3 * (p[:, 4] - TRUE) / np.linalg.norm(p[:, 4] - TRUE)
-    kind = Sphere(
-        np.add(TRUE, [0.03, 0, 0.02]), LOCATE_STARTS_DIAMETER, np.full(11, LOCATE_STARTS_RADIUS), LOOSE
-    )
+    kind = ball(np.add(TRUE, [0.03, 0, 0.02]))
     at, keep = locate("ball", Rows(kind, p, np.full((1, 11), SIGMA)))
     assert keep[4] == 0.0
     assert np.linalg.norm(kind.centre + at.x[0, :3] - TRUE) < 0.1e-3
@@ -242,9 +245,7 @@ def test_a_ball_bar_and_a_pin_stated_far_off():
     turn, height = rng.uniform(-2, 2, 20), rng.uniform(-0.03, 0.03, 20)
     p = TRUE[:, None] + np.stack([13e-3 * np.cos(turn), 13e-3 * np.sin(turn), height])
     sd = np.array([0.2, 0.2, 0.05, 0.05, 1e-3])
-    pin = Cylinder(
-        np.add(TRUE, [0.03, 0.02, 0]), np.array([0, 0, 1.0]), 20e-3, np.full(20, LOCATE_STARTS_RADIUS), sd
-    )
+    pin = Cylinder(np.add(TRUE, [0.03, 0.02, 0]), np.array([0, 0, 1.0]), 20e-3, np.full(20, RADIUS), sd)
     at, _ = locate("pin", Rows(pin, p, np.full((1, 20), SIGMA)))
     np.testing.assert_allclose(pin.describe(at.x[0])["point"][:2], TRUE[:2], atol=1e-5)
 
@@ -259,7 +260,7 @@ def test_a_closely_stated_place_has_no_rivals(monkeypatch):
 
     monkeypatch.setattr("bayescal.predict.locate._check", check)
     for prior in (np.full(4, 1e-4), LOOSE):
-        kind = Sphere(TRUE + 5e-5, LOCATE_STARTS_DIAMETER, np.full(11, LOCATE_STARTS_RADIUS), prior)
+        kind = ball(TRUE + 5e-5, prior, 11)
         at, _ = locate("ball", Rows(kind, p, sigma))
         assert np.linalg.norm(TRUE + 5e-5 + at.x[0, :3] - TRUE) < 0.1e-3
     assert counted[0] == 1 < counted[1]

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 from scipy.optimize import least_squares
+from sessions import validating
 
 import bayescal as bc
 from bayescal.arm.chain import chain_of, frames, link_angles
@@ -110,9 +111,7 @@ def contacts(cube, tracker):
 
 
 def points(cube, tracker):
-    session = tracker(seed=2, count=90).dataset
-    role = np.where(np.arange(90) % 4 == 0, "validate", "calibrate")
-    return replace(session, measurements=replace(session.measurements, role=role))
+    return validating(tracker(seed=2, count=90).dataset, 4)
 
 
 @pytest.fixture(scope="module", params=[contacts, points], ids=["contacts", "points"])

@@ -25,6 +25,13 @@ SEED = 0
 CASES = 40
 
 
+def written(files, folder):
+    """The folder, with these files."""
+    for name, content in files.items():
+        (folder / name).write_bytes(content)
+    return folder
+
+
 @pytest.mark.parametrize("number", range(CASES))
 def test_damaged_input(tmp_path, number):
     verdict = case(number, SEED, tmp_path / "case")
@@ -37,8 +44,7 @@ def test_a_case_is_the_same_each_time(tmp_path):
 
 @pytest.mark.parametrize("name", sorted(datasets()))
 def test_seeds_are_valid(tmp_path, name):
-    for file, content in datasets()[name].items():
-        (tmp_path / file).write_bytes(content)
+    written(datasets()[name], tmp_path)
     ran = run(["check", str(tmp_path)], 60)
     assert (ran.code, ran.error, ran.trouble) == (0, "", "")
     assert "refused by fit" not in ran.output
@@ -46,8 +52,7 @@ def test_seeds_are_valid(tmp_path, name):
 
 def test_two_noise_groups_are_recorded(tmp_path):
     """Points and orientations of a tracker have a noise scale each."""
-    for file, content in datasets()["rich"].items():
-        (tmp_path / file).write_bytes(content)
+    written(datasets()["rich"], tmp_path)
     ran = run(["fit", str(tmp_path), *FIT[1:], "--model", "joint", "--out", str(tmp_path / "run")], 60)
     assert (ran.code, ran.trouble) == (0, ""), ran.error
     record = json.loads((tmp_path / "run" / "fit.json").read_text())
@@ -64,8 +69,7 @@ def test_two_noise_groups_are_recorded(tmp_path):
     ],
 )
 def test_a_fit_names_a_certified_length_that_contradicts_the_places(tmp_path, change, words):
-    for file, content in PLAUSIBLE[change](datasets()["cube"]).items():
-        (tmp_path / file).write_bytes(content)
+    written(PLAUSIBLE[change](datasets()["cube"]), tmp_path)
     ran = run(["fit", str(tmp_path), *FIT[1:], "--model", "joint", "--out", str(tmp_path / "run")], 60)
     said = " ".join((ran.output + ran.error).split())
     assert ran.trouble == ""
@@ -76,8 +80,7 @@ def test_a_fit_names_a_certified_length_that_contradicts_the_places(tmp_path, ch
 
 def test_a_smaller_contradiction_is_stated_by_the_fit(tmp_path):
     """15 % of 228.6 mm: the session is fitted, and a fit that does not converge names the certificate."""
-    for file, content in PLAUSIBLE["certificate 15 % off"](datasets()["cube"]).items():
-        (tmp_path / file).write_bytes(content)
+    written(PLAUSIBLE["certificate 15 % off"](datasets()["cube"]), tmp_path)
     found = [c for c in contradictions(read_dataset(tmp_path)) if "cube.+y" in c.what]
     assert [(c.impossible, "certified 262.89 mm, nominally 228.6 mm" in c.what) for c in found] == [
         (False, True)
@@ -100,9 +103,7 @@ def test_every_plausible_change_changes_a_seed():
 
 def test_rows_that_fit_two_places_are_found_before_the_arm_is_fitted(tmp_path, monkeypatch):
     """A sphere of one contact, to which two places fit equally well: only the prior of its place decides."""
-    for file, content in datasets()["tiny"].items():
-        (tmp_path / file).write_bytes(content)
-    session = read_dataset(tmp_path)
+    session = read_dataset(written(datasets()["tiny"], tmp_path))
     monkeypatch.setattr(calibration, "leaving_out", lambda dataset, compute: (compute(dataset), {}))
     monkeypatch.setattr(calibration, "fitted_level", None)
     with pytest.raises(AmbiguousPositionError, match=r"target ball\.A .* two places .* mm apart"):
@@ -113,9 +114,7 @@ def test_rows_that_fit_two_places_are_found_before_the_arm_is_fitted(tmp_path, m
 
 def test_a_validation_target_that_cannot_be_located_is_left_out(tmp_path):
     """Rows that are fitted do not need it: they are, and check, fit and gap say what validates nothing."""
-    for file, content in datasets()["tiny"].items():
-        (tmp_path / file).write_bytes(content)
-    session = read_dataset(tmp_path)
+    session = read_dataset(written(datasets()["tiny"], tmp_path))
     words = "target ball.A cannot be located from its rows: two places"
     assert any(f.code == "not_located" and f.kind == "missing" for f in check(tmp_path).findings)
     fitted = calibration.fit(session, ("joint",), samples=0)
