@@ -57,7 +57,7 @@ def small_plans(quick_search, monkeypatch):
     monkeypatch.setattr("bayescal.planning.plan.candidates", once)
 
 
-LONG = {"first_gap", "first_log", "first_plan", "lost_motion", "plan"}
+LONG = {"first_fit", "first_gap", "first_log", "first_plan", "lost_motion", "plan"}
 LONG |= {"published_arm", "real_arm", "sessions"}
 """They take two seconds or more, of what other tests hold: `make notebooks` runs them."""
 

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
-from sessions import misread, tracker, with_rows
+from sessions import misread, tracker, with_columns, with_rows
 
 import bayescal as bc
 from bayescal.changes import linear
@@ -33,12 +33,13 @@ def stated(result):
 @pytest.fixture(scope="module")
 def sessions():
     """Three sessions on one cube that was not touched: parts of one."""
-    d = bc.simulate(contacts=180, seed=5, **ARM).dataset
-    return tuple(rows_of(d, np.arange(k, 180, 3), name) for k, name in enumerate("ABC"))
+    d = bc.simulate(contacts=120, seed=5, **ARM).dataset
+    return tuple(rows_of(d, np.arange(k, 120, 3), name) for k, name in enumerate("ABC"))
 
 
 def rows_of(d, rows, name):
-    return replace(with_rows(d, rows), name=name, sha256=name)
+    """Rows of a session as one of its own; without times and temperatures there are fewer changes to try."""
+    return replace(with_columns(with_rows(d, rows), time=None, temperature=None), name=name, sha256=name)
 
 
 def shifted(session, joint=4, by=SHIFT):
@@ -85,7 +86,7 @@ def test_two_sessions_in_the_other_order_have_the_same_changes_reversed():
     """An arm that is worn in the first session is no less different from the other."""
     arm = {**ARM, "contacts": 70, "seed": 5}
     new, worn = (
-        replace(bc.simulate(**{**arm, "effects": effects}).dataset, name=name, sha256=name)
+        rows_of(bc.simulate(**{**arm, "effects": effects}).dataset, np.arange(74), name)
         for name, effects in (("new", "geometry"), ("worn", "geometry, backlash"))
     )
     there, back = changed([new, worn], ("geometry",)), changed([worn, new], ("geometry",))

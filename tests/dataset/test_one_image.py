@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from camera_sessions import SIZE, camera_session
-from sessions import with_columns
+from sessions import misread, with_columns
 
 from bayescal.dataset import read_dataset, write_dataset
 from bayescal.dataset.image_changes import impossible, odd_images
@@ -20,7 +20,7 @@ CORNERS = 24
 
 @pytest.fixture(scope="module")
 def session():
-    return camera_session(images=16, seed=3, placed=False)
+    return camera_session(images=10, seed=3, placed=False)
 
 
 def refused(session, folder) -> str:
@@ -59,9 +59,7 @@ def test_an_image_that_is_numbered_from_the_other_end(session, tmp_path):
 
 
 def test_an_image_that_nothing_explains(session, tmp_path):
-    readings = session.measurements.readings.copy()
-    readings[120:144, 1] += 0.5
-    spoilt = with_columns(session, readings=readings)
+    spoilt = misread(session, 2, 0.5, slice(120, 144))
     said, explained, remedy = impossible(spoilt, 120)
     assert said == " (image `i5`, 24 rows)"
     assert not explained
@@ -71,7 +69,7 @@ def test_an_image_that_nothing_explains(session, tmp_path):
 
 def test_an_image_of_another_size():
     lens = {"distortion": np.array([-0.2, 0.05, 0.0, 0.0, 0.0])}
-    plain = camera_session(images=16, seed=3, placed=False)
+    plain = camera_session(images=10, seed=3, placed=False)
     target = replace(plain.targets[0], values=plain.targets[0].values | lens)
     distorted = replace(plain, targets=(target,))
     from bayescal.dataset.cameras import lens_of

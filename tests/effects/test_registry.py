@@ -499,6 +499,7 @@ def _scale(model):
     return model.physical(np.ones(model.size)) - model.physical(np.zeros(model.size))
 
 
+@pytest.mark.parametrize("hanging", ["wall"], indirect=True)
 def test_a_diagnosis_names_the_stand(hanging):
     dataset, _ = hanging
     gap = diagnose(plain(dataset))

@@ -87,8 +87,8 @@ def test_readings_with_errors_are_no_effect_and_validation_images_are_as_expecte
     one = points.predicted[:, 0, : len(BOARD)]
     assert np.mean(np.corrcoef(one.T)) > 0.4  # of the corners of an image
     assert abs(np.mean(np.corrcoef(one[:, 0], points.predicted[:, 0, -1])[0, 1])) < 0.2
-    told = [fit(misread(images_of(k, 26, validate=6), k), ("geometry",), samples=0) for k in (12, 13, 14)]
-    assert [f.acceptance.failed for f in told] == [()] * 3
+    told = [fit(misread(images_of(k, 26, validate=6), k), ("geometry",), samples=0) for k in (12, 13)]
+    assert [f.acceptance.failed for f in told] == [()] * 2
 
 
 def test_validation_images_with_errors_of_readings_are_no_outliers():

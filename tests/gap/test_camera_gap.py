@@ -15,8 +15,8 @@ from bayescal.reporting.gap.phrases import headline
 
 
 def answer(folder: Path, number: int, side: str, detectability: float, every: int = 5):
-    """Verdict on 30 images of which one corner in `every` is read, the session, and its ground truth."""
-    texts, truth = build(20261, number, side, every * detectability, 30)
+    """Verdict on 20 images of which one corner in `every` is read, the session, and its ground truth."""
+    texts, truth = build(20261, number, side, every * detectability, 20)
     for name, text in texts.items():
         (folder / name).write_text(text)
     session = read_dataset(folder)

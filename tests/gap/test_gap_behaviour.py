@@ -49,12 +49,12 @@ def names(decision):
 
 
 def test_nothing_is_named_where_there_is_nothing(bench):
-    named = [names(bench.decided(bench.made_up(seed))[0]) for seed in range(8)]
+    named = [names(bench.decided(bench.made_up(seed))[0]) for seed in range(4)]
     assert not any(named), [n for n in named if n]
 
 
 def test_gross_contacts_name_nothing(bench):
-    decided = [bench.decided(bench.made_up(100 + seed, gross=0.03))[0] for seed in range(3)]
+    decided = [bench.decided(bench.made_up(100 + seed, gross=0.03))[0] for seed in range(2)]
     assert all(d.kind == "null" for d in decided)
     left_out = [d.hypothesis.state.gross for d in decided]
     assert np.mean(left_out) == pytest.approx(0.03 * COUNT, abs=1.0)
