@@ -193,7 +193,7 @@ class Motion:
             self._with_slides(np.ascontiguousarray(values, float)), self._constant, self._varying,
             self._firsts, self._general, self._every, self._every_firsts, self._drivers, self._sines,
             self._cosines, self._tool, self._base, self._link, self._d, np.ascontiguousarray(p),
-            np.ascontiguousarray(u), out,
+            np.array(u, order="C"), out,  # a copy: of what may not be written Numba compiles the kernel again
         )  # fmt: skip
         return out[:, : self.count]
 

@@ -14,7 +14,7 @@ from test_pinocchio import robots
 
 from analysis.benchmarks.reference import columns_reference, points_reference
 from bayescal.arm.chain import chain_of, frames, link_angles, points, wrenches
-from bayescal.arm.kernel import MAX_ANGLE, WIDTH, _cos, _sin
+from bayescal.arm.kernel import MAX_ANGLE, WIDTH, _cos, _sin, columns
 from bayescal.arm.motion import CERTIFICATE, CONTACT, Motion, Term
 from bayescal.arm.transforms import AXES, rigid, rotation, rpy_matrix, rpy_of
 
@@ -71,6 +71,18 @@ def motion_of(robot, program, count, seed=0):
     size = 1 + max((k for k, _ in terms), default=-1)
     tool = np.where(rng.integers(0, 2, (count, 1)) == 0, [0.06, 0.0, 0.12], [-0.02, 0.05, 0.2])
     return Motion(chain_of(robot), rng.uniform(-3, 3, (count, robot.n)), tool, terms, size), rng
+
+
+def test_a_direction_that_may_not_be_written_is_not_compiled_for(lrmate):
+    """That of a single contact of a plane is such a view; the kernel takes seconds to compile."""
+    motion, _ = motion_of(lrmate, lean, 1)
+    values, u = np.zeros(motion.size), np.ones((3, 1))
+    usual = motion.columns(values, motion.points(values), u)
+    compiled = len(columns.signatures)
+    fixed = np.broadcast_to(u, u.shape)
+    assert not fixed.flags.writeable
+    np.testing.assert_array_equal(motion.columns(values, motion.points(values), fixed), usual)
+    assert len(columns.signatures) == compiled
 
 
 @pytest.mark.parametrize("count", [1, 129])
