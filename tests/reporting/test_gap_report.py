@@ -110,6 +110,15 @@ def test_record_keeps_the_contract(session, kind):
     assert record["marked"] == (None if kind == "null" else "joint 3")
 
 
+def test_errors_of_images_are_told_and_not_explained(session):
+    gap = diagnosis(session, "null")
+    assert headline(gap)[0].endswith("the model explains these data")
+    scattered = replace(gap, scatter=SimpleNamespace(words="every image has an error of its own"))
+    first, said, *_ = headline(scattered)
+    assert "explains" not in first
+    assert scattered.scatter.words in said
+
+
 def test_only_a_significant_site_is_marked(session):
     """No site is marked where no location is significant, whatever the verdict."""
     gap = diagnosis(session, "unknown")
