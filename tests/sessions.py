@@ -243,15 +243,15 @@ def tracker(seed: int = 0, count: int = 100, noise: float = 10e-6, spread: float
     frame = rigid(rpy_matrix(rpy), xyz)
     true = rigid(rotation(2, 4e-3) @ rotation(0, -2e-3), np.array([2e-3, -1e-3, 3e-3])) @ frame
     payload = np.zeros(count)
-    read = (arm.points(readings, payload) - true[:3, 3]) @ true[:3, :3]
-    read = read + noise * rng.standard_normal((count, 3))
+    exact = (arm.points(readings, payload) - true[:3, 3]) @ true[:3, :3]
+    read = exact + noise * rng.standard_normal((count, 3))
     table = replace(measurements(rng, readings, np.zeros(count, int), payload), xyz=read)
     dataset = Dataset(
         f"tracker-{seed}", Path(), robot, "fanuc-lrmate200ic", "encoder", GRAVITY, (TOOL,),
         Noise(point=noise),
         (Target("tracker", "instrument", {"xyz": xyz, "rpy": rpy}),), (), table,
     )  # fmt: skip
-    return SimpleNamespace(dataset=dataset, arm=arm, frame=true)
+    return SimpleNamespace(dataset=dataset, arm=arm, frame=true, exact=exact)
 
 
 def raised(session: Dataset, by: Callable) -> Dataset:

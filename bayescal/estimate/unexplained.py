@@ -31,10 +31,10 @@ FINEST = 1e-9  # m: a smaller scatter of repeats means that the resolution is co
 P_VALUE = 1e-2
 POSE = 6
 """Unknowns of the pose of an image."""
-CONTACT, IMAGE = "contact", "pixel"
-GROUPS = (CONTACT, "point", IMAGE)
+CONTACT, POINT, IMAGE = "contact", "point", "pixel"
+GROUPS = (CONTACT, POINT, IMAGE)
 """Kinds of noise group; that of a session is the first of those that it has."""
-AGAIN = {CONTACT: "repeated contacts", "point": "repeated points", IMAGE: "corners within images"}
+AGAIN = {CONTACT: "repeated contacts", POINT: "repeated points", IMAGE: "corners within images"}
 """What tells the noise of a group."""
 STATED_FACTOR = 1.4  # without repeats: the true noise may be larger than the stated noise by this factor
 
@@ -77,24 +77,26 @@ class Unexplained:
         return float(np.sqrt(f_isf(chance, self.dof, self.repeats_dof)))
 
 
-def repeat_scatter(scene: Scene, fitted: Estimate) -> tuple[float | None, int]:
-    """Standard deviation of repeated contacts about their mean, m, and its degrees of freedom.
+def repeat_scatter(scene: Scene, fitted: Estimate, group: str = CONTACT) -> tuple[float | None, int]:
+    """Standard deviation of repeated contacts, or points, about their mean, m, and its degrees of freedom.
 
-    From `calibrate` and `validate` rows of fitted surfaces, without outliers. None without enough repeats, or
-    if most readings are identical because the encoder's resolution is coarser than the noise.
+    From `calibrate` and `validate` rows of fitted targets, without outliers; of points a coordinate. None
+    without enough repeats, or if most readings are identical because the encoder's resolution is coarser than
+    the noise.
     """
     repeat = scene.dataset.measurements.repeat
     if repeat is None:
         return None, 0
-    groups: dict[tuple[str, str], list[float]] = {}
+    groups: dict[tuple[str, str, int], list[float]] = {}
     for name, block in fitted.model.block_of.items():
         target = scene.index[name]
         rows = scene.rows_of(target, scene.rows("calibrate", "validate"))
         rows = rows[repeat[rows] != ""]
-        if not len(rows) or block.kind.rows > 1:
+        if not len(rows) or block.group.partition(" of ")[0] != group:
             continue
-        for row, r in zip(rows, fitted.residuals(fitted.model.block(target, rows))[0], strict=True):
-            groups.setdefault((name, str(repeat[row])), []).append(float(r))
+        for axis, values in enumerate(fitted.residuals(fitted.model.block(target, rows))):
+            for row, r in zip(rows, values, strict=True):
+                groups.setdefault((name, str(repeat[row]), axis), []).append(float(r))
     return scatter([np.asarray(values) for values in groups.values() if len(values) > 1])
 
 
@@ -107,6 +109,15 @@ def sharp(fitted: Estimate, b: Block) -> np.ndarray:
     """Stated noise (R',) of the residuals of a block, m, without blurred images."""
     sigma = fitted.weights.sigma[b.name]
     return sigma[sharp_of(fitted.model.scene, b)] if b.group.startswith(IMAGE) else sigma
+
+
+def stated_noise(fitted: Estimate, group: str) -> float:
+    """Root mean square of the stated noise of a group's residuals, m, without blurred images.
+
+    Of a kind of groups, it is that of all sessions that are fitted together.
+    """
+    own = [sharp(fitted, b) for b in fitted.model.blocks if group in (b.group, b.group.partition(" of ")[0])]
+    return rms(np.concatenate(own))
 
 
 def within_images(fitted: Estimate) -> tuple[float | None, int]:
@@ -135,8 +146,16 @@ def within_images(fitted: Estimate) -> tuple[float | None, int]:
 
 
 def noise_again(fitted: Estimate, group: str) -> tuple[float | None, int]:
-    """Noise of a group, m, from what a session measures again, and its degrees of freedom; see `AGAIN`."""
-    return within_images(fitted) if group == IMAGE else repeat_scatter(fitted.model.scene, fitted)
+    """Noise of a group, m, from what a session measures again, and its degrees of freedom; see `AGAIN`.
+
+    Points count where they scatter more than stated: read again, an arm may not have left its pose, and its
+    repeatability is part of the stated noise.
+    """
+    if group == IMAGE:
+        return within_images(fitted)
+    repeats, dof = repeat_scatter(fitted.model.scene, fitted, group)
+    fewer = group == POINT and repeats is not None and repeats < stated_noise(fitted, group)
+    return None if fewer else repeats, dof
 
 
 def scatter(groups: Sequence[np.ndarray]) -> tuple[float | None, int]:
@@ -163,8 +182,7 @@ def unexplained(fitted: Estimate) -> Unexplained:
     kind_of = {name: name.partition(" of ")[0] for name in scales}  # sessions may have groups of their own
     group = next((g for g in GROUPS if g in kind_of.values()), GROUPS[0])
     blocks = [b for b in fitted.model.blocks if kind_of[b.group] == group]
-    sigma = [sharp(fitted, b) for b in blocks]
-    stated = rms(np.concatenate(sigma))
+    sigma, stated = [sharp(fitted, b) for b in blocks], stated_noise(fitted, group)
     left = rms(np.concatenate([scales[b.group] * own for b, own in zip(blocks, sigma, strict=True)]))
     scale = left / stated
     dof = max(sum(fitted.dof[name] for name, kind in kind_of.items() if kind == group), 1.0)

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
 from scipy.stats import chi2, truncnorm
-from sessions import circumstances, with_columns
+from sessions import circumstances, with_columns, with_rows
 
 import bayescal as bc
 from bayescal.arm.statics import torques_on_links
 from bayescal.assess.acceptance import not_physical
-from bayescal.dataset import read_dataset, write_dataset
+from bayescal.dataset import Noise, read_dataset, write_dataset
 from bayescal.dataset.join import joined
 from bayescal.effects.gravity import masses
 from bayescal.errors import BayescalError
@@ -304,6 +304,27 @@ def test_repeats_of_validation_rows_count_and_a_slip_does_not(fitted):
     readings[np.flatnonzero(m.repeat == "validate0")[0], :3] += 1e-3
     slipped, _ = repeat_scatter(Scene(with_columns(session, readings=readings)), fitted)
     assert slipped == pytest.approx(clean, rel=0.1)
+
+
+def test_repeated_points_tell_noise_that_is_larger_than_stated(tracker):
+    """Sessions of noise above the stated one were refused, although points read again showed it."""
+    whole = tracker(seed=5, count=60, noise=1.6e-5)
+    rows, rng = np.r_[np.arange(60), np.repeat(np.arange(8), 3)], np.random.default_rng(0)
+    session = with_rows(whole.dataset, rows, tuple(f"m{k}" for k in range(len(rows))))
+    xyz = session.measurements.xyz.copy()
+    xyz[60:] = whole.exact[rows[60:]] + 1.6e-5 * rng.standard_normal((24, 3))
+    again = np.where((np.arange(84) < 8) | (np.arange(84) >= 60), rows.astype("<U20"), "")
+    stated = {
+        s: replace(with_columns(session, xyz=xyz, repeat=again), noise=Noise(point=s)) for s in (8e-6, 3e-5)
+    }
+    found = {s: unexplained(calibrated(Scene(d, oriented=True), MODEL)) for s, d in stated.items()}
+    assert found[8e-6].repeats == pytest.approx(1.6e-5, rel=0.2)
+    assert found[8e-6].repeats_dof == 3 * 24
+    assert found[8e-6].excess == 0.0
+    assert "the scatter of repeated points" in found[8e-6].words
+    assert found[3e-5].repeats is None  # an arm that stands still does not show how well it comes back
+    alone = replace(stated[8e-6], measurements=replace(stated[8e-6].measurements, repeat=None))
+    assert unexplained(calibrated(Scene(alone, oriented=True), MODEL)).p_value < 0.01
 
 
 def test_few_repeats_of_normal_noise_lose_none():

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bayescal.estimate import STATED_WORTH, Estimate
-from bayescal.estimate.unexplained import CONTACT, IMAGE, P_VALUE, STATED_FACTOR, noise_again, sharp
+from bayescal.estimate.unexplained import AGAIN, IMAGE, P_VALUE, STATED_FACTOR, noise_again, stated_noise
 from bayescal.gap.result import VALIDATION_CONTACTS, VALIDATION_POINTS, Magnitude, Measured, Shrinkage, Step
 from bayescal.gap.settings import OUTCOME
 from bayescal.predict.crossvalidation import (
@@ -47,11 +47,6 @@ class NoiseFloor:
         return self.sd * np.sqrt(self.dof / rng.chisquare(self.dof, RESAMPLES))
 
 
-def stated_noise(fitted: Estimate, group: str) -> float:
-    """Root mean square of the stated noise of a group's residuals, m, without blurred images."""
-    return rms(np.concatenate([sharp(fitted, b) for b in fitted.model.blocks if b.group == group]))
-
-
 def noise_floor(final: Estimate, group: str) -> NoiseFloor:
     """Noise of a contact: from repeats where there are enough, else from residuals of the fullest model.
 
@@ -64,7 +59,7 @@ def noise_floor(final: Estimate, group: str) -> NoiseFloor:
     group : str
         Kind of noise group.
     """
-    if group in (CONTACT, IMAGE):
+    if group in AGAIN:
         repeats, count = noise_again(final, group)
         if repeats is not None:
             return NoiseFloor(repeats, float(count), "images" if group == IMAGE else "repeats")

@@ -20,7 +20,8 @@ from bayescal.effects.location import BASE, face
 from bayescal.effects.selection import Selection
 from bayescal.effects.sizes import DEVIATION, Value, propagated
 from bayescal.estimate import Estimate
-from bayescal.gap.outcome.magnitude import difference, log_predictive, stated_noise
+from bayescal.estimate.unexplained import stated_noise
+from bayescal.gap.outcome.magnitude import difference, log_predictive
 from bayescal.gap.result import Amplitude, Named
 from bayescal.gap.search.beam import Member
 from bayescal.gap.search.unknown import CellFit, Pool
