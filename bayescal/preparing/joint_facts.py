@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -31,6 +31,10 @@ SPIKE = 30.0
 """Robust standard deviations of the difference from neighbours: a corrupt value (assumed)."""
 OUT = 0.02
 """Of the range of a signal: a smaller deviation is noise, or a fast motion (assumed)."""
+CERTAIN = 3.0
+"""Standard uncertainties from which on a delay is one."""
+SHORTEST = 0.5e-3
+"""s: a shorter delay does not matter."""
 CLIPPED = (5, 0.001)
 """Rows, and fraction of them, at the largest value of a torque that is limited."""
 
@@ -222,18 +226,19 @@ def joints_of(log: Log) -> tuple[Joint, ...]:
     gains = _torque_gains(log, even, change > MOST * change.max())
     torques = [m.torque for m in log.motions if m.torque is not None]
     raw = float(np.median(np.concatenate([np.diff(m.time) for m in log.motions])))
-    nothing, delays = (np.nan, np.nan), torque_delays(log, even)
+    nothing, every = (np.nan, np.nan), np.abs(np.concatenate(velocity))
+    moves = np.any(every > SLOW[0], axis=0)
+    measured = [_measured(even, j) if moves[j] else (nothing, nothing) for j in range(log.n)]
+    # velocities that are late would make the torques early
+    lags = np.array([is_late(*of) for of, _ in measured])
+    derived = [np.where(lags, np.gradient(e.position, e.step, axis=0), e.velocity) for e in even]
+    delays = torque_delays(log, [replace(e, velocity=v) for e, v in zip(even, derived, strict=True)])
     out = []
     for j, name in enumerate(log.mechanism.joint_names):
-        speed = np.abs(np.concatenate([v[:, j] for v in velocity]))
+        speed = every[:, j]
         slow = (speed > SLOW[0]) & (speed < SLOW[1])
-        derived = [np.gradient(e.position[:, j], e.step) for e in even]
-        both = zip(derived, even, strict=True)
-        pairs = [(d, e.measured[:, j], e.step) for d, e in both if e.measured is not None]
         commands = [(e.command[:, j], e.position[:, j], e.step) for e in even if e.command is not None]
-        moves = bool((speed > SLOW[0]).any())
-        transfer = [pair for p in pairs if moves and np.isfinite((pair := cutoff(*p))[0])]
-        low, high = (float(x) for x in np.median(transfer, axis=0)) if transfer else nothing
+        lag, (low, high) = measured[j]
         errors = [c - p for c, p, _ in commands]
         out.append(
             Joint(
@@ -245,12 +250,12 @@ def joints_of(log: Log) -> tuple[Joint, ...]:
                 slow=float(np.concatenate(steps)[slow].sum()),
                 gravity=(float(gravity[:, j].mean()), float(gravity[:, j].std())),
                 torque_gain=float(gains[j]),
-                torque_delay=(delays[j].value, delays[j].u),
+                torque_delay=(delays[j].value, delays[j].u) if moves[j] else nothing,
                 torque_delays=delays[j].pieces,
-                velocity_delay=_delay(pairs, high) if moves else nothing,
+                velocity_delay=lag,
                 velocity_cutoff=high,
                 velocity_gain=low,
-                command_delay=_delay(commands) if moves else nothing,
+                command_delay=_delay(commands) if moves[j] else nothing,
                 command_error=float(np.sqrt(np.mean(np.concatenate(errors) ** 2))) if errors else np.nan,
                 torque_band=filtered([t[:, j] for t in torques], raw) if torques else np.inf,
                 clipped=clipped(np.concatenate([t[:, j] for t in torques])) if torques else np.nan,
@@ -282,6 +287,23 @@ def _torque_gains(log: Log, even: Sequence[Uniform], joints: np.ndarray) -> np.n
         drivers = np.column_stack([nominal[:, j], np.tanh(speed / SLOW[1]), speed, np.ones(len(speed))])
         out[j] = np.linalg.lstsq(drivers, torque[:, j], rcond=None)[0][0]
     return out
+
+
+def is_late(delay: float, u: float) -> bool:
+    """Whether a delay is one, s: beyond its u, and long enough to matter; not where it is unknown."""
+    return abs(delay) > max(CERTAIN * u, SHORTEST)
+
+
+def _measured(even: Sequence[Uniform], j: int) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Of measured velocities against those of the positions: delay and u, s; gain, and cut-off, Hz."""
+    pairs = [
+        (np.gradient(e.position[:, j], e.step), e.measured[:, j], e.step)
+        for e in even
+        if e.measured is not None
+    ]
+    transfer = [pair for p in pairs if np.isfinite((pair := cutoff(*p))[0])]
+    low, high = (float(x) for x in np.median(transfer, axis=0)) if transfer else (np.nan, np.nan)
+    return _delay(pairs, high), (low, high)
 
 
 def _delay(

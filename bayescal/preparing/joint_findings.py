@@ -16,7 +16,7 @@ from bayescal.logs import Log, Motion
 from bayescal.motion.servo import is_servo
 from bayescal.preparing import joint_facts
 from bayescal.preparing.joint_delays import speeds
-from bayescal.preparing.joint_facts import LOADS, SLOW, Joint, Stamps
+from bayescal.preparing.joint_facts import CERTAIN, LOADS, SHORTEST, SLOW, Joint, Stamps, is_late
 from bayescal.preparing.missing import Finding
 from bayescal.robots.servos import STEP, STEPS, of_joints, read_calibration, zero_shift
 
@@ -28,12 +28,8 @@ WARM = 10.0
 """K, of warm-up."""
 MOTIONS, LENGTH, REPEATS = 6, 10.0, 3
 """Motions of so many s, and repeats of one, for a noise model and withheld motions (assumed)."""
-CERTAIN = 3.0
-"""Standard uncertainties from which on a delay is stated as a finding."""
 DRIFTS = 4.0
 """Standard uncertainties of a drift, by few motions."""
-SHORTEST = 0.5e-3
-"""s: a shorter delay does not matter."""
 GAINS, FILTERED = (0.9, 1.1), (0.6, 1.6)
 """Measured velocity over the derivative of the position: beyond, a unit is wrong; of a filtered one, whose
 gain at rest is extrapolated."""
@@ -145,7 +141,7 @@ def _clocks(log: Log, joints: Sequence[Joint], table: str) -> Iterator[Finding]:
         what = f"the delay of torques changes by {1e6 * slope:.2g} µs/s (u {1e6 * u_slope:.1g}), "
         what += f"{1e3 * slope * span:.2g} ms over the log: two clocks of different rates"
         yield Finding("clock_drift", "odd", what, table, "take torque and position from one message or clock")
-    lag = [j for j in joints if abs(j.velocity_delay[0]) > max(CERTAIN * j.velocity_delay[1], SHORTEST)]
+    lag = [j for j in joints if is_late(*j.velocity_delay)]
     if lag:
         each = ", ".join(f"{j.name} {1e3 * j.velocity_delay[0]:.3g} ms" for j in lag)
         what = f"velocities are later than the derivative of positions: {each}"
