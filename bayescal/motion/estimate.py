@@ -45,7 +45,8 @@ class Estimate:
         if log.torque_kind == SERVO or stuck is None:
             return log.limits
         share = 1.0 - float(np.mean(np.concatenate([s.weight for s in self.parts])))
-        strong = ", with those about reversals; uncertainties are doubled for it" if stuck else ""
+        wider = f"noise counts as {NOISE.stuck:g} times as large for it"
+        strong = f", with those about reversals; {wider}" if stuck else ""
         held = f"stiction holds joints at rest: {share:.0%} of their rows are left out{strong}"
         return (*log.limits, held.replace("%", " %"))
 
@@ -123,7 +124,7 @@ def noise_about(table: Table, fit: Fit) -> Noise:
         least[first : first + log.n] = NOISE.tracking * rms / log.controller.stiffness
         sd = np.where(noise.sd > 0.0, noise.sd, np.inf)  # of a joint that never moves it is not known
         noise = noise.wider(np.maximum(least / sd, 1.0))
-    return noise.wider(SERVOS.noise) if servo or parts[0].stuck else noise
+    return noise.wider(SERVOS.noise if servo else NOISE.stuck if parts[0].stuck else 1.0)
 
 
 def estimated(parts: tuple[Signals, ...]) -> Estimate:
@@ -157,7 +158,7 @@ def _stuck(parts: Sequence[Signals], at: Operating, noise: Noise) -> float | Non
     square, count = 0.0, 0
     for s in each(parts):
         rests, n = s.rests, s.log.n
-        sd = noise.sd[:n] / SERVOS.noise  # it is wider where stiction is strong
+        sd = noise.sd[:n] / NOISE.stuck  # it is wider where stiction is strong
         rests &= sd > 0.0  # of a joint that never moves it is not known
         square += float(np.sum((s.kept(residuals(s, at)[:, :n]) / np.maximum(sd, 1e-300))[rests] ** 2))
         count += int(np.sum(rests))

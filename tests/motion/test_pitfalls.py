@@ -171,7 +171,7 @@ def test_torques_of_stiction_are_no_effect(tmp_path, monkeypatch):
     assert free.limits == free.parts[0].log.limits
     assert held.limits[-1].startswith("stiction holds joints at rest: ")
     assert held.at.coulomb == pytest.approx(free.at.coulomb, rel=0.02)
-    assert best_gain(Pool.of(held), held.noise) < 5.0
+    assert best_gain(Pool.of(held), held.noise) < 8.0  # of some hundred forms, before their prior
     every = replace(held, parts=tuple(s.changed(stuck=None) for s in held.parts))
     assert best_gain(Pool.of(every), free.noise) > 50.0
 
