@@ -33,7 +33,7 @@ from bayescal.estimate import Estimate
 from bayescal.estimate.bounds import UNCHANGED, Rigid
 from bayescal.estimate.outliers import LEAST_SPARE, detectable
 from bayescal.estimate.solver import by_group
-from bayescal.estimate.unexplained import FaceCheck, Unexplained
+from bayescal.estimate.unexplained import AGAIN, FaceCheck, Unexplained
 from bayescal.estimate.widths import Width, factors, sentences
 from bayescal.model import ORIENTATION
 from bayescal.model.block import ARM, Block
@@ -162,7 +162,7 @@ def _tests(of: Assessed) -> Iterator[Finding]:
 def _residuals(of: Assessed) -> Iterator[Finding]:
     found, left = of.found, of.left
     if left.excess:
-        noise = "of repeated contacts" if left.repeats is not None else "stated"
+        noise = f"of {AGAIN[left.group]}" if left.repeats is not None else "stated"
         sizes = f"residuals {1e6 * left.fitted:.1f} µm, noise {noise} {1e6 * left.floor:.1f} µm"
         if left.fitted <= left.floor:
             sizes = f"by validation errors, not by residuals of the fit: {sizes}"

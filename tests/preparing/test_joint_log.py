@@ -146,6 +146,15 @@ def test_filtered_velocities(tmp_path, cutoff):
         assert joint.velocity_cutoff == pytest.approx(cutoff, rel=1.1)
 
 
+def test_late_velocities_do_not_make_torques_early(tmp_path):
+    check = checked(written(made(velocity=first_order(17.0)), tmp_path / "log"))
+    assert "velocity_delay" in codes(check)
+    assert "delay" not in codes(check)
+    for joint in check.joints:
+        assert 4e-3 < joint.velocity_delay[0] < 11e-3
+        assert abs(joint.torque_delay[0]) < 1.5e-3
+
+
 def test_velocities_in_another_unit(tmp_path):
     check = checked(written(made(velocity=lambda time, v: v / 2), tmp_path / "log"))
     assert codes(check).count("velocity") == 2

@@ -35,7 +35,7 @@ BLIND = 4
 MARGINS = 3
 ADVICE = 3
 LEAST_PROBABILITY = 0.01
-NOISE_FROM = {"repeats": "repeated contacts", "images": "corners within images"}
+NOISE_FROM = {"repeats": "repeated measurements", "images": "corners within images"}
 NOISE_FROM |= {"fit": "the fit", "stated": "dataset.yaml"}
 STYLES = {"null": "bold green", "named": "bold", "ambiguous": "bold yellow", "class": "bold yellow"}
 
