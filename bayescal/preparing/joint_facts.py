@@ -229,10 +229,9 @@ def joints_of(log: Log) -> tuple[Joint, ...]:
     nothing, every = (np.nan, np.nan), np.abs(np.concatenate(velocity))
     moves = np.any(every > SLOW[0], axis=0)
     measured = [_measured(even, j) if moves[j] else (nothing, nothing) for j in range(log.n)]
-    # velocities that are late would make the torques early
-    lags = np.array([is_late(*of) for of, _ in measured])
-    derived = [np.where(lags, np.gradient(e.position, e.step, axis=0), e.velocity) for e in even]
-    delays = torque_delays(log, [replace(e, velocity=v) for e, v in zip(even, derived, strict=True)])
+    late = any(is_late(*of) for of, _ in measured)  # such velocities would make the torques early
+    fair = [replace(e, velocity=np.gradient(e.position, e.step, axis=0)) if late else e for e in even]
+    delays = torque_delays(log, fair)
     out = []
     for j, name in enumerate(log.mechanism.joint_names):
         speed = every[:, j]
