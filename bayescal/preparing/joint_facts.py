@@ -88,7 +88,8 @@ def cutoff(driver: np.ndarray, signal: np.ndarray, step: float) -> tuple[float, 
     length = min(len(signal), max(round(4 / step), 64))
     frequency, both = csd(driver, signal, fs=1 / step, nperseg=length)
     _, power = welch(driver, fs=1 / step, nperseg=length)
-    _, common = coherence(driver, signal, fs=1 / step, nperseg=length)
+    with np.errstate(invalid="ignore"):  # a coarse encoder that rests has no power at any frequency
+        _, common = coherence(driver, signal, fs=1 / step, nperseg=length)
     trusted = np.flatnonzero((common > COHERENT) & (frequency > 0))
     trusted = trusted[: int(np.argmax(np.diff(trusted) > 3)) + 1] if np.any(np.diff(trusted) > 3) else trusted
     if len(trusted) < 3:

@@ -1,6 +1,7 @@
 """The check of joint logs: each mistake of a recording is a finding, what is missing has a remedy."""
 
 import json
+import warnings
 from types import SimpleNamespace
 
 import foreign
@@ -153,6 +154,13 @@ def test_late_velocities_do_not_make_torques_early(tmp_path):
     for joint in check.joints:
         assert 4e-3 < joint.velocity_delay[0] < 11e-3
         assert abs(joint.torque_delay[0]) < 1.5e-3
+
+
+def test_an_encoder_that_rests_has_no_filter():
+    noise = np.random.default_rng(0).standard_normal(500)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert np.isnan(joint_facts.cutoff(np.zeros(500), noise, 0.008)).all()
 
 
 def test_velocities_in_another_unit(tmp_path):
