@@ -9,6 +9,7 @@ import pytest
 import yaml
 from motion import made
 from motion.made import write
+from scipy.ndimage import minimum_filter1d
 from scipy.signal import butter, lfilter, sosfiltfilt
 from scipy.special import logsumexp
 
@@ -158,6 +159,17 @@ def stiction(q, dq, ddq, tau, t, load):
     number = np.cumsum(np.diff(still.astype(int), prepend=0) == 1)
     own = np.random.default_rng(int(1e3 * t[0])).uniform(-1.0, 1.0, (number[-1] + 1, 3))
     return np.where(still[:, None], own[number] * [3.0, 3.0, 1.5], 0.0)
+
+
+def test_a_joint_that_rests_on_its_way_has_no_speed(tmp_path, monkeypatch):
+    """The noise of its position was a direction: in logs without an effect it explained its own error."""
+    monkeypatch.setattr(made, "path", pausing)
+    s = all_signals(read_log(write(tmp_path / "log")))[0]
+    dq = pausing(0)[2]
+    rests = minimum_filter1d((np.abs(dq) < 1e-9).astype(int), 19, axis=0) == 1  # and 0.15 s before and after
+    assert np.mean(rests) > 0.05
+    assert np.mean(s.dq[rests] == 0.0) > 0.95
+    assert np.all(s.dq[np.abs(dq) > 0.1] != 0.0)
 
 
 def test_torques_of_stiction_are_no_effect(tmp_path, monkeypatch):
