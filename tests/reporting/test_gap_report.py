@@ -44,7 +44,7 @@ from bayescal.reporting.gap.record import gap_record, write_gap
 from bayescal.reporting.gap.sheets import improved, pair_of, where_sheet, worse
 from bayescal.reporting.gap.summary import gap_summary
 from bayescal.reporting.page.build import run_page
-from bayescal.reporting.page.gap import verdict_of
+from bayescal.reporting.page.gap import faults, verdict_of
 from bayescal.reporting.page.section import Run
 from bayescal.reporting.shared.origin import possible
 from bayescal.reporting.shared.text import reduction
@@ -178,6 +178,12 @@ def test_an_effect_that_is_found_is_not_ambiguous(session):
         "Beside it, these data do not distinguish the further effects of the 90 % set"
     )
     assert not [line for line in headline(both) if line.startswith("Largest location")]
+    assert verdict_of(gap_record(both))[2] == "Effect found, and others possible"
+    assert verdict_of(gap_record(diagnosis(session, "ambiguous")))[2].startswith("Ambiguous")
+    of_two = gap_record(both) | {"credible_set90": ["backlash", "hysteresis"]}
+    shown = [str(fault) for fault in faults(of_two)]
+    assert "possibly hysteresis" in shown[-1]
+    assert not any("possibly backlash" in one for one in shown)
 
 
 def test_residuals_that_a_fit_calls_unexplained_are_no_noise(session):

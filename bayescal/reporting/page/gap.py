@@ -37,6 +37,8 @@ VERDICTS = {
     "ambiguous": ("warn", "?", "Ambiguous: several explanations"),
 }
 """Tone, sign and word of each verdict."""
+BESIDE = ("bad", "✗", "Effect found, and others possible")
+"""The same of an ambiguous one beside an effect that is found."""
 UNKNOWN = (
     "No known effect explains the error. Inspect the location first: bolts, cables and hoses "
     "that pull, covers that touch, the mounting. Then measure what is proposed."
@@ -51,7 +53,8 @@ DISTANCES = "sphere distances"
 def verdict_of(record: Json) -> tuple[str, str, str]:
     """Tone, sign and word of a diagnosis, no more certain than its headline."""
     doubtful = (word for word in DOUBTFUL if record["words"][0].startswith(word))
-    return next((("warn", "?", word) for word in doubtful), VERDICTS[record["verdict"]])
+    beside = record["verdict"] == "ambiguous" and bool(record["named"])
+    return next((("warn", "?", word) for word in doubtful), BESIDE if beside else VERDICTS[record["verdict"]])
 
 
 def first(run: Run) -> Section:
@@ -67,7 +70,7 @@ def first(run: Run) -> Section:
         LINES,
         [*_keys(record), *images_keys(record)],
         "What is wrong, and what to look at",
-        _faults(record),
+        faults(record),
         draw_arm(run) if sites else None,
         "Marked: " + ", ".join(s.text for s in sites),
         _next(run),
@@ -82,7 +85,7 @@ def _lines(word: str, words: Sequence[str]) -> list[str]:
     return [line[:1].upper() + line[1:], *words[1:]]
 
 
-def _faults(record: Json) -> list[Fault]:
+def faults(record: Json) -> list[Fault]:
     """Named effects with location, amplitude, probability and share; an unmodelled effect; or the rivals."""
     out, may_be = [], _further(record)
     for named in record["named"]:
@@ -110,7 +113,7 @@ def _faults(record: Json) -> list[Fault]:
         remedy = where.get("remedy", "") if where else ""
         out.append(Fault(rival(sheets.OTHER), _stated(facts), remedy or UNKNOWN))
     if record["verdict"] == "ambiguous":
-        may_be = tuple(n for n in record["credible_set90"] if n != sheets.NULL)
+        may_be = tuple(n for n in record["credible_set90"] if n not in (sheets.NULL, *record["effects"]))
     if record["class"]:
         likely = (n for n, p in record["class"]["members"].items() if p >= LIKELY)
         may_be = tuple(sheets.OTHER if n == OTHER else n for n in likely if n not in record["effects"])
