@@ -26,9 +26,8 @@ from bayescal.assess.images import blurred, displaced, lost_images
 from bayescal.assess.undetermined import Undetermined
 from bayescal.dataset.consistency import contradictions, copies, planned, rounded
 from bayescal.effects import BASELINE, MODELS
-from bayescal.effects.location import CAMERA
+from bayescal.effects.location import CAMERA, micrometres
 from bayescal.effects.selection import plain
-from bayescal.effects.sizes import micrometres
 from bayescal.estimate import Estimate
 from bayescal.estimate.bounds import UNCHANGED, Rigid
 from bayescal.estimate.outliers import LEAST_SPARE, detectable

@@ -25,7 +25,7 @@ from bayescal.assess.identifiability import (
     in_words,
     simplified,
 )
-from bayescal.effects.sizes import micrometres
+from bayescal.effects.location import micrometres
 from bayescal.errors import listed
 from bayescal.estimate import Estimate
 

@@ -15,8 +15,8 @@ from pathlib import Path
 
 import numpy as np
 
+from bayescal.changes.joint import distance_slopes, drawn
 from bayescal.changes.linear import integrated
-from bayescal.changes.moves import distance_slopes, drawn
 from bayescal.changes.search import FREE, NONE, SURE, averaged, gains
 from bayescal.dataset.join import arm_difference
 from bayescal.effects import Parameter

@@ -7,16 +7,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bayescal.changes.joint import Item, Joint, prepared
-from bayescal.changes.linear import evidence, integrated
-from bayescal.changes.moves import (
+from bayescal.changes.joint import (
     DistanceChange,
+    Item,
+    Joint,
     Shift,
     distance_change,
     distance_slopes,
+    prepared,
     tcp_slopes,
     with_poses,
 )
+from bayescal.changes.linear import evidence, integrated
 from bayescal.changes.search import (
     FREE,
     LISTED,
@@ -40,7 +42,7 @@ from bayescal.changes.search import (
 )
 from bayescal.dataset import Dataset
 from bayescal.effects import EFFECTS, Parameter
-from bayescal.effects.sizes import magnitude
+from bayescal.effects.location import magnitude
 from bayescal.programs.text import Target
 from bayescal.storage.stopping import Progress, silent
 

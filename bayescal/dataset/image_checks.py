@@ -1,4 +1,7 @@
-"""What images of a camera cannot be: refusals of a session, and how far its images are off the arm."""
+"""Images of a camera by target: what they cannot be, and where a camera sees its board.
+
+The tool of a camera of `mount: flange` is the camera, of `mount: fixed` the board.
+"""
 
 from __future__ import annotations
 
@@ -8,20 +11,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bayescal.arm import hand_eye
-from bayescal.dataset.cameras import (
-    FIXED,
-    FLANGE,
-    FOREIGN,
-    Images,
-    best_lens,
-    board,
-    closed_form,
-    flange_poses,
-    is_stated,
-    placed,
-    transposed,
-    with_lens,
-)
+from bayescal.arm.hand_eye import inverse, product
+from bayescal.arm.shapes import Box, Capsule, Shape, ball
+from bayescal.arm.transforms import cone, rigid, rpy_matrix
+from bayescal.dataset import cameras
+from bayescal.dataset.regions import Region, Session
 from bayescal.dataset.types import Dataset, Target
 from bayescal.errors import BayescalError
 
@@ -44,14 +38,16 @@ def misfit(dataset: Dataset, target: int, rows: np.ndarray, readings: np.ndarray
 
     The lens is taken within its stated u, as the images have it.
     """
-    seen, good, _ = closed_form(dataset, target, rows, readings)
+    seen, good, _ = cameras.closed_form(dataset, target, rows, readings)
     if np.sum(good) < FEWEST_IMAGES:
         return np.zeros(len(rows))
     off = seen.off
     if np.max(off) > MISFIT >= np.median(off):  # most images agree: the lens may be stated roughly
-        lens = best_lens(dataset, target, rows, readings, 1.0)
+        lens = cameras.best_lens(dataset, target, rows, readings, 1.0)
         if lens is not None:
-            best = closed_form(with_lens(dataset, target, lens), target, rows, readings)[0].off
+            best = cameras.closed_form(cameras.with_lens(dataset, target, lens), target, rows, readings)[
+                0
+            ].off
             off = np.minimum(off, best)
     return off[seen.image]
 
@@ -77,7 +73,7 @@ def prepared(dataset: Dataset, target: int, table: Table, document: Document) ->
     if t.u is not None and rough:
         return dataset
     used = rows[m.tool[rows] == np.bincount(m.tool[rows]).argmax()]
-    seen, _, found = closed_form(dataset, target, used, m.readings)
+    seen, _, found = cameras.closed_form(dataset, target, used, m.readings)
     _check_board(dataset, target, used, seen, where)
     if found is None or not found.determined:
         if rough:
@@ -91,11 +87,11 @@ def prepared(dataset: Dataset, target: int, table: Table, document: Document) ->
         raise BayescalError(what, where, remedy)
     _check_arm(dataset, target, used, found, where)
     k = int(m.tool[used[0]])
-    return placed(dataset, target, None if is_stated(dataset.tools[k]) else k, found)
+    return cameras.placed(dataset, target, None if cameras.is_stated(dataset.tools[k]) else k, found)
 
 
 def _check_rows(t: Target, rows: np.ndarray, pixel: np.ndarray, table: Table) -> None:
-    count, read = len(board(t).points), pixel[rows]
+    count, read = len(cameras.board(t).points), pixel[rows]
 
     def refuse(bad: np.ndarray, what: str, remedy: str) -> None:
         mask = np.zeros(len(table.line), bool)
@@ -143,27 +139,27 @@ def _check_doubled(dataset: Dataset, target: int, rows: np.ndarray, table: Table
         raise table.error(row, what, "correct `point` or `stop`, or remove one of both rows")
 
 
-def _check_board(dataset: Dataset, target: int, rows: np.ndarray, seen: Images, where: str) -> None:
+def _check_board(dataset: Dataset, target: int, rows: np.ndarray, seen: cameras.Images, where: str) -> None:
     t, m = dataset.targets[target], dataset.measurements
     some = np.isfinite(seen.poses).all(axis=(1, 2))
     if not some.any():
         return
-    if np.mean(seen.misfit[some] < FOREIGN) < 0.5:
-        fit = int(np.sum(seen.misfit[some] < FOREIGN))
+    if np.mean(seen.misfit[some] < cameras.FOREIGN) < 0.5:
+        fit = int(np.sum(seen.misfit[some] < cameras.FOREIGN))
         what = f"the corners of {fit} of {len(seen.misfit)} images of `{t.name}` fit its board"
         remedy = (
             "check the number of squares, the order of the corners, and the resolution of the calibration"
         )
-        if other := transposed(t.texts.get("board", "")):
+        if other := cameras.transposed(t.texts.get("board", "")):
             turned = replace(t, texts=dict(t.texts) | {"board": other})
             every = tuple(turned if k == target else one for k, one in enumerate(dataset.targets))
-            then = closed_form(replace(dataset, targets=every), target, rows, m.readings)[0]
-            if (many := int(np.sum(then.misfit < FOREIGN))) > 0.5 * len(then.misfit):
+            then = cameras.closed_form(replace(dataset, targets=every), target, rows, m.readings)[0]
+            if (many := int(np.sum(then.misfit < cameras.FOREIGN))) > 0.5 * len(then.misfit):
                 what += f", those of {many} images a board {other}"
                 remedy = f"write `board: {other}`, or check the order of the corners"
         raise BayescalError(what, where, remedy)
-    front = board(t).front
-    good = some & (seen.misfit < FOREIGN)
+    front = cameras.board(t).front
+    good = some & (seen.misfit < cameras.FOREIGN)
     if front and np.mean(front * seen.poses[good, 2, 2] < 0) > 0.5:
         what = f"`{t.name}` sees its board from behind: the image or the order of its corners is mirrored"
         remedy = "number corners row by row from the upper left, as docs/cameras.md says"
@@ -175,12 +171,12 @@ def _check_arm(dataset: Dataset, target: int, rows: np.ndarray, found: hand_eye.
     t, m = dataset.targets[target], dataset.measurements
     off = found.misfit
     if off > MISFIT:
-        other = FIXED if t.texts["mount"] == FLANGE else FLANGE
+        other = cameras.FIXED if t.texts["mount"] == cameras.FLANGE else cameras.FLANGE
         turned = replace(t, texts=dict(t.texts) | {"mount": other})
         session = replace(
             dataset, targets=tuple(turned if k == target else one for k, one in enumerate(dataset.targets))
         )
-        swapped = closed_form(session, target, rows, m.readings)[2]
+        swapped = cameras.closed_form(session, target, rows, m.readings)[2]
         assert swapped is not None
         if swapped.misfit < off / 3:
             both = f"{1e3 * off:.0f} mm off; {1e3 * swapped.misfit:.1f} mm"
@@ -191,7 +187,7 @@ def _check_arm(dataset: Dataset, target: int, rows: np.ndarray, found: hand_eye.
         flange, poses, _ = _poses_of(dataset, target, rows)
         if off > MISFIT and hand_eye.hand_eye(flange, poses * [1.0, 1.0, 1.0, factor]).misfit > off / 3:
             return  # nor with one of another size: `plausibility` says what may be wrong
-        size = 1e3 * board(t).size
+        size = 1e3 * cameras.board(t).size
         like = f" (squares of {factor * size:.2g} mm, not {size:g} mm)" if size else ""
         what = f"the board of `{t.name}` looks {factor:.3f} times as large as stated{like}"
         raise BayescalError(what, where, "measure the board, and write its size")
@@ -201,9 +197,9 @@ def _poses_of(
     dataset: Dataset, target: int, rows: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, hand_eye.HandEye | None]:
     """Poses (I, 3, 4) of the flange, of what it carries in what is fixed, and the hand-eye of both."""
-    seen, good, found = closed_form(dataset, target, rows, dataset.measurements.readings)
-    poses, carried = seen.poses[good], dataset.targets[target].texts["mount"] == FLANGE
-    flange = flange_poses(dataset, dataset.measurements.readings[seen.first[good]])
+    seen, good, found = cameras.closed_form(dataset, target, rows, dataset.measurements.readings)
+    poses, carried = seen.poses[good], dataset.targets[target].texts["mount"] == cameras.FLANGE
+    flange = cameras.flange_poses(dataset, dataset.measurements.readings[seen.first[good]])
     return flange, hand_eye.inverse(poses) if carried else poses, found
 
 
@@ -221,3 +217,179 @@ def board_factor(dataset: Dataset, target: int, rows: np.ndarray) -> float:
     if np.linalg.cond(design) > 1e4:
         return 1.0
     return float(np.linalg.lstsq(design, (-flange[:, :, 3] * near).ravel(), rcond=None)[0][6])
+
+
+STEEPEST = np.radians(50.0)
+"""rad: greatest angle between the line of sight and the normal of the board (assumed: beyond it corners are
+found badly, and a tag not at all)."""
+NEARER, FARTHER = 0.5, 2.0
+"""Of the smallest and the largest distance between camera and board in a session: distances of a plan."""
+LARGEST, SMALLEST = 0.9, 0.25
+"""Length of a board over the shorter edge of the image at the distances of a plan without a session."""
+EDGE = 0.05
+"""Of the size of the image: the distance of corners from its edges."""
+DRAWN = 8
+"""Poses that are drawn for each that is tried, to have as many as possible with the board in view."""
+ASIDE = 0.6
+"""Of half the image: how far the board may be from the middle (radius)."""
+UNDONE = 1e-4
+"""Change of a direction by distortion and its inverse, from which on it is beyond the lens."""
+BODY, THICK = 0.04, 5e-3
+"""m, assumed: radius of a fixed camera, and half of the thickness of a board."""
+STRIPS = 6.0
+"""Half of the width of a carried board over the radius of the capsules that contain it, where it is large."""
+OUT, STEEP, FAR = (
+    "the board not within the image",
+    f"the board seen at more than {np.degrees(STEEPEST):.0f} deg",
+    "camera and board too near or too far from each other",
+)
+
+
+def size_of(t: Target) -> np.ndarray:
+    """Width and height (2,) of the images, px; twice the optical axis where they are not stated."""
+    size = np.asarray(t.values["size"], float)
+    return 2.0 * cameras.lens_of(t).centre if np.isnan(size).any() else size
+
+
+def _outward(t: Target) -> float:
+    """Sign of the z axis of the board towards who sees it; a list of points is like a printed board."""
+    return -float(cameras.board(t).front or 1)
+
+
+def _distances(t: Target) -> np.ndarray:
+    """Smallest and largest distance (2,), m, at which the board has a sensible share of the image."""
+    points = cameras.board(t).points
+    length = float(np.max(np.ptp(points, axis=0)))
+    return np.mean(cameras.lens_of(t).focal) * length / (np.min(size_of(t)) * np.array([LARGEST, SMALLEST]))
+
+
+def region(t: Target, session: Session) -> Region:
+    """What is fixed, with the distances (2,), m, between camera and board.
+
+    Raises
+    ------
+    BayescalError
+        If it is not known where it is.
+    """
+    place, rpy = np.asarray(t.values["xyz"], float), np.asarray(t.values["rpy"], float)
+    if np.isnan(place).any() or np.isnan(rpy).any():
+        fixed = "board" if t.texts["mount"] == cameras.FLANGE else "camera"
+        what = f"where the {fixed} of `{t.name}` is cannot be told"
+        state = "state `xyz_mm`, `rpy_deg`, and those of the tool"
+        remedy = f"plan `--after` a session of some images, or {state}"
+        raise BayescalError(what, "dataset.yaml: targets", remedy)
+    span, seen = _distances(t), session.probed()
+    if len(seen):
+        apart = np.linalg.norm(seen - place, axis=1)
+        span = np.array([NEARER * apart.min(), FARTHER * apart.max()])
+    up = rpy_matrix(rpy)[:, 2] * _outward(t) if t.texts["mount"] == cameras.FLANGE else np.empty(0)
+    return Region(place, up=up, span=span)
+
+
+def aims(t: Target, place: Region, count: int, rng: np.random.Generator) -> np.ndarray:
+    """Random poses (count, 3, 4) of the tool in F0, from which as many as possible have the board in view.
+
+    Uniform are the direction in which the board is seen within `STEEPEST` of its normal, the logarithm of the
+    distance, and the roll about the line of sight.
+    """
+    some, size, lens = DRAWN * count, size_of(t), cameras.lens_of(t)
+    points = cameras.board(t).points
+    middle = 0.5 * (points.max(axis=0) + points.min(axis=0))
+    # in the frame of the camera: where the middle of the board is, and its axes
+    angle, radius = rng.uniform(0, 2 * np.pi, some), ASIDE * np.sqrt(rng.uniform(0, 1, some))
+    pixel = 0.5 * size[:, None] * (1 + radius * np.array([np.cos(angle), np.sin(angle)]))
+    sight = np.column_stack([*lens.directions(pixel), np.ones(some)])
+    sight /= np.linalg.norm(sight, axis=1)[:, None]
+    far = np.exp(rng.uniform(np.log(place.span[0]), np.log(place.span[1]), some))
+    z = _outward(t) * cone(-sight, STEEPEST, rng)
+    x = np.cross(z, rng.normal(size=(some, 3)))
+    x /= np.linalg.norm(x, axis=1)[:, None]
+    axes = np.stack([x, np.cross(z, x), z], axis=-1)
+    shift = far[:, None] * sight - axes @ middle
+    seen = np.concatenate([axes, shift[..., None]], axis=-1)
+    fixed = rigid(rpy_matrix(np.asarray(t.values["rpy"])), place.centre)[:3]
+    tool = product(fixed, inverse(seen) if t.texts["mount"] == cameras.FLANGE else seen)
+    bad = faults(t, place, tool) != ""
+    return tool[np.argsort(bad, kind="stable")[:count]]
+
+
+def faults(t: Target, place: Region, tool: np.ndarray) -> np.ndarray:
+    """Why the board is not in view at poses (M, 3, 4) of the tool in F0, or "", (M,)."""
+    fixed = rigid(rpy_matrix(np.asarray(t.values["rpy"])), place.centre)[:3]
+    seen = (
+        product(inverse(tool), fixed) if t.texts["mount"] == cameras.FLANGE else product(inverse(fixed), tool)
+    )
+    points, lens, size = cameras.board(t).points, cameras.lens_of(t), size_of(t)
+    middle = 0.5 * (points.max(axis=0) + points.min(axis=0))
+    at = np.einsum("mij,kj->mik", seen[:, :, :3], points) + seen[:, :, 3:]
+    sight = seen[:, :, :3] @ middle + seen[:, :, 3]
+    far = np.linalg.norm(sight, axis=1)
+    out = np.full(len(tool), "", object)
+    facing = -_outward(t) * np.sum(seen[:, :, 2] * sight, axis=1) / far
+    out[facing < np.cos(STEEPEST + 1e-6)] = STEEP
+    # the origin of the board, not its middle, gave the distances of a session
+    wide = float(np.linalg.norm(middle))
+    out[(far < place.span[0] - wide) | (far > place.span[1] + wide)] = FAR
+    before = at[:, 2].min(axis=1) > 0.0
+    xy = np.where(before[:, None, None], at[:, :2] / np.where(before[:, None, None], at[:, 2:], 1.0), 0.0)
+    pixel = lens.pixels(xy)
+    margin = EDGE * size[:, None]
+    inside = np.all((pixel > margin) & (pixel < size[:, None] - margin), axis=(1, 2)) & before
+    back = lens.directions(np.moveaxis(pixel, 0, 1).reshape(2, -1)).reshape(2, len(tool), -1)
+    inside &= np.max(np.abs(np.moveaxis(back, 0, 1) - xy), axis=(1, 2)) < UNDONE
+    out[~inside] = OUT
+    return out
+
+
+def sights(t: Target, place: Region, tool: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """From the camera (M, 3) to the outermost points of the board (M, K, 3) in F0, at poses of the tool."""
+    fixed = np.broadcast_to(rigid(rpy_matrix(np.asarray(t.values["rpy"])), place.centre)[:3], tool.shape)
+    eye, seen = (tool, fixed) if t.texts["mount"] == cameras.FLANGE else (fixed, tool)
+    low, high = cameras.board(t).points.min(axis=0), cameras.board(t).points.max(axis=0)
+    ends = np.array(
+        [[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in {low[2], high[2]}]
+    )
+    return eye[:, :, 3], np.einsum("mij,kj->mki", seen[:, :, :3], ends) + seen[:, None, :, 3]
+
+
+def _plate(t: Target) -> tuple[np.ndarray, np.ndarray]:
+    """Centre and half edges (3,), m, of the board with a margin of a square, in its frame."""
+    b, points = cameras.board(t), cameras.board(t).points
+    low, high = points.min(axis=0) - b.size, points.max(axis=0) + b.size
+    half = np.maximum(0.5 * (high - low), THICK)
+    half[2] = THICK + 0.5 * float(np.ptp(points[:, 2]))
+    local = 0.5 * (low + high)
+    local[2] = float(np.mean(points[:, 2])) - _outward(t) * THICK
+    return local, half
+
+
+def obstacle(t: Target, place: Region) -> tuple[Shape, ...]:
+    """The board as a plate, or the body of a fixed camera."""
+    if t.texts["mount"] != cameras.FLANGE:
+        return (ball(place.centre, BODY),)
+    local, half = _plate(t)
+    turn = rpy_matrix(np.asarray(t.values["rpy"]))
+    return (Box(rigid(turn, place.centre + turn @ local), half),)
+
+
+def held(t: Target) -> tuple[Capsule, ...]:
+    """The body of a camera on the flange, or a board that is carried: parallel capsules that contain it."""
+    if t.texts["mount"] == cameras.FLANGE:
+        return (Capsule(0, np.zeros(3), np.zeros(3), BODY, "camera"),)
+    local, half = _plate(t)
+    short, along = sorted((0, 1), key=lambda axis: half[axis])
+    radius = max(2.0 * half[2], half[short] / STRIPS)
+    wide = np.sqrt(radius**2 - half[2] ** 2)  # half of what a capsule covers of the plate across
+    count = int(np.ceil(half[short] / wide))
+    out = []
+    for across in half[short] * (2.0 * np.arange(count) + 1.0 - count) / count:
+        middle = local.copy()
+        middle[short] += across
+        end = half[along] * np.eye(3)[along]
+        out.append(Capsule(0, middle - end, middle + end, float(radius), "board"))
+    return tuple(out)
+
+
+def corners(t: Target) -> int:
+    """Number of corners of the board, which are the rows of an image."""
+    return len(cameras.board(t).points)

@@ -16,7 +16,7 @@ from bayescal.arm.transforms import rpy_of
 from bayescal.errors import BayescalError, shown
 from bayescal.storage.files import outside, range_of, si, stem_of, unknown
 from bayescal.storage.reading import decoded, text_of
-from factors.turns import cross_matrix
+from factors.kind import cross_matrix
 
 XYZ = ("x_mm", "y_mm", "z_mm")
 RPY = ("rx_deg", "ry_deg", "rz_deg")

@@ -15,14 +15,13 @@ from pydantic import AfterValidator, Field
 from pydantic_core import PydanticCustomError
 
 from bayescal.arm.transforms import rigid, rpy_matrix
-from bayescal.dataset import cameras, image_checks, regions, viewpoints
+from bayescal.dataset import cameras, image_checks, regions
 from bayescal.dataset.cameras import board_of
 from bayescal.dataset.regions import Probing, vector
 from bayescal.dataset.types import Dataset, Target
 from bayescal.storage.files import NotNegative, Number, Positive, Vector
-from factors.camera import Camera
+from factors.camera import Camera, Instrument
 from factors.contacts import Cylinder, Distance, FixedPoint, Plane, Sphere
-from factors.instrument import Instrument
 from factors.kind import Kind
 
 if TYPE_CHECKING:
@@ -369,13 +368,13 @@ KINDS: dict[str, TargetKind] = {
             misfit=image_checks.misfit,
             prepared=image_checks.prepared,
             planned=Probing(
-                viewpoints.region,
-                obstacle=viewpoints.obstacle,
-                aims=viewpoints.aims,
-                faults=viewpoints.faults,
-                points=viewpoints.corners,
-                sights=viewpoints.sights,
-                held=viewpoints.held,
+                image_checks.region,
+                obstacle=image_checks.obstacle,
+                aims=image_checks.aims,
+                faults=image_checks.faults,
+                points=image_checks.corners,
+                sights=image_checks.sights,
+                held=image_checks.held,
             ),
         ),
     )

@@ -21,10 +21,9 @@ from bayescal.effects.imaging import (
     IMAGE_CENTRE,
     LENS_DISTORTION,
 )
-from bayescal.effects.location import Driver, Site
+from bayescal.effects.location import Driver, Site, Size
 from bayescal.effects.lost_motion import BACKLASH, HYSTERESIS
-from bayescal.effects.plane_form import PLANE_FORM
-from bayescal.effects.probe import ARTEFACT, BALL_RADIUS, LOBING
+from bayescal.effects.probe import ARTEFACT, BALL_RADIUS, LOBING, PLANE_FORM
 from bayescal.effects.readings import (
     ANGULAR_MOTION,
     COUPLING,
@@ -36,7 +35,6 @@ from bayescal.effects.readings import (
     STRAIGHTNESS,
 )
 from bayescal.effects.selection import Selection, Vocabulary, positive
-from bayescal.effects.sizes import Size
 from bayescal.effects.step import STEP
 from bayescal.effects.thermal_drift import THERMAL_DRIFT
 from bayescal.effects.timing import LATENCY, UNSETTLED

@@ -11,8 +11,7 @@ from bayescal.arm.motion import Term
 from bayescal.arm.transforms import cross
 from bayescal.effects.common import LEANING, at, carries, first_axis, vertical, without_masses, without_slides
 from bayescal.effects.compliance import ELBOW, SHOULDER, SPREAD, of_joints
-from bayescal.effects.location import Driver, link
-from bayescal.effects.sizes import COMPLIANT, FACTOR
+from bayescal.effects.location import COMPLIANT, FACTOR, Driver, link
 from bayescal.effects.vocabulary import Circumstances, Effect, Form, Parameter, Where
 
 SHARE = 0.3  # of the joint's compliance about its axis

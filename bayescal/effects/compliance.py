@@ -22,8 +22,7 @@ from bayescal.effects.common import (
     without_masses,
     without_torques,
 )
-from bayescal.effects.location import Driver
-from bayescal.effects.sizes import COMPLIANT, FACTOR, Size
+from bayescal.effects.location import COMPLIANT, FACTOR, Driver, Size
 from bayescal.effects.vocabulary import Circumstances, Effect, Form, Parameter, Scan, Where
 
 SHOULDER, ELBOW, WRIST = 3e-5, 2e-4, 2e-3  # rad/(N m)

@@ -27,8 +27,7 @@ from bayescal.arm.statics import Loads, centre_of_mass, gravity_in_f0, hinges, p
 from bayescal.effects.bending import AXIS_BENDING, BENDING
 from bayescal.effects.common import by_session, without_masses
 from bayescal.effects.compliance import BASE_COMPLIANCE, COMPLIANCE
-from bayescal.effects.location import TOOL, Driver
-from bayescal.effects.sizes import Size, length
+from bayescal.effects.location import TOOL, Driver, Size, length
 from bayescal.effects.vocabulary import Circumstances, Effect, Form, Parameter
 
 COMPLIANT = (COMPLIANCE, BENDING, BASE_COMPLIANCE, AXIS_BENDING)

@@ -7,8 +7,7 @@ import numpy as np
 from bayescal.arm.motion import IMAGE, Term
 from bayescal.effects import location
 from bayescal.effects.common import NO_CAMERA
-from bayescal.effects.location import BOARD, Driver, Site
-from bayescal.effects.sizes import Size
+from bayescal.effects.location import BOARD, Driver, Site, Size
 from bayescal.effects.vocabulary import Circumstances, Effect, ImageErrors, Parameter, View, Where
 
 TIMES = 5.0

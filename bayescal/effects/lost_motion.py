@@ -20,8 +20,7 @@ from bayescal.effects.common import (
     without_velocity,
 )
 from bayescal.effects.compliance import by_torque, loaded
-from bayescal.effects.location import Driver
-from bayescal.effects.sizes import Size, magnitude
+from bayescal.effects.location import Driver, Size, magnitude
 from bayescal.effects.vocabulary import Circumstances, Effect, Form, Parameter, Scan
 
 BACKLASH_SD, ALONG_SD = 8e-5, 3e-5  # rad; m, of a prismatic joint

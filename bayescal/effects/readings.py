@@ -21,8 +21,7 @@ from bayescal.effects.common import (
     waves,
     without_slides,
 )
-from bayescal.effects.location import Driver
-from bayescal.effects.sizes import WAVE, Size, length
+from bayescal.effects.location import WAVE, Driver, Size, length
 from bayescal.effects.vocabulary import Circumstances, Effect, Form, Parameter, Scan
 
 ENCODER_SCALE_SD = 1e-4  # rad per rad

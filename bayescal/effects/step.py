@@ -9,8 +9,7 @@ import numpy as np
 
 from bayescal.arm.motion import TURN, Term
 from bayescal.effects.common import alone, apart, each, within
-from bayescal.effects.location import BASE, TOOL, Driver, Site, face
-from bayescal.effects.sizes import Size, length
+from bayescal.effects.location import BASE, TOOL, Driver, Site, Size, face, length
 from bayescal.effects.vocabulary import Circumstances, Effect, Parameter, Scan, Where
 
 SHIFTS, TURNS = ("tx", "ty", "tz"), ("rx", "ry", "rz")

@@ -10,8 +10,7 @@ import numpy as np
 
 from bayescal.arm.motion import Term
 from bayescal.effects.common import apart, at, each
-from bayescal.effects.location import ARM, BASE, Driver
-from bayescal.effects.sizes import Size, length
+from bayescal.effects.location import ARM, BASE, Driver, Size, length
 from bayescal.effects.vocabulary import Circumstances, Effect, Form, Parameter, Scan
 from bayescal.errors import BayescalError
 

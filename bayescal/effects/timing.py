@@ -7,8 +7,7 @@ import numpy as np
 from bayescal.arm.motion import CONTACT, Term
 from bayescal.effects.common import at_gears, side_of, without_surface, without_velocity
 from bayescal.effects.imaging import at_view, late_images
-from bayescal.effects.location import CAMERA, PROBE, Driver
-from bayescal.effects.sizes import LATER, Size
+from bayescal.effects.location import CAMERA, LATER, PROBE, Driver, Size
 from bayescal.effects.vocabulary import Circumstances, Effect, Parameter
 
 LATENCY_SD = 2e-3  # s

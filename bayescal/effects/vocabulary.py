@@ -11,8 +11,7 @@ import numpy as np
 from bayescal.arm.chain import Chain, Robot
 from bayescal.arm.motion import CERTIFICATE, Term
 from bayescal.arm.statics import Loads, Stance
-from bayescal.effects.location import ARM, CONSTANT, Driver, Site
-from bayescal.effects.sizes import Size
+from bayescal.effects.location import ARM, CONSTANT, Driver, Site, Size
 from bayescal.errors import BayescalError
 
 UNITS = {

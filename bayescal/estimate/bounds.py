@@ -35,7 +35,7 @@ from scipy.special import ndtr, ndtri
 
 from bayescal.arm.motion import Motion, Term
 from bayescal.effects import UNITS, Parameter
-from bayescal.effects.sizes import micrometres
+from bayescal.effects.location import micrometres
 from bayescal.errors import BayescalError
 from bayescal.estimate import linearise
 from bayescal.estimate.discrepancy import stated

@@ -22,7 +22,7 @@ from bayescal.effects import Circumstances, Parameter, compliances, location
 from bayescal.effects.common import alone, base_terms, by_reading, tilts, within
 from bayescal.effects.compliance import COMPLIANCE
 from bayescal.effects.location import BASE, PROBE, TOOL, Driver, Site, joint, link
-from bayescal.effects.plane_form import shapes
+from bayescal.effects.probe import shapes
 from bayescal.estimate.estimate import Estimate
 from bayescal.model import Model
 from bayescal.model.scene import Scene

@@ -16,7 +16,7 @@ import numpy as np
 from scipy.special import chdtri
 
 from bayescal.effects import parameters_of
-from bayescal.effects.plane_form import PLANE_FORM, shapes
+from bayescal.effects.probe import PLANE_FORM, shapes
 from bayescal.effects.selection import plain
 from bayescal.estimate import Estimate, estimate
 from bayescal.estimate.families import poses

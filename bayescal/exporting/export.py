@@ -14,8 +14,7 @@ from bayescal.effects import UNITS
 from bayescal.errors import BayescalError
 from bayescal.exporting import CERTIFICATE, FORMATS
 from bayescal.exporting.geometry import Missing, not_expressed
-from bayescal.exporting.sidecar import SCHEMA, digest, replace_earlier
-from bayescal.exporting.written import Format, Options, Written, path_of
+from bayescal.exporting.written import SCHEMA, Format, Options, Written, digest, path_of, replace_earlier
 from bayescal.fitted import gate
 from bayescal.fitted.arm import FittedArm
 from bayescal.fitted.unmodelled import state_row

@@ -24,7 +24,7 @@ from bayescal.exporting.xml_text import rendered
 from bayescal.fitted.arm import FittedArm
 from bayescal.storage.writing import scalar
 from factors.camera import FISHEYE, Camera
-from factors.turns import left_jacobian, turned
+from factors.kind import left_jacobian, turned
 
 TURNS_SHIFTS = ("rx", "ry", "rz", "tx", "ty", "tz")
 BASE, END = "base_link", "tool0"

@@ -17,8 +17,8 @@ import numpy as np
 import yaml
 
 from bayescal.errors import BayescalError
-from bayescal.exporting.sidecar import digest, replace_earlier
 from bayescal.exporting.urdf import most_of
+from bayescal.exporting.written import digest, replace_earlier
 from bayescal.exporting.xml_text import rendered
 from bayescal.logs import Mechanism
 from bayescal.logs.mechanism import PAIRS

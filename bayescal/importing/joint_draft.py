@@ -17,7 +17,7 @@ import numpy as np
 from bayescal.arm.transforms import rpy_of
 from bayescal.dataset.write import check_new
 from bayescal.errors import BayescalError, listed
-from bayescal.exporting.sidecar import mujoco
+from bayescal.exporting.written import mujoco
 from bayescal.importing.ask import MOTION_FORMATS, Request
 from bayescal.importing.joint_bags import is_bag, read_bag
 from bayescal.importing.joint_formats import AIDS, DEG, SINGLE, Record, of_logs

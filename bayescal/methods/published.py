@@ -45,7 +45,7 @@ from bayescal.model.options import USUAL
 from bayescal.model.scene import Scene
 from factors.camera import Camera
 from factors.contacts import Plane
-from factors.turns import rotation_vector
+from factors.kind import rotation_vector
 
 
 @dataclass(frozen=True)

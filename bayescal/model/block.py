@@ -16,8 +16,7 @@ from bayescal.arm.transforms import common_rotation, rpy_matrix
 from bayescal.dataset import Dataset
 from factors import certificate
 from factors.camera import Camera
-from factors.kind import Kind
-from factors.turns import left_jacobian, product, turned
+from factors.kind import Kind, left_jacobian, product, turned
 
 ARM = "arm"
 

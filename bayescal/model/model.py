@@ -25,9 +25,9 @@ from bayescal.model.options import USUAL, FitOptions, kept
 from bayescal.model.parts import POINTS, u_of
 from bayescal.model.scene import Scene
 from factors import certificate
+from factors.certificate import certified_points
 from factors.contacts import Cylinder, Sphere
 from factors.kind import Kind
-from factors.points import certified_points
 
 ORIENTATION = "orientation"
 """Noise group of all orientations."""

@@ -17,11 +17,10 @@ from bayescal.effects import CertifiedValue, Circumstances, Face, Session
 from bayescal.errors import BayescalError
 from bayescal.model import block
 from bayescal.model.parts import STATED, as_seen, blur_of, posed_rowwise, rowwise, u_of, unposed, views_of
-from factors.certificate import RELATIONS, ordered
+from factors.camera import Instrument, Orientation
+from factors.certificate import RELATIONS, Shape, ordered, shape
 from factors.contacts import Plane
-from factors.instrument import Instrument, Orientation
 from factors.kind import Kind
-from factors.points import Shape, shape
 
 
 @dataclass(frozen=True)

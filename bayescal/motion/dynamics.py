@@ -6,7 +6,7 @@ import numpy as np
 
 from bayescal.logs import Mechanism
 from bayescal.logs.mechanism import PAIRS, inertial
-from factors.turns import cross_matrix
+from factors.kind import cross_matrix
 
 PARAMETERS = 10
 """Of a body: mass, first moment (3), inertia about its frame's origin (6)."""

@@ -16,10 +16,9 @@ from bayescal.arm.transforms import rigid_alignment
 from bayescal.errors import BayescalError
 from bayescal.estimate.estimate import LARGEST_STEP
 from bayescal.estimate.outliers import rejected, scale, student_weights
+from factors.camera import Instrument
 from factors.contacts import Cylinder, Distance, Sphere
-from factors.instrument import Instrument
-from factors.kind import Kind
-from factors.turns import rotation_vector
+from factors.kind import Kind, rotation_vector
 
 
 def starts(kind: Kind, p: np.ndarray) -> np.ndarray:

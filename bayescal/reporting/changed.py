@@ -12,7 +12,7 @@ import numpy as np
 from rich.console import RenderableType
 from rich.text import Text as Words
 
-from bayescal.changes.moves import Shift
+from bayescal.changes.joint import Shift
 from bayescal.changes.outcome import Changed, Detectable, Difference
 from bayescal.dataset.table import csv_text
 from bayescal.effects import UNITS

@@ -16,7 +16,7 @@ import numpy as np
 
 from bayescal.errors import BayescalError
 from bayescal.exporting.log_arm import mechanism_of_run, text_of, values_of
-from bayescal.exporting.sidecar import mujoco
+from bayescal.exporting.written import mujoco
 from bayescal.logs import Log, Mechanism, read_log
 from bayescal.logs.types import SERVO, VALIDATE
 from bayescal.motion.controller import Law, law_of, with_controller

@@ -20,7 +20,7 @@ from bayescal.effects.geometry import GEOMETRY
 from bayescal.errors import BayescalError
 from bayescal.exporting.geometry import constant
 from bayescal.exporting.mjcf.elastic import sprung
-from bayescal.exporting.sidecar import AGAIN, mujoco, pinocchio, read_sidecar, sidecar_of
+from bayescal.exporting.written import AGAIN, mujoco, pinocchio, read_sidecar, sidecar_of
 from bayescal.fitted.arm import FittedArm, refitted
 from bayescal.fitted.file import open_run
 from bayescal.fitted.unmodelled import state_row

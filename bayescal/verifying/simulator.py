@@ -19,8 +19,7 @@ from bayescal.exporting.mjcf.mechanism import Load, loads, places
 from bayescal.exporting.mjcf.readings import STIFF, Joints, Law, bare, error, law_of, posture
 from bayescal.exporting.mjcf.replay import hold_base
 from bayescal.exporting.mjcf.scene_arm import compiled
-from bayescal.exporting.sidecar import mujoco
-from bayescal.exporting.written import IN_F0
+from bayescal.exporting.written import IN_F0, mujoco
 from bayescal.fitted.arm import NOMINAL, FittedArm
 from bayescal.robots.urdf import parse_markup
 

@@ -11,7 +11,7 @@ from camera_sessions import BOARD, camera_session
 from bayescal.assess.images import blurred, displaced, lost_images
 from bayescal.effects import Circumstances
 from bayescal.estimate import estimate
-from bayescal.gap.search.image_cells import of_points
+from bayescal.gap.search.cells import of_points
 from bayescal.model import build
 from bayescal.model.scene import Scene
 

@@ -19,7 +19,7 @@ from bayescal.assess.shared_causes import completed
 from bayescal.calibration import fit
 from bayescal.cli import app
 from bayescal.dataset import Certificate, read_dataset
-from bayescal.effects.plane_form import GRANITE, TABLE
+from bayescal.effects.probe import GRANITE, TABLE
 from bayescal.errors import BayescalError
 from bayescal.estimate import calibrated, estimate, linearise
 from bayescal.estimate.bounds import with_latent_readings

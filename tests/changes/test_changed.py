@@ -10,8 +10,7 @@ from sessions import misread, tracker, with_columns, with_rows
 
 import bayescal as bc
 from bayescal.changes import linear
-from bayescal.changes.joint import prepared, tied
-from bayescal.changes.moves import AT, Shift
+from bayescal.changes.joint import AT, Shift, prepared, tied
 from bayescal.changes.outcome import changed
 from bayescal.changes.search import SCALES, Member, averaged, gains, options
 from bayescal.dataset.join import joined

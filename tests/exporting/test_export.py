@@ -19,7 +19,7 @@ from bayescal.arm.transforms import rigid, rotation, rpy_matrix
 from bayescal.errors import BayescalError
 from bayescal.exporting.export import export
 from bayescal.exporting.robot import calibrated_robot, robot_text
-from bayescal.exporting.sidecar import read_sidecar
+from bayescal.exporting.written import read_sidecar
 
 OPTIONS = {"contacts": 90, "later": 10, "repeats": 5, "spheres": 0, "seed": 1}
 

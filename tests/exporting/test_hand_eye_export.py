@@ -20,7 +20,7 @@ from bayescal.exporting.hand_eye import hand_eyes
 from bayescal.fitted.arm import of_estimate, of_fit
 from bayescal.model import USUAL, build
 from bayescal.model.scene import Scene
-from factors.turns import rotation_vector
+from factors.kind import rotation_vector
 
 
 @pytest.fixture(scope="module", params=["flange", "fixed"])

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
+from factors.camera import Instrument
 from factors.certificate import Certificate, diameter, join
 from factors.contacts import Cylinder, Distance, FixedPoint, Plane, Sphere
-from factors.instrument import Instrument
 from factors.kind import tangents
-from factors.turns import turned as rotation
+from factors.kind import turned as rotation
 
 U_ANGLE, U_DISTANCE, SIDE = 1.2e-5, 3e-6, 0.2286
 RADIUS = np.zeros(0)

@@ -7,11 +7,18 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from factors.camera import FISHEYE, PINHOLE, Camera, Lens
+from factors.camera import FISHEYE, PINHOLE, Camera, Instrument, Lens, Orientation
 from factors.contacts import Cylinder, Distance, FixedPoint, Plane, Sphere
-from factors.instrument import Instrument, Orientation
-from factors.kind import Kind, dot, tangents, tilted
-from factors.turns import inverse_left_jacobian, left_jacobian, rotation_vector, turned
+from factors.kind import (
+    Kind,
+    dot,
+    inverse_left_jacobian,
+    left_jacobian,
+    rotation_vector,
+    tangents,
+    tilted,
+    turned,
+)
 
 COUNT = 40
 RADIUS = np.where(np.arange(COUNT) % 2 == 0, 3e-3, 1.5e-3)  # two tools

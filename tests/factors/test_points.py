@@ -6,8 +6,8 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2, kstest
 
+from factors.certificate import CORRELATION, certified_points, form_of, shape
 from factors.contacts import FixedPoint
-from factors.points import CORRELATION, certified_points, form_of, shape
 
 PLATE = np.array([(x, y, 0.0) for x in (0.0, 0.15, 0.3) for y in (0.0, 0.2)])
 """Balls in a plane: no distance between them tells, to first order, that one lies above it."""

@@ -25,7 +25,7 @@ from bayescal.gap.search.unknown import Pool
 from bayescal.gap.search.verdict import Decision, decide
 from bayescal.model import build
 from bayescal.model.scene import Scene
-from factors.turns import turned
+from factors.kind import turned
 
 BASELINE = ("geometry", "compliance")
 

@@ -13,8 +13,7 @@ from sessions import circumstances, geared
 
 import bayescal as bc
 from bayescal.effects import EFFECTS, Parameter, confusable, parameters_of
-from bayescal.effects.location import PROBE, Driver, Site, joint
-from bayescal.effects.sizes import length, magnitude, phase, propagated
+from bayescal.effects.location import PROBE, Driver, Site, joint, length, magnitude, phase, propagated
 from bayescal.effects.vocabulary import same_terms
 from bayescal.gap.concluded import hypotheticals
 from bayescal.gap.linear.problem import Problem

@@ -9,7 +9,7 @@ from bayescal.arm.chain import chain_of, frames
 from bayescal.arm.transforms import rigid, rpy_matrix, rpy_of
 from bayescal.dataset import Measurements, Noise, Target, Tool
 from factors.contacts import Cylinder, Distance, FixedPoint, Sphere
-from factors.turns import turned
+from factors.kind import turned
 
 MIDDLE = np.array([0.45, 0.0, 0.3])
 CONTACT, POINT, TURN = 5e-6, 10e-6, 2e-4  # m, m, rad: noise

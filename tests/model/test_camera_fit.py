@@ -12,7 +12,7 @@ from bayescal.model import ARM, build
 from bayescal.model.model import with_parameters
 from bayescal.model.parts import view
 from bayescal.model.scene import Scene
-from factors.turns import rotation_vector
+from factors.kind import rotation_vector
 
 
 @pytest.mark.parametrize("mount", FIXED)

@@ -24,7 +24,7 @@ from bayescal.model.scene import Scene
 from bayescal.posterior import Density, gaussian
 from bayescal.predict.crossvalidation import inside95
 from bayescal.reporting.gap.phrases import warnings
-from factors.turns import rotation_vector
+from factors.kind import rotation_vector
 
 FULL = ("geometry", "compliance")
 OFF = np.array([4e-3, -2e-3, 3e-3, 2e-3, -1e-3, 3e-3])

@@ -15,7 +15,7 @@ from motion.made import RATE, inverse, write
 import bayescal as bc
 from bayescal.errors import BayescalError
 from bayescal.exporting.log_arm import FORMATS, LogExport, drives_of, export_log, text_of
-from bayescal.exporting.sidecar import mujoco
+from bayescal.exporting.written import mujoco
 from bayescal.logs.read import written_out
 from bayescal.logs.schema import Arm, arm_text
 from bayescal.robots.urdf import robot_from_urdf

@@ -31,8 +31,8 @@ from bayescal.predict.forecast import forecast
 from bayescal.predict.locate import Rows, States, _check, locate, robust_rows, search
 from bayescal.predict.targets import unknown_tool
 from bayescal.predict.validation import Validation, validate
+from factors.camera import Instrument
 from factors.contacts import Cylinder, Distance, FixedPoint, Sphere
-from factors.instrument import Instrument
 
 CENTRE, DIAMETER, RADIUS = np.array([0.4, -0.1, 0.2]), 50.8e-3, 3e-3
 LOOSE = np.array([0.05, 0.05, 0.05, 1e-3])

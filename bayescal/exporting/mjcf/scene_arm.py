@@ -21,7 +21,7 @@ from bayescal.arm.chain import Robot
 from bayescal.arm.transforms import rigid
 from bayescal.errors import BayescalError, listed
 from bayescal.exporting.same_arm import FileArm, Match, match
-from bayescal.exporting.sidecar import mujoco
+from bayescal.exporting.written import mujoco
 from bayescal.exporting.xml_text import XmlText
 from bayescal.robots.urdf import LARGEST, refuse_network
 from bayescal.storage.reading import decoded

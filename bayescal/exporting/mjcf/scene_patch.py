@@ -23,8 +23,7 @@ from bayescal.exporting.mjcf.readings import Joints, Law, bare, law_of
 from bayescal.exporting.mjcf.scene_arm import FoundArm
 from bayescal.exporting.mjcf.scene_parts import with_keyframes, with_unique_names, without_earlier
 from bayescal.exporting.same_arm import ANGLE, Match, smallest_turn
-from bayescal.exporting.sidecar import mujoco
-from bayescal.exporting.written import Options, Written, path_of
+from bayescal.exporting.written import Options, Written, mujoco, path_of
 from bayescal.exporting.xml_text import number, numbers
 from bayescal.fitted.arm import FittedArm
 

@@ -16,9 +16,8 @@ from bayescal.dataset import Dataset
 from bayescal.dataset.cameras import FIXED
 from bayescal.dataset.consistency import copies, rounded
 from bayescal.effects import EFFECTS, UNITS, Driver, Parameter, Site
-from bayescal.effects.location import BASE, face
+from bayescal.effects.location import BASE, DEVIATION, Value, face, propagated
 from bayescal.effects.selection import Selection
-from bayescal.effects.sizes import DEVIATION, Value, propagated
 from bayescal.estimate import Estimate
 from bayescal.estimate.unexplained import stated_noise
 from bayescal.gap.outcome.magnitude import difference, log_predictive

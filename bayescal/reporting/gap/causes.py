@@ -10,8 +10,7 @@ import numpy as np
 
 from bayescal.dataset import Dataset
 from bayescal.dataset.cameras import FIXED
-from bayescal.effects.location import ARTEFACT, BASE, Site
-from bayescal.effects.sizes import DEVIATION, of_sign
+from bayescal.effects.location import ARTEFACT, BASE, DEVIATION, Site, of_sign
 from bayescal.effects.vocabulary import unit_label
 from bayescal.gap.result import Amplitude, Event, Gap, Named, Place
 from bayescal.reporting.shared.origin import entry, sized

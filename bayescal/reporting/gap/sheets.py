@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from bayescal.dataset.table import csv_text, joint_columns
-from bayescal.effects.location import Site
-from bayescal.effects.sizes import of_sign
+from bayescal.effects.location import Site, of_sign
 from bayescal.gap.result import MARGINS, VALIDATION_POINTS
 from bayescal.gap.settings import OUTCOME
 from bayescal.reporting.fit.sheets import level_sheet

@@ -12,9 +12,8 @@ from rich.table import Column, Table
 from rich.text import Text
 
 from bayescal.effects import EFFECTS, UNITS
-from bayescal.effects.location import words_of
+from bayescal.effects.location import OPPOSITE, words_of
 from bayescal.effects.selection import Selection
-from bayescal.effects.sizes import OPPOSITE
 from bayescal.effects.vocabulary import unit_label
 from bayescal.statistics import decimals_of
 
