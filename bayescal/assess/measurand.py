@@ -11,15 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bayescal.assess.inputs import (
-    UNEXPLAINED,
-    Basis,
-    Own,
-    centre,
-    certificate_input,
-    own_errors,
-    reading_errors,
-)
+from bayescal.assess import inputs
 from bayescal.errors import BayescalError
 from bayescal.model import ARM
 from bayescal.predict.errors import certified_pairs, slopes
@@ -58,7 +50,7 @@ class Measurand:
     unit: str
     value: float | None
     by_z: np.ndarray
-    own: tuple[Own, ...] = ()
+    own: tuple[inputs.Own, ...] = ()
     any_of: bool = False
     position: np.ndarray | None = None
     values: tuple[float, ...] = ()
@@ -69,13 +61,13 @@ class Measurand:
         return 1.0 / max(len(self.by_z), 1) if self.any_of else 1.0
 
 
-def certified_distances(basis: Basis) -> tuple[tuple[str, str], ...]:
+def certified_distances(basis: inputs.Basis) -> tuple[tuple[str, str], ...]:
     """Certified distances of the session between centres that were not fitted."""
     pairs = certified_pairs(basis.stated.wide.model.scene, basis.prepared.located)
     return tuple((c.targets[0], c.targets[1]) for c, _, _ in pairs)
 
 
-def distance(basis: Basis, between: tuple[str, str]) -> Measurand:
+def distance(basis: inputs.Basis, between: tuple[str, str]) -> Measurand:
     """Error of the distance between two centres, as the arm measures it; its value is none if not certified.
 
     Raises
@@ -86,23 +78,23 @@ def distance(basis: Basis, between: tuple[str, str]) -> Measurand:
     (first, second) = between
     if first == second:
         raise BayescalError(f"both ends are {first}", "--distance", "name two targets")
-    a, b = centre(basis, first), centre(basis, second)
+    a, b = inputs.centre(basis, first), inputs.centre(basis, second)
     apart = a.at - b.at
     length = float(np.linalg.norm(apart))
     along = (apart / length)[None]
-    own: list[Own] = [(one, along @ by) for end in (a, b) for one, by in end.own]
+    own: list[inputs.Own] = [(one, along @ by) for end in (a, b) for one, by in end.own]
     name, value = f"distance {first} - {second}", length
     model = basis.stated.wide.model
     for c in model.scene.dataset.certificates:
         fitted = set(c.targets) <= model.block_of.keys()  # then the certificate is an input of the fit
         if c.kind == "distance" and set(c.targets) == {first, second} and not fitted:
             u = c.u_distance or 0.0
-            own.append((certificate_input(c, "m", u), np.array([[u]])))
+            own.append((inputs.certificate_input(c, "m", u), np.array([[u]])))
             name, value = f"error of the distance {first} - {second}", length - (c.distance or 0.0)
     return Measurand(DISTANCE, name, "m", value, along @ (a.by_z - b.by_z), _merged(own))
 
 
-def distances(basis: Basis, pairs: Sequence[tuple[str, str]], name: str) -> Measurand:
+def distances(basis: inputs.Basis, pairs: Sequence[tuple[str, str]], name: str) -> Measurand:
     """Error of any one of several distances."""
     each = [distance(basis, pair) for pair in pairs]
     by_z, own = _stacked([(m.by_z, m.own) for m in each])
@@ -110,9 +102,9 @@ def distances(basis: Basis, pairs: Sequence[tuple[str, str]], name: str) -> Meas
     return Measurand(DISTANCES, name, "m", None, by_z, in_common(_merged(own)), any_of=True, values=values)
 
 
-def _stacked(parts: Sequence[tuple[np.ndarray, Sequence[Own]]]) -> tuple[np.ndarray, list[Own]]:
+def _stacked(parts: Sequence[tuple[np.ndarray, Sequence[inputs.Own]]]) -> tuple[np.ndarray, list[inputs.Own]]:
     """Slopes (K, D') of the quantities of all parts, and the errors of each part, as changes of all K."""
-    by_z, out, first = np.concatenate([by for by, _ in parts]), list[Own](), 0
+    by_z, out, first = np.concatenate([by for by, _ in parts]), list[inputs.Own](), 0
     for by, errors in parts:
         for source, changes in errors:
             out.append((source, np.pad(changes, ((first, len(by_z) - first - len(by)), (0, 0)))))
@@ -120,7 +112,7 @@ def _stacked(parts: Sequence[tuple[np.ndarray, Sequence[Own]]]) -> tuple[np.ndar
     return by_z, out
 
 
-def volume(basis: Basis) -> Measurand:
+def volume(basis: inputs.Basis) -> Measurand:
     """Error of a distance between two points of the probed volume, for the pairs that a fit predicts."""
     wide = basis.stated.wide
     space = workspace(wide)
@@ -128,7 +120,7 @@ def volume(basis: Basis) -> Measurand:
     by_z = np.zeros((count, wide.model.size))
     if count:
         by_z[:, wide.model.slices[ARM]] = slopes(wide.model, space.motion, space.values, space.pairs)
-    own: tuple[Own, ...] = ()
+    own: tuple[inputs.Own, ...] = ()
     if basis.excess:
         # each of the two ends has its own error along the distance
         own = ((basis.unexplained(), np.full((count, 1), np.sqrt(2.0) * basis.excess)),)
@@ -136,7 +128,7 @@ def volume(basis: Basis) -> Measurand:
     return Measurand(DISTANCES, name, "m", None, by_z, own, any_of=True)
 
 
-def parameter(basis: Basis, name: str) -> Measurand:
+def parameter(basis: inputs.Basis, name: str) -> Measurand:
     """A parameter of the arm or a component of a target's position.
 
     Raises
@@ -157,11 +149,11 @@ def parameter(basis: Basis, name: str) -> Measurand:
     return Measurand(PARAMETER, f"parameter {name}", plain.model.units[k], value, by_z)
 
 
-def _merged(own: Sequence[Own]) -> tuple[Own, ...]:
+def _merged(own: Sequence[inputs.Own]) -> tuple[inputs.Own, ...]:
     """Errors of the same input added; the unexplained ones, which are of different points, side by side."""
-    out: dict[str, Own] = {}
+    out: dict[str, inputs.Own] = {}
     for source, by in own:
-        if source.name in out and source.group == UNEXPLAINED:
+        if source.name in out and source.group == inputs.UNEXPLAINED:
             by = np.concatenate([out[source.name][1], by], axis=1)
         elif source.name in out:
             by = out[source.name][1] + by
@@ -169,12 +161,12 @@ def _merged(own: Sequence[Own]) -> tuple[Own, ...]:
     return tuple(out.values())
 
 
-def in_common(own: Sequence[Own]) -> tuple[Own, ...]:
+def in_common(own: Sequence[inputs.Own]) -> tuple[inputs.Own, ...]:
     """Independent inputs of many targets as a few components: by their common names."""
-    groups: dict[str, list[Own]] = {}
+    groups: dict[str, list[inputs.Own]] = {}
     for source, by in own:
         groups.setdefault(source.common or source.name, []).append((source, by))
-    out: list[Own] = []
+    out: list[inputs.Own] = []
     for name, each in groups.items():
         first = each[0][0]
         sizes = {source.u for source, _ in each}
@@ -186,7 +178,7 @@ def in_common(own: Sequence[Own]) -> tuple[Own, ...]:
     return tuple(out)
 
 
-def readings(basis: Basis) -> Measurand | None:
+def readings(basis: inputs.Basis) -> Measurand | None:
     """Error of any distance between readings of one target, for the pairs that a fit predicts."""
     wide = basis.stated.wide
     parts = []
@@ -222,18 +214,18 @@ def _slopes(r: RowPrediction) -> np.ndarray:
     return out
 
 
-def _own(basis: Basis, r: RowPrediction, by: np.ndarray) -> list[Own]:
+def _own(basis: inputs.Basis, r: RowPrediction, by: np.ndarray) -> list[inputs.Own]:
     """Errors of the readings themselves, and of locating their target; `by` (K, R)."""
     wide = basis.stated.wide
     z = wide.z[wide.model.slices[r.block.target]] if r.target is None else r.target.z
     # rows that locate their target: their errors change the target too
     each = by if not r.own or r.target is None else by + by @ r.by_target @ r.target.gain
     names = "noise of the compared readings", "joint readings at the compared rows"
-    out = list(reading_errors(basis, r.block, z, r.noise, each, names))
+    out = list(inputs.reading_errors(basis, r.block, z, r.noise, each, names))
     if basis.excess and r.target is not None:  # the noise scale of fitted targets includes it
         instrument = wide.model.scene.declared_of(r.block.target).of_instrument
         out.append((basis.unexplained(), basis.excess * (each if instrument else by @ r.by_point)))
     if r.target is not None:
-        of_target = own_errors(basis, r.target, -by @ r.by_target)
+        of_target = inputs.own_errors(basis, r.target, -by @ r.by_target)
         out += [error for error in of_target if not r.own or error[0].evaluation == "B"]
     return out

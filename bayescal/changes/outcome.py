@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from bayescal.changes import search
 from bayescal.changes.joint import (
     DistanceChange,
     Item,
@@ -19,27 +20,6 @@ from bayescal.changes.joint import (
     with_poses,
 )
 from bayescal.changes.linear import evidence, integrated
-from bayescal.changes.search import (
-    FREE,
-    LISTED,
-    NAMED,
-    NONE,
-    SCALES,
-    SURE,
-    Member,
-    Search,
-    averaged,
-    by_masses,
-    by_sets,
-    log_priors,
-    options,
-    posterior,
-    search,
-    selector,
-    selectors,
-    set_with,
-    told,
-)
 from bayescal.dataset import Dataset
 from bayescal.effects import EFFECTS, Parameter
 from bayescal.effects.location import magnitude
@@ -140,7 +120,7 @@ def changed(
         progress("estimate", number / len(orders))
         extended, reasons = with_poses(last, targets)
         joint = prepared([*others, extended], effects, remounted, robust)
-        every.append((search(evidence(joint)), reasons))
+        every.append((search.search(evidence(joint)), reasons))
     back = max(range(len(every)), key=lambda k: every[k][0].log_evidence)
     found, reasons = every[back]
     e, joint = found.evidence, found.evidence.joint
@@ -150,7 +130,7 @@ def changed(
     verdict = verdict_of(found.same, any(classes.values()))
     of_arm = {m: g for m, g in classes.items() if _of_arm(joint, m)}
     arm = verdict_of(arm_same, any(of_arm.values()))
-    listed = [m for m, p in found.probability.items() if p >= LISTED or m in of_class]
+    listed = [m for m, p in found.probability.items() if p >= search.LISTED or m in of_class]
     # members of the best set are in the order of what they explain
     rank = {m: k for k, lead in enumerate(found.best.members) for m in reversed(classes[lead] or (lead,))}
     listed.sort(key=lambda m: (m not in of_class, rank.get(m, len(rank)), -found.probability[m]))
@@ -210,26 +190,26 @@ def _reversed(d: Difference, last: str) -> Difference:
     return replace(d, sessions=(last,), before=d.after, after=d.before, difference=-d.difference)
 
 
-def _of_arm(joint: Joint, m: Member) -> bool:
+def _of_arm(joint: Joint, m: search.Member) -> bool:
     return joint.items[m.item].kind in OF_ARM
 
 
 def verdict_of(same: float, resolved: bool) -> str:
     """The verdict, by the probability that nothing changed, and whether one is named, alone or in a class."""
-    if same >= NONE:
+    if same >= search.NONE:
         return "same"
-    return "changed" if 1.0 - same >= SURE and resolved else "ambiguous"
+    return "changed" if 1.0 - same >= search.SURE and resolved else "ambiguous"
 
 
-def members_of_class(found: Search, m: Member) -> tuple[Member, ...]:
+def members_of_class(found: search.Search, m: search.Member) -> tuple[search.Member, ...]:
     """A member of the best set with those that may replace it: together nearly certain; () if too many."""
     chosen, rest = [m], [w for w in found.weighed if w.members]
     total = found.probability[m]
     others = set(found.best.members) - {m}
-    if total >= NAMED:
+    if total >= search.NAMED:
         return (m,)
-    while total < SURE and len(chosen) <= MOST:
-        mass: dict[Member, float] = {}
+    while total < search.SURE and len(chosen) <= MOST:
+        mass: dict[search.Member, float] = {}
         for w in rest:
             if not set(w.members) & set(chosen):
                 for other in set(w.members) - others:
@@ -239,16 +219,18 @@ def members_of_class(found: Search, m: Member) -> tuple[Member, ...]:
         best = max(mass, key=lambda k: mass[k])
         chosen.append(best)
         total += mass[best]
-    return tuple(chosen) if total >= SURE and len(chosen) <= MOST else ()
+    return tuple(chosen) if total >= search.SURE and len(chosen) <= MOST else ()
 
 
-def _differences(found: Search, m: Member, of_class: Sequence[Member], stated: bool) -> list[Difference]:
+def _differences(
+    found: search.Search, m: search.Member, of_class: Sequence[search.Member], stated: bool
+) -> list[Difference]:
     probability = min(found.probability[m], 1.0)
     e, item = found.evidence, found.evidence.joint.items[m.item]
-    members = set_with(found, m).members
-    by, mean, covariance = posterior(e, members)
+    members = search.set_with(found, m).members
+    by, mean, covariance = search.posterior(e, members)
     first = sum(len(e.joint.items[k.item].parameters) for k in members[: members.index(m)])
-    variances = np.diag(covariance)[first : first + len(item.parameters)] + by_sets(found, m)
+    variances = np.diag(covariance)[first : first + len(item.parameters)] + search.by_sets(found, m)
     shared = e.shared + e.follow @ (by @ mean)
     place = {name: k for k, name in enumerate(e.names)}
     sign = -1.0 if 0 in m.sessions else 1.0  # the first session alone has another value
@@ -256,7 +238,7 @@ def _differences(found: Search, m: Member, of_class: Sequence[Member], stated: b
     out = []
     for p, amplitude, variance in zip(item.parameters, mean[first:], variances, strict=False):
         difference = sign * p.sd * float(amplitude)
-        u = float(np.hypot(p.sd * np.sqrt(variance), by_masses(e.joint, p) * difference))
+        u = float(np.hypot(p.sd * np.sqrt(variance), search.by_masses(e.joint, p) * difference))
         at = place.get(p.name) if p.name else None
         before = None if at is None else float(e.centre[at] + e.sd[at] * shared[at])
         after = None if before is None else before + difference
@@ -272,11 +254,11 @@ def _differences(found: Search, m: Member, of_class: Sequence[Member], stated: b
 
 
 def _moved(
-    found: Search, moves: np.ndarray, ids: Sequence[str], reasons: Sequence[str]
+    found: search.Search, moves: np.ndarray, ids: Sequence[str], reasons: Sequence[str]
 ) -> tuple[DistanceChange | None, tuple[Shift, ...]]:
     """What the best set does to distances, and at given poses; base and targets are not part of it."""
     e, joint = found.evidence, found.evidence.joint
-    _, mean, covariance = posterior(e, found.best.members)
+    _, mean, covariance = search.posterior(e, found.best.members)
     first = np.cumsum([0, *(len(i.parameters) for i in joint.items)])
     parameters = [k for m in found.best.members for k in range(first[m.item], first[m.item + 1])]
     weight = [  # of the last session relative to the first
@@ -303,19 +285,19 @@ def _moved(
     return distance_change(distance_slopes(points, by[:, :, fitted]), mean, covariance), tuple(shifts)
 
 
-def detectable(found: Search, moves: np.ndarray) -> tuple[Detectable, ...]:
+def detectable(found: search.Search, moves: np.ndarray) -> tuple[Detectable, ...]:
     """The smallest change of every parameter of the arm and of the tool that would have been found."""
     e, joint = found.evidence, found.evidence.joint
 
     def beside(item: Item | None) -> np.ndarray:
         """Information with the changes of the best set, without that of an item, integrated out."""
         others = [m for m in found.best.members if joint.items[m.item] is not item]
-        return integrated(e.information, e.score, FREE * selectors(e, others))[0]
+        return integrated(e.information, e.score, search.FREE * search.selectors(e, others))[0]
 
     usual = beside(None)
     inside = {m.item for m in found.best.members}
-    every = options(e)
-    prior = log_priors(e, every)
+    every = search.options(e)
+    prior = search.log_priors(e, every)
     first = np.cumsum([0, *(len(i.parameters) for i in joint.items)])
     fitted = joint.circumstances.fitted
     out = []
@@ -323,13 +305,13 @@ def detectable(found: Search, moves: np.ndarray) -> tuple[Detectable, ...]:
         item = joint.items[m.item]
         if item.kind not in ("arm", "effect") and item.site.kind != "tool":
             continue
-        select, g = selector(e, m), beside(item) if m.item in inside else usual
+        select, g = search.selector(e, m), beside(item) if m.item in inside else usual
         for k, p in enumerate(item.parameters):
             at = np.flatnonzero(select[:, k])
-            value = _least(float(np.sum(g[np.ix_(at, at)])), prior[m] + float(np.log(1.0 - NONE)))
+            value = _least(float(np.sum(g[np.ix_(at, at)])), prior[m] + float(np.log(1.0 - search.NONE)))
             tcp = moves[first[m.item] + k][:, fitted]
             size = float(np.sqrt(np.mean(np.sum(tcp**2, axis=0))))
-            if value is None or value > FREE:
+            if value is None or value > search.FREE:
                 out.append(Detectable(item, p, None, None))
             else:
                 out.append(Detectable(item, p, value * p.sd, value * size))
@@ -338,15 +320,15 @@ def detectable(found: Search, moves: np.ndarray) -> tuple[Detectable, ...]:
 
 def _least(information: float, prior: float) -> float | None:
     """The change, in units of its prior, that is found with a probability of 90 %."""
-    if information * FREE**2 < 1.0:
+    if information * search.FREE**2 < 1.0:
         return None
 
-    square = SCALES**2
+    square = search.SCALES**2
     with_it = 1.0 + square * information
-    limit = float(np.log(NONE) + np.log(SURE / (1.0 - SURE))) - prior
+    limit = float(np.log(search.NONE) + np.log(search.SURE / (1.0 - search.SURE))) - prior
 
     def odds(a: float) -> float:
-        return averaged(0.5 * ((information * a) ** 2 * square / with_it - np.log(with_it))) - limit
+        return search.averaged(0.5 * ((information * a) ** 2 * square / with_it - np.log(with_it))) - limit
 
     low, high = 0.0, 1.0 / np.sqrt(information)
     while odds(high) < 0.0:
@@ -357,10 +339,10 @@ def _least(information: float, prior: float) -> float | None:
     return high + POWER / float(np.sqrt(information))
 
 
-def _errors(found: Search) -> tuple[tuple[str, float], ...]:
+def _errors(found: search.Search) -> tuple[tuple[str, float], ...]:
     """Errors that the model lacks, of all sessions alike, that these tell; largest variance first."""
-    variances, odds = found.evidence.variances, told(found)
+    variances, odds = found.evidence.variances, search.told(found)
     # any of the families may be it by chance
-    least = float(np.log(SURE / (1.0 - SURE) * max(len(odds), 1)))
+    least = float(np.log(search.SURE / (1.0 - search.SURE) * max(len(odds), 1)))
     sure = [(name, variances[name]) for name, o in odds.items() if name in EFFECTS and o >= least]
     return tuple(sorted(sure, key=lambda x: -x[1]))

@@ -12,15 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from bayescal.arm.inverse import (
-    beyond_limits,
-    descend,
-    nearest,
-    poses_apart,
-    solutions,
-    to_poses,
-    without_solution,
-)
+from bayescal.arm import inverse
 from bayescal.arm.motion import NominalArm
 from bayescal.compensating.position import BASE, Frame, Region, frame_of, uncertainty
 from bayescal.fitted.arm import FittedArm, Poses
@@ -108,7 +100,7 @@ def _nominal(
         mine = [k for k, t in enumerate(targets) if t.pose is not None and tools[k].tool.name == name]
         starts = [targets[k].readings if targets[k].readings is not None else session[0] for k in mine]
         if mine:
-            every = solutions(tools[mine[0]].nominal, goals[mine], np.array(starts)[:, None])
+            every = inverse.solutions(tools[mine[0]].nominal, goals[mine], np.array(starts)[:, None])
             by_pose |= dict(zip(mine, every, strict=True))
     out: list[Corrected] = []
     readings: np.ndarray | None
@@ -117,24 +109,24 @@ def _nominal(
         nominal = working.nominal
         if target.pose is None:
             assert target.readings is not None
-            if reason := beyond_limits(nominal, nominal.angles_of(target.readings[None])[0]):
+            if reason := inverse.beyond_limits(nominal, nominal.angles_of(target.readings[None])[0]):
                 out.append(Corrected(reason))
                 continue
             candidates, readings = np.empty((0, nominal.robot.n)), target.readings
         else:
             candidates, last = by_pose[k], before[None] if in_sequence and before is not None else session
             references = last if target.readings is None else target.readings[None]
-            readings = nearest(nominal, candidates, references, target.admits)
+            readings = inverse.nearest(nominal, candidates, references, target.admits)
             if readings is None and not target.strict:
-                readings = nearest(nominal, candidates, references)
+                readings = inverse.nearest(nominal, candidates, references)
         if readings is not None:
             count = None if target.pose is None else len(candidates)
             out.append(Corrected(nominal=readings, solutions=count))
             before = readings
-        elif target.admits is not None and nearest(nominal, candidates, session) is not None:
+        elif target.admits is not None and inverse.nearest(nominal, candidates, session) is not None:
             out.append(Corrected("no solution has the configuration that is stated there"))
         else:
-            out.append(Corrected(without_solution(nominal, goal, candidates)))
+            out.append(Corrected(inverse.without_solution(nominal, goal, candidates)))
     return out
 
 
@@ -172,7 +164,7 @@ def _end_of_line(arm: NominalArm, start: np.ndarray, goal: np.ndarray, readings:
 
     Its size is that of the whole line at this rate.
     """
-    away, turn = poses_apart(start[None], goal[None])
+    away, turn = inverse.poses_apart(start[None], goal[None])
     jacobian = arm.jacobian(arm.frames(readings[None]))[0]
     angles = np.linalg.pinv(jacobian, rcond=1e-6) @ np.concatenate([away[0], turn[0]])
     return arm.readings_of(angles[None])[0]
@@ -189,8 +181,8 @@ def _fitted(
 
     low, high = nominal.robot.limits.T
     begin = nominal.angles_of(before.readings)
-    angles, converged = descend(to_poses(nominal, goals, reached), begin, np.minimum(low, begin.min(axis=0)),
-                            np.maximum(high, begin.max(axis=0)))  # fmt: skip
+    low, high = np.minimum(low, begin.min(axis=0)), np.maximum(high, begin.max(axis=0))
+    angles, converged = inverse.descend(inverse.to_poses(nominal, goals, reached), begin, low, high)
     readings = nominal.readings_of(angles)
     poses = before.again(readings=readings, command=readings)
     spread = uncertainty(working, frame, poses, velocity)

@@ -18,17 +18,7 @@ from pydantic import Field
 from bayescal.dataset.target_kinds import KINDS
 from bayescal.dataset.types import Certificate, Points, Target
 from bayescal.errors import BayescalError
-from bayescal.storage.files import (
-    Document,
-    Keys,
-    Name,
-    Number,
-    Uncertain,
-    UncertainOrKnown,
-    Vector,
-    check_schema,
-    read_document,
-)
+from bayescal.storage import files
 from bayescal.storage.reading import check_inside
 from bayescal.storage.writing import Block, block_lines, flow, flow_list, number, scalar
 
@@ -39,25 +29,27 @@ SYMMETRIC, NEGATIVE = 1e-6, 1e-6
 """Relative asymmetry, and relative size of a negative eigenvalue, that rounded digits explain."""
 
 
-class PointEntry(Keys):
+class PointEntry(files.Keys):
     """A point of the artefact: the centre of a ball or of a seat."""
 
-    mm: Vector
+    mm: files.Vector
     """Certified coordinates in the frame of the certificate, mm."""
-    u_mm: Uncertain | tuple[UncertainOrKnown, UncertainOrKnown, UncertainOrKnown] | None = None
+    u_mm: (
+        files.Uncertain | tuple[files.UncertainOrKnown, files.UncertainOrKnown, files.UncertainOrKnown] | None
+    ) = None
     """Standard uncertainty (k = 1) of each coordinate, one for all three or one for each."""
 
 
-class ArtefactFile(Keys):
+class ArtefactFile(files.Keys):
     """Certified coordinates of the points of an artefact, and their uncertainty."""
 
     schema_: Literal["bayescal-artefact/1"] = Field(alias="schema")
     """Version of the format."""
-    name: Name
+    name: files.Name
     """Name of the artefact."""
     points: Annotated[dict[str, PointEntry], Field(min_length=2)]
     """Points by name: a target `ball.A@2` is the point `ball.A` at placement 2."""
-    covariance_mm2: tuple[tuple[Number, ...], ...] | None = None
+    covariance_mm2: tuple[tuple[files.Number, ...], ...] | None = None
     """Covariance of all coordinates (x, y, z of each point in order), instead of `u_mm`; mm2."""
 
 
@@ -84,8 +76,8 @@ def certificates_of(
     """
     path = folder / name
     check_inside(path, folder, "the artefact")
-    document = read_document(path)
-    check_schema(document, SCHEMA)
+    document = files.read_document(path)
+    files.check_schema(document, SCHEMA)
     file = document.parse(ArtefactFile)
     names = tuple(file.points)
     coordinates = np.array([p.mm for p in file.points.values()]) * 1e-3
@@ -126,7 +118,7 @@ def _rows(values: np.ndarray) -> tuple[tuple[float, ...], ...]:
     return tuple(tuple(row) for row in values.tolist())
 
 
-def _covariance(document: Document, file: ArtefactFile) -> np.ndarray:
+def _covariance(document: files.Document, file: ArtefactFile) -> np.ndarray:
     """Covariance (3 K, 3 K), mm2, of all coordinates: as stated, or from the uncertainties of the points."""
     stated, where = file.covariance_mm2, document.where(("covariance_mm2",))
     for name, point in file.points.items():

@@ -20,17 +20,7 @@ from bayescal.arm.transforms import rigid_alignment, rpy_matrix
 from bayescal.dataset.target_kinds import KINDS, Seen, angle_sd, place_sd
 from bayescal.dataset.types import Dataset, Patch, Target
 from bayescal.errors import BayescalError
-from factors.certificate import (
-    FORMS,
-    LENGTHS,
-    RELATIONS,
-    Relation,
-    aligned,
-    apart,
-    off_plane,
-    ordered,
-    square,
-)
+from factors import certificate
 from factors.kind import Feature
 
 ARM_ERROR = 0.01
@@ -134,13 +124,13 @@ def reason_against(target: Target, patch: Patch) -> tuple[str, str] | None:
     return None
 
 
-WRONG: dict[Relation, Callable[[float], bool]] = {
-    aligned: lambda cosine: cosine < 0.85,
-    square: lambda cosine: cosine > 0.5,
+WRONG: dict[certificate.Relation, Callable[[float], bool]] = {
+    certificate.aligned: lambda cosine: cosine < 0.85,
+    certificate.square: lambda cosine: cosine > 0.5,
 }
 """Which cosines of nominal directions are some 30 degrees or more off."""
 
-SHARE: dict[Relation, float] = {off_plane: 0.1, apart: 1e-6}
+SHARE: dict[certificate.Relation, float] = {certificate.off_plane: 0.1, certificate.apart: 1e-6}
 """Of a stated length, what the nominal places must show: a plane's side is theirs to tell (assumed)."""
 
 
@@ -159,16 +149,16 @@ def check(kind: str, length: float | None, pair: Sequence[Target], where: str) -
         Where the pair has no meaning, is not nominally parallel or perpendicular as stated, or coincides.
     """
     a, b = _sorted(pair)
-    names, forms = f"`{a.name}` and `{b.name}`", ordered(forms_of(pair))
-    if forms not in RELATIONS[kind]:
+    names, forms = f"`{a.name}` and `{b.name}`", certificate.ordered(forms_of(pair))
+    if forms not in certificate.RELATIONS[kind]:
         what = f"a `{kind}` certificate cannot join {names}, a {a.kind} and a {b.kind}"
         raise BayescalError(what, where, f"it joins {joinable(kind)}")
     first, second = _nominal(a), _nominal(b)
-    relations = RELATIONS[kind][forms]
+    relations = certificate.RELATIONS[kind][forms]
     if first.direction is not None and second.direction is not None:
         cosine = abs(float(first.direction @ second.direction))
         # two axes have one distance where they are parallel
-        angles = (aligned,) if kind == "distance" else relations
+        angles = (certificate.aligned,) if kind == "distance" else relations
         if any(WRONG[r](cosine) for r in angles if r in WRONG):
             angle = np.degrees(np.arccos(min(1.0, cosine)))
             said = "as far apart as parallel axes are" if kind == "distance" else kind
@@ -186,19 +176,19 @@ def check(kind: str, length: float | None, pair: Sequence[Target], where: str) -
 def nominal_length(pair: Sequence[Target], kind: str) -> float | None:
     """Distance, m, of two targets at their nominal places, which a certificate of a kind states; or None."""
     first, second = map(_nominal, _sorted(pair))
-    relations = RELATIONS[kind].get(ordered(forms_of(pair)), ())
-    return next((abs(_apart(r, first, second)) for r in relations if r in LENGTHS), None)
+    relations = certificate.RELATIONS[kind].get(certificate.ordered(forms_of(pair)), ())
+    return next((abs(_apart(r, first, second)) for r in relations if r in certificate.LENGTHS), None)
 
 
 def _sorted(pair: Sequence[Target]) -> list[Target]:
     """Two targets in the order of their forms, in which relations take them."""
-    return sorted(pair, key=lambda t: FORMS.index(KINDS[t.kind].form))
+    return sorted(pair, key=lambda t: certificate.FORMS.index(KINDS[t.kind].form))
 
 
 def joinable(kind: str) -> str:
     """The kinds of target that a kind of certificate joins, in words."""
-    of = {form: "/".join(k.name for k in KINDS.values() if k.form == form) for form in FORMS}
-    return ", ".join(f"{of[a]} with {of[b]}" for a, b in RELATIONS[kind])
+    of = {form: "/".join(k.name for k in KINDS.values() if k.form == form) for form in certificate.FORMS}
+    return ", ".join(f"{of[a]} with {of[b]}" for a, b in certificate.RELATIONS[kind])
 
 
 def _nominal(target: Target) -> Feature:
@@ -207,7 +197,7 @@ def _nominal(target: Target) -> Feature:
     return Feature(kind.place(target), np.zeros((0, 3)), direction)
 
 
-def _apart(relation: Relation, a: Feature, b: Feature) -> float:
+def _apart(relation: certificate.Relation, a: Feature, b: Feature) -> float:
     return float(relation(a, b)(a, b)[0][0])
 
 

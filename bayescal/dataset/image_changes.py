@@ -18,21 +18,8 @@ from itertools import chain
 import numpy as np
 
 from bayescal.arm.hand_eye import HandEye
-from bayescal.dataset.cameras import (
-    BLURRED,
-    FLANGE,
-    FOREIGN,
-    best_lens,
-    board,
-    closed_form,
-    flange_poses,
-    lens_names,
-    lens_numbers,
-    lens_of,
-    pixels_off,
-    stated,
-    with_lens,
-)
+from bayescal.dataset import cameras
+from bayescal.dataset.cameras import stated
 from bayescal.dataset.types import Dataset
 
 RESOLUTIONS = (1.25, 4 / 3, 1.5, 1.6, 2.0, 2.25, 8 / 3, 3.0, 4.0, 6.0)
@@ -70,13 +57,13 @@ def changes(dataset: Dataset) -> Iterator[Change]:
 def _resolutions(dataset: Dataset, target: int, rows: np.ndarray) -> Iterator[tuple[str, str, Dataset]]:
     """A lens that was calibrated with images of another size."""
     t, m = dataset.targets[target], dataset.measurements
-    _, before, stated = closed_form(dataset, target, rows, m.readings)
+    _, before, stated = cameras.closed_form(dataset, target, rows, m.readings)
     for factor in (*RESOLUTIONS, *(1 / f for f in RESOLUTIONS)):
         values = t.values | {key: t.values[key] / factor for key in ("fx", "fy", "cx", "cy")}
         targets = list(dataset.targets)
         targets[target] = replace(t, values=values)
         other = replace(dataset, targets=tuple(targets))
-        _, good, found = closed_form(other, target, rows, m.readings)
+        _, good, found = cameras.closed_form(other, target, rows, m.readings)
         if found is None or stated is None or np.sum(good) < np.sum(before) or found.misfit > stated.misfit:
             continue  # images that cannot be placed are not off
         what = f"the calibration of `{t.name}` is of images {factor:.3g} times as large as these"
@@ -89,17 +76,17 @@ def _resolutions(dataset: Dataset, target: int, rows: np.ndarray) -> Iterator[tu
 def _other_lens(dataset: Dataset, target: int, rows: np.ndarray) -> Iterator[tuple[str, str, Dataset]]:
     """A lens with focal lengths or an optical axis far from those stated, as of images that were cropped."""
     t, readings = dataset.targets[target], dataset.measurements.readings
-    values = best_lens(dataset, target, rows, readings, WIDE)
+    values = cameras.best_lens(dataset, target, rows, readings, WIDE)
     if values is None:
         return
-    other = with_lens(dataset, target, values)
-    before, after = (pixels_off(of, target, rows, readings) for of in (dataset, other))
+    other = cameras.with_lens(dataset, target, values)
+    before, after = (cameras.pixels_off(of, target, rows, readings) for of in (dataset, other))
     if before is None or after is None or _usual(after[0]) > _usual(before[0]) / FALLS:
         return  # images that cannot be placed are not off
-    start, u = lens_numbers(lens_of(t)), np.concatenate([stated(t).focal, stated(t).centre])
+    start, u = cameras.lens_numbers(cameras.lens_of(t)), np.concatenate([stated(t).focal, stated(t).centre])
     far = [k for k in range(4) if u[k] and abs(values[k] - start[k]) > OTHER * u[k]]
     if far and np.all(values[:2] > 0):
-        name = lens_names(lens_of(t))
+        name = cameras.lens_names(cameras.lens_of(t))
         each = [f"{name[k]} {values[k]:.0f} px, stated {start[k]:.0f} (u {u[k]:.2g})" for k in far]
         what = (
             f"the images of `{t.name}` were taken with another lens or part of the sensor: {', '.join(each)}"
@@ -117,7 +104,7 @@ def _shutters(dataset: Dataset, target: int, rows: np.ndarray) -> Iterator[tuple
     m, t = dataset.measurements, dataset.targets[target]
     if m.velocity is None or m.pixel is None or not np.any(m.velocity[rows]):
         return
-    found = closed_form(dataset, target, rows, m.readings)[2]
+    found = cameras.closed_form(dataset, target, rows, m.readings)[2]
     if found is None:
         return
     later = m.readings[rows] + STEP * m.velocity[rows]
@@ -141,7 +128,7 @@ def _neighbours(
 ) -> Iterator[tuple[str, str, np.ndarray, Dataset]]:
     """Images that are off, with the joint readings of the image before or after them."""
     m, t = dataset.measurements, dataset.targets[target]
-    seen = closed_form(dataset, target, rows, m.readings)[0]
+    seen = cameras.closed_form(dataset, target, rows, m.readings)[0]
     order = np.argsort(seen.first)
     wrong = np.flatnonzero(seen.off[order] > OFF)
     for step, which in ((-1, "before"), (1, "after")) if len(wrong) >= FEWEST else ():
@@ -161,10 +148,10 @@ def _pixels(
     """Corners (C, 2), px, as the hand-eye has them at readings (C, n)."""
     t, m = dataset.targets[target], dataset.measurements
     assert m.pixel is not None
-    poses = found.predicted(flange_poses(dataset, readings), t.texts["mount"] == FLANGE)
-    corner = board(t).points[m.pixel[rows, 2].astype(int)]
+    poses = found.predicted(cameras.flange_poses(dataset, readings), t.texts["mount"] == cameras.FLANGE)
+    corner = cameras.board(t).points[m.pixel[rows, 2].astype(int)]
     at = np.einsum("cij,cj->ci", poses[..., :3], corner) + poses[..., 3]
-    return lens_of(t).pixels((at[:, :2] / at[:, 2:]).T).T
+    return cameras.lens_of(t).pixels((at[:, :2] / at[:, 2:]).T).T
 
 
 NEAR = 0.05
@@ -191,13 +178,13 @@ class Odd:
 def odd_images(dataset: Dataset, target: int) -> Iterator[Odd]:
     """Images whose corners do not fit the board, where those of most images do."""
     rows = np.flatnonzero(dataset.measurements.target == target)
-    seen, good, _ = closed_form(dataset, target, rows, dataset.measurements.readings)
+    seen, good, _ = cameras.closed_form(dataset, target, rows, dataset.measurements.readings)
     known = np.isfinite(seen.misfit)
     if not known.any() or np.mean(good[known]) < 0.5:
         return
     usual = float(np.median(seen.misfit[known]))
-    most = seen.scatter > BLURRED * np.median(seen.scatter[known])  # not of a few wild corners
-    for k in np.flatnonzero(known & most & (seen.misfit > max(FOREIGN, WORSE * usual))):
+    most = seen.scatter > cameras.BLURRED * np.median(seen.scatter[known])  # not of a few wild corners
+    for k in np.flatnonzero(known & most & (seen.misfit > max(cameras.FOREIGN, WORSE * usual))):
         own = rows[seen.image == k]
         yield Odd(own, name_of(dataset, own), seen.misfit[k], usual, *explained(dataset, target, own))
 
@@ -213,7 +200,7 @@ def name_of(dataset: Dataset, rows: np.ndarray) -> str:
 def image_of(dataset: Dataset, target: int, row: int) -> np.ndarray:
     """The rows of the image that a row is of."""
     rows = np.flatnonzero(dataset.measurements.target == target)
-    image = closed_form(dataset, target, rows, dataset.measurements.readings)[0].image
+    image = cameras.closed_form(dataset, target, rows, dataset.measurements.readings)[0].image
     return rows[image == image[np.flatnonzero(rows == row)[0]]]
 
 
@@ -227,7 +214,7 @@ def explained(dataset: Dataset, target: int, rows: np.ndarray) -> tuple[str, str
         pixel = m.pixel.copy()
         pixel[rows] = own
         changed = replace(dataset, measurements=replace(m, pixel=pixel))
-        seen, good, found = closed_form(changed, target, every, m.readings)
+        seen, good, found = cameras.closed_form(changed, target, every, m.readings)
         k = seen.image[np.flatnonzero(every == rows[0])[0]]
         usual = float(np.median(seen.misfit[good])) if good.any() else 0.0
         if found is not None and good[k] and seen.misfit[k] < AS_OTHERS * usual and seen.off[k] < NEAR:
@@ -237,7 +224,7 @@ def explained(dataset: Dataset, target: int, rows: np.ndarray) -> tuple[str, str
 
 def _changes(dataset: Dataset, target: int, pixel: np.ndarray) -> Iterator[tuple[str, str, np.ndarray]]:
     """In words, the remedy, and the pixels and numbers (C, 3) that then hold."""
-    of, number = board(dataset.targets[target]), pixel[:, 2].astype(int)
+    of, number = cameras.board(dataset.targets[target]), pixel[:, 2].astype(int)
     count = len(of.points)
     last, order = count - 1 - number, "number the corners of this image as those of the others"
     orders = {"from the other end": last}

@@ -6,19 +6,7 @@ from functools import partial
 
 import numpy as np
 
-from bayescal.effects.common import (
-    at,
-    at_gears,
-    lagging,
-    motion,
-    sense,
-    side_of,
-    sides,
-    turned,
-    usual,
-    without_torques,
-    without_velocity,
-)
+from bayescal.effects import common
 from bayescal.effects.compliance import by_torque, loaded
 from bayescal.effects.location import Driver, Size, magnitude
 from bayescal.effects.vocabulary import Circumstances, Effect, Form, Parameter, Scan
@@ -31,8 +19,8 @@ CHANGES = 0.03  # share of the usual torque within which the flank changes (assu
 
 def _backlash(c: Circumstances, side: str) -> list[Parameter]:
     assert c.velocity is not None
-    return at_gears(
-        c, "backlash", c.velocity, side, ("rad", BACKLASH_SD), "direction", sense, ("m", ALONG_SD)
+    return common.at_gears(
+        c, "backlash", c.velocity, side, ("rad", BACKLASH_SD), "direction", common.sense, ("m", ALONG_SD)
     )
 
 
@@ -40,15 +28,15 @@ def _held(share: float) -> Form:
     """The form with a friction of a share of the usual torque."""
 
     def parameters(c: Circumstances) -> list[Parameter]:
-        if without_torques(c) or c.velocity is None:
+        if common.without_torques(c) or c.velocity is None:
             return []
-        out, side = [], side_of(c.robot)
+        out, side = [], common.side_of(c.robot)
         for j, name, _, torque in loaded(c):
-            speed = motion(c.robot, j, c.velocity, side)
-            push = share * sense(speed) - torque / usual(c, torque)
-            terms = turned(c.robot, j, np.tanh(push / CHANGES), side)
+            speed = common.motion(c.robot, j, c.velocity, side)
+            push = share * common.sense(speed) - torque / common.usual(c, torque)
+            terms = common.turned(c.robot, j, np.tanh(push / CHANGES), side)
             unit, sd = ("m", ALONG_SD) if c.robot.slides[j - 1] else ("rad", BACKLASH_SD)
-            out.append(Parameter(f"backlash {name}", unit, terms, sd, **at(j, Driver("flank", j))))
+            out.append(Parameter(f"backlash {name}", unit, terms, sd, **common.at(j, Driver("flank", j))))
         return out
 
     words = f"where gravity torques above {share:.0%} of the usual torque hold the joint on one flank"
@@ -58,8 +46,8 @@ def _held(share: float) -> Form:
 BACKLASH = Effect(
     "backlash",
     "lost motion on reversal of joint k, half-width b",
-    lambda c: _backlash(c, side_of(c.robot)),
-    without_velocity,
+    lambda c: _backlash(c, common.side_of(c.robot)),
+    common.without_velocity,
     sizes=dict.fromkeys(("rad", "m"), Size("half-width", magnitude)),
     phrase=("every joint", "has lost motion on reversal"),
     remedy=(
@@ -67,7 +55,7 @@ BACKLASH = Effect(
         "teeth. Until then, approach accurate points from one direction."
     ),
     confusable_with=("unsettled",),
-    forms=(*sides(_backlash), *map(_held, FRICTIONS)),
+    forms=(*common.sides(_backlash), *map(_held, FRICTIONS)),
     directed=True,
     simulated_within=2e-6,
 )
@@ -113,7 +101,7 @@ def _hysteresis(c: Circumstances) -> list[Parameter]:
 
 def _late(c: Circumstances, lag: float) -> list[Parameter]:
     def followed(torque: np.ndarray, most: float) -> np.ndarray:
-        return lagging(c, np.tanh(torque / (CHANGE * most)), torque, lag * most)
+        return common.lagging(c, np.tanh(torque / (CHANGE * most)), torque, lag * most)
 
     return by_torque(c, "hysteresis", followed, lambda *_: HYSTERESIS_SD, form="late")
 
@@ -122,7 +110,7 @@ HYSTERESIS = Effect(
     "hysteresis",
     "torque-reversal hysteresis of joint k",
     _hysteresis,
-    without_torques,
+    common.without_torques,
     Scan(
         "share of the usual torque within which it changes",
         "changing flanks within {:.0%} of the usual torque",

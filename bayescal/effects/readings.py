@@ -10,17 +10,7 @@ from collections.abc import Callable
 import numpy as np
 
 from bayescal.arm.motion import Term
-from bayescal.effects.common import (
-    along_travel,
-    at,
-    at_gears,
-    motion,
-    side_of,
-    sides,
-    turned,
-    waves,
-    without_slides,
-)
+from bayescal.effects import common
 from bayescal.effects.location import WAVE, Driver, Size, length
 from bayescal.effects.vocabulary import Circumstances, Effect, Form, Parameter, Scan
 
@@ -28,13 +18,13 @@ ENCODER_SCALE_SD = 1e-4  # rad per rad
 
 
 def _encoder_scale(c: Circumstances, side: str) -> list[Parameter]:
-    return at_gears(c, "encoder-scale", c.readings, side, ("1", ENCODER_SCALE_SD), "angle")
+    return common.at_gears(c, "encoder-scale", c.readings, side, ("1", ENCODER_SCALE_SD), "angle")
 
 
 ENCODER_SCALE = Effect(
     "encoder-scale",
     "joint k turns by more or less than its reading says",
-    lambda c: _encoder_scale(c, side_of(c.robot)),
+    lambda c: _encoder_scale(c, common.side_of(c.robot)),
     sizes={"1": Size("relative error of the reading")},
     phrase=("every joint", "has an encoder scale error"),
     remedy=(
@@ -42,7 +32,7 @@ ENCODER_SCALE = Effect(
         "of a timing belt. An absolute encoder with a true scale error must be replaced."
     ),
     confusable_with=("eccentricity", "second-harmonic", "positioning"),
-    forms=sides(_encoder_scale),
+    forms=common.sides(_encoder_scale),
     in_robot_file=True,
     simulated_within=5e-8,
 )
@@ -65,13 +55,13 @@ THIRD = 0.3  # of it
 
 
 def _eccentricity(c: Circumstances) -> list[Parameter]:
-    return waves(c, "eccentricity", np.array([[1]]), ECCENTRICITY_SD)
+    return common.waves(c, "eccentricity", np.array([[1]]), ECCENTRICITY_SD)
 
 
 def _with_third(c: Circumstances) -> list[Parameter]:
     return [
         *_eccentricity(c),
-        *waves(c, "eccentricity third order", np.array([[3]]), THIRD * ECCENTRICITY_SD),
+        *common.waves(c, "eccentricity third order", np.array([[3]]), THIRD * ECCENTRICITY_SD),
     ]
 
 
@@ -106,7 +96,7 @@ SECOND_HARMONIC_SD = 7e-5  # rad
 SECOND_HARMONIC = Effect(
     "second-harmonic",
     "error twice per revolution of joint k",
-    lambda c: waves(c, "second-harmonic", np.array([[2]]), SECOND_HARMONIC_SD),
+    lambda c: common.waves(c, "second-harmonic", np.array([[2]]), SECOND_HARMONIC_SD),
     sizes={"rad": WAVE},
     phrase=("every joint", "has an error twice per revolution"),
     remedy=(
@@ -131,7 +121,9 @@ RATIOS = np.arange(20.0, 201.0)  # of small arms; in steps of 1, the resolution 
 
 
 def _meshing(c: Circumstances, reductions: np.ndarray) -> list[Parameter]:
-    return waves(c, "gear-mesh {:g}", np.multiply.outer(reductions, (1.0, 2.0)), GEAR_MESH_SD, ALONG_SD)
+    return common.waves(
+        c, "gear-mesh {:g}", np.multiply.outer(reductions, (1.0, 2.0)), GEAR_MESH_SD, ALONG_SD
+    )
 
 
 def _gear_mesh(c: Circumstances) -> list[Parameter]:
@@ -187,18 +179,18 @@ def _couplings(
     c: Circumstances, drive: Callable[[np.ndarray], np.ndarray], form: str = ""
 ) -> list[Parameter]:
     """Parameters with a function of the other reading (N,), rad, as driver."""
-    robot, names, side = c.robot, c.robot.joint_names, side_of(c.robot)
+    robot, names, side = c.robot, c.robot.joint_names, common.side_of(c.robot)
 
     def terms(j: int, k: int) -> tuple[Term, ...]:
         """An error of joint j by the reading of joint k, in the sense in which j reads."""
         other = drive(c.readings[:, k - 1])
-        by = motion(robot, j, np.where(np.arange(robot.n) == j - 1, other[:, None], 0.0), side)
-        return turned(robot, j, by, side)
+        by = common.motion(robot, j, np.where(np.arange(robot.n) == j - 1, other[:, None], 0.0), side)
+        return common.turned(robot, j, by, side)
 
     return [
         Parameter(
             f"coupling {names[k - 1]} to {names[j - 1]}", "1", terms(j, k), COUPLING_SD,
-            **at(j, Driver("angle", k, form=form)),
+            **common.at(j, Driver("angle", k, form=form)),
         )
         for j in range(1, c.robot.n + 1)
         for k in range(max(1, j - BEFORE), min(c.robot.n, j + 1) + 1)
@@ -251,8 +243,8 @@ STRAIGHTNESS_AXES = {"x": "tx", "y": "ty"}
 STRAIGHTNESS = Effect(
     "straightness",
     "the carriage of a linear axis leaves its straight line",
-    lambda c: along_travel(c, "straightness", STRAIGHTNESS_AXES, 2, ("m", STRAIGHTNESS_SD)),
-    without_slides,
+    lambda c: common.along_travel(c, "straightness", STRAIGHTNESS_AXES, 2, ("m", STRAIGHTNESS_SD)),
+    common.without_slides,
     sizes={"m": Size("root mean square over the travel", length)},
     phrase=("the linear axis", "is not straight"),
     remedy=(
@@ -280,8 +272,8 @@ ANGULAR_MOTION_AXES = {"about x": "rx", "about y": "ry", "roll": "rz"}
 ANGULAR_MOTION = Effect(
     "angular-motion",
     "the carriage of a linear axis rolls, pitches and yaws",
-    lambda c: along_travel(c, "angular-motion", ANGULAR_MOTION_AXES, 1, ("rad", ANGULAR_MOTION_SD)),
-    without_slides,
+    lambda c: common.along_travel(c, "angular-motion", ANGULAR_MOTION_AXES, 1, ("rad", ANGULAR_MOTION_SD)),
+    common.without_slides,
     sizes={"rad": Size("root mean square over the travel", length)},
     phrase=("the linear axis", "turns its carriage along the travel"),
     remedy=(
@@ -308,8 +300,8 @@ POSITIONING_SD = 5e-5  # m
 POSITIONING = Effect(
     "positioning",
     "a linear axis stands beside its reading, by its position",
-    lambda c: along_travel(c, "positioning", {"order": "tz"}, 2, ("m", POSITIONING_SD)),
-    without_slides,
+    lambda c: common.along_travel(c, "positioning", {"order": "tz"}, 2, ("m", POSITIONING_SD)),
+    common.without_slides,
     sizes={"m": Size("root mean square over the travel", length)},
     phrase=("the linear axis", "has a positioning error by its position"),
     remedy=(

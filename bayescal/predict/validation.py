@@ -16,17 +16,9 @@ from bayescal.estimate import Estimate
 from bayescal.estimate.families import poses
 from bayescal.model import ARM, Block, Model
 from bayescal.model.model import noise_groups
+from bayescal.predict import targets
 from bayescal.predict.crossvalidation import interval95
 from bayescal.predict.errors import certified_pairs
-from bayescal.predict.targets import (
-    LocatedTarget,
-    Prepared,
-    RowPrediction,
-    by_readings,
-    certified_diameters,
-    predicted_rows,
-    prepared,
-)
 from bayescal.statistics import rms
 
 
@@ -147,7 +139,7 @@ class _Draws:
     kappa: np.ndarray  # (S, G)
     excess: float  # m, unexplained error of a ball centre
     rng: np.random.Generator
-    of_target: dict[LocatedTarget, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
+    of_target: dict[targets.LocatedTarget, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
 
     def normal(self, *shape: int) -> np.ndarray:
         """Standard normals (S, ...)."""
@@ -164,7 +156,7 @@ class _Draws:
         """Whether an instrument reads the rows of a block."""
         return self.estimate.model.scene.declared_of(block.target).of_instrument
 
-    def located(self, t: LocatedTarget) -> tuple[np.ndarray, np.ndarray]:
+    def located(self, t: targets.LocatedTarget) -> tuple[np.ndarray, np.ndarray]:
         """Deviations of the unknowns of a target (S, m), and noise of its rows (S, R), m."""
         if t not in self.of_target:
             arm = self.estimate.model.slices[ARM]
@@ -182,7 +174,7 @@ class _Draws:
         """Errors (S, R) of measurements with standard uncertainties (R,)."""
         return self.scale(group) * sd * self.normal(len(sd))
 
-    def residuals(self, r: RowPrediction) -> np.ndarray:
+    def residuals(self, r: targets.RowPrediction) -> np.ndarray:
         """Residuals (S, rows, C) at the estimate of rows simulated with the parameters of each draw."""
         out = -self.away @ r.by_z.T
         if r.target is None:
@@ -193,9 +185,9 @@ class _Draws:
             out += noise if r.own else self._of_others(r)
         return out.reshape(len(out), *r.in_rows.shape)
 
-    def _of_fitted(self, r: RowPrediction) -> np.ndarray:
+    def _of_fitted(self, r: targets.RowPrediction) -> np.ndarray:
         """Noise (S, R) of rows of a fitted target; errors of its readings are common to an image."""
-        by = by_readings(self.estimate, r.block)
+        by = targets.by_readings(self.estimate, r.block)
         if not by.size:
             return self.noise(r.block.group, r.noise)
         out = self.noise(r.block.group, np.sqrt(np.maximum(r.noise**2 - np.sum(by**2, axis=1), 0.0)))
@@ -205,7 +197,7 @@ class _Draws:
             out[:, image == one] += scale * (self.normal(by.shape[1]) @ by[image == one].T)
         return out
 
-    def _of_others(self, r: RowPrediction) -> np.ndarray:
+    def _of_others(self, r: targets.RowPrediction) -> np.ndarray:
         """Noise and unexplained error (S, R) of rows that did not locate their target."""
         out = self.noise(r.block.group, r.noise)
         if self.excess and self.of_instrument(r.block):
@@ -222,7 +214,7 @@ def validate(
     excess: float = 0.0,
     seed: int = 0,
     strict: bool = True,
-    known: Prepared | None = None,
+    known: targets.Prepared | None = None,
 ) -> Validation:
     """Predict every validation measurement under a fitted model.
 
@@ -249,7 +241,7 @@ def validate(
         If a target cannot be located from its rows.
     """
     d = _Draws(estimate, z - estimate.z, kappa, excess, np.random.default_rng(seed))
-    known = known or prepared(estimate, loose=True, strict=strict)
+    known = known or targets.prepared(estimate, loose=True, strict=strict)
     planes = [r for r in known.rows if r.block.kind.rows == 1]
     points = [r for r in known.rows if r.block.kind.rows > 1]
     return Validation(
@@ -262,14 +254,14 @@ def validate(
     )
 
 
-def _turns(estimate: Estimate, known: Prepared) -> list[RowPrediction]:
+def _turns(estimate: Estimate, known: targets.Prepared) -> list[targets.RowPrediction]:
     """Orientations that validation measurements measure together with their points."""
     model, out = estimate.model, []
     for r in known.rows:
         rows = _known_turns(model, r.block.rows)
         if len(rows):
             block = model.turned(model.scene.index[r.block.target], rows)
-            out.append(predicted_rows(estimate, block, r.target))
+            out.append(targets.predicted_rows(estimate, block, r.target))
     return out
 
 
@@ -283,7 +275,7 @@ def _known_turns(model: Model, rows: np.ndarray) -> np.ndarray:
     return posed[known[m.tool[posed]]]
 
 
-def _distances(d: _Draws, known: Prepared) -> list[DistanceCheck]:
+def _distances(d: _Draws, known: targets.Prepared) -> list[DistanceCheck]:
     out = []
     for c, a, b in certified_pairs(d.estimate.model.scene, known.located):
         measured = float(np.linalg.norm(a.centre - b.centre))
@@ -296,9 +288,9 @@ def _distances(d: _Draws, known: Prepared) -> list[DistanceCheck]:
     return out
 
 
-def _diameters(d: _Draws, known: Prepared) -> list[DiameterCheck]:
+def _diameters(d: _Draws, known: targets.Prepared) -> list[DiameterCheck]:
     scene, out = d.estimate.model.scene, []
-    certified: Mapping[str, float] = certified_diameters(scene)
+    certified: Mapping[str, float] = targets.certified_diameters(scene)
     for name, t in known.loose.items():
         names = [part for part, _ in t.block.kind.parts]
         if "diameter" not in names:

@@ -16,19 +16,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from bayescal.arm.transforms import rigid
-from bayescal.programs.text import (
-    NUMBER,
-    Code,
-    Dialect,
-    Format,
-    Number,
-    Program,
-    Slot,
-    Target,
-    after_line,
-    lengths_of,
-    numbers_in,
-)
+from bayescal.programs import text as texts
 from bayescal.programs.tools import ToolStatement
 
 AXES = (0, 3, 5)
@@ -38,7 +26,7 @@ NEAR = np.radians(0.1)  # rad: this close to a quarter turn, both sides of it ar
 
 
 def _list(count: int, keep: bool = True) -> str:
-    number = rf"({NUMBER})" if keep else rf"(?:{NUMBER})"
+    number = rf"({texts.NUMBER})" if keep else rf"(?:{texts.NUMBER})"
     return r"\[\s*" + r"\s*,\s*".join([number] * count) + r"\s*\]"
 
 
@@ -56,8 +44,8 @@ TOOL_DATA = re.compile(
 )
 
 
-def _read(text: str, n: int) -> Program:
-    code = Code.of(text, "!")
+def _read(text: str, n: int) -> texts.Program:
+    code = texts.Code.of(text, "!")
     jointtarget = re.compile(r"\[\s*" + _list(n) + r"\s*,\s*" + _list(6, keep=False) + r"\s*\]")
     computed = {
         m.group(1): m for m in reversed(list(ASSIGNED.finditer(code))) if m.group(2) or m.group(3) != "["
@@ -72,7 +60,7 @@ def _read(text: str, n: int) -> Program:
                 notes.append(f"{code.where(a)}: the position of a Move{move.group(1)} is computed "
                              f"({what}); kept")  # fmt: skip
             first_use.setdefault(position, move)
-    placed: list[tuple[int, Slot]] = []
+    placed: list[tuple[int, texts.Slot]] = []
     motion: re.Match[str] | None
     for match in (*ROBTARGET.finditer(code), *jointtarget.finditer(code)):
         before = code[max(code.rfind("\n", 0, match.start()), 0) : match.start()]
@@ -87,19 +75,19 @@ def _read(text: str, n: int) -> Program:
         if match.re is ROBTARGET:
             slot = _robtarget(code, match, where, name, straight)
         else:
-            spans = numbers_in(match, n)
-            slot = Slot(Target(where, readings=np.radians(code.values(spans))), name, spans)
+            spans = texts.numbers_in(match, n)
+            slot = texts.Slot(texts.Target(where, readings=np.radians(code.values(spans))), name, spans)
         elsewhere = len(re.findall(rf"\b{name}\b", code)) > 1
         slot = replace(slot, used=motion is not None or not first_use or elsewhere)
         placed.append((motion.start() if motion is not None and named else match.start(), slot))
     slots = tuple(slot for _, slot in sorted(placed, key=lambda each: each[0]))
     posed = any(slot.target.pose is not None for slot in slots)
     if not posed:
-        return Program(slots, tuple(notes))
-    return Program(slots, tuple(notes), code.first(WORK_OBJECT), tuple(_tools(code)))
+        return texts.Program(slots, tuple(notes))
+    return texts.Program(slots, tuple(notes), code.first(WORK_OBJECT), tuple(_tools(code)))
 
 
-def _positions(code: Code, motion: re.Match[str]) -> list[tuple[int, int]]:
+def _positions(code: texts.Code, motion: re.Match[str]) -> list[tuple[int, int]]:
     """Places of the positions of a motion: its first argument, of a circle the first two."""
     places = []
     for a, b in code.arguments(*motion.span(3)):
@@ -111,12 +99,12 @@ def _positions(code: Code, motion: re.Match[str]) -> list[tuple[int, int]]:
     return places[: 2 if motion.group(1).upper() == "C" else 1]
 
 
-def _around(code: Code, place: int) -> re.Match[str] | None:
+def _around(code: texts.Code, place: int) -> re.Match[str] | None:
     """The motion that a place is an argument of."""
     return next((m for m in MOVE.finditer(code) if m.start() <= place < m.end()), None)
 
 
-def _tools(code: Code) -> Iterator[ToolStatement]:
+def _tools(code: texts.Code) -> Iterator[ToolStatement]:
     """Tools of the motions, with their poses where the same module has them."""
     stated = {m.group(1).lower(): m for m in TOOL_DATA.finditer(code)}
     for motion in MOVE.finditer(code):
@@ -134,13 +122,13 @@ def _tools(code: Code) -> Iterator[ToolStatement]:
             yield ToolStatement(where, name, rigid(turn, 1e-3 * np.array([x, y, z])))
 
 
-def _robtarget(code: Code, match: re.Match[str], where: str, name: str, straight: bool) -> Slot:
-    spans = numbers_in(match, 10)  # x, y, z, q1 ... q4, cf1, cf4, cf6
+def _robtarget(code: texts.Code, match: re.Match[str], where: str, name: str, straight: bool) -> texts.Slot:
+    spans = texts.numbers_in(match, 10)  # x, y, z, q1 ... q4, cf1, cf4, cf6
     values = code.values(spans)
     q1, *imaginary = values[3:7]
     pose = rigid(Rotation.from_quat([*imaginary, q1]).as_matrix(), 1e-3 * np.array(values[:3]))
     admits = _quarters(values[7:10])
-    return Slot(Target(where, pose, straight=straight, admits=admits), name, spans)
+    return texts.Slot(texts.Target(where, pose, straight=straight, admits=admits), name, spans)
 
 
 def _quarters(stated: Sequence[float]) -> Callable[[np.ndarray], bool]:
@@ -157,21 +145,21 @@ def _quarters(stated: Sequence[float]) -> Callable[[np.ndarray], bool]:
     return admits
 
 
-def _pose(pose: np.ndarray, readings: np.ndarray, old: Sequence[float]) -> list[Number]:
+def _pose(pose: np.ndarray, readings: np.ndarray, old: Sequence[float]) -> list[texts.Number]:
     *imaginary, real = Rotation.from_matrix(pose[:3, :3]).as_quat().tolist()
     q = np.array([real, *imaginary])
     q = q if q @ np.array(old[3:7]) >= 0 else -q  # both are the same rotation
     own, stated = np.floor(readings / (np.pi / 2)), zip(AXES, old[7:10], strict=True)
-    quarters = [Number(float(own[axis] if axis < len(own) else cf), 0) for axis, cf in stated]
-    return [*lengths_of(pose), *(Number(x, QUATERNION) for x in q.tolist()), *quarters]
+    quarters = [texts.Number(float(own[axis] if axis < len(own) else cf), 0) for axis, cf in stated]
+    return [*texts.lengths_of(pose), *(texts.Number(x, QUATERNION) for x in q.tolist()), *quarters]
 
 
-ABB = Format(
+ABB = texts.Format(
     "abb",
     (".mod", ".modx", ".prg", ".sys"),
     _read,
     "ABB RAPID: robtarget and jointtarget values",
     _pose,
-    after_line(r"^[ \t]*MODULE\b", "  ! "),
-    dialect=Dialect({r"([A-Za-z]\w*)": ("{}", "{}")}, "diProbe"),
+    texts.after_line(r"^[ \t]*MODULE\b", "  ! "),
+    dialect=texts.Dialect({r"([A-Za-z]\w*)": ("{}", "{}")}, "diProbe"),
 )

@@ -16,26 +16,13 @@ from dataclasses import replace
 import numpy as np
 
 from bayescal.arm.transforms import rigid, rpy_matrix, rpy_of
-from bayescal.programs.text import (
-    ANGLE,
-    NUMBER,
-    Code,
-    Dialect,
-    Format,
-    Number,
-    Program,
-    Slot,
-    Target,
-    lengths_of,
-    newline_of,
-    numbers_in,
-)
+from bayescal.programs import text as texts
 from bayescal.programs.tools import ToolStatement
 
 POSITION = re.compile(r"P\[(\d+)(?::[^\]]*)?\]\s*\{(.*?)\}\s*;", re.DOTALL)
 GROUP = re.compile(r"GP1\s*:(.*?)(?=GP\d+\s*:|\Z)", re.DOTALL)
 POSE = re.compile(
-    r"\s*,\s*".join(rf"\b{key}\s*=\s*({NUMBER})\s*{unit}" for key, unit in
+    r"\s*,\s*".join(rf"\b{key}\s*=\s*({texts.NUMBER})\s*{unit}" for key, unit in
                  (("X", "mm"), ("Y", "mm"), ("Z", "mm"), ("W", "deg"), ("P", "deg"), ("R", "deg")))
 )  # fmt: skip
 OTHER = re.compile(r"\b(UF|UT)\s*:\s*(\w+)")
@@ -46,10 +33,10 @@ COMPUTED = re.compile(r"(?<!\w)(Offset|Tool_Offset|VOFFSET|INC)\b", re.IGNORECAS
 INDIRECT = re.compile(r"(?<!\w)(PR\[|P\[\s*[A-Z]*R\[)")
 
 
-def _read(text: str, n: int) -> Program:
-    code = Code(text)
+def _read(text: str, n: int) -> texts.Program:
+    code = texts.Code(text)
     begin = code.find("/POS")
-    moves = code if begin < 0 else Code(code[:begin])
+    moves = code if begin < 0 else texts.Code(code[:begin])
     kinds: dict[str, bool] = {}
     notes, offset = [], set()
     for match in MOVE.finditer(moves):
@@ -82,10 +69,10 @@ def _read(text: str, n: int) -> Program:
         if key[:2] == "UT" and value != "F"
     ]
     visited = tuple(replace(slots[name], used=not kinds or name[2:-1] in kinds) for name in order)
-    return Program(visited, tuple(notes), next(iter(frames), ""), tuple(tools))
+    return texts.Program(visited, tuple(notes), next(iter(frames), ""), tuple(tools))
 
 
-def _header(text: str, slot: Slot) -> list[tuple[str, str]]:
+def _header(text: str, slot: texts.Slot) -> list[tuple[str, str]]:
     """User frame and tool of a position as it states them."""
     first = slot.spans[0][0]
     return OTHER.findall(text, text.rfind("{", 0, first), first)
@@ -98,39 +85,44 @@ def _remarked(text: str, comment: str) -> str:
         return text
     begin = text.find("\n", begin) + 1
     lines = re.sub(r"(?m)^(\s*)(\d+):", lambda m: f"{m.group(1)}{int(m.group(2)) + 1}:", text[begin:end])
-    return f"{text[:begin]}   1:  !{comment} ;{newline_of(text)}{lines}{text[end:]}"
+    return f"{text[:begin]}   1:  !{comment} ;{texts.newline_of(text)}{lines}{text[end:]}"
 
 
-def _slots(text: Code, begin: int, n: int, straight: Mapping[str, bool]) -> Iterator[Slot]:
-    joints = re.compile(r"\s*,\s*".join(rf"J{k}\s*=\s*({NUMBER})\s*deg" for k in range(1, n + 1)))
+def _slots(text: texts.Code, begin: int, n: int, straight: Mapping[str, bool]) -> Iterator[texts.Slot]:
+    joints = re.compile(r"\s*,\s*".join(rf"J{k}\s*=\s*({texts.NUMBER})\s*deg" for k in range(1, n + 1)))
     for match in POSITION.finditer(text, begin):
         group = GROUP.search(text, *match.span(2))
         low, high = group.span(1) if group else match.span(2)
         number, name = match.group(1), f"P[{match.group(1)}]"
         where = text.where(match.start(), name)
         if match_ := POSE.search(text, low, high):
-            spans = numbers_in(match_, 6)
+            spans = texts.numbers_in(match_, 6)
             *xyz, w, p, r = text.values(spans)
             pose = rigid(rpy_matrix(np.radians([w, p, r])), 1e-3 * np.array(xyz))
-            yield Slot(Target(where, pose, straight=straight.get(number, False)), name, spans)
+            yield texts.Slot(texts.Target(where, pose, straight=straight.get(number, False)), name, spans)
         elif match_ := joints.search(text, low, high):
-            spans = numbers_in(match_, n)
+            spans = texts.numbers_in(match_, n)
             readings = np.radians(text.values(spans))
-            yield Slot(Target(where, readings=readings, straight=straight.get(number, False)), name, spans)
+            yield texts.Slot(
+                texts.Target(where, readings=readings, straight=straight.get(number, False)), name, spans
+            )
 
 
-def _pose(pose: np.ndarray, readings: np.ndarray, old: Sequence[float]) -> list[Number]:
-    return [*lengths_of(pose), *(Number(x, ANGLE) for x in np.degrees(rpy_of(pose[:3, :3])).tolist())]
+def _pose(pose: np.ndarray, readings: np.ndarray, old: Sequence[float]) -> list[texts.Number]:
+    return [
+        *texts.lengths_of(pose),
+        *(texts.Number(x, texts.ANGLE) for x in np.degrees(rpy_of(pose[:3, :3])).tolist()),
+    ]
 
 
-FANUC = Format(
+FANUC = texts.Format(
     "fanuc",
     (".ls",),
     _read,
     "FANUC LS: P[n] as X, Y, Z, W, P, R or J1 ... Jn of the first motion group",
     _pose,
     _remarked,
-    dialect=Dialect(
+    dialect=texts.Dialect(
         {r"(\d+)": ("DI[{}]=ON", "DI[{}]=OFF"), r"tool:(\d+)": ("RI[{}]=ON", "RI[{}]=OFF")},
         "1",
         unsafe=r"[\];:\"]",

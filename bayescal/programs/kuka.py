@@ -17,23 +17,11 @@ from string import ascii_lowercase, ascii_uppercase
 import numpy as np
 
 from bayescal.arm.transforms import rigid, rpy_matrix, rpy_of
-from bayescal.programs.text import (
-    ANGLE,
-    NUMBER,
-    Code,
-    Dialect,
-    Format,
-    Number,
-    Program,
-    Slot,
-    Target,
-    after_line,
-    lengths_of,
-)
+from bayescal.programs import text as texts
 from bayescal.programs.tools import ToolStatement
 
 AGGREGATE = re.compile(r"\{\s*(?:(?:E6POS|POS|E6AXIS|AXIS|FRAME)\s*:)?([^{}]*)\}", re.IGNORECASE)
-COMPONENT = re.compile(rf"\b([A-Z]\d?)\s+({NUMBER})", re.IGNORECASE)
+COMPONENT = re.compile(rf"\b([A-Z]\d?)\s+({texts.NUMBER})", re.IGNORECASE)
 DECLARED = re.compile(r"\b(?:E6POS|POS|E6AXIS|AXIS)\s+([\w\[\],$ ]+)", re.IGNORECASE)
 ASSIGNED = re.compile(r"(\$?\w+)\s*(?:\[[^\]]*\])?\s*=\s*$")
 MOTION = re.compile(r"\b(S?PTP|S?LIN|S?CIRC|SPL)\s+(?:(?:\{[^{}]*\}|\w+)\s*,\s*)?$", re.IGNORECASE)
@@ -52,8 +40,8 @@ CAPITALS = str.maketrans(ascii_lowercase, ascii_uppercase)
 NEAR_ZERO = np.radians(0.1)  # rad: there either bit of the turn is accepted
 
 
-def _read(text: str, n: int) -> Program:
-    code = Code(Code.of(text, ";").translate(CAPITALS))  # names have no case
+def _read(text: str, n: int) -> texts.Program:
+    code = texts.Code(texts.Code.of(text, ";").translate(CAPITALS))  # names have no case
     declared = {name for match in DECLARED.finditer(code) for name in re.findall(r"\w+", match.group(1))}
     lines, points = (
         set(re.findall(rf"\bS?(?:{kinds})\s+(\w+)", code, re.IGNORECASE)) for kinds in ("LIN|CIRC", "PTP")
@@ -90,10 +78,10 @@ def _read(text: str, n: int) -> Program:
         slots.append(replace(slot, target=target, used=used))
     posed = any(slot.target.pose is not None for slot in slots)
     tools = tuple(_tools(code)) if posed else ()
-    return Program(tuple(slots), tuple(notes), code.first(OTHER_BASE) if posed else "", tools)
+    return texts.Program(tuple(slots), tuple(notes), code.first(OTHER_BASE) if posed else "", tools)
 
 
-def _tools(code: Code) -> Iterator[ToolStatement]:
+def _tools(code: texts.Code) -> Iterator[ToolStatement]:
     """Tools that a program selects, with their poses where the same file has them."""
     stated = {int(m.group(1)): m.group(2) for m in TOOL_DATA.finditer(code)}
     for match in TOOL.finditer(code):
@@ -112,13 +100,13 @@ def _tools(code: Code) -> Iterator[ToolStatement]:
 
 
 def _slot(
-    code: Code, parts: dict[str, tuple[int, int]], n: int, where: str, name: str, straight: bool
-) -> Slot | None:
+    code: texts.Code, parts: dict[str, tuple[int, int]], n: int, where: str, name: str, straight: bool
+) -> texts.Slot | None:
     """A position by its components, or None if some are missing."""
     axes = [f"A{k}" for k in range(1, n + 1)]
     if parts.keys() >= set(axes):
         spans = tuple(parts[key] for key in axes)
-        return Slot(Target(where, readings=np.radians(code.values(spans))), name, spans)
+        return texts.Slot(texts.Target(where, readings=np.radians(code.values(spans))), name, spans)
     if not parts.keys() >= set("XYZABC"):
         return None
     spans = tuple(parts[key] for key in "XYZABC")
@@ -128,7 +116,7 @@ def _slot(
     if "T" in parts:
         spans = (*spans, parts["T"])
         admits = _turned(int(code.values(spans)[-1]))
-    return Slot(Target(where, pose, straight=straight, admits=admits), name, spans)
+    return texts.Slot(texts.Target(where, pose, straight=straight, admits=admits), name, spans)
 
 
 def _turned(turn: int) -> Callable[[np.ndarray], bool]:
@@ -141,23 +129,23 @@ def _turned(turn: int) -> Callable[[np.ndarray], bool]:
     return admits
 
 
-def _pose(pose: np.ndarray, readings: np.ndarray, old: Sequence[float]) -> list[Number]:
+def _pose(pose: np.ndarray, readings: np.ndarray, old: Sequence[float]) -> list[texts.Number]:
     c, b, a = np.degrees(rpy_of(pose[:3, :3])).tolist()
-    out = [*lengths_of(pose), *(Number(angle, ANGLE) for angle in (a, b, c))]
+    out = [*texts.lengths_of(pose), *(texts.Number(angle, texts.ANGLE) for angle in (a, b, c))]
     if len(old) > 6:  # the bits of external axes are kept
         bits = sum(1 << k for k, x in enumerate(readings) if x < 0)
-        out.append(Number(int(old[6]) >> len(readings) << len(readings) | bits, 0))
+        out.append(texts.Number(int(old[6]) >> len(readings) << len(readings) | bits, 0))
     return out
 
 
-KUKA = Format(
+KUKA = texts.Format(
     "kuka",
     (".src", ".dat"),
     _read,
     "KUKA .src and .dat: E6POS, POS, E6AXIS, AXIS in declarations, assignments and motions",
     _pose,
-    after_line(r"^[ \t]*(?:GLOBAL\s+)?(?:DEF|DEFFCT|DEFDAT)\b", "; "),
-    dialect=Dialect(
+    texts.after_line(r"^[ \t]*(?:GLOBAL\s+)?(?:DEF|DEFFCT|DEFDAT)\b", "; "),
+    dialect=texts.Dialect(
         {
             r"(\d+)": ("$IN[{}]==TRUE", "$IN[{}]==FALSE"),
             r"measure:(\d+)": ("$MEAS_PULSE[{}]==TRUE", "$MEAS_PULSE[{}]==FALSE"),

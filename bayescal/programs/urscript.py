@@ -17,18 +17,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from bayescal.arm.transforms import rigid
-from bayescal.programs.text import (
-    NUMBER,
-    Code,
-    Dialect,
-    Format,
-    Number,
-    Program,
-    Slot,
-    Target,
-    after_line,
-    numbers_in,
-)
+from bayescal.programs import text as texts
 from bayescal.programs.tools import ToolStatement
 
 RADIANS = 7  # decimals: 0.1 µm at a metre
@@ -45,7 +34,7 @@ ASSIGNED = re.compile(
 )
 KEYWORD = re.compile(r"[A-Za-z_]\w*\s*=(?!=)\s*")
 NAME = re.compile(r"[A-Za-z_]\w*\Z")
-CARTESIAN = re.compile(r"p\[\s*" + r"\s*,\s*".join([rf"({NUMBER})"] * 6) + r"\s*\]")
+CARTESIAN = re.compile(r"p\[\s*" + r"\s*,\s*".join([rf"({texts.NUMBER})"] * 6) + r"\s*\]")
 SET_TCP = re.compile(r"\bset_tcp\s*\(")
 OWN = "the controller would invert it with its own calibration"
 
@@ -54,15 +43,15 @@ OWN = "the controller would invert it with its own calibration"
 class Text:
     """A program without comments, and what its names are assigned; `joints` is the pattern of a list."""
 
-    code: Code
+    code: texts.Code
     joints: re.Pattern[str]
     values: dict[str, re.Match[str]]  # of names that are assigned once, in numbers
 
     @classmethod
     def of(cls, text: str, n: int) -> Text:
         """Read a program for an arm of `n` joints."""
-        code = Code.of(text, "#")
-        joints = re.compile(r"(?<![\w\]])\[\s*" + r"\s*,\s*".join([rf"({NUMBER})"] * n) + r"\s*\]")
+        code = texts.Code.of(text, "#")
+        joints = re.compile(r"(?<![\w\]])\[\s*" + r"\s*,\s*".join([rf"({texts.NUMBER})"] * n) + r"\s*\]")
         written = Counter(match.group(1) for match in ASSIGNED.finditer(code))
         values = {
             match.group(1): value
@@ -79,23 +68,23 @@ class Text:
         return literal or self.values.get(self.code[low:high])
 
 
-def _read(text: str, n: int) -> Program:
+def _read(text: str, n: int) -> texts.Program:
     t = Text.of(text, n)
-    slots: dict[tuple[int, int], Slot] = {}
+    slots: dict[tuple[int, int], texts.Slot] = {}
     notes = []
     for match in MOVE.finditer(t.code):
         kind, low, high = match.group(1), match.end(), _closing(t.code, match.end())
         line = t.code.where(low)
         for place in _positions(t.code, kind, low, high):
             slot = _slot(t, kind, *place)
-            if isinstance(slot, Slot):
+            if isinstance(slot, texts.Slot):
                 slots.setdefault(slot.whole or slot.spans[0], slot)
             else:
                 notes.append(f"{line}: the position of a {kind} {slot}; kept: {OWN}")
     tools = tuple(_tools(t))
     if not tools:
         notes.append("no set_tcp: the program must run with the tool for which it is corrected")
-    return Program(tuple(slots.values()), tuple(notes), "", tools)
+    return texts.Program(tuple(slots.values()), tuple(notes), "", tools)
 
 
 def _tools(t: Text) -> Iterator[ToolStatement]:
@@ -107,7 +96,7 @@ def _tools(t: Text) -> Iterator[ToolStatement]:
             yield ToolStatement(t.code.where(match.start()), text, pose)
 
 
-def _closing(code: Code, end: int) -> int:
+def _closing(code: texts.Code, end: int) -> int:
     """Where the bracket closes that is open at a place."""
     depth = 1
     while end < len(code) and depth:
@@ -116,7 +105,7 @@ def _closing(code: Code, end: int) -> int:
     return end - 1
 
 
-def _positions(code: Code, kind: str, low: int, high: int) -> list[tuple[int, int]]:
+def _positions(code: texts.Code, kind: str, low: int, high: int) -> list[tuple[int, int]]:
     """Places of the positions among the arguments of a motion."""
     out = []
     for a, b in code.arguments(low, high)[: POSES_OF.get(kind, 1)]:
@@ -125,7 +114,7 @@ def _positions(code: Code, kind: str, low: int, high: int) -> list[tuple[int, in
     return out
 
 
-def _slot(t: Text, kind: str, low: int, high: int) -> Slot | str:
+def _slot(t: Text, kind: str, low: int, high: int) -> texts.Slot | str:
     """The position of a motion, or why it is kept."""
     near, place = None, (low, high)
     if match := INVERSE.match(t.code, low, high):
@@ -144,9 +133,11 @@ def _slot(t: Text, kind: str, low: int, high: int) -> Slot | str:
     if value.re is CARTESIAN:
         if kind in ONLY_POSES:
             return "must be a pose"
-        return Slot(Target(where, _pose_of(value), near, straight), name, (), (low, high))
-    spans = numbers_in(value, len(value.groups()))
-    return Slot(Target(where, readings=np.array(t.code.values(spans)), straight=straight), name, spans)
+        return texts.Slot(texts.Target(where, _pose_of(value), near, straight), name, (), (low, high))
+    spans = texts.numbers_in(value, len(value.groups()))
+    return texts.Slot(
+        texts.Target(where, readings=np.array(t.code.values(spans)), straight=straight), name, spans
+    )
 
 
 def _numbers(match: re.Match[str]) -> np.ndarray:
@@ -158,17 +149,17 @@ def _pose_of(match: re.Match[str]) -> np.ndarray:
     return rigid(Rotation.from_rotvec(values[3:]).as_matrix(), values[:3])
 
 
-def _joints(readings: np.ndarray) -> list[Number]:
-    return [Number(x, RADIANS) for x in readings.tolist()]
+def _joints(readings: np.ndarray) -> list[texts.Number]:
+    return [texts.Number(x, RADIANS) for x in readings.tolist()]
 
 
-URSCRIPT = Format(
+URSCRIPT = texts.Format(
     "urscript",
     (".script", ".urscript"),
     _read,
     "URScript: p[...] and joint lists of movej, movel, movep, movec, servoj, servoc",
-    remarked=after_line(r"^\s*def\b.*:", "  # "),
-    dialect=Dialect(
+    remarked=texts.after_line(r"^\s*def\b.*:", "  # "),
+    dialect=texts.Dialect(
         {
             r"(\d+)": ("get_standard_digital_in({})", ""),
             r"tool:(\d+)": ("get_tool_digital_in({})", ""),

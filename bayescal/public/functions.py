@@ -9,17 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bayescal.errors import BayescalError, attempted
+from bayescal.public import motions
 from bayescal.public.arms import names
-from bayescal.public.motions import (
-    MotionFitResult,
-    MotionGapResult,
-    TogetherResult,
-    diagnose_log,
-    divided,
-    fit_log,
-    log_of,
-    refuse,
-)
 from bayescal.public.results import ComparisonResult, FitResult, GapResult, SimulatedSession
 from bayescal.storage.stopping import Progress, silent
 
@@ -85,7 +76,7 @@ def fit(
     progress: Progress = silent,
     checkpoint: str | PathLike[str] | None = None,
     say: Callable[[str], None] = lambda text: None,
-) -> FitResult | MotionFitResult | TogetherResult:
+) -> FitResult | motions.MotionFitResult | motions.TogetherResult:
     """Calibrate an arm: its parameters with their uncertainty, and the error to expect.
 
     Parameters
@@ -147,14 +138,14 @@ def fit(
     from bayescal.model.options import FitOptions
     from bayescal.posterior.checkpoint import Checkpoint
 
-    others, logs = divided(dataset)
-    if (folder := log_of(logs)) is not None and not others:
-        refuse(
+    others, logs = motions.divided(dataset)
+    if (folder := motions.log_of(logs)) is not None and not others:
+        motions.refuse(
             "the calibration from a joint log", fit, model=names(model), without=names(without),
             robust=robust, prior_width=prior_width, remounted=remounted, allow_xacro=allow_xacro,
             latent_joints=latent_joints, tolerance_mm=tolerance_mm,
         )  # fmt: skip
-        return fit_log(folder, samples, seed, progress)
+        return motions.fit_log(folder, samples, seed, progress)
     session = session_of(others, remounted, True, allow_xacro)
     effects = names(model) or usual_model(session)
     tolerance = None if tolerance_mm is None else 1e-3 * tolerance_mm
@@ -164,7 +155,7 @@ def fit(
         from bayescal.logs import read_log
         from bayescal.motion.together import fit_together
 
-        return TogetherResult(
+        return motions.TogetherResult(
             fit_together(
                 session, read_log(folder), effects, options, without=names(without), samples=samples,
                 progress=progress, checkpoint=kept,
@@ -190,7 +181,7 @@ def diagnose(
     remounted: bool = False,
     allow_xacro: bool = False,
     progress: Progress = silent,
-) -> GapResult | MotionGapResult:
+) -> GapResult | motions.MotionGapResult:
     """Diagnose the difference between model and machine: size, location, effect, improvement.
 
     Parameters
@@ -225,12 +216,12 @@ def diagnose(
     from bayescal.model.options import FitOptions
     from bayescal.model.scene import Scene
 
-    if (folder := log_of(dataset)) is not None:
-        refuse(
+    if (folder := motions.log_of(dataset)) is not None:
+        motions.refuse(
             "the diagnosis of a joint log", diagnose, model=names(model), seed=seed, without=names(without),
             robust=robust, prior_width=prior_width, remounted=remounted, allow_xacro=allow_xacro,
         )  # fmt: skip
-        return diagnose_log(folder, progress)
+        return motions.diagnose_log(folder, progress)
     # the sessions share a noise scale, so that their residuals are comparable
     session = session_of(dataset, remounted, False, allow_xacro)
     effects = names(model) or usual_model(session)

@@ -15,23 +15,8 @@ from bayescal.effects.vocabulary import unit_label
 from bayescal.reporting.fleet_record import PAGES
 from bayescal.reporting.page.section import FirstScreen, Section, blocks, page, texts
 from bayescal.reporting.page.section import Text as Paragraph
+from bayescal.reporting.shared import text
 from bayescal.reporting.shared.sheet import Column, Sheet, as_is, below, screen
-from bayescal.reporting.shared.text import (
-    MISSING,
-    length,
-    listed,
-    measured,
-    p_value,
-    percent,
-    quantity,
-    rival,
-    signed,
-    two_digits,
-    uncertainty,
-    under,
-    with_u,
-    with_unit,
-)
 from bayescal.storage.reading import Json
 
 Link = Callable[[Json], Any]
@@ -39,12 +24,16 @@ Link = Callable[[Json], Any]
 
 def at_site(effect: Json) -> str:
     """An effect with its site."""
-    return f"{rival(effect['effect'])} at {effect['site']}" if effect["site"] else rival(effect["effect"])
+    return (
+        f"{text.rival(effect['effect'])} at {effect['site']}"
+        if effect["site"]
+        else text.rival(effect["effect"])
+    )
 
 
 def difference(d: Json) -> str:
     """A difference with its probability over all comparisons."""
-    return f"{d['parameter']} by {measured(d['value'], d['u'], d['unit'])}, p {p_value(d['p_all'])}"
+    return f"{d['parameter']} by {text.measured(d['value'], d['u'], d['unit'])}, p {text.p_value(d['p_all'])}"
 
 
 def stated(arm: Json, key: str) -> list[Json]:
@@ -63,12 +52,12 @@ def arms(record: Json, links: Link | None = None) -> Sheet:
     columns = [
         Column("arm", "arm"),
         Column("sessions", lambda arm: len(arm["sessions"])),
-        Column("U = k u (µm)", "expanded_U_um", uncertainty),
-        Column("measured RMS (µm)", "measured_rms_um", length),
+        Column("U = k u (µm)", "expanded_U_um", text.uncertainty),
+        Column("measured RMS (µm)", "measured_rms_um", text.length),
         Column("effects", lambda arm: _joined([at_site(e) for e in arm["effects"]]), words=True),
         Column("differs in", lambda arm: _joined([words(d) for d in stated(arm, "differs")]), words=True),
         Column("changed", lambda arm: _joined([words(d) for d in stated(arm, "changed")]), words=True),
-        Column("log score (nats)", "log_score_nats", signed),
+        Column("log score (nats)", "log_score_nats", text.signed),
     ]
     if links is not None:
         columns.append(Column("runs", links, as_is, words=True))
@@ -94,7 +83,7 @@ def effects(record: Json) -> Sheet:
 def _range(e: Json) -> str | None:
     if e["values"] is None:
         return None
-    low, high = (quantity(v, "") for v in e["values"])
+    low, high = (text.quantity(v, "") for v in e["values"])
     return f"{low if low == high else f'{low} to {high}'} {unit_label(e['unit'])}".rstrip()
 
 
@@ -104,7 +93,7 @@ def sessions(record: Json, links: Link | None = None) -> Sheet:
         Column("session", "session"),
         Column("arm", "arm", words=True),
         Column("status", "status", words=True),
-        Column("U = k u (µm)", lambda s: s["fit"] and s["fit"]["expanded_U_um"], uncertainty),
+        Column("U = k u (µm)", lambda s: s["fit"] and s["fit"]["expanded_U_um"], text.uncertainty),
         Column("diagnosis", lambda s: s["gap"] and "; ".join(s["gap"]["words"][:1]), words=True),
         Column("error", "error", words=True),
     ]
@@ -117,12 +106,12 @@ def sessions(record: Json, links: Link | None = None) -> Sheet:
 def parameters(model: Json) -> Sheet:
     """The learnt prior of each parameter beside the stated one; deviations from nominal."""
     columns = (
-        Column("parameter", lambda p: with_unit(p["name"], p["unit"])),
-        Column("stated mean", "stated_deviation", two_digits),
-        Column("stated sd", "stated_sd", two_digits),
-        Column("mean (u)", lambda p: with_u(p["deviation"], p["u_deviation"])),
-        Column("sd of usual arms", "usual_sd", two_digits),
-        Column("learnt sd", "sd", two_digits),
+        Column("parameter", lambda p: text.with_unit(p["name"], p["unit"])),
+        Column("stated mean", "stated_deviation", text.two_digits),
+        Column("stated sd", "stated_sd", text.two_digits),
+        Column("mean (u)", lambda p: text.with_u(p["deviation"], p["u_deviation"])),
+        Column("sd of usual arms", "usual_sd", text.two_digits),
+        Column("learnt sd", "sd", text.two_digits),
         Column("of stated", lambda p: p["sd"] / p["stated_sd"], percent_of),
         Column("effective arms", "effective_arms", "{:.1f}".format),
     )
@@ -135,7 +124,7 @@ def parameters(model: Json) -> Sheet:
 
 def percent_of(ratio: float) -> str:
     """A ratio in per cent, also above 100."""
-    return f"{100 * ratio:.0f} %" if ratio >= 0.01 else percent(ratio)
+    return f"{100 * ratio:.0f} %" if ratio >= 0.01 else text.percent(ratio)
 
 
 def findings(record: Json) -> list[tuple[str, list[str]]]:
@@ -190,7 +179,7 @@ def names(record: Json) -> str:
     """Robots and number of arms."""
     each = [f"{len(m['arms'])} {'arm' if len(m['arms']) == 1 else 'arms'} of {m['robot']}"
             for m in record["models"]]  # fmt: skip
-    return listed(each) if each else MISSING
+    return text.listed(each) if each else text.MISSING
 
 
 MOST_ROWS = 20
@@ -199,8 +188,8 @@ MOST_ROWS = 20
 
 def summary(record: Json) -> RenderableType:
     """What was found, the arms, those with findings first, and how many sessions were fitted."""
-    lines = [row for heading, found in findings(record) for row in under(heading, found)]
-    lines += under("learnt prior", map(learnt, record["models"]))
+    lines = [row for heading, found in findings(record) for row in text.under(heading, found)]
+    lines += text.under("learnt prior", map(learnt, record["models"]))
     table = arms(record)
     some = Sheet(table.columns, table.items[:MOST_ROWS], table.caption)
     words = f"the first {MOST_ROWS} of {len(table.items)} arms; all: fleet.html"

@@ -11,14 +11,7 @@ import signal
 import socket
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator
-from concurrent.futures import (
-    FIRST_COMPLETED,
-    BrokenExecutor,
-    CancelledError,
-    Future,
-    ProcessPoolExecutor,
-    wait,
-)
+from concurrent import futures
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from importlib.metadata import version
@@ -69,7 +62,7 @@ class Queue:
 class Crew(Protocol):
     """Executor of jobs: a local process, or a cluster."""
 
-    jobs: dict[Future[Any], Job]
+    jobs: dict[futures.Future[Any], Job]
     """Under way, in the order in which they were handed over."""
 
     def fill(self, work: Work, queue: Queue) -> None:
@@ -98,12 +91,12 @@ class Process:
     """A local process. Jobs run in order, so the first unfinished job is the one that killed it."""
 
     def __init__(self) -> None:
-        self.jobs: dict[Future[Any], Job] = {}
+        self.jobs: dict[futures.Future[Any], Job] = {}
         self._pool = self._start()
 
     @staticmethod
-    def _start() -> ProcessPoolExecutor:
-        return ProcessPoolExecutor(1, get_context("spawn"), initializer=_settle)
+    def _start() -> futures.ProcessPoolExecutor:
+        return futures.ProcessPoolExecutor(1, get_context("spawn"), initializer=_settle)
 
     def fill(self, work: Work, queue: Queue) -> None:
         """See `Crew`."""
@@ -111,7 +104,7 @@ class Process:
             try:
                 with _no_interrupts():  # the process is started here
                     self.jobs[self._pool.submit(work, job.task)] = job
-            except BrokenExecutor:
+            except futures.BrokenExecutor:
                 queue.put_back([job])
                 if self.jobs:  # `done` handles them first
                     return
@@ -121,7 +114,7 @@ class Process:
         """See `Crew`."""
         ended = [future for future in self.jobs if future.done()]
         if any(_broken(future) for future in ended):
-            wait(self.jobs)  # later jobs fail with it
+            futures.wait(self.jobs)  # later jobs fail with it
             yield from self._replaced(queue)
             return
         for future in ended:
@@ -191,7 +184,7 @@ def results(
             if not under_way:
                 return
             try:
-                wait(under_way, GLANCE, FIRST_COMPLETED)
+                futures.wait(under_way, GLANCE, futures.FIRST_COMPLETED)
             except (KeyboardInterrupt, Stopped):
                 for crew in crews:
                     crew.kill()
@@ -200,8 +193,8 @@ def results(
                 yield from crew.done(queue)
 
 
-def _broken(future: Future[Any]) -> bool:
-    return isinstance(future.exception(), BrokenExecutor)
+def _broken(future: futures.Future[Any]) -> bool:
+    return isinstance(future.exception(), futures.BrokenExecutor)
 
 
 @contextmanager
@@ -253,7 +246,7 @@ class Cluster:
         from distributed.comm.addressing import get_address_host_port
 
         logging.getLogger("distributed").setLevel(logging.CRITICAL)  # failures are reported here
-        self.address, self.jobs, self._killed = address, dict[Future[Any], Job](), KilledWorker
+        self.address, self.jobs, self._killed = address, dict[futures.Future[Any], Job](), KilledWorker
         try:  # test the address first: a client would retry for a long time
             socket.create_connection(get_address_host_port(address), CONNECT).close()
             self._client = Client(address, timeout=CONNECT, set_as_default=False)
@@ -310,12 +303,12 @@ class Cluster:
         for future in [future for future in self.jobs if future.done()]:
             yield self.jobs.pop(future).index, self._result(future)
 
-    def _result(self, future: Future[Any]) -> Any:
+    def _result(self, future: futures.Future[Any]) -> Any:
         try:
             return future.result()
         except self._killed as error:
             return Lost(f"the workers of this task were killed, {error.allowed_failures + 1} of them")
-        except CancelledError:
+        except futures.CancelledError:
             raise self._gone() from None
         except (ImportError, RuntimeError) as error:
             if isinstance(error, RuntimeError) and "deserialization" not in str(error):

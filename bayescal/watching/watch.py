@@ -13,16 +13,8 @@ from math import inf, nan
 from pathlib import Path
 
 from bayescal.calibration import Fit, fit
-from bayescal.dataset import Dataset
+from bayescal.dataset import Dataset, read
 from bayescal.dataset.join import stacked
-from bayescal.dataset.read import (
-    SETTINGS,
-    TABLE,
-    content_of_table,
-    measurements_of,
-    read_dataset,
-    read_settings,
-)
 from bayescal.dataset.table import table_of
 from bayescal.dataset.target_kinds import KINDS
 from bayescal.dataset.types import Measurements
@@ -68,7 +60,7 @@ def begun(folder: Path) -> Written:
     BayescalError
         If dataset.yaml breaks the format.
     """
-    dataset, document, _ = read_settings(folder / SETTINGS)
+    dataset, document, _ = read.read_settings(folder / read.SETTINGS)
     return Written(dataset, document.content)
 
 
@@ -79,8 +71,8 @@ def followed(written: Written, folder: Path, ended: bool = False) -> Written:
     the last line counts as it is.
     """
     try:
-        settings = content_of(folder / SETTINGS)
-        content = content_of_table(folder) if (folder / TABLE).exists() else b""
+        settings = content_of(folder / read.SETTINGS)
+        content = read.content_of_table(folder) if (folder / read.TABLE).exists() else b""
     except BayescalError as error:
         return replace(written, fault=str(error), again=False)
     if not ended:
@@ -110,14 +102,14 @@ def _with_lines(before: Written, content: bytes, folder: Path) -> Dataset:
     if not new.strip():
         return d
     if placed_by_rows(d):
-        return read_dataset(folder, rows=content)
-    table = table_of(lines[0] + new, TABLE, d.robot.units, max(done - 1, 0))
-    rows = measurements_of(table, d.robot.units, d.tools, d.targets, d.noise)
+        return read.read_dataset(folder, rows=content)
+    table = table_of(lines[0] + new, read.TABLE, d.robot.units, max(done - 1, 0))
+    rows = read.measurements_of(table, d.robot.units, d.tools, d.targets, d.noise)
     if not len(d.measurements.ids):
         return replace(d, measurements=rows)
     if twice := sorted({*rows.ids} & {*d.measurements.ids}):
         line = table.line[rows.ids.index(twice[0])]
-        raise BayescalError(f"id `{twice[0]}` is given twice", f"{TABLE}:{line}", "rename one")
+        raise BayescalError(f"id `{twice[0]}` is given twice", f"{read.TABLE}:{line}", "rename one")
     columns, _ = stacked([d.measurements, rows])
     return replace(d, measurements=Measurements(**columns))
 
@@ -298,7 +290,7 @@ class Watch:
         """Fit all rows so far completely, as `bayescal fit` does, if they are enough."""
         begin = time.perf_counter()
         try:
-            dataset = read_dataset(self.folder, rows=self.written.content)
+            dataset = read.read_dataset(self.folder, rows=self.written.content)
             found = fit(dataset, self.options.effects, self.options.fit, samples=0)
         except BayescalError as error:
             yield from self._tell(WAITING, str(error))

@@ -8,20 +8,8 @@ import numpy as np
 from markupsafe import Markup
 
 from bayescal.effects.vocabulary import unit_label
-from bayescal.reporting.page import svg
+from bayescal.reporting.page import section, svg
 from bayescal.reporting.page.arm import draw_arm, marked_sites, numbers
-from bayescal.reporting.page.section import (
-    FIGURES,
-    Block,
-    Facts,
-    Figures,
-    Run,
-    Section,
-    Text,
-    blocks,
-    not_empty,
-    picture,
-)
 from bayescal.reporting.shared.body import joints_of, typical
 from bayescal.reporting.shared.sheet import Bar, Column, Sheet, as_is
 from bayescal.reporting.shared.text import MISSING, length, share, two_digits
@@ -36,19 +24,19 @@ CLIP = 0.985
 """Quantile of the absolute residuals that a drawing covers."""
 
 
-def noise(run: Run) -> float | None:
+def noise(run: section.Run) -> float | None:
     """Noise of a contact, or of the length of a point's error vector, µm."""
     record = run.record
     value = record["noise"]["estimated_um"] if run.kind == "fit" else record["lengths"]["noise_um"]
     return None if value is None else float(value)
 
 
-def signed(run: Run) -> bool:
+def signed(run: section.Run) -> bool:
     """Whether residuals have a sign: those of contacts do, lengths of error vectors do not."""
     return any((r or 0.0) < 0 for r in run.rows["residual_um"])
 
 
-def interactive(run: Run) -> dict[str, Any] | None:
+def interactive(run: section.Run) -> dict[str, Any] | None:
     """What the page's script draws; None for a record without rows."""
     if not run.drawable:
         return None
@@ -75,30 +63,30 @@ def interactive(run: Run) -> dict[str, Any] | None:
     }
 
 
-def scene(run: Run) -> Section | None:
+def scene(run: section.Run) -> section.Section | None:
     """The arm in 3-D with its contacts."""
     if not run.drawable:
         return None
     drawing = draw_arm(run, contacts=True)
-    return Section("arm", "Arm and measurements", "scene.html.j2", {"drawing": drawing})
+    return section.Section("arm", "Arm and measurements", "scene.html.j2", {"drawing": drawing})
 
 
-def residuals(run: Run, *tables: Block | None) -> Section | None:
+def residuals(run: section.Run, *tables: section.Block | None) -> section.Section | None:
     """Residuals over time and over the angle of each joint, and tables by group."""
     if not run.drawable:
-        return blocks("residuals", "Residuals", *tables)
-    parts = [_drawings(run), Text(_legend(run), "quiet"), *not_empty(tables), _largest(run)]
+        return section.blocks("residuals", "Residuals", *tables)
+    parts = [_drawings(run), section.Text(_legend(run), "quiet"), *section.not_empty(tables), _largest(run)]
     title = "Residuals before the refit" if run.refitted else "Residuals"
-    return Section("residuals", title, "residuals.html.j2", {"blocks": parts})
+    return section.Section("residuals", title, "residuals.html.j2", {"blocks": parts})
 
 
-def _legend(run: Run) -> str:
+def _legend(run: section.Run) -> str:
     band = noise(run)
     grey = f" Grey band: twice the noise of {length(band)} µm." if band is not None else ""
     return f"Blue: fitted measurements; orange: validation measurements; triangles: off scale.{grey}"
 
 
-def _drawings(run: Run) -> Figures:
+def _drawings(run: section.Run) -> section.Figures:
     rows = run.rows
     r = np.array(rows["residual_um"], float)
     keep = np.isfinite(r) & ~np.array(rows["rejected"], bool)
@@ -124,10 +112,10 @@ def _drawings(run: Run) -> Figures:
         groups = [(style, x[some], r[some]) for style, some in kinds]
         return "", svg.scatter(groups, (label, y_label), band, f"Residuals over {label}", ends)
 
-    return Figures(tuple(drawn(label, x) for label, x in coordinates))
+    return section.Figures(tuple(drawn(label, x) for label, x in coordinates))
 
 
-def _largest(run: Run) -> Sheet:
+def _largest(run: section.Run) -> Sheet:
     rows = {key: values for key, values in run.rows.items() if values is not None}
     items = [dict(zip(rows, row, strict=True)) for row in zip(*rows.values(), strict=True)]
     items.sort(key=lambda row: -1.0 if row["residual_um"] is None else abs(row["residual_um"]), reverse=True)
@@ -159,7 +147,7 @@ MEASURANDS = (
 )
 
 
-def budget(run: Run) -> Section | None:
+def budget(run: section.Run) -> section.Section | None:
     """The uncertainty budget, where there is one: all measurands, components of one of each kind."""
     if run.budget is None:
         return None
@@ -167,7 +155,7 @@ def budget(run: Run) -> Section | None:
     every = Sheet(MEASURANDS, each, "Measurands; all components are in budget.json and budget.csv", 8)
     kinds = {one["kind"]: one for one in reversed(each)}  # the first of each kind
     tables = [_components(one) for one in each if kinds[one["kind"]] is one]
-    return blocks("budget", "Uncertainty budget", every, *tables)
+    return section.blocks("budget", "Uncertainty budget", every, *tables)
 
 
 def _components(one: Json) -> Sheet:
@@ -203,15 +191,15 @@ def _components(one: Json) -> Sheet:
     return Sheet(columns, ranked, f"Components of: {one['measurand']}", 10)
 
 
-def figures(run: Run) -> Section | None:
+def figures(run: section.Run) -> section.Section | None:
     """Figures of the run folder, as pictures with text alternatives."""
     if not run.figures:
         return None
-    pictures = [picture(FIGURES[name], content) for name, content in run.figures.items()]
-    return Section("figures", "Figures", "figures.html.j2", {"pictures": pictures})
+    pictures = [section.picture(section.FIGURES[name], content) for name, content in run.figures.items()]
+    return section.Section("figures", "Figures", "figures.html.j2", {"pictures": pictures})
 
 
-def inputs(run: Run) -> Section | None:
+def inputs(run: section.Run) -> section.Section | None:
     """Dataset with its hash, options, seed, versions."""
     record = run.record
     dataset = record["dataset"]
@@ -228,4 +216,4 @@ def inputs(run: Run) -> Section | None:
         ("seed", str(record["seed"])),
         ("versions", ", ".join(f"{name} {v}" for name, v in record["software"].items())),
     ]
-    return blocks("inputs", "Inputs and versions", Facts(tuple(lines)))
+    return section.blocks("inputs", "Inputs and versions", section.Facts(tuple(lines)))
